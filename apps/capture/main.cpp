@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: MIT
+//
+// tarsier-capture: holds one camera or stream for tarsier, so that whatever blocks for ever in a
+// driver or in FFmpeg can be killed. Started by tarsier, not by people:
+//   tarsier-capture v4l2 DEVICE WIDTH HEIGHT FPS     records to stdout
+//   (tarsier/io/capture_protocol.h) tarsier-capture ffmpeg                           the same, of
+//   the address in $TARSIER_CAPTURE_URL tarsier-capture exec PROGRAM [ARGUMENT..]        becomes
+//   PROGRAM, but dies with tarsier
+#include "tarsier/core/log.h"
+#include "tarsier/io/capture_protocol.h"
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/utils/logger.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <mutex>
+#include <string>
+#include <string_view>
+#include <sys/prctl.h>
+#include <system_error>
+#include <thread>
+#include <unistd.h>
+#include <utility>
+#include <vector>
+
+namespace {
+
+using tarsier::CaptureRecord;
+
+// Blocking; ends the program when nobody reads any more.
+void write_all(const void* data, std::size_t size) {
+  const auto* bytes = static_cast<const char*>(data);
+  while (size > 0) {
+    const ssize_t count = ::write(STDOUT_FILENO, bytes, size);
+    if (count < 0 && errno == EINTR) continue;
+    if (count <= 0) ::_exit(0);
+    bytes += count;
+    size -= static_cast<std::size_t>(count);
+  }
+}
+
+void write_text(CaptureRecord::Kind kind, std::string_view text, double fps = 0) {
+  text = text.substr(0, CaptureRecord::kMaxText);
+  if (text.empty()) return;
+  CaptureRecord record;
+  record.kind = kind;
+  record.fps = fps;
+  record.length = text.size();
+  write_all(&record, sizeof record);
+  write_all(text.data(), text.size());
+}
+
+// Ends the program. Not through exit(): a grab that hangs must not keep us.
+[[noreturn]] void fail(std::string_view reason) {
+  write_text(CaptureRecord::Kind::kError, reason);
+  ::_exit(3);
+}
+
+// The newest frame, between the thread that grabs and the one that writes.
+struct Slot {
+  std::mutex mutex;
+  std::condition_variable wake;
+  cv::Mat image;
+  std::int64_t time_ns = 0;
+  std::uint32_t frames = 0;
+  bool ended = false;
+};
+
+void grab(cv::VideoCapture& capture, Slot& slot) {
+  constexpr int kMaxFailures = 5;  // a single bad frame of a USB camera is not the end
+  int failures = 0;
+  while (failures < kMaxFailures) {
+    if (!capture.grab()) {
+      ++failures;
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+      continue;
+    }
+    const auto now = std::chrono::steady_clock::now().time_since_epoch();
+    cv::Mat image;  // new each time: the writer may still hold the last one
+    if (!capture.retrieve(image) || image.empty()) {
+      ++failures;
+      continue;
+    }
+    if (image.type() == CV_8UC1) cv::cvtColor(image, image, cv::COLOR_GRAY2BGR);
+    if (image.type() != CV_8UC3) break;
+    if (!image.isContinuous()) image = image.clone();
+    failures = 0;
+    const std::lock_guard lock(slot.mutex);
+    slot.image = std::move(image);
+    slot.time_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
+    ++slot.frames;
+    slot.wake.notify_one();
+  }
+  const std::lock_guard lock(slot.mutex);
+  slot.ended = true;
+  slot.wake.notify_one();
+}
+
+[[noreturn]] void pass_frames_on(cv::VideoCapture& capture, const char* when_it_ends) {
+  Slot slot;
+  std::thread(grab, std::ref(capture), std::ref(slot)).detach();
+  while (true) {
+    CaptureRecord record;
+    cv::Mat image;
+    {
+      std::unique_lock lock(slot.mutex);
+      slot.wake.wait(lock, [&] { return !slot.image.empty() || slot.ended; });
+      if (slot.image.empty()) break;
+      image = std::exchange(slot.image, cv::Mat());
+      record.time_ns = slot.time_ns;
+      record.frames = std::exchange(slot.frames, 0U);
+    }
+    record.width = image.cols;
+    record.height = image.rows;
+    record.type = image.type();
+    record.length = image.total() * image.elemSize();
+    write_all(&record, sizeof record);
+    write_all(image.data, static_cast<std::size_t>(record.length));
+  }
+  fail(when_it_ends);
+}
+
+std::string four_characters(double value) {
+  const int code = std::isfinite(value) ? static_cast<int>(value) : 0;
+  std::string text;
+  for (int shift = 0; shift < 32; shift += 8) {
+    const auto c = static_cast<char>((code >> shift) & 0x7f);
+    if (c > 0x20 && c < 0x7f) text += c;
+  }
+  return text;
+}
+
+void tell_what_was_opened(const cv::VideoCapture& capture) {
+  double fps = capture.get(cv::CAP_PROP_FPS);
+  if (!std::isfinite(fps) || fps <= 0 || fps > 1000) fps = 0;
+  std::string text = fmt::format("{:.0f}x{:.0f} {}", capture.get(cv::CAP_PROP_FRAME_WIDTH),
+                                 capture.get(cv::CAP_PROP_FRAME_HEIGHT),
+                                 four_characters(capture.get(cv::CAP_PROP_FOURCC)));
+  if (fps > 0) text += fmt::format(" {:.4g} fps", fps);
+  write_text(CaptureRecord::Kind::kInfo, text, fps);
+}
+
+double number_or_zero(std::string_view text) {
+  double value = 0;
+  const auto result = std::from_chars(text.data(), text.data() + text.size(), value);
+  return result.ec == std::errc() && std::isfinite(value) && value > 0 ? value : 0;
+}
+
+[[noreturn]] void run_camera(const std::vector<std::string>& words) {
+  // OpenCV wants the node itself, not a link to it.
+  std::error_code error;
+  const auto node = std::filesystem::canonical(words[0], error);
+  const std::string path = error ? words[0] : node.string();
+  static constexpr std::string_view kPrefix = "/dev/video";
+  int index = -1;
+  if (path.starts_with(kPrefix)) {
+    std::from_chars(path.data() + kPrefix.size(), path.data() + path.size(), index);
+  }
+  static cv::VideoCapture capture;  // static: the grabbing thread is never joined
+  const bool is_open =
+      index >= 0 ? capture.open(index, cv::CAP_V4L2) : capture.open(path, cv::CAP_V4L2);
+  if (!is_open) fail(fmt::format("cannot be opened ({}); is another program using it?", path));
+  const double width = number_or_zero(words[1]);
+  const double height = number_or_zero(words[2]);
+  const double fps = number_or_zero(words[3]);
+  // USB 2 has no room for large uncompressed frames at a useful rate.
+  if (width * height > 640 * 480 || fps > 30) {
+    capture.set(cv::CAP_PROP_FOURCC, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'));
+  }
+  if (width > 0) capture.set(cv::CAP_PROP_FRAME_WIDTH, width);
+  if (height > 0) capture.set(cv::CAP_PROP_FRAME_HEIGHT, height);
+  if (fps > 0) capture.set(cv::CAP_PROP_FPS, fps);
+  tell_what_was_opened(capture);
+  pass_frames_on(capture, "the camera stopped giving frames");
+}
+
+[[noreturn]] void run_ffmpeg() {
+  const char* url = std::getenv("TARSIER_CAPTURE_URL");
+  if (url == nullptr) fail("no address was given");
+  // No local files, whatever a playlist says; no buffering for smooth playback.
+  ::setenv(
+      "OPENCV_FFMPEG_CAPTURE_OPTIONS",
+      "rtsp_transport;tcp|protocol_whitelist;rtsp,rtp,srtp,udp,tcp,https,tls,http,httpproxy,crypto|"
+      "fflags;nobuffer|flags;low_delay",
+      1);
+  static cv::VideoCapture capture;
+  const std::vector<int> options = {cv::CAP_PROP_OPEN_TIMEOUT_MSEC, 8000,
+                                    cv::CAP_PROP_READ_TIMEOUT_MSEC, 30000};
+  if (!capture.open(url, cv::CAP_FFMPEG, options)) {
+    fail("cannot be opened as a video stream (address, name and password, network?)");
+  }
+  tell_what_was_opened(capture);
+  pass_frames_on(capture, "the stream ended");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+  std::vector<std::string> words(argv + std::min(argc, 1), argv + argc);
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 1);
+  try {
+    if (words.size() == 5 && words[0] == "v4l2") {
+      run_camera({words.begin() + 1, words.end()});
+    }
+    if (words.size() == 1 && words[0] == "ffmpeg") run_ffmpeg();
+  } catch (const std::exception& error) {
+    fail(error.what());
+  }
+  if (words.size() >= 2 && words[0] == "exec") {
+    ::execv(argv[2], argv + 2);
+    std::fprintf(stderr, "%s: %s\n", argv[2], std::generic_category().message(errno).c_str());
+    return 3;
+  }
+  std::fprintf(stderr, "tarsier-capture: a helper of tarsier; it is not started by hand\n");
+  return 2;
+}

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "cli.h"
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+
+struct BenchOptions {
+  std::vector<std::string> inputs;  // pictures to measure on; empty: the benchmark's own
+  int repeats = 15;                 // measured runs per case, >= 1; the median counts
+  std::vector<std::string> sizes;   // "640x480" ..; empty: the benchmark's own
+  std::vector<std::string> only;    // names of cases (modes); empty: all
+};
+
+// Each prints a table, or with context.json one object per measured case.
+[[nodiscard]] ExitStatus bench_cartoon(Context& context, const BenchOptions& options);
+[[nodiscard]] ExitStatus bench_steady(Context& context,
+                                      const BenchOptions& options);  // uses the first input
+
+}  // namespace tarsier::cli

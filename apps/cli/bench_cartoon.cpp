@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/cartoon/cartoonizer.h"
+#include "tarsier/cartoon/reference.h"
+#include "tarsier/core/cpu.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/synth/portrait.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "bench.h"
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <limits>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+
+namespace tarsier::cli {
+namespace {
+
+using cartoon::CartoonOptions;
+using cartoon::CartoonState;
+using cartoon::Mode;
+
+constexpr double kIdenticalPsnr = 99;  // dB, stands for infinity
+
+// How alike two pictures of any size and kind are.
+struct Likeness {
+  std::optional<double> psnr;            // of the painting, dB
+  std::optional<double> ssim;            // of the painting
+  std::optional<double> iou;             // of the line pixels
+  double picture_psnr = kIdenticalPsnr;  // of the finished picture, dB
+};
+
+double psnr(const cv::Mat& a, const cv::Mat& b) { return std::min(kIdenticalPsnr, cv::PSNR(a, b)); }
+
+// Mean structural similarity over all channels (Wang et al., IEEE TIP 2004: Gaussian window of
+// sigma 1.5).
+double ssim(const cv::Mat& a8, const cv::Mat& b8) {
+  const double c1 = std::pow(0.01 * 255, 2);
+  const double c2 = std::pow(0.03 * 255, 2);
+  const auto smooth = [](const cv::Mat& m) {
+    cv::Mat result;
+    cv::GaussianBlur(m, result, cv::Size(11, 11), 1.5);
+    return result;
+  };
+  cv::Mat a;
+  cv::Mat b;
+  a8.convertTo(a, CV_32F);
+  b8.convertTo(b, CV_32F);
+  const cv::Mat mean_a = smooth(a);
+  const cv::Mat mean_b = smooth(b);
+  const cv::Mat var_a = smooth(a.mul(a)) - mean_a.mul(mean_a);
+  const cv::Mat var_b = smooth(b.mul(b)) - mean_b.mul(mean_b);
+  const cv::Mat both = smooth(a.mul(b)) - mean_a.mul(mean_b);
+  cv::Mat above =
+      (2 * mean_a.mul(mean_b) + cv::Scalar::all(c1)).mul(2 * both + cv::Scalar::all(c2));
+  cv::Mat below = (mean_a.mul(mean_a) + mean_b.mul(mean_b) + cv::Scalar::all(c1))
+                      .mul(var_a + var_b + cv::Scalar::all(c2));
+  cv::Mat map;
+  cv::divide(above, below, map);
+  const cv::Scalar mean = cv::mean(map);
+  return (mean[0] + mean[1] + mean[2]) / 3;
+}
+
+// Intersection over union of the black pixels of two line drawings.
+double line_iou(const cv::Mat& a, const cv::Mat& b) {
+  cv::Mat gray_a;
+  cv::Mat gray_b;
+  cv::extractChannel(a, gray_a, 0);
+  cv::extractChannel(b, gray_b, 0);
+  const double both = cv::countNonZero((gray_a == 0) & (gray_b == 0));
+  const double either = cv::countNonZero((gray_a == 0) | (gray_b == 0));
+  return either > 0 ? both / either : 1;
+}
+
+bool has_painting(Mode mode) {
+  return mode == Mode::kPaint || mode == Mode::kCartoon || mode == Mode::kEvil ||
+         mode == Mode::kAlien;
+}
+// The drawing of the lines alone that a mode uses; nothing where it draws none.
+std::optional<Mode> lines_of(Mode mode) {
+  if (mode == Mode::kSketch || mode == Mode::kCartoon || mode == Mode::kAlien) return Mode::kSketch;
+  if (mode == Mode::kEvil || mode == Mode::kEvilSketch) return Mode::kEvilSketch;
+  return std::nullopt;
+}
+
+Likeness likeness(const cv::Mat& frame, Mode mode) {
+  CartoonState state;
+  const auto fast_and_reference = [&](Mode m) {
+    CartoonOptions options;
+    options.mode = m;
+    return std::pair(cartoon::cartoonize(frame, options, state).clone(),
+                     cartoon::reference::cartoonize(frame, options));
+  };
+  Likeness result;
+  if (has_painting(mode)) {
+    const auto [fast, reference] = fast_and_reference(Mode::kPaint);
+    result.psnr = psnr(fast, reference);
+    result.ssim = ssim(fast, reference);
+  }
+  if (const std::optional<Mode> lines = lines_of(mode)) {
+    const auto [fast, reference] = fast_and_reference(*lines);
+    result.iou = line_iou(fast, reference);
+  }
+  const auto [fast, reference] = fast_and_reference(mode);
+  result.picture_psnr = psnr(fast, reference);
+  return result;
+}
+
+void keep_worst(std::optional<double>& kept, const std::optional<double>& value) {
+  if (value) kept = kept ? std::min(*kept, *value) : *value;
+}
+
+template <typename Work>
+double median_ms(int runs, const std::stop_token& stop, const Work& work) {
+  std::vector<double> times;
+  for (int i = 0; i < runs + 1; ++i) {  // the first run only warms up
+    throw_if_stopped(stop);
+    const auto start = std::chrono::steady_clock::now();
+    work();
+    const std::chrono::duration<double, std::milli> spent =
+        std::chrono::steady_clock::now() - start;
+    if (i > 0) times.push_back(spent.count());
+  }
+  std::nth_element(times.begin(), times.begin() + static_cast<std::ptrdiff_t>(times.size() / 2),
+                   times.end());
+  return times[times.size() / 2];
+}
+
+std::vector<cv::Mat> pictures(const std::vector<std::string>& inputs, cv::Size size) {
+  std::vector<cv::Mat> result;
+  const auto add = [&](const cv::Mat& picture) {
+    cv::Mat frame;
+    cv::resize(picture, frame, size, 0, 0,
+               picture.cols > size.width ? cv::INTER_AREA : cv::INTER_CUBIC);
+    result.push_back(frame);
+  };
+  for (const std::string& input : inputs) add(read_image(input));
+  if (!result.empty()) return result;
+  for (const char* name : {"home.jpg", "messi5.jpg", "building.jpg"}) {
+    const std::string path = std::string("/usr/share/doc/opencv-doc/examples/data/") + name;
+    if (std::filesystem::exists(path)) add(read_image(path));
+  }
+  result.push_back(render_portrait(size).image);
+  return result;
+}
+
+cv::Size parse_size(const std::string& text) {
+  int width = 0;
+  int height = 0;
+  char end = 0;
+  const int fields = std::sscanf(text.c_str(), "%dx%d%c", &width, &height, &end);
+  TARSIER_REQUIRE(fields == 2 && width >= 16 && height >= 16 && width <= 8192 && height <= 8192,
+                  "size '{}' is not like 640x480 (16 to 8192)", text);
+  return {width, height};
+}
+
+nlohmann::json optional_number(const std::optional<double>& value) {
+  return value ? nlohmann::json(*value) : nlohmann::json(nullptr);
+}
+std::string cell(const std::optional<double>& value, int digits) {
+  return value ? fmt::format("{:.{}f}", *value, digits) : "-";
+}
+
+}  // namespace
+
+ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
+  std::vector<cv::Size> sizes;
+  for (const std::string& text : options.sizes) sizes.push_back(parse_size(text));
+  if (sizes.empty()) sizes = {{320, 240}, {640, 480}, {1920, 1080}};
+  std::vector<Mode> modes;
+  for (const std::string& name : options.only) modes.push_back(cartoon::parse_mode(name));
+  if (modes.empty()) modes = cartoon::all_modes();
+  std::set<int> thread_counts{1, std::min(2, cv::getNumberOfCPUs())};
+  if (context.threads > 0) thread_counts = {context.threads};
+
+  if (!context.json) {
+    fmt::print(
+        "{}; times in ms, the median of {} runs, averaged over the pictures; likeness: the "
+        "worst.\n\n",
+        name_of(simd_level()), options.repeats);
+    fmt::print("{:<10} {:<12} {:>7} {:>10} {:>8} {:>7} {:>8} {:>7} {:>7} {:>7} {:>7}\n", "size",
+               "mode", "threads", "reference", "fast", "ratio", "frames/s", "scaling", "PSNR",
+               "SSIM", "IoU");
+  }
+  const int threads_before = cv::getNumThreads();
+  for (const cv::Size& size : sizes) {
+    const std::vector<cv::Mat> frames = pictures(options.inputs, size);
+    const std::string size_name = fmt::format("{}x{}", size.width, size.height);
+    for (const Mode mode : modes) {
+      CartoonOptions cartoon_options;
+      cartoon_options.mode = mode;
+      Likeness worst;
+      for (const cv::Mat& frame : frames) {
+        const Likeness one = likeness(frame, mode);
+        keep_worst(worst.psnr, one.psnr);
+        keep_worst(worst.ssim, one.ssim);
+        keep_worst(worst.iou, one.iou);
+        worst.picture_psnr = std::min(worst.picture_psnr, one.picture_psnr);
+      }
+      std::map<int, double> fast_of;
+      for (const int threads : thread_counts) {
+        cv::setNumThreads(threads);
+        double reference_ms = 0;
+        double fast_ms = 0;
+        for (const cv::Mat& frame : frames) {
+          CartoonState state;
+          cv::Mat sink;
+          reference_ms += median_ms(std::max(1, options.repeats / 5), context.stop, [&] {
+            sink = cartoon::reference::cartoonize(frame, cartoon_options);
+          });
+          fast_ms += median_ms(options.repeats, context.stop,
+                               [&] { (void)cartoon::cartoonize(frame, cartoon_options, state); });
+        }
+        const auto count = static_cast<double>(frames.size());
+        // A pass-through takes less time than the clock can see.
+        constexpr double kLeast_ms = 0.001;
+        reference_ms = std::max(reference_ms / count, kLeast_ms);
+        fast_ms = std::max(fast_ms / count, kLeast_ms);
+        fast_of[threads] = fast_ms;
+        const double ratio = reference_ms / fast_ms;
+        std::optional<double> scaling;
+        if (threads > 1 && fast_of.contains(1)) scaling = fast_of[1] / fast_ms;
+        if (context.json) {
+          print_json_line(nlohmann::json{{"size", size_name},
+                                         {"mode", name_of(mode)},
+                                         {"threads", threads},
+                                         {"reference_ms", reference_ms},
+                                         {"fast_ms", fast_ms},
+                                         {"ratio", ratio},
+                                         {"fps", 1000 / fast_ms},
+                                         {"scaling", optional_number(scaling)},
+                                         {"psnr", optional_number(worst.psnr)},
+                                         {"ssim", optional_number(worst.ssim)},
+                                         {"iou", optional_number(worst.iou)},
+                                         {"picture_psnr", worst.picture_psnr},
+                                         {"simd", name_of(simd_level())}}
+                              .dump());
+        } else {
+          fmt::print(
+              "{:<10} {:<12} {:>7} {:>10.2f} {:>8.2f} {:>7.1f} {:>8.0f} {:>7} {:>7} {:>7} {:>7}\n",
+              size_name, name_of(mode), threads, reference_ms, fast_ms, ratio, 1000 / fast_ms,
+              cell(scaling, 2), cell(worst.psnr, 1), cell(worst.ssim, 4), cell(worst.iou, 4));
+          std::fflush(stdout);
+        }
+      }
+    }
+  }
+  cv::setNumThreads(threads_before);
+  return ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

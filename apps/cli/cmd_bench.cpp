@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: MIT
+#include "bench.h"
+#include "cli.h"
+#include <memory>
+
+namespace tarsier::cli {
+namespace {
+
+// A row for each area that measures its speed.
+struct Benchmark {
+  const char* name;
+  const char* help;
+  ExitStatus (*run)(Context&, const BenchOptions&);
+};
+
+const std::vector<Benchmark>& benchmarks() {
+  static const std::vector<Benchmark> table = {
+      {"cartoon", "every mode at three sizes: reference against fast, speed and likeness",
+       bench_cartoon},
+      {"steady", "how much less the lines of a video flicker with --steady", bench_steady},
+  };
+  return table;
+}
+
+}  // namespace
+
+void add_bench(CLI::App& app, Context& context) {
+  CLI::App& bench = *app.add_subcommand("bench", "measures how fast things are on this machine");
+  bench.require_subcommand(1);
+  const auto options = std::make_shared<BenchOptions>();
+  for (const Benchmark& benchmark : benchmarks()) {
+    CLI::App& verb = *bench.add_subcommand(benchmark.name, benchmark.help);
+    verb.add_option("INPUT", options->inputs,
+                    "pictures to measure on (default: the benchmark's own)");
+    verb.add_option("--repeats", options->repeats,
+                    "runs per case, after one to warm up; the median counts")
+        ->check(CLI::Range(1, 100000))
+        ->capture_default_str();
+    verb.add_option("--size", options->sizes, "only these sizes, e.g. 640x480")->delimiter(',');
+    verb.add_option("--only", options->only, "only these cases, e.g. sketch,paint")->delimiter(',');
+    add_common_flags(verb, context);
+    verb.callback([&context, options, run = benchmark.run] {
+      context.run = [&context, options, run] { return run(context, *options); };
+    });
+  }
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/cpu.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+#include <opencv2/core/utility.hpp>
+
+#include "demo.h"
+#include <algorithm>
+#include <chrono>
+#include <cstdlib>
+#include <ctime>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+namespace tarsier::cli {
+namespace {
+
+// A row for each area, in the order of the page.
+struct DemoStep {
+  const char* name;
+  void (*run)(Context&, DemoPage&);
+};
+
+const std::vector<DemoStep>& steps() {
+  static const std::vector<DemoStep> table = {
+      {"cartoon", demo_cartoon},
+  };
+  return table;
+}
+
+struct DemoOptions {
+  std::string output = "demo-out";
+  std::vector<std::string> only;
+};
+
+ExitStatus run_demo(Context& context, const DemoOptions& options) {
+  const auto start = std::chrono::steady_clock::now();
+  DemoPage page(options.output);
+  int done = 0;
+  for (const DemoStep& step : steps()) {
+    throw_if_stopped(context.stop);
+    if (!options.only.empty() &&
+        std::find(options.only.begin(), options.only.end(), step.name) == options.only.end()) {
+      continue;
+    }
+    log_info("demo: {}", step.name);
+    step.run(context, page);
+    ++done;
+  }
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const std::string path = page.write(
+      "What Tarsier sees",
+      "Classical computer vision on an ordinary CPU, offline. Everything on this page was computed "
+      "on this "
+      "machine a moment ago, by the command that stands beside it.",
+      fmt::format(
+          "Made on {:%Y-%m-%d %H:%M} by tarsier {} in {:.0f} s: {} cores, {} vectors, OpenCV {}.",
+          fmt::localtime(std::time(nullptr)), version(), seconds,
+          std::max(1U, std::thread::hardware_concurrency()), tarsier::name_of(simd_level()),
+          cv::getVersionString()));
+  if (context.json) {
+    print_json_line(nlohmann::json{{"page", path}, {"areas", done}, {"seconds", seconds}}.dump());
+  } else {
+    const std::string absolute = std::filesystem::absolute(path).lexically_normal().string();
+    print_text(fmt::format("The page is ready after {:.0f} s. Open it in a browser:\n  {}\n",
+                           seconds, printable(absolute)));
+  }
+  return ExitStatus::kDone;
+}
+
+}  // namespace
+
+void add_demo(CLI::App& app, Context& context) {
+  CLI::App& verb = *app.add_subcommand("demo", "runs every area once and makes a page of it");
+  const auto options = std::make_shared<DemoOptions>();
+  verb.add_option("-o,--output", options->output, "folder of the page")->capture_default_str();
+  std::vector<std::string> names;
+  for (const DemoStep& step : steps()) names.emplace_back(step.name);
+  verb.add_option("--only", options->only, "only these areas")
+      ->delimiter(',')
+      ->check(CLI::IsMember(names));
+  add_common_flags(verb, context);
+  verb.callback([&context, options] {
+    context.run = [&context, options] { return run_demo(context, *options); };
+  });
+}
+
+}  // namespace tarsier::cli

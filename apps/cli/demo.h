@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "cli.h"
+#include "demo_page.h"
+
+namespace tarsier::cli {
+
+// Each runs one area on pictures of this machine and adds its part to the page. Long work asks
+// context.stop.
+void demo_cartoon(Context& context, DemoPage& page);
+
+}  // namespace tarsier::cli

@@ -1,0 +1,687 @@
+// SPDX-License-Identifier: MIT
+#include "run_session.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/draw/tile.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/session/action_reader.h"
+#include "tarsier/session/scripted_host.h"
+#include "tarsier/synth/sources.h"
+
+#include <fmt/format.h>
+
+#include "window.h"
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <deque>
+#include <exception>
+#include <filesystem>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <unistd.h>
+#include <utility>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr std::size_t kPipelineDepth = 2;  // frames between two stages
+constexpr milliseconds kIdleInterval{
+    200};  // the window's status is redrawn so often without frames
+constexpr milliseconds kWindowPatience{12};     // keys wait at most so long for a frame
+constexpr milliseconds kHeadlessPatience{100};  // SIGINT wakes it earlier
+constexpr double kMostRepeats =
+    10;  // seconds that a film of a live source is filled up with its last picture
+
+// --- a pipeline ---
+
+// Hands items from one thread to another, at most kPipelineDepth at a time.
+template <typename T>
+class Channel {
+ public:
+  // Waits for room; false if the channel was closed.
+  bool push(T item) {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return closed_ || items_.size() < kPipelineDepth; });
+    if (closed_) return false;
+    items_.push_back(std::move(item));
+    changed_.notify_all();
+    return true;
+  }
+  // Nothing when no item came in time, or when the channel is closed and empty.
+  std::optional<T> pop(std::optional<milliseconds> patience = std::nullopt) {
+    std::unique_lock lock(mutex_);
+    const auto ready = [&] { return closed_ || !items_.empty(); };
+    if (patience) {
+      changed_.wait_for(lock, *patience, ready);
+    } else {
+      changed_.wait(lock, ready);
+    }
+    if (items_.empty()) return std::nullopt;
+    std::optional<T> item(std::move(items_.front()));
+    items_.pop_front();
+    changed_.notify_all();
+    return item;
+  }
+  void close(bool drop_items = false) {
+    const std::lock_guard lock(mutex_);
+    closed_ = true;
+    if (drop_items) items_.clear();
+    changed_.notify_all();
+  }
+  [[nodiscard]] bool drained() const {
+    const std::lock_guard lock(mutex_);
+    return closed_ && items_.empty();
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<T> items_;
+  bool closed_ = false;
+};
+
+// Reads files ahead in a thread of its own.
+class ReadAhead final : public FrameSource {
+ public:
+  ReadAhead(std::unique_ptr<FrameSource> source, const std::stop_token& stop)
+      : source_(std::move(source)),
+        fps_(source_->fps()),
+        count_(source_->count()),
+        forward_stop_(stop, [this] { stop_.request_stop(); }),
+        thread_([this] { read(); }) {}
+  ~ReadAhead() override {
+    stop_.request_stop();
+    channel_.close(true);
+  }
+  ReadAhead(const ReadAhead&) = delete;
+  ReadAhead& operator=(const ReadAhead&) = delete;
+
+  std::optional<Frame> next(milliseconds patience, const std::stop_token& stop) override {
+    if (stop.stop_requested()) return std::nullopt;
+    if (std::optional<Item> item = channel_.pop(patience)) {
+      status_ = std::move(item->status);
+      return std::move(item->frame);
+    }
+    if (channel_.drained()) {
+      if (thread_.joinable()) thread_.join();
+      if (error_) std::rethrow_exception(std::exchange(error_, nullptr));
+      if (!stop.stop_requested()) status_.state = SourceState::kEnded;
+    }
+    return std::nullopt;
+  }
+  // Only once a failure has been thrown by next().
+  [[nodiscard]] bool ended() const override {
+    return channel_.drained() && !thread_.joinable() && !error_;
+  }
+  [[nodiscard]] bool is_live() const override { return false; }
+  [[nodiscard]] SourceStatus status() const override { return status_; }
+  [[nodiscard]] double fps() const override { return fps_; }
+  [[nodiscard]] std::int64_t count() const override { return count_; }
+  [[nodiscard]] const std::vector<std::string>& skipped() const override {
+    return thread_.joinable() ? nothing_ : source_->skipped();
+  }
+
+ private:
+  struct Item {
+    Frame frame;
+    SourceStatus status;
+  };
+
+  void read() {
+    try {
+      while (!stop_.stop_requested() && !source_->ended()) {
+        std::optional<Frame> frame = source_->next(milliseconds(200), stop_.get_token());
+        if (frame && !channel_.push({std::move(*frame), source_->status()})) break;
+      }
+    } catch (...) {
+      error_ = std::current_exception();
+    }
+    channel_.close();
+  }
+
+  std::unique_ptr<FrameSource> source_;
+  double fps_;
+  std::int64_t count_;
+  SourceStatus status_;
+  std::vector<std::string> nothing_;
+  std::exception_ptr error_;  // of the thread, read after it
+  Channel<Item> channel_;
+  std::stop_source stop_;
+  std::stop_callback<std::function<void()>> forward_stop_;
+  std::jthread thread_;
+};
+
+// JSON lines from two threads.
+class Lines {
+ public:
+  explicit Lines(bool wanted) : wanted_(wanted) {}
+  [[nodiscard]] bool wanted() const { return wanted_; }
+  void print(const nlohmann::ordered_json& object) {
+    if (!wanted_) return;
+    // Names of files need not be UTF-8.
+    const std::string line = object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+    const std::lock_guard lock(mutex_);
+    print_json_line(line);
+  }
+
+ private:
+  bool wanted_;
+  std::mutex mutex_;
+};
+
+// A finished picture on its way to the output.
+struct Job {
+  cv::Mat image;
+  Frame frame;  // without its image
+  nlohmann::ordered_json line;
+  bool live = false;
+  int repeats = 1;  // 0: only the line
+};
+
+// Writes pictures and their lines, in a thread of its own if that helps.
+class Writer {
+ public:
+  Writer(FrameSink& sink, Lines& lines, bool threaded) : sink_(sink), lines_(lines) {
+    if (threaded) thread_ = std::jthread([this] { drain(); });
+  }
+  ~Writer() { cancel(); }
+  Writer(const Writer&) = delete;
+  Writer& operator=(const Writer&) = delete;
+
+  void write(Job job) {
+    if (!thread_.joinable()) {
+      put(job);
+    } else if (!channel_.push(std::move(job))) {
+      complete();  // throws what ended the thread
+    }
+  }
+  // Waits until everything is written. Throws what went wrong.
+  void complete() {
+    channel_.close();
+    join();
+    if (error_) std::rethrow_exception(std::exchange(error_, nullptr));
+  }
+  // Forgets what is not begun.
+  void cancel() {
+    channel_.close(true);
+    join();
+  }
+  [[nodiscard]] std::int64_t written() const { return written_; }  // after complete() or cancel()
+
+ private:
+  void join() {
+    if (thread_.joinable()) thread_.join();
+  }
+  void drain() {
+    try {
+      while (std::optional<Job> job = channel_.pop()) put(*job);
+    } catch (...) {
+      error_ = std::current_exception();
+      channel_.close(true);
+    }
+  }
+  void put(Job& job) {
+    for (int i = 0; i < job.repeats; ++i) {
+      const std::string path = sink_.write(job.image, job.frame);
+      if (!path.empty()) job.line["output"] = path;
+      ++written_;
+    }
+    if (job.live) {
+      const double age =
+          std::chrono::duration<double, std::milli>(Clock::now() - job.frame.captured).count();
+      job.line["age_ms"] = std::round(age * 10) / 10;
+    }
+    lines_.print(job.line);
+  }
+
+  FrameSink& sink_;
+  Lines& lines_;
+  Channel<Job> channel_;
+  std::exception_ptr error_;
+  std::int64_t written_ = 0;
+  std::jthread thread_;
+};
+
+// --- the window, where the program has one ---
+
+using WindowPointer = std::unique_ptr<window::Window>;
+void prepare_window() { window::prepare(); }
+WindowPointer open_window(const std::string& title, bool fullscreen,
+                          const std::vector<Slider>& sliders) {
+  return window::open_window({title, fullscreen, sliders});
+}
+
+// --- the loop ---
+
+class Run {
+ public:
+  Run(Session& session, const RunFlags& flags, Context& context, const RunHooks& hooks)
+      : session_(session), flags_(flags), context_(context), hooks_(hooks), lines_(context.json) {}
+
+  ExitStatus operator()() {
+    open();
+    const Clock::time_point start = Clock::now();
+    try {
+      loop();
+      flush_still();
+      if (writer_ != nullptr && !context_.stop.stop_requested()) writer_->complete();
+    } catch (const OutputError&) {
+      throw;  // nothing to finish: the unfinished output is removed
+    } catch (...) {
+      finish_quietly();
+      throw;
+    }
+    if (context_.stop.stop_requested()) {
+      finish_quietly();
+      return ExitStatus::kInterrupted;
+    }
+    if (sink_ != nullptr) sink_->finish();
+    if (progressing_) context_.progress->end();
+    if (taken_ == 0 && !window_closed_ && !finished_) {
+      throw InputError(flags_.inputs.front(), "no picture came from it");
+    }
+    if (!flags_.output.empty() && sink_ != nullptr) {
+      const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
+      log_info(
+          "{} {} to {} in {:.1f} s", taken_, taken_ == 1 ? "picture" : "pictures",
+          classify_sink(flags_.output) == SinkKind::kHttp ? masked(flags_.output) : flags_.output,
+          seconds);
+    }
+    return ExitStatus::kDone;
+  }
+
+ private:
+  // --- opening ---
+
+  void open() {
+    const std::vector<Scheme> schemes{synth_scheme()};
+    for (const std::string& input : flags_.inputs)
+      static_cast<void>(classify_source(input, schemes));
+    refuse_to_overwrite();
+    if (opens_window(flags_)) prepare_window();  // before any thread starts
+
+    source_ = open_sources(flags_.inputs, flags_.source, schemes);
+    live_ = source_->is_live();
+    if (!live_) source_ = std::make_unique<ReadAhead>(std::move(source_), context_.stop);
+    const SinkKind kind = flags_.output.empty() ? SinkKind::kNone : classify_sink(flags_.output);
+    live_film_ = live_ && kind == SinkKind::kVideo;
+    if (!live_film_) open_output();  // a camera's rate is known with its first frame
+
+    if (opens_window(flags_)) {
+      std::string title = fmt::format("Tarsier {}", hooks_.title);
+      if (!live_ && source_->count() > 1 && source_->fps() <= 0)
+        title += " - right arrow: next picture";
+      window_ = open_window(title, flags_.fullscreen, session_.sliders());
+      if (live_) show(session_.on_idle(source_->status()));
+    }
+    if (!flags_.actions.empty()) {
+      actions_.emplace(STDIN_FILENO, session_.actions(), session_.sliders());
+    }
+    if (!live_ && window_ == nullptr) {
+      std::int64_t total = (source_->count() + flags_.every - 1) / flags_.every;
+      if (flags_.frames > 0) total = total > 0 ? std::min(total, flags_.frames) : flags_.frames;
+      context_.progress->begin(hooks_.title, total, "pictures");
+      progressing_ = true;
+    }
+  }
+
+  void refuse_to_overwrite() const {
+    if (flags_.output.empty()) return;
+    for (const std::string& input : flags_.inputs) {
+      std::error_code error;
+      if (fs::is_regular_file(input, error) && fs::equivalent(input, flags_.output, error)) {
+        throw UsageError(fmt::format("{}: is also an input; name another output", flags_.output));
+      }
+    }
+  }
+
+  void open_output() {
+    SinkOptions options = flags_.sink;
+    if (!flags_.token_file.empty()) {
+      options.token = read_file(flags_.token_file, 4096);
+      while (!options.token.empty() &&
+             (options.token.back() == '\n' || options.token.back() == '\r')) {
+        options.token.pop_back();
+      }
+    }
+    fps_ = source_->fps() > 0 ? source_->fps() : options.fps;
+    if (!live_) fps_ /= flags_.every;
+    options.fps = std::clamp(fps_, 0.1, 1000.0);
+    options.many = source_->count() != 1 && flags_.frames != 1;
+    sink_ = open_sink(flags_.output.empty() ? "none" : flags_.output, options);
+    // A live picture should be out as soon as it is there; files may wait for each other.
+    writer_ = std::make_unique<Writer>(*sink_, lines_, !live_);
+  }
+
+  // --- running ---
+
+  void loop() {
+    const std::stop_token& stop = context_.stop;
+    Clock::time_point last_shown = Clock::now();
+    while (!stop.stop_requested() && !finished_) {
+      take_events(milliseconds(0));
+      if (finished_) break;
+      if (waits_for_user()) {
+        if (!wait_for_user()) break;
+        continue;
+      }
+      const milliseconds patience = window_ != nullptr ? kWindowPatience : kHeadlessPatience;
+      std::optional<Frame> frame = source_->next(patience, stop);
+      if (live_) report_state();
+      if (frame) {
+        if (received_++ % flags_.every != 0) continue;
+        take_frame(*frame);
+        last_shown = Clock::now();
+        if (flags_.frames > 0 && taken_ >= flags_.frames) break;
+      } else if (source_->ended()) {
+        break;
+      } else if (live_ && Clock::now() - last_shown > kIdleInterval) {
+        show(session_.on_idle(source_->status()));
+        last_shown = Clock::now();
+      }
+    }
+  }
+
+  // A paused film, or a still picture in the window.
+  [[nodiscard]] bool waits_for_user() const {
+    return !live_ && ((paused_ && taken_ > 0) || (window_ != nullptr && still_.has_value()));
+  }
+
+  // False if nobody can ever go on.
+  bool wait_for_user() {
+    if (window_ == nullptr && (!actions_ || actions_->ended())) {
+      log_warning("paused, and no more actions can come: ending here");
+      return false;
+    }
+    paced_from_.reset();
+    if (window_ != nullptr) {
+      take_events(milliseconds(50));
+    } else {
+      sleep_unless_stopped(milliseconds(20), context_.stop);
+    }
+    return true;
+  }
+
+  void take_frame(Frame& frame) {
+    if (live_film_ && sink_ == nullptr) open_output();
+    if (hooks_.before_frame) hooks_.before_frame(frame);
+    const SourceStatus status = source_->status();
+    View view;
+    try {
+      view = session_.on_frame(frame, status);
+    } catch (const InputError& error) {  // a picture that can be read, but not used
+      if (!frame.still || source_->count() == 1) throw;
+      log_warning("{}", error.what());
+      return;
+    }
+    ++taken_;
+    if (progressing_) context_.progress->advance();
+    paused_ = view.state.value("paused", false);
+    if (!view.output.empty()) {
+      Job job = job_of(frame, view, status);
+      if (window_ != nullptr && frame.still) {
+        still_ = std::move(job);  // until the user goes on
+      } else {
+        writer_->write(std::move(job));
+      }
+    }
+    if (window_ != nullptr && !live_ && !frame.still) pace(frame.time);
+    show(view);
+  }
+
+  Job job_of(const Frame& frame, const View& view, const SourceStatus& status) {
+    Job job;
+    job.image = live_ && !live_film_ ? view.output : view.output.clone();
+    job.frame = frame;
+    job.frame.image.release();
+    job.live = live_;
+    if (live_film_) {
+      const auto due = static_cast<std::int64_t>(std::floor(frame.time * fps_)) + 1;
+      job.repeats = static_cast<int>(std::clamp<std::int64_t>(
+          due - film_frames_, 0, static_cast<std::int64_t>(fps_ * kMostRepeats)));
+      film_frames_ = std::max(due, film_frames_);
+    }
+    if (!lines_.wanted()) return job;
+    describe(frame, view, job.line);
+    if (live_) job.line["source"] = name_of(status.state);
+    return job;
+  }
+
+  void describe(const Frame& frame, const View& view, nlohmann::ordered_json& line) const {
+    line = nlohmann::ordered_json::object();
+    if (frame.still) {
+      line["image"] = frame.name;
+    } else {
+      line["frame"] = frame.index;
+      line["time"] = std::round(frame.time * 1e6) / 1e6;
+    }
+    if (hooks_.describe) hooks_.describe(view, line);
+  }
+
+  // Films play at their own speed.
+  void pace(double time) {
+    const auto at = [&](double seconds) {
+      return *paced_from_ +
+             std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+    };
+    const Clock::time_point now = Clock::now();
+    const bool late =
+        paced_from_ && now - at(time) > milliseconds(500);  // this machine is too slow for it
+    const bool early = paced_from_ && at(time) - now > std::chrono::seconds(5);  // another film
+    if (!paced_from_ || late || early) {
+      paced_from_ =
+          now - std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(time));
+    }
+    const Clock::time_point due = at(time);
+    while (!context_.stop.stop_requested() && !finished_) {
+      const auto left = std::chrono::duration_cast<milliseconds>(due - Clock::now());
+      if (left <= milliseconds(1)) break;
+      take_events(std::min(left, milliseconds(50)));
+    }
+  }
+
+  void report_state() {
+    const SourceStatus status = source_->status();
+    if (status.state == last_state_) return;
+    last_state_ = status.state;
+    lines_.print({{"source", name_of(status.state)}, {"detail", status.detail}});
+    if (status.state != SourceState::kLive) show(session_.on_idle(status));
+  }
+
+  // --- the user ---
+
+  void take_events(milliseconds timeout) {
+    std::vector<Event> events;
+    if (window_ != nullptr) {
+      events = window_->poll(timeout);
+      if (window_->closed()) {
+        finished_ = window_closed_ = true;
+        return;
+      }
+    }
+    if (actions_) {
+      std::vector<Event> more = actions_->read();
+      std::move(more.begin(), more.end(), std::back_inserter(events));
+    }
+    std::optional<View> last;
+    for (const Event& event : events) {
+      if (still_ && event.kind == Event::Kind::kKey &&
+          (event.key == key::kRight || event.key == key::kEnter)) {
+        next_picture();
+        last.reset();
+        continue;
+      }
+      last.reset();  // a view is valid until the next call
+      last = session_.on_event(event);
+      after_event(event, *last);
+    }
+    if (last) show(*last);
+  }
+
+  void next_picture() {
+    if (source_->ended()) return;
+    flush_still();
+    paused_ = false;
+  }
+
+  void after_event(const Event& event, const View& view) {
+    paused_ = view.state.value("paused", false);
+    finished_ = finished_ || view.finished;
+    if (still_ && !view.output.empty()) {
+      still_->image = view.output.clone();
+      if (lines_.wanted() && hooks_.describe) hooks_.describe(view, still_->line);
+    }
+    if (event.kind == Event::Kind::kKey || event.kind == Event::Kind::kAction) {
+      lines_.print({{"event", tarsier::describe(event)}, {"state", view.state}});
+    }
+    if (window_ == nullptr) return;
+    if (view.toggle_fullscreen) window_->set_fullscreen(!window_->fullscreen());
+    if (event.kind != Event::Kind::kMouse) {
+      for (const Slider& slider : session_.sliders())
+        window_->set_slider(slider.name, slider.value);
+    }
+  }
+
+  void show(const View& view) {
+    finished_ = finished_ || view.finished;
+    if (window_ != nullptr && !view.image.empty()) window_->show(view.image);
+  }
+
+  // --- the end ---
+
+  void flush_still() {
+    if (!still_) return;
+    Job job = std::move(*still_);
+    still_.reset();
+    writer_->write(std::move(job));
+  }
+
+  // Keeps what was written, whatever else went wrong.
+  void finish_quietly() {
+    try {
+      if (writer_ == nullptr) return;
+      writer_->cancel();
+      if (writer_->written() > 0) sink_->finish();
+    } catch (const Error& error) {
+      log_warning("{}", error.what());
+    }
+  }
+
+  Session& session_;
+  const RunFlags& flags_;
+  Context& context_;
+  const RunHooks& hooks_;
+  Lines lines_;
+  std::unique_ptr<FrameSource> source_;
+  std::unique_ptr<FrameSink> sink_;
+  std::unique_ptr<Writer> writer_;
+  WindowPointer window_;
+  std::optional<ActionReader> actions_;
+  bool live_ = false;
+  bool live_film_ = false;  // a live source into a video file
+  bool progressing_ = false;
+  bool paused_ = false;
+  bool finished_ = false;
+  bool window_closed_ = false;
+  double fps_ = 25;
+  std::int64_t received_ = 0;
+  std::int64_t taken_ = 0;
+  std::int64_t film_frames_ = 0;
+  std::optional<Job> still_;                     // shown in the window, not yet written
+  std::optional<Clock::time_point> paced_from_;  // when the film's time was 0
+  std::optional<SourceState> last_state_;
+};
+
+}  // namespace
+
+void add_run_flags(CLI::App& verb, RunFlags& flags) {
+  verb.add_option("INPUT", flags.inputs,
+                  "picture, folder, glob, @list.txt, film, camera number, URL, picam:, synth:NAME")
+      ->required()
+      ->type_name("");
+  verb.add_option(
+      "-o,--output", flags.output,
+      "picture, folder, .mp4 .avi .mkv, http://127.0.0.1:8080/, none; without it: the window");
+  verb.add_flag("--window", flags.window, "show it in a window (h: keys)");
+  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
+  verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
+      ->check(CLI::IsMember({"-"}));
+  verb.add_option("--frames", flags.frames, "stop after so many; 0: all")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  verb.add_option("--every", flags.every, "take every N-th frame")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+
+  const auto source = [](CLI::Option* option) { option->group("Source"); };
+  source(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")
+             ->capture_default_str());
+  source(verb.add_option("--height", flags.source.height, "px")->capture_default_str());
+  source(
+      verb.add_option("--fps", flags.source.fps, "asked of a camera; of a --sequence; 0: its own")
+          ->capture_default_str());
+  source(verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time"));
+  source(verb.add_flag("--wait", flags.source.wait,
+                       "wait for ever for a source that is not there yet"));
+  source(verb.add_option("--connect-timeout", flags.source.connect_timeout_s,
+                         "s until a live source must have given its first frame")
+             ->capture_default_str());
+  source(
+      verb.add_option("--stall", flags.source.stall_s, "s without a frame: reopen the live source")
+          ->capture_default_str());
+  source(verb.add_option("--give-up", flags.source.give_up_s, "s without a frame: end; 0: never")
+             ->capture_default_str());
+
+  const auto sink = [](CLI::Option* option) { option->group("Output"); };
+  sink(verb.add_option("--jpeg-quality", flags.sink.jpeg_quality, "1..100")->capture_default_str());
+  sink(verb.add_flag("--listen-all", flags.sink.listen_all,
+                     "http output: for other machines too; needs a token"));
+  CLI::Option* token = verb.add_option("--token", flags.sink.token,
+                                       "http output: viewers must give it; 16 characters or more");
+  sink(token);
+  CLI::Option* token_file =
+      verb.add_option("--token-file", flags.token_file, "file that holds the token");
+  sink(token_file);
+  token_file->excludes(token);
+}
+
+bool opens_window(const RunFlags& flags) {
+  return flags.window || flags.fullscreen || flags.output.empty();
+}
+
+ExitStatus run_session(Session& session, const RunFlags& flags, Context& context,
+                       const RunHooks& hooks) {
+  return Run(session, flags, context, hooks)();
+}
+
+void DebugFolder::begin(const Frame& frame) {
+  std::string name = fmt::format("{:06}", frame.index);
+  if (frame.still) {
+    name = fmt::format("{:04}-{}", frame.index + 1,
+                       fs::path(frame.name).stem().string().substr(0, 180));
+  }
+  frame_folder_ = (fs::path(folder_) / name).string();
+  number_ = 0;
+}
+
+void DebugFolder::image(std::string_view name, const cv::Mat& image) {
+  if (image.empty()) return;
+  if (number_ == 0) make_folder(frame_folder_);
+  std::string file = fmt::format("{:02}-{}.png", ++number_, name);
+  std::replace_if(
+      file.begin(), file.end(), [](char c) { return c == ' ' || c == '/'; }, '-');
+  const std::string path = (fs::path(frame_folder_) / file).string();
+  const bool plain = image.depth() == CV_8U && (image.channels() == 1 || image.channels() == 3);
+  write_image(path, plain ? image : draw::letterbox(image, image.size()));
+}
+
+}  // namespace tarsier::cli

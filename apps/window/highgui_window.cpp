@@ -1,0 +1,484 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/image.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/version.hpp>
+#include <opencv2/highgui.hpp>
+
+#include "letterbox.h"
+#include "module.h"
+#include "x11_window.h"
+#include <algorithm>
+#include <cmath>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <deque>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <thread>
+#include <unistd.h>
+
+namespace tarsier::window {
+namespace {
+
+using std::chrono::milliseconds;
+using Clock = std::chrono::steady_clock;
+
+[[noreturn]] void fail(const std::string& message) { throw Error(ExitStatus::kBadInput, message); }
+
+[[noreturn]] void fail_gone() { fail("the display went away; the window is closed"); }
+
+// --- a toolkit that ends the process ---
+
+// Qt aborts when it finds no
+// display, and calls exit(1) when it loses one. Both are looked for before each call into it; if
+// one happens in the middle of a call, these two at least leave one line and the right status.
+
+volatile std::sig_atomic_t g_in_toolkit = 0;
+
+void leave(const char* line) {
+  [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, line, std::strlen(line));
+  _exit(static_cast<int>(ExitStatus::kBadInput));
+}
+
+void on_abort(int) {
+  leave("tarsier: error: no display: the window toolkit cannot use it; give -o OUT\n");
+}
+
+void on_exit() {
+  if (g_in_toolkit != 0) leave("tarsier: error: the display went away; the window is closed\n");
+}
+
+class InToolkit {
+ public:
+  InToolkit() : before_(g_in_toolkit) { g_in_toolkit = 1; }
+  ~InToolkit() { g_in_toolkit = before_; }
+  InToolkit(const InToolkit&) = delete;
+  InToolkit& operator=(const InToolkit&) = delete;
+
+ private:
+  std::sig_atomic_t before_;
+};
+
+class AbortIsNoDisplay {
+ public:
+  AbortIsNoDisplay() {
+    struct sigaction action {};
+    action.sa_handler = on_abort;
+    sigaction(SIGABRT, &action, &before_);
+  }
+  ~AbortIsNoDisplay() { sigaction(SIGABRT, &before_, nullptr); }
+  AbortIsNoDisplay(const AbortIsNoDisplay&) = delete;
+  AbortIsNoDisplay& operator=(const AbortIsNoDisplay&) = delete;
+
+ private:
+  struct sigaction before_ {};
+};
+
+bool wayland_answers() {
+  const char* display = std::getenv("WAYLAND_DISPLAY");
+  const char* folder = std::getenv("XDG_RUNTIME_DIR");
+  if (display == nullptr || *display == '\0') return false;
+  const std::string path = *display == '/' || folder == nullptr
+                               ? std::string(display)
+                               : std::string(folder) + '/' + display;
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (path.size() >= sizeof address.sun_path) return false;
+  std::copy(path.begin(), path.end(), address.sun_path);
+  const int socket_fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  if (socket_fd < 0) return false;
+  const bool connected =
+      connect(socket_fd, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0;
+  close(socket_fd);
+  return connected;
+}
+
+// The connection that check_display() made, for the first window: an X server without a session
+// (Xvfb, a kiosk) starts over when its last client leaves, and must not do so between the check and
+// the window.
+std::unique_ptr<X11Window>& checked_connection() {
+  static std::unique_ptr<X11Window> connection;
+  return connection;
+}
+
+std::unique_ptr<X11Window> take_connection() {
+  std::unique_ptr<X11Window> connection = std::move(checked_connection());
+  return connection != nullptr ? std::move(connection) : X11Window::connect();
+}
+
+void check_display() {
+  checked_connection() = X11Window::connect();
+  if (checked_connection() != nullptr) {
+    // Through X even on a Wayland desktop: the pointer and the keys are handled there (X11Window).
+    setenv("QT_QPA_PLATFORM", "xcb", 1);
+    setenv("GDK_BACKEND", "x11", 1);
+  } else if (wayland_answers()) {
+    setenv("QT_QPA_PLATFORM", "wayland", 1);
+  } else {
+    const char* display = std::getenv("DISPLAY");
+    fail(fmt::format("no display: nothing answers at {}; give -o OUT, or run on a desktop",
+                     display != nullptr && *display != '\0' ? fmt::format("DISPLAY={}", display)
+                                                            : std::string("WAYLAND_DISPLAY")));
+  }
+  setenv("QT_LOGGING_RULES", "*.debug=false;*.info=false;*.warning=false;qt.*=false", 0);
+  unsetenv("SESSION_MANAGER");  // Qt complains on stderr when it does not answer
+}
+
+// --- the window ---
+
+struct Bar {
+  Slider slider;
+  int position = 0;  // steps from slider.low
+  [[nodiscard]] int steps() const {
+    return std::max(1, static_cast<int>(std::lround((slider.high - slider.low) / slider.step)));
+  }
+  [[nodiscard]] int position_of(double value) const {
+    return std::clamp(static_cast<int>(std::lround((value - slider.low) / slider.step)), 0,
+                      steps());
+  }
+  [[nodiscard]] double value_at(int at) const {
+    return std::min(slider.high, slider.low + at * slider.step);
+  }
+};
+
+class HighguiWindow final : public Window {
+ public:
+  explicit HighguiWindow(const WindowOptions& options)
+      : title_(options.title), fullscreen_(options.fullscreen), x11_(take_connection()) {
+    for (const Slider& slider : options.sliders) {
+      TARSIER_REQUIRE(slider.step > 0 && slider.high > slider.low, "slider '{}'", slider.name);
+      Bar bar{slider, 0};
+      bar.position = bar.position_of(slider.value);
+      bars_.push_back(bar);
+    }
+  }
+
+  ~HighguiWindow() override {
+    try {
+      if (!name_.empty() && is_alive()) destroy(name_);
+    } catch (const std::exception&) {  // nothing left to close
+    }
+  }
+
+  HighguiWindow(const HighguiWindow&) = delete;
+  HighguiWindow& operator=(const HighguiWindow&) = delete;
+
+  void show(const cv::Mat& image) override {
+    require_bgr(image);
+    if (closed_) return;
+    const bool resized = image.size() != picture_.size();
+    image.copyTo(picture_);
+    if (name_.empty()) {
+      create();
+    } else if (resized && !fullscreen_ && view_size() == natural_size_) {
+      set_natural_size();  // unless the user chose another size
+    }
+    draw();
+  }
+
+  std::vector<Event> poll(milliseconds timeout) override {
+    const Clock::time_point deadline = Clock::now() + timeout;
+    for (;;) {
+      if (!name_.empty() && !closed_) pump();
+      const auto left = std::chrono::ceil<milliseconds>(deadline - Clock::now());
+      if (!events_.empty() || closed_ || left <= milliseconds(0)) break;
+      const milliseconds slice =
+          std::min(left, milliseconds(10));  // the toolkit wants to be called often
+      if (x11_ != nullptr) {
+        x11_->wait(slice);
+      } else {
+        std::this_thread::sleep_for(slice);
+      }
+    }
+    std::vector<Event> result(events_.begin(), events_.end());
+    events_.clear();
+    return result;
+  }
+
+  [[nodiscard]] bool closed() const override { return closed_; }
+  [[nodiscard]] bool fullscreen() const override { return fullscreen_; }
+
+  void set_fullscreen(bool on) override {
+    if (fullscreen_ == on) return;
+    fullscreen_ = on;
+    if (name_.empty() || closed_) return;
+    // A window of its own: highgui's sliders cannot be taken off one. The new one first, so that
+    // the desktop never sees the program without a window.
+    const std::string old = name_;
+    if (x11_ != nullptr) x11_->detach();
+    create();
+    draw();
+    destroy(old);
+  }
+
+  void set_slider(std::string_view name, double value) override {
+    for (Bar& bar : bars_) {
+      if (bar.slider.name != name) continue;
+      const int position = bar.position_of(value);
+      if (position == bar.position) continue;
+      bar.position = position;
+      if (has_bars_ && !closed_) {
+        check_alive();
+        const InToolkit guard;
+        cv::setTrackbarPos(bar.slider.name, name_, position);
+      }
+    }
+  }
+
+ private:
+  [[nodiscard]] bool is_alive() const { return x11_ == nullptr || x11_->alive(); }
+  void check_alive() const {
+    if (!is_alive()) fail_gone();
+  }
+
+  void destroy(const std::string& name) {
+    check_alive();
+    const InToolkit guard;
+    cv::destroyWindow(name);
+    cv::waitKeyEx(1);
+  }
+
+  // The area that pictures are shown in: the window without its sliders.
+  [[nodiscard]] cv::Size view_size() const {
+    check_alive();
+    cv::Rect shown;
+    {
+      const InToolkit guard;
+      shown = cv::getWindowImageRect(name_);
+    }
+    if (shown.width <= 0 || shown.height <= 0) return picture_.size();
+#if CV_VERSION_MAJOR > 4 || (CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR > 6)
+    // This toolkit tells where the picture is instead. One that is smaller than the area stands in
+    // its middle.
+    const std::optional<cv::Point> origin = x11_ != nullptr ? x11_->origin() : std::nullopt;
+    if (origin && shown.x >= origin->x && shown.y >= origin->y) {
+      return shown.size() + cv::Size(2 * (shown.x - origin->x), 2 * (shown.y - origin->y));
+    }
+#endif
+    return shown.size();
+  }
+
+  void run_toolkit() {
+    check_alive();
+    const InToolkit guard;
+    const int code = cv::waitKeyEx(1);
+    if (x11_ == nullptr && code > 0) {  // no X server to ask: the last key is better than none
+      const int low = code & 0xffff;
+      const int key = low == 0xff51   ? key::kLeft
+                      : low == 0xff52 ? key::kUp
+                      : low == 0xff53 ? key::kRight
+                      : low == 0xff54 ? key::kDown
+                      : low == 0xffff ? key::kDelete
+                                      : code & 0xff;
+      Event event;
+      event.key = key;
+      events_.push_back(event);
+    }
+  }
+
+  void create() {
+    check_alive();
+    name_ = fmt::format("tarsier-{}-{}", getpid(), ++number_);
+    {
+      const InToolkit guard;
+      const AbortIsNoDisplay no_abort;
+      cv::namedWindow(name_, cv::WINDOW_NORMAL | cv::WINDOW_FREERATIO | cv::WINDOW_GUI_NORMAL);
+      cv::setMouseCallback(name_, on_mouse, this);
+      has_bars_ = !fullscreen_ && !bars_.empty();
+      if (has_bars_) {
+        for (const Bar& bar : bars_) {
+          cv::createTrackbar(bar.slider.name, name_, nullptr, bar.steps());
+          cv::setTrackbarPos(bar.slider.name, name_, bar.position);
+        }
+      }
+    }
+    draw();
+    // The X server may be a little behind.
+    const Clock::time_point deadline = Clock::now() + std::chrono::seconds(2);
+    do {
+      run_toolkit();
+    } while (x11_ != nullptr && !x11_->attach(name_) && Clock::now() < deadline);
+    {
+      const InToolkit guard;
+      cv::setWindowTitle(name_, title_);
+    }
+    if (fullscreen_) {
+      enter_fullscreen();
+    } else {
+      set_natural_size();
+    }
+    run_toolkit();
+  }
+
+  void enter_fullscreen() {
+    {
+      const InToolkit guard;
+      cv::setWindowProperty(name_, cv::WND_PROP_FULLSCREEN, cv::WINDOW_FULLSCREEN);
+      cv::waitKeyEx(1);
+    }
+    on_bare_screen_ = x11_ != nullptr && !x11_->has_window_manager();
+    if (on_bare_screen_) {
+      cover_screen();
+      wait_for_size(x11_->screen_size());
+    }
+  }
+
+  // The toolkit asks the window manager for full screen. Where none runs (a kiosk), nobody answers.
+  void cover_screen() { x11_->place({{0, 0}, x11_->screen_size()}); }
+
+  // The size arrives as an event; a picture drawn before would be stretched for a moment.
+  void wait_for_size(cv::Size size) {
+    const Clock::time_point deadline = Clock::now() + milliseconds(300);
+    while (view_size() != size && Clock::now() < deadline) run_toolkit();
+  }
+
+  void set_natural_size() {
+    const cv::Size screen = x11_ != nullptr ? x11_->screen_size() : cv::Size(1920, 1080);
+    natural_size_ = initial_size(picture_.size(), screen);
+    cv::Size window = natural_size_;
+    for (int attempt = 0; attempt < 3; ++attempt) {  // sliders take some of the window
+      {
+        const InToolkit guard;
+        cv::resizeWindow(name_, window.width, window.height);
+      }
+      wait_for_size(natural_size_);
+      const cv::Size view = view_size();
+      if (view == natural_size_) return;
+      window += natural_size_ - view;
+      if (window.width < 1 || window.height < 1) break;
+    }
+    natural_size_ = view_size();  // the desktop has its own idea
+  }
+
+  void draw() {
+    if (picture_.empty()) return;
+    shown_size_ = view_size();
+    compose(picture_, shown_size_, canvas_);
+    const InToolkit guard;
+    cv::imshow(name_, canvas_);
+  }
+
+  void pump() {
+    run_toolkit();
+    check_alive();
+    {
+      const InToolkit guard;
+      closed_ = cv::getWindowProperty(name_, cv::WND_PROP_VISIBLE) < 1;
+    }
+    if (x11_ != nullptr && !closed_) closed_ = x11_->destroyed();
+    if (closed_) return;
+    if (x11_ != nullptr) {
+      for (Event& event : x11_->take_keys()) events_.push_back(std::move(event));
+      if (fullscreen_) {
+        x11_->hide_pointer(true);
+        // The toolkit may still have had a size of its own under way.
+        const std::optional<cv::Rect> now = x11_->placement();
+        if (on_bare_screen_ && now && *now != cv::Rect({0, 0}, x11_->screen_size())) cover_screen();
+      }
+    }
+    if (has_bars_) {
+      for (Bar& bar : bars_) {
+        const InToolkit guard;
+        const int position = cv::getTrackbarPos(bar.slider.name, name_);
+        if (position < 0 || position == bar.position) continue;
+        bar.position = position;
+        Event event;
+        event.kind = Event::Kind::kSlider;
+        event.name = bar.slider.name;
+        event.value = bar.value_at(position);
+        events_.push_back(event);
+      }
+    }
+    if (view_size() != shown_size_) draw();
+  }
+
+  static void on_mouse(int kind, int x, int y, int flags, void* self) {
+    static_cast<HighguiWindow*>(self)->take_mouse(kind, x, y, flags);
+  }
+
+  void take_mouse(int kind, int x, int y, int flags) {
+    if (picture_.empty() || shown_size_.empty()) return;
+    Event event;
+    event.kind = Event::Kind::kMouse;
+    switch (kind) {
+      case cv::EVENT_MOUSEMOVE:
+        event.mouse = Event::Mouse::kMove;
+        break;
+      case cv::EVENT_LBUTTONDOWN:
+        event.mouse = Event::Mouse::kLeftDown;
+        break;
+      case cv::EVENT_LBUTTONUP:
+        event.mouse = Event::Mouse::kLeftUp;
+        break;
+      case cv::EVENT_RBUTTONDOWN:
+        event.mouse = Event::Mouse::kRightDown;
+        break;
+      case cv::EVENT_RBUTTONUP:
+        event.mouse = Event::Mouse::kRightUp;
+        break;
+      case cv::EVENT_MBUTTONDOWN:
+        event.mouse = Event::Mouse::kMiddleDown;
+        break;
+      case cv::EVENT_MBUTTONUP:
+        event.mouse = Event::Mouse::kMiddleUp;
+        break;
+      case cv::EVENT_LBUTTONDBLCLK:
+        event.mouse = Event::Mouse::kDouble;
+        break;
+      case cv::EVENT_MOUSEWHEEL: {
+        event.mouse = Event::Mouse::kWheel;
+        const int delta = cv::getMouseWheelDelta(flags);  // 120 a notch
+        event.wheel = delta / 120 != 0 ? delta / 120 : (delta > 0) - (delta < 0);
+        break;
+      }
+      default:
+        return;
+    }
+    const cv::Point2d at = fit(picture_.size(), shown_size_).to_picture(cv::Point2d(x, y));
+    event.x = at.x;
+    event.y = at.y;
+    event.shift = (flags & cv::EVENT_FLAG_SHIFTKEY) != 0;
+    event.control = (flags & cv::EVENT_FLAG_CTRLKEY) != 0;
+    // A mouse moves hundreds of times a second; only where it is now matters.
+    if (event.mouse == Event::Mouse::kMove && !events_.empty() &&
+        events_.back().kind == Event::Kind::kMouse && events_.back().mouse == Event::Mouse::kMove) {
+      events_.back() = event;
+    } else {
+      events_.push_back(event);
+    }
+  }
+
+  std::string title_;
+  bool fullscreen_;
+  std::unique_ptr<X11Window> x11_;
+  std::vector<Bar> bars_;
+  std::string name_;  // of highgui's window; empty: none yet
+  int number_ = 0;
+  bool has_bars_ = false;
+  bool on_bare_screen_ = false;  // full screen without a window manager
+  bool closed_ = false;
+  cv::Mat picture_;  // as given
+  cv::Mat canvas_;   // as shown
+  cv::Size shown_size_;
+  cv::Size natural_size_;
+  std::deque<Event> events_;
+};
+
+}  // namespace
+}  // namespace tarsier::window
+
+#define TARSIER_EXPORT __attribute__((visibility("default")))
+
+TARSIER_EXPORT const char* tarsier_window_version() { return TARSIER_VERSION; }
+
+TARSIER_EXPORT void tarsier_window_check_display() { tarsier::window::check_display(); }
+
+TARSIER_EXPORT tarsier::window::Window* tarsier_window_open(
+    const tarsier::window::WindowOptions* options) {
+  static const bool registered = std::atexit(tarsier::window::on_exit) == 0;
+  static_cast<void>(registered);
+  return new tarsier::window::HighguiWindow(*options);
+}

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+
+#include <fmt/format.h>
+
+#include "module.h"
+#include <cstdlib>
+#include <dlfcn.h>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace tarsier::window {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kModule = "tarsier-window.so";
+
+struct Module {
+  decltype(&tarsier_window_check_display) check_display = nullptr;
+  decltype(&tarsier_window_open) open = nullptr;
+};
+
+[[noreturn]] void fail(const std::string& message) { throw Error(ExitStatus::kBadInput, message); }
+
+bool is_set(const char* variable) {
+  const char* value = std::getenv(variable);
+  return value != nullptr && *value != '\0';
+}
+
+template <typename Function>
+Function* symbol(void* handle, const char* name, const fs::path& path) {
+  void* address = dlsym(handle, name);
+  if (address == nullptr)
+    fail(fmt::format("{}: not a window module of this program", path.string()));
+  return reinterpret_cast<Function*>(address);
+}
+
+Module load() {
+  std::error_code error;
+  const fs::path folder = fs::read_symlink("/proc/self/exe", error).parent_path();
+  fs::path path;
+  for (const fs::path& place : {folder / kModule, folder / "../lib/tarsier" / kModule}) {
+    if (fs::is_regular_file(place, error)) {
+      path = place.lexically_normal();
+      break;
+    }
+  }
+  if (path.empty()) {
+    fail(fmt::format(
+        "no window: {} is not beside the program; install the package tarsier-gui, or give -o OUT",
+        kModule));
+  }
+  // Never unloaded: the toolkit leaves exit handlers behind.
+  void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (handle == nullptr) {
+    const char* reason = dlerror();
+    fail(fmt::format("no window: {} (install the package tarsier-gui, or give -o OUT)",
+                     reason == nullptr ? path.c_str() : reason));
+  }
+  const std::string version =
+      symbol<decltype(tarsier_window_version)>(handle, "tarsier_window_version", path)();
+  if (version != TARSIER_VERSION) {
+    fail(fmt::format("{}: version {}, but the program is {}; install the same version of both",
+                     path.string(), version, TARSIER_VERSION));
+  }
+  return {
+      symbol<decltype(tarsier_window_check_display)>(handle, "tarsier_window_check_display", path),
+      symbol<decltype(tarsier_window_open)>(handle, "tarsier_window_open", path)};
+}
+
+const Module& module() {
+  static const Module loaded = [] {
+    // Before the toolkit is loaded at all: this is what people meet over ssh.
+    if (!is_set("DISPLAY") && !is_set("WAYLAND_DISPLAY")) {
+      fail("no display: DISPLAY is not set; give -o OUT, or run on a desktop");
+    }
+    Module result = load();
+    result.check_display();
+    return result;
+  }();
+  return loaded;
+}
+
+}  // namespace
+
+void prepare() { static_cast<void>(module()); }
+
+std::unique_ptr<Window> open_window(const WindowOptions& options) {
+  return std::unique_ptr<Window>(module().open(&options));
+}
+
+}  // namespace tarsier::window

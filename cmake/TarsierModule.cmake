@@ -1,0 +1,65 @@
+# tarsier_module(<name> DEPENDS <tarsier modules...> LIBS <targets...> PRIVATE_LIBS <targets...>
+#                HEADERS ... SOURCES ... TESTS ... [PCH <headers...>])
+#
+# Declares the library tarsier::<name>. DEPENDS is the whole truth about which other modules may be
+# included; the test architecture/layers holds the code to it. Each file of TESTS is one test program.
+function(tarsier_module name)
+  cmake_parse_arguments(arg "" "" "DEPENDS;LIBS;PRIVATE_LIBS;SOURCES;HEADERS;TESTS;TEST_LIBS;PCH" ${ARGN})
+  set(target tarsier_${name})
+  if(arg_SOURCES)
+    add_library(${target} STATIC ${arg_SOURCES})
+    set(scope PUBLIC)
+  else()
+    add_library(${target} INTERFACE)
+    set(scope INTERFACE)
+  endif()
+  add_library(tarsier::${name} ALIAS ${target})
+  target_sources(${target} ${scope} FILE_SET HEADERS
+                 BASE_DIRS ${PROJECT_SOURCE_DIR}/src FILES ${arg_HEADERS})
+  set_target_properties(${target} PROPERTIES VERIFY_INTERFACE_HEADER_SETS ON)
+  list(TRANSFORM arg_DEPENDS PREPEND tarsier:: OUTPUT_VARIABLE modules)
+  target_link_libraries(${target} ${scope} ${modules} ${arg_LIBS})
+  if(arg_SOURCES)
+    target_link_libraries(${target} PRIVATE ${arg_PRIVATE_LIBS})
+    tarsier_strict(${target})
+    if(arg_PCH)
+      target_precompile_headers(${target} PRIVATE ${arg_PCH})
+    endif()
+  endif()
+  list(JOIN arg_DEPENDS " " depends)
+  file(APPEND ${PROJECT_BINARY_DIR}/layers.txt "${name}: ${depends}\n")
+
+  if(TARSIER_BUILD_TESTS)
+    foreach(source IN LISTS arg_TESTS)
+      cmake_path(GET source STEM stem)
+      add_executable(${name}_${stem} ${source})
+      target_link_libraries(${name}_${stem} PRIVATE ${target} ${arg_TEST_LIBS} tarsier::synth
+                            GTest::gmock GTest::gtest GTest::gtest_main)
+      tarsier_strict(${name}_${stem})
+      add_test(NAME ${name}/${stem} COMMAND ${name}_${stem})
+      set_tests_properties(${name}/${stem} PROPERTIES
+        LABELS unit ENVIRONMENT "TARSIER_DATA=${TARSIER_DATA};${TARSIER_TEST_ENVIRONMENT}")
+    endforeach()
+  endif()
+endfunction()
+
+# Warnings for our own code. Sanitizers are set for the whole build (top CMakeLists.txt).
+function(tarsier_strict target)
+  target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wconversion -Wshadow
+                                           -Wnon-virtual-dtor)
+  # GCC 12 sees overlaps in std::string's operator+ that are none (GCC bug 105651).
+  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
+    target_compile_options(${target} PRIVATE -Wno-restrict)
+  endif()
+endfunction()
+
+function(tarsier_add_layer_test)
+  if(TARSIER_BUILD_TESTS)
+    add_test(NAME architecture/layers
+             COMMAND ${CMAKE_COMMAND} -DROOT=${PROJECT_SOURCE_DIR}/src/tarsier
+                     -DLAYERS=${PROJECT_BINARY_DIR}/layers.txt
+                     -P ${PROJECT_SOURCE_DIR}/cmake/CheckLayers.cmake)
+  endif()
+endfunction()
+
+file(WRITE ${PROJECT_BINARY_DIR}/layers.txt "")

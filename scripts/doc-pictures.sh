@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# doc-pictures.sh [PROGRAM]: makes the pictures of docs/ again, from scenes that the program renders itself.
+# Needs ImageMagick (montage) beside the built program.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+tarsier=${1:-build/release/bin/tarsier}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+source='synth:portrait?size=640x480&noise=2'
+
+draw() { # draw MODE: the result, and its stages in $work/MODE
+  "$tarsier" cartoon run "$source" --frames 1 --mode "$1" -o "$work/$1.png" --debug-dir "$work/$1" --quiet
+}
+sheet() { # sheet NAME COLUMNS FILE:LABEL..
+  local name=$1 columns=$2 items=() item
+  shift 2
+  for item in "$@"; do items+=(-label "${item#*:}" "${item%%:*}"); done
+  montage "${items[@]}" -font DejaVu-Sans -pointsize 15 -tile "${columns}x" -geometry 320x240+4+4 -background white \
+    -quality 88 "docs/img/$name.jpg"
+}
+stage() { # stage MODE NAME: the file of one stage
+  find "$work/$1" -name "*-$2.png" | head -n 1
+}
+
+for mode in sketch paint cartoon evil evil-sketch alien smooth none; do draw "$mode"; done
+sheet cartoon-modes 4 "$work/none.png:none" "$work/sketch.png:sketch" "$work/paint.png:paint" "$work/cartoon.png:cartoon" \
+  "$work/evil.png:evil" "$work/evil-sketch.png:evil-sketch" "$work/alien.png:alien" "$work/smooth.png:smooth"
+sheet cartoon-sketch 3 "$(stage sketch frame):the frame" "$(stage sketch grey):1 grey" "$(stage sketch median):2 median" \
+  "$(stage sketch laplacian):3 Laplacian" "$(stage sketch threshold):4 threshold" "$(stage sketch pepper):5 without pepper"
+sheet cartoon-paint 3 "$(stage cartoon half-size):half size" "$(stage cartoon painting):14 bilateral filters" \
+  "$work/cartoon.png:with the lines: cartoon"
+sheet cartoon-evil 3 "$(stage evil scharr):Scharr" "$(stage evil lines):threshold, median" "$work/evil.png:on the painting"
+sheet cartoon-alien 3 "$(stage alien skin):the skin found" "$(stage alien coloured):coloured" "$work/alien.png:with the lines"

@@ -1,0 +1,109 @@
+# shellcheck shell=bash
+# SPDX-License-Identifier: MIT
+# What ./demo and ./test share: the Debian/Ubuntu packages, and the build. Meant to be sourced from the top folder.
+
+# Everything Tarsier is built from, by name (Debian 12 and 13, Ubuntu 24.04 and later).
+build_packages=(
+  g++ cmake ninja-build ccache pkg-config
+  libopencv-dev libfmt-dev nlohmann-json3-dev libcli11-dev libmicrohttpd-dev libx11-dev
+)
+# Face cascades, and sample pictures and films to show things on.
+data_packages=(opencv-data opencv-doc)
+# The test framework, and what plays the part of screens, fingers, cameras and servers in the tests.
+test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg python3)
+
+die() {
+  printf '%s: %s\n' "${0##*/}" "$*" >&2
+  exit 1
+}
+
+phase_start=0
+phase() { # phase TEXT: begins a step of the work
+  phase_start=$SECONDS
+  printf '== %s\n' "$*"
+}
+phase_done() { printf '   %s (%d s)\n' "${1:-done}" "$((SECONDS - phase_start))"; }
+
+# quietly LOG COMMAND..: the output goes to LOG; a failure shows its end.
+quietly() {
+  local log=$1 status=0
+  shift
+  "$@" >"$log" 2>&1 </dev/null || status=$?
+  if [ "$status" -ne 0 ]; then
+    printf '   failed (status %d): %s\n   The end of %s:\n' "$status" "$*" "$log" >&2
+    tail -n 40 "$log" | sed 's/^/   | /' >&2
+  fi
+  return "$status"
+}
+
+missing_packages() { # of "$@", those that are not installed, one a line
+  local installed
+  # dpkg-query fails when it does not know one of them: that is an answer, too.
+  installed=$({ dpkg-query -W -f='${db:Status-Status} ${Package}\n' "$@" 2>/dev/null || true; } |
+    sed -n 's/^installed //p' | sort -u)
+  comm -23 <(printf '%s\n' "$@" | sort -u) <(printf '%s\n' "$installed")
+}
+
+install_packages() { # installs what is missing of "$@"; asks nothing but, at a terminal, sudo's password
+  phase "packages"
+  if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
+    printf '   This is neither Debian nor Ubuntu. Going on with what is installed; Tarsier needs the like of:\n   %s\n' "$*"
+    return 0
+  fi
+  local missing=() become=() log
+  mapfile -t missing < <(missing_packages "$@")
+  if [ "${#missing[@]}" -eq 0 ]; then
+    phase_done "all $# are installed"
+    return 0
+  fi
+  printf '   installing %d: %s\n' "${#missing[@]}" "${missing[*]}"
+  if [ "$(id -u)" -ne 0 ]; then
+    command -v sudo >/dev/null ||
+      die "packages are missing, and there is neither root nor sudo. As root: apt-get install ${missing[*]}"
+    become=(sudo)
+    if ! sudo -n true 2>/dev/null; then
+      [ -t 0 ] || die "packages are missing, and sudo wants a password but there is no terminal. As root: apt-get install ${missing[*]}"
+      printf '   sudo may ask for your password:\n'
+      sudo -v || die "sudo refused. As root: apt-get install ${missing[*]}"
+    fi
+  fi
+  log=$(mktemp)
+  local apt=("${become[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -y -q -o DPkg::Lock::Timeout=300)
+  local install=("${apt[@]}" install --no-install-recommends "${missing[@]}")
+  if ! compgen -G '/var/lib/apt/lists/*Packages*' >/dev/null; then
+    quietly "$log" "${apt[@]}" update || die "the list of packages could not be fetched (no network?)"
+  fi
+  if ! "${install[@]}" >"$log" 2>&1 </dev/null; then # an old list names files that are gone: fetch a new one
+    quietly "$log" "${apt[@]}" update || die "the list of packages could not be fetched (no network?)"
+    quietly "$log" "${install[@]}" || die "the packages could not be installed (above). Debian 12, Ubuntu 24.04 or later is needed"
+  fi
+  rm -f "$log"
+  phase_done
+}
+
+# As many jobs as cores, but one for each 1.2 GB of free memory: a small board must not start to swap.
+build_jobs() {
+  local cores free_kb by_memory
+  cores=$(nproc 2>/dev/null || echo 1)
+  free_kb=$(sed -n 's/^MemAvailable: *\([0-9]*\).*/\1/p' /proc/meminfo 2>/dev/null)
+  by_memory=$((${free_kb:-8000000} / 1200000))
+  [ "$by_memory" -ge 1 ] || by_memory=1
+  echo $((cores < by_memory ? cores : by_memory))
+}
+
+# build PRESET CMAKE-ARGUMENTS..: configures and builds build/PRESET.
+build() {
+  local preset=$1
+  shift
+  mkdir -p "build/$preset"
+  phase "configure ($preset)"
+  quietly "build/$preset/configure.log" cmake --preset "$preset" "$@" || die "cmake could not configure the build (above)"
+  phase_done
+  phase "build (build/$preset, $(build_jobs) at a time; the first time takes minutes)"
+  if [ -t 1 ]; then # ninja shows where it is
+    cmake --build "build/$preset" -j "$(build_jobs)" || die "the build failed (above)"
+  else
+    quietly "build/$preset/build.log" cmake --build "build/$preset" -j "$(build_jobs)" || die "the build failed (above)"
+  fi
+  phase_done
+}

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/cartoon/kernels.h"
+#include "tarsier/cartoon/options.h"
+#include "tarsier/cartoon/plane.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace tarsier::cartoon {
+
+// Repeated bilateral filtering of a colour picture in 7-bit weights and 16-bit sums.
+//
+// The filter is cv::bilateralFilter's: weight exp(-|v - c|_1^2 / 2 sigma_color^2 - r^2 / 2
+// sigma_space^2) in a disc of the given diameter, border mirrored without repeating the border
+// pixel. Weights are rounded to 1/127 (or a little coarser where the sums need it), so that a
+// colour distance of 32 and more has none at sigma_color <= 9.6.
+class BilateralPainter {
+ public:
+  // False where the weights do not fit (sigma_color too large for 32 distances).
+  [[nodiscard]] static bool supports(const PaintOptions& options);
+
+  // Filters `picture` (CV_8UC3) in place, `passes` times.
+  void paint(cv::Mat& picture, const PaintOptions& options, int passes);
+  // The same with the kernels of one instruction set (tests, benchmarks).
+  void paint_with(const Kernels& kernels, cv::Mat& picture, const PaintOptions& options,
+                  int passes);
+
+ private:
+  using Picture = std::array<Plane, 3>;
+
+  struct Prepared {
+    int diameter = 0;
+    double sigma_color = 0;
+    double sigma_space = 0;
+    std::ptrdiff_t stride = 0;
+    bool operator==(const Prepared&) const = default;
+  };
+
+  void prepare(const PaintOptions& options, std::ptrdiff_t stride);
+  void filter_row(const Kernels& kernels, const Picture& from, int y_from, Picture& to,
+                  int y_to) const;
+  void filter(const Kernels& kernels, const Picture& from, Picture& to);
+  void filter_twice(const Kernels& kernels, const Picture& from, Picture& to);
+
+  Prepared prepared_;  // what the tables below were made for
+  Picture front_;
+  Picture back_;
+  std::vector<Picture> between_;  // one for each band: what lies between the passes of filter_twice
+  std::vector<std::uint8_t> weights_;
+  std::vector<int> ring_end_;
+  std::vector<std::ptrdiff_t> offsets_;
+  BilateralTaps taps_{};
+  int radius_ = 0;
+};
+
+}  // namespace tarsier::cartoon

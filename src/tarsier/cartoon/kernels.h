@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+// The inner loops of the cartoon filters on rows of bytes, compiled once for each instruction set
+// from one source (kernels.inl) and chosen at run time. All give the same bytes on every
+// instruction set.
+//
+// Rows: every source and destination row must be readable and writable up to the next multiple of
+// kRowSlack past `width` (Plane sees to it); what is written behind `width` is undefined. Offsets
+// left of the row must be readable as far as the filter reaches.
+namespace tarsier::cartoon {
+
+inline constexpr int kRowSlack = 64;  // bytes behind a row that kernels may touch
+inline constexpr int kBilateralTable =
+    32;  // weights of colour distances 0..31; beyond they are zero
+
+// Neighbours of a bilateral filter, grouped in rings of equal distance from the centre, in pairs.
+struct BilateralTaps {
+  int rings;
+  const std::uint8_t* weights;    // rings x kBilateralTable: spatial times colour weight, 0..127
+  const int* ring_end;            // rings: number of pairs up to the end of that ring
+  const std::ptrdiff_t* offsets;  // two a pair, in bytes from the centre
+  int center_weight;              // 1..127
+};
+
+struct Kernels {
+  // False for plain C++: OpenCV's own bilateral filter is then the faster one.
+  bool vectorized;
+
+  // One row of a joint bilateral filter over three planes (Tomasi and Manduchi, ICCV 1998). The
+  // planes hold value - 128 as signed bytes:
+  //   out = c + round( sum w (v - c) / (center_weight + sum w) ),  w = weights[ring][|db| + |dg| +
+  //   |dr|]
+  // The sums of w (v - c) must stay within 16 bits (see bilateral.h).
+  void (*bilateral_row)(const BilateralTaps& taps, const std::uint8_t* const src[3],
+                        std::uint8_t* const dst[3], int width);
+
+  // Exact 7x7 median. `rows` are the 7 rows around the output row, readable from -3. `scratch`
+  // holds 7 rows of `scratch_stride` >= width + 6 + 2 kRowSlack bytes.
+  void (*median7_row)(const std::uint8_t* const rows[7], std::uint8_t* dst, int width,
+                      std::uint8_t* scratch, std::ptrdiff_t scratch_stride);
+
+  // Exact 3x3 median; rows readable from -1.
+  void (*median3_row)(const std::uint8_t* const rows[3], std::uint8_t* dst, int width);
+
+  // Laplacian of aperture 5 ([1 0 -2 0 1] x [1 4 6 4 1] and its transpose, added), saturated to
+  // 0..255; rows readable from -2.
+  void (*laplacian5_row)(const std::uint8_t* const rows[5], std::uint8_t* dst, int width);
+
+  // |Scharr x|, or |Scharr x| + |Scharr y| with `both_axes`, each saturated to 0..255, sum too;
+  // rows readable from -1.
+  void (*scharr_row)(const std::uint8_t* const rows[3], std::uint8_t* dst, int width,
+                     bool both_axes);
+
+  // dst = src > threshold ? 0 : 255
+  void (*threshold_inverse_row)(const std::uint8_t* src, std::uint8_t* dst, int width,
+                                int threshold);
+
+  // dst = 255 where rows[2] is black and the 16 pixels of its 5x5 border are white, else 0; rows
+  // readable from -2, made of 0 and 255.
+  void (*lone_black_row)(const std::uint8_t* const rows[5], std::uint8_t* dst, int width);
+
+  // dst = mask, or 255 where one of the 3x3 pixels of `marks` around is not 0; marks readable from
+  // -1.
+  void (*whiten_row)(const std::uint8_t* mask, const std::uint8_t* const marks[3],
+                     std::uint8_t* dst, int width);
+};
+
+// Those of simd_level() (core/cpu.h).
+[[nodiscard]] const Kernels& kernels();
+
+// One per instruction set; null where this build has none.
+[[nodiscard]] const Kernels* baseline_kernels();
+[[nodiscard]] const Kernels* sse41_kernels();
+[[nodiscard]] const Kernels* avx2_kernels();
+[[nodiscard]] const Kernels* avx512_kernels();
+
+}  // namespace tarsier::cartoon

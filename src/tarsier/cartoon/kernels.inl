@@ -1,0 +1,320 @@
+// SPDX-License-Identifier: MIT
+// The kernels of kernels.h over the vectors of simd_*.h. Included once for each instruction set by
+// a file that has included one of these headers and defined TARSIER_KERNELS, the name of its
+// accessor function.
+//
+// No header of the C++ library is included here: an inline function of it, compiled with the flags
+// of a newer processor, could be picked by the linker for the whole program.
+
+namespace {
+
+// --- bilateral filter ---
+
+// Differences c - v saturate at +-127, where the weight is zero anyway. The planes hold value - 128
+// so that the saturating subtraction of signed bytes is at hand on every instruction set.
+struct Neighbour {
+  U8 weight;
+  U8 b;
+  U8 g;
+  U8 r;
+};
+
+TARSIER_INLINE Neighbour neighbour(const std::uint8_t* b, const std::uint8_t* g,
+                                   const std::uint8_t* r, const U8& cb, const U8& cg, const U8& cr,
+                                   const Table32& table) {
+  Neighbour n;
+  n.b = subtract_signed(cb, load(b));
+  n.g = subtract_signed(cg, load(g));
+  n.r = subtract_signed(cr, load(r));
+  const U8 distance = add_saturated(add_saturated(absolute(n.b), absolute(n.g)), absolute(n.r));
+  n.weight = look_up(table, distance);
+  return n;
+}
+
+void bilateral_row(const tarsier::cartoon::BilateralTaps& taps, const std::uint8_t* const src[3],
+                   std::uint8_t* const dst[3], int width) {
+  for (int x = 0; x < width; x += kLanes) {
+    const std::uint8_t* b = src[0] + x;
+    const std::uint8_t* g = src[1] + x;
+    const std::uint8_t* r = src[2] + x;
+    const U8 cb = load(b);
+    const U8 cg = load(g);
+    const U8 cr = load(r);
+    Sum16 weights = sum_splat(taps.center_weight);
+    Sum16 sum_b = sum_splat(0);
+    Sum16 sum_g = sum_splat(0);
+    Sum16 sum_r = sum_splat(0);
+    const std::ptrdiff_t* offset = taps.offsets;
+    int pair = 0;
+    for (int ring = 0; ring < taps.rings; ++ring) {
+      const Table32 table = load_table(taps.weights + ring * tarsier::cartoon::kBilateralTable);
+      for (; pair < taps.ring_end[ring]; ++pair, offset += 2) {
+        const Neighbour p =
+            neighbour(b + offset[0], g + offset[0], r + offset[0], cb, cg, cr, table);
+        const Neighbour q =
+            neighbour(b + offset[1], g + offset[1], r + offset[1], cb, cg, cr, table);
+        const Pair w = interleave(p.weight, q.weight);
+        weights = add_pair(weights, w);
+        sum_b = multiply_add(sum_b, w, interleave(p.b, q.b));
+        sum_g = multiply_add(sum_g, w, interleave(p.g, q.g));
+        sum_r = multiply_add(sum_r, w, interleave(p.r, q.r));
+      }
+    }
+    const Reciprocal scale = reciprocal(weights);
+    store(dst[0] + x, subtract_quotient(cb, sum_b, scale));
+    store(dst[1] + x, subtract_quotient(cg, sum_g, scale));
+    store(dst[2] + x, subtract_quotient(cr, sum_r, scale));
+  }
+}
+
+// --- medians ---
+
+TARSIER_INLINE void order(U8& a, U8& b) {
+  const U8 least = min(a, b);
+  b = max(a, b);
+  a = least;
+}
+
+// The best known network for 7 inputs, 16 comparators (Knuth, TAOCP 3, 5.3.4). Results that are not
+// used cost nothing: the compiler drops them.
+TARSIER_INLINE void sort7(U8* v) {
+  order(v[0], v[6]), order(v[2], v[3]), order(v[4], v[5]);
+  order(v[0], v[2]), order(v[1], v[4]), order(v[3], v[6]);
+  order(v[0], v[1]), order(v[2], v[5]), order(v[3], v[4]);
+  order(v[1], v[2]), order(v[4], v[6]);
+  order(v[2], v[3]), order(v[4], v[5]);
+  order(v[1], v[2]), order(v[3], v[4]), order(v[5], v[6]);
+}
+
+// Batcher's odd-even merge of two sorted lists of any lengths (Knuth, ibid.).
+template <int kM, int kN>
+struct Merge {
+  TARSIER_INLINE void run(const U8* a, const U8* b, U8* out) {
+    constexpr int kEvenA = (kM + 1) / 2;
+    constexpr int kEvenB = (kN + 1) / 2;
+    constexpr int kOddA = kM / 2;
+    constexpr int kOddB = kN / 2;
+    constexpr int kEven = kEvenA + kEvenB;
+    constexpr int kOdd = kOddA + kOddB;
+    U8 even_a[kEvenA];
+    U8 even_b[kEvenB];
+    U8 odd_a[kOddA + 1];
+    U8 odd_b[kOddB + 1];
+#pragma GCC unroll 16
+    for (int i = 0; i < kM; ++i) (i % 2 == 0 ? even_a : odd_a)[i / 2] = a[i];
+#pragma GCC unroll 16
+    for (int i = 0; i < kN; ++i) (i % 2 == 0 ? even_b : odd_b)[i / 2] = b[i];
+    U8 v[kEven];
+    U8 w[kOdd + 1];
+    Merge<kEvenA, kEvenB>::run(even_a, even_b, v);
+    Merge<kOddA, kOddB>::run(odd_a, odd_b, w);
+    out[0] = v[0];
+#pragma GCC unroll 16
+    for (int i = 0; i < kOdd; ++i) {
+      if (i + 1 < kEven) {
+        order(w[i], v[i + 1]);
+        out[2 * i + 1] = w[i];
+        out[2 * i + 2] = v[i + 1];
+      } else {
+        out[2 * i + 1] = w[i];
+      }
+    }
+    if (kEven == kOdd + 2) out[kM + kN - 1] = v[kEven - 1];
+  }
+};
+template <int kN>
+struct Merge<0, kN> {
+  TARSIER_INLINE void run(const U8*, const U8* b, U8* out) {
+#pragma GCC unroll 16
+    for (int i = 0; i < kN; ++i) out[i] = b[i];
+  }
+};
+template <int kM>
+struct Merge<kM, 0> {
+  TARSIER_INLINE void run(const U8* a, const U8*, U8* out) {
+#pragma GCC unroll 16
+    for (int i = 0; i < kM; ++i) out[i] = a[i];
+  }
+};
+template <>
+struct Merge<0, 0> {
+  TARSIER_INLINE void run(const U8*, const U8*, U8*) {}
+};
+template <>
+struct Merge<1, 1> {
+  TARSIER_INLINE void run(const U8* a, const U8* b, U8* out) {
+    out[0] = min(a[0], b[0]);
+    out[1] = max(a[0], b[0]);
+  }
+};
+
+TARSIER_INLINE void load_sorted7(const std::uint8_t* p, U8* v) {
+#pragma GCC unroll 7
+  for (int i = 0; i < 7; ++i) v[i] = load(p + i);
+  sort7(v);
+}
+
+// With all 7 columns of the window sorted, and then the 7 values of equal rank sorted too, the
+// value at rank i of the columns and j of its row has at least (i + 1)(j + 1) - 1 others below or
+// equal and (7 - i)(7 - j) - 1 above or equal. Where either count reaches 25 it is not needed to
+// find the median (rank 24 of 49). 29 values stay, 10 are known to be below and 10 above: the
+// median is rank 14 of the 29, which are seven sorted lists.
+TARSIER_INLINE U8 median49(const std::uint8_t* ranks, std::ptrdiff_t stride) {
+  U8 row[7];
+  U8 a6[6];
+  U8 a8[8];
+  U8 a[14];
+  {
+    U8 first[3];
+    U8 second[3];
+    load_sorted7(ranks, row);
+#pragma GCC unroll 3
+    for (int i = 0; i < 3; ++i) first[i] = row[4 + i];
+    load_sorted7(ranks + 6 * stride, row);
+#pragma GCC unroll 3
+    for (int i = 0; i < 3; ++i) second[i] = row[i];
+    Merge<3, 3>::run(first, second, a6);
+  }
+  {
+    U8 first[4];
+    U8 second[4];
+    load_sorted7(ranks + stride, row);
+#pragma GCC unroll 4
+    for (int i = 0; i < 4; ++i) first[i] = row[3 + i];
+    load_sorted7(ranks + 5 * stride, row);
+#pragma GCC unroll 4
+    for (int i = 0; i < 4; ++i) second[i] = row[i];
+    Merge<4, 4>::run(first, second, a8);
+  }
+  Merge<6, 8>::run(a6, a8, a);
+  U8 b10[10];
+  U8 b[15];
+  {
+    U8 first[5];
+    U8 second[5];
+    load_sorted7(ranks + 2 * stride, row);
+#pragma GCC unroll 5
+    for (int i = 0; i < 5; ++i) first[i] = row[2 + i];
+    load_sorted7(ranks + 4 * stride, row);
+#pragma GCC unroll 5
+    for (int i = 0; i < 5; ++i) second[i] = row[i];
+    Merge<5, 5>::run(first, second, b10);
+  }
+  load_sorted7(ranks + 3 * stride, row);
+  Merge<10, 5>::run(b10, row + 1, b);
+  // The 15th smallest of both lists: i of one and 15 - i of the other are not larger, for the best
+  // i.
+  U8 median = b[14];
+#pragma GCC unroll 14
+  for (int i = 1; i <= 14; ++i) median = min(median, max(a[i - 1], b[14 - i]));
+  return median;
+}
+
+void median7_row(const std::uint8_t* const rows[7], std::uint8_t* dst, int width,
+                 std::uint8_t* scratch, std::ptrdiff_t scratch_stride) {
+  for (int x = 0; x < width + 6; x += kLanes) {
+    U8 column[7];
+#pragma GCC unroll 7
+    for (int i = 0; i < 7; ++i) column[i] = load(rows[i] + x - 3);
+    sort7(column);
+#pragma GCC unroll 7
+    for (int i = 0; i < 7; ++i) store(scratch + i * scratch_stride + x, column[i]);
+  }
+  for (int x = 0; x < width; x += kLanes) store(dst + x, median49(scratch + x, scratch_stride));
+}
+
+TARSIER_INLINE void sort3(U8& a, U8& b, U8& c) {
+  order(a, b);
+  order(b, c);
+  order(a, b);
+}
+
+void median3_row(const std::uint8_t* const rows[3], std::uint8_t* dst, int width) {
+  for (int x = 0; x < width; x += kLanes) {
+    U8 v[3][3];
+#pragma GCC unroll 3
+    for (int dx = 0; dx < 3; ++dx) {
+#pragma GCC unroll 3
+      for (int i = 0; i < 3; ++i) v[dx][i] = load(rows[i] + x + dx - 1);
+      sort3(v[dx][0], v[dx][1], v[dx][2]);
+    }
+    U8 low = max(max(v[0][0], v[1][0]), v[2][0]);
+    U8 high = min(min(v[0][2], v[1][2]), v[2][2]);
+    sort3(v[0][1], v[1][1], v[2][1]);
+    sort3(low, v[1][1], high);
+    store(dst + x, v[1][1]);
+  }
+}
+
+// --- lines ---
+
+void laplacian5_row(const std::uint8_t* const rows[5], std::uint8_t* dst, int width) {
+  // The two separable kernels add up to
+  //   2  4   4  4 2
+  //   4  0  -8  0 4
+  //   4 -8 -24 -8 4   and its mirror image below: four sums of equal weight.
+  for (int x = 0; x < width; x += kLanes) {
+    const auto at = [&](int dy, int dx) { return widen(load(rows[2 + dy] + x + dx)); };
+    const Sum16 corners = at(-2, -2) + at(-2, 2) + at(2, -2) + at(2, 2);
+    const Sum16 sides = at(-2, -1) + at(-2, 0) + at(-2, 1) + at(2, -1) + at(2, 0) + at(2, 1) +
+                        at(-1, -2) + at(0, -2) + at(1, -2) + at(-1, 2) + at(0, 2) + at(1, 2);
+    const Sum16 cross = at(-1, 0) + at(1, 0) + at(0, -1) + at(0, 1);
+    store(dst + x, pack_saturated(corners * 2 + sides * 4 - cross * 8 - at(0, 0) * 24));
+  }
+}
+
+void scharr_row(const std::uint8_t* const rows[3], std::uint8_t* dst, int width, bool both_axes) {
+  for (int x = 0; x < width; x += kLanes) {
+    const auto at = [&](int dy, int dx) { return widen(load(rows[1 + dy] + x + dx)); };
+    const Sum16 along_x =
+        (at(-1, 1) - at(-1, -1) + at(1, 1) - at(1, -1)) * 3 + (at(0, 1) - at(0, -1)) * 10;
+    U8 edges = pack_saturated(magnitude(along_x));
+    if (both_axes) {
+      const Sum16 along_y =
+          (at(1, -1) - at(-1, -1) + at(1, 1) - at(-1, 1)) * 3 + (at(1, 0) - at(-1, 0)) * 10;
+      edges = add_saturated(edges, pack_saturated(magnitude(along_y)));
+    }
+    store(dst + x, edges);
+  }
+}
+
+void threshold_inverse_row(const std::uint8_t* src, std::uint8_t* dst, int width, int threshold) {
+  const U8 limit = splat(threshold);
+  for (int x = 0; x < width; x += kLanes) store(dst + x, less_equal(load(src + x), limit));
+}
+
+void lone_black_row(const std::uint8_t* const rows[5], std::uint8_t* dst, int width) {
+  for (int x = 0; x < width; x += kLanes) {
+    U8 border = bit_and(load(rows[0] + x - 2), load(rows[4] + x - 2));
+#pragma GCC unroll 4
+    for (int dx = -1; dx <= 2; ++dx) {
+      border = bit_and(border, bit_and(load(rows[0] + x + dx), load(rows[4] + x + dx)));
+    }
+#pragma GCC unroll 3
+    for (int i = 1; i <= 3; ++i) {
+      border = bit_and(border, bit_and(load(rows[i] + x - 2), load(rows[i] + x + 2)));
+    }
+    store(dst + x, and_not(load(rows[2] + x), border));
+  }
+}
+
+void whiten_row(const std::uint8_t* mask, const std::uint8_t* const marks[3], std::uint8_t* dst,
+                int width) {
+  for (int x = 0; x < width; x += kLanes) {
+    U8 white = load(mask + x);
+#pragma GCC unroll 3
+    for (int i = 0; i < 3; ++i) {
+      white = bit_or(white, bit_or(bit_or(load(marks[i] + x - 1), load(marks[i] + x)),
+                                   load(marks[i] + x + 1)));
+    }
+    store(dst + x, white);
+  }
+}
+
+constexpr tarsier::cartoon::Kernels kKernels{kVectorized,           bilateral_row,  median7_row,
+                                             median3_row,           laplacian5_row, scharr_row,
+                                             threshold_inverse_row, lone_black_row, whiten_row};
+
+}  // namespace
+
+const tarsier::cartoon::Kernels* tarsier::cartoon::TARSIER_KERNELS() { return &kKernels; }

@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/cartoon/kernels.h"
+
+#include "tarsier/cartoon/bilateral.h"
+#include "tarsier/cartoon/plane.h"
+#include "tarsier/core/cpu.h"
+#include "tarsier/core/rng.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <cstring>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+namespace tarsier::cartoon {
+namespace {
+
+// Flat areas, edges and noise: ties and extremes for medians, all distances for the bilateral
+// weights.
+cv::Mat test_picture(cv::Size size, int channels, std::uint64_t seed) {
+  Rng rng(seed);
+  cv::Mat picture(size, CV_8UC(channels));
+  for (int y = 0; y < size.height; ++y) {
+    for (int x = 0; x < size.width * channels; ++x) {
+      const int area = ((x / channels / 7 + y / 5) % 3) * 90;
+      picture.ptr(y)[x] =
+          cv::saturate_cast<std::uint8_t>(area + rng.normal(20, x % 11 == 0 ? 90 : 8));
+    }
+  }
+  return picture;
+}
+
+const Kernels* kernels_of(SimdLevel level) {
+  switch (level) {
+    case SimdLevel::kAvx512:
+      return avx512_kernels();
+    case SimdLevel::kAvx2:
+      return avx2_kernels();
+    case SimdLevel::kSse41:
+      return sse41_kernels();
+    case SimdLevel::kBaseline:
+      return baseline_kernels();
+  }
+  return nullptr;
+}
+
+Plane plane_of(const cv::Mat& picture) {
+  Plane plane;
+  plane.resize(picture.cols, picture.rows);
+  picture.copyTo(plane.view());
+  return plane;
+}
+
+// Every instruction set, on sizes that are no multiple of any vector.
+class KernelTest : public testing::TestWithParam<std::tuple<SimdLevel, std::pair<int, int>>> {
+ protected:
+  void SetUp() override {
+    kernels_ = kernels_of(std::get<0>(GetParam()));
+    if (kernels_ == nullptr || std::get<0>(GetParam()) > hardware_simd_level()) {
+      GTEST_SKIP() << "this processor has no " << name_of(std::get<0>(GetParam()));
+    }
+    const auto [width, height] = std::get<1>(GetParam());
+    picture_ = test_picture({width, height}, 1, 7);
+    input_ = plane_of(picture_);
+    output_.resize(width, height);
+  }
+
+  // Runs row(y, rows above and below by `reach`) with the margin mirrored or copied.
+  template <int kRows, typename Row>
+  void run(bool copies, const Row& row) {
+    constexpr int kReach = kRows / 2;
+    for (int y = 0; y < picture_.rows; ++y) {
+      copies ? input_.extend_row_by_copies(y, kReach) : input_.extend_row_by_reflection(y, kReach);
+    }
+    copies ? input_.extend_height_by_copies(kReach) : input_.extend_height_by_reflection(kReach);
+    for (int y = 0; y < picture_.rows; ++y) {
+      const std::uint8_t* rows[kRows];
+      for (int i = 0; i < kRows; ++i) rows[i] = input_.row(y - kReach + i);
+      row(rows, output_.row(y));
+    }
+  }
+
+  void expect_output(const cv::Mat& wanted) {
+    EXPECT_EQ(cv::norm(output_.view(), wanted, cv::NORM_INF), 0);
+  }
+
+  const Kernels* kernels_ = nullptr;
+  cv::Mat picture_;
+  Plane input_;
+  Plane output_;
+};
+
+INSTANTIATE_TEST_SUITE_P(All, KernelTest,
+                         testing::Combine(testing::Values(SimdLevel::kBaseline, SimdLevel::kSse41,
+                                                          SimdLevel::kAvx2, SimdLevel::kAvx512),
+                                          testing::Values(std::pair(16, 16), std::pair(65, 17),
+                                                          std::pair(199, 31))));
+
+TEST_P(KernelTest, Median7IsExact) {
+  std::vector<std::uint8_t> scratch(static_cast<size_t>(7 * input_.stride()));
+  run<7>(true, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
+    kernels_->median7_row(rows, out, picture_.cols, scratch.data(), input_.stride());
+  });
+  cv::Mat wanted;
+  cv::medianBlur(picture_, wanted, 7);
+  expect_output(wanted);
+}
+
+TEST_P(KernelTest, Median3IsExact) {
+  run<3>(true, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
+    kernels_->median3_row(rows, out, picture_.cols);
+  });
+  cv::Mat wanted;
+  cv::medianBlur(picture_, wanted, 3);
+  expect_output(wanted);
+}
+
+TEST_P(KernelTest, LaplacianIsExact) {
+  run<5>(false, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
+    kernels_->laplacian5_row(rows, out, picture_.cols);
+  });
+  cv::Mat wanted;
+  cv::Laplacian(picture_, wanted, CV_8U, 5);
+  expect_output(wanted);
+}
+
+TEST_P(KernelTest, ScharrIsTheSumOfBothDirections) {
+  for (const bool both_axes : {false, true}) {
+    run<3>(false, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
+      kernels_->scharr_row(rows, out, picture_.cols, both_axes);
+    });
+    cv::Mat wanted;
+    cv::Scharr(picture_, wanted, CV_8U, 1, 0);
+    for (const auto& [dx, dy, scale] :
+         {std::tuple(1, 0, -1.0), std::tuple(0, 1, 1.0), std::tuple(0, 1, -1.0)}) {
+      if (dy == 1 && !both_axes) continue;
+      cv::Mat part;
+      cv::Scharr(picture_, part, CV_8U, dx, dy, scale);
+      wanted += part;
+    }
+    expect_output(wanted);
+  }
+}
+
+TEST_P(KernelTest, ThresholdCountsEqualAsBelow) {
+  for (const int threshold : {0, 80, 254, 255}) {
+    for (int y = 0; y < picture_.rows; ++y) {
+      kernels_->threshold_inverse_row(input_.row(y), output_.row(y), picture_.cols, threshold);
+    }
+    cv::Mat wanted;
+    cv::threshold(picture_, wanted, threshold, 255, cv::THRESH_BINARY_INV);
+    expect_output(wanted);
+  }
+}
+
+TEST(BilateralPainter, AllInstructionSetsGiveTheSameBytes) {
+  const cv::Mat picture = test_picture({131, 37}, 3, 3);
+  cv::Mat first;
+  for (const SimdLevel level :
+       {SimdLevel::kBaseline, SimdLevel::kSse41, SimdLevel::kAvx2, SimdLevel::kAvx512}) {
+    if (level > hardware_simd_level()) continue;
+    // limit_simd_level only lowers: one process for each level would be the alternative.
+    BilateralPainter painter;
+    cv::Mat painted = picture.clone();
+    painter.paint_with(*kernels_of(level), painted, {}, 4);
+    if (first.empty()) first = painted;
+    EXPECT_EQ(cv::norm(painted, first, cv::NORM_INF), 0) << name_of(level);
+  }
+}
+
+TEST(BilateralPainter, IsTheBilateralFilterOfOpenCv) {
+  cv::Mat picture = test_picture({320, 240}, 3, 5);
+  cv::GaussianBlur(picture, picture, {5, 5}, 1.2);
+  for (const PaintOptions& options :
+       {PaintOptions{}, PaintOptions{.diameter = 5, .sigma_color = 4, .sigma_space = 2},
+        PaintOptions{.diameter = 13, .sigma_color = 3, .sigma_space = 5}}) {
+    ASSERT_TRUE(BilateralPainter::supports(options));
+    cv::Mat wanted;
+    cv::bilateralFilter(picture, wanted, options.diameter, options.sigma_color,
+                        options.sigma_space);
+    cv::Mat painted = picture.clone();
+    BilateralPainter().paint(painted, options, 1);
+    // One pass: weights in 127 steps may round a value to its neighbour, no more.
+    EXPECT_LE(cv::norm(painted, wanted, cv::NORM_INF), 1) << options.diameter;
+    EXPECT_GT(cv::PSNR(painted, wanted), 55) << options.diameter;
+  }
+}
+
+TEST(BilateralPainter, WeightsThatDoNotFitAreRefused) {
+  EXPECT_FALSE(BilateralPainter::supports({.sigma_color = 25}));
+  cv::Mat picture(20, 20, CV_8UC3, cv::Scalar::all(9));
+  EXPECT_THROW(BilateralPainter().paint(picture, {.sigma_color = 25}, 1), std::invalid_argument);
+}
+
+TEST(BilateralPainter, SumsCannotOverflow) {
+  // One pixel that differs from all its neighbours by the worst amount in every channel.
+  for (const int step : {3, 9, 12, 31}) {
+    cv::Mat picture(33, 33, CV_8UC3, cv::Scalar::all(100));
+    picture.at<cv::Vec3b>(16, 16) = {static_cast<std::uint8_t>(100 + step), 100, 100};
+    cv::Mat wanted;
+    cv::bilateralFilter(picture, wanted, 9, 9, 7);
+    BilateralPainter().paint(picture, {}, 1);
+    // 48 weights below half a step are rounded away: at most 4 levels. An overflow is off by tens.
+    EXPECT_LE(cv::norm(picture, wanted, cv::NORM_INF), 4) << step;
+  }
+}
+
+TEST(Plane, ReflectionDoesNotRepeatTheBorder) {
+  EXPECT_EQ(Plane::reflected(-1, 5), 1);
+  EXPECT_EQ(Plane::reflected(5, 5), 3);
+  EXPECT_EQ(Plane::reflected(-4, 2), 0);
+  EXPECT_EQ(Plane::reflected(7, 1), 0);
+}
+
+}  // namespace
+}  // namespace tarsier::cartoon

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/cartoon/options.h"
+
+#include <opencv2/core/mat.hpp>
+
+// The definition of the filters in plain OpenCV calls: what the fast kernels are measured against,
+// and what
+// `--quality reference` runs. Frames are CV_8UC3 BGR; masks are CV_8UC1, 0 on lines and 255
+// elsewhere.
+namespace tarsier::cartoon::reference {
+
+// Grey, median: what the lines are found on.
+[[nodiscard]] cv::Mat smooth_gray(const cv::Mat& frame, const SketchOptions& options);
+
+// The 8-bit Laplacian response of smooth_gray.
+[[nodiscard]] cv::Mat line_response(const cv::Mat& gray, const SketchOptions& options);
+
+// The Scharr response of smooth_gray: +x and -x (and +-y) added.
+[[nodiscard]] cv::Mat evil_response(const cv::Mat& gray, const EvilOptions& options);
+
+// Whitens the 3x3 around each black pixel whose 5x5 border is all white. All pixels are judged on
+// the mask as it was given, so that the result does not depend on an order. Pixels nearer than 2 to
+// the border stay.
+void remove_pepper(cv::Mat& mask);
+
+[[nodiscard]] cv::Mat sketch_mask(const cv::Mat& frame, const SketchOptions& options);
+[[nodiscard]] cv::Mat evil_mask(const cv::Mat& frame, const SketchOptions& sketch,
+                                const EvilOptions& options);
+
+// The painting at half size (w/2 x h/2, rounded down).
+[[nodiscard]] cv::Mat paint_small(const cv::Mat& frame, const PaintOptions& options);
+
+// The picture of options.mode. Quality, steady and the automatic face finder are not looked at.
+[[nodiscard]] cv::Mat cartoonize(const cv::Mat& frame, const CartoonOptions& options);
+
+}  // namespace tarsier::cartoon::reference

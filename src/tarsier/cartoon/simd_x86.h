@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <immintrin.h>
+
+// Vectors of bytes (U8) and sums of 16-bit products (Sum16) for kernels.inl; one of TARSIER_AVX512,
+// TARSIER_AVX2, TARSIER_SSE41 is defined by the including file, which is compiled with that
+// instruction set's flags. Everything has internal linkage, so that no function compiled for a
+// newer processor can be picked by the linker for all.
+#define TARSIER_INLINE static inline __attribute__((always_inline))
+
+namespace {
+
+#if defined(TARSIER_AVX512)
+using Reg = __m512i;
+using RegF = __m512;
+#define TARSIER_OP(name) _mm512_##name
+constexpr int kLanes = 64;
+TARSIER_INLINE Reg reg_load(const void* p) { return _mm512_loadu_si512(p); }
+TARSIER_INLINE void reg_store(void* p, Reg a) { _mm512_storeu_si512(p, a); }
+#elif defined(TARSIER_AVX2)
+using Reg = __m256i;
+using RegF = __m256;
+#define TARSIER_OP(name) _mm256_##name
+constexpr int kLanes = 32;
+TARSIER_INLINE Reg reg_load(const void* p) {
+  return _mm256_loadu_si256(static_cast<const __m256i*>(p));
+}
+TARSIER_INLINE void reg_store(void* p, Reg a) { _mm256_storeu_si256(static_cast<__m256i*>(p), a); }
+#else
+using Reg = __m128i;
+using RegF = __m128;
+#define TARSIER_OP(name) _mm_##name
+constexpr int kLanes = 16;
+TARSIER_INLINE Reg reg_load(const void* p) {
+  return _mm_loadu_si128(static_cast<const __m128i*>(p));
+}
+TARSIER_INLINE void reg_store(void* p, Reg a) { _mm_storeu_si128(static_cast<__m128i*>(p), a); }
+#endif
+
+constexpr bool kVectorized = true;
+
+struct U8 {
+  Reg v;
+};
+
+TARSIER_INLINE U8 load(const std::uint8_t* p) { return {reg_load(p)}; }
+TARSIER_INLINE void store(std::uint8_t* p, U8 a) { reg_store(p, a.v); }
+TARSIER_INLINE U8 splat(int value) { return {TARSIER_OP(set1_epi8)(static_cast<char>(value))}; }
+TARSIER_INLINE U8 min(U8 a, U8 b) { return {TARSIER_OP(min_epu8)(a.v, b.v)}; }
+TARSIER_INLINE U8 max(U8 a, U8 b) { return {TARSIER_OP(max_epu8)(a.v, b.v)}; }
+TARSIER_INLINE U8 bit_and(U8 a, U8 b) { return {a.v & b.v}; }
+TARSIER_INLINE U8 bit_or(U8 a, U8 b) { return {a.v | b.v}; }
+TARSIER_INLINE U8 and_not(U8 a, U8 b) { return {~a.v & b.v}; }  // ~a & b
+TARSIER_INLINE U8 add_saturated(U8 a, U8 b) { return {TARSIER_OP(adds_epu8)(a.v, b.v)}; }
+
+// 255 where a <= b, else 0 (unsigned).
+TARSIER_INLINE U8 less_equal(U8 a, U8 b) {
+#if defined(TARSIER_AVX512)
+  return {_mm512_movm_epi8(_mm512_cmple_epu8_mask(a.v, b.v))};
+#else
+  return {TARSIER_OP(cmpeq_epi8)(TARSIER_OP(min_epu8)(a.v, b.v), a.v)};
+#endif
+}
+
+// Bytes with 128 taken off, as signed numbers; differences of two such saturate to -128..127.
+TARSIER_INLINE U8 to_signed(U8 a) { return {TARSIER_OP(sub_epi8)(a.v, splat(128).v)}; }
+TARSIER_INLINE U8 subtract_signed(U8 a, U8 b) { return {TARSIER_OP(subs_epi8)(a.v, b.v)}; }
+TARSIER_INLINE U8 absolute(U8 a) { return {TARSIER_OP(abs_epi8)(a.v)}; }
+
+// Table of 32 bytes; 0 for indices from 32 on.
+struct Table32 {
+#if defined(TARSIER_AVX512)
+  Reg all;
+#else
+  Reg low;
+  Reg high;
+#endif
+};
+TARSIER_INLINE Table32 load_table(const std::uint8_t* table) {
+#if defined(TARSIER_AVX512)
+  return {_mm512_zextsi256_si512(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(table)))};
+#else
+  const __m128i low = _mm_loadu_si128(reinterpret_cast<const __m128i*>(table));
+  const __m128i high = _mm_loadu_si128(reinterpret_cast<const __m128i*>(table + 16));
+#if defined(TARSIER_AVX2)
+  return {_mm256_broadcastsi128_si256(low), _mm256_broadcastsi128_si256(high)};
+#else
+  return {low, high};
+#endif
+#endif
+}
+TARSIER_INLINE U8 look_up(const Table32& table, U8 index) {
+#if defined(TARSIER_AVX512)
+  return {_mm512_permutexvar_epi8(_mm512_min_epu8(index.v, _mm512_set1_epi8(63)), table.all)};
+#else
+  // pshufb gives 0 where the index has its top bit set: the saturated sums set it outside 0..15
+  // and 16..31.
+  const Reg bias = TARSIER_OP(set1_epi8)(112);
+  const Reg in_low = TARSIER_OP(adds_epu8)(index.v, bias);
+  const Reg in_high =
+      TARSIER_OP(adds_epu8)(TARSIER_OP(sub_epi8)(index.v, TARSIER_OP(set1_epi8)(16)), bias);
+  return {TARSIER_OP(shuffle_epi8)(table.low, in_low) |
+          TARSIER_OP(shuffle_epi8)(table.high, in_high)};
+#endif
+}
+
+// Two registers of 16-bit numbers, one number a byte lane. Which lanes are in which register is the
+// instruction set's own business: pack() undoes what interleave did.
+struct Sum16 {
+  Reg low;
+  Reg high;
+};
+TARSIER_INLINE Sum16 sum_splat(int value) {
+  const Reg v = TARSIER_OP(set1_epi16)(static_cast<short>(value));
+  return {v, v};
+}
+// Weights of a pair of neighbours, made ready for multiply_add.
+struct Pair {
+  Reg low;
+  Reg high;
+};
+TARSIER_INLINE Pair interleave(U8 a, U8 b) {
+  return {TARSIER_OP(unpacklo_epi8)(a.v, b.v), TARSIER_OP(unpackhi_epi8)(a.v, b.v)};
+}
+// sum += w.a * d.a + w.b * d.b with w unsigned (<= 127) and d signed.
+TARSIER_INLINE Sum16 multiply_add(Sum16 sum, const Pair& w, const Pair& d) {
+  return {TARSIER_OP(add_epi16)(sum.low, TARSIER_OP(maddubs_epi16)(w.low, d.low)),
+          TARSIER_OP(add_epi16)(sum.high, TARSIER_OP(maddubs_epi16)(w.high, d.high))};
+}
+// sum += w.a + w.b
+TARSIER_INLINE Sum16 add_pair(Sum16 sum, const Pair& w) {
+  const Reg one = TARSIER_OP(set1_epi8)(1);
+  return {TARSIER_OP(add_epi16)(sum.low, TARSIER_OP(maddubs_epi16)(w.low, one)),
+          TARSIER_OP(add_epi16)(sum.high, TARSIER_OP(maddubs_epi16)(w.high, one))};
+}
+
+// 1 / x of 16-bit numbers, in single precision.
+struct Reciprocal {
+  RegF part[4];
+};
+TARSIER_INLINE Reg widen_low(Reg a) {
+  return TARSIER_OP(srai_epi32)(TARSIER_OP(unpacklo_epi16)(a, a), 16);
+}
+TARSIER_INLINE Reg widen_high(Reg a) {
+  return TARSIER_OP(srai_epi32)(TARSIER_OP(unpackhi_epi16)(a, a), 16);
+}
+TARSIER_INLINE Reciprocal reciprocal(const Sum16& a) {
+  const RegF one = TARSIER_OP(set1_ps)(1.0F);
+  return {{TARSIER_OP(div_ps)(one, TARSIER_OP(cvtepi32_ps)(widen_low(a.low))),
+           TARSIER_OP(div_ps)(one, TARSIER_OP(cvtepi32_ps)(widen_high(a.low))),
+           TARSIER_OP(div_ps)(one, TARSIER_OP(cvtepi32_ps)(widen_low(a.high))),
+           TARSIER_OP(div_ps)(one, TARSIER_OP(cvtepi32_ps)(widen_high(a.high)))}};
+}
+TARSIER_INLINE Reg scaled(Reg wide, RegF factor) {
+  return TARSIER_OP(cvtps_epi32)(TARSIER_OP(mul_ps)(TARSIER_OP(cvtepi32_ps)(wide), factor));
+}
+// base - round(a * r), bytes; rounding to nearest, ties to even. |a * r| must stay below 128.
+TARSIER_INLINE U8 subtract_quotient(U8 base, const Sum16& a, const Reciprocal& r) {
+  const Reg low = TARSIER_OP(packs_epi32)(scaled(widen_low(a.low), r.part[0]),
+                                          scaled(widen_high(a.low), r.part[1]));
+  const Reg high = TARSIER_OP(packs_epi32)(scaled(widen_low(a.high), r.part[2]),
+                                           scaled(widen_high(a.high), r.part[3]));
+  return {TARSIER_OP(sub_epi8)(base.v, TARSIER_OP(packs_epi16)(low, high))};
+}
+
+// 16-bit arithmetic for derivative filters.
+TARSIER_INLINE Sum16 widen(U8 a) {  // zero extended
+  const Reg zero = splat(0).v;
+  return {TARSIER_OP(unpacklo_epi8)(a.v, zero), TARSIER_OP(unpackhi_epi8)(a.v, zero)};
+}
+TARSIER_INLINE Sum16 operator+(Sum16 a, Sum16 b) {
+  return {TARSIER_OP(add_epi16)(a.low, b.low), TARSIER_OP(add_epi16)(a.high, b.high)};
+}
+TARSIER_INLINE Sum16 operator-(Sum16 a, Sum16 b) {
+  return {TARSIER_OP(sub_epi16)(a.low, b.low), TARSIER_OP(sub_epi16)(a.high, b.high)};
+}
+TARSIER_INLINE Sum16 operator*(Sum16 a, int factor) {
+  const Reg f = TARSIER_OP(set1_epi16)(static_cast<short>(factor));
+  return {TARSIER_OP(mullo_epi16)(a.low, f), TARSIER_OP(mullo_epi16)(a.high, f)};
+}
+TARSIER_INLINE Sum16 magnitude(Sum16 a) {
+  return {TARSIER_OP(abs_epi16)(a.low), TARSIER_OP(abs_epi16)(a.high)};
+}
+TARSIER_INLINE U8 pack_saturated(Sum16 a) {  // to 0..255
+  return {TARSIER_OP(packus_epi16)(a.low, a.high)};
+}
+
+}  // namespace

@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/cartoon/skin.h"
+
+#include "tarsier/cartoon/rows.h"
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::cartoon {
+namespace {
+
+cv::Scalar differences(const std::array<int, 3>& d) {
+  return {double(d[0]), double(d[1]), double(d[2])};
+}
+
+// The inner part of `mask_with_border`, without the frame of one pixel.
+cv::Mat inside(const cv::Mat& mask_with_border) {
+  return mask_with_border(cv::Rect(1, 1, mask_with_border.cols - 2, mask_with_border.rows - 2));
+}
+
+std::uint8_t median_of(std::vector<std::uint8_t>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+cv::Rect clipped(const cv::Rect& rect, const cv::Size& size) {
+  return rect & cv::Rect(0, 0, size.width, size.height);
+}
+
+}  // namespace
+
+std::array<cv::Point, 6> skin_seeds(cv::Size size) {
+  const int w = size.width;
+  const int h = size.height;
+  return {{{w / 2, h / 2 - h / 6},
+           {w / 2 - w / 11, h / 2 - h / 6},
+           {w / 2 + w / 11, h / 2 - h / 6},
+           {w / 2, h / 2 + h / 16},
+           {w / 2 - w / 9, h / 2 + h / 16},
+           {w / 2 + w / 9, h / 2 + h / 16}}};
+}
+
+cv::Mat find_skin(const cv::Mat& painting, const cv::Mat& response, const SkinOptions& options,
+                  SkinBuffers& buffers) {
+  require_bgr(painting);
+  require_gray(response);
+  cv::cvtColor(painting, buffers.ycrcb, cv::COLOR_BGR2YCrCb);
+  // floodFill takes a mask with a border of one pixel; edges in it stop the fill.
+  buffers.flood_mask.create(painting.rows + 2, painting.cols + 2, CV_8UC1);
+  buffers.flood_mask.setTo(0);
+  cv::Mat mask = inside(buffers.flood_mask);
+  cv::resize(response, mask, painting.size(), 0, 0, cv::INTER_LINEAR);
+  cv::threshold(mask, mask, options.edge_threshold, 255, cv::THRESH_BINARY);
+  cv::dilate(mask, mask, cv::Mat());  // closes gaps of a pixel
+  cv::erode(mask, mask, cv::Mat());
+  mask.copyTo(buffers.edges);
+  constexpr int kFlags = 4 | cv::FLOODFILL_FIXED_RANGE | cv::FLOODFILL_MASK_ONLY;
+  for (const cv::Point& seed : skin_seeds(painting.size())) {
+    cv::floodFill(buffers.ycrcb, buffers.flood_mask, seed, cv::Scalar(), nullptr,
+                  differences(options.lower), differences(options.upper), kFlags);
+  }
+  mask -= buffers.edges;  // filled pixels are 1, edges 255
+  return mask;
+}
+
+SkinColor learn_skin_color(const cv::Mat& ycrcb, const cv::Rect& face) {
+  require_bgr(ycrcb);
+  // Below the eyes, above the mouth, within the cheeks.
+  const cv::Rect middle = clipped({face.x + face.width / 5, face.y + face.height * 45 / 100,
+                                   face.width * 3 / 5, std::max(1, face.height / 4)},
+                                  ycrcb.size());
+  TARSIER_REQUIRE(!middle.empty(), "face {}x{} at {},{} is outside the picture", face.width,
+                  face.height, face.x, face.y);
+  std::vector<std::uint8_t> cr;
+  std::vector<std::uint8_t> cb;
+  for (int y = middle.y; y < middle.br().y; ++y) {
+    const auto* row = ycrcb.ptr<cv::Vec3b>(y);
+    for (int x = middle.x; x < middle.br().x; ++x) {
+      cr.push_back(row[x][1]);
+      cb.push_back(row[x][2]);
+    }
+  }
+  const double cr_median = median_of(cr);
+  const double cb_median = median_of(cb);
+  // Covariance of the nearer half: glasses, shadow of the nose and a beard stay out.
+  constexpr double kNear = 12;      // grey levels
+  constexpr double kFloor = 3 * 3;  // of each variance: noise and paint make flat patches
+  double sum[5] = {0, 0, 0, 0, 0};
+  double count = 0;
+  for (size_t i = 0; i < cr.size(); ++i) {
+    const double u = cr[i] - cr_median;
+    const double v = cb[i] - cb_median;
+    if (std::abs(u) > kNear || std::abs(v) > kNear) continue;
+    count += 1;
+    sum[0] += u;
+    sum[1] += v;
+    sum[2] += u * u;
+    sum[3] += u * v;
+    sum[4] += v * v;
+  }
+  count = std::max(count, 1.0);
+  const double u = sum[0] / count;
+  const double v = sum[1] / count;
+  const cv::Matx22d covariance(sum[2] / count - u * u + kFloor, sum[3] / count - u * v,
+                               sum[3] / count - u * v, sum[4] / count - v * v + kFloor);
+  return {{cr_median + u, cb_median + v}, covariance.inv()};
+}
+
+cv::Mat find_skin_of_faces(const cv::Mat& painting, const std::vector<cv::Rect>& faces,
+                           const std::vector<SkinColor>& colors, const SkinOptions& options,
+                           SkinBuffers& buffers) {
+  require_bgr(painting);
+  TARSIER_REQUIRE(faces.size() == colors.size(), "{} faces, {} colours", faces.size(),
+                  colors.size());
+  cv::cvtColor(painting, buffers.ycrcb, cv::COLOR_BGR2YCrCb);
+  buffers.flood_mask.create(painting.rows + 2, painting.cols + 2, CV_8UC1);
+  buffers.flood_mask.setTo(0);
+  cv::Mat mask = inside(buffers.flood_mask);
+  const double limit = options.learned_distance * options.learned_distance;
+  for (size_t i = 0; i < faces.size(); ++i) {
+    const cv::Rect& face = faces[i];
+    // The head with ears and neck: an ellipse around the box of the detector, which is tight.
+    const double center_x = face.x + face.width / 2.0;
+    const double center_y = face.y + face.height * 0.55;
+    const double radius_x = face.width * 0.75;
+    const double radius_y = face.height * 1.0;
+    const cv::Rect area =
+        clipped({static_cast<int>(center_x - radius_x), static_cast<int>(center_y - radius_y),
+                 static_cast<int>(2 * radius_x) + 1, static_cast<int>(2 * radius_y) + 1},
+                painting.size());
+    const SkinColor& color = colors[i];
+    for (int y = area.y; y < area.br().y; ++y) {
+      const auto* row = buffers.ycrcb.ptr<cv::Vec3b>(y);
+      auto* out = mask.ptr(y);
+      const double v = (y - center_y) / radius_y;
+      for (int x = area.x; x < area.br().x; ++x) {
+        const double u = (x - center_x) / radius_x;
+        if (u * u + v * v > 1) continue;
+        const cv::Vec2d d(row[x][1] - color.mean[0], row[x][2] - color.mean[1]);
+        if (d.dot(color.inverse_covariance * d) <= limit) out[x] = 1;
+      }
+    }
+  }
+  cv::medianBlur(mask, buffers.edges, 5);  // eyes and mouth stay holes, specks go
+  return buffers.edges;
+}
+
+void color_skin(cv::Mat& painting, const cv::Mat& skin, const SkinOptions& options) {
+  require_bgr(painting);
+  require_gray(skin);
+  if (options.style == SkinStyle::kGlow) {
+    cv::add(painting, options.color, painting, skin);
+    return;
+  }
+  // Tint: the chroma of the colour, the luma of the skin.
+  const cv::Scalar& c = options.color;
+  const double luma = 0.114 * c[0] + 0.587 * c[1] + 0.299 * c[2];
+  for (int y = 0; y < painting.rows; ++y) {
+    auto* row = painting.ptr<cv::Vec3b>(y);
+    const auto* is_skin = skin.ptr(y);
+    for (int x = 0; x < painting.cols; ++x) {
+      if (is_skin[x] == 0) continue;
+      const double own = 0.114 * row[x][0] + 0.587 * row[x][1] + 0.299 * row[x][2];
+      for (int k = 0; k < 3; ++k) row[x][k] = cv::saturate_cast<std::uint8_t>(own + c[k] - luma);
+    }
+  }
+}
+
+void smooth_skin(const cv::Mat& frame, const cv::Mat& enlarged, const cv::Mat& skin,
+                 SkinBuffers& buffers, cv::Mat& result) {
+  require_bgr(frame);
+  require_bgr(enlarged);
+  TARSIER_REQUIRE(frame.size() == enlarged.size(), "painting is {}x{}, frame {}x{}", enlarged.cols,
+                  enlarged.rows, frame.cols, frame.rows);
+  skin.convertTo(buffers.weight, CV_8U, 255);
+  cv::dilate(buffers.weight, buffers.weight,
+             cv::Mat());  // over the thin lines that bounded the fill
+  cv::erode(buffers.weight, buffers.weight, cv::Mat());
+  cv::blur(buffers.weight, buffers.weight, cv::Size(5, 5));
+  cv::resize(buffers.weight, buffers.large_weight, frame.size(), 0, 0, cv::INTER_LINEAR);
+  result.create(frame.size(), CV_8UC3);
+  for_row_bands(frame.rows, [&](int first, int last) {
+    for (int y = first; y < last; ++y) {
+      const auto* sharp = frame.ptr(y);
+      const auto* soft = enlarged.ptr(y);
+      const auto* weight = buffers.large_weight.ptr(y);
+      auto* out = result.ptr(y);
+      for (int x = 0; x < frame.cols; ++x) {
+        const int w = weight[x];
+        for (int i = 3 * x; i < 3 * x + 3; ++i) {
+          out[i] = static_cast<std::uint8_t>(sharp[i] + ((soft[i] - sharp[i]) * w + 127) / 255);
+        }
+      }
+    }
+  });
+}
+
+}  // namespace tarsier::cartoon

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/cartoon/skin.h"
+
+#include "tarsier/core/rng.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+namespace tarsier::cartoon {
+namespace {
+
+const cv::Scalar kSkin(120, 150, 210);
+
+TEST(Skin, SeedsAreTheSixPointsOfTheOutline) {
+  const auto seeds = skin_seeds({320, 240});
+  EXPECT_EQ(seeds[0], cv::Point(160, 80));
+  EXPECT_EQ(seeds[1], cv::Point(160 - 29, 80));
+  EXPECT_EQ(seeds[3], cv::Point(160, 135));
+  EXPECT_EQ(seeds[5], cv::Point(160 + 35, 135));
+}
+
+TEST(Skin, EdgesBoundTheFill) {
+  cv::Mat painting(120, 160, CV_8UC3, kSkin);  // all of one colour: only the edge stops the fill
+  cv::Mat response = cv::Mat::zeros(240, 320, CV_8UC1);
+  cv::circle(response, {160, 120}, 100, 255, 5);
+  SkinBuffers buffers;
+  const cv::Mat skin = find_skin(painting, response, {}, buffers);
+  EXPECT_EQ(skin.at<std::uint8_t>(60, 80), 1);
+  EXPECT_EQ(skin.at<std::uint8_t>(5, 5), 0) << "leaked through the edge";
+  EXPECT_EQ(skin.at<std::uint8_t>(60, 80 + 50), 0) << "the edge itself is no skin";
+}
+
+TEST(Skin, LearnedColourFollowsThePersonNotTheWall) {
+  cv::Mat painting(120, 160, CV_8UC3, cv::Scalar(140, 140, 140));
+  cv::ellipse(painting, {80, 60}, {28, 38}, 0, 0, 360, kSkin, cv::FILLED);
+  cv::circle(painting, {70, 50}, 4, {20, 20, 20}, cv::FILLED);
+  cv::Mat ycrcb;
+  cv::cvtColor(painting, ycrcb, cv::COLOR_BGR2YCrCb);
+  const cv::Rect face(56, 32, 48, 56);
+  SkinBuffers buffers;
+  const cv::Mat skin =
+      find_skin_of_faces(painting, {face}, {learn_skin_color(ycrcb, face)}, {}, buffers);
+  EXPECT_EQ(skin.at<std::uint8_t>(70, 80), 1);
+  EXPECT_EQ(skin.at<std::uint8_t>(50, 70), 0) << "an eye is no skin";
+  EXPECT_EQ(skin.at<std::uint8_t>(20, 40), 0) << "the wall beside the face is no skin";
+}
+
+TEST(Skin, AFaceOutsideThePictureIsACallersMistake) {
+  const cv::Mat ycrcb(50, 50, CV_8UC3, cv::Scalar::all(128));
+  EXPECT_THROW((void)learn_skin_color(ycrcb, {60, 60, 20, 20}), std::invalid_argument);
+}
+
+TEST(Skin, GlowAddsTheColour) {
+  cv::Mat painting(4, 4, CV_8UC3, cv::Scalar(10, 200, 30));
+  cv::Mat skin = cv::Mat::zeros(4, 4, CV_8UC1);
+  skin.at<std::uint8_t>(1, 1) = 1;
+  color_skin(painting, skin, {});
+  EXPECT_EQ(painting.at<cv::Vec3b>(1, 1), cv::Vec3b(10, 255, 30));
+  EXPECT_EQ(painting.at<cv::Vec3b>(2, 2), cv::Vec3b(10, 200, 30));
+}
+
+TEST(Skin, TintKeepsTheBrightness) {
+  cv::Mat painting(2, 2, CV_8UC3, kSkin);
+  const cv::Mat skin = cv::Mat::ones(2, 2, CV_8UC1);
+  const auto luma = [](const cv::Vec3b& c) { return 0.114 * c[0] + 0.587 * c[1] + 0.299 * c[2]; };
+  const double before = luma(painting.at<cv::Vec3b>(0, 0));
+  SkinOptions options;
+  options.style = SkinStyle::kTint;
+  options.color = {60, 120, 20};
+  color_skin(painting, skin, options);
+  const cv::Vec3b after = painting.at<cv::Vec3b>(0, 0);
+  EXPECT_NEAR(luma(after), before, 1);
+  EXPECT_GT(after[1], after[2]) << "green now";
+}
+
+}  // namespace
+}  // namespace tarsier::cartoon

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/cpu.h"
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/mat_info.h"
+#include "tarsier/core/progress.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/core/timer.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <string>
+#include <vector>
+
+namespace tarsier {
+namespace {
+
+using testing::HasSubstr;
+using testing::StartsWith;
+
+TEST(Rng, SameSeedGivesTheSameNumbersEverywhere) {
+  Rng rng(42);
+  const std::vector<std::uint64_t> first{rng(), rng()};
+  Rng again(42);
+  EXPECT_EQ(first, (std::vector<std::uint64_t>{again(), again()}));
+  EXPECT_EQ(first[0], 1546998764402558742U);  // pinned: results must not change between versions
+}
+
+TEST(Rng, ForkDependsOnTheStreamAndNotOnTheDrawsBefore) {
+  Rng a(7);
+  const std::uint64_t early = a.fork(3)();
+  for (int i = 0; i < 10; ++i) a();
+  EXPECT_EQ(a.fork(3)(), early);
+  EXPECT_NE(a.fork(4)(), early);
+}
+
+TEST(Rng, IntegersCoverTheClosedRangeEvenly) {
+  Rng rng(1);
+  std::vector<int> counts(6, 0);
+  for (int i = 0; i < 60000; ++i) ++counts.at(static_cast<size_t>(rng.integer(-2, 3) + 2));
+  for (const int count : counts) EXPECT_NEAR(count, 10000, 500);
+  EXPECT_THROW(rng.integer(3, 2), std::invalid_argument);
+}
+
+TEST(Rng, NormalHasMeanAndDeviationAskedFor) {
+  Rng rng(5);
+  double sum = 0;
+  double squares = 0;
+  constexpr int kCount = 100000;
+  for (int i = 0; i < kCount; ++i) {
+    const double x = rng.normal(3, 2);
+    sum += x;
+    squares += x * x;
+  }
+  const double mean = sum / kCount;
+  EXPECT_NEAR(mean, 3, 0.03);
+  EXPECT_NEAR(std::sqrt(squares / kCount - mean * mean), 2, 0.03);
+}
+
+TEST(Errors, CarryTheExitStatusAndNameThePath) {
+  try {
+    throw ModelError("plate.svm", "cut short");
+  } catch (const Error& error) {
+    EXPECT_EQ(error.status(), ExitStatus::kBadModel);
+    EXPECT_STREQ(error.what(), "plate.svm: cut short");
+  }
+}
+
+TEST(Require, NamesTheExpressionAndTheValue) {
+  try {
+    const int size = -3;
+    TARSIER_REQUIRE(size > 0, "got {}", size);
+    FAIL();
+  } catch (const std::invalid_argument& error) {
+    EXPECT_THAT(error.what(), HasSubstr("requires size > 0: got -3"));
+  }
+}
+
+TEST(Log, ControlCharactersCannotReachTheTerminal) {
+  EXPECT_EQ(printable("a\x1b[2Jb\n"), "a\\x1b[2Jb\\n");
+  EXPECT_EQ(printable("Müller.jpg"), "Müller.jpg");
+  EXPECT_THROW((void)parse_log_level("loud"), std::invalid_argument);
+}
+
+TEST(Timers, ReportLastAverageLeastAndMost) {
+  Timers timers;
+  timers.add("median", 2);
+  timers.add("median", 6);
+  timers.add("median", 1);
+  timers.add("paint", 5);
+  const std::vector<TimerStats> stats = timers.stats();
+  ASSERT_EQ(stats.size(), 2U);
+  EXPECT_EQ(stats[0].name, "median");
+  EXPECT_EQ(stats[0].runs, 3);
+  EXPECT_DOUBLE_EQ(stats[0].last_ms, 1);
+  EXPECT_DOUBLE_EQ(stats[0].average_ms(), 3);
+  EXPECT_DOUBLE_EQ(stats[0].min_ms, 1);
+  EXPECT_DOUBLE_EQ(stats[0].max_ms, 6);
+  EXPECT_THAT(timers.report(), HasSubstr("median"));
+}
+
+TEST(Timers, AScopeAddsOneRun) {
+  Timers timers;
+  { const auto scope = timers.time("stage"); }
+  ASSERT_EQ(timers.stats().size(), 1U);
+  EXPECT_EQ(timers.stats()[0].runs, 1);
+}
+
+TEST(MatInfo, TellsSizeTypeAndRangePerChannel) {
+  cv::Mat image(2, 3, CV_8UC3, cv::Scalar(10, 20, 30));
+  image.at<cv::Vec3b>(1, 2) = {0, 255, 31};
+  EXPECT_EQ(mat_info(image, "frame"), "frame: 3x2 CV_8UC3, min (0 20 30), max (10 255 31)");
+  EXPECT_EQ(mat_info(cv::Mat()), "empty");
+}
+
+TEST(MatInfo, CountsNaN) {
+  cv::Mat values = (cv::Mat_<float>(1, 3) << 1, std::numeric_limits<float>::quiet_NaN(), 3);
+  EXPECT_EQ(mat_info(values), "3x1 CV_32FC1, min (1), max (3), 1 NaN");
+}
+
+TEST(MatPrint, CutsAtTheLimit) {
+  const cv::Mat values = (cv::Mat_<int>(3, 3) << 1, 2, 3, 4, 5, 6, 7, 8, 9);
+  EXPECT_EQ(mat_print(values, "", 2), "3x3 CV_32SC1\n 1 2 ...\n 4 5 ...\n ...\n");
+}
+
+std::string printed(ProgressStyle style) {
+  std::FILE* file = std::tmpfile();
+  {
+    const auto progress = make_progress(style, file);
+    progress->begin("match", 4, "pairs");
+    progress->advance(4);
+    progress->end();
+  }
+  std::string text(4096, '\0');
+  std::rewind(file);
+  text.resize(std::fread(text.data(), 1, text.size(), file));
+  std::fclose(file);
+  return text;
+}
+
+TEST(Progress, JsonLinesEndWithTheTotal) {
+  const std::string text = printed(ProgressStyle::kJson);
+  EXPECT_THAT(text,
+              StartsWith("{\"progress\":\"match\",\"done\":0,\"total\":4,\"unit\":\"pairs\""));
+  EXPECT_THAT(text, HasSubstr("\"done\":4,\"total\":4"));
+}
+
+TEST(Progress, BarIsSilentWhereThereIsNoTerminal) {
+  EXPECT_EQ(printed(ProgressStyle::kAuto), "");
+  EXPECT_THAT(printed(ProgressStyle::kBar), HasSubstr("100 %"));
+  EXPECT_EQ(printed(ProgressStyle::kNone), "");
+}
+
+TEST(Stop, SleepEndsAtOnceWhenStopped) {
+  std::stop_source source;
+  EXPECT_TRUE(sleep_unless_stopped(std::chrono::milliseconds(1), source.get_token()));
+  source.request_stop();
+  EXPECT_FALSE(sleep_unless_stopped(std::chrono::hours(1), source.get_token()));
+  EXPECT_THROW(throw_if_stopped(source.get_token()), Interrupted);
+}
+
+TEST(Cpu, LimitNeverExceedsTheHardware) {
+  limit_simd_level(SimdLevel::kAvx512);
+  EXPECT_EQ(simd_level(), hardware_simd_level());
+  limit_simd_level(SimdLevel::kBaseline);
+  EXPECT_EQ(simd_level(), SimdLevel::kBaseline);
+}
+
+}  // namespace
+}  // namespace tarsier

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <fmt/format.h>
+
+#include <source_location>
+#include <stdexcept>
+#include <string>
+
+namespace tarsier::detail {
+
+[[noreturn]] inline void fail_requirement(const char* expression, const std::string& message,
+                                          const std::source_location& where) {
+  throw std::invalid_argument(
+      fmt::format("{}: requires {}: {}", where.function_name(), expression, message));
+}
+
+}  // namespace tarsier::detail
+
+// Throws std::invalid_argument naming the expression; the message is only formatted on failure.
+// For caller mistakes, never for "nothing was found".
+#define TARSIER_REQUIRE(expression, ...)                                           \
+  do {                                                                             \
+    if (!(expression)) {                                                           \
+      ::tarsier::detail::fail_requirement(#expression, ::fmt::format(__VA_ARGS__), \
+                                          ::std::source_location::current());      \
+    }                                                                              \
+  } while (false)

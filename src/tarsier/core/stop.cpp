@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/stop.h"
+
+#include "tarsier/core/errors.h"
+
+#include <condition_variable>
+#include <csignal>
+#include <mutex>
+#include <thread>
+#include <unistd.h>
+
+namespace tarsier {
+namespace {
+
+void wait_for_signals(std::stop_source source, sigset_t signals) {
+  int signal_number = 0;
+  while (sigwait(&signals, &signal_number) == 0) {
+    if (!source.request_stop()) _exit(static_cast<int>(ExitStatus::kInterrupted));
+  }
+}
+
+std::stop_source start_signal_thread() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  std::stop_source source;
+  std::thread(wait_for_signals, source, signals).detach();
+  return source;
+}
+
+}  // namespace
+
+std::stop_token stop_on_signals() {
+  static const std::stop_source source = start_signal_thread();
+  return source.get_token();
+}
+
+void throw_if_stopped(const std::stop_token& stop) {
+  if (stop.stop_requested()) throw Interrupted();
+}
+
+bool sleep_unless_stopped(std::chrono::milliseconds duration, const std::stop_token& stop) {
+  std::mutex mutex;
+  std::condition_variable_any wake;
+  std::unique_lock lock(mutex);
+  wake.wait_for(lock, stop, duration, [] { return false; });
+  return !stop.stop_requested();
+}
+
+}  // namespace tarsier

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::draw {
+
+// Plots of measured curves: the same drawing as a picture and as SVG text.
+
+struct Series {
+  std::string name{};  // in the legend; empty: not there
+  std::vector<double>
+      x;  // in the unit of the axis; points that are not finite (or, on a logarithmic
+  std::vector<double> y{};    // axis, not above 0) are left out and break the line. As many as in x
+  std::vector<double> low{};  // lower ends of error bars, as many as in y; or empty: none
+  std::vector<double> high{};  // upper ends
+  // BGR; none: the next of a palette that colour-blind people can tell apart
+  std::optional<cv::Scalar> color{};
+  bool line = true;
+  bool dashed = false;
+  bool markers = false;
+};
+
+struct Axis {
+  std::string label{};          // with the unit, "threshold (grey levels)"
+  std::optional<double> low{};  // ends of the axis; none: from the data, at round numbers
+  std::optional<double> high{};
+  bool logarithmic = false;
+};
+
+enum class LegendPlace { kTopRight, kTopLeft, kBottomRight, kBottomLeft };
+
+struct Plot {
+  std::string title;
+  Axis x;
+  Axis y;
+  std::vector<Series> series;  // may be empty: the axes alone
+  LegendPlace legend = LegendPlace::kTopRight;
+};
+
+// `size` in px, each 120..8000. Both throw std::invalid_argument for another size, series of
+// unequal lengths, and axis ends that are not finite, not in order, or not above 0 on a logarithmic
+// axis.
+[[nodiscard]] cv::Mat plot_image(const Plot& plot, cv::Size size = {800, 500});  // CV_8UC3
+[[nodiscard]] std::string plot_svg(const Plot& plot, cv::Size size = {800, 500});
+
+}  // namespace tarsier::draw

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/detector.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+
+#include <opencv2/imgproc.hpp>
+#include <opencv2/objdetect.hpp>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+
+namespace tarsier {
+namespace {
+
+constexpr const char* kCascade = "haarcascade_frontalface_alt2.xml";
+
+double overlap(const cv::Rect& a, const cv::Rect& b) {
+  const double common = (a & b).area();
+  return common / std::max(1.0, a.area() + b.area() - common);
+}
+
+cv::Rect blended(const cv::Rect& old, const cv::Rect& seen, double share) {
+  const auto mix = [&](int a, int b) { return cvRound(a + share * (b - a)); };
+  return {mix(old.x, seen.x), mix(old.y, seen.y), mix(old.width, seen.width),
+          mix(old.height, seen.height)};
+}
+
+}  // namespace
+
+std::string find_cascade(const std::string& name) {
+  namespace fs = std::filesystem;
+  std::vector<fs::path> folders;
+  if (const char* own = std::getenv("TARSIER_CASCADES")) folders.emplace_back(own);
+  for (const char* root : {"/usr/share", "/usr/local/share", "/opt/homebrew/share"}) {
+    for (const char* package : {"opencv4", "opencv"}) {
+      for (const char* kind : {"lbpcascades", "haarcascades"}) {
+        folders.push_back(fs::path(root) / package / kind);
+      }
+    }
+  }
+  std::error_code error;
+  for (const fs::path& folder : folders) {
+    if (fs::is_regular_file(folder / name, error)) return (folder / name).string();
+  }
+  return "";
+}
+
+void FaceDetectorOptions::check() const {
+  TARSIER_REQUIRE(min_size > 0 && min_size <= 1, "smallest face is in (0, 1], got {}", min_size);
+  TARSIER_REQUIRE(work_width >= 80 && work_width <= 4096, "working width is 80..4096 px, got {}",
+                  work_width);
+  TARSIER_REQUIRE(neighbors >= 1 && neighbors <= 20, "neighbours are 1..20, got {}", neighbors);
+}
+
+struct FaceDetector::Impl {
+  FaceDetectorOptions options;
+  cv::CascadeClassifier cascade;
+  cv::Mat gray;
+  cv::Mat small;
+};
+
+FaceDetector::FaceDetector(const FaceDetectorOptions& options) : impl_(std::make_unique<Impl>()) {
+  options.check();
+  impl_->options = options;
+  const std::string path = find_cascade(kCascade);
+  if (path.empty()) {
+    throw ModelError(kCascade,
+                     "not found; install the package opencv-data, or set TARSIER_CASCADES");
+  }
+  bool loaded = false;
+  try {
+    loaded = impl_->cascade.load(path);
+  } catch (const cv::Exception&) {
+    loaded = false;
+  }
+  if (!loaded) throw ModelError(path, "is no cascade that this OpenCV reads");
+}
+
+FaceDetector::~FaceDetector() = default;
+FaceDetector::FaceDetector(FaceDetector&&) noexcept = default;
+FaceDetector& FaceDetector::operator=(FaceDetector&&) noexcept = default;
+
+std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame) {
+  TARSIER_REQUIRE(!frame.empty() && frame.depth() == CV_8U, "got {}x{}", frame.cols, frame.rows);
+  Impl& my = *impl_;
+  const double scale = std::min(1.0, static_cast<double>(my.options.work_width) / frame.cols);
+  const cv::Size size(std::max(1, cvRound(frame.cols * scale)),
+                      std::max(1, cvRound(frame.rows * scale)));
+  cv::resize(frame, my.small, size, 0, 0, cv::INTER_AREA);
+  if (my.small.channels() == 3) {
+    cv::cvtColor(my.small, my.gray, cv::COLOR_BGR2GRAY);
+  } else {
+    my.small.copyTo(my.gray);
+  }
+  cv::equalizeHist(my.gray, my.gray);
+  const int least = std::max(24, cvRound(my.options.min_size * std::min(size.width, size.height)));
+  std::vector<cv::Rect> faces;
+  if (std::min(size.width, size.height) >= least) {
+    my.cascade.detectMultiScale(my.gray, faces, 1.1, my.options.neighbors, 0,
+                                cv::Size(least, least));
+  }
+  for (cv::Rect& face : faces) {
+    face = cv::Rect(cvRound(face.x / scale), cvRound(face.y / scale), cvRound(face.width / scale),
+                    cvRound(face.height / scale)) &
+           cv::Rect(0, 0, frame.cols, frame.rows);
+  }
+  // Largest first; the position breaks ties, so that the order is always the same.
+  std::sort(faces.begin(), faces.end(), [](const cv::Rect& a, const cv::Rect& b) {
+    return std::tuple(-a.area(), a.x, a.y) < std::tuple(-b.area(), b.x, b.y);
+  });
+  return faces;
+}
+
+struct FaceFollower::Impl {
+  FaceDetector detector;
+  FaceDetector near;  // finds one face in a part of the picture
+  FaceFollowerOptions options;
+  std::vector<Face> faces;
+  int frame = 0;
+  int next_id = 1;
+};
+
+FaceFollower::FaceFollower(FaceDetectorOptions detector, FaceFollowerOptions options) {
+  TARSIER_REQUIRE(options.search_every >= 1 && options.forget_after >= 1, "got {}, {}",
+                  options.search_every, options.forget_after);
+  FaceDetectorOptions close = detector;
+  close.work_width = 96;
+  close.min_size = 0.4;
+  impl_ =
+      std::make_unique<Impl>(Impl{FaceDetector(detector), FaceDetector(close), options, {}, 0, 1});
+}
+
+FaceFollower::~FaceFollower() = default;
+FaceFollower::FaceFollower(FaceFollower&&) noexcept = default;
+FaceFollower& FaceFollower::operator=(FaceFollower&&) noexcept = default;
+
+void FaceFollower::reset() {
+  impl_->faces.clear();
+  impl_->frame = 0;
+}
+
+const std::vector<FaceFollower::Face>& FaceFollower::follow(const cv::Mat& frame) {
+  constexpr double kSame = 0.25;   // overlap of two boxes of one face
+  constexpr double kFollow = 0.5;  // share of the way to the newly seen place
+  Impl& my = *impl_;
+  const bool search = my.frame++ % my.options.search_every == 0 || my.faces.empty();
+  std::vector<cv::Rect> seen;
+  if (search) {
+    seen = my.detector.detect(frame);
+  } else {
+    for (const Face& face : my.faces) {
+      const int margin = face.box.width / 2;
+      const cv::Rect area = cv::Rect(face.box.x - margin, face.box.y - margin,
+                                     face.box.width + 2 * margin, face.box.height + 2 * margin) &
+                            cv::Rect(0, 0, frame.cols, frame.rows);
+      if (area.empty()) continue;
+      const std::vector<cv::Rect> found = my.near.detect(frame(area));
+      if (!found.empty()) seen.push_back(found.front() + area.tl());
+    }
+  }
+  for (Face& face : my.faces) {
+    const auto best =
+        std::max_element(seen.begin(), seen.end(), [&](const cv::Rect& a, const cv::Rect& b) {
+          return overlap(face.box, a) < overlap(face.box, b);
+        });
+    if (best == seen.end() || overlap(face.box, *best) < kSame) {
+      ++face.missed;
+      continue;
+    }
+    face.box = blended(face.box, *best, kFollow);
+    face.missed = 0;
+    seen.erase(best);
+  }
+  std::erase_if(my.faces, [&](const Face& face) { return face.missed > my.options.forget_after; });
+  if (search) {
+    for (const cv::Rect& box : seen) {
+      const bool known = std::any_of(my.faces.begin(), my.faces.end(), [&](const Face& face) {
+        return overlap(face.box, box) >= kSame;
+      });
+      if (!known) my.faces.push_back({my.next_id++, box, 0});
+    }
+  }
+  return my.faces;
+}
+
+}  // namespace tarsier

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace tarsier {
+
+// Where Debian, Ubuntu, Raspberry Pi OS and a built OpenCV keep the cascade files; the folder that
+// the environment variable TARSIER_CASCADES names comes first. Returns the path of `name`
+// ("haarcascade_frontalface_alt2.xml") or "".
+[[nodiscard]] std::string find_cascade(const std::string& name);
+
+struct FaceDetectorOptions {
+  double min_size = 0.1;  // smallest face, share of the picture's smaller side, (0, 1]
+  int work_width = 320;   // px; larger pictures are searched at this width, 80..4096
+  int neighbors = 3;      // rectangles that must agree, 1..20
+
+  void check() const;
+};
+
+// Finds upright frontal faces with a boosted cascade (Viola and Jones, CVPR 2001). Not thread-safe.
+class FaceDetector {
+ public:
+  // Throws ModelError when no cascade file is found (Debian: package opencv-data).
+  explicit FaceDetector(const FaceDetectorOptions& options = {});
+  ~FaceDetector();
+  FaceDetector(FaceDetector&&) noexcept;
+  FaceDetector& operator=(FaceDetector&&) noexcept;
+
+  // Faces in `frame` (CV_8UC3 BGR or CV_8UC1), px, largest first.
+  [[nodiscard]] std::vector<cv::Rect> detect(const cv::Mat& frame);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+struct FaceFollowerOptions {
+  int search_every = 8;   // frames between two searches of the whole picture, >= 1
+  int forget_after = 15;  // frames without the face after which it is dropped, >= 1
+};
+
+// Faces followed through a video: found anew every few frames, looked for near their last place in
+// between, positions smoothed, short misses bridged. Not thread-safe.
+class FaceFollower {
+ public:
+  explicit FaceFollower(FaceDetectorOptions detector = {}, FaceFollowerOptions options = {});
+  ~FaceFollower();
+  FaceFollower(FaceFollower&&) noexcept;
+  FaceFollower& operator=(FaceFollower&&) noexcept;
+
+  struct Face {
+    int id = 0;      // stays with the face
+    cv::Rect box;    // px in the frame
+    int missed = 0;  // frames since it was seen
+  };
+  const std::vector<Face>& follow(const cv::Mat& frame);
+  void reset();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tarsier

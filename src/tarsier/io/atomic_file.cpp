@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/io/atomic_file.h"
+
+#include "tarsier/core/errors.h"
+
+#include <fmt/format.h>
+
+#include <cerrno>
+#include <fcntl.h>
+#include <filesystem>
+#include <random>
+#include <sys/stat.h>
+#include <system_error>
+#include <unistd.h>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string reason_of(int error) { return std::generic_category().message(error); }
+
+[[noreturn]] void fail(const std::string& path, std::string_view doing, int error) {
+  throw OutputError(path, fmt::format("{}: {}", doing, reason_of(error)));
+}
+
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  ~Descriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  [[nodiscard]] int get() const { return fd_; }
+  // Network file systems report a full disk only here.
+  [[nodiscard]] int close() { return ::close(std::exchange(fd_, -1)); }
+
+ private:
+  int fd_;
+};
+
+bool sync_is_unsupported(int error) {
+  return error == EINVAL || error == ENOTSUP || error == ENOSYS || error == EROFS;
+}
+
+void write_all(int fd, std::string_view bytes, const std::string& path) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::write(fd, bytes.data(), bytes.size());
+    if (written < 0) {
+      if (errno == EINTR) continue;
+      fail(path, "cannot write", errno);
+    }
+    bytes.remove_prefix(static_cast<std::size_t>(written));
+  }
+}
+
+fs::path folder_of(const std::string& path) {
+  const fs::path folder = fs::path(path).parent_path();
+  return folder.empty() ? fs::path(".") : folder;
+}
+
+// The rename itself is only safe once the folder is on the disk.
+void sync_folder(const std::string& path) {
+  const Descriptor folder(::open(folder_of(path).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (folder.get() >= 0) (void)::fsync(folder.get());
+}
+
+// Creates a new empty file beside `target`, readable as the umask says, or as `target` itself if it
+// exists.
+std::string make_temporary(const std::string& target, const struct ::stat* existing) {
+  const fs::path folder = folder_of(target);
+  const fs::path file = fs::path(target).filename();
+  const std::string stem = file.stem().string().substr(0, 180);  // names end at 255 bytes
+  const std::string ending = file.extension().string().substr(0, 32);
+  std::random_device random;
+  for (int attempt = 0; attempt < 100; ++attempt) {
+    const std::string name =
+        fmt::format(".{}.tarsier-{:06x}{}", stem, random() & 0xFFFFFFU, ending);
+    const std::string path = (folder / name).string();
+    const Descriptor fd(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+    if (fd.get() >= 0) {
+      if (existing != nullptr) (void)::fchmod(fd.get(), existing->st_mode & 0777);
+      return path;
+    }
+    if (errno != EEXIST) {
+      const int error = errno;
+      if (error == ENOENT) fail(target, "no such folder", error);
+      fail(target, "cannot create a file in this folder", error);
+    }
+  }
+  throw OutputError(target, "cannot find a free name for a temporary file");
+}
+
+}  // namespace
+
+AtomicFile::AtomicFile(std::string target) : target_(std::move(target)) {
+  if (target_.empty()) throw OutputError("\"\"", "no file name given");
+  struct ::stat info {};
+  const bool exists = ::stat(target_.c_str(), &info) == 0;
+  if (!exists && errno != ENOENT) fail(target_, "cannot write", errno);
+  if (exists && S_ISDIR(info.st_mode)) throw OutputError(target_, "is a folder, not a file");
+  if (!exists && target_.back() == '/') throw OutputError(target_, "names a folder, not a file");
+  if (exists && ::access(target_.c_str(), W_OK) != 0) fail(target_, "cannot write", errno);
+  if (exists && !S_ISREG(info.st_mode)) {
+    temporary_ = target_;  // a device or pipe: there is nothing to rename over
+    return;
+  }
+  if (exists) {
+    // A symbolic link stays a link: what it points to is replaced.
+    std::error_code error;
+    const fs::path real = fs::canonical(target_, error);
+    if (!error) target_ = real.string();
+  }
+  temporary_ = make_temporary(target_, exists ? &info : nullptr);
+}
+
+AtomicFile::~AtomicFile() {
+  if (!committed_ && !temporary_.empty() && temporary_ != target_)
+    (void)::unlink(temporary_.c_str());
+}
+
+void AtomicFile::commit() {
+  if (committed_) return;
+  if (temporary_ == target_) {
+    committed_ = true;
+    return;
+  }
+  Descriptor fd(::open(temporary_.c_str(), O_RDONLY | O_CLOEXEC));
+  if (fd.get() < 0) fail(target_, "cannot reopen what was written", errno);
+  if (::fsync(fd.get()) != 0 && !sync_is_unsupported(errno)) {
+    fail(target_, "cannot write to the disk", errno);
+  }
+  if (fd.close() != 0) fail(target_, "cannot write to the disk", errno);
+  if (::rename(temporary_.c_str(), target_.c_str()) != 0) fail(target_, "cannot rename", errno);
+  committed_ = true;
+  sync_folder(target_);
+}
+
+void write_file_atomically(const std::string& path, std::string_view bytes) {
+  AtomicFile file(path);
+  {
+    Descriptor fd(::open(file.path().c_str(), O_WRONLY | O_CLOEXEC));
+    if (fd.get() < 0) fail(path, "cannot write", errno);
+    write_all(fd.get(), bytes, path);
+    if (fd.close() != 0) fail(path, "cannot write", errno);
+  }
+  file.commit();
+}
+
+void write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes) {
+  write_file_atomically(
+      path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+}
+
+void make_folder(const std::string& path) {
+  if (path.empty()) throw OutputError("\"\"", "no folder name given");
+  std::error_code error;
+  fs::create_directories(path, error);
+  std::error_code looked;
+  if (fs::is_directory(path, looked)) return;
+  if (fs::exists(path, looked)) throw OutputError(path, "exists and is not a folder");
+  throw OutputError(path, "cannot create the folder: " + (error ? error : looked).message());
+}
+
+}  // namespace tarsier

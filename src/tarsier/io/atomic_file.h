@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace tarsier {
+
+// Writes a file whole or not at all: a temporary file in the same folder, fsync, rename, fsync of
+// the folder. Throws OutputError; the old file, if any, is then untouched and the temporary one
+// gone. A path that exists and is no regular file (/dev/full, a pipe) is written to directly.
+void write_file_atomically(const std::string& path, std::string_view bytes);
+void write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes);
+
+// For writers that want a path of their own (videos): give path() to the writer, then commit().
+// Without commit() the temporary file is removed. The temporary name keeps the file ending.
+class AtomicFile {
+ public:
+  explicit AtomicFile(
+      std::string target);  // throws OutputError if the folder is missing or not writable
+  ~AtomicFile();
+  AtomicFile(const AtomicFile&) = delete;
+  AtomicFile& operator=(const AtomicFile&) = delete;
+  [[nodiscard]] const std::string& path() const { return temporary_; }
+  void commit();  // fsync, rename; throws OutputError
+
+ private:
+  std::string target_;
+  std::string temporary_;
+  bool committed_ = false;
+};
+
+// Creates `path` and its missing parents. Throws OutputError.
+void make_folder(const std::string& path);
+
+}  // namespace tarsier

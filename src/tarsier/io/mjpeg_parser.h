@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace tarsier {
+
+// Finds complete JPEG pictures in a stream of bytes that comes in pieces of any size:
+// multipart/x-mixed-replace as cameras send it, or JPEGs one after the other. The structure of JPEG
+// itself (ITU-T T.81, annex B) says where a picture begins and ends, so boundaries, part headers
+// and Content-Length, which cameras often get wrong, are passed over like any other bytes between
+// pictures, and garbage costs no more than the picture it falls into. Thumbnails inside APPn
+// segments are not mistaken for pictures. Pure: no I/O, no clock, no exceptions but std::bad_alloc.
+class MjpegParser {
+ public:
+  static constexpr std::size_t kDefaultFrameLimit = 32U << 20U;
+
+  // A picture of more than `frame_limit` bytes (>= 1024) is passed over. Memory stays below twice
+  // the limit.
+  explicit MjpegParser(std::size_t frame_limit = kDefaultFrameLimit);
+
+  // Takes the next bytes; returns how many pictures they completed. Only the newest picture is
+  // kept.
+  int feed(std::span<const std::uint8_t> bytes);
+
+  // Whether a picture is there that was not taken yet, and that picture (empty if there is none).
+  [[nodiscard]] bool has_frame() const { return !newest_.empty(); }
+  [[nodiscard]] std::vector<std::uint8_t> take();
+
+  // Bytes that belonged to no complete picture, part headers included.
+  [[nodiscard]] std::uint64_t skipped_bytes() const { return skipped_; }
+  // Bytes held, for tests.
+  [[nodiscard]] std::size_t held_bytes() const { return buffer_.capacity() + newest_.capacity(); }
+
+  // Forgets a picture begun (the connection was opened anew); a complete one stays.
+  void reset();
+
+ private:
+  enum class Place { kBetween, kMarker, kEntropy };
+  enum class Step { kDone, kMoreBytes };
+
+  Step find_start();
+  Step read_marker();
+  Step read_entropy();
+  void give_up_from(std::size_t resume);
+
+  std::size_t frame_limit_;
+  std::vector<std::uint8_t> buffer_;  // from the start of the picture (or of what may be one)
+  std::vector<std::uint8_t> newest_;
+  std::size_t at_ = 0;  // next byte of buffer_ to look at
+  Place place_ = Place::kBetween;
+  int segments_ = 0;
+  bool has_size_ = false;  // a start-of-frame segment was seen
+  bool has_scan_ = false;
+  int completed_ = 0;  // by the present feed()
+  std::uint64_t skipped_ = 0;
+};
+
+}  // namespace tarsier

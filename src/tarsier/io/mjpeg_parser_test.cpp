@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/io/mjpeg_parser.h"
+
+#include "tarsier/core/rng.h"
+#include "tarsier/io/testing_http_server.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <string>
+
+namespace tarsier {
+namespace {
+
+std::span<const std::uint8_t> bytes_of(std::string_view text) {
+  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
+}
+
+std::string text_of(const std::vector<std::uint8_t>& bytes) { return {bytes.begin(), bytes.end()}; }
+
+// Pictures with rich content, so that coded data holds FF 00.
+std::string textured_jpeg(int number) {
+  cv::Mat image(48, 64, CV_8UC3);
+  cv::RNG rng(static_cast<std::uint64_t>(number) + 1);
+  rng.fill(image, cv::RNG::UNIFORM, 0, 256);
+  std::vector<std::uint8_t> bytes;
+  cv::imencode(".jpg", image, bytes,
+               {cv::IMWRITE_JPEG_QUALITY, 95, cv::IMWRITE_JPEG_RST_INTERVAL, 2});
+  return text_of(bytes);
+}
+
+// Feeds in pieces of random size and returns every picture.
+std::vector<std::string> pictures_in(std::string_view stream, std::uint64_t seed, int largest) {
+  MjpegParser parser;
+  Rng rng(seed);
+  std::vector<std::string> pictures;
+  std::size_t at = 0;
+  while (at < stream.size()) {
+    const auto size = std::min<std::size_t>(static_cast<std::size_t>(rng.integer(1, largest)),
+                                            stream.size() - at);
+    const int completed = parser.feed(bytes_of(stream.substr(at, size)));
+    at += size;
+    EXPECT_LE(completed, largest);
+    if (parser.has_frame()) pictures.push_back(text_of(parser.take()));
+  }
+  return pictures;
+}
+
+TEST(MjpegParser, FindsEachPictureWhateverTheFramingAndTheSplits) {
+  std::vector<std::string> sent;
+  for (int i = 0; i < 4; ++i) sent.push_back(textured_jpeg(i));
+  std::string bare;
+  std::string with_length;
+  std::string without_length = "\r\n";
+  std::string wrong_length;
+  for (const std::string& jpeg : sent) {
+    bare += jpeg;
+    with_length += testing::part_of(jpeg);
+    without_length += "----=_\"x y\"\r\ncontent-type:image/jpeg\r\n\r\n" + jpeg + "\r\n";
+    wrong_length += "--b\nContent-Length: 7\n\n" + jpeg + std::string(5, '\0');
+  }
+  for (const std::string& stream : {bare, with_length, without_length, wrong_length}) {
+    for (std::uint64_t seed = 0; seed < 20; ++seed) {
+      EXPECT_EQ(pictures_in(stream, seed, 300), sent);
+    }
+    EXPECT_EQ(pictures_in(stream, 1, 1), sent);
+  }
+}
+
+TEST(MjpegParser, KeepsOnlyTheNewestPicture) {
+  MjpegParser parser;
+  const std::string newest = testing::jpeg_of(3);
+  EXPECT_EQ(parser.feed(bytes_of(testing::jpeg_of(1) + testing::jpeg_of(2) + newest)), 3);
+  EXPECT_EQ(text_of(parser.take()), newest);
+  EXPECT_FALSE(parser.has_frame());
+}
+
+TEST(MjpegParser, AThumbnailInsideASegmentIsNotAPicture) {
+  const std::string jpeg = testing::jpeg_of(5);
+  const std::string thumbnail = testing::jpeg_of(6, {16, 16});
+  const std::size_t length = thumbnail.size() + 2;
+  const std::string with_thumbnail = jpeg.substr(0, 2) + "\xff\xe1" +
+                                     static_cast<char>(length >> 8U) +
+                                     static_cast<char>(length & 0xffU) + thumbnail + jpeg.substr(2);
+  MjpegParser parser;
+  EXPECT_EQ(parser.feed(bytes_of(with_thumbnail)), 1);
+  EXPECT_EQ(text_of(parser.take()), with_thumbnail);
+}
+
+TEST(MjpegParser, ResumesAfterGarbageAndCutPictures) {
+  const std::string jpeg = textured_jpeg(1);
+  Rng rng(7);
+  for (int round = 0; round < 100; ++round) {
+    std::string garbage;
+    for (int i = rng.integer(0, 3000); i > 0; --i)
+      garbage += static_cast<char>(rng.integer(0, 255));
+    const std::string cut =
+        jpeg.substr(0, static_cast<std::size_t>(rng.integer(0, static_cast<int>(jpeg.size()) - 1)));
+    MjpegParser parser;
+    parser.feed(bytes_of(garbage));
+    parser.feed(bytes_of(cut));
+    // A false start may swallow one segment (64 kB at most) before it is found out.
+    int completed = 0;
+    for (int i = 0; i < 40; ++i) completed += parser.feed(bytes_of(testing::part_of(jpeg)));
+    EXPECT_GE(completed, 20) << "round " << round;
+    EXPECT_EQ(text_of(parser.take()), jpeg) << "round " << round;
+  }
+}
+
+TEST(MjpegParser, MemoryIsBounded) {
+  constexpr std::size_t kLimit = 100'000;
+  MjpegParser parser(kLimit);
+  // A picture whose coded data never end, then one that is fine.
+  std::string endless = testing::jpeg_of(1);
+  endless.resize(endless.size() - 2);
+  parser.feed(bytes_of(endless));
+  const std::string filling(10'000, 'x');
+  for (int i = 0; i < 1000; ++i) {
+    parser.feed(bytes_of(filling));
+    ASSERT_LE(parser.held_bytes(), 8 * kLimit);
+  }
+  EXPECT_FALSE(parser.has_frame());
+  EXPECT_EQ(parser.feed(bytes_of(testing::jpeg_of(2))), 1);
+  EXPECT_GT(parser.skipped_bytes(), 9'900'000U);
+}
+
+TEST(MjpegParser, HostileStreamsCostLinearTime) {
+  // Tiny segments without end, and starts of pictures without end: 4 MB of each in well under a
+  // test's time-out.
+  std::string segments;
+  std::string starts;
+  while (segments.size() < 4'000'000) segments += std::string("\xff\xd8\xff\xe0\x00\x02", 6);
+  while (starts.size() < 4'000'000) starts += std::string("\xff\xe0\x00\x02", 4);
+  MjpegParser parser;
+  EXPECT_EQ(parser.feed(bytes_of(segments)), 0);
+  EXPECT_EQ(parser.feed(bytes_of("\xff\xd8" + starts)), 0);
+  EXPECT_EQ(parser.feed(bytes_of(std::string(70'000, 'x') + testing::jpeg_of(2))), 1);
+}
+
+TEST(MjpegParser, AnyBytesAreSurvived) {
+  Rng rng(3);
+  const std::string jpeg = textured_jpeg(2);
+  for (int round = 0; round < 300; ++round) {
+    std::string bytes = jpeg + jpeg;
+    for (int i = 0; i < 40; ++i) {
+      bytes[static_cast<std::size_t>(rng.integer(0, static_cast<int>(bytes.size()) - 1))] =
+          static_cast<char>(rng.integer(0, 3) == 0 ? 0xff : rng.integer(0, 255));
+    }
+    MjpegParser parser(2048);
+    parser.feed(bytes_of(bytes));
+    const auto picture = parser.take();
+    if (!picture.empty()) {
+      EXPECT_EQ(picture[1], 0xd8);
+      EXPECT_EQ(picture.back(), 0xd9);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace tarsier

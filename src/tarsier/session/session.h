@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/io/frame.h"
+#include "tarsier/io/frame_source.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace tarsier {
+
+// Something a person did, wherever the session is shown.
+struct Event {
+  enum class Kind { kKey, kMouse, kAction, kSlider };
+  enum class Mouse {
+    kMove,
+    kLeftDown,
+    kLeftUp,
+    kRightDown,
+    kRightUp,
+    kMiddleDown,
+    kMiddleUp,
+    kWheel,
+    kDouble
+  };
+  Kind kind = Kind::kKey;
+  int key = 0;  // kKey: an ASCII code, or one of Key
+  Mouse mouse = Mouse::kMove;
+  double x = 0;  // kMouse: pixel in the view's image, centres at integers
+  double y = 0;
+  int wheel = 0;  // kWheel: notches, + away from the user
+  bool shift = false;
+  bool control = false;
+  std::string name;  // kAction, kSlider: which one
+  double value = 0;  // kSlider
+};
+
+namespace key {
+inline constexpr int kEscape = 27;
+inline constexpr int kEnter = 13;
+inline constexpr int kSpace = 32;
+inline constexpr int kLeft = 0x10001;
+inline constexpr int kRight = 0x10002;
+inline constexpr int kUp = 0x10003;
+inline constexpr int kDown = 0x10004;
+inline constexpr int kDelete = 0x10005;
+inline constexpr int kBackspace = 8;
+inline constexpr int kTab = 9;
+}  // namespace key
+
+[[nodiscard]] Event key_event(int key);
+[[nodiscard]] Event action_event(std::string name);
+[[nodiscard]] Event slider_event(std::string name, double value);
+
+// A named thing the user can do: by key in a window, by button in a browser, by line on stdin.
+struct Action {
+  std::string name;  // "sketch"
+  std::string help;  // "pencil sketch"
+  int key = 0;       // 0: none
+};
+
+// A number the user can move.
+struct Slider {
+  std::string name;  // "threshold"
+  double low = 0;
+  double high = 1;
+  double step = 1;
+  double value = 0;
+};
+
+// What a session shows after a frame or an event.
+struct View {
+  cv::Mat image;  // CV_8UC3, what to show; valid until the next call on the session
+  cv::Mat
+      output;  // CV_8UC3, what goes to the sink (no status text on it); empty: nothing new to write
+  std::string status;              // one line
+  nlohmann::json state;            // object, for --json and other hosts; steady key names
+  bool finished = false;           // the user asked to end
+  bool toggle_fullscreen = false;  // the host is asked to switch
+};
+
+// An interactive program without window, thread or clock: a state machine over frames and events.
+// The host calls from one thread; what the session shows is a function of the calls alone.
+class Session {
+ public:
+  virtual ~Session() = default;
+  // A new frame. `source` is the state of where it came from.
+  virtual View on_frame(const Frame& frame, const SourceStatus& source) = 0;
+  // No frame came for a while (a stalled camera): redraws the status. Default: the last view again.
+  virtual View on_idle(const SourceStatus& source) = 0;
+  virtual View on_event(const Event& event) = 0;
+  [[nodiscard]] virtual std::vector<Action> actions() const = 0;
+  [[nodiscard]] virtual std::vector<Slider> sliders() const = 0;
+};
+
+}  // namespace tarsier

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <cstdint>
+
+namespace tarsier {
+
+// A drawn, shaded head and shoulders, no person's. It fills an ellipse of 70 % of the height in the
+// middle of the picture and moves a little with `time_s`. The seed chooses skin, hair, eyes,
+// clothes and background.
+struct PortraitTruth {
+  cv::Rect2d box;        // of the face, hairline to chin, px
+  cv::Point2d eyes[2];   // centres of the irises, the left one in the image first
+  cv::Point2d nose;      // its tip
+  cv::Point2d mouth[2];  // corners, the left one in the image first
+};
+
+struct Portrait {
+  cv::Mat image;  // CV_8UC3
+  cv::Mat
+      skin_mask;  // CV_8UC1: 255 where skin is seen (face, ears, neck; not eyes, brows, lips, hair)
+  PortraitTruth truth;
+};
+
+// At least 16x16 px. No noise.
+[[nodiscard]] Portrait render_portrait(cv::Size size, double time_s = 0, std::uint64_t seed = 1);
+
+}  // namespace tarsier

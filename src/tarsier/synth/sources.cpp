@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/synth/sources.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/synth/clock.h"
+#include "tarsier/synth/noise.h"
+#include "tarsier/synth/portrait.h"
+#include "tarsier/synth/scene.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+enum class Picture { kScene, kPortrait, kClock, kBars };
+
+struct Settings {
+  std::string text;  // as given, with "synth:"
+  std::string name;
+  Picture picture = Picture::kScene;
+  cv::Size size{640, 480};
+  double fps = 25;
+  std::int64_t frames = 100;
+  std::uint64_t seed = 1;
+  bool live = false;
+  double noise = 0;
+};
+
+constexpr std::string_view kNames = "scene, portrait, clock, bars";
+constexpr std::string_view kKeys = "size=640x480, fps=25, frames=100, seed=1, live=0, noise=2";
+
+template <typename Number>
+bool parse_number(std::string_view text, Number& value) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc() && end == text.data() + text.size();
+}
+
+Settings parse_settings(std::string_view text, const SourceOptions& options) {
+  Settings settings;
+  settings.text = fmt::format("synth:{}", text);
+  const auto refuse = [&](const std::string& reason) { throw InputError(settings.text, reason); };
+  const std::size_t question = std::min(text.find('?'), text.size());
+  settings.name = text.substr(0, question);
+  if (settings.name == "scene") {
+    settings.picture = Picture::kScene;
+    settings.noise = 2;
+  } else if (settings.name == "portrait") {
+    settings.picture = Picture::kPortrait;
+    settings.noise = 2;
+  } else if (settings.name == "clock") {
+    settings.picture = Picture::kClock;
+  } else if (settings.name == "bars") {
+    settings.picture = Picture::kBars;
+  } else {
+    refuse(fmt::format("no synthetic source '{}'; there are: {}", settings.name, kNames));
+  }
+  if (options.width > 0) settings.size.width = options.width;
+  if (options.height > 0) settings.size.height = options.height;
+  if (options.fps > 0) settings.fps = options.fps;
+  bool has_frames = false;
+  std::string_view rest = question < text.size() ? text.substr(question + 1) : std::string_view();
+  while (!rest.empty()) {
+    const std::size_t end = std::min(rest.find('&'), rest.size());
+    const std::string_view item = rest.substr(0, end);
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+    const std::size_t equals = std::min(item.find('='), item.size());
+    const std::string_view key = item.substr(0, equals);
+    const std::string_view value =
+        equals < item.size() ? item.substr(equals + 1) : std::string_view();
+    bool is_good = false;
+    if (key == "size") {
+      const std::size_t x = std::min(value.find('x'), value.size());
+      is_good = x < value.size() && parse_number(value.substr(0, x), settings.size.width) &&
+                parse_number(value.substr(x + 1), settings.size.height);
+    } else if (key == "fps") {
+      is_good = parse_number(value, settings.fps) && settings.fps > 0 && settings.fps <= 1000;
+    } else if (key == "frames") {
+      is_good = parse_number(value, settings.frames) && settings.frames >= 0;
+      has_frames = true;
+    } else if (key == "seed") {
+      is_good = parse_number(value, settings.seed);
+    } else if (key == "live") {
+      is_good = value == "0" || value == "1";
+      settings.live = value == "1";
+    } else if (key == "noise") {
+      is_good = parse_number(value, settings.noise) && settings.noise >= 0 && settings.noise <= 64;
+    } else {
+      refuse(fmt::format("unknown key '{}'; there are: {}", key, kKeys));
+    }
+    if (!is_good)
+      refuse(fmt::format("bad value '{}' of {}; expected for example {}", value, key, kKeys));
+  }
+  const int least = settings.picture == Picture::kClock ? 64 : 16;
+  if (settings.size.width < least || settings.size.height < (least == 64 ? 48 : 16) ||
+      settings.size.width > 8192 || settings.size.height > 8192) {
+    refuse(fmt::format("a size of {}x{} is not between {}x{} and 8192x8192", settings.size.width,
+                       settings.size.height, least, least == 64 ? 48 : 16));
+  }
+  if (!has_frames && settings.live) settings.frames = 0;
+  return settings;
+}
+
+class SynthSource final : public FrameSource {
+ public:
+  explicit SynthSource(Settings settings) : settings_(std::move(settings)) {}
+
+  std::optional<Frame> next(std::chrono::milliseconds patience,
+                            const std::stop_token& stop) override {
+    if (ended() || stop.stop_requested()) return std::nullopt;
+    if (settings_.live && !wait_until_due(patience, stop)) return std::nullopt;
+    Frame frame;
+    frame.index = at_++;
+    frame.time = static_cast<double>(frame.index) / settings_.fps;
+    frame.name = settings_.text;
+    frame.captured = settings_.live ? due_of(frame.index) : Clock::now();
+    newest_ = frame.captured;
+    draw(frame);
+    add_noise(frame.image, settings_.noise,
+              settings_.seed * 0x9e3779b97f4a7c15U + static_cast<std::uint64_t>(frame.index));
+    return frame;
+  }
+
+  [[nodiscard]] bool ended() const override {
+    return settings_.frames > 0 && at_ >= settings_.frames;
+  }
+  [[nodiscard]] bool is_live() const override { return settings_.live; }
+  [[nodiscard]] SourceStatus status() const override {
+    SourceStatus status;
+    status.state = ended() ? SourceState::kEnded : SourceState::kLive;
+    status.detail =
+        fmt::format("{}x{} {}", settings_.size.width, settings_.size.height, settings_.name);
+    if (settings_.live && at_ > 0) {
+      status.age_s = std::chrono::duration<double>(Clock::now() - newest_).count();
+    }
+    status.received = at_;
+    status.dropped = dropped_;
+    return status;
+  }
+  [[nodiscard]] double fps() const override { return settings_.fps; }
+  [[nodiscard]] std::int64_t count() const override { return settings_.frames; }
+  [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
+
+ private:
+  [[nodiscard]] Clock::time_point due_of(std::int64_t index) const {
+    const std::chrono::duration<double> since(static_cast<double>(index) / settings_.fps);
+    return start_ + std::chrono::duration_cast<Clock::duration>(since);
+  }
+
+  // A camera's rhythm: frames that nobody took in time are gone.
+  bool wait_until_due(std::chrono::milliseconds patience, const std::stop_token& stop) {
+    const Clock::time_point now = Clock::now();
+    if (at_ == 0 && start_ == Clock::time_point{}) start_ = now;
+    const double elapsed_s = std::chrono::duration<double>(now - start_).count();
+    auto newest = static_cast<std::int64_t>(std::floor(elapsed_s * settings_.fps));
+    if (settings_.frames > 0) newest = std::min(newest, settings_.frames - 1);
+    if (newest > at_) {
+      dropped_ += newest - at_;
+      at_ = newest;
+    }
+    const Clock::time_point due = due_of(at_);
+    if (due <= now) return true;
+    const bool comes_in_time = due <= now + patience;
+    const auto pause =
+        comes_in_time ? std::chrono::ceil<std::chrono::milliseconds>(due - now) : patience;
+    return sleep_unless_stopped(pause, stop) && comes_in_time;
+  }
+
+  void draw(Frame& frame) const {
+    nlohmann::json truth = {{"source", settings_.name}, {"frame", frame.index}};
+    switch (settings_.picture) {
+      case Picture::kScene:
+        frame.image = render_scene(settings_.size, frame.time, settings_.seed);
+        truth["time"] = frame.time;
+        break;
+      case Picture::kPortrait: {
+        Portrait portrait = render_portrait(settings_.size, frame.time, settings_.seed);
+        frame.image = std::move(portrait.image);
+        const auto point = [](const cv::Point2d& p) { return nlohmann::json::array({p.x, p.y}); };
+        const PortraitTruth& t = portrait.truth;
+        truth["box"] = {t.box.x, t.box.y, t.box.width, t.box.height};
+        truth["eyes"] = {point(t.eyes[0]), point(t.eyes[1])};
+        truth["nose"] = point(t.nose);
+        truth["mouth"] = {point(t.mouth[0]), point(t.mouth[1])};
+        break;
+      }
+      case Picture::kClock: {
+        ClockReading reading;
+        reading.frame = static_cast<std::uint32_t>(frame.index);
+        // Live: the moment it is sent; else the same time for the same frame.
+        reading.time_us = settings_.live
+                              ? clock_now_us()
+                              : static_cast<std::int64_t>(std::llround(frame.time * 1e6));
+        frame.image = render_clock(settings_.size, reading);
+        truth["time_us"] = reading.time_us;
+        break;
+      }
+      case Picture::kBars:
+        frame.image = render_bars(settings_.size, frame.index);
+        break;
+    }
+    frame.truth = truth.dump();
+  }
+
+  const Settings settings_;
+  std::int64_t at_ = 0;  // the next frame
+  std::int64_t dropped_ = 0;
+  Clock::time_point start_;
+  Clock::time_point newest_;
+  const std::vector<std::string> skipped_;
+};
+
+}  // namespace
+
+std::unique_ptr<FrameSource> open_synth_source(std::string_view text,
+                                               const SourceOptions& options) {
+  options.check();
+  return std::make_unique<SynthSource>(parse_settings(text, options));
+}
+
+Scheme synth_scheme() {
+  return {"synth", [](std::string_view text, const SourceOptions& options) {
+            return open_synth_source(text, options);
+          }};
+}
+
+}  // namespace tarsier

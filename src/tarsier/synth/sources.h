@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/io/frame_source.h"
+
+#include <memory>
+#include <string_view>
+
+namespace tarsier {
+
+// Sources whose truth is known exactly; the same text gives the same pictures (but live clocks):
+//   NAME?size=640x480&fps=25&frames=100&seed=1&live=0&noise=2
+//   scene      a still life like a photograph, under a slowly moving camera
+//   portrait   a drawn face that moves a little; truth: "box" [x,y,w,h], "eyes", "mouth" (left in
+//   the image first),
+//              "nose", px
+//   clock      frame number and time of sending ("time_us"), readable by decode_clock() even
+//   through JPEG bars       a test card
+// size: 16x16 .. 8192x8192 px. fps: (0, 1000]. frames: 0 is without end (default: 100, live: 0).
+// live=1: frames come in real time, and only the newest is kept, as from a camera. noise: standard
+// deviation in grey levels, 0..64 (default: 2 for scene and portrait, else 0).
+// SourceOptions::width, height and fps set other defaults. Frame::truth is a JSON object with
+// "source" and "frame" and the above. Throws InputError for an unknown name or key or a bad value,
+// listing the choices.
+[[nodiscard]] std::unique_ptr<FrameSource> open_synth_source(std::string_view text,
+                                                             const SourceOptions& options = {});
+
+// "synth:", for open_source().
+[[nodiscard]] Scheme synth_scheme();
+
+}  // namespace tarsier

@@ -1,0 +1,94 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# Everything that can be wrong with inputs and outputs: the right exit status, one line that names the thing, no
+# half-written file.
+. "$(dirname "$0")/lib.sh"
+unset DISPLAY WAYLAND_DISPLAY
+samples=/usr/share/doc/opencv-doc/examples/data
+[ -r $samples/home.jpg ] || skip "no sample pictures (package opencv-doc)"
+good=$samples/home.jpg
+
+wrong() { # wrong STATUS PATTERN ARGUMENTS..
+  local expected=$1 pattern=$2
+  shift 2
+  run cartoon run "$@"
+  expect_status "$expected"
+  expect_error "$pattern"
+  expect_no_out
+  [ -z "$(find . -name 'out*' -type f)" ] || fail "$command_line: left $(find . -name 'out*' -type f)"
+}
+
+# Inputs.
+mkdir empty
+echo "no picture at all" >text.jpg
+head -c 4000 $good >truncated.jpg
+printf '\211PNG\r\n\032\n\0\0\0\rIHDR\0\0\352\140\0\0\352\140\10\2\0\0\0\0\0\0\0' >huge.png # 60000x60000
+: >nothing.png
+wrong 3 'missing\.jpg' missing.jpg -o out.png
+wrong 3 'empty' empty -o out
+wrong 3 'text\.jpg' text.jpg -o out.png
+wrong 3 'truncated\.jpg' truncated.jpg -o out.png
+wrong 3 'huge\.png.*60000x60000' huge.png -o out.png
+wrong 3 'nothing\.png' nothing.png -o out.png
+wrong 3 'camera 99' 99 -o out.mp4
+wrong 3 'http:///no-host' http:///no-host -o out.mp4
+wrong 3 'gopher' gopher://example.org/ -o out.mp4
+wrong 3 'videotestsrc' 'videotestsrc ! filesink location=out' -o out.mp4
+[ ! -e out ] || fail "user text reached a pipeline"
+wrong 3 '127\.0\.0\.1:9' http://127.0.0.1:9/ --connect-timeout 1 -o out.mp4
+wrong 3 'none.txt' @none.txt -o out
+wrong 3 "$(printf '%s' '\\x1b')" "$(printf 'a\033[31m.jpg')" -o out.png
+case $err in *$'\033'*) fail "an escape sequence reached the terminal" ;; esac
+mkdir broken
+cp text.jpg truncated.jpg broken
+run cartoon run broken -o gone
+expect_status 3
+[ "$(grep -c error: stderr.txt)" -eq 1 ] || fail "not one error: $err"
+
+# Usage.
+wrong 2 "unknown mode 'crayon'.*sketch, paint, cartoon" $good --mode crayon -o out.png
+wrong 2 'quality' $good --quality best -o out.png
+wrong 2 'median' $good --sketch-median 4 -o out.png
+wrong 2 'threshold' $good --sketch-threshold 300 -o out.png
+wrong 2 'rounds' $good --paint-rounds -1 -o out.png
+wrong 2 'skin-color.*#rrggbb' $good --skin-color '#12345' -o out.png
+wrong 2 'skin-lower.*three numbers' $good --skin-lower 1,2,300 -o out.png
+wrong 2 'skin-style' $good --skin-style shiny -o out.png
+wrong 2 'actions' $good --actions file -o out.png
+wrong 2 'JPEG' $good --jpeg-quality 0 -o out.jpg
+wrong 2 'folder' $good $samples/box.png -o out.png
+wrong 2 'folder' $samples/vtest.avi -o out.png
+wrong 2 'INPUT' -o out.png
+cp $good same.jpg
+wrong 2 'also an input' same.jpg -o same.jpg
+cmp -s $good same.jpg || fail "the input was written to"
+wrong 2 'token' $good -o http://0.0.0.0:0/
+
+# Outputs.
+wrong 6 'no/such/out.png' $good -o no/such/out.png
+wrong 6 '/proc' $good -o /proc/out.png
+echo >file
+wrong 6 'file' $good -o file/
+[ ! -w /dev/full ] || wrong 6 '/dev/full' $good -o /dev/full
+
+# A full disk, where this machine lets us make a small one.
+mkdir small
+if mount -t tmpfs -o size=64k tmpfs small 2>/dev/null; then
+  for output in small/out.png small/out.mp4 small/; do
+    run cartoon run $samples/vtest.avi --mode none --frames 40 -o "$output"
+    if [ "$output" = small/out.png ]; then run cartoon run $good --mode none -o "$output"; fi
+    expect_status 6
+    grep -q 'error: .*small' stderr.txt || fail "$command_line: $err"
+    [ ! -e small/out.png ] && [ ! -e small/out.mp4 ] || fail "$command_line: half a file: $(ls -la small)"
+    [ -z "$(find small -name '.*' -type f)" ] || fail "$command_line: left $(find small -type f)"
+    rm -rf small/*
+  done
+  umount small
+else
+  echo "no small disk can be mounted here: a full disk is tried with /dev/full only"
+fi
+
+# Nowhere to show it.
+wrong 3 'no display: DISPLAY is not set; give -o OUT' $good
+DISPLAY=:77 wrong 3 'no display: .*:77' $good --window
+finish

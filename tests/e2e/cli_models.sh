@@ -1,0 +1,97 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# models list, info and verify: on no models, on good ones, and on a folder that was tampered with.
+. "$(dirname "$0")/lib.sh"
+
+mkdir empty
+for verb in list verify; do
+  run models $verb --models-dir empty
+  expect_status 0
+  expect_out 'No models'
+  expect_no_err
+  run models $verb --models-dir empty --json
+  expect_status 0
+  expect_no_out
+done
+run models list --models-dir missing
+expect_status 3
+expect_error 'missing'
+run models info anything --models-dir empty
+expect_status 5
+expect_error 'anything' 'no such model'
+
+mkdir good
+cat >good/reader.json <<'JSON'
+{"type": "plate-reader", "version": 1, "provenance": {"data": "drawn", "terms": "MIT"}, "payload": {"weights": [1, 2]}}
+JSON
+printf '# A card\n\nMade for the test.\n' >good/reader.md
+(cd good && sha256sum reader.json reader.md >SHA256SUMS)
+
+run models list --models-dir good
+expect_status 0
+expect_out 'reader +plate-reader +1 .*MIT'
+TARSIER_MODELS=good run models list --json
+expect_status 0
+python3 - <<'PY' || fail "models list --json"
+import json
+model = json.loads(open("stdout.txt").read())
+assert model["name"] == "reader" and model["type"] == "plate-reader" and model["version"] == 1
+assert model["problem"] is None and model["terms"] == "MIT"
+PY
+run models info reader --models-dir good
+expect_status 0
+expect_out 'plate-reader, version 1' 'as in the index' 'Made for the test' 'drawn'
+run models info reader.json --models-dir good --json
+expect_status 0
+expect_out "\"sha256\":\"$(sha256sum <good/reader.json | cut -d' ' -f1)\""
+run models verify --models-dir good
+expect_status 0
+expect_out '^ok +reader$'
+run models info raeder --models-dir good
+expect_status 5
+expect_error "did you mean 'reader'"
+
+# One byte changed; a file gone; a file that nobody listed; not a model at all; nested without end.
+cp -r good changed
+sed -i 's/drawn/drown/' changed/reader.json
+run models verify --models-dir changed
+expect_status 5
+expect_out 'PROBLEM +reader has changed'
+run models verify reader --json --models-dir changed
+expect_status 5
+expect_out '"ok":false'
+
+cp -r good gone
+rm gone/reader.json
+run models verify --models-dir gone
+expect_status 5
+expect_out 'PROBLEM +reader is in the index but missing'
+
+cp -r good extra
+cp good/reader.json extra/stranger.json
+run models verify --models-dir extra
+expect_status 5
+expect_out '^ok +reader$' 'PROBLEM +stranger is not in SHA256SUMS'
+
+mkdir broken
+printf 'no json' >broken/text.json
+: >broken/void.json
+head -c 100000 /dev/zero | tr '\0' '[' >broken/nested.json
+head -c 5000 /dev/urandom >broken/noise.json
+run models list --models-dir broken
+expect_status 5
+for name in text void nested noise; do expect_out "^$name +unusable: "; done
+run models info text --models-dir broken
+expect_status 5
+expect_error 'text.json'
+
+cp -r good bad-index
+printf 'nonsense\n' >>bad-index/SHA256SUMS
+run models verify --models-dir bad-index
+expect_status 5
+expect_error 'SHA256SUMS' 'line 3'
+printf '%064d  ../../etc/passwd\n' 0 >bad-index/SHA256SUMS
+run models list --models-dir bad-index
+expect_status 5
+expect_error 'line 1'
+finish

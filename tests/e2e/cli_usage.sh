@@ -1,0 +1,81 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# Help, version, and one clear line for every way to get the command line wrong.
+. "$(dirname "$0")/lib.sh"
+
+run --version
+expect_status 0
+expect_out '^tarsier [0-9]+\.[0-9]+\.[0-9]+$'
+expect_no_err
+
+run --help
+expect_status 0
+expect_out 'tarsier demo' 'cartoon' 'doctor' 'models' 'Exit status'
+expect_no_err
+[ "$(wc -l <stdout.txt)" -le 32 ] || fail "--help does not fit a screen: $(wc -l <stdout.txt) lines"
+[ "$(wc -L <stdout.txt)" -le 90 ] || fail "--help is wider than 90 characters"
+
+for verb in doctor demo "models list" "models info" "models verify"; do
+  # shellcheck disable=SC2086  # the words of a verb
+  run $verb --help
+  expect_status 0
+  expect_out "$verb" '--json' '--quiet' '--threads' '--config'
+  expect_no_err
+done
+
+# Without a verb: the help, but on stderr and with the status of a usage error.
+run
+expect_status 2
+expect_no_out
+grep -q 'tarsier demo' stderr.txt || fail "no help without arguments"
+run models
+expect_status 2
+expect_no_out
+grep -q 'verify' stderr.txt || fail "no help for an area alone"
+grep -q 'tarsier models \[' stderr.txt || fail "the help of an area names it wrong: $err"
+
+usage() { # usage PATTERN ARGUMENTS..
+  local pattern=$1
+  shift
+  run "$@"
+  expect_status 2
+  expect_no_out
+  expect_error "$pattern"
+}
+usage "did you mean 'doctor'" doktor
+usage "did you mean 'models'" model list
+usage "did you mean 'list'" models lst
+usage "known: .*demo" frobnicate
+usage "knows no ''" ""
+usage 'did you mean --json' doctor --jsno
+usage 'no flag --frobnicate' doctor --frobnicate
+usage 'flags come after the verb' --json doctor
+usage 'threads' doctor --threads many
+usage 'threads' doctor --threads -3
+usage 'log-level' doctor --log-level loud
+usage 'progress' doctor --progress sparkling
+usage 'seed' doctor --seed -1
+usage 'surplus' doctor surplus
+usage 'NAME' models info
+usage 'only' demo --only nothing-such
+usage 'output' demo -o
+usage '.' doctor "$(printf 'two\nlines\033[31m')"
+case $err in *$'\033'*) fail "an escape sequence reached the terminal" ;; esac
+
+# stdout that cannot be written is an error of its own.
+if [ -w /dev/full ]; then
+  for verb in "--version" "doctor" "doctor --json" "models list"; do
+    status=0
+    # shellcheck disable=SC2086  # the words of a verb
+    "$TARSIER" $verb >/dev/full 2>stderr.txt </dev/null || status=$?
+    err=$(cat stderr.txt) command_line="tarsier $verb >/dev/full"
+    expect_status 6
+    expect_error 'standard output'
+  done
+fi
+# A reader that goes away must not kill the program by a signal.
+status=0
+{ "$TARSIER" --help 2>/dev/null; echo $? >status.txt; } | true
+status=$(cat status.txt)
+[ "$status" -eq 0 ] || [ "$status" -eq 6 ] || fail "closed pipe: exit status $status"
+finish

@@ -1,0 +1,58 @@
+# shellcheck shell=bash
+# SPDX-License-Identifier: MIT
+# What the end-to-end tests share. Meant to be sourced first: makes an empty folder $WORK and goes there.
+set -u
+: "${TARSIER:?the built program}"
+WORK=${WORK:-$(mktemp -d)}
+rm -rf "$WORK"
+mkdir -p "$WORK"
+cd "$WORK" || exit 1
+failures=0
+
+fail() {
+  failures=$((failures + 1))
+  printf 'FAILED: %s\n' "$*"
+}
+
+skip() { # skip REASON: the whole test
+  printf 'skipped: %s\n' "$*"
+  exit 77
+}
+
+finish() { # the last line of each test
+  [ "$failures" -eq 0 ] || { printf '%d failed\n' "$failures"; exit 1; }
+  exit 0
+}
+
+# run ARGUMENTS..: the program; leaves $status, $out (stdout) and $err (stderr).
+run() {
+  status=0
+  timeout 120 "$TARSIER" "$@" >stdout.txt 2>stderr.txt </dev/null || status=$?
+  out=$(cat stdout.txt) err=$(cat stderr.txt)
+  command_line="tarsier $*"
+}
+
+expect_status() { [ "$status" -eq "$1" ] || fail "$command_line: exit status $status, expected $1 (stderr: $err)"; }
+
+# One line on stderr that begins as all our errors do and matches each pattern.
+expect_error() {
+  local pattern
+  [ "$(wc -l <stderr.txt)" -eq 1 ] || fail "$command_line: not one line of error: $err"
+  case $err in
+    "tarsier: error: "?*) ;;
+    *) fail "$command_line: error does not begin 'tarsier: error: ': $err" ;;
+  esac
+  for pattern in "$@"; do
+    grep -qE -- "$pattern" stderr.txt || fail "$command_line: error without '$pattern': $err"
+  done
+}
+
+expect_out() { # stdout matches each pattern
+  local pattern
+  for pattern in "$@"; do
+    grep -qE -- "$pattern" stdout.txt || fail "$command_line: no '$pattern' in: $(head -c 600 stdout.txt)"
+  done
+}
+
+expect_no_out() { [ ! -s stdout.txt ] || fail "$command_line: unexpected output: $(head -c 300 stdout.txt)"; }
+expect_no_err() { [ ! -s stderr.txt ] || fail "$command_line: unexpected on stderr: $err"; }

@@ -1,0 +1,88 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# Every key of the cartoon window does what it says: by the states, and by what is on the screen.
+. "$(dirname "$0")/lib_window.sh"
+film=/usr/share/doc/opencv-doc/examples/data/vtest.avi
+[ -r $film ] || skip "no sample film (package opencv-doc)"
+
+start $film --window --save-dir saved
+read -r x y width height <<<"$(x11 geometry "Tarsier cartoon")"
+[ "$width" -le 1024 ] && [ "$height" -le 768 ] || fail "larger than the screen: $width x $height"
+
+# Modes, on a frozen frame. The picture without the status line below it.
+press space '"paused":true'
+picture() { x11 "$1" "$x" "$y" 640 400; }
+declare -A seen
+for step in s:sketch p:paint c:cartoon e:evil e:evil-sketch a:alien m:smooth n:none; do
+  press "${step%%:*}" "\"mode\":\"${step##*:}\""
+  hash=$(picture hash)
+  [ -z "${seen[$hash]:-}" ] || fail "${step##*:} looks like ${seen[$hash]}"
+  seen[$hash]=${step##*:}
+  if [ "${step##*:}" = sketch ]; then
+    read -r red green blue <<<"$(picture mean)"
+    [ "$red" -gt 180 ] && [ "$red" = "$green" ] && [ "$green" = "$blue" ] || fail "a sketch is white with grey lines: $red $green $blue"
+  fi
+done
+x11 save none.ppm
+press d '"debug":true'
+[ -z "${seen[$(picture hash)]:-}" ] || fail "no debug view"
+x11 save debug.ppm
+press d '"debug":false'
+press h '"help":true'
+[ -z "${seen[$(picture hash)]:-}" ] || fail "no help"
+x11 save help.ppm
+press h '"help":false'
+[ "${seen[$(picture hash)]:-}" = none ] || fail "the picture did not come back"
+press c '"mode":"cartoon"'
+press plus '"sketch_threshold":85'
+press minus '"sketch_threshold":80'
+press minus '"sketch_threshold":75'
+press t '"steady":true'
+press t '"steady":false'
+press w '"saved":"saved/tarsier-0001.png"'
+press w '"saved":"saved/tarsier-0002.png"'
+cmp -s saved/tarsier-0001.png saved/tarsier-0002.png || fail "the frozen picture was saved twice, differently"
+press space '"paused":false'
+first=$(picture hash)
+changed() { [ "$(picture hash)" != "$first" ]; }
+wait_for "the film goes on" changed
+
+# Keys that come faster than frames all count.
+before=$(events)
+xdotool key --delay 0 s p c e e s p c e a
+wait_for "ten keys at once" more_events_than $((before + 9))
+grep '"event"' stdout.txt | tail -1 | grep -q '"mode":"alien"' || fail "the last of ten keys: $(tail -1 stdout.txt)"
+
+# A slider.
+read -r x y width height <<<"$(x11 geometry "Tarsier cartoon")"
+for above in 12 16 8 20; do # its groove is a few pixels high, and not where it is in another toolkit's version
+  xdotool mousemove $((x + width - 20)) $((y + height - above)) click 1
+  sleep 0.5
+  xdotool mousemove 300 200
+  press s '"evil_threshold":[0-9]+'
+  grep '"event"' stdout.txt | tail -1 | grep -q '"evil_threshold":12[,}]' || break
+done
+grep '"event"' stdout.txt | tail -1 | grep -q '"evil_threshold":12[,}]' && fail "the slider did not move"
+
+# Full screen: all of it, no pointer; and back.
+[ "$(x11 cursor)" -gt 0 ] || fail "no pointer in the window"
+press f '"event":"key f"'
+whole() { [ "$(x11 geometry "Tarsier cartoon")" = "0 0 1024 768" ]; }
+wait_for "full screen" whole
+no_pointer() { xdotool mousemove_relative 3 2 && [ "$(x11 cursor)" -eq 0 ]; }
+wait_for "the pointer is hidden" no_pointer
+x11 save fullscreen.ppm
+read -r red green blue <<<"$(x11 mean 0 100 1024 500)"
+[ "$red" -gt 150 ] || fail "the sketch does not fill the screen: $red $green $blue"
+press p '"mode":"paint"'
+press f '"event":"key f"'
+small() { ! whole; }
+wait_for "back from full screen" small
+pointer() { xdotool mousemove_relative 3 2 && [ "$(x11 cursor)" -gt 0 ]; }
+wait_for "the pointer is back" pointer
+x11 save back.ppm
+
+press Escape '"event":"key '
+expect_end 0
+[ ! -s stderr.txt ] || fail "on stderr: $err"
+finish
