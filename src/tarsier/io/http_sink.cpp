@@ -23,6 +23,7 @@
 #include <netinet/in.h>
 #include <optional>
 #include <poll.h>
+#include <set>
 #include <string_view>
 #include <sys/socket.h>
 #include <system_error>
@@ -241,8 +242,10 @@ class HttpSink final : public FrameSink {
     }
     const int fd = listen_on(url, address_);
     daemon_ = MHD_start_daemon(
-        MHD_USE_THREAD_PER_CONNECTION | MHD_USE_INTERNAL_POLLING_THREAD | MHD_USE_POLL, 0, nullptr,
-        nullptr, &HttpSink::answer, this, MHD_OPTION_LISTEN_SOCKET, static_cast<MHD_socket>(fd),
+        MHD_USE_THREAD_PER_CONNECTION | MHD_USE_INTERNAL_POLLING_THREAD | MHD_USE_POLL |
+            MHD_USE_ITC,
+        0, nullptr, nullptr, &HttpSink::answer, this, MHD_OPTION_LISTEN_SOCKET,
+        static_cast<MHD_socket>(fd), MHD_OPTION_NOTIFY_CONNECTION, &HttpSink::note_connection, this,
         // Room beside the viewers, so that a full house can still be told so.
         MHD_OPTION_CONNECTION_LIMIT, static_cast<unsigned>(options_.max_viewers) + 16U,
         MHD_OPTION_CONNECTION_TIMEOUT, kIdleSeconds, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
@@ -351,8 +354,37 @@ class HttpSink final : public FrameSink {
       // Viewers that keep up get the last picture whole; those that do not are cut off.
       (void)changed_.wait_for(lock, std::chrono::milliseconds(300), [&] { return viewers_ == 0; });
     }
+    // libmicrohttpd 0.9.75 reads through a null pointer when it refuses a malformed request while
+    // it is being stopped. So every connection ends before: no new ones, and those that are open
+    // meet the end of their input.
+    const MHD_socket listening = MHD_quiesce_daemon(daemon_);
+    {
+      std::unique_lock lock(mutex_);
+      for (const int socket : sockets_) (void)::shutdown(socket, SHUT_RDWR);
+      (void)changed_.wait_for(lock, std::chrono::seconds(5), [&] { return sockets_.empty(); });
+    }
     MHD_stop_daemon(daemon_);
+    if (listening != MHD_INVALID_SOCKET) ::close(listening);
     daemon_ = nullptr;
+  }
+
+  // Keeps the list of open connections. Runs in their threads, at the end before the socket closes.
+  static void note_connection(void* cls, MHD_Connection* connection, void**,
+                              MHD_ConnectionNotificationCode what) {
+    auto& sink = *static_cast<HttpSink*>(cls);
+    const MHD_ConnectionInfo* info =
+        MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+    if (info == nullptr) return;
+    {
+      const std::lock_guard lock(sink.mutex_);
+      if (what == MHD_CONNECTION_NOTIFY_STARTED) {
+        sink.sockets_.insert(info->connect_fd);
+        if (sink.closing_) (void)::shutdown(info->connect_fd, SHUT_RDWR);
+      } else {
+        sink.sockets_.erase(info->connect_fd);
+      }
+    }
+    sink.changed_.notify_all();
   }
 
   // The newest picture that is newer than `last`, encoded; nothing if none came in time or the sink
@@ -637,6 +669,7 @@ class HttpSink final : public FrameSink {
   Clock::time_point newest_at_;
   std::int64_t frames_ = 0;
   int viewers_ = 0;
+  std::set<int> sockets_;  // of the open connections
   bool closing_ = false;
 };
 
