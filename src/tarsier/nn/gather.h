@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/nn/network.h"
+
+#include <vector>
+
+// A map with a border of zeros, and its patches as the columns of a matrix: what turns a
+// convolution into a matrix product. Internal to this module.
+namespace tarsier::nn {
+
+struct Padded {
+  const float* data = nullptr;
+  int height = 0;
+  int width = 0;
+};
+
+// Copies `input` into `buffer` with the layer's border.
+Padded pad(const Layer& layer, const float* input, Shape from, std::vector<float>& buffer);
+
+// Columns begin .. begin + count of the patch matrix (depth x output pixels), written with row
+// stride `stride`; columns count .. stride are set to zero.
+void gather(const Layer& layer, const Padded& source, Shape to, int begin, int count, int stride,
+            float* columns);
+
+// The transpose of gather(): adds columns back onto the padded map.
+void scatter(const Layer& layer, const float* columns, int stride, Shape to, int begin, int count,
+             float* padded, int padded_height, int padded_width);
+
+}  // namespace tarsier::nn
