@@ -6,9 +6,12 @@
 build_packages=(
   g++ cmake ninja-build ccache pkg-config
   libopencv-dev libfmt-dev nlohmann-json3-dev libcli11-dev libmicrohttpd-dev libx11-dev
+  libfreetype-dev libsqlite3-dev
 )
 # Face cascades, and sample pictures and films to show things on.
 data_packages=(opencv-data opencv-doc)
+# The typefaces that drawn number plates are lettered with.
+data_packages+=(fonts-opendin fonts-urw-base35 fonts-freefont-ttf fonts-roadgeek fonts-dejavu-core fonts-dejavu-extra)
 # The test framework, and what plays the part of screens, fingers, cameras and servers in the tests.
 test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg python3)
 

@@ -18,5 +18,6 @@ struct BenchOptions {
 [[nodiscard]] ExitStatus bench_cartoon(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_steady(Context& context,
                                       const BenchOptions& options);  // uses the first input
+[[nodiscard]] ExitStatus bench_plate(Context& context, const BenchOptions& options);
 
 }  // namespace tarsier::cli

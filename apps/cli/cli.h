@@ -39,6 +39,7 @@ void add_common_flags(CLI::App& verb, Context& context);
 // One area each (cmd_<area>.cpp): adds its sub-commands; the chosen verb's callback sets
 // context.run.
 void add_cartoon(CLI::App& app, Context& context);
+void add_plate(CLI::App& app, Context& context);
 void add_models(CLI::App& app, Context& context);
 void add_bench(CLI::App& app, Context& context);
 void add_demo(CLI::App& app, Context& context);

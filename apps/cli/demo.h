@@ -9,5 +9,6 @@ namespace tarsier::cli {
 // Each runs one area on pictures of this machine and adds its part to the page. Long work asks
 // context.stop.
 void demo_cartoon(Context& context, DemoPage& page);
+void demo_plate(Context& context, DemoPage& page);
 
 }  // namespace tarsier::cli

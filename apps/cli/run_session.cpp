@@ -184,7 +184,8 @@ struct Job {
   Frame frame;  // without its image
   nlohmann::ordered_json line;
   bool live = false;
-  int repeats = 1;  // 0: only the line
+  bool silent = false;  // no line
+  int repeats = 1;      // 0: only the line
 };
 
 // Writes pictures and their lines, in a thread of its own if that helps.
@@ -240,7 +241,7 @@ class Writer {
           std::chrono::duration<double, std::milli>(Clock::now() - job.frame.captured).count();
       job.line["age_ms"] = std::round(age * 10) / 10;
     }
-    lines_.print(job.line);
+    if (!job.silent) lines_.print(job.line);
   }
 
   FrameSink& sink_;
@@ -424,6 +425,7 @@ class Run {
       return;
     }
     ++taken_;
+    if (hooks_.after_frame) hooks_.after_frame(frame);
     if (progressing_) context_.progress->advance();
     paused_ = view.state.value("paused", false);
     if (!view.output.empty()) {
@@ -450,7 +452,8 @@ class Run {
           due - film_frames_, 0, static_cast<std::int64_t>(fps_ * kMostRepeats)));
       film_frames_ = std::max(due, film_frames_);
     }
-    if (!lines_.wanted()) return job;
+    job.silent = !lines_.wanted() || (hooks_.quiet_frames && !frame.still);
+    if (job.silent) return job;
     describe(frame, view, job.line);
     if (live_) job.line["source"] = name_of(status.state);
     return job;

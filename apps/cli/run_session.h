@@ -40,6 +40,8 @@ void add_run_flags(CLI::App& verb, RunFlags& flags);
 struct RunHooks {
   std::string title;                               // of the window and the progress bar: "cartoon"
   std::function<void(const Frame&)> before_frame;  // just before the session gets it
+  std::function<void(const Frame&)> after_frame;   // when the session has dealt with it
+  bool quiet_frames = false;                       // no JSON line for each frame of a film
   // The area's part of a frame's JSON line.
   std::function<void(const View&, nlohmann::ordered_json& line)> describe;
 };

@@ -8,6 +8,7 @@
 #include "tarsier/synth/noise.h"
 #include "tarsier/synth/portrait.h"
 #include "tarsier/synth/scene.h"
+#include "tarsier/synth/street.h"
 
 #include <fmt/format.h>
 
@@ -17,6 +18,7 @@
 #include <cmath>
 #include <cstdint>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -25,7 +27,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-enum class Picture { kScene, kPortrait, kClock, kBars };
+enum class Picture { kScene, kPortrait, kClock, kBars, kCar, kDrive };
 
 struct Settings {
   std::string text;  // as given, with "synth:"
@@ -37,15 +39,59 @@ struct Settings {
   std::uint64_t seed = 1;
   bool live = false;
   double noise = 0;
+  synth::StreetOptions street;
 };
 
-constexpr std::string_view kNames = "scene, portrait, clock, bars";
+constexpr std::string_view kNames = "scene, portrait, clock, bars, car, drive";
 constexpr std::string_view kKeys = "size=640x480, fps=25, frames=100, seed=1, live=0, noise=2";
+constexpr std::string_view kStreetKeys =
+    "light=day|night|infrared, kind=spain|europe|us|brazil|all, and of a drive seconds=60, cars=6, "
+    "parked=1, far=1";
 
 template <typename Number>
 bool parse_number(std::string_view text, Number& value) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   return error == std::errc() && end == text.data() + text.size();
+}
+
+// Keys that only streets have. False if `key` is none of them.
+bool parse_street(std::string_view key, std::string_view value, Settings& settings, bool& is_good) {
+  synth::StreetOptions& street = settings.street;
+  if (settings.picture != Picture::kCar && settings.picture != Picture::kDrive) return false;
+  using synth::PlateKind;
+  using synth::StreetLight;
+  if (key == "light") {
+    is_good = value == "day" || value == "night" || value == "infrared";
+    street.light = value == "night"      ? StreetLight::kNight
+                   : value == "infrared" ? StreetLight::kInfrared
+                                         : StreetLight::kDay;
+  } else if (key == "kind") {
+    is_good = true;
+    if (value == "spain")
+      street.kinds = {PlateKind::kSpain};
+    else if (value == "europe")
+      street.kinds = {PlateKind::kEurope};
+    else if (value == "us")
+      street.kinds = {PlateKind::kUs};
+    else if (value == "brazil")
+      street.kinds = {PlateKind::kBrazil};
+    else if (value == "all")
+      street.kinds = {PlateKind::kSpain, PlateKind::kSpainSquare, PlateKind::kEurope,
+                      PlateKind::kUs, PlateKind::kBrazil};
+    else
+      is_good = false;
+  } else if (settings.picture == Picture::kDrive && key == "seconds") {
+    is_good = parse_number(value, street.seconds) && street.seconds > 0 && street.seconds <= 86400;
+  } else if (settings.picture == Picture::kDrive && key == "cars") {
+    is_good = parse_number(value, street.cars) && street.cars >= 1 && street.cars <= 60;
+  } else if (settings.picture == Picture::kDrive && key == "parked") {
+    is_good = parse_number(value, street.parked) && street.parked >= 0 && street.parked <= 3;
+  } else if (settings.picture == Picture::kDrive && key == "far") {
+    is_good = parse_number(value, street.far) && street.far >= 0 && street.far <= 3;
+  } else {
+    return false;
+  }
+  return true;
 }
 
 Settings parse_settings(std::string_view text, const SourceOptions& options) {
@@ -64,9 +110,16 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
     settings.picture = Picture::kClock;
   } else if (settings.name == "bars") {
     settings.picture = Picture::kBars;
+  } else if (settings.name == "car" || settings.name == "drive") {
+    settings.picture = settings.name == "car" ? Picture::kCar : Picture::kDrive;
+    settings.size = {1280, 720};
+    settings.noise = 2;
   } else {
     refuse(fmt::format("no synthetic source '{}'; there are: {}", settings.name, kNames));
   }
+  const bool is_street = settings.picture == Picture::kCar || settings.picture == Picture::kDrive;
+  const std::string keys =
+      is_street ? fmt::format("{}, {}", kKeys, kStreetKeys) : std::string(kKeys);
   if (options.width > 0) settings.size.width = options.width;
   if (options.height > 0) settings.size.height = options.height;
   if (options.fps > 0) settings.fps = options.fps;
@@ -97,25 +150,61 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
       settings.live = value == "1";
     } else if (key == "noise") {
       is_good = parse_number(value, settings.noise) && settings.noise >= 0 && settings.noise <= 64;
-    } else {
-      refuse(fmt::format("unknown key '{}'; there are: {}", key, kKeys));
+    } else if (!parse_street(key, value, settings, is_good)) {
+      refuse(fmt::format("unknown key '{}'; there are: {}", key, keys));
     }
     if (!is_good)
-      refuse(fmt::format("bad value '{}' of {}; expected for example {}", value, key, kKeys));
+      refuse(fmt::format("bad value '{}' of {}; expected for example {}", value, key, keys));
   }
-  const int least = settings.picture == Picture::kClock ? 64 : 16;
+  const int least = settings.picture == Picture::kClock || is_street ? 64 : 16;
   if (settings.size.width < least || settings.size.height < (least == 64 ? 48 : 16) ||
       settings.size.width > 8192 || settings.size.height > 8192) {
     refuse(fmt::format("a size of {}x{} is not between {}x{} and 8192x8192", settings.size.width,
                        settings.size.height, least, least == 64 ? 48 : 16));
   }
+  if (!has_frames && settings.picture == Picture::kDrive)
+    settings.frames =
+        std::max<std::int64_t>(1, std::llround(settings.street.seconds * settings.fps));
   if (!has_frames && settings.live) settings.frames = 0;
+  if (settings.street.parked + settings.street.far > settings.street.cars)
+    refuse("more cars are parked or far than there are");
+  settings.street.size = settings.size;
+  settings.street.seed = settings.seed;
   return settings;
+}
+
+nlohmann::json plates_json(const std::vector<synth::StreetPlate>& plates) {
+  nlohmann::json list = nlohmann::json::array();
+  for (const synth::StreetPlate& plate : plates) {
+    nlohmann::json corners = nlohmann::json::array();
+    double left = 1e9;
+    double top = 1e9;
+    double right = -1e9;
+    double bottom = -1e9;
+    for (const cv::Point2f& p : plate.corners) {
+      const auto x = static_cast<double>(p.x);
+      const auto y = static_cast<double>(p.y);
+      corners.push_back({x, y});
+      left = std::min(left, x);
+      right = std::max(right, x);
+      top = std::min(top, y);
+      bottom = std::max(bottom, y);
+    }
+    list.push_back({{"id", plate.id},
+                    {"text", plate.text},
+                    {"corners", std::move(corners)},
+                    {"box", {left, top, right - left, bottom - top}},
+                    {"visible", plate.visible}});
+  }
+  return list;
 }
 
 class SynthSource final : public FrameSource {
  public:
-  explicit SynthSource(Settings settings) : settings_(std::move(settings)) {}
+  explicit SynthSource(Settings settings) : settings_(std::move(settings)) {
+    if (settings_.picture == Picture::kDrive) drive_.emplace(settings_.street);
+    if (settings_.picture == Picture::kCar) (void)synth::load_glyphs();  // or say what is missing
+  }
 
   std::optional<Frame> next(std::chrono::milliseconds patience,
                             const std::stop_token& stop) override {
@@ -207,6 +296,15 @@ class SynthSource final : public FrameSource {
         truth["time_us"] = reading.time_us;
         break;
       }
+      case Picture::kCar:
+      case Picture::kDrive: {
+        synth::StreetPicture street =
+            drive_ ? drive_->at(frame.time)
+                   : synth::render_car(settings_.street, static_cast<std::uint64_t>(frame.index));
+        frame.image = std::move(street.image);
+        truth["plates"] = plates_json(street.plates);
+        break;
+      }
       case Picture::kBars:
         frame.image = render_bars(settings_.size, frame.index);
         break;
@@ -215,6 +313,7 @@ class SynthSource final : public FrameSource {
   }
 
   const Settings settings_;
+  std::optional<synth::Drive> drive_;
   std::int64_t at_ = 0;  // the next frame
   std::int64_t dropped_ = 0;
   Clock::time_point start_;

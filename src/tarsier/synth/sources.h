@@ -14,6 +14,11 @@ namespace tarsier {
 //   portrait   a drawn face that moves a little; truth: "box" [x,y,w,h], "eyes", "mouth" (left in
 //   the image first),
 //              "nose", px
+//   car        a drawn street with one or two cars, another one each frame; truth: "plates", each
+//   with "id", "text", "corners" [[x,y]*4], "box" [x,y,w,h], "visible"
+//   drive      a minute before a camera at a street: cars come and go, one is parked, one far away;
+//   truth as of car. Both: 1280x720; light=day|night|infrared, kind=spain|europe|us|brazil|all;
+//   drive: seconds=60, cars=6, parked=1, far=1
 //   clock      frame number and time of sending ("time_us"), readable by decode_clock() even
 //   through JPEG bars       a test card
 // size: 16x16 .. 8192x8192 px. fps: (0, 1000]. frames: 0 is without end (default: 100, live: 0).

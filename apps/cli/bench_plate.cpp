@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/stop.h"
+#include "tarsier/core/timer.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/synth/sources.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "bench.h"
+#include "plate_engine.h"
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
+                   values.end());
+  return values[values.size() / 2];
+}
+
+cv::Size parse_size(const std::string& text) {
+  cv::Size size;
+  const char* const end = text.data() + text.size();
+  const auto [at, error] = std::from_chars(text.data(), end, size.width);
+  if (error == std::errc() && at != end && *at == 'x') {
+    const auto [last, more] = std::from_chars(at + 1, end, size.height);
+    if (more == std::errc() && last == end && size.width >= 16 && size.height >= 16 &&
+        size.width <= 10000 && size.height <= 10000) {
+      return size;
+    }
+  }
+  throw UsageError(fmt::format("--size '{}': expected like 1280x720", text));
+}
+
+// A few pictures, all of this size.
+std::vector<cv::Mat> pictures(const BenchOptions& options, cv::Size size, std::uint64_t seed) {
+  std::vector<cv::Mat> result;
+  for (const std::string& path : options.inputs) {
+    cv::Mat image;
+    cv::resize(read_image(path), image, size, 0, 0, cv::INTER_AREA);
+    result.push_back(image);
+  }
+  if (!result.empty()) return result;
+  const auto source = open_synth_source(
+      fmt::format("car?size={}x{}&frames=5&seed={}", size.width, size.height, seed));
+  while (auto frame = source->next(std::chrono::milliseconds(1000), {}))
+    result.push_back(frame->image);
+  return result;
+}
+
+}  // namespace
+
+ExitStatus bench_plate(Context& context, const BenchOptions& options) {
+  const auto recognizer = make_recognizer({}, context);
+  std::vector<std::string> sizes = options.sizes;
+  if (sizes.empty()) sizes = {"640x480", "1280x720", "1600x1200"};
+  if (!context.json)
+    print_text(fmt::format("{:>10} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7}\n", "size", "find ms",
+                           "align ms", "read ms", "all ms", "frames/s", "plates"));
+  for (const std::string& text : sizes) {
+    const std::vector<cv::Mat> images = pictures(options, parse_size(text), context.seed);
+    Timers timers;
+    std::vector<double> times;
+    std::size_t plates = 0;
+    (void)recognizer->read(images[0]);
+    for (int run = 0; run < options.repeats; ++run) {
+      throw_if_stopped(context.stop);
+      const cv::Mat& image = images[static_cast<std::size_t>(run) % images.size()];
+      const auto start = std::chrono::steady_clock::now();
+      plates += recognizer->read(image, nullptr, &timers).size();
+      times.push_back(
+          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
+              .count());
+    }
+    const double all = median(times);
+    nlohmann::ordered_json line{{"bench", "plate"}, {"size", text}, {"threads", context.threads}};
+    std::vector<double> stages;
+    for (const TimerStats& stats : timers.stats()) {
+      stages.push_back(stats.average_ms());
+      line[stats.name + "_ms"] = std::round(stats.average_ms() * 100) / 100;
+    }
+    stages.resize(3);
+    line["ms"] = std::round(all * 100) / 100;
+    line["fps"] = std::round(1e4 / all) / 10;
+    line["plates"] = static_cast<double>(plates) / options.repeats;
+    if (context.json)
+      print_json_line(line.dump());
+    else
+      print_text(fmt::format("{:>10} {:>8.1f} {:>8.1f} {:>8.1f} {:>8.1f} {:>8.1f} {:>7.1f}\n", text,
+                             stages[0], stages[1], stages[2], all, 1000 / all,
+                             static_cast<double>(plates) / options.repeats));
+  }
+  return ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: MIT
+#include "cmd_plate.h"
+
+#include "cmd_plate_eval.h"
+#include "plate_engine.h"
+#include <chrono>
+#include <memory>
+
+namespace tarsier::cli {
+namespace {
+
+// `plate eval` reads pictures with the same flags as `plate read`.
+PictureReading picture_reading(Context& context) {
+  auto flags = std::make_shared<PlateFlags>();
+  PictureReading reading;
+  reading.add_flags = [flags](CLI::App& verb) { add_plate_flags(verb, *flags); };
+  reading.make = [flags, &context] {
+    return [read = make_plate_reader(*flags, context)](const Frame& frame) {
+      const auto start = std::chrono::steady_clock::now();
+      plate::ImageReadings readings;
+      readings.image = frame.name;
+      readings.plates = read(frame.image, nullptr);
+      readings.milliseconds =
+          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
+              .count();
+      return readings;
+    };
+  };
+  return reading;
+}
+
+}  // namespace
+
+void add_plate(CLI::App& app, Context& context) {
+  CLI::App& plate = *app.add_subcommand("plate", "number plates: find, read, train, judge");
+  plate.require_subcommand(1);
+  add_plate_read(plate, context);
+  add_plate_segment(plate, context);
+  add_plate_train(plate, context);
+  add_plate_eval(plate, context, picture_reading(context));
+  add_plate_sweep(plate, context);
+  add_plate_synth(plate, context);
+  add_plate_log(plate, context);
+}
+
+}  // namespace tarsier::cli

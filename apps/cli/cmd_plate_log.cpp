@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/plate_text/text.h"
+#include "tarsier/plate_video/log.h"
+
+#include <fmt/format.h>
+
+#include "cmd_plate.h"
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+using plate::LoggedPlate;
+using plate::Moment;
+using plate::PlateLog;
+
+struct LogFlags {
+  std::string path;
+  std::string text;
+  bool near = false;
+  std::string since, until;
+  std::string source;
+  std::int64_t limit = 0;
+  std::string csv;
+  std::string crops;
+  std::string keep;
+};
+
+plate::LogFilter filter_of(const LogFlags& flags) {
+  plate::LogFilter filter;
+  const Moment now = plate::moment_now();
+  if (!flags.text.empty()) filter.text = plate::plate_pattern(flags.text);
+  if (flags.near && flags.text.empty()) throw UsageError("--near needs --text");
+  filter.near = flags.near;
+  if (!flags.since.empty()) {
+    filter.since = plate::parse_moment(flags.since, now, false, "--since");
+  }
+  if (!flags.until.empty()) filter.until = plate::parse_moment(flags.until, now, true, "--until");
+  if (filter.since && filter.until && *filter.since > *filter.until) {
+    throw UsageError("--since is later than --until");
+  }
+  filter.source = flags.source;
+  filter.limit = flags.limit;
+  return filter;
+}
+
+std::string dumped(const nlohmann::ordered_json& object) {
+  return object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+std::string line_of(const LoggedPlate& plate) {
+  const auto seconds = std::chrono::round<std::chrono::seconds>(plate.last_time - plate.first_time);
+  return fmt::format("{}  {:<10} {:>4.0f} %  {:>6} s  {:>5} frames  {}\n",
+                     plate::moment_text(plate.first_time).substr(0, 19), printable(plate.text),
+                     100 * plate.confidence, seconds.count(), plate.frames,
+                     printable(plate.source));
+}
+
+// "12-1234BCD.jpg": nothing of what a hostile file holds can lead out of the folder.
+std::string crop_name(const LoggedPlate& plate) {
+  return fmt::format("{}-{}.jpg", plate.id, plate::plate_symbols(plate.text).substr(0, 20));
+}
+
+ExitStatus list_plates(const LogFlags& flags, const Context& context) {
+  const plate::LogFilter filter = filter_of(flags);
+  PlateLog log(flags.path, DatabaseAccess::kRead);
+  if (!flags.crops.empty()) make_folder(flags.crops);
+  std::string csv = plate::logged_csv_header();
+  std::int64_t crops = 0;
+  const std::int64_t found = log.query(filter, [&](const LoggedPlate& plate) {
+    throw_if_stopped(context.stop);
+    if (!flags.crops.empty() && plate.has_crop) {
+      const std::vector<std::uint8_t> bytes = log.crop(plate.id);
+      write_file_atomically(flags.crops + "/" + crop_name(plate),
+                            std::span<const std::uint8_t>(bytes));
+      ++crops;
+    }
+    if (!flags.csv.empty()) {
+      csv += plate::logged_csv_line(plate);
+    } else if (context.json) {
+      print_json_line(dumped(plate::logged_json(plate, flags.path)));
+    } else if (flags.crops.empty()) {
+      print_text(line_of(plate));
+    }
+    return true;
+  });
+  if (flags.csv == "-") {
+    print_text(csv);
+  } else if (!flags.csv.empty()) {
+    write_file_atomically(flags.csv, std::string_view(csv));
+    log_info("{} entries written to {}", found, flags.csv);
+  }
+  if (!flags.crops.empty()) log_info("{} pictures written to {}", crops, flags.crops);
+  return found > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+ExitStatus forget_plates(const LogFlags& flags, const Context& context) {
+  const std::chrono::milliseconds age = plate::parse_duration(flags.keep, "--keep");
+  PlateLog log(flags.path, DatabaseAccess::kWrite);
+  const std::int64_t deleted = log.forget_before(plate::moment_now() - age);
+  const std::int64_t kept = log.count();
+  if (context.json) {
+    print_json_line(dumped({{"deleted", deleted}, {"kept", kept}}));
+  } else {
+    print_text(fmt::format("{} deleted, {} kept\n", deleted, kept));
+  }
+  return ExitStatus::kDone;
+}
+
+}  // namespace
+
+void add_plate_log(CLI::App& plate, Context& context) {
+  CLI::App& verb = *plate.add_subcommand(
+      "log", "lists, searches, exports and deletes what `plate read --log` wrote, newest first");
+  const auto flags = std::make_shared<LogFlags>();
+  verb.add_option("LOG", flags->path, "the log's file")->required();
+  std::vector<CLI::Option*> listing;
+  listing.push_back(verb.add_option("--text", flags->text,
+                                    "only this text; * stands for any characters, ? for any one"));
+  listing.push_back(verb.add_flag("--near", flags->near,
+                                  "also texts with one wrong, missing or additional character"));
+  listing.push_back(verb.add_option("--since", flags->since,
+                                    "in sight at or after: 2024-05-01, 2024-05-01T12:30 (UTC), or "
+                                    "12h for twelve hours ago"));
+  listing.push_back(
+      verb.add_option("--until", flags->until, "in sight at or before; a day is whole"));
+  listing.push_back(
+      verb.add_option("--source", flags->source, "only this source, as it was logged"));
+  listing.push_back(verb.add_option("--limit", flags->limit, "the newest so many; 0: all")
+                        ->check(CLI::NonNegativeNumber)
+                        ->capture_default_str());
+  listing.push_back(verb.add_option("--csv", flags->csv, "write CSV to this file; - for stdout"));
+  listing.push_back(
+      verb.add_option("--crops", flags->crops, "write the pictures into this folder"));
+  CLI::Option& keep = *verb.add_option(
+      "--keep", flags->keep, "delete what was last in sight longer ago: 30d, 12h, 90m ..");
+  for (CLI::Option* option : listing) keep.excludes(option);
+  add_common_flags(verb, context);
+  verb.callback([&context, flags, &keep] {
+    const bool forgets = keep.count() > 0;
+    context.run = [&context, flags, forgets] {
+      return forgets ? forget_plates(*flags, context) : list_plates(*flags, context);
+    };
+  });
+}
+
+}  // namespace tarsier::cli

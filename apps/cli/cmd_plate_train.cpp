@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/plate/recognizer.h"
+#include "tarsier/plate/training.h"
+#include "tarsier/plate_text/country.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <opencv2/core/utility.hpp>
+
+#include "cmd_plate.h"
+#include "cmd_plate_train_classic.h"
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct TrainFlags {
+  std::vector<std::string> inputs;
+  std::vector<std::string> scenes;
+  std::string output;
+  std::string detector;
+  std::string countries;
+  std::string pipeline = "default";
+  std::string terms;
+  plate::TrainingOptions options;
+  int calibration = 3000;
+  ClassicTrainFlags classic;
+};
+
+plate::ViewMaker view_maker(const std::vector<std::string>& folders) {
+  plate::ViewMaker views;
+  for (const std::string& folder : folders) {
+    std::vector<plate::Scene> scenes = plate::read_scenes(folder, 1e6);
+    std::size_t plates = 0;
+    for (const plate::Scene& scene : scenes) plates += scene.plates.size();
+    log_info("{}: {} pictures, {} plates", folder, scenes.size(), plates);
+    std::move(scenes.begin(), scenes.end(), std::back_inserter(views.scenes));
+  }
+  views.glyphs = synth::load_glyphs();
+  return views;
+}
+
+nlohmann::json provenance(const TrainFlags& flags, const Context& context) {
+  const auto names = [](const std::vector<std::string>& paths) {
+    std::vector<std::string> result;
+    for (const std::string& path : paths) {
+      const fs::path clean = fs::path(path).lexically_normal();
+      const fs::path last = clean.has_filename() ? clean : clean.parent_path();
+      result.push_back((last.parent_path().filename() / last.filename()).string());
+    }
+    return result;
+  };
+  return {{"program", fmt::format("tarsier {}", version())},
+          {"seed", context.seed},
+          {"scenes", names(flags.scenes)},
+          {"inputs", names(flags.inputs)},
+          {"drawn_plates", true},
+          {"terms", flags.terms}};
+}
+
+ExitStatus train_detector(TrainFlags& flags, Context& context) {
+  if (flags.pipeline == "classic") {
+    flags.classic.inputs = flags.inputs;
+    flags.classic.output = flags.output;
+    flags.classic.terms = flags.terms;
+    return train_classic_detector(flags.classic, context);
+  }
+  flags.options.seed = context.seed;
+  flags.options.check();
+  flags.scenes = flags.inputs;
+  plate::ViewMaker views = view_maker(flags.inputs);
+  plate::DetectorModel model;
+  model.detector = plate::train_detector(views, flags.options, *context.progress, context.stop);
+  views.distractors = plate::find_distractors(views.scenes, model.detector);
+  log_info("{} places look like plates to it and are none", views.distractors.size());
+  model.aligner = plate::train_aligner(views, flags.options, *context.progress, context.stop);
+  flags.inputs.clear();
+  plate::write_detector_model(flags.output, model, provenance(flags, context));
+  return ExitStatus::kDone;
+}
+
+ExitStatus train_reader(TrainFlags& flags, Context& context) {
+  if (flags.pipeline == "classic") {
+    flags.classic.inputs = flags.inputs;
+    flags.classic.output = flags.output;
+    flags.classic.terms = flags.terms;
+    return train_classic_reader(flags.classic, context);
+  }
+  flags.options.seed = context.seed;
+  flags.options.check();
+  if (flags.scenes.empty())
+    throw UsageError("--scenes: photographs that the drawn plates are set into are needed");
+  const std::string models = find_models_folder("");
+  const std::string detector =
+      flags.detector.empty() ? (fs::path(models) / "plate-detector.json").string() : flags.detector;
+  plate::DetectorModel detector_model;
+  if (flags.calibration > 0) detector_model = plate::read_detector_model(detector);
+  const plate::ViewMaker views = view_maker(flags.scenes);
+  std::vector<plate::LabelledCrop> crops;
+  for (const std::string& folder : flags.inputs) {
+    auto more = plate::read_labelled_crops(folder);
+    log_info("{}: {} labelled plates", folder, more.size());
+    std::move(more.begin(), more.end(), std::back_inserter(crops));
+  }
+  plate::ReaderModel model;
+  model.line =
+      plate::train_line_reader(views, crops, flags.options, *context.progress, context.stop);
+  if (flags.calibration > 0) {
+    const plate::Recognizer recognizer(
+        std::move(detector_model), model,
+        plate::choose_countries(plate::read_countries((fs::path(models) / "countries").string()),
+                                {}));
+    model.calibration = plate::fit_calibration(recognizer, views, flags.calibration,
+                                               context.seed + 99, *context.progress, context.stop);
+  }
+  plate::write_reader_model(flags.output, model, provenance(flags, context));
+  return ExitStatus::kDone;
+}
+
+void add_shared(CLI::App& verb, TrainFlags& flags) {
+  verb.add_option("-o,--output", flags.output, "the model file")->required();
+  verb.add_option("--terms", flags.terms, "of the data, kept in the file");
+  verb.add_option("--pipeline", flags.pipeline, "default: networks; classic: the textbook's")
+      ->check(CLI::IsMember({"default", "classic"}))
+      ->capture_default_str();
+}
+
+}  // namespace
+
+void add_plate_train(CLI::App& plate, Context& context) {
+  {
+    auto flags = std::make_shared<TrainFlags>();
+    CLI::App& verb = *plate.add_subcommand(
+        "train-detector", "learns to find plates: from photographs with boxes and drawn plates");
+    verb.add_option("INPUT", flags->inputs,
+                    "folders with truth.csv (image,x,y,w,h,text) or of pictures without plates; "
+                    "classic: SVM.xml, or a folder with plate/ and no-plate/")
+        ->required()
+        ->type_name("");
+    add_shared(verb, *flags);
+    verb.add_option("--steps", flags->options.detector_steps, "batches of 32 for finding")
+        ->capture_default_str();
+    verb.add_option("--aligner-steps", flags->options.aligner_steps, "batches of 32 for corners")
+        ->capture_default_str();
+    add_classic_detector_flags(verb, flags->classic);
+    add_common_flags(verb, context);
+    verb.callback([flags, &context] {
+      context.run = [flags, &context] { return train_detector(*flags, context); };
+    });
+  }
+  auto flags = std::make_shared<TrainFlags>();
+  CLI::App& verb = *plate.add_subcommand(
+      "train-reader", "learns to read characters: from labelled plates and drawn ones");
+  verb.add_option("INPUT", flags->inputs,
+                  "folders of plates NUMBER_KIND-TEXT.jpg with .txt (class cx cy w h); classic: "
+                  "OCR.xml, or a folder with one folder a class")
+      ->type_name("");
+  add_shared(verb, *flags);
+  verb.add_option("--scenes", flags->scenes, "folders of photographs behind the drawn plates")
+      ->type_name("");
+  verb.add_option("--detector", flags->detector,
+                  "model whose corners the confidence is fitted with; default: what ships");
+  verb.add_option("--steps", flags->options.line_steps, "batches of 32")->capture_default_str();
+  verb.add_option("--calibration", flags->calibration,
+                  "drawn plates that the confidence is fitted to; 0: not fitted")
+      ->capture_default_str();
+  add_classic_reader_flags(verb, flags->classic);
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] { return train_reader(*flags, context); };
+  });
+}
+
+}  // namespace tarsier::cli

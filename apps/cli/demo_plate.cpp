@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/plate_video/tracker.h"
+#include "tarsier/session/plate_session.h"
+#include "tarsier/synth/sources.h"
+
+#include <fmt/format.h>
+
+#include "demo.h"
+#include "plate_engine.h"
+#include <chrono>
+
+namespace tarsier::cli {
+namespace {
+
+// Keeps the stages of one picture.
+class Kept final : public DebugSink {
+ public:
+  void image(std::string_view name, const cv::Mat& image) override {
+    names.emplace_back(name);
+    images.push_back(image.clone());
+  }
+  std::vector<std::string> names;
+  std::vector<cv::Mat> images;
+};
+
+struct Scene {
+  const char* source;
+  const char* title;
+};
+constexpr Scene kScenes[] = {
+    {"synth:car?seed=11&frames=1", "by day"},
+    {"synth:car?seed=3&frames=1&light=night", "by night"},
+    {"synth:car?seed=8&frames=1&light=infrared", "infrared"},
+    {"synth:car?seed=5&frames=1&kind=us", "another country"},
+};
+
+void show_stills(Context& context, DemoPage& page, const PlateReader& read) {
+  std::vector<DemoPicture> pictures;
+  for (const Scene& scene : kScenes) {
+    throw_if_stopped(context.stop);
+    const auto source = open_synth_source(std::string_view(scene.source).substr(6));
+    auto frame = source->next(std::chrono::milliseconds(1000), context.stop);
+    if (!frame) continue;
+    frame->still = true;
+    Kept stages;
+    PlateSession session(
+        [&](const Frame& given) { return read(given.image, pictures.empty() ? &stages : nullptr); },
+        {}, {});
+    const View view = session.on_frame(*frame, source->status());
+    std::string texts;
+    for (const plate::Reading& reading : session.readings()) {
+      if (reading.confidence < 0.3) continue;
+      texts += fmt::format("{}{} ({:.0f} %)", texts.empty() ? "" : ", ", reading.text,
+                           100 * reading.confidence);
+    }
+    if (pictures.empty()) {
+      page.heading("A plate, stage by stage",
+                   "Found, aligned, straightened; then the line is read as a whole and decoded "
+                   "with the layouts of the countries' plates.");
+      page.command(
+          fmt::format("tarsier plate read '{}' -o read.png --debug-dir stages", scene.source));
+      std::vector<DemoPicture> strip;
+      for (std::size_t i = 0; i < stages.images.size() && i < 3; ++i)
+        strip.push_back(
+            page.picture("plate-stage-" + stages.names[i], stages.images[i], stages.names[i]));
+      page.strip(strip);
+    }
+    pictures.push_back(page.picture(fmt::format("plate-{}", pictures.size()), view.output,
+                                    fmt::format("{}: {}", scene.title, texts)));
+  }
+  page.heading("Drawn cars, read");
+  page.grid(pictures);
+}
+
+void show_drive(Context& context, DemoPage& page, const PlateReader& read) {
+  constexpr const char* kDrive = "drive?seconds=20&cars=3&parked=1&far=0&fps=8&size=960x540&seed=6";
+  page.heading("A street, live",
+               "Plates are followed from frame to frame, their readings vote, and each vehicle "
+               "gives one event.");
+  page.command(fmt::format("tarsier plate read 'synth:{}' --window", kDrive));
+  std::vector<std::vector<std::string>> rows;
+  PlateSession session(
+      [&](const Frame& frame) { return read(frame.image, nullptr); },
+      [&](const plate::PlateEvent& event) {
+        rows.push_back({event.text, fmt::format("{:.0f} %", 100 * event.confidence),
+                        fmt::format("{:.1f}-{:.1f} s", event.first_time, event.last_time),
+                        std::to_string(event.frames)});
+      },
+      {});
+  const auto source = open_synth_source(kDrive);
+  std::vector<DemoPicture> pictures;
+  while (auto frame = source->next(std::chrono::milliseconds(1000), context.stop)) {
+    throw_if_stopped(context.stop);
+    const View view = session.on_frame(*frame, source->status());
+    if (frame->index % 40 == 36)
+      pictures.push_back(page.picture(fmt::format("plate-drive-{}", frame->index), view.output,
+                                      fmt::format("{:.1f} s", frame->time)));
+  }
+  session.finish();
+  page.grid(pictures);
+  page.table({"vehicle", "confidence", "seen", "frames"}, rows, "One line for each vehicle");
+}
+
+}  // namespace
+
+void demo_plate(Context& context, DemoPage& page) {
+  page.begin_area("Number plates",
+                  "Plates are found by a small network, straightened, read by another one, and "
+                  "decoded with the layouts of 49 countries. The cars are drawn by the program.");
+  PlateReader read;
+  try {
+    read = make_plate_reader({}, context);
+    show_stills(context, page, read);
+  } catch (const InputError& error) {  // no typefaces to draw plates with
+    log_warning("{}", error.what());
+    page.note(error.what());
+    return;
+  }
+  show_drive(context, page, read);
+}
+
+}  // namespace tarsier::cli

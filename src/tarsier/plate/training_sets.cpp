@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/plate/training_views.h"
+#include "tarsier/plate_text/evaluation.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+namespace tarsier::plate {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool is_picture(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension == ".jpg" || extension == ".jpeg" || extension == ".png" || extension == ".bmp";
+}
+
+std::vector<fs::path> pictures_of(const fs::path& folder) {
+  std::vector<fs::path> paths;
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, error))
+    if (is_picture(entry.path())) paths.push_back(entry.path());
+  if (error) throw InputError(folder.string(), "cannot be read: " + error.message());
+  std::sort(paths.begin(), paths.end());
+  if (paths.empty()) throw InputError(folder.string(), "holds no pictures");
+  return paths;
+}
+
+Scene scene_of(const fs::path& path, const std::vector<TruthPlate>& plates, double most_pixels) {
+  Scene scene;
+  scene.image = read_image(path.string());
+  const double scale =
+      std::min(1.0, std::sqrt(most_pixels / static_cast<double>(scene.image.total())));
+  if (scale < 1) cv::resize(scene.image, scene.image, {}, scale, scale, cv::INTER_AREA);
+  for (const TruthPlate& plate : plates) {
+    if (!plate.box) continue;
+    scene.plates.emplace_back(static_cast<float>(plate.box->x * scale),
+                              static_cast<float>(plate.box->y * scale),
+                              static_cast<float>(plate.box->width * scale),
+                              static_cast<float>(plate.box->height * scale));
+  }
+  return scene;
+}
+
+LabelledCrop crop_of(const fs::path& path) {
+  fs::path labels = path;
+  labels.replace_extension(".txt");
+  LabelledCrop crop;
+  crop.image = read_image(path.string());
+  std::string text = path.stem().string();
+  text = text.substr(text.rfind('_') + 1);
+  text = text.substr(text.find('-') + 1);
+  crop.length = static_cast<int>(text.size());
+  std::ifstream file(labels);
+  if (!file) throw InputError(labels.string(), "cannot be read");
+  std::string line;
+  int number = 0;
+  while (std::getline(file, line)) {
+    ++number;
+    if (line.find_first_not_of(" \r\t") == std::string::npos) continue;
+    std::istringstream fields(line);
+    int kind = -1;
+    double x = 0;
+    double y = 0;
+    double w = 0;
+    double h = 0;
+    const bool sane = static_cast<bool>(fields >> kind >> x >> y >> w >> h) && kind >= 0 &&
+                      kind < kBlank && w > 0 && h > 0 && std::abs(x) < 2 && std::abs(y) < 2 &&
+                      w < 2 && h < 2;
+    if (!sane) {
+      throw InputError(labels.string(),
+                       fmt::format("line {}: expected class 0..35 and x y w h in 0..1", number));
+    }
+    const auto cols = static_cast<float>(crop.image.cols);
+    const auto rows = static_cast<float>(crop.image.rows);
+    crop.symbols.push_back(
+        {kAlphabet[static_cast<std::size_t>(kind)],
+         {static_cast<float>(x - w / 2) * cols, static_cast<float>(y - h / 2) * rows,
+          static_cast<float>(w) * cols, static_cast<float>(h) * rows},
+         -1});
+  }
+  // Places: the visible symbols in the order of the text.
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < text.size() && next < crop.symbols.size(); ++i) {
+    if (text[i] == '-') continue;
+    crop.symbols[next].place = static_cast<int>(i);
+    if (crop.symbols[next].symbol != text[i]) break;
+    ++next;
+  }
+  if (next != crop.symbols.size() || next == 0) crop.symbols.clear();  // labels and name disagree
+  return crop;
+}
+
+}  // namespace
+
+std::vector<Scene> read_scenes(const std::string& folder, double most_pixels) {
+  std::vector<Scene> scenes;
+  const fs::path truth_path = fs::path(folder) / "truth.csv";
+  const fs::path images = fs::path(folder) / "images";
+  if (fs::exists(truth_path)) {
+    const auto truth = read_plate_truth(truth_path.string());
+    for (const fs::path& path : pictures_of(fs::exists(images) ? images : fs::path(folder))) {
+      const auto found = truth.find(path.filename().string());
+      if (found != truth.end()) scenes.push_back(scene_of(path, found->second, most_pixels));
+    }
+    return scenes;
+  }
+  for (const fs::path& path : pictures_of(folder))
+    scenes.push_back(scene_of(path, {}, most_pixels));
+  return scenes;
+}
+
+std::vector<LabelledCrop> read_labelled_crops(const std::string& folder) {
+  std::vector<LabelledCrop> crops;
+  for (const fs::path& path : pictures_of(folder)) {
+    LabelledCrop crop = crop_of(path);
+    if (!crop.symbols.empty()) crops.push_back(std::move(crop));
+  }
+  if (crops.empty()) throw InputError(folder, "no picture has usable labels beside it");
+  return crops;
+}
+
+}  // namespace tarsier::plate

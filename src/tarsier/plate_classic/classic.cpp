@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate_classic/classic.h"
+
+#include "tarsier/core/require.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::plate {
+namespace {
+
+constexpr std::size_t kLeastCharacters = 4;
+constexpr std::size_t kMostCharacters = 8;
+constexpr double kReward = 1.2;  // nats for each further character
+constexpr double kSameBox = 0.3;
+
+cv::Mat gray_of(const cv::Mat& image) {
+  TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
+                  "a picture of type {}", image.type());
+  if (image.channels() == 1) return image;
+  cv::Mat gray;
+  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  return gray;
+}
+
+// Characters of one plate stand in a line and are of a height; others (the band, rivets) go.
+void keep_the_line(std::vector<Segment>& segments) {
+  if (segments.size() < 3) return;
+  std::vector<int> heights;
+  std::vector<int> middles;
+  for (const Segment& segment : segments) {
+    heights.push_back(segment.box.height);
+    middles.push_back(segment.box.y + segment.box.height / 2);
+  }
+  const auto median = [](std::vector<int> values) {
+    std::nth_element(values.begin(),
+                     values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+    return values[values.size() / 2];
+  };
+  const int height = median(heights);
+  const int middle = median(middles);
+  std::erase_if(segments, [&](const Segment& segment) {
+    return std::abs(segment.box.height - height) > 0.2 * height ||
+           std::abs(segment.box.y + segment.box.height / 2 - middle) > 0.25 * height;
+  });
+}
+
+Quad in_image(const Quad& corners, const cv::Rect& box, cv::Size canvas) {
+  const cv::Point2f across = (corners[1] - corners[0]) / static_cast<float>(canvas.width);
+  const cv::Point2f down = (corners[3] - corners[0]) / static_cast<float>(canvas.height);
+  const auto at = [&](int x, int y) {
+    return corners[0] + across * static_cast<float>(x) + down * static_cast<float>(y);
+  };
+  return {at(box.x, box.y), at(box.x + box.width, box.y), at(box.x + box.width, box.y + box.height),
+          at(box.x, box.y + box.height)};
+}
+
+double overlap(const cv::Rect& a, const cv::Rect& b) {
+  const double both = (a & b).area();
+  const double least = std::min(a.area(), b.area());
+  return least > 0 ? both / least : 0;
+}
+
+}  // namespace
+
+void ClassicOptions::check() const {
+  TARSIER_REQUIRE(!scales.empty() && scales.size() <= 8, "{} scales", scales.size());
+  for (const double scale : scales)
+    TARSIER_REQUIRE(scale >= 0.05 && scale <= 4, "a scale of {}", scale);
+  TARSIER_REQUIRE(least_plate >= 0 && least_plate <= 1, "least_plate {}", least_plate);
+  candidates.check();
+  segments.check();
+}
+
+std::shared_ptr<const ClassicModel> read_classic_model(const std::string& svm_path,
+                                                       const std::string& reader_path) {
+  auto model = std::make_shared<ClassicModel>();
+  model->svm = read_plate_svm(svm_path);
+  model->reader = read_character_reader(reader_path);
+  return model;
+}
+
+std::vector<Candidate144> find_classic_candidates(const cv::Mat& image,
+                                                  const ClassicOptions& options, DebugSink* debug) {
+  options.check();
+  const cv::Mat gray = gray_of(image);
+  std::vector<Candidate144> all;
+  std::uint64_t level = 0;
+  for (const double scale : options.scales) {
+    const cv::Size size(cvRound(gray.cols * scale), cvRound(gray.rows * scale));
+    if (size.width < 20 || size.height < 20 || size.area() > 60'000'000) continue;
+    cv::Mat scaled = gray;
+    if (scale != 1)
+      cv::resize(gray, scaled, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+    ++level;
+    for (Candidate144& candidate :
+         find_candidates(scaled, options.candidates, Rng(options.seed).fork(level),
+                         level == 1 ? debug : nullptr)) {
+      for (cv::Point2f& p : candidate.corners) {
+        p = {static_cast<float>((static_cast<double>(p.x) + 0.5) / scale - 0.5),
+             static_cast<float>((static_cast<double>(p.y) + 0.5) / scale - 0.5)};
+      }
+      all.push_back(std::move(candidate));
+    }
+  }
+  return all;
+}
+
+ClassicText read_candidate(const Candidate144& candidate, const CharacterReader& reader,
+                           const ClassicOptions& options) {
+  cv::Mat unused;
+  const double otsu = cv::threshold(candidate.plain, unused, 0, 255, cv::THRESH_OTSU);
+  ClassicText best;
+  best.score = -1e9;
+  for (const double factor : {0.7, 0.85, 1.0, 1.12}) {
+    ClassicText attempt;
+    attempt.segments =
+        find_segments(candidate.plain, static_cast<int>(otsu * factor), options.segments);
+    keep_the_line(attempt.segments);
+    if (attempt.segments.size() > kMostCharacters) continue;
+    for (const Segment& segment : attempt.segments) {
+      std::vector<double> chances = reader.chances(segment.character);
+      const auto top = std::max_element(chances.begin(), chances.end());
+      attempt.text += reader.symbols[static_cast<std::size_t>(top - chances.begin())];
+      attempt.score += std::log(std::max(*top, 1e-6)) + kReward;
+      attempt.chances.push_back(std::move(chances));
+    }
+    if (attempt.score > best.score) best = std::move(attempt);
+  }
+  return best;
+}
+
+std::vector<Reading> read_classic(const cv::Mat& image, const ClassicModel& model,
+                                  const ClassicOptions& options, DebugSink* debug) {
+  struct Found {
+    Reading reading;
+    double score;
+  };
+  std::vector<Found> found;
+  const std::vector<Candidate144> candidates = find_classic_candidates(image, options, debug);
+  int number = 0;
+  for (const Candidate144& candidate : candidates) {
+    const double chance = model.svm.chance.at(model.svm.margin(candidate.gray));
+    if (chance < options.least_plate) continue;
+    const ClassicText text = read_candidate(candidate, model.reader, options);
+    if (debug != nullptr && number < 8) {
+      ++number;
+      cv::Mat picture;
+      cv::cvtColor(candidate.plain, picture, cv::COLOR_GRAY2BGR);
+      for (const Segment& segment : text.segments)
+        cv::rectangle(picture, segment.box, cv::Scalar(0, 200, 0), 1);
+      debug->image("plate-" + std::to_string(number), picture);
+    }
+    Found item;
+    Reading& reading = item.reading;
+    reading.corners = candidate.corners;
+    reading.box = bounding_box(candidate.corners, image.size());
+    double least = chance;
+    if (text.text.size() >= kLeastCharacters) {
+      reading.text = text.text;
+      for (std::size_t i = 0; i < text.segments.size(); ++i) {
+        const double sure = *std::max_element(text.chances[i].begin(), text.chances[i].end());
+        reading.characters.push_back(
+            {text.text[i], sure,
+             in_image(candidate.corners, text.segments[i].box, candidate.plain.size())});
+        least = std::min(least, sure);
+      }
+      reading.candidates.push_back({text.text, least, ""});
+    } else {
+      least *= 0.1;
+    }
+    reading.confidence = least;
+    item.score = text.score + std::log(std::max(chance, 1e-6));
+    found.push_back(std::move(item));
+  }
+  std::stable_sort(found.begin(), found.end(),
+                   [](const Found& a, const Found& b) { return a.score > b.score; });
+  std::vector<Reading> readings;
+  for (Found& item : found) {
+    const bool again = std::any_of(readings.begin(), readings.end(), [&](const Reading& other) {
+      return overlap(other.box, item.reading.box) > kSameBox;
+    });
+    if (!again) readings.push_back(std::move(item.reading));
+  }
+  std::stable_sort(readings.begin(), readings.end(),
+                   [](const Reading& a, const Reading& b) { return a.confidence > b.confidence; });
+  return readings;
+}
+
+}  // namespace tarsier::plate

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/rng.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <stop_token>
+#include <vector>
+
+namespace tarsier::plate {
+
+// One hidden layer, tanh there and at the outputs, of which the largest wins.
+struct Mlp {
+  int inputs = 0;
+  int hidden = 0;
+  int outputs = 0;
+  std::vector<float> mean;    // of the inputs, subtracted ..
+  std::vector<float> scale;   // .. then divided by their deviation
+  std::vector<float> first;   // hidden x (inputs + 1), the last column the bias
+  std::vector<float> second;  // outputs x (hidden + 1)
+
+  [[nodiscard]] std::vector<float> run(const float* x) const;  // each -1..1
+};
+
+struct MlpOptions {
+  int hidden = 20;       // 1..1000
+  int iterations = 300;  // 1..100000
+  void check() const;
+};
+
+// Least squares against targets of +-1 by resilient backpropagation (Riedmiller and Braun, ICNN
+// 1993) on all examples at once. `rows`: CV_32F; `labels`: 0..outputs-1. Throws Interrupted.
+[[nodiscard]] Mlp train_mlp(const cv::Mat& rows, const std::vector<int>& labels, int outputs,
+                            const MlpOptions& options, Rng rng, const std::stop_token& stop = {});
+
+}  // namespace tarsier::plate

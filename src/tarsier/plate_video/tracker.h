@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/plate_video/event.h"
+#include "tarsier/plate_video/region.h"
+#include "tarsier/plate_video/vote.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+// Follows plates through the frames of one camera and makes one event of each vehicle.
+//
+//   TrackerState state;
+//   for each frame:
+//     for (const PlateEvent& event : step_tracker(options, state, {index, time, image, readings}))
+//     .. for (const LiveTrack& track : live_tracks(options, state)) draw it
+//   for (const PlateEvent& event : flush_tracker(options, state)) ..
+namespace tarsier::plate {
+
+struct TrackerOptions {
+  Region region;            // a plate counts if the centre of its box is inside
+  double lost_after = 1.5;  // s without a reading after which a vehicle is out of sight; 0.05..60
+  // s after that in which a vehicle of the same text is taken for the same one, come back. Its
+  // event is only told when they are over. 0..3600
+  double return_within = 10;
+  double parked_return_within = 120;  // the same of one that stood still, at its place; 0..86400
+  int least_readings = 2;             // a vehicle read less often is none; 1..1000
+  // Of the voted text: below it is no vehicle, unless ten readings or more resemble it; 0..1
+  double least_confidence = 0.15;
+  int most_readings = 500;  // that an event lists; 10..100000
+  VoteOptions voting;
+  void check() const;
+};
+
+// What is kept of one vehicle; inside the tracker's state.
+struct Track;
+
+struct TrackerState {
+  TrackerState();
+  ~TrackerState();
+  TrackerState(TrackerState&&) noexcept;
+  TrackerState& operator=(TrackerState&&) noexcept;
+
+  std::vector<std::unique_ptr<Track>> tracks;
+  std::int64_t next_id = 1;
+  double time = 0;  // of the latest frame, s
+};
+
+struct TrackedFrame {
+  std::int64_t index = 0;
+  double time = 0;  // s since the source's first frame; a clock that steps back is taken to stand
+  cv::Mat image;    // best crops are cut from it; may be empty: none are
+  std::vector<Reading> readings;
+};
+
+// A vehicle that is in sight.
+struct LiveTrack {
+  std::int64_t id = 0;
+  cv::Rect box;       // in the latest frame; where it was not read, as it is thought to move
+  bool read = false;  // in the latest frame
+  std::string text;   // voted so far
+  double confidence = 0;
+  std::string country;
+  double first_time = 0;
+  std::int64_t frames = 0;
+  bool confirmed = false;  // read often and surely enough for an event
+};
+
+// One more frame. Readings belong to the vehicle whose predicted box (constant velocity) they meet
+// and whose text they resemble, one to one by falling score; the rest begin new ones. Returns the
+// events of vehicles that are gone for good. Throws std::invalid_argument for a time that is not
+// finite.
+[[nodiscard]] std::vector<PlateEvent> step_tracker(const TrackerOptions& options,
+                                                   TrackerState& state, const TrackedFrame& frame);
+
+// The events of all vehicles that are left, by time; the state is empty afterwards.
+[[nodiscard]] std::vector<PlateEvent> flush_tracker(const TrackerOptions& options,
+                                                    TrackerState& state);
+
+// Oldest first.
+[[nodiscard]] std::vector<LiveTrack> live_tracks(const TrackerOptions& options,
+                                                 const TrackerState& state);
+
+}  // namespace tarsier::plate

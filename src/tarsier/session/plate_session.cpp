@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/session/plate_session.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/draw/text.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+const cv::Scalar kSure{80, 220, 80};
+const cv::Scalar kUnsure{60, 180, 255};
+const cv::Scalar kFaint{200, 200, 200};
+constexpr std::size_t kListed = 4;
+constexpr double kSureFrom = 0.8;
+
+void outline(cv::Mat& image, const plate::Quad& quad, const cv::Scalar& color, int width) {
+  std::vector<cv::Point> points;
+  for (const cv::Point2f& p : quad) points.emplace_back(cvRound(p.x * 16), cvRound(p.y * 16));
+  cv::polylines(image, points, true, color, width, cv::LINE_AA, 4);
+}
+
+void label(cv::Mat& image, const cv::Rect& box, const std::string& text, const cv::Scalar& color) {
+  draw::TextStyle style;
+  style.height_px = std::clamp(box.height * 0.45, 9.0, 40.0);
+  style.color = color;
+  style.backing = draw::Backing::kBox;
+  style.bold = true;
+  const bool room_above = box.y > style.height_px * 2.2;
+  draw::put_text(image, text, {box.x, room_above ? box.y - 2 : box.br().y + 2}, style,
+                 room_above ? draw::Anchor::kBottomLeft : draw::Anchor::kTopLeft);
+}
+
+std::string caption(const std::string& text, double confidence) {
+  return text.empty() ? "?" : fmt::format("{} {:.0f}%", text, 100 * confidence);
+}
+
+}  // namespace
+
+PlateSession::PlateSession(Read read, OnPlate on_plate, const plate::TrackerOptions& options)
+    : read_(std::move(read)), on_plate_(std::move(on_plate)), options_(options) {
+  TARSIER_REQUIRE(read_ != nullptr, "a reader is needed");
+  options_.check();
+}
+
+View PlateSession::on_frame(const Frame& frame, const SourceStatus& source) {
+  if (frame.still != still_) finish();
+  frame_ = frame.image;
+  still_ = frame.still;
+  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
+  readings_ = read_(frame);
+  std::erase_if(readings_, [&](const plate::Reading& reading) {
+    const cv::Point2d middle(reading.box.x + reading.box.width / 2.0,
+                             reading.box.y + reading.box.height / 2.0);
+    return !options_.region.corners.empty() &&
+           !options_.region.contains(middle, frame.image.size());
+  });
+  if (!still_) {
+    tell(step_tracker(options_, state_, {frame.index, frame.time, frame.image, readings_}));
+    tracks_ = live_tracks(options_, state_);
+  }
+  draw();
+  return view(true);
+}
+
+View PlateSession::on_idle(const SourceStatus& source) {
+  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
+  return view(false);
+}
+
+View PlateSession::on_event(const Event& event) {
+  const std::string name = event.kind == Event::Kind::kAction ? event.name : [&] {
+    for (const Action& action : actions())
+      if (event.kind == Event::Kind::kKey && action.key == event.key) return action.name;
+    return event.kind == Event::Kind::kKey && event.key == key::kEscape ? std::string("quit")
+                                                                        : std::string();
+  }();
+  if (name == "quit") finished_ = true;
+  if (name == "pause") paused_ = !paused_;
+  if (name == "help") help_ = !help_;
+  if (name == "characters") {
+    characters_ = !characters_;
+    if (!frame_.empty()) draw();
+  }
+  return view(name == "characters" && !frame_.empty() && still_);
+}
+
+std::vector<Action> PlateSession::actions() const {
+  return {{"pause", "pause and go on", key::kSpace},
+          {"characters", "boxes around characters", 'c'},
+          {"help", "this list", 'h'},
+          {"quit", "end", 'q'}};
+}
+
+void PlateSession::finish() {
+  tell(flush_tracker(options_, state_));
+  tracks_.clear();
+}
+
+void PlateSession::tell(const std::vector<plate::PlateEvent>& events) {
+  for (const plate::PlateEvent& event : events) {
+    ++events_;
+    last_events_.push_back(fmt::format("{}  {:.1f}-{:.1f} s", caption(event.text, event.confidence),
+                                       event.first_time, event.last_time));
+    if (last_events_.size() > kListed) last_events_.erase(last_events_.begin());
+    if (on_plate_) on_plate_(event);
+  }
+}
+
+void PlateSession::draw() {
+  frame_.copyTo(output_);
+  const int width = std::max(1, cvRound(std::min(frame_.cols, frame_.rows) / 400.0));
+  if (!options_.region.corners.empty())
+    cv::polylines(output_, options_.region.outline(output_.size()), true, kFaint, width,
+                  cv::LINE_AA);
+  for (const plate::Reading& reading : readings_) {
+    const bool sure = reading.confidence >= kSureFrom;
+    if (characters_ && reading.box.height > 24) {
+      for (const plate::Character& character : reading.characters)
+        outline(output_, character.corners, character.confidence >= kSureFrom ? kSure : kUnsure, 1);
+    }
+    outline(output_, reading.corners, sure ? kSure : kUnsure, 2 * width);
+    if (still_)
+      label(output_, reading.box, caption(reading.text, reading.confidence),
+            sure ? kSure : kUnsure);
+  }
+  for (const plate::LiveTrack& track : tracks_) {
+    if (!track.confirmed) continue;
+    label(output_, track.box, caption(track.text, track.confidence),
+          track.confidence >= kSureFrom ? kSure : kUnsure);
+  }
+  if (still_) return;
+  draw::TextStyle style;
+  style.height_px = std::max(9.0, draw::fitting_text_height(output_.size()) * 0.7);
+  int y = 6;
+  for (const std::string& line : last_events_)
+    y = draw::put_text(output_, line, {6, y}, style).br().y;
+}
+
+View PlateSession::view(bool fresh) {
+  View result;
+  result.state = {{"plates", readings_.size()}, {"events", events_}, {"paused", paused_}};
+  result.status =
+      fmt::format("{} {}{}", readings_.size(), readings_.size() == 1 ? "plate" : "plates",
+                  paused_ ? ", paused" : "");
+  result.finished = finished_;
+  if (output_.empty()) return result;
+  output_.copyTo(shown_);
+  draw::status_bar(shown_, result.status, source_.empty() ? "h: keys" : source_);
+  if (help_) {
+    std::vector<draw::HelpLine> lines;
+    for (const Action& action : actions())
+      lines.push_back(
+          {action.key == key::kSpace ? "space" : std::string(1, static_cast<char>(action.key)),
+           action.help});
+    draw::help_overlay(shown_, "Number plates", lines);
+  }
+  result.image = shown_;
+  if (fresh) result.output = output_;
+  return result;
+}
+
+}  // namespace tarsier

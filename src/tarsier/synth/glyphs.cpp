@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/synth/glyphs.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/synth/plates.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <filesystem>
+#include <ft2build.h>
+#include <memory>
+#include FT_FREETYPE_H
+
+namespace tarsier::synth {
+namespace {
+
+// Typefaces near plate lettering, where Debian's packages put them.
+constexpr const char* kFiles[] = {
+    "/usr/share/fonts/truetype/opendin/OSP-DIN.ttf",
+    "/usr/share/fonts/opentype/urw-base35/NimbusSansNarrow-Bold.otf",
+    "/usr/share/fonts/opentype/urw-base35/NimbusSans-Bold.otf",
+    "/usr/share/fonts/truetype/freefont/FreeSansBold.ttf",
+    "/usr/share/fonts/truetype/roadgeek/RG2014B.ttf",
+    "/usr/share/fonts/truetype/roadgeek/RG2014C.ttf",
+    "/usr/share/fonts/truetype/roadgeek/RG2014D.ttf",
+    "/usr/share/fonts/truetype/roadgeek/RG2014E.ttf",
+    "/usr/share/fonts/truetype/dejavu/DejaVuSansCondensed-Bold.ttf",
+    "/usr/share/fonts/truetype/dejavu/DejaVuSans-Bold.ttf",
+    "/usr/share/fonts/truetype/dejavu/DejaVuSansMono-Bold.ttf",
+    "/usr/share/fonts/truetype/freefont/FreeMonoBold.ttf",
+};
+
+struct Library {
+  FT_Library handle = nullptr;
+  Library() {
+    if (FT_Init_FreeType(&handle) != 0) handle = nullptr;
+  }
+  ~Library() {
+    if (handle != nullptr) FT_Done_FreeType(handle);
+  }
+  Library(const Library&) = delete;
+  Library& operator=(const Library&) = delete;
+};
+
+cv::Mat cut_to_ink(const cv::Mat& mask) {
+  cv::Mat points;
+  cv::findNonZero(mask > 60, points);
+  return points.empty() ? cv::Mat() : mask(cv::boundingRect(points)).clone();
+}
+
+// The same shape with thinner or heavier strokes: the outline moves by `px`.
+cv::Mat reweighted(const cv::Mat& mask, int px) {
+  if (px == 0) return mask;
+  const int border = std::max(0, px) + 1;
+  cv::Mat wide;
+  cv::copyMakeBorder(mask, wide, border, border, border, border, cv::BORDER_CONSTANT,
+                     cv::Scalar(0));
+  const int size = 2 * std::abs(px) + 1;
+  const cv::Mat disk = cv::getStructuringElement(cv::MORPH_ELLIPSE, {size, size});
+  if (px > 0)
+    cv::dilate(wide, wide, disk);
+  else
+    cv::erode(wide, wide, disk);
+  return cut_to_ink(wide);
+}
+
+bool load(FT_Library library, const char* path, GlyphSet::Typeface& typeface) {
+  FT_Face face = nullptr;
+  if (FT_New_Face(library, path, 0, &face) != 0) return false;
+  const std::unique_ptr<FT_FaceRec, FT_Error (*)(FT_Face)> owner(face, &FT_Done_Face);
+  typeface.name = std::filesystem::path(path).stem().string();
+  // The size at which a capital has the wanted height.
+  if (FT_Set_Pixel_Sizes(face, 0, 200) != 0 ||
+      FT_Load_Char(face, 'H', FT_LOAD_RENDER | FT_LOAD_NO_HINTING) != 0 ||
+      face->glyph->bitmap.rows == 0) {
+    return false;
+  }
+  const auto size = static_cast<FT_UInt>(200.0 * GlyphSet::kCapHeight / face->glyph->bitmap.rows);
+  if (FT_Set_Pixel_Sizes(face, 0, size) != 0) return false;
+  int widest = 1;
+  for (std::size_t i = 0; i < kPlateSymbols.size(); ++i) {
+    if (FT_Load_Char(face, static_cast<FT_ULong>(kPlateSymbols[i]),
+                     FT_LOAD_RENDER | FT_LOAD_NO_HINTING) != 0) {
+      return false;
+    }
+    const FT_Bitmap& bitmap = face->glyph->bitmap;
+    if (bitmap.rows == 0 || bitmap.width == 0 || bitmap.pitch < 0) return false;
+    const cv::Mat mask(static_cast<int>(bitmap.rows), static_cast<int>(bitmap.width), CV_8UC1,
+                       bitmap.buffer, static_cast<std::size_t>(bitmap.pitch));
+    const cv::Mat ink = cut_to_ink(mask);
+    if (ink.empty()) return false;
+    constexpr int kMoves[GlyphSet::kWeights] = {-3, -1, 0, 2, 4};
+    for (std::size_t w = 0; w < GlyphSet::kWeights; ++w) {
+      cv::Mat moved = reweighted(ink, kMoves[w]);
+      typeface.masks[w][i] = moved.empty() ? ink : moved;
+    }
+    if (i < 10) widest = std::max(widest, ink.cols);
+  }
+  typeface.digit_aspect = static_cast<double>(widest) / GlyphSet::kCapHeight;
+  return true;
+}
+
+}  // namespace
+
+std::shared_ptr<const GlyphSet> load_glyphs() {
+  const Library library;
+  std::vector<GlyphSet::Typeface> typefaces;
+  if (library.handle != nullptr) {
+    for (const char* path : kFiles) {
+      GlyphSet::Typeface typeface;
+      std::error_code error;
+      if (std::filesystem::exists(path, error) && load(library.handle, path, typeface))
+        typefaces.push_back(std::move(typeface));
+    }
+  }
+  if (typefaces.size() < 2) {
+    throw InputError("typefaces",
+                     "too few are installed to letter plates with: apt-get install fonts-opendin "
+                     "fonts-urw-base35 fonts-freefont-ttf fonts-roadgeek fonts-dejavu-extra");
+  }
+  return std::make_shared<const GlyphSet>(std::move(typefaces));
+}
+
+}  // namespace tarsier::synth

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/rng.h"
+
+#include <array>
+#include <memory>
+#include <opencv2/core.hpp>
+#include <string>
+#include <vector>
+
+// Drawn number plates, flat and in scenes, with exact truth.
+namespace tarsier::synth {
+
+// The outlines of the plate symbols in several typefaces, rendered once. Const and shared between
+// threads.
+class GlyphSet;
+
+// Loads every typeface that is installed of those that come near plate lettering (OSP-DIN, Nimbus
+// Sans Narrow Bold, FreeSans Bold, Roadgeek, DejaVu Sans Condensed Bold ..). Throws InputError that
+// names the Debian packages when fewer than two are there.
+[[nodiscard]] std::shared_ptr<const GlyphSet> load_glyphs();
+
+enum class PlateKind {
+  kSpain,        // 520 x 110 mm, DDDD LLL
+  kSpainOld,     // province, L DDDD LL / L DDDDDD
+  kSpainSquare,  // 340 x 220 mm, two rows
+  kSpainMoto,    // 220 x 160 mm, two or three rows
+  kEurope,       // 520 x 110 mm, bands, seals, dashes, colours of many countries
+  kUs,           // 305 x 152 mm, state, slogan, graphics, bolts
+  kBrazil,       // 400 x 130 mm, LLL DDDD and Mercosur LLLDLDD
+};
+
+struct PlateFaceOptions {
+  PlateKind kind = PlateKind::kSpain;
+  float px_per_mm = 1.0F;  // 0.2..4
+  std::string text;        // empty: random, of the kind's layouts
+  bool random_style = true;  // typeface, stroke, colours, spacing, seals, rivets, dirt vary; false:
+                             // the kind's standard look
+  bool infrared = false;     // grey: bright plate, dark characters, seals and band fade
+};
+
+struct PlateSymbol {
+  char symbol;
+  cv::Rect2f box;  // of the ink, px of the face
+  int row;         // 0 is the upper
+};
+
+// A plate seen straight on.
+struct PlateFace {
+  cv::Mat image;  // CV_8UC3, the plate fills it
+  std::string text;
+  std::vector<PlateSymbol> symbols;  // in reading order
+  int rows = 1;
+};
+
+[[nodiscard]] PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& options,
+                                          Rng& rng);
+
+}  // namespace tarsier::synth

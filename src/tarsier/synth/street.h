@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/synth/plates.h"
+
+#include <opencv2/core.hpp>
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+// Drawn cars with number plates on a drawn street, seen by a pinhole camera, with exact truth.
+namespace tarsier::synth {
+
+enum class StreetLight {
+  kDay,
+  kNight,     // lamps glow, plates are lit
+  kInfrared,  // grey: plates throw the light back, all else is dark
+};
+
+struct StreetOptions {
+  cv::Size size{1280, 720};
+  StreetLight light = StreetLight::kDay;
+  std::vector<PlateKind> kinds{PlateKind::kSpain};
+  std::uint64_t seed = 1;
+  double seconds = 60;  // of a drive, > 0
+  int cars = 6;         // of a drive in all, 1..60
+  int parked = 1;       // of them, in view all the time
+  int far = 1;          // of them, never near
+  void check() const;
+};
+
+struct StreetPlate {
+  int id = 0;  // of the car, from 1
+  std::string text;
+  std::array<cv::Point2f, 4> corners{};  // px, from the plate's top left, clockwise
+  bool visible = false;                  // wholly in the picture, and no other car before it
+};
+
+struct StreetPicture {
+  cv::Mat image;  // CV_8UC3
+  std::vector<StreetPlate> plates;
+};
+
+// A minute on a street: cars come and go, one is parked, one waits far away. Const after
+// construction.
+class Drive {
+ public:
+  explicit Drive(const StreetOptions& options);  // throws InputError without typefaces
+  ~Drive();
+  Drive(Drive&&) noexcept;
+  Drive& operator=(Drive&&) noexcept;
+
+  // The street at `time` s. The same for the same options and time.
+  [[nodiscard]] StreetPicture at(double time) const;
+  // Texts of all cars, by id.
+  [[nodiscard]] std::vector<std::string> texts() const;
+
+  struct Parts;
+
+ private:
+  std::unique_ptr<const Parts> parts_;
+};
+
+// One or two cars near by, another scene for each `number`.
+[[nodiscard]] StreetPicture render_car(const StreetOptions& options, std::uint64_t number);
+
+}  // namespace tarsier::synth
