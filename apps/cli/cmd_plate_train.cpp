@@ -31,6 +31,7 @@ struct TrainFlags {
   std::string terms;
   plate::TrainingOptions options;
   int calibration = 3000;
+  double hold_out = 0;
   ClassicTrainFlags classic;
 };
 
@@ -109,9 +110,25 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     log_info("{}: {} labelled plates", folder, more.size());
     std::move(more.begin(), more.end(), std::back_inserter(crops));
   }
+  // The order of the crops matters to training: without --hold-out it is the folders'.
+  plate::CropSplit split;
+  if (flags.hold_out > 0) {
+    split = plate::split_crops(std::move(crops), flags.hold_out, Rng(context.seed).fork(7));
+  } else {
+    split.train = std::move(crops);
+  }
   plate::ReaderModel model;
   model.line =
-      plate::train_line_reader(views, crops, flags.options, *context.progress, context.stop);
+      plate::train_line_reader(views, split.train, flags.options, *context.progress, context.stop);
+  nlohmann::json learnt_from = provenance(flags, context);
+  if (!split.test.empty()) {
+    const plate::CharacterErrors errors = plate::test_line_reader(model.line, split.test);
+    log_info("{} plates held out: {} of {} characters read wrong ({:.2f} %)", split.test.size(),
+             errors.wrong, errors.characters, 100.0 * errors.wrong / errors.characters);
+    learnt_from["held_out"] = {{"plates", split.test.size()},
+                               {"characters", errors.characters},
+                               {"wrong", errors.wrong}};
+  }
   if (flags.calibration > 0) {
     const plate::Recognizer recognizer(
         std::move(detector_model), model,
@@ -120,7 +137,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     model.calibration = plate::fit_calibration(recognizer, views, flags.calibration,
                                                context.seed + 99, *context.progress, context.stop);
   }
-  plate::write_reader_model(flags.output, model, provenance(flags, context));
+  plate::write_reader_model(flags.output, model, learnt_from);
   return ExitStatus::kDone;
 }
 
@@ -170,6 +187,10 @@ void add_plate_train(CLI::App& plate, Context& context) {
   verb.add_option("--steps", flags->options.line_steps, "batches of 32")->capture_default_str();
   verb.add_option("--calibration", flags->calibration,
                   "drawn plates that the confidence is fitted to; 0: not fitted")
+      ->capture_default_str();
+  verb.add_option("--hold-out", flags->hold_out,
+                  "share of the labelled plates that is not learnt but judged by, 0..0.9")
+      ->check(CLI::Range(0.0, 0.9))
       ->capture_default_str();
   add_classic_reader_flags(verb, flags->classic);
   add_common_flags(verb, context);

@@ -178,7 +178,7 @@ TEST(Recognizer, RefusesOtherPictures) {
 class BrokenModel : public FolderTest {};
 
 TEST_F(BrokenModel, IsRefusedWithItsPath) {
-  const std::string path = (folder() / "m.json").string();
+  const std::string path = folder_ + "/m.json";
   const auto reason = [&](const std::string& text) -> std::string {
     std::ofstream(path) << text;
     try {

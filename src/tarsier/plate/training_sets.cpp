@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/plate/training_views.h"
 #include "tarsier/plate_text/evaluation.h"
@@ -128,6 +129,43 @@ std::vector<LabelledCrop> read_labelled_crops(const std::string& folder) {
   }
   if (crops.empty()) throw InputError(folder, "no picture has usable labels beside it");
   return crops;
+}
+
+namespace {
+
+bool may_be_one_plate(const LabelledCrop& a, const LabelledCrop& b) {
+  int agreeing = 0;
+  for (const auto& x : a.symbols) {
+    for (const auto& y : b.symbols) {
+      if (x.place != y.place) continue;
+      if (x.symbol != y.symbol) return false;
+      ++agreeing;
+    }
+  }
+  return agreeing >= 3;
+}
+
+}  // namespace
+
+CropSplit split_crops(std::vector<LabelledCrop> crops, double test_share, Rng rng) {
+  TARSIER_REQUIRE(test_share >= 0 && test_share < 1, "a share of {}", test_share);
+  for (std::size_t i = crops.size(); i > 1; --i)
+    std::swap(crops[i - 1],
+              crops[static_cast<std::size_t>(rng.integer(0, static_cast<int>(i) - 1))]);
+  const auto count =
+      static_cast<std::size_t>(std::lround(test_share * static_cast<double>(crops.size())));
+  CropSplit split;
+  for (std::size_t i = 0; i < crops.size(); ++i) {
+    if (i < count) {
+      split.test.push_back(std::move(crops[i]));
+      continue;
+    }
+    const bool judged_by =
+        std::any_of(split.test.begin(), split.test.end(),
+                    [&](const LabelledCrop& other) { return may_be_one_plate(other, crops[i]); });
+    if (!judged_by) split.train.push_back(std::move(crops[i]));
+  }
+  return split;
 }
 
 }  // namespace tarsier::plate

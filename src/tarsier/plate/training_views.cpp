@@ -175,6 +175,7 @@ void light(cv::Mat& face, Rng& rng) {
 void paste(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs, Rng& rng) {
   synth::PlateFaceOptions face_options;
   face_options.kind = random_kind(rng);
+  face_options.any_text = true;
   face_options.random_style = rng.uniform() < 0.95;
   face_options.infrared = rng.uniform() < 0.08;
   const double width = log_uniform(options.least_width, options.most_width, rng);

@@ -41,6 +41,14 @@ struct LabelledCrop {
 // order of kAlphabet); TEXT has '-' for each character that is hidden. Throws InputError.
 [[nodiscard]] std::vector<LabelledCrop> read_labelled_crops(const std::string& folder);
 
+// A share of the crops to judge by. No plate is on both sides: crops whose visible characters agree
+// wherever both show them count as one plate, and what agrees with a crop judged by is not learnt.
+struct CropSplit {
+  std::vector<LabelledCrop> train;
+  std::vector<LabelledCrop> test;
+};
+[[nodiscard]] CropSplit split_crops(std::vector<LabelledCrop> crops, double test_share, Rng rng);
+
 struct ViewPlate {
   Quad plate{};
   Quad text{};

@@ -15,6 +15,7 @@ constexpr std::size_t kLeastCharacters = 4;
 constexpr std::size_t kMostCharacters = 8;
 constexpr double kReward = 1.2;  // nats for each further character
 constexpr double kSameBox = 0.3;
+constexpr double kSurePlate = 0.5;  // the SVM's chance from which it is told though nothing is read
 
 cv::Mat gray_of(const cv::Mat& image) {
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
@@ -55,6 +56,49 @@ Quad in_image(const Quad& corners, const cv::Rect& box, cv::Size canvas) {
   };
   return {at(box.x, box.y), at(box.x + box.width, box.y), at(box.x + box.width, box.y + box.height),
           at(box.x, box.y + box.height)};
+}
+
+// A row often holds more than the plate's characters: the band's letter, an edge, a rivet. Where the
+// reader knows just the symbols of Spanish plates, the seven neighbours that are most likely four
+// digits and three letters are the plate, if each of them may be that at all.
+void keep_the_spanish_seven(ClassicText& row, const std::string& symbols) {
+  constexpr std::size_t kDigits = 4;
+  constexpr std::size_t kCharacters = 7;
+  constexpr double kLeastChance = 0.02;
+  if (symbols != kSpanishSymbols || row.text.size() < kCharacters) return;
+  const auto best_of = [&](const std::vector<double>& chances, bool digit) {
+    std::size_t best = digit ? 0 : 10;
+    for (std::size_t k = best; k < (digit ? 10 : symbols.size()); ++k)
+      if (chances[k] > chances[best]) best = k;
+    return best;
+  };
+  std::size_t start = 0;
+  std::string text;
+  double score = -1e9;
+  for (std::size_t from = 0; from + kCharacters <= row.text.size(); ++from) {
+    std::string attempt;
+    double sum = 0;
+    for (std::size_t i = 0; i < kCharacters; ++i) {
+      const std::size_t symbol = best_of(row.chances[from + i], i < kDigits);
+      const double chance = row.chances[from + i][symbol];
+      if (chance < kLeastChance) sum = -1e9;
+      sum += std::log(std::max(chance, 1e-6));
+      attempt += symbols[symbol];
+    }
+    if (sum > score && sum > -1e8) {
+      score = sum;
+      start = from;
+      text = attempt;
+    }
+  }
+  if (text.empty()) return;
+  const auto cut = [&](auto& values) {
+    values.erase(values.begin() + static_cast<std::ptrdiff_t>(start + kCharacters), values.end());
+    values.erase(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(start));
+  };
+  cut(row.segments);
+  cut(row.chances);
+  row.text = text;
 }
 
 double overlap(const cv::Rect& a, const cv::Rect& b) {
@@ -144,7 +188,8 @@ std::vector<Reading> read_classic(const cv::Mat& image, const ClassicModel& mode
   for (const Candidate144& candidate : candidates) {
     const double chance = model.svm.chance.at(model.svm.margin(candidate.gray));
     if (chance < options.least_plate) continue;
-    const ClassicText text = read_candidate(candidate, model.reader, options);
+    ClassicText text = read_candidate(candidate, model.reader, options);
+    keep_the_spanish_seven(text, model.reader.symbols);
     if (debug != nullptr && number < 8) {
       ++number;
       cv::Mat picture;
@@ -161,7 +206,7 @@ std::vector<Reading> read_classic(const cv::Mat& image, const ClassicModel& mode
     if (text.text.size() >= kLeastCharacters) {
       reading.text = text.text;
       for (std::size_t i = 0; i < text.segments.size(); ++i) {
-        const double sure = *std::max_element(text.chances[i].begin(), text.chances[i].end());
+        const double sure = text.chances[i][model.reader.symbols.find(text.text[i])];
         reading.characters.push_back(
             {text.text[i], sure,
              in_image(candidate.corners, text.segments[i].box, candidate.plain.size())});
@@ -169,6 +214,7 @@ std::vector<Reading> read_classic(const cv::Mat& image, const ClassicModel& mode
       }
       reading.candidates.push_back({text.text, least, ""});
     } else {
+      if (chance < kSurePlate) continue;
       least *= 0.1;
     }
     reading.confidence = least;

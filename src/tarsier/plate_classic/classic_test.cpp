@@ -195,7 +195,7 @@ TEST_F(ModelFiles, ComeBackTheSame) {
     CharacterReaderOptions options;
     options.kind = kind;
     const CharacterReader reader = train_character_reader(set, all, options, Rng(1));
-    const std::string path = (folder() / "reader.json").string();
+    const std::string path = folder_ + "/reader.json";
     write_character_reader(path, reader, nlohmann::json::object());
     EXPECT_EQ(read_character_reader(path).chances(set.characters[3]),
               reader.chances(set.characters[3]));
@@ -206,7 +206,7 @@ TEST_F(ModelFiles, ComeBackTheSame) {
 class XmlFiles : public FolderTest {};
 
 TEST_F(XmlFiles, BadOnesAreRefused) {
-  for (const std::string text :
+  for (const std::string& text :
        {std::string("<opencv_storage>") + std::string(300'000, '<'),
         std::string("<opencv_storage><a type_id=\"opencv-matrix\"><rows>2</rows><cols>2</cols>"
                     "<dt>f</dt><data>1 2 nan 4</data></a></opencv_storage>"),

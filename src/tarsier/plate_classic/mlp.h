@@ -25,7 +25,7 @@ struct Mlp {
 
 struct MlpOptions {
   int hidden = 20;       // 1..1000
-  int iterations = 300;  // 1..100000
+  int iterations = 100;  // 1..100000
   void check() const;
 };
 

@@ -66,11 +66,11 @@ std::string pick_pattern(std::span<const std::string_view> patterns, Rng& rng) {
       rng);
 }
 
-std::string random_text(PlateKind kind, Rng& rng) {
-  const bool free = rng.uniform() < 0.35;
+std::string random_text(PlateKind kind, bool any_text, Rng& rng) {
+  const bool free = rng.uniform() < 0.35 && any_text;
   switch (kind) {
     case PlateKind::kSpain:
-      return rng.uniform() < 0.2 ? random_groups(6, 7, rng) : fill("DDDD CCC", rng);
+      return rng.uniform() < 0.2 && any_text ? random_groups(6, 7, rng) : fill("DDDD CCC", rng);
     case PlateKind::kSpainOld:
       return rng.uniform() < 0.7 ? fill(rng.uniform() < 0.5 ? "L DDDD LL" : "LL DDDD L", rng)
                                  : fill("L DDDDDD", rng);
@@ -102,8 +102,9 @@ std::string grouped(PlateKind kind, const std::string& text) {
 
 }  // namespace
 
-std::vector<std::string> plate_text(PlateKind kind, const std::string& text, Rng& rng) {
-  const std::string whole = text.empty() ? random_text(kind, rng) : grouped(kind, text);
+std::vector<std::string> plate_text(PlateKind kind, const std::string& text, bool any_text,
+                                    Rng& rng) {
+  const std::string whole = text.empty() ? random_text(kind, any_text, rng) : grouped(kind, text);
   std::vector<std::string> rows(1);
   for (const char c : whole) {
     if (c == '|') {

@@ -568,7 +568,8 @@ Separator choose_separator(PlateKind kind, bool random, Rng& rng) {
 PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& options, Rng& rng) {
   TARSIER_REQUIRE(options.px_per_mm >= 0.2F && options.px_per_mm <= 4, "px_per_mm {}",
                   options.px_per_mm);
-  const std::vector<std::string> rows = plate_text(options.kind, options.text, rng);
+  const std::vector<std::string> rows =
+      plate_text(options.kind, options.text, options.any_text, rng);
   Look look = standard_look(options.kind, static_cast<int>(rows.size()));
   if (options.random_style) vary(look, options.kind, glyphs, rng);
   if (options.infrared) in_infrared(look, rng);

@@ -3,9 +3,10 @@
 
 #include "tarsier/core/rng.h"
 
+#include <opencv2/core.hpp>
+
 #include <array>
 #include <memory>
-#include <opencv2/core.hpp>
 #include <string>
 #include <vector>
 
@@ -33,8 +34,10 @@ enum class PlateKind {
 
 struct PlateFaceOptions {
   PlateKind kind = PlateKind::kSpain;
-  float px_per_mm = 1.0F;  // 0.2..4
-  std::string text;        // empty: random, of the kind's layouts
+  float px_per_mm = 1.0F;    // 0.2..4
+  std::string text;          // empty: random, of the kind's layouts
+  bool any_text = false;     // random texts are often groups of anything: a reader that learns from
+                             // them learns no grammar
   bool random_style = true;  // typeface, stroke, colours, spacing, seals, rivets, dirt vary; false:
                              // the kind's standard look
   bool infrared = false;     // grey: bright plate, dark characters, seals and band fade

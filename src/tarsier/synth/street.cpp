@@ -284,6 +284,12 @@ StreetPicture compose(const cv::Mat& background, const Camera& camera, StreetLig
     }
     result.plates.push_back(plate);
   }
+  if (light == StreetLight::kInfrared) {
+    // Resampling rounds the channels apart; such a camera has one.
+    cv::Mat gray;
+    cv::cvtColor(result.image, gray, cv::COLOR_BGR2GRAY);
+    cv::cvtColor(gray, result.image, cv::COLOR_GRAY2BGR);
+  }
   return result;
 }
 

@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/synth/plates.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/synth/plate_texts.h"
+#include "tarsier/synth/street.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <map>
+#include <regex>
+#include <set>
+
+namespace tarsier::synth {
+namespace {
+
+constexpr PlateKind kKinds[] = {
+    PlateKind::kSpain,  PlateKind::kSpainOld, PlateKind::kSpainSquare, PlateKind::kSpainMoto,
+    PlateKind::kEurope, PlateKind::kUs,       PlateKind::kBrazil};
+
+bool is_same(const cv::Mat& a, const cv::Mat& b) {
+  return a.size() == b.size() && a.type() == b.type() && cv::norm(a, b, cv::NORM_INF) == 0;
+}
+
+class DrawnPlates : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    try {
+      glyphs_ = load_glyphs();
+    } catch (const InputError&) {
+    }
+  }
+  void SetUp() override {
+    if (glyphs_ == nullptr) GTEST_SKIP() << "no typefaces to draw plates with";
+  }
+  static std::shared_ptr<const GlyphSet> glyphs_;
+};
+std::shared_ptr<const GlyphSet> DrawnPlates::glyphs_;
+
+TEST(PlateTexts, AreOfTheirCountry) {
+  const std::map<PlateKind, std::string> forms{
+      {PlateKind::kSpain, "[0-9]{4} [BCDFGHJKLMNPRSTVWXYZ]{3}"},
+      {PlateKind::kBrazil, "[A-Z]{3} [0-9]{4}|[A-Z]{3} ?[0-9][A-Z][0-9]{2}"},
+  };
+  Rng rng(3);
+  for (const auto& [kind, form] : forms) {
+    for (int i = 0; i < 50; ++i) {
+      const std::vector<std::string> rows = plate_text(kind, "", false, rng);
+      ASSERT_EQ(rows.size(), 1U);
+      EXPECT_TRUE(std::regex_match(rows[0], std::regex(form))) << rows[0];
+    }
+  }
+  EXPECT_EQ(plate_text(PlateKind::kSpainSquare, "1234BCD", false, rng).size(), 2U);
+  EXPECT_THROW((void)plate_text(PlateKind::kSpain, "12?4", false, rng), std::invalid_argument);
+}
+
+TEST_F(DrawnPlates, HaveTheirSizeAndTheirCharactersInOrder) {
+  for (const PlateKind kind : kKinds) {
+    Rng rng(11);
+    for (int i = 0; i < 10; ++i) {
+      PlateFaceOptions options;
+      options.kind = kind;
+      options.px_per_mm = 1.0F;
+      const PlateFace face = render_plate_face(*glyphs_, options, rng);
+      ASSERT_EQ(face.image.type(), CV_8UC3);
+      ASSERT_EQ(face.symbols.size(), face.text.size());
+      for (std::size_t k = 0; k < face.symbols.size(); ++k) {
+        const PlateSymbol& symbol = face.symbols[k];
+        EXPECT_EQ(symbol.symbol, face.text[k]);
+        EXPECT_LT(symbol.row, face.rows);
+        EXPECT_GE(symbol.box.x, 0);
+        EXPECT_LE(symbol.box.x + symbol.box.width, static_cast<float>(face.image.cols) + 1);
+        if (k > 0 && symbol.row == face.symbols[k - 1].row) {
+          EXPECT_GT(symbol.box.x, face.symbols[k - 1].box.x);
+        }
+      }
+    }
+  }
+}
+
+TEST_F(DrawnPlates, StandardSpanishPlateIsTheLawsGeometry) {
+  PlateFaceOptions options;
+  options.text = "8246DFG";
+  options.random_style = false;
+  options.px_per_mm = 2;
+  Rng rng(1);
+  const PlateFace face = render_plate_face(*glyphs_, options, rng);
+  EXPECT_EQ(face.image.size(), cv::Size(1040, 220));
+  for (const PlateSymbol& symbol : face.symbols)
+    EXPECT_NEAR(symbol.box.height, 154, 8) << symbol.symbol;  // 77 mm
+  // The group's space is wider than the gaps within groups.
+  const auto gap = [&](std::size_t k) {
+    return face.symbols[k + 1].box.x - face.symbols[k].box.x - face.symbols[k].box.width;
+  };
+  EXPECT_GT(gap(3), 2 * gap(1));
+  // Blue band at the left, dark ink on white.
+  const cv::Vec3b band = face.image.at<cv::Vec3b>(200, 12);
+  EXPECT_GT(band[0], band[2] + 50);
+  const cv::Rect ink = face.symbols[0].box;
+  cv::Mat gray;
+  cv::cvtColor(face.image, gray, cv::COLOR_BGR2GRAY);
+  double least = 0;
+  double most = 0;
+  cv::minMaxLoc(gray(ink), &least, &most);
+  EXPECT_LT(least, 60);
+  EXPECT_GT(most, 190);
+}
+
+TEST_F(DrawnPlates, SeedsDecide) {
+  PlateFaceOptions options;
+  options.kind = PlateKind::kEurope;
+  Rng first(5);
+  Rng again(5);
+  Rng other(6);
+  const PlateFace face = render_plate_face(*glyphs_, options, first);
+  const PlateFace same = render_plate_face(*glyphs_, options, again);
+  EXPECT_EQ(face.text, same.text);
+  EXPECT_TRUE(is_same(face.image, same.image));
+  EXPECT_NE(face.text, render_plate_face(*glyphs_, options, other).text);
+}
+
+TEST_F(DrawnPlates, InfraredOnesAreGreyAndBright) {
+  PlateFaceOptions options;
+  options.infrared = true;
+  Rng rng(2);
+  const PlateFace face = render_plate_face(*glyphs_, options, rng);
+  std::vector<cv::Mat> channels;
+  cv::split(face.image, channels);
+  EXPECT_EQ(cv::norm(channels[0], channels[2], cv::NORM_INF), 0);
+  EXPECT_GT(cv::mean(channels[0])[0], 110);
+}
+
+class Streets : public DrawnPlates {
+ protected:
+  static StreetOptions small_drive() {
+    StreetOptions options;
+    options.size = {640, 360};
+    options.seconds = 12;
+    options.cars = 3;
+    options.seed = 9;
+    return options;
+  }
+};
+
+TEST_F(Streets, TruthIsWhereThePlateIsDrawn) {
+  StreetOptions options;
+  options.seed = 4;
+  for (std::uint64_t number = 0; number < 6; ++number) {
+    const StreetPicture picture = render_car(options, number);
+    ASSERT_EQ(picture.image.size(), options.size);
+    for (const StreetPlate& plate : picture.plates) {
+      if (!plate.visible) continue;
+      cv::Mat face;
+      const std::vector<cv::Point2f> corners(plate.corners.begin(), plate.corners.end());
+      const std::vector<cv::Point2f> to{{0, 0}, {208, 0}, {208, 44}, {0, 44}};
+      cv::warpPerspective(picture.image, face, cv::getPerspectiveTransform(corners, to), {208, 44},
+                          cv::INTER_AREA);
+      cv::cvtColor(face, face, cv::COLOR_BGR2GRAY);
+      cv::Scalar mean;
+      cv::Scalar deviation;
+      cv::meanStdDev(face, mean, deviation);
+      EXPECT_GT(deviation[0], 12) << number;  // dark ink on a bright ground
+    }
+  }
+}
+
+TEST_F(Streets, EveryCarOfADriveIsSeenAndTheParkedOneStays) {
+  const Drive drive(small_drive());
+  const std::vector<std::string> texts = drive.texts();
+  ASSERT_EQ(texts.size(), 3U);
+  EXPECT_EQ(std::set<std::string>(texts.begin(), texts.end()).size(), 3U);
+  std::map<int, int> seen;
+  constexpr int kLooks = 48;
+  for (int i = 0; i < kLooks; ++i)
+    for (const StreetPlate& plate : drive.at(i * 12.0 / kLooks).plates)
+      seen[plate.id] += plate.visible;
+  ASSERT_EQ(seen.size(), 3U);
+  int longest = 0;
+  for (const auto& [id, count] : seen) {
+    EXPECT_GT(count, 2) << id;
+    longest = std::max(longest, count);
+  }
+  EXPECT_GT(longest, kLooks / 2);
+}
+
+TEST_F(Streets, TimeAndSeedDecide) {
+  const Drive drive(small_drive());
+  EXPECT_TRUE(is_same(drive.at(3.5).image, Drive(small_drive()).at(3.5).image));
+  StreetOptions other = small_drive();
+  other.seed = 10;
+  EXPECT_NE(drive.texts(), Drive(other).texts());
+}
+
+TEST_F(Streets, InfraredIsGreyAndDarkAroundThePlate) {
+  StreetOptions options = small_drive();
+  options.light = StreetLight::kInfrared;
+  const StreetPicture picture = render_car(options, 1);
+  std::vector<cv::Mat> channels;
+  cv::split(picture.image, channels);
+  EXPECT_EQ(cv::norm(channels[0], channels[2], cv::NORM_INF), 0);
+  EXPECT_LT(cv::mean(channels[0])[0], 80);
+}
+
+TEST_F(Streets, ImpossibleOptionsAreRefused) {
+  StreetOptions options;
+  options.cars = 0;
+  EXPECT_THROW(options.check(), std::invalid_argument);
+  options = {};
+  options.parked = 7;
+  EXPECT_THROW(options.check(), std::invalid_argument);
+  options = {};
+  options.seconds = 0;
+  EXPECT_THROW(options.check(), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::synth
