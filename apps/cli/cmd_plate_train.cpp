@@ -125,9 +125,8 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     const plate::CharacterErrors errors = plate::test_line_reader(model.line, split.test);
     log_info("{} plates held out: {} of {} characters read wrong ({:.2f} %)", split.test.size(),
              errors.wrong, errors.characters, 100.0 * errors.wrong / errors.characters);
-    learnt_from["held_out"] = {{"plates", split.test.size()},
-                               {"characters", errors.characters},
-                               {"wrong", errors.wrong}};
+    learnt_from["held_out"] = {
+        {"plates", split.test.size()}, {"characters", errors.characters}, {"wrong", errors.wrong}};
   }
   if (flags.calibration > 0) {
     const plate::Recognizer recognizer(

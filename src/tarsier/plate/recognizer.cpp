@@ -9,11 +9,13 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numeric>
 
 namespace tarsier::plate {
 namespace {
 
 constexpr float kSamePlate = 0.4F;  // share of the smaller box that two finds have in common
+constexpr float kRival = 0.6F;      // .. and from which only one of them is told
 constexpr int kMostRivals = 3;
 
 cv::Mat gray_of(const cv::Mat& image) {
@@ -142,6 +144,9 @@ Recognizer::Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice
                        const RecognizerOptions& options, const DecodeOptions& decoding)
     : detector_(std::move(detector)),
       reader_(std::move(reader)),
+      decoders_{Decoder(weighed_by_form(countries, PlateForm::kLong), decoding),
+                Decoder(weighed_by_form(countries, PlateForm::kBetween), decoding),
+                Decoder(weighed_by_form(countries, PlateForm::kShort), decoding)},
       decoder_(std::move(countries), decoding),
       options_(options) {
   options_.check();
@@ -223,11 +228,13 @@ Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
   reading.corners = alignment.plate;
   reading.box = bounding_box(alignment.plate, gray.size());
   std::vector<Attempt> attempts;
+  const PlateForm form = plate_form(mean_width(alignment.plate) / mean_height(alignment.plate));
   const auto attempt = [&](const Quad& text, bool two_rows) {
     Attempt one;
     one.two_rows = two_rows;
     one.lines = read_lines(gray, text, two_rows, reader_.line, workspace);
-    one.texts = decoder_.decode(one.lines.probabilities);
+    const Decoder& decoder = two_rows ? decoder_ : decoders_[static_cast<std::size_t>(form)];
+    one.texts = decoder.decode(one.lines.probabilities);
     attempts.push_back(std::move(one));
   };
   attempt(alignment.text, alignment.two_rows > 0.5F);
@@ -281,6 +288,37 @@ Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
   return reading;
 }
 
+// Of rivals for one place one stays: what is most certainly a whole plate and reads well. Half a
+// plate may read as well as the whole one, but the aligner knows it is not.
+std::vector<Reading> Recognizer::without_rivals(const std::vector<Find>& finds,
+                                                std::vector<Reading> readings) {
+  const auto key = [&](std::size_t i) {
+    const double score = std::clamp(static_cast<double>(finds[i].score), 1e-4, 0.998);
+    return std::log(std::max(readings[i].confidence, 1e-6)) + 0.5 * std::log(score / (1 - score));
+  };
+  std::vector<std::size_t> order(readings.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return key(a) > key(b); });
+  std::vector<std::size_t> chosen;
+  for (const std::size_t i : order) {
+    const auto rival = std::find_if(chosen.begin(), chosen.end(), [&](std::size_t other) {
+      return box_cover(readings[other].corners, readings[i].corners) > kRival;
+    });
+    if (rival == chosen.end()) {
+      chosen.push_back(i);
+    } else if (readings[i].text == readings[*rival].text &&
+               readings[i].box.area() < readings[*rival].box.area()) {
+      *rival = i;  // what reads the same in a tighter box is the plate itself
+    }
+  }
+  std::vector<Reading> kept;
+  for (const std::size_t i : chosen) kept.push_back(std::move(readings[i]));
+  std::stable_sort(kept.begin(), kept.end(),
+                   [](const Reading& a, const Reading& b) { return a.confidence > b.confidence; });
+  return kept;
+}
+
 std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug,
                                       Timers* timers) const {
   const cv::Mat gray = gray_of(image);
@@ -298,9 +336,7 @@ std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug,
     cv::parallel_for_(all, read_some);
   else
     read_some(all);
-  std::stable_sort(readings.begin(), readings.end(),
-                   [](const Reading& a, const Reading& b) { return a.confidence > b.confidence; });
-  return readings;
+  return without_rivals(finds, std::move(readings));
 }
 
 Reading Recognizer::read_at(const cv::Mat& image, const Quad& corners,

@@ -9,6 +9,7 @@
 
 #include <opencv2/core.hpp>
 
+#include <array>
 #include <string>
 #include <vector>
 
@@ -74,13 +75,16 @@ class Recognizer {
     float score;
   };
   [[nodiscard]] std::vector<Find> find(const cv::Mat& gray, DebugSink* debug, Timers* timers) const;
+  [[nodiscard]] static std::vector<Reading> without_rivals(const std::vector<Find>& finds,
+                                                           std::vector<Reading> readings);
   [[nodiscard]] Reading read_text(const cv::Mat& gray, const Alignment& alignment,
                                   nn::Workspace& workspace,
                                   std::array<double, 5>* features = nullptr) const;
 
   DetectorModel detector_;
   ReaderModel reader_;
-  Decoder decoder_;
+  std::array<Decoder, 3> decoders_;  // by PlateForm, for plates of one row
+  Decoder decoder_;                  // for those of two
   RecognizerOptions options_;
 };
 

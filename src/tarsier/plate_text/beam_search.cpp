@@ -2,6 +2,7 @@
 #include "tarsier/plate_text/beam_search.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/plate_text/ctc.h"
 
 #include <algorithm>
 #include <array>
@@ -260,8 +261,9 @@ class Search {
     for (const int symbol : symbols_) {
       const bool fits = (prefix.next >> static_cast<unsigned>(symbol) & 1U) != 0;
       if (!fits && !may_be_free) continue;
-      const double gain = (symbol == prefix.symbol ? prefix.blank : prefix.sum()) *
-                          static_cast<double>(row[symbol]);
+      const double before =
+          prefix.blank + (symbol == prefix.symbol ? 0 : kDirect * prefix.character);
+      const double gain = before * static_cast<double>(row[symbol]);
       if (!(gain > 0)) continue;
       const int child = find_child(k, symbol);
       if (child >= 0 && at(child).kept) {

@@ -127,7 +127,10 @@ class Parser {
     }
     if (country_.layouts.empty()) throw InputError(name_, "has no layout");
     if (country_.name.empty()) country_.name = country_.code;
-    for (Layout& layout : country_.layouts) layout.prior = prior_;
+    for (Layout& layout : country_.layouts) {
+      layout.prior = prior_;
+      layout.aspect = aspect_;
+    }
     return std::move(country_);
   }
 
@@ -147,6 +150,9 @@ class Parser {
     } else if (key == "cars") {
       prior_ = std::sqrt(parse_weight(next_word(rest)));
       if (!trimmed(rest).empty()) fail("one number is expected: millions of cars");
+    } else if (key == "aspect") {
+      aspect_ = parse_weight(next_word(rest));
+      if (!trimmed(rest).empty()) fail("one number is expected: width by height");
     } else if (key == "group") {
       if (!is_code(rest) || rest == "any") {
         fail(fmt::format("'{}' is no group: lower case letters, digits and '-'", printable(rest)));
@@ -155,7 +161,7 @@ class Parser {
     } else if (key == "set" || key == "words") {
       parse_element(key, rest);
     } else {
-      fail(fmt::format("'{}' is none of name, group, cars, set, words, nor a layout",
+      fail(fmt::format("'{}' is none of name, group, cars, aspect, set, words, nor a layout",
                        printable(key)));
     }
   }
@@ -324,6 +330,7 @@ class Parser {
   int line_ = 0;
   Country country_;
   double prior_ = 1;
+  double aspect_ = 0;
   std::map<char, Element> elements_;
 };
 
@@ -411,6 +418,22 @@ CountryChoice choose_countries(const std::vector<Country>& countries,
   for (const Country& country : countries) {
     if (!choice.free_text && !codes.contains(country.code)) continue;
     choice.layouts.insert(choice.layouts.end(), country.layouts.begin(), country.layouts.end());
+  }
+  return choice;
+}
+
+PlateForm plate_form(double aspect) {
+  if (aspect > 2.7) return PlateForm::kLong;
+  return aspect < 2.3 ? PlateForm::kShort : PlateForm::kBetween;
+}
+
+CountryChoice weighed_by_form(CountryChoice choice, PlateForm form) {
+  constexpr double kRare = 0.1;  // American plates on European cars and the like
+  constexpr double kNever = 0.01;
+  for (Layout& layout : choice.layouts) {
+    if (layout.aspect <= 0) continue;
+    if (form == PlateForm::kLong && layout.aspect < 2.4) layout.prior *= kNever;
+    if (form == PlateForm::kShort && layout.aspect > 4) layout.prior *= kRare;
   }
   return choice;
 }

@@ -21,6 +21,7 @@ struct Layout {
   int group_break = 0;            // place before which the wide gap or second row begins; 0: none
   double weight = 1;              // how common it is, relative to the others of the country; > 0
   double prior = 1;               // how common the country's plates are, relative to others'; > 0
+  double aspect = 0;              // width by height of its plates with one row; 0: not known
 };
 
 struct Country {
@@ -35,6 +36,7 @@ struct Country {
 //   name Spain
 //   group eu
 //   cars 25                           millions; its square root counts among countries. Default: 1
+//   aspect 4.7                        width by height of its plates with one row. Default: any
 //   set C = BCDFGHJKLMNPRSTVWXYZ      one letter that stands for any of these in layouts below
 //   words P = M B V SE                one letter that stands for any of these words
 //   DDDD CCC   weight 10   name now   a layout; weight (1) and name may be left out
@@ -57,5 +59,14 @@ struct CountryChoice {
 };
 [[nodiscard]] CountryChoice choose_countries(const std::vector<Country>& countries,
                                              const std::vector<std::string>& wanted);
+
+// The same layouts, those less likely that a plate of one row with this form does not have.
+enum class PlateForm {
+  kLong,     // wider than 2.7 times its height: not a plate of the size 2:1
+  kBetween,  // may be either, seen from the side
+  kShort     // narrower than 2.3 times its height: hardly one of 4.7:1
+};
+[[nodiscard]] PlateForm plate_form(double aspect);
+[[nodiscard]] CountryChoice weighed_by_form(CountryChoice choice, PlateForm form);
 
 }  // namespace tarsier::plate

@@ -234,5 +234,31 @@ TEST_F(FolderOfCountries, ABadFileIsAnErrorThatNamesIt) {
   EXPECT_THROW((void)read_countries(folder_), InputError);
 }
 
+TEST(PlateFormTest, APlateOfAnotherFormIsLessLikelyToBeTheCountrys) {
+  CountryChoice choice;
+  for (const char* text : {"aspect 2\ncars 100\nLLLDDD\n", "aspect 4.7\nLLLDDD\n", "LLLDDD\n"}) {
+    const Country country = parse_country(text, "xx.txt");
+    choice.layouts.push_back(country.layouts.at(0));
+  }
+  EXPECT_EQ(plate_form(4.5), PlateForm::kLong);
+  EXPECT_EQ(plate_form(2.5), PlateForm::kBetween);
+  EXPECT_EQ(plate_form(1.9), PlateForm::kShort);
+  const auto priors = [&](PlateForm form) {
+    std::vector<double> result;
+    for (const Layout& layout : weighed_by_form(choice, form).layouts)
+      result.push_back(layout.prior);
+    return result;
+  };
+  const std::vector<double> as_given = priors(PlateForm::kBetween);
+  EXPECT_EQ(as_given, (std::vector<double>{10, 1, 1}));
+  const std::vector<double> seen_long = priors(PlateForm::kLong);
+  EXPECT_LT(seen_long[0], seen_long[1]);
+  EXPECT_EQ(seen_long[2], 1);
+  const std::vector<double> seen_short = priors(PlateForm::kShort);
+  EXPECT_LT(seen_short[1], seen_short[2]);
+  EXPECT_EQ(seen_short[0], 10);
+  EXPECT_THROW((void)parse_country("aspect wide\nLLL\n", "xx.txt"), InputError);
+}
+
 }  // namespace
 }  // namespace tarsier::plate

@@ -38,7 +38,7 @@ double log_probability(const cv::Mat& probabilities, const std::vector<int>& cla
         arrives = state < 2 ? 1 : 0;
       } else {
         if (state >= 1) arrives += forward[state - 1];
-        if (may_skip_blank(classes, state)) arrives += forward[state - 2];
+        if (may_skip_blank(classes, state)) arrives += kDirect * forward[state - 2];
       }
       forward[state] = arrives * static_cast<double>(row[class_of_state(classes, state)]);
       sum += forward[state];
@@ -56,6 +56,7 @@ std::vector<std::pair<int, int>> best_alignment(const cv::Mat& probabilities,
   const std::size_t states = 2 * classes.size() + 1;
   const auto columns = static_cast<std::size_t>(probabilities.rows);
   if (columns == 0) return {};
+  static const double log_direct = std::log(kDirect);
   std::vector<double> score(states, kNever);
   std::vector<std::uint8_t> steps(states * columns, 0);  // how many states back
   const auto log_of = [](float p) { return p > 0 ? std::log(static_cast<double>(p)) : kNever; };
@@ -72,8 +73,8 @@ std::vector<std::pair<int, int>> best_alignment(const cv::Mat& probabilities,
           best = score[state - 1];
           step = 1;
         }
-        if (may_skip_blank(classes, state) && score[state - 2] > best) {
-          best = score[state - 2];
+        if (may_skip_blank(classes, state) && score[state - 2] + log_direct > best) {
+          best = score[state - 2] + log_direct;
           step = 2;
         }
       }

@@ -11,6 +11,11 @@
 // blanks and characters: blank, first, blank, second ... blank.
 namespace tarsier::plate {
 
+// Weight of a character that follows another without a blank between them, against 1 in the paper.
+// The columns are learnt with blanks around each character's middle, so such a change is mostly one
+// character that is seen as two (an O as "O0").
+inline constexpr double kDirect = 0.01;
+
 // Natural logarithm of the probability that `classes` (numbers below kBlank) stand in the columns
 // (rows of `probabilities`, CV_32F, kClasses wide); minus infinity where they cannot.
 [[nodiscard]] double log_probability(const cv::Mat& probabilities, const std::vector<int>& classes);

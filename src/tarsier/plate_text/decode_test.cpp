@@ -82,7 +82,8 @@ void add_paths(const cv::Mat& rows, int y, double p, int last, const std::string
     if (q <= 0) continue;
     const bool writes = k != kBlank && k != last;
     const std::string next = writes ? text + kAlphabet[static_cast<std::size_t>(k)] : text;
-    add_paths(rows, y + 1, p * q, k, next, texts);
+    const bool direct = writes && last >= 0 && last != kBlank;
+    add_paths(rows, y + 1, p * q * (direct ? kDirect : 1), k, next, texts);
   }
 }
 
@@ -119,10 +120,10 @@ TEST(DecodeTest, AWideBeamFindsWhatFullEnumerationFinds) {
       const auto digit = [&](std::size_t k) { return text[k] <= '9'; };
       double prior = choice.free_text && !text.empty() ? -1.5 : -1e9;
       if (text.size() == 2 && digit(0) && digit(1)) {
-        prior = std::log(0.75) + 0.3 * 2 * std::log(3.6);
+        prior = std::log(0.75) + options.specificity * 2 * std::log(3.6);
       }
       if (text.size() == 3 && digit(0) && !digit(1) && !digit(2)) {
-        prior = std::log(0.25) + 0.3 * (std::log(3.6) + 2 * std::log(36.0 / 26));
+        prior = std::log(0.25) + options.specificity * (std::log(3.6) + 2 * std::log(36.0 / 26));
       }
       if (prior > -1e8) expected.emplace_back(std::log(p) + prior, text);
     }
@@ -181,11 +182,23 @@ TEST(DecodeTest, FreeTextWinsOnlyWhereThePictureIsSureEnough) {
 
 TEST(DecodeTest, EqualNeighboursNeedABlankBetween) {
   const CountryChoice choice = choice_of("DDD?\n");
-  EXPECT_EQ(decode(columns_of({{{'1', 0.9F}}, {{'1', 0.9F}}, {{'2', 0.9F}}}), choice, {})[0].text,
-            "12");
-  EXPECT_EQ(
-      decode(columns_of({{{'1', 0.9F}}, {}, {{'1', 0.9F}}, {{'2', 0.9F}}}), choice, {})[0].text,
-      "112");
+  const auto text_of = [&](const cv::Mat& columns) { return decode(columns, choice, {})[0].text; };
+  EXPECT_EQ(text_of(columns_of({{{'1', 0.9F}}, {{'1', 0.9F}}, {}, {{'2', 0.9F}}})), "12");
+  EXPECT_EQ(text_of(columns_of({{{'1', 0.9F}}, {}, {{'1', 0.9F}}, {}, {{'2', 0.9F}}})), "112");
+}
+
+TEST(DecodeTest, OneCharacterSeenAsTwoStaysOne) {
+  // An O that looks like a 0 in its second half, before two digits.
+  const cv::Mat columns = columns_of({{{'B', 0.9F}},
+                                      {},
+                                      {{'O', 0.6F}, {'0', 0.4F}},
+                                      {{'O', 0.45F}, {'0', 0.55F}},
+                                      {},
+                                      {{'6', 0.9F}},
+                                      {},
+                                      {{'2', 0.9F}}});
+  const CountryChoice choice = choice_of("LLDD weight 1\nLLDDD weight 20\n");
+  EXPECT_EQ(decode(columns, choice, {})[0].text, "BO62");
 }
 
 TEST(DecodeTest, CandidatesAreOrderedAndAddUp) {

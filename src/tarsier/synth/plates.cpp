@@ -27,6 +27,7 @@ struct Look {
   double centre = 0.5;      // of the text, share of the height
   bool fixed_pitch = true;  // a 1 takes as much room as an 8
   double widest = 1.35;     // of a W by a digit's
+  bool turned_w = false;    // the W is an M upside down, as in many dies for one width
   double band_left = 0;     // width of the euro band
   double band_right = 0;
   double corner = 8;  // radius
@@ -87,6 +88,16 @@ const cv::Mat& mask_of(const GlyphSet& glyphs, char symbol, int typeface, int we
   const auto& face = glyphs.typefaces()[static_cast<std::size_t>(typeface)];
   const std::size_t index = kPlateSymbols.find(symbol);
   return face.masks[static_cast<std::size_t>(weight)][index == std::string_view::npos ? 0 : index];
+}
+
+// The symbol as this plate letters it.
+cv::Mat letter_of(const GlyphSet& glyphs, const Look& look, char symbol) {
+  if (symbol == 'W' && look.turned_w) {
+    cv::Mat turned;
+    cv::flip(mask_of(glyphs, 'M', look.typeface, look.weight), turned, 0);
+    return turned;
+  }
+  return mask_of(glyphs, symbol, look.typeface, look.weight);
 }
 
 // A line of small lettering, centred; returns its width in mm.
@@ -436,6 +447,7 @@ void vary(Look& look, PlateKind kind, const GlyphSet& glyphs, Rng& rng) {
   look.fixed_pitch = rng.uniform() < 0.6;
   look.widest = rng.uniform(0.98, 1.35);
   look.slant = rng.uniform() < 0.12 ? rng.normal(0, 0.08) : 0;
+  look.turned_w = rng.uniform() < (kind == PlateKind::kUs ? 0.6 : 0.3);
   look.border = rng.uniform() < 0.6 ? rng.uniform(1, 6) : 0;
   look.corner = rng.uniform(0, 14);
   look.band = Color(rng.uniform(90, 200), rng.uniform(20, 90), rng.uniform(0, 60));
@@ -492,7 +504,7 @@ Line lay_out(const std::string& groups, const Look& look, const GlyphSet& glyphs
     }
     Cell cell{};
     cell.symbol = c;
-    const cv::Mat& mask = mask_of(glyphs, c, look.typeface, look.weight);
+    const cv::Mat mask = letter_of(glyphs, look, c);
     cell.width = std::min(look.cap * stretch * mask.cols / mask.rows, look.cell * look.widest);
     cell.room = look.fixed_pitch ? std::max(look.cell, cell.width) : cell.width;
     width += cell.room + look.gap;
@@ -521,7 +533,7 @@ Line lay_out(const std::string& groups, const Look& look, const GlyphSet& glyphs
 void letter(const Painter& p, const Look& look, const Line& line, double y, int row, bool embossed,
             PlateFace& face) {
   for (const Cell& cell : line.cells) {
-    const cv::Mat& source = mask_of(p.glyphs, cell.symbol, look.typeface, look.weight);
+    const cv::Mat source = letter_of(p.glyphs, look, cell.symbol);
     const cv::Size size(std::max(2, p.px(cell.width)), std::max(4, p.px(look.cap)));
     cv::Mat mask;
     cv::resize(source, mask, size, 0, 0, cv::INTER_AREA);
