@@ -71,10 +71,10 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
     const Clock::time_point start = Clock::now();
     std::vector<plate::Reading> readings = read(frame.image, sink);
     milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-    found = found || !readings.empty();
     return readings;
   };
   const auto on_plate = [&](const plate::PlateEvent& event) {
+    found = true;
     if (log) (void)log->append(event, source, *origin);
     if (context.json)
       print_json_line(
@@ -98,6 +98,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
     if (sink != nullptr) debug.begin(frame);
   };
   hooks.after_frame = [&](const Frame& frame) {
+    found = found || ((frame.still || !flags.events_only) && !session.readings().empty());
     if (frame.still) finish_still(frame);
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
@@ -153,6 +154,8 @@ void add_plate_read(CLI::App& plate, Context& context) {
   film(verb.add_option("--least-readings", flags->tracker.least_readings,
                        "frames in which a vehicle must be read")
            ->capture_default_str());
+  film(verb.add_flag("--words", flags->tracker.words,
+                     "texts without a digit are vehicles too (a few plates; many signs)"));
   film(verb.add_option("--log", flags->log, "SQLite file that every vehicle is written to"));
   add_common_flags(verb, context);
   verb.callback(

@@ -17,7 +17,7 @@ struct TrainingOptions {
   std::uint64_t seed = 1;
   int detector_steps = 3000;  // batches of 32
   int aligner_steps = 2500;
-  int line_steps = 7000;
+  int line_steps = 6000;
   void check() const;
 };
 

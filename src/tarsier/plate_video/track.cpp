@@ -95,6 +95,7 @@ void add_reading(Track& track, const Reading& reading, const TrackedFrame& frame
   ++track.frames;
   track.evidence.push_back(
       {{frame.index, time, reading.text, reading.confidence, reading.box}, ballot_of(reading)});
+  track.surest = std::max(track.surest, reading.confidence);
   const double quality = quality_of(track.evidence.back());
   if (quality > track.best_quality) {
     track.best_quality = quality;
@@ -132,6 +133,9 @@ void vote_if_due(Track& track, const TrackerOptions& options) {
 
 bool is_confirmed(const Track& track, const TrackerOptions& options) {
   if (track.frames < options.least_readings || track.voted.empty()) return false;
+  const std::string text = text_of(track);
+  const bool has_digit = text.find_first_of("0123456789") != std::string::npos;
+  if (track.surest < options.least_single || (!has_digit && !options.words)) return false;
   // What is read much the same for long is a plate, though its text may be in doubt.
   const bool lasting = track.frames >= kLasting && track.agreement >= kLastingAgreement;
   return lasting || confidence_of(track) >= options.least_confidence;
@@ -141,6 +145,7 @@ void absorb(Track& track, Track&& earlier, const TrackerOptions& options) {
   track.id = earlier.id;
   track.first_time = earlier.first_time;
   track.frames += earlier.frames;
+  track.surest = std::max(track.surest, earlier.surest);
   if (cv::norm(track.anchor - earlier.anchor) <= 0.5 * track.size.width) {
     track.anchor_time = earlier.anchor_time;
   }

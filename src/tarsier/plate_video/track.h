@@ -34,6 +34,8 @@ struct Track {
   double anchor_time = 0;  // .. since then
   bool read_now = false;   // in the latest frame
 
+  double surest = 0;  // confidence of the surest reading
+
   double best_quality = -1;
   std::int64_t best_frame = 0;
   double best_time = 0;

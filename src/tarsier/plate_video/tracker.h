@@ -30,7 +30,10 @@ struct TrackerOptions {
   double parked_return_within = 120;  // the same of one that stood still, at its place; 0..86400
   int least_readings = 2;             // a vehicle read less often is none; 1..1000
   // Of the voted text: below it is no vehicle, unless ten readings or more resemble it; 0..1
-  double least_confidence = 0.15;
+  double least_confidence = 0.3;
+  double least_single = 0.05;  // of the surest single reading: what never reads well is none; 0..1
+  // Texts without a digit are vehicles too. Few plates are such, and many signs.
+  bool words = false;
   int most_readings = 500;  // that an event lists; 10..100000
   VoteOptions voting;
   void check() const;
