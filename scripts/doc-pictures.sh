@@ -16,7 +16,7 @@ sheet() { # sheet NAME COLUMNS FILE:LABEL..
   local name=$1 columns=$2 items=() item
   shift 2
   for item in "$@"; do items+=(-label "${item#*:}" "${item%%:*}"); done
-  montage "${items[@]}" -font DejaVu-Sans -pointsize 15 -tile "${columns}x" -geometry 320x240+4+4 -background white \
+  montage "${items[@]}" -font DejaVu-Sans -pointsize 15 -tile "${columns}x" -geometry "${size:-320x240}+4+4" -background white \
     -quality 88 "docs/img/$name.jpg"
 }
 stage() { # stage MODE NAME: the file of one stage
@@ -32,3 +32,20 @@ sheet cartoon-paint 3 "$(stage cartoon half-size):half size" "$(stage cartoon pa
   "$work/cartoon.png:with the lines: cartoon"
 sheet cartoon-evil 3 "$(stage evil scharr):Scharr" "$(stage evil lines):threshold, median" "$work/evil.png:on the painting"
 sheet cartoon-alien 3 "$(stage alien skin):the skin found" "$(stage alien coloured):coloured" "$work/alien.png:with the lines"
+
+# Number plates: a drawn car, the stages of both pipelines. The study of the reader (plate-sweep.png) needs the
+# textbook's OCR.xml: tarsier plate sweep OCR.xml -o docs/img/plate-sweep.png
+car='synth:car?seed=3&frames=2'
+read_car() { # read_car NAME FLAGS..
+  local name=$1
+  shift
+  "$tarsier" plate read "$car" -o "$work/$name-drawn/" --debug-dir "$work/$name" --quiet "$@"
+}
+car_stage() { find "$work/$1/car-00001" -name "*-$2.png" | head -n 1; } # car_stage NAME STAGE
+read_car plates
+read_car classic --pipeline classic
+size=440x248 sheet plate-stages 2 "$(car_stage plates detected):1 found" "$(car_stage plates aligned):2 aligned: plate, text" \
+  "$(car_stage plates line-1):3 the line, straightened" "$work/plates-drawn/car-00001.png:4 read"
+size=300x169 sheet plate-classic 3 "$(car_stage classic blurred):grey, blurred" "$(car_stage classic edges):vertical edges" \
+  "$(car_stage classic threshold):Otsu's threshold" "$(car_stage classic closed):closed 17x3" \
+  "$(car_stage classic candidates):candidates" "$(car_stage classic plate-1):characters"

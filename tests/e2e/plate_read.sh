@@ -39,6 +39,10 @@ run plate read cars/images/car-00000.jpg --pipeline classic --json --debug-dir c
 [ "$status" -le 1 ] || fail "classic pipeline: status $status"
 ls classic/*/*closed.png >/dev/null || fail "classic stages are missing"
 
+run plate read 'synth:car?seed=4&frames=2' --json
+expect_status 0
+expect_out '"image":"car-00000"' '"image":"car-00001"'
+
 # --- films ---
 run plate read 'synth:drive?seconds=8&cars=2&parked=1&far=0&fps=8&seed=3' --events --json --log seen.db
 expect_status 0

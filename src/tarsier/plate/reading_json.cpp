@@ -35,6 +35,7 @@ nlohmann::ordered_json reading_json(const Reading& reading) {
   }
   return {{"text", reading.text},
           {"confidence", rounded(reading.confidence, 1e4)},
+          {"plate", rounded(reading.plate, 1e4)},
           {"country", reading.country},
           {"rows", reading.rows},
           {"box", {reading.box.x, reading.box.y, reading.box.width, reading.box.height}},

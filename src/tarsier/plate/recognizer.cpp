@@ -17,6 +17,7 @@ namespace {
 constexpr float kSamePlate = 0.4F;  // share of the smaller box that two finds have in common
 constexpr float kRival = 0.6F;      // .. and from which only one of them is told
 constexpr int kMostRivals = 3;
+constexpr double kWordPenalty = 3;  // nats against a text without a digit: mostly it is a sign
 
 cv::Mat gray_of(const cv::Mat& image) {
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
@@ -124,11 +125,51 @@ Quad character_quad(const Lines& lines, std::pair<int, int> columns) {
   return {};
 }
 
+double logit(double p) {
+  p = std::clamp(p, 1e-4, 1 - 1e-4);
+  return std::log(p / (1 - p));
+}
+
+double log_confidence(const Reading& reading) {
+  return std::log(std::max(reading.confidence, 1e-5));
+}
+
+// Of rivals for one place one stays: what is most certainly a whole plate and reads well. Half a
+// plate may read as well as the whole one, but the aligner knows it is not.
+std::vector<Reading> without_rivals(std::vector<Reading> readings) {
+  const auto key = [&](std::size_t i) {
+    return log_confidence(readings[i]) + 0.5 * logit(std::min(readings[i].plate, 0.998));
+  };
+  std::vector<std::size_t> order(readings.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return key(a) > key(b); });
+  std::vector<std::size_t> chosen;
+  for (const std::size_t i : order) {
+    const auto rival = std::find_if(chosen.begin(), chosen.end(), [&](std::size_t other) {
+      return box_cover(readings[other].corners, readings[i].corners) > kRival;
+    });
+    if (rival == chosen.end()) {
+      chosen.push_back(i);
+    } else if (readings[i].text == readings[*rival].text &&
+               readings[i].box.area() < readings[*rival].box.area()) {
+      *rival = i;  // what reads the same in a tighter box is the plate itself
+    }
+  }
+  std::vector<Reading> kept;
+  for (const std::size_t i : chosen) kept.push_back(std::move(readings[i]));
+  std::stable_sort(kept.begin(), kept.end(),
+                   [](const Reading& a, const Reading& b) { return a.confidence > b.confidence; });
+  return kept;
+}
+
 }  // namespace
 
 void RecognizerOptions::check() const {
   detector.check();
   TARSIER_REQUIRE(least_plate > 0 && least_plate < 1, "least_plate {}", least_plate);
+  TARSIER_REQUIRE(least_evidence >= -100 && least_evidence <= 100, "least_evidence {}",
+                  least_evidence);
   TARSIER_REQUIRE(refinements >= 1 && refinements <= 5, "refinements {}", refinements);
 }
 
@@ -225,6 +266,7 @@ std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* d
 Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
                               nn::Workspace& workspace, std::array<double, 5>* given) const {
   Reading reading;
+  reading.plate = static_cast<double>(alignment.score);
   reading.corners = alignment.plate;
   reading.box = bounding_box(alignment.plate, gray.size());
   std::vector<Attempt> attempts;
@@ -275,6 +317,7 @@ Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
   double logit = 0;
   for (std::size_t i = 0; i < features.size(); ++i)
     logit += features[i] * reader_.calibration.weights[i];
+  if (best.text.find_first_of("0123456789") == std::string::npos) logit -= kWordPenalty;
   reading.confidence = 1 / (1 + std::exp(-logit));
   // The rest is shared out among the others as the decoder weighs them.
   const double others = std::max(1e-9, 1 - best.posterior);
@@ -286,37 +329,6 @@ Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
     reading.candidates.push_back({texts[i].text, confidence, texts[i].country});
   }
   return reading;
-}
-
-// Of rivals for one place one stays: what is most certainly a whole plate and reads well. Half a
-// plate may read as well as the whole one, but the aligner knows it is not.
-std::vector<Reading> Recognizer::without_rivals(const std::vector<Find>& finds,
-                                                std::vector<Reading> readings) {
-  const auto key = [&](std::size_t i) {
-    const double score = std::clamp(static_cast<double>(finds[i].score), 1e-4, 0.998);
-    return std::log(std::max(readings[i].confidence, 1e-6)) + 0.5 * std::log(score / (1 - score));
-  };
-  std::vector<std::size_t> order(readings.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return key(a) > key(b); });
-  std::vector<std::size_t> chosen;
-  for (const std::size_t i : order) {
-    const auto rival = std::find_if(chosen.begin(), chosen.end(), [&](std::size_t other) {
-      return box_cover(readings[other].corners, readings[i].corners) > kRival;
-    });
-    if (rival == chosen.end()) {
-      chosen.push_back(i);
-    } else if (readings[i].text == readings[*rival].text &&
-               readings[i].box.area() < readings[*rival].box.area()) {
-      *rival = i;  // what reads the same in a tighter box is the plate itself
-    }
-  }
-  std::vector<Reading> kept;
-  for (const std::size_t i : chosen) kept.push_back(std::move(readings[i]));
-  std::stable_sort(kept.begin(), kept.end(),
-                   [](const Reading& a, const Reading& b) { return a.confidence > b.confidence; });
-  return kept;
 }
 
 std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug,
@@ -336,7 +348,10 @@ std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug,
     cv::parallel_for_(all, read_some);
   else
     read_some(all);
-  return without_rivals(finds, std::move(readings));
+  std::erase_if(readings, [&](const Reading& reading) {
+    return log_confidence(reading) + logit(reading.plate) < options_.least_evidence;
+  });
+  return without_rivals(std::move(readings));
 }
 
 Reading Recognizer::read_at(const cv::Mat& image, const Quad& corners,

@@ -43,8 +43,11 @@ void write_reader_model(const std::string& path, const ReaderModel& model,
 struct RecognizerOptions {
   DetectorOptions detector;
   float least_plate = 0.4F;  // the aligner's score of what is taken for a plate, (0, 1)
-  int refinements = 2;       // passes of the aligner, 1..5
-  bool parallel = false;     // plates and large maps on OpenCV's threads; changes no result
+  // Least ln(confidence) + logit(plate) of what is told: a place that hardly looks like a plate is
+  // one only if it reads well, a sure plate also where it reads badly; -100..100.
+  double least_evidence = -1.5;
+  int refinements = 2;    // passes of the aligner, 1..5
+  bool parallel = false;  // plates and large maps on OpenCV's threads; changes no result
   void check() const;
 };
 
@@ -75,8 +78,6 @@ class Recognizer {
     float score;
   };
   [[nodiscard]] std::vector<Find> find(const cv::Mat& gray, DebugSink* debug, Timers* timers) const;
-  [[nodiscard]] static std::vector<Reading> without_rivals(const std::vector<Find>& finds,
-                                                           std::vector<Reading> readings);
   [[nodiscard]] Reading read_text(const cv::Mat& gray, const Alignment& alignment,
                                   nn::Workspace& workspace,
                                   std::array<double, 5>* features = nullptr) const;

@@ -202,6 +202,7 @@ std::vector<Reading> read_classic(const cv::Mat& image, const ClassicModel& mode
     Reading& reading = item.reading;
     reading.corners = candidate.corners;
     reading.box = bounding_box(candidate.corners, image.size());
+    reading.plate = chance;
     double least = chance;
     if (text.text.size() >= kLeastCharacters) {
       reading.text = text.text;

@@ -14,7 +14,7 @@ namespace tarsier::plate {
 // Weight of a character that follows another without a blank between them, against 1 in the paper.
 // The columns are learnt with blanks around each character's middle, so such a change is mostly one
 // character that is seen as two (an O as "O0").
-inline constexpr double kDirect = 0.01;
+inline constexpr double kDirect = 0.001;
 
 // Natural logarithm of the probability that `classes` (numbers below kBlank) stand in the columns
 // (rows of `probabilities`, CV_32F, kClasses wide); minus infinity where they cannot.

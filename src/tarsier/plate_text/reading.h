@@ -43,6 +43,7 @@ struct Candidate {
 struct Reading {
   std::string text;       // candidates[0].text; symbols of kAlphabet only
   double confidence = 0;  // 0..1: chance that the whole text is right
+  double plate = 0;       // 0..1: chance that this is a plate at all, whatever it reads
   std::string country;    // as of the best candidate
   cv::Rect box;           // upright, within the image
   Quad corners{};

@@ -303,6 +303,10 @@ class SynthSource final : public FrameSource {
                    : synth::render_car(settings_.street, static_cast<std::uint64_t>(frame.index));
         frame.image = std::move(street.image);
         truth["plates"] = plates_json(street.plates);
+        if (!drive_ && !settings_.live) {  // each is a scene of its own
+          frame.still = true;
+          frame.name = fmt::format("car-{:05}", frame.index);
+        }
         break;
       }
       case Picture::kBars:
