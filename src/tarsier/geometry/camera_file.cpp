@@ -1,0 +1,361 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/geometry/camera_file.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/geometry/colmap_camera.h"
+#include "tarsier/geometry/fields.h"
+#include "tarsier/geometry/opencv_storage.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/io/image_file.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <initializer_list>
+#include <optional>
+#include <set>
+#include <string_view>
+#include <vector>
+
+namespace tarsier::geometry {
+namespace {
+
+constexpr std::int64_t kMaxFileBytes = 1'000'000;
+
+// What is wrong with a camera whose size may be unknown; empty: nothing.
+std::string trouble_of(const Camera& camera) {
+  const auto bad_side = [](int side) { return side < 0 || side > kMaxCameraSide; };
+  if (bad_side(camera.width) || bad_side(camera.height) ||
+      (camera.width == 0) != (camera.height == 0)) {
+    return fmt::format("the size {}x{} px is none", camera.width, camera.height);
+  }
+  if (!(camera.fx > 0 && std::isfinite(camera.fx) && camera.fy > 0 && std::isfinite(camera.fy)))
+    return fmt::format("the focal lengths {}, {} are not positive", camera.fx, camera.fy);
+  if (!std::isfinite(camera.cx) || !std::isfinite(camera.cy))
+    return "the principal point is not finite";
+  if (!std::all_of(camera.distortion.begin(), camera.distortion.end(),
+                   [](double k) { return std::isfinite(k); })) {
+    return "the distortion is not finite";
+  }
+  if (!(camera.rms >= 0 && std::isfinite(camera.rms)))
+    return fmt::format("the rms {} is none", camera.rms);
+  return {};
+}
+
+// Focal lengths and principal point of a matrix given row by row.
+Camera camera_of_matrix(const std::vector<double>& m, const std::string& path) {
+  if (m.size() != 9) {
+    throw InputError(path, fmt::format("a calibration matrix has 9 numbers, not {}", m.size()));
+  }
+  if (std::abs(m[1]) > 1e-9 * std::abs(m[0]))
+    throw InputError(path, fmt::format("the calibration matrix has skew ({}), not modelled", m[1]));
+  if (m[3] != 0 || m[6] != 0 || m[7] != 0 || m[8] != 1)
+    throw InputError(path, "is no calibration matrix: [fx 0 cx; 0 fy cy; 0 0 1] is expected");
+  Camera camera;
+  camera.fx = m[0];
+  camera.cx = m[2];
+  camera.fy = m[4];
+  camera.cy = m[5];
+  return camera;
+}
+
+class OwnYamlParser {
+ public:
+  explicit OwnYamlParser(const std::string& path) : path_(path) {}
+
+  Camera parse(std::string_view text) {
+    while (!text.empty()) {
+      ++line_;
+      parse_line(next_line(text));
+    }
+    for (const char* key : {"model", "fx", "fy", "cx", "cy"}) {
+      if (!seen_.contains(key)) throw InputError(path_, fmt::format("'{}:' is missing", key));
+    }
+    return camera_;
+  }
+
+ private:
+  [[noreturn]] void fail(const std::string& reason) const {
+    throw InputError(path_, fmt::format("line {}: {}", line_, reason));
+  }
+
+  void parse_line(std::string_view line) {
+    for (std::size_t k = 0; k < line.size(); ++k) {
+      if (line[k] == '#' && (k == 0 || is_blank(line[k - 1]))) line = line.substr(0, k);
+    }
+    line = trimmed(line);
+    if (line.empty() || line == "---" || line == "...") return;
+    const std::size_t colon = line.find(':');
+    if (colon == std::string_view::npos) fail("'key: value' is expected");
+    const std::string key(trimmed(line.substr(0, colon)));
+    const std::string_view value = trimmed(line.substr(colon + 1));
+    if (!seen_.insert(key).second) fail(fmt::format("a second '{}:'", printable(key)));
+    if (key == "model") {
+      if (value != "pinhole") fail(fmt::format("model '{}' is not pinhole", printable(value)));
+    } else if (key == "width") {
+      camera_.width = side(value);
+    } else if (key == "height") {
+      camera_.height = side(value);
+    } else if (key == "distortion") {
+      parse_distortion(value);
+    } else if (double* target = number_target(key)) {
+      *target = number(value);
+    } else {
+      fail(fmt::format("'{}' is none of model, width, height, fx, fy, cx, cy, distortion, rms",
+                       printable(key)));
+    }
+  }
+
+  double* number_target(std::string_view key) {
+    if (key == "fx") return &camera_.fx;
+    if (key == "fy") return &camera_.fy;
+    if (key == "cx") return &camera_.cx;
+    if (key == "cy") return &camera_.cy;
+    if (key == "rms") return &camera_.rms;
+    return nullptr;
+  }
+
+  [[nodiscard]] int side(std::string_view word) const {
+    const auto value = integer_of(word, 0, kMaxCameraSide);
+    if (!value) fail(fmt::format("'{}' is no size: 0..{} px", printable(word), kMaxCameraSide));
+    return static_cast<int>(*value);
+  }
+
+  [[nodiscard]] double number(std::string_view word) const {
+    const auto value = number_of(word);
+    if (!value) fail(fmt::format("'{}' is no finite number", printable(word)));
+    return *value;
+  }
+
+  void parse_distortion(std::string_view list) {
+    if (list.size() < 2 || list.front() != '[' || list.back() != ']')
+      fail("distortion: [k1, k2, p1, p2, k3] is expected");
+    list = list.substr(1, list.size() - 2);
+    for (std::size_t k = 0; k < camera_.distortion.size(); ++k) {
+      const std::size_t comma = list.find(',');
+      if ((comma == std::string_view::npos) != (k + 1 == camera_.distortion.size()))
+        fail("distortion: [k1, k2, p1, p2, k3] is expected");
+      camera_.distortion[k] = number(trimmed(list.substr(0, comma)));
+      list.remove_prefix(comma == std::string_view::npos ? list.size() : comma + 1);
+    }
+  }
+
+  const std::string& path_;
+  Camera camera_;
+  std::set<std::string> seen_;
+  std::int64_t line_ = 0;
+};
+
+const StoredEntry* first_of(const StoredEntries& entries, std::initializer_list<const char*> keys) {
+  for (const char* key : keys) {
+    if (const auto found = entries.find(key); found != entries.end()) return &found->second;
+  }
+  return nullptr;
+}
+
+double number_in(std::string_view text, std::string_view what, const std::string& path) {
+  const auto value = number_of(trimmed(text));
+  if (!value) throw InputError(path, fmt::format("{} is no finite number", what));
+  return *value;
+}
+
+// The numbers of a matrix or of a list.
+std::vector<double> numbers_in(const StoredEntry& entry, std::string_view what,
+                               const std::string& path) {
+  const auto data = entry.parts.find("data");
+  const bool is_matrix = data != entry.parts.end();
+  const std::string& text = is_matrix ? data->second : entry.text;
+  constexpr std::string_view kBetween = " \t\r\n,[]";
+  std::vector<double> numbers;
+  for (std::size_t start = text.find_first_not_of(kBetween); start != std::string::npos;) {
+    const std::size_t end = std::min(text.find_first_of(kBetween, start), text.size());
+    numbers.push_back(number_in(std::string_view(text).substr(start, end - start),
+                                fmt::format("a number of {}", what), path));
+    start = text.find_first_not_of(kBetween, end);
+  }
+  if (is_matrix) {
+    double size = 1;
+    for (const char* side : {"rows", "cols"}) {
+      const auto found = entry.parts.find(side);
+      size *= number_in(found == entry.parts.end() ? "" : found->second,
+                        fmt::format("{} of {}", side, what), path);
+    }
+    if (size != static_cast<double>(numbers.size()))
+      throw InputError(path,
+                       fmt::format("{} has {} numbers, not rows x cols", what, numbers.size()));
+  }
+  return numbers;
+}
+
+std::array<double, 5> distortion_in(const StoredEntry& entry, const std::string& path) {
+  const std::vector<double> k = numbers_in(entry, "the distortion", path);
+  if (!k.empty() && k.size() < 4)
+    throw InputError(path, fmt::format("the distortion has {} numbers, not 4 or 5", k.size()));
+  std::array<double, 5> result{};
+  for (std::size_t i = 0; i < k.size(); ++i) {
+    if (i < result.size()) {
+      result[i] = k[i];
+    } else if (k[i] != 0) {
+      throw InputError(path, "has more than the five distortion numbers k1 k2 p1 p2 k3");
+    }
+  }
+  return result;
+}
+
+Camera read_opencv(std::string_view text, const std::string& path) {
+  const StoredEntries entries = parse_opencv_storage(text, path);
+  const StoredEntry* matrix =
+      first_of(entries, {"camera_matrix", "Camera_Matrix", "cameraMatrix", "K"});
+  if (matrix == nullptr)
+    throw InputError(path, "has none of camera_matrix, Camera_Matrix, cameraMatrix, K");
+  if (const StoredEntry* fisheye = first_of(entries, {"fisheye_model"});
+      fisheye != nullptr && number_in(fisheye->text, "fisheye_model", path) != 0) {
+    throw InputError(path, "is of a fisheye lens, which is not modelled");
+  }
+  Camera camera = camera_of_matrix(numbers_in(*matrix, "the camera matrix", path), path);
+  if (const StoredEntry* distortion = first_of(
+          entries,
+          {"distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs"})) {
+    camera.distortion = distortion_in(*distortion, path);
+  }
+  const auto side = [&](std::initializer_list<const char*> keys, std::string_view what) {
+    const StoredEntry* entry = first_of(entries, keys);
+    if (entry == nullptr) return 0;
+    const double value = number_in(entry->text, what, path);
+    if (!(value >= 1 && value <= kMaxCameraSide) || value != std::floor(value))
+      throw InputError(path, fmt::format("{} {} is none", what, value));
+    return static_cast<int>(value);
+  };
+  camera.width = side({"image_width", "image_Width", "Image_Width"}, "the width");
+  camera.height = side({"image_height", "image_Height", "Image_Height"}, "the height");
+  if (const StoredEntry* rms =
+          first_of(entries, {"avg_reprojection_error", "Avg_Reprojection_Error"})) {
+    camera.rms = number_in(rms->text, "the reprojection error", path);
+  }
+  return camera;
+}
+
+Camera read_colmap_camera(std::string_view text, const std::string& path) {
+  std::optional<Camera> camera;
+  for (std::int64_t line = 1; !text.empty(); ++line) {
+    const std::string_view content = trimmed(next_line(text));
+    if (content.empty() || content.front() == '#') continue;
+    if (camera) throw InputError(path, fmt::format("line {}: one camera is expected", line));
+    camera = parse_colmap_camera(content, path, line).camera;
+  }
+  return camera.value();
+}
+
+Camera read_matrix(std::string_view text, const std::string& path) {
+  std::vector<double> numbers;
+  for (std::int64_t line = 1; !text.empty(); ++line) {
+    std::string_view rest = trimmed(next_line(text));
+    if (rest.empty() || rest.front() == '#') continue;
+    for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest)) {
+      const auto value = number_of(word);
+      if (!value || numbers.size() == 9) {
+        throw InputError(
+            path, fmt::format("line {}: '{}' is no number of a calibration matrix (3 x 3)", line,
+                              printable(word.substr(0, 40))));
+      }
+      numbers.push_back(*value);
+    }
+  }
+  return camera_of_matrix(numbers, path);
+}
+
+bool is_colmap_line(std::string_view line) {
+  (void)next_word(line);
+  const std::string_view model = next_word(line);
+  return !model.empty() && model.front() >= 'A' && model.front() <= 'Z' && model != "NaN";
+}
+
+Camera read_any(const std::string& text, const std::string& path) {
+  if (text.starts_with("%YAML") || text.starts_with("<?xml")) return read_opencv(text, path);
+  std::string_view rest = text;
+  std::string_view first;  // line with content
+  while (!rest.empty() && (first.empty() || first.front() == '#')) first = trimmed(next_line(rest));
+  if (first.empty() || first.front() == '#') throw InputError(path, "is empty");
+  const bool is_key = (first.front() >= 'a' && first.front() <= 'z') ||
+                      (first.front() >= 'A' && first.front() <= 'Z');
+  if (first == "---" || (is_key && first.find(':') != std::string_view::npos))
+    return OwnYamlParser(path).parse(text);
+  if (first.front() >= '0' && first.front() <= '9' && is_colmap_line(first))
+    return read_colmap_camera(text, path);
+  std::string_view words = first;
+  if (number_of(next_word(words))) return read_matrix(text, path);
+  throw InputError(path,
+                   "is no camera: camera.yaml, YAML or XML of OpenCV, cameras.txt of COLMAP or a "
+                   "3 x 3 matrix is expected");
+}
+
+}  // namespace
+
+Camera read_camera_file(const std::string& path) {
+  std::string text = read_file(path, kMaxFileBytes);
+  if (text.find('\0') != std::string::npos) throw InputError(path, "is no text");
+  if (text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);
+  const Camera camera = read_any(text, path);
+  if (const std::string trouble = trouble_of(camera); !trouble.empty())
+    throw InputError(path, trouble);
+  return camera;
+}
+
+void write_camera_file(const std::string& path, const Camera& camera) {
+  const std::string trouble = trouble_of(camera);
+  TARSIER_REQUIRE(trouble.empty(), "{}", trouble);
+  const std::array<double, 5>& k = camera.distortion;
+  write_file_atomically(
+      path, fmt::format("# A camera of Tarsier; lengths in px, the middle of the top left pixel "
+                        "is 0.\n"
+                        "model: pinhole\n"
+                        "width: {}\nheight: {}\n"
+                        "fx: {:.17g}\nfy: {:.17g}\ncx: {:.17g}\ncy: {:.17g}\n"
+                        "# k1, k2, p1, p2, k3 as OpenCV has them\n"
+                        "distortion: [{:.17g}, {:.17g}, {:.17g}, {:.17g}, {:.17g}]\n"
+                        "rms: {:.17g}\n",
+                        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
+                        k[0], k[1], k[2], k[3], k[4], camera.rms));
+}
+
+Camera parse_camera(const std::string& text) {
+  std::vector<double> numbers;
+  std::string_view rest = text;
+  while (true) {
+    const std::size_t comma = rest.find(',');
+    const std::string_view word = trimmed(rest.substr(0, comma));
+    const auto value = number_of(word);
+    if (!value || numbers.size() == 9) {
+      throw UsageError(fmt::format(
+          "camera '{}': {}; fx,fy,cx,cy[,k1,k2,p1,p2[,k3]] is expected",
+          printable(text.substr(0, 200)),
+          value ? std::string("more than 9 numbers")
+                : fmt::format("'{}' is no finite number", printable(word.substr(0, 40)))));
+    }
+    numbers.push_back(*value);
+    if (comma == std::string_view::npos) break;
+    rest.remove_prefix(comma + 1);
+  }
+  if (numbers.size() != 4 && numbers.size() != 8 && numbers.size() != 9) {
+    throw UsageError(
+        fmt::format("camera '{}': {} numbers; fx,fy,cx,cy[,k1,k2,p1,p2[,k3]] is "
+                    "expected",
+                    printable(text), numbers.size()));
+  }
+  Camera camera;
+  camera.fx = numbers[0];
+  camera.fy = numbers[1];
+  camera.cx = numbers[2];
+  camera.cy = numbers[3];
+  std::copy(numbers.begin() + 4, numbers.end(), camera.distortion.begin());
+  if (const std::string trouble = trouble_of(camera); !trouble.empty())
+    throw UsageError(fmt::format("camera '{}': {}", printable(text), trouble));
+  return camera;
+}
+
+}  // namespace tarsier::geometry

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/camera.h"
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+namespace tarsier::geometry {
+
+constexpr int kMaxCameraSide = 1'000'000;  // px, that the readers take
+
+// COLMAP's pixels have their middles at 0.5, ours at 0.
+constexpr double kColmapOffset = 0.5;  // px, colmap minus ours
+
+struct ColmapCamera {
+  std::int64_t id = 0;  // 0 .. 2^32 - 1
+  Camera camera;
+};
+
+// "id MODEL width height parameters...", a line of COLMAP's cameras.txt, models SIMPLE_PINHOLE,
+// PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV and FULL_OPENCV (with k4 k5 k6 all 0). Throws
+// InputError(path) that names the line and what is wrong in it.
+[[nodiscard]] ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
+                                               std::int64_t line);
+
+// The same line, without its end, with 17 digits: PINHOLE without distortion, OPENCV without k3,
+// else FULL_OPENCV.
+[[nodiscard]] std::string colmap_camera_line(const ColmapCamera& camera);
+
+}  // namespace tarsier::geometry

@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/bundle.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+
+#include <ceres/ceres.h>
+#include <ceres/rotation.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <set>
+
+namespace tarsier::sfm {
+namespace {
+
+// What Ceres moves. A pose is an angle-axis vector and a translation; a lens is its focal length,
+// the ratio of the two, the centre, and k1 k2 p1 p2 k3.
+using PoseNumbers = std::array<double, 6>;
+using LensNumbers = std::array<double, 9>;
+
+PoseNumbers numbers_of(const geometry::Rigid& pose) {
+  PoseNumbers numbers{};
+  const cv::Vec4d q = geometry::quaternion_of(pose.rotation);
+  ceres::QuaternionToAngleAxis(q.val, numbers.data());
+  for (int k = 0; k < 3; ++k) numbers[static_cast<std::size_t>(k + 3)] = pose.translation[k];
+  return numbers;
+}
+
+geometry::Rigid pose_of(const PoseNumbers& numbers) {
+  cv::Vec4d q;
+  ceres::AngleAxisToQuaternion(numbers.data(), q.val);
+  return {geometry::rotation_of(q), {numbers[3], numbers[4], numbers[5]}};
+}
+
+LensNumbers numbers_of(const geometry::Camera& camera) {
+  return {camera.fx,
+          camera.fy / camera.fx,
+          camera.cx,
+          camera.cy,
+          camera.distortion[0],
+          camera.distortion[1],
+          camera.distortion[2],
+          camera.distortion[3],
+          camera.distortion[4]};
+}
+
+void apply_numbers(const LensNumbers& numbers, geometry::Camera& camera) {
+  camera.fx = numbers[0];
+  camera.fy = numbers[0] * numbers[1];
+  camera.cx = numbers[2];
+  camera.cy = numbers[3];
+  for (std::size_t k = 0; k < 5; ++k) camera.distortion[k] = numbers[4 + k];
+}
+
+// The residual of one observation, px. Camera::pixel_of with numbers that may be Jets.
+struct Reprojection {
+  double u;
+  double v;
+
+  template <typename T>
+  bool operator()(const T* pose, const T* point, const T* lens, T* residual) const {
+    T p[3];
+    ceres::AngleAxisRotatePoint(pose, point, p);
+    for (int k = 0; k < 3; ++k) p[k] += pose[3 + k];
+    if (p[2] < T(1e-6)) return false;
+    const T x = p[0] / p[2];
+    const T y = p[1] / p[2];
+    const T r2 = x * x + y * y;
+    const T radial = T(1) + r2 * (lens[4] + r2 * (lens[5] + r2 * lens[8]));
+    const T dx = x * radial + T(2) * lens[6] * x * y + lens[7] * (r2 + T(2) * x * x);
+    const T dy = y * radial + lens[6] * (r2 + T(2) * y * y) + T(2) * lens[7] * x * y;
+    residual[0] = lens[0] * dx + lens[2] - T(u);
+    residual[1] = lens[0] * lens[1] * dy + lens[3] - T(v);
+    return true;
+  }
+};
+
+using Cost = ceres::AutoDiffCostFunction<Reprojection, 2, 6, 3, 9>;
+
+std::unique_ptr<ceres::LossFunction> loss_of(double loss_px) {
+  if (loss_px <= 0) return nullptr;
+  return std::make_unique<ceres::CauchyLoss>(loss_px);
+}
+
+class StopWhenAsked final : public ceres::IterationCallback {
+ public:
+  explicit StopWhenAsked(const std::stop_token& stop) : stop_(stop) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
+    return stop_.stop_requested() ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
+  }
+
+ private:
+  const std::stop_token& stop_;
+};
+
+// Which lens numbers stay.
+std::vector<int> fixed_lens(const BundleOptions& options) {
+  std::vector<int> fixed{1, 8};
+  if (!options.focal) fixed.push_back(0);
+  if (!options.center) fixed.insert(fixed.end(), {2, 3});
+  if (!options.distortion) fixed.insert(fixed.end(), {4, 5, 6, 7});
+  return fixed;
+}
+
+double rms(const Model& model, const std::vector<int>& points) {
+  double sum = 0;
+  std::int64_t count = 0;
+  for (const int p : points) {
+    const Point& point = model.points[static_cast<std::size_t>(p)];
+    for (const Observation& seen : point.track) {
+      const Photograph& image = model.images[static_cast<std::size_t>(seen.image)];
+      if (!image.registered) continue;
+      const auto pixel = model.cameras[static_cast<std::size_t>(image.camera)].project(
+          image.pose * point.position);
+      if (!pixel) continue;
+      const cv::Point2d d =
+          *pixel - cv::Point2d(image.features[static_cast<std::size_t>(seen.feature)]);
+      sum += d.dot(d);
+      ++count;
+    }
+  }
+  return count > 0 ? std::sqrt(sum / static_cast<double>(count)) : 0;
+}
+
+}  // namespace
+
+BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_token& stop) {
+  BundleReport report;
+  std::vector<bool> moves(model.images.size(), options.images.empty());
+  for (const int i : options.images) moves[static_cast<std::size_t>(i)] = true;
+
+  std::vector<PoseNumbers> poses(model.images.size());
+  std::vector<LensNumbers> lenses;
+  for (std::size_t i = 0; i < model.images.size(); ++i)
+    if (model.images[i].registered) poses[i] = numbers_of(model.images[i].pose);
+  for (const geometry::Camera& camera : model.cameras) lenses.push_back(numbers_of(camera));
+
+  std::vector<int> points;
+  for (std::size_t p = 0; p < model.points.size(); ++p) {
+    const auto& track = model.points[p].track;
+    if (std::any_of(track.begin(), track.end(), [&](const Observation& seen) {
+          const auto i = static_cast<std::size_t>(seen.image);
+          return moves[i] && model.images[i].registered;
+        })) {
+      points.push_back(static_cast<int>(p));
+    }
+  }
+  if (points.empty()) return report;
+  report.before_px = rms(model, points);
+
+  ceres::Problem::Options problem_options;
+  problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ceres::Problem problem(problem_options);
+  const auto loss = loss_of(options.loss_px);
+  std::set<std::size_t> used;
+  std::set<std::size_t> used_lenses;
+  for (const int p : points) {
+    Point& point = model.points[static_cast<std::size_t>(p)];
+    for (const Observation& seen : point.track) {
+      const auto i = static_cast<std::size_t>(seen.image);
+      const Photograph& image = model.images[i];
+      if (!image.registered) continue;
+      const cv::Point2f& at = image.features[static_cast<std::size_t>(seen.feature)];
+      const auto lens = static_cast<std::size_t>(image.camera);
+      problem.AddResidualBlock(
+          new Cost(new Reprojection{static_cast<double>(at.x), static_cast<double>(at.y)}),
+          loss.get(), poses[i].data(), point.position.val, lenses[lens].data());
+      used.insert(i);
+      used_lenses.insert(lens);
+      ++report.residuals;
+    }
+  }
+
+  const std::vector<int> fixed = fixed_lens(options);
+  for (const std::size_t lens : used_lenses) {
+    if (fixed.size() == 9 || !options.images.empty()) {
+      problem.SetParameterBlockConstant(lenses[lens].data());
+    } else {
+      problem.SetManifold(lenses[lens].data(), new ceres::SubsetManifold(9, fixed));
+    }
+  }
+  bool any_fixed = false;
+  for (const std::size_t i : used) {
+    if (moves[i]) continue;
+    problem.SetParameterBlockConstant(poses[i].data());
+    any_fixed = true;
+  }
+  if (!any_fixed) {
+    // The first stays, and one coordinate of the farthest one keeps the scale.
+    const std::size_t first = *used.begin();
+    problem.SetParameterBlockConstant(poses[first].data());
+    std::size_t far = first;
+    double longest = 0;
+    const cv::Vec3d origin = model.images[first].pose.center();
+    for (const std::size_t i : used) {
+      const double distance = cv::norm(model.images[i].pose.center() - origin);
+      if (distance > longest) {
+        longest = distance;
+        far = i;
+      }
+    }
+    if (far != first) {
+      const cv::Vec3d& t = model.images[far].pose.translation;
+      int axis = 0;
+      for (int k = 1; k < 3; ++k)
+        if (std::abs(t[k]) > std::abs(t[axis])) axis = k;
+      problem.SetManifold(poses[far].data(), new ceres::SubsetManifold(6, {3 + axis}));
+    }
+  }
+
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = used.size() <= 60 ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+  auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+  for (const int p : points)
+    ordering->AddElementToGroup(model.points[static_cast<std::size_t>(p)].position.val, 0);
+  for (const std::size_t i : used) ordering->AddElementToGroup(poses[i].data(), 1);
+  for (const std::size_t lens : used_lenses) ordering->AddElementToGroup(lenses[lens].data(), 1);
+  solver.linear_solver_ordering = ordering;
+  solver.max_num_iterations = options.most_iterations;
+  solver.num_threads = 1;
+  solver.logging_type = ceres::SILENT;
+  solver.function_tolerance = 1e-6;
+  StopWhenAsked stop_callback(stop);
+  solver.callbacks.push_back(&stop_callback);
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &problem, &summary);
+  throw_if_stopped(stop);
+
+  report.iterations = static_cast<int>(summary.iterations.size());
+  for (const std::size_t i : used)
+    if (moves[i]) model.images[i].pose = pose_of(poses[i]);
+  for (const std::size_t lens : used_lenses) apply_numbers(lenses[lens], model.cameras[lens]);
+  report.after_px = rms(model, points);
+  return report;
+}
+
+void adjust_pose(geometry::Rigid& pose, const geometry::Camera& camera,
+                 const std::vector<Sighting>& seen, double loss_px) {
+  if (seen.size() < 3) return;
+  PoseNumbers numbers = numbers_of(pose);
+  LensNumbers lens = numbers_of(camera);
+  std::vector<cv::Vec3d> points;
+  points.reserve(seen.size());
+  for (const Sighting& sighting : seen) points.push_back(sighting.position);
+  ceres::Problem::Options problem_options;
+  problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ceres::Problem problem(problem_options);
+  const auto loss = loss_of(loss_px);
+  for (std::size_t k = 0; k < seen.size(); ++k) {
+    problem.AddResidualBlock(new Cost(new Reprojection{seen[k].pixel.x, seen[k].pixel.y}),
+                             loss.get(), numbers.data(), points[k].val, lens.data());
+    problem.SetParameterBlockConstant(points[k].val);
+  }
+  problem.SetParameterBlockConstant(lens.data());
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = ceres::DENSE_QR;
+  solver.max_num_iterations = 30;
+  solver.num_threads = 1;
+  solver.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &problem, &summary);
+  if (summary.IsSolutionUsable()) pose = pose_of(numbers);
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm_io/model.h"
+
+#include <stop_token>
+#include <vector>
+
+namespace tarsier::sfm {
+
+struct BundleOptions {
+  bool focal = false;       // refine fx, fy (their ratio stays)
+  bool center = false;      // cx, cy
+  bool distortion = false;  // k1, k2, p1, p2
+  double loss_px = 1;       // Cauchy: residuals well beyond it count little; 0: plain squares
+  int most_iterations = 50;
+  // Photographs that move; all others that see their points stay as they are. Empty: all of them.
+  std::vector<int> images;
+};
+
+struct BundleReport {
+  double before_px = 0;  // root mean square of all residuals that took part
+  double after_px = 0;
+  int residuals = 0;  // observations
+  int iterations = 0;
+};
+
+// Bundle adjustment (Triggs et al., 2000): poses, points and, if asked, cameras that minimise the
+// sum of the robust squared reprojection errors. Ceres with automatic derivatives and the Schur
+// complement, on one thread so that the result depends on nothing else. The first photograph stays
+// where it is, and the distance to the one farthest from it keeps the scale. Throws Interrupted.
+BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_token& stop = {});
+
+// The same for one photograph's pose alone, its points fixed; `seen`: pairs of pixel and point.
+struct Sighting {
+  cv::Point2d pixel;
+  cv::Vec3d position;
+};
+void adjust_pose(geometry::Rigid& pose, const geometry::Camera& camera,
+                 const std::vector<Sighting>& seen, double loss_px);
+
+}  // namespace tarsier::sfm

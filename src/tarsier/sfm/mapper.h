@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/core/progress.h"
+#include "tarsier/sfm/tracks.h"
+#include "tarsier/sfm_io/model.h"
+
+#include <functional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+// Incremental reconstruction: a first pair, then one photograph after the other (Schonberger and
+// Frahm, CVPR 2016, tell the order of things well).
+namespace tarsier::sfm {
+
+struct MapperOptions {
+  double reprojection_px = 2.5;     // an observation farther off is dropped; 0.1..50
+  double least_angle_deg = 1.5;     // a point needs two rays that differ by this; 0.01..30
+  double first_angle_deg = 4;       // of the first pair, at the median; 0.1..60
+  int first_inliers = 60;           // of the first pair; 16..100000
+  int pose_inliers = 16;            // of a photograph that is added; 6..100000
+  double pose_inlier_share = 0.2;   // of the points it should see; 0..1
+  double pose_px = 4;               // of an inlier to a new pose
+  int least_photographs = 2;        // of a model that is kept; 2..1000
+  double extend_px = 3;             // how near a known point's place a feature is looked for; 0: no
+  double extend_similarity = 0.85;  // .. and how like the point's others it must be; 0..1
+  bool refine_focal = false;
+  bool refine_center = false;
+  bool refine_distortion = false;
+  std::uint64_t seed = 1;
+  void check() const;
+};
+
+// What became of a photograph.
+struct Outcome {
+  bool registered = false;
+  int model = -1;      // which, 0 is the largest
+  std::string reason;  // why not: "12 of 40 points agree on a pose, 16 are needed"; or ""
+};
+
+struct Reconstruction {
+  std::vector<Model> models;       // largest first; each has all photographs, its own registered
+  std::vector<Outcome> outcomes;   // of each photograph
+  std::vector<std::string> story;  // what was done, line by line
+};
+
+// `images` give cameras, names and features; their poses are not used. `colors` and `descriptors`:
+// of each photograph's features; without descriptors (flow) tracks are not extended. `watch` (may
+// be empty) sees the growing model. Throws Interrupted.
+[[nodiscard]] Reconstruction reconstruct(const std::vector<geometry::Camera>& cameras,
+                                         const std::vector<Photograph>& images,
+                                         const std::vector<std::vector<cv::Vec3b>>& colors,
+                                         const std::vector<cv::Mat>& descriptors, FeatureKind kind,
+                                         const std::vector<Pair>& pairs,
+                                         const MapperOptions& options, Progress& progress,
+                                         const std::stop_token& stop,
+                                         const std::function<void(const Model&)>& watch = {});
+
+// Drops observations that are off, behind a camera or too flat, and points that are left with fewer
+// than two; returns how many observations went.
+int filter_points(Model& model, const MapperOptions& options);
+
+// Root mean square reprojection error over all observations, px; mean track length.
+struct ModelStatistics {
+  int registered = 0;
+  std::int64_t observations = 0;
+  double reprojection_px = 0;
+  double mean_track = 0;
+};
+[[nodiscard]] ModelStatistics statistics_of(const Model& model);
+
+}  // namespace tarsier::sfm

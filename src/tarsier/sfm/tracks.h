@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/two_view.h"
+#include "tarsier/sfm_io/model.h"
+
+#include <vector>
+
+namespace tarsier::sfm {
+
+// Two photographs that were verified against each other.
+struct Pair {
+  int first = 0;
+  int second = 0;
+  int matches = 0;  // before they were verified
+  TwoView view;
+};
+
+// Joins matches to tracks: union-find over features, the surest pairs first. A join that would put
+// two features of one photograph into a track is refused, so a wrong match costs one link and not
+// the track. Tracks of two photographs or more, longest first, then by their first observation;
+// `features`: how many each photograph has.
+[[nodiscard]] std::vector<std::vector<Observation>> make_tracks(const std::vector<Pair>& pairs,
+                                                                const std::vector<int>& features);
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm_io/model.h"
+
+#include <string>
+
+namespace tarsier::sfm {
+
+// COLMAP's text format (https://colmap.github.io/format.html): cameras.txt, images.txt and
+// points3D.txt in one folder. COLMAP's pixel middles lie at 0.5, ours at 0: half a pixel is added
+// on writing and taken off on reading.
+
+// Writes the registered photographs, the cameras that took them and all points, numbered from 1 in
+// the order of the model; makes the folder. Cameras are PINHOLE, OPENCV (distorted, k3 = 0) or
+// FULL_OPENCV. Each file is written whole or not at all. Throws OutputError, also for a name of a
+// photograph that cannot stand in a line; std::invalid_argument for a model whose parts do not fit
+// (an index out of range, a track of fewer than two, of a photograph that is not registered, or
+// that its feature does not know of; numbers that are not finite).
+void write_colmap(const std::string& folder, const Model& model);
+
+// Reads it back, or what COLMAP itself wrote, in the order of the files; all photographs are
+// registered. Files may have up to 2 GB. Where COLMAP has two features of one photograph in a
+// track, the first stays; points seen in one photograph only are left out. Throws InputError that
+// names file, line and what is wrong: a file is missing, a number is missing or not finite, an id
+// is unknown or there twice, tracks and features do not agree, a name leaves the folder of
+// photographs, a camera model is not among those of geometry/colmap_camera.h.
+[[nodiscard]] Model read_colmap(const std::string& folder);
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/camera.h"
+#include "tarsier/geometry/rigid.h"
+
+#include <opencv2/core.hpp>
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+// Scenes with known cameras and exact depth, drawn as photographs, to test structure from motion.
+//
+// The world: a surface near z = 0 seen from z > 0, x right and y up for who looks at it straight.
+// Its unit is free; cameras stand 10 units off. On a ring z is up and the surface is the ground.
+namespace tarsier::synth {
+
+enum class Trajectory {
+  kArc,   // up to 60 degrees around the middle, 7 degrees apart (closer from 10 images on)
+  kRing,  // all around, 42 degrees above the ground
+  kLine,  // steps of 0.9 units to the right (shorter from 15 images on), looking straight ahead
+};
+
+enum class Content {
+  kRelief,    // a bumpy wall, 2 units deep, and a dozen boxes standing out of it
+  kBoxes,     // a dozen boxes on a plane
+  kPlane,     // a flat wall
+  kRepeated,  // the bumpy wall, with one tile of 1.6 units all over
+  kNothing,   // a flat wall of one colour
+};
+
+struct SceneOptions {
+  std::uint64_t seed = 1;   // of surface, texture, cameras and noise
+  cv::Size size{640, 480};  // px, each 32..8192
+  double focal_px = 0;      // 0: the larger side; else 0.5..20 times the larger side
+  int images = 8;           // 1..1000
+  Trajectory trajectory = Trajectory::kArc;
+  Content content = Content::kRelief;
+  double noise = 2;            // grey levels, standard deviation, 0..64
+  bool pure_rotation = false;  // all from one place, turned by steps of 7 degrees; no trajectory
+
+  void check() const;  // throws std::invalid_argument naming the bad value
+};
+
+// Const after construction; copies share what they hold. The same options give the same scene, and
+// another size or focal length the same scene seen by another camera. Scenes of different seeds
+// share no texture.
+class ReliefScene {
+ public:
+  explicit ReliefScene(const SceneOptions& options);  // throws std::invalid_argument
+
+  [[nodiscard]] int count() const;                // images
+  [[nodiscard]] geometry::Camera camera() const;  // of all images, not distorted
+
+  // The members below throw std::invalid_argument unless 0 <= index < count().
+  [[nodiscard]] geometry::Rigid pose(int index) const;  // camera from world
+  // CV_8UC3 of the size of the options. Does not depend on the number of threads.
+  [[nodiscard]] cv::Mat render(int index) const;
+  // z in the camera of what `pixel` sees, from the exact surface, to 1e-8 units; also outside the
+  // picture. Empty where nothing is within 100 units.
+  [[nodiscard]] std::optional<double> depth(int index, cv::Point2d pixel) const;
+
+  struct Parts;
+
+ private:
+  std::shared_ptr<const Parts> parts_;
+};
+
+// Points seen by cameras, without pictures.
+struct PointProblem {
+  struct Seen {
+    int image = 0;
+    int point = 0;
+    cv::Point2d pixel;
+    bool outlier = false;  // anywhere in the picture, more than 10 px from the truth
+  };
+  geometry::Camera camera;             // 640 x 480, not distorted
+  std::vector<geometry::Rigid> poses;  // camera from world
+  std::vector<cv::Vec3d> points;       // world
+  std::vector<Seen> seen;              // by image, then by point
+};
+
+// Cameras on an arc as in Trajectory::kArc, points evenly in a volume of 6 x 4 x 3 units, and where
+// each lies in every picture that has it: with normal noise of `noise_px` (0..100) px, and with
+// probability `outlier_share` (0..1) an outlier. Throws std::invalid_argument for these and unless
+// images is 1..1000 and points 1..1000000.
+[[nodiscard]] PointProblem make_point_problem(std::uint64_t seed, int images, int points,
+                                              double noise_px, double outlier_share);
+
+}  // namespace tarsier::synth
