@@ -267,6 +267,7 @@ int run_checked(int argc, const char* const* argv) {
   app.require_subcommand(0, 1);
   add_cartoon(app, context);
   add_plate(app, context);
+  add_sfm(app, context);
   add_models(app, context);
   add_doctor(app, context);
   add_demo(app, context);

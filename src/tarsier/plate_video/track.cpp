@@ -136,7 +136,9 @@ bool is_confirmed(const Track& track, const TrackerOptions& options) {
   const std::string text = text_of(track);
   const bool has_digit = text.find_first_of("0123456789") != std::string::npos;
   if (track.surest < options.least_single || (!has_digit && !options.words)) return false;
-  // What is read much the same for long is a plate, though its text may be in doubt.
+  const bool never_moved = is_parked(track) && track.anchor_time - track.first_time < kParkedAfter;
+  if (never_moved) return confidence_of(track) >= options.least_standing;
+  // What moves and is read much the same for long is a plate, though its text may be in doubt.
   const bool lasting = track.frames >= kLasting && track.agreement >= kLastingAgreement;
   return lasting || confidence_of(track) >= options.least_confidence;
 }

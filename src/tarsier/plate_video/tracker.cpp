@@ -126,6 +126,7 @@ void TrackerOptions::check() const {
                   least_readings);
   TARSIER_REQUIRE(least_confidence >= 0 && least_confidence <= 1, "least_confidence {}",
                   least_confidence);
+  TARSIER_REQUIRE(least_standing >= 0 && least_standing <= 1, "least_standing {}", least_standing);
   TARSIER_REQUIRE(least_single >= 0 && least_single <= 1, "least_single {}", least_single);
   TARSIER_REQUIRE(most_readings >= 10 && most_readings <= 100'000, "most_readings {}",
                   most_readings);

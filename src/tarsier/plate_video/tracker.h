@@ -28,10 +28,11 @@ struct TrackerOptions {
   // event is only told when they are over. 0..3600
   double return_within = 10;
   double parked_return_within = 120;  // the same of one that stood still, at its place; 0..86400
-  int least_readings = 2;             // a vehicle read less often is none; 1..1000
+  int least_readings = 3;             // a vehicle read less often is none; 1..1000
   // Of the voted text: below it is no vehicle, unless ten readings or more resemble it; 0..1
-  double least_confidence = 0.3;
-  double least_single = 0.05;  // of the surest single reading: what never reads well is none; 0..1
+  double least_confidence = 0.5;
+  double least_standing = 0.8;  // the same of what never moved: it may be a sign
+  double least_single = 0.05;   // of the surest single reading: what never reads well is none; 0..1
   // Texts without a digit are vehicles too. Few plates are such, and many signs.
   bool words = false;
   int most_readings = 500;  // that an event lists; 10..100000

@@ -317,6 +317,7 @@ TEST(TrackerTest, BadInputIsRefusedOrWithstood) {
   options = {};
   (void)step_tracker(options, state, {0, 100, {}, {reading_at("1234BCD", 10, 10)}});
   (void)step_tracker(options, state, {1, 50, {}, {reading_at("1234BCD", 12, 10)}});
+  (void)step_tracker(options, state, {2, 51, {}, {reading_at("1234BCD", 14, 10)}});
   const std::vector<PlateEvent> events = flush_tracker(options, state);
   ASSERT_EQ(events.size(), 1U);
   EXPECT_GE(events[0].last_time, events[0].first_time);

@@ -62,8 +62,8 @@ cv::Ptr<cv::Feature2D> detector_of(const FeatureOptions& options) {
     case FeatureKind::kSift:
       break;
   }
-  // Half as many again as wanted, so that there is a choice for every place.
-  return cv::SIFT::create(options.most * 3 / 2, 3, options.contrast, 10, 1.6);
+  // More than wanted, so that there is a choice for every place.
+  return cv::SIFT::create(options.most * 4, 3, options.contrast, 10, 1.6);
 }
 
 // Square roots of the shares: distances between them are those of Hellinger.

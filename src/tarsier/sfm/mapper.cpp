@@ -200,8 +200,10 @@ class Growing {
     result.cameras = model_.cameras;
     result.images = model_.images;
     for (Photograph& image : result.images) image.points.assign(image.features.size(), -1);
+    const auto least =
+        static_cast<std::size_t>(registered() < 4 ? 2 : std::max(2, options_.least_views));
     for (const Point& point : model_.points) {
-      if (point.track.size() < 2) continue;
+      if (point.track.size() < least) continue;
       Point copy = point;
       cv::Vec3d color;
       double squares = 0;
@@ -547,6 +549,34 @@ std::string lonely(const std::vector<Pair>& pairs, const std::vector<Photograph>
                      best->view.inliers.size(), name);
 }
 
+// Why no pair of photographs is a start, by the one with most inliers.
+std::string no_start(const std::vector<Pair>& pairs, const std::vector<Photograph>& images,
+                     const MapperOptions& options) {
+  const Pair* best = nullptr;
+  const Pair* most = nullptr;
+  for (const Pair& pair : pairs) {
+    if (best == nullptr || pair.view.inliers.size() > best->view.inliers.size()) best = &pair;
+    if (most == nullptr || pair.matches > most->matches) most = &pair;
+  }
+  if (best == nullptr) return "there are no two photographs to compare";
+  if (best->view.inliers.empty())
+    return fmt::format("no two photographs show the same thing: at most {} matches ({} and {})",
+                       most->matches, images[at(most->first)].name, images[at(most->second)].name);
+  const auto inliers = static_cast<double>(best->view.inliers.size());
+  const std::string names =
+      fmt::format("the best pair, {} and {}, has {} inliers", images[at(best->first)].name,
+                  images[at(best->second)].name, best->view.inliers.size());
+  if (inliers < options.first_inliers)
+    return fmt::format("{}, a start needs {}", names, options.first_inliers);
+  if (best->view.homography_inliers > 0.9 * inliers)
+    return fmt::format(
+        "{}, and one plane or a camera that only turned explains {:.0f} % of them: move the camera "
+        "sideways between photographs",
+        names, 100 * best->view.homography_inliers / inliers);
+  return fmt::format("{}, but its rays differ by only {:.1f} degrees: move the camera sideways",
+                     names, best->view.median_angle / kRadians);
+}
+
 }  // namespace
 
 void MapperOptions::check() const {
@@ -562,6 +592,7 @@ void MapperOptions::check() const {
   TARSIER_REQUIRE(pose_inlier_share >= 0 && pose_inlier_share <= 1, "pose inlier share {}",
                   pose_inlier_share);
   TARSIER_REQUIRE(pose_px >= 0.1 && pose_px <= 50, "pose threshold {}", pose_px);
+  TARSIER_REQUIRE(least_views >= 2 && least_views <= 100, "{} views", least_views);
   TARSIER_REQUIRE(least_photographs >= 2 && least_photographs <= 1000, "{} photographs",
                   least_photographs);
 }
@@ -717,6 +748,7 @@ Reconstruction reconstruct(const std::vector<geometry::Camera>& cameras,
   std::erase_if(result.models, [&](const Model& model) {
     return statistics_of(model).registered < options.least_photographs;
   });
+  if (result.models.empty()) result.no_model = no_start(pairs, images, options);
   std::stable_sort(result.models.begin(), result.models.end(), [](const Model& a, const Model& b) {
     const ModelStatistics x = statistics_of(a);
     const ModelStatistics y = statistics_of(b);

@@ -16,16 +16,19 @@
 namespace tarsier::sfm {
 
 struct MapperOptions {
-  double reprojection_px = 2.5;     // an observation farther off is dropped; 0.1..50
-  double least_angle_deg = 1.5;     // a point needs two rays that differ by this; 0.01..30
-  double first_angle_deg = 4;       // of the first pair, at the median; 0.1..60
-  int first_inliers = 60;           // of the first pair; 16..100000
-  int pose_inliers = 16;            // of a photograph that is added; 6..100000
-  double pose_inlier_share = 0.2;   // of the points it should see; 0..1
-  double pose_px = 4;               // of an inlier to a new pose
+  double reprojection_px = 2.5;    // an observation farther off is dropped; 0.1..50
+  double least_angle_deg = 1.5;    // a point needs two rays that differ by this; 0.01..30
+  double first_angle_deg = 4;      // of the first pair, at the median; 0.1..60
+  int first_inliers = 60;          // of the first pair; 16..100000
+  int pose_inliers = 16;           // of a photograph that is added; 6..100000
+  double pose_inlier_share = 0.2;  // of the points it should see; 0..1
+  double pose_px = 4;              // of an inlier to a new pose
+  // Photographs that must show a point of the result: one of two has nothing that it could be
+  // checked against. Models of fewer than four photographs keep theirs. 2..100
+  int least_views = 3;
   int least_photographs = 2;        // of a model that is kept; 2..1000
   double extend_px = 3;             // how near a known point's place a feature is looked for; 0: no
-  double extend_similarity = 0.85;  // .. and how like the point's others it must be; 0..1
+  double extend_similarity = 0.75;  // .. and how like the point's others it must be; 0..1
   bool refine_focal = false;
   bool refine_center = false;
   bool refine_distortion = false;
@@ -44,6 +47,7 @@ struct Reconstruction {
   std::vector<Model> models;       // largest first; each has all photographs, its own registered
   std::vector<Outcome> outcomes;   // of each photograph
   std::vector<std::string> story;  // what was done, line by line
+  std::string no_model;            // why there is none, where there is none
 };
 
 // `images` give cameras, names and features; their poses are not used. `colors` and `descriptors`:

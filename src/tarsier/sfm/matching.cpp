@@ -144,7 +144,7 @@ std::vector<Match> match_features(const cv::Mat& first, const cv::Mat& second, F
     const Nearest& nearest = of_a[static_cast<std::size_t>(i)];
     if (nearest.index < 0 || !passes(nearest)) continue;
     const Nearest& back = of_b[static_cast<std::size_t>(nearest.index)];
-    if (back.index == i && passes(back)) matches.push_back({i, nearest.index});
+    if (back.index == i) matches.push_back({i, nearest.index});
   }
   return matches;
 }

@@ -35,6 +35,24 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
+// Where no essential matrix fits: a camera that stayed at its place, or a photograph and its copy.
+// Their matches are good, though they tell nothing of depth.
+TwoView of_one_place(const std::vector<Match>& matches, const std::vector<cv::Point2d>& a,
+                     const std::vector<cv::Point2d>& b, const TwoViewOptions& options) {
+  TwoView result;
+  cv::Mat mask;
+  try {
+    (void)cv::findHomography(a, b, mask, robust(options.threshold_px, options.seed));
+  } catch (const cv::Exception&) {
+    return result;
+  }
+  for (std::size_t i = 0; i < matches.size() && !mask.empty(); ++i)
+    if (mask.at<std::uint8_t>(static_cast<int>(i)) != 0) result.inliers.push_back(matches[i]);
+  if (result.inliers.size() < static_cast<std::size_t>(options.least_inliers)) result.inliers = {};
+  result.homography_inliers = static_cast<int>(result.inliers.size());
+  return result;
+}
+
 }  // namespace
 
 void TwoViewOptions::check() const {
@@ -84,9 +102,9 @@ TwoView verify_pair(const std::vector<cv::Point2f>& first, const std::vector<cv:
                                        mask, params);
     }
   } catch (const cv::Exception&) {
-    return result;  // degenerate: no model was found
+    mask.release();  // degenerate: no model was found
   }
-  if (mask.empty()) return result;
+  if (mask.empty()) return of_one_place(matches, pixels_a, pixels_b, options);
   std::vector<cv::Point2d> in_a;
   std::vector<cv::Point2d> in_b;
   for (std::size_t i = 0; i < matches.size(); ++i) {
@@ -95,10 +113,7 @@ TwoView verify_pair(const std::vector<cv::Point2f>& first, const std::vector<cv:
     in_a.push_back(pixels_a[i]);
     in_b.push_back(pixels_b[i]);
   }
-  if (result.inliers.size() < least) {
-    result.inliers.clear();
-    return result;
-  }
+  if (result.inliers.size() < least) return of_one_place(matches, pixels_a, pixels_b, options);
 
   // The pose, in normalised coordinates, from the inliers.
   const auto normalized = [](const std::vector<cv::Point2d>& pixels, const geometry::Camera& c) {

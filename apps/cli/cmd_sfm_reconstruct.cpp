@@ -1,0 +1,446 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/geometry/camera_file.h"
+#include "tarsier/io/archive.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/io/frame_source.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/io/still_source.h"
+#include "tarsier/sfm/pipeline.h"
+#include "tarsier/sfm/report.h"
+#include "tarsier/sfm_io/align.h"
+#include "tarsier/sfm_io/colmap.h"
+#include "tarsier/sfm_io/exif.h"
+#include "tarsier/sfm_io/keyframes.h"
+#include "tarsier/sfm_io/ply.h"
+#include "tarsier/sfm_io/undistort.h"
+#include "tarsier/sfm_view/animation.h"
+#include "tarsier/sfm_view/render.h"
+#include "tarsier/sfm_view/viewer.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "cmd_sfm.h"
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <set>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ReconstructFlags {
+  std::vector<std::string> inputs;
+  std::string output;
+  std::string camera;
+  std::string camera_file;
+  std::vector<std::string> refine;
+  std::string features = "sift";
+  double downscale = 1;
+  std::string pairs = "auto";
+  std::string matches = "sift";
+  std::string align;
+  double distance = 0;
+  std::vector<std::string> distance_between;
+  std::vector<std::string> exports;
+  bool match_pictures = false;
+  bool turntable = false;
+  bool no_cache = false;
+  bool per_image_camera = false;
+  sfm::KeyframeOptions keyframes;
+  sfm::PipelineOptions pipeline;
+};
+
+// --- what takes part ---
+
+// The name of a photograph in the model: its path within the folder, made unique elsewhere.
+void add_inputs(const std::vector<std::string>& paths, std::set<std::string>& names,
+                std::vector<sfm::Input>& inputs) {
+  for (const std::string& path : paths) {
+    const fs::path file(path);
+    std::string name = file.filename().string();
+    for (int k = 2; !names.insert(name).second; ++k)
+      name = fmt::format("{}-{}{}", file.stem().string(), k, file.extension().string());
+    inputs.push_back({name, path});
+  }
+}
+
+// Key frames of a film, written beside the model so that they are there for a second run and for
+// whoever wants to see them.
+std::vector<std::string> frames_of_film(const std::string& film, const ReconstructFlags& flags,
+                                        Context& context) {
+  const fs::path folder = fs::path(flags.output) / "frames";
+  make_folder(folder.string());
+  const auto source = open_source(film, SourceOptions{});
+  sfm::KeyframePicker picker(flags.keyframes);
+  std::vector<std::string> paths;
+  const auto keep = [&](std::optional<sfm::Keyframe> frame) {
+    if (!frame) return;
+    paths.push_back((folder / fmt::format("frame-{:06}.png", frame->index)).string());
+    write_image(paths.back(), frame->image);
+  };
+  context.progress->begin("key frames", source->count(), "frames");
+  while (auto frame = source->next(std::chrono::milliseconds(1000), context.stop)) {
+    throw_if_stopped(context.stop);
+    keep(picker.offer(frame->image, frame->index, frame->time));
+    context.progress->advance();
+  }
+  throw_if_stopped(context.stop);
+  keep(picker.finish());
+  context.progress->end();
+  log_info("{}: {} key frames", film, paths.size());
+  return paths;
+}
+
+std::vector<sfm::Input> inputs_of(const ReconstructFlags& flags, Context& context) {
+  std::vector<sfm::Input> inputs;
+  std::set<std::string> names;
+  for (const std::string& text : flags.inputs) {
+    switch (classify_source(text)) {
+      case SourceKind::kFolder:
+        add_inputs(pictures_in_folder(text), names, inputs);
+        break;
+      case SourceKind::kGlob:
+        add_inputs(files_of_glob(text), names, inputs);
+        break;
+      case SourceKind::kList:
+        add_inputs(paths_of_list(text.substr(1)), names, inputs);
+        break;
+      case SourceKind::kImage:
+        add_inputs({text}, names, inputs);
+        break;
+      case SourceKind::kVideo:
+        add_inputs(frames_of_film(text, flags, context), names, inputs);
+        break;
+      default:
+        throw InputError(text, "expected photographs, a folder, @list.txt or a film");
+    }
+  }
+  return inputs;
+}
+
+// --- options ---
+
+void complete(ReconstructFlags& flags, const Context& context) {
+  sfm::PipelineOptions& options = flags.pipeline;
+  if (!flags.camera.empty() && !flags.camera_file.empty())
+    throw UsageError("--camera and --camera-file: give one of them");
+  if (!flags.camera.empty()) options.camera = geometry::parse_camera(flags.camera);
+  if (!flags.camera_file.empty()) options.camera = geometry::read_camera_file(flags.camera_file);
+  static const std::map<std::string, sfm::FeatureKind> kinds{{"sift", sfm::FeatureKind::kSift},
+                                                             {"orb", sfm::FeatureKind::kOrb},
+                                                             {"akaze", sfm::FeatureKind::kAkaze}};
+  options.features.kind = kinds.at(flags.features);
+  if (options.features.kind != sfm::FeatureKind::kSift) {
+    options.matching.ratio = std::max(options.matching.ratio, 0.85);
+    options.mapper.extend_similarity = 0.6;
+  }
+  if (!(flags.downscale >= 1 && flags.downscale <= 16))
+    throw UsageError(fmt::format("--downscale {}: expected 1..16", flags.downscale));
+  options.features.most_pixels /= flags.downscale * flags.downscale;
+  static const std::map<std::string, sfm::PairChoice> choices{
+      {"auto", sfm::PairChoice::kAuto},
+      {"exhaustive", sfm::PairChoice::kExhaustive},
+      {"sequential", sfm::PairChoice::kSequential},
+      {"retrieval", sfm::PairChoice::kRetrieval}};
+  if (const auto choice = choices.find(flags.pairs); choice != choices.end()) {
+    options.pairs = choice->second;
+  } else {
+    options.pairs = sfm::PairChoice::kList;
+    options.pairs_file = flags.pairs;
+    if (!fs::exists(flags.pairs))
+      throw UsageError(
+          fmt::format("--pairs '{}': expected auto, exhaustive, sequential, retrieval "
+                      "or a file with two names a line",
+                      flags.pairs));
+  }
+  options.flow = flags.matches == "flow";
+  options.shared_camera = !flags.per_image_camera;
+  for (const std::string& what : flags.refine) {
+    if (what == "focal") options.mapper.refine_focal = true;
+    if (what == "center") options.mapper.refine_center = true;
+    if (what == "distortion") options.mapper.refine_distortion = true;
+    if (what == "none") options.fixed_camera = true;
+  }
+  if (!flags.no_cache) {
+    options.cache_folder = (fs::path(flags.output) / "cache").string();
+    make_folder(options.cache_folder);
+  }
+  if (!flags.distance_between.empty() && flags.distance <= 0)
+    throw UsageError("--distance-between needs --distance");
+  options.seed = context.seed;
+  options.check();
+}
+
+// --- scale and place ---
+
+void place(sfm::Model& model, const ReconstructFlags& flags,
+           const std::map<std::string, std::string>& paths, nlohmann::ordered_json& report) {
+  std::map<std::string, cv::Vec3d> known;
+  if (flags.align == "gps") {
+    std::vector<std::string> names;
+    std::vector<cv::Vec3d> positions;
+    for (const auto& [name, path] : paths) {
+      const auto gps = sfm::parse_exif(read_file(path, 512'000'000)).gps;
+      if (!gps) continue;
+      names.push_back(name);
+      positions.push_back(*gps);
+    }
+    const std::vector<cv::Vec3d> metres = sfm::local_metres(positions);
+    for (std::size_t i = 0; i < names.size(); ++i) known[names[i]] = metres[i];
+  } else if (!flags.align.empty()) {
+    known = sfm::read_positions_csv(flags.align);
+  }
+  if (!known.empty() || !flags.align.empty()) {
+    std::vector<cv::Vec3d> from;
+    std::vector<cv::Vec3d> to;
+    for (const sfm::Photograph& image : model.images) {
+      const auto position = known.find(image.name);
+      if (!image.registered || position == known.end()) continue;
+      from.push_back(image.pose.center());
+      to.push_back(position->second);
+    }
+    const auto similarity = sfm::robust_similarity(from, to, 0, flags.pipeline.seed);
+    if (!similarity) {
+      throw InputError(flags.align,
+                       fmt::format("{} positions fit photographs of the model; three that are not "
+                                   "in a line are needed",
+                                   from.size()));
+    }
+    sfm::transform(model, *similarity);
+    double sum = 0;
+    for (std::size_t i = 0; i < from.size(); ++i)
+      sum += cv::norm(similarity->scale * (similarity->rotation * from[i]) +
+                      similarity->translation - to[i]);
+    report["aligned"] = {{"photographs", from.size()},
+                         {"scale", similarity->scale},
+                         {"mean_residual", sum / static_cast<double>(from.size())}};
+  }
+  if (flags.distance > 0) {
+    std::vector<cv::Vec3d> ends;
+    for (const std::string& name : flags.distance_between) {
+      for (const sfm::Photograph& image : model.images)
+        if (image.registered && image.name == name) ends.push_back(image.pose.center());
+    }
+    if (ends.size() != 2 || cv::norm(ends[0] - ends[1]) <= 0)
+      throw UsageError("--distance-between: expected the names of two photographs of the model");
+    sfm::Similarity similarity;
+    similarity.rotation = cv::Matx33d::eye();
+    similarity.scale = flags.distance / cv::norm(ends[0] - ends[1]);
+    sfm::transform(model, similarity);
+    report["scale"] = similarity.scale;
+  }
+}
+
+// --- results ---
+
+// Both photographs side by side: matches that were kept in green, removed ones in red.
+cv::Mat match_picture(const sfm::ComparedPair& pair) {
+  constexpr double kMostHeight = 600;
+  cv::Mat sides[2] = {read_image(pair.first.path), read_image(pair.second.path)};
+  double scales[2];
+  for (int k = 0; k < 2; ++k) {
+    scales[k] = std::min(1.0, kMostHeight / sides[k].rows);
+    cv::resize(sides[k], sides[k], {}, scales[k], scales[k], cv::INTER_AREA);
+  }
+  cv::Mat picture(std::max(sides[0].rows, sides[1].rows), sides[0].cols + sides[1].cols, CV_8UC3,
+                  cv::Scalar::all(255));
+  sides[0].copyTo(picture(cv::Rect({0, 0}, sides[0].size())));
+  sides[1].copyTo(picture(cv::Rect({sides[0].cols, 0}, sides[1].size())));
+  std::set<int> kept;
+  for (const sfm::Match& match : pair.view.inliers) kept.insert(match.first);
+  for (const bool good : {false, true}) {
+    for (const sfm::Match& match : pair.matches) {
+      if (kept.contains(match.first) != good) continue;
+      const cv::Point2d a =
+          cv::Point2d(pair.first_points[static_cast<std::size_t>(match.first)]) * scales[0];
+      const cv::Point2d b =
+          cv::Point2d(pair.second_points[static_cast<std::size_t>(match.second)]) * scales[1];
+      cv::line(picture, a, b + cv::Point2d(sides[0].cols, 0),
+               good ? cv::Scalar(80, 190, 60) : cv::Scalar(60, 60, 220), 1, cv::LINE_AA);
+    }
+  }
+  return picture;
+}
+
+double camera_size(const sfm::Model& model) {
+  cv::Vec3d low(1e300, 1e300, 1e300);
+  cv::Vec3d high = -low;
+  for (const sfm::Photograph& image : model.images) {
+    if (!image.registered) continue;
+    const cv::Vec3d center = image.pose.center();
+    for (int k = 0; k < 3; ++k) {
+      low[k] = std::min(low[k], center[k]);
+      high[k] = std::max(high[k], center[k]);
+    }
+  }
+  return std::max(1e-6, 0.05 * cv::norm(high - low));
+}
+
+void write_turntable(const fs::path& path, const sfm::Model& model) {
+  sfm::ViewOptions view;
+  view.size = {640, 480};
+  std::vector<cv::Mat> frames;
+  sfm::render_turntable(model, view, 36,
+                        [&](int, const cv::Mat& frame) { frames.push_back(frame.clone()); });
+  sfm::write_gif(path.string(), frames, 12);
+}
+
+void write_results(const fs::path& folder, const sfm::Model& model, const ReconstructFlags& flags,
+                   const std::map<std::string, std::string>& paths, Context& context) {
+  make_folder(folder.string());
+  sfm::write_colmap(folder.string(), model);
+  sfm::write_points_ply((folder / "points.ply").string(), model);
+  sfm::write_cameras_ply((folder / "cameras.ply").string(), model, camera_size(model));
+  write_image((folder / "view.png").string(), sfm::render_model(model, {}));
+  write_file_atomically((folder / "view.html").string(), sfm::viewer_html(model, "Reconstruction"));
+  if (flags.turntable) write_turntable(folder / "turntable.gif", model);
+  for (const std::string& what : flags.exports) {
+    if (what != "undistorted") continue;
+    sfm::export_undistorted((folder / "undistorted").string(), model,
+                            [&](const std::string& name) { return read_image(paths.at(name)); },
+                            *context.progress, context.stop);
+  }
+}
+
+ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
+  const fs::path folder = flags.output;
+  make_folder(folder.string());
+  complete(flags, context);
+  const std::vector<sfm::Input> inputs = inputs_of(flags, context);
+  std::map<std::string, std::string> paths;
+  for (const sfm::Input& input : inputs) paths[input.name] = input.path;
+  if (inputs.size() < 2) {
+    throw InputError(flags.inputs.front(),
+                     fmt::format("{} photograph{}; a reconstruction needs two or more",
+                                 inputs.size(), inputs.size() == 1 ? "" : "s"));
+  }
+
+  sfm::PipelineHooks hooks;
+  int step = 0;
+  if (!context.debug_dir.empty()) {
+    make_folder(context.debug_dir);
+    hooks.watch = [&](const sfm::Model& model) {
+      write_image((fs::path(context.debug_dir) / fmt::format("cloud-{:03}.png", ++step)).string(),
+                  sfm::render_model(model, {}));
+    };
+  }
+  if (flags.match_pictures) {
+    make_folder((folder / "matches").string());
+    hooks.on_pair = [&](const sfm::ComparedPair& pair) {
+      if (pair.matches.empty()) return;
+      const std::string name = fmt::format("{}-{}.jpg", fs::path(pair.first.name).stem().string(),
+                                           fs::path(pair.second.name).stem().string());
+      write_image((folder / "matches" / name).string(), match_picture(pair));
+    };
+  }
+  sfm::PipelineResult result =
+      sfm::run_pipeline(inputs, flags.pipeline, *context.progress, context.stop, hooks);
+  std::vector<sfm::Model>& models = result.reconstruction.models;
+  nlohmann::ordered_json report = sfm::report_json(result);
+  for (std::size_t m = 0; m < models.size(); ++m) {
+    nlohmann::ordered_json placed;
+    if (m == 0) place(models[m], flags, paths, placed);
+    if (!placed.empty()) report["placed"] = placed;
+    write_results(m == 0 ? folder : folder / fmt::format("model-{}", m), models[m], flags, paths,
+                  context);
+  }
+  write_file_atomically((folder / "report.json").string(), report.dump(1) + "\n");
+  if (context.json)
+    print_json_line(report.dump());
+  else
+    print_text(sfm::summary_text(result));
+  if (!models.empty()) log_info("{}: look at view.html", flags.output);
+  return models.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+}  // namespace
+
+void add_sfm_reconstruct(CLI::App& sfm, Context& context) {
+  auto flags = std::make_shared<ReconstructFlags>();
+  CLI::App& verb =
+      *sfm.add_subcommand("reconstruct", "makes a model of photographs: cameras and points");
+  verb.add_option("PHOTOS", flags->inputs, "folder, photographs, glob, @list.txt, or a film")
+      ->required()
+      ->type_name("");
+  verb.add_option("-o,--output", flags->output, "folder for the model")->required();
+  const auto lens = [](CLI::Option* option) { option->group("Lens"); };
+  lens(verb.add_option("--camera", flags->camera, "fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], px"));
+  lens(verb.add_option("--camera-file", flags->camera_file,
+                       "camera.yaml, OpenCV's YAML, COLMAP's cameras.txt"));
+  lens(verb.add_option("--refine", flags->refine, "focal, center, distortion; or none")
+           ->delimiter(',')
+           ->check(CLI::IsMember({"focal", "center", "distortion", "none"})));
+  lens(verb.add_flag("--ignore-exif", flags->pipeline.ignore_exif,
+                     "guess the focal length even where EXIF tells it"));
+  lens(verb.add_flag("--per-image-camera", flags->per_image_camera,
+                     "a camera for each photograph, not one for all of a size"));
+  const auto match = [](CLI::Option* option) { option->group("Features and matches"); };
+  match(verb.add_option("--features", flags->features, "sift, orb, akaze")
+            ->check(CLI::IsMember({"sift", "orb", "akaze"}))
+            ->capture_default_str());
+  match(verb.add_option("--most-features", flags->pipeline.features.most, "of a photograph")
+            ->capture_default_str());
+  match(verb.add_option("--contrast", flags->pipeline.features.contrast, "least, of SIFT")
+            ->capture_default_str());
+  match(verb.add_option("--downscale", flags->downscale, "look at photographs reduced by this")
+            ->capture_default_str());
+  match(verb.add_option("--pairs", flags->pairs,
+                        "auto, exhaustive, sequential, retrieval, or a file with two names a line")
+            ->capture_default_str());
+  match(verb.add_option("--overlap", flags->pipeline.overlap, "of --pairs sequential")
+            ->capture_default_str());
+  match(verb.add_option("--nearest", flags->pipeline.nearest, "of --pairs retrieval")
+            ->capture_default_str());
+  match(verb.add_option("--matches", flags->matches,
+                        "sift: descriptors; flow: follow points from frame to frame")
+            ->check(CLI::IsMember({"sift", "flow"}))
+            ->capture_default_str());
+  match(verb.add_option("--ratio", flags->pipeline.matching.ratio, "of the two best distances")
+            ->capture_default_str());
+  match(verb.add_option("--epipolar-px", flags->pipeline.two_view.threshold_px, "of an inlier")
+            ->capture_default_str());
+  const auto map = [](CLI::Option* option) { option->group("Mapping"); };
+  map(verb.add_option("--reprojection-px", flags->pipeline.mapper.reprojection_px,
+                      "an observation farther off is dropped")
+          ->capture_default_str());
+  map(verb.add_option("--least-angle", flags->pipeline.mapper.least_angle_deg,
+                      "between a point's rays, degrees")
+          ->capture_default_str());
+  map(verb.add_option("--least-views", flags->pipeline.mapper.least_views,
+                      "photographs that show a point of the result")
+          ->capture_default_str());
+  const auto out = [](CLI::Option* option) { option->group("Result"); };
+  out(verb.add_option("--align", flags->align,
+                      "name,x,y,z lines with where photographs were taken; or gps: from EXIF"));
+  out(verb.add_option("--distance", flags->distance, "between two cameras, for the scale"));
+  out(verb.add_option("--distance-between", flags->distance_between, "their photographs' names")
+          ->expected(2));
+  out(verb.add_option("--export", flags->exports,
+                      "undistorted: photographs and model for dense tools")
+          ->check(CLI::IsMember({"undistorted"})));
+  out(verb.add_flag("--turntable", flags->turntable, "turntable.gif: the cloud, turning"));
+  out(verb.add_flag("--match-pictures", flags->match_pictures,
+                    "matches/: each pair, kept green, removed red"));
+  out(verb.add_flag("--no-cache", flags->no_cache, "keep nothing for a second run"));
+  const auto film = [](CLI::Option* option) { option->group("Films"); };
+  film(verb.add_option("--key-motion", flags->keyframes.least_motion,
+                       "of the picture's diagonal, between key frames")
+           ->capture_default_str());
+  film(
+      verb.add_option("--most-frames", flags->keyframes.most, "key frames")->capture_default_str());
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] { return reconstruct(*flags, context); };
+  });
+}
+
+}  // namespace tarsier::cli

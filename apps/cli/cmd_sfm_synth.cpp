@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/geometry/camera_file.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/synth/relief.h"
+
+#include <fmt/format.h>
+
+#include "cmd_sfm.h"
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct SynthFlags {
+  std::string output;
+  std::string size = "1024x768";
+  std::string trajectory = "arc";
+  std::string content = "relief";
+  synth::SceneOptions scene;
+};
+
+const std::map<std::string, synth::Trajectory> kTrajectories{{"arc", synth::Trajectory::kArc},
+                                                             {"ring", synth::Trajectory::kRing},
+                                                             {"line", synth::Trajectory::kLine}};
+const std::map<std::string, synth::Content> kContents{{"relief", synth::Content::kRelief},
+                                                      {"boxes", synth::Content::kBoxes},
+                                                      {"plane", synth::Content::kPlane},
+                                                      {"repeated", synth::Content::kRepeated},
+                                                      {"nothing", synth::Content::kNothing}};
+
+template <typename Map>
+std::vector<std::string> names_of(const Map& map) {
+  std::vector<std::string> names;
+  for (const auto& [name, value] : map) names.push_back(name);
+  return names;
+}
+
+// Photographs of a drawn scene, camera.yaml, and truth.jsonl for `sfm eval`.
+ExitStatus make_scene(SynthFlags& flags, Context& context) {
+  int width = 0;
+  int height = 0;
+  int end = 0;
+  if (std::sscanf(flags.size.c_str(), "%5dx%5d%n", &width, &height, &end) != 2 ||
+      static_cast<std::size_t>(end) != flags.size.size() || width < 32 || height < 32 ||
+      width > 8192 || height > 8192) {
+    throw UsageError(fmt::format("--size '{}': expected 32x32 .. 8192x8192", flags.size));
+  }
+  flags.scene.size = {width, height};
+  flags.scene.seed = context.seed;
+  flags.scene.trajectory = kTrajectories.at(flags.trajectory);
+  flags.scene.content = kContents.at(flags.content);
+  flags.scene.check();
+  const synth::ReliefScene scene(flags.scene);
+  const fs::path folder = flags.output;
+  make_folder((folder / "images").string());
+  geometry::write_camera_file((folder / "camera.yaml").string(), scene.camera());
+  std::string truth;
+  context.progress->begin("synth", scene.count(), "photographs");
+  for (int i = 0; i < scene.count(); ++i) {
+    throw_if_stopped(context.stop);
+    const std::string name = fmt::format("{:04}.jpg", i);
+    write_image((folder / "images" / name).string(), scene.render(i), 95);
+    const geometry::Rigid pose = scene.pose(i);
+    nlohmann::ordered_json line{{"name", name}, {"R", nlohmann::ordered_json::array()}};
+    for (const double value : pose.rotation.val) line["R"].push_back(value);
+    const cv::Vec3d center = pose.center();
+    line["C"] = {center[0], center[1], center[2]};
+    truth += line.dump() + "\n";
+    if (context.json) print_json_line(line.dump());
+    context.progress->advance();
+  }
+  context.progress->end();
+  write_file_atomically((folder / "truth.jsonl").string(), truth);
+  return ExitStatus::kDone;
+}
+
+}  // namespace
+
+void add_sfm_synth(CLI::App& sfm, Context& context) {
+  auto flags = std::make_shared<SynthFlags>();
+  CLI::App& verb = *sfm.add_subcommand(
+      "synth",
+      "draws photographs of a scene with known cameras: images/, camera.yaml, truth.jsonl");
+  verb.add_option("-o,--output", flags->output, "folder")->required();
+  verb.add_option("--images", flags->scene.images, "photographs")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  verb.add_option("--size", flags->size, "px")->capture_default_str();
+  verb.add_option("--trajectory", flags->trajectory, "of the camera")
+      ->check(CLI::IsMember(names_of(kTrajectories)))
+      ->capture_default_str();
+  verb.add_option("--content", flags->content, "what there is to see")
+      ->check(CLI::IsMember(names_of(kContents)))
+      ->capture_default_str();
+  verb.add_option("--noise", flags->scene.noise, "grey levels")
+      ->check(CLI::Range(0.0, 64.0))
+      ->capture_default_str();
+  verb.add_option("--focal", flags->scene.focal_px, "px; 0: the larger side");
+  verb.add_flag("--pure-rotation", flags->scene.pure_rotation, "the camera only turns");
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] { return make_scene(*flags, context); };
+  });
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/sfm/features.h"
+#include "tarsier/sfm/mapper.h"
+#include "tarsier/sfm/matching.h"
+#include "tarsier/sfm/two_view.h"
+
+#include <functional>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+// From photographs to models: reading, features, pairs, matching, verification, mapping.
+namespace tarsier::sfm {
+
+enum class PairChoice {
+  kAuto,        // exhaustive up to 60 photographs, retrieval beyond
+  kExhaustive,  // all with all
+  kSequential,  // each with those that follow it
+  kRetrieval,   // each with those that look like it
+  kList,        // what a file says
+};
+
+struct PipelineOptions {
+  FeatureOptions features;
+  MatchOptions matching;
+  TwoViewOptions two_view;
+  MapperOptions mapper;
+  PairChoice pairs = PairChoice::kAuto;
+  std::string pairs_file;  // of kList: two names a line
+  int overlap = 10;        // of kSequential; 1..1000
+  int nearest = 12;        // of kRetrieval; 1..1000
+  bool flow = false;       // follow points through a sequence instead of matching descriptors
+  // What the lens is. Given: used as it is unless the mapper is told to refine it. Not given: from
+  // EXIF, else 1.2 times the larger side, and refined.
+  std::optional<geometry::Camera> camera;
+  bool ignore_exif = false;
+  bool shared_camera =
+      true;  // photographs of one size and lens have one camera; false: each its own
+  bool fixed_camera = false;  // do not refine a guess either
+  std::string cache_folder;   // "": nothing is kept
+  std::uint64_t seed = 1;
+  void check() const;
+};
+
+// One photograph that should take part.
+struct Input {
+  std::string name;  // in the model
+  std::string path;  // of the file
+};
+
+struct StageTime {
+  std::string name;
+  double seconds = 0;
+};
+
+struct PhotographReport {
+  std::string name;
+  bool read = false;
+  std::string focal_from;  // "given", "EXIF", "guess"
+  int features = 0;
+  Outcome outcome;  // the reason also where the file could not be read
+};
+
+struct PipelineResult {
+  Reconstruction reconstruction;
+  std::vector<PhotographReport> photographs;  // as the inputs
+  std::vector<Pair> pairs;                    // of indices into the models' photographs
+  int compared = 0;                           // pairs
+  int verified = 0;
+  int from_cache = 0;  // features and pairs that were there from an earlier run
+  std::vector<StageTime> stages;
+};
+
+// Two photographs that were compared: all their matches, and what verification made of them.
+struct ComparedPair {
+  const Input& first;
+  const Input& second;
+  const std::vector<cv::Point2f>& first_points;  // px, of all features
+  const std::vector<cv::Point2f>& second_points;
+  const std::vector<Match>& matches;
+  const TwoView& view;
+};
+
+struct PipelineHooks {
+  std::function<void(const Model&)> watch;  // sees the growing model; may be empty
+  // Sees each pair; from any thread, but never two at a time. May be empty; if not, matches are
+  // worked out again even where they are in the cache.
+  std::function<void(const ComparedPair&)> on_pair;
+};
+
+// The photographs that can be read become Model::images, in the order of `inputs`. The same result
+// for any number of threads, from the cache or not. Throws Interrupted, InputError (pairs_file),
+// OutputError (cache); a photograph that cannot be read is no error.
+[[nodiscard]] PipelineResult run_pipeline(const std::vector<Input>& inputs,
+                                          const PipelineOptions& options, Progress& progress,
+                                          const std::stop_token& stop,
+                                          const PipelineHooks& hooks = {});
+
+}  // namespace tarsier::sfm

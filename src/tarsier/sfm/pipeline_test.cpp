@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/pipeline.h"
+
+#include "tarsier/io/image_file.h"
+#include "tarsier/io/testing_folder.h"
+#include "tarsier/sfm/evaluation.h"
+#include "tarsier/sfm/report.h"
+#include "tarsier/synth/relief.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/core/utility.hpp>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::sfm {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+class Photographs : public FolderTest {
+ protected:
+  // Photographs of a scene in the folder; their truth grows in truth_.
+  std::vector<Input> shoot(const synth::SceneOptions& options, const std::string& prefix = "") {
+    const synth::ReliefScene scene(options);
+    camera_ = scene.camera();
+    std::vector<Input> inputs;
+    for (int i = 0; i < scene.count(); ++i) {
+      const std::string name = prefix + std::to_string(i) + ".png";
+      write_image(folder_ + "/" + name, scene.render(i));
+      inputs.push_back({name, folder_ + "/" + name});
+      truth_[name] = scene.pose(i);
+    }
+    return inputs;
+  }
+
+  [[nodiscard]] PipelineOptions options() const {
+    PipelineOptions options;
+    options.camera = camera_;
+    options.features.most = 1500;
+    return options;
+  }
+
+  static PipelineResult run(const std::vector<Input>& inputs, const PipelineOptions& options) {
+    NoProgress progress;
+    return run_pipeline(inputs, options, progress, {});
+  }
+
+  geometry::Camera camera_;
+  PoseTruth truth_;
+};
+
+synth::SceneOptions small_scene(int images = 5) {
+  synth::SceneOptions options;
+  options.size = {400, 300};
+  options.images = images;
+  return options;
+}
+
+TEST_F(Photographs, BecomeTheirCameras) {
+  const auto inputs = shoot(small_scene(6));
+  const PipelineResult result = run(inputs, options());
+  ASSERT_EQ(result.reconstruction.models.size(), 1U);
+  const PoseScores scores = evaluate_poses(result.reconstruction.models[0], truth_, "model");
+  EXPECT_EQ(scores.registered, 6);
+  EXPECT_LT(scores.center_mean, 0.003 * scores.extent);
+  EXPECT_LT(scores.rotation_mean_deg, 0.1);
+  EXPECT_GT(result.reconstruction.models[0].points.size(), 200U);
+}
+
+TEST_F(Photographs, AreTheSameModelForAnyThreadsAndFromTheCache) {
+  const auto inputs = shoot(small_scene());
+  PipelineOptions how = options();
+  cv::setNumThreads(1);
+  const Model one = run(inputs, how).reconstruction.models.at(0);
+  cv::setNumThreads(3);
+  how.cache_folder = folder_;
+  const Model three = run(inputs, how).reconstruction.models.at(0);
+  const PipelineResult again = run(inputs, how);
+  cv::setNumThreads(-1);
+  EXPECT_EQ(again.from_cache, 5 + 10);
+  for (const Model* other : {&three, &again.reconstruction.models.at(0)}) {
+    ASSERT_EQ(other->points.size(), one.points.size());
+    for (std::size_t i = 0; i < one.images.size(); ++i)
+      EXPECT_EQ(other->images[i].pose.center(), one.images[i].pose.center());
+  }
+}
+
+TEST_F(Photographs, ADamagedCacheIsWorkedOutAgain) {
+  const auto inputs = shoot(small_scene(3));
+  PipelineOptions how = options();
+  how.cache_folder = folder_ + "/cache";
+  fs::create_directory(how.cache_folder);
+  const Model first = run(inputs, how).reconstruction.models.at(0);
+  int damaged = 0;
+  for (const auto& entry : fs::directory_iterator(how.cache_folder)) {
+    if (++damaged % 2 == 0) {
+      fs::resize_file(entry.path(), fs::file_size(entry.path()) / 2);
+    } else {
+      std::fstream file(entry.path(), std::ios::in | std::ios::out | std::ios::binary);
+      file.seekp(200);
+      file.put('!');
+    }
+  }
+  EXPECT_GE(damaged, 4);
+  const PipelineResult again = run(inputs, how);
+  EXPECT_EQ(again.from_cache, 0);
+  EXPECT_EQ(again.reconstruction.models.at(0).points.size(), first.points.size());
+}
+
+TEST_F(Photographs, TwoScenesGiveTwoModels) {
+  auto inputs = shoot(small_scene(4), "a");
+  synth::SceneOptions other = small_scene(3);
+  other.seed = 77;
+  for (const Input& input : shoot(other, "b")) inputs.push_back(input);
+  const PipelineResult result = run(inputs, options());
+  ASSERT_EQ(result.reconstruction.models.size(), 2U);
+  const auto report = report_json(result);
+  EXPECT_EQ(report["models"][0]["photographs"], 4);
+  EXPECT_EQ(report["models"][1]["photographs"], 3);
+  EXPECT_EQ(report["photographs"][5]["model"], 1);
+}
+
+TEST_F(Photographs, OneThatCannotBeReadIsLeftOutAndNamed) {
+  auto inputs = shoot(small_scene(4));
+  const std::string broken = folder_ + "/broken.jpg";
+  std::ofstream(broken) << "not a photograph";
+  inputs.insert(inputs.begin() + 1, {"broken.jpg", broken});
+  const PipelineResult result = run(inputs, options());
+  ASSERT_EQ(result.reconstruction.models.size(), 1U);
+  EXPECT_FALSE(result.photographs[1].read);
+  EXPECT_THAT(summary_text(result), HasSubstr("missing: broken.jpg: "));
+  EXPECT_TRUE(result.photographs[2].outcome.registered);
+}
+
+TEST_F(Photographs, DegenerateScenesGiveAReasonAndNoModel) {
+  struct Case {
+    synth::Content content;
+    bool rotation;
+  };
+  for (const Case& given :
+       {Case{synth::Content::kRelief, true}, Case{synth::Content::kNothing, false}}) {
+    synth::SceneOptions scene = small_scene(3);
+    scene.content = given.content;
+    scene.pure_rotation = given.rotation;
+    const auto inputs = shoot(scene);
+    const PipelineResult result = run(inputs, options());
+    EXPECT_TRUE(result.reconstruction.models.empty());
+    EXPECT_FALSE(result.reconstruction.no_model.empty());
+    for (const PhotographReport& report : result.photographs)
+      EXPECT_FALSE(report.outcome.reason.empty());
+  }
+}
+
+TEST_F(Photographs, TheSameOneTwiceIsNoPair) {
+  auto inputs = shoot(small_scene(1));
+  inputs.push_back({"copy.png", inputs[0].path});
+  const PipelineResult result = run(inputs, options());
+  EXPECT_TRUE(result.reconstruction.models.empty());
+  EXPECT_THAT(result.reconstruction.no_model, HasSubstr("sideways"));
+}
+
+TEST_F(Photographs, FollowedPointsDoAsWellAsDescriptors) {
+  // A film: the camera moves little from frame to frame.
+  const auto inputs = shoot(small_scene(20));
+  PipelineOptions how = options();
+  const PipelineResult by_sift = run(inputs, how);
+  how.flow = true;
+  const PipelineResult by_flow = run(inputs, how);
+  ASSERT_FALSE(by_sift.reconstruction.models.empty());
+  ASSERT_FALSE(by_flow.reconstruction.models.empty());
+  const PoseScores sift = evaluate_poses(by_sift.reconstruction.models[0], truth_, "sift");
+  const PoseScores flow = evaluate_poses(by_flow.reconstruction.models[0], truth_, "flow");
+  EXPECT_EQ(flow.registered, 20);
+  EXPECT_LT(flow.center_mean, 2 * sift.center_mean + 1e-3 * sift.extent);
+}
+
+TEST_F(Photographs, StopsWhenAsked) {
+  const auto inputs = shoot(small_scene(2));
+  std::stop_source stop;
+  stop.request_stop();
+  NoProgress progress;
+  EXPECT_ANY_THROW((void)run_pipeline(inputs, options(), progress, stop.get_token()));
+}
+
+}  // namespace
+}  // namespace tarsier::sfm
