@@ -19,6 +19,7 @@ namespace {
 
 // What Ceres moves. A pose is an angle-axis vector and a translation; a lens is its focal length,
 // the ratio of the two, the centre, and k1 k2 p1 p2 k3.
+constexpr double kSharpSize = 5;  // px
 using PoseNumbers = std::array<double, 6>;
 using LensNumbers = std::array<double, 9>;
 
@@ -60,6 +61,7 @@ void apply_numbers(const LensNumbers& numbers, geometry::Camera& camera) {
 struct Reprojection {
   double u;
   double v;
+  double weight;
 
   template <typename T>
   bool operator()(const T* pose, const T* point, const T* lens, T* residual) const {
@@ -73,8 +75,8 @@ struct Reprojection {
     const T radial = T(1) + r2 * (lens[4] + r2 * (lens[5] + r2 * lens[8]));
     const T dx = x * radial + T(2) * lens[6] * x * y + lens[7] * (r2 + T(2) * x * x);
     const T dy = y * radial + lens[6] * (r2 + T(2) * y * y) + T(2) * lens[7] * x * y;
-    residual[0] = lens[0] * dx + lens[2] - T(u);
-    residual[1] = lens[0] * lens[1] * dy + lens[3] - T(v);
+    residual[0] = T(weight) * (lens[0] * dx + lens[2] - T(u));
+    residual[1] = T(weight) * (lens[0] * lens[1] * dy + lens[3] - T(v));
     return true;
   }
 };
@@ -104,6 +106,13 @@ std::vector<int> fixed_lens(const BundleOptions& options) {
   if (!options.center) fixed.insert(fixed.end(), {2, 3});
   if (!options.distortion) fixed.insert(fixed.end(), {4, 5, 6, 7});
   return fixed;
+}
+
+// A large feature is not located as well as a small one: by how much its residual counts.
+double weight_of(const Photograph& image, int feature) {
+  if (image.sizes.empty()) return 1;
+  const auto size = static_cast<double>(image.sizes[static_cast<std::size_t>(feature)]);
+  return 1 / std::clamp(size / kSharpSize, 0.7, 4.0);
 }
 
 double rms(const Model& model, const std::vector<int>& points) {
@@ -167,7 +176,8 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
       const cv::Point2f& at = image.features[static_cast<std::size_t>(seen.feature)];
       const auto lens = static_cast<std::size_t>(image.camera);
       problem.AddResidualBlock(
-          new Cost(new Reprojection{static_cast<double>(at.x), static_cast<double>(at.y)}),
+          new Cost(new Reprojection{static_cast<double>(at.x), static_cast<double>(at.y),
+                                    weight_of(image, seen.feature)}),
           loss.get(), poses[i].data(), point.position.val, lenses[lens].data());
       used.insert(i);
       used_lenses.insert(lens);
@@ -251,7 +261,7 @@ void adjust_pose(geometry::Rigid& pose, const geometry::Camera& camera,
   ceres::Problem problem(problem_options);
   const auto loss = loss_of(loss_px);
   for (std::size_t k = 0; k < seen.size(); ++k) {
-    problem.AddResidualBlock(new Cost(new Reprojection{seen[k].pixel.x, seen[k].pixel.y}),
+    problem.AddResidualBlock(new Cost(new Reprojection{seen[k].pixel.x, seen[k].pixel.y, 1}),
                              loss.get(), numbers.data(), points[k].val, lens.data());
     problem.SetParameterBlockConstant(points[k].val);
   }

@@ -12,7 +12,7 @@ struct BundleOptions {
   bool focal = false;       // refine fx, fy (their ratio stays)
   bool center = false;      // cx, cy
   bool distortion = false;  // k1, k2, p1, p2
-  double loss_px = 1;       // Cauchy: residuals well beyond it count little; 0: plain squares
+  double loss_px = 0.5;     // Cauchy: residuals well beyond it count little; 0: plain squares
   int most_iterations = 50;
   // Photographs that move; all others that see their points stay as they are. Empty: all of them.
   std::vector<int> images;

@@ -16,7 +16,7 @@
 namespace tarsier::sfm {
 
 struct MapperOptions {
-  double reprojection_px = 2.5;    // an observation farther off is dropped; 0.1..50
+  double reprojection_px = 2.0;    // an observation farther off is dropped; 0.1..50
   double least_angle_deg = 1.5;    // a point needs two rays that differ by this; 0.01..30
   double first_angle_deg = 4;      // of the first pair, at the median; 0.1..60
   int first_inliers = 60;          // of the first pair; 16..100000

@@ -272,6 +272,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     image.name = inputs[at(shot.input)].name;
     image.camera = entry->second;
     image.features = shot.features.points;
+    image.sizes = shot.features.sizes;
     images.push_back(std::move(image));
     names.push_back(inputs[at(shot.input)].name);
     lenses.push_back(lens);

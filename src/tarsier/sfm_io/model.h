@@ -32,6 +32,7 @@ struct Photograph {
   bool registered = false;
   geometry::Rigid pose;               // camera_from_world, where registered
   std::vector<cv::Point2f> features;  // px, pixel centres at integers
+  std::vector<float> sizes;           // px, diameter of each feature; empty: all alike
   std::vector<int> points;            // of each feature: index into Model::points, or -1
 };
 
