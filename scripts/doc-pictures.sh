@@ -35,17 +35,17 @@ sheet cartoon-alien 3 "$(stage alien skin):the skin found" "$(stage alien colour
 
 # Number plates: a drawn car, the stages of both pipelines. The study of the reader (plate-sweep.png) needs the
 # textbook's OCR.xml: tarsier plate sweep OCR.xml -o docs/img/plate-sweep.png
-car='synth:car?seed=3&frames=2'
+car='synth:car?seed=11&frames=2'
 read_car() { # read_car NAME FLAGS..
   local name=$1
   shift
   "$tarsier" plate read "$car" -o "$work/$name-drawn/" --debug-dir "$work/$name" --quiet "$@"
 }
-car_stage() { find "$work/$1/car-00001" -name "*-$2.png" | head -n 1; } # car_stage NAME STAGE
+car_stage() { find "$work/$1/0002-car-00001" -name "*-$2.png" | head -n 1; } # car_stage NAME STAGE
 read_car plates
 read_car classic --pipeline classic
 size=440x248 sheet plate-stages 2 "$(car_stage plates detected):1 found" "$(car_stage plates aligned):2 aligned: plate, text" \
-  "$(car_stage plates line-1):3 the line, straightened" "$work/plates-drawn/car-00001.png:4 read"
+  "$(car_stage plates line-2):3 the line, straightened" "$work/plates-drawn/car-00001.png:4 read"
 size=300x169 sheet plate-classic 3 "$(car_stage classic blurred):grey, blurred" "$(car_stage classic edges):vertical edges" \
   "$(car_stage classic threshold):Otsu's threshold" "$(car_stage classic closed):closed 17x3" \
   "$(car_stage classic candidates):candidates" "$(car_stage classic plate-1):characters"

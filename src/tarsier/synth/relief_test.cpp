@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/synth/relief.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::synth {
+namespace {
+
+SceneOptions small(Content content = Content::kRelief, Trajectory trajectory = Trajectory::kArc) {
+  SceneOptions options;
+  options.size = {240, 180};
+  options.images = 5;
+  options.content = content;
+  options.trajectory = trajectory;
+  options.noise = 0;
+  return options;
+}
+
+bool is_same(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
+
+TEST(ReliefScene, DepthAndPosesFitThePictures) {
+  for (const Content content : {Content::kRelief, Content::kBoxes, Content::kPlane}) {
+    for (const Trajectory trajectory : {Trajectory::kArc, Trajectory::kRing, Trajectory::kLine}) {
+      const ReliefScene scene(small(content, trajectory));
+      cv::Mat a;
+      cv::Mat b;
+      cv::blur(scene.render(0), a, {3, 3});
+      cv::blur(scene.render(1), b, {3, 3});
+      const geometry::Camera camera = scene.camera();
+      std::vector<double> differences;
+      for (int v = 10; v < a.rows - 10; v += 7) {
+        for (int u = 10; u < a.cols - 10; u += 7) {
+          const auto depth = scene.depth(0, cv::Point2d(u, v));
+          if (!depth) continue;
+          const cv::Vec3d in_a((u - camera.cx) / camera.fx * *depth,
+                               (v - camera.cy) / camera.fy * *depth, *depth);
+          const cv::Vec3d in_b = scene.pose(1) * (scene.pose(0).inverse() * in_a);
+          const cv::Point2d at(camera.fx * in_b[0] / in_b[2] + camera.cx,
+                               camera.fy * in_b[1] / in_b[2] + camera.cy);
+          if (at.x < 2 || at.y < 2 || at.x > b.cols - 3 || at.y > b.rows - 3) continue;
+          const auto other = scene.depth(1, at);
+          if (!other || std::abs(*other - in_b[2]) > 1e-3 * in_b[2]) continue;  // hidden there
+          const cv::Vec3b x = a.at<cv::Vec3b>(v, u);
+          const cv::Vec3b y = b.at<cv::Vec3b>(cvRound(at.y), cvRound(at.x));
+          differences.push_back(std::abs(x[1] - y[1]));
+        }
+      }
+      ASSERT_GT(differences.size(), 50U);
+      std::nth_element(differences.begin(),
+                       differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2),
+                       differences.end());
+      EXPECT_LT(differences[differences.size() / 2], 14);
+    }
+  }
+}
+
+TEST(ReliefScene, SeedsDecideAndThreadsDoNot) {
+  const ReliefScene scene(small());
+  cv::setNumThreads(1);
+  const cv::Mat one = scene.render(2);
+  cv::setNumThreads(3);
+  EXPECT_TRUE(is_same(one, ReliefScene(small()).render(2)));
+  cv::setNumThreads(-1);
+  SceneOptions other = small();
+  other.seed = 2;
+  EXPECT_FALSE(is_same(one, ReliefScene(other).render(2)));
+}
+
+TEST(ReliefScene, ACameraThatOnlyTurnsStaysAtItsPlace) {
+  SceneOptions options = small();
+  options.pure_rotation = true;
+  const ReliefScene scene(options);
+  for (int i = 1; i < scene.count(); ++i) {
+    EXPECT_LT(cv::norm(scene.pose(i).center() - scene.pose(0).center()), 1e-9);
+    EXPECT_GT(geometry::angle_of(scene.pose(i).rotation * scene.pose(0).rotation.t()), 0.05);
+  }
+}
+
+TEST(ReliefScene, NothingIsOneColour) {
+  cv::Scalar mean;
+  cv::Scalar deviation;
+  cv::meanStdDev(ReliefScene(small(Content::kNothing)).render(0), mean, deviation);
+  EXPECT_LT(deviation[1], 8);
+  cv::meanStdDev(ReliefScene(small()).render(0), mean, deviation);
+  EXPECT_GT(deviation[1], 20);
+}
+
+TEST(ReliefScene, ImpossibleOptionsAreRefused) {
+  SceneOptions options = small();
+  options.images = 0;
+  EXPECT_THROW(ReliefScene{options}, std::invalid_argument);
+  EXPECT_THROW((void)ReliefScene(small()).render(5), std::invalid_argument);
+}
+
+TEST(PointProblem, WithoutNoiseItReprojectsExactly) {
+  const PointProblem problem = make_point_problem(3, 5, 100, 0, 0);
+  ASSERT_GT(problem.seen.size(), 200U);
+  for (const auto& seen : problem.seen) {
+    const auto pixel = problem.camera.project(problem.poses[static_cast<std::size_t>(seen.image)] *
+                                              problem.points[static_cast<std::size_t>(seen.point)]);
+    ASSERT_TRUE(pixel.has_value());
+    EXPECT_LT(cv::norm(*pixel - seen.pixel), 1e-9);
+    EXPECT_FALSE(seen.outlier);
+  }
+}
+
+TEST(PointProblem, OutliersAreFarFromTheTruth) {
+  const PointProblem problem = make_point_problem(3, 5, 200, 0.5, 0.2);
+  int outliers = 0;
+  for (const auto& seen : problem.seen) {
+    const auto pixel = problem.camera.project(problem.poses[static_cast<std::size_t>(seen.image)] *
+                                              problem.points[static_cast<std::size_t>(seen.point)]);
+    ASSERT_TRUE(pixel.has_value());
+    const double away = cv::norm(*pixel - seen.pixel);
+    outliers += seen.outlier;
+    EXPECT_EQ(seen.outlier, away > 9) << away;
+  }
+  EXPECT_NEAR(static_cast<double>(outliers) / static_cast<double>(problem.seen.size()), 0.2, 0.06);
+}
+
+}  // namespace
+}  // namespace tarsier::synth
