@@ -30,6 +30,7 @@ struct DemoStep {
 const std::vector<DemoStep>& steps() {
   static const std::vector<DemoStep> table = {
       {"cartoon", demo_cartoon},
+      {"sfm", demo_sfm},
       {"plate", demo_plate},
   };
   return table;

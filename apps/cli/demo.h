@@ -10,5 +10,6 @@ namespace tarsier::cli {
 // context.stop.
 void demo_cartoon(Context& context, DemoPage& page);
 void demo_plate(Context& context, DemoPage& page);
+void demo_sfm(Context& context, DemoPage& page);
 
 }  // namespace tarsier::cli

@@ -192,6 +192,13 @@ void DemoPage::strip(const std::vector<DemoPicture>& pictures) {
   body_ += "</div>\n";
 }
 
+void DemoPage::inner_page(std::string_view html, std::string_view title, int height_px) {
+  body_ += fmt::format(
+      R"(<iframe srcdoc="{}" title="{}" style="width:100%;height:{}px;border:0;border-radius:10px;margin:12px 0 22px"></iframe>)"
+      "\n",
+      html_escaped(html), html_escaped(title), height_px);
+}
+
 void DemoPage::film(const DemoPicture& film, const DemoPicture& poster) {
   body_ += fmt::format(
       R"(<figure class="film"><video src="{}" poster="{}" width="{}" height="{}" autoplay muted loop playsinline controls></video>)"

@@ -43,6 +43,8 @@ class DemoPage {
   void table(const std::vector<std::string>& columns,
              const std::vector<std::vector<std::string>>& rows, std::string_view caption = "",
              int bars = -1);
+  // A page within the page, which can be handled: whole HTML, trusted.
+  void inner_page(std::string_view html, std::string_view title, int height_px);
   void note(std::string_view text);
 
   // Writes index.html (atomically) and returns its path. `made` is a line on when, where and by

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/stop.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/sfm/evaluation.h"
+#include "tarsier/sfm/pipeline.h"
+#include "tarsier/sfm_view/render.h"
+#include "tarsier/sfm_view/viewer.h"
+#include "tarsier/synth/relief.h"
+
+#include <fmt/format.h>
+
+#include "demo.h"
+#include <filesystem>
+
+namespace tarsier::cli {
+namespace {
+
+constexpr int kPhotographs = 9;
+
+// The model of the truth: true cameras, and points where the surface is.
+sfm::Model true_model(const synth::ReliefScene& scene, const sfm::Model& found) {
+  sfm::Model model;
+  model.cameras = {scene.camera()};
+  for (int i = 0; i < scene.count(); ++i) {
+    sfm::Photograph image;
+    image.name = found.images[static_cast<std::size_t>(i)].name;
+    image.registered = true;
+    image.pose = scene.pose(i);
+    model.images.push_back(std::move(image));
+  }
+  const geometry::Camera camera = scene.camera();
+  for (const int view : {1, scene.count() / 2, scene.count() - 2}) {
+    const cv::Mat picture = scene.render(view);
+    for (int v = 2; v < picture.rows; v += 5) {
+      for (int u = 2; u < picture.cols; u += 5) {
+        const auto depth = scene.depth(view, cv::Point2d(u, v));
+        if (!depth) continue;
+        sfm::Point point;
+        point.position =
+            scene.pose(view).inverse() * cv::Vec3d((u - camera.cx) / camera.fx * *depth,
+                                                   (v - camera.cy) / camera.fy * *depth, *depth);
+        point.color = picture.at<cv::Vec3b>(v, u);
+        model.points.push_back(point);
+      }
+    }
+  }
+  return model;
+}
+
+}  // namespace
+
+void demo_sfm(Context& context, DemoPage& page) {
+  page.begin_area("Structure from motion",
+                  "Photographs of a scene become the cameras that took them and a cloud of points. "
+                  "This scene is drawn by the program, so that the truth is known.");
+  synth::SceneOptions options;
+  options.size = {640, 480};
+  options.images = kPhotographs;
+  const synth::ReliefScene scene(options);
+  std::vector<sfm::Input> inputs;
+  std::vector<DemoPicture> pictures;
+  sfm::PoseTruth truth;
+  for (int i = 0; i < scene.count(); ++i) {
+    throw_if_stopped(context.stop);
+    const DemoPicture picture = page.picture(fmt::format("sfm-{}", i), scene.render(i));
+    const std::string name = std::filesystem::path(picture.file).filename().string();
+    inputs.push_back({name, page.path_of(name)});
+    truth[name] = scene.pose(i);
+    pictures.push_back(picture);
+  }
+  page.command("tarsier sfm synth -o scene");
+  page.heading("The photographs");
+  page.grid(pictures);
+
+  sfm::PipelineOptions how;
+  how.camera = scene.camera();
+  how.features.most = 2500;
+  const sfm::PipelineResult result =
+      sfm::run_pipeline(inputs, how, *context.progress, context.stop);
+  if (result.reconstruction.models.empty()) {
+    page.note(result.reconstruction.no_model);
+    return;
+  }
+  const sfm::Model& model = result.reconstruction.models[0];
+  page.heading("The reconstruction",
+               "Drag to turn it, scroll to come nearer. The pyramids are the cameras.");
+  page.command("tarsier sfm reconstruct scene/images --camera-file scene/camera.yaml -o model");
+  page.inner_page(sfm::viewer_html(model, "Reconstruction"), "the cloud of points", 560);
+  sfm::ViewOptions view;
+  view.size = {720, 480};
+  page.grid(
+      {page.picture("sfm-found", sfm::render_model(model, view), "found"),
+       page.picture("sfm-true", sfm::render_model(true_model(scene, model), view), "the truth")});
+  const sfm::PoseScores scores = sfm::evaluate_poses(model, truth, "model");
+  const sfm::ModelStatistics statistics = sfm::statistics_of(model);
+  page.table({"what", "value"},
+             {{"photographs", fmt::format("{} of {}", scores.registered, scores.total)},
+              {"points", std::to_string(model.points.size())},
+              {"photographs that show a point", fmt::format("{:.1f}", statistics.mean_track)},
+              {"reprojection error", fmt::format("{:.2f} px", statistics.reprojection_px)},
+              {"cameras off by",
+               fmt::format("{:.4f} % of their extent", 100 * scores.center_mean / scores.extent)},
+              {"rotation off by", fmt::format("{:.4f} degrees", scores.rotation_mean_deg)}},
+             "Measured against the truth");
+}
+
+}  // namespace tarsier::cli
