@@ -49,3 +49,10 @@ size=440x248 sheet plate-stages 2 "$(car_stage plates detected):1 found" "$(car_
 size=300x169 sheet plate-classic 3 "$(car_stage classic blurred):grey, blurred" "$(car_stage classic edges):vertical edges" \
   "$(car_stage classic threshold):Otsu's threshold" "$(car_stage classic closed):closed 17x3" \
   "$(car_stage classic candidates):candidates" "$(car_stage classic plate-1):characters"
+
+# Structure from motion: a drawn scene, two of its photographs, a pair's matches, and the cloud.
+"$tarsier" sfm synth -o "$work/scene" --images 8 --size 800x600 --quiet
+"$tarsier" sfm reconstruct "$work/scene/images" --camera-file "$work/scene/camera.yaml" -o "$work/model" --match-pictures --quiet >/dev/null
+size=430x260 sheet sfm-stages 2 "$work/scene/images/0002.jpg:1 one of the photographs" \
+  "$work/model/matches/0002-0004.jpg:2 matches: kept green, removed red" "$work/model/view.png:3 cloud and cameras" \
+  "$work/scene/images/0006.jpg:another photograph"

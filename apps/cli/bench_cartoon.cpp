@@ -12,6 +12,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "size_flag.h"
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -154,16 +155,6 @@ std::vector<cv::Mat> pictures(const std::vector<std::string>& inputs, cv::Size s
   return result;
 }
 
-cv::Size parse_size(const std::string& text) {
-  int width = 0;
-  int height = 0;
-  char end = 0;
-  const int fields = std::sscanf(text.c_str(), "%dx%d%c", &width, &height, &end);
-  TARSIER_REQUIRE(fields == 2 && width >= 16 && height >= 16 && width <= 8192 && height <= 8192,
-                  "size '{}' is not like 640x480 (16 to 8192)", text);
-  return {width, height};
-}
-
 nlohmann::json optional_number(const std::optional<double>& value) {
   return value ? nlohmann::json(*value) : nlohmann::json(nullptr);
 }
@@ -175,7 +166,7 @@ std::string cell(const std::optional<double>& value, int digits) {
 
 ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
   std::vector<cv::Size> sizes;
-  for (const std::string& text : options.sizes) sizes.push_back(parse_size(text));
+  for (const std::string& text : options.sizes) sizes.push_back(parse_size(text, 16, 10000));
   if (sizes.empty()) sizes = {{320, 240}, {640, 480}, {1920, 1080}};
   std::vector<Mode> modes;
   for (const std::string& name : options.only) modes.push_back(cartoon::parse_mode(name));

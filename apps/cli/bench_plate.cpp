@@ -9,8 +9,8 @@
 
 #include "bench.h"
 #include "plate_engine.h"
+#include "size_flag.h"
 #include <algorithm>
-#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -22,20 +22,6 @@ double median(std::vector<double> values) {
   std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
                    values.end());
   return values[values.size() / 2];
-}
-
-cv::Size parse_size(const std::string& text) {
-  cv::Size size;
-  const char* const end = text.data() + text.size();
-  const auto [at, error] = std::from_chars(text.data(), end, size.width);
-  if (error == std::errc() && at != end && *at == 'x') {
-    const auto [last, more] = std::from_chars(at + 1, end, size.height);
-    if (more == std::errc() && last == end && size.width >= 16 && size.height >= 16 &&
-        size.width <= 10000 && size.height <= 10000) {
-      return size;
-    }
-  }
-  throw UsageError(fmt::format("--size '{}': expected like 1280x720", text));
 }
 
 // A few pictures, all of this size.
@@ -64,7 +50,8 @@ ExitStatus bench_plate(Context& context, const BenchOptions& options) {
     print_text(fmt::format("{:>10} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7}\n", "size", "find ms",
                            "align ms", "read ms", "all ms", "frames/s", "plates"));
   for (const std::string& text : sizes) {
-    const std::vector<cv::Mat> images = pictures(options, parse_size(text), context.seed);
+    const std::vector<cv::Mat> images =
+        pictures(options, parse_size(text, 16, 10000), context.seed);
     Timers timers;
     std::vector<double> times;
     std::size_t plates = 0;

@@ -10,8 +10,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "cmd_plate.h"
+#include "size_flag.h"
 #include <algorithm>
-#include <charconv>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -46,20 +46,6 @@ struct SynthFlags {
   double noise = 2;
 };
 
-cv::Size parse_size(const std::string& text) {
-  cv::Size size;
-  const char* const end = text.data() + text.size();
-  const auto [at, error] = std::from_chars(text.data(), end, size.width);
-  if (error == std::errc() && at != end && *at == 'x') {
-    const auto [last, more] = std::from_chars(at + 1, end, size.height);
-    if (more == std::errc() && last == end && size.width >= 64 && size.height >= 48 &&
-        size.width <= 8192 && size.height <= 8192) {
-      return size;
-    }
-  }
-  throw UsageError(fmt::format("--size '{}': expected 64x48 .. 8192x8192, like 1280x720", text));
-}
-
 void make_folder(const fs::path& folder) {
   std::error_code error;
   fs::create_directories(folder, error);
@@ -69,7 +55,7 @@ void make_folder(const fs::path& folder) {
 // Pictures of a street, truth.csv for `plate eval` and the training, truth.jsonl with corners.
 ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
   synth::StreetOptions options;
-  options.size = parse_size(flags.size);
+  options.size = parse_size(flags.size, 64, 8192);
   options.seed = context.seed;
   options.light = flags.infrared ? synth::StreetLight::kInfrared
                   : flags.night  ? synth::StreetLight::kNight

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/io/atomic_file.h"
@@ -9,7 +8,7 @@
 #include <fmt/format.h>
 
 #include "cmd_sfm.h"
-#include <cstdio>
+#include "size_flag.h"
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -46,15 +45,7 @@ std::vector<std::string> names_of(const Map& map) {
 
 // Photographs of a drawn scene, camera.yaml, and truth.jsonl for `sfm eval`.
 ExitStatus make_scene(SynthFlags& flags, Context& context) {
-  int width = 0;
-  int height = 0;
-  int end = 0;
-  if (std::sscanf(flags.size.c_str(), "%5dx%5d%n", &width, &height, &end) != 2 ||
-      static_cast<std::size_t>(end) != flags.size.size() || width < 32 || height < 32 ||
-      width > 8192 || height > 8192) {
-    throw UsageError(fmt::format("--size '{}': expected 32x32 .. 8192x8192", flags.size));
-  }
-  flags.scene.size = {width, height};
+  flags.scene.size = parse_size(flags.size, 32, 8192);
   flags.scene.seed = context.seed;
   flags.scene.trajectory = kTrajectories.at(flags.trajectory);
   flags.scene.content = kContents.at(flags.content);

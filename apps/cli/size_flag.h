@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <opencv2/core/types.hpp>
+
+#include <string>
+
+namespace tarsier::cli {
+
+// "1280x720"; throws UsageError, which says what was expected, unless both sides are least..most
+// px.
+[[nodiscard]] cv::Size parse_size(const std::string& text, int least, int most);
+
+}  // namespace tarsier::cli
