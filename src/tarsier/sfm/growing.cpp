@@ -1,0 +1,480 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/growing.h"
+
+#include <fmt/format.h>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <set>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kRadians = CV_PI / 180;
+constexpr int kMostPairsOfATrack = 30;
+constexpr int kNeighbours = 6;            // that move with a new photograph
+constexpr std::size_t kLeastPoints = 30;  // of a first pair
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+}  // namespace
+
+// The features of a photograph by place.
+class Growing::Nearby {
+ public:
+  Nearby(const Photograph& image, double radius) : radius_(radius), features_(image.features) {
+    for (std::size_t f = 0; f < features_.size(); ++f)
+      cells_[cell(features_[f].x, features_[f].y)].push_back(static_cast<int>(f));
+  }
+  template <typename Function>
+  void for_each(const cv::Point2d& p, const Function& function) const {
+    for (int dy = -1; dy <= 1; ++dy) {
+      for (int dx = -1; dx <= 1; ++dx) {
+        const auto found = cells_.find(cell(p.x + dx * radius_, p.y + dy * radius_));
+        if (found == cells_.end()) continue;
+        for (const int f : found->second)
+          if (cv::norm(cv::Point2d(features_[at(f)]) - p) <= radius_) function(f);
+      }
+    }
+  }
+
+ private:
+  [[nodiscard]] std::pair<int, int> cell(double x, double y) const {
+    return {static_cast<int>(std::floor(x / radius_)), static_cast<int>(std::floor(y / radius_))};
+  }
+  double radius_;
+  const std::vector<cv::Point2f>& features_;
+  std::map<std::pair<int, int>, std::vector<int>> cells_;
+};
+
+Growing::Growing(Model model, std::vector<std::vector<Observation>> tracks,
+                 const std::vector<cv::Mat>& descriptors, FeatureKind kind,
+                 const MapperOptions& options)
+    : model_(std::move(model)),
+      tracks_(std::move(tracks)),
+      descriptors_(descriptors),
+      kind_(kind),
+      options_(options) {
+  model_.points.assign(tracks_.size(), {});
+  track_of_.resize(model_.images.size());
+  for (std::size_t i = 0; i < model_.images.size(); ++i) {
+    model_.images[i].registered = false;
+    track_of_[i].assign(model_.images[i].features.size(), -1);
+  }
+  for (std::size_t t = 0; t < tracks_.size(); ++t)
+    for (const Observation& seen : tracks_[t])
+      track_of_[at(seen.image)][at(seen.feature)] = static_cast<int>(t);
+  measure_rays();
+}
+
+int Growing::registered() const {
+  return static_cast<int>(std::count_if(model_.images.begin(), model_.images.end(),
+                                        [](const Photograph& image) { return image.registered; }));
+}
+
+bool Growing::start(const Pair& pair, const std::stop_token& stop, std::string& why) {
+  Photograph& first = model_.images[at(pair.first)];
+  Photograph& second = model_.images[at(pair.second)];
+  first.pose = {};
+  second.pose = pair.view.second_from_first;
+  first.registered = second.registered = true;
+  (void)triangulate_all(least_angle());
+  BundleOptions bundle;
+  (void)adjust(model_, bundle, stop);
+  (void)filter_points(model_, options_);
+  std::vector<double> angles;
+  for (const Point& point : model_.points) {
+    if (!point.track.empty())
+      angles.push_back(ray_angle(point.position, first.pose.center(), second.pose.center()));
+  }
+  std::nth_element(angles.begin(), angles.begin() + static_cast<std::ptrdiff_t>(angles.size() / 2),
+                   angles.end());
+  const double angle = angles.empty() ? 0 : angles[angles.size() / 2] / kRadians;
+  if (angles.size() >= kLeastPoints && angle >= 0.5 * options_.first_angle_deg) return true;
+  why = fmt::format("only {} points, {:.1f} degrees between their rays", angles.size(), angle);
+  first.registered = second.registered = false;
+  for (Point& point : model_.points) point = {};
+  return false;
+}
+
+std::vector<std::pair<int, int>> Growing::visible(int image) const {
+  std::vector<std::pair<int, int>> result;
+  const std::vector<int>& tracks = track_of_[at(image)];
+  for (std::size_t f = 0; f < tracks.size(); ++f) {
+    if (tracks[f] >= 0 && !model_.points[at(tracks[f])].track.empty())
+      result.emplace_back(static_cast<int>(f), tracks[f]);
+  }
+  return result;
+}
+
+double Growing::prospect(int image) const {
+  const Photograph& photograph = model_.images[at(image)];
+  const geometry::Camera& camera = model_.cameras[at(photograph.camera)];
+  const auto seen = visible(image);
+  double score = 0;
+  for (int level = 1; level <= 5; ++level) {
+    const int cells = 1 << level;
+    std::set<int> occupied;
+    for (const auto& [feature, track] : seen) {
+      const cv::Point2d p(photograph.features[at(feature)]);
+      const int x = std::clamp(static_cast<int>(p.x * cells / camera.width), 0, cells - 1);
+      const int y = std::clamp(static_cast<int>(p.y * cells / camera.height), 0, cells - 1);
+      occupied.insert(y * cells + x);
+    }
+    score += static_cast<double>(occupied.size()) * cells;
+  }
+  return score;
+}
+
+bool Growing::add(int image, const std::stop_token& stop, std::string& why) {
+  Photograph& photograph = model_.images[at(image)];
+  const geometry::Camera& camera = model_.cameras[at(photograph.camera)];
+  const auto seen = visible(image);
+  if (static_cast<int>(seen.size()) < options_.pose_inliers) {
+    why = fmt::format("sees {} points of the model, {} are needed", seen.size(),
+                      options_.pose_inliers);
+    return false;
+  }
+  std::vector<cv::Point3d> positions;
+  std::vector<cv::Point2d> pixels;
+  for (const auto& [feature, track] : seen) {
+    const cv::Point2d& ray = rays_[at(image)][at(feature)];
+    positions.emplace_back(model_.points[at(track)].position);
+    pixels.emplace_back(camera.fx * ray.x + camera.cx, camera.fy * ray.y + camera.cy);
+  }
+  const auto pose = pose_of(positions, pixels, camera);
+  if (!pose) {
+    why = fmt::format("no pose fits the {} points that it should see", seen.size());
+    return false;
+  }
+  photograph.pose = *pose;
+  std::vector<Sighting> inliers = inliers_of(image, seen, options_.pose_px);
+  adjust_pose(photograph.pose, camera, inliers, options_.pose_px / 2);
+  inliers = inliers_of(image, seen, options_.pose_px);
+  const auto needed = std::max<std::size_t>(
+      at(options_.pose_inliers),
+      static_cast<std::size_t>(options_.pose_inlier_share * static_cast<double>(seen.size())));
+  if (inliers.size() < needed) {
+    why = fmt::format("{} of {} points agree on a pose, {} are needed", inliers.size(), seen.size(),
+                      needed);
+    return false;
+  }
+  adjust_pose(photograph.pose, camera, inliers, options_.reprojection_px / 2);
+  photograph.registered = true;
+  (void)triangulate_all(least_angle(), image);
+  refine_around(image, stop);
+  return true;
+}
+
+void Growing::refine_all(int rounds, const std::stop_token& stop) {
+  for (int round = 0; round < rounds; ++round) {
+    BundleOptions bundle;
+    // Two views do not tell the focal length.
+    const bool enough = registered() >= 3;
+    bundle.focal = options_.refine_focal && enough;
+    bundle.center = options_.refine_center && registered() >= 5;
+    bundle.distortion = options_.refine_distortion && enough;
+    (void)adjust(model_, bundle, stop);
+    if (bundle.focal || bundle.center || bundle.distortion) measure_rays();
+    const int dropped = filter_points(model_, options_);
+    const int found = triangulate_all(least_angle());
+    const ModelStatistics now = statistics_of(model_);
+    if (dropped + found < 0.002 * static_cast<double>(now.observations)) break;
+  }
+}
+
+int Growing::extend() {
+  if (descriptors_.empty() || options_.extend_px <= 0) return 0;
+  int gained = 0;
+  for (std::size_t i = 0; i < model_.images.size(); ++i) {
+    if (!model_.images[i].registered) continue;
+    const Nearby nearby(model_.images[i], options_.extend_px);
+    for (std::size_t t = 0; t < tracks_.size(); ++t) {
+      if (model_.points[t].track.empty() || shows(model_.points[t].track, static_cast<int>(i)))
+        continue;
+      const int feature = look_for(static_cast<int>(t), static_cast<int>(i), nearby);
+      if (feature >= 0) gained += take(static_cast<int>(t), {static_cast<int>(i), feature});
+    }
+  }
+  return gained;
+}
+
+Model Growing::finished(const std::vector<std::vector<cv::Vec3b>>& colors) const {
+  Model result;
+  result.cameras = model_.cameras;
+  result.images = model_.images;
+  for (Photograph& image : result.images) image.points.assign(image.features.size(), -1);
+  const auto least =
+      static_cast<std::size_t>(registered() < 4 ? 2 : std::max(2, options_.least_views));
+  for (const Point& point : model_.points) {
+    if (point.track.size() < least) continue;
+    Point copy = point;
+    cv::Vec3d color;
+    double squares = 0;
+    for (const Observation& seen : point.track) {
+      color += cv::Vec3d(colors[at(seen.image)][at(seen.feature)]);
+      const auto error = error_of(model_, seen, point.position);
+      squares += error ? *error * *error : 0;
+      result.images[at(seen.image)].points[at(seen.feature)] =
+          static_cast<int>(result.points.size());
+    }
+    const auto count = static_cast<double>(point.track.size());
+    for (int k = 0; k < 3; ++k) copy.color[k] = cv::saturate_cast<std::uint8_t>(color[k] / count);
+    copy.error = std::sqrt(squares / count);
+    result.points.push_back(std::move(copy));
+  }
+  return result;
+}
+
+std::optional<double> Growing::error_of(const Model& model, const Observation& seen,
+                                        const cv::Vec3d& position) {
+  const Photograph& image = model.images[at(seen.image)];
+  const auto pixel = model.cameras[at(image.camera)].project(image.pose * position);
+  if (!pixel) return std::nullopt;
+  return cv::norm(*pixel - cv::Point2d(image.features[at(seen.feature)]));
+}
+
+bool Growing::shows(const std::vector<Observation>& track, int image) {
+  return std::any_of(track.begin(), track.end(),
+                     [&](const Observation& seen) { return seen.image == image; });
+}
+
+int Growing::look_for(int track, int image, const Nearby& nearby) const {
+  const Photograph& photograph = model_.images[at(image)];
+  const geometry::Camera& camera = model_.cameras[at(photograph.camera)];
+  const Point& point = model_.points[at(track)];
+  const auto pixel = camera.project(photograph.pose * point.position);
+  if (!pixel || pixel->x < 0 || pixel->y < 0 || pixel->x >= camera.width ||
+      pixel->y >= camera.height) {
+    return -1;
+  }
+  int best = -1;
+  double most = options_.extend_similarity;
+  nearby.for_each(*pixel, [&](int feature) {
+    double likeness = 0;
+    for (const Observation& seen : point.track)
+      likeness = std::max(likeness, similarity(descriptors_[at(image)], feature,
+                                               descriptors_[at(seen.image)], seen.feature, kind_));
+    if (likeness > most) {
+      most = likeness;
+      best = feature;
+    }
+  });
+  return best;
+}
+
+int Growing::take(int track, const Observation& seen) {
+  std::vector<Observation>& own = tracks_[at(track)];
+  Point& point = model_.points[at(track)];
+  const int other = track_of_[at(seen.image)][at(seen.feature)];
+  if (other == track) return 0;  // it was dropped for being off
+  if (other < 0) {
+    const auto error = error_of(model_, seen, point.position);
+    if (!error || *error > options_.reprojection_px || shows(own, seen.image)) return 0;
+    own.push_back(seen);
+    point.track.push_back(seen);
+    track_of_[at(seen.image)][at(seen.feature)] = track;
+    return 1;
+  }
+  // Two tracks: one point if all their sights agree.
+  std::vector<Observation>& theirs = tracks_[at(other)];
+  for (const Observation& observation : theirs)
+    if (shows(own, observation.image)) return 0;
+  std::vector<Observation> all = point.track;
+  const std::vector<Observation>& more =
+      model_.points[at(other)].track.empty() ? theirs : model_.points[at(other)].track;
+  for (const Observation& observation : more)
+    if (model_.images[at(observation.image)].registered) all.push_back(observation);
+  std::vector<Sight> sights;
+  for (const Observation& observation : all) sights.push_back(sight(observation));
+  const auto position = triangulate(sights);
+  if (!position || within(all, *position).size() != all.size()) return 0;
+  const int gained =
+      static_cast<int>(all.size() - point.track.size() - model_.points[at(other)].track.size());
+  for (const Observation& observation : theirs) {
+    own.push_back(observation);
+    track_of_[at(observation.image)][at(observation.feature)] = track;
+  }
+  theirs.clear();
+  model_.points[at(other)] = {};
+  point.position = *position;
+  point.track = std::move(all);
+  return std::max(gained, 1);
+}
+
+void Growing::measure_rays() {
+  rays_.resize(model_.images.size());
+  for (std::size_t i = 0; i < model_.images.size(); ++i) {
+    const Photograph& image = model_.images[i];
+    const geometry::Camera& camera = model_.cameras[at(image.camera)];
+    rays_[i].clear();
+    for (const cv::Point2d& p : undistorted(image.features, camera))
+      rays_[i].emplace_back((p.x - camera.cx) / camera.fx, (p.y - camera.cy) / camera.fy);
+  }
+}
+
+std::optional<geometry::Rigid> Growing::pose_of(const std::vector<cv::Point3d>& positions,
+                                                const std::vector<cv::Point2d>& pixels,
+                                                const geometry::Camera& camera) const {
+  cv::UsacParams params;
+  params.confidence = 0.9999;
+  params.isParallel = false;
+  params.loIterations = 10;
+  params.loMethod = cv::LOCAL_OPTIM_INNER_LO;
+  params.loSampleSize = 14;
+  params.maxIterations = 10000;
+  params.neighborsSearch = cv::NEIGH_GRID;
+  params.randomGeneratorState = static_cast<int>(options_.seed & 0x7fffffffU);
+  params.sampler = cv::SAMPLING_UNIFORM;
+  params.score = cv::SCORE_METHOD_MSAC;
+  params.threshold = options_.pose_px;
+  cv::Mat matrix(camera.matrix());
+  cv::Mat rotation_vector;
+  cv::Mat translation;
+  cv::Mat inliers;
+  try {
+    if (!cv::solvePnPRansac(positions, pixels, matrix, cv::noArray(), rotation_vector, translation,
+                            inliers, params)) {
+      return std::nullopt;
+    }
+  } catch (const cv::Exception&) {
+    return std::nullopt;
+  }
+  cv::Mat rotation;
+  cv::Rodrigues(rotation_vector, rotation);
+  geometry::Rigid pose;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) pose.rotation(r, c) = rotation.at<double>(r, c);
+    pose.translation[r] = translation.at<double>(r);
+  }
+  if (!std::isfinite(pose.translation.dot(pose.translation)) ||
+      std::abs(cv::determinant(pose.rotation) - 1) > 1e-3) {
+    return std::nullopt;
+  }
+  return pose;
+}
+
+std::vector<Sighting> Growing::inliers_of(int image, const std::vector<std::pair<int, int>>& seen,
+                                          double threshold) const {
+  std::vector<Sighting> result;
+  for (const auto& [feature, track] : seen) {
+    const cv::Vec3d& position = model_.points[at(track)].position;
+    const auto error = error_of(model_, {image, feature}, position);
+    if (error && *error <= threshold)
+      result.push_back({cv::Point2d(model_.images[at(image)].features[at(feature)]), position});
+  }
+  return result;
+}
+
+void Growing::refine_around(int image, const std::stop_token& stop) {
+  std::map<int, int> shared;
+  for (const auto& [feature, track] : visible(image))
+    for (const Observation& seen : model_.points[at(track)].track) ++shared[seen.image];
+  shared.erase(image);
+  std::vector<std::pair<int, int>> order;
+  for (const auto& [other, count] : shared) order.emplace_back(-count, other);
+  std::sort(order.begin(), order.end());
+  BundleOptions bundle;
+  bundle.most_iterations = 20;
+  bundle.images = {image};
+  for (std::size_t k = 0; k < order.size() && k < kNeighbours; ++k)
+    bundle.images.push_back(order[k].second);
+  // A model this small is adjusted as a whole.
+  if (registered() <= kNeighbours + 1) bundle.images.clear();
+  (void)adjust(model_, bundle, stop);
+  (void)filter_points(model_, options_);
+}
+
+int Growing::triangulate_all(double least_angle, int image) {
+  std::vector<int> chosen;
+  if (image < 0) {
+    chosen.resize(tracks_.size());
+    std::iota(chosen.begin(), chosen.end(), 0);
+  } else {
+    for (const int track : track_of_[at(image)])
+      if (track >= 0) chosen.push_back(track);
+  }
+  std::vector<int> gained(chosen.size(), 0);
+  cv::parallel_for_(cv::Range(0, static_cast<int>(chosen.size())), [&](const cv::Range& range) {
+    for (int k = range.start; k < range.end; ++k)
+      gained[at(k)] = triangulate_track(chosen[at(k)], least_angle);
+  });
+  return std::accumulate(gained.begin(), gained.end(), 0);
+}
+
+int Growing::triangulate_track(int track, double least_angle) {
+  Point& point = model_.points[at(track)];
+  const std::size_t before = point.track.size();
+  std::vector<Observation> there;
+  for (const Observation& seen : tracks_[at(track)])
+    if (model_.images[at(seen.image)].registered) there.push_back(seen);
+  if (there.size() < 2 || before == there.size()) return 0;
+  if (before > 0) {
+    for (const Observation& seen : there) {
+      if (std::find(point.track.begin(), point.track.end(), seen) != point.track.end()) continue;
+      const auto error = error_of(model_, seen, point.position);
+      if (error && *error <= options_.reprojection_px) point.track.push_back(seen);
+    }
+    return static_cast<int>(point.track.size() - before);
+  }
+  // The pair of sights that most others agree with.
+  std::vector<Observation> best;
+  cv::Vec3d position;
+  int tried = 0;
+  const auto count = static_cast<int>(there.size());
+  for (int apart = count - 1; apart >= 1 && tried < kMostPairsOfATrack; --apart) {
+    for (int i = 0; i + apart < count && tried < kMostPairsOfATrack; ++i) {
+      ++tried;
+      const auto candidate = triangulate({sight(there[at(i)]), sight(there[at(i + apart)])});
+      if (!candidate) continue;
+      std::vector<Observation> agreeing = within(there, *candidate);
+      if (agreeing.size() > best.size()) {
+        best = std::move(agreeing);
+        position = *candidate;
+      }
+    }
+    if (best.size() == there.size()) break;
+  }
+  if (best.size() < 2) return 0;
+  std::vector<Sight> sights;
+  for (const Observation& seen : best) sights.push_back(sight(seen));
+  const auto refined = triangulate(sights);
+  if (refined) position = *refined;
+  best = within(there, position);
+  if (best.size() < 2 || widest_angle(model_, best, position) < least_angle) return 0;
+  point.position = position;
+  point.track = std::move(best);
+  return static_cast<int>(point.track.size());
+}
+
+Sight Growing::sight(const Observation& seen) const {
+  return {model_.images[at(seen.image)].pose, rays_[at(seen.image)][at(seen.feature)]};
+}
+
+std::vector<Observation> Growing::within(const std::vector<Observation>& all,
+                                         const cv::Vec3d& position) const {
+  std::vector<Observation> result;
+  for (const Observation& seen : all) {
+    const auto error = error_of(model_, seen, position);
+    if (error && *error <= options_.reprojection_px) result.push_back(seen);
+  }
+  return result;
+}
+
+double Growing::widest_angle(const Model& model, const std::vector<Observation>& track,
+                             const cv::Vec3d& position) {
+  double widest = 0;
+  for (std::size_t i = 0; i < track.size(); ++i) {
+    for (std::size_t k = i + 1; k < track.size(); ++k) {
+      widest = std::max(widest, ray_angle(position, model.images[at(track[i].image)].pose.center(),
+                                          model.images[at(track[k].image)].pose.center()));
+    }
+  }
+  return widest;
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/bundle.h"
+#include "tarsier/sfm/mapper.h"
+#include "tarsier/sfm/tracks.h"
+#include "tarsier/sfm/triangulation.h"
+
+#include <opencv2/core.hpp>
+
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tarsier::sfm {
+
+// The inside of the mapper: one growing model. Its points lie at their track's index; those without
+// observations are none yet.
+class Growing {
+ public:
+  Growing(Model model, std::vector<std::vector<Observation>> tracks,
+          const std::vector<cv::Mat>& descriptors, FeatureKind kind, const MapperOptions& options);
+  [[nodiscard]] const Model& model() const { return model_; }
+  [[nodiscard]] int registered() const;
+  // Starts from two photographs; false (and nothing is registered) where too little comes of it.
+  bool start(const Pair& pair, const std::stop_token& stop, std::string& why);
+  // Points of the model that the photograph should see, as (feature, track).
+  [[nodiscard]] std::vector<std::pair<int, int>> visible(int image) const;
+  // How much a photograph sees, and how well it is spread: occupied cells of finer and finer grids,
+  // the finer ones counting more (Schonberger and Frahm, section 4.2).
+  [[nodiscard]] double prospect(int image) const;
+  // Adds a photograph; `why` tells what was missing where it fails.
+  bool add(int image, const std::stop_token& stop, std::string& why);
+  // Adjusts all of it, drops what is off, and looks for what fits now; again while much changes.
+  void refine_all(int rounds, const std::stop_token& stop);
+  // Looks for known points where they should appear in photographs that do not show them yet: a
+  // match too weak on its own is good at the right place. A feature that belongs to another track
+  // joins the two if they are one point. Returns how many observations came in.
+  int extend();
+  // The model with points in a row, their colours and errors, and what each feature shows.
+  [[nodiscard]] Model finished(const std::vector<std::vector<cv::Vec3b>>& colors) const;
+  static std::optional<double> error_of(const Model& model, const Observation& seen,
+                                        const cv::Vec3d& position);
+  static double widest_angle(const Model& model, const std::vector<Observation>& track,
+                             const cv::Vec3d& position);
+
+ private:
+  [[nodiscard]] double least_angle() const { return options_.least_angle_deg * CV_PI / 180; }
+  class Nearby;
+  static bool shows(const std::vector<Observation>& track, int image);
+  // The feature of a photograph that looks most like the point, near its place; or -1.
+  [[nodiscard]] int look_for(int track, int image, const Nearby& nearby) const;
+  int take(int track, const Observation& seen);
+  // Normalised coordinates of all features.
+  void measure_rays();
+  [[nodiscard]] std::optional<geometry::Rigid> pose_of(const std::vector<cv::Point3d>& positions,
+                                                       const std::vector<cv::Point2d>& pixels,
+                                                       const geometry::Camera& camera) const;
+  [[nodiscard]] std::vector<Sighting> inliers_of(int image,
+                                                 const std::vector<std::pair<int, int>>& seen,
+                                                 double threshold) const;
+  // The photographs that share most points with a new one move with it, the others hold them.
+  void refine_around(int image, const std::stop_token& stop);
+  // Points for tracks that have none, and further observations for those that have one. Of all
+  // tracks, or of those of one photograph. Returns how many observations came in.
+  int triangulate_all(double least_angle, int image = -1);
+  int triangulate_track(int track, double least_angle);
+  [[nodiscard]] Sight sight(const Observation& seen) const;
+  [[nodiscard]] std::vector<Observation> within(const std::vector<Observation>& all,
+                                                const cv::Vec3d& position) const;
+
+  Model model_;
+  std::vector<std::vector<Observation>> tracks_;
+  const std::vector<cv::Mat>& descriptors_;
+  FeatureKind kind_;
+  MapperOptions options_;
+  std::vector<std::vector<int>> track_of_;      // of each feature of each photograph, or -1
+  std::vector<std::vector<cv::Point2d>> rays_;  // of each feature
+};
+
+}  // namespace tarsier::sfm
