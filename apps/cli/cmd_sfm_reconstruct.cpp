@@ -242,9 +242,11 @@ void place(sfm::Model& model, const ReconstructFlags& flags,
 
 // --- results ---
 
-// Both photographs side by side: matches that were kept in green, removed ones in red.
+// Both photographs side by side: matches that were kept in green, removed ones in red. All as dots,
+// as many with lines as can be told apart.
 cv::Mat match_picture(const sfm::ComparedPair& pair) {
   constexpr double kMostHeight = 600;
+  constexpr std::size_t kMostLines = 60;
   cv::Mat sides[2] = {read_image(pair.first.path), read_image(pair.second.path)};
   double scales[2];
   for (int k = 0; k < 2; ++k) {
@@ -258,14 +260,20 @@ cv::Mat match_picture(const sfm::ComparedPair& pair) {
   std::set<int> kept;
   for (const sfm::Match& match : pair.view.inliers) kept.insert(match.first);
   for (const bool good : {false, true}) {
+    const std::size_t all = good ? kept.size() : pair.matches.size() - kept.size();
+    const std::size_t every = std::max<std::size_t>(1, all / kMostLines);
+    const cv::Scalar color = good ? cv::Scalar(80, 190, 60) : cv::Scalar(60, 60, 220);
+    std::size_t number = 0;
     for (const sfm::Match& match : pair.matches) {
       if (kept.contains(match.first) != good) continue;
       const cv::Point2d a =
           cv::Point2d(pair.first_points[static_cast<std::size_t>(match.first)]) * scales[0];
       const cv::Point2d b =
           cv::Point2d(pair.second_points[static_cast<std::size_t>(match.second)]) * scales[1];
-      cv::line(picture, a, b + cv::Point2d(sides[0].cols, 0),
-               good ? cv::Scalar(80, 190, 60) : cv::Scalar(60, 60, 220), 1, cv::LINE_AA);
+      const cv::Point2d beside = b + cv::Point2d(sides[0].cols, 0);
+      cv::circle(picture, a, 2, color, cv::FILLED, cv::LINE_AA);
+      cv::circle(picture, beside, 2, color, cv::FILLED, cv::LINE_AA);
+      if (number++ % every == 0) cv::line(picture, a, beside, color, 1, cv::LINE_AA);
     }
   }
   return picture;
