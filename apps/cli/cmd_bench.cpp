@@ -17,6 +17,7 @@ const std::vector<Benchmark>& benchmarks() {
   static const std::vector<Benchmark> table = {
       {"cartoon", "every mode at three sizes: reference against fast, speed and likeness",
        bench_cartoon},
+      {"plate", "finding, aligning and reading number plates", bench_plate},
       {"steady", "how much less the lines of a video flicker with --steady", bench_steady},
   };
   return table;

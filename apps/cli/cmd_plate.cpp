@@ -19,7 +19,7 @@ PictureReading picture_reading(Context& context) {
       const auto start = std::chrono::steady_clock::now();
       plate::ImageReadings readings;
       readings.image = frame.name;
-      readings.plates = read(frame.image, nullptr);
+      readings.plates = read(frame, nullptr);
       readings.milliseconds =
           std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
               .count();

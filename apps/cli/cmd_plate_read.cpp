@@ -69,7 +69,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
       origin = moment_of_zero(frame.still ? 0 : frame.time);
     source = frame.name;
     const Clock::time_point start = Clock::now();
-    std::vector<plate::Reading> readings = read(frame.image, sink);
+    std::vector<plate::Reading> readings = read(frame, sink);
     milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
     return readings;
   };

@@ -46,8 +46,8 @@ void show_stills(Context& context, DemoPage& page, const PlateReader& read) {
     frame->still = true;
     Kept stages;
     PlateSession session(
-        [&](const Frame& given) { return read(given.image, pictures.empty() ? &stages : nullptr); },
-        {}, {});
+        [&](const Frame& given) { return read(given, pictures.empty() ? &stages : nullptr); }, {},
+        {});
     const View view = session.on_frame(*frame, source->status());
     std::string texts;
     for (const plate::Reading& reading : session.readings()) {
@@ -82,7 +82,7 @@ void show_drive(Context& context, DemoPage& page, const PlateReader& read) {
   page.command(fmt::format("tarsier plate read 'synth:{}' --window", kDrive));
   std::vector<std::vector<std::string>> rows;
   PlateSession session(
-      [&](const Frame& frame) { return read(frame.image, nullptr); },
+      [&](const Frame& frame) { return read(frame, nullptr); },
       [&](const plate::PlateEvent& event) {
         rows.push_back({event.text, fmt::format("{:.0f} %", 100 * event.confidence),
                         fmt::format("{:.1f}-{:.1f} s", event.first_time, event.last_time),

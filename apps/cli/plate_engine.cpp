@@ -94,17 +94,17 @@ PlateReader make_plate_reader(const PlateFlags& flags, const Context& context) {
     plate::ClassicOptions options;
     options.seed = context.seed;
     options.check();
-    return [classic, options, least = flags.least_confidence, top = flags.top](const cv::Mat& image,
+    return [classic, options, least = flags.least_confidence, top = flags.top](const Frame& frame,
                                                                                DebugSink* debug) {
-      auto readings = plate::read_classic(image, *classic, options, debug);
+      auto readings = plate::read_classic(frame.image, *classic, options, debug);
       trim(readings, least, top);
       return readings;
     };
   }
   const auto recognizer = make_recognizer(flags, context);
-  return [recognizer, least = flags.least_confidence, top = flags.top](const cv::Mat& image,
+  return [recognizer, least = flags.least_confidence, top = flags.top](const Frame& frame,
                                                                        DebugSink* debug) {
-    auto readings = recognizer->read(image, debug);
+    auto readings = recognizer->read(frame.image, debug, nullptr, !frame.still);
     trim(readings, least, top);
     return readings;
   };

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/io/frame.h"
 #include "tarsier/plate/recognizer.h"
 #include "tarsier/plate_classic/classic.h"
 
@@ -31,8 +32,9 @@ struct PlateFlags {
 
 void add_plate_flags(CLI::App& verb, PlateFlags& flags);
 
+// Of a frame of a film each plate is looked at once; a still has no second frame.
 using PlateReader =
-    std::function<std::vector<plate::Reading>(const cv::Mat& image, DebugSink* debug)>;
+    std::function<std::vector<plate::Reading>(const Frame& frame, DebugSink* debug)>;
 
 // The default pipeline alone. Throws ModelError, UsageError.
 [[nodiscard]] std::shared_ptr<const plate::Recognizer> make_recognizer(const PlateFlags& flags,

@@ -125,6 +125,13 @@ Quad character_quad(const Lines& lines, std::pair<int, int> columns) {
   return {};
 }
 
+// A thread's own, kept: the networks' maps are megabytes, and making them anew for each picture
+// costs more than some of the layers. One for each network, as their maps differ in size.
+nn::Workspace& kept_workspace(std::size_t network) {
+  static thread_local std::array<nn::Workspace, 3> workspaces;
+  return workspaces[network];
+}
+
 double logit(double p) {
   p = std::clamp(p, 1e-4, 1 - 1e-4);
   return std::log(p / (1 - p));
@@ -195,7 +202,7 @@ Recognizer::Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice
 
 std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* debug,
                                                Timers* timers) const {
-  nn::Workspace workspace;
+  nn::Workspace& workspace = kept_workspace(0);
   DetectorOptions options = options_.detector;
   options.parallel = options_.parallel;
   std::vector<Detection> detections;
@@ -206,7 +213,7 @@ std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* d
   const Timers::Scope scope(timers, "align");
   std::vector<Find> finds(detections.size());
   const auto refine = [&](std::size_t i) {
-    nn::Workspace own;
+    nn::Workspace& own = kept_workspace(1);
     Quad corners = detections[i].corners;
     for (int pass = 0; pass < options_.refinements; ++pass) {
       finds[i].alignment = align(gray, corners, detector_.aligner, own);
@@ -219,7 +226,14 @@ std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* d
       corners = finds[i].alignment.plate;
     }
   };
-  for (std::size_t i = 0; i < detections.size(); ++i) refine(i);
+  const auto refine_some = [&](const cv::Range& range) {
+    for (int i = range.start; i < range.end; ++i) refine(static_cast<std::size_t>(i));
+  };
+  const cv::Range all(0, static_cast<int>(detections.size()));
+  if (options_.parallel && detections.size() > 1)
+    cv::parallel_for_(all, refine_some);
+  else
+    refine_some(all);
   std::stable_sort(finds.begin(), finds.end(),
                    [](const Find& a, const Find& b) { return a.score > b.score; });
   // Of finds that are nearly the same the surest stays; different ones that overlap (a part of a
@@ -264,7 +278,8 @@ std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* d
 }
 
 Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
-                              nn::Workspace& workspace, std::array<double, 5>* given) const {
+                              nn::Workspace& workspace, bool once,
+                              std::array<double, 5>* given) const {
   Reading reading;
   reading.plate = static_cast<double>(alignment.score);
   reading.corners = alignment.plate;
@@ -287,7 +302,7 @@ Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
   }
   // Where it is not sure of what is certainly a plate, it looks again, a little wider and a little
   // narrower.
-  if (alignment.score > 0.8F && !is_sure(attempts[0])) {
+  if (!once && alignment.score > 0.8F && !is_sure(attempts[0])) {
     const bool rows = attempts[0].two_rows;
     for (const auto& [along_text, across] : {std::pair{1.05F, 1.14F}, std::pair{1.0F, 0.92F}}) {
       const Quad other = grow(alignment.text, along_text, across);
@@ -331,16 +346,16 @@ Reading Recognizer::read_text(const cv::Mat& gray, const Alignment& alignment,
   return reading;
 }
 
-std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug,
-                                      Timers* timers) const {
+std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug, Timers* timers,
+                                      bool once) const {
   const cv::Mat gray = gray_of(image);
   const std::vector<Find> finds = find(gray, debug, timers);
   std::vector<Reading> readings(finds.size());
   const auto read_some = [&](const cv::Range& range) {
-    nn::Workspace workspace;
+    nn::Workspace& workspace = kept_workspace(2);
     for (int i = range.start; i < range.end; ++i)
       readings[static_cast<std::size_t>(i)] =
-          read_text(gray, finds[static_cast<std::size_t>(i)].alignment, workspace);
+          read_text(gray, finds[static_cast<std::size_t>(i)].alignment, workspace, once);
   };
   const Timers::Scope scope(timers, "read");
   const cv::Range all(0, static_cast<int>(finds.size()));
@@ -357,7 +372,7 @@ std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug,
 Reading Recognizer::read_at(const cv::Mat& image, const Quad& corners,
                             std::array<double, 5>* features) const {
   const cv::Mat gray = gray_of(image);
-  nn::Workspace workspace;
+  nn::Workspace& workspace = kept_workspace(1);
   Alignment alignment;
   Quad now = corners;
   for (int pass = 0; pass < options_.refinements; ++pass) {
@@ -368,7 +383,7 @@ Reading Recognizer::read_at(const cv::Mat& image, const Quad& corners,
     }
     now = alignment.plate;
   }
-  return read_text(gray, alignment, workspace, features);
+  return read_text(gray, alignment, kept_workspace(2), false, features);
 }
 
 }  // namespace tarsier::plate

@@ -42,7 +42,7 @@ void write_reader_model(const std::string& path, const ReaderModel& model,
 
 struct RecognizerOptions {
   DetectorOptions detector;
-  float least_plate = 0.4F;  // the aligner's score of what is taken for a plate, (0, 1)
+  float least_plate = 0.9F;  // the aligner's score of what is taken for a plate, (0, 1)
   // Least ln(confidence) + logit(plate) of what is told: a place that hardly looks like a plate is
   // one only if it reads well, a sure plate also where it reads badly; -100..100.
   double least_evidence = -1.5;
@@ -62,8 +62,9 @@ class Recognizer {
              const RecognizerOptions& options = {}, const DecodeOptions& decoding = {});
 
   // Image: CV_8UC3 or CV_8UC1. Surest first. `debug` and `timers` (find, align, read) may be null.
+  // `once`: does not look again where it is unsure, as the next frame of a film is a look, too.
   [[nodiscard]] std::vector<Reading> read(const cv::Mat& image, DebugSink* debug = nullptr,
-                                          Timers* timers = nullptr) const;
+                                          Timers* timers = nullptr, bool once = false) const;
 
   // Reads the plate at known corners (a crop, a labelled plate). `features`, if given, becomes what
   // its confidence was worked out from.
@@ -79,7 +80,7 @@ class Recognizer {
   };
   [[nodiscard]] std::vector<Find> find(const cv::Mat& gray, DebugSink* debug, Timers* timers) const;
   [[nodiscard]] Reading read_text(const cv::Mat& gray, const Alignment& alignment,
-                                  nn::Workspace& workspace,
+                                  nn::Workspace& workspace, bool once,
                                   std::array<double, 5>* features = nullptr) const;
 
   DetectorModel detector_;
