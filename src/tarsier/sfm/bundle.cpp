@@ -65,6 +65,11 @@ struct Reprojection {
 
   template <typename T>
   bool operator()(const T* pose, const T* point, const T* lens, T* residual) const {
+    return with_lens(pose, point, lens, residual);
+  }
+
+  template <typename T, typename L>
+  bool with_lens(const T* pose, const T* point, const L* lens, T* residual) const {
     T p[3];
     ceres::AngleAxisRotatePoint(pose, point, p);
     for (int k = 0; k < 3; ++k) p[k] += pose[3 + k];
@@ -73,8 +78,9 @@ struct Reprojection {
     const T y = p[1] / p[2];
     const T r2 = x * x + y * y;
     const T radial = T(1) + r2 * (lens[4] + r2 * (lens[5] + r2 * lens[8]));
-    const T dx = x * radial + T(2) * lens[6] * x * y + lens[7] * (r2 + T(2) * x * x);
-    const T dy = y * radial + lens[6] * (r2 + T(2) * y * y) + T(2) * lens[7] * x * y;
+    const T xy = T(2) * x * y;
+    const T dx = x * radial + lens[6] * xy + lens[7] * (r2 + T(2) * x * x);
+    const T dy = y * radial + lens[6] * (r2 + T(2) * y * y) + lens[7] * xy;
     residual[0] = T(weight) * (lens[0] * dx + lens[2] - T(u));
     residual[1] = T(weight) * (lens[0] * lens[1] * dy + lens[3] - T(v));
     return true;
@@ -82,6 +88,19 @@ struct Reprojection {
 };
 
 using Cost = ceres::AutoDiffCostFunction<Reprojection, 2, 6, 3, 9>;
+
+// The same with a lens that stays: half as many derivatives.
+struct FixedLensReprojection {
+  Reprojection reprojection;
+  const double* lens;
+
+  template <typename T>
+  bool operator()(const T* pose, const T* point, T* residual) const {
+    return reprojection.with_lens(pose, point, lens, residual);
+  }
+};
+
+using FixedLensCost = ceres::AutoDiffCostFunction<FixedLensReprojection, 2, 6, 3>;
 
 std::unique_ptr<ceres::LossFunction> loss_of(double loss_px) {
   if (loss_px <= 0) return nullptr;
@@ -165,6 +184,8 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ceres::Problem problem(problem_options);
   const auto loss = loss_of(options.loss_px);
+  const std::vector<int> fixed = fixed_lens(options);
+  const bool lens_stays = fixed.size() == 9 || !options.images.empty();
   std::set<std::size_t> used;
   std::set<std::size_t> used_lenses;
   for (const int p : points) {
@@ -175,24 +196,24 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
       if (!image.registered) continue;
       const cv::Point2f& at = image.features[static_cast<std::size_t>(seen.feature)];
       const auto lens = static_cast<std::size_t>(image.camera);
-      problem.AddResidualBlock(
-          new Cost(new Reprojection{static_cast<double>(at.x), static_cast<double>(at.y),
-                                    weight_of(image, seen.feature)}),
-          loss.get(), poses[i].data(), point.position.val, lenses[lens].data());
+      const Reprojection reprojection{static_cast<double>(at.x), static_cast<double>(at.y),
+                                      weight_of(image, seen.feature)};
+      if (lens_stays) {
+        problem.AddResidualBlock(
+            new FixedLensCost(new FixedLensReprojection{reprojection, lenses[lens].data()}),
+            loss.get(), poses[i].data(), point.position.val);
+      } else {
+        problem.AddResidualBlock(new Cost(new Reprojection(reprojection)), loss.get(),
+                                 poses[i].data(), point.position.val, lenses[lens].data());
+      }
       used.insert(i);
       used_lenses.insert(lens);
       ++report.residuals;
     }
   }
 
-  const std::vector<int> fixed = fixed_lens(options);
-  for (const std::size_t lens : used_lenses) {
-    if (fixed.size() == 9 || !options.images.empty()) {
-      problem.SetParameterBlockConstant(lenses[lens].data());
-    } else {
-      problem.SetManifold(lenses[lens].data(), new ceres::SubsetManifold(9, fixed));
-    }
-  }
+  for (const std::size_t lens : used_lenses)
+    if (!lens_stays) problem.SetManifold(lenses[lens].data(), new ceres::SubsetManifold(9, fixed));
   bool any_fixed = false;
   for (const std::size_t i : used) {
     if (moves[i]) continue;
@@ -228,12 +249,13 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   for (const int p : points)
     ordering->AddElementToGroup(model.points[static_cast<std::size_t>(p)].position.val, 0);
   for (const std::size_t i : used) ordering->AddElementToGroup(poses[i].data(), 1);
-  for (const std::size_t lens : used_lenses) ordering->AddElementToGroup(lenses[lens].data(), 1);
+  for (const std::size_t lens : used_lenses)
+    if (!lens_stays) ordering->AddElementToGroup(lenses[lens].data(), 1);
   solver.linear_solver_ordering = ordering;
   solver.max_num_iterations = options.most_iterations;
   solver.num_threads = 1;
   solver.logging_type = ceres::SILENT;
-  solver.function_tolerance = 1e-6;
+  solver.function_tolerance = options.tolerance;
   StopWhenAsked stop_callback(stop);
   solver.callbacks.push_back(&stop_callback);
   ceres::Solver::Summary summary;
@@ -252,7 +274,7 @@ void adjust_pose(geometry::Rigid& pose, const geometry::Camera& camera,
                  const std::vector<Sighting>& seen, double loss_px) {
   if (seen.size() < 3) return;
   PoseNumbers numbers = numbers_of(pose);
-  LensNumbers lens = numbers_of(camera);
+  const LensNumbers lens = numbers_of(camera);
   std::vector<cv::Vec3d> points;
   points.reserve(seen.size());
   for (const Sighting& sighting : seen) points.push_back(sighting.position);
@@ -261,11 +283,11 @@ void adjust_pose(geometry::Rigid& pose, const geometry::Camera& camera,
   ceres::Problem problem(problem_options);
   const auto loss = loss_of(loss_px);
   for (std::size_t k = 0; k < seen.size(); ++k) {
-    problem.AddResidualBlock(new Cost(new Reprojection{seen[k].pixel.x, seen[k].pixel.y, 1}),
-                             loss.get(), numbers.data(), points[k].val, lens.data());
+    problem.AddResidualBlock(new FixedLensCost(new FixedLensReprojection{
+                                 {seen[k].pixel.x, seen[k].pixel.y, 1}, lens.data()}),
+                             loss.get(), numbers.data(), points[k].val);
     problem.SetParameterBlockConstant(points[k].val);
   }
-  problem.SetParameterBlockConstant(lens.data());
   ceres::Solver::Options solver;
   solver.linear_solver_type = ceres::DENSE_QR;
   solver.max_num_iterations = 30;

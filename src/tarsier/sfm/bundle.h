@@ -14,6 +14,7 @@ struct BundleOptions {
   bool distortion = false;  // k1, k2, p1, p2
   double loss_px = 0.5;     // Cauchy: residuals well beyond it count little; 0: plain squares
   int most_iterations = 50;
+  double tolerance = 1e-6;  // ends when a step takes less than this share off the sum
   // Photographs that move; all others that see their points stay as they are. Empty: all of them.
   std::vector<int> images;
 };

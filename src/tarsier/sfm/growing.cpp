@@ -170,9 +170,10 @@ bool Growing::add(int image, const std::stop_token& stop, std::string& why) {
   return true;
 }
 
-void Growing::refine_all(int rounds, const std::stop_token& stop) {
+void Growing::refine_all(int rounds, double tolerance, const std::stop_token& stop) {
   for (int round = 0; round < rounds; ++round) {
     BundleOptions bundle;
+    bundle.tolerance = tolerance;
     // Two views do not tell the focal length.
     const bool enough = registered() >= 3;
     bundle.focal = options_.refine_focal && enough;
@@ -380,6 +381,7 @@ void Growing::refine_around(int image, const std::stop_token& stop) {
   std::sort(order.begin(), order.end());
   BundleOptions bundle;
   bundle.most_iterations = 20;
+  bundle.tolerance = 1e-4;
   bundle.images = {image};
   for (std::size_t k = 0; k < order.size() && k < kNeighbours; ++k)
     bundle.images.push_back(order[k].second);

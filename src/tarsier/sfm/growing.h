@@ -34,7 +34,7 @@ class Growing {
   // Adds a photograph; `why` tells what was missing where it fails.
   bool add(int image, const std::stop_token& stop, std::string& why);
   // Adjusts all of it, drops what is off, and looks for what fits now; again while much changes.
-  void refine_all(int rounds, const std::stop_token& stop);
+  void refine_all(int rounds, double tolerance, const std::stop_token& stop);
   // Looks for known points where they should appear in photographs that do not show them yet: a
   // match too weak on its own is good at the right place. A feature that belongs to another track
   // joins the two if they are one point. Returns how many observations came in.

@@ -22,6 +22,8 @@ namespace {
 constexpr double kRadians = CV_PI / 180;
 constexpr double kGrowth = 1.25;  // of the model, after which all of it is adjusted
 constexpr int kFirstPairsTried = 20;
+constexpr double kRough = 1e-4;  // of an adjustment while the model still changes
+constexpr double kFine = 1e-6;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -230,20 +232,21 @@ Reconstruction reconstruct(const std::vector<geometry::Camera>& cameras,
       if (!added) {
         if (refined_at == growing.registered()) break;
         refined_at = growing.registered();
-        growing.refine_all(1, stop);
+        growing.refine_all(1, kRough, stop);
         continue;
       }
-      if (growing.registered() >= kGrowth * refined_at || growing.registered() <= 4) {
-        growing.refine_all(2, stop);
+      if (growing.registered() >= kGrowth * refined_at) {
+        growing.refine_all(1, kRough, stop);
         refined_at = growing.registered();
         if (watch) watch(growing.model());
       }
     }
-    growing.refine_all(3, stop);
+    growing.refine_all(3, kRough, stop);
     for (int round = 0; round < 2; ++round) {
       if (growing.extend() == 0) break;
-      growing.refine_all(2, stop);
+      growing.refine_all(1, kRough, stop);
     }
+    growing.refine_all(2, kFine, stop);
     Model model = growing.finished(colors);
     for (std::size_t i = 0; i < images.size(); ++i) used[i] = used[i] || model.images[i].registered;
     if (watch) watch(model);

@@ -104,6 +104,9 @@ std::vector<Match> match_features(const cv::Mat& first, const cv::Mat& second, F
 
   std::vector<Nearest> of_a(static_cast<std::size_t>(a.rows));
   std::vector<Nearest> of_b(static_cast<std::size_t>(b.rows));
+  // The second distances of b once more, in a row: a whole panel is compared with them at once, and
+  // hardly any has something better.
+  std::vector<float> seconds(static_cast<std::size_t>(stride), -kNever);
   std::vector<float> products(static_cast<std::size_t>(kBlock) * nn::kPanel);
   const nn::GemmKernels& kernels = nn::gemm_kernels();
   for (int start = 0; start < a.rows; start += kBlock) {
@@ -126,9 +129,15 @@ std::vector<Match> match_features(const cv::Mat& first, const cv::Mat& second, F
         }
         if (least < nearest.second)
           for (int k = 0; k < count; ++k) nearest.offer(row[k], from + k);
+        float* second_b = seconds.data() + from;
+        int nearer = 0;
+        for (int k = 0; k < count; ++k) nearer |= static_cast<int>(row[k] < second_b[k]);
+        if (nearer == 0) continue;
         for (int k = 0; k < count; ++k) {
+          if (row[k] >= second_b[k]) continue;
           Nearest& other = of_b[static_cast<std::size_t>(from + k)];
-          if (row[k] < other.second) other.offer(row[k], start + r);
+          other.offer(row[k], start + r);
+          second_b[k] = other.second;
         }
       }
     }
