@@ -58,9 +58,9 @@ Quad in_image(const Quad& corners, const cv::Rect& box, cv::Size canvas) {
           at(box.x, box.y + box.height)};
 }
 
-// A row often holds more than the plate's characters: the band's letter, an edge, a rivet. Where the
-// reader knows just the symbols of Spanish plates, the seven neighbours that are most likely four
-// digits and three letters are the plate, if each of them may be that at all.
+// A row often holds more than the plate's characters: the band's letter, an edge, a rivet. Where
+// the reader knows just the symbols of Spanish plates, the seven neighbours that are most likely
+// four digits and three letters are the plate, if each of them may be that at all.
 void keep_the_spanish_seven(ClassicText& row, const std::string& symbols) {
   constexpr std::size_t kDigits = 4;
   constexpr std::size_t kCharacters = 7;
