@@ -18,7 +18,7 @@ struct StudyOptions {
   std::vector<int> neurons{10, 20, 30, 40, 60, 80, 100, 150, 200, 300, 400, 500};
   int seeds = 10;        // splits, 1..1000
   int train = 571;       // characters to learn from
-  int iterations = 300;  // of the MLP's training
+  int iterations = 100;  // of the MLP's training
   std::uint64_t seed = 1;
   void check() const;
 };
