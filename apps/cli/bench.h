@@ -19,5 +19,9 @@ struct BenchOptions {
 [[nodiscard]] ExitStatus bench_steady(Context& context,
                                       const BenchOptions& options);  // uses the first input
 [[nodiscard]] ExitStatus bench_plate(Context& context, const BenchOptions& options);
+[[nodiscard]] ExitStatus bench_landmarks(Context& context,
+                                         const BenchOptions& options);  // INPUT: a face
+[[nodiscard]] ExitStatus bench_posit(Context& context,
+                                     const BenchOptions& options);  // INPUT: another head model
 
 }  // namespace tarsier::cli

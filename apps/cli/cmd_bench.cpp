@@ -17,7 +17,10 @@ const std::vector<Benchmark>& benchmarks() {
   static const std::vector<Benchmark> table = {
       {"cartoon", "every mode at three sizes: reference against fast, speed and likeness",
        bench_cartoon},
+      {"landmarks", "fitting the points of a face by each method, and following it",
+       bench_landmarks},
       {"plate", "finding, aligning and reading number plates", bench_plate},
+      {"posit", "the pose of a simulated head: error and time of POSIT beside SQPNP", bench_posit},
       {"steady", "how much less the lines of a video flicker with --steady", bench_steady},
   };
   return table;

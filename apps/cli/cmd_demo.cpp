@@ -32,6 +32,7 @@ const std::vector<DemoStep>& steps() {
       {"cartoon", demo_cartoon},
       {"sfm", demo_sfm},
       {"plate", demo_plate},
+      {"landmarks", demo_landmarks},
   };
   return table;
 }

@@ -19,11 +19,13 @@
 #include "tarsier/sfm_view/animation.h"
 #include "tarsier/sfm_view/render.h"
 #include "tarsier/sfm_view/viewer.h"
+#include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
 #include "cmd_sfm.h"
+#include "sfm_online.h"
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -56,6 +58,7 @@ struct ReconstructFlags {
   bool no_cache = false;
   bool per_image_camera = false;
   sfm::KeyframeOptions keyframes;
+  OnlineFlags online;
   sfm::PipelineOptions pipeline;
 };
 
@@ -73,18 +76,22 @@ void add_inputs(const std::vector<std::string>& paths, std::set<std::string>& na
   }
 }
 
+std::string frames_folder(const ReconstructFlags& flags) {
+  return (fs::path(flags.output) / "frames").string();
+}
+
 // Key frames of a film, written beside the model so that they are there for a second run and for
 // whoever wants to see them.
 std::vector<std::string> frames_of_film(const std::string& film, const ReconstructFlags& flags,
                                         Context& context) {
-  const fs::path folder = fs::path(flags.output) / "frames";
-  make_folder(folder.string());
+  const std::string folder = frames_folder(flags);
+  make_folder(folder);
   const auto source = open_source(film, SourceOptions{});
   sfm::KeyframePicker picker(flags.keyframes);
   std::vector<std::string> paths;
   const auto keep = [&](std::optional<sfm::Keyframe> frame) {
     if (!frame) return;
-    paths.push_back((folder / fmt::format("frame-{:06}.png", frame->index)).string());
+    paths.push_back(key_frame_path(folder, *frame));
     write_image(paths.back(), frame->image);
   };
   context.progress->begin("key frames", source->count(), "frames");
@@ -121,10 +128,30 @@ std::vector<sfm::Input> inputs_of(const ReconstructFlags& flags, Context& contex
         add_inputs(frames_of_film(text, flags, context), names, inputs);
         break;
       default:
-        throw InputError(text, "expected photographs, a folder, @list.txt or a film");
+        throw InputError(
+            text, "expected photographs, a folder, @list.txt or a film; a camera with --online");
     }
   }
   return inputs;
+}
+
+// As inputs_of, but they are shown, and a model of them, while they arrive.
+OnlineResult inputs_online(const ReconstructFlags& flags, Context& context) {
+  if (flags.pipeline.flow)
+    throw UsageError("--online: compares descriptors, --matches flow is not possible");
+  const auto is_picture = [](const std::string& text) {
+    const SourceKind kind = classify_source(text, {synth_scheme()});
+    return kind == SourceKind::kImage || kind == SourceKind::kFolder || kind == SourceKind::kGlob ||
+           kind == SourceKind::kList;
+  };
+  std::vector<sfm::Input> pictures;
+  if (std::all_of(flags.inputs.begin(), flags.inputs.end(), is_picture)) {
+    pictures = inputs_of(flags, context);
+  } else if (flags.inputs.size() > 1) {
+    throw UsageError("--online: give photographs, or one film or camera");
+  }
+  return run_online(flags.inputs, pictures, frames_folder(flags), flags.online, flags.keyframes,
+                    flags.pipeline, context);
 }
 
 // --- options ---
@@ -323,7 +350,16 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
   const fs::path folder = flags.output;
   make_folder(folder.string());
   complete(flags, context);
-  const std::vector<sfm::Input> inputs = inputs_of(flags, context);
+  OnlineResult online;
+  if (flags.online.online) {
+    online = inputs_online(flags, context);
+    if (context.stop.stop_requested()) {
+      log_info("making the model of {} key frames; once more ends at once", online.inputs.size());
+      context.stop = {};
+    }
+  }
+  const std::vector<sfm::Input> inputs =
+      flags.online.online ? online.inputs : inputs_of(flags, context);
   std::map<std::string, std::string> paths;
   for (const sfm::Input& input : inputs) paths[input.name] = input.path;
   if (inputs.size() < 2) {
@@ -333,12 +369,12 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
   }
 
   sfm::PipelineHooks hooks;
-  int step = 0;
   if (!context.debug_dir.empty()) {
     make_folder(context.debug_dir);
-    hooks.watch = [&](const sfm::Model& model) {
-      write_image((fs::path(context.debug_dir) / fmt::format("cloud-{:03}.png", ++step)).string(),
-                  sfm::render_model(model, {}));
+    hooks.watch = [&](const std::string& label, const sfm::Model& model) {
+      const fs::path path = fs::path(context.debug_dir) / label;
+      sfm::write_points_ply(path.string() + ".ply", model);
+      write_image(path.string() + ".png", sfm::render_model(model, {}));
     };
   }
   if (flags.match_pictures) {
@@ -367,6 +403,8 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
   else
     print_text(sfm::summary_text(result));
   if (!models.empty()) log_info("{}: look at view.html", flags.output);
+  if (online.error) std::rethrow_exception(online.error);
+  if (online.status != ExitStatus::kDone) return online.status;
   return models.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
@@ -376,7 +414,8 @@ void add_sfm_reconstruct(CLI::App& sfm, Context& context) {
   auto flags = std::make_shared<ReconstructFlags>();
   CLI::App& verb =
       *sfm.add_subcommand("reconstruct", "makes a model of photographs: cameras and points");
-  verb.add_option("PHOTOS", flags->inputs, "folder, photographs, glob, @list.txt, or a film")
+  verb.add_option("PHOTOS", flags->inputs,
+                  "folder, photographs, glob, @list.txt, or a film; with --online also a camera")
       ->required()
       ->type_name("");
   verb.add_option("-o,--output", flags->output, "folder for the model")->required();
@@ -445,6 +484,7 @@ void add_sfm_reconstruct(CLI::App& sfm, Context& context) {
            ->capture_default_str());
   film(
       verb.add_option("--most-frames", flags->keyframes.most, "key frames")->capture_default_str());
+  add_online_flags(verb, flags->online);
   add_common_flags(verb, context);
   verb.callback([flags, &context] {
     context.run = [flags, &context] { return reconstruct(*flags, context); };

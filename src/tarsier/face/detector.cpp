@@ -14,8 +14,6 @@
 namespace tarsier {
 namespace {
 
-constexpr const char* kCascade = "haarcascade_frontalface_alt2.xml";
-
 double overlap(const cv::Rect& a, const cv::Rect& b) {
   const double common = (a & b).area();
   return common / std::max(1.0, a.area() + b.area() - common);
@@ -51,6 +49,7 @@ void FaceDetectorOptions::check() const {
   TARSIER_REQUIRE(min_size > 0 && min_size <= 1, "smallest face is in (0, 1], got {}", min_size);
   TARSIER_REQUIRE(work_width >= 80 && work_width <= 4096, "working width is 80..4096 px, got {}",
                   work_width);
+  TARSIER_REQUIRE(step >= 1.01 && step <= 2, "steps between sizes are 1.01..2, got {}", step);
   TARSIER_REQUIRE(neighbors >= 1 && neighbors <= 20, "neighbours are 1..20, got {}", neighbors);
 }
 
@@ -64,9 +63,9 @@ struct FaceDetector::Impl {
 FaceDetector::FaceDetector(const FaceDetectorOptions& options) : impl_(std::make_unique<Impl>()) {
   options.check();
   impl_->options = options;
-  const std::string path = find_cascade(kCascade);
+  const std::string path = find_cascade(options.cascade);
   if (path.empty()) {
-    throw ModelError(kCascade,
+    throw ModelError(options.cascade,
                      "not found; install the package opencv-data, or set TARSIER_CASCADES");
   }
   bool loaded = false;
@@ -98,7 +97,7 @@ std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame) {
   const int least = std::max(24, cvRound(my.options.min_size * std::min(size.width, size.height)));
   std::vector<cv::Rect> faces;
   if (std::min(size.width, size.height) >= least) {
-    my.cascade.detectMultiScale(my.gray, faces, 1.1, my.options.neighbors, 0,
+    my.cascade.detectMultiScale(my.gray, faces, my.options.step, my.options.neighbors, 0,
                                 cv::Size(least, least));
   }
   for (cv::Rect& face : faces) {

@@ -19,6 +19,8 @@ struct FaceDetectorOptions {
   double min_size = 0.1;  // smallest face, share of the picture's smaller side, (0, 1]
   int work_width = 320;   // px; larger pictures are searched at this width, 80..4096
   int neighbors = 3;      // rectangles that must agree, 1..20
+  double step = 1.1;      // from one size of face that is looked for to the next, 1.01..2
+  std::string cascade = "haarcascade_frontalface_alt2.xml";
 
   void check() const;
 };

@@ -19,7 +19,8 @@ namespace {
 
 // What Ceres moves. A pose is an angle-axis vector and a translation; a lens is its focal length,
 // the ratio of the two, the centre, and k1 k2 p1 p2 k3.
-constexpr double kSharpSize = 5;  // px
+constexpr double kSharpSize = 5;    // px
+constexpr double kScaleHold = 1e4;  // px, of a scale twice as large; thousands of points pull along
 using PoseNumbers = std::array<double, 6>;
 using LensNumbers = std::array<double, 9>;
 
@@ -73,6 +74,12 @@ struct Reprojection {
     T p[3];
     ceres::AngleAxisRotatePoint(pose, point, p);
     for (int k = 0; k < 3; ++k) p[k] += pose[3 + k];
+    return through_lens(p, lens, residual);
+  }
+
+  // `p` in the camera's frame.
+  template <typename T, typename L>
+  bool through_lens(const T* p, const L* lens, T* residual) const {
     if (p[2] < T(1e-6)) return false;
     const T x = p[0] / p[2];
     const T y = p[1] / p[2];
@@ -101,6 +108,38 @@ struct FixedLensReprojection {
 };
 
 using FixedLensCost = ceres::AutoDiffCostFunction<FixedLensReprojection, 2, 6, 3>;
+
+// The same with a pose that stays as well: a third of those.
+struct FixedPoseReprojection {
+  Reprojection reprojection;
+  const double* lens;
+  const geometry::Rigid* pose;
+
+  template <typename T>
+  bool operator()(const T* point, T* residual) const {
+    T p[3];
+    for (int k = 0; k < 3; ++k) {
+      const double* row = pose->rotation.val + std::ptrdiff_t{3} * k;
+      p[k] = row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + pose->translation[k];
+    }
+    return reprojection.through_lens(p, lens, residual);
+  }
+};
+
+using FixedPoseCost = ceres::AutoDiffCostFunction<FixedPoseReprojection, 2, 3>;
+
+// Keeps one number of a pose.
+struct ScaleHold {
+  int number;
+  double value;
+  double weight;
+
+  template <typename T>
+  bool operator()(const T* pose, T* residual) const {
+    residual[0] = T(weight) * (pose[number] - T(value));
+    return true;
+  }
+};
 
 std::unique_ptr<ceres::LossFunction> loss_of(double loss_px) {
   if (loss_px <= 0) return nullptr;
@@ -186,7 +225,8 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   const auto loss = loss_of(options.loss_px);
   const std::vector<int> fixed = fixed_lens(options);
   const bool lens_stays = fixed.size() == 9 || !options.images.empty();
-  std::set<std::size_t> used;
+  std::set<std::size_t> used;  // photographs that move
+  bool any_fixed = false;      // others that see their points
   std::set<std::size_t> used_lenses;
   for (const int p : points) {
     Point& point = model.points[static_cast<std::size_t>(p)];
@@ -198,6 +238,14 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
       const auto lens = static_cast<std::size_t>(image.camera);
       const Reprojection reprojection{static_cast<double>(at.x), static_cast<double>(at.y),
                                       weight_of(image, seen.feature)};
+      if (!moves[i]) {  // then the lens stays too
+        problem.AddResidualBlock(new FixedPoseCost(new FixedPoseReprojection{
+                                     reprojection, lenses[lens].data(), &image.pose}),
+                                 loss.get(), point.position.val);
+        any_fixed = true;
+        ++report.residuals;
+        continue;
+      }
       if (lens_stays) {
         problem.AddResidualBlock(
             new FixedLensCost(new FixedLensReprojection{reprojection, lenses[lens].data()}),
@@ -214,14 +262,10 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
 
   for (const std::size_t lens : used_lenses)
     if (!lens_stays) problem.SetManifold(lenses[lens].data(), new ceres::SubsetManifold(9, fixed));
-  bool any_fixed = false;
-  for (const std::size_t i : used) {
-    if (moves[i]) continue;
-    problem.SetParameterBlockConstant(poses[i].data());
-    any_fixed = true;
-  }
   if (!any_fixed) {
-    // The first stays, and one coordinate of the farthest one keeps the scale.
+    // The first stays, and one coordinate of the farthest one keeps the scale. As a residual, which
+    // is zero whatever the others want: taking it out of the pose would make blocks of two sizes,
+    // for which Ceres has no fast code.
     const std::size_t first = *used.begin();
     problem.SetParameterBlockConstant(poses[first].data());
     std::size_t far = first;
@@ -239,12 +283,15 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
       int axis = 0;
       for (int k = 1; k < 3; ++k)
         if (std::abs(t[k]) > std::abs(t[axis])) axis = k;
-      problem.SetManifold(poses[far].data(), new ceres::SubsetManifold(6, {3 + axis}));
+      problem.AddResidualBlock(
+          new ceres::AutoDiffCostFunction<ScaleHold, 1, 6>(
+              new ScaleHold{3 + axis, t[axis], kScaleHold / std::max(1e-12, std::abs(t[axis]))}),
+          nullptr, poses[far].data());
     }
   }
 
   ceres::Solver::Options solver;
-  solver.linear_solver_type = used.size() <= 60 ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+  solver.linear_solver_type = used.size() <= 300 ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   for (const int p : points)
     ordering->AddElementToGroup(model.points[static_cast<std::size_t>(p)].position.val, 0);
@@ -263,8 +310,7 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   throw_if_stopped(stop);
 
   report.iterations = static_cast<int>(summary.iterations.size());
-  for (const std::size_t i : used)
-    if (moves[i]) model.images[i].pose = pose_of(poses[i]);
+  for (const std::size_t i : used) model.images[i].pose = pose_of(poses[i]);
   for (const std::size_t lens : used_lenses) apply_numbers(lenses[lens], model.cameras[lens]);
   report.after_px = rms(model, points);
   return report;

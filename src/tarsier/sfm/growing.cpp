@@ -6,10 +6,10 @@
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <numeric>
-#include <set>
 
 namespace tarsier::sfm {
 namespace {
@@ -76,6 +76,22 @@ int Growing::registered() const {
                                         [](const Photograph& image) { return image.registered; }));
 }
 
+void Growing::resume(const Model& before) {
+  std::copy(before.cameras.begin(), before.cameras.end(), model_.cameras.begin());
+  for (std::size_t i = 0; i < before.images.size(); ++i) {
+    model_.images[i].registered = before.images[i].registered;
+    model_.images[i].pose = before.images[i].pose;
+  }
+  measure_rays();
+  (void)triangulate_all(least_angle());
+}
+
+void Growing::adjust_model(const BundleOptions& options, const std::stop_token& stop) {
+  if (watch_) watch_("before", *this);
+  (void)adjust(model_, options, stop);
+  if (watch_) watch_("after", *this);
+}
+
 bool Growing::start(const Pair& pair, const std::stop_token& stop, std::string& why) {
   Photograph& first = model_.images[at(pair.first)];
   Photograph& second = model_.images[at(pair.second)];
@@ -84,7 +100,7 @@ bool Growing::start(const Pair& pair, const std::stop_token& stop, std::string& 
   first.registered = second.registered = true;
   (void)triangulate_all(least_angle());
   BundleOptions bundle;
-  (void)adjust(model_, bundle, stop);
+  adjust_model(bundle, stop);
   (void)filter_points(model_, options_);
   std::vector<double> angles;
   for (const Point& point : model_.points) {
@@ -118,14 +134,17 @@ double Growing::prospect(int image) const {
   double score = 0;
   for (int level = 1; level <= 5; ++level) {
     const int cells = 1 << level;
-    std::set<int> occupied;
+    std::array<bool, 1024> occupied{};
+    int count = 0;
     for (const auto& [feature, track] : seen) {
       const cv::Point2d p(photograph.features[at(feature)]);
       const int x = std::clamp(static_cast<int>(p.x * cells / camera.width), 0, cells - 1);
       const int y = std::clamp(static_cast<int>(p.y * cells / camera.height), 0, cells - 1);
-      occupied.insert(y * cells + x);
+      bool& cell = occupied[at(y * cells + x)];
+      count += cell ? 0 : 1;
+      cell = true;
     }
-    score += static_cast<double>(occupied.size()) * cells;
+    score += static_cast<double>(count) * cells;
   }
   return score;
 }
@@ -179,7 +198,7 @@ void Growing::refine_all(int rounds, double tolerance, const std::stop_token& st
     bundle.focal = options_.refine_focal && enough;
     bundle.center = options_.refine_center && registered() >= 5;
     bundle.distortion = options_.refine_distortion && enough;
-    (void)adjust(model_, bundle, stop);
+    adjust_model(bundle, stop);
     if (bundle.focal || bundle.center || bundle.distortion) measure_rays();
     const int dropped = filter_points(model_, options_);
     const int found = triangulate_all(least_angle());
@@ -204,13 +223,13 @@ int Growing::extend() {
   return gained;
 }
 
-Model Growing::finished(const std::vector<std::vector<cv::Vec3b>>& colors) const {
+Model Growing::finished(const std::vector<std::vector<cv::Vec3b>>& colors, int least_views) const {
   Model result;
   result.cameras = model_.cameras;
   result.images = model_.images;
   for (Photograph& image : result.images) image.points.assign(image.features.size(), -1);
-  const auto least =
-      static_cast<std::size_t>(registered() < 4 ? 2 : std::max(2, options_.least_views));
+  if (least_views <= 0) least_views = registered() < 4 ? 2 : options_.least_views;
+  const std::size_t least = at(std::max(2, least_views));
   for (const Point& point : model_.points) {
     if (point.track.size() < least) continue;
     Point copy = point;
@@ -387,8 +406,8 @@ void Growing::refine_around(int image, const std::stop_token& stop) {
     bundle.images.push_back(order[k].second);
   // A model this small is adjusted as a whole.
   if (registered() <= kNeighbours + 1) bundle.images.clear();
-  (void)adjust(model_, bundle, stop);
-  (void)filter_points(model_, options_);
+  adjust_model(bundle, stop);
+  (void)filter_points(model_, options_, bundle.images);
 }
 
 int Growing::triangulate_all(double least_angle, int image) {
@@ -447,7 +466,7 @@ int Growing::triangulate_track(int track, double least_angle) {
   const auto refined = triangulate(sights);
   if (refined) position = *refined;
   best = within(there, position);
-  if (best.size() < 2 || widest_angle(model_, best, position) < least_angle) return 0;
+  if (best.size() < 2 || !has_angle(model_, best, position, least_angle)) return 0;
   point.position = position;
   point.track = std::move(best);
   return static_cast<int>(point.track.size());
@@ -467,16 +486,17 @@ std::vector<Observation> Growing::within(const std::vector<Observation>& all,
   return result;
 }
 
-double Growing::widest_angle(const Model& model, const std::vector<Observation>& track,
-                             const cv::Vec3d& position) {
-  double widest = 0;
-  for (std::size_t i = 0; i < track.size(); ++i) {
-    for (std::size_t k = i + 1; k < track.size(); ++k) {
-      widest = std::max(widest, ray_angle(position, model.images[at(track[i].image)].pose.center(),
-                                          model.images[at(track[k].image)].pose.center()));
-    }
-  }
-  return widest;
+bool Growing::has_angle(const Model& model, const std::vector<Observation>& track,
+                        const cv::Vec3d& position, double least) {
+  // The first and the last are often the widest apart.
+  std::vector<cv::Vec3d> centers;
+  centers.reserve(track.size());
+  for (const Observation& seen : track)
+    centers.push_back(model.images[at(seen.image)].pose.center());
+  for (std::size_t i = 0; i < track.size(); ++i)
+    for (std::size_t k = track.size() - 1; k > i; --k)
+      if (ray_angle(position, centers[i], centers[k]) >= least) return true;
+  return false;
 }
 
 }  // namespace tarsier::sfm

@@ -8,6 +8,7 @@
 
 #include <opencv2/core.hpp>
 
+#include <functional>
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -24,6 +25,11 @@ class Growing {
           const std::vector<cv::Mat>& descriptors, FeatureKind kind, const MapperOptions& options);
   [[nodiscard]] const Model& model() const { return model_; }
   [[nodiscard]] int registered() const;
+  // Is called with "before" and "after" around each adjustment, of all of it or of a part.
+  using Watch = std::function<void(const char* moment, const Growing&)>;
+  void watch(Watch watch) { watch_ = std::move(watch); }
+  // Takes the poses and cameras of a model of the first photographs, with points of all tracks.
+  void resume(const Model& before);
   // Starts from two photographs; false (and nothing is registered) where too little comes of it.
   bool start(const Pair& pair, const std::stop_token& stop, std::string& why);
   // Points of the model that the photograph should see, as (feature, track).
@@ -39,14 +45,18 @@ class Growing {
   // match too weak on its own is good at the right place. A feature that belongs to another track
   // joins the two if they are one point. Returns how many observations came in.
   int extend();
-  // The model with points in a row, their colours and errors, and what each feature shows.
-  [[nodiscard]] Model finished(const std::vector<std::vector<cv::Vec3b>>& colors) const;
+  // The model with points in a row, their colours and errors, and what each feature shows. Points
+  // that at least so many photographs show; 0: as the options say.
+  [[nodiscard]] Model finished(const std::vector<std::vector<cv::Vec3b>>& colors,
+                               int least_views = 0) const;
   static std::optional<double> error_of(const Model& model, const Observation& seen,
                                         const cv::Vec3d& position);
-  static double widest_angle(const Model& model, const std::vector<Observation>& track,
-                             const cv::Vec3d& position);
+  // Whether two rays to the point differ by `least` radians or more.
+  static bool has_angle(const Model& model, const std::vector<Observation>& track,
+                        const cv::Vec3d& position, double least);
 
  private:
+  void adjust_model(const BundleOptions& options, const std::stop_token& stop);
   [[nodiscard]] double least_angle() const { return options_.least_angle_deg * CV_PI / 180; }
   class Nearby;
   static bool shows(const std::vector<Observation>& track, int image);
@@ -76,6 +86,7 @@ class Growing {
   const std::vector<cv::Mat>& descriptors_;
   FeatureKind kind_;
   MapperOptions options_;
+  Watch watch_;
   std::vector<std::vector<int>> track_of_;      // of each feature of each photograph, or -1
   std::vector<std::vector<cv::Point2d>> rays_;  // of each feature
 };

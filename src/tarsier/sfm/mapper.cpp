@@ -14,7 +14,7 @@
 #include <map>
 #include <numeric>
 #include <optional>
-#include <set>
+#include <string_view>
 
 namespace tarsier::sfm {
 namespace {
@@ -22,6 +22,7 @@ namespace {
 constexpr double kRadians = CV_PI / 180;
 constexpr double kGrowth = 1.25;  // of the model, after which all of it is adjusted
 constexpr int kFirstPairsTried = 20;
+constexpr int kSmall = 10;       // photographs of a model that is cheap to adjust as a whole
 constexpr double kRough = 1e-4;  // of an adjustment while the model still changes
 constexpr double kFine = 1e-6;
 
@@ -85,6 +86,57 @@ std::string no_start(const std::vector<Pair>& pairs, const std::vector<Photograp
                      names, best->view.median_angle / kRadians);
 }
 
+std::vector<std::vector<Observation>> tracks_of(const std::vector<Pair>& pairs,
+                                                const std::vector<Photograph>& images) {
+  std::vector<int> features;
+  for (const Photograph& image : images)
+    features.push_back(static_cast<int>(image.features.size()));
+  return make_tracks(pairs, features);
+}
+
+// Adds what sees most, until nothing more can be added. `thorough`: when nothing more can, all of
+// it is adjusted and what failed is tried once more. `tell`: image, added, why not.
+template <typename Tell>
+void add_all(Growing& growing, const std::vector<bool>& used, bool thorough, int& adjusted_at,
+             const std::stop_token& stop, const Tell& tell) {
+  std::map<int, std::size_t> failed;  // photograph: points it saw when it failed
+  for (;;) {
+    throw_if_stopped(stop);
+    std::vector<std::pair<double, int>> next;
+    for (std::size_t i = 0; i < used.size(); ++i) {
+      const int image = static_cast<int>(i);
+      if (used[i] || growing.model().images[i].registered) continue;
+      const std::size_t seen = growing.visible(image).size();
+      if (seen < 6) continue;
+      const auto before = failed.find(image);
+      if (before != failed.end() &&
+          static_cast<double>(seen) < 1.1 * static_cast<double>(before->second) + 5) {
+        continue;
+      }
+      next.emplace_back(-growing.prospect(image), image);
+    }
+    std::sort(next.begin(), next.end());
+    bool added = false;
+    for (const auto& [prospect, image] : next) {
+      std::string why;
+      added = growing.add(image, stop, why);
+      tell(image, added, added ? std::string() : why);
+      if (added) break;
+      failed[image] = growing.visible(image).size();
+    }
+    if (!added) {
+      if (!thorough || adjusted_at == growing.registered()) break;
+      adjusted_at = growing.registered();
+      growing.refine_all(1, kRough, stop);
+      continue;
+    }
+    if (growing.registered() >= kGrowth * adjusted_at) {
+      growing.refine_all(1, kRough, stop);
+      adjusted_at = growing.registered();
+    }
+  }
+}
+
 }  // namespace
 
 void MapperOptions::check() const {
@@ -105,22 +157,32 @@ void MapperOptions::check() const {
                   least_photographs);
 }
 
-int filter_points(Model& model, const MapperOptions& options) {
-  int dropped = 0;
-  for (Point& point : model.points) {
-    if (point.track.empty()) continue;
+int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images) {
+  std::vector<bool> looked(model.images.size(), images.empty());
+  for (const int image : images) looked[at(image)] = true;
+  std::vector<int> dropped(model.points.size(), 0);
+  const auto filter = [&](Point& point) {
     const std::size_t before = point.track.size();
     std::erase_if(point.track, [&](const Observation& seen) {
       const auto error = Growing::error_of(model, seen, point.position);
       return !error || *error > options.reprojection_px;
     });
-    if (point.track.size() < 2 || Growing::widest_angle(model, point.track, point.position) <
-                                      options.least_angle_deg * kRadians) {
+    if (point.track.size() < 2 || !Growing::has_angle(model, point.track, point.position,
+                                                      options.least_angle_deg * kRadians)) {
       point = {};
     }
-    dropped += static_cast<int>(before - point.track.size());
-  }
-  return dropped;
+    return static_cast<int>(before - point.track.size());
+  };
+  cv::parallel_for_(cv::Range(0, static_cast<int>(dropped.size())), [&](const cv::Range& range) {
+    for (int p = range.start; p < range.end; ++p) {
+      Point& point = model.points[at(p)];
+      if (std::any_of(point.track.begin(), point.track.end(),
+                      [&](const Observation& seen) { return looked[at(seen.image)]; })) {
+        dropped[at(p)] = filter(point);
+      }
+    }
+  });
+  return std::accumulate(dropped.begin(), dropped.end(), 0);
 }
 
 ModelStatistics statistics_of(const Model& model) {
@@ -150,12 +212,13 @@ Reconstruction reconstruct(const std::vector<geometry::Camera>& cameras,
                            const std::vector<cv::Mat>& descriptors, FeatureKind kind,
                            const std::vector<Pair>& pairs, const MapperOptions& options,
                            Progress& progress, const std::stop_token& stop,
-                           const std::function<void(const Model&)>& watch) {
+                           const WatchModel& watch) {
   options.check();
   Reconstruction result;
   result.outcomes.resize(images.size());
   std::vector<bool> used(images.size(), false);
   std::vector<bool> bad_start(pairs.size(), false);
+  int adjustments = 0;
   progress.begin("reconstruct", static_cast<std::int64_t>(images.size()), "photographs");
 
   for (;;) {
@@ -171,13 +234,17 @@ Reconstruction reconstruct(const std::vector<geometry::Camera>& cameras,
     }
     if (starts.empty()) break;
     std::sort(starts.begin(), starts.end());
-    std::vector<int> features;
-    for (const Photograph& image : images)
-      features.push_back(static_cast<int>(image.features.size()));
     Model empty;
     empty.cameras = cameras;
     empty.images = images;
-    Growing growing(std::move(empty), make_tracks(left, features), descriptors, kind, options);
+    Growing growing(std::move(empty), tracks_of(left, images), descriptors, kind, options);
+
+    if (watch) {
+      growing.watch([&](const char* moment, const Growing& now) {
+        if (moment == std::string_view("before")) ++adjustments;
+        watch(fmt::format("grown-{:03}-{}", adjustments, moment), now.finished(colors, 2));
+      });
+    }
 
     bool started = false;
     for (std::size_t k = 0; k < starts.size() && k < kFirstPairsTried && !started; ++k) {
@@ -195,52 +262,16 @@ Reconstruction reconstruct(const std::vector<geometry::Camera>& cameras,
     }
     if (!started) break;
     progress.advance(2);
-    if (watch) watch(growing.model());
 
-    // Add what sees most, until nothing more can be added.
-    int refined_at = growing.registered();
-    std::map<int, std::size_t> failed;  // photograph: points it saw when it failed
-    for (;;) {
-      throw_if_stopped(stop);
-      std::vector<std::pair<double, int>> next;
-      for (std::size_t i = 0; i < images.size(); ++i) {
-        const int image = static_cast<int>(i);
-        if (used[i] || growing.model().images[i].registered) continue;
-        const std::size_t seen = growing.visible(image).size();
-        if (seen < 6) continue;
-        const auto before = failed.find(image);
-        if (before != failed.end() &&
-            static_cast<double>(seen) < 1.1 * static_cast<double>(before->second) + 5) {
-          continue;
-        }
-        next.emplace_back(-growing.prospect(image), image);
+    int adjusted_at = growing.registered();
+    const auto tell = [&](int image, bool added, const std::string& why) {
+      if (added) {
+        result.story.push_back(fmt::format("add {}", images[at(image)].name));
+        progress.advance();
       }
-      std::sort(next.begin(), next.end());
-      bool added = false;
-      for (const auto& [prospect, image] : next) {
-        std::string why;
-        added = growing.add(image, stop, why);
-        if (added) {
-          result.story.push_back(fmt::format("add {}", images[at(image)].name));
-          result.outcomes[at(image)].reason.clear();
-          progress.advance();
-          break;
-        }
-        failed[image] = growing.visible(image).size();
-        result.outcomes[at(image)].reason = why;
-      }
-      if (!added) {
-        if (refined_at == growing.registered()) break;
-        refined_at = growing.registered();
-        growing.refine_all(1, kRough, stop);
-        continue;
-      }
-      if (growing.registered() >= kGrowth * refined_at) {
-        growing.refine_all(1, kRough, stop);
-        refined_at = growing.registered();
-        if (watch) watch(growing.model());
-      }
-    }
+      result.outcomes[at(image)].reason = why;
+    };
+    add_all(growing, used, true, adjusted_at, stop, tell);
     growing.refine_all(3, kRough, stop);
     for (int round = 0; round < 2; ++round) {
       if (growing.extend() == 0) break;
@@ -249,7 +280,7 @@ Reconstruction reconstruct(const std::vector<geometry::Camera>& cameras,
     growing.refine_all(2, kFine, stop);
     Model model = growing.finished(colors);
     for (std::size_t i = 0; i < images.size(); ++i) used[i] = used[i] || model.images[i].registered;
-    if (watch) watch(model);
+    if (watch) watch(fmt::format("model-{}", result.models.size()), model);
     result.models.push_back(std::move(model));
   }
   progress.end();
@@ -276,6 +307,33 @@ Reconstruction reconstruct(const std::vector<geometry::Camera>& cameras,
       outcome.reason = lonely(pairs, images, static_cast<int>(i));
   }
   return result;
+}
+
+Model go_on(const Model& before, const std::vector<geometry::Camera>& cameras,
+            const std::vector<Photograph>& images,
+            const std::vector<std::vector<cv::Vec3b>>& colors,
+            const std::vector<cv::Mat>& descriptors, FeatureKind kind,
+            const std::vector<Pair>& pairs, const MapperOptions& options, bool again,
+            int& adjusted_at, const std::stop_token& stop) {
+  options.check();
+  TARSIER_REQUIRE(before.images.size() <= images.size() && before.cameras.size() <= cameras.size(),
+                  "{} photographs after {}", images.size(), before.images.size());
+  Model all;
+  all.images = images;
+  all.cameras = cameras;
+  Growing growing(std::move(all), tracks_of(pairs, images), descriptors, kind, options);
+  growing.resume(before);
+  const std::vector<bool> used(images.size(), false);
+  int adjusted = adjusted_at;
+  const bool thorough = growing.registered() < kSmall;
+  add_all(growing, used, thorough, adjusted, stop, [](int, bool, const std::string&) {});
+  if (again) {
+    growing.refine_all(2, kRough, stop);
+    if (growing.extend() > 0) growing.refine_all(1, kRough, stop);
+    adjusted = growing.registered();
+  }
+  adjusted_at = adjusted;
+  return growing.finished(colors);
 }
 
 }  // namespace tarsier::sfm

@@ -50,6 +50,10 @@ struct Reconstruction {
   std::string no_model;            // why there is none, where there is none
 };
 
+// Sees a model while it grows: "grown-003-before" and "grown-003-after" around each adjustment (of
+// all of it or of a new photograph and its neighbours), "model-0" when one is done.
+using WatchModel = std::function<void(const std::string& label, const Model& model)>;
+
 // `images` give cameras, names and features; their poses are not used. `colors` and `descriptors`:
 // of each photograph's features; without descriptors (flow) tracks are not extended. `watch` (may
 // be empty) sees the growing model. Throws Interrupted.
@@ -59,12 +63,24 @@ struct Reconstruction {
                                          const std::vector<cv::Mat>& descriptors, FeatureKind kind,
                                          const std::vector<Pair>& pairs,
                                          const MapperOptions& options, Progress& progress,
-                                         const std::stop_token& stop,
-                                         const std::function<void(const Model&)>& watch = {});
+                                         const std::stop_token& stop, const WatchModel& watch = {});
+
+// Goes on from `before`, a model of the first ones of the photographs (of its cameras the first
+// ones of `cameras`): its poses stay until they
+// are adjusted again, points are made anew of all pairs, and what now can join, joins.
+// `adjusted_at`: how many photographs the model had when all of it was last adjusted; kept up to
+// date. `again`: adjusts all of it in any case, and extends its tracks. Throws Interrupted.
+[[nodiscard]] Model go_on(const Model& before, const std::vector<geometry::Camera>& cameras,
+                          const std::vector<Photograph>& images,
+                          const std::vector<std::vector<cv::Vec3b>>& colors,
+                          const std::vector<cv::Mat>& descriptors, FeatureKind kind,
+                          const std::vector<Pair>& pairs, const MapperOptions& options, bool again,
+                          int& adjusted_at, const std::stop_token& stop);
 
 // Drops observations that are off, behind a camera or too flat, and points that are left with fewer
-// than two; returns how many observations went.
-int filter_points(Model& model, const MapperOptions& options);
+// than two; returns how many observations went. Looks at the points that some of `images` show;
+// empty: at all.
+int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images = {});
 
 // Root mean square reprojection error over all observations, px; mean track length.
 struct ModelStatistics {

@@ -86,7 +86,7 @@ struct ComparedPair {
 };
 
 struct PipelineHooks {
-  std::function<void(const Model&)> watch;  // sees the growing model; may be empty
+  WatchModel watch;  // sees the growing model; may be empty
   // Sees each pair; from any thread, but never two at a time. May be empty; if not, matches are
   // worked out again even where they are in the cache.
   std::function<void(const ComparedPair&)> on_pair;

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/landmarks/tracker.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "bench.h"
+#include "landmark_engine.h"
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+
+double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
+                   values.end());
+  return values[values.size() / 2];
+}
+
+// Milliseconds of `run`, the median of `repeats` after one to warm up.
+template <typename Run>
+double measured(int repeats, const Run& run) {
+  std::vector<double> times;
+  for (int i = 0; i <= repeats; ++i) {
+    const auto start = std::chrono::steady_clock::now();
+    run();
+    const double ms =
+        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    if (i > 0) times.push_back(ms);
+  }
+  return median(times);
+}
+
+}  // namespace
+
+// Fits on one thread; tracking is of a face at rest in a picture of 640x480, searches included.
+ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
+  cv::setNumThreads(1);
+  LandmarkEngine engine = make_landmark_engine({});
+  const std::string path = options.inputs.empty() ? kPicture : options.inputs.front();
+  const cv::Mat gray = read_gray_image(path);
+  const std::vector<landmarks::Candidate> found = engine.finder.find(gray);
+  if (found.empty()) throw InputError(path, "shows no face to measure on");
+  const Eigen::Matrix2Xd start =
+      landmarks::start_in_box(engine.model.box, engine.model.shape.mean, found.front().box);
+  const auto report = [&](const std::string& name, double ms) {
+    if (context.json) {
+      nlohmann::ordered_json line = {{"case", name}, {"ms", std::round(ms * 1000) / 1000}};
+      print_json_line(line.dump());
+    } else {
+      print_text(fmt::format("{:<12} {:8.3f} ms\n", name, ms));
+    }
+  };
+  landmarks::FitWorkspace workspace;
+  for (const landmarks::FitMethod method :
+       {landmarks::FitMethod::kBoth, landmarks::FitMethod::kTrees, landmarks::FitMethod::kDescent,
+        landmarks::FitMethod::kPatches}) {
+    throw_if_stopped(context.stop);
+    if (!engine.model.has(method)) continue;
+    landmarks::LandmarkModel model = engine.model;
+    model.quality.reset();
+    landmarks::FitOptions fit;
+    fit.method = method;
+    report(fmt::format("fit-{}", name_of(method)), measured(options.repeats, [&] {
+             (void)landmarks::fit_points(model, fit, gray, start, workspace);
+           }));
+  }
+  report("detect", measured(options.repeats, [&] { (void)engine.finder.find_sure(gray); }));
+  cv::Mat frame;
+  cv::resize(gray, frame, cv::Size(640, 480), 0, 0, cv::INTER_AREA);
+  landmarks::TrackerState state;
+  constexpr int kFrames = 50;
+  double time = 0;
+  report("track-frame", measured(std::max(1, options.repeats / 3), [&] {
+                          for (int i = 0; i < kFrames; ++i, time += 0.04) {
+                            (void)landmarks::track_faces(engine.model, engine.fit, {},
+                                                         engine.finder, state, frame, time,
+                                                         workspace);
+                          }
+                        }) / kFrames);
+  return ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

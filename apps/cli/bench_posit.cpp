@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/head/head_model.h"
+#include "tarsier/head/posit_study.h"
+
+#include <fmt/format.h>
+
+#include "bench.h"
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+double rounded(double value, double digits) { return std::round(value * digits) / digits; }
+
+}  // namespace
+
+ExitStatus bench_posit(Context& context, const BenchOptions& options) {
+  std::string path = options.inputs.empty() ? "" : options.inputs[0];
+  if (path.empty()) {
+    const std::string folder = find_models_folder("");
+    if (folder.empty()) throw ModelError("head.json", "no folder of models: set TARSIER_MODELS");
+    path = folder + "/head.json";
+  }
+  const head::HeadModel model = head::read_head_model(path);
+  head::PositStudyOptions study;
+  study.seed = context.seed;
+  // The nose tip, where the markup has one.
+  study.reference = model.points() == 68 ? 30 : 0;
+  const auto rows = head::run_posit_study(model.mean, study, context.stop);
+  const auto is_asked = [&](const head::PositStudyRow& row) {
+    return options.only.empty() ||
+           std::find(options.only.begin(), options.only.end(), row.method) != options.only.end();
+  };
+  if (!context.json)
+    print_text(fmt::format("{:>22} {:>9} {:>9} {:>9} {:>8} {:>9}\n", "method", "noise px",
+                           "rot. deg", "tr. mm", "us", "failures"));
+  for (const head::PositStudyRow& row : rows) {
+    if (!is_asked(row)) continue;
+    if (context.json) {
+      print_json_line(nlohmann::ordered_json{
+          {"bench", "posit"},
+          {"method", row.method},
+          {"noise_px", row.noise_px},
+          {"rotation_deg", rounded(row.rotation_deg, 1e5)},
+          {"translation_mm", rounded(row.translation_mm, 1e4)},
+          {"us", rounded(row.us, 1e2)},
+          {"failures",
+           row.failures}}.dump());
+    } else {
+      print_text(fmt::format("{:>22} {:>9.1f} {:>9.4f} {:>9.3f} {:>8.1f} {:>9}\n", row.method,
+                             row.noise_px, row.rotation_deg, row.translation_mm, row.us,
+                             row.failures));
+    }
+  }
+  return ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

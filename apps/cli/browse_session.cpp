@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: MIT
+#include "browse_session.h"
+
+#include "tarsier/session/scripted_host.h"
+
+#include "window.h"
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+namespace tarsier::cli {
+
+void print_event_line(const Event& event, const View& view) {
+  const nlohmann::ordered_json line{{"event", describe(event)}, {"state", view.state}};
+  // Names of files need not be UTF-8.
+  print_json_line(line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+}
+
+ExitStatus browse_session(Session& session, const View& first, const std::string& title,
+                          bool fullscreen, Context& context, const Between& between) {
+  const std::unique_ptr<window::Window> window =
+      window::open_window({title, fullscreen, session.sliders()});
+  window->show(first.image);
+  bool finished = first.finished;
+  std::chrono::milliseconds wait(0);
+  while (!finished && !context.stop.stop_requested()) {
+    const std::vector<Event> events = window->poll(wait);
+    if (window->closed()) break;
+    std::optional<View> last;
+    for (const Event& event : events) {
+      last.reset();  // a view is valid until the next call
+      last = session.on_event(event);
+      const bool is_move = event.kind == Event::Kind::kMouse && event.mouse == Event::Mouse::kMove;
+      if (context.json && !is_move) print_event_line(event, *last);
+      finished = finished || last->finished;
+      if (last->toggle_fullscreen) window->set_fullscreen(!window->fullscreen());
+      if (event.kind == Event::Kind::kMouse) continue;
+      for (const Slider& slider : session.sliders()) window->set_slider(slider.name, slider.value);
+    }
+    if (finished) break;
+    if (last) window->show(last->image);
+    wait = std::chrono::milliseconds(50);
+    if (!between) continue;
+    last.reset();
+    last = between(wait);
+    if (!last) continue;
+    finished = finished || last->finished;
+    if (!last->image.empty()) window->show(last->image);
+  }
+  return context.stop.stop_requested() ? ExitStatus::kInterrupted : ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

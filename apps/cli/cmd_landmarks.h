@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/shape/landmark_set.h"
+
+#include "cli.h"
+#include <string>
+
+// One file a verb: cmd_landmarks_<verb>.cpp.
+namespace tarsier::cli {
+
+void add_landmarks_annotate(CLI::App& area, Context& context);
+void add_landmarks_import(CLI::App& area, Context& context);
+void add_landmarks_show(CLI::App& area, Context& context);
+void add_landmarks_train(CLI::App& area, Context& context);
+void add_landmarks_fit(CLI::App& area, Context& context);
+void add_landmarks_track(CLI::App& area, Context& context);
+void add_landmarks_eval(CLI::App& area, Context& context);
+
+// A set as it is given to train and eval: our own file, or whatever `landmarks import` takes.
+// What had to be left out is logged.
+struct SetFlags {
+  std::string input;
+  double offset = 0;   // --offset
+  std::string images;  // --images
+};
+void add_set_flags(CLI::App& verb, SetFlags& flags);
+[[nodiscard]] shape::LandmarkSet load_set(const SetFlags& flags);
+
+// Every `every`-th sample (3: the third, sixth ..), or all others. 0: all samples.
+enum class Part { kHeldOut, kOthers };
+[[nodiscard]] shape::LandmarkSet part_of(const shape::LandmarkSet& set, int every, Part part);
+
+}  // namespace tarsier::cli

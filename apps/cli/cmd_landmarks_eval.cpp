@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/landmarks/evaluation.h"
+#include "tarsier/landmarks/faces_json.h"
+#include "tarsier/landmarks/person_study.h"
+
+#include <fmt/format.h>
+
+#include "cmd_landmarks.h"
+#include "landmark_engine.h"
+#include <chrono>
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+struct EvalFlags {
+  SetFlags set;
+  LandmarkFlags landmarks;
+  int held_out = 0;
+  std::string results;
+  std::string output;
+  std::string csv;
+  std::vector<int> eyes;
+  bool by_person = false;
+  bool worst = false;
+};
+
+std::array<int, 2> eyes_of(const EvalFlags& flags, const shape::LandmarkSet& set) {
+  if (!flags.eyes.empty()) {
+    const std::array<int, 2> eyes{flags.eyes[0], flags.eyes[1]};
+    for (const int eye : eyes) {
+      if (eye < 0 || eye >= set.points()) {
+        throw UsageError(fmt::format("--eyes {}: the set has points 0..{}", eye, set.points() - 1));
+      }
+    }
+    return eyes;
+  }
+  const auto markup = shape::known_markup(set.points());
+  if (!markup || markup->outer_eyes[0] < 0) {
+    throw UsageError(
+        fmt::format("--eyes A,B: a set of {} points is not known; name the two outer "
+                    "eye corners",
+                    set.points()));
+  }
+  return markup->outer_eyes;
+}
+
+nlohmann::ordered_json json_of(const landmarks::LandmarkScore& score) {
+  const auto rounded = [](double value) { return std::round(value * 1e4) / 1e4; };
+  return {{"faces", score.faces},
+          {"missed", score.missed},
+          {"wrong", score.wrong},
+          {"nme_mean", rounded(score.mean)},
+          {"nme_median", rounded(score.median)},
+          {"nme_p90", rounded(score.p90)},
+          {"failures", rounded(score.failures)},
+          {"auc_8", rounded(score.auc)},
+          {"bias_x", rounded(score.dx)},
+          {"bias_y", rounded(score.dy)}};
+}
+
+std::string text_of(const landmarks::LandmarkScore& score) {
+  return fmt::format(
+      "{} faces, {} not found, {} another face; NME mean {:.2f} %, median {:.2f} %, p90 {:.2f} %; "
+      "above 8 % or not found {:.1f} %; AUC up to 8 % {:.3f}; bias x {:+.2f} %, y {:+.2f} %\n",
+      score.faces, score.missed, score.wrong, score.mean, score.median, score.p90,
+      100 * score.failures, score.auc, score.dx, score.dy);
+}
+
+ExitStatus study_persons(const EvalFlags& flags, const shape::LandmarkSet& set, Context& context) {
+  const landmarks::PersonStudy study = landmarks::study_persons(
+      set, eyes_of(flags, set), context.seed, *context.progress, context.stop);
+  for (const landmarks::PersonStudy::Row& row : study.rows) {
+    if (context.json) {
+      nlohmann::ordered_json line = {{"person", row.person},
+                                     {"trained", row.trained},
+                                     {"tested", row.tested},
+                                     {"generic", row.generic},
+                                     {"specific", row.specific}};
+      print_json_line(line.dump());
+    } else {
+      print_text(
+          fmt::format("{}: generic {:.2f} %, person-specific {:.2f} % ({} pictures train, {} "
+                      "test)\n",
+                      row.person, row.generic, row.specific, row.trained, row.tested));
+    }
+  }
+  const double gain = 1 - study.specific / study.generic;
+  if (context.json) {
+    nlohmann::ordered_json line = {{"generic", study.generic},
+                                   {"specific", study.specific},
+                                   {"gain", std::round(gain * 1e4) / 1e4}};
+    print_json_line(line.dump());
+  } else {
+    print_text(fmt::format("generic {:.2f} %, person-specific {:.2f} %: {:.0f} % less error\n",
+                           study.generic, study.specific, 100 * gain));
+  }
+  return ExitStatus::kDone;
+}
+
+ExitStatus run_eval(EvalFlags& flags, Context& context) {
+  const shape::LandmarkSet set =
+      shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
+  if (set.samples.empty()) throw InputError(flags.set.input, "no complete sample is left to judge");
+  if (flags.by_person) return study_persons(flags, set, context);
+  const std::array<int, 2> eyes = eyes_of(flags, set);
+
+  std::optional<LandmarkEngine> engine;
+  landmarks::FaceLines given;
+  if (flags.results.empty()) {
+    engine.emplace(make_landmark_engine(flags.landmarks));
+    if (engine->model.points() != set.points()) {
+      throw InputError(flags.set.input, fmt::format("has {} points, the model {}", set.points(),
+                                                    engine->model.points()));
+    }
+  } else {
+    given = landmarks::read_face_lines(flags.results);
+  }
+  std::vector<landmarks::FitOutcome> outcomes;
+  std::string lines;
+  landmarks::FitWorkspace workspace;
+  double milliseconds = 0;
+  context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "faces");
+  for (const shape::LandmarkSample& sample : set.samples) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    std::optional<Eigen::Matrix2Xd> points;
+    double ms = 0;
+    if (engine) {
+      cv::Mat gray;
+      try {
+        gray = read_gray_image(sample.image);
+      } catch (const InputError& error) {
+        log_warning("{}; left out", error.what());
+        continue;
+      }
+      const auto start = std::chrono::steady_clock::now();
+      const std::vector<landmarks::FoundFace> faces =
+          landmarks::find_faces(engine->model, engine->fit, gray, engine->finder, workspace);
+      ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
+               .count();
+      milliseconds += ms;
+      if (!faces.empty()) points = faces.front().fit.points;
+      lines += landmarks::face_line(sample.image, faces, ms) + "\n";
+    } else {
+      points = given.find(sample.image, set.points());
+    }
+    landmarks::FitOutcome outcome = landmarks::judge(points, sample.points, eyes);
+    outcome.image = sample.image;
+    outcome.person = sample.person;
+    outcome.ms = ms;
+    outcomes.push_back(std::move(outcome));
+  }
+  context.progress->end();
+  if (!flags.output.empty()) write_file_atomically(flags.output, lines);
+  if (!flags.csv.empty()) {
+    std::string table = "image,nme,missed,wrong,dx,dy,ms\n";
+    for (const landmarks::FitOutcome& o : outcomes) {
+      table += fmt::format("{},{:.4f},{:d},{:d},{:.4f},{:.4f},{:.2f}\n", o.image, o.nme, o.missed,
+                           o.wrong, o.dx, o.dy, o.ms);
+    }
+    write_file_atomically(flags.csv, table);
+  }
+  const landmarks::LandmarkScore score = landmarks::score_of(outcomes);
+  if (context.json) {
+    nlohmann::ordered_json line = json_of(score);
+    if (engine) line["ms"] = std::round(milliseconds / std::max(1, score.faces) * 100) / 100;
+    print_json_line(line.dump());
+  } else {
+    print_text(text_of(score));
+  }
+  return score.missed == score.faces ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+}  // namespace
+
+void add_landmarks_eval(CLI::App& area, Context& context) {
+  auto flags = std::make_shared<EvalFlags>();
+  CLI::App& verb = *area.add_subcommand("eval", "measures accuracy on annotated pictures");
+  add_set_flags(verb, flags->set);
+  add_landmark_flags(verb, flags->landmarks);
+  verb.add_option("--held-out", flags->held_out,
+                  "only every N-th sample (those that `train --hold-out N` left out); 0: all")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  verb.add_option("--results", flags->results,
+                  "judge these JSON lines {\"image\",\"points\"} or {\"image\",\"faces\"} instead "
+                  "of running a model");
+  verb.add_option("-o,--output", flags->output, "file for the fitted points, JSON lines");
+  verb.add_option("--csv", flags->csv, "table to write, one row an image");
+  verb.add_option("--eyes", flags->eyes,
+                  "the two points whose distance is the unit [outer eye corners of known markups]")
+      ->delimiter(',')
+      ->expected(2);
+  verb.add_flag("--by-person", flags->by_person,
+                "study: descent trained on other people against descent trained on the first half "
+                "of the person's own pictures");
+  add_common_flags(verb, context);
+  verb.callback(
+      [flags, &context] { context.run = [flags, &context] { return run_eval(*flags, context); }; });
+}
+
+}  // namespace tarsier::cli

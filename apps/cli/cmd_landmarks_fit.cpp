@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/landmarks/faces_json.h"
+#include "tarsier/session/landmark_session.h"
+
+#include <fmt/format.h>
+
+#include "cmd_landmarks.h"
+#include "landmark_engine.h"
+#include "run_session.h"
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+
+namespace tarsier::cli {
+namespace {
+
+const double kUsualGain = landmarks::SteadyOptions{}.gain;
+
+struct FitFlags {
+  RunFlags run;
+  LandmarkFlags landmarks;
+  landmarks::TrackerOptions tracker;
+  std::string csv;
+  double smooth = -1;
+  bool follows = false;  // the verb is `track`
+};
+
+// One row a face and frame, written as they come; whole lines, flushed.
+class CsvFile {
+ public:
+  CsvFile(const std::string& path, int points) : path_(path), file_(path, std::ios::binary) {
+    if (!file_) throw OutputError(path, "cannot be written");
+    file_ << "frame,time,face,score";
+    for (int p = 0; p < points; ++p) file_ << fmt::format(",x{0},y{0}", p);
+    end_line();
+  }
+  void add(const Frame& frame, const landmarks::TrackedFace& face) {
+    file_ << fmt::format("{},{:.3f},{},{:.3f}", frame.index, frame.time, face.id, face.score);
+    for (Eigen::Index p = 0; p < face.points.cols(); ++p) {
+      file_ << fmt::format(",{:.2f},{:.2f}", face.points(0, p), face.points(1, p));
+    }
+    end_line();
+  }
+
+ private:
+  void end_line() {
+    file_ << '\n';
+    file_.flush();
+    if (!file_) throw OutputError(path_, "cannot be written");
+  }
+  std::string path_;
+  std::ofstream file_;
+};
+
+ExitStatus run_fit(FitFlags& flags, Context& context) {
+  if (flags.smooth >= 0) {
+    flags.tracker.smoothing = flags.smooth > 0;
+    if (flags.smooth > 0) flags.tracker.filter.gain = std::min(1.0, kUsualGain / flags.smooth);
+  }
+  flags.tracker.check();
+  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen) {
+    flags.run.output = "none";
+  }
+  LandmarkEngine engine = make_landmark_engine(flags.landmarks);
+  std::optional<CsvFile> csv;
+  if (!flags.csv.empty()) csv.emplace(flags.csv, engine.model.points());
+  LandmarkSession session(engine.model, engine.fit, std::move(engine.finder), flags.tracker);
+  bool found = false;
+  RunHooks hooks;
+  hooks.title = "landmarks";
+  hooks.after_frame = [&](const Frame& frame) {
+    for (const landmarks::TrackedFace& face : session.faces()) {
+      found = true;
+      if (csv) csv->add(frame, face);
+    }
+    if (frame.still && !context.json && !context.quiet) {
+      print_text(fmt::format("{}: {} {}", frame.name, session.faces().size(),
+                             session.faces().size() == 1 ? "face" : "faces"));
+      for (const landmarks::TrackedFace& face : session.faces()) {
+        print_text(fmt::format(" [{:.0f},{:.0f} {:.0f}x{:.0f} {:.2f}]", face.box.x, face.box.y,
+                               face.box.width, face.box.height, face.score));
+      }
+      print_text("\n");
+    }
+  };
+  hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
+    line["faces"] = landmarks::faces_json(session.faces(), session.follows());
+    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
+}
+
+void add_verb(CLI::App& area, Context& context, const char* name, const char* help, bool follows) {
+  auto flags = std::make_shared<FitFlags>();
+  flags->follows = follows;
+  CLI::App& verb = *area.add_subcommand(name, help);
+  add_run_flags(verb, flags->run);
+  add_landmark_flags(verb, flags->landmarks);
+  verb.add_option("--csv", flags->csv, "table to write: frame, time, face, score, points");
+  const auto film = [](CLI::Option* option) { option->group("Films and cameras"); };
+  film(verb.add_option(
+      "--smooth", flags->smooth,
+      "how much points at rest are smoothed: 0 not at all, 1 as usual, 2 twice as much [1]"));
+  film(verb.add_option("--search-every", flags->tracker.search_every,
+                       "frames between searches for new faces")
+           ->capture_default_str());
+  film(verb.add_option("--least-score", flags->tracker.least_score,
+                       "a face whose fit is worth less is lost and looked for again")
+           ->capture_default_str());
+  film(verb.add_option("--most-faces", flags->tracker.most_faces, "followed at a time")
+           ->capture_default_str());
+  add_common_flags(verb, context);
+  verb.callback(
+      [flags, &context] { context.run = [flags, &context] { return run_fit(*flags, context); }; });
+}
+
+}  // namespace
+
+void add_landmarks_fit(CLI::App& area, Context& context) {
+  add_verb(area, context, "fit", "finds the points of the faces in pictures", false);
+}
+
+void add_landmarks_track(CLI::App& area, Context& context) {
+  add_verb(area, context, "track", "follows faces and their points through films and cameras",
+           true);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/shape/import.h"
+
+#include <fmt/format.h>
+
+#include "cmd_landmarks.h"
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <set>
+
+namespace tarsier::cli {
+namespace {
+
+using shape::ImportFormat;
+
+const std::map<std::string, ImportFormat> kFormats{{"auto", ImportFormat::kAuto},
+                                                   {"pts", ImportFormat::kPts},
+                                                   {"asf", ImportFormat::kAsf},
+                                                   {"muct", ImportFormat::kMuct},
+                                                   {"dlib", ImportFormat::kDlib}};
+constexpr std::size_t kMostWarnings = 10;
+
+struct ImportFlags {
+  std::string input;
+  std::string output;
+  std::string format = "auto";
+  shape::ImportOptions options;
+};
+
+ExitStatus import_set(ImportFlags& flags, const Context& context) {
+  flags.options.format = kFormats.at(flags.format);
+  const shape::Imported imported = shape::import_landmarks(flags.input, flags.options);
+  shape::write_landmark_set(flags.output, imported.set, "");
+
+  std::int64_t missing = 0;
+  std::set<std::string> people;
+  for (const shape::LandmarkSample& sample : imported.set.samples) {
+    for (int i = 0; i < static_cast<int>(sample.points.cols()); ++i)
+      missing += sample.is_missing(i) ? 1 : 0;
+    if (!sample.person.empty()) people.insert(sample.person);
+  }
+  if (context.json) {
+    nlohmann::ordered_json line{{"output", flags.output},
+                                {"samples", imported.set.samples.size()},
+                                {"points", imported.set.points()},
+                                {"missing", missing},
+                                {"people", people.size()},
+                                {"connections", imported.set.connections.size()},
+                                {"symmetry", !imported.set.mirror.empty()},
+                                {"skipped", imported.skipped}};
+    print_json_line(line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    return ExitStatus::kDone;
+  }
+  for (std::size_t i = 0; i < std::min(kMostWarnings, imported.skipped.size()); ++i)
+    log_warning("left out: {}", imported.skipped[i]);
+  if (imported.skipped.size() > kMostWarnings)
+    log_warning("left out: {} more (--json lists them)", imported.skipped.size() - kMostWarnings);
+  print_text(
+      fmt::format("{}: {} samples of {} points{}{}, {} connections, symmetry {}, {} left out\n",
+                  flags.output, imported.set.samples.size(), imported.set.points(),
+                  missing > 0 ? fmt::format(" ({} missing)", missing) : std::string(),
+                  people.empty() ? std::string() : fmt::format(", {} people", people.size()),
+                  imported.set.connections.size(),
+                  imported.set.mirror.empty() ? "not known" : "known", imported.skipped.size()));
+  return ExitStatus::kDone;
+}
+
+}  // namespace
+
+void add_landmarks_import(CLI::App& area, Context& context) {
+  auto flags = std::make_shared<ImportFlags>();
+  CLI::App& verb = *area.add_subcommand("import", "other programs' annotations become a set");
+  verb.add_option("INPUT", flags->input,
+                  "folder, list (.txt: an image a line), .pts, .asf, MUCT .csv, dlib .xml")
+      ->required()
+      ->type_name("");
+  verb.add_option("-o,--output", flags->output, "the set's file")->required();
+  verb.add_option("--format", flags->format, "of INPUT; auto: by its ending")
+      ->check(CLI::IsMember({"auto", "pts", "asf", "muct", "dlib"}))
+      ->capture_default_str();
+  verb.add_option("--offset", flags->options.pts_offset,
+                  ".pts: number of the first pixel, 1 where they come from Matlab")
+      ->check(CLI::IsMember({0, 1}))
+      ->capture_default_str();
+  verb.add_option("--images", flags->options.images,
+                  "folder of the pictures, where it is another (MUCT)");
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] { return import_set(*flags, context); };
+  });
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/io/archive.h"
+#include "tarsier/landmarks/train_model.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
+
+#include "cmd_landmarks.h"
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace tarsier::cli {
+namespace {
+
+struct TrainFlags {
+  SetFlags set;
+  std::string output;
+  std::string terms;
+  std::string method = "ridge";
+  int hold_out = 0;
+  bool mirror = false;
+  std::string without;
+  landmarks::TrainModelOptions options;
+};
+
+enum class Kind { kShape, kPatches, kDetector, kTrees, kTracker };
+
+nlohmann::json provenance(const TrainFlags& flags, const Context& context, std::size_t samples) {
+  nlohmann::json about = {
+      {"program", fmt::format("tarsier {}", version())},
+      {"seed", context.seed},
+      {"data",
+       std::filesystem::path(flags.set.input).lexically_normal().parent_path().filename().string() +
+           "/" + std::filesystem::path(flags.set.input).filename().string()},
+      {"samples", samples},
+      {"mirrored", flags.mirror},
+      {"terms", flags.terms}};
+  if (flags.hold_out > 0) about["left_out"] = fmt::format("every {}th", flags.hold_out);
+  return about;
+}
+
+ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point start = Clock::now();
+  const shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
+  const nlohmann::json about = provenance(flags, context, set.samples.size());
+  if (flags.mirror && set.mirror.empty()) {
+    throw UsageError(
+        "--mirror: the set does not say which points are left and right of each "
+        "other; mark the symmetry with `landmarks annotate`");
+  }
+  nlohmann::ordered_json line;
+  line["output"] = flags.output;
+  line["samples"] = set.samples.size();
+  if (kind == Kind::kShape) {
+    flags.options.shape.mirror = flags.mirror;
+    shape::ShapeModel model;
+    try {
+      model = shape::train_shape_model(set, flags.options.shape);
+    } catch (const std::invalid_argument& error) {
+      throw InputError(flags.set.input, error.what());
+    }
+    shape::write_shape_model(flags.output, model, about);
+    line["modes"] = model.mode_count();
+    line["variance"] = model.variance_kept;
+  } else {
+    landmarks::TrainModelOptions& options = flags.options;
+    options.mirror = flags.mirror;
+    options.seed = context.seed;
+    options.trees = kind == Kind::kTrees || (kind == Kind::kTracker && flags.without != "trees");
+    options.descent = kind == Kind::kTracker && flags.without != "sdm";
+    options.patches =
+        kind == Kind::kPatches || (kind == Kind::kTracker && flags.without != "patch");
+    options.quality = kind == Kind::kTracker;
+    if (flags.method == "sgd") {
+      options.patch_options.method = landmarks::PatchMethod::kStochastic;
+    } else if (flags.method == "average") {
+      options.patch_options.method = landmarks::PatchMethod::kAverage;
+    } else if (flags.method != "ridge") {
+      throw UsageError(fmt::format("--patch-method {}: ridge, sgd or average", flags.method));
+    }
+    const landmarks::TrainedModel trained =
+        landmarks::train_landmark_model(set, "", options, *context.progress, context.stop);
+    for (const std::string& skipped : trained.skipped) log_warning("{}; left out", skipped);
+    if (kind == Kind::kDetector && trained.model.box.trained_on == 0) {
+      throw InputError(flags.set.input, "the face detector sees none of the objects");
+    }
+    landmarks::write_landmark_model(flags.output, trained.model, about);
+    line["faces"] = trained.faces;
+    line["detected"] = trained.detected;
+    line["modes"] = trained.model.shape.mode_count();
+    line["to_the_right_px"] = trained.to_the_right;
+  }
+  line["seconds"] =
+      std::round(std::chrono::duration<double>(Clock::now() - start).count() * 10) / 10;
+  if (context.json) {
+    print_json_line(line.dump());
+  } else if (!context.quiet) {
+    print_text(fmt::format("{}: {} samples, {} s\n", flags.output, set.samples.size(),
+                           line["seconds"].get<double>()));
+  }
+  return ExitStatus::kDone;
+}
+
+void add_kind(CLI::App& parent, Context& context, const char* name, const char* help, Kind kind) {
+  auto flags = std::make_shared<TrainFlags>();
+  CLI::App& verb = *parent.add_subcommand(name, help);
+  add_set_flags(verb, flags->set);
+  verb.add_option("-o,--output", flags->output, "model file to write (.json)")->required();
+  verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
+  verb.add_option("--hold-out", flags->hold_out,
+                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  verb.add_flag("--mirror", flags->mirror, "learn from mirrored pictures too");
+  landmarks::TrainModelOptions& options = flags->options;
+  verb.add_option("--variance", options.shape.variance, "share that the shape modes keep")
+      ->capture_default_str();
+  verb.add_option("--modes", options.shape.max_modes, "shape modes at most")->capture_default_str();
+  if (kind == Kind::kTrees || kind == Kind::kTracker) {
+    verb.add_option("--levels", options.tree_options.levels, "of the cascade of trees")
+        ->capture_default_str();
+    verb.add_option("--trees", options.tree_options.trees, "a level")->capture_default_str();
+    verb.add_option("--depth", options.tree_options.depth, "of a tree")->capture_default_str();
+    verb.add_option("--scatter", options.starts, "starts scattered around each face")
+        ->capture_default_str();
+  }
+  if (kind == Kind::kPatches || kind == Kind::kTracker) {
+    verb.add_option("--patch-method", flags->method,
+                    "ridge (closed form), sgd (stochastic gradient descent) or average")
+        ->capture_default_str();
+    verb.add_option("--patch", options.patch_options.patch, "side of a patch, px, odd")
+        ->capture_default_str();
+  }
+  if (kind == Kind::kTracker) {
+    verb.add_option("--without", flags->without, "leave out a part: trees, sdm or patch")
+        ->check(CLI::IsMember({"trees", "sdm", "patch"}));
+  }
+  add_common_flags(verb, context);
+  verb.callback([flags, &context, kind] {
+    context.run = [flags, &context, kind] { return train(*flags, context, kind); };
+  });
+}
+
+}  // namespace
+
+void add_landmarks_train(CLI::App& area, Context& context) {
+  CLI::App& verb = *area.add_subcommand("train", "learns the models from annotated pictures");
+  verb.require_subcommand(1);
+  add_kind(verb, context, "shape", "how the points vary together", Kind::kShape);
+  add_kind(verb, context, "patches", "what is around each point", Kind::kPatches);
+  add_kind(verb, context, "detector", "where the points lie in a detector's box", Kind::kDetector);
+  add_kind(verb, context, "trees", "regression trees", Kind::kTrees);
+  add_kind(verb, context, "tracker", "all parts in one file", Kind::kTracker);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/sfm_view/animation.h"
+#include "tarsier/shape/show.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "demo.h"
+#include "landmark_engine.h"
+#include <filesystem>
+
+namespace tarsier::cli {
+namespace {
+
+constexpr const char* kPictures = "/usr/share/doc/opencv-doc/examples/data";
+constexpr const char* kFaces[] = {"messi5.jpg"};
+
+}  // namespace
+
+void demo_landmarks(Context& context, DemoPage& page) {
+  LandmarkEngine engine = make_landmark_engine({});
+  page.begin_area("Faces, point by point",
+                  "68 points of each face, by regression trees and a cascade of linear regressions "
+                  "that were learnt by this program. Real photographs, of Debian's opencv-doc.");
+  page.command(fmt::format("tarsier landmarks fit {}/messi5.jpg -o points.png", kPictures));
+  std::vector<DemoPicture> faces;
+  for (const char* name : kFaces) {
+    throw_if_stopped(context.stop);
+    const std::filesystem::path path = std::filesystem::path(kPictures) / name;
+    if (!std::filesystem::exists(path)) continue;
+    const cv::Mat image = read_image(path.string());
+    cv::Mat gray;
+    cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+    landmarks::FitWorkspace workspace;
+    const std::vector<landmarks::FoundFace> found =
+        landmarks::find_faces(engine.model, engine.fit, gray, engine.finder, workspace);
+    if (found.empty()) continue;
+    // The face, enlarged: it is small in its photograph.
+    const cv::Rect2d& box = found.front().box;
+    const cv::Rect around =
+        cv::Rect(cvRound(box.x - 0.6 * box.width), cvRound(box.y - 0.4 * box.height),
+                 cvRound(2.2 * box.width), cvRound(2.0 * box.height)) &
+        cv::Rect(0, 0, image.cols, image.rows);
+    const double zoom = 480.0 / around.width;
+    cv::Mat shown;
+    cv::resize(image(around), shown, {}, zoom, zoom, cv::INTER_CUBIC);
+    Eigen::Matrix2Xd points = found.front().fit.points;
+    points.row(0) = ((points.row(0).array() - around.x + 0.5) * zoom - 0.5).matrix();
+    points.row(1) = ((points.row(1).array() - around.y + 0.5) * zoom - 0.5).matrix();
+    shape::LandmarkStyle style;
+    style.radius_px = 2.5;
+    shape::draw_landmarks(shown, points, engine.model.shape.connections, engine.model.shape.mirror,
+                          style);
+    faces.push_back(page.picture("landmarks-" + path.stem().string(), shown,
+                                 fmt::format("{}: a face {:.0f} px wide, score {:.2f}", name,
+                                             box.width, found.front().fit.score)));
+  }
+  if (faces.empty()) {
+    page.note("The package opencv-doc is not installed; its photographs would be here.");
+  } else {
+    page.grid(faces);
+  }
+
+  page.heading("How faces differ",
+               "The first modes of the shape model: what varies most among a thousand faces, once "
+               "place, size and turn are taken out. A drawing: nobody's face.");
+  page.command("tarsier landmarks show landmarks68.json -o modes.gif");
+  const std::vector<cv::Mat> frames =
+      shape::animate_modes(engine.model.shape, 4, cv::Size(360, 360), 24);
+  const std::string file = page.path_of("landmarks-modes.gif");
+  sfm::write_gif(file, frames, 12);
+  page.grid({DemoPicture{"img/landmarks-modes.gif", "four modes, 3 standard deviations either way",
+                         360, 360},
+             page.drawing("landmarks-modes", shape::draw_modes(engine.model.shape, 4, 150),
+                          "each row a mode")});
+}
+
+}  // namespace tarsier::cli

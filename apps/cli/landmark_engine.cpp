@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: MIT
+#include "landmark_engine.h"
+
+#include "tarsier/core/errors.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+
+namespace tarsier::cli {
+
+void add_landmark_flags(CLI::App& verb, LandmarkFlags& flags) {
+  verb.add_option("--model", flags.model, "model file [landmarks68.json, which ships]");
+  verb.add_option(
+      "--method", flags.method,
+      "both (mean of trees and sdm), trees, sdm or patch [the best that the model has]");
+  verb.add_option("--starts", flags.fit.starts, "fits of the trees that are averaged")
+      ->capture_default_str();
+  verb.add_option("--min-face", flags.min_face,
+                  "smallest face that is looked for, share of the picture's smaller side")
+      ->capture_default_str();
+  verb.add_flag("!--strict", flags.thorough,
+                "only faces that the frontal detector is sure of: faster where there are none");
+}
+
+LandmarkEngine make_landmark_engine(const LandmarkFlags& flags) {
+  const std::string path =
+      flags.model.empty()
+          ? (std::filesystem::path(find_models_folder("")) / "landmarks68.json").string()
+          : flags.model;
+  landmarks::FaceFinderOptions finder;
+  finder.detector.min_size = flags.min_face;
+  finder.thorough = flags.thorough;
+  finder.detector.check();
+  LandmarkEngine engine{landmarks::read_landmark_model(path), flags.fit,
+                        landmarks::FaceFinder(finder)};
+  if (!flags.method.empty()) engine.fit.method = landmarks::parse_fit_method(flags.method);
+  engine.fit.check();
+  if (engine.fit.method && !engine.model.has(*engine.fit.method)) {
+    throw ModelError(path,
+                     fmt::format("has no part for --method {}; train it with `landmarks train "
+                                 "tracker`",
+                                 landmarks::name_of(*engine.fit.method)));
+  }
+  return engine;
+}
+
+}  // namespace tarsier::cli

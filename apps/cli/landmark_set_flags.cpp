@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/shape/import.h"
+
+#include "cmd_landmarks.h"
+
+namespace tarsier::cli {
+
+void add_set_flags(CLI::App& verb, SetFlags& flags) {
+  verb.add_option("SET", flags.input,
+                  "annotated pictures: a set of `landmarks annotate` (.yaml, .json), or what "
+                  "`landmarks import` takes: a folder, list, .pts, .asf, .csv or .xml")
+      ->required();
+  verb.add_option("--offset", flags.offset, "subtracted from the numbers of .pts files, px")
+      ->capture_default_str();
+  verb.add_option("--images", flags.images, "folder of the pictures, where it is another one");
+}
+
+shape::LandmarkSet load_set(const SetFlags& flags) {
+  const auto ends = [&](std::string_view ending) { return flags.input.ends_with(ending); };
+  if (ends(".yaml") || ends(".yml") || ends(".json")) {
+    shape::LandmarkSet set = shape::read_landmark_set(flags.input);
+    // From here on paths are from the current folder.
+    for (shape::LandmarkSample& sample : set.samples) {
+      sample.image = shape::image_path(flags.input, sample);
+    }
+    return set;
+  }
+  shape::ImportOptions options;
+  options.pts_offset = flags.offset;
+  options.images = flags.images;
+  shape::Imported imported = shape::import_landmarks(flags.input, options);
+  for (const std::string& skipped : imported.skipped) log_warning("{}; left out", skipped);
+  return std::move(imported.set);
+}
+
+shape::LandmarkSet part_of(const shape::LandmarkSet& set, int every, Part part) {
+  if (every <= 0) return set;
+  shape::LandmarkSet result;
+  result.mirror = set.mirror;
+  result.connections = set.connections;
+  for (std::size_t i = 0; i < set.samples.size(); ++i) {
+    const bool held_out = (i + 1) % static_cast<std::size_t>(every) == 0;
+    if (held_out == (part == Part::kHeldOut)) result.samples.push_back(set.samples[i]);
+  }
+  return result;
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: MIT
+#include "sfm_online.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/session/sfm_session.h"
+#include "tarsier/sfm/online.h"
+
+#include <fmt/format.h>
+
+#include "run_session.h"
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <map>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+}  // namespace
+
+void add_online_flags(CLI::App& verb, OnlineFlags& flags) {
+  const auto group = [](CLI::Option* option) {
+    option->group("Online");
+    return option;
+  };
+  CLI::Option* online = group(
+      verb.add_flag("--online", flags.online,
+                    "the model grows with the frames of a film, camera or folder, and is shown"));
+  const auto needing = [&](CLI::Option* option) { return group(option)->needs(online); };
+  needing(verb.add_flag("--window", flags.window, "show it in a window (h: keys)"));
+  needing(verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen"));
+  needing(verb.add_option("--online-view", flags.view,
+                          "write what is shown: .mp4, folder, http://127.0.0.1:8080/"));
+  needing(verb.add_option("--online-every", flags.every,
+                          "key frames from one growth of the model to the next")
+              ->check(CLI::Range(1, 1000))
+              ->capture_default_str());
+  needing(verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
+              ->check(CLI::IsMember({"-"})));
+  needing(verb.add_option("--frames", flags.frames, "stop after so many; 0: all")
+              ->check(CLI::NonNegativeNumber)
+              ->capture_default_str());
+  needing(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")
+              ->capture_default_str());
+  needing(verb.add_option("--height", flags.source.height, "px; 0: its own choice")
+              ->capture_default_str());
+  needing(verb.add_option("--fps", flags.source.fps,
+                          "asked of a camera; of a folder that is shown; 0: its own")
+              ->capture_default_str());
+}
+
+std::string key_frame_path(const std::string& folder, const sfm::Keyframe& frame) {
+  return (fs::path(folder) / fmt::format("frame-{:06}.png", frame.index)).string();
+}
+
+OnlineResult run_online(const std::vector<std::string>& sources,
+                        const std::vector<sfm::Input>& pictures, const std::string& folder,
+                        const OnlineFlags& flags, const sfm::KeyframeOptions& keyframes,
+                        const sfm::PipelineOptions& pipeline, Context& context) {
+  RunFlags run;
+  run.inputs = sources;
+  run.output = flags.view.empty() ? "none" : flags.view;
+  run.window = flags.window;
+  run.fullscreen = flags.fullscreen;
+  run.actions = flags.actions;
+  run.frames = flags.frames;
+  run.source = flags.source;
+  run.source.sequence = true;  // photographs follow each other
+  if (classify_sink(run.output) == SinkKind::kImage)
+    throw UsageError(
+        fmt::format("--online-view {}: expected a film, a folder or an address", flags.view));
+
+  SfmSessionOptions options;
+  options.keyframes = keyframes;
+  options.every_frame = !pictures.empty();
+  options.every = flags.every;
+  std::map<std::string, const sfm::Input*> by_path;
+  for (const sfm::Input& picture : pictures) by_path[picture.path] = &picture;
+  if (pictures.empty()) make_folder(folder);
+  const auto keep = [&](const sfm::Keyframe& frame, const Frame& latest) {
+    if (!pictures.empty()) return *by_path.at(latest.name);
+    const std::string path = key_frame_path(folder, frame);
+    write_image(path, frame.image);
+    return sfm::Input{fs::path(path).filename().string(), path};
+  };
+  sfm::OnlineOptions online;
+  online.pipeline = pipeline;
+  sfm::OnlineMapper mapper(online);
+  SfmSession session(mapper, keep, options, context.stop);
+
+  Clock::time_point start;
+  double milliseconds = 0;
+  RunHooks hooks;
+  hooks.title = "online";
+  hooks.before_frame = [&](const Frame&) { start = Clock::now(); };
+  hooks.after_frame = [&](const Frame&) {
+    milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  };
+  hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
+    for (const char* name : {"key_frames", "registered", "points", "followed"})
+      line[name] = view.state.at(name);
+    line["ms"] = std::round(milliseconds * 100) / 100;
+  };
+  OnlineResult result;
+  try {
+    result.status = run_session(session, run, context, hooks);
+  } catch (const OutputError&) {
+    throw;
+  } catch (const Error&) {
+    if (session.inputs().empty()) throw;
+    result.error = std::current_exception();
+  }
+  context.progress->end();
+  (void)session.finish();
+  result.inputs = session.inputs();
+  log_info("online: {} key frames, {} in the model, {} points", result.inputs.size(),
+           mapper.registered(), mapper.model().points.size());
+  return result;
+}
+
+}  // namespace tarsier::cli

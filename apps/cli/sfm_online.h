@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/io/frame_source.h"
+#include "tarsier/sfm/pipeline.h"
+#include "tarsier/sfm_io/keyframes.h"
+
+#include "cli.h"
+#include <cstdint>
+#include <exception>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+
+// `sfm reconstruct --online`: the model grows while the frames arrive.
+struct OnlineFlags {
+  bool online = false;
+  bool window = false;
+  bool fullscreen = false;
+  std::string view;     // film, folder or address that the views go to; "": nowhere
+  std::string actions;  // "-": actions by name on stdin
+  int every = 3;        // key frames from one growth to the next
+  std::int64_t frames = 0;
+  SourceOptions source;
+};
+
+void add_online_flags(CLI::App& verb, OnlineFlags& flags);
+
+struct OnlineResult {
+  std::vector<sfm::Input> inputs;  // the key frames
+  ExitStatus status = ExitStatus::kDone;
+  std::exception_ptr error;  // that of a source that was lost, or that broke off
+};
+
+// The file of a key frame of a film or camera.
+[[nodiscard]] std::string key_frame_path(const std::string& folder, const sfm::Keyframe& frame);
+
+// Shows `sources`: `pictures`, of which each is a key frame, or, where there are none, a film or
+// camera, whose key frames are written to `folder`. Throws the library's errors, but not what ends
+// a source that gave frames.
+[[nodiscard]] OnlineResult run_online(const std::vector<std::string>& sources,
+                                      const std::vector<sfm::Input>& pictures,
+                                      const std::string& folder, const OnlineFlags& flags,
+                                      const sfm::KeyframeOptions& keyframes,
+                                      const sfm::PipelineOptions& pipeline, Context& context);
+
+}  // namespace tarsier::cli

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/shape/landmark_set.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+namespace tarsier::appearance {
+
+// A sample ready for training: in colour, cut out around its points, none of them missing.
+struct TrainingPicture {
+  cv::Mat picture;                // CV_8UC3
+  Eigen::Matrix2Xd points;        // px of `picture`, centres at integers
+  std::optional<cv::Rect2d> box;  // px of `picture`
+  std::string name;
+  std::string person;
+  double scale = 1;  // px of the file's picture to a px of `picture`
+};
+
+struct LoadOptions {
+  double margin = 0.6;  // around the points' box that stays, share of its larger side, 0..4
+  int largest = 250;    // px; the points' box is reduced to this at most, 50..4000
+  void check() const;
+};
+
+// Reads the pictures of a set. Samples that are not complete and pictures that cannot be read are
+// left out and named in `skipped` ("path: reason"). Throws Interrupted; InputError(set_path) where
+// nothing is left.
+[[nodiscard]] std::vector<TrainingPicture> load_training_pictures(
+    const shape::LandmarkSet& set, const std::string& set_path, const LoadOptions& options,
+    Progress& progress, const std::stop_token& stop, std::vector<std::string>& skipped);
+
+// The same face as it is in its mirrored picture. Where the set's points lie `to_the_right` of
+// where a mirror-symmetric annotation has them (px of the file's picture; 1 where pixels were
+// counted from 1), the mirrored ones do so too.
+[[nodiscard]] TrainingPicture mirrored(const TrainingPicture& picture,
+                                       const std::vector<int>& mirror, double to_the_right);
+
+}  // namespace tarsier::appearance

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/landmarks/model.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::landmarks {
+
+namespace {
+
+// Where the trees begin besides the start itself: shift in sizes, and scale. The mean of their fits
+// is steadier than each.
+constexpr double kJitter[][3] = {{0, 0, 1},
+                                 {0.03, -0.02, 1.03},
+                                 {-0.03, 0.02, 0.97},
+                                 {0.01, 0.035, 0.99},
+                                 {-0.015, -0.03, 1.02}};
+constexpr int kMostStarts = static_cast<int>(std::size(kJitter));
+
+double overlap(const cv::Rect2d& a, const cv::Rect2d& b) {
+  const double common = (a & b).area();
+  return common / std::max(1.0, std::min(a.area(), b.area()));
+}
+
+Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& gray,
+                                const Eigen::Matrix2Xd& start) {
+  const Eigen::Vector2d center = start.rowwise().mean();
+  const double size = shape_size(start);
+  Eigen::Matrix2Xd sum = Eigen::Matrix2Xd::Zero(2, start.cols());
+  for (int k = 0; k < starts; ++k) {
+    const double* jitter = kJitter[k];
+    const Eigen::Vector2d to = center + size * Eigen::Vector2d(jitter[0], jitter[1]);
+    sum += fit_trees(trees, gray, ((start.colwise() - center) * jitter[2]).colwise() + to);
+  }
+  return sum / starts;
+}
+
+}  // namespace
+
+std::string_view name_of(FitMethod method) {
+  switch (method) {
+    case FitMethod::kBoth:
+      return "both";
+    case FitMethod::kTrees:
+      return "trees";
+    case FitMethod::kDescent:
+      return "sdm";
+    case FitMethod::kPatches:
+      return "patch";
+  }
+  return "";
+}
+
+FitMethod parse_fit_method(std::string_view name) {
+  for (const FitMethod method :
+       {FitMethod::kBoth, FitMethod::kTrees, FitMethod::kDescent, FitMethod::kPatches}) {
+    if (name == name_of(method)) return method;
+  }
+  throw UsageError(fmt::format("--method {}: the methods are both, trees, sdm, patch", name));
+}
+
+bool LandmarkModel::has(FitMethod method) const {
+  switch (method) {
+    case FitMethod::kBoth:
+      return trees && descent;
+    case FitMethod::kTrees:
+      return trees.has_value();
+    case FitMethod::kDescent:
+      return descent.has_value();
+    case FitMethod::kPatches:
+      return patches.has_value();
+  }
+  return false;
+}
+
+FitMethod LandmarkModel::best_method() const {
+  for (const FitMethod method :
+       {FitMethod::kBoth, FitMethod::kDescent, FitMethod::kTrees, FitMethod::kPatches}) {
+    if (has(method)) return method;
+  }
+  TARSIER_REQUIRE(false, "the model has no part that fits points");
+  return FitMethod::kBoth;
+}
+
+void LandmarkModel::check() const {
+  shape.check();
+  box.check();
+  const int n = points();
+  for (const int eye : eyes) TARSIER_REQUIRE(eye >= -1 && eye < n, "eye {} of {} points", eye, n);
+  TARSIER_REQUIRE(!trees || trees->points() == n, "trees have {} points", trees->points());
+  TARSIER_REQUIRE(!descent || descent->points() == n, "descent has {} points", descent->points());
+  TARSIER_REQUIRE(!patches || patches->points() == n, "there are {} patches", patches->points());
+  TARSIER_REQUIRE(!quality || quality->mean.cols() == n, "quality has {} points",
+                  quality->mean.cols());
+}
+
+void FitOptions::check() const {
+  TARSIER_REQUIRE(starts >= 1 && starts <= kMostStarts, "starts are 1..{}, got {}", kMostStarts,
+                  starts);
+  patches.check();
+}
+
+Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::Mat& gray,
+               const Eigen::Matrix2Xd& start, FitWorkspace& workspace) {
+  require_gray(gray);
+  TARSIER_REQUIRE(start.cols() == model.points(), "{} points, the model has {}", start.cols(),
+                  model.points());
+  const FitMethod method = options.method.value_or(model.best_method());
+  TARSIER_REQUIRE(model.has(method), "the model has no {}", name_of(method));
+  Fit fit;
+  switch (method) {
+    case FitMethod::kTrees:
+      fit.points = fit_with_trees(*model.trees, options.starts, gray, start);
+      break;
+    case FitMethod::kDescent:
+      fit.points = fit_descent(*model.descent, gray, start, workspace.descent);
+      break;
+    case FitMethod::kBoth:
+      fit.points = 0.5 * (fit_with_trees(*model.trees, options.starts, gray, start) +
+                          fit_descent(*model.descent, gray, start, workspace.descent));
+      break;
+    case FitMethod::kPatches:
+      fit.points =
+          fit_patches(*model.patches, model.shape, options.patches, gray, start, workspace.patches)
+              .points;
+      break;
+  }
+  if (model.quality) fit.score = quality_of(*model.quality, gray, fit.points, workspace.descent);
+  return fit;
+}
+
+Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& points, bool turn) {
+  shape::Similarity2d place = shape::fit_similarity(model.shape.mean, points);
+  if (!turn) {
+    const Eigen::Vector2d center = points.rowwise().mean();
+    place = {place.scale(), 0, center.x(), center.y()};
+  }
+  return place(model.shape.mean);
+}
+
+std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& options,
+                                  const cv::Mat& gray, FaceFinder& finder, FitWorkspace& workspace,
+                                  double least_score) {
+  options.check();
+  std::vector<FoundFace> faces;
+  std::vector<Candidate> candidates = finder.find(gray);
+  std::vector<std::pair<FoundFace, bool>> fits;
+  for (const Candidate& candidate : candidates) {
+    FoundFace face;
+    face.box = candidate.box;
+    face.fit = fit_points(model, options, gray,
+                          start_in_box(model.box, model.shape.mean, candidate.box), workspace);
+    if (!candidate.sure && model.quality && face.fit.score < least_score) continue;
+    fits.emplace_back(std::move(face), candidate.sure);
+  }
+  std::stable_sort(fits.begin(), fits.end(), [](const auto& a, const auto& b) {
+    return a.first.fit.score > b.first.fit.score;
+  });
+  for (auto& [face, sure] : fits) {
+    const cv::Rect2d area = box_around(model.box, face.fit.points);
+    const bool again = std::any_of(faces.begin(), faces.end(), [&](const FoundFace& other) {
+      return overlap(area, box_around(model.box, other.fit.points)) > 0.6;
+    });
+    if (!again) faces.push_back(std::move(face));
+  }
+  std::stable_sort(faces.begin(), faces.end(), [](const FoundFace& a, const FoundFace& b) {
+    return a.box.area() > b.box.area();
+  });
+  return faces;
+}
+
+}  // namespace tarsier::landmarks

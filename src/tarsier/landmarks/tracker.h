@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/landmarks/model.h"
+#include "tarsier/landmarks/steady.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <vector>
+
+namespace tarsier::landmarks {
+
+struct TrackerOptions {
+  int search_every = 10;      // frames between two searches of the picture for further faces, >= 1
+  double least_score = 0.35;  // a face whose fit is worth less is lost, 0..1
+  double least_new = 0.5;     // what the fit of a new face must be worth, 0..1
+  double remember_s = 3;      // s in which a lost face that appears near its place keeps its id
+  int most_faces = 8;         // 1..100
+  bool smoothing = true;
+  SteadyOptions filter;
+  void check() const;
+};
+
+struct TrackedFace {
+  int id = 0;
+  Eigen::Matrix2Xd points;  // px, smoothed where asked
+  double score = 1;         // 0..1
+  cv::Rect2d box;           // px, as a detector would draw it
+};
+
+struct TrackerState {
+  struct Track {
+    TrackedFace face;
+    Eigen::Matrix2Xd raw;  // as fitted
+    Steady filter;
+    double seen = 0;  // s, when it was last fitted
+    bool lost = false;
+  };
+  std::vector<Track> tracks;
+  int next_id = 1;
+  int until_search = 0;
+  double time = 0;
+  bool started = false;
+};
+
+// The next frame (CV_8UC1) at `time` (s, rising; else 1/25 s is taken to have passed): faces in
+// sight, in the order of their ids. Each is fitted from where it was; one whose score falls is
+// looked for anew at once.
+[[nodiscard]] std::vector<TrackedFace> track_faces(const LandmarkModel& model,
+                                                   const FitOptions& fit,
+                                                   const TrackerOptions& options,
+                                                   FaceFinder& finder, TrackerState& state,
+                                                   const cv::Mat& gray, double time,
+                                                   FitWorkspace& workspace);
+
+// Forgets all places; faces are searched in the next frame. Ids go on.
+void redetect(TrackerState& state);
+
+}  // namespace tarsier::landmarks

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/landmarks/model.h"
+#include "tarsier/landmarks/training_face.h"
+
+#include <cstdint>
+#include <limits>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+namespace tarsier::landmarks {
+
+struct TrainModelOptions {
+  bool mirror = false;
+  bool trees = true;  // which parts
+  bool descent = true;
+  bool patches = true;
+  bool quality = true;
+  // px; NaN: measured (see DescentReport::to_the_right) where mirrored faces take part.
+  double to_the_right = std::numeric_limits<double>::quiet_NaN();
+  int starts = 12;  // of each face, 1..200
+  shape::ShapeModelOptions shape;
+  TreesOptions tree_options;
+  DescentOptions descent_options;
+  PatchOptions patch_options;
+  std::uint64_t seed = 1;
+  void check() const;
+};
+
+struct TrainedModel {
+  LandmarkModel model;
+  int faces = 0;                     // without the mirrored
+  int detected = 0;                  // of these, seen by the face detector
+  double to_the_right = 0;           // px, that was used
+  std::vector<std::string> skipped;  // "path: reason"
+};
+
+// All parts from a set of annotated pictures. Throws InputError (nothing usable), Interrupted.
+[[nodiscard]] TrainedModel train_landmark_model(const shape::LandmarkSet& set,
+                                                const std::string& set_path,
+                                                const TrainModelOptions& options,
+                                                Progress& progress, const std::stop_token& stop);
+
+// Mean shapes around each face as a detector's boxes place them: without a box, scattered around
+// the truth (shift normal, 9 % of the size; scale log-normal, 10 %; turn 10 degrees). Where a box
+// is known, every second one around the start that it gives (half as wide), so that what detectors
+// do on average is learned too. `boxes`: one for each face, empty where there is none; or none at
+// all.
+[[nodiscard]] std::vector<Start> scattered_starts(const std::vector<TrainingFace>& faces,
+                                                  const Eigen::Matrix2Xd& mean, int each,
+                                                  std::uint64_t seed,
+                                                  const std::vector<cv::Rect2d>& boxes = {},
+                                                  const BoxModel& box = {});
+
+}  // namespace tarsier::landmarks

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/landmarks/training_face.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/io/testing_folder.h"
+#include "tarsier/landmarks/testing_blobs.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <limits>
+
+namespace tarsier::landmarks {
+namespace {
+
+class TrainingFaceTest : public FolderTest {
+ protected:
+  // A picture with blobs at the points of its sample.
+  shape::LandmarkSample sample(const std::string& name, double unit, cv::Size size) {
+    Rng rng(1);
+    shape::LandmarkSample result;
+    result.points = (testing::blob_shape(0) * unit).colwise() +
+                    Eigen::Vector2d(size.width * 0.4, size.height * 0.6);
+    result.image = path(name);
+    write_image(result.image, testing::draw_blobs(result.points, unit, size, rng));
+    return result;
+  }
+  static int brightness(const cv::Mat& gray, const Eigen::Vector2d& at) {
+    return gray.at<std::uint8_t>(cvRound(at.y()), cvRound(at.x()));
+  }
+  std::vector<TrainingFace> load(const shape::LandmarkSet& set, const LoadOptions& options = {}) {
+    NoProgress silent;
+    return load_training_faces(set, path("set.yaml"), options, silent, {}, skipped_);
+  }
+  std::vector<std::string> skipped_;
+};
+
+TEST_F(TrainingFaceTest, PointsStayOnWhatTheyMarkWhenCutAndReduced) {
+  shape::LandmarkSet set;
+  set.mirror = {2, 1, 0, 5, 4, 3, 8, 7, 6};
+  set.samples = {sample("small.png", 25, {200, 220}), sample("large.png", 300, {1600, 1500})};
+  LoadOptions options;
+  options.mirror = true;
+  const std::vector<TrainingFace> faces = load(set, options);
+  ASSERT_EQ(faces.size(), 4U);
+  EXPECT_LE(faces[2].points.row(0).maxCoeff() - faces[2].points.row(0).minCoeff(), 401);
+  EXPECT_TRUE(faces[1].mirrored);
+  for (const TrainingFace& face : faces) {
+    for (Eigen::Index p = 0; p < 9; ++p) {
+      const int dim = p % 3 == 1 ? 105 : 140;
+      EXPECT_GT(brightness(face.gray, face.points.col(p)), dim) << p;
+    }
+  }
+}
+
+TEST_F(TrainingFaceTest, WhatCannotBeUsedIsNamed) {
+  shape::LandmarkSet set;
+  set.samples = {sample("good.png", 25, {200, 220}), sample("broken.png", 25, {200, 220}),
+                 sample("hidden.png", 25, {200, 220})};
+  std::ofstream(path("broken.png")) << "no picture";
+  set.samples[2].points(0, 3) = std::numeric_limits<double>::quiet_NaN();
+  set.samples[2].points(1, 3) = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(load(set).size(), 1U);
+  ASSERT_EQ(skipped_.size(), 2U);
+  EXPECT_NE(skipped_[0].find("broken.png"), std::string::npos);
+  EXPECT_NE(skipped_[1].find("missing"), std::string::npos);
+}
+
+TEST_F(TrainingFaceTest, NothingLeftIsAnError) {
+  shape::LandmarkSet set;
+  EXPECT_THROW((void)load(set), InputError);
+  set.samples = {sample("gone.png", 25, {200, 220})};
+  std::filesystem::remove(path("gone.png"));
+  EXPECT_THROW((void)load(set), InputError);
+}
+
+TEST_F(TrainingFaceTest, MirroringNeedsTheSymmetry) {
+  shape::LandmarkSet set;
+  set.samples = {sample("good.png", 25, {200, 220})};
+  LoadOptions options;
+  options.mirror = true;
+  EXPECT_THROW((void)load(set, options), InputError);
+}
+
+}  // namespace
+}  // namespace tarsier::landmarks

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/recognition/recognizer.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <cstdint>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+// How well recognisers do on a list of labelled faces.
+namespace tarsier::recognition {
+
+struct LabelledFace {
+  std::string path;
+  std::string label;
+  std::optional<cv::Point2d> left_eye{};  // as seen in the picture, px; both or none
+  std::optional<cv::Point2d> right_eye{};
+};
+
+// Lines `path<TAB>label`, with four more fields the true eyes x y x y of the left and right eye as
+// seen. Relative paths are taken from the folder of the list where nothing is there from here.
+// Empty lines and those that begin with # do not count. Throws InputError with the line number.
+[[nodiscard]] std::vector<LabelledFace> read_face_list(const std::string& path);
+
+struct EvaluationOptions {
+  int training = 5;                                 // pictures of each person that train, 1..10000
+  std::vector<std::uint64_t> seeds{0, 1, 2, 3, 4};  // 1..1000 of them, one random choice each
+  bool strangers = true;        // once more with half of the people enrolled only
+  double false_accepts = 0.01;  // rate at which true accepts are counted, (0, 1)
+  // The rate that each model's own calibration is asked for, (0, 1).
+  double stated_rate = 0.01;
+  void check() const;
+};
+
+// A choice: who trains and who is asked for. Of each person (labels in sorted order) `training`
+// random pictures train, all others are probes. The choice is that of numpy:
+//   r = RandomState(seed); for each person: r.permutation(pictures)[:training]
+//   RandomState(seed + 1000).permutation(people)[:people / 2] are enrolled where half of them are.
+// The upper half of the 64 bits of `seed` does not count.
+struct Split {
+  std::vector<int> training;  // indices into the faces, ascending
+  std::vector<int> probes;
+};
+// `half`: only a random half of the people (rounded down) trains; all pictures of the others are
+// probes.
+[[nodiscard]] Split split_of(const std::vector<std::string>& labels, int training,
+                             std::uint64_t seed, bool half);
+
+// One probe's answer.
+struct ProbeResult {
+  int face = 0;
+  bool known = false;  // whether the person is enrolled
+  bool right = false;  // best label
+  double score = 0;    // of the best
+  int rank = 0;        // of the right person among all, from 1; 0: not enrolled
+};
+
+struct SeedResult {
+  std::uint64_t seed = 0;
+  int people = 0;
+  int training = 0;  // pictures
+  int probes = 0;
+  double accuracy = 0;  // best label right, everyone enrolled
+  // Half of the people enrolled (`strangers`), else negative:
+  double true_accepts = -1;   // share of known probes with a score that at most `false_accepts` of
+                              // the strangers reach
+  double right_accepts = -1;  // and the right label (DIR)
+  double equal_error = -1;    // EER
+  double area = -1;           // under the ROC
+  double stated_true = -1;    // known probes above the model's own threshold for `stated_rate`
+  double stated_false = -1;   // strangers above it: to be compared with `stated_rate`
+  int stranger_probes = 0;
+  double train_seconds = 0;
+  double identify_ms = 0;  // mean of a probe, describing included
+  std::vector<ProbeResult> closed;
+  std::vector<ProbeResult> open;
+};
+
+struct EvaluationResult {
+  Algorithm algorithm = Algorithm::kDefault;
+  EvaluationOptions options;
+  std::vector<SeedResult> seeds;
+
+  // Means over the seeds.
+  [[nodiscard]] SeedResult mean() const;
+};
+
+// Faces: CV_8UC1. Throws std::invalid_argument where there is nobody with more pictures than
+// `training` or (for strangers) fewer than two people; Interrupted.
+[[nodiscard]] EvaluationResult evaluate(const std::vector<cv::Mat>& faces,
+                                        const std::vector<std::string>& labels,
+                                        const RecognizerOptions& recognizer,
+                                        const EvaluationOptions& options, Progress& progress,
+                                        const std::stop_token& stop);
+
+// Curves over all seeds together.
+struct Curve {
+  std::vector<double> x;
+  std::vector<double> y;
+};
+// Cumulative match: rank 1.. -> share of closed probes whose person is among the first so many.
+[[nodiscard]] Curve match_curve(const EvaluationResult& result);
+// False accept rate -> true accept rate, a point for each distinct score.
+[[nodiscard]] Curve accept_curve(const EvaluationResult& result);
+
+// Rates from scores: those of the known and of strangers. The threshold is the least score that at
+// most `rate` of the strangers reach (score >= threshold).
+struct AcceptRates {
+  double threshold = 0;
+  double true_accepts = 0;
+  double equal_error = 0;
+  double area = 0;
+};
+[[nodiscard]] AcceptRates accept_rates(std::vector<double> known, std::vector<double> strangers,
+                                       double rate);
+
+// "algorithm,training,seed,people,probes,accuracy,tar,dir,eer,auc,..." with a line for each seed
+// and one of means ("mean" in the place of the seed).
+[[nodiscard]] std::string evaluation_csv(const std::vector<EvaluationResult>& results);
+// Plots of all algorithms (CV_8UC3; SVG text).
+[[nodiscard]] cv::Mat match_plot(const std::vector<EvaluationResult>& results, cv::Size size);
+[[nodiscard]] cv::Mat accept_plot(const std::vector<EvaluationResult>& results, cv::Size size);
+[[nodiscard]] std::string match_plot_svg(const std::vector<EvaluationResult>& results,
+                                         cv::Size size);
+[[nodiscard]] std::string accept_plot_svg(const std::vector<EvaluationResult>& results,
+                                          cv::Size size);
+
+}  // namespace tarsier::recognition

@@ -1,0 +1,102 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# Points of faces: fitting and following with the model that ships, training from a set, measuring.
+# shellcheck source=tests/e2e/lib.sh
+source "$TARSIER_SOURCE/tests/e2e/lib.sh"
+pictures=/usr/share/doc/opencv-doc/examples/data
+[ -f "$pictures/messi5.jpg" ] || skip "needs the package opencv-doc"
+
+# One face, 68 points, inside the picture, JSON as documented.
+run landmarks fit "$pictures/messi5.jpg" --json -o points.png
+expect_status 0
+expect_out '^\{"image":"/usr/share/doc/opencv-doc/examples/data/messi5.jpg"' '"faces":\[\{"box":\[' '"score":' '"ms":'
+python3 - stdout.txt <<'END' || fail "the points of messi5 are not where his face is"
+import json, sys
+line = json.loads(open(sys.argv[1]).readline())
+faces = line["faces"]
+assert len(faces) == 1 and len(faces[0]["points"]) == 68
+left, right = faces[0]["points"][36], faces[0]["points"][45]
+assert 215 < left[0] < right[0] < 275 and abs(left[1] - right[1]) < 12, (left, right)
+assert 90 < left[1] < 115 and 12 < right[0] - left[0] < 40, (left, right)
+assert faces[0]["score"] > 0.5, faces[0]["score"]
+END
+[ -s points.png ] || fail "no picture with the points"
+
+# Each method; a picture without a face.
+for method in both trees sdm patch; do
+  run landmarks fit "$pictures/messi5.jpg" --method $method --json
+  expect_status 0
+done
+run landmarks fit "$pictures/messi5.jpg" --method forest
+expect_status 2
+expect_error 'both, trees, sdm, patch'
+run landmarks fit "$pictures/graf1.png"
+expect_status 1
+
+# Following: one face keeps its id; the table has a row a frame.
+mkdir film
+for i in 01 02 03 04 05 06; do cp "$pictures/messi5.jpg" "film/$i.jpg"; done
+run landmarks track film --sequence --csv points.csv --json
+expect_status 0
+[ "$(grep -c '"id":1,' stdout.txt)" -eq 6 ] || fail "not the same id in all frames"
+[ "$(wc -l <points.csv)" -eq 7 ] || fail "points.csv has $(wc -l <points.csv) lines"
+head -1 points.csv | grep -q '^frame,time,face,score,x0,y0,x1' || fail "heading of points.csv"
+
+# A set of one's own: moved copies of one annotation.
+python3 - <<'END'
+import json
+samples = []
+for i in range(4):
+    points = [[100 + 40 * (k % 3) + i, 120 + 50 * (k // 3) + (k % 2) * i] for k in range(9)]
+    samples.append({"image": f"film/0{i + 1}.jpg", "points": points})
+payload = {"mirror": [2, 1, 0, 5, 4, 3, 8, 7, 6], "connections": [[0, 2]], "samples": samples}
+def write(name, **change):
+    archive = {"type": "landmark-set", "version": 1, "provenance": {}, "payload": dict(payload, **change)}
+    json.dump(archive, open(name, "w"))
+write("set.yaml")
+write("one.yaml", samples=samples[:1])
+write("counts.yaml", samples=[samples[0], {"image": "film/02.jpg", "points": [[1, 2]]}])
+write("gone.yaml", samples=[dict(s, image="gone.jpg") for s in samples])
+write("none.yaml", samples=[])
+text = open("set.yaml").read()
+open("nan.yaml", "w").write(text.replace("[100, 120]", "[NaN, 120]", 1))
+open("version.yaml", "w").write(text.replace('"version": 1', '"version": 99'))
+END
+run landmarks train shape set.yaml -o shape.json --json
+expect_status 0
+expect_out '"modes":' '"samples":4'
+run landmarks show shape.json -o modes.png
+expect_status 0
+[ -s modes.png ] || fail "no picture of the modes"
+run landmarks train tracker set.yaml -o own.json --mirror --levels 1 --trees 4 --quiet
+expect_status 0
+run landmarks fit film/01.jpg --model shape.json
+expect_status 5
+expect_error 'shape.json'
+
+# What cannot be used says so.
+for set in one counts none nan version; do
+  run landmarks train shape $set.yaml -o x.json
+  expect_status 3
+  expect_error "$set.yaml"
+done
+run landmarks train tracker gone.yaml -o x.json
+expect_status 3
+[ ! -e x.json ] || fail "a model was written without data"
+run landmarks train shape set.yaml -o /proc/nowhere/x.json
+expect_status 6
+run landmarks eval set.yaml
+expect_status 2
+expect_error '--eyes'
+
+# Judging given points.
+python3 - <<'END'
+import json
+for line in json.load(open("set.yaml"))["payload"]["samples"]:
+    moved = [[x + 8, y] for x, y in line["points"]]
+    print(json.dumps({"image": line["image"], "points": moved}), file=open("r.jsonl", "a"))
+END
+run landmarks eval set.yaml --eyes 0,2 --results r.jsonl --json
+expect_status 0
+expect_out '"nme_mean":10' '"failures":1' '"bias_x":10'
+finish

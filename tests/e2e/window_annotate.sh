@@ -1,0 +1,149 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# shellcheck disable=SC2046 # two numbers, as two words
+# landmarks annotate with a real mouse: three frames of a film with ten points from nothing, killed in the middle.
+. "$(dirname "$0")/lib_window.sh"
+
+run cartoon run 'synth:portrait?size=640x480&frames=80' --mode none -o film.avi --quiet
+expect_status 0
+
+start_annotate() { # start_annotate ARGUMENTS..
+  command_line="tarsier landmarks annotate $*"
+  "$TARSIER" landmarks annotate "$@" --size 800x560 --json >stdout.txt 2>stderr.txt </dev/null &
+  program=$!
+  wait_for "the window" x11 geometry "Tarsier annotate" >/dev/null
+  xdotool mousemove 300 200
+  wait_for "the first picture" has_picture
+  read -r left top width height <<<"$(x11 geometry "Tarsier annotate")"
+  [ "$width" -eq 800 ] && [ "$height" -eq 560 ] || fail "the window is $width x $height"
+}
+# screen X Y: where that pixel of the picture is on the screen, by the last state.
+screen() {
+  state | python3 -c 'import json, sys
+x, y, left, top = map(float, sys.argv[1:])
+a, b, s = json.load(sys.stdin)["state"]["view"]
+print(round(left + a + s * x), round(top + b + s * y))' "$1" "$2" "$left" "$top"
+}
+state() { grep '"event"' stdout.txt | tail -1; }
+expect_state() { state | grep -qE -- "$1" || fail "$command_line: no '$1' in $(state)"; }
+click() { # click X Y
+  local before
+  before=$(events)
+  xdotool mousemove $(screen "$1" "$2")
+  sleep 0.05
+  xdotool click 1
+  wait_for "a click at $1 $2" more_events_than $((before + 1))
+}
+drag() { # drag X Y X2 Y2
+  local before
+  before=$(events)
+  xdotool mousemove $(screen "$1" "$2") mousedown 1
+  wait_for "the button at $1 $2" more_events_than "$before"
+  xdotool mousemove $(screen "$(($1 + 4))" "$2")
+  sleep 0.1
+  xdotool mousemove $(screen "$3" "$4")
+  sleep 0.1
+  xdotool mouseup 1
+  wait_for "the end of a drag" more_events_than $((before + 1))
+}
+point_x() { echo $((220 + 40 * ($1 % 5))); }
+point_y() { echo $((160 + 90 * ($1 / 5) + 12 * ($1 % 3))); }
+
+start_annotate film.avi -o set.yaml --window
+press space '"paused":true'
+for _ in 1 2 3; do
+  press s '"message":"Picked'
+  press space '"paused":false'
+  sleep 0.4
+  press space '"paused":true'
+done
+[ "$(ls set-frames/*.png | wc -l)" -eq 3 ] || fail "three frames should be picked: $(ls set-frames)"
+press Return '"stage":"points"'
+for i in 0 1 2 3 4 5; do click "$(point_x $i)" "$(point_y $i)"; done
+expect_state '"points":6'
+x11 save points.ppm
+kill -KILL $program
+wait $program 2>/dev/null
+program=
+x11 geometry "Tarsier annotate" >/dev/null && sleep 0.5
+
+start_annotate film.avi -o set.yaml --window
+press g '"points":6'
+for i in 6 7 8 9; do click "$(point_x $i)" "$(point_y $i)"; done
+expect_state '"points":10'
+press u '"points":9'
+press ctrl+y '"points":10'
+press Return '"stage":"connections"'
+click "$(point_x 0)" "$(point_y 0)"
+click "$(point_x 1)" "$(point_y 1)"
+press Return '"stage":"symmetry"'
+x11 save symmetry.ppm
+for pair in 0:4 1:3 2:2 5:9 6:8 7:7; do
+  for i in ${pair%:*} ${pair#*:}; do click "$(point_x "$i")" "$(point_y "$i")"; done
+done
+press Return '"stage":"pictures"'
+ready() { # the proposal is there when the picture's points are
+  xdotool key i
+  sleep 0.2
+  state | grep -q '"shown":10'
+}
+wait_for "a proposal" ready
+press '0' '"picture":1'
+
+x11 save proposal.ppm
+press Return '"picture":2'
+wait_for "a proposal" ready
+press Tab '"selected":0'
+press Right '"selected":0'
+press plus '"zoom":1\.25'
+press h '"shown":9'
+press h '"shown":10'
+press question '"help":true'
+x11 save help.ppm
+press question '"help":false'
+press Return '"done":3'
+x11 save done.ppm
+xdotool key q
+expect_end 0
+[ ! -e set.yaml.journal ] || fail "the journal is still there"
+python3 - <<'PY' || fail "the set is not what was clicked: $(head -c 600 set.yaml)"
+import json
+p = json.load(open("set.yaml"))["payload"]
+s = p["samples"]
+assert len(s) == 3 and all(len(k["points"]) == 10 and None not in k["points"] for k in s), s
+for i, (x, y) in enumerate(s[0]["points"]):
+    assert abs(x - (220 + 40 * (i % 5))) <= 1 and abs(y - (160 + 90 * (i // 5) + 12 * (i % 3))) <= 1, (i, x, y)
+assert p["mirror"] == [4, 3, 2, 1, 0, 9, 8, 7, 6, 5], p["mirror"]
+assert p["connections"] == [[0, 1]], p["connections"]
+PY
+
+# The last picture again, with the mouse.
+start_annotate -o set.yaml --window
+press g '"picture":'
+x=$(python3 -c 'import json; print(round(json.load(open("set.yaml"))["payload"]["samples"][0]["points"][7][0]))')
+y=$(python3 -c 'import json; print(round(json.load(open("set.yaml"))["payload"]["samples"][0]["points"][7][1]))')
+drag "$x" "$y" $((x + 20)) $((y + 30))
+x11 save dragged.ppm
+press q '"stage"'
+expect_end 0
+python3 - "$x" "$y" <<'PY' || fail "the drag is not in the set"
+import json, sys
+at = json.load(open("set.yaml"))["payload"]["samples"][0]["points"][7]
+assert abs(at[0] - int(sys.argv[1]) - 20) <= 1 and abs(at[1] - int(sys.argv[2]) - 30) <= 1, at
+PY
+
+# Looking at the set.
+"$TARSIER" landmarks show set.yaml --json >stdout.txt 2>stderr.txt </dev/null &
+program=$!
+command_line="tarsier landmarks show"
+wait_for "the window" x11 geometry "Tarsier landmarks" >/dev/null
+xdotool mousemove 300 200
+wait_for "the first picture" has_picture
+press n '"picture":1'
+press m '"mirrored":true'
+press i '"numbers":true'
+x11 save show.ppm
+xdotool key q
+expect_end 0
+[ ! -s stderr.txt ] || fail "on stderr: $err"
+finish
