@@ -34,11 +34,16 @@ See what it does, then use your own pictures, then your camera:
 
   tarsier demo                                   a page of pictures: demo-out/index.html
   tarsier cartoon run photo.jpg -o drawn.png     a photograph becomes a cartoon
-  tarsier cartoon run film.mp4 -o drawn.mp4      a film, too
   tarsier cartoon run 0 --window                 camera 0, live; press s p c e a
+  tarsier landmarks track 0 --window             68 points of each face, live
+  tarsier plate read car.jpg                     a number plate
+  tarsier sfm reconstruct photos/ -o model       cameras and a cloud of points
 
 Areas:
   cartoon run              cartoons of pictures, films and live cameras
+  landmarks fit|track|..   points of faces: annotate, train, fit, follow, judge
+  plate read|train-..|..   number plates: read, train, judge, log
+  sfm reconstruct|eval|..  photographs to camera poses and a point cloud
   models list|info|verify  the trained models that came with the program
   doctor                   what this machine has, and what to do about what it lacks
   demo                     runs every area once and makes a page of it

@@ -15,7 +15,8 @@ expect_no_err
 [ "$(wc -l <stdout.txt)" -le 32 ] || fail "--help does not fit a screen: $(wc -l <stdout.txt) lines"
 [ "$(wc -L <stdout.txt)" -le 90 ] || fail "--help is wider than 90 characters"
 
-for verb in doctor demo "models list" "models info" "models verify"; do
+for verb in doctor demo "models list" "models info" "models verify" "landmarks fit" "landmarks track" "landmarks eval" \
+  "landmarks train tracker" "landmarks annotate" "plate read" "sfm reconstruct" "cartoon run"; do
   # shellcheck disable=SC2086  # the words of a verb
   run $verb --help
   expect_status 0

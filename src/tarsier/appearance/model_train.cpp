@@ -15,6 +15,20 @@
 namespace tarsier::appearance {
 namespace {
 
+// The Delaunay triangles of points of size 1, but for slivers along a hull that is nearly straight:
+// they hold no pixels, and fold at once.
+std::vector<shape::Triangle> sound_mesh(const Eigen::Matrix2Xd& points) {
+  constexpr double kLeastHeight = 0.02;
+  std::vector<shape::Triangle> mesh = shape::delaunay(points);
+  std::erase_if(mesh, [&](const shape::Triangle& triangle) {
+    const Eigen::Vector2d a = points.col(triangle[1]) - points.col(triangle[0]);
+    const Eigen::Vector2d b = points.col(triangle[2]) - points.col(triangle[0]);
+    const double longest = std::max({a.norm(), b.norm(), (a - b).norm()});
+    return std::abs(a.x() * b.y() - a.y() * b.x()) < kLeastHeight * longest;
+  });
+  return mesh;
+}
+
 using Eigen::Index;
 using Eigen::Matrix2Xd;
 using Eigen::MatrixXd;
@@ -191,10 +205,10 @@ AppearanceModel train_appearance_model(const std::vector<TrainingPicture>& pictu
   model.shape = shape::train_shape_model(shapes, options.shape);
   if (!mirror.empty()) model.shape.mirror = mirror;
   model.margin = options.margin;
-  model.mesh = options.mesh.empty() ? shape::delaunay(model.shape.mean) : options.mesh;
+  model.mesh = options.mesh.empty() ? sound_mesh(model.shape.mean) : options.mesh;
   if (options.margin > 0) {
     model.outer = outline(model.mesh);
-    model.mesh = shape::delaunay(model.extended(model.shape.mean));
+    model.mesh = sound_mesh(model.extended(model.shape.mean));
   }
   const Matrix2Xd all = model.extended(model.shape.mean);
   const double width = all.row(0).maxCoeff() - all.row(0).minCoeff();
