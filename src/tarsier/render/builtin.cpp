@@ -66,7 +66,7 @@ void add_turned(Mesh& mesh, const cv::Vec3d& from, const cv::Vec3d& to,
       material);
 }
 
-// A tube along a curve that closes on itself, or a straight bar.
+// A tube along a curve that closes on itself.
 void add_ring(Mesh& mesh, const std::function<cv::Vec3d(double)>& curve, double radius, int steps,
               int material) {
   const int sides = 8;
@@ -79,7 +79,7 @@ void add_ring(Mesh& mesh, const std::function<cv::Vec3d(double)>& curve, double 
         const cv::Vec3d out(0, 0, 1);  // rims lie about upright
         cv::Vec3d across = forward.cross(out);
         across /= cv::norm(across);
-        const double angle = 2 * CV_PI * side;
+        const double angle = -2 * CV_PI * side;
         return center +
                (across * std::cos(angle) + across.cross(forward) * std::sin(angle)) * radius;
       },

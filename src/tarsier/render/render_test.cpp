@@ -196,7 +196,8 @@ TEST(Render, PhongPutsTheHighlightWhereGouraudHasNoCorner) {
   EXPECT_EQ(at(image, 160, 120)[0], 255);      // looks into the mirror
   EXPECT_LT(at(image, 160 + 50, 120)[0], 60);  // away from it: almost only the matt part
   scene.shading = Shading::kGouraud;           // many corners: almost the same
-  EXPECT_LT(cv::norm(image, drawn(scene, camera), cv::NORM_L1) / image.total(), 3);
+  EXPECT_LT(cv::norm(image, drawn(scene, camera), cv::NORM_L1) / static_cast<double>(image.total()),
+            3);
 }
 
 TEST(Render, BackFacesAreLeftOutWhereAsked) {
