@@ -274,6 +274,7 @@ int run_checked(int argc, const char* const* argv) {
   add_plate(app, context);
   add_sfm(app, context);
   add_landmarks(app, context);
+  add_aam(app, context);
   add_models(app, context);
   add_doctor(app, context);
   add_demo(app, context);

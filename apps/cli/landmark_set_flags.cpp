@@ -2,6 +2,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/shape/import.h"
+#include "tarsier/shape/text_files.h"
 
 #include "cmd_landmarks.h"
 
@@ -24,6 +25,18 @@ shape::LandmarkSet load_set(const SetFlags& flags) {
     // From here on paths are from the current folder.
     for (shape::LandmarkSample& sample : set.samples) {
       sample.image = shape::image_path(flags.input, sample);
+    }
+    return set;
+  }
+  if (ends(".txt") && shape::is_text_shapes(flags.input)) {
+    shape::LandmarkSet set;
+    for (const Eigen::Matrix2Xd& points : shape::read_text_shapes(flags.input)) {
+      set.samples.emplace_back();
+      set.samples.back().points = points;
+    }
+    if (const auto markup = shape::known_markup(set.points())) {
+      set.mirror = markup->mirror;
+      set.connections = markup->connections;
     }
     return set;
   }

@@ -82,6 +82,7 @@ Fitter::Fitter(const AppearanceModel& model, const FitOptions& options)
         count == 1 ? 1 : 1 + (options.coarse_modes - 1) * k / static_cast<double>(count - 1);
     impl_->levels.push_back(make_level(model, model.levels[static_cast<std::size_t>(k)], options,
                                        modes_for(model.shape, share)));
+    impl_->levels.back().index = k;
   }
 }
 Fitter::~Fitter() = default;
@@ -98,7 +99,13 @@ FitResult Fitter::fit(const cv::Mat& picture, const Matrix2Xd& start,
                       FitWorkspace& workspace) const {
   const int last = static_cast<int>(impl_->levels.size()) - 1;
   return run(picture, start, impl_->options.coarsest < 0 ? last : impl_->options.coarsest,
-             impl_->options.finest, workspace);
+             impl_->options.finest, false, workspace);
+}
+
+FitResult Fitter::follow(const cv::Mat& picture, const Matrix2Xd& start,
+                         FitWorkspace& workspace) const {
+  const int finest = impl_->options.finest;
+  return run(picture, start, finest, finest, true, workspace);
 }
 
 FitResult Fitter::fit_best(const cv::Mat& picture, const std::vector<Matrix2Xd>& starts,
@@ -107,17 +114,18 @@ FitResult Fitter::fit_best(const cv::Mat& picture, const std::vector<Matrix2Xd>&
   const int last = static_cast<int>(impl_->levels.size()) - 1;
   const int coarsest = impl_->options.coarsest < 0 ? last : impl_->options.coarsest;
   const int finest = impl_->options.finest;
-  if (starts.size() == 1) return run(picture, starts[0], coarsest, finest, workspace);
+  if (starts.size() == 1) return run(picture, starts[0], coarsest, finest, false, workspace);
   std::vector<FitResult> results;
   const bool in_two = coarsest > finest;
   for (const Matrix2Xd& start : starts)
-    results.push_back(run(picture, start, coarsest, in_two ? finest + 1 : finest, workspace));
+    results.push_back(
+        run(picture, start, coarsest, in_two ? finest + 1 : finest, false, workspace));
   const auto better = [](const FitResult& a, const FitResult& b) { return a.error < b.error; };
   std::stable_sort(results.begin(), results.end(), better);
   if (!in_two) return std::move(results.front());
   FitResult best;
   for (std::size_t k = 0; k < std::min<std::size_t>(2, results.size()); ++k) {
-    FitResult result = run(picture, results[k].points, finest, finest, workspace);
+    FitResult result = run(picture, results[k].points, finest, finest, false, workspace);
     result.iterations += results[k].iterations;
     result.trace.insert(result.trace.begin(), results[k].trace.begin(), results[k].trace.end());
     if (k == 0 || better(result, best)) best = std::move(result);
@@ -126,7 +134,7 @@ FitResult Fitter::fit_best(const cv::Mat& picture, const std::vector<Matrix2Xd>&
 }
 
 FitResult Fitter::run(const cv::Mat& picture, const Matrix2Xd& start, int coarsest, int finest,
-                      FitWorkspace& w) const {
+                      bool with_last, FitWorkspace& w) const {
   const AppearanceModel& model = *impl_->model;
   const FitOptions& options = impl_->options;
   TARSIER_REQUIRE(start.cols() == model.points(), "a start of {} points, the model has {}",
@@ -135,6 +143,10 @@ FitResult Fitter::run(const cv::Mat& picture, const Matrix2Xd& start, int coarse
                   "a start that is not finite, or far outside any picture");
   FitResult result;
   result.points = start;
+  // Nothing of an earlier picture, unless it is asked for.
+  if (!with_last) {
+    for (FitTemplate& made : w.templates) made.level = nullptr;
+  }
   LevelState best;
   bool has_left = false;
   for (int l = coarsest; l >= finest; --l) {
@@ -172,7 +184,14 @@ FitResult Fitter::run(const cv::Mat& picture, const Matrix2Xd& start, int coarse
       }
       last_error = state.error;
       if (options.method == Method::kAlternating) {
-        if (iteration == 0) start_texture(level, w, l == coarsest);
+        if (iteration == 0) {
+          const auto index = static_cast<std::size_t>(l);
+          if (with_last && index < w.templates.size() && w.templates[index].level == &level) {
+            w.c = w.templates[index].c;
+          } else {
+            start_texture(level, w, l == coarsest && !with_last);
+          }
+        }
         solve_alternating(level, options, w);
       } else if (options.robust) {
         solve_robust(level, w, level.descent);

@@ -38,9 +38,11 @@ struct FitOptions {
   double tolerance = 0.02;     // mean step of the points that counts as none, px of the frame, > 0
   double error_tolerance = 0;  // change of the error that counts as none, >= 0; 0: steps decide
   double sigmas = 3;           // each |b_i| <= sigmas * deviation_i, > 0
-  double shape_prior = 0;      // pull of b towards 0: its variance against the texture noise, times
-                           // this (neighbouring pixels err alike, so well above 1 is right); >= 0
+  double shape_prior = 50;     // pull of b towards 0: its variance against the texture noise, times
+                            // this (neighbouring pixels err alike, so well above 1 is right); >= 0
   double texture_prior = 0;  // the same for c; 0: modes are projected out entirely; >= 0
+  double refresh = 0.1;      // alternating: the steepest-descent images are made anew where the
+                             // texture has changed by more than this share since; >= 0, 0: always
   bool robust = false;       // pixels that the model does not explain count less (Huber, "Robust
                              // statistics", 1981); the Hessian is made anew each time
   double coarse_modes = 1;   // share of the shape's variance whose modes take part at the coarsest
@@ -77,6 +79,16 @@ struct FitResult {
 
 struct FitLevel;
 
+// What the alternating fit precomputes for a texture.
+struct FitTemplate {
+  const FitLevel* level = nullptr;  // nullptr: of none
+  Eigen::VectorXf c;                // of mean and modes, 1 + m
+  Eigen::MatrixXf descent;          // N x K, steepest-descent images of the texture
+  Eigen::MatrixXf projected;        // the same with the modes projected out; robust only
+  Eigen::MatrixXf overlap;          // (1 + m) x K: modes' . descent
+  Eigen::LLT<Eigen::MatrixXd> solver;
+};
+
 // All that a fit writes to; nothing is allocated in the iterations of the plain project-out fit
 // once one has run (the alternating one needs buffers of Eigen's matrix product). One for each
 // thread.
@@ -87,14 +99,13 @@ struct FitWorkspace {
   std::vector<float> buffer;
   Eigen::VectorXf seen;
   Eigen::VectorXf residual;
-  Eigen::VectorXf weights;   // of pixels
-  Eigen::VectorXf target;    // gain mean + modes c
-  Eigen::VectorXf products;  // SD . error
-  Eigen::VectorXf along;     // basis . seen
-  Eigen::VectorXf c;         // of mean and modes
-  Eigen::MatrixXf descent;   // N x K
-  Eigen::MatrixXf weighted;  // N x K
-  Eigen::MatrixXf overlap;   // modes x K
+  Eigen::VectorXf weights;             // of pixels
+  Eigen::VectorXf target;              // gain mean + modes c
+  Eigen::VectorXf products;            // SD . error
+  Eigen::VectorXf along;               // basis . seen
+  Eigen::VectorXf c;                   // of mean and modes
+  std::vector<FitTemplate> templates;  // of the levels
+  Eigen::MatrixXf descent;             // N x K
   Eigen::MatrixXf scaled_overlap;
   Eigen::MatrixXf normal;  // K x K
   Eigen::MatrixXd hessian;
@@ -123,6 +134,11 @@ class Fitter {
   [[nodiscard]] FitResult fit(const cv::Mat& picture, const Eigen::Matrix2Xd& start,
                               FitWorkspace& workspace) const;
 
+  // The same in the next frame of a film: the alternating fit begins with the texture that
+  // `workspace` has from the last fit, at the finest level alone.
+  [[nodiscard]] FitResult follow(const cv::Mat& picture, const Eigen::Matrix2Xd& start,
+                                 FitWorkspace& workspace) const;
+
   // From several starts: each is fitted down to the level before the finest, the best two by error
   // to the end; the one with the least error.
   [[nodiscard]] FitResult fit_best(const cv::Mat& picture,
@@ -135,7 +151,7 @@ class Fitter {
 
  private:
   FitResult run(const cv::Mat& picture, const Eigen::Matrix2Xd& start, int coarsest, int finest,
-                FitWorkspace& workspace) const;
+                bool with_last, FitWorkspace& workspace) const;
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

@@ -123,6 +123,43 @@ void start_texture(const FitLevel& level, FitWorkspace& w, bool from_mean) {
   w.c[0] = std::sqrt(static_cast<float>(level.texture->size()));
 }
 
+const FitTemplate& template_of(const FitLevel& level, const FitOptions& options, FitWorkspace& w) {
+  const auto index = static_cast<std::size_t>(level.index);
+  if (w.templates.size() <= index) w.templates.resize(index + 1);
+  FitTemplate& made = w.templates[index];
+  if (made.level == &level && made.c.size() == w.c.size()) {
+    const float change = (w.c - made.c).squaredNorm();
+    const auto most = static_cast<float>(options.refresh * options.refresh);
+    if (change <= most * made.c.squaredNorm() && options.refresh > 0) return made;
+  }
+  made.level = &level;
+  made.c = w.c;
+  w.target.resize(level.texture->size());
+  w.target.noalias() = level.modes * w.c;
+  steepest_descent(level, w.target.data(), made.descent);
+  if (has_offset(level.texture->channels)) {
+    for (Index k = 0; k < made.descent.cols(); ++k)
+      made.descent.col(k).array() -= made.descent.col(k).mean();
+  }
+  made.overlap.resize(level.modes.cols(), level.parameters);
+  made.overlap.noalias() = level.modes.transpose() * made.descent;
+  if (options.robust) {
+    w.scaled_overlap = level.mode_weights.asDiagonal() * made.overlap;
+    made.projected = made.descent;
+    made.projected.noalias() -= level.modes * w.scaled_overlap;
+    return made;
+  }
+  w.normal.setZero(level.parameters, level.parameters);
+  w.normal.selfadjointView<Eigen::Lower>().rankUpdate(made.descent.transpose());
+  w.scaled_overlap = level.mode_weights.cwiseSqrt().asDiagonal() * made.overlap;
+  w.normal.selfadjointView<Eigen::Lower>().rankUpdate(w.scaled_overlap.transpose(), -1.0F);
+  w.hessian = w.normal.cast<double>();
+  w.hessian.diagonal().array() += 1e-6 * w.hessian.diagonal().maxCoeff() + 1e-12;
+  w.hessian.diagonal() += level.shape_prior;
+  made.solver.compute(w.hessian);
+  return made;
+}
+
 void solve_alternating(const FitLevel& level, const FitOptions& options, FitWorkspace& w) {
   const Texture& texture = *level.texture;
   const Index m = texture.mode_count();
@@ -134,40 +171,21 @@ void solve_alternating(const FitLevel& level, const FitOptions& options, FitWork
     const float most = static_cast<float>(3 * texture.deviation[k]) * gain;
     w.c[1 + k] = std::clamp(w.c[1 + k], -most, most);
   }
-  w.target.resize(texture.size());
-  w.target.noalias() = level.modes * w.c;
-  steepest_descent(level, w.target.data(), w.descent);
-  if (has_offset(texture.channels)) {
-    for (Index k = 0; k < w.descent.cols(); ++k)
-      w.descent.col(k).array() -= w.descent.col(k).mean();
-  }
-  w.overlap.resize(1 + m, level.parameters);
-  w.overlap.noalias() = level.modes.transpose() * w.descent;
+  const FitTemplate& made = template_of(level, options, w);
   if (options.robust) {
-    w.scaled_overlap = level.mode_weights.asDiagonal() * w.overlap;
-    w.weighted = w.descent;
-    w.weighted.noalias() -= level.modes * w.scaled_overlap;
-    solve_robust(level, w, w.weighted);
+    solve_robust(level, w, made.projected);
   } else {
-    w.normal.setZero(level.parameters, level.parameters);
-    w.normal.selfadjointView<Eigen::Lower>().rankUpdate(w.descent.transpose());
-    w.scaled_overlap = level.mode_weights.cwiseSqrt().asDiagonal() * w.overlap;
-    w.normal.selfadjointView<Eigen::Lower>().rankUpdate(w.scaled_overlap.transpose(), -1.0F);
-    w.hessian = w.normal.cast<double>();
-    w.hessian.diagonal().array() += 1e-6 * w.hessian.diagonal().maxCoeff() + 1e-12;
-    w.hessian.diagonal() += level.shape_prior;
     w.products.resize(level.parameters);
-    w.products.noalias() = w.descent.transpose() * w.seen;
-    w.products.noalias() -= w.overlap.transpose() * level.mode_weights.cwiseProduct(w.along);
+    w.products.noalias() = made.descent.transpose() * w.seen;
+    w.products.noalias() -= made.overlap.transpose() * level.mode_weights.cwiseProduct(w.along);
     w.right = w.products.cast<double>();
     w.right.tail(level.parameters - 4).array() +=
         level.shape_prior.tail(level.parameters - 4).array() *
         w.p.head(level.parameters - 4).array();
-    w.solver.compute(w.hessian);
-    w.step = w.solver.solve(w.right);
+    w.step = made.solver.solve(w.right);
   }
   // What the texture's parameters are once the warp has made its step.
-  w.c = w.along - w.overlap * w.step.cast<float>();
+  w.c = w.along - made.overlap * w.step.cast<float>();
   w.c = w.c.cwiseProduct(level.mode_weights);
 }
 
@@ -193,7 +211,7 @@ void solve_robust(const FitLevel& level, FitWorkspace& w, const MatrixXf& descen
   for (Index i = 0; i < pixels; ++i)
     w.weights[i] = w.weights[i] <= limit ? 1 : limit / w.weights[i];
   // sqrt(w) J and sqrt(w) e.
-  if (w.descent.data() != descent.data()) w.descent.resize(descent.rows(), descent.cols());
+  w.descent.resize(descent.rows(), descent.cols());
   for (Index k = 0; k < descent.cols(); ++k) {
     for (Index i = 0; i < pixels; ++i) {
       const float root = std::sqrt(w.weights[i]);

@@ -17,6 +17,7 @@ struct FitLevel {
   const Texture* texture = nullptr;
   FrameSampler sampler;
   CropPlace place;
+  int index = 0;  // 0: the finest
   int channels = 1;
   int parameters = 4;     // K: 4 + modes that take part here
   double unit = 1;        // RMS of a texture whose gain is 1, with the usual c
@@ -64,6 +65,9 @@ void look(const FitLevel& level, FitWorkspace& workspace, LevelState& state);
 // What the alternating fit begins with, workspace.c: the mean texture, or the best one for the
 // warp.
 void start_texture(const FitLevel& level, FitWorkspace& workspace, bool from_mean);
+// The template of workspace.c, made anew where it has changed or is of another level.
+const FitTemplate& template_of(const FitLevel& level, const FitOptions& options,
+                               FitWorkspace& workspace);
 
 // The step of the parameters, workspace.step.
 void solve_project_out(const FitLevel& level, FitWorkspace& workspace);

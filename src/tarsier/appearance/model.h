@@ -37,7 +37,7 @@ struct AppearanceOptions {
   int colour_width = 100;          // px, 16..1000
   double colour_variance = 0.97;
   int colour_modes = 60;
-  std::vector<shape::Triangle> mesh;  // of the points; empty: Delaunay. Not with a margin
+  std::vector<shape::Triangle> mesh{};  // of the points; empty: Delaunay. Not with a margin
   void check() const;
 };
 

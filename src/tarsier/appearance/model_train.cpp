@@ -36,6 +36,18 @@ using Eigen::MatrixXf;
 using Eigen::VectorXd;
 using Eigen::VectorXf;
 
+// A given mesh, each triangle of positive area.
+std::vector<shape::Triangle> turned_alike(std::vector<shape::Triangle> mesh,
+                                          const Eigen::Matrix2Xd& points) {
+  for (shape::Triangle& triangle : mesh) {
+    for (const int corner : triangle)
+      TARSIER_REQUIRE(corner >= 0 && corner < points.cols(), "a triangle of point {} of {}", corner,
+                      points.cols());
+    if (shape::folded({triangle}, points) > 0) std::swap(triangle[1], triangle[2]);
+  }
+  return mesh;
+}
+
 // The points on the outline of a triangulation: ends of the edges that only one triangle has.
 std::vector<int> outline(const std::vector<shape::Triangle>& mesh) {
   std::map<std::pair<int, int>, int> edges;
@@ -205,7 +217,8 @@ AppearanceModel train_appearance_model(const std::vector<TrainingPicture>& pictu
   model.shape = shape::train_shape_model(shapes, options.shape);
   if (!mirror.empty()) model.shape.mirror = mirror;
   model.margin = options.margin;
-  model.mesh = options.mesh.empty() ? sound_mesh(model.shape.mean) : options.mesh;
+  model.mesh = options.mesh.empty() ? sound_mesh(model.shape.mean)
+                                    : turned_alike(options.mesh, model.shape.mean);
   if (options.margin > 0) {
     model.outer = outline(model.mesh);
     model.mesh = sound_mesh(model.extended(model.shape.mean));

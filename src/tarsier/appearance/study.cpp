@@ -10,6 +10,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <string>
+#include <utility>
 
 namespace tarsier::appearance {
 
@@ -27,6 +30,29 @@ bool holds(const cv::Rect2d& box, const Matrix2Xd& points) {
   const Eigen::Vector2d center = points.rowwise().mean();
   const double width = points.row(0).maxCoeff() - points.row(0).minCoeff();
   return box.contains({center.x(), center.y()}) && box.width > 0.5 * width && box.width < 3 * width;
+}
+
+using Pictures = std::vector<TrainingPicture>;
+
+// Every third person (picture, where there are fewer than three people) is left out.
+std::pair<Pictures, Pictures> split_by_person(const Pictures& pictures) {
+  std::map<std::string, std::size_t> people;
+  for (const TrainingPicture& picture : pictures) people.try_emplace(picture.person, people.size());
+  const bool by_person = people.size() >= 3;
+  std::pair<Pictures, Pictures> parts;
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    const std::size_t number = by_person ? people.at(pictures[i].person) : i;
+    (number % 3 == 2 ? parts.second : parts.first).push_back(pictures[i]);
+  }
+  return parts;
+}
+
+// At most so many, evenly.
+void thin_out(Pictures& pictures, std::size_t most) {
+  if (pictures.size() <= most) return;
+  Pictures kept;
+  for (std::size_t i = 0; i < most; ++i) kept.push_back(pictures[i * pictures.size() / most]);
+  pictures = std::move(kept);
 }
 
 }  // namespace
@@ -154,6 +180,64 @@ double lost_error_of(const std::vector<StudyItem>& items, double good) {
     best = i + 1 < fits.size() ? (fits[i].first + fits[i + 1].first) / 2 : fits[i].first;
   }
   return best;
+}
+
+std::array<int, 2> widest(const shape::ShapeModel& model) {
+  std::array<int, 2> best{0, 0};
+  double most = -1;
+  for (int i = 0; i < model.points(); ++i) {
+    for (int k = i + 1; k < model.points(); ++k) {
+      const double distance = (model.mean.col(i) - model.mean.col(k)).norm();
+      if (distance <= most) continue;
+      most = distance;
+      best = {i, k};
+    }
+  }
+  return best;
+}
+
+double learn_lost_error(const std::vector<TrainingPicture>& pictures,
+                        const std::vector<int>& mirror, const AppearanceOptions& options,
+                        std::uint64_t seed, Progress& progress, const std::stop_token& stop) {
+  constexpr std::size_t kMostLearnt = 400;
+  constexpr std::size_t kMostFitted = 150;
+  constexpr Disturbance kNear{0.1, 8, 0.08};
+  constexpr Disturbance kFar{0.4, 60, 0.8};
+  constexpr double kGood = 0.06;  // of the widest distance in the shape
+  if (pictures.size() < 6) return 0;
+  auto [learnt, left_out] = split_by_person(pictures);
+  thin_out(learnt, kMostLearnt);
+  thin_out(left_out, kMostFitted);
+  AppearanceOptions plain = options;
+  plain.colour = false;
+  const AppearanceModel model = train_appearance_model(learnt, mirror, plain, progress, stop);
+  const std::array<int, 2> ends = widest(model.shape);
+  FitOptions fit;
+  fit.method = Method::kAlternating;
+  const Fitter fitter(model, fit);
+  std::vector<StudyItem> items(2 * left_out.size());
+  progress.begin("right and wrong fits", static_cast<std::int64_t>(left_out.size()), "pictures");
+  cv::parallel_for_(cv::Range(0, static_cast<int>(left_out.size())), [&](const cv::Range& range) {
+    FitWorkspace workspace;
+    for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
+      const auto index = static_cast<std::size_t>(i);
+      const TrainingPicture& picture = left_out[index];
+      const Matrix2Xd mean =
+          shape::fit_similarity(model.shape.mean, picture.points)(model.shape.mean);
+      for (std::size_t far = 0; far < 2; ++far) {
+        StudyItem& item = items[2 * index + far];
+        const Matrix2Xd start =
+            disturbed(mean, far == 1 ? kFar : kNear, seed * 7919 + 2 * index + far);
+        item.detected = true;
+        item.fit = fitter.fit(picture.picture, start, workspace);
+        item.error = point_error(item.fit.points, picture.points, ends);
+      }
+      progress.advance();
+    }
+  });
+  progress.end();
+  throw_if_stopped(stop);
+  return lost_error_of(items, kGood);
 }
 
 void ConvergenceOptions::check(int points) const {

@@ -74,6 +74,18 @@ struct StudyOptions {
 // largest right one, at most 1.
 [[nodiscard]] double lost_error_of(const std::vector<StudyItem>& items, double good);
 
+// The two points of the mean shape that are farthest apart: a unit where the eyes are not known.
+[[nodiscard]] std::array<int, 2> widest(const shape::ShapeModel& model);
+
+// model.lost_error for a model of these pictures: another one is learnt of two thirds of the people
+// in them (of the pictures, where they show fewer than three), and fitted to the rest: from near
+// the truth, and from far off. 0 where there are fewer than 6 pictures. Same result for any number
+// of threads.
+[[nodiscard]] double learn_lost_error(const std::vector<TrainingPicture>& pictures,
+                                      const std::vector<int>& mirror,
+                                      const AppearanceOptions& options, std::uint64_t seed,
+                                      Progress& progress, const std::stop_token& stop);
+
 // Frequency of convergence from random starts about the truth, at rising disturbance.
 struct ConvergencePoint {
   double disturbance = 0;  // share of options.most

@@ -183,7 +183,8 @@ void draw_mesh(const AppearanceModel& model, const Matrix2Xd& points, cv::Mat& p
   draw::require_canvas(picture);
   const Matrix2Xd all = model.extended(points);
   const int shown = with_outer ? static_cast<int>(all.cols()) : model.points();
-  const int width = std::max(1, std::min(picture.cols, picture.rows) / 500);
+  const double size = (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).maxCoeff();
+  const int width = std::clamp(static_cast<int>(size / 250), 1, 20);
   for (const shape::Triangle& triangle : model.mesh) {
     for (std::size_t k = 0; k < 3; ++k) {
       const int a = triangle[k];
@@ -193,7 +194,9 @@ void draw_mesh(const AppearanceModel& model, const Matrix2Xd& points, cv::Mat& p
                4);
     }
   }
-  const double radius = std::max(1.5, std::min(picture.cols, picture.rows) / 250.0);
+  // Small faces would be hidden by their points.
+  if (size < 80) return;
+  const double radius = std::clamp(size / 110, 1.0, 20.0);
   for (Index i = 0; i < points.cols(); ++i)
     draw::point(picture, {points(0, i), points(1, i)}, {80, 220, 255}, radius);
 }

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/appearance/start.h"
+#include "tarsier/core/errors.h"
+#include "tarsier/landmarks/face_finder.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "cmd_aam.h"
+#include "landmark_engine.h"
+#include <filesystem>
+#include <utility>
+
+namespace tarsier::cli {
+namespace {
+
+using Eigen::Matrix2Xd;
+using Starts = std::vector<std::vector<Matrix2Xd>>;
+
+cv::Mat gray_of(const cv::Mat& picture) {
+  cv::Mat gray;
+  cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+  return gray;
+}
+
+appearance::FindStarts from_detector(const appearance::AppearanceModel& model,
+                                     const AamFlags& flags) {
+  landmarks::FaceFinderOptions options;
+  options.detector.min_size = flags.min_face;
+  options.detector.check();
+  const auto finder = std::make_shared<landmarks::FaceFinder>(options);
+  return [finder, &model, count = flags.starts](const cv::Mat& picture) {
+    Starts starts;
+    for (const landmarks::Candidate& candidate : finder->find(gray_of(picture)))
+      starts.push_back(
+          appearance::starts_around(appearance::start_in_box(model, candidate.box), count));
+    return starts;
+  };
+}
+
+appearance::FindStarts from_landmarks(const appearance::AppearanceModel& model,
+                                      const AamFlags& flags, const std::string& path) {
+  LandmarkFlags landmark_flags;
+  landmark_flags.min_face = flags.min_face;
+  const auto engine = std::make_shared<LandmarkEngine>(make_landmark_engine(landmark_flags));
+  if (engine->model.points() != model.points()) {
+    throw ModelError(path, fmt::format("has {} points, the landmark tracker {}; use --start "
+                                       "detector or search",
+                                       model.points(), engine->model.points()));
+  }
+  const auto workspace = std::make_shared<landmarks::FitWorkspace>();
+  return [engine, workspace, count = flags.starts](const cv::Mat& picture) {
+    Starts starts;
+    for (const landmarks::FoundFace& face : landmarks::find_faces(
+             engine->model, engine->fit, gray_of(picture), engine->finder, *workspace))
+      starts.push_back(appearance::starts_around(face.fit.points, count));
+    return starts;
+  };
+}
+
+appearance::FindStarts from_search(const appearance::Fitter& fitter) {
+  const auto workspace = std::make_shared<appearance::FitWorkspace>();
+  return [&fitter, workspace](const cv::Mat& picture) {
+    Starts starts;
+    const auto start = appearance::search_start(fitter, picture, {}, *workspace);
+    if (start) starts.push_back({*start});
+    return starts;
+  };
+}
+
+}  // namespace
+
+std::string shipped_appearance_model() {
+  return (std::filesystem::path(find_models_folder("")) / "aam68.json").string();
+}
+
+void add_aam_flags(CLI::App& verb, AamFlags& flags) {
+  verb.add_option("--model", flags.model, "model file [aam68.json, which ships]");
+  verb.add_option("--method", flags.method,
+                  "project-out (everything precomputed) or alternating (exact, dearer, better on "
+                  "what the model has not seen) [alternating]")
+      ->check(CLI::IsMember({"auto", "project-out", "alternating"}));
+  verb.add_option("--start", flags.start,
+                  "where fits begin: detector (faces), landmarks (the tracker of 68 points), "
+                  "search (the whole picture) [detector where the model was learnt with one]")
+      ->check(CLI::IsMember({"auto", "detector", "landmarks", "search"}));
+  verb.add_option("--starts", flags.starts, "fits around each start, of which the best stays")
+      ->check(CLI::Range(1, 100))
+      ->capture_default_str();
+  verb.add_option("--min-face", flags.min_face,
+                  "smallest face that is looked for, share of the picture's smaller side")
+      ->capture_default_str();
+  CLI::Option* iterations =
+      verb.add_option("--iterations", flags.fit.iterations, "at most, for each level")
+          ->capture_default_str();
+  CLI::Option* prior =
+      verb.add_option("--shape-prior", flags.fit.shape_prior,
+                      "pull towards the mean shape, in units of the texture's noise; 0: none")
+          ->capture_default_str();
+  CLI::Option* sigmas = verb.add_option("--sigmas", flags.fit.sigmas,
+                                        "how far a shape mode may go, standard deviations")
+                            ->capture_default_str();
+  CLI::Option* refresh =
+      verb.add_option("--refresh", flags.fit.refresh,
+                      "alternating: change of the texture at which its images are made anew")
+          ->capture_default_str();
+  CLI::Option* robust =
+      verb.add_flag("--robust", flags.fit.robust, "pixels that fit badly (hidden) count less");
+  for (CLI::Option* option : {iterations, prior, sigmas, refresh, robust}) option->group("The fit");
+}
+
+AamEngine make_aam_engine(const AamFlags& flags) {
+  AamEngine engine;
+  engine.path = flags.model.empty() ? shipped_appearance_model() : flags.model;
+  appearance::FitOptions fit = flags.fit;
+  fit.method = flags.method == "project-out" ? appearance::Method::kProjectOut
+                                             : appearance::Method::kAlternating;
+  fit.check();
+  engine.model =
+      std::make_unique<appearance::AppearanceModel>(appearance::read_appearance_model(engine.path));
+  engine.fitter = std::make_unique<appearance::Fitter>(*engine.model, fit);
+  const bool knows_boxes = engine.model->place.seen > 0;
+  if (flags.start == "detector" && !knows_boxes) {
+    throw ModelError(
+        engine.path,
+        "was learnt of things that the face detector does not see; use --start search");
+  }
+  if (flags.start == "landmarks") {
+    engine.find = from_landmarks(*engine.model, flags, engine.path);
+  } else if (flags.start == "search" || !knows_boxes) {
+    engine.find = from_search(*engine.fitter);
+  } else {
+    engine.find = from_detector(*engine.model, flags);
+  }
+  return engine;
+}
+
+}  // namespace tarsier::cli

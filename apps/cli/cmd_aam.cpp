@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: MIT
+#include "cmd_aam.h"
+
+namespace tarsier::cli {
+
+void add_aam(CLI::App& app, Context& context) {
+  CLI::App& area = *app.add_subcommand(
+      "aam", "appearance models of faces and other things: train, explore, fit");
+  area.require_subcommand(1);
+  add_aam_train(area, context);
+  add_aam_explore(area, context);
+  add_aam_fit(area, context);
+  add_aam_eval(area, context);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/appearance/fit.h"
+#include "tarsier/appearance/tracker.h"
+
+#include "cli.h"
+#include <memory>
+#include <string>
+
+// One file a verb: cmd_aam_<verb>.cpp.
+namespace tarsier::cli {
+
+void add_aam_train(CLI::App& area, Context& context);
+void add_aam_fit(CLI::App& area, Context& context);
+void add_aam_eval(CLI::App& area, Context& context);
+void add_aam_explore(CLI::App& area, Context& context);
+
+// The flags of every verb that fits an appearance model.
+struct AamFlags {
+  std::string model;            // empty: the one that ships
+  std::string method = "auto";  // project-out, alternating; auto: alternating
+  std::string start = "auto";   // detector, landmarks, search; auto: as the model can
+  int starts = 1;               // around each
+  double min_face = 0.1;        // share of the picture's smaller side
+  appearance::FitOptions fit;
+};
+void add_aam_flags(CLI::App& verb, AamFlags& flags);
+
+// A model, ready to be fitted. `fitter` refers to `model`.
+struct AamEngine {
+  std::string path;
+  std::unique_ptr<appearance::AppearanceModel> model;
+  std::unique_ptr<appearance::Fitter> fitter;
+  appearance::FindStarts find;
+};
+// Throws ModelError, UsageError.
+[[nodiscard]] AamEngine make_aam_engine(const AamFlags& flags);
+
+[[nodiscard]] std::string shipped_appearance_model();
+
+}  // namespace tarsier::cli

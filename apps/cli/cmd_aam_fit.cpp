@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/session/appearance_session.h"
+
+#include <fmt/format.h>
+
+#include "cmd_aam.h"
+#include "run_session.h"
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace tarsier::cli {
+namespace {
+
+using Drawn = AppearanceSession::Drawn;
+
+struct FitFlags {
+  RunFlags run;
+  AamFlags aam;
+  appearance::TrackOptions track;
+  std::string draw = "mesh";
+  bool parameters = false;
+};
+
+double rounded(double value, double unit) { return std::round(value / unit) * unit; }
+
+nlohmann::ordered_json json_of(const appearance::TrackedObject& object, bool with_id,
+                               bool with_parameters) {
+  const Eigen::Matrix2Xd& points = object.fit.points;
+  const Eigen::Vector2d low = points.rowwise().minCoeff();
+  const Eigen::Vector2d size = points.rowwise().maxCoeff() - low;
+  nlohmann::ordered_json face;
+  if (with_id) face["id"] = object.id;
+  face["box"] = {rounded(low.x(), 0.01), rounded(low.y(), 0.01), rounded(size.x(), 0.01),
+                 rounded(size.y(), 0.01)};
+  nlohmann::json list = nlohmann::json::array();
+  for (Eigen::Index i = 0; i < points.cols(); ++i)
+    list.push_back({rounded(points(0, i), 0.001), rounded(points(1, i), 0.001)});
+  face["points"] = std::move(list);
+  face["score"] = rounded(1 - object.fit.error, 0.0001);
+  face["error"] = rounded(object.fit.error, 0.0001);
+  face["iterations"] = object.fit.iterations;
+  face["status"] = appearance::name_of(object.fit.status);
+  if (with_parameters) {
+    const auto numbers = [](const Eigen::VectorXd& v) {
+      return std::vector<double>(v.data(), v.data() + v.size());
+    };
+    face["shape"] = numbers(object.fit.shape.b);
+    face["texture"] = numbers(object.fit.c);
+  }
+  return face;
+}
+
+Drawn parse_drawn(const std::string& name) {
+  for (const Drawn drawn : {Drawn::kMesh, Drawn::kFace, Drawn::kPoints, Drawn::kNothing})
+    if (name_of(drawn) == name) return drawn;
+  throw UsageError(fmt::format("--draw {}: mesh, face, points or nothing", name));
+}
+
+ExitStatus run_fit(FitFlags& flags, Context& context) {
+  flags.track.check();
+  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen)
+    flags.run.output = "none";
+  const Drawn drawn = parse_drawn(flags.draw);
+  AamEngine engine = make_aam_engine(flags.aam);
+  if (drawn == Drawn::kFace && !engine.model->colour &&
+      !appearance::has_offset(engine.model->levels.front().channels))
+    throw ModelError(engine.path, "has no colour texture for --draw face");
+  AppearanceSession session(*engine.fitter, engine.find, flags.track, drawn);
+  bool found = false;
+  RunHooks hooks;
+  hooks.title = "appearance";
+  hooks.after_frame = [&](const Frame& frame) {
+    found = found || !session.objects().empty();
+    if (!frame.still || context.json || context.quiet) return;
+    std::string line = fmt::format("{}: {} {}", frame.name, session.objects().size(),
+                                   session.objects().size() == 1 ? "face" : "faces");
+    for (const appearance::TrackedObject& object : session.objects()) {
+      line += fmt::format(" [error {:.3f}, {} iterations, {}]", object.fit.error,
+                          object.fit.iterations, appearance::name_of(object.fit.status));
+    }
+    print_text(line + "\n");
+  };
+  hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
+    nlohmann::ordered_json faces = nlohmann::ordered_json::array();
+    for (const appearance::TrackedObject& object : session.objects())
+      faces.push_back(json_of(object, session.follows(), flags.parameters));
+    line["faces"] = std::move(faces);
+    line["ms"] = rounded(session.milliseconds(), 0.01);
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
+}
+
+}  // namespace
+
+void add_aam_fit(CLI::App& area, Context& context) {
+  auto flags = std::make_shared<FitFlags>();
+  CLI::App& verb =
+      *area.add_subcommand("fit", "fits a model to pictures, films and cameras (followed)");
+  add_run_flags(verb, flags->run);
+  add_aam_flags(verb, flags->aam);
+  verb.add_option("--draw", flags->draw,
+                  "mesh, face (the model's own, over the picture), points or nothing")
+      ->capture_default_str();
+  verb.add_flag("--parameters", flags->parameters,
+                "--json: the parameters of shape and texture as well");
+  const auto film = [](CLI::Option* option) { option->group("Films and cameras"); };
+  film(verb.add_option("--search-every", flags->track.search_every,
+                       "frames between searches for new faces")
+           ->capture_default_str());
+  film(verb.add_option("--most-faces", flags->track.most_objects, "followed at a time")
+           ->capture_default_str());
+  add_common_flags(verb, context);
+  verb.callback(
+      [flags, &context] { context.run = [flags, &context] { return run_fit(*flags, context); }; });
+}
+
+}  // namespace tarsier::cli

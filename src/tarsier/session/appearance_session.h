@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/appearance/synthesis.h"
+#include "tarsier/appearance/tracker.h"
+#include "tarsier/session/session.h"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier {
+
+// Fits an appearance model to what it is shown. Objects of a still are found anew; those of a film
+// or camera are followed.
+// Keys: v what is drawn (mesh, the model's face over the picture, points, nothing), e the error
+// picture, d looks for objects anew, space pauses, h help, q or Esc ends.
+// State: {"faces": number, "ids": [..], "error", "drawn", "paused"}.
+class AppearanceSession final : public Session {
+ public:
+  enum class Drawn { kMesh, kFace, kPoints, kNothing };
+
+  // `fitter` must outlive the session. Throws std::invalid_argument for bad options.
+  AppearanceSession(const appearance::Fitter& fitter, appearance::FindStarts find,
+                    const appearance::TrackOptions& options, Drawn drawn);
+
+  View on_frame(const Frame& frame, const SourceStatus& source) override;
+  View on_idle(const SourceStatus& source) override;
+  View on_event(const Event& event) override;
+  [[nodiscard]] std::vector<Action> actions() const override;
+  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
+
+  // Of the latest frame.
+  [[nodiscard]] const std::vector<appearance::TrackedObject>& objects() const { return objects_; }
+  [[nodiscard]] bool follows() const { return !still_; }
+  [[nodiscard]] double milliseconds() const { return milliseconds_; }
+
+ private:
+  void draw();
+  View view(bool fresh);
+
+  const appearance::Fitter& fitter_;
+  appearance::FindStarts find_;
+  appearance::TrackOptions options_;
+  std::optional<appearance::Synthesis> synthesis_;  // where the model can be drawn
+  appearance::Track track_;
+  appearance::FitWorkspace workspace_;
+  std::vector<appearance::TrackedObject> objects_;
+  Drawn drawn_ = Drawn::kMesh;
+  std::string name_;  // of the source
+  std::string source_;
+  double milliseconds_ = 0;
+  double usual_milliseconds_ = 0;
+  cv::Mat frame_;
+  cv::Mat output_;
+  cv::Mat shown_;
+  bool still_ = true;
+  bool errors_ = false;
+  bool paused_ = false;
+  bool help_ = false;
+  bool finished_ = false;
+};
+
+[[nodiscard]] std::string_view name_of(AppearanceSession::Drawn drawn);
+
+}  // namespace tarsier

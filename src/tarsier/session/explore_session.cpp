@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/session/explore_session.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/draw/shapes.h"
+#include "tarsier/draw/text.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+constexpr double kMostSigmas = 3;
+constexpr double kStep = 0.1;
+constexpr int kSliders = 4;  // of the shape, and of the look
+constexpr double kRandomSpread = 0.7;
+const cv::Size kPortrait(560, 560);
+constexpr int kLongest = 900;  // px, larger pictures are shown reduced
+constexpr int kBarRoom = 40;   // px, for the status
+const cv::Scalar kGround(38, 34, 30);
+
+std::string action_of(const Event& event, const std::vector<Action>& actions) {
+  if (event.kind == Event::Kind::kAction) return event.name;
+  if (event.kind != Event::Kind::kKey) return "";
+  if (event.key == key::kEscape) return "quit";
+  for (const Action& action : actions)
+    if (action.key == event.key) return action.name;
+  return "";
+}
+
+void draw_help(cv::Mat& image, const char* title, const std::vector<Action>& actions) {
+  std::vector<draw::HelpLine> lines;
+  for (const Action& action : actions)
+    lines.push_back({std::string(1, static_cast<char>(action.key)), action.help});
+  draw::help_overlay(image, title, lines);
+}
+
+// With room below for the status.
+cv::Mat framed(const cv::Mat& picture) {
+  cv::Mat whole(picture.rows + kBarRoom, picture.cols, CV_8UC3, kGround);
+  picture.copyTo(whole(cv::Rect(0, 0, picture.cols, picture.rows)));
+  return whole;
+}
+
+std::vector<double> numbers(const Eigen::VectorXd& v) { return {v.data(), v.data() + v.size()}; }
+
+}  // namespace
+
+ExploreSession::ExploreSession(const appearance::AppearanceModel& model,
+                               std::optional<ExploredPicture> picture, std::uint64_t seed)
+    : model_(model),
+      synthesis_(model),
+      base_(std::move(picture)),
+      shape_(Eigen::VectorXd::Zero(model.shape.mode_count())),
+      look_(Eigen::VectorXd::Zero(synthesis_.texture().mode_count())),
+      seed_(seed) {
+  if (!base_) return;
+  TARSIER_REQUIRE(base_->points.cols() == model.points(), "{} points, the model has {}",
+                  base_->points.cols(), model.points());
+  const int longest = std::max(base_->picture.cols, base_->picture.rows);
+  if (longest > kLongest) {
+    const double scale = static_cast<double>(kLongest) / longest;
+    cv::Mat reduced;
+    cv::resize(base_->picture, reduced, {}, scale, scale, cv::INTER_AREA);
+    base_->picture = reduced;
+    base_->points = ((base_->points.array() + 0.5) * scale - 0.5).matrix();
+  }
+  placed_ = shape::fit_shape(model.shape, base_->points);
+  seen_ = synthesis_.explain(base_->picture, base_->points);
+  over_ = true;
+  take_from_picture();
+}
+
+void ExploreSession::take_from_picture() {
+  shape_ = placed_.b.cwiseQuotient(model_.shape.deviation);
+  look_ = seen_.c.cwiseQuotient(synthesis_.texture().deviation);
+}
+
+double* ExploreSession::value_of(const std::string& name) {
+  const std::size_t space = name.find(' ');
+  if (space == std::string::npos) return nullptr;
+  int number = 0;
+  const char* end = name.data() + name.size();
+  if (std::from_chars(name.data() + space + 1, end, number).ptr != end) return nullptr;
+  const std::string kind = name.substr(0, space);
+  Eigen::VectorXd* values = kind == "shape" ? &shape_ : kind == "look" ? &look_ : nullptr;
+  if (values == nullptr || number < 1 || number > values->size()) return nullptr;
+  return values->data() + (number - 1);
+}
+
+View ExploreSession::on_event(const Event& event) {
+  if (event.kind == Event::Kind::kSlider) {
+    if (double* value = value_of(event.name); value != nullptr)
+      *value = std::clamp(event.value, -kMostSigmas, kMostSigmas);
+    return view();
+  }
+  const std::string name = action_of(event, actions());
+  const int modes = static_cast<int>(std::max(shape_.size(), look_.size()));
+  if (name == "mean") {
+    shape_.setZero();
+    look_.setZero();
+  }
+  if (name == "random") {
+    const appearance::RandomFace face =
+        appearance::random_face(model_, synthesis_.texture(), seed_++, kRandomSpread);
+    shape_ = face.b.cwiseQuotient(model_.shape.deviation);
+    look_ = face.c.cwiseQuotient(synthesis_.texture().deviation);
+  }
+  if (name == "picture" && base_) take_from_picture();
+  if (name == "over" && base_) over_ = !over_;
+  if (name == "mesh") mesh_ = !mesh_;
+  if (name == "modes" && modes > 0) first_ = first_ + kSliders < modes ? first_ + kSliders : 0;
+  if (name == "help") help_ = !help_;
+  if (name == "quit") finished_ = true;
+  return view();
+}
+
+std::vector<Action> ExploreSession::actions() const {
+  std::vector<Action> list{{"mean", "the mean face", '0'}, {"random", "a random face", 'r'}};
+  if (base_) {
+    list.push_back({"picture", "the picture's own face", 'f'});
+    list.push_back({"over", "over the picture, or by itself", 'o'});
+  }
+  list.push_back({"mesh", "the mesh", 'm'});
+  list.push_back({"modes", "the next four modes on the sliders", 's'});
+  list.push_back({"help", "this list", '?'});
+  list.push_back({"quit", "end", 'q'});
+  return list;
+}
+
+std::vector<Slider> ExploreSession::sliders() const {
+  // The window keeps its sliders: their names are those of the first modes, whatever they move.
+  std::vector<Slider> list;
+  for (const auto& [kind, values] : {std::pair{"shape", &shape_}, std::pair{"look", &look_}}) {
+    for (int k = first_; k < std::min<int>(first_ + kSliders, static_cast<int>(values->size()));
+         ++k)
+      list.push_back(
+          {fmt::format("{} {}", kind, k + 1), -kMostSigmas, kMostSigmas, kStep, (*values)[k]});
+  }
+  return list;
+}
+
+cv::Mat ExploreSession::picture() const {
+  const Eigen::VectorXd b = shape_.cwiseProduct(model_.shape.deviation);
+  const Eigen::VectorXd c = look_.cwiseProduct(synthesis_.texture().deviation);
+  cv::Mat image;
+  Eigen::Matrix2Xd points;
+  if (over_) {
+    image = base_->picture.clone();
+    points = placed_.image_from_model(shape::shape_of(model_.shape, b));
+    synthesis_.draw(c, seen_.offset, seen_.gain, points, image);
+  } else {
+    image = synthesis_.portrait(b, c, kPortrait, &points);
+  }
+  if (mesh_) appearance::draw_mesh(model_, points, image);
+  return image;
+}
+
+View ExploreSession::view() {
+  View result;
+  result.output = picture();
+  shown_ = framed(result.output);
+  result.status =
+      fmt::format("{} shape modes, {} modes of the look; sliders {}-{} in standard deviations",
+                  shape_.size(), look_.size(), first_ + 1, first_ + kSliders);
+  draw::status_bar(shown_, result.status, "?: keys");
+  if (help_) draw_help(shown_, "Appearance model", actions());
+  result.image = shown_;
+  result.finished = finished_;
+  result.state = {
+      {"shape", numbers(shape_)}, {"look", numbers(look_)}, {"over", over_}, {"mesh", mesh_},
+      {"first", first_ + 1},      {"help", help_}};
+  return result;
+}
+
+ShapePlayground::ShapePlayground(shape::ShapeModel model,
+                                 const std::vector<Eigen::Matrix2Xd>& shapes)
+    : model_(std::move(model)), sigmas_(Eigen::VectorXd::Zero(model_.mode_count())) {
+  for (const Eigen::Matrix2Xd& points : shapes) {
+    aligned_.push_back(shape::fit_similarity(points, model_.mean)(points));
+    scores_.push_back(shape::fit_shape(model_, points, {}, 10).b.cwiseQuotient(model_.deviation));
+  }
+}
+
+View ShapePlayground::on_event(const Event& event) {
+  if (event.kind == Event::Kind::kSlider) {
+    for (Eigen::Index k = 0; k < std::min<Eigen::Index>(2, sigmas_.size()); ++k) {
+      if (event.name == fmt::format("mode {}", k + 1))
+        sigmas_[k] = std::clamp(event.value, -kMostSigmas, kMostSigmas);
+    }
+    return view();
+  }
+  const std::string name = action_of(event, actions());
+  if (name == "mean") sigmas_.setZero();
+  if (name == "training") training_ = !training_;
+  if (name == "help") help_ = !help_;
+  if (name == "quit") finished_ = true;
+  return view();
+}
+
+std::vector<Action> ShapePlayground::actions() const {
+  return {{"mean", "the mean shape", '0'},
+          {"training", "the shapes that were learnt from", 't'},
+          {"help", "this list", '?'},
+          {"quit", "end", 'q'}};
+}
+
+std::vector<Slider> ShapePlayground::sliders() const {
+  std::vector<Slider> list;
+  for (Eigen::Index k = 0; k < std::min<Eigen::Index>(2, sigmas_.size()); ++k)
+    list.push_back({fmt::format("mode {}", k + 1), -kMostSigmas, kMostSigmas, kStep, sigmas_[k]});
+  return list;
+}
+
+cv::Mat ShapePlayground::picture() const {
+  const cv::Size size(760, 560);
+  cv::Mat image(size, CV_8UC3, kGround);
+  // The shapes to the left, their places in the plane of the two modes to the right.
+  const double left = 540;
+  Eigen::Array2d low = model_.mean.rowwise().minCoeff().array();
+  Eigen::Array2d high = model_.mean.rowwise().maxCoeff().array();
+  for (const Eigen::Matrix2Xd& points : aligned_) {
+    low = low.min(points.rowwise().minCoeff().array());
+    high = high.max(points.rowwise().maxCoeff().array());
+  }
+  const double scale = 0.8 * std::min(left, static_cast<double>(size.height)) /
+                       std::max(1e-9, (high - low).maxCoeff());
+  const Eigen::Array2d middle = (low + high) / 2;
+  const auto place = [&](const Eigen::Vector2d& p) {
+    const Eigen::Array2d at =
+        scale * (p.array() - middle) + Eigen::Array2d(left / 2, size.height / 2.0);
+    return cv::Point2d(at.x(), at.y());
+  };
+  if (training_) {
+    for (const Eigen::Matrix2Xd& points : aligned_)
+      for (Eigen::Index i = 0; i < points.cols(); ++i)
+        draw::point(image, place(points.col(i)), {120, 110, 100}, 1.5);
+  }
+  const Eigen::Matrix2Xd made = shape::shape_of(model_, sigmas_.cwiseProduct(model_.deviation));
+  for (const auto& line : model_.connections) {
+    cv::line(image, place(made.col(line[0])), place(made.col(line[1])), {230, 200, 90}, 1,
+             cv::LINE_AA);
+  }
+  for (Eigen::Index i = 0; i < made.cols(); ++i)
+    draw::point(image, place(made.col(i)), {80, 220, 255}, 3.5);
+
+  const cv::Rect plane(555, 180, 190, 190);
+  cv::rectangle(image, plane, {90, 84, 78}, 1);
+  const auto in_plane = [&](double a, double b) {
+    const auto share = [](double v) {
+      return (std::clamp(v, -kMostSigmas, kMostSigmas) + kMostSigmas) / (2 * kMostSigmas);
+    };
+    return cv::Point2d(plane.x + share(a) * plane.width, plane.y + (1 - share(b)) * plane.height);
+  };
+  const auto second = [](const Eigen::VectorXd& v) { return v.size() > 1 ? v[1] : 0.0; };
+  if (training_) {
+    for (const Eigen::VectorXd& score : scores_)
+      if (score.size() > 0)
+        draw::point(image, in_plane(score[0], second(score)), {150, 140, 130}, 2);
+  }
+  if (sigmas_.size() > 0)
+    draw::point(image, in_plane(sigmas_[0], second(sigmas_)), {80, 220, 255}, 5);
+  draw::TextStyle style;
+  style.height_px = 9;
+  style.backing = draw::Backing::kNone;
+  draw::put_text(image, "mode 1 and mode 2", {plane.x + plane.width / 2, plane.y - 16}, style,
+                 draw::Anchor::kCenter);
+  return image;
+}
+
+View ShapePlayground::view() {
+  View result;
+  result.output = picture();
+  shown_ = framed(result.output);
+  result.status = fmt::format("{} points, {} shapes, {} modes", model_.points(), aligned_.size(),
+                              model_.mode_count());
+  draw::status_bar(shown_, result.status, "?: keys");
+  if (help_) draw_help(shown_, "Shapes", actions());
+  result.image = shown_;
+  result.finished = finished_;
+  result.state = {{"values", numbers(sigmas_)}, {"training", training_}, {"help", help_}};
+  return result;
+}
+
+}  // namespace tarsier
