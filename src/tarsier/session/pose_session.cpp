@@ -122,11 +122,7 @@ PosedFace PoseSession::posed(landmarks::TrackedFace face, double time) {
   if (still_) {
     found = poser_.pose(points, camera_);
   } else {
-    const auto [at, is_new] =
-        persons_.try_emplace(face.id, Person{{},
-                                             head::MeanFilter(options_.mean_length),
-                                             head::OneEuroFilter(options_.one_euro),
-                                             time});
+    const auto [at, is_new] = persons_.try_emplace(face.id, options_);
     Person& person = at->second;
     person.seen = time;
     // A face that is hardly seen teaches nothing of its shape.

@@ -68,6 +68,8 @@ class PoseSession final : public Session {
 
  private:
   struct Person {
+    explicit Person(const PoseSessionOptions& options)
+        : mean(options.mean_length), one_euro(options.one_euro) {}
     head::HeadIdentity identity;
     head::MeanFilter mean;
     head::OneEuroFilter one_euro;
