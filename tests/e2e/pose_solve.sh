@@ -78,7 +78,7 @@ refused() { # STATUS PATTERN ARGUMENTS..
 }
 refused 3 'coplanar' --object square.txt --points square-seen.txt --focal 760 --method posit
 refused 3 'line' --object line.txt --points seen.txt --focal 760
-refused 3 'fewer than' --object three.txt --points three-seen.txt --focal 760
+refused 3 'at least 4 points' --object three.txt --points three-seen.txt --focal 760
 refused 3 'nan.txt: line 1: .*not finite' --object cube.txt --points nan.txt --focal 760
 refused 3 "words.txt: line 1: 'one' is no number" --object words.txt --points seen.txt --focal 760
 refused 3 'has 9 points, the object 8' --object cube.txt --points square-seen.txt --focal 760

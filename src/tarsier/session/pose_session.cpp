@@ -253,7 +253,8 @@ void PoseSession::draw() {
     const head::HeadPose& pose = *face->pose;
     const geometry::Rigid& place = pose.camera_from_head;
     if (options_.overlay == PoseOverlay::kAxes) {
-      head::draw_axes(output_, camera_, place, {60, 60, -100});
+      // Letters would hide a small face.
+      head::draw_axes(output_, camera_, place, {60, 60, -100}, face->face.box.width > 120);
     } else if (options_.overlay == PoseOverlay::kBox) {
       head::draw_box(output_, camera_, place, {-75, -85, -35}, {75, 115, 115});
     } else if (options_.overlay == PoseOverlay::kHead) {
@@ -267,12 +268,14 @@ void PoseSession::draw() {
     }
     draw::TextStyle text;
     text.height_px = std::clamp(face->face.box.height * 0.06, 8.0, 24.0);
-    draw::put_text(output_,
-                   fmt::format("{}yaw {:+.0f}  pitch {:+.0f}  roll {:+.0f}",
-                               still_ ? "" : fmt::format("{}:  ", face->face.id),
-                               pose.angles.yaw_deg, pose.angles.pitch_deg, pose.angles.roll_deg),
-                   {cvRound(face->face.box.x), cvRound(face->face.box.y)}, text,
-                   draw::Anchor::kBottomLeft);
+    const std::string angles =
+        fmt::format("{}yaw {:+.0f}  pitch {:+.0f}  roll {:+.0f}",
+                    still_ ? "" : fmt::format("{}:  ", face->face.id), pose.angles.yaw_deg,
+                    pose.angles.pitch_deg, pose.angles.roll_deg);
+    const cv::Size size = draw::text_size(angles, text.height_px);
+    const int x = std::clamp(cvRound(face->face.box.x), 0, std::max(0, output_.cols - size.width));
+    const int y = std::max(cvRound(face->face.box.y), size.height);
+    draw::put_text(output_, angles, {x, y}, text, draw::Anchor::kBottomLeft);
   }
 }
 
