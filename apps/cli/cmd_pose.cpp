@@ -32,7 +32,7 @@ void add_pose_flags(CLI::App& verb, PoseFlags& flags) {
   CLI::Option* camera = verb.add_option(
       "--camera", flags.camera, "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
   verb.add_option("--focal", flags.focal,
-                  "focal length in px [1.1 times the picture's larger side]")
+                  "focal length in px [1.3 times the picture's larger side]")
       ->check(CLI::PositiveNumber)
       ->excludes(camera);
 }

@@ -38,15 +38,22 @@ struct EvalFlags {
 double rounded(double value) { return std::round(value * 1000) / 1000; }
 
 // Poses of the faces of one picture, each as `pose track` finds them in stills.
+cv::Mat gray_of(const cv::Mat& image) {
+  cv::Mat gray;
+  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  return gray;
+}
+
 struct Finder {
   PoseEngine engine;
-  head::HeadPoser poser;
+  PoseFinder heads;
   landmarks::FitWorkspace workspace;
   std::string lines;  // what was found, as `pose track --json` writes it
 
   explicit Finder(PoseEngine made)
       : engine(std::move(made)),
-        poser(head::select_points(engine.head, engine.mapping.model_points)) {}
+        heads(engine.landmarks.model, engine.options.fit, engine.head, engine.mapping,
+              engine.options.pose) {}
 
   std::vector<PosedFace> faces(const std::string& name, const cv::Mat& image) {
     const auto start = std::chrono::steady_clock::now();
@@ -55,19 +62,8 @@ struct Finder {
     if (engine.options.focal_px > 0) camera.fx = camera.fy = engine.options.focal_px;
     camera.width = image.cols;
     camera.height = image.rows;
-    const cv::Mat gray = gray_of(image);
-    std::vector<PosedFace> result;
-    for (landmarks::FoundFace& found :
-         landmarks::find_faces(engine.landmarks.model, engine.landmarks.fit, gray,
-                               engine.landmarks.finder, workspace)) {
-      PosedFace face;
-      head::HeadPoseResult pose =
-          poser.pose(found.fit.points(Eigen::all, engine.mapping.landmarks), camera);
-      face.face = {0, std::move(found.fit.points), found.fit.score, found.box};
-      face.pose = std::move(pose.pose);
-      face.reason = std::move(pose.reason);
-      result.push_back(std::move(face));
-    }
+    std::vector<PosedFace> result =
+        heads.find(gray_of(image), camera, engine.landmarks.finder, workspace);
     const double ms =
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     nlohmann::ordered_json line;
@@ -77,16 +73,7 @@ struct Finder {
     lines += line.dump() + "\n";
     return result;
   }
-
-  static cv::Mat gray_of(const cv::Mat& image);
 };
-
-// Read as grey by the reader itself would be another conversion than `pose track`'s.
-cv::Mat Finder::gray_of(const cv::Mat& image) {
-  cv::Mat gray;
-  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
-  return gray;
-}
 
 // --- Pointing'04 ---
 
@@ -117,7 +104,7 @@ head::PointingOutcome judge(Finder& finder, const std::string& path,
   const cv::Rect2d head_box =
       head::pointing_box(path).value_or(cv::Rect2d(0, 0, image.cols, image.rows));
   for (const landmarks::Candidate& candidate :
-       finder.engine.landmarks.finder.find(Finder::gray_of(image))) {
+       finder.engine.landmarks.finder.find(gray_of(image))) {
     outcome.face_seen = outcome.face_seen || head_box.contains(center_of(candidate.box));
   }
   for (const PosedFace& face : finder.faces(path, image)) {
@@ -298,9 +285,10 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
       print_text("\n");
     }
   }
-  std::optional<Finder> finder;
+  // On the heap: it holds references into itself.
+  std::unique_ptr<Finder> finder;
   if (!flags.pointing.empty() || (!flags.truth.empty() && flags.results.empty())) {
-    finder.emplace(make_pose_engine(flags.pose));
+    finder = std::make_unique<Finder>(make_pose_engine(flags.pose));
   }
   if (!flags.pointing.empty()) any = evaluate_pointing(flags, *finder, context) || any;
   if (!flags.truth.empty()) {

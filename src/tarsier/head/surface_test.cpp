@@ -3,6 +3,7 @@
 
 #include "tarsier/head/testing_head.h"
 
+#include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
 #include <map>

@@ -27,26 +27,6 @@ const char* name_of(PoseOverlay overlay) {
   return kOverlayNames[static_cast<std::size_t>(overlay)];
 }
 
-head::HeadModel chosen_points(const head::HeadModel& model, const head::LandmarkMapping& mapping,
-                              int landmarks) {
-  TARSIER_REQUIRE(mapping.model_points.size() == mapping.landmarks.size(),
-                  "a mapping of {} points to {} landmarks", mapping.model_points.size(),
-                  mapping.landmarks.size());
-  for (const int landmark : mapping.landmarks) {
-    TARSIER_REQUIRE(landmark >= 0 && landmark < landmarks,
-                    "the head needs landmark {}, the landmark model has {}: give a --mapping",
-                    landmark, landmarks);
-  }
-  const auto is_whole = [&] {
-    if (static_cast<int>(mapping.model_points.size()) != model.points()) return false;
-    for (std::size_t i = 0; i < mapping.model_points.size(); ++i) {
-      if (mapping.model_points[i] != static_cast<int>(i)) return false;
-    }
-    return true;
-  };
-  return is_whole() ? model : head::select_points(model, mapping.model_points);
-}
-
 double rounded(double value, double digits) { return std::round(value * digits) / digits; }
 
 }  // namespace
@@ -65,13 +45,11 @@ void PoseSessionOptions::check() const {
 PoseSession::PoseSession(const landmarks::LandmarkModel& landmarks, const head::HeadModel& head,
                          const head::LandmarkMapping& mapping, landmarks::FaceFinder finder,
                          PoseSessionOptions options)
-    : landmarks_(landmarks),
+    : heads_(landmarks, options.fit, head, mapping, options.pose),
       finder_(std::move(finder)),
-      options_((options.check(), std::move(options))),
-      chosen_(mapping.landmarks),
-      poser_(chosen_points(head, mapping, landmarks.points()), options_.pose) {
+      options_((options.check(), std::move(options))) {
   if (options_.object != nullptr) {
-    surface_ = head::head_surface(poser_.model(), poser_.model().mean).triangles;
+    surface_ = head::head_surface(heads_.poser().model(), heads_.poser().model().mean).triangles;
   }
 }
 
@@ -101,48 +79,30 @@ geometry::Camera PoseSession::camera_for(const Frame& frame) const {
   return camera;
 }
 
-std::vector<landmarks::TrackedFace> PoseSession::find(const Frame& frame) {
-  if (!still_) {
-    return landmarks::track_faces(landmarks_, options_.fit, options_.tracker, finder_, state_,
-                                  gray_, frame.time, workspace_);
-  }
-  std::vector<landmarks::TrackedFace> faces;
-  for (landmarks::FoundFace& face : landmarks::find_faces(landmarks_, options_.fit, gray_, finder_,
-                                                          workspace_, options_.tracker.least_new)) {
-    faces.push_back(
-        {static_cast<int>(faces.size()) + 1, std::move(face.fit.points), face.fit.score, face.box});
-  }
-  return faces;
-}
-
-PosedFace PoseSession::posed(landmarks::TrackedFace face, double time) {
-  PosedFace result;
-  const Eigen::Matrix2Xd points = face.points(Eigen::all, chosen_);
-  head::HeadPoseResult found;
+void PoseSession::find(const Frame& frame) {
   if (still_) {
-    found = poser_.pose(points, camera_);
-  } else {
+    faces_ = heads_.find(gray_, camera_, finder_, workspace_);
+    return;
+  }
+  faces_.clear();
+  for (landmarks::TrackedFace& face :
+       landmarks::track_faces(heads_.landmarks(), heads_.fit(), options_.tracker, finder_, state_,
+                              gray_, frame.time, workspace_)) {
     const auto [at, is_new] = persons_.try_emplace(face.id, options_);
     Person& person = at->second;
-    person.seen = time;
+    person.seen = frame.time;
     // A face that is hardly seen teaches nothing of its shape.
-    if (face.score >= options_.tracker.least_new) {
-      found = poser_.pose(points, camera_, person.identity);
-    } else {
-      head::HeadIdentity known = person.identity;
-      found = poser_.pose(points, camera_, known);
-    }
-    if (found.pose) {
-      geometry::Rigid& pose = found.pose->camera_from_head;
+    const bool learn = face.score >= options_.tracker.least_new;
+    PosedFace posed =
+        heads_.pose_of(std::move(face), gray_, camera_, &person.identity, learn, workspace_);
+    if (posed.pose) {
+      geometry::Rigid& pose = posed.pose->camera_from_head;
       if (options_.smoothing == PoseSmoothing::kMean) pose = person.mean(pose);
-      if (options_.smoothing == PoseSmoothing::kOneEuro) pose = person.one_euro(pose, time);
-      found.pose->angles = head::angles_of_rotation(pose.rotation);
+      if (options_.smoothing == PoseSmoothing::kOneEuro) pose = person.one_euro(pose, frame.time);
+      posed.pose->angles = head::angles_of_rotation(pose.rotation);
     }
+    faces_.push_back(std::move(posed));
   }
-  result.face = std::move(face);
-  result.pose = std::move(found.pose);
-  result.reason = std::move(found.reason);
-  return result;
 }
 
 View PoseSession::on_frame(const Frame& frame, const SourceStatus& source) {
@@ -158,10 +118,7 @@ View PoseSession::on_frame(const Frame& frame, const SourceStatus& source) {
   camera_ = camera_for(frame);
   const Clock::time_point start = Clock::now();
   cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
-  faces_.clear();
-  for (landmarks::TrackedFace& face : find(frame)) {
-    faces_.push_back(posed(std::move(face), frame.time));
-  }
+  find(frame);
   milliseconds_ = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
   usual_milliseconds_ =
       usual_milliseconds_ == 0 ? milliseconds_ : 0.9 * usual_milliseconds_ + 0.1 * milliseconds_;
@@ -211,8 +168,8 @@ std::vector<Action> PoseSession::actions() const {
 }
 
 void PoseSession::draw_object(const PosedFace& face) {
-  const head::HeadSurface surface =
-      head::head_surface(poser_.model(), head::shape_of(poser_.model(), face.pose->b));
+  const head::HeadSurface surface = head::head_surface(
+      heads_.poser().model(), head::shape_of(heads_.poser().model(), face.pose->b));
   auto occluder = std::make_shared<render::Mesh>();
   for (Eigen::Index i = 0; i < surface.points.cols(); ++i) {
     const Eigen::Vector3f x = surface.points.col(i).cast<float>();
@@ -258,8 +215,8 @@ void PoseSession::draw() {
     } else if (options_.overlay == PoseOverlay::kBox) {
       head::draw_box(output_, camera_, place, {-75, -85, -35}, {75, 115, 115});
     } else if (options_.overlay == PoseOverlay::kHead) {
-      head::draw_head(output_, camera_, place, poser_.model(),
-                      head::shape_of(poser_.model(), pose.b));
+      head::draw_head(output_, camera_, place, heads_.poser().model(),
+                      head::shape_of(heads_.poser().model(), pose.b));
     } else if (options_.overlay == PoseOverlay::kObject) {
       draw_object(*face);
     }

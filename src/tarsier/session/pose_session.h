@@ -6,6 +6,7 @@
 #include "tarsier/head/smoothing.h"
 #include "tarsier/landmarks/tracker.h"
 #include "tarsier/render/mesh.h"
+#include "tarsier/session/pose_finder.h"
 #include "tarsier/session/session.h"
 
 #include <map>
@@ -33,12 +34,6 @@ struct PoseSessionOptions {
   std::optional<geometry::Camera> camera;  // width 0: of any size. Empty: guessed from the picture
   double focal_px = 0;                     // in its place, 0: guessed
   void check() const;                      // throws std::invalid_argument
-};
-
-struct PosedFace {
-  landmarks::TrackedFace face;
-  std::optional<head::HeadPose> pose;  // smoothed in films
-  std::string reason;                  // where there is none
 };
 
 // Finds the faces of the frames and the poses of their heads. Faces of a still are found anew;
@@ -77,17 +72,14 @@ class PoseSession final : public Session {
   };
 
   [[nodiscard]] geometry::Camera camera_for(const Frame& frame) const;
-  [[nodiscard]] std::vector<landmarks::TrackedFace> find(const Frame& frame);
-  [[nodiscard]] PosedFace posed(landmarks::TrackedFace face, double time);
+  void find(const Frame& frame);
   void draw();
   void draw_object(const PosedFace& face);
   View view(bool fresh);
 
-  const landmarks::LandmarkModel& landmarks_;
+  PoseFinder heads_;
   landmarks::FaceFinder finder_;
   PoseSessionOptions options_;
-  std::vector<int> chosen_;  // landmarks, in the order of the poser's points
-  head::HeadPoser poser_;
   std::vector<std::array<int, 3>> surface_;  // triangles of the head that hides things
   landmarks::TrackerState state_;
   landmarks::FitWorkspace workspace_;
