@@ -21,6 +21,7 @@ struct BenchOptions {
 [[nodiscard]] ExitStatus bench_plate(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_landmarks(Context& context,
                                          const BenchOptions& options);  // INPUT: a face
+[[nodiscard]] ExitStatus bench_render(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_posit(Context& context,
                                      const BenchOptions& options);  // INPUT: another head model
 

@@ -36,12 +36,14 @@ See what it does, then use your own pictures, then your camera:
   tarsier cartoon run photo.jpg -o drawn.png     a photograph becomes a cartoon
   tarsier cartoon run 0 --window                 camera 0, live; press s p c e a
   tarsier landmarks track 0 --window             68 points of each face, live
+  tarsier pose track 0 --window --draw glasses   where heads look, live
   tarsier plate read car.jpg                     a number plate
   tarsier sfm reconstruct photos/ -o model       cameras and a cloud of points
 
 Areas:
   cartoon run              cartoons of pictures, films and live cameras
   landmarks fit|track|..   points of faces: annotate, train, fit, follow, judge
+  pose track|solve|..      where heads look; the pose of a known object; a head in 3D
   plate read|train-..|..   number plates: read, train, judge, log
   sfm reconstruct|eval|..  photographs to camera poses and a point cloud
   models list|info|verify  the trained models that came with the program
@@ -275,6 +277,7 @@ int run_checked(int argc, const char* const* argv) {
   add_sfm(app, context);
   add_landmarks(app, context);
   add_aam(app, context);
+  add_pose(app, context);
   add_models(app, context);
   add_doctor(app, context);
   add_demo(app, context);

@@ -21,6 +21,7 @@ const std::vector<Benchmark>& benchmarks() {
        bench_landmarks},
       {"plate", "finding, aligning and reading number plates", bench_plate},
       {"posit", "the pose of a simulated head: error and time of POSIT beside SQPNP", bench_posit},
+      {"render", "drawing a mesh of ten thousand triangles into a picture", bench_render},
       {"steady", "how much less the lines of a video flicker with --steady", bench_steady},
   };
   return table;

@@ -49,7 +49,7 @@ geometry::Camera guess_camera(cv::Size picture) {
   geometry::Camera camera;
   camera.width = picture.width;
   camera.height = picture.height;
-  camera.fx = camera.fy = 1.1 * std::max(picture.width, picture.height);
+  camera.fx = camera.fy = 1.3 * std::max(picture.width, picture.height);
   camera.cx = (picture.width - 1) / 2.0;
   camera.cy = (picture.height - 1) / 2.0;
   return camera;

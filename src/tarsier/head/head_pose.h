@@ -23,8 +23,9 @@
 namespace tarsier::head {
 
 // The head's own camera where none is known: no distortion, the middle of the picture, focal length
-// 1.1 times its larger side (49 degrees across; webcams and phones have 0.8 .. 1.3). A focal length
-// that is wrong by a factor makes the distance wrong by as much, the rotation by a few degrees.
+// 1.3 times its larger side (42 degrees across): between webcams and phones, which have 0.7 .. 1,
+// and portraits, which have 1.4 .. 2.8. A focal length that is wrong by a factor makes the distance
+// wrong by as much, the rotation by a few degrees.
 [[nodiscard]] geometry::Camera guess_camera(cv::Size picture);
 
 struct HeadPoseOptions {

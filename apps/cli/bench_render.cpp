@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/rng.h"
+#include "tarsier/render/builtin.h"
+#include "tarsier/render/render.h"
+
+#include <fmt/format.h>
+
+#include "bench.h"
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+// A ball of 10 200 triangles that fills most of the picture, with or without a texture.
+std::shared_ptr<const render::Mesh> ball(bool textured, std::uint64_t seed) {
+  render::Mesh mesh = render::make_sphere(51, {0.9F, 0.8F, 0.7F});
+  if (textured) {
+    cv::Mat picture(256, 256, CV_8UC3);
+    Rng rng(seed);
+    for (int y = 0; y < picture.rows; ++y) {
+      for (int x = 0; x < 3 * picture.cols; ++x) {
+        picture.ptr<std::uint8_t>(y)[x] = static_cast<std::uint8_t>(rng.integer(0, 255));
+      }
+    }
+    mesh.textures.push_back(render::make_texture(picture));
+    mesh.materials[0].texture = 0;
+    for (const cv::Vec3f& p : mesh.positions) mesh.uvs.emplace_back(p[0], p[2]);
+    for (render::Triangle& triangle : mesh.triangles) triangle.uv = triangle.position;
+  }
+  return std::make_shared<const render::Mesh>(std::move(mesh));
+}
+
+double median_ms(const render::Scene& scene, const geometry::Camera& camera, int repeats) {
+  std::vector<double> times;
+  for (int i = 0; i < repeats; ++i) {
+    cv::Mat image(camera.height, camera.width, CV_8UC3, cv::Scalar::all(80));
+    const auto start = std::chrono::steady_clock::now();
+    render::render(image, scene, camera);
+    times.push_back(
+        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
+            .count());
+  }
+  std::sort(times.begin(), times.end());
+  return times[times.size() / 2];
+}
+
+}  // namespace
+
+ExitStatus bench_render(Context& context, const BenchOptions& options) {
+  geometry::Camera camera;
+  camera.width = 640;
+  camera.height = 480;
+  camera.fx = camera.fy = 640;
+  camera.cx = 319.5;
+  camera.cy = 239.5;
+  for (const char* name : {"gouraud", "gouraud-texture", "phong", "gouraud-antialias"}) {
+    const std::string_view what = name;
+    if (!options.only.empty() &&
+        std::find(options.only.begin(), options.only.end(), what) == options.only.end()) {
+      continue;
+    }
+    render::Scene scene;
+    scene.shading = what == "phong" ? render::Shading::kPhong : render::Shading::kGouraud;
+    scene.light.specular = 0.3;
+    scene.antialias = what == "gouraud-antialias";
+    render::Item item;
+    item.mesh = ball(what == "gouraud-texture", context.seed);
+    item.camera_from_mesh.translation = {0, 0, 3.2};
+    scene.items = {item};
+    const double ms = median_ms(scene, camera, options.repeats);
+    if (context.json) {
+      print_json_line(nlohmann::ordered_json{
+          {"bench", "render"},
+          {"case", name},
+          {"triangles", item.mesh->triangles.size()},
+          {"size", "640x480"},
+          {"ms", std::round(ms * 100) /
+                     100}}.dump());
+    } else {
+      print_text(fmt::format("{:>18}  {} triangles  640x480  {:6.2f} ms\n", name,
+                             item.mesh->triangles.size(), ms));
+    }
+  }
+  return ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

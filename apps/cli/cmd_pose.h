@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/head/head_model.h"
+#include "tarsier/session/pose_session.h"
+
+#include "cli.h"
+#include "landmark_engine.h"
+#include <string>
+
+// One file a verb: cmd_pose_<verb>.cpp.
+namespace tarsier::cli {
+
+void add_pose_solve(CLI::App& area, Context& context);
+void add_pose_train_head(CLI::App& area, Context& context);
+void add_pose_track(CLI::App& area, Context& context);
+void add_pose_eval(CLI::App& area, Context& context);
+
+// The flags of every verb that finds heads.
+struct PoseFlags {
+  LandmarkFlags landmarks;
+  std::string head;     // empty: the one that ships
+  std::string mapping;  // empty: the head's own
+  std::string camera;   // a file, or numbers
+  double focal = 0;     // px; 0: guessed
+};
+void add_pose_flags(CLI::App& verb, PoseFlags& flags);
+
+struct PoseEngine {
+  LandmarkEngine landmarks;
+  head::HeadModel head;
+  head::LandmarkMapping mapping;
+  PoseSessionOptions options;  // camera and fit are set
+};
+// Throws ModelError, InputError, UsageError.
+[[nodiscard]] PoseEngine make_pose_engine(const PoseFlags& flags);
+
+[[nodiscard]] head::HeadModel read_head(const std::string& path);  // empty: the one that ships
+// A file, or "fx,fy,cx,cy[,..]".
+[[nodiscard]] geometry::Camera camera_of(const std::string& text);
+
+// How far the mean head is from a file of 3D landmarks, after the best similarity: in the head's
+// mm.
+struct HeadComparison {
+  double all_mm = 0;
+  double inner_mm = 0;  // points 17..67 of the 68; 0 for other markups
+};
+// Throws InputError where the numbers of points differ.
+[[nodiscard]] HeadComparison compare_head(const head::HeadModel& head, const std::string& path);
+
+}  // namespace tarsier::cli

@@ -1,0 +1,330 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/head/evaluation.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/io/image_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "cmd_pose.h"
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct EvalFlags {
+  PoseFlags pose;
+  std::string pointing;
+  std::string truth;
+  std::string results;
+  std::string compare;
+  std::string output;
+  std::string csv;
+};
+
+double rounded(double value) { return std::round(value * 1000) / 1000; }
+
+// Poses of the faces of one picture, each as `pose track` finds them in stills.
+cv::Mat gray_of(const cv::Mat& image) {
+  cv::Mat gray;
+  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  return gray;
+}
+
+struct Finder {
+  PoseEngine engine;
+  PoseFinder heads;
+  landmarks::FitWorkspace workspace;
+  std::string lines;  // what was found, as `pose track --json` writes it
+
+  explicit Finder(PoseEngine made)
+      : engine(std::move(made)),
+        heads(engine.landmarks.model, engine.options.fit, engine.head, engine.mapping,
+              engine.options.pose) {}
+
+  std::vector<PosedFace> faces(const std::string& name, const cv::Mat& image) {
+    const auto start = std::chrono::steady_clock::now();
+    geometry::Camera camera = head::guess_camera(image.size());
+    if (engine.options.camera) camera = *engine.options.camera;
+    if (engine.options.focal_px > 0) camera.fx = camera.fy = engine.options.focal_px;
+    camera.width = image.cols;
+    camera.height = image.rows;
+    std::vector<PosedFace> result =
+        heads.find(gray_of(image), camera, engine.landmarks.finder, workspace);
+    const double ms =
+        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    nlohmann::ordered_json line;
+    line["image"] = name;
+    line["faces"] = posed_faces_json(result, false);
+    line["ms"] = std::round(ms * 100) / 100;
+    lines += line.dump() + "\n";
+    return result;
+  }
+};
+
+// --- Pointing'04 ---
+
+std::vector<std::string> pictures_below(const std::string& folder) {
+  std::error_code error;
+  if (!fs::is_directory(folder, error)) throw InputError(folder, "no such folder");
+  std::vector<std::string> paths;
+  for (const auto& entry :
+       fs::recursive_directory_iterator(folder, fs::directory_options::skip_permission_denied)) {
+    if (entry.is_regular_file() && is_image_path(entry.path().string())) {
+      paths.push_back(entry.path().string());
+    }
+  }
+  std::sort(paths.begin(), paths.end());
+  return paths;
+}
+
+cv::Point2d center_of(const cv::Rect2d& box) {
+  return {box.x + box.width / 2, box.y + box.height / 2};
+}
+
+head::PointingOutcome judge(Finder& finder, const std::string& path,
+                            const head::PointingName& truth) {
+  head::PointingOutcome outcome;
+  outcome.image = path;
+  outcome.truth = truth;
+  const cv::Mat image = read_image(path);
+  const cv::Rect2d head_box =
+      head::pointing_box(path).value_or(cv::Rect2d(0, 0, image.cols, image.rows));
+  for (const landmarks::Candidate& candidate :
+       finder.engine.landmarks.finder.find(gray_of(image))) {
+    outcome.face_seen = outcome.face_seen || head_box.contains(center_of(candidate.box));
+  }
+  for (const PosedFace& face : finder.faces(path, image)) {
+    if (!face.pose || !head_box.contains(center_of(face.face.box))) continue;
+    outcome.face_seen = true;
+    outcome.angles = face.pose->angles;
+    break;
+  }
+  return outcome;
+}
+
+std::string table_of(const std::vector<head::PointingOutcome>& outcomes) {
+  std::string table = "image,tilt,pan,seen,found,pitch,yaw,roll\n";
+  for (const head::PointingOutcome& o : outcomes) {
+    const head::HeadAngles a = o.angles.value_or(head::HeadAngles{});
+    table += fmt::format("{},{:g},{:g},{:d},{:d},{:.2f},{:.2f},{:.2f}\n", o.image, o.truth.tilt_deg,
+                         o.truth.pan_deg, o.face_seen, o.angles.has_value(), a.pitch_deg, a.yaw_deg,
+                         a.roll_deg);
+  }
+  return table;
+}
+
+std::string text_of(const head::PointingScore& score) {
+  std::string text = fmt::format(
+      "{} pictures with |pan| <= 45 and |tilt| <= 30: face detected in {}, pose found in {} "
+      "({:.1f} % of those)\n"
+      "yaw   MAE {:.2f} degrees after the offset of {:+.2f}; {:.2f} without\n"
+      "pitch MAE {:.2f} degrees after the offset of {:+.2f}; {:.2f} without\n"
+      "mean yaw {} with pan:",
+      score.images, score.seen, score.found, 100.0 * score.found / std::max(1, score.seen),
+      score.yaw_mae_deg, score.yaw_offset_deg, score.yaw_mae_raw_deg, score.pitch_mae_deg,
+      score.pitch_offset_deg, score.pitch_mae_raw_deg,
+      score.yaw_rises ? "rises strictly" : "does NOT rise strictly");
+  for (const auto& [pan, yaw] : score.yaw_of_pan) text += fmt::format("  {:+g}: {:+.1f}", pan, yaw);
+  text += "\nmean pitch by tilt:";
+  for (const auto& [tilt, pitch] : score.pitch_of_tilt) {
+    text += fmt::format("  {:+g}: {:+.1f}", tilt, pitch);
+  }
+  return text + "\n";
+}
+
+nlohmann::ordered_json json_of(const head::PointingScore& score) {
+  nlohmann::ordered_json line;
+  line["set"] = "pointing04";
+  line["images"] = score.images;
+  line["seen"] = score.seen;
+  line["found"] = score.found;
+  line["yaw_mae"] = rounded(score.yaw_mae_deg);
+  line["pitch_mae"] = rounded(score.pitch_mae_deg);
+  line["yaw_offset"] = rounded(score.yaw_offset_deg);
+  line["pitch_offset"] = rounded(score.pitch_offset_deg);
+  line["yaw_mae_raw"] = rounded(score.yaw_mae_raw_deg);
+  line["pitch_mae_raw"] = rounded(score.pitch_mae_raw_deg);
+  line["yaw_rises"] = score.yaw_rises;
+  for (const auto& [pan, yaw] : score.yaw_of_pan) {
+    line["yaw_of_pan"][fmt::format("{:+g}", pan)] = rounded(yaw);
+  }
+  for (const auto& [tilt, pitch] : score.pitch_of_tilt) {
+    line["pitch_of_tilt"][fmt::format("{:+g}", tilt)] = rounded(pitch);
+  }
+  return line;
+}
+
+bool evaluate_pointing(const EvalFlags& flags, Finder& finder, Context& context) {
+  std::vector<std::pair<std::string, head::PointingName>> pictures;
+  for (const std::string& path : pictures_below(flags.pointing)) {
+    const auto name = head::parse_pointing_name(path);
+    if (name && std::abs(name->pan_deg) <= 45 && std::abs(name->tilt_deg) <= 30) {
+      pictures.emplace_back(path, *name);
+    }
+  }
+  if (pictures.empty()) {
+    throw InputError(flags.pointing, "has no picture named as in Pointing'04");
+  }
+  std::vector<head::PointingOutcome> outcomes;
+  context.progress->begin("poses", static_cast<std::int64_t>(pictures.size()), "pictures");
+  for (const auto& [path, name] : pictures) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    outcomes.push_back(judge(finder, path, name));
+  }
+  context.progress->end();
+  if (!flags.csv.empty()) write_file_atomically(flags.csv, table_of(outcomes));
+  const head::PointingScore score = head::score_pointing(outcomes);
+  if (context.json) {
+    print_json_line(json_of(score).dump());
+  } else {
+    print_text(text_of(score));
+  }
+  return score.found > 0;
+}
+
+// --- exact truth ---
+
+// The picture of a truth's line, from the current folder or from that of the file.
+std::string picture_path(const std::string& truth, const std::string& image) {
+  std::error_code error;
+  if (fs::exists(image, error)) return image;
+  return (fs::path(truth).parent_path() / image).string();
+}
+
+std::vector<head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
+                                   const std::vector<head::PoseLine>& truth, Context& context) {
+  std::vector<head::PoseLine> found;
+  context.progress->begin("poses", static_cast<std::int64_t>(truth.size()), "pictures");
+  for (const head::PoseLine& line : truth) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    const std::vector<PosedFace> faces =
+        finder.faces(line.image, read_image(picture_path(flags.truth, line.image)));
+    head::PoseLine result;
+    result.image = line.image;
+    if (!faces.empty() && faces.front().pose) {
+      result.rotation = faces.front().pose->camera_from_head.rotation;
+      result.translation = faces.front().pose->camera_from_head.translation;
+    }
+    found.push_back(result);
+  }
+  context.progress->end();
+  return found;
+}
+
+void print_score(const head::PoseScore& score, const Context& context) {
+  if (context.json) {
+    nlohmann::ordered_json line;
+    line["set"] = "truth";
+    line["images"] = score.truths;
+    line["answered"] = score.answered;
+    line["pitch_mae"] = rounded(score.pitch_mae_deg);
+    line["yaw_mae"] = rounded(score.yaw_mae_deg);
+    line["roll_mae"] = rounded(score.roll_mae_deg);
+    line["rotation_mean"] = rounded(score.mean_deg);
+    line["rotation_median"] = rounded(score.median_deg);
+    line["rotation_p95"] = rounded(score.p95_deg);
+    line["beyond10"] = rounded(score.beyond10);
+    if (score.with_translation > 0) {
+      line["translation_mean"] = rounded(score.translation_mean_mm);
+      line["translation_median"] = rounded(score.translation_median_mm);
+      line["translation_percent"] = rounded(score.translation_percent);
+    }
+    print_json_line(line.dump());
+    return;
+  }
+  print_text(fmt::format(
+      "answered {}/{}  MAE pitch {:.2f} yaw {:.2f} roll {:.2f} mean {:.2f} degrees | rotation mean "
+      "{:.2f} median {:.2f} p95 {:.2f}, beyond 10 degrees {:.1f} %\n",
+      score.answered, score.truths, score.pitch_mae_deg, score.yaw_mae_deg, score.roll_mae_deg,
+      (score.pitch_mae_deg + score.yaw_mae_deg + score.roll_mae_deg) / 3, score.mean_deg,
+      score.median_deg, score.p95_deg, 100 * score.beyond10));
+  if (score.with_translation > 0) {
+    print_text(fmt::format("translation mean {:.2f} median {:.2f} ({:.2f} % of the distance)\n",
+                           score.translation_mean_mm, score.translation_median_mm,
+                           score.translation_percent));
+  }
+}
+
+ExitStatus run_eval(const EvalFlags& flags, Context& context) {
+  if (flags.pointing.empty() && flags.truth.empty() && flags.compare.empty()) {
+    throw UsageError("give --pointing DIR, --truth FILE or --compare FILE");
+  }
+  if (!flags.results.empty() && flags.truth.empty()) {
+    throw UsageError("--results needs --truth FILE");
+  }
+  bool any = false;
+  if (!flags.compare.empty()) {
+    const HeadComparison comparison = compare_head(read_head(flags.pose.head), flags.compare);
+    any = true;
+    if (context.json) {
+      nlohmann::ordered_json line{{"set", "compare"}, {"all_mm", rounded(comparison.all_mm)}};
+      if (comparison.inner_mm > 0) line["inner51_mm"] = rounded(comparison.inner_mm);
+      print_json_line(line.dump());
+    } else {
+      print_text(fmt::format("mean head against {}: {:.2f} mm over all points", flags.compare,
+                             comparison.all_mm));
+      if (comparison.inner_mm > 0) {
+        print_text(fmt::format(", {:.2f} mm over the inner 51", comparison.inner_mm));
+      }
+      print_text("\n");
+    }
+  }
+  // On the heap: it holds references into itself.
+  std::unique_ptr<Finder> finder;
+  if (!flags.pointing.empty() || (!flags.truth.empty() && flags.results.empty())) {
+    finder = std::make_unique<Finder>(make_pose_engine(flags.pose));
+  }
+  if (!flags.pointing.empty()) any = evaluate_pointing(flags, *finder, context) || any;
+  if (!flags.truth.empty()) {
+    const std::vector<head::PoseLine> truth = head::read_pose_lines(flags.truth);
+    const std::vector<head::PoseLine> found = flags.results.empty()
+                                                  ? run_on(flags, *finder, truth, context)
+                                                  : head::read_pose_lines(flags.results);
+    const head::PoseScore score =
+        head::score_poses(head::match_poses(found, truth), static_cast<int>(truth.size()));
+    print_score(score, context);
+    any = any || score.answered > 0;
+  }
+  if (finder && !flags.output.empty()) write_file_atomically(flags.output, finder->lines);
+  return any ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+}  // namespace
+
+void add_pose_eval(CLI::App& area, Context& context) {
+  auto flags = std::make_shared<EvalFlags>();
+  CLI::App& verb = *area.add_subcommand("eval", "measures head poses on pictures of known truth");
+  add_pose_flags(verb, flags->pose);
+  verb.add_option("--pointing", flags->pointing,
+                  "folder of the Pointing'04 head pose set: names carry the angles");
+  verb.add_option("--truth", flags->truth,
+                  "JSON lines {\"image\", \"rotation\": [9 numbers]} (or \"R\", or \"euler\": "
+                  "[pitch, yaw, roll] as BIWI has them; \"translation\" in mm if known)");
+  verb.add_option("--results", flags->results,
+                  "judge these JSON lines (of `pose track --json`) instead of running the models");
+  verb.add_option("--compare", flags->compare,
+                  "file of 3D landmarks: how far the mean head is from it");
+  verb.add_option("-o,--output", flags->output, "file for the poses found, JSON lines");
+  verb.add_option("--csv", flags->csv, "table of --pointing to write, one row a picture");
+  add_common_flags(verb, context);
+  verb.callback(
+      [flags, &context] { context.run = [flags, &context] { return run_eval(*flags, context); }; });
+}
+
+}  // namespace tarsier::cli

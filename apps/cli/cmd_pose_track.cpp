@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/render/builtin.h"
+#include "tarsier/render/obj_io.h"
+
+#include <fmt/format.h>
+
+#include "cmd_pose.h"
+#include "run_session.h"
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <utility>
+
+namespace tarsier::cli {
+namespace {
+
+struct TrackFlags {
+  RunFlags run;
+  PoseFlags pose;
+  landmarks::TrackerOptions tracker;
+  head::HeadPoseOptions head;
+  std::string smooth = "one-euro";
+  std::string draw = "axes";
+  std::string csv;
+  bool no_identity = false;
+};
+
+// One row a face and frame, written as they come; whole lines, flushed.
+class PoseTable {
+ public:
+  explicit PoseTable(const std::string& path) : path_(path), file_(path, std::ios::binary) {
+    file_ << "frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px\n";
+    check();
+  }
+  void add(const Frame& frame, const PosedFace& face) {
+    if (!face.pose) return;
+    const head::HeadPose& pose = *face.pose;
+    const cv::Vec3d& t = pose.camera_from_head.translation;
+    file_ << fmt::format("{},{:.3f},{},{:.3f},{:.2f},{:.2f},{:.2f},{:.1f},{:.1f},{:.1f},{:.2f}\n",
+                         frame.index, frame.time, face.face.id, face.face.score,
+                         pose.angles.yaw_deg, pose.angles.pitch_deg, pose.angles.roll_deg, t[0],
+                         t[1], t[2], pose.rms_px);
+    check();
+  }
+
+ private:
+  void check() {
+    file_.flush();
+    if (!file_) throw OutputError(path_, "cannot be written");
+  }
+  std::string path_;
+  std::ofstream file_;
+};
+
+void set_overlay(const std::string& what, PoseSessionOptions& options) {
+  constexpr std::pair<const char*, PoseOverlay> kKinds[] = {{"none", PoseOverlay::kNone},
+                                                            {"axes", PoseOverlay::kAxes},
+                                                            {"box", PoseOverlay::kBox},
+                                                            {"head", PoseOverlay::kHead}};
+  for (const auto& [name, overlay] : kKinds) {
+    if (what == name) {
+      options.overlay = overlay;
+      return;
+    }
+  }
+  options.overlay = PoseOverlay::kObject;
+  for (const char* name : {"glasses", "hat"}) {
+    if (what != name) continue;
+    options.object = std::make_shared<const render::Mesh>(*render::builtin_mesh(name));
+    return;
+  }
+  if (!what.ends_with(".obj") && !what.ends_with(".OBJ")) {
+    throw UsageError(fmt::format(
+        "--draw {}: none, axes, box, head, glasses, hat or a Wavefront file (.obj)", what));
+  }
+  render::ObjFile file = render::read_obj(what);
+  for (const std::string& note : file.notes) log_warning("{}", note);
+  options.object = std::make_shared<const render::Mesh>(std::move(file.mesh));
+}
+
+std::string line_of(const PosedFace& face) {
+  if (!face.pose) return fmt::format(" [no pose: {}]", face.reason);
+  const head::HeadAngles& angles = face.pose->angles;
+  return fmt::format(" [yaw {:+.1f} pitch {:+.1f} roll {:+.1f}, {:.0f} mm away]", angles.yaw_deg,
+                     angles.pitch_deg, angles.roll_deg,
+                     cv::norm(face.pose->camera_from_head.translation));
+}
+
+ExitStatus run_track(TrackFlags& flags, Context& context) {
+  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen) {
+    flags.run.output = "none";
+  }
+  PoseSessionOptions options;
+  set_overlay(flags.draw, options);
+  PoseEngine engine = make_pose_engine(flags.pose);
+  options.fit = engine.options.fit;
+  options.camera = engine.options.camera;
+  options.focal_px = engine.options.focal_px;
+  options.tracker = flags.tracker;
+  options.pose = flags.head;
+  options.pose.fit_shape = !flags.no_identity;
+  options.smoothing = flags.smooth == "none"   ? PoseSmoothing::kNone
+                      : flags.smooth == "mean" ? PoseSmoothing::kMean
+                                               : PoseSmoothing::kOneEuro;
+  options.tracker.smoothing = options.smoothing != PoseSmoothing::kNone;
+  PoseSession session(engine.landmarks.model, engine.head, engine.mapping,
+                      std::move(engine.landmarks.finder), options);
+  std::optional<PoseTable> table;
+  if (!flags.csv.empty()) table.emplace(flags.csv);
+  bool found = false;
+  RunHooks hooks;
+  hooks.title = "pose";
+  hooks.after_frame = [&](const Frame& frame) {
+    for (const PosedFace& face : session.faces()) {
+      found = found || face.pose.has_value();
+      if (table) table->add(frame, face);
+    }
+    if (frame.still && !context.json && !context.quiet) {
+      print_text(fmt::format("{}: {} {}", frame.name, session.faces().size(),
+                             session.faces().size() == 1 ? "face" : "faces"));
+      for (const PosedFace& face : session.faces()) print_text(line_of(face));
+      print_text("\n");
+    }
+  };
+  hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
+    line["faces"] = posed_faces_json(session.faces(), session.follows());
+    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
+}
+
+}  // namespace
+
+void add_pose_track(CLI::App& area, Context& context) {
+  auto flags = std::make_shared<TrackFlags>();
+  CLI::App& verb = *area.add_subcommand(
+      "track", "where heads look: yaw, pitch, roll and place, in pictures, films and cameras");
+  add_run_flags(verb, flags->run);
+  add_pose_flags(verb, flags->pose);
+  verb.add_option("--draw", flags->draw,
+                  "axes, box, head, none, glasses, hat, or a Wavefront file (.obj; mm, origin "
+                  "between the eyes, x right, y down, z away from the camera)")
+      ->capture_default_str();
+  verb.add_option("--csv", flags->csv,
+                  "table to write: frame, time, face, score, angles, place (mm), error");
+  verb.add_flag("--no-identity", flags->no_identity,
+                "the mean head for everyone: the shape is not fitted");
+  const auto film = [](CLI::Option* option) { option->group("Films and cameras"); };
+  film(
+      verb.add_option("--smooth", flags->smooth,
+                      "none, mean (of 5 frames) or one-euro (steady when still, quick when moving)")
+          ->check(CLI::IsMember({"none", "mean", "one-euro"}))
+          ->capture_default_str());
+  film(verb.add_option("--search-every", flags->tracker.search_every,
+                       "frames between searches for new faces")
+           ->capture_default_str());
+  film(verb.add_option("--least-score", flags->tracker.least_score,
+                       "a face whose fit is worth less is lost and looked for again")
+           ->capture_default_str());
+  film(verb.add_option("--most-faces", flags->tracker.most_faces, "followed at a time")
+           ->capture_default_str());
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] { return run_track(*flags, context); };
+  });
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/head/draw_pose.h"
+#include "tarsier/head/posit.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/render/builtin.h"
+#include "tarsier/render/render.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "cmd_pose.h"
+#include "demo.h"
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+
+geometry::Camera demo_camera(int width, int height) {
+  geometry::Camera camera;
+  camera.width = width;
+  camera.height = height;
+  camera.fx = camera.fy = 760;
+  camera.cx = (width - 1) / 2.0;
+  camera.cy = (height - 1) / 2.0;
+  return camera;
+}
+
+// A cube of 100 mm that stands on a table, drawn with its true pose.
+cv::Mat cube_picture(const geometry::Camera& camera, const geometry::Rigid& camera_from_cube) {
+  cv::Mat image(camera.height, camera.width, CV_8UC3, cv::Scalar(222, 226, 230));
+  render::Scene scene;
+  scene.antialias = true;
+  render::Item cube;
+  cube.mesh = std::make_shared<const render::Mesh>(render::make_cube());
+  cube.scale = 100;
+  cube.camera_from_mesh = camera_from_cube;
+  const geometry::Rigid cube_on_table{cv::Matx33d::eye(), {0, 0, 50}};
+  render::Item shadow = cube;
+  const cv::Vec3d light(0.9, 0.5, -1.2);
+  shadow.mesh = std::make_shared<const render::Mesh>(
+      render::planar_shadow(*cube.mesh, cube_on_table, cube.scale, light));
+  shadow.scale = 1;
+  shadow.camera_from_mesh = camera_from_cube * cube_on_table.inverse();
+  shadow.role = render::Role::kShadow;
+  scene.light.direction = camera_from_cube.rotation * light;
+  scene.items = {shadow, cube};
+  render::render(image, scene, camera);
+  return image;
+}
+
+// Its corners seen with 0.5 px of noise, and the pose from them.
+DemoPicture cube_with_axes(DemoPage& page, Context& context) {
+  const geometry::Camera camera = demo_camera(480, 360);
+  const cv::Matx33d upright(1, 0, 0, 0, 0, -1, 0, 1, 0);  // z up, y away from the camera
+  const head::HeadAngles tilt{0, -28, 0};
+  const double turn = 0.6;
+  const cv::Matx33d about_z(std::cos(turn), -std::sin(turn), 0, std::sin(turn), std::cos(turn), 0,
+                            0, 0, 1);
+  const geometry::Rigid truth{head::rotation_of_angles(tilt).t() * upright * about_z,
+                              {-12, 14, 430}};
+  cv::Mat image = cube_picture(camera, truth);
+  Eigen::Matrix3Xd object(3, 8);
+  Eigen::Matrix2Xd seen(2, 8);
+  Rng rng(context.seed);
+  for (int i = 0; i < 8; ++i) {
+    object.col(i) << ((i & 1) != 0 ? 50 : -50), ((i & 2) != 0 ? 50 : -50),
+        ((i & 4) != 0 ? 50 : -50);
+    const auto pixel = camera.project(truth * cv::Vec3d(object(0, i), object(1, i), object(2, i)));
+    seen.col(i) << pixel->x + 0.5 * rng.normal(), pixel->y + 0.5 * rng.normal();
+  }
+  head::PositOptions options;
+  options.refine_steps = 10;
+  head::PositWorkspace workspace;
+  const head::PositResult result =
+      head::posit(head::PositModel(object), seen, camera, options, workspace);
+  std::string text = "no pose";
+  if (result.pose) {
+    const geometry::Rigid& pose = result.pose->camera_from_object;
+    head::draw_axes(image, camera, pose, {90, 90, 90});
+    text = fmt::format(
+        "a cube of 100 mm, its corners seen with 0.5 px of noise: {} iterations, {:.2f} degrees "
+        "and {:.1f} mm from the truth",
+        result.pose->iterations,
+        geometry::angle_of(pose.rotation * truth.rotation.t()) * 180 / CV_PI,
+        cv::norm(pose.translation - truth.translation));
+  }
+  return page.drawing("pose-cube", image, text);
+}
+
+// The face, enlarged, with what `pose track --draw` draws.
+DemoPicture messi(DemoPage& page, const cv::Mat& image, const std::string& name,
+                  PoseOverlay overlay, const std::string& caption) {
+  PoseEngine engine = make_pose_engine({});
+  PoseSessionOptions options = engine.options;
+  options.overlay = overlay;
+  if (overlay == PoseOverlay::kObject) {
+    options.object = std::make_shared<const render::Mesh>(render::make_glasses());
+  }
+  PoseSession session(engine.landmarks.model, engine.head, engine.mapping,
+                      std::move(engine.landmarks.finder), options);
+  Frame frame;
+  cv::resize(image, frame.image, {}, 3, 3, cv::INTER_CUBIC);
+  frame.still = true;
+  frame.name = kMessi;
+  const View view = session.on_frame(frame, {});
+  cv::Rect around(0, 0, view.output.cols, view.output.rows);
+  std::string text = caption;
+  if (!session.faces().empty() && session.faces().front().pose) {
+    const PosedFace& face = session.faces().front();
+    const cv::Rect2d& box = face.face.box;
+    around &= cv::Rect(cvRound(box.x - 0.9 * box.width), cvRound(box.y - 0.7 * box.height),
+                       cvRound(2.8 * box.width), cvRound(2.4 * box.height));
+    const head::HeadAngles& angles = face.pose->angles;
+    text += fmt::format(": yaw {:+.0f}, pitch {:+.0f}, roll {:+.0f} degrees", angles.yaw_deg,
+                        angles.pitch_deg, angles.roll_deg);
+  }
+  return page.picture(name, view.output(around).clone(), text);
+}
+
+}  // namespace
+
+void demo_pose(Context& context, DemoPage& page) {
+  page.begin_area("Where things stand, where heads look",
+                  "The pose of a known object from one picture (POSIT and a few steps of "
+                  "Levenberg-Marquardt), and of a head, whose 3D points were learnt from flat "
+                  "pictures of a thousand faces.");
+  page.command("tarsier pose solve --object cube.txt --points seen.txt --focal 760");
+  page.grid({cube_with_axes(page, context)});
+  throw_if_stopped(context.stop);
+  page.command(fmt::format("tarsier pose track {} -o posed.png", kMessi));
+  if (!std::filesystem::exists(kMessi)) {
+    page.note("The package opencv-doc is not installed; its photograph would be here.");
+    return;
+  }
+  const cv::Mat image = read_image(kMessi);
+  std::vector<DemoPicture> pictures;
+  pictures.push_back(messi(page, image, "pose-messi", PoseOverlay::kAxes, "--draw axes"));
+  throw_if_stopped(context.stop);
+  pictures.push_back(messi(page, image, "pose-glasses", PoseOverlay::kObject,
+                           "--draw glasses, drawn as triangles; the head hides what is behind it"));
+  page.grid(pictures);
+  // The turning head of the appearance model comes here.
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/camera.h"
+#include "tarsier/head/head_pose.h"
+#include "tarsier/landmarks/tracker.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <optional>
+#include <string>
+#include <vector>
+
+// From landmarks to head poses, and back: landmarks are fitted from the mean face seen from the
+// front, which pulls turned faces towards the front. So once a pose is known, the fit begins anew
+// from the head's own points in that pose; what comes out is turned further, as the face is.
+namespace tarsier {
+
+struct PosedFace {
+  landmarks::TrackedFace face;
+  std::optional<head::HeadPose> pose;
+  std::string reason;  // where there is none
+};
+
+class PoseFinder {
+ public:
+  // The landmark model must outlive it. `mapping`: of the head's points to the landmarks. Throws
+  // std::invalid_argument where they do not fit together.
+  PoseFinder(const landmarks::LandmarkModel& landmarks, const landmarks::FitOptions& fit,
+             const head::HeadModel& head, const head::LandmarkMapping& mapping,
+             const head::HeadPoseOptions& options);
+
+  [[nodiscard]] const landmarks::LandmarkModel& landmarks() const { return landmarks_; }
+  [[nodiscard]] const landmarks::FitOptions& fit() const { return fit_; }
+  [[nodiscard]] const head::HeadPoser& poser() const { return poser_; }
+
+  // The pose of a face whose points were fitted, fitting them anew (gray: CV_8UC1, of the camera's
+  // size). face.points and face.score become those of the better fit. `identity` may be null; it
+  // learns from the face if `learn`.
+  [[nodiscard]] PosedFace pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
+                                  const geometry::Camera& camera, head::HeadIdentity* identity,
+                                  bool learn, landmarks::FitWorkspace& workspace) const;
+
+  // All faces of a still, numbered from 1, in the order of landmarks::find_faces. Faces that only
+  // the less strict search saw are kept when their score after the second fit is at least
+  // `least_score`.
+  [[nodiscard]] std::vector<PosedFace> find(const cv::Mat& gray, const geometry::Camera& camera,
+                                            landmarks::FaceFinder& finder,
+                                            landmarks::FitWorkspace& workspace,
+                                            double least_score = 0.4) const;
+
+ private:
+  const landmarks::LandmarkModel& landmarks_;
+  landmarks::FitOptions fit_;
+  std::vector<int> chosen_;  // landmarks, in the order of the poser's points
+  bool is_whole_ = false;    // every landmark is a point of the head: the fit can begin anew
+  head::HeadPoser poser_;
+};
+
+}  // namespace tarsier
