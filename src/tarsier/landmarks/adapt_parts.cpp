@@ -127,23 +127,24 @@ void move(Sample& sample, const Eigen::Matrix2Xd& mean, const Eigen::RowVectorXd
   if (moved.allFinite() && shape_size(moved) > 1) sample.points = moved;
 }
 
-// Moves the samples of each part by what was learned from the others; a single picture's by the
-// base, which is how far off pictures never seen may be at worst.
+// Moves the samples of each part by what was learned from the others. Of a single picture starts
+// are divided: were its samples moved by the base, each stage would learn the person's whole
+// difference once more.
 void move_samples(std::vector<Sample>& samples, const Eigen::Matrix2Xd& mean,
                   const Problem& problem, const Eigen::MatrixXd& kernel, double lambda, int faces) {
-  const int parts = std::min(faces, kMostParts);
+  const int parts = faces > 1 ? std::min(faces, kMostParts) : 2;
   for (int part = 0; part < parts; ++part) {
     std::vector<Eigen::Index> own;
     std::vector<Eigen::Index> others;
     for (std::size_t i = 0; i < samples.size(); ++i) {
-      (samples[i].face % parts == part ? own : others).push_back(static_cast<Eigen::Index>(i));
+      const int of = faces > 1 ? samples[i].face : static_cast<int>(i);
+      (of % parts == part ? own : others).push_back(static_cast<Eigen::Index>(i));
     }
     Eigen::MatrixXd learned =
         Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(own.size()), problem.errors.cols());
     if (!others.empty()) {
-      const Eigen::MatrixXd solved =
-          dual(kernel(others, others), problem.errors(others, Eigen::all), lambda);
-      learned = kernel(own, others) * solved;
+      const Eigen::MatrixXd errors = problem.errors(others, Eigen::all);
+      learned = kernel(own, others) * dual(kernel(others, others), errors, lambda);
     }
     for (std::size_t k = 0; k < own.size(); ++k) {
       move(samples[static_cast<std::size_t>(own[k])], mean,

@@ -45,7 +45,7 @@ struct HogDetector {
 
 struct HogOptions {
   int window = 80;        // px, square root of the window's area, 40..200
-  double c = 1;           // weight of the losses against that of a large margin, (0, 1e6]
+  double c = 5;           // weight of the losses against that of a large margin, (0, 1e6]
   double epsilon = 0.02;  // stop when the risk is this near its least value, [1e-4, 1]
   int rounds = 500;       // at most, of the optimisation, 1..100000
   bool mirror = true;     // learn from mirrored pictures too
