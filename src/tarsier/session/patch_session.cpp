@@ -43,6 +43,7 @@ PatchSession::PatchSession(landmarks::PatchModels model, shape::ShapeModel shape
   TARSIER_REQUIRE(shape_.points() == model_.points(), "{} patches, a shape of {} points",
                   model_.points(), shape_.points());
   respond();
+  (void)view();  // clicks are read by what was drawn
 }
 
 void PatchSession::respond() {

@@ -6,7 +6,10 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
+#include <chrono>
+#include <cstdint>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -55,18 +58,26 @@ class PatchSessionTest : public ::testing::Test {
 // No frames: a session of events alone.
 class Nothing final : public FrameSource {
  public:
-  std::optional<Frame> next(const std::stop_token&) override { return std::nullopt; }
+  std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
+    return std::nullopt;
+  }
+  [[nodiscard]] bool ended() const override { return true; }
+  [[nodiscard]] bool is_live() const override { return false; }
   [[nodiscard]] SourceStatus status() const override { return {}; }
+  [[nodiscard]] double fps() const override { return 0; }
+  [[nodiscard]] std::int64_t count() const override { return 0; }
+  [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
+
+ private:
+  std::vector<std::string> skipped_;
 };
 
 TEST_F(PatchSessionTest, KeysGoRoundThroughAllPatches) {
   PatchSession session = this->session(false);
   Nothing source;
   ScriptedHost host(session, source);
-  for (const int key : {'n', 'n', static_cast<int>(key::kRight), static_cast<int>(key::kSpace),
-                        static_cast<int>(key::kLeft), static_cast<int>('p'), 'q'}) {
-    host.at(0, key_event(key));
-  }
+  const std::vector<int> keys{'n', 'n', key::kRight, key::kSpace, key::kLeft, 'p', 'q'};
+  for (const int key : keys) host.at(0, key_event(key));
   std::vector<int> patches;
   for (const ScriptStep& step : host.run()) patches.push_back(step.state.at("patch"));
   EXPECT_EQ(patches, (std::vector<int>{1, 2, 3, 0, 3, 2, 2}));

@@ -194,10 +194,8 @@ class DlibReader {
         is_image_ = !tag.is_end && !tag.is_empty;
         if (pictures_ != nullptr && !image_.empty()) pictures_->push_back({image_, {}, {}, {}});
       } else if (tag.name == "box") {
-        if (tag.is_end || tag.is_empty)
-          finish_box();
-        else
-          start_box(tag);
+        if (!tag.is_end) start_box(tag);
+        if (tag.is_end || tag.is_empty) finish_box();
       } else if (tag.name == "part" && !tag.is_end) {
         add_part(tag);
       }
