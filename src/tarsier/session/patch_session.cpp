@@ -19,11 +19,11 @@ namespace tarsier {
 namespace {
 
 const cv::Size kView(1000, 620);
-const cv::Rect kFacePlace(12, 12, 480, 540);
+const cv::Rect kFacePlace(12, 12, 480, 522);
 const cv::Rect kPatchPlace(508, 34, 480, 228);
 const cv::Rect kPicturePlace(508, 300, 480, 240);
-const cv::Rect kPrevious(12, 560, 110, 28);
-const cv::Rect kNext(130, 560, 110, 28);
+const cv::Rect kPrevious(12, 544, 110, 28);
+const cv::Rect kNext(130, 544, 110, 28);
 const cv::Scalar kGround(38, 34, 30);
 constexpr int kSearches[] = {11, 21, 31, 41};
 

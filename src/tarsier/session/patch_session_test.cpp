@@ -110,8 +110,8 @@ TEST_F(PatchSessionTest, ClicksTakeButtonsAndThePatchUnderThem) {
   // The face is a square in the left half: its corners are the patches.
   EXPECT_EQ(click(420, 470), 3);
   EXPECT_EQ(click(90, 470), 2);
-  EXPECT_EQ(click(185, 574), 3) << "next";
-  EXPECT_EQ(click(60, 574), 2) << "previous";
+  EXPECT_EQ(click(185, 558), 3) << "next";
+  EXPECT_EQ(click(60, 558), 2) << "previous";
   EXPECT_EQ(click(990, 610), 2) << "nothing there";
 }
 
