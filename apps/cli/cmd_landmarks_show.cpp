@@ -259,6 +259,10 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
     throw InputError(flags.file,
                      fmt::format("is a '{}', which cannot be shown; known: {}", type, known));
   }
+  if (!flags.on.empty() && type != "landmark-tracker") {
+    throw UsageError(
+        fmt::format("--on: patches are tried on a picture; {} is a '{}'", flags.file, type));
+  }
   return found->second(flags, context);
 }
 
@@ -270,9 +274,10 @@ void add_landmarks_show(CLI::App& area, Context& context) {
   verb.add_option("FILE", flags->file, "a set, a shape model, a tracker or a face detector")
       ->required()
       ->type_name("");
-  verb.add_option("-o,--output", flags->output,
-                  "a set: contact sheet (.png ..); a shape model: its modes (.png ..) or their "
-                  "animation (.gif); without it: a window");
+  verb.add_option(
+      "-o,--output", flags->output,
+      "a set: contact sheet (.png ..); a model: its parts (.png ..) or its shape modes' "
+      "animation (.gif); without it: a window");
   verb.add_flag("--window", flags->window, "in a window (as without -o)");
   verb.add_flag("--fullscreen", flags->fullscreen, "the window fills the screen");
   const auto of_set = [](CLI::Option* option) { option->group("Sets"); };

@@ -24,6 +24,8 @@ constexpr int kLeastWindow = 16;
 constexpr int kMostWindow = 400;
 constexpr double kMostEnlarged = 2;
 constexpr double kMostPixels = 2e6;
+constexpr std::size_t kMostPlaces = 4000;
+constexpr std::size_t kMostFound = 200;
 
 }  // namespace
 
@@ -53,31 +55,43 @@ void HogDetector::check() const {
 
 struct HogFinder::Impl {
   HogDetector model;
-  dlib::object_detector<inner::HogScanner> detector;
+  inner::HogScanner scanner;
+  inner::HogScanner::fhog_filterbank filters;
+  dlib::test_box_overlap overlaps;
   cv::Mat resized;
+
+  explicit Impl(const HogDetector& detector)
+      : model(detector), overlaps(detector.overlap, detector.covered) {
+    model.check();
+    scanner.configure(model);
+    dlib::matrix<double, 0, 1> weights(static_cast<long>(model.weights.size()));
+    long at = 0;
+    for (Eigen::Index plane = 0; plane < model.weights.rows(); ++plane) {
+      for (Eigen::Index k = 0; k < model.weights.cols(); ++k) {
+        weights(at++) = static_cast<double>(model.weights(plane, k));
+      }
+    }
+    filters = scanner.build_fhog_filterbank(weights);
+  }
+
+  // Best first. However low the threshold of a model is, the work has an end.
+  std::vector<std::pair<double, dlib::rectangle>> detect(double below) {
+    scanner.load(resized);
+    std::vector<std::pair<double, dlib::rectangle>> places;
+    scanner.detect(filters, places, model.threshold - below);
+    places.resize(std::min(places.size(), kMostPlaces));
+    std::vector<std::pair<double, dlib::rectangle>> kept;
+    for (const auto& place : places) {
+      const bool is_taken = std::any_of(kept.begin(), kept.end(), [&](const auto& better) {
+        return overlaps(better.second, place.second);
+      });
+      if (!is_taken && kept.size() < kMostFound) kept.push_back(place);
+    }
+    return kept;
+  }
 };
 
-namespace {
-
-dlib::object_detector<inner::HogScanner> detector_of(const HogDetector& model) {
-  model.check();
-  inner::HogScanner scanner;
-  scanner.configure(model);
-  dlib::matrix<double, 0, 1> weights(static_cast<long>(model.weights.size()) + 1);
-  long at = 0;
-  for (Eigen::Index plane = 0; plane < model.weights.rows(); ++plane) {
-    for (Eigen::Index k = 0; k < model.weights.cols(); ++k) {
-      weights(at++) = static_cast<double>(model.weights(plane, k));
-    }
-  }
-  weights(at) = model.threshold;
-  return {scanner, dlib::test_box_overlap(model.overlap, model.covered), weights};
-}
-
-}  // namespace
-
-HogFinder::HogFinder(const HogDetector& detector)
-    : impl_(std::make_unique<Impl>(Impl{detector, detector_of(detector), {}})) {}
+HogFinder::HogFinder(const HogDetector& detector) : impl_(std::make_unique<Impl>(detector)) {}
 HogFinder::~HogFinder() = default;
 HogFinder::HogFinder(HogFinder&&) noexcept = default;
 HogFinder& HogFinder::operator=(HogFinder&&) noexcept = default;
@@ -100,11 +114,10 @@ std::vector<ScoredBox> HogFinder::find(const cv::Mat& gray, double least, double
   cv::resize(gray, my.resized, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
   const double sx = static_cast<double>(gray.cols) / size.width;
   const double sy = static_cast<double>(gray.rows) / size.height;
-  std::vector<std::pair<double, dlib::rectangle>> detections;
-  my.detector(my.resized, detections, -below);
-  for (const auto& [score, rectangle] : detections) {
+  for (const auto& [score, rectangle] : my.detect(below)) {
     const cv::Rect2d box = inner::from_dlib(rectangle);
-    found.push_back({{box.x * sx, box.y * sy, box.width * sx, box.height * sy}, score});
+    found.push_back(
+        {{box.x * sx, box.y * sy, box.width * sx, box.height * sy}, score - my.model.threshold});
   }
   return found;
 }

@@ -167,6 +167,18 @@ TEST_F(HogDetectorTest, FilesKeepTheDetectorAndBadOnesAreRefused) {
   refused("box", {{"dx", 0}});
 }
 
+TEST_F(HogDetectorTest, AThresholdThatEverythingPassesHasAnEnd) {
+  HogDetector detector;
+  detector.width = detector.height = 48;
+  detector.weights = Eigen::MatrixXf::Constant(kHogPlanes, detector.cells().area(), 0.1F);
+  detector.threshold = -1000;
+  detector.overlap = 1;
+  const std::vector<ScoredBox> found =
+      HogFinder(detector).find(cv::Mat(600, 800, CV_8UC1, cv::Scalar(80)), 48);
+  EXPECT_GE(found.size(), 10U);
+  EXPECT_LE(found.size(), 200U);
+}
+
 TEST_F(HogDetectorTest, StopsAtOnceAndNamesWhatCannotBeLearned) {
   std::stop_source stop;
   stop.request_stop();
