@@ -50,8 +50,7 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   const cv::Mat gray = read_gray_image(path);
   const std::vector<landmarks::Candidate> found = engine.finder.find(gray);
   if (found.empty()) throw InputError(path, "shows no face to measure on");
-  const Eigen::Matrix2Xd start =
-      landmarks::start_in_box(engine.model.box, engine.model.shape.mean, found.front().box);
+  const Eigen::Matrix2Xd start = landmarks::start_at(engine.model, engine.finder, found.front());
   const auto report = [&](const std::string& name, double ms) {
     if (context.json) {
       nlohmann::ordered_json line = {{"case", name}, {"ms", std::round(ms * 1000) / 1000}};

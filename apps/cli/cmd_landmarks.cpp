@@ -13,6 +13,7 @@ void add_landmarks(CLI::App& app, Context& context) {
   add_landmarks_train(area, context);
   add_landmarks_fit(area, context);
   add_landmarks_track(area, context);
+  add_landmarks_adapt(area, context);
   add_landmarks_eval(area, context);
 }
 

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/shape/import.h"
 #include "tarsier/shape/landmark_set.h"
 
 #include "cli.h"
 #include <string>
+#include <vector>
 
 // One file a verb: cmd_landmarks_<verb>.cpp.
 namespace tarsier::cli {
@@ -16,6 +18,10 @@ void add_landmarks_train(CLI::App& area, Context& context);
 void add_landmarks_fit(CLI::App& area, Context& context);
 void add_landmarks_track(CLI::App& area, Context& context);
 void add_landmarks_eval(CLI::App& area, Context& context);
+void add_landmarks_adapt(CLI::App& area, Context& context);
+
+// A verb of `train`.
+void add_landmarks_train_detector(CLI::App& parent, Context& context);
 
 // A set as it is given to train and eval: our own file, or whatever `landmarks import` takes.
 // What had to be left out is logged.
@@ -30,5 +36,9 @@ void add_set_flags(CLI::App& verb, SetFlags& flags);
 // Every `every`-th sample (3: the third, sixth ..), or all others. 0: all samples.
 enum class Part { kHeldOut, kOthers };
 [[nodiscard]] shape::LandmarkSet part_of(const shape::LandmarkSet& set, int every, Part part);
+
+// The boxes of a dlib .xml file, or those around the landmarks of a set.
+[[nodiscard]] std::vector<shape::BoxedPicture> load_boxes(const SetFlags& flags, int every,
+                                                          Part part);
 
 }  // namespace tarsier::cli

@@ -4,6 +4,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/io/atomic_file.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/landmarks/detection.h"
 #include "tarsier/landmarks/evaluation.h"
 #include "tarsier/landmarks/faces_json.h"
 #include "tarsier/landmarks/person_study.h"
@@ -32,6 +33,7 @@ struct EvalFlags {
   std::string csv;
   std::vector<int> eyes;
   bool by_person = false;
+  bool detection = false;
   bool worst = false;
 };
 
@@ -108,7 +110,51 @@ ExitStatus study_persons(const EvalFlags& flags, const shape::LandmarkSet& set, 
   return ExitStatus::kDone;
 }
 
+// Boxes alone.
+ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
+  const std::vector<shape::BoxedPicture> pictures =
+      load_boxes(flags.set, flags.held_out, Part::kHeldOut);
+  LandmarkEngine engine = make_landmark_engine(flags.landmarks);
+  landmarks::DetectionJudge judge;
+  context.progress->begin("detecting", static_cast<std::int64_t>(pictures.size()), "pictures");
+  for (const shape::BoxedPicture& picture : pictures) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    try {
+      const cv::Mat gray = read_gray_image(picture.image);
+      const auto start = std::chrono::steady_clock::now();
+      const std::vector<landmarks::Candidate> found = engine.finder.find_sure(gray);
+      const double ms =
+          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
+              .count();
+      judge.add(engine.model, engine.finder, found, picture, ms);
+    } catch (const InputError& error) {
+      log_warning("{}; left out", error.what());
+    }
+  }
+  context.progress->end();
+  const landmarks::DetectionScore score = judge.score();
+  const double rate = static_cast<double>(score.found) / std::max(1, score.objects);
+  if (context.json) {
+    const nlohmann::ordered_json line = {{"pictures", score.pictures},
+                                         {"objects", score.objects},
+                                         {"found", score.found},
+                                         {"rate", std::round(rate * 1e4) / 1e4},
+                                         {"false_alarms", score.false_alarms},
+                                         {"off", std::round(score.off * 1e4) / 1e4},
+                                         {"ms", std::round(score.ms * 100) / 100}};
+    print_json_line(line.dump());
+  } else {
+    print_text(fmt::format(
+        "{} of {} found ({:.1f} %), off by {:.1f} % of the box; {} false alarms in {} pictures\n",
+        score.found, score.objects, 100 * rate, 100 * score.off, score.false_alarms,
+        score.pictures));
+  }
+  return score.found == 0 ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
 ExitStatus run_eval(EvalFlags& flags, Context& context) {
+  if (flags.detection) return judge_detection(flags, context);
   const shape::LandmarkSet set =
       shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
   if (set.samples.empty()) throw InputError(flags.set.input, "no complete sample is left to judge");
@@ -205,6 +251,8 @@ void add_landmarks_eval(CLI::App& area, Context& context) {
   verb.add_flag("--by-person", flags->by_person,
                 "study: descent trained on other people against descent trained on the first half "
                 "of the person's own pictures");
+  verb.add_flag("--detection", flags->detection,
+                "judge where faces are found, not their points; SET may be a dlib .xml of boxes");
   add_common_flags(verb, context);
   verb.callback(
       [flags, &context] { context.run = [flags, &context] { return run_eval(*flags, context); }; });

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
 #include "tarsier/draw/tile.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/landmarks/hog_detector.h"
 #include "tarsier/landmarks/model.h"
 #include "tarsier/session/landmark_show_session.h"
+#include "tarsier/session/patch_session.h"
 #include "tarsier/sfm_view/animation.h"
 #include "tarsier/shape/landmark_set.h"
 #include "tarsier/shape/shape_model.h"
@@ -13,12 +17,17 @@
 
 #include "browse_session.h"
 #include "cmd_landmarks.h"
+#include "landmark_engine.h"
 #include "window.h"
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
+#include <vector>
 
 namespace tarsier::cli {
 namespace {
@@ -35,6 +44,8 @@ struct ShowFlags {
   int columns = 0;
   int most = 100;
   int modes = 4;
+  std::string on;   // a picture that patches are tried on
+  int search = 21;  // px
 };
 
 constexpr ArchiveLimits kLimits{512'000'000, 64, 50'000'000};
@@ -108,12 +119,69 @@ ExitStatus show_shape_model(const ShowFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-// The parts of a tracker that can be seen: the shape's modes, and the patches on the mean face.
+// The points of the largest face that the model finds in a picture; none without a face.
+std::optional<PatchPicture> picture_with_points(const ShowFlags& flags) {
+  LandmarkFlags engine_flags;
+  engine_flags.model = flags.file;
+  LandmarkEngine engine = make_landmark_engine(engine_flags);
+  PatchPicture picture{
+      std::filesystem::path(flags.on).filename().string(), read_gray_image(flags.on), {}};
+  landmarks::FitWorkspace workspace;
+  const std::vector<landmarks::FoundFace> faces =
+      landmarks::find_faces(engine.model, engine.fit, picture.gray, engine.finder, workspace);
+  if (faces.empty()) return std::nullopt;
+  picture.points = faces.front().fit.points;
+  return picture;
+}
+
+ExitStatus show_in_window(const ShowFlags& flags, const landmarks::LandmarkModel& model,
+                          std::optional<PatchPicture> picture, Context& context) {
+  window::prepare();
+  if (model.patches) {
+    PatchSession session(*model.patches, model.shape, std::move(picture));
+    return browse_session(session, session.on_idle({}), "Tarsier patches", flags.fullscreen,
+                          context, {});
+  }
+  ShapeModelSession session(model.shape);
+  const auto between = [&](std::chrono::milliseconds& wait) -> std::optional<View> {
+    wait = std::chrono::milliseconds(40);
+    return session.on_idle({});
+  };
+  return browse_session(session, session.on_idle({}), "Tarsier shape model", flags.fullscreen,
+                        context, between);
+}
+
+ExitStatus show_responses(const ShowFlags& flags, const landmarks::LandmarkModel& model,
+                          const PatchPicture& picture, Context& context) {
+  write_image(flags.output, landmarks::draw_responses(*model.patches, picture.gray, picture.points,
+                                                      flags.search));
+  double best = 0;
+  for (const landmarks::PointResponse& response :
+       landmarks::point_responses(*model.patches, picture.gray, picture.points, flags.search)) {
+    best += response.best / model.points();
+  }
+  say({{"output", flags.output}, {"points", model.points()}, {"response", best}},
+      fmt::format("{}: {} responses, at best {:.2f} on average\n", flags.output, model.points(),
+                  best),
+      context);
+  return ExitStatus::kDone;
+}
+
+// The parts of a tracker that can be seen: the shape's modes, and the patches on the mean face; in
+// a window patch by patch.
 ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
   const landmarks::LandmarkModel model = landmarks::read_landmark_model(flags.file);
-  if (flags.output.empty()) {
-    throw UsageError("-o: a tracker is shown as a picture (.png ..), its shape's modes as .gif");
+  if (!flags.on.empty()) {
+    if (!model.patches) throw ModelError(flags.file, "has no patches that --on could show");
+    std::optional<PatchPicture> picture = picture_with_points(flags);
+    if (!picture) {
+      log_warning("{}: no face found", flags.on);
+      return ExitStatus::kNothingFound;
+    }
+    if (!flags.output.empty()) return show_responses(flags, model, *picture, context);
+    return show_in_window(flags, model, std::move(picture), context);
   }
+  if (flags.output.empty()) return show_in_window(flags, model, std::nullopt, context);
   const int modes = std::min(flags.modes, model.shape.mode_count());
   if (ends_with(flags.output, ".gif")) {
     sfm::write_gif(flags.output,
@@ -142,10 +210,27 @@ ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
+// The filter of a face detector.
+ExitStatus show_detector(const ShowFlags& flags, Context& context) {
+  const landmarks::HogDetector model = landmarks::read_hog_detector(flags.file);
+  if (flags.output.empty()) throw UsageError("-o: a face detector is shown as a picture (.png ..)");
+  const cv::Mat filter = landmarks::draw_hog_detector(model, std::clamp(flags.cell / 5, 8, 100));
+  write_image(flags.output, filter);
+  say({{"output", flags.output},
+       {"window", {model.width, model.height}},
+       {"threshold", model.threshold},
+       {"knows_shapes", model.box.has_value()}},
+      fmt::format("{}: window of {}x{} px, {} weights\n", flags.output, model.width, model.height,
+                  model.weights.size()),
+      context);
+  return ExitStatus::kDone;
+}
+
 // What can be shown, by the type that its file states. Other models add a line.
 using Show = ExitStatus (*)(const ShowFlags&, Context&);
 const std::map<std::string, Show>& shows() {
   static const std::map<std::string, Show> table{
+      {"face-detector", show_detector},
       {"landmark-set", show_set},
       {"landmark-tracker", show_tracker},
       {"shape-model", show_shape_model},
@@ -154,6 +239,10 @@ const std::map<std::string, Show>& shows() {
 }
 
 ExitStatus show(const ShowFlags& flags, Context& context) {
+  if (flags.search % 2 == 0) {
+    throw UsageError(
+        fmt::format("--search {}: an odd number, so that it has a middle", flags.search));
+  }
   std::string type;
   try {
     type = read_any_archive(flags.file, kLimits).type;
@@ -170,6 +259,10 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
     throw InputError(flags.file,
                      fmt::format("is a '{}', which cannot be shown; known: {}", type, known));
   }
+  if (!flags.on.empty() && type != "landmark-tracker") {
+    throw UsageError(
+        fmt::format("--on: patches are tried on a picture; {} is a '{}'", flags.file, type));
+  }
   return found->second(flags, context);
 }
 
@@ -178,12 +271,13 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
 void add_landmarks_show(CLI::App& area, Context& context) {
   auto flags = std::make_shared<ShowFlags>();
   CLI::App& verb = *area.add_subcommand("show", "looks into a set or a model");
-  verb.add_option("FILE", flags->file, "a set, a shape model or a tracker")
+  verb.add_option("FILE", flags->file, "a set, a shape model, a tracker or a face detector")
       ->required()
       ->type_name("");
-  verb.add_option("-o,--output", flags->output,
-                  "a set: contact sheet (.png ..); a shape model: its modes (.png ..) or their "
-                  "animation (.gif); without it: a window");
+  verb.add_option(
+      "-o,--output", flags->output,
+      "a set: contact sheet (.png ..); a model: its parts (.png ..) or its shape modes' "
+      "animation (.gif); without it: a window");
   verb.add_flag("--window", flags->window, "in a window (as without -o)");
   verb.add_flag("--fullscreen", flags->fullscreen, "the window fills the screen");
   const auto of_set = [](CLI::Option* option) { option->group("Sets"); };
@@ -202,6 +296,13 @@ void add_landmarks_show(CLI::App& area, Context& context) {
   verb.add_option("--modes", flags->modes, "shape model: modes to show")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
+  const auto of_tracker = [](CLI::Option* option) { option->group("Trackers"); };
+  of_tracker(verb.add_option("--on", flags->on,
+                             "picture of a face: how each patch responds around its point there"));
+  of_tracker(verb.add_option("--search", flags->search,
+                             "px, side of the region whose responses a sheet shows, odd")
+                 ->check(CLI::Range(3, 101))
+                 ->capture_default_str());
   add_common_flags(verb, context);
   verb.callback(
       [flags, &context] { context.run = [flags, &context] { return show(*flags, context); }; });

@@ -2,6 +2,7 @@
 #include "landmark_engine.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/landmarks/hog_detector.h"
 
 #include <fmt/format.h>
 
@@ -19,8 +20,17 @@ void add_landmark_flags(CLI::App& verb, LandmarkFlags& flags) {
   verb.add_option("--min-face", flags.min_face,
                   "smallest face that is looked for, share of the picture's smaller side")
       ->capture_default_str();
+  verb.add_option("--face-detector", flags.detector,
+                  "detector of `landmarks train face-detector` that finds the faces [the cascades "
+                  "of opencv-data]");
   verb.add_flag("!--strict", flags.thorough,
                 "only faces that the frontal detector is sure of: faster where there are none");
+}
+
+landmarks::FaceFinder make_face_finder(const LandmarkFlags& flags,
+                                       const landmarks::FaceFinderOptions& options) {
+  if (flags.detector.empty()) return landmarks::FaceFinder(options);
+  return {landmarks::read_hog_detector(flags.detector), options};
 }
 
 LandmarkEngine make_landmark_engine(const LandmarkFlags& flags) {
@@ -33,7 +43,7 @@ LandmarkEngine make_landmark_engine(const LandmarkFlags& flags) {
   finder.thorough = flags.thorough;
   finder.detector.check();
   LandmarkEngine engine{landmarks::read_landmark_model(path), flags.fit,
-                        landmarks::FaceFinder(finder)};
+                        make_face_finder(flags, finder)};
   if (!flags.method.empty()) engine.fit.method = landmarks::parse_fit_method(flags.method);
   engine.fit.check();
   if (engine.fit.method && !engine.model.has(*engine.fit.method)) {

@@ -10,8 +10,9 @@ namespace tarsier::cli {
 
 // The flags of every verb that finds points.
 struct LandmarkFlags {
-  std::string model;   // empty: the one that ships
-  std::string method;  // empty: the model's best
+  std::string model;     // empty: the one that ships
+  std::string detector;  // trained face detector; empty: the cascades
+  std::string method;    // empty: the model's best
   landmarks::FitOptions fit;
   double min_face = 0.1;  // smallest face, share of the picture's smaller side
   bool thorough = true;

@@ -5,6 +5,7 @@
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
 #include "tarsier/io/archive.h"
+#include "tarsier/landmarks/hog_detector.h"
 
 #include <opencv2/core.hpp>
 
@@ -82,16 +83,22 @@ cv::Rect2d box_around(const BoxModel& model, const Eigen::Matrix2Xd& points) {
 
 struct FaceFinder::Impl {
   FaceFinderOptions options;
-  FaceDetector strict;
+  std::optional<FaceDetector> strict;  // or
+  std::optional<HogFinder> trained;
   // Made when they are first needed; nothing where the file is missing.
   std::vector<std::optional<FaceDetector>> others;
   bool tried = false;
   cv::Mat flipped;
+  std::optional<BoxModel> box;
 
   void load();
+  [[nodiscard]] std::vector<Candidate> find_trained(const cv::Mat& gray, double below);
 };
 
 namespace {
+
+// How far under its threshold a trained detector is still asked, margins of the training.
+constexpr double kBelow = 0.5;
 
 FaceDetectorOptions less_strict(FaceDetectorOptions options) {
   options.neighbors = std::max(1, options.neighbors - 1);
@@ -118,16 +125,40 @@ void FaceFinder::Impl::load() {
   others.push_back(detector_if_there(loose));
 }
 
-FaceFinder::FaceFinder(const FaceFinderOptions& options)
-    : impl_(std::make_unique<Impl>(Impl{options, FaceDetector(options.detector), {}, false, {}})) {}
+FaceFinder::FaceFinder(const FaceFinderOptions& options) : impl_(std::make_unique<Impl>()) {
+  impl_->options = options;
+  impl_->strict.emplace(options.detector);
+}
+FaceFinder::FaceFinder(const HogDetector& detector, const FaceFinderOptions& options)
+    : impl_(std::make_unique<Impl>()) {
+  options.detector.check();
+  impl_->options = options;
+  impl_->trained.emplace(detector);
+  impl_->box = detector.box;
+}
 FaceFinder::~FaceFinder() = default;
 FaceFinder::FaceFinder(FaceFinder&&) noexcept = default;
 FaceFinder& FaceFinder::operator=(FaceFinder&&) noexcept = default;
 
+const std::optional<BoxModel>& FaceFinder::box_model() const { return impl_->box; }
+
+std::vector<Candidate> FaceFinder::Impl::find_trained(const cv::Mat& gray, double below) {
+  const double least = std::max(1.0, options.detector.min_size * std::min(gray.cols, gray.rows));
+  std::vector<Candidate> found;
+  for (const ScoredBox& scored : trained->find(gray, least, below)) {
+    found.push_back({scored.box, scored.score >= 0});
+  }
+  std::stable_sort(found.begin(), found.end(), [](const Candidate& a, const Candidate& b) {
+    return a.box.area() > b.box.area();
+  });
+  return found;
+}
+
 std::vector<Candidate> FaceFinder::find_sure(const cv::Mat& gray) {
   require_gray(gray);
+  if (impl_->trained) return impl_->find_trained(gray, 0);
   std::vector<Candidate> found;
-  for (const cv::Rect& box : impl_->strict.detect(gray)) {
+  for (const cv::Rect& box : impl_->strict->detect(gray)) {
     found.push_back({cv::Rect2d(box.x, box.y, box.width, box.height), true});
   }
   return found;
@@ -136,6 +167,7 @@ std::vector<Candidate> FaceFinder::find_sure(const cv::Mat& gray) {
 std::vector<Candidate> FaceFinder::find(const cv::Mat& gray) {
   std::vector<Candidate> found = find_sure(gray);
   if (!found.empty() || !impl_->options.thorough) return found;
+  if (impl_->trained) return impl_->find_trained(gray, kBelow);
   impl_->load();
   const auto add = [&](const cv::Rect2d& box) {
     for (const Candidate& known : found) {

@@ -10,6 +10,7 @@
 
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -36,9 +37,11 @@ struct BoxModel {
 // The box that a detector would have drawn around a shape of this place and size.
 [[nodiscard]] cv::Rect2d box_around(const BoxModel& model, const Eigen::Matrix2Xd& points);
 
+struct HogDetector;
+
 // A place where a face may be.
 struct Candidate {
-  cv::Rect2d box;    // px, as the frontal cascade would have drawn it
+  cv::Rect2d box;    // px, as the frontal cascade, or the trained detector, draws it
   bool sure = true;  // found by the strict search; else only a fit can tell
 };
 
@@ -54,6 +57,9 @@ class FaceFinder {
  public:
   // Throws ModelError where the cascades are missing (Debian: opencv-data).
   explicit FaceFinder(const FaceFinderOptions& options = {});
+  // Looks with a trained detector instead of the cascades; the less strict search goes below its
+  // threshold. Of `options.detector` only min_size counts.
+  FaceFinder(const HogDetector& detector, const FaceFinderOptions& options);
   ~FaceFinder();
   FaceFinder(FaceFinder&&) noexcept;
   FaceFinder& operator=(FaceFinder&&) noexcept;
@@ -61,6 +67,8 @@ class FaceFinder {
   [[nodiscard]] std::vector<Candidate> find(const cv::Mat& gray);
   // Only the strict search.
   [[nodiscard]] std::vector<Candidate> find_sure(const cv::Mat& gray);
+  // Where shapes lie in the boxes of a trained detector; nothing: as in those of the cascade.
+  [[nodiscard]] const std::optional<BoxModel>& box_model() const;
 
  private:
   struct Impl;

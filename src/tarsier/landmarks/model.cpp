@@ -142,6 +142,11 @@ Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& poi
   return place(model.shape.mean);
 }
 
+Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
+                          const Candidate& candidate) {
+  return start_in_box(finder.box_model().value_or(model.box), model.shape.mean, candidate.box);
+}
+
 std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& options,
                                   const cv::Mat& gray, FaceFinder& finder, FitWorkspace& workspace,
                                   double least_score) {
@@ -152,8 +157,7 @@ std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& 
   for (const Candidate& candidate : candidates) {
     FoundFace face;
     face.box = candidate.box;
-    face.fit = fit_points(model, options, gray,
-                          start_in_box(model.box, model.shape.mean, candidate.box), workspace);
+    face.fit = fit_points(model, options, gray, start_at(model, finder, candidate), workspace);
     if (!candidate.sure && model.quality && face.fit.score < least_score) continue;
     fits.emplace_back(std::move(face), candidate.sure);
   }

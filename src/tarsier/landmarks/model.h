@@ -80,6 +80,10 @@ struct Fit {
 [[nodiscard]] Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& points,
                                        bool turn);
 
+// The mean shape where the finder saw something.
+[[nodiscard]] Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
+                                        const Candidate& candidate);
+
 struct FoundFace {
   cv::Rect2d box;  // of the detector
   Fit fit;

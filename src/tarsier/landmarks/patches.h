@@ -112,6 +112,24 @@ struct PatchWorkspace {
 // framed (-1: none).
 [[nodiscard]] cv::Mat draw_patches(const PatchModels& model, const shape::ShapeModel& shape,
                                    int point, int zoom);
+// One patch, `side` px wide: its weights (bright: wants light there), and beside them the gradient
+// of the weights, direction as hue and strength as brightness (CV_8UC3).
+[[nodiscard]] cv::Mat draw_patch(const PatchModels& model, int point, int side);
+
+// What a patch sees around a point of a picture, in the frame of the patches.
+struct PointResponse {
+  cv::Mat window;    // CV_8UC1, search x search; the point is in the middle
+  cv::Mat response;  // CV_32FC1, search x search, -1..1
+  cv::Point peak;    // of the response
+  double best = 0;   // there
+};
+[[nodiscard]] std::vector<PointResponse> point_responses(const PatchModels& model,
+                                                         const cv::Mat& gray,
+                                                         const Eigen::Matrix2Xd& points,
+                                                         int search);
+// The two pictures beside each other, `side` px each: crosses at the point, a disk at the peak
+// (CV_8UC3).
+[[nodiscard]] cv::Mat draw_response(const PointResponse& response, int side);
 // The responses of all points around `points` on a picture, as a sheet of n cells.
 [[nodiscard]] cv::Mat draw_responses(const PatchModels& model, const cv::Mat& gray,
                                      const Eigen::Matrix2Xd& points, int search);

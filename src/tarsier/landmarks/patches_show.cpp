@@ -106,8 +106,42 @@ cv::Mat draw_patches(const PatchModels& model, const shape::ShapeModel& shape, i
   return canvas;
 }
 
-cv::Mat draw_responses(const PatchModels& model, const cv::Mat& gray,
-                       const Eigen::Matrix2Xd& points, int search) {
+cv::Mat draw_patch(const PatchModels& model, int point, int side) {
+  TARSIER_REQUIRE(point >= 0 && point < model.points(), "point is {}, not 0..{}", point,
+                  model.points() - 1);
+  TARSIER_REQUIRE(side >= model.side() && side <= 2000, "side is {} px", side);
+  const cv::Mat& patch = model.patches[static_cast<std::size_t>(point)];
+  cv::Mat weights;
+  cv::resize(as_gray(patch, largest(patch)), weights, {side, side}, 0, 0, cv::INTER_NEAREST);
+  cv::Mat left;
+  cv::cvtColor(weights, left, cv::COLOR_GRAY2BGR);
+
+  cv::Mat dx;
+  cv::Mat dy;
+  cv::Mat strength;
+  cv::Mat angle;
+  cv::Sobel(patch, dx, CV_32F, 1, 0);
+  cv::Sobel(patch, dy, CV_32F, 0, 1);
+  cv::cartToPolar(dx, dy, strength, angle, true);
+  const double most = largest(strength);
+  cv::Mat channels[3];
+  angle.convertTo(channels[0], CV_8UC1, 0.5);
+  channels[1] = cv::Mat(patch.size(), CV_8UC1, cv::Scalar(200));
+  strength.convertTo(channels[2], CV_8UC1, most > 0 ? 255 / most : 0);
+  cv::Mat hue;
+  cv::merge(channels, 3, hue);
+  cv::cvtColor(hue, hue, cv::COLOR_HSV2BGR);
+  cv::Mat right;
+  cv::resize(hue, right, {side, side}, 0, 0, cv::INTER_NEAREST);
+  const int gap = side / 10;
+  cv::Mat canvas(side, 2 * side + gap, CV_8UC3, kGround);
+  left.copyTo(canvas(cv::Rect(0, 0, side, side)));
+  right.copyTo(canvas(cv::Rect(side + gap, 0, side, side)));
+  return canvas;
+}
+
+std::vector<PointResponse> point_responses(const PatchModels& model, const cv::Mat& gray,
+                                           const Eigen::Matrix2Xd& points, int search) {
   model.check();
   require_gray(gray);
   const int n = model.points();
@@ -126,10 +160,60 @@ cv::Mat draw_responses(const PatchModels& model, const cv::Mat& gray,
                        whole(points.row(1).maxCoeff() + reach));
   detail::Reduced picture;
   detail::reduce(gray, cv::Rect(first, last), image_from_frame.scale(), picture);
+  const int reach_px = model.side() / 2;
+  std::vector<PointResponse> responses;
+  for (int i = 0; i < n; ++i) {
+    const cv::Mat window =
+        window_at(picture, image_from_frame, points.col(i), search + 2 * reach_px);
+    PointResponse response;
+    response.window = window(cv::Rect(reach_px, reach_px, search, search));
+    response.response = patch_response(model.patches[static_cast<std::size_t>(i)], window);
+    cv::minMaxLoc(response.response, nullptr, &response.best, nullptr, &response.peak);
+    responses.push_back(std::move(response));
+  }
+  return responses;
+}
 
+cv::Mat draw_response(const PointResponse& response, int side) {
+  const int search = response.response.cols;
+  TARSIER_REQUIRE(search > 0 && response.window.size() == response.response.size(),
+                  "a response of {} px", search);
+  TARSIER_REQUIRE(side >= search && side <= 2000, "side is {} px for {}", side, search);
+  const int zoom = side / search;
+  const int across = search * zoom;
+  cv::Mat canvas(across, 2 * across, CV_8UC3);
+  const cv::Rect left(0, 0, across, across);
+  const cv::Rect right(across, 0, across, across);
+  cv::Mat shown;
+  cv::cvtColor(enlarged(response.window, zoom), shown, cv::COLOR_GRAY2BGR);
+  shown.copyTo(canvas(left));
+  double least = 0;
+  double best = 0;
+  cv::minMaxLoc(response.response, &least, &best);
+  cv::Mat levels;
+  response.response.convertTo(levels, CV_8UC1, best > least ? 255 / (best - least) : 0,
+                              best > least ? -255 * least / (best - least) : 0);
+  cv::applyColorMap(enlarged(levels, zoom), shown, cv::COLORMAP_VIRIDIS);
+  shown.copyTo(canvas(right));
+  // The point itself is the middle of both; the disk is the peak.
+  const auto centre = [&](const cv::Rect& box, double x, double y) {
+    return cv::Point2d(box.x + (x + 0.5) * zoom - 0.5, box.y + (y + 0.5) * zoom - 0.5);
+  };
+  const double half = search / 2;
+  const double size = std::max(4.0, across / 25.0);
+  draw::cross(canvas, centre(left, half, half), kAccent, size);
+  draw::cross(canvas, centre(right, half, half), cv::Scalar(255, 255, 255), size);
+  draw::point(canvas, centre(right, response.peak.x, response.peak.y), cv::Scalar(60, 60, 255),
+              size / 2);
+  return canvas;
+}
+
+cv::Mat draw_responses(const PatchModels& model, const cv::Mat& gray,
+                       const Eigen::Matrix2Xd& points, int search) {
+  const std::vector<PointResponse> responses = point_responses(model, gray, points, search);
+  const int n = model.points();
   // A cell: the picture under the window, and the response beside it.
-  const int zoom = std::max(1, (kShortestCell + search - 1) / search);
-  const int side = search * zoom;
+  const int side = search * std::max(1, (kShortestCell + search - 1) / search);
   const int gap = 4;
   const int label = 14;
   const int columns =
@@ -139,40 +223,15 @@ cv::Mat draw_responses(const PatchModels& model, const cv::Mat& gray,
   cv::Mat sheet(rows * (side + label + gap) + gap, columns * (2 * side + 2 * gap) + gap, CV_8UC3,
                 kGround);
   for (int i = 0; i < n; ++i) {
-    const int reach_px = model.side() / 2;
-    const cv::Mat window =
-        window_at(picture, image_from_frame, points.col(i), search + 2 * reach_px);
-    const cv::Mat response = patch_response(model.patches[static_cast<std::size_t>(i)], window);
+    const PointResponse& response = responses[static_cast<std::size_t>(i)];
     const cv::Point corner(gap + (i % columns) * (2 * side + 2 * gap),
                            gap + (i / columns) * (side + label + gap));
-    double least = 0;
-    double best = 0;
-    cv::Point peak;
-    cv::minMaxLoc(response, &least, &best, nullptr, &peak);
     draw::TextStyle style;
     style.height_px = 8;
     style.backing = draw::Backing::kNone;
-    draw::put_text(sheet, fmt::format("{}  {:.2f}", i, best), corner, style);
-
-    cv::Mat shown;
-    cv::cvtColor(enlarged(window(cv::Rect(reach_px, reach_px, search, search)), zoom), shown,
-                 cv::COLOR_GRAY2BGR);
-    const cv::Rect left(corner.x, corner.y + label, side, side);
-    shown.copyTo(sheet(left));
-    cv::Mat levels;
-    response.convertTo(levels, CV_8UC1, best > least ? 255 / (best - least) : 0,
-                       best > least ? -255 * least / (best - least) : 0);
-    cv::applyColorMap(enlarged(levels, zoom), shown, cv::COLORMAP_VIRIDIS);
-    const cv::Rect right(left.x + side, left.y, side, side);
-    shown.copyTo(sheet(right));
-    // The point itself is the middle of both; the disk is the peak.
-    const auto centre = [&](const cv::Rect& box, double x, double y) {
-      return cv::Point2d(box.x + (x + 0.5) * zoom - 0.5, box.y + (y + 0.5) * zoom - 0.5);
-    };
-    const double half = search / 2;
-    draw::cross(sheet, centre(left, half, half), kAccent, 4);
-    draw::cross(sheet, centre(right, half, half), cv::Scalar(255, 255, 255), 4);
-    draw::point(sheet, centre(right, peak.x, peak.y), cv::Scalar(60, 60, 255), 2);
+    draw::put_text(sheet, fmt::format("{}  {:.2f}", i, response.best), corner, style);
+    draw_response(response, side)
+        .copyTo(sheet(cv::Rect(corner.x, corner.y + label, 2 * side, side)));
   }
   return sheet;
 }

@@ -75,8 +75,7 @@ class Step {
       if (is_followed(candidate.box)) continue;
       if (count_followed() >= options_.most_faces) break;
       const Fit fit =
-          fit_points(model_, fit_, gray_,
-                     start_in_box(model_.box, model_.shape.mean, candidate.box), workspace_);
+          fit_points(model_, fit_, gray_, start_at(model_, finder_, candidate), workspace_);
       if (fit.score < options_.least_new) continue;
       const cv::Rect2d box = box_around(model_.box, fit.points);
       if (is_followed(box)) continue;

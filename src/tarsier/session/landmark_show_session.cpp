@@ -5,6 +5,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/draw/text.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/session/browse_keys.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -24,31 +25,6 @@ constexpr int kMostSliders = 6;
 constexpr double kMostSigmas = 3;
 const cv::Size kModelView(800, 560);
 constexpr int kStatusRoom = 40;  // px
-
-std::string action_of(const Event& event, const std::vector<Action>& actions) {
-  if (event.kind == Event::Kind::kAction) return event.name;
-  if (event.kind != Event::Kind::kKey) return "";
-  if (event.key == key::kEscape) return "quit";
-  if (event.key == key::kRight || event.key == key::kSpace || event.key == key::kEnter) {
-    for (const Action& action : actions)
-      if (action.key == event.key) return action.name;
-    return "next";
-  }
-  if (event.key == key::kLeft) return "previous";
-  for (const Action& action : actions)
-    if (action.key == event.key) return action.name;
-  return "";
-}
-
-void draw_help(cv::Mat& image, const char* title, const std::vector<Action>& actions) {
-  std::vector<draw::HelpLine> lines;
-  for (const Action& action : actions) {
-    lines.push_back(
-        {action.key == key::kSpace ? "space" : std::string(1, static_cast<char>(action.key)),
-         action.help});
-  }
-  draw::help_overlay(image, title, lines);
-}
 
 }  // namespace
 

@@ -3,6 +3,9 @@
 
 #include "tarsier/shape/landmark_set.h"
 
+#include <Eigen/Core>
+#include <opencv2/core/types.hpp>
+
 #include <string>
 #include <vector>
 
@@ -47,5 +50,30 @@ struct Imported {
 };
 [[nodiscard]] Imported import_landmarks(const std::string& input,
                                         const ImportOptions& options = {});
+
+// A picture and the boxes of the objects in it, for detectors.
+struct BoxedPicture {
+  std::string image;                     // path, from the current folder
+  std::vector<cv::Rect2d> boxes;         // px; none: the picture shows no object
+  std::vector<cv::Rect2d> ignored;       // px, neither objects nor anything else
+  std::vector<Eigen::Matrix2Xd> shapes;  // of each box: its points (NaN: missing) or 2 x 0
+};
+struct BoxedPictures {
+  std::vector<BoxedPicture> pictures;
+  std::vector<std::string> skipped;  // "path: reason"
+};
+
+// All boxes of a dlib .xml file, with and without parts; boxes with ignore='1' apart. Throws
+// InputError as import_landmarks does.
+[[nodiscard]] BoxedPictures read_dlib_boxes(const std::string& path,
+                                            const ImportOptions& options = {});
+
+// The same from landmarks: pictures are named once. The box of a shape is the square around the
+// mean of its points whose side is `sides` times their root mean squared distance from it: of 68
+// points of a face, from above the brows to the chin. It does not jump as the mouth opens. Samples
+// whose points are not complete become ignored boxes where they have a box; where they have none,
+// their picture is left out.
+[[nodiscard]] std::vector<BoxedPicture> boxes_from_landmarks(const LandmarkSet& set,
+                                                             double sides = 2.8);
 
 }  // namespace tarsier::shape

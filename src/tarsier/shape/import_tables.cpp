@@ -172,26 +172,38 @@ class DlibReader {
       : path_(path), options_(options), tags_(path, text) {}
 
   void read(Imported& imported) {
+    read_tags(imported.skipped);
+    deliver(imported);
+  }
+
+  // All boxes, also those without parts, and the pictures without boxes.
+  BoxedPictures read_boxes() {
+    BoxedPictures result;
+    pictures_ = &result.pictures;
+    read_tags(result.skipped);
+    pictures_ = nullptr;
+    return result;
+  }
+
+ private:
+  void read_tags(std::vector<std::string>& skipped) {
     XmlTags::Tag tag;
     while (tags_.next(tag)) {
       if (tag.name == "image") {
-        image_ = tag.is_end ? "" : picture(tags_.text_of(tag, "file"), imported);
+        image_ = tag.is_end ? "" : picture(tags_.text_of(tag, "file"), skipped);
         is_image_ = !tag.is_end && !tag.is_empty;
+        if (pictures_ != nullptr && !image_.empty()) pictures_->push_back({image_, {}, {}, {}});
       } else if (tag.name == "box") {
-        if (tag.is_end || tag.is_empty)
-          finish_box();
-        else
-          start_box(tag);
+        if (!tag.is_end) start_box(tag);
+        if (tag.is_end || tag.is_empty) finish_box();
       } else if (tag.name == "part" && !tag.is_end) {
         add_part(tag);
       }
     }
     if (is_box_) throw InputError(path_, "ends too early (a box is open)");
-    deliver(imported);
   }
 
- private:
-  std::string picture(const std::string& file, Imported& imported) const {
+  std::string picture(const std::string& file, std::vector<std::string>& skipped) const {
     if (file.empty() || file.size() > 4096 || file.find('\0') != std::string::npos)
       tags_.fail("no path of a picture");
     const fs::path folder =
@@ -199,7 +211,7 @@ class DlibReader {
     std::string image = (folder / file).string();
     std::error_code error;
     if (fs::is_regular_file(image, error)) return image;
-    imported.skipped.push_back(image + ": no such picture");
+    skipped.push_back(image + ": no such picture");
     return "";
   }
 
@@ -217,9 +229,25 @@ class DlibReader {
   }
 
   void finish_box() {
-    if (is_box_ && !is_ignored_ && !box_.image.empty() && !box_.parts.empty())
+    if (pictures_ != nullptr) {
+      keep_box();
+    } else if (is_box_ && !is_ignored_ && !box_.image.empty() && !box_.parts.empty())
       boxes_.push_back(std::move(box_));
     is_box_ = false;
+  }
+
+  void keep_box() {
+    if (!is_box_ || box_.image.empty()) return;
+    BoxedPicture& picture = pictures_->back();
+    if (is_ignored_) {
+      picture.ignored.push_back(box_.rect);
+      return;
+    }
+    const int count = box_.parts.empty() ? 0 : box_.parts.rbegin()->first + 1;
+    Eigen::Matrix2Xd shape = Eigen::Matrix2Xd::Constant(2, count, kMissing);
+    for (const auto& [point, at] : box_.parts) shape.col(point) = at;
+    picture.boxes.push_back(box_.rect);
+    picture.shapes.push_back(std::move(shape));
   }
 
   void add_part(const XmlTags::Tag& tag) {
@@ -262,6 +290,7 @@ class DlibReader {
   bool is_ignored_ = false;
   Box box_;
   std::vector<Box> boxes_;
+  std::vector<BoxedPicture>* pictures_ = nullptr;  // where all boxes are wanted
 };
 
 }  // namespace
@@ -269,6 +298,17 @@ class DlibReader {
 void import_dlib(const std::string& path, const ImportOptions& options, Imported& imported) {
   const std::string text = read_file(path, kMaxTableBytes);
   DlibReader(path, options, text).read(imported);
+}
+
+BoxedPictures read_dlib_boxes(const std::string& path, const ImportOptions& options) {
+  const std::string text = read_file(path, kMaxTableBytes);
+  BoxedPictures result = DlibReader(path, options, text).read_boxes();
+  if (result.pictures.empty()) {
+    throw InputError(path, result.skipped.empty() ? "names no pictures"
+                                                  : "none of its pictures is there; the first: " +
+                                                        result.skipped.front());
+  }
+  return result;
 }
 
 void import_muct(const std::string& path, const ImportOptions& options, Imported& imported) {

@@ -170,6 +170,36 @@ TEST_F(Import, AsfScalesWithThePicture) {
   EXPECT_THAT(refusal([&] { (void)import_landmarks(path("set/a.asf")); }), HasSubstr("no picture"));
 }
 
+TEST_F(Import, BoxesAroundLandmarks) {
+  LandmarkSet set;
+  const auto add = [&](const char* image, double x, bool is_complete) {
+    LandmarkSample sample;
+    sample.image = image;
+    sample.points.resize(2, 4);
+    sample.points << x - 10, x + 10, x - 10, x + 10, 90, 90, 110, 110;
+    if (!is_complete) sample.points.col(0).setConstant(std::nan(""));
+    set.samples.push_back(sample);
+  };
+  add("two.png", 50, true);
+  add("two.png", 150, true);
+  add("boxed.png", 50, true);
+  add("boxed.png", 150, false);
+  set.samples.back().box = cv::Rect2d(130, 80, 40, 40);
+  add("unclear.png", 50, true);
+  add("unclear.png", 150, false);
+  const std::vector<BoxedPicture> pictures = boxes_from_landmarks(set, 2);
+  ASSERT_EQ(pictures.size(), 2U) << "where a face may be anywhere nothing can be learned";
+  ASSERT_EQ(pictures[0].boxes.size(), 2U);
+  // Root mean squared distance sqrt(200), two of them, around (50, 100).
+  const cv::Rect2d& box = pictures[0].boxes[0];
+  EXPECT_NEAR(box.width, 2 * std::sqrt(200), 1e-9);
+  EXPECT_NEAR(box.x + box.width / 2, 50.5, 1e-9);
+  EXPECT_NEAR(box.y + box.height / 2, 100.5, 1e-9);
+  EXPECT_EQ(pictures[0].shapes[1](0, 0), 140);
+  EXPECT_EQ(pictures[1].boxes.size(), 1U);
+  EXPECT_THAT(pictures[1].ignored, ElementsAre(cv::Rect2d(130, 80, 40, 40)));
+}
+
 TEST_F(Import, MuctTable) {
   write("muct.csv",
         "name,tag,x00,y00,x01,y01\ni000qa-fn,0000,201,348,0,0\ni001qb-mn,0000,1.5,2,3,4\n"
@@ -222,6 +252,23 @@ TEST_F(Import, DlibXml) {
   EXPECT_TRUE(sample.is_missing(1));
   EXPECT_EQ(sample.points(0, 2), -3.5);
   EXPECT_THAT(imported.skipped, ElementsAre(HasSubstr("gone.png")));
+
+  const BoxedPictures boxed = read_dlib_boxes(path("a.xml"));
+  ASSERT_EQ(boxed.pictures.size(), 1U);
+  const BoxedPicture& picture_with_boxes = boxed.pictures[0];
+  EXPECT_THAT(picture_with_boxes.boxes,
+              ElementsAre(cv::Rect2d(194, 90, 37, 38), cv::Rect2d(194, 90, 37, 38),
+                          cv::Rect2d(1, 1, 5, 5)));
+  EXPECT_THAT(picture_with_boxes.ignored, ElementsAre(cv::Rect2d(1, 1, 5, 5)));
+  ASSERT_EQ(picture_with_boxes.shapes.size(), 3U);
+  EXPECT_EQ(picture_with_boxes.shapes[0](0, 2), -3.5);
+  EXPECT_EQ(picture_with_boxes.shapes[2].cols(), 0);
+  EXPECT_THAT(boxed.skipped, ElementsAre(HasSubstr("gone.png")));
+  EXPECT_THAT(refusal([&] {
+                write("empty.xml", "<dataset></dataset>");
+                (void)read_dlib_boxes(path("empty.xml"));
+              }),
+              HasSubstr("names no pictures"));
 
   const auto refused = [&](const std::string& text) {
     write("bad.xml", text);

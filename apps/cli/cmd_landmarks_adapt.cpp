@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/landmarks/adapt.h"
+
+#include <fmt/format.h>
+
+#include "cmd_landmarks.h"
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace tarsier::cli {
+namespace {
+
+struct AdaptFlags {
+  SetFlags set;
+  std::string base;
+  std::string output;
+  std::string terms;
+  double ridge = 0;
+  int hold_out = 0;
+  landmarks::AdaptOptions options;
+};
+
+nlohmann::json provenance(const AdaptFlags& flags, const std::string& base,
+                          const landmarks::AdaptedModel& adapted, const Context& context) {
+  const std::string terms = "those of " + std::filesystem::path(base).filename().string();
+  return {{"program", fmt::format("tarsier {}", version())},
+          {"seed", context.seed},
+          {"adapted_from", std::filesystem::path(base).filename().string()},
+          {"data", std::filesystem::path(flags.set.input).filename().string()},
+          {"samples", adapted.faces},
+          {"ridge", adapted.ridge},
+          {"terms", flags.terms.empty() ? terms : terms + "; " + flags.terms}};
+}
+
+std::string text_of(const AdaptFlags& flags, const landmarks::AdaptedModel& adapted,
+                    double seconds) {
+  std::string text = fmt::format("{}: {} {}, ridge {:g}", flags.output, adapted.faces,
+                                 adapted.faces == 1 ? "picture" : "pictures", adapted.ridge);
+  if (adapted.before > 0) {
+    text += fmt::format("; on pictures left out {:.2f} % of the face's size, the base {:.2f} %",
+                        100 * adapted.after, 100 * adapted.before);
+  }
+  return text + fmt::format("; {} s\n", seconds);
+}
+
+ExitStatus adapt(AdaptFlags& flags, Context& context) {
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point start = Clock::now();
+  const std::string base =
+      flags.base.empty()
+          ? (std::filesystem::path(find_models_folder("")) / "landmarks68.json").string()
+          : flags.base;
+  const landmarks::LandmarkModel model = landmarks::read_landmark_model(base);
+  if (!model.trees && !model.descent) {
+    throw ModelError(base, "has neither trees nor sdm, which are what is adapted");
+  }
+  const shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
+  flags.options.seed = context.seed;
+  if (flags.ridge > 0) flags.options.ridge = flags.ridge;
+  const landmarks::AdaptedModel adapted = landmarks::adapt_landmark_model(
+      model, set, "", flags.options, *context.progress, context.stop);
+  for (const std::string& skipped : adapted.skipped) log_warning("{}; left out", skipped);
+  if (adapted.kept)
+    log_warning("{}: the base is as good on pictures left out: nothing was changed", base);
+  landmarks::write_landmark_model(flags.output, adapted.model,
+                                  provenance(flags, base, adapted, context));
+  const double seconds =
+      std::round(std::chrono::duration<double>(Clock::now() - start).count() * 10) / 10;
+  if (context.json) {
+    const auto rounded = [](double value) { return std::round(value * 1e5) / 1e5; };
+    nlohmann::ordered_json line = {{"output", flags.output},
+                                   {"faces", adapted.faces},
+                                   {"ridge", adapted.ridge},
+                                   {"chosen", adapted.chosen},
+                                   {"kept", adapted.kept}};
+    if (adapted.before > 0) {
+      line["before"] = rounded(adapted.before);
+      line["after"] = rounded(adapted.after);
+    }
+    line["seconds"] = seconds;
+    print_json_line(line.dump());
+  } else if (!context.quiet) {
+    print_text(text_of(flags, adapted, seconds));
+  }
+  return ExitStatus::kDone;
+}
+
+}  // namespace
+
+void add_landmarks_adapt(CLI::App& area, Context& context) {
+  auto flags = std::make_shared<AdaptFlags>();
+  CLI::App& verb = *area.add_subcommand(
+      "adapt", "adapts a model to one person or camera, from a few annotated pictures");
+  add_set_flags(verb, flags->set);
+  verb.add_option("--model,--base", flags->base,
+                  "model to start from [landmarks68.json, which ships]");
+  verb.add_option("-o,--output", flags->output, "model file to write (.json)")->required();
+  verb.add_option("--ridge", flags->ridge,
+                  "how much the base is trusted, in pictures; 0: the best on pictures left out "
+                  "where there are three at least, else 0.3")
+      ->check(CLI::Range(0.0, 1e6))
+      ->capture_default_str();
+  verb.add_option("--starts", flags->options.starts, "scattered around each face")
+      ->check(CLI::Range(4, 200))
+      ->capture_default_str();
+  verb.add_option("--hold-out", flags->hold_out,
+                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
+  add_common_flags(verb, context);
+  verb.callback(
+      [flags, &context] { context.run = [flags, &context] { return adapt(*flags, context); }; });
+}
+
+}  // namespace tarsier::cli

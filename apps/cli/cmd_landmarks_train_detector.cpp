@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/landmarks/hog_detector.h"
+#include "tarsier/shape/import.h"
+
+#include <fmt/format.h>
+
+#include "cmd_landmarks.h"
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+
+std::vector<shape::BoxedPicture> load_boxes(const SetFlags& flags, int every, Part part) {
+  std::vector<shape::BoxedPicture> pictures;
+  if (flags.input.ends_with(".xml")) {
+    shape::ImportOptions options;
+    options.images = flags.images;
+    shape::BoxedPictures read = shape::read_dlib_boxes(flags.input, options);
+    for (const std::string& skipped : read.skipped) log_warning("{}; left out", skipped);
+    for (std::size_t i = 0; i < read.pictures.size(); ++i) {
+      const bool held_out = every > 0 && (i + 1) % static_cast<std::size_t>(every) == 0;
+      if (every <= 0 || held_out == (part == Part::kHeldOut)) {
+        pictures.push_back(std::move(read.pictures[i]));
+      }
+    }
+  } else {
+    pictures = shape::boxes_from_landmarks(part_of(load_set(flags), every, part));
+  }
+  if (pictures.empty()) throw InputError(flags.input, "no picture is left");
+  return pictures;
+}
+
+namespace {
+
+struct DetectorFlags {
+  SetFlags set;
+  std::string output;
+  std::string terms;
+  std::string without;
+  int hold_out = 0;
+  landmarks::HogOptions options;
+};
+
+void add_pictures_without(const std::string& folder, std::vector<shape::BoxedPicture>& pictures) {
+  std::vector<std::string> paths;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
+    if (entry.is_regular_file(error)) paths.push_back(entry.path().string());
+  }
+  if (paths.empty()) throw InputError(folder, "is no folder of pictures");
+  std::sort(paths.begin(), paths.end());
+  for (std::string& path : paths) pictures.push_back({std::move(path), {}, {}, {}});
+}
+
+ExitStatus train_detector(DetectorFlags& flags, Context& context) {
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point start = Clock::now();
+  flags.options.seed = context.seed;
+  std::vector<shape::BoxedPicture> pictures = load_boxes(flags.set, flags.hold_out, Part::kOthers);
+  if (!flags.without.empty()) add_pictures_without(flags.without, pictures);
+  const landmarks::HogTraining trained = landmarks::train_hog_detector(
+      pictures, flags.set.input, flags.options, *context.progress, context.stop);
+  for (const std::string& skipped : trained.skipped) log_warning("{}; left out", skipped);
+  if (trained.ignored > 0) {
+    log_warning(
+        "{} boxes are not learned from: smaller than the window (--upsample), cut off or of "
+        "another form",
+        trained.ignored);
+  }
+  const double seconds =
+      std::round(std::chrono::duration<double>(Clock::now() - start).count() * 10) / 10;
+  const double rate = static_cast<double>(trained.found) / std::max(1, trained.boxes);
+  nlohmann::json about = {{"program", fmt::format("tarsier {}", version())},
+                          {"seed", context.seed},
+                          {"data", std::filesystem::path(flags.set.input).filename().string()},
+                          {"pictures", trained.pictures},
+                          {"boxes", trained.boxes},
+                          {"c", flags.options.c},
+                          {"mirrored", flags.options.mirror},
+                          {"terms", flags.terms}};
+  if (flags.hold_out > 0) about["left_out"] = fmt::format("every {}th", flags.hold_out);
+  landmarks::write_hog_detector(flags.output, trained.detector, about);
+  if (context.json) {
+    const nlohmann::ordered_json line = {{"output", flags.output},
+                                         {"pictures", trained.pictures},
+                                         {"boxes", trained.boxes},
+                                         {"ignored", trained.ignored},
+                                         {"rounds", trained.rounds},
+                                         {"found", std::round(rate * 1e4) / 1e4},
+                                         {"knows_shapes", trained.detector.box.has_value()},
+                                         {"seconds", seconds}};
+    print_json_line(line.dump());
+  } else if (!context.quiet) {
+    print_text(fmt::format(
+        "{}: {} boxes in {} pictures, window {}x{} px, {} rounds; finds {:.1f} % of them; {} s\n",
+        flags.output, trained.boxes, trained.pictures, trained.detector.width,
+        trained.detector.height, trained.rounds, 100 * rate, seconds));
+  }
+  return ExitStatus::kDone;
+}
+
+}  // namespace
+
+void add_landmarks_train_detector(CLI::App& parent, Context& context) {
+  auto flags = std::make_shared<DetectorFlags>();
+  CLI::App& verb = *parent.add_subcommand(
+      "face-detector", "a detector of one's own, from boxes: of dlib's .xml or around landmarks");
+  add_set_flags(verb, flags->set);
+  verb.add_option("-o,--output", flags->output, "model file to write (.json)")->required();
+  verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
+  verb.add_option("--hold-out", flags->hold_out,
+                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  verb.add_option("--without", flags->without,
+                  "folder of pictures without the object: fewer false alarms");
+  landmarks::HogOptions& options = flags->options;
+  verb.add_option("--window", options.window,
+                  "px, detection window (square root of its area): the smallest object it sees")
+      ->check(CLI::Range(40, 200))
+      ->capture_default_str();
+  verb.add_option("--c", options.c, "weight of mistakes against a large margin")
+      ->check(CLI::Range(1e-6, 1e6))
+      ->capture_default_str();
+  verb.add_option("--epsilon", options.epsilon, "accuracy of the optimisation")
+      ->check(CLI::Range(1e-4, 1.0))
+      ->capture_default_str();
+  verb.add_option("--upsample", options.upsample,
+                  "times that pictures with objects smaller than the window are doubled")
+      ->check(CLI::Range(0, 3))
+      ->capture_default_str();
+  verb.add_flag("--mirror,!--no-mirror", options.mirror, "learn from mirrored pictures too [on]");
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] { return train_detector(*flags, context); };
+  });
+}
+
+}  // namespace tarsier::cli

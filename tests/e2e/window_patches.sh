@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# landmarks show MODEL in a window: the patches one by one, by key and by button, on a picture.
+. "$(dirname "$0")/lib_window.sh"
+picture=/usr/share/doc/opencv-doc/examples/data/messi5.jpg
+[ -f "$picture" ] || skip "needs the package opencv-doc"
+
+show() { # show ARGUMENTS..
+  command_line="tarsier landmarks show $*"
+  "$TARSIER" landmarks show "$@" --json >stdout.txt 2>stderr.txt </dev/null &
+  program=$!
+  wait_for "the window" x11 geometry "Tarsier patches" >/dev/null
+  xdotool mousemove 300 200
+  wait_for "the first picture" has_picture
+}
+
+show "$TARSIER_SOURCE/models/landmarks68.json" --on "$picture"
+press n '"patch":1,.*"patches":68'
+press Right '"patch":2,'
+press p '"patch":1,'
+press w '"search":31'
+grep '"event"' stdout.txt | tail -1 | grep -q '"picture":"messi5.jpg"' || fail "$command_line: not on the picture"
+read -r left top width _ <<<"$(x11 geometry "Tarsier patches")"
+before=$(x11 hash "$left" "$top" 900 500)
+xdotool mousemove $((left + 185 * width / 1000)) $((top + 558 * width / 1000)) # the button "next"
+sleep 0.1
+xdotool click 1
+sleep 0.5
+[ -z "${KEEP_PICTURES:-}" ] || x11 save "$KEEP_PICTURES/patches.ppm"
+[ "$(x11 hash "$left" "$top" 900 500)" != "$before" ] || fail "another patch looks the same"
+press question '"help":true.*"patch":2,'
+xdotool key q
+expect_end 0
+finish
