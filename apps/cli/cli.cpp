@@ -42,6 +42,7 @@ See what it does, then use your own pictures, then your camera:
 Areas:
   cartoon run              cartoons of pictures, films and live cameras
   landmarks fit|track|..   points of faces: annotate, train, fit, follow, judge
+  people enroll|live|..    who is it, or unknown: enrol, identify, forget, judge
   plate read|train-..|..   number plates: read, train, judge, log
   sfm reconstruct|eval|..  photographs to camera poses and a point cloud
   models list|info|verify  the trained models that came with the program
@@ -274,6 +275,7 @@ int run_checked(int argc, const char* const* argv) {
   add_plate(app, context);
   add_sfm(app, context);
   add_landmarks(app, context);
+  add_people(app, context);
   add_models(app, context);
   add_doctor(app, context);
   add_demo(app, context);

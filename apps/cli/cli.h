@@ -41,6 +41,7 @@ void add_common_flags(CLI::App& verb, Context& context);
 void add_cartoon(CLI::App& app, Context& context);
 void add_plate(CLI::App& app, Context& context);
 void add_landmarks(CLI::App& app, Context& context);
+void add_people(CLI::App& app, Context& context);
 void add_sfm(CLI::App& app, Context& context);
 void add_models(CLI::App& app, Context& context);
 void add_bench(CLI::App& app, Context& context);

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/session/people_session.h"
+
+#include "tarsier/io/image_file.h"
+#include "tarsier/io/testing_folder.h"
+#include "tarsier/session/scripted_host.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+
+namespace tarsier {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+
+std::shared_ptr<const landmarks::LandmarkModel> landmark_model() {
+  static const auto model = [] {
+    const char* folder = std::getenv("TARSIER_MODELS");
+    const std::string path =
+        std::string(folder != nullptr ? folder : "models") + "/landmarks68.json";
+    return std::filesystem::exists(path) ? std::make_shared<const landmarks::LandmarkModel>(
+                                               landmarks::read_landmark_model(path))
+                                         : nullptr;
+  }();
+  return model;
+}
+
+Event click(const cv::Rect& box) {
+  Event event;
+  event.kind = Event::Kind::kMouse;
+  event.mouse = Event::Mouse::kLeftDown;
+  event.x = box.x + box.width / 2.0;
+  event.y = box.y + box.height / 2.0;
+  return event;
+}
+
+Frame frame(const cv::Mat& image, int index) {
+  Frame out;
+  out.image = image;
+  out.index = index;
+  out.time = index / 25.0;
+  out.name = "camera";
+  return out;
+}
+
+class PeopleSessionTest : public FolderTest {
+ protected:
+  // Cascades find no face in plain pictures: enough for everything but faces.
+  static people::FaceReader reader() {
+    people::FaceReaderOptions options;
+    options.eyes = people::EyeMethod::kSplits;
+    options.finder.thorough = false;
+    return {options, nullptr};
+  }
+  static people::StoredFace face(int seed) {
+    people::StoredFace out;
+    out.crop.create(160, 128, CV_8UC1);
+    cv::RNG rng(static_cast<std::uint64_t>(seed) + 3);
+    rng.fill(out.crop, cv::RNG::UNIFORM, 0, 256);
+    cv::GaussianBlur(out.crop, out.crop, {}, 3);
+    out.measures = "{}";
+    return out;
+  }
+  const cv::Mat empty_ = cv::Mat(360, 480, CV_8UC3, cv::Scalar(120, 130, 140));
+  const SourceStatus live_{SourceState::kLive, "", 0, 0, 0, 0};
+};
+
+TEST_F(PeopleSessionTest, StartsByLookingForFaces) {
+  people::Gallery gallery(path("p.db"));
+  PeopleSession session(gallery, nullptr, reader(), {});
+  EXPECT_EQ(session.mode(), PeopleMode::kStart);
+  const View view = session.on_frame(frame(empty_, 0), live_);
+  EXPECT_EQ(view.state["mode"], "detect");
+  EXPECT_EQ(view.image.type(), CV_8UC3);
+  EXPECT_GT(view.image.cols, view.image.rows);
+  EXPECT_TRUE(session.on_event(key_event(key::kEscape)).finished);
+}
+
+TEST_F(PeopleSessionTest, AtMostOnePersonWithoutFaces) {
+  people::Gallery gallery(path("p.db"));
+  PeopleSessionOptions options;
+  options.names = {"Ann"};
+  PeopleSession session(gallery, nullptr, reader(), options);
+  (void)session.on_frame(frame(empty_, 0), live_);
+  View view = session.on_event(click(session.button_box("add")));
+  EXPECT_EQ(view.state["mode"], "collect");
+  EXPECT_EQ(view.state["collecting"], "Ann");
+  view = session.on_event(key_event('a'));
+  EXPECT_EQ(view.state["people"].size(), 1U);
+  EXPECT_EQ(gallery.people().size(), 0U);  // nobody is enrolled without a face
+  // A click elsewhere ends it; nothing to train on is said.
+  view = session.on_event(click({200, 300, 2, 2}));
+  EXPECT_EQ(view.state["mode"], "detect");
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("no face"));
+}
+
+TEST_F(PeopleSessionTest, DeleteAllAsksFirst) {
+  people::Gallery gallery(path("p.db"));
+  gallery.enroll("Ann", "", face(1));
+  gallery.enroll("Ben", "", face(2));
+  PeopleSession session(gallery, nullptr, reader(), {});
+  (void)session.on_frame(frame(empty_, 0), live_);
+  View view = session.on_event(click(session.button_box("delete")));
+  EXPECT_TRUE(view.state["asking"]);
+  view = session.on_event(click(session.button_box("cancel")));
+  EXPECT_FALSE(view.state["asking"]);
+  EXPECT_EQ(gallery.people().size(), 2U);
+  // A stray "y" is no answer to a question that nobody asked.
+  (void)session.on_event(key_event('y'));
+  EXPECT_EQ(gallery.people().size(), 2U);
+  (void)session.on_event(key_event('d'));
+  view = session.on_event(click(session.button_box("confirm")));
+  EXPECT_EQ(gallery.people().size(), 0U);
+  EXPECT_EQ(view.state["people"].size(), 0U);
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("nothing is left"));
+}
+
+TEST_F(PeopleSessionTest, FisherfacesWithOnePersonIsSaid) {
+  people::Gallery gallery(path("p.db"));
+  for (int i = 0; i < 3; ++i) gallery.enroll("Ann", "", face(i));
+  gallery.set_algorithm("fisher");
+  PeopleSession session(gallery, nullptr, reader(), {});
+  View view;
+  for (int i = 0; i < 3; ++i) view = session.on_frame(frame(empty_, i), live_);
+  EXPECT_EQ(view.state["mode"], "detect");
+  EXPECT_THAT(view.status, HasSubstr("two people"));
+  for (int i = 0; i < 3; ++i) gallery.enroll("Ben", "", face(10 + i));
+  (void)session.on_event(click(session.strip_box(0)));
+  EXPECT_EQ(session.mode(), PeopleMode::kCollect);
+  (void)session.on_event(key_event('t'));
+  view = session.on_frame(frame(empty_, 4), live_);
+  EXPECT_EQ(view.state["mode"], "recognize");
+}
+
+TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
+  if (landmark_model() == nullptr || !std::filesystem::exists(kPicture))
+    GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
+  const cv::Mat picture = read_image(kPicture);
+  people::Gallery gallery(path("p.db"));
+  PeopleSessionOptions options;
+  options.names = {"Leo"};
+  options.collect.gate.least_eye_distance = 8;
+  options.collect.gate.least_sharpness = 0.02;
+  PeopleSession session(gallery, nullptr, people::FaceReader({}, landmark_model()), options);
+  (void)session.on_frame(frame(picture, 0), live_);
+  (void)session.on_event(key_event('a'));
+  View view = session.on_frame(frame(picture, 1), live_);
+  ASSERT_EQ(session.faces().size(), 1U);
+  EXPECT_TRUE(view.state["flash"]);
+  EXPECT_EQ(gallery.face_count(), 1);
+  EXPECT_EQ(view.image.at<cv::Vec3b>(300, 200), cv::Vec3b(255, 255, 255));
+  EXPECT_THAT(view.state["prompt"].get<std::string>(), HasSubstr("left"));
+  // The same face again is refused; time passing alone does not change that.
+  for (int i = 2; i < 60; ++i) view = session.on_frame(frame(picture, i), live_);
+  EXPECT_EQ(gallery.face_count(), 1);
+  EXPECT_FALSE(view.state["flash"]);
+  const cv::Rect strip = session.strip_box(0);
+  EXPECT_GT(view.image.at<cv::Vec3b>(strip.y - 2, strip.x + 5)[2], 200);  // red: being collected
+}
+
+}  // namespace
+}  // namespace tarsier
