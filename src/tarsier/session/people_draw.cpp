@@ -198,7 +198,7 @@ void PeopleSession::draw_debug() {
   } kept;
   const people::Face& face = faces_.front().face;
   kept.image("aligned", face.crop);
-  (void)people::classical_face(face.crop, {}, {}, &kept);
+  (void)people::classical_face(face.crop, people::CutOptions(), {}, &kept);
   kept.image("light taken out", recognition::light_picture(recognition::tan_triggs(face.crop)));
   const cv::Size size = picture_size();
   const cv::Mat stages = draw::tile(kept.images, kept.names, {size.width - 20, 132});
