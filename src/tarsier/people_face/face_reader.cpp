@@ -38,7 +38,8 @@ void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face) {
 void FaceReaderOptions::check() const {
   cut.check();
   tracker.check();
-  TARSIER_REQUIRE(least_score >= 0 && least_score <= 1, "score {}", least_score);
+  TARSIER_REQUIRE(least_score >= 0 && least_score <= 1 && least_sure >= 0 && least_sure <= 1,
+                  "scores {}, {}", least_score, least_sure);
 }
 
 struct FaceReader::Impl {
@@ -86,7 +87,7 @@ std::vector<Face> FaceReader::read(const cv::Mat& gray, DebugSink* debug) {
       face.points = std::move(found.fit.points);
       face.score = found.fit.score;
       face.eyes = eyes_of_points(face.points);
-      if (face.eyes.distance() < 2) continue;
+      if (face.eyes.distance() < 2 || face.score < options_.least_sure) continue;
       faces.push_back(std::move(face));
     }
   } else {

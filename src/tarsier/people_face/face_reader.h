@@ -32,7 +32,8 @@ struct FaceReaderOptions {
   EyeMethod eyes = EyeMethod::kLandmarks;
   CutOptions cut;
   landmarks::FaceFinderOptions finder;
-  double least_score = 0.35;  // of the points of a face that only the less strict search saw, 0..1
+  double least_score = 0.5;  // of the points of a face that only the less strict search saw, 0..1
+  double least_sure = 0.4;   // of the points of any face, 0..1
   landmarks::TrackerOptions tracker;
   void check() const;
 };

@@ -3,6 +3,7 @@
 
 #include "tarsier/io/image_file.h"
 #include "tarsier/io/testing_folder.h"
+#include "tarsier/recognition/background.h"
 #include "tarsier/session/scripted_host.h"
 
 #include <gmock/gmock.h>
@@ -20,11 +21,12 @@ using ::testing::HasSubstr;
 
 constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
 
+// The models that ship, of the source tree.
+std::string models_folder() { return TARSIER_SHIPPED_MODELS; }
+
 std::shared_ptr<const landmarks::LandmarkModel> landmark_model() {
   static const auto model = [] {
-    const char* folder = std::getenv("TARSIER_MODELS");
-    const std::string path =
-        std::string(folder != nullptr ? folder : "models") + "/landmarks68.json";
+    const std::string path = models_folder() + "/landmarks68.json";
     return std::filesystem::exists(path) ? std::make_shared<const landmarks::LandmarkModel>(
                                                landmarks::read_landmark_model(path))
                                          : nullptr;
@@ -163,6 +165,96 @@ TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
   EXPECT_FALSE(view.state["flash"]);
   const cv::Rect strip = session.strip_box(0);
   EXPECT_GT(view.image.at<cv::Vec3b>(strip.y - 2, strip.x + 5)[2], 200);  // red: being collected
+}
+
+// Clips one after the other, each with its own part of the frames.
+class Clips final : public FrameSource {
+ public:
+  void add(const std::string& path, int first, int last) {
+    const auto source = open_source(path);
+    while (!source->ended()) {
+      auto next = source->next(std::chrono::milliseconds(1000), {});
+      if (!next || next->index < first || next->index >= last) continue;
+      next->image = next->image.clone();
+      next->time += offset_;
+      frames_.push_back(std::move(*next));
+    }
+    offset_ += 100;
+  }
+  [[nodiscard]] std::int64_t size() const { return static_cast<std::int64_t>(frames_.size()); }
+  std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
+    if (ended()) return std::nullopt;
+    return frames_[at_++];
+  }
+  [[nodiscard]] bool ended() const override { return at_ >= frames_.size(); }
+  [[nodiscard]] bool is_live() const override { return false; }
+  [[nodiscard]] SourceStatus status() const override {
+    return {SourceState::kLive, "", 0, 0, 0, 0};
+  }
+  [[nodiscard]] double fps() const override { return 25; }
+  [[nodiscard]] std::int64_t count() const override { return size(); }
+  [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
+
+ private:
+  std::vector<Frame> frames_;
+  std::size_t at_ = 0;
+  double offset_ = 0;
+  std::vector<std::string> skipped_;
+};
+
+TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
+  const char* data = std::getenv("TARSIER_DATA");
+  const std::string grid = std::string(data != nullptr ? data : "") + "/face-videos/grid/";
+  if (landmark_model() == nullptr || !std::filesystem::exists(grid))
+    GTEST_SKIP() << "needs $TARSIER_DATA/face-videos and the models that ship";
+  const recognition::Background general =
+      recognition::read_background(models_folder() + "/people-background.json");
+  people::Gallery gallery(path("p.db"));
+  PeopleSessionOptions options;
+  options.names = {"Ann", "Ben"};
+  PeopleSession session(gallery, &general, people::FaceReader({}, landmark_model()), options);
+  Clips clips;
+  std::vector<std::int64_t> from;  // each clip's first frame
+  const auto add = [&](const std::string& name, int first, int last) {
+    from.push_back(clips.size());
+    clips.add(grid + name, first, last);
+  };
+  add("brbk7n.mpg", 0, 38);
+  add("bbaf2n.mpg", 0, 38);
+  add("brbk7n.mpg", 38, 75);
+  add("bbaf2n.mpg", 38, 75);
+  add("lrwp9a.mpg", 0, 75);
+  add("lbbc2a.mpg", 0, 75);
+  ScriptedHost host(session, clips);
+  host.at(from[0] + 1, click(session.button_box("add")));
+  host.at(from[1], action_event("add"));
+  host.at(from[2], action_event("train"));
+  for (const std::int64_t frame : from) host.keep(frame + 30);
+  const auto& steps = host.run();
+  EXPECT_EQ(gallery.people().size(), 2U);
+  EXPECT_GE(gallery.face_count(), 4);
+  const auto share = [&](std::size_t clip, const std::string& label, bool known) {
+    const std::int64_t end = clip + 1 < from.size() ? from[clip + 1] : clips.size();
+    double right = 0;
+    for (const ScriptStep& step : steps) {
+      if (step.cause != "frame" || step.frame < from[clip] || step.frame >= end) continue;
+      const auto& seen = step.state["recognized"];
+      if (seen.size() == 1 && seen[0]["known"] == known &&
+          (label.empty() || seen[0]["label"] == label)) {
+        ++right;
+      }
+    }
+    return right / static_cast<double>(end - from[clip]);
+  };
+  EXPECT_GE(share(2, "Ann", true), 0.9);
+  EXPECT_GE(share(3, "Ben", true), 0.9);
+  EXPECT_GE(share(4, "", false), 0.95);
+  EXPECT_GE(share(5, "", false), 0.95);
+  if (const char* folder = std::getenv("PEOPLE_PICTURES")) {  // to look at
+    for (const ScriptStep& step : steps)
+      if (!step.image.empty())
+        write_image(std::string(folder) + "/" + std::to_string(step.frame) + ".png", step.image);
+  }
 }
 
 }  // namespace
