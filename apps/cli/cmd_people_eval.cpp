@@ -20,7 +20,7 @@ using recognition::Algorithm;
 using recognition::EvaluationResult;
 using recognition::SeedResult;
 
-constexpr cv::Size kPlot{800, 560};
+const cv::Size kPlot{800, 560};
 
 struct EvalFlags {
   PeopleFlags people;
