@@ -25,4 +25,8 @@ struct BenchOptions {
 [[nodiscard]] ExitStatus bench_posit(Context& context,
                                      const BenchOptions& options);  // INPUT: another head model
 
+// INPUT: pictures or films with faces
+[[nodiscard]] ExitStatus bench_eyes(Context& context, const BenchOptions& options);
+[[nodiscard]] ExitStatus bench_people(Context& context, const BenchOptions& options);
+
 }  // namespace tarsier::cli

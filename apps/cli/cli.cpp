@@ -34,7 +34,6 @@ See what it does, then use your own pictures, then your camera:
 
   tarsier demo                                   a page of pictures: demo-out/index.html
   tarsier cartoon run photo.jpg -o drawn.png     a photograph becomes a cartoon
-  tarsier cartoon run 0 --window                 camera 0, live; press s p c e a
   tarsier landmarks track 0 --window             68 points of each face, live
   tarsier pose track 0 --window --draw glasses   where heads look, live
   tarsier plate read car.jpg                     a number plate
@@ -43,7 +42,9 @@ See what it does, then use your own pictures, then your camera:
 Areas:
   cartoon run              cartoons of pictures, films and live cameras
   landmarks fit|track|..   points of faces: annotate, train, fit, follow, judge
+  aam explore|fit|..       appearance models: train, play with, fit
   pose track|solve|..      where heads look; the pose of a known object; a head in 3D
+  people enroll|live|..    who is it, or unknown: enrol, identify, forget, judge
   plate read|train-..|..   number plates: read, train, judge, log
   sfm reconstruct|eval|..  photographs to camera poses and a point cloud
   models list|info|verify  the trained models that came with the program
@@ -278,6 +279,7 @@ int run_checked(int argc, const char* const* argv) {
   add_landmarks(app, context);
   add_aam(app, context);
   add_pose(app, context);
+  add_people(app, context);
   add_models(app, context);
   add_doctor(app, context);
   add_demo(app, context);

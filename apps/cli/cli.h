@@ -43,6 +43,7 @@ void add_plate(CLI::App& app, Context& context);
 void add_landmarks(CLI::App& app, Context& context);
 void add_aam(CLI::App& app, Context& context);
 void add_pose(CLI::App& app, Context& context);
+void add_people(CLI::App& app, Context& context);
 void add_sfm(CLI::App& app, Context& context);
 void add_models(CLI::App& app, Context& context);
 void add_bench(CLI::App& app, Context& context);

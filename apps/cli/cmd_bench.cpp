@@ -17,8 +17,10 @@ const std::vector<Benchmark>& benchmarks() {
   static const std::vector<Benchmark> table = {
       {"cartoon", "every mode at three sizes: reference against fast, speed and likeness",
        bench_cartoon},
+      {"eyes", "how often each way finds both eyes of a face, and how long it takes", bench_eyes},
       {"landmarks", "fitting the points of a face by each method, and following it",
        bench_landmarks},
+      {"people", "training, naming a face, a gallery of 100 000 templates", bench_people},
       {"plate", "finding, aligning and reading number plates", bench_plate},
       {"posit", "the pose of a simulated head: error and time of POSIT beside SQPNP", bench_posit},
       {"render", "drawing a mesh of ten thousand triangles into a picture", bench_render},

@@ -34,6 +34,7 @@ const std::vector<DemoStep>& steps() {
       {"plate", demo_plate},
       {"landmarks", demo_landmarks},
       {"pose", demo_pose},
+      {"people", demo_people},
   };
   return table;
 }

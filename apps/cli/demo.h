@@ -12,6 +12,7 @@ void demo_cartoon(Context& context, DemoPage& page);
 void demo_plate(Context& context, DemoPage& page);
 void demo_landmarks(Context& context, DemoPage& page);
 void demo_pose(Context& context, DemoPage& page);
+void demo_people(Context& context, DemoPage& page);
 void demo_sfm(Context& context, DemoPage& page);
 
 }  // namespace tarsier::cli

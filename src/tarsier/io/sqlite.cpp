@@ -176,6 +176,15 @@ void Database::run(std::string_view statements) {
   check(sqlite3_exec(handle_, text.c_str(), nullptr, nullptr, nullptr));
 }
 
+void Database::vacuum() {
+  run("PRAGMA temp_store = MEMORY");
+  // The copy is attached under a name of its own.
+  const int before = sqlite3_limit(handle_, SQLITE_LIMIT_ATTACHED, 1);
+  const int code = sqlite3_exec(handle_, "VACUUM", nullptr, nullptr, nullptr);
+  sqlite3_limit(handle_, SQLITE_LIMIT_ATTACHED, before);
+  check(code);
+}
+
 std::int64_t Database::last_row_id() const { return sqlite3_last_insert_rowid(handle_); }
 
 std::int64_t Database::changed_rows() const { return sqlite3_changes64(handle_); }

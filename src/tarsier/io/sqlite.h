@@ -43,6 +43,8 @@ class Database {
 
   // One or several statements without parameters or results.
   void run(std::string_view statements);
+  // Writes the whole file anew, without what was deleted; the copy on the way is in memory only.
+  void vacuum();
   [[nodiscard]] std::int64_t last_row_id() const;
   [[nodiscard]] std::int64_t changed_rows() const;  // by the last statement
   [[nodiscard]] const std::string& path() const { return path_; }

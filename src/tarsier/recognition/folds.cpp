@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
 
 namespace tarsier::recognition {
 namespace {
@@ -43,7 +44,16 @@ Whitening Folds::whitener(const Eigen::MatrixXd& some, const std::vector<bool>& 
       labels.push_back(people[i]);
     }
   }
-  return whitening(within_scatter(some(kept, Eigen::all), labels, person_count), ridge);
+  Eigen::MatrixXd scatter = within_scatter(some(kept, Eigen::all), labels, person_count);
+  if (known_within.size() > 0) {
+    // The moves of a picture say less than another picture would: a picture counts once.
+    const auto people_kept =
+        static_cast<double>(std::set<int>(labels.begin(), labels.end()).size());
+    const double pictures = static_cast<double>(kept.size()) / moves;
+    const double own = std::max(0.0, pictures - people_kept) + 0.2 * pictures * (moves > 1 ? 1 : 0);
+    scatter = (own * scatter + known_weight * known_within) / (own + known_weight);
+  }
+  return whitening(scatter, ridge);
 }
 
 Rows Folds::templates(const std::vector<bool>& left_out) const {
@@ -79,8 +89,11 @@ Rows Folds::templates(const std::vector<bool>& left_out) const {
   if (algorithm == Algorithm::kFisher)
     limit = std::max(1, static_cast<int>(kept.size()) - enrolled);
   const Eigen::RowVectorXf none = Eigen::RowVectorXf::Zero(centred.cols());
-  const Pca pca = principal_components(centred(rows, Eigen::all).cast<float>(), limit, &none);
-  Eigen::MatrixXd reduced = centred * pca.components.transpose().cast<double>();
+  Eigen::MatrixXd reduced = centred;
+  if (known_within.size() == 0) {
+    const Pca pca = principal_components(centred(rows, Eigen::all).cast<float>(), limit, &none);
+    reduced = centred * pca.components.transpose().cast<double>();
+  }
   Whitening white;
   if (algorithm == Algorithm::kDefault) {
     white = whitener(reduced, left_out);

@@ -27,6 +27,10 @@ struct Folds {
   double mean_weight = 0;
   Eigen::RowVectorXd background;  // the mean of people in general, in the coefficients; or empty
   double background_weight = 0;   // people that it counts for
+  // c x c, what a background knows of the scatter within people: added to that of the faces, in
+  // place of principal components of fewer faces. Or empty.
+  Eigen::MatrixXd known_within;
+  double known_weight = 0;  // differences that it counts for
 
   // m x m for the first m coefficients, learned from all faces but those marked (empty: from all).
   [[nodiscard]] Whitening whitener(const Eigen::MatrixXd& some,

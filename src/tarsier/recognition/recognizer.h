@@ -78,6 +78,14 @@ struct Background {
   Eigen::RowVectorXf mean;  // mean descriptor
   double weight = 1;        // counts as so many people in the mean of the gallery, (0, 1000]
   CalibrationPrior prior{0, 0.15, 0.5, 2};  // of scores between different people
+  // How faces differ (background.h); or empty: the gallery alone tells.
+  Rows basis;                // m x d, orthonormal rows: principal components of the people
+  Eigen::VectorXd variance;  // m, of people along each
+  double outside = 0;        // mean square of what people have outside the basis
+  Eigen::MatrixXd within;    // m x m, scatter between pictures of one person
+  double within_rest = 0;    // mean square of such differences outside the basis
+  double within_weight = 1;  // counts as so many differences between pictures, (0, 1e6]
+  void check() const;        // throws std::invalid_argument
 };
 [[nodiscard]] Background background_of(std::span<const cv::Mat> faces,
                                        const DescriptorOptions& options);
@@ -141,5 +149,8 @@ bool remove_person(Recognizer& model, const std::string& label);
 void write_recognizer(const std::string& path, const Recognizer& model,
                       const nlohmann::json& provenance);
 [[nodiscard]] Recognizer read_recognizer(const std::string& path);
+// The same as text, for databases: the second throws ModelError(path) for what is damaged.
+[[nodiscard]] std::string recognizer_text(const Recognizer& model);
+[[nodiscard]] Recognizer recognizer_from_text(std::string_view text, const std::string& path);
 
 }  // namespace tarsier::recognition

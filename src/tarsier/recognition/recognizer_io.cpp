@@ -133,9 +133,7 @@ Recognizer from_payload(const json& payload, const std::string& path) {
   return model;
 }
 
-}  // namespace
-
-void write_recognizer(const std::string& path, const Recognizer& model, const json& provenance) {
+json to_payload(const Recognizer& model) {
   model.check();
   json payload = {{"options", options_json(model.options)}, {"labels", model.labels}};
   if (model.options.algorithm != Algorithm::kLbph) {
@@ -152,7 +150,25 @@ void write_recognizer(const std::string& path, const Recognizer& model, const js
       pack(PackedArray<std::int32_t>{{static_cast<std::int64_t>(model.people.size())},
                                      {model.people.begin(), model.people.end()}});
   if (model.calibration) payload["calibration"] = to_json(*model.calibration);
-  write_archive(path, {kType, kVersion, provenance, payload});
+  return payload;
+}
+
+}  // namespace
+
+void write_recognizer(const std::string& path, const Recognizer& model, const json& provenance) {
+  write_archive(path, {kType, kVersion, provenance, to_payload(model)});
+}
+
+std::string recognizer_text(const Recognizer& model) { return to_payload(model).dump(); }
+
+Recognizer recognizer_from_text(std::string_view text, const std::string& path) {
+  try {
+    return from_payload(parse_json(text, path), path);
+  } catch (const InputError& error) {
+    throw ModelError(path, error.what());
+  } catch (const std::invalid_argument& error) {
+    throw ModelError(path, error.what());
+  }
 }
 
 Recognizer read_recognizer(const std::string& path) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/recognition/features.h"
 #include "tarsier/recognition/folds.h"
@@ -23,6 +24,15 @@ constexpr int kMostComponents = 256;  // of the default recogniser, unless asked
 constexpr std::size_t kBasisRows = 480;
 // Where nothing else is known of the scores of the default recogniser.
 constexpr CalibrationPrior kPrior{0, 0.15, 0.5, 2};
+// Of what a gallery adds to a background's components.
+constexpr int kMostOwnComponents = 200;
+// Strangers before one camera are more alike than the people of a background, whom many cameras
+// took: by so much is their mean score higher, and it spreads so many times as far (measured on
+// Yale and ORL, in front of one camera each).
+constexpr double kSameCamera = 0.09;
+constexpr double kSpread = 1.3;
+// What this counts for beside strangers' scores in the gallery itself.
+constexpr double kPriorPeople = 6;
 
 struct Move {
   double dx, dy;  // of a face 64 px wide, px
@@ -100,6 +110,65 @@ std::vector<std::size_t> basis_rows(std::size_t faces, std::size_t moves) {
   return rows;
 }
 
+// Directions in which the gallery differs from the mean beyond those of the background, after them.
+Rows with_basis(const Rows& basis, const Rows& centred) {
+  const Rows outside = centred - products(products(centred, basis), Rows(basis.transpose()));
+  const Eigen::RowVectorXf zero = Eigen::RowVectorXf::Zero(centred.cols());
+  const Pca more = principal_components(outside, kMostOwnComponents, &zero);
+  Rows out(basis.rows() + more.components.rows(), basis.cols());
+  out << basis, more.components;
+  return out;
+}
+
+// What is known of the scatter within people, in the background's directions and `more` others.
+Eigen::MatrixXd known_within(const Background& background, Eigen::Index more) {
+  const Eigen::Index known = background.within.rows();
+  const auto left = static_cast<double>(std::max<Eigen::Index>(1, background.mean.size() - known));
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(known + more, known + more);
+  out.topLeftCorner(known, known) = background.within;
+  out.diagonal().tail(more).setConstant(background.within_rest / left);
+  return out;
+}
+
+// Off the mean face by chance, as the background's people are: their scores against the people of
+// the gallery, each one by himself.
+CalibrationPrior prior_of(const Recognizer& model, const Background& background) {
+  constexpr int kStrangers = 400;
+  CalibrationPrior prior = background.prior;
+  double sum = 0;
+  double square = 0;
+  double count = 0;
+  Rng rng(20);
+  const Eigen::VectorXf deviation = background.variance.cwiseMax(0).cwiseSqrt().cast<float>();
+  const Eigen::RowVectorXf shift = background.mean - model.mean;
+  Rows in_template = products(background.basis, model.components);  // m x c
+  const Rows shift_in_template = products(Rows(shift), model.components);
+  const Rows shift_in_basis = products(Rows(shift), background.basis);
+  for (int i = 0; i < kStrangers; ++i) {
+    Rows x(1, deviation.size());
+    for (Eigen::Index k = 0; k < deviation.size(); ++k)
+      x(0, k) = deviation(k) * static_cast<float>(rng.normal());
+    Rows probe = x * in_template + shift_in_template;
+    Eigen::VectorXd length(1);
+    length(0) = (x + shift_in_basis).cast<double>().squaredNorm() +
+                std::max(0.0, shift.cast<double>().squaredNorm() -
+                                  shift_in_basis.cast<double>().squaredNorm()) +
+                background.outside;
+    scale_rows(probe, length, model.importance, model.rest);
+    const std::vector<float> values(probe.data(), probe.data() + probe.size());
+    for (const PersonScore& person : identify_template(model, values)) {
+      sum += person.score;
+      square += person.score * person.score;
+      count += 1;
+    }
+  }
+  const double mean = sum / count;
+  prior.location = mean + kSameCamera;
+  prior.scale = std::max(0.02, kSpread * std::sqrt(std::max(0.0, square / count - mean * mean)));
+  prior.weight = kPriorPeople;
+  return prior;
+}
+
 void train_default(Recognizer& model, const Rows& rows, std::size_t moves,
                    const Background* background) {
   const std::size_t faces = model.people.size();
@@ -112,23 +181,29 @@ void train_default(Recognizer& model, const Rows& rows, std::size_t moves,
           ? Eigen::RowVectorXf(rows_at(rows, upright).cast<double>().colwise().mean().cast<float>())
           : Eigen::RowVectorXf::Zero(rows.cols());
   if (background != nullptr) {
-    TARSIER_REQUIRE(background->mean.size() == rows.cols() && background->mean.allFinite() &&
-                        background->weight > 0 && background->weight <= 1000,
-                    "a background of {} numbers, weight {}, for descriptors of {}",
-                    background->mean.size(), background->weight, rows.cols());
+    background->check();
+    TARSIER_REQUIRE(background->mean.size() == rows.cols(),
+                    "a background of {} numbers for descriptors of {}", background->mean.size(),
+                    rows.cols());
     // One person says nothing of the mean of people.
     const double own = people > 1 ? people : 0;
     const double share = own / (own + background->weight);
     mean = static_cast<float>(share) * mean + static_cast<float>(1 - share) * background->mean;
   }
+  const bool informed = background != nullptr && background->basis.rows() > 0;
   const int most = model.options.components > 0 ? model.options.components : kMostComponents;
   const auto basis = basis_rows(faces, moves);
-  const Pca pca = principal_components(rows_at(rows, basis), 0, &mean);
-  TARSIER_REQUIRE(pca.components.rows() > 0, "the faces are flat or all the same");
+  Rows components;  // principal, orthonormal
+  if (informed) {
+    components = with_basis(background->basis, rows_at(rows, basis).rowwise() - mean);
+  } else {
+    components = principal_components(rows_at(rows, basis), 0, &mean).components;
+  }
+  TARSIER_REQUIRE(components.rows() > 0, "the faces are flat or all the same");
 
   const Rows centred = rows.rowwise() - mean;
   Folds folds;
-  folds.coefficients = products(centred, pca.components).cast<double>();
+  folds.coefficients = products(centred, components).cast<double>();
   folds.people = model.people;
   folds.person_count = people;
   folds.moves = static_cast<int>(moves);
@@ -136,11 +211,16 @@ void train_default(Recognizer& model, const Rows& rows, std::size_t moves,
   folds.most = most;
   folds.ridge = model.options.ridge;
   folds.mean_weight = model.options.mean_weight;
-  const Eigen::Index kept = std::min<Eigen::Index>(most, pca.components.rows());
+  if (informed) {
+    folds.known_within = known_within(*background, components.rows() - background->basis.rows());
+    folds.known_weight = background->within_weight;
+  }
+  const Eigen::Index kept =
+      informed ? components.rows() : std::min<Eigen::Index>(most, components.rows());
   const Whitening white = folds.whitener(folds.coefficients.leftCols(kept), {});
   model.mean = mean;
   model.components =
-      (white.directions.transpose() * pca.components.topRows(kept).cast<double>()).cast<float>();
+      (white.directions.transpose() * components.topRows(kept).cast<double>()).cast<float>();
   model.importance = white.scatter;
   model.rest = white.rest;
   const Rows own = rows_at(centred, upright);
@@ -149,13 +229,17 @@ void train_default(Recognizer& model, const Rows& rows, std::size_t moves,
              model.rest);
   if (background != nullptr) {
     folds.background =
-        (pca.components * (background->mean - mean).transpose()).transpose().cast<double>();
+        (components * (background->mean - mean).transpose()).transpose().cast<double>();
     folds.background_weight = background->weight;
   }
   // One person without a background: no stranger's score is known, nor what it would be.
-  if (people > 1 || background != nullptr)
-    model.calibration =
-        fit_calibration(folds.scores(), background != nullptr ? background->prior : kPrior);
+  if (people < 2 && background == nullptr) return;
+  CalibrationPrior prior = background != nullptr ? background->prior : kPrior;
+  if (informed) {
+    model.refresh();
+    prior = prior_of(model, *background);
+  }
+  model.calibration = fit_calibration(folds.scores(), prior);
 }
 
 // Eigenfaces and Fisherfaces: distances have no scale of their own, so no prior.
@@ -201,6 +285,20 @@ void train_fisher(Recognizer& model, const Rows& rows) {
 }
 
 }  // namespace
+
+void Background::check() const {
+  TARSIER_REQUIRE(mean.size() > 0 && mean.allFinite() && weight > 0 && weight <= 1000,
+                  "a background of {} numbers, weight {}", mean.size(), weight);
+  const Eigen::Index m = basis.rows();
+  if (m == 0) return;
+  TARSIER_REQUIRE(basis.cols() == mean.size() && basis.allFinite() && variance.size() == m &&
+                      variance.allFinite() && variance.minCoeff() >= 0 && within.rows() == m &&
+                      within.cols() == m && within.allFinite(),
+                  "a background's parts do not fit together");
+  TARSIER_REQUIRE(std::isfinite(outside) && outside >= 0 && std::isfinite(within_rest) &&
+                      within_rest >= 0 && within_weight > 0 && within_weight <= 1e6,
+                  "outside {}, within {}, weight {}", outside, within_rest, within_weight);
+}
 
 Background background_of(std::span<const cv::Mat> faces, const DescriptorOptions& options) {
   TARSIER_REQUIRE(!faces.empty(), "no faces");

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/io/frame_source.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "bench.h"
+#include "people_engine.h"
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+
+}  // namespace
+
+// How often each way finds both eyes, of all pictures and of those with a face, and how long the
+// eyes take (the faces found before). One thread.
+ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
+  cv::setNumThreads(1);
+  using Clock = std::chrono::steady_clock;
+  const std::vector<std::string> inputs =
+      options.inputs.empty() ? std::vector<std::string>{kPicture} : options.inputs;
+  std::vector<cv::Mat> pictures;
+  const auto source = open_sources(inputs);
+  while (!source->ended()) {
+    throw_if_stopped(context.stop);
+    const auto frame = source->next(std::chrono::milliseconds(200), context.stop);
+    if (!frame) continue;
+    cv::Mat gray;
+    cv::cvtColor(frame->image, gray, cv::COLOR_BGR2GRAY);
+    pictures.push_back(gray);
+  }
+  if (pictures.empty()) throw InputError(inputs.front(), "no picture came from it");
+  if (!context.json)
+    print_text(fmt::format("{:<11}{:>9}{:>14}{:>16}{:>12}\n", "eyes by", "pictures", "face found",
+                           "both eyes found", "ms a face"));
+  for (const char* name : {"landmarks", "cascades", "2splits"}) {
+    PeopleFlags flags;
+    flags.eyes = name;
+    people::FaceReader reader = make_face_reader(flags);
+    landmarks::FaceFinder finder(reader.options().finder);
+    int found = 0;
+    int both = 0;
+    double spent = 0;
+    for (const cv::Mat& gray : pictures) {
+      throw_if_stopped(context.stop);
+      auto start = Clock::now();
+      const bool face = !finder.find(gray).empty();
+      const double finding =
+          std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+      found += face ? 1 : 0;
+      start = Clock::now();
+      both += reader.read(gray).empty() ? 0 : 1;
+      const double all = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+      if (face) spent += std::max(0.0, all - finding);
+    }
+    const auto count = static_cast<double>(pictures.size());
+    const double ms = found > 0 ? spent / found : 0;
+    if (context.json) {
+      const nlohmann::ordered_json line = {{"case", name},
+                                           {"pictures", pictures.size()},
+                                           {"faces", found / count},
+                                           {"both_eyes", both / count},
+                                           {"ms", std::round(ms * 1000) / 1000}};
+      print_json_line(line.dump());
+    } else {
+      print_text(fmt::format("{:<11}{:>9}{:>12.1f} %{:>14.1f} %{:>12.2f}\n", name, pictures.size(),
+                             100 * found / count, 100 * both / count, ms));
+    }
+  }
+  return ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/gallery/collector.h"
+#include "tarsier/gallery/name.h"
+#include "tarsier/synth/sources.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "cmd_people.h"
+#include "people_engine.h"
+#include <algorithm>
+#include <memory>
+
+namespace tarsier::cli {
+namespace {
+
+struct EnrollFlags {
+  PeopleFlags people;
+  std::string name;
+  std::string note;
+  std::vector<std::string> inputs;
+  SourceOptions source;
+  std::int64_t most = 20;
+  bool largest = false;
+  bool any_quality = false;
+  people::CollectOptions collect;
+};
+
+// Reads faces from the inputs and enrols those that are good, each as it comes.
+class Enrolment {
+ public:
+  Enrolment(const EnrollFlags& flags, Context& context)
+      : flags_(flags),
+        context_(context),
+        reader_(make_face_reader(flags.people)),
+        collector_(flags.collect),
+        gallery_(flags.people.gallery, DatabaseAccess::kCreate) {}
+
+  ExitStatus operator()() {
+    const auto source = open_sources(flags_.inputs, flags_.source, {synth_scheme()});
+    // Before this person is there: whom the faces would be taken for.
+    before_ = gallery_.face_count() > 0 ? model() : std::nullopt;
+    while (!source->ended() && taken() < flags_.most && !context_.stop.stop_requested()) {
+      const auto frame = source->next(std::chrono::milliseconds(200), context_.stop);
+      if (frame) take(*frame);
+    }
+    const std::vector<std::string> others = before_ && !crops_.empty()
+                                                ? people::other_names(*before_, crops_, flags_.name)
+                                                : std::vector<std::string>();
+    for (const std::string& other : others)
+      log_warning("these faces look like '{}', who is enrolled already: one person, two names?",
+                  other);
+    report(others);
+    if (context_.stop.stop_requested()) return ExitStatus::kInterrupted;
+    if (taken() > 0) (void)model();  // ready for the next question
+    return taken() > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+  }
+
+ private:
+  [[nodiscard]] std::int64_t taken() const { return collector_.taken(); }
+
+  std::optional<recognition::Recognizer> model() {
+    try {
+      return model_of_gallery(gallery_, flags_.people, context_);
+    } catch (const InputError& error) {
+      log_warning("{}", error.what());  // Fisherfaces with one person
+      return std::nullopt;
+    }
+  }
+
+  void take(const Frame& frame) {
+    if (frame.name != source_name_) {
+      source_name_ = frame.name;
+      if (!frame.still) {
+        collector_.restart();
+        reader_.restart();
+      }
+    }
+    cv::Mat gray;
+    cv::cvtColor(frame.image, gray, cv::COLOR_BGR2GRAY);
+    const std::vector<people::Face> faces =
+        frame.still ? reader_.read(gray) : reader_.follow(gray, frame.time);
+    std::string reason;
+    if (faces.empty()) {
+      reason = reader_.without_eyes() > 0 ? "eyes not found" : "no face";
+    } else if (faces.size() > 1 && !flags_.largest) {
+      reason = "several faces";
+    }
+    if (!reason.empty()) {
+      collector_.refuse(reason);
+    } else {
+      const people::Face& face = *std::max_element(
+          faces.begin(), faces.end(),
+          [](const auto& a, const auto& b) { return a.box.area() < b.box.area(); });
+      reason = collector_.offer(face, frame.time, !frame.still);
+      if (reason.empty()) {
+        people::StoredFace stored;
+        stored.crop = face.crop;
+        stored.quality = face.quality.score();
+        stored.measures = people::quality_json(face.quality).dump();
+        stored.source = frame.name;
+        stored.time = now_ms();
+        gallery_.enroll(flags_.name, flags_.note, stored);
+        crops_.push_back(face.crop);
+      }
+    }
+    if (!reason.empty() && frame.still) {
+      log_warning("{}: {}{}", frame.name, reason,
+                  reason == "several faces" ? " (--largest takes the largest)" : "");
+    }
+  }
+
+  void report(const std::vector<std::string>& others) {
+    const auto person = gallery_.find(flags_.name);
+    const std::int64_t faces = person ? person->faces : 0;
+    if (context_.json) {
+      nlohmann::ordered_json refused = nlohmann::ordered_json::object();
+      for (const auto& [reason, count] : collector_.refused()) refused[reason] = count;
+      print_json_line(dumped({{"name", flags_.name},
+                              {"added", taken()},
+                              {"faces", faces},
+                              {"refused", std::move(refused)},
+                              {"same_as", others}}));
+      return;
+    }
+    std::string text = fmt::format("{}: {} {} added, {} in all\n", printable(flags_.name), taken(),
+                                   taken() == 1 ? "face" : "faces", faces);
+    for (const auto& [reason, count] : collector_.refused())
+      text += fmt::format("  {:>5} refused: {}\n", count, reason);
+    print_text(text);
+  }
+
+  const EnrollFlags& flags_;
+  Context& context_;
+  people::FaceReader reader_;
+  people::Collector collector_;
+  people::Gallery gallery_;
+  std::optional<recognition::Recognizer> before_;
+  std::vector<cv::Mat> crops_;
+  std::string source_name_;
+};
+
+}  // namespace
+
+void add_people_enroll(CLI::App& area, Context& context) {
+  CLI::App& verb = *area.add_subcommand(
+      "enroll", "adds faces of a person to the gallery: pictures, films or a camera");
+  auto flags = std::make_shared<EnrollFlags>();
+  verb.add_option("NAME", flags->name, "any UTF-8 up to 200 bytes")->required();
+  verb.add_option("INPUT", flags->inputs, "picture, folder, glob, @list.txt, film, camera number")
+      ->required();
+  add_gallery_flag(verb, flags->people);
+  verb.add_option("--note", flags->note, "of consent: who agreed to what, when");
+  verb.add_option("--faces", flags->most, "stop after so many")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  verb.add_flag("--largest", flags->largest, "of several faces in a picture the largest");
+  verb.add_flag("--any-quality", flags->any_quality, "also small, blurred, turned, dark faces");
+  verb.add_flag("--sequence", flags->source.sequence, "stills follow each other in time");
+  verb.add_option("--least-difference", flags->collect.least_difference,
+                  "films: how far a face differs from the last that was taken")
+      ->capture_default_str();
+  verb.add_option("--least-seconds", flags->collect.least_seconds,
+                  "films: and how much later it is")
+      ->capture_default_str();
+  add_face_flags(verb, flags->people);
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] {
+      people::check_name(flags->name);
+      people::check_note(flags->note);
+      flags->collect.check_quality = !flags->any_quality;
+      return Enrolment(*flags, context)();
+    };
+  });
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/gallery/export.h"
+#include "tarsier/plate_video/time_text.h"
+
+#include <fmt/format.h>
+
+#include "cmd_people.h"
+#include "people_engine.h"
+#include <cstdio>
+#include <memory>
+#include <unistd.h>
+
+namespace tarsier::cli {
+namespace {
+
+struct GalleryFlags {
+  PeopleFlags people;
+  bool sightings = false;
+  std::int64_t limit = 0;
+  std::string keep;
+  std::string name;
+  bool yes = false;
+  std::string output;
+};
+
+ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
+  if (!flags.keep.empty()) {
+    const auto age = plate::parse_duration(flags.keep, "--keep");
+    people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+    const std::int64_t deleted = gallery.forget_sightings_before(now_ms() - age.count());
+    const auto kept = static_cast<std::int64_t>(gallery.sightings().size());
+    if (context.json) {
+      print_json_line(dumped({{"deleted", deleted}, {"kept", kept}}));
+    } else {
+      print_text(fmt::format("{} sightings deleted, {} kept\n", deleted, kept));
+    }
+    return ExitStatus::kDone;
+  }
+  people::Gallery gallery(flags.people.gallery, DatabaseAccess::kRead);
+  if (flags.sightings) {
+    const auto sightings = gallery.sightings(flags.limit);
+    for (const people::Sighting& s : sightings) {
+      if (context.json) {
+        print_json_line(dumped({{"time", time_text(s.time)},
+                                {"source", s.source},
+                                {"label", s.name},
+                                {"known", s.known},
+                                {"confidence", s.confidence}}));
+      } else {
+        print_text(fmt::format("{}  {:<24} {:>3.0f} %  {}\n", time_text(s.time).substr(0, 19),
+                               s.known ? printable(s.name) : "unknown", 100 * s.confidence,
+                               printable(s.source)));
+      }
+    }
+    return sightings.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
+  }
+  const auto people = gallery.people();
+  for (const people::Person& person : people) {
+    if (context.json) {
+      print_json_line(dumped({{"name", person.name},
+                              {"faces", person.faces},
+                              {"note", person.note},
+                              {"time", time_text(person.time)}}));
+    } else {
+      print_text(fmt::format("{:<24} {:>4} faces  since {}  {}\n", printable(person.name),
+                             person.faces, time_text(person.time).substr(0, 10),
+                             printable(person.note)));
+    }
+  }
+  if (people.empty()) log_info("{}: nobody is enrolled", flags.people.gallery);
+  return people.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+// Only a person at a terminal can be asked.
+bool agreed(const people::Person& person) {
+  if (isatty(STDIN_FILENO) == 0)
+    throw UsageError("forgetting cannot be undone: say --yes where nobody can be asked");
+  print_text(fmt::format("Forget '{}' with {} faces for good? [y/N] ", printable(person.name),
+                         person.faces));
+  const int answer = std::getchar();
+  return answer == 'y' || answer == 'Y';
+}
+
+ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
+  people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  const auto person = gallery.find(flags.name);
+  if (!person) {
+    log_warning("{}: nobody is enrolled as '{}'", flags.people.gallery, flags.name);
+    return ExitStatus::kNothingFound;
+  }
+  if (!flags.yes && !agreed(*person)) return ExitStatus::kNothingFound;
+  const auto report = gallery.forget(flags.name, context.stop);
+  if (!report) return ExitStatus::kNothingFound;
+  if (context.json) {
+    print_json_line(dumped({{"name", flags.name},
+                            {"faces", report->person.faces},
+                            {"sightings", report->sightings},
+                            {"pieces", report->search.pieces},
+                            {"searched", report->search.files},
+                            {"bytes", report->search.bytes},
+                            {"left_in", report->search.found},
+                            {"proven", report->proven()}}));
+  } else {
+    print_text(fmt::format(
+        "{} is forgotten: {} faces, {} sightings.\nSearched {} files of the folder, {} bytes, for "
+        "{} pieces of 32 bytes of the removed crops and templates: {}\n",
+        printable(flags.name), report->person.faces, report->sightings, report->search.files.size(),
+        report->search.bytes, report->search.pieces,
+        report->proven() ? "none is left." : "NOT PROVEN."));
+  }
+  if (!report->log_emptied) {
+    throw OutputError(gallery.path(),
+                      "another program still uses it: its log could not be emptied; end that "
+                      "program and open the gallery once more");
+  }
+  if (!report->search.found.empty()) {
+    throw OutputError(report->search.found.front(),
+                      "still holds pieces of the removed faces (a copy or export?): delete it");
+  }
+  if (!report->search.unread.empty())
+    throw OutputError(report->search.unread.front(), "could not be searched");
+  return ExitStatus::kDone;
+}
+
+ExitStatus export_people(const GalleryFlags& flags, Context& context) {
+  people::Gallery gallery(flags.people.gallery, DatabaseAccess::kRead);
+  const auto report = people::export_gallery(gallery, flags.output, time_text, context.stop);
+  if (context.json) {
+    print_json_line(
+        dumped({{"output", flags.output}, {"people", report.people}, {"faces", report.faces}}));
+  } else {
+    print_text(fmt::format("{} people, {} faces written to {}\n", report.people, report.faces,
+                           printable(flags.output)));
+  }
+  return report.people > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+}  // namespace
+
+void add_people_gallery(CLI::App& area, Context& context) {
+  auto flags = std::make_shared<GalleryFlags>();
+  CLI::App& list = *area.add_subcommand("list", "who is enrolled, or who was seen");
+  add_gallery_flag(list, flags->people);
+  CLI::Option* sightings =
+      list.add_flag("--sightings", flags->sightings, "who was seen, newest first");
+  list.add_option("--limit", flags->limit, "of the sightings the newest so many; 0: all")
+      ->check(CLI::NonNegativeNumber);
+  list.add_option("--keep", flags->keep, "delete sightings that are older: 30d, 12h, 90m ..")
+      ->excludes(sightings);
+  add_common_flags(list, context);
+  list.callback([flags, &context] {
+    context.run = [flags, &context] { return list_people(*flags, context); };
+  });
+
+  CLI::App& forget = *area.add_subcommand(
+      "forget", "removes a person for good and proves it by searching the folder's files");
+  forget.add_option("NAME", flags->name)->required();
+  add_gallery_flag(forget, flags->people);
+  forget.add_flag("--yes", flags->yes, "do not ask");
+  add_common_flags(forget, context);
+  forget.callback([flags, &context] {
+    context.run = [flags, &context] { return forget_person(*flags, context); };
+  });
+
+  CLI::App& output = *area.add_subcommand(
+      "export", "writes all that the gallery holds: faces, faces.lst, people.json");
+  output.add_option("-o,--output", flags->output, "a folder that is not there yet")->required();
+  add_gallery_flag(output, flags->people);
+  add_common_flags(output, context);
+  output.callback([flags, &context] {
+    context.run = [flags, &context] { return export_people(*flags, context); };
+  });
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/plate_video/time_text.h"
+#include "tarsier/session/recognize_session.h"
+
+#include <fmt/format.h>
+
+#include "cmd_people.h"
+#include "people_engine.h"
+#include "run_command.h"
+#include "run_session.h"
+#include <cmath>
+#include <map>
+#include <memory>
+
+namespace tarsier::cli {
+namespace {
+
+struct IdentifyFlags {
+  RunFlags run;
+  PeopleFlags people;
+  RecognizeOptions recognize;
+  std::string model;
+  std::string on_event;
+  std::string keep;
+};
+
+nlohmann::ordered_json face_json(const NamedFace& face) {
+  const auto& box = face.face.box;
+  nlohmann::ordered_json line = {
+      {"box",
+       {std::lround(box.x), std::lround(box.y), std::lround(box.width), std::lround(box.height)}},
+      {"label", face.name.label.empty() ? nlohmann::ordered_json()
+                                        : nlohmann::ordered_json(face.name.label)},
+      {"confidence", std::round(face.name.confidence * 1e4) / 1e4},
+      {"known", face.name.known}};
+  if (face.face.id > 0) line["id"] = face.face.id;
+  return line;
+}
+
+// Tells each new recognition once: of stills every known face, of films a face when it is first
+// known, or known as somebody else.
+class Events {
+ public:
+  explicit Events(const IdentifyFlags& flags) : flags_(flags) {}
+
+  void frame(const Frame& frame, const std::vector<NamedFace>& faces, people::Gallery* gallery) {
+    if (frame.still || frame.name != source_) told_.clear();
+    source_ = frame.name;
+    for (const NamedFace& face : faces) {
+      if (face.name.label.empty()) continue;
+      const bool film = !frame.still && face.face.id > 0;
+      const std::string what = (face.name.known ? "+" : "-") + face.name.label;
+      if (film && told_[face.face.id] == what) continue;
+      if (film) told_[face.face.id] = what;
+      if (gallery != nullptr && !flags_.keep.empty())
+        gallery->add_sighting(now_ms(), frame.name, face.name.label, face.name.known,
+                              face.name.confidence);
+      if (!face.name.known || flags_.on_event.empty()) continue;
+      nlohmann::ordered_json line = face_json(face);
+      if (frame.still) {
+        line["image"] = frame.name;
+      } else {
+        line["frame"] = frame.index;
+        line["time"] = frame.time;
+        line["source"] = masked(frame.name);
+      }
+      run_command(flags_.on_event, dumped(line));
+    }
+  }
+
+ private:
+  const IdentifyFlags& flags_;
+  std::map<int, std::string> told_;
+  std::string source_;
+};
+
+ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
+  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen) {
+    flags.run.output = "none";
+  }
+  if (flags.recognize.raw && flags.model.empty()) throw UsageError("--raw goes with --model");
+  if (!flags.keep.empty() && !flags.model.empty())
+    throw UsageError("--keep goes with a gallery, not with --model");
+  std::optional<recognition::Recognizer> model;
+  std::unique_ptr<people::Gallery> gallery;
+  if (!flags.model.empty()) {
+    model = recognition::read_recognizer(flags.model);
+  } else {
+    if (!flags.keep.empty()) {
+      const auto age = plate::parse_duration(flags.keep, "--keep");
+      gallery = std::make_unique<people::Gallery>(flags.people.gallery, DatabaseAccess::kWrite);
+      (void)gallery->forget_sightings_before(now_ms() - age.count());
+    } else {
+      gallery = std::make_unique<people::Gallery>(open_gallery_to_use(flags.people.gallery));
+    }
+    model = model_of_gallery(*gallery, flags.people, context);
+    if (!model) log_info("{}: nobody is enrolled", flags.people.gallery);
+  }
+  RecognizeSession session(std::move(model), make_face_reader(flags.people), flags.recognize);
+  Events events(flags);
+  bool known = false;
+  RunHooks hooks;
+  hooks.title = "people";
+  hooks.after_frame = [&](const Frame& frame) {
+    events.frame(frame, session.faces(), gallery.get());
+    for (const NamedFace& face : session.faces()) known = known || face.name.known;
+    if (!frame.still || context.json || context.quiet) return;
+    std::string text = fmt::format("{}:", printable(frame.name));
+    for (const NamedFace& face : session.faces()) {
+      text += face.name.known ? fmt::format(" {} ({:.0f} %)", printable(face.name.label),
+                                            100 * face.name.confidence)
+              : face.name.label.empty()
+                  ? " unknown"
+                  : fmt::format(" unknown (nearest: {}, {:.0f} %)", printable(face.name.label),
+                                100 * face.name.confidence);
+    }
+    print_text(text + (session.faces().empty() ? " no face\n" : "\n"));
+  };
+  hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
+    line["faces"] = nlohmann::ordered_json::array();
+    for (const NamedFace& face : session.faces()) line["faces"].push_back(face_json(face));
+    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  return status == ExitStatus::kDone && !known ? ExitStatus::kNothingFound : status;
+}
+
+}  // namespace
+
+void add_people_identify(CLI::App& area, Context& context) {
+  CLI::App& verb = *area.add_subcommand(
+      "identify", "names the faces in pictures, films and cameras, or says unknown");
+  auto flags = std::make_shared<IdentifyFlags>();
+  add_run_flags(verb, flags->run);
+  add_gallery_flag(verb, flags->people);
+  verb.add_option("--model", flags->model, "model of `people train -o` in place of the gallery");
+  verb.add_flag("--raw", flags->recognize.raw, "pictures are cut faces already");
+  verb.add_option("--far", flags->recognize.false_accepts,
+                  "share of strangers who may be taken for somebody")
+      ->capture_default_str();
+  verb.add_option("--on-event", flags->on_event,
+                  "program to run at each new recognition, with its JSON on stdin");
+  verb.add_option("--keep", flags->keep,
+                  "write into the gallery who was seen, and delete what is older: 30d, 12h ..");
+  add_face_flags(verb, flags->people);
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] { return identify_faces(*flags, context); };
+  });
+}
+
+}  // namespace tarsier::cli

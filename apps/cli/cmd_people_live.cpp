@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/session/people_session.h"
+
+#include <fmt/format.h>
+
+#include "cmd_people.h"
+#include "people_engine.h"
+#include "run_session.h"
+#include <cmath>
+#include <memory>
+
+namespace tarsier::cli {
+namespace {
+
+struct LiveFlags {
+  RunFlags run;
+  PeopleFlags people;
+  PeopleSessionOptions session;
+  std::string algorithm;
+};
+
+ExitStatus live(LiveFlags& flags, Context& context) {
+  people::Gallery gallery(flags.people.gallery, DatabaseAccess::kCreate);
+  if (!flags.algorithm.empty()) {
+    try {
+      gallery.set_algorithm(recognition::name_of(recognition::parse_algorithm(flags.algorithm)));
+    } catch (const std::invalid_argument& error) {
+      throw UsageError(fmt::format("--algorithm: {}", error.what()));
+    }
+  }
+  const std::optional<recognition::Background> background = find_background(flags.people);
+  flags.session.now = now_ms;
+  PeopleSession session(gallery, background ? &*background : nullptr,
+                        make_face_reader(flags.people), flags.session);
+  RunHooks hooks;
+  hooks.title = "people";
+  hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
+    line["faces"] = nlohmann::ordered_json::array();
+    for (const NamedFace& face : session.faces()) {
+      const auto& box = face.face.box;
+      line["faces"].push_back(
+          {{"box",
+            {std::lround(box.x), std::lround(box.y), std::lround(box.width),
+             std::lround(box.height)}},
+           {"label", face.name.label.empty() ? nlohmann::ordered_json()
+                                             : nlohmann::ordered_json(face.name.label)},
+           {"confidence", std::round(face.name.confidence * 1e4) / 1e4},
+           {"known", face.name.known},
+           {"id", face.face.id}});
+    }
+    line["mode"] = view.state["mode"];
+    line["people"] = view.state["people"];
+    line["message"] = view.state["message"];
+    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+  };
+  return run_session(session, flags.run, context, hooks);
+}
+
+}  // namespace
+
+void add_people_live(CLI::App& area, Context& context) {
+  CLI::App& verb = *area.add_subcommand(
+      "live", "enrols and recognises in a window: click Add Person, then elsewhere to train");
+  auto flags = std::make_shared<LiveFlags>();
+  add_run_flags(verb, flags->run);
+  add_gallery_flag(verb, flags->people);
+  verb.add_option("--names", flags->session.names,
+                  "of the people who are added, in turn; then Person 1, Person 2 ..")
+      ->delimiter(',');
+  verb.add_option("--note", flags->session.note, "of consent, for those who are added");
+  verb.add_option("--algorithm", flags->algorithm, "default, eigen, fisher or lbph");
+  verb.add_option("--faces", flags->session.most_faces, "collected of a person at a time, at most")
+      ->capture_default_str();
+  verb.add_option("--far", flags->session.false_accepts,
+                  "share of strangers who may be taken for somebody")
+      ->capture_default_str();
+  verb.add_option("--least-seconds", flags->session.collect.least_seconds,
+                  "between two faces that are taken")
+      ->capture_default_str();
+  verb.add_option("--least-difference", flags->session.collect.least_difference,
+                  "from the face that was taken last")
+      ->capture_default_str();
+  add_face_flags(verb, flags->people);
+  add_common_flags(verb, context);
+  verb.callback(
+      [flags, &context] { context.run = [flags, &context] { return live(*flags, context); }; });
+}
+
+}  // namespace tarsier::cli

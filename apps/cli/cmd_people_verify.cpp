@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/io/frame_source.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "cmd_people.h"
+#include "people_engine.h"
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+
+namespace tarsier::cli {
+namespace {
+
+struct VerifyFlags {
+  PeopleFlags people;
+  std::string name;
+  std::vector<std::string> inputs;
+  double rate = 0.01;
+};
+
+struct Verdict {
+  bool same = false;
+  double score = 0;
+  double threshold = 0;
+  double confidence = 0;
+};
+
+// Against the claimed person only: a stranger has one chance, not one with everybody.
+Verdict verdict_of(const recognition::Recognizer& model, const people::Face& face,
+                   const std::string& name, double rate) {
+  Verdict out;
+  const auto features =
+      recognition::template_of(model, people::recognizer_input(model.options.algorithm, face.crop));
+  for (const auto& person : recognition::identify_template(model, features)) {
+    if (model.labels[static_cast<std::size_t>(person.person)] != name) continue;
+    out.score = person.score;
+    if (!model.calibration) break;
+    out.threshold = model.calibration->threshold(rate, 1);
+    out.same = out.score >= out.threshold;
+    out.confidence = model.calibration->probability(out.score);
+  }
+  return out;
+}
+
+ExitStatus verify(const VerifyFlags& flags, Context& context) {
+  people::Gallery gallery = open_gallery_to_use(flags.people.gallery);
+  if (!gallery.find(flags.name)) {
+    throw InputError(flags.people.gallery,
+                     fmt::format("nobody is enrolled as '{}'", printable(flags.name)));
+  }
+  const auto model = model_of_gallery(gallery, flags.people, context);
+  if (!model ||
+      std::find(model->labels.begin(), model->labels.end(), flags.name) == model->labels.end()) {
+    throw InputError(flags.people.gallery,
+                     fmt::format("'{}' has no faces yet", printable(flags.name)));
+  }
+  people::FaceReader reader = make_face_reader(flags.people);
+  bool all = true;
+  bool any = false;
+  const auto source = open_sources(flags.inputs);
+  while (!source->ended()) {
+    throw_if_stopped(context.stop);
+    const auto frame = source->next(std::chrono::milliseconds(200), context.stop);
+    if (!frame) continue;
+    cv::Mat gray;
+    cv::cvtColor(frame->image, gray, cv::COLOR_BGR2GRAY);
+    const auto faces = reader.read(gray);
+    std::optional<Verdict> verdict;
+    for (const people::Face& face : faces) {  // of several the one that is most like the person
+      const Verdict one = verdict_of(*model, face, flags.name, flags.rate);
+      if (!verdict || one.score > verdict->score) verdict = one;
+    }
+    any = any || verdict;
+    all = all && verdict && verdict->same;
+    if (context.json) {
+      nlohmann::ordered_json line = {{"image", frame->name}, {"name", flags.name}};
+      line["same"] = verdict && verdict->same;
+      line["faces"] = faces.size();
+      if (verdict) {
+        line["confidence"] = std::round(verdict->confidence * 1e4) / 1e4;
+        line["score"] = verdict->score;
+        line["threshold"] = verdict->threshold;
+      }
+      print_json_line(dumped(line));
+    } else if (!verdict) {
+      print_text(fmt::format("{}: no face\n", printable(frame->name)));
+    } else {
+      print_text(fmt::format("{}: {} {} ({:.0f} %; score {:.3f}, threshold {:.3f})\n",
+                             printable(frame->name), verdict->same ? "is" : "is not",
+                             printable(flags.name), 100 * verdict->confidence, verdict->score,
+                             verdict->threshold));
+    }
+  }
+  return any && all ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+}  // namespace
+
+void add_people_verify(CLI::App& area, Context& context) {
+  CLI::App& verb = *area.add_subcommand("verify", "is it this person? Exit status 0: yes, 1: no");
+  auto flags = std::make_shared<VerifyFlags>();
+  verb.add_option("NAME", flags->name)->required();
+  verb.add_option("INPUT", flags->inputs, "pictures")->required();
+  add_gallery_flag(verb, flags->people);
+  verb.add_option("--far", flags->rate, "share of others who may pass")
+      ->check(CLI::Range(1e-9, 0.999))
+      ->capture_default_str();
+  add_face_flags(verb, flags->people);
+  add_common_flags(verb, context);
+  verb.callback(
+      [flags, &context] { context.run = [flags, &context] { return verify(*flags, context); }; });
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/stop.h"
+#include "tarsier/draw/tile.h"
+#include "tarsier/io/image_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "demo.h"
+#include "people_engine.h"
+#include "people_pictures.h"
+#include <filesystem>
+
+namespace tarsier::cli {
+namespace {
+
+constexpr const char* kPictures = "/usr/share/doc/opencv-doc/examples/data";
+
+}  // namespace
+
+void demo_people(Context& context, DemoPage& page) {
+  page.begin_area("Who is it?",
+                  "A face is found, its eyes are put at fixed places, and the light is taken out; "
+                  "what is left is compared with the people who were enrolled, or is of nobody: "
+                  "unknown. Nothing leaves this machine, and everyone can be forgotten for good.");
+  page.command(fmt::format("tarsier people show --stages {}/messi5.jpg -o stages.png", kPictures));
+  std::vector<DemoPicture> shown;
+  people::FaceReader reader = make_face_reader({});
+  for (const char* name : {"messi5.jpg"}) {
+    throw_if_stopped(context.stop);
+    const std::filesystem::path path = std::filesystem::path(kPictures) / name;
+    if (!std::filesystem::exists(path)) continue;
+    const NamedPictures stages = face_stages(reader, read_gray_image(path.string()));
+    if (stages.images.empty()) continue;
+    shown.push_back(page.picture("people-" + path.stem().string(),
+                                 draw::tile(stages.images, stages.names, {960, 560}),
+                                 fmt::format("{}: the stages of preparation", name)));
+  }
+  if (shown.empty()) {
+    page.note("The package opencv-doc is not installed; its photographs would be here.");
+  } else {
+    page.grid(shown);
+  }
+}
+
+}  // namespace tarsier::cli

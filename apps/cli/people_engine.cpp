@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: MIT
+#include "people_engine.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/plate_video/time_text.h"
+#include "tarsier/recognition/background.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <utility>
+
+namespace tarsier::cli {
+
+void add_gallery_flag(CLI::App& verb, PeopleFlags& flags) {
+  verb.add_option("--gallery", flags.gallery, "file of the people who are enrolled")
+      ->capture_default_str();
+}
+
+void add_face_flags(CLI::App& verb, PeopleFlags& flags) {
+  const auto group = [](CLI::Option* option) { option->group("Faces"); };
+  group(verb.add_option("--eyes", flags.eyes, "how eyes are found: landmarks, cascades, 2splits")
+            ->capture_default_str());
+  group(verb.add_option("--min-face", flags.min_face,
+                        "smallest face that is looked for, share of the picture's smaller side")
+            ->capture_default_str());
+  group(verb.add_flag("!--strict", flags.thorough,
+                      "only faces that the frontal detector is sure of: faster"));
+  group(verb.add_option("--background", flags.background,
+                        "what is known of faces in general [people-background.json, which ships]"));
+}
+
+people::FaceReader make_face_reader(const PeopleFlags& flags) {
+  people::FaceReaderOptions options;
+  options.eyes = people::parse_eye_method(flags.eyes);
+  options.finder.detector.min_size = flags.min_face;
+  options.finder.thorough = flags.thorough;
+  options.finder.detector.check();
+  std::shared_ptr<const landmarks::LandmarkModel> model;
+  if (options.eyes == people::EyeMethod::kLandmarks) {
+    const std::string path =
+        (std::filesystem::path(find_models_folder("")) / "landmarks68.json").string();
+    std::error_code ignored;
+    if (std::filesystem::exists(path, ignored)) {
+      model = std::make_shared<landmarks::LandmarkModel>(landmarks::read_landmark_model(path));
+    } else {
+      log_warning("{}: not there; eyes are found by cascades instead", path);
+      options.eyes = people::EyeMethod::kCascades;
+    }
+  }
+  return {options, std::move(model)};
+}
+
+std::optional<recognition::Background> find_background(const PeopleFlags& flags) {
+  if (!flags.background.empty()) return recognition::read_background(flags.background);
+  const std::string path =
+      (std::filesystem::path(find_models_folder("")) / "people-background.json").string();
+  std::error_code ignored;
+  if (!std::filesystem::exists(path, ignored)) {
+    log_warning("{}: not there; one person alone cannot be told from strangers", path);
+    return std::nullopt;
+  }
+  return recognition::read_background(path);
+}
+
+std::optional<recognition::Recognizer> model_of_gallery(people::Gallery& gallery,
+                                                        const PeopleFlags& flags,
+                                                        Context& context) {
+  std::optional<recognition::Background> background;
+  if (!gallery.model() && gallery.face_count() > 0) background = find_background(flags);
+  const auto general = background ? &*background : nullptr;
+  bool store = true;
+  try {
+    try {
+      return people::gallery_model(gallery, general, store, *context.progress, context.stop);
+    } catch (const OutputError& error) {
+      log_debug("{}", error.what());
+    } catch (const InputError& error) {
+      log_debug("{}", error.what());
+    }
+    return people::gallery_model(gallery, general, false, *context.progress, context.stop);
+  } catch (const std::invalid_argument& error) {
+    throw InputError(gallery.path(), error.what());
+  }
+}
+
+people::Gallery open_gallery_to_use(const std::string& path) {
+  try {
+    return people::Gallery(path, DatabaseAccess::kWrite);
+  } catch (const OutputError&) {
+    return people::Gallery(path, DatabaseAccess::kRead);
+  }
+}
+
+ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, bool classical,
+                              people::FaceReader* reader, Context& context) {
+  ListedFaces out;
+  const auto faces = recognition::read_face_list(list);
+  context.progress->begin("faces", static_cast<std::int64_t>(faces.size()), "pictures");
+  for (const recognition::LabelledFace& entry : faces) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    cv::Mat gray = read_gray_image(entry.path);
+    if (!raw) {
+      std::optional<people::Face> face;
+      if (entry.left_eye && entry.right_eye) {
+        face = reader->at_eyes(gray, {*entry.left_eye, *entry.right_eye});
+      } else {
+        std::vector<people::Face> found = reader->read(gray);
+        if (!found.empty()) face = std::move(found.front());
+      }
+      if (!face) {
+        out.missed.push_back(entry.path);
+        out.missed_labels.push_back(entry.label);
+        continue;
+      }
+      gray = people::recognizer_input(
+          classical ? recognition::Algorithm::kEigen : recognition::Algorithm::kDefault,
+          face->crop);
+    }
+    if (size.area() > 0) cv::resize(gray, gray, size, 0, 0, cv::INTER_LINEAR);
+    out.faces.push_back(gray);
+    out.labels.push_back(entry.label);
+  }
+  context.progress->end();
+  if (out.faces.empty()) throw InputError(list, "no face was found in any of its pictures");
+  return out;
+}
+
+std::string time_text(std::int64_t ms) {
+  constexpr std::int64_t kEnd = 253'402'300'799'999;  // of the year 9999
+  return plate::moment_text(
+      plate::Moment(std::chrono::milliseconds(std::clamp<std::int64_t>(ms, 0, kEnd))));
+}
+
+std::int64_t now_ms() { return plate::moment_now().time_since_epoch().count(); }
+
+std::string dumped(const nlohmann::ordered_json& object) {
+  return object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/gallery/gallery.h"
+#include "tarsier/gallery/model.h"
+#include "tarsier/people_face/face_reader.h"
+#include "tarsier/recognition/evaluation.h"
+#include "tarsier/recognition/recognizer.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include "cli.h"
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+
+// The flags of every verb that looks at faces.
+struct PeopleFlags {
+  std::string gallery = "people.db";
+  std::string eyes = "landmarks";
+  std::string background;  // empty: the one that ships
+  double min_face = 0.1;
+  bool thorough = true;
+};
+
+void add_gallery_flag(CLI::App& verb, PeopleFlags& flags);
+void add_face_flags(CLI::App& verb, PeopleFlags& flags);
+
+// Throws UsageError, ModelError.
+[[nodiscard]] people::FaceReader make_face_reader(const PeopleFlags& flags);
+
+// people-background.json; nothing where it is not there (with a warning) unless it was named.
+[[nodiscard]] std::optional<recognition::Background> find_background(const PeopleFlags& flags);
+
+// The recogniser of a gallery, trained where it changed. A gallery that may not be written is still
+// used. Nothing for an empty one.
+[[nodiscard]] std::optional<recognition::Recognizer> model_of_gallery(people::Gallery& gallery,
+                                                                      const PeopleFlags& flags,
+                                                                      Context& context);
+// Opened to be written where it can be, else to be read.
+[[nodiscard]] people::Gallery open_gallery_to_use(const std::string& path);
+
+// The faces of a list as a recogniser gets them; `raw`: whole pictures. Pictures without a face are
+// named in `missed`.
+struct ListedFaces {
+  std::vector<cv::Mat> faces;
+  std::vector<std::string> labels;
+  std::vector<std::string> missed;  // paths
+  std::vector<std::string> missed_labels;
+};
+[[nodiscard]] ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size,
+                                            bool classical, people::FaceReader* reader,
+                                            Context& context);
+
+// "2024-05-01T12:30:15.250Z"
+[[nodiscard]] std::string time_text(std::int64_t ms);
+[[nodiscard]] std::int64_t now_ms();
+
+// A line that can always be printed.
+[[nodiscard]] std::string dumped(const nlohmann::ordered_json& object);
+
+}  // namespace tarsier::cli

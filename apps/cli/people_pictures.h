@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/people_face/face_reader.h"
+#include "tarsier/recognition/recognizer.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <string>
+#include <vector>
+
+// Pictures that show how recognisers work.
+namespace tarsier::cli {
+
+struct NamedPictures {
+  std::vector<std::string> names;
+  std::vector<cv::Mat> images;
+  void add(const std::string& name, const cv::Mat& image) {
+    names.push_back(name);
+    images.push_back(image.clone());
+  }
+};
+
+// The stages of one picture, from detection to what each kind of recogniser gets. Empty where no
+// face is found. CV_8UC1.
+[[nodiscard]] NamedPictures face_stages(people::FaceReader& reader, const cv::Mat& gray);
+
+// Which parts of the face speak for person `person` (index into labels): each is covered in turn by
+// its own blur, and what the score loses is shown, red for, blue against. `input` as the recogniser
+// gets it. CV_8UC3.
+[[nodiscard]] cv::Mat evidence_picture(const recognition::Recognizer& model, const cv::Mat& input,
+                                       int person);
+
+}  // namespace tarsier::cli

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/people_face/face_reader.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <cstdint>
+#include <map>
+#include <string>
+
+namespace tarsier::people {
+
+struct CollectOptions {
+  QualityGate gate;
+  double least_difference = 0.3;  // face_difference() to the face taken last, films; >= 0
+  double least_seconds = 1;       // since then, films; >= 0
+  bool check_quality = true;
+  void check() const;
+};
+
+// Chooses which faces of one person are worth enrolling.
+class Collector {
+ public:
+  explicit Collector(const CollectOptions& options = {});
+  // Whether to take it: an empty text if so, else why not ("blurred", "too soon", "too much like
+  // the last"). `film`: frames that follow each other; `time` in s.
+  std::string offer(const Face& face, double time, bool film);
+  // A picture that gave no face to offer, and why.
+  void refuse(const std::string& reason) { ++refused_[reason]; }
+  // Forgets the last face: another film or person.
+  void restart();
+
+  [[nodiscard]] std::int64_t taken() const { return taken_; }
+  [[nodiscard]] const std::map<std::string, std::int64_t>& refused() const { return refused_; }
+
+ private:
+  CollectOptions options_;
+  cv::Mat last_;  // classical_face()
+  double last_time_ = 0;
+  std::int64_t taken_ = 0;
+  std::map<std::string, std::int64_t> refused_;
+};
+
+}  // namespace tarsier::people

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/gallery/export.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/io/image_file.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::people {
+
+ExportReport export_gallery(Gallery& gallery, const std::string& folder,
+                            const std::function<std::string(std::int64_t)>& time_text,
+                            const std::stop_token& stop) {
+  std::error_code error;
+  if (std::filesystem::exists(folder, error) && !std::filesystem::is_empty(folder, error))
+    throw OutputError(folder, "is there already and not empty");
+  ExportReport report;
+  make_folder(folder);
+  // For the owner's eyes, as the gallery itself.
+  std::filesystem::permissions(folder, std::filesystem::perms::owner_all, error);
+  nlohmann::ordered_json all = nlohmann::ordered_json::array();
+  std::string list;
+  for (const Person& person : gallery.people()) {
+    const std::string name = fmt::format("person-{}", person.id);
+    make_folder(folder + "/" + name);
+    nlohmann::ordered_json faces = nlohmann::ordered_json::array();
+    for (const StoredFace& face : gallery.faces(person.id)) {
+      throw_if_stopped(stop);
+      const std::string file = fmt::format("{}/face-{}.png", name, face.id);
+      write_image(folder + "/" + file, face.crop);
+      list += fmt::format("{}\t{}\n", file, person.name);
+      nlohmann::ordered_json measures =
+          nlohmann::ordered_json::parse(face.measures, nullptr, false);
+      if (measures.is_discarded()) measures = nullptr;
+      faces.push_back({{"file", file},
+                       {"quality", face.quality},
+                       {"measures", std::move(measures)},
+                       {"source", face.source},
+                       {"time", time_text(face.time)}});
+      ++report.faces;
+    }
+    all.push_back({{"name", person.name},
+                   {"note", person.note},
+                   {"time", time_text(person.time)},
+                   {"faces", std::move(faces)}});
+    ++report.people;
+  }
+  write_file_atomically(folder + "/faces.lst", std::string_view(list));
+  const nlohmann::ordered_json object = {{"people", std::move(all)}};
+  write_file_atomically(
+      folder + "/people.json",
+      std::string_view(object.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) +
+                       "\n"));
+  return report;
+}
+
+}  // namespace tarsier::people

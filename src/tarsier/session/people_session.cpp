@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/session/people_session.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/gallery/name.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <set>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+constexpr int kFlashFrames = 3;
+
+}  // namespace
+
+std::string_view name_of(PeopleMode mode) {
+  switch (mode) {
+    case PeopleMode::kStart:
+      return "start";
+    case PeopleMode::kDetect:
+      return "detect";
+    case PeopleMode::kCollect:
+      return "collect";
+    case PeopleMode::kTrain:
+      return "train";
+    case PeopleMode::kRecognize:
+      break;
+  }
+  return "recognize";
+}
+
+void PeopleSessionOptions::check() const {
+  TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "a rate of {}", false_accepts);
+  TARSIER_REQUIRE(most_faces >= 1 && most_faces <= 100'000, "{} faces", most_faces);
+  TARSIER_REQUIRE(most_pooled >= 1 && most_pooled <= 1000, "{} frames", most_pooled);
+  collect.check();
+  for (const std::string& name : names) people::check_name(name);
+  people::check_note(note);
+}
+
+PeopleSession::PeopleSession(people::Gallery& gallery, const recognition::Background* background,
+                             people::FaceReader reader, PeopleSessionOptions options)
+    : gallery_(gallery),
+      background_(background),
+      reader_(std::move(reader)),
+      options_(std::move(options)),
+      collector_(options_.collect) {
+  options_.check();
+  load_people();
+}
+
+void PeopleSession::load_people() {
+  people_.clear();
+  for (const people::Person& person : gallery_.people()) {
+    Enrolled entry{person.name, person.faces, {}};
+    if (const auto face = gallery_.latest_face(person.id)) entry.latest = face->crop;
+    people_.push_back(std::move(entry));
+  }
+  if (!pending_.empty()) people_.push_back({pending_, 0, {}});
+}
+
+View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
+  using Clock = std::chrono::steady_clock;
+  if (frame.name != source_name_) {
+    reader_.restart();
+    collector_.restart();
+    tracks_.clear();
+  }
+  source_name_ = frame.name;
+  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
+  frame_ = frame.image;
+  if (flash_ > 0) --flash_;
+  if (mode_ == PeopleMode::kTrain) {
+    train();
+  } else if (mode_ == PeopleMode::kStart) {
+    mode_ = gallery_.face_count() > 0 ? PeopleMode::kTrain : PeopleMode::kDetect;
+  }
+  const Clock::time_point start = Clock::now();
+  cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
+  faces_.clear();
+  for (people::Face& face : frame.still ? reader_.read(gray_) : reader_.follow(gray_, frame.time))
+    faces_.push_back({std::move(face), {}});
+  std::stable_sort(faces_.begin(), faces_.end(), [](const NamedFace& a, const NamedFace& b) {
+    return a.face.box.area() > b.face.box.area();
+  });
+  if (mode_ == PeopleMode::kCollect && !faces_.empty() &&
+      collector_.offer(faces_.front().face, frame.time, !frame.still).empty()) {
+    collect();
+  }
+  if (mode_ == PeopleMode::kRecognize) recognize();
+  milliseconds_ = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  return view(true);
+}
+
+// The face is stored at once: a crash loses nothing that flashed.
+void PeopleSession::collect() {
+  Enrolled& person = people_[static_cast<std::size_t>(collecting_)];
+  const people::Face& face = faces_.front().face;
+  people::StoredFace stored;
+  stored.crop = face.crop;
+  stored.quality = face.quality.score();
+  stored.measures = people::quality_json(face.quality).dump();
+  stored.source = source_name_;
+  stored.time = options_.now ? options_.now() : 0;
+  gallery_.enroll(person.name, options_.note, stored);
+  if (person.name == pending_) pending_.clear();
+  ++person.faces;
+  person.latest = face.crop;
+  flash_ = kFlashFrames;
+  message_.clear();
+  if (collector_.taken() >= options_.most_faces) end_collecting();
+}
+
+void PeopleSession::recognize() {
+  if (!model_) return;
+  std::set<int> seen;
+  for (NamedFace& face : faces_) {
+    std::vector<float> features = recognition::template_of(
+        *model_, people::recognizer_input(model_->options.algorithm, face.face.crop));
+    if (face.face.id > 0) {
+      seen.insert(face.face.id);
+      auto& latest = tracks_[face.face.id];
+      latest.push_back(features);
+      if (latest.size() > static_cast<std::size_t>(options_.most_pooled))
+        latest.erase(latest.begin());
+      features = recognition::pooled(*model_, latest);
+    }
+    face.name = people::recognize(*model_, features, options_.false_accepts);
+  }
+  std::erase_if(tracks_, [&](const auto& track) { return !seen.contains(track.first); });
+}
+
+void PeopleSession::train() {
+  NoProgress progress;
+  mode_ = PeopleMode::kDetect;
+  tracks_.clear();
+  try {
+    model_ = people::gallery_model(gallery_, background_, true, progress, {});
+    if (model_) mode_ = PeopleMode::kRecognize;
+  } catch (const std::invalid_argument& error) {
+    // "Fisherfaces needs faces of at least two people, there is one": said, and one goes on.
+    model_.reset();
+    message_ = error.what();
+  }
+}
+
+View PeopleSession::on_idle(const SourceStatus& source) {
+  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
+  return view(false);
+}
+
+View PeopleSession::on_event(const Event& event) {
+  if (event.kind == Event::Kind::kMouse) {
+    if (event.mouse == Event::Mouse::kLeftDown) click({cvRound(event.x), cvRound(event.y)});
+    return view(false);
+  }
+  std::string name = event.kind == Event::Kind::kAction ? event.name : "";
+  if (event.kind == Event::Kind::kKey) {
+    for (const Action& action : actions())
+      if (action.key == event.key) name = action.name;
+    if (event.key == key::kEscape) name = "quit";
+  }
+  act(name);
+  return view(false);
+}
+
+std::vector<Action> PeopleSession::actions() const {
+  return {{"add", "add a person", 'a'},
+          {"delete", "delete all (asks)", 'd'},
+          {"confirm", "yes, delete all", 'y'},
+          {"cancel", "no, keep them", 'n'},
+          {"debug", "debug view", 'b'},
+          {"train", "end collecting and train", 't'},
+          {"pause", "pause and go on", key::kSpace},
+          {"help", "this list", 'h'},
+          {"quit", "end", 'q'}};
+}
+
+void PeopleSession::act(const std::string& name) {
+  if (name.empty()) return;
+  const bool was_asked = std::exchange(asking_, false);
+  if (name == "confirm" && was_asked) delete_all();
+  if (name == "cancel" && was_asked) message_ = "nobody was deleted";
+  if (name == "add") add_person();
+  if (name == "delete") {
+    asking_ = !people_.empty();
+    message_ = people_.empty() ? "nobody is enrolled" : "";
+  }
+  if (name == "debug") debug_ = !debug_;
+  if (name == "train") end_collecting();
+  if (name == "pause") paused_ = !paused_;
+  if (name == "help") help_ = !help_;
+  if (name == "quit") finished_ = true;
+}
+
+void PeopleSession::click(cv::Point at) {
+  if (asking_) {  // the question is answered by its own buttons
+    if (button_box("confirm").contains(at)) return act("confirm");
+    return act("cancel");
+  }
+  for (const char* button : {"add", "delete", "debug"})
+    if (button_box(button).contains(at)) return act(button);
+  for (std::size_t i = 0; i < people_.size(); ++i)
+    if (strip_box(i).contains(at)) return collect_for(static_cast<int>(i));
+  end_collecting();
+}
+
+void PeopleSession::add_person() {
+  // At most one person without faces: the same one again.
+  if (pending_.empty()) {
+    std::set<std::string> taken;
+    for (const Enrolled& person : people_) taken.insert(person.name);
+    for (const std::string& name : options_.names) {
+      if (taken.contains(name)) continue;
+      pending_ = name;
+      break;
+    }
+    for (int number = 1; pending_.empty(); ++number) {
+      const std::string name = fmt::format("Person {}", number);
+      if (!taken.contains(name)) pending_ = name;
+    }
+    people_.push_back({pending_, 0, {}});
+  }
+  collect_for(static_cast<int>(people_.size()) - 1);
+}
+
+void PeopleSession::collect_for(int person) {
+  collecting_ = person;
+  collector_ = people::Collector(options_.collect);
+  mode_ = PeopleMode::kCollect;
+  message_.clear();
+  faces_.clear();
+}
+
+void PeopleSession::end_collecting() {
+  if (mode_ != PeopleMode::kCollect) return;
+  collecting_ = -1;
+  mode_ = PeopleMode::kDetect;
+  if (gallery_.face_count() == 0) {
+    message_ = "no face was taken yet";
+    return;
+  }
+  mode_ = PeopleMode::kTrain;
+}
+
+void PeopleSession::delete_all() {
+  bool proven = true;
+  std::size_t searched = 0;
+  for (const people::Person& person : gallery_.people()) {
+    const auto report = gallery_.forget(person.name, {});
+    if (!report) continue;
+    proven = proven && report->proven();
+    searched = report->search.files.size();
+  }
+  pending_.clear();
+  collecting_ = -1;
+  model_.reset();
+  tracks_.clear();
+  load_people();
+  mode_ = PeopleMode::kDetect;
+  message_ = proven ? fmt::format("all are deleted; {} files searched, nothing is left", searched)
+                    : "all are deleted, but copies of faces are left in the gallery's folder";
+}
+
+}  // namespace tarsier

@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/gallery/collector.h"
+#include "tarsier/gallery/gallery.h"
+#include "tarsier/gallery/model.h"
+#include "tarsier/people_face/face_reader.h"
+#include "tarsier/recognition/recognizer.h"
+#include "tarsier/session/recognize_session.h"
+#include "tarsier/session/session.h"
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace tarsier {
+
+enum class PeopleMode { kStart, kDetect, kCollect, kTrain, kRecognize };
+[[nodiscard]] std::string_view name_of(PeopleMode mode);  // "start", "detect", "collect" ..
+
+struct PeopleSessionOptions {
+  double false_accepts = 0.01;  // rate at which strangers may be taken for somebody, (0, 1)
+  people::CollectOptions collect;
+  int most_faces = 30;                // of a person, collected at a time, >= 1
+  std::vector<std::string> names;     // of people who are added, in turn; then "Person 1" ..
+  std::string note;                   // of consent, for those who are added
+  int most_pooled = 10;               // frames of a followed face that count together, >= 1
+  std::function<std::int64_t()> now;  // ms since 1970-01-01 UTC; empty: 0
+  void check() const;                 // throws std::invalid_argument, UsageError for names
+};
+
+// Enrols and recognises people live. Five modes: start; detect (nobody is enrolled); collect (the
+// faces of one person are taken); train (one frame long); recognise.
+// Mouse: the buttons at the left; a face of the strip at the right collects more of that person; a
+// click elsewhere ends collecting and trains.
+// Keys: a adds a person, d deletes all (y confirms), b debug view, t trains, space pauses, h help,
+// q or Esc ends. State: {"mode", "people": [{"name", "faces"}], "collecting": name or null,
+// "recognized":
+// [{"label", "known", "confidence"}], "asking", "debug", "flash", "message", "prompt", "paused"}.
+class PeopleSession final : public Session {
+ public:
+  // Gallery and background (may be null) must outlive the session.
+  PeopleSession(people::Gallery& gallery, const recognition::Background* background,
+                people::FaceReader reader, PeopleSessionOptions options);
+
+  View on_frame(const Frame& frame, const SourceStatus& source) override;
+  View on_idle(const SourceStatus& source) override;
+  View on_event(const Event& event) override;
+  [[nodiscard]] std::vector<Action> actions() const override;
+  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
+
+  [[nodiscard]] PeopleMode mode() const { return mode_; }
+  [[nodiscard]] const std::vector<NamedFace>& faces() const { return faces_; }
+  [[nodiscard]] double milliseconds() const { return milliseconds_; }
+  // Where things are in the view, px: for tests and hosts.
+  [[nodiscard]] cv::Rect button_box(std::string_view name) const;  // "add", "delete", "debug"
+  [[nodiscard]] cv::Rect strip_box(std::size_t person) const;
+
+ private:
+  struct Enrolled {
+    std::string name;
+    std::int64_t faces = 0;
+    cv::Mat latest;  // crop
+  };
+
+  // people_session.cpp
+  void act(const std::string& name);
+  void click(cv::Point at);
+  void load_people();
+  void add_person();
+  void collect_for(int person);
+  void end_collecting();
+  void delete_all();
+  void train();
+  void collect();
+  void recognize();
+  // people_draw.cpp
+  View view(bool fresh);
+  void draw_strip();
+  void draw_buttons();
+  void draw_preprocessed();
+  void draw_confidence();
+  void draw_debug();
+  [[nodiscard]] std::string prompt() const;
+  [[nodiscard]] std::string help_line() const;
+  [[nodiscard]] double scale() const;
+  [[nodiscard]] cv::Size picture_size() const;  // of the frame in the view
+  [[nodiscard]] nlohmann::json state() const;
+
+  people::Gallery& gallery_;
+  const recognition::Background* background_;
+  people::FaceReader reader_;
+  PeopleSessionOptions options_;
+  std::optional<recognition::Recognizer> model_;
+  people::Collector collector_;
+  PeopleMode mode_ = PeopleMode::kStart;
+  std::vector<Enrolled> people_;
+  std::vector<NamedFace> faces_;
+  std::map<int, std::vector<std::vector<float>>> tracks_;
+  int collecting_ = -1;  // index into people_
+  std::string pending_;  // name of a person who has no face yet; the last of people_ then
+  std::string message_;
+  std::string source_;
+  std::string source_name_;
+  double milliseconds_ = 0;
+  int flash_ = 0;  // frames it still lasts
+  bool asking_ = false;
+  bool debug_ = false;
+  bool paused_ = false;
+  bool help_ = false;
+  bool finished_ = false;
+  cv::Mat gray_;
+  cv::Mat frame_;
+  cv::Mat output_;
+  cv::Mat shown_;
+};
+
+}  // namespace tarsier
