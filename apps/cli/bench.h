@@ -15,6 +15,7 @@ struct BenchOptions {
 };
 
 // Each prints a table, or with context.json one object per measured case.
+[[nodiscard]] ExitStatus bench_aam(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_cartoon(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_steady(Context& context,
                                       const BenchOptions& options);  // uses the first input

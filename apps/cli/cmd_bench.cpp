@@ -15,6 +15,8 @@ struct Benchmark {
 
 const std::vector<Benchmark>& benchmarks() {
   static const std::vector<Benchmark> table = {
+      {"aam", "fitting an appearance model: an iteration, a fit, a film with the head's pose",
+       bench_aam},
       {"cartoon", "every mode at three sizes: reference against fast, speed and likeness",
        bench_cartoon},
       {"eyes", "how often each way finds both eyes of a face, and how long it takes", bench_eyes},

@@ -33,6 +33,7 @@ const std::vector<DemoStep>& steps() {
       {"sfm", demo_sfm},
       {"plate", demo_plate},
       {"landmarks", demo_landmarks},
+      {"aam", demo_aam},
       {"pose", demo_pose},
       {"people", demo_people},
   };

@@ -22,6 +22,7 @@ void add_pose(CLI::App& app, Context& context) {
   add_pose_train_head(area, context);
   add_pose_track(area, context);
   add_pose_eval(area, context);
+  add_pose_synth(area, context);
 }
 
 void add_pose_flags(CLI::App& verb, PoseFlags& flags) {

@@ -15,6 +15,7 @@ void add_pose_solve(CLI::App& area, Context& context);
 void add_pose_train_head(CLI::App& area, Context& context);
 void add_pose_track(CLI::App& area, Context& context);
 void add_pose_eval(CLI::App& area, Context& context);
+void add_pose_synth(CLI::App& area, Context& context);
 
 // The flags of every verb that finds heads.
 struct PoseFlags {

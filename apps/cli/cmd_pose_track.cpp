@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "cmd_aam.h"
 #include "cmd_pose.h"
 #include "run_session.h"
 #include <algorithm>
@@ -16,6 +17,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace tarsier::cli {
 namespace {
@@ -28,6 +30,9 @@ struct TrackFlags {
   std::string smooth = "one-euro";
   std::string draw = "axes";
   std::string csv;
+  std::vector<std::string> edits;
+  double amount = 1;
+  std::string appearance;
   bool no_identity = false;
 };
 
@@ -84,6 +89,19 @@ void set_overlay(const std::string& what, PoseSessionOptions& options) {
   options.object = std::make_shared<const render::Mesh>(std::move(file.mesh));
 }
 
+void set_edits(const TrackFlags& flags, PoseSessionOptions& options) {
+  if (flags.edits.empty()) return;
+  for (const std::string& name : flags.edits) options.edits.push_back(appearance::parse_edit(name));
+  options.edit_amount = flags.amount;
+  const std::string path = flags.appearance.empty() ? shipped_appearance_model() : flags.appearance;
+  auto model =
+      std::make_shared<appearance::AppearanceModel>(appearance::read_appearance_model(path));
+  if (!model->colour) throw ModelError(path, "has no colour texture to draw faces with");
+  if (model->points() != 68)
+    throw ModelError(path, fmt::format("has {} points; --edit needs 68", model->points()));
+  options.appearance = std::move(model);
+}
+
 std::string line_of(const PosedFace& face) {
   if (!face.pose) return fmt::format(" [no pose: {}]", face.reason);
   const head::HeadAngles& angles = face.pose->angles;
@@ -98,6 +116,7 @@ ExitStatus run_track(TrackFlags& flags, Context& context) {
   }
   PoseSessionOptions options;
   set_overlay(flags.draw, options);
+  set_edits(flags, options);
   PoseEngine engine = make_pose_engine(flags.pose);
   options.fit = engine.options.fit;
   options.camera = engine.options.camera;
@@ -148,6 +167,15 @@ void add_pose_track(CLI::App& area, Context& context) {
                   "axes, box, head, none, glasses, hat, or a Wavefront file (.obj; mm, origin "
                   "between the eyes, x right, y down, z away from the camera)")
       ->capture_default_str();
+  verb.add_option("--edit", flags->edits,
+                  "what is done to the faces: mouth (opened), brows (raised); both with a comma")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"mouth", "brows"}));
+  verb.add_option("--edit-amount", flags->amount, "how much, 1 is natural")
+      ->check(CLI::Range(0.0, 2.0))
+      ->capture_default_str();
+  verb.add_option("--appearance", flags->appearance,
+                  "appearance model that edits [aam68.json, which ships]");
   verb.add_option("--csv", flags->csv,
                   "table to write: frame, time, face, score, angles, place (mm), error");
   verb.add_flag("--no-identity", flags->no_identity,

@@ -11,6 +11,8 @@ namespace tarsier::cli {
 void demo_cartoon(Context& context, DemoPage& page);
 void demo_plate(Context& context, DemoPage& page);
 void demo_landmarks(Context& context, DemoPage& page);
+void demo_aam(Context& context, DemoPage& page);
+void demo_turning_head(Context& context, DemoPage& page);  // a part of demo_pose
 void demo_pose(Context& context, DemoPage& page);
 void demo_people(Context& context, DemoPage& page);
 void demo_sfm(Context& context, DemoPage& page);

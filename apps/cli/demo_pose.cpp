@@ -138,6 +138,7 @@ void demo_pose(Context& context, DemoPage& page) {
   page.command(fmt::format("tarsier pose track {} -o posed.png", kMessi));
   if (!std::filesystem::exists(kMessi)) {
     page.note("The package opencv-doc is not installed; its photograph would be here.");
+    demo_turning_head(context, page);
     return;
   }
   const cv::Mat image = read_image(kMessi);
@@ -147,7 +148,7 @@ void demo_pose(Context& context, DemoPage& page) {
   pictures.push_back(messi(page, image, "pose-glasses", PoseOverlay::kObject,
                            "--draw glasses, drawn as triangles; the head hides what is behind it"));
   page.grid(pictures);
-  // The turning head of the appearance model comes here.
+  demo_turning_head(context, page);
 }
 
 }  // namespace tarsier::cli

@@ -3,6 +3,7 @@
 
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
+#include "tarsier/session/browse_keys.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -73,13 +74,7 @@ View AppearanceSession::on_idle(const SourceStatus& source) {
 }
 
 View AppearanceSession::on_event(const Event& event) {
-  const std::string name = event.kind == Event::Kind::kAction ? event.name : [&] {
-    for (const Action& action : actions()) {
-      if (event.kind == Event::Kind::kKey && action.key == event.key) return action.name;
-    }
-    return event.kind == Event::Kind::kKey && event.key == key::kEscape ? std::string("quit")
-                                                                        : std::string();
-  }();
+  const std::string name = action_of(event, actions());
   const bool redraws = name == "view" || name == "errors";
   if (name == "quit") finished_ = true;
   if (name == "pause") paused_ = !paused_;
@@ -155,15 +150,7 @@ View AppearanceSession::view(bool fresh) {
                                   : fmt::format("{:.1f} ms, {:.0f} frames/s", usual_milliseconds_,
                                                 1000 / usual_milliseconds_);
     draw::status_bar(shown_, result.status, speed + "   h help");
-    if (help_) {
-      std::vector<draw::HelpLine> lines;
-      for (const Action& action : actions()) {
-        lines.push_back({action.key == key::kSpace ? std::string("space")
-                                                   : std::string(1, static_cast<char>(action.key)),
-                         action.help});
-      }
-      draw::help_overlay(shown_, "appearance model", lines);
-    }
+    if (help_) draw_help(shown_, "appearance model", actions());
     result.image = shown_;
   }
   result.finished = finished_;

@@ -4,6 +4,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
+#include "tarsier/session/browse_keys.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -17,29 +18,14 @@ namespace tarsier {
 namespace {
 
 constexpr double kMostSigmas = 3;
-constexpr double kStep = 0.1;
-constexpr int kSliders = 4;  // of the shape, and of the look
+constexpr double kStep = 0.1;      // of a slider
+constexpr double kKeyStep = 0.25;  // of a key
+constexpr int kSliders = 4;        // of the shape, and of the look
 constexpr double kRandomSpread = 0.7;
 const cv::Size kPortrait(560, 560);
 constexpr int kLongest = 900;  // px, larger pictures are shown reduced
 constexpr int kBarRoom = 40;   // px, for the status
 const cv::Scalar kGround(38, 34, 30);
-
-std::string action_of(const Event& event, const std::vector<Action>& actions) {
-  if (event.kind == Event::Kind::kAction) return event.name;
-  if (event.kind != Event::Kind::kKey) return "";
-  if (event.key == key::kEscape) return "quit";
-  for (const Action& action : actions)
-    if (action.key == event.key) return action.name;
-  return "";
-}
-
-void draw_help(cv::Mat& image, const char* title, const std::vector<Action>& actions) {
-  std::vector<draw::HelpLine> lines;
-  for (const Action& action : actions)
-    lines.push_back({std::string(1, static_cast<char>(action.key)), action.help});
-  draw::help_overlay(image, title, lines);
-}
 
 // With room below for the status.
 cv::Mat framed(const cv::Mat& picture) {
@@ -94,6 +80,12 @@ double* ExploreSession::value_of(const std::string& name) {
   return values->data() + (number - 1);
 }
 
+std::string ExploreSession::mode_name() const {
+  const int shapes = static_cast<int>(shape_.size());
+  return mode_ < shapes ? fmt::format("shape {}", mode_ + 1)
+                        : fmt::format("look {}", mode_ - shapes + 1);
+}
+
 View ExploreSession::on_event(const Event& event) {
   if (event.kind == Event::Kind::kSlider) {
     if (double* value = value_of(event.name); value != nullptr)
@@ -101,7 +93,7 @@ View ExploreSession::on_event(const Event& event) {
     return view();
   }
   const std::string name = action_of(event, actions());
-  const int modes = static_cast<int>(std::max(shape_.size(), look_.size()));
+  const int modes = static_cast<int>(shape_.size() + look_.size());
   if (name == "mean") {
     shape_.setZero();
     look_.setZero();
@@ -115,7 +107,13 @@ View ExploreSession::on_event(const Event& event) {
   if (name == "picture" && base_) take_from_picture();
   if (name == "over" && base_) over_ = !over_;
   if (name == "mesh") mesh_ = !mesh_;
-  if (name == "modes" && modes > 0) first_ = first_ + kSliders < modes ? first_ + kSliders : 0;
+  if ((name == "next" || name == "previous") && modes > 0)
+    mode_ = (mode_ + (name == "next" ? 1 : modes - 1)) % modes;
+  if (name == "more" || name == "less") {
+    if (double* value = value_of(mode_name()); value != nullptr)
+      *value =
+          std::clamp(*value + (name == "more" ? kKeyStep : -kKeyStep), -kMostSigmas, kMostSigmas);
+  }
   if (name == "help") help_ = !help_;
   if (name == "quit") finished_ = true;
   return view();
@@ -128,18 +126,19 @@ std::vector<Action> ExploreSession::actions() const {
     list.push_back({"over", "over the picture, or by itself", 'o'});
   }
   list.push_back({"mesh", "the mesh", 'm'});
-  list.push_back({"modes", "the next four modes on the sliders", 's'});
+  list.push_back({"next", "the next mode", 'n'});
+  list.push_back({"previous", "the mode before", 'p'});
+  list.push_back({"more", "a quarter of a deviation more of it", '+'});
+  list.push_back({"less", "less", '-'});
   list.push_back({"help", "this list", '?'});
   list.push_back({"quit", "end", 'q'});
   return list;
 }
 
 std::vector<Slider> ExploreSession::sliders() const {
-  // The window keeps its sliders: their names are those of the first modes, whatever they move.
   std::vector<Slider> list;
   for (const auto& [kind, values] : {std::pair{"shape", &shape_}, std::pair{"look", &look_}}) {
-    for (int k = first_; k < std::min<int>(first_ + kSliders, static_cast<int>(values->size()));
-         ++k)
+    for (int k = 0; k < std::min(kSliders, static_cast<int>(values->size())); ++k)
       list.push_back(
           {fmt::format("{} {}", kind, k + 1), -kMostSigmas, kMostSigmas, kStep, (*values)[k]});
   }
@@ -166,16 +165,20 @@ View ExploreSession::view() {
   View result;
   result.output = picture();
   shown_ = framed(result.output);
-  result.status =
-      fmt::format("{} shape modes, {} modes of the look; sliders {}-{} in standard deviations",
-                  shape_.size(), look_.size(), first_ + 1, first_ + kSliders);
+  const std::string name = mode_name();
+  const double* value = value_of(name);
+  result.status = fmt::format("{}: {:+.2f} deviations; {} shape modes, {} of the look", name,
+                              value != nullptr ? *value : 0.0, shape_.size(), look_.size());
   draw::status_bar(shown_, result.status, "?: keys");
   if (help_) draw_help(shown_, "Appearance model", actions());
   result.image = shown_;
   result.finished = finished_;
-  result.state = {
-      {"shape", numbers(shape_)}, {"look", numbers(look_)}, {"over", over_}, {"mesh", mesh_},
-      {"first", first_ + 1},      {"help", help_}};
+  result.state = {{"shape", numbers(shape_)},
+                  {"look", numbers(look_)},
+                  {"mode", name},
+                  {"over", over_},
+                  {"mesh", mesh_},
+                  {"help", help_}};
   return result;
 }
 

@@ -24,9 +24,9 @@ struct ExploredPicture {
 // Plays with an appearance model: a slider for each of the first modes of its shape and of its
 // look, in standard deviations; the face that they make, by itself or over a picture.
 // Sliders "shape 1" .., "look 1" ..; keys: 0 the mean, r a random face, f the face of the picture,
-// o over the picture or by itself, m mesh, s the modes that the sliders move (the next ones),
-// ? help, q or Esc ends.
-// State: {"shape": [..], "look": [..] (deviations), "over", "mesh", "first"}.
+// o over the picture or by itself, m mesh; n and p choose a mode, + and - move it, also those
+// without a slider; ? help, q or Esc ends.
+// State: {"shape": [..], "look": [..] (deviations), "mode", "over", "mesh"}.
 class ExploreSession final : public Session {
  public:
   // The model must outlive the session; it must be one that can be drawn (see Synthesis).
@@ -45,6 +45,7 @@ class ExploreSession final : public Session {
  private:
   void take_from_picture();
   [[nodiscard]] double* value_of(const std::string& name);
+  [[nodiscard]] std::string mode_name() const;
   View view();
 
   const appearance::AppearanceModel& model_;
@@ -55,7 +56,7 @@ class ExploreSession final : public Session {
   Eigen::VectorXd shape_;       // b / deviation
   Eigen::VectorXd look_;        // c / deviation
   std::uint64_t seed_;
-  int first_ = 0;  // mode of the first slider
+  int mode_ = 0;  // that + and - move: those of the shape, then those of the look
   bool over_ = false;
   bool mesh_ = false;
   bool help_ = false;

@@ -44,6 +44,20 @@ TEST(ExploreSession, ValuesAreHeldWithinThreeDeviations) {
     EXPECT_EQ(session.on_event(slider_event(name, 1)).state, before) << name;
 }
 
+TEST(ExploreSession, KeysReachTheModesWithoutASlider) {
+  ExploreSession session(model(), std::nullopt, 1);
+  const cv::Mat mean = session.picture();
+  EXPECT_EQ(session.on_idle({}).state["mode"], "shape 1");
+  (void)session.on_event(key_event('p'));  // round to the last one
+  const View view = session.on_event(key_event('+'));
+  const auto last = view.state["look"].size() - 1;
+  EXPECT_EQ(view.state["mode"], "look " + std::to_string(last + 1));
+  EXPECT_EQ(view.state["look"][last], 0.25);
+  (void)session.on_event(key_event('-'));
+  EXPECT_EQ(difference(session.picture(), mean), 0);
+  EXPECT_EQ(session.on_event(key_event('n')).state["mode"], "shape 1");
+}
+
 TEST(ExploreSession, RandomFacesDifferAndTheSeedRepeatsThem) {
   ExploreSession first(model(), std::nullopt, 4);
   ExploreSession second(model(), std::nullopt, 4);

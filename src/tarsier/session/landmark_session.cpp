@@ -2,6 +2,7 @@
 #include "tarsier/session/landmark_session.h"
 
 #include "tarsier/draw/text.h"
+#include "tarsier/session/browse_keys.h"
 #include "tarsier/shape/show.h"
 
 #include <fmt/format.h>
@@ -55,13 +56,7 @@ View LandmarkSession::on_idle(const SourceStatus& source) {
 }
 
 View LandmarkSession::on_event(const Event& event) {
-  const std::string name = event.kind == Event::Kind::kAction ? event.name : [&] {
-    for (const Action& action : actions()) {
-      if (event.kind == Event::Kind::kKey && action.key == event.key) return action.name;
-    }
-    return event.kind == Event::Kind::kKey && event.key == key::kEscape ? std::string("quit")
-                                                                        : std::string();
-  }();
+  const std::string name = action_of(event, actions());
   if (name == "quit") finished_ = true;
   if (name == "pause") paused_ = !paused_;
   if (name == "help") help_ = !help_;
@@ -117,15 +112,7 @@ View LandmarkSession::view(bool fresh) {
                                   : fmt::format("{:.1f} ms, {:.0f} frames/s", usual_milliseconds_,
                                                 1000 / usual_milliseconds_);
     draw::status_bar(shown_, result.status, speed + "   h help");
-    if (help_) {
-      std::vector<draw::HelpLine> lines;
-      for (const Action& action : actions()) {
-        lines.push_back({action.key == key::kSpace ? std::string("space")
-                                                   : std::string(1, static_cast<char>(action.key)),
-                         action.help});
-      }
-      draw::help_overlay(shown_, "landmarks", lines);
-    }
+    if (help_) draw_help(shown_, "landmarks", actions());
     result.image = shown_;
   }
   result.finished = finished_;

@@ -8,6 +8,7 @@
 #include "tarsier/head/surface.h"
 #include "tarsier/landmarks/faces_json.h"
 #include "tarsier/render/render.h"
+#include "tarsier/session/browse_keys.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -40,6 +41,8 @@ void PoseSessionOptions::check() const {
   TARSIER_REQUIRE(focal_px == 0 || (focal_px > 0 && std::isfinite(focal_px)), "focal length of {}",
                   focal_px);
   TARSIER_REQUIRE(overlay != PoseOverlay::kObject || object != nullptr, "no object to draw");
+  TARSIER_REQUIRE(edits.empty() || appearance != nullptr, "no appearance model to edit with");
+  TARSIER_REQUIRE(edit_amount >= 0 && edit_amount <= 2, "an edit of {}", edit_amount);
 }
 
 PoseSession::PoseSession(const landmarks::LandmarkModel& landmarks, const head::HeadModel& head,
@@ -48,6 +51,12 @@ PoseSession::PoseSession(const landmarks::LandmarkModel& landmarks, const head::
     : heads_(landmarks, options.fit, head, mapping, options.pose),
       finder_(std::move(finder)),
       options_((options.check(), std::move(options))) {
+  if (!options_.edits.empty()) {
+    TARSIER_REQUIRE(options_.appearance->points() == landmarks.points(),
+                    "an appearance model of {} points, landmarks of {}",
+                    options_.appearance->points(), landmarks.points());
+    synthesis_.emplace(*options_.appearance);
+  }
   if (options_.object != nullptr) {
     surface_ = head::head_surface(heads_.poser().model(), heads_.poser().model().mean).triangles;
   }
@@ -136,13 +145,7 @@ View PoseSession::on_idle(const SourceStatus& source) {
 }
 
 View PoseSession::on_event(const Event& event) {
-  const std::string name = event.kind == Event::Kind::kAction ? event.name : [&] {
-    for (const Action& action : actions()) {
-      if (event.kind == Event::Kind::kKey && action.key == event.key) return action.name;
-    }
-    return event.kind == Event::Kind::kKey && event.key == key::kEscape ? std::string("quit")
-                                                                        : std::string();
-  }();
+  const std::string name = action_of(event, actions());
   if (name == "quit") finished_ = true;
   if (name == "pause") paused_ = !paused_;
   if (name == "help") help_ = !help_;
@@ -196,8 +199,18 @@ void PoseSession::draw_object(const PosedFace& face) {
   render::render(output_, scene, camera_);
 }
 
+void PoseSession::edit_face(const PosedFace& face) {
+  Eigen::Matrix2Xd points = face.face.points;
+  for (const appearance::FaceEdit edit : options_.edits)
+    points = appearance::edited_points(*options_.appearance, points, edit, options_.edit_amount);
+  appearance::draw_edited(*synthesis_, *options_.appearance, output_, face.face.points, points);
+}
+
 void PoseSession::draw() {
   frame_.copyTo(output_);
+  if (synthesis_) {
+    for (const PosedFace& face : faces_) edit_face(face);
+  }
   // The farthest first, so that a nearer head's object lies over it.
   std::vector<const PosedFace*> order;
   for (const PosedFace& face : faces_) {
@@ -259,15 +272,7 @@ View PoseSession::view(bool fresh) {
                                   : fmt::format("{:.1f} ms, {:.0f} frames/s", usual_milliseconds_,
                                                 1000 / usual_milliseconds_);
     draw::status_bar(shown_, result.status, speed + "   h help");
-    if (help_) {
-      std::vector<draw::HelpLine> lines;
-      for (const Action& action : actions()) {
-        lines.push_back({action.key == key::kSpace ? std::string("space")
-                                                   : std::string(1, static_cast<char>(action.key)),
-                         action.help});
-      }
-      draw::help_overlay(shown_, "pose", lines);
-    }
+    if (help_) draw_help(shown_, "pose", actions());
     result.image = shown_;
   }
   result.finished = finished_;

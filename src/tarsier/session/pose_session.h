@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/appearance/edit.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/head/head_pose.h"
 #include "tarsier/head/smoothing.h"
@@ -31,6 +32,10 @@ struct PoseSessionOptions {
   PoseOverlay overlay = PoseOverlay::kAxes;
   // Of kObject: in the head's frame, mm; a head hides what is behind it.
   std::shared_ptr<const render::Mesh> object;
+  // What is done to the faces, through an appearance model of 68 points that can be drawn.
+  std::vector<appearance::FaceEdit> edits;
+  std::shared_ptr<const appearance::AppearanceModel> appearance;
+  double edit_amount = 1;                  // 0..2
   std::optional<geometry::Camera> camera;  // width 0: of any size. Empty: guessed from the picture
   double focal_px = 0;                     // in its place, 0: guessed
   void check() const;                      // throws std::invalid_argument
@@ -75,12 +80,14 @@ class PoseSession final : public Session {
   void find(const Frame& frame);
   void draw();
   void draw_object(const PosedFace& face);
+  void edit_face(const PosedFace& face);
   View view(bool fresh);
 
   PoseFinder heads_;
   landmarks::FaceFinder finder_;
   PoseSessionOptions options_;
-  std::vector<std::array<int, 3>> surface_;  // triangles of the head that hides things
+  std::optional<appearance::Synthesis> synthesis_;  // where faces are edited
+  std::vector<std::array<int, 3>> surface_;         // triangles of the head that hides things
   landmarks::TrackerState state_;
   landmarks::FitWorkspace workspace_;
   std::map<int, Person> persons_;  // by id

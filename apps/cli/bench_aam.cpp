@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/appearance/start.h"
+#include "tarsier/appearance/tracker.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/head/head_pose.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/shape/similarity.h"
+#include "tarsier/synth_face/synth_face.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
+
+#include "bench.h"
+#include "cmd_aam.h"
+#include "cmd_pose.h"
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+using appearance::AppearanceModel;
+using appearance::FitOptions;
+using appearance::Method;
+
+double median_ms(int repeats, const std::function<void()>& run) {
+  run();
+  std::vector<double> times;
+  for (int i = 0; i < repeats; ++i) {
+    const auto start = std::chrono::steady_clock::now();
+    run();
+    times.push_back(
+        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
+            .count());
+  }
+  std::sort(times.begin(), times.end());
+  return times[times.size() / 2];
+}
+
+geometry::Rigid pose_at(double yaw, double distance) {
+  return {head::rotation_of_angles({yaw, 3, 2}), {0, 10, distance}};
+}
+
+// Heads that nobody has, to learn a small grey model from.
+AppearanceModel small_model(const synth::FaceSynth& faces, int width, int modes) {
+  geometry::Camera camera = head::guess_camera({240, 240});
+  std::vector<appearance::TrainingPicture> pictures;
+  Rng rng(1);
+  for (std::uint64_t i = 0; i < 60; ++i) {
+    appearance::TrainingPicture picture;
+    picture.points = faces
+                         .draw(picture.picture, faces.person(i, 1), camera,
+                               pose_at(rng.uniform(-20, 20), 450), {}, i)
+                         .points;
+    pictures.push_back(std::move(picture));
+  }
+  appearance::AppearanceOptions options;
+  options.frame_width = width;
+  options.levels = 1;
+  options.colour = false;
+  options.shape.variance = 1;
+  options.shape.max_modes = modes;
+  NoProgress silent;
+  return appearance::train_appearance_model(pictures, {}, options, silent, {});
+}
+
+void report(const Context& context, const char* name, double ms, const std::string& about) {
+  if (context.json) {
+    print_json_line(nlohmann::ordered_json{
+        {"bench", "aam"}, {"case", name}, {"ms", std::round(ms * 1e4) / 1e4}, {"about", about}}
+                        .dump());
+  } else {
+    print_text(fmt::format("{:<26} {:>9.3f} ms   {}\n", name, ms, about));
+  }
+}
+
+// One iteration at the finest level: the difference of many and few.
+double iteration_ms(const AppearanceModel& model, Method method, const cv::Mat& picture,
+                    const Eigen::Matrix2Xd& start, int repeats) {
+  const auto time_of = [&](int iterations) {
+    FitOptions options;
+    options.method = method;
+    options.iterations = iterations;
+    options.tolerance = 1e-12;
+    options.coarsest = 0;
+    const appearance::Fitter fitter(model, options);
+    appearance::FitWorkspace workspace;
+    return median_ms(repeats, [&] { (void)fitter.fit(picture, start, workspace); });
+  };
+  constexpr int kFew = 5;
+  constexpr int kMany = 45;
+  return (time_of(kMany) - time_of(kFew)) / (kMany - kFew);
+}
+
+}  // namespace
+
+ExitStatus bench_aam(Context& context, const BenchOptions& options) {
+  const AppearanceModel model = appearance::read_appearance_model(shipped_appearance_model());
+  const head::HeadModel head = read_head("");
+  const synth::FaceSynth faces(model, head);
+  const int threads = cv::getNumThreads();
+  cv::setNumThreads(1);
+  const auto is_asked = [&](const char* name) {
+    return options.only.empty() ||
+           std::find(options.only.begin(), options.only.end(), name) != options.only.end();
+  };
+  geometry::Camera camera = head::guess_camera({640, 480});
+  cv::Mat picture;
+  const Eigen::Matrix2Xd truth =
+      faces.draw(picture, faces.person(100), camera, pose_at(5, 600), {}, 1).points;
+  const auto start_of = [&](const AppearanceModel& any) {
+    return Eigen::Matrix2Xd(shape::fit_similarity(any.shape.mean, truth)(any.shape.mean).colwise() +
+                            Eigen::Vector2d(4, -3));
+  };
+  if (is_asked("project-out-iteration") || is_asked("alternating-iteration")) {
+    constexpr int kModes = 20;
+    const AppearanceModel grey = small_model(faces, 100, kModes);
+    const std::string about = fmt::format(
+        "grey, {}x{}, {} pixels, {} shape modes, {} texture modes",
+        grey.levels[0].warp.size().width, grey.levels[0].warp.size().height,
+        grey.levels[0].warp.pixels().size(), grey.shape.mode_count(), grey.levels[0].mode_count());
+    if (is_asked("project-out-iteration"))
+      report(context, "project-out-iteration",
+             iteration_ms(grey, Method::kProjectOut, picture, start_of(grey), options.repeats),
+             about);
+    if (is_asked("alternating-iteration"))
+      report(context, "alternating-iteration",
+             iteration_ms(grey, Method::kAlternating, picture, start_of(grey), options.repeats),
+             about);
+  }
+  const std::string about =
+      fmt::format("{} features of {} px, {} shape modes, {} texture modes",
+                  channel_count(model.levels[0].channels), model.levels[0].warp.size().width,
+                  model.shape.mode_count(), model.levels[0].mode_count());
+  for (const auto& [name, method] : {std::pair{"fit-project-out", Method::kProjectOut},
+                                     std::pair{"fit-alternating", Method::kAlternating}}) {
+    if (!is_asked(name)) continue;
+    FitOptions fit;
+    fit.method = method;
+    const appearance::Fitter fitter(model, fit);
+    appearance::FitWorkspace workspace;
+    const Eigen::Matrix2Xd start = start_of(model);
+    report(context, name,
+           median_ms(options.repeats, [&] { (void)fitter.fit(picture, start, workspace); }), about);
+  }
+  if (is_asked("track")) {
+    // A head that turns: fit from frame to frame, and the pose of the head.
+    std::vector<cv::Mat> film;
+    for (int i = 0; i < 30; ++i) {
+      film.emplace_back();
+      faces.draw(film.back(), faces.person(100), camera,
+                 pose_at(25 * std::sin(i * 0.2), 600 + 3.0 * i), {}, 1);
+    }
+    FitOptions fit;
+    fit.method = Method::kAlternating;
+    const appearance::Fitter fitter(model, fit);
+    const head::HeadPoser poser(head);
+    const appearance::FindStarts find = [&](const cv::Mat&) {
+      return std::vector<std::vector<Eigen::Matrix2Xd>>{{start_of(model)}};
+    };
+    const int repeats = std::max(1, options.repeats / 5);
+    const double ms = median_ms(repeats, [&] {
+      appearance::Track track;
+      head::HeadIdentity identity;
+      double time = 0;
+      for (const cv::Mat& frame : film) {
+        for (const appearance::TrackedObject& face :
+             appearance::track_objects(fitter, {}, find, track, frame, time))
+          (void)poser.pose(face.fit.points, camera, identity);
+        time += 0.04;
+      }
+    });
+    const double each = ms / static_cast<double>(film.size());
+    report(context, "track", each,
+           fmt::format("640x480, model and pose: {:.0f} frames/s", 1000 / each));
+  }
+  cv::setNumThreads(threads);
+  return ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

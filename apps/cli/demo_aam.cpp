@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/appearance/synthesis.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/draw/text.h"
+#include "tarsier/head/draw_pose.h"
+#include "tarsier/head/head_pose.h"
+#include "tarsier/sfm_view/animation.h"
+#include "tarsier/synth_face/synth_face.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "cmd_aam.h"
+#include "cmd_pose.h"
+#include "demo.h"
+#include <cmath>
+#include <numbers>
+
+namespace tarsier::cli {
+namespace {
+
+constexpr int kFrames = 36;  // of the turning head
+
+cv::Mat cropped(const cv::Mat& picture, const Eigen::Matrix2Xd& points) {
+  const Eigen::Vector2d low = points.rowwise().minCoeff();
+  const Eigen::Vector2d high = points.rowwise().maxCoeff();
+  const double size = 1.7 * (high - low).maxCoeff();
+  const Eigen::Vector2d middle = (low + high) / 2;
+  const cv::Rect box = cv::Rect(cvRound(middle.x() - size / 2), cvRound(middle.y() - size / 2),
+                                cvRound(size), cvRound(size)) &
+                       cv::Rect(0, 0, picture.cols, picture.rows);
+  cv::Mat large;
+  cv::resize(picture(box), large, {300, 300}, 0, 0, cv::INTER_AREA);
+  return large;
+}
+
+// Start, some iterations, the end, and what the model draws there.
+std::vector<DemoPicture> fit_sequence(DemoPage& page, const appearance::AppearanceModel& model,
+                                      const synth::FaceSynth& faces) {
+  const geometry::Camera camera = head::guess_camera({800, 800});
+  cv::Mat picture;
+  const synth::FaceTruth truth =
+      faces.draw(picture, faces.person(11), camera,
+                 {head::rotation_of_angles({12, -4, 6}), {0, 10, 620}}, {}, 11);
+  shape::Similarity2d off = shape::fit_similarity(model.shape.mean, truth.points);
+  off.tx += 22;
+  off.ty -= 18;
+  appearance::FitOptions options;
+  options.method = appearance::Method::kAlternating;
+  options.trace = true;
+  const appearance::Fitter fitter(model, options);
+  appearance::FitWorkspace workspace;
+  const appearance::FitResult fit = fitter.fit(picture, off(model.shape.mean), workspace);
+  std::vector<DemoPicture> strip;
+  const std::size_t last = fit.trace.size() - 1;
+  const double eyes = (truth.points.col(36) - truth.points.col(45)).norm();
+  for (const std::size_t step :
+       {std::size_t{0}, std::size_t{1}, std::size_t{2}, std::min<std::size_t>(4, last), last}) {
+    cv::Mat drawn = picture.clone();
+    const Eigen::Matrix2Xd& points = fit.trace[step].points;
+    appearance::draw_mesh(model, points, drawn);
+    const double error = 100 * (points - truth.points).colwise().norm().mean() / eyes;
+    const std::string name = step == 0      ? "start"
+                             : step == last ? "end"
+                                            : fmt::format("step {}", step);
+    strip.push_back(page.picture(fmt::format("aam-fit-{}", strip.size()),
+                                 cropped(drawn, truth.points),
+                                 fmt::format("{}: {:.1f} % of the eye distance", name, error)));
+  }
+  cv::Mat made = picture.clone();
+  const appearance::Synthesis synthesis(model);
+  const appearance::Explained seen = synthesis.explain(picture, fit.points);
+  synthesis.draw(seen.c, seen.offset, seen.gain, fit.points, made);
+  strip.push_back(
+      page.picture("aam-fit-made", cropped(made, truth.points), "what the model makes of it"));
+  return strip;
+}
+
+}  // namespace
+
+void demo_aam(Context& context, DemoPage& page) {
+  const appearance::AppearanceModel model =
+      appearance::read_appearance_model(shipped_appearance_model());
+  const synth::FaceSynth faces(model, read_head(""));
+  page.begin_area("A model of what faces look like",
+                  "An active appearance model, learnt from a thousand faces: shape and look, each "
+                  "by its modes. Every face here is the model's own: nobody has it.");
+  page.command("tarsier aam explore --grid modes.png");
+  page.grid({page.picture("aam-grid", appearance::draw_mode_grid(model, 3, 120, context.seed),
+                          "three modes of shape and three of look, at -3 .. 3 standard deviations; "
+                          "below, random faces")});
+  throw_if_stopped(context.stop);
+  page.heading("Fitting it",
+               "From a start that is off: each step warps the picture back to the mean face and "
+               "asks which parameters explain what is left. A drawn head, whose true points are "
+               "known.");
+  page.command(
+      "tarsier pose synth --count 1 -o heads && tarsier aam fit heads/images/0000.png -o "
+      "fitted.png");
+  page.strip(fit_sequence(page, model, faces));
+}
+
+// One drawn head that turns, with the axes of the pose that is found: what `pose track` does, from
+// the picture alone.
+void demo_turning_head(Context& context, DemoPage& page) {
+  const appearance::AppearanceModel model =
+      appearance::read_appearance_model(shipped_appearance_model());
+  const synth::FaceSynth faces(model, read_head(""));
+  PoseEngine engine = make_pose_engine({});
+  PoseSessionOptions options = engine.options;
+  const geometry::Camera camera = head::guess_camera({360, 360});
+  PoseSession session(engine.landmarks.model, engine.head, engine.mapping,
+                      std::move(engine.landmarks.finder), options);
+  std::vector<cv::Mat> frames;
+  double error = 0;
+  int posed = 0;
+  for (int i = 0; i < kFrames; ++i) {
+    throw_if_stopped(context.stop);
+    const double phase = 2 * std::numbers::pi * i / kFrames;
+    const geometry::Rigid truth{
+        head::rotation_of_angles(
+            {32 * std::sin(phase), 10 * std::sin(2 * phase), 6 * std::cos(phase)}),
+        {0, 10, 520}};
+    Frame frame;
+    frame.name = "turning head";
+    frame.index = i;
+    frame.time = i / 12.0;
+    faces.draw(frame.image, faces.person(21), camera, truth, {}, 5);
+    frames.push_back(session.on_frame(frame, {}).output.clone());
+    if (session.faces().empty() || !session.faces().front().pose) continue;
+    const cv::Matx33d found = session.faces().front().pose->camera_from_head.rotation;
+    error += geometry::angle_of(found * truth.rotation.t()) * 180 / std::numbers::pi;
+    ++posed;
+  }
+  const std::string file = page.path_of("pose-turning.gif");
+  sfm::write_gif(file, frames, 12);
+  page.heading("A head that turns",
+               "Drawn with a known pose; the axes are what is found from the picture alone.");
+  page.command(
+      "tarsier pose synth --film --count 36 -o head && tarsier pose track head/images "
+      "--sequence -o posed");
+  page.grid({DemoPicture{"img/pose-turning.gif",
+                         posed > 0 ? fmt::format("found in {} of {} frames, {:.1f} degrees from "
+                                                 "the truth on average",
+                                                 posed, kFrames, error / posed)
+                                   : std::string("not found"),
+                         360, 360}});
+}
+
+}  // namespace tarsier::cli

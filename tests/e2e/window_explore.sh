@@ -1,0 +1,41 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# aam explore with a real mouse: a slider and keys change the face that is on the screen.
+. "$(dirname "$0")/lib_window.sh"
+
+command_line="tarsier aam explore --window"
+"$TARSIER" aam explore --window --json >stdout.txt 2>stderr.txt </dev/null &
+program=$!
+wait_for "the window" x11 geometry "Tarsier appearance" >/dev/null
+xdotool mousemove 300 400
+wait_for "the first picture" has_picture
+read -r left top width height <<<"$(x11 geometry "Tarsier appearance")"
+face() { x11 mean $((left + width / 2 - 60)) $((top + height / 2 - 20)) 120 120; }
+
+before=$(face)
+press r '"mode":"shape 1"'
+random=$(face)
+[ "$before" != "$random" ] || fail "a random face is not on the screen: $before"
+grep '"event"' stdout.txt | tail -1 | grep -q '"shape":\[0\.0,0\.0,' && fail "r gave the mean face"
+press 0 '"shape":\[0\.0,0\.0,'
+[ "$before" = "$(face)" ] || fail "0 did not bring the mean face back"
+press n '"mode":"shape 2"'
+press plus '"shape":\[0\.0,0\.25,'
+
+# A slider: its groove is a few pixels high, and not where it is in another toolkit's version.
+moved=no
+for above in 12 16 8 20; do
+  events_before=$(events)
+  xdotool mousemove $((left + width - 20)) $((top + height - above)) click 1
+  sleep 0.5
+  if more_events_than "$events_before"; then moved=yes && break; fi
+done
+[ $moved = yes ] || fail "no slider moved"
+grep '"event"' stdout.txt | tail -1 | grep -qE '"event":"[^"]*(shape|look) [1-4]' ||
+  fail "no slider moved: $(grep '"event"' stdout.txt | tail -1)"
+sleep 0.3
+[ "$before" != "$(face)" ] || fail "the slider left the face as it was"
+xdotool mousemove $((left + width / 2)) $((top + height / 2))
+xdotool key q
+expect_end 0
+finish
