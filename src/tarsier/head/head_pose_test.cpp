@@ -280,9 +280,9 @@ TEST(HeadPoseData, GainsFromTheIdentityOfUnknownPeople) {
 TEST(GuessCamera, LooksThroughTheMiddle) {
   const geometry::Camera camera = guess_camera({640, 480});
   camera.check();
-  EXPECT_NEAR(camera.fx, 704, 1e-9);
+  EXPECT_NEAR(camera.fx, 832, 1e-9);
   EXPECT_NEAR(camera.cx, 319.5, 1e-9);
-  EXPECT_NEAR(guess_camera({480, 640}).fy, 704, 1e-9);
+  EXPECT_NEAR(guess_camera({480, 640}).fy, 832, 1e-9);
   EXPECT_THROW((void)guess_camera({0, 480}), std::invalid_argument);
 }
 

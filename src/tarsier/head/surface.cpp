@@ -45,10 +45,10 @@ void add_skull(HeadSurface& surface, const Eigen::Matrix3Xd& shape) {
   for (int ring = 0; ring < kRings; ++ring) {
     for (int k = 0; k < kAround; ++k) {
       if (ring > 0) {
-        surface.triangles.push_back({at(ring, k), at(ring, k + 1), at(ring + 1, k)});
+        surface.triangles.push_back({at(ring, k), at(ring + 1, k), at(ring, k + 1)});
       }
       if (ring + 1 < kRings) {
-        surface.triangles.push_back({at(ring + 1, k), at(ring, k + 1), at(ring + 1, k + 1)});
+        surface.triangles.push_back({at(ring + 1, k), at(ring + 1, k + 1), at(ring, k + 1)});
       }
     }
   }

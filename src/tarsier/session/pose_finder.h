@@ -47,7 +47,7 @@ class PoseFinder {
   [[nodiscard]] std::vector<PosedFace> find(const cv::Mat& gray, const geometry::Camera& camera,
                                             landmarks::FaceFinder& finder,
                                             landmarks::FitWorkspace& workspace,
-                                            double least_score = 0.4) const;
+                                            double least_score = 0.5) const;
 
  private:
   const landmarks::LandmarkModel& landmarks_;
