@@ -133,7 +133,8 @@ void PeopleSession::recognize() {
         latest.erase(latest.begin());
       features = recognition::pooled(*model_, latest);
     }
-    face.name = people::recognize(*model_, features, options_.false_accepts);
+    const double share = face.face.id > 0 ? kFollowedShare : 1;
+    face.name = people::recognize(*model_, features, share * options_.false_accepts);
   }
   std::erase_if(tracks_, [&](const auto& track) { return !seen.contains(track.first); });
 }

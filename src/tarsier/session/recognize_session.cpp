@@ -70,7 +70,8 @@ void RecognizeSession::name(NamedFace& face) {
       latest.erase(latest.begin());
     features = recognition::pooled(*model_, latest);
   }
-  face.name = people::recognize(*model_, features, options_.false_accepts);
+  const double share = face.face.id > 0 && !still_ ? kFollowedShare : 1;
+  face.name = people::recognize(*model_, features, share * options_.false_accepts);
 }
 
 View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) {

@@ -68,6 +68,10 @@ class RecognizeSession final : public Session {
   bool finished_ = false;
 };
 
+// A face that is followed has many chances to be taken for somebody: in each frame it gets this
+// share of the stated rate of false accepts.
+inline constexpr double kFollowedShare = 0.1;
+
 // A frame round a face and its name: green and "Ann 97 %" for who is known, grey and "unknown (Ann
 // 12 %)" else.
 void draw_named_face(cv::Mat& image, const NamedFace& face);
