@@ -84,8 +84,8 @@ ExitStatus convergence(const EvalFlags& flags, const shape::LandmarkSet& set,
                        const AamEngine& engine, Context& context) {
   appearance::LoadOptions load;
   std::vector<std::string> skipped;
-  const auto pictures = appearance::load_training_pictures(
-      set, flags.set.input, load, *context.progress, context.stop, skipped);
+  const auto pictures =
+      appearance::load_training_pictures(set, "", load, *context.progress, context.stop, skipped);
   for (const std::string& one : skipped) log_warning("{}; left out", one);
   appearance::ConvergenceOptions options;
   options.tries = flags.tries;

@@ -75,8 +75,8 @@ ExitStatus train(TrainFlags& flags, Context& context) {
   load.largest = static_cast<int>(std::max(
       160.0, 1.6 * std::max(options.frame_width, options.colour ? options.colour_width : 0)));
   std::vector<std::string> skipped;
-  const std::vector<TrainingPicture> pictures = appearance::load_training_pictures(
-      set, flags.set.input, load, *context.progress, context.stop, skipped);
+  const std::vector<TrainingPicture> pictures =
+      appearance::load_training_pictures(set, "", load, *context.progress, context.stop, skipped);
   for (const std::string& one : skipped) log_warning("{}; left out", one);
 
   AppearanceModel model;

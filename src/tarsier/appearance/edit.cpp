@@ -21,6 +21,7 @@ namespace {
 constexpr int kPoints = 68;
 constexpr double kMouthShare = 0.22;  // of the face's height that the lower lip falls
 constexpr double kBrowShare = 0.09;
+constexpr double kInside = 0.45;   // light inside an open mouth
 constexpr double kFeather = 0.03;  // of the face's width, over which the edge is blended
 
 // How far each point goes along the face's downward axis, in face heights.
@@ -32,6 +33,13 @@ double share_of(int point, FaceEdit edit) {
   if (is_in(4, 5) || is_in(11, 12)) return 0.5 * kMouthShare;
   if (point == 48 || point == 54 || point == 60 || point == 64) return 0.25 * kMouthShare;
   return 0;
+}
+
+double mouth_area(const Matrix2Xd& points) {
+  std::vector<cv::Point2f> inner;
+  for (int i = 60; i <= 67; ++i)
+    inner.emplace_back(static_cast<float>(points(0, i)), static_cast<float>(points(1, i)));
+  return cv::contourArea(inner);
 }
 
 bool is_between_the_lips(const shape::Triangle& triangle) {
@@ -99,6 +107,9 @@ void draw_edited(const Synthesis& synthesis, const AppearanceModel& model, cv::M
   const Explained seen = synthesis.explain(picture, from);
   cv::Mat made = picture.clone();
   synthesis.draw(seen.c, seen.offset, seen.gain, to, made);
+  // No light falls into a mouth that was closed in the picture.
+  const double opened = 1 - std::min(1.0, mouth_area(from) / std::max(1.0, mouth_area(to)));
+  made.convertTo(made, -1, 1 - (1 - kInside) * opened);
   cv::Mat changed = picture.clone();
   cv::Mat mask(picture.size(), CV_8UC1, cv::Scalar(0));
   for (const shape::Triangle& triangle : model.mesh) {

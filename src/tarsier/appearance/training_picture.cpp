@@ -94,9 +94,10 @@ std::vector<TrainingPicture> load_training_pictures(const shape::LandmarkSet& se
   }
   progress.end();
   if (result.empty()) {
-    throw InputError(set_path, skipped.empty() ? std::string("holds no samples")
-                                               : fmt::format("no sample can be used; the first: {}",
-                                                             skipped.front()));
+    throw InputError(set_path.empty() ? "the set" : set_path,
+                     skipped.empty()
+                         ? std::string("holds no samples")
+                         : fmt::format("no sample can be used; the first: {}", skipped.front()));
   }
   return result;
 }
