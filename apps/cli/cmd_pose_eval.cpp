@@ -103,15 +103,15 @@ head::PointingOutcome judge(Finder& finder, const std::string& path,
   const cv::Mat image = read_image(path);
   const cv::Rect2d head_box =
       head::pointing_box(path).value_or(cv::Rect2d(0, 0, image.cols, image.rows));
-  for (const landmarks::Candidate& candidate :
-       finder.engine.landmarks.finder.find(gray_of(image))) {
-    outcome.face_seen = outcome.face_seen || head_box.contains(center_of(candidate.box));
-  }
   for (const PosedFace& face : finder.faces(path, image)) {
     if (!face.pose || !head_box.contains(center_of(face.face.box))) continue;
     outcome.face_seen = true;
     outcome.angles = face.pose->angles;
-    break;
+    return outcome;
+  }
+  for (const landmarks::Candidate& candidate :
+       finder.engine.landmarks.finder.find(gray_of(image))) {
+    outcome.face_seen = outcome.face_seen || head_box.contains(center_of(candidate.box));
   }
   return outcome;
 }
