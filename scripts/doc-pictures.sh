@@ -33,6 +33,10 @@ sheet cartoon-paint 3 "$(stage cartoon half-size):half size" "$(stage cartoon pa
 sheet cartoon-evil 3 "$(stage evil scharr):Scharr" "$(stage evil lines):threshold, median" "$work/evil.png:on the painting"
 sheet cartoon-alien 3 "$(stage alien skin):the skin found" "$(stage alien coloured):coloured" "$work/alien.png:with the lines"
 
+# Poses: drawings of the demo.
+"$tarsier" demo --only pose -o "$work/demo" --quiet
+size=600x360 sheet pose 2 "$work/demo/img/pose-cube.png:a cube of known size and its pose" "$work/demo/img/pose-head.png:the head that was learnt from flat pictures"
+
 # Number plates: a drawn car, the stages of both pipelines. The study of the reader (plate-sweep.png) needs the
 # textbook's OCR.xml: tarsier plate sweep OCR.xml -o docs/img/plate-sweep.png
 car='synth:car?seed=11&frames=2'

@@ -17,6 +17,7 @@
 #include <cmath>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -66,8 +67,7 @@ DemoPicture cube_with_axes(DemoPage& page, Context& context) {
   const double turn = 0.6;
   const cv::Matx33d about_z(std::cos(turn), -std::sin(turn), 0, std::sin(turn), std::cos(turn), 0,
                             0, 0, 1);
-  const geometry::Rigid truth{head::rotation_of_angles(tilt).t() * upright * about_z,
-                              {-12, 14, 430}};
+  const geometry::Rigid truth{head::rotation_of_angles(tilt) * upright * about_z, {-12, 14, 430}};
   cv::Mat image = cube_picture(camera, truth);
   Eigen::Matrix3Xd object(3, 8);
   Eigen::Matrix2Xd seen(2, 8);
@@ -97,34 +97,61 @@ DemoPicture cube_with_axes(DemoPage& page, Context& context) {
   return page.drawing("pose-cube", image, text);
 }
 
-// The face, enlarged, with what `pose track --draw` draws.
-DemoPicture messi(DemoPage& page, const cv::Mat& image, const std::string& name,
-                  PoseOverlay overlay, const std::string& caption) {
+// The face, enlarged, with what `pose track --draw` draws; the camera is that of the whole picture.
+struct Portrait {
+  cv::Mat image;
+  geometry::Camera camera;
+};
+
+std::optional<Portrait> portrait_of(const cv::Mat& image, LandmarkEngine& engine) {
+  cv::Mat gray;
+  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  landmarks::FitWorkspace workspace;
+  const std::vector<landmarks::FoundFace> found =
+      landmarks::find_faces(engine.model, engine.fit, gray, engine.finder, workspace);
+  if (found.empty()) return std::nullopt;
+  const cv::Rect2d& box = found.front().box;
+  const cv::Rect around =
+      cv::Rect(cvRound(box.x - 0.9 * box.width), cvRound(box.y - 0.9 * box.height),
+               cvRound(2.8 * box.width), cvRound(2.6 * box.height)) &
+      cv::Rect(0, 0, image.cols, image.rows);
+  const double zoom = 440.0 / around.width;
+  Portrait portrait;
+  cv::resize(image(around), portrait.image, {}, zoom, zoom, cv::INTER_CUBIC);
+  geometry::Camera& camera = portrait.camera;
+  camera = head::guess_camera(image.size());
+  camera.width = portrait.image.cols;
+  camera.height = portrait.image.rows;
+  camera.fx *= zoom;
+  camera.fy *= zoom;
+  camera.cx = (camera.cx - around.x + 0.5) * zoom - 0.5;
+  camera.cy = (camera.cy - around.y + 0.5) * zoom - 0.5;
+  return portrait;
+}
+
+DemoPicture posed_picture(DemoPage& page, const Portrait& portrait, const std::string& name,
+                          PoseOverlay overlay, const std::string& caption) {
   PoseEngine engine = make_pose_engine({});
   PoseSessionOptions options = engine.options;
   options.overlay = overlay;
+  options.camera = portrait.camera;
   if (overlay == PoseOverlay::kObject) {
     options.object = std::make_shared<const render::Mesh>(render::make_glasses());
   }
   PoseSession session(engine.landmarks.model, engine.head, engine.mapping,
                       std::move(engine.landmarks.finder), options);
   Frame frame;
-  cv::resize(image, frame.image, {}, 3, 3, cv::INTER_CUBIC);
+  frame.image = portrait.image;
   frame.still = true;
   frame.name = kMessi;
   const View view = session.on_frame(frame, {});
-  cv::Rect around(0, 0, view.output.cols, view.output.rows);
   std::string text = caption;
   if (!session.faces().empty() && session.faces().front().pose) {
-    const PosedFace& face = session.faces().front();
-    const cv::Rect2d& box = face.face.box;
-    around &= cv::Rect(cvRound(box.x - 0.9 * box.width), cvRound(box.y - 0.7 * box.height),
-                       cvRound(2.8 * box.width), cvRound(2.4 * box.height));
-    const head::HeadAngles& angles = face.pose->angles;
+    const head::HeadAngles& angles = session.faces().front().pose->angles;
     text += fmt::format(": yaw {:+.0f}, pitch {:+.0f}, roll {:+.0f} degrees", angles.yaw_deg,
                         angles.pitch_deg, angles.roll_deg);
   }
-  return page.picture(name, view.output(around).clone(), text);
+  return page.picture(name, view.output.clone(), text);
 }
 
 // The head that ships, as learnt from flat pictures, in three poses; two wear what can be drawn.
@@ -192,12 +219,15 @@ void demo_pose(Context& context, DemoPage& page) {
     demo_turning_head(context, page);
     return;
   }
-  const cv::Mat image = read_image(kMessi);
+  LandmarkEngine engine = make_landmark_engine({});
+  const std::optional<Portrait> portrait = portrait_of(read_image(kMessi), engine);
+  if (!portrait) return;
   std::vector<DemoPicture> pictures;
-  pictures.push_back(messi(page, image, "pose-messi", PoseOverlay::kAxes, "--draw axes"));
+  pictures.push_back(
+      posed_picture(page, *portrait, "pose-messi", PoseOverlay::kAxes, "--draw axes"));
   throw_if_stopped(context.stop);
-  pictures.push_back(messi(page, image, "pose-glasses", PoseOverlay::kObject,
-                           "--draw glasses, drawn as triangles; the head hides what is behind it"));
+  pictures.push_back(posed_picture(page, *portrait, "pose-glasses", PoseOverlay::kObject,
+                                   "--draw glasses: the head hides what is behind it"));
   page.grid(pictures);
   demo_turning_head(context, page);
 }

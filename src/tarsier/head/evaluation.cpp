@@ -205,6 +205,7 @@ PointingScore score_pointing(const std::vector<PointingOutcome>& outcomes) {
     score.seen += outcome.face_seen ? 1 : 0;
     if (!outcome.angles) continue;
     ++score.found;
+    score.seen_found += outcome.face_seen ? 1 : 0;
     yaw.push_back(outcome.angles->yaw_deg - outcome.truth.pan_deg);
     pitch.push_back(outcome.angles->pitch_deg - outcome.truth.tilt_deg);
     of_pan[outcome.truth.pan_deg].push_back(outcome.angles->yaw_deg);

@@ -72,14 +72,15 @@ struct PointingName {
 struct PointingOutcome {
   std::string image;
   PointingName truth;
-  bool face_seen = false;            // the face detector drew a box around the annotated head
+  bool face_seen = false;            // the strict face detector sees a face in the head's box
   std::optional<HeadAngles> angles;  // of the pose that was found there
 };
 
 struct PointingScore {
-  int images = 0;  // |pan| <= 45, |tilt| <= 30
-  int seen = 0;    // by the face detector
-  int found = 0;   // with a pose
+  int images = 0;      // |pan| <= 45, |tilt| <= 30
+  int seen = 0;        // by the strict face detector
+  int seen_found = 0;  // of those with a pose
+  int found = 0;       // with a pose, also where only a less strict search saw the face
   // Mean absolute error after the best constant offset (the median error is taken off), since
   // nobody looks exactly where the set says.
   double yaw_mae_deg = 0;

@@ -117,6 +117,7 @@ TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
   EXPECT_EQ(score.images, 7);  // 90 is beyond
   EXPECT_EQ(score.seen, 6);
   EXPECT_EQ(score.found, 5);
+  EXPECT_EQ(score.seen_found, 5);
   EXPECT_NEAR(score.yaw_offset_deg, 5, 1e-9);
   EXPECT_NEAR(score.yaw_mae_deg, (9 + 3 + 0 + 3 + 9) / 5.0, 1e-9);
   EXPECT_NEAR(score.yaw_mae_raw_deg, (14 + 8 + 5 + 2 + 4) / 5.0, 1e-9);
