@@ -37,6 +37,13 @@ sheet cartoon-alien 3 "$(stage alien skin):the skin found" "$(stage alien colour
 "$tarsier" demo --only pose -o "$work/demo" --quiet
 size=600x360 sheet pose 2 "$work/demo/img/pose-cube.png:a cube of known size and its pose" "$work/demo/img/pose-head.png:the head that was learnt from flat pictures"
 
+# Appearance models: the modes, and a fit, of faces that nobody has.
+"$tarsier" aam explore --grid docs/img/aam-grid.png --modes 3 --cell 110 --quiet
+"$tarsier" demo --only aam -o "$work/demo" --quiet
+size=200x200 sheet aam-fit 6 "$work/demo/img/aam-fit-0.jpg:start" "$work/demo/img/aam-fit-1.jpg:step 1" \
+  "$work/demo/img/aam-fit-2.jpg:step 2" "$work/demo/img/aam-fit-3.jpg:step 4" "$work/demo/img/aam-fit-4.jpg:end" \
+  "$work/demo/img/aam-fit-made.jpg:the model's own face"
+
 # Number plates: a drawn car, the stages of both pipelines. The study of the reader (plate-sweep.png) needs the
 # textbook's OCR.xml: tarsier plate sweep OCR.xml -o docs/img/plate-sweep.png
 car='synth:car?seed=11&frames=2'
