@@ -66,7 +66,8 @@ x11 save unknown.ppm
 xdotool key b
 sleep 0.4
 x11 save debug.ppm
-wait_for "the end" ended || xdotool key q
+xdotool key q
+wait_for "the end" ended
 status=0
 wait $program || status=$?
 program=
