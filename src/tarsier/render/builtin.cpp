@@ -51,8 +51,8 @@ void add_turned(Mesh& mesh, const cv::Vec3d& from, const cv::Vec3d& to,
                 const std::vector<cv::Vec2d>& profile, int around, int material) {
   const cv::Vec3d axis = to - from;
   const cv::Vec3d direction = axis / cv::norm(axis);
-  const cv::Vec3d helper = std::abs(direction[0]) < 0.9 ? cv::Vec3d(1, 0, 0) : cv::Vec3d(0, 1, 0);
-  cv::Vec3d u = direction.cross(helper);
+  const cv::Vec3d other = std::abs(direction[0]) < 0.9 ? cv::Vec3d(1, 0, 0) : cv::Vec3d(0, 1, 0);
+  cv::Vec3d u = direction.cross(other);
   u /= cv::norm(u);
   const cv::Vec3d v = direction.cross(u);
   const int steps = static_cast<int>(profile.size()) - 1;
