@@ -7,6 +7,7 @@ film=/usr/share/doc/opencv-doc/examples/data/vtest.avi
 
 for signal in INT TERM; do
   for output in film-$signal.mp4 frames-$signal none; do
+    : >stdout.txt # of the run before
     # The reference is slow enough to be in the middle of its work.
     "$TARSIER" cartoon run $film --quality reference --json -o "$output" >stdout.txt 2>stderr.txt </dev/null &
     program=$!
