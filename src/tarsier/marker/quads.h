@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+
+#include <array>
+#include <vector>
+
+// Dark convex quadrilaterals in a picture: where markers may be.
+namespace tarsier::marker {
+
+using Quad = std::array<Eigen::Vector2d, 4>;  // px, clockwise as seen (x right, y down)
+
+struct QuadOptions {
+  double min_side_px = 9;  // of the shortest side, > 0
+  // Windows whose mean a pixel is compared with, px, odd; each finds markers that others miss:
+  // small ones where light changes fast, large ones where it does not.
+  std::vector<int> windows{13, 41};
+  double darker = 6;        // grey levels below the mean that count as dark, 0..100
+  double straight = 0.035;  // how far a contour may leave the quadrilateral, share of its length
+  void check() const;
+};
+
+// Buffers that a film reuses.
+struct QuadWorkspace {
+  cv::Mat mean;
+  cv::Mat dark;
+  std::vector<std::vector<cv::Point>> contours;
+};
+
+// Candidates in `gray` (CV_8UC1), each place once, with corners good to about half a pixel:
+// intersections of the straight lines through the contour's four sides.
+[[nodiscard]] std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options,
+                                           QuadWorkspace& workspace);
+
+// The corners after their sides have been fitted to the picture's edges: along normals of each side
+// the place where brightness changes, found from the gradient's centroid within +-`reach` px, then
+// a line by robust least squares, sides that bend are refused (nothing). `dark_inside`: only edges
+// from dark (inside) to bright (outside) count.
+struct RefineOptions {
+  double reach_px = 3;  // largest distance that an edge may be off, (0, 50]
+  int samples = 24;     // on each side at most, 4..1000
+  void check() const;
+};
+[[nodiscard]] bool refine_quad(const cv::Mat& gray, const RefineOptions& options, Quad& quad);
+
+}  // namespace tarsier::marker
