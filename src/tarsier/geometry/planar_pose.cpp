@@ -1,0 +1,330 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/geometry/planar_pose.h"
+
+#include "tarsier/core/require.h"
+
+#include <Eigen/Dense>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace tarsier::geometry {
+namespace {
+
+bool all_finite(std::span<const cv::Point2d> points) {
+  return std::ranges::all_of(
+      points, [](const cv::Point2d& p) { return std::isfinite(p.x) && std::isfinite(p.y); });
+}
+
+// Moves the centroid to the origin and the mean distance from it to sqrt(2).
+struct Conditioning {
+  Eigen::Vector2d center = Eigen::Vector2d::Zero();
+  double scale = 1;
+  [[nodiscard]] Eigen::Matrix3d matrix() const {
+    Eigen::Matrix3d t;
+    t << scale, 0, -scale * center.x(), 0, scale, -scale * center.y(), 0, 0, 1;
+    return t;
+  }
+};
+
+std::optional<Conditioning> conditioning_of(std::span<const cv::Point2d> points) {
+  Conditioning c;
+  for (const cv::Point2d& p : points) c.center += Eigen::Vector2d(p.x, p.y);
+  c.center /= static_cast<double>(points.size());
+  double mean = 0;
+  for (const cv::Point2d& p : points) mean += (Eigen::Vector2d(p.x, p.y) - c.center).norm();
+  mean /= static_cast<double>(points.size());
+  if (!(mean > 0) || !std::isfinite(mean)) return std::nullopt;
+  c.scale = std::sqrt(2.0) / mean;
+  return c;
+}
+
+// In coordinates of the conditioned planes, from the normal equations of the algebraic error.
+std::optional<Eigen::Matrix3d> conditioned_homography(std::span<const cv::Point2d> from,
+                                                      std::span<const cv::Point2d> to,
+                                                      const Conditioning& a,
+                                                      const Conditioning& b) {
+  Eigen::Matrix<double, 9, 9> normal = Eigen::Matrix<double, 9, 9>::Zero();
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    const double x = a.scale * (from[i].x - a.center.x());
+    const double y = a.scale * (from[i].y - a.center.y());
+    const double u = b.scale * (to[i].x - b.center.x());
+    const double v = b.scale * (to[i].y - b.center.y());
+    Eigen::Matrix<double, 2, 9> row;
+    row << x, y, 1, 0, 0, 0, -u * x, -u * y, -u, 0, 0, 0, x, y, 1, -v * x, -v * y, -v;
+    normal.noalias() += row.transpose() * row;
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> solver(normal);
+  // Two directions without error: the points do not fix the map (too many on one line).
+  if (!(solver.eigenvalues()(1) > 1e-12 * solver.eigenvalues()(8))) return std::nullopt;
+  const Eigen::Matrix<double, 9, 1> h = solver.eigenvectors().col(0);
+  Eigen::Matrix3d m;
+  m << h(0), h(1), h(2), h(3), h(4), h(5), h(6), h(7), h(8);
+  return m;
+}
+
+std::optional<Eigen::Matrix3d> homography(std::span<const cv::Point2d> from,
+                                          std::span<const cv::Point2d> to) {
+  if (from.size() < 4 || !all_finite(from) || !all_finite(to)) return std::nullopt;
+  const auto a = conditioning_of(from);
+  const auto b = conditioning_of(to);
+  if (!a || !b) return std::nullopt;
+  const auto middle = conditioned_homography(from, to, *a, *b);
+  if (!middle) return std::nullopt;
+  // Points on lines map to points on lines: then the map is singular.
+  if (!(std::abs(middle->determinant()) > 1e-9)) return std::nullopt;
+  Eigen::Matrix3d h = b->matrix().inverse() * *middle * a->matrix();
+  h /= h.norm() * (h(2, 2) < 0 ? -1 : 1);
+  return h;
+}
+
+// --- One picture's points, ready for the pose ---
+
+struct Problem {
+  std::vector<Eigen::Vector2d> on_plane;  // about `center`
+  std::vector<Eigen::Vector2d> rays;      // x / z, y / z
+  Eigen::Vector2d center = Eigen::Vector2d::Zero();
+  double fx = 1;
+  double fy = 1;
+};
+
+std::optional<Problem> problem_of(std::span<const cv::Point2d> on_plane,
+                                  std::span<const cv::Point2d> pixels, const Camera& camera) {
+  TARSIER_REQUIRE(on_plane.size() == pixels.size(), "as many points on the plane as pixels");
+  if (on_plane.size() < 4 || !all_finite(on_plane) || !all_finite(pixels)) return std::nullopt;
+  Problem problem;
+  problem.fx = camera.fx;
+  problem.fy = camera.fy;
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    const auto ray = camera.normalized_of(pixels[i]);
+    if (!ray) return std::nullopt;
+    problem.rays.emplace_back(ray->x, ray->y);
+    problem.on_plane.emplace_back(on_plane[i].x, on_plane[i].y);
+    problem.center += problem.on_plane.back();
+  }
+  problem.center /= static_cast<double>(pixels.size());
+  for (Eigen::Vector2d& p : problem.on_plane) p -= problem.center;
+  return problem;
+}
+
+struct Pose {
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();
+  double cost = std::numeric_limits<double>::infinity();  // sum of squares, px^2
+};
+
+// Infinite where a point is not before the camera.
+double cost_of(const Problem& problem, const Pose& pose) {
+  double sum = 0;
+  for (std::size_t i = 0; i < problem.rays.size(); ++i) {
+    const Eigen::Vector2d& p = problem.on_plane[i];
+    const Eigen::Vector3d x =
+        pose.rotation.col(0) * p.x() + pose.rotation.col(1) * p.y() + pose.translation;
+    if (!(x.z() > 0)) return std::numeric_limits<double>::infinity();
+    const double eu = problem.fx * (x.x() / x.z() - problem.rays[i].x());
+    const double ev = problem.fy * (x.y() / x.z() - problem.rays[i].y());
+    sum += eu * eu + ev * ev;
+  }
+  return sum;
+}
+
+// The two rotations whose first-order view of the plane's origin is that of the homography
+// (Collins & Bartoli 2014, section 4). `h` has h(2, 2) = 1.
+std::array<Eigen::Matrix3d, 2> rotations_of(const Eigen::Matrix3d& h) {
+  const Eigen::Vector2d p(h(0, 2), h(1, 2));
+  Eigen::Matrix2d jacobian;  // of the map at the origin
+  jacobian << h(0, 0) - h(2, 0) * p.x(), h(0, 1) - h(2, 1) * p.x(), h(1, 0) - h(2, 0) * p.y(),
+      h(1, 1) - h(2, 1) * p.y();
+  // Turns the optical axis into the line of sight to the origin.
+  const Eigen::Matrix3d sight =
+      Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), Eigen::Vector3d(p.x(), p.y(), 1))
+          .toRotationMatrix();
+  const Eigen::Matrix2d b = sight.topLeftCorner<2, 2>() - p * sight.bottomLeftCorner<1, 2>();
+  const Eigen::Matrix2d a = b.inverse() * jacobian;
+  const double gamma = Eigen::JacobiSVD<Eigen::Matrix2d>(a).singularValues()(0);
+  const Eigen::Matrix2d upper = a / gamma;  // the rotation's upper left part, seen along the sight
+  const Eigen::Matrix2d rest = Eigen::Matrix2d::Identity() - upper.transpose() * upper;
+  Eigen::Vector2d lower(std::sqrt(std::max(0.0, rest(0, 0))), std::sqrt(std::max(0.0, rest(1, 1))));
+  if (rest(0, 1) < 0) lower.y() = -lower.y();
+  std::array<Eigen::Matrix3d, 2> rotations;
+  for (int k = 0; k < 2; ++k) {
+    Eigen::Matrix3d r;
+    r.topLeftCorner<2, 2>() = upper;
+    r.bottomLeftCorner<1, 2>() = (k == 0 ? lower : Eigen::Vector2d(-lower)).transpose();
+    r.col(2) = r.col(0).cross(r.col(1));
+    rotations[static_cast<std::size_t>(k)] = sight * r;
+  }
+  return rotations;
+}
+
+// The translation with the least algebraic error: x - ray.x z = 0, y - ray.y z = 0.
+Eigen::Vector3d translation_of(const Problem& problem, const Eigen::Matrix3d& rotation) {
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d right = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < problem.rays.size(); ++i) {
+    const Eigen::Vector2d& p = problem.on_plane[i];
+    const Eigen::Vector3d x = rotation.col(0) * p.x() + rotation.col(1) * p.y();
+    Eigen::Matrix<double, 2, 3> a;
+    a << 1, 0, -problem.rays[i].x(), 0, 1, -problem.rays[i].y();
+    normal.noalias() += a.transpose() * a;
+    right.noalias() -= a.transpose() * (a * x);
+  }
+  return normal.ldlt().solve(right);
+}
+
+struct Linear {
+  Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Zero();
+  Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
+};
+
+// Of the residuals by a small turn w (R <- exp([w]x) R) and a change of t.
+Linear linearized(const Problem& problem, const Pose& pose) {
+  Linear linear;
+  for (std::size_t i = 0; i < problem.rays.size(); ++i) {
+    const Eigen::Vector2d& p = problem.on_plane[i];
+    const Eigen::Vector3d turned = pose.rotation.col(0) * p.x() + pose.rotation.col(1) * p.y();
+    const Eigen::Vector3d x = turned + pose.translation;
+    const double inverse = 1 / x.z();
+    Eigen::Matrix<double, 2, 3> by_point;
+    by_point << problem.fx * inverse, 0, -problem.fx * x.x() * inverse * inverse, 0,
+        problem.fy * inverse, -problem.fy * x.y() * inverse * inverse;
+    Eigen::Matrix3d by_turn;  // -[turned]x
+    by_turn << 0, turned.z(), -turned.y(), -turned.z(), 0, turned.x(), turned.y(), -turned.x(), 0;
+    Eigen::Matrix<double, 2, 6> j;
+    j << by_point * by_turn, by_point;
+    const Eigen::Vector2d e(problem.fx * (x.x() * inverse - problem.rays[i].x()),
+                            problem.fy * (x.y() * inverse - problem.rays[i].y()));
+    linear.normal.noalias() += j.transpose() * j;
+    linear.gradient.noalias() += j.transpose() * e;
+  }
+  return linear;
+}
+
+Pose moved(const Pose& pose, const Eigen::Matrix<double, 6, 1>& step) {
+  Pose next;
+  const double angle = step.head<3>().norm();
+  const Eigen::Matrix3d turn =
+      angle > 1e-15 ? Eigen::AngleAxisd(angle, step.head<3>() / angle).toRotationMatrix()
+                    : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
+  next.rotation = turn * pose.rotation;
+  next.translation = pose.translation + step.tail<3>();
+  return next;
+}
+
+void refine(const Problem& problem, int iterations, Pose& pose) {
+  pose.cost = cost_of(problem, pose);
+  double damping = 1e-4;
+  Linear linear = linearized(problem, pose);
+  for (int i = 0; i < iterations && std::isfinite(pose.cost); ++i) {
+    Eigen::Matrix<double, 6, 6> damped = linear.normal;
+    damped.diagonal() *= 1 + damping;
+    damped.diagonal().array() += 1e-12 * linear.normal.diagonal().maxCoeff();
+    Pose next = moved(pose, -damped.ldlt().solve(linear.gradient));
+    next.cost = cost_of(problem, next);
+    if (next.cost < pose.cost) {
+      const bool done = pose.cost - next.cost < 1e-10 * pose.cost;
+      pose = next;
+      if (done) return;
+      damping = std::max(1e-9, damping / 10);
+      linear = linearized(problem, pose);
+    } else {
+      damping *= 10;
+      if (damping > 1e8) return;
+    }
+  }
+}
+
+PlanarPose published(const Problem& problem, const Pose& pose) {
+  PlanarPose result;
+  const Eigen::Vector3d origin = pose.translation - pose.rotation.leftCols<2>() * problem.center;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) result.camera_from_plane.rotation(r, c) = pose.rotation(r, c);
+    result.camera_from_plane.translation[r] = origin(r);
+  }
+  result.rms_px = std::sqrt(pose.cost / static_cast<double>(problem.rays.size()));
+  return result;
+}
+
+bool are_the_same(const Pose& a, const Pose& b) {
+  const double trace = (a.rotation.transpose() * b.rotation).trace();
+  return trace > 3 - 1e-6;  // a twentieth of a degree
+}
+
+}  // namespace
+
+double PlanarPoses::ambiguity_ratio() const {
+  if (!other) return std::numeric_limits<double>::infinity();
+  return other->rms_px / std::max(best.rms_px, 1e-9);
+}
+
+void PlanarPoseOptions::check() const {
+  TARSIER_REQUIRE(iterations >= 0 && iterations <= 1000, "iterations in 0..1000");
+}
+
+std::optional<cv::Matx33d> homography_of(std::span<const cv::Point2d> from,
+                                         std::span<const cv::Point2d> to) {
+  TARSIER_REQUIRE(from.size() == to.size(), "as many points on both sides");
+  const auto h = homography(from, to);
+  if (!h) return std::nullopt;
+  cv::Matx33d result;
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c) result(r, c) = (*h)(r, c);
+  return result;
+}
+
+std::optional<PlanarPoses> planar_poses(std::span<const cv::Point2d> on_plane,
+                                        std::span<const cv::Point2d> pixels, const Camera& camera,
+                                        const PlanarPoseOptions& options) {
+  options.check();
+  const auto problem = problem_of(on_plane, pixels, camera);
+  if (!problem) return std::nullopt;
+  std::vector<cv::Point2d> plane;
+  std::vector<cv::Point2d> rays;
+  for (std::size_t i = 0; i < problem->rays.size(); ++i) {
+    plane.emplace_back(problem->on_plane[i].x(), problem->on_plane[i].y());
+    rays.emplace_back(problem->rays[i].x(), problem->rays[i].y());
+  }
+  auto h = homography(plane, rays);
+  if (!h || !(std::abs((*h)(2, 2)) > 1e-9)) return std::nullopt;
+  *h /= (*h)(2, 2);
+
+  std::array<Pose, 2> poses;
+  const auto rotations = rotations_of(*h);
+  for (std::size_t k = 0; k < 2; ++k) {
+    if (!rotations[k].allFinite()) continue;
+    poses[k].rotation = rotations[k];
+    poses[k].translation = translation_of(*problem, rotations[k]);
+    refine(*problem, options.iterations, poses[k]);
+  }
+  if (poses[1].cost < poses[0].cost) std::swap(poses[0], poses[1]);
+  if (!std::isfinite(poses[0].cost)) return std::nullopt;
+  PlanarPoses result;
+  result.best = published(*problem, poses[0]);
+  if (std::isfinite(poses[1].cost) && !are_the_same(poses[0], poses[1]))
+    result.other = published(*problem, poses[1]);
+  return result;
+}
+
+std::optional<PlanarPose> refine_planar_pose(const Rigid& start,
+                                             std::span<const cv::Point2d> on_plane,
+                                             std::span<const cv::Point2d> pixels,
+                                             const Camera& camera,
+                                             const PlanarPoseOptions& options) {
+  options.check();
+  const auto problem = problem_of(on_plane, pixels, camera);
+  if (!problem) return std::nullopt;
+  Pose pose;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) pose.rotation(r, c) = start.rotation(r, c);
+    pose.translation(r) = start.translation[r];
+  }
+  pose.translation += pose.rotation.leftCols<2>() * problem->center;
+  refine(*problem, options.iterations, pose);
+  if (!std::isfinite(pose.cost)) return std::nullopt;
+  return published(*problem, pose);
+}
+
+}  // namespace tarsier::geometry

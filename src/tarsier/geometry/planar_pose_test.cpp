@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/geometry/planar_pose.h"
+
+#include "tarsier/core/rng.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/calib3d.hpp>
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace tarsier::geometry {
+namespace {
+
+Camera test_camera() {
+  Camera camera;
+  camera.width = 640;
+  camera.height = 480;
+  camera.fx = 610;
+  camera.fy = 600;
+  camera.cx = 322;
+  camera.cy = 238;
+  return camera;
+}
+
+const std::vector<cv::Point2d> kSquare{{-0.03, 0.03}, {0.03, 0.03}, {0.03, -0.03}, {-0.03, -0.03}};
+
+Rigid pose_of(double tilt, double about, double roll, const cv::Vec3d& translation) {
+  const cv::Vec3d axis(std::cos(about), std::sin(about), 0);
+  cv::Matx33d turned;
+  cv::Matx33d rolled;
+  cv::Rodrigues(axis * tilt, turned);
+  cv::Rodrigues(cv::Vec3d(0, 0, roll), rolled);
+  const cv::Matx33d facing(1, 0, 0, 0, -1, 0, 0, 0, -1);  // the plane's z comes to the camera
+  return {turned * rolled * facing, translation};
+}
+
+std::vector<cv::Point2d> seen(const Camera& camera, const Rigid& pose,
+                              const std::vector<cv::Point2d>& points) {
+  std::vector<cv::Point2d> pixels;
+  for (const cv::Point2d& p : points)
+    pixels.push_back(camera.project(pose * cv::Vec3d(p.x, p.y, 0)).value());
+  return pixels;
+}
+
+double degrees_between(const Rigid& a, const Rigid& b) {
+  return angle_of(a.rotation.t() * b.rotation) * 180 / CV_PI;
+}
+
+TEST(PlanarPose, RecoversExactlyWithoutNoise) {
+  Camera camera = test_camera();
+  camera.distortion = {-0.2, 0.05, 0.001, -0.002, 0};
+  Rng rng(1);
+  for (int i = 0; i < 200; ++i) {
+    const Rigid truth =
+        pose_of(rng.uniform(0.0, 1.1), rng.uniform(0.0, 6.28), rng.uniform(0.0, 6.28),
+                {rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), rng.uniform(0.3, 1.0)});
+    const auto found = planar_poses(kSquare, seen(camera, truth, kSquare), camera);
+    ASSERT_TRUE(found) << i;
+    EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 0.01) << i;
+    EXPECT_LT(cv::norm(found->best.camera_from_plane.translation - truth.translation), 1e-5);
+    EXPECT_LT(found->best.rms_px, 1e-4);
+  }
+}
+
+TEST(PlanarPose, BothSolutionsOfASmallTiltedSquareAreGiven) {
+  const Camera camera = test_camera();
+  const Rigid truth = pose_of(0.6, 0.3, 0.2, {0.02, 0.01, 2.0});  // 18 px: hardly any perspective
+  const auto found = planar_poses(kSquare, seen(camera, truth, kSquare), camera);
+  ASSERT_TRUE(found);
+  ASSERT_TRUE(found->other);
+  EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 0.1);
+  EXPECT_GT(degrees_between(found->other->camera_from_plane, truth), 20);
+  EXPECT_LT(found->other->rms_px, 1.0);
+  EXPECT_GT(found->ambiguity_ratio(), 10);  // without noise they can be told apart
+}
+
+TEST(PlanarPose, IsAsGoodAsTheBestOfOpencvUnderNoise) {
+  const Camera camera = test_camera();
+  Rng rng(2);
+  std::vector<cv::Point3d> object;
+  for (const cv::Point2d& p : kSquare) object.emplace_back(p.x, p.y, 0);
+  double ours = 0;
+  double theirs = 0;
+  int flips = 0;
+  const int trials = 300;
+  for (int i = 0; i < trials; ++i) {
+    const Rigid truth = pose_of(rng.uniform(0.3, 1.0), rng.uniform(0.0, 6.28),
+                                rng.uniform(0.0, 6.28), {0.02, -0.03, rng.uniform(0.3, 0.6)});
+    std::vector<cv::Point2d> pixels = seen(camera, truth, kSquare);
+    for (cv::Point2d& p : pixels) p += cv::Point2d(rng.normal(0, 0.1), rng.normal(0, 0.1));
+    const auto found = planar_poses(kSquare, pixels, camera);
+    ASSERT_TRUE(found);
+    const double error = degrees_between(found->best.camera_from_plane, truth);
+    flips += error > 15;
+    std::vector<cv::Mat> rvecs;
+    std::vector<cv::Mat> tvecs;
+    cv::solvePnPGeneric(object, pixels, camera.matrix(), cv::noArray(), rvecs, tvecs, false,
+                        cv::SOLVEPNP_IPPE_SQUARE);
+    Rigid peer;
+    cv::Rodrigues(rvecs[0], peer.rotation);
+    ours += std::min(error, 15.0);
+    theirs += std::min(degrees_between(peer, truth), 15.0);
+  }
+  EXPECT_LE(flips, 1);
+  EXPECT_LT(ours, theirs * 1.02);
+}
+
+TEST(PlanarPose, ManyPointsOffTheCentre) {
+  const Camera camera = test_camera();
+  std::vector<cv::Point2d> grid;
+  for (int y = 0; y < 6; ++y)
+    for (int x = 0; x < 9; ++x) grid.emplace_back(0.1 + 0.02 * x, -0.3 + 0.02 * y);
+  const Rigid truth = pose_of(0.5, 1.0, 0.4, {-0.1, 0.05, 0.9});
+  const auto found = planar_poses(grid, seen(camera, truth, grid), camera);
+  ASSERT_TRUE(found);
+  EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 1e-3);
+}
+
+TEST(PlanarPose, RefinesFromThePoseBefore) {
+  const Camera camera = test_camera();
+  const Rigid truth = pose_of(0.5, 1.0, 0.4, {-0.1, 0.05, 0.6});
+  const Rigid before = pose_of(0.55, 1.1, 0.35, {-0.08, 0.04, 0.63});
+  const auto found = refine_planar_pose(before, kSquare, seen(camera, truth, kSquare), camera);
+  ASSERT_TRUE(found);
+  EXPECT_LT(degrees_between(found->camera_from_plane, truth), 0.01);
+}
+
+TEST(PlanarPose, RefusesWhatHasNoPose) {
+  const Camera camera = test_camera();
+  const std::vector<cv::Point2d> line{{100, 100}, {200, 200}, {300, 300}, {400, 400}};
+  EXPECT_FALSE(planar_poses(kSquare, line, camera));
+  const std::vector<cv::Point2d> point(4, {100, 100});
+  EXPECT_FALSE(planar_poses(kSquare, point, camera));
+  std::vector<cv::Point2d> broken = seen(camera, pose_of(0.2, 0, 0, {0, 0, 1}), kSquare);
+  broken[2].x = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(planar_poses(kSquare, broken, camera));
+  EXPECT_FALSE(planar_poses(std::span(kSquare).first(3), std::span(line).first(3), camera));
+  EXPECT_THROW((void)planar_poses(kSquare, std::span(line).first(3), camera),
+               std::invalid_argument);
+}
+
+TEST(Homography, IsExactForFourPointsAndLeastSquaresForMore) {
+  const cv::Matx33d truth(1.1, 0.2, 30, -0.1, 0.9, 12, 0.0004, -0.0002, 1);
+  const std::vector<cv::Point2d> from{{0, 0}, {200, 0}, {200, 100}, {0, 100}, {50, 60}};
+  std::vector<cv::Point2d> to;
+  for (const cv::Point2d& p : from) to.push_back(mapped(truth, p));
+  for (const std::size_t n : {std::size_t{4}, std::size_t{5}}) {
+    const auto h = homography_of(std::span(from).first(n), std::span(to).first(n));
+    ASSERT_TRUE(h);
+    for (std::size_t i = 0; i < from.size(); ++i)
+      EXPECT_LT(cv::norm(mapped(*h, from[i]) - to[i]), 1e-6);
+  }
+}
+
+TEST(Homography, RefusesPointsOnOneLine) {
+  const std::vector<cv::Point2d> from{{0, 0}, {1, 0}, {2, 0}, {3, 5}};  // three on one line
+  const std::vector<cv::Point2d> to{{0, 0}, {10, 1}, {20, 5}, {30, 50}};
+  EXPECT_FALSE(homography_of(from, to));
+}
+
+}  // namespace
+}  // namespace tarsier::geometry
