@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/calibration/board.h"
+#include "tarsier/calibration/detect.h"
+#include "tarsier/geometry/camera.h"
+#include "tarsier/geometry/rigid.h"
+
+#include <opencv2/core.hpp>
+
+#include <cstdint>
+#include <vector>
+
+// Printed calibration boards as a known camera sees them.
+namespace tarsier {
+
+struct BoardLook {
+  double blur_px = 0.6;   // standard deviation of the lens's and the pixels' blur
+  double noise = 1.5;     // grey levels
+  double paper = 225;     // grey level of white, 0..255
+  double ink = 35;        // of black
+  double fall_off = 0.2;  // how much darker the light is at one side of the board, 0..1
+  int clutter = 0;        // rectangles and disks behind the board
+  bool color = true;      // CV_8UC3, else CV_8UC1
+  std::uint64_t seed = 1;
+};
+
+// The board's printed sheet, black and white: whether a place (m, in the board's frame) is inked;
+// `is_sheet` says whether it is on the sheet at all (one square or pitch of rim around the print).
+struct BoardPrint {
+  explicit BoardPrint(const calibration::BoardSpec& spec);
+  [[nodiscard]] bool is_ink(const cv::Point2d& at) const;
+  [[nodiscard]] bool is_sheet(const cv::Point2d& at) const;
+  [[nodiscard]] cv::Rect2d sheet() const { return sheet_; }  // m
+
+ private:
+  calibration::BoardSpec spec_;
+  cv::Rect2d print_;
+  cv::Rect2d sheet_;
+  std::vector<cv::Mat> markers_;  // charuco: cells with their frame, 1 = white, by number
+};
+
+// What `camera` sees: each pixel is the mean of 8 x 8 places of the sheet, found through the exact
+// lens; then blur, light, noise. The same arguments give the same picture.
+[[nodiscard]] cv::Mat render_board(const geometry::Camera& camera,
+                                   const geometry::Rigid& camera_from_board,
+                                   const calibration::BoardSpec& spec, const BoardLook& look = {});
+
+// Where the board's points are exactly, those inside the picture by `margin_px`. Of dots: the
+// projections of their centres (which are not the centres of their pictures).
+[[nodiscard]] calibration::BoardView exact_view(const geometry::Camera& camera,
+                                                const geometry::Rigid& camera_from_board,
+                                                const calibration::BoardSpec& spec,
+                                                double margin_px = 0);
+
+// A pose with the board's middle at `at` of the picture (0..1 each way), turned by the angles
+// (degrees: about the vertical, the horizontal and the line of sight), so far away that the board
+// takes `share` of the picture's smaller side (of its larger extent, for a frontal board).
+[[nodiscard]] geometry::Rigid board_pose(const geometry::Camera& camera,
+                                         const calibration::BoardSpec& spec, const cv::Point2d& at,
+                                         const cv::Vec3d& angles_deg, double share);
+
+// `count` poses that together cover the picture and tilt the board every way, all points of the
+// board inside the picture. Throws std::invalid_argument where the camera can not see it whole.
+[[nodiscard]] std::vector<geometry::Rigid> board_poses(const geometry::Camera& camera,
+                                                       const calibration::BoardSpec& spec,
+                                                       int count, std::uint64_t seed);
+
+}  // namespace tarsier
