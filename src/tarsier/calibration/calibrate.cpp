@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/calibration/calibrate.h"
 
+#include "tarsier/calibration/coverage.h"
 #include "tarsier/calibration/lens_fit.h"
 #include "tarsier/core/require.h"
 
@@ -34,32 +35,13 @@ double median_of(std::vector<double> values) {
   return *middle;
 }
 
-// Mean distance of the points that both views have; infinite where these are few.
-double distance_between(const BoardView& a, const BoardView& b) {
-  double sum = 0;
-  std::size_t common = 0;
-  for (std::size_t i = 0, j = 0; i < a.points.size() && j < b.points.size();) {
-    if (a.points[i] < b.points[j]) {
-      ++i;
-    } else if (a.points[i] > b.points[j]) {
-      ++j;
-    } else {
-      sum += cv::norm(a.pixels[i++] - b.pixels[j++]);
-      ++common;
-    }
-  }
-  const std::size_t least = std::min(a.points.size(), b.points.size());
-  return 2 * common > least ? sum / static_cast<double>(common)
-                            : std::numeric_limits<double>::infinity();
-}
-
 // How many views differ from each other; no more than needed are counted.
 int distinct_views(const std::vector<BoardView>& views, int enough) {
   std::vector<const BoardView*> kept;
   for (const BoardView& view : views) {
     if (static_cast<int>(kept.size()) >= enough) break;
     const bool is_new = std::all_of(kept.begin(), kept.end(), [&](const BoardView* other) {
-      return distance_between(view, *other) > kAlike_px;
+      return view_distance(view, *other) > kAlike_px;
     });
     if (!view.empty() && is_new) kept.push_back(&view);
   }

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace tarsier::calibration {
 namespace {
@@ -53,6 +54,24 @@ std::array<bool, 4> tilts_of(const BoardView& view, const BoardSpec& spec, cv::S
 }
 
 }  // namespace
+
+double view_distance(const BoardView& a, const BoardView& b) {
+  double sum = 0;
+  std::size_t common = 0;
+  for (std::size_t i = 0, j = 0; i < a.points.size() && j < b.points.size();) {
+    if (a.points[i] < b.points[j]) {
+      ++i;
+    } else if (a.points[i] > b.points[j]) {
+      ++j;
+    } else {
+      sum += cv::norm(a.pixels[i++] - b.pixels[j++]);
+      ++common;
+    }
+  }
+  const std::size_t least = std::min(a.points.size(), b.points.size());
+  return 2 * common > least ? sum / static_cast<double>(common)
+                            : std::numeric_limits<double>::infinity();
+}
 
 cv::Point2d tilt_of(const BoardView& view, const BoardSpec& spec, cv::Size size) {
   geometry::Camera camera;

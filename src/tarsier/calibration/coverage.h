@@ -40,6 +40,9 @@ struct Coverage {
 [[nodiscard]] Coverage coverage_of(const std::vector<BoardView>& views, const BoardSpec& spec,
                                    cv::Size size);
 
+// Mean distance (px) of the points that two views share; infinite where these are fewer than half.
+[[nodiscard]] double view_distance(const BoardView& a, const BoardView& b);
+
 // The angles (degrees) by which a view's board is turned about the picture's vertical (+: right
 // edge nearer) and horizontal direction (+: bottom edge nearer); {0, 0} where no pose is found.
 [[nodiscard]] cv::Point2d tilt_of(const BoardView& view, const BoardSpec& spec, cv::Size size);
