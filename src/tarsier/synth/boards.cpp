@@ -24,20 +24,35 @@ bool holds(const cv::Rect2d& box, const cv::Point2d& p) {
   return p.x >= box.x && p.y >= box.y && p.x < box.x + box.width && p.y < box.y + box.height;
 }
 
-// Where the rays through the corners of all pixels meet the sheet; NaN where they do not.
-cv::Mat sheet_map(const geometry::Camera& camera, const geometry::Rigid& camera_from_board) {
+// The rays through the corners of all pixels; NaN where there is none.
+cv::Mat rays_of(const geometry::Camera& camera) {
+  cv::Mat rays(camera.height + 1, camera.width + 1, CV_64FC2);
+  cv::parallel_for_(cv::Range(0, rays.rows), [&](const cv::Range& range) {
+    for (int y = range.start; y < range.end; ++y) {
+      auto* row = rays.ptr<cv::Vec2d>(y);
+      for (int x = 0; x < rays.cols; ++x) {
+        constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+        const auto ray = camera.normalized_of({x - 0.5, y - 0.5});
+        row[x] = ray ? cv::Vec2d(ray->x, ray->y) : cv::Vec2d(kNone, kNone);
+      }
+    }
+  });
+  return rays;
+}
+
+// Where rays meet the sheet; NaN where they do not.
+cv::Mat sheet_map(const cv::Mat& rays, const geometry::Rigid& camera_from_board) {
   const cv::Matx33d back = camera_from_board.rotation.t();
   const cv::Vec3d center = camera_from_board.center();
-  cv::Mat map(camera.height + 1, camera.width + 1, CV_64FC2);
+  cv::Mat map(rays.size(), CV_64FC2);
   cv::parallel_for_(cv::Range(0, map.rows), [&](const cv::Range& range) {
     for (int y = range.start; y < range.end; ++y) {
+      const auto* ray = rays.ptr<cv::Vec2d>(y);
       auto* row = map.ptr<cv::Vec2d>(y);
       for (int x = 0; x < map.cols; ++x) {
         constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
         row[x] = {kNone, kNone};
-        const auto ray = camera.normalized_of({x - 0.5, y - 0.5});
-        if (!ray) continue;
-        const cv::Vec3d direction = back * cv::Vec3d(ray->x, ray->y, 1);
+        const cv::Vec3d direction = back * cv::Vec3d(ray[x][0], ray[x][1], 1);
         const double along = -center[2] / direction[2];
         if (!(along > 0) || !std::isfinite(along)) continue;
         row[x] = {center[0] + along * direction[0], center[1] + along * direction[1]};
@@ -118,26 +133,35 @@ bool BoardPrint::is_ink(const cv::Point2d& at) const {
   return x >= 0 && y >= 0 && x < cells.cols && y < cells.rows && cells.at<uchar>(y, x) == 0;
 }
 
+BoardRenderer::BoardRenderer(const geometry::Camera& camera, const BoardSpec& spec)
+    : camera_(camera), print_(spec) {
+  camera.check();
+  rays_ = rays_of(camera);
+}
+
 cv::Mat render_board(const geometry::Camera& camera, const geometry::Rigid& camera_from_board,
                      const BoardSpec& spec, const BoardLook& look) {
-  camera.check();
+  return BoardRenderer(camera, spec).render(camera_from_board, look);
+}
+
+cv::Mat BoardRenderer::render(const geometry::Rigid& camera_from_board,
+                              const BoardLook& look) const {
   TARSIER_REQUIRE(look.blur_px >= 0 && look.blur_px <= 50, "blur {} px", look.blur_px);
-  const BoardPrint print(spec);
-  const cv::Mat map = sheet_map(camera, camera_from_board);
-  cv::Mat gray = background({camera.width, camera.height}, look);
-  const double width = print.sheet().width;
-  cv::parallel_for_(cv::Range(0, camera.height), [&](const cv::Range& range) {
+  const cv::Mat map = sheet_map(rays_, camera_from_board);
+  cv::Mat gray = background({camera_.width, camera_.height}, look);
+  const double width = print_.sheet().width;
+  cv::parallel_for_(cv::Range(0, camera_.height), [&](const cv::Range& range) {
     for (int y = range.start; y < range.end; ++y) {
       const auto* above = map.ptr<cv::Vec2d>(y);
       const auto* below = map.ptr<cv::Vec2d>(y + 1);
       auto* out = gray.ptr<float>(y);
-      for (int x = 0; x < camera.width; ++x) {
+      for (int x = 0; x < camera_.width; ++x) {
         // The lens bends so little within a pixel that between its corners all is linear.
         const std::array<cv::Vec2d, 4> corner{above[x], above[x + 1], below[x], below[x + 1]};
         bool is_on = true;
         for (const cv::Vec2d& c : corner) {
-          is_on = is_on && holds({print.sheet().x - width, print.sheet().y - width, 3 * width,
-                                  2 * width + 2 * print.sheet().height},
+          is_on = is_on && holds({print_.sheet().x - width, print_.sheet().y - width, 3 * width,
+                                  2 * width + 2 * print_.sheet().height},
                                  {c[0], c[1]});
         }
         if (!is_on) continue;
@@ -149,13 +173,13 @@ cv::Mat render_board(const geometry::Camera& camera, const geometry::Rigid& came
           for (int sx = 0; sx < kSamples; ++sx) {
             const cv::Vec2d p = left + (sx + 0.5) / kSamples * (right - left);
             const cv::Point2d at(p[0], p[1]);
-            if (!print.is_sheet(at)) {
+            if (!print_.is_sheet(at)) {
               sum += static_cast<double>(out[x]);
               continue;
             }
             const double light =
-                1 - look.fall_off * std::clamp((at.x - print.sheet().x) / width, 0.0, 1.0);
-            sum += light * (print.is_ink(at) ? look.ink : look.paper);
+                1 - look.fall_off * std::clamp((at.x - print_.sheet().x) / width, 0.0, 1.0);
+            sum += light * (print_.is_ink(at) ? look.ink : look.paper);
           }
         }
         out[x] = static_cast<float>(sum / (kSamples * kSamples));
@@ -239,6 +263,65 @@ std::vector<geometry::Rigid> board_poses(const geometry::Camera& camera, const B
       poses.push_back(pose);
   }
   return poses;
+}
+
+namespace {
+
+constexpr double kHold_s = 0.6;  // in one place
+constexpr double kMove_s = 0.6;  // to the next
+constexpr double kAway_s = 0.5;  // at first, without the board
+constexpr int kPlaces = 20;
+
+geometry::Camera film_camera(cv::Size size) {
+  TARSIER_REQUIRE(size.width >= 160 && size.height >= 120, "{}x{} px", size.width, size.height);
+  geometry::Camera camera;
+  camera.width = size.width;
+  camera.height = size.height;
+  camera.fx = camera.fy = 0.85 * size.width;
+  camera.cx = 0.51 * size.width;
+  camera.cy = 0.49 * size.height;
+  camera.distortion = {-0.25, 0.08, 5e-4, -5e-4, 0};
+  return camera;
+}
+
+geometry::Rigid between(const geometry::Rigid& a, const geometry::Rigid& b, double share) {
+  const cv::Vec4d from = geometry::quaternion_of(a.rotation);
+  cv::Vec4d to = geometry::quaternion_of(b.rotation);
+  if (from.dot(to) < 0) to = -to;
+  return {geometry::rotation_of(cv::normalize((1 - share) * from + share * to)),
+          (1 - share) * a.translation + share * b.translation};
+}
+
+}  // namespace
+
+BoardFilm::BoardFilm(cv::Size size, const BoardSpec& spec, std::uint64_t seed)
+    : camera_(film_camera(size)),
+      spec_(spec),
+      poses_(board_poses(camera_, spec, kPlaces, seed)),
+      renderer_(camera_, spec),
+      seed_(seed) {}
+
+std::optional<geometry::Rigid> BoardFilm::pose_at(double time_s) const {
+  const double round = kAway_s + kPlaces * (kHold_s + kMove_s);
+  const double time = std::fmod(std::max(0.0, time_s), round) - kAway_s;
+  if (time < 0) return std::nullopt;
+  const auto place =
+      std::min<std::size_t>(kPlaces - 1, static_cast<std::size_t>(time / (kHold_s + kMove_s)));
+  const double moved =
+      (time - static_cast<double>(place) * (kHold_s + kMove_s) - kHold_s) / kMove_s;
+  if (moved <= 0) return poses_[place];
+  const double eased = moved * moved * (3 - 2 * moved);
+  return between(poses_[place], poses_[(place + 1) % kPlaces], eased);
+}
+
+cv::Mat BoardFilm::picture_at(double time_s) const {
+  BoardLook look;
+  look.seed = seed_;
+  look.noise = 0;
+  look.clutter = 12;
+  geometry::Rigid away;  // far behind the camera
+  away.translation = {0, 0, -100};
+  return renderer_.render(pose_at(time_s).value_or(away), look);
 }
 
 }  // namespace tarsier

@@ -9,6 +9,7 @@
 #include <opencv2/core.hpp>
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 // Printed calibration boards as a known camera sees them.
@@ -40,6 +41,20 @@ struct BoardPrint {
   std::vector<cv::Mat> markers_;  // charuco: cells with their frame, 1 = white, by number
 };
 
+// A camera before a board that moves; knows its rays. Each picture depends on the pose and the
+// look alone.
+class BoardRenderer {
+ public:
+  BoardRenderer(const geometry::Camera& camera, const calibration::BoardSpec& spec);
+  [[nodiscard]] cv::Mat render(const geometry::Rigid& camera_from_board,
+                               const BoardLook& look) const;
+
+ private:
+  geometry::Camera camera_;
+  BoardPrint print_;
+  cv::Mat rays_;  // of the corners of all pixels, CV_64FC2; NaN where there is none
+};
+
 // What `camera` sees: each pixel is the mean of 8 x 8 places of the sheet, found through the exact
 // lens; then blur, light, noise. The same arguments give the same picture.
 [[nodiscard]] cv::Mat render_board(const geometry::Camera& camera,
@@ -65,5 +80,25 @@ struct BoardPrint {
 [[nodiscard]] std::vector<geometry::Rigid> board_poses(const geometry::Camera& camera,
                                                        const calibration::BoardSpec& spec,
                                                        int count, std::uint64_t seed);
+
+// A hand that shows a board to a camera: holds it still in one place, moves it to the next, now and
+// then takes it away.
+class BoardFilm {
+ public:
+  // A pinhole with some distortion, focal length 0.85 of the width. Throws std::invalid_argument
+  // for sizes under 160x120 px.
+  BoardFilm(cv::Size size, const calibration::BoardSpec& spec, std::uint64_t seed);
+  [[nodiscard]] const geometry::Camera& camera() const { return camera_; }
+  // Nothing while the board is away.
+  [[nodiscard]] std::optional<geometry::Rigid> pose_at(double time_s) const;
+  [[nodiscard]] cv::Mat picture_at(double time_s) const;
+
+ private:
+  geometry::Camera camera_;
+  calibration::BoardSpec spec_;
+  std::vector<geometry::Rigid> poses_;
+  BoardRenderer renderer_;
+  std::uint64_t seed_;
+};
 
 }  // namespace tarsier
