@@ -6,6 +6,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/io/frame_source.h"
+#include "tarsier/session/calibrate_session.h"
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
@@ -51,8 +52,7 @@ class Search {
     for (const std::string& input : flags_.run.inputs) {
       const auto source = open_source(input, flags_.run.source, {synth_scheme()});
       if (source->is_live()) {
-        throw UsageError(
-            fmt::format("{}: a camera needs the interactive session: --window", input));
+        throw UsageError(fmt::format("{}: is live, and others are not: give it alone", input));
       }
       go_through(*source);
     }
@@ -187,12 +187,62 @@ std::string hint_of(const BoardSpec& spec, const std::vector<cv::Mat>& pictures)
              : "; all of the board must be in the picture (of charuco boards a part)";
 }
 
+// --- the session ---
+
+// Whether it is a window's or a camera's: then a person moves the board.
+bool is_session(const CalibrateFlags& flags) {
+  if (flags.run.window || flags.run.fullscreen || !flags.run.actions.empty()) return true;
+  for (const std::string& input : flags.run.inputs) {
+    const SourceKind kind = classify_source(input, {synth_scheme()});
+    const bool is_live_synth =
+        kind == SourceKind::kScheme && input.find("live=1") != std::string::npos;
+    if (kind == SourceKind::kCamera || kind == SourceKind::kPiCamera || kind == SourceKind::kHttp ||
+        kind == SourceKind::kFfmpegUrl || is_live_synth) {
+      return true;
+    }
+  }
+  return false;
+}
+
+ExitStatus run_live(CalibrateFlags& flags, const BoardSpec& spec, Context& context) {
+  CalibrateSessionOptions options;
+  options.board = spec;
+  options.calibrate = flags.options;
+  options.collect.most = flags.views;
+  options.keep_pictures = !flags.draw.empty() || !flags.undistorted.empty();
+  CalibrateSession session(options);
+  RunHooks hooks;
+  hooks.title = "calibrate";
+  hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
+    for (const char* key : {"views", "coverage", "verdict", "calibrated", "rms", "fx"})
+      line[key] = view.state[key];
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  if (status != ExitStatus::kDone) return status;
+  CalibrationJob job;
+  job.spec = spec;
+  job.size = session.size();
+  job.views = session.views();
+  for (std::size_t i = 0; i < job.views.size(); ++i) {
+    const TakenView& taken = session.taken()[i];
+    job.pictures.push_back({"", taken.index, taken.time, false, true, "", i, 0, taken.image});
+  }
+  if (job.views.empty()) {
+    log_warning("no view of the board {} was taken: no camera is written", spec.text());
+    return ExitStatus::kNothingFound;
+  }
+  return finish_calibration(flags, job, context);
+}
+
+// --- the verb ---
+
 ExitStatus run_calibrate(CalibrateFlags& flags, Context& context) {
   const BoardSpec spec =
       calibration::parse_board(flags.board, parse_length(flags.square, "--square"));
   flags.options.lens = geometry::lens_named(flags.lens).value();
   flags.options.tangential = !flags.no_tangential;
   flags.options.check();
+  if (is_session(flags)) return run_live(flags, spec, context);
   Search search(flags, spec, context);
   const CalibrationJob job = search.run();
   const auto boards = static_cast<std::size_t>(std::count_if(
@@ -236,7 +286,8 @@ void add_calibrate(CLI::App& app, Context& context) {
   flags->run.output = "none";
   CLI::App& verb = *app.add_subcommand(
       "calibrate", "a camera's focal length, centre and distortion from pictures of a board");
-  verb.add_option("INPUT", flags->run.inputs, "pictures, folders, globs, @list.txt, films")
+  verb.add_option("INPUT", flags->run.inputs,
+                  "pictures, folders, globs, @list.txt, films; a camera or URL: a session")
       ->required()
       ->type_name("");
   verb.add_option("--board", flags->board,
@@ -259,6 +310,20 @@ void add_calibrate(CLI::App& app, Context& context) {
   verb.add_option("--every", flags->run.every, "of films: look at fewer frames, N times")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
+  const auto live = [](CLI::Option* option) { option->group("Session"); };
+  live(verb.add_flag("--window", flags->run.window,
+                     "a session in a window, which takes views by itself (h: keys)"));
+  live(verb.add_flag("--fullscreen", flags->run.fullscreen, "the window fills the screen"));
+  live(verb.add_option("--actions", flags->run.actions, "-: actions by name on stdin, one a line")
+           ->check(CLI::IsMember({"-"})));
+  live(verb.add_option("--frames", flags->run.frames, "stop after so many; 0: all")
+           ->check(CLI::NonNegativeNumber)
+           ->capture_default_str());
+  live(verb.add_option("--width", flags->run.source.width, "asked of a camera, px; 0: its choice")
+           ->capture_default_str());
+  live(verb.add_option("--height", flags->run.source.height, "px")->capture_default_str());
+  live(verb.add_option("--fps", flags->run.source.fps, "asked of a camera; 0: its own")
+           ->capture_default_str());
   add_lens_flags(verb, *flags);
   add_common_flags(verb, context);
   verb.callback([flags, &context] {

@@ -36,10 +36,10 @@ ViewCollector::ViewCollector(const BoardSpec& spec, cv::Size size, const Collect
   coverage_.size = size;
 }
 
-ViewCollector::Answer ViewCollector::offer(const BoardView& view, double sharpness) {
+ViewCollector::Answer ViewCollector::offer(const BoardView& view, double sharpness, bool is_still) {
   const BoardView before = std::exchange(last_, view);
   if (view.empty()) return {Verdict::kNoBoard};
-  if (options_.still_px > 0 &&
+  if (!is_still && options_.still_px > 0 &&
       (before.empty() || !(view_distance(before, view) <= options_.still_px))) {
     return {Verdict::kMoving};
   }

@@ -44,7 +44,8 @@ class ViewCollector {
     std::size_t index = 0;  // of the view, where it was taken or replaced another one
   };
   // The next view, in the order of time; also those without a board, which break a motion.
-  Answer offer(const BoardView& view, double sharpness);
+  // `is_still`: a picture of its own, whose motion is not judged.
+  Answer offer(const BoardView& view, double sharpness, bool is_still = false);
   // Takes the view whatever it is (a person asked for it); not without a board.
   Answer force(const BoardView& view, double sharpness);
   void undo();  // the last view taken; nothing where there is none
