@@ -176,9 +176,15 @@ std::string hint_of(const BoardSpec& spec, const std::vector<cv::Mat>& pictures)
   std::map<std::string, int> sizes;
   for (const cv::Mat& picture : pictures)
     for (const std::string& size : calibration::other_chess_sizes(picture, spec)) ++sizes[size];
+  // A part of a board may look like a smaller one: many points speak for a size.
   std::string best;
-  for (const auto& [size, count] : sizes)
-    if (best.empty() || count > sizes[best]) best = size;
+  int best_score = 0;
+  for (const auto& [size, count] : sizes) {
+    const int score = count * calibration::parse_board("chess:" + size, spec.pitch).points();
+    if (score <= best_score) continue;
+    best_score = score;
+    best = size;
+  }
   if (!best.empty())
     return fmt::format("; a board of {} inner corners is there: --board chess:{}", best, best);
   return spec.kind == calibration::BoardKind::kChess
