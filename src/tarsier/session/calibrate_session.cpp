@@ -144,6 +144,7 @@ void CalibrateSession::forget(bool all) {
 
 void CalibrateSession::calibrate_now() {
   calibration_ = calibration::calibrate(views(), options_.board, size_, options_.calibrate);
+  straight_camera_.reset();
   if (!calibration_->ok()) straight_ = false;
 }
 
@@ -191,8 +192,8 @@ void CalibrateSession::draw() {
   frame_.image.copyTo(output_);
   if (straight_ && calibration_ && calibration_->ok() && frame_.image.size() == size_) {
     try {
-      const geometry::Camera to = geometry::undistorted_camera(calibration_->camera);
-      output_ = geometry::undistort_image(frame_.image, calibration_->camera, to);
+      if (!straight_camera_) straight_camera_ = geometry::undistorted_camera(calibration_->camera);
+      output_ = geometry::undistort_image(frame_.image, calibration_->camera, *straight_camera_);
     } catch (const Error&) {  // a distortion that cannot be undone at the border
       straight_ = false;
       verdict_ = "cannot be straightened";

@@ -83,6 +83,7 @@ class CalibrateSession final : public Session {
   Frame frame_;
   cv::Mat shown_;
   cv::Mat output_;
+  std::optional<geometry::Camera> straight_camera_;  // of the latest calibration
   int empty_frames_ = 0;
   int flash_ = 0;  // frames that still tell of a view taken
   bool straight_ = false;
