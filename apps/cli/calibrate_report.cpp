@@ -42,7 +42,7 @@ cv::Vec3d rotation_vector(const cv::Matx33d& rotation) {
 
 // Why a picture does not count; empty: it does.
 std::string reason_of(const CalibrationPicture& picture, const Calibration& calibration) {
-  if (!picture.reason.empty()) return picture.reason;
+  if (!picture.reason.empty() || !calibration.ok()) return picture.reason;
   switch (calibration.views[picture.view].state) {
     case ViewState::kUsed:
       return "";

@@ -25,8 +25,7 @@ constexpr int kWidestWindow = 11;  // px, half
 cv::Mat gray_of(const cv::Mat& picture) {
   TARSIER_REQUIRE(picture.type() == CV_8UC1 || picture.type() == CV_8UC3, "type {}",
                   picture.type());
-  TARSIER_REQUIRE(picture.cols >= kLeastSide && picture.rows >= kLeastSide, "{}x{} px",
-                  picture.cols, picture.rows);
+  TARSIER_REQUIRE(!picture.empty(), "{}x{} px", picture.cols, picture.rows);
   if (picture.channels() == 1) return picture;
   cv::Mat gray;
   cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
@@ -286,6 +285,7 @@ BoardView find_board(const cv::Mat& picture, const BoardSpec& spec, const FindOp
   spec.check();
   options.check();
   const cv::Mat gray = gray_of(picture);
+  if (std::min(gray.cols, gray.rows) < kLeastSide) return {};
   switch (spec.kind) {
     case BoardKind::kChess:
       return find_chess(gray, spec, options);
@@ -343,6 +343,7 @@ std::vector<std::string> other_chess_sizes(const cv::Mat& picture, const BoardSp
   std::vector<std::string> sizes;
   if (spec.kind != BoardKind::kChess) return sizes;
   const Reduced reduced(gray_of(picture), 640);
+  if (std::min(reduced.gray.cols, reduced.gray.rows) < kLeastSide) return sizes;
   constexpr std::array<std::array<int, 2>, 8> kSteps{
       {{-1, -1}, {-1, 0}, {0, -1}, {1, 0}, {0, 1}, {1, 1}, {-2, 0}, {0, -2}}};
   std::vector<cv::Point2f> pixels;

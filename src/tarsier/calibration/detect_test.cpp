@@ -66,7 +66,7 @@ TEST_P(BoardsTest, AreFoundWhereTheyAre) {
     // Of dots the middle of the picture is not the picture of the middle.
     const bool dots = spec.kind == BoardKind::kCircles || spec.kind == BoardKind::kCirclesGrid;
     EXPECT_LT(error_of(view, exact_view(camera, pose, spec), spec.kind != BoardKind::kCharuco),
-              dots ? 0.25 : 0.08)
+              dots ? 0.35 : 0.08)
         << number;
   }
 }
@@ -105,6 +105,8 @@ TEST(FindBoardTest, PicturesWithoutTheBoardAreNoViews) {
     EXPECT_TRUE(find_board(cv::Mat(16, 5000, CV_8UC1, cv::Scalar(0)), wanted).empty()) << text;
   }
   EXPECT_THAT(other_chess_sizes(wrong, parse_board("chess:7x5", 0.03)), Contains("6x4"));
+  EXPECT_TRUE(find_board(cv::Mat(3, 5, CV_8UC3, cv::Scalar::all(9)), spec).empty());
+  EXPECT_TRUE(other_chess_sizes(cv::Mat(3, 5, CV_8UC3, cv::Scalar::all(9)), spec).empty());
   EXPECT_THROW((void)find_board(cv::Mat(), spec), std::invalid_argument);
   EXPECT_THROW((void)find_board(cv::Mat(480, 640, CV_16UC1), spec), std::invalid_argument);
 }
@@ -165,6 +167,44 @@ TEST_P(RenderedTest, PicturesGiveTheCamera) {
 INSTANTIATE_TEST_SUITE_P(All, RenderedTest,
                          ::testing::Values("chess:9x6", "charuco:7x5:5x5_100", "circles:4x11",
                                            "circles-grid:7x6"));
+
+// Wide lenses: the whole way from pictures to the camera.
+TEST(FindBoardTest, RenderedPicturesGiveFisheyesAndRationalLensesToo) {
+  const Camera fisheye{
+      640, 480, 245, 246, 322, 238, {0.03, -0.01, 2e-3, -5e-4}, 0, geometry::Lens::kFisheye};
+  Camera rational = phone();
+  rational.fx = rational.fy = 380;
+  rational.lens = geometry::Lens::kRational;
+  rational.distortion = {-0.2, 0.1, 5e-4, -1e-3, 0.02, 0.1, 0.05, 0.01};
+  const BoardSpec spec = parse_board("charuco:9x7:5x5_100", 0.03);
+  for (const Camera& truth : {fisheye, rational}) {
+    std::vector<BoardView> views;
+    int number = 0;
+    const BoardRenderer renderer(truth, spec);
+    for (const geometry::Rigid& pose : board_poses(truth, spec, 16, 41)) {
+      BoardLook look;
+      look.seed = static_cast<std::uint64_t>(++number);
+      views.push_back(find_board(renderer.render(pose, look), spec));
+    }
+    CalibrateOptions options;
+    options.lens = truth.lens;
+    const Calibration c = calibrate(views, spec, {640, 480}, options);
+    ASSERT_TRUE(c.ok()) << c.refusal;
+    EXPECT_GE(c.used, 15);
+    EXPECT_LT(c.camera.rms, 0.1);
+    // Numbers of a rational lens trade with each other: what counts is where rays go.
+    double worst = 0;
+    for (int y = 48; y < 480; y += 48) {
+      for (int x = 64; x < 640; x += 64) {
+        const auto ray = truth.normalized_of(cv::Point2d(x, y));
+        ASSERT_TRUE(ray);
+        worst = std::max(worst, cv::norm(c.camera.pixel_of(*ray) - cv::Point2d(x, y)));
+      }
+    }
+    EXPECT_LT(worst, 1.0) << name_of(truth.lens);
+    EXPECT_NEAR(c.camera.fx / truth.fx, 1, 2e-3) << name_of(truth.lens);
+  }
+}
 
 // The stereo pair that comes with OpenCV: 13 pictures of a 9x6 board for each camera.
 TEST(FindBoardTest, OpenCvsOwnPicturesOfABoard) {

@@ -243,6 +243,9 @@ geometry::Rigid board_pose(const geometry::Camera& camera, const BoardSpec& spec
 std::vector<geometry::Rigid> board_poses(const geometry::Camera& camera, const BoardSpec& spec,
                                          int count, std::uint64_t seed) {
   Rng rng(seed);
+  // A dot has to be whole.
+  const bool is_dots = spec.kind == BoardKind::kCircles || spec.kind == BoardKind::kCirclesGrid;
+  const double margin = is_dots ? std::max(6.0, 0.035 * std::max(camera.width, camera.height)) : 6;
   std::vector<geometry::Rigid> poses;
   for (int tries = 0; static_cast<int>(poses.size()) < count; ++tries) {
     TARSIER_REQUIRE(tries < 2000 * (count + 1), "the camera sees no whole board");
@@ -259,7 +262,7 @@ std::vector<geometry::Rigid> board_poses(const geometry::Camera& camera, const B
     const geometry::Rigid pose =
         board_pose(camera, spec, {rng.uniform(0.15, 0.85), rng.uniform(0.15, 0.85)}, angles,
                    rng.uniform(0.6, 1.1));
-    if (static_cast<int>(exact_view(camera, pose, spec, 6).points.size()) == spec.points())
+    if (static_cast<int>(exact_view(camera, pose, spec, margin).points.size()) == spec.points())
       poses.push_back(pose);
   }
   return poses;

@@ -75,8 +75,9 @@ class BoardRenderer {
                                          const calibration::BoardSpec& spec, const cv::Point2d& at,
                                          const cv::Vec3d& angles_deg, double share);
 
-// `count` poses that together cover the picture and tilt the board every way, all points of the
-// board inside the picture. Throws std::invalid_argument where the camera can not see it whole.
+// `count` poses that together cover the picture and tilt the board every way, all points (whole
+// dots) of the board inside the picture. Throws std::invalid_argument where the camera can not see
+// it whole.
 [[nodiscard]] std::vector<geometry::Rigid> board_poses(const geometry::Camera& camera,
                                                        const calibration::BoardSpec& spec,
                                                        int count, std::uint64_t seed);
