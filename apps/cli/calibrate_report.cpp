@@ -291,13 +291,14 @@ ExitStatus finish_calibration(const CalibrateFlags& flags, const CalibrationJob&
   }
   if (!flags.csv.empty()) write_csv(flags.csv, job, calibration);
   if (!flags.draw.empty()) draw_pictures(flags, job, calibration, coverage, context);
-  if (!flags.undistorted.empty()) straighten_pictures(flags, job, calibration, context);
   for (const std::string& warning : calibration.warnings) log_warning("{}", warning);
   if (context.json) {
     print(summary_json(flags, job, calibration, coverage));
   } else if (!context.quiet) {
     print_table(job, calibration, coverage);
   }
+  // Last: a lens that cannot be undone at the border is an error, of the pictures alone.
+  if (!flags.undistorted.empty()) straighten_pictures(flags, job, calibration, context);
   return ExitStatus::kDone;
 }
 

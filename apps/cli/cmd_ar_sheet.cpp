@@ -46,7 +46,8 @@ void check_raster(const SheetFlags& flags, const sheet::SheetOptions& options) {
 ExitStatus run_sheet(const SheetFlags& flags, Context& context) {
   sheet::SheetOptions options;
   options.paper = sheet::parse_paper(flags.page);
-  options.margin = flags.margin == "0" ? 0 : millimetres(flags.margin, "--margin");
+  options.margin =
+      flags.margin == "0" || flags.margin == "0mm" ? 0 : millimetres(flags.margin, "--margin");
   if (options.margin > 200) throw UsageError(fmt::format("--margin {}: up to 200mm", flags.margin));
   check_raster(flags, options);
   std::vector<sheet::Page> pages;

@@ -25,7 +25,8 @@ constexpr double kAlike_px = 4;          // views closer than this are one
 constexpr double kLeastTurn_deg = 5;     // between the boards of two views
 constexpr double kMostUncertain = 0.03;  // of focal lengths and the picture's larger side
 constexpr double kCornerError_px = 0.1;  // that the views are judged for
-constexpr double kPointOutlier = 7;      // medians of all points' errors
+constexpr double kGoodStart_px = 2;
+constexpr double kPointOutlier = 7;  // medians of all points' errors
 constexpr int kMostComparisons = 2000;
 
 double median_of(std::vector<double> values) {
@@ -112,6 +113,25 @@ std::optional<Camera> start_camera(const std::vector<FitView>& all, cv::Size siz
     }
   }
   return best;
+}
+
+FitOptions fit_options(const CalibrateOptions& options, const Camera& camera, double loss_px);
+
+// The caller's start, where the views fit it.
+std::optional<Camera> given_start(const std::vector<FitView>& all, cv::Size size,
+                                  const CalibrateOptions& options, const std::stop_token& stop) {
+  if (!options.start || options.lens == Lens::kRational || options.start->lens != options.lens ||
+      options.start->width != size.width || options.start->height != size.height) {
+    return std::nullopt;
+  }
+  Camera camera = *options.start;
+  std::vector<FitView> views = all;
+  start_poses(camera, views);
+  if (used_points(views) != used_points(all)) return std::nullopt;
+  std::vector<double> rms;
+  (void)fit_lens(camera, views, fit_options(options, camera, 1), stop);
+  for (const FitView& view : views) rms.push_back(rms_of(camera, view));
+  return median_of(rms) < kGoodStart_px ? std::optional<Camera>(camera) : std::nullopt;
 }
 
 FitOptions fit_options(const CalibrateOptions& options, const Camera& camera, double loss_px) {
@@ -416,7 +436,8 @@ Calibration calibrate(const std::vector<BoardView>& given, const BoardSpec& spec
 
   // A rational lens begins as the pinhole that it is near.
   const Lens first = options.lens == Lens::kFisheye ? Lens::kFisheye : Lens::kPinhole;
-  auto start = start_camera(views, size, first, stop);
+  auto start = given_start(views, size, options, stop);
+  if (!start) start = start_camera(views, size, first, stop);
   if (!start) {
     result.refusal =
         "no camera explains these views: check the board's size (--board) and that the pictures "

@@ -7,6 +7,7 @@
 #include "tarsier/geometry/rigid.h"
 
 #include <array>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -23,6 +24,9 @@ struct CalibrateOptions {
   double outlier = 3;
   double outlier_px = 0.5;  // px
   int least_views = 3;      // that differ; >= 2
+  // Where to begin, of the same lens: a session that gains a view need not search again. Where the
+  // views do not fit it (rms above 2 px), it is searched for all the same.
+  std::optional<geometry::Camera> start;
   void check() const;
 };
 

@@ -216,6 +216,23 @@ TEST(CalibrateTest, SetsThatFixNoCameraAreRefusedWithWhatToDo) {
   }
 }
 
+TEST(CalibrateTest, AStartChangesTheTimeAndNothingElse) {
+  const Camera truth = phone();
+  const auto views = seen_by(truth, board_poses(truth, kChess, 10, 31), 0.1, 3);
+  const Calibration searched = calibrate(views, kChess, {640, 480});
+  ASSERT_TRUE(searched.ok());
+  CalibrateOptions options;
+  Camera far = truth;
+  far.fx = far.fy = 3000;
+  for (const Camera& start : {searched.camera, far, wide()}) {
+    options.start = start;
+    const Calibration c = calibrate(views, kChess, {640, 480}, options);
+    ASSERT_TRUE(c.ok()) << c.refusal;
+    EXPECT_NEAR(c.camera.fx, searched.camera.fx, 1e-3);
+    EXPECT_NEAR(c.camera.rms, searched.camera.rms, 1e-6);
+  }
+}
+
 TEST(CalibrateTest, TheCallersMistakesAreNamed) {
   EXPECT_THROW((void)calibrate({}, kChess, {0, 480}), std::invalid_argument);
   BoardView view;

@@ -36,8 +36,8 @@ struct FindOptions {
 // 0.4 squares, so that no neighbour pulls. Charuco: markers by tarsier's own detector, their
 // homographies predict the corners, refined in the same way; a part of the board is enough. Dots:
 // cv::findCirclesGrid on a bounded number of blobs.
-// `picture` is 8-bit grey or BGR, not empty. No view where there is no (whole) board, nor in pictures
-// of less than 16 px each way.
+// `picture` is 8-bit grey or BGR, not empty. No view where there is no (whole) board, nor in
+// pictures of less than 16 px each way.
 [[nodiscard]] BoardView find_board(const cv::Mat& picture, const BoardSpec& spec,
                                    const FindOptions& options = {});
 

@@ -143,7 +143,9 @@ void CalibrateSession::forget(bool all) {
 }
 
 void CalibrateSession::calibrate_now() {
-  calibration_ = calibration::calibrate(views(), options_.board, size_, options_.calibrate);
+  calibration::CalibrateOptions how = options_.calibrate;
+  if (calibration_ && calibration_->ok()) how.start = calibration_->camera;
+  calibration_ = calibration::calibrate(views(), options_.board, size_, how);
   straight_camera_.reset();
   if (!calibration_->ok()) straight_ = false;
 }
