@@ -248,14 +248,14 @@ void draw_pictures(const CalibrateFlags& flags, const CalibrationJob& job,
 void straighten_pictures(const CalibrateFlags& flags, const CalibrationJob& job,
                          const Calibration& calibration, Context& context) {
   const Camera straight = geometry::undistorted_camera(calibration.camera);
+  const geometry::Straightener straighten(calibration.camera, straight);
   Folder folder(flags.undistorted);
   for (const CalibrationPicture& picture : job.pictures) {
     throw_if_stopped(context.stop);
     if (picture.still ? !picture.found : picture.image.empty()) continue;
     const cv::Mat image = image_of(picture);
     if (image.size() != job.size) continue;
-    write_image(folder.file(picture, ".png"),
-                geometry::undistort_image(image, calibration.camera, straight));
+    write_image(folder.file(picture, ".png"), straighten(image));
   }
   geometry::write_camera_file(folder.plain("camera.yaml"), straight);
 }

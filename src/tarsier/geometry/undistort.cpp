@@ -72,32 +72,38 @@ Camera undistorted_camera(const Camera& camera) {
   return result;
 }
 
-cv::Mat undistort_image(const cv::Mat& image, const Camera& from, const Camera& to) {
+Straightener::Straightener(const Camera& from, const Camera& to) : from_(from.width, from.height) {
   from.check();
   to.check();
-  TARSIER_REQUIRE(image.dims == 2 && image.cols == from.width && image.rows == from.height,
-                  "a picture of {}x{} px of a camera of {}x{} px", image.cols, image.rows,
-                  from.width, from.height);
   TARSIER_REQUIRE(!to.is_distorted(), "k1 {}", to.distortion[0]);
   const int side = std::max({from.width, from.height, to.width, to.height});
   TARSIER_REQUIRE(side <= kMostUndistortedSide, "{} px", side);
-  const bool is_same = !from.is_distorted() && from.width == to.width && from.height == to.height &&
-                       from.matrix() == to.matrix();
-  if (is_same) return image.clone();
-  cv::Mat map;
-  cv::Mat fractions;
+  is_same_ = !from.is_distorted() && from.width == to.width && from.height == to.height &&
+             from.matrix() == to.matrix();
+  if (is_same_) return;
   const cv::Size size(to.width, to.height);
   if (from.lens == Lens::kFisheye) {
     const cv::Vec4d k(from.distortion.data());
     cv::fisheye::initUndistortRectifyMap(from.matrix(), k, cv::noArray(), to.matrix(), size,
-                                         CV_16SC2, map, fractions);
+                                         CV_16SC2, map_, fractions_);
   } else {
     cv::initUndistortRectifyMap(from.matrix(), from.distortion, cv::noArray(), to.matrix(), size,
-                                CV_16SC2, map, fractions);
+                                CV_16SC2, map_, fractions_);
   }
+}
+
+cv::Mat Straightener::operator()(const cv::Mat& image) const {
+  TARSIER_REQUIRE(image.dims == 2 && image.size() == from_,
+                  "a picture of {}x{} px of a camera of {}x{} px", image.cols, image.rows,
+                  from_.width, from_.height);
+  if (is_same_) return image.clone();
   cv::Mat result;
-  cv::remap(image, result, map, fractions, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
+  cv::remap(image, result, map_, fractions_, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
   return result;
+}
+
+cv::Mat undistort_image(const cv::Mat& image, const Camera& from, const Camera& to) {
+  return Straightener(from, to)(image);
 }
 
 }  // namespace tarsier::geometry

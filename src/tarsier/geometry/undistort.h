@@ -22,6 +22,20 @@ namespace tarsier::geometry {
 // has the size of `from`, `to` has no distortion, and no side has more than 32766 px.
 [[nodiscard]] cv::Mat undistort_image(const cv::Mat& image, const Camera& from, const Camera& to);
 
+// The same for many pictures of one camera: where each pixel comes from is computed once.
+class Straightener {
+ public:
+  // Throws as undistort_image().
+  Straightener(const Camera& from, const Camera& to);
+  [[nodiscard]] cv::Mat operator()(const cv::Mat& image) const;
+
+ private:
+  cv::Size from_;
+  bool is_same_ = false;
+  cv::Mat map_;
+  cv::Mat fractions_;
+};
+
 inline constexpr int kMostUndistortedSide = 32'766;  // px, of cv::remap
 
 }  // namespace tarsier::geometry

@@ -7,7 +7,6 @@
 #include "tarsier/core/require.h"
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
-#include "tarsier/geometry/undistort.h"
 #include "tarsier/session/browse_keys.h"
 
 #include <fmt/format.h>
@@ -146,7 +145,7 @@ void CalibrateSession::calibrate_now() {
   calibration::CalibrateOptions how = options_.calibrate;
   if (calibration_ && calibration_->ok()) how.start = calibration_->camera;
   calibration_ = calibration::calibrate(views(), options_.board, size_, how);
-  straight_camera_.reset();
+  straightener_.reset();
   if (!calibration_->ok()) straight_ = false;
 }
 
@@ -194,8 +193,11 @@ void CalibrateSession::draw() {
   frame_.image.copyTo(output_);
   if (straight_ && calibration_ && calibration_->ok() && frame_.image.size() == size_) {
     try {
-      if (!straight_camera_) straight_camera_ = geometry::undistorted_camera(calibration_->camera);
-      output_ = geometry::undistort_image(frame_.image, calibration_->camera, *straight_camera_);
+      if (!straightener_) {
+        const geometry::Camera& from = calibration_->camera;
+        straightener_.emplace(from, geometry::undistorted_camera(from));
+      }
+      output_ = (*straightener_)(frame_.image);
     } catch (const Error&) {  // a distortion that cannot be undone at the border
       straight_ = false;
       verdict_ = "cannot be straightened";

@@ -3,6 +3,7 @@
 
 #include "tarsier/calibration/calibrate.h"
 #include "tarsier/calibration/collector.h"
+#include "tarsier/geometry/undistort.h"
 #include "tarsier/session/session.h"
 
 #include <opencv2/core/mat.hpp>
@@ -83,7 +84,7 @@ class CalibrateSession final : public Session {
   Frame frame_;
   cv::Mat shown_;
   cv::Mat output_;
-  std::optional<geometry::Camera> straight_camera_;  // of the latest calibration
+  std::optional<geometry::Straightener> straightener_;  // of the latest calibration
   int empty_frames_ = 0;
   int flash_ = 0;  // frames that still tell of a view taken
   bool straight_ = false;
