@@ -53,6 +53,24 @@ struct Reduced {
   }
 };
 
+// The picture as if it were evenly lit: brightness less its local mean, in local deviations.
+cv::Mat evenly_lit(const cv::Mat& gray) {
+  constexpr double kFlat = 6;     // grey levels; where less than this happens there is nothing
+  constexpr double kSpread = 50;  // grey levels of one deviation
+  const int side = std::max(15, std::max(gray.cols, gray.rows) / 7 | 1);
+  cv::Mat value;
+  gray.convertTo(value, CV_32F);
+  cv::Mat mean;
+  cv::Mat square;
+  cv::boxFilter(value, mean, CV_32F, {side, side}, {-1, -1}, true, cv::BORDER_REFLECT_101);
+  cv::sqrBoxFilter(value, square, CV_32F, {side, side}, {-1, -1}, true, cv::BORDER_REFLECT_101);
+  cv::Mat deviation;
+  cv::sqrt(cv::max(square - mean.mul(mean), kFlat * kFlat), deviation);
+  cv::Mat even;
+  cv::Mat(128 + kSpread * (value - mean) / deviation).convertTo(even, CV_8U);
+  return even;
+}
+
 // The smallest distance of each point to its neighbours in the grid.
 double least_spacing(const std::vector<cv::Point2f>& pixels, const cv::Size& grid) {
   double least = std::numeric_limits<double>::infinity();
@@ -135,6 +153,7 @@ bool goes_on(const cv::Mat& gray, const cv::Size& grid, const std::vector<cv::Po
 bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool patient,
                   std::vector<cv::Point2f>& pixels) {
   if (cv::findChessboardCornersSB(gray, grid, pixels, cv::CALIB_CB_NORMALIZE_IMAGE)) return true;
+  if (patient && cv::findChessboardCornersSB(evenly_lit(gray), grid, pixels, 0)) return true;
   // Without its adaptive thresholds, with which it takes seconds for a board of another size.
   return patient && cv::findChessboardCorners(gray, grid, pixels, cv::CALIB_CB_FAST_CHECK) &&
          !goes_on(gray, grid, pixels);
@@ -154,7 +173,8 @@ bool refine(const cv::Mat& gray, std::vector<cv::Point2f>& pixels, double spacin
 BoardView find_chess(const cv::Mat& full, const BoardSpec& spec, const FindOptions& options) {
   const Reduced reduced(full, options.search_px);
   std::vector<cv::Point2f> pixels;
-  if (!search_chess(reduced.gray, spec.grid(), options.patient, pixels)) return {};
+  const cv::Mat searched = options.even_light ? evenly_lit(reduced.gray) : reduced.gray;
+  if (!search_chess(searched, spec.grid(), options.patient, pixels)) return {};
   for (cv::Point2f& p : pixels) p = reduced.full_of(p);
   const double spacing = least_spacing(pixels, spec.grid());
   if (!(spacing >= 4)) return {};
@@ -256,7 +276,13 @@ BoardView find_dots(const cv::Mat& full, const BoardSpec& spec, const FindOption
   const Reduced reduced(full, options.search_px * 3 / 2);
   const auto needed = static_cast<std::size_t>(spec.points());
   std::vector<cv::Point2f> pixels;
-  const std::vector<cv::Point2f> blobs = find_blobs(reduced.gray, 2 * needed + 40);
+  const std::vector<cv::Point2f> blobs =
+      find_blobs(options.even_light ? evenly_lit(reduced.gray) : reduced.gray, 2 * needed + 40);
+  if (blobs.size() < needed && options.patient && !options.even_light) {
+    FindOptions even = options;
+    even.even_light = true;
+    return find_dots(full, spec, even);
+  }
   if (blobs.size() < needed) return {};
   const int flags =
       spec.kind == BoardKind::kCircles ? cv::CALIB_CB_ASYMMETRIC_GRID : cv::CALIB_CB_SYMMETRIC_GRID;

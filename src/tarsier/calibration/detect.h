@@ -22,22 +22,25 @@ struct FindOptions {
   // px, the picture's larger side for the first look: in a large picture without a board a search
   // takes seconds, in a small one it is bounded. 160..4000.
   int search_px = 800;
-  // A second look by another method where the first one finds nothing.
+  // Further looks where the first one finds nothing: as if the picture were evenly lit, and by
+  // another method.
   bool patient = true;
+  // The first look is as if the picture were evenly lit (local means and deviations taken out).
+  bool even_light = false;
   // Charuco: fewer corners than this are no view; >= 4.
   int least_corners = 6;
   void check() const;
 };
 
 // Chess boards: the detector of Duda and Frese (BMVC 2018, cv::findChessboardCornersSB) on the
-// reduced picture, then (if patient) cv::findChessboardCorners without its adaptive thresholds,
-// which take seconds for a board of another size; a part of a larger board is none. Corners are
-// then refined in the full picture at the saddle point (cv::cornerSubPix), in windows of at most
-// 0.4 squares, so that no neighbour pulls. Charuco: markers by tarsier's own detector, their
-// homographies predict the corners, refined in the same way; a part of the board is enough. Dots:
-// cv::findCirclesGrid on a bounded number of blobs.
-// `picture` is 8-bit grey or BGR, not empty. No view where there is no (whole) board, nor in
-// pictures of less than 16 px each way.
+// reduced picture, then (if patient) there again as if it were evenly lit, then
+// cv::findChessboardCorners without its adaptive thresholds, which take seconds for a board of
+// another size; a part of a larger board is none. Corners are then refined in the full picture at
+// the saddle point (cv::cornerSubPix), in windows of at most 0.4 squares, so that no neighbour
+// pulls. Charuco: markers by tarsier's own detector, their homographies predict the corners,
+// refined in the same way; a part of the board is enough. Dots: cv::findCirclesGrid on a bounded
+// number of blobs. `picture` is 8-bit grey or BGR, not empty. No view where there is no (whole)
+// board, nor in pictures of less than 16 px each way.
 [[nodiscard]] BoardView find_board(const cv::Mat& picture, const BoardSpec& spec,
                                    const FindOptions& options = {});
 

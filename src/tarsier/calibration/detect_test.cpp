@@ -123,6 +123,24 @@ TEST(FindBoardTest, ACharucoBoardMayBePartlyHidden) {
   EXPECT_LT(error_of(view, exact_view(camera, pose, spec), false), 0.08);
 }
 
+TEST(FindBoardTest, UnevenAndDimLightDoesNoHarm) {
+  const Camera camera = phone();
+  for (const char* text :
+       {"chess:9x6", "charuco:7x5:5x5_100", "circles:4x11", "circles-grid:7x6"}) {
+    const BoardSpec spec = parse_board(text, 0.03);
+    const BoardRenderer renderer(camera, spec);
+    const geometry::Rigid pose = board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8);
+    BoardLook shaded;
+    shaded.fall_off = 0.8;
+    EXPECT_FALSE(find_board(renderer.render(pose, shaded), spec).empty()) << text;
+    BoardLook dim;
+    dim.paper = 60;
+    dim.ink = 25;
+    dim.noise = 2.5;
+    EXPECT_FALSE(find_board(renderer.render(pose, dim), spec).empty()) << text;
+  }
+}
+
 TEST(FindBoardTest, SharpnessFallsWithBlur) {
   const BoardSpec spec = parse_board("chess:9x6", 0.03);
   const Camera camera = phone();

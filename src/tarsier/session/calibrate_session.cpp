@@ -23,6 +23,7 @@ using calibration::Verdict;
 
 constexpr int kPatience = 15;    // frames without a board, then it is looked for ..
 constexpr int kSearchEvery = 3;  // .. in every third one
+constexpr int kTurns = 3;        // searches in vain, then the other way to look is tried
 constexpr int kFlash = 8;        // frames that a view taken is told of
 constexpr double kCoverageTint = 0.22;
 const cv::Scalar kGood(90, 220, 90);
@@ -96,8 +97,11 @@ void CalibrateSession::look(const Frame& frame) {
   calibration::FindOptions find;
   find.search_px = options_.search_px;
   find.patient = frame.still;
+  find.even_light = !frame.still && even_light_;
   board_ = calibration::find_board(frame.image, options_.board, find);
   empty_frames_ = board_.empty() ? empty_frames_ + 1 : 0;
+  misses_ = board_.empty() ? misses_ + 1 : 0;
+  if (misses_ > 0 && misses_ % kTurns == 0) even_light_ = !even_light_;
   sharpness_ = calibration::sharpness_of(frame.image, board_, options_.board);
   apply(collector_->offer(board_, sharpness_, frame.still));
 }

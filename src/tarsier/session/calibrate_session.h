@@ -85,8 +85,10 @@ class CalibrateSession final : public Session {
   cv::Mat shown_;
   cv::Mat output_;
   std::optional<geometry::Straightener> straightener_;  // of the latest calibration
-  int empty_frames_ = 0;
-  int flash_ = 0;  // frames that still tell of a view taken
+  int empty_frames_ = 0;                                // since a board was seen
+  int misses_ = 0;                                      // searches of these
+  bool even_light_ = false;                             // how it is looked for: see FindOptions
+  int flash_ = 0;                                       // frames that still tell of a view taken
   bool straight_ = false;
   bool coverage_ = true;
   bool paused_ = false;

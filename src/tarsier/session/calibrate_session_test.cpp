@@ -138,6 +138,28 @@ TEST(CalibrateSessionTest, StillPicturesAreViewsOfTheirOwn) {
   EXPECT_EQ(session.taken().size(), 5U);
 }
 
+// A board that is only found as if it were evenly lit: after some frames it is, and stays so.
+TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
+  const geometry::Camera camera{480, 360, 408, 408, 240, 180};
+  const auto spec = options().board;
+  BoardLook look;
+  look.fall_off = 0.8;
+  const cv::Mat picture =
+      render_board(camera, board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8), spec, look);
+  CalibrateSession session(options());
+  int seen = 0;
+  for (int k = 0; k < 12; ++k) {
+    Frame frame;
+    frame.image = picture;
+    frame.index = k;
+    frame.time = 0.1 * k;
+    frame.name = "film";
+    if (session.on_frame(frame, {}).state["verdict"] != "no board") ++seen;
+  }
+  EXPECT_GE(seen, 9);
+  EXPECT_EQ(session.taken().size(), 1U);
+}
+
 TEST(CalibrateSessionTest, TheSameFramesGiveTheSameSteps) {
   std::string first;
   for (int run = 0; run < 2; ++run) {
