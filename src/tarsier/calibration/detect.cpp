@@ -150,13 +150,43 @@ bool goes_on(const cv::Mat& gray, const cv::Size& grid, const std::vector<cv::Po
          4 * std::max(crossings[2], crossings[3]) > 3 * grid.width;
 }
 
+// Whether the points are corners of four squares, with none between neighbours: a grid that leaves
+// every other column out, and ends at the board's rim, is no view of the board.
+bool is_grid_of_corners(const cv::Mat& gray, const cv::Size& grid,
+                        const std::vector<cv::Point2f>& pixels) {
+  const auto at = [&](int column, int row) {
+    return pixels[static_cast<std::size_t>(row * grid.width + column)];
+  };
+  int crossings = 0;
+  int between = 0;
+  for (int row = 0; row < grid.height; ++row) {
+    for (int column = 0; column < grid.width; ++column) {
+      const cv::Point2f u = column + 1 < grid.width ? at(column + 1, row) - at(column, row)
+                                                    : at(column, row) - at(column - 1, row);
+      const cv::Point2f v = row + 1 < grid.height ? at(column, row + 1) - at(column, row)
+                                                  : at(column, row) - at(column, row - 1);
+      if (is_crossing(gray, at(column, row), u, v)) ++crossings;
+      if (is_crossing(gray, at(column, row) + 0.5F * u, 0.5F * u, v) ||
+          is_crossing(gray, at(column, row) + 0.5F * v, u, 0.5F * v)) {
+        ++between;
+      }
+    }
+  }
+  return 10 * crossings >= 8 * grid.area() && 10 * between <= 2 * grid.area();
+}
+
 bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool patient,
                   std::vector<cv::Point2f>& pixels) {
-  if (cv::findChessboardCornersSB(gray, grid, pixels, cv::CALIB_CB_NORMALIZE_IMAGE)) return true;
-  if (patient && cv::findChessboardCornersSB(evenly_lit(gray), grid, pixels, 0)) return true;
+  const auto is_board = [&] {
+    const cv::Mat even = evenly_lit(gray);
+    return is_grid_of_corners(even, grid, pixels) && !goes_on(even, grid, pixels);
+  };
+  if (cv::findChessboardCornersSB(gray, grid, pixels, cv::CALIB_CB_NORMALIZE_IMAGE))
+    return is_board();
+  if (!patient) return false;
+  if (cv::findChessboardCornersSB(evenly_lit(gray), grid, pixels, 0) && is_board()) return true;
   // Without its adaptive thresholds, with which it takes seconds for a board of another size.
-  return patient && cv::findChessboardCorners(gray, grid, pixels, cv::CALIB_CB_FAST_CHECK) &&
-         !goes_on(gray, grid, pixels);
+  return cv::findChessboardCorners(gray, grid, pixels, cv::CALIB_CB_FAST_CHECK) && is_board();
 }
 
 // Corners that left their place went to another one's, or to the background.
