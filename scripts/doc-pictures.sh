@@ -44,6 +44,11 @@ size=200x200 sheet aam-fit 6 "$work/demo/img/aam-fit-0.jpg:start" "$work/demo/im
   "$work/demo/img/aam-fit-2.jpg:step 2" "$work/demo/img/aam-fit-3.jpg:step 4" "$work/demo/img/aam-fit-4.jpg:end" \
   "$work/demo/img/aam-fit-made.jpg:the model's own face"
 
+# Calibration: a drawn film of a board.
+"$tarsier" calibrate 'synth:board?fps=5&frames=122' --board chess:9x6 --square 25mm --draw "$work/board" --undistorted "$work/straight" --quiet
+size=400x300 sheet calibrate 3 "$work/board/frame-000019.png:a view, its corners" "$work/board/coverage.png:where the board was seen" \
+  "$work/straight/frame-000019.png:straightened"
+
 # Number plates: a drawn car, the stages of both pipelines. The study of the reader (plate-sweep.png) needs the
 # textbook's OCR.xml: tarsier plate sweep OCR.xml -o docs/img/plate-sweep.png
 car='synth:car?seed=11&frames=2'

@@ -22,6 +22,8 @@ struct BenchOptions {
 [[nodiscard]] ExitStatus bench_plate(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_landmarks(Context& context,
                                          const BenchOptions& options);  // INPUT: a face
+// INPUT: pictures without a board
+[[nodiscard]] ExitStatus bench_calibrate(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_render(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_posit(Context& context,
                                      const BenchOptions& options);  // INPUT: another head model

@@ -47,6 +47,8 @@ Areas:
   people enroll|live|..    who is it, or unknown: enrol, identify, forget, judge
   plate read|train-..|..   number plates: read, train, judge, log
   sfm reconstruct|eval|..  photographs to camera poses and a point cloud
+  calibrate                a camera's lens from pictures of a printed board
+  ar marker-sheet|..       printed markers: sheets of them, and boards for calibrate
   models list|info|verify  the trained models that came with the program
   doctor                   what this machine has, and what to do about what it lacks
   demo                     runs every area once and makes a page of it
@@ -276,6 +278,8 @@ int run_checked(int argc, const char* const* argv) {
   add_cartoon(app, context);
   add_plate(app, context);
   add_sfm(app, context);
+  add_calibrate(app, context);
+  add_ar(app, context);
   add_landmarks(app, context);
   add_aam(app, context);
   add_pose(app, context);

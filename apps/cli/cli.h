@@ -45,6 +45,8 @@ void add_aam(CLI::App& app, Context& context);
 void add_pose(CLI::App& app, Context& context);
 void add_people(CLI::App& app, Context& context);
 void add_sfm(CLI::App& app, Context& context);
+void add_calibrate(CLI::App& app, Context& context);
+void add_ar(CLI::App& app, Context& context);
 void add_models(CLI::App& app, Context& context);
 void add_bench(CLI::App& app, Context& context);
 void add_demo(CLI::App& app, Context& context);

@@ -24,6 +24,8 @@ const std::vector<Benchmark>& benchmarks() {
        bench_landmarks},
       {"people", "training, naming a face, a gallery of 100 000 templates", bench_people},
       {"plate", "finding, aligning and reading number plates", bench_plate},
+      {"calibrate", "boards of a calibration: found how exactly and how fast, the camera they give",
+       bench_calibrate},
       {"posit", "the pose of a simulated head: error and time of POSIT beside SQPNP", bench_posit},
       {"render", "drawing a mesh of ten thousand triangles into a picture", bench_render},
       {"steady", "how much less the lines of a video flicker with --steady", bench_steady},

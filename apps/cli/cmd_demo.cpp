@@ -29,9 +29,10 @@ struct DemoStep {
 
 const std::vector<DemoStep>& steps() {
   static const std::vector<DemoStep> table = {
-      {"cartoon", demo_cartoon},     {"sfm", demo_sfm}, {"plate", demo_plate},
-      {"landmarks", demo_landmarks}, {"aam", demo_aam}, {"pose", demo_pose},
-      {"people", demo_people},
+      {"cartoon", demo_cartoon}, {"sfm", demo_sfm},
+      {"plate", demo_plate},     {"landmarks", demo_landmarks},
+      {"aam", demo_aam},         {"pose", demo_pose},
+      {"people", demo_people},   {"calibrate", demo_calibrate},
   };
   return table;
 }

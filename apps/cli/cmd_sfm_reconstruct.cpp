@@ -162,6 +162,13 @@ void complete(ReconstructFlags& flags, const Context& context) {
     throw UsageError("--camera and --camera-file: give one of them");
   if (!flags.camera.empty()) options.camera = geometry::parse_camera(flags.camera);
   if (!flags.camera_file.empty()) options.camera = geometry::read_camera_file(flags.camera_file);
+  if (options.camera && options.camera->lens != geometry::Lens::kPinhole) {
+    throw InputError(
+        flags.camera_file.empty() ? flags.camera : flags.camera_file,
+        fmt::format("is of a {} lens, and reconstruction takes pinhole ones: straighten "
+                    "the photographs first (tarsier calibrate --undistorted)",
+                    geometry::name_of(options.camera->lens)));
+  }
   static const std::map<std::string, sfm::FeatureKind> kinds{{"sift", sfm::FeatureKind::kSift},
                                                              {"orb", sfm::FeatureKind::kOrb},
                                                              {"akaze", sfm::FeatureKind::kAkaze}};

@@ -15,6 +15,7 @@ void demo_aam(Context& context, DemoPage& page);
 void demo_turning_head(Context& context, DemoPage& page);  // a part of demo_pose
 void demo_pose(Context& context, DemoPage& page);
 void demo_people(Context& context, DemoPage& page);
+void demo_calibrate(Context& context, DemoPage& page);
 void demo_sfm(Context& context, DemoPage& page);
 
 }  // namespace tarsier::cli

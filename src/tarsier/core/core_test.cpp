@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/errors.h"
+#include "tarsier/core/length.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/mat_info.h"
 #include "tarsier/core/progress.h"
@@ -31,6 +32,17 @@ TEST(Rng, SameSeedGivesTheSameNumbersEverywhere) {
   Rng again(42);
   EXPECT_EQ(first, (std::vector<std::uint64_t>{again(), again()}));
   EXPECT_EQ(first[0], 1546998764402558742U);  // pinned: results must not change between versions
+}
+
+TEST(Length, HasAUnit) {
+  EXPECT_DOUBLE_EQ(parse_length("25mm", "--square"), 0.025);
+  EXPECT_DOUBLE_EQ(parse_length("2.5cm", "--square"), 0.025);
+  EXPECT_DOUBLE_EQ(parse_length("0.5m", "--square"), 0.5);
+  EXPECT_DOUBLE_EQ(parse_length(".05", "--square"), 0.05);
+  for (const char* text : {"", "mm", "-5mm", "0mm", "5 mm", "5inch", "nan", "inf", "1e9m", "5mmm",
+                           "1e-400mm", "2mm\n"}) {
+    EXPECT_THROW((void)parse_length(text, "--square"), UsageError) << text;
+  }
 }
 
 TEST(Rng, ForkDependsOnTheStreamAndNotOnTheDrawsBefore) {

@@ -9,17 +9,25 @@
 namespace tarsier::geometry {
 namespace {
 
+constexpr std::array<std::string_view, 3> kNames{"pinhole", "rational", "fisheye"};
+constexpr std::array<std::size_t, 3> kCounts{5, 8, 4};
+constexpr int kMostDegree = 6;
+
 struct Distorted {
   cv::Point2d point;
   cv::Matx22d derivative;  // of the point, by x and y
 };
 
-Distorted distort(const std::array<double, 5>& k, const cv::Point2d& p) {
+Distorted distort(const std::array<double, 8>& k, const cv::Point2d& p) {
   const double x = p.x;
   const double y = p.y;
   const double r2 = x * x + y * y;
-  const double radial = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
-  const double slope = k[0] + r2 * (2 * k[1] + r2 * 3 * k[4]);  // of radial, by r2
+  const double above = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
+  const double below = 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]));
+  const double radial = above / below;
+  const double above_slope = k[0] + r2 * (2 * k[1] + r2 * 3 * k[4]);  // by r2
+  const double below_slope = k[5] + r2 * (2 * k[6] + r2 * 3 * k[7]);
+  const double slope = (above_slope - radial * below_slope) / below;
   const double p1 = k[2];
   const double p2 = k[3];
   Distorted result;
@@ -31,25 +39,136 @@ Distorted distort(const std::array<double, 5>& k, const cv::Point2d& p) {
   return result;
 }
 
+// Ascending coefficients in s.
+struct Polynomial {
+  std::array<double, kMostDegree + 1> c{};
+  int degree = 0;
+};
+
+// Whether every value on [0, 1] is positive, told from Bernstein coefficients: the curve lies
+// within their range and begins and ends in the first and the last; halves are looked at where the
+// range says nothing.
+bool is_positive(std::array<double, kMostDegree + 1> b, int degree, int depth) {
+  const auto n = static_cast<std::size_t>(degree);
+  if (!(b[0] > 0) || !(b[n] > 0)) return false;
+  if (std::all_of(b.begin(), b.begin() + degree + 1, [](double v) { return v > 0; })) return true;
+  if (depth == 0) return false;  // touches zero as near as numbers can tell
+  std::array<double, kMostDegree + 1> left{};
+  left[0] = b[0];
+  for (std::size_t level = 1; level <= n; ++level) {  // de Casteljau at 1/2; b becomes the right
+    for (std::size_t i = 0; i + level <= n; ++i) b[i] = 0.5 * (b[i] + b[i + 1]);
+    left[level] = b[0];
+  }
+  return is_positive(left, degree, depth - 1) && is_positive(b, degree, depth - 1);
+}
+
+bool is_positive_up_to(const Polynomial& polynomial, double end) {
+  const int n = polynomial.degree;
+  std::array<double, kMostDegree + 1> scaled{};
+  double power = 1;
+  for (int i = 0; i <= n; ++i, power *= end)
+    scaled[static_cast<std::size_t>(i)] = polynomial.c[static_cast<std::size_t>(i)] * power;
+  const auto binomial = [](int m, int k) {
+    double value = 1;
+    for (int i = 1; i <= k; ++i) value = value * (m - k + i) / i;
+    return value;
+  };
+  std::array<double, kMostDegree + 1> bernstein{};
+  for (int i = 0; i <= n; ++i) {
+    for (int j = 0; j <= i; ++j) {
+      bernstein[static_cast<std::size_t>(i)] +=
+          binomial(i, j) / binomial(n, j) * scaled[static_cast<std::size_t>(j)];
+    }
+  }
+  return is_positive(bernstein, n, 40);
+}
+
 // Whether the distorted radius grows all the way from the middle to the squared radius `end`.
 // Behind a turning point the equation has solutions too, but no light takes them.
-bool grows_up_to(const std::array<double, 5>& k, double end) {
-  const double a = 3 * k[0];
-  const double b = 5 * k[1];
-  const double c = 7 * k[4];
-  const auto positive = [&](double s) {
-    return !(s > 0 && s <= end) || 1 + s * (a + s * (b + s * c)) > 0;
-  };
-  if (!positive(end)) return false;
-  // Between the ends the slope is least where its own derivative, a + 2 b s + 3 c s2, is zero.
-  if (c == 0) return b == 0 || positive(-a / (2 * b));
-  const double inside = b * b - 3 * a * c;
-  if (inside < 0) return true;
-  const double root = std::sqrt(inside);
-  return positive((-b + root) / (3 * c)) && positive((-b - root) / (3 * c));
+bool grows_up_to(const std::array<double, 8>& k, double end) {
+  const std::array<double, 4> above{1, k[0], k[1], k[4]};
+  const std::array<double, 4> below{1, k[5], k[6], k[7]};
+  const bool is_rational = k[5] != 0 || k[6] != 0 || k[7] != 0;
+  // d/dr (r N / D) = ((N + 2 s N') D - 2 s N D') / D^2, s = r^2
+  Polynomial slope;
+  if (!is_rational) {
+    slope.degree = 3;
+    for (std::size_t i = 0; i < 4; ++i) slope.c[i] = static_cast<double>(2 * i + 1) * above[i];
+    return is_positive_up_to(slope, end);
+  }
+  Polynomial pole;
+  pole.degree = 3;
+  std::copy(below.begin(), below.end(), pole.c.begin());
+  slope.degree = 6;
+  for (std::size_t i = 0; i < 4; ++i) {
+    for (std::size_t j = 0; j < 4; ++j) {
+      slope.c[i + j] +=
+          (1 + 2 * static_cast<double>(i) - 2 * static_cast<double>(j)) * above[i] * below[j];
+    }
+  }
+  return is_positive_up_to(pole, end) && is_positive_up_to(slope, end);
+}
+
+// Of a fisheye: the distorted angle and its derivative.
+struct Bent {
+  double value;
+  double slope;
+};
+
+Bent bend(const std::array<double, 8>& k, double angle) {
+  const double s = angle * angle;
+  return {angle * (1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))),
+          1 + s * (3 * k[0] + s * (5 * k[1] + s * (7 * k[2] + s * 9 * k[3])))};
+}
+
+bool bends_up_to(const std::array<double, 8>& k, double angle) {
+  const Polynomial slope{{1, 3 * k[0], 5 * k[1], 7 * k[2], 9 * k[3], 0, 0}, 4};
+  return is_positive_up_to(slope, angle * angle);
+}
+
+cv::Point2d fisheye_of(const std::array<double, 8>& k, const cv::Point2d& p) {
+  const double r = cv::norm(p);
+  if (r < 1e-12) return p;
+  return p * (bend(k, std::atan(r)).value / r);
+}
+
+std::optional<cv::Point2d> fisheye_inverse(const std::array<double, 8>& k,
+                                           const cv::Point2d& wanted) {
+  const double target = cv::norm(wanted);
+  if (target < 1e-12) return wanted;
+  // The part that grows is monotone: bisection holds Newton's steps inside it.
+  double low = 0;
+  double high = CV_PI / 2;
+  double angle = std::min(target, 0.9 * high);
+  for (int iteration = 0; iteration < 200; ++iteration) {
+    const Bent here = bend(k, angle);
+    const double error = here.value - target;
+    if (std::abs(error) <= 4e-16 * (1 + target)) break;
+    // Behind the turning point the value falls: that is too far as well.
+    (error > 0 || !bends_up_to(k, angle) ? high : low) = angle;
+    double next = angle - error / here.slope;
+    if (!(next > low && next < high)) next = 0.5 * (low + high);
+    if (next == angle) break;
+    angle = next;
+  }
+  const bool is_found = std::abs(bend(k, angle).value - target) <= 1e-12 * (1 + target);
+  if (!is_found || !bends_up_to(k, angle) || angle >= CV_PI / 2 - 1e-9) return std::nullopt;
+  return wanted * (std::tan(angle) / target);
 }
 
 }  // namespace
+
+std::string_view name_of(Lens lens) { return kNames[static_cast<std::size_t>(lens)]; }
+
+std::optional<Lens> lens_named(std::string_view name) {
+  for (std::size_t i = 0; i < kNames.size(); ++i)
+    if (kNames[i] == name) return static_cast<Lens>(i);
+  return std::nullopt;
+}
+
+std::span<const double> Camera::coefficients() const {
+  return {distortion.data(), kCounts[static_cast<std::size_t>(lens)]};
+}
 
 void Camera::check() const {
   TARSIER_REQUIRE(width > 0 && height > 0, "size {}x{} px", width, height);
@@ -57,17 +176,25 @@ void Camera::check() const {
                   "focal lengths {}, {} px", fx, fy);
   TARSIER_REQUIRE(std::isfinite(cx) && std::isfinite(cy), "principal point ({}, {})", cx, cy);
   for (const double k : distortion) TARSIER_REQUIRE(std::isfinite(k), "distortion {}", k);
+  for (std::size_t i = coefficients().size(); i < distortion.size(); ++i)
+    TARSIER_REQUIRE(distortion[i] == 0, "number {} of a {} lens", i + 1, name_of(lens));
   TARSIER_REQUIRE(std::isfinite(rms), "rms {} px", rms);
 }
 
 cv::Point2d Camera::pixel_of(const cv::Point2d& normalized) const {
-  const cv::Point2d p = is_distorted() ? distort(distortion, normalized).point : normalized;
+  cv::Point2d p = normalized;
+  if (lens == Lens::kFisheye) {
+    p = fisheye_of(distortion, normalized);
+  } else if (is_distorted()) {
+    p = distort(distortion, normalized).point;
+  }
   return {fx * p.x + cx, fy * p.y + cy};
 }
 
 std::optional<cv::Point2d> Camera::normalized_of(const cv::Point2d& pixel) const {
   const cv::Point2d wanted((pixel.x - cx) / fx, (pixel.y - cy) / fy);
   if (!std::isfinite(wanted.x) || !std::isfinite(wanted.y)) return std::nullopt;
+  if (lens == Lens::kFisheye) return fisheye_inverse(distortion, wanted);
   if (!is_distorted()) return wanted;
 
   const double scale = 1 + cv::norm(wanted);
@@ -106,6 +233,22 @@ std::optional<cv::Point2d> Camera::normalized_of(const cv::Point2d& pixel) const
 std::optional<cv::Point2d> Camera::project(const cv::Vec3d& in_camera) const {
   if (!(in_camera[2] > 0)) return std::nullopt;
   return pixel_of({in_camera[0] / in_camera[2], in_camera[1] / in_camera[2]});
+}
+
+double Camera::largest_radius(double most) const {
+  TARSIER_REQUIRE(most > 0 && std::isfinite(most), "radius {}", most);
+  const auto grows = [&](double radius) {
+    if (lens == Lens::kFisheye) return bends_up_to(distortion, std::atan(radius));
+    return !is_distorted() || grows_up_to(distortion, radius * radius);
+  };
+  if (grows(most)) return most;
+  double low = 0;
+  double high = most;
+  for (int halving = 0; halving < 60; ++halving) {
+    const double middle = 0.5 * (low + high);
+    (grows(middle) ? low : high) = middle;
+  }
+  return low;
 }
 
 }  // namespace tarsier::geometry

@@ -19,6 +19,7 @@
 #include <initializer_list>
 #include <optional>
 #include <set>
+#include <span>
 #include <string_view>
 #include <vector>
 
@@ -41,6 +42,11 @@ std::string trouble_of(const Camera& camera) {
   if (!std::all_of(camera.distortion.begin(), camera.distortion.end(),
                    [](double k) { return std::isfinite(k); })) {
     return "the distortion is not finite";
+  }
+  const auto k = camera.coefficients();
+  if (std::any_of(camera.distortion.begin() + static_cast<std::ptrdiff_t>(k.size()),
+                  camera.distortion.end(), [](double v) { return v != 0; })) {
+    return fmt::format("a {} lens has {} numbers", name_of(camera.lens), k.size());
   }
   if (!(camera.rms >= 0 && std::isfinite(camera.rms)))
     return fmt::format("the rms {} is none", camera.rms);
@@ -76,6 +82,7 @@ class OwnYamlParser {
     for (const char* key : {"model", "fx", "fy", "cx", "cy"}) {
       if (!seen_.contains(key)) throw InputError(path_, fmt::format("'{}:' is missing", key));
     }
+    set_distortion();
     return camera_;
   }
 
@@ -96,7 +103,10 @@ class OwnYamlParser {
     const std::string_view value = trimmed(line.substr(colon + 1));
     if (!seen_.insert(key).second) fail(fmt::format("a second '{}:'", printable(key)));
     if (key == "model") {
-      if (value != "pinhole") fail(fmt::format("model '{}' is not pinhole", printable(value)));
+      const auto lens = lens_named(value);
+      if (!lens)
+        fail(fmt::format("model '{}' is none of pinhole, rational, fisheye", printable(value)));
+      camera_.lens = *lens;
     } else if (key == "width") {
       camera_.width = side(value);
     } else if (key == "height") {
@@ -136,18 +146,33 @@ class OwnYamlParser {
     if (list.size() < 2 || list.front() != '[' || list.back() != ']')
       fail("distortion: [k1, k2, p1, p2, k3] is expected");
     list = list.substr(1, list.size() - 2);
-    for (std::size_t k = 0; k < camera_.distortion.size(); ++k) {
+    distortion_line_ = line_;
+    while (true) {
       const std::size_t comma = list.find(',');
-      if ((comma == std::string_view::npos) != (k + 1 == camera_.distortion.size()))
-        fail("distortion: [k1, k2, p1, p2, k3] is expected");
-      camera_.distortion[k] = number(trimmed(list.substr(0, comma)));
-      list.remove_prefix(comma == std::string_view::npos ? list.size() : comma + 1);
+      if (distortion_.size() == camera_.distortion.size()) fail("distortion: too many numbers");
+      distortion_.push_back(number(trimmed(list.substr(0, comma))));
+      if (comma == std::string_view::npos) return;
+      list.remove_prefix(comma + 1);
     }
+  }
+
+  // When the model is known too, which may come later.
+  void set_distortion() {
+    if (distortion_line_ == 0) return;
+    line_ = distortion_line_;
+    const std::size_t expected = camera_.coefficients().size();
+    if (distortion_.size() != expected) {
+      fail(fmt::format("distortion: {} numbers, a {} lens has {}", distortion_.size(),
+                       name_of(camera_.lens), expected));
+    }
+    std::copy(distortion_.begin(), distortion_.end(), camera_.distortion.begin());
   }
 
   const std::string& path_;
   Camera camera_;
   std::set<std::string> seen_;
+  std::vector<double> distortion_;
+  std::int64_t distortion_line_ = 0;
   std::int64_t line_ = 0;
 };
 
@@ -192,36 +217,48 @@ std::vector<double> numbers_in(const StoredEntry& entry, std::string_view what,
   return numbers;
 }
 
-std::array<double, 5> distortion_in(const StoredEntry& entry, const std::string& path) {
-  const std::vector<double> k = numbers_in(entry, "the distortion", path);
-  if (!k.empty() && k.size() < 4)
-    throw InputError(path, fmt::format("the distortion has {} numbers, not 4 or 5", k.size()));
-  std::array<double, 5> result{};
-  for (std::size_t i = 0; i < k.size(); ++i) {
-    if (i < result.size()) {
-      result[i] = k[i];
-    } else if (k[i] != 0) {
-      throw InputError(path, "has more than the five distortion numbers k1 k2 p1 p2 k3");
+void set_opencv_distortion(Camera& camera, const StoredEntry& entry, const std::string& path) {
+  std::vector<double> k = numbers_in(entry, "the distortion", path);
+  const bool is_fisheye = camera.lens == Lens::kFisheye;
+  if (!k.empty() && k.size() < 4) {
+    throw InputError(path, fmt::format("the distortion has {} numbers, not {}", k.size(),
+                                       is_fisheye ? "4" : "4, 5 or 8"));
+  }
+  const std::size_t most = is_fisheye ? 4 : 8;
+  for (std::size_t i = most; i < k.size(); ++i) {
+    if (k[i] != 0) {
+      throw InputError(path, is_fisheye ? "has more than the four numbers k1 k2 k3 k4 of a fisheye"
+                                        : "has more than the eight distortion numbers k1 k2 p1 p2 "
+                                          "k3 k4 k5 k6");
     }
   }
-  return result;
+  k.resize(most);
+  std::copy(k.begin(), k.end(), camera.distortion.begin());
+  const auto& d = camera.distortion;
+  if (!is_fisheye && (d[5] != 0 || d[6] != 0 || d[7] != 0)) camera.lens = Lens::kRational;
 }
 
-Camera read_opencv(std::string_view text, const std::string& path) {
+bool says_fisheye(const StoredEntries& entries, const std::string& path) {
+  if (const StoredEntry* flag = first_of(entries, {"fisheye_model"}))
+    return number_in(flag->text, "fisheye_model", path) != 0;
+  const StoredEntry* name = first_of(entries, {"distortion_model"});
+  return name != nullptr && (name->text.find("equidistant") != std::string::npos ||
+                             name->text.find("fisheye") != std::string::npos);
+}
+
+Camera read_opencv(std::string_view text, const std::string& path,
+                   const CameraFileOptions& options) {
   const StoredEntries entries = parse_opencv_storage(text, path);
   const StoredEntry* matrix =
       first_of(entries, {"camera_matrix", "Camera_Matrix", "cameraMatrix", "K"});
   if (matrix == nullptr)
     throw InputError(path, "has none of camera_matrix, Camera_Matrix, cameraMatrix, K");
-  if (const StoredEntry* fisheye = first_of(entries, {"fisheye_model"});
-      fisheye != nullptr && number_in(fisheye->text, "fisheye_model", path) != 0) {
-    throw InputError(path, "is of a fisheye lens, which is not modelled");
-  }
   Camera camera = camera_of_matrix(numbers_in(*matrix, "the camera matrix", path), path);
+  if (options.opencv_is_fisheye || says_fisheye(entries, path)) camera.lens = Lens::kFisheye;
   if (const StoredEntry* distortion = first_of(
           entries,
           {"distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs"})) {
-    camera.distortion = distortion_in(*distortion, path);
+    set_opencv_distortion(camera, *distortion, path);
   }
   const auto side = [&](std::initializer_list<const char*> keys, std::string_view what) {
     const StoredEntry* entry = first_of(entries, keys);
@@ -275,8 +312,10 @@ bool is_colmap_line(std::string_view line) {
   return !model.empty() && model.front() >= 'A' && model.front() <= 'Z' && model != "NaN";
 }
 
-Camera read_any(const std::string& text, const std::string& path) {
-  if (text.starts_with("%YAML") || text.starts_with("<?xml")) return read_opencv(text, path);
+Camera read_any(const std::string& text, const std::string& path,
+                const CameraFileOptions& options) {
+  if (text.starts_with("%YAML") || text.starts_with("<?xml"))
+    return read_opencv(text, path, options);
   std::string_view rest = text;
   std::string_view first;  // line with content
   while (!rest.empty() && (first.empty() || first.front() == '#')) first = trimmed(next_line(rest));
@@ -294,33 +333,83 @@ Camera read_any(const std::string& text, const std::string& path) {
                    "3 x 3 matrix is expected");
 }
 
+std::string joined(std::span<const double> numbers) {
+  std::string text;
+  for (const double value : numbers)
+    text += fmt::format("{}{:.17g}", text.empty() ? "" : ", ", value);
+  return text;
+}
+
+std::string own_text(const Camera& camera) {
+  static constexpr std::array<const char*, 3> kOrder{
+      "k1, k2, p1, p2, k3 as OpenCV has them", "k1, k2, p1, p2, k3, k4, k5, k6 as OpenCV has them",
+      "k1, k2, k3, k4 as cv::fisheye has them"};
+  return fmt::format(
+      "# A camera of Tarsier; lengths in px, the middle of the top left pixel is 0.\n"
+      "model: {}\nwidth: {}\nheight: {}\n"
+      "fx: {:.17g}\nfy: {:.17g}\ncx: {:.17g}\ncy: {:.17g}\n"
+      "# {}\ndistortion: [{}]\nrms: {:.17g}\n",
+      name_of(camera.lens), camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
+      kOrder[static_cast<std::size_t>(camera.lens)], joined(camera.coefficients()), camera.rms);
+}
+
+// Doubles with the point that OpenCV's parser needs to take them for such.
+std::string opencv_numbers(std::span<const double> numbers) {
+  std::string text;
+  for (const double value : numbers) {
+    std::string number = fmt::format("{:.17g}", value);
+    if (number.find_first_of(".e") == std::string::npos) number += '.';
+    text += (text.empty() ? "" : ", ") + number;
+  }
+  return text;
+}
+
+std::string opencv_text(const Camera& camera) {
+  std::string text = "%YAML:1.0\n---\n";
+  if (camera.width > 0) {
+    text += fmt::format("image_width: {}\nimage_height: {}\n", camera.width, camera.height);
+  }
+  const cv::Matx33d matrix = camera.matrix();
+  text += fmt::format(
+      "camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ {} ]\n",
+      opencv_numbers(matrix.val));
+  if (camera.lens == Lens::kFisheye) text += "fisheye_model: 1\n";
+  const auto k = camera.coefficients();
+  text += fmt::format(
+      "distortion_coefficients: !!opencv-matrix\n   rows: {}\n   cols: 1\n   dt: d\n"
+      "   data: [ {} ]\n",
+      k.size(), opencv_numbers(k));
+  if (camera.rms > 0)
+    text += fmt::format("avg_reprojection_error: {}\n", opencv_numbers({&camera.rms, 1}));
+  return text;
+}
+
+std::string colmap_text(const Camera& camera) {
+  TARSIER_REQUIRE(camera.width > 0, "the size of the picture is not known");
+  return fmt::format(
+      "# Camera list with one line of data per camera:\n"
+      "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n{}\n",
+      colmap_camera_line({1, camera}));
+}
+
 }  // namespace
 
-Camera read_camera_file(const std::string& path) {
+Camera read_camera_file(const std::string& path, const CameraFileOptions& options) {
   std::string text = read_file(path, kMaxFileBytes);
   if (text.find('\0') != std::string::npos) throw InputError(path, "is no text");
   if (text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);
-  const Camera camera = read_any(text, path);
+  const Camera camera = read_any(text, path, options);
   if (const std::string trouble = trouble_of(camera); !trouble.empty())
     throw InputError(path, trouble);
   return camera;
 }
 
-void write_camera_file(const std::string& path, const Camera& camera) {
+void write_camera_file(const std::string& path, const Camera& camera, CameraFormat format) {
   const std::string trouble = trouble_of(camera);
   TARSIER_REQUIRE(trouble.empty(), "{}", trouble);
-  const std::array<double, 5>& k = camera.distortion;
-  write_file_atomically(
-      path, fmt::format("# A camera of Tarsier; lengths in px, the middle of the top left pixel "
-                        "is 0.\n"
-                        "model: pinhole\n"
-                        "width: {}\nheight: {}\n"
-                        "fx: {:.17g}\nfy: {:.17g}\ncx: {:.17g}\ncy: {:.17g}\n"
-                        "# k1, k2, p1, p2, k3 as OpenCV has them\n"
-                        "distortion: [{:.17g}, {:.17g}, {:.17g}, {:.17g}, {:.17g}]\n"
-                        "rms: {:.17g}\n",
-                        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
-                        k[0], k[1], k[2], k[3], k[4], camera.rms));
+  write_file_atomically(path, format == CameraFormat::kOpencv   ? opencv_text(camera)
+                              : format == CameraFormat::kColmap ? colmap_text(camera)
+                                                                : own_text(camera));
 }
 
 Camera parse_camera(const std::string& text) {
@@ -330,20 +419,20 @@ Camera parse_camera(const std::string& text) {
     const std::size_t comma = rest.find(',');
     const std::string_view word = trimmed(rest.substr(0, comma));
     const auto value = number_of(word);
-    if (!value || numbers.size() == 9) {
+    if (!value || numbers.size() == 12) {
       throw UsageError(fmt::format(
-          "camera '{}': {}; fx,fy,cx,cy[,k1,k2,p1,p2[,k3]] is expected",
+          "camera '{}': {}; fx,fy,cx,cy[,k1,k2,p1,p2[,k3[,k4,k5,k6]]] is expected",
           printable(text.substr(0, 200)),
-          value ? std::string("more than 9 numbers")
+          value ? std::string("more than 12 numbers")
                 : fmt::format("'{}' is no finite number", printable(word.substr(0, 40)))));
     }
     numbers.push_back(*value);
     if (comma == std::string_view::npos) break;
     rest.remove_prefix(comma + 1);
   }
-  if (numbers.size() != 4 && numbers.size() != 8 && numbers.size() != 9) {
+  if (numbers.size() != 4 && numbers.size() != 8 && numbers.size() != 9 && numbers.size() != 12) {
     throw UsageError(
-        fmt::format("camera '{}': {} numbers; fx,fy,cx,cy[,k1,k2,p1,p2[,k3]] is "
+        fmt::format("camera '{}': {} numbers; fx,fy,cx,cy[,k1,k2,p1,p2[,k3[,k4,k5,k6]]] is "
                     "expected",
                     printable(text), numbers.size()));
   }
@@ -353,6 +442,7 @@ Camera parse_camera(const std::string& text) {
   camera.cx = numbers[2];
   camera.cy = numbers[3];
   std::copy(numbers.begin() + 4, numbers.end(), camera.distortion.begin());
+  if (numbers.size() == 12) camera.lens = Lens::kRational;
   if (const std::string trouble = trouble_of(camera); !trouble.empty())
     throw UsageError(fmt::format("camera '{}': {}", printable(text), trouble));
   return camera;

@@ -10,32 +10,45 @@ namespace tarsier::geometry {
 // Reads one camera from a file of up to 1 MB, told by its content, not by its name:
 // - our own camera.yaml (see write_camera_file);
 // - YAML or XML of OpenCV's FileStorage: camera_matrix, Camera_Matrix, cameraMatrix or K;
-//   distortion_coefficients, Distortion_Coefficients, distCoeffs or dist_coeffs (none, 4 or 5
-//   numbers, more only if they are 0); image_width, image_height; avg_reprojection_error;
+//   distortion_coefficients, Distortion_Coefficients, distCoeffs or dist_coeffs (none, 4, 5
+//   or 8 numbers, more only if they are 0; 4 of a fisheye, which is told by "fisheye_model: 1", by
+//   "distortion_model: equidistant" or fisheye, or by Options); image_width, image_height;
+//   avg_reprojection_error;
 // - COLMAP's cameras.txt with one camera (see colmap_camera.h), whose pixel middles at 0.5 become
 //   ours at 0;
 // - nine numbers: a calibration matrix, row by row.
 // Width and height are 0 where the file does not tell them. Throws InputError, which names the file
 // and what is wrong in it: missing, too large, of none of these kinds, numbers that are missing or
 // not finite, focal lengths that are not positive, skew.
-[[nodiscard]] Camera read_camera_file(const std::string& path);
+struct CameraFileOptions {
+  // The numbers in OpenCV's file are cv::fisheye's; nothing in such a file may say so.
+  bool opencv_is_fisheye = false;
+};
+[[nodiscard]] Camera read_camera_file(const std::string& path,
+                                      const CameraFileOptions& options = {});
+
+enum class CameraFormat { kTarsier, kOpencv, kColmap };
 
 // Writes, atomically, plain YAML; what is read back is equal to the last bit:
-//   model: pinhole
+//   model: pinhole                     # or rational, fisheye: see Lens
 //   width: 3072                        # px; 0: not known
 //   height: 2048
 //   fx: 2759.4800000000000             # px; 17 digits
 //   fy: 2764.1599999999999
 //   cx: 1520.6900000000001             # px; the middle of the top left pixel is 0
 //   cy: 1006.8099999999999
-//   distortion: [0, 0, 0, 0, 0]        # k1, k2, p1, p2, k3, see Camera
+//   distortion: [0, 0, 0, 0, 0]        # 5, 8 or 4 numbers: see Lens
 //   rms: 0                             # px, of the calibration; 0: not known
 // width, height, distortion and rms may be missing when it is read; a key that is not here may not
-// be there. Throws OutputError; std::invalid_argument for a camera that could not be read back.
-void write_camera_file(const std::string& path, const Camera& camera);
+// be there. OpenCV's form is YAML of its FileStorage with the names of its calibration sample
+// (camera_matrix, distortion_coefficients, image_width, ..., fisheye_model: 1 for a fisheye);
+// COLMAP's a cameras.txt with camera 1, whose size must be known. Throws OutputError;
+// std::invalid_argument for a camera that could not be read back.
+void write_camera_file(const std::string& path, const Camera& camera,
+                       CameraFormat format = CameraFormat::kTarsier);
 
-// A camera on the command line: "fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]". Width and height stay 0. Throws
-// UsageError.
+// A camera on the command line: "fx,fy,cx,cy[,k1,k2,p1,p2[,k3[,k4,k5,k6]]]". Width and height stay
+// 0. Throws UsageError.
 [[nodiscard]] Camera parse_camera(const std::string& text);
 
 }  // namespace tarsier::geometry

@@ -102,7 +102,9 @@ TEST_F(CameraFileTest, BadLinesOfOursAreNamed) {
   EXPECT_THAT(refusal(with(kOwn, "fx: 500", "fy: 500")), HasSubstr("line 5: a second 'fy:'"));
   EXPECT_THAT(refusal(with(kOwn, "fx: 500", "f\x1bx: 500")),
               AllOf(HasSubstr("\\x1b"), HasSubstr("none of model")));
-  EXPECT_THAT(refusal(with(kOwn, "pinhole", "fisheye")), HasSubstr("'fisheye'"));
+  EXPECT_THAT(refusal(with(kOwn, "pinhole", "fischaug")), HasSubstr("'fischaug'"));
+  EXPECT_THAT(refusal(with(kOwn, "pinhole", "fisheye")),
+              HasSubstr("line 8: distortion: 5 numbers, a fisheye lens has 4"));
   EXPECT_THAT(refusal(with(kOwn, "640", "1e3")), HasSubstr("line 2: '1e3' is no size"));
   EXPECT_THAT(refusal(with(kOwn, "640", "99999999999")), HasSubstr("is no size"));
   EXPECT_THAT(refusal(with(kOwn, "640", "0")), HasSubstr("0x480"));
@@ -120,7 +122,7 @@ TEST_F(CameraFileTest, OpenCvsYamlAndXml) {
   EXPECT_EQ(yaml.fy, 501);
   EXPECT_EQ(yaml.cx, 320);
   EXPECT_EQ(yaml.cy, 240);
-  EXPECT_EQ(yaml.distortion, (std::array<double, 5>{0.1, 0.2, 0.3, 0.4, 0.5}));
+  EXPECT_EQ(yaml.distortion, (std::array<double, 8>{0.1, 0.2, 0.3, 0.4, 0.5}));
   EXPECT_EQ(yaml.rms, 0.25);
   // As OpenCV itself writes them, with the names that its programs and tutorials use.
   const std::vector<std::array<std::string, 4>> names{
@@ -144,7 +146,7 @@ TEST_F(CameraFileTest, OpenCvsYamlAndXml) {
       EXPECT_EQ(camera.fx, 500.125);
       EXPECT_EQ(camera.cy, 240);
       EXPECT_EQ(camera.width, width.empty() ? 0 : 640);
-      EXPECT_EQ(camera.distortion, (std::array<double, 5>{0.5, 0.25, 0, 0.125, 0}));
+      EXPECT_EQ(camera.distortion, (std::array<double, 8>{0.5, 0.25, 0, 0.125, 0}));
     }
   }
   EXPECT_EQ(read("%YAML:1.0\n---\nK: [ 5, 0, 3, 0, 6, 4, 0, 0, 1 ]\n").fy, 6);
@@ -167,11 +169,11 @@ TEST_F(CameraFileTest, BadFilesOfOpenCvAreRefused) {
   EXPECT_THAT(changed("rows: 3", "raws: 3"), HasSubstr("no finite number"));
   EXPECT_THAT(changed("image_width: 640", "image_width: 6.5"), HasSubstr("the width 6.5"));
   EXPECT_THAT(changed("image_width: 640", "image_width: 2000000000"), HasSubstr("the width"));
-  EXPECT_THAT(changed("image_width: 640", "fisheye_model: 1"), HasSubstr("fisheye"));
+  EXPECT_THAT(changed("image_width: 640", "fisheye_model: 1"), HasSubstr("four numbers"));
   EXPECT_THAT(changed("0.25", "\"x\""), HasSubstr("reprojection"));
   EXPECT_THAT(changed("rows: 5\n   cols: 1\n   dt: d\n   data: [ 0.1, 0.2, 0.3, 0.4, 0.5 ]",
-                      "rows: 6\n   cols: 1\n   dt: d\n   data: [ 0, 0, 0, 0, 0, 1 ]"),
-              HasSubstr("more than the five"));
+                      "rows: 9\n   cols: 1\n   dt: d\n   data: [ 0, 0, 0, 0, 0, 0, 0, 0, 1 ]"),
+              HasSubstr("more than the eight"));
   EXPECT_THAT(changed("[ 500.", "[ [ 500."), HasSubstr("'[' is not closed"));
   EXPECT_THAT(changed("image_width: 640", "image_height: 640"),
               HasSubstr("a second 'image_height'"));
@@ -223,14 +225,20 @@ TEST_F(CameraFileTest, ColmapsCamerasLoseHalfAPixel) {
   EXPECT_EQ(simple.cy, 239.5);
   EXPECT_EQ(read("1 PINHOLE 640 480 500 510 320 240").fy, 510);
   EXPECT_EQ(read("1 SIMPLE_RADIAL 640 480 500 320 240 0.1\n").distortion,
-            (std::array<double, 5>{0.1, 0, 0, 0, 0}));
+            (std::array<double, 8>{0.1, 0, 0, 0, 0}));
   EXPECT_EQ(read("1 RADIAL 640 480 500 320 240 0.1 0.2\r\n").distortion,
-            (std::array<double, 5>{0.1, 0.2, 0, 0, 0}));
+            (std::array<double, 8>{0.1, 0.2, 0, 0, 0}));
   EXPECT_EQ(read("1 OPENCV 640 480 500 510 320 240 0.1 0.2 0.3 0.4\n").distortion,
-            (std::array<double, 5>{0.1, 0.2, 0.3, 0.4, 0}));
+            (std::array<double, 8>{0.1, 0.2, 0.3, 0.4, 0}));
   EXPECT_EQ(read("1 FULL_OPENCV 640 480 500 510 320 240 1 2 3 4 5 0 0 0\n").distortion,
-            (std::array<double, 5>{1, 2, 3, 4, 5}));
-  EXPECT_THAT(refusal("1 FULL_OPENCV 640 480 500 510 320 240 1 2 3 4 5 0 0 1\n"), HasSubstr("k6"));
+            (std::array<double, 8>{1, 2, 3, 4, 5}));
+  const Camera full = read("1 FULL_OPENCV 640 480 500 510 320 240 1 2 3 4 5 6 7 8\n");
+  EXPECT_EQ(full.lens, Lens::kRational);
+  EXPECT_EQ(full.distortion, (std::array<double, 8>{1, 2, 3, 4, 5, 6, 7, 8}));
+  const Camera fish = read("1 OPENCV_FISHEYE 640 480 500 510 320 240 1 2 3 4\n");
+  EXPECT_EQ(fish.lens, Lens::kFisheye);
+  EXPECT_EQ(fish.distortion, (std::array<double, 8>{1, 2, 3, 4}));
+  EXPECT_EQ(read("1 RADIAL_FISHEYE 640 480 500 320 240 .1 .2\n").lens, Lens::kFisheye);
   EXPECT_THAT(refusal("#\n1 FOV 640 480 500 500 320 240 1\n"), HasSubstr("line 2: camera model"));
   EXPECT_THAT(refusal("1 PINHOLE 640 480 500 510 320\n"), HasSubstr("line 1"));
   EXPECT_THAT(refusal("1 PINHOLE 640 480 500 510 320 240 1\n"), HasSubstr("4 parameters"));
@@ -268,6 +276,64 @@ TEST_F(CameraFileTest, WhatIsNoCameraIsSaidSo) {
   EXPECT_THROW((void)read_camera_file(folder_), InputError);
 }
 
+// All three lenses through all three forms of file.
+TEST_F(CameraFileTest, EveryLensComesBackFromEveryForm) {
+  const std::vector<Camera> cameras{
+      {640, 480, 500.1, 501.2, 320.3, 240.4, {-0.1, 0.2, 1e-3, -2e-3, 0.01}, 0.25},
+      {640,
+       480,
+       500.1,
+       501.2,
+       320.3,
+       240.4,
+       {-0.1, 0.2, 1e-3, -2e-3, 0.01, 0.3, -0.2, 0.1},
+       0.25,
+       Lens::kRational},
+      {640, 480, 300, 301, 320, 240, {0.1, -0.02, 1e-3, 0}, 0.5, Lens::kFisheye}};
+  for (const CameraFormat format :
+       {CameraFormat::kTarsier, CameraFormat::kOpencv, CameraFormat::kColmap}) {
+    for (const Camera& camera : cameras) {
+      write_camera_file(path("camera.txt"), camera, format);
+      const Camera back = read_camera_file(path("camera.txt"));
+      EXPECT_EQ(back.lens, camera.lens);
+      EXPECT_EQ(back.distortion, camera.distortion);
+      EXPECT_EQ(back.width, 640);
+      EXPECT_EQ(back.fy, camera.fy);
+      EXPECT_NEAR(back.cx, camera.cx, 1e-12);
+      EXPECT_NEAR(back.cy, camera.cy, 1e-12);
+      EXPECT_EQ(back.rms, format == CameraFormat::kColmap ? 0 : camera.rms);
+      if (format != CameraFormat::kOpencv) continue;
+      cv::FileStorage storage(path("camera.txt"), cv::FileStorage::READ);
+      cv::Mat matrix;
+      cv::Mat k;
+      storage["camera_matrix"] >> matrix;
+      storage["distortion_coefficients"] >> k;
+      ASSERT_EQ(matrix.type(), CV_64F);
+      EXPECT_EQ(matrix.at<double>(0, 2), camera.cx);
+      ASSERT_EQ(k.total(), camera.coefficients().size());
+      EXPECT_EQ(k.at<double>(3), camera.distortion[3]);
+    }
+  }
+  Camera unknown_size = cameras[0];
+  unknown_size.width = unknown_size.height = 0;
+  EXPECT_THROW(write_camera_file(path("camera.txt"), unknown_size, CameraFormat::kColmap),
+               std::invalid_argument);
+  Camera wrong = cameras[2];
+  wrong.distortion[6] = 1;
+  EXPECT_THROW(write_camera_file(path("camera.txt"), wrong), std::invalid_argument);
+}
+
+TEST_F(CameraFileTest, AFisheyeOfOpenCvIsToldByTheFileOrTheCaller) {
+  const std::string four = with(with(kOpenCv, "rows: 5", "rows: 4"), ", 0.5 ]", " ]");
+  EXPECT_EQ(read(four).lens, Lens::kPinhole);
+  EXPECT_EQ(read(with(four, "image_width", "fisheye_model: 1\nimage_width")).lens, Lens::kFisheye);
+  EXPECT_EQ(read(with(four, "image_width", "fisheye_model: 0\nimage_width")).lens, Lens::kPinhole);
+  EXPECT_EQ(read(with(four, "image_width", "distortion_model: equidistant\nimage_width")).lens,
+            Lens::kFisheye);
+  (void)read(four);
+  EXPECT_EQ(read_camera_file(path("camera.txt"), {true}).lens, Lens::kFisheye);
+}
+
 TEST(ParseCameraTest, TakesFourEightOrNineNumbers) {
   const Camera four = parse_camera("500,501, 320 ,2.4e2");
   EXPECT_EQ(four.fx, 500);
@@ -277,12 +343,14 @@ TEST(ParseCameraTest, TakesFourEightOrNineNumbers) {
   EXPECT_EQ(four.width, 0);
   EXPECT_FALSE(four.is_distorted());
   EXPECT_EQ(parse_camera("1,1,0,0,.1,-.2,.3,.4").distortion,
-            (std::array<double, 5>{.1, -.2, .3, .4, 0}));
-  EXPECT_EQ(parse_camera("1,1,0,0,1,2,3,4,5").distortion, (std::array<double, 5>{1, 2, 3, 4, 5}));
+            (std::array<double, 8>{.1, -.2, .3, .4, 0}));
+  EXPECT_EQ(parse_camera("1,1,0,0,1,2,3,4,5").distortion, (std::array<double, 8>{1, 2, 3, 4, 5}));
+  EXPECT_EQ(parse_camera("1,1,0,0,1,2,3,4,5,6,7,8").lens, Lens::kRational);
   for (const char* text :
-       {"", ",", "500", "500,500,320", "500,500,320,240,0", "1,1,1,1,1,1,1,1,1,1", "500,500,320,",
-        "500,500,320,x", "500,500,320,nan", "inf,500,320,240", "0,500,320,240", "500,-1,320,240",
-        "500 500 320 240", "500,500,320,240x", "1e999,1,1,1"}) {
+       {"", ",", "500", "500,500,320", "500,500,320,240,0", "1,1,1,1,1,1,1,1,1,1",
+        "1,1,1,1,1,1,1,1,1,1,1,1,1", "500,500,320,", "500,500,320,x", "500,500,320,nan",
+        "inf,500,320,240", "0,500,320,240", "500,-1,320,240", "500 500 320 240", "500,500,320,240x",
+        "1e999,1,1,1"}) {
     EXPECT_THROW((void)parse_camera(text), UsageError) << text;
   }
 }

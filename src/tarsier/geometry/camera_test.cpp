@@ -35,6 +35,31 @@ TEST(CameraTest, ProjectsAsOpenCvDoes) {
   }
 }
 
+TEST(CameraTest, RationalAndFisheyeProjectAsOpenCvDoes) {
+  Camera rational = phone();
+  rational.lens = Lens::kRational;
+  rational.distortion = {-0.2, 0.1, 1e-3, -2e-3, 0.02, 0.1, 0.05, 0.01};
+  Camera fisheye = phone();
+  fisheye.lens = Lens::kFisheye;
+  fisheye.distortion = {0.05, -0.02, 4e-3, -1e-3};
+  Rng rng(3);
+  std::vector<cv::Point3d> points;
+  for (int k = 0; k < 200; ++k)
+    points.emplace_back(rng.uniform(-5, 5), rng.uniform(-5, 5), rng.uniform(2.5, 9));
+  std::vector<cv::Point2d> expected;
+  cv::projectPoints(points, cv::Vec3d(), cv::Vec3d(), cv::Mat(rational.matrix()),
+                    std::vector<double>(rational.distortion.begin(), rational.distortion.end()),
+                    expected);
+  std::vector<cv::Point2d> bent;
+  cv::fisheye::projectPoints(points, bent, cv::Vec3d(), cv::Vec3d(), fisheye.matrix(),
+                             cv::Vec4d(fisheye.distortion.data()));
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const cv::Vec3d p(points[k].x, points[k].y, points[k].z);
+    EXPECT_LT(cv::norm(rational.project(p).value() - expected[k]), 1e-9);
+    EXPECT_LT(cv::norm(fisheye.project(p).value() - bent[k]), 1e-9);
+  }
+}
+
 TEST(CameraTest, WhatIsBehindIsNotSeen) {
   const Camera camera = phone();
   EXPECT_FALSE(camera.project({0, 0, -1}));
@@ -44,10 +69,16 @@ TEST(CameraTest, WhatIsBehindIsNotSeen) {
 }
 
 TEST(CameraTest, EveryPixelComesBack) {
-  std::vector<Camera> cameras(4, phone());
+  std::vector<Camera> cameras(7, phone());
   cameras[0].distortion = {};
   cameras[2].distortion = {0.4, 0.2, -3e-3, 2e-3, 0.1};  // pincushion
   cameras[3].distortion = {-0.35, 0.15, 5e-4, 5e-4, -0.03};
+  cameras[4].lens = Lens::kRational;
+  cameras[4].distortion = {-0.2, 0.1, 1e-3, -2e-3, 0.02, 0.1, 0.05, 0.01};
+  cameras[5].lens = cameras[6].lens = Lens::kFisheye;
+  cameras[5].distortion = {};  // equidistant
+  cameras[6].distortion = {0.05, -0.02, 4e-3, -1e-3};
+  cameras[6].fx = cameras[6].fy = 290;
   for (const Camera& camera : cameras) {
     for (int y = -20; y <= camera.height + 20; y += 10) {
       for (int x = -20; x <= camera.width + 20; x += 10) {
@@ -88,6 +119,31 @@ TEST(CameraTest, TheInverseIsExactUpToWhereTheDistortionTurns) {
   EXPECT_FALSE(camera.normalized_of({std::numeric_limits<double>::quiet_NaN(), 0}));
 }
 
+TEST(CameraTest, AFisheyeSeesNoNinetyDegrees) {
+  Camera camera{640, 480, 200, 200, 320, 240, {}, 0, Lens::kFisheye};
+  EXPECT_TRUE(camera.normalized_of({320 + 200 * 1.57, 240}));
+  EXPECT_FALSE(camera.normalized_of({320 + 200 * 1.58, 240}));
+  EXPECT_EQ(camera.normalized_of({320, 240}), cv::Point2d(0, 0));
+  camera.distortion = {-0.3, 0, 0, 0};  // a (1 - 0.3 a2) turns at a = 1.054
+  EXPECT_NEAR(camera.largest_radius(100), std::tan(std::sqrt(1 / 0.9)), 1e-9);
+  EXPECT_FALSE(camera.normalized_of({320 + 200 * 0.71, 240}));
+  EXPECT_TRUE(camera.normalized_of({320 + 200 * 0.70, 240}));
+}
+
+TEST(CameraTest, TheLargestRadiusIsWhereTheDistortionTurns) {
+  Camera camera = phone();
+  camera.distortion = {};
+  EXPECT_EQ(camera.largest_radius(20), 20);
+  camera.distortion = {-0.3};
+  EXPECT_NEAR(camera.largest_radius(20), std::sqrt(1 / 0.9), 1e-9);
+  camera.lens = Lens::kRational;
+  camera.distortion = {};
+  camera.distortion[5] = -0.25;  // a pole at r = 2
+  EXPECT_NEAR(camera.largest_radius(20), 2, 1e-9);
+  camera.distortion[5] = 0.25;  // r / (1 + r2 / 4) turns at 2
+  EXPECT_NEAR(camera.largest_radius(20), 2, 1e-6);
+}
+
 TEST(CameraTest, CheckNamesTheBadValue) {
   EXPECT_NO_THROW(phone().check());
   const auto refused = [](const auto& change) {
@@ -101,6 +157,8 @@ TEST(CameraTest, CheckNamesTheBadValue) {
   refused([](Camera& c) { c.fy = INFINITY; });
   refused([](Camera& c) { c.cx = NAN; });
   refused([](Camera& c) { c.distortion[4] = NAN; });
+  refused([](Camera& c) { c.distortion[5] = 0.1; });
+  refused([](Camera& c) { c.lens = Lens::kFisheye; });
 }
 
 }  // namespace

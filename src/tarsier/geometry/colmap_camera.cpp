@@ -19,13 +19,17 @@ namespace {
 struct ModelOfColmap {
   std::string_view name;
   std::string_view parameters;
+  Lens lens = Lens::kPinhole;
 };
-constexpr std::array<ModelOfColmap, 6> kModels{{{"SIMPLE_PINHOLE", "fuv"},
+constexpr std::array<ModelOfColmap, 9> kModels{{{"SIMPLE_PINHOLE", "fuv"},
                                                 {"PINHOLE", "xyuv"},
                                                 {"SIMPLE_RADIAL", "fuv0"},
                                                 {"RADIAL", "fuv01"},
                                                 {"OPENCV", "xyuv0123"},
-                                                {"FULL_OPENCV", "xyuv01234zzz"}}};
+                                                {"FULL_OPENCV", "xyuv01234567", Lens::kRational},
+                                                {"SIMPLE_RADIAL_FISHEYE", "fuv0", Lens::kFisheye},
+                                                {"RADIAL_FISHEYE", "fuv01", Lens::kFisheye},
+                                                {"OPENCV_FISHEYE", "xyuv0123", Lens::kFisheye}}};
 
 }  // namespace
 
@@ -49,7 +53,8 @@ ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
   if (model == nullptr) {
     throw fail(
         fmt::format("camera model '{}' is none of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, "
-                    "RADIAL, OPENCV, FULL_OPENCV",
+                    "RADIAL, OPENCV, FULL_OPENCV, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, "
+                    "OPENCV_FISHEYE",
                     printable(name)));
   }
   Camera& camera = result.camera;
@@ -72,28 +77,34 @@ ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
     if (place == 'f' || place == 'y') camera.fy = *value;
     if (place == 'u') camera.cx = *value - kColmapOffset;
     if (place == 'v') camera.cy = *value - kColmapOffset;
-    if (place >= '0' && place <= '4')
+    if (place >= '0' && place <= '7')
       camera.distortion[static_cast<std::size_t>(place - '0')] = *value;
-    if (place == 'z' && *value != 0) throw fail("k4, k5 and k6 are not modelled and must be 0");
   }
   if (!trimmed(rest).empty())
     throw fail(fmt::format("{} has {} parameters", model->name, model->parameters.size()));
+  camera.lens = model->lens;
+  const auto& k = camera.distortion;
+  if (camera.lens == Lens::kRational && k[5] == 0 && k[6] == 0 && k[7] == 0)
+    camera.lens = Lens::kPinhole;
   if (!(camera.fx > 0) || !(camera.fy > 0)) throw fail("the focal length is not positive");
   return result;
 }
 
 std::string colmap_camera_line(const ColmapCamera& given) {
   const Camera& camera = given.camera;
-  const std::array<double, 5>& k = camera.distortion;
+  const std::array<double, 8>& k = camera.distortion;
   std::vector<double> parameters{camera.fx, camera.fy, camera.cx + kColmapOffset,
                                  camera.cy + kColmapOffset};
   std::string_view name = "PINHOLE";
-  if (camera.is_distorted()) {
+  if (camera.lens == Lens::kFisheye) {
+    name = "OPENCV_FISHEYE";
+    parameters.insert(parameters.end(), k.begin(), k.begin() + 4);
+  } else if (camera.is_distorted()) {
     name = "OPENCV";
     parameters.insert(parameters.end(), k.begin(), k.begin() + 4);
-    if (k[4] != 0) {
+    if (k[4] != 0 || camera.lens == Lens::kRational) {
       name = "FULL_OPENCV";
-      parameters.insert(parameters.end(), {k[4], 0, 0, 0});
+      parameters.insert(parameters.end(), k.begin() + 4, k.end());
     }
   }
   std::string line = fmt::format("{} {} {} {}", given.id, name, camera.width, camera.height);

@@ -20,13 +20,14 @@ struct ColmapCamera {
 };
 
 // "id MODEL width height parameters...", a line of COLMAP's cameras.txt, models SIMPLE_PINHOLE,
-// PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV and FULL_OPENCV (with k4 k5 k6 all 0). Throws
+// PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV (a rational lens, or a pinhole where k4 k5 k6
+// are 0) and the fisheyes SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and OPENCV_FISHEYE. Throws
 // InputError(path) that names the line and what is wrong in it.
 [[nodiscard]] ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
                                                std::int64_t line);
 
 // The same line, without its end, with 17 digits: PINHOLE without distortion, OPENCV without k3,
-// else FULL_OPENCV.
+// else FULL_OPENCV; OPENCV_FISHEYE.
 [[nodiscard]] std::string colmap_camera_line(const ColmapCamera& camera);
 
 }  // namespace tarsier::geometry

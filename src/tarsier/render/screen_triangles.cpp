@@ -274,17 +274,9 @@ void Setup::set_surface(const Triangle& triangle, ScreenTriangle& screen) const 
 }  // namespace
 
 Projector::Projector(const geometry::Camera& camera) : camera_(camera) {
-  largest_radius_ = std::numeric_limits<double>::infinity();
-  if (!camera.is_distorted()) return;
-  const auto& k = camera.distortion;
-  // The radius in the picture grows while 1 + 3 k1 s + 5 k2 s^2 + 7 k3 s^3 > 0, s = r^2.
-  for (double s = 1e-3; s < 400; s *= 1.01) {
-    if (1 + s * (3 * k[0] + s * (5 * k[1] + s * 7 * k[4])) <= 0) {
-      largest_radius_ = std::sqrt(s / 1.01);
-      return;
-    }
-  }
-  largest_radius_ = 20;
+  // A perspective goes on for ever; a bent one is followed up to 87 degrees.
+  largest_radius_ = camera.is_distorted() ? camera.largest_radius(20) * (1 - 1e-6)
+                                          : std::numeric_limits<double>::infinity();
 }
 
 cv::Point2d Projector::operator()(const cv::Vec3d& in_camera) const {

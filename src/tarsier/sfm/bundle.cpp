@@ -204,7 +204,10 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   std::vector<LensNumbers> lenses;
   for (std::size_t i = 0; i < model.images.size(); ++i)
     if (model.images[i].registered) poses[i] = numbers_of(model.images[i].pose);
-  for (const geometry::Camera& camera : model.cameras) lenses.push_back(numbers_of(camera));
+  for (const geometry::Camera& camera : model.cameras) {
+    TARSIER_REQUIRE(camera.lens == geometry::Lens::kPinhole, "a {} lens", name_of(camera.lens));
+    lenses.push_back(numbers_of(camera));
+  }
 
   std::vector<int> points;
   for (std::size_t p = 0; p < model.points.size(); ++p) {

@@ -16,10 +16,14 @@ double rounded(double value, double steps) { return std::round(value * steps) / 
 
 Json camera_json(const geometry::Camera& camera) {
   Json distortion = Json::array();
-  for (const double k : camera.distortion) distortion.push_back(rounded(k, 1e8));
-  return {{"width", camera.width},         {"height", camera.height},
-          {"fx", rounded(camera.fx, 1e4)}, {"fy", rounded(camera.fy, 1e4)},
-          {"cx", rounded(camera.cx, 1e4)}, {"cy", rounded(camera.cy, 1e4)},
+  for (const double k : camera.coefficients()) distortion.push_back(rounded(k, 1e8));
+  return {{"width", camera.width},
+          {"height", camera.height},
+          {"fx", rounded(camera.fx, 1e4)},
+          {"fy", rounded(camera.fy, 1e4)},
+          {"cx", rounded(camera.cx, 1e4)},
+          {"cy", rounded(camera.cy, 1e4)},
+          {"lens", geometry::name_of(camera.lens)},
           {"distortion", distortion}};
 }
 

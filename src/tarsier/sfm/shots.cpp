@@ -61,7 +61,8 @@ Lens lens_of(cv::Size size, double exif_focal, const PipelineOptions& options) {
 std::string camera_text(const Lens& lens) {
   const geometry::Camera& c = lens.camera;
   return fmt::format("{} {} {} {} {} {} {} {} {} {} {} {}", c.width, c.height, c.fx, c.fy, c.cx,
-                     c.cy, fmt::join(c.distortion, " "), lens.from, 0, 0, 0, 0);
+                     c.cy, fmt::join(c.distortion, " "), lens.from, static_cast<int>(c.lens), 0, 0,
+                     0);
 }
 
 bool is_guess(const Lens& lens) { return std::string_view(lens.from) == "guess"; }

@@ -2,10 +2,10 @@
 #pragma once
 
 #include "tarsier/core/progress.h"
-#include "tarsier/geometry/camera.h"
+#include "tarsier/geometry/undistort.h"
 #include "tarsier/sfm_io/model.h"
 
-#include <opencv2/core.hpp>
+#include <opencv2/core/mat.hpp>
 
 #include <functional>
 #include <stop_token>
@@ -13,25 +13,13 @@
 
 namespace tarsier::sfm {
 
-// A pinhole without distortion, of the same size, whose whole picture lies inside that of `camera`:
-// no empty borders. The outer pixel middles of its picture are the largest upright rectangle
-// between the four bent borders of `camera`'s (what cv::getOptimalNewCameraMatrix does for alpha
-// 0, but with up to 1000 places on each side instead of 9), so fx, fy, cx and cy all change. A
-// camera that has no distortion comes back as it is. Throws std::invalid_argument for no camera
-// and Error (kBadInput) where the distortion cannot be undone everywhere in the picture, or where
-// nothing remains between the borders.
-[[nodiscard]] geometry::Camera undistorted_camera(const geometry::Camera& camera);
+using geometry::undistort_image;
+using geometry::undistorted_camera;
 
 // The model with such cameras and all features where they are in the undistorted photographs (some
 // may lie outside of them now); poses, points and tracks stay. Throws as undistorted_camera(), and
 // Error for a feature so far outside of its photograph that it has no undistorted place.
 [[nodiscard]] Model undistorted_model(const Model& model);
-
-// The picture that `to` would have taken in the place of `from`: 8 or 16 bit, any channels,
-// bicubic; outside of the source its border goes on. Throws std::invalid_argument unless `image`
-// has the size of `from`, `to` has no distortion, and no side has more than 32766 px.
-[[nodiscard]] cv::Mat undistort_image(const cv::Mat& image, const geometry::Camera& from,
-                                      const geometry::Camera& to);
 
 // Writes what dense reconstruction reads (the layout of COLMAP's image_undistorter):
 // folder/sparse/{cameras,images,points3D}.txt with PINHOLE cameras, and each registered photograph,

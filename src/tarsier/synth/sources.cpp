@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/synth/boards.h"
 #include "tarsier/synth/clock.h"
 #include "tarsier/synth/noise.h"
 #include "tarsier/synth/portrait.h"
@@ -27,7 +28,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-enum class Picture { kScene, kPortrait, kClock, kBars, kCar, kDrive };
+enum class Picture { kScene, kPortrait, kClock, kBars, kCar, kDrive, kBoard };
 
 struct Settings {
   std::string text;  // as given, with "synth:"
@@ -40,9 +41,11 @@ struct Settings {
   bool live = false;
   double noise = 0;
   synth::StreetOptions street;
+  std::string board = "chess:9x6";
 };
 
-constexpr std::string_view kNames = "scene, portrait, clock, bars, car, drive";
+constexpr double kBoardPitch = 0.025;  // m
+constexpr std::string_view kNames = "scene, portrait, clock, bars, car, drive, board";
 constexpr std::string_view kKeys = "size=640x480, fps=25, frames=100, seed=1, live=0, noise=2";
 constexpr std::string_view kStreetKeys =
     "light=day|night|infrared, kind=spain|europe|us|brazil|all, and of a drive seconds=60, cars=6, "
@@ -108,6 +111,9 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
     settings.noise = 2;
   } else if (settings.name == "clock") {
     settings.picture = Picture::kClock;
+  } else if (settings.name == "board") {
+    settings.picture = Picture::kBoard;
+    settings.noise = 1.5;
   } else if (settings.name == "bars") {
     settings.picture = Picture::kBars;
   } else if (settings.name == "car" || settings.name == "drive") {
@@ -118,8 +124,10 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
     refuse(fmt::format("no synthetic source '{}'; there are: {}", settings.name, kNames));
   }
   const bool is_street = settings.picture == Picture::kCar || settings.picture == Picture::kDrive;
-  const std::string keys =
-      is_street ? fmt::format("{}, {}", kKeys, kStreetKeys) : std::string(kKeys);
+  const std::string keys = is_street ? fmt::format("{}, {}", kKeys, kStreetKeys)
+                           : settings.picture == Picture::kBoard
+                               ? fmt::format("{}, board=chess:9x6", kKeys)
+                               : std::string(kKeys);
   if (options.width > 0) settings.size.width = options.width;
   if (options.height > 0) settings.size.height = options.height;
   if (options.fps > 0) settings.fps = options.fps;
@@ -150,11 +158,20 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
       settings.live = value == "1";
     } else if (key == "noise") {
       is_good = parse_number(value, settings.noise) && settings.noise >= 0 && settings.noise <= 64;
+    } else if (key == "board" && settings.picture == Picture::kBoard) {
+      settings.board = value;
+      is_good = true;  // parse_board() says what is wrong
     } else if (!parse_street(key, value, settings, is_good)) {
       refuse(fmt::format("unknown key '{}'; there are: {}", key, keys));
     }
     if (!is_good)
       refuse(fmt::format("bad value '{}' of {}; expected for example {}", value, key, keys));
+  }
+  if (settings.picture == Picture::kBoard &&
+      (settings.size.width < 160 || settings.size.height < 120 || settings.size.width > 4096 ||
+       settings.size.height > 4096)) {
+    refuse(fmt::format("a size of {}x{} is not between 160x120 and 4096x4096", settings.size.width,
+                       settings.size.height));
   }
   const int least = settings.picture == Picture::kClock || is_street ? 64 : 16;
   if (settings.size.width < least || settings.size.height < (least == 64 ? 48 : 16) ||
@@ -203,6 +220,10 @@ class SynthSource final : public FrameSource {
  public:
   explicit SynthSource(Settings settings) : settings_(std::move(settings)) {
     if (settings_.picture == Picture::kDrive) drive_.emplace(settings_.street);
+    if (settings_.picture == Picture::kBoard) {
+      film_.emplace(settings_.size, calibration::parse_board(settings_.board, kBoardPitch),
+                    settings_.seed);
+    }
     if (settings_.picture == Picture::kCar) (void)synth::load_glyphs();  // or say what is missing
   }
 
@@ -309,6 +330,16 @@ class SynthSource final : public FrameSource {
         }
         break;
       }
+      case Picture::kBoard: {
+        frame.image = film_->picture_at(frame.time);
+        const geometry::Camera& camera = film_->camera();
+        truth["camera"] = {{"fx", camera.fx},
+                           {"fy", camera.fy},
+                           {"cx", camera.cx},
+                           {"cy", camera.cy},
+                           {"distortion", camera.distortion}};
+        break;
+      }
       case Picture::kBars:
         frame.image = render_bars(settings_.size, frame.index);
         break;
@@ -318,6 +349,7 @@ class SynthSource final : public FrameSource {
 
   const Settings settings_;
   std::optional<synth::Drive> drive_;
+  std::optional<BoardFilm> film_;
   std::int64_t at_ = 0;  // the next frame
   std::int64_t dropped_ = 0;
   Clock::time_point start_;

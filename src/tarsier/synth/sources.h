@@ -19,8 +19,9 @@ namespace tarsier {
 //   drive      a minute before a camera at a street: cars come and go, one is parked, one far away;
 //   truth as of car. Both: 1280x720; light=day|night|infrared, kind=spain|europe|us|brazil|all;
 //   drive: seconds=60, cars=6, parked=1, far=1
-//   clock      frame number and time of sending ("time_us"), readable by decode_clock() even
-//   through JPEG bars       a test card
+//   board      a hand shows a calibration board, board=chess:9x6 (25 mm), holds and moves it;
+//   truth: "camera" clock      frame number and time of sending ("time_us"), readable by
+//   decode_clock() even through JPEG bars       a test card
 // size: 16x16 .. 8192x8192 px. fps: (0, 1000]. frames: 0 is without end (default: 100, live: 0).
 // live=1: frames come in real time, and only the newest is kept, as from a camera. noise: standard
 // deviation in grey levels, 0..64 (default: 2 for scene and portrait, else 0).

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/calibration/calibrate.h"
+#include "tarsier/calibration/detect.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/io/frame_source.h"
+#include "tarsier/synth/boards.h"
+#include "tarsier/synth/scene.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "bench.h"
+#include "size_flag.h"
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+using calibration::BoardSpec;
+using calibration::BoardView;
+using Clock = std::chrono::steady_clock;
+using Json = nlohmann::ordered_json;
+
+constexpr int kViews = 15;
+
+double ms_since(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+double median_of(std::vector<double> values) {
+  if (values.empty()) return 0;
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
+                   values.end());
+  return values[values.size() / 2];
+}
+
+geometry::Camera camera_of_size(cv::Size size) {
+  geometry::Camera camera;
+  camera.width = size.width;
+  camera.height = size.height;
+  camera.fx = camera.fy = 0.85 * size.width;
+  camera.cx = 0.51 * size.width;
+  camera.cy = 0.49 * size.height;
+  camera.distortion = {-0.25, 0.08, 5e-4, -5e-4, 0};
+  return camera;
+}
+
+// Squared distances from the exact points; boards that look the same upside down in either order.
+double squares_of(const BoardView& found, const BoardView& exact, bool may_be_turned) {
+  double best = std::numeric_limits<double>::infinity();
+  for (const bool turned : {false, true}) {
+    if (turned && !may_be_turned) continue;
+    double sum = 0;
+    for (std::size_t i = 0; i < found.points.size(); ++i) {
+      const auto last = static_cast<int>(exact.points.size()) - 1;
+      const int k = turned ? last - found.points[i] : found.points[i];
+      const cv::Point2f d = found.pixels[i] - exact.pixels[static_cast<std::size_t>(k)];
+      sum += static_cast<double>(d.dot(d));
+    }
+    best = std::min(best, sum);
+  }
+  return best;
+}
+
+void print_row(Context& context, const Json& row) {
+  if (context.json) {
+    print_json_line(row.dump());
+    return;
+  }
+  std::string text;
+  for (const auto& [key, value] : row.items()) {
+    if (key == "bench") continue;
+    text += fmt::format("{}{} {}", text.empty() ? "" : "  ", key,
+                        value.is_string() ? value.get<std::string>() : value.dump());
+  }
+  print_text(text + "\n");
+}
+
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+
+// Rendered views of one board: found, how exactly, how fast, and the camera they give.
+void measure_board(Context& context, const char* board, cv::Size size) {
+  const BoardSpec spec = calibration::parse_board(board, 0.025);
+  const geometry::Camera truth = camera_of_size(size);
+  const BoardRenderer renderer(truth, spec);
+  std::vector<BoardView> views;
+  std::vector<double> times;
+  double squares = 0;
+  double points = 0;
+  int found = 0;
+  std::uint64_t seed = context.seed;
+  for (const geometry::Rigid& pose : board_poses(truth, spec, kViews, context.seed)) {
+    throw_if_stopped(context.stop);
+    BoardLook look;
+    look.seed = ++seed;
+    look.clutter = 12;
+    const cv::Mat picture = renderer.render(pose, look);
+    const Clock::time_point start = Clock::now();
+    views.push_back(calibration::find_board(picture, spec));
+    times.push_back(ms_since(start));
+    if (views.back().empty()) continue;
+    ++found;
+    squares += squares_of(views.back(), exact_view(truth, pose, spec),
+                          spec.kind != calibration::BoardKind::kCharuco);
+    points += static_cast<double>(views.back().points.size());
+  }
+  const Clock::time_point start = Clock::now();
+  const auto calibration = calibrate(views, spec, size, {}, context.stop);
+  const double fit_ms = ms_since(start);
+  print_row(
+      context,
+      {{"bench", "calibrate"},
+       {"board", board},
+       {"size", fmt::format("{}x{}", size.width, size.height)},
+       {"found", fmt::format("{}/{}", found, kViews)},
+       {"corner_rms_px", rounded(points > 0 ? std::sqrt(squares / points) : 0, 1e4)},
+       {"find_ms", rounded(median_of(times), 10)},
+       {"fit_ms", rounded(fit_ms, 10)},
+       {"rms_px", rounded(calibration.camera.rms, 1e4)},
+       {"fx_error_percent", rounded(100 * std::abs(calibration.camera.fx / truth.fx - 1), 1e4)},
+       {"center_error_px",
+        rounded(std::hypot(calibration.camera.cx - truth.cx, calibration.camera.cy - truth.cy),
+                1e3)}});
+}
+
+// Pictures without a board: how long a search may take, at once and in a session.
+void measure_nothing(Context& context, const std::vector<cv::Mat>& pictures, const char* board) {
+  const BoardSpec spec = calibration::parse_board(board, 0.025);
+  for (const bool live : {false, true}) {
+    calibration::FindOptions options;
+    if (live) {
+      options.search_px = 480;
+      options.patient = false;
+    }
+    std::vector<double> times;
+    for (const cv::Mat& picture : pictures) {
+      throw_if_stopped(context.stop);
+      const Clock::time_point start = Clock::now();
+      (void)calibration::find_board(picture, spec, options);
+      times.push_back(ms_since(start));
+    }
+    print_row(context, {{"bench", "calibrate"},
+                        {"board", board},
+                        {"pictures", pictures.size()},
+                        {"case", live ? "nothing there, as a session looks" : "nothing there"},
+                        {"find_ms", rounded(median_of(times), 10)},
+                        {"most_ms", rounded(*std::max_element(times.begin(), times.end()), 10)}});
+  }
+}
+
+}  // namespace
+
+ExitStatus bench_calibrate(Context& context, const BenchOptions& options) {
+  std::vector<cv::Size> sizes;
+  for (const std::string& size : options.sizes) sizes.push_back(parse_size(size, 320, 4096));
+  if (sizes.empty()) sizes = {{640, 480}, {1280, 720}};
+  const std::vector<const char*> boards{"chess:9x6", "charuco:7x5:5x5_100", "circles:4x11",
+                                        "circles-grid:7x6"};
+  for (const char* board : boards) {
+    if (!options.only.empty() &&
+        std::find(options.only.begin(), options.only.end(), board) == options.only.end())
+      continue;
+    for (const cv::Size& size : sizes) measure_board(context, board, size);
+  }
+  std::vector<cv::Mat> pictures;
+  if (options.inputs.empty()) {
+    for (std::uint64_t seed = 1; seed <= 8; ++seed)
+      pictures.push_back(render_scene({1280, 720}, 0, seed));
+  } else {
+    const auto source = open_sources(options.inputs);
+    while (!source->ended() && pictures.size() < 200) {
+      throw_if_stopped(context.stop);
+      if (auto frame = source->next(std::chrono::milliseconds(200), context.stop))
+        pictures.push_back(frame->image.clone());
+    }
+  }
+  for (const char* board : boards)
+    if (!pictures.empty()) measure_nothing(context, pictures, board);
+  return ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,12 @@
+// SPDX-License-Identifier: MIT
+#include "cmd_ar.h"
+
+namespace tarsier::cli {
+
+void add_ar(CLI::App& app, Context& context) {
+  CLI::App& area = *app.add_subcommand("ar", "printed markers and boards");
+  area.require_subcommand(1);
+  add_ar_marker_sheet(area, context);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "cli.h"
+
+// One file a verb: cmd_ar_<verb>.cpp.
+namespace tarsier::cli {
+
+void add_ar_marker_sheet(CLI::App& ar, Context& context);
+
+}  // namespace tarsier::cli

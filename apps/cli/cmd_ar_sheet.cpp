@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/length.h"
+#include "tarsier/marker/dictionary.h"
+#include "tarsier/sheet/sheet.h"
+
+#include <fmt/format.h>
+
+#include "cmd_ar.h"
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct SheetFlags {
+  std::string output;
+  std::string family = "6x6_250";
+  std::string ids = "0-9";
+  std::string size = "50mm";
+  std::string board;
+  std::string square;
+  std::string page = "a4";
+  std::string margin = "10mm";
+  double dpi = 600;
+};
+
+double millimetres(const std::string& text, const char* flag) {
+  return std::round(parse_length(text, flag) * 1e9) / 1e6;
+}
+
+void check_raster(const SheetFlags& flags, const sheet::SheetOptions& options) {
+  const double pixels = options.paper.area() / (25.4 * 25.4) * flags.dpi * flags.dpi;
+  if (flags.output.ends_with(".png") && pixels > 1e8) {
+    throw UsageError(
+        fmt::format("--dpi {:g}: a page of {:g}x{:g} mm would have {:.0f} million pixels, 100 are "
+                    "the most; use .pdf or .svg",
+                    flags.dpi, options.paper.width, options.paper.height, pixels / 1e6));
+  }
+}
+
+ExitStatus run_sheet(const SheetFlags& flags, Context& context) {
+  sheet::SheetOptions options;
+  options.paper = sheet::parse_paper(flags.page);
+  options.margin =
+      flags.margin == "0" || flags.margin == "0mm" ? 0 : millimetres(flags.margin, "--margin");
+  if (options.margin > 200) throw UsageError(fmt::format("--margin {}: up to 200mm", flags.margin));
+  check_raster(flags, options);
+  std::vector<sheet::Page> pages;
+  std::string title;
+  Json line;
+  if (!flags.board.empty()) {
+    if (flags.square.empty()) throw UsageError("--board needs --square, such as --square 25mm");
+    const calibration::BoardSpec spec =
+        calibration::parse_board(flags.board, millimetres(flags.square, "--square") / 1e3);
+    pages.push_back(sheet::board_page(spec, options));
+    title = fmt::format("board {} {}", spec.text(), flags.square);
+    line["board"] = spec.text();
+    line["square"] = spec.pitch;
+  } else {
+    const marker::Dictionary& family = marker::find_dictionary(flags.family);
+    const std::vector<int> ids = sheet::parse_ids(flags.ids, flags.family);
+    const double size = millimetres(flags.size, "--size");
+    pages = sheet::marker_pages(flags.family, ids, size, options);
+    title = fmt::format("markers {} {}", family.name(), flags.size);
+    line["family"] = family.name();
+    line["ids"] = ids;
+    line["size"] = size / 1e3;
+  }
+  const std::vector<std::string> files = sheet::write_pages(flags.output, pages, title, flags.dpi);
+  line["pages"] = pages.size();
+  line["page_mm"] = {pages[0].size.width, pages[0].size.height};
+  line["output"] = files;
+  if (context.json) {
+    print_json_line(line.dump(-1, ' ', false, Json::error_handler_t::replace));
+  } else if (!context.quiet) {
+    print_text(fmt::format("{}: {}, {} {} of {:g}x{:g} mm; print at 100 % (actual size)\n",
+                           files.size() == 1 ? files[0] : files[0] + " ..", title, pages.size(),
+                           pages.size() == 1 ? "page" : "pages", pages[0].size.width,
+                           pages[0].size.height));
+  }
+  return ExitStatus::kDone;
+}
+
+}  // namespace
+
+void add_ar_marker_sheet(CLI::App& ar, Context& context) {
+  auto flags = std::make_shared<SheetFlags>();
+  CLI::App& verb =
+      *ar.add_subcommand("marker-sheet", "markers or a calibration board to print, true to scale");
+  verb.add_option("-o,--output", flags->output,
+                  ".pdf, .svg or .png (of several pages .svg and .png are numbered)")
+      ->required();
+  CLI::Option* family = verb.add_option(
+      "--family", flags->family, "aruco-original, 4x4_50 .. 7x7_1000, 16h5, 25h9, 36h10, 36h11");
+  family->capture_default_str();
+  CLI::Option* ids = verb.add_option("--ids", flags->ids, "0-9, or 3,5,8-10");
+  ids->capture_default_str();
+  CLI::Option* size =
+      verb.add_option("--size", flags->size, "side of a marker over its black frame: 50mm, 5cm");
+  size->capture_default_str();
+  CLI::Option* board =
+      verb.add_option("--board", flags->board,
+                      "instead: chess:9x6, charuco:5x7:6x6_250, circles:4x11, circles-grid:7x6");
+  board->excludes(family)->excludes(ids)->excludes(size);
+  verb.add_option("--square", flags->square, "of a board: side of a square, distance of dots")
+      ->needs(board);
+  verb.add_option("--page", flags->page, "a3, a4, a5, letter, legal or 200x300mm")
+      ->capture_default_str();
+  verb.add_option("--margin", flags->margin, "that stays white: 10mm")->capture_default_str();
+  verb.add_option("--dpi", flags->dpi, "of .png, 36..2400")
+      ->check(CLI::Range(36.0, 2400.0))
+      ->capture_default_str();
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] { return run_sheet(*flags, context); };
+  });
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/calibration/calibrate.h"
+#include "tarsier/calibration/detect.h"
+#include "tarsier/calibration/draw_board.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/geometry/undistort.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/sheet/sheet.h"
+#include "tarsier/synth/boards.h"
+
+#include <fmt/format.h>
+
+#include "demo.h"
+#include <filesystem>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using calibration::BoardView;
+using calibration::Calibration;
+
+constexpr const char* kSamples = "/usr/share/doc/opencv-doc/examples/data";
+constexpr int kDrawn = 12;  // pictures, where there are no others
+
+struct Shot {
+  std::string name;
+  cv::Mat image;
+};
+
+// The left pictures of OpenCV's stereo pair, or drawn ones.
+std::vector<Shot> shots(const calibration::BoardSpec& spec) {
+  std::vector<Shot> result;
+  for (int k = 1; k <= 14; ++k) {
+    const std::string path = fmt::format("{}/left{:02}.jpg", kSamples, k);
+    std::error_code error;
+    if (fs::exists(path, error)) result.push_back({fmt::format("left{:02}", k), read_image(path)});
+  }
+  if (!result.empty()) return result;
+  const BoardFilm film({640, 480}, spec, 1);
+  for (int k = 0; k < kDrawn; ++k)
+    result.push_back({fmt::format("drawn{:02}", k), film.picture_at(0.8 + 1.2 * k)});
+  return result;
+}
+
+void add_table(DemoPage& page, const Calibration& calibration, const std::vector<Shot>& pictures) {
+  const geometry::Camera& c = calibration.camera;
+  const calibration::Deviations& d = calibration.deviations;
+  const auto row = [](const char* what, double value, double deviation, int digits) {
+    return std::vector<std::string>{what, fmt::format("{:.{}f}", value, digits),
+                                    fmt::format("{:.{}f}", deviation, digits)};
+  };
+  page.table(
+      {"number", "value", "one deviation"},
+      {row("fx, px", c.fx, d.fx, 2), row("fy, px", c.fy, d.fy, 2), row("cx, px", c.cx, d.cx, 2),
+       row("cy, px", c.cy, d.cy, 2), row("k1", c.distortion[0], d.distortion[0], 4),
+       row("k2", c.distortion[1], d.distortion[1], 4),
+       row("p1", c.distortion[2], d.distortion[2], 5),
+       row("p2", c.distortion[3], d.distortion[3], 5),
+       row("k3", c.distortion[4], d.distortion[4], 4)},
+      fmt::format("The camera, from {} of {} pictures: corners are {:.2f} px (rms) from where "
+                  "it says they are.",
+                  calibration.used, pictures.size(), c.rms));
+}
+
+}  // namespace
+
+void demo_calibrate(Context& context, DemoPage& page) {
+  const calibration::BoardSpec spec = calibration::parse_board("chess:9x6", 0.025);
+  const std::vector<Shot> pictures = shots(spec);
+  context.progress->begin("calibrate", static_cast<std::int64_t>(pictures.size()), "pictures");
+  page.begin_area("Calibrating a camera",
+                  "Pictures of a printed board tell what a camera does to light: its focal length, "
+                  "its middle, and how its lens bends straight lines.");
+  std::vector<BoardView> views;
+  for (const Shot& shot : pictures) {
+    throw_if_stopped(context.stop);
+    views.push_back(calibration::find_board(shot.image, spec));
+    context.progress->advance();
+  }
+  const cv::Size size = pictures.front().image.size();
+  const Calibration calibration = calibrate(views, spec, size, {}, context.stop);
+  if (!calibration.ok()) {
+    page.note(calibration.refusal);
+    context.progress->end();
+    return;
+  }
+  const geometry::Camera straight = geometry::undistorted_camera(calibration.camera);
+  // The view that shows the bend best: the one with the most tilt is as good as any.
+  std::size_t shown = 0;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    if (calibration.views[i].state == calibration::ViewState::kUsed &&
+        calibration.views[i].tilt_deg > calibration.views[shown].tilt_deg)
+      shown = i;
+  }
+  const cv::Mat& image = pictures[shown].image;
+  page.compare(
+      page.picture("calibrate-bent", image, "as the camera took it"),
+      page.picture("calibrate-straight",
+                   geometry::undistort_image(image, calibration.camera, straight), "straightened"));
+  page.command(
+      "tarsier calibrate pictures/ --board chess:9x6 --square 25mm -o camera.yaml "
+      "--undistorted straight");
+  cv::Mat corners = image.clone();
+  draw_view(corners, views[shown], spec);
+  draw_errors(corners, views[shown], spec, calibration.camera,
+              calibration.views[shown].camera_from_board, 20);
+  page.heading("What it looks at",
+               "Corners are found to a tenth of a pixel. Red lines: what the camera does not "
+               "explain, 20 times enlarged. The map shows where the board was seen; a calibration "
+               "says what is still missing.");
+  page.grid({page.picture("calibrate-corners", corners, pictures[shown].name),
+             page.drawing("calibrate-coverage",
+                          coverage_picture(views, coverage_of(views, spec, size), 640),
+                          "where the board was seen")});
+  add_table(page, calibration, pictures);
+  page.heading("A board to print", "True to scale, as PDF, SVG or PNG.");
+  const auto charuco = calibration::parse_board("charuco:5x7:6x6_250", 0.035);
+  page.grid(
+      {page.drawing("calibrate-sheet", sheet::raster_of(sheet::board_page(charuco, {}), 60),
+                    "a board with markers: a part of it is enough"),
+       page.drawing(
+           "calibrate-markers",
+           sheet::raster_of(sheet::marker_pages("6x6_250", {0, 1, 2, 3, 4, 5}, 50, {}).front(), 60),
+           "markers")});
+  page.command("tarsier ar marker-sheet --board charuco:5x7:6x6_250 --square 35mm -o board.pdf");
+  context.progress->end();
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/geometry/undistort.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <cmath>
+
+namespace tarsier::geometry {
+namespace {
+
+// A straight dark line of the world, y = 0.2 + 0.1 x, as the camera sees it.
+cv::Mat line_through(const Camera& camera) {
+  cv::Mat picture(camera.height, camera.width, CV_8UC1);
+  for (int v = 0; v < picture.rows; ++v) {
+    for (int u = 0; u < picture.cols; ++u) {
+      const auto ray = camera.normalized_of(cv::Point2d(u, v));
+      const double off = ray ? std::abs(ray->y - 0.2 - 0.1 * ray->x) : 1;
+      picture.at<uchar>(v, u) = off < 0.02 ? 0 : 255;
+    }
+  }
+  return picture;
+}
+
+// Largest distance of the line's middle from the straight one, px.
+double bend_of_line(const cv::Mat& picture, const Camera& camera) {
+  double worst = 0;
+  for (int u = 0; u < picture.cols; u += 7) {
+    double sum = 0;
+    double weight = 0;
+    for (int v = 0; v < picture.rows; ++v) {
+      const double dark = 255.0 - picture.at<uchar>(v, u);
+      sum += dark * v;
+      weight += dark;
+    }
+    const double x = (u - camera.cx) / camera.fx;
+    const double expected = camera.fy * (0.2 + 0.1 * x) + camera.cy;
+    if (expected > 12 && expected < picture.rows - 12)
+      worst = std::max(worst, std::abs(sum / weight - expected));
+  }
+  return worst;
+}
+
+TEST(UndistortTest, LinesOfEveryLensBecomeStraight) {
+  const Camera rational{320,
+                        240,
+                        200,
+                        200,
+                        158,
+                        121,
+                        {-0.3, 0.1, 1e-3, -1e-3, 0.01, 0.1, 0.02, 0},
+                        0,
+                        Lens::kRational};
+  const Camera fisheye{320, 240, 130, 130, 158, 121, {0.03, -0.01, 0, 0}, 0, Lens::kFisheye};
+  for (const Camera& camera : {rational, fisheye}) {
+    const Camera straight = undistorted_camera(camera);
+    EXPECT_FALSE(straight.is_distorted());
+    EXPECT_NO_THROW(straight.check());
+    const cv::Mat bent = line_through(camera);
+    const cv::Mat picture = undistort_image(bent, camera, straight);
+    EXPECT_LT(bend_of_line(picture, straight), 1.0) << name_of(camera.lens);
+    EXPECT_GT(bend_of_line(bent, straight), 3.0) << name_of(camera.lens);
+  }
+}
+
+TEST(UndistortTest, AFisheyeOfHalfTheWorldKeepsItsMiddle) {
+  const Camera camera{640, 640, 204, 204, 319.5, 319.5, {}, 0, Lens::kFisheye};  // 180 degrees
+  const Camera straight = undistorted_camera(camera);
+  EXPECT_NEAR(straight.fx, 639 / 3.6, 1e-9);
+  EXPECT_EQ(straight.fx, straight.fy);
+  EXPECT_NEAR(straight.cx, 319.5, 1e-9);
+}
+
+}  // namespace
+}  // namespace tarsier::geometry

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/session/calibrate_session.h"
+
+#include "tarsier/session/scripted_host.h"
+#include "tarsier/synth/boards.h"
+#include "tarsier/synth/sources.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <cstdlib>
+#include <string>
+
+namespace tarsier {
+namespace {
+
+using calibration::parse_board;
+using ::testing::Contains;
+
+CalibrateSessionOptions options() {
+  CalibrateSessionOptions options;
+  options.board = parse_board("chess:9x6", 0.025);
+  return options;
+}
+
+// 0.5 s without a board, then places of 0.6 s with 0.6 s between them; 10 frames a second.
+std::unique_ptr<FrameSource> film(int frames) {
+  return open_synth_source("board?size=480x360&fps=10&frames=" + std::to_string(frames));
+}
+
+void keep_picture(const cv::Mat& image, const char* name) {
+  if (const char* folder = std::getenv("TARSIER_KEEP"))
+    cv::imwrite(std::string(folder) + "/session-" + name + ".png", image);
+}
+
+TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
+  CalibrateSession session(options());
+  const auto source = film(160);
+  ScriptedHost host(session, *source);
+  host.at(150, action_event("straight"));
+  host.at(155, key_event('h'));
+  for (const int frame : {2, 12, 20, 100, 149, 152, 156}) host.keep(frame);
+  const auto& steps = host.run();
+  for (const ScriptStep& step : steps)
+    if (!step.image.empty()) keep_picture(step.image, std::to_string(step.frame).c_str());
+  // Nothing without a board, nothing while it moves.
+  EXPECT_EQ(steps[2].state["verdict"], "no board");
+  EXPECT_EQ(steps[2].state["views"], 0);
+  int taken_moving = 0;
+  const BoardFilm truth({480, 360}, options().board, 1);
+  for (const TakenView& view : session.taken()) {
+    const auto now = truth.pose_at(view.time);
+    const auto before = truth.pose_at(view.time - 0.1);
+    ASSERT_TRUE(now && before);
+    if (cv::norm(now->translation - before->translation) > 0.004) ++taken_moving;
+  }
+  EXPECT_EQ(taken_moving, 0);
+  EXPECT_GE(session.taken().size(), 9U);
+  ASSERT_TRUE(session.calibration());
+  ASSERT_TRUE(session.calibration()->ok()) << session.calibration()->refusal;
+  EXPECT_NEAR(session.calibration()->camera.fx / truth.camera().fx, 1, 2e-3);
+  EXPECT_LT(session.calibration()->camera.rms, 0.1);
+  EXPECT_EQ(steps.back().state["calibrated"], true);
+  EXPECT_GT(steps.back().state["coverage"].get<double>(), 0.5);
+  // The straightened picture, then the help over it.
+  for (const ScriptStep& step : steps)
+    if (step.frame == 152 && step.cause == "frame") {
+      EXPECT_EQ(step.state["straight"], true);
+      EXPECT_GT(cv::norm(step.output, truth.picture_at(15.2), cv::NORM_INF), 60);
+    }
+}
+
+TEST(CalibrateSessionTest, TellsWhatIsMissingAndForgets) {
+  CalibrateSession session(options());
+  const auto source = film(60);
+  ScriptedHost host(session, *source);
+  host.at(40, key_event('z'));
+  host.at(45, key_event('x'));
+  const auto& steps = host.run();
+  std::size_t before = 0;
+  for (const ScriptStep& step : steps) {
+    if (step.frame == 39 && step.cause == "frame") {
+      before = step.state["views"].get<std::size_t>();
+      EXPECT_FALSE(step.state["missing"].empty());
+    }
+    if (step.cause == "key z") {
+      EXPECT_EQ(step.state["views"].get<std::size_t>(), before - 1);
+    }
+    if (step.cause == "key x") {
+      EXPECT_EQ(step.state["views"], 0);
+      EXPECT_EQ(step.state["calibrated"], false);
+      EXPECT_EQ(step.state["coverage"], 0);
+    }
+  }
+  EXPECT_GE(before, 2U);
+  EXPECT_GE(session.taken().size(), 1U);  // it goes on
+}
+
+TEST(CalibrateSessionTest, APersonMayTakeAViewAndIsToldWhyThereIsNoCamera) {
+  CalibrateSession session(options());
+  const auto source = film(9);
+  ScriptedHost host(session, *source);
+  host.at(1, key_event(key::kSpace));  // no board yet
+  for (const int frame : {7, 8, 9}) host.at(frame, key_event(key::kSpace));
+  host.at(9, action_event("calibrate"));
+  host.at(9, action_event("straight"));
+  host.at(9, key_event('q'));
+  const auto& steps = host.run();
+  EXPECT_EQ(steps[1].cause, "key 32");
+  EXPECT_EQ(steps[1].state["views"], 0);
+  const ScriptStep& last = steps.back();
+  EXPECT_GE(last.state["views"].get<int>(), 3);
+  EXPECT_EQ(last.state["calibrated"], false);
+  EXPECT_NE(last.state["refusal"].get<std::string>().find("different views"), std::string::npos)
+      << last.state["refusal"];
+  EXPECT_EQ(last.state["straight"], false);
+  EXPECT_TRUE(last.finished);
+}
+
+TEST(CalibrateSessionTest, StillPicturesAreViewsOfTheirOwn) {
+  CalibrateSession session(options());
+  const BoardFilm truth({480, 360}, options().board, 1);
+  for (int k = 0; k < 5; ++k) {
+    Frame frame;
+    frame.image = truth.picture_at(0.6 + 1.2 * k);
+    frame.index = k;
+    frame.name = "picture";
+    frame.still = true;
+    const View view = session.on_frame(frame, {});
+    EXPECT_EQ(view.state["verdict"], "taken") << k;
+  }
+  Frame other;
+  other.image = cv::Mat(100, 100, CV_8UC3, cv::Scalar::all(90));
+  other.still = true;
+  EXPECT_EQ(session.on_frame(other, {}).state["verdict"], "another size");
+  EXPECT_EQ(session.taken().size(), 5U);
+}
+
+// A board that is only found as if it were evenly lit: after some frames it is, and stays so.
+TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
+  const geometry::Camera camera{480, 360, 408, 408, 240, 180};
+  const auto spec = options().board;
+  BoardLook look;
+  look.fall_off = 0.8;
+  const cv::Mat picture =
+      render_board(camera, board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8), spec, look);
+  CalibrateSession session(options());
+  int seen = 0;
+  for (int k = 0; k < 12; ++k) {
+    Frame frame;
+    frame.image = picture;
+    frame.index = k;
+    frame.time = 0.1 * k;
+    frame.name = "film";
+    if (session.on_frame(frame, {}).state["verdict"] != "no board") ++seen;
+  }
+  EXPECT_GE(seen, 9);
+  EXPECT_EQ(session.taken().size(), 1U);
+}
+
+TEST(CalibrateSessionTest, TheSameFramesGiveTheSameSteps) {
+  std::string first;
+  for (int run = 0; run < 2; ++run) {
+    CalibrateSession session(options());
+    const auto source = film(30);
+    ScriptedHost host(session, *source);
+    (void)host.run();
+    if (run == 0) first = host.transcript();
+    EXPECT_EQ(host.transcript(), first);
+  }
+}
+
+}  // namespace
+}  // namespace tarsier

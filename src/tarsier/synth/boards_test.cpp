@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/synth/boards.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+
+#include <cmath>
+
+namespace tarsier {
+namespace {
+
+using calibration::parse_board;
+
+// Without blur and noise the darkness of a dot is its area, exactly to the sampling.
+TEST(SynthBoardsTest, PixelsAreMeansOverTheirArea) {
+  const auto spec = parse_board("circles-grid:3x3:0.5", 0.1);
+  const geometry::Camera camera{200, 200, 200, 200, 99.5, 99.5};
+  geometry::Rigid pose;
+  pose.translation = {-0.1, -0.1, 1};  // 20 px a pitch, the middle dot in the picture's middle
+  BoardLook look;
+  look.blur_px = 0;
+  look.noise = 0;
+  look.fall_off = 0;
+  look.color = false;
+  const cv::Mat picture = render_board(camera, pose, spec, look);
+  double dark = 0;
+  cv::Point2d sum;
+  for (int y = 90; y < 110; ++y) {
+    for (int x = 90; x < 110; ++x) {
+      const double d = (look.paper - picture.at<uchar>(y, x)) / (look.paper - look.ink);
+      dark += d;
+      sum += d * cv::Point2d(x, y);
+    }
+  }
+  EXPECT_NEAR(dark, CV_PI * 25, 0.3);  // px2: radius 5 px
+  EXPECT_NEAR(sum.x / dark, 99.5, 0.01);
+  EXPECT_NEAR(sum.y / dark, 99.5, 0.01);
+}
+
+TEST(SynthBoardsTest, PosesShowTheWholeBoardWhereAsked) {
+  const auto spec = parse_board("chess:9x6", 0.025);
+  const geometry::Camera camera{640, 480, 520, 520, 320, 240, {-0.3, 0.1, 0, 0, 0}};
+  for (const geometry::Rigid& pose : board_poses(camera, spec, 20, 1))
+    EXPECT_EQ(exact_view(camera, pose, spec).points.size(), 54U);
+  const auto view = exact_view(camera, board_pose(camera, spec, {0.4, 0.6}, {0, 0, 0}, 0.5), spec);
+  cv::Point2f middle;
+  for (const cv::Point2f& p : view.pixels) middle += p * (1.F / 54);
+  EXPECT_NEAR(middle.x, 0.4 * 639, 4);
+  EXPECT_NEAR(middle.y, 0.6 * 479, 4);
+}
+
+TEST(SynthBoardsTest, AFilmHoldsTheBoardStillAndMovesIt) {
+  const BoardFilm film({320, 240}, parse_board("chess:9x6", 0.025), 3);
+  EXPECT_FALSE(film.pose_at(0.2));
+  const auto first = film.pose_at(0.6);
+  const auto still = film.pose_at(1.0);
+  const auto moving = film.pose_at(1.4);
+  const auto next = film.pose_at(1.8);
+  ASSERT_TRUE(first && still && moving && next);
+  EXPECT_EQ(cv::norm(first->translation - still->translation), 0);
+  EXPECT_GT(cv::norm(first->translation - next->translation), 0.02);
+  EXPECT_GT(cv::norm(moving->translation - first->translation), 1e-3);
+  EXPECT_NEAR(cv::determinant(moving->rotation), 1, 1e-9);
+  EXPECT_EQ(cv::norm(film.picture_at(0.7), film.picture_at(0.8), cv::NORM_INF), 0);
+  EXPECT_GT(cv::norm(film.picture_at(0.2), film.picture_at(0.7), cv::NORM_INF), 50);
+}
+
+}  // namespace
+}  // namespace tarsier
