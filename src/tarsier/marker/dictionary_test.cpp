@@ -38,7 +38,7 @@ TEST(Dictionary, KnowsThePublishedDistances) {
 TEST(Dictionary, MendsWrongCellsUpToHalfTheDistance) {
   const Dictionary& dictionary = find_dictionary("36h11");
   EXPECT_EQ(dictionary.correctable(), 5);
-  const Code wrong = dictionary.code(100) ^ 0x801041021ULL;
+  const Code wrong = dictionary.code(100) ^ 0x801041020ULL;
   EXPECT_FALSE(dictionary.match(wrong, 4));
   const auto match = dictionary.match(wrong, 5);
   ASSERT_TRUE(match);
