@@ -12,13 +12,18 @@ wait_for "the first picture" has_picture
 read -r left top width height <<<"$(x11 geometry "Tarsier appearance")"
 face() { x11 mean $((left + width / 2 - 60)) $((top + height / 2 - 20)) 120 120; }
 
-before=$(face)
+is_mean_face() { [ "$before" = "$(face)" ]; }
+is_other_face() { [ "$before" != "$(face)" ]; }
+
+# The mean face lies on the screen when two looks in a row agree.
+before=
+settled() { local last=$before; before=$(face); [ "$last" = "$before" ]; }
+wait_for "a still picture" settled
 press r '"mode":"shape 1"'
-random=$(face)
-[ "$before" != "$random" ] || fail "a random face is not on the screen: $before"
+wait_for "a random face on the screen" is_other_face
 grep '"event"' stdout.txt | tail -1 | grep -q '"shape":\[0\.0,0\.0,' && fail "r gave the mean face"
 press 0 '"shape":\[0\.0,0\.0,'
-[ "$before" = "$(face)" ] || fail "0 did not bring the mean face back"
+wait_for "the mean face after 0" is_mean_face
 press n '"mode":"shape 2"'
 press plus '"shape":\[0\.0,0\.25,'
 
@@ -27,14 +32,13 @@ moved=no
 for above in 12 16 8 20; do
   events_before=$(events)
   xdotool mousemove $((left + width - 20)) $((top + height - above)) click 1
-  sleep 0.5
+  sleep 1
   if more_events_than "$events_before"; then moved=yes && break; fi
 done
 [ $moved = yes ] || fail "no slider moved"
 grep '"event"' stdout.txt | tail -1 | grep -qE '"event":"[^"]*(shape|look) [1-4]' ||
   fail "no slider moved: $(grep '"event"' stdout.txt | tail -1)"
-sleep 0.3
-[ "$before" != "$(face)" ] || fail "the slider left the face as it was"
+wait_for "the slider's face on the screen" is_other_face
 xdotool mousemove $((left + width / 2)) $((top + height / 2))
 xdotool key q
 expect_end 0
