@@ -35,9 +35,9 @@ struct Plane {
 };
 
 // Brightness at a place in cells; nothing outside the picture.
-class Cells {
+class Sampler {
  public:
-  Cells(const cv::Mat& gray, const Quad& quad, int cells)
+  Sampler(const cv::Mat& gray, const Quad& quad, int cells)
       : gray_(gray), map_(picture_from_cells(quad, cells)), middle_((cells + 2) / 2.0) {}
 
   [[nodiscard]] std::optional<double> at(double u, double v) const {
@@ -82,7 +82,8 @@ class Cells {
 void DecodeOptions::check() const {
   TARSIER_REQUIRE(max_errors >= -1 && max_errors <= 32, "{} errors", max_errors);
   TARSIER_REQUIRE(min_contrast >= 1 && min_contrast <= 255, "a contrast of {}", min_contrast);
-  TARSIER_REQUIRE(border_errors >= 0 && border_errors < 0.5, "{} of the frame", border_errors);
+  TARSIER_REQUIRE(frame_errors >= 0 && frame_errors < 0.5, "{} of the frame", frame_errors);
+  TARSIER_REQUIRE(min_correlation >= 0, "a correlation of {}", min_correlation);
 }
 
 Eigen::Matrix3d picture_from_cells(const Quad& quad, int cells) {
@@ -102,92 +103,107 @@ Eigen::Matrix3d picture_from_cells(const Quad& quad, int cells) {
   return map;
 }
 
-std::optional<Reading> read_quad(const cv::Mat& gray, const Quad& quad,
-                                 const Dictionary& dictionary, const DecodeOptions& options) {
-  const int n = dictionary.cells();
-  const Cells cells(gray, quad, n);
+std::optional<Cells> read_cells(const cv::Mat& gray, const Quad& quad, int n, double min_contrast) {
+  TARSIER_REQUIRE(gray.type() == CV_8UC1, "a picture that is not grey");
+  TARSIER_REQUIRE(n >= 3 && n <= 8, "{} cells", n);
+  const Sampler sampler(gray, quad, n);
   Plane black;
   Plane white;
-  const double m = cells.middle();
-  // The frame's middle line, and the paper three tenths of a cell outside.
+  const double m = sampler.middle();
+  // The frame's middle line, and the paper a third of a cell outside.
   const double outside = -0.35;
-  int bright = 0;
-  int frame = 0;
-  std::vector<std::array<double, 3>> ring;
+  const double far = n + 2;
+  std::vector<std::array<double, 3>> frame;
   for (int i = 0; i < n + 2; ++i) {
     const double t = i + 0.5;
-    const double far = n + 2;
     for (const auto& [u, v] :
          {std::pair{t, 0.5}, std::pair{t, far - 0.5}, std::pair{0.5, t}, std::pair{far - 0.5, t}}) {
-      if (const auto value = cells.at(u, v)) {
+      if (const auto value = sampler.at(u, v)) {
         black.add(u - m, v - m, *value);
-        ring.push_back({u, v, *value});
+        frame.push_back({u, v, *value});
       }
     }
     for (const auto& [u, v] : {std::pair{t, outside}, std::pair{t, far - outside},
                                std::pair{outside, t}, std::pair{far - outside, t}}) {
-      if (const auto value = cells.at(u, v)) white.add(u - m, v - m, *value);
+      if (const auto value = sampler.at(u, v)) white.add(u - m, v - m, *value);
     }
   }
   if (black.normal(2, 2) < 2 * (n + 2) || white.normal(2, 2) < 2 * (n + 2)) return std::nullopt;
   black.solve();
   white.solve();
-  const double contrast = white.at(0, 0) - black.at(0, 0);
-  if (contrast < options.min_contrast) return std::nullopt;
-  const auto threshold = [&](double u, double v) {
-    return 0.5 * (black.at(u - m, v - m) + white.at(u - m, v - m));
+  Cells cells;
+  cells.count = n;
+  cells.contrast = white.at(0, 0) - black.at(0, 0);
+  if (!(cells.contrast >= min_contrast)) return std::nullopt;
+  const auto light_of = [&](double u, double v, double value) {
+    const double low = black.at(u - m, v - m);
+    const double half = std::max(1.0, 0.5 * (white.at(u - m, v - m) - low));
+    return (value - low) / half - 1;
   };
-  for (const auto& [u, v, value] : ring) {
-    ++frame;
-    bright += value > threshold(u, v) ? 1 : 0;
-  }
-  if (bright > options.border_errors * frame) return std::nullopt;
+  for (const auto& [u, v, value] : frame) cells.frame_errors += light_of(u, v, value) > 0 ? 1 : 0;
+  cells.frame_errors /= static_cast<double>(frame.size());
 
-  // A first reading, then white as the bright cells have it: the paper around may be in another
-  // light than the marker.
-  std::vector<double> values(static_cast<std::size_t>(n) * static_cast<std::size_t>(n), 0);
-  Code unknown = 0;
-  for (int row = 0; row < n; ++row) {
-    for (int column = 0; column < n; ++column) {
-      const auto value = cells.cell(column + 1, row + 1);
-      const auto index = static_cast<std::size_t>(row * n + column);
-      if (value)
-        values[index] = *value;
-      else
-        unknown |= Code{1} << (n * n - 1 - static_cast<int>(index));
-    }
+  // A first look, then white as the bright cells have it: the paper around may be in another light
+  // than the marker.
+  const auto total = static_cast<std::size_t>(n) * static_cast<std::size_t>(n);
+  std::array<double, 64> values{};
+  for (std::size_t i = 0; i < total; ++i) {
+    const int column = static_cast<int>(i) % n;
+    const int row = static_cast<int>(i) / n;
+    if (const auto value = sampler.cell(column + 1, row + 1))
+      values[i] = *value;
+    else
+      cells.unknown |= Code{1} << (total - 1 - i);
   }
-  for (int row = 0; row < n; ++row) {
-    for (int column = 0; column < n; ++column) {
-      const double value = values[static_cast<std::size_t>(row * n + column)];
-      const double u = column + 1.5;
-      const double v = row + 1.5;
-      (value > threshold(u, v) ? white : black).add(u - m, v - m, value);
-    }
+  const auto is_known = [&](std::size_t i) {
+    return ((cells.unknown >> (total - 1 - i)) & 1U) == 0;
+  };
+  const auto place = [&](std::size_t i) {
+    return std::pair{static_cast<int>(i) % n + 1.5, static_cast<int>(i) / n + 1.5};
+  };
+  std::array<bool, 64> is_white{};
+  for (std::size_t i = 0; i < total; ++i) {
+    const auto [u, v] = place(i);
+    is_white[i] = light_of(u, v, values[i]) > 0;
+  }
+  for (std::size_t i = 0; i < total; ++i) {
+    const auto [u, v] = place(i);
+    if (is_known(i)) (is_white[i] ? white : black).add(u - m, v - m, values[i]);
   }
   black.solve();
   white.solve();
-  Code code = 0;
-  double clear = 0;
+  for (std::size_t i = 0; i < total; ++i) {
+    const auto [u, v] = place(i);
+    const double light = is_known(i) ? light_of(u, v, values[i]) : 0;
+    cells.light[i] = static_cast<float>(light);
+    cells.read = (cells.read << 1U) | (light > 0 ? 1U : 0U);
+    cells.margin += std::min(1.0, std::abs(light)) / static_cast<double>(total);
+  }
+  return cells;
+}
+
+Cells sharpened(const Cells& cells, float strength) {
+  const int n = cells.count;
+  Cells result = cells;
+  result.read = 0;
+  result.margin = 0;
+  const auto at = [&](int column, int row) {
+    if (column < 0 || row < 0 || column >= n || row >= n) return -1.0F;  // the frame
+    return cells.light[static_cast<std::size_t>(row * n + column)];
+  };
   for (int row = 0; row < n; ++row) {
     for (int column = 0; column < n; ++column) {
-      const double u = column + 1.5;
-      const double v = row + 1.5;
-      const double value = values[static_cast<std::size_t>(row * n + column)];
-      const double half = std::max(1.0, 0.5 * (white.at(u - m, v - m) - black.at(u - m, v - m)));
-      code = (code << 1) | (value > threshold(u, v) ? 1U : 0U);
-      clear += std::min(1.0, std::abs(value - threshold(u, v)) / half);
+      const float around =
+          (at(column - 1, row) + at(column + 1, row) + at(column, row - 1) + at(column, row + 1)) /
+          4;
+      const float here = at(column, row);
+      const float light = here + strength * (here - around);
+      result.light[static_cast<std::size_t>(row * n + column)] = light;
+      result.read = (result.read << 1U) | (light > 0 ? 1U : 0U);
+      result.margin += std::min(1.0F, std::abs(light)) / static_cast<float>(n * n);
     }
   }
-  const int mend =
-      options.max_errors >= 0 ? options.max_errors : (dictionary.correctable() + 1) / 2;
-  const auto match = dictionary.match(code, std::min(mend, dictionary.correctable()), unknown);
-  if (!match) return std::nullopt;
-  Reading reading;
-  reading.match = *match;
-  reading.contrast = contrast;
-  reading.margin = clear / (n * n);
-  return reading;
+  return result;
 }
 
 }  // namespace tarsier::marker

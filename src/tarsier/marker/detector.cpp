@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace tarsier::marker {
 namespace {
@@ -13,11 +14,106 @@ Eigen::Vector2d center_of(const Quad& quad) { return (quad[0] + quad[1] + quad[2
 
 double size_of(const Quad& quad) { return (quad[0] - quad[2]).norm() / std::sqrt(2.0); }
 
-// The outer side is the larger one; of like sides the clearer reading.
 bool is_better(const Marker& a, const Marker& b) {
-  if (a.reading.match.errors != b.reading.match.errors)
-    return a.reading.match.errors < b.reading.match.errors;
-  return a.reading.margin > b.reading.margin;
+  if (a.errors != b.errors) return a.errors < b.errors;
+  return a.margin > b.margin;
+}
+
+// Turned anticlockwise by `rotation` quarters the cells match: the marker's own top left lies that
+// many corners further on.
+Quad turned(const Quad& quad, int rotation) {
+  Quad result;
+  for (std::size_t k = 0; k < 4; ++k)
+    result[k] = quad[(k + static_cast<std::size_t>(rotation)) % 4];
+  return result;
+}
+
+Marker marker_of(const Match& match, const Quad& quad, const Cells& cells) {
+  Marker marker;
+  marker.id = match.id;
+  marker.corners = turned(quad, match.rotation);
+  marker.errors = match.errors;
+  marker.contrast = cells.contrast;
+  marker.margin = cells.margin;
+  return marker;
+}
+
+// How much the cells speak against a marker: sum of how clear the wrong ones are, a share of all.
+double objection(const Cells& cells, Code code, int rotation) {
+  // The cells were turned anticlockwise to match: the code is turned clockwise to be compared.
+  for (int turn = 0; turn < rotation; ++turn) code = turned_clockwise(code, cells.count);
+  const auto all = cells.all();
+  double sum = 0;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const bool is_white = ((code >> (all.size() - 1 - i)) & 1U) != 0;
+    if (is_white != (all[i] > 0)) sum += std::min(1.0F, std::abs(all[i]));
+  }
+  return sum / static_cast<double>(all.size());
+}
+
+// Cells that are too blurred to be read one by one: the markers that agree best with their light
+// are laid onto the picture; the one that fits wins if it fits well.
+std::optional<Marker> read_blurred(const cv::Mat& gray, const Quad& quad, const Cells& cells,
+                                   const Dictionary& dictionary, const DetectOptions& options) {
+  constexpr int kTried = 3;
+  constexpr float kSharpening = 1;
+  constexpr double kClearlyBetter = 0.03;
+  constexpr double kMostObjection = 0.08;
+  std::optional<Marker> best;
+  double second = 0;
+  const Cells sharp = sharpened(cells, kSharpening);
+  for (const Match& match : dictionary.nearest(sharp.all(), kTried)) {
+    if (objection(cells, dictionary.code(match.id), match.rotation) > kMostObjection) continue;
+    Marker marker = marker_of(match, quad, cells);
+    const auto aligned = align_marker(gray, dictionary.code(match.id), dictionary.cells(),
+                                      marker.corners, options.align);
+    if (!aligned) continue;
+    marker.corners = aligned->corners;
+    marker.correlation = aligned->correlation;
+    if (!best || marker.correlation > best->correlation) {
+      second = best ? best->correlation : second;
+      best = marker;
+    } else {
+      second = std::max(second, marker.correlation);
+    }
+  }
+  if (!best || best->correlation < options.decode.min_correlation ||
+      best->correlation < second + kClearlyBetter)
+    return std::nullopt;
+  return best;
+}
+
+std::optional<Marker> read_marker(const cv::Mat& gray, Quad quad, const Dictionary& dictionary,
+                                  const DetectOptions& options) {
+  const int n = dictionary.cells();
+  RefineOptions refine = options.refine;
+  const double cell = size_of(quad) / (n + 2);
+  refine.reach_px = std::clamp(0.6 * cell, 1.5, options.refine.reach_px);
+  if (!refine_quad(gray, refine, quad)) return std::nullopt;
+  const auto cells = read_cells(gray, quad, n, options.decode.min_contrast);
+  if (!cells) return std::nullopt;
+  const bool is_small = size_of(quad) < options.align_below_px;
+  const int mend = options.decode.max_errors >= 0
+                       ? std::min(options.decode.max_errors, dictionary.correctable())
+                       : (dictionary.correctable() + 1) / 2;
+  const auto match = dictionary.match(cells->read, mend, cells->unknown);
+  if (!match || cells->frame_errors > options.decode.frame_errors) {
+    if (!is_small || cells->frame_errors > 2.5 * options.decode.frame_errors) return std::nullopt;
+    return read_blurred(gray, quad, *cells, dictionary, options);
+  }
+  Marker marker = marker_of(*match, quad, *cells);
+  if (is_small) {
+    if (const auto aligned =
+            align_marker(gray, dictionary.code(match->id), n, marker.corners, options.align)) {
+      marker.corners = aligned->corners;
+      marker.correlation = aligned->correlation;
+      return marker;
+    }
+  }
+  // Once more, from where the edges are.
+  refine.reach_px = std::min(refine.reach_px, 2.0);
+  static_cast<void>(refine_quad(gray, refine, marker.corners));
+  return marker;
 }
 
 }  // namespace
@@ -26,40 +122,25 @@ void DetectOptions::check() const {
   quads.check();
   refine.check();
   decode.check();
-  TARSIER_REQUIRE(min_margin >= 0 && min_margin < 1, "a margin of {}", min_margin);
+  align.check();
+  TARSIER_REQUIRE(align_below_px >= 0, "sides of {} px", align_below_px);
 }
 
 std::vector<Marker> detect_markers(const cv::Mat& gray, const Dictionary& dictionary,
                                    const DetectOptions& options, DetectWorkspace& workspace) {
   options.check();
   std::vector<Marker> markers;
-  for (const Quad& candidate : find_quads(gray, options.quads, workspace.quads)) {
-    Quad quad = candidate;
-    // The contour runs along dark pixels: the edge is a little outside of it.
-    RefineOptions refine = options.refine;
-    const double cell = size_of(quad) / (dictionary.cells() + 2);
-    refine.reach_px = std::clamp(0.6 * cell, 1.5, options.refine.reach_px);
-    if (!refine_quad(gray, refine, quad)) continue;
-    const auto reading = read_quad(gray, quad, dictionary, options.decode);
-    if (!reading || reading->margin < options.min_margin) continue;
-    // Once more, from where the edges are.
-    refine.reach_px = std::min(refine.reach_px, 2.0);
-    static_cast<void>(refine_quad(gray, refine, quad));
-    Marker marker;
-    marker.id = reading->match.id;
-    marker.reading = *reading;
-    // Turned anticlockwise by `rotation` quarters the cells match: the marker's own top left lies
-    // that many corners further on.
-    for (std::size_t k = 0; k < 4; ++k)
-      marker.corners[k] = quad[(k + static_cast<std::size_t>(reading->match.rotation)) % 4];
+  for (const Quad& quad : find_quads(gray, options.quads, workspace.quads)) {
+    auto marker = read_marker(gray, quad, dictionary, options);
+    if (!marker) continue;
     const auto same = std::find_if(markers.begin(), markers.end(), [&](const Marker& other) {
-      return (center_of(other.corners) - center_of(quad)).norm() <
-             0.5 * std::min(size_of(other.corners), size_of(quad));
+      return (center_of(other.corners) - center_of(marker->corners)).norm() <
+             0.5 * std::min(size_of(other.corners), size_of(marker->corners));
     });
     if (same == markers.end())
-      markers.push_back(std::move(marker));
-    else if (is_better(marker, *same))
-      *same = std::move(marker);
+      markers.push_back(*marker);
+    else if (is_better(*marker, *same))
+      *same = *marker;
   }
   std::stable_sort(markers.begin(), markers.end(),
                    [](const Marker& a, const Marker& b) { return a.id < b.id; });

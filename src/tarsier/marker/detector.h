@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/marker/align.h"
 #include "tarsier/marker/decode.h"
 #include "tarsier/marker/quads.h"
 
@@ -14,14 +15,20 @@ struct DetectOptions {
   QuadOptions quads;
   RefineOptions refine;
   DecodeOptions decode;
-  double min_margin = 0.35;  // of Reading, 0..1
+  AlignOptions align;
+  // Markers with shorter sides are laid onto the picture as a whole (align_marker), larger ones are
+  // where their four sides are: long sides are exact by themselves. px, >= 0
+  double align_below_px = 60;
   void check() const;
 };
 
 struct Marker {
   int id = 0;
-  Quad corners;  // px, the marker's own top left first, clockwise
-  Reading reading;
+  Quad corners;            // px, the marker's own top left first, clockwise
+  int errors = 0;          // cells that are not as the family has them
+  double contrast = 0;     // white less black, grey levels
+  double margin = 0;       // how clearly cells are black or white, 0..1
+  double correlation = 0;  // with the marker laid onto the picture; 0 where that was not done
 };
 
 // Buffers that a film reuses; one for each thread.

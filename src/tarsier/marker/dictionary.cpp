@@ -97,6 +97,39 @@ std::optional<Match> Dictionary::match(Code read, int max_errors, Code unknown) 
   return Match{static_cast<int>(value / 4), static_cast<int>(value % 4), best};
 }
 
+std::vector<Match> Dictionary::nearest(std::span<const float> brightness, int count) const {
+  TARSIER_REQUIRE(static_cast<int>(brightness.size()) == cells_ * cells_, "{} cells",
+                  brightness.size());
+  // The sum for every value of each byte of a code: at most eight additions a code.
+  std::array<std::array<float, 256>, 8> sums{};
+  Code signs = 0;
+  for (std::size_t cell = 0; cell < brightness.size(); ++cell) {
+    const std::size_t bit = brightness.size() - 1 - cell;
+    const float value = brightness[cell];
+    if (value > 0) signs |= Code{1} << bit;
+    auto& table = sums[bit / 8];
+    for (std::size_t byte = 0; byte < 256; ++byte)
+      table[byte] += ((byte >> (bit % 8)) & 1U) != 0 ? value : -value;
+  }
+  const std::size_t bytes = (brightness.size() + 7) / 8;
+  std::vector<std::pair<float, const Turned*>> best;
+  const auto is_better = [](const auto& a, const auto& b) { return a.first > b.first; };
+  for (const Turned& turned : turned_) {
+    float sum = 0;
+    for (std::size_t k = 0; k < bytes; ++k) sum += sums[k][(turned.code >> (8 * k)) & 0xFFU];
+    const std::pair<float, const Turned*> entry(sum, &turned);
+    if (static_cast<int>(best.size()) == count && !is_better(entry, best.back())) continue;
+    best.insert(std::upper_bound(best.begin(), best.end(), entry, is_better), entry);
+    if (static_cast<int>(best.size()) > count) best.pop_back();
+  }
+  std::vector<Match> matches;
+  for (const auto& [sum, turned] : best)
+    matches.push_back({static_cast<int>(turned->id_and_turn / 4),
+                       static_cast<int>(turned->id_and_turn % 4),
+                       std::popcount(turned->code ^ signs)});
+  return matches;
+}
+
 std::vector<std::string> dictionary_names() { return {kNames.begin(), kNames.end()}; }
 
 const Dictionary& find_dictionary(std::string_view name) {

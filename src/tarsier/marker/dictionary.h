@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -43,6 +44,10 @@ class Dictionary {
   // `max_errors`, or where a second marker is as near. Cells under `unknown` (same layout) are not
   // compared.
   [[nodiscard]] std::optional<Match> match(Code read, int max_errors, Code unknown = 0) const;
+  // The `count` markers and turns that agree best with how bright the cells are (n * n numbers, row
+  // by row, black below 0, white above): largest sum of +-brightness, best first. `errors` counts
+  // the cells whose sign differs. Throws std::invalid_argument for another number of cells.
+  [[nodiscard]] std::vector<Match> nearest(std::span<const float> brightness, int count) const;
 
  private:
   void index();

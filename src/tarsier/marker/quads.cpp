@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <span>
 
 namespace tarsier::marker {
 namespace {
@@ -57,16 +58,6 @@ double shortest(const Quad& quad) {
   return std::min({side(quad, 0), side(quad, 1), side(quad, 2), side(quad, 3)});
 }
 
-double signed_area(const Quad& quad) {
-  double twice = 0;
-  for (std::size_t k = 0; k < 4; ++k) {
-    const Vector2d& a = quad[k];
-    const Vector2d& b = quad[(k + 1) % 4];
-    twice += a.x() * b.y() - a.y() * b.x();
-  }
-  return twice / 2;
-}
-
 bool is_convex(const Quad& quad) {
   for (std::size_t k = 0; k < 4; ++k) {
     const Vector2d a = quad[(k + 1) % 4] - quad[k];
@@ -78,35 +69,34 @@ bool is_convex(const Quad& quad) {
   return true;
 }
 
-// Four corners of a closed contour: its two farthest points, then the farthest from their chord on
-// either side. Nothing where the contour leaves the quadrilateral.
-std::optional<std::array<std::size_t, 4>> corners_of(const std::vector<cv::Point>& contour,
-                                                     double tolerance) {
-  const auto farthest_from = [&](const cv::Point& from) {
-    std::size_t best = 0;
-    double most = -1;
-    for (std::size_t i = 0; i < contour.size(); ++i) {
-      const cv::Point d = contour[i] - from;
-      const double square = static_cast<double>(d.dot(d));
-      if (square > most) {
-        most = square;
-        best = i;
-      }
+// The farthest contour point from `from`.
+std::size_t farthest(std::span<const cv::Point> contour, const cv::Point& from) {
+  std::size_t best = 0;
+  int most = -1;
+  for (std::size_t i = 0; i < contour.size(); ++i) {
+    const cv::Point d = contour[i] - from;
+    const int square = d.dot(d);
+    if (square > most) {
+      most = square;
+      best = i;
     }
-    return best;
-  };
-  const std::size_t a = farthest_from(contour[0]);
-  const std::size_t c = farthest_from(contour[a]);
-  const cv::Point2d chord = contour[c] - contour[a];
-  const double length = std::hypot(chord.x, chord.y);
-  if (length < 1) return std::nullopt;
+  }
+  return best;
+}
+
+// Four corners of a closed contour, by index, in its order: its two farthest points, then the
+// farthest from their chord on either side.
+std::optional<std::array<std::size_t, 4>> corners_of(std::span<const cv::Point> contour) {
+  const std::size_t c = farthest(contour, contour[farthest(contour, contour[0])]);
+  const std::size_t a = farthest(contour, contour[c]);
+  const cv::Point chord = contour[c] - contour[a];
   std::size_t b = a;
   std::size_t d = a;
-  double most_b = 0;
-  double most_d = 0;
+  int most_b = 0;
+  int most_d = 0;
   for (std::size_t i = 0; i < contour.size(); ++i) {
-    const cv::Point2d v = contour[i] - contour[a];
-    const double height = (chord.x * v.y - chord.y * v.x) / length;
+    const cv::Point v = contour[i] - contour[a];
+    const int height = chord.x * v.y - chord.y * v.x;
     if (height > most_b) {
       most_b = height;
       b = i;
@@ -116,42 +106,43 @@ std::optional<std::array<std::size_t, 4>> corners_of(const std::vector<cv::Point
       d = i;
     }
   }
-  if (most_b < 0.1 * length || most_d < 0.1 * length) return std::nullopt;
+  const double least = 0.1 * chord.dot(chord);
+  if (most_b < least || most_d < least) return std::nullopt;
   std::array<std::size_t, 4> corners{a, b, c, d};
   std::sort(corners.begin(), corners.end());
-  const std::size_t n = contour.size();
-  for (std::size_t k = 0; k < 4; ++k) {
-    const std::size_t first = corners[k];
-    const std::size_t last = corners[(k + 1) % 4];
-    const std::size_t count = (last + n - first) % n;
-    if (count < 3) return std::nullopt;
-    const cv::Point2d along = contour[last] - contour[first];
-    const double size = std::max(1.0, std::hypot(along.x, along.y));
-    for (std::size_t i = 1; i < count; ++i) {
-      const cv::Point2d v = contour[(first + i) % n] - contour[first];
-      if (std::abs(along.x * v.y - along.y * v.x) / size > tolerance) return std::nullopt;
-    }
-  }
   return corners;
 }
 
-// Lines through the middle parts of the sides meet in the corners.
-std::optional<Quad> quad_of(const std::vector<cv::Point>& contour,
-                            const std::array<std::size_t, 4>& corners) {
+// Lines through the contour's points near each side meet in the corners. Outwards the contour keeps
+// within `tolerance` px of the chords; inwards it may leave them, where blur lets a white cell
+// break through the frame, but not on more than half of a side.
+std::optional<Quad> quad_of(std::span<const cv::Point> contour,
+                            const std::array<std::size_t, 4>& corners, double tolerance) {
   const std::size_t n = contour.size();
   std::array<Line, 4> lines;
   std::vector<Vector2d> points;
   std::vector<double> weights;
   for (std::size_t k = 0; k < 4; ++k) {
     const std::size_t first = corners[k];
-    const std::size_t count = (corners[(k + 1) % 4] + n - first) % n;
-    const std::size_t skip = std::max<std::size_t>(1, count / 8);
+    const std::size_t last = corners[(k + 1) % 4];
+    const std::size_t count = (last + n - first) % n;
+    const cv::Point along = contour[last] - contour[first];
+    const int steps = std::max(std::abs(along.x), std::abs(along.y));
+    if (steps < 3) return std::nullopt;
+    const double size = std::hypot(along.x, along.y);
     points.clear();
-    for (std::size_t i = skip; i + skip <= count; ++i) {
+    int near = 0;
+    for (std::size_t i = 1; i < count; ++i) {
       const cv::Point& p = contour[(first + i) % n];
-      points.emplace_back(p.x, p.y);
+      const cv::Point v = p - contour[first];
+      const double inwards = (along.x * v.y - along.y * v.x) / size;
+      if (inwards < -tolerance) return std::nullopt;
+      if (inwards > tolerance) continue;
+      ++near;
+      const double share = along.dot(v) / (size * size);
+      if (share > 0.1 && share < 0.9) points.emplace_back(p.x, p.y);
     }
-    if (points.size() < 2) return std::nullopt;
+    if (2 * near < steps || points.size() < 2) return std::nullopt;
     weights.assign(points.size(), 1);
     lines[k] = line_through(points, weights);
   }
@@ -161,7 +152,6 @@ std::optional<Quad> quad_of(const std::vector<cv::Point>& contour,
     if (!corner) return std::nullopt;
     quad[k] = *corner;
   }
-  if (signed_area(quad) < 0) std::swap(quad[1], quad[3]);
   return quad;
 }
 
@@ -227,10 +217,8 @@ std::optional<std::pair<double, double>> edge_along(const cv::Mat& gray, const V
 
 void QuadOptions::check() const {
   TARSIER_REQUIRE(min_side_px > 0 && std::isfinite(min_side_px), "sides of {} px", min_side_px);
-  TARSIER_REQUIRE(!windows.empty() && windows.size() <= 10, "{} windows", windows.size());
-  for (const int window : windows)
-    TARSIER_REQUIRE(window >= 3 && window % 2 == 1 && window < 1000, "a window of {} px", window);
-  TARSIER_REQUIRE(darker >= 0 && darker <= 100, "darker by {}", darker);
+  TARSIER_REQUIRE(min_contrast >= 2 && min_contrast <= 255, "a contrast of {}", min_contrast);
+  TARSIER_REQUIRE(halvings >= 0 && halvings <= 6, "{} halvings", halvings);
   TARSIER_REQUIRE(straight > 0 && straight < 0.5, "straight within {}", straight);
 }
 
@@ -239,18 +227,32 @@ std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options, Qu
   TARSIER_REQUIRE(gray.type() == CV_8UC1, "a picture that is not grey");
   std::vector<Quad> quads;
   if (gray.cols < 8 || gray.rows < 8) return quads;
-  for (const int window : options.windows) {
-    cv::adaptiveThreshold(gray, w.dark, 255, cv::ADAPTIVE_THRESH_MEAN_C, cv::THRESH_BINARY_INV,
-                          window, options.darker);
-    w.contours.clear();
-    cv::findContours(w.dark, w.contours, cv::RETR_LIST, cv::CHAIN_APPROX_NONE);
-    for (const std::vector<cv::Point>& contour : w.contours) {
+  cv::Mat picture = gray;
+  for (int level = 0; level <= options.halvings; ++level) {
+    if (level > 0) {
+      cv::Mat& smaller = level % 2 == 1 ? w.half : w.other_half;
+      cv::resize(picture, smaller, {picture.cols / 2, picture.rows / 2}, 0, 0, cv::INTER_AREA);
+      picture = smaller;
+    }
+    if (picture.cols < 8 || picture.rows < 8) break;
+    const double scale = 1 << level;
+    OutlineOptions outlines;
+    // Means of four pixels are half as noisy.
+    outlines.min_contrast =
+        std::max(2, level == 0 ? options.min_contrast : options.min_contrast * 3 / 5);
+    outlines.min_size = std::max(3, static_cast<int>(options.min_side_px / scale));
+    find_dark_outlines(picture, outlines, w.outlines);
+    for (std::size_t i = 0; i < w.outlines.outlines.size(); ++i) {
+      const auto contour = w.outlines.outline(i);
       const auto length = static_cast<double>(contour.size());
-      if (length < 4 * options.min_side_px * 0.8) continue;
-      const auto corners = corners_of(contour, std::max(1.5, options.straight * length / 2));
+      if (length < 3.2 * options.min_side_px / scale) continue;
+      const auto corners = corners_of(contour);
       if (!corners) continue;
-      const auto quad = quad_of(contour, *corners);
-      if (!quad || !is_convex(*quad) || shortest(*quad) < options.min_side_px) continue;
+      auto quad = quad_of(contour, *corners, std::max(2.0, options.straight * length / 2));
+      if (!quad) continue;
+      // The middle of a pixel of the smaller picture lies between pixels of the larger one.
+      for (Vector2d& corner : *quad) corner = corner * scale + Vector2d::Constant((scale - 1) / 2);
+      if (!is_convex(*quad) || shortest(*quad) < options.min_side_px) continue;
       if (!is_known(quads, *quad)) quads.push_back(*quad);
     }
   }

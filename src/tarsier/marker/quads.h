@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/marker/outlines.h"
+
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 
@@ -14,19 +16,20 @@ using Quad = std::array<Eigen::Vector2d, 4>;  // px, clockwise as seen (x right,
 
 struct QuadOptions {
   double min_side_px = 9;  // of the shortest side, > 0
-  // Windows whose mean a pixel is compared with, px, odd; each finds markers that others miss:
-  // small ones where light changes fast, large ones where it does not.
-  std::vector<int> windows{13, 41};
-  double darker = 6;        // grey levels below the mean that count as dark, 0..100
+  // Grey levels that black and white differ by at least, see OutlineOptions.
+  int min_contrast = 20;
+  // How often the picture is halved, each size searched too: a blurred or noisy edge is a clear one
+  // in a smaller picture. 0..6
+  int halvings = 1;
   double straight = 0.035;  // how far a contour may leave the quadrilateral, share of its length
   void check() const;
 };
 
 // Buffers that a film reuses.
 struct QuadWorkspace {
-  cv::Mat mean;
-  cv::Mat dark;
-  std::vector<std::vector<cv::Point>> contours;
+  cv::Mat half;
+  cv::Mat other_half;
+  OutlineWorkspace outlines;
 };
 
 // Candidates in `gray` (CV_8UC1), each place once, with corners good to about half a pixel:

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/marker/decode.h"
+#include "tarsier/marker/dictionary.h"
+#include "tarsier/marker/quads.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <optional>
+
+namespace tarsier::marker {
+
+struct AlignOptions {
+  int iterations = 6;    // at most, 1..100
+  int max_samples = 36;  // in each direction over the marker, 8..200
+  double margin = 0.5;   // of white paper that counts too, cells, 0..1
+  void check() const;
+};
+
+struct Alignment {
+  Quad corners;            // px, as they were given
+  double correlation = 0;  // of picture and marker over the cells inside the frame, -1..1
+  double blur_px = 0;      // standard deviation of the blur along the sharper direction
+};
+
+// Lays the marker whose cells are `seen` (as the picture shows them from corner 0, not turned) onto
+// the picture: minimises over a homography H, blur (s_u, s_v) and light (a, b, c, d)
+//   sum_i w_i (I(H x_i) - a T(x_i; s_u, s_v) - b - c u_i - d v_i)^2
+// by Gauss-Newton steps that are composed inversely (Baker & Matthews, "Lucas-Kanade 20 years on",
+// IJCV 2004), w from Tukey's biweight. T is the marker under a Gaussian, in closed form: sums of
+// products of error functions, one for each cell. All edges of the pattern take part, not the four
+// sides alone, and what blur does to them where they are close: that is worth most for small
+// markers. Nothing where it leaves the picture or moves away by more than a cell.
+[[nodiscard]] std::optional<Alignment> align_marker(const cv::Mat& gray, Code seen, int cells,
+                                                    const Quad& start, const AlignOptions& options);
+
+}  // namespace tarsier::marker

@@ -1,0 +1,271 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/marker/outlines.h"
+
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstring>
+
+namespace tarsier::marker {
+namespace {
+
+constexpr int kTile = 4;
+
+using Bytes = std::vector<std::uint8_t>;
+
+std::size_t size(int n) { return static_cast<std::size_t>(n); }
+
+struct Tiles {
+  int columns;
+  int rows;
+};
+
+// Darkest and brightest pixel of each tile. The last tiles may be smaller.
+void tile_extremes(const cv::Mat& gray, const Tiles& tiles, Bytes& lows, Bytes& highs) {
+  lows.resize(size(tiles.columns) * size(tiles.rows));
+  highs.resize(lows.size());
+  // One row of columns' extremes, filled up to whole tiles.
+  Bytes low(size(tiles.columns * kTile));
+  Bytes high(low.size());
+  for (int row = 0; row < tiles.rows; ++row) {
+    const int top = row * kTile;
+    const auto* line = gray.ptr<std::uint8_t>(top);
+    std::memcpy(low.data(), line, size(gray.cols));
+    std::memcpy(high.data(), line, size(gray.cols));
+    for (int y = top + 1; y < std::min(gray.rows, top + kTile); ++y) {
+      line = gray.ptr<std::uint8_t>(y);
+      for (std::size_t x = 0; x < size(gray.cols); ++x) {
+        low[x] = std::min(low[x], line[x]);
+        high[x] = std::max(high[x], line[x]);
+      }
+    }
+    for (std::size_t x = size(gray.cols); x < low.size(); ++x) {
+      low[x] = low[x - 1];
+      high[x] = high[x - 1];
+    }
+    auto* to_low = lows.data() + size(row) * size(tiles.columns);
+    auto* to_high = highs.data() + size(row) * size(tiles.columns);
+    for (std::size_t i = 0; i < size(tiles.columns); ++i) {
+      const auto* a = &low[i * kTile];
+      const auto* b = &high[i * kTile];
+      to_low[i] = std::min(std::min(a[0], a[1]), std::min(a[2], a[3]));
+      to_high[i] = std::max(std::max(b[0], b[1]), std::max(b[2], b[3]));
+    }
+  }
+}
+
+// Extremes over the 3 x 3 tiles around each.
+template <typename Better>
+void spread(const Bytes& from, const Tiles& tiles, Bytes& to, Better better) {
+  to.resize(from.size());
+  const std::size_t columns = size(tiles.columns);
+  Bytes middle(columns);
+  for (int row = 0; row < tiles.rows; ++row) {
+    const auto* above = &from[size(std::max(0, row - 1)) * columns];
+    const auto* here = &from[size(row) * columns];
+    const auto* below = &from[size(std::min(tiles.rows - 1, row + 1)) * columns];
+    for (std::size_t i = 0; i < columns; ++i)
+      middle[i] = better(above[i], better(here[i], below[i]));
+    auto* out = &to[size(row) * columns];
+    out[0] = better(middle[0], middle[std::min<std::size_t>(1, columns - 1)]);
+    for (std::size_t i = 1; i + 1 < columns; ++i)
+      out[i] = better(middle[i - 1], better(middle[i], middle[i + 1]));
+    if (columns > 1) out[columns - 1] = better(middle[columns - 2], middle[columns - 1]);
+  }
+}
+
+// The mask of dark pixels, with a frame of one pixel that is not dark.
+void binarize(const cv::Mat& gray, int min_contrast, OutlineWorkspace& w) {
+  const Tiles tiles{(gray.cols + kTile - 1) / kTile, (gray.rows + kTile - 1) / kTile};
+  tile_extremes(gray, tiles, w.lows, w.highs);
+  spread(w.lows, tiles, w.spread_lows, [](auto a, auto b) { return std::min(a, b); });
+  spread(w.highs, tiles, w.spread_highs, [](auto a, auto b) { return std::max(a, b); });
+  const std::size_t stride = size(gray.cols) + 2;
+  w.dark.assign(stride * (size(gray.rows) + 2), 0);
+  w.thresholds.resize(size(tiles.columns * kTile));
+  for (int row = 0; row < tiles.rows; ++row) {
+    const auto* low = &w.spread_lows[size(row) * size(tiles.columns)];
+    const auto* high = &w.spread_highs[size(row) * size(tiles.columns)];
+    for (std::size_t i = 0; i < size(tiles.columns); ++i) {
+      const int middle = (low[i] + high[i] + 1) / 2;
+      const auto threshold =
+          static_cast<std::uint8_t>(high[i] - low[i] < min_contrast ? 0 : middle);
+      std::memset(&w.thresholds[i * kTile], threshold, kTile);
+    }
+    const auto* threshold = w.thresholds.data();
+    for (int y = row * kTile; y < std::min(gray.rows, (row + 1) * kTile); ++y) {
+      const auto* line = gray.ptr<std::uint8_t>(y);
+      auto* dark = &w.dark[(size(y) + 1) * stride + 1];
+      for (std::size_t x = 0; x < size(gray.cols); ++x) dark[x] = line[x] < threshold[x] ? 255 : 0;
+    }
+  }
+}
+
+int root_of(std::vector<OutlineWorkspace::Run>& runs, int run) {
+  while (runs[size(run)].parent != run) {
+    auto& r = runs[size(run)];
+    r.parent = runs[size(r.parent)].parent;
+    run = r.parent;
+  }
+  return run;
+}
+
+void join(std::vector<OutlineWorkspace::Run>& runs, int a, int b) {
+  a = root_of(runs, a);
+  b = root_of(runs, b);
+  if (a < b)
+    runs[size(b)].parent = a;
+  else
+    runs[size(a)].parent = b;
+}
+
+// Calls edge(x) wherever a row of 0 and 255 changes, from the left; `row` is followed by zeros.
+template <typename Edge>
+void for_each_change(const std::uint8_t* row, int columns, Edge edge) {
+  std::uint64_t carry = 0;
+  for (int x0 = 0; x0 < columns; x0 += 64) {
+    // 64 pixels as bits: the lowest bit of each byte, eight at a time gathered by a product.
+    std::uint64_t bits = 0;
+    const int n = std::min(64, columns - x0);
+    for (int k = 0; k < n; k += 8) {
+      std::uint64_t eight = 0;
+      std::memcpy(&eight, row + x0 + k, size(std::min(8, n - k)));
+      if constexpr (std::endian::native == std::endian::big) eight = __builtin_bswap64(eight);
+      const std::uint64_t gathered =
+          ((eight & 0x0101010101010101ULL) * 0x0102040810204080ULL) >> 56U;
+      bits |= gathered << static_cast<unsigned>(k);
+    }
+    std::uint64_t changes = bits ^ ((bits << 1U) | carry);
+    carry = bits >> 63U;
+    while (changes != 0) {
+      const int x = x0 + std::countr_zero(changes);
+      edge(x);
+      changes &= changes - 1;
+    }
+  }
+}
+
+void find_runs(int columns, int rows, OutlineWorkspace& w) {
+  w.runs.clear();
+  w.row_starts.assign(size(rows) + 1, 0);
+  const std::size_t stride = size(columns) + 2;
+  std::size_t above = 0;  // first run of the row above
+  for (int y = 0; y < rows; ++y) {
+    const std::size_t begin = w.runs.size();
+    w.row_starts[size(y)] = static_cast<int>(begin);
+    bool is_open = false;
+    // One column of the frame more: what reaches the right edge ends there.
+    for_each_change(&w.dark[(size(y) + 1) * stride + 1], columns + 1, [&](int x) {
+      if (is_open)
+        w.runs.back().last = x - 1;
+      else
+        w.runs.push_back({x, x, static_cast<int>(w.runs.size())});
+      is_open = !is_open;
+    });
+    std::size_t up = above;
+    for (std::size_t i = begin; i < w.runs.size(); ++i) {
+      while (up < begin && w.runs[up].last < w.runs[i].first) ++up;
+      for (std::size_t k = up; k < begin && w.runs[k].first <= w.runs[i].last; ++k)
+        join(w.runs, static_cast<int>(k), static_cast<int>(i));
+    }
+    above = begin;
+  }
+  w.row_starts[size(rows)] = static_cast<int>(w.runs.size());
+}
+
+void find_things(int rows, OutlineWorkspace& w) {
+  w.things.clear();
+  w.things_of_runs.assign(w.runs.size(), -1);
+  for (int y = 0; y < rows; ++y) {
+    for (int i = w.row_starts[size(y)]; i < w.row_starts[size(y) + 1]; ++i) {
+      const auto& run = w.runs[size(i)];
+      const int root = root_of(w.runs, i);
+      int& thing = w.things_of_runs[size(root)];
+      if (thing < 0) {  // a root is its thing's first run
+        thing = static_cast<int>(w.things.size());
+        w.things.push_back({root, run.first, y, run.first, run.last, y});
+      }
+      auto& t = w.things[size(thing)];
+      t.left = std::min(t.left, run.first);
+      t.right = std::max(t.right, run.last);
+      t.bottom = y;
+    }
+  }
+}
+
+// Follows the outer border from the first pixel, the outside on the left hand; false where it is
+// longer than `longest`.
+bool trace(const OutlineWorkspace::Thing& thing, int columns, std::size_t longest,
+           OutlineWorkspace& w) {
+  const std::ptrdiff_t stride = columns + 2;
+  // Clockwise as seen, from the right.
+  constexpr std::array<int, 4> kX{1, 0, -1, 0};
+  constexpr std::array<int, 4> kY{0, 1, 0, -1};
+  std::array<std::ptrdiff_t, 4> step{};
+  for (std::size_t k = 0; k < 4; ++k) step[k] = kX[k] + kY[k] * stride;
+  const std::size_t begin = w.points.size();
+  const std::uint8_t* const start = w.dark.data() + (thing.y + 1) * stride + thing.x + 1;
+  const std::uint8_t* at = start;
+  cv::Point place(thing.x, thing.y);
+  std::size_t first_way = 4;
+  // Nothing of the thing lies above or to the left in this row: look on from the left, clockwise.
+  std::size_t look = 2;
+  while (true) {
+    std::size_t way = 4;
+    for (std::size_t k = 1; k <= 4; ++k) {
+      const std::size_t direction = (look + k) % 4;
+      if (at[step[direction]] != 0) {
+        way = direction;
+        break;
+      }
+    }
+    if (way == 4) return false;  // one pixel
+    if (at == start) {
+      if (first_way == 4)
+        first_way = way;
+      else if (way == first_way)
+        return true;
+    }
+    if (w.points.size() - begin >= longest) return false;
+    w.points.push_back(place);
+    at += step[way];
+    place.x += kX[way];
+    place.y += kY[way];
+    look = (way + 2) % 4;  // back to where we came from
+  }
+}
+
+}  // namespace
+
+void OutlineOptions::check() const {
+  TARSIER_REQUIRE(min_contrast >= 2 && min_contrast <= 255, "a contrast of {}", min_contrast);
+  TARSIER_REQUIRE(min_size >= 3, "things of {} px", min_size);
+}
+
+void find_dark_outlines(const cv::Mat& gray, const OutlineOptions& options, OutlineWorkspace& w) {
+  options.check();
+  TARSIER_REQUIRE(gray.type() == CV_8UC1, "a picture that is not grey");
+  w.points.clear();
+  w.outlines.clear();
+  if (gray.empty()) return;
+  binarize(gray, options.min_contrast, w);
+  find_runs(gray.cols, gray.rows, w);
+  find_things(gray.rows, w);
+  for (const auto& thing : w.things) {
+    const int width = thing.right - thing.left + 1;
+    const int height = thing.bottom - thing.y + 1;
+    if (std::max(width, height) < options.min_size) continue;
+    if (3 * std::min(width, height) < options.min_size) continue;
+    // Around a convex thing it is at most twice that far; a little more for noise.
+    const std::size_t longest = 3 * size(width + height);
+    const std::size_t begin = w.points.size();
+    if (trace(thing, gray.cols, longest, w))
+      w.outlines.push_back({begin, w.points.size() - begin});
+    else
+      w.points.resize(begin);
+  }
+}
+
+}  // namespace tarsier::marker
