@@ -89,10 +89,12 @@ struct Problem {
   Eigen::Vector2d center = Eigen::Vector2d::Zero();
   double fx = 1;
   double fy = 1;
+  Eigen::MatrixXd information;  // of the pixels; empty: all alike
 };
 
 std::optional<Problem> problem_of(std::span<const cv::Point2d> on_plane,
-                                  std::span<const cv::Point2d> pixels, const Camera& camera) {
+                                  std::span<const cv::Point2d> pixels, const Camera& camera,
+                                  const PlanarPoseOptions& options) {
   TARSIER_REQUIRE(on_plane.size() == pixels.size(), "as many points on the plane as pixels");
   if (on_plane.size() < 4 || !all_finite(on_plane) || !all_finite(pixels)) return std::nullopt;
   Problem problem;
@@ -107,6 +109,14 @@ std::optional<Problem> problem_of(std::span<const cv::Point2d> on_plane,
   }
   problem.center /= static_cast<double>(pixels.size());
   for (Eigen::Vector2d& p : problem.on_plane) p -= problem.center;
+  if (!options.information.empty()) {
+    const auto n = static_cast<Eigen::Index>(2 * pixels.size());
+    TARSIER_REQUIRE(options.information.size() == static_cast<std::size_t>(n * n),
+                    "an information matrix of {} numbers for {} points", options.information.size(),
+                    pixels.size());
+    problem.information = Eigen::Map<const Eigen::MatrixXd>(options.information.data(), n, n);
+    if (!problem.information.allFinite()) return std::nullopt;
+  }
   return problem;
 }
 
@@ -118,17 +128,18 @@ struct Pose {
 
 // Infinite where a point is not before the camera.
 double cost_of(const Problem& problem, const Pose& pose) {
-  double sum = 0;
+  Eigen::VectorXd error(static_cast<Eigen::Index>(2 * problem.rays.size()));
   for (std::size_t i = 0; i < problem.rays.size(); ++i) {
     const Eigen::Vector2d& p = problem.on_plane[i];
     const Eigen::Vector3d x =
         pose.rotation.col(0) * p.x() + pose.rotation.col(1) * p.y() + pose.translation;
     if (!(x.z() > 0)) return std::numeric_limits<double>::infinity();
-    const double eu = problem.fx * (x.x() / x.z() - problem.rays[i].x());
-    const double ev = problem.fy * (x.y() / x.z() - problem.rays[i].y());
-    sum += eu * eu + ev * ev;
+    const auto at = static_cast<Eigen::Index>(2 * i);
+    error[at] = problem.fx * (x.x() / x.z() - problem.rays[i].x());
+    error[at + 1] = problem.fy * (x.y() / x.z() - problem.rays[i].y());
   }
-  return sum;
+  return problem.information.size() > 0 ? error.dot(problem.information * error)
+                                        : error.squaredNorm();
 }
 
 // The two rotations whose first-order view of the plane's origin is that of the homography
@@ -182,7 +193,9 @@ struct Linear {
 
 // Of the residuals by a small turn w (R <- exp([w]x) R) and a change of t.
 Linear linearized(const Problem& problem, const Pose& pose) {
-  Linear linear;
+  const auto rows = static_cast<Eigen::Index>(2 * problem.rays.size());
+  Eigen::Matrix<double, Eigen::Dynamic, 6> jacobian(rows, 6);
+  Eigen::VectorXd error(rows);
   for (std::size_t i = 0; i < problem.rays.size(); ++i) {
     const Eigen::Vector2d& p = problem.on_plane[i];
     const Eigen::Vector3d turned = pose.rotation.col(0) * p.x() + pose.rotation.col(1) * p.y();
@@ -193,12 +206,19 @@ Linear linearized(const Problem& problem, const Pose& pose) {
         problem.fy * inverse, -problem.fy * x.y() * inverse * inverse;
     Eigen::Matrix3d by_turn;  // -[turned]x
     by_turn << 0, turned.z(), -turned.y(), -turned.z(), 0, turned.x(), turned.y(), -turned.x(), 0;
-    Eigen::Matrix<double, 2, 6> j;
-    j << by_point * by_turn, by_point;
-    const Eigen::Vector2d e(problem.fx * (x.x() * inverse - problem.rays[i].x()),
-                            problem.fy * (x.y() * inverse - problem.rays[i].y()));
-    linear.normal.noalias() += j.transpose() * j;
-    linear.gradient.noalias() += j.transpose() * e;
+    const auto at = static_cast<Eigen::Index>(2 * i);
+    jacobian.middleRows<2>(at) << by_point * by_turn, by_point;
+    error[at] = problem.fx * (x.x() * inverse - problem.rays[i].x());
+    error[at + 1] = problem.fy * (x.y() * inverse - problem.rays[i].y());
+  }
+  Linear linear;
+  if (problem.information.size() > 0) {
+    const Eigen::Matrix<double, Eigen::Dynamic, 6> weighted = problem.information * jacobian;
+    linear.normal.noalias() = jacobian.transpose() * weighted;
+    linear.gradient.noalias() = weighted.transpose() * error;
+  } else {
+    linear.normal.noalias() = jacobian.transpose() * jacobian;
+    linear.gradient.noalias() = jacobian.transpose() * error;
   }
   return linear;
 }
@@ -279,7 +299,7 @@ std::optional<PlanarPoses> planar_poses(std::span<const cv::Point2d> on_plane,
                                         std::span<const cv::Point2d> pixels, const Camera& camera,
                                         const PlanarPoseOptions& options) {
   options.check();
-  const auto problem = problem_of(on_plane, pixels, camera);
+  const auto problem = problem_of(on_plane, pixels, camera, options);
   if (!problem) return std::nullopt;
   std::vector<cv::Point2d> plane;
   std::vector<cv::Point2d> rays;
@@ -314,7 +334,7 @@ std::optional<PlanarPose> refine_planar_pose(const Rigid& start,
                                              const Camera& camera,
                                              const PlanarPoseOptions& options) {
   options.check();
-  const auto problem = problem_of(on_plane, pixels, camera);
+  const auto problem = problem_of(on_plane, pixels, camera, options);
   if (!problem) return std::nullopt;
   Pose pose;
   for (int r = 0; r < 3; ++r) {

@@ -8,6 +8,7 @@
 
 #include <optional>
 #include <span>
+#include <vector>
 
 // Where a flat thing of known size is, from one picture.
 namespace tarsier::geometry {
@@ -42,6 +43,10 @@ struct PlanarPoses {
 
 struct PlanarPoseOptions {
   int iterations = 12;  // of Levenberg-Marquardt, for each of the two; 0..1000
+  // How surely the pixels' coordinates are known: the inverse of their covariance (px^-2), a
+  // symmetric 2n x 2n matrix over (u0, v0, u1, v1, ..), row by row; empty: all alike. The pose then
+  // minimises e' W e, and rms_px is the root of its mean over the points, in standard deviations.
+  std::vector<double> information;
   void check() const;
 };
 

@@ -106,17 +106,23 @@ Template template_of(const MatrixXd& pattern, const Axis& u, const Axis& v) {
   return t;
 }
 
-// The picture at the template's places; false where one lies outside.
+// The picture at the template's places, kOutside where there is none; false where fewer than two
+// thirds lie inside.
+constexpr double kOutside = -1;
 bool sample(const cv::Mat& gray, const Eigen::Matrix3d& map, const Axis& u, const Axis& v,
             MatrixXd& values) {
   values.resize(v.at.size(), u.at.size());
+  Eigen::Index outside = 0;
   for (Eigen::Index i = 0; i < u.at.size(); ++i) {
     for (Eigen::Index j = 0; j < v.at.size(); ++j) {
       const Eigen::Vector3d p = map * Eigen::Vector3d(u.at[i], v.at[j], 1);
       const double x = p.x() / p.z();
       const double y = p.y() / p.z();
-      if (!(p.z() > 0 && x >= 0 && y >= 0 && x < gray.cols - 1.001 && y < gray.rows - 1.001))
-        return false;
+      if (!(p.z() > 0 && x >= 0 && y >= 0 && x < gray.cols - 1.001 && y < gray.rows - 1.001)) {
+        values(j, i) = kOutside;
+        ++outside;
+        continue;
+      }
       const int x0 = static_cast<int>(x);
       const int y0 = static_cast<int>(y);
       const double fx = x - x0;
@@ -126,7 +132,7 @@ bool sample(const cv::Mat& gray, const Eigen::Matrix3d& map, const Axis& u, cons
       values(j, i) = (1 - fy) * (a[0] + fx * (a[1] - a[0])) + fy * (b[0] + fx * (b[1] - b[0]));
     }
   }
-  return true;
+  return 3 * outside < values.size();
 }
 
 // Least squares of values = a T + b + c u + d v with weights.
@@ -135,6 +141,7 @@ Eigen::Vector4d fit_light(const MatrixXd& values, const Template& t, const Axis&
   Eigen::Vector4d right = Eigen::Vector4d::Zero();
   for (Eigen::Index i = 0; i < u.at.size(); ++i) {
     for (Eigen::Index j = 0; j < v.at.size(); ++j) {
+      if (values(j, i) == kOutside) continue;
       const Eigen::Vector4d row(t.value(j, i), 1, u.at[i], v.at[j]);
       normal += row * row.transpose();
       right += values(j, i) * row;
@@ -154,7 +161,7 @@ double correlation_inside(const MatrixXd& values, const Template& t, const Axis&
   for (Eigen::Index i = 0; i < u.at.size(); ++i) {
     if (u.at[i] < 1 || u.at[i] > cells + 1) continue;
     for (Eigen::Index j = 0; j < v.at.size(); ++j) {
-      if (v.at[j] < 1 || v.at[j] > cells + 1) continue;
+      if (v.at[j] < 1 || v.at[j] > cells + 1 || values(j, i) == kOutside) continue;
       const double a = t.value(j, i);
       const double b = values(j, i) - light[2] * u.at[i] - light[3] * v.at[j];
       n += 1;
@@ -169,11 +176,216 @@ double correlation_inside(const MatrixXd& values, const Template& t, const Axis&
   return spread > 0 ? (xy - x * y / n) / std::sqrt(spread) : 0;
 }
 
+// The homography's part of the normal equations, what blur and light leave open taken out (Schur
+// complement), moved from its parameters to the corners.
+bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3d& map,
+                        double middle, std::array<double, 64>& information) {
+  const Eigen::Matrix<double, 8, 8> of_map = normal.topLeftCorner<8, 8>();
+  const Eigen::Matrix<double, 8, 6> mixed = normal.topRightCorner<8, 6>();
+  Eigen::Matrix<double, 6, 6> others = normal.bottomRightCorner<6, 6>();
+  others.diagonal() *= 1 + 1e-9;
+  others.diagonal().array() += 1e-9;
+  Eigen::Matrix<double, 8, 8> known = of_map - mixed * others.ldlt().solve(mixed.transpose());
+  // Of the corners by the parameters of a small warp before the map.
+  Eigen::Matrix<double, 8, 8> jacobian;
+  const Eigen::Matrix<double, 4, 2> signs{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}};
+  for (int k = 0; k < 4; ++k) {
+    const double x = signs(k, 0);
+    const double y = signs(k, 1);
+    Eigen::Matrix<double, 2, 8> moves;
+    moves << x, y, 1, 0, 0, 0, -x * x, -x * y, 0, 0, 0, x, y, 1, -x * y, -y * y;
+    const Eigen::Vector3d p = map * Eigen::Vector3d(middle * (x + 1), middle * (y + 1), 1);
+    Eigen::Matrix2d by_place;
+    by_place << map(0, 0) - map(2, 0) * p.x() / p.z(), map(0, 1) - map(2, 1) * p.x() / p.z(),
+        map(1, 0) - map(2, 0) * p.y() / p.z(), map(1, 1) - map(2, 1) * p.y() / p.z();
+    jacobian.middleRows<2>(2 * k) = by_place * (middle / p.z()) * moves;
+  }
+  // Blur and noise are not quite what the model has them: no corner is surer than that.
+  constexpr double kModel = 0.1;  // px
+  known.diagonal() *= 1 + 1e-9;
+  known.diagonal().array() += 1e-9;
+  const Eigen::Matrix<double, 8, 8> covariance =
+      std::max(noise, 1e-3) * jacobian * known.ldlt().solve(jacobian.transpose()) +
+      kModel * kModel * Eigen::Matrix<double, 8, 8>::Identity();
+  const Eigen::Matrix<double, 8, 8> result =
+      covariance.ldlt().solve(Eigen::Matrix<double, 8, 8>::Identity());
+  if (!result.allFinite()) return false;
+  Eigen::Map<Eigen::Matrix<double, 8, 8>>(information.data()) =
+      0.5 * (result + result.transpose());
+  return true;
+}
+
 double median_of(std::vector<double>& values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
 }
+
+// What is fitted, and what it is fitted to.
+class Fit {
+ public:
+  Fit(const cv::Mat& gray, Code seen, int cells, const Quad& start, const AlignOptions& options)
+      : gray_(gray),
+        cells_(cells),
+        size_(cells + 2),
+        cell_u_(mean_side(start, 0) / size_),
+        cell_v_(mean_side(start, 1) / size_),
+        u_(samples(cell_u_, options), size_, options.margin),
+        v_(samples(cell_v_, options), size_, options.margin),
+        pattern_(pattern_of(seen, cells)),
+        map_(picture_from_cells(start, cells)),
+        blur_u_(0.8 / cell_u_),
+        blur_v_(0.8 / cell_v_),
+        rows_(kParameters + 1, u_.at.size() * v_.at.size()) {}
+
+  // Samples the picture and draws the marker where both are now.
+  bool look() {
+    if (!sample(gray_, map_, u_, v_, values_)) return false;
+    u_.blur(blur_u_);
+    v_.blur(blur_v_);
+    template_ = template_of(pattern_, u_, v_);
+    light_ = fit_light(values_, template_, u_, v_);
+    return true;
+  }
+
+  // One Gauss-Newton step; how far it moved a corner at most, px, or nothing where it fails.
+  std::optional<double> step() {
+    linearize();
+    Normal damped = normal_;
+    damped.diagonal() *= 1 + 1e-4;
+    damped.diagonal().array() += 1e-9;
+    const Row step = damped.ldlt().solve(right_);
+    if (!step.allFinite()) return std::nullopt;
+    // The marker warped by W looks like the picture: the picture is looked at from W^-1 on.
+    const double middle = 0.5 * size_;
+    Eigen::Matrix3d warp;
+    warp << 1 + step[0], step[1], step[2], step[3], 1 + step[4], step[5], step[6], step[7], 1;
+    if (!(std::abs(warp.determinant()) > 0.1)) return std::nullopt;
+    Eigen::Matrix3d to_halves;
+    to_halves << 1 / middle, 0, -1, 0, 1 / middle, -1, 0, 0, 1;
+    Eigen::Matrix3d from_halves;
+    from_halves << middle, 0, middle, 0, middle, middle, 0, 0, 1;
+    map_ = map_ * from_halves * warp.inverse() * to_halves;
+    map_ /= map_(2, 2);
+    blur_u_ = next_blur(blur_u_, step[8], cell_u_);
+    blur_v_ = next_blur(blur_v_, step[9], cell_v_);
+    if (!look()) return std::nullopt;
+    return step.head<8>().cwiseAbs().maxCoeff() * middle * std::max(cell_u_, cell_v_);
+  }
+
+  [[nodiscard]] std::optional<Alignment> result(const Quad& start) const {
+    if (!(light_[0] > 0)) return std::nullopt;
+    Alignment result;
+    const double n = size_;
+    const std::array<Eigen::Vector2d, 4> corners{Eigen::Vector2d(0, 0), Eigen::Vector2d(n, 0),
+                                                 Eigen::Vector2d(n, n), Eigen::Vector2d(0, n)};
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Eigen::Vector3d p = map_ * corners[k].homogeneous();
+      if (!(p.z() > 0)) return std::nullopt;
+      result.corners[k] = p.hnormalized();
+      if (!((result.corners[k] - start[k]).norm() < kMostMove * std::max(cell_u_, cell_v_)))
+        return std::nullopt;
+    }
+    if (!corner_information(normal_, noise_, map_, 0.5 * n, result.information))
+      return std::nullopt;
+    result.correlation = correlation_inside(values_, template_, u_, v_, light_, cells_);
+    result.blur_px = std::min(blur_u_ * cell_u_, blur_v_ * cell_v_);
+    return result;
+  }
+
+ private:
+  static constexpr double kMostMove = 1.2;  // cells
+
+  static double mean_side(const Quad& quad, std::size_t k) {
+    return 0.5 *
+           ((quad[(k + 1) % 4] - quad[k]).norm() + (quad[(k + 2) % 4] - quad[(k + 3) % 4]).norm());
+  }
+  [[nodiscard]] int samples(double cell, const AlignOptions& options) const {
+    return std::clamp(static_cast<int>((size_ + 2 * options.margin) * cell), 2 * size_,
+                      std::max(2 * size_, options.max_samples));
+  }
+  static double next_blur(double blur, double change, double cell) {
+    const double square = std::clamp(blur * blur + change, 0.25 * blur * blur, 4 * blur * blur);
+    return std::clamp(std::sqrt(square), 0.35 / cell, 1.5);
+  }
+  [[nodiscard]] double error(Eigen::Index i, Eigen::Index j) const {
+    return values_(j, i) - light_[0] * template_.value(j, i) - light_[1] - light_[2] * u_.at[i] -
+           light_[3] * v_.at[j];
+  }
+  // How far a value may be off and still count a little: what is farther is not the marker's
+  // (fingers, glare).
+  [[nodiscard]] double limit() {
+    sizes_.clear();
+    for (Eigen::Index i = 0; i < u_.at.size(); ++i)
+      for (Eigen::Index j = 0; j < v_.at.size(); ++j)
+        if (values_(j, i) != kOutside) sizes_.push_back(std::abs(error(i, j)));
+    return 7 * std::max(1.0, 1.4826 * median_of(sizes_));
+  }
+  void linearize() {
+    const double most = limit();
+    const double middle = 0.5 * size_;
+    Eigen::Index used = 0;
+    for (Eigen::Index i = 0; i < u_.at.size(); ++i) {
+      for (Eigen::Index j = 0; j < v_.at.size(); ++j) {
+        if (values_(j, i) == kOutside) continue;
+        const double e = error(i, j);
+        const double share = e / most;
+        if (share * share >= 1) continue;
+        const auto weight = static_cast<float>(1 - share * share);  // its square counts
+        // Places relative to the middle, in half sides: all parameters alike in size.
+        const auto x = static_cast<float>((u_.at[i] - middle) / middle);
+        const auto y = static_cast<float>((v_.at[j] - middle) / middle);
+        const auto gx = weight * static_cast<float>(light_[0] * template_.du(j, i) * middle);
+        const auto gy = weight * static_cast<float>(light_[0] * template_.dv(j, i) * middle);
+        const float inwards = -(gx * x + gy * y);
+        const auto gain = weight * static_cast<float>(0.5 * light_[0]);
+        float* row = rows_.col(used++).data();
+        row[0] = gx * x;
+        row[1] = gx * y;
+        row[2] = gx;
+        row[3] = gy * x;
+        row[4] = gy * y;
+        row[5] = gy;
+        row[6] = inwards * x;
+        row[7] = inwards * y;
+        row[8] = gain * static_cast<float>(template_.duu(j, i));
+        row[9] = gain * static_cast<float>(template_.dvv(j, i));
+        row[10] = weight * static_cast<float>(template_.value(j, i));
+        row[11] = weight;
+        row[12] = weight * x;
+        row[13] = weight * y;
+        row[14] = weight * static_cast<float>(e);
+      }
+    }
+    const auto part = rows_.leftCols(used);
+    const Eigen::Matrix<double, kParameters + 1, kParameters + 1> products =
+        (part * part.transpose()).cast<double>();
+    normal_ = products.topLeftCorner<kParameters, kParameters>();
+    right_ = products.topRightCorner<kParameters, 1>();
+    noise_ =
+        products(kParameters, kParameters) / static_cast<double>(std::max<Eigen::Index>(1, used));
+  }
+
+  const cv::Mat& gray_;
+  int cells_;
+  int size_;       // cells with the frame, of one side
+  double cell_u_;  // px
+  double cell_v_;
+  Axis u_;
+  Axis v_;
+  MatrixXd pattern_;
+  Eigen::Matrix3d map_;  // picture from cells
+  double blur_u_;        // cells
+  double blur_v_;
+  Rows rows_;
+  std::vector<double> sizes_;
+  MatrixXd values_;
+  Template template_;
+  Eigen::Vector4d light_ = Eigen::Vector4d::Zero();
+  Normal normal_ = Normal::Zero();
+  Row right_ = Row::Zero();
+  double noise_ = 1;  // mean squared error, grey levels
+};
 
 }  // namespace
 
@@ -187,120 +399,15 @@ std::optional<Alignment> align_marker(const cv::Mat& gray, Code seen, int cells,
                                       const AlignOptions& options) {
   options.check();
   TARSIER_REQUIRE(gray.type() == CV_8UC1, "a picture that is not grey");
-  const int n = cells + 2;
-  const auto mean_side = [&](std::size_t k) {
-    return 0.5 * ((start[(k + 1) % 4] - start[k]).norm() +
-                  (start[(k + 2) % 4] - start[(k + 3) % 4]).norm());
-  };
-  const double cell_u = mean_side(0) / n;  // px
-  const double cell_v = mean_side(1) / n;
-  const auto samples = [&](double cell) {
-    return std::clamp(static_cast<int>((n + 2 * options.margin) * cell), 2 * n,
-                      std::max(2 * n, options.max_samples));
-  };
-  Axis u(samples(cell_u), n, options.margin);
-  Axis v(samples(cell_v), n, options.margin);
-  const MatrixXd pattern = pattern_of(seen, cells);
-  double blur_u = 0.8 / cell_u;  // cells
-  double blur_v = 0.8 / cell_v;
-  Eigen::Matrix3d map = picture_from_cells(start, cells);
-  MatrixXd values;
-  if (!sample(gray, map, u, v, values)) return std::nullopt;
-  u.blur(blur_u);
-  v.blur(blur_v);
-  Template t = template_of(pattern, u, v);
-  Eigen::Vector4d light = fit_light(values, t, u, v);
-  const double middle = 0.5 * n;
-  Rows rows(kParameters + 1, values.size());
-  std::vector<double> sizes(static_cast<std::size_t>(values.size()));
+  constexpr double kStill = 0.01;  // px
+  Fit fit(gray, seen, cells, start, options);
+  if (!fit.look()) return std::nullopt;
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
-    // How far most values are off: what is much farther (fingers, glare) does not count.
-    std::size_t count = 0;
-    for (Eigen::Index i = 0; i < u.at.size(); ++i)
-      for (Eigen::Index j = 0; j < v.at.size(); ++j)
-        sizes[count++] = std::abs(values(j, i) - light[0] * t.value(j, i) - light[1] -
-                                  light[2] * u.at[i] - light[3] * v.at[j]);
-    const double limit = 4.685 * std::max(1.0, 1.4826 * median_of(sizes)) * 1.5;
-    Eigen::Index used = 0;
-    for (Eigen::Index i = 0; i < u.at.size(); ++i) {
-      for (Eigen::Index j = 0; j < v.at.size(); ++j) {
-        const double error = values(j, i) - light[0] * t.value(j, i) - light[1] -
-                             light[2] * u.at[i] - light[3] * v.at[j];
-        const double share = error / limit;
-        if (share * share >= 1) continue;
-        const auto weight = static_cast<float>(1 - share * share);  // its square counts
-        // Places relative to the middle, in half sides: all parameters alike in size.
-        const auto x = static_cast<float>((u.at[i] - middle) / middle);
-        const auto y = static_cast<float>((v.at[j] - middle) / middle);
-        const auto gx = weight * static_cast<float>(light[0] * t.du(j, i) * middle);
-        const auto gy = weight * static_cast<float>(light[0] * t.dv(j, i) * middle);
-        const float inwards = -(gx * x + gy * y);
-        const auto gain = weight * static_cast<float>(0.5 * light[0]);
-        float* row = rows.col(used++).data();
-        row[0] = gx * x;
-        row[1] = gx * y;
-        row[2] = gx;
-        row[3] = gy * x;
-        row[4] = gy * y;
-        row[5] = gy;
-        row[6] = inwards * x;
-        row[7] = inwards * y;
-        row[8] = gain * static_cast<float>(t.duu(j, i));
-        row[9] = gain * static_cast<float>(t.dvv(j, i));
-        row[10] = weight * static_cast<float>(t.value(j, i));
-        row[11] = weight;
-        row[12] = weight * x;
-        row[13] = weight * y;
-        row[14] = weight * static_cast<float>(error);
-      }
-    }
-    const auto part = rows.leftCols(used);
-    const Eigen::MatrixXd products = (part * part.transpose()).cast<double>();
-    Normal normal = products.topLeftCorner<kParameters, kParameters>();
-    const Row right = products.topRightCorner<kParameters, 1>();
-    normal.diagonal() *= 1 + 1e-4;
-    normal.diagonal().array() += 1e-9;
-    const Row step = normal.ldlt().solve(right);
-    if (!step.allFinite()) return std::nullopt;
-    // T(W(x; p)) looks like the picture: the picture is looked at from W(x; p)^-1 on.
-    Eigen::Matrix3d warp;
-    warp << 1 + step[0], step[1], step[2], step[3], 1 + step[4], step[5], step[6], step[7], 1;
-    Eigen::Matrix3d to_halves;
-    to_halves << 1 / middle, 0, -1, 0, 1 / middle, -1, 0, 0, 1;
-    Eigen::Matrix3d from_halves;
-    from_halves << middle, 0, middle, 0, middle, middle, 0, 0, 1;
-    const double determinant = warp.determinant();
-    if (!(std::abs(determinant) > 0.1)) return std::nullopt;
-    map = map * from_halves * warp.inverse() * to_halves;
-    map /= map(2, 2);
-    const auto next_blur = [](double blur, double change, double cell) {
-      const double square = std::clamp(blur * blur + change, 0.25 * blur * blur, 4 * blur * blur);
-      return std::clamp(std::sqrt(square), 0.35 / cell, 1.5);
-    };
-    blur_u = next_blur(blur_u, step[8], cell_u);
-    blur_v = next_blur(blur_v, step[9], cell_v);
-    if (!sample(gray, map, u, v, values)) return std::nullopt;
-    u.blur(blur_u);
-    v.blur(blur_v);
-    t = template_of(pattern, u, v);
-    light = fit_light(values, t, u, v);
-    if (step.head<8>().cwiseAbs().maxCoeff() * middle * std::max(cell_u, cell_v) < 0.005) break;
+    const auto moved = fit.step();
+    if (!moved) return std::nullopt;
+    if (*moved < kStill) break;
   }
-  light = fit_light(values, t, u, v);
-  Alignment result;
-  const std::array<Eigen::Vector2d, 4> corners{Eigen::Vector2d(0, 0), Eigen::Vector2d(n, 0),
-                                               Eigen::Vector2d(n, n), Eigen::Vector2d(0, n)};
-  for (std::size_t k = 0; k < 4; ++k) {
-    const Eigen::Vector3d p = map * corners[k].homogeneous();
-    if (!(p.z() > 0)) return std::nullopt;
-    result.corners[k] = p.hnormalized();
-    if (!((result.corners[k] - start[k]).norm() < 1.2 * std::max(cell_u, cell_v)))
-      return std::nullopt;
-  }
-  if (light[0] <= 0) return std::nullopt;
-  result.correlation = correlation_inside(values, t, u, v, light, cells);
-  result.blur_px = std::min(blur_u * cell_u, blur_v * cell_v);
-  return result;
+  return fit.result(start);
 }
 
 }  // namespace tarsier::marker

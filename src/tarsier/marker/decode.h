@@ -33,9 +33,13 @@ struct Cells {
 };
 
 struct DecodeOptions {
-  int max_errors = -1;        // cells that may be wrong; -1: half of what the family can mend
+  int max_errors = -1;  // cells that may be wrong; -1: half of what the family can mend, and never
+                        // so many that chance makes markers of anything
   double min_contrast = 8;    // grey levels
   double frame_errors = 0.1;  // share of the frame's cells that may look bright
+  // How well a small marker, or one with wrong cells, must agree with the picture, see
+  // Alignment::correlation; 0..1.
+  double least_correlation = 0.8;
   // Where the cells are too blurred to be read one by one: how well the whole marker must agree
   // with the picture, see Alignment::correlation; 0..1, above 1: such markers are left out.
   double min_correlation = 0.9;

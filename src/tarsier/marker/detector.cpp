@@ -10,6 +10,9 @@
 namespace tarsier::marker {
 namespace {
 
+constexpr double kChance = 0.005;
+constexpr double kBlurredChance = 0.02;  // the picture of the whole marker decides
+
 Eigen::Vector2d center_of(const Quad& quad) { return (quad[0] + quad[1] + quad[2] + quad[3]) / 4; }
 
 double size_of(const Quad& quad) { return (quad[0] - quad[2]).norm() / std::sqrt(2.0); }
@@ -38,6 +41,29 @@ Marker marker_of(const Match& match, const Quad& quad, const Cells& cells) {
   return marker;
 }
 
+void take(const Alignment& alignment, Marker& marker) {
+  marker.corners = alignment.corners;
+  marker.correlation = alignment.correlation;
+  marker.information.assign(alignment.information.begin(), alignment.information.end());
+}
+
+// How many cells may be wrong so that cells that mean nothing are taken for a marker with at most
+// `chance`: markers * turns * sum_k<=e C(n^2, k) / 2^(n^2); at least 0.
+int tolerable_errors(const Dictionary& dictionary, double chance) {
+  const int cells = dictionary.cells() * dictionary.cells();
+  double ways = 1;  // C(cells, k)
+  double sum = 1;
+  const double each = 4.0 * dictionary.size() * std::pow(0.5, cells);
+  int errors = 0;
+  while (errors < cells) {
+    ways *= static_cast<double>(cells - errors) / (errors + 1);
+    sum += ways;
+    if (each * sum > chance) break;
+    ++errors;
+  }
+  return errors;
+}
+
 // How much the cells speak against a marker: sum of how clear the wrong ones are, a share of all.
 double objection(const Cells& cells, Code code, int rotation) {
   // The cells were turned anticlockwise to match: the code is turned clockwise to be compared.
@@ -62,14 +88,15 @@ std::optional<Marker> read_blurred(const cv::Mat& gray, const Quad& quad, const 
   std::optional<Marker> best;
   double second = 0;
   const Cells sharp = sharpened(cells, kSharpening);
+  const int most_errors = tolerable_errors(dictionary, kBlurredChance);
   for (const Match& match : dictionary.nearest(sharp.all(), kTried)) {
+    if (match.errors > most_errors) continue;
     if (objection(cells, dictionary.code(match.id), match.rotation) > kMostObjection) continue;
     Marker marker = marker_of(match, quad, cells);
     const auto aligned = align_marker(gray, dictionary.code(match.id), dictionary.cells(),
                                       marker.corners, options.align);
     if (!aligned) continue;
-    marker.corners = aligned->corners;
-    marker.correlation = aligned->correlation;
+    take(*aligned, marker);
     if (!best || marker.correlation > best->correlation) {
       second = best ? best->correlation : second;
       best = marker;
@@ -93,20 +120,22 @@ std::optional<Marker> read_marker(const cv::Mat& gray, Quad quad, const Dictiona
   const auto cells = read_cells(gray, quad, n, options.decode.min_contrast);
   if (!cells) return std::nullopt;
   const bool is_small = size_of(quad) < options.align_below_px;
-  const int mend = options.decode.max_errors >= 0
-                       ? std::min(options.decode.max_errors, dictionary.correctable())
-                       : (dictionary.correctable() + 1) / 2;
+  const int mend = std::min(
+      options.decode.max_errors >= 0 ? options.decode.max_errors : dictionary.correctable() / 2 + 1,
+      std::min(dictionary.correctable(), tolerable_errors(dictionary, kChance)));
   const auto match = dictionary.match(cells->read, mend, cells->unknown);
   if (!match || cells->frame_errors > options.decode.frame_errors) {
     if (!is_small || cells->frame_errors > 2.5 * options.decode.frame_errors) return std::nullopt;
     return read_blurred(gray, quad, *cells, dictionary, options);
   }
   Marker marker = marker_of(*match, quad, *cells);
-  if (is_small) {
-    if (const auto aligned =
-            align_marker(gray, dictionary.code(match->id), n, marker.corners, options.align)) {
-      marker.corners = aligned->corners;
-      marker.correlation = aligned->correlation;
+  // A large marker without a wrong cell speaks for itself.
+  if (is_small || match->errors > 0) {
+    const auto aligned =
+        align_marker(gray, dictionary.code(match->id), n, marker.corners, options.align);
+    if (!aligned || aligned->correlation < options.decode.least_correlation) return std::nullopt;
+    if (is_small) {
+      take(*aligned, marker);
       return marker;
     }
   }

@@ -24,11 +24,13 @@ struct DetectOptions {
 
 struct Marker {
   int id = 0;
-  Quad corners;            // px, the marker's own top left first, clockwise
-  int errors = 0;          // cells that are not as the family has them
-  double contrast = 0;     // white less black, grey levels
-  double margin = 0;       // how clearly cells are black or white, 0..1
-  double correlation = 0;  // with the marker laid onto the picture; 0 where that was not done
+  Quad corners;         // px, the marker's own top left first, clockwise
+  int errors = 0;       // cells that are not as the family has them
+  double contrast = 0;  // white less black, grey levels
+  double margin = 0;    // how clearly cells are black or white, 0..1
+  // Of markers that were laid onto the picture (see Alignment), else 0 and nothing.
+  double correlation = 0;
+  std::vector<double> information;
 };
 
 // Buffers that a film reuses; one for each thread.
