@@ -20,7 +20,7 @@ namespace {
 cv::Scalar random_color(Rng& rng, double least = 10, double most = 245) {
   // Most things are rather grey; some are not.
   const double level = rng.uniform(least, most);
-  const double spread = rng.uniform() < 0.6 ? 20 : 90;
+  const double spread = rng.uniform() < 0.7 ? 15 : 65;
   const auto channel = [&] {
     return std::clamp(level + rng.uniform(-spread, spread), least, most);
   };

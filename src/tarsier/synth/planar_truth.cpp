@@ -26,7 +26,26 @@ cv::Matx33d homography_of(const PlanarPrint& print, const PrintTruth& truth,
   return h * (1 / h(2, 2));
 }
 
+Json marker_json(const PrintTruth& truth) {
+  Json marker{{"id", truth.id}};
+  marker["corners"] = Json::array();
+  for (const cv::Point2d& p : truth.corners) marker["corners"].push_back({p.x, p.y});
+  const cv::Vec3d r = rotation_vector(truth.camera_from_print.rotation);
+  const cv::Vec3d& t = truth.camera_from_print.translation;
+  marker["rvec"] = {r[0], r[1], r[2]};
+  marker["tvec"] = {t[0], t[1], t[2]};
+  marker["side_px"] = truth.side_px;
+  marker["visible"] = truth.visible;
+  return marker;
+}
+
 }  // namespace
+
+std::string truth_list(const std::vector<PrintTruth>& truth) {
+  Json list = Json::array();
+  for (const PrintTruth& print : truth) list.push_back(marker_json(print));
+  return list.dump();
+}
 
 cv::Vec3d rotation_vector(const cv::Matx33d& rotation) {
   const cv::Vec4d q = geometry::quaternion_of(rotation);
@@ -56,13 +75,7 @@ std::string truth_line(const TruthLine& line, const PlanarStill& still,
            {"noise", look.noise}};
   json["markers"] = Json::array();
   for (const PrintTruth& truth : still.truth) {
-    Json marker{{"id", truth.id}};
-    marker["corners"] = Json::array();
-    for (const cv::Point2d& p : truth.corners) marker["corners"].push_back({p.x, p.y});
-    const cv::Vec3d r = rotation_vector(truth.camera_from_print.rotation);
-    const cv::Vec3d& t = truth.camera_from_print.translation;
-    marker["rvec"] = {r[0], r[1], r[2]};
-    marker["tvec"] = {t[0], t[1], t[2]};
+    Json marker = marker_json(truth);
     if (line.targets) {
       const auto print = std::find_if(prints.begin(), prints.end(),
                                       [&](const PlanarPrint& p) { return p.id == truth.id; });
@@ -72,8 +85,6 @@ std::string truth_line(const TruthLine& line, const PlanarStill& still,
       }
       marker["occlusion"] = 1 - truth.visible;
     }
-    marker["side_px"] = truth.side_px;
-    marker["visible"] = truth.visible;
     json["markers"].push_back(std::move(marker));
   }
   return json.dump();

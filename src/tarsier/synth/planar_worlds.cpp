@@ -14,7 +14,7 @@ namespace tarsier::synth {
 namespace {
 
 constexpr double kTurn = 2 * CV_PI;
-constexpr int kGroundPx = 1024;
+constexpr int kGroundPx = 1280;
 
 cv::Matx33d rotation_about(const cv::Vec3d& axis, double angle) {
   const double half = 0.5 * angle;
@@ -171,11 +171,11 @@ PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigi
   PlanarShot shot;
   shot.camera_from_world.rotation =
       rotation_about({std::cos(around), std::sin(around), 0}, rng.uniform(0, 0.4)) * kFrontal;
-  shot.camera_from_world.translation = {rng.uniform(-1, 1), rng.uniform(-1, 1), height};
+  shot.camera_from_world.translation = {rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), height};
   const geometry::Rigid world_from_camera = shot.camera_from_world.inverse();
   for (const geometry::Rigid& pose : poses)
     shot.world_from_print.push_back(world_from_camera * pose);
-  const PlanarScene scene(camera, std::move(prints), clutter_picture(kGroundPx, rng()), 2.6);
+  const PlanarScene scene(camera, std::move(prints), clutter_picture(kGroundPx, rng()), 3.6);
   const auto shots = smeared(shot, still.motion_px, still.motion_angle, camera.fx);
   still.picture = scene.render(shots, still.look);
   for (PrintTruth& truth : scene.truth(shot))

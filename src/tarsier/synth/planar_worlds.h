@@ -106,6 +106,9 @@ struct TruthLine {
 [[nodiscard]] std::string truth_line(const TruthLine& line, const PlanarStill& still,
                                      const std::vector<PlanarPrint>& prints);
 
+// The list "markers" alone, of a film's moment.
+[[nodiscard]] std::string truth_list(const std::vector<PrintTruth>& truth);
+
 // The rotation vector (Rodrigues) of a rotation matrix.
 [[nodiscard]] cv::Vec3d rotation_vector(const cv::Matx33d& rotation);
 
