@@ -159,7 +159,7 @@ cv::Mat PlanarFilm::picture_at(double time_s) const {
   look.seed += static_cast<std::uint64_t>(std::llround(std::max(0.0, time_s) * 1e4));
   const double open_s = options_.shutter / options_.fps;
   const double smear = motion_px(shot_at(time_s - 0.5 * open_s), shot_at(time_s + 0.5 * open_s));
-  const int count = smear < 0.8 ? 1 : std::clamp(cvCeil(smear) + 1, 4, 10);
+  const int count = smear < 0.8 ? 1 : std::clamp(cvCeil(smear / 1.5) + 1, 4, 8);
   std::vector<PlanarShot> shots;
   for (int k = 0; k < count; ++k)
     shots.push_back(shot_at(time_s + open_s * ((k + 0.5) / count - 0.5)));

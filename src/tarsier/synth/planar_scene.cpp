@@ -68,11 +68,13 @@ class RowPainter {
       const float worst = std::min(std::min(top_[i][2], top_[i + 1][2]),
                                    std::min(bottom_[i][2], bottom_[i + 1][2]));
       if (!(worst > 0)) continue;  // behind the camera, or no ray
-      const cv::Vec3f across = 0.5F * (top_[i + 1] - top_[i] + bottom_[i + 1] - bottom_[i]);
-      const cv::Vec3f down = 0.5F * (bottom_[i] - top_[i] + bottom_[i + 1] - top_[i + 1]);
-      const cv::Vec3f middle = 0.25F * (top_[i] + top_[i + 1] + bottom_[i] + bottom_[i + 1]);
-      const Pixel4 seen =
-          place ? few(layer, middle, across, down, *place) : many(layer, middle, across, down);
+      const Pixel4 across = 0.5F * (top_[i + 1] - top_[i] + bottom_[i + 1] - bottom_[i]);
+      const Pixel4 down = 0.5F * (bottom_[i] - top_[i] + bottom_[i + 1] - top_[i + 1]);
+      const Pixel4 middle = 0.25F * (top_[i] + top_[i + 1] + bottom_[i] + bottom_[i + 1]);
+      // The ground has no truth to keep: one sample in the pixel's middle does.
+      const Pixel4 seen = place             ? few(layer, middle, across, down, *place)
+                          : layer.is_ground ? few(layer, middle, across, down, {0, 0})
+                                            : many(layer, middle, across, down);
       row[static_cast<std::size_t>(x)] = seen + (1 - seen[3]) * row[static_cast<std::size_t>(x)];
     }
   }
@@ -83,15 +85,20 @@ class RowPainter {
     const auto count = static_cast<std::size_t>(end - begin + 1);
     top_.resize(count);
     bottom_.resize(count);
-    float m[9];
-    for (int k = 0; k < 9; ++k) m[k] = static_cast<float>(layer.pixel_from_ray.val[k]);
-    const auto put = [&](const cv::Vec2f* rays, std::vector<cv::Vec3f>& out) {
+    const cv::Matx33d& m = layer.pixel_from_ray;
+    const auto column = [&](int k) {
+      return Pixel4{static_cast<float>(m(0, k)), static_cast<float>(m(1, k)),
+                    static_cast<float>(m(2, k)), 0};
+    };
+    const Pixel4 along_x = column(0);
+    const Pixel4 along_y = column(1);
+    const Pixel4 origin = column(2);
+    const auto put = [&](const cv::Vec2f* rays, std::vector<Pixel4>& out) {
       for (std::size_t i = 0; i < count; ++i) {
-        const float x = rays[static_cast<std::size_t>(begin) + i][0];
-        const float y = rays[static_cast<std::size_t>(begin) + i][1];
-        const float w = m[6] * x + m[7] * y + m[8];
-        const float s = 1 / w;
-        out[i] = {s * (m[0] * x + m[1] * y + m[2]), s * (m[3] * x + m[4] * y + m[5]), w};
+        const cv::Vec2f& ray = rays[static_cast<std::size_t>(begin) + i];
+        const Pixel4 at = ray[0] * along_x + (ray[1] * along_y + origin);
+        const float scale = 1 / at[2];
+        out[i] = at * Pixel4{scale, scale, 1, 1};
       }
     };
     put(above_, top_);
@@ -110,7 +117,7 @@ class RowPainter {
     float width = 0;   // of the parallelogram, across its longer side
     float reach = 0;   // from its middle, either way
   };
-  static Footprint footprint(const cv::Vec3f& across, const cv::Vec3f& down) {
+  static Footprint footprint(const Pixel4& across, const Pixel4& down) {
     const float a = std::sqrt(across[0] * across[0] + across[1] * across[1]);
     const float b = std::sqrt(down[0] * down[0] + down[1] * down[1]);
     const float length = std::max(std::max(a, b), 1e-6F);
@@ -125,8 +132,8 @@ class RowPainter {
     return std::min(level, layer.sheet->texture.levels() - 1);
   }
 
-  static Pixel4 grid(const Layer& layer, const cv::Vec3f& middle, const cv::Vec3f& across,
-                     const cv::Vec3f& down, int level, int n, bool at_border) {
+  static Pixel4 grid(const Layer& layer, const Pixel4& middle, const Pixel4& across,
+                     const Pixel4& down, int level, int n, bool at_border) {
     Pixel4 sum{};
     const float step = 1.0F / static_cast<float>(n);
     for (int j = 0; j < n; ++j) {
@@ -142,8 +149,8 @@ class RowPainter {
     return sum * (step * step);
   }
 
-  static Pixel4 many(const Layer& layer, const cv::Vec3f& middle, const cv::Vec3f& across,
-                     const cv::Vec3f& down) {
+  static Pixel4 many(const Layer& layer, const Pixel4& middle, const Pixel4& across,
+                     const Pixel4& down) {
     const Footprint size = footprint(across, down);
     const bool at_border = !is_inside(layer, middle[0], middle[1], size.reach);
     if (at_border && !is_inside(layer, middle[0], middle[1], -size.reach)) return Pixel4{};
@@ -161,8 +168,8 @@ class RowPainter {
     return grid(layer, middle, across, down, level, n, at_border);
   }
 
-  static Pixel4 few(const Layer& layer, const cv::Vec3f& middle, const cv::Vec3f& across,
-                    const cv::Vec3f& down, const cv::Vec2f& place) {
+  static Pixel4 few(const Layer& layer, const Pixel4& middle, const Pixel4& across,
+                    const Pixel4& down, const cv::Vec2f& place) {
     const Footprint size = footprint(across, down);
     const bool at_border = !is_inside(layer, middle[0], middle[1], size.reach);
     if (at_border && !is_inside(layer, middle[0], middle[1], -size.reach)) return Pixel4{};
@@ -175,8 +182,8 @@ class RowPainter {
   const cv::Vec2f* above_;
   const cv::Vec2f* below_;
   int y_;
-  std::vector<cv::Vec3f> top_;
-  std::vector<cv::Vec3f> bottom_;
+  std::vector<Pixel4> top_;
+  std::vector<Pixel4> bottom_;
 };
 
 // Where each of `count` moments takes its sample: together they fill the pixel evenly, and their

@@ -8,11 +8,18 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
 
 namespace tarsier::synth {
 namespace {
 
 constexpr float kFlat = 2.0F;  // grey levels between the darkest and the brightest
+
+// Faster than std::floor, which is a call where the processor is not known to have it.
+int floor_of(float value) {
+  const int whole = static_cast<int>(value);
+  return static_cast<float>(whole) > value ? whole - 1 : whole;
+}
 
 // As floats with alpha, colours times alpha.
 cv::Mat premultiplied(const cv::Mat& picture) {
@@ -119,19 +126,26 @@ Pixel4 PrintTexture::sample(int level, float u, float v) const {
   const int rows = at.pixels.rows;
   const float x = u * at.scale_x - 0.5F;
   const float y = v * at.scale_y - 0.5F;
-  const float left = std::floor(x);
-  const float top = std::floor(y);
-  const float fx = x - left;
-  const float fy = y - top;
-  const int x0 = wrapped(static_cast<int>(left), columns);
-  const int x1 = wrapped(static_cast<int>(left) + 1, columns);
-  const int y0 = wrapped(static_cast<int>(top), rows);
-  const int y1 = wrapped(static_cast<int>(top) + 1, rows);
+  const int left = floor_of(x);
+  const int top = floor_of(y);
+  const float fx = x - static_cast<float>(left);
+  const float fy = y - static_cast<float>(top);
+  int x0 = left;
+  int x1 = left + 1;
+  int y0 = top;
+  int y1 = top + 1;
+  if (x0 < 0 || y0 < 0 || x1 >= columns || y1 >= rows) {
+    x0 = wrapped(x0, columns);
+    x1 = wrapped(x1, columns);
+    y0 = wrapped(y0, rows);
+    y1 = wrapped(y1, rows);
+  }
   const auto* upper = at.pixels.ptr<float>(y0);
   const auto* lower = at.pixels.ptr<float>(y1);
   const auto load = [](const float* row, int i) {
-    const float* p = row + 4 * static_cast<std::ptrdiff_t>(i);
-    return Pixel4{p[0], p[1], p[2], p[3]};
+    Pixel4 pixel;
+    std::memcpy(&pixel, row + 4 * static_cast<std::ptrdiff_t>(i), sizeof pixel);
+    return pixel;
   };
   const Pixel4 a = load(upper, x0);
   const Pixel4 b = load(lower, x0);
