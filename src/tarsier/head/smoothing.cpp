@@ -18,24 +18,6 @@ double share(double cutoff_hz, double seconds) {
   return r / (1 + r);
 }
 
-// From a towards b along the shorter way.
-cv::Matx33d interpolate(const cv::Matx33d& a, const cv::Matx33d& b, double part) {
-  cv::Vec4d p = geometry::quaternion_of(a);
-  cv::Vec4d q = geometry::quaternion_of(b);
-  double cosine = p.dot(q);
-  if (cosine < 0) {
-    q = -q;
-    cosine = -cosine;
-  }
-  const double angle = std::acos(std::min(cosine, 1.0));
-  cv::Vec4d between = (1 - part) * p + part * q;
-  if (angle > 1e-6) {
-    between =
-        (std::sin((1 - part) * angle) * p + std::sin(part * angle) * q) * (1 / std::sin(angle));
-  }
-  return geometry::rotation_of(between * (1 / cv::norm(between)));
-}
-
 }  // namespace
 
 geometry::Rigid mean_pose(const std::vector<geometry::Rigid>& poses) {
@@ -95,7 +77,7 @@ geometry::Rigid OneEuroFilter::operator()(const geometry::Rigid& pose, double ti
       share(options_.rotation_cutoff_hz + options_.rotation_beta * turn_speed_, seconds);
   const double of_shift = share(
       options_.translation_cutoff_hz + options_.translation_beta * cv::norm(velocity_), seconds);
-  smooth_.rotation = interpolate(smooth_.rotation, pose.rotation, of_turn);
+  smooth_.rotation = geometry::interpolate(smooth_.rotation, pose.rotation, of_turn);
   smooth_.translation += of_shift * (pose.translation - smooth_.translation);
   raw_ = pose;
   time_ = time;

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/geometry/planar_track.h"
+
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+namespace tarsier::geometry {
+namespace {
+
+// What one frame may add to the odds: a single bad picture proves little.
+constexpr double kMostOfOneFrame = 3;
+// Poses nearer than this are one.
+constexpr double kSame = 2 * CV_PI / 180;
+
+double angle_between(const cv::Matx33d& a, const cv::Matx33d& b) { return angle_of(a * b.t()); }
+
+double low_pass_share(double cutoff_hz, double seconds) {
+  const double r = 2 * CV_PI * cutoff_hz * seconds;
+  return r / (1 + r);
+}
+
+double extent_of(std::span<const cv::Point2d> pixels) {
+  cv::Point2d low = pixels[0];
+  cv::Point2d high = pixels[0];
+  for (const cv::Point2d& p : pixels) {
+    low = {std::min(low.x, p.x), std::min(low.y, p.y)};
+    high = {std::max(high.x, p.x), std::max(high.y, p.y)};
+  }
+  return std::max(high.x - low.x, high.y - low.y);
+}
+
+// How clearly the pixels speak for the first pose, in natural logarithms.
+double evidence_of(const PlanarPose& first, const PlanarPose& second, std::size_t points,
+                   double noise) {
+  const double difference = second.rms_px * second.rms_px - first.rms_px * first.rms_px;
+  return std::clamp(static_cast<double>(points) * difference / (2 * noise * noise),
+                    -kMostOfOneFrame, kMostOfOneFrame);
+}
+
+double farthest_px(const Rigid& pose, std::span<const cv::Point2d> on_plane,
+                   std::span<const cv::Point2d> pixels, const Camera& camera) {
+  double farthest = 0;
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    const auto at = camera.project(pose * cv::Vec3d(on_plane[i].x, on_plane[i].y, 0));
+    if (!at) return std::numeric_limits<double>::infinity();
+    farthest = std::max(farthest, cv::norm(*at - pixels[i]));
+  }
+  return farthest;
+}
+
+Rigid between(const Rigid& a, const Rigid& b, double part) {
+  return {interpolate(a.rotation, b.rotation, part),
+          a.translation + part * (b.translation - a.translation)};
+}
+
+// `first` goes on as what was kept.
+struct Choice {
+  PlanarPose first;
+  std::optional<PlanarPose> second;
+};
+
+// Each of the poses to the nearer of the last frame's two.
+Choice assigned(const PlanarPoses& poses, const PlanarTrackState& state) {
+  Choice choice{poses.best, poses.other};
+  if (!poses.other) return choice;
+  // The thing turns on as it did, a little less: what was measured is noise in part.
+  const cv::Matx33d on = interpolate(cv::Matx33d::eye(), state.turn, 0.7);
+  const cv::Matx33d kept = on * state.kept.rotation;
+  const double best = angle_between(poses.best.camera_from_plane.rotation, kept);
+  const double other = angle_between(poses.other->camera_from_plane.rotation, kept);
+  if (other < best) std::swap(choice.first, *choice.second);
+  return choice;
+}
+
+void smooth(std::span<const cv::Point2d> on_plane, std::span<const cv::Point2d> pixels,
+            const Camera& camera, double seconds, const PlanarTrackOptions& options,
+            const Rigid& measured, PlanarTrackState& state) {
+  const double of_speed = low_pass_share(options.speed_cutoff_hz, seconds);
+  double fastest = 0;
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    const cv::Point2d now = (pixels[i] - state.pixels[i]) * (1 / seconds);
+    state.speed[i] += of_speed * (now - state.speed[i]);
+    fastest = std::max(fastest, cv::norm(state.speed[i]));
+  }
+  const double part = low_pass_share(options.cutoff_hz + options.beta * fastest, seconds);
+  state.steady = between(state.steady, measured, part);
+  // Half-way in pose is half-way in pixels, nearly: twice brings it on the leash.
+  for (int i = 0; i < 2; ++i) {
+    const double away = farthest_px(state.steady, on_plane, pixels, camera);
+    if (away <= options.leash_px) break;
+    // The measured pose has a distance of its own, which no leash can help.
+    const double own = farthest_px(measured, on_plane, pixels, camera);
+    const double slack = std::max(options.leash_px - own, 0.1 * options.leash_px);
+    const double to_go = std::isfinite(away) ? 1 - std::min(1.0, slack / away) : 1;
+    state.steady = between(state.steady, measured, to_go);
+  }
+}
+
+}  // namespace
+
+void PlanarTrackOptions::check() const {
+  TARSIER_REQUIRE(noise_px > 0, "noise_px {}", noise_px);
+  TARSIER_REQUIRE(noise_share >= 0, "noise_share {}", noise_share);
+  TARSIER_REQUIRE(switch_evidence >= 0, "switch_evidence {}", switch_evidence);
+  TARSIER_REQUIRE(most_evidence > 0, "most_evidence {}", most_evidence);
+  TARSIER_REQUIRE(gap_s > 0, "gap_s {}", gap_s);
+  TARSIER_REQUIRE(cutoff_hz > 0, "cutoff_hz {}", cutoff_hz);
+  TARSIER_REQUIRE(beta >= 0, "beta {}", beta);
+  TARSIER_REQUIRE(speed_cutoff_hz > 0, "speed_cutoff_hz {}", speed_cutoff_hz);
+  TARSIER_REQUIRE(leash_px > 0, "leash_px {}", leash_px);
+}
+
+std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
+                                        std::span<const cv::Point2d> pixels, const Camera& camera,
+                                        double time, const PlanarTrackOptions& options,
+                                        PlanarTrackState& state) {
+  options.check();
+  const auto poses = planar_poses(on_plane, pixels, camera);
+  if (!poses) return std::nullopt;
+  const double seconds = time - state.time;
+  TrackedPlane tracked;
+  tracked.is_new = !state.is_started || !(seconds > 0) || seconds > options.gap_s ||
+                   state.pixels.size() != pixels.size();
+  const double noise = std::max(options.noise_px, options.noise_share * extent_of(pixels));
+  Choice choice{poses->best, poses->other};
+  if (tracked.is_new) {
+    state = {};
+    if (choice.second)
+      state.evidence = evidence_of(choice.first, *choice.second, pixels.size(), noise);
+  } else {
+    choice = assigned(*poses, state);
+    if (choice.second) {
+      state.evidence = std::clamp(
+          state.evidence + evidence_of(choice.first, *choice.second, pixels.size(), noise),
+          -options.most_evidence, options.most_evidence);
+      // Where the two meet there is nothing to tell apart, and no odds go on beyond.
+      if (angle_between(choice.first.camera_from_plane.rotation,
+                        choice.second->camera_from_plane.rotation) < kSame)
+        state.evidence = 0;
+      if (state.evidence < -options.switch_evidence) {
+        std::swap(choice.first, *choice.second);
+        state.evidence = -state.evidence;
+        tracked.is_switched = true;
+      }
+    } else {
+      state.evidence = 0;
+    }
+    // Turns are noisy near frontal: half of each is new.
+    const cv::Matx33d turn = choice.first.camera_from_plane.rotation * state.kept.rotation.t();
+    state.turn = tracked.is_switched ? cv::Matx33d::eye() : interpolate(state.turn, turn, 0.5);
+  }
+  tracked.pose = choice.first;
+  tracked.other = choice.second;
+  const Rigid& measured = tracked.pose.camera_from_plane;
+  if (tracked.is_new || tracked.is_switched || !options.smooth) {
+    state.steady = measured;
+    state.speed.assign(pixels.size(), {});
+  } else {
+    smooth(on_plane, pixels, camera, seconds, options, measured, state);
+  }
+  state.is_started = true;
+  state.time = time;
+  state.kept = measured;
+  state.other.reset();
+  if (choice.second) state.other = choice.second->camera_from_plane.rotation;
+  state.pixels.assign(pixels.begin(), pixels.end());
+  tracked.steady = state.steady;
+  return tracked;
+}
+
+}  // namespace tarsier::geometry

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/planar_pose.h"
+
+#include <opencv2/core.hpp>
+
+#include <optional>
+#include <span>
+#include <vector>
+
+// The pose of a flat thing over a film: which of its two poses is the true one, and steady.
+namespace tarsier::geometry {
+
+struct PlanarTrackOptions {
+  // Standard deviation that a pixel is trusted to, px, > 0; or the share of the thing's size in the
+  // picture if that is more (a camera that is not exactly known errs in proportion).
+  double noise_px = 0.3;
+  double noise_share = 0.003;  // >= 0
+  double switch_evidence = 8;  // in which natural logarithm of odds the other pose must lead
+  double most_evidence = 40;   // odds are not remembered beyond, so that errors can be mended
+  double gap_s = 0.5;          // unseen for longer, it starts anew; > 0
+  bool smooth = true;          // false: `steady` is the measured pose
+  double cutoff_hz = 0.5;      // of the low pass when still, > 0
+  double beta = 0.1;           // by which the cut-off grows, Hz for each px/s of the pixels
+  double speed_cutoff_hz = 3;  // of that speed itself, > 0
+  double leash_px = 0.8;       // no pixel of the steady pose is farther from its place; > 0
+  void check() const;          // throws std::invalid_argument
+};
+
+// What is remembered between frames.
+struct PlanarTrackState {
+  bool is_started = false;
+  double time = 0;                        // s
+  Rigid kept;                             // the last pose, as measured
+  std::optional<cv::Matx33d> other;       // the other pose's rotation
+  double evidence = 0;                    // logarithm of the odds for `kept`, against the other
+  cv::Matx33d turn = cv::Matx33d::eye();  // from the last frame to this one
+  Rigid steady;
+  std::vector<cv::Point2d> pixels;
+  std::vector<cv::Point2d> speed;  // px/s, low-passed
+};
+
+struct TrackedPlane {
+  PlanarPose pose;                  // as measured
+  std::optional<PlanarPose> other;  // the one that was not chosen
+  Rigid steady;                     // smoothed; the measured pose where that was not asked for
+  bool is_new = false;              // no frame before this one
+  bool is_switched = false;  // the other pose of the last frames turned out to be the true one
+};
+
+// One frame. Both poses (planar_poses) are followed: each belongs to the nearer of those of the
+// last frame, turned on as before; the squared errors of the two in px over twice the noise squared
+// are summed over the frames as odds, and the pose is changed only against clear odds. So a still
+// thing near frontal, whose poses explain single pictures alike, does not flip; and a wrong choice
+// at the start is mended as soon as the pictures tell. Smoothing is a one-euro filter (Casiez et
+// al., CHI 2012) on rotation and translation alike, whose speed is that of the pixels: what moves
+// depth and tilt of a small thing moves its pixels little, so that their noise is smoothed as
+// noise; and the leash bounds the lag. Empty where there is no pose; the state is then as it was.
+// `time` (s) rises; otherwise, after a gap, or for another number of points it starts anew.
+[[nodiscard]] std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
+                                                      std::span<const cv::Point2d> pixels,
+                                                      const Camera& camera, double time,
+                                                      const PlanarTrackOptions& options,
+                                                      PlanarTrackState& state);
+
+}  // namespace tarsier::geometry

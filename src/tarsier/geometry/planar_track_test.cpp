@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/geometry/planar_track.h"
+
+#include "tarsier/core/rng.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/calib3d.hpp>
+
+#include <cmath>
+#include <functional>
+#include <stdexcept>
+#include <vector>
+
+namespace tarsier::geometry {
+namespace {
+
+constexpr double kFps = 25;
+constexpr double kSide = 0.05;
+const std::vector<cv::Point2d> kSquare{{-kSide / 2, kSide / 2},
+                                       {kSide / 2, kSide / 2},
+                                       {kSide / 2, -kSide / 2},
+                                       {-kSide / 2, -kSide / 2}};
+
+Camera test_camera() {
+  Camera camera;
+  camera.width = 640;
+  camera.height = 480;
+  camera.fx = camera.fy = 600;
+  camera.cx = 320;
+  camera.cy = 240;
+  return camera;
+}
+
+Rigid pose_of(double tilt_deg, double about, const cv::Vec3d& at) {
+  cv::Matx33d turned;
+  cv::Rodrigues(cv::Vec3d(std::cos(about), std::sin(about), 0) * (tilt_deg * CV_PI / 180), turned);
+  return {turned * cv::Matx33d(1, 0, 0, 0, -1, 0, 0, 0, -1), at};
+}
+
+struct Film {
+  std::vector<Rigid> truth;
+  std::vector<TrackedPlane> tracked;
+  [[nodiscard]] double error_deg(std::size_t i, bool steady) const {
+    const Rigid& pose = steady ? tracked[i].steady : tracked[i].pose.camera_from_plane;
+    return angle_of(pose.rotation * truth[i].rotation.t()) * 180 / CV_PI;
+  }
+};
+
+Film filmed(int frames, double noise_px, const std::function<Rigid(double)>& path,
+            const PlanarTrackOptions& options = {}, std::uint64_t seed = 1) {
+  Film film;
+  Rng rng(seed);
+  PlanarTrackState state;
+  const Camera camera = test_camera();
+  for (int i = 0; i < frames; ++i) {
+    const Rigid truth = path(i / kFps);
+    std::vector<cv::Point2d> pixels;
+    for (const cv::Point2d& p : kSquare) {
+      const cv::Point2d at = camera.project(truth * cv::Vec3d(p.x, p.y, 0)).value();
+      const double x = rng.normal(0, noise_px);
+      pixels.emplace_back(at.x + x, at.y + rng.normal(0, noise_px));
+    }
+    const auto tracked = track_plane(kSquare, pixels, camera, i / kFps, options, state);
+    if (!tracked) {
+      ADD_FAILURE() << "no pose in frame " << i;
+      return film;
+    }
+    film.truth.push_back(truth);
+    film.tracked.push_back(*tracked);
+  }
+  return film;
+}
+
+TEST(PlanarTrack, StillNearFrontalDoesNotFlip) {
+  // 50 px wide, tilted by 8 degrees: single pictures choose wrongly now and then.
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    const Film film = filmed(
+        300, 0.15,
+        [](double) {
+          return pose_of(8, 0.4, {0.05, -0.02, 0.6});
+        },
+        {}, seed);
+    double farthest = 0;
+    for (std::size_t i = 1; i < film.tracked.size(); ++i) {
+      const double turned =
+          angle_of(film.tracked[i].steady.rotation * film.tracked[i - 1].steady.rotation.t()) *
+          180 / CV_PI;
+      farthest = std::max(farthest, turned);
+    }
+    EXPECT_LT(farthest, 4) << seed;
+  }
+}
+
+TEST(PlanarTrack, MovingFilmsRarelyFlip) {
+  int frames = 0;
+  int flips = 0;
+  int single = 0;
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+    const auto path = [&](double t) {
+      const double phase = static_cast<double>(seed);
+      return pose_of(25 + 25 * std::sin(1.3 * t + phase), 0.7 * t + phase,
+                     {0.06 * std::sin(t), 0.04 * std::cos(1.7 * t), 0.5 + 0.2 * std::sin(0.9 * t)});
+    };
+    const Film film = filmed(400, 0.2, path, {}, seed);
+    for (std::size_t i = 0; i < film.tracked.size(); ++i) {
+      ++frames;
+      if (film.error_deg(i, false) > 15) ++flips;
+      // The better of the two alone.
+      const TrackedPlane& t = film.tracked[i];
+      const bool is_best = !t.other || t.pose.rms_px <= t.other->rms_px;
+      const Rigid& best = is_best ? t.pose.camera_from_plane : t.other->camera_from_plane;
+      if (angle_of(best.rotation * film.truth[i].rotation.t()) > 15 * CV_PI / 180) ++single;
+    }
+  }
+  EXPECT_LT(flips, 0.005 * frames) << "of single pictures: " << single;
+  EXPECT_GT(single, 3 * flips);
+}
+
+TEST(PlanarTrack, AWrongStartIsMended) {
+  const Camera camera = test_camera();
+  const Rigid truth = pose_of(40, 0.4, {0, 0, 0.5});
+  std::vector<cv::Point2d> pixels;
+  for (const cv::Point2d& p : kSquare)
+    pixels.push_back(camera.project(truth * cv::Vec3d(p.x, p.y, 0)).value());
+  PlanarTrackState state;
+  auto tracked = track_plane(kSquare, pixels, camera, 0, {}, state);
+  ASSERT_TRUE(tracked && tracked->other);
+  state.kept = tracked->other->camera_from_plane;  // as if the first picture had lied
+  state.evidence = 2;
+  bool is_switched = false;
+  for (int i = 1; i < 6 && !is_switched; ++i) {
+    tracked = track_plane(kSquare, pixels, camera, i / kFps, {}, state);
+    is_switched = tracked.has_value() && tracked->is_switched;
+  }
+  EXPECT_TRUE(is_switched);
+  EXPECT_LT(angle_of(tracked->steady.rotation * truth.rotation.t()), 0.01);
+}
+
+TEST(PlanarTrack, SteadiesWhatIsStillAndFollowsWhatMoves) {
+  const auto spread = [](const Film& film, bool steady) {
+    double sum = 0;
+    for (std::size_t i = 50; i < film.tracked.size(); ++i) sum += film.error_deg(i, steady);
+    return sum / static_cast<double>(film.tracked.size() - 50);
+  };
+  const Film still = filmed(300, 0.15, [](double) { return pose_of(35, 0.4, {0, 0, 0.6}); });
+  EXPECT_LT(spread(still, true), 0.5 * spread(still, false));
+  // 15 px a frame.
+  const auto path = [](double t) { return pose_of(35, 0.4, {0.15 * std::sin(2.4 * t), 0, 0.6}); };
+  const Film moving = filmed(300, 0.15, path);
+  const Camera camera = test_camera();
+  double worst = 0;
+  for (std::size_t i = 5; i < moving.tracked.size(); ++i) {
+    const auto a = camera.project(moving.truth[i].translation);
+    const auto b = camera.project(moving.tracked[i].steady.translation);
+    worst = std::max(worst, cv::norm(*a - *b));
+  }
+  EXPECT_LT(worst, 1.3);
+}
+
+TEST(PlanarTrack, StartsAnewAfterAGap) {
+  PlanarTrackState state;
+  const Camera camera = test_camera();
+  const auto seen = [&](const Rigid& pose) {
+    std::vector<cv::Point2d> pixels;
+    for (const cv::Point2d& p : kSquare)
+      pixels.push_back(camera.project(pose * cv::Vec3d(p.x, p.y, 0)).value());
+    return pixels;
+  };
+  const Rigid here = pose_of(30, 0, {0, 0, 0.5});
+  const Rigid there = pose_of(30, 2, {0.1, 0.1, 0.6});
+  EXPECT_TRUE(track_plane(kSquare, seen(here), camera, 0, {}, state)->is_new);
+  EXPECT_FALSE(track_plane(kSquare, seen(here), camera, 0.04, {}, state)->is_new);
+  const auto after = track_plane(kSquare, seen(there), camera, 3, {}, state);
+  EXPECT_TRUE(after->is_new);
+  EXPECT_LT(cv::norm(after->steady.translation - there.translation), 1e-6);
+  PlanarTrackOptions bad;
+  bad.leash_px = 0;
+  EXPECT_THROW((void)track_plane(kSquare, seen(here), camera, 4, bad, state),
+               std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::geometry
