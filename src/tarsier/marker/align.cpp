@@ -18,7 +18,9 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr int kParameters = 14;  // 8 of the homography, 2 of blur, 4 of light
+constexpr int kLights = 8;                    // gain, offset, two slopes, four surroundings
+constexpr int kParameters = 8 + 2 + kLights;  // of the homography, of blur, of light
+using Light = Eigen::Matrix<double, kLights, 1>;
 using Row = Eigen::Matrix<double, kParameters, 1>;
 using Normal = Eigen::Matrix<double, kParameters, kParameters>;
 // One row a sample: its derivatives, then its error; single precision is enough for a step.
@@ -31,6 +33,9 @@ struct Axis {
   MatrixXd weight;
   MatrixXd slope;
   MatrixXd bend;
+  // What of it lies beyond a margin of one cell, on either side: there the paper may end.
+  VectorXd before;
+  VectorXd beyond;
 
   Axis(int samples, int columns, double margin) {
     at.resize(samples);
@@ -39,14 +44,19 @@ struct Axis {
     weight.resize(samples, columns + 2);
     slope.resize(samples, columns + 2);
     bend.resize(samples, columns + 2);
+    before.resize(samples);
+    beyond.resize(samples);
   }
   void blur(double sigma) {
     const auto columns = weight.cols();
+    const auto share_below = [](double z) { return 0.5 * std::erfc(-z / std::numbers::sqrt2); };
     for (Eigen::Index i = 0; i < at.size(); ++i) {
+      before[i] = share_below((-1 - at[i]) / sigma);
+      beyond[i] = share_below((at[i] - static_cast<double>(columns) + 1) / sigma);
       // The step at k, k = 0 .. columns - 2, seen from at[i]; paper goes on without end.
-      double before = 0;
-      double before_slope = 0;
-      double before_bend = 0;
+      double last = 0;
+      double last_slope = 0;
+      double last_bend = 0;
       for (Eigen::Index k = 0; k < columns; ++k) {
         double step = 1;
         double step_slope = 0;
@@ -63,12 +73,12 @@ struct Axis {
             step_bend = -phi * z / sigma;
           }
         }
-        weight(i, k) = step - before;
-        slope(i, k) = step_slope - before_slope;
-        bend(i, k) = step_bend - before_bend;
-        before = step;
-        before_slope = step_slope;
-        before_bend = step_bend;
+        weight(i, k) = step - last;
+        slope(i, k) = step_slope - last_slope;
+        bend(i, k) = step_bend - last_bend;
+        last = step;
+        last_slope = step_slope;
+        last_bend = step_bend;
       }
     }
   }
@@ -109,6 +119,7 @@ Template template_of(const MatrixXd& pattern, const Axis& u, const Axis& v) {
 // The picture at the template's places, kOutside where there is none; false where fewer than two
 // thirds lie inside.
 constexpr double kOutside = -1;
+constexpr double kStiffness = 1e-2;  // of surroundings, share of the number of samples
 bool sample(const cv::Mat& gray, const Eigen::Matrix3d& map, const Axis& u, const Axis& v,
             MatrixXd& values) {
   values.resize(v.at.size(), u.at.size());
@@ -135,23 +146,32 @@ bool sample(const cv::Mat& gray, const Eigen::Matrix3d& map, const Axis& u, cons
   return 3 * outside < values.size();
 }
 
-// Least squares of values = a T + b + c u + d v with weights.
-Eigen::Vector4d fit_light(const MatrixXd& values, const Template& t, const Axis& u, const Axis& v) {
-  Eigen::Matrix4d normal = Eigen::Matrix4d::Zero();
-  Eigen::Vector4d right = Eigen::Vector4d::Zero();
+// What light is multiplied with at a place: T, 1, u, v, and how much of the surroundings is seen.
+Light light_row(const Template& t, const Axis& u, const Axis& v, Eigen::Index i, Eigen::Index j) {
+  Light row;
+  row << t.value(j, i), 1, u.at[i], v.at[j], u.before[i], u.beyond[i], v.before[j], v.beyond[j];
+  return row;
+}
+
+// Least squares of values = light . light_row. Surroundings that are hardly seen stay paper.
+Light fit_light(const MatrixXd& values, const Template& t, const Axis& u, const Axis& v) {
+  Eigen::Matrix<double, kLights, kLights> normal = Eigen::Matrix<double, kLights, kLights>::Zero();
+  Light right = Light::Zero();
   for (Eigen::Index i = 0; i < u.at.size(); ++i) {
     for (Eigen::Index j = 0; j < v.at.size(); ++j) {
       if (values(j, i) == kOutside) continue;
-      const Eigen::Vector4d row(t.value(j, i), 1, u.at[i], v.at[j]);
-      normal += row * row.transpose();
+      const Light row = light_row(t, u, v, i, j);
+      normal.selfadjointView<Eigen::Lower>().rankUpdate(row);
       right += values(j, i) * row;
     }
   }
+  normal = normal.selfadjointView<Eigen::Lower>();
+  normal.diagonal().tail<4>().array() += kStiffness * normal(1, 1);
   return normal.ldlt().solve(right);
 }
 
 double correlation_inside(const MatrixXd& values, const Template& t, const Axis& u, const Axis& v,
-                          const Eigen::Vector4d& light, int cells) {
+                          const Light& light, int cells) {
   double n = 0;
   double x = 0;
   double y = 0;
@@ -181,8 +201,10 @@ double correlation_inside(const MatrixXd& values, const Template& t, const Axis&
 bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3d& map,
                         double middle, std::array<double, 64>& information) {
   const Eigen::Matrix<double, 8, 8> of_map = normal.topLeftCorner<8, 8>();
-  const Eigen::Matrix<double, 8, 6> mixed = normal.topRightCorner<8, 6>();
-  Eigen::Matrix<double, 6, 6> others = normal.bottomRightCorner<6, 6>();
+  const Eigen::Matrix<double, 8, kParameters - 8> mixed =
+      normal.topRightCorner<8, kParameters - 8>();
+  Eigen::Matrix<double, kParameters - 8, kParameters - 8> others =
+      normal.bottomRightCorner<kParameters - 8, kParameters - 8>();
   others.diagonal() *= 1 + 1e-9;
   others.diagonal().array() += 1e-9;
   Eigen::Matrix<double, 8, 8> known = of_map - mixed * others.ldlt().solve(mixed.transpose());
@@ -210,8 +232,7 @@ bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3
   const Eigen::Matrix<double, 8, 8> result =
       covariance.ldlt().solve(Eigen::Matrix<double, 8, 8>::Identity());
   if (!result.allFinite()) return false;
-  Eigen::Map<Eigen::Matrix<double, 8, 8>>(information.data()) =
-      0.5 * (result + result.transpose());
+  Eigen::Map<Eigen::Matrix<double, 8, 8>>(information.data()) = 0.5 * (result + result.transpose());
   return true;
 }
 
@@ -309,8 +330,7 @@ class Fit {
     return std::clamp(std::sqrt(square), 0.35 / cell, 1.5);
   }
   [[nodiscard]] double error(Eigen::Index i, Eigen::Index j) const {
-    return values_(j, i) - light_[0] * template_.value(j, i) - light_[1] - light_[2] * u_.at[i] -
-           light_[3] * v_.at[j];
+    return values_(j, i) - light_.dot(light_row(template_, u_, v_, i, j));
   }
   // How far a value may be off and still count a little: what is farther is not the marker's
   // (fingers, glare).
@@ -354,13 +374,18 @@ class Fit {
         row[11] = weight;
         row[12] = weight * x;
         row[13] = weight * y;
-        row[14] = weight * static_cast<float>(e);
+        row[14] = weight * static_cast<float>(u_.before[i]);
+        row[15] = weight * static_cast<float>(u_.beyond[i]);
+        row[16] = weight * static_cast<float>(v_.before[j]);
+        row[17] = weight * static_cast<float>(v_.beyond[j]);
+        row[18] = weight * static_cast<float>(e);
       }
     }
     const auto part = rows_.leftCols(used);
     const Eigen::Matrix<double, kParameters + 1, kParameters + 1> products =
         (part * part.transpose()).cast<double>();
     normal_ = products.topLeftCorner<kParameters, kParameters>();
+    normal_.diagonal().tail<4>().array() += kStiffness * normal_(11, 11);
     right_ = products.topRightCorner<kParameters, 1>();
     noise_ =
         products(kParameters, kParameters) / static_cast<double>(std::max<Eigen::Index>(1, used));
@@ -381,7 +406,7 @@ class Fit {
   std::vector<double> sizes_;
   MatrixXd values_;
   Template template_;
-  Eigen::Vector4d light_ = Eigen::Vector4d::Zero();
+  Light light_ = Light::Zero();
   Normal normal_ = Normal::Zero();
   Row right_ = Row::Zero();
   double noise_ = 1;  // mean squared error, grey levels

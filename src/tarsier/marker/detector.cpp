@@ -64,6 +64,30 @@ int tolerable_errors(const Dictionary& dictionary, double chance) {
   return errors;
 }
 
+// Whether few cells differ from their neighbours, as in bars and corners that the world is full of
+// (AprilTags leave such codes out, ArUco's first family begins with them).
+bool is_simple(Code code, int cells) {
+  int differ = 0;
+  const auto at = [&](int column, int row) {
+    return (code >> static_cast<unsigned>(cells * cells - 1 - row * cells - column)) & 1U;
+  };
+  for (int row = 0; row < cells; ++row) {
+    for (int column = 0; column + 1 < cells; ++column) {
+      differ += at(column, row) != at(column + 1, row) ? 1 : 0;
+      differ += at(row, column) != at(row, column + 1) ? 1 : 0;
+    }
+  }
+  return 4 * differ < 2 * cells * (cells - 1);  // a quarter of all pairs
+}
+
+// Whether a marker may be taken for one that agrees with the picture so well.
+bool is_plausible(const Marker& marker, const Dictionary& dictionary, double least) {
+  constexpr double kSimple = 0.96;
+  if (!is_simple(dictionary.code(marker.id), dictionary.cells()))
+    return marker.correlation >= least;
+  return marker.errors == 0 && marker.correlation >= kSimple;
+}
+
 // How much the cells speak against a marker: sum of how clear the wrong ones are, a share of all.
 double objection(const Cells& cells, Code code, int rotation) {
   // The cells were turned anticlockwise to match: the code is turned clockwise to be compared.
@@ -104,8 +128,8 @@ std::optional<Marker> read_blurred(const cv::Mat& gray, const Quad& quad, const 
       second = std::max(second, marker.correlation);
     }
   }
-  if (!best || best->correlation < options.decode.min_correlation ||
-      best->correlation < second + kClearlyBetter)
+  if (!best || best->correlation < second + kClearlyBetter ||
+      !is_plausible(*best, dictionary, options.decode.min_correlation))
     return std::nullopt;
   return best;
 }
@@ -133,11 +157,11 @@ std::optional<Marker> read_marker(const cv::Mat& gray, Quad quad, const Dictiona
   if (is_small || match->errors > 0) {
     const auto aligned =
         align_marker(gray, dictionary.code(match->id), n, marker.corners, options.align);
-    if (!aligned || aligned->correlation < options.decode.least_correlation) return std::nullopt;
-    if (is_small) {
-      take(*aligned, marker);
-      return marker;
-    }
+    if (!aligned) return std::nullopt;
+    Marker whole = marker;
+    take(*aligned, whole);
+    if (!is_plausible(whole, dictionary, options.decode.least_correlation)) return std::nullopt;
+    if (is_small) return whole;
   }
   // Once more, from where the edges are.
   refine.reach_px = std::min(refine.reach_px, 2.0);

@@ -40,9 +40,12 @@ std::vector<cv::Point2d> corners_on_marker(double size) {
   return {{-half, half}, {half, half}, {half, -half}, {-half, -half}};
 }
 
-std::optional<MarkerPose> pose_of_marker(const Quad& corners, double size,
+std::optional<MarkerPose> pose_of_marker(const Marker& marker, double size,
                                          const geometry::Camera& camera) {
-  const auto poses = geometry::planar_poses(corners_on_marker(size), pixels_of(corners), camera);
+  geometry::PlanarPoseOptions options;
+  options.information = marker.information;
+  const auto poses =
+      geometry::planar_poses(corners_on_marker(size), pixels_of(marker.corners), camera, options);
   if (!poses) return std::nullopt;
   return pose_of(*poses);
 }
@@ -51,7 +54,7 @@ std::vector<PosedMarker> pose_markers(std::vector<Marker> markers, double size,
                                       const geometry::Camera& camera) {
   std::vector<PosedMarker> posed;
   for (Marker& marker : markers) {
-    auto pose = pose_of_marker(marker.corners, size, camera);
+    auto pose = pose_of_marker(marker, size, camera);
     posed.push_back({std::move(marker), std::move(pose)});
   }
   return posed;

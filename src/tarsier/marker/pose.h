@@ -31,8 +31,9 @@ struct PosedMarker {
 // The corners of a marker `size` m wide in its frame, top left first, clockwise.
 [[nodiscard]] std::vector<cv::Point2d> corners_on_marker(double size);
 
-// Of one picture: the pose with the smaller error. Throws std::invalid_argument unless size > 0.
-[[nodiscard]] std::optional<MarkerPose> pose_of_marker(const Quad& corners, double size,
+// Of one picture: the pose with the smaller error, corners weighted by how surely they are known
+// where that is told. Throws std::invalid_argument unless size > 0.
+[[nodiscard]] std::optional<MarkerPose> pose_of_marker(const Marker& marker, double size,
                                                        const geometry::Camera& camera);
 
 // Of one picture, each on its own.

@@ -43,12 +43,14 @@ TEST(MarkerPose, FrameIsUprightAndOutOfTheSheet) {
   // Seen straight: the camera's y goes down, the marker's up, its z comes towards the camera.
   const Quad quad{Eigen::Vector2d(289.5, 209.5), Eigen::Vector2d(349.5, 209.5),
                   Eigen::Vector2d(349.5, 269.5), Eigen::Vector2d(289.5, 269.5)};
-  const auto pose = pose_of_marker(quad, 0.05, test_camera());
+  Marker marker;
+  marker.corners = quad;
+  const auto pose = pose_of_marker(marker, 0.05, test_camera());
   ASSERT_TRUE(pose);
   const geometry::Rigid truth{{1, 0, 0, 0, -1, 0, 0, 0, -1}, {0, 0, 0.5}};
   EXPECT_LT(degrees_between(pose->camera_from_marker, truth), 1e-3);
   EXPECT_LT(cv::norm(pose->camera_from_marker.translation - truth.translation), 1e-9);
-  EXPECT_THROW((void)pose_of_marker(quad, 0, test_camera()), std::invalid_argument);
+  EXPECT_THROW((void)pose_of_marker(marker, 0, test_camera()), std::invalid_argument);
 }
 
 TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
@@ -79,7 +81,7 @@ TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
   EXPECT_LT(together, 0.7);
   double worst = 0;
   for (const Marker& marker : markers) {
-    const auto alone = pose_of_marker(marker.corners, 0.04, camera);
+    const auto alone = pose_of_marker(marker, 0.04, camera);
     if (marker.id != 2) worst = std::max(worst, degrees_between(alone->camera_from_marker, truth));
   }
   EXPECT_GT(worst, 2 * together);

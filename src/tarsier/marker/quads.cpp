@@ -185,19 +185,22 @@ float sample(const cv::Mat& gray, double x, double y) {
 std::optional<std::pair<double, double>> edge_along(const cv::Mat& gray, const Vector2d& at,
                                                     const Vector2d& normal, double reach) {
   constexpr double kStep = 0.5;
-  const int half = static_cast<int>(std::ceil(reach / kStep)) + 1;
-  const Vector2d low = at - (half * kStep) * normal;
-  const Vector2d high = at + (half * kStep) * normal;
-  for (const Vector2d& end : {low, high}) {
-    if (!(end.x() >= 0 && end.y() >= 0 && end.x() < gray.cols - 1.001 &&
-          end.y() < gray.rows - 1.001))
-      return std::nullopt;
-  }
+  int inner = -static_cast<int>(std::ceil(reach / kStep)) - 1;
+  int outer = -inner;
+  const auto is_inside = [&](int i) {
+    const Vector2d p = at + (i * kStep) * normal;
+    return p.x() >= 0 && p.y() >= 0 && p.x() < gray.cols - 1.001 && p.y() < gray.rows - 1.001;
+  };
+  // At the picture's edge as far as it goes, if that is far enough to be an edge.
+  while (outer > 2 && !is_inside(outer)) --outer;
+  while (inner < -2 && !is_inside(inner)) ++inner;
+  if (!is_inside(outer) || !is_inside(inner)) return std::nullopt;
+  const Vector2d low = at + (inner * kStep) * normal;
   float before = sample(gray, low.x(), low.y());
   double sum = 0;
   double moment = 0;
   double most = 0;
-  for (int i = -half + 1; i <= half; ++i) {
+  for (int i = inner + 1; i <= outer; ++i) {
     const Vector2d p = at + (i * kStep) * normal;
     const float now = sample(gray, p.x(), p.y());
     const double rise = static_cast<double>(now - before);

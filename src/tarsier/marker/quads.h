@@ -43,7 +43,7 @@ struct QuadWorkspace {
 // from dark (inside) to bright (outside) count.
 struct RefineOptions {
   double reach_px = 3;  // largest distance that an edge may be off, (0, 50]
-  int samples = 24;     // on each side at most, 4..1000
+  int samples = 64;     // on each side at most, 4..1000
   void check() const;
 };
 [[nodiscard]] bool refine_quad(const cv::Mat& gray, const RefineOptions& options, Quad& quad);

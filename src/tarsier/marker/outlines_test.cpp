@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/marker/outlines.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <stdexcept>
+
+namespace tarsier::marker {
+namespace {
+
+cv::Rect bounds(std::span<const cv::Point> outline) {
+  return cv::boundingRect(std::vector<cv::Point>(outline.begin(), outline.end()));
+}
+
+TEST(Outlines, GoAroundADarkThingOnceClockwise) {
+  cv::Mat gray(50, 71, CV_8UC1, cv::Scalar(200));  // no whole number of tiles
+  gray(cv::Rect(10, 20, 30, 15)).setTo(40);
+  OutlineWorkspace w;
+  find_dark_outlines(gray, {}, w);
+  ASSERT_EQ(w.outlines.size(), 1U);
+  const auto outline = w.outline(0);
+  EXPECT_EQ(bounds(outline), cv::Rect(10, 20, 30, 15));
+  EXPECT_EQ(outline.size(), 2U * (29 + 14));
+  double twice = 0;
+  for (std::size_t i = 0; i < outline.size(); ++i) {
+    const cv::Point a = outline[i];
+    const cv::Point b = outline[(i + 1) % outline.size()];
+    EXPECT_EQ(std::abs(a.x - b.x) + std::abs(a.y - b.y), 1);
+    twice += a.x * b.y - a.y * b.x;
+  }
+  EXPECT_EQ(twice, 2 * 29 * 14);  // positive: clockwise where y points down
+}
+
+TEST(Outlines, TakeTheOuterBorderOfARingAndWhatIsInIt) {
+  cv::Mat gray(100, 100, CV_8UC1, cv::Scalar(180));
+  gray(cv::Rect(20, 20, 60, 60)).setTo(30);
+  gray(cv::Rect(28, 28, 44, 44)).setTo(180);
+  gray(cv::Rect(40, 40, 20, 20)).setTo(30);
+  OutlineWorkspace w;
+  find_dark_outlines(gray, {}, w);
+  ASSERT_EQ(w.outlines.size(), 2U);
+  EXPECT_EQ(bounds(w.outline(0)), cv::Rect(20, 20, 60, 60));
+  EXPECT_EQ(bounds(w.outline(1)), cv::Rect(40, 40, 20, 20));
+}
+
+TEST(Outlines, ThingsThatMeetAtACornerAreTwo) {
+  cv::Mat gray(60, 60, CV_8UC1, cv::Scalar(180));
+  gray(cv::Rect(10, 10, 20, 20)).setTo(30);
+  gray(cv::Rect(30, 30, 20, 20)).setTo(30);
+  OutlineWorkspace w;
+  find_dark_outlines(gray, {}, w);
+  EXPECT_EQ(w.outlines.size(), 2U);
+}
+
+TEST(Outlines, JoinWhatGrowsTogetherFurtherDown) {
+  cv::Mat gray(60, 60, CV_8UC1, cv::Scalar(180));  // a W
+  for (const int x : {10, 25, 40}) gray(cv::Rect(x, 10, 6, 30)).setTo(30);
+  gray(cv::Rect(10, 40, 36, 6)).setTo(30);
+  OutlineWorkspace w;
+  find_dark_outlines(gray, {}, w);
+  // Three bars deep the outline is too long for a convex thing of this size: it is left out.
+  EXPECT_TRUE(w.outlines.empty());
+  gray(cv::Rect(16, 10, 9, 30)).setTo(30);
+  find_dark_outlines(gray, {}, w);
+  ASSERT_EQ(w.outlines.size(), 1U);
+  EXPECT_EQ(bounds(w.outline(0)), cv::Rect(10, 10, 36, 36));
+}
+
+TEST(Outlines, NothingInFlatEmptyOrTinyPictures) {
+  OutlineWorkspace w;
+  for (const cv::Size size : {cv::Size(0, 0), cv::Size(1, 1), cv::Size(3, 200), cv::Size(64, 64)}) {
+    find_dark_outlines(cv::Mat(size, CV_8UC1, cv::Scalar(90)), {}, w);
+    EXPECT_TRUE(w.outlines.empty());
+  }
+  EXPECT_THROW(find_dark_outlines(cv::Mat(9, 9, CV_8UC3), {}, w), std::invalid_argument);
+  EXPECT_THROW(find_dark_outlines(cv::Mat(9, 9, CV_8UC1), {.min_contrast = 1}, w),
+               std::invalid_argument);
+}
+
+TEST(Outlines, ReachTheEdgesOfThePicture) {
+  cv::Mat gray(40, 129, CV_8UC1, cv::Scalar(30));
+  gray(cv::Rect(60, 0, 9, 40)).setTo(200);
+  OutlineWorkspace w;
+  find_dark_outlines(gray, {}, w);
+  ASSERT_EQ(w.outlines.size(), 2U);
+  EXPECT_EQ(bounds(w.outline(0)).br().x, 60);
+  EXPECT_EQ(bounds(w.outline(1)).x, 69);
+  EXPECT_EQ(bounds(w.outline(1)).height, 40);
+}
+
+}  // namespace
+}  // namespace tarsier::marker
