@@ -49,6 +49,11 @@ size=200x200 sheet aam-fit 6 "$work/demo/img/aam-fit-0.jpg:start" "$work/demo/im
 size=400x300 sheet calibrate 3 "$work/board/frame-000019.png:a view, its corners" "$work/board/coverage.png:where the board was seen" \
   "$work/straight/frame-000019.png:straightened"
 
+# Things on markers: a drawn desk.
+"$tarsier" demo -o "$work/demo" --only markers --quiet
+size=400x300 sheet ar 3 "$work/demo/img/markers-plain.jpg:what the camera sees" "$work/demo/img/markers-drawn.jpg:a painted box on each marker" \
+  "$work/demo/img/markers-axes.jpg:axes"
+
 # Number plates: a drawn car, the stages of both pipelines. The study of the reader (plate-sweep.png) needs the
 # textbook's OCR.xml: tarsier plate sweep OCR.xml -o docs/img/plate-sweep.png
 car='synth:car?seed=11&frames=2'

@@ -16,6 +16,11 @@ void demo_turning_head(Context& context, DemoPage& page);  // a part of demo_pos
 void demo_pose(Context& context, DemoPage& page);
 void demo_people(Context& context, DemoPage& page);
 void demo_calibrate(Context& context, DemoPage& page);
+void demo_markers(Context& context, DemoPage& page);
 void demo_sfm(Context& context, DemoPage& page);
+
+// A film that browsers play (MP4 with H.264), or false where this OpenCV cannot write one.
+[[nodiscard]] bool write_demo_film(const std::string& path, const std::vector<cv::Mat>& frames,
+                                   double fps);
 
 }  // namespace tarsier::cli

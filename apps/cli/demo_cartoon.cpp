@@ -197,20 +197,6 @@ std::vector<cv::Mat> film_frames(const std::string& path, const std::stop_token&
   return frames;
 }
 
-// A film that browsers play (MP4 with H.264), or false where this OpenCV cannot write one.
-bool write_film(const std::string& path, const std::vector<cv::Mat>& frames, double fps) {
-  AtomicFile file(path);
-  cv::VideoWriter writer;
-  const int h264 = cv::VideoWriter::fourcc('a', 'v', 'c', '1');
-  if (!writer.open(file.path(), cv::CAP_FFMPEG, h264, fps, frames.front().size())) return false;
-  for (const cv::Mat& frame : frames) writer.write(frame);
-  writer.release();
-  std::error_code error;
-  if (fs::file_size(file.path(), error) < 1000 || error) return false;
-  file.commit();
-  return true;
-}
-
 void add_film(Context& context, DemoPage& page) {
   std::string path = fmt::format("{}/vtest.avi", kSamples);
   if (!fs::exists(path)) path = "synth:portrait";
@@ -238,7 +224,7 @@ void add_film(Context& context, DemoPage& page) {
                "move from flickering.");
   const cv::Mat& middle = frames[frames.size() / 2];
   const DemoPicture poster = page.picture("film-poster", middle, "a frame of the film");
-  if (write_film(page.path_of("film.mp4"), frames, fps > 0 ? fps : 10)) {
+  if (write_demo_film(page.path_of("film.mp4"), frames, fps > 0 ? fps : 10)) {
     page.film({"img/film.mp4",
                fmt::format("{} frames of {}", frames.size(), fs::path(path).filename().string()),
                middle.cols, middle.rows},
@@ -298,6 +284,19 @@ void add_speed(Context& context, DemoPage& page, const Sample& sample) {
 }
 
 }  // namespace
+
+bool write_demo_film(const std::string& path, const std::vector<cv::Mat>& frames, double fps) {
+  AtomicFile file(path);
+  cv::VideoWriter writer;
+  const int h264 = cv::VideoWriter::fourcc('a', 'v', 'c', '1');
+  if (!writer.open(file.path(), cv::CAP_FFMPEG, h264, fps, frames.front().size())) return false;
+  for (const cv::Mat& frame : frames) writer.write(frame);
+  writer.release();
+  std::error_code error;
+  if (fs::file_size(file.path(), error) < 1000 || error) return false;
+  file.commit();
+  return true;
+}
 
 void demo_cartoon(Context& context, DemoPage& page) {
   const std::vector<Sample> pictures = samples();

@@ -2,6 +2,7 @@
 #include "tarsier/geometry/planar_track.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/geometry/rotation.h"
 
 #include <algorithm>
 #include <cmath>

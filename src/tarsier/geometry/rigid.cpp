@@ -3,7 +3,6 @@
 
 #include "tarsier/core/require.h"
 
-#include <algorithm>
 #include <cmath>
 
 namespace tarsier::geometry {
@@ -42,23 +41,6 @@ cv::Matx33d rotation_of(const cv::Vec4d& quaternion) {
   return {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
           2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
           2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
-}
-
-cv::Matx33d interpolate(const cv::Matx33d& a, const cv::Matx33d& b, double part) {
-  const cv::Vec4d p = quaternion_of(a);
-  cv::Vec4d q = quaternion_of(b);
-  double cosine = p.dot(q);
-  if (cosine < 0) {
-    q = -q;
-    cosine = -cosine;
-  }
-  const double angle = std::acos(std::min(cosine, 1.0));
-  cv::Vec4d between = (1 - part) * p + part * q;
-  if (angle > 1e-6) {
-    between =
-        (std::sin((1 - part) * angle) * p + std::sin(part * angle) * q) * (1 / std::sin(angle));
-  }
-  return rotation_of(between * (1 / cv::norm(between)));
 }
 
 // From sine and cosine both: each alone loses half its digits near one of the ends.

@@ -26,9 +26,6 @@ struct Rigid {
 [[nodiscard]] cv::Vec4d quaternion_of(const cv::Matx33d& rotation);
 [[nodiscard]] cv::Matx33d rotation_of(const cv::Vec4d& quaternion);
 
-// From rotation a (part 0) towards b (part 1) along the shorter way, at even speed.
-[[nodiscard]] cv::Matx33d interpolate(const cv::Matx33d& a, const cv::Matx33d& b, double part);
-
 // Angle of a rotation, radians, 0..pi.
 [[nodiscard]] double angle_of(const cv::Matx33d& rotation);
 

@@ -2,6 +2,7 @@
 #include "tarsier/head/smoothing.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/geometry/rotation.h"
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>

@@ -10,6 +10,7 @@
 #include "tarsier/draw/tile.h"
 #include "tarsier/io/atomic_file.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/session/save_picture.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
@@ -283,21 +284,8 @@ struct CartoonSession::Impl {
       return;
     }
     try {
-      make_folder(options.save_folder);
-      for (int number = 1;; ++number) {
-        const std::filesystem::path path =
-            std::filesystem::path(options.save_folder) / fmt::format("tarsier-{:04}.png", number);
-        std::error_code error;
-        if (std::filesystem::symlink_status(path, error).type() !=
-            std::filesystem::file_type::not_found) {
-          if (error) throw OutputError(path.string(), error.message());
-          continue;
-        }
-        write_image(path.string(), result);
-        saved = path.string();
-        say(fmt::format("saved {}", saved));
-        return;
-      }
+      saved = save_numbered(options.save_folder, result);
+      say(fmt::format("saved {}", saved));
     } catch (const OutputError& error) {  // no reason to end a live picture
       log_warning("cannot save: {}", error.what());
       say("cannot save: see the log");

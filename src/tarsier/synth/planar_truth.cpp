@@ -47,14 +47,6 @@ std::string truth_list(const std::vector<PrintTruth>& truth) {
   return list.dump();
 }
 
-cv::Vec3d rotation_vector(const cv::Matx33d& rotation) {
-  const cv::Vec4d q = geometry::quaternion_of(rotation);
-  const cv::Vec3d axis(q[1], q[2], q[3]);
-  const double sine = cv::norm(axis);
-  if (sine < 1e-12) return 2 * axis;
-  return axis * (2 * std::atan2(sine, q[0]) / sine);
-}
-
 std::string truth_line(const TruthLine& line, const PlanarStill& still,
                        const std::vector<PlanarPrint>& prints) {
   Json json{{"image", line.image}};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/geometry/rotation.h"
 #include "tarsier/marker/dictionary.h"
 #include "tarsier/synth/planar_scene.h"
 
@@ -109,7 +110,6 @@ struct TruthLine {
 // The list "markers" alone, of a film's moment.
 [[nodiscard]] std::string truth_list(const std::vector<PrintTruth>& truth);
 
-// The rotation vector (Rodrigues) of a rotation matrix.
-[[nodiscard]] cv::Vec3d rotation_vector(const cv::Matx33d& rotation);
+using geometry::rotation_vector;
 
 }  // namespace tarsier::synth

@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/length.h"
+#include "tarsier/core/log.h"
+#include "tarsier/geometry/rotation.h"
+#include "tarsier/render/obj_io.h"
+#include "tarsier/session/ar_session.h"
+
+#include <fmt/format.h>
+
+#include "cmd_ar.h"
+#include "cmd_pose.h"
+#include "run_session.h"
+#include <cmath>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <utility>
+
+namespace tarsier::cli {
+namespace {
+
+// More triangles than this are no live picture, and no thing that stands on a marker needs them.
+constexpr int kMostTriangles = 500'000;
+
+struct MarkersFlags {
+  RunFlags run;
+  std::string family = "36h11";
+  std::string size = "50mm";
+  std::string camera;
+  double focal = 0;
+  std::string backend = "own";
+  std::string draw = "ids";
+  std::string mesh;
+  std::string up = "y";
+  double scale = 1;
+  bool no_shadow = false;
+  std::string smooth = "one-euro";
+  std::string csv;
+  marker::DetectOptions detect;
+};
+
+// One row a marker and frame, written as they come; whole lines, flushed.
+class MarkerTable {
+ public:
+  explicit MarkerTable(const std::string& path) : path_(path), file_(path, std::ios::binary) {
+    file_ << "frame,time,image,id,x,y,z,rx,ry,rz,error_px,ambiguity,x0,y0,x1,y1,x2,y2,x3,y3\n";
+    check();
+  }
+  void add(const Frame& frame, const marker::PosedMarker& posed) {
+    std::string image = frame.still ? frame.name : "";
+    if (image.find_first_of(",\"\n\r") != std::string::npos) {
+      std::string quoted;
+      for (const char c : image) quoted += c == '"' ? "\"\"" : std::string(1, c);
+      image = '"' + quoted + '"';
+    }
+    file_ << fmt::format("{},{:.3f},{},{}", frame.index, frame.time, image, posed.marker.id);
+    if (posed.pose) {
+      const geometry::Rigid& pose = posed.pose->camera_from_marker;
+      const cv::Vec3d r = geometry::rotation_vector(pose.rotation);
+      for (const cv::Vec3d& v : {pose.translation, r})
+        file_ << fmt::format(",{:.6f},{:.6f},{:.6f}", v[0], v[1], v[2]);
+      file_ << fmt::format(",{:.3f},{:.3f}", posed.pose->rms_px, posed.pose->ambiguity);
+    } else {
+      file_ << ",,,,,,,,";
+    }
+    for (const Eigen::Vector2d& p : posed.marker.corners)
+      file_ << fmt::format(",{:.3f},{:.3f}", p.x(), p.y());
+    file_ << '\n';
+    check();
+  }
+
+ private:
+  void check() {
+    file_.flush();
+    if (!file_) throw OutputError(path_, "cannot be written");
+  }
+  std::string path_;
+  std::ofstream file_;
+};
+
+std::shared_ptr<const render::Mesh> read_thing(const std::string& path, ar::Up up) {
+  render::ObjLimits limits;
+  limits.max_faces = kMostTriangles;
+  const render::ObjFile file = render::read_obj(path, limits);
+  for (const std::string& note : file.notes) log_warning("{}", note);
+  const render::Bounds box = render::bounds_of(file.mesh);
+  if (cv::norm(box.high - box.low) <= 0) throw InputError(path, "all its points are one");
+  return std::make_shared<const render::Mesh>(ar::standing(file.mesh, up));
+}
+
+ArSessionOptions options_of(const MarkersFlags& flags) {
+  ArSessionOptions options;
+  options.family = flags.family;
+  (void)marker::find_dictionary(flags.family);
+  options.size = parse_length(flags.size, "--size");
+  options.backend = flags.backend == "opencv" ? MarkerBackend::kOpencv : MarkerBackend::kOwn;
+  options.detect = flags.detect;
+  options.track.smooth = flags.smooth != "none";
+  if (!flags.camera.empty()) options.camera = camera_of(flags.camera);
+  options.outlines = flags.draw == "ids" && flags.mesh.empty();
+  options.augment.scale = flags.scale;
+  options.augment.shadow = !flags.no_shadow;
+  options.augment.thing = ar::thing_named(flags.draw).value_or(ar::Thing::kNone);
+  if (!flags.mesh.empty()) {
+    options.augment.mesh = read_thing(flags.mesh, flags.up == "z" ? ar::Up::kZ : ar::Up::kY);
+    options.augment.thing = ar::Thing::kMesh;
+  }
+  return options;
+}
+
+std::string line_of(const marker::PosedMarker& posed) {
+  if (!posed.pose) return fmt::format(" [{}: no pose]", posed.marker.id);
+  const cv::Vec3d& t = posed.pose->camera_from_marker.translation;
+  return fmt::format(" [{}: {:.3f} m away, at {:+.3f} {:+.3f} {:+.3f}]", posed.marker.id,
+                     cv::norm(t), t[0], t[1], t[2]);
+}
+
+ExitStatus run_markers(MarkersFlags& flags, Context& context) {
+  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen)
+    flags.run.output = "none";
+  ArSessionOptions options = options_of(flags);
+  const bool guesses = !options.camera && flags.focal <= 0;
+  bool has_told = false;
+  options.focal_px = flags.focal;
+  ArSession session(std::move(options));
+  std::optional<MarkerTable> table;
+  if (!flags.csv.empty()) table.emplace(flags.csv);
+  bool found = false;
+  RunHooks hooks;
+  hooks.title = "markers";
+  hooks.after_frame = [&](const Frame& frame) {
+    if (guesses && !has_told) {
+      log_warning("no --camera: a focal length of {:.0f} px is guessed, distances err as it does",
+                  session.camera().fx);
+      has_told = true;
+    }
+    for (const marker::PosedMarker& posed : session.markers()) {
+      found = true;
+      if (table) table->add(frame, posed);
+    }
+    if (frame.still && !context.json && !context.quiet) {
+      const std::size_t count = session.markers().size();
+      print_text(fmt::format("{}: {} {}", frame.name, count, count == 1 ? "marker" : "markers"));
+      for (const marker::PosedMarker& posed : session.markers()) print_text(line_of(posed));
+      print_text("\n");
+    }
+  };
+  hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
+    line["markers"] = posed_markers_json(session.markers());
+    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
+}
+
+}  // namespace
+
+void add_ar_markers(CLI::App& ar, Context& context) {
+  auto flags = std::make_shared<MarkersFlags>();
+  CLI::App& verb = *ar.add_subcommand(
+      "markers", "finds printed markers, where they are, and draws things that stand on them");
+  add_run_flags(verb, flags->run);
+  verb.add_option("--family", flags->family,
+                  "aruco-original (orig), 4x4_50 .. 7x7_1000, 16h5, 25h9, 36h10, 36h11")
+      ->capture_default_str();
+  verb.add_option("--size", flags->size, "side of the markers over their black frame: 50mm, 0.05")
+      ->capture_default_str();
+  CLI::Option* const camera = verb.add_option(
+      "--camera", flags->camera, "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
+  verb.add_option("--focal", flags->focal, "focal length in px [the picture's larger side]")
+      ->check(CLI::PositiveNumber)
+      ->excludes(camera);
+  verb.add_option("--backend", flags->backend, "own, or opencv to compare with")
+      ->check(CLI::IsMember({"own", "opencv"}))
+      ->capture_default_str();
+  verb.add_option("--csv", flags->csv,
+                  "table to write: frame, time, id, place (m), rotation vector, error, corners");
+  const auto drawing = [](CLI::Option* option) { option->group("What is drawn"); };
+  CLI::Option* const draw = verb.add_option("--draw", flags->draw, "none, ids, axes or cube");
+  drawing(draw->check(CLI::IsMember({"none", "ids", "axes", "cube"}))->capture_default_str());
+  CLI::Option* const mesh =
+      verb.add_option("--mesh", flags->mesh, "Wavefront file (.obj) that stands on the markers");
+  drawing(mesh->excludes(draw));
+  drawing(verb.add_option("--mesh-up", flags->up, "which of its axes is its height: y or z")
+              ->check(CLI::IsMember({"y", "z"}))
+              ->needs(mesh)
+              ->capture_default_str());
+  drawing(verb.add_option("--scale", flags->scale, "of cube, axes or mesh, by the marker's side")
+              ->check(CLI::Range(0.01, 100.0))
+              ->capture_default_str());
+  drawing(verb.add_flag("--no-shadow", flags->no_shadow, "without shadows"));
+  const auto finding = [](CLI::Option* option) { option->group("Detection"); };
+  finding(verb.add_option("--smooth", flags->smooth,
+                          "of films: none or one-euro (steady when still, quick when moving)")
+              ->check(CLI::IsMember({"none", "one-euro"}))
+              ->capture_default_str());
+  finding(verb.add_option("--least-side", flags->detect.quads.min_side_px,
+                          "px, of the shortest side of a marker")
+              ->check(CLI::Range(4.0, 1000.0))
+              ->capture_default_str());
+  finding(verb.add_option("--least-margin", flags->detect.min_margin,
+                          "how clearly cells must be black or white, 0..1")
+              ->check(CLI::Range(0.0, 1.0))
+              ->capture_default_str());
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] { return run_markers(*flags, context); };
+  });
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/geometry/scaled_camera.h"
+
+#include <gtest/gtest.h>
+
+#include <stdexcept>
+
+namespace tarsier::geometry {
+namespace {
+
+TEST(ScaledCamera, SeesTheSameThroughAPictureOfHalfTheSize) {
+  Camera camera = guessed_camera({640, 480});
+  camera.cx = 300;
+  camera.distortion = {-0.2, 0.1, 0, 0, 0};
+  const auto half = scaled_camera(camera, {320, 240});
+  ASSERT_TRUE(half);
+  const cv::Vec3d x(0.2, -0.1, 1);
+  const cv::Point2d p = *camera.project(x);
+  const cv::Point2d q = *half->project(x);
+  EXPECT_NEAR((q.x + 0.5) * 2, p.x + 0.5, 1e-9);
+  EXPECT_NEAR((q.y + 0.5) * 2, p.y + 0.5, 1e-9);
+  EXPECT_FALSE(scaled_camera(camera, {640, 360}));
+  camera.width = camera.height = 0;  // not known
+  EXPECT_EQ(scaled_camera(camera, {640, 360})->fx, camera.fx);
+}
+
+TEST(GuessedCamera, LooksAtTheMiddle) {
+  const Camera camera = guessed_camera({480, 640});
+  camera.check();
+  EXPECT_EQ(camera.fx, 640);
+  EXPECT_EQ(camera.cx, 239.5);
+  EXPECT_THROW((void)guessed_camera({0, 4}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::geometry

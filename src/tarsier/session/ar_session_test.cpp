@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/session/ar_session.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/geometry/scaled_camera.h"
+#include "tarsier/render/builtin.h"
+#include "tarsier/session/scripted_host.h"
+#include "tarsier/synth/planar_source.h"
+#include "tarsier/synth/sources.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgcodecs.hpp>
+
+#include <chrono>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+#include <unistd.h>
+
+namespace tarsier {
+namespace {
+
+constexpr const char* kFilm = "markers?size=480x360&fps=10&frames=24&cover=0&speed=8&shutter=0";
+
+synth::PlanarFilm truth() {
+  synth::PlanarSourceOptions options;
+  options.film.cover = false;
+  options.film.speed_px = 8;
+  options.film.shutter = 0;
+  return synth::planar_source_film(options, {480, 360}, 10, 1);
+}
+
+ArSessionOptions options() {
+  ArSessionOptions options;
+  options.camera = truth().camera();
+  options.augment.mesh = std::make_shared<const render::Mesh>(
+      ar::standing(render::make_sphere(16, {0.2F, 0.5F, 0.9F})));
+  return options;
+}
+
+void keep_picture(const cv::Mat& image, const std::string& name) {
+  if (const char* folder = std::getenv("TARSIER_KEEP"))
+    cv::imwrite(std::string(folder) + "/ar-" + name + ".png", image);
+}
+
+TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
+  ArSession session(options());
+  const auto source = open_synth_source(kFilm);
+  ScriptedHost host(session, *source);
+  host.at(6, key_event('a'));
+  host.at(8, key_event('m'));
+  host.at(10, key_event('i'));
+  host.at(12, key_event('l'));
+  host.at(14, key_event('n'));
+  host.at(16, key_event('h'));
+  for (const int frame : {5, 7, 9, 11, 13, 15, 17}) host.keep(frame);
+  const auto& steps = host.run();
+  const auto film = truth();
+  for (const ScriptStep& step : steps) {
+    if (!step.image.empty()) keep_picture(step.image, std::to_string(step.frame));
+    if (step.cause != "frame") continue;
+    EXPECT_GE(step.state["markers"], 3) << step.frame;
+    for (std::size_t i = 0; i < step.state["ids"].size(); ++i) {
+      for (const auto& print : film.truth_at(static_cast<double>(step.frame) / 10)) {
+        if (print.id != step.state["ids"][i]) continue;
+        const double away = cv::norm(print.camera_from_print.translation);
+        EXPECT_NEAR(step.state["distance_m"][i].get<double>(), away, 0.02 * away) << step.frame;
+      }
+    }
+    if (step.frame == 5) {
+      EXPECT_EQ(step.state["draw"], "cube");
+    }
+    if (step.frame == 7) {
+      EXPECT_EQ(step.state["draw"], "axes");
+    }
+    if (step.frame == 15) {  // nothing at all: the picture as it came
+      const cv::Mat plain = step.output;
+      const cv::Mat film_picture = film.picture_at(1.5);
+      EXPECT_LT(cv::norm(plain, film_picture, cv::NORM_INF), 15);  // noise
+    }
+  }
+}
+
+TEST(ArSessionTest, FreezesSavesAndChangesTheFamily) {
+  const auto folder =
+      std::filesystem::temp_directory_path() /
+      ("tarsier-ar-" + std::to_string(::testing::UnitTest::GetInstance()->random_seed()) +
+       std::to_string(::getpid()));
+  ArSessionOptions how = options();
+  how.save_folder = folder.string();
+  ArSession session(how);
+  const auto source = open_synth_source(kFilm);
+  const auto frame = source->next(std::chrono::milliseconds(1000), {});
+  ASSERT_TRUE(frame);
+  View view = session.on_frame(*frame, source->status());
+  EXPECT_EQ(view.state["paused"], false);
+  EXPECT_EQ(session.on_event(key_event(key::kSpace)).state["paused"], true);
+  const cv::Mat cube = session.on_event(key_event('c')).image.clone();
+  const cv::Mat axes = session.on_event(key_event('a')).image.clone();
+  EXPECT_GT(cv::norm(cube, axes, cv::NORM_INF), 60);  // drawn anew on the frozen picture
+  view = session.on_event(key_event('w'));
+  EXPECT_TRUE(std::filesystem::exists(view.state["saved"].get<std::string>()));
+  EXPECT_EQ(session.on_event(key_event('s')).state["smooth"], false);
+  EXPECT_EQ(session.on_event(key_event('e')).state["shadow"], false);
+  view = session.on_event(key_event('f'));
+  EXPECT_NE(view.state["family"], "36h11");
+  EXPECT_EQ(view.state["markers"], 0);
+  EXPECT_TRUE(session.on_event(key_event('q')).finished);
+  std::filesystem::remove_all(folder);
+}
+
+TEST(ArSessionTest, ScalesTheCameraOrRefusesIt) {
+  ArSessionOptions how = options();
+  how.camera = geometry::guessed_camera({960, 720});
+  ArSession session(how);
+  const auto source = open_synth_source(kFilm);
+  const auto frame = source->next(std::chrono::milliseconds(1000), {});
+  (void)session.on_frame(*frame, source->status());
+  EXPECT_NEAR(session.camera().fx, 480, 1e-9);
+  how.camera = geometry::guessed_camera({1280, 720});
+  ArSession other(how);
+  EXPECT_THROW((void)other.on_frame(*frame, source->status()), InputError);
+  how.family = "9x9";
+  EXPECT_THROW(ArSession{how}, UsageError);
+}
+
+TEST(ArSessionTest, BothBackendsAgree) {
+  ArSessionOptions how = options();
+  how.camera = geometry::guessed_camera({480, 360});
+  ArSession own(how);
+  how.backend = MarkerBackend::kOpencv;
+  ArSession opencv(how);
+  const auto source = open_synth_source(kFilm);
+  const auto frame = source->next(std::chrono::milliseconds(1000), {});
+  const View a = own.on_frame(*frame, source->status());
+  const View b = opencv.on_frame(*frame, source->status());
+  EXPECT_EQ(a.state["ids"].size(), 4U);
+  EXPECT_EQ(b.state["ids"].size(), 4U);
+  const auto json = posed_markers_json(own.markers());
+  EXPECT_EQ(json[0]["corners"].size(), 4U);
+  EXPECT_EQ(json[0]["rvec"].size(), 3U);
+  EXPECT_TRUE(json[0].contains("margin") && json[0].contains("ambiguity"));
+}
+
+}  // namespace
+}  // namespace tarsier
