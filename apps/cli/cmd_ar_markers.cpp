@@ -201,8 +201,8 @@ void add_ar_markers(CLI::App& ar, Context& context) {
                           "px, of the shortest side of a marker")
               ->check(CLI::Range(4.0, 1000.0))
               ->capture_default_str());
-  finding(verb.add_option("--least-margin", flags->detect.min_margin,
-                          "how clearly cells must be black or white, 0..1")
+  finding(verb.add_option("--least-correlation", flags->detect.decode.least_correlation,
+                          "how well the picture of a small marker must agree with it, 0..1")
               ->check(CLI::Range(0.0, 1.0))
               ->capture_default_str());
   add_common_flags(verb, context);

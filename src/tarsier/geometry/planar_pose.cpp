@@ -126,20 +126,27 @@ struct Pose {
   double cost = std::numeric_limits<double>::infinity();  // sum of squares, px^2
 };
 
-// Infinite where a point is not before the camera.
-double cost_of(const Problem& problem, const Pose& pose) {
+// px; empty where a point is not before the camera.
+std::optional<Eigen::VectorXd> errors_of(const Problem& problem, const Pose& pose) {
   Eigen::VectorXd error(static_cast<Eigen::Index>(2 * problem.rays.size()));
   for (std::size_t i = 0; i < problem.rays.size(); ++i) {
     const Eigen::Vector2d& p = problem.on_plane[i];
     const Eigen::Vector3d x =
         pose.rotation.col(0) * p.x() + pose.rotation.col(1) * p.y() + pose.translation;
-    if (!(x.z() > 0)) return std::numeric_limits<double>::infinity();
+    if (!(x.z() > 0)) return std::nullopt;
     const auto at = static_cast<Eigen::Index>(2 * i);
     error[at] = problem.fx * (x.x() / x.z() - problem.rays[i].x());
     error[at + 1] = problem.fy * (x.y() / x.z() - problem.rays[i].y());
   }
-  return problem.information.size() > 0 ? error.dot(problem.information * error)
-                                        : error.squaredNorm();
+  return error;
+}
+
+// Infinite where a point is not before the camera.
+double cost_of(const Problem& problem, const Pose& pose) {
+  const auto error = errors_of(problem, pose);
+  if (!error) return std::numeric_limits<double>::infinity();
+  return problem.information.size() > 0 ? error->dot(problem.information * *error)
+                                        : error->squaredNorm();
 }
 
 // The two rotations whose first-order view of the plane's origin is that of the homography
@@ -264,7 +271,13 @@ PlanarPose published(const Problem& problem, const Pose& pose) {
     for (int c = 0; c < 3; ++c) result.camera_from_plane.rotation(r, c) = pose.rotation(r, c);
     result.camera_from_plane.translation[r] = origin(r);
   }
-  result.rms_px = std::sqrt(pose.cost / static_cast<double>(problem.rays.size()));
+  const auto points = static_cast<double>(problem.rays.size());
+  result.misfit = std::sqrt(pose.cost / points);
+  result.rms_px = result.misfit;
+  if (problem.information.size() > 0) {
+    if (const auto error = errors_of(problem, pose))
+      result.rms_px = std::sqrt(error->squaredNorm() / points);
+  }
   return result;
 }
 
@@ -277,7 +290,7 @@ bool are_the_same(const Pose& a, const Pose& b) {
 
 double PlanarPoses::ambiguity_ratio() const {
   if (!other) return std::numeric_limits<double>::infinity();
-  return other->rms_px / std::max(best.rms_px, 1e-9);
+  return other->misfit / std::max(best.misfit, 1e-9);
 }
 
 void PlanarPoseOptions::check() const {

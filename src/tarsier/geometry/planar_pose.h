@@ -29,6 +29,7 @@ namespace tarsier::geometry {
 struct PlanarPose {
   Rigid camera_from_plane;  // unit of the points on the plane
   double rms_px = 0;        // root of the mean squared distance of the projected points
+  double misfit = 0;        // what is minimised: rms_px, or with `information` in its unit
 };
 
 // A plane seen with little perspective has two poses that explain it nearly alike, mirrored about
@@ -36,7 +37,7 @@ struct PlanarPose {
 struct PlanarPoses {
   PlanarPose best;                  // the one that explains the points better
   std::optional<PlanarPose> other;  // the second minimum, if it is one
-  // How much worse the other is: its rms over the best one's; infinite where there is no other.
+  // How much worse the other is: its misfit over the best one's; infinite where there is no other.
   // Near 1 the two cannot be told apart in this picture.
   [[nodiscard]] double ambiguity_ratio() const;
 };
@@ -45,7 +46,7 @@ struct PlanarPoseOptions {
   int iterations = 12;  // of Levenberg-Marquardt, for each of the two; 0..1000
   // How surely the pixels' coordinates are known: the inverse of their covariance (px^-2), a
   // symmetric 2n x 2n matrix over (u0, v0, u1, v1, ..), row by row; empty: all alike. The pose then
-  // minimises e' W e, and rms_px is the root of its mean over the points, in standard deviations.
+  // minimises e' W e; the misfit is the root of its mean over the points, in standard deviations.
   std::vector<double> information;
   void check() const;
 };

@@ -160,5 +160,28 @@ TEST(Homography, RefusesPointsOnOneLine) {
   EXPECT_FALSE(homography_of(from, to));
 }
 
+TEST(PlanarPose, PixelsCountAsSurelyAsTheyAreKnown) {
+  const Camera camera = test_camera();
+  const std::vector<cv::Point2d> plane{
+      {-0.05, 0.05}, {0.05, 0.05}, {0.05, -0.05}, {-0.05, -0.05}, {0.0, 0.05}};
+  const Rigid truth{cv::Matx33d(1, 0, 0, 0, -0.8, -0.6, 0, 0.6, -0.8), {0.02, 0.01, 0.7}};
+  std::vector<cv::Point2d> pixels;
+  for (const cv::Point2d& p : plane)
+    pixels.push_back(camera.project(truth * cv::Vec3d(p.x, p.y, 0)).value());
+  pixels[4] += {3, -4};  // known to be bad
+  PlanarPoseOptions options;
+  options.information.assign(100, 0);
+  for (std::size_t i = 0; i < 10; ++i) options.information[i * 11] = i < 8 ? 100 : 1e-8;
+  const auto plain = planar_poses(plane, pixels, camera);
+  const auto weighted = planar_poses(plane, pixels, camera, options);
+  ASSERT_TRUE(plain && weighted);
+  EXPECT_GT(cv::norm(plain->best.camera_from_plane.rotation - truth.rotation), 0.02);
+  EXPECT_LT(cv::norm(weighted->best.camera_from_plane.rotation - truth.rotation), 1e-5);
+  EXPECT_NEAR(weighted->best.rms_px, std::sqrt(5.0), 1e-3);  // px: 5 px in one of five
+  EXPECT_LT(weighted->best.misfit, 1e-3);
+  options.information.pop_back();
+  EXPECT_THROW((void)planar_poses(plane, pixels, camera, options), std::invalid_argument);
+}
+
 }  // namespace
 }  // namespace tarsier::geometry

@@ -23,7 +23,7 @@ Eigen::Vector2d middle_of(const Quad& quad) {
 double ambiguity_of(const geometry::PlanarPose& pose,
                     const std::optional<geometry::PlanarPose>& other) {
   if (!other) return 0;
-  const auto [less, more] = std::minmax(pose.rms_px, other->rms_px);
+  const auto [less, more] = std::minmax(pose.misfit, other->misfit);
   return std::max(less, 1e-9) / std::max(more, 1e-9);
 }
 

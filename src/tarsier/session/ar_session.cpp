@@ -307,7 +307,7 @@ nlohmann::ordered_json posed_markers_json(const std::vector<PosedMarker>& marker
       if (posed.pose->other) object["errors"].push_back(rounded(posed.pose->other->rms_px, 1e4));
       object["ambiguity"] = rounded(posed.pose->ambiguity, 1e4);
     }
-    object["margin"] = rounded(posed.marker.reading.margin, 1e4);
+    object["margin"] = rounded(posed.marker.margin, 1e4);
     list.push_back(std::move(object));
   }
   return list;

@@ -1,0 +1,250 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/geometry/rotation.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/marker/evaluation.h"
+#include "tarsier/marker/pose.h"
+#include "tarsier/marker/predefined.h"
+#include "tarsier/session/ar_session.h"
+#include "tarsier/target/evaluate.h"
+
+#include <fmt/format.h>
+
+#include "cmd_ar.h"
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+struct EvalFlags {
+  std::string truth;
+  std::string family;
+  std::string backend = "own";
+  std::string results;
+  std::string output;
+  double tolerance = 0.2;
+  marker::DetectOptions detect;
+  target::PlanarOptions planar;
+};
+
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+
+// What was found in one picture, for the score and as a line.
+struct Found {
+  std::vector<marker::JudgedMarker> markers;
+  Json json = Json::array();
+  double ms = 0;
+};
+
+marker::JudgedMarker judged(const marker::PosedMarker& posed) {
+  marker::JudgedMarker result;
+  result.id = posed.marker.id;
+  for (std::size_t k = 0; k < 4; ++k)
+    result.corners[k] = {posed.marker.corners[k].x(), posed.marker.corners[k].y()};
+  if (posed.pose) result.pose = posed.pose->camera_from_marker;
+  return result;
+}
+
+std::vector<marker::Marker> detect(const cv::Mat& gray, const marker::Dictionary& family,
+                                   const EvalFlags& flags, marker::DetectWorkspace& workspace) {
+  if (flags.backend != "opencv")
+    return marker::detect_markers(gray, family, flags.detect, workspace);
+  std::vector<marker::Marker> markers;
+  for (const marker::OpencvMarker& found : marker::detect_with_opencv(gray, family.name())) {
+    marker::Marker marker;
+    marker.id = found.id;
+    for (std::size_t k = 0; k < 4; ++k)
+      marker.corners[k] = {double{found.corners[k].x}, double{found.corners[k].y}};
+    markers.push_back(std::move(marker));
+  }
+  return markers;
+}
+
+Found find_markers(const marker::MarkerTruth& truth, const std::string& path,
+                   const EvalFlags& flags, marker::DetectWorkspace& workspace) {
+  const marker::Dictionary& family = marker::find_dictionary(truth.family);
+  const cv::Mat gray = read_gray_image(path);
+  geometry::Camera camera = truth.camera;
+  camera.width = gray.cols;
+  camera.height = gray.rows;
+  const auto start = std::chrono::steady_clock::now();
+  std::vector<marker::PosedMarker> posed;
+  std::vector<marker::Marker> markers = detect(gray, family, flags, workspace);
+  if (truth.size > 0) {
+    posed = marker::pose_markers(std::move(markers), truth.size, camera);
+  } else {
+    for (marker::Marker& marker : markers) posed.push_back({std::move(marker), std::nullopt});
+  }
+  Found found;
+  found.ms =
+      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  for (const marker::PosedMarker& marker : posed) found.markers.push_back(judged(marker));
+  found.json = posed_markers_json(posed);
+  return found;
+}
+
+void print_score(const std::string& set, const marker::MarkerScore& score, const Context& context) {
+  if (context.json) {
+    Json line{{"set", set}, {"images", score.images}, {"truth", score.truth}};
+    line["recall"] = rounded(score.recall(), 1e4);
+    line["precision"] = rounded(score.precision(), 1e4);
+    line["wrong"] = score.wrong;
+    line["wrong_order"] = score.turned;
+    const auto add = [&](const char* name, double value) {
+      line[name] = std::isfinite(value) ? Json(rounded(value, 1e4)) : Json(nullptr);
+    };
+    add("corner_rmse_median", score.corner_px);
+    add("corner_rmse_p95", score.corner_px_p95);
+    add("rot_deg_median", score.rotation_deg);
+    add("rot_deg_p95", score.rotation_deg_p95);
+    add("flips_pct", score.flips_percent);
+    add("t_pct_median", score.distance_percent);
+    add("ms_median", score.ms);
+    Json levels = Json::object();
+    for (const auto& [level, counts] : score.levels)
+      levels[level] = rounded(counts.second > 0 ? 1.0 * counts.first / counts.second : 1, 1e4);
+    line["recall_by_level"] = levels;
+    print_json_line(line.dump());
+    return;
+  }
+  const auto number = [](double value, int digits) {
+    return std::isfinite(value) ? fmt::format("{:.{}f}", value, digits) : std::string("-");
+  };
+  print_text(fmt::format(
+      "{:16} {} pictures, {} there: recall {:.3f}, precision {:.3f} ({} wrong) | corners {} px, "
+      "p95 {} | rotation {} degrees, p95 {}, flips {} % | distance {} % | {} ms\n",
+      set, score.images, score.truth, score.recall(), score.precision(), score.wrong,
+      number(score.corner_px, 3), number(score.corner_px_p95, 2), number(score.rotation_deg, 2),
+      number(score.rotation_deg_p95, 1), number(score.flips_percent, 1),
+      number(score.distance_percent, 2), number(score.ms, 2)));
+}
+
+// The markers of lines whose truth names a picture to look for.
+std::map<std::string, marker::FoundInImage> find_pictures(const EvalFlags& flags, Context& context,
+                                                          std::string& lines) {
+  std::map<std::string, marker::FoundInImage> found;
+  target::evaluate_planar(
+      flags.truth, flags.planar,
+      [&](const target::PlanarResult& result) {
+        context.progress->advance();
+        marker::FoundInImage& entry = found[result.image];
+        entry.ms = result.ms;
+        for (const target::FoundTarget& one : result.found) {
+          marker::JudgedMarker marker;
+          marker.corners = one.corners;
+          if (one.poses) marker.pose = one.poses->best.camera_from_plane;
+          entry.markers.push_back(marker);
+        }
+        lines += Json{{"image", result.image},
+                      {"markers", result.markers},
+                      {"ms", rounded(result.ms, 100)}}
+                     .dump() +
+                 "\n";
+      },
+      context.stop);
+  return found;
+}
+
+std::map<std::string, marker::FoundInImage> find_all(const EvalFlags& flags,
+                                                     const std::vector<marker::MarkerTruth>& truth,
+                                                     Context& context, std::string& lines) {
+  if (!flags.results.empty()) return marker::read_found_markers(flags.results);
+  context.progress->begin("pictures", static_cast<std::int64_t>(truth.size()), "pictures");
+  std::map<std::string, marker::FoundInImage> found;
+  if (!truth.front().target.empty()) {
+    found = find_pictures(flags, context, lines);
+  } else {
+    marker::DetectWorkspace workspace;
+    for (const marker::MarkerTruth& line : truth) {
+      throw_if_stopped(context.stop);
+      const std::string path = (fs::path(flags.truth).parent_path() / line.image).string();
+      Found one = find_markers(line, path, flags, workspace);
+      context.progress->advance();
+      lines +=
+          Json{{"image", line.image}, {"markers", one.json}, {"ms", rounded(one.ms, 100)}}.dump() +
+          "\n";
+      found[line.image] = {std::move(one.markers), one.ms};
+    }
+  }
+  context.progress->end();
+  return found;
+}
+
+ExitStatus run_eval(const EvalFlags& flags, Context& context) {
+  std::vector<marker::MarkerTruth> truth = marker::read_marker_truth(flags.truth);
+  const bool has_pictures = !truth.front().target.empty();
+  for (const marker::MarkerTruth& line : truth) {
+    if (line.target.empty() == has_pictures)
+      throw InputError(flags.truth, "has lines of markers and of pictures: one kind a file");
+    if (!has_pictures) (void)marker::find_dictionary(line.family);
+  }
+  if (!flags.family.empty()) {
+    if (has_pictures) throw UsageError("--family is for truth with markers");
+    std::erase_if(truth, [&](const auto& line) {
+      return line.family != flags.family && marker::find_dictionary(line.family).name() !=
+                                                marker::find_dictionary(flags.family).name();
+    });
+    if (truth.empty())
+      throw InputError(flags.truth, fmt::format("has no lines of the family {}", flags.family));
+  }
+  std::string lines;
+  const auto found = find_all(flags, truth, context, lines);
+  marker::MarkerJudge all(flags.tolerance);
+  std::map<std::string, marker::MarkerJudge> sets;
+  int answered = 0;
+  for (const marker::MarkerTruth& line : truth) {
+    const auto one = found.find(line.image);
+    static const marker::FoundInImage kNothing;
+    const marker::FoundInImage& result = one == found.end() ? kNothing : one->second;
+    answered += static_cast<int>(result.markers.size());
+    sets.try_emplace(has_pictures ? "pictures" : line.family, flags.tolerance)
+        .first->second.add(line, result.markers, result.ms);
+    all.add(line, result.markers, result.ms);
+  }
+  for (const auto& [name, judge] : sets) print_score(name, judge.score(), context);
+  if (sets.size() > 1) print_score("all", all.score(), context);
+  if (!flags.output.empty()) write_file_atomically(flags.output, lines);
+  return answered > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+}  // namespace
+
+void add_ar_eval(CLI::App& ar, Context& context) {
+  auto flags = std::make_shared<EvalFlags>();
+  CLI::App& verb = *ar.add_subcommand(
+      "eval", "measures detection and pose on pictures of known truth (of `ar synth`)");
+  verb.add_option("truth", flags->truth,
+                  "JSON lines {\"image\", \"family\" or \"target\", \"K\", \"size\", \"markers\"}")
+      ->required();
+  verb.add_option("--family", flags->family, "only lines of this family");
+  CLI::Option* const backend =
+      verb.add_option("--backend", flags->backend, "own, or opencv to compare with (markers)")
+          ->check(CLI::IsMember({"own", "opencv"}))
+          ->capture_default_str();
+  CLI::Option* const results = verb.add_option(
+      "--results", flags->results, "judge these JSON lines {\"image\", \"markers\"} instead");
+  results->excludes(backend);
+  verb.add_option("--tolerance", flags->tolerance,
+                  "mean error of the corners up to which one is found, share of its side; at "
+                  "least 3 px")
+      ->check(CLI::Range(0.01, 1.0))
+      ->capture_default_str();
+  verb.add_option("-o,--output", flags->output, "file for what was found, JSON lines")
+      ->excludes(results);
+  add_common_flags(verb, context);
+  verb.callback(
+      [flags, &context] { context.run = [flags, &context] { return run_eval(*flags, context); }; });
+}
+
+}  // namespace tarsier::cli
