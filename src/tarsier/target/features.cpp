@@ -14,8 +14,6 @@ namespace tarsier::target {
 namespace {
 
 constexpr double kSpacing = 1.2;  // px of the level between two samples of a patch
-constexpr int kDirections = 36;
-constexpr int kRadius = 9;  // px of the level, of the surroundings that tell the direction
 
 Level make_level(const cv::Mat& raw, cv::Size full) {
   Level level;
@@ -100,57 +98,12 @@ void keep_spread(const Level& level, std::size_t most, std::vector<Candidate>& c
   candidates.resize(most);
 }
 
-// atan2 to 0.3 degrees.
-inline float quick_angle(float y, float x) {
-  const float ax = std::fabs(x);
-  const float ay = std::fabs(y);
-  const float t = std::min(ax, ay) / (std::max(ax, ay) + 1e-9F);
-  const float t2 = t * t;
-  float a = t * (0.99978784F + t2 * (-0.325808F + t2 * (0.15557865F - 0.0443265F * t2)));
-  if (ay > ax) a = 1.57079637F - a;
-  if (x < 0) a = 3.14159274F - a;
-  return y < 0 ? -a : a;
-}
-
-const std::array<float, (2 * kRadius + 1) * (2 * kRadius + 1)>& window() {
-  static const auto table = [] {
-    std::array<float, (2 * kRadius + 1) * (2 * kRadius + 1)> w{};
-    for (int y = -kRadius; y <= kRadius; ++y)
-      for (int x = -kRadius; x <= kRadius; ++x) {
-        const double r2 = x * x + y * y;
-        w[static_cast<std::size_t>((y + kRadius) * (2 * kRadius + 1) + x + kRadius)] =
-            r2 > (kRadius + 0.5) * (kRadius + 0.5) ? 0.0F
-                                                   : static_cast<float>(std::exp(-r2 / (2 * 16.0)));
-      }
-    return w;
-  }();
-  return table;
-}
-
 // The strongest directions of the gradient around a point, at most two.
 int find_directions(const Level& level, const Candidate& c, bool second, float out[2]) {
   float histogram[kDirections] = {};
   const int cx = static_cast<int>(std::lround(c.x));
   const int cy = static_cast<int>(std::lround(c.y));
-  const auto& weights = window();
-  std::size_t k = 0;
-  for (int y = -kRadius; y <= kRadius; ++y) {
-    const std::uint8_t* row = level.row(cy + y) + cx;
-    const std::uint8_t* above = level.row(cy + y - 1) + cx;
-    const std::uint8_t* below = level.row(cy + y + 1) + cx;
-    for (int x = -kRadius; x <= kRadius; ++x, ++k) {
-      const float w = weights[k];
-      if (w == 0) continue;
-      const auto gx = static_cast<float>(row[x + 1] - row[x - 1]);
-      const auto gy = static_cast<float>(below[x] - above[x]);
-      const float bin = (quick_angle(gy, gx) + 3.14159274F) * (kDirections / 6.28318531F);
-      const int low = static_cast<int>(bin);
-      const float part = bin - static_cast<float>(low);
-      const float m = w * std::sqrt(gx * gx + gy * gy);
-      histogram[low % kDirections] += m * (1 - part);
-      histogram[(low + 1) % kDirections] += m * part;
-    }
-  }
+  kernels().directions(level.row(cy) + cx, static_cast<int>(level.padded.step), histogram);
   float smooth[kDirections];
   for (int pass = 0; pass < 2; ++pass) {
     for (int i = 0; i < kDirections; ++i)
@@ -167,7 +120,7 @@ int find_directions(const Level& level, const Candidate& c, bool second, float o
     const float b = histogram[i];
     const float d = histogram[(i + 1) % kDirections];
     if (b < 0.8F * most || b <= a || b < d) continue;
-    const float bin = static_cast<float>(i) + 0.5F * (a - d) / (a - 2 * b + d);
+    const float bin = static_cast<float>(i) + 0.5F + 0.5F * (a - d) / (a - 2 * b + d);
     const float angle = bin * (6.28318531F / kDirections) - 3.14159274F;
     if (found == 2) {
       if (b <= heights[1]) continue;

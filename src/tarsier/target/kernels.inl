@@ -104,18 +104,91 @@ void pool(const float* samples, float* out) {
       }
 }
 
-void hamming(const Sketch& one, const Sketch* others, int n, std::uint16_t* __restrict out) {
-  const std::uint64_t a = one[0];
-  const std::uint64_t b = one[1];
-  const std::uint64_t c = one[2];
-  const std::uint64_t d = one[3];
-  for (int i = 0; i < n; ++i) {
-    const Sketch& o = others[i];
-    out[i] = static_cast<std::uint16_t>(__builtin_popcountll(a ^ o[0]) +
-                                        __builtin_popcountll(b ^ o[1]) +
-                                        __builtin_popcountll(c ^ o[2]) +
-                                        __builtin_popcountll(d ^ o[3]));
+// Every second pixel of a disk, as on the black fields of a chess board: the level is smooth.
+struct Disk {
+  static constexpr int kPoints = 144;  // whole vectors
+  int x[kPoints] = {};
+  int y[kPoints] = {};
+  alignas(64) float weight[kPoints] = {};
+  int count = 0;
+  Disk() {
+    for (int v = -kDirectionRadius; v <= kDirectionRadius; ++v)
+      for (int u = -kDirectionRadius; u <= kDirectionRadius; ++u) {
+        const double r2 = u * u + v * v;
+        if (r2 > (kDirectionRadius + 0.4) * (kDirectionRadius + 0.4) || (u + v) % 2 != 0 ||
+            count == kPoints) {
+          continue;
+        }
+        x[count] = u;
+        y[count] = v;
+        weight[count++] = static_cast<float>(std::exp(-r2 / 32));
+      }
   }
+};
+
+void directions(const std::uint8_t* center, int stride, float* histogram) {
+  static const Disk disk;
+  constexpr int n = Disk::kPoints;
+  alignas(64) int gx[n];
+  alignas(64) int gy[n];
+  for (int i = 0; i < n; ++i) {
+    const std::uint8_t* p = center + disk.y[i] * stride + disk.x[i];
+    gx[i] = p[1] - p[-1];
+    gy[i] = p[stride] - p[-stride];
+  }
+  alignas(64) int bin[n];
+  alignas(64) float strength[n];
+  for (int i = 0; i < n; ++i) {
+    const auto x = static_cast<float>(gx[i]);
+    const auto y = static_cast<float>(gy[i]);
+    const float ax = std::fabs(x);
+    const float ay = std::fabs(y);
+    const float small = ax < ay ? ax : ay;
+    const float large = ax < ay ? ay : ax;
+    const float t = small / (large + 1e-9F);
+    const float t2 = t * t;
+    // atan to 0.3 degrees.
+    float a = t * (0.99978784F + t2 * (-0.325808F + t2 * (0.15557865F - 0.0443265F * t2)));
+    a = ay > ax ? 1.57079637F - a : a;
+    a = x < 0 ? 3.14159274F - a : a;
+    a = y < 0 ? -a : a;
+    const int b = static_cast<int>((a + 3.14159274F) * (kDirections / 6.28318531F));
+    bin[i] = b < kDirections ? b : 0;
+    strength[i] = disk.weight[i] * std::sqrt(x * x + y * y);
+  }
+  float second[kDirections] = {};  // two tables: neighbours often fall in the same bin
+  for (int i = 0; i < n; i += 2) {
+    histogram[bin[i]] += strength[i];
+    second[bin[i + 1]] += strength[i + 1];
+  }
+  for (int k = 0; k < kDirections; ++k) histogram[k] += second[k];
+}
+
+int search(const Sketch& one, const SketchBlock* blocks, int n, int bound, int room,
+           std::int32_t* index, std::uint16_t* distance) {
+  int found = 0;
+  const int count = (n + 15) / 16;
+  for (int b = 0; b < count; ++b) {
+    const SketchBlock& block = blocks[b];
+    alignas(64) std::uint64_t bits[16];
+    for (int i = 0; i < 16; ++i) {
+      bits[i] = static_cast<std::uint64_t>(__builtin_popcountll(block.words[0][i] ^ one[0])) +
+                static_cast<std::uint64_t>(__builtin_popcountll(block.words[1][i] ^ one[1])) +
+                static_cast<std::uint64_t>(__builtin_popcountll(block.words[2][i] ^ one[2])) +
+                static_cast<std::uint64_t>(__builtin_popcountll(block.words[3][i] ^ one[3]));
+    }
+    std::uint64_t least = bits[0];
+    for (int i = 1; i < 16; ++i) least = bits[i] < least ? bits[i] : least;
+    if (least > static_cast<std::uint64_t>(bound)) continue;
+    const int end = n - b * 16 < 16 ? n - b * 16 : 16;
+    for (int i = 0; i < end; ++i) {
+      if (bits[i] > static_cast<std::uint64_t>(bound)) continue;
+      if (found == room) return found;
+      index[found] = b * 16 + i;
+      distance[found++] = static_cast<std::uint16_t>(bits[i]);
+    }
+  }
+  return found;
 }
 
 int distance(const std::uint8_t* __restrict a, const std::uint8_t* __restrict b) {
@@ -127,7 +200,7 @@ int distance(const std::uint8_t* __restrict a, const std::uint8_t* __restrict b)
   return sum;
 }
 
-constexpr Kernels kTable = {hessian_row, sample, pool, hamming, distance};
+constexpr Kernels kTable = {hessian_row, sample, pool, directions, search, distance};
 
 }  // namespace
 }  // namespace tarsier::target

@@ -11,32 +11,23 @@
 namespace tarsier::target {
 namespace {
 
-// The indices of the (about) `most` smallest of `distances`, not above `bound`.
-void take_nearest(const std::vector<std::uint16_t>& distances, int most, int bound,
-                  std::vector<int>& out) {
-  constexpr std::size_t kBlock = 64;
+// Thins the candidates to the (about) `most` nearest.
+void keep_nearest(const std::vector<std::uint16_t>& distances, int n, int most,
+                  std::vector<std::int32_t>& index) {
+  index.resize(static_cast<std::size_t>(n));
+  if (n <= most) return;
   std::array<int, 257> count{};
-  out.clear();
-  const std::size_t n = distances.size();
-  for (std::size_t start = 0; start < n; start += kBlock) {
-    const std::size_t end = std::min(start + kBlock, n);
-    std::uint16_t least = 999;
-    for (std::size_t i = start; i < end; ++i) least = std::min(least, distances[i]);
-    if (least > bound) continue;
-    for (std::size_t i = start; i < end; ++i) {
-      if (distances[i] > bound) continue;
-      out.push_back(static_cast<int>(i));
-      ++count[distances[i]];
-    }
-  }
-  if (static_cast<int>(out.size()) <= most) return;
+  for (int i = 0; i < n; ++i) ++count[distances[static_cast<std::size_t>(i)]];
   int limit = 0;
-  for (int sum = 0; limit <= bound; ++limit) {
+  for (int sum = 0; limit < 256; ++limit) {
     sum += count[static_cast<std::size_t>(limit)];
     if (sum >= most) break;
   }
-  std::erase_if(out, [&](int i) { return distances[static_cast<std::size_t>(i)] > limit; });
-  if (static_cast<int>(out.size()) > 2 * most) out.resize(static_cast<std::size_t>(2 * most));
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(n); ++i)
+    if (distances[i] <= limit && kept < 2 * static_cast<std::size_t>(most))
+      index[kept++] = index[i];
+  index.resize(kept);
 }
 
 struct Placed {
@@ -186,13 +177,16 @@ std::vector<Match> match_features(const FeatureSet& frame, const Target& target,
   if (n < 2) return matches;
   const Kernels& kernel = kernels();
   std::vector<std::uint16_t> bits(n);
-  std::vector<int> near;
+  std::vector<std::int32_t> near;
   const float apart = options.elsewhere * std::hypot(static_cast<float>(target.gray.cols),
                                                      static_cast<float>(target.gray.rows));
   for (std::size_t i = 0; i < frame.features.size(); ++i) {
     const Description& d = frame.descriptions[i];
-    kernel.hamming(d.sketch, target.sketches.data(), static_cast<int>(n), bits.data());
-    take_nearest(bits, options.candidates, options.most_bits, near);
+    near.resize(n);
+    const int count =
+        kernel.search(d.sketch, target.sketches.data(), static_cast<int>(n), options.most_bits,
+                      static_cast<int>(n), near.data(), bits.data());
+    keep_nearest(bits, count, options.candidates, near);
     if (near.empty()) continue;
     int best = -1;
     int least = std::numeric_limits<int>::max();

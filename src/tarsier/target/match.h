@@ -18,7 +18,7 @@ struct Match {
 
 struct MatchOptions {
   int candidates = 12;       // by sketch, that are compared in full; 2..64
-  int most_bits = 76;        // that differ of a candidate's sketch's 256
+  int most_bits = 66;        // that differ of a candidate's sketch's 256
   float ratio = 0.92F;       // matches from here on are left out
   float elsewhere = 0.035F;  // of the picture's diagonal: farther away is another place
   std::size_t most = 300;    // the best by ratio

@@ -42,6 +42,11 @@ std::vector<cv::Point2f> find_anchors(const Level& level) {
   }
   std::stable_sort(corners.begin(), corners.end(),
                    [](const Corner& a, const Corner& b) { return a.strength > b.strength; });
+  if (corners.size() > 20) {
+    // What is much weaker than the picture's corners drowns in a camera's noise.
+    const float least = 0.03F * corners[20].strength;
+    std::erase_if(corners, [&](const Corner& c) { return c.strength < least; });
+  }
   corners.resize(std::min<std::size_t>(corners.size(), 2000));
   for (std::size_t i = 1; i < corners.size(); ++i) {
     for (std::size_t j = 0; j < i; ++j) {
@@ -79,8 +84,12 @@ void complete(Target& target) {
   target.pyramid = make_pyramid(target.gray, true, kLeastSide);
   target.anchors.clear();
   for (const Level& level : target.pyramid.levels) target.anchors.push_back(find_anchors(level));
-  target.sketches.clear();
-  for (const Description& d : target.descriptions) target.sketches.push_back(d.sketch);
+  target.sketches.assign((target.descriptions.size() + 15) / 16, SketchBlock{});
+  for (std::size_t i = 0; i < target.sketches.size() * 16; ++i) {
+    const std::size_t from = i < target.descriptions.size() ? i : i / 16 * 16;
+    for (std::size_t w = 0; w < kSketchWords; ++w)
+      target.sketches[i / 16].words[w][i % 16] = target.descriptions[from].sketch[w];
+  }
 }
 
 }  // namespace tarsier::target

@@ -39,7 +39,7 @@ struct Target {
   Pyramid pyramid;                                // in half steps
   std::vector<std::vector<cv::Point2f>> anchors;  // for each level: corners to align, px of the
                                                   // picture; the first n of them are spread
-  std::vector<Sketch> sketches;                   // of the descriptions, for the search
+  std::vector<SketchBlock> sketches;              // of the descriptions, for the search
 
   [[nodiscard]] cv::Size size() const { return gray.size(); }
   // Corners of the picture's outer edge, px: top left, then clockwise.

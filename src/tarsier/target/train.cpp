@@ -2,7 +2,7 @@
 #include "tarsier/target/train.h"
 
 #include "tarsier/core/image.h"
-#include "tarsier/core/rng.h"
+#include "tarsier/target/rehearse.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -103,6 +103,8 @@ void TrainOptions::check() const {
                   "frontal_features = {}: 50..5000", frontal_features);
   TARSIER_REQUIRE(tilted_features >= 0 && tilted_features <= 5000, "tilted_features = {}: 0..5000",
                   tilted_features);
+  TARSIER_REQUIRE(most_features >= 50 && most_features <= 20'000, "most_features = {}: 50..20000",
+                  most_features);
   TARSIER_REQUIRE(trials >= 0 && trials <= 500, "trials = {}: 0..500", trials);
 }
 
@@ -130,6 +132,11 @@ Target train_target(const cv::Mat& picture, const std::string& name, const Train
       add_view(target, 2.1, k * std::numbers::pi / 6, options.tilted_features * 3 / 4);
   }
   complete(target);
+  if (options.trials > 0) {
+    const Rehearsal rehearsal = rehearse(target, options.trials, options.seed);
+    keep_best(target, rehearsal, static_cast<std::size_t>(options.most_features));
+    complete(target);
+  }
   return target;
 }
 

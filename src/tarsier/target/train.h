@@ -13,6 +13,7 @@ struct TrainOptions {
   int longer_side = 480;       // px that larger pictures are reduced to; 64..2000
   int frontal_features = 700;  // of the picture as it is, 50..5000
   int tilted_features = 350;   // of each tilted view, 0..5000
+  int most_features = 3000;    // that are kept, 50..20000
   int trials = 24;  // warped, blurred and noisy views that tell which features last; 0..500
   std::uint64_t seed = 1;
   void check() const;
