@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 
 namespace tarsier::target {
@@ -309,6 +310,10 @@ Alignment align(const Target& target, const Pyramid& frame, const cv::Matx33d& s
     report.covered = covered_part(out.sightings, size);
     out.levels.push_back(report);
   }
+  out.side_px = scale_at_middle(out.h, size) * std::sqrt(size.width * 1.0 * size.height);
+  out.deviation_px = out.sightings.size() < 4
+                         ? std::numeric_limits<double>::infinity()
+                         : corner_deviation(out.h, size, out.sightings, std::max(out.rms_px, 0.3));
   return out;
 }
 

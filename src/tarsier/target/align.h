@@ -33,6 +33,8 @@ struct Alignment {
   std::vector<Sighting> sightings;  // good ones of the finest level
   std::vector<LevelReport> levels;  // coarse to fine
   double rms_px = 0;                // of the sightings
+  double deviation_px = 0;          // of the least certain corner, see corner_deviation()
+  double side_px = 0;               // root of the area of the target in the frame
 };
 
 // `frame`: a pyramid of the frame; of its levels only 0, 2, 4 .. are used.

@@ -21,9 +21,18 @@ void DetectOptions::check() const {
                   good_patches);
   TARSIER_REQUIRE(least_covered >= 0 && least_covered <= 1, "least_covered = {}: 0..1",
                   least_covered);
+  TARSIER_REQUIRE(most_deviation > 0, "most_deviation = {}: above 0", most_deviation);
 }
 
 bool is_convincing(const Alignment& alignment, const DetectOptions& options) {
+  if (alignment.levels.empty()) return false;
+  // Motion blur may spoil the finest level, but not all of it.
+  const LevelReport& finest = alignment.levels.back();
+  if (finest.good < 0.8 * options.good_patches ||
+      finest.good < 0.4 * options.good_part * finest.visible ||
+      alignment.deviation_px > std::max(1.5, options.most_deviation * alignment.side_px)) {
+    return false;
+  }
   return std::any_of(alignment.levels.begin(), alignment.levels.end(), [&](const LevelReport& l) {
     return l.good >= options.good_patches && l.good >= options.good_part * l.visible &&
            l.covered >= options.least_covered;

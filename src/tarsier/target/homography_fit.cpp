@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 namespace tarsier::target {
 namespace {
@@ -117,6 +118,55 @@ bool fit_homography(cv::Matx33d& h, cv::Size size, std::span<const Sighting> sig
     if (!std::isfinite(v)) return false;
   h = result * (1 / result(2, 2));
   return true;
+}
+
+double corner_deviation(const cv::Matx33d& h, cv::Size size, std::span<const Sighting> sightings,
+                        double sigma_px, double perspective) {
+  const cv::Matx33d normal = centering(size);
+  cv::Matx33d g = h * normal.inv();
+  g = g * (1 / g(2, 2));
+  const auto rows = [&](const cv::Point2d& at, double ju[8], double jv[8]) {
+    const cv::Vec3d n = normal * cv::Vec3d(at.x, at.y, 1);
+    const cv::Vec3d p = g * n;
+    const double u = p[0] / p[2];
+    const double v = p[1] / p[2];
+    for (int i = 0; i < 3; ++i) {
+      ju[i] = jv[i + 3] = n[i] / p[2];
+      ju[i + 3] = jv[i] = 0;
+    }
+    for (int i = 0; i < 2; ++i) {
+      ju[i + 6] = -u * n[i] / p[2];
+      jv[i + 6] = -v * n[i] / p[2];
+    }
+  };
+  Matx88d m = Matx88d::zeros();
+  for (const Sighting& s : sightings) {
+    double ju[8];
+    double jv[8];
+    rows(s.at, ju, jv);
+    for (int i = 0; i < 8; ++i)
+      for (int j = 0; j < 8; ++j)
+        m(i, j) += ju[i] * (s.a * ju[j] + s.b * jv[j]) + jv[i] * (s.b * ju[j] + s.c * jv[j]);
+  }
+  m = m * (1 / (sigma_px * sigma_px));
+  for (int i = 0; i < 8; ++i) m(i, i) += i < 6 ? 1e-12 : 1 / (perspective * perspective);
+  bool ok = false;
+  const Matx88d covariance = m.inv(cv::DECOMP_CHOLESKY, &ok);
+  if (!ok) return std::numeric_limits<double>::infinity();
+  double most = 0;
+  const double w = size.width - 0.5;
+  const double b = size.height - 0.5;
+  for (const cv::Point2d corner :
+       {cv::Point2d(-0.5, -0.5), cv::Point2d(w, -0.5), cv::Point2d(w, b), cv::Point2d(-0.5, b)}) {
+    double j[2][8];
+    rows(corner, j[0], j[1]);
+    double variance = 0;
+    for (const auto& row : j)
+      for (int i = 0; i < 8; ++i)
+        for (int k = 0; k < 8; ++k) variance += row[i] * covariance(i, k) * row[k];
+    most = std::max(most, variance);
+  }
+  return std::sqrt(most);
 }
 
 bool is_plausible(const cv::Matx33d& h, cv::Size size, cv::Size frame, double least_area_px) {

@@ -35,6 +35,13 @@ struct HomographyFitOptions {
                                   std::span<const Sighting> sightings,
                                   const HomographyFitOptions& options);
 
+// Standard deviation, px of the frame, of the least certain corner of the picture's edge under `h`,
+// when each sighting is off by `sigma_px`: what the sightings do not pin down shows here. Infinite
+// where they determine no homography.
+[[nodiscard]] double corner_deviation(const cv::Matx33d& h, cv::Size size,
+                                      std::span<const Sighting> sightings, double sigma_px,
+                                      double perspective = 0.15);
+
 // Root of the sighting's weighted squared error.
 [[nodiscard]] double error_of(const cv::Matx33d& h, const Sighting& sighting);
 
