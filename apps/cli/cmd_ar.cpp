@@ -7,6 +7,7 @@ void add_ar(CLI::App& app, Context& context) {
   CLI::App& area = *app.add_subcommand("ar", "printed markers and boards");
   area.require_subcommand(1);
   add_ar_marker_sheet(area, context);
+  add_ar_synth(area, context);
 }
 
 }  // namespace tarsier::cli

@@ -7,5 +7,6 @@
 namespace tarsier::cli {
 
 void add_ar_marker_sheet(CLI::App& ar, Context& context);
+void add_ar_synth(CLI::App& ar, Context& context);
 
 }  // namespace tarsier::cli

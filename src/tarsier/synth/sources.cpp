@@ -7,6 +7,7 @@
 #include "tarsier/synth/boards.h"
 #include "tarsier/synth/clock.h"
 #include "tarsier/synth/noise.h"
+#include "tarsier/synth/planar_source.h"
 #include "tarsier/synth/portrait.h"
 #include "tarsier/synth/scene.h"
 #include "tarsier/synth/street.h"
@@ -28,7 +29,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-enum class Picture { kScene, kPortrait, kClock, kBars, kCar, kDrive, kBoard };
+enum class Picture { kScene, kPortrait, kClock, kBars, kCar, kDrive, kBoard, kPlanar };
 
 struct Settings {
   std::string text;  // as given, with "synth:"
@@ -42,10 +43,12 @@ struct Settings {
   double noise = 0;
   synth::StreetOptions street;
   std::string board = "chess:9x6";
+  synth::PlanarSourceOptions planar;
 };
 
 constexpr double kBoardPitch = 0.025;  // m
-constexpr std::string_view kNames = "scene, portrait, clock, bars, car, drive, board";
+constexpr std::string_view kNames =
+    "scene, portrait, clock, bars, car, drive, board, markers, planar";
 constexpr std::string_view kKeys = "size=640x480, fps=25, frames=100, seed=1, live=0, noise=2";
 constexpr std::string_view kStreetKeys =
     "light=day|night|infrared, kind=spain|europe|us|brazil|all, and of a drive seconds=60, cars=6, "
@@ -114,6 +117,10 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
   } else if (settings.name == "board") {
     settings.picture = Picture::kBoard;
     settings.noise = 1.5;
+  } else if (settings.name == "markers" || settings.name == "planar") {
+    settings.picture = Picture::kPlanar;
+    settings.planar.posters = settings.name == "planar";
+    settings.noise = 2;
   } else if (settings.name == "bars") {
     settings.picture = Picture::kBars;
   } else if (settings.name == "car" || settings.name == "drive") {
@@ -127,6 +134,8 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
   const std::string keys = is_street ? fmt::format("{}, {}", kKeys, kStreetKeys)
                            : settings.picture == Picture::kBoard
                                ? fmt::format("{}, board=chess:9x6", kKeys)
+                           : settings.picture == Picture::kPlanar
+                               ? fmt::format("{}, {}", kKeys, synth::kPlanarSourceKeys)
                                : std::string(kKeys);
   if (options.width > 0) settings.size.width = options.width;
   if (options.height > 0) settings.size.height = options.height;
@@ -161,13 +170,15 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
     } else if (key == "board" && settings.picture == Picture::kBoard) {
       settings.board = value;
       is_good = true;  // parse_board() says what is wrong
+    } else if (settings.picture == Picture::kPlanar &&
+               synth::set_planar_source(key, value, settings.planar, is_good)) {
     } else if (!parse_street(key, value, settings, is_good)) {
       refuse(fmt::format("unknown key '{}'; there are: {}", key, keys));
     }
     if (!is_good)
       refuse(fmt::format("bad value '{}' of {}; expected for example {}", value, key, keys));
   }
-  if (settings.picture == Picture::kBoard &&
+  if ((settings.picture == Picture::kBoard || settings.picture == Picture::kPlanar) &&
       (settings.size.width < 160 || settings.size.height < 120 || settings.size.width > 4096 ||
        settings.size.height > 4096)) {
     refuse(fmt::format("a size of {}x{} is not between 160x120 and 4096x4096", settings.size.width,
@@ -223,6 +234,10 @@ class SynthSource final : public FrameSource {
     if (settings_.picture == Picture::kBoard) {
       film_.emplace(settings_.size, calibration::parse_board(settings_.board, kBoardPitch),
                     settings_.seed);
+    }
+    if (settings_.picture == Picture::kPlanar) {
+      planar_.emplace(synth::planar_source_film(settings_.planar, settings_.size, settings_.fps,
+                                                settings_.seed));
     }
     if (settings_.picture == Picture::kCar) (void)synth::load_glyphs();  // or say what is missing
   }
@@ -340,6 +355,10 @@ class SynthSource final : public FrameSource {
                            {"distortion", camera.distortion}};
         break;
       }
+      case Picture::kPlanar:
+        frame.image = planar_->picture_at(frame.time);
+        truth.update(nlohmann::json::parse(synth::planar_source_truth(*planar_, frame.time)));
+        break;
       case Picture::kBars:
         frame.image = render_bars(settings_.size, frame.index);
         break;
@@ -350,6 +369,7 @@ class SynthSource final : public FrameSource {
   const Settings settings_;
   std::optional<synth::Drive> drive_;
   std::optional<BoardFilm> film_;
+  std::optional<synth::PlanarFilm> planar_;
   std::int64_t at_ = 0;  // the next frame
   std::int64_t dropped_ = 0;
   Clock::time_point start_;

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/synth/planar_worlds.h"
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+// The films "synth:markers?..." and "synth:planar?...": a camera above a desk with prints.
+namespace tarsier::synth {
+
+struct PlanarSourceOptions {
+  bool posters = false;  // pictures, 0.2 m wide, instead of markers
+  std::string family = "36h11";
+  int prints = 0;      // 0: 4 markers or 1 poster
+  double side = 0.05;  // m, of a marker
+  FilmOptions film;
+};
+
+inline constexpr std::string_view kPlanarSourceKeys =
+    "family=36h11, prints=4, side=0.05, speed=25 (px a frame), tilt=50, shutter=0.25, "
+    "exposure=0.2, blur=0.5, cover=1, distorted=0";
+
+// Sets what `key` names, `is_good` where the value fits; false for a key that is none of these.
+[[nodiscard]] bool set_planar_source(std::string_view key, std::string_view value,
+                                     PlanarSourceOptions& options, bool& is_good);
+
+// Throws UsageError for an unknown family. The source adds the noise.
+[[nodiscard]] PlanarFilm planar_source_film(const PlanarSourceOptions& options, cv::Size size,
+                                            double fps, std::uint64_t seed);
+
+// {"camera": {...}, "markers": [...]}: a JSON object.
+[[nodiscard]] std::string planar_source_truth(const PlanarFilm& film, double time_s);
+
+// Poster `id` of a seed, as the film shows it: 600 x 450 px, 0.2 m wide.
+[[nodiscard]] PlanarPrint poster_print(int id, std::uint64_t seed);
+
+}  // namespace tarsier::synth

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/synth/planar_worlds.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::synth {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// From the picture's pixels (middles at integers) to the frame's; of a camera without distortion.
+cv::Matx33d homography_of(const PlanarPrint& print, const PrintTruth& truth,
+                          const geometry::Camera& camera) {
+  const cv::Rect2d part =
+      print.part.empty() ? cv::Rect2d(0, 0, print.picture.cols, print.picture.rows) : print.part;
+  const double scale = truth.width / part.width;  // m per px
+  const cv::Matx33d plane_from_pixel(scale, 0, scale * (0.5 - part.x - 0.5 * part.width), 0, -scale,
+                                     -scale * (0.5 - part.y - 0.5 * part.height), 0, 0, 1);
+  const cv::Matx33d& r = truth.camera_from_print.rotation;
+  const cv::Vec3d& t = truth.camera_from_print.translation;
+  const cv::Matx33d ray_from_plane(r(0, 0), r(0, 1), t[0], r(1, 0), r(1, 1), t[1], r(2, 0), r(2, 1),
+                                   t[2]);
+  const cv::Matx33d h = camera.matrix() * ray_from_plane * plane_from_pixel;
+  return h * (1 / h(2, 2));
+}
+
+Json marker_json(const PrintTruth& truth) {
+  Json marker{{"id", truth.id}};
+  marker["corners"] = Json::array();
+  for (const cv::Point2d& p : truth.corners) marker["corners"].push_back({p.x, p.y});
+  const cv::Vec3d r = rotation_vector(truth.camera_from_print.rotation);
+  const cv::Vec3d& t = truth.camera_from_print.translation;
+  marker["rvec"] = {r[0], r[1], r[2]};
+  marker["tvec"] = {t[0], t[1], t[2]};
+  marker["side_px"] = truth.side_px;
+  marker["visible"] = truth.visible;
+  return marker;
+}
+
+}  // namespace
+
+std::string truth_list(const std::vector<PrintTruth>& truth) {
+  Json list = Json::array();
+  for (const PrintTruth& print : truth) list.push_back(marker_json(print));
+  return list.dump();
+}
+
+cv::Vec3d rotation_vector(const cv::Matx33d& rotation) {
+  const cv::Vec4d q = geometry::quaternion_of(rotation);
+  const cv::Vec3d axis(q[1], q[2], q[3]);
+  const double sine = cv::norm(axis);
+  if (sine < 1e-12) return 2 * axis;
+  return axis * (2 * std::atan2(sine, q[0]) / sine);
+}
+
+std::string truth_line(const TruthLine& line, const PlanarStill& still,
+                       const std::vector<PlanarPrint>& prints) {
+  Json json{{"image", line.image}};
+  if (!line.targets) json["family"] = line.family;
+  if (line.targets && !still.truth.empty()) json["target"] = still.truth.front().name;
+  const cv::Matx33d k = still.camera.matrix();
+  json["K"] = std::vector<double>(k.val, k.val + 9);
+  json["dist"] =
+      std::vector<double>(still.camera.distortion.begin(), still.camera.distortion.begin() + 5);
+  json["size"] = still.truth.empty() ? 0.0 : still.truth.front().width;
+  json["level"] = name_of(still.level);
+  const PlanarLook& look = still.look;
+  json["params"] =
+      Json{{"gain", look.gain},         {"grad", look.slope},        {"ga", look.slope_angle},
+           {"vignette", look.vignette}, {"shadow", look.shadow},     {"sa", look.shadow_angle},
+           {"so", look.shadow_offset},  {"sw", look.shadow_width},   {"offset", look.haze},
+           {"blur", look.defocus_px},   {"motion", still.motion_px}, {"ma", still.motion_angle},
+           {"noise", look.noise}};
+  json["markers"] = Json::array();
+  for (const PrintTruth& truth : still.truth) {
+    Json marker = marker_json(truth);
+    if (line.targets) {
+      const auto print = std::find_if(prints.begin(), prints.end(),
+                                      [&](const PlanarPrint& p) { return p.id == truth.id; });
+      if (print != prints.end()) {
+        const cv::Matx33d h = homography_of(*print, truth, still.camera);
+        marker["H"] = std::vector<double>(h.val, h.val + 9);
+      }
+      marker["occlusion"] = 1 - truth.visible;
+    }
+    json["markers"].push_back(std::move(marker));
+  }
+  return json.dump();
+}
+
+}  // namespace tarsier::synth
