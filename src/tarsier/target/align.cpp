@@ -260,6 +260,43 @@ double covered_part(const std::vector<Sighting>& sightings, cv::Size size) {
   return cv::contourArea(hull) / (size.width * 1.0 * size.height);
 }
 
+// Shifts and fits a few times on one level, from out.h; what it finds goes to `next`.
+void align_on_level(const Target& target, const Level& level, const AlignOptions& options,
+                    std::size_t patches, Alignment& next, LevelReport& report) {
+  const cv::Size size = target.size();
+  const cv::Matx33d grow(level.step_x, 0, 0.5 * level.step_x - 0.5, 0, level.step_y,
+                         0.5 * level.step_y - 0.5, 0, 0, 1);
+  for (int round = 0; round < options.rounds; ++round) {
+    cv::Matx33d h = to_level(next.h, level);
+    const double reach = round == 0 ? 5 : 3;
+    const std::vector<Found> found = sight(target, level, h, patches, reach, report.visible);
+    std::vector<Sighting> sightings;
+    for (const Found& f : found)
+      if (f.correlation >= options.good_match) sightings.push_back(f.sighting);
+    HomographyFitOptions fit;
+    fit.tolerance_px = round == 0 ? 4 : 2;
+    fit.sigma_px = 0.5;
+    report.good = 0;
+    next.sightings.clear();
+    if (!fit_homography(h, size, sightings, fit)) continue;
+    fit.tolerance_px = 1.5;
+    static_cast<void>(fit_homography(h, size, sightings, fit));
+    double sum = 0;
+    for (Sighting s : sightings) {
+      const double e = error_of(h, s);
+      if (e > 1.2) continue;
+      ++report.good;
+      sum += e * e;
+      s.seen = level.to_picture(s.seen);
+      next.sightings.push_back(s);
+    }
+    next.h = grow * h;
+    next.h = next.h * (1 / next.h(2, 2));
+    next.rms_px = report.good > 0 ? std::sqrt(sum / report.good) * level.step_x : 0;
+  }
+  report.covered = covered_part(next.sightings, size);
+}
+
 }  // namespace
 
 Alignment align(const Target& target, const Pyramid& frame, const cv::Matx33d& start,
@@ -269,45 +306,26 @@ Alignment align(const Target& target, const Pyramid& frame, const cv::Matx33d& s
   const cv::Size size = target.size();
   const double side = scale_at_middle(start, size) * std::sqrt(size.width * 1.0 * size.height);
   const int finest = 2 * options.finest_level;
+  double part = 0;  // of the patches that fit on the level before
   for (int k = std::max(finest, coarsest_level(frame, side, options.coarsest_side)); k >= finest;
        k -= 2) {
-    const Level& level = frame.levels[static_cast<std::size_t>(k)];
-    const auto patches =
-        static_cast<std::size_t>(k == finest ? options.fine_patches : options.coarse_patches);
+    Alignment next;
+    next.h = out.h;
     LevelReport report;
     report.level = k;
-    for (int round = 0; round < options.rounds; ++round) {
-      cv::Matx33d h = to_level(out.h, level);
-      const double reach = round == 0 ? 5 : 3;
-      const std::vector<Found> found = sight(target, level, h, patches, reach, report.visible);
-      std::vector<Sighting> sightings;
-      for (const Found& f : found)
-        if (f.correlation >= options.good_match) sightings.push_back(f.sighting);
-      HomographyFitOptions fit;
-      fit.tolerance_px = round == 0 ? 4 : 2;
-      fit.sigma_px = 0.5;
-      report.good = 0;
-      out.sightings.clear();
-      if (fit_homography(h, size, sightings, fit)) {
-        fit.tolerance_px = 1.5;
-        static_cast<void>(fit_homography(h, size, sightings, fit));
-        const cv::Matx33d grow(level.step_x, 0, 0.5 * level.step_x - 0.5, 0, level.step_y,
-                               0.5 * level.step_y - 0.5, 0, 0, 1);
-        double sum = 0;
-        for (Sighting s : sightings) {
-          const double e = error_of(h, s);
-          if (e > 1.2) continue;
-          ++report.good;
-          sum += e * e;
-          s.seen = level.to_picture(s.seen);
-          out.sightings.push_back(s);
-        }
-        out.h = grow * h;
-        out.h = out.h * (1 / out.h(2, 2));
-        out.rms_px = report.good > 0 ? std::sqrt(sum / report.good) * level.step_x : 0;
-      }
+    align_on_level(
+        target, frame.levels[static_cast<std::size_t>(k)], options,
+        static_cast<std::size_t>(k == finest ? options.fine_patches : options.coarse_patches), next,
+        report);
+    // Where motion or defocus left nothing of the fine detail, the coarser level's word stands.
+    const bool spoilt = report.good < 4 || report.good < 0.3 * part * report.visible;
+    if (!spoilt || out.sightings.empty()) {
+      out.h = next.h;
+      out.sightings = std::move(next.sightings);
+      out.rms_px = next.rms_px;
+      out.standing = out.levels.size();
     }
-    report.covered = covered_part(out.sightings, size);
+    part = std::max(part, static_cast<double>(report.good) / std::max(1, report.visible));
     out.levels.push_back(report);
   }
   out.side_px = scale_at_middle(out.h, size) * std::sqrt(size.width * 1.0 * size.height);

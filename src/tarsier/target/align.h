@@ -32,6 +32,7 @@ struct Alignment {
   cv::Matx33d h;                    // px of the frame from px of the picture
   std::vector<Sighting> sightings;  // good ones of the finest level
   std::vector<LevelReport> levels;  // coarse to fine
+  std::size_t standing = 0;         // the level whose word stands, mostly the finest
   double rms_px = 0;                // of the sightings
   double deviation_px = 0;          // of the least certain corner, see corner_deviation()
   double side_px = 0;               // root of the area of the target in the frame

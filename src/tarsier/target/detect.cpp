@@ -26,10 +26,9 @@ void DetectOptions::check() const {
 
 bool is_convincing(const Alignment& alignment, const DetectOptions& options) {
   if (alignment.levels.empty()) return false;
-  // Motion blur may spoil the finest level, but not all of it.
-  const LevelReport& finest = alignment.levels.back();
-  if (finest.good < 0.8 * options.good_patches ||
-      finest.good < 0.4 * options.good_part * finest.visible ||
+  const LevelReport& last = alignment.levels[alignment.standing];
+  if (last.good < 0.8 * options.good_patches ||
+      last.good < 0.4 * options.good_part * last.visible ||
       alignment.deviation_px > std::max(1.5, options.most_deviation * alignment.side_px)) {
     return false;
   }
