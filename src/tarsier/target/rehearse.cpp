@@ -84,51 +84,44 @@ cv::Mat draw_view(const Target& target, const cv::Matx33d& h, Rng& rng) {
 
 }  // namespace
 
+TrialView trial_view(const Target& target, int trial, std::uint64_t seed) {
+  Rng rng = Rng(seed).fork(static_cast<std::uint64_t>(trial));
+  TrialView view;
+  view.h = random_homography(target.size(), rng);
+  view.gray = draw_view(target, view.h, rng);
+  return view;
+}
+
 Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed) {
   Rehearsal result;
   result.right.assign(target.features.size(), 0);
   result.wrong.assign(target.features.size(), 0);
-  const Rng root(seed);
-  std::vector<double> parts;
   FeatureOptions options;
   options.most = 1000;
   options.contrast = 8;
   MatchOptions matching;
   matching.most = 100'000;
   for (int trial = 0; trial < trials; ++trial) {
-    Rng rng = root.fork(static_cast<std::uint64_t>(trial));
-    const cv::Matx33d h = random_homography(target.size(), rng);
-    const FeatureSet set = find_features(make_pyramid(draw_view(target, h, rng), true), options);
-    const cv::Matx33d back = h.inv();
-    int inside = 0;
-    for (const Feature& f : set.features) {
-      const cv::Point2d p = geometry::mapped(back, f.at);
-      inside += p.x >= 0 && p.y >= 0 && p.x < target.gray.cols && p.y < target.gray.rows ? 1 : 0;
-    }
-    int right = 0;
+    const TrialView view = trial_view(target, trial, seed);
+    const FeatureSet set = find_features(make_pyramid(view.gray, true), options);
     for (const Match& m : match_features(set, target, matching)) {
       const Feature& f = set.features[static_cast<std::size_t>(m.feature)];
       const auto t = static_cast<std::size_t>(m.trained);
-      const cv::Point2d d = geometry::mapped(h, target.features[t].at) - cv::Point2d(f.at);
+      const cv::Point2d d = geometry::mapped(view.h, target.features[t].at) - cv::Point2d(f.at);
       const double limit = 3 + 1.5 * static_cast<double>(f.scale);
       if (d.dot(d) < limit * limit) {
-        ++right;
         ++result.right[t];
       } else {
         ++result.wrong[t];
       }
     }
-    parts.push_back(right / std::max(20.0, static_cast<double>(inside)));
-  }
-  if (!parts.empty()) {
-    std::nth_element(parts.begin(), parts.begin() + static_cast<long>(parts.size() / 2),
-                     parts.end());
-    result.repeatable = parts[parts.size() / 2];
   }
   return result;
 }
 
 void keep_best(Target& target, const Rehearsal& rehearsal, std::size_t most) {
+  for (std::size_t i = 0; i < target.features.size(); ++i)
+    target.features[i].right = rehearsal.right[i];
   if (target.features.size() <= most) return;
   std::vector<std::size_t> order(target.features.size());
   std::iota(order.begin(), order.end(), std::size_t{0});

@@ -8,6 +8,14 @@
 
 namespace tarsier::target {
 
+// One random view of the target before a plain ground: small, turned, tilted up to 60 degrees, dim,
+// blurred and noisy. 640x480 px, CV_8UC1; `h`: px of it from px of the picture.
+struct TrialView {
+  cv::Mat gray;
+  cv::Matx33d h;
+};
+[[nodiscard]] TrialView trial_view(const Target& target, int trial, std::uint64_t seed);
+
 // What trials told of each trained feature.
 struct Rehearsal {
   std::vector<int> right;  // how often a feature of a view was rightly matched to it
@@ -16,8 +24,7 @@ struct Rehearsal {
                           // rightly matched, the median
 };
 
-// Draws the target in `trials` random ways (turned, small, tilted up to 60 degrees, dim, blurred,
-// noisy) and matches each view against it. The same for the same seed.
+// Matches the features of `trials` views against the target. The same for the same seed.
 [[nodiscard]] Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed);
 
 // Keeps the `most` features that did best, in their order; those that were never matched rightly

@@ -15,14 +15,16 @@ namespace tarsier::target {
 struct TrainedFeature {
   cv::Point2f at;     // px of the picture
   cv::Matx22f frame;  // px of the picture for one of the feature's own (turned, scaled) grid
+  int right = 0;      // trials in which a feature of a view was rightly matched to it
 };
 
+// See quality.h. Each 0..1.
 struct Quality {
-  double rating = 0;      // 0..1: product of the four below, at least roughly how often it is found
-  double features = 0;    // 1: enough distinct features
-  double spread = 0;      // 1: they are all over the picture
-  double distinct = 0;    // 1: none looks like another place of the picture
-  double repeatable = 0;  // 1: seen again under tilt, blur and noise
+  double rating = 0;                 // of them all: from 0.6 on a good target
+  double features = 0;               // 1: enough features that stand tilt, blur and noise
+  double spread = 0;                 // 1: they are all over the picture
+  double distinct = 0;               // 1: none looks like another place of the picture
+  double repeatable = 0;             // share of trials in which the picture was found
   std::vector<std::string> reasons;  // what is wrong, one line each; empty for a good picture
 };
 

@@ -2,6 +2,7 @@
 #include "tarsier/target/train.h"
 
 #include "tarsier/core/image.h"
+#include "tarsier/target/quality.h"
 #include "tarsier/target/rehearse.h"
 
 #include <opencv2/imgproc.hpp>
@@ -72,7 +73,7 @@ void add_view(Target& target, double tilt, double azimuth, int most) {
       continue;
     }
     target.features.push_back(
-        {{static_cast<float>(p[0]), static_cast<float>(p[1])}, cv::Matx22f(frame)});
+        {{static_cast<float>(p[0]), static_cast<float>(p[1])}, cv::Matx22f(frame), 0});
     target.descriptions.push_back(set.descriptions[i]);
   }
 }
@@ -137,6 +138,8 @@ Target train_target(const cv::Mat& picture, const std::string& name, const Train
     keep_best(target, rehearsal, static_cast<std::size_t>(options.most_features));
     complete(target);
   }
+  // Other views than those that chose the features.
+  target.quality = rate_target(target, options.trials, options.seed + 1);
   return target;
 }
 
