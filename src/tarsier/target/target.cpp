@@ -74,6 +74,13 @@ std::array<cv::Point2d, 4> Target::corners() const {
   return {{{-0.5, -0.5}, {w, -0.5}, {w, h}, {-0.5, h}}};
 }
 
+cv::Matx33d Target::from_given_picture(const cv::Matx33d& homography) const {
+  const double x = static_cast<double>(gray.cols) / given.width;
+  const double y = static_cast<double>(gray.rows) / given.height;
+  const cv::Matx33d h = homography * cv::Matx33d(x, 0, 0.5 * x - 0.5, 0, y, 0.5 * y - 0.5, 0, 0, 1);
+  return h * (1 / h(2, 2));
+}
+
 cv::Point2d Target::on_plane(const cv::Point2d& picture) const {
   return {((picture.x + 0.5) / gray.cols - 0.5) * width,
           (0.5 - (picture.y + 0.5) / gray.rows) * height};

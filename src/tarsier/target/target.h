@@ -5,6 +5,7 @@
 
 #include <opencv2/core.hpp>
 
+#include <array>
 #include <string>
 #include <vector>
 
@@ -32,6 +33,7 @@ struct Target {
   std::string name;
   double width = 0;   // of the print, metres; of the picture's outer edge, not of pixel centres
   double height = 0;  // metres
+  cv::Size given;     // px, of the picture that was given for training
   cv::Mat gray;       // CV_8UC1, the picture at the size that all px of the picture here mean
   std::vector<TrainedFeature> features;
   std::vector<Description> descriptions;  // of each feature
@@ -46,6 +48,8 @@ struct Target {
   [[nodiscard]] cv::Size size() const { return gray.size(); }
   // Corners of the picture's outer edge, px: top left, then clockwise.
   [[nodiscard]] std::array<cv::Point2d, 4> corners() const;
+  // The same homography for px of the picture that was given; its element (2, 2) is 1.
+  [[nodiscard]] cv::Matx33d from_given_picture(const cv::Matx33d& homography) const;
   // Metres on the print (x right, y up, origin in the middle) of px of the picture.
   [[nodiscard]] cv::Point2d on_plane(const cv::Point2d& picture) const;
 };

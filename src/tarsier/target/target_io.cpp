@@ -121,11 +121,17 @@ void write_target(const std::string& path, const Target& target, const json& pro
   archive.type = kType;
   archive.version = kVersion;
   archive.provenance = provenance;
-  archive.payload = {{"name", target.name},     {"width", target.width},
-                     {"height", target.height}, {"picture", pack(picture)},
-                     {"points", pack(points)},  {"frames", pack(frames)},
-                     {"right", pack(right)},    {"descriptions", pack(values)},
-                     {"sketches", pack(bits)},  {"quality", quality_json(target.quality)}};
+  archive.payload = {{"name", target.name},
+                     {"width", target.width},
+                     {"height", target.height},
+                     {"given", {target.given.width, target.given.height}},
+                     {"picture", pack(picture)},
+                     {"points", pack(points)},
+                     {"frames", pack(frames)},
+                     {"right", pack(right)},
+                     {"descriptions", pack(values)},
+                     {"sketches", pack(bits)},
+                     {"quality", quality_json(target.quality)}};
   write_archive(path, archive);
 }
 
@@ -139,6 +145,14 @@ Target read_target(const std::string& path) {
   target.name = text_member(value, "name", path, 400);
   target.width = number_member(value, "width", path, 1e-4, 1e3);
   target.height = number_member(value, "height", path, 1e-4, 1e3);
+  const json& given = member(value, "given", path);
+  for (int k = 0; k < 2; ++k) {
+    if (!given.is_array() || given.size() != 2 || !given[k].is_number_integer() || given[k] < 8 ||
+        given[k] > 200'000) {
+      throw ModelError(path, "'given' is no width and height of a picture");
+    }
+  }
+  target.given = {given[0].get<int>(), given[1].get<int>()};
   const auto picture =
       unpack<std::uint8_t>(member(value, "picture", path), path, "picture", {-1, -1});
   if (picture.shape[0] < 8 || picture.shape[1] < 8 || picture.shape[0] > kMostSide ||

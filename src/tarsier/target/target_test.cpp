@@ -199,6 +199,8 @@ TEST_F(TargetFile, IsRefusedWhenItIsBroken) {
   refused([](nlohmann::json& j) { j["payload"].erase("points"); });
   refused([](nlohmann::json& j) { j["payload"]["width"] = -1; });
   refused([](nlohmann::json& j) { j["payload"]["height"] = 40; });
+  refused([](nlohmann::json& j) { j["payload"]["given"] = {600}; });
+  refused([](nlohmann::json& j) { j["payload"]["given"] = {"a", 3}; });
   refused([](nlohmann::json& j) { j["payload"]["quality"]["rating"] = 7; });
   refused([](nlohmann::json& j) { j["payload"]["picture"]["shape"] = {2, 2}; });
   refused([](nlohmann::json& j) { j["payload"]["frames"] = j["payload"]["points"]; });

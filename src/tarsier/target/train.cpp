@@ -124,6 +124,7 @@ Target train_target(const cv::Mat& picture, const std::string& name, const Train
   target.name = name;
   target.width = options.width;
   target.height = options.width * picture.rows / picture.cols;
+  target.given = picture.size();
   target.gray = working_picture(picture, options.longer_side);
   add_view(target, 1, 0, options.frontal_features);
   if (options.tilted_features >= 10) {
