@@ -16,6 +16,7 @@ void demo_turning_head(Context& context, DemoPage& page);  // a part of demo_pos
 void demo_pose(Context& context, DemoPage& page);
 void demo_people(Context& context, DemoPage& page);
 void demo_calibrate(Context& context, DemoPage& page);
+void demo_targets(Context& context, DemoPage& page);
 void demo_sfm(Context& context, DemoPage& page);
 
 }  // namespace tarsier::cli
