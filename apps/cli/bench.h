@@ -25,6 +25,8 @@ struct BenchOptions {
 // INPUT: pictures without a board
 [[nodiscard]] ExitStatus bench_calibrate(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_render(Context& context, const BenchOptions& options);
+// INPUT: pictures to find
+[[nodiscard]] ExitStatus bench_targets(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_posit(Context& context,
                                      const BenchOptions& options);  // INPUT: another head model
 

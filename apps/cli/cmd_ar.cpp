@@ -4,11 +4,13 @@
 namespace tarsier::cli {
 
 void add_ar(CLI::App& app, Context& context) {
-  CLI::App& area = *app.add_subcommand("ar", "printed markers and boards");
+  CLI::App& area = *app.add_subcommand("ar", "printed markers, boards and pictures");
   area.require_subcommand(1);
   add_ar_marker_sheet(area, context);
   add_ar_markers(area, context);
   add_ar_synth(area, context);
+  add_ar_target_track(area, context);
+  add_ar_target_train(area, context);
 }
 
 }  // namespace tarsier::cli

@@ -29,6 +29,9 @@ const std::vector<Benchmark>& benchmarks() {
       {"posit", "the pose of a simulated head: error and time of POSIT beside SQPNP", bench_posit},
       {"render", "drawing a mesh of ten thousand triangles into a picture", bench_render},
       {"steady", "how much less the lines of a video flicker with --steady", bench_steady},
+      {"targets",
+       "pictures found in stills and followed through films, beside ORB and SIFT with RANSAC",
+       bench_targets},
   };
   return table;
 }

@@ -34,6 +34,7 @@ const std::vector<DemoStep>& steps() {
       {"aam", demo_aam},         {"pose", demo_pose},
       {"people", demo_people},   {"calibrate", demo_calibrate},
       {"markers", demo_markers},
+      {"targets", demo_targets},
   };
   return table;
 }

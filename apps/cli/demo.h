@@ -17,6 +17,7 @@ void demo_pose(Context& context, DemoPage& page);
 void demo_people(Context& context, DemoPage& page);
 void demo_calibrate(Context& context, DemoPage& page);
 void demo_markers(Context& context, DemoPage& page);
+void demo_targets(Context& context, DemoPage& page);
 void demo_sfm(Context& context, DemoPage& page);
 
 // A film that browsers play (MP4 with H.264), or false where this OpenCV cannot write one.

@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/stop.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/synth/planar_source.h"
+#include "tarsier/synth/planar_worlds.h"
+#include "tarsier/target/track.h"
+#include "tarsier/target/train.h"
+
+#include <fmt/format.h>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/features2d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "bench.h"
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <ctime>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using Corners = std::array<cv::Point2d, 4>;
+
+constexpr int kStillsPerLevel = 30;
+constexpr double kFilmSeconds = 12;
+constexpr double kFps = 25;
+constexpr double kWidth = 0.2;  // m, of the prints
+
+// Of this thread: other work on the machine does not count.
+double cpu_ms() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
+}
+
+double quantile(std::vector<double> values, double part) {
+  if (values.empty()) return 0;
+  const auto k = std::min(values.size() - 1,
+                          static_cast<std::size_t>(part * static_cast<double>(values.size())));
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(k), values.end());
+  return values[k];
+}
+
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+
+double rms_of(const Corners& a, const Corners& b) {
+  double sum = 0;
+  for (std::size_t i = 0; i < 4; ++i) sum += (a[i] - b[i]).dot(a[i] - b[i]);
+  return std::sqrt(sum / 4);
+}
+
+// The textbook's way: features, ratio test, a homography by RANSAC.
+class TextbookFinder {
+ public:
+  TextbookFinder(cv::Ptr<cv::Feature2D> features, cv::NormTypes norm, double ratio,
+                 const cv::Mat& picture)
+      : features_(std::move(features)), matcher_(norm), ratio_(ratio), size_(picture.size()) {
+    features_->detectAndCompute(picture, cv::noArray(), points_, descriptors_);
+  }
+
+  [[nodiscard]] std::optional<Corners> find(const cv::Mat& gray) const {
+    std::vector<cv::KeyPoint> points;
+    cv::Mat descriptors;
+    features_->detectAndCompute(gray, cv::noArray(), points, descriptors);
+    if (points.size() < 2 || points_.size() < 2) return std::nullopt;
+    std::vector<std::vector<cv::DMatch>> pairs;
+    matcher_.knnMatch(descriptors, descriptors_, pairs, 2);
+    std::vector<cv::Point2f> from;
+    std::vector<cv::Point2f> to;
+    for (const auto& pair : pairs) {
+      if (pair.size() < 2 || pair[0].distance >= ratio_ * pair[1].distance) continue;
+      from.push_back(points_[static_cast<std::size_t>(pair[0].trainIdx)].pt);
+      to.push_back(points[static_cast<std::size_t>(pair[0].queryIdx)].pt);
+    }
+    if (from.size() < 8) return std::nullopt;
+    std::vector<std::uint8_t> inliers;
+    const cv::Mat h = cv::findHomography(from, to, cv::RANSAC, 3, inliers, 2000);
+    if (h.empty() || std::count(inliers.begin(), inliers.end(), 1) < 10) return std::nullopt;
+    const float w = static_cast<float>(size_.width) - 0.5F;
+    const float b = static_cast<float>(size_.height) - 0.5F;
+    std::vector<cv::Point2f> q{{-0.5F, -0.5F}, {w, -0.5F}, {w, b}, {-0.5F, b}};
+    cv::perspectiveTransform(q, q, h);
+    if (!cv::isContourConvex(q)) return std::nullopt;
+    return Corners{q[0], q[1], q[2], q[3]};
+  }
+
+ private:
+  cv::Ptr<cv::Feature2D> features_;
+  cv::BFMatcher matcher_;
+  double ratio_;
+  cv::Size size_;
+  std::vector<cv::KeyPoint> points_;
+  cv::Mat descriptors_;
+};
+
+// What one method made of the pictures.
+struct Tally {
+  int shown = 0;
+  int right = 0;
+  int wrong = 0;
+  std::vector<double> errors;
+  std::vector<double> times;
+
+  void add(const synth::PrintTruth* truth, const std::optional<Corners>& found, double ms) {
+    times.push_back(ms);
+    shown += truth != nullptr ? 1 : 0;
+    if (!found) return;
+    const double error = truth != nullptr ? rms_of(*found, truth->corners) : 1e9;
+    if (truth == nullptr || error > std::max(3.0, 0.2 * truth->side_px)) {
+      ++wrong;
+      return;
+    }
+    ++right;
+    errors.push_back(error);
+  }
+};
+
+void print_row(Context& context, const char* what, const char* method, const Tally& tally,
+               const Json& more = Json::object()) {
+  Json row;
+  row["bench"] = "targets";
+  row["case"] = what;
+  row["method"] = method;
+  row["pictures"] = tally.times.size();
+  row["recall"] =
+      rounded(tally.shown > 0 ? static_cast<double>(tally.right) / tally.shown : 0, 1e3);
+  row["wrong"] = tally.wrong;
+  row["corner_px"] = rounded(quantile(tally.errors, 0.5), 1e3);
+  row["corner_px_p95"] = rounded(quantile(tally.errors, 0.95), 1e3);
+  row["ms"] = rounded(quantile(tally.times, 0.5), 1e2);
+  row["ms_p95"] = rounded(quantile(tally.times, 0.95), 1e2);
+  for (const auto& [key, value] : more.items()) row[key] = value;
+  if (context.json) {
+    print_json_line(row.dump());
+    return;
+  }
+  print_text(fmt::format(
+      "{:<8} {:<12} recall {:.3f} ({} of {}), wrong {}, corners {:.3f} px (95 % "
+      "{:.2f}), {:.2f} ms (95 % {:.2f}){}\n",
+      what, method, row["recall"].get<double>(), tally.right, tally.shown, tally.wrong,
+      quantile(tally.errors, 0.5), quantile(tally.errors, 0.95), quantile(tally.times, 0.5),
+      quantile(tally.times, 0.95),
+      more.contains("rest_px") ? fmt::format(", at rest {:.3f} px", more["rest_px"].get<double>())
+                               : ""));
+}
+
+struct Contenders {
+  std::vector<target::Target> own;
+  std::vector<TextbookFinder> orb;
+  std::vector<TextbookFinder> sift;
+};
+
+Contenders train_all(const std::vector<synth::PlanarPrint>& prints, std::uint64_t seed) {
+  Contenders all;
+  for (const synth::PlanarPrint& print : prints) {
+    target::TrainOptions options;
+    options.width = print.width;
+    options.seed = seed;
+    all.own.push_back(target::train_target(print.picture, print.name, options));
+    cv::Mat gray = print.picture;
+    if (gray.channels() == 3) cv::cvtColor(gray, gray, cv::COLOR_BGR2GRAY);
+    all.orb.emplace_back(cv::ORB::create(1500), cv::NORM_HAMMING, 0.8, gray);
+    all.sift.emplace_back(cv::SIFT::create(1500), cv::NORM_L2, 0.75, gray);
+  }
+  return all;
+}
+
+std::optional<Corners> find_own(const std::vector<target::Target>& targets, std::size_t which,
+                                const cv::Mat& picture) {
+  const auto found = target::detect_targets({targets[which]}, picture);
+  if (found.empty()) return std::nullopt;
+  return found[0].corners;
+}
+
+// Stills of one print each, at three levels of light, blur and noise, each alone.
+void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& prints,
+                    const Contenders& all) {
+  Tally own;
+  Tally orb;
+  Tally sift;
+  for (const auto level :
+       {synth::PlanarLevel::kEasy, synth::PlanarLevel::kMedium, synth::PlanarLevel::kHard}) {
+    for (int k = 0; k < kStillsPerLevel; ++k) {
+      throw_if_stopped(context.stop);
+      synth::StillOptions options;
+      options.most = 1;
+      options.least_side_px = 80;
+      options.most_side_px = 280;
+      options.part_hidden = 0.3;
+      const auto which = static_cast<std::size_t>(k) % prints.size();
+      const synth::PlanarStill still = synth::print_still(
+          {prints[which]}, options, level, context.seed * 1000 + static_cast<std::uint64_t>(k));
+      const synth::PrintTruth* truth = still.truth.empty() ? nullptr : &still.truth[0];
+      cv::Mat gray;
+      cv::cvtColor(still.picture, gray, cv::COLOR_BGR2GRAY);
+      double start = cpu_ms();
+      const auto a = find_own(all.own, which, still.picture);
+      own.add(truth, a, cpu_ms() - start);
+      start = cpu_ms();
+      const auto b = all.orb[which].find(gray);
+      orb.add(truth, b, cpu_ms() - start);
+      start = cpu_ms();
+      const auto c = all.sift[which].find(gray);
+      sift.add(truth, c, cpu_ms() - start);
+    }
+  }
+  print_row(context, "stills", "tarsier", own);
+  print_row(context, "stills", "ORB+RANSAC", orb);
+  print_row(context, "stills", "SIFT+RANSAC", sift);
+}
+
+// A film for each print: 25 px a frame, tilt to 50 degrees, exposure times two, a hand that passes.
+void measure_films(Context& context, const std::vector<synth::PlanarPrint>& prints,
+                   const Contenders& all) {
+  Tally own;
+  Tally orb;
+  Tally sift;
+  std::vector<double> rest;
+  for (std::size_t which = 0; which < prints.size(); ++which) {
+    synth::FilmOptions options;
+    options.exposure = 0.35;
+    options.look.noise = 4;
+    options.seed = context.seed + which;
+    const synth::PlanarFilm film = synth::print_film({prints[which]}, options);
+    target::TrackState state;
+    const std::vector<target::Target> targets = {all.own[which]};
+    std::optional<cv::Point2d> last;
+    for (int i = 0; i < kFilmSeconds * kFps; ++i) {
+      throw_if_stopped(context.stop);
+      const double time = i / kFps;
+      const cv::Mat picture = film.picture_at(time);
+      const auto shown = film.truth_at(time);
+      // A print that is hidden for the most part, or has left the picture, counts for nobody.
+      const bool counts = !shown.empty() && shown[0].visible >= 0.5;
+      double start = cpu_ms();
+      const auto seen = target::track(targets, {}, state, picture);
+      const double ms = cpu_ms() - start;
+      if (!counts) continue;
+      std::optional<Corners> corners;
+      if (!seen.empty()) corners = seen[0].corners;
+      own.add(&shown[0], corners, ms);
+      if (corners && last && synth::PlanarFilm::is_at_rest(time) &&
+          synth::PlanarFilm::is_at_rest(time - 1 / kFps))
+        rest.push_back(cv::norm((*corners)[0] - *last));
+      last = corners ? std::optional((*corners)[0]) : std::nullopt;
+      if (i % 10 != 0) continue;  // these know no film: a sample of the frames tells as much
+      cv::Mat gray;
+      cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+      start = cpu_ms();
+      const auto b = all.orb[which].find(gray);
+      orb.add(&shown[0], b, cpu_ms() - start);
+      start = cpu_ms();
+      const auto c = all.sift[which].find(gray);
+      sift.add(&shown[0], c, cpu_ms() - start);
+    }
+  }
+  print_row(context, "films", "tarsier", own, {{"rest_px", rounded(quantile(rest, 0.5), 1e4)}});
+  print_row(context, "films", "ORB+RANSAC", orb);
+  print_row(context, "films", "SIFT+RANSAC", sift);
+}
+
+}  // namespace
+
+ExitStatus bench_targets(Context& context, const BenchOptions& options) {
+  cv::setNumThreads(1);
+  std::vector<synth::PlanarPrint> prints;
+  for (const std::string& path : options.inputs) {
+    synth::PlanarPrint print;
+    print.name = path;
+    print.picture = read_image(path);
+    print.width = kWidth;
+    prints.push_back(std::move(print));
+  }
+  for (int k = 0; options.inputs.empty() && k < 3; ++k)
+    prints.push_back(synth::poster_print(k, context.seed));
+  for (synth::PlanarPrint& print : prints) print.id = 0;
+  const auto wanted = [&](const char* name) {
+    return options.only.empty() ||
+           std::find(options.only.begin(), options.only.end(), name) != options.only.end();
+  };
+  const Contenders all = train_all(prints, context.seed);
+  if (wanted("stills")) measure_stills(context, prints, all);
+  if (wanted("films")) measure_films(context, prints, all);
+  return ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

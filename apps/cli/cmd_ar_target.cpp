@@ -1,0 +1,248 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/length.h"
+#include "tarsier/core/log.h"
+#include "tarsier/geometry/camera_file.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/session/target_session.h"
+#include "tarsier/target/quality.h"
+#include "tarsier/target/target_io.h"
+#include "tarsier/target/train.h"
+
+#include <fmt/format.h>
+
+#include "cmd_ar.h"
+#include "run_session.h"
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct TrainFlags {
+  std::string picture;
+  std::string output;
+  std::string width = "20cm";
+  std::string name;
+  std::string draw;
+  target::TrainOptions options;
+};
+
+ExitStatus run_train(TrainFlags& flags, Context& context) {
+  flags.options.width = parse_length(flags.width, "--width");
+  flags.options.seed = context.seed;
+  flags.options.check();
+  const cv::Mat picture = read_image(flags.picture);
+  const int shorter = std::min(picture.cols, picture.rows);
+  if (shorter < 32 || shorter * 8 < std::max(picture.cols, picture.rows)) {
+    throw InputError(flags.picture,
+                     fmt::format("is {} x {} px: sides of at least 32 px are needed, none more "
+                                 "than 8 times the other",
+                                 picture.cols, picture.rows));
+  }
+  const std::string name =
+      flags.name.empty() ? std::filesystem::path(flags.picture).stem().string() : flags.name;
+  const auto start = std::chrono::steady_clock::now();
+  const target::Target trained = target::train_target(picture, name, flags.options);
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  target::write_target(flags.output, trained,
+                       {{"picture", flags.picture},
+                        {"program", std::string("tarsier ") + std::string(version())},
+                        {"seed", flags.options.seed},
+                        {"trials", flags.options.trials}});
+  if (!flags.draw.empty()) write_image(flags.draw, target::draw_quality(trained));
+  const target::Quality& q = trained.quality;
+  if (context.json) {
+    Json line;
+    line["image"] = flags.picture;
+    line["target"] = flags.output;
+    line["name"] = trained.name;
+    line["width"] = trained.width;
+    line["height"] = trained.height;
+    line["features"] = trained.features.size();
+    line["rating"] = q.rating;
+    line["quality"] = {{"found", q.repeatable},
+                       {"features", q.features},
+                       {"spread", q.spread},
+                       {"distinct", q.distinct}};
+    line["reasons"] = q.reasons;
+    line["seconds"] = std::round(seconds * 100) / 100;
+    print_json_line(line.dump(-1, ' ', false, Json::error_handler_t::replace));
+  } else if (!context.quiet) {
+    print_text(fmt::format("{}: {} features, rating {:.2f} (1 is best), print {:g} x {:.4g} m\n",
+                           flags.output, trained.features.size(), q.rating, trained.width,
+                           trained.height));
+    for (const std::string& reason : q.reasons) print_text("  " + reason + "\n");
+  }
+  // The file is written either way; a picture that cannot be found is worth a status.
+  return q.rating < 0.05 ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+struct FollowFlags {
+  RunFlags run;
+  std::vector<std::string> targets;
+  std::string camera;
+  std::string csv;
+  std::string draw = "box";
+  target::TrackOptions track;
+};
+
+// One row a target and frame, written as they come; whole lines, flushed.
+class TargetTable {
+ public:
+  explicit TargetTable(const std::string& path) : path_(path), file_(path, std::ios::binary) {
+    file_ << "frame,time,id,confidence,x0,y0,x1,y1,x2,y2,x3,y3,tx,ty,tz,rms_px\n";
+    check();
+  }
+  void add(const Frame& frame, const target::TrackedTarget& seen) {
+    file_ << fmt::format("{},{:.3f},{},{:.3f}", frame.index, frame.time, seen.target,
+                         seen.confidence);
+    for (const cv::Point2d& c : seen.corners) file_ << fmt::format(",{:.3f},{:.3f}", c.x, c.y);
+    if (seen.pose) {
+      const cv::Vec3d& t = seen.pose->camera_from_plane.translation;
+      file_ << fmt::format(",{:.5f},{:.5f},{:.5f}", t[0], t[1], t[2]);
+    } else {
+      file_ << ",,,";
+    }
+    file_ << fmt::format(",{:.3f}\n", seen.rms_px);
+    check();
+  }
+
+ private:
+  void check() {
+    file_.flush();
+    if (!file_) throw OutputError(path_, "cannot be written");
+  }
+  std::string path_;
+  std::ofstream file_;
+};
+
+geometry::Camera camera_of(const std::string& text) {
+  const bool is_file = text.find(',') == std::string::npos || std::filesystem::exists(text);
+  return is_file ? geometry::read_camera_file(text) : geometry::parse_camera(text);
+}
+
+TargetOverlay overlay_of(const std::string& name) {
+  if (name == "outline") return TargetOverlay::kOutline;
+  if (name == "axes") return TargetOverlay::kAxes;
+  return name == "none" ? TargetOverlay::kNone : TargetOverlay::kBox;
+}
+
+ExitStatus run_follow(FollowFlags& flags, Context& context) {
+  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen)
+    flags.run.output = "none";
+  if (flags.targets.empty() && !opens_window(flags.run) && flags.run.actions.empty())
+    throw UsageError(
+        "--target: which files of `ar target-train` to look for (or --window, to "
+        "train a picture on the spot)");
+  TargetSessionOptions options;
+  options.track = flags.track;
+  options.track.check();
+  options.train.trials = 8;  // on the spot a person waits
+  options.train.seed = context.seed;
+  options.overlay = overlay_of(flags.draw);
+  if (!flags.camera.empty()) options.camera = camera_of(flags.camera);
+  std::vector<target::Target> targets;
+  for (const std::string& path : flags.targets) {
+    targets.push_back(target::read_target(path));
+    const double rating = targets.back().quality.rating;
+    if (rating < 0.3)
+      log_warning("{}: a poor target (rating {:.2f}): see `ar target-train --draw`", path, rating);
+  }
+  std::optional<TargetTable> table;
+  if (!flags.csv.empty()) table.emplace(flags.csv);
+  TargetSession session(std::move(targets), options);
+  bool found = false;
+  RunHooks hooks;
+  hooks.title = "targets";
+  hooks.after_frame = [&](const Frame& frame) {
+    found = found || !session.seen().empty();
+    for (const target::TrackedTarget& seen : session.seen())
+      if (table) table->add(frame, seen);
+    if (frame.still && !context.json && !context.quiet) {
+      print_text(frame.name + ":");
+      for (const target::TrackedTarget& seen : session.seen()) {
+        const cv::Point2d middle = (seen.corners[0] + seen.corners[2]) * 0.5;
+        print_text(fmt::format(" [{} at {:.0f},{:.0f}]", session.targets()[seen.target].name,
+                               middle.x, middle.y));
+      }
+      print_text(session.seen().empty() ? " none\n" : "\n");
+    }
+  };
+  hooks.describe = [&](const View&, Json& line) {
+    line["markers"] = session.markers_json();
+    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
+}
+
+}  // namespace
+
+void add_ar_target_train(CLI::App& ar, Context& context) {
+  auto flags = std::make_shared<TrainFlags>();
+  CLI::App& verb = *ar.add_subcommand(
+      "target-train", "makes a target file of a picture, to be found and followed in others");
+  verb.add_option("picture", flags->picture, "the flat picture, seen squarely, without a margin")
+      ->required();
+  verb.add_option("-o,--output", flags->output, "the target file: thing.target.json")->required();
+  verb.add_option("--width", flags->width, "of the print: 20cm, 0.2m, 200mm")
+      ->capture_default_str();
+  verb.add_option("--name", flags->name, "what it is called [the picture's name]");
+  verb.add_option("--draw", flags->draw, "picture to write: how trackable it is, and where weak");
+  verb.add_option("--side", flags->options.longer_side,
+                  "px that the picture's longer side is reduced to, 64..2000")
+      ->capture_default_str();
+  verb.add_option("--trials", flags->options.trials,
+                  "random views that choose the features and rate the picture, 0..500")
+      ->capture_default_str();
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] { return run_train(*flags, context); };
+  });
+}
+
+void add_ar_target_track(CLI::App& ar, Context& context) {
+  auto flags = std::make_shared<FollowFlags>();
+  CLI::App& verb = *ar.add_subcommand(
+      "target-track", "finds trained pictures in pictures, films and cameras, and their poses");
+  add_run_flags(verb, flags->run);
+  verb.add_option("--target", flags->targets,
+                  "file of `ar target-train`; several, each after its own --target or one after "
+                  "the other: they are numbered from 0");
+  verb.add_option("--camera", flags->camera,
+                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]; without one "
+                  "there are no poses");
+  verb.add_option("--draw", flags->draw, "box, axes, outline or none (box and axes need a camera)")
+      ->check(CLI::IsMember({"box", "axes", "outline", "none"}))
+      ->capture_default_str();
+  verb.add_option("--csv", flags->csv,
+                  "table to write: frame, time, id, confidence, corners, place (m), error");
+  const auto film = [](CLI::Option* option) { option->group("Films and cameras"); };
+  film(verb.add_option("--smooth", flags->track.steady_px,
+                       "px: motion below about this is smoothed over time; 0: none")
+           ->capture_default_str());
+  film(verb.add_option("--search-every", flags->track.detect_every,
+                       "frames between searches for targets that are missing while others are "
+                       "followed")
+           ->capture_default_str());
+  film(verb.add_option("--search-px", flags->track.search_px,
+                       "how far from its predicted place a target is searched")
+           ->capture_default_str());
+  add_common_flags(verb, context);
+  verb.callback([flags, &context] {
+    context.run = [flags, &context] { return run_follow(*flags, context); };
+  });
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,285 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/session/target_session.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/draw/shapes.h"
+#include "tarsier/draw/text.h"
+#include "tarsier/target/evaluate.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+constexpr int kLeastSide = 48;  // px of a rectangle that is trained
+constexpr int kShift = 4;       // fractional bits of drawn coordinates
+
+const std::array<cv::Scalar, 6> kColors = {cv::Scalar{90, 220, 90},  cv::Scalar{60, 180, 255},
+                                           cv::Scalar{255, 170, 60}, cv::Scalar{200, 110, 255},
+                                           cv::Scalar{80, 230, 230}, cv::Scalar{235, 130, 130}};
+
+const char* name_of(TargetOverlay overlay) {
+  switch (overlay) {
+    case TargetOverlay::kOutline:
+      return "outline";
+    case TargetOverlay::kAxes:
+      return "axes";
+    case TargetOverlay::kBox:
+      return "box";
+    case TargetOverlay::kNone:
+      break;
+  }
+  return "none";
+}
+
+void line(cv::Mat& image, const cv::Point2d& a, const cv::Point2d& b, const cv::Scalar& color,
+          int width) {
+  // What lies far outside would overflow the fixed point numbers.
+  const auto inside = [&](const cv::Point2d& p) {
+    return std::abs(p.x) < 20'000 && std::abs(p.y) < 20'000;
+  };
+  if (!inside(a) || !inside(b)) return;
+  const auto fixed = [](const cv::Point2d& p) {
+    return cv::Point(cvRound(p.x * (1 << kShift)), cvRound(p.y * (1 << kShift)));
+  };
+  cv::line(image, fixed(a), fixed(b), color, width, cv::LINE_AA, kShift);
+}
+
+geometry::Camera fitted(const geometry::Camera& given, const Frame& frame) {
+  geometry::Camera camera = given;
+  const cv::Size size = frame.image.size();
+  if (camera.width > 0 && camera.height > 0 &&
+      (camera.width != size.width || camera.height != size.height)) {
+    const double x = static_cast<double>(size.width) / camera.width;
+    const double y = static_cast<double>(size.height) / camera.height;
+    if (std::abs(x / y - 1) > 0.01) {
+      throw InputError(frame.name,
+                       fmt::format("is {} x {} px, the camera's pictures are {} x {}", size.width,
+                                   size.height, camera.width, camera.height));
+    }
+    // The same camera, its pictures made larger or smaller; pixel centres are at integers.
+    camera.fx *= x;
+    camera.fy *= y;
+    camera.cx = (camera.cx + 0.5) * x - 0.5;
+    camera.cy = (camera.cy + 0.5) * y - 0.5;
+  }
+  camera.width = size.width;
+  camera.height = size.height;
+  return camera;
+}
+
+std::string action_of(const Event& event, const std::vector<Action>& actions) {
+  if (event.kind == Event::Kind::kAction) return event.name;
+  if (event.kind != Event::Kind::kKey) return "";
+  if (event.key == key::kEscape) return "quit";
+  for (const Action& action : actions)
+    if (action.key == event.key) return action.name;
+  return "";
+}
+
+}  // namespace
+
+void TargetSessionOptions::check() const {
+  track.check();
+  train.check();
+}
+
+TargetSession::TargetSession(std::vector<target::Target> targets, TargetSessionOptions options)
+    : targets_(std::move(targets)), given_(targets_.size()), options_(std::move(options)) {
+  options_.check();
+}
+
+View TargetSession::on_frame(const Frame& frame, const SourceStatus& source) {
+  if (frame.still || frame.name != name_) state_ = {};
+  frame_ = frame.image;
+  still_ = frame.still;
+  name_ = frame.name;
+  trouble_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
+  camera_.reset();
+  if (options_.camera) camera_ = fitted(*options_.camera, frame);
+  find();
+  draw();
+  return view(true);
+}
+
+void TargetSession::find() {
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point start = Clock::now();
+  seen_ = target::track(targets_, options_.track, state_, frame_, camera_ ? &*camera_ : nullptr);
+  milliseconds_ = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+View TargetSession::on_idle(const SourceStatus& source) {
+  trouble_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
+  return view(false);
+}
+
+View TargetSession::on_event(const Event& event) {
+  if (event.kind == Event::Kind::kMouse) {
+    on_mouse(event);
+    return view(false);
+  }
+  const std::string name = action_of(event, actions());
+  if (name == "quit") finished_ = true;
+  if (name == "pause") paused_ = !paused_;
+  if (name == "help") help_ = !help_;
+  if (name == "redetect") state_ = {};
+  if (name == "train" && !frame_.empty())
+    train({frame_.cols / 4, frame_.rows / 4, frame_.cols / 2, frame_.rows / 2});
+  if (name == "forget") {
+    message_ = fmt::format("{} forgotten", targets_.size() - given_);
+    targets_.resize(given_);
+    state_ = {};
+    std::erase_if(seen_, [&](const target::TrackedTarget& s) { return s.target >= given_; });
+    if (!frame_.empty()) draw();
+  }
+  if (name == "overlay") {
+    options_.overlay = static_cast<TargetOverlay>((static_cast<int>(options_.overlay) + 1) % 4);
+    if (!frame_.empty()) draw();
+  }
+  return view(false);
+}
+
+void TargetSession::on_mouse(const Event& event) {
+  mouse_ = {cvRound(event.x), cvRound(event.y)};
+  if (event.mouse == Event::Mouse::kLeftDown) drag_ = mouse_;
+  if (event.mouse == Event::Mouse::kRightDown) drag_.reset();
+  if (event.mouse == Event::Mouse::kLeftUp && drag_) {
+    const cv::Rect box(*drag_, mouse_);
+    drag_.reset();
+    if (box.width >= 4 && box.height >= 4) train(box);
+  }
+}
+
+void TargetSession::train(cv::Rect box) {
+  box &= cv::Rect(0, 0, frame_.cols, frame_.rows);
+  if (std::min(box.width, box.height) < kLeastSide ||
+      std::min(box.width, box.height) * 8 < std::max(box.width, box.height)) {
+    message_ = fmt::format("frame at least {0} x {0} px, and no thin strip", kLeastSide);
+    return;
+  }
+  const std::string name = fmt::format("picture {}", targets_.size() - given_ + 1);
+  target::Target trained = target::train_target(frame_(box), name, options_.train);
+  const target::Quality& quality = trained.quality;
+  if (quality.rating < 0.15) {
+    message_ = "not trained: " + (quality.reasons.empty() ? "a poor picture" : quality.reasons[0]);
+    return;
+  }
+  message_ = fmt::format("{} trained, rating {:.2f}", name, quality.rating);
+  targets_.push_back(std::move(trained));
+  state_ = {};
+  find();
+  draw();
+}
+
+std::vector<Action> TargetSession::actions() const {
+  return {{"train", "train the middle of the picture (or draw a frame with the mouse)", 't'},
+          {"redetect", "look for all anew", 'd'},
+          {"forget", "forget what was trained here", 'c'},
+          {"overlay", "what is drawn", 'v'},
+          {"pause", "pause and go on", key::kSpace},
+          {"help", "this list", 'h'},
+          {"quit", "end", 'q'}};
+}
+
+nlohmann::ordered_json TargetSession::markers_json() const {
+  auto list = nlohmann::ordered_json::array();
+  for (const target::TrackedTarget& s : seen_)
+    list.push_back(target::target_json(targets_[s.target], s.target, s.homography, s.corners,
+                                       s.confidence, s.pose ? &*s.pose : nullptr));
+  return list;
+}
+
+void TargetSession::draw_target(const target::TrackedTarget& seen) {
+  const target::Target& target = targets_[seen.target];
+  const cv::Scalar& color = kColors[seen.target % kColors.size()];
+  const int width = std::max(2, cvRound(std::min(output_.cols, output_.rows) / 240.0));
+  for (std::size_t i = 0; i < 4; ++i)
+    line(output_, seen.corners[i], seen.corners[(i + 1) % 4], color, width);
+  draw::point(output_, seen.corners[0], color, width + 2.0);
+  const bool in_space = seen.pose && camera_ && options_.overlay != TargetOverlay::kOutline;
+  if (in_space) {
+    const geometry::Rigid& pose = seen.pose->camera_from_plane;
+    const auto edge = [&](const cv::Vec3d& a, const cv::Vec3d& b, const cv::Scalar& c) {
+      const auto p = camera_->project(pose * a);
+      const auto q = camera_->project(pose * b);
+      if (p && q) line(output_, *p, *q, c, width);
+    };
+    const double size = 0.5 * std::min(target.width, target.height);
+    if (options_.overlay == TargetOverlay::kAxes) {
+      edge({0, 0, 0}, {size, 0, 0}, cv::Scalar(60, 60, 240));
+      edge({0, 0, 0}, {0, size, 0}, cv::Scalar(60, 200, 60));
+      edge({0, 0, 0}, {0, 0, size}, cv::Scalar(240, 120, 40));
+    } else {
+      const double x = target.width / 2;
+      const double y = target.height / 2;
+      const double corner[4][2] = {{-x, y}, {x, y}, {x, -y}, {-x, -y}};
+      for (int i = 0; i < 4; ++i) {
+        const double* a = corner[i];
+        const double* b = corner[(i + 1) % 4];
+        edge({a[0], a[1], 0}, {a[0], a[1], size}, color);
+        edge({a[0], a[1], size}, {b[0], b[1], size}, color);
+      }
+    }
+  }
+  draw::TextStyle style;
+  style.height_px = std::clamp(output_.rows * 0.022, 8.0, 24.0);
+  style.color = color;
+  style.backing = draw::Backing::kBox;
+  const cv::Point at(std::clamp(cvRound(seen.corners[0].x), 0, output_.cols - 1),
+                     std::clamp(cvRound(seen.corners[0].y) - width - 4, 20, output_.rows - 1));
+  draw::put_text(output_, target.name.substr(0, 40), at, style, draw::Anchor::kBottomLeft);
+}
+
+void TargetSession::draw() {
+  frame_.copyTo(output_);
+  if (options_.overlay == TargetOverlay::kNone) return;
+  for (const target::TrackedTarget& s : seen_) draw_target(s);
+}
+
+View TargetSession::view(bool fresh) {
+  View result;
+  auto list = nlohmann::json::array();
+  for (const target::TrackedTarget& s : seen_) {
+    auto corners = nlohmann::json::array();
+    for (const cv::Point2d& c : s.corners)
+      corners.push_back({std::round(c.x * 10) / 10, std::round(c.y * 10) / 10});
+    list.push_back({{"id", s.target}, {"name", targets_[s.target].name}, {"corners", corners}});
+  }
+  result.state = {{"targets", list},
+                  {"trained", targets_.size() - given_},
+                  {"message", message_},
+                  {"draw", name_of(options_.overlay)},
+                  {"paused", paused_}};
+  result.status = fmt::format("{} of {} pictures{}{}", seen_.size(), targets_.size(),
+                              paused_ ? ", paused" : "", message_.empty() ? "" : ": " + message_);
+  result.finished = finished_;
+  if (output_.empty()) return result;
+  output_.copyTo(shown_);
+  if (drag_)
+    cv::rectangle(shown_, cv::Rect(*drag_, mouse_) & cv::Rect(0, 0, shown_.cols, shown_.rows),
+                  cv::Scalar(60, 200, 255), 2);
+  draw::status_bar(shown_, result.status,
+                   trouble_.empty() ? fmt::format("{:.1f} ms   h help", milliseconds_) : trouble_);
+  if (help_) {
+    std::vector<draw::HelpLine> lines;
+    for (const Action& action : actions())
+      lines.push_back(
+          {action.key == key::kSpace ? "space" : std::string(1, static_cast<char>(action.key)),
+           action.help});
+    draw::help_overlay(shown_, "Pictures as targets", lines);
+  }
+  result.image = shown_;
+  if (fresh) result.output = output_;
+  return result;
+}
+
+}  // namespace tarsier

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/target/target.h"
+
+#include <opencv2/core.hpp>
+
+#include <cstdint>
+
+namespace tarsier::target {
+
+// How well a trained picture can be found and followed, and what is wrong with it. Besides counting
+// features, their spread and their likes elsewhere in the picture, it is drawn `trials` times (see
+// rehearse()) and looked for.
+[[nodiscard]] Quality rate_target(const Target& target, int trials, std::uint64_t seed);
+
+// The picture with its features (green: they stood the trials; red: another place looks the same),
+// places without any (shaded), corners that are aligned (crosses), and a panel with the rating and
+// its reasons. CV_8UC3.
+[[nodiscard]] cv::Mat draw_quality(const Target& target);
+
+}  // namespace tarsier::target
