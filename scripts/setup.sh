@@ -15,6 +15,8 @@ data_packages=(opencv-data opencv-doc)
 data_packages+=(fonts-opendin fonts-urw-base35 fonts-freefont-ttf fonts-roadgeek fonts-dejavu-core fonts-dejavu-extra)
 # The test framework, and what plays the part of screens, fingers, cameras and servers in the tests.
 test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg python3)
+# A peer that `tarsier bench markers` measures itself beside.
+test_packages+=(libapriltag-dev)
 
 die() {
   printf '%s: %s\n' "${0##*/}" "$*" >&2

@@ -24,6 +24,7 @@ struct BenchOptions {
                                          const BenchOptions& options);  // INPUT: a face
 // INPUT: pictures without a board
 [[nodiscard]] ExitStatus bench_calibrate(Context& context, const BenchOptions& options);
+[[nodiscard]] ExitStatus bench_markers(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_render(Context& context, const BenchOptions& options);
 // INPUT: pictures to find
 [[nodiscard]] ExitStatus bench_targets(Context& context, const BenchOptions& options);

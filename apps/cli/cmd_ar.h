@@ -6,6 +6,7 @@
 // One file a verb: cmd_ar_<verb>.cpp.
 namespace tarsier::cli {
 
+void add_ar_eval(CLI::App& ar, Context& context);
 void add_ar_marker_sheet(CLI::App& ar, Context& context);
 void add_ar_markers(CLI::App& ar, Context& context);
 void add_ar_synth(CLI::App& ar, Context& context);

@@ -141,10 +141,9 @@ std::map<std::string, marker::FoundInImage> find_pictures(const EvalFlags& flags
         marker::FoundInImage& entry = found[result.image];
         entry.ms = result.ms;
         for (const target::FoundTarget& one : result.found) {
-          marker::JudgedMarker marker;
+          marker::JudgedMarker& marker = entry.markers.emplace_back();
           marker.corners = one.corners;
           if (one.poses) marker.pose = one.poses->best.camera_from_plane;
-          entry.markers.push_back(marker);
         }
         lines += Json{{"image", result.image},
                       {"markers", result.markers},

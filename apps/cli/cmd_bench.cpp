@@ -26,6 +26,8 @@ const std::vector<Benchmark>& benchmarks() {
       {"plate", "finding, aligning and reading number plates", bench_plate},
       {"calibrate", "boards of a calibration: found how exactly and how fast, the camera they give",
        bench_calibrate},
+      {"markers", "markers found in drawn scenes, beside OpenCV's aruco and the AprilTag library",
+       bench_markers},
       {"posit", "the pose of a simulated head: error and time of POSIT beside SQPNP", bench_posit},
       {"render", "drawing a mesh of ten thousand triangles into a picture", bench_render},
       {"steady", "how much less the lines of a video flicker with --steady", bench_steady},
