@@ -90,9 +90,10 @@ Detector apriltag_detector(float decimate) {
       zarray_get(found, i, static_cast<void*>(&tag));
       marker::Marker one;
       one.id = tag->id;
-      // Pixels' middles are at halves there.
+      // Pixels' middles are at halves there, and its tags stand on their heads.
+      constexpr std::size_t kFirst = 5;
       for (std::size_t k = 0; k < 4; ++k)
-        one.corners[k] = {tag->p[3 - k][0] - 0.5, tag->p[3 - k][1] - 0.5};
+        one.corners[k] = {tag->p[(kFirst - k) % 4][0] - 0.5, tag->p[(kFirst - k) % 4][1] - 0.5};
       markers.push_back(std::move(one));
     }
     apriltag_detections_destroy(found);

@@ -12,6 +12,7 @@ namespace tarsier::marker {
 namespace {
 
 constexpr int kTile = 4;
+constexpr int kMostRuns = 7;  // in a row of a thing, on average: more is foliage
 
 using Bytes = std::vector<std::uint8_t>;
 
@@ -27,29 +28,34 @@ void tile_extremes(const cv::Mat& gray, const Tiles& tiles, Bytes& lows, Bytes& 
   lows.resize(size(tiles.columns) * size(tiles.rows));
   highs.resize(lows.size());
   // One row of columns' extremes, filled up to whole tiles.
-  Bytes low(size(tiles.columns * kTile));
-  Bytes high(low.size());
+  const std::size_t columns = size(gray.cols);
+  const std::size_t whole = size(tiles.columns * kTile);
+  Bytes low_row(whole);
+  Bytes high_row(whole);
+  // Local pointers: the compiler need not fear that a byte it writes changes them.
+  auto* const low = low_row.data();
+  auto* const high = high_row.data();
   for (int row = 0; row < tiles.rows; ++row) {
     const int top = row * kTile;
     const auto* line = gray.ptr<std::uint8_t>(top);
-    std::memcpy(low.data(), line, size(gray.cols));
-    std::memcpy(high.data(), line, size(gray.cols));
+    std::memcpy(low, line, columns);
+    std::memcpy(high, line, columns);
     for (int y = top + 1; y < std::min(gray.rows, top + kTile); ++y) {
       line = gray.ptr<std::uint8_t>(y);
-      for (std::size_t x = 0; x < size(gray.cols); ++x) {
+      for (std::size_t x = 0; x < columns; ++x) {
         low[x] = std::min(low[x], line[x]);
         high[x] = std::max(high[x], line[x]);
       }
     }
-    for (std::size_t x = size(gray.cols); x < low.size(); ++x) {
+    for (std::size_t x = columns; x < whole; ++x) {
       low[x] = low[x - 1];
       high[x] = high[x - 1];
     }
     auto* to_low = lows.data() + size(row) * size(tiles.columns);
     auto* to_high = highs.data() + size(row) * size(tiles.columns);
-    for (std::size_t i = 0; i < size(tiles.columns); ++i) {
-      const auto* a = &low[i * kTile];
-      const auto* b = &high[i * kTile];
+    for (std::size_t i = 0; i < whole / kTile; ++i) {
+      const auto* a = low + i * kTile;
+      const auto* b = high + i * kTile;
       to_low[i] = std::min(std::min(a[0], a[1]), std::min(a[2], a[3]));
       to_high[i] = std::max(std::max(b[0], b[1]), std::max(b[2], b[3]));
     }
@@ -61,7 +67,8 @@ template <typename Better>
 void spread(const Bytes& from, const Tiles& tiles, Bytes& to, Better better) {
   to.resize(from.size());
   const std::size_t columns = size(tiles.columns);
-  Bytes middle(columns);
+  Bytes middle_row(columns);
+  auto* const middle = middle_row.data();
   for (int row = 0; row < tiles.rows; ++row) {
     const auto* above = &from[size(std::max(0, row - 1)) * columns];
     const auto* here = &from[size(row) * columns];
@@ -82,9 +89,12 @@ void binarize(const cv::Mat& gray, int min_contrast, OutlineWorkspace& w) {
   tile_extremes(gray, tiles, w.lows, w.highs);
   spread(w.lows, tiles, w.spread_lows, [](auto a, auto b) { return std::min(a, b); });
   spread(w.highs, tiles, w.spread_highs, [](auto a, auto b) { return std::max(a, b); });
-  const std::size_t stride = size(gray.cols) + 2;
-  w.dark.assign(stride * (size(gray.rows) + 2), 0);
+  const std::size_t columns = size(gray.cols);
+  const std::size_t stride = columns + 2;
+  // Rows are read eight pixels at a time: as many more at the end.
+  w.dark.assign(stride * (size(gray.rows) + 2) + 8, 0);
   w.thresholds.resize(size(tiles.columns * kTile));
+  auto* const thresholds = w.thresholds.data();
   for (int row = 0; row < tiles.rows; ++row) {
     const auto* low = &w.spread_lows[size(row) * size(tiles.columns)];
     const auto* high = &w.spread_highs[size(row) * size(tiles.columns)];
@@ -92,13 +102,12 @@ void binarize(const cv::Mat& gray, int min_contrast, OutlineWorkspace& w) {
       const int middle = (low[i] + high[i] + 1) / 2;
       const auto threshold =
           static_cast<std::uint8_t>(high[i] - low[i] < min_contrast ? 0 : middle);
-      std::memset(&w.thresholds[i * kTile], threshold, kTile);
+      std::memset(thresholds + i * kTile, threshold, kTile);
     }
-    const auto* threshold = w.thresholds.data();
     for (int y = row * kTile; y < std::min(gray.rows, (row + 1) * kTile); ++y) {
       const auto* line = gray.ptr<std::uint8_t>(y);
       auto* dark = &w.dark[(size(y) + 1) * stride + 1];
-      for (std::size_t x = 0; x < size(gray.cols); ++x) dark[x] = line[x] < threshold[x] ? 255 : 0;
+      for (std::size_t x = 0; x < columns; ++x) dark[x] = line[x] < thresholds[x] ? 255 : 0;
     }
   }
 }
@@ -121,49 +130,51 @@ void join(std::vector<OutlineWorkspace::Run>& runs, int a, int b) {
     runs[size(a)].parent = b;
 }
 
-// Calls edge(x) wherever a row of 0 and 255 changes, from the left; `row` is followed by zeros.
-template <typename Edge>
-void for_each_change(const std::uint8_t* row, int columns, Edge edge) {
+// Writes to `changes` where a row of 0 and 255 changes, from the left, and returns how often. Seven
+// bytes after the row may be read.
+int find_changes(const std::uint8_t* row, int columns, int* changes) {
   std::uint64_t carry = 0;
+  int count = 0;
   for (int x0 = 0; x0 < columns; x0 += 64) {
     // 64 pixels as bits: the lowest bit of each byte, eight at a time gathered by a product.
     std::uint64_t bits = 0;
     const int n = std::min(64, columns - x0);
     for (int k = 0; k < n; k += 8) {
       std::uint64_t eight = 0;
-      std::memcpy(&eight, row + x0 + k, size(std::min(8, n - k)));
+      std::memcpy(&eight, row + x0 + k, 8);
       if constexpr (std::endian::native == std::endian::big) eight = __builtin_bswap64(eight);
       const std::uint64_t gathered =
           ((eight & 0x0101010101010101ULL) * 0x0102040810204080ULL) >> 56U;
       bits |= gathered << static_cast<unsigned>(k);
     }
-    std::uint64_t changes = bits ^ ((bits << 1U) | carry);
+    if (n < 64) bits &= (std::uint64_t{1} << static_cast<unsigned>(n)) - 1;
+    std::uint64_t differ = bits ^ ((bits << 1U) | carry);
     carry = bits >> 63U;
-    while (changes != 0) {
-      const int x = x0 + std::countr_zero(changes);
-      edge(x);
-      changes &= changes - 1;
+    while (differ != 0) {
+      changes[count++] = x0 + std::countr_zero(differ);
+      differ &= differ - 1;
     }
   }
+  return count;
 }
 
 void find_runs(int columns, int rows, OutlineWorkspace& w) {
   w.runs.clear();
   w.row_starts.assign(size(rows) + 1, 0);
+  w.changes.resize(size(columns) + 2);
   const std::size_t stride = size(columns) + 2;
   std::size_t above = 0;  // first run of the row above
   for (int y = 0; y < rows; ++y) {
     const std::size_t begin = w.runs.size();
     w.row_starts[size(y)] = static_cast<int>(begin);
-    bool is_open = false;
     // One column of the frame more: what reaches the right edge ends there.
-    for_each_change(&w.dark[(size(y) + 1) * stride + 1], columns + 1, [&](int x) {
-      if (is_open)
-        w.runs.back().last = x - 1;
-      else
-        w.runs.push_back({x, x, static_cast<int>(w.runs.size())});
-      is_open = !is_open;
-    });
+    const int changes =
+        find_changes(&w.dark[(size(y) + 1) * stride + 1], columns + 1, w.changes.data());
+    for (int i = 0; i < changes; i += 2) {
+      const int number = static_cast<int>(w.runs.size());
+      w.runs.push_back({w.changes[size(i)], w.changes[size(i) + 1] - 1, number});
+    }
+    // What touches from above.
     std::size_t up = above;
     for (std::size_t i = begin; i < w.runs.size(); ++i) {
       while (up < begin && w.runs[up].last < w.runs[i].first) ++up;
@@ -180,14 +191,17 @@ void find_things(int rows, OutlineWorkspace& w) {
   w.things_of_runs.assign(w.runs.size(), -1);
   for (int y = 0; y < rows; ++y) {
     for (int i = w.row_starts[size(y)]; i < w.row_starts[size(y) + 1]; ++i) {
-      const auto& run = w.runs[size(i)];
-      const int root = root_of(w.runs, i);
+      auto& run = w.runs[size(i)];
+      // Parents come first: theirs is the root already.
+      run.parent = w.runs[size(run.parent)].parent;
+      const int root = run.parent;
       int& thing = w.things_of_runs[size(root)];
       if (thing < 0) {  // a root is its thing's first run
         thing = static_cast<int>(w.things.size());
-        w.things.push_back({root, run.first, y, run.first, run.last, y});
+        w.things.push_back({root, run.first, y, run.first, run.last, y, 0});
       }
       auto& t = w.things[size(thing)];
+      ++t.runs;
       t.left = std::min(t.left, run.first);
       t.right = std::max(t.right, run.last);
       t.bottom = y;
@@ -258,6 +272,7 @@ void find_dark_outlines(const cv::Mat& gray, const OutlineOptions& options, Outl
     const int height = thing.bottom - thing.y + 1;
     if (std::max(width, height) < options.min_size) continue;
     if (3 * std::min(width, height) < options.min_size) continue;
+    if (thing.runs > kMostRuns * height) continue;
     // Around a convex thing it is at most twice that far; a little more for noise.
     const std::size_t longest = 3 * size(width + height);
     const std::size_t begin = w.points.size();

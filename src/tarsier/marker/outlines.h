@@ -32,6 +32,7 @@ struct OutlineWorkspace {
     int left;
     int right;
     int bottom;
+    int runs;
   };
   struct Outline {
     std::size_t first;  // into points
@@ -43,6 +44,7 @@ struct OutlineWorkspace {
   std::vector<std::uint8_t> spread_highs;
   std::vector<std::uint8_t> thresholds;
   std::vector<std::uint8_t> dark;  // 255 or 0, a frame of zeros around
+  std::vector<int> changes;
   std::vector<Run> runs;
   std::vector<int> row_starts;
   std::vector<int> things_of_runs;
