@@ -20,7 +20,7 @@
 namespace tarsier::cli {
 namespace {
 
-const cv::Size kSize(640, 480);
+const cv::Size kSize{640, 480};
 constexpr double kFps = 25;
 constexpr int kFrames = 150;  // one round of the film
 constexpr double kSide = 0.05;

@@ -87,7 +87,8 @@ void smooth(std::span<const cv::Point2d> on_plane, std::span<const cv::Point2d> 
     state.speed[i] += of_speed * (now - state.speed[i]);
     fastest = std::max(fastest, cv::norm(state.speed[i]));
   }
-  const double part = low_pass_share(options.cutoff_hz + options.beta * fastest, seconds);
+  const double part = low_pass_share(
+      options.cutoff_hz + options.beta * std::max(0.0, fastest - options.still_px_s), seconds);
   state.steady = between(state.steady, measured, part);
   // Half-way in pose is half-way in pixels, nearly: twice brings it on the leash.
   for (int i = 0; i < 2; ++i) {
@@ -110,6 +111,7 @@ void PlanarTrackOptions::check() const {
   TARSIER_REQUIRE(most_evidence > 0, "most_evidence {}", most_evidence);
   TARSIER_REQUIRE(gap_s > 0, "gap_s {}", gap_s);
   TARSIER_REQUIRE(cutoff_hz > 0, "cutoff_hz {}", cutoff_hz);
+  TARSIER_REQUIRE(still_px_s >= 0, "still_px_s {}", still_px_s);
   TARSIER_REQUIRE(beta >= 0, "beta {}", beta);
   TARSIER_REQUIRE(speed_cutoff_hz > 0, "speed_cutoff_hz {}", speed_cutoff_hz);
   TARSIER_REQUIRE(leash_px > 0, "leash_px {}", leash_px);

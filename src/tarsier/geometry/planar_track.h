@@ -22,9 +22,10 @@ struct PlanarTrackOptions {
   double gap_s = 0.5;          // unseen for longer, it starts anew; > 0
   bool smooth = true;          // false: `steady` is the measured pose
   double cutoff_hz = 0.5;      // of the low pass when still, > 0
-  double beta = 0.1;           // by which the cut-off grows, Hz for each px/s of the pixels
+  double still_px_s = 5;       // px/s that noise alone gives, >= 0
+  double beta = 0.3;           // by which the cut-off grows, Hz for each px/s beyond
   double speed_cutoff_hz = 3;  // of that speed itself, > 0
-  double leash_px = 0.8;       // no pixel of the steady pose is farther from its place; > 0
+  double leash_px = 0.6;       // no pixel of the steady pose is farther from its place; > 0
   void check() const;          // throws std::invalid_argument
 };
 

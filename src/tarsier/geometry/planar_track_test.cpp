@@ -81,13 +81,13 @@ TEST(PlanarTrack, StillNearFrontalDoesNotFlip) {
         },
         {}, seed);
     double farthest = 0;
-    for (std::size_t i = 1; i < film.tracked.size(); ++i) {
+    for (std::size_t i = 25; i < film.tracked.size(); ++i) {  // once it has settled
       const double turned =
           angle_of(film.tracked[i].steady.rotation * film.tracked[i - 1].steady.rotation.t()) *
           180 / CV_PI;
       farthest = std::max(farthest, turned);
     }
-    EXPECT_LT(farthest, 4) << seed;
+    EXPECT_LT(farthest, 2.5) << seed;
   }
 }
 
@@ -143,7 +143,7 @@ TEST(PlanarTrack, SteadiesWhatIsStillAndFollowsWhatMoves) {
     return sum / static_cast<double>(film.tracked.size() - 50);
   };
   const Film still = filmed(300, 0.15, [](double) { return pose_of(35, 0.4, {0, 0, 0.6}); });
-  EXPECT_LT(spread(still, true), 0.5 * spread(still, false));
+  EXPECT_LT(spread(still, true), 0.4 * spread(still, false));
   // 15 px a frame.
   const auto path = [](double t) { return pose_of(35, 0.4, {0.15 * std::sin(2.4 * t), 0, 0.6}); };
   const Film moving = filmed(300, 0.15, path);
@@ -154,7 +154,7 @@ TEST(PlanarTrack, SteadiesWhatIsStillAndFollowsWhatMoves) {
     const auto b = camera.project(moving.tracked[i].steady.translation);
     worst = std::max(worst, cv::norm(*a - *b));
   }
-  EXPECT_LT(worst, 1.3);
+  EXPECT_LT(worst, 1.1);
 }
 
 TEST(PlanarTrack, StartsAnewAfterAGap) {

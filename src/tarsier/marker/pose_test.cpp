@@ -141,7 +141,8 @@ TEST(MarkerTracker, FilmsHaveFewFlipsAndStayPutAtRest) {
       ++seen_markers;
       const geometry::Rigid& pose = found->pose->camera_from_marker;
       if (degrees_between(pose, truth.camera_from_print) > 15) ++flips;
-      if (synth::PlanarFilm::is_at_rest(time - 0.5) && last.contains(truth.id))
+      if (synth::PlanarFilm::is_at_rest(time) && synth::PlanarFilm::is_at_rest(time - 0.5) &&
+          last.contains(truth.id))
         most_step = std::max(most_step, degrees_between(pose, last[truth.id]));
       last[truth.id] = pose;
     }

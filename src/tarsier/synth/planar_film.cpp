@@ -85,7 +85,8 @@ geometry::Rigid PlanarFilm::camera_at(double path) const {
     return std::sin(kTurn * (path / own + phase));
   };
   const double tilt = options_.tilt_deg * CV_PI / 180 * (0.5 + 0.5 * swing(7));
-  const double azimuth = kTurn * (rng.uniform() + path / 23) + 0.6 * swing(11);
+  // Round the near side of the desk, as a person sits: what stands on it stands up in the picture.
+  const double azimuth = -0.25 * kTurn + 0.9 * swing(11) + 0.5 * swing(23);
   const double roll = 0.5 * swing(9);
   const double smaller = std::min(options_.size.width, options_.size.height);
   const double distance = 2.2 * radius_ * scene_.camera().fx / smaller * (1.15 + 0.3 * swing(13));
