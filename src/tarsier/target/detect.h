@@ -21,7 +21,7 @@ struct DetectOptions {
   double good_part = 0.3;        // of the visible patches that must fit; 0..1
   int good_patches = 10;         // at least; 4..100
   double least_covered = 0.1;    // of the picture, by the patches that fit; 0..1
-  double most_deviation = 0.04;  // of the least certain corner, as a part of the target's side; > 0
+  double most_deviation = 0.03;  // of the least certain corner, as a part of the target's side; > 0
   void check() const;
 };
 
