@@ -14,7 +14,7 @@
 namespace tarsier::target {
 
 struct DetectOptions {
-  FeatureOptions features{.most = 1100, .contrast = 4, .second_directions = true};
+  FeatureOptions features{.most = 900, .contrast = 4, .second_directions = true};
   MatchOptions match;
   int tries = 6;                 // guesses that are aligned before a target counts as absent; 1..50
   double least_side_px = 24;     // of the target in the frame: root of its area; 8..10000
