@@ -17,7 +17,7 @@ run ar target-train "$pictures/box.png" -o box.target.json --width 20cm --trials
 expect_status 0
 expect_no_out
 cmp -s first.json box.target.json || fail "training twice gave two files"
-grep -q '"type":"picture-target"' box.target.json || fail 'no target file'
+grep -q '"type": "picture-target"' box.target.json || fail 'no target file'
 
 # A wall of squares: a file is written, and what is wrong is said.
 run ar target-train "$pictures/chessboard.png" -o chess.target.json --trials 8

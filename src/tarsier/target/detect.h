@@ -14,14 +14,14 @@
 namespace tarsier::target {
 
 struct DetectOptions {
-  FeatureOptions features{.most = 1100, .contrast = 4, .second_directions = true};
+  FeatureOptions features{.most = 900, .contrast = 4, .second_directions = true};
   MatchOptions match;
   int tries = 6;                 // guesses that are aligned before a target counts as absent; 1..50
   double least_side_px = 24;     // of the target in the frame: root of its area; 8..10000
   double good_part = 0.3;        // of the visible patches that must fit; 0..1
   int good_patches = 10;         // at least; 4..100
   double least_covered = 0.1;    // of the picture, by the patches that fit; 0..1
-  double most_deviation = 0.04;  // of the least certain corner, as a part of the target's side; > 0
+  double most_deviation = 0.03;  // of the least certain corner, as a part of the target's side; > 0
   void check() const;
 };
 

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <numeric>
 
 namespace tarsier::target {
@@ -44,6 +45,7 @@ void find_maxima(const Level& level, double least, std::vector<Candidate>& out) 
   std::vector<int> buffer(static_cast<std::size_t>(n) * 3);
   int* rows[3] = {buffer.data(), buffer.data() + n,
                   buffer.data() + 2 * static_cast<std::size_t>(n)};
+  std::vector<std::uint8_t> is_maximum(static_cast<std::size_t>(n) + 8);
   const auto fill = [&](int y, int* row) {
     const std::uint8_t* source[5];
     for (int k = 0; k < 5; ++k) source[k] = level.row(y + k - 2) + kEdge - 1;
@@ -54,16 +56,17 @@ void find_maxima(const Level& level, double least, std::vector<Candidate>& out) 
   const int bound = static_cast<int>(std::min(16 * least * least, 1e9));
   for (int y = kEdge; y < level.height - kEdge; ++y) {
     fill(y + 1, rows[2]);
+    kernel.maxima(rows[0], rows[1], rows[2], n, bound, is_maximum.data());
     for (int x = 1; x + 1 < n; ++x) {
-      const int v = rows[1][x];
-      if (v < bound) continue;
-      const auto above = [&](const int* row) {
-        return row[x - 1] < v && row[x] < v && row[x + 1] < v;
-      };
-      if (rows[1][x - 1] >= v || rows[1][x + 1] > v || !above(rows[0]) || rows[2][x - 1] > v ||
-          rows[2][x] > v || rows[2][x + 1] > v) {
-        continue;
+      if (is_maximum[static_cast<std::size_t>(x)] == 0) {
+        // Eight at a time, mostly none.
+        std::uint64_t eight = 1;
+        while (x + 8 < n &&
+               (std::memcpy(&eight, &is_maximum[static_cast<std::size_t>(x)], 8), eight == 0))
+          x += 8;
+        if (x + 1 >= n || is_maximum[static_cast<std::size_t>(x)] == 0) continue;
       }
+      const int v = rows[1][x];
       // The maximum of the parabolas through the neighbours.
       const auto offset = [](double a, double b, double c) {
         const double bend = a - 2 * b + c;
@@ -84,17 +87,22 @@ void keep_spread(const Level& level, std::size_t most, std::vector<Candidate>& c
     if (a.response != b.response) return a.response > b.response;
     return a.y != b.y ? a.y < b.y : a.x < b.x;
   });
-  const int columns = level.width / kCell + 1;
-  std::vector<int> stronger(static_cast<std::size_t>(columns * (level.height / kCell + 1)));
-  for (Candidate& c : candidates) {
-    int& count = stronger[static_cast<std::size_t>(static_cast<int>(c.y) / kCell * columns +
-                                                   static_cast<int>(c.x) / kCell)];
-    c.rank = c.response * static_cast<float>(std::pow(0.85, count));
-    ++count;
-  }
   if (candidates.size() <= most) return;
-  std::stable_sort(candidates.begin(), candidates.end(),
-                   [](const Candidate& a, const Candidate& b) { return a.rank > b.rank; });
+  const int columns = level.width / kCell + 1;
+  std::vector<float> share(static_cast<std::size_t>(columns * (level.height / kCell + 1)), 1);
+  for (Candidate& c : candidates) {
+    float& part = share[static_cast<std::size_t>(static_cast<int>(c.y) / kCell * columns +
+                                                 static_cast<int>(c.x) / kCell)];
+    c.rank = c.response * part;
+    part *= 0.85F;
+  }
+  const auto better = [](const Candidate& a, const Candidate& b) {
+    if (a.rank != b.rank) return a.rank > b.rank;
+    return a.y != b.y ? a.y < b.y : a.x < b.x;
+  };
+  const auto end = candidates.begin() + static_cast<std::ptrdiff_t>(most);
+  std::nth_element(candidates.begin(), end, candidates.end(), better);
+  std::sort(candidates.begin(), end, better);
   candidates.resize(most);
 }
 

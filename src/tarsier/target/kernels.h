@@ -26,6 +26,11 @@ struct Kernels {
   // are the rows y-2, y-1, y, y+1, y+2 (only 0, 2 and 4 are read), readable from x = -2 to n + 1.
   void (*hessian_row)(const std::uint8_t* const rows[5], int n, int* out);
 
+  // out[x], x = 1 .. n - 2, is 1 where here[x] is at least `bound` and a maximum of its 3x3
+  // surroundings (of equal ones the first), else 0.
+  void (*maxima)(const int* above, const int* here, const int* below, int n, int bound,
+                 std::uint8_t* out);
+
   // Bilinear samples at (x, y) + (dx, dy) column + (-dy, dx) row for kSampleSide rows and columns;
   // 16.16 fixed point, the caller guarantees that all lie inside.
   void (*sample)(const std::uint8_t* image, int stride, int x, int y, int dx, int dy, float* out);

@@ -22,6 +22,20 @@ void hessian_row(const std::uint8_t* const rows[5], int n, int* __restrict out) 
   }
 }
 
+void maxima(const int* __restrict above, const int* __restrict here, const int* __restrict below,
+            int n, int bound, std::uint8_t* __restrict out) {
+  for (int x = 1; x < n - 1; ++x) {
+    const int v = here[x];
+    int before = above[x - 1] > above[x] ? above[x - 1] : above[x];
+    before = above[x + 1] > before ? above[x + 1] : before;
+    before = here[x - 1] > before ? here[x - 1] : before;
+    int after = below[x - 1] > below[x] ? below[x - 1] : below[x];
+    after = below[x + 1] > after ? below[x + 1] : after;
+    after = here[x + 1] > after ? here[x + 1] : after;
+    out[x] = static_cast<std::uint8_t>((v > before) & (v >= after) & (v >= bound));
+  }
+}
+
 void sample(const std::uint8_t* image, int stride, int x, int y, int dx, int dy, float* out) {
   for (int r = 0; r < kSampleSide; ++r) {
     int u = x - dy * r;
@@ -200,7 +214,7 @@ int distance(const std::uint8_t* __restrict a, const std::uint8_t* __restrict b)
   return sum;
 }
 
-constexpr Kernels kTable = {hessian_row, sample, pool, directions, search, distance};
+constexpr Kernels kTable = {hessian_row, maxima, sample, pool, directions, search, distance};
 
 }  // namespace
 }  // namespace tarsier::target

@@ -76,8 +76,12 @@ bool agrees(const Placed& h, const Placed& m) {
   const float y = h.map(1, 0) * d.x + h.map(1, 1) * d.y;
   const float ex = h.seen.x + x - m.seen.x;
   const float ey = h.seen.y + y - m.seen.y;
-  const float tolerance = 0.22F * std::sqrt(x * x + y * y) + 2 * (h.scale + m.scale);
-  if (ex * ex + ey * ey > tolerance * tolerance) return false;
+  const float error2 = ex * ex + ey * ey;
+  const float own = 2 * (h.scale + m.scale);
+  // (a + b)^2 <= 2 (a^2 + b^2): most fail this, without a root.
+  if (error2 > 2 * (0.22F * 0.22F * (x * x + y * y) + own * own)) return false;
+  const float tolerance = 0.22F * std::sqrt(x * x + y * y) + own;
+  if (error2 > tolerance * tolerance) return false;
   // Scale and turn: h's map undone behind m's must be near the identity.
   const cv::Matx22f a = h.back * m.map;
   const float det = a(0, 0) * a(1, 1) - a(0, 1) * a(1, 0);
@@ -231,7 +235,8 @@ std::vector<Hypothesis> find_hypotheses(const FeatureSet& frame, const Target& t
     double score;
   };
   std::vector<Start> starts;
-  for (std::size_t i = 0; i < placed.size(); ++i) {
+  // The matches are in order of their ratio: what is not right among the first will not be later.
+  for (std::size_t i = 0; i < std::min<std::size_t>(placed.size(), 200); ++i) {
     const Support s = support_of(placed, [&](const Placed& m) { return agrees(placed[i], m); });
     if (s.distinct >= 3) starts.push_back({i, s.score});
   }
