@@ -33,8 +33,7 @@ const std::vector<DemoStep>& steps() {
       {"plate", demo_plate},     {"landmarks", demo_landmarks},
       {"aam", demo_aam},         {"pose", demo_pose},
       {"people", demo_people},   {"calibrate", demo_calibrate},
-      {"markers", demo_markers},
-      {"targets", demo_targets},
+      {"markers", demo_markers}, {"targets", demo_targets},
   };
   return table;
 }
