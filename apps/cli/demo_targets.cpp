@@ -51,7 +51,7 @@ void show_box(DemoPage& page) {
   page.grid({page.drawing("target-quality", target::draw_quality(trained),
                           "how trackable the picture is: points that last, and its rating"),
              page.picture("target-box", seen_in(session, picture, true),
-                          "found half hidden, small and turned")});
+                          "found small, turned and in part hidden")});
   page.command(
       "tarsier ar target-train box.png -o box.target.json --width 20cm --draw quality.png");
   page.command(
