@@ -211,11 +211,24 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
   result.faces = static_cast<int>(
       std::count_if(faces.begin(), faces.end(), [](const TrainingFace& f) { return !f.mirrored; }));
 
+  const std::vector<TrainingFace> real = faces;
+  if (options.extra) {
+    faces = with_extra_faces(real, options.extra, options.mirror ? set.mirror : std::vector<int>{},
+                             load.to_the_right, options.seed, progress, stop);
+    result.extra = static_cast<int>(std::count_if(
+        faces.begin(), faces.end(), [](const TrainingFace& f) { return f.turned && !f.mirrored; }));
+  }
+
   std::vector<cv::Rect2d> boxes = detected_boxes(faces, progress, stop);
   std::vector<Eigen::Matrix2Xd> shapes;
-  for (const TrainingFace& face : faces) shapes.push_back(face.points);
+  std::vector<cv::Rect2d> boxes_of_real;
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    if (faces[f].turned) continue;
+    shapes.push_back(faces[f].points);
+    boxes_of_real.push_back(boxes[f]);
+  }
   try {
-    model.box = train_box_model(shapes, boxes);
+    model.box = train_box_model(shapes, boxes_of_real);
     result.detected = model.box.trained_on;
   } catch (const std::invalid_argument&) {
     log_warning(
@@ -253,7 +266,7 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
   if (options.patches) {
     PatchOptions patches = options.patch_options;
     patches.seed = options.seed;
-    model.patches = train_patches(faces, model.shape, patches, progress, stop);
+    model.patches = train_patches(real, model.shape, patches, progress, stop);
   }
   if (options.quality && (model.trees || model.descent || model.patches)) {
     model.quality = train_quality(faces, rated_fits(faces, model, options.seed, progress, stop),

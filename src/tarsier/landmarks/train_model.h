@@ -22,6 +22,8 @@ struct TrainModelOptions {
   // px; NaN: measured (see DescentReport::to_the_right) where mirrored faces take part.
   double to_the_right = std::numeric_limits<double>::quiet_NaN();
   int starts = 12;  // of each face, 1..200
+  // More faces to learn from, for trees, descent and quality; empty: none.
+  ExtraFaces extra;
   shape::ShapeModelOptions shape;
   TreesOptions tree_options;
   DescentOptions descent_options;
@@ -33,6 +35,7 @@ struct TrainModelOptions {
 struct TrainedModel {
   LandmarkModel model;
   int faces = 0;                     // without the mirrored
+  int extra = 0;                     // made from them, without the mirrored
   int detected = 0;                  // of these, seen by the face detector
   double to_the_right = 0;           // px, that was used
   std::vector<std::string> skipped;  // "path: reason"
