@@ -34,7 +34,8 @@ struct TrainFlags {
 };
 
 // Makes `turned` copies of each face, by the head model given or the one that ships.
-landmarks::ExtraFaces turned_faces(const TrainFlags& flags, const shape::LandmarkSet& set) {
+void add_turned_faces(const TrainFlags& flags, const shape::LandmarkSet& set,
+                      landmarks::TrainModelOptions& options) {
   const auto turner = std::make_shared<const face_turn::FaceTurner>(read_head(flags.head));
   if (turner->points() != set.points()) {
     throw UsageError(
@@ -42,9 +43,16 @@ landmarks::ExtraFaces turned_faces(const TrainFlags& flags, const shape::Landmar
                     "that `pose train-head` learnt from such a set",
                     turner->points(), set.points()));
   }
-  return [turner, options = flags.turned](const landmarks::TrainingFace& face, std::uint64_t seed) {
-    return face_turn::turned_copies(*turner, face, options, seed);
+  options.extra = [turner, copies = flags.turned](const landmarks::TrainingFace& face,
+                                                  std::uint64_t seed) {
+    return face_turn::turned_copies(*turner, face, copies, seed);
   };
+  if (getenv("TX_SHAPED")) options.shaped_starts = atoi(getenv("TX_SHAPED"));
+  if (!getenv("TX_SHAPED") || options.shaped_starts > 0)
+    options.start_shapes = [turner](const landmarks::TrainingFace& face, int count,
+                                    std::uint64_t seed) {
+      return turner->shapes_near(face.points, count, seed);
+    };
 }
 
 enum class Kind { kShape, kPatches, kDetector, kTrees, kTracker };
@@ -92,7 +100,7 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
     landmarks::TrainModelOptions& options = flags.options;
     options.mirror = flags.mirror;
     options.seed = context.seed;
-    if (flags.turned.copies > 0) options.extra = turned_faces(flags, set);
+    if (flags.turned.copies > 0) add_turned_faces(flags, set, options);
     options.trees = kind == Kind::kTrees || (kind == Kind::kTracker && flags.without != "trees");
     options.descent = kind == Kind::kTracker && flags.without != "sdm";
     options.patches =

@@ -32,17 +32,13 @@ constexpr double kStill = 1.75;
 constexpr int kStillPoints = 16;
 // Points this near to each other are one, share of the size of the face's shape.
 constexpr double kSame = 0.01;
-// Points that do not carry the mesh are taken this near to where they belong, share of the size.
-constexpr double kOff = 0.05;
-constexpr int kMostLeftOut = 24;
-// A triangle whose area shrinks below this share shows a surface that becomes hidden.
-constexpr double kThinnest = 0.15;
-constexpr double kWidest = 6;
+// Of the face's area, what may be hidden after a turn.
+constexpr double kMostHidden = 0.08;
+constexpr double kFarAway = 1e6;  // mm, the background
 
-geometry::Camera camera_of(const cv::Mat& gray, const Matrix2Xd& points) {
+// Looks at the middle of the points.
+geometry::Camera camera_of(const Matrix2Xd& points) {
   geometry::Camera camera;
-  camera.width = gray.cols;
-  camera.height = gray.rows;
   const Vector2d low = points.rowwise().minCoeff();
   const Vector2d high = points.rowwise().maxCoeff();
   camera.fx = camera.fy = kFocal * std::max(1.0, (high - low).maxCoeff());
@@ -92,11 +88,9 @@ Matrix3Xd marked_points(const head::HeadModel& model, const Matrix3Xd& shape, do
   return marked;
 }
 
-Matrix2Xd seen(const Matrix3Xd& head, const Matrix3d& rotation, const Vector3d& translation,
-               const geometry::Camera& camera) {
-  const Matrix3Xd there = (rotation * head).colwise() + translation;
-  Matrix2Xd points(2, head.cols());
-  for (Index i = 0; i < head.cols(); ++i) {
+Matrix2Xd seen(const Matrix3Xd& there, const geometry::Camera& camera) {
+  Matrix2Xd points(2, there.cols());
+  for (Index i = 0; i < there.cols(); ++i) {
     points.col(i) << camera.cx + camera.fx * there(0, i) / there(2, i),
         camera.cy + camera.fy * there(1, i) / there(2, i);
   }
@@ -131,66 +125,52 @@ double area_of(const shape::Triangle& t, const Matrix2Xd& points) {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-struct WarpMesh {
-  Matrix2Xd before;
-  Matrix2Xd after;
-  std::vector<shape::Triangle> triangles;
-
-  // Where it takes a point.
-  [[nodiscard]] Vector2d moved(const Vector2d& point) const {
-    Vector2d best = point;
-    double inside = -1e300;
-    for (const shape::Triangle& t : triangles) {
-      Eigen::Matrix3d corners;
-      corners << before(Eigen::all, t), Eigen::RowVector3d::Ones();
-      const Vector3d weights = corners.inverse() * Vector3d(point.x(), point.y(), 1);
-      if (weights.minCoeff() <= inside) continue;
-      inside = weights.minCoeff();
-      best = after(Eigen::all, t) * weights;
-    }
-    return best;
-  }
-};
-
-// A mesh that does not fold: vertices of triangles that would (nearly hidden parts, the lips of a
-// closed mouth) are left to the others, as long as those take them nearly where they belong. Only
-// the first `movable` vertices are left out.
-std::optional<WarpMesh> unfolded_mesh(const Matrix2Xd& before, const Matrix2Xd& after,
-                                      Index movable) {
-  const Matrix2Xd face = before.leftCols(movable);
-  const Vector2d center = face.rowwise().mean();
-  const double size = std::sqrt((face.colwise() - center).colwise().squaredNorm().mean());
+// The picture's triangles as they are seen after the turn: farther ones first, those that show
+// their back left out. Nothing where more than kMostHidden of the face goes out of sight. Only the
+// first `movable` vertices are the head's; `depth` is theirs.
+std::optional<std::vector<shape::Triangle>> visible_triangles(const Matrix2Xd& before,
+                                                              const Matrix2Xd& after,
+                                                              const Eigen::VectorXd& depth) {
+  const auto movable = static_cast<int>(depth.size());
+  const Matrix2Xd head = before.leftCols(movable);
+  const double size =
+      std::sqrt((head.colwise() - head.rowwise().mean()).colwise().squaredNorm().mean());
   std::vector<int> kept;
-  std::vector<int> left_out;
   for (int i = 0; i < before.cols(); ++i) {
-    const bool coincides = std::any_of(kept.begin(), kept.end(), [&](int k) {
+    const bool is_new = std::none_of(kept.begin(), kept.end(), [&](int k) {
       return (before.col(i) - before.col(k)).norm() < kSame * size;
     });
-    (coincides ? left_out : kept).push_back(i);
+    if (is_new) kept.push_back(i);
   }
-  for (;;) {
-    WarpMesh mesh{before(Eigen::all, kept), after(Eigen::all, kept), {}};
-    mesh.triangles = shape::delaunay(mesh.before);
-    std::vector<int> blame(kept.size(), 0);
-    for (const shape::Triangle& t : mesh.triangles) {
-      const double grown = area_of(t, mesh.after) / area_of(t, mesh.before);
-      if (grown > kThinnest && grown < kWidest) continue;
-      for (const int corner : t) {
-        const auto c = static_cast<std::size_t>(corner);
-        if (kept[c] < movable) ++blame[c];
-      }
+  struct Piece {
+    double depth = 0;
+    shape::Triangle corners{};
+  };
+  std::vector<Piece> pieces;
+  double face = 0;
+  double hidden = 0;
+  for (const shape::Triangle& t : shape::delaunay(before(Eigen::all, kept))) {
+    Piece piece;
+    bool is_face = true;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const int i = kept[static_cast<std::size_t>(t[k])];
+      piece.corners[k] = i;
+      is_face = is_face && i < movable;
+      piece.depth += i < movable ? depth[i] : kFarAway;
     }
-    const auto most = std::max_element(blame.begin(), blame.end());
-    if (*most == 0) {
-      const bool is_near = std::all_of(left_out.begin(), left_out.end(), [&](int i) {
-        return (mesh.moved(before.col(i)) - after.col(i)).norm() < kOff * size;
-      });
-      return is_near ? std::optional(std::move(mesh)) : std::nullopt;
+    const bool is_seen = area_of(piece.corners, after) > 0;
+    if (is_face) {
+      face += area_of(piece.corners, before);
+      if (!is_seen) hidden += area_of(piece.corners, before);
     }
-    if (static_cast<int>(left_out.size()) >= kMostLeftOut) return std::nullopt;
-    left_out.push_back(kept[static_cast<std::size_t>(most - blame.begin())]);
-    kept.erase(kept.begin() + (most - blame.begin()));
+    if (is_seen) pieces.push_back(piece);
   }
+  if (hidden > kMostHidden * face) return std::nullopt;
+  std::stable_sort(pieces.begin(), pieces.end(),
+                   [](const Piece& a, const Piece& b) { return a.depth > b.depth; });
+  std::vector<shape::Triangle> triangles;
+  for (const Piece& piece : pieces) triangles.push_back(piece.corners);
+  return triangles;
 }
 
 }  // namespace
@@ -204,7 +184,7 @@ std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& poi
   const Index n = model.points();
   TARSIER_REQUIRE(points.cols() == n && points.allFinite(), "{} points for a head of {}",
                   points.cols(), n);
-  const geometry::Camera camera = camera_of(gray, points);
+  const geometry::Camera camera = camera_of(points);
   const auto found = poser_.pose(points, camera);
   if (!found.pose) return std::nullopt;
   const Matrix3d rotation = to_eigen(found.pose->camera_from_head.rotation);
@@ -228,15 +208,16 @@ std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& poi
   for (Index i = 0; i < n; ++i) {
     const double depth = rotation.row(2).dot(marked.col(i)) + translation.z();
     if (!(depth > 1)) return std::nullopt;
-    const Vector3d there(depth * (points(0, i) - camera.cx) / camera.fx,
+    const Vector3d place(depth * (points(0, i) - camera.cx) / camera.fx,
                          depth * (points(1, i) - camera.cy) / camera.fy, depth);
-    const Vector3d annotated = rotation.transpose() * (there - translation);
+    const Vector3d annotated = rotation.transpose() * (place - translation);
     head_after.col(i) = annotated + marked_after.col(i) - marked.col(i);
   }
   head_after.rightCols(forehead.cols()) = forehead;
   Matrix2Xd before(2, head_after.cols());
-  before << points, seen(forehead, rotation, translation, camera);
-  Matrix2Xd after = seen(head_after, turned, translation, camera);
+  before << points, seen((rotation * forehead).colwise() + translation, camera);
+  const Matrix3Xd there = (turned * head_after).colwise() + translation;
+  Matrix2Xd after = seen(there, camera);
   if (!after.allFinite()) return std::nullopt;
   after.colwise() += points.rowwise().mean() - after.leftCols(n).rowwise().mean();
   result.points = after.leftCols(n);
@@ -246,11 +227,38 @@ std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& poi
   all_before << before, still;
   Matrix2Xd all_after(2, before.cols() + still.cols());
   all_after << after, still;
-  const std::optional<WarpMesh> mesh = unfolded_mesh(all_before, all_after, before.cols());
-  if (!mesh) return std::nullopt;
-  result.gray =
-      shape::PiecewiseWarp(mesh->after, mesh->triangles, gray.size()).to_frame(gray, mesh->before);
+  const auto triangles = visible_triangles(all_before, all_after, there.row(2));
+  if (!triangles) return std::nullopt;
+  result.gray = gray.clone();
+  shape::PiecewiseWarp(all_before, *triangles, gray.size())
+      .from_frame(gray, all_after, result.gray);
   return result;
+}
+
+std::vector<Matrix2Xd> FaceTurner::shapes_near(const Matrix2Xd& points, int count,
+                                               std::uint64_t seed) const {
+  const head::HeadModel& model = poser_.model();
+  TARSIER_REQUIRE(points.cols() == model.points(), "{} points for a head of {}", points.cols(),
+                  model.points());
+  const geometry::Camera camera = camera_of(points);
+  const auto found = poser_.pose(points, camera);
+  std::vector<Matrix2Xd> shapes;
+  if (!found.pose) return shapes;
+  Rng rng(seed);
+  const head::HeadAngles& angles = found.pose->angles;
+  for (int k = 0; k < count; ++k) {
+    head::HeadPose pose = *found.pose;
+    const double share = rng.uniform(0.6, 1.1);
+    const double pitch = std::clamp(angles.pitch_deg * share + rng.normal(0, 5), -80.0, 80.0);
+    const double yaw = angles.yaw_deg * share + rng.normal(0, 5);
+    pose.camera_from_head.rotation = head::rotation_of_angles({yaw, pitch, angles.roll_deg});
+    pose.b *= rng.uniform();
+    Matrix2Xd shape = poser_.project(pose, camera);
+    if (!shape.allFinite()) continue;
+    shape.colwise() += points.rowwise().mean() - shape.rowwise().mean();
+    shapes.push_back(std::move(shape));
+  }
+  return shapes;
 }
 
 void CopyOptions::check() const {
@@ -261,6 +269,17 @@ void CopyOptions::check() const {
   TARSIER_REQUIRE(most_back_deg >= 0 && most_back_deg <= 90, "back by {}", most_back_deg);
   TARSIER_REQUIRE(attempts >= 1 && attempts <= 100, "attempts are 1..100, got {}", attempts);
 }
+
+namespace {
+
+bool is_wanted(const Turned& turned, const CopyOptions& options) {
+  const double before = std::abs(turned.before.yaw_deg);
+  const double after = std::abs(turned.after.yaw_deg);
+  return before - after <= options.most_back_deg && after <= options.farthest_yaw_deg &&
+         std::abs(turned.after.pitch_deg) <= options.farthest_pitch_deg;
+}
+
+}  // namespace
 
 std::vector<landmarks::TrainingFace> turned_copies(const FaceTurner& turner,
                                                    const landmarks::TrainingFace& face,
@@ -275,10 +294,7 @@ std::vector<landmarks::TrainingFace> turned_copies(const FaceTurner& turner,
       const double pitch = sign * rng.uniform(options.least_pitch_deg, options.most_pitch_deg);
       const double yaw = rng.uniform(-options.most_yaw_deg, options.most_yaw_deg);
       std::optional<Turned> turned = turner.turn(face.gray, face.points, pitch, yaw);
-      if (!turned || std::abs(turned->before.yaw_deg) - std::abs(turned->after.yaw_deg) >
-                         options.most_back_deg) {
-        continue;
-      }
+      if (!turned || !is_wanted(*turned, options)) continue;
       landmarks::TrainingFace copy = face;
       copy.gray = std::move(turned->gray);
       copy.points = std::move(turned->points);

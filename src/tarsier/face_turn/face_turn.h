@@ -55,15 +55,24 @@ class FaceTurner {
   [[nodiscard]] std::optional<Turned> turn(const cv::Mat& gray, const Eigen::Matrix2Xd& points,
                                            double pitch_deg, double yaw_deg) const;
 
+  // `count` shapes as one that knows the pose roughly sees them (2 x n px): the head model in poses
+  // near that of `points`, 40 % nearer to straight to 10 % further, and 5 degrees (standard
+  // deviation) beside it, between the mean shape and the face's own. Fewer where the points have no
+  // pose. The same for the same seed.
+  [[nodiscard]] std::vector<Eigen::Matrix2Xd> shapes_near(const Eigen::Matrix2Xd& points, int count,
+                                                          std::uint64_t seed) const;
+
  private:
   head::HeadPoser poser_;
 };
 
 struct CopyOptions {
-  int copies = 1;               // of each face, 0..20
-  double least_pitch_deg = 10;  // turned up or down by least .. most; 0 <= least <= most <= 45
+  int copies = 1;              // of each face, 0..20
+  double least_pitch_deg = 5;  // turned up or down by least .. most; 0 <= least <= most <= 45
   double most_pitch_deg = 30;
-  double most_yaw_deg = 20;  // turned sideways by up to this, either way, 0..45
+  double most_yaw_deg = 30;      // turned sideways by up to this, either way, 0..45
+  double farthest_yaw_deg = 50;  // no copy is turned further, either way, 0..80
+  double farthest_pitch_deg = 40;
   // A yaw that turns the face back by more than this shows what no camera saw; 0..90.
   double most_back_deg = 10;
   int attempts = 5;  // angles that are tried for a copy before it is left out, 1..100

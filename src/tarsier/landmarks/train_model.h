@@ -6,12 +6,18 @@
 #include "tarsier/landmarks/training_face.h"
 
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <stop_token>
 #include <string>
 #include <vector>
 
 namespace tarsier::landmarks {
+
+// Shapes near a face's points from which fits may begin besides the mean shape (2 x n px of the
+// face's picture each); the same for the same seed, called from several threads.
+using StartShapes = std::function<std::vector<Eigen::Matrix2Xd>(const TrainingFace& face, int count,
+                                                                std::uint64_t seed)>;
 
 struct TrainModelOptions {
   bool mirror = false;
@@ -24,6 +30,10 @@ struct TrainModelOptions {
   int starts = 12;  // of each face, 1..200
   // More faces to learn from, for trees, descent and quality; empty: none.
   ExtraFaces extra;
+  // Fits that begin anew from a better start than the mean shape must learn from such starts too;
+  // empty: none.
+  StartShapes start_shapes;
+  int shaped_starts = 4;  // of each face, if there are start_shapes, 1..200
   shape::ShapeModelOptions shape;
   TreesOptions tree_options;
   DescentOptions descent_options;
