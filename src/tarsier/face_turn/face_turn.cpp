@@ -41,6 +41,7 @@ geometry::Camera camera_of(const Matrix2Xd& points) {
   geometry::Camera camera;
   const Vector2d low = points.rowwise().minCoeff();
   const Vector2d high = points.rowwise().maxCoeff();
+  camera.width = camera.height = 1;  // there is no picture
   camera.fx = camera.fy = kFocal * std::max(1.0, (high - low).maxCoeff());
   camera.cx = (low.x() + high.x()) / 2;
   camera.cy = (low.y() + high.y()) / 2;
@@ -299,6 +300,7 @@ std::vector<landmarks::TrainingFace> turned_copies(const FaceTurner& turner,
       copy.gray = std::move(turned->gray);
       copy.points = std::move(turned->points);
       copy.box.reset();
+      copy.turned = true;
       copies.push_back(std::move(copy));
       break;
     }
