@@ -47,12 +47,10 @@ void add_turned_faces(const TrainFlags& flags, const shape::LandmarkSet& set,
                                                   std::uint64_t seed) {
     return face_turn::turned_copies(*turner, face, copies, seed);
   };
-  if (getenv("TX_SHAPED")) options.shaped_starts = atoi(getenv("TX_SHAPED"));
-  if (!getenv("TX_SHAPED") || options.shaped_starts > 0)
-    options.start_shapes = [turner](const landmarks::TrainingFace& face, int count,
-                                    std::uint64_t seed) {
-      return turner->shapes_near(face.points, count, seed);
-    };
+  options.start_shapes = [turner](const landmarks::TrainingFace& face, int count,
+                                  std::uint64_t seed) {
+    return turner->shapes_near(face.points, count, seed);
+  };
 }
 
 enum class Kind { kShape, kPatches, kDetector, kTrees, kTracker };

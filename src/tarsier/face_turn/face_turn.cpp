@@ -267,6 +267,10 @@ void CopyOptions::check() const {
   TARSIER_REQUIRE(least_pitch_deg >= 0 && least_pitch_deg <= most_pitch_deg && most_pitch_deg <= 45,
                   "pitch from {} to {}", least_pitch_deg, most_pitch_deg);
   TARSIER_REQUIRE(most_yaw_deg >= 0 && most_yaw_deg <= 45, "yaw up to {}", most_yaw_deg);
+  TARSIER_REQUIRE(farthest_yaw_deg >= 0 && farthest_yaw_deg <= 80, "farthest yaw {}",
+                  farthest_yaw_deg);
+  TARSIER_REQUIRE(farthest_pitch_deg >= 0 && farthest_pitch_deg <= 80, "farthest pitch {}",
+                  farthest_pitch_deg);
   TARSIER_REQUIRE(most_back_deg >= 0 && most_back_deg <= 90, "back by {}", most_back_deg);
   TARSIER_REQUIRE(attempts >= 1 && attempts <= 100, "attempts are 1..100, got {}", attempts);
 }

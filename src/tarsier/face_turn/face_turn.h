@@ -22,9 +22,9 @@
 // depth Z_i of its model point m_i and becomes a point of this head, h_i = R^T (Z_i x_i - t), x_i
 // as (x, y, 1) of the normalised picture: seen in the pose R, t it is exactly where it was
 // annotated. In the new pose it is at R' h_i + t. Around the face the mesh goes on over the
-// forehead and ends in a ring that stays where it was, so that the motion fades out
-// in the background. The picture is warped, triangle by triangle; light and shade are left as they
-// were.
+// forehead and ends in a ring that stays where it was, so that the motion fades out in the
+// background. The picture is drawn anew triangle by triangle, far ones first, those that would
+// show their back left out; light and shade stay as they were.
 //
 // Points of the face's contour on the far side of a turned head are no fixed points of the skin:
 // annotators mark where the cheek ends. Cut by a level plane, the side of a head is roughly a
@@ -50,8 +50,9 @@ class FaceTurner {
   // The face of `gray` (CV_8UC1) with `points` (2 x n px, in the order of the head's points),
   // turned by so many degrees more (as in head/angles.h: pitch + = up, yaw + = to image left; the
   // roll stays). The middle of the points stays where it is. Nothing where the points have no pose,
-  // and where the mesh would fold over itself: parts of the face that become hidden cannot be
-  // warped. Throws std::invalid_argument for another type or number of points.
+  // for angles beyond 80 degrees, and where more than 8 % of the face would go out of sight: what
+  // is left of it is no longer what an annotator would mark. Throws std::invalid_argument for
+  // another type or number of points.
   [[nodiscard]] std::optional<Turned> turn(const cv::Mat& gray, const Eigen::Matrix2Xd& points,
                                            double pitch_deg, double yaw_deg) const;
 
@@ -79,7 +80,8 @@ struct CopyOptions {
   void check() const;
 };
 
-// Turned copies of a training face, marked as such; fewer than asked for where the warps fold.
+// Turned copies of a training face, marked as such; fewer than asked for where all attempts hide
+// too much or lead beyond the options.
 // The face's points must be as many as the turner's. The same for the same seed.
 [[nodiscard]] std::vector<landmarks::TrainingFace> turned_copies(
     const FaceTurner& turner, const landmarks::TrainingFace& face, const CopyOptions& options,

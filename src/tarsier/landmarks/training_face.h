@@ -27,7 +27,7 @@ struct TrainingFace {
   std::string name;
   std::string person;
   bool mirrored = false;  // the face before it, mirrored
-  bool turned = false;    // made from a face before it in 3D, by an ExtraFaces
+  bool turned = false;    // made of a face before it, by an ExtraFaces
   double scale = 1;       // px of the picture to a px of `gray`
 };
 
