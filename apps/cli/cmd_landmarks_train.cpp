@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/face_turn/face_turn.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/landmarks/train_model.h"
 
@@ -8,6 +9,7 @@
 #include <opencv2/core/utility.hpp>
 
 #include "cmd_landmarks.h"
+#include "cmd_pose.h"
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -26,8 +28,30 @@ struct TrainFlags {
   int hold_out = 0;
   bool mirror = false;
   std::string without;
+  std::string head;
+  face_turn::CopyOptions turned{.copies = 0};
   landmarks::TrainModelOptions options;
 };
+
+// Makes `turned` copies of each face, by the head model given or the one that ships.
+void add_turned_faces(const TrainFlags& flags, const shape::LandmarkSet& set,
+                      landmarks::TrainModelOptions& options) {
+  const auto turner = std::make_shared<const face_turn::FaceTurner>(read_head(flags.head));
+  if (turner->points() != set.points()) {
+    throw UsageError(
+        fmt::format("--turned: the head has {} points, the set {}; --head takes one "
+                    "that `pose train-head` learnt from such a set",
+                    turner->points(), set.points()));
+  }
+  options.extra = [turner, copies = flags.turned](const landmarks::TrainingFace& face,
+                                                  std::uint64_t seed) {
+    return face_turn::turned_copies(*turner, face, copies, seed);
+  };
+  options.start_shapes = [turner](const landmarks::TrainingFace& face, int count,
+                                  std::uint64_t seed) {
+    return turner->shapes_near(face.points, count, seed);
+  };
+}
 
 enum class Kind { kShape, kPatches, kDetector, kTrees, kTracker };
 
@@ -41,6 +65,7 @@ nlohmann::json provenance(const TrainFlags& flags, const Context& context, std::
       {"samples", samples},
       {"mirrored", flags.mirror},
       {"terms", flags.terms}};
+  if (flags.turned.copies > 0) about["turned"] = flags.turned.copies;
   if (flags.hold_out > 0) about["left_out"] = fmt::format("every {}th", flags.hold_out);
   return about;
 }
@@ -73,6 +98,7 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
     landmarks::TrainModelOptions& options = flags.options;
     options.mirror = flags.mirror;
     options.seed = context.seed;
+    if (flags.turned.copies > 0) add_turned_faces(flags, set, options);
     options.trees = kind == Kind::kTrees || (kind == Kind::kTracker && flags.without != "trees");
     options.descent = kind == Kind::kTracker && flags.without != "sdm";
     options.patches =
@@ -93,6 +119,7 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
     }
     landmarks::write_landmark_model(flags.output, trained.model, about);
     line["faces"] = trained.faces;
+    if (trained.extra > 0) line["turned"] = trained.extra;
     line["detected"] = trained.detected;
     line["modes"] = trained.model.shape.mode_count();
     line["to_the_right_px"] = trained.to_the_right;
@@ -139,6 +166,11 @@ void add_kind(CLI::App& parent, Context& context, const char* name, const char* 
         ->capture_default_str();
   }
   if (kind == Kind::kTracker) {
+    verb.add_option("--turned", flags->turned.copies,
+                    "copies of each face, turned in 3D, to learn from beside it")
+        ->check(CLI::Range(0, 20))
+        ->capture_default_str();
+    verb.add_option("--head", flags->head, "head model that turns them (.json)");
     verb.add_option("--without", flags->without, "leave out a part: trees, sdm or patch")
         ->check(CLI::IsMember({"trees", "sdm", "patch"}));
   }

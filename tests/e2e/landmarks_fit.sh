@@ -70,6 +70,14 @@ expect_status 0
 [ -s modes.png ] || fail "no picture of the modes"
 run landmarks train tracker set.yaml -o own.json --mirror --levels 1 --trees 4 --quiet
 expect_status 0
+# Faces are turned by a head model of the same points.
+run landmarks train tracker set.yaml -o turned.json --turned 1
+expect_status 2
+expect_error '68 points, the set 9' '--head'
+run landmarks train tracker set.yaml -o turned.json --turned 1 --head own.json
+expect_status 5
+expect_error 'own.json'
+[ ! -e turned.json ] || fail "a model was written without a head"
 run landmarks fit film/01.jpg --model shape.json
 expect_status 5
 expect_error 'shape.json'

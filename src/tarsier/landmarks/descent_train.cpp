@@ -127,12 +127,13 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
     to.points = (faces[f].points.colwise() - to.reduced.offset) / to.reduced.scale;
   }
 
-  // A face and its mirror image belong to the same part, and a part's samples lie in a row.
+  // A face and what was made of it belong to the same part, and a part's samples lie in a row.
   const int folds = std::min<int>(options.folds, static_cast<int>(faces.size()));
   std::vector<int> fold_of(faces.size());
   Rng rng(options.seed);
   for (std::size_t f = 0; f < faces.size(); ++f) {
-    fold_of[f] = f > 0 && faces[f].mirrored ? fold_of[f - 1] : rng.integer(0, folds - 1);
+    fold_of[f] = f > 0 && (faces[f].mirrored || faces[f].turned) ? fold_of[f - 1]
+                                                                 : rng.integer(0, folds - 1);
   }
   std::vector<Sample> samples;
   std::vector<int> begin(static_cast<std::size_t>(folds) + 1, 0);

@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <utility>
 
 namespace tarsier::landmarks {
 
@@ -71,6 +72,37 @@ std::vector<cv::Rect2d> detected_boxes(const std::vector<TrainingFace>& faces, P
   return boxes;
 }
 
+// The shapes given for each face, a little beside where they belong.
+void add_shaped_starts(const std::vector<TrainingFace>& faces, const TrainModelOptions& options,
+                       std::vector<Start>& starts, const std::stop_token& stop) {
+  std::vector<std::vector<Eigen::Matrix2Xd>> shapes(faces.size());
+  const Rng root = Rng(options.seed).fork(77);
+  cv::parallel_for_(cv::Range(0, static_cast<int>(faces.size())), [&](const cv::Range& range) {
+    for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
+      const auto f = static_cast<std::size_t>(i);
+      Rng rng = root.fork(f);
+      for (const Eigen::Matrix2Xd& shape :
+           options.start_shapes(faces[f], options.shaped_starts, rng())) {
+        TARSIER_REQUIRE(shape.cols() == faces[f].points.cols() && shape.allFinite(),
+                        "{}: a start that is none", faces[f].name);
+        const Eigen::Vector2d center = shape.rowwise().mean();
+        const double angle = rng.normal(0, kTurn / 4);
+        const double scale = std::exp(rng.normal(0, kScale / 2));
+        const double dx = rng.normal(0, kShift / 2);
+        const double dy = rng.normal(0, kShift / 2);
+        const Eigen::Vector2d to = center + shape_size(shape) * Eigen::Vector2d(dx, dy);
+        const shape::Similarity2d turn{scale * std::cos(angle), scale * std::sin(angle), 0, 0};
+        shapes[f].push_back(turn(Eigen::Matrix2Xd(shape.colwise() - center)).colwise() + to);
+      }
+    }
+  });
+  throw_if_stopped(stop);
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    for (Eigen::Matrix2Xd& shape : shapes[f])
+      starts.push_back({static_cast<int>(f), std::move(shape)});
+  }
+}
+
 // Fits that are right, nearly right and quite wrong.
 std::vector<RatedFit> rated_fits(const std::vector<TrainingFace>& faces, const LandmarkModel& model,
                                  std::uint64_t seed, Progress& progress,
@@ -128,6 +160,8 @@ std::vector<RatedFit> rated_fits(const std::vector<TrainingFace>& faces, const L
 
 void TrainModelOptions::check() const {
   TARSIER_REQUIRE(starts >= 1 && starts <= 200, "starts are 1..200, got {}", starts);
+  TARSIER_REQUIRE(shaped_starts >= 1 && shaped_starts <= 200, "shaped starts are 1..200, got {}",
+                  shaped_starts);
   TARSIER_REQUIRE(std::isnan(to_the_right) || std::abs(to_the_right) <= 100, "to the right {}",
                   to_the_right);
   shape.check();
@@ -211,11 +245,24 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
   result.faces = static_cast<int>(
       std::count_if(faces.begin(), faces.end(), [](const TrainingFace& f) { return !f.mirrored; }));
 
+  const std::vector<TrainingFace> real = faces;
+  if (options.extra) {
+    faces = with_extra_faces(real, options.extra, options.mirror ? set.mirror : std::vector<int>{},
+                             load.to_the_right, options.seed, progress, stop);
+    result.extra = static_cast<int>(std::count_if(
+        faces.begin(), faces.end(), [](const TrainingFace& f) { return f.turned && !f.mirrored; }));
+  }
+
   std::vector<cv::Rect2d> boxes = detected_boxes(faces, progress, stop);
   std::vector<Eigen::Matrix2Xd> shapes;
-  for (const TrainingFace& face : faces) shapes.push_back(face.points);
+  std::vector<cv::Rect2d> boxes_of_real;
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    if (faces[f].turned) continue;
+    shapes.push_back(faces[f].points);
+    boxes_of_real.push_back(boxes[f]);
+  }
   try {
-    model.box = train_box_model(shapes, boxes);
+    model.box = train_box_model(shapes, boxes_of_real);
     result.detected = model.box.trained_on;
   } catch (const std::invalid_argument&) {
     log_warning(
@@ -233,8 +280,9 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
                   box.y, box.width, box.height};
     }
   }
-  const std::vector<Start> starts =
+  std::vector<Start> starts =
       scattered_starts(faces, model.shape.mean, options.starts, options.seed, boxes, model.box);
+  if (options.start_shapes) add_shaped_starts(faces, options, starts, stop);
   if (options.trees) {
     TreesOptions trees = options.tree_options;
     trees.seed = options.seed;
@@ -253,7 +301,7 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
   if (options.patches) {
     PatchOptions patches = options.patch_options;
     patches.seed = options.seed;
-    model.patches = train_patches(faces, model.shape, patches, progress, stop);
+    model.patches = train_patches(real, model.shape, patches, progress, stop);
   }
   if (options.quality && (model.trees || model.descent || model.patches)) {
     model.quality = train_quality(faces, rated_fits(faces, model, options.seed, progress, stop),

@@ -6,12 +6,18 @@
 #include "tarsier/landmarks/training_face.h"
 
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <stop_token>
 #include <string>
 #include <vector>
 
 namespace tarsier::landmarks {
+
+// Shapes near a face's points from which fits may begin besides the mean shape (2 x n px of the
+// face's picture each); the same for the same seed, called from several threads.
+using StartShapes = std::function<std::vector<Eigen::Matrix2Xd>(const TrainingFace& face, int count,
+                                                                std::uint64_t seed)>;
 
 struct TrainModelOptions {
   bool mirror = false;
@@ -22,6 +28,12 @@ struct TrainModelOptions {
   // px; NaN: measured (see DescentReport::to_the_right) where mirrored faces take part.
   double to_the_right = std::numeric_limits<double>::quiet_NaN();
   int starts = 12;  // of each face, 1..200
+  // More faces to learn from, for trees, descent and quality; empty: none.
+  ExtraFaces extra;
+  // Fits that begin anew from a better start than the mean shape must learn from such starts too;
+  // empty: none.
+  StartShapes start_shapes;
+  int shaped_starts = 4;  // of each face, if there are start_shapes, 1..200
   shape::ShapeModelOptions shape;
   TreesOptions tree_options;
   DescentOptions descent_options;
@@ -33,6 +45,7 @@ struct TrainModelOptions {
 struct TrainedModel {
   LandmarkModel model;
   int faces = 0;                     // without the mirrored
+  int extra = 0;                     // made from them, without the mirrored
   int detected = 0;                  // of these, seen by the face detector
   double to_the_right = 0;           // px, that was used
   std::vector<std::string> skipped;  // "path: reason"

@@ -7,10 +7,12 @@
 #include "tarsier/io/image_file.h"
 
 #include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace tarsier::landmarks {
 
@@ -74,6 +76,7 @@ TrainingFace mirror_of(const TrainingFace& face, const std::vector<int>& mirror,
   result.name = face.name;
   result.person = face.person;
   result.mirrored = true;
+  result.turned = face.turned;
   return result;
 }
 
@@ -137,6 +140,43 @@ std::vector<TrainingFace> load_training_faces(const shape::LandmarkSet& set,
                                                              skipped.front()));
   }
   return faces;
+}
+
+std::vector<TrainingFace> with_extra_faces(const std::vector<TrainingFace>& faces,
+                                           const ExtraFaces& extra, const std::vector<int>& mirror,
+                                           double to_the_right, std::uint64_t seed,
+                                           Progress& progress, const std::stop_token& stop) {
+  std::vector<std::vector<TrainingFace>> made(faces.size());
+  const Rng root(seed);
+  progress.begin("turning faces", static_cast<std::int64_t>(faces.size()), "faces");
+  cv::parallel_for_(cv::Range(0, static_cast<int>(faces.size())), [&](const cv::Range& range) {
+    for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
+      const auto f = static_cast<std::size_t>(i);
+      progress.advance();
+      if (faces[f].mirrored || faces[f].turned) continue;
+      Rng rng = root.fork(f);
+      for (TrainingFace& face : extra(faces[f], rng())) {
+        TARSIER_REQUIRE(face.points.cols() == faces[f].points.cols() && face.points.allFinite() &&
+                            face.gray.type() == CV_8UC1 && !face.gray.empty(),
+                        "{}: an extra face is none", faces[f].name);
+        face.turned = true;
+        made[f].push_back(std::move(face));
+        if (mirror.empty()) continue;
+        const TrainingFace mirrored = mirror_of(made[f].back(), mirror, to_the_right);
+        made[f].push_back(mirrored);
+      }
+    }
+  });
+  throw_if_stopped(stop);
+  progress.end();
+  std::vector<TrainingFace> all;
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    all.push_back(faces[f]);
+    if (f + 1 < faces.size() && faces[f + 1].mirrored) all.push_back(faces[++f]);
+    const std::size_t source = faces[f].mirrored && f > 0 ? f - 1 : f;
+    for (TrainingFace& face : made[source]) all.push_back(std::move(face));
+  }
+  return all;
 }
 
 }  // namespace tarsier::landmarks

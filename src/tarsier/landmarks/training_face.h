@@ -10,6 +10,8 @@
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
 
+#include <cstdint>
+#include <functional>
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -24,8 +26,9 @@ struct TrainingFace {
   std::optional<cv::Rect2d> box;  // px of `gray`
   std::string name;
   std::string person;
-  bool mirrored = false;
-  double scale = 1;  // px of the picture to a px of `gray`
+  bool mirrored = false;  // the face before it, mirrored
+  bool turned = false;    // made of a face before it, by an ExtraFaces
+  double scale = 1;       // px of the picture to a px of `gray`
 };
 
 struct LoadOptions {
@@ -43,6 +46,17 @@ struct LoadOptions {
 [[nodiscard]] std::vector<TrainingFace> load_training_faces(
     const shape::LandmarkSet& set, const std::string& set_path, const LoadOptions& options,
     Progress& progress, const std::stop_token& stop, std::vector<std::string>& skipped);
+
+// Faces made from one that is neither mirrored nor turned, as more to learn from. Their points are
+// as exact as the face's; the same for the same seed; called from several threads.
+using ExtraFaces =
+    std::function<std::vector<TrainingFace>(const TrainingFace& face, std::uint64_t seed)>;
+
+// The faces, each followed by its mirror image where that is among them, with what `extra` makes of
+// each behind it, marked as turned and, where `mirror` is not empty, mirrored too (LoadOptions).
+[[nodiscard]] std::vector<TrainingFace> with_extra_faces(
+    const std::vector<TrainingFace>& faces, const ExtraFaces& extra, const std::vector<int>& mirror,
+    double to_the_right, std::uint64_t seed, Progress& progress, const std::stop_token& stop);
 
 // Where a fit begins: a shape (2 x n, px of its face's picture).
 struct Start {

@@ -83,5 +83,42 @@ TEST_F(TrainingFaceTest, MirroringNeedsTheSymmetry) {
   EXPECT_THROW((void)load(set, options), InputError);
 }
 
+// Copies stand behind the face that they were made of, each before its own mirror image: training
+// keeps them in one part.
+TEST_F(TrainingFaceTest, ExtraFacesFollowTheirFace) {
+  shape::LandmarkSet set;
+  set.mirror = {2, 1, 0, 5, 4, 3, 8, 7, 6};
+  set.samples = {sample("a.png", 25, {200, 220}), sample("b.png", 25, {200, 220})};
+  LoadOptions options;
+  options.mirror = true;
+  const std::vector<TrainingFace> faces = load(set, options);
+  ASSERT_EQ(faces.size(), 4U);
+  const ExtraFaces lower = [](const TrainingFace& face, std::uint64_t) {
+    TrainingFace copy = face;
+    copy.points.row(1).array() += 3;
+    return std::vector<TrainingFace>{copy};
+  };
+  NoProgress silent;
+  const auto all = with_extra_faces(faces, lower, set.mirror, 1.5, 1, silent, {});
+  ASSERT_EQ(all.size(), 8U);
+  for (std::size_t f = 0; f < 8; ++f) {
+    EXPECT_EQ(all[f].mirrored, f % 2 == 1) << f;
+    EXPECT_EQ(all[f].turned, f % 4 >= 2) << f;
+    EXPECT_EQ(all[f].name, all[f / 4 * 4].name) << f;
+  }
+  EXPECT_DOUBLE_EQ(all[6].points(1, 4), all[4].points(1, 4) + 3);
+  // The mirror image of a copy is moved as those of faces are.
+  EXPECT_DOUBLE_EQ(all[7].points(0, 0), all[6].gray.cols - 1 - all[6].points(0, 2) + 3);
+  EXPECT_EQ(with_extra_faces(faces, lower, {}, 0, 1, silent, {}).size(), 6U);
+
+  const ExtraFaces broken = [](const TrainingFace& face, std::uint64_t) {
+    TrainingFace copy = face;
+    copy.gray.release();
+    return std::vector<TrainingFace>{copy};
+  };
+  EXPECT_THROW((void)with_extra_faces(faces, broken, set.mirror, 0, 1, silent, {}),
+               std::invalid_argument);
+}
+
 }  // namespace
 }  // namespace tarsier::landmarks
