@@ -148,4 +148,34 @@ expect_status 2
 run ar synth planar x --picture gone.png
 expect_status 3
 expect_error 'gone.png'
+# Judged against the truth: the own detector, OpenCV's, results of an earlier run, a family, pictures as targets.
+run ar eval set/truth.jsonl -o found.jsonl --json
+expect_status 0
+cat >score.py <<'END'
+import json, sys
+line = json.loads(open("stdout.txt").readline())
+least = float(sys.argv[1])
+assert line["images"] == int(sys.argv[2]) and line["recall"] >= least and line["precision"] >= 0.99, line
+assert line["corner_rmse_median"] < 0.3 and line["rot_deg_median"] < 3 and line["ms_median"] > 0, line
+END
+python3 score.py 0.9 6 || fail "the score of easy pictures: $out"
+[ "$(wc -l <found.jsonl)" -eq 6 ] || fail "found.jsonl has $(wc -l <found.jsonl) lines"
+own=$out
+run ar eval set/truth.jsonl --results found.jsonl --json
+expect_status 0
+[ "$(sed 's/"ms_median".*//' <<<"$out")" = "$(sed 's/"ms_median".*//' <<<"$own")" ] ||
+  fail "the same results were judged otherwise: $out"
+run ar eval set/truth.jsonl --backend opencv
+expect_status 0
+expect_out '36h11 +6 pictures'
+run ar eval set/truth.jsonl --family 6x6
+expect_status 3
+run ar eval targets/truth.jsonl --json
+expect_status 0
+expect_out '"set":"pictures"'
+head -c 300 set/truth.jsonl >cut.jsonl
+run ar eval cut.jsonl
+expect_status 3
+expect_error 'cut.jsonl.*line 1'
+
 finish
