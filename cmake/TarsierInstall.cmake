@@ -7,17 +7,12 @@ set(TARSIER_MODELS_DESTINATION share/tarsier/models)  # find_models_folder looks
 
 install(DIRECTORY models/ DESTINATION ${TARSIER_MODELS_DESTINATION} COMPONENT models)
 
-# Components of OpenCV that the libraries link: those of the top CMakeLists.txt, and aruco where it is one of its own.
-set(TARSIER_OPENCV_COMPONENTS "core imgproc imgcodecs videoio objdetect features2d calib3d video")
-if(OpenCV_VERSION VERSION_LESS 4.7)
-  string(APPEND TARSIER_OPENCV_COMPONENTS " aruco")
-endif()
 configure_package_config_file(cmake/tarsierConfig.cmake.in ${PROJECT_BINARY_DIR}/tarsierConfig.cmake
   INSTALL_DESTINATION ${TARSIER_CMAKE_DESTINATION} PATH_VARS TARSIER_MODELS_DESTINATION)
 # Before 1.0 a minor version may change interfaces.
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/tarsierConfigVersion.cmake COMPATIBILITY SameMinorVersion)
 install(FILES ${PROJECT_BINARY_DIR}/tarsierConfig.cmake ${PROJECT_BINARY_DIR}/tarsierConfigVersion.cmake
-              cmake/TarsierDlib.cmake
+              cmake/TarsierAruco.cmake cmake/TarsierDlib.cmake
         DESTINATION ${TARSIER_CMAKE_DESTINATION} COMPONENT dev)
 install(EXPORT tarsierTargets NAMESPACE tarsier:: DESTINATION ${TARSIER_CMAKE_DESTINATION} COMPONENT dev)
 

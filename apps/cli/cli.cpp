@@ -81,14 +81,20 @@ int fail(ExitStatus status, std::string_view message) {
   return static_cast<int>(status);
 }
 
-// TARSIER_REQUIRE writes "<function>: requires <expression>: <message>"; people want the message.
+// TARSIER_REQUIRE writes "<function>: requires <expression>: <message>"; people want the message,
+// and what was said before it (the path of a file).
 std::string without_requirement(std::string_view what) {
   constexpr std::string_view kMark = ": requires ";
   const size_t mark = what.find(kMark);
   if (mark == std::string_view::npos) return std::string(what);
+  const size_t before = mark == 0 ? std::string_view::npos : what.rfind(": ", mark - 1);
+  const std::string_view prefix =
+      before == std::string_view::npos ? std::string_view() : what.substr(0, before + 2);
   for (size_t at = what.find(": ", mark + kMark.size()); at != std::string_view::npos;
        at = what.find(": ", at + 1)) {
-    if (what[at - 1] != ' ') return std::string(what.substr(at + 2));  // not the ':' of "a ? b : c"
+    if (what[at - 1] != ' ') {  // not the ':' of "a ? b : c"
+      return fmt::format("{}{}", prefix, what.substr(at + 2));
+    }
   }
   return std::string(what);
 }
@@ -356,7 +362,7 @@ int run_program(int argc, const char* const* argv) {
   try {
     return run_checked(argc, argv);
   } catch (const Error& error) {
-    return fail(error.status(), error.what());
+    return fail(error.status(), without_requirement(error.what()));
   } catch (const std::invalid_argument& error) {
     return fail(ExitStatus::kUsage, without_requirement(error.what()));
   } catch (const cv::Exception& error) {

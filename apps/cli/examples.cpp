@@ -44,7 +44,7 @@ std::string example_of(const std::string& verb) {
       {"plate read", "car.jpg --json"},
       {"plate segment", "photos/ -o cut"},
       {"plate train-detector", "photos/ -o detector.json"},
-      {"plate train-reader", "plates/ -o reader.json --hold-out 0.2"},
+      {"plate train-reader", "plates/ --scenes photos/ -o reader.json"},
       {"plate eval", "photos/ --truth photos/truth.csv"},
       {"plate sweep", "plates/ -o sweep.png"},
       {"plate synth", "-o cars --count 20 --kind europe"},
