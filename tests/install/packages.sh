@@ -23,7 +23,8 @@ for package in libqt5gui5 libqt5gui5t64 libqt6gui6 libgtk-3-0 libgtk-3-0t64 libo
   fi
 done
 tarsier models verify --quiet
-tarsier models list | head -3
+tarsier models list >models.txt
+head -3 models.txt
 DISPLAY=:99 tarsier cartoon run synth:scene --window 2>&1 | grep -q 'install the package tarsier-gui' ||
   fail "--window does not tell of tarsier-gui"
 tarsier demo --quiet -o page || fail "tarsier demo"
