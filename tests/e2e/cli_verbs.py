@@ -263,7 +263,7 @@ INTERRUPTED = {
     "landmarks eval": "head/set.json --eyes 36,45",
     "aam train": "head/set.json -o stopped.json",
     "aam eval": "head/set.json --convergence stopped.png --tries 1000",
-    "pose train-head": "head/set.json -o stopped.json --iterations 1000",
+    "pose train-head": "head/set.json -o stopped.json --modes 1 --iterations 1000",
     "pose synth": "-o stopped --count 1000",
     "plate read": "synth:scene -o stopped.mp4",
     "plate train-detector": "cars/images -o stopped.json",
