@@ -76,7 +76,10 @@ std::optional<recognition::Recognizer> model_of_gallery(people::Gallery& gallery
                                                         const PeopleFlags& flags,
                                                         Context& context) {
   std::optional<recognition::Background> background;
-  if (!gallery.model() && gallery.face_count() > 0) background = find_background(flags);
+  // A file that was named must be right, even where the stored model makes it unnecessary.
+  if (!flags.background.empty() || (!gallery.model() && gallery.face_count() > 0)) {
+    background = find_background(flags);
+  }
   const auto general = background ? &*background : nullptr;
   bool store = true;
   try {

@@ -215,7 +215,7 @@ def check_missing(verb):
 
 
 # Flags of these names that are not read by the run of VALID.
-NO_FILE = {("plate train-reader", "--detector")}
+NO_FILE = {("plate train-reader", "--detector"), ("pose track", "--appearance")}
 
 
 def check_json_and_quiet(verb):
