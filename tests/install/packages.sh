@@ -33,7 +33,7 @@ echo "== the demo's page: $(find page -type f | wc -l) files"
 bash -c '. /usr/share/bash-completion/completions/tarsier; COMP_WORDS=(tarsier pl); COMP_CWORD=1; _tarsier; echo "${COMPREPLY[*]}"' |
   grep -qx plate || fail "completion"
 
-apt-get install -y -qq --no-install-recommends "$debs"/tarsier-gui_*.deb man-db systemd xvfb >>install.log 2>&1 || fail "tarsier-gui"
+apt-get install -y -qq --no-install-recommends "$debs"/tarsier-gui_*.deb man-db systemd xvfb xauth >>install.log 2>&1 || fail "tarsier-gui"
 # Bare systems leave manual pages out; the pages themselves are in the package.
 dpkg-deb --fsys-tarfile "$debs"/tarsier_*.deb | tar -x -C "$sample" ./usr/share/man
 man --warnings -l "$sample/usr/share/man/man1/tarsier-plate.1.gz" >man.txt 2>man.err </dev/null || fail "man"
