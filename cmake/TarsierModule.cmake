@@ -16,7 +16,8 @@ function(tarsier_module name)
   add_library(tarsier::${name} ALIAS ${target})
   target_sources(${target} ${scope} FILE_SET HEADERS
                  BASE_DIRS ${PROJECT_SOURCE_DIR}/src FILES ${arg_HEADERS})
-  set_target_properties(${target} PROPERTIES VERIFY_INTERFACE_HEADER_SETS ON)
+  set_target_properties(${target} PROPERTIES VERIFY_INTERFACE_HEADER_SETS ON EXPORT_NAME ${name})
+  target_compile_features(${target} ${scope} cxx_std_20)
   list(TRANSFORM arg_DEPENDS PREPEND tarsier:: OUTPUT_VARIABLE modules)
   target_link_libraries(${target} ${scope} ${modules} ${arg_LIBS})
   if(arg_SOURCES)
@@ -26,6 +27,9 @@ function(tarsier_module name)
       target_precompile_headers(${target} PRIVATE ${arg_PCH})
     endif()
   endif()
+  install(TARGETS ${target} EXPORT tarsierTargets
+          ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT dev
+          FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev)
   list(JOIN arg_DEPENDS " " depends)
   file(APPEND ${PROJECT_BINARY_DIR}/layers.txt "${name}: ${depends}\n")
 

@@ -101,8 +101,9 @@ void add_aam_flags(CLI::App& verb, AamFlags& flags) {
                                         "how far a shape mode may go, standard deviations")
                             ->capture_default_str();
   CLI::Option* refresh =
-      verb.add_option("--refresh", flags.fit.refresh,
-                      "alternating: change of the texture at which its images are made anew")
+      verb.add_option(
+              "--refresh", flags.fit.refresh,
+              "alternating: share of change of the texture at which its images are made anew")
           ->capture_default_str();
   CLI::Option* robust =
       verb.add_flag("--robust", flags.fit.robust, "pixels that fit badly (hidden) count less");

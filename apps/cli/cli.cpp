@@ -9,6 +9,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
 
+#include "command_tree.h"
 #include <algorithm>
 #include <cerrno>
 #include <csignal>
@@ -80,14 +81,20 @@ int fail(ExitStatus status, std::string_view message) {
   return static_cast<int>(status);
 }
 
-// TARSIER_REQUIRE writes "<function>: requires <expression>: <message>"; people want the message.
+// TARSIER_REQUIRE writes "<function>: requires <expression>: <message>"; people want the message,
+// and what was said before it (the path of a file).
 std::string without_requirement(std::string_view what) {
   constexpr std::string_view kMark = ": requires ";
   const size_t mark = what.find(kMark);
   if (mark == std::string_view::npos) return std::string(what);
+  const size_t before = mark == 0 ? std::string_view::npos : what.rfind(": ", mark - 1);
+  const std::string_view prefix =
+      before == std::string_view::npos ? std::string_view() : what.substr(0, before + 2);
   for (size_t at = what.find(": ", mark + kMark.size()); at != std::string_view::npos;
        at = what.find(": ", at + 1)) {
-    if (what[at - 1] != ' ') return std::string(what.substr(at + 2));  // not the ':' of "a ? b : c"
+    if (what[at - 1] != ' ') {  // not the ':' of "a ? b : c"
+      return fmt::format("{}{}", prefix, what.substr(at + 2));
+    }
   }
   return std::string(what);
 }
@@ -106,11 +113,9 @@ std::vector<std::string> verb_names(const CLI::App& app) {
 bool is_area(const CLI::App& app) { return !verb_names(app).empty(); }
 
 std::string path_of(const CLI::App& app) {
-  if (app.get_parent() == nullptr) return "tarsier";
-  return path_of(*app.get_parent()) + ' ' + app.get_name();
+  const std::string verb = verb_of(app);
+  return verb.empty() ? "tarsier" : "tarsier " + verb;
 }
-
-std::string help_of(const CLI::App& app) { return app.help(path_of(*app.get_parent())); }
 
 // The words that lead to a verb, as `tokens` has them; `count` tells how many were used.
 CLI::App* chosen_app(CLI::App& root, const std::vector<std::string>& tokens, size_t& count) {
@@ -288,13 +293,14 @@ int run_checked(int argc, const char* const* argv) {
   add_doctor(app, context);
   add_demo(app, context);
   add_bench(app, context);
+  add_help(app, context);
 
   std::vector<std::string> tokens(argv + std::min(argc, 1), argv + argc);
   try {
     size_t used = 0;
     const CLI::App* chosen = chosen_app(app, tokens, used);
     if (is_area(*chosen) && used == tokens.size()) {
-      const std::string help = chosen == &app ? std::string(kHelp) : help_of(*chosen);
+      const std::string help = chosen == &app ? std::string(kHelp) : help_text(*chosen);
       std::fwrite(help.data(), 1, help.size(), stderr);
       return static_cast<int>(ExitStatus::kUsage);
     }
@@ -305,7 +311,7 @@ int run_checked(int argc, const char* const* argv) {
   } catch (const CLI::CallForHelp&) {
     const CLI::App* shown = &app;
     while (!shown->get_subcommands().empty()) shown = shown->get_subcommands().front();
-    print_text(shown == &app ? std::string(kHelp) : help_of(*shown));
+    print_text(shown == &app ? std::string(kHelp) : help_text(*shown));
     return 0;
   } catch (const CLI::CallForVersion&) {
     print_text(fmt::format("tarsier {}\n", version()));
@@ -325,6 +331,7 @@ int run_checked(int argc, const char* const* argv) {
 
 void add_common_flags(CLI::App& verb, Context& context) {
   const auto common = [](CLI::Option* option) { option->group("Common"); };
+  verb.set_version_flag("--version", fmt::format("tarsier {}", version()))->group("");
   common(verb.add_flag("--json", context.json, "JSON lines on stdout, logs on stderr"));
   common(verb.add_flag("--quiet", context.quiet, "only warnings and errors on stderr"));
   common(verb.add_option("--seed", context.seed, "of everything random")
@@ -355,7 +362,7 @@ int run_program(int argc, const char* const* argv) {
   try {
     return run_checked(argc, argv);
   } catch (const Error& error) {
-    return fail(error.status(), error.what());
+    return fail(error.status(), without_requirement(error.what()));
   } catch (const std::invalid_argument& error) {
     return fail(ExitStatus::kUsage, without_requirement(error.what()));
   } catch (const cv::Exception& error) {
@@ -378,6 +385,8 @@ void print_text(std::string_view text) {
 void print_json_line(const std::string& object) { print_text(object + '\n'); }
 
 std::string_view version() { return TARSIER_VERSION; }
+
+std::string_view main_help() { return kHelp; }
 
 std::string program_folder() {
   std::error_code error;

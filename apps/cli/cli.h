@@ -51,6 +51,7 @@ void add_models(CLI::App& app, Context& context);
 void add_bench(CLI::App& app, Context& context);
 void add_demo(CLI::App& app, Context& context);
 void add_doctor(CLI::App& app, Context& context);
+void add_help(CLI::App& app, Context& context);  // hidden from --help
 
 // Runs the program: parses, runs the chosen verb, and turns every error into one line on stderr and
 // an exit status. Never throws.
@@ -65,6 +66,9 @@ void print_text(std::string_view text);
 
 // "0.1.0"
 [[nodiscard]] std::string_view version();
+
+// `tarsier --help`
+[[nodiscard]] std::string_view main_help();
 
 // The folder of the running program, or an empty string where the system does not tell.
 [[nodiscard]] std::string program_folder();

@@ -166,7 +166,7 @@ void add_aam_explore(CLI::App& area, Context& context) {
   verb.add_option("-o,--output", flags->output, "picture to write instead of a window");
   verb.add_option("--grid", flags->grid,
                   "picture of the modes at -3 .. 3 standard deviations, and of random faces");
-  verb.add_option("--modes", flags->modes, "--grid: of the shape, and of the look")
+  verb.add_option("--modes", flags->modes, "--grid: modes of the shape, and of the look")
       ->check(CLI::Range(1, 50))
       ->capture_default_str();
   verb.add_option("--cell", flags->cell, "--grid: px, side of a face")

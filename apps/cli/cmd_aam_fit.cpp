@@ -111,7 +111,7 @@ void add_aam_fit(CLI::App& area, Context& context) {
   film(verb.add_option("--search-every", flags->track.search_every,
                        "frames between searches for new faces")
            ->capture_default_str());
-  film(verb.add_option("--most-faces", flags->track.most_objects, "followed at a time")
+  film(verb.add_option("--most-faces", flags->track.most_objects, "objects followed at a time")
            ->capture_default_str());
   add_common_flags(verb, context);
   verb.callback(

@@ -154,7 +154,7 @@ void add_aam_train(CLI::App& area, Context& context) {
       ->capture_default_str();
   verb.add_option("--width", options.frame_width, "px, of the mean frame in which the fit works")
       ->capture_default_str();
-  verb.add_option("--levels", options.levels, "of resolution, each half of the one before")
+  verb.add_option("--levels", options.levels, "levels of resolution, each half of the one before")
       ->capture_default_str();
   verb.add_option("--variance", options.shape.variance, "share that the shape modes keep")
       ->capture_default_str();
@@ -162,11 +162,13 @@ void add_aam_train(CLI::App& area, Context& context) {
   verb.add_option("--texture-variance", options.texture_variance,
                   "share that the texture modes keep")
       ->capture_default_str();
-  verb.add_option("--texture-modes", options.texture_modes, "at most")->capture_default_str();
+  verb.add_option("--texture-modes", options.texture_modes, "texture modes at most")
+      ->capture_default_str();
   verb.add_option("--colour-width", options.colour_width,
                   "px, of the frame in which faces are drawn")
       ->capture_default_str();
-  verb.add_option("--colour-modes", options.colour_modes, "at most")->capture_default_str();
+  verb.add_option("--colour-modes", options.colour_modes, "colour modes at most")
+      ->capture_default_str();
   verb.add_flag("!--no-colour", options.colour, "no colour texture: the model only fits");
   verb.add_flag("--mirror", options.mirror, "learn from mirrored pictures too");
   verb.add_option("--to-the-right", options.to_the_right,

@@ -310,7 +310,7 @@ void add_calibrate(CLI::App& app, Context& context) {
   verb.add_option("--draw", flags->draw,
                   "folder for pictures with their corners, and coverage.png");
   verb.add_option("--undistorted", flags->undistorted, "folder for the pictures, straightened");
-  verb.add_option("--views", flags->views, "at most so many of a film")
+  verb.add_option("--views", flags->views, "so many pictures of a film, at most")
       ->check(CLI::Range(3, 500))
       ->capture_default_str();
   verb.add_option("--every", flags->run.every, "of films: look at fewer frames, N times")
@@ -322,7 +322,7 @@ void add_calibrate(CLI::App& app, Context& context) {
   live(verb.add_flag("--fullscreen", flags->run.fullscreen, "the window fills the screen"));
   live(verb.add_option("--actions", flags->run.actions, "-: actions by name on stdin, one a line")
            ->check(CLI::IsMember({"-"})));
-  live(verb.add_option("--frames", flags->run.frames, "stop after so many; 0: all")
+  live(verb.add_option("--frames", flags->run.frames, "stop after so many frames; 0: all")
            ->check(CLI::NonNegativeNumber)
            ->capture_default_str());
   live(verb.add_option("--width", flags->run.source.width, "asked of a camera, px; 0: its choice")

@@ -114,7 +114,7 @@ void add_verb(CLI::App& area, Context& context, const char* name, const char* he
   film(verb.add_option("--least-score", flags->tracker.least_score,
                        "a face whose fit is worth less is lost and looked for again")
            ->capture_default_str());
-  film(verb.add_option("--most-faces", flags->tracker.most_faces, "followed at a time")
+  film(verb.add_option("--most-faces", flags->tracker.most_faces, "faces followed at a time")
            ->capture_default_str());
   add_common_flags(verb, context);
   verb.callback(

@@ -153,7 +153,7 @@ void add_people_enroll(CLI::App& area, Context& context) {
       ->required();
   add_gallery_flag(verb, flags->people);
   verb.add_option("--note", flags->note, "of consent: who agreed to what, when");
-  verb.add_option("--faces", flags->most, "stop after so many")
+  verb.add_option("--faces", flags->most, "stop after so many faces")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
   verb.add_flag("--largest", flags->largest, "of several faces in a picture the largest");
@@ -163,7 +163,7 @@ void add_people_enroll(CLI::App& area, Context& context) {
                   "films: how far a face differs from the last that was taken")
       ->capture_default_str();
   verb.add_option("--least-seconds", flags->collect.least_seconds,
-                  "films: and how much later it is")
+                  "films: and how many seconds later it is")
       ->capture_default_str();
   add_face_flags(verb, flags->people);
   add_common_flags(verb, context);

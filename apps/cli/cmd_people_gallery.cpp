@@ -145,7 +145,8 @@ void add_people_gallery(CLI::App& area, Context& context) {
   CLI::Option* sightings =
       list.add_flag("--sightings", flags->sightings, "who was seen, newest first");
   list.add_option("--limit", flags->limit, "of the sightings the newest so many; 0: all")
-      ->check(CLI::NonNegativeNumber);
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   list.add_option("--keep", flags->keep, "delete sightings that are older: 30d, 12h, 90m ..")
       ->excludes(sightings);
   add_common_flags(list, context);
@@ -155,7 +156,7 @@ void add_people_gallery(CLI::App& area, Context& context) {
 
   CLI::App& forget = *area.add_subcommand(
       "forget", "removes a person for good and proves it by searching the folder's files");
-  forget.add_option("NAME", flags->name)->required();
+  forget.add_option("NAME", flags->name, "as `people list` shows it")->required();
   add_gallery_flag(forget, flags->people);
   forget.add_flag("--yes", flags->yes, "do not ask");
   add_common_flags(forget, context);

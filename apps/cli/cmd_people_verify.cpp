@@ -104,7 +104,7 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
 void add_people_verify(CLI::App& area, Context& context) {
   CLI::App& verb = *area.add_subcommand("verify", "is it this person? Exit status 0: yes, 1: no");
   auto flags = std::make_shared<VerifyFlags>();
-  verb.add_option("NAME", flags->name)->required();
+  verb.add_option("NAME", flags->name, "as `people list` shows it")->required();
   verb.add_option("INPUT", flags->inputs, "pictures")->required();
   add_gallery_flag(verb, flags->people);
   verb.add_option("--far", flags->rate, "share of others who may pass")

@@ -149,7 +149,7 @@ void add_plate_read(CLI::App& plate, Context& context) {
                        "s in which the same text is the same vehicle, come back")
            ->capture_default_str());
   film(verb.add_option("--parked-return-within", flags->tracker.parked_return_within,
-                       "the same of one that stood still")
+                       "s, the same of one that stood still")
            ->capture_default_str());
   film(verb.add_option("--least-readings", flags->tracker.least_readings,
                        "frames in which a vehicle must be read")

@@ -220,7 +220,8 @@ void add_pose_solve(CLI::App& area, Context& context) {
       ->required();
   CLI::Option* camera = verb.add_option(
       "--camera", flags->camera, "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
-  verb.add_option("--focal", flags->focal, "focal length, px; the principal point is the middle")
+  verb.add_option("--focal", flags->focal,
+                  "focal length, px; the principal point is the middle [none: this or --camera]")
       ->check(CLI::PositiveNumber)
       ->excludes(camera);
   verb.add_option("--origin", flags->origin,

@@ -141,7 +141,7 @@ void add_pose_train_head(CLI::App& area, Context& context) {
   head::TrainHeadOptions& options = flags->options;
   verb.add_option("--modes", options.modes, "how many ways to deform are learnt")
       ->capture_default_str();
-  verb.add_option("--iterations", options.iterations, "of expectation maximisation")
+  verb.add_option("--iterations", options.iterations, "iterations of expectation maximisation")
       ->capture_default_str();
   verb.add_option("--outer-eye-mm", options.outer_eye_mm,
                   "between the outer eye corners: pictures alone have no scale")

@@ -441,18 +441,22 @@ void add_sfm_reconstruct(CLI::App& sfm, Context& context) {
   match(verb.add_option("--features", flags->features, "sift, orb, akaze")
             ->check(CLI::IsMember({"sift", "orb", "akaze"}))
             ->capture_default_str());
-  match(verb.add_option("--most-features", flags->pipeline.features.most, "of a photograph")
+  match(verb.add_option("--most-features", flags->pipeline.features.most,
+                        "features of a photograph, at most")
             ->capture_default_str());
-  match(verb.add_option("--contrast", flags->pipeline.features.contrast, "least, of SIFT")
+  match(verb.add_option("--contrast", flags->pipeline.features.contrast,
+                        "least, of SIFT, share of the grey range")
             ->capture_default_str());
   match(verb.add_option("--downscale", flags->downscale, "look at photographs reduced by this")
             ->capture_default_str());
   match(verb.add_option("--pairs", flags->pairs,
                         "auto, exhaustive, sequential, retrieval, or a file with two names a line")
             ->capture_default_str());
-  match(verb.add_option("--overlap", flags->pipeline.overlap, "of --pairs sequential")
+  match(verb.add_option("--overlap", flags->pipeline.overlap,
+                        "photographs that each is matched with, of --pairs sequential")
             ->capture_default_str());
-  match(verb.add_option("--nearest", flags->pipeline.nearest, "of --pairs retrieval")
+  match(verb.add_option("--nearest", flags->pipeline.nearest,
+                        "photographs that each is matched with, of --pairs retrieval")
             ->capture_default_str());
   match(verb.add_option("--matches", flags->matches,
                         "sift: descriptors; flow: follow points from frame to frame")
@@ -464,7 +468,7 @@ void add_sfm_reconstruct(CLI::App& sfm, Context& context) {
             ->capture_default_str());
   const auto map = [](CLI::Option* option) { option->group("Mapping"); };
   map(verb.add_option("--reprojection-px", flags->pipeline.mapper.reprojection_px,
-                      "an observation farther off is dropped")
+                      "px; an observation farther off is dropped")
           ->capture_default_str());
   map(verb.add_option("--least-angle", flags->pipeline.mapper.least_angle_deg,
                       "between a point's rays, degrees")
@@ -475,7 +479,8 @@ void add_sfm_reconstruct(CLI::App& sfm, Context& context) {
   const auto out = [](CLI::Option* option) { option->group("Result"); };
   out(verb.add_option("--align", flags->align,
                       "name,x,y,z lines with where photographs were taken; or gps: from EXIF"));
-  out(verb.add_option("--distance", flags->distance, "between two cameras, for the scale"));
+  out(verb.add_option("--distance", flags->distance,
+                      "between two cameras, in any unit: the model's from then on [none]"));
   out(verb.add_option("--distance-between", flags->distance_between, "their photographs' names")
           ->expected(2));
   out(verb.add_option("--export", flags->exports,

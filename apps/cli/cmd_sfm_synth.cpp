@@ -95,7 +95,8 @@ void add_sfm_synth(CLI::App& sfm, Context& context) {
   verb.add_option("--noise", flags->scene.noise, "grey levels")
       ->check(CLI::Range(0.0, 64.0))
       ->capture_default_str();
-  verb.add_option("--focal", flags->scene.focal_px, "px; 0: the larger side");
+  verb.add_option("--focal", flags->scene.focal_px, "px; 0: the larger side")
+      ->capture_default_str();
   verb.add_flag("--pure-rotation", flags->scene.pure_rotation, "the camera only turns");
   add_common_flags(verb, context);
   verb.callback([flags, &context] {

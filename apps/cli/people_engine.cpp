@@ -41,6 +41,10 @@ people::FaceReader make_face_reader(const PeopleFlags& flags) {
   options.finder.detector.min_size = flags.min_face;
   options.finder.thorough = flags.thorough;
   options.finder.detector.check();
+  // A wrong path is told before anything is written, also where the file is needed only at the end.
+  if (!flags.background.empty()) {
+    static_cast<void>(recognition::read_background(flags.background));
+  }
   std::shared_ptr<const landmarks::LandmarkModel> model;
   if (options.eyes == people::EyeMethod::kLandmarks) {
     const std::string path =
@@ -72,7 +76,10 @@ std::optional<recognition::Recognizer> model_of_gallery(people::Gallery& gallery
                                                         const PeopleFlags& flags,
                                                         Context& context) {
   std::optional<recognition::Background> background;
-  if (!gallery.model() && gallery.face_count() > 0) background = find_background(flags);
+  // A file that was named must be right, even where the stored model makes it unnecessary.
+  if (!flags.background.empty() || (!gallery.model() && gallery.face_count() > 0)) {
+    background = find_background(flags);
+  }
   const auto general = background ? &*background : nullptr;
   bool store = true;
   try {

@@ -618,7 +618,7 @@ void add_run_flags(CLI::App& verb, RunFlags& flags) {
   verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
   verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
       ->check(CLI::IsMember({"-"}));
-  verb.add_option("--frames", flags.frames, "stop after so many; 0: all")
+  verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   verb.add_option("--every", flags.every, "take every N-th frame")

@@ -42,7 +42,7 @@ void add_online_flags(CLI::App& verb, OnlineFlags& flags) {
               ->capture_default_str());
   needing(verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
               ->check(CLI::IsMember({"-"})));
-  needing(verb.add_option("--frames", flags.frames, "stop after so many; 0: all")
+  needing(verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
               ->check(CLI::NonNegativeNumber)
               ->capture_default_str());
   needing(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")

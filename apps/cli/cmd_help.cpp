@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/io/atomic_file.h"
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+
+#include "cli.h"
+#include "command_tree.h"
+#include "manual.h"
+#include <cstdlib>
+#include <ctime>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+struct HelpOptions {
+  std::vector<std::string> words;
+  std::string manual;
+  bool bash = false;
+};
+
+// Of the build, which may fix it ($SOURCE_DATE_EPOCH) so that the same source gives the same files.
+std::string date_of_build() {
+  std::time_t now = std::time(nullptr);
+  if (const char* fixed = std::getenv("SOURCE_DATE_EPOCH"); fixed != nullptr) {
+    now = static_cast<std::time_t>(std::strtoll(fixed, nullptr, 10));
+  }
+  return fmt::format("{:%Y-%m-%d}", fmt::gmtime(now));
+}
+
+nlohmann::json json_of(const FlagInfo& flag) {
+  return {{"names", flag.names},
+          {"positional", flag.positional},
+          {"value", flag.value},
+          {"choices", flag.choices},
+          {"range", flag.range},
+          {"default", flag.default_value},
+          {"description", flag.description},
+          {"group", flag.group},
+          {"required", flag.required},
+          {"many", flag.many}};
+}
+
+void print_tree(const std::vector<AreaInfo>& areas) {
+  for (const AreaInfo& area : areas) {
+    for (const VerbInfo& verb : area.verbs) {
+      nlohmann::json flags = nlohmann::json::array();
+      for (const FlagInfo& flag : verb.flags) flags.push_back(json_of(flag));
+      print_json_line(nlohmann::json{
+          {"area", area.name},
+          {"verb", fmt::format("{}", fmt::join(verb.path, " "))},
+          {"description", verb.description},
+          {"usage", verb.usage},
+          {"example", verb.example},
+          {"flags",
+           flags}}.dump());
+    }
+  }
+}
+
+const CLI::App& app_of(const CLI::App& root, const std::vector<std::string>& words) {
+  const CLI::App* app = &root;
+  for (const std::string& word : words) {
+    std::vector<std::string> known;
+    const CLI::App* next = nullptr;
+    for (const CLI::App* part : app->get_subcommands([](const CLI::App*) { return true; })) {
+      if (part->get_name() == word) next = part;
+      known.push_back(part->get_name());
+    }
+    if (next == nullptr) {
+      const std::string meant = nearest_word(word, known);
+      throw UsageError(fmt::format("no help for '{}'{}", word,
+                                   meant.empty() ? "" : ": did you mean '" + meant + "'?"));
+    }
+    app = next;
+  }
+  return *app;
+}
+
+ExitStatus run_help(const CLI::App& root, const Context& context, const HelpOptions& options) {
+  if (!options.manual.empty()) {
+    make_folder(options.manual);
+    for (const ManualFile& page : manual_pages(command_tree(root), date_of_build())) {
+      write_file_atomically(options.manual + '/' + page.name, page.text);
+    }
+  } else if (options.bash) {
+    print_text(bash_completion(command_tree(root)));
+  } else if (context.json) {
+    print_tree(command_tree(root));
+  } else {
+    print_text(options.words.empty() ? std::string(main_help())
+                                     : help_text(app_of(root, options.words)));
+  }
+  return ExitStatus::kDone;
+}
+
+}  // namespace
+
+void add_help(CLI::App& app, Context& context) {
+  CLI::App& verb = *app.add_subcommand("help", "the help of a verb; all verbs for other programs");
+  verb.group("");  // `--help` after any verb is what people are told of
+  const auto options = std::make_shared<HelpOptions>();
+  verb.add_option("VERB", options->words, "area and verb, e.g. plate read");
+  CLI::Option& manual =
+      *verb.add_option("--man", options->manual, "folder to write manual pages into");
+  verb.add_flag("--bash", options->bash, "completion script for bash, on stdout")
+      ->excludes(&manual);
+  add_common_flags(verb, context);
+  verb.callback([&app, &context, options] {
+    context.run = [&app, &context, options] { return run_help(app, context, *options); };
+  });
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,25 @@
+# What `cmake --install` lays out beside the programs and libraries (those install themselves). The components are the
+# Debian packages: program, gui, dev, models.
+include(CMakePackageConfigHelpers)
+
+set(TARSIER_CMAKE_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/tarsier)
+set(TARSIER_MODELS_DESTINATION share/tarsier/models)  # find_models_folder looks there
+
+install(DIRECTORY models/ DESTINATION ${TARSIER_MODELS_DESTINATION} COMPONENT models)
+
+configure_package_config_file(cmake/tarsierConfig.cmake.in ${PROJECT_BINARY_DIR}/tarsierConfig.cmake
+  INSTALL_DESTINATION ${TARSIER_CMAKE_DESTINATION} PATH_VARS TARSIER_MODELS_DESTINATION)
+# Before 1.0 a minor version may change interfaces.
+write_basic_package_version_file(${PROJECT_BINARY_DIR}/tarsierConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/tarsierConfig.cmake ${PROJECT_BINARY_DIR}/tarsierConfigVersion.cmake
+              cmake/TarsierAruco.cmake cmake/TarsierDlib.cmake
+        DESTINATION ${TARSIER_CMAKE_DESTINATION} COMPONENT dev)
+install(EXPORT tarsierTargets NAMESPACE tarsier:: DESTINATION ${TARSIER_CMAKE_DESTINATION} COMPONENT dev)
+
+# The sample of find_package, units of systemd (not enabled), and the mirror of a desktop (docs/pi.md).
+install(DIRECTORY examples/find_package DESTINATION share/doc/libtarsier-dev/examples COMPONENT dev)
+if(CMAKE_INSTALL_PREFIX STREQUAL "/usr")  # of packages only: elsewhere systemd does not look, and they name /usr/bin
+  install(DIRECTORY packaging/systemd/ DESTINATION lib/systemd/system COMPONENT program)
+endif()
+install(FILES packaging/tarsier-cartoon-mirror.desktop packaging/tarsier-cartoon-mirror.service
+        DESTINATION share/doc/tarsier/examples COMPONENT program)

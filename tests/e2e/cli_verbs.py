@@ -1,0 +1,415 @@
+# SPDX-License-Identifier: MIT
+"""Walks all verbs as `tarsier help --json` lists them, so that a new verb is in the test from its first day.
+
+For each: --help, its example, its flags, --version, an unknown flag, a missing input, a missing model, --json, --quiet,
+interruption. Runs in an empty folder; $TARSIER is the program. A verb that is missing in a table below fails.
+"""
+import json
+import os
+import random
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+
+PROGRAM = os.environ["TARSIER"]
+failures = []
+
+
+def fail(verb, text):
+    failures.append(verb)
+    print(f"FAILED: {verb}: {text}", flush=True)
+
+
+class Result:
+    def __init__(self, status, out, err):
+        self.status, self.out, self.err = status, out, err
+
+    def __str__(self):
+        return f"exit status {self.status}, stdout {self.out[:300]!r}, stderr {self.err[:500]!r}"
+
+
+def run(words, stdin=""):
+    try:
+        done = subprocess.run([PROGRAM, *words], input=stdin, capture_output=True, text=True, timeout=120)
+    except subprocess.TimeoutExpired:
+        return Result(-1, "", f"tarsier {' '.join(words)}: still running after 120 s")
+    return Result(done.returncode, done.stdout, done.stderr)
+
+
+def expect_error(verb, result, status, name=""):
+    lines = result.err.splitlines()
+    if result.status != status:
+        fail(verb, f"expected exit status {status}: {result}")
+    elif len(lines) != 1 or not lines[0].startswith("tarsier: error: "):
+        fail(verb, f"not one line of error: {result}")
+    elif name not in lines[0]:
+        fail(verb, f"the error does not name {name}: {result}")
+    elif result.out:
+        fail(verb, f"an error, and output: {result}")
+
+
+# What a verb is run with here: the words behind the verb, lines on stdin, exit status (0 unless given), lines of JSON
+# (at least one unless given). `head`, `cars` .. are made first, by the program.
+FACE = "head/images/0000.png"
+BOARD = "'synth:board?size=480x360&fps=5&frames=110' --board chess:9x6 --square 25mm"
+VALID = {
+    "cartoon run": dict(words="scene.png -o drawn.png"),
+    "landmarks annotate": dict(words="head/images -o own.json --actions -", stdin="frames 1\nclick 20 20\n"),
+    "landmarks import": dict(words="points -o imported.json"),
+    "landmarks show": dict(words="head/set.json -o sheet.png"),
+    "landmarks train shape": dict(words="head/set.json -o shape.json"),
+    "landmarks train patches": dict(words="head/set.json -o patches.json --patch 5"),
+    "landmarks train detector": dict(words="head/set.json -o detector.json"),
+    "landmarks train trees": dict(words="head/set.json -o trees.json --levels 1 --trees 2"),
+    "landmarks train tracker": dict(words="head/set.json -o tracker.json --levels 1 --trees 2"),
+    "landmarks train face-detector": dict(words="head/set.json -o finder.json --window 40 --no-mirror"),
+    "landmarks fit": dict(words=f"{FACE} -o fitted.png"),
+    "landmarks track": dict(words="head/images --sequence -o none"),
+    "landmarks adapt": dict(words="head/set.json -o adapted.json --starts 4 --ridge 1"),
+    "landmarks eval": dict(words="head/set.json"),
+    "aam train": dict(words="head/set.json -o aam.json --width 24 --levels 1 --no-colour --no-detector"),
+    "aam explore": dict(words="-o face.png"),
+    "aam fit": dict(words=f"{FACE} -o aam.png --iterations 3"),
+    "aam eval": dict(words="head/set.json --iterations 3"),
+    "pose solve": dict(words="--object cube.txt --points seen.txt --focal 800"),
+    "pose train-head": dict(words="head/set.json -o learnt.json --modes 1 --iterations 2"),
+    "pose track": dict(words=f"{FACE} -o posed.png"),
+    "pose eval": dict(words="--truth head/truth.jsonl"),
+    "pose synth": dict(words="-o other --count 1 --size 160x120"),
+    "people enroll": dict(words=f"Ann {FACE} --any-quality"),
+    "people list": dict(words=""),
+    "people forget": dict(words="Ann --yes"),
+    "people export": dict(words="-o all"),
+    "people train": dict(words=""),
+    "people identify": dict(words=f"{FACE} -o named.png"),
+    "people verify": dict(words=f"Ann {FACE} --far 0.5"),
+    "people show": dict(words="-o inside.png"),
+    "people eval": dict(words="faces.lst -k 1 --seeds 1 --algorithm lbph"),
+    "people live": dict(words="head/images --sequence -o none"),
+    "plate read": dict(words="cars/images/car-00000.jpg -o read.png"),
+    "plate segment": dict(words="cars/images -o cut"),
+    "plate train-detector": dict(words="plates -o svm.json --pipeline classic"),
+    "plate train-reader": dict(words="letters -o mlp.json --pipeline classic --reader mlp --neurons 2"),
+    "plate eval": dict(words="cars/images --truth cars/truth.csv"),
+    "plate sweep": dict(words="letters --features 5 --neurons 2 --splits 1 --train 60 --iterations 1"),
+    "plate synth": dict(words="-o more --count 1 --size 320x180"),
+    "plate log": dict(words="plates.db"),
+    "sfm reconstruct": dict(words="views/images -o model --no-cache"),
+    "sfm synth": dict(words="-o scene2 --images 2 --size 160x120"),
+    "sfm eval": dict(words="model --truth views/truth.jsonl"),
+    "calibrate": dict(words=f"{BOARD} -o lens.yaml"),
+    "ar marker-sheet": dict(words="--ids 0-3 -o sheet.pdf"),
+    "ar markers": dict(words="markers/images -o none"),
+    "ar eval": dict(words="markers/truth.jsonl"),
+    "ar synth": dict(words="planar -o posters --count 1 --size 320x240"),
+    "ar target-train": dict(words="scene.png -o scene.target.json --trials 2"),
+    "ar target-track": dict(words="scene.png --target first.target.json -o none"),
+    "models list": dict(words=""),
+    "models info": dict(words="landmarks68"),
+    "models verify": dict(words=""),
+    "doctor": dict(words=""),
+}
+# These are only interrupted here: they are long; demo_page and the figures of docs/results.md run them.
+LONG = {"demo": "-o page", **{f"bench {name}": "--json" for name in
+        "aam cartoon eyes landmarks people plate calibrate markers posit render steady targets".split()}}
+
+# The examples name files that are not there: all say so, with this status, but those that need no file.
+EXAMPLE_STATUS = {
+    "aam explore": 0, "pose synth": 0, "plate synth": 0, "sfm synth": 0, "ar marker-sheet": 0, "ar synth": 0, "models list": 0,
+    "models info": 0, "people list": 1, "people forget": 1, "people export": 1, "people train": 1, "people show": 1,
+    "models verify": 0, "doctor": 0,
+}
+
+def check_help(verb):
+    name = verb["verb"]
+    result = run([*name.split(), "--help"])
+    if result.status != 0 or result.err or f"Usage: tarsier {name}" not in result.out:
+        fail(name, f"--help: {result}")
+    for flag in verb["flags"]:
+        if flag["names"][0] not in result.out:
+            fail(name, f"--help lacks {flag['names'][0]}")
+    if verb["example"] and "Example: " + verb["example"] not in result.out:
+        fail(name, "--help lacks the example")
+    common = {flag["names"][0] for flag in verb["flags"] if flag["group"] == "Common"}
+    if common != {"--json", "--quiet", "--seed", "--threads", "--log-level", "--progress", "--debug-dir", "--config"}:
+        fail(name, f"common flags: {sorted(common)}")
+
+
+UNITS = re.compile(r"""\b(px|mm|s|degrees|seconds|frames?|share|times|pictures?|features|points?|modes?|views?|photographs|grey\ levels
+    |standard\ deviations?|nats|%|batches|digits|pages?|characters?|candidates|plates?|faces?|people|samples?|threads|cores
+    |iterations?|rounds|runs|draws|splits|levels?|trees?|starts?|eigenfaces|sightings|fits|sides?|pixels|hidden|rate
+    |neurons|width|aperture|aligner's|rays|diagonal|fps|newest|numbers?|mistakes|accuracy|deviations|distances|inlier
+    |weight|likeness|Laplacian|Scharr|filters|natural|overlap|score|worth|scale|SIFT|reduced|differs?|taken|life|tree
+    |logit|SVM|training|random|camera|noise|kind|page|png|dpi|resolution|objects?|object\ units|corners|how\ many|%\ of)\b|%\ of|\d\.\.\d|[([]\d+(\.\d+)?,\ \d""", re.X)
+
+
+def check_flags(verb):
+    name = verb["verb"]
+    if not verb["description"]:
+        fail(name, "no description")
+    for flag in verb["flags"]:
+        called = flag["names"][0]
+        text = flag["description"]
+        if not text and not flag["choices"]:
+            fail(name, f"{called} has no description")
+        if flag["value"] in ("INT", "FLOAT", "UINT") and not flag["positional"]:
+            if not flag["default"] and not flag["required"] and "[" not in text and "default" not in text:
+                fail(name, f"{called}: --help does not tell its default")
+            if flag["group"] != "Common" and not UNITS.search(text):
+                fail(name, f"{called}: --help tells no unit and no meaning: {text!r}")
+
+
+def check_example(verb):
+    """It is of this verb, uses only flags that exist, has all that is required, and is no usage error."""
+    name = verb["verb"]
+    words = shlex.split(verb["example"])
+    if not words:
+        return fail(name, "no example: add one to apps/cli/examples.cpp")
+    if words[: 1 + len(name.split())] != ["tarsier", *name.split()]:
+        return fail(name, f"the example is of another verb: {verb['example']}")
+    known = {n for flag in verb["flags"] for n in flag["names"]}
+    for word in words:
+        if word.startswith("-") and word.split("=")[0] not in known:
+            fail(name, f"the example has an unknown flag: {word}")
+    if name in LONG or name == "people live":  # a camera
+        return None
+    os.makedirs("empty", exist_ok=True)
+    here = os.getcwd()
+    os.chdir("empty")
+    try:
+        result = run(words[1:])
+    finally:
+        os.chdir(here)
+    status = EXAMPLE_STATUS.get(name, 3)
+    if result.status != status:
+        fail(name, f"the example, without its files: expected exit status {status}: {result}")
+    elif status == 3:  # the last line; "nobody is enrolled" may come before it
+        result.err = "\n".join(result.err.splitlines()[-1:])
+        expect_error(name, result, 3)
+    return None
+
+
+def check_usage(verb):
+    name = verb["verb"]
+    expect_error(name, run([*name.split(), "--frobnicate"]), 2, "--frobnicate")
+    result = run([*name.split(), "--version"])
+    if result.status != 0 or not re.fullmatch(r"tarsier \d+\.\d+\.\d+\n", result.out) or result.err:
+        fail(name, f"--version: {result}")
+    if any(flag["required"] for flag in verb["flags"]):
+        expect_error(name, run(name.split()), 2)
+
+
+def check_missing(verb):
+    """What is read comes from somewhere that does not exist: one line that names it."""
+    name = verb["verb"]
+    words = shlex.split(VALID[name]["words"])
+    if name not in EXAMPLE_STATUS and not name.startswith("people "):
+        gone = ["gone/" + w if os.path.exists(w) and words[i - 1] != "-o" else w for i, w in enumerate(words)]
+        first = next((w for w in gone if w.startswith("gone/")), None)
+        if first:
+            expect_error(name, run([*name.split(), *gone], VALID[name].get("stdin", "")), 3, "gone/")
+    for flag in verb["flags"]:
+        for called in flag["names"]:
+            if called in ("--model", "--detector", "--reader", "--head", "--appearance", "--background"):
+                if flag["choices"] or (name, called) in NO_FILE:
+                    continue
+                result = run([*name.split(), *words, called, "missing.json"], VALID[name].get("stdin", ""))
+                expect_error(f"{name} {called}", result, 5, "missing.json")
+
+
+# Flags of these names that are not read by the run of VALID.
+NO_FILE = {("plate train-reader", "--detector"), ("pose track", "--appearance"), ("people eval", "--background")}
+
+
+def check_json_and_quiet(verb):
+    name = verb["verb"]
+    entry = VALID[name]
+    words = [*name.split(), *shlex.split(entry["words"]), "--json", "--quiet"]
+    prepare(name)
+    result = run(words, entry.get("stdin", ""))
+    if result.status != entry.get("status", 0):
+        return fail(name, f"a run: {result}")
+    told = [line for line in result.err.splitlines() if not line.startswith("tarsier: warning: ")]
+    if told:
+        fail(name, f"--quiet, and stderr has {told}")
+    lines = result.out.splitlines()
+    if len(lines) < entry.get("lines", 1):
+        fail(name, f"--json wrote {len(lines)} lines")
+    for line in lines:
+        try:
+            if not isinstance(json.loads(line), dict):
+                fail(name, f"--json wrote no object: {line[:200]}")
+        except ValueError:
+            fail(name, f"--json wrote {line[:200]!r}")
+    return None
+
+
+def prepare(name):
+    """Makes what a verb's run needs and another's may have taken away."""
+    if name.startswith("people "):
+        for person, folder in (("Ann", "head"), ("Ben", "other")):
+            run(["people", "enroll", person, f"{folder}/images", "--any-quality", "--quiet"])
+
+
+def left_behind():
+    return sorted(os.path.join(folder, name) for folder, _, names in os.walk(".") for name in names
+                  if name.startswith(".") or name.endswith((".tmp", ".part")))
+
+
+INTERRUPTED = {
+    **LONG,
+    "cartoon run": "synth:scene -o stopped.mp4 --quality reference",
+    "landmarks train tracker": "head/set.json -o stopped.json",
+    "landmarks train trees": "head/set.json -o stopped.json",
+    "landmarks train face-detector": "head/set.json -o stopped.json --window 40",
+    "landmarks track": "synth:scene -o stopped.mp4",
+    "landmarks eval": "head/set.json --eyes 36,45",
+    "aam train": "head/set.json -o stopped.json",
+    "aam eval": "head/set.json --convergence stopped.png --tries 1000",
+    "pose train-head": "head/set.json -o stopped.json --modes 1 --iterations 1000",
+    "pose synth": "-o stopped --count 1000",
+    "plate read": "synth:scene -o stopped.mp4",
+    "plate train-detector": "cars/images -o stopped.json",
+    "plate train-reader": "--scenes points -o stopped.json",
+    "plate synth": "-o stopped --count 10000",
+    "plate sweep": "letters --train 60 --splits 1000",
+    "sfm reconstruct": "views/images -o stopped --no-cache",
+    "sfm synth": "-o stopped --images 200",
+    "calibrate": f"{BOARD} -o stopped.yaml",
+    "ar marker-sheet": "--ids 0-200 -o stopped.pdf",
+    "ar markers": "synth:scene -o stopped.mp4",
+    "ar eval": "many/truth.jsonl -o stopped.json",
+    "ar synth": "markers -o stopped --count 10000",
+    "ar target-train": "scene.png -o stopped.json --trials 500",
+    "ar target-track": "synth:scene --target first.target.json -o stopped.mp4",
+}
+TOLERANCE = float(os.environ.get("TARSIER_STOP_S", "10"))  # s; DESIGN's 0.2 s holds on an idle machine: docs/results.md
+
+
+def wait_until_ready(process):
+    """Until the program waits for SIGINT, which it then blocks (or is gone): before that it has begun nothing."""
+    for _ in range(6000):
+        try:
+            with open(f"/proc/{process.pid}/status") as file:
+                blocked = int(next(line for line in file if line.startswith("SigBlk:")).split()[1], 16)
+        except (OSError, StopIteration):
+            return
+        if blocked & (1 << (signal.SIGINT - 1)) or process.poll() is not None:
+            return
+        time.sleep(0.01)
+
+
+def check_interruption(name, words):
+    """Stopped at several moments: 130 (or the end was reached), soon, and nothing half-written."""
+    slowest = 0.0
+    for delay in (0.05, 0.8):
+        subprocess.run("rm -rf stopped stopped.*", shell=True, check=True)
+        before = left_behind()
+        started = subprocess.Popen([PROGRAM, *name.split(), *shlex.split(words)], stdin=subprocess.DEVNULL,
+                                   stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                                   preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))  # nohup ignores it
+        wait_until_ready(started)
+        time.sleep(delay)
+        started.send_signal(signal.SIGINT)
+        begin = time.monotonic()
+        try:
+            error = started.communicate(timeout=60)[1]
+        except subprocess.TimeoutExpired:
+            started.kill()
+            error = started.communicate()[1]
+            fail(name, f"SIGINT after {delay} s did not end it within 60 s")
+        seconds = time.monotonic() - begin
+        status = started.returncode
+        slowest = max(slowest, seconds)
+        if status not in (0, 130):
+            fail(name, f"SIGINT after {delay} s: exit status {status}: {error[:300]!r}")
+        if status == 130 and seconds > TOLERANCE:
+            fail(name, f"SIGINT after {delay} s: it took {seconds:.1f} s to end")
+        if left_behind() != before:
+            fail(name, f"SIGINT after {delay} s left {set(left_behind()) - set(before)}")
+        for path in ("stopped.json", "stopped.yaml", "stopped.pdf", "stopped.png"):
+            if status == 130 and os.path.exists(path):
+                fail(name, f"SIGINT after {delay} s: {path} was written")
+        if status == 0:
+            break
+    print(f"   stopped in {slowest:.2f} s: {name}", flush=True)
+
+
+def write_grey(path, width, height, value):
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "wb") as file:
+        file.write(b"P5\n%d %d\n255\n" % (width, height))
+        file.write(bytes(value(x, y) for y in range(height) for x in range(width)))
+
+
+def make_inputs():
+    def made(*words):
+        result = run(list(words))
+        if result.status != 0:
+            sys.exit(f"cannot make the inputs: tarsier {' '.join(words)}: {result}")
+
+    made("cartoon", "run", "synth:scene", "--frames", "1", "-o", "scene.png", "--quiet")
+    made("pose", "synth", "-o", "head", "--count", "12", "--size", "320x240", "--near", "450", "--far", "500", "--quiet")
+    made("pose", "synth", "-o", "other", "--count", "6", "--size", "320x240", "--near", "450", "--far", "500",
+         "--seed", "7", "--quiet")
+    made("plate", "synth", "-o", "cars", "--count", "2", "--size", "640x360", "--quiet")
+    made("ar", "synth", "markers", "-o", "markers", "--count", "2", "--size", "320x240", "--quiet")
+    made("ar", "synth", "planar", "-o", "many", "--count", "40", "--size", "640x480", "--quiet")
+    made("ar", "target-train", "scene.png", "-o", "first.target.json", "--trials", "2", "--quiet")
+    made("sfm", "synth", "-o", "views", "--images", "6", "--size", "640x480", "--quiet")
+    os.makedirs("points")
+    with open("points/a.pts", "w") as file:
+        file.write("version: 1\nn_points: 3\n{\n1 1\n5 1\n3 4\n}\n")
+    subprocess.run(["cp", "scene.png", "points/a.png"], check=True)
+    random.seed(2)
+    for k in range(60):
+        for name, on in (("1", lambda x, y: 8 <= x <= 11), ("L", lambda x, y: x < 5 or y > 15)):
+            write_grey(f"letters/{name}/{k}.pgm", 20, 20,
+                       lambda x, y: 230 if on(x, y) and random.random() > 0.05 else random.randint(0, 40))
+        write_grey(f"plates/plate/{k}.pgm", 144, 33, lambda x, y: 40 if x // 9 % 2 and 8 < y < 25 else 210)
+        write_grey(f"plates/no-plate/{k}.pgm", 144, 33, lambda x, y: random.randint(0, 255))
+    with open("faces.lst", "w") as file:
+        file.writelines(f"{folder}/images/{i:04}.png\t{folder}\n" for folder in ("head", "other") for i in range(6))
+    result = run(["plate", "read", "cars/images", "--log", "plates.db", "-o", "none", "--quiet"])
+    if result.status not in (0, 1):
+        sys.exit(f"cannot make a log of plates: {result}")
+    cube = [(x, y, z) for z in (0, 10) for y in (0, 10) for x in (0, 10)]
+    with open("cube.txt", "w") as file:
+        file.writelines(f"{x} {y} {z}\n" for x, y, z in cube)
+    with open("seen.txt", "w") as file:
+        file.writelines(f"{800 * (x + 0.1 * z - 5) / (60 + z)} {800 * (y - 0.2 * z - 5) / (60 + z)}\n" for x, y, z in cube)
+
+
+def main():
+    listing = run(["help", "--json"])
+    verbs = [json.loads(line) for line in listing.out.splitlines()]
+    names = {verb["verb"] for verb in verbs}
+    if listing.status != 0 or len(names) < 50:
+        sys.exit(f"the list of verbs: {listing}")
+    for name in sorted(names - set(VALID) - set(LONG)):
+        fail(name, "this verb is in no table of tests/e2e/cli_verbs.py")
+    for name in sorted((set(VALID) | set(LONG) | set(INTERRUPTED)) - names):
+        fail(name, "this test is of no verb")
+    make_inputs()
+    only = sys.argv[1:]
+    for verb in verbs:
+        name = verb["verb"]
+        if only and name not in only:
+            continue
+        check_help(verb)
+        check_flags(verb)
+        check_usage(verb)
+        check_example(verb)
+        if name in VALID:
+            check_json_and_quiet(verb)
+            check_missing(verb)
+        if name in INTERRUPTED:
+            check_interruption(name, INTERRUPTED[name])
+    print(f"{len(verbs)} verbs, {len(failures)} failures")
+    sys.exit(1 if failures else 0)
+
+
+main()
