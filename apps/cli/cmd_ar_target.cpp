@@ -237,7 +237,7 @@ void add_ar_target_track(CLI::App& ar, Context& context) {
                        "followed")
            ->capture_default_str());
   film(verb.add_option("--search-px", flags->track.search_px,
-                       "how far from its predicted place a target is searched")
+                       "px, how far from its predicted place a target is searched")
            ->capture_default_str());
   add_common_flags(verb, context);
   verb.callback([flags, &context] {

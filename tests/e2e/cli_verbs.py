@@ -207,7 +207,7 @@ def check_missing(verb):
     name = verb["verb"]
     words = shlex.split(VALID[name]["words"])
     if name not in EXAMPLE_STATUS and not name.startswith("people "):
-        gone = ["gone/" + w if os.path.exists(w) and words[i - 1] != "-o" else w for i, w in enumerate(words)]
+        gone = ["gone/" + w if os.path.exists(w) and words[i - 1] not in ("-o", "--target") else w for i, w in enumerate(words)]
         first = next((w for w in gone if w.startswith("gone/")), None)
         if first:
             expect_error(name, run([*name.split(), *gone], VALID[name].get("stdin", "")), 3, "gone/")

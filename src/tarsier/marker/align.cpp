@@ -125,10 +125,12 @@ bool sample(const cv::Mat& gray, const Eigen::Matrix3d& map, const Axis& u, cons
   values.resize(v.at.size(), u.at.size());
   Eigen::Index outside = 0;
   for (Eigen::Index i = 0; i < u.at.size(); ++i) {
+    const Eigen::Vector3d start = map.col(0) * u.at[i] + map.col(2);
     for (Eigen::Index j = 0; j < v.at.size(); ++j) {
-      const Eigen::Vector3d p = map * Eigen::Vector3d(u.at[i], v.at[j], 1);
-      const double x = p.x() / p.z();
-      const double y = p.y() / p.z();
+      const Eigen::Vector3d p = start + map.col(1) * v.at[j];
+      const double shrink = 1 / p.z();
+      const double x = p.x() * shrink;
+      const double y = p.y() * shrink;
       if (!(p.z() > 0 && x >= 0 && y >= 0 && x < gray.cols - 1.001 && y < gray.rows - 1.001)) {
         values(j, i) = kOutside;
         ++outside;
@@ -236,7 +238,7 @@ bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3
   return true;
 }
 
-double median_of(std::vector<double>& values) {
+double median_of(std::vector<float>& values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
@@ -259,12 +261,9 @@ class Fit {
         blur_v_(0.8 / cell_v_),
         rows_(kParameters + 1, u_.at.size() * v_.at.size()) {}
 
-  // Samples the picture and draws the marker where both are now.
-  bool look() {
-    if (!sample(gray_, map_, u_, v_, values_)) return false;
-    u_.blur(blur_u_);
-    v_.blur(blur_v_);
-    template_ = template_of(pattern_, u_, v_);
+  // Samples the picture and draws the marker where both are now, under light fitted to it.
+  bool begin() {
+    if (!look()) return false;
     light_ = fit_light(values_, template_, u_, v_);
     return true;
   }
@@ -290,6 +289,11 @@ class Fit {
     map_ /= map_(2, 2);
     blur_u_ = next_blur(blur_u_, step[8], cell_u_);
     blur_v_ = next_blur(blur_v_, step[9], cell_v_);
+    // Slopes of light are counted from the middle, in half sides, there, and in cells here.
+    Light change = step.tail<kLights>();
+    change.segment<2>(2) /= middle;
+    change[1] -= middle * (change[2] + change[3]);
+    light_ += change;
     if (!look()) return std::nullopt;
     return step.head<8>().cwiseAbs().maxCoeff() * middle * std::max(cell_u_, cell_v_);
   }
@@ -317,6 +321,13 @@ class Fit {
  private:
   static constexpr double kMostMove = 1.2;  // cells
 
+  bool look() {
+    if (!sample(gray_, map_, u_, v_, values_)) return false;
+    u_.blur(blur_u_);
+    v_.blur(blur_v_);
+    template_ = template_of(pattern_, u_, v_);
+    return true;
+  }
   static double mean_side(const Quad& quad, std::size_t k) {
     return 0.5 *
            ((quad[(k + 1) % 4] - quad[k]).norm() + (quad[(k + 2) % 4] - quad[(k + 3) % 4]).norm());
@@ -329,26 +340,31 @@ class Fit {
     const double square = std::clamp(blur * blur + change, 0.25 * blur * blur, 4 * blur * blur);
     return std::clamp(std::sqrt(square), 0.35 / cell, 1.5);
   }
-  [[nodiscard]] double error(Eigen::Index i, Eigen::Index j) const {
-    return values_(j, i) - light_.dot(light_row(template_, u_, v_, i, j));
-  }
-  // How far a value may be off and still count a little: what is farther is not the marker's
-  // (fingers, glare).
-  [[nodiscard]] double limit() {
+  // Fills errors_; how far a value may be off and still count a little: what is farther is not the
+  // marker's (fingers, glare).
+  [[nodiscard]] double find_errors() {
+    errors_.resize(values_.rows(), values_.cols());
+    const VectorXd of_rows = light_[3] * v_.at + light_[6] * v_.before + light_[7] * v_.beyond;
     sizes_.clear();
-    for (Eigen::Index i = 0; i < u_.at.size(); ++i)
-      for (Eigen::Index j = 0; j < v_.at.size(); ++j)
-        if (values_(j, i) != kOutside) sizes_.push_back(std::abs(error(i, j)));
+    for (Eigen::Index i = 0; i < u_.at.size(); ++i) {
+      const double of_column =
+          light_[1] + light_[2] * u_.at[i] + light_[4] * u_.before[i] + light_[5] * u_.beyond[i];
+      for (Eigen::Index j = 0; j < v_.at.size(); ++j) {
+        const double e = values_(j, i) - light_[0] * template_.value(j, i) - of_column - of_rows[j];
+        errors_(j, i) = e;
+        if (values_(j, i) != kOutside) sizes_.push_back(static_cast<float>(std::abs(e)));
+      }
+    }
     return 7 * std::max(1.0, 1.4826 * median_of(sizes_));
   }
   void linearize() {
-    const double most = limit();
+    const double most = find_errors();
     const double middle = 0.5 * size_;
     Eigen::Index used = 0;
     for (Eigen::Index i = 0; i < u_.at.size(); ++i) {
       for (Eigen::Index j = 0; j < v_.at.size(); ++j) {
         if (values_(j, i) == kOutside) continue;
-        const double e = error(i, j);
+        const double e = errors_(j, i);
         const double share = e / most;
         if (share * share >= 1) continue;
         const auto weight = static_cast<float>(1 - share * share);  // its square counts
@@ -382,11 +398,17 @@ class Fit {
       }
     }
     const auto part = rows_.leftCols(used);
+    Eigen::Matrix<float, kParameters + 1, kParameters + 1> lower;
+    lower.setZero();
+    lower.selfadjointView<Eigen::Lower>().rankUpdate(part);
     const Eigen::Matrix<double, kParameters + 1, kParameters + 1> products =
-        (part * part.transpose()).cast<double>();
+        lower.selfadjointView<Eigen::Lower>().toDenseMatrix().cast<double>();
     normal_ = products.topLeftCorner<kParameters, kParameters>();
-    normal_.diagonal().tail<4>().array() += kStiffness * normal_(11, 11);
     right_ = products.topRightCorner<kParameters, 1>();
+    // Surroundings that are hardly seen stay paper.
+    const double stiffness = kStiffness * normal_(11, 11);
+    normal_.diagonal().tail<4>().array() += stiffness;
+    right_.tail<4>() -= stiffness * light_.tail<4>();
     noise_ =
         products(kParameters, kParameters) / static_cast<double>(std::max<Eigen::Index>(1, used));
   }
@@ -403,8 +425,9 @@ class Fit {
   double blur_u_;        // cells
   double blur_v_;
   Rows rows_;
-  std::vector<double> sizes_;
+  std::vector<float> sizes_;
   MatrixXd values_;
+  MatrixXd errors_;
   Template template_;
   Light light_ = Light::Zero();
   Normal normal_ = Normal::Zero();
@@ -424,9 +447,9 @@ std::optional<Alignment> align_marker(const cv::Mat& gray, Code seen, int cells,
                                       const AlignOptions& options) {
   options.check();
   TARSIER_REQUIRE(gray.type() == CV_8UC1, "a picture that is not grey");
-  constexpr double kStill = 0.01;  // px
+  constexpr double kStill = 0.02;  // px
   Fit fit(gray, seen, cells, start, options);
-  if (!fit.look()) return std::nullopt;
+  if (!fit.begin()) return std::nullopt;
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
     const auto moved = fit.step();
     if (!moved) return std::nullopt;

@@ -10,7 +10,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -29,6 +28,15 @@ std::string full_name(std::string_view name) {
     return std::string(name) + "_1000";
   if (name.starts_with("tag")) return std::string(name.substr(3));
   return std::string(name);
+}
+
+// As std::popcount, which is a call into a library where the processor may lack the instruction:
+// the reading of a code asks thousands of times.
+int number_of_ones(Code code) {
+  code -= (code >> 1U) & 0x5555555555555555U;
+  code = (code & 0x3333333333333333U) + ((code >> 2U) & 0x3333333333333333U);
+  code = (code + (code >> 4U)) & 0x0F0F0F0F0F0F0F0FU;
+  return static_cast<int>((code * 0x0101010101010101U) >> 56U);
 }
 
 }  // namespace
@@ -68,7 +76,7 @@ void Dictionary::index() {
   distance_ = cells_ * cells_;
   for (std::size_t id = 0; id < codes_.size(); ++id)
     for (std::size_t other = id * 4 + 1; other < turned_.size(); ++other)
-      distance_ = std::min(distance_, std::popcount(codes_[id] ^ turned_[other].code));
+      distance_ = std::min(distance_, number_of_ones(codes_[id] ^ turned_[other].code));
   std::sort(turned_.begin(), turned_.end(), [](const Turned& a, const Turned& b) {
     return a.code != b.code ? a.code < b.code : a.id_and_turn < b.id_and_turn;
   });
@@ -81,20 +89,28 @@ Code Dictionary::code(int id) const {
 }
 
 std::optional<Match> Dictionary::match(Code read, int max_errors, Code unknown) const {
+  const auto match_of = [](const Turned& turned, int errors) {
+    return Match{static_cast<int>(turned.id_and_turn / 4), static_cast<int>(turned.id_and_turn % 4),
+                 errors};
+  };
+  if (unknown == 0) {  // most are read without an error
+    const auto [first, last] =
+        std::ranges::equal_range(turned_, read, {}, [](const Turned& t) { return t.code; });
+    if (last - first == 1 && max_errors >= 0) return match_of(*first, 0);
+  }
   int best = cells_ * cells_ + 1;
   const Turned* found = nullptr;
   bool tie = false;
   const Code compared = ~unknown;
   for (const Turned& turned : turned_) {
-    const int errors = std::popcount((turned.code ^ read) & compared);
+    const int errors = number_of_ones((turned.code ^ read) & compared);
     if (errors > best) continue;
     tie = errors == best;
     best = errors;
     found = &turned;
   }
   if (found == nullptr || tie || best > max_errors) return std::nullopt;
-  const std::uint32_t value = found->id_and_turn;
-  return Match{static_cast<int>(value / 4), static_cast<int>(value % 4), best};
+  return match_of(*found, best);
 }
 
 std::vector<Match> Dictionary::nearest(std::span<const float> brightness, int count) const {
@@ -126,7 +142,7 @@ std::vector<Match> Dictionary::nearest(std::span<const float> brightness, int co
   for (const auto& [sum, turned] : best)
     matches.push_back({static_cast<int>(turned->id_and_turn / 4),
                        static_cast<int>(turned->id_and_turn % 4),
-                       std::popcount(turned->code ^ signs)});
+                       number_of_ones(turned->code ^ signs)});
   return matches;
 }
 

@@ -7,6 +7,7 @@
 #include <array>
 #include <bit>
 #include <cstring>
+#include <utility>
 
 namespace tarsier::marker {
 namespace {
@@ -112,22 +113,22 @@ void binarize(const cv::Mat& gray, int min_contrast, OutlineWorkspace& w) {
   }
 }
 
-int root_of(std::vector<OutlineWorkspace::Run>& runs, int run) {
-  while (runs[size(run)].parent != run) {
-    auto& r = runs[size(run)];
-    r.parent = runs[size(r.parent)].parent;
-    run = r.parent;
+int root_of(std::vector<OutlineWorkspace::Thing>& things, int thing) {
+  while (things[size(thing)].parent != thing) {
+    auto& t = things[size(thing)];
+    t.parent = things[size(t.parent)].parent;
+    thing = t.parent;
   }
-  return run;
+  return thing;
 }
 
-void join(std::vector<OutlineWorkspace::Run>& runs, int a, int b) {
-  a = root_of(runs, a);
-  b = root_of(runs, b);
-  if (a < b)
-    runs[size(b)].parent = a;
-  else
-    runs[size(a)].parent = b;
+// Makes one of two things; the earlier one stands for both.
+int join(std::vector<OutlineWorkspace::Thing>& things, int a, int b) {
+  a = root_of(things, a);
+  b = root_of(things, b);
+  if (b < a) std::swap(a, b);
+  things[size(b)].parent = a;
+  return a;
 }
 
 // Writes to `changes` where a row of 0 and 255 changes, from the left, and returns how often. Seven
@@ -158,97 +159,105 @@ int find_changes(const std::uint8_t* row, int columns, int* changes) {
   return count;
 }
 
-void find_runs(int columns, int rows, OutlineWorkspace& w) {
-  w.runs.clear();
-  w.row_starts.assign(size(rows) + 1, 0);
+// Row by row: a run belongs to the thing of the run that it touches above, and joins the things of
+// all that it touches. What is told of a thing is gathered on the way.
+void find_things(int columns, int rows, OutlineWorkspace& w) {
+  w.things.clear();
+  w.above.clear();
   w.changes.resize(size(columns) + 2);
   const std::size_t stride = size(columns) + 2;
-  std::size_t above = 0;  // first run of the row above
   for (int y = 0; y < rows; ++y) {
-    const std::size_t begin = w.runs.size();
-    w.row_starts[size(y)] = static_cast<int>(begin);
+    w.here.clear();
     // One column of the frame more: what reaches the right edge ends there.
     const int changes =
         find_changes(&w.dark[(size(y) + 1) * stride + 1], columns + 1, w.changes.data());
+    std::size_t up = 0;
     for (int i = 0; i < changes; i += 2) {
-      const int number = static_cast<int>(w.runs.size());
-      w.runs.push_back({w.changes[size(i)], w.changes[size(i) + 1] - 1, number});
+      const int first = w.changes[size(i)];
+      const int last = w.changes[size(i) + 1] - 1;
+      while (up < w.above.size() && w.above[up].last < first) ++up;
+      int thing = -1;
+      for (std::size_t k = up; k < w.above.size() && w.above[k].first <= last; ++k) {
+        const int other = w.above[k].thing;
+        if (thing < 0)
+          thing = other;
+        else if (thing != other)
+          thing = join(w.things, thing, other);
+      }
+      if (thing < 0) {
+        thing = static_cast<int>(w.things.size());
+        w.things.push_back({thing, first, y, first, last, y, 1});
+      } else {
+        auto& t = w.things[size(thing)];
+        t.left = std::min(t.left, first);
+        t.right = std::max(t.right, last);
+        t.bottom = y;
+        ++t.runs;
+      }
+      w.here.push_back({first, last, thing});
     }
-    // What touches from above.
-    std::size_t up = above;
-    for (std::size_t i = begin; i < w.runs.size(); ++i) {
-      while (up < begin && w.runs[up].last < w.runs[i].first) ++up;
-      for (std::size_t k = up; k < begin && w.runs[k].first <= w.runs[i].last; ++k)
-        join(w.runs, static_cast<int>(k), static_cast<int>(i));
-    }
-    above = begin;
+    std::swap(w.above, w.here);
   }
-  w.row_starts[size(rows)] = static_cast<int>(w.runs.size());
+  // What was joined is told of the earliest: later ones hand on theirs first.
+  for (std::size_t i = w.things.size(); i-- > 0;) {
+    const auto& t = w.things[i];
+    if (t.parent == static_cast<int>(i)) continue;
+    auto& parent = w.things[size(t.parent)];
+    parent.left = std::min(parent.left, t.left);
+    parent.right = std::max(parent.right, t.right);
+    parent.bottom = std::max(parent.bottom, t.bottom);
+    parent.runs += t.runs;
+  }
 }
 
-void find_things(int rows, OutlineWorkspace& w) {
-  w.things.clear();
-  w.things_of_runs.assign(w.runs.size(), -1);
-  for (int y = 0; y < rows; ++y) {
-    for (int i = w.row_starts[size(y)]; i < w.row_starts[size(y) + 1]; ++i) {
-      auto& run = w.runs[size(i)];
-      // Parents come first: theirs is the root already.
-      run.parent = w.runs[size(run.parent)].parent;
-      const int root = run.parent;
-      int& thing = w.things_of_runs[size(root)];
-      if (thing < 0) {  // a root is its thing's first run
-        thing = static_cast<int>(w.things.size());
-        w.things.push_back({root, run.first, y, run.first, run.last, y, 0});
+// Directions: right, down, left, up. kTurns[d][dark], `dark` with bit k where the neighbour in
+// direction k is: the first of them that is, clockwise as seen from after d; 4 where none is.
+constexpr std::array<std::array<std::uint8_t, 16>, 4> kTurns = [] {
+  std::array<std::array<std::uint8_t, 16>, 4> turns{};
+  for (unsigned direction = 0; direction < 4; ++direction) {
+    for (unsigned dark = 0; dark < 16; ++dark) {
+      turns[direction][dark] = 4;
+      for (unsigned k = 4; k >= 1; --k) {
+        const unsigned way = (direction + k) % 4;
+        if ((dark >> way) & 1U) turns[direction][dark] = static_cast<std::uint8_t>(way);
       }
-      auto& t = w.things[size(thing)];
-      ++t.runs;
-      t.left = std::min(t.left, run.first);
-      t.right = std::max(t.right, run.last);
-      t.bottom = y;
     }
   }
-}
+  return turns;
+}();
 
 // Follows the outer border from the first pixel, the outside on the left hand; false where it is
 // longer than `longest`.
 bool trace(const OutlineWorkspace::Thing& thing, int columns, std::size_t longest,
            OutlineWorkspace& w) {
   const std::ptrdiff_t stride = columns + 2;
-  // Clockwise as seen, from the right.
   constexpr std::array<int, 4> kX{1, 0, -1, 0};
   constexpr std::array<int, 4> kY{0, 1, 0, -1};
-  std::array<std::ptrdiff_t, 4> step{};
-  for (std::size_t k = 0; k < 4; ++k) step[k] = kX[k] + kY[k] * stride;
-  const std::size_t begin = w.points.size();
+  const std::array<std::ptrdiff_t, 4> step{1, stride, -1, -stride};
   const std::uint8_t* const start = w.dark.data() + (thing.y + 1) * stride + thing.x + 1;
+  const auto darkness = [stride](const std::uint8_t* p) {
+    return static_cast<unsigned>((p[1] & 1) | (p[stride] & 2) | (p[-1] & 4) | (p[-stride] & 8));
+  };
+  // Nothing of the thing lies above or to the left in this row: look on from the left, clockwise.
+  const std::size_t first_way = kTurns[2][darkness(start)];
+  if (first_way == 4) return false;  // one pixel
+  const std::size_t begin = w.points.size();
+  w.points.resize(begin + longest);
+  cv::Point* out = w.points.data() + begin;
+  const cv::Point* const end = out + longest;
   const std::uint8_t* at = start;
   cv::Point place(thing.x, thing.y);
-  std::size_t first_way = 4;
-  // Nothing of the thing lies above or to the left in this row: look on from the left, clockwise.
-  std::size_t look = 2;
-  while (true) {
-    std::size_t way = 4;
-    for (std::size_t k = 1; k <= 4; ++k) {
-      const std::size_t direction = (look + k) % 4;
-      if (at[step[direction]] != 0) {
-        way = direction;
-        break;
-      }
-    }
-    if (way == 4) return false;  // one pixel
-    if (at == start) {
-      if (first_way == 4)
-        first_way = way;
-      else if (way == first_way)
-        return true;
-    }
-    if (w.points.size() - begin >= longest) return false;
-    w.points.push_back(place);
+  std::size_t way = first_way;
+  do {
+    if (out == end) return false;
+    *out++ = place;
     at += step[way];
     place.x += kX[way];
     place.y += kY[way];
-    look = (way + 2) % 4;  // back to where we came from
-  }
+    way = kTurns[(way + 2) % 4][darkness(at)];  // from where we came
+  } while (at != start || way != first_way);
+  w.points.resize(static_cast<std::size_t>(out - w.points.data()));
+  return true;
 }
 
 }  // namespace
@@ -265,9 +274,10 @@ void find_dark_outlines(const cv::Mat& gray, const OutlineOptions& options, Outl
   w.outlines.clear();
   if (gray.empty()) return;
   binarize(gray, options.min_contrast, w);
-  find_runs(gray.cols, gray.rows, w);
-  find_things(gray.rows, w);
-  for (const auto& thing : w.things) {
+  find_things(gray.cols, gray.rows, w);
+  for (std::size_t i = 0; i < w.things.size(); ++i) {
+    const auto& thing = w.things[i];
+    if (thing.parent != static_cast<int>(i)) continue;
     const int width = thing.right - thing.left + 1;
     const int height = thing.bottom - thing.y + 1;
     if (std::max(width, height) < options.min_size) continue;

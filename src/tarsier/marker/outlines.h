@@ -23,11 +23,11 @@ struct OutlineWorkspace {
   struct Run {
     int first;  // x of a row's dark pixels that lie beside each other, last included
     int last;
-    int parent;  // an earlier run of the same thing, or itself
+    int thing;
   };
   struct Thing {
-    int first_run;
-    int x;  // of its topmost row's leftmost pixel
+    int parent;  // an earlier thing that this is a part of, or itself
+    int x;       // of its topmost row's leftmost pixel
     int y;
     int left;
     int right;
@@ -45,9 +45,8 @@ struct OutlineWorkspace {
   std::vector<std::uint8_t> thresholds;
   std::vector<std::uint8_t> dark;  // 255 or 0, a frame of zeros around
   std::vector<int> changes;
-  std::vector<Run> runs;
-  std::vector<int> row_starts;
-  std::vector<int> things_of_runs;
+  std::vector<Run> above;  // of a row, and of the next
+  std::vector<Run> here;
   std::vector<Thing> things;
   std::vector<cv::Point> points;
   std::vector<Outline> outlines;
