@@ -54,6 +54,21 @@ size=400x300 sheet calibrate 3 "$work/board/frame-000019.png:a view, its corners
 size=400x300 sheet ar 3 "$work/demo/img/markers-plain.jpg:what the camera sees" "$work/demo/img/markers-drawn.jpg:a painted box on each marker" \
   "$work/demo/img/markers-axes.jpg:axes"
 
+# The strip at the top of the README: one picture of the demo for each area, of what the program draws itself.
+strip=()
+"$tarsier" demo -o "$work/demo" --only cartoon,plate,sfm,landmarks,targets --quiet
+for name in face-cartoon.jpg plate-0.jpg sfm-found.jpg landmarks-modes.png aam-grid.jpg pose-head.png markers-poster.jpg target-film-3.jpg; do
+  part=$work/strip-$name
+  case $name in # what matters lies elsewhere than in the middle
+    plate-0.jpg) convert "$work/demo/img/$name" -gravity center -crop '50%x50%+0+60' +repage "$part" ;;
+    aam-grid.jpg | landmarks-modes.png) convert "$work/demo/img/$name" -gravity north -crop '100%x50%+0+0' +repage "$part" ;;
+    *) cp "$work/demo/img/$name" "$part" ;;
+  esac
+  convert "$part" -resize '300x200^' -gravity center -extent 300x200 "$part.png"
+  strip+=("$part.png")
+done
+montage "${strip[@]}" -tile 4x -geometry 300x200+3+3 -background white -quality 86 docs/img/strip.jpg
+
 # Number plates: a drawn car, the stages of both pipelines. The study of the reader (plate-sweep.png) needs the
 # textbook's OCR.xml: tarsier plate sweep OCR.xml -o docs/img/plate-sweep.png
 car='synth:car?seed=11&frames=2'

@@ -52,7 +52,7 @@ ExitStatus run_train(TrainFlags& flags, Context& context) {
   const std::string name =
       flags.name.empty() ? std::filesystem::path(flags.picture).stem().string() : flags.name;
   const auto start = std::chrono::steady_clock::now();
-  const target::Target trained = target::train_target(picture, name, flags.options);
+  const target::Target trained = target::train_target(picture, name, flags.options, context.stop);
   const double seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   target::write_target(flags.output, trained,

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/stop.h"
+
 #include "bench.h"
 #include "cli.h"
 #include <memory>
@@ -56,7 +58,10 @@ void add_bench(CLI::App& app, Context& context) {
     verb.add_option("--only", options->only, "only these cases, e.g. sketch,paint")->delimiter(',');
     add_common_flags(verb, context);
     verb.callback([&context, options, run = benchmark.run] {
-      context.run = [&context, options, run] { return run(context, *options); };
+      context.run = [&context, options, run] {
+        const EndOnSignals at_once;
+        return run(context, *options);
+      };
     });
   }
 }

@@ -50,7 +50,10 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
   flags.scene.trajectory = kTrajectories.at(flags.trajectory);
   flags.scene.content = kContents.at(flags.content);
   flags.scene.check();
-  const synth::ReliefScene scene(flags.scene);
+  const auto scene = [&] {
+    const EndOnSignals at_once;
+    return synth::ReliefScene(flags.scene);
+  }();
   const fs::path folder = flags.output;
   make_folder((folder / "images").string());
   geometry::write_camera_file((folder / "camera.yaml").string(), scene.camera());
@@ -59,7 +62,7 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
   for (int i = 0; i < scene.count(); ++i) {
     throw_if_stopped(context.stop);
     const std::string name = fmt::format("{:04}.jpg", i);
-    write_image((folder / "images" / name).string(), scene.render(i), 95);
+    write_image((folder / "images" / name).string(), scene.render(i, context.stop), 95);
     const geometry::Rigid pose = scene.pose(i);
     nlohmann::ordered_json line{{"name", name}, {"R", nlohmann::ordered_json::array()}};
     for (const double value : pose.rotation.val) line["R"].push_back(value);

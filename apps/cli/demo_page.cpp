@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "demo_page.h"
 
+#include "tarsier/core/markup.h"
 #include "tarsier/core/require.h"
 #include "tarsier/io/atomic_file.h"
 #include "tarsier/io/image_file.h"
@@ -91,42 +92,19 @@ constexpr std::string_view kMark = R"svg(<svg viewBox="0 0 96 96" role="img" ari
 stroke-linecap="round"/></svg>)svg";
 
 std::string figure(const DemoPicture& picture) {
-  const std::string alt = html_escaped(picture.caption);
+  const std::string alt = escaped_markup(picture.caption);
   return fmt::format(
              R"(<figure><img src="{}" width="{}" height="{}" alt="{}" loading="lazy">{}</figure>)",
-             html_escaped(picture.file), picture.width, picture.height, alt,
+             escaped_markup(picture.file), picture.width, picture.height, alt,
              alt.empty() ? "" : fmt::format("<figcaption>{}</figcaption>", alt)) +
          '\n';
 }
 
 std::string paragraph(std::string_view text) {
-  return text.empty() ? std::string() : fmt::format("<p>{}</p>\n", html_escaped(text));
+  return text.empty() ? std::string() : fmt::format("<p>{}</p>\n", escaped_markup(text));
 }
 
 }  // namespace
-
-std::string html_escaped(std::string_view text) {
-  std::string result;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        result += "&amp;";
-        break;
-      case '<':
-        result += "&lt;";
-        break;
-      case '>':
-        result += "&gt;";
-        break;
-      case '"':
-        result += "&quot;";
-        break;
-      default:
-        result += c;
-    }
-  }
-  return result;
-}
 
 DemoPage::DemoPage(std::string folder) : folder_(std::move(folder)) {
   make_folder((std::filesystem::path(folder_) / "img").string());
@@ -152,17 +130,17 @@ DemoPicture DemoPage::drawing(std::string_view name, const cv::Mat& image, std::
 
 void DemoPage::begin_area(std::string_view title, std::string_view text) {
   ++areas_;
-  contents_ += fmt::format("<a href=\"#area-{}\">{}</a>\n", areas_, html_escaped(title));
+  contents_ += fmt::format("<a href=\"#area-{}\">{}</a>\n", areas_, escaped_markup(title));
   body_ +=
-      fmt::format("<h2 id=\"area-{}\">{}</h2>\n{}", areas_, html_escaped(title), paragraph(text));
+      fmt::format("<h2 id=\"area-{}\">{}</h2>\n{}", areas_, escaped_markup(title), paragraph(text));
 }
 
 void DemoPage::heading(std::string_view title, std::string_view text) {
-  body_ += fmt::format("<h3>{}</h3>\n{}", html_escaped(title), paragraph(text));
+  body_ += fmt::format("<h3>{}</h3>\n{}", escaped_markup(title), paragraph(text));
 }
 
 void DemoPage::command(std::string_view line) {
-  body_ += fmt::format("<pre>{}</pre>\n", html_escaped(line));
+  body_ += fmt::format("<pre>{}</pre>\n", escaped_markup(line));
 }
 
 void DemoPage::compare(const DemoPicture& before, const DemoPicture& after) {
@@ -174,9 +152,9 @@ void DemoPage::compare(const DemoPicture& before, const DemoPicture& after) {
       R"html(<input type="range" min="0" max="100" value="50" step="0.5" aria-label="where the line is" )html"
       R"html(oninput="this.closest('.compare').style.setProperty('--at',this.value+'%')"></div>)html"
       R"html(<figcaption>Drag the line: {} | {}</figcaption></figure>)html",
-      html_escaped(before.file), before.width, before.height, html_escaped(before.caption),
-      html_escaped(after.file), after.width, after.height, html_escaped(after.caption),
-      html_escaped(before.caption), html_escaped(after.caption));
+      escaped_markup(before.file), before.width, before.height, escaped_markup(before.caption),
+      escaped_markup(after.file), after.width, after.height, escaped_markup(after.caption),
+      escaped_markup(before.caption), escaped_markup(after.caption));
   body_ += '\n';
 }
 
@@ -196,15 +174,15 @@ void DemoPage::inner_page(std::string_view html, std::string_view title, int hei
   body_ += fmt::format(
       R"(<iframe srcdoc="{}" title="{}" style="width:100%;height:{}px;border:0;border-radius:10px;margin:12px 0 22px"></iframe>)"
       "\n",
-      html_escaped(html), html_escaped(title), height_px);
+      escaped_markup(html), escaped_markup(title), height_px);
 }
 
 void DemoPage::film(const DemoPicture& film, const DemoPicture& poster) {
   body_ += fmt::format(
       R"(<figure class="film"><video src="{}" poster="{}" width="{}" height="{}" autoplay muted loop playsinline controls></video>)"
       R"(<figcaption>{}</figcaption></figure>)",
-      html_escaped(film.file), html_escaped(poster.file), film.width, film.height,
-      html_escaped(film.caption));
+      escaped_markup(film.file), escaped_markup(poster.file), film.width, film.height,
+      escaped_markup(film.caption));
   body_ += '\n';
 }
 
@@ -218,10 +196,10 @@ void DemoPage::table(const std::vector<std::string>& columns,
     if (bars >= 0) most = std::max(most, std::atof(row[static_cast<size_t>(bars)].c_str()));
   }
   body_ += "<div class=\"scroll\"><table>";
-  if (!caption.empty()) body_ += fmt::format("<caption>{}</caption>", html_escaped(caption));
+  if (!caption.empty()) body_ += fmt::format("<caption>{}</caption>", escaped_markup(caption));
   body_ += "<thead><tr>";
   for (const std::string& column : columns)
-    body_ += fmt::format("<th scope=\"col\">{}</th>", html_escaped(column));
+    body_ += fmt::format("<th scope=\"col\">{}</th>", escaped_markup(column));
   body_ += "</tr></thead>\n<tbody>";
   for (const auto& row : rows) {
     body_ += "<tr>";
@@ -231,7 +209,7 @@ void DemoPage::table(const std::vector<std::string>& columns,
         bar = fmt::format(R"(<span class="bar" style="width:{:.1f}em"></span>)",
                           7 * std::max(0.0, std::atof(row[i].c_str())) / most);
       }
-      body_ += fmt::format("<td>{}{}</td>", bar, html_escaped(row[i]));
+      body_ += fmt::format("<td>{}{}</td>", bar, escaped_markup(row[i]));
     }
     body_ += "</tr>\n";
   }
@@ -239,7 +217,7 @@ void DemoPage::table(const std::vector<std::string>& columns,
 }
 
 void DemoPage::note(std::string_view text) {
-  body_ += fmt::format("<p class=\"note\">{}</p>\n", html_escaped(text));
+  body_ += fmt::format("<p class=\"note\">{}</p>\n", escaped_markup(text));
 }
 
 std::string DemoPage::write(std::string_view title, std::string_view intro,
@@ -252,10 +230,11 @@ std::string DemoPage::write(std::string_view title, std::string_view intro,
 <nav aria-label="areas">{}</nav></div></div></header>
 <main>
 )",
-      html_escaped(title), kStyle, kMark, html_escaped(title), html_escaped(intro), contents_);
+      escaped_markup(title), kStyle, kMark, escaped_markup(title), escaped_markup(intro),
+      contents_);
   page += body_;
   page +=
-      fmt::format("</main>\n<footer><div>{}</div></footer></body></html>\n", html_escaped(made));
+      fmt::format("</main>\n<footer><div>{}</div></footer></body></html>\n", escaped_markup(made));
   const std::string path = (std::filesystem::path(folder_) / "index.html").string();
   write_file_atomically(path, page);
   return path;

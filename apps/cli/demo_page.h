@@ -60,6 +60,4 @@ class DemoPage {
   int areas_ = 0;
 };
 
-[[nodiscard]] std::string html_escaped(std::string_view text);
-
 }  // namespace tarsier::cli

@@ -221,7 +221,7 @@ def check_missing(verb):
 
 
 # Flags of these names that are not read by the run of VALID.
-NO_FILE = {("plate train-reader", "--detector"), ("pose track", "--appearance"), ("people eval", "--background")}
+NO_FILE = {("landmarks train tracker", "--head"), ("plate train-reader", "--detector"), ("pose track", "--appearance"), ("people eval", "--background")}
 
 
 def check_json_and_quiet(verb):
@@ -399,6 +399,7 @@ def main():
         name = verb["verb"]
         if only and name not in only:
             continue
+        begin = time.monotonic()
         check_help(verb)
         check_flags(verb)
         check_usage(verb)
@@ -408,6 +409,7 @@ def main():
             check_missing(verb)
         if name in INTERRUPTED:
             check_interruption(name, INTERRUPTED[name])
+        print(f"   {time.monotonic() - begin:.1f} s: {name}", flush=True)
     print(f"{len(verbs)} verbs, {len(failures)} failures")
     sys.exit(1 if failures else 0)
 

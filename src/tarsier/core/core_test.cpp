@@ -3,6 +3,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/length.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/markup.h"
 #include "tarsier/core/mat_info.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/core/require.h"
@@ -15,9 +16,14 @@
 #include <opencv2/core.hpp>
 
 #include <cmath>
+#include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <limits>
+#include <optional>
+#include <sched.h>
 #include <string>
+#include <unistd.h>
 #include <vector>
 
 namespace tarsier {
@@ -176,6 +182,27 @@ TEST(Stop, SleepEndsAtOnceWhenStopped) {
   source.request_stop();
   EXPECT_FALSE(sleep_unless_stopped(std::chrono::hours(1), source.get_token()));
   EXPECT_THROW(throw_if_stopped(source.get_token()), Interrupted);
+}
+
+TEST(Markup, CannotBecomeTagsOrAttributes) {
+  EXPECT_EQ(escaped_markup("<a href='x' title=\"y\">&\x01\x1b\n\u00e9"),
+            "&lt;a href=&#39;x&#39; title=&quot;y&quot;&gt;&amp;\n\u00e9");
+}
+
+TEST(EndOnSignals, EndsAtTheFirstSignal) {
+  // In a child whose token nobody looks at; without the object it would go on and exit with 0.
+  const auto work = [](bool at_once) {
+    static_cast<void>(stop_on_signals());
+    std::optional<EndOnSignals> ends;
+    if (at_once) ends.emplace();
+    kill(getpid(), SIGINT);
+    if (at_once) pause();
+    while (!stop_on_signals().stop_requested()) sched_yield();
+    std::exit(0);
+  };
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  EXPECT_EXIT(work(true), testing::ExitedWithCode(130), "");
+  EXPECT_EXIT(work(false), testing::ExitedWithCode(0), "");
 }
 
 TEST(Cpu, LimitNeverExceedsTheHardware) {

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 
+#include <atomic>
 #include <condition_variable>
 #include <csignal>
 #include <mutex>
@@ -12,10 +13,13 @@
 namespace tarsier {
 namespace {
 
+std::atomic<int> ends_at_once = 0;
+
 void wait_for_signals(std::stop_source source, sigset_t signals) {
   int signal_number = 0;
   while (sigwait(&signals, &signal_number) == 0) {
-    if (!source.request_stop()) _exit(static_cast<int>(ExitStatus::kInterrupted));
+    if (ends_at_once > 0 || !source.request_stop())
+      _exit(static_cast<int>(ExitStatus::kInterrupted));
   }
 }
 
@@ -36,6 +40,10 @@ std::stop_token stop_on_signals() {
   static const std::stop_source source = start_signal_thread();
   return source.get_token();
 }
+
+EndOnSignals::EndOnSignals() { ++ends_at_once; }
+
+EndOnSignals::~EndOnSignals() { --ends_at_once; }
 
 void throw_if_stopped(const std::stop_token& stop) {
   if (stop.stop_requested()) throw Interrupted();

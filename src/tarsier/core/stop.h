@@ -11,6 +11,16 @@ namespace tarsier {
 // calls return the same token. A second signal ends the process at once with status 130.
 [[nodiscard]] std::stop_token stop_on_signals();
 
+// While one lives, the first signal, too, ends the process at once with status 130: for work that
+// writes nothing and has no token to look at.
+class EndOnSignals {
+ public:
+  EndOnSignals();
+  ~EndOnSignals();
+  EndOnSignals(const EndOnSignals&) = delete;
+  EndOnSignals& operator=(const EndOnSignals&) = delete;
+};
+
 // Throws Interrupted if `stop` has fired.
 void throw_if_stopped(const std::stop_token& stop);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/draw/plot.h"
 
+#include "tarsier/core/markup.h"
 #include "tarsier/core/require.h"
 #include "tarsier/draw/text.h"
 
@@ -124,30 +125,6 @@ class MatCanvas final : public Canvas {
   cv::Point offset_;
 };
 
-std::string xml(std::string_view text) {
-  std::string escaped;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        escaped += "&amp;";
-        break;
-      case '<':
-        escaped += "&lt;";
-        break;
-      case '>':
-        escaped += "&gt;";
-        break;
-      case '"':
-        escaped += "&quot;";
-        break;
-      default:
-        // XML has no way to write the other control characters.
-        if (static_cast<unsigned char>(c) >= 32 || c == '\t') escaped += c;
-    }
-  }
-  return escaped;
-}
-
 std::string css(const cv::Scalar& color) {
   const auto byte = [](double v) {
     return static_cast<int>(std::lround(std::clamp(v, 0.0, 255.0)));
@@ -206,7 +183,7 @@ class SvgCanvas final : public Canvas {
     } else {
       text_ += fmt::format(" x=\"{:.2f}\" y=\"{:.2f}\"", at.x + dx, at.y + dy);
     }
-    text_ += fmt::format(">{}</text>\n", xml(text));
+    text_ += fmt::format(">{}</text>\n", escaped_markup(text));
   }
   void clip(const cv::Rect& box) override {
     text_ += fmt::format(

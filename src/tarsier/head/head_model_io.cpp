@@ -4,6 +4,7 @@
 #include "tarsier/head/head_model.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/shape/packed_matrix.h"
 
 #include <fmt/format.h>
 
@@ -18,31 +19,12 @@ namespace tarsier::head {
 namespace {
 
 using nlohmann::json;
+using shape::packed;
+using shape::unpacked;
 
 constexpr const char* kType = "head-model";
 constexpr int kVersion = 1;
 constexpr int kMostPoints = 10'000;
-
-// Row-major, as PackedArray has it.
-template <typename Matrix>
-json packed(const Matrix& matrix) {
-  PackedArray<double> array;
-  array.shape = {matrix.rows(), matrix.cols()};
-  array.values.reserve(static_cast<std::size_t>(matrix.size()));
-  for (Eigen::Index r = 0; r < matrix.rows(); ++r)
-    for (Eigen::Index c = 0; c < matrix.cols(); ++c) array.values.push_back(matrix(r, c));
-  return pack(array);
-}
-
-Eigen::MatrixXd unpacked(const json& object, const std::string& path, const std::string& name,
-                         std::int64_t rows, std::int64_t cols) {
-  const auto array = unpack<double>(member(object, name, path), path, name, {rows, cols});
-  Eigen::MatrixXd matrix(array.shape[0], array.shape[1]);
-  std::size_t at = 0;
-  for (Eigen::Index r = 0; r < matrix.rows(); ++r)
-    for (Eigen::Index c = 0; c < matrix.cols(); ++c) matrix(r, c) = array.values[at++];
-  return matrix;
-}
 
 std::vector<int> indices(const json& list, const std::string& path, const std::string& name,
                          std::size_t count) {

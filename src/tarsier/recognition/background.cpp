@@ -7,6 +7,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/io/archive.h"
+#include "tarsier/recognition/packed_rows.h"
 
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
@@ -30,17 +31,6 @@ Eigen::RowVectorXf described(const cv::Mat& face, const DescriptorOptions& optio
   const std::vector<float> values = describe(face, options);
   return Eigen::Map<const Eigen::RowVectorXf>(values.data(),
                                               static_cast<Eigen::Index>(values.size()));
-}
-
-json packed(const Rows& rows) {
-  return pack(
-      PackedArray<float>{{rows.rows(), rows.cols()}, {rows.data(), rows.data() + rows.size()}});
-}
-
-Rows unpacked(const json& object, const std::string& name, const std::string& path,
-              std::int64_t rows, std::int64_t cols) {
-  const auto array = unpack<float>(member(object, name, path), path, name, {rows, cols});
-  return Eigen::Map<const Rows>(array.values.data(), array.shape[0], array.shape[1]);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/io/archive.h"
+#include "tarsier/recognition/packed_rows.h"
 #include "tarsier/recognition/recognizer.h"
 
 #include <algorithm>
@@ -88,17 +89,6 @@ RecognizerOptions options_from_json(const json& value, const std::string& path) 
   options.mean_weight = number_member(value, "mean_weight", path, 0, 1);
   options.check();
   return options;
-}
-
-json packed(const Rows& rows) {
-  return pack(
-      PackedArray<float>{{rows.rows(), rows.cols()}, {rows.data(), rows.data() + rows.size()}});
-}
-
-Rows unpacked(const json& object, const std::string& name, const std::string& path,
-              std::int64_t rows, std::int64_t cols) {
-  const auto array = unpack<float>(member(object, name, path), path, name, {rows, cols});
-  return Eigen::Map<const Rows>(array.values.data(), array.shape[0], array.shape[1]);
 }
 
 Recognizer from_payload(const json& payload, const std::string& path) {

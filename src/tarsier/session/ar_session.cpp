@@ -10,6 +10,7 @@
 #include "tarsier/geometry/scaled_camera.h"
 #include "tarsier/marker/predefined.h"
 #include "tarsier/session/browse_keys.h"
+#include "tarsier/session/frame_camera.h"
 #include "tarsier/session/save_picture.h"
 
 #include <fmt/format.h>
@@ -94,13 +95,7 @@ geometry::Camera ArSession::camera_for(const Frame& frame) const {
     if (options_.focal_px > 0) guess.fx = guess.fy = options_.focal_px;
     return guess;
   }
-  const auto camera = geometry::scaled_camera(*options_.camera, frame.image.size());
-  if (!camera) {
-    throw InputError(frame.name, fmt::format("is {} x {} px, the camera's pictures are {} x {}",
-                                             frame.image.cols, frame.image.rows,
-                                             options_.camera->width, options_.camera->height));
-  }
-  return *camera;
+  return camera_of_frame(*options_.camera, frame);
 }
 
 void ArSession::find(const Frame& frame) {

@@ -9,6 +9,7 @@
 #include "tarsier/landmarks/faces_json.h"
 #include "tarsier/render/render.h"
 #include "tarsier/session/browse_keys.h"
+#include "tarsier/session/frame_camera.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -63,28 +64,9 @@ PoseSession::PoseSession(const landmarks::LandmarkModel& landmarks, const head::
 }
 
 geometry::Camera PoseSession::camera_for(const Frame& frame) const {
-  const cv::Size size = frame.image.size();
-  geometry::Camera camera = head::guess_camera(size);
+  if (options_.camera) return camera_of_frame(*options_.camera, frame);
+  geometry::Camera camera = head::guess_camera(frame.image.size());
   if (options_.focal_px > 0) camera.fx = camera.fy = options_.focal_px;
-  if (!options_.camera) return camera;
-  camera = *options_.camera;
-  if (camera.width > 0 && camera.height > 0 &&
-      (camera.width != size.width || camera.height != size.height)) {
-    const double x = static_cast<double>(size.width) / camera.width;
-    const double y = static_cast<double>(size.height) / camera.height;
-    if (std::abs(x / y - 1) > 0.01) {
-      throw InputError(frame.name,
-                       fmt::format("is {} x {} px, the camera's pictures are {} x {}", size.width,
-                                   size.height, camera.width, camera.height));
-    }
-    // The same camera, its pictures made larger or smaller; pixel centres are at integers.
-    camera.fx *= x;
-    camera.fy *= y;
-    camera.cx = (camera.cx + 0.5) * x - 0.5;
-    camera.cy = (camera.cy + 0.5) * y - 0.5;
-  }
-  camera.width = size.width;
-  camera.height = size.height;
   return camera;
 }
 

@@ -5,6 +5,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
+#include "tarsier/session/frame_camera.h"
 #include "tarsier/target/evaluate.h"
 
 #include <fmt/format.h>
@@ -53,29 +54,6 @@ void line(cv::Mat& image, const cv::Point2d& a, const cv::Point2d& b, const cv::
   cv::line(image, fixed(a), fixed(b), color, width, cv::LINE_AA, kShift);
 }
 
-geometry::Camera fitted(const geometry::Camera& given, const Frame& frame) {
-  geometry::Camera camera = given;
-  const cv::Size size = frame.image.size();
-  if (camera.width > 0 && camera.height > 0 &&
-      (camera.width != size.width || camera.height != size.height)) {
-    const double x = static_cast<double>(size.width) / camera.width;
-    const double y = static_cast<double>(size.height) / camera.height;
-    if (std::abs(x / y - 1) > 0.01) {
-      throw InputError(frame.name,
-                       fmt::format("is {} x {} px, the camera's pictures are {} x {}", size.width,
-                                   size.height, camera.width, camera.height));
-    }
-    // The same camera, its pictures made larger or smaller; pixel centres are at integers.
-    camera.fx *= x;
-    camera.fy *= y;
-    camera.cx = (camera.cx + 0.5) * x - 0.5;
-    camera.cy = (camera.cy + 0.5) * y - 0.5;
-  }
-  camera.width = size.width;
-  camera.height = size.height;
-  return camera;
-}
-
 std::string action_of(const Event& event, const std::vector<Action>& actions) {
   if (event.kind == Event::Kind::kAction) return event.name;
   if (event.kind != Event::Kind::kKey) return "";
@@ -104,7 +82,7 @@ View TargetSession::on_frame(const Frame& frame, const SourceStatus& source) {
   name_ = frame.name;
   trouble_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
   camera_.reset();
-  if (options_.camera) camera_ = fitted(*options_.camera, frame);
+  if (options_.camera) camera_ = camera_of_frame(*options_.camera, frame);
   find();
   draw();
   return view(true);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "viewer.h"
 
+#include "tarsier/core/markup.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
 
@@ -328,32 +329,6 @@ if(window.matchMedia){const dark=matchMedia('(prefers-color-scheme: dark)');
 })();)js";
 // clang-format on
 
-std::string escaped(std::string_view text) {
-  std::string result;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        result += "&amp;";
-        break;
-      case '<':
-        result += "&lt;";
-        break;
-      case '>':
-        result += "&gt;";
-        break;
-      case '"':
-        result += "&quot;";
-        break;
-      case '\'':
-        result += "&#39;";
-        break;
-      default:
-        result += c;
-    }
-  }
-  return result;
-}
-
 // JSON that may stand within a script element: nothing in it can end that element.
 std::string json_in_script(const nlohmann::json& json) {
   const std::string text = json.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
@@ -461,7 +436,7 @@ std::string viewer(const Model& model, const std::string& title, int most_points
   };
 
   std::string page;
-  const std::string label = escaped(title);
+  const std::string label = escaped_markup(title);
   if (whole) {
     page +=
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n"

@@ -2,6 +2,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/shape/markup_check.h"
+#include "tarsier/shape/packed_matrix.h"
 #include "tarsier/shape/shape_model.h"
 
 #include <limits>
@@ -15,27 +16,6 @@ using nlohmann::json;
 
 constexpr const char* kType = "shape-model";
 constexpr int kVersion = 1;
-
-// Row-major, as PackedArray has it.
-template <typename Matrix>
-json packed(const Matrix& matrix) {
-  PackedArray<double> array;
-  array.shape = {matrix.rows(), matrix.cols()};
-  array.values.reserve(static_cast<std::size_t>(matrix.size()));
-  for (Eigen::Index r = 0; r < matrix.rows(); ++r)
-    for (Eigen::Index c = 0; c < matrix.cols(); ++c) array.values.push_back(matrix(r, c));
-  return pack(array);
-}
-
-Eigen::MatrixXd unpacked(const json& object, const std::string& path, const std::string& name,
-                         std::int64_t rows, std::int64_t cols) {
-  const auto array = unpack<double>(member(object, name, path), path, name, {rows, cols});
-  Eigen::MatrixXd matrix(array.shape[0], array.shape[1]);
-  std::size_t at = 0;
-  for (Eigen::Index r = 0; r < matrix.rows(); ++r)
-    for (Eigen::Index c = 0; c < matrix.cols(); ++c) matrix(r, c) = array.values[at++];
-  return matrix;
-}
 
 }  // namespace
 

@@ -2,6 +2,7 @@
 #include "tarsier/sheet/page.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/markup.h"
 #include "tarsier/core/require.h"
 #include "tarsier/draw/text.h"
 #include "tarsier/io/atomic_file.h"
@@ -29,22 +30,6 @@ std::string escaped_pdf(const std::string& text) {
   for (const char c : text) {
     if (c == '(' || c == ')' || c == '\\') result += '\\';
     result += c;
-  }
-  return result;
-}
-
-std::string escaped_xml(const std::string& text) {
-  std::string result;
-  for (const char c : text) {
-    if (c == '&') {
-      result += "&amp;";
-    } else if (c == '<') {
-      result += "&lt;";
-    } else if (c == '"') {
-      result += "&quot;";
-    } else {
-      result += c;
-    }
   }
   return result;
 }
@@ -298,7 +283,7 @@ std::string svg_of(const Page& page, const std::string& title) {
       "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{0:.4f}mm\" height=\"{1:.4f}mm\" "
       "viewBox=\"0 0 {0:.4f} {1:.4f}\">\n<title>{2}</title>\n"
       "<rect width=\"{0:.4f}\" height=\"{1:.4f}\" fill=\"#ffffff\"/>\n",
-      page.size.width, page.size.height, escaped_xml(title));
+      page.size.width, page.size.height, escaped_markup(title));
   for (const Fill& fill : page.fills) {
     if (!fill.boxes.empty()) {
       fmt::format_to(std::back_inserter(out), "<path fill=\"{}\" d=\"", color(fill.gray));
@@ -325,7 +310,7 @@ std::string svg_of(const Page& page, const std::string& title) {
                    "<text x=\"{:.4f}\" y=\"{:.4f}\" font-family=\"Helvetica, Arial, sans-serif\" "
                    "font-size=\"{:.4f}\" fill=\"{}\">{}</text>\n",
                    text.at.x, text.at.y, text.height / kCapital, color(text.gray),
-                   escaped_xml(text.text));
+                   escaped_markup(text.text));
   }
   return out + "</svg>\n";
 }

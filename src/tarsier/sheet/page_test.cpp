@@ -68,7 +68,7 @@ TEST(SvgTest, IsInMillimetres) {
   EXPECT_THAT(svg, HasSubstr("viewBox=\"0 0 100.0000 50.0000\""));
   EXPECT_THAT(svg, HasSubstr("M10.00000 10.00000h20.00000v20.00000h-20.00000z"));
   EXPECT_THAT(svg, HasSubstr("cx=\"70.00000\""));
-  EXPECT_THAT(svg, HasSubstr("a (b) \\ &lt;c> &amp; &quot;d&quot;"));
+  EXPECT_THAT(svg, HasSubstr("a (b) \\ &lt;c&gt; &amp; &quot;d&quot;"));
 }
 
 TEST(RasterTest, PixelsAreMeansOfWhatTheyCover) {

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
 #include "tarsier/synth/noise.h"
 
 #include <opencv2/imgproc.hpp>
@@ -703,12 +704,12 @@ geometry::Camera ReliefScene::camera() const { return parts_->camera; }
 
 geometry::Rigid ReliefScene::pose(int index) const { return parts_->pose_of(index); }
 
-cv::Mat ReliefScene::render(int index) const {
+cv::Mat ReliefScene::render(int index, const std::stop_token& stop) const {
   const Parts& parts = *parts_;
   const Parts::View view = parts.view_of(parts.pose_of(index));
   cv::Mat image(parts.options.size, CV_8UC3);
   cv::parallel_for_(cv::Range(0, image.rows), [&](const cv::Range& rows) {
-    for (int y = rows.start; y < rows.end; ++y) {
+    for (int y = rows.start; y < rows.end && !stop.stop_requested(); ++y) {
       auto* out = image.ptr<cv::Vec3b>(y);
       for (int x = 0; x < image.cols; ++x) {
         cv::Vec3f sum{0, 0, 0};
@@ -722,6 +723,7 @@ cv::Mat ReliefScene::render(int index) const {
       }
     }
   });
+  throw_if_stopped(stop);
   add_noise(image, parts.options.noise,
             Rng(parts.options.seed).fork(1000 + static_cast<std::uint64_t>(index))());
   return image;

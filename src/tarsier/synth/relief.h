@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <stop_token>
 #include <vector>
 
 // Scenes with known cameras and exact depth, drawn as photographs, to test structure from motion.
@@ -56,8 +57,9 @@ class ReliefScene {
 
   // The members below throw std::invalid_argument unless 0 <= index < count().
   [[nodiscard]] geometry::Rigid pose(int index) const;  // camera from world
-  // CV_8UC3 of the size of the options. Does not depend on the number of threads.
-  [[nodiscard]] cv::Mat render(int index) const;
+  // CV_8UC3 of the size of the options. Does not depend on the number of threads. Throws
+  // Interrupted.
+  [[nodiscard]] cv::Mat render(int index, const std::stop_token& stop = {}) const;
   // z in the camera of what `pixel` sees, from the exact surface, to 1e-8 units; also outside the
   // picture. Empty where nothing is within 100 units.
   [[nodiscard]] std::optional<double> depth(int index, cv::Point2d pixel) const;

@@ -102,7 +102,7 @@ void evaluate_planar(const std::string& truth_path, const PlanarOptions& options
     if (targets.empty()) {
       TrainOptions train = options.train;
       train.width = size;
-      targets.push_back(train_target(read_image((folder / name).string()), name, train));
+      targets.push_back(train_target(read_image((folder / name).string()), name, train, stop));
     }
     const cv::Mat picture = read_image((folder / result.image).string());
     camera.width = picture.cols;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/target/quality.h"
 
+#include "tarsier/core/stop.h"
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
 #include "tarsier/target/detect.h"
@@ -51,11 +52,13 @@ std::vector<bool> find_alike(const Target& target) {
 }
 
 // The share of trials in which the target is found where it is.
-double found_share(const Target& target, int trials, std::uint64_t seed) {
+double found_share(const Target& target, int trials, std::uint64_t seed,
+                   const std::stop_token& stop) {
   if (trials <= 0) return 0;
   const DetectOptions options;
   int found = 0;
   for (int trial = 0; trial < trials; ++trial) {
+    throw_if_stopped(stop);
     const TrialView view = trial_view(target, trial, seed);
     const Pyramid pyramid = make_pyramid(view.gray, true);
     const FeatureSet features = find_features(pyramid, options.features);
@@ -93,7 +96,8 @@ cv::Mat count_cells(const Target& target) {
 
 }  // namespace
 
-Quality rate_target(const Target& target, int trials, std::uint64_t seed) {
+Quality rate_target(const Target& target, int trials, std::uint64_t seed,
+                    const std::stop_token& stop) {
   Quality q;
   std::vector<bool> place(48 * 48);
   int stood = 0;
@@ -112,7 +116,7 @@ Quality rate_target(const Target& target, int trials, std::uint64_t seed) {
   const auto twins = std::count(alike.begin(), alike.end(), true);
   q.distinct =
       alike.empty() ? 0 : 1 - static_cast<double>(twins) / static_cast<double>(alike.size());
-  q.repeatable = found_share(target, trials, seed);
+  q.repeatable = found_share(target, trials, seed, stop);
   q.rating = q.repeatable * std::sqrt(std::min({q.features, q.spread, q.distinct}));
   if (q.features < 0.5)
     q.reasons.push_back(

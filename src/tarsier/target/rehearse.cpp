@@ -2,6 +2,7 @@
 #include "tarsier/target/rehearse.h"
 
 #include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
 #include "tarsier/geometry/planar_pose.h"
 #include "tarsier/target/match.h"
 
@@ -92,7 +93,8 @@ TrialView trial_view(const Target& target, int trial, std::uint64_t seed) {
   return view;
 }
 
-Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed) {
+Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed,
+                   const std::stop_token& stop) {
   Rehearsal result;
   result.right.assign(target.features.size(), 0);
   result.wrong.assign(target.features.size(), 0);
@@ -102,6 +104,7 @@ Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed) {
   MatchOptions matching;
   matching.most = 100'000;
   for (int trial = 0; trial < trials; ++trial) {
+    throw_if_stopped(stop);
     const TrialView view = trial_view(target, trial, seed);
     const FeatureSet set = find_features(make_pyramid(view.gray, true), options);
     for (const Match& m : match_features(set, target, matching)) {

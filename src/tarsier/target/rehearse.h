@@ -4,6 +4,7 @@
 #include "tarsier/target/target.h"
 
 #include <cstdint>
+#include <stop_token>
 #include <vector>
 
 namespace tarsier::target {
@@ -24,8 +25,10 @@ struct Rehearsal {
                           // rightly matched, the median
 };
 
-// Matches the features of `trials` views against the target. The same for the same seed.
-[[nodiscard]] Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed);
+// Matches the features of `trials` views against the target. The same for the same seed. Throws
+// Interrupted.
+[[nodiscard]] Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed,
+                                 const std::stop_token& stop);
 
 // Keeps the `most` features that did best, in their order; those that were never matched rightly
 // only as far as there is room.

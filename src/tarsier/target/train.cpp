@@ -109,7 +109,8 @@ void TrainOptions::check() const {
   TARSIER_REQUIRE(trials >= 0 && trials <= 500, "trials = {}: 0..500", trials);
 }
 
-Target train_target(const cv::Mat& picture, const std::string& name, const TrainOptions& options) {
+Target train_target(const cv::Mat& picture, const std::string& name, const TrainOptions& options,
+                    const std::stop_token& stop) {
   options.check();
   if (picture.type() == CV_8UC3)
     require_bgr(picture);
@@ -135,12 +136,12 @@ Target train_target(const cv::Mat& picture, const std::string& name, const Train
   }
   complete(target);
   if (options.trials > 0) {
-    const Rehearsal rehearsal = rehearse(target, options.trials, options.seed);
+    const Rehearsal rehearsal = rehearse(target, options.trials, options.seed, stop);
     keep_best(target, rehearsal, static_cast<std::size_t>(options.most_features));
     complete(target);
   }
   // Other views than those that chose the features.
-  target.quality = rate_target(target, options.trials, options.seed + 1);
+  target.quality = rate_target(target, options.trials, options.seed + 1, stop);
   return target;
 }
 

@@ -4,6 +4,7 @@
 #include "tarsier/target/target.h"
 
 #include <cstdint>
+#include <stop_token>
 #include <string>
 
 namespace tarsier::target {
@@ -22,8 +23,10 @@ struct TrainOptions {
 // `picture`: CV_8UC3 or CV_8UC1, sides of 32..100000 px, the shorter at least an eighth of the
 // longer. Besides the picture as it is, views of it tilted by 48 and 60 degrees to several sides
 // are described (as ASIFT: Morel and Yu, SIAM J. Imaging Sciences 2009), so that a steep view of
-// the print needs no search over tilts. Never fails on a poor picture: its quality says so.
+// the print needs no search over tilts. Never fails on a poor picture: its quality says so. Throws
+// Interrupted where `stop` fires.
 [[nodiscard]] Target train_target(const cv::Mat& picture, const std::string& name,
-                                  const TrainOptions& options = {});
+                                  const TrainOptions& options = {},
+                                  const std::stop_token& stop = {});
 
 }  // namespace tarsier::target
