@@ -19,10 +19,13 @@ x11() { python3 "$here/lib_x11.py" "$@"; }
 program=
 trap '[ -z "$program" ] || kill -KILL $program 2>/dev/null' EXIT
 
-start() { # start ARGUMENTS..: the program with a window, in the background
+launch() { # launch ARGUMENTS..: the program, in the background
   "$TARSIER" cartoon run "$@" --json >stdout.txt 2>stderr.txt </dev/null &
   program=$!
   command_line="tarsier cartoon run $*"
+}
+start() { # start ARGUMENTS..: the program with a window that shows its first picture
+  launch "$@"
   wait_for "the window" x11 geometry "Tarsier cartoon" >/dev/null
   xdotool mousemove 300 200 # without a window manager, keys go to where the pointer is
   wait_for "the first picture" has_picture

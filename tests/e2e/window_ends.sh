@@ -28,8 +28,8 @@ read -r red green blue <<<"$(x11 mean 450 300 100 100)"
 press q '"event":"key '
 expect_end 0
 
-# A film with a window and a file; it ends by itself.
-start $samples/vtest.avi --window -o both.mp4 --frames 8
+# A film with a window and a file; it ends by itself, perhaps before anybody could look.
+launch $samples/vtest.avi --window -o both.mp4 --frames 8
 expect_end 0
 [ -s both.mp4 ] || fail "no film beside the window"
 

@@ -15,6 +15,9 @@ namespace {
 constexpr int kTile = 4;
 constexpr int kMostRuns = 7;  // in a row of a thing, on average: more is foliage
 
+constexpr int kNoiseMargin = 3;
+constexpr int kMostNoise = 64;  // grey levels: more is a picture without a flat place
+
 using Bytes = std::vector<std::uint8_t>;
 
 std::size_t size(int n) { return static_cast<std::size_t>(n); }
@@ -84,12 +87,24 @@ void spread(const Bytes& from, const Tiles& tiles, Bytes& to, Better better) {
   }
 }
 
+// Below which difference of brightness nothing is told from noise: the spread of tiles where
+// nothing but noise is to be seen, as at least a fifth of most pictures have it, and some more.
+int noise_contrast(const Bytes& lows, const Bytes& highs) {
+  std::array<std::size_t, 256> counts{};
+  for (std::size_t i = 0; i < lows.size(); ++i) ++counts[size(highs[i] - lows[i])];
+  std::size_t sum = 0;
+  int spread = 0;
+  while (5 * (sum += counts[size(spread)]) < lows.size()) ++spread;
+  return std::min(kMostNoise, spread + spread / kNoiseMargin);
+}
+
 // The mask of dark pixels, with a frame of one pixel that is not dark.
 void binarize(const cv::Mat& gray, int min_contrast, OutlineWorkspace& w) {
   const Tiles tiles{(gray.cols + kTile - 1) / kTile, (gray.rows + kTile - 1) / kTile};
   tile_extremes(gray, tiles, w.lows, w.highs);
   spread(w.lows, tiles, w.spread_lows, [](auto a, auto b) { return std::min(a, b); });
   spread(w.highs, tiles, w.spread_highs, [](auto a, auto b) { return std::max(a, b); });
+  min_contrast = std::max(min_contrast, noise_contrast(w.spread_lows, w.spread_highs));
   const std::size_t columns = size(gray.cols);
   const std::size_t stride = columns + 2;
   // Rows are read eight pixels at a time: as many more at the end.

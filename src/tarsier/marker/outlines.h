@@ -12,7 +12,8 @@ namespace tarsier::marker {
 
 struct OutlineOptions {
   // A place is flat where brightness differs by less over 12 x 12 px: nothing there is dark. Grey
-  // levels, 2..255.
+  // levels, 2..255. Raised, up to 64, where the flattest fifth of the picture differs by more:
+  // noise.
   int min_contrast = 20;
   int min_size = 8;  // px; the longer side of a thing's bounding box, >= 3
   void check() const;

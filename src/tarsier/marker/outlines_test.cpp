@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/marker/outlines.h"
 
+#include "tarsier/core/rng.h"
+
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
@@ -65,6 +67,34 @@ TEST(Outlines, JoinWhatGrowsTogetherFurtherDown) {
   find_dark_outlines(gray, {}, w);
   ASSERT_EQ(w.outlines.size(), 1U);
   EXPECT_EQ(bounds(w.outline(0)), cv::Rect(10, 10, 36, 36));
+}
+
+TEST(Outlines, NoiseIsNoThing) {
+  Rng rng(3);
+  cv::Mat gray(240, 320, CV_8UC1);
+  for (int y = 0; y < gray.rows; ++y)
+    for (int x = 0; x < gray.cols; ++x)
+      gray.at<std::uint8_t>(y, x) = cv::saturate_cast<std::uint8_t>(150 + 8 * rng.normal());
+  cv::Mat thing = gray(cv::Rect(100, 80, 50, 40));
+  cv::subtract(thing, cv::Scalar(60), thing);
+  OutlineWorkspace w;
+  find_dark_outlines(gray, {}, w);
+  EXPECT_LE(w.things.size(), 1000U);  // of 8000 specks: to look at them all would take its time
+  cv::Rect largest;
+  for (std::size_t i = 0; i < w.outlines.size(); ++i)
+    if (bounds(w.outline(i)).area() > largest.area()) largest = bounds(w.outline(i));
+  EXPECT_NEAR(largest.x, 100, 2);
+  EXPECT_NEAR(largest.width, 50, 4);
+}
+
+// There is no flat place to tell noise by.
+TEST(Outlines, ThingsEverywhereAreThings) {
+  cv::Mat gray(80, 80, CV_8UC1, cv::Scalar(200));
+  for (int y = 4; y < 80; y += 16)
+    for (int x = 4; x < 80; x += 16) gray(cv::Rect(x, y, 8, 8)).setTo(90);
+  OutlineWorkspace w;
+  find_dark_outlines(gray, {}, w);
+  EXPECT_EQ(w.outlines.size(), 25U);
 }
 
 TEST(Outlines, NothingInFlatEmptyOrTinyPictures) {
