@@ -3,8 +3,6 @@
 
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/draw/tile.h"
-#include "tarsier/io/atomic_file.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/session/action_reader.h"
 #include "tarsier/session/scripted_host.h"
@@ -12,17 +10,13 @@
 
 #include <fmt/format.h>
 
+#include "run_pipeline.h"
 #include "window.h"
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <condition_variable>
-#include <deque>
-#include <exception>
 #include <filesystem>
-#include <mutex>
 #include <optional>
-#include <thread>
 #include <unistd.h>
 #include <utility>
 
@@ -33,224 +27,11 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr std::size_t kPipelineDepth = 2;  // frames between two stages
-constexpr milliseconds kIdleInterval{
-    200};  // the window's status is redrawn so often without frames
+// Without frames the window's status is redrawn so often.
+constexpr milliseconds kIdleInterval{200};
 constexpr milliseconds kWindowPatience{12};     // keys wait at most so long for a frame
 constexpr milliseconds kHeadlessPatience{100};  // SIGINT wakes it earlier
-constexpr double kMostRepeats =
-    10;  // seconds that a film of a live source is filled up with its last picture
-
-// --- a pipeline ---
-
-// Hands items from one thread to another, at most kPipelineDepth at a time.
-template <typename T>
-class Channel {
- public:
-  // Waits for room; false if the channel was closed.
-  bool push(T item) {
-    std::unique_lock lock(mutex_);
-    changed_.wait(lock, [&] { return closed_ || items_.size() < kPipelineDepth; });
-    if (closed_) return false;
-    items_.push_back(std::move(item));
-    changed_.notify_all();
-    return true;
-  }
-  // Nothing when no item came in time, or when the channel is closed and empty.
-  std::optional<T> pop(std::optional<milliseconds> patience = std::nullopt) {
-    std::unique_lock lock(mutex_);
-    const auto ready = [&] { return closed_ || !items_.empty(); };
-    if (patience) {
-      changed_.wait_for(lock, *patience, ready);
-    } else {
-      changed_.wait(lock, ready);
-    }
-    if (items_.empty()) return std::nullopt;
-    std::optional<T> item(std::move(items_.front()));
-    items_.pop_front();
-    changed_.notify_all();
-    return item;
-  }
-  void close(bool drop_items = false) {
-    const std::lock_guard lock(mutex_);
-    closed_ = true;
-    if (drop_items) items_.clear();
-    changed_.notify_all();
-  }
-  [[nodiscard]] bool drained() const {
-    const std::lock_guard lock(mutex_);
-    return closed_ && items_.empty();
-  }
-
- private:
-  mutable std::mutex mutex_;
-  std::condition_variable changed_;
-  std::deque<T> items_;
-  bool closed_ = false;
-};
-
-// Reads files ahead in a thread of its own.
-class ReadAhead final : public FrameSource {
- public:
-  ReadAhead(std::unique_ptr<FrameSource> source, const std::stop_token& stop)
-      : source_(std::move(source)),
-        fps_(source_->fps()),
-        count_(source_->count()),
-        forward_stop_(stop, [this] { stop_.request_stop(); }),
-        thread_([this] { read(); }) {}
-  ~ReadAhead() override {
-    stop_.request_stop();
-    channel_.close(true);
-  }
-  ReadAhead(const ReadAhead&) = delete;
-  ReadAhead& operator=(const ReadAhead&) = delete;
-
-  std::optional<Frame> next(milliseconds patience, const std::stop_token& stop) override {
-    if (stop.stop_requested()) return std::nullopt;
-    if (std::optional<Item> item = channel_.pop(patience)) {
-      status_ = std::move(item->status);
-      return std::move(item->frame);
-    }
-    if (channel_.drained()) {
-      if (thread_.joinable()) thread_.join();
-      if (error_) std::rethrow_exception(std::exchange(error_, nullptr));
-      if (!stop.stop_requested()) status_.state = SourceState::kEnded;
-    }
-    return std::nullopt;
-  }
-  // Only once a failure has been thrown by next().
-  [[nodiscard]] bool ended() const override {
-    return channel_.drained() && !thread_.joinable() && !error_;
-  }
-  [[nodiscard]] bool is_live() const override { return false; }
-  [[nodiscard]] SourceStatus status() const override { return status_; }
-  [[nodiscard]] double fps() const override { return fps_; }
-  [[nodiscard]] std::int64_t count() const override { return count_; }
-  [[nodiscard]] const std::vector<std::string>& skipped() const override {
-    return thread_.joinable() ? nothing_ : source_->skipped();
-  }
-
- private:
-  struct Item {
-    Frame frame;
-    SourceStatus status;
-  };
-
-  void read() {
-    try {
-      while (!stop_.stop_requested() && !source_->ended()) {
-        std::optional<Frame> frame = source_->next(milliseconds(200), stop_.get_token());
-        if (frame && !channel_.push({std::move(*frame), source_->status()})) break;
-      }
-    } catch (...) {
-      error_ = std::current_exception();
-    }
-    channel_.close();
-  }
-
-  std::unique_ptr<FrameSource> source_;
-  double fps_;
-  std::int64_t count_;
-  SourceStatus status_;
-  std::vector<std::string> nothing_;
-  std::exception_ptr error_;  // of the thread, read after it
-  Channel<Item> channel_;
-  std::stop_source stop_;
-  std::stop_callback<std::function<void()>> forward_stop_;
-  std::jthread thread_;
-};
-
-// JSON lines from two threads.
-class Lines {
- public:
-  explicit Lines(bool wanted) : wanted_(wanted) {}
-  [[nodiscard]] bool wanted() const { return wanted_; }
-  void print(const nlohmann::ordered_json& object) {
-    if (!wanted_) return;
-    // Names of files need not be UTF-8.
-    const std::string line = object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-    const std::lock_guard lock(mutex_);
-    print_json_line(line);
-  }
-
- private:
-  bool wanted_;
-  std::mutex mutex_;
-};
-
-// A finished picture on its way to the output.
-struct Job {
-  cv::Mat image;
-  Frame frame;  // without its image
-  nlohmann::ordered_json line;
-  bool live = false;
-  bool silent = false;  // no line
-  int repeats = 1;      // 0: only the line
-};
-
-// Writes pictures and their lines, in a thread of its own if that helps.
-class Writer {
- public:
-  Writer(FrameSink& sink, Lines& lines, bool threaded) : sink_(sink), lines_(lines) {
-    if (threaded) thread_ = std::jthread([this] { drain(); });
-  }
-  ~Writer() { cancel(); }
-  Writer(const Writer&) = delete;
-  Writer& operator=(const Writer&) = delete;
-
-  void write(Job job) {
-    if (!thread_.joinable()) {
-      put(job);
-    } else if (!channel_.push(std::move(job))) {
-      complete();  // throws what ended the thread
-    }
-  }
-  // Waits until everything is written. Throws what went wrong.
-  void complete() {
-    channel_.close();
-    join();
-    if (error_) std::rethrow_exception(std::exchange(error_, nullptr));
-  }
-  // Forgets what is not begun.
-  void cancel() {
-    channel_.close(true);
-    join();
-  }
-  [[nodiscard]] std::int64_t written() const { return written_; }  // after complete() or cancel()
-
- private:
-  void join() {
-    if (thread_.joinable()) thread_.join();
-  }
-  void drain() {
-    try {
-      while (std::optional<Job> job = channel_.pop()) put(*job);
-    } catch (...) {
-      error_ = std::current_exception();
-      channel_.close(true);
-    }
-  }
-  void put(Job& job) {
-    for (int i = 0; i < job.repeats; ++i) {
-      const std::string path = sink_.write(job.image, job.frame);
-      if (!path.empty()) job.line["output"] = path;
-      ++written_;
-    }
-    if (job.live) {
-      const double age =
-          std::chrono::duration<double, std::milli>(Clock::now() - job.frame.captured).count();
-      job.line["age_ms"] = std::round(age * 10) / 10;
-    }
-    if (!job.silent) lines_.print(job.line);
-  }
-
-  FrameSink& sink_;
-  Lines& lines_;
-  Channel<Job> channel_;
-  std::exception_ptr error_;
-  std::int64_t written_ = 0;
-  std::jthread thread_;
-};
+constexpr double kMostRepeats = 10;  // s that a live film is filled up with its last picture
 
 // --- the window, where the program has one ---
 
@@ -606,85 +387,9 @@ class Run {
 
 }  // namespace
 
-void add_run_flags(CLI::App& verb, RunFlags& flags) {
-  verb.add_option("INPUT", flags.inputs,
-                  "picture, folder, glob, @list.txt, film, camera number, URL, picam:, synth:NAME")
-      ->required()
-      ->type_name("");
-  verb.add_option(
-      "-o,--output", flags.output,
-      "picture, folder, .mp4 .avi .mkv, http://127.0.0.1:8080/, none; without it: the window");
-  verb.add_flag("--window", flags.window, "show it in a window (h: keys)");
-  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
-  verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
-      ->check(CLI::IsMember({"-"}));
-  verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  verb.add_option("--every", flags.every, "take every N-th frame")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-
-  const auto source = [](CLI::Option* option) { option->group("Source"); };
-  source(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")
-             ->capture_default_str());
-  source(verb.add_option("--height", flags.source.height, "px")->capture_default_str());
-  source(
-      verb.add_option("--fps", flags.source.fps, "asked of a camera; of a --sequence; 0: its own")
-          ->capture_default_str());
-  source(verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time"));
-  source(verb.add_flag("--wait", flags.source.wait,
-                       "wait for ever for a source that is not there yet"));
-  source(verb.add_option("--connect-timeout", flags.source.connect_timeout_s,
-                         "s until a live source must have given its first frame")
-             ->capture_default_str());
-  source(
-      verb.add_option("--stall", flags.source.stall_s, "s without a frame: reopen the live source")
-          ->capture_default_str());
-  source(verb.add_option("--give-up", flags.source.give_up_s, "s without a frame: end; 0: never")
-             ->capture_default_str());
-
-  const auto sink = [](CLI::Option* option) { option->group("Output"); };
-  sink(verb.add_option("--jpeg-quality", flags.sink.jpeg_quality, "1..100")->capture_default_str());
-  sink(verb.add_flag("--listen-all", flags.sink.listen_all,
-                     "http output: for other machines too; needs a token"));
-  CLI::Option* token = verb.add_option("--token", flags.sink.token,
-                                       "http output: viewers must give it; 16 characters or more");
-  sink(token);
-  CLI::Option* token_file =
-      verb.add_option("--token-file", flags.token_file, "file that holds the token");
-  sink(token_file);
-  token_file->excludes(token);
-}
-
-bool opens_window(const RunFlags& flags) {
-  return flags.window || flags.fullscreen || flags.output.empty();
-}
-
 ExitStatus run_session(Session& session, const RunFlags& flags, Context& context,
                        const RunHooks& hooks) {
   return Run(session, flags, context, hooks)();
-}
-
-void DebugFolder::begin(const Frame& frame) {
-  std::string name = fmt::format("{:06}", frame.index);
-  if (frame.still) {
-    name = fmt::format("{:04}-{}", frame.index + 1,
-                       fs::path(frame.name).stem().string().substr(0, 180));
-  }
-  frame_folder_ = (fs::path(folder_) / name).string();
-  number_ = 0;
-}
-
-void DebugFolder::image(std::string_view name, const cv::Mat& image) {
-  if (image.empty()) return;
-  if (number_ == 0) make_folder(frame_folder_);
-  std::string file = fmt::format("{:02}-{}.png", ++number_, name);
-  std::replace_if(
-      file.begin(), file.end(), [](char c) { return c == ' ' || c == '/'; }, '-');
-  const std::string path = (fs::path(frame_folder_) / file).string();
-  const bool plain = image.depth() == CV_8U && (image.channels() == 1 || image.channels() == 3);
-  write_image(path, plain ? image : draw::letterbox(image, image.size()));
 }
 
 }  // namespace tarsier::cli

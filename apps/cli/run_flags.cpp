@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/draw/tile.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/io/image_file.h"
+
+#include <fmt/format.h>
+
+#include "run_session.h"
+#include <algorithm>
+#include <filesystem>
+
+namespace tarsier::cli {
+
+namespace fs = std::filesystem;
+
+void add_run_flags(CLI::App& verb, RunFlags& flags) {
+  verb.add_option("INPUT", flags.inputs,
+                  "picture, folder, glob, @list.txt, film, camera number, URL, picam:, synth:NAME")
+      ->required()
+      ->type_name("");
+  verb.add_option(
+      "-o,--output", flags.output,
+      "picture, folder, .mp4 .avi .mkv, http://127.0.0.1:8080/, none; without it: the window");
+  verb.add_flag("--window", flags.window, "show it in a window (h: keys)");
+  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
+  verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
+      ->check(CLI::IsMember({"-"}));
+  verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  verb.add_option("--every", flags.every, "take every N-th frame")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+
+  const auto source = [](CLI::Option* option) { option->group("Source"); };
+  source(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")
+             ->capture_default_str());
+  source(verb.add_option("--height", flags.source.height, "px")->capture_default_str());
+  source(
+      verb.add_option("--fps", flags.source.fps, "asked of a camera; of a --sequence; 0: its own")
+          ->capture_default_str());
+  source(verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time"));
+  source(verb.add_flag("--wait", flags.source.wait,
+                       "wait for ever for a source that is not there yet"));
+  source(verb.add_option("--connect-timeout", flags.source.connect_timeout_s,
+                         "s until a live source must have given its first frame")
+             ->capture_default_str());
+  source(
+      verb.add_option("--stall", flags.source.stall_s, "s without a frame: reopen the live source")
+          ->capture_default_str());
+  source(verb.add_option("--give-up", flags.source.give_up_s, "s without a frame: end; 0: never")
+             ->capture_default_str());
+
+  const auto sink = [](CLI::Option* option) { option->group("Output"); };
+  sink(verb.add_option("--jpeg-quality", flags.sink.jpeg_quality, "1..100")->capture_default_str());
+  sink(verb.add_flag("--listen-all", flags.sink.listen_all,
+                     "http output: for other machines too; needs a token"));
+  CLI::Option* token = verb.add_option("--token", flags.sink.token,
+                                       "http output: viewers must give it; 16 characters or more");
+  sink(token);
+  CLI::Option* token_file =
+      verb.add_option("--token-file", flags.token_file, "file that holds the token");
+  sink(token_file);
+  token_file->excludes(token);
+}
+
+bool opens_window(const RunFlags& flags) {
+  return flags.window || flags.fullscreen || flags.output.empty();
+}
+
+void DebugFolder::begin(const Frame& frame) {
+  std::string name = fmt::format("{:06}", frame.index);
+  if (frame.still) {
+    name = fmt::format("{:04}-{}", frame.index + 1,
+                       fs::path(frame.name).stem().string().substr(0, 180));
+  }
+  frame_folder_ = (fs::path(folder_) / name).string();
+  number_ = 0;
+}
+
+void DebugFolder::image(std::string_view name, const cv::Mat& image) {
+  if (image.empty()) return;
+  if (number_ == 0) make_folder(frame_folder_);
+  std::string file = fmt::format("{:02}-{}.png", ++number_, name);
+  std::replace_if(
+      file.begin(), file.end(), [](char c) { return c == ' ' || c == '/'; }, '-');
+  const std::string path = (fs::path(frame_folder_) / file).string();
+  const bool plain = image.depth() == CV_8U && (image.channels() == 1 || image.channels() == 3);
+  write_image(path, plain ? image : draw::letterbox(image, image.size()));
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/io/frame_sink.h"
+#include "tarsier/io/frame_source.h"
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <exception>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <stop_token>
+#include <thread>
+#include <utility>
+#include <vector>
+
+// The stages of run_session() that may run in threads of their own: reading ahead and writing.
+namespace tarsier::cli {
+
+// Hands items from one thread to another, at most two at a time.
+template <typename T>
+class Channel {
+ public:
+  // Waits for room; false if the channel was closed.
+  bool push(T item) {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return closed_ || items_.size() < kDepth; });
+    if (closed_) return false;
+    items_.push_back(std::move(item));
+    changed_.notify_all();
+    return true;
+  }
+  // Nothing when no item came in time, or when the channel is closed and empty.
+  std::optional<T> pop(std::optional<std::chrono::milliseconds> patience = std::nullopt) {
+    std::unique_lock lock(mutex_);
+    const auto ready = [&] { return closed_ || !items_.empty(); };
+    if (patience) {
+      changed_.wait_for(lock, *patience, ready);
+    } else {
+      changed_.wait(lock, ready);
+    }
+    if (items_.empty()) return std::nullopt;
+    std::optional<T> item(std::move(items_.front()));
+    items_.pop_front();
+    changed_.notify_all();
+    return item;
+  }
+  void close(bool drop_items = false) {
+    const std::lock_guard lock(mutex_);
+    closed_ = true;
+    if (drop_items) items_.clear();
+    changed_.notify_all();
+  }
+  [[nodiscard]] bool drained() const {
+    const std::lock_guard lock(mutex_);
+    return closed_ && items_.empty();
+  }
+
+ private:
+  static constexpr std::size_t kDepth = 2;
+
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<T> items_;
+  bool closed_ = false;
+};
+
+// Reads files ahead in a thread of its own.
+class ReadAhead final : public FrameSource {
+ public:
+  ReadAhead(std::unique_ptr<FrameSource> source, const std::stop_token& stop);
+  ~ReadAhead() override;
+  ReadAhead(const ReadAhead&) = delete;
+  ReadAhead& operator=(const ReadAhead&) = delete;
+
+  std::optional<Frame> next(std::chrono::milliseconds patience,
+                            const std::stop_token& stop) override;
+  // Only once a failure has been thrown by next().
+  [[nodiscard]] bool ended() const override;
+  [[nodiscard]] bool is_live() const override { return false; }
+  [[nodiscard]] SourceStatus status() const override { return status_; }
+  [[nodiscard]] double fps() const override { return fps_; }
+  [[nodiscard]] std::int64_t count() const override { return count_; }
+  [[nodiscard]] const std::vector<std::string>& skipped() const override;
+
+ private:
+  struct Item {
+    Frame frame;
+    SourceStatus status;
+  };
+
+  void read();
+
+  std::unique_ptr<FrameSource> source_;
+  double fps_;
+  std::int64_t count_;
+  SourceStatus status_;
+  std::vector<std::string> nothing_;
+  std::exception_ptr error_;  // of the thread, read after it
+  Channel<Item> channel_;
+  std::stop_source stop_;
+  std::stop_callback<std::function<void()>> forward_stop_;
+  std::jthread thread_;
+};
+
+// JSON lines from two threads.
+class Lines {
+ public:
+  explicit Lines(bool wanted) : wanted_(wanted) {}
+  [[nodiscard]] bool wanted() const { return wanted_; }
+  void print(const nlohmann::ordered_json& object);
+
+ private:
+  bool wanted_;
+  std::mutex mutex_;
+};
+
+// A finished picture on its way to the output.
+struct Job {
+  cv::Mat image;
+  Frame frame;  // without its image
+  nlohmann::ordered_json line;
+  bool live = false;
+  bool silent = false;  // no line
+  int repeats = 1;      // 0: only the line
+};
+
+// Writes pictures and their lines, in a thread of its own if that helps.
+class Writer {
+ public:
+  Writer(FrameSink& sink, Lines& lines, bool threaded);
+  ~Writer();
+  Writer(const Writer&) = delete;
+  Writer& operator=(const Writer&) = delete;
+
+  void write(Job job);
+  // Waits until everything is written. Throws what went wrong.
+  void complete();
+  // Forgets what is not begun.
+  void cancel();
+  [[nodiscard]] std::int64_t written() const { return written_; }  // after complete() or cancel()
+
+ private:
+  void join();
+  void drain();
+  void put(Job& job);
+
+  FrameSink& sink_;
+  Lines& lines_;
+  Channel<Job> channel_;
+  std::exception_ptr error_;
+  std::int64_t written_ = 0;
+  std::jthread thread_;
+};
+
+}  // namespace tarsier::cli
