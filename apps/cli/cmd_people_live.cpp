@@ -69,7 +69,8 @@ void add_people_live(CLI::App& area, Context& context) {
       ->delimiter(',');
   verb.add_option("--note", flags->session.note, "of consent, for those who are added");
   verb.add_option("--algorithm", flags->algorithm, "default, eigen, fisher or lbph");
-  verb.add_option("--faces", flags->session.most_faces, "faces collected of a person at a time, at most")
+  verb.add_option("--faces", flags->session.most_faces,
+                  "faces collected of a person at a time, at most")
       ->capture_default_str();
   verb.add_option("--far", flags->session.false_accepts,
                   "share of strangers who may be taken for somebody")
