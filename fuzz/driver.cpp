@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: MIT
 // libFuzzer's entry points: TARSIER_FUZZ=NAME fuzz_AREA [flags of libFuzzer] [folders].
 #include "fuzz.h"
-
 #include "json_mutator.h"
-
 #include <cstdio>
 #include <cstdlib>
 

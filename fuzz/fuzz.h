@@ -30,8 +30,8 @@ struct Target {
 // The one of that name; nullptr where there is none.
 [[nodiscard]] const Target* find_target(std::string_view name);
 
-// Whether the reader took the input (false: it threw a tarsier::Error). Throws std::logic_error for
-// an error that is not one line of text; other exceptions go through.
+// Whether the reader took the input (false: it threw a tarsier::Error). Other exceptions go
+// through.
 bool run_target(const Target& target, Bytes input);
 
 // A folder of this process in memory (/dev/shm, or $TARSIER_FUZZ_TMP), removed at its end.
@@ -70,8 +70,8 @@ struct Registration {
 
 }  // namespace tarsier::fuzz
 
-#define TARSIER_FUZZ_TARGET(NAME, FORM)                                                \
-  static void fuzz_##NAME(::tarsier::fuzz::Bytes input);                               \
-  static const ::tarsier::fuzz::Registration registration_##NAME(                      \
-      {#NAME, ::tarsier::fuzz::Form::FORM, fuzz_##NAME});                              \
+#define TARSIER_FUZZ_TARGET(NAME, FORM)                           \
+  static void fuzz_##NAME(::tarsier::fuzz::Bytes input);          \
+  static const ::tarsier::fuzz::Registration registration_##NAME( \
+      {#NAME, ::tarsier::fuzz::Form::FORM, fuzz_##NAME});         \
   static void fuzz_##NAME(::tarsier::fuzz::Bytes input)

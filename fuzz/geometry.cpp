@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: MIT
 // Cameras, meshes and markers.
-#include "fuzz.h"
-
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/geometry/opencv_storage.h"
 #include "tarsier/io/image_file.h"
@@ -10,6 +8,7 @@
 
 #include <opencv2/core.hpp>
 
+#include "fuzz.h"
 #include <cmath>
 
 namespace tarsier::fuzz {

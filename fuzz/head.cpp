@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 // Head models, points and poses.
-#include "fuzz.h"
-
 #include "tarsier/core/errors.h"
 #include "tarsier/head/evaluation.h"
 #include "tarsier/head/head_model.h"
 #include "tarsier/head/head_pose.h"
 #include "tarsier/head/point_file.h"
+
+#include "fuzz.h"
 
 namespace tarsier::fuzz {
 

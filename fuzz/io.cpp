@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: MIT
 // Pictures, model files as such, streams and words that name sources.
-#include "fuzz.h"
-
 #include "tarsier/core/errors.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/io/capture_protocol.h"
@@ -11,6 +9,7 @@
 #include "tarsier/io/mjpeg_parser.h"
 #include "tarsier/io/still_source.h"
 
+#include "fuzz.h"
 #include <algorithm>
 
 namespace tarsier::fuzz {

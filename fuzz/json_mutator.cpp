@@ -218,17 +218,17 @@ class Mutation {
 
   std::int64_t odd_integer() {
     static constexpr std::array<std::int64_t, 24> kOdd{
-        0,          1,           -1,         2,           3,       4,
-        5,          7,           16,         64,          255,     256,
-        1000,       10'000,      65'536,     1'000'000,   1 << 30, 2'147'483'647,
-        2147483648, -2147483648, 4294967296, 1LL << 40,   INT64_MAX, INT64_MIN};
+        0,          1,           -1,         2,         3,         4,
+        5,          7,           16,         64,        255,       256,
+        1000,       10'000,      65'536,     1'000'000, 1 << 30,   2'147'483'647,
+        2147483648, -2147483648, 4294967296, 1LL << 40, INT64_MAX, INT64_MIN};
     return kOdd[below(kOdd.size())];
   }
 
   double odd_double() {
-    static constexpr std::array<double, 20> kOdd{
-        0,     -0.0, 0.5,    1,    -1,    2,    1e-3,  1e3,   1e6,     1e9,
-        -1e9,  1e15, 1e-15,  1e30, -1e30, 1e38, 1e300, 1e308, -1.7e308, 5e-324};
+    static constexpr std::array<double, 20> kOdd{0,     -0.0, 0.5,   1,     -1,       2,     1e-3,
+                                                 1e3,   1e6,  1e9,   -1e9,  1e15,     1e-15, 1e30,
+                                                 -1e30, 1e38, 1e300, 1e308, -1.7e308, 5e-324};
     return kOdd[below(kOdd.size())];
   }
 

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: MIT
 // Models that find and fit landmarks: what was read is also used once, on a small picture.
-#include "fuzz.h"
-
 #include "tarsier/appearance/fit.h"
 #include "tarsier/appearance/model.h"
 #include "tarsier/appearance/synthesis.h"
@@ -11,6 +9,8 @@
 #include "tarsier/landmarks/model.h"
 
 #include <opencv2/core.hpp>
+
+#include "fuzz.h"
 
 namespace tarsier::fuzz {
 namespace {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// fuzz_seeds FOLDER: writes the inputs to begin with that are no text (FOLDER/TARGET/good-*): tiny models of each kind,
-// pictures, streams and databases. The same bytes each time, but for the databases.
+// fuzz_seeds FOLDER: writes the inputs to begin with that are no text (FOLDER/TARGET/good-*): tiny
+// models of each kind, pictures, streams and databases. The same bytes each time, but for the
+// databases.
 #include "tarsier/appearance/model.h"
 #include "tarsier/appearance/testing_portraits.h"
 #include "tarsier/core/progress.h"
@@ -70,8 +71,9 @@ void pictures() {
   const std::vector<std::uint8_t> jpeg = encode_image(".jpg", colour, "seed", 40);
   // A part of multipart/x-mixed-replace, and pictures one after the other.
   const std::string picture(jpeg.begin(), jpeg.end());
-  const std::string part = "--b\r\nContent-Type: image/jpeg\r\nContent-Length: " +
-                           std::to_string(picture.size()) + "\r\n\r\n" + picture + "\r\n";
+  const std::string part =
+      "--b\r\nContent-Type: image/jpeg\r\nContent-Length: " + std::to_string(picture.size()) +
+      "\r\n\r\n" + picture + "\r\n";
   write_file_atomically(seed("mjpeg", "multipart"), part + part);
   write_file_atomically(seed("mjpeg", "pictures"), picture + picture);
 }

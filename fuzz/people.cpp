@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: MIT
 // Recognisers, lists of faces and galleries.
-#include "fuzz.h"
-
 #include "tarsier/core/errors.h"
 #include "tarsier/gallery/gallery.h"
 #include "tarsier/recognition/background.h"
@@ -9,6 +7,8 @@
 #include "tarsier/recognition/recognizer.h"
 
 #include <opencv2/core.hpp>
+
+#include "fuzz.h"
 
 namespace tarsier::fuzz {
 
@@ -22,9 +22,7 @@ TARSIER_FUZZ_TARGET(recognizer, kJson) {
   if (model.calibration) (void)model.calibration->threshold(0.01, 3);
 }
 
-TARSIER_FUZZ_TARGET(background, kJson) {
-  read_background(file_of(input, "model.json")).check();
-}
+TARSIER_FUZZ_TARGET(background, kJson) { read_background(file_of(input, "model.json")).check(); }
 
 TARSIER_FUZZ_TARGET(face_list, kBytes) { (void)read_face_list(file_of(input, "faces.lst")); }
 

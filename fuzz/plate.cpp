@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: MIT
 // Countries, truth, results and models of number plates.
-#include "fuzz.h"
-
 #include "tarsier/core/errors.h"
 #include "tarsier/plate/recognizer.h"
 #include "tarsier/plate_classic/character_reader.h"
@@ -13,6 +11,7 @@
 
 #include <opencv2/core.hpp>
 
+#include "fuzz.h"
 #include <algorithm>
 #include <cmath>
 #include <sstream>
@@ -27,8 +26,7 @@ TARSIER_FUZZ_TARGET(plate_country, kBytes) {
     expect(layout.places.size() >= 2 && layout.places.size() <= 12, "a layout of another length");
     expect(std::isfinite(layout.weight) && layout.weight > 0, "a weight that is none");
     expect(std::isfinite(layout.prior) && layout.prior > 0, "a prior that is none");
-    expect(layout.group_break >= 0 &&
-               layout.group_break < static_cast<int>(layout.places.size()),
+    expect(layout.group_break >= 0 && layout.group_break < static_cast<int>(layout.places.size()),
            "a break beside the text");
     for (const SymbolSet place : layout.places) expect(place != 0, "a place for nothing");
   }

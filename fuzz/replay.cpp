@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
-// fuzz_replay TARGET FOLDER..: runs a target on all files of the folders, as a test of any build. Files whose names
-// begin with "good" must be taken. fuzz_replay --list names the targets.
+// fuzz_replay TARGET FOLDER..: runs a target on all files of the folders, as a test of any build.
+// Files whose names begin with "good" must be taken. fuzz_replay --list names the targets.
 #include "fuzz.h"
-
 #include <algorithm>
 #include <cstdio>
 #include <exception>

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: MIT
 // Reconstructions, what is known of photographs, and targets.
-#include "fuzz.h"
-
 #include "tarsier/sfm/evaluation.h"
 #include "tarsier/sfm/pairs.h"
 #include "tarsier/sfm_io/align.h"
@@ -10,6 +8,7 @@
 #include "tarsier/target/detect.h"
 #include "tarsier/target/target_io.h"
 
+#include "fuzz.h"
 #include <cmath>
 
 namespace tarsier::fuzz {
@@ -46,9 +45,7 @@ TARSIER_FUZZ_TARGET(pairs_list, kBytes) {
     expect(first >= 0 && first < second && second < 5, "a pair of other photographs");
 }
 
-TARSIER_FUZZ_TARGET(pose_truth, kJson) {
-  (void)read_pose_truth(file_of(input, "truth.jsonl"));
-}
+TARSIER_FUZZ_TARGET(pose_truth, kJson) { (void)read_pose_truth(file_of(input, "truth.jsonl")); }
 
 TARSIER_FUZZ_TARGET(target, kJson) {
   const target::Target read = target::read_target(file_of(input, "model.json"));

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: MIT
 // Annotations, other programs' and our own, and shape models.
-#include "fuzz.h"
-
 #include "tarsier/io/image_file.h"
 #include "tarsier/shape/import.h"
 #include "tarsier/shape/landmark_set.h"
@@ -9,6 +7,8 @@
 #include "tarsier/shape/text_files.h"
 
 #include <opencv2/core.hpp>
+
+#include "fuzz.h"
 
 namespace tarsier::fuzz {
 namespace {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: MIT
 // Values on the command line. The first byte says which.
-#include "fuzz.h"
-
 #include "tarsier/calibration/board.h"
 #include "tarsier/core/length.h"
 #include "tarsier/gallery/name.h"
@@ -11,6 +9,7 @@
 #include "tarsier/sheet/sheet.h"
 #include "tarsier/synth/sources.h"
 
+#include "fuzz.h"
 #include <chrono>
 
 namespace tarsier::fuzz {

@@ -26,10 +26,15 @@ fuzz_packages() {
     printf '%s\n' clang libclang-rt-dev llvm
   fi
 }
-fuzz_compiler() { # the path of the first that is there
-  local name
-  for name in clang++-16 clang++-17 clang++-18 clang++-19 clang++-20 clang++; do
-    command -v "$name" && return 0
+fuzz_compiler() { # the path of the first that is there and new enough
+  local name version
+  for name in clang++-16 clang++ clang++-17 clang++-18 clang++-19 clang++-20; do
+    command -v "$name" >/dev/null || continue
+    version=$("$name" -dumpversion)
+    if [ "${version%%.*}" -ge 16 ]; then
+      command -v "$name"
+      return 0
+    fi
   done
   return 1
 }
