@@ -18,6 +18,27 @@ test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg py
 # A peer that `tarsier bench markers` measures itself beside.
 test_packages+=(libapriltag-dev)
 
+# What scripts/fuzz.sh compiles with: clang 16 (C++20) or later with libFuzzer. Debian 12 has 16 beside an older `clang`.
+fuzz_packages() {
+  if apt-cache show clang-16 >/dev/null 2>&1; then
+    printf '%s\n' clang-16 libclang-rt-16-dev llvm-16
+  else
+    printf '%s\n' clang libclang-rt-dev llvm
+  fi
+}
+fuzz_compiler() { # the path of the first that is there and new enough
+  local name version
+  for name in clang++-16 clang++ clang++-17 clang++-18 clang++-19 clang++-20; do
+    command -v "$name" >/dev/null || continue
+    version=$("$name" -dumpversion)
+    if [ "${version%%.*}" -ge 16 ]; then
+      command -v "$name"
+      return 0
+    fi
+  done
+  return 1
+}
+
 die() {
   printf '%s: %s\n' "${0##*/}" "$*" >&2
   exit 1

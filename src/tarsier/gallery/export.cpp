@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/io/archive.h"
 #include "tarsier/io/atomic_file.h"
 #include "tarsier/io/image_file.h"
 
@@ -12,6 +13,12 @@
 #include <nlohmann/json.hpp>
 
 namespace tarsier::people {
+namespace {
+
+// Writing JSON goes as deep into the stack as the text is nested.
+constexpr ArchiveLimits kMeasureLimits{100'000, 8, 1000};
+
+}  // namespace
 
 ExportReport export_gallery(Gallery& gallery, const std::string& folder,
                             const std::function<std::string(std::int64_t)>& time_text,
@@ -34,9 +41,12 @@ ExportReport export_gallery(Gallery& gallery, const std::string& folder,
       const std::string file = fmt::format("{}/face-{}.png", name, face.id);
       write_image(folder + "/" + file, face.crop);
       list += fmt::format("{}\t{}\n", file, person.name);
-      nlohmann::ordered_json measures =
-          nlohmann::ordered_json::parse(face.measures, nullptr, false);
-      if (measures.is_discarded()) measures = nullptr;
+      nlohmann::ordered_json measures;  // null where the text in the file is none
+      try {
+        measures = parse_json(face.measures, gallery.path(), kMeasureLimits);
+      } catch (const InputError&) {
+        measures = nullptr;
+      }
       faces.push_back({{"file", file},
                        {"quality", face.quality},
                        {"measures", std::move(measures)},

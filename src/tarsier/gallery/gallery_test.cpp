@@ -194,6 +194,16 @@ TEST_F(GalleryTest, ExportsEverything) {
                OutputError);
 }
 
+TEST_F(GalleryTest, MeasuresThatNoProgramOfOursWroteAreLeftOut) {
+  Gallery gallery(path("p.db"));
+  StoredFace hostile = face(1);
+  hostile.measures = std::string(300'000, '[') + std::string(300'000, ']');
+  gallery.enroll("Ann", "", hostile);
+  export_gallery(gallery, path("out"), [](std::int64_t) { return "t"; }, {});
+  const auto json = nlohmann::json::parse(contents(path("out/people.json")));
+  EXPECT_TRUE(json["people"][0]["faces"][0]["measures"].is_null());
+}
+
 TEST_F(GalleryTest, FilesThatAreNoneOrCannotBeUsedSaySo) {
   {
     Gallery gallery(path("p.db"));

@@ -12,22 +12,31 @@ namespace tarsier::head {
 
 using Eigen::Index;
 
+namespace {
+constexpr double kLargest = 1e6;      // mm, of any number of a model
+constexpr double kLeastNoise = 1e-6;  // mm
+}  // namespace
+
 void HeadModel::check() const {
   const int n = points();
   const int m = mode_count();
   TARSIER_REQUIRE(n >= 4, "a head of {} points", n);
-  TARSIER_REQUIRE(mean.allFinite(), "the mean is not finite");
+  TARSIER_REQUIRE(mean.allFinite() && mean.cwiseAbs().maxCoeff() <= kLargest,
+                  "the mean is not finite or beyond {} mm", kLargest);
   TARSIER_REQUIRE(modes.rows() == 3 * n || m == 0, "modes of {} rows for {} points", modes.rows(),
                   n);
   TARSIER_REQUIRE(m == 0 || modes.allFinite(), "the modes are not finite");
   TARSIER_REQUIRE(deviation.size() == m, "{} deviations of {} modes", deviation.size(), m);
   TARSIER_REQUIRE(landmark.size() == static_cast<std::size_t>(n),
                   "{} landmark numbers of {} points", landmark.size(), n);
-  TARSIER_REQUIRE(noise.size() == n && noise.allFinite() && noise.minCoeff() > 0,
-                  "the noise of the points must be {} numbers above 0", n);
+  // Points are weighted by 1 / noise^2.
+  TARSIER_REQUIRE(noise.size() == n && noise.allFinite() && noise.minCoeff() >= kLeastNoise &&
+                      noise.maxCoeff() <= kLargest,
+                  "the noise of the points must be {} numbers of {} to {} mm", n, kLeastNoise,
+                  kLargest);
   for (const int number : landmark) TARSIER_REQUIRE(number >= 0, "landmark number {}", number);
   for (int k = 0; k < m; ++k) {
-    TARSIER_REQUIRE(std::isfinite(deviation[k]) && deviation[k] >= 0 &&
+    TARSIER_REQUIRE(deviation[k] >= 0 && deviation[k] <= kLargest &&
                         (k == 0 || deviation[k] <= deviation[k - 1]),
                     "deviation {} is {}", k, deviation[k]);
   }

@@ -71,6 +71,11 @@ TEST_F(HeadModelFile, RefusesWhatIsNoHead) {
        },
        "deviation"},
       {[](json& v) { v["noise"] = 3; }, "noise"},
+      // 1 / noise^2 is more than any number holds.
+      {[](json& v) {
+         v["noise"] = pack(PackedArray<double>{{25, 1}, std::vector<double>(25, 1e-200)});
+       },
+       "noise"},
       {[](json& v) { v["mirror"][0] = 99; }, "mirror"},
       {[](json& v) { v["mirror"][0] = 1.5; }, "mirror"},
       {[](json& v) {

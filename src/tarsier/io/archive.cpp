@@ -221,16 +221,22 @@ bool all_finite(const std::vector<T>& values) {
   return true;
 }
 
-// The number of values; nothing if a size is negative or the product beyond any memory.
+// The number of values; nothing if a size is negative or the array larger than any file that is
+// read. Sizes of 0 do not make the others free: each fits an int, also those of an empty array.
 std::optional<std::uint64_t> product_of(std::span<const std::int64_t> shape) {
-  constexpr std::uint64_t kMost = std::uint64_t{1} << 40U;
+  constexpr std::uint64_t kMost = std::numeric_limits<std::int32_t>::max();
   std::uint64_t product = 1;
+  bool is_empty = false;
   for (const std::int64_t size : shape) {
     if (size < 0 || static_cast<std::uint64_t>(size) > kMost) return std::nullopt;
-    product *= static_cast<std::uint64_t>(size);
+    if (size == 0) {
+      is_empty = true;
+      continue;
+    }
+    product *= static_cast<std::uint64_t>(size);  // of two numbers below 2^31
     if (product > kMost) return std::nullopt;
   }
-  return product;
+  return is_empty ? 0 : product;
 }
 
 }  // namespace

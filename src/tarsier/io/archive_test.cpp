@@ -213,6 +213,7 @@ TEST(Pack, HostileArraysAreRefused) {
   EXPECT_THAT(with("shape", {2, 4611686018427387904}), HasSubstr("makes no sense"));
   EXPECT_THAT(with("shape", {2, 18446744073709551615U}), HasSubstr("makes no sense"));
   EXPECT_THAT(with("shape", {2, 1.5}), HasSubstr("makes no sense"));
+  EXPECT_THAT(with("shape", {2, 0x80000000}), HasSubstr("makes no sense"));
   EXPECT_THAT(with("shape", "x"), HasSubstr("no packed array"));
   EXPECT_THAT(with("dtype", "f4"), HasSubstr("dtype 'f4', expected 'f8'"));
   EXPECT_THAT(with("data", "AAA"), HasSubstr("base64"));
@@ -223,6 +224,16 @@ TEST(Pack, HostileArraysAreRefused) {
   EXPECT_THROW((void)pack(PackedArray<double>{{3}, {1}}), std::invalid_argument);
   EXPECT_THROW((void)pack(PackedArray<double>{{1}, {std::numeric_limits<double>::infinity()}}),
                std::invalid_argument);
+}
+
+TEST(Pack, SizesWhoseProductIsBeyondAllNumbersAreRefused) {
+  // The product of these is 2^64, which is 0 in 64 bits; and 0.
+  for (const auto& shape : {json{1LL << 32, 1LL << 32}, json{1LL << 40, 0}, json{0, 1LL << 31}}) {
+    const json value = {{"dtype", "f8"}, {"shape", shape}, {"data", ""}};
+    EXPECT_THROW((void)unpack<double>(value, "m", "a", {-1, -1}), ModelError) << shape.dump();
+  }
+  const json empty = {{"dtype", "f8"}, {"shape", {0, 7}}, {"data", ""}};
+  EXPECT_EQ(unpack<double>(empty, "m", "a", {-1, 7}).shape[0], 0);
 }
 
 TEST(Members, AreCheckedForTypeAndRange) {

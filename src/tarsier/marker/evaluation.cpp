@@ -2,20 +2,25 @@
 #include "tarsier/marker/evaluation.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/io/archive.h"
+#include "tarsier/io/image_file.h"
 
 #include <fmt/format.h>
 #include <opencv2/calib3d.hpp>
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 namespace tarsier::marker {
 namespace {
 
 using nlohmann::json;
+
+constexpr std::int64_t kMostBytes = 256'000'000;
+constexpr ArchiveLimits kLineLimits{10'000'000, 16, 1'000'000};
 
 // What is wrong with a line; read_lines() adds which.
 struct BadLine {
@@ -116,16 +121,15 @@ MarkerTruth truth_of(const json& line) {
 }
 
 void read_lines(const std::string& path, const std::function<void(const json&)>& take) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) throw InputError(path, "cannot be read");
+  std::istringstream file(read_file(path, kMostBytes));
   std::string text;
   for (int number = 1; std::getline(file, text); ++number) {
     if (text.find_first_not_of(" \t\r") == std::string::npos) continue;
     try {
-      const json line = json::parse(text);
+      const json line = parse_json(text, path, kLineLimits);
       if (!line.is_object()) throw BadLine{"no JSON object"};
       take(line);
-    } catch (const json::exception&) {
+    } catch (const InputError&) {
       throw InputError(path, fmt::format("line {} is no JSON", number));
     } catch (const BadLine& bad) {
       throw InputError(path, fmt::format("line {}: {}", number, bad.reason));

@@ -80,6 +80,10 @@ TEST(MarkerTruth, IsReadAndBadLinesAreNamed) {
       EXPECT_NE(std::string(error.what()).find("line 2"), std::string::npos) << error.what();
     }
   }
+  // A line of brackets takes forty times its size when it is parsed.
+  std::ofstream(path) << R"({"image":"a","family":"orig","K":[1,0,0,0,1,0,0,0,1],"markers":[],"x":)"
+                      << std::string(500, '[') << std::string(500, ']') << "}\n";
+  EXPECT_THROW((void)read_marker_truth(path), InputError);
   std::ofstream(path, std::ios::trunc).close();
   EXPECT_THROW((void)read_marker_truth(path), InputError);
   EXPECT_THROW((void)read_marker_truth(folder / "none"), InputError);

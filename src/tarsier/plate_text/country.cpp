@@ -303,6 +303,10 @@ class Parser {
       std::vector<Layout> next;
       for (const Layout& layout : grown) {
         for (const Alternative& alternative : element) {
+          // Here, not after the loop: thousands of words times a thousand layouts take gigabytes.
+          if (next.size() + country_.layouts.size() >= kMaxLayouts) {
+            fail(fmt::format("more than {} layouts", kMaxLayouts));
+          }
           next.push_back(layout);
           next.back().weight *= alternative.share;
           next.back().places.insert(next.back().places.end(), alternative.places.begin(),
@@ -311,9 +315,6 @@ class Parser {
             fail(fmt::format("a layout has {}..{} characters", kMinPlaces, kMaxPlaces));
           }
         }
-      }
-      if (next.size() + country_.layouts.size() > kMaxLayouts) {
-        fail(fmt::format("more than {} layouts", kMaxLayouts));
       }
       grown = std::move(next);
     }

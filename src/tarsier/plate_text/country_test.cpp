@@ -125,6 +125,23 @@ TEST(CountryTest, ABadLineIsNamed) {
   EXPECT_NE(refusal(std::string("\0\xFF\x80[[??||", 8)), "accepted");
 }
 
+// Nine hundred layouts times thousands of words: counted before they are made, or they take
+// gigabytes.
+TEST(CountryTest, WordsTimesLayoutsAreBounded) {
+  constexpr std::string_view kSymbols = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789";
+  const auto words = [&](std::size_t most) {  // no two of which become one run
+    std::string text;
+    for (std::size_t i = 0; i < most; ++i) {
+      const std::size_t middle = i % 1296;
+      text += {' ', kSymbols[i / 1296], kSymbols[middle / 36], kSymbols[middle % 36],
+               kSymbols[i / 1296]};
+    }
+    return text;
+  };
+  EXPECT_THAT(refusal("words P =" + words(900) + "\nwords Q =" + words(15'000) + "\nP Q\n"),
+              HasSubstr("line 3: more than 1000 layouts"));
+}
+
 // Plates as they are on the road, and some that no such car has.
 TEST(CountryTest, TheFilesThatShipKnowTheirPlates) {
   const std::vector<Country> countries = read_countries(TARSIER_COUNTRIES);

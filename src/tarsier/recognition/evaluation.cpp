@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/io/image_file.h"
 
 #include <algorithm>
 #include <bit>
@@ -11,16 +12,18 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <map>
 #include <numeric>
 #include <random>
+#include <sstream>
 #include <string_view>
 #include <utility>
 
 namespace tarsier::recognition {
 namespace {
+
+constexpr std::int64_t kMostListBytes = 1'000'000'000;
 
 // 0..n-1 in random order: what numpy.random.RandomState(seed).permutation(n) gives, draw for draw,
 // so that a split can be made again outside.
@@ -111,8 +114,7 @@ double share(const std::vector<ProbeResult>& results, auto&& of, auto&& that) {
 }  // namespace
 
 std::vector<LabelledFace> read_face_list(const std::string& path) {
-  std::ifstream stream(path);
-  if (!stream || std::filesystem::is_directory(path)) throw InputError(path, "cannot be read");
+  std::istringstream stream(read_file(path, kMostListBytes));
   const auto folder = std::filesystem::path(path).parent_path();
   std::vector<LabelledFace> out;
   std::string line;

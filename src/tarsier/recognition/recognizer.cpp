@@ -127,6 +127,10 @@ void Recognizer::check() const {
   if (options.algorithm == Algorithm::kLbph) {
     TARSIER_REQUIRE(components.size() == 0 && mean.size() == 0 && options.size.area() > 0,
                     "LBPH has no subspace");
+    const int least = options.lbp.grid + 2 * options.lbp.radius;
+    TARSIER_REQUIRE(options.size.width >= least && options.size.height >= least,
+                    "faces of {}x{} for {} cells of local binary patterns", options.size.width,
+                    options.size.height, options.lbp.grid);
   } else {
     const Eigen::Index length = options.algorithm == Algorithm::kDefault
                                     ? descriptor_length(options.descriptor)

@@ -127,6 +127,12 @@ TEST_F(RecognizerFile, HostileModelsAreRefused) {
               HasSubstr("size"));
   EXPECT_THAT(refusal(Algorithm::kLbph, [](json& p) { p["options"]["lbp"]["grid"] = 5; }),
               HasSubstr("templates"));
+  EXPECT_THAT(refusal(Algorithm::kLbph,
+                      [](json& p) {  // fewer pixels than cells
+                        p["options"]["width"] = 8;
+                        p["options"]["lbp"]["radius"] = 3;
+                      }),
+              HasSubstr("faces of 8x"));
   EXPECT_THAT(refusal(Algorithm::kLbph, [](json& p) { p["options"]["lbp"]["neighbours"] = 30; }),
               HasSubstr("neighbours"));
 }

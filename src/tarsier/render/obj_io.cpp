@@ -104,8 +104,8 @@ class Reader {
     double value = 0;
     if (!word.empty() && word.front() == '+') word.remove_prefix(1);
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    // Smaller than any double: 0 to us.
-    if (error == std::errc::result_out_of_range && std::abs(value) < 1) return 0;
+    // Smaller than any double: 0 to us. Of what is larger `value` says nothing either.
+    if (error == std::errc::result_out_of_range && is_below_one(word)) return 0;
     if (error != std::errc() || end != word.data() + word.size()) {
       fail(fmt::format("'{}' is no number", shown(word)));
     }
@@ -113,6 +113,13 @@ class Reader {
       fail(fmt::format("{} is not finite or beyond 1e9", shown(word)));
     }
     return static_cast<float>(value);
+  }
+
+  // Whether a number that no double holds is too small, rather than too large.
+  static bool is_below_one(std::string_view word) {
+    const std::size_t exponent = word.find_first_of("eE");
+    if (exponent != std::string_view::npos) return word.substr(exponent + 1).starts_with('-');
+    return word.find_first_not_of("-0") == word.find('.');
   }
 
   template <int N>

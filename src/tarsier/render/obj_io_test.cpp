@@ -107,12 +107,20 @@ TEST_F(Obj, RefusesBrokenNumbersAndIndices) {
   EXPECT_THAT(refusal(head + "f 1 2 3x\n"), HasSubstr("'3x'"));
   EXPECT_THAT(refusal(head + "v nan 0 0\n"), HasSubstr("not finite"));
   EXPECT_THAT(refusal(head + "v 1e300 0 0\n"), HasSubstr("beyond 1e9"));
+  EXPECT_THAT(refusal(head + "v 1e999 0 0\n"), HasSubstr("'1e999' is no number"));
+  EXPECT_THAT(refusal(head + "v 1" + std::string(400, '0') + " 0 0\n"), HasSubstr("is no number"));
   EXPECT_THAT(refusal(head + "v 1 2\n"), HasSubstr("'' is no number"));
   EXPECT_THAT(refusal(head), HasSubstr("has no faces"));
   EXPECT_THAT(refusal(""), HasSubstr("has no faces"));
   EXPECT_THAT(refusal(std::string("v 0 0 0\0", 8)), HasSubstr("is no OBJ file"));
   EXPECT_THROW((void)read_obj(path("none.obj")), InputError);
   EXPECT_THROW((void)read_obj(folder_), InputError);
+}
+
+TEST_F(Obj, NumbersBelowAllDoublesAreNothing) {
+  std::ofstream(path("thing.obj"))
+      << "v 1e-999 -0." << std::string(400, '0') << "1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+  EXPECT_EQ(read_obj(path("thing.obj")).mesh.positions[0], cv::Vec3f(0, 0, 0));
 }
 
 TEST_F(Obj, RefusesWhatIsTooLarge) {

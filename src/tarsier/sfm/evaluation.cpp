@@ -2,6 +2,7 @@
 #include "tarsier/sfm/evaluation.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/io/archive.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/sfm/mapper.h"
 #include "tarsier/sfm_io/align.h"
@@ -21,6 +22,7 @@ namespace {
 
 constexpr double kDegrees = 180 / CV_PI;
 constexpr std::int64_t kMostBytes = 100'000'000;
+constexpr ArchiveLimits kLineLimits{1'000'000, 16, 100'000};
 constexpr double kThresholds[] = {0.5, 1, 3, 5};
 
 std::vector<double> numbers(const nlohmann::json& line, const char* key, std::size_t count) {
@@ -78,10 +80,15 @@ PoseTruth read_pose_truth(const std::string& path) {
   std::string text;
   for (int number = 1; std::getline(file, text); ++number) {
     if (text.find_first_not_of(" \t\r") == std::string::npos) continue;
-    const nlohmann::json line = nlohmann::json::parse(text, nullptr, false);
     const auto fail = [&](const char* what) {
       throw InputError(path, fmt::format("line {}: {}", number, what));
     };
+    nlohmann::json line;
+    try {
+      line = parse_json(text, path, kLineLimits);
+    } catch (const InputError&) {
+      fail("is no JSON");
+    }
     if (!line.is_object() || !line.contains("name") || !line["name"].is_string())
       fail("expected {\"name\", \"R\", \"C\"}");
     const std::vector<double> r = numbers(line, "R", 9);

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: MIT
+// Models that find and fit landmarks: what was read is also used once, on a small picture.
+#include "tarsier/appearance/fit.h"
+#include "tarsier/appearance/model.h"
+#include "tarsier/appearance/synthesis.h"
+#include "tarsier/landmarks/face_finder.h"
+#include "tarsier/landmarks/faces_json.h"
+#include "tarsier/landmarks/hog_detector.h"
+#include "tarsier/landmarks/model.h"
+
+#include <opencv2/core.hpp>
+
+#include "fuzz.h"
+
+namespace tarsier::fuzz {
+namespace {
+
+cv::Mat picture() {
+  cv::Mat gray(96, 96, CV_8UC1);
+  for (int y = 0; y < gray.rows; ++y)
+    for (int x = 0; x < gray.cols; ++x)
+      gray.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>((x * x + 3 * y + x * y / 7) & 0xff);
+  return gray;
+}
+
+}  // namespace
+
+TARSIER_FUZZ_TARGET(landmark_model, kJson) {
+  const landmarks::LandmarkModel model =
+      landmarks::read_landmark_model(file_of(input, "model.json"));
+  model.check();
+  if (model.points() > 100) return;
+  const cv::Mat gray = picture();
+  const Eigen::Matrix2Xd start = (model.shape.mean * 25).array() + 48;
+  for (const auto method : {landmarks::FitMethod::kTrees, landmarks::FitMethod::kDescent,
+                            landmarks::FitMethod::kPatches}) {
+    if (!model.has(method)) continue;
+    landmarks::FitWorkspace workspace;
+    landmarks::FitOptions options;
+    options.method = method;
+    options.patches.iterations = 2;
+    (void)landmarks::fit_points(model, options, gray, start, workspace);
+  }
+  (void)landmarks::start_in_box(model.box, model.shape.mean, {20, 20, 50, 50});
+}
+
+TARSIER_FUZZ_TARGET(hog_detector, kJson) {
+  const landmarks::HogDetector model = landmarks::read_hog_detector(file_of(input, "model.json"));
+  model.check();
+  landmarks::FaceFinder finder(model, {});
+  (void)finder.find(picture());
+}
+
+TARSIER_FUZZ_TARGET(face_lines, kJson) {
+  const landmarks::FaceLines lines = landmarks::read_face_lines(file_of(input, "faces.jsonl"));
+  (void)lines.find(scratch_folder() + "/a.png", 5);
+}
+
+TARSIER_FUZZ_TARGET(appearance_model, kJson) {
+  const appearance::AppearanceModel model =
+      appearance::read_appearance_model(file_of(input, "model.json"));
+  model.check();
+  if (model.points() > 100) return;
+  const Eigen::Matrix2Xd start = (model.shape.mean * 25).array() + 48;
+  for (const appearance::Texture& texture : model.levels) {
+    if (texture.size() > 100'000 || texture.mode_count() > 50) return;
+    (void)appearance::explain(model, texture, texture.modes(), picture(), start);
+  }
+}
+
+}  // namespace tarsier::fuzz

@@ -1,0 +1,321 @@
+// SPDX-License-Identifier: MIT
+// fuzz_seeds FOLDER: writes the inputs to begin with that are no text (FOLDER/TARGET/good-*): tiny
+// models of each kind, pictures, streams and databases. The same bytes each time, but for the
+// databases.
+#include "tarsier/appearance/model.h"
+#include "tarsier/appearance/testing_portraits.h"
+#include "tarsier/core/progress.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/gallery/gallery.h"
+#include "tarsier/head/head_model.h"
+#include "tarsier/head/testing_head.h"
+#include "tarsier/io/archive.h"
+#include "tarsier/io/atomic_file.h"
+#include "tarsier/io/capture_protocol.h"
+#include "tarsier/io/image_file.h"
+#include "tarsier/landmarks/hog_detector.h"
+#include "tarsier/landmarks/model.h"
+#include "tarsier/plate/recognizer.h"
+#include "tarsier/plate_classic/character_reader.h"
+#include "tarsier/plate_classic/plate_svm.h"
+#include "tarsier/plate_video/log.h"
+#include "tarsier/recognition/background.h"
+#include "tarsier/recognition/recognizer.h"
+#include "tarsier/recognition/testing_faces.h"
+#include "tarsier/shape/shape_model.h"
+#include "tarsier/target/target_io.h"
+#include "tarsier/target/train.h"
+
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <cstdio>
+#include <cstring>
+#include <exception>
+#include <filesystem>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+namespace tarsier {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string root;
+
+std::string seed(const std::string& target, const std::string& name) {
+  fs::create_directories(root + "/" + target);
+  return root + "/" + target + "/good-" + name;
+}
+
+const nlohmann::json kNothing = nlohmann::json::object();
+NoProgress quiet;
+const std::stop_token kGoOn;
+
+cv::Mat texture(cv::Size size) {
+  cv::Mat gray(size, CV_8UC1);
+  for (int y = 0; y < size.height; ++y)
+    for (int x = 0; x < size.width; ++x)
+      gray.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>((x * x + 3 * y + x * y / 7) & 0xff);
+  return gray;
+}
+
+void pictures() {
+  cv::Mat colour;
+  cv::cvtColor(texture({20, 12}), colour, cv::COLOR_GRAY2BGR);
+  for (const char* ending : {".png", ".jpg", ".webp", ".bmp", ".ppm"})
+    write_image(seed("image", std::string("colour") + ending), colour);
+  for (const char* ending : {".png", ".jpg", ".pgm"})
+    write_image(seed("image", std::string("gray") + ending), texture({12, 20}));
+  const std::vector<std::uint8_t> jpeg = encode_image(".jpg", colour, "seed", 40);
+  // A part of multipart/x-mixed-replace, and pictures one after the other.
+  const std::string picture(jpeg.begin(), jpeg.end());
+  const std::string part =
+      "--b\r\nContent-Type: image/jpeg\r\nContent-Length: " + std::to_string(picture.size()) +
+      "\r\n\r\n" + picture + "\r\n";
+  write_file_atomically(seed("mjpeg", "multipart"), part + part);
+  write_file_atomically(seed("mjpeg", "pictures"), picture + picture);
+}
+
+void capture() {
+  const auto record = [](CaptureRecord header, const std::string& body) {
+    header.length = body.size();
+    std::string bytes(sizeof header, '\0');
+    std::memcpy(bytes.data(), &header, sizeof header);
+    return bytes + body;
+  };
+  CaptureRecord info;
+  info.kind = CaptureRecord::Kind::kInfo;
+  info.fps = 25;
+  CaptureRecord frame;
+  frame.width = 4;
+  frame.height = 3;
+  frame.type = CV_8UC3;
+  frame.frames = 1;
+  CaptureRecord end;
+  end.kind = CaptureRecord::Kind::kError;
+  write_file_atomically(seed("capture", "frames"),
+                        record(info, "a camera") + record(frame, std::string(36, 'x')) +
+                            record(frame, std::string(36, 'y')) + record(end, "gone"));
+}
+
+// Five points, two modes.
+shape::ShapeModel small_shape() {
+  Eigen::Matrix2Xd mean(2, 5);
+  mean << -1, 1, 0, -0.7, 0.7, -1, -1, 0.1, 1, 1;
+  std::vector<Eigen::Matrix2Xd> shapes;
+  Rng rng(7);
+  for (int k = 0; k < 8; ++k) {
+    Eigen::Matrix2Xd shape = mean * 30;
+    for (Eigen::Index i = 0; i < shape.size(); ++i) shape.data()[i] += 2 * rng.normal();
+    shapes.push_back(shape);
+  }
+  shape::ShapeModel model = shape::train_shape_model(shapes, {.max_modes = 2});
+  model.mirror = {1, 0, 2, 4, 3};
+  model.connections = {{0, 1}, {3, 4}};
+  return model;
+}
+
+landmarks::Descent::Stage small_stage(Eigen::Index outputs, Eigen::Index points) {
+  landmarks::Descent::Stage stage;
+  stage.scale = {10, 0.2};
+  stage.center = Eigen::VectorXf::Constant(landmarks::kDescriptor, 0.1F);
+  stage.components = Eigen::MatrixXf::Identity(landmarks::kDescriptor, 1);
+  stage.weights = Eigen::MatrixXf::Constant(outputs, points, 0.01F);
+  stage.bias = Eigen::VectorXf::Constant(outputs, 0.1F);
+  return stage;
+}
+
+void landmark_models() {
+  const shape::ShapeModel shape = small_shape();
+  shape::write_shape_model(seed("shape_model", "five.json"), shape, kNothing);
+
+  landmarks::LandmarkModel model;
+  model.shape = shape;
+  model.eyes = {0, 1};
+  landmarks::LandmarkModel trees = model;
+  landmarks::Trees::Level level;
+  level.anchor = {0, 3};
+  level.offset = Eigen::Matrix2Xf::Constant(2, 2, 0.1F);
+  level.first = {0};
+  level.second = {1};
+  level.threshold = {3};
+  level.leaves = std::vector<std::int16_t>(20, 5);
+  level.step = 0.001F;
+  trees.trees = landmarks::Trees{shape.mean, 1, 0.05F, {level, level}};
+  landmarks::write_landmark_model(seed("landmark_model", "trees.json"), trees, kNothing);
+  landmarks::LandmarkModel descent = model;
+  descent.descent = landmarks::Descent{shape.mean, {small_stage(10, 5)}};
+  descent.quality = landmarks::Quality{shape.mean, small_stage(1, 5)};
+  landmarks::write_landmark_model(seed("landmark_model", "descent.json"), descent, kNothing);
+  landmarks::PatchModels patches;
+  patches.reference = shape.mean * 25;
+  cv::Mat patch(3, 3, CV_32FC1, cv::Scalar(0));
+  patch.at<float>(0, 0) = static_cast<float>(std::sqrt(0.5));
+  patch.at<float>(2, 2) = -patch.at<float>(0, 0);
+  patches.patches.assign(5, patch);
+  landmarks::LandmarkModel with_patches = model;
+  with_patches.patches = patches;
+  landmarks::write_landmark_model(seed("landmark_model", "patches.json"), with_patches, kNothing);
+
+  landmarks::HogDetector detector;
+  detector.width = detector.height = 24;
+  detector.weights =
+      Eigen::MatrixXf::Constant(landmarks::kHogPlanes, detector.cells().area(), 0.01F);
+  detector.threshold = 0.5;
+  detector.box = landmarks::BoxModel{0.1, -0.1, 0.3, 7};
+  landmarks::write_hog_detector(seed("hog_detector", "small.json"), detector, kNothing);
+
+  appearance::AppearanceOptions options;
+  options.frame_width = options.colour_width = 16;
+  options.levels = 1;
+  options.texture_modes = options.colour_modes = 2;
+  options.shape.max_modes = 2;
+  appearance::write_appearance_model(
+      seed("appearance_model", "grid.json"),
+      appearance::train_appearance_model(appearance::testing::portraits(4, 1), {}, options, quiet,
+                                         kGoOn),
+      kNothing);
+  head::write_head_model(seed("head_model", "formulas.json"), head::testing_head(2), kNothing);
+}
+
+void plate_models() {
+  using namespace plate;
+  const auto one = [](int out) {
+    nn::Layer layer = nn::convolution(1, out, 1, 1, false);
+    layer.pad_y = layer.pad_x = 0;
+    layer.weights.assign(static_cast<std::size_t>(out), 0.5F);
+    layer.bias.assign(static_cast<std::size_t>(out), 0.1F);
+    return layer;
+  };
+  DetectorModel detector;
+  detector.detector.layers = {nn::maximum(1, kCell, kCell), one(9)};
+  detector.aligner.layers = {nn::maximum(1, kAlignHeight, 64), nn::maximum(1, 1, 2), one(18)};
+  write_detector_model(seed("plate_detector", "small.json"), detector, kNothing);
+  ReaderModel reader;
+  reader.line.layers = {nn::maximum(1, kLineHeight, kColumn), one(kClasses)};
+  write_reader_model(seed("plate_reader", "small.json"), reader, kNothing);
+
+  PlateSvm svm;
+  svm.features = PlateFeatures::kLbp;
+  const cv::Mat blank(33, 144, CV_8UC1, cv::Scalar(0));
+  svm.machine.weights.assign(plate_features(blank, svm.features).size(), 0.01F);
+  write_plate_svm(seed("plate_svm", "lbp.json"), svm, kNothing);
+
+  CharacterReader characters;
+  characters.symbols = "AB";
+  LinearModel machine;
+  characters.kind = ReaderKind::kMlp;
+  characters.low = 1;
+  Mlp& net = characters.mlp;
+  net.inputs =
+      static_cast<int>(projection_features(cv::Mat(20, 20, CV_8UC1, cv::Scalar(0)), 1).size());
+  net.hidden = 2;
+  net.outputs = 2;
+  net.mean.assign(static_cast<std::size_t>(net.inputs), 0.5F);
+  net.scale.assign(static_cast<std::size_t>(net.inputs), 2);
+  net.first.assign(2 * static_cast<std::size_t>(net.inputs + 1), 0.1F);
+  net.second.assign(6, 0.2F);
+  write_character_reader(seed("character_reader", "mlp.json"), characters, kNothing);
+}
+
+void people_models() {
+  using namespace recognition;
+  const SyntheticFaces set = synthetic_faces(3, 3, 0.2, 1, 0, {16, 20});
+  RecognizerOptions options;
+  options.descriptor.size = {16, 16};
+  options.descriptor.channels.resize(1);
+  options.descriptor.channels[0].cell = 8;
+  options.descriptor.channels[0].directions = 4;
+  options.lbp.grid = 2;
+  options.lbp.neighbours = 4;
+  options.variants = 0;
+  options.size = {8, 10};
+  std::string body;
+  for (const Algorithm algorithm :
+       {Algorithm::kDefault, Algorithm::kEigen, Algorithm::kFisher, Algorithm::kLbph}) {
+    options.algorithm = algorithm;
+    options.components = 3;
+    const Recognizer model = train(set.faces, set.labels, options, quiet, kGoOn);
+    if (algorithm == Algorithm::kDefault) body = recognizer_text(model);
+    write_recognizer(seed("recognizer", std::string(name_of(algorithm)) + ".json"), model,
+                     kNothing);
+  }
+  BackgroundOptions general;
+  general.descriptor = options.descriptor;
+  general.components = 3;
+  const SyntheticFaces others = synthetic_faces(6, 1, 0.2, 1, 10, {16, 20});
+  write_background(seed("background", "small.json"),
+                   learn_background(others.faces, general, quiet, kGoOn), kNothing);
+
+  const std::string path = seed("gallery", "one.db");
+  fs::remove(path);
+  people::Gallery gallery(path);
+  people::StoredFace face;
+  face.crop = set.faces[0];
+  face.features = {0.1F, 0.2F, 0.3F};
+  face.measures = "{}";
+  face.source = "a.png";
+  face.time = 1'700'000'000'000;
+  const std::int64_t id = gallery.enroll("Ada", "agreed", face);
+  gallery.add_sighting(face.time, "0", "Ada", true, 0.9);
+  gallery.store_model(body, gallery.generation(), {{id, face.features}});
+}
+
+void plate_logs() {
+  const std::string path = seed("plate_log", "one.db");
+  fs::remove(path);
+  plate::PlateLog log(path);
+  plate::PlateEvent event;
+  event.id = 1;
+  event.text = "1234BCD";
+  event.confidence = 0.9;
+  event.country = "es";
+  event.candidates = {{"1234BCD", 0.9, "es"}};
+  event.frames = 1;
+  event.readings = {{0, 0.0, "1234BCD", 0.9, {10, 20, 100, 20}}};
+  event.best_box = {10, 20, 100, 20};
+  event.best_crop = texture({40, 12});
+  log.append(event, "drive.avi", plate::Moment(std::chrono::hours(24)));
+}
+
+void targets() {
+  target::TrainOptions options;
+  options.frontal_features = 50;
+  options.tilted_features = 0;
+  options.most_features = 50;
+  options.longer_side = 64;
+  options.trials = 0;
+  Rng rng(3);
+  cv::Mat picture(64, 64, CV_8UC1, cv::Scalar(128));
+  for (int k = 0; k < 25; ++k)
+    cv::rectangle(picture, {rng.integer(0, 55), rng.integer(0, 55), 9, 8},
+                  cv::Scalar(rng.integer(0, 255)), cv::FILLED);
+  target::write_target(seed("target", "blocks.json"),
+                       target::train_target(picture, "blocks", options));
+}
+
+}  // namespace
+}  // namespace tarsier
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::printf("fuzz_seeds FOLDER\n");
+    return 2;
+  }
+  tarsier::root = argv[1];
+  try {
+    tarsier::pictures();
+    tarsier::capture();
+    tarsier::landmark_models();
+    tarsier::plate_models();
+    tarsier::people_models();
+    tarsier::plate_logs();
+    tarsier::targets();
+  } catch (const std::exception& error) {
+    std::printf("%s\n", error.what());
+    return 1;
+  }
+  return 0;
+}

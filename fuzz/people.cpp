@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: MIT
+// Recognisers, lists of faces and galleries.
+#include "tarsier/core/errors.h"
+#include "tarsier/gallery/gallery.h"
+#include "tarsier/recognition/background.h"
+#include "tarsier/recognition/evaluation.h"
+#include "tarsier/recognition/recognizer.h"
+
+#include <opencv2/core.hpp>
+
+#include "fuzz.h"
+
+namespace tarsier::fuzz {
+
+using namespace tarsier::recognition;
+
+TARSIER_FUZZ_TARGET(recognizer, kJson) {
+  const Recognizer model = read_recognizer(file_of(input, "model.json"));
+  model.check();
+  if (model.templates.size() > 1'000'000) return;
+  (void)identify(model, cv::Mat(16, 12, CV_8UC1, cv::Scalar(7)));
+  if (model.calibration) (void)model.calibration->threshold(0.01, 3);
+}
+
+TARSIER_FUZZ_TARGET(background, kJson) { read_background(file_of(input, "model.json")).check(); }
+
+TARSIER_FUZZ_TARGET(face_list, kBytes) { (void)read_face_list(file_of(input, "faces.lst")); }
+
+TARSIER_FUZZ_TARGET(gallery, kBytes) {
+  people::Gallery gallery(file_of(input, "people.db"), DatabaseAccess::kRead, 0);
+  (void)gallery.people();
+  (void)gallery.find("Ada");
+  (void)gallery.sightings(100);
+  (void)gallery.algorithm();
+  if (const auto model = gallery.model()) {
+    try {
+      (void)recognizer_from_text(*model, "people.db");
+    } catch (const Error&) {
+    }
+  }
+  (void)gallery.faces();
+}
+
+}  // namespace tarsier::fuzz

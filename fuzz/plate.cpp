@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: MIT
+// Countries, truth, results and models of number plates.
+#include "tarsier/core/errors.h"
+#include "tarsier/plate/recognizer.h"
+#include "tarsier/plate_classic/character_reader.h"
+#include "tarsier/plate_classic/plate_svm.h"
+#include "tarsier/plate_classic/xml_matrix.h"
+#include "tarsier/plate_text/country.h"
+#include "tarsier/plate_text/evaluation.h"
+#include "tarsier/plate_video/log.h"
+
+#include <opencv2/core.hpp>
+
+#include "fuzz.h"
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+namespace tarsier::fuzz {
+
+using namespace tarsier::plate;
+
+TARSIER_FUZZ_TARGET(plate_country, kBytes) {
+  const Country country = parse_country(text_of(input), "xx.txt");
+  for (const Layout& layout : country.layouts) {
+    expect(layout.places.size() >= 2 && layout.places.size() <= 12, "a layout of another length");
+    expect(std::isfinite(layout.weight) && layout.weight > 0, "a weight that is none");
+    expect(std::isfinite(layout.prior) && layout.prior > 0, "a prior that is none");
+    expect(layout.group_break >= 0 && layout.group_break < static_cast<int>(layout.places.size()),
+           "a break beside the text");
+    for (const SymbolSet place : layout.places) expect(place != 0, "a place for nothing");
+  }
+  const CountryChoice choice = choose_countries({country}, {"any"});
+  (void)weighed_by_form(choice, PlateForm::kShort);
+}
+
+TARSIER_FUZZ_TARGET(plate_truth, kBytes) {
+  const PlateTruth truth = read_plate_truth(file_of(input, "truth.csv"));
+  (void)evaluate_plates({}, truth, {});
+}
+
+TARSIER_FUZZ_TARGET(plate_readings, kJson) {
+  std::istringstream lines{std::string(text_of(input))};
+  const std::vector<ImageReadings> readings = parse_readings(lines, "lines");
+  PlateTruth truth;
+  for (const ImageReadings& image : readings)
+    truth[image.image] = {{cv::Rect2d(10, 20, 100, 20), "1234BCD"}, {std::nullopt, "AB-12"}};
+  (void)scores_json(evaluate_plates(readings, truth, {.iou = 0.5, .fold = true}));
+}
+
+TARSIER_FUZZ_TARGET(plate_detector, kJson) {
+  const DetectorModel model = read_detector_model(file_of(input, "model.json"));
+  const cv::Mat gray(64, 96, CV_8UC1, cv::Scalar(90));
+  nn::Workspace workspace;
+  (void)detect(gray, model.detector, {}, workspace);
+}
+
+TARSIER_FUZZ_TARGET(plate_reader, kJson) {
+  const ReaderModel model = read_reader_model(file_of(input, "model.json"));
+  const std::vector<float> line(static_cast<std::size_t>(kLineHeight * kLineWidth), 0.25F);
+  nn::Workspace workspace;
+  (void)nn::run(model.line, line.data(), {1, kLineHeight, kLineWidth}, workspace);
+}
+
+TARSIER_FUZZ_TARGET(plate_svm, kJson) {
+  const PlateSvm svm = read_plate_svm(file_of(input, "model.json"));
+  (void)svm.chance.at(svm.margin(cv::Mat(33, 144, CV_8UC1, cv::Scalar(7))));
+}
+
+TARSIER_FUZZ_TARGET(character_reader, kJson) {
+  const CharacterReader reader = read_character_reader(file_of(input, "model.json"));
+  const auto chances = reader.chances(cv::Mat(20, 20, CV_8UC1, cv::Scalar(7)));
+  expect(chances.size() == reader.symbols.size(), "chances of other symbols");
+}
+
+TARSIER_FUZZ_TARGET(xml_matrices, kBytes) {
+  const XmlLimits limits{1'000'000, 2000, 10'000, 100'000, 8};
+  (void)parse_xml_matrices(text_of(input), "sets.xml", limits);
+  const std::string path = file_of(input, "sets.xml");
+  try {
+    (void)read_plate_set(path);
+  } catch (const Error&) {
+  }
+  (void)read_character_set(path);
+}
+
+TARSIER_FUZZ_TARGET(plate_log, kBytes) {
+  PlateLog log(file_of(input, "log.db"), DatabaseAccess::kRead, 0);
+  std::int64_t last = 0;
+  log.query({}, [&](const LoggedPlate& entry) {
+    last = entry.id;
+    return true;
+  });
+  (void)log.crop(last);
+  (void)log.count();
+}
+
+}  // namespace tarsier::fuzz
