@@ -8,7 +8,10 @@
 #include <cerrno>
 #include <fcntl.h>
 #include <filesystem>
+#include <mutex>
 #include <random>
+#include <set>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <system_error>
 #include <unistd.h>
@@ -36,6 +39,7 @@ class Descriptor {
   [[nodiscard]] int get() const { return fd_; }
   // Network file systems report a full disk only here.
   [[nodiscard]] int close() { return ::close(std::exchange(fd_, -1)); }
+  [[nodiscard]] int release() { return std::exchange(fd_, -1); }
 
  private:
   int fd_;
@@ -67,22 +71,74 @@ void sync_folder(const std::string& path) {
   if (folder.get() >= 0) (void)::fsync(folder.get());
 }
 
+constexpr std::string_view kMark = ".tarsier-";
+constexpr std::size_t kDigits = 6;
+
+// ".STEM.tarsier-012abc.ENDING": as make_temporary() names them.
+bool is_temporary_name(std::string_view name) {
+  const std::size_t mark = name.rfind(kMark);
+  if (!name.starts_with('.') || mark == std::string_view::npos || mark < 2) return false;
+  const std::string_view rest = name.substr(mark + kMark.size());
+  return rest.size() >= kDigits &&
+         rest.substr(0, kDigits).find_first_not_of("0123456789abcdef") == std::string_view::npos &&
+         (rest.size() == kDigits || rest[kDigits] == '.');
+}
+
+// Removes the temporary files of programs that were killed: nobody locks them, and they are ours.
+// Each folder is looked through once in the life of a program: one that fills a folder with
+// thousands of pictures is not slowed down.
+void remove_abandoned(const fs::path& folder) {
+  static std::mutex mutex;
+  static std::set<std::pair<dev_t, ino_t>> seen;
+  struct ::stat info {};
+  if (::stat(folder.c_str(), &info) != 0) return;
+  {
+    const std::lock_guard lock(mutex);
+    if (!seen.emplace(info.st_dev, info.st_ino).second) return;
+  }
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const std::string path = entry->path().string();
+    if (!is_temporary_name(entry->path().filename().string())) continue;
+    const Descriptor fd(::open(path.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+    if (fd.get() < 0 || ::fstat(fd.get(), &info) != 0) continue;
+    if (!S_ISREG(info.st_mode) || info.st_uid != ::geteuid()) continue;
+    if (::flock(fd.get(), LOCK_EX | LOCK_NB) == 0) (void)::unlink(path.c_str());
+  }
+}
+
+// Locks a new temporary file. False: another program has just taken it for an abandoned one. Where
+// the file system knows no locks it stays without, and nobody removes it.
+bool take(int fd) {
+  if (::flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) return false;
+  struct ::stat info {};
+  return ::fstat(fd, &info) != 0 || info.st_nlink > 0;
+}
+
+struct Temporary {
+  std::string path;
+  int fd = -1;  // open and locked
+};
+
 // Creates a new empty file beside `target`, readable as the umask says, or as `target` itself if it
 // exists.
-std::string make_temporary(const std::string& target, const struct ::stat* existing) {
+Temporary make_temporary(const std::string& target, const struct ::stat* existing) {
   const fs::path folder = folder_of(target);
   const fs::path file = fs::path(target).filename();
   const std::string stem = file.stem().string().substr(0, 180);  // names end at 255 bytes
   const std::string ending = file.extension().string().substr(0, 32);
+  remove_abandoned(folder);
   std::random_device random;
   for (int attempt = 0; attempt < 100; ++attempt) {
     const std::string name =
-        fmt::format(".{}.tarsier-{:06x}{}", stem, random() & 0xFFFFFFU, ending);
+        fmt::format(".{}{}{:06x}{}", stem, kMark, random() & 0xFFFFFFU, ending);
     const std::string path = (folder / name).string();
-    const Descriptor fd(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+    Descriptor fd(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
     if (fd.get() >= 0) {
+      if (!take(fd.get())) continue;
       if (existing != nullptr) (void)::fchmod(fd.get(), existing->st_mode & 0777);
-      return path;
+      return {path, fd.release()};
     }
     if (errno != EEXIST) {
       const int error = errno;
@@ -113,12 +169,15 @@ AtomicFile::AtomicFile(std::string target) : target_(std::move(target)) {
     const fs::path real = fs::canonical(target_, error);
     if (!error) target_ = real.string();
   }
-  temporary_ = make_temporary(target_, exists ? &info : nullptr);
+  Temporary temporary = make_temporary(target_, exists ? &info : nullptr);
+  temporary_ = std::move(temporary.path);
+  lock_ = temporary.fd;
 }
 
 AtomicFile::~AtomicFile() {
   if (!committed_ && !temporary_.empty() && temporary_ != target_)
     (void)::unlink(temporary_.c_str());
+  if (lock_ >= 0) ::close(lock_);
 }
 
 void AtomicFile::commit() {

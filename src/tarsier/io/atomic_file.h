@@ -11,6 +11,8 @@ namespace tarsier {
 // Writes a file whole or not at all: a temporary file in the same folder, fsync, rename, fsync of
 // the folder. Throws OutputError; the old file, if any, is then untouched and the temporary one
 // gone. A path that exists and is no regular file (/dev/full, a pipe) is written to directly.
+// Of a program that was killed the temporary file stays; it is locked (flock) only while its writer
+// lives, and the next program that writes into the folder removes what is not locked.
 void write_file_atomically(const std::string& path, std::string_view bytes);
 void write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes);
 
@@ -29,6 +31,7 @@ class AtomicFile {
  private:
   std::string target_;
   std::string temporary_;
+  int lock_ = -1;  // the temporary file, open and locked
   bool committed_ = false;
 };
 
