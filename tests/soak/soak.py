@@ -111,7 +111,8 @@ class Reader:
                     children += 1
                 except OSError:
                     pass
-        row = dict(t=round(now, 1), reader=self.name, rss_kb=rss, anon_kb=int(fields.get("RssAnon", f"{rss - 4 * shared_pages}").split()[0]),
+        anon = int(fields.get("RssAnon", f"{rss - 4 * shared_pages}").split()[0])
+        row = dict(t=round(now, 1), reader=self.name, rss_kb=rss, anon_kb=anon,
                    descriptors=len(os.listdir(f"/proc/{pid}/fd")), threads=int(fields["Threads"]), children=children,
                    zombies=zombies, frames=self.frames)
         self.samples.append(row)

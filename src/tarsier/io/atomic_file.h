@@ -35,6 +35,27 @@ class AtomicFile {
   bool committed_ = false;
 };
 
+// The same for a folder of files that belong together: fill path(), then commit(). Until then
+// nothing is at `target`, and without commit() nothing will be. A `target` that is an empty folder
+// already (a disk that is mounted there, say) is filled in place; what a kill leaves there stays.
+class AtomicFolder {
+ public:
+  // Makes missing parents. Only the owner may look into the new folder. Throws OutputError if
+  // `target` exists and is not an empty folder.
+  explicit AtomicFolder(std::string target);
+  ~AtomicFolder();
+  AtomicFolder(const AtomicFolder&) = delete;
+  AtomicFolder& operator=(const AtomicFolder&) = delete;
+  [[nodiscard]] const std::string& path() const { return temporary_; }
+  void commit();  // throws OutputError
+
+ private:
+  std::string target_;
+  std::string temporary_;
+  int lock_ = -1;
+  bool committed_ = false;
+};
+
 // Creates `path` and its missing parents. Throws OutputError.
 void make_folder(const std::string& path);
 
