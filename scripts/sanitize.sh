@@ -22,10 +22,22 @@ threaded+='|recognition/recognizer_test|head/train_head_test|appearance/model_te
 threaded+='|session/(people|sfm|calibrate)_session_test'
 threaded+='|e2e/(cartoon_live|cartoon_serve|cartoon_interrupt|people|sfm_reconstruct))$'
 
-run() { # run PRESET FLAGS..: builds the preset, runs its tests with these flags of ctest
+build_some() { # build_some PRESET REGEX: configures it, builds the program and the test programs of these names
+  local preset=$1 targets=()
+  mkdir -p "build/$preset"
+  phase "configure ($preset)"
+  quietly "build/$preset/configure.log" cmake --preset "$preset" -DTARSIER_BUILD_TESTS=ON || die "cmake could not configure the build"
+  phase_done
+  mapfile -t targets < <(ctest --test-dir "build/$preset" -N -R "$2" 2>/dev/null | sed -nE 's|.*: (.*)/(.*_test)$|\1_\2|p')
+  phase "build (build/$preset: the program, ${#targets[@]} test programs)"
+  quietly "build/$preset/build.log" cmake --build "build/$preset" -j "$(build_jobs)" --target tarsier tarsier-capture "${targets[@]}" ||
+    die "the build failed (above)"
+  phase_done
+}
+
+run() { # run PRESET FLAGS..: runs the tests of a preset that is built with these flags of ctest
   local preset=$1 status=0 results
   shift
-  build "$preset" -DTARSIER_BUILD_TESTS=ON
   results=$root/build/$preset/test-results
   rm -rf "$results"
   mkdir -p "$results"
@@ -42,10 +54,12 @@ failed=0
 if [ "$which" != tsan ]; then
   echo "== left out of asan: faults/* (their library replaces malloc, as the sanitizer does: scripts/faults.sh runs them), install/*"
   echo "   (packages are built without sanitizers)"
+  build asan -DTARSIER_BUILD_TESTS=ON
   run asan -E '^install/' "$@" || failed=1
 fi
 if [ "$which" != asan ]; then
   echo "== left out of tsan: everything that runs in one thread (the rest of the suite)"
+  build_some tsan "$threaded"
   run tsan -R "$threaded" "$@" || failed=1
 fi
 exit "$failed"

@@ -34,7 +34,7 @@ check() { # check AREA ARGUMENTS..: that area's run; 0 and 1 (nothing found) are
   shift
   case " $areas " in *" $area "*) ;; *) return 0 ;; esac
   runs=$((runs + 1))
-  valgrind --quiet --error-exitcode=99 --leak-check=full --errors-for-leak-kinds=definite --num-callers=30 \
+  valgrind --quiet --error-exitcode=99 --leak-check=full --show-leak-kinds=definite --errors-for-leak-kinds=definite --num-callers=30 \
     --suppressions="$root/cmake/valgrind.supp" --log-file="$work/log-$runs.txt" --gen-suppressions=all \
     "$tarsier" "$@" --quiet --threads 2 >stdout.txt 2>stderr.txt </dev/null || status=$?
   case $status in

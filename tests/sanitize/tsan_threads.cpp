@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Linked into everything that is built for the thread sanitizer: lets OpenCV's parallel loops run
-// on std::threads that the sanitizer sees. The threads of TBB, which OpenCV would use, hand work to
-// each other in code that is built without it; each loop would look like a race.
+// on std::threads that it sees from start to end. The threads of TBB, which OpenCV would use, hand
+// work to each other in code that is built without the sanitizer: it may report races that are
+// none, or miss real ones.
 #include <opencv2/core/parallel/parallel_backend.hpp>
 
 #include <algorithm>
