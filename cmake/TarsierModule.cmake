@@ -38,7 +38,8 @@ function(tarsier_module name)
       cmake_path(GET source STEM stem)
       add_executable(${name}_${stem} ${source})
       target_link_libraries(${name}_${stem} PRIVATE ${target} ${arg_TEST_LIBS} tarsier::synth
-                            GTest::gmock GTest::gtest GTest::gtest_main)
+                            GTest::gmock GTest::gtest GTest::gtest_main
+                            $<TARGET_NAME_IF_EXISTS:tarsier_tsan_threads>)
       tarsier_strict(${name}_${stem})
       add_test(NAME ${name}/${stem} COMMAND ${name}_${stem})
       set_tests_properties(${name}/${stem} PROPERTIES

@@ -14,7 +14,10 @@ struct BenchOptions {
   std::vector<std::string> only;    // names of cases (modes); empty: all
 };
 
-// Each prints a table, or with context.json one object per measured case.
+// Each prints a table, or with context.json one object per measured case: "bench" is its own name,
+// "case" tells the lines of one bench apart, and times are in "ms", "us" or fields that end in
+// "_ms" (medians or averages; scripts/bench-compare.sh takes them for figures that two builds can
+// be compared by).
 [[nodiscard]] ExitStatus bench_aam(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_cartoon(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_steady(Context& context,

@@ -115,8 +115,7 @@ void measure_board(Context& context, const char* board, cv::Size size) {
   print_row(
       context,
       {{"bench", "calibrate"},
-       {"board", board},
-       {"size", fmt::format("{}x{}", size.width, size.height)},
+       {"case", fmt::format("{} {}x{}", board, size.width, size.height)},
        {"found", fmt::format("{}/{}", found, kViews)},
        {"corner_rms_px", rounded(points > 0 ? std::sqrt(squares / points) : 0, 1e4)},
        {"find_ms", rounded(median_of(times), 10)},
@@ -144,12 +143,13 @@ void measure_nothing(Context& context, const std::vector<cv::Mat>& pictures, con
       (void)calibration::find_board(picture, spec, options);
       times.push_back(ms_since(start));
     }
-    print_row(context, {{"bench", "calibrate"},
-                        {"board", board},
-                        {"pictures", pictures.size()},
-                        {"case", live ? "nothing there, as a session looks" : "nothing there"},
-                        {"find_ms", rounded(median_of(times), 10)},
-                        {"most_ms", rounded(*std::max_element(times.begin(), times.end()), 10)}});
+    print_row(context,
+              {{"bench", "calibrate"},
+               {"case", fmt::format("{} {}", board,
+                                    live ? "nothing there, as a session looks" : "nothing there")},
+               {"pictures", pictures.size()},
+               {"find_ms", rounded(median_of(times), 10)},
+               {"most_ms", rounded(*std::max_element(times.begin(), times.end()), 10)}});
   }
 }
 

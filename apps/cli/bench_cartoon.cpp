@@ -222,19 +222,22 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
         std::optional<double> scaling;
         if (threads > 1 && fast_of.contains(1)) scaling = fast_of[1] / fast_ms;
         if (context.json) {
-          print_json_line(nlohmann::json{{"size", size_name},
-                                         {"mode", name_of(mode)},
-                                         {"threads", threads},
-                                         {"reference_ms", reference_ms},
-                                         {"fast_ms", fast_ms},
-                                         {"ratio", ratio},
-                                         {"fps", 1000 / fast_ms},
-                                         {"scaling", optional_number(scaling)},
-                                         {"psnr", optional_number(worst.psnr)},
-                                         {"ssim", optional_number(worst.ssim)},
-                                         {"iou", optional_number(worst.iou)},
-                                         {"picture_psnr", worst.picture_psnr},
-                                         {"simd", name_of(simd_level())}}
+          print_json_line(nlohmann::json{
+              {"bench", "cartoon"},
+              {"case", fmt::format("{} {}, {} threads", name_of(mode), size_name, threads)},
+              {"size", size_name},
+              {"mode", name_of(mode)},
+              {"threads", threads},
+              {"reference_ms", reference_ms},
+              {"fast_ms", fast_ms},
+              {"ratio", ratio},
+              {"fps", 1000 / fast_ms},
+              {"scaling", optional_number(scaling)},
+              {"psnr", optional_number(worst.psnr)},
+              {"ssim", optional_number(worst.ssim)},
+              {"iou", optional_number(worst.iou)},
+              {"picture_psnr", worst.picture_psnr},
+              {"simd", name_of(simd_level())}}
                               .dump());
         } else {
           fmt::print(

@@ -64,7 +64,8 @@ ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
     const auto count = static_cast<double>(pictures.size());
     const double ms = found > 0 ? spent / found : 0;
     if (context.json) {
-      const nlohmann::ordered_json line = {{"case", name},
+      const nlohmann::ordered_json line = {{"bench", "eyes"},
+                                           {"case", name},
                                            {"pictures", pictures.size()},
                                            {"faces", found / count},
                                            {"both_eyes", both / count},

@@ -53,7 +53,8 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   const Eigen::Matrix2Xd start = landmarks::start_at(engine.model, engine.finder, found.front());
   const auto report = [&](const std::string& name, double ms) {
     if (context.json) {
-      nlohmann::ordered_json line = {{"case", name}, {"ms", std::round(ms * 1000) / 1000}};
+      nlohmann::ordered_json line = {
+          {"bench", "landmarks"}, {"case", name}, {"ms", std::round(ms * 1000) / 1000}};
       print_json_line(line.dump());
     } else {
       print_text(fmt::format("{:<12} {:8.3f} ms\n", name, ms));

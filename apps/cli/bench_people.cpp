@@ -65,7 +65,8 @@ ExitStatus bench_people(Context& context, const BenchOptions& options) {
     std::sort(times.begin(), times.end());
     const double ms = times[times.size() / 2];
     if (context.json) {
-      const nlohmann::ordered_json line = {{"case", name}, {"ms", std::round(ms * 1000) / 1000}};
+      const nlohmann::ordered_json line = {
+          {"bench", "people"}, {"case", name}, {"ms", std::round(ms * 1000) / 1000}};
       print_json_line(line.dump());
     } else {
       print_text(fmt::format("{:<44}{:>10.3f} ms\n", name, ms));

@@ -66,7 +66,7 @@ ExitStatus bench_plate(Context& context, const BenchOptions& options) {
               .count());
     }
     const double all = median(times);
-    nlohmann::ordered_json line{{"bench", "plate"}, {"size", text}, {"threads", context.threads}};
+    nlohmann::ordered_json line{{"bench", "plate"}, {"case", text}, {"threads", context.threads}};
     std::vector<double> stages;
     for (const TimerStats& stats : timers.stats()) {
       stages.push_back(stats.average_ms());

@@ -41,6 +41,7 @@ ExitStatus bench_posit(Context& context, const BenchOptions& options) {
     if (context.json) {
       print_json_line(nlohmann::ordered_json{
           {"bench", "posit"},
+          {"case", fmt::format("{}, noise {} px", row.method, row.noise_px)},
           {"method", row.method},
           {"noise_px", row.noise_px},
           {"rotation_deg", rounded(row.rotation_deg, 1e5)},

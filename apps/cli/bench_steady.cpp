@@ -106,6 +106,8 @@ ExitStatus bench_steady(Context& context, const BenchOptions& options) {
     const double ratio = before > 0 ? after / before : 0;
     if (context.json) {
       print_json_line(nlohmann::json{
+          {"bench", "steady"},
+          {"case", name_of(mode)},
           {"mode", name_of(mode)},
           {"frames", frames},
           {"plain", before},

@@ -125,7 +125,7 @@ void print_row(Context& context, const char* what, const char* method, const Tal
                const Json& more = Json::object()) {
   Json row;
   row["bench"] = "targets";
-  row["case"] = what;
+  row["case"] = fmt::format("{} {}", what, method);
   row["method"] = method;
   row["pictures"] = tally.times.size();
   row["recall"] =

@@ -414,4 +414,5 @@ def main():
     sys.exit(1 if failures else 0)
 
 
-main()
+if __name__ == "__main__":  # tests/faults/faults.py uses the tables above
+    main()

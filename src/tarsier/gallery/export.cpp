@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/gallery/export.h"
 
-#include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/io/atomic_file.h"
@@ -9,7 +8,6 @@
 
 #include <fmt/format.h>
 
-#include <filesystem>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::people {
@@ -20,16 +18,13 @@ constexpr ArchiveLimits kMeasureLimits{100'000, 8, 1000};
 
 }  // namespace
 
-ExportReport export_gallery(Gallery& gallery, const std::string& folder,
+ExportReport export_gallery(Gallery& gallery, const std::string& target,
                             const std::function<std::string(std::int64_t)>& time_text,
                             const std::stop_token& stop) {
-  std::error_code error;
-  if (std::filesystem::exists(folder, error) && !std::filesystem::is_empty(folder, error))
-    throw OutputError(folder, "is there already and not empty");
   ExportReport report;
-  make_folder(folder);
-  // For the owner's eyes, as the gallery itself.
-  std::filesystem::permissions(folder, std::filesystem::perms::owner_all, error);
+  // Whole or not at all, and for the owner's eyes, as the gallery itself.
+  AtomicFolder whole(target);
+  const std::string& folder = whole.path();
   nlohmann::ordered_json all = nlohmann::ordered_json::array();
   std::string list;
   for (const Person& person : gallery.people()) {
@@ -66,6 +61,7 @@ ExportReport export_gallery(Gallery& gallery, const std::string& folder,
       folder + "/people.json",
       std::string_view(object.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) +
                        "\n"));
+  whole.commit();
   return report;
 }
 

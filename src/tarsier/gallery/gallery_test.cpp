@@ -14,6 +14,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <stop_token>
 
 namespace tarsier::people {
 namespace {
@@ -202,6 +203,17 @@ TEST_F(GalleryTest, MeasuresThatNoProgramOfOursWroteAreLeftOut) {
   export_gallery(gallery, path("out"), [](std::int64_t) { return "t"; }, {});
   const auto json = nlohmann::json::parse(contents(path("out/people.json")));
   EXPECT_TRUE(json["people"][0]["faces"][0]["measures"].is_null());
+}
+
+TEST_F(GalleryTest, AnExportThatIsStoppedLeavesNothing) {
+  Gallery gallery(path("p.db"));
+  gallery.enroll("Ann", "", face(1));
+  std::stop_source source;
+  source.request_stop();
+  EXPECT_THROW(export_gallery(
+                   gallery, path("out"), [](std::int64_t) { return ""; }, source.get_token()),
+               Interrupted);
+  EXPECT_FALSE(std::filesystem::exists(path("out")));
 }
 
 TEST_F(GalleryTest, FilesThatAreNoneOrCannotBeUsedSaySo) {

@@ -8,7 +8,10 @@
 #include <cerrno>
 #include <fcntl.h>
 #include <filesystem>
+#include <mutex>
 #include <random>
+#include <set>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <system_error>
 #include <unistd.h>
@@ -36,6 +39,7 @@ class Descriptor {
   [[nodiscard]] int get() const { return fd_; }
   // Network file systems report a full disk only here.
   [[nodiscard]] int close() { return ::close(std::exchange(fd_, -1)); }
+  [[nodiscard]] int release() { return std::exchange(fd_, -1); }
 
  private:
   int fd_;
@@ -67,22 +71,79 @@ void sync_folder(const std::string& path) {
   if (folder.get() >= 0) (void)::fsync(folder.get());
 }
 
-// Creates a new empty file beside `target`, readable as the umask says, or as `target` itself if it
-// exists.
-std::string make_temporary(const std::string& target, const struct ::stat* existing) {
-  const fs::path folder = folder_of(target);
+constexpr std::string_view kMark = ".tarsier-";
+constexpr std::size_t kDigits = 6;
+
+// ".STEM.tarsier-012abc.ENDING": as make_temporary() names them.
+bool is_temporary_name(std::string_view name) {
+  const std::size_t mark = name.rfind(kMark);
+  if (!name.starts_with('.') || mark == std::string_view::npos || mark < 2) return false;
+  const std::string_view rest = name.substr(mark + kMark.size());
+  return rest.size() >= kDigits &&
+         rest.substr(0, kDigits).find_first_not_of("0123456789abcdef") == std::string_view::npos &&
+         (rest.size() == kDigits || rest[kDigits] == '.');
+}
+
+// Removes the temporary files and folders of programs that were killed: nobody locks them, and they
+// are ours. Each folder is looked through once in the life of a program: one that fills a folder
+// with thousands of pictures is not slowed down.
+void remove_abandoned(const fs::path& folder) {
+  static std::mutex mutex;
+  static std::set<std::string> seen;
+  std::error_code error;
+  {
+    const std::lock_guard lock(mutex);
+    if (!seen.insert(fs::absolute(folder, error).string()).second) return;
+  }
+  struct ::stat info {};
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const std::string path = entry->path().string();
+    if (!is_temporary_name(entry->path().filename().string())) continue;
+    const Descriptor fd(::open(path.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+    if (fd.get() < 0 || ::fstat(fd.get(), &info) != 0) continue;
+    const bool is_ours =
+        (S_ISREG(info.st_mode) || S_ISDIR(info.st_mode)) && info.st_uid == ::geteuid();
+    if (!is_ours || ::flock(fd.get(), LOCK_EX | LOCK_NB) != 0) continue;
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
+  }
+}
+
+// Locks a new temporary file. False: another program has just taken it for an abandoned one. Where
+// the file system knows no locks it stays without, and nobody removes it.
+bool take(int fd) {
+  if (::flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) return false;
+  struct ::stat info {};
+  return ::fstat(fd, &info) != 0 || info.st_nlink > 0;
+}
+
+struct Temporary {
+  std::string path;
+  int fd = -1;  // open and locked
+};
+
+// ".NAME.tarsier-012abc.ENDING" in the folder of `target`.
+std::string temporary_name(const std::string& target, std::random_device& random) {
   const fs::path file = fs::path(target).filename();
   const std::string stem = file.stem().string().substr(0, 180);  // names end at 255 bytes
   const std::string ending = file.extension().string().substr(0, 32);
+  const std::string name = fmt::format(".{}{}{:06x}{}", stem, kMark, random() & 0xFFFFFFU, ending);
+  return (folder_of(target) / name).string();
+}
+
+// Creates a new empty file beside `target`, readable as the umask says, or as `target` itself if it
+// exists.
+Temporary make_temporary(const std::string& target, const struct ::stat* existing) {
+  remove_abandoned(folder_of(target));
   std::random_device random;
   for (int attempt = 0; attempt < 100; ++attempt) {
-    const std::string name =
-        fmt::format(".{}.tarsier-{:06x}{}", stem, random() & 0xFFFFFFU, ending);
-    const std::string path = (folder / name).string();
-    const Descriptor fd(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+    const std::string path = temporary_name(target, random);
+    Descriptor fd(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
     if (fd.get() >= 0) {
+      if (!take(fd.get())) continue;
       if (existing != nullptr) (void)::fchmod(fd.get(), existing->st_mode & 0777);
-      return path;
+      return {path, fd.release()};
     }
     if (errno != EEXIST) {
       const int error = errno;
@@ -113,12 +174,15 @@ AtomicFile::AtomicFile(std::string target) : target_(std::move(target)) {
     const fs::path real = fs::canonical(target_, error);
     if (!error) target_ = real.string();
   }
-  temporary_ = make_temporary(target_, exists ? &info : nullptr);
+  Temporary temporary = make_temporary(target_, exists ? &info : nullptr);
+  temporary_ = std::move(temporary.path);
+  lock_ = temporary.fd;
 }
 
 AtomicFile::~AtomicFile() {
   if (!committed_ && !temporary_.empty() && temporary_ != target_)
     (void)::unlink(temporary_.c_str());
+  if (lock_ >= 0) ::close(lock_);
 }
 
 void AtomicFile::commit() {
@@ -152,6 +216,59 @@ void write_file_atomically(const std::string& path, std::string_view bytes) {
 void write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes) {
   write_file_atomically(
       path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+}
+
+AtomicFolder::AtomicFolder(std::string target) : target_(std::move(target)) {
+  while (target_.size() > 1 && target_.back() == '/') target_.pop_back();
+  if (target_.empty()) throw OutputError("\"\"", "no folder name given");
+  std::error_code error;
+  if (fs::exists(fs::symlink_status(target_, error))) {
+    make_folder(target_);  // or says that it is none
+    if (!fs::is_empty(target_, error)) throw OutputError(target_, "is there already and not empty");
+    fs::permissions(target_, fs::perms::owner_all, error);
+    temporary_ = target_;
+    return;
+  }
+  const std::string parent = folder_of(target_).string();
+  make_folder(parent);
+  remove_abandoned(parent);
+  std::random_device random;
+  for (int attempt = 0; attempt < 100; ++attempt) {
+    const std::string path = temporary_name(target_, random);
+    if (::mkdir(path.c_str(), 0700) != 0) {
+      if (errno == EEXIST) continue;
+      fail(target_, "cannot create the folder", errno);
+    }
+    Descriptor fd(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+    if (fd.get() < 0 || !take(fd.get())) continue;
+    temporary_ = path;
+    lock_ = fd.release();
+    return;
+  }
+  throw OutputError(target_, "cannot find a free name for a temporary folder");
+}
+
+AtomicFolder::~AtomicFolder() {
+  std::error_code error;
+  if (!committed_ && temporary_ != target_) fs::remove_all(temporary_, error);
+  if (!committed_ && temporary_ == target_) {
+    for (fs::directory_iterator entry(target_, error), end; !error && entry != end;
+         entry.increment(error)) {
+      std::error_code ignored;
+      fs::remove_all(entry->path(), ignored);
+    }
+  }
+  if (lock_ >= 0) ::close(lock_);
+}
+
+void AtomicFolder::commit() {
+  if (committed_) return;
+  if (temporary_ != target_) {
+    (void)::fsync(lock_);
+    if (::rename(temporary_.c_str(), target_.c_str()) != 0) fail(target_, "cannot rename", errno);
+    sync_folder(target_);
+  }
+  committed_ = true;
 }
 
 void make_folder(const std::string& path) {

@@ -15,6 +15,7 @@
 #include <iterator>
 #include <stdexcept>
 #include <string>
+#include <sys/file.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <thread>
@@ -34,6 +35,66 @@ TEST_F(AtomicFileTest, WritesAndReplaces) {
   write_file_atomically(path("a"), std::string_view("2nd"));
   EXPECT_EQ(contents(path("a")), "2nd");
   EXPECT_EQ(files(), 1U);
+}
+
+// Of a program that was killed, which the folder's next writer tidies up; of one that still writes
+// it stays, and so does what only looks alike.
+TEST_F(AtomicFileTest, RemovesWhatAKilledProgramLeft) {
+  std::ofstream(path(".a.tarsier-00ab12.png")) << "half";
+  std::ofstream(path(".a.b.tarsier-ffffff")) << "half";
+  std::ofstream(path(".busy.tarsier-00ab12.mp4")) << "half";
+  std::ofstream(path(".a.tarsier-00ab1.png")) << "somebody's";
+  std::ofstream(path("a.tarsier-00ab12.png")) << "somebody's";
+  fs::create_directory(path(".d.tarsier-00ab12"));
+  std::ofstream(path(".d.tarsier-00ab12/a.png")) << "half";
+  const int busy = ::open(path(".busy.tarsier-00ab12.mp4").c_str(), O_WRONLY | O_CLOEXEC);
+  ASSERT_EQ(::flock(busy, LOCK_EX), 0);
+  write_file_atomically(path("a.png"), std::string_view("whole"));
+  ::close(busy);
+  EXPECT_FALSE(fs::exists(path(".a.tarsier-00ab12.png")));
+  EXPECT_FALSE(fs::exists(path(".a.b.tarsier-ffffff")));
+  EXPECT_TRUE(fs::exists(path(".busy.tarsier-00ab12.mp4")));
+  EXPECT_TRUE(fs::exists(path(".a.tarsier-00ab1.png")));
+  EXPECT_TRUE(fs::exists(path("a.tarsier-00ab12.png")));
+  EXPECT_FALSE(fs::exists(path(".d.tarsier-00ab12")));
+  EXPECT_EQ(contents(path("a.png")), "whole");
+}
+
+TEST_F(AtomicFileTest, ItsTemporaryFileIsLocked) {
+  const AtomicFile file(path("a.mp4"));
+  const int other = ::open(file.path().c_str(), O_RDONLY | O_CLOEXEC);
+  EXPECT_NE(::flock(other, LOCK_EX | LOCK_NB), 0);
+  ::close(other);
+}
+
+TEST_F(AtomicFileTest, AFolderIsThereWholeOrNotAtAll) {
+  {
+    const AtomicFolder folder(path("deep/all"));
+    write_file_atomically(folder.path() + "/a", std::string_view("1"));
+    EXPECT_FALSE(fs::exists(path("deep/all")));
+  }
+  EXPECT_TRUE(fs::is_empty(path("deep")));
+  AtomicFolder folder(path("deep/all/"));
+  write_file_atomically(folder.path() + "/a", std::string_view("1"));
+  folder.commit();
+  EXPECT_EQ(contents(path("deep/all/a")), "1");
+  EXPECT_EQ(fs::status(path("deep/all")).permissions(), fs::perms::owner_all);
+  EXPECT_THROW(AtomicFolder(path("deep/all")), OutputError);
+  EXPECT_THROW(AtomicFolder(path("deep/all/a")), OutputError);
+}
+
+TEST_F(AtomicFileTest, AnEmptyFolderIsFilledInPlace) {
+  fs::create_directory(path("disk"));
+  {
+    const AtomicFolder folder(path("disk"));
+    fs::create_directory(folder.path() + "/people");
+    std::ofstream(folder.path() + "/people/a") << "half";
+  }
+  EXPECT_TRUE(fs::is_empty(path("disk")));
+  AtomicFolder folder(path("disk"));
+  std::ofstream(folder.path() + "/a") << "whole";
+  folder.commit();
+  EXPECT_EQ(contents(path("disk/a")), "whole");
 }
 
 TEST_F(AtomicFileTest, NewFilesFollowTheUmaskAndOldOnesKeepTheirMode) {
