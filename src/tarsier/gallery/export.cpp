@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/gallery/export.h"
 
+#include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/io/atomic_file.h"
