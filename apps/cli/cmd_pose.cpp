@@ -43,8 +43,8 @@ void add_pose_flags(CLI::App& verb, PoseFlags& flags) {
       ->check(CLI::IsMember({"auto", "none"}))
       ->capture_default_str();
   verb.add_option("--view", flags.view,
-                  "what corrects it, a file of `pose train-view` [head-view.json, which ships, "
-                  "with the head that ships]");
+                  "what corrects it, a file of `pose train-view` [head-view.json among the models, "
+                  "if it is there]");
 }
 
 head::HeadModel read_head(const std::string& path) {
@@ -76,6 +76,9 @@ std::shared_ptr<const head_view::ViewModel> view_of(const PoseFlags& flags) {
     if (!flags.head.empty() || !flags.mapping.empty() || !flags.landmarks.model.empty())
       return nullptr;
     path = (std::filesystem::path(find_models_folder("")) / "head-view.json").string();
+    // A folder of models without it: from the landmarks alone.
+    std::error_code error;
+    if (!std::filesystem::exists(path, error)) return nullptr;
   }
   return std::make_shared<const head_view::ViewModel>(head_view::read_view_model(path));
 }
