@@ -20,6 +20,7 @@ void add_pose(CLI::App& app, Context& context) {
   area.require_subcommand(1);
   add_pose_solve(area, context);
   add_pose_train_head(area, context);
+  add_pose_train_view(area, context);
   add_pose_track(area, context);
   add_pose_eval(area, context);
   add_pose_synth(area, context);
@@ -36,6 +37,14 @@ void add_pose_flags(CLI::App& verb, PoseFlags& flags) {
                   "focal length in px [1.3 times the picture's larger side]")
       ->check(CLI::PositiveNumber)
       ->excludes(camera);
+  verb.add_option("--refine", flags.refine,
+                  "auto: the direction is corrected by what the whole head looks like; none: from "
+                  "the landmarks alone")
+      ->check(CLI::IsMember({"auto", "none"}))
+      ->capture_default_str();
+  verb.add_option("--view", flags.view,
+                  "what corrects it, a file of `pose train-view` [head-view.json among the models, "
+                  "if it is there]");
 }
 
 head::HeadModel read_head(const std::string& path) {
@@ -52,6 +61,29 @@ geometry::Camera camera_of(const std::string& text) {
   }
   return geometry::read_camera_file(text);
 }
+
+namespace {
+
+// What corrects the directions. The model that ships was learnt with the head and landmarks that
+// ship: others slip in other ways.
+std::shared_ptr<const head_view::ViewModel> view_of(const PoseFlags& flags) {
+  if (flags.refine == "none") {
+    if (!flags.view.empty()) throw UsageError("--view and --refine none exclude each other");
+    return nullptr;
+  }
+  std::string path = flags.view;
+  if (path.empty()) {
+    if (!flags.head.empty() || !flags.mapping.empty() || !flags.landmarks.model.empty())
+      return nullptr;
+    path = (std::filesystem::path(find_models_folder("")) / "head-view.json").string();
+    // A folder of models without it: from the landmarks alone.
+    std::error_code error;
+    if (!std::filesystem::exists(path, error)) return nullptr;
+  }
+  return std::make_shared<const head_view::ViewModel>(head_view::read_view_model(path));
+}
+
+}  // namespace
 
 PoseEngine make_pose_engine(const PoseFlags& flags) {
   PoseEngine engine{make_landmark_engine(flags.landmarks), read_head(flags.head), {}, {}};
@@ -73,6 +105,7 @@ PoseEngine make_pose_engine(const PoseFlags& flags) {
   engine.options.fit = engine.landmarks.fit;
   engine.options.focal_px = flags.focal;
   if (!flags.camera.empty()) engine.options.camera = camera_of(flags.camera);
+  engine.options.view = view_of(flags);
   return engine;
 }
 

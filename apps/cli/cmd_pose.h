@@ -1,18 +1,22 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/head/evaluation.h"
 #include "tarsier/head/head_model.h"
 #include "tarsier/session/pose_session.h"
 
 #include "cli.h"
 #include "landmark_engine.h"
 #include <string>
+#include <utility>
+#include <vector>
 
 // One file a verb: cmd_pose_<verb>.cpp.
 namespace tarsier::cli {
 
 void add_pose_solve(CLI::App& area, Context& context);
 void add_pose_train_head(CLI::App& area, Context& context);
+void add_pose_train_view(CLI::App& area, Context& context);
 void add_pose_track(CLI::App& area, Context& context);
 void add_pose_eval(CLI::App& area, Context& context);
 void add_pose_synth(CLI::App& area, Context& context);
@@ -24,6 +28,8 @@ struct PoseFlags {
   std::string mapping;  // empty: the head's own
   std::string camera;   // a file, or numbers
   double focal = 0;     // px; 0: guessed
+  std::string view;     // empty: the one that ships
+  std::string refine = "auto";
 };
 void add_pose_flags(CLI::App& verb, PoseFlags& flags);
 
@@ -31,12 +37,24 @@ struct PoseEngine {
   LandmarkEngine landmarks;
   head::HeadModel head;
   head::LandmarkMapping mapping;
-  PoseSessionOptions options;  // camera and fit are set
+  PoseSessionOptions options;  // camera, fit and view are set
 };
 // Throws ModelError, InputError, UsageError.
 [[nodiscard]] PoseEngine make_pose_engine(const PoseFlags& flags);
 
 [[nodiscard]] head::HeadModel read_head(const std::string& path);  // empty: the one that ships
+// Pictures of a folder of Pointing'04 (and below it) whose names tell |pan| <= 45 and |tilt| <= 30
+// degrees, in order. Throws InputError where there are none.
+[[nodiscard]] std::vector<std::pair<std::string, head::PointingName>> pointing_pictures(
+    const std::string& folder);
+// The first face with a pose whose box has its middle inside the annotated head's.
+[[nodiscard]] const PosedFace* face_in_head_box(const std::vector<PosedFace>& faces,
+                                                const std::string& picture, cv::Size size);
+// The picture of a truth's line, from the current folder or from that of the file.
+[[nodiscard]] std::string picture_of_truth(const std::string& truth, const std::string& image);
+void print_pointing(const head::PointingScore& score, const Context& context,
+                    const std::string& title);
+
 // A file, or "fx,fy,cx,cy[,..]".
 [[nodiscard]] geometry::Camera camera_of(const std::string& text);
 

@@ -53,7 +53,7 @@ struct Finder {
   explicit Finder(PoseEngine made)
       : engine(std::move(made)),
         heads(engine.landmarks.model, engine.options.fit, engine.head, engine.mapping,
-              engine.options.pose) {}
+              engine.options.pose, engine.options.view) {}
 
   std::vector<PosedFace> faces(const std::string& name, const cv::Mat& image) {
     const auto start = std::chrono::steady_clock::now();
@@ -77,24 +77,6 @@ struct Finder {
 
 // --- Pointing'04 ---
 
-std::vector<std::string> pictures_below(const std::string& folder) {
-  std::error_code error;
-  if (!fs::is_directory(folder, error)) throw InputError(folder, "no such folder");
-  std::vector<std::string> paths;
-  for (const auto& entry :
-       fs::recursive_directory_iterator(folder, fs::directory_options::skip_permission_denied)) {
-    if (entry.is_regular_file() && is_image_path(entry.path().string())) {
-      paths.push_back(entry.path().string());
-    }
-  }
-  std::sort(paths.begin(), paths.end());
-  return paths;
-}
-
-cv::Point2d center_of(const cv::Rect2d& box) {
-  return {box.x + box.width / 2, box.y + box.height / 2};
-}
-
 head::PointingOutcome judge(Finder& finder, const std::string& path,
                             const head::PointingName& truth) {
   head::PointingOutcome outcome;
@@ -103,14 +85,14 @@ head::PointingOutcome judge(Finder& finder, const std::string& path,
   const cv::Mat image = read_image(path);
   const cv::Rect2d head_box =
       head::pointing_box(path).value_or(cv::Rect2d(0, 0, image.cols, image.rows));
-  for (const PosedFace& face : finder.faces(path, image)) {
-    if (!face.pose || !head_box.contains(center_of(face.face.box))) continue;
-    outcome.angles = face.pose->angles;
-    break;
+  const std::vector<PosedFace> faces = finder.faces(path, image);
+  if (const PosedFace* face = face_in_head_box(faces, path, image.size())) {
+    outcome.rotation = face->pose->camera_from_head.rotation;
   }
   for (const landmarks::Candidate& candidate :
        finder.engine.landmarks.finder.find_sure(gray_of(image))) {
-    outcome.face_seen = outcome.face_seen || head_box.contains(center_of(candidate.box));
+    outcome.face_seen =
+        outcome.face_seen || head_box.contains((candidate.box.tl() + candidate.box.br()) / 2);
   }
   return outcome;
 }
@@ -118,67 +100,17 @@ head::PointingOutcome judge(Finder& finder, const std::string& path,
 std::string table_of(const std::vector<head::PointingOutcome>& outcomes) {
   std::string table = "image,tilt,pan,seen,found,pitch,yaw,roll\n";
   for (const head::PointingOutcome& o : outcomes) {
-    const head::HeadAngles a = o.angles.value_or(head::HeadAngles{});
+    const head::HeadAngles a =
+        o.rotation ? head::angles_of_rotation(*o.rotation) : head::HeadAngles{};
     table += fmt::format("{},{:g},{:g},{:d},{:d},{:.2f},{:.2f},{:.2f}\n", o.image, o.truth.tilt_deg,
-                         o.truth.pan_deg, o.face_seen, o.angles.has_value(), a.pitch_deg, a.yaw_deg,
-                         a.roll_deg);
+                         o.truth.pan_deg, o.face_seen, o.rotation.has_value(), a.pitch_deg,
+                         a.yaw_deg, a.roll_deg);
   }
   return table;
 }
 
-std::string text_of(const head::PointingScore& score) {
-  std::string text = fmt::format(
-      "{} pictures with |pan| <= 45 and |tilt| <= 30: pose found in {}; of the {} where the strict "
-      "detector sees a face, in {:.1f} %\n"
-      "yaw   MAE {:.2f} degrees after the offset of {:+.2f}; {:.2f} without\n"
-      "pitch MAE {:.2f} degrees after the offset of {:+.2f}; {:.2f} without\n"
-      "mean yaw {} with pan:",
-      score.images, score.found, score.seen, 100.0 * score.seen_found / std::max(1, score.seen),
-      score.yaw_mae_deg, score.yaw_offset_deg, score.yaw_mae_raw_deg, score.pitch_mae_deg,
-      score.pitch_offset_deg, score.pitch_mae_raw_deg,
-      score.yaw_rises ? "rises strictly" : "does NOT rise strictly");
-  for (const auto& [pan, yaw] : score.yaw_of_pan) text += fmt::format("  {:+g}: {:+.1f}", pan, yaw);
-  text += "\nmean pitch by tilt:";
-  for (const auto& [tilt, pitch] : score.pitch_of_tilt) {
-    text += fmt::format("  {:+g}: {:+.1f}", tilt, pitch);
-  }
-  return text + "\n";
-}
-
-nlohmann::ordered_json json_of(const head::PointingScore& score) {
-  nlohmann::ordered_json line;
-  line["set"] = "pointing04";
-  line["images"] = score.images;
-  line["seen"] = score.seen;
-  line["seen_found"] = score.seen_found;
-  line["found"] = score.found;
-  line["yaw_mae"] = rounded(score.yaw_mae_deg);
-  line["pitch_mae"] = rounded(score.pitch_mae_deg);
-  line["yaw_offset"] = rounded(score.yaw_offset_deg);
-  line["pitch_offset"] = rounded(score.pitch_offset_deg);
-  line["yaw_mae_raw"] = rounded(score.yaw_mae_raw_deg);
-  line["pitch_mae_raw"] = rounded(score.pitch_mae_raw_deg);
-  line["yaw_rises"] = score.yaw_rises;
-  for (const auto& [pan, yaw] : score.yaw_of_pan) {
-    line["yaw_of_pan"][fmt::format("{:+g}", pan)] = rounded(yaw);
-  }
-  for (const auto& [tilt, pitch] : score.pitch_of_tilt) {
-    line["pitch_of_tilt"][fmt::format("{:+g}", tilt)] = rounded(pitch);
-  }
-  return line;
-}
-
 bool evaluate_pointing(const EvalFlags& flags, Finder& finder, Context& context) {
-  std::vector<std::pair<std::string, head::PointingName>> pictures;
-  for (const std::string& path : pictures_below(flags.pointing)) {
-    const auto name = head::parse_pointing_name(path);
-    if (name && std::abs(name->pan_deg) <= 45 && std::abs(name->tilt_deg) <= 30) {
-      pictures.emplace_back(path, *name);
-    }
-  }
-  if (pictures.empty()) {
-    throw InputError(flags.pointing, "has no picture named as in Pointing'04");
-  }
+  const auto pictures = pointing_pictures(flags.pointing);
   std::vector<head::PointingOutcome> outcomes;
   context.progress->begin("poses", static_cast<std::int64_t>(pictures.size()), "pictures");
   for (const auto& [path, name] : pictures) {
@@ -189,22 +121,11 @@ bool evaluate_pointing(const EvalFlags& flags, Finder& finder, Context& context)
   context.progress->end();
   if (!flags.csv.empty()) write_file_atomically(flags.csv, table_of(outcomes));
   const head::PointingScore score = head::score_pointing(outcomes);
-  if (context.json) {
-    print_json_line(json_of(score).dump());
-  } else {
-    print_text(text_of(score));
-  }
+  print_pointing(score, context, "");
   return score.found > 0;
 }
 
 // --- exact truth ---
-
-// The picture of a truth's line, from the current folder or from that of the file.
-std::string picture_path(const std::string& truth, const std::string& image) {
-  std::error_code error;
-  if (fs::exists(image, error)) return image;
-  return (fs::path(truth).parent_path() / image).string();
-}
 
 std::vector<head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
                                    const std::vector<head::PoseLine>& truth, Context& context) {
@@ -214,7 +135,7 @@ std::vector<head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
     throw_if_stopped(context.stop);
     context.progress->advance();
     const std::vector<PosedFace> faces =
-        finder.faces(line.image, read_image(picture_path(flags.truth, line.image)));
+        finder.faces(line.image, read_image(picture_of_truth(flags.truth, line.image)));
     head::PoseLine result;
     result.image = line.image;
     if (!faces.empty() && faces.front().pose) {

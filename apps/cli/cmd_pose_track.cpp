@@ -121,6 +121,7 @@ ExitStatus run_track(TrackFlags& flags, Context& context) {
   options.fit = engine.options.fit;
   options.camera = engine.options.camera;
   options.focal_px = engine.options.focal_px;
+  options.view = engine.options.view;
   options.tracker = flags.tracker;
   options.pose = flags.head;
   options.pose.fit_shape = !flags.no_identity;

@@ -106,7 +106,8 @@ void demo_turning_head(Context& context, DemoPage& page) {
   const appearance::AppearanceModel model =
       appearance::read_appearance_model(shipped_appearance_model());
   const synth::FaceSynth faces(model, read_head(""));
-  PoseEngine engine = make_pose_engine({});
+  const PoseFlags flags;
+  PoseEngine engine = make_pose_engine(flags);
   PoseSessionOptions options = engine.options;
   const geometry::Camera camera = head::guess_camera({360, 360});
   PoseSession session(engine.landmarks.model, engine.head, engine.mapping,

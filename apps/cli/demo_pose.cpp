@@ -131,7 +131,8 @@ std::optional<Portrait> portrait_of(const cv::Mat& image, LandmarkEngine& engine
 
 DemoPicture posed_picture(DemoPage& page, const Portrait& portrait, const std::string& name,
                           PoseOverlay overlay, const std::string& caption) {
-  PoseEngine engine = make_pose_engine({});
+  const PoseFlags flags;
+  PoseEngine engine = make_pose_engine(flags);
   PoseSessionOptions options = engine.options;
   options.overlay = overlay;
   options.camera = portrait.camera;

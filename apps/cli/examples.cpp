@@ -28,6 +28,7 @@ std::string example_of(const std::string& verb) {
       {"aam eval", "set.yaml --model mine.json"},
       {"pose solve", "--object cube.txt --points seen.txt --focal 760"},
       {"pose train-head", "set.yaml -o head.json"},
+      {"pose train-view", "--truth head/truth.jsonl -o view.json"},
       {"pose track", "photo.jpg -o posed.png --draw glasses"},
       {"pose eval", "--truth head/truth.jsonl"},
       {"pose synth", "--film --count 100 -o head"},

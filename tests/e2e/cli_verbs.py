@@ -76,6 +76,7 @@ VALID = {
     "aam eval": dict(words="head/set.json --iterations 3"),
     "pose solve": dict(words="--object cube.txt --points seen.txt --focal 800"),
     "pose train-head": dict(words="head/set.json -o learnt.json --modes 1 --iterations 2"),
+    "pose train-view": dict(words="--truth head/truth.jsonl -o views.json"),
     "pose track": dict(words=f"{FACE} -o posed.png"),
     "pose eval": dict(words="--truth head/truth.jsonl"),
     "pose synth": dict(words="-o other --count 1 --size 160x120"),

@@ -65,6 +65,37 @@ for smooth in none mean one-euro; do
 done
 head -1 poses.csv | grep -q '^frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px$' || fail "heading of poses.csv"
 
+# The direction, corrected by what was learnt from drawn heads, which have their truth.
+run pose synth -o heads --count 24 --size 320x240 --seed 3 --quiet
+expect_status 0
+run pose train-view --truth heads/truth.jsonl -o view.json --leave-out --json
+expect_status 0
+expect_out '"what":"landmarks alone"' '"what":"refined, each person left out in turn"' '"output":"view.json"'
+angles() { grep -o '"yaw":[-0-9.]*,"pitch":[-0-9.]*' stdout.txt; }
+run pose track "$messi" --json --refine none
+expect_status 0
+plain=$(angles)
+run pose track "$messi" --json --view view.json
+expect_status 0
+[ -n "$plain" ] && [ "$(angles)" != "$plain" ] || fail "--view changes nothing"
+run pose track "$messi" --view view.json --refine none
+expect_status 2
+expect_error '--view'
+run pose track "$messi" --view heads/set.json
+expect_status 5
+expect_error 'heads/set.json'
+run pose train-view -o view.json
+expect_status 2
+expect_error '--pointing'
+run pose train-view --truth heads/truth.jsonl
+expect_status 2
+expect_error '--leave-out'
+head -4 heads/truth.jsonl >heads/few.jsonl
+run pose train-view --truth heads/few.jsonl -o none.json
+expect_status 3
+expect_error 'few.jsonl' 'at least 8'
+[ ! -e none.json ] || fail "a model was written of four pictures"
+
 # Nothing found.
 run pose track "$pictures/graf1.png"
 expect_status 1

@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <numbers>
 #include <regex>
 #include <sstream>
 #include <string_view>
@@ -193,23 +194,42 @@ std::optional<PointingName> parse_pointing_name(const std::string& path) {
   return PointingName{std::stoi(match[1]), std::stod(match[4]), std::stod(match[5])};
 }
 
+Gaze gaze_of_rotation(const cv::Matx33d& r) {
+  constexpr double kDegree = std::numbers::pi / 180;
+  return {std::atan2(r(0, 2), r(2, 2)) / kDegree,
+          std::asin(std::clamp(r(1, 2), -1.0, 1.0)) / kDegree};
+}
+
+cv::Vec3d forward_of_gaze(const Gaze& gaze) {
+  constexpr double kDegree = std::numbers::pi / 180;
+  const double across = std::cos(gaze.elevation_deg * kDegree);
+  return {-std::sin(gaze.azimuth_deg * kDegree) * across, -std::sin(gaze.elevation_deg * kDegree),
+          -std::cos(gaze.azimuth_deg * kDegree) * across};
+}
+
 PointingScore score_pointing(const std::vector<PointingOutcome>& outcomes) {
   PointingScore score;
   std::vector<double> yaw;
   std::vector<double> pitch;
+  std::vector<double> azimuth;
+  std::vector<double> elevation;
   std::map<double, std::vector<double>> of_pan;
   std::map<double, std::vector<double>> of_tilt;
   for (const PointingOutcome& outcome : outcomes) {
     if (std::abs(outcome.truth.pan_deg) > 45 || std::abs(outcome.truth.tilt_deg) > 30) continue;
     ++score.images;
     score.seen += outcome.face_seen ? 1 : 0;
-    if (!outcome.angles) continue;
+    if (!outcome.rotation) continue;
+    const HeadAngles angles = angles_of_rotation(*outcome.rotation);
+    const Gaze gaze = gaze_of_rotation(*outcome.rotation);
+    azimuth.push_back(gaze.azimuth_deg - outcome.truth.pan_deg);
+    elevation.push_back(gaze.elevation_deg - outcome.truth.tilt_deg);
     ++score.found;
     score.seen_found += outcome.face_seen ? 1 : 0;
-    yaw.push_back(outcome.angles->yaw_deg - outcome.truth.pan_deg);
-    pitch.push_back(outcome.angles->pitch_deg - outcome.truth.tilt_deg);
-    of_pan[outcome.truth.pan_deg].push_back(outcome.angles->yaw_deg);
-    of_tilt[outcome.truth.tilt_deg].push_back(outcome.angles->pitch_deg);
+    yaw.push_back(angles.yaw_deg - outcome.truth.pan_deg);
+    pitch.push_back(angles.pitch_deg - outcome.truth.tilt_deg);
+    of_pan[outcome.truth.pan_deg].push_back(angles.yaw_deg);
+    of_tilt[outcome.truth.tilt_deg].push_back(angles.pitch_deg);
   }
   const auto mae = [](const std::vector<double>& errors, double offset) {
     double sum = 0;
@@ -220,6 +240,8 @@ PointingScore score_pointing(const std::vector<PointingOutcome>& outcomes) {
   score.pitch_offset_deg = median(pitch);
   score.yaw_mae_deg = mae(yaw, score.yaw_offset_deg);
   score.pitch_mae_deg = mae(pitch, score.pitch_offset_deg);
+  score.azimuth_mae_deg = mae(azimuth, median(azimuth));
+  score.elevation_mae_deg = mae(elevation, median(elevation));
   score.yaw_mae_raw_deg = mae(yaw, 0);
   score.pitch_mae_raw_deg = mae(pitch, 0);
   for (const auto& [pan, values] : of_pan) score.yaw_of_pan[pan] = mean(values);

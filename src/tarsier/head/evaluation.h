@@ -72,9 +72,20 @@ struct PointingName {
 struct PointingOutcome {
   std::string image;
   PointingName truth;
-  bool face_seen = false;            // the strict face detector sees a face in the head's box
-  std::optional<HeadAngles> angles;  // of the pose that was found there
+  bool face_seen = false;               // the strict face detector sees a face in the head's box
+  std::optional<cv::Matx33d> rotation;  // camera_from_head of the pose that was found there
 };
+
+// Where a head looks: the azimuth (+ to image left) and the elevation (+ up) of its forward
+// direction, R (0, 0, -1) = (-sin azimuth cos elevation, -sin elevation, -cos azimuth cos
+// elevation). That is what the set's pan and tilt tell. Yaw and pitch are others: a head that was
+// panned by 45 degrees and then nods by 30 has a pitch of 21 and a roll of 22 degrees.
+struct Gaze {
+  double azimuth_deg = 0;
+  double elevation_deg = 0;
+};
+[[nodiscard]] Gaze gaze_of_rotation(const cv::Matx33d& camera_from_head);
+[[nodiscard]] cv::Vec3d forward_of_gaze(const Gaze& gaze);
 
 struct PointingScore {
   int images = 0;      // |pan| <= 45, |tilt| <= 30
@@ -89,6 +100,8 @@ struct PointingScore {
   double pitch_offset_deg = 0;
   double yaw_mae_raw_deg = 0;  // without offsets
   double pitch_mae_raw_deg = 0;
+  double elevation_mae_deg = 0;            // of the direction against the tilt, offset taken off
+  double azimuth_mae_deg = 0;              // and against the pan
   std::map<double, double> yaw_of_pan;     // mean yaw of each pan
   std::map<double, double> pitch_of_tilt;  // mean pitch of each tilt
   bool yaw_rises = false;                  // strictly with pan

@@ -109,7 +109,7 @@ TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
   std::vector<PointingOutcome> outcomes;
   for (const double pan : {-45.0, -15.0, 0.0, 15.0, 45.0, 90.0}) {
     // Everybody looks 5 degrees too far left, and those who turn turn too little.
-    outcomes.push_back({"", {1, 0, pan}, true, HeadAngles{0.8 * pan + 5, -3, 0}});
+    outcomes.push_back({"", {1, 0, pan}, true, rotation_of_angles({0.8 * pan + 5, -3, 0})});
   }
   outcomes.push_back({"", {1, 0, 30}, true, std::nullopt});
   outcomes.push_back({"", {1, 0, 30}, false, std::nullopt});
@@ -124,8 +124,28 @@ TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
   EXPECT_NEAR(score.pitch_mae_deg, 0, 1e-9);
   EXPECT_NEAR(score.pitch_offset_deg, -3, 1e-9);
   EXPECT_TRUE(score.yaw_rises);
-  outcomes[0].angles->yaw_deg = 50;
+  outcomes[0].rotation = rotation_of_angles({50, -3, 0});
   EXPECT_FALSE(score_pointing(outcomes).yaw_rises);
+}
+
+TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
+  std::vector<PointingOutcome> outcomes;
+  for (const double pan : {-45.0, 0.0, 45.0}) {
+    for (const double tilt : {-30.0, 0.0, 30.0}) {
+      // The nod is about the panned head's own axis.
+      const cv::Matx33d r = rotation_of_angles({pan, 0, 0}) * rotation_of_angles({0, tilt, 0});
+      outcomes.push_back({"", {1, tilt, pan}, true, r});
+      const Gaze gaze = gaze_of_rotation(r);
+      EXPECT_NEAR(gaze.azimuth_deg, pan, 1e-9);
+      EXPECT_NEAR(gaze.elevation_deg, tilt, 1e-9);
+      EXPECT_LT(cv::norm(forward_of_gaze(gaze) - r * cv::Vec3d(0, 0, -1)), 1e-12);
+    }
+  }
+  const PointingScore score = score_pointing(outcomes);
+  EXPECT_NEAR(score.elevation_mae_deg, 0, 1e-9);
+  EXPECT_NEAR(score.azimuth_mae_deg, 0, 1e-9);
+  // Its pitch is asin(cos pan sin tilt), 20.7 degrees: 9.3 less at four of nine places.
+  EXPECT_NEAR(score.pitch_mae_deg, 9.295 * 4 / 9, 0.01);
 }
 
 TEST_F(PoseLines, TheBoxBesideAPointingPicture) {

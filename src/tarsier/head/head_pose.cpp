@@ -37,6 +37,16 @@ cv::Matx33d to_cv(const Matrix3d& r) {
   return {r(0, 0), r(0, 1), r(0, 2), r(1, 0), r(1, 1), r(1, 2), r(2, 0), r(2, 1), r(2, 2)};
 }
 
+// Of the normal equations' turns (the first three unknowns) only that about the unit vector `axis`
+// is left free; those across it come out as 0.
+void only_about(const Vector3d& axis, MatrixXd& normal, VectorXd& right) {
+  const Matrix3d share = axis * axis.transpose();
+  normal.topRows<3>() = (share * normal.topRows<3>()).eval();
+  normal.leftCols<3>() = (normal.leftCols<3>() * share).eval();
+  normal.topLeftCorner<3, 3>() += Matrix3d::Identity() - share;
+  right.head<3>() = (share * right.head<3>()).eval();
+}
+
 VectorXd inverse_variances(const HeadModel& model) {
   return model.noise.array().square().inverse();
 }
@@ -89,7 +99,7 @@ HeadPoser::HeadPoser(HeadModel model, HeadPoseOptions options)
 }
 
 HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& camera) const {
-  return solve(points, camera, nullptr);
+  return solve(points, camera, nullptr, nullptr, nullptr);
 }
 
 HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& camera,
@@ -97,11 +107,25 @@ HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& 
   const Index m = model_.mode_count();
   TARSIER_REQUIRE(identity.frames == 0 || identity.vector.size() == m,
                   "an identity of {} modes for a model of {}", identity.vector.size(), m);
-  return solve(points, camera, &identity);
+  return solve(points, camera, &identity, &identity, nullptr);
+}
+
+HeadPoseResult HeadPoser::pose_towards(const Matrix2Xd& points, const geometry::Camera& camera,
+                                       const cv::Matx33d& camera_from_head,
+                                       const HeadIdentity* identity) const {
+  TARSIER_REQUIRE(identity == nullptr || identity->frames == 0 ||
+                      identity->vector.size() == model_.mode_count(),
+                  "an identity of {} modes for a model of {}", identity->vector.size(),
+                  model_.mode_count());
+  const double off =
+      cv::norm(camera_from_head * camera_from_head.t() - cv::Matx33d::eye(), cv::NORM_INF);
+  TARSIER_REQUIRE(off < 1e-3 && cv::determinant(camera_from_head) > 0, "not a rotation");
+  return solve(points, camera, identity, nullptr, &camera_from_head);
 }
 
 HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera& camera,
-                                HeadIdentity* identity) const {
+                                const HeadIdentity* known, HeadIdentity* learning,
+                                const cv::Matx33d* towards) const {
   camera.check();
   const Index n = model_.points();
   if (points.cols() != n)
@@ -136,11 +160,11 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
   const Index m = options_.fit_shape ? all_modes : 0;
   VectorXd expected = VectorXd::Zero(all_modes);
   MatrixXd prior = MatrixXd::Identity(m, m);
-  const bool is_known = identity != nullptr && identity->frames > 0;
+  const bool is_known = known != nullptr && known->frames > 0;
   if (is_known) {
-    const MatrixXd information = identity->information + MatrixXd::Identity(all_modes, all_modes);
+    const MatrixXd information = known->information + MatrixXd::Identity(all_modes, all_modes);
     const Eigen::LLT<MatrixXd> factor(information);
-    expected = factor.solve(identity->vector);
+    expected = factor.solve(known->vector);
     if (m > 0) {
       MatrixXd covariance = factor.solve(MatrixXd::Identity(m, m));
       covariance.diagonal().array() += options_.expression_share;
@@ -148,7 +172,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
     }
   }
   const double focal = std::sqrt(camera.fx * camera.fy);
-  Matrix3d rotation = to_eigen(start.pose->camera_from_object.rotation);
+  Matrix3d rotation = to_eigen(towards ? *towards : start.pose->camera_from_object.rotation);
   Vector3d translation(start.pose->camera_from_object.translation.val);
   VectorXd c = expected;
   const Index size = 6 + m;
@@ -206,6 +230,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
     VectorXd pull = right;
     with_prior.bottomRightCorner(m, m) += prior;
     if (m > 0) pull.tail(m) -= prior * (c - expected);
+    if (towards != nullptr) only_about(rotation.col(2), with_prior, pull);
     const Eigen::LLT<MatrixXd> factor(with_prior);
     if (factor.info() != Eigen::Success)
       return {std::nullopt, "the landmarks do not determine the pose"};
@@ -225,7 +250,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
               (m == 0 || update.tail(m).cwiseAbs().maxCoeff() < 5e-3);
   }
 
-  if (identity != nullptr && m > 0) {
+  if (learning != nullptr && m > 0) {
     // What this frame says of c whatever the pose; expression is noise of the same direction.
     const Eigen::LLT<MatrixXd> pose_part(normal.topLeftCorner(6, 6));
     const MatrixXd coupling = pose_part.solve(normal.topRightCorner(6, m));
@@ -238,13 +263,13 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
     vector = soften.solve(vector).eval();
     information = (information + information.transpose()).eval() / 2;
     if (information.allFinite() && vector.allFinite()) {
-      if (identity->frames == 0) {
-        identity->information = MatrixXd::Zero(m, m);
-        identity->vector = VectorXd::Zero(m);
+      if (learning->frames == 0) {
+        learning->information = MatrixXd::Zero(m, m);
+        learning->vector = VectorXd::Zero(m);
       }
-      identity->information = options_.memory * identity->information + information;
-      identity->vector = options_.memory * identity->vector + vector;
-      ++identity->frames;
+      learning->information = options_.memory * learning->information + information;
+      learning->vector = options_.memory * learning->vector + vector;
+      ++learning->frames;
     }
   }
   HeadPose found;

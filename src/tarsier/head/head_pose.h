@@ -88,13 +88,22 @@ class HeadPoser {
   [[nodiscard]] HeadPoseResult pose(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
                                     HeadIdentity& identity) const;
 
+  // The pose that looks where `camera_from_head` looks: of its rotation only the direction of the
+  // head's z axis counts, the turn about it, the translation and the shape are found. `identity`
+  // may be null; it is not changed. The result's angles are those of the rotation found.
+  [[nodiscard]] HeadPoseResult pose_towards(const Eigen::Matrix2Xd& points,
+                                            const geometry::Camera& camera,
+                                            const cv::Matx33d& camera_from_head,
+                                            const HeadIdentity* identity = nullptr) const;
+
   // Where the head's points are in the picture, 2 x n px; NaN behind the camera.
   [[nodiscard]] Eigen::Matrix2Xd project(const HeadPose& pose,
                                          const geometry::Camera& camera) const;
 
  private:
   [[nodiscard]] HeadPoseResult solve(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
-                                     HeadIdentity* identity) const;
+                                     const HeadIdentity* known, HeadIdentity* learning,
+                                     const cv::Matx33d* towards) const;
 
   HeadModel model_;
   HeadPoseOptions options_;

@@ -35,11 +35,13 @@ head::HeadModel chosen_points(const head::HeadModel& model, const head::Landmark
 
 PoseFinder::PoseFinder(const landmarks::LandmarkModel& landmarks, const landmarks::FitOptions& fit,
                        const head::HeadModel& head, const head::LandmarkMapping& mapping,
-                       const head::HeadPoseOptions& options)
+                       const head::HeadPoseOptions& options,
+                       std::shared_ptr<const head_view::ViewModel> view)
     : landmarks_(landmarks),
       fit_((fit.check(), fit)),
       chosen_(mapping.landmarks),
-      poser_(chosen_points(head, mapping, landmarks.points()), options) {
+      poser_(chosen_points(head, mapping, landmarks.points()), options),
+      view_(std::move(view)) {
   std::vector<int> sorted = chosen_;
   std::sort(sorted.begin(), sorted.end());
   sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
@@ -71,6 +73,12 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
     }
     head::HeadPoseResult better = pose(face.points, learn);
     if (better.pose) found = std::move(better);
+  }
+  if (view_ != nullptr && found.pose) {
+    if (auto refined = head_view::refined_pose(*view_, poser_, face.points(Eigen::all, chosen_),
+                                               gray, camera, *found.pose, identity)) {
+      found.pose = std::move(refined);
+    }
   }
   PosedFace result;
   result.face = std::move(face);

@@ -3,17 +3,20 @@
 
 #include "tarsier/geometry/camera.h"
 #include "tarsier/head/head_pose.h"
+#include "tarsier/head_view/view_model.h"
 #include "tarsier/landmarks/tracker.h"
 
 #include <opencv2/core/mat.hpp>
 
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 // From landmarks to head poses, and back: landmarks are fitted from the mean face seen from the
 // front, which pulls turned faces towards the front. So once a pose is known, the fit begins anew
-// from the head's own points in that pose; what comes out is turned further, as the face is.
+// from the head's own points in that pose; what comes out is turned further, as the face is. A
+// model of how heads look, where there is one, has the last word on the direction.
 namespace tarsier {
 
 struct PosedFace {
@@ -25,10 +28,11 @@ struct PosedFace {
 class PoseFinder {
  public:
   // The landmark model must outlive it. `mapping`: of the head's points to the landmarks. Throws
-  // std::invalid_argument where they do not fit together.
+  // std::invalid_argument where they do not fit together. `view` may be null.
   PoseFinder(const landmarks::LandmarkModel& landmarks, const landmarks::FitOptions& fit,
              const head::HeadModel& head, const head::LandmarkMapping& mapping,
-             const head::HeadPoseOptions& options);
+             const head::HeadPoseOptions& options,
+             std::shared_ptr<const head_view::ViewModel> view = nullptr);
 
   [[nodiscard]] const landmarks::LandmarkModel& landmarks() const { return landmarks_; }
   [[nodiscard]] const landmarks::FitOptions& fit() const { return fit_; }
@@ -55,6 +59,7 @@ class PoseFinder {
   std::vector<int> chosen_;  // landmarks, in the order of the poser's points
   bool is_whole_ = false;    // every landmark is a point of the head: the fit can begin anew
   head::HeadPoser poser_;
+  std::shared_ptr<const head_view::ViewModel> view_;
 };
 
 }  // namespace tarsier

@@ -49,7 +49,7 @@ void PoseSessionOptions::check() const {
 PoseSession::PoseSession(const landmarks::LandmarkModel& landmarks, const head::HeadModel& head,
                          const head::LandmarkMapping& mapping, landmarks::FaceFinder finder,
                          PoseSessionOptions options)
-    : heads_(landmarks, options.fit, head, mapping, options.pose),
+    : heads_(landmarks, options.fit, head, mapping, options.pose, options.view),
       finder_(std::move(finder)),
       options_((options.check(), std::move(options))) {
   if (!options_.edits.empty()) {

@@ -26,6 +26,7 @@ struct PoseSessionOptions {
   landmarks::FitOptions fit;
   landmarks::TrackerOptions tracker;
   head::HeadPoseOptions pose;
+  std::shared_ptr<const head_view::ViewModel> view;   // corrects the directions; may be null
   PoseSmoothing smoothing = PoseSmoothing::kOneEuro;  // of films
   int mean_length = 5;                                // frames, of kMean
   head::OneEuroOptions one_euro;
