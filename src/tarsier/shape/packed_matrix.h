@@ -2,8 +2,8 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <nlohmann/json.hpp>
 
+#include <nlohmann/json.hpp>
 #include <string>
 
 namespace tarsier::shape {
