@@ -23,7 +23,7 @@ import sys
 import time
 
 GROWTH_KB = 2048  # over the second half; what the allocator keeps or gives back from one sample to the next is below 1 MB
-BACK_S = 60       # until frames come again; about 2 s on an idle machine, and the soak runs at the lowest priority
+BACK_S = 30       # until frames come again; about 2 s on an idle machine. Another interruption meanwhile does not stop the clock
 REST_S = 30       # nothing is killed in the first and the last seconds
 START_S = 180     # until each reader has its first frames; the clock of the run starts then
 TICK_S = 0.2
@@ -74,9 +74,15 @@ class Reader:
         self.rest = b""
         self.waiting_since = None  # the camera is back, its pictures are not yet
         self.delays = []
+        self.newest = self.longest_silence = 0.0  # s, the time of the last frame; of the longest time without one
         self.samples = []
 
+    def wait_for_frames(self, now):
+        if self.waiting_since is None:
+            self.waiting_since = now
+
     def drain(self, now):
+        self.longest_silence = max(self.longest_silence, now - self.newest)
         try:
             data = os.read(self.process.stdout.fileno(), 1 << 20)
         except BlockingIOError:
@@ -85,6 +91,8 @@ class Reader:
         self.rest = lines.pop()
         new = sum(1 for line in lines if b'"frame"' in line)
         self.frames += new
+        if new:
+            self.newest = now
         if new and self.waiting_since is not None:
             self.delays.append(now - self.waiting_since)
             self.waiting_since = None
@@ -202,6 +210,7 @@ def judge(reader, seconds):
     row = dict(reader=reader.name, seconds=round(seconds), frames=reader.frames, interruptions=len(reader.delays),
                back_s_median=round(statistics.median(reader.delays), 1) if reader.delays else 0,
                back_s_max=round(max(reader.delays), 1) if reader.delays else 0,
+               longest_silence_s=round(reader.longest_silence, 1),
                anon_kb_first=round(statistics.median(s["anon_kb"] for s in at_rest)),
                anon_kb_last=round(statistics.median(s["anon_kb"] for s in in_the_end)),
                growth_kb_second_half=round(growth), descriptors=in_the_end[-1]["descriptors"],
@@ -263,12 +272,12 @@ def main():
                 camera.start()
                 back_at = None
                 for reader in of_network:
-                    reader.waiting_since = now
+                    reader.wait_for_frames(now)
             elif thaw_at is not None and (now >= thaw_at or quiet):
                 camera.process.send_signal(signal.SIGCONT)
                 thaw_at = None
                 for reader in of_network:
-                    reader.waiting_since = now
+                    reader.wait_for_frames(now)
             elif not quiet and now >= next_event and back_at is None and thaw_at is None:
                 if dice.random() < 0.8:
                     camera.kill()
@@ -277,8 +286,6 @@ def main():
                     camera.process.send_signal(signal.SIGSTOP)
                     camera.freezes += 1
                     thaw_at = now + dice.uniform(1, 8)
-                for reader in of_network:
-                    reader.waiting_since = None
                 next_event = now + dice.uniform(2, 60)
             if not quiet and now >= next_child_event:
                 with open(f"/proc/{of_child.process.pid}/task/{of_child.process.pid}/children") as file:
@@ -293,7 +300,7 @@ def main():
                     try:
                         os.kill(int(pid), signal.SIGKILL)
                         child_kills += 1
-                        of_child.waiting_since = now
+                        of_child.wait_for_frames(now)
                     except ProcessLookupError:
                         pass
                 next_child_event = now + dice.uniform(2, 60)
