@@ -264,13 +264,16 @@ void add_pose_train_view(CLI::App& area, Context& context) {
                 "prints how good it is on people it has not seen: each is left out in turn "
                 "(of --truth, a seventh of the pictures)");
   head_view::TrainViewOptions& options = flags->options;
-  verb.add_option("--components", options.components, "of the gradients' PCA")
+  verb.add_option("--components", options.components, "numbers that PCA leaves of the gradients")
       ->capture_default_str();
   verb.add_option("--angle-weight", options.angle_weight,
-                  "of the landmarks' angles beside the gradients")
+                  "weight of the landmarks' angles beside the gradients")
       ->capture_default_str();
-  verb.add_option("--gamma", options.gamma, "of the Gaussian kernel")->capture_default_str();
-  verb.add_option("--ridge", options.ridge, "the larger, the smoother")->capture_default_str();
+  verb.add_option("--gamma", options.gamma,
+                  "of the Gaussian kernel: the larger, the sooner likeness ends")
+      ->capture_default_str();
+  verb.add_option("--ridge", options.ridge, "weight of smoothness against the samples")
+      ->capture_default_str();
   add_common_flags(verb, context);
   verb.callback([flags, &context] {
     context.run = [flags, &context] { return run_train(*flags, context); };
