@@ -19,8 +19,9 @@ using namespace tarsier::shape;
 void make_pictures() {
   static const bool made = [] {
     const cv::Mat gray(24, 32, CV_8UC3, cv::Scalar(90, 90, 90));
-    for (const char* name : {"a.png", "b.png", "i000qa-fn.png", "list.png"})
+    for (const char* name : {"a.png", "b.png", "i000qa-fn.png", "c.png"})
       write_image(scratch_folder() + "/" + name, gray);
+    file_of(std::string_view("{\n1 2\n3 4\n}\n"), "c.pts");
     return true;
   }();
   (void)made;
