@@ -18,7 +18,6 @@
 #include <cmath>
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
 #include <limits>
 #include <optional>
 #include <sched.h>
@@ -198,7 +197,7 @@ TEST(EndOnSignals, EndsAtTheFirstSignal) {
     kill(getpid(), SIGINT);
     if (at_once) pause();
     while (!stop_on_signals().stop_requested()) sched_yield();
-    std::exit(0);
+    _exit(0);
   };
   GTEST_FLAG_SET(death_test_style, "threadsafe");
   EXPECT_EXIT(work(true), testing::ExitedWithCode(130), "");
