@@ -4,7 +4,7 @@
 #include "tarsier/io/archive.h"
 #include "tarsier/io/capture_protocol.h"
 #include "tarsier/io/frame_source.h"
-#include "tarsier/io/http_stream.h"
+#include "tarsier/io/http_protocol.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/io/mjpeg_parser.h"
 #include "tarsier/io/still_source.h"

@@ -7,6 +7,7 @@
 #include "tarsier/plate_classic/xml_matrix.h"
 #include "tarsier/plate_text/country.h"
 #include "tarsier/plate_text/evaluation.h"
+#include "tarsier/plate_text/symbol_labels.h"
 #include "tarsier/plate_video/log.h"
 
 #include <opencv2/core.hpp>
@@ -32,6 +33,14 @@ TARSIER_FUZZ_TARGET(plate_country, kBytes) {
   }
   const CountryChoice choice = choose_countries({country}, {"any"});
   (void)weighed_by_form(choice, PlateForm::kShort);
+}
+
+TARSIER_FUZZ_TARGET(symbol_labels, kBytes) {
+  for (const SymbolLabel& label : parse_symbol_labels(text_of(input), "plate.txt")) {
+    expect(label.kind >= 0 && label.kind < kBlank, "a class that is none");
+    expect(std::abs(label.x) < 2 && std::abs(label.y) < 2, "a box far away");
+    expect(label.w > 0 && label.w < 2 && label.h > 0 && label.h < 2, "a box of no size");
+  }
 }
 
 TARSIER_FUZZ_TARGET(plate_truth, kBytes) {

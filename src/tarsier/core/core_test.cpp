@@ -10,6 +10,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/core/timer.h"
+#include "tarsier/core/words.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -22,6 +23,7 @@
 #include <optional>
 #include <sched.h>
 #include <string>
+#include <string_view>
 #include <unistd.h>
 #include <vector>
 
@@ -186,6 +188,29 @@ TEST(Stop, SleepEndsAtOnceWhenStopped) {
 TEST(Markup, CannotBecomeTagsOrAttributes) {
   EXPECT_EQ(escaped_markup("<a href='x' title=\"y\">&\x01\x1b\n\u00e9"),
             "&lt;a href=&#39;x&#39; title=&quot;y&quot;&gt;&amp;\n\u00e9");
+}
+
+TEST(Words, ALineIsCutIntoItsWords) {
+  std::string_view text = " \tf 1,5\r\n\nlast";
+  std::string_view line = next_line(text);
+  EXPECT_EQ(next_word(line), "f");
+  EXPECT_EQ(next_word(line), "1,5");
+  EXPECT_EQ(next_word(line), "");
+  EXPECT_EQ(next_line(text), "");
+  EXPECT_EQ(next_line(text), "last");
+  EXPECT_TRUE(text.empty());
+  EXPECT_EQ(trimmed("\t a b \r"), "a b");
+  EXPECT_EQ(trimmed(" \r"), "");
+  EXPECT_EQ(lower_case("HTTP://X\xC3\x84"), "http://x\xC3\x84");
+}
+
+TEST(Words, NumbersAreWholeWordsAndFinite) {
+  EXPECT_EQ(to_number("+1.5e2"), 150);
+  EXPECT_EQ(to_integer("-7", -7, 3), -7);
+  for (const char* word : {"", "+", "+-1", "1,5", "1x", "nan", "inf", "1e999", " 1"})
+    EXPECT_FALSE(to_number(word)) << word;
+  for (const char* word : {"", "1.0", "4", "-8", "99999999999999999999"})
+    EXPECT_FALSE(to_integer(word, -7, 3)) << word;
 }
 
 TEST(EndOnSignals, EndsAtTheFirstSignal) {

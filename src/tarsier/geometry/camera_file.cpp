@@ -4,8 +4,8 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/words.h"
 #include "tarsier/geometry/colmap_camera.h"
-#include "tarsier/geometry/fields.h"
 #include "tarsier/geometry/opencv_storage.h"
 #include "tarsier/io/atomic_file.h"
 #include "tarsier/io/image_file.h"
@@ -131,13 +131,13 @@ class OwnYamlParser {
   }
 
   [[nodiscard]] int side(std::string_view word) const {
-    const auto value = integer_of(word, 0, kMaxCameraSide);
+    const auto value = to_integer(word, 0, kMaxCameraSide);
     if (!value) fail(fmt::format("'{}' is no size: 0..{} px", printable(word), kMaxCameraSide));
     return static_cast<int>(*value);
   }
 
   [[nodiscard]] double number(std::string_view word) const {
-    const auto value = number_of(word);
+    const auto value = to_number(word);
     if (!value) fail(fmt::format("'{}' is no finite number", printable(word)));
     return *value;
   }
@@ -184,7 +184,7 @@ const StoredEntry* first_of(const StoredEntries& entries, std::initializer_list<
 }
 
 double number_in(std::string_view text, std::string_view what, const std::string& path) {
-  const auto value = number_of(trimmed(text));
+  const auto value = to_number(trimmed(text));
   if (!value) throw InputError(path, fmt::format("{} is no finite number", what));
   return *value;
 }
@@ -294,7 +294,7 @@ Camera read_matrix(std::string_view text, const std::string& path) {
     std::string_view rest = trimmed(next_line(text));
     if (rest.empty() || rest.front() == '#') continue;
     for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest)) {
-      const auto value = number_of(word);
+      const auto value = to_number(word);
       if (!value || numbers.size() == 9) {
         throw InputError(
             path, fmt::format("line {}: '{}' is no number of a calibration matrix (3 x 3)", line,
@@ -327,7 +327,7 @@ Camera read_any(const std::string& text, const std::string& path,
   if (first.front() >= '0' && first.front() <= '9' && is_colmap_line(first))
     return read_colmap_camera(text, path);
   std::string_view words = first;
-  if (number_of(next_word(words))) return read_matrix(text, path);
+  if (to_number(next_word(words))) return read_matrix(text, path);
   throw InputError(path,
                    "is no camera: camera.yaml, YAML or XML of OpenCV, cameras.txt of COLMAP or a "
                    "3 x 3 matrix is expected");
@@ -418,7 +418,7 @@ Camera parse_camera(const std::string& text) {
   while (true) {
     const std::size_t comma = rest.find(',');
     const std::string_view word = trimmed(rest.substr(0, comma));
-    const auto value = number_of(word);
+    const auto value = to_number(word);
     if (!value || numbers.size() == 12) {
       throw UsageError(fmt::format(
           "camera '{}': {}; fx,fy,cx,cy[,k1,k2,p1,p2[,k3[,k4,k5,k6]]] is expected",

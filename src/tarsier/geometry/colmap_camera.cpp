@@ -3,7 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/geometry/fields.h"
+#include "tarsier/core/words.h"
 
 #include <fmt/format.h>
 
@@ -41,7 +41,7 @@ ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
   std::string_view rest = text;
   ColmapCamera result;
   const std::string_view id = next_word(rest);
-  const auto id_value = integer_of(id, 0, std::numeric_limits<std::uint32_t>::max());
+  const auto id_value = to_integer(id, 0, std::numeric_limits<std::uint32_t>::max());
   if (!id_value) throw fail(fmt::format("'{}' is no number of a camera", printable(id)));
   result.id = *id_value;
 
@@ -60,7 +60,7 @@ ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
   Camera& camera = result.camera;
   for (int* side : {&camera.width, &camera.height}) {
     const std::string_view word = next_word(rest);
-    const auto value = integer_of(word, 1, kMaxCameraSide);
+    const auto value = to_integer(word, 1, kMaxCameraSide);
     if (!value) {
       throw fail(fmt::format("'{}' is no width or height: 1..{}", printable(word), kMaxCameraSide));
     }
@@ -68,7 +68,7 @@ ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
   }
   for (const char place : model->parameters) {
     const std::string_view word = next_word(rest);
-    const auto value = number_of(word);
+    const auto value = to_number(word);
     if (!value) {
       throw fail(fmt::format("'{}' is no number; {} has {} parameters", printable(word),
                              model->name, model->parameters.size()));

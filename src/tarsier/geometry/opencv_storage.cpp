@@ -3,7 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/geometry/fields.h"
+#include "tarsier/core/words.h"
 
 #include <fmt/format.h>
 

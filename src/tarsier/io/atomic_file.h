@@ -56,6 +56,11 @@ class AtomicFolder {
   bool committed_ = false;
 };
 
+// All of `bytes` to an open file, with signals in between. Throws OutputError(path, ..).
+void write_all(int fd, std::string_view bytes, const std::string& path);
+// A new or renamed file is only safe once its folder is on the disk, too.
+void sync_folder(const std::string& path_of_file);
+
 // Creates `path` and its missing parents. Throws OutputError.
 void make_folder(const std::string& path);
 

@@ -6,8 +6,9 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/io/cameras.h"
 #include "tarsier/io/capture_protocol.h"
-#include "tarsier/io/http_stream.h"
+#include "tarsier/io/http_protocol.h"
 #include "tarsier/io/mjpeg_parser.h"
+#include "tarsier/io/tcp.h"
 
 #include <algorithm>
 #include <cerrno>

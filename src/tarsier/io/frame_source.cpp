@@ -4,8 +4,10 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/words.h"
 #include "tarsier/io/cameras.h"
 #include "tarsier/io/child_capture.h"
+#include "tarsier/io/http_protocol.h"
 #include "tarsier/io/http_stream.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/io/live_source.h"
@@ -35,12 +37,6 @@ constexpr std::string_view kExpected =
     "expected a picture, folder, glob, @list.txt, video, camera number, picam:, http://, https://, "
     "rtsp://";
 
-std::string lower(std::string_view text) {
-  std::string result(text);
-  for (char& c : result) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return result;
-}
-
 // "http" of "HTTP://.."; empty if the text does not begin with a word and a colon.
 std::string scheme_of(std::string_view text) {
   const std::size_t colon = text.find(':');
@@ -49,7 +45,7 @@ std::string scheme_of(std::string_view text) {
   const bool is_word = std::all_of(word.begin(), word.end(), [](char c) {
     return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '+' || c == '-' || c == '.';
   });
-  return is_word ? lower(word) : std::string();
+  return is_word ? lower_case(word) : std::string();
 }
 
 const Scheme* find_scheme(const std::string& name, const std::vector<Scheme>& schemes) {
@@ -76,7 +72,7 @@ bool has_video_ending(const std::string& path) {
   static constexpr std::array<std::string_view, 18> kEndings = {
       ".avi",   ".mp4", ".mkv",  ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpg",
       ".mjpeg", ".ts",  ".m2ts", ".wmv", ".flv",  ".ogv", ".3gp", ".y4m",  ".h264"};
-  const std::string ending = lower(fs::path(path).extension().string());
+  const std::string ending = lower_case(fs::path(path).extension().string());
   return std::find(kEndings.begin(), kEndings.end(), ending) != kEndings.end();
 }
 
@@ -91,7 +87,7 @@ SourceKind classify_file(const std::string& path) {
   file.read(bytes.data(), bytes.size());
   const std::span<const std::uint8_t> head(reinterpret_cast<const std::uint8_t*>(bytes.data()),
                                            static_cast<std::size_t>(file.gcount()));
-  const bool is_mjpeg = lower(fs::path(path).extension().string()).starts_with(".mjp");
+  const bool is_mjpeg = lower_case(fs::path(path).extension().string()).starts_with(".mjp");
   if (!is_mjpeg && (probe_image(head) || has_picture_ending(path))) return SourceKind::kImage;
   if (looks_like_video(head)) {
     // A JPEG whose header is longer than what was read (large thumbnails) is a picture all the
@@ -449,7 +445,8 @@ std::string masked(std::string_view url) {
     if (equals == std::string::npos) break;
     const std::size_t next = std::min(text.find_first_of("&#", place + 1), text.size());
     if (equals < next) {
-      const std::string name = lower(std::string_view(text).substr(place + 1, equals - place - 1));
+      const std::string name =
+          lower_case(std::string_view(text).substr(place + 1, equals - place - 1));
       if (std::find(kSecrets.begin(), kSecrets.end(), name) != kSecrets.end()) {
         text.replace(equals + 1, next - equals - 1, "***");
       }

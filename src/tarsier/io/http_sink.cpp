@@ -4,29 +4,26 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/words.h"
+#include "tarsier/io/http_listen.h"
 #include "tarsier/io/image_file.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
 
 #include <algorithm>
-#include <arpa/inet.h>
 #include <array>
 #include <cctype>
-#include <cerrno>
-#include <charconv>
 #include <chrono>
 #include <condition_variable>
 #include <cstring>
 #include <microhttpd.h>
 #include <mutex>
-#include <netinet/in.h>
 #include <optional>
 #include <poll.h>
 #include <set>
 #include <string_view>
 #include <sys/socket.h>
-#include <system_error>
 #include <unistd.h>
 #include <utility>
 #include <vector>
@@ -40,119 +37,6 @@ using Bytes = std::vector<std::uint8_t>;
 constexpr std::size_t kLeastToken = 16;
 constexpr std::string_view kBoundary = "tarsier-frame";
 
-// --- the address ---
-
-struct Address {
-  std::string host;  // as written, without brackets
-  bool ipv6 = false;
-  bool loopback = false;
-  bool any = false;
-  ::in_addr v4{};
-  ::in6_addr v6{};
-  std::uint16_t port = 0;
-};
-
-Address parse_address(const std::string& url) {
-  constexpr std::string_view kScheme = "http://";
-  const auto fail = [&](std::string_view reason) -> Address {
-    throw UsageError(fmt::format("{}: {}; expected http://127.0.0.1:8080/", url, reason));
-  };
-  if (url.rfind(kScheme, 0) != 0) return fail("is no http:// address");
-  std::string_view rest = std::string_view(url).substr(kScheme.size());
-  const std::size_t slash = rest.find_first_of("/?#");
-  if (slash != std::string_view::npos) {
-    if (rest.substr(slash) != "/") return fail("nothing may follow the port");
-    rest = rest.substr(0, slash);
-  }
-  if (rest.find('@') != std::string_view::npos) return fail("a user name has no place here");
-  Address address;
-  std::string_view port;
-  if (!rest.empty() && rest.front() == '[') {
-    const std::size_t end = rest.find(']');
-    if (end == std::string_view::npos) return fail("']' is missing");
-    address.host = rest.substr(1, end - 1);
-    address.ipv6 = true;
-    port = rest.substr(end + 1);
-  } else {
-    const std::size_t colon = rest.find(':');
-    address.host = rest.substr(0, colon);
-    port = colon == std::string_view::npos ? "" : rest.substr(colon);
-  }
-  address.port = 80;
-  if (!port.empty()) {
-    if (port.front() != ':') return fail("the port is unreadable");
-    port.remove_prefix(1);
-    const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), address.port);
-    if (error != std::errc() || end != port.data() + port.size())
-      return fail("the port must be 0..65535");
-  }
-  if (address.ipv6) {
-    if (::inet_pton(AF_INET6, address.host.c_str(), &address.v6) != 1)
-      return fail("that is no IPv6 address");
-    address.loopback = IN6_IS_ADDR_LOOPBACK(&address.v6);
-    address.any = IN6_IS_ADDR_UNSPECIFIED(&address.v6);
-    return address;
-  }
-  const std::string literal = address.host == "localhost" ? "127.0.0.1" : address.host;
-  if (::inet_pton(AF_INET, literal.c_str(), &address.v4) != 1)
-    return fail("the host must be localhost or an IP address of this machine");
-  address.loopback = (ntohl(address.v4.s_addr) >> 24U) == 127;
-  address.any = address.v4.s_addr == INADDR_ANY;
-  return address;
-}
-
-// A listening socket, its port filled into `address`.
-int listen_on(const std::string& url, Address& address) {
-  const auto fail = [&](int error) {
-    throw OutputError(url,
-                      error == EADDRINUSE
-                          ? "the port is taken by another program: choose another, or 0 for any"
-                          : "cannot listen: " + std::generic_category().message(error));
-  };
-  const int fd = ::socket(address.ipv6 ? AF_INET6 : AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  if (fd < 0) fail(errno);
-  const auto set = [&](int level, int option, int value) {
-    (void)::setsockopt(fd, level, option, &value, sizeof value);
-  };
-  set(SOL_SOCKET, SO_REUSEADDR, 1);
-  // Accepted sockets inherit it. What lies in the kernel's buffer is old by the time it arrives.
-  set(SOL_SOCKET, SO_SNDBUF, 128 * 1024);
-  ::sockaddr_storage storage{};
-  ::socklen_t size = 0;
-  if (address.ipv6) {
-    set(IPPROTO_IPV6, IPV6_V6ONLY, address.any ? 0 : 1);
-    ::sockaddr_in6 name{};
-    name.sin6_family = AF_INET6;
-    name.sin6_port = htons(address.port);
-    name.sin6_addr = address.v6;
-    std::memcpy(&storage, &name, sizeof name);
-    size = sizeof name;
-  } else {
-    ::sockaddr_in name{};
-    name.sin_family = AF_INET;
-    name.sin_port = htons(address.port);
-    name.sin_addr = address.v4;
-    std::memcpy(&storage, &name, sizeof name);
-    size = sizeof name;
-  }
-  if (::bind(fd, reinterpret_cast<::sockaddr*>(&storage), size) != 0 || ::listen(fd, 32) != 0 ||
-      ::getsockname(fd, reinterpret_cast<::sockaddr*>(&storage), &size) != 0) {
-    const int error = errno;
-    ::close(fd);
-    fail(error);
-  }
-  if (address.ipv6) {
-    ::sockaddr_in6 name{};
-    std::memcpy(&name, &storage, sizeof name);
-    address.port = ntohs(name.sin6_port);
-  } else {
-    ::sockaddr_in name{};
-    std::memcpy(&name, &storage, sizeof name);
-    address.port = ntohs(name.sin_port);
-  }
-  return fd;
-}
-
 // The time does not tell how many characters were right.
 bool equals_in_constant_time(std::string_view given, std::string_view secret) {
   unsigned difference = given.size() == secret.size() ? 0 : 1;
@@ -162,30 +46,6 @@ bool equals_in_constant_time(std::string_view given, std::string_view secret) {
                                         static_cast<unsigned char>(secret[i]));
   }
   return difference == 0;
-}
-
-std::string lower(std::string_view text) {
-  std::string result(text);
-  for (char& c : result) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return result;
-}
-
-// "name:80" or "[::1]:80" without the port; nothing if it is malformed.
-std::optional<std::string> host_name(std::string_view host) {
-  std::size_t end = 0;
-  if (!host.empty() && host.front() == '[') {
-    end = host.find(']');
-    if (end == std::string_view::npos) return std::nullopt;
-    ++end;
-  } else {
-    end = std::min(host.find(':'), host.size());
-  }
-  const std::string_view port = host.substr(end);
-  if (!port.empty() && (port.front() != ':' || port.size() > 6 ||
-                        port.find_first_not_of("0123456789", 1) != std::string_view::npos)) {
-    return std::nullopt;
-  }
-  return lower(host.substr(0, end));
 }
 
 // --- what browsers get ---
@@ -232,14 +92,9 @@ constexpr const char* kPolicy =
 class HttpSink final : public FrameSink {
  public:
   HttpSink(const std::string& url, const SinkOptions& options)
-      : url_(url), options_(options), address_(parse_address(url)) {
+      : url_(url), options_(options), address_(parse_listen_address(url)) {
     check_rules();
-    if (options_.listen_all && address_.loopback) {
-      address_.any = true;
-      address_.loopback = false;
-      address_.v4.s_addr = INADDR_ANY;
-      address_.v6 = in6addr_any;
-    }
+    if (options_.listen_all && address_.loopback) address_.open_to_all();
     const int fd = listen_on(url, address_);
     daemon_ = MHD_start_daemon(
         MHD_USE_THREAD_PER_CONNECTION | MHD_USE_INTERNAL_POLLING_THREAD | MHD_USE_POLL |
@@ -518,17 +373,6 @@ class HttpSink final : public FrameSink {
     return value == nullptr ? std::nullopt : std::optional<std::string_view>(value);
   }
 
-  // A page of another site that has its name point to 127.0.0.1 sends that name; a script of
-  // another site sends its origin. A token makes both harmless for other interfaces, where the
-  // names of this machine are unknown.
-  [[nodiscard]] bool is_own_host(std::string_view host) const {
-    const auto name = host_name(host);
-    if (!name) return false;
-    if (!address_.loopback) return true;
-    const std::string own = address_.ipv6 ? "[" + lower(address_.host) + "]" : lower(address_.host);
-    return *name == "localhost" || *name == "127.0.0.1" || *name == "[::1]" || *name == own;
-  }
-
   [[nodiscard]] bool is_allowed(MHD_Connection* connection) const {
     if (options_.token.empty()) return true;
     const char* argument = MHD_lookup_connection_value(connection, MHD_GET_ARGUMENT_KIND, "token");
@@ -566,10 +410,11 @@ class HttpSink final : public FrameSink {
   MHD_Result respond(MHD_Connection* connection, std::string_view path) {
     const auto host = header_of(connection, "Host");
     if (!host) return refuse(connection, MHD_HTTP_BAD_REQUEST, "no Host header");
-    if (!is_own_host(*host))
+    if (!address_.is_own_host(*host))
       return refuse(connection, MHD_HTTP_MISDIRECTED_REQUEST, "this server has another name");
+    // A script of another site sends its origin.
     const auto origin = header_of(connection, "Origin");
-    if (origin && lower(*origin) != "http://" + lower(*host)) {
+    if (origin && lower_case(*origin) != "http://" + lower_case(*host)) {
       return refuse(connection, MHD_HTTP_FORBIDDEN, "requests from other sites are refused");
     }
     if (!is_allowed(connection)) {
@@ -657,7 +502,7 @@ class HttpSink final : public FrameSink {
 
   const std::string url_;
   const SinkOptions options_;
-  Address address_;
+  ListenAddress address_;
   MHD_Daemon* daemon_ = nullptr;
 
   mutable std::mutex mutex_;         // of all below

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/io/http_protocol.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/io/testing_http_server.h"
 

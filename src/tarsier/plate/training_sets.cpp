@@ -4,6 +4,7 @@
 #include "tarsier/io/image_file.h"
 #include "tarsier/plate/training_views.h"
 #include "tarsier/plate_text/evaluation.h"
+#include "tarsier/plate_text/symbol_labels.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -11,26 +12,17 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
-#include <sstream>
 
 namespace tarsier::plate {
 namespace {
 
 namespace fs = std::filesystem;
 
-bool is_picture(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension == ".jpg" || extension == ".jpeg" || extension == ".png" || extension == ".bmp";
-}
-
 std::vector<fs::path> pictures_of(const fs::path& folder) {
   std::vector<fs::path> paths;
   std::error_code error;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder, error))
-    if (is_picture(entry.path())) paths.push_back(entry.path());
+    if (is_image_path(entry.path().string())) paths.push_back(entry.path());
   if (error) throw InputError(folder.string(), "cannot be read: " + error.message());
   std::sort(paths.begin(), paths.end());
   if (paths.empty()) throw InputError(folder.string(), "holds no pictures");
@@ -62,32 +54,14 @@ LabelledCrop crop_of(const fs::path& path) {
   text = text.substr(text.rfind('_') + 1);
   text = text.substr(text.find('-') + 1);
   crop.length = static_cast<int>(text.size());
-  std::ifstream file(labels);
-  if (!file) throw InputError(labels.string(), "cannot be read");
-  std::string line;
-  int number = 0;
-  while (std::getline(file, line)) {
-    ++number;
-    if (line.find_first_not_of(" \r\t") == std::string::npos) continue;
-    std::istringstream fields(line);
-    int kind = -1;
-    double x = 0;
-    double y = 0;
-    double w = 0;
-    double h = 0;
-    const bool sane = static_cast<bool>(fields >> kind >> x >> y >> w >> h) && kind >= 0 &&
-                      kind < kBlank && w > 0 && h > 0 && std::abs(x) < 2 && std::abs(y) < 2 &&
-                      w < 2 && h < 2;
-    if (!sane) {
-      throw InputError(labels.string(),
-                       fmt::format("line {}: expected class 0..35 and x y w h in 0..1", number));
-    }
-    const auto cols = static_cast<float>(crop.image.cols);
-    const auto rows = static_cast<float>(crop.image.rows);
+  const auto cols = static_cast<float>(crop.image.cols);
+  const auto rows = static_cast<float>(crop.image.rows);
+  for (const SymbolLabel& label : read_symbol_labels(labels.string())) {
     crop.symbols.push_back(
-        {kAlphabet[static_cast<std::size_t>(kind)],
-         {static_cast<float>(x - w / 2) * cols, static_cast<float>(y - h / 2) * rows,
-          static_cast<float>(w) * cols, static_cast<float>(h) * rows},
+        {kAlphabet[static_cast<std::size_t>(label.kind)],
+         {static_cast<float>(label.x - label.w / 2) * cols,
+          static_cast<float>(label.y - label.h / 2) * rows, static_cast<float>(label.w) * cols,
+          static_cast<float>(label.h) * rows},
          -1});
   }
   // Places: the visible symbols in the order of the text.

@@ -4,6 +4,7 @@
 #include "tarsier/plate_classic/character_reader.h"
 #include "tarsier/plate_classic/xml_matrix.h"
 #include "tarsier/plate_text/reading.h"
+#include "tarsier/plate_text/symbol_labels.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -11,8 +12,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
-#include <sstream>
 
 namespace tarsier::plate {
 namespace {
@@ -57,12 +56,6 @@ std::vector<fs::path> sorted(const fs::path& folder) {
   return paths;
 }
 
-bool is_picture(const fs::path& path) {
-  const std::string ending = path.extension().string();
-  return ending == ".png" || ending == ".jpg" || ending == ".jpeg" || ending == ".bmp" ||
-         ending == ".pgm";
-}
-
 // Dark ink on a bright plate becomes bright on dark, its contrast stretched.
 cv::Mat bright_ink(const cv::Mat& gray) {
   cv::Mat result;
@@ -77,7 +70,7 @@ CharacterSet from_class_folders(const std::string& folder) {
     const std::string name = path.filename().string();
     if (!fs::is_directory(path) || name.size() != 1 || class_of(name[0]) < 0) continue;
     for (const fs::path& picture : sorted(path)) {
-      if (!is_picture(picture)) continue;
+      if (!is_image_path(picture.string())) continue;
       cv::Mat gray = read_gray_image(picture.string());
       // Either polarity: the border is the ground.
       const double border = (cv::mean(gray.row(0))[0] + cv::mean(gray.row(gray.rows - 1))[0]) / 2;
@@ -94,26 +87,13 @@ CharacterSet from_labelled_plates(const std::string& folder) {
   set.symbols = kAlphabet;
   int group = 0;
   for (const fs::path& path : sorted(folder)) {
-    if (!is_picture(path)) continue;
+    if (!is_image_path(path.string())) continue;
     fs::path labels = path;
     labels.replace_extension(".txt");
-    std::ifstream file(labels);
-    if (!file) continue;
+    std::error_code error;
+    if (!fs::exists(labels, error)) continue;
     const cv::Mat gray = read_gray_image(path.string());
-    int number = 0;
-    for (std::string line; std::getline(file, line);) {
-      ++number;
-      std::istringstream fields(line);
-      int kind = -1;
-      double x = 0;
-      double y = 0;
-      double w = 0;
-      double h = 0;
-      if (!(fields >> kind >> x >> y >> w >> h) || kind < 0 || kind >= kBlank ||
-          !(w > 0 && h > 0 && w < 2 && h < 2 && std::abs(x) < 2 && std::abs(y) < 2)) {
-        throw InputError(labels.string(),
-                         fmt::format("line {}: expected class 0..35 and x y w h", number));
-      }
+    for (const auto& [kind, x, y, w, h] : read_symbol_labels(labels.string())) {
       const cv::Rect box =
           cv::Rect(cvRound((x - w / 2) * gray.cols), cvRound((y - h / 2) * gray.rows),
                    std::max(2, cvRound(w * gray.cols)), std::max(2, cvRound(h * gray.rows))) &

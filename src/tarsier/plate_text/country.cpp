@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/words.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/plate_text/reading.h"
 #include "tarsier/plate_text/text.h"
@@ -32,30 +33,6 @@ constexpr std::size_t kMinPlaces = 2;
 constexpr std::size_t kMaxPlaces = 12;
 
 SymbolSet set_of(char symbol) { return SymbolSet{1} << static_cast<unsigned>(class_of(symbol)); }
-
-bool is_space(char c) { return c == ' ' || c == '\t' || c == '\r'; }
-
-std::string_view trimmed(std::string_view text) {
-  while (!text.empty() && is_space(text.front())) text.remove_prefix(1);
-  while (!text.empty() && is_space(text.back())) text.remove_suffix(1);
-  return text;
-}
-
-// Cuts the first word off `rest`.
-std::string_view next_word(std::string_view& rest) {
-  rest = trimmed(rest);
-  const std::string_view word = rest.substr(0, rest.find_first_of(" \t\r"));
-  rest.remove_prefix(word.size());
-  return word;
-}
-
-std::string lower(std::string_view text) {
-  std::string result(text);
-  for (char& c : result) {
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  }
-  return result;
-}
 
 bool is_code(std::string_view text) {
   return !text.empty() && text.size() <= 16 && std::all_of(text.begin(), text.end(), [](char c) {
@@ -220,7 +197,7 @@ class Parser {
   // The words of a layout line up to "weight" or "name".
   static std::string_view pattern_of(std::string_view line) {
     for (std::size_t at = 0; at + 1 < line.size(); ++at) {
-      if (is_space(line[at]) && line[at + 1] >= 'a' && line[at + 1] <= 'z') {
+      if (is_blank(line[at]) && line[at + 1] >= 'a' && line[at + 1] <= 'z') {
         return line.substr(0, at);
       }
     }
@@ -289,7 +266,7 @@ class Parser {
     std::vector<Layout> grown{model};
     const bool marked = pattern.find('|') != std::string_view::npos;
     while (!pattern.empty()) {
-      if (is_space(pattern.front()) || pattern.front() == '|') {
+      if (is_blank(pattern.front()) || pattern.front() == '|') {
         const bool breaks = marked ? pattern.front() == '|' : true;
         pattern.remove_prefix(1);
         for (Layout& layout : grown) {
@@ -341,7 +318,7 @@ std::string help_for(const std::string& word, const std::vector<Country>& countr
   std::string best;
   int least = 3;
   const auto consider = [&](const std::string& code, const std::string& spelling) {
-    const int distance = edit_distance(lower(word), lower(spelling));
+    const int distance = edit_distance(lower_case(word), lower_case(spelling));
     const bool near = distance < static_cast<int>(std::max(word.size(), spelling.size()));
     if (near && distance < least) {
       least = distance;
@@ -402,7 +379,7 @@ CountryChoice choose_countries(const std::vector<Country>& countries,
   choice.free_text = wanted.empty();
   std::set<std::string> codes;
   for (const std::string& given : wanted) {
-    const std::string word = lower(given);
+    const std::string word = lower_case(given);
     bool known = word == "any";
     choice.free_text = choice.free_text || known;
     for (const Country& country : countries) {

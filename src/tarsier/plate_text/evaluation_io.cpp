@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/words.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/plate_text/csv.h"
@@ -66,15 +67,6 @@ std::optional<cv::Rect2d> parse_box(const std::array<std::string, 6>& fields,
     if (!good) fail(path, line, fmt::format("'{}' is no {}", printable(field), kColumns[k + 1]));
   }
   return cv::Rect2d{numbers[0], numbers[1], numbers[2], numbers[3]};
-}
-
-// Cuts a line off the front, without its end.
-std::string_view next_line(std::string_view& text) {
-  const std::size_t end = text.find('\n');
-  std::string_view line = text.substr(0, end);
-  text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
-  if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
-  return line;
 }
 
 // --- readings ---
@@ -193,7 +185,8 @@ PlateTruth read_plate_truth(const std::string& path) {
   std::array<std::size_t, 6> places{};
   std::size_t width = 0;
   for (int line = 1; !text.empty(); ++line) {
-    const std::string_view content = next_line(text);
+    std::string_view content = next_line(text);
+    if (content.ends_with('\r')) content.remove_suffix(1);
     if (content.empty() && line > 1) continue;
     const auto fields = csv_fields(content);
     if (!fields) fail(path, line, "a quote without its other end, or within a field");

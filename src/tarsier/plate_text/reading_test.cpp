@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate_text/reading.h"
 
+#include "tarsier/core/errors.h"
+#include "tarsier/plate_text/symbol_labels.h"
 #include "tarsier/plate_text/text.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <limits>
 #include <stdexcept>
+#include <string>
 
 namespace tarsier::plate {
 namespace {
@@ -31,6 +35,30 @@ TEST(ReadingTest, BoxCoversThePixelsOfATiltedQuadAndStaysInThePicture) {
   Quad broken = quad;
   broken[2].x = std::numeric_limits<float>::quiet_NaN();
   EXPECT_THROW((void)bounding_box(broken, {100, 50}), std::invalid_argument);
+}
+
+TEST(SymbolLabels, LinesAreReadAndBlankOnesPassedOver) {
+  const auto labels =
+      parse_symbol_labels("3 0.25 0.5 0.1 0.8\n\r\n \t35 -0.5 1 1.5 0.01 7\r\n", "x.txt");
+  ASSERT_EQ(labels.size(), 2u);
+  EXPECT_EQ(labels[0].kind, 3);
+  EXPECT_EQ(labels[0].x, 0.25);
+  EXPECT_EQ(labels[0].h, 0.8);
+  EXPECT_EQ(labels[1].kind, 35);
+  EXPECT_EQ(labels[1].x, -0.5);
+}
+
+TEST(SymbolLabels, ABrokenLineIsNamed) {
+  for (const char* line :
+       {"36 0.5 0.5 0.1 0.1", "-1 0.5 0.5 0.1 0.1", "3 0.5 0.5 0.1", "A 0.5 0.5 0.1 0.1",
+        "3 0.5 0.5 0 0.1", "3 0.5 nan 0.1 0.1", "3 2 0.5 0.1 0.1", "3 0.5 0.5 0.1 1e400"}) {
+    try {
+      (void)parse_symbol_labels(std::string("1 0.5 0.5 0.1 0.1\n") + line, "plate.txt");
+      ADD_FAILURE() << line;
+    } catch (const InputError& error) {
+      EXPECT_THAT(error.what(), testing::HasSubstr("plate.txt: line 2")) << line;
+    }
+  }
 }
 
 TEST(TextTest, EditsAreCounted) {

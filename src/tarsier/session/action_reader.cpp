@@ -2,6 +2,7 @@
 #include "tarsier/session/action_reader.h"
 
 #include "tarsier/core/log.h"
+#include "tarsier/core/words.h"
 
 #include <algorithm>
 #include <array>
@@ -16,13 +17,6 @@ namespace tarsier {
 namespace {
 
 constexpr std::size_t kLongestLine = 200;
-
-std::string_view trimmed(std::string_view text) {
-  constexpr std::string_view kSpace = " \t\r";
-  const std::size_t first = text.find_first_not_of(kSpace);
-  if (first == std::string_view::npos) return {};
-  return text.substr(first, text.find_last_not_of(kSpace) - first + 1);
-}
 
 }  // namespace
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/io/archive.h"
+#include "tarsier/io/atomic_file.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/session/annotate_state.h"
 
@@ -10,7 +11,6 @@
 #include <cstdio>
 #include <cstring>
 #include <fcntl.h>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string_view>
 #include <sys/file.h>
@@ -28,30 +28,10 @@ constexpr mode_t kMode = 0644;
 
 std::string reason() { return std::strerror(errno); }
 
-void write_all(int fd, std::string_view bytes, const std::string& path) {
-  while (!bytes.empty()) {
-    const ssize_t count = ::write(fd, bytes.data(), bytes.size());
-    if (count < 0) {
-      if (errno == EINTR) continue;
-      throw OutputError(path, reason());
-    }
-    bytes.remove_prefix(static_cast<std::size_t>(count));
-  }
+void write_through(int fd, const json& record, const std::string& path) {
+  const std::string line = record.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
+  write_all(fd, line, path);
   if (::fsync(fd) != 0) throw OutputError(path, reason());
-}
-
-// The folder's entry must last, too.
-void sync_folder(const std::string& path) {
-  std::string folder = std::filesystem::path(path).parent_path().string();
-  if (folder.empty()) folder = ".";
-  const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (fd < 0) return;
-  (void)::fsync(fd);
-  ::close(fd);
-}
-
-std::string line_of(const json& record) {
-  return record.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace
@@ -104,7 +84,7 @@ void AnnotateJournal::append(const json& record) {
     if (fd_ < 0) throw OutputError(path_, reason());
     sync_folder(path_);
   }
-  write_all(fd_, line_of(record), path_);
+  write_through(fd_, record, path_);
   ++lines_;
 }
 
@@ -123,7 +103,7 @@ void AnnotateJournal::restart(const std::optional<json>& record) {
   if (fd < 0) throw OutputError(next, reason());
   try {
     (void)::flock(fd, LOCK_EX | LOCK_NB);
-    write_all(fd, line_of(*record), next);
+    write_through(fd, *record, next);
     if (::rename(next.c_str(), path_.c_str()) != 0) throw OutputError(path_, reason());
   } catch (...) {
     ::close(fd);

@@ -5,7 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
-#include "tarsier/geometry/fields.h"
+#include "tarsier/core/words.h"
 #include "tarsier/nn/gemm.h"
 
 #include <algorithm>
@@ -300,23 +300,23 @@ std::vector<ImagePair> read_pairs_list(const std::string& path,
         break;
       }
     }
-    line = geometry::trimmed(line);
+    line = trimmed(line);
     if (line.empty()) continue;
     // Every reading of the line as two names.
     std::set<ImagePair> found;
     for (std::size_t gap = line.find_first_of(kSpace); gap != std::string_view::npos;
          gap = line.find_first_of(kSpace, gap + 1)) {
-      const auto first = indices.find(geometry::trimmed(line.substr(0, gap)));
-      const auto second = indices.find(geometry::trimmed(line.substr(gap)));
+      const auto first = indices.find(trimmed(line.substr(0, gap)));
+      const auto second = indices.find(trimmed(line.substr(gap)));
       if (first != indices.end() && second != indices.end())
         found.insert(std::minmax(first->second, second->second));
     }
     if (found.empty()) {
       std::string_view rest = line;
-      const std::string_view first = geometry::next_word(rest);
-      const std::string_view second = geometry::next_word(rest);
+      const std::string_view first = next_word(rest);
+      const std::string_view second = next_word(rest);
       if (second.empty()) fail("expected the names of two photographs");
-      if (!geometry::trimmed(rest).empty())
+      if (!trimmed(rest).empty())
         fail(fmt::format("'{}' are no names of two photographs", printable(line.substr(0, 200))));
       const std::string_view unknown = indices.count(first) == 0 ? first : second;
       fail(fmt::format("no photograph is called '{}'", printable(unknown.substr(0, 200))));

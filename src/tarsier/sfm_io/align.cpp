@@ -5,7 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
-#include "tarsier/geometry/fields.h"
+#include "tarsier/core/words.h"
 #include "tarsier/io/image_file.h"
 
 #include <fmt/format.h>
@@ -96,7 +96,7 @@ class PositionsParser {
     bool is_first = true;
     while (!text.empty()) {
       ++line_;
-      const std::string_view line = geometry::trimmed(geometry::next_line(text));
+      const std::string_view line = trimmed(next_line(text));
       if (line.empty()) continue;
       parse_line(line, is_first);
       is_first = false;
@@ -118,8 +118,8 @@ class PositionsParser {
       if (rest.empty()) fail("name,x,y,z is expected");
       rest.remove_prefix(1);  // the comma
       const std::size_t end = std::min(rest.find(','), rest.size());
-      words[k] = geometry::trimmed(rest.substr(0, end));
-      numbers[k] = geometry::number_of(words[k]);
+      words[k] = trimmed(rest.substr(0, end));
+      numbers[k] = to_number(words[k]);
       rest.remove_prefix(end);
     }
     if (!rest.empty()) fail("more than the four fields name,x,y,z");
@@ -140,7 +140,7 @@ class PositionsParser {
     std::string name;
     if (!rest.starts_with('"')) {
       const std::size_t end = std::min(rest.find(','), rest.size());
-      name = geometry::trimmed(rest.substr(0, end));
+      name = trimmed(rest.substr(0, end));
       rest.remove_prefix(end);
       return name;
     }
@@ -154,7 +154,7 @@ class PositionsParser {
       name += '"';  // "" stands for one
       rest.remove_prefix(1);
     }
-    rest = geometry::trimmed(rest);
+    rest = trimmed(rest);
     if (!rest.empty() && rest.front() != ',') fail("a comma is expected behind the name");
     return name;
   }

@@ -4,8 +4,8 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/words.h"
 #include "tarsier/geometry/colmap_camera.h"
-#include "tarsier/geometry/fields.h"
 #include "tarsier/io/atomic_file.h"
 
 #include <fmt/format.h>
@@ -231,7 +231,7 @@ class LineReader {
   // The next line that is neither blank nor a comment.
   bool next_content(std::string_view& line) {
     while (next(line)) {
-      const std::string_view content = geometry::trimmed(line);
+      const std::string_view content = trimmed(line);
       if (!content.empty() && content.front() != '#') return true;
     }
     return false;
@@ -246,15 +246,15 @@ class LineReader {
 
   // The next words of `rest` as what they have to be.
   [[nodiscard]] double number(std::string_view& rest, std::string_view what) const {
-    const std::string_view word = geometry::next_word(rest);
-    const auto value = geometry::number_of(word);
+    const std::string_view word = next_word(rest);
+    const auto value = to_number(word);
     if (!value) refuse(word, what, "a finite number");
     return *value;
   }
   [[nodiscard]] std::int64_t integer(std::string_view& rest, std::string_view what,
                                      std::int64_t low, std::int64_t high) const {
-    const std::string_view word = geometry::next_word(rest);
-    const auto value = geometry::integer_of(word, low, high);
+    const std::string_view word = next_word(rest);
+    const auto value = to_integer(word, low, high);
     if (!value) refuse(word, what, fmt::format("an integer in {}..{}", low, high));
     return *value;
   }
@@ -350,7 +350,7 @@ class ModelReader {
 
   static void read_features(const LineReader& reader, std::string_view rest, Photograph& image,
                             std::vector<std::int64_t>& point_ids) {
-    while (!(rest = geometry::trimmed(rest)).empty()) {
+    while (!(rest = trimmed(rest)).empty()) {
       const double x = reader.number(rest, "a feature's x") - kColmapOffset;
       const double y = reader.number(rest, "a feature's y") - kColmapOffset;
       if (std::abs(x) > kMaxPixel || std::abs(y) > kMaxPixel)
@@ -388,7 +388,7 @@ class ModelReader {
 
   void read_track(const LineReader& reader, std::string_view rest, std::int64_t id, Point& point) {
     std::size_t count = 0;
-    while (!(rest = geometry::trimmed(rest)).empty()) {
+    while (!(rest = trimmed(rest)).empty()) {
       const std::int64_t image = reader.integer(rest, "an image of the track", 0, kMaxId);
       const std::int64_t feature = reader.integer(rest, "a feature of the track", 0, kMaxIndex);
       const auto found = images_.find(image);

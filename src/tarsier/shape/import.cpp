@@ -2,6 +2,7 @@
 #include "tarsier/shape/import.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/words.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/shape/import_text.h"
 #include "tarsier/shape/markup_check.h"
@@ -205,10 +206,7 @@ TextLines::TextLines(std::string path, std::string_view text)
 std::optional<std::string_view> TextLines::next() {
   if (rest_.empty()) return std::nullopt;
   ++line_;
-  const std::size_t end = rest_.find('\n');
-  const std::string_view line = rest_.substr(0, end);
-  rest_.remove_prefix(end == std::string_view::npos ? rest_.size() : end + 1);
-  return trim(line);
+  return trimmed(next_line(rest_));
 }
 
 void TextLines::fail(const std::string& reason) const {
@@ -222,46 +220,20 @@ double TextLines::number(std::string_view word, double most) const {
 }
 
 int TextLines::integer(std::string_view word, int low, int high) const {
-  int value = 0;
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-  if (error != std::errc{} || end != word.data() + word.size() || value < low || value > high)
-    fail(fmt::format("a whole number in {}..{} is expected", low, high));
-  return value;
-}
-
-std::string_view trim(std::string_view text) {
-  constexpr std::string_view kBlanks = " \t\r";
-  const std::size_t first = text.find_first_not_of(kBlanks);
-  if (first == std::string_view::npos) return {};
-  return text.substr(first, text.find_last_not_of(kBlanks) - first + 1);
-}
-
-std::string_view cut_word(std::string_view& rest) {
-  rest = trim(rest);
-  const std::size_t end = std::min(rest.find_first_of(" \t\r"), rest.size());
-  const std::string_view word = rest.substr(0, end);
-  rest.remove_prefix(end);
-  return word;
+  const auto value = to_integer(word, low, high);
+  if (!value) fail(fmt::format("a whole number in {}..{} is expected", low, high));
+  return static_cast<int>(*value);
 }
 
 std::optional<std::string_view> cut_cell(std::optional<std::string_view>& rest) {
   if (!rest) return std::nullopt;
   const std::size_t comma = rest->find(',');
-  const std::string_view cell = trim(rest->substr(0, comma));
+  const std::string_view cell = trimmed(rest->substr(0, comma));
   if (comma == std::string_view::npos)
     rest.reset();
   else
     rest->remove_prefix(comma + 1);
   return cell;
-}
-
-std::optional<double> to_number(std::string_view word) {
-  if (word.size() > 1 && word[0] == '+' && word[1] != '-') word.remove_prefix(1);
-  double value = 0;
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-  if (error != std::errc{} || end != word.data() + word.size() || !std::isfinite(value))
-    return std::nullopt;
-  return value;
 }
 
 std::string picture_beside(const std::string& stem) {
@@ -283,8 +255,8 @@ Eigen::Matrix2Xd read_pts(const std::string& path, double offset) {
       break;
     }
     std::string_view rest = *line;
-    const std::string_view key = cut_word(rest);
-    if (key == "n_points:") announced = lines.integer(cut_word(rest), 1, kMostPoints);
+    const std::string_view key = next_word(rest);
+    if (key == "n_points:") announced = lines.integer(next_word(rest), 1, kMostPoints);
   }
   if (!is_open) throw InputError(path, "no points (a line \"{\" is missing)");
   std::vector<Eigen::Vector2d> points;
@@ -296,9 +268,9 @@ Eigen::Matrix2Xd read_pts(const std::string& path, double offset) {
       break;
     }
     std::string_view rest = *line;
-    const double x = lines.number(cut_word(rest), kMostImportedCoordinate);
-    const double y = lines.number(cut_word(rest), kMostImportedCoordinate);
-    if (!trim(rest).empty()) lines.fail("x and y are expected");
+    const double x = lines.number(next_word(rest), kMostImportedCoordinate);
+    const double y = lines.number(next_word(rest), kMostImportedCoordinate);
+    if (!trimmed(rest).empty()) lines.fail("x and y are expected");
     if (points.size() >= static_cast<std::size_t>(kMostPoints))
       lines.fail(fmt::format("more than {} points", kMostPoints));
     points.emplace_back(x - offset, y - offset);
@@ -328,13 +300,13 @@ AsfShape read_asf(const std::string& path) {
   std::vector<bool> is_seen(static_cast<std::size_t>(count), false);
   for (int k = 0; k < count; ++k) {
     std::string_view rest = next();
-    (void)cut_word(rest);  // path
-    (void)cut_word(rest);  // type
-    const double x = lines.number(cut_word(rest), kMostRelative);
-    const double y = lines.number(cut_word(rest), kMostRelative);
-    const int point = lines.integer(cut_word(rest), 0, count - 1);
-    const int from = lines.integer(cut_word(rest), 0, count - 1);
-    const int to = lines.integer(cut_word(rest), 0, count - 1);
+    (void)next_word(rest);  // path
+    (void)next_word(rest);  // type
+    const double x = lines.number(next_word(rest), kMostRelative);
+    const double y = lines.number(next_word(rest), kMostRelative);
+    const int point = lines.integer(next_word(rest), 0, count - 1);
+    const int from = lines.integer(next_word(rest), 0, count - 1);
+    const int to = lines.integer(next_word(rest), 0, count - 1);
     if (is_seen[static_cast<std::size_t>(point)]) lines.fail(fmt::format("point {} twice", point));
     is_seen[static_cast<std::size_t>(point)] = true;
     shape.relative.col(point) << x, y;

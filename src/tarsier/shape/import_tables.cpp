@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
+#include "tarsier/core/words.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/shape/import_text.h"
 #include "tarsier/shape/markup_check.h"

@@ -33,12 +33,8 @@ class TextLines {
   int line_ = 0;
 };
 
-// Cuts the first word (up to blanks) off `rest`; empty at its end.
-std::string_view cut_word(std::string_view& rest);
 // Cuts up to the next comma off `rest`, trimmed; none at its end.
 std::optional<std::string_view> cut_cell(std::optional<std::string_view>& rest);
-[[nodiscard]] std::string_view trim(std::string_view text);
-[[nodiscard]] std::optional<double> to_number(std::string_view word);
 
 // The picture with the name of `stem` (a path without its ending) in the first of its forms that
 // exists; "" for none.

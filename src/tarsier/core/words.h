@@ -5,12 +5,13 @@
 #include <cmath>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <system_error>
 
-// Words and numbers of a line of text, for the readers of cameras and models. Never reads outside
-// the text and does not depend on the locale.
-namespace tarsier::geometry {
+// Words and numbers of a line of text, for readers of untrusted files. Never reads outside the text
+// and does not depend on the locale.
+namespace tarsier {
 
 [[nodiscard]] inline bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
 
@@ -39,7 +40,7 @@ inline std::string_view next_line(std::string_view& rest) {
 }
 
 // The whole word as a finite number.
-[[nodiscard]] inline std::optional<double> number_of(std::string_view word) {
+[[nodiscard]] inline std::optional<double> to_number(std::string_view word) {
   if (word.size() > 1 && word[0] == '+' && word[1] != '-') word.remove_prefix(1);
   double value = 0;
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
@@ -49,7 +50,7 @@ inline std::string_view next_line(std::string_view& rest) {
 }
 
 // The whole word as an integer in [low, high].
-[[nodiscard]] inline std::optional<std::int64_t> integer_of(std::string_view word, std::int64_t low,
+[[nodiscard]] inline std::optional<std::int64_t> to_integer(std::string_view word, std::int64_t low,
                                                             std::int64_t high) {
   std::int64_t value = 0;
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
@@ -58,4 +59,13 @@ inline std::string_view next_line(std::string_view& rest) {
   return value;
 }
 
-}  // namespace tarsier::geometry
+// The text with A..Z as a..z; all other bytes stay.
+[[nodiscard]] inline std::string lower_case(std::string_view text) {
+  std::string result(text);
+  for (char& c : result) {
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  }
+  return result;
+}
+
+}  // namespace tarsier

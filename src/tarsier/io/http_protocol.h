@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+// The addresses and answers of HTTP. Nothing here touches the network.
+namespace tarsier {
+
+struct HttpUrl {
+  std::string host;  // without the brackets of an IPv6 address
+  std::uint16_t port = 80;
+  std::string target;  // path and query, starts with '/'
+  std::string user;    // percent-decoded
+  std::string password;
+  [[nodiscard]] std::string host_header() const;
+};
+
+// Parses "scheme://[user[:password]@]host[:port][/path][?query]" for the given scheme (compared
+// without regard to case). Throws InputError (masked URL) for anything that is not one: spaces,
+// control characters, no host, a port outside 1..65535.
+[[nodiscard]] HttpUrl parse_url(std::string_view text, std::string_view scheme,
+                                std::uint16_t default_port);
+
+// Reads an HTTP/1.x answer as it comes: status line, header, and the body freed of chunked coding.
+// Pure.
+class HttpResponseParser {
+ public:
+  static constexpr std::size_t kHeaderLimit = 64U << 10U;
+
+  enum class State { kHeader, kBody, kDone, kBroken };
+
+  // Takes bytes; body bytes are appended to `body`.
+  void feed(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
+
+  [[nodiscard]] State state() const { return state_; }
+  [[nodiscard]] const std::string& trouble() const { return trouble_; }  // kBroken: why
+  // After the header:
+  [[nodiscard]] int status() const { return status_; }
+  [[nodiscard]] const std::string& status_text() const { return status_text_; }
+  [[nodiscard]] const std::string& content_type() const { return content_type_; }  // as sent
+  [[nodiscard]] const std::string& location() const { return location_; }
+
+ private:
+  enum class Chunk { kSize, kData, kDataEnd, kTrailer };
+
+  void break_off(std::string trouble);
+  bool parse_header();
+  void read_body(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
+  void read_chunks(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
+
+  State state_ = State::kHeader;
+  std::string trouble_;
+  std::string header_;
+  int status_ = 0;
+  std::string status_text_;
+  std::string content_type_;
+  std::string location_;
+  bool chunked_ = false;
+  bool has_length_ = false;
+  std::uint64_t left_ = 0;  // of the body (has_length_) or of the chunk
+  Chunk chunk_ = Chunk::kSize;
+  std::string line_;
+};
+
+}  // namespace tarsier

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+// Symbols marked in the picture of a plate as the trainers of YOLO networks want them: beside
+// NAME.png a NAME.txt, a line "CLASS X Y W H" for each symbol.
+namespace tarsier::plate {
+
+struct SymbolLabel {
+  int kind = 0;  // class number, 0..kBlank-1 (reading.h)
+  // The middle and the size of its box, in parts of the picture's width and height: x, y within
+  // +-2, w, h in (0, 2).
+  double x = 0;
+  double y = 0;
+  double w = 0;
+  double h = 0;
+};
+
+// Empty lines are passed over, words after the fifth too. Throws InputError that names `name` and
+// the line.
+[[nodiscard]] std::vector<SymbolLabel> parse_symbol_labels(std::string_view text,
+                                                           const std::string& name);
+// Of a file of at most 1 MB. Throws InputError.
+[[nodiscard]] std::vector<SymbolLabel> read_symbol_labels(const std::string& path);
+
+}  // namespace tarsier::plate

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/rng.h"
+#include "tarsier/synth/glyphs.h"
+
+#include <opencv2/core.hpp>
+
+#include <string>
+
+// What the painting of plates shares: for the .cpp files of this module.
+namespace tarsier::synth {
+
+using Color = cv::Scalar;  // BGR
+
+// What a plate looks like, in mm and colours; filled by the kind's style.
+struct PlateLook {
+  double width = 520;
+  double height = 110;
+  double cap = 77;          // height of a character
+  double cell = 43;         // width of a digit
+  double gap = 14;          // between characters
+  double group_gap = 41;    // between groups
+  double centre = 0.5;      // of the text, share of the height
+  bool fixed_pitch = true;  // a 1 takes as much room as an 8
+  double widest = 1.35;     // of a W by a digit's
+  bool turned_w = false;    // the W is an M upside down, as in many dies for one width
+  double band_left = 0;     // width of the euro band
+  double band_right = 0;
+  double corner = 8;  // radius
+  double border = 2;  // line along the edge
+  Color ground{250, 250, 250};
+  Color ground_below{250, 250, 250};
+  Color ink{25, 20, 20};
+  Color band{150, 50, 10};
+  int typeface = 0;
+  int weight = 2;
+  double slant = 0;
+};
+
+struct PlatePainter {
+  cv::Mat& image;
+  double s;  // px per mm
+  const GlyphSet& glyphs;
+  Rng& rng;
+
+  [[nodiscard]] int px(double mm) const { return cvRound(mm * s); }
+  [[nodiscard]] cv::Point at(double x, double y) const { return {px(x), px(y)}; }
+
+  [[nodiscard]] Color any_color() const {
+    return {rng.uniform(0, 255), rng.uniform(0, 255), rng.uniform(0, 255)};
+  }
+  [[nodiscard]] bool chance(double p) const { return rng.uniform() < p; }
+};
+
+// Blends `color` over the picture where `mask` covers it.
+void blend(cv::Mat& image, const cv::Mat& mask, cv::Point corner, const Color& color);
+
+// The symbol as this plate letters it: a mask, 8 bits.
+[[nodiscard]] cv::Mat letter_of(const GlyphSet& glyphs, const PlateLook& look, char symbol);
+
+// A line of small lettering, centred at (x, y), mm; returns its width in mm.
+double small_text(const PlatePainter& p, const std::string& text, double x, double y, double height,
+                  const Color& color, double stretch = 1);
+
+// Of letters.
+[[nodiscard]] std::string random_word(Rng& rng, int least, int most);
+
+// Ornaments. x, y: the middle, mm.
+void euro_band(const PlatePainter& p, const PlateLook& look, bool left);
+
+// What stands between groups of symbols.
+enum class PlateSeparator { kNone, kDash, kDot, kSeal, kSeals, kEmblem, kDashAndSeal };
+void separator(const PlatePainter& p, const PlateLook& look, PlateSeparator kind, double x,
+               double y, double room);
+
+void rivets(const PlatePainter& p, const PlateLook& look);
+void dirt(const PlatePainter& p, const PlateLook& look);
+// A frame that laps over the plate's edge, with the dealer's name.
+void dealer_frame(const PlatePainter& p, const PlateLook& look);
+void us_ornaments(const PlatePainter& p, const PlateLook& look);
+
+}  // namespace tarsier::synth
