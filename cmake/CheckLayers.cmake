@@ -1,7 +1,8 @@
 # Fails when a file includes a module that its own module did not declare in tarsier_module(DEPENDS ...),
 # directly or through what it depends on, when anything but a window host uses highgui, or when a header
-# lacks #pragma once. Test files may also include tarsier/synth.
-# Run as: cmake -DROOT=<src/tarsier> -DLAYERS=<build>/layers.txt -P CheckLayers.cmake
+# lacks #pragma once. Test files may also include tarsier/synth. Also when the table of docs/architecture.md lacks a
+# module or names other modules that it uses.
+# Run as: cmake -DROOT=<src/tarsier> -DLAYERS=<build>/layers.txt -DTABLE=<architecture.md> -P CheckLayers.cmake
 cmake_minimum_required(VERSION 3.25)
 
 file(STRINGS ${LAYERS} lines)
@@ -9,6 +10,15 @@ foreach(line IN LISTS lines)
   string(REGEX MATCH "^([a-z_]+): ?(.*)$" _ "${line}")
   set(module ${CMAKE_MATCH_1})
   separate_arguments(allowed UNIX_COMMAND "${CMAKE_MATCH_2}")
+  string(REPLACE ";" ", " uses "${allowed}")
+  if(module STREQUAL "core")
+    set(uses "-")
+  endif()
+  file(STRINGS ${TABLE} row REGEX "^\\| [0-9] \\| `${module}` \\|")
+  string(FIND "${row}" "| ${uses} |" place)
+  if(row STREQUAL "" OR (place EQUAL -1 AND NOT module STREQUAL "session"))
+    message(SEND_ERROR "${TABLE}: the table of modules does not say that '${module}' uses ${uses}")
+  endif()
   file(GLOB_RECURSE files ${ROOT}/${module}/*.h ${ROOT}/${module}/*.cpp ${ROOT}/${module}/*.inl)
   foreach(path IN LISTS files)
     file(STRINGS ${path} includes REGEX "^#include [\"<]")

@@ -63,6 +63,7 @@ function(tarsier_add_layer_test)
     add_test(NAME architecture/layers
              COMMAND ${CMAKE_COMMAND} -DROOT=${PROJECT_SOURCE_DIR}/src/tarsier
                      -DLAYERS=${PROJECT_BINARY_DIR}/layers.txt
+                     -DTABLE=${PROJECT_SOURCE_DIR}/docs/architecture.md
                      -P ${PROJECT_SOURCE_DIR}/cmake/CheckLayers.cmake)
   endif()
 endfunction()

@@ -1,0 +1,86 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""scripts/layers-picture.py BUILD/layers.txt docs/img/layers.svg: draws the modules, each above all that it uses.
+
+The file comes from the configuration of a build (tarsier_module(.. DEPENDS ..)). A module's layer is the longest way
+down from it; its colour is its area's.
+"""
+import functools
+import sys
+
+AREAS = {
+    "ground": ("#e4dceb", "core io draw geometry render nn synth"),
+    "faces": ("#f6d9cf", "face shape landmarks appearance head head_view face_turn synth_face"),
+    "people": ("#f7e6b8", "recognition people_face gallery"),
+    "plates": ("#d3e6f5", "plate_text plate_classic plate_video plate"),
+    "photographs in 3D": ("#d5ead9", "sfm_io sfm_view sfm"),
+    "cameras, markers": ("#cfe6e6", "marker target calibration sheet ar"),
+    "cartoons": ("#efe0cf", "cartoon"),
+    "interaction": ("#e6e3dc", "session apps/cli apps/window apps/capture"),
+}
+BOX, ROW, GAP, LEFT, TOP = 34, 54, 8, 64, 62
+FONT = 'font-family="ui-monospace,Menlo,DejaVu Sans Mono,monospace"'
+
+
+def read(path):
+    modules = {}
+    with open(path, encoding="utf-8") as lines:
+        for line in lines:
+            name, _, used = line.partition(":")
+            modules[name.strip()] = used.split()
+    return modules
+
+
+def main():
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    modules = read(sys.argv[1])
+
+    @functools.lru_cache(None)
+    def layer(name):
+        return 1 + max((layer(used) for used in modules[name]), default=-1)
+
+    colours = {name: colour for colour, names in AREAS.values() for name in names.split()}
+    order = list(colours)
+    unknown = set(modules) - set(colours)
+    if unknown:
+        sys.exit(f"no area for {', '.join(sorted(unknown))}: add it to AREAS")
+    top = max(map(layer, modules))
+    rows = [[name for name in order if name in modules and layer(name) == k] for k in range(top + 1)]
+    if "session" in rows[top] and len(rows[top]) > 1:  # its own: it may use all
+        rows[top].remove("session")
+        rows.append(["session"])
+    rows.append(["apps/cli", "apps/window", "apps/capture"])
+    width_of = lambda name: 22 + 8.45 * len(name)
+    width = LEFT + max(sum(width_of(name) + GAP for name in row) for row in rows) + 34
+    height = TOP + ROW * len(rows) + 8
+    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height}" width="{width:.0f}" '
+           f'height="{height}" font-family="system-ui,Segoe UI,Roboto,DejaVu Sans,sans-serif" role="img" '
+           'aria-label="The modules of Tarsier in layers, programs on top, the core at the bottom; each uses only what is below it">',
+           f'<rect width="{width:.0f}" height="{height}" rx="14" fill="#fbf9f4"/>']
+    x = 20
+    for area, (colour, _) in AREAS.items():
+        out.append(f'<rect x="{x:.1f}" y="18" width="14" height="14" rx="4" fill="{colour}" stroke="#00000022"/>'
+                   f'<text x="{x + 19:.1f}" y="30" font-size="13" fill="#5c544c">{area}</text>')
+        x += 34 + 7.1 * len(area)
+    for k, row in enumerate(rows):
+        y = TOP + ROW * (len(rows) - 1 - k)
+        out.append(f'<text x="30" y="{y + 22}" font-size="14" font-weight="600" text-anchor="middle" fill="#3a3430">{k}</text>')
+        x = LEFT
+        for name in row:
+            out.append(f'<rect x="{x:.1f}" y="{y}" width="{width_of(name):.1f}" height="{BOX}" rx="7" '
+                       f'fill="{colours[name]}" stroke="#00000022"/>'
+                       f'<text x="{x + width_of(name) / 2:.1f}" y="{y + 22}" font-size="14" text-anchor="middle" '
+                       f'fill="#24201c" {FONT}>{name}</text>')
+            x += width_of(name) + GAP
+    right = width - 18
+    out.append(f'<path d="M{right:.0f} {TOP}V{height - 30}" stroke="#b0521a" stroke-width="3"/>'
+               f'<path d="M{right - 7:.0f} {height - 32}h14l-7 14z" fill="#b0521a"/>'
+               f'<text transform="translate({right - 16:.0f} {TOP + 90}) rotate(90)" font-size="13" '
+               'fill="#b0521a">may use</text>')
+    out.append("</svg>")
+    with open(sys.argv[2], "w", encoding="utf-8") as file:
+        file.write("\n".join(out) + "\n")
+
+
+main()
