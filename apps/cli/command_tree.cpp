@@ -3,29 +3,31 @@
 
 #include <algorithm>
 #include <memory>
-#include <regex>
+#include <string_view>
 
 namespace tarsier::cli {
 namespace {
 
 // CLI11 writes "TEXT:{a,b}", "INT:INT in [0 - 10]", "FLOAT:POSITIVE".
 void describe_type(const std::string& type, FlagInfo& flag) {
-  const size_t colon = type.find(':');
+  const std::size_t colon = type.find(':');
   flag.value = type.substr(0, colon);
   if (colon == std::string::npos) return;
   const std::string rule = type.substr(colon + 1);
-  std::smatch match;
-  static const std::regex kChoices(R"(\{([^}]*)\})");
-  static const std::regex kRange(R"(in \[(\S+) - (\S+)\])");
-  if (std::regex_search(rule, match, kChoices)) {
-    const std::string list = match[1];
-    for (size_t from = 0; from <= list.size();) {
-      const size_t end = std::min(list.find(',', from), list.size());
+  constexpr std::string_view kRange = " in [";
+  const std::size_t brace = rule.find('{');
+  const std::size_t in = rule.find(kRange);
+  if (brace != std::string::npos && rule.find('}', brace) != std::string::npos) {
+    const std::string list = rule.substr(brace + 1, rule.find('}', brace) - brace - 1);
+    for (std::size_t from = 0; from <= list.size();) {
+      const std::size_t end = std::min(list.find(',', from), list.size());
       flag.choices.push_back(list.substr(from, end - from));
       from = end + 1;
     }
-  } else if (std::regex_search(rule, match, kRange)) {
-    flag.range = match[1].str() + ".." + match[2].str();
+  } else if (in != std::string::npos && rule.ends_with(']')) {
+    flag.range = rule.substr(in + kRange.size(), rule.size() - in - kRange.size() - 1);
+    const std::size_t dash = flag.range.find(" - ");
+    if (dash != std::string::npos) flag.range.replace(dash, 3, "..");
   } else if (rule == "POSITIVE") {
     flag.range = "> 0";
   } else if (rule == "NONNEGATIVE") {

@@ -2,6 +2,7 @@
 #include "tarsier/head/evaluation.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/words.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/io/image_file.h"
 
@@ -11,7 +12,6 @@
 #include <cmath>
 #include <filesystem>
 #include <numbers>
-#include <regex>
 #include <sstream>
 #include <string_view>
 
@@ -186,12 +186,29 @@ std::vector<PosePair> match_poses(const std::vector<PoseLine>& found,
 }
 
 std::optional<PointingName> parse_pointing_name(const std::string& path) {
-  static const std::regex pattern(
-      "personn?e?([0-9]{2})([0-9])([0-9]{2})([+-][0-9]{1,2})([+-][0-9]{1,2})");
   const std::string stem = std::filesystem::path(path).stem().string();
-  std::smatch match;
-  if (stem.size() > 100 || !std::regex_match(stem, match, pattern)) return std::nullopt;
-  return PointingName{std::stoi(match[1]), std::stod(match[4]), std::stod(match[5])};
+  std::string_view rest = stem;
+  // Each number by its least and most digits; the last two have a sign.
+  const auto number = [&](std::size_t least, std::size_t most, bool is_signed) {
+    const std::size_t begin = is_signed && (rest.starts_with('+') || rest.starts_with('-')) ? 1 : 0;
+    std::size_t end = begin;
+    while (end < rest.size() && end < begin + most && rest[end] >= '0' && rest[end] <= '9') ++end;
+    const std::string_view word = rest.substr(0, end);
+    rest.remove_prefix(end);
+    return end >= begin + least && (begin == 1) == is_signed ? to_number(word) : std::nullopt;
+  };
+  for (const std::string_view name : {"personne", "personn", "persone", "person"}) {
+    if (!rest.starts_with(name)) continue;
+    rest.remove_prefix(name.size());
+    const auto person = number(2, 2, false);
+    const auto series = number(1, 1, false);
+    const auto picture = number(2, 2, false);
+    const auto tilt = number(1, 2, true);
+    const auto pan = number(1, 2, true);
+    if (!person || !series || !picture || !tilt || !pan || !rest.empty()) return std::nullopt;
+    return PointingName{static_cast<int>(*person), *tilt, *pan};
+  }
+  return std::nullopt;
 }
 
 Gaze gaze_of_rotation(const cv::Matx33d& r) {

@@ -5,11 +5,11 @@
 #include "tarsier/synth/plate_texts.h"
 #include "tarsier/synth/street.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
 #include <map>
-#include <regex>
 #include <set>
 
 namespace tarsier::synth {
@@ -48,7 +48,7 @@ TEST(PlateTexts, AreOfTheirCountry) {
     for (int i = 0; i < 50; ++i) {
       const std::vector<std::string> rows = plate_text(kind, "", false, rng);
       ASSERT_EQ(rows.size(), 1U);
-      EXPECT_TRUE(std::regex_match(rows[0], std::regex(form))) << rows[0];
+      EXPECT_THAT(rows[0], testing::MatchesRegex(form));
     }
   }
   EXPECT_EQ(plate_text(PlateKind::kSpainSquare, "1234BCD", false, rng).size(), 2U);
