@@ -31,6 +31,11 @@ void check_layer(const Layer& layer) {
                     layer.out);
     return;
   }
+  // More padding would only add a rim of biases, and maps that grow from layer to layer.
+  const auto reach = [&](int kernel) { return (layer.dilation * (kernel - 1) + 1) / 2; };
+  TARSIER_REQUIRE(layer.pad_y <= reach(layer.kernel_y) && layer.pad_x <= reach(layer.kernel_x),
+                  "padding {} x {} for a kernel of {} x {}, dilation {}", layer.pad_x, layer.pad_y,
+                  layer.kernel_x, layer.kernel_y, layer.dilation);
   const std::size_t weights =
       static_cast<std::size_t>(layer.out) * static_cast<std::size_t>(layer.depth());
   TARSIER_REQUIRE(

@@ -39,7 +39,7 @@ struct Layer {
   int kernel_x = 3;
   int stride = 1;    // 1..8
   int dilation = 1;  // 1..8
-  int pad_y = 1;     // 0..64
+  int pad_y = 1;     // 0..64, at most half of what the kernel reaches, rounded up
   int pad_x = 1;
   bool relu = true;            // act(x) = max(0, x), else x
   std::vector<float> weights;  // out x in x kernel_y x kernel_x

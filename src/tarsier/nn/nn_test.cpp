@@ -253,6 +253,7 @@ TEST(NetworkFile, RefusesWhatDoesNotFit) {
     change(value["layers"]);
     EXPECT_THROW((void)network_from_json(value, "a.json"), ModelError) << value["layers"][0].dump();
   };
+  broken([](nlohmann::json& layers) { layers[0]["pad_y"] = 3; });
   broken([](nlohmann::json& layers) { layers[0]["in"] = 3; });
   broken([](nlohmann::json& layers) { layers[2]["out"] = 1 << 20; });
   broken([](nlohmann::json& layers) { layers[0]["stride"] = 0; });
