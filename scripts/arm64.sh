@@ -14,7 +14,10 @@ install_packages g++-aarch64-linux-gnu qemu-user-static mmdebstrap cmake ninja-b
 if [ ! -e "$TARSIER_ARM64_ROOT/usr/lib/aarch64-linux-gnu/libc.so.6" ]; then
   phase "a Debian $suite for arm64 in $TARSIER_ARM64_ROOT (unpacked, not run)"
   mkdir -p build
-  mirror=$(sed -n 's/^URIs: *//p; s/^deb \(\[[^]]*\] \)\?\([^ ]*\) .*/\2/p' /etc/apt/sources.list /etc/apt/sources.list.d/* 2>/dev/null | head -1)
+  # Where this machine gets its packages. Either of the two places may be missing.
+  mirror=$(cat /etc/apt/sources.list /etc/apt/sources.list.d/*.sources 2>/dev/null |
+    sed -n 's/^URIs: *//p; s/^deb \(\[[^]]*\] \)\?\([^ ]*\) .*/\2/p' | head -1 || true)
+  mirror=${mirror:-http://deb.debian.org/debian}
   libraries=()
   for package in "${build_packages[@]}"; do
     case $package in lib*-dev | nlohmann-json3-dev) libraries+=("$package") ;; esac
@@ -35,7 +38,7 @@ if [ ! -e "$TARSIER_ARM64_ROOT/usr/lib/aarch64-linux-gnu/libc.so.6" ]; then
   phase_done
 fi
 
-modules=(core io cartoon nn geometry marker calibration plate_text plate_classic plate_video)
+modules=(core io cartoon nn geometry marker target calibration ar plate plate_text plate_classic plate_video)
 read -ra targets <<<"${TARGETS:-}"
 phase "configure (arm64)"
 mkdir -p build/arm64
