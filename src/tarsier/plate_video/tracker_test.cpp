@@ -83,7 +83,7 @@ TEST(TrackerTest, OneCarIsOneEventThoughFramesMissIt) {
   road.wait(13);
   ASSERT_EQ(road.events().size(), 1U);  // told without a flush
   EXPECT_TRUE(road.live().empty());
-  const PlateEvent& event = road.finish()[0];
+  const PlateEvent event = road.finish()[0];
   EXPECT_EQ(event.frames, 16);
   EXPECT_EQ(event.readings.size(), 16U);
   EXPECT_DOUBLE_EQ(event.first_time, 0);
