@@ -50,7 +50,7 @@ bool ListenAddress::is_own_host(std::string_view text) const {
   const auto name = host_name(text);
   if (!name) return false;
   if (!loopback) return true;
-  const std::string own = ipv6 ? "[" + lower_case(host) + "]" : lower_case(host);
+  const std::string own = lower_case(ipv6 ? fmt::format("[{}]", host) : host);
   return *name == "localhost" || *name == "127.0.0.1" || *name == "[::1]" || *name == own;
 }
 

@@ -64,7 +64,7 @@ HttpUrl parse_url(std::string_view text, std::string_view scheme, std::uint16_t 
   std::string_view target = rest.substr(authority_end);
   target = target.substr(0, std::min(target.find('#'), target.size()));
   url.target =
-      target.empty() || target.front() != '/' ? "/" + std::string(target) : std::string(target);
+      target.empty() || target.front() != '/' ? fmt::format("/{}", target) : std::string(target);
 
   if (const std::size_t at = authority.rfind('@'); at != std::string_view::npos) {
     const std::string_view who = authority.substr(0, at);

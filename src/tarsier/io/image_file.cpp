@@ -137,7 +137,7 @@ std::vector<std::uint8_t> encode_image(std::string_view ending, const cv::Mat& i
                   image.cols, image.rows, name);
   TARSIER_REQUIRE(jpeg_quality >= 1 && jpeg_quality <= 100, "JPEG quality {} outside 1..100",
                   jpeg_quality);
-  const std::string kind = lower_ending("x" + std::string(ending));
+  const std::string kind = lower_ending(fmt::format("x{}", ending));
   if (!is_image_path("x" + kind)) {
     throw UsageError(
         name +
