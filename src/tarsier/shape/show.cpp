@@ -134,8 +134,10 @@ cv::Mat cell_of(const cv::Mat& picture, const Cut& cut, int cell_px) {
 
 std::string wrapped(const std::string& text, std::size_t width) {
   std::string result;
-  for (std::size_t at = 0; at < text.size() && at < 6 * width; at += width)
-    result += (at > 0 ? "\n" : "") + text.substr(at, width);
+  for (std::size_t at = 0; at < text.size() && at < 6 * width; at += width) {
+    if (at > 0) result += '\n';
+    result.append(text, at, width);
+  }
   return result;
 }
 

@@ -143,9 +143,9 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
   bool has_frames = false;
   std::string_view rest = question < text.size() ? text.substr(question + 1) : std::string_view();
   while (!rest.empty()) {
-    const std::size_t end = std::min(rest.find('&'), rest.size());
+    const std::size_t end = rest.find('&');
     const std::string_view item = rest.substr(0, end);
-    rest.remove_prefix(std::min(end + 1, rest.size()));
+    rest = end == std::string_view::npos ? std::string_view() : rest.substr(end + 1);
     const std::size_t equals = std::min(item.find('='), item.size());
     const std::string_view key = item.substr(0, equals);
     const std::string_view value =
