@@ -30,10 +30,12 @@ class PoseTruthFile : public FolderTest {
 };
 
 constexpr const char* kLine = R"({"name":"a.jpg","R":[0,-1,0,1,0,0,0,0,1],"C":[1,2,3]})";
+constexpr const char* kLines = R"({"name":"a.jpg","R":[0,-1,0,1,0,0,0,0,1],"C":[1,2,3]}
+
+{"name":"b.jpg","R":[1,0,0,0,1,0,0,0,1],"t":[4,5,6]})";
 
 TEST_F(PoseTruthFile, CentresBecomeTranslations) {
-  const PoseTruth truth =
-      read(std::string(kLine) + "\n\n" + R"({"name":"b.jpg","R":[1,0,0,0,1,0,0,0,1],"t":[4,5,6]})");
+  const PoseTruth truth = read(kLines);
   ASSERT_EQ(truth.size(), 2U);
   EXPECT_EQ(truth.at("a.jpg").translation, cv::Vec3d(2, -1, -3));
   EXPECT_EQ(truth.at("b.jpg").translation, cv::Vec3d(4, 5, 6));
