@@ -79,6 +79,11 @@ struct FitResult {
 
 struct FitLevel;
 
+// Eigen leaves the outcome of a factorisation that never ran unset, and copies it.
+struct FitSolver : Eigen::LLT<Eigen::MatrixXd> {
+  FitSolver() : LLT(Eigen::MatrixXd::Identity(1, 1)) {}
+};
+
 // What the alternating fit precomputes for a texture.
 struct FitTemplate {
   const FitLevel* level = nullptr;  // nullptr: of none
@@ -86,7 +91,7 @@ struct FitTemplate {
   Eigen::MatrixXf descent;          // N x K, steepest-descent images of the texture
   Eigen::MatrixXf projected;        // the same with the modes projected out; robust only
   Eigen::MatrixXf overlap;          // (1 + m) x K: modes' . descent
-  Eigen::LLT<Eigen::MatrixXd> solver;
+  FitSolver solver;
 };
 
 // All that a fit writes to; nothing is allocated in the iterations of the plain project-out fit
@@ -111,7 +116,7 @@ struct FitWorkspace {
   Eigen::MatrixXd hessian;
   Eigen::VectorXd right;
   Eigen::VectorXd step;
-  Eigen::LLT<Eigen::MatrixXd> solver;
+  FitSolver solver;
   Eigen::Matrix2Xd frame_step;
   Eigen::Matrix2Xd points;
   Eigen::Matrix2Xd last_points;
