@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/io/testing_folder.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -42,9 +43,8 @@ TEST_F(PoseTruthFile, CentresBecomeTranslations) {
 }
 
 TEST_F(PoseTruthFile, BadLinesAreNamed) {
-  const std::string good = std::string(kLine) + "\n";
-  EXPECT_THAT(refusal(good + "{"), testing::HasSubstr("line 2"));
-  EXPECT_THAT(refusal(good + "[]"), testing::HasSubstr("line 2"));
+  for (const char* bad : {"{", "[]"})
+    EXPECT_THAT(refusal(fmt::format("{}\n{}", kLine, bad)), testing::HasSubstr("line 2")) << bad;
   EXPECT_THAT(refusal(R"({"name":"a","R":[2,0,0,0,1,0,0,0,1],"t":[0,0,0]})"),
               testing::HasSubstr("is no rotation"));
   EXPECT_THAT(refusal(""), testing::HasSubstr("no poses"));
