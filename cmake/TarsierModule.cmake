@@ -56,6 +56,10 @@ function(tarsier_strict target)
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
     target_compile_options(${target} PRIVATE -Wno-restrict -Wno-stringop-overflow)
   endif()
+  # GCC 13 and later take a reference to a part of the first argument for one to a temporary among the others.
+  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_GREATER_EQUAL 13)
+    target_compile_options(${target} PRIVATE -Wno-dangling-reference)
+  endif()
 endfunction()
 
 # Tests are compiled more often than they run: a third of the time goes into optimising them beyond this.

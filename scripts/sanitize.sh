@@ -43,7 +43,7 @@ run() { # run PRESET FLAGS..: runs the tests of a preset that is built with thes
   mkdir -p "$results"
   phase "tests ($preset)"
   # Sanitized code is 2 to 20 times slower: a longer time for each test instead of leaving the slow ones out.
-  GTEST_OUTPUT="xml:$results/" ctest --test-dir "build/$preset" --no-tests=error --output-on-failure --timeout 1800 \
+  TARSIER_TEST_TIMEOUT=1200 GTEST_OUTPUT="xml:$results/" ctest --test-dir "build/$preset" --no-tests=error --output-on-failure --timeout 3600 \
     --parallel "$(nproc)" --output-junit "$results/ctest.junit" "$@" || status=$?
   phase_done
   scripts/count-tests.sh "$results" || status=1

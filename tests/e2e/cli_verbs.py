@@ -15,6 +15,7 @@ import sys
 import time
 
 PROGRAM = os.environ["TARSIER"]
+PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "120"))  # s, of a run; more under sanitizers
 failures = []
 
 
@@ -33,7 +34,7 @@ class Result:
 
 def run(words, stdin=""):
     try:
-        done = subprocess.run([PROGRAM, *words], input=stdin, capture_output=True, text=True, timeout=120)
+        done = subprocess.run([PROGRAM, *words], input=stdin, capture_output=True, text=True, timeout=PATIENCE)
     except subprocess.TimeoutExpired:
         return Result(-1, "", f"tarsier {' '.join(words)}: still running after 120 s")
     return Result(done.returncode, done.stdout, done.stderr)

@@ -5,7 +5,7 @@
 
 annotate() { # annotate ARGUMENTS.. <lines
   status=0
-  timeout 120 "$TARSIER" landmarks annotate "$@" >stdout.txt 2>stderr.txt || status=$?
+  timeout "${TARSIER_TEST_TIMEOUT:-120}" "$TARSIER" landmarks annotate "$@" >stdout.txt 2>stderr.txt || status=$?
   err=$(cat stderr.txt)
   command_line="tarsier landmarks annotate $*"
 }

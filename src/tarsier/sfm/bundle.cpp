@@ -10,6 +10,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <initializer_list>
+#include <iterator>
 #include <map>
 #include <memory>
 #include <set>
@@ -160,9 +162,12 @@ class StopWhenAsked final : public ceres::IterationCallback {
 // Which lens numbers stay.
 std::vector<int> fixed_lens(const BundleOptions& options) {
   std::vector<int> fixed{1, 8};
-  if (!options.focal) fixed.push_back(0);
-  if (!options.center) fixed.insert(fixed.end(), {2, 3});
-  if (!options.distortion) fixed.insert(fixed.end(), {4, 5, 6, 7});
+  const auto keep = [&](bool is_free, std::initializer_list<int> numbers) {
+    if (!is_free) std::copy(numbers.begin(), numbers.end(), std::back_inserter(fixed));
+  };
+  keep(options.focal, {0});
+  keep(options.center, {2, 3});
+  keep(options.distortion, {4, 5, 6, 7});
   return fixed;
 }
 
