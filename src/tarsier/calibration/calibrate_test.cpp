@@ -141,12 +141,14 @@ TEST(CalibrateTest, IsNoWorseThanOpenCv) {
                                          cv::noArray(), deviations, deviations_of_poses, errors);
   EXPECT_NEAR(ours.camera.rms, rms, 1e-3);
   EXPECT_NEAR(ours.camera.fx, matrix.at<double>(0, 0), 0.1);
-  // OpenCV counts a point as one value where it is two: its deviations are larger by that (those
-  // of ours are honest: see above).
+  // OpenCV 4.6 counts a point as one value where it is two: its deviations are larger by that
+  // (those of ours are honest: see above). OpenCV 4.10 counts as we do.
   const double numbers = 9 + 6.0 * 12;
   const double ratio = std::sqrt((12 * 54 - numbers) / (2 * 12 * 54 - numbers));
-  EXPECT_NEAR(ours.deviations.fx / deviations.at<double>(0), ratio, 0.01);
-  EXPECT_NEAR(ours.deviations.cy / deviations.at<double>(3), ratio, 0.01);
+  const auto as_counted =
+      testing::AnyOf(testing::DoubleNear(1, 0.01), testing::DoubleNear(ratio, 0.01));
+  EXPECT_THAT(ours.deviations.fx / deviations.at<double>(0), as_counted);
+  EXPECT_THAT(ours.deviations.cy / deviations.at<double>(3), as_counted);
 }
 
 TEST(CalibrateTest, ViewsThatDoNotFitAreNamedAndLeftOut) {
