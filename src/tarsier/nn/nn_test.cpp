@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/cpu.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/nn/gemm.h"
 #include "tarsier/nn/network.h"
@@ -41,8 +42,8 @@ class Gemm : public testing::TestWithParam<const GemmKernels* (*)()> {};
 TEST_P(Gemm, AgreesWithTheDefinition) {
   const GemmKernels* kernels = GetParam()();
   if (kernels == nullptr) GTEST_SKIP() << "not on this processor's kind";
-  if ((GetParam() == gemm_avx2 && !__builtin_cpu_supports("avx2")) ||
-      (GetParam() == gemm_avx512 && !__builtin_cpu_supports("avx512f")))
+  if ((GetParam() == gemm_avx2 && hardware_simd_level() < SimdLevel::kAvx2) ||
+      (GetParam() == gemm_avx512 && hardware_simd_level() < SimdLevel::kAvx512))
     GTEST_SKIP() << "not on this processor";
   Rng rng(3);
   for (const int rows : {1, 3, 8, 13}) {
