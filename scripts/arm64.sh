@@ -11,7 +11,7 @@ suite=${SUITE:-bookworm}
 export TARSIER_ARM64_ROOT=${TARSIER_ARM64_ROOT:-$PWD/build/arm64-root}
 
 install_packages g++-aarch64-linux-gnu qemu-user-static mmdebstrap cmake ninja-build ccache pkg-config
-if [ ! -e "$TARSIER_ARM64_ROOT/usr/lib/aarch64-linux-gnu/libc.so.6" ]; then
+if [ ! -e "$TARSIER_ARM64_ROOT/.complete" ]; then
   phase "a Debian $suite for arm64 in $TARSIER_ARM64_ROOT (unpacked, not run)"
   mkdir -p build
   # Where this machine gets its packages. Either of the two places may be missing.
@@ -24,6 +24,8 @@ if [ ! -e "$TARSIER_ARM64_ROOT/usr/lib/aarch64-linux-gnu/libc.so.6" ]; then
   done
   include=$(IFS=,; echo "${libraries[*]},libc6-dev,libstdc++-12-dev,libgtest-dev,libgmock-dev,opencv-data")
   [ "$suite" = bookworm ] || include=${include/libstdc++-12-dev/libstdc++-14-dev}
+  [ -z "$(ls -A "$TARSIER_ARM64_ROOT" 2>/dev/null)" ] ||
+    die "$TARSIER_ARM64_ROOT holds something else, or what an interrupted run left: remove it"
   quietly build/arm64-root.log mmdebstrap --variant=extract --architectures=arm64 --include="$include" \
     "$suite" "$TARSIER_ARM64_ROOT" "$mirror" || die "mmdebstrap failed (above)"
   # Links to absolute places would lead out of the root; alternatives are made only when packages are run.
@@ -35,6 +37,7 @@ if [ ! -e "$TARSIER_ARM64_ROOT/usr/lib/aarch64-linux-gnu/libc.so.6" ]; then
       ln -sfn "$library/$name" "$TARSIER_ARM64_ROOT/usr/lib/aarch64-linux-gnu/$name"
     done
   done
+  touch "$TARSIER_ARM64_ROOT/.complete"
   phase_done
 fi
 
