@@ -9,16 +9,24 @@ program=$!
 wait_for "the window" x11 geometry "Tarsier appearance" >/dev/null
 xdotool mousemove 300 400
 wait_for "the first picture" has_picture
-read -r left top width height <<<"$(x11 geometry "Tarsier appearance")"
-face() { x11 mean $((left + width / 2 - 60)) $((top + height / 2 - 20)) 120 120; }
+# The window takes its size in steps, and is looked for again each time.
+place() { read -r left top width height <<<"$(x11 geometry "Tarsier appearance")"; }
+face() { place && x11 mean $((left + width / 2 - 60)) $((top + height / 2 - 20)) 120 120; }
 
 is_mean_face() { [ "$before" = "$(face)" ]; }
 is_other_face() { [ "$before" != "$(face)" ]; }
 
-# The mean face lies on the screen when two looks in a row agree.
-before=
-settled() { local last=$before; before=$(face); [ "$last" = "$before" ]; }
+# The mean face lies on the screen, and the window in its place, when six looks in a row agree.
+before='' looks=0
+settled() {
+  local last=$before
+  place
+  before="$left $top $width $height $(face)"
+  if [ "$last" = "$before" ]; then looks=$((looks + 1)); else looks=0; fi
+  [ "$looks" -ge 5 ]
+}
 wait_for "a still picture" settled
+before=$(face)
 press r '"mode":"shape 1"'
 wait_for "a random face on the screen" is_other_face
 grep '"event"' stdout.txt | tail -1 | grep -q '"shape":\[0\.0,0\.0,' && fail "r gave the mean face"
@@ -31,6 +39,7 @@ press plus '"shape":\[0\.0,0\.25,'
 moved=no
 for above in 12 16 8 20; do
   events_before=$(events)
+  place
   xdotool mousemove $((left + width - 20)) $((top + height - above)) click 1
   sleep 1
   if more_events_than "$events_before"; then moved=yes && break; fi
@@ -39,6 +48,7 @@ done
 grep '"event"' stdout.txt | tail -1 | grep -qE '"event":"[^"]*(shape|look) [1-4]' ||
   fail "no slider moved: $(grep '"event"' stdout.txt | tail -1)"
 wait_for "the slider's face on the screen" is_other_face
+place
 xdotool mousemove $((left + width / 2)) $((top + height / 2))
 xdotool key q
 expect_end 0

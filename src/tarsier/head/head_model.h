@@ -19,11 +19,11 @@ struct HeadModel {
   Eigen::Matrix3Xd mean;      // 3 x n, symmetric
   Eigen::MatrixXd modes;      // 3n x m, orthonormal, each symmetric; m may be 0
   Eigen::VectorXd deviation;  // m, mm, falling
-  Eigen::VectorXd noise;  // n, mm, 1e-6..1e6: standard deviation of a coordinate of an annotated
-                          // point around what the modes can explain
-  std::vector<int> mirror;                // mirror[i]: the point that i is in the mirrored head
-  std::array<int, 2> outer_eyes{-1, -1};  // outer corners: image left, image right
-  std::vector<int> landmark;              // number of each point in its markup, n
+  Eigen::VectorXd noise;    // n, mm, 1e-6..1e6: standard deviation of a coordinate of an annotated
+                            // point around what the modes can explain
+  std::vector<int> mirror;  // mirror[i]: the point that i is in the mirrored head
+  std::array<int, 2> outer_eyes{-1, -1};        // outer corners: image left, image right
+  std::vector<int> landmark;                    // number of each point in its markup, n
   std::vector<std::array<int, 2>> connections;  // lines to draw; indices of model points
   std::vector<int> outline;                     // model points of the face's contour, which slide
                                                 // over the head as it turns; may be empty
