@@ -2,13 +2,9 @@
 #pragma once
 
 #include "tarsier/core/progress.h"
+#include "tarsier/shape/cut_out.h"
 #include "tarsier/shape/landmark_set.h"
 
-#include <Eigen/Core>
-#include <opencv2/core/mat.hpp>
-#include <opencv2/core/types.hpp>
-
-#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -16,13 +12,9 @@
 namespace tarsier::appearance {
 
 // A sample ready for training: in colour, cut out around its points, none of them missing.
-struct TrainingPicture {
-  cv::Mat picture;                // CV_8UC3
-  Eigen::Matrix2Xd points;        // px of `picture`, centres at integers
-  std::optional<cv::Rect2d> box;  // px of `picture`
+struct TrainingPicture : shape::CutOut {  // its picture: CV_8UC3
   std::string name;
   std::string person;
-  double scale = 1;  // px of the file's picture to a px of `picture`
 };
 
 struct LoadOptions {
@@ -38,9 +30,7 @@ struct LoadOptions {
     const shape::LandmarkSet& set, const std::string& set_path, const LoadOptions& options,
     Progress& progress, const std::stop_token& stop, std::vector<std::string>& skipped);
 
-// The same face as it is in its mirrored picture. Where the set's points lie `to_the_right` of
-// where a mirror-symmetric annotation has them (px of the file's picture; 1 where pixels were
-// counted from 1), the mirrored ones do so too.
+// The same face as it is in its mirrored picture (shape::mirrored).
 [[nodiscard]] TrainingPicture mirrored(const TrainingPicture& picture,
                                        const std::vector<int>& mirror, double to_the_right);
 

@@ -5,10 +5,10 @@
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/shape/cut_out.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -18,63 +18,21 @@ namespace tarsier::landmarks {
 
 namespace {
 
-// The face with its margin, at most as large as asked. Pixel centres stay where they were: a
-// reduced pixel k covers the pixels from k / scale on, so that its centre is at
-// (k + 0.5) / scale - 0.5.
-TrainingFace cut_out(const cv::Mat& gray, const shape::LandmarkSample& sample,
-                     const LoadOptions& options) {
-  const double left = sample.points.row(0).minCoeff();
-  const double right = sample.points.row(0).maxCoeff();
-  const double top = sample.points.row(1).minCoeff();
-  const double bottom = sample.points.row(1).maxCoeff();
-  const double side = std::max({right - left, bottom - top, 1.0});
-  const double margin = options.margin * side;
-  const cv::Rect wanted(cv::Point(static_cast<int>(std::floor(left - margin)),
-                                  static_cast<int>(std::floor(top - margin))),
-                        cv::Point(static_cast<int>(std::ceil(right + margin)) + 1,
-                                  static_cast<int>(std::ceil(bottom + margin)) + 1));
-  cv::Rect area = wanted & cv::Rect(0, 0, gray.cols, gray.rows);
-  if (area.empty()) area = cv::Rect(0, 0, gray.cols, gray.rows);
-  const double scale = std::min(1.0, options.largest / side);
-
+TrainingFace face_of(shape::CutOut cut, const std::string& name, const std::string& person) {
   TrainingFace face;
-  const cv::Size size(std::max(1, static_cast<int>(std::lround(area.width * scale))),
-                      std::max(1, static_cast<int>(std::lround(area.height * scale))));
-  if (size == area.size()) {
-    face.gray = gray(area).clone();
-  } else {
-    cv::resize(gray(area), face.gray, size, 0, 0, cv::INTER_AREA);
-  }
-  const double sx = static_cast<double>(size.width) / area.width;
-  const double sy = static_cast<double>(size.height) / area.height;
-  face.scale = 1 / sx;
-  face.points = sample.points;
-  face.points.row(0) = ((sample.points.row(0).array() - area.x + 0.5) * sx - 0.5).matrix();
-  face.points.row(1) = ((sample.points.row(1).array() - area.y + 0.5) * sy - 0.5).matrix();
-  if (sample.box) {
-    face.box = cv::Rect2d((sample.box->x - area.x + 0.5) * sx - 0.5,
-                          (sample.box->y - area.y + 0.5) * sy - 0.5, sample.box->width * sx,
-                          sample.box->height * sy);
-  }
-  face.name = sample.image;
-  face.person = sample.person;
+  face.gray = std::move(cut.picture);
+  face.points = std::move(cut.points);
+  face.box = cut.box;
+  face.scale = cut.scale;
+  face.name = name;
+  face.person = person;
   return face;
 }
 
 TrainingFace mirror_of(const TrainingFace& face, const std::vector<int>& mirror,
                        double to_the_right) {
-  shape::LandmarkSample sample;
-  sample.points = face.points;
-  sample.box = face.box;
-  const shape::LandmarkSample turned = shape::mirrored(sample, mirror, face.gray.cols);
-  TrainingFace result;
-  cv::flip(face.gray, result.gray, 1);
-  result.points = turned.points;
-  result.points.row(0).array() += 2 * to_the_right / face.scale;
-  result.scale = face.scale;
-  result.box = turned.box;
-  result.name = face.name;
-  result.person = face.person;
+  const shape::CutOut cut{face.gray, face.points, face.box, face.scale};
+  TrainingFace result = face_of(shape::mirrored(cut, mirror, to_the_right), face.name, face.person);
   result.mirrored = true;
   result.turned = face.turned;
   return result;
@@ -128,7 +86,8 @@ std::vector<TrainingFace> load_training_faces(const shape::LandmarkSet& set,
       skipped.push_back(path + ": its points lie in one place");
       continue;
     }
-    faces.push_back(cut_out(last, sample, options));
+    faces.push_back(face_of(shape::cut_out(last, sample, options.margin, options.largest),
+                            sample.image, sample.person));
     if (options.mirror) {
       faces.push_back(mirror_of(faces.back(), set.mirror, options.to_the_right));
     }

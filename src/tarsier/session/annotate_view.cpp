@@ -2,6 +2,7 @@
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
 #include "tarsier/session/annotate_session.h"
+#include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -312,16 +313,10 @@ void AnnotateSession::draw() {
   shown_(cv::Rect(0, shown_.rows - bar_, shown_.cols, bar_)).setTo(kGround);
   draw::status_bar(shown_, what_to_do(), where());
   if (!help_) return;
-  std::vector<draw::HelpLine> lines{{"left mouse", "add, choose, drag; shift: drag all points"},
-                                    {"right mouse", "move the picture; wheel: nearer, farther"},
-                                    {"arrows", "nudge the chosen point; else previous, next"}};
-  for (const Action& action : actions()) {
-    std::string key(1, static_cast<char>(action.key));
-    if (action.key == key::kSpace) key = "space";
-    if (action.key == key::kEnter) key = "Enter";
-    lines.push_back({key, action.help});
-  }
-  draw::help_overlay(shown_, "Annotation", lines);
+  draw_help(shown_, "Annotation", actions(),
+            {{"left mouse", "add, choose, drag; shift: drag all points"},
+             {"right mouse", "move the picture; wheel: nearer, farther"},
+             {"arrows", "nudge the chosen point; else previous, next"}});
 }
 
 View AnnotateSession::view() {

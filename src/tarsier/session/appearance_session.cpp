@@ -9,14 +9,12 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <chrono>
 #include <utility>
 
 namespace tarsier {
 
 namespace {
 
-constexpr double kUsual = 0.1;       // share of a frame's time in the running mean
 constexpr double kErrorShare = 0.5;  // of the picture's width that the error picture may take
 
 double width_of(const Eigen::Matrix2Xd& points) {
@@ -50,20 +48,16 @@ AppearanceSession::AppearanceSession(const appearance::Fitter& fitter, appearanc
 }
 
 View AppearanceSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  using Clock = std::chrono::steady_clock;
   if (frame.still || frame.name != name_) track_ = {};
   frame_ = frame.image;
   still_ = frame.still;
   name_ = frame.name;
   source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  const Clock::time_point start = Clock::now();
+  timer_.start();
   objects_ =
       still_ ? appearance::find_objects(fitter_, find_, frame_, options_.most_objects, workspace_)
              : appearance::track_objects(fitter_, options_, find_, track_, frame_, frame.time);
-  milliseconds_ = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-  usual_milliseconds_ = usual_milliseconds_ == 0
-                            ? milliseconds_
-                            : (1 - kUsual) * usual_milliseconds_ + kUsual * milliseconds_;
+  timer_.stop();
   draw();
   return view(true);
 }
@@ -145,12 +139,8 @@ View AppearanceSession::view(bool fresh) {
   if (fresh) result.output = output_;
   if (!output_.empty()) {
     output_.copyTo(shown_);
-    const std::string speed = still_ || usual_milliseconds_ <= 0
-                                  ? fmt::format("{:.1f} ms", milliseconds_)
-                                  : fmt::format("{:.1f} ms, {:.0f} frames/s", usual_milliseconds_,
-                                                1000 / usual_milliseconds_);
-    draw::status_bar(shown_, result.status, speed + "   h help");
-    if (help_) draw_help(shown_, "appearance model", actions());
+    draw::status_bar(shown_, result.status, timer_.words(still_) + "   h help");
+    if (help_) draw_help(shown_, "Appearance model", actions());
     result.image = shown_;
   }
   result.finished = finished_;

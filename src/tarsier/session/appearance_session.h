@@ -3,6 +3,7 @@
 
 #include "tarsier/appearance/synthesis.h"
 #include "tarsier/appearance/tracker.h"
+#include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
 
 #include <optional>
@@ -33,7 +34,7 @@ class AppearanceSession final : public Session {
   // Of the latest frame.
   [[nodiscard]] const std::vector<appearance::TrackedObject>& objects() const { return objects_; }
   [[nodiscard]] bool follows() const { return !still_; }
-  [[nodiscard]] double milliseconds() const { return milliseconds_; }
+  [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
 
  private:
   void draw();
@@ -49,8 +50,7 @@ class AppearanceSession final : public Session {
   Drawn drawn_ = Drawn::kMesh;
   std::string name_;  // of the source
   std::string source_;
-  double milliseconds_ = 0;
-  double usual_milliseconds_ = 0;
+  FrameTimer timer_;
   cv::Mat frame_;
   cv::Mat output_;
   cv::Mat shown_;

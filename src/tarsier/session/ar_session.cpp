@@ -17,7 +17,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <iterator>
 #include <map>
@@ -99,8 +98,7 @@ geometry::Camera ArSession::camera_for(const Frame& frame) const {
 }
 
 void ArSession::find(const Frame& frame) {
-  using Clock = std::chrono::steady_clock;
-  const Clock::time_point start = Clock::now();
+  timer_.start();
   cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
   std::vector<marker::Marker> found =
       options_.backend == MarkerBackend::kOwn
@@ -108,9 +106,7 @@ void ArSession::find(const Frame& frame) {
           : found_by_opencv(gray_, family_->name());
   markers_ = frame.still ? marker::pose_markers(std::move(found), options_.size, camera_)
                          : tracker_.step(std::move(found), options_.size, camera_, frame.time);
-  milliseconds_ = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-  usual_milliseconds_ =
-      usual_milliseconds_ == 0 ? milliseconds_ : 0.9 * usual_milliseconds_ + 0.1 * milliseconds_;
+  timer_.stop();
 }
 
 View ArSession::on_frame(const Frame& frame, const SourceStatus& source) {
@@ -277,10 +273,9 @@ View ArSession::view(bool fresh) {
   if (!output_.empty()) {
     output_.copyTo(shown_);
     if (list_) draw_list();
-    const double ms = frame_.still ? milliseconds_ : usual_milliseconds_;
     draw::status_bar(shown_, speaks ? message_ : result.status,
-                     fmt::format("{:.1f} ms   h help", ms));
-    if (help_) draw_help(shown_, "markers", actions());
+                     timer_.words(frame_.still) + "   h help");
+    if (help_) draw_help(shown_, "Markers", actions());
     result.image = shown_;
   }
   result.finished = finished_;

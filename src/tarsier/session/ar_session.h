@@ -4,6 +4,7 @@
 #include "tarsier/ar/augment.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/marker/pose.h"
+#include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
 
 #include <memory>
@@ -51,7 +52,7 @@ class ArSession final : public Session {
   // Of the latest frame.
   [[nodiscard]] const std::vector<marker::PosedMarker>& markers() const { return markers_; }
   [[nodiscard]] const geometry::Camera& camera() const { return camera_; }
-  [[nodiscard]] double milliseconds() const { return milliseconds_; }  // to find and to pose
+  [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }  // to find and to pose
 
  private:
   void find(const Frame& frame);
@@ -78,8 +79,7 @@ class ArSession final : public Session {
   std::string saved_;
   std::string message_;
   double message_since_ = 0;
-  double milliseconds_ = 0;
-  double usual_milliseconds_ = 0;
+  FrameTimer timer_;
   bool list_ = false;
   bool paused_ = false;
   bool help_ = false;

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/draw/text.h"
 #include "tarsier/session/session.h"
-
-#include <opencv2/core/mat.hpp>
 
 #include <string>
 #include <vector>
@@ -27,16 +24,6 @@ inline std::string action_of(const Event& event, const std::vector<Action>& acti
   for (const Action& action : actions)
     if (action.key == event.key) return action.name;
   return "";
-}
-
-inline void draw_help(cv::Mat& image, const char* title, const std::vector<Action>& actions) {
-  std::vector<draw::HelpLine> lines;
-  for (const Action& action : actions) {
-    lines.push_back(
-        {action.key == key::kSpace ? "space" : std::string(1, static_cast<char>(action.key)),
-         action.help});
-  }
-  draw::help_overlay(image, title, lines);
 }
 
 }  // namespace tarsier

@@ -10,6 +10,7 @@
 #include "tarsier/draw/tile.h"
 #include "tarsier/io/atomic_file.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/session/overlay.h"
 #include "tarsier/session/save_picture.h"
 
 #include <fmt/format.h>
@@ -79,12 +80,6 @@ class Stages final : public DebugSink {
 };
 
 bool draws_evil_lines(Mode mode) { return mode == Mode::kEvil || mode == Mode::kEvilSketch; }
-
-std::string key_name(int key) {
-  if (key == key::kSpace) return "space";
-  if (key == key::kEscape) return "Esc";
-  return std::string(1, static_cast<char>(key));
-}
 
 }  // namespace
 
@@ -213,14 +208,6 @@ struct CartoonSession::Impl {
     draw::put_text(image, text, {image.cols / 2, image.rows / 4}, style, draw::Anchor::kCenter);
   }
 
-  void draw_help(cv::Mat& image, const std::vector<Action>& actions) const {
-    std::vector<draw::HelpLine> lines;
-    for (const Action& action : actions) {
-      if (action.key != 0) lines.push_back({key_name(action.key), action.help});
-    }
-    draw::help_overlay(image, "Tarsier cartoon", lines);
-  }
-
   [[nodiscard]] nlohmann::json state_json() const {
     nlohmann::json faces = nlohmann::json::array();
     if (has_frame) {
@@ -258,7 +245,7 @@ struct CartoonSession::Impl {
       if (has_frame && debug_view.empty()) cartoon::draw_face_outline(shown, outline_opacity());
       draw_banner(shown);
       draw::status_bar(shown, status(), message.empty() ? "h: help" : message);
-      if (help) draw_help(shown, actions);
+      if (help) draw_help(shown, "Tarsier cartoon", actions);
       result_view.image = shown;
     } else {
       result_view.image = result;

@@ -5,6 +5,7 @@
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
 #include "tarsier/session/browse_keys.h"
+#include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>

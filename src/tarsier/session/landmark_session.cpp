@@ -10,7 +10,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <utility>
 
 namespace tarsier {
@@ -24,13 +23,12 @@ LandmarkSession::LandmarkSession(const landmarks::LandmarkModel& model,
 }
 
 View LandmarkSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  using Clock = std::chrono::steady_clock;
   if (frame.still || frame.name != name_) state_ = {};
   frame_ = frame.image;
   still_ = frame.still;
   name_ = frame.name;
   source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  const Clock::time_point start = Clock::now();
+  timer_.start();
   cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
   if (still_) {
     faces_.clear();
@@ -43,9 +41,7 @@ View LandmarkSession::on_frame(const Frame& frame, const SourceStatus& source) {
     faces_ = landmarks::track_faces(model_, fit_, options_, finder_, state_, gray_, frame.time,
                                     workspace_);
   }
-  milliseconds_ = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-  usual_milliseconds_ =
-      usual_milliseconds_ == 0 ? milliseconds_ : 0.9 * usual_milliseconds_ + 0.1 * milliseconds_;
+  timer_.stop();
   draw();
   return view(true);
 }
@@ -107,12 +103,8 @@ View LandmarkSession::view(bool fresh) {
   if (fresh) result.output = output_;
   if (!output_.empty()) {
     output_.copyTo(shown_);
-    const std::string speed = still_ || usual_milliseconds_ <= 0
-                                  ? fmt::format("{:.1f} ms", milliseconds_)
-                                  : fmt::format("{:.1f} ms, {:.0f} frames/s", usual_milliseconds_,
-                                                1000 / usual_milliseconds_);
-    draw::status_bar(shown_, result.status, speed + "   h help");
-    if (help_) draw_help(shown_, "landmarks", actions());
+    draw::status_bar(shown_, result.status, timer_.words(still_) + "   h help");
+    if (help_) draw_help(shown_, "Landmarks", actions());
     result.image = shown_;
   }
   result.finished = finished_;

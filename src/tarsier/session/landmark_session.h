@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/landmarks/tracker.h"
+#include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
 
 #include <string>
@@ -28,7 +29,7 @@ class LandmarkSession final : public Session {
   // Of the latest frame.
   [[nodiscard]] const std::vector<landmarks::TrackedFace>& faces() const { return faces_; }
   [[nodiscard]] bool follows() const { return !still_; }
-  [[nodiscard]] double milliseconds() const { return milliseconds_; }
+  [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
 
  private:
   void draw();
@@ -43,8 +44,7 @@ class LandmarkSession final : public Session {
   std::vector<landmarks::TrackedFace> faces_;
   std::string name_;  // of the source
   std::string source_;
-  double milliseconds_ = 0;
-  double usual_milliseconds_ = 0;
+  FrameTimer timer_;
   cv::Mat gray_;
   cv::Mat frame_;
   cv::Mat output_;

@@ -6,6 +6,7 @@
 #include "tarsier/draw/text.h"
 #include "tarsier/draw/tile.h"
 #include "tarsier/session/browse_keys.h"
+#include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>

@@ -5,6 +5,7 @@
 #include "tarsier/draw/tile.h"
 #include "tarsier/people_face/classical.h"
 #include "tarsier/recognition/normalize.h"
+#include "tarsier/session/overlay.h"
 #include "tarsier/session/people_session.h"
 
 #include <fmt/format.h>
@@ -280,14 +281,7 @@ View PeopleSession::view(bool fresh) {
                    source_.empty()
                        ? fmt::format("{}{}   h help", name_of(mode_), paused_ ? ", paused" : "")
                        : source_);
-  if (help_) {
-    std::vector<draw::HelpLine> lines;
-    for (const Action& action : actions())
-      lines.push_back(
-          {action.key == key::kSpace ? "space" : std::string(1, static_cast<char>(action.key)),
-           action.help});
-    draw::help_overlay(shown_, "People", lines);
-  }
+  if (help_) draw_help(shown_, "People", actions());
   result.image = shown_;
   return result;
 }

@@ -10,7 +10,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <chrono>
 #include <set>
 #include <utility>
 
@@ -68,7 +67,6 @@ void PeopleSession::load_people() {
 }
 
 View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  using Clock = std::chrono::steady_clock;
   if (frame.name != source_name_) {
     reader_.restart();
     collector_.restart();
@@ -83,7 +81,7 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   } else if (mode_ == PeopleMode::kStart) {
     mode_ = gallery_.face_count() > 0 ? PeopleMode::kTrain : PeopleMode::kDetect;
   }
-  const Clock::time_point start = Clock::now();
+  timer_.start();
   cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
   faces_.clear();
   for (people::Face& face : frame.still ? reader_.read(gray_) : reader_.follow(gray_, frame.time))
@@ -96,7 +94,7 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
     collect();
   }
   if (mode_ == PeopleMode::kRecognize) recognize();
-  milliseconds_ = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  timer_.stop();
   return view(true);
 }
 

@@ -6,6 +6,7 @@
 #include "tarsier/gallery/model.h"
 #include "tarsier/people_face/face_reader.h"
 #include "tarsier/recognition/recognizer.h"
+#include "tarsier/session/overlay.h"
 #include "tarsier/session/recognize_session.h"
 #include "tarsier/session/session.h"
 
@@ -59,7 +60,7 @@ class PeopleSession final : public Session {
 
   [[nodiscard]] PeopleMode mode() const { return mode_; }
   [[nodiscard]] const std::vector<NamedFace>& faces() const { return faces_; }
-  [[nodiscard]] double milliseconds() const { return milliseconds_; }
+  [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
   // Where things are in the view, px: for tests and hosts.
   [[nodiscard]] cv::Rect button_box(std::string_view name) const;  // "add", "delete", "debug"
   [[nodiscard]] cv::Rect strip_box(std::size_t person) const;
@@ -110,7 +111,7 @@ class PeopleSession final : public Session {
   std::string message_;
   std::string source_;
   std::string source_name_;
-  double milliseconds_ = 0;
+  FrameTimer timer_;
   int flash_ = 0;  // frames it still lasts
   bool asking_ = false;
   bool debug_ = false;

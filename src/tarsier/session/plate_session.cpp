@@ -3,6 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/draw/text.h"
+#include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -153,14 +154,7 @@ View PlateSession::view(bool fresh) {
   if (output_.empty()) return result;
   output_.copyTo(shown_);
   draw::status_bar(shown_, result.status, source_.empty() ? "h: keys" : source_);
-  if (help_) {
-    std::vector<draw::HelpLine> lines;
-    for (const Action& action : actions())
-      lines.push_back(
-          {action.key == key::kSpace ? "space" : std::string(1, static_cast<char>(action.key)),
-           action.help});
-    draw::help_overlay(shown_, "Number plates", lines);
-  }
+  if (help_) draw_help(shown_, "Number plates", actions());
   result.image = shown_;
   if (fresh) result.output = output_;
   return result;

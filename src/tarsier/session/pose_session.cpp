@@ -16,7 +16,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <utility>
 
@@ -97,7 +96,6 @@ void PoseSession::find(const Frame& frame) {
 }
 
 View PoseSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  using Clock = std::chrono::steady_clock;
   if (frame.still || frame.name != name_) {
     state_ = {};
     persons_.clear();
@@ -107,12 +105,10 @@ View PoseSession::on_frame(const Frame& frame, const SourceStatus& source) {
   name_ = frame.name;
   source_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
   camera_ = camera_for(frame);
-  const Clock::time_point start = Clock::now();
+  timer_.start();
   cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
   find(frame);
-  milliseconds_ = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-  usual_milliseconds_ =
-      usual_milliseconds_ == 0 ? milliseconds_ : 0.9 * usual_milliseconds_ + 0.1 * milliseconds_;
+  timer_.stop();
   // Who left will not come back under that id.
   std::erase_if(persons_, [&](const auto& entry) {
     return frame.time > entry.second.seen + options_.tracker.remember_s + 1;
@@ -249,12 +245,8 @@ View PoseSession::view(bool fresh) {
   if (fresh) result.output = output_;
   if (!output_.empty()) {
     output_.copyTo(shown_);
-    const std::string speed = still_ || usual_milliseconds_ <= 0
-                                  ? fmt::format("{:.1f} ms", milliseconds_)
-                                  : fmt::format("{:.1f} ms, {:.0f} frames/s", usual_milliseconds_,
-                                                1000 / usual_milliseconds_);
-    draw::status_bar(shown_, result.status, speed + "   h help");
-    if (help_) draw_help(shown_, "pose", actions());
+    draw::status_bar(shown_, result.status, timer_.words(still_) + "   h help");
+    if (help_) draw_help(shown_, "Head pose", actions());
     result.image = shown_;
   }
   result.finished = finished_;

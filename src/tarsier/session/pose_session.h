@@ -7,6 +7,7 @@
 #include "tarsier/head/smoothing.h"
 #include "tarsier/landmarks/tracker.h"
 #include "tarsier/render/mesh.h"
+#include "tarsier/session/overlay.h"
 #include "tarsier/session/pose_finder.h"
 #include "tarsier/session/session.h"
 
@@ -65,7 +66,7 @@ class PoseSession final : public Session {
   [[nodiscard]] const std::vector<PosedFace>& faces() const { return faces_; }
   [[nodiscard]] const geometry::Camera& camera() const { return camera_; }
   [[nodiscard]] bool follows() const { return !still_; }
-  [[nodiscard]] double milliseconds() const { return milliseconds_; }
+  [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
 
  private:
   struct Person {
@@ -96,8 +97,7 @@ class PoseSession final : public Session {
   std::vector<PosedFace> faces_;
   std::string name_;
   std::string source_;
-  double milliseconds_ = 0;
-  double usual_milliseconds_ = 0;
+  FrameTimer timer_;
   cv::Mat gray_;
   cv::Mat frame_;
   cv::Mat output_;

@@ -9,7 +9,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <chrono>
 #include <set>
 #include <utility>
 
@@ -75,7 +74,6 @@ void RecognizeSession::name(NamedFace& face) {
 }
 
 View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  using Clock = std::chrono::steady_clock;
   if (frame.still || frame.name != source_name_) {
     tracks_.clear();
     reader_.restart();
@@ -84,7 +82,7 @@ View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) 
   still_ = frame.still;
   source_name_ = frame.name;
   trouble_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  const Clock::time_point start = Clock::now();
+  timer_.start();
   cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
   faces_.clear();
   if (options_.raw) {
@@ -102,7 +100,7 @@ View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) 
     seen.insert(face.face.id);
   }
   std::erase_if(tracks_, [&](const auto& track) { return !seen.contains(track.first); });
-  milliseconds_ = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  timer_.stop();
   draw();
   return view(true);
 }
@@ -147,15 +145,8 @@ View RecognizeSession::view(bool fresh) {
   if (output_.empty()) return result;
   output_.copyTo(shown_);
   draw::status_bar(shown_, result.status,
-                   trouble_.empty() ? fmt::format("{:.1f} ms   h help", milliseconds_) : trouble_);
-  if (help_) {
-    std::vector<draw::HelpLine> lines;
-    for (const Action& action : actions())
-      lines.push_back(
-          {action.key == key::kSpace ? "space" : std::string(1, static_cast<char>(action.key)),
-           action.help});
-    draw::help_overlay(shown_, "People", lines);
-  }
+                   trouble_.empty() ? timer_.words(true) + "   h help" : trouble_);
+  if (help_) draw_help(shown_, "People", actions());
   result.image = shown_;
   if (fresh) result.output = output_;
   return result;

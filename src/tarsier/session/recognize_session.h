@@ -4,6 +4,7 @@
 #include "tarsier/gallery/model.h"
 #include "tarsier/people_face/face_reader.h"
 #include "tarsier/recognition/recognizer.h"
+#include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
 
 #include <map>
@@ -43,7 +44,7 @@ class RecognizeSession final : public Session {
 
   // Of the latest frame.
   [[nodiscard]] const std::vector<NamedFace>& faces() const { return faces_; }
-  [[nodiscard]] double milliseconds() const { return milliseconds_; }
+  [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
 
  private:
   void name(NamedFace& face);
@@ -55,7 +56,7 @@ class RecognizeSession final : public Session {
   RecognizeOptions options_;
   std::map<int, std::vector<std::vector<float>>> tracks_;  // latest templates of followed faces
   std::vector<NamedFace> faces_;
-  double milliseconds_ = 0;
+  FrameTimer timer_;
   std::string source_name_;
   std::string trouble_;
   cv::Mat gray_;

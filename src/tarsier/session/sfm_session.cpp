@@ -5,6 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/draw/text.h"
+#include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -331,15 +332,8 @@ View SfmSession::view(bool fresh) {
   output_.copyTo(shown_);
   draw::status_bar(shown_, result.status, source_.empty() ? "h: keys" : source_);
   if (help_) {
-    std::vector<draw::HelpLine> lines;
-    lines.push_back({"arrows", "turn the cloud, as a dragged mouse does"});
-    for (const Action& action : actions()) {
-      if (action.key > 255) continue;
-      lines.push_back(
-          {action.key == key::kSpace ? "space" : std::string(1, static_cast<char>(action.key)),
-           action.help});
-    }
-    draw::help_overlay(shown_, "Structure from motion", lines);
+    draw_help(shown_, "Structure from motion", actions(),
+              {{"arrows", "turn the cloud, as a dragged mouse does"}});
   }
   result.image = shown_;
   if (fresh) result.output = output_;

@@ -13,7 +13,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <utility>
 
@@ -89,10 +88,9 @@ View TargetSession::on_frame(const Frame& frame, const SourceStatus& source) {
 }
 
 void TargetSession::find() {
-  using Clock = std::chrono::steady_clock;
-  const Clock::time_point start = Clock::now();
+  timer_.start();
   seen_ = target::track(targets_, options_.track, state_, frame_, camera_ ? &*camera_ : nullptr);
-  milliseconds_ = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  timer_.stop();
 }
 
 View TargetSession::on_idle(const SourceStatus& source) {
@@ -246,15 +244,8 @@ View TargetSession::view(bool fresh) {
     cv::rectangle(shown_, cv::Rect(*drag_, mouse_) & cv::Rect(0, 0, shown_.cols, shown_.rows),
                   cv::Scalar(60, 200, 255), 2);
   draw::status_bar(shown_, result.status,
-                   trouble_.empty() ? fmt::format("{:.1f} ms   h help", milliseconds_) : trouble_);
-  if (help_) {
-    std::vector<draw::HelpLine> lines;
-    for (const Action& action : actions())
-      lines.push_back(
-          {action.key == key::kSpace ? "space" : std::string(1, static_cast<char>(action.key)),
-           action.help});
-    draw::help_overlay(shown_, "Pictures as targets", lines);
-  }
+                   trouble_.empty() ? timer_.words(true) + "   h help" : trouble_);
+  if (help_) draw_help(shown_, "Pictures as targets", actions());
   result.image = shown_;
   if (fresh) result.output = output_;
   return result;

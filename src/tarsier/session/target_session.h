@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/geometry/camera.h"
+#include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
 #include "tarsier/target/track.h"
 #include "tarsier/target/train.h"
@@ -44,7 +45,7 @@ class TargetSession final : public Session {
   [[nodiscard]] const std::vector<target::TrackedTarget>& seen() const { return seen_; }
   [[nodiscard]] const std::vector<target::Target>& targets() const { return targets_; }
   [[nodiscard]] nlohmann::ordered_json markers_json() const;
-  [[nodiscard]] double milliseconds() const { return milliseconds_; }
+  [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
 
  private:
   void on_mouse(const Event& event);
@@ -65,7 +66,7 @@ class TargetSession final : public Session {
   std::string name_;
   std::string trouble_;
   std::string message_;
-  double milliseconds_ = 0;
+  FrameTimer timer_;
   cv::Mat frame_;
   cv::Mat output_;
   cv::Mat shown_;
