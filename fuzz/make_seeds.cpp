@@ -289,9 +289,10 @@ void targets() {
   options.trials = 0;
   Rng rng(3);
   cv::Mat picture(64, 64, CV_8UC1, cv::Scalar(128));
-  for (int k = 0; k < 25; ++k)
-    cv::rectangle(picture, {rng.integer(0, 55), rng.integer(0, 55), 9, 8},
-                  cv::Scalar(rng.integer(0, 255)), cv::FILLED);
+  for (int k = 0; k < 25; ++k) {
+    const cv::Scalar tone(rng.integer(0, 255));
+    cv::rectangle(picture, {rng.integer(0, 55), rng.integer(0, 55), 9, 8}, tone, cv::FILLED);
+  }
   target::write_target(seed("target", "blocks.json"),
                        target::train_target(picture, "blocks", options));
 }

@@ -37,6 +37,8 @@ if [ ! -e "$TARSIER_ARM64_ROOT/.complete" ]; then
       ln -sfn "$library/$name" "$TARSIER_ARM64_ROOT/usr/lib/aarch64-linux-gnu/$name"
     done
   done
+  # qemu shows programs the root's /dev/null in place of the machine's.
+  rm -rf "${TARSIER_ARM64_ROOT:?}/dev"
   touch "$TARSIER_ARM64_ROOT/.complete"
   phase_done
 fi
@@ -51,10 +53,18 @@ if [ "${#targets[@]}" -eq 0 ]; then
   for module in "${modules[@]}"; do
     mapfile -t -O "${#targets[@]}" targets < <(ninja -C build/arm64 -t targets all | sed -n "s/^\(${module}_[a-z0-9_]*_test\): phony.*/\1/p")
   done
+  targets+=(tarsier-capture) # which io's tests start
 fi
 phase "build (build/arm64)"
 quietly build/arm64/build.log cmake --build build/arm64 -j "$(build_jobs)" -t "${targets[@]}" || die "the build failed (above)"
 phase_done
+export QEMU_LD_PREFIX=$TARSIER_ARM64_ROOT # for programs that a test starts
+if ! build/arm64/bin/core_core_test --gtest_list_tests >/dev/null 2>&1; then
+  # Only under an emulator that was called by name: what a test starts itself is not emulated.
+  starting='EndOnSignals.*:LiveSourceTest.Children*:LiveSourceTest.TheCaptureProgram*'
+  echo "== left out, as this kernel does not hand arm64 programs to qemu (Debian's binfmt-support does): $starting"
+  export GTEST_FILTER="-$starting"
+fi
 phase "tests under $(qemu-aarch64-static --version | head -1)"
 expression="^($(IFS='|'; echo "${modules[*]}"))/"
 ctest --test-dir build/arm64 -R "$expression" --no-tests=error --output-on-failure --timeout 1500 "$@"

@@ -216,7 +216,7 @@ TEST(HeadPose, DoesNotTrustTheFarOutlineOfATurnedHead) {
 TEST(HeadPoseData, GainsFromTheIdentityOfUnknownPeople) {
   const char* data = std::getenv("TARSIER_DATA");
   std::ifstream file((data == nullptr ? std::string() : std::string(data)) + "/head3d/ict68.txt");
-  if (!file.good()) GTEST_SKIP() << "needs head3d of ../shared/data";
+  if (!file.good()) GTEST_SKIP() << "needs head3d of $TARSIER_DATA";
   int points = 0;
   int modes = 0;
   file >> points >> modes;

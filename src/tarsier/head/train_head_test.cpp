@@ -193,7 +193,7 @@ TEST(TrainHeadData, IsNearAMeasuredHead) {
   const std::filesystem::path folder = data == nullptr ? "" : data;
   if (data == nullptr || !std::filesystem::exists(folder / "faces68/all.txt") ||
       !std::filesystem::exists(folder / "head3d/ict68.txt"))
-    GTEST_SKIP() << "needs faces68 and head3d of ../shared/data";
+    GTEST_SKIP() << "needs faces68 and head3d of $TARSIER_DATA";
   std::ifstream file(folder / "head3d/ict68.txt");
   int points = 0;
   int modes = 0;

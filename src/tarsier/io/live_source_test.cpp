@@ -480,6 +480,7 @@ TEST_F(LiveSourceTest, TheCaptureProgramReadsANetworkStream) {
 TEST_F(LiveSourceTest, TheCaptureProgramSaysWhatIsWrong) {
   SourceOptions options = quick_options();
   options.capture_program = capture_program();
+  options.stall_s = 20;  // also for the program's start, which an emulator draws out
   HttpServer server;
   server.stop();
   EXPECT_THROW(

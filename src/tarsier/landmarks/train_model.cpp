@@ -131,8 +131,9 @@ std::vector<RatedFit> rated_fits(const std::vector<TrainingFace>& faces, const L
           // The truth, moved a little as a whole.
           const double angle = rng.normal(0, 0.05);
           const double scale = std::exp(rng.normal(0, 0.05));
-          const Eigen::Vector2d to =
-              center + size * Eigen::Vector2d(rng.normal(0, 0.05), rng.normal(0, 0.05));
+          const double down = rng.normal(0, 0.05);
+          const double across = rng.normal(0, 0.05);
+          const Eigen::Vector2d to = center + size * Eigen::Vector2d(across, down);
           const shape::Similarity2d turn{scale * std::cos(angle), scale * std::sin(angle), 0, 0};
           fit.points = turn(Eigen::Matrix2Xd(face.points.colwise() - center)).colwise() + to;
           continue;

@@ -175,13 +175,16 @@ void label_columns(const std::vector<std::pair<cv::Rect2f, int>>& boxes, int col
 Quad jitter(const Quad& quad, double along, double across, Rng& rng) {
   const float w = mean_width(quad);
   const float h = mean_height(quad);
-  Quad result = grow(quad, static_cast<float>(std::exp(rng.normal(0, along))),
-                     static_cast<float>(std::exp(rng.normal(0, across))));
-  const cv::Point2f shift(w * static_cast<float>(rng.normal(0, along / 2)),
-                          h * static_cast<float>(rng.normal(0, across / 2)));
-  for (cv::Point2f& p : result)
-    p += shift + cv::Point2f(w * static_cast<float>(rng.normal(0, along / 3)),
-                             h * static_cast<float>(rng.normal(0, across / 3)));
+  const auto higher = static_cast<float>(std::exp(rng.normal(0, across)));
+  const auto wider = static_cast<float>(std::exp(rng.normal(0, along)));
+  const auto draw = [&](double divisor) {
+    const float y = h * static_cast<float>(rng.normal(0, across / divisor));
+    const float x = w * static_cast<float>(rng.normal(0, along / divisor));
+    return cv::Point2f(x, y);
+  };
+  Quad result = grow(quad, wider, higher);
+  const cv::Point2f shift = draw(2);
+  for (cv::Point2f& p : result) p += shift + draw(3);
   return result;
 }
 

@@ -113,12 +113,13 @@ Quad around(const std::vector<cv::Rect2f>& boxes) {
 // pasted.
 void draw_surroundings(cv::Mat& view, const Quad& quad, Rng& rng) {
   if (rng.uniform() < 0.35) return;
-  const auto grown = grow(quad, static_cast<float>(rng.uniform(1.05, 2.2)),
-                          static_cast<float>(rng.uniform(1.15, 4.0)));
+  const auto higher = static_cast<float>(rng.uniform(1.15, 4.0));
+  const auto grown = grow(quad, static_cast<float>(rng.uniform(1.05, 2.2)), higher);
   std::array<cv::Point, 4> points;
-  for (std::size_t i = 0; i < 4; ++i)
-    points[i] = grown[i] + cv::Point2f(static_cast<float>(rng.normal(0, 2)),
-                                       static_cast<float>(rng.normal(0, 2)));
+  for (std::size_t i = 0; i < 4; ++i) {
+    const auto y = static_cast<float>(rng.normal(0, 2));
+    points[i] = grown[i] + cv::Point2f(static_cast<float>(rng.normal(0, 2)), y);
+  }
   // Bright bodies are as frequent as dark ones, and often as bright as the plate.
   const double tone = rng.uniform() < 0.5 ? rng.uniform(140, 255) : rng.uniform(5, 150);
   cv::Mat layer = view.clone();
@@ -126,8 +127,8 @@ void draw_surroundings(cv::Mat& view, const Quad& quad, Rng& rng) {
   const double alpha = rng.uniform(0.5, 1);
   cv::addWeighted(layer, alpha, view, 1 - alpha, 0, view);
   if (rng.uniform() < 0.4) {  // the dark gap or frame around it
-    const auto frame = grow(quad, static_cast<float>(rng.uniform(1.02, 1.1)),
-                            static_cast<float>(rng.uniform(1.05, 1.5)));
+    const auto height = static_cast<float>(rng.uniform(1.05, 1.5));
+    const auto frame = grow(quad, static_cast<float>(rng.uniform(1.02, 1.1)), height);
     for (std::size_t i = 0; i < 4; ++i) points[i] = frame[i];
     cv::fillConvexPoly(view, points.data(), 4, cv::Scalar(rng.uniform(5, 120)), cv::LINE_AA);
   }
@@ -188,8 +189,9 @@ void paste(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs
   Quad quad = random_pose(face.image.cols, face.image.rows, options, rng);
   const double factor = width / mean_width(quad);
   const double spread = options.centred ? 0.06 : 0.5;
-  cv::Point2f centre(static_cast<float>(view.gray.cols * (0.5 + rng.uniform(-spread, spread))),
-                     static_cast<float>(view.gray.rows * (0.5 + rng.uniform(-spread, spread))));
+  const double down = view.gray.rows * (0.5 + rng.uniform(-spread, spread));
+  const double across = view.gray.cols * (0.5 + rng.uniform(-spread, spread));
+  const cv::Point2f centre(static_cast<float>(across), static_cast<float>(down));
   for (cv::Point2f& p : quad) p = p * factor + centre;
   if (!is_convex(quad, 60)) return;
   for (const ViewPlate& other : view.plates)
@@ -233,9 +235,11 @@ void draw_words(cv::Mat& gray, Rng& rng) {
   for (int i = rng.integer(2, 12); i > 0; --i)
     text += letters[static_cast<std::size_t>(rng.integer(0, static_cast<int>(letters.size()) - 1))];
   const double tone = rng.uniform(0, 255);
-  cv::putText(gray, text, {rng.integer(-20, gray.cols - 10), rng.integer(8, gray.rows)},
-              rng.integer(0, 4), rng.uniform(0.25, 1.2), cv::Scalar(tone), rng.integer(1, 3),
-              cv::LINE_AA);
+  const int thickness = rng.integer(1, 3);
+  const double size = rng.uniform(0.25, 1.2);
+  const int face = rng.integer(0, 4);
+  const cv::Point at{rng.integer(-20, gray.cols - 10), rng.integer(8, gray.rows)};
+  cv::putText(gray, text, at, face, size, cv::Scalar(tone), thickness, cv::LINE_AA);
 }
 
 }  // namespace
@@ -328,8 +332,9 @@ View ViewMaker::make(const ViewOptions& options, Rng& rng) const {
         rng.integer(0, static_cast<int>(scene->plates.size()) - 1))];
     const double width = log_uniform(options.least_width, options.most_width, rng);
     const double spread = options.centred ? 0.06 : 0.45;
-    const cv::Point2d target(options.size.width * (0.5 + rng.uniform(-spread, spread)),
-                             options.size.height * (0.5 + rng.uniform(-spread, spread)));
+    const double y = options.size.height * (0.5 + rng.uniform(-spread, spread));
+    const double x = options.size.width * (0.5 + rng.uniform(-spread, spread));
+    const cv::Point2d target(x, y);
     const double scale = std::min(width / box.width, 2.0);
     map = random_window(scale, {box.x + box.width / 2.0, box.y + box.height / 2.0}, target, roll,
                         rng);
@@ -337,7 +342,8 @@ View ViewMaker::make(const ViewOptions& options, Rng& rng) const {
     const double least = std::max(static_cast<double>(options.size.width) / photo.width,
                                   static_cast<double>(options.size.height) / photo.height);
     const double scale = std::min(log_uniform(least, std::max(least * 1.01, 1.5), rng), 3.0);
-    const cv::Point2d anchor(rng.uniform(0, photo.width), rng.uniform(0, photo.height));
+    const double y = rng.uniform(0, photo.height);
+    const cv::Point2d anchor(rng.uniform(0, photo.width), y);
     map = random_window(scale, anchor, middle, roll, rng);
   }
   view.gray = window_of(scene->image, map, options.size, rng);

@@ -51,9 +51,9 @@ bool flooded_box(const cv::Mat& gray, const Quad& around, const CandidateOptions
   cv::Mat part = gray(window);
   cv::Mat mask = cv::Mat::zeros(part.rows + 2, part.cols + 2, CV_8UC1);
   for (int i = 0; i < options.seeds; ++i) {
-    const cv::Point seed(
-        cvRound(static_cast<double>(middle.x) + rng.uniform(-reach, reach)) - window.x,
-        cvRound(static_cast<double>(middle.y) + rng.uniform(-reach, reach)) - window.y);
+    const int y = cvRound(static_cast<double>(middle.y) + rng.uniform(-reach, reach));
+    const int x = cvRound(static_cast<double>(middle.x) + rng.uniform(-reach, reach));
+    const cv::Point seed = cv::Point(x, y) - window.tl();
     if (seed.x < 0 || seed.y < 0 || seed.x >= part.cols || seed.y >= part.rows) continue;
     if (mask.at<std::uint8_t>(seed.y + 1, seed.x + 1) != 0) continue;
     const cv::Scalar range(options.flood_range);

@@ -277,8 +277,10 @@ struct Proposer::Impl {
         const double off = k == 0 ? 0 : 0.5;
         const double size = place.scale() * std::exp(off * spread.scale * rng.normal());
         const double angle = place.angle() + off * spread.angle * rng.normal();
-        const Vector2d at = Vector2d(place.tx, place.ty) + off * spread.shift * place.scale() *
-                                                               Vector2d(rng.normal(), rng.normal());
+        const double down = rng.normal();
+        const double across = rng.normal();
+        const Vector2d at = Vector2d(place.tx, place.ty) +
+                            off * spread.shift * place.scale() * Vector2d(across, down);
         fits.push_back(landmarks::fit_descent(descent, request.gray,
                                               placed(descent.mean, at, size, angle), workspace));
       }

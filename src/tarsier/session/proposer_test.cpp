@@ -169,7 +169,7 @@ TEST_F(ProposerTest, PicturesAreNotChanged) {
 
 TEST(ProposerData, TwentyFacesOfSixPeople) {
   const char* data = std::getenv("TARSIER_DATA");
-  if (data == nullptr || *data == '\0') GTEST_SKIP() << "no TARSIER_DATA (../shared/data)";
+  if (data == nullptr || *data == '\0') GTEST_SKIP() << "no $TARSIER_DATA";
   shape::LandmarkSet all;
   try {
     all = shape::import_landmarks(std::string(data) + "/imm-frontal").set;

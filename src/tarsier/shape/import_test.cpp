@@ -294,7 +294,7 @@ TEST_F(Import, DlibXml) {
   EXPECT_THAT(refused("<image " + std::string(200, '<')), HasSubstr("no XML"));
 }
 
-// The development data: see ../shared/data/README.md.
+// The development data.
 class ImportData : public ::testing::Test {
  protected:
   static std::string folder(const std::string& name) {

@@ -67,7 +67,8 @@ cv::Mat background(cv::Size size, const BoardLook& look) {
   Rng rng(look.seed ^ 0x5eedb0a2dULL);
   const double larger = std::max(size.width, size.height);
   for (int i = 0; i < look.clutter; ++i) {
-    const cv::Point at(rng.integer(0, size.width - 1), rng.integer(0, size.height - 1));
+    const int y = rng.integer(0, size.height - 1);
+    const cv::Point at(rng.integer(0, size.width - 1), y);
     const int radius = std::max(2, cvRound(larger * rng.uniform(0.01, 0.1)));
     const cv::Scalar level(rng.uniform(look.ink, look.paper));
     if (i % 2 == 0) {
@@ -252,16 +253,12 @@ std::vector<geometry::Rigid> board_poses(const geometry::Camera& camera, const B
     const double side = 15 + 25 * rng.uniform();
     const double tip = 15 + 25 * rng.uniform();
     const int k = static_cast<int>(poses.size()) % 5;
-    const cv::Vec3d angles(k == 0   ? side
-                           : k == 1 ? -side
-                                    : rng.uniform(-12, 12),
-                           k == 2   ? tip
-                           : k == 3 ? -tip
-                                    : rng.uniform(-12, 12),
-                           rng.uniform(-20, 20));
-    const geometry::Rigid pose =
-        board_pose(camera, spec, {rng.uniform(0.15, 0.85), rng.uniform(0.15, 0.85)}, angles,
-                   rng.uniform(0.6, 1.1));
+    const double turn = rng.uniform(-20, 20);
+    const double b = k == 2 ? tip : k == 3 ? -tip : rng.uniform(-12, 12);
+    const double a = k == 0 ? side : k == 1 ? -side : rng.uniform(-12, 12);
+    const double fill = rng.uniform(0.6, 1.1);
+    const cv::Point2d at{rng.uniform(0.15, 0.85), rng.uniform(0.15, 0.85)};
+    const geometry::Rigid pose = board_pose(camera, spec, at, {a, b, turn}, fill);
     if (static_cast<int>(exact_view(camera, pose, spec, margin).points.size()) == spec.points())
       poses.push_back(pose);
   }

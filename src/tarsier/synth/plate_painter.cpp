@@ -45,11 +45,15 @@ void emblem(const PlatePainter& p, double x, double y, double radius) {
   if (kind < 0.5) {  // strokes: a tree, a bird, a signature
     for (int i = p.rng.integer(2, 6); i > 0; --i) {
       const auto any = [&] { return p.rng.uniform(-radius, radius); };
-      cv::ellipse(p.image, p.at(x + any() * 0.5, y + any() * 0.5),
-                  {std::max(1, p.px(radius * p.rng.uniform(0.2, 0.9))),
-                   std::max(1, p.px(radius * p.rng.uniform(0.2, 0.9)))},
-                  p.rng.uniform(0, 360), 0, p.rng.uniform(90, 360), color,
-                  p.chance(0.4) ? cv::FILLED : std::max(1, p.px(radius * 0.2)), cv::LINE_AA);
+      const int width = p.chance(0.4) ? cv::FILLED : std::max(1, p.px(radius * 0.2));
+      const double arc = p.rng.uniform(90, 360);
+      const double turn = p.rng.uniform(0, 360);
+      const cv::Size axes{std::max(1, p.px(radius * p.rng.uniform(0.2, 0.9))),
+                          std::max(1, p.px(radius * p.rng.uniform(0.2, 0.9)))};
+      const double down = any() * 0.5;
+      const double across = any() * 0.5;
+      cv::ellipse(p.image, p.at(x + across, y + down), axes, turn, 0, arc, color, width,
+                  cv::LINE_AA);
     }
     return;
   }
@@ -116,6 +120,13 @@ double small_text(const PlatePainter& p, const std::string& text, double x, doub
     left += widths[i] + height * 0.18;
   }
   return width;
+}
+
+Color random_color(Rng& rng, ColorRange blue, ColorRange green, ColorRange red) {
+  const double r = rng.uniform(red.low, red.high);
+  const double g = rng.uniform(green.low, green.high);
+  const double b = rng.uniform(blue.low, blue.high);
+  return {b, g, r};
 }
 
 std::string random_word(Rng& rng, int least, int most) {
@@ -197,11 +208,11 @@ void rivets(const PlatePainter& p, const PlateLook& look) {
 
 void dirt(const PlatePainter& p, const PlateLook& look) {
   for (int i = p.rng.integer(1, 12); i > 0; --i) {
-    const Color brown(p.rng.uniform(20, 110), p.rng.uniform(30, 130), p.rng.uniform(40, 150));
+    const Color brown = random_color(p.rng, {20, 110}, {30, 130}, {40, 150});
     const double x = p.rng.uniform(0, look.width);
     const double y = p.rng.uniform(0, look.height);
-    const cv::Size axes(std::max(1, p.px(p.rng.uniform(1, 12))),
-                        std::max(1, p.px(p.rng.uniform(1, 7))));
+    const int high = std::max(1, p.px(p.rng.uniform(1, 7)));
+    const cv::Size axes(std::max(1, p.px(p.rng.uniform(1, 12))), high);
     cv::Mat mask(2 * axes.height + 3, 2 * axes.width + 3, CV_8UC1, Color(0));
     cv::ellipse(mask, {axes.width + 1, axes.height + 1}, axes, 0, 0, 360,
                 Color(p.rng.uniform(40, 200)), cv::FILLED);
@@ -209,9 +220,12 @@ void dirt(const PlatePainter& p, const PlateLook& look) {
   }
   if (p.chance(0.3)) {
     const double tone = p.rng.uniform(60, 230);
-    cv::line(p.image, p.at(p.rng.uniform(0, look.width), p.rng.uniform(0, look.height)),
-             p.at(p.rng.uniform(0, look.width), p.rng.uniform(0, look.height)), Color::all(tone), 1,
-             cv::LINE_AA);
+    const auto any = [&] {
+      const double y = p.rng.uniform(0, look.height);
+      return p.at(p.rng.uniform(0, look.width), y);
+    };
+    const cv::Point to = any();
+    cv::line(p.image, any(), to, Color::all(tone), 1, cv::LINE_AA);
   }
 }
 
@@ -232,9 +246,10 @@ void dealer_frame(const PlatePainter& p, const PlateLook& look) {
   for (const bool below : {true, false}) {
     const double strip = below ? lower : upper;
     if (strip < 6 || p.chance(0.25)) continue;
-    std::string words = random_word(p.rng, 3, 9) + " " + random_word(p.rng, 2, 9);
-    small_text(p, words, look.width / 2, below ? look.height - strip / 2 : strip / 2, strip * 0.65,
-               letters, p.rng.uniform(0.8, 1.6));
+    const std::string second = random_word(p.rng, 2, 9);
+    const std::string first = random_word(p.rng, 3, 9);
+    small_text(p, first + " " + second, look.width / 2, below ? look.height - strip / 2 : strip / 2,
+               strip * 0.65, letters, p.rng.uniform(0.8, 1.6));
   }
 }
 
@@ -242,12 +257,14 @@ void us_ornaments(const PlatePainter& p, const PlateLook& look) {
   if (p.chance(0.3)) {  // a picture in the background
     for (int i = p.rng.integer(1, 6); i > 0; --i) {
       cv::Mat mask(p.px(60) + 1, p.px(90) + 1, CV_8UC1, Color(0));
-      cv::ellipse(mask, {mask.cols / 2, mask.rows / 2},
-                  {std::max(1, mask.cols * p.rng.integer(10, 50) / 100),
-                   std::max(1, mask.rows * p.rng.integer(10, 50) / 100)},
-                  p.rng.uniform(0, 180), 0, 360, Color(p.rng.uniform(20, 110)), cv::FILLED);
-      blend(p.image, mask, p.at(p.rng.uniform(-30, look.width), p.rng.uniform(-20, look.height)),
-            p.any_color());
+      const Color strength(p.rng.uniform(20, 110));
+      const double turn = p.rng.uniform(0, 180);
+      const cv::Size axes{std::max(1, mask.cols * p.rng.integer(10, 50) / 100),
+                          std::max(1, mask.rows * p.rng.integer(10, 50) / 100)};
+      cv::ellipse(mask, {mask.cols / 2, mask.rows / 2}, axes, turn, 0, 360, strength, cv::FILLED);
+      const Color color = p.any_color();
+      const double y = p.rng.uniform(-20, look.height);
+      blend(p.image, mask, p.at(p.rng.uniform(-30, look.width), y), color);
     }
   }
   if (p.chance(0.85)) {  // the state
@@ -257,21 +274,29 @@ void us_ornaments(const PlatePainter& p, const PlateLook& look) {
                   cv::FONT_HERSHEY_SCRIPT_SIMPLEX, std::max(0.2, 0.8 * p.s), color,
                   std::max(1, p.px(2)), cv::LINE_AA);
     } else {
-      small_text(p, random_word(p.rng, 4, 12), look.width * p.rng.uniform(0.4, 0.6),
-                 p.rng.uniform(13, 22), p.rng.uniform(9, 20), color, p.rng.uniform(0.8, 1.5));
+      const double stretch = p.rng.uniform(0.8, 1.5);
+      const double cap = p.rng.uniform(9, 20);
+      const double y = p.rng.uniform(13, 22);
+      const double x = look.width * p.rng.uniform(0.4, 0.6);
+      small_text(p, random_word(p.rng, 4, 12), x, y, cap, color, stretch);
     }
   }
   if (p.chance(0.6)) {
-    small_text(p, random_word(p.rng, 3, 9) + " " + random_word(p.rng, 3, 9), look.width / 2,
-               look.height - p.rng.uniform(8, 16), p.rng.uniform(6, 13), p.any_color(),
-               p.rng.uniform(0.8, 1.4));
+    const double stretch = p.rng.uniform(0.8, 1.4);
+    const Color color = p.any_color();
+    const double cap = p.rng.uniform(6, 13);
+    const double y = look.height - p.rng.uniform(8, 16);
+    const std::string second = random_word(p.rng, 3, 9);
+    const std::string first = random_word(p.rng, 3, 9);
+    small_text(p, first + " " + second, look.width / 2, y, cap, color, stretch);
   }
   for (const double x : {28.0, look.width - 28}) {  // month and year
     if (!p.chance(0.45)) continue;
     const double y = p.chance(0.7) ? 17 : look.height - 16;
     const Color sticker = p.any_color();
     cv::rectangle(p.image, cv::Rect(p.at(x - 16, y - 9), p.at(x + 16, y + 9)), sticker, cv::FILLED);
-    small_text(p, random_word(p.rng, 2, 3), x, y, 9, Color::all(p.rng.uniform(0, 255)));
+    const Color color = Color::all(p.rng.uniform(0, 255));
+    small_text(p, random_word(p.rng, 2, 3), x, y, 9, color);
   }
   for (const double y : {14.0, look.height - 14}) {  // bolts
     if (!p.chance(0.5)) continue;

@@ -13,6 +13,12 @@ namespace tarsier::synth {
 
 using Color = cv::Scalar;  // BGR
 
+struct ColorRange {
+  double low, high;
+};
+// A colour with each channel drawn from its range, red first.
+[[nodiscard]] Color random_color(Rng& rng, ColorRange blue, ColorRange green, ColorRange red);
+
 // What a plate looks like, in mm and colours; filled by the kind's style.
 struct PlateLook {
   double width = 520;

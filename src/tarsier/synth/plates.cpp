@@ -88,20 +88,20 @@ void vary_colors(PlateLook& look, PlateKind kind, Rng& rng) {
   if (kind == PlateKind::kBrazil && k < 0.6) {
     ground = Color::all(rng.uniform(150, 215));
   } else if (k > 0.78 && k < 0.92) {
-    ground = Color(rng.uniform(10, 90), rng.uniform(170, 220), rng.uniform(210, 255));  // yellow
+    ground = random_color(rng, {10, 90}, {170, 220}, {210, 255});  // yellow
   } else if (k >= 0.92) {
-    ground = Color(rng.uniform(30, 255), rng.uniform(30, 255), rng.uniform(30, 255));
+    ground = random_color(rng, {30, 255}, {30, 255}, {30, 255});
   } else {
     for (int c = 0; c < 3; ++c) ground[c] = std::clamp(ground[c] + rng.normal(0, 6), 150.0, 255.0);
   }
   const double grey = (ground[0] + ground[1] + ground[2]) / 3;
   Color ink = Color::all(rng.uniform(5, 60));
   if (rng.uniform() < (kind == PlateKind::kUs ? 0.45 : 0.12)) {  // blue, red, green
-    ink = Color(rng.uniform(0, 60), rng.uniform(0, 60), rng.uniform(0, 60));
+    ink = random_color(rng, {0, 60}, {0, 60}, {0, 60});
     ink[rng.integer(0, 2)] += rng.uniform(40, 130);
   }
   if (grey < 120 || rng.uniform() < 0.05) {  // light on dark
-    if (grey >= 120) ground = Color(rng.uniform(5, 110), rng.uniform(5, 80), rng.uniform(5, 110));
+    if (grey >= 120) ground = random_color(rng, {5, 110}, {5, 80}, {5, 110});
     ink = Color::all(rng.uniform(190, 255));
   }
   look.ground = look.ground_below = ground;
@@ -128,9 +128,8 @@ void vary(PlateLook& look, PlateKind kind, const GlyphSet& glyphs, Rng& rng) {
   look.turned_w = rng.uniform() < (kind == PlateKind::kUs ? 0.6 : 0.3);
   look.border = rng.uniform() < 0.6 ? rng.uniform(1, 6) : 0;
   look.corner = rng.uniform(0, 14);
-  look.band = Color(rng.uniform(90, 200), rng.uniform(20, 90), rng.uniform(0, 60));
-  if (rng.uniform() < 0.1)
-    look.band = Color(rng.uniform(0, 255), rng.uniform(0, 255), rng.uniform(0, 255));
+  look.band = random_color(rng, {90, 200}, {20, 90}, {0, 60});
+  if (rng.uniform() < 0.1) look.band = random_color(rng, {0, 255}, {0, 255}, {0, 255});
   if (kind == PlateKind::kEurope) {
     look.band_left = rng.uniform() < 0.75 ? rng.uniform(32, 46) : 0;
     look.band_right = rng.uniform() < 0.12 ? rng.uniform(32, 46) : 0;
@@ -279,8 +278,9 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
       cv::rectangle(face.image, cv::Rect({0, 0}, p.at(look.width, 28)), look.band, cv::FILLED);
       small_text(p, "BRASIL", look.width / 2, 14, 14, {250, 250, 250});
     } else {
-      small_text(p, random_word(rng, 2, 2) + " " + random_word(rng, 4, 10), look.width / 2, 17, 14,
-                 look.ink);
+      const std::string second = random_word(rng, 4, 10);
+      const std::string first = random_word(rng, 2, 2);
+      small_text(p, first + " " + second, look.width / 2, 17, 14, look.ink);
     }
   }
   if (look.border > 0) {
@@ -304,8 +304,9 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
       const double room = rng.uniform(22, 42) * look.width / 520 + 8;
       const bool before = rng.uniform() < 0.7;
       const double x = before ? from + room / 2 - 6 : to - room / 2 + 6;
+      const double at = y + rng.normal(0, look.cap * 0.12);
       separator(p, look, rng.uniform() < 0.3 ? PlateSeparator::kSeals : PlateSeparator::kEmblem, x,
-                y + rng.normal(0, look.cap * 0.12), room);
+                at, room);
       if (rng.uniform() < 0.4)
         small_text(p, random_word(rng, 1, 3), x, y + look.cap * 0.38, look.cap * 0.2, look.ink);
       if (before)

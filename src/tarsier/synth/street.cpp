@@ -147,7 +147,8 @@ void put_glow(cv::Mat& picture, cv::Point2f at, double radius, const cv::Scalar&
 
 void draw_house(cv::Mat& picture, const cv::Rect& wall, bool night, Rng& rng) {
   const double tone = rng.uniform(110, 215);
-  const cv::Scalar color(tone * rng.uniform(0.7, 0.95), tone * rng.uniform(0.8, 1), tone);
+  const double green = tone * rng.uniform(0.8, 1);
+  const cv::Scalar color(tone * rng.uniform(0.7, 0.95), green, tone);
   cv::rectangle(picture, wall, color, cv::FILLED);
   const int storey = std::max(12, wall.height / rng.integer(3, 5));
   const int bay = std::max(12, wall.width / rng.integer(3, 6));

@@ -108,9 +108,9 @@ FacePerson FaceSynth::person(std::uint64_t seed, double spread) const {
   person.b = draw(head_.deviation);
   person.c = draw(synthesis_.texture().deviation);
   const double light = rng.uniform(0.15, 1);
-  person.hair = cv::Vec3b(cv::saturate_cast<std::uint8_t>(light * rng.uniform(40, 90)),
-                          cv::saturate_cast<std::uint8_t>(light * rng.uniform(60, 120)),
-                          cv::saturate_cast<std::uint8_t>(light * rng.uniform(80, 150)));
+  person.hair[2] = cv::saturate_cast<std::uint8_t>(light * rng.uniform(80, 150));
+  person.hair[1] = cv::saturate_cast<std::uint8_t>(light * rng.uniform(60, 120));
+  person.hair[0] = cv::saturate_cast<std::uint8_t>(light * rng.uniform(40, 90));
   return person;
 }
 
