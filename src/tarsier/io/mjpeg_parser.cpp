@@ -33,24 +33,33 @@ int MjpegParser::feed(std::span<const std::uint8_t> bytes) {
     const auto piece = bytes.first(std::min(bytes.size(), kPiece));
     bytes = bytes.subspan(piece.size());
     buffer_.insert(buffer_.end(), piece.begin(), piece.end());
-    Step step = Step::kDone;
-    while (step == Step::kDone) {
-      switch (place_) {
-        case Place::kBetween:
-          step = find_start();
-          break;
-        case Place::kMarker:
-          step = read_marker();
-          break;
-        case Place::kEntropy:
-          step = read_entropy();
-          break;
-      }
+    while (step() == Step::kDone || is_too_large()) {
     }
-    if (buffer_.size() > frame_limit_) give_up_from(buffer_.size());
   }
   return completed_;
 }
+
+MjpegParser::Step MjpegParser::step() {
+  switch (place_) {
+    case Place::kBetween:
+      return find_start();
+    case Place::kMarker:
+      return read_marker();
+    case Place::kEntropy:
+      break;
+  }
+  return read_entropy();
+}
+
+// A picture that goes on beyond the limit is dropped up to there, whatever follows in the buffer:
+// what is found does not depend on the pieces in which the bytes came.
+bool MjpegParser::is_too_large() {
+  if (place_ == Place::kBetween || buffer_.size() <= frame_limit_) return false;
+  give_up_from(frame_limit_);
+  return true;
+}
+
+std::size_t MjpegParser::in_sight() const { return std::min(buffer_.size(), frame_limit_); }
 
 std::vector<std::uint8_t> MjpegParser::take() { return std::exchange(newest_, {}); }
 
@@ -105,12 +114,13 @@ MjpegParser::Step MjpegParser::find_start() {
 // that many bytes.
 MjpegParser::Step MjpegParser::read_marker() {
   std::size_t at = at_;
-  if (at < buffer_.size() && buffer_[at] != 0xff) {
+  const std::size_t size = in_sight();
+  if (at < size && buffer_[at] != 0xff) {
     give_up_from(has_scan_ ? at : 2);
     return Step::kDone;
   }
-  while (at < buffer_.size() && buffer_[at] == 0xff) ++at;
-  if (at == buffer_.size()) return Step::kMoreBytes;
+  while (at < size && buffer_[at] == 0xff) ++at;
+  if (at == size) return Step::kMoreBytes;
   const std::uint8_t marker = buffer_[at];
   if (marker == kStartOfImage) {  // a new picture: the old one was cut short
     give_up_from(at - 1);
@@ -133,7 +143,7 @@ MjpegParser::Step MjpegParser::read_marker() {
     give_up_from(has_scan_ ? at : 2);
     return Step::kDone;
   }
-  if (buffer_.size() - at < 3) {
+  if (size - at < 3) {
     --segments_;  // it is looked at again
     return Step::kMoreBytes;
   }
@@ -142,7 +152,7 @@ MjpegParser::Step MjpegParser::read_marker() {
     give_up_from(has_scan_ ? at : 2);
     return Step::kDone;
   }
-  if (buffer_.size() - at - 1 < length) {
+  if (size - at - 1 < length) {
     --segments_;
     return Step::kMoreBytes;
   }
@@ -157,14 +167,15 @@ MjpegParser::Step MjpegParser::read_marker() {
 
 // Coded data ends at an FF that is followed by neither 00 (a data byte FF) nor a restart marker.
 MjpegParser::Step MjpegParser::read_entropy() {
-  while (at_ < buffer_.size()) {
-    const void* found = std::memchr(buffer_.data() + at_, 0xff, buffer_.size() - at_);
+  const std::size_t size = in_sight();
+  while (at_ < size) {
+    const void* found = std::memchr(buffer_.data() + at_, 0xff, size - at_);
     if (found == nullptr) {
-      at_ = buffer_.size();
+      at_ = size;
       return Step::kMoreBytes;
     }
     at_ = static_cast<std::size_t>(static_cast<const std::uint8_t*>(found) - buffer_.data());
-    if (at_ + 1 == buffer_.size()) return Step::kMoreBytes;
+    if (at_ + 1 == size) return Step::kMoreBytes;
     const std::uint8_t next = buffer_[at_ + 1];
     if (next == 0x00 || (next >= 0xd0 && next <= 0xd7)) {
       at_ += 2;

@@ -18,8 +18,8 @@ class MjpegParser {
  public:
   static constexpr std::size_t kDefaultFrameLimit = 32U << 20U;
 
-  // A picture of more than `frame_limit` bytes (>= 1024) is passed over. Memory stays below twice
-  // the limit.
+  // A picture of more than `frame_limit` bytes (>= 1024) is passed over: that many of its bytes,
+  // then the next start is looked for. Memory stays below twice the limit and a piece of 256 KiB.
   explicit MjpegParser(std::size_t frame_limit = kDefaultFrameLimit);
 
   // Takes the next bytes; returns how many pictures they completed. Only the newest picture is
@@ -42,6 +42,9 @@ class MjpegParser {
   enum class Place { kBetween, kMarker, kEntropy };
   enum class Step { kDone, kMoreBytes };
 
+  Step step();
+  bool is_too_large();
+  [[nodiscard]] std::size_t in_sight() const;  // bytes of the picture that are looked at
   Step find_start();
   Step read_marker();
   Step read_entropy();

@@ -124,6 +124,25 @@ TEST(MjpegParser, MemoryIsBounded) {
   EXPECT_GT(parser.skipped_bytes(), 9'900'000U);
 }
 
+// What follows a picture that is too large is found, however much of it came in one piece.
+TEST(MjpegParser, PicturesBeyondTheLimitAreTheSameInPiecesOfAnySize) {
+  constexpr std::size_t kLimit = 2048;
+  const std::string good = testing::jpeg_of(2);
+  ASSERT_LT(good.size(), kLimit);
+  // A segment that says it has 60 000 bytes.
+  const std::string endless = "\xff\xd8\xff\xe0\xea\x60" + std::string(3000, 'x');
+  const std::string stream = endless + good + endless + good;
+  for (const std::size_t size : {std::size_t{1}, std::size_t{7}, kLimit - 1, kLimit, kLimit + 1,
+                                 std::size_t{5000}, stream.size()}) {
+    MjpegParser parser(kLimit);
+    int found = 0;
+    for (std::size_t at = 0; at < stream.size(); at += size)
+      found += parser.feed(bytes_of(stream.substr(at, size)));
+    EXPECT_EQ(found, 2) << size;
+    EXPECT_EQ(parser.skipped_bytes(), 2 * endless.size()) << size;
+  }
+}
+
 TEST(MjpegParser, HostileStreamsCostLinearTime) {
   // Tiny segments without end, and starts of pictures without end: 4 MB of each in well under a
   // test's time-out.
