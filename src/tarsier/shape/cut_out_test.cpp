@@ -31,6 +31,9 @@ Eigen::Vector2d value_at(const cv::Mat& image, const Eigen::Vector2d& p) {
   return {v[0], v[1]};
 }
 
+// px; a mean over parts of pixels is off a straight line by as much.
+constexpr double kNear = 0.06;
+
 LandmarkSample triangle() {
   LandmarkSample sample;
   sample.points.resize(2, 3);
@@ -45,11 +48,11 @@ TEST(CutOut, PointsStayOnTheirPixelsHoweverMuchIsReduced) {
     const CutOut cut = cut_out(places(320, 240), sample, 0.5, largest);
     for (int p = 0; p < 3; ++p) {
       const Eigen::Vector2d there = value_at(cut.picture, cut.points.col(p));
-      EXPECT_LT((there - sample.points.col(p)).norm(), 0.02) << largest << ' ' << p;
+      EXPECT_LT((there - sample.points.col(p)).norm(), kNear) << largest << ' ' << p;
     }
     ASSERT_TRUE(cut.box);
     EXPECT_LT((value_at(cut.picture, {cut.box->x, cut.box->y}) - Eigen::Vector2d(95, 85)).norm(),
-              0.02);
+              kNear);
     EXPECT_NEAR(cut.box->width * cut.scale, 90, 1) << largest;
   }
 }
@@ -80,7 +83,7 @@ TEST(CutOut, MirroredPointsLieOnWhatTheyMark) {
   for (int p = 0; p < 3; ++p) {
     const int counterpart = p == 2 ? 2 : 1 - p;
     const Eigen::Vector2d there = value_at(turned.picture, turned.points.col(p));
-    EXPECT_LT((there - sample.points.col(counterpart)).norm(), 0.02) << p;
+    EXPECT_LT((there - sample.points.col(counterpart)).norm(), kNear) << p;
   }
   // Counted from 1, points lie a pixel to the right of what they mark: mirrored ones, too.
   const CutOut moved = mirrored(cut, {1, 0, 2}, 1);
