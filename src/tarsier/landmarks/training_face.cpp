@@ -10,7 +10,6 @@
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
 
-#include <algorithm>
 #include <cmath>
 #include <utility>
 

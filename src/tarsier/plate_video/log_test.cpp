@@ -8,6 +8,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <filesystem>
 
 namespace tarsier::plate {
@@ -36,11 +37,10 @@ TEST(TimeTest, MomentsAreReadAndWritten) {
 }
 
 TEST(TimeTest, DurationsAreReadAndBounded) {
-  using namespace std::chrono_literals;
-  EXPECT_EQ(parse_duration("90s", "keep"), 90s);
-  EXPECT_EQ(parse_duration("30d", "keep"), 720h);
-  EXPECT_EQ(parse_duration("0m", "keep"), 0s);
-  EXPECT_EQ(parse_duration("2w", "keep"), 336h);
+  EXPECT_EQ(parse_duration("90s", "keep"), std::chrono::seconds(90));
+  EXPECT_EQ(parse_duration("30d", "keep"), std::chrono::hours(720));
+  EXPECT_EQ(parse_duration("0m", "keep"), std::chrono::seconds(0));
+  EXPECT_EQ(parse_duration("2w", "keep"), std::chrono::hours(336));
   for (const char* text : {"", "d", "30", "30 d", "-1d", "1.5d", "1y", "99999999999999999999d",
                            "10001w", "9999999999h", "0x1d"}) {
     EXPECT_THROW((void)parse_duration(text, "keep"), UsageError) << text;

@@ -273,8 +273,9 @@ View ArSession::view(bool fresh) {
   if (!output_.empty()) {
     output_.copyTo(shown_);
     if (list_) draw_list();
+    const double ms = frame_.still ? timer_.last_ms() : timer_.usual_ms();
     draw::status_bar(shown_, speaks ? message_ : result.status,
-                     timer_.words(frame_.still) + "   h help");
+                     fmt::format("{:.1f} ms   h help", ms));
     if (help_) draw_help(shown_, "Markers", actions());
     result.image = shown_;
   }
