@@ -300,12 +300,14 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
 
   ceres::Solver::Options solver;
   solver.linear_solver_type = used.size() <= 300 ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+  // Ceres orders the blocks of a group by their addresses. Each group is in one array: which of two
+  // arrays lies lower changes from run to run, and with it the last digits.
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   for (const int p : points)
     ordering->AddElementToGroup(model.points[static_cast<std::size_t>(p)].position.val, 0);
   for (const std::size_t i : used) ordering->AddElementToGroup(poses[i].data(), 1);
   for (const std::size_t lens : used_lenses)
-    if (!lens_stays) ordering->AddElementToGroup(lenses[lens].data(), 1);
+    if (!lens_stays) ordering->AddElementToGroup(lenses[lens].data(), 2);
   solver.linear_solver_ordering = ordering;
   solver.max_num_iterations = options.most_iterations;
   solver.num_threads = 1;

@@ -10,6 +10,7 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <set>
 
 namespace tarsier::sfm {
 namespace {
@@ -212,6 +213,26 @@ TEST(Adjust, MovesAwayFromTheTruthComeBack) {
   EXPECT_GT(report.before_px, 1);
   EXPECT_LT(report.after_px, 1e-2);
   EXPECT_LT(worst_center(model, problem.truth), 1e-3);
+}
+
+TEST(Adjust, DoesNotDependOnWhereTheHeapPutsThings) {
+  const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.3, 0));
+  const Model start = run(problem).models.at(0);
+  BundleOptions options;
+  options.focal = true;
+  std::set<double> focal_lengths;
+  for (std::size_t hole = 0; hole < 12; ++hole) {
+    // Free memory of several sizes below what comes after it: some arrays get it, others do not.
+    std::vector<std::vector<char>> blocks;
+    for (std::size_t size = 16; size <= 1024; size += 8) blocks.emplace_back(size);
+    const std::vector<char> above(1 << 16);
+    for (std::size_t k = hole; k < blocks.size(); k += hole + 1)
+      std::vector<char>().swap(blocks[k]);
+    Model model = start;
+    adjust(model, options);
+    focal_lengths.insert(model.cameras.at(0).fx);
+  }
+  EXPECT_EQ(focal_lengths.size(), 1U);
 }
 
 TEST(FilterPoints, TakesOutWhatIsOff) {
