@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: MIT
+"""Every verb gives the same files and the same JSON whatever the number of threads and wherever memory lies.
+
+Each run of tests/e2e/cli_verbs.py is done with one thread and with three, from the same start; addresses differ from run to
+run by themselves. Times are left out of what is compared. same_again.py [VERB ..]; $TARSIER is the program.
+"""
+import hashlib
+import json
+import os
+import re
+import shlex
+import shutil
+import sys
+
+import cli_verbs
+
+# Times, memory, and what is of the day.
+MEASURED = re.compile(r"(^|_)(seconds?|s|ms|us|fps|hz|time|when|date|mb|created|threads)($|_)|_per_|(^|_)rate_of")
+# Databases have the time of each row.
+DATABASE = re.compile(r"\.(db|db-wal|db-shm|db-journal)$")
+
+
+def without_times(value):
+    if isinstance(value, dict):
+        return {key: without_times(inner) for key, inner in value.items() if not MEASURED.search(key)}
+    if isinstance(value, list):
+        return [without_times(inner) for inner in value]
+    return value
+
+
+def content(path):
+    with open(path, "rb") as file:
+        data = file.read()
+    if path.endswith(".json"):
+        data = json.dumps(without_times(json.loads(data))).encode()
+    return hashlib.sha256(data).hexdigest()
+
+
+def tree():
+    return {os.path.join(folder, name): content(os.path.join(folder, name))
+            for folder, _, names in os.walk(".") for name in names if not DATABASE.search(name)}
+
+
+def run_with(threads, verb, entry):
+    shutil.rmtree("../work", ignore_errors=True)
+    shutil.copytree("../inputs", "../work")
+    os.chdir("../work")
+    words = [*verb.split(), *shlex.split(entry["words"]), "--json", "--quiet", "--threads", str(threads)]
+    result = cli_verbs.run(words, entry.get("stdin", ""))
+    if result.status != entry.get("status", 0):
+        cli_verbs.fail(verb, f"with {threads} threads: {result}")
+    return [without_times(json.loads(line)) for line in result.out.splitlines()], tree()
+
+
+def difference(one, other, path=""):
+    """Where two values of JSON begin to differ."""
+    if isinstance(one, dict) and isinstance(other, dict) and one.keys() == other.keys():
+        return next((d for key in one if (d := difference(one[key], other[key], f"{path}.{key}"))), "")
+    if isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        return next((d for k in range(len(one)) if (d := difference(one[k], other[k], f"{path}[{k}]"))), "")
+    return "" if one == other else f"{path}: {str(one)[:80]} and {str(other)[:80]}"
+
+
+def main():
+    for name in ("HOME", "XDG_CACHE_HOME", "XDG_DATA_HOME", "XDG_CONFIG_HOME"):
+        os.environ[name] = os.path.abspath("home")
+    os.makedirs("inputs")
+    os.chdir("inputs")
+    cli_verbs.make_inputs()
+    cli_verbs.prepare("people list")
+    cli_verbs.run(["sfm", "reconstruct", "views/images", "-o", "model", "--quiet"])
+    verbs = sys.argv[1:] or [verb for verb in cli_verbs.VALID if verb != "doctor"]  # which tells the number of threads
+    for verb in verbs:
+        lines, files = run_with(1, verb, cli_verbs.VALID[verb])
+        other_lines, other_files = run_with(3, verb, cli_verbs.VALID[verb])
+        if text := difference(lines, other_lines):
+            cli_verbs.fail(verb, f"its JSON differs: {text}")
+        for path in sorted(files.keys() | other_files.keys()):
+            if files.get(path) != other_files.get(path):
+                cli_verbs.fail(verb, f"{path} differs")
+    print(f"{len(verbs)} verbs, {len(cli_verbs.failures)} failures")
+    sys.exit(1 if cli_verbs.failures else 0)
+
+
+main()
