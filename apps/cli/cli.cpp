@@ -350,12 +350,15 @@ void add_common_flags(CLI::App& verb, Context& context) {
   common(verb.add_option("--progress", context.progress_style, "how long work tells how far it is")
              ->check(CLI::IsMember({"auto", "bar", "json", "none"}))
              ->capture_default_str());
-  common(
-      verb.add_option("--debug-dir", context.debug_dir, "folder for the pictures of each stage"));
   // Read before the parser runs (with_config); here so that the parser knows it and --help shows
   // it.
   common(verb.add_option("--config", "TOML or INI file with values for these flags")
              ->type_name("FILE"));
+}
+
+void add_debug_flag(CLI::App& verb, Context& context) {
+  verb.add_option("--debug-dir", context.debug_dir, "folder for the pictures of each stage")
+      ->group("Common");
 }
 
 int run_program(int argc, const char* const* argv) {

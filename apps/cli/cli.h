@@ -32,9 +32,11 @@ struct Context {
 };
 
 // Adds the flags that mean the same everywhere: --json, --quiet, --seed, --threads, --log-level,
-// --progress, --debug-dir, --config. -o/--output, --csv and --model are added by the verbs that
-// have them.
+// --progress, --config. -o/--output, --csv and --model are added by the verbs that have them.
 void add_common_flags(CLI::App& verb, Context& context);
+
+// --debug-dir, for verbs that can show the stages of what they do.
+void add_debug_flag(CLI::App& verb, Context& context);
 
 // One area each (cmd_<area>.cpp): adds its sub-commands; the chosen verb's callback sets
 // context.run.

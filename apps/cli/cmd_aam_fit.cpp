@@ -68,10 +68,12 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   if (drawn == Drawn::kFace && !engine.model->colour &&
       !appearance::has_offset(engine.model->levels.front().channels))
     throw ModelError(engine.path, "has no colour texture for --draw face");
-  AppearanceSession session(*engine.fitter, engine.find, flags.track, drawn);
+  DebugFolder debug(context.debug_dir);
+  AppearanceSession session(*engine.fitter, engine.find, flags.track, drawn, debug.sink());
   bool found = false;
   RunHooks hooks;
   hooks.title = "appearance";
+  hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     found = found || !session.objects().empty();
     if (!frame.still || context.json || context.quiet) return;
@@ -114,6 +116,7 @@ void add_aam_fit(CLI::App& area, Context& context) {
   film(verb.add_option("--most-faces", flags->track.most_objects, "objects followed at a time")
            ->capture_default_str());
   add_common_flags(verb, context);
+  add_debug_flag(verb, context);
   verb.callback(
       [flags, &context] { context.run = [flags, &context] { return run_fit(*flags, context); }; });
 }

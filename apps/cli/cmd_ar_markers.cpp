@@ -125,12 +125,15 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
   const bool guesses = !options.camera && flags.focal <= 0;
   bool has_told = false;
   options.focal_px = flags.focal;
+  DebugFolder debug(context.debug_dir);
+  options.debug = debug.sink();
   ArSession session(std::move(options));
   std::optional<MarkerTable> table;
   if (!flags.csv.empty()) table.emplace(flags.csv);
   bool found = false;
   RunHooks hooks;
   hooks.title = "markers";
+  hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     if (guesses && !has_told) {
       log_warning("no --camera: a focal length of {:.0f} px is guessed, distances err as it does",
@@ -206,6 +209,7 @@ void add_ar_markers(CLI::App& ar, Context& context) {
               ->check(CLI::Range(0.0, 1.0))
               ->capture_default_str());
   add_common_flags(verb, context);
+  add_debug_flag(verb, context);
   verb.callback([flags, &context] {
     context.run = [flags, &context] { return run_markers(*flags, context); };
   });

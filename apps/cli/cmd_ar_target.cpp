@@ -161,10 +161,13 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
   }
   std::optional<TargetTable> table;
   if (!flags.csv.empty()) table.emplace(flags.csv);
+  DebugFolder debug(context.debug_dir);
+  options.debug = debug.sink();
   TargetSession session(std::move(targets), options);
   bool found = false;
   RunHooks hooks;
   hooks.title = "targets";
+  hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     found = found || !session.seen().empty();
     for (const target::TrackedTarget& seen : session.seen())
@@ -240,6 +243,7 @@ void add_ar_target_track(CLI::App& ar, Context& context) {
                        "px, how far from its predicted place a target is searched")
            ->capture_default_str());
   add_common_flags(verb, context);
+  add_debug_flag(verb, context);
   verb.callback([flags, &context] {
     context.run = [flags, &context] { return run_follow(*flags, context); };
   });

@@ -168,15 +168,13 @@ ExitStatus run_cartoon(const CartoonFlags& flags, Context& context) {
   options.cartoon = parsed_options(flags);
   options.save_folder = flags.save_folder;
   options.overlay = opens_window(flags.run);
-  if (!context.debug_dir.empty()) options.debug = &debug;
+  options.debug = debug.sink();
   if (flags.timings) options.timers = &timers;
   CartoonSession session(options);
 
   RunHooks hooks;
   hooks.title = "cartoon";
-  hooks.before_frame = [&](const Frame& frame) {
-    if (!context.debug_dir.empty()) debug.begin(frame);
-  };
+  hooks.debug = &debug;
   hooks.describe = [](const View& view, nlohmann::ordered_json& line) {
     for (const char* key : {"mode", "ms", "faces"}) line[key] = view.state.at(key);
   };
@@ -198,6 +196,7 @@ void add_cartoon(CLI::App& app, Context& context) {
   add_run_flags(*verb, flags->run);
   add_cartoon_flags(*verb, *flags);
   add_common_flags(*verb, context);
+  add_debug_flag(*verb, context);
   verb->callback([flags, &context] {
     context.run = [flags, &context] { return run_cartoon(*flags, context); };
   });

@@ -70,10 +70,13 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   LandmarkEngine engine = make_landmark_engine(flags.landmarks);
   std::optional<CsvFile> csv;
   if (!flags.csv.empty()) csv.emplace(flags.csv, engine.model.points());
-  LandmarkSession session(engine.model, engine.fit, std::move(engine.finder), flags.tracker);
+  DebugFolder debug(context.debug_dir);
+  LandmarkSession session(engine.model, engine.fit, std::move(engine.finder), flags.tracker,
+                          debug.sink());
   bool found = false;
   RunHooks hooks;
   hooks.title = "landmarks";
+  hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     for (const landmarks::TrackedFace& face : session.faces()) {
       found = true;
@@ -117,6 +120,7 @@ void add_verb(CLI::App& area, Context& context, const char* name, const char* he
   film(verb.add_option("--most-faces", flags->tracker.most_faces, "faces followed at a time")
            ->capture_default_str());
   add_common_flags(verb, context);
+  add_debug_flag(verb, context);
   verb.callback(
       [flags, &context] { context.run = [flags, &context] { return run_fit(*flags, context); }; });
 }

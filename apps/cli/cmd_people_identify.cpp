@@ -97,11 +97,14 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
     model = model_of_gallery(*gallery, flags.people, context);
     if (!model) log_info("{}: nobody is enrolled", flags.people.gallery);
   }
+  DebugFolder debug(context.debug_dir);
+  flags.recognize.debug = debug.sink();
   RecognizeSession session(std::move(model), make_face_reader(flags.people), flags.recognize);
   Events events(flags);
   bool known = false;
   RunHooks hooks;
   hooks.title = "people";
+  hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     events.frame(frame, session.faces(), gallery.get());
     for (const NamedFace& face : session.faces()) known = known || face.name.known;
@@ -145,6 +148,7 @@ void add_people_identify(CLI::App& area, Context& context) {
                   "write into the gallery who was seen, and delete what is older: 30d, 12h ..");
   add_face_flags(verb, flags->people);
   add_common_flags(verb, context);
+  add_debug_flag(verb, context);
   verb.callback([flags, &context] {
     context.run = [flags, &context] { return identify_faces(*flags, context); };
   });

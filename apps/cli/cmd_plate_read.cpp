@@ -58,7 +58,6 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   std::optional<plate::PlateLog> log;
   if (!flags.log.empty()) log.emplace(flags.log);
   DebugFolder debug(context.debug_dir);
-  DebugSink* const sink = context.debug_dir.empty() ? nullptr : &debug;
 
   double milliseconds = 0;
   bool found = false;
@@ -69,7 +68,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
       origin = moment_of_zero(frame.still ? 0 : frame.time);
     source = frame.name;
     const Clock::time_point start = Clock::now();
-    std::vector<plate::Reading> readings = read(frame, sink);
+    std::vector<plate::Reading> readings = read(frame, debug.sink());
     milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
     return readings;
   };
@@ -94,9 +93,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
 
   RunHooks hooks;
   hooks.title = "plates";
-  hooks.before_frame = [&](const Frame& frame) {
-    if (sink != nullptr) debug.begin(frame);
-  };
+  hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     found = found || ((frame.still || !flags.events_only) && !session.readings().empty());
     if (frame.still) finish_still(frame);
@@ -158,6 +155,7 @@ void add_plate_read(CLI::App& plate, Context& context) {
                      "texts without a digit are vehicles too (a few plates; many signs)"));
   film(verb.add_option("--log", flags->log, "SQLite file that every vehicle is written to"));
   add_common_flags(verb, context);
+  add_debug_flag(verb, context);
   verb.callback(
       [flags, &context] { context.run = [flags, &context] { return run_read(*flags, context); }; });
 }

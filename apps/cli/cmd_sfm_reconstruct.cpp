@@ -498,6 +498,7 @@ void add_sfm_reconstruct(CLI::App& sfm, Context& context) {
       verb.add_option("--most-frames", flags->keyframes.most, "key frames")->capture_default_str());
   add_online_flags(verb, flags->online);
   add_common_flags(verb, context);
+  add_debug_flag(verb, context);
   verb.callback([flags, &context] {
     context.run = [flags, &context] { return reconstruct(*flags, context); };
   });

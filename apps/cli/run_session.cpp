@@ -196,6 +196,7 @@ class Run {
   void take_frame(Frame& frame) {
     if (live_film_ && sink_ == nullptr) open_output();
     if (hooks_.before_frame) hooks_.before_frame(frame);
+    if (hooks_.debug != nullptr) hooks_.debug->begin(frame);
     const SourceStatus status = source_->status();
     View view;
     try {

@@ -36,11 +36,26 @@ void add_run_flags(CLI::App& verb, RunFlags& flags);
 // Whether the run shows a window: asked for, or nowhere else to go.
 [[nodiscard]] bool opens_window(const RunFlags& flags);
 
+// --debug-dir: DIR/<frame number or picture name>/NN-<stage>.png.
+class DebugFolder final : public DebugSink {
+ public:
+  explicit DebugFolder(std::string folder) : folder_(std::move(folder)) {}
+  [[nodiscard]] DebugSink* sink() { return folder_.empty() ? nullptr : this; }
+  void begin(const Frame& frame);  // what follows belongs to this frame
+  void image(std::string_view name, const cv::Mat& image) override;  // throws OutputError
+
+ private:
+  std::string folder_;
+  std::string frame_folder_;
+  int number_ = 0;
+};
+
 // What an area adds to the loop. All may be empty.
 struct RunHooks {
   std::string title;                               // of the window and the progress bar: "cartoon"
   std::function<void(const Frame&)> before_frame;  // just before the session gets it
   std::function<void(const Frame&)> after_frame;   // when the session has dealt with it
+  DebugFolder* debug = nullptr;                    // is told of each frame that begins
   bool quiet_frames = false;                       // no JSON line for each frame of a film
   // The area's part of a frame's JSON line.
   std::function<void(const View&, nlohmann::ordered_json& line)> describe;
@@ -60,18 +75,5 @@ struct RunHooks {
 // Returns kDone or kInterrupted; throws the library's errors.
 [[nodiscard]] ExitStatus run_session(Session& session, const RunFlags& flags, Context& context,
                                      const RunHooks& hooks);
-
-// --debug-dir: DIR/<frame number or picture name>/NN-<stage>.png.
-class DebugFolder final : public DebugSink {
- public:
-  explicit DebugFolder(std::string folder) : folder_(std::move(folder)) {}
-  void begin(const Frame& frame);  // what follows belongs to this frame
-  void image(std::string_view name, const cv::Mat& image) override;  // throws OutputError
-
- private:
-  std::string folder_;
-  std::string frame_folder_;
-  int number_ = 0;
-};
 
 }  // namespace tarsier::cli

@@ -114,6 +114,9 @@ VALID = {
     "models verify": dict(words=""),
     "doctor": dict(words=""),
 }
+# With --debug-dir these write what they go through: at least so many pictures or clouds of the run above.
+STAGES = {"cartoon run": 5, "plate read": 3, "landmarks fit": 4, "landmarks track": 4, "aam fit": 2, "people identify": 4,
+          "sfm reconstruct": 4, "ar markers": 3, "ar target-track": 3}
 # These are only interrupted here: they are long; demo_page and the figures of docs/results.md run them.
 LONG = {"demo": "-o page", **{f"bench {name}": "--json" for name in
         "aam cartoon eyes landmarks people plate calibrate markers posit render steady targets".split()}}
@@ -136,7 +139,8 @@ def check_help(verb):
     if verb["example"] and "Example: " + verb["example"] not in result.out:
         fail(name, "--help lacks the example")
     common = {flag["names"][0] for flag in verb["flags"] if flag["group"] == "Common"}
-    if common != {"--json", "--quiet", "--seed", "--threads", "--log-level", "--progress", "--debug-dir", "--config"}:
+    expected = {"--json", "--quiet", "--seed", "--threads", "--log-level", "--progress", "--config"}
+    if common != (expected | {"--debug-dir"} if name in STAGES else expected):
         fail(name, f"common flags: {sorted(common)}")
 
 
@@ -247,6 +251,18 @@ def check_json_and_quiet(verb):
         except ValueError:
             fail(name, f"--json wrote {line[:200]!r}")
     return None
+
+
+def check_stages(name):
+    """--debug-dir holds pictures that can be seen, and changes nothing else."""
+    prepare(name)
+    words = [*name.split(), *shlex.split(VALID[name]["words"]), "--quiet", "--debug-dir", "stages/" + name.replace(" ", "-")]
+    result = run(words)
+    made = [os.path.join(folder, file) for folder, _, files in os.walk(words[-1]) for file in files]
+    if result.status != 0 or len(made) < STAGES[name]:
+        fail(name, f"--debug-dir made {sorted(made)}: {result}")
+    if any(os.path.getsize(path) < 100 for path in made):
+        fail(name, f"--debug-dir made an empty file: {sorted(made)}")
 
 
 def prepare(name):
@@ -409,6 +425,8 @@ def main():
         if name in VALID:
             check_json_and_quiet(verb)
             check_missing(verb)
+        if name in STAGES:
+            check_stages(name)
         if name in INTERRUPTED:
             check_interruption(name, INTERRUPTED[name])
         print(f"   {time.monotonic() - begin:.1f} s: {name}", flush=True)

@@ -144,7 +144,8 @@ void move_samples(std::vector<Sample>& samples, const Eigen::Matrix2Xd& mean,
         Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(own.size()), problem.errors.cols());
     if (!others.empty()) {
       const Eigen::MatrixXd errors = problem.errors(others, Eigen::all);
-      learned = kernel(own, others) * dual(kernel(others, others), errors, lambda);
+      const Eigen::MatrixXd likeness = kernel(own, others);
+      learned = likeness * dual(kernel(others, others), errors, lambda);
     }
     for (std::size_t k = 0; k < own.size(); ++k) {
       move(samples[static_cast<std::size_t>(own[k])], mean,

@@ -4,6 +4,9 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
+#include "tarsier/shape/show.h"
+
+#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -37,6 +40,27 @@ Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& g
     sum += fit_trees(trees, gray, ((start.colwise() - center) * jitter[2]).colwise() + to);
   }
   return sum / starts;
+}
+
+// The points on the part of the picture around them, enlarged.
+void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& model,
+                 const cv::Mat& gray, const Eigen::Matrix2Xd& points) {
+  if (debug == nullptr) return;
+  constexpr double kSide = 480;    // px of what is shown
+  constexpr double kMargin = 0.5;  // of the points' extent, to each side
+  const Eigen::Vector2d low = points.rowwise().minCoeff();
+  const Eigen::Vector2d high = points.rowwise().maxCoeff();
+  const double extent = std::max(4.0, (high - low).maxCoeff());
+  const Eigen::Vector2d corner =
+      (low + high) / 2 - Eigen::Vector2d::Constant(extent * (0.5 + kMargin));
+  const double scale = kSide / (extent * (1 + 2 * kMargin));
+  const cv::Matx23d shown_from_picture(scale, 0, -scale * corner.x(), 0, scale,
+                                       -scale * corner.y());
+  cv::Mat shown;
+  cv::warpAffine(gray, shown, shown_from_picture, cv::Size(cvRound(kSide), cvRound(kSide)));
+  cv::cvtColor(shown, shown, cv::COLOR_GRAY2BGR);
+  shape::draw_landmarks(shown, scale * (points.colwise() - corner), model.shape.connections, {});
+  debug->image(name, shown);
 }
 
 }  // namespace
@@ -105,12 +129,13 @@ void FitOptions::check() const {
 }
 
 Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::Mat& gray,
-               const Eigen::Matrix2Xd& start, FitWorkspace& workspace) {
+               const Eigen::Matrix2Xd& start, FitWorkspace& workspace, DebugSink* debug) {
   require_gray(gray);
   TARSIER_REQUIRE(start.cols() == model.points(), "{} points, the model has {}", start.cols(),
                   model.points());
   const FitMethod method = options.method.value_or(model.best_method());
   TARSIER_REQUIRE(model.has(method), "the model has no {}", name_of(method));
+  show_points(debug, "start", model, gray, start);
   Fit fit;
   switch (method) {
     case FitMethod::kTrees:
@@ -119,17 +144,23 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
     case FitMethod::kDescent:
       fit.points = fit_descent(*model.descent, gray, start, workspace.descent);
       break;
-    case FitMethod::kBoth:
-      fit.points = 0.5 * (fit_with_trees(*model.trees, options.starts, gray, start) +
-                          fit_descent(*model.descent, gray, start, workspace.descent));
+    case FitMethod::kBoth: {
+      const Eigen::Matrix2Xd by_trees = fit_with_trees(*model.trees, options.starts, gray, start);
+      const Eigen::Matrix2Xd by_descent =
+          fit_descent(*model.descent, gray, start, workspace.descent);
+      show_points(debug, "trees", model, gray, by_trees);
+      show_points(debug, "sdm", model, gray, by_descent);
+      fit.points = 0.5 * (by_trees + by_descent);
       break;
+    }
     case FitMethod::kPatches:
-      fit.points =
-          fit_patches(*model.patches, model.shape, options.patches, gray, start, workspace.patches)
-              .points;
+      fit.points = fit_patches(*model.patches, model.shape, options.patches, gray, start,
+                               workspace.patches, debug)
+                       .points;
       break;
   }
   if (model.quality) fit.score = quality_of(*model.quality, gray, fit.points, workspace.descent);
+  show_points(debug, name_of(method), model, gray, fit.points);
   return fit;
 }
 
@@ -149,7 +180,7 @@ Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
 
 std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& options,
                                   const cv::Mat& gray, FaceFinder& finder, FitWorkspace& workspace,
-                                  double least_score) {
+                                  double least_score, DebugSink* debug) {
   options.check();
   std::vector<FoundFace> faces;
   std::vector<Candidate> candidates = finder.find(gray);
@@ -157,7 +188,8 @@ std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& 
   for (const Candidate& candidate : candidates) {
     FoundFace face;
     face.box = candidate.box;
-    face.fit = fit_points(model, options, gray, start_at(model, finder, candidate), workspace);
+    face.fit =
+        fit_points(model, options, gray, start_at(model, finder, candidate), workspace, debug);
     if (!candidate.sure && model.quality && face.fit.score < least_score) continue;
     fits.emplace_back(std::move(face), candidate.sure);
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/landmarks/descent.h"
 #include "tarsier/landmarks/face_finder.h"
 #include "tarsier/landmarks/patches.h"
@@ -72,10 +73,11 @@ struct Fit {
   double score = 1;  // 0..1, what the fit is worth (Quality); 1 where the model has no such part
 };
 
-// From a shape near the object (CV_8UC1).
+// From a shape near the object (CV_8UC1). `debug` gets the start, what each method makes of it, and
+// the fit.
 [[nodiscard]] Fit fit_points(const LandmarkModel& model, const FitOptions& options,
                              const cv::Mat& gray, const Eigen::Matrix2Xd& start,
-                             FitWorkspace& workspace);
+                             FitWorkspace& workspace, DebugSink* debug = nullptr);
 // The mean shape where `points` lie: a start for the next frame. Turned as they are with `turn`.
 [[nodiscard]] Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& points,
                                        bool turn);
@@ -94,6 +96,7 @@ struct FoundFace {
 [[nodiscard]] std::vector<FoundFace> find_faces(const LandmarkModel& model,
                                                 const FitOptions& options, const cv::Mat& gray,
                                                 FaceFinder& finder, FitWorkspace& workspace,
-                                                double least_score = 0.5);
+                                                double least_score = 0.5,
+                                                DebugSink* debug = nullptr);
 
 }  // namespace tarsier::landmarks

@@ -32,7 +32,7 @@ class Step {
  public:
   Step(const LandmarkModel& model, const FitOptions& fit, const TrackerOptions& options,
        FaceFinder& finder, TrackerState& state, const cv::Mat& gray, double dt,
-       FitWorkspace& workspace)
+       FitWorkspace& workspace, DebugSink* debug)
       : model_(model),
         fit_(fit),
         options_(options),
@@ -40,16 +40,18 @@ class Step {
         state_(state),
         gray_(gray),
         dt_(dt),
-        workspace_(workspace) {}
+        workspace_(workspace),
+        debug_(debug) {}
 
   void follow() {
     for (TrackerState::Track& track : state_.tracks) {
       if (track.lost) continue;
       const Eigen::Matrix2Xd start = restart(model_, track.raw, true);
-      Fit fit = fit_points(model_, fit_, gray_, start, workspace_);
+      Fit fit = fit_points(model_, fit_, gray_, start, workspace_, debug_);
       if (fit.score < options_.least_score) {
         // Perhaps it turned too far: upright, from the same place.
-        Fit again = fit_points(model_, fit_, gray_, restart(model_, track.raw, false), workspace_);
+        Fit again =
+            fit_points(model_, fit_, gray_, restart(model_, track.raw, false), workspace_, debug_);
         if (again.score > fit.score) fit = std::move(again);
       }
       const bool jumped = shape_size(fit.points) < 0.5 * shape_size(track.raw) ||
@@ -75,7 +77,7 @@ class Step {
       if (is_followed(candidate.box)) continue;
       if (count_followed() >= options_.most_faces) break;
       const Fit fit =
-          fit_points(model_, fit_, gray_, start_at(model_, finder_, candidate), workspace_);
+          fit_points(model_, fit_, gray_, start_at(model_, finder_, candidate), workspace_, debug_);
       if (fit.score < options_.least_new) continue;
       const cv::Rect2d box = box_around(model_.box, fit.points);
       if (is_followed(box)) continue;
@@ -161,6 +163,7 @@ class Step {
   const cv::Mat& gray_;
   double dt_;
   FitWorkspace& workspace_;
+  DebugSink* debug_;
 };
 
 }  // namespace
@@ -177,7 +180,7 @@ void TrackerOptions::check() const {
 std::vector<TrackedFace> track_faces(const LandmarkModel& model, const FitOptions& fit,
                                      const TrackerOptions& options, FaceFinder& finder,
                                      TrackerState& state, const cv::Mat& gray, double time,
-                                     FitWorkspace& workspace) {
+                                     FitWorkspace& workspace, DebugSink* debug) {
   require_gray(gray);
   constexpr double kUsual = 1.0 / 25;
   const double passed = time - state.time;
@@ -185,7 +188,7 @@ std::vector<TrackedFace> track_faces(const LandmarkModel& model, const FitOption
   state.time = state.started && passed <= 0 ? state.time + kUsual : time;
   state.started = true;
 
-  Step step(model, fit, options, finder, state, gray, dt, workspace);
+  Step step(model, fit, options, finder, state, gray, dt, workspace, debug);
   step.follow();
   step.search();
   step.forget();

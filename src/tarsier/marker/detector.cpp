@@ -3,6 +3,10 @@
 
 #include "tarsier/core/require.h"
 
+#include <fmt/format.h>
+#include <opencv2/core/eigen.hpp>
+#include <opencv2/imgproc.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -169,6 +173,36 @@ std::optional<Marker> read_marker(const cv::Mat& gray, Quad quad, const Dictiona
   return marker;
 }
 
+void draw_quad(cv::Mat& image, const Quad& quad, const cv::Scalar& color) {
+  constexpr int kShift = 4;  // fractional bits
+  std::vector<cv::Point> corners;
+  for (const Eigen::Vector2d& corner : quad)
+    corners.emplace_back(cvRound(corner.x() * (1 << kShift)), cvRound(corner.y() * (1 << kShift)));
+  cv::polylines(image, corners, true, color, 1, cv::LINE_AA, kShift);
+}
+
+void show_stages(DebugSink& debug, const cv::Mat& gray, const std::vector<Quad>& quads,
+                 const std::vector<Marker>& markers, int cells) {
+  constexpr int kCell = 16;  // px
+  cv::Mat picture;
+  cv::cvtColor(gray, picture, cv::COLOR_GRAY2BGR);
+  for (const Quad& quad : quads) draw_quad(picture, quad, {0, 140, 255});
+  for (const Marker& marker : markers) draw_quad(picture, marker.corners, {60, 220, 60});
+  debug.image("quadrilaterals", picture);
+  for (const Marker& marker : markers) {
+    // Pixels' centres are at integers: pixel p shows the place (p + 0.5) / kCell of the cells.
+    const Eigen::Matrix3d cells_from_pixels{
+        {1.0 / kCell, 0, 0.5 / kCell}, {0, 1.0 / kCell, 0.5 / kCell}, {0, 0, 1}};
+    cv::Mat map;
+    cv::eigen2cv(Eigen::Matrix3d(picture_from_cells(marker.corners, cells) * cells_from_pixels),
+                 map);
+    cv::Mat square;
+    cv::warpPerspective(gray, square, map, {kCell * (cells + 2), kCell * (cells + 2)},
+                        cv::INTER_LINEAR | cv::WARP_INVERSE_MAP);
+    debug.image(fmt::format("marker {}", marker.id), square);
+  }
+}
+
 }  // namespace
 
 void DetectOptions::check() const {
@@ -180,10 +214,12 @@ void DetectOptions::check() const {
 }
 
 std::vector<Marker> detect_markers(const cv::Mat& gray, const Dictionary& dictionary,
-                                   const DetectOptions& options, DetectWorkspace& workspace) {
+                                   const DetectOptions& options, DetectWorkspace& workspace,
+                                   DebugSink* debug) {
   options.check();
   std::vector<Marker> markers;
-  for (const Quad& quad : find_quads(gray, options.quads, workspace.quads)) {
+  const std::vector<Quad> quads = find_quads(gray, options.quads, workspace.quads, debug);
+  for (const Quad& quad : quads) {
     auto marker = read_marker(gray, quad, dictionary, options);
     if (!marker) continue;
     const auto same = std::find_if(markers.begin(), markers.end(), [&](const Marker& other) {
@@ -197,6 +233,7 @@ std::vector<Marker> detect_markers(const cv::Mat& gray, const Dictionary& dictio
   }
   std::stable_sort(markers.begin(), markers.end(),
                    [](const Marker& a, const Marker& b) { return a.id < b.id; });
+  if (debug != nullptr) show_stages(*debug, gray, quads, markers, dictionary.cells());
   return markers;
 }
 

@@ -39,8 +39,10 @@ struct DetectWorkspace {
 };
 
 // The markers of one family in `gray` (CV_8UC1), by id; of two in the same place the clearer one.
+// `debug` gets what is dark, the quadrilaterals (green: a marker) and each marker seen squarely.
 [[nodiscard]] std::vector<Marker> detect_markers(const cv::Mat& gray, const Dictionary& dictionary,
                                                  const DetectOptions& options,
-                                                 DetectWorkspace& workspace);
+                                                 DetectWorkspace& workspace,
+                                                 DebugSink* debug = nullptr);
 
 }  // namespace tarsier::marker

@@ -4,12 +4,14 @@
 #include "tarsier/core/require.h"
 
 #include <Eigen/Eigenvalues>
+#include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <optional>
 #include <span>
+#include <string>
 
 namespace tarsier::marker {
 namespace {
@@ -225,7 +227,8 @@ void QuadOptions::check() const {
   TARSIER_REQUIRE(straight > 0 && straight < 0.5, "straight within {}", straight);
 }
 
-std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options, QuadWorkspace& w) {
+std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options, QuadWorkspace& w,
+                             DebugSink* debug) {
   options.check();
   TARSIER_REQUIRE(gray.type() == CV_8UC1, "a picture that is not grey");
   std::vector<Quad> quads;
@@ -245,6 +248,11 @@ std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options, Qu
         std::max(2, level == 0 ? options.min_contrast : options.min_contrast * 3 / 5);
     outlines.min_size = std::max(3, static_cast<int>(options.min_side_px / scale));
     find_dark_outlines(picture, outlines, w.outlines);
+    if (debug != nullptr) {
+      const cv::Mat dark(picture.rows + 2, picture.cols + 2, CV_8UC1, w.outlines.dark.data());
+      debug->image(level == 0 ? std::string("dark") : fmt::format("dark reduced by {}", 1 << level),
+                   dark(cv::Rect(1, 1, picture.cols, picture.rows)));
+    }
     for (std::size_t i = 0; i < w.outlines.outlines.size(); ++i) {
       const auto contour = w.outlines.outline(i);
       const auto length = static_cast<double>(contour.size());

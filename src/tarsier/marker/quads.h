@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/marker/outlines.h"
 
 #include <Eigen/Core>
@@ -33,9 +34,10 @@ struct QuadWorkspace {
 };
 
 // Candidates in `gray` (CV_8UC1), each place once, with corners good to about half a pixel:
-// intersections of the straight lines through the contour's four sides.
+// intersections of the straight lines through the contour's four sides. `debug` gets what is dark,
+// at each size.
 [[nodiscard]] std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options,
-                                           QuadWorkspace& workspace);
+                                           QuadWorkspace& workspace, DebugSink* debug = nullptr);
 
 // The corners after their sides have been fitted to the picture's edges: along normals of each side
 // the place where brightness changes, found from the gradient's centroid within +-`reach` px, then

@@ -38,8 +38,9 @@ std::string_view name_of(AppearanceSession::Drawn drawn) {
 }
 
 AppearanceSession::AppearanceSession(const appearance::Fitter& fitter, appearance::FindStarts find,
-                                     const appearance::TrackOptions& options, Drawn drawn)
-    : fitter_(fitter), find_(std::move(find)), options_(options), drawn_(drawn) {
+                                     const appearance::TrackOptions& options, Drawn drawn,
+                                     DebugSink* debug)
+    : fitter_(fitter), find_(std::move(find)), options_(options), debug_(debug), drawn_(drawn) {
   options_.check();
   const appearance::AppearanceModel& model = fitter.model();
   if (model.colour || appearance::has_offset(model.levels.front().channels))
@@ -58,6 +59,7 @@ View AppearanceSession::on_frame(const Frame& frame, const SourceStatus& source)
       still_ ? appearance::find_objects(fitter_, find_, frame_, options_.most_objects, workspace_)
              : appearance::track_objects(fitter_, options_, find_, track_, frame_, frame.time);
   timer_.stop();
+  if (debug_ != nullptr) show_stages();
   draw();
   return view(true);
 }
@@ -93,20 +95,38 @@ std::vector<Action> AppearanceSession::actions() const {
           {"quit", "end", 'q'}};
 }
 
+void AppearanceSession::draw_object(const Eigen::Matrix2Xd& points, Drawn drawn,
+                                    cv::Mat& image) const {
+  if (drawn == Drawn::kMesh) appearance::draw_mesh(fitter_.model(), points, image);
+  if (drawn == Drawn::kPoints) {
+    const double radius = std::clamp(width_of(points) / 90, 0.7, 6.0);
+    for (Eigen::Index i = 0; i < points.cols(); ++i)
+      draw::point(image, {points(0, i), points(1, i)}, {80, 220, 255}, radius);
+  }
+  if (drawn == Drawn::kFace) {
+    const appearance::Explained seen = synthesis_->explain(frame_, points);
+    synthesis_->draw(seen.c, seen.offset, seen.gain, points, image);
+  }
+}
+
+void AppearanceSession::show_stages() {
+  for (const Drawn drawn : {Drawn::kMesh, Drawn::kFace}) {
+    if (drawn == Drawn::kFace && !synthesis_) continue;
+    cv::Mat shown = frame_.clone();
+    for (const appearance::TrackedObject& object : objects_)
+      draw_object(object.fit.points, drawn, shown);
+    debug_->image(name_of(drawn), shown);
+  }
+  for (const appearance::TrackedObject& object : objects_)
+    debug_->image(fmt::format("texture of {}", object.id),
+                  appearance::draw_error(fitter_.model(), frame_, object.fit.points));
+}
+
 void AppearanceSession::draw() {
   frame_.copyTo(output_);
   for (const appearance::TrackedObject& object : objects_) {
     const Eigen::Matrix2Xd& points = object.fit.points;
-    if (drawn_ == Drawn::kMesh) appearance::draw_mesh(fitter_.model(), points, output_);
-    if (drawn_ == Drawn::kPoints) {
-      const double radius = std::clamp(width_of(points) / 90, 0.7, 6.0);
-      for (Eigen::Index i = 0; i < points.cols(); ++i)
-        draw::point(output_, {points(0, i), points(1, i)}, {80, 220, 255}, radius);
-    }
-    if (drawn_ == Drawn::kFace) {
-      const appearance::Explained seen = synthesis_->explain(frame_, points);
-      synthesis_->draw(seen.c, seen.offset, seen.gain, points, output_);
-    }
+    draw_object(points, drawn_, output_);
     if (still_) continue;
     draw::TextStyle text;
     text.height_px = std::clamp(width_of(points) * 0.07, 8.0, 30.0);

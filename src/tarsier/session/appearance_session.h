@@ -3,6 +3,7 @@
 
 #include "tarsier/appearance/synthesis.h"
 #include "tarsier/appearance/tracker.h"
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
 
@@ -21,9 +22,12 @@ class AppearanceSession final : public Session {
  public:
   enum class Drawn { kMesh, kFace, kPoints, kNothing };
 
-  // `fitter` must outlive the session. Throws std::invalid_argument for bad options.
+  // `fitter` must outlive the session, and so must `debug`, which takes the meshes, the model's
+  // faces over the picture, and of each object its texture, the model's and the difference. Throws
+  // std::invalid_argument for bad options.
   AppearanceSession(const appearance::Fitter& fitter, appearance::FindStarts find,
-                    const appearance::TrackOptions& options, Drawn drawn);
+                    const appearance::TrackOptions& options, Drawn drawn,
+                    DebugSink* debug = nullptr);
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
   View on_idle(const SourceStatus& source) override;
@@ -38,11 +42,14 @@ class AppearanceSession final : public Session {
 
  private:
   void draw();
+  void draw_object(const Eigen::Matrix2Xd& points, Drawn drawn, cv::Mat& image) const;
+  void show_stages();
   View view(bool fresh);
 
   const appearance::Fitter& fitter_;
   appearance::FindStarts find_;
   appearance::TrackOptions options_;
+  DebugSink* debug_;
   std::optional<appearance::Synthesis> synthesis_;  // where the model can be drawn
   appearance::Track track_;
   appearance::FitWorkspace workspace_;

@@ -102,7 +102,7 @@ void ArSession::find(const Frame& frame) {
   cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
   std::vector<marker::Marker> found =
       options_.backend == MarkerBackend::kOwn
-          ? marker::detect_markers(gray_, *family_, options_.detect, workspace_)
+          ? marker::detect_markers(gray_, *family_, options_.detect, workspace_, options_.debug)
           : found_by_opencv(gray_, family_->name());
   markers_ = frame.still ? marker::pose_markers(std::move(found), options_.size, camera_)
                          : tracker_.step(std::move(found), options_.size, camera_, frame.time);

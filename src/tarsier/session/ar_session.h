@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/ar/augment.h"
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/marker/pose.h"
 #include "tarsier/session/overlay.h"
@@ -28,7 +29,8 @@ struct ArSessionOptions {
   ar::AugmentOptions augment;              // `mesh` may be set whatever is drawn first
   bool outlines = true;                    // frames and ids of the markers
   std::string save_folder = ".";
-  void check() const;  // throws std::invalid_argument; UsageError for an unknown family
+  DebugSink* debug = nullptr;  // takes each stage of our own backend; must outlive the session
+  void check() const;          // throws std::invalid_argument; UsageError for an unknown family
 };
 
 // Finds the markers of the frames and draws things on them. The markers of a still are posed alone;

@@ -16,8 +16,8 @@ namespace tarsier {
 
 LandmarkSession::LandmarkSession(const landmarks::LandmarkModel& model,
                                  const landmarks::FitOptions& fit, landmarks::FaceFinder finder,
-                                 const landmarks::TrackerOptions& options)
-    : model_(model), fit_(fit), finder_(std::move(finder)), options_(options) {
+                                 const landmarks::TrackerOptions& options, DebugSink* debug)
+    : model_(model), fit_(fit), finder_(std::move(finder)), options_(options), debug_(debug) {
   fit_.check();
   options_.check();
 }
@@ -32,14 +32,14 @@ View LandmarkSession::on_frame(const Frame& frame, const SourceStatus& source) {
   cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
   if (still_) {
     faces_.clear();
-    for (landmarks::FoundFace& face :
-         landmarks::find_faces(model_, fit_, gray_, finder_, workspace_, options_.least_new)) {
+    for (landmarks::FoundFace& face : landmarks::find_faces(
+             model_, fit_, gray_, finder_, workspace_, options_.least_new, debug_)) {
       faces_.push_back({static_cast<int>(faces_.size()) + 1, std::move(face.fit.points),
                         face.fit.score, face.box});
     }
   } else {
     faces_ = landmarks::track_faces(model_, fit_, options_, finder_, state_, gray_, frame.time,
-                                    workspace_);
+                                    workspace_, debug_);
   }
   timer_.stop();
   draw();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/landmarks/tracker.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
@@ -16,9 +17,11 @@ namespace tarsier {
 // State: {"faces": number, "ids": [..], "smoothing", "paused"}.
 class LandmarkSession final : public Session {
  public:
-  // `model` must outlive the session. Throws std::invalid_argument for bad options.
+  // `model` must outlive the session, and so must `debug`, which takes each stage. Throws
+  // std::invalid_argument for bad options.
   LandmarkSession(const landmarks::LandmarkModel& model, const landmarks::FitOptions& fit,
-                  landmarks::FaceFinder finder, const landmarks::TrackerOptions& options);
+                  landmarks::FaceFinder finder, const landmarks::TrackerOptions& options,
+                  DebugSink* debug = nullptr);
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
   View on_idle(const SourceStatus& source) override;
@@ -39,6 +42,7 @@ class LandmarkSession final : public Session {
   landmarks::FitOptions fit_;
   landmarks::FaceFinder finder_;
   landmarks::TrackerOptions options_;
+  DebugSink* debug_;
   landmarks::TrackerState state_;
   landmarks::FitWorkspace workspace_;
   std::vector<landmarks::TrackedFace> faces_;

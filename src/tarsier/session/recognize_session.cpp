@@ -4,6 +4,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/draw/text.h"
+#include "tarsier/session/browse_keys.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -91,7 +92,8 @@ View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) 
     whole.face.box = {0, 0, static_cast<double>(gray_.cols), static_cast<double>(gray_.rows)};
     faces_.push_back(std::move(whole));
   } else {
-    for (people::Face& face : still_ ? reader_.read(gray_) : reader_.follow(gray_, frame.time))
+    for (people::Face& face :
+         still_ ? reader_.read(gray_, options_.debug) : reader_.follow(gray_, frame.time))
       faces_.push_back({std::move(face), {}});
   }
   std::set<int> seen;
@@ -111,12 +113,7 @@ View RecognizeSession::on_idle(const SourceStatus& source) {
 }
 
 View RecognizeSession::on_event(const Event& event) {
-  std::string name = event.kind == Event::Kind::kAction ? event.name : "";
-  if (event.kind == Event::Kind::kKey) {
-    for (const Action& action : actions())
-      if (action.key == event.key) name = action.name;
-    if (event.key == key::kEscape) name = "quit";
-  }
+  const std::string name = action_of(event, actions());
   if (name == "quit") finished_ = true;
   if (name == "pause") paused_ = !paused_;
   if (name == "help") help_ = !help_;

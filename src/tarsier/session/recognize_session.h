@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/gallery/model.h"
 #include "tarsier/people_face/face_reader.h"
 #include "tarsier/recognition/recognizer.h"
@@ -18,6 +19,7 @@ struct RecognizeOptions {
   double false_accepts = 0.01;  // rate at which strangers may be taken for somebody, (0, 1)
   bool raw = false;             // pictures are cut faces already
   int most_pooled = 10;         // of a followed face so many last frames count together, >= 1
+  DebugSink* debug = nullptr;   // takes the stages of a still's first face; outlives the session
   void check() const;
 };
 

@@ -5,6 +5,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
+#include "tarsier/session/browse_keys.h"
 #include "tarsier/session/frame_camera.h"
 #include "tarsier/target/evaluate.h"
 
@@ -53,15 +54,6 @@ void line(cv::Mat& image, const cv::Point2d& a, const cv::Point2d& b, const cv::
   cv::line(image, fixed(a), fixed(b), color, width, cv::LINE_AA, kShift);
 }
 
-std::string action_of(const Event& event, const std::vector<Action>& actions) {
-  if (event.kind == Event::Kind::kAction) return event.name;
-  if (event.kind != Event::Kind::kKey) return "";
-  if (event.key == key::kEscape) return "quit";
-  for (const Action& action : actions)
-    if (action.key == event.key) return action.name;
-  return "";
-}
-
 }  // namespace
 
 void TargetSessionOptions::check() const {
@@ -89,7 +81,8 @@ View TargetSession::on_frame(const Frame& frame, const SourceStatus& source) {
 
 void TargetSession::find() {
   timer_.start();
-  seen_ = target::track(targets_, options_.track, state_, frame_, camera_ ? &*camera_ : nullptr);
+  seen_ = target::track(targets_, options_.track, state_, frame_, camera_ ? &*camera_ : nullptr,
+                        options_.debug);
   timer_.stop();
 }
 

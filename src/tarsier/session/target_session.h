@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
@@ -21,6 +22,7 @@ struct TargetSessionOptions {
   target::TrainOptions train;              // of pictures framed on the spot
   std::optional<geometry::Camera> camera;  // width 0: of any size. Without one there are no poses
   TargetOverlay overlay = TargetOverlay::kBox;  // axes and box need a camera: else the outline
+  DebugSink* debug = nullptr;                   // takes each stage; must outlive the session
   void check() const;                           // throws std::invalid_argument
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/planar_pose.h"
 #include "tarsier/target/align.h"
@@ -37,17 +38,23 @@ struct FoundTarget {
 };
 
 // Looks for each target once in `frame` (CV_8UC1 or CV_8UC3), all of one picture, on its own. With
-// a camera also the poses; its size must be the frame's where it is known.
+// a camera also the poses; its size must be the frame's where it is known. `debug` gets the
+// features and, of each target, what matches it beside what fits it.
 [[nodiscard]] std::vector<FoundTarget> detect_targets(const std::vector<Target>& targets,
                                                       const cv::Mat& frame,
                                                       const DetectOptions& options = {},
-                                                      const geometry::Camera* camera = nullptr);
+                                                      const geometry::Camera* camera = nullptr,
+                                                      DebugSink* debug = nullptr);
 
 // The same on the parts: features and pyramid of the frame at hand.
 [[nodiscard]] std::optional<FoundTarget> detect_target(const Target& target,
                                                        const FeatureSet& features,
                                                        const Pyramid& pyramid, cv::Size frame,
-                                                       const DetectOptions& options);
+                                                       const DetectOptions& options,
+                                                       DebugSink* debug = nullptr);
+
+// The features of a frame (CV_8UC1) drawn on it, as circles that grow with their scale.
+void show_features(DebugSink& debug, const cv::Mat& gray, const FeatureSet& features);
 
 // Whether enough of the patches fit to believe it.
 [[nodiscard]] bool is_convincing(const Alignment& alignment, const DetectOptions& options);

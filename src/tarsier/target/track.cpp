@@ -235,7 +235,7 @@ void TrackOptions::check() const {
 
 std::vector<TrackedTarget> track(const std::vector<Target>& targets, const TrackOptions& options,
                                  TrackState& state, const cv::Mat& frame,
-                                 const geometry::Camera* camera) {
+                                 const geometry::Camera* camera, DebugSink* debug) {
   options.check();
   cv::Mat gray = frame;
   if (frame.type() == CV_8UC3) cv::cvtColor(frame, gray, cv::COLOR_BGR2GRAY);
@@ -270,9 +270,11 @@ std::vector<TrackedTarget> track(const std::vector<Target>& targets, const Track
   if (missing && (!any || just_lost || number % options.detect_every == 0)) {
     const Pyramid full = make_pyramid(gray, true);
     const FeatureSet features = find_features(full, options.detect.features);
+    if (debug != nullptr) show_features(*debug, gray, features);
     for (std::size_t i = 0; i < targets.size(); ++i) {
       if (found[i]) continue;
-      const auto seen = detect_target(targets[i], features, full, gray.size(), options.detect);
+      const auto seen =
+          detect_target(targets[i], features, full, gray.size(), options.detect, debug);
       if (!seen) continue;
       found[i] = report(targets[i], options, camera, seen->homography, true, state.targets[i]);
       found[i]->rms_px = seen->rms_px;

@@ -53,10 +53,12 @@ struct TrackState {
   cv::Size size;
 };
 
-// The targets in the next frame (CV_8UC1 or CV_8UC3) of a film, in their order.
+// The targets in the next frame (CV_8UC1 or CV_8UC3) of a film, in their order. `debug` gets the
+// stages of those that are looked for anew (see detect_targets).
 [[nodiscard]] std::vector<TrackedTarget> track(const std::vector<Target>& targets,
                                                const TrackOptions& options, TrackState& state,
                                                const cv::Mat& frame,
-                                               const geometry::Camera* camera = nullptr);
+                                               const geometry::Camera* camera = nullptr,
+                                               DebugSink* debug = nullptr);
 
 }  // namespace tarsier::target
