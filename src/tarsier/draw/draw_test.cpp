@@ -100,6 +100,17 @@ TEST(StatusBar, TouchesTheLowerEdgeOnly) {
   EXPECT_EQ(drawn & bar, drawn);
 }
 
+TEST(StatusBar, KeepsTheLastPartOnTheRightWhereThereIsLittleRoom) {
+  cv::Mat narrow = grey_canvas(200, 150);
+  status_bar(narrow, "3 faces, 2 known", "123.4 ms, 25.0 frames/s   h: help");
+  cv::Mat expected = grey_canvas(200, 150);
+  status_bar(expected, "3 faces, 2 known", "h: help");
+  EXPECT_EQ(cv::norm(narrow, expected, cv::NORM_INF), 0);
+  cv::Mat without = grey_canvas(200, 150);
+  status_bar(without, "3 faces, 2 known");
+  EXPECT_GT(cv::norm(narrow, without, cv::NORM_INF), 0);
+}
+
 TEST(HelpOverlay, FitsAPictureWithManyKeys) {
   std::vector<HelpLine> lines(14, {"Esc", "leave the program and write nothing"});
   cv::Mat image = grey_canvas(320, 240);

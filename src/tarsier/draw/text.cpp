@@ -132,9 +132,10 @@ cv::Rect put_text(cv::Mat& image, std::string_view text, cv::Point at, const Tex
 }
 
 cv::Rect status_bar(cv::Mat& image, std::string_view left, std::string_view right) {
+  constexpr std::string_view kGap = "   ";
   require_canvas(image);
   const std::string first = to_ascii(left);
-  const std::string second = to_ascii(right);
+  std::string second = to_ascii(right);
   double height = fitting_text_height(image.size()) * 0.8;
   height = std::max(height, kLeastHeight);
   const auto total = [&] {
@@ -142,6 +143,11 @@ cv::Rect status_bar(cv::Mat& image, std::string_view left, std::string_view righ
   };
   while (height > kLeastHeight && total() > image.cols)
     height = std::max(kLeastHeight, height * 0.9);
+  while (!second.empty() && total() > image.cols &&
+         text_size(second, height).width > image.cols / 2) {
+    const std::size_t gap = second.find(kGap);
+    second = gap == std::string::npos ? "" : second.substr(gap + kGap.size());
+  }
   const int bar_height = text_size("X", height).height;
   const cv::Rect bar(0, image.rows - bar_height, image.cols, bar_height);
   fill_rounded(image, bar, 0, {0, 0, 0}, 0.6);
@@ -149,7 +155,7 @@ cv::Rect status_bar(cv::Mat& image, std::string_view left, std::string_view righ
   style.height_px = height;
   style.backing = Backing::kNone;
   int room = image.cols;
-  if (!second.empty() && text_size(second, height).width <= image.cols / 2) {
+  if (!second.empty()) {
     put_text(image, second, {image.cols, bar.y}, style, Anchor::kTopRight);
     room -= text_size(second, height).width;
   }

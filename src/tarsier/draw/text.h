@@ -53,7 +53,8 @@ cv::Rect put_text(cv::Mat& image, std::string_view text, cv::Point at, const Tex
                   Anchor anchor = Anchor::kTopLeft);
 
 // A dark bar along the lower edge, `left` and `right` in it, with letters that fit. Text that is
-// too wide is made smaller, then cut. Returns the bar.
+// too wide is made smaller; then the first parts of `right` are left out, which three spaces
+// separate, until it takes half of the bar at most, and the end of `left`. Returns the bar.
 cv::Rect status_bar(cv::Mat& image, std::string_view left, std::string_view right = "");
 
 struct HelpLine {

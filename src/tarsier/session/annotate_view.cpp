@@ -90,9 +90,9 @@ void AnnotateSession::zoom(double factor, cv::Point2d around) {
 
 std::string AnnotateSession::where() const {
   if (state_.stage() == AnnotateStage::kPick)
-    return fmt::format("{:.1f} s, {} picked  ?: keys", frame_.time, state_.pictures());
-  if (state_.pictures() == 0) return "?: keys";
-  return fmt::format("picture {}/{}, {} done  ?: keys", current_ + 1, state_.pictures(),
+    return fmt::format("{:.1f} s, {} picked  ?: help", frame_.time, state_.pictures());
+  if (state_.pictures() == 0) return "?: help";
+  return fmt::format("picture {}/{}, {} done  ?: help", current_ + 1, state_.pictures(),
                      state_.done());
 }
 

@@ -3,7 +3,6 @@
 
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
-#include "tarsier/session/browse_keys.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -159,7 +158,7 @@ View AppearanceSession::view(bool fresh) {
   if (fresh) result.output = output_;
   if (!output_.empty()) {
     output_.copyTo(shown_);
-    draw::status_bar(shown_, result.status, timer_.words(still_) + "   h help");
+    draw::status_bar(shown_, result.status, timer_.words(still_) + "   h: help");
     if (help_) draw_help(shown_, "Appearance model", actions());
     result.image = shown_;
   }

@@ -9,7 +9,6 @@
 #include "tarsier/geometry/rotation.h"
 #include "tarsier/geometry/scaled_camera.h"
 #include "tarsier/marker/predefined.h"
-#include "tarsier/session/browse_keys.h"
 #include "tarsier/session/frame_camera.h"
 #include "tarsier/session/save_picture.h"
 
@@ -275,7 +274,7 @@ View ArSession::view(bool fresh) {
     if (list_) draw_list();
     const double ms = frame_.still ? timer_.last_ms() : timer_.usual_ms();
     draw::status_bar(shown_, speaks ? message_ : result.status,
-                     fmt::format("{:.1f} ms   h help", ms));
+                     fmt::format("{:.1f} ms   h: help", ms));
     if (help_) draw_help(shown_, "Markers", actions());
     result.image = shown_;
   }

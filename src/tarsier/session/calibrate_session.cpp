@@ -7,7 +7,6 @@
 #include "tarsier/core/require.h"
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
-#include "tarsier/session/browse_keys.h"
 #include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>

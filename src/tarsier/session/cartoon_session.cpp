@@ -329,20 +329,9 @@ View CartoonSession::on_idle(const SourceStatus& source) {
 
 View CartoonSession::on_event(const Event& event) {
   Impl& my = *impl_;
-  std::string name;
-  if (event.kind == Event::Kind::kAction) {
-    name = event.name;
-  } else if (event.kind == Event::Kind::kKey && !event.control) {
-    int key = event.key;
-    if (key >= 'A' && key <= 'Z') key += 'a' - 'A';  // caps lock
-    if (key == 'q') key = key::kEscape;
-    if (key == '=') key = '+';  // the same key without shift
-    if (key == '_') key = '-';
-    for (const Action& action : actions()) {
-      if (action.key != 0 && action.key == key) name = action.name;
-    }
-    if (name == "evil" && my.settings.mode == Mode::kEvil) name = "evil-sketch";
-  }
+  std::string name = action_of(event, actions());
+  if (event.kind == Event::Kind::kKey && name == "evil" && my.settings.mode == Mode::kEvil)
+    name = "evil-sketch";
 
   bool toggle_fullscreen = false;
   bool redo = false;  // the picture would now be another

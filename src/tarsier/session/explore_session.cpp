@@ -4,7 +4,6 @@
 #include "tarsier/core/require.h"
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
-#include "tarsier/session/browse_keys.h"
 #include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
@@ -131,7 +130,7 @@ std::vector<Action> ExploreSession::actions() const {
   list.push_back({"previous", "the mode before", 'p'});
   list.push_back({"more", "a quarter of a deviation more of it", '+'});
   list.push_back({"less", "less", '-'});
-  list.push_back({"help", "this list", '?'});
+  list.push_back({"help", "this list", 'h'});
   list.push_back({"quit", "end", 'q'});
   return list;
 }
@@ -170,7 +169,7 @@ View ExploreSession::view() {
   const double* value = value_of(name);
   result.status = fmt::format("{}: {:+.2f} deviations; {} shape modes, {} of the look", name,
                               value != nullptr ? *value : 0.0, shape_.size(), look_.size());
-  draw::status_bar(shown_, result.status, "?: keys");
+  draw::status_bar(shown_, result.status, "h: help");
   if (help_) draw_help(shown_, "Appearance model", actions());
   result.image = shown_;
   result.finished = finished_;
@@ -211,7 +210,7 @@ View ShapePlayground::on_event(const Event& event) {
 std::vector<Action> ShapePlayground::actions() const {
   return {{"mean", "the mean shape", '0'},
           {"training", "the shapes that were learnt from", 't'},
-          {"help", "this list", '?'},
+          {"help", "this list", 'h'},
           {"quit", "end", 'q'}};
 }
 
@@ -284,7 +283,7 @@ View ShapePlayground::view() {
   shown_ = framed(result.output);
   result.status = fmt::format("{} points, {} shapes, {} modes", model_.points(), aligned_.size(),
                               model_.mode_count());
-  draw::status_bar(shown_, result.status, "?: keys");
+  draw::status_bar(shown_, result.status, "h: help");
   if (help_) draw_help(shown_, "Shapes", actions());
   result.image = shown_;
   result.finished = finished_;

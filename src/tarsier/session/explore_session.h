@@ -25,7 +25,7 @@ struct ExploredPicture {
 // look, in standard deviations; the face that they make, by itself or over a picture.
 // Sliders "shape 1" .., "look 1" ..; keys: 0 the mean, r a random face, f the face of the picture,
 // o over the picture or by itself, m mesh; n and p choose a mode, + and - move it, also those
-// without a slider; ? help, q or Esc ends.
+// without a slider; h help, q or Esc ends.
 // State: {"shape": [..], "look": [..] (deviations), "mode", "over", "mesh"}.
 class ExploreSession final : public Session {
  public:

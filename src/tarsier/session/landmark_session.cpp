@@ -2,7 +2,6 @@
 #include "tarsier/session/landmark_session.h"
 
 #include "tarsier/draw/text.h"
-#include "tarsier/session/browse_keys.h"
 #include "tarsier/shape/show.h"
 
 #include <fmt/format.h>
@@ -103,7 +102,7 @@ View LandmarkSession::view(bool fresh) {
   if (fresh) result.output = output_;
   if (!output_.empty()) {
     output_.copyTo(shown_);
-    draw::status_bar(shown_, result.status, timer_.words(still_) + "   h help");
+    draw::status_bar(shown_, result.status, timer_.words(still_) + "   h: help");
     if (help_) draw_help(shown_, "Landmarks", actions());
     result.image = shown_;
   }

@@ -5,7 +5,6 @@
 #include "tarsier/core/require.h"
 #include "tarsier/draw/text.h"
 #include "tarsier/io/image_file.h"
-#include "tarsier/session/browse_keys.h"
 #include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
@@ -71,7 +70,7 @@ std::vector<Action> SetSession::actions() const {
           {"numbers", "numbers", 'i'},
           {"symmetry", "left and right in different colours", 'y'},
           {"lines", "lines", 'l'},
-          {"help", "this list", '?'},
+          {"help", "this list", 'h'},
           {"quit", "end", 'q'}};
 }
 
@@ -108,7 +107,7 @@ View SetSession::view() {
   result.status = fmt::format("{}/{} {}{}{}", current_ + 1, set_.samples.size(), sample.image,
                               missing > 0 ? fmt::format(", {} missing", missing) : std::string(),
                               mirrored_ ? ", mirrored" : "");
-  draw::status_bar(shown_, result.status, "?: keys");
+  draw::status_bar(shown_, result.status, "h: help");
   if (help_) draw_help(shown_, "Landmarks", actions());
   result.image = shown_;
   result.finished = finished_;
@@ -175,7 +174,7 @@ std::vector<Action> ShapeModelSession::actions() const {
           {"less", "less", '-'},
           {"mean", "the mean", '0'},
           {"animate", "animate", key::kSpace},
-          {"help", "this list", '?'},
+          {"help", "this list", 'h'},
           {"quit", "end", 'q'}};
 }
 
@@ -201,7 +200,7 @@ View ShapeModelSession::view() {
   result.status =
       fmt::format("{} points, {} modes, {:.1f} % of the variance, {} shapes", model_.points(),
                   model_.mode_count(), 100 * model_.variance_kept, model_.trained_on);
-  draw::status_bar(shown_, result.status, "?: keys");
+  draw::status_bar(shown_, result.status, "h: help");
   if (help_) draw_help(shown_, "Shape model", actions());
   result.image = shown_;
   result.finished = finished_;

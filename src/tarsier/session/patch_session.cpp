@@ -5,7 +5,6 @@
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
 #include "tarsier/draw/tile.h"
-#include "tarsier/session/browse_keys.h"
 #include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
@@ -56,7 +55,7 @@ std::vector<Action> PatchSession::actions() const {
   std::vector<Action> actions = {{"next", "next patch (right arrow, space)", 'n'},
                                  {"previous", "previous patch (left arrow)", 'p'}};
   if (picture_) actions.push_back({"search", "a wider search region, then the narrowest", 'w'});
-  actions.push_back({"help", "this list", '?'});
+  actions.push_back({"help", "this list", 'h'});
   actions.push_back({"quit", "end", 'q'});
   return actions;
 }
@@ -147,7 +146,7 @@ View PatchSession::view() {
   result.status = fmt::format("patch {} of {}, {}x{} px", current_ + 1, model_.points(),
                               model_.side(), model_.side());
   if (picture_) result.status += ", on " + picture_->name;
-  draw::status_bar(shown_, result.status, "?: keys");
+  draw::status_bar(shown_, result.status, "h: help");
   if (help_) draw_help(shown_, "Patches", actions());
   result.image = shown_;
   result.finished = finished_;

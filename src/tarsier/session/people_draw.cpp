@@ -279,7 +279,7 @@ View PeopleSession::view(bool fresh) {
                    {.height_px = 16, .backing = draw::Backing::kBox}, draw::Anchor::kBottom);
   draw::status_bar(shown_, result.status,
                    source_.empty()
-                       ? fmt::format("{}{}   h help", name_of(mode_), paused_ ? ", paused" : "")
+                       ? fmt::format("{}{}   h: help", name_of(mode_), paused_ ? ", paused" : "")
                        : source_);
   if (help_) draw_help(shown_, "People", actions());
   result.image = shown_;

@@ -161,13 +161,7 @@ View PeopleSession::on_event(const Event& event) {
     if (event.mouse == Event::Mouse::kLeftDown) click({cvRound(event.x), cvRound(event.y)});
     return view(false);
   }
-  std::string name = event.kind == Event::Kind::kAction ? event.name : "";
-  if (event.kind == Event::Kind::kKey) {
-    for (const Action& action : actions())
-      if (action.key == event.key) name = action.name;
-    if (event.key == key::kEscape) name = "quit";
-  }
-  act(name);
+  act(action_of(event, actions()));
   return view(false);
 }
 

@@ -76,12 +76,7 @@ View PlateSession::on_idle(const SourceStatus& source) {
 }
 
 View PlateSession::on_event(const Event& event) {
-  const std::string name = event.kind == Event::Kind::kAction ? event.name : [&] {
-    for (const Action& action : actions())
-      if (event.kind == Event::Kind::kKey && action.key == event.key) return action.name;
-    return event.kind == Event::Kind::kKey && event.key == key::kEscape ? std::string("quit")
-                                                                        : std::string();
-  }();
+  const std::string name = action_of(event, actions());
   if (name == "quit") finished_ = true;
   if (name == "pause") paused_ = !paused_;
   if (name == "help") help_ = !help_;
@@ -153,7 +148,7 @@ View PlateSession::view(bool fresh) {
   result.finished = finished_;
   if (output_.empty()) return result;
   output_.copyTo(shown_);
-  draw::status_bar(shown_, result.status, source_.empty() ? "h: keys" : source_);
+  draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
   if (help_) draw_help(shown_, "Number plates", actions());
   result.image = shown_;
   if (fresh) result.output = output_;

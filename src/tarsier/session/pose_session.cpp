@@ -8,7 +8,6 @@
 #include "tarsier/head/surface.h"
 #include "tarsier/landmarks/faces_json.h"
 #include "tarsier/render/render.h"
-#include "tarsier/session/browse_keys.h"
 #include "tarsier/session/frame_camera.h"
 
 #include <fmt/format.h>
@@ -245,7 +244,7 @@ View PoseSession::view(bool fresh) {
   if (fresh) result.output = output_;
   if (!output_.empty()) {
     output_.copyTo(shown_);
-    draw::status_bar(shown_, result.status, timer_.words(still_) + "   h help");
+    draw::status_bar(shown_, result.status, timer_.words(still_) + "   h: help");
     if (help_) draw_help(shown_, "Head pose", actions());
     result.image = shown_;
   }

@@ -4,7 +4,6 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/draw/text.h"
-#include "tarsier/session/browse_keys.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -142,7 +141,7 @@ View RecognizeSession::view(bool fresh) {
   if (output_.empty()) return result;
   output_.copyTo(shown_);
   draw::status_bar(shown_, result.status,
-                   trouble_.empty() ? timer_.words(true) + "   h help" : trouble_);
+                   trouble_.empty() ? timer_.words(true) + "   h: help" : trouble_);
   if (help_) draw_help(shown_, "People", actions());
   result.image = shown_;
   if (fresh) result.output = output_;

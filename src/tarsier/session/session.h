@@ -63,6 +63,12 @@ struct Action {
   int key = 0;       // 0: none
 };
 
+// The name of the action that an event means, "" for none: a key of its own (Caps Lock and Shift do
+// not matter where nothing else has that key), else, where there are such actions, Escape and q for
+// "quit", h and ? for "help", the right arrow, space and Enter for "next", the left arrow for
+// "previous".
+[[nodiscard]] std::string action_of(const Event& event, const std::vector<Action>& actions);
+
 // A number the user can move.
 struct Slider {
   std::string name;  // "threshold"

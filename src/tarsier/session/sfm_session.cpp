@@ -96,15 +96,7 @@ View SfmSession::on_idle(const SourceStatus& source) {
 }
 
 View SfmSession::on_event(const Event& event) {
-  const bool key = event.kind == Event::Kind::kKey;
-  const std::string name = event.kind == Event::Kind::kAction ? event.name : [&] {
-    if (!key) return std::string();
-    if (event.key == key::kEscape) return std::string("quit");
-    if (event.key == '=') return std::string("nearer");
-    for (const Action& action : actions())
-      if (action.key == event.key) return action.name;
-    return std::string();
-  }();
+  const std::string name = action_of(event, actions());
   if (name == "quit") finished_ = true;
   if (name == "pause") paused_ = !paused_;
   if (name == "help") help_ = !help_;
@@ -330,7 +322,7 @@ View SfmSession::view(bool fresh) {
   result.finished = finished_;
   if (output_.empty()) return result;
   output_.copyTo(shown_);
-  draw::status_bar(shown_, result.status, source_.empty() ? "h: keys" : source_);
+  draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
   if (help_) {
     draw_help(shown_, "Structure from motion", actions(),
               {{"arrows", "turn the cloud, as a dragged mouse does"}});

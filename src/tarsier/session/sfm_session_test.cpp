@@ -161,7 +161,7 @@ TEST_F(Growing, TurnsAndZoomsTheCloudAndNotTheFilm) {
   host.run();
   const cv::Rect left(0, 0, 320, 200);  // above the status
   const cv::Rect right(320, 40, 320, 160);
-  cv::Mat before = session.on_event(key_event('?')).image.clone();
+  cv::Mat before = session.on_event(key_event('x')).image.clone();
   const cv::Mat first = before.clone();
   const auto changes = [&](const Event& event) {
     const View view = session.on_event(event);

@@ -5,7 +5,6 @@
 #include "tarsier/core/require.h"
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
-#include "tarsier/session/browse_keys.h"
 #include "tarsier/session/frame_camera.h"
 #include "tarsier/target/evaluate.h"
 
@@ -237,7 +236,7 @@ View TargetSession::view(bool fresh) {
     cv::rectangle(shown_, cv::Rect(*drag_, mouse_) & cv::Rect(0, 0, shown_.cols, shown_.rows),
                   cv::Scalar(60, 200, 255), 2);
   draw::status_bar(shown_, result.status,
-                   trouble_.empty() ? timer_.words(true) + "   h help" : trouble_);
+                   trouble_.empty() ? timer_.words(true) + "   h: help" : trouble_);
   if (help_) draw_help(shown_, "Pictures as targets", actions());
   result.image = shown_;
   if (fresh) result.output = output_;
