@@ -358,7 +358,7 @@ void add_common_flags(CLI::App& verb, Context& context) {
 
 void add_debug_flag(CLI::App& verb, Context& context) {
   verb.add_option("--debug-dir", context.debug_dir, "folder for the pictures of each stage")
-      ->group("Common");
+      ->group("Output");
 }
 
 int run_program(int argc, const char* const* argv) {

@@ -139,9 +139,10 @@ def check_help(verb):
     if verb["example"] and "Example: " + verb["example"] not in result.out:
         fail(name, "--help lacks the example")
     common = {flag["names"][0] for flag in verb["flags"] if flag["group"] == "Common"}
-    expected = {"--json", "--quiet", "--seed", "--threads", "--log-level", "--progress", "--config"}
-    if common != (expected | {"--debug-dir"} if name in STAGES else expected):
+    if common != {"--json", "--quiet", "--seed", "--threads", "--log-level", "--progress", "--config"}:
         fail(name, f"common flags: {sorted(common)}")
+    if (name in STAGES) != any("--debug-dir" in flag["names"] for flag in verb["flags"]):
+        fail(name, "--debug-dir is of the verbs in STAGES, and of no other")
 
 
 UNITS = re.compile(r"""\b(px|mm|s|degrees|seconds|frames?|share|times|pictures?|features|points?|modes?|views?|photographs|grey\ levels
