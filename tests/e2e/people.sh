@@ -192,7 +192,7 @@ import sqlite3, time
 d = sqlite3.connect("people.db", isolation_level=None)
 d.execute("BEGIN EXCLUSIVE")
 open("locked.flag", "w").close()
-time.sleep(12)
+time.sleep(1800)  # until it is killed below
 END
 locker=$!
 for _ in $(seq 100); do [ -e locked.flag ] && break; sleep 0.05; done
