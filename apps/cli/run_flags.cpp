@@ -81,9 +81,14 @@ void DebugFolder::begin(const Frame& frame) {
 void DebugFolder::image(std::string_view name, const cv::Mat& image) {
   if (image.empty()) return;
   if (number_ == 0) make_folder(frame_folder_);
-  std::string file = fmt::format("{:02}-{}.png", ++number_, name);
+  // Names of stages may hold words from files: of a target, say.
+  std::string file = fmt::format("{:02}-{}", ++number_, name.substr(0, 100));
+  const auto is_plain = [](char c) {
+    return (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z');
+  };
   std::replace_if(
-      file.begin(), file.end(), [](char c) { return c == ' ' || c == '/'; }, '-');
+      file.begin(), file.end(), [&](char c) { return !is_plain(c); }, '-');
+  file += ".png";
   const std::string path = (fs::path(frame_folder_) / file).string();
   const bool plain = image.depth() == CV_8U && (image.channels() == 1 || image.channels() == 3);
   write_image(path, plain ? image : draw::letterbox(image, image.size()));

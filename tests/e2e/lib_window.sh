@@ -32,7 +32,7 @@ start() { # start ARGUMENTS..: the program with a window that shows its first pi
 }
 
 wait_for() { # wait_for DESCRIPTION COMMAND..: until it succeeds
-  local deadline=$((SECONDS + 20)) what=$1
+  local deadline=$((SECONDS + ${TARSIER_TEST_TIMEOUT:-60})) what=$1
   shift
   until "$@"; do
     [ $SECONDS -lt $deadline ] || { fail "$command_line: $what: not in time; $(tail -1 stdout.txt) $(cat stderr.txt)"; return 1; }
