@@ -255,7 +255,7 @@ def check_json_and_quiet(verb):
 
 
 def check_stages(name):
-    """--debug-dir holds pictures that can be seen, and changes nothing else."""
+    """--debug-dir holds the stages of what the verb does."""
     prepare(name)
     words = [*name.split(), *shlex.split(VALID[name]["words"]), "--quiet", "--debug-dir", "stages/" + name.replace(" ", "-")]
     result = run(words)

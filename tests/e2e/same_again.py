@@ -15,7 +15,7 @@ import sys
 import cli_verbs
 
 # Times, memory, and what is of the day.
-MEASURED = re.compile(r"(^|_)(seconds?|s|ms|us|fps|hz|time|when|date|mb|created|threads)($|_)|_per_|(^|_)rate_of")
+MEASURED = re.compile(r"(^|_)(seconds?|s|ms|us|fps|hz|time|when|date|mb|created|threads)($|_)|_per_")
 # Databases have the time of each row.
 DATABASE = re.compile(r"\.(db|db-wal|db-shm|db-journal)$")
 

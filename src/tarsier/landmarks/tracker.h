@@ -47,7 +47,7 @@ struct TrackerState {
 
 // The next frame (CV_8UC1) at `time` (s, rising; else 1/25 s is taken to have passed): faces in
 // sight, in the order of their ids. Each is fitted from where it was; one whose score falls is
-// looked for anew at once.
+// looked for anew at once. `debug` gets the stages of each fit.
 [[nodiscard]] std::vector<TrackedFace> track_faces(
     const LandmarkModel& model, const FitOptions& fit, const TrackerOptions& options,
     FaceFinder& finder, TrackerState& state, const cv::Mat& gray, double time,
