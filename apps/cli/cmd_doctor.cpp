@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/log.h"
+#include "tarsier/io/archive.h"
 #include "tarsier/io/cameras.h"
 
 #include <fmt/format.h>
@@ -15,6 +16,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <microhttpd.h>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -298,6 +300,43 @@ int count_files(const fs::path& folder, const std::vector<std::string>& endings)
   return count;
 }
 
+// Models whose terms are narrower than the program's MIT licence: their names, by the terms that
+// they state. A model that cannot be read is the affair of `models verify`.
+std::map<std::string, std::string> restricted_models(const std::string& folder) {
+  std::map<std::string, std::string> names_by_terms;
+  std::vector<fs::path> paths;
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, error)) {
+    if (entry.path().extension() == ".json") paths.push_back(entry.path());
+  }
+  std::sort(paths.begin(), paths.end());
+  for (const fs::path& path : paths) {
+    std::string terms;
+    try {
+      const json provenance = read_any_archive(path.string()).provenance;
+      terms = provenance.value("terms", "not stated");
+    } catch (const std::exception&) {
+      continue;
+    }
+    const bool research = terms.find("non-commercial") != std::string::npos;
+    const bool database = terms.find("ODbL") != std::string::npos;
+    if (!research && !database && terms != "not stated") continue;
+    std::string& names = names_by_terms[research   ? "non-commercial research only"
+                                        : database ? "in part from ODbL data"
+                                                   : "terms not stated"];
+    names += (names.empty() ? "" : ", ") + path.stem().string();
+  }
+  return names_by_terms;
+}
+
+void look_at_terms(std::vector<Item>& items, const std::string& folder) {
+  if (folder.empty()) return;
+  for (const auto& [terms, names] : restricted_models(folder)) {
+    items.push_back({"data", "model terms", Finding::kOk, fmt::format("{}: {}", terms, names),
+                     "tarsier models list tells who uses them, and how to do without"});
+  }
+}
+
 void look_at_data(std::vector<Item>& items) {
   int cascades = 0;
   std::string where;
@@ -326,6 +365,7 @@ void look_at_data(std::vector<Item>& items) {
                      : models == 0  ? fmt::format("none in {}, and none is needed", folder)
                                     : fmt::format("{} in {}", models, folder),
                      models > 0 ? "tarsier models list" : ""});
+    look_at_terms(items, folder);
   } catch (const Error& error) {
     items.push_back(
         {"data", "models", Finding::kProblem, error.what(), "mend or unset TARSIER_MODELS"});

@@ -115,6 +115,20 @@ std::string provenance_text(const Archive& archive, const char* key) {
   return found->is_string() ? found->get<std::string>() : found->dump();
 }
 
+// The text of the row "| KEY | TEXT |" of a model's card, without backquotes; empty: there is none.
+std::string card_text(const ModelFile& model, const std::string& key) {
+  if (model.card.empty()) return {};
+  std::istringstream card(read_file(model.card, 1'000'000));
+  const std::string start = "| " + key + " | ";
+  for (std::string line; std::getline(card, line);) {
+    if (!line.starts_with(start) || !line.ends_with(" |")) continue;
+    std::string text = line.substr(start.size(), line.size() - start.size() - 2);
+    std::erase(text, '`');
+    return text;
+  }
+  return {};
+}
+
 std::string size_text(std::int64_t bytes) {
   const auto value = static_cast<double>(bytes);
   if (value < 1e3) return fmt::format("{} B", bytes);
@@ -156,13 +170,19 @@ ExitStatus list_models(const Context& context, const ModelsOptions& options) {
                            {"version", archive ? json(archive->version) : json()},
                            {"bytes", model.bytes},
                            {"terms", terms},
+                           {"used_by", card_text(model, "Used by")},
+                           {"without_it", card_text(model, "Without it")},
                            {"card", model.card.empty() ? json() : json(model.card)},
                            {"problem", problem.empty() ? json() : json(problem)}}
                           .dump(-1, ' ', false, json::error_handler_t::replace));
     } else if (archive) {
       print_text(fmt::format("{:<24} {:<20} {:>7} {:>10}  {}\n", printable(model.name),
                              printable(archive->type), archive->version, size_text(model.bytes),
-                             printable(terms)));
+                             printable(terms.empty() ? "not stated" : terms)));
+      const std::string used = card_text(model, "Used by");
+      const std::string without = card_text(model, "Without it");
+      if (!used.empty()) print_text(fmt::format("    used by: {}\n", printable(used)));
+      if (!without.empty()) print_text(fmt::format("    without it: {}\n", printable(without)));
     } else {
       print_text(fmt::format("{:<24} unusable: {}\n", printable(model.name), printable(problem)));
     }
@@ -280,7 +300,9 @@ void add_models(CLI::App& app, Context& context) {
     });
     return &verb;
   };
-  add_verb("list", "name, type, version, size and terms of each model", list_models);
+  add_verb("list",
+           "name, type, version, size, terms and use of each model, and how to do without it",
+           list_models);
   add_verb("info", "what a model is, what it was made from, and its card", show_model)
       ->add_option("NAME", options->name, "as `models list` shows it")
       ->required();

@@ -24,12 +24,12 @@ mkdir good
 cat >good/reader.json <<'JSON'
 {"type": "plate-reader", "version": 1, "provenance": {"data": "drawn", "terms": "MIT"}, "payload": {"weights": [1, 2]}}
 JSON
-printf '# A card\n\nMade for the test.\n' >good/reader.md
+printf '# A card\n\nMade for the test.\n\n| | |\n|---|---|\n| Used by | `plate read` |\n| Without it | `--reader FILE` |\n' >good/reader.md
 (cd good && sha256sum reader.json reader.md >SHA256SUMS)
 
 run models list --models-dir good
 expect_status 0
-expect_out 'reader +plate-reader +1 .*MIT'
+expect_out 'reader +plate-reader +1 .*MIT' 'used by: plate read' 'without it: --reader FILE'
 TARSIER_MODELS=good run models list --json
 expect_status 0
 python3 - <<'PY' || fail "models list --json"
@@ -94,4 +94,18 @@ printf '%064d  ../../etc/passwd\n' 0 >bad-index/SHA256SUMS
 run models list --models-dir bad-index
 expect_status 5
 expect_error 'line 1'
+
+# The models that ship: each states its terms, who uses it and how to do without, and the doctor names those whose
+# terms are narrower than the program's.
+run models list --json
+expect_status 0
+python3 - <<'PY' || fail "a model that ships lacks its terms, its users or the way to do without it"
+import json
+models = [json.loads(line) for line in open("stdout.txt")]
+assert len(models) >= 10
+for model in models:
+    assert model["terms"] and model["card"] and model["used_by"] and model["without_it"], model["name"]
+PY
+run doctor
+expect_out 'non-commercial research only: aam68, .*landmarks68'
 finish
