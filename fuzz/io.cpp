@@ -71,8 +71,11 @@ TARSIER_FUZZ_TARGET(mjpeg, kBytes) {
   Pieces pieces(input, 64);
   for (Bytes piece = pieces.next(); !piece.empty(); piece = pieces.next()) {
     in_pieces += parts.feed(piece);
-    expect(parts.held_bytes() <= 4 * kLimit, "more bytes are held than the limit allows");
+    expect(parts.held_bytes() <= 6 * kLimit, "more bytes are held than the limit allows");
   }
+  // At most kMaxSegments steps for each start of six bytes, and each byte is copied a few times.
+  expect(parts.work() <= 16 * input.size() + 64 && whole.work() <= 16 * input.size() + 64,
+         "more steps than the bytes allow");
   expect(at_once == in_pieces, "pieces of other sizes give other pictures");
   expect(whole.skipped_bytes() == parts.skipped_bytes(), "other bytes are passed over in pieces");
   const std::vector<std::uint8_t> frame = whole.take();

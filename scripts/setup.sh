@@ -5,7 +5,8 @@
 # Everything Tarsier is built from, by name (Debian 12 and 13, Ubuntu 24.04 and later).
 build_packages=(
   g++ cmake ninja-build ccache pkg-config
-  libopencv-dev libfmt-dev nlohmann-json3-dev libcli11-dev libmicrohttpd-dev libx11-dev
+  libopencv-dev libfmt-dev nlohmann-json3-dev libcli11-dev libmicrohttpd-dev libgnutls28-dev libx11-dev
+  libavformat-dev libavcodec-dev libswscale-dev libavutil-dev
   libfreetype-dev libsqlite3-dev libeigen3-dev libceres-dev
   libdlib-dev libblas-dev liblapack-dev
 )

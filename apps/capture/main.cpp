@@ -3,11 +3,16 @@
 // tarsier-capture: holds one camera or stream for tarsier, so that whatever blocks for ever in a
 // driver or in FFmpeg can be killed. Started by tarsier, not by people:
 //   tarsier-capture v4l2 DEVICE WIDTH HEIGHT FPS     records to stdout
-//   (tarsier/io/capture_protocol.h) tarsier-capture ffmpeg                           the same, of
-//   the address in $TARSIER_CAPTURE_URL tarsier-capture exec PROGRAM [ARGUMENT..]        becomes
-//   PROGRAM, but dies with tarsier
+//                                                    (tarsier/io/capture_protocol.h)
+//   tarsier-capture ffmpeg verify|insecure CA_FILE   the same, of the address in
+//                                                    $TARSIER_CAPTURE_URL; an empty CA_FILE: the
+//                                                    system's
+//   tarsier-capture exec PROGRAM [ARGUMENT..]        becomes PROGRAM, but dies with tarsier
 #include "tarsier/core/log.h"
+#include "tarsier/core/words.h"
 #include "tarsier/io/capture_protocol.h"
+#include "tarsier/io/http_protocol.h"
+#include "tarsier/io/tls_tunnel.h"
 
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/utils/logger.hpp>
@@ -24,6 +29,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <memory>
 #include <mutex>
 #include <string>
 #include <string_view>
@@ -185,20 +191,69 @@ double number_or_zero(std::string_view text) {
   pass_frames_on(capture, "the camera stopped giving frames");
 }
 
-[[noreturn]] void run_ffmpeg() {
+// What FFmpeg is given: the address, and its options.
+struct Opening {
+  std::string url;
+  std::string options;  // "name;value|name;value"
+  std::unique_ptr<tarsier::TlsTunnel> tunnel;
+};
+
+// FFmpeg verifies rtsps not at all and follows redirects from https to http (see TlsTunnel), so
+// that verified connections are made by us, and FFmpeg itself speaks to this machine only. Formats
+// that fetch parts from elsewhere (HLS, DASH) are left out there.
+Opening opening_of(const std::string& url, const tarsier::StreamSecurity& security) {
+  constexpr std::string_view kSelfContained =
+      "format_whitelist;mpjpeg,mjpeg,mpegts,mpeg,mpegvideo,h264,hevc,m4v,flv,live_flv,asf,avi,nut,"
+      "ogg,matroska,webm,mov,mp4,m4a,3gp,3g2,mj2|";
+  Opening opening;
+  opening.url = url;
+  const std::string scheme = tarsier::lower_case(url.substr(0, url.find(':')));
+  const bool is_rtsp = scheme == "rtsp" || scheme == "rtsps";
+  const bool is_tunnelled = scheme == "rtsps" || (scheme == "https" && !security.insecure);
+  if (is_tunnelled) {
+    const std::uint16_t own_port = is_rtsp ? 322 : 443;
+    const tarsier::HttpUrl parts = tarsier::parse_url(url, scheme, own_port);
+    // It becomes a line of a request and a part of the options.
+    if (parts.host.find_first_not_of(
+            "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+            ".-_:") != std::string::npos) {
+      fail("has a host name with characters that host names do not have");
+    }
+    opening.tunnel = std::make_unique<tarsier::TlsTunnel>(parts.host, parts.port, security);
+    const std::size_t begin = scheme.size() + 3;
+    const std::size_t end = std::min(url.find_first_of("/?#", begin), url.size());
+    const std::size_t at = url.substr(0, end).rfind('@');
+    const std::string who =
+        at != std::string::npos && at >= begin ? url.substr(begin, at + 1 - begin) : "";
+    opening.url = fmt::format("{}://{}127.0.0.1:{}{}", is_rtsp ? "rtsp" : "http", who,
+                              opening.tunnel->port(), parts.target);
+    ::unsetenv("http_proxy");
+    if (!is_rtsp) {
+      opening.options =
+          fmt::format("{}headers;Host: {}\r\n|", kSelfContained, parts.host_header(own_port));
+    }
+  }
+  // No local files, whatever a playlist says; no buffering for smooth playback.
+  opening.options += is_rtsp        ? "rtsp_transport;tcp|protocol_whitelist;rtsp,rtp,srtp,udp,tcp|"
+                     : is_tunnelled ? "protocol_whitelist;http,tcp|"
+                                    : "protocol_whitelist;https,tls,http,httpproxy,tcp,crypto|";
+  opening.options += "fflags;nobuffer|flags;low_delay";
+  return opening;
+}
+
+[[noreturn]] void run_ffmpeg(const tarsier::StreamSecurity& security) {
   const char* url = std::getenv("TARSIER_CAPTURE_URL");
   if (url == nullptr) fail("no address was given");
-  // No local files, whatever a playlist says; no buffering for smooth playback.
-  ::setenv(
-      "OPENCV_FFMPEG_CAPTURE_OPTIONS",
-      "rtsp_transport;tcp|protocol_whitelist;rtsp,rtp,srtp,udp,tcp,https,tls,http,httpproxy,crypto|"
-      "fflags;nobuffer|flags;low_delay",
-      1);
+  static const Opening opening = opening_of(url, security);  // static: outlives the grabbing thread
+  ::setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", opening.options.c_str(), 1);
   static cv::VideoCapture capture;
   const std::vector<int> options = {cv::CAP_PROP_OPEN_TIMEOUT_MSEC, 8000,
                                     cv::CAP_PROP_READ_TIMEOUT_MSEC, 30000};
-  if (!capture.open(url, cv::CAP_FFMPEG, options)) {
-    fail("cannot be opened as a video stream (address, name and password, network?)");
+  if (!capture.open(opening.url, cv::CAP_FFMPEG, options)) {
+    const std::string trouble = opening.tunnel != nullptr ? opening.tunnel->trouble() : "";
+    fail(trouble.empty()
+             ? "cannot be opened as a video stream (address, name and password, network?)"
+             : trouble);
   }
   tell_what_was_opened(capture);
   pass_frames_on(capture, "the stream ended");
@@ -215,7 +270,9 @@ int main(int argc, char** argv) {
     if (words.size() == 5 && words[0] == "v4l2") {
       run_camera({words.begin() + 1, words.end()});
     }
-    if (words.size() == 1 && words[0] == "ffmpeg") run_ffmpeg();
+    if (words.size() == 3 && words[0] == "ffmpeg") {
+      run_ffmpeg({.ca_file = words[2], .insecure = words[1] == "insecure"});
+    }
   } catch (const std::exception& error) {
     fail(error.what());
   }

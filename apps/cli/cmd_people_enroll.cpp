@@ -10,6 +10,7 @@
 
 #include "cmd_people.h"
 #include "people_engine.h"
+#include "security_flags.h"
 #include <algorithm>
 #include <memory>
 
@@ -159,6 +160,7 @@ void add_people_enroll(CLI::App& area, Context& context) {
   verb.add_flag("--largest", flags->largest, "of several faces in a picture the largest");
   verb.add_flag("--any-quality", flags->any_quality, "also small, blurred, turned, dark faces");
   verb.add_flag("--sequence", flags->source.sequence, "stills follow each other in time");
+  (void)add_security_flags(verb, flags->source.security);
   verb.add_option("--least-difference", flags->collect.least_difference,
                   "films: how far a face differs from the last that was taken")
       ->capture_default_str();

@@ -6,12 +6,24 @@
 #include <fmt/format.h>
 
 #include "run_session.h"
+#include "security_flags.h"
 #include <algorithm>
 #include <filesystem>
 
 namespace tarsier::cli {
 
 namespace fs = std::filesystem;
+
+std::vector<CLI::Option*> add_security_flags(CLI::App& verb, StreamSecurity& security) {
+  CLI::Option* ca_file =
+      verb.add_option("--ca-file", security.ca_file,
+                      "https, rtsps: certificates (PEM) to trust instead of the system's");
+  CLI::Option* insecure =
+      verb.add_flag("--insecure", security.insecure,
+                    "https, rtsps: trust whoever answers; passwords go there too");
+  insecure->excludes(ca_file);
+  return {ca_file, insecure};
+}
 
 void add_run_flags(CLI::App& verb, RunFlags& flags) {
   verb.add_option("INPUT", flags.inputs,
@@ -50,8 +62,12 @@ void add_run_flags(CLI::App& verb, RunFlags& flags) {
           ->capture_default_str());
   source(verb.add_option("--give-up", flags.source.give_up_s, "s without a frame: end; 0: never")
              ->capture_default_str());
+  for (CLI::Option* option : add_security_flags(verb, flags.source.security)) source(option);
 
   const auto sink = [](CLI::Option* option) { option->group("Output"); };
+  sink(
+      verb.add_option("--segment", flags.segment,
+                      "video output: a file for each 10m, 1h ..: NAME-0001.mp4, NAME-0002.mp4 .."));
   sink(verb.add_option("--jpeg-quality", flags.sink.jpeg_quality, "1..100")->capture_default_str());
   sink(verb.add_flag("--listen-all", flags.sink.listen_all,
                      "http output: for other machines too; needs a token"));

@@ -4,6 +4,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/plate_video/time_text.h"
 #include "tarsier/session/action_reader.h"
 #include "tarsier/session/scripted_host.h"
 #include "tarsier/synth/sources.h"
@@ -57,7 +58,7 @@ class Run {
       flush_still();
       if (writer_ != nullptr && !context_.stop.stop_requested()) writer_->complete();
     } catch (const OutputError&) {
-      throw;  // nothing to finish: the unfinished output is removed
+      throw;  // nothing to finish: the unfinished output is removed, a recording stays
     } catch (...) {
       finish_quietly();
       throw;
@@ -89,12 +90,18 @@ class Run {
     for (const std::string& input : flags_.inputs)
       static_cast<void>(classify_source(input, schemes));
     refuse_to_overwrite();
+    const SinkKind kind = flags_.output.empty() ? SinkKind::kNone : classify_sink(flags_.output);
+    if (!flags_.segment.empty()) {
+      if (kind != SinkKind::kVideo) throw UsageError("--segment: needs -o with a video file");
+      segment_s_ =
+          std::chrono::duration<double>(plate::parse_duration(flags_.segment, "--segment")).count();
+      if (segment_s_ <= 0) throw UsageError("--segment: must be longer than nothing");
+    }
     if (opens_window(flags_)) prepare_window();  // before any thread starts
 
     source_ = open_sources(flags_.inputs, flags_.source, schemes);
     live_ = source_->is_live();
     if (!live_) source_ = std::make_unique<ReadAhead>(std::move(source_), context_.stop);
-    const SinkKind kind = flags_.output.empty() ? SinkKind::kNone : classify_sink(flags_.output);
     live_film_ = live_ && kind == SinkKind::kVideo;
     if (!live_film_) open_output();  // a camera's rate is known with its first frame
 
@@ -128,6 +135,8 @@ class Run {
 
   void open_output() {
     SinkOptions options = flags_.sink;
+    options.segment_s = segment_s_;
+    options.recording = live_film_;
     if (!flags_.token_file.empty()) {
       options.token = read_file(flags_.token_file, 4096);
       while (!options.token.empty() &&
@@ -373,6 +382,7 @@ class Run {
   std::optional<ActionReader> actions_;
   bool live_ = false;
   bool live_film_ = false;  // a live source into a video file
+  double segment_s_ = 0;    // of its files
   bool progressing_ = false;
   bool paused_ = false;
   bool finished_ = false;

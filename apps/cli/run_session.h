@@ -24,6 +24,7 @@ struct RunFlags {
   SourceOptions source;
   SinkOptions sink;
   std::string token_file;
+  std::string segment;  // duration of the files that a video is cut into: "10m"; empty: one file
   bool window = false;
   bool fullscreen = false;
   std::string actions;      // "-": actions by name on stdin

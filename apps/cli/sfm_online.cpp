@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "run_session.h"
+#include "security_flags.h"
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -52,6 +53,7 @@ void add_online_flags(CLI::App& verb, OnlineFlags& flags) {
   needing(verb.add_option("--fps", flags.source.fps,
                           "asked of a camera; of a folder that is shown; 0: its own")
               ->capture_default_str());
+  for (CLI::Option* option : add_security_flags(verb, flags.source.security)) needing(option);
 }
 
 std::string key_frame_path(const std::string& folder, const sfm::Keyframe& frame) {

@@ -2,6 +2,7 @@
 #include "tarsier/io/atomic_file.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
 
 #include <fmt/format.h>
 
@@ -56,6 +57,7 @@ fs::path folder_of(const std::string& path) {
 
 constexpr std::string_view kMark = ".tarsier-";
 constexpr std::size_t kDigits = 6;
+constexpr std::uintmax_t kMaxRemoved = 10'000'000;  // bytes that are removed without a word
 
 // ".STEM.tarsier-012abc.ENDING": as make_temporary() names them.
 bool is_temporary_name(std::string_view name) {
@@ -67,9 +69,23 @@ bool is_temporary_name(std::string_view name) {
          (rest.size() == kDigits || rest[kDigits] == '.');
 }
 
+// Bytes of a file, or of all in a folder.
+std::uintmax_t size_of(const fs::path& path, const struct ::stat& info) {
+  if (S_ISREG(info.st_mode)) return static_cast<std::uintmax_t>(info.st_size);
+  std::uintmax_t sum = 0;
+  std::error_code error;
+  for (fs::recursive_directory_iterator entry(path, error), end; !error && entry != end;
+       entry.increment(error)) {
+    std::error_code ignored;
+    if (entry->is_regular_file(ignored)) sum += entry->file_size(ignored);
+  }
+  return sum;
+}
+
 // Removes the temporary files and folders of programs that were killed: nobody locks them, and they
-// are ours. Each folder is looked through once in the life of a program: one that fills a folder
-// with thousands of pictures is not slowed down.
+// are ours. Large ones may be hours of work and are left to the user. Each folder is looked through
+// once in the life of a program: one that fills a folder with thousands of pictures is not slowed
+// down.
 void remove_abandoned(const fs::path& folder) {
   static std::mutex mutex;
   static std::set<std::string> seen;
@@ -88,6 +104,13 @@ void remove_abandoned(const fs::path& folder) {
     const bool is_ours =
         (S_ISREG(info.st_mode) || S_ISDIR(info.st_mode)) && info.st_uid == ::geteuid();
     if (!is_ours || ::flock(fd.get(), LOCK_EX | LOCK_NB) != 0) continue;
+    if (const std::uintmax_t size = size_of(entry->path(), info); size > kMaxRemoved) {
+      log_warning(
+          "{}: left by a program that was killed ({} MB); rename it to keep what is in it, or "
+          "delete it",
+          path, size / 1'000'000);
+      continue;
+    }
     std::error_code ignored;
     fs::remove_all(path, ignored);
   }

@@ -12,7 +12,8 @@ namespace tarsier {
 // the folder. Throws OutputError; the old file, if any, is then untouched and the temporary one
 // gone. A path that exists and is no regular file (/dev/full, a pipe) is written to directly.
 // Of a program that was killed the temporary file stays; it is locked (flock) only while its writer
-// lives, and the next program that writes into the folder removes what is not locked.
+// lives, and the next program that writes into the folder removes what is not locked: up to 10 MB
+// of it; what is larger stays, with a warning that names it.
 void write_file_atomically(const std::string& path, std::string_view bytes);
 void write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes);
 

@@ -60,6 +60,28 @@ TEST_F(AtomicFileTest, RemovesWhatAKilledProgramLeft) {
   EXPECT_EQ(contents(path("a.png")), "whole");
 }
 
+// What may be hours of work is named and not removed.
+TEST_F(AtomicFileTest, KeepsLargeLeftoversAndNamesThem) {
+  const std::string film = path(".film.tarsier-00ab12.mp4");
+  const std::string model = path(".model.tarsier-00ab12");
+  std::ofstream(film) << "film";
+  fs::resize_file(film, 10'000'001);
+  fs::create_directories(model + "/deep");
+  std::ofstream(model + "/deep/points") << "points";
+  fs::resize_file(model + "/deep/points", 12'000'000);
+  std::ofstream(path(".small.tarsier-00ab12.mp4")) << "small";
+  fs::resize_file(path(".small.tarsier-00ab12.mp4"), 10'000'000);
+  testing::internal::CaptureStderr();
+  write_file_atomically(path("a.png"), std::string_view("whole"));
+  const std::string said = testing::internal::GetCapturedStderr();
+  EXPECT_THAT(said, HasSubstr(film + ": left by a program that was killed (10 MB)"));
+  EXPECT_THAT(said, HasSubstr(model + ": left by a program that was killed (12 MB)"));
+  EXPECT_THAT(said, testing::Not(HasSubstr("small")));
+  EXPECT_TRUE(fs::exists(film));
+  EXPECT_TRUE(fs::exists(model + "/deep/points"));
+  EXPECT_FALSE(fs::exists(path(".small.tarsier-00ab12.mp4")));
+}
+
 TEST_F(AtomicFileTest, ItsTemporaryFileIsLocked) {
   const AtomicFile file(path("a.mp4"));
   const int other = ::open(file.path().c_str(), O_RDONLY | O_CLOEXEC);

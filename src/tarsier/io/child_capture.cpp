@@ -380,14 +380,18 @@ ChildCommand ffmpeg_command(const std::string& url, const SourceOptions& options
   std::string scheme = url.substr(0, colon);
   for (char& c : scheme) c = static_cast<char>(c >= 'A' && c <= 'Z' ? c + ('a' - 'A') : c);
   const auto port = static_cast<std::uint16_t>(scheme == "rtsp"    ? 554
+                                               : scheme == "rtsps" ? 322
                                                : scheme == "https" ? 443
                                                                    : 80);
-  if (scheme != "rtsp" && scheme != "https" && scheme != "http") {
-    throw InputError(masked(url), "not an rtsp:// or https:// address");
+  if (scheme != "rtsp" && scheme != "rtsps" && scheme != "https" && scheme != "http") {
+    throw InputError(masked(url), "not an rtsp://, rtsps:// or https:// address");
   }
   const HttpUrl parts = parse_url(url, scheme, port);
   ChildCommand command;
-  command.arguments = {find_capture_program(options), "ffmpeg"};
+  // Words of their own, not a line for a shell; and not in the environment, where an older value
+  // could stand in for a missing one.
+  command.arguments = {find_capture_program(options), "ffmpeg",
+                       options.security.insecure ? "insecure" : "verify", options.security.ca_file};
   // In the environment, which other users cannot read: the address may hold a password.
   command.environment = {{"TARSIER_CAPTURE_URL", url}};
   command.detail = scheme + " stream";

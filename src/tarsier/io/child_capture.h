@@ -45,7 +45,8 @@ struct ChildCommand {
 [[nodiscard]] ChildCommand camera_command(const std::string& path, const std::string& label,
                                           const SourceOptions& options);
 
-// rtsp:// or https:// (and http://, for tests) through FFmpeg. Throws InputError for a bad URL.
+// rtsp://, rtsps:// or https:// (and http://, for tests) through FFmpeg, as options.security says.
+// Throws InputError for a bad URL.
 [[nodiscard]] ChildCommand ffmpeg_command(const std::string& url, const SourceOptions& options);
 
 // The Raspberry Pi's CSI camera number `index` through rpicam-vid or libcamera-vid. Throws

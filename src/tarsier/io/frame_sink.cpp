@@ -7,20 +7,19 @@
 #include "tarsier/io/atomic_file.h"
 #include "tarsier/io/http_sink.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/io/part_file.h"
+#include "tarsier/io/video_encoder.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 
 #include <algorithm>
-#include <array>
 #include <cctype>
 #include <cerrno>
+#include <charconv>
 #include <cmath>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <optional>
 #include <set>
 #include <sys/statvfs.h>
@@ -164,103 +163,73 @@ cv::Mat fitted(const cv::Mat& image, cv::Size size) {
   return result;
 }
 
-// A muxer that runs into a full disk says nothing: OpenCV drops its errors. But the sizes that it
-// noted in the file then disagree with the file's own. The outer boxes of AVI, MP4 and Matroska are
-// followed to the end.
-bool is_whole_container(const std::string& path, const std::string& ending) {
+// The k-th file of a video that is cut into segments.
+std::string segment_name(const std::string& path, int number) {
+  const fs::path file(path);
+  return (file.parent_path() /
+          fmt::format("{}-{:04d}{}", file.stem().string(), number, file.extension().string()))
+      .string();
+}
+
+// One more than the highest number of a segment that is there, finished or not: nothing of an
+// earlier run is written over.
+int first_free_segment(const std::string& path) {
+  const fs::path file(path);
+  const std::string stem = file.stem().string() + "-";
+  const fs::path folder = file.parent_path().empty() ? fs::path(".") : file.parent_path();
+  int highest = 0;
   std::error_code error;
-  const std::uintmax_t size = fs::file_size(path, error);
-  if (error || size < 16) return false;
-  std::ifstream file(path, std::ios::binary);
-  std::uint64_t at = 0;
-  std::array<unsigned char, 16> head{};
-  const auto read_at = [&](std::uint64_t place) {
-    head.fill(0);
-    file.clear();
-    file.seekg(static_cast<std::streamoff>(place));
-    file.read(reinterpret_cast<char*>(head.data()),
-              static_cast<std::streamsize>(std::min<std::uint64_t>(16, size - place)));
-    return !file.bad() && file.gcount() >= 8;
-  };
-  const auto big = [&](std::size_t from, std::size_t count) {
-    std::uint64_t value = 0;
-    for (std::size_t i = 0; i < count; ++i) value = value << 8U | head[from + i];
-    return value;
-  };
-  bool has_index = false;
-  while (at + 8 <= size) {
-    if (!read_at(at)) return false;
-    std::uint64_t length = 0;
-    if (ending == ".avi") {
-      if (std::memcmp(head.data(), "RIFF", 4) != 0) return false;
-      length = 8 + (head[4] | static_cast<std::uint64_t>(head[5]) << 8U |
-                    static_cast<std::uint64_t>(head[6]) << 16U |
-                    static_cast<std::uint64_t>(head[7]) << 24U);
-      has_index = true;
-    } else if (ending == ".mp4") {
-      length = big(0, 4);
-      if (length == 1) length = big(8, 8);
-      has_index = has_index || std::memcmp(head.data() + 4, "moov", 4) == 0;
-      if (length < 8) return false;
-    } else {
-      // EBML: the length of the identifier, and of the size, is the number of leading zero bits of
-      // their first byte.
-      const auto width = [](unsigned char first) {
-        std::size_t count = 1;
-        while (count <= 8 && (first & (0x80U >> (count - 1))) == 0) ++count;
-        return count;
-      };
-      const std::size_t id_bytes = width(head[0]);
-      if (id_bytes > 4) return false;
-      const std::size_t size_bytes = width(head[id_bytes]);
-      if (size_bytes > 8 || id_bytes + size_bytes > 16) return false;
-      const std::uint64_t mask = (std::uint64_t{1} << (7 * size_bytes)) - 1;
-      const std::uint64_t content = big(id_bytes, size_bytes) & mask;
-      if (content == mask) return false;  // "unknown": the end was never written
-      length = id_bytes + size_bytes + content;
-      has_index = has_index || big(0, 4) == 0x18538067;  // Segment
-    }
-    if (length > size - at) return false;
-    at += length;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const std::string name = entry->path().filename().string();
+    if (!name.starts_with(stem) || !name.ends_with(file.extension().string())) continue;
+    int number = 0;
+    const auto [stop, bad] =
+        std::from_chars(name.data() + stem.size(), name.data() + name.size(), number);
+    if (bad == std::errc() && *stop == '.') highest = std::max(highest, number);
   }
-  return at == size && has_index;
+  return highest + 1;
 }
 
 class VideoSink final : public FrameSink {
  public:
   VideoSink(std::string path, const SinkOptions& options)
-      : path_(std::move(path)),
-        ending_(lower_ending(path_)),
-        fps_(options.fps),
-        file_(std::in_place, path_) {
-    std::error_code ignored;
-    if (!fs::is_regular_file(file_->path(), ignored))
-      throw OutputError(path_, "a video needs a regular file");
+      : path_(std::move(path)), ending_(lower_ending(path_)), options_(options) {
+    if (options_.segment_s > 0) {
+      segment_ = first_free_segment(path_);
+      segment_frames_ = std::max<std::int64_t>(1, std::llround(options_.segment_s * options_.fps));
+    }
+    begin_file();  // found out now, not after the work
   }
 
   ~VideoSink() override {
+    if (!part_ || written_ == 0) return;  // an atomic file is thrown away
     try {
-      writer_.release();
-    } catch (...) {  // the file is thrown away
+      if (encoder_) encoder_->finish();
+    } catch (const Error&) {  // it plays up to there
     }
+    log_warning("{}: what was recorded is kept in {}", target_, part_->path());
   }
 
   std::string write(const cv::Mat& image, const Frame&) override {
     require_writable_image(image);
     TARSIER_REQUIRE(!finished_, "{} is finished", path_);
-    if (count_ == 0) open(image.size());
+    if (segment_frames_ > 0 && written_ == segment_frames_) {
+      end_file();
+      log_info("{}: {} frames", target_, written_);
+      ++segment_;
+      begin_file();
+    }
     check_disk();
+    if (!encoder_) open(image.size());
     cv::Mat frame = fitted(image, picture_);
     if (coded_ != picture_) {
       // The codecs halve the colour planes: an odd side would lose its last line.
       cv::copyMakeBorder(frame, frame, 0, coded_.height - picture_.height, 0,
                          coded_.width - picture_.width, cv::BORDER_REPLICATE);
     }
-    try {
-      writer_.write(frame);
-    } catch (const cv::Exception& error) {
-      throw OutputError(path_, "cannot encode: " + error.err);
-    }
+    encoder_->write(frame);
+    ++written_;
     ++count_;
     return {};
   }
@@ -268,20 +237,8 @@ class VideoSink final : public FrameSink {
   void finish() override {
     if (finished_) return;
     finished_ = true;
-    if (count_ == 0) {
-      log_warning("{}: no frame came, no video is written", path_);
-      file_.reset();
-      return;
-    }
-    try {
-      writer_.release();
-    } catch (const cv::Exception& error) {
-      throw OutputError(path_, "cannot encode: " + error.err);
-    }
-    if (!is_whole_container(file_->path(), ending_)) {
-      throw OutputError(path_, "the video could not be written to its end: is the disk full?");
-    }
-    file_->commit();
+    if (count_ == 0) log_warning("{}: no frame came, no video is written", path_);
+    end_file();
   }
 
   [[nodiscard]] std::string description() const override {
@@ -289,44 +246,65 @@ class VideoSink final : public FrameSink {
   }
 
  private:
+  void begin_file() {
+    target_ = segment_frames_ > 0 ? segment_name(path_, segment_) : path_;
+    written_ = 0;
+    if (options_.recording) {
+      part_.emplace(target_);
+      return;
+    }
+    file_.emplace(target_);
+    std::error_code ignored;
+    if (!fs::is_regular_file(file_->path(), ignored))
+      throw OutputError(path_, "a video needs a regular file");
+  }
+
+  void end_file() {
+    if (written_ > 0) {
+      const std::unique_ptr<VideoEncoder> encoder = std::move(encoder_);
+      encoder->finish();
+      if (part_) part_->commit();
+      if (file_) file_->commit();
+    }
+    part_.reset();
+    file_.reset();
+  }
+
   void open(cv::Size size) {
-    picture_ = size;
-    coded_ = {(size.width + 1) / 2 * 2, (size.height + 1) / 2 * 2};
-    const int codec = ending_ == ".avi"   ? cv::VideoWriter::fourcc('M', 'J', 'P', 'G')
-                      : ending_ == ".mp4" ? cv::VideoWriter::fourcc('m', 'p', '4', 'v')
-                                          : cv::VideoWriter::fourcc('F', 'M', 'P', '4');
-    bool opened = false;
-    std::string reason;
-    try {
-      // Absolute: FFmpeg takes "a:b.mp4" for a protocol.
-      opened = writer_.open(fs::absolute(file_->path()).string(), cv::CAP_FFMPEG, codec, fps_,
-                            coded_, true);
-    } catch (const std::exception& error) {
-      reason = error.what();
+    if (count_ == 0) {
+      picture_ = size;
+      coded_ = {(size.width + 1) / 2 * 2, (size.height + 1) / 2 * 2};
     }
-    if (!opened) {
-      throw OutputError(
-          path_, fmt::format("cannot encode {}x{} video at {:g} frames per second{}", coded_.width,
-                             coded_.height, fps_, reason.empty() ? "" : ": " + reason));
-    }
+    VideoEncoderOptions options;
+    options.ending = ending_;
+    options.fps = options_.fps;
+    options.cut_safe = options_.recording;
+    encoder_ = std::make_unique<VideoEncoder>(part_ ? part_->path() : file_->path(), target_,
+                                              coded_, options);
   }
 
   // Early, so that hours of work are not spent on a video that cannot be kept.
   void check_disk() const {
     constexpr std::uint64_t kLeast = 1 << 20U;
     struct ::statvfs disk {};
-    if (::statvfs(file_->path().c_str(), &disk) != 0) return;
+    const std::string& file = part_ ? part_->path() : file_->path();
+    if (::statvfs(file.c_str(), &disk) != 0) return;
     if (std::uint64_t{disk.f_bavail} * disk.f_frsize < kLeast)
       throw OutputError(path_, "the disk is full");
   }
 
-  std::string path_;
+  std::string path_;  // as it was given
   std::string ending_;
-  double fps_;
-  std::optional<AtomicFile> file_;
-  cv::VideoWriter writer_;
-  cv::Size picture_;  // of the first frame
-  cv::Size coded_;    // the same, made even
+  SinkOptions options_;
+  std::string target_;              // of the present file
+  std::optional<AtomicFile> file_;  // of what can be made again,
+  std::optional<PartFile> part_;    // or of a recording
+  std::unique_ptr<VideoEncoder> encoder_;
+  int segment_ = 0;
+  std::int64_t segment_frames_ = 0;  // 0: one file
+  cv::Size picture_;                 // of the first frame
+  cv::Size coded_;                   // the same, made even
+  std::int64_t written_ = 0;         // into the present file
   std::int64_t count_ = 0;
   bool finished_ = false;
 };
@@ -337,6 +315,7 @@ void SinkOptions::check() const {
   TARSIER_REQUIRE(fps > 0 && fps <= 1000, "fps {} outside (0, 1000]", fps);
   TARSIER_REQUIRE(jpeg_quality >= 1 && jpeg_quality <= 100, "JPEG quality {} outside 1..100",
                   jpeg_quality);
+  TARSIER_REQUIRE(segment_s >= 0 && std::isfinite(segment_s), "segment_s {}", segment_s);
   TARSIER_REQUIRE(max_viewers >= 1 && max_viewers <= 64, "{} viewers outside 1..64", max_viewers);
   TARSIER_REQUIRE(folder_extension.empty() || (folder_extension.find('/') == std::string::npos &&
                                                is_image_path("x" + folder_extension)),
@@ -370,7 +349,11 @@ SinkKind classify_sink(const std::string& text) {
 
 std::unique_ptr<FrameSink> open_sink(const std::string& text, const SinkOptions& options) {
   options.check();
-  switch (classify_sink(text)) {
+  const SinkKind kind = classify_sink(text);
+  if (options.segment_s > 0 && kind != SinkKind::kVideo) {
+    throw UsageError(text + ": only videos are cut into segments: name an .mp4, .avi or .mkv file");
+  }
+  switch (kind) {
     case SinkKind::kNone:
       return std::make_unique<NoSink>();
     case SinkKind::kImage:

@@ -13,7 +13,8 @@ namespace tarsier {
 // Where finished pictures go. Not thread-safe: one producer.
 class FrameSink {
  public:
-  virtual ~FrameSink() = default;  // an unfinished sink leaves no half-written file behind
+  // An unfinished sink leaves no half-written file behind, but for recordings (SinkOptions).
+  virtual ~FrameSink() = default;
 
   // Takes `image` (CV_8UC3 or CV_8UC1), made from `source`. Returns what was written for this frame
   // (a path), or an empty string where a frame has no file of its own. Throws OutputError.
@@ -39,6 +40,11 @@ struct SinkOptions {
   std::string token;  // MJPEG: viewers must give it (?token=.. or Authorization: Bearer ..), >= 16
                       // characters
   int max_viewers = 8;  // MJPEG: 1..64
+  // A video that cannot be made a second time (of a camera): what was written until a crash or a
+  // power cut plays, and is never removed (see part_file.h). A second of video may be missing.
+  bool recording = false;
+  double segment_s = 0;  // >= 0; a video is cut into files of so many seconds: v-0001.mp4,
+                         // v-0002.mp4 ..; numbers go on after those that are there; 0: one file
 
   void check() const;
 };

@@ -10,8 +10,11 @@
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
 
+#include <algorithm>
+#include <cmath>
 #include <csignal>
 #include <cstdlib>
+#include <fcntl.h>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -20,6 +23,7 @@
 #include <string>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 namespace tarsier {
@@ -223,6 +227,147 @@ TEST_P(VideoSinkTest, AFullDiskIsNoticedAndTheOldFileKept) {
 
 INSTANTIATE_TEST_SUITE_P(Containers, VideoSinkTest, testing::Values(".mp4", ".avi", ".mkv"),
                          [](const auto& suite) { return std::string(suite.param + 1); });
+
+// --- recordings ---
+
+// Frames of one level each, which survive the codec.
+cv::Mat numbered(int number) { return filled(64, 48, 8 * (number % 30) + 8); }
+
+// How many frames can be read, in order from the first.
+int frames_in(const std::string& file) {
+  cv::VideoCapture video(file, cv::CAP_FFMPEG);
+  cv::Mat frame;
+  int count = 0;
+  while (video.read(frame) && std::abs(cv::mean(frame)[1] - cv::mean(numbered(count))[1]) < 4) {
+    ++count;
+  }
+  return count;
+}
+
+constexpr char kTaken = '\a';  // printed by nobody else
+
+// Not a test of its own: the program that is killed. It says when each frame was taken.
+TEST(Recording, DISABLED_Writer) {
+  const char* file = std::getenv("TARSIER_TEST_RECORDING");
+  if (file == nullptr) GTEST_SKIP() << "started by another test";
+  SinkOptions options;
+  options.fps = 25;
+  options.recording = true;
+  const auto sink = open_sink(file, options);
+  for (int i = 0; i < 100'000; ++i) {
+    (void)sink->write(numbered(i), moment(i));
+    if (::write(STDOUT_FILENO, &kTaken, 1) != 1) break;
+  }
+}
+
+// Starts the writer above, kills it when it has said `frames`, and returns how many it said.
+int record_and_kill(const std::string& file, int frames) {
+  int output[2];
+  if (::pipe2(output, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
+  const pid_t child = ::fork();
+  if (child == 0) {
+    ::dup2(output[1], STDOUT_FILENO);
+    ::setenv("TARSIER_TEST_RECORDING", file.c_str(), 1);
+    ::execl("/proc/self/exe", "writer", "--gtest_also_run_disabled_tests", "--gtest_brief=1",
+            "--gtest_filter=Recording.DISABLED_Writer", nullptr);
+    ::_exit(127);
+  }
+  ::close(output[1]);
+  int said = 0;
+  const auto take = [&] {
+    char text[256];
+    const ssize_t count = ::read(output[0], text, sizeof text);
+    said += count > 0 ? static_cast<int>(std::count(text, text + count, kTaken)) : 0;
+    return count > 0;
+  };
+  while (said < frames && take()) {
+  }
+  ::kill(child, SIGKILL);
+  while (take()) {
+  }
+  ::close(output[0]);
+  ::waitpid(child, nullptr, 0);
+  return said;
+}
+
+class RecordingTest : public FrameSinkTest, public testing::WithParamInterface<const char*> {};
+
+TEST_P(RecordingTest, PlaysAfterAKillAtAnyMoment) {
+  int last = 0;
+  for (const int frames : {80, 131, 202, 457}) {
+    const std::string file = path(std::to_string(frames) + GetParam());
+    const int said = record_and_kill(file, frames);
+    ASSERT_GE(said, frames);
+    EXPECT_FALSE(fs::exists(file));
+    const std::string part = path(std::to_string(frames) + ".part" + GetParam());
+    const int kept = frames_in(part);
+    EXPECT_GE(kept, said - 2 * 25) << "of " << said << ": more than two seconds are missing";
+    EXPECT_LE(kept, said + 1);
+    last = kept;
+  }
+  EXPECT_GT(last, 400);
+}
+
+TEST_P(RecordingTest, GetsItsNameAtTheEndAndPlaysWhole) {
+  const std::string file = path(std::string("v") + GetParam());
+  SinkOptions options;
+  options.recording = true;
+  const auto sink = open_sink(file, options);
+  for (int i = 0; i < 60; ++i) (void)sink->write(numbered(i), moment(i));
+  EXPECT_EQ(files(), 1U);
+  EXPECT_TRUE(fs::exists(path(std::string("v.part") + GetParam())));
+  sink->finish();
+  EXPECT_EQ(files(), 1U);
+  EXPECT_EQ(frames_in(file), 60);
+}
+
+TEST_P(RecordingTest, IsKeptWhenItCannotBeFinished) {
+  const std::string part = path(std::string("v.part") + GetParam());
+  testing::internal::CaptureStderr();
+  {
+    SinkOptions options;
+    options.recording = true;
+    const auto sink = open_sink(path(std::string("v") + GetParam()), options);
+    for (int i = 0; i < 60; ++i) (void)sink->write(numbered(i), moment(i));
+  }
+  EXPECT_THAT(testing::internal::GetCapturedStderr(),
+              HasSubstr("what was recorded is kept in " + part));
+  EXPECT_EQ(frames_in(part), 60);
+}
+
+INSTANTIATE_TEST_SUITE_P(Containers, RecordingTest, testing::Values(".mp4", ".avi", ".mkv"),
+                         [](const auto& suite) { return std::string(suite.param + 1); });
+
+TEST_F(FrameSinkTest, SegmentsAreFilesOfTheirOwnAndNumbersGoOn) {
+  SinkOptions options;
+  options.fps = 10;
+  options.segment_s = 2;
+  for (const bool recording : {true, false}) {
+    options.recording = recording;
+    const auto sink = open_sink(path("v.mkv"), options);
+    for (int i = 0; i < 45; ++i) {
+      (void)sink->write(numbered(i % 20), moment(i));
+      if (i == 20) {
+        EXPECT_TRUE(fs::exists(path(recording ? "v-0001.mkv" : "v-0004.mkv")));
+      }
+    }
+    sink->finish();
+  }
+  EXPECT_EQ(files(), 6U);
+  for (int i = 1; i <= 6; ++i) {
+    EXPECT_EQ(frames_in(path("v-000" + std::to_string(i) + ".mkv")), i % 3 == 0 ? 5 : 20) << i;
+  }
+  // One that was cut off counts, too.
+  std::ofstream(path("v-0007.part.mkv")) << "x";
+  options.recording = true;
+  testing::internal::CaptureStderr();
+  const auto sink = open_sink(path("v.mkv"), options);
+  (void)sink->write(numbered(0), moment(0));
+  sink->finish();
+  (void)testing::internal::GetCapturedStderr();
+  EXPECT_TRUE(fs::exists(path("v-0008.mkv")));
+  EXPECT_THROW((void)open_sink(path("a.png"), options), UsageError);
+}
 
 TEST_F(FrameSinkTest, AVideoNeedsARegularFile) {
   ASSERT_EQ(::mkfifo(path("pipe.mp4").c_str(), 0600), 0);

@@ -35,7 +35,7 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kExpected =
     "expected a picture, folder, glob, @list.txt, video, camera number, picam:, http://, https://, "
-    "rtsp://";
+    "rtsp://, rtsps://";
 
 // "http" of "HTTP://.."; empty if the text does not begin with a word and a colon.
 std::string scheme_of(std::string_view text) {
@@ -326,11 +326,11 @@ SourceKind classify_source(const std::string& text, const std::vector<Scheme>& s
 
   const std::string scheme = scheme_of(text);
   const bool has_slashes = !scheme.empty() && text.compare(scheme.size(), 3, "://") == 0;
-  if (has_slashes && scheme == "http") {
-    (void)parse_url(text, "http", 80);
+  if (has_slashes && (scheme == "http" || scheme == "https")) {
+    (void)parse_url(text, scheme, 80);
     return SourceKind::kHttp;
   }
-  if (has_slashes && (scheme == "https" || scheme == "rtsp")) {
+  if (has_slashes && (scheme == "rtsp" || scheme == "rtsps")) {
     (void)parse_url(text, scheme, 443);
     return SourceKind::kFfmpegUrl;
   }

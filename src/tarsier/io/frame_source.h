@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/io/frame.h"
+#include "tarsier/io/stream_security.h"
 
 #include <chrono>
 #include <functional>
@@ -65,6 +66,7 @@ struct SourceOptions {
   double stall_s = 2.5;  // (0, 3600]; live: no frame for so long: stale, and reopened
   double give_up_s =
       60;  // >= 0; live: no frame for so long after the first: SourceLostError; 0: never
+  StreamSecurity security;      // of https:// and rtsps://
   std::string capture_program;  // the helper that holds cameras; empty: `tarsier-capture` beside
                                 // this program
 
@@ -75,10 +77,13 @@ struct SourceOptions {
 //   /path/picture.jpg  /path/folder  '/path/*.jpg'  @list.txt  /path/video.avi   files
 //   0  1 ..  /dev/video0  /dev/v4l/by-id/..                                      V4L2 cameras
 //   picam:  picam:1                                                              Raspberry Pi CSI
-//   camera http://host/..                                                               MJPEG, read
-//   by this program https://..  rtsp://.. through FFmpeg, in a child process
+//   camera http://host/..  https://host/..                                              MJPEG and
+//   JPEG, read by this program; other videos over https through FFmpeg, in a child process
+//   rtsp://..  rtsps://..                                                        through FFmpeg, in
+//   a child process
 //   synth:NAME?key=value&..                                                      opened by the
 //   caller's `schemes`
+// https and rtsps are verified (SourceOptions::security) and never redirected to anything else.
 // Anything else is refused. User text never reaches a GStreamer pipeline or an unnamed backend.
 enum class SourceKind {
   kImage,
@@ -88,7 +93,7 @@ enum class SourceKind {
   kVideo,
   kCamera,
   kPiCamera,
-  kHttp,
+  kHttp,  // and https
   kFfmpegUrl,
   kScheme
 };

@@ -104,7 +104,8 @@ TEST_F(FrameSourceTest, KindsAreToldApart) {
   EXPECT_EQ(kind("picam:"), SourceKind::kPiCamera);
   EXPECT_EQ(kind("picam:1"), SourceKind::kPiCamera);
   EXPECT_EQ(kind("http://h/x"), SourceKind::kHttp);
-  EXPECT_EQ(kind("HTTPS://h/x"), SourceKind::kFfmpegUrl);
+  EXPECT_EQ(kind("HTTPS://h/x"), SourceKind::kHttp);
+  EXPECT_EQ(kind("rtsps://h/x"), SourceKind::kFfmpegUrl);
   EXPECT_EQ(kind("rtsp://h/x"), SourceKind::kFfmpegUrl);
   EXPECT_EQ(kind("synth:scene?fps=3"), SourceKind::kScheme);
   EXPECT_EQ(kind(folder_.string()), SourceKind::kFolder);

@@ -37,9 +37,9 @@ std::string percent_decoded(std::string_view text) {
 
 }  // namespace
 
-std::string HttpUrl::host_header() const {
+std::string HttpUrl::host_header(std::uint16_t default_port) const {
   std::string text = host.find(':') != std::string::npos ? "[" + host + "]" : host;
-  if (port != 80) text += fmt::format(":{}", port);
+  if (port != default_port) text += fmt::format(":{}", port);
   return text;
 }
 
@@ -103,42 +103,44 @@ void HttpResponseParser::break_off(std::string trouble) {
 
 void HttpResponseParser::feed(std::span<const std::uint8_t> bytes,
                               std::vector<std::uint8_t>& body) {
-  if (state_ == State::kHeader) {
-    const std::size_t before = header_.size();
-    const std::size_t room = kHeaderLimit - before;
-    const std::size_t taken = std::min(room, bytes.size());
-    header_.append(reinterpret_cast<const char*>(bytes.data()), taken);
-    // The status line is judged as early as possible: what is not HTTP may never send an empty
-    // line.
-    const std::string_view magic = "HTTP/1.";
-    const std::size_t compared = std::min(magic.size(), header_.size());
-    if (std::string_view(header_).substr(0, compared) != magic.substr(0, compared)) {
-      break_off("does not speak HTTP");
-      return;
-    }
-    const std::size_t search_from = before > 3 ? before - 3 : 0;
-    std::size_t end = header_.find("\r\n\r\n", search_from);
-    std::size_t gap = 4;
-    if (const std::size_t bare = header_.find("\n\n", search_from); bare < end) {
-      end = bare;  // some small cameras
-      gap = 2;
-    }
-    if (end == std::string::npos) {
-      if (header_.size() >= kHeaderLimit) break_off("sends an HTTP header without end");
-      return;
-    }
-    bytes = bytes.subspan(end + gap - before);
-    header_.resize(end);
-    if (!parse_header()) return;
-    header_.clear();
-    if (status_ == 100) {  // an interim answer; the real one follows
-      status_ = 0;
-      feed(bytes, body);
-      return;
-    }
-    state_ = has_length_ && left_ == 0 && !chunked_ ? State::kDone : State::kBody;
-  }
+  while (state_ == State::kHeader && !bytes.empty()) bytes = bytes.subspan(read_header(bytes));
   if (state_ == State::kBody) read_body(bytes, body);
+}
+
+// Takes bytes of one header, to its end at most; returns how many.
+std::size_t HttpResponseParser::read_header(std::span<const std::uint8_t> bytes) {
+  const std::size_t before = header_.size();
+  const std::size_t taken = std::min(kHeaderLimit - before, bytes.size());
+  header_.append(reinterpret_cast<const char*>(bytes.data()), taken);
+  // The status line is judged as early as possible: what is not HTTP may never send an empty line.
+  const std::string_view magic = "HTTP/1.";
+  const std::size_t compared = std::min(magic.size(), header_.size());
+  if (std::string_view(header_).substr(0, compared) != magic.substr(0, compared)) {
+    break_off("does not speak HTTP");
+    return taken;
+  }
+  const std::size_t search_from = before > 3 ? before - 3 : 0;
+  std::size_t end = header_.find("\r\n\r\n", search_from);
+  std::size_t gap = 4;
+  if (const std::size_t bare = header_.find("\n\n", search_from); bare < end) {
+    end = bare;  // some small cameras
+    gap = 2;
+  }
+  if (end == std::string::npos) {
+    if (header_.size() >= kHeaderLimit) break_off("sends an HTTP header without end");
+    return taken;
+  }
+  header_.resize(end);
+  const std::size_t used = end + gap - before;
+  if (!parse_header()) return used;
+  header_.clear();
+  if (status_ < 200 && status_ != 101) {  // an interim answer; the real one follows
+    status_ = 0;
+    if (++interim_ > kMaxInterim) break_off("sends interim answers without end");
+    return used;
+  }
+  state_ = has_length_ && left_ == 0 && !chunked_ ? State::kDone : State::kBody;
+  return used;
 }
 
 bool HttpResponseParser::parse_header() {

@@ -16,7 +16,8 @@ struct HttpUrl {
   std::string target;  // path and query, starts with '/'
   std::string user;    // percent-decoded
   std::string password;
-  [[nodiscard]] std::string host_header() const;
+  // "host", or "host:port" where the port is not the scheme's own.
+  [[nodiscard]] std::string host_header(std::uint16_t default_port = 80) const;
 };
 
 // Parses "scheme://[user[:password]@]host[:port][/path][?query]" for the given scheme (compared
@@ -30,6 +31,7 @@ struct HttpUrl {
 class HttpResponseParser {
  public:
   static constexpr std::size_t kHeaderLimit = 64U << 10U;
+  static constexpr int kMaxInterim = 16;  // answers of status 1xx before the real one
 
   enum class State { kHeader, kBody, kDone, kBroken };
 
@@ -48,6 +50,7 @@ class HttpResponseParser {
   enum class Chunk { kSize, kData, kDataEnd, kTrailer };
 
   void break_off(std::string trouble);
+  std::size_t read_header(std::span<const std::uint8_t> bytes);
   bool parse_header();
   void read_body(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
   void read_chunks(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
@@ -55,6 +58,7 @@ class HttpResponseParser {
   State state_ = State::kHeader;
   std::string trouble_;
   std::string header_;
+  int interim_ = 0;
   int status_ = 0;
   std::string status_text_;
   std::string content_type_;

@@ -101,9 +101,11 @@ class HttpSink final : public FrameSink {
             MHD_USE_ITC,
         0, nullptr, nullptr, &HttpSink::answer, this, MHD_OPTION_LISTEN_SOCKET,
         static_cast<MHD_socket>(fd), MHD_OPTION_NOTIFY_CONNECTION, &HttpSink::note_connection, this,
-        // Room beside the viewers, so that a full house can still be told so.
+        // Room beside the viewers, so that a full house can still be told so; and room beside one
+        // address, so that nobody shuts the others out. One address may be a proxy for all viewers.
         MHD_OPTION_CONNECTION_LIMIT, static_cast<unsigned>(options_.max_viewers) + 16U,
-        MHD_OPTION_CONNECTION_TIMEOUT, kIdleSeconds, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+        MHD_OPTION_PER_IP_CONNECTION_LIMIT, static_cast<unsigned>(options_.max_viewers) + 4U,
+        MHD_OPTION_CONNECTION_TIMEOUT, kRequestSeconds, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
         std::size_t{32768}, MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_END);
     if (daemon_ == nullptr) {
       ::close(fd);
@@ -156,7 +158,8 @@ class HttpSink final : public FrameSink {
   }
 
  private:
-  static constexpr unsigned kIdleSeconds = 60;
+  static constexpr unsigned kRequestSeconds = 5;  // without a byte of a request
+  static constexpr unsigned kViewerSeconds = 60;  // a viewer that takes nothing
 
   struct Picture {
     cv::Mat raw;
@@ -470,6 +473,7 @@ class HttpSink final : public FrameSink {
       return MHD_NO;
     }
     (void)viewer.release();  // end_stream's
+    (void)MHD_set_connection_option(connection, MHD_CONNECTION_OPTION_TIMEOUT, kViewerSeconds);
     // No chunks, and the connection ends with the stream: what the simplest clients understand.
     (void)MHD_set_response_options(response, MHD_RF_HTTP_1_0_COMPATIBLE_STRICT, MHD_RO_END);
     (void)MHD_add_response_header(

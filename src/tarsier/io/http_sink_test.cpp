@@ -48,8 +48,16 @@ int port_of(const FrameSink& sink) {
 // A client with nothing between the test and the socket.
 class Client {
  public:
-  explicit Client(int port, bool ipv6 = false)
+  // `from`: the last number of the client's own address, 127.0.0.x.
+  explicit Client(int port, bool ipv6 = false, int from = 1)
       : fd_(::socket(ipv6 ? AF_INET6 : AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+    if (from != 1) {
+      ::sockaddr_in own{};
+      own.sin_family = AF_INET;
+      own.sin_addr.s_addr = htonl(0x7f000000U + static_cast<std::uint32_t>(from));
+      if (::bind(fd_, reinterpret_cast<::sockaddr*>(&own), sizeof own) != 0)
+        throw std::runtime_error("bind");
+    }
     ::sockaddr_in v4{};
     v4.sin_family = AF_INET;
     v4.sin_port = htons(static_cast<std::uint16_t>(port));
@@ -378,6 +386,25 @@ TEST(HttpSink, OnlyGetAndHeadOfKnownPaths) {
   EXPECT_NE(header(head.headers, "Content-Length"), "0");
   EXPECT_EQ(ask(port, "/stream.mjpg", "Host: 127.0.0.1\r\n", "HEAD").status, 200);
   wait_until([&] { return health(port)["viewers"] == 0; });
+}
+
+TEST(HttpSink, OneNeighbourDoesNotShutTheOthersOut) {
+  const auto sink = open_local();
+  const int port = port_of(*sink);
+  std::vector<std::unique_ptr<Client>> idle;  // more than all viewers together may have
+  for (int i = 0; i < 40; ++i) idle.push_back(std::make_unique<Client>(port, false, 2));
+  Client other(port, false, 3);
+  other.get("/healthz");
+  EXPECT_EQ(read_head(other).status, 200);
+  // Those beyond the limit were hung up on, and the others are soon.
+  for (const auto& client : idle) {
+    bool open = true;
+    try {
+      while (open) open = client->more();
+    } catch (const std::runtime_error& error) {
+      FAIL() << error.what();
+    }
+  }
 }
 
 TEST(HttpSink, GarbageAndOversizedRequestsDoNoHarm) {

@@ -5,15 +5,20 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/core/words.h"
+#include "tarsier/io/child_capture.h"
 #include "tarsier/io/http_protocol.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/io/mjpeg_parser.h"
 #include "tarsier/io/tcp.h"
+#include "tarsier/io/tls.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
+#include <memory>
+#include <optional>
 #include <poll.h>
 #include <sys/socket.h>
 #include <utility>
@@ -45,19 +50,55 @@ std::string base64(std::string_view text) {
   return result;
 }
 
+// An address of either scheme.
+struct Place {
+  HttpUrl url;
+  bool tls = false;
+  [[nodiscard]] bool is_same_server(const Place& other) const {
+    return url.host == other.url.host && url.port == other.url.port && tls == other.tls;
+  }
+};
+
+Place parse_place(const std::string& text) {
+  if (lower_case(text.substr(0, 8)) == "https://") return {parse_url(text, "https", 443), true};
+  return {parse_url(text, "http", 80), false};
+}
+
+// What FFmpeg reads and this program does not.
+bool is_playlist_type(std::string_view type) {
+  static constexpr std::array<std::string_view, 5> kTypes = {
+      "application/vnd.apple.mpegurl", "application/x-mpegurl", "audio/mpegurl", "audio/x-mpegurl",
+      "application/dash+xml"};
+  return std::any_of(kTypes.begin(), kTypes.end(),
+                     [&](std::string_view known) { return type.starts_with(known); });
+}
+bool is_video_type(std::string_view type) {
+  if (type.starts_with("video/x-motion-jpeg") || type.starts_with("video/x-jpeg")) return false;
+  return type.starts_with("video/") || type.starts_with("application/mp4") ||
+         type.starts_with("application/ogg");
+}
+
 class HttpBackend final : public LiveBackend {
  public:
   HttpBackend(const std::string& url, const SourceOptions& options)
-      : url_(parse_url(url, "http", 80)),
-        given_(url_),
+      : text_(url),
+        place_(parse_place(url)),
+        given_(place_),
+        security_(options.security),
         snapshot_period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(
-            1 / std::min(options.fps > 0 ? options.fps : 10.0, 60.0)))) {}
+            1 / std::min(options.fps > 0 ? options.fps : 10.0, 60.0)))) {
+    if (place_.tls) trust_ = std::make_shared<const TlsTrust>(security_);
+  }
+
+  // After read() ended: whether it is another kind of video, and where.
+  [[nodiscard]] bool is_for_ffmpeg() const { return for_ffmpeg_; }
+  [[nodiscard]] std::string address() const;
 
   std::optional<LiveFailure> open(milliseconds patience, const std::stop_token& stop) override {
     patience_ = patience;
     if (!socket_.is_open()) {
       LiveFailure failure;
-      socket_ = connect_tcp(url_.host, url_.port, patience, stop, failure);
+      socket_ = connect_tcp(place_.url.host, place_.url.port, patience, stop, failure);
       if (!socket_.is_open()) return failure;
     }
     ask();
@@ -68,7 +109,7 @@ class HttpBackend final : public LiveBackend {
   bool reachable(milliseconds patience, const std::stop_token& stop) override {
     LiveFailure failure;
     if (!socket_.is_open()) {
-      socket_ = connect_tcp(url_.host, url_.port, patience, stop, failure);
+      socket_ = connect_tcp(place_.url.host, place_.url.port, patience, stop, failure);
     }
     return socket_.is_open();
   }
@@ -84,17 +125,28 @@ class HttpBackend final : public LiveBackend {
   void ask();
   bool send_request();
   bool receive(bool& closed);
+  ssize_t receive_some();
+  [[nodiscard]] std::string kind() const {
+    return fmt::format("{} over {}", is_snapshot_ ? "JPEG snapshots" : "MJPEG",
+                       place_.tls ? "HTTPS" : "HTTP");
+  }
   std::optional<LiveFailure> judge_header(const std::stop_token& stop);
+  std::optional<LiveFailure> follow(const std::string& location, const std::stop_token& stop);
 
-  HttpUrl url_;          // where we are, after redirects
-  const HttpUrl given_;  // the only place that gets the password
+  const std::string text_;
+  Place place_;        // where we are, after redirects
+  const Place given_;  // the only server that gets the password
+  const StreamSecurity security_;
   const Clock::duration snapshot_period_;
   milliseconds patience_{3000};
   TcpSocket socket_;
-  std::string request_;  // what is left to send
+  std::shared_ptr<const TlsTrust> trust_;
+  std::optional<TlsStream> tls_;  // of socket_
+  std::string request_;           // what is left to send
   HttpResponseParser response_;
   bool judged_ = false;
   bool is_snapshot_ = false;
+  bool for_ffmpeg_ = false;
   Clock::time_point next_snapshot_;
   int redirects_ = 0;
   std::int64_t asked_frames_ = 0;  // that came since the last request
@@ -104,14 +156,31 @@ class HttpBackend final : public LiveBackend {
   std::string detail_ = "HTTP";
 };
 
+// Where it ended up; the name and password only for the server they were given for.
+std::string HttpBackend::address() const {
+  if (redirects_ == 0) return text_;
+  const std::size_t begin = text_.find("://") + 3;
+  const std::size_t end = std::min(text_.find_first_of("/?#", begin), text_.size());
+  const std::size_t at = text_.substr(0, end).rfind('@');
+  std::string who;
+  if (place_.is_same_server(given_) && at != std::string::npos && at > begin) {
+    who = text_.substr(begin, at + 1 - begin);
+  }
+  return fmt::format("{}://{}{}{}", place_.tls ? "https" : "http", who,
+                     place_.url.host_header(place_.tls ? 443 : 80), place_.url.target);
+}
+
+// Over the connection that was just made.
 void HttpBackend::ask() {
+  tls_.reset();
+  if (place_.tls) tls_.emplace(trust_, socket_.get(), place_.url.host);
   request_ = fmt::format(
       "GET {} HTTP/1.1\r\nHost: {}\r\nUser-Agent: tarsier\r\n"
       "Accept: multipart/x-mixed-replace, image/jpeg, */*\r\nConnection: close\r\n",
-      url_.target, url_.host_header());
-  const bool is_home = url_.host == given_.host && url_.port == given_.port;
-  if (is_home && !(given_.user.empty() && given_.password.empty())) {
-    request_ += "Authorization: Basic " + base64(given_.user + ":" + given_.password) + "\r\n";
+      place_.url.target, place_.url.host_header(place_.tls ? 443 : 80));
+  const HttpUrl& who = given_.url;
+  if (place_.is_same_server(given_) && !(who.user.empty() && who.password.empty())) {
+    request_ += "Authorization: Basic " + base64(who.user + ":" + who.password) + "\r\n";
   }
   request_ += "\r\n";
   response_ = {};
@@ -123,11 +192,17 @@ void HttpBackend::ask() {
 // False when the connection is broken.
 bool HttpBackend::send_request() {
   while (!request_.empty()) {
-    const ssize_t sent = ::send(socket_.get(), request_.data(), request_.size(), MSG_NOSIGNAL);
+    const ssize_t sent =
+        tls_ ? tls_->send({reinterpret_cast<const std::uint8_t*>(request_.data()), request_.size()})
+             : ::send(socket_.get(), request_.data(), request_.size(), MSG_NOSIGNAL);
     if (sent < 0) return errno == EAGAIN || errno == EINTR;
     request_.erase(0, static_cast<std::size_t>(sent));
   }
   return true;
+}
+
+ssize_t HttpBackend::receive_some() {
+  return tls_ ? tls_->recv(buffer_) : ::recv(socket_.get(), buffer_.data(), buffer_.size(), 0);
 }
 
 // Takes in everything that is there, for 50 ms at most: a server that sends without pause must not
@@ -135,7 +210,7 @@ bool HttpBackend::send_request() {
 bool HttpBackend::receive(bool& closed) {
   const Clock::time_point end = Clock::now() + kSlice;
   while (Clock::now() < end) {
-    const ssize_t count = ::recv(socket_.get(), buffer_.data(), buffer_.size(), 0);
+    const ssize_t count = receive_some();
     if (count < 0) {
       if (errno == EINTR) continue;
       return errno == EAGAIN;
@@ -159,27 +234,7 @@ std::optional<LiveFailure> HttpBackend::judge_header(const std::stop_token& stop
   judged_ = true;
   const int status = response_.status();
   if (status >= 300 && status < 400 && !response_.location().empty()) {
-    if (++redirects_ > kMaxRedirects) {
-      return LiveFailure{.reason = "redirects too often", .definite = true};
-    }
-    const std::string location = response_.location();
-    try {
-      if (location.starts_with("/") && !location.starts_with("//")) {
-        HttpUrl next = parse_url("http://host" + location, "http", 80);
-        url_.target = next.target;
-      } else {
-        url_ = parse_url(location, "http", 80);
-      }
-    } catch (const InputError&) {
-      return LiveFailure{
-          .reason = fmt::format("redirects to '{}'; only http is followed", masked(location)),
-          .definite = true};
-    }
-    LiveFailure failure;
-    socket_ = connect_tcp(url_.host, url_.port, patience_, stop, failure);
-    if (!socket_.is_open()) return failure;
-    ask();
-    return std::nullopt;
+    return follow(response_.location(), stop);
   }
   if (status != 200) {
     LiveFailure failure;
@@ -187,8 +242,8 @@ std::optional<LiveFailure> HttpBackend::judge_header(const std::stop_token& stop
     failure.definite = status >= 400 && status < 500 && status != 408 && status != 429;
     failure.denied = status == 401 || status == 403;
     if (status == 401) {
-      failure.reason += given_.user.empty()
-                            ? "; give a name and password: http://name:password@host/"
+      failure.reason += given_.url.user.empty()
+                            ? "; give a name and password: name:password@ before the host"
                             : "; name or password are wrong";
     }
     return failure;
@@ -201,8 +256,58 @@ std::optional<LiveFailure> HttpBackend::judge_header(const std::stop_token& stop
                               response_.content_type()),
         .definite = true};
   }
+  if (place_.tls && is_playlist_type(type) && !security_.insecure) {
+    return LiveFailure{
+        .reason =
+            "the server sends a playlist (HLS or DASH), and certificates of what it points "
+            "to cannot be checked: --insecure goes without, or use the camera's rtsps or MJPEG",
+        .definite = true};
+  }
+  if (place_.tls && (is_playlist_type(type) || is_video_type(type))) {
+    for_ffmpeg_ = true;
+    return LiveFailure{.reason = "is another kind of video"};
+  }
   is_snapshot_ = type.starts_with("image/");
-  detail_ = is_snapshot_ ? "JPEG snapshots over HTTP" : "MJPEG over HTTP";
+  detail_ = kind();
+  return std::nullopt;
+}
+
+// One step of a redirect: never from https to anything else.
+std::optional<LiveFailure> HttpBackend::follow(const std::string& location,
+                                               const std::stop_token& stop) {
+  if (++redirects_ > kMaxRedirects) {
+    return LiveFailure{.reason = "redirects too often", .definite = true};
+  }
+  Place next = place_;
+  bool allowed = true;
+  try {
+    if (location.starts_with("/") && !location.starts_with("//")) {
+      next.url.target = parse_url("http://host" + location, "http", 80).target;
+    } else {
+      next = parse_place(location);
+    }
+    allowed = next.tls || !place_.tls;
+  } catch (const InputError&) {
+    allowed = false;
+  }
+  if (!allowed) {
+    return LiveFailure{.reason = fmt::format("redirects to '{}'; only {} is followed",
+                                             masked(location), place_.tls ? "https" : "http(s)"),
+                       .definite = true};
+  }
+  place_ = std::move(next);
+  if (place_.tls && trust_ == nullptr) {
+    try {
+      trust_ = std::make_shared<const TlsTrust>(security_);
+    } catch (const InputError& error) {
+      return LiveFailure{.reason = error.what(), .definite = true};
+    }
+  }
+  LiveFailure failure;
+  tls_.reset();
+  socket_ = connect_tcp(place_.url.host, place_.url.port, patience_, stop, failure);
+  if (!socket_.is_open()) return failure;
+  ask();
   return std::nullopt;
 }
 
@@ -226,9 +331,19 @@ LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
       }
       next_snapshot_ = now + snapshot_period_;
       LiveFailure failure;
-      socket_ = connect_tcp(url_.host, url_.port, patience_, stop, failure);
+      socket_ = connect_tcp(place_.url.host, place_.url.port, patience_, stop, failure);
       if (!socket_.is_open()) return end_with(std::move(failure));
       ask();
+    }
+    if (tls_ && !tls_->is_ready()) {
+      const TlsStream::Step step = tls_->handshake();
+      if (step == TlsStream::Step::kFailed) {
+        return end_with({.reason = tls_->trouble(), .definite = tls_->is_definite()});
+      }
+      if (step == TlsStream::Step::kAgain) {
+        if (!wait_for(socket_.get(), tls_->poll_events(), deadline, stop)) break;
+        continue;
+      }
     }
     if (response_.state() == State::kDone)
       return end_with({.reason = "the server ended the stream"});
@@ -236,7 +351,8 @@ LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
       return end_with({.reason = "the connection broke"});
     }
     const short events = static_cast<short>(request_.empty() ? POLLIN : POLLIN | POLLOUT);
-    if (!wait_for(socket_.get(), events, deadline, stop)) break;
+    const bool has_pending = tls_ && tls_->has_pending();
+    if (!has_pending && !wait_for(socket_.get(), events, deadline, stop)) break;
 
     const std::int64_t before = asked_frames_;
     bool closed = false;
@@ -256,12 +372,12 @@ LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
       result.picture.encoded = parser_.take();
       result.picture.arrived = Clock::now();
       if (const auto header = probe_image(result.picture.encoded)) {
-        detail_ = fmt::format("{}x{} {}", header->width, header->height,
-                              is_snapshot_ ? "JPEG snapshots over HTTP" : "MJPEG over HTTP");
+        detail_ = fmt::format("{}x{} {}", header->width, header->height, kind());
       }
     }
     if (over) {
       if (is_snapshot_ && asked_frames_ == 1) {
+        tls_.reset();
         socket_.close();
         if (next_snapshot_ == Clock::time_point{}) next_snapshot_ = Clock::now() + snapshot_period_;
       } else if (result.kind != LiveRead::Kind::kFrame) {
@@ -275,10 +391,54 @@ LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
   return result;
 }
 
+// An https address: this program's own reader, or FFmpeg once it is known that this is needed.
+class HttpsBackend final : public LiveBackend {
+ public:
+  HttpsBackend(const std::string& url, const SourceOptions& options)
+      : options_(options), http_(std::make_unique<HttpBackend>(url, options)) {}
+
+  std::optional<LiveFailure> open(milliseconds patience, const std::stop_token& stop) override {
+    return current().open(patience, stop);
+  }
+  bool reachable(milliseconds patience, const std::stop_token& stop) override {
+    return current().reachable(patience, stop);
+  }
+  LiveRead read(milliseconds patience, const std::stop_token& stop) override {
+    LiveRead read = current().read(patience, stop);
+    if (child_ || read.kind != LiveRead::Kind::kEnded || !http_->is_for_ffmpeg()) return read;
+    try {
+      child_ = make_child_backend(ffmpeg_command(http_->address(), options_));
+    } catch (const Error& error) {
+      read.failure = {.reason = error.what(), .definite = true};
+      return read;
+    }
+    http_.reset();  // the connection is closed first: a small camera may have just one
+    if (auto failure = child_->open(patience, stop)) {
+      read.failure = std::move(*failure);
+      return read;
+    }
+    return {};
+  }
+  [[nodiscard]] std::string detail() const override { return current().detail(); }
+  [[nodiscard]] double fps() const override { return current().fps(); }
+  [[nodiscard]] bool may_wake_up() const override { return current().may_wake_up(); }
+  [[nodiscard]] double startup_s() const override { return current().startup_s(); }
+
+ private:
+  [[nodiscard]] LiveBackend& current() const {
+    return child_ ? *child_ : static_cast<LiveBackend&>(*http_);
+  }
+
+  const SourceOptions options_;
+  std::unique_ptr<HttpBackend> http_;
+  std::unique_ptr<LiveBackend> child_;
+};
+
 }  // namespace
 
 std::unique_ptr<LiveBackend> make_http_backend(const std::string& url,
                                                const SourceOptions& options) {
+  if (parse_place(url).tls) return std::make_unique<HttpsBackend>(url, options);
   return std::make_unique<HttpBackend>(url, options);
 }
 

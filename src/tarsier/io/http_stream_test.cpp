@@ -113,6 +113,29 @@ TEST(HttpResponse, NonsenseIsBrokenAndBounded) {
   }
 }
 
+// A few are answered by waiting; a server that sends nothing else is left.
+TEST(HttpResponse, InterimAnswersAreCountedAndEndTheConnection) {
+  using State = HttpResponseParser::State;
+  const std::string interim = "HTTP/1.1 100 \n\n";
+  const std::string real = "HTTP/1.1 200 OK\r\nContent-Length: 3\r\n\r\nabc";
+  std::string few;
+  for (int i = 0; i < HttpResponseParser::kMaxInterim; ++i) {
+    few += i % 2 == 0 ? interim : "HTTP/1.1 103 Early Hints\r\nLink: x\r\n\r\n";
+  }
+  std::string many;  // as many as fit into one piece of the reader: 256 KiB
+  for (int i = 0; i < 18'700; ++i) many += interim;
+  for (const std::size_t piece : {std::size_t{1}, std::size_t{5}, std::size_t{1} << 20}) {
+    const Parsed good = parse(few + real, piece);
+    EXPECT_EQ(good.parser.state(), State::kDone) << piece;
+    EXPECT_EQ(good.parser.status(), 200) << piece;
+    EXPECT_EQ(good.body, "abc") << piece;
+    const Parsed bad = parse(many + real, piece);
+    EXPECT_EQ(bad.parser.state(), State::kBroken) << piece;
+    EXPECT_EQ(bad.parser.trouble(), "sends interim answers without end");
+    EXPECT_EQ(bad.body, "") << piece;
+  }
+}
+
 // Reads until `count` frames came or something else happened.
 struct Outcome {
   std::vector<int> numbers;

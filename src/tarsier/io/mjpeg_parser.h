@@ -19,7 +19,9 @@ class MjpegParser {
   static constexpr std::size_t kDefaultFrameLimit = 32U << 20U;
 
   // A picture of more than `frame_limit` bytes (>= 1024) is passed over: that many of its bytes,
-  // then the next start is looked for. Memory stays below twice the limit and a piece of 256 KiB.
+  // then the next start is looked for. Memory stays below five times the limit and some pieces of
+  // 256 KiB. Each byte costs a bounded number of steps, whatever the stream and its pieces (see
+  // work()).
   explicit MjpegParser(std::size_t frame_limit = kDefaultFrameLimit);
 
   // Takes the next bytes; returns how many pictures they completed. Only the newest picture is
@@ -34,6 +36,8 @@ class MjpegParser {
   [[nodiscard]] std::uint64_t skipped_bytes() const { return skipped_; }
   // Bytes held, for tests.
   [[nodiscard]] std::size_t held_bytes() const { return buffer_.capacity() + newest_.capacity(); }
+  // Bytes looked at, moved or copied, and steps, since the beginning, for tests.
+  [[nodiscard]] std::uint64_t work() const { return work_; }
 
   // Forgets a picture begun (the connection was opened anew); a complete one stays.
   void reset();
@@ -49,17 +53,21 @@ class MjpegParser {
   Step read_marker();
   Step read_entropy();
   void give_up_from(std::size_t resume);
+  void let_go();
+  std::size_t find_ff(std::size_t from, std::size_t end);
 
   std::size_t frame_limit_;
-  std::vector<std::uint8_t> buffer_;  // from the start of the picture (or of what may be one)
+  std::vector<std::uint8_t> buffer_;
   std::vector<std::uint8_t> newest_;
-  std::size_t at_ = 0;  // next byte of buffer_ to look at
+  std::size_t begin_ = 0;  // in buffer_: start of the picture (or of what may be one)
+  std::size_t at_ = 0;     // in buffer_: next byte to look at, >= begin_
   Place place_ = Place::kBetween;
-  int segments_ = 0;
+  int segments_ = 0;       // before the first scan
   bool has_size_ = false;  // a start-of-frame segment was seen
   bool has_scan_ = false;
   int completed_ = 0;  // by the present feed()
   std::uint64_t skipped_ = 0;
+  std::uint64_t work_ = 0;
 };
 
 }  // namespace tarsier

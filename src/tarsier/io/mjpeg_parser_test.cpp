@@ -143,17 +143,51 @@ TEST(MjpegParser, PicturesBeyondTheLimitAreTheSameInPiecesOfAnySize) {
   }
 }
 
-TEST(MjpegParser, HostileStreamsCostLinearTime) {
-  // Tiny segments without end, and starts of pictures without end: 4 MB of each in well under a
-  // test's time-out.
-  std::string segments;
-  std::string starts;
-  while (segments.size() < 4'000'000) segments += std::string("\xff\xd8\xff\xe0\x00\x02", 6);
-  while (starts.size() < 4'000'000) starts += std::string("\xff\xe0\x00\x02", 4);
-  MjpegParser parser;
-  EXPECT_EQ(parser.feed(bytes_of(segments)), 0);
-  EXPECT_EQ(parser.feed(bytes_of("\xff\xd8" + starts)), 0);
-  EXPECT_EQ(parser.feed(bytes_of(std::string(70'000, 'x') + testing::jpeg_of(2))), 1);
+// The worst that a server can send, each in pieces of several sizes. The work is counted, not
+// timed.
+TEST(MjpegParser, HostileStreamsCostABoundedNumberOfStepsAByte) {
+  using namespace std::string_literals;
+  constexpr std::size_t kSize = 1'000'000;
+  const auto repeated = [](const std::string& unit) {
+    std::string text;
+    while (text.size() < kSize) text += unit;
+    return text;
+  };
+  // Starts that all lead into the same chain of segments, which is broken at its end.
+  std::string chain;
+  for (int i = 0; i < 200; ++i) chain += "\xff\xe0\x00\x02"s;
+  chain += "xx";
+  std::string funnel;
+  for (std::size_t left = 9000; left > 0; left -= 6) {
+    const std::size_t length = left - 6 + 2;  // from its length's first byte to the chain
+    funnel +=
+        "\xff\xd8\xff\xe0"s + static_cast<char>(length >> 8U) + static_cast<char>(length & 0xffU);
+  }
+  const std::vector<std::pair<const char*, std::string>> streams{
+      {"starts", repeated("\xff\xd8\xff\xe0\x00\x02"s)},
+      {"segments", "\xff\xd8"s + repeated("\xff\xe0\x00\x02"s)},
+      {"false starts", repeated("\xff\xd8\xff\xe0\xff\xff"s)},
+      {"bare starts", repeated("\xff\xd8\xff"s)},
+      {"filling", "\xff\xd8"s + repeated("\xff"s)},
+      {"funnels", repeated(funnel + chain)},
+      {"coded data", "\xff\xd8\xff\xc0\x00\x02\xff\xda\x00\x02"s + repeated("\xff\x00"s)},
+  };
+  for (const auto& [name, stream] : streams) {
+    std::uint64_t skipped = 0;
+    for (const std::size_t piece : {std::size_t{1}, std::size_t{1000}, kSize * 2}) {
+      MjpegParser parser;
+      int found = 0;
+      for (std::size_t at = 0; at < stream.size(); at += piece)
+        found += parser.feed(bytes_of(std::string_view(stream).substr(at, piece)));
+      EXPECT_EQ(found, 0) << name;
+      EXPECT_LE(parser.work(), 16 * stream.size()) << name << " in pieces of " << piece;
+      parser.reset();
+      EXPECT_EQ(parser.skipped_bytes(), stream.size()) << name;
+      if (piece == 1) skipped = parser.skipped_bytes();
+      EXPECT_EQ(parser.skipped_bytes(), skipped) << name;
+      EXPECT_EQ(parser.feed(bytes_of(testing::jpeg_of(2))), 1) << name;
+    }
+  }
 }
 
 TEST(MjpegParser, AnyBytesAreSurvived) {

@@ -34,6 +34,31 @@ int make_private_file(const std::string& path) {
   return 0;
 }
 
+// A database that others may read, made by an older version or copied by hand, is its owner's again
+// before anything more is written to it; one that is only read is left as it is.
+void look_at_permissions(const std::string& path, const struct ::stat& found, bool writes) {
+  constexpr mode_t kOthers = 077;
+  if ((found.st_mode & kOthers) == 0) return;
+  const auto mode = static_cast<unsigned>(found.st_mode & 0777U);
+  if (!writes) {
+    log_warning("{}: other users may open it (mode {:04o}): chmod 600 keeps it to you", path, mode);
+    return;
+  }
+  if (::chmod(path.c_str(), 0600) != 0) {
+    log_warning("{}: other users may open it (mode {:04o}), and that cannot be changed: {}", path,
+                mode, system_text(errno));
+    return;
+  }
+  // What is made beside it from now on is as it is.
+  for (const char* ending : {"-wal", "-shm", "-journal"}) {
+    const std::string beside = path + ending;
+    if (::chmod(beside.c_str(), 0600) != 0 && errno != ENOENT) {
+      log_warning("{}: other users may open it: {}", beside, system_text(errno));
+    }
+  }
+  log_warning("{}: other users could open it (mode {:04o}); now only you can (0600)", path, mode);
+}
+
 std::string reason_of(sqlite3* handle, int code) {
   const int system_error = handle == nullptr ? 0 : sqlite3_system_errno(handle);
   switch (code & 0xFF) {
@@ -112,6 +137,7 @@ void Database::open(DatabaseAccess access, int patience_ms) {
   if (access == DatabaseAccess::kCreate) {
     if (const int error = make_private_file(path_); error != 0) refuse(system_text(error));
   }
+  if (exists) look_at_permissions(path_, found, writes_);
   // A leading slash or dot keeps the library from taking the name for one of its special ones.
   const std::string plain = path_.starts_with('/') ? path_ : "./" + path_;
   const int flags =

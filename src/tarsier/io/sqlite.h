@@ -14,7 +14,8 @@ struct sqlite3_stmt;
 namespace tarsier {
 
 // SQLite files of our own. What is committed survives a crash of the program and of the machine
-// (write-ahead log, synchronous FULL); files are made for their owner's eyes only (mode 0600);
+// (write-ahead log, synchronous FULL); files are made for their owner's eyes only (mode 0600), and
+// made so again when one that others may open is written to (a warning says it);
 // deleted rows are overwritten. Errors name the file and what is wrong with it: OutputError from
 // databases that were opened to be written, InputError from the others. Files may be hostile:
 // triggers, views and functions in their schema are not run.

@@ -94,6 +94,37 @@ TEST_F(SqliteTest, FilesAreTheOwnersAlone) {
   EXPECT_EQ(files(), 3U);  // the log and its index beside it
 }
 
+TEST_F(SqliteTest, FilesThatOthersMayOpenAreTightenedWhenWrittenTo) {
+  const auto mode_of = [](const std::string& file) {
+    struct stat found {};
+    EXPECT_EQ(stat(file.c_str(), &found), 0) << file;
+    return found.st_mode & 0777U;
+  };
+  Database holder = create();  // keeps the log and its index alive
+  add(holder, "x");
+  const std::string file = path("notes.db");
+  const std::vector<std::string> all{file, file + "-wal", file + "-shm"};
+  for (const std::string& one : all) ASSERT_EQ(chmod(one.c_str(), 0664), 0);
+  testing::internal::CaptureStderr();
+  { const Database reader(file, kKind, DatabaseAccess::kRead, 20); }
+  EXPECT_THAT(
+      testing::internal::GetCapturedStderr(),
+      AllOf(HasSubstr("notes.db: other users may open it (mode 0664)"), HasSubstr("chmod 600")));
+  EXPECT_EQ(mode_of(file), 0664U) << "reading changes nothing";
+  testing::internal::CaptureStderr();
+  {
+    Database writer(file, kKind, DatabaseAccess::kWrite, 20);
+    add(writer, "y");
+  }
+  EXPECT_THAT(testing::internal::GetCapturedStderr(),
+              HasSubstr("notes.db: other users could open it (mode 0664); now only you can"));
+  for (const std::string& one : all) EXPECT_EQ(mode_of(one), 0600U) << one;
+  testing::internal::CaptureStderr();
+  { const Database writer(file, kKind, DatabaseAccess::kCreate, 20); }
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "") << "said once";
+  EXPECT_THAT(notes(holder), ElementsAre("x", "y"));
+}
+
 TEST_F(SqliteTest, WhatIsCommittedOutlivesACrash) {
   const pid_t child = fork();
   if (child == 0) {

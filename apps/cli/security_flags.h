@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/io/stream_security.h"
+
+#include "cli.h"
+#include <vector>
+
+namespace tarsier::cli {
+
+// --ca-file and --insecure, of every verb that may read an https or rtsps address. Returns them, to
+// be grouped.
+std::vector<CLI::Option*> add_security_flags(CLI::App& verb, StreamSecurity& security);
+
+}  // namespace tarsier::cli
