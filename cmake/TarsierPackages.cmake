@@ -31,7 +31,7 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME tarsier)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION contrib/graphics)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_DEPENDS "tarsier-models (>= ${PROJECT_VERSION}), opencv-data")
-set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "fonts-dejavu-core, fonts-opendin, fonts-urw-base35, fonts-freefont-ttf")
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "ca-certificates, fonts-dejavu-core, fonts-opendin, fonts-urw-base35, fonts-freefont-ttf")
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "tarsier-gui (= ${version}), opencv-doc, bash-completion")
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "classical computer vision on an ordinary CPU, offline
 Tarsier turns pictures and live cameras into cartoons, rebuilds scenes in 3D
@@ -51,7 +51,8 @@ playing with models, calibrating. It brings OpenCV's window toolkit (Qt).")
 
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME libtarsier-dev)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
-string(JOIN ", " CPACK_DEBIAN_DEV_PACKAGE_DEPENDS libopencv-dev libfmt-dev nlohmann-json3-dev libmicrohttpd-dev
+string(JOIN ", " CPACK_DEBIAN_DEV_PACKAGE_DEPENDS libopencv-dev libfmt-dev nlohmann-json3-dev libmicrohttpd-dev libgnutls28-dev libavformat-dev libavcodec-dev
+  libswscale-dev libavutil-dev
   libfreetype-dev libsqlite3-dev libeigen3-dev libceres-dev libdlib-dev libblas-dev liblapack-dev pkg-config)
 set(CPACK_DEBIAN_DEV_PACKAGE_SUGGESTS "tarsier-models (>= ${PROJECT_VERSION})")
 set(CPACK_COMPONENT_DEV_DESCRIPTION "libraries of tarsier for programs of your own

@@ -15,7 +15,7 @@ data_packages=(opencv-data opencv-doc)
 # The typefaces that drawn number plates are lettered with.
 data_packages+=(fonts-opendin fonts-urw-base35 fonts-freefont-ttf fonts-roadgeek fonts-dejavu-core fonts-dejavu-extra)
 # The test framework, and what plays the part of screens, fingers, cameras and servers in the tests.
-test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg python3)
+test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg openssl python3)
 # A peer that `tarsier bench markers` measures itself beside.
 test_packages+=(libapriltag-dev)
 

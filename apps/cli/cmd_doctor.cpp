@@ -3,6 +3,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/io/cameras.h"
+#include "tarsier/io/tls.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
@@ -229,6 +230,14 @@ void look_at_cameras(std::vector<Item>& items, const std::vector<CameraInfo>& ca
   if (cameras.empty()) {
     items.push_back({"cameras", "V4L2", Finding::kNote, "none found",
                      "plug in a USB camera, use a network camera's URL, or try synth:scene"});
+  }
+  try {
+    const TlsTrust trust(StreamSecurity{});
+    items.push_back({"cameras", "https, rtsps", Finding::kOk, "the system's authorities are there",
+                     "a camera with a certificate of its own: --ca-file FILE"});
+  } catch (const Error& error) {
+    items.push_back({"cameras", "https, rtsps", Finding::kNote, error.what(),
+                     "sudo apt install ca-certificates, or --ca-file FILE"});
   }
   std::string tool = find_program_on_path("rpicam-vid");
   if (tool.empty()) tool = find_program_on_path("libcamera-vid");

@@ -14,9 +14,9 @@ constexpr std::uint8_t kStartOfImage = 0xd8;
 constexpr std::uint8_t kEndOfImage = 0xd9;
 constexpr std::uint8_t kStartOfScan = 0xda;
 constexpr std::size_t kPiece = 256U << 10U;
-// Before the first scan; cameras write about ten, editors a few dozen. What begins like a picture
+// Before the first scan; cameras write about ten. What begins like a picture
 // and is none is looked through up to here, and again from each start inside it.
-constexpr int kMaxSegments = 64;
+constexpr int kMaxSegments = 32;
 
 bool is_start_of_frame(std::uint8_t marker) {
   return marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
@@ -136,54 +136,59 @@ MjpegParser::Step MjpegParser::find_start() {
 }
 
 // At at_ a marker must stand: FF, perhaps more FF as filling, its code, and for most a length and
-// that many bytes.
+// that many bytes. Goes on from segment to segment.
 MjpegParser::Step MjpegParser::read_marker() {
   const std::size_t size = in_sight();
+  const std::uint8_t* const bytes = buffer_.data();
   // Where to go on when this is none.
   const auto give_up = [&](std::size_t at) {
     give_up_from(has_scan_ ? at : begin_ + 2);
     return Step::kDone;
   };
-  if (at_ < size && buffer_[at_] != 0xff) return give_up(at_);
-  while (at_ + 1 < size && buffer_[at_ + 1] == 0xff) {  // filling is not looked at a second time
-    ++at_;
+  while (true) {
     ++work_;
-  }
-  if (at_ + 1 >= size) return Step::kMoreBytes;
-  const std::size_t at = at_ + 1;
-  const std::uint8_t marker = buffer_[at];
-  if (marker == kStartOfImage) {  // a new picture: the old one was cut short
-    give_up_from(at_);
-    return Step::kDone;
-  }
-  if (marker == kEndOfImage) {
-    const std::size_t end = at + 1;
-    if (!has_size_ || !has_scan_) {
-      give_up_from(end);
+    if (at_ < size && bytes[at_] != 0xff) return give_up(at_);
+    while (at_ + 1 < size && bytes[at_ + 1] == 0xff) {  // filling is not looked at a second time
+      ++at_;
+      ++work_;
+    }
+    if (at_ + 1 >= size) return Step::kMoreBytes;
+    const std::size_t at = at_ + 1;
+    const std::uint8_t marker = bytes[at];
+    if (marker == kStartOfImage) {  // a new picture: the old one was cut short
+      give_up_from(at_);
       return Step::kDone;
     }
-    newest_.assign(buffer_.begin() + static_cast<std::ptrdiff_t>(begin_),
-                   buffer_.begin() + static_cast<std::ptrdiff_t>(end));
-    work_ += newest_.size();
-    ++completed_;
-    begin_ = end;
-    at_ = end;
-    place_ = Place::kBetween;
+    if (marker == kEndOfImage) return end_picture(at + 1);
+    if (marker < 0xc0 || (marker >= 0xd0 && marker <= 0xd7)) return give_up(at);
+    if (!has_scan_ && segments_ == kMaxSegments) return give_up(at);
+    if (size - at < 3) return Step::kMoreBytes;
+    const std::size_t length = (static_cast<std::size_t>(bytes[at + 1]) << 8U) | bytes[at + 2];
+    if (length < 2 || (marker == kStartOfScan && !has_size_)) return give_up(at);
+    if (size - at - 1 < length) return Step::kMoreBytes;
+    ++segments_;
+    if (is_start_of_frame(marker)) has_size_ = true;
+    at_ = at + 1 + length;
+    if (marker == kStartOfScan) {
+      has_scan_ = true;
+      place_ = Place::kEntropy;
+      return Step::kDone;
+    }
+  }
+}
+
+MjpegParser::Step MjpegParser::end_picture(std::size_t end) {
+  if (!has_size_ || !has_scan_) {
+    give_up_from(end);
     return Step::kDone;
   }
-  if (marker < 0xc0 || (marker >= 0xd0 && marker <= 0xd7)) return give_up(at);
-  if (!has_scan_ && segments_ == kMaxSegments) return give_up(at);
-  if (size - at < 3) return Step::kMoreBytes;
-  const std::size_t length = (static_cast<std::size_t>(buffer_[at + 1]) << 8U) | buffer_[at + 2];
-  if (length < 2 || (marker == kStartOfScan && !has_size_)) return give_up(at);
-  if (size - at - 1 < length) return Step::kMoreBytes;
-  ++segments_;
-  if (is_start_of_frame(marker)) has_size_ = true;
-  at_ = at + 1 + length;
-  if (marker == kStartOfScan) {
-    has_scan_ = true;
-    place_ = Place::kEntropy;
-  }
+  newest_.assign(buffer_.begin() + static_cast<std::ptrdiff_t>(begin_),
+                 buffer_.begin() + static_cast<std::ptrdiff_t>(end));
+  work_ += newest_.size();
+  ++completed_;
+  begin_ = end;
+  at_ = end;
+  place_ = Place::kBetween;
   return Step::kDone;
 }
 

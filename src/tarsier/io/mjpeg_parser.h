@@ -51,6 +51,7 @@ class MjpegParser {
   [[nodiscard]] std::size_t in_sight() const;  // bytes of the picture that are looked at
   Step find_start();
   Step read_marker();
+  Step end_picture(std::size_t end);
   Step read_entropy();
   void give_up_from(std::size_t resume);
   void let_go();

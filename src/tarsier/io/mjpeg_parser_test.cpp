@@ -87,6 +87,22 @@ TEST(MjpegParser, AThumbnailInsideASegmentIsNotAPicture) {
   EXPECT_EQ(text_of(parser.take()), with_thumbnail);
 }
 
+TEST(MjpegParser, PicturesMayHaveManySegments) {
+  const std::string jpeg = testing::jpeg_of(5);
+  std::string comments;
+  for (int i = 0; i < 20; ++i)
+    comments += std::string(
+        "\xff\xfe\x00\x05"
+        "abc",
+        7);
+  const std::string picture = jpeg.substr(0, 2) + comments + jpeg.substr(2);
+  MjpegParser parser;
+  EXPECT_EQ(parser.feed(bytes_of(picture + jpeg)), 2);
+  EXPECT_EQ(text_of(parser.take()), jpeg);
+  EXPECT_EQ(parser.feed(bytes_of(picture)), 1);
+  EXPECT_EQ(text_of(parser.take()), picture);
+}
+
 TEST(MjpegParser, ResumesAfterGarbageAndCutPictures) {
   const std::string jpeg = textured_jpeg(1);
   Rng rng(7);
