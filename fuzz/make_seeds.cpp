@@ -277,7 +277,12 @@ void plate_logs() {
   event.readings = {{0, 0.0, "1234BCD", 0.9, {10, 20, 100, 20}}};
   event.best_box = {10, 20, 100, 20};
   event.best_crop = texture({40, 12});
-  log.append(event, "drive.avi", plate::Moment(std::chrono::hours(24)));
+  event.source = "drive.avi";
+  event.first_seen = event.last_seen = plate::Moment(std::chrono::hours(24));
+  log.append(event);
+  event.state = plate::PlateState::kOpened;
+  event.synchronized = false;
+  (void)log.put(event, 0, log.begin_run("1", [](const std::string&) { return true; }), {});
 }
 
 void targets() {

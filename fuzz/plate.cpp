@@ -102,6 +102,13 @@ TARSIER_FUZZ_TARGET(plate_log, kBytes) {
   });
   (void)log.crop(last);
   (void)log.count();
+  for (const char* pattern : {"1234BCD", "12*", "*34B*", "?2*", "*"}) {
+    LogFilter filter;
+    filter.text = pattern;
+    (void)log.query(filter, [](const LoggedPlate&) { return true; });
+    filter.near = true;
+    (void)log.query(filter, [](const LoggedPlate&) { return true; });
+  }
 }
 
 }  // namespace tarsier::fuzz

@@ -5,19 +5,24 @@
 #include "tarsier/geometry/rotation.h"
 #include "tarsier/render/obj_io.h"
 #include "tarsier/session/ar_session.h"
+#include "tarsier/session/presence.h"
 
 #include <fmt/format.h>
 
 #include "cmd_ar.h"
 #include "cmd_pose.h"
+#include "on_event.h"
 #include "run_session.h"
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace tarsier::cli {
 namespace {
@@ -39,6 +44,7 @@ struct MarkersFlags {
   bool no_shadow = false;
   std::string smooth = "one-euro";
   std::string csv;
+  OnEventFlags on_event;
   marker::DetectOptions detect;
 };
 
@@ -118,6 +124,58 @@ std::string line_of(const marker::PosedMarker& posed) {
                      cv::norm(t), t[0], t[1], t[2]);
 }
 
+// Of stills each marker, of films those that appear and are lost.
+class MarkerEvents {
+ public:
+  explicit MarkerEvents(OnEvent& on_event) : on_event_(on_event) {}
+
+  void frame(const Frame& frame, const std::vector<marker::PosedMarker>& markers) {
+    if (!on_event_) return;
+    if (frame.still) {
+      tell(presence_.finish());
+      for (const marker::PosedMarker& posed : markers) tell_of(frame, posed);
+      return;
+    }
+    std::vector<std::int64_t> ids;
+    for (const marker::PosedMarker& posed : markers) ids.push_back(posed.marker.id);
+    for (const PresenceChange& change : presence_.step(source_of(frame), frame.time, ids)) {
+      if (!change.appeared) {
+        tell({change});
+        continue;
+      }
+      const auto posed = std::find_if(markers.begin(), markers.end(),
+                                      [&](const auto& m) { return m.marker.id == change.id; });
+      if (posed != markers.end()) tell_of(frame, *posed);
+    }
+  }
+  void finish() { tell(presence_.finish()); }
+
+ private:
+  void tell(const std::vector<PresenceChange>& lost) {
+    for (const PresenceChange& change : lost) {
+      on_event_.post({{"event", "marker"},
+                      {"state", "lost"},
+                      {"id", change.id},
+                      {"source", change.source},
+                      {"first_time", change.first_time},
+                      {"last_time", change.last_time}});
+    }
+  }
+  void tell_of(const Frame& frame, const marker::PosedMarker& posed) {
+    nlohmann::ordered_json event{{"event", "marker"}, {"state", "appeared"}};
+    if (frame.still) {
+      event["image"] = frame.name;
+    } else {
+      event.update({{"source", source_of(frame)}, {"frame", frame.index}, {"time", frame.time}});
+    }
+    event.update(posed_markers_json({posed}).at(0));
+    on_event_.post(event);
+  }
+
+  OnEvent& on_event_;
+  Presence presence_;
+};
+
 ExitStatus run_markers(MarkersFlags& flags, Context& context) {
   if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen)
     flags.run.output = "none";
@@ -131,6 +189,8 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
   std::optional<MarkerTable> table;
   if (!flags.csv.empty()) table.emplace(flags.csv);
   bool found = false;
+  OnEvent on_event(flags.on_event, context);
+  MarkerEvents events(on_event);
   RunHooks hooks;
   hooks.title = "markers";
   hooks.debug = &debug;
@@ -140,6 +200,7 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
                   session.camera().fx);
       has_told = true;
     }
+    events.frame(frame, session.markers());
     for (const marker::PosedMarker& posed : session.markers()) {
       found = true;
       if (table) table->add(frame, posed);
@@ -156,6 +217,8 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
     line["ms"] = std::round(session.milliseconds() * 100) / 100;
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
+  events.finish();
+  on_event.finish();
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
 }
 
@@ -181,6 +244,7 @@ void add_ar_markers(CLI::App& ar, Context& context) {
       ->capture_default_str();
   verb.add_option("--csv", flags->csv,
                   "table to write: frame, time, id, place (m), rotation vector, error, corners");
+  add_on_event_flags(verb, flags->on_event, "when a marker appears or is lost");
   const auto drawing = [](CLI::Option* option) { option->group("What is drawn"); };
   CLI::Option* const draw = verb.add_option("--draw", flags->draw, "none, ids, axes or cube");
   drawing(draw->check(CLI::IsMember({"none", "ids", "axes", "cube"}))->capture_default_str());

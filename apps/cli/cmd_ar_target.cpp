@@ -3,6 +3,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/session/presence.h"
 #include "tarsier/session/target_session.h"
 #include "tarsier/target/quality.h"
 #include "tarsier/target/target_io.h"
@@ -11,12 +12,15 @@
 #include <fmt/format.h>
 
 #include "cmd_ar.h"
+#include "on_event.h"
 #include "run_session.h"
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -94,6 +98,7 @@ struct FollowFlags {
   std::string camera;
   std::string csv;
   std::string draw = "box";
+  OnEventFlags on_event;
   target::TrackOptions track;
 };
 
@@ -125,6 +130,63 @@ class TargetTable {
   }
   std::string path_;
   std::ofstream file_;
+};
+
+// Of stills each target, of films those that appear and are lost.
+class TargetEvents {
+ public:
+  explicit TargetEvents(OnEvent& on_event) : on_event_(on_event) {}
+
+  void frame(const Frame& frame, const TargetSession& session) {
+    if (!on_event_) return;
+    const Json seen = session.markers_json();
+    std::vector<std::int64_t> ids;
+    for (const Json& target : seen) {
+      ids.push_back(target.at("id"));
+      names_[ids.back()] = target.at("name");
+    }
+    if (frame.still) {
+      tell_lost(presence_.finish());
+      for (const Json& target : seen) tell_of(frame, target);
+      return;
+    }
+    for (const PresenceChange& change : presence_.step(source_of(frame), frame.time, ids)) {
+      if (!change.appeared) {
+        tell_lost({change});
+        continue;
+      }
+      const auto at = std::find(ids.begin(), ids.end(), change.id) - ids.begin();
+      tell_of(frame, seen.at(static_cast<std::size_t>(at)));
+    }
+  }
+  void finish() { tell_lost(presence_.finish()); }
+
+ private:
+  void tell_lost(const std::vector<PresenceChange>& lost) {
+    for (const PresenceChange& change : lost) {
+      on_event_.post({{"event", "target"},
+                      {"state", "lost"},
+                      {"id", change.id},
+                      {"name", names_[change.id]},
+                      {"source", change.source},
+                      {"first_time", change.first_time},
+                      {"last_time", change.last_time}});
+    }
+  }
+  void tell_of(const Frame& frame, const Json& target) {
+    Json event{{"event", "target"}, {"state", "appeared"}};
+    if (frame.still) {
+      event["image"] = frame.name;
+    } else {
+      event.update({{"source", source_of(frame)}, {"frame", frame.index}, {"time", frame.time}});
+    }
+    event.update(target);
+    on_event_.post(event);
+  }
+
+  OnEvent& on_event_;
+  Presence presence_;
+  std::map<std::int64_t, std::string> names_;  // as they were when last seen
 };
 
 geometry::Camera camera_of(const std::string& text) {
@@ -165,11 +227,14 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
   options.debug = debug.sink();
   TargetSession session(std::move(targets), options);
   bool found = false;
+  OnEvent on_event(flags.on_event, context);
+  TargetEvents events(on_event);
   RunHooks hooks;
   hooks.title = "targets";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     found = found || !session.seen().empty();
+    events.frame(frame, session);
     for (const target::TrackedTarget& seen : session.seen())
       if (table) table->add(frame, seen);
     if (frame.still && !context.json && !context.quiet) {
@@ -187,6 +252,8 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
     line["ms"] = std::round(session.milliseconds() * 100) / 100;
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
+  events.finish();
+  on_event.finish();
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
 }
 
@@ -231,6 +298,7 @@ void add_ar_target_track(CLI::App& ar, Context& context) {
       ->capture_default_str();
   verb.add_option("--csv", flags->csv,
                   "table to write: frame, time, id, confidence, corners, place (m), error");
+  add_on_event_flags(verb, flags->on_event, "when a target appears or is lost");
   const auto film = [](CLI::Option* option) { option->group("Films and cameras"); };
   film(verb.add_option("--smooth", flags->track.steady_px,
                        "px: motion below about this is smoothed over time; 0: none")

@@ -6,12 +6,13 @@
 #include <fmt/format.h>
 
 #include "cmd_people.h"
+#include "on_event.h"
 #include "people_engine.h"
-#include "run_command.h"
 #include "run_session.h"
 #include <cmath>
 #include <map>
 #include <memory>
+#include <utility>
 
 namespace tarsier::cli {
 namespace {
@@ -21,7 +22,7 @@ struct IdentifyFlags {
   PeopleFlags people;
   RecognizeOptions recognize;
   std::string model;
-  std::string on_event;
+  OnEventFlags on_event;
   std::string keep;
 };
 
@@ -42,7 +43,7 @@ nlohmann::ordered_json face_json(const NamedFace& face) {
 // known, or known as somebody else.
 class Events {
  public:
-  explicit Events(const IdentifyFlags& flags) : flags_(flags) {}
+  Events(const IdentifyFlags& flags, OnEvent& on_event) : flags_(flags), on_event_(on_event) {}
 
   void frame(const Frame& frame, const std::vector<NamedFace>& faces, people::Gallery* gallery) {
     if (frame.still || frame.name != source_) told_.clear();
@@ -51,12 +52,15 @@ class Events {
       if (face.name.label.empty()) continue;
       const bool film = !frame.still && face.face.id > 0;
       const std::string what = (face.name.known ? "+" : "-") + face.name.label;
-      if (film && told_[face.face.id] == what) continue;
-      if (film) told_[face.face.id] = what;
+      if (film) {
+        Told& told = told_[face.face.id];
+        told.time = frame.time;
+        if (std::exchange(told.what, what) == what) continue;
+      }
       if (gallery != nullptr && !flags_.keep.empty())
         gallery->add_sighting(now_ms(), frame.name, face.name.label, face.name.known,
                               face.name.confidence);
-      if (!face.name.known || flags_.on_event.empty()) continue;
+      if (!face.name.known || !on_event_) continue;
       nlohmann::ordered_json line = face_json(face);
       if (frame.still) {
         line["image"] = frame.name;
@@ -65,13 +69,21 @@ class Events {
         line["time"] = frame.time;
         line["source"] = masked(frame.name);
       }
-      run_command(flags_.on_event, dumped(line));
+      on_event_.post(line);
     }
+    // A face that is out of sight for so long does not come back under its number.
+    std::erase_if(told_, [&](const auto& told) { return frame.time - told.second.time > kLost_s; });
   }
 
  private:
+  static constexpr double kLost_s = 60;
+  struct Told {
+    std::string what;
+    double time = 0;  // when it was last seen, s
+  };
   const IdentifyFlags& flags_;
-  std::map<int, std::string> told_;
+  OnEvent& on_event_;
+  std::map<int, Told> told_;
   std::string source_;
 };
 
@@ -100,7 +112,8 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   DebugFolder debug(context.debug_dir);
   flags.recognize.debug = debug.sink();
   RecognizeSession session(std::move(model), make_face_reader(flags.people), flags.recognize);
-  Events events(flags);
+  OnEvent on_event(flags.on_event, context);
+  Events events(flags, on_event);
   bool known = false;
   RunHooks hooks;
   hooks.title = "people";
@@ -126,6 +139,7 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
     line["ms"] = std::round(session.milliseconds() * 100) / 100;
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
+  on_event.finish();
   return status == ExitStatus::kDone && !known ? ExitStatus::kNothingFound : status;
 }
 
@@ -142,8 +156,7 @@ void add_people_identify(CLI::App& area, Context& context) {
   verb.add_option("--far", flags->recognize.false_accepts,
                   "share of strangers who may be taken for somebody")
       ->capture_default_str();
-  verb.add_option("--on-event", flags->on_event,
-                  "program to run at each new recognition, with its JSON on stdin");
+  add_on_event_flags(verb, flags->on_event, "at each new recognition");
   verb.add_option("--keep", flags->keep,
                   "write into the gallery who was seen, and delete what is older: 30d, 12h ..");
   add_face_flags(verb, flags->people);

@@ -8,9 +8,13 @@
 #include <fmt/format.h>
 
 #include "cmd_plate.h"
+#include <fcntl.h>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
+#include <unistd.h>
+#include <utility>
 #include <vector>
 
 namespace tarsier::cli {
@@ -67,11 +71,57 @@ std::string crop_name(const LoggedPlate& plate) {
   return fmt::format("{}-{}.jpg", plate.id, plate::plate_symbols(plate.text).substr(0, 20));
 }
 
+// CSV as it comes, some lines at a time: into a file that is whole or not there, or to stdout.
+class CsvOutput {
+ public:
+  explicit CsvOutput(const std::string& path) : path_(path) {
+    if (path == "-") return;
+    file_.emplace(path);
+    descriptor_ = ::open(file_->path().c_str(), O_WRONLY | O_CLOEXEC);
+    if (descriptor_ < 0) throw OutputError(path, "cannot be written");
+  }
+  ~CsvOutput() {
+    if (descriptor_ >= 0) ::close(descriptor_);
+  }
+  CsvOutput(const CsvOutput&) = delete;
+  CsvOutput& operator=(const CsvOutput&) = delete;
+
+  void add(const std::string& line) {
+    lines_ += line;
+    if (lines_.size() >= kChunk) flush();
+  }
+  void finish() {
+    flush();
+    if (!file_) return;
+    if (::close(std::exchange(descriptor_, -1)) != 0) throw OutputError(path_, "cannot be written");
+    file_->commit();
+  }
+
+ private:
+  static constexpr std::size_t kChunk = 1 << 16;  // bytes
+  void flush() {
+    if (file_) {
+      write_all(descriptor_, lines_, path_);
+    } else {
+      print_text(lines_);
+    }
+    lines_.clear();
+  }
+  std::string path_;
+  std::optional<AtomicFile> file_;
+  int descriptor_ = -1;
+  std::string lines_;
+};
+
 ExitStatus list_plates(const LogFlags& flags, const Context& context) {
   const plate::LogFilter filter = filter_of(flags);
   PlateLog log(flags.path, DatabaseAccess::kRead);
   if (!flags.crops.empty()) make_folder(flags.crops);
-  std::string csv = plate::logged_csv_header();
+  std::optional<CsvOutput> csv;
+  if (!flags.csv.empty()) {
+    csv.emplace(flags.csv);
+    csv->add(plate::logged_csv_header());
+  }
   std::int64_t crops = 0;
   const std::int64_t found = log.query(filter, [&](const LoggedPlate& plate) {
     throw_if_stopped(context.stop);
@@ -81,8 +131,8 @@ ExitStatus list_plates(const LogFlags& flags, const Context& context) {
                             std::span<const std::uint8_t>(bytes));
       ++crops;
     }
-    if (!flags.csv.empty()) {
-      csv += plate::logged_csv_line(plate);
+    if (csv) {
+      csv->add(plate::logged_csv_line(plate));
     } else if (context.json) {
       print_json_line(dumped(plate::logged_json(plate, flags.path)));
     } else if (flags.crops.empty()) {
@@ -90,12 +140,9 @@ ExitStatus list_plates(const LogFlags& flags, const Context& context) {
     }
     return true;
   });
-  if (flags.csv == "-") {
-    print_text(csv);
-  } else if (!flags.csv.empty()) {
-    write_file_atomically(flags.csv, std::string_view(csv));
+  if (csv) csv->finish();
+  if (!flags.csv.empty() && flags.csv != "-")
     log_info("{} entries written to {}", found, flags.csv);
-  }
   if (!flags.crops.empty()) log_info("{} pictures written to {}", crops, flags.crops);
   return found > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
@@ -103,12 +150,17 @@ ExitStatus list_plates(const LogFlags& flags, const Context& context) {
 ExitStatus forget_plates(const LogFlags& flags, const Context& context) {
   const std::chrono::milliseconds age = plate::parse_duration(flags.keep, "--keep");
   PlateLog log(flags.path, DatabaseAccess::kWrite);
-  const std::int64_t deleted = log.forget_before(plate::moment_now() - age);
-  const std::int64_t kept = log.count();
+  plate::ForgetOptions options;
+  // A program that waits to write looks every 25 to 100 ms whether it may.
+  options.between = [&](std::int64_t) {
+    throw_if_stopped(context.stop);
+    (void)sleep_unless_stopped(std::chrono::milliseconds(50), context.stop);
+  };
+  const std::int64_t deleted = log.forget(plate::moment_now(), age, options);
   if (context.json) {
-    print_json_line(dumped({{"deleted", deleted}, {"kept", kept}}));
+    print_json_line(dumped({{"deleted", deleted}}));
   } else {
-    print_text(fmt::format("{} deleted, {} kept\n", deleted, kept));
+    print_text(fmt::format("{} deleted\n", deleted));
   }
   return ExitStatus::kDone;
 }

@@ -1,19 +1,28 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
 #include "tarsier/plate/reading_json.h"
-#include "tarsier/plate_video/log.h"
+#include "tarsier/plate_video/recorder.h"
+#include "tarsier/plate_video/source_clock.h"
 #include "tarsier/session/plate_session.h"
+#include "tarsier/session/presence.h"
+#include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
 
 #include "cmd_plate.h"
+#include "on_event.h"
 #include "plate_engine.h"
 #include "run_session.h"
+#include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <sys/stat.h>
+#include <vector>
 
 namespace tarsier::cli {
 namespace {
@@ -26,6 +35,8 @@ struct ReadFlags {
   plate::TrackerOptions tracker;
   std::string region;
   std::string log;
+  std::string start;
+  OnEventFlags on_event;
   bool events_only = false;
 };
 
@@ -43,10 +54,144 @@ void print_event(const plate::PlateEvent& event) {
                          event.frames == 1 ? "frame" : "frames"));
 }
 
-plate::Moment moment_of_zero(double time) {
-  return plate::moment_now() -
-         std::chrono::duration_cast<plate::Moment::duration>(std::chrono::duration<double>(time));
+// When a file was last written; nothing where there is none.
+std::optional<plate::Moment> modified(const std::string& path) {
+  struct ::stat info {};
+  if (::stat(path.c_str(), &info) != 0) return std::nullopt;
+  return plate::Moment(std::chrono::duration_cast<std::chrono::milliseconds>(
+      std::chrono::seconds(info.st_mtim.tv_sec) + std::chrono::nanoseconds(info.st_mtim.tv_nsec)));
 }
+
+std::chrono::milliseconds length_of(const FrameSource& source) {
+  if (source.count() <= 0 || source.fps() <= 0) return std::chrono::milliseconds(0);
+  return std::chrono::milliseconds(
+      std::llround(1000 * static_cast<double>(source.count()) / source.fps()));
+}
+
+// How the frames of a source lie in time, by its name in Frame::name.
+plate::SourceTimes times_of(const std::string& name, const ReadFlags& flags) {
+  const plate::Moment now = plate::moment_now();
+  std::optional<plate::Moment> start;
+  if (!flags.start.empty()) start = plate::parse_moment(flags.start, now, false, "--start");
+  for (const std::string& input : flags.run.inputs) {
+    if (input != "synth:" + name) continue;
+    const auto drawn = open_synth_source(name, flags.run.source);
+    if (drawn->is_live()) return {};
+    // As if its recording had ended just now: not in the future, however fast it is read.
+    if (!start) start = plate::recording_start(now, length_of(*drawn), now);
+    return {false, start};
+  }
+  try {
+    switch (classify_source(name)) {
+      case SourceKind::kVideo: {
+        if (start) return {false, start};
+        const auto written = modified(name);
+        const auto length = length_of(*open_source(name));
+        if (written && length.count() > 0) start = plate::recording_start(*written, length, now);
+        return {false, start};
+      }
+      case SourceKind::kFolder:  // pictures in sequence
+        return {false, start};
+      default:
+        return {};
+    }
+  } catch (const InputError&) {  // of a kind of its own
+    return {};
+  }
+}
+
+// Wall clock, log and command: all that is done with what the session says of vehicles.
+class Reports {
+ public:
+  Reports(const ReadFlags& flags, Context& context)
+      : flags_(flags),
+        context_(context),
+        clock_(plate::system_clocks()),
+        on_event_(flags.on_event, context) {
+    if (!flags.start.empty()) {
+      (void)plate::parse_moment(flags.start, plate::moment_now(), false, "--start");
+      if (flags.run.inputs.size() > 1) throw UsageError("--start goes with one input");
+    }
+    if (flags.log.empty()) return;
+    log_.emplace(flags.log);
+    if (!plate::is_plausible(plate::moment_now())) {
+      log_warning("the clock says {}: entries of {} are corrected when it is set",
+                  plate::moment_text(plate::moment_now()), flags.log);
+    }
+  }
+
+  void set_session(PlateSession& session) { session_ = &session; }
+
+  plate::FrameMoment moment_of(const Frame& frame) {
+    const std::string source = source_of(frame);
+    if (source != source_) clock_.begin(times_of(source, flags_), frame.time);
+    source_ = source;
+    const plate::FrameMoment seen = clock_.at(frame.time, frame.captured);
+    if (const auto step = clock_.take_step()) {
+      log_warning("the clock was set by {:.0f} s", static_cast<double>(step->count()) / 1000);
+      if (session_ != nullptr) session_->shift_unsynchronized(*step);
+      if (log_) log_->shift_unsynchronized(*step);
+    }
+    if (seen.synchronized && !was_synchronized_ && log_) log_->trust_clock();
+    was_synchronized_ = seen.synchronized;
+    return seen;
+  }
+
+  void vehicle(const plate::PlateEvent& event) {
+    if (log_) log_->record(event);
+    if (event.state == plate::PlateState::kUpdated) return;
+    if (on_event_) on_event_.post(event_json(event));
+    if (event.state != plate::PlateState::kClosed) return;
+    found_ = true;
+    if (context_.json)
+      print_json_line(
+          event_json(event).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    else
+      print_event(event);
+  }
+
+  // A still has no vehicle that comes and goes: what is read in it is an event as it is.
+  void still(const Frame& frame, const std::vector<plate::Reading>& readings) {
+    const plate::Moment now = plate::moment_now();
+    for (const plate::Reading& reading : readings) {
+      if (!context_.json) print_reading(frame, reading);
+      if (reading.text.empty() || (!log_ && !on_event_)) continue;
+      plate::PlateEvent event = plate::event_of(reading, frame.image);
+      event.id = -++stills_;  // none of the vehicles
+      event.source = frame.name;
+      event.first_seen = event.last_seen = std::min(modified(frame.name).value_or(now), now);
+      if (log_) log_->record(event);
+      if (on_event_) on_event_.post(event_json(event));
+    }
+  }
+
+  void check() {
+    if (log_) log_->check();
+  }
+
+  // What is on its way is written, or said to be lost.
+  void finish(bool interrupted) {
+    if (log_) log_->finish(interrupted ? kInterruptedPatience_s : kPatience_s);
+    on_event_.finish();
+  }
+
+  [[nodiscard]] bool found() const { return found_; }
+
+ private:
+  static constexpr double kPatience_s = 70;  // more than a lock is waited for
+  static constexpr double kInterruptedPatience_s = 5;
+
+  const ReadFlags& flags_;
+  Context& context_;
+  plate::SourceClock clock_;
+  OnEvent on_event_;
+  std::optional<plate::PlateRecorder> log_;
+  PlateSession* session_ = nullptr;
+  std::string source_;
+  bool was_synchronized_ = true;
+  bool found_ = false;
+  std::int64_t stills_ = 0;
+};
 
 ExitStatus run_read(ReadFlags& flags, Context& context) {
   if (!flags.region.empty()) flags.tracker.region = plate::parse_region(flags.region);
@@ -55,48 +200,29 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen)
     flags.run.output = "none";
   const PlateReader read = make_plate_reader(flags.plate, context);
-  std::optional<plate::PlateLog> log;
-  if (!flags.log.empty()) log.emplace(flags.log);
+  Reports reports(flags, context);
   DebugFolder debug(context.debug_dir);
 
   double milliseconds = 0;
   bool found = false;
-  std::string source;
-  std::optional<plate::Moment> origin;  // when the source's time was 0
   const auto read_frame = [&](const Frame& frame) {
-    if (!origin || frame.still || source != frame.name)
-      origin = moment_of_zero(frame.still ? 0 : frame.time);
-    source = frame.name;
     const Clock::time_point start = Clock::now();
     std::vector<plate::Reading> readings = read(frame, debug.sink());
     milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
     return readings;
   };
-  const auto on_plate = [&](const plate::PlateEvent& event) {
-    found = true;
-    if (log) (void)log->append(event, source, *origin);
-    if (context.json)
-      print_json_line(
-          event_json(event).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
-    else
-      print_event(event);
-  };
-  PlateSession session(read_frame, on_plate, flags.tracker);
-  // A still has no vehicle that comes and goes: what is read in it is logged as it is.
-  const auto finish_still = [&](const Frame& frame) {
-    for (const plate::Reading& reading : session.readings()) {
-      if (!context.json) print_reading(frame, reading);
-      if (log && !reading.text.empty())
-        (void)log->append(plate::event_of(reading, frame.image), frame.name, *origin);
-    }
-  };
+  PlateSession session(
+      read_frame, [&](const plate::PlateEvent& event) { reports.vehicle(event); }, flags.tracker,
+      [&](const Frame& frame) { return reports.moment_of(frame); });
+  reports.set_session(session);
 
   RunHooks hooks;
   hooks.title = "plates";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     found = found || ((frame.still || !flags.events_only) && !session.readings().empty());
-    if (frame.still) finish_still(frame);
+    if (frame.still) reports.still(frame, session.readings());
+    reports.check();
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
     nlohmann::ordered_json plates = nlohmann::ordered_json::array();
@@ -121,10 +247,13 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
     status = run_session(session, flags.run, context, hooks);
   } catch (...) {
     session.finish();  // what was seen before the source broke
+    reports.finish(true);
     throw;
   }
   session.finish();
-  return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
+  reports.finish(status == ExitStatus::kInterrupted);
+  return status == ExitStatus::kDone && !found && !reports.found() ? ExitStatus::kNothingFound
+                                                                   : status;
 }
 
 }  // namespace
@@ -154,6 +283,11 @@ void add_plate_read(CLI::App& plate, Context& context) {
   film(verb.add_flag("--words", flags->tracker.words,
                      "texts without a digit are vehicles too (a few plates; many signs)"));
   film(verb.add_option("--log", flags->log, "SQLite file that every vehicle is written to"));
+  film(
+      verb.add_option("--start", flags->start,
+                      "when a video file begins: 2024-05-01T12:30 (UTC) [when it was last written, "
+                      "less its length]"));
+  add_on_event_flags(verb, flags->on_event, "when a vehicle is opened, closed or withdrawn");
   add_common_flags(verb, context);
   add_debug_flag(verb, context);
   verb.callback(

@@ -121,7 +121,15 @@ void Database::refuse(const std::string& reason) const {
   throw InputError(path_, reason);
 }
 
-void Database::fail(int code) const { refuse(reason_of(handle_, code)); }
+void Database::refuse(int code, const std::string& reason) const {
+  const int kind = code & 0xFF;
+  if (writes_ && (kind == SQLITE_BUSY || kind == SQLITE_LOCKED)) {
+    throw DatabaseLockedError(path_, reason);
+  }
+  refuse(reason);
+}
+
+void Database::fail(int code) const { refuse(code, reason_of(handle_, code)); }
 
 void Database::check(int code) const {
   if (code != SQLITE_OK) fail(code);
@@ -167,7 +175,8 @@ void Database::identify(const DatabaseKind& kind) {
     refuse(
         fmt::format("is a {} of version {}, this program knows 1..{}", kind.name, version, newest));
   }
-  if (!writes_ && version < newest) {
+  const std::int64_t oldest = kind.oldest_readable > 0 ? kind.oldest_readable : newest;
+  if (!writes_ && version < oldest) {
     // Reading does not change files: the query's own words would not fit an older layout.
     refuse(
         fmt::format("is a {} of the older version {}: it is brought up to date when it is "
@@ -209,6 +218,13 @@ void Database::vacuum() {
   const int code = sqlite3_exec(handle_, "VACUUM", nullptr, nullptr, nullptr);
   sqlite3_limit(handle_, SQLITE_LIMIT_ATTACHED, before);
   check(code);
+}
+
+std::int64_t Database::version() { return number("PRAGMA user_version"); }
+
+void Database::set_patience(int milliseconds) {
+  TARSIER_REQUIRE(milliseconds >= 0, "patience {} ms", milliseconds);
+  check(sqlite3_busy_timeout(handle_, milliseconds));
 }
 
 std::int64_t Database::last_row_id() const { return sqlite3_last_insert_rowid(handle_); }
@@ -258,7 +274,7 @@ bool Statement::step() {
   // The message is lost with the next call; the transaction goes on without this statement.
   const std::string reason = reason_of(database_.handle_, code);
   sqlite3_reset(handle_);
-  database_.refuse(reason);
+  database_.refuse(code, reason);
 }
 
 void Statement::reset() {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/errors.h"
+
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -24,6 +26,14 @@ struct DatabaseKind {
   std::string name;                   // "Tarsier plate log", for errors
   std::int32_t application_id = 1;    // marks the files; not 0
   std::vector<std::string> versions;  // the k-th are the statements that turn version k into k + 1
+  // Readers (kRead) understand versions from this one on: see Database::version(). 0: the newest
+  // alone.
+  int oldest_readable = 0;
+};
+
+// Another connection held its lock for longer than the patience: the same may work later.
+struct DatabaseLockedError : OutputError {
+  using OutputError::OutputError;
 };
 
 enum class DatabaseAccess {
@@ -46,6 +56,8 @@ class Database {
   void run(std::string_view statements);
   // Writes the whole file anew, without what was deleted; the copy on the way is in memory only.
   void vacuum();
+  [[nodiscard]] std::int64_t version();  // of the file; writers find the newest one
+  void set_patience(int milliseconds);   // how long a lock is waited for
   [[nodiscard]] std::int64_t last_row_id() const;
   [[nodiscard]] std::int64_t changed_rows() const;  // by the last statement
   [[nodiscard]] const std::string& path() const { return path_; }
@@ -59,6 +71,7 @@ class Database {
   void upgrade(const DatabaseKind& kind);
   [[nodiscard]] std::int64_t number(const char* query);
   [[noreturn]] void refuse(const std::string& reason) const;
+  [[noreturn]] void refuse(int code, const std::string& reason) const;
 
   std::string path_;
   bool writes_ = false;

@@ -275,5 +275,24 @@ TEST_F(SqliteTest, FoldersAndStrangePathsAreRefused) {
   EXPECT_THROW(Database(":memory:", kKind, DatabaseAccess::kRead), InputError);
 }
 
+TEST_F(SqliteTest, ALockIsAnErrorOfItsOwn) {
+  Database database = create();
+  Database other = create();
+  const Transaction lock(other);
+  EXPECT_THROW(add(database, "hello"), DatabaseLockedError);
+  EXPECT_THROW(Transaction{database}, DatabaseLockedError);
+  EXPECT_THROW(database.run("CREATE TABLE again(id)"), DatabaseLockedError);
+}
+
+TEST_F(SqliteTest, ReadersMayKnowOlderVersions) {
+  (void)create();
+  DatabaseKind later = kKind;
+  later.versions.emplace_back("ALTER TABLE note ADD COLUMN time");
+  EXPECT_THAT(refusal(DatabaseAccess::kRead, later), HasSubstr("older version 1"));
+  later.oldest_readable = 1;
+  EXPECT_EQ(Database(path("notes.db"), later, DatabaseAccess::kRead).version(), 1);
+  EXPECT_EQ(Database(path("notes.db"), later, DatabaseAccess::kWrite).version(), 2);
+}
+
 }  // namespace
 }  // namespace tarsier

@@ -24,6 +24,20 @@ constexpr int kCropWidth = 640;  // px
 
 }  // namespace
 
+std::string_view name_of(PlateState state) {
+  switch (state) {
+    case PlateState::kOpened:
+      return "opened";
+    case PlateState::kUpdated:
+      return "updated";
+    case PlateState::kClosed:
+      return "closed";
+    case PlateState::kWithdrawn:
+      break;
+  }
+  return "withdrawn";
+}
+
 cv::Mat plate_crop(const cv::Mat& image, const cv::Rect& box) {
   if (image.empty()) return {};
   const cv::Point margin{box.width / 6, box.height / 4};
@@ -75,20 +89,32 @@ ordered_json readings_json(const std::vector<TimedReading>& readings) {
 }
 
 ordered_json event_json(const PlateEvent& event) {
-  return {{"event", "plate"},
-          {"id", event.id},
-          {"text", event.text},
-          {"confidence", share_of(event.confidence)},
-          {"country", event.country.empty() ? ordered_json() : ordered_json(event.country)},
-          {"candidates", candidates_json(event.candidates)},
-          {"first_time", time_of(event.first_time)},
-          {"last_time", time_of(event.last_time)},
-          {"frames", event.frames},
-          {"best",
-           {{"frame", event.best_frame},
-            {"time", time_of(event.best_time)},
-            {"box", box_json(event.best_box)}}},
-          {"readings", readings_json(event.readings)}};
+  const auto seen = [](Moment moment) {
+    return moment == Moment() ? ordered_json() : ordered_json(moment_text(moment));
+  };
+  ordered_json object{{"event", "plate"},
+                      {"state", name_of(event.state)},
+                      {"id", event.id},
+                      {"source", event.source},
+                      {"first_seen", seen(event.first_seen)},
+                      {"last_seen", seen(event.last_seen)}};
+  if (event.state == PlateState::kWithdrawn) {
+    object["merged_into"] =
+        event.merged_into > 0 ? ordered_json(event.merged_into) : ordered_json();
+  }
+  object.update({{"text", event.text},
+                 {"confidence", share_of(event.confidence)},
+                 {"country", event.country.empty() ? ordered_json() : ordered_json(event.country)},
+                 {"candidates", candidates_json(event.candidates)},
+                 {"first_time", time_of(event.first_time)},
+                 {"last_time", time_of(event.last_time)},
+                 {"frames", event.frames},
+                 {"best",
+                  {{"frame", event.best_frame},
+                   {"time", time_of(event.best_time)},
+                   {"box", box_json(event.best_box)}}},
+                 {"readings", readings_json(event.readings)}});
+  return object;
 }
 
 }  // namespace tarsier::plate

@@ -2,12 +2,15 @@
 #pragma once
 
 #include "tarsier/plate_text/reading.h"
+#include "tarsier/plate_video/time_text.h"
 
 #include <opencv2/core/mat.hpp>
 
+#include <chrono>
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace tarsier::plate {
@@ -21,10 +24,28 @@ struct TimedReading {
   cv::Rect box;  // px of the frame
 };
 
+// When a frame was taken, by the clocks of source_clock.h.
+struct FrameMoment {
+  Moment wall{};                        // as a calendar says it
+  std::chrono::milliseconds uptime{0};  // of a clock that nobody sets: durations are of this one
+  bool synchronized = true;             // the calendar's clock is known to be right
+};
+
+// What is said of a vehicle: that it is one, what was learnt of it since, that it has gone, or that
+// it is none after all (a sign) or the same as another one.
+enum class PlateState { kOpened, kUpdated, kClosed, kWithdrawn };
+[[nodiscard]] std::string_view name_of(PlateState state);  // "opened", "updated" ..
+
 // One vehicle, from when its plate was first read until it was last.
 struct PlateEvent {
   std::int64_t id = 0;  // counts up from 1 within one tracker
-  std::string text;     // voted over all readings
+  PlateState state = PlateState::kClosed;
+  std::int64_t merged_into = 0;  // kWithdrawn: the id of the vehicle that it was; 0: it was none
+  std::string source;            // where it was seen
+  Moment first_seen;             // wall clock; 1970 where it is not known
+  Moment last_seen;
+  bool synchronized = true;  // see FrameMoment
+  std::string text;          // voted over all readings
   double confidence = 0;
   std::string country;                // of the text's layout, empty where none fits
   std::vector<Candidate> candidates;  // best first; the first is the text
@@ -44,9 +65,11 @@ struct PlateEvent {
 // The box with a margin, cut from the image, 640 px wide at most; empty where they do not meet.
 [[nodiscard]] cv::Mat plate_crop(const cv::Mat& image, const cv::Rect& box);
 
-// {"event":"plate","id","text","confidence","country","candidates":[{"text","confidence"}],
+// {"event":"plate","state","id","source","first_seen","last_seen","text","confidence","country","candidates":[{"text","confidence"}],
 // "first_time","last_time","frames","best":{"frame","time","box":[x,y,w,h]},"readings":[{"frame",
-// "time","text","confidence","box"}]}; times in seconds, to the millisecond.
+// "time","text","confidence","box"}]}; times in seconds, to the millisecond; "first_seen" and
+// "last_seen" as ISO 8601, null where not known; "merged_into" where state is "withdrawn", id or
+// null.
 [[nodiscard]] nlohmann::ordered_json event_json(const PlateEvent& event);
 
 // The parts of it that a log keeps as text.

@@ -89,8 +89,13 @@ double confidence_of(const Track& track) {
 void add_reading(Track& track, const Reading& reading, const TrackedFrame& frame, double time,
                  const TrackerOptions& options) {
   move_to(track, reading.box, time);
-  if (track.frames == 0) track.first_time = time;
+  if (track.frames == 0) {
+    track.first_time = time;
+    track.first_uptime = frame.seen.uptime;
+    track.source = frame.source;
+  }
   track.last_time = time;
+  track.last_seen = frame.seen;
   track.read_now = true;
   ++track.frames;
   track.evidence.push_back(
@@ -146,6 +151,12 @@ bool is_confirmed(const Track& track, const TrackerOptions& options) {
 void absorb(Track& track, Track&& earlier, const TrackerOptions& options) {
   track.id = earlier.id;
   track.first_time = earlier.first_time;
+  track.first_uptime = earlier.first_uptime;
+  track.source = earlier.source;
+  track.announced = earlier.announced;
+  track.announced_text = earlier.announced_text;
+  track.announced_last = earlier.announced_last;
+  track.next_update = track.last_time;  // what is known of both is worth saying
   track.frames += earlier.frames;
   track.surest = std::max(track.surest, earlier.surest);
   if (cv::norm(track.anchor - earlier.anchor) <= 0.5 * track.size.width) {
@@ -164,22 +175,29 @@ void absorb(Track& track, Track&& earlier, const TrackerOptions& options) {
   vote_now(track, options);
 }
 
-PlateEvent event_of(Track&& track, const TrackerOptions& options) {
-  vote_now(track, options);
+PlateEvent event_of(const Track& track, PlateState state) {
   PlateEvent event;
   event.id = track.id;
+  event.state = state;
+  event.source = track.source;
   event.text = text_of(track);
   event.confidence = confidence_of(track);
   event.country = track.voted.empty() ? "" : track.voted.front().country;
-  event.candidates = std::move(track.voted);
+  event.candidates = track.voted;
   event.first_time = track.first_time;
   event.last_time = track.last_time;
+  // From the end backwards: a clock that was set meanwhile is right now, and how long the stay was
+  // is known from the one that nobody sets.
+  event.last_seen = track.last_seen.wall;
+  event.first_seen = event.last_seen - std::max(track.last_seen.uptime - track.first_uptime,
+                                                std::chrono::milliseconds(0));
+  event.synchronized = track.last_seen.synchronized;
   event.frames = track.frames;
-  for (Evidence& evidence : track.evidence) event.readings.push_back(std::move(evidence.reading));
+  for (const Evidence& evidence : track.evidence) event.readings.push_back(evidence.reading);
   event.best_frame = track.best_frame;
   event.best_time = track.best_time;
   event.best_box = track.best_box;
-  event.best_crop = std::move(track.best_crop);
+  event.best_crop = track.best_crop;
   return event;
 }
 

@@ -5,6 +5,7 @@
 
 #include <opencv2/core.hpp>
 
+#include <chrono>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -40,7 +41,17 @@ struct Track {
   std::int64_t best_frame = 0;
   double best_time = 0;
   cv::Rect best_box;
-  cv::Mat best_crop;
+  cv::Mat best_crop;  // never drawn into: events share it
+
+  std::string source;
+  std::chrono::milliseconds first_uptime{0};
+  FrameMoment last_seen;  // of the latest reading
+
+  // What was said of it.
+  bool announced = false;
+  std::string announced_text;
+  double announced_last = 0;  // its last_time then
+  double next_update = 0;     // s, of the frames' time
 };
 
 // Takes a reading: motion, evidence, best crop.
@@ -66,7 +77,8 @@ void vote_if_due(Track& track, const TrackerOptions& options);
 // Adds what is known from an earlier time of the same vehicle.
 void absorb(Track& track, Track&& earlier, const TrackerOptions& options);
 
-[[nodiscard]] PlateEvent event_of(Track&& track, const TrackerOptions& options);
+// As it is known now, by the latest vote.
+[[nodiscard]] PlateEvent event_of(const Track& track, PlateState state);
 
 // 0..1: 1 for the same text, with what is easily confused taken for one; 0 for nothing in common.
 [[nodiscard]] double text_similarity(const std::string& a, const std::string& b);

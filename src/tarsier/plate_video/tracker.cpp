@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <iterator>
 #include <tuple>
 #include <utility>
 
@@ -14,6 +15,11 @@ namespace tarsier::plate {
 namespace {
 
 constexpr std::size_t kMostTracks = 1000;
+
+// s between two updates of a vehicle that is read all the time: what is written costs, and a power
+// cut falsifies a long stay's end by little.
+constexpr double kMinUpdate = 2;
+constexpr double kMaxUpdate = 60;
 
 // One plate may be found twice in a frame.
 bool is_double(const cv::Rect& a, const cv::Rect& b) {
@@ -79,6 +85,10 @@ void merge_returned(TrackerState& state, const TrackerOptions& options) {
       if (earlier == later || !is_same(*state.tracks[earlier], *state.tracks[later], options)) {
         continue;
       }
+      if (state.tracks[later]->announced) {
+        state.withdrawn.push_back(event_of(*state.tracks[later], PlateState::kWithdrawn));
+        state.withdrawn.back().merged_into = state.tracks[earlier]->id;
+      }
       absorb(*state.tracks[later], std::move(*state.tracks[earlier]), options);
       state.tracks[earlier] = std::move(state.tracks[later]);
       state.tracks.erase(state.tracks.begin() + static_cast<std::ptrdiff_t>(later));
@@ -102,7 +112,11 @@ std::vector<PlateEvent> take_out(TrackerState& state, const TrackerOptions& opti
   for (std::unique_ptr<Track>& track : state.tracks) {
     if (!is_over(*track)) continue;
     vote_now(*track, options);
-    if (is_confirmed(*track, options)) events.push_back(event_of(std::move(*track), options));
+    if (is_confirmed(*track, options)) {
+      events.push_back(event_of(*track, PlateState::kClosed));
+    } else if (track->announced) {
+      state.withdrawn.push_back(event_of(*track, PlateState::kWithdrawn));
+    }
     track.reset();
   }
   std::erase(state.tracks, nullptr);
@@ -161,6 +175,34 @@ std::vector<PlateEvent> step_tracker(const TrackerOptions& options, TrackerState
 std::vector<PlateEvent> flush_tracker(const TrackerOptions& options, TrackerState& state) {
   options.check();
   return take_out(state, options, [](const Track&) { return true; });
+}
+
+std::vector<PlateEvent> take_news(const TrackerOptions& options, TrackerState& state) {
+  std::vector<PlateEvent> news;
+  for (const auto& track : state.tracks) {
+    if (!is_confirmed(*track, options)) continue;
+    const bool read_since = track->last_time > track->announced_last;
+    const bool out_of_sight = state.time - track->last_time > options.lost_after;
+    const bool due = !track->announced || text_of(*track) != track->announced_text ||
+                     (read_since && (out_of_sight || state.time >= track->next_update));
+    if (!due) continue;
+    news.push_back(event_of(*track, track->announced ? PlateState::kUpdated : PlateState::kOpened));
+    track->announced = true;
+    track->announced_text = text_of(*track);
+    track->announced_last = track->last_time;
+    track->next_update = state.time + std::clamp(0.5 * (track->last_time - track->first_time),
+                                                 kMinUpdate, kMaxUpdate);
+  }
+  sort_by_time(news);
+  std::move(state.withdrawn.begin(), state.withdrawn.end(), std::back_inserter(news));
+  state.withdrawn.clear();
+  return news;
+}
+
+void shift_unsynchronized(TrackerState& state, std::chrono::milliseconds by) {
+  for (const auto& track : state.tracks) {
+    if (!track->last_seen.synchronized) track->last_seen.wall += by;
+  }
 }
 
 std::vector<LiveTrack> live_tracks(const TrackerOptions& options, const TrackerState& state) {

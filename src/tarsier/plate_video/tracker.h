@@ -7,6 +7,7 @@
 
 #include <opencv2/core/mat.hpp>
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -51,7 +52,8 @@ struct TrackerState {
 
   std::vector<std::unique_ptr<Track>> tracks;
   std::int64_t next_id = 1;
-  double time = 0;  // of the latest frame, s
+  double time = 0;                    // of the latest frame, s
+  std::vector<PlateEvent> withdrawn;  // until take_news()
 };
 
 struct TrackedFrame {
@@ -59,6 +61,8 @@ struct TrackedFrame {
   double time = 0;  // s since the source's first frame; a clock that steps back is taken to stand
   cv::Mat image;    // best crops are cut from it; may be empty: none are
   std::vector<Reading> readings;
+  FrameMoment seen{};    // by the wall clock; where left out, events have no such times
+  std::string source{};  // goes into events; all frames until a flush are of one source
 };
 
 // A vehicle that is in sight.
@@ -81,9 +85,21 @@ struct LiveTrack {
 [[nodiscard]] std::vector<PlateEvent> step_tracker(const TrackerOptions& options,
                                                    TrackerState& state, const TrackedFrame& frame);
 
-// The events of all vehicles that are left, by time; the state is empty afterwards.
+// The events of all vehicles that are left, by time; no tracks are left afterwards.
 [[nodiscard]] std::vector<PlateEvent> flush_tracker(const TrackerOptions& options,
                                                     TrackerState& state);
+
+// What is new since the last call, for those who keep what is known while vehicles are in sight;
+// called after step_tracker(), before its events are dealt with, and after flush_tracker().
+// kOpened: read often and surely enough for an event. kUpdated: another text, out of sight, or
+// after some while (half as long again as it has been there, between 2 and 60 s). kWithdrawn, last:
+// what was opened and is no vehicle, or another one come back. Vehicles that are first sure of when
+// they have gone are closed without being opened.
+[[nodiscard]] std::vector<PlateEvent> take_news(const TrackerOptions& options, TrackerState& state);
+
+// The wall clock was set forward by so much: vehicles that were last read while it was not
+// synchronized get right times.
+void shift_unsynchronized(TrackerState& state, std::chrono::milliseconds by);
 
 // Oldest first.
 [[nodiscard]] std::vector<LiveTrack> live_tracks(const TrackerOptions& options,

@@ -90,6 +90,89 @@ TEST(TrackerTest, OneCarIsOneEventThoughFramesMissIt) {
   EXPECT_NEAR(event.last_time, 2.6, 1e-9);
 }
 
+// What take_news() says of each frame.
+class NewsTest : public testing::Test {
+ protected:
+  std::vector<std::string> frame(const std::vector<Reading>& readings) {
+    const double time = kStep * static_cast<double>(index_);
+    const std::vector<PlateEvent> closed =
+        step_tracker(options_, state_, {index_++, time, {}, readings});
+    std::vector<std::string> words = words_of(take_news(options_, state_));
+    for (std::string& word : words_of(closed)) words.push_back(std::move(word));
+    return words;
+  }
+  std::vector<std::string> finish() {
+    std::vector<std::string> words = words_of(flush_tracker(options_, state_));
+    for (std::string& word : words_of(take_news(options_, state_)))
+      words.push_back(std::move(word));
+    return words;
+  }
+  static std::vector<std::string> words_of(const std::vector<PlateEvent>& events) {
+    std::vector<std::string> words;
+    for (const PlateEvent& event : events) {
+      words.push_back(std::string(name_of(event.state)) + ' ' + std::to_string(event.id) + ' ' +
+                      event.text);
+      if (event.merged_into > 0) words.back() += " into " + std::to_string(event.merged_into);
+    }
+    return words;
+  }
+  TrackerOptions options_;
+  TrackerState state_;
+  std::int64_t index_ = 0;
+};
+
+TEST_F(NewsTest, AVehicleIsOpenedAsSoonAsItIsCertain) {
+  EXPECT_THAT(frame({reading_at("1234BCD", 0, 100)}), testing::IsEmpty());
+  EXPECT_THAT(frame({reading_at("1234BCD", 10, 100)}), testing::IsEmpty());
+  EXPECT_THAT(frame({reading_at("1234BCD", 20, 100)}), ElementsAre("opened 1 1234BCD"));
+  std::vector<std::string> news;
+  for (int k = 3; k < 60; ++k) {
+    for (std::string& word : frame({reading_at("1234BCD", 10 * k, 100)}))
+      news.push_back(std::move(word));
+  }
+  EXPECT_THAT(news, ElementsAre("updated 1 1234BCD", "updated 1 1234BCD"));
+  news.clear();
+  for (int k = 0; k < 20; ++k) {
+    for (std::string& word : frame({})) news.push_back(std::move(word));
+  }
+  EXPECT_THAT(news, ElementsAre("updated 1 1234BCD")) << "out of sight, with its last time";
+  EXPECT_THAT(finish(), ElementsAre("closed 1 1234BCD"));
+  EXPECT_THAT(finish(), testing::IsEmpty());
+}
+
+TEST_F(NewsTest, ALongStayIsNotWrittenAllTheTime) {
+  std::size_t updates = 0;
+  options_.most_readings = 10;
+  for (int k = 0; k < 36'000; ++k) updates += frame({reading_at("1234BCD", 100, 100)}).size();
+  EXPECT_GE(updates, 60U);  // in an hour
+  EXPECT_LE(updates, 75U);
+}
+
+TEST_F(NewsTest, WhatTurnsOutToBeASignIsTakenBack) {
+  std::vector<std::string> news;
+  for (int k = 0; k < 100; ++k) {  // hardly certain, and it never moves
+    for (std::string& word : frame({reading_at("NO12", 100, 100, 100, 0.55)}))
+      news.push_back(std::move(word));
+  }
+  ASSERT_FALSE(news.empty());
+  EXPECT_EQ(news[0], "opened 1 NO12");
+  EXPECT_THAT(finish(), ElementsAre("withdrawn 1 NO12"));
+}
+
+TEST_F(NewsTest, AVehicleThatWasTakenForANewOneIsTakenBack) {
+  for (int k = 0; k < 10; ++k) (void)frame({reading_at("1234BCD", 20 * k, 100)});
+  for (int k = 0; k < 30; ++k) (void)frame({});
+  std::vector<std::string> news;
+  for (int k = 0; k < 12; ++k) {  // misread at first
+    for (std::string& word : frame({k < 4 ? reading_at("7254RCO", 400 + 10 * k, 200, 100, 0.6)
+                                          : reading_at("1234BCD", 400 + 10 * k, 200, 100, 0.99)}))
+      news.push_back(std::move(word));
+  }
+  EXPECT_THAT(news, testing::IsSupersetOf({"opened 2 7254RCO", "withdrawn 2 1234BCD into 1"}))
+      << testing::PrintToString(news);
+  EXPECT_THAT(finish(), ElementsAre("closed 1 1234BCD"));
+}
+
 TEST(TrackerTest, TwoCarsSideBySideStayTwoThoughTheirTextsAreNear) {
   Road road;
   for (int k = 0; k < 20; ++k) {

@@ -4,6 +4,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/draw/text.h"
 #include "tarsier/session/overlay.h"
+#include "tarsier/session/presence.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -44,14 +45,20 @@ std::string caption(const std::string& text, double confidence) {
 
 }  // namespace
 
-PlateSession::PlateSession(Read read, OnPlate on_plate, const plate::TrackerOptions& options)
-    : read_(std::move(read)), on_plate_(std::move(on_plate)), options_(options) {
+PlateSession::PlateSession(Read read, OnPlate on_plate, const plate::TrackerOptions& options,
+                           MomentOf moment_of)
+    : read_(std::move(read)),
+      on_plate_(std::move(on_plate)),
+      moment_of_(std::move(moment_of)),
+      options_(options) {
   TARSIER_REQUIRE(read_ != nullptr, "a reader is needed");
   options_.check();
 }
 
 View PlateSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (frame.still != still_) finish();
+  const std::string name = source_of(frame);
+  if (frame.still != still_ || (!frame.still && name != name_)) finish();
+  name_ = name;
   frame_ = frame.image;
   still_ = frame.still;
   source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
@@ -63,7 +70,11 @@ View PlateSession::on_frame(const Frame& frame, const SourceStatus& source) {
            !options_.region.contains(middle, frame.image.size());
   });
   if (!still_) {
-    tell(step_tracker(options_, state_, {frame.index, frame.time, frame.image, readings_}));
+    plate::TrackedFrame tracked{frame.index, frame.time, frame.image, readings_, {}, name_};
+    if (moment_of_) tracked.seen = moment_of_(frame);
+    const std::vector<plate::PlateEvent> closed = step_tracker(options_, state_, tracked);
+    tell(take_news(options_, state_));
+    tell(closed);
     tracks_ = live_tracks(options_, state_);
   }
   draw();
@@ -96,16 +107,22 @@ std::vector<Action> PlateSession::actions() const {
 
 void PlateSession::finish() {
   tell(flush_tracker(options_, state_));
+  tell(take_news(options_, state_));
   tracks_.clear();
+}
+
+void PlateSession::shift_unsynchronized(std::chrono::milliseconds by) {
+  plate::shift_unsynchronized(state_, by);
 }
 
 void PlateSession::tell(const std::vector<plate::PlateEvent>& events) {
   for (const plate::PlateEvent& event : events) {
+    if (on_plate_) on_plate_(event);
+    if (event.state != plate::PlateState::kClosed) continue;
     ++events_;
     last_events_.push_back(fmt::format("{}  {:.1f}-{:.1f} s", caption(event.text, event.confidence),
                                        event.first_time, event.last_time));
     if (last_events_.size() > kListed) last_events_.erase(last_events_.begin());
-    if (on_plate_) on_plate_(event);
   }
 }
 

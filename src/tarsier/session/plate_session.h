@@ -5,6 +5,7 @@
 #include "tarsier/plate_video/tracker.h"
 #include "tarsier/session/session.h"
 
+#include <chrono>
 #include <functional>
 #include <string>
 #include <vector>
@@ -12,17 +13,22 @@
 namespace tarsier {
 
 // Reads plates in what it is shown. A still stands for itself; the frames of a film or camera are
-// followed, and each vehicle gives one event when it has gone.
+// followed, and each vehicle gives events: opened when it is certain to be one, updated while it
+// stays, closed when it has gone; or withdrawn. Where another film or camera begins, the vehicles
+// of the last one have gone. (The pictures of a folder that are shown in sequence are one film.)
 // Keys: space pauses, c boxes around characters, h help, q or Esc ends.
-// State: {"plates": number, "events": number so far, "paused"}.
+// State: {"plates": number, "events": number of closed ones so far, "paused"}.
 class PlateSession final : public Session {
  public:
   using Read = std::function<std::vector<plate::Reading>(const Frame& frame)>;
   using OnPlate = std::function<void(const plate::PlateEvent& event)>;
+  using MomentOf = std::function<plate::FrameMoment(const Frame& frame)>;
 
-  // Both functions are called from on_frame, the second also from finish(). Throws
+  // All functions are called from on_frame, the second also from finish(). The last one gives the
+  // wall clock of frames of films and cameras; empty: events have no such times. Throws
   // std::invalid_argument for bad options.
-  PlateSession(Read read, OnPlate on_plate, const plate::TrackerOptions& options);
+  PlateSession(Read read, OnPlate on_plate, const plate::TrackerOptions& options,
+               MomentOf moment_of = {});
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
   View on_idle(const SourceStatus& source) override;
@@ -32,6 +38,9 @@ class PlateSession final : public Session {
 
   // No more frames: the events of vehicles that are still in sight.
   void finish();
+
+  // The wall clock was set forward by so much; see shift_unsynchronized() of tracker.h.
+  void shift_unsynchronized(std::chrono::milliseconds by);
 
   // Of the latest frame; for frames of a film, those within the region.
   [[nodiscard]] const std::vector<plate::Reading>& readings() const { return readings_; }
@@ -45,6 +54,7 @@ class PlateSession final : public Session {
 
   Read read_;
   OnPlate on_plate_;
+  MomentOf moment_of_;
   plate::TrackerOptions options_;
   plate::TrackerState state_;
   std::vector<plate::Reading> readings_;
@@ -54,7 +64,8 @@ class PlateSession final : public Session {
   cv::Mat frame_;
   cv::Mat output_;
   cv::Mat shown_;
-  std::string source_;
+  std::string name_;    // of the film or camera
+  std::string source_;  // its state, where it is not live
   bool still_ = true;
   bool paused_ = false;
   bool characters_ = true;

@@ -59,12 +59,16 @@ SourceStatus live() {
 
 class Plates : public testing::Test {
  protected:
-  std::vector<plate::Reading> seen_;  // what the reader finds in the next frame
-  std::vector<plate::PlateEvent> events_;
+  std::vector<plate::Reading> seen_;       // what the reader finds in the next frame
+  std::vector<plate::PlateEvent> events_;  // that are closed
+  std::vector<plate::PlateEvent> all_;
   plate::TrackerOptions options_;
   PlateSession make() {
     return PlateSession([this](const Frame&) { return seen_; },
-                        [this](const plate::PlateEvent& event) { events_.push_back(event); },
+                        [this](const plate::PlateEvent& event) {
+                          all_.push_back(event);
+                          if (event.state == plate::PlateState::kClosed) events_.push_back(event);
+                        },
                         options_);
   }
 };
@@ -97,6 +101,65 @@ TEST_F(Plates, AVehicleOfAFilmGivesOneEventWhenTheFilmEnds) {
   EXPECT_EQ(events_[0].frames, 12);
   session.finish();
   EXPECT_EQ(events_.size(), 1U);
+}
+
+// The same plate before two cameras, one film after the other.
+TEST_F(Plates, AnotherSourceHasVehiclesOfItsOwn) {
+  PlateSession session = make();
+  for (int k = 0; k < 24; ++k) {
+    seen_ = {reading_at({60 + 4 * k, 100, 90, 20})};
+    Frame frame = frame_at(k);
+    frame.name = k < 12 ? "first.avi" : "second.avi";
+    session.on_frame(frame, live());
+    EXPECT_EQ(events_.size(), k < 12 ? 0U : 1U);
+  }
+  session.finish();
+  ASSERT_EQ(events_.size(), 2U);
+  EXPECT_EQ(events_[0].source, "first.avi");
+  EXPECT_EQ(events_[0].frames, 12);
+  EXPECT_NEAR(events_[0].last_time, 1.1, 1e-9);
+  EXPECT_EQ(events_[1].source, "second.avi");
+  EXPECT_EQ(events_[1].frames, 12);
+  for (const plate::PlateEvent& event : all_) {
+    EXPECT_EQ(event.source, event.id == events_[0].id ? "first.avi" : "second.avi");
+  }
+}
+
+TEST_F(Plates, PicturesInSequenceAreOneFilm) {
+  PlateSession session = make();
+  for (int k = 0; k < 12; ++k) {
+    seen_ = {reading_at({60 + 4 * k, 100, 90, 20})};
+    Frame frame = frame_at(k);
+    frame.name = "street/" + std::to_string(k) + ".png";
+    session.on_frame(frame, live());
+  }
+  session.finish();
+  ASSERT_EQ(events_.size(), 1U);
+  EXPECT_EQ(events_[0].source, "street");
+  EXPECT_EQ(events_[0].frames, 12);
+}
+
+TEST_F(Plates, EventsAreOpenedAtOnceAndHaveTheFramesClock) {
+  const plate::Moment noon = plate::parse_moment("2026-05-01T12:00", {}, false, "time");
+  PlateSession session([this](const Frame&) { return seen_; },
+                       [this](const plate::PlateEvent& event) { all_.push_back(event); }, options_,
+                       [&](const Frame& frame) {
+                         const std::chrono::milliseconds since(100 * frame.index);
+                         return plate::FrameMoment{noon + since, since, false};
+                       });
+  for (int k = 0; k < 6; ++k) {
+    seen_ = {reading_at({60 + 4 * k, 100, 90, 20})};
+    session.on_frame(frame_at(k), live());
+  }
+  ASSERT_EQ(all_.size(), 1U);
+  EXPECT_EQ(all_[0].state, plate::PlateState::kOpened);
+  EXPECT_EQ(all_[0].first_seen, noon);
+  EXPECT_EQ(all_[0].last_seen, noon + std::chrono::milliseconds(200));
+  session.shift_unsynchronized(std::chrono::hours(1));
+  session.finish();
+  ASSERT_EQ(all_.size(), 2U);
+  EXPECT_EQ(all_[1].state, plate::PlateState::kClosed);
+  EXPECT_EQ(all_[1].first_seen, noon + std::chrono::hours(1));
 }
 
 TEST_F(Plates, OutsideTheRegionNothingCounts) {

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: MIT
+#include "on_event.h"
+
+namespace tarsier::cli {
+
+void add_on_event_flags(CLI::App& verb, OnEventFlags& flags, const std::string& when) {
+  CLI::Option* const command = verb.add_option(
+      "--on-event", flags.command, "program to run " + when + ", with its JSON on stdin");
+  command->group("Events");
+  verb.add_option("--on-event-timeout", flags.options.timeout_s,
+                  "s after which it is killed; at the end events get as long in all")
+      ->check(CLI::Range(0.01, 3600.0))
+      ->needs(command)
+      ->capture_default_str()
+      ->group("Events");
+}
+
+OnEvent::OnEvent(const OnEventFlags& flags, const Context& context) {
+  if (flags.command.empty()) return;
+  EventCommandOptions options = flags.options;
+  options.finish_s = options.timeout_s;
+  command_.emplace(flags.command, options, context.stop);
+}
+
+void OnEvent::post(const nlohmann::ordered_json& event) {
+  if (command_)
+    command_->post(event.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+}
+
+void OnEvent::finish() {
+  if (command_) command_->finish();
+}
+
+}  // namespace tarsier::cli
