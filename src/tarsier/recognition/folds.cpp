@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/recognition/folds.h"
 
+#include "tarsier/core/stop.h"
 #include "tarsier/recognition/features.h"
 
 #include <algorithm>
@@ -109,81 +110,98 @@ Rows Folds::templates(const std::vector<bool>& left_out) const {
     reduced = (reduced * directions).eval();
   }
   Rows out = reduced(upright, Eigen::all).cast<float>();
-  if (algorithm == Algorithm::kDefault)
-    scale_rows(out, centred(upright, Eigen::all).rowwise().squaredNorm(), white.scatter,
-               white.rest);
+  if (algorithm == Algorithm::kDefault) {
+    Eigen::VectorXd square = centred(upright, Eigen::all).rowwise().squaredNorm();
+    if (outside.size() > 0) square += outside;
+    scale_rows(out, square, white.scatter, white.rest);
+  }
   return out;
 }
 
-ScoreSample Folds::scores() const {
-  ScoreSample sample;
+int Folds::count() const {
+  return person_count > 1 ? std::min(kFolds, std::max(person_count, 2)) : 2;
+}
+
+void Folds::score(int fold, ScoreSample& sample) const {
   const std::size_t faces = people.size();
   const auto pictures = static_cast<Eigen::Index>(faces);
   std::vector<int> rank(faces);  // of a picture among its person's
-  std::vector<int> count(static_cast<std::size_t>(person_count), 0);
-  for (std::size_t i = 0; i < faces; ++i) rank[i] = count[static_cast<std::size_t>(people[i])]++;
-  const int folds = person_count > 1 ? std::min(kFolds, std::max(person_count, 2)) : 2;
-  double gallery = 0;
-  for (int fold = 0; fold < folds; ++fold) {
-    std::vector<bool> left_out(faces);
-    std::vector<bool> in_gallery(faces);
-    std::vector<bool> stranger(faces);
-    for (std::size_t i = 0; i < faces; ++i) {
-      const auto p = static_cast<std::size_t>(people[i]);
-      stranger[i] = person_count > 1 && people[i] % folds == fold;
-      // Of two pictures or more at least one stays in every fold.
-      left_out[i] = stranger[i] || (count[p] > 1 && (rank[i] + people[i]) % folds == fold);
-      in_gallery[i] = !left_out[i];
-    }
-    std::vector<bool> enrolled(static_cast<std::size_t>(person_count), false);
-    for (std::size_t i = 0; i < faces; ++i)
-      if (in_gallery[i]) enrolled[static_cast<std::size_t>(people[i])] = true;
-    const auto known = static_cast<int>(std::count(enrolled.begin(), enrolled.end(), true));
-    if (known == 0) continue;
-    gallery += static_cast<double>(known) / folds;
+  std::vector<int> owned(static_cast<std::size_t>(person_count), 0);
+  for (std::size_t i = 0; i < faces; ++i) rank[i] = owned[static_cast<std::size_t>(people[i])]++;
+  const int folds = count();
+  std::vector<bool> left_out(faces);
+  std::vector<bool> in_gallery(faces);
+  std::vector<bool> stranger(faces);
+  for (std::size_t i = 0; i < faces; ++i) {
+    const auto p = static_cast<std::size_t>(people[i]);
+    stranger[i] = person_count > 1 && people[i] % folds == fold;
+    // Of two pictures or more at least one stays in every fold.
+    left_out[i] = stranger[i] || (owned[p] > 1 && (rank[i] + people[i]) % folds == fold);
+    in_gallery[i] = !left_out[i];
+  }
+  std::vector<bool> enrolled(static_cast<std::size_t>(person_count), false);
+  for (std::size_t i = 0; i < faces; ++i)
+    if (in_gallery[i]) enrolled[static_cast<std::size_t>(people[i])] = true;
+  const auto known = static_cast<int>(std::count(enrolled.begin(), enrolled.end(), true));
+  if (known == 0) return;
+  sample.gallery += static_cast<double>(known) / folds;
 
-    const Rows templates = this->templates(left_out);
-    if (templates.cols() == 0) continue;
-    Rows similar = products(templates, templates);
-    if (algorithm != Algorithm::kDefault) {
-      const Eigen::VectorXf squares = similar.diagonal();
-      for (Eigen::Index i = 0; i < pictures; ++i)
-        for (Eigen::Index j = 0; j < pictures; ++j)
-          similar(i, j) = -std::sqrt(std::max(0.0F, squares(i) + squares(j) - 2 * similar(i, j)));
-    }
-    Rows kept = templates;
-    for (std::size_t i = 0; i < faces; ++i)
-      if (!in_gallery[i]) kept.row(static_cast<Eigen::Index>(i)).setZero();
-    const Rows sums = person_sums(kept, people, person_count);
-    std::vector<double> mean_scale(static_cast<std::size_t>(person_count), 0.0);
-    for (std::size_t p = 0; p < mean_scale.size(); ++p) {
-      const double length = sums.row(static_cast<Eigen::Index>(p)).cast<double>().norm();
-      mean_scale[p] = length > 1e-9 ? 1 / length : 0;
-    }
-    for (std::size_t i = 0; i < faces; ++i) {
-      if (!left_out[i]) continue;
-      const float* row = similar.data() + static_cast<Eigen::Index>(i) * pictures;
-      const std::vector<double> scores(row, row + pictures);
-      const auto by_person = person_scores(scores, people, in_gallery, mean_scale, mean_weight);
-      if (stranger[i]) {
-        sample.stranger.push_back(*std::max_element(by_person.begin(), by_person.end()));
-        sample.stranger_person.push_back(people[i]);
-      } else if (enrolled[static_cast<std::size_t>(people[i])]) {
-        sample.genuine.push_back(by_person[static_cast<std::size_t>(people[i])]);
-      }
+  const Rows templates = this->templates(left_out);
+  if (templates.cols() == 0) return;
+  // Only those that are left out are compared.
+  std::vector<Eigen::Index> probes;
+  for (std::size_t i = 0; i < faces; ++i)
+    if (left_out[i]) probes.push_back(static_cast<Eigen::Index>(i));
+  Rows similar = products(templates(probes, Eigen::all), templates);
+  if (algorithm != Algorithm::kDefault) {
+    const Eigen::VectorXf squares = templates.rowwise().squaredNorm();
+    for (Eigen::Index i = 0; i < similar.rows(); ++i)
+      for (Eigen::Index j = 0; j < pictures; ++j)
+        similar(i, j) = -std::sqrt(std::max(
+            0.0F, squares(probes[static_cast<std::size_t>(i)]) + squares(j) - 2 * similar(i, j)));
+  }
+  Rows kept = templates;
+  for (std::size_t i = 0; i < faces; ++i)
+    if (!in_gallery[i]) kept.row(static_cast<Eigen::Index>(i)).setZero();
+  const Rows sums = person_sums(kept, people, person_count);
+  std::vector<double> mean_scale(static_cast<std::size_t>(person_count), 0.0);
+  for (std::size_t p = 0; p < mean_scale.size(); ++p) {
+    const double length = sums.row(static_cast<Eigen::Index>(p)).cast<double>().norm();
+    mean_scale[p] = length > 1e-9 ? 1 / length : 0;
+  }
+  for (std::size_t k = 0; k < probes.size(); ++k) {
+    const auto i = static_cast<std::size_t>(probes[k]);
+    const float* row = similar.data() + static_cast<Eigen::Index>(k) * pictures;
+    const std::vector<double> scores(row, row + pictures);
+    const auto by_person = person_scores(scores, people, in_gallery, mean_scale, mean_weight);
+    if (stranger[i]) {
+      sample.stranger.push_back(*std::max_element(by_person.begin(), by_person.end()));
+      sample.stranger_person.push_back(people[i]);
+    } else if (enrolled[static_cast<std::size_t>(people[i])]) {
+      sample.genuine.push_back(by_person[static_cast<std::size_t>(people[i])]);
     }
   }
-  sample.gallery = std::max(1.0, gallery);
+}
+
+ScoreSample Folds::scores(const std::stop_token& stop) const {
+  ScoreSample sample;
+  sample.gallery = 0;
+  for (int fold = 0; fold < count(); ++fold) {
+    throw_if_stopped(stop);
+    score(fold, sample);
+  }
+  sample.gallery = std::max(1.0, sample.gallery);
   return sample;
 }
 
-ScoreSample left_out_scores(const Recognizer& model) {
+ScoreSample left_out_scores(const Recognizer& model, const std::stop_token& stop) {
   ScoreSample sample;
   const Eigen::Index n = model.templates.rows();
   const auto width = static_cast<std::size_t>(model.templates.cols());
   std::vector<double> own(static_cast<std::size_t>(n), kNothing);
   std::vector<double> other(static_cast<std::size_t>(n), kNothing);
   for (Eigen::Index i = 0; i < n; ++i) {
+    throw_if_stopped(stop);
     const auto a = static_cast<std::size_t>(i);
     for (Eigen::Index j = i + 1; j < n; ++j) {
       const auto b = static_cast<std::size_t>(j);

@@ -5,6 +5,7 @@
 
 #include <Eigen/Core>
 
+#include <stop_token>
 #include <vector>
 
 // Scores that a recogniser would give to pictures and people it was not trained on, from its
@@ -31,18 +32,25 @@ struct Folds {
   // place of principal components of fewer faces. Or empty.
   Eigen::MatrixXd known_within;
   double known_weight = 0;  // differences that it counts for
+  // Of each face, the squared length of what the coefficients do not hold. Or empty: they hold all.
+  Eigen::VectorXd outside;
 
   // m x m for the first m coefficients, learned from all faces but those marked (empty: from all).
   [[nodiscard]] Whitening whitener(const Eigen::MatrixXd& some,
                                    const std::vector<bool>& left_out) const;
   // Templates of all faces, from what is learned without those marked; default: scaled.
   [[nodiscard]] Rows templates(const std::vector<bool>& left_out) const;
-  [[nodiscard]] ScoreSample scores() const;
+  // How many times people and pictures are left out; adds the scores of the k-th time to `sample`
+  // (its `gallery` starts at 0).
+  [[nodiscard]] int count() const;
+  void score(int fold, ScoreSample& sample) const;
+  // Of all times. Throws Interrupted.
+  [[nodiscard]] ScoreSample scores(const std::stop_token& stop) const;
 };
 
 // Of LBPH, which learns nothing: each picture against those of everybody else (a stranger), and
 // against the other pictures of the same person (genuine). For the others where there are too many
-// faces for folds; then they look better than they are.
-[[nodiscard]] ScoreSample left_out_scores(const Recognizer& model);
+// faces for folds; then they look better than they are. Throws Interrupted.
+[[nodiscard]] ScoreSample left_out_scores(const Recognizer& model, const std::stop_token& stop);
 
 }  // namespace tarsier::recognition

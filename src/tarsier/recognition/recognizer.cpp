@@ -7,6 +7,7 @@
 #include "tarsier/recognition/features.h"
 
 #include <Eigen/Cholesky>
+#include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -43,9 +44,21 @@ std::vector<double> scores_of(const Recognizer& model, std::span<const float> pr
   if (model.options.algorithm == Algorithm::kDefault) {
     std::vector<float> products(n, 0.0F);
     const auto length = static_cast<std::ptrdiff_t>(probe.size());
-    nn::gemm_kernels().dots(1, static_cast<int>(n), static_cast<int>(length), probe.data(), length,
-                            model.templates.data(), length, products.data(),
-                            static_cast<std::ptrdiff_t>(n));
+    const auto dots = [&](std::size_t first, std::size_t last) {
+      nn::gemm_kernels().dots(1, static_cast<int>(last - first), static_cast<int>(length),
+                              probe.data(), length,
+                              model.templates.data() + static_cast<std::ptrdiff_t>(first) * length,
+                              length, products.data() + first, static_cast<std::ptrdiff_t>(n));
+    };
+    constexpr std::size_t kBlock = 4096;
+    if (n <= 2 * kBlock) {
+      dots(0, n);
+    } else {
+      cv::parallel_for_({0, static_cast<int>((n + kBlock - 1) / kBlock)}, [&](const cv::Range& r) {
+        dots(static_cast<std::size_t>(r.start) * kBlock,
+             std::min(n, static_cast<std::size_t>(r.end) * kBlock));
+      });
+    }
     std::copy(products.begin(), products.end(), scores.begin());
     return scores;
   }
@@ -231,7 +244,10 @@ std::vector<PersonScore> identify(const Recognizer& model, const cv::Mat& face) 
   return identify_template(model, template_of(model, face));
 }
 
-std::vector<PersonScore> identify_template(const Recognizer& model, std::span<const float> probe) {
+namespace {
+
+// Of everyone with a template, in the order of their index.
+std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const float> probe) {
   const auto scores = scores_of(model, probe);
   std::vector<PersonScore> out(model.labels.size());
   for (std::size_t p = 0; p < out.size(); ++p)
@@ -256,6 +272,22 @@ std::vector<PersonScore> identify_template(const Recognizer& model, std::span<co
     }
   }
   std::erase_if(out, [](const PersonScore& entry) { return entry.nearest < 0; });
+  return out;
+}
+
+}  // namespace
+
+std::optional<PersonScore> best_person(const Recognizer& model, std::span<const float> probe) {
+  const auto people = person_scores(model, probe);
+  const auto best = std::max_element(
+      people.begin(), people.end(),
+      [](const PersonScore& a, const PersonScore& b) { return a.score < b.score; });
+  if (best == people.end()) return std::nullopt;
+  return *best;
+}
+
+std::vector<PersonScore> identify_template(const Recognizer& model, std::span<const float> probe) {
+  auto out = person_scores(model, probe);
   std::stable_sort(out.begin(), out.end(),
                    [](const PersonScore& a, const PersonScore& b) { return a.score > b.score; });
   return out;

@@ -94,6 +94,7 @@ struct Background {
 // Fisherfaces needs two people and two pictures of one of them. Throws std::invalid_argument for
 // what cannot be trained on and Interrupted. `background` (default recogniser; of the same
 // descriptor options) may be null; with one person alone there is then no telling from strangers.
+// Of more than kMaxLearnedFaces (training.h) faces an even choice is learned from.
 // Stages of `progress`: "describing", "training".
 [[nodiscard]] Recognizer train(std::span<const cv::Mat> faces, std::span<const std::string> labels,
                                const RecognizerOptions& options, Progress& progress,
@@ -130,6 +131,9 @@ struct PersonScore {
 [[nodiscard]] std::vector<PersonScore> identify(const Recognizer& model, const cv::Mat& face);
 [[nodiscard]] std::vector<PersonScore> identify_template(const Recognizer& model,
                                                          std::span<const float> probe);
+// The first of them, without sorting the others.
+[[nodiscard]] std::optional<PersonScore> best_person(const Recognizer& model,
+                                                     std::span<const float> probe);
 
 // Enrols a face without learning the subspace again. Returns the index of the template.
 int add_face(Recognizer& model, const cv::Mat& face, const std::string& label);

@@ -84,7 +84,10 @@ Eigen::MatrixXd within_scatter(const Eigen::MatrixXd& samples, const std::vector
     centred.row(i) -= means.row(labels[static_cast<std::size_t>(i)]);
   const auto freedom = static_cast<double>(samples.rows() - present);
   if (freedom <= 0) return Eigen::MatrixXd::Zero(samples.cols(), samples.cols());
-  return centred.transpose() * centred / freedom;
+  // Half of a symmetric matrix, then the other half.
+  Eigen::MatrixXd scatter = Eigen::MatrixXd::Zero(samples.cols(), samples.cols());
+  scatter.selfadjointView<Eigen::Lower>().rankUpdate(centred.transpose(), 1 / freedom);
+  return Eigen::MatrixXd(scatter.selfadjointView<Eigen::Lower>());
 }
 
 Eigen::MatrixXd linear_discriminants(const Eigen::MatrixXd& samples, const std::vector<int>& labels,
