@@ -258,9 +258,11 @@ void people_models() {
   face.measures = "{}";
   face.source = "a.png";
   face.time = 1'700'000'000'000;
+  face.space = 1;
   const std::int64_t id = gallery.enroll("Ada", "agreed", face);
   gallery.add_sighting(face.time, "0", "Ada", true, 0.9);
-  gallery.store_model(body, gallery.generation(), {{id, face.features}});
+  const std::pair<std::int64_t, std::vector<float>> numbers{id, face.features};
+  (void)gallery.store_model(body, gallery.generation(), 0, {{id}}, {{numbers}});
 }
 
 void plate_logs() {

@@ -34,7 +34,7 @@ TARSIER_FUZZ_TARGET(gallery, kBytes) {
   (void)gallery.algorithm();
   if (const auto model = gallery.model()) {
     try {
-      (void)recognizer_from_text(*model, "people.db");
+      (void)recognizer_from_text(model->body, "people.db");
     } catch (const Error&) {
     }
   }

@@ -37,34 +37,42 @@ class Enrolment {
         context_(context),
         reader_(make_face_reader(flags.people)),
         collector_(flags.collect),
-        gallery_(flags.people.gallery, DatabaseAccess::kCreate) {}
+        gallery_(flags.people.gallery, DatabaseAccess::kCreate),
+        background_(find_background(flags.people)),
+        templates_(gallery_, background()) {}
 
   ExitStatus operator()() {
     const auto source = open_sources(flags_.inputs, flags_.source, {synth_scheme()});
-    // Before this person is there: whom the faces would be taken for.
-    before_ = gallery_.face_count() > 0 ? model() : std::nullopt;
+    // Before this person is there: whom the faces would be taken for. What is due is learned, so
+    // that the new faces get their templates as they come.
+    before_ = model();
     while (!source->ended() && taken() < flags_.most && !context_.stop.stop_requested()) {
       const auto frame = source->next(std::chrono::milliseconds(200), context_.stop);
       if (frame) take(*frame);
     }
-    const std::vector<std::string> others = before_ && !crops_.empty()
-                                                ? people::other_names(*before_, crops_, flags_.name)
-                                                : std::vector<std::string>();
+    const std::vector<std::string> others =
+        before_ && !crops_.empty() ? people::other_names(before_->recognizer, crops_, flags_.name)
+                                   : std::vector<std::string>();
     for (const std::string& other : others)
       log_warning("these faces look like '{}', who is enrolled already: one person, two names?",
                   other);
     report(others);
     if (context_.stop.stop_requested()) return ExitStatus::kInterrupted;
-    if (taken() > 0) (void)model();  // ready for the next question
+    // Ready for the next question. In a large gallery the templates are there already.
+    if (taken() > 0 && !(before_ && before_->space < 0)) (void)model();
     return taken() > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
   }
 
  private:
   [[nodiscard]] std::int64_t taken() const { return collector_.taken(); }
 
-  std::optional<recognition::Recognizer> model() {
+  [[nodiscard]] const recognition::Background* background() const {
+    return background_ ? &*background_ : nullptr;
+  }
+
+  std::optional<people::GalleryModel> model() {
     try {
-      return model_of_gallery(gallery_, flags_.people, context_);
+      return load_model(gallery_, background(), context_);
     } catch (const InputError& error) {
       log_warning("{}", error.what());  // Fisherfaces with one person
       return std::nullopt;
@@ -103,6 +111,7 @@ class Enrolment {
         stored.measures = people::quality_json(face.quality).dump();
         stored.source = frame.name;
         stored.time = now_ms();
+        templates_.fill(stored);
         gallery_.enroll(flags_.name, flags_.note, stored);
         crops_.push_back(face.crop);
       }
@@ -138,7 +147,9 @@ class Enrolment {
   people::FaceReader reader_;
   people::Collector collector_;
   people::Gallery gallery_;
-  std::optional<recognition::Recognizer> before_;
+  std::optional<recognition::Background> background_;
+  people::TemplateMaker templates_;
+  std::optional<people::GalleryModel> before_;
   std::vector<cv::Mat> crops_;
   std::string source_name_;
 };

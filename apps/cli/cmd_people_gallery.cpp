@@ -29,7 +29,7 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
     const auto age = plate::parse_duration(flags.keep, "--keep");
     people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
     const std::int64_t deleted = gallery.forget_sightings_before(now_ms() - age.count());
-    const auto kept = static_cast<std::int64_t>(gallery.sightings().size());
+    const std::int64_t kept = gallery.sighting_count();
     if (context.json) {
       print_json_line(dumped({{"deleted", deleted}, {"kept", kept}}));
     } else {
@@ -82,6 +82,37 @@ bool agreed(const people::Person& person) {
   return answer == 'y' || answer == 'Y';
 }
 
+// What was removed, what was looked for and where, and what was not proven.
+std::string forget_text(const std::string& name, const people::ForgetReport& report) {
+  const people::SearchReport& search = report.search;
+  std::string text = fmt::format(
+      "{} is forgotten: {} faces, {} sightings{}.\nSearched {} files in {} folders, {} bytes, for "
+      "{} "
+      "of {} pieces of 32 bytes of the removed crops and templates: {}\n",
+      printable(name), report.person.faces, report.sightings,
+      report.unlearned ? ", and what was learned from them" : "", search.files.size(),
+      search.folders, search.bytes, report.searched, report.pieces,
+      report.proven() ? "none is left." : "NOT PROVEN.");
+  if (report.shared > 0) {
+    std::string others;
+    for (const std::string& other : report.shared_with)
+      others += (others.empty() ? "'" : ", '") + printable(other) + "'";
+    text += fmt::format("{} pieces are also in faces of {}, who stay: they were not looked for.\n",
+                        report.shared, others);
+  }
+  if (report.unproven > 0) {
+    text += fmt::format(
+        "Of {} crops and templates most pieces could not be looked for: nothing is proven of "
+        "them{}.\n",
+        report.unproven,
+        report.shared > 0 ? " (the same picture is there under another name)" : "");
+  }
+  if (search.links > 0) text += fmt::format("{} links were not followed.\n", search.links);
+  for (const std::string& skipped : search.skipped)
+    text += fmt::format("not searched: {}\n", printable(skipped));
+  return text;
+}
+
 ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
   people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   const auto person = gallery.find(flags.name);
@@ -92,34 +123,43 @@ ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
   if (!flags.yes && !agreed(*person)) return ExitStatus::kNothingFound;
   const auto report = gallery.forget(flags.name, context.stop);
   if (!report) return ExitStatus::kNothingFound;
+  const people::SearchReport& search = report->search;
   if (context.json) {
     print_json_line(dumped({{"name", flags.name},
                             {"faces", report->person.faces},
                             {"sightings", report->sightings},
-                            {"pieces", report->search.pieces},
-                            {"searched", report->search.files},
-                            {"bytes", report->search.bytes},
-                            {"left_in", report->search.found},
+                            {"unlearned", report->unlearned},
+                            {"pieces", report->pieces},
+                            {"pieces_searched", report->searched},
+                            {"pieces_shared", report->shared},
+                            {"shared_with", report->shared_with},
+                            {"unproven", report->unproven},
+                            {"searched", search.files},
+                            {"folders", search.folders},
+                            {"bytes", search.bytes},
+                            {"links", search.links},
+                            {"left_in", search.found},
+                            {"unread", search.unread},
+                            {"skipped", search.skipped},
                             {"proven", report->proven()}}));
   } else {
-    print_text(fmt::format(
-        "{} is forgotten: {} faces, {} sightings.\nSearched {} files of the folder, {} bytes, for "
-        "{} pieces of 32 bytes of the removed crops and templates: {}\n",
-        printable(flags.name), report->person.faces, report->sightings, report->search.files.size(),
-        report->search.bytes, report->search.pieces,
-        report->proven() ? "none is left." : "NOT PROVEN."));
+    print_text(forget_text(flags.name, *report));
   }
   if (!report->log_emptied) {
     throw OutputError(gallery.path(),
                       "another program still uses it: its log could not be emptied; end that "
                       "program and open the gallery once more");
   }
-  if (!report->search.found.empty()) {
-    throw OutputError(report->search.found.front(),
+  if (!search.found.empty()) {
+    throw OutputError(search.found.front(),
                       "still holds pieces of the removed faces (a copy or export?): delete it");
   }
-  if (!report->search.unread.empty())
-    throw OutputError(report->search.unread.front(), "could not be searched");
+  if (!search.unread.empty()) throw OutputError(search.unread.front(), "could not be searched");
+  if (!search.skipped.empty()) {
+    throw OutputError(flags.people.gallery,
+                      "the person is removed, but not all below its folder could be searched: " +
+                          printable(search.skipped.front()));
+  }
   return ExitStatus::kDone;
 }
 
@@ -155,7 +195,8 @@ void add_people_gallery(CLI::App& area, Context& context) {
   });
 
   CLI::App& forget = *area.add_subcommand(
-      "forget", "removes a person for good and proves it by searching the folder's files");
+      "forget",
+      "removes a person for good and proves it by searching the files in and below the folder");
   forget.add_option("NAME", flags->name, "as `people list` shows it")->required();
   add_gallery_flag(forget, flags->people);
   forget.add_flag("--yes", flags->yes, "do not ask");

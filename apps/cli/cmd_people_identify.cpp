@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
+#include "tarsier/gallery/retention.h"
 #include "tarsier/plate_video/time_text.h"
 #include "tarsier/session/recognize_session.h"
 
@@ -96,22 +97,30 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
     throw UsageError("--keep goes with a gallery, not with --model");
   std::optional<recognition::Recognizer> model;
   std::unique_ptr<people::Gallery> gallery;
+  std::optional<recognition::Background> background;
+  std::optional<people::GalleryFollower> follower;
+  std::optional<people::SightingRetention> retention;
   if (!flags.model.empty()) {
     model = recognition::read_recognizer(flags.model);
   } else {
     if (!flags.keep.empty()) {
       const auto age = plate::parse_duration(flags.keep, "--keep");
       gallery = std::make_unique<people::Gallery>(flags.people.gallery, DatabaseAccess::kWrite);
-      (void)gallery->forget_sightings_before(now_ms() - age.count());
+      retention.emplace(*gallery, age.count());
     } else {
       gallery = std::make_unique<people::Gallery>(open_gallery_to_use(flags.people.gallery));
     }
-    model = model_of_gallery(*gallery, flags.people, context);
-    if (!model) log_info("{}: nobody is enrolled", flags.people.gallery);
+    background = background_for(*gallery, flags.people);
+    const recognition::Background* general = background ? &*background : nullptr;
+    follower.emplace(*gallery, general, load_model(*gallery, general, context));
+    if (follower->recognizer() == nullptr) log_info("{}: nobody is enrolled", flags.people.gallery);
   }
   DebugFolder debug(context.debug_dir);
   flags.recognize.debug = debug.sink();
-  RecognizeSession session(std::move(model), make_face_reader(flags.people), flags.recognize);
+  RecognizeSession session =
+      follower
+          ? RecognizeSession(*follower, make_face_reader(flags.people), flags.recognize)
+          : RecognizeSession(std::move(model), make_face_reader(flags.people), flags.recognize);
   OnEvent on_event(flags.on_event, context);
   Events events(flags, on_event);
   bool known = false;
@@ -120,6 +129,7 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     events.frame(frame, session.faces(), gallery.get());
+    if (retention) (void)retention->step(now_ms());
     for (const NamedFace& face : session.faces()) known = known || face.name.known;
     if (!frame.still || context.json || context.quiet) return;
     std::string text = fmt::format("{}:", printable(frame.name));

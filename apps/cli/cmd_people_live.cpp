@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
 #include "tarsier/session/people_session.h"
 
 #include <fmt/format.h>
@@ -29,6 +30,12 @@ ExitStatus live(LiveFlags& flags, Context& context) {
     }
   }
   const std::optional<recognition::Background> background = find_background(flags.people);
+  // What is due in a gallery that is there already is learned before the window opens.
+  try {
+    (void)load_model(gallery, background ? &*background : nullptr, context);
+  } catch (const InputError& error) {
+    log_warning("{}", error.what());  // Fisherfaces with one person
+  }
   flags.session.now = now_ms;
   PeopleSession session(gallery, background ? &*background : nullptr,
                         make_face_reader(flags.people), flags.session);

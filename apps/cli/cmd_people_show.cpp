@@ -88,8 +88,8 @@ void add_face(NamedPictures& pictures, const Recognizer& model, const cv::Mat& i
                  recognition::reconstruction(model, input));
   }
   const auto scores = recognition::identify(model, input);
-  std::vector<people::StoredFace> stored;
-  if (gallery != nullptr) stored = gallery->faces();
+  std::vector<people::FaceRef> stored;  // in the order of the templates
+  if (gallery != nullptr) stored = gallery->face_refs();
   int listed = 0;
   for (const auto& one : scores) {
     if (listed++ == 3) break;
@@ -101,10 +101,10 @@ void add_face(NamedPictures& pictures, const Recognizer& model, const cv::Mat& i
               ? fmt::format(", {:.0f} %", 100 * model.calibration->probability(one.score))
               : ""));
     }
-    if (static_cast<std::size_t>(one.nearest) < stored.size())
+    if (static_cast<std::size_t>(one.nearest) >= stored.size()) continue;
+    if (const auto face = gallery->face(stored[static_cast<std::size_t>(one.nearest)].id))
       pictures.add(fmt::format("nearest: {}", name),
-                   people::recognizer_input(model.options.algorithm,
-                                            stored[static_cast<std::size_t>(one.nearest)].crop));
+                   people::recognizer_input(model.options.algorithm, face->crop));
   }
   if (!scores.empty()) {
     pictures.add(

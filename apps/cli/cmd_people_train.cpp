@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/recognition/background.h"
+#include "tarsier/recognition/training.h"
 
 #include <fmt/format.h>
 
 #include "cmd_people.h"
 #include "people_engine.h"
 #include "size_flag.h"
+#include <algorithm>
 #include <memory>
 
 namespace tarsier::cli {
@@ -30,12 +32,18 @@ recognition::Algorithm algorithm_of(const std::string& name) {
   }
 }
 
+// Of very many faces an even choice.
+std::int64_t learned_from(const recognition::Recognizer& model) {
+  return std::min<std::int64_t>(model.templates.rows(), recognition::kMaxLearnedFaces);
+}
+
 void tell(const recognition::Recognizer& model, const Context& context, const std::string& where) {
   const auto& calibration = model.calibration;
   if (context.json) {
     nlohmann::ordered_json line = {{"algorithm", recognition::name_of(model.options.algorithm)},
                                    {"people", model.labels.size()},
                                    {"faces", model.templates.rows()},
+                                   {"learned_from", learned_from(model)},
                                    {"calibrated", calibration.has_value()}};
     if (calibration) {
       line["strangers"] = {{"scores", calibration->stranger_scores},
@@ -48,9 +56,9 @@ void tell(const recognition::Recognizer& model, const Context& context, const st
     print_json_line(dumped(line));
     return;
   }
-  std::string text =
-      fmt::format("{}: {} people, {} faces -> {}\n", recognition::name_of(model.options.algorithm),
-                  model.labels.size(), model.templates.rows(), printable(where));
+  std::string text = fmt::format("{}: {} people, {} faces, learned from {} -> {}\n",
+                                 recognition::name_of(model.options.algorithm), model.labels.size(),
+                                 model.templates.rows(), learned_from(model), printable(where));
   if (calibration) {
     text += fmt::format(
         "  score for 1 false accept in 100: {:.3f}; from {} scores of {} left-out people as "
@@ -119,7 +127,7 @@ ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
   if (!flags.algorithm.empty()) {
     gallery.set_algorithm(recognition::name_of(algorithm_of(flags.algorithm)));
   }
-  const auto model = model_of_gallery(gallery, flags.people, context);
+  const auto model = model_of_gallery(gallery, flags.people, context, people::Learn::kNow);
   if (!model) {
     log_info("{}: nobody is enrolled", flags.people.gallery);
     return ExitStatus::kNothingFound;

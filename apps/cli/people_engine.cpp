@@ -72,28 +72,44 @@ std::optional<recognition::Background> find_background(const PeopleFlags& flags)
   return recognition::read_background(path);
 }
 
-std::optional<recognition::Recognizer> model_of_gallery(people::Gallery& gallery,
-                                                        const PeopleFlags& flags,
-                                                        Context& context) {
-  std::optional<recognition::Background> background;
-  // A file that was named must be right, even where the stored model makes it unnecessary.
-  if (!flags.background.empty() || (!gallery.model() && gallery.face_count() > 0)) {
-    background = find_background(flags);
-  }
-  const auto general = background ? &*background : nullptr;
-  bool store = true;
+std::optional<recognition::Background> background_for(people::Gallery& gallery,
+                                                      const PeopleFlags& flags) {
+  const std::int64_t faces = gallery.face_count_up_to(people::kLearnedWhole + 1);
+  const bool learned = gallery.model_generation() == gallery.generation();
+  if (flags.background.empty() && (faces == 0 || (faces <= people::kLearnedWhole && learned)))
+    return std::nullopt;
+  return find_background(flags);
+}
+
+std::optional<people::GalleryModel> load_model(people::Gallery& gallery,
+                                               const recognition::Background* background,
+                                               Context& context, people::Learn learn) {
+  const auto load = [&](bool store) {
+    return people::load_gallery_model(gallery, background, store, learn, *context.progress,
+                                      context.stop);
+  };
   try {
     try {
-      return people::gallery_model(gallery, general, store, *context.progress, context.stop);
+      return load(true);
     } catch (const OutputError& error) {
       log_debug("{}", error.what());
     } catch (const InputError& error) {
       log_debug("{}", error.what());
     }
-    return people::gallery_model(gallery, general, false, *context.progress, context.stop);
+    return load(false);
   } catch (const std::invalid_argument& error) {
     throw InputError(gallery.path(), error.what());
   }
+}
+
+std::optional<recognition::Recognizer> model_of_gallery(people::Gallery& gallery,
+                                                        const PeopleFlags& flags, Context& context,
+                                                        people::Learn learn) {
+  const auto background =
+      learn == people::Learn::kNow ? find_background(flags) : background_for(gallery, flags);
+  auto model = load_model(gallery, background ? &*background : nullptr, context, learn);
+  if (!model) return std::nullopt;
+  return std::move(model->recognizer);
 }
 
 people::Gallery open_gallery_to_use(const std::string& path) {

@@ -36,11 +36,19 @@ void add_face_flags(CLI::App& verb, PeopleFlags& flags);
 // people-background.json; nothing where it is not there (with a warning) unless it was named.
 [[nodiscard]] std::optional<recognition::Background> find_background(const PeopleFlags& flags);
 
-// The recogniser of a gallery, trained where it changed. A gallery that may not be written is still
-// used. Nothing for an empty one.
-[[nodiscard]] std::optional<recognition::Recognizer> model_of_gallery(people::Gallery& gallery,
-                                                                      const PeopleFlags& flags,
-                                                                      Context& context);
+// find_background() where a model of the gallery needs it: nothing is learned yet, or it changed,
+// or it is a large one. A file that was named is read in any case: it must be right.
+[[nodiscard]] std::optional<recognition::Background> background_for(people::Gallery& gallery,
+                                                                    const PeopleFlags& flags);
+// The model of a gallery; what is due is learned. A gallery that may not be written is still used.
+// Nothing for an empty one. `background` may be null.
+[[nodiscard]] std::optional<people::GalleryModel> load_model(
+    people::Gallery& gallery, const recognition::Background* background, Context& context,
+    people::Learn learn = people::Learn::kWhenDue);
+// The recogniser alone.
+[[nodiscard]] std::optional<recognition::Recognizer> model_of_gallery(
+    people::Gallery& gallery, const PeopleFlags& flags, Context& context,
+    people::Learn learn = people::Learn::kWhenDue);
 // Opened to be written where it can be, else to be read.
 [[nodiscard]] people::Gallery open_gallery_to_use(const std::string& path);
 

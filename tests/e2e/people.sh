@@ -55,8 +55,10 @@ run people enroll "Second name" "$leo" --any-quality --json
 expect_status 0
 expect_out '"same_as":\["../O'
 grep -q 'one person, two names' stderr.txt || fail "two names for one face: no warning"
+# One picture under two names: what the other name keeps is no trace, and nothing is called proven.
 run people forget "Second name" --yes --json
 expect_status 0
+expect_out '"proven":false' '"pieces_searched":0' '"shared_with":\["../O' '"unproven":[1-9]'
 run people list --json
 expect_status 0
 [ "$(wc -l <stdout.txt)" -eq 2 ] || fail "two people expected: $out"
@@ -136,6 +138,15 @@ done
 run people forget "$name"
 expect_status 2
 expect_error -- '--yes'
+run people export -o all
+expect_status 0
+run people forget "$name" --yes --json
+expect_status 6
+grep -q 'all/person-' stderr.txt || fail "the export below the folder was not found: $err"
+expect_out '"proven":false' '"left_in":\["'
+rm -rf all
+run people enroll "$name" "$leo" --any-quality --quiet
+expect_status 0
 cp people.db stolen.copy
 run people forget "$name" --yes --json
 expect_status 6
@@ -146,8 +157,8 @@ expect_status 0
 $python - <<'END'
 import sqlite3
 d = sqlite3.connect("people.db")
-blob = [r for r in d.execute("SELECT crop, template FROM face JOIN person ON person.id = face.person WHERE name LIKE '%Leo%'")]
-assert blob and all(b for b, _ in blob)
+blob = [r for r in d.execute("SELECT crop, numbers FROM face JOIN person ON person.id = face.person LEFT JOIN template ON template.face = face.id WHERE name LIKE '%Leo%'")]
+assert blob and all(b and t for b, t in blob)
 open("../secret.bin", "wb").write(b"".join(b[60:] + (t or b"") for b, t in blob))
 END
 run people forget "$name" --yes --json

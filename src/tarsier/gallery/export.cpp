@@ -32,7 +32,8 @@ ExportReport export_gallery(Gallery& gallery, const std::string& target,
     const std::string name = fmt::format("person-{}", person.id);
     make_folder(folder + "/" + name);
     nlohmann::ordered_json faces = nlohmann::ordered_json::array();
-    for (const StoredFace& face : gallery.faces(person.id)) {
+    // One after the other: a person may have more faces than fit into memory.
+    gallery.each_face(person.id, true, [&](StoredFace&& face) {
       throw_if_stopped(stop);
       const std::string file = fmt::format("{}/face-{}.png", name, face.id);
       write_image(folder + "/" + file, face.crop);
@@ -49,7 +50,7 @@ ExportReport export_gallery(Gallery& gallery, const std::string& target,
                        {"source", face.source},
                        {"time", time_text(face.time)}});
       ++report.faces;
-    }
+    });
     all.push_back({{"name", person.name},
                    {"note", person.note},
                    {"time", time_text(person.time)},

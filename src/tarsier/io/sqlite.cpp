@@ -21,6 +21,8 @@ namespace tarsier {
 namespace {
 
 constexpr int kMostBytes = 256'000'000;  // of one text, blob or row
+// Larger files are not copied in memory.
+constexpr std::int64_t kMostCopied = std::int64_t{64} * 1024 * 1024;
 
 std::string system_text(int error) { return std::generic_category().message(error); }
 
@@ -212,7 +214,9 @@ void Database::run(std::string_view statements) {
 }
 
 void Database::vacuum() {
-  run("PRAGMA temp_store = MEMORY");
+  // SQLite makes its copy unlinked and for the owner alone (in SQLITE_TMPDIR, TMPDIR or /var/tmp).
+  const std::int64_t bytes = number("PRAGMA page_count") * number("PRAGMA page_size");
+  run(bytes <= kMostCopied ? "PRAGMA temp_store = MEMORY" : "PRAGMA temp_store = FILE");
   // The copy is attached under a name of its own.
   const int before = sqlite3_limit(handle_, SQLITE_LIMIT_ATTACHED, 1);
   const int code = sqlite3_exec(handle_, "VACUUM", nullptr, nullptr, nullptr);

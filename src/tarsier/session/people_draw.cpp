@@ -158,7 +158,9 @@ void PeopleSession::draw_buttons() {
 void PeopleSession::draw_preprocessed() {
   if (faces_.empty()) return;
   const cv::Mat& crop = faces_.front().face.crop;
-  const bool general = !model_ || model_->options.algorithm == recognition::Algorithm::kDefault;
+  const recognition::Recognizer* model = follower_.recognizer();
+  const bool general =
+      model == nullptr || model->options.algorithm == recognition::Algorithm::kDefault;
   cv::Mat seen = general ? recognition::light_picture(recognition::tan_triggs(crop))
                          : people::classical_face(crop);
   const int height = 84;

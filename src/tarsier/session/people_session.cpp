@@ -17,6 +17,10 @@ namespace tarsier {
 namespace {
 
 constexpr int kFlashFrames = 3;
+// What is learned in one frame, in the units of GalleryTraining::work(): while there is nobody to
+// name yet, and beside naming.
+constexpr double kFirstWork = 300;
+constexpr double kWork = 60;
 
 }  // namespace
 
@@ -51,6 +55,8 @@ PeopleSession::PeopleSession(people::Gallery& gallery, const recognition::Backgr
       background_(background),
       reader_(std::move(reader)),
       options_(std::move(options)),
+      templates_(gallery, background),
+      follower_(gallery, background, std::nullopt),
       collector_(options_.collect) {
   options_.check();
   load_people();
@@ -76,11 +82,13 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
   frame_ = frame.image;
   if (flash_ > 0) --flash_;
-  if (mode_ == PeopleMode::kTrain) {
-    train();
-  } else if (mode_ == PeopleMode::kStart) {
-    mode_ = gallery_.face_count() > 0 ? PeopleMode::kTrain : PeopleMode::kDetect;
+  if (mode_ == PeopleMode::kStart) {
+    mode_ = PeopleMode::kDetect;
+    if (gallery_.face_count_up_to(1) > 0) train();
+  } else if (training_) {
+    learn();
   }
+  follow();
   timer_.start();
   cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
   faces_.clear();
@@ -108,6 +116,7 @@ void PeopleSession::collect() {
   stored.measures = people::quality_json(face.quality).dump();
   stored.source = source_name_;
   stored.time = options_.now ? options_.now() : 0;
+  templates_.fill(stored);
   gallery_.enroll(person.name, options_.note, stored);
   if (person.name == pending_) pending_.clear();
   ++person.faces;
@@ -118,37 +127,78 @@ void PeopleSession::collect() {
 }
 
 void PeopleSession::recognize() {
-  if (!model_) return;
+  const recognition::Recognizer* model = follower_.recognizer();
+  if (model == nullptr) return;
   std::set<int> seen;
   for (NamedFace& face : faces_) {
     std::vector<float> features = recognition::template_of(
-        *model_, people::recognizer_input(model_->options.algorithm, face.face.crop));
+        *model, people::recognizer_input(model->options.algorithm, face.face.crop));
     if (face.face.id > 0) {
       seen.insert(face.face.id);
       auto& latest = tracks_[face.face.id];
       latest.push_back(features);
       if (latest.size() > static_cast<std::size_t>(options_.most_pooled))
         latest.erase(latest.begin());
-      features = recognition::pooled(*model_, latest);
+      features = recognition::pooled(*model, latest);
     }
     const double share = face.face.id > 0 ? kFollowedShare : 1;
-    face.name = people::recognize(*model_, features, share * options_.false_accepts);
+    face.name = people::recognize(*model, features, share * options_.false_accepts);
   }
   std::erase_if(tracks_, [&](const auto& track) { return !seen.contains(track.first); });
 }
 
+// Begins to learn. Whoever can be named already is named meanwhile.
 void PeopleSession::train() {
+  training_.emplace(gallery_, background_, true, people::Learn::kWhenDue);
+  mode_ = follower_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kTrain;
+}
+
+// A piece of what is to be learned: a frame never waits for all of it.
+void PeopleSession::learn() {
   NoProgress progress;
-  mode_ = PeopleMode::kDetect;
-  tracks_.clear();
+  const bool first = follower_.recognizer() == nullptr;
   try {
-    model_ = people::gallery_model(gallery_, background_, true, progress, {});
-    if (model_) mode_ = PeopleMode::kRecognize;
+    for (double work = 0; work < (first ? kFirstWork : kWork); work += training_->work()) {
+      if (training_->step(progress, {})) continue;
+      follower_.replace(training_->take());
+      training_.reset();
+      tracks_.clear();
+      break;
+    }
   } catch (const std::invalid_argument& error) {
     // "Fisherfaces needs faces of at least two people, there is one": said, and one goes on.
-    model_.reset();
+    training_.reset();
+    follower_.replace(std::nullopt);
     message_ = error.what();
   }
+  if (training_ || mode_ == PeopleMode::kCollect) return;
+  mode_ = follower_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kDetect;
+}
+
+// Who was enrolled here or anywhere, and who was forgotten.
+void PeopleSession::follow() {
+  if (follower_.recognizer() == nullptr) return;
+  const people::GalleryFollower::Change change = follower_.update();
+  if (change == people::GalleryFollower::Change::kNone) return;
+  if (change == people::GalleryFollower::Change::kModel) tracks_.clear();
+  std::set<std::string> there;
+  for (const people::Person& person : gallery_.people()) there.insert(person.name);
+  std::set<std::string> shown;
+  for (const Enrolled& person : people_)
+    if (person.name != pending_) shown.insert(person.name);
+  if (there != shown) {
+    const std::string collecting =
+        collecting_ >= 0 ? people_[static_cast<std::size_t>(collecting_)].name : "";
+    load_people();
+    collecting_ = -1;
+    for (std::size_t i = 0; i < people_.size(); ++i)
+      if (people_[i].name == collecting) collecting_ = static_cast<int>(i);
+    if (mode_ == PeopleMode::kCollect && collecting_ < 0) mode_ = PeopleMode::kDetect;
+  }
+  if (mode_ == PeopleMode::kRecognize && follower_.recognizer() == nullptr)
+    mode_ = PeopleMode::kDetect;
+  if (mode_ == PeopleMode::kDetect && follower_.recognizer() != nullptr)
+    mode_ = PeopleMode::kRecognize;
 }
 
 View PeopleSession::on_idle(const SourceStatus& source) {
@@ -237,30 +287,33 @@ void PeopleSession::end_collecting() {
   if (mode_ != PeopleMode::kCollect) return;
   collecting_ = -1;
   mode_ = PeopleMode::kDetect;
-  if (gallery_.face_count() == 0) {
+  if (gallery_.face_count_up_to(1) == 0) {
     message_ = "no face was taken yet";
     return;
   }
-  mode_ = PeopleMode::kTrain;
+  train();
 }
 
 void PeopleSession::delete_all() {
-  bool proven = true;
-  std::size_t searched = 0;
-  for (const people::Person& person : gallery_.people()) {
-    const auto report = gallery_.forget(person.name, {});
-    if (!report) continue;
-    proven = proven && report->proven();
-    searched = report->search.files.size();
-  }
+  training_.reset();
+  const auto report = gallery_.forget_all({});
   pending_.clear();
   collecting_ = -1;
-  model_.reset();
+  follower_.replace(std::nullopt);
   tracks_.clear();
   load_people();
   mode_ = PeopleMode::kDetect;
-  message_ = proven ? fmt::format("all are deleted; {} files searched, nothing is left", searched)
-                    : "all are deleted, but copies of faces are left in the gallery's folder";
+  if (!report) {
+    message_ = "nobody is enrolled";
+  } else if (report->proven()) {
+    message_ = fmt::format("all are deleted; {} files searched, nothing is left",
+                           report->search.files.size());
+  } else if (!report->search.found.empty()) {
+    message_ =
+        "all are deleted, but copies of faces are left: " + printable(report->search.found.front());
+  } else {
+    message_ = "all are deleted; that no copy is left could not be proven";
+  }
 }
 
 }  // namespace tarsier

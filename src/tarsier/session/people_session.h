@@ -39,12 +39,12 @@ struct PeopleSessionOptions {
 };
 
 // Enrols and recognises people live. Five modes: start; detect (nobody is enrolled); collect (the
-// faces of one person are taken); train (one frame long); recognise.
-// Mouse: the buttons at the left; a face of the strip at the right collects more of that person; a
-// click elsewhere ends collecting and trains.
-// Keys: a adds a person, d deletes all (y confirms), b debug view, t trains, space pauses, h help,
-// q or Esc ends. State: {"mode", "people": [{"name", "faces"}], "collecting": name or null,
-// "recognized":
+// faces of one person are taken); train (until there is a first model); recognise. Once there is a
+// model new faces are known by it at once; what is to be learned of them is learned a little in
+// each frame, meanwhile. Mouse: the buttons at the left; a face of the strip at the right collects
+// more of that person; a click elsewhere ends collecting and trains. Keys: a adds a person, d
+// deletes all (y confirms), b debug view, t trains, space pauses, h help, q or Esc ends. State:
+// {"mode", "people": [{"name", "faces"}], "collecting": name or null, "recognized":
 // [{"label", "known", "confidence"}], "asking", "debug", "flash", "message", "prompt", "paused"}.
 class PeopleSession final : public Session {
  public:
@@ -81,6 +81,8 @@ class PeopleSession final : public Session {
   void end_collecting();
   void delete_all();
   void train();
+  void learn();
+  void follow();
   void collect();
   void recognize();
   // people_draw.cpp
@@ -100,7 +102,9 @@ class PeopleSession final : public Session {
   const recognition::Background* background_;
   people::FaceReader reader_;
   PeopleSessionOptions options_;
-  std::optional<recognition::Recognizer> model_;
+  people::TemplateMaker templates_;
+  people::GalleryFollower follower_;
+  std::optional<people::GalleryTraining> training_;  // of a model, on its way
   people::Collector collector_;
   PeopleMode mode_ = PeopleMode::kStart;
   std::vector<Enrolled> people_;

@@ -4,6 +4,7 @@
 #include "tarsier/io/image_file.h"
 #include "tarsier/io/testing_folder.h"
 #include "tarsier/recognition/background.h"
+#include "tarsier/recognition/testing_faces.h"
 #include "tarsier/session/scripted_host.h"
 
 #include <gmock/gmock.h>
@@ -165,6 +166,71 @@ TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
   EXPECT_FALSE(view.state["flash"]);
   const cv::Rect strip = session.strip_box(0);
   EXPECT_GT(view.image.at<cv::Vec3b>(strip.y - 2, strip.x + 5)[2], 200);  // red: being collected
+}
+
+// What is learned is learned a piece in each frame: none waits for all of it.
+TEST_F(PeopleSessionTest, LearningIsSpreadOverFrames) {
+  const auto set = recognition::synthetic_faces(20, 3, 0.3, 5, 0, {128, 160});
+  people::Gallery gallery(path("p.db"));
+  for (std::size_t i = 0; i < set.faces.size(); ++i) {
+    people::StoredFace stored;
+    stored.crop = set.faces[i];
+    stored.measures = "{}";
+    gallery.enroll(set.labels[i], "", stored);
+  }
+  PeopleSession session(gallery, nullptr, reader(), {});
+  View view;
+  int frames = 0;
+  for (; frames < 100 && session.mode() != PeopleMode::kRecognize; ++frames)
+    view = session.on_frame(frame(empty_, frames), live_);
+  EXPECT_EQ(view.state["mode"], "recognize");
+  EXPECT_GE(frames, 4);
+  // Another one comes: the others are named all the while.
+  gallery.enroll("Ann", "", face(7));
+  (void)session.on_event(click(session.strip_box(0)));
+  (void)session.on_event(key_event('t'));
+  for (int i = 0; i < 30; ++i) {
+    view = session.on_frame(frame(empty_, 200 + i), live_);
+    EXPECT_EQ(view.state["mode"], "recognize");
+  }
+  EXPECT_EQ(gallery.model_generation(), gallery.generation());
+  EXPECT_EQ(view.state["people"].size(), 21U);
+}
+
+TEST_F(PeopleSessionTest, WhoIsForgottenByAnotherProgramIsNamedNoMore) {
+  const auto set = recognition::synthetic_faces(3, 3, 0.3, 5, 0, {128, 160});
+  people::Gallery gallery(path("p.db"));
+  for (std::size_t i = 0; i < set.faces.size(); ++i) {
+    people::StoredFace stored;
+    stored.crop = set.faces[i];
+    stored.measures = "{}";
+    gallery.enroll(set.labels[i], "", stored);
+  }
+  NoProgress quiet;
+  people::GalleryFollower follower(
+      gallery, nullptr,
+      people::load_gallery_model(gallery, nullptr, true, people::Learn::kWhenDue, quiet, {}));
+  RecognizeOptions options;
+  options.raw = true;
+  RecognizeSession session(follower, reader(), options);
+  const auto see = [&](std::size_t face) {
+    Frame shown = frame({}, 0);
+    cv::cvtColor(set.faces[face], shown.image, cv::COLOR_GRAY2BGR);
+    (void)session.on_frame(shown, live_);
+    return session.faces().at(0).name;
+  };
+  EXPECT_EQ(see(0).label, "p0");
+  EXPECT_TRUE(see(0).known);
+  people::Gallery other(path("p.db"));
+  ASSERT_TRUE(other.forget("p0", {}));
+  EXPECT_NE(see(0).label, "p0");
+  EXPECT_EQ(see(4).label, "p1");
+  // Also while the source stalls and its last frame is shown.
+  ASSERT_TRUE(other.forget("p1", {}));
+  (void)session.on_idle(live_);
+  EXPECT_EQ(session.faces().at(0).name.label, "");
+  ASSERT_TRUE(other.forget_all({}));
+  EXPECT_EQ(see(8).label, "");
 }
 
 // Clips one after the other, each with its own part of the frames.

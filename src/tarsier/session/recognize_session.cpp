@@ -57,20 +57,40 @@ RecognizeSession::RecognizeSession(std::optional<recognition::Recognizer> model,
   options_.check();
 }
 
+RecognizeSession::RecognizeSession(people::GalleryFollower& follower, people::FaceReader reader,
+                                   const RecognizeOptions& options)
+    : follower_(&follower), reader_(std::move(reader)), options_(options) {
+  options_.check();
+}
+
+const recognition::Recognizer* RecognizeSession::recognizer() const {
+  if (follower_ != nullptr) return follower_->recognizer();
+  return model_ ? &*model_ : nullptr;
+}
+
+// Whether the gallery changed.
+bool RecognizeSession::follow() {
+  if (follower_ == nullptr) return false;
+  const people::GalleryFollower::Change change = follower_->update();
+  if (change == people::GalleryFollower::Change::kModel) tracks_.clear();
+  return change != people::GalleryFollower::Change::kNone;
+}
+
 void RecognizeSession::name(NamedFace& face) {
-  if (!model_) return;
+  const recognition::Recognizer* model = recognizer();
+  if (model == nullptr) return;
   std::vector<float> features = recognition::template_of(
-      *model_, options_.raw ? face.face.crop
-                            : people::recognizer_input(model_->options.algorithm, face.face.crop));
+      *model, options_.raw ? face.face.crop
+                           : people::recognizer_input(model->options.algorithm, face.face.crop));
   if (face.face.id > 0 && !still_) {
     auto& latest = tracks_[face.face.id];
     latest.push_back(features);
     if (latest.size() > static_cast<std::size_t>(options_.most_pooled))
       latest.erase(latest.begin());
-    features = recognition::pooled(*model_, latest);
+    features = recognition::pooled(*model, latest);
   }
   const double share = face.face.id > 0 && !still_ ? kFollowedShare : 1;
-  face.name = people::recognize(*model_, features, share * options_.false_accepts);
+  face.name = people::recognize(*model, features, share * options_.false_accepts);
 }
 
 View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) {
@@ -78,6 +98,7 @@ View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) 
     tracks_.clear();
     reader_.restart();
   }
+  (void)follow();
   frame_ = frame.image;
   still_ = frame.still;
   source_name_ = frame.name;
@@ -107,6 +128,15 @@ View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) 
 }
 
 View RecognizeSession::on_idle(const SourceStatus& source) {
+  // Nor does the last frame of a source that stalls go on naming who was forgotten.
+  if (follow() && !frame_.empty()) {
+    const recognition::Recognizer* model = recognizer();
+    for (NamedFace& face : faces_)
+      if (model == nullptr || std::find(model->labels.begin(), model->labels.end(),
+                                        face.name.label) == model->labels.end())
+        face.name = {};
+    draw();
+  }
   trouble_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
   return view(false);
 }

@@ -37,6 +37,10 @@ class RecognizeSession final : public Session {
   // `model`: nothing where nobody is enrolled.
   RecognizeSession(std::optional<recognition::Recognizer> model, people::FaceReader reader,
                    const RecognizeOptions& options);
+  // Of a gallery: what other programs enrol and forget is known from the next frame on. `follower`
+  // must outlive the session.
+  RecognizeSession(people::GalleryFollower& follower, people::FaceReader reader,
+                   const RecognizeOptions& options);
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
   View on_idle(const SourceStatus& source) override;
@@ -49,11 +53,14 @@ class RecognizeSession final : public Session {
   [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
 
  private:
+  [[nodiscard]] const recognition::Recognizer* recognizer() const;
+  bool follow();
   void name(NamedFace& face);
   void draw();
   View view(bool fresh);
 
   std::optional<recognition::Recognizer> model_;
+  people::GalleryFollower* follower_ = nullptr;
   people::FaceReader reader_;
   RecognizeOptions options_;
   std::map<int, std::vector<std::vector<float>>> tracks_;  // latest templates of followed faces
