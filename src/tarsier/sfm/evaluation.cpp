@@ -72,7 +72,7 @@ double area(std::vector<double> errors, double threshold) {
 PoseTruth read_pose_truth(const std::string& path) {
   PoseTruth truth;
   if (std::filesystem::is_directory(path)) {
-    for (const Photograph& image : read_colmap(path).images)
+    for (const Photograph& image : read_colmap_poses(path).images)
       if (image.registered) truth[image.name] = image.pose;
     return truth;
   }

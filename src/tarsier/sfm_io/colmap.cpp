@@ -29,26 +29,13 @@ namespace {
 namespace fs = std::filesystem;
 using geometry::kColmapOffset;
 
-constexpr std::uintmax_t kMaxFileBytes = 2'000'000'000;
+constexpr std::size_t kMaxItems = 1'000'000;        // cameras, photographs
+constexpr std::size_t kMaxFeatures = 500'000'000;   // of all photographs
 constexpr std::size_t kMaxLineBytes = 100'000'000;  // more than a million features or observations
 constexpr double kMaxPixel = 1e7;                   // px; farther is no place in a photograph
 constexpr std::int64_t kMaxId = std::numeric_limits<std::uint32_t>::max();
 constexpr std::int64_t kMaxPointId = std::numeric_limits<std::int64_t>::max();
 constexpr int kMaxIndex = std::numeric_limits<int>::max();
-
-// What is wrong with a photograph's name; empty: nothing. Names become paths below a folder, to be
-// read and perhaps written.
-std::string trouble_of_name(std::string_view name) {
-  if (name.empty()) return "has no name";
-  if (std::any_of(name.begin(), name.end(),
-                  [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7F; })) {
-    return fmt::format("the name '{}' has control characters", printable(name));
-  }
-  const fs::path path(name);
-  if (path.is_absolute() || std::find(path.begin(), path.end(), "..") != path.end())
-    return fmt::format("the name '{}' leads out of the folder", printable(name));
-  return {};
-}
 
 // Text in pieces to a file that appears when all is written.
 class TextFile {
@@ -191,16 +178,15 @@ class LineReader {
     const fs::file_status status = fs::status(path, error);
     if (!fs::exists(status)) throw InputError(path, "no such file");
     if (!fs::is_regular_file(status)) throw InputError(path, "is no regular file");
-    const std::uintmax_t size = fs::file_size(path, error);
-    if (!error && size > kMaxFileBytes)
-      throw InputError(path, fmt::format("larger than the limit of {} bytes", kMaxFileBytes));
     stream_.open(path, std::ios::binary);
     if (!stream_) throw InputError(path, "cannot read");
   }
 
-  // The next line, any; false at the end.
-  bool next(std::string_view& line) {
+  // The next line, any; false at the end. What is `skipped` counts for the limit of its length, but
+  // is not kept.
+  bool next(std::string_view& line, bool skipped = false) {
     line_.clear();
+    std::size_t length = 0;
     bool is_line = false;
     while (true) {
       if (place_ == got_) {
@@ -213,8 +199,11 @@ class LineReader {
       is_line = true;
       const std::string_view rest(buffer_.data() + place_, got_ - place_);
       const std::size_t end = rest.find('\n');
-      line_.append(rest.substr(0, end));
-      if (line_.size() > kMaxLineBytes) {
+      const std::string_view piece = rest.substr(0, end);
+      length += piece.size();
+      // A comment's first byte is enough.
+      if (line_.empty() || !(skipped || line_.front() == '#')) line_.append(piece);
+      if (length > kMaxLineBytes) {
         ++number_;
         fail(fmt::format("longer than the limit of {} bytes", kMaxLineBytes));
       }
@@ -280,10 +269,13 @@ using IndexOf = std::map<std::int64_t, int>;
 
 class ModelReader {
  public:
+  explicit ModelReader(bool poses_only) : poses_only_(poses_only) {}
+
   Model read(const std::string& folder) {
     read_cameras((fs::path(folder) / "cameras.txt").string());
     LineReader images((fs::path(folder) / "images.txt").string());
     read_images(images);
+    if (poses_only_) return std::move(model_);
     read_points((fs::path(folder) / "points3D.txt").string());
     // What is left was in no track.
     for (std::size_t i = 0; i < model_.images.size(); ++i) {
@@ -303,6 +295,8 @@ class ModelReader {
     LineReader reader(path);
     std::string_view line;
     while (reader.next_content(line)) {
+      if (model_.cameras.size() == kMaxItems)
+        reader.fail(fmt::format("more than the limit of {} cameras", kMaxItems));
       geometry::ColmapCamera read = geometry::parse_colmap_camera(line, path, reader.number());
       if (!cameras_.emplace(read.id, static_cast<int>(model_.cameras.size())).second)
         reader.fail(fmt::format("camera {} is there twice", read.id));
@@ -314,13 +308,16 @@ class ModelReader {
     std::set<std::string> names;
     std::string_view line;
     while (reader.next_content(line)) {
+      if (model_.images.size() == kMaxItems)
+        reader.fail(fmt::format("more than the limit of {} photographs", kMaxItems));
       Photograph image = read_image(reader, line);
       if (!names.insert(image.name).second)
         reader.fail(fmt::format("'{}' is there twice", printable(image.name)));
       lines_.push_back(reader.number() + 1);
       point_ids_.emplace_back();
       // The line of features may be blank, and at the end of a file be lost.
-      if (reader.next(line)) read_features(reader, line, image, point_ids_.back());
+      if (reader.next(line, poses_only_) && !poses_only_)
+        read_features(reader, line, image, point_ids_.back());
       model_.images.push_back(std::move(image));
     }
   }
@@ -348,9 +345,11 @@ class ModelReader {
     return image;
   }
 
-  static void read_features(const LineReader& reader, std::string_view rest, Photograph& image,
-                            std::vector<std::int64_t>& point_ids) {
+  void read_features(const LineReader& reader, std::string_view rest, Photograph& image,
+                     std::vector<std::int64_t>& point_ids) {
     while (!(rest = trimmed(rest)).empty()) {
+      if (++features_ > kMaxFeatures)
+        reader.fail(fmt::format("more than the limit of {} features", kMaxFeatures));
       const double x = reader.number(rest, "a feature's x") - kColmapOffset;
       const double y = reader.number(rest, "a feature's y") - kColmapOffset;
       if (std::abs(x) > kMaxPixel || std::abs(y) > kMaxPixel)
@@ -419,6 +418,8 @@ class ModelReader {
     return result;
   }
 
+  bool poses_only_ = false;
+  std::size_t features_ = 0;
   Model model_;
   IndexOf cameras_;
   IndexOf images_;
@@ -451,6 +452,20 @@ void write_colmap(const std::string& folder, const Model& model) {
   write_points((fs::path(folder) / "points3D.txt").string(), model);
 }
 
-Model read_colmap(const std::string& folder) { return ModelReader().read(folder); }
+Model read_colmap(const std::string& folder) { return ModelReader(false).read(folder); }
+
+Model read_colmap_poses(const std::string& folder) { return ModelReader(true).read(folder); }
+
+std::string trouble_of_name(std::string_view name) {
+  if (name.empty()) return "has no name";
+  if (std::any_of(name.begin(), name.end(),
+                  [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7F; })) {
+    return fmt::format("the name '{}' has control characters", printable(name));
+  }
+  const fs::path path(name);
+  if (path.is_absolute() || std::find(path.begin(), path.end(), "..") != path.end())
+    return fmt::format("the name '{}' leads out of the folder", printable(name));
+  return {};
+}
 
 }  // namespace tarsier::sfm

@@ -4,6 +4,7 @@
 #include "tarsier/sfm_io/model.h"
 
 #include <string>
+#include <string_view>
 
 namespace tarsier::sfm {
 
@@ -20,11 +21,21 @@ namespace tarsier::sfm {
 void write_colmap(const std::string& folder, const Model& model);
 
 // Reads it back, or what COLMAP itself wrote, in the order of the files; all photographs are
-// registered. Files may have up to 2 GB. Where COLMAP has two features of one photograph in a
-// track, the first stays; points seen in one photograph only are left out. Throws InputError that
+// registered. Files of any size are read line by line; the model may have 1 million cameras and
+// photographs and 500 million features, a line 100 MB. Where COLMAP has two features of one
+// photograph in a track, the first stays; points seen in one photograph only are left out. Throws
+// InputError that
 // names file, line and what is wrong: a file is missing, a number is missing or not finite, an id
 // is unknown or there twice, tracks and features do not agree, a name leaves the folder of
 // photographs, a camera model is not among those of geometry/colmap_camera.h.
 [[nodiscard]] Model read_colmap(const std::string& folder);
+
+// The same without features and points, from cameras.txt and images.txt alone: of the lines of
+// features only the length is looked at, and the memory is that of the poses.
+[[nodiscard]] Model read_colmap_poses(const std::string& folder);
+
+// What is wrong with a photograph's name in a model, or "": it is empty, has control characters, or
+// leads out of the folder of photographs.
+[[nodiscard]] std::string trouble_of_name(std::string_view name);
 
 }  // namespace tarsier::sfm
