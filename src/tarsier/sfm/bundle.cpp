@@ -6,15 +6,18 @@
 
 #include <ceres/ceres.h>
 #include <ceres/rotation.h>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <initializer_list>
 #include <iterator>
-#include <map>
 #include <memory>
+#include <numeric>
 #include <set>
+#include <string>
+#include <utility>
 
 namespace tarsier::sfm {
 namespace {
@@ -198,34 +201,85 @@ double rms(const Model& model, const std::vector<int>& points) {
   return count > 0 ? std::sqrt(sum / static_cast<double>(count)) : 0;
 }
 
+// Whether an adjustment may leave a lens like this behind.
+bool is_lens(const geometry::Camera& after, const geometry::Camera& before) {
+  const auto is_finite = [](double number) { return std::isfinite(number); };
+  if (!std::all_of(after.distortion.begin(), after.distortion.end(), is_finite) ||
+      !std::isfinite(after.cx) || !std::isfinite(after.cy)) {
+    return false;
+  }
+  const double larger = std::max(after.width, after.height);
+  const auto allowed = [&](double focal, double start) {
+    return focal >= std::min(start, kMinFocalShare * larger) &&
+           focal <= std::max(start, kMaxFocalShare * larger);
+  };
+  return allowed(after.fx, before.fx) && allowed(after.fy, before.fy);
+}
+
+std::string one_line(std::string text) {
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
 }  // namespace
 
 BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_token& stop) {
   BundleReport report;
-  std::vector<bool> moves(model.images.size(), options.images.empty());
-  for (const int i : options.images) moves[static_cast<std::size_t>(i)] = true;
-
-  std::vector<PoseNumbers> poses(model.images.size());
-  std::vector<LensNumbers> lenses;
-  for (std::size_t i = 0; i < model.images.size(); ++i)
-    if (model.images[i].registered) poses[i] = numbers_of(model.images[i].pose);
-  for (const geometry::Camera& camera : model.cameras) {
-    TARSIER_REQUIRE(camera.lens == geometry::Lens::kPinhole, "a {} lens", name_of(camera.lens));
-    lenses.push_back(numbers_of(camera));
+  // What moves, in the order of the model. Everything below is as large as what takes part, not as
+  // the model: a local adjustment costs the same in a model of ten thousand.
+  std::vector<int> movers = options.images;
+  if (movers.empty()) {
+    movers.resize(model.images.size());
+    std::iota(movers.begin(), movers.end(), 0);
   }
+  std::erase_if(movers,
+                [&](int i) { return !model.images[static_cast<std::size_t>(i)].registered; });
+  std::sort(movers.begin(), movers.end());
+  const auto place = [](const std::vector<int>& sorted, int value) {
+    const auto found = std::lower_bound(sorted.begin(), sorted.end(), value);
+    return found != sorted.end() && *found == value
+               ? static_cast<std::size_t>(found - sorted.begin())
+               : sorted.size();
+  };
 
-  std::vector<int> points;
-  for (std::size_t p = 0; p < model.points.size(); ++p) {
-    const auto& track = model.points[p].track;
-    if (std::any_of(track.begin(), track.end(), [&](const Observation& seen) {
-          const auto i = static_cast<std::size_t>(seen.image);
-          return moves[i] && model.images[i].registered;
-        })) {
-      points.push_back(static_cast<int>(p));
+  std::vector<int> points = options.points;
+  if (points.empty()) {
+    for (std::size_t p = 0; p < model.points.size(); ++p) {
+      const auto& track = model.points[p].track;
+      if (std::any_of(track.begin(), track.end(), [&](const Observation& seen) {
+            return place(movers, seen.image) < movers.size();
+          })) {
+        points.push_back(static_cast<int>(p));
+      }
     }
   }
   if (points.empty()) return report;
   report.before_px = rms(model, points);
+
+  std::vector<int> cameras;  // of all that see the points
+  {
+    std::vector<bool> known(model.cameras.size(), false);
+    for (const int p : points) {
+      for (const Observation& seen : model.points[static_cast<std::size_t>(p)].track) {
+        const int camera = model.images[static_cast<std::size_t>(seen.image)].camera;
+        if (known[static_cast<std::size_t>(camera)]) continue;
+        known[static_cast<std::size_t>(camera)] = true;
+        cameras.push_back(camera);
+      }
+    }
+    std::sort(cameras.begin(), cameras.end());
+  }
+  std::vector<PoseNumbers> poses;
+  poses.reserve(movers.size());
+  for (const int i : movers)
+    poses.push_back(numbers_of(model.images[static_cast<std::size_t>(i)].pose));
+  std::vector<LensNumbers> lenses;
+  lenses.reserve(cameras.size());
+  for (const int c : cameras) {
+    const geometry::Camera& camera = model.cameras[static_cast<std::size_t>(c)];
+    TARSIER_REQUIRE(camera.lens == geometry::Lens::kPinhole, "a {} lens", name_of(camera.lens));
+    lenses.push_back(numbers_of(camera));
+  }
 
   ceres::Problem::Options problem_options;
   problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
@@ -233,20 +287,20 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   const auto loss = loss_of(options.loss_px);
   const std::vector<int> fixed = fixed_lens(options);
   const bool lens_stays = fixed.size() == 9 || !options.images.empty();
-  std::set<std::size_t> used;  // photographs that move
+  std::set<std::size_t> used;  // places in `movers` of those that see points
   bool any_fixed = false;      // others that see their points
   std::set<std::size_t> used_lenses;
   for (const int p : points) {
     Point& point = model.points[static_cast<std::size_t>(p)];
     for (const Observation& seen : point.track) {
-      const auto i = static_cast<std::size_t>(seen.image);
-      const Photograph& image = model.images[i];
+      const Photograph& image = model.images[static_cast<std::size_t>(seen.image)];
       if (!image.registered) continue;
       const cv::Point2f& at = image.features[static_cast<std::size_t>(seen.feature)];
-      const auto lens = static_cast<std::size_t>(image.camera);
+      const std::size_t lens = place(cameras, image.camera);
+      const std::size_t mover = place(movers, seen.image);
       const Reprojection reprojection{static_cast<double>(at.x), static_cast<double>(at.y),
                                       weight_of(image, seen.feature)};
-      if (!moves[i]) {  // then the lens stays too
+      if (mover == movers.size()) {  // then the lens stays too
         problem.AddResidualBlock(new FixedPoseCost(new FixedPoseReprojection{
                                      reprojection, lenses[lens].data(), &image.pose}),
                                  loss.get(), point.position.val);
@@ -257,12 +311,12 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
       if (lens_stays) {
         problem.AddResidualBlock(
             new FixedLensCost(new FixedLensReprojection{reprojection, lenses[lens].data()}),
-            loss.get(), poses[i].data(), point.position.val);
+            loss.get(), poses[mover].data(), point.position.val);
       } else {
         problem.AddResidualBlock(new Cost(new Reprojection(reprojection)), loss.get(),
-                                 poses[i].data(), point.position.val, lenses[lens].data());
+                                 poses[mover].data(), point.position.val, lenses[lens].data());
       }
-      used.insert(i);
+      used.insert(mover);
       used_lenses.insert(lens);
       ++report.residuals;
     }
@@ -270,6 +324,9 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
 
   for (const std::size_t lens : used_lenses)
     if (!lens_stays) problem.SetManifold(lenses[lens].data(), new ceres::SubsetManifold(9, fixed));
+  const auto image_of = [&](std::size_t mover) -> Photograph& {
+    return model.images[static_cast<std::size_t>(movers[mover])];
+  };
   if (!any_fixed) {
     // The first stays, and one coordinate of the farthest one keeps the scale. As a residual, which
     // is zero whatever the others want: taking it out of the pose would make blocks of two sizes,
@@ -278,16 +335,16 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
     problem.SetParameterBlockConstant(poses[first].data());
     std::size_t far = first;
     double longest = 0;
-    const cv::Vec3d origin = model.images[first].pose.center();
+    const cv::Vec3d origin = image_of(first).pose.center();
     for (const std::size_t i : used) {
-      const double distance = cv::norm(model.images[i].pose.center() - origin);
+      const double distance = cv::norm(image_of(i).pose.center() - origin);
       if (distance > longest) {
         longest = distance;
         far = i;
       }
     }
     if (far != first) {
-      const cv::Vec3d& t = model.images[far].pose.translation;
+      const cv::Vec3d& t = image_of(far).pose.translation;
       int axis = 0;
       for (int k = 1; k < 3; ++k)
         if (std::abs(t[k]) > std::abs(t[axis])) axis = k;
@@ -315,13 +372,47 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   solver.function_tolerance = options.tolerance;
   StopWhenAsked stop_callback(stop);
   solver.callbacks.push_back(&stop_callback);
+  std::vector<cv::Vec3d> positions;  // Ceres moves the points where they are
+  positions.reserve(points.size());
+  for (const int p : points)
+    positions.push_back(model.points[static_cast<std::size_t>(p)].position);
+  const auto put_back = [&] {
+    for (std::size_t k = 0; k < points.size(); ++k)
+      model.points[static_cast<std::size_t>(points[k])].position = positions[k];
+  };
   ceres::Solver::Summary summary;
   ceres::Solve(solver, &problem, &summary);
-  throw_if_stopped(stop);
-
+  if (stop.stop_requested()) {
+    put_back();
+    throw_if_stopped(stop);
+  }
   report.iterations = static_cast<int>(summary.iterations.size());
-  for (const std::size_t i : used) model.images[i].pose = pose_of(poses[i]);
-  for (const std::size_t lens : used_lenses) apply_numbers(lenses[lens], model.cameras[lens]);
+  if (!summary.IsSolutionUsable()) {
+    put_back();
+    report.after_px = report.before_px;
+    report.trouble = one_line(summary.message);
+    return report;
+  }
+  for (const std::size_t lens : used_lenses) {
+    const geometry::Camera& before = model.cameras[static_cast<std::size_t>(cameras[lens])];
+    geometry::Camera after = before;
+    apply_numbers(lenses[lens], after);
+    if (lens_stays || is_lens(after, before)) continue;
+    put_back();
+    BundleOptions again = options;
+    again.focal = again.center = again.distortion = false;
+    again.points = std::move(points);
+    report = adjust(model, again, stop);
+    report.trouble =
+        fmt::format("the focal length {:.4g} px came out, of a lens of {:.4g} px: it stays",
+                    after.fx, before.fx) +
+        (report.trouble.empty() ? "" : "; " + report.trouble);
+    return report;
+  }
+
+  for (const std::size_t i : used) image_of(i).pose = pose_of(poses[i]);
+  for (const std::size_t lens : used_lenses)
+    apply_numbers(lenses[lens], model.cameras[static_cast<std::size_t>(cameras[lens])]);
   report.after_px = rms(model, points);
   return report;
 }

@@ -4,6 +4,7 @@
 #include "tarsier/sfm_io/model.h"
 
 #include <stop_token>
+#include <string>
 #include <vector>
 
 namespace tarsier::sfm {
@@ -17,6 +18,8 @@ struct BundleOptions {
   double tolerance = 1e-6;  // ends when a step takes less than this share off the sum
   // Photographs that move; all others that see their points stay as they are. Empty: all of them.
   std::vector<int> images;
+  // The points that some of `images` show, ascending. Empty: looked for among all of the model's.
+  std::vector<int> points;
 };
 
 struct BundleReport {
@@ -24,12 +27,22 @@ struct BundleReport {
   double after_px = 0;
   int residuals = 0;  // observations
   int iterations = 0;
+  // What went wrong, or "". Where there is no solution the model is as it was; where the lens ran
+  // off (below), the rest is adjusted with the lens as it was.
+  std::string trouble;
 };
+
+// Focal lengths that an adjustment may give: shares of the larger side of the photograph. One that
+// starts outside may not go farther.
+constexpr double kMinFocalShare = 0.1;
+constexpr double kMaxFocalShare = 20;
 
 // Bundle adjustment (Triggs et al., 2000): poses, points and, if asked, cameras that minimise the
 // sum of the robust squared reprojection errors. Ceres with automatic derivatives and the Schur
 // complement, on one thread so that the result depends on nothing else. The first photograph stays
-// where it is, and the distance to the one farthest from it keeps the scale. Throws Interrupted.
+// where it is, and the distance to the one farthest from it keeps the scale. A lens that is no lens
+// afterwards (not finite, or a focal length outside of the shares above) stays as it was. Throws
+// Interrupted: the model is then as it was.
 BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_token& stop = {});
 
 // The same for one photograph's pose alone, its points fixed; `seen`: pairs of pixel and point.

@@ -2,96 +2,20 @@
 #include "tarsier/sfm/cache.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/io/sha256.h"
+#include "tarsier/sfm/packed_file.h"
 
-#include <cstring>
 #include <filesystem>
 #include <string_view>
-#include <type_traits>
+#include <system_error>
 
 namespace tarsier::sfm {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kMagic = "tarsier-sfm-1\n";
 constexpr std::int64_t kMostBytes = 1'000'000'000;
-constexpr std::uint64_t kMostItems = 100'000'000;
-
-std::string sha256_of(std::string_view bytes) {
-  Sha256 sum;
-  sum.add(bytes);
-  return sum.hex();
-}
-
-// Plain numbers one after the other, the machine's own byte order: the files are nobody else's.
-class Writer {
- public:
-  template <typename T>
-  void put(const T& value) {
-    static_assert(std::is_standard_layout_v<T>);  // numbers, and structs of them
-    bytes_.append(reinterpret_cast<const char*>(&value), sizeof(T));
-  }
-  template <typename T>
-  void put(const std::vector<T>& values) {
-    static_assert(std::is_standard_layout_v<T>);  // numbers, and structs of them
-    put(static_cast<std::uint64_t>(values.size()));
-    if (!values.empty())
-      bytes_.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
-  }
-  void put(const std::string& text) { put(std::vector<char>(text.begin(), text.end())); }
-
-  void write(const std::string& path) const {
-    write_file_atomically(path, std::string(kMagic) + sha256_of(bytes_) + bytes_);
-  }
-
- private:
-  std::string bytes_;
-};
-
-class Damaged {};
-
-class Reader {
- public:
-  explicit Reader(const std::string& path) : file_(read_file(path, kMostBytes)) {
-    const std::size_t head = kMagic.size() + 64;
-    if (file_.size() < head || std::string_view(file_).substr(0, kMagic.size()) != kMagic)
-      throw Damaged();
-    left_ = std::string_view(file_).substr(head);
-    if (sha256_of(left_) != std::string_view(file_).substr(kMagic.size(), 64)) throw Damaged();
-  }
-
-  template <typename T>
-  T get() {
-    T value;
-    take(&value, sizeof(T));
-    return value;
-  }
-  template <typename T>
-  std::vector<T> get_all() {
-    const auto count = get<std::uint64_t>();
-    if (count > kMostItems || count * sizeof(T) > left_.size()) throw Damaged();
-    std::vector<T> values(static_cast<std::size_t>(count));
-    if (count > 0) take(values.data(), values.size() * sizeof(T));
-    return values;
-  }
-  std::string get_text() {
-    const std::vector<char> text = get_all<char>();
-    return {text.begin(), text.end()};
-  }
-
- private:
-  void take(void* to, std::size_t bytes) {
-    if (bytes > left_.size()) throw Damaged();
-    std::memcpy(to, left_.data(), bytes);
-    left_.remove_prefix(bytes);
-  }
-
-  std::string file_;
-  std::string_view left_;
-};
+constexpr std::int64_t kMostFlowBytes = 16'000'000'000;  // all photographs are in one file
+constexpr std::string_view kCheckpointEnding = ".mapper";
 
 }  // namespace
 
@@ -104,7 +28,7 @@ std::string Cache::path_of(const std::string& key, const char* ending) const {
 std::optional<Features> Cache::features(const std::string& key) const {
   if (folder_.empty()) return std::nullopt;
   try {
-    Reader reader(path_of(key, ".features"));
+    PackedReader reader(path_of(key, ".features"), kMostBytes);
     Features features;
     features.points = reader.get_all<cv::Point2f>();
     features.sizes = reader.get_all<float>();
@@ -130,7 +54,7 @@ std::optional<Features> Cache::features(const std::string& key) const {
 
 void Cache::store(const std::string& key, const Features& features) const {
   if (folder_.empty()) return;
-  Writer writer;
+  PackedWriter writer;
   writer.put(features.points);
   writer.put(features.sizes);
   writer.put(features.colors);
@@ -148,7 +72,7 @@ void Cache::store(const std::string& key, const Features& features) const {
 Cache::Pairs Cache::pairs(const std::string& key) const {
   if (folder_.empty()) return {};
   try {
-    Reader reader(path_of(key, ".pairs"));
+    PackedReader reader(path_of(key, ".pairs"), kMostBytes);
     Pairs pairs;
     const auto count = reader.get<std::uint64_t>();
     for (std::uint64_t k = 0; k < count; ++k) {
@@ -171,7 +95,7 @@ Cache::Pairs Cache::pairs(const std::string& key) const {
 
 void Cache::store(const std::string& key, const Pairs& pairs) const {
   if (folder_.empty()) return;
-  Writer writer;
+  PackedWriter writer;
   writer.put(static_cast<std::uint64_t>(pairs.size()));
   for (const auto& [other, entry] : pairs) {
     writer.put(other);
@@ -184,6 +108,77 @@ void Cache::store(const std::string& key, const Pairs& pairs) const {
     writer.put(entry.view.median_angle);
   }
   writer.write(path_of(key, ".pairs"));
+}
+
+std::optional<FlowResult> Cache::flow(const std::string& key) const {
+  if (folder_.empty()) return std::nullopt;
+  try {
+    PackedReader reader(path_of(key, ".flow"), kMostFlowBytes);
+    FlowResult flow;
+    const auto photographs = reader.get<std::uint64_t>();
+    for (std::uint64_t k = 0; k < photographs; ++k) {
+      Features& features = flow.features.emplace_back();
+      features.points = reader.get_all<cv::Point2f>();
+      features.sizes = reader.get_all<float>();
+      features.colors = reader.get_all<cv::Vec3b>();
+      if (features.sizes.size() != features.points.size() ||
+          features.colors.size() != features.points.size()) {
+        return std::nullopt;
+      }
+    }
+    const auto pairs = reader.get<std::uint64_t>();
+    for (std::uint64_t k = 0; k < pairs; ++k) {
+      FlowMatches& pair = flow.pairs.emplace_back();
+      pair.first = reader.get<std::int32_t>();
+      pair.second = reader.get<std::int32_t>();
+      pair.matches = reader.get_all<Match>();
+      const auto is_photograph = [&](int index) {
+        return index >= 0 && static_cast<std::uint64_t>(index) < photographs;
+      };
+      if (!is_photograph(pair.first) || !is_photograph(pair.second)) return std::nullopt;
+    }
+    return flow;
+  } catch (const Damaged&) {
+  } catch (const InputError&) {
+  }
+  return std::nullopt;
+}
+
+void Cache::store(const std::string& key, const FlowResult& flow) const {
+  if (folder_.empty()) return;
+  PackedWriter writer;
+  writer.put(static_cast<std::uint64_t>(flow.features.size()));
+  for (const Features& features : flow.features) {
+    writer.put(features.points);
+    writer.put(features.sizes);
+    writer.put(features.colors);
+  }
+  writer.put(static_cast<std::uint64_t>(flow.pairs.size()));
+  for (const FlowMatches& pair : flow.pairs) {
+    writer.put(static_cast<std::int32_t>(pair.first));
+    writer.put(static_cast<std::int32_t>(pair.second));
+    writer.put(pair.matches);
+  }
+  writer.write(path_of(key, ".flow"));
+}
+
+std::optional<MapperState> Cache::checkpoint(const std::string& key) const {
+  if (folder_.empty()) return std::nullopt;
+  return read_checkpoint(path_of(key, kCheckpointEnding.data()));
+}
+
+void Cache::store(const std::string& key, const MapperState& state) const {
+  if (folder_.empty()) return;
+  const fs::path path = path_of(key, kCheckpointEnding.data());
+  std::error_code error;
+  const bool is_first = !fs::exists(path, error);
+  write_checkpoint(path.string(), state);
+  if (!is_first) return;
+  // One is enough, and they are large: of other options or photographs.
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder_, error)) {
+    if (entry.path().extension() == kCheckpointEnding && entry.path() != path)
+      fs::remove(entry.path(), error);
+  }
 }
 
 }  // namespace tarsier::sfm

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/sfm/checkpoint.h"
 #include "tarsier/sfm/features.h"
+#include "tarsier/sfm/flow.h"
 #include "tarsier/sfm/two_view.h"
 
 #include <map>
@@ -30,6 +32,14 @@ class Cache {
   using Pairs = std::map<std::string, PairEntry>;
   [[nodiscard]] Pairs pairs(const std::string& key) const;
   void store(const std::string& key, const Pairs& pairs) const;
+
+  // Points that were followed through a sequence.
+  [[nodiscard]] std::optional<FlowResult> flow(const std::string& key) const;
+  void store(const std::string& key, const FlowResult& flow) const;
+
+  // Where the mapper was. One is kept: a first one under a key removes those of other keys.
+  [[nodiscard]] std::optional<MapperState> checkpoint(const std::string& key) const;
+  void store(const std::string& key, const MapperState& state) const;
 
  private:
   [[nodiscard]] std::string path_of(const std::string& key, const char* ending) const;

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/growing.h"
 
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+
 #include <fmt/format.h>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <numeric>
@@ -18,8 +20,12 @@ constexpr double kRadians = CV_PI / 180;
 constexpr int kMostPairsOfATrack = 30;
 constexpr int kNeighbours = 6;            // that move with a new photograph
 constexpr std::size_t kLeastPoints = 30;  // of a first pair
+constexpr int kGrids = 5;                 // of 2 x 2 to 32 x 32 cells
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// Where a grid of 2^level x 2^level cells begins among the cells of all grids: after 4 + 16 + ..
+std::size_t grid_start(int level) { return ((std::size_t{1} << (2 * level)) - 4) / 3; }
 
 }  // namespace
 
@@ -60,6 +66,8 @@ Growing::Growing(Model model, std::vector<std::vector<Observation>> tracks,
       kind_(kind),
       options_(options) {
   model_.points.assign(tracks_.size(), {});
+  is_point_.assign(tracks_.size(), 0);
+  views_.resize(model_.images.size());
   track_of_.resize(model_.images.size());
   for (std::size_t i = 0; i < model_.images.size(); ++i) {
     model_.images[i].registered = false;
@@ -71,9 +79,55 @@ Growing::Growing(Model model, std::vector<std::vector<Observation>> tracks,
   measure_rays();
 }
 
-int Growing::registered() const {
-  return static_cast<int>(std::count_if(model_.images.begin(), model_.images.end(),
-                                        [](const Photograph& image) { return image.registered; }));
+void Growing::count(const Observation& seen, int change) {
+  View& view = views_[at(seen.image)];
+  const Photograph& photograph = model_.images[at(seen.image)];
+  const geometry::Camera& camera = model_.cameras[at(photograph.camera)];
+  const cv::Point2d p(photograph.features[at(seen.feature)]);
+  if (view.cells.empty()) view.cells.assign(grid_start(kGrids + 1), 0);
+  view.seen += change;
+  for (int level = 1; level <= kGrids; ++level) {
+    const int cells = 1 << level;
+    const int x = std::clamp(static_cast<int>(p.x * cells / camera.width), 0, cells - 1);
+    const int y = std::clamp(static_cast<int>(p.y * cells / camera.height), 0, cells - 1);
+    int& cell = view.cells[grid_start(level) + at(y * cells + x)];
+    const bool was = cell > 0;
+    cell += change;
+    if (was != (cell > 0)) view.prospect += was ? -cells : cells;
+  }
+}
+
+void Growing::count_points(const std::vector<int>& tracks) {
+  for (const int track : tracks) {
+    const bool now = !model_.points[at(track)].track.empty();
+    if (now == (is_point_[at(track)] != 0)) continue;
+    is_point_[at(track)] = now ? 1 : 0;
+    for (const Observation& seen : tracks_[at(track)]) count(seen, now ? 1 : -1);
+  }
+}
+
+std::vector<int> Growing::all_tracks() const {
+  std::vector<int> tracks(tracks_.size());
+  std::iota(tracks.begin(), tracks.end(), 0);
+  return tracks;
+}
+
+std::vector<int> Growing::points_of(const std::vector<int>& images) const {
+  std::vector<int> result;
+  for (const int image : images) {
+    for (const int track : track_of_[at(image)])
+      if (track >= 0 && shows(model_.points[at(track)].track, image)) result.push_back(track);
+  }
+  std::sort(result.begin(), result.end());
+  result.erase(std::unique(result.begin(), result.end()), result.end());
+  return result;
+}
+
+int Growing::filter(const std::vector<int>& images) {
+  const std::vector<int> points = images.empty() ? all_tracks() : points_of(images);
+  const int dropped = filter_these(model_, options_, points);
+  count_points(points);
+  return dropped;
 }
 
 void Growing::resume(const Model& before) {
@@ -81,14 +135,45 @@ void Growing::resume(const Model& before) {
   for (std::size_t i = 0; i < before.images.size(); ++i) {
     model_.images[i].registered = before.images[i].registered;
     model_.images[i].pose = before.images[i].pose;
+    registered_ += before.images[i].registered ? 1 : 0;
   }
   measure_rays();
   (void)triangulate_all(least_angle());
 }
 
+GrownState Growing::state() const {
+  GrownState state;
+  state.model = packed(model_);
+  state.ray_cameras = ray_cameras_;
+  if (extended_) state.tracks = tracks_;
+  return state;
+}
+
+void Growing::restore(const GrownState& state) {
+  if (!state.tracks.empty()) {
+    tracks_ = state.tracks;
+    extended_ = true;
+    for (auto& tracks : track_of_) std::fill(tracks.begin(), tracks.end(), -1);
+    for (std::size_t t = 0; t < tracks_.size(); ++t)
+      for (const Observation& seen : tracks_[t])
+        track_of_[at(seen.image)][at(seen.feature)] = static_cast<int>(t);
+  }
+  model_.cameras = state.ray_cameras;
+  measure_rays();
+  unpack(state.model, model_);
+  registered_ = static_cast<int>(state.model.registered.size());
+  count_points(all_tracks());
+}
+
 void Growing::adjust_model(const BundleOptions& options, const std::stop_token& stop) {
   if (watch_) watch_("before", *this);
-  (void)adjust(model_, options, stop);
+  const BundleReport report = adjust(model_, options, stop);
+  if (!report.trouble.empty()) {
+    troubles_.push_back(
+        fmt::format("an adjustment of {} photographs and {} observations: {}",
+                    options.images.empty() ? at(registered_) : options.images.size(),
+                    report.residuals, report.trouble));
+  }
   if (watch_) watch_("after", *this);
 }
 
@@ -98,10 +183,11 @@ bool Growing::start(const Pair& pair, const std::stop_token& stop, std::string& 
   first.pose = {};
   second.pose = pair.view.second_from_first;
   first.registered = second.registered = true;
+  registered_ = 2;
   (void)triangulate_all(least_angle());
   BundleOptions bundle;
   adjust_model(bundle, stop);
-  (void)filter_points(model_, options_);
+  (void)filter({});
   std::vector<double> angles;
   for (const Point& point : model_.points) {
     if (!point.track.empty())
@@ -113,7 +199,9 @@ bool Growing::start(const Pair& pair, const std::stop_token& stop, std::string& 
   if (angles.size() >= kLeastPoints && angle >= 0.5 * options_.first_angle_deg) return true;
   why = fmt::format("only {} points, {:.1f} degrees between their rays", angles.size(), angle);
   first.registered = second.registered = false;
+  registered_ = 0;
   for (Point& point : model_.points) point = {};
+  count_points(all_tracks());
   return false;
 }
 
@@ -125,28 +213,6 @@ std::vector<std::pair<int, int>> Growing::visible(int image) const {
       result.emplace_back(static_cast<int>(f), tracks[f]);
   }
   return result;
-}
-
-double Growing::prospect(int image) const {
-  const Photograph& photograph = model_.images[at(image)];
-  const geometry::Camera& camera = model_.cameras[at(photograph.camera)];
-  const auto seen = visible(image);
-  double score = 0;
-  for (int level = 1; level <= 5; ++level) {
-    const int cells = 1 << level;
-    std::array<bool, 1024> occupied{};
-    int count = 0;
-    for (const auto& [feature, track] : seen) {
-      const cv::Point2d p(photograph.features[at(feature)]);
-      const int x = std::clamp(static_cast<int>(p.x * cells / camera.width), 0, cells - 1);
-      const int y = std::clamp(static_cast<int>(p.y * cells / camera.height), 0, cells - 1);
-      bool& cell = occupied[at(y * cells + x)];
-      count += cell ? 0 : 1;
-      cell = true;
-    }
-    score += static_cast<double>(count) * cells;
-  }
-  return score;
 }
 
 bool Growing::add(int image, const std::stop_token& stop, std::string& why) {
@@ -183,41 +249,87 @@ bool Growing::add(int image, const std::stop_token& stop, std::string& why) {
     return false;
   }
   adjust_pose(photograph.pose, camera, inliers, options_.reprojection_px / 2);
+  // Of the points that may change: how many observations they have.
+  std::vector<std::pair<int, std::size_t>> before;
+  for (const int track : track_of_[at(image)])
+    if (track >= 0) before.emplace_back(track, model_.points[at(track)].track.size());
   photograph.registered = true;
+  ++registered_;
   (void)triangulate_all(least_angle(), image);
-  refine_around(image, stop);
+  try {
+    refine_around(image, stop);
+  } catch (const Interrupted&) {
+    std::vector<int> tracks;
+    for (const auto& [track, size] : before) {
+      Point& point = model_.points[at(track)];
+      if (size == 0) {
+        point = {};
+      } else {
+        point.track.resize(size);  // triangulate_track only appends
+      }
+      tracks.push_back(track);
+    }
+    count_points(tracks);
+    photograph.registered = false;
+    photograph.pose = {};
+    --registered_;
+    throw;
+  }
   return true;
 }
 
-void Growing::refine_all(int rounds, double tolerance, const std::stop_token& stop) {
-  for (int round = 0; round < rounds; ++round) {
-    BundleOptions bundle;
-    bundle.tolerance = tolerance;
-    // Two views do not tell the focal length.
-    const bool enough = registered() >= 3;
-    bundle.focal = options_.refine_focal && enough;
-    bundle.center = options_.refine_center && registered() >= 5;
-    bundle.distortion = options_.refine_distortion && enough;
-    adjust_model(bundle, stop);
-    if (bundle.focal || bundle.center || bundle.distortion) measure_rays();
-    const int dropped = filter_points(model_, options_);
-    const int found = triangulate_all(least_angle());
-    const ModelStatistics now = statistics_of(model_);
-    if (dropped + found < 0.002 * static_cast<double>(now.observations)) break;
-  }
+bool Growing::refine_once(double tolerance, const std::stop_token& stop) {
+  BundleOptions bundle;
+  bundle.tolerance = tolerance;
+  // Two views do not tell the focal length.
+  const bool enough = registered() >= 3;
+  bundle.focal = options_.refine_focal && enough;
+  bundle.center = options_.refine_center && registered() >= 5;
+  bundle.distortion = options_.refine_distortion && enough;
+  adjust_model(bundle, stop);
+  if (bundle.focal || bundle.center || bundle.distortion) measure_rays();
+  const int dropped = filter({});
+  const int found = triangulate_all(least_angle());
+  const ModelStatistics now = statistics_of(model_);
+  return dropped + found >= 0.002 * static_cast<double>(now.observations);
 }
 
-int Growing::extend() {
+void Growing::refine_all(int rounds, double tolerance, const std::stop_token& stop) {
+  for (int round = 0; round < rounds; ++round)
+    if (!refine_once(tolerance, stop)) break;
+}
+
+int Growing::extend(const std::stop_token& stop) {
   if (descriptors_.empty() || options_.extend_px <= 0) return 0;
   int gained = 0;
+  std::vector<int> asked_for(tracks_.size(), -1);  // by the last photograph
   for (std::size_t i = 0; i < model_.images.size(); ++i) {
     if (!model_.images[i].registered) continue;
+    throw_if_stopped(stop);
+    const int image = static_cast<int>(i);
+    std::vector<int> covisible;
+    for (const int track : points_of({image}))
+      for (const Observation& seen : model_.points[at(track)].track)
+        covisible.push_back(seen.image);
+    std::sort(covisible.begin(), covisible.end());
+    covisible.erase(std::unique(covisible.begin(), covisible.end()), covisible.end());
+    std::vector<int> candidates;
+    for (const int other : covisible) {
+      for (const int track : track_of_[at(other)]) {
+        if (track < 0 || asked_for[at(track)] == image) continue;
+        const std::vector<Observation>& seen = model_.points[at(track)].track;
+        if (!shows(seen, other)) continue;
+        asked_for[at(track)] = image;
+        if (!shows(seen, image)) candidates.push_back(track);
+      }
+    }
+    std::sort(candidates.begin(), candidates.end());
     const Nearby nearby(model_.images[i], options_.extend_px);
-    for (std::size_t t = 0; t < tracks_.size(); ++t) {
-      if (model_.points[t].track.empty() || shows(model_.points[t].track, static_cast<int>(i)))
-        continue;
-      const int feature = look_for(static_cast<int>(t), static_cast<int>(i), nearby);
-      if (feature >= 0) gained += take(static_cast<int>(t), {static_cast<int>(i), feature});
+    for (const int track : candidates) {
+      const std::vector<Observation>& seen = model_.points[at(track)].track;
+      if (seen.empty() || shows(seen, image)) continue;  // joined to another meanwhile
+      const int feature = look_for(track, image, nearby);
+      if (feature >= 0) gained += take(track, {image, feature});
     }
   }
   return gained;
@@ -226,8 +338,17 @@ int Growing::extend() {
 Model Growing::finished(const std::vector<std::vector<cv::Vec3b>>& colors, int least_views) const {
   Model result;
   result.cameras = model_.cameras;
-  result.images = model_.images;
-  for (Photograph& image : result.images) image.points.assign(image.features.size(), -1);
+  result.images.resize(model_.images.size());
+  for (std::size_t i = 0; i < result.images.size(); ++i) {
+    const Photograph& image = model_.images[i];
+    if (image.registered) {
+      result.images[i] = image;
+      result.images[i].points.assign(image.features.size(), -1);
+    } else {
+      result.images[i].name = image.name;
+      result.images[i].camera = image.camera;
+    }
+  }
   if (least_views <= 0) least_views = registered() < 4 ? 2 : options_.least_views;
   const std::size_t least = at(std::max(2, least_views));
   for (const Point& point : model_.points) {
@@ -295,9 +416,11 @@ int Growing::take(int track, const Observation& seen) {
   if (other < 0) {
     const auto error = error_of(model_, seen, point.position);
     if (!error || *error > options_.reprojection_px || shows(own, seen.image)) return 0;
+    extended_ = true;
     own.push_back(seen);
     point.track.push_back(seen);
     track_of_[at(seen.image)][at(seen.feature)] = track;
+    count(seen, 1);
     return 1;
   }
   // Two tracks: one point if all their sights agree.
@@ -315,10 +438,13 @@ int Growing::take(int track, const Observation& seen) {
   if (!position || within(all, *position).size() != all.size()) return 0;
   const int gained =
       static_cast<int>(all.size() - point.track.size() - model_.points[at(other)].track.size());
+  extended_ = true;
   for (const Observation& observation : theirs) {
     own.push_back(observation);
     track_of_[at(observation.image)][at(observation.feature)] = track;
+    if (is_point_[at(other)] == 0) count(observation, 1);  // else it is counted already
   }
+  is_point_[at(other)] = 0;
   theirs.clear();
   model_.points[at(other)] = {};
   point.position = *position;
@@ -327,6 +453,7 @@ int Growing::take(int track, const Observation& seen) {
 }
 
 void Growing::measure_rays() {
+  ray_cameras_ = model_.cameras;
   rays_.resize(model_.images.size());
   for (std::size_t i = 0; i < model_.images.size(); ++i) {
     const Photograph& image = model_.images[i];
@@ -406,15 +533,15 @@ void Growing::refine_around(int image, const std::stop_token& stop) {
     bundle.images.push_back(order[k].second);
   // A model this small is adjusted as a whole.
   if (registered() <= kNeighbours + 1) bundle.images.clear();
+  bundle.points = points_of(bundle.images);
   adjust_model(bundle, stop);
-  (void)filter_points(model_, options_, bundle.images);
+  (void)filter(bundle.images);
 }
 
 int Growing::triangulate_all(double least_angle, int image) {
   std::vector<int> chosen;
   if (image < 0) {
-    chosen.resize(tracks_.size());
-    std::iota(chosen.begin(), chosen.end(), 0);
+    chosen = all_tracks();
   } else {
     for (const int track : track_of_[at(image)])
       if (track >= 0) chosen.push_back(track);
@@ -424,6 +551,7 @@ int Growing::triangulate_all(double least_angle, int image) {
     for (int k = range.start; k < range.end; ++k)
       gained[at(k)] = triangulate_track(chosen[at(k)], least_angle);
   });
+  count_points(chosen);
   return std::accumulate(gained.begin(), gained.end(), 0);
 }
 

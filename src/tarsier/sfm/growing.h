@@ -2,12 +2,14 @@
 #pragma once
 
 #include "tarsier/sfm/bundle.h"
+#include "tarsier/sfm/checkpoint.h"
 #include "tarsier/sfm/mapper.h"
 #include "tarsier/sfm/tracks.h"
 #include "tarsier/sfm/triangulation.h"
 
 #include <opencv2/core.hpp>
 
+#include <cstdint>
 #include <functional>
 #include <optional>
 #include <stop_token>
@@ -24,7 +26,7 @@ class Growing {
   Growing(Model model, std::vector<std::vector<Observation>> tracks,
           const std::vector<cv::Mat>& descriptors, FeatureKind kind, const MapperOptions& options);
   [[nodiscard]] const Model& model() const { return model_; }
-  [[nodiscard]] int registered() const;
+  [[nodiscard]] int registered() const { return registered_; }
   // Is called with "before" and "after" around each adjustment, of all of it or of a part.
   using Watch = std::function<void(const char* moment, const Growing&)>;
   void watch(Watch watch) { watch_ = std::move(watch); }
@@ -32,23 +34,38 @@ class Growing {
   void resume(const Model& before);
   // Starts from two photographs; false (and nothing is registered) where too little comes of it.
   bool start(const Pair& pair, const std::stop_token& stop, std::string& why);
-  // Points of the model that the photograph should see, as (feature, track).
+  // Points of the model that the photograph should see, as (feature, track), and their number,
+  // which is kept up to date as points come and go.
   [[nodiscard]] std::vector<std::pair<int, int>> visible(int image) const;
+  [[nodiscard]] int seen(int image) const { return views_[static_cast<std::size_t>(image)].seen; }
   // How much a photograph sees, and how well it is spread: occupied cells of finer and finer grids,
-  // the finer ones counting more (Schonberger and Frahm, section 4.2).
-  [[nodiscard]] double prospect(int image) const;
-  // Adds a photograph; `why` tells what was missing where it fails.
+  // the finer ones counting more (Schonberger and Frahm, section 4.2). Kept up to date as well.
+  [[nodiscard]] double prospect(int image) const {
+    return static_cast<double>(views_[static_cast<std::size_t>(image)].prospect);
+  }
+  // Adds a photograph; `why` tells what was missing where it fails. Throws Interrupted: it is then
+  // not in, and the model is as it was.
   bool add(int image, const std::stop_token& stop, std::string& why);
-  // Adjusts all of it, drops what is off, and looks for what fits now; again while much changes.
+  // Adjusts all of it, drops what is off, and looks for what fits now; whether much changed, so
+  // that another round is worth it. Throws Interrupted: the model is then as it was.
+  bool refine_once(double tolerance, const std::stop_token& stop);
+  // The same again while much changes.
   void refine_all(int rounds, double tolerance, const std::stop_token& stop);
   // Looks for known points where they should appear in photographs that do not show them yet: a
   // match too weak on its own is good at the right place. A feature that belongs to another track
-  // joins the two if they are one point. Returns how many observations came in.
-  int extend();
+  // joins the two if they are one point. In each photograph it looks for the points of those that
+  // have a point in common with it. Returns how many observations came in. Throws Interrupted: the
+  // model is then a good one, but between two states.
+  int extend(const std::stop_token& stop);
   // The model with points in a row, their colours and errors, and what each feature shows. Points
   // that at least so many photographs show; 0: as the options say.
   [[nodiscard]] Model finished(const std::vector<std::vector<cv::Vec3b>>& colors,
                                int least_views = 0) const;
+  // All that it takes to go on from here in another process, to the last bit; and that.
+  [[nodiscard]] GrownState state() const;
+  void restore(const GrownState& state);
+  // What went wrong in adjustments since the last call, a line each.
+  [[nodiscard]] std::vector<std::string> take_troubles() { return std::exchange(troubles_, {}); }
   static std::optional<double> error_of(const Model& model, const Observation& seen,
                                         const cv::Vec3d& position);
   // Whether two rays to the point differ by `least` radians or more.
@@ -56,7 +73,22 @@ class Growing {
                         const cv::Vec3d& position, double least);
 
  private:
+  // What a photograph sees of the model: cells of all five grids, each with how many features of
+  // points lie in it.
+  struct View {
+    int seen = 0;
+    std::int64_t prospect = 0;
+    std::vector<int> cells;
+  };
   void adjust_model(const BundleOptions& options, const std::stop_token& stop);
+  void count(const Observation& seen, int change);
+  // After points of these tracks have come or gone.
+  void count_points(const std::vector<int>& tracks);
+  [[nodiscard]] std::vector<int> all_tracks() const;
+  // Tracks of the points that some of the photographs show, ascending.
+  [[nodiscard]] std::vector<int> points_of(const std::vector<int>& images) const;
+  // Drops what is off among the points of some photographs; empty: among all.
+  int filter(const std::vector<int>& images);
   [[nodiscard]] double least_angle() const { return options_.least_angle_deg * CV_PI / 180; }
   class Nearby;
   static bool shows(const std::vector<Observation>& track, int image);
@@ -87,8 +119,14 @@ class Growing {
   FeatureKind kind_;
   MapperOptions options_;
   Watch watch_;
+  int registered_ = 0;
+  std::vector<View> views_;
+  std::vector<char> is_point_;                  // of each track: whether views_ count it
+  bool extended_ = false;                       // the tracks are not those of the pairs any more
   std::vector<std::vector<int>> track_of_;      // of each feature of each photograph, or -1
   std::vector<std::vector<cv::Point2d>> rays_;  // of each feature
+  std::vector<geometry::Camera> ray_cameras_;   // that they were measured with
+  std::vector<std::string> troubles_;
 };
 
 }  // namespace tarsier::sfm

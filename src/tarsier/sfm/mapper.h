@@ -3,10 +3,12 @@
 
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/core/progress.h"
+#include "tarsier/sfm/checkpoint.h"
 #include "tarsier/sfm/tracks.h"
 #include "tarsier/sfm_io/model.h"
 
 #include <functional>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -44,26 +46,40 @@ struct Outcome {
 };
 
 struct Reconstruction {
-  std::vector<Model> models;       // largest first; each has all photographs, its own registered
+  // Largest first. Each has all photographs, its own registered; the others without features.
+  std::vector<Model> models;
   std::vector<Outcome> outcomes;   // of each photograph
-  std::vector<std::string> story;  // what was done, line by line
+  std::vector<std::string> story;  // what was done, and what went wrong, line by line
   std::string no_model;            // why there is none, where there is none
+  bool interrupted = false;        // these are the models so far
+  int resumed = 0;                 // photographs that a checkpoint had in models
 };
 
 // Sees a model while it grows: "grown-003-before" and "grown-003-after" around each adjustment (of
 // all of it or of a new photograph and its neighbours), "model-0" when one is done.
 using WatchModel = std::function<void(const std::string& label, const Model& model)>;
 
+struct MapperHooks {
+  WatchModel watch;  // sees the growing model; may be empty
+  // Keeps a checkpoint (may be empty): at most every so many seconds, and so that this takes less
+  // than a twentieth of the time; 0: at every step. At the end and at an interruption in any case.
+  std::function<void(const MapperState&)> keep;
+  double keep_every_s = 30;
+  // Goes on from there, with the same arguments otherwise: the result is the same, to the last bit.
+  // One that does not fit them is ignored, and so is any where there is a `watch`.
+  std::optional<MapperState> from;
+  // When stopped, returns the models so far where there is one. Else, Interrupted is thrown.
+  bool partial = false;
+};
+
 // `images` give cameras, names and features; their poses are not used. `colors` and `descriptors`:
-// of each photograph's features; without descriptors (flow) tracks are not extended. `watch` (may
-// be empty) sees the growing model. Throws Interrupted.
-[[nodiscard]] Reconstruction reconstruct(const std::vector<geometry::Camera>& cameras,
-                                         const std::vector<Photograph>& images,
-                                         const std::vector<std::vector<cv::Vec3b>>& colors,
-                                         const std::vector<cv::Mat>& descriptors, FeatureKind kind,
-                                         const std::vector<Pair>& pairs,
-                                         const MapperOptions& options, Progress& progress,
-                                         const std::stop_token& stop, const WatchModel& watch = {});
+// of each photograph's features; without descriptors (flow) tracks are not extended. Throws
+// Interrupted, and what hooks.keep throws.
+[[nodiscard]] Reconstruction reconstruct(
+    const std::vector<geometry::Camera>& cameras, const std::vector<Photograph>& images,
+    const std::vector<std::vector<cv::Vec3b>>& colors, const std::vector<cv::Mat>& descriptors,
+    FeatureKind kind, const std::vector<Pair>& pairs, const MapperOptions& options,
+    Progress& progress, const std::stop_token& stop, const MapperHooks& hooks = {});
 
 // Goes on from `before`, a model of the first ones of the photographs (of its cameras the first
 // ones of `cameras`): its poses stay until they
@@ -81,6 +97,8 @@ using WatchModel = std::function<void(const std::string& label, const Model& mod
 // than two; returns how many observations went. Looks at the points that some of `images` show;
 // empty: at all.
 int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images = {});
+// The same for the points of these numbers.
+int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points);
 
 // Root mean square reprojection error over all observations, px; mean track length.
 struct ModelStatistics {

@@ -1,16 +1,22 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper.h"
 
+#include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/sfm/bundle.h"
+#include "tarsier/sfm/growing.h"
 #include "tarsier/sfm_io/align.h"
 #include "tarsier/synth/relief.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
+#include <optional>
 #include <set>
+#include <stop_token>
+#include <string>
 
 namespace tarsier::sfm {
 namespace {
@@ -70,6 +76,83 @@ Reconstruction run(const Problem& problem, const MapperOptions& options = {}) {
                      problem.pairs, options, progress, {});
 }
 
+// The same with descriptors that tell points apart, and a part of the matches missing: extending
+// has something to find.
+struct Described {
+  Problem problem;
+  std::vector<cv::Mat> descriptors;
+};
+
+Described described(const synth::PointProblem& truth) {
+  Described result{problem_of(truth), {}};
+  Rng rng(77);
+  std::map<int, std::vector<std::uint8_t>> looks;
+  for (const std::vector<int>& points : result.problem.point_of) {
+    cv::Mat rows(static_cast<int>(points.size()), 128, CV_8UC1);
+    for (std::size_t f = 0; f < points.size(); ++f) {
+      std::vector<std::uint8_t>& look = looks[points[f]];
+      while (look.size() < 128)
+        look.push_back(static_cast<std::uint8_t>(rng.uniform() < 0.15 ? 120 : 5));
+      std::copy(look.begin(), look.end(), rows.ptr(static_cast<int>(f)));
+    }
+    result.descriptors.push_back(rows);
+  }
+  for (Pair& pair : result.problem.pairs)
+    std::erase_if(pair.view.inliers, [&](const Match&) { return rng.uniform() < 0.4; });
+  return result;
+}
+
+Reconstruction run(const Described& given, const MapperHooks& hooks,
+                   const std::stop_token& stop = {}) {
+  NoProgress progress;
+  const Problem& problem = given.problem;
+  return reconstruct(problem.cameras, problem.images, problem.colors, given.descriptors,
+                     FeatureKind::kSift, problem.pairs, {}, progress, stop, hooks);
+}
+
+// To the last bit.
+void expect_same(const Reconstruction& a, const Reconstruction& b) {
+  EXPECT_EQ(a.story, b.story);
+  ASSERT_EQ(a.models.size(), b.models.size());
+  for (std::size_t m = 0; m < a.models.size(); ++m) {
+    const Model& one = a.models[m];
+    const Model& other = b.models[m];
+    ASSERT_EQ(one.points.size(), other.points.size());
+    for (std::size_t p = 0; p < one.points.size(); ++p) {
+      ASSERT_EQ(one.points[p].position, other.points[p].position);
+      ASSERT_EQ(one.points[p].track, other.points[p].track);
+      ASSERT_EQ(one.points[p].color, other.points[p].color);
+      ASSERT_EQ(one.points[p].error, other.points[p].error);
+    }
+    for (std::size_t i = 0; i < one.images.size(); ++i) {
+      EXPECT_EQ(one.images[i].registered, other.images[i].registered);
+      EXPECT_EQ(one.images[i].points, other.images[i].points);
+      EXPECT_EQ(one.images[i].features, other.images[i].features);
+      if (!one.images[i].registered) continue;
+      EXPECT_EQ(one.images[i].pose.rotation, other.images[i].pose.rotation);
+      EXPECT_EQ(one.images[i].pose.translation, other.images[i].pose.translation);
+    }
+  }
+  for (std::size_t i = 0; i < a.outcomes.size(); ++i) {
+    EXPECT_EQ(a.outcomes[i].model, b.outcomes[i].model);
+    EXPECT_EQ(a.outcomes[i].reason, b.outcomes[i].reason);
+  }
+}
+
+// Two scenes of these many photographs that have nothing to do with each other.
+Problem two_scenes(int first, int second) {
+  Problem problem = problem_of(synth::make_point_problem(4, first, 200, 0.2, 0));
+  const Problem other = problem_of(synth::make_point_problem(5, second, 200, 0.2, 0));
+  for (const Photograph& image : other.images) problem.images.push_back(image);
+  for (const auto& colors : other.colors) problem.colors.push_back(colors);
+  for (Pair pair : other.pairs) {
+    pair.first += first;
+    pair.second += first;
+    problem.pairs.push_back(pair);
+  }
+  return problem;
+}
+
 // Largest distance of a centre from the truth after the best similarity, by the truth's extent.
 double worst_center(const Model& model, const synth::PointProblem& truth) {
   std::vector<cv::Vec3d> from;
@@ -127,15 +210,7 @@ TEST(Reconstruct, IndicesOfTheModelFitTogether) {
 }
 
 TEST(Reconstruct, TwoScenesGiveTwoModels) {
-  Problem problem = problem_of(synth::make_point_problem(4, 5, 200, 0.2, 0));
-  const Problem other = problem_of(synth::make_point_problem(5, 4, 200, 0.2, 0));
-  for (const Photograph& image : other.images) problem.images.push_back(image);
-  for (const auto& colors : other.colors) problem.colors.push_back(colors);
-  for (Pair pair : other.pairs) {
-    pair.first += 5;
-    pair.second += 5;
-    problem.pairs.push_back(pair);
-  }
+  const Problem problem = two_scenes(5, 4);
   const Reconstruction built = run(problem);
   ASSERT_EQ(built.models.size(), 2U);
   EXPECT_EQ(statistics_of(built.models[0]).registered, 5);
@@ -143,7 +218,169 @@ TEST(Reconstruct, TwoScenesGiveTwoModels) {
   for (int i = 0; i < 9; ++i) {
     EXPECT_TRUE(built.outcomes[static_cast<std::size_t>(i)].registered);
     EXPECT_EQ(built.outcomes[static_cast<std::size_t>(i)].model, i < 5 ? 0 : 1);
+    // A model does not carry the features of photographs that are not in it.
+    for (std::size_t m = 0; m < 2; ++m) {
+      const Photograph& image = built.models[m].images[static_cast<std::size_t>(i)];
+      EXPECT_EQ(image.features.empty(), !image.registered);
+      EXPECT_EQ(image.name, problem.images[static_cast<std::size_t>(i)].name);
+    }
   }
+}
+
+TEST(Checkpoints, FromEachOneTheResultIsTheSame) {
+  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.05));
+  std::vector<MapperState> states;
+  MapperHooks hooks;
+  hooks.keep_every_s = 0;
+  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
+  const Reconstruction whole = run(given, hooks);
+  ASSERT_EQ(statistics_of(whole.models.at(0)).registered, 9);
+  ASSERT_GT(states.size(), 9U);
+  EXPECT_TRUE(states.back().done);
+  bool extended = false;
+  for (std::size_t k = 0; k < states.size(); ++k) {
+    extended = extended || (states[k].grown && !states[k].grown->tracks.empty());
+    MapperHooks from;
+    from.from = states[k];
+    const Reconstruction again = run(given, from);
+    EXPECT_EQ(again.resumed, states[k].registered()) << k;
+    expect_same(again, whole);
+  }
+  EXPECT_TRUE(extended);
+}
+
+TEST(Checkpoints, AlsoWhereOneModelIsDone) {
+  const Described given{two_scenes(5, 4), {}};
+  std::vector<MapperState> states;
+  MapperHooks hooks;
+  hooks.keep_every_s = 0;
+  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
+  const Reconstruction whole = run(given, hooks);
+  ASSERT_EQ(whole.models.size(), 2U);
+  bool second = false;
+  for (const MapperState& state : states) {
+    second = second || (state.models.size() == 1 && state.grown);
+    MapperHooks from;
+    from.from = state;
+    expect_same(run(given, from), whole);
+  }
+  EXPECT_TRUE(second);
+}
+
+TEST(Checkpoints, OfOtherPhotographsAreIgnored) {
+  const Described given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
+  const Described other = described(synth::make_point_problem(22, 5, 100, 0.4, 0.05));
+  MapperHooks hooks;
+  hooks.keep = [&](const MapperState& state) { hooks.from = state; };
+  const Reconstruction whole = run(given, hooks);
+  ASSERT_TRUE(hooks.from);
+  EXPECT_EQ(run(other, hooks).resumed, 0);
+}
+
+// Stopped within each adjustment: the models so far are there, and the checkpoint of that moment
+// leads to the same end.
+TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
+  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.05));
+  const Reconstruction whole = run(given, {});
+  int adjustments = 0;
+  {
+    MapperHooks hooks;
+    hooks.watch = [&](const std::string& label, const Model&) {
+      adjustments += label.ends_with("before") ? 1 : 0;
+    };
+    (void)run(given, hooks);
+  }
+  ASSERT_GT(adjustments, 9);
+  int partial = 0;
+  for (int last = 1; last <= adjustments; ++last) {
+    std::stop_source stop;
+    std::optional<MapperState> kept;
+    int count = 0;
+    MapperHooks hooks;
+    hooks.partial = true;
+    hooks.keep_every_s = 1e6;
+    hooks.keep = [&](const MapperState& state) { kept = state; };
+    hooks.watch = [&](const std::string& label, const Model&) {
+      if (label.ends_with("before") && ++count == last) stop.request_stop();
+    };
+    try {
+      const Reconstruction so_far = run(given, hooks, stop.get_token());
+      EXPECT_TRUE(so_far.interrupted);
+      ASSERT_EQ(so_far.models.size(), 1U);
+      EXPECT_GE(statistics_of(so_far.models[0]).registered, 2);
+      EXPECT_LT(statistics_of(so_far.models[0]).reprojection_px, 2);
+      ++partial;
+    } catch (const tarsier::Interrupted&) {
+      EXPECT_EQ(last, 1);  // within the first pair: there is no model yet
+    }
+    ASSERT_TRUE(kept);
+    MapperHooks from;
+    from.from = kept;
+    expect_same(run(given, from), whole);
+  }
+  EXPECT_EQ(partial, adjustments - 1);
+}
+
+TEST(Interrupted, WithoutPartialThrows) {
+  const Described given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
+  std::stop_source stop;
+  MapperHooks hooks;
+  hooks.watch = [&](const std::string& label, const Model&) {
+    if (label == "grown-004-after") stop.request_stop();
+  };
+  EXPECT_THROW((void)run(given, hooks, stop.get_token()), tarsier::Interrupted);
+}
+
+// Counters that are kept up to date say what a walk through all features says.
+TEST(Growing, KnowsWhatEachPhotographSees) {
+  const Described given = described(synth::make_point_problem(23, 8, 200, 0.4, 0.1));
+  const Problem& problem = given.problem;
+  Model model;
+  model.cameras = problem.cameras;
+  model.images = problem.images;
+  std::vector<int> features;
+  for (const Photograph& image : problem.images)
+    features.push_back(static_cast<int>(image.features.size()));
+  const MapperOptions options;
+  Growing growing(model, make_tracks(problem.pairs, features), given.descriptors,
+                  FeatureKind::kSift, options);
+  const auto check = [&](const char* when) {
+    for (int i = 0; i < 8; ++i) {
+      const auto seen = growing.visible(i);
+      EXPECT_EQ(static_cast<std::size_t>(growing.seen(i)), seen.size()) << when << " " << i;
+      double prospect = 0;
+      for (int cells = 2; cells <= 32; cells *= 2) {
+        std::set<std::pair<int, int>> occupied;
+        for (const auto& [feature, track] : seen) {
+          const cv::Point2f& p = problem.images[static_cast<std::size_t>(i)]
+                                     .features[static_cast<std::size_t>(feature)];
+          const auto cell = [&](float x, int size) {
+            return std::clamp(static_cast<int>(static_cast<double>(x) * cells / size), 0,
+                              cells - 1);
+          };
+          occupied.insert(
+              {cell(p.x, problem.cameras[0].width), cell(p.y, problem.cameras[0].height)});
+        }
+        prospect += static_cast<double>(occupied.size()) * cells;
+      }
+      EXPECT_EQ(growing.prospect(i), prospect) << when << " " << i;
+    }
+  };
+  check("empty");
+  std::string why;
+  ASSERT_TRUE(growing.start(problem.pairs[3], {}, why)) << why;
+  check("start");
+  for (int i = 0; i < 8; ++i) {
+    if (growing.model().images[static_cast<std::size_t>(i)].registered) continue;
+    EXPECT_TRUE(growing.add(i, {}, why)) << why;
+    check("add");
+  }
+  growing.refine_all(2, 1e-4, {});
+  check("refine");
+  EXPECT_GT(growing.extend({}), 0);
+  check("extend");
+  growing.refine_all(1, 1e-4, {});
+  check("the end");
 }
 
 TEST(Reconstruct, APhotographThatMatchesNothingIsMissingWithItsReason) {
@@ -213,6 +450,67 @@ TEST(Adjust, MovesAwayFromTheTruthComeBack) {
   EXPECT_GT(report.before_px, 1);
   EXPECT_LT(report.after_px, 1e-2);
   EXPECT_LT(worst_center(model, problem.truth), 1e-3);
+}
+
+TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
+  const Problem problem = problem_of(synth::make_point_problem(9, 9, 150, 0.3, 0));
+  Model start = run(problem).models.at(0);
+  for (std::size_t p = 0; p < start.points.size(); p += 3)  // that neither of the two shows
+    std::erase_if(start.points[p].track,
+                  [](const Observation& seen) { return seen.image == 2 || seen.image == 4; });
+  BundleOptions options;
+  options.images = {4, 2};
+  Model found = start;
+  const BundleReport report = adjust(found, options);
+  EXPECT_TRUE(report.trouble.empty());
+  for (std::size_t p = 0; p < start.points.size(); ++p) {
+    for (const Observation& seen : start.points[p].track) {
+      if (seen.image != 2 && seen.image != 4) continue;
+      options.points.push_back(static_cast<int>(p));
+      break;
+    }
+  }
+  ASSERT_LT(options.points.size(), start.points.size());
+  Model given = start;
+  adjust(given, options);
+  for (std::size_t i = 0; i < start.images.size(); ++i) {
+    EXPECT_EQ(found.images[i].pose.translation, given.images[i].pose.translation);
+    EXPECT_EQ(start.images[i].pose.translation != given.images[i].pose.translation,
+              i == 2 || i == 4);
+  }
+}
+
+TEST(Adjust, ALensDoesNotRunOffAndThatIsSaid) {
+  const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.1, 0));
+  Model model = run(problem).models.at(0);
+  // A picture so wide that the true focal length is just below the least share of it.
+  const double truth = model.cameras[0].fx;
+  model.cameras[0].width = static_cast<int>(truth / (0.99 * kMinFocalShare));
+  const double start = 1.04 * truth;
+  model.cameras[0].fx = model.cameras[0].fy = start;
+  BundleOptions options;
+  options.focal = true;
+  const BundleReport report = adjust(model, options);
+  EXPECT_NEAR(model.cameras[0].fx, start, 1e-9 * start);
+  EXPECT_THAT(report.trouble, HasSubstr("focal length"));
+  EXPECT_GT(report.iterations, 0);  // the rest is adjusted
+  // With room for it, the lens is found.
+  model.cameras[0].width = 640;
+  EXPECT_TRUE(adjust(model, options).trouble.empty());
+  EXPECT_NEAR(model.cameras[0].fx, truth, 0.02 * truth);
+}
+
+TEST(Adjust, WhatCannotBeSolvedIsSaidAndChangesNothing) {
+  const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.1, 0));
+  Model model = run(problem).models.at(0);
+  model.points[0].position = model.images[0].pose.inverse() * cv::Vec3d(0, 0, -5);  // behind it
+  const Model before = model;
+  const BundleReport report = adjust(model, {});
+  EXPECT_FALSE(report.trouble.empty());
+  for (std::size_t i = 0; i < model.images.size(); ++i)
+    EXPECT_EQ(model.images[i].pose.translation, before.images[i].pose.translation);
+  for (std::size_t p = 0; p < model.points.size(); ++p)
+    EXPECT_EQ(model.points[p].position, before.points[p].position);
 }
 
 TEST(Adjust, DoesNotDependOnWhereTheHeapPutsThings) {

@@ -5,6 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/io/sha256.h"
 #include "tarsier/sfm/cache.h"
 #include "tarsier/sfm/flow.h"
 #include "tarsier/sfm/pairs.h"
@@ -16,7 +17,10 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cstdint>
+#include <ctime>
 #include <mutex>
+#include <span>
 
 namespace tarsier::sfm {
 namespace {
@@ -30,21 +34,54 @@ class Stages {
   Stages(PipelineResult& result, Progress& progress) : result_(result), progress_(progress) {}
   void begin(const char* name, std::int64_t total, const char* unit) {
     progress_.begin(name, total, unit);
-    name_ = name;
-    start_ = std::chrono::steady_clock::now();
+    start(name);
   }
   void end() {
     progress_.end();
+    note();
+  }
+  // The same for a stage that begins and ends its own progress.
+  void start(const char* name) {
+    name_ = name;
+    start_ = std::chrono::steady_clock::now();
+    cpu_start_ = cpu_seconds();
+  }
+  void note() {
     result_.stages.push_back(
-        {name_, std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count()});
+        {name_, std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(),
+         cpu_seconds() - cpu_start_});
   }
 
  private:
+  static double cpu_seconds() {
+    timespec now{};
+    if (clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now) != 0) return 0;
+    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+  }
+
   PipelineResult& result_;
   Progress& progress_;
   std::string name_;
   std::chrono::steady_clock::time_point start_;
+  double cpu_start_ = 0;
 };
+
+// What followed points depend on: the bytes of all files, in their order.
+std::string flow_key(const std::vector<Input>& inputs, const std::stop_token& stop) {
+  const FlowOptions flow;
+  std::string text = fmt::format("flow {} {} {} {} {}", flow.most_points, flow.grid, flow.reach,
+                                 flow.back_px, flow.alike);
+  for (const Input& input : inputs) {
+    throw_if_stopped(stop);
+    text += ' ';
+    try {
+      text += sha256_of_file(input.path);
+    } catch (const InputError&) {
+      text += "none";
+    }
+  }
+  return cache_key(text);
+}
 
 // Features of all photographs that can be read, one after the other: each uses all threads.
 std::vector<Shot> find_all_features(const std::vector<Input>& inputs,
@@ -53,6 +90,10 @@ std::vector<Shot> find_all_features(const std::vector<Input>& inputs,
                                     PipelineResult& result) {
   std::vector<Shot> shots;
   FlowTracker tracker{FlowOptions{}};
+  const std::string flow_name = options.flow ? flow_key(inputs, stop) : "";
+  std::optional<FlowResult> tracks;
+  if (options.flow) tracks = cache.flow(flow_name);
+  const bool is_known = tracks.has_value();
   for (std::size_t i = 0; i < inputs.size(); ++i) {
     throw_if_stopped(stop);
     PhotographReport& report = result.photographs[i];
@@ -69,7 +110,8 @@ std::vector<Shot> find_all_features(const std::vector<Input>& inputs,
                           shots.front().size.width, shots.front().size.height));
         if (image.cols < 64 || image.rows < 64)
           throw InputError(inputs[i].path, "too small to follow points in");
-        tracker.add(image);
+        if (!is_known) tracker.add(image);
+        shot.key = cache_key(fmt::format("{} {}", flow_name, shots.size()));
       } else if (find_shot_features(image, options, cache, shot)) {
         ++result.from_cache;
       }
@@ -83,13 +125,19 @@ std::vector<Shot> find_all_features(const std::vector<Input>& inputs,
     progress.advance();
   }
   if (options.flow) {
-    FlowResult tracks = tracker.finish();
-    for (std::size_t k = 0; k < shots.size(); ++k) {
-      shots[k].features = std::move(tracks.features[k]);
+    if (!is_known) {
+      tracks = tracker.finish();
+      if (!shots.empty()) cache.store(flow_name, *tracks);
+    } else {
+      result.from_cache += static_cast<int>(shots.size());
+    }
+    for (std::size_t k = 0; k < shots.size() && k < tracks->features.size(); ++k) {
+      shots[k].features = std::move(tracks->features[k]);
       result.photographs[at(shots[k].input)].features =
           static_cast<int>(shots[k].features.points.size());
     }
-    for (FlowMatches& pair : tracks.pairs) {
+    for (FlowMatches& pair : tracks->pairs) {
+      if (at(std::max(pair.first, pair.second)) >= shots.size()) continue;
       Pair made;
       made.first = pair.first;
       made.second = pair.second;
@@ -129,6 +177,34 @@ std::vector<std::pair<int, int>> choose_pairs(const std::vector<Shot>& shots,
   return exhaustive_pairs(count);
 }
 
+// All that the mapper's work depends on.
+std::string mapper_key(const std::vector<Shot>& shots, const std::vector<std::string>& names,
+                       const Lineup& lineup, const std::vector<Pair>& pairs,
+                       const PipelineOptions& options) {
+  const MapperOptions& m = options.mapper;
+  Sha256 sum;
+  sum.add(fmt::format("mapper {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
+                      m.reprojection_px, m.least_angle_deg, m.first_angle_deg, m.first_inliers,
+                      m.pose_inliers, m.pose_inlier_share, m.pose_px, m.least_views,
+                      m.least_photographs, m.extend_px, m.extend_similarity, m.refine_focal,
+                      m.refine_center, m.refine_distortion, m.seed, options.flow,
+                      static_cast<int>(options.features.kind), options.shared_camera));
+  for (std::size_t k = 0; k < shots.size(); ++k) {
+    sum.add(fmt::format("\n{} {} {}", partner_key(shots[k]), lineup.images()[k].camera, names[k]));
+  }
+  for (const Pair& pair : pairs) {
+    sum.add(fmt::format("\n{} {} {} {} {} {}", pair.first, pair.second, pair.matches,
+                        pair.view.homography_inliers, pair.view.in_front, pair.view.median_angle));
+    for (const double number : pair.view.second_from_first.rotation.val)
+      sum.add(fmt::format(" {}", number));
+    for (const double number : pair.view.second_from_first.translation.val)
+      sum.add(fmt::format(" {}", number));
+    sum.add(std::span(reinterpret_cast<const std::uint8_t*>(pair.view.inliers.data()),
+                      pair.view.inliers.size() * sizeof(Match)));
+  }
+  return sum.hex().substr(0, 32);
+}
+
 }  // namespace
 
 void PipelineOptions::check() const {
@@ -138,6 +214,8 @@ void PipelineOptions::check() const {
   mapper.check();
   TARSIER_REQUIRE(overlap >= 1 && overlap <= 1000, "overlap {}", overlap);
   TARSIER_REQUIRE(nearest >= 1 && nearest <= 1000, "nearest {}", nearest);
+  TARSIER_REQUIRE(checkpoint_s >= 0 && checkpoint_s <= 1e6, "{} s between checkpoints",
+                  checkpoint_s);
   TARSIER_REQUIRE(pairs != PairChoice::kList || !pairs_file.empty(), "no list of pairs");
   if (camera) {
     geometry::Camera sized = *camera;
@@ -198,7 +276,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     std::size_t end = start;
     while (end < result.pairs.size() && result.pairs[end].first == result.pairs[start].first) ++end;
     const int first = result.pairs[start].first;
-    const bool use_cache = !options.flow && !hooks.on_pair;
+    const bool use_cache = !hooks.on_pair;
     const std::string key = pairs_key(shots[at(first)], options);
     Cache::Pairs kept = use_cache ? cache.pairs(key) : Cache::Pairs{};
     std::atomic<bool> fresh{false};
@@ -209,7 +287,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
         if (const auto entry = kept.find(partner_key(shots[at(pair.second)]));
             entry != kept.end()) {
           pair.matches = entry->second.matches;
-          pair.view = entry->second.view;
+          pair.view = entry->second.view;  // instead of what was followed, if anything
           ++from_cache;
         } else {
           const Shot& a = shots[at(pair.first)];
@@ -253,13 +331,29 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     colors.push_back(std::move(shot.features.colors));
     if (!options.flow) descriptors.push_back(shot.features.descriptors);
   }
-  const auto start = std::chrono::steady_clock::now();
+  stages.start("reconstruct");
+  MapperHooks mapping;
+  mapping.watch = hooks.watch;
+  mapping.partial = hooks.partial;
+  mapping.keep_every_s = options.checkpoint_s;
+  if (!options.cache_folder.empty()) {
+    const std::string key = mapper_key(shots, names, lineup, result.pairs, options);
+    if (!hooks.watch) mapping.from = cache.checkpoint(key);
+    // A full disk must not end the mapping.
+    mapping.keep = [&cache, key, warned = false](const MapperState& state) mutable {
+      try {
+        cache.store(key, state);
+      } catch (const OutputError& error) {
+        if (!warned) log_warning("no checkpoint: {}", error.what());
+        warned = true;
+      }
+    };
+  }
   result.reconstruction =
       reconstruct(lineup.cameras(), lineup.images(), colors, descriptors, options.features.kind,
-                  result.pairs, options.mapper, progress, stop, hooks.watch);
-  result.stages.push_back(
-      {"reconstruct",
-       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()});
+                  result.pairs, options.mapper, progress, stop, mapping);
+  result.resumed = result.reconstruction.resumed;
+  stages.note();
   for (std::size_t k = 0; k < shots.size(); ++k)
     result.photographs[at(shots[k].input)].outcome = result.reconstruction.outcomes[k];
   return result;

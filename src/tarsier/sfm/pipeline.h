@@ -42,6 +42,7 @@ struct PipelineOptions {
       true;  // photographs of one size and lens have one camera; false: each its own
   bool fixed_camera = false;  // do not refine a guess either
   std::string cache_folder;   // "": nothing is kept
+  double checkpoint_s = 30;   // from one checkpoint of the mapper to the next; 0: each step; 0..1e6
   std::uint64_t seed = 1;
   void check() const;
 };
@@ -55,6 +56,7 @@ struct Input {
 struct StageTime {
   std::string name;
   double seconds = 0;
+  double cpu_seconds = 0;  // of all threads of the process
 };
 
 struct PhotographReport {
@@ -72,6 +74,7 @@ struct PipelineResult {
   int compared = 0;                           // pairs
   int verified = 0;
   int from_cache = 0;  // features and pairs that were there from an earlier run
+  int resumed = 0;     // photographs that were in models when the mapper went on from a checkpoint
   std::vector<StageTime> stages;
 };
 
@@ -90,11 +93,14 @@ struct PipelineHooks {
   // Sees each pair; from any thread, but never two at a time. May be empty; if not, matches are
   // worked out again even where they are in the cache.
   std::function<void(const ComparedPair&)> on_pair;
+  // When stopped while mapping, the models so far are the result (Reconstruction::interrupted).
+  bool partial = false;
 };
 
 // The photographs that can be read become Model::images, in the order of `inputs`. The same result
-// for any number of threads, from the cache or not. Throws Interrupted, InputError (pairs_file),
-// OutputError (cache); a photograph that cannot be read is no error.
+// for any number of threads, from the cache or not, interrupted and continued or not. Throws
+// Interrupted, InputError (pairs_file), OutputError (cache; a checkpoint that cannot be written is
+// a warning); a photograph that cannot be read is no error.
 [[nodiscard]] PipelineResult run_pipeline(const std::vector<Input>& inputs,
                                           const PipelineOptions& options, Progress& progress,
                                           const std::stop_token& stop,

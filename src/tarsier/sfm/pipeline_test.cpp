@@ -178,6 +178,79 @@ TEST_F(Photographs, FollowedPointsDoAsWellAsDescriptors) {
   EXPECT_LT(flow.center_mean, 2 * sift.center_mean + 1e-3 * sift.extent);
 }
 
+TEST_F(Photographs, WhatWasFollowedIsKept) {
+  auto inputs = shoot(small_scene(8));
+  PipelineOptions how = options();
+  how.flow = true;
+  const Model without = run(inputs, how).reconstruction.models.at(0);
+  how.cache_folder = folder_ + "/cache";
+  fs::create_directory(how.cache_folder);
+  EXPECT_EQ(run(inputs, how).from_cache, 0);
+  // All but the checkpoint, so that the mapper works with what is read.
+  for (const auto& entry : fs::directory_iterator(how.cache_folder))
+    if (entry.path().extension() == ".mapper") fs::remove(entry.path());
+  const PipelineResult again = run(inputs, how);
+  EXPECT_EQ(again.from_cache, 8 + again.compared);
+  EXPECT_EQ(again.resumed, 0);
+  const Model& with = again.reconstruction.models.at(0);
+  ASSERT_EQ(with.points.size(), without.points.size());
+  for (std::size_t i = 0; i < with.images.size(); ++i)
+    EXPECT_EQ(with.images[i].pose.center(), without.images[i].pose.center());
+  // Another sequence is another one.
+  std::swap(inputs[2], inputs[5]);
+  EXPECT_EQ(run(inputs, how).from_cache, 0);
+}
+
+TEST_F(Photographs, TheMapperGoesOnWhereItWas) {
+  const auto inputs = shoot(small_scene(6));
+  PipelineOptions how = options();
+  how.cache_folder = folder_ + "/cache";
+  how.checkpoint_s = 0;
+  fs::create_directory(how.cache_folder);
+  // Stopped when the fourth photograph is in.
+  struct StopAt final : Progress {
+    std::stop_source stop;
+    bool mapping = false;
+    std::int64_t done = 0;
+    void begin(std::string_view stage, std::int64_t, std::string_view) override {
+      mapping = stage == "reconstruct";
+    }
+    void advance(std::int64_t count) override {
+      done += mapping ? count : 0;
+      if (done >= 4) stop.request_stop();
+    }
+    void end() override {}
+  } progress;
+  PipelineHooks hooks;
+  hooks.partial = true;
+  const PipelineResult part = run_pipeline(inputs, how, progress, progress.stop.get_token(), hooks);
+  EXPECT_TRUE(part.reconstruction.interrupted);
+  EXPECT_EQ(statistics_of(part.reconstruction.models.at(0)).registered, 4);
+  EXPECT_EQ(report_json(part)["partial"], true);
+
+  const PipelineResult rest = run(inputs, how);
+  EXPECT_EQ(rest.resumed, 4);
+  EXPECT_FALSE(report_json(rest).contains("partial"));
+  how.cache_folder.clear();
+  const PipelineResult whole = run(inputs, how);
+  EXPECT_EQ(rest.reconstruction.story, whole.reconstruction.story);
+  const Model& a = rest.reconstruction.models.at(0);
+  const Model& b = whole.reconstruction.models.at(0);
+  ASSERT_EQ(a.points.size(), b.points.size());
+  for (std::size_t i = 0; i < a.images.size(); ++i)
+    EXPECT_EQ(a.images[i].pose.translation, b.images[i].pose.translation);
+
+  // With other options it begins again, and one checkpoint is kept.
+  how.cache_folder = folder_ + "/cache";
+  how.mapper.reprojection_px = 1.5;
+  EXPECT_EQ(run(inputs, how).resumed, 0);
+  EXPECT_EQ(run(inputs, how).resumed, 6);
+  int checkpoints = 0;
+  for (const auto& entry : fs::directory_iterator(how.cache_folder))
+    checkpoints += entry.path().extension() == ".mapper" ? 1 : 0;
+  EXPECT_EQ(checkpoints, 1);
+}
+
 TEST_F(Photographs, StopsWhenAsked) {
   const auto inputs = shoot(small_scene(2));
   std::stop_source stop;

@@ -83,13 +83,17 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
   }
   Json stages = Json::array();
   for (const StageTime& stage : result.stages)
-    stages.push_back({{"name", stage.name}, {"seconds", rounded(stage.seconds, 1e3)}});
+    stages.push_back({{"name", stage.name},
+                      {"seconds", rounded(stage.seconds, 1e3)},
+                      {"cpu_seconds", rounded(stage.cpu_seconds, 1e3)}});
   Json report{{"models", std::move(models)},
               {"photographs", std::move(photographs)},
               {"pairs", {{"compared", result.compared}, {"verified", result.verified}}},
               {"from_cache", result.from_cache},
               {"stages", std::move(stages)},
               {"story", built.story}};
+  if (built.interrupted) report["partial"] = true;
+  if (result.resumed > 0) report["resumed"] = result.resumed;
   if (!built.no_model.empty()) report["no_model"] = built.no_model;
   return report;
 }
@@ -97,6 +101,7 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
 std::string summary_text(const PipelineResult& result) {
   const Reconstruction& built = result.reconstruction;
   std::string text;
+  if (built.interrupted) text += "partial: the work was interrupted; the same command goes on\n";
   for (std::size_t m = 0; m < built.models.size(); ++m) {
     const ModelStatistics statistics = statistics_of(built.models[m]);
     text += fmt::format(

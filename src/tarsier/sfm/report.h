@@ -10,7 +10,8 @@
 namespace tarsier::sfm {
 
 // report.json: "models" (photographs, points, observations, mean_track, reprojection_px, cameras),
-// "photographs" (name, registered, model, features, points, reason), "pairs", "stages", "story".
+// "photographs" (name, registered, model, features, points, reason), "pairs", "stages", "story";
+// "partial": true where the work was interrupted, "resumed": photographs of a checkpoint.
 [[nodiscard]] nlohmann::ordered_json report_json(const PipelineResult& result);
 
 // The same for people: some lines, the photographs that are missing each with its reason.

@@ -77,15 +77,23 @@ class Joined {
 
 std::vector<std::vector<Observation>> make_tracks(const std::vector<Pair>& pairs,
                                                   const std::vector<int>& features) {
+  std::vector<const Pair*> all;
+  all.reserve(pairs.size());
+  for (const Pair& pair : pairs) all.push_back(&pair);
+  return make_tracks(all, features);
+}
+
+std::vector<std::vector<Observation>> make_tracks(const std::vector<const Pair*>& pairs,
+                                                  const std::vector<int>& features) {
   std::vector<std::size_t> order(pairs.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return pairs[a].view.inliers.size() > pairs[b].view.inliers.size();
+    return pairs[a]->view.inliers.size() > pairs[b]->view.inliers.size();
   });
   Joined joined(features);
   for (const std::size_t k : order) {
-    for (const Match& match : pairs[k].view.inliers)
-      joined.join({pairs[k].first, match.first}, {pairs[k].second, match.second});
+    for (const Match& match : pairs[k]->view.inliers)
+      joined.join({pairs[k]->first, match.first}, {pairs[k]->second, match.second});
   }
   std::vector<std::vector<Observation>> tracks = joined.take();
   std::sort(tracks.begin(), tracks.end(), [](const auto& a, const auto& b) {

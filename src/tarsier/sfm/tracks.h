@@ -22,5 +22,7 @@ struct Pair {
 // `features`: how many each photograph has.
 [[nodiscard]] std::vector<std::vector<Observation>> make_tracks(const std::vector<Pair>& pairs,
                                                                 const std::vector<int>& features);
+[[nodiscard]] std::vector<std::vector<Observation>> make_tracks(
+    const std::vector<const Pair*>& pairs, const std::vector<int>& features);
 
 }  // namespace tarsier::sfm
