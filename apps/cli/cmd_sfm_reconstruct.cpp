@@ -2,14 +2,17 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/core/words.h"
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/io/atomic_file.h"
 #include "tarsier/io/frame_source.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/io/still_source.h"
+#include "tarsier/sfm/pairs.h"
 #include "tarsier/sfm/pipeline.h"
 #include "tarsier/sfm/report.h"
+#include "tarsier/sfm/results.h"
 #include "tarsier/sfm_io/align.h"
 #include "tarsier/sfm_io/colmap.h"
 #include "tarsier/sfm_io/exif.h"
@@ -28,6 +31,7 @@
 #include "sfm_online.h"
 #include <algorithm>
 #include <cmath>
+#include <exception>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -208,32 +212,134 @@ void complete(ReconstructFlags& flags, const Context& context) {
     options.cache_folder = (fs::path(flags.output) / "cache").string();
     make_folder(options.cache_folder);
   }
-  if (!flags.distance_between.empty() && flags.distance <= 0)
-    throw UsageError("--distance-between needs --distance");
   options.seed = context.seed;
   options.check();
 }
 
+// --- what can be known before the work ---
+
+using Positions = std::map<std::string, cv::Vec3d>;
+
+// What errors of positions name.
+std::string align_source(const ReconstructFlags& flags) {
+  return flags.align == "gps" ? "--align gps" : flags.align;
+}
+
+Positions gps_positions(const std::vector<sfm::Input>& inputs, const Context& context) {
+  std::vector<std::string> names;
+  std::vector<cv::Vec3d> positions;
+  for (const sfm::Input& input : inputs) {
+    throw_if_stopped(context.stop);
+    try {
+      const auto gps = sfm::parse_exif(read_file(input.path, 512'000'000)).gps;
+      if (!gps) continue;
+      names.push_back(input.name);
+      positions.push_back(*gps);
+    } catch (const InputError&) {
+      continue;  // is left out of the model with a warning
+    }
+  }
+  const std::vector<cv::Vec3d> metres = sfm::local_metres(positions);
+  Positions known;
+  for (std::size_t i = 0; i < names.size(); ++i) known[names[i]] = metres[i];
+  return known;
+}
+
+// Of the photographs that take part. Throws where they could place no model.
+Positions positions_of(Positions known, const std::vector<sfm::Input>& inputs,
+                       const ReconstructFlags& flags, const Context& context) {
+  if (flags.align.empty()) return {};
+  if (flags.align == "gps") known = gps_positions(inputs, context);
+  Positions result;
+  std::vector<cv::Vec3d> places;
+  for (const sfm::Input& input : inputs) {
+    const auto position = known.find(input.name);
+    if (position == known.end()) continue;
+    result.insert(*position);
+    places.push_back(position->second);
+  }
+  if (places.size() < 3) {
+    const std::string what =
+        flags.align == "gps"
+            ? fmt::format("{} of {} photographs have a position in EXIF", places.size(),
+                          inputs.size())
+            : fmt::format("{} of {} names are photographs here (these are called '{}' ..)",
+                          places.size(), known.size(), printable(inputs.front().name));
+    throw InputError(align_source(flags), what + "; three that are not in a line are needed");
+  }
+  if (!sfm::similarity_between(places, places)) {
+    throw InputError(align_source(flags),
+                     fmt::format("the {} positions of photographs are in a line; three that are "
+                                 "not are needed",
+                                 places.size()));
+  }
+  if (places.size() < known.size()) {
+    log_warning("{}: {} of {} names are no photographs here", flags.align,
+                known.size() - places.size(), known.size());
+  }
+  return result;
+}
+
+void check_distance(const ReconstructFlags& flags) {
+  if (flags.distance_between.empty()) {
+    if (flags.distance != 0) throw UsageError("--distance needs --distance-between");
+    return;
+  }
+  if (!(flags.distance > 0 && std::isfinite(flags.distance)))
+    throw UsageError("--distance-between needs --distance, above 0");
+  if (flags.distance_between[0] == flags.distance_between[1])
+    throw UsageError("--distance-between: expected the names of two photographs");
+}
+
+// What would otherwise show when all the work is done.
+void check_inputs(const std::vector<sfm::Input>& inputs, const ReconstructFlags& flags) {
+  std::vector<std::string> names;
+  for (const sfm::Input& input : inputs) {
+    names.push_back(input.name);
+    if (const std::string trouble = sfm::trouble_of_name(input.name); !trouble.empty())
+      throw InputError(printable(input.path), trouble + ": rename it");
+    if (!flags.exports.empty() && !is_image_path(input.name)) {
+      throw InputError(input.path,
+                       "--export undistorted writes photographs under their names, and of this "
+                       "ending none is written: .jpg, .png, .webp, .bmp, .ppm");
+    }
+  }
+  for (const std::string& name : flags.distance_between) {
+    if (std::find(names.begin(), names.end(), name) == names.end()) {
+      throw UsageError(
+          fmt::format("--distance-between: '{}' is no photograph here (these are "
+                      "called '{}' ..)",
+                      printable(name), printable(names.front())));
+    }
+  }
+  if (flags.pipeline.pairs == sfm::PairChoice::kList)
+    (void)sfm::read_pairs_list(flags.pipeline.pairs_file, names);
+}
+
 // --- scale and place ---
 
-void place(sfm::Model& model, const ReconstructFlags& flags,
-           const std::map<std::string, std::string>& paths, nlohmann::ordered_json& report) {
-  std::map<std::string, cv::Vec3d> known;
-  if (flags.align == "gps") {
-    std::vector<std::string> names;
-    std::vector<cv::Vec3d> positions;
-    for (const auto& [name, path] : paths) {
-      const auto gps = sfm::parse_exif(read_file(path, 512'000'000)).gps;
-      if (!gps) continue;
-      names.push_back(name);
-      positions.push_back(*gps);
+// Throws where the photographs that joined do not tell scale or place; the model is then as it was.
+void place(sfm::Model& model, const ReconstructFlags& flags, const Positions& known,
+           nlohmann::ordered_json& report) {
+  std::vector<const sfm::Photograph*> ends;
+  for (const std::string& name : flags.distance_between) {
+    const auto image = std::find_if(model.images.begin(), model.images.end(),
+                                    [&](const sfm::Photograph& each) { return each.name == name; });
+    if (image == model.images.end() || !image->registered) {
+      throw Error(ExitStatus::kBadInput,
+                  fmt::format("--distance-between: '{}' is not in the model, which is written as "
+                              "it is",
+                              printable(name)));
     }
-    const std::vector<cv::Vec3d> metres = sfm::local_metres(positions);
-    for (std::size_t i = 0; i < names.size(); ++i) known[names[i]] = metres[i];
-  } else if (!flags.align.empty()) {
-    known = sfm::read_positions_csv(flags.align);
+    ends.push_back(&*image);
   }
-  if (!known.empty() || !flags.align.empty()) {
+  const auto apart = [&] { return cv::norm(ends[0]->pose.center() - ends[1]->pose.center()); };
+  if (!ends.empty() && !(apart() > 0)) {
+    throw Error(
+        ExitStatus::kBadInput,
+        "--distance-between: both are at one place in the model, which is written as it is");
+  }
+  if (!flags.align.empty()) {
     std::vector<cv::Vec3d> from;
     std::vector<cv::Vec3d> to;
     for (const sfm::Photograph& image : model.images) {
@@ -244,9 +350,9 @@ void place(sfm::Model& model, const ReconstructFlags& flags,
     }
     const auto similarity = sfm::robust_similarity(from, to, 0, flags.pipeline.seed);
     if (!similarity) {
-      throw InputError(flags.align,
+      throw InputError(align_source(flags),
                        fmt::format("{} positions fit photographs of the model; three that are not "
-                                   "in a line are needed",
+                                   "in a line are needed: the model is written as it is",
                                    from.size()));
     }
     sfm::transform(model, *similarity);
@@ -258,17 +364,10 @@ void place(sfm::Model& model, const ReconstructFlags& flags,
                          {"scale", similarity->scale},
                          {"mean_residual", sum / static_cast<double>(from.size())}};
   }
-  if (flags.distance > 0) {
-    std::vector<cv::Vec3d> ends;
-    for (const std::string& name : flags.distance_between) {
-      for (const sfm::Photograph& image : model.images)
-        if (image.registered && image.name == name) ends.push_back(image.pose.center());
-    }
-    if (ends.size() != 2 || cv::norm(ends[0] - ends[1]) <= 0)
-      throw UsageError("--distance-between: expected the names of two photographs of the model");
+  if (!ends.empty()) {
     sfm::Similarity similarity;
     similarity.rotation = cv::Matx33d::eye();
-    similarity.scale = flags.distance / cv::norm(ends[0] - ends[1]);
+    similarity.scale = flags.distance / apart();
     sfm::transform(model, similarity);
     report["scale"] = similarity.scale;
   }
@@ -336,14 +435,20 @@ void write_turntable(const fs::path& path, const sfm::Model& model) {
   sfm::write_gif(path.string(), frames, 12);
 }
 
-void write_results(const fs::path& folder, const sfm::Model& model, const ReconstructFlags& flags,
-                   const std::map<std::string, std::string>& paths, Context& context) {
-  make_folder(folder.string());
+// The model itself.
+void write_model(const fs::path& folder, const sfm::Model& model) {
   sfm::write_colmap(folder.string(), model);
   sfm::write_points_ply((folder / "points.ply").string(), model);
   sfm::write_cameras_ply((folder / "cameras.ply").string(), model, camera_size(model));
-  write_image((folder / "view.png").string(), sfm::render_model(model, {}));
+}
+
+void write_views(const fs::path& folder, const sfm::Model& model) {
   write_file_atomically((folder / "view.html").string(), sfm::viewer_html(model, "Reconstruction"));
+  write_image((folder / "view.png").string(), sfm::render_model(model, {}));
+}
+
+void write_extras(const fs::path& folder, const sfm::Model& model, const ReconstructFlags& flags,
+                  const std::map<std::string, std::string>& paths, Context& context) {
   if (flags.turntable) write_turntable(folder / "turntable.gif", model);
   for (const std::string& what : flags.exports) {
     if (what != "undistorted") continue;
@@ -353,10 +458,68 @@ void write_results(const fs::path& folder, const sfm::Model& model, const Recons
   }
 }
 
+// Writes the models as soon as there are any, then scale and place, then what is made of them: what
+// fails leaves what was made before it. Throws what placing threw when all is written.
+void write_results(sfm::PipelineResult& result, const ReconstructFlags& flags,
+                   const Positions& known, const std::map<std::string, std::string>& paths,
+                   Context& context) {
+  const fs::path folder = flags.output;
+  std::vector<sfm::Model>& models = result.reconstruction.models;
+  const bool interrupted = result.reconstruction.interrupted;
+  nlohmann::ordered_json report = sfm::report_json(result);
+  const auto write_report = [&] {
+    write_file_atomically((folder / "report.json").string(), report.dump(1) + "\n");
+  };
+  std::exception_ptr misplaced;
+  const auto earlier = sfm::earlier_run(folder.string());
+  if (interrupted && earlier && !earlier->partial &&
+      earlier->registered >= sfm::statistics_of(models.front()).registered) {
+    log_warning("interrupted: {} keeps the finished model of an earlier run", flags.output);
+  } else {
+    for (std::size_t m = 0; m < models.size(); ++m) {
+      const int number = static_cast<int>(m);
+      if (m > 0) sfm::begin_model_folder(folder.string(), number);
+      write_model(sfm::model_folder(folder.string(), number), models[m]);
+    }
+    write_report();
+    if (!models.empty())
+      sfm::remove_old_models(folder.string(), static_cast<int>(models.size()), earlier);
+    if (!models.empty() && (!flags.align.empty() || !flags.distance_between.empty())) {
+      try {
+        nlohmann::ordered_json placed;
+        place(models[0], flags, known, placed);
+        report["placed"] = placed;
+        write_model(folder, models[0]);
+      } catch (const OutputError&) {
+        throw;
+      } catch (const Error& error) {
+        report["not_placed"] = error.what();
+        misplaced = std::current_exception();
+      }
+      write_report();
+    }
+    for (std::size_t m = 0; m < models.size(); ++m)
+      write_views(sfm::model_folder(folder.string(), static_cast<int>(m)), models[m]);
+  }
+  if (context.json)
+    print_json_line(report.dump());
+  else
+    print_text(sfm::summary_text(result));
+  if (!models.empty() && !misplaced) log_info("{}: look at view.html", flags.output);
+  for (std::size_t m = 0; m < models.size() && !interrupted; ++m)
+    write_extras(sfm::model_folder(folder.string(), static_cast<int>(m)), models[m], flags, paths,
+                 context);
+  if (misplaced) std::rethrow_exception(misplaced);
+}
+
 ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
   const fs::path folder = flags.output;
   make_folder(folder.string());
+  { const AtomicFile writable((folder / "report.json").string()); }  // throws where it is not
   complete(flags, context);
+  check_distance(flags);
+  Positions known;
+  if (!flags.align.empty() && flags.align != "gps") known = sfm::read_positions_csv(flags.align);
   OnlineResult online;
   if (flags.online.online) {
     online = inputs_online(flags, context);
@@ -375,7 +538,11 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
                                  inputs.size(), inputs.size() == 1 ? "" : "s"));
   }
 
+  check_inputs(inputs, flags);
+  known = positions_of(std::move(known), inputs, flags, context);
+
   sfm::PipelineHooks hooks;
+  hooks.partial = true;
   if (!context.debug_dir.empty()) {
     make_folder(context.debug_dir);
     hooks.watch = [&](const std::string& label, const sfm::Model& model) {
@@ -395,24 +562,11 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
   }
   sfm::PipelineResult result =
       sfm::run_pipeline(inputs, flags.pipeline, *context.progress, context.stop, hooks);
-  std::vector<sfm::Model>& models = result.reconstruction.models;
-  nlohmann::ordered_json report = sfm::report_json(result);
-  for (std::size_t m = 0; m < models.size(); ++m) {
-    nlohmann::ordered_json placed;
-    if (m == 0) place(models[m], flags, paths, placed);
-    if (!placed.empty()) report["placed"] = placed;
-    write_results(m == 0 ? folder : folder / fmt::format("model-{}", m), models[m], flags, paths,
-                  context);
-  }
-  write_file_atomically((folder / "report.json").string(), report.dump(1) + "\n");
-  if (context.json)
-    print_json_line(report.dump());
-  else
-    print_text(sfm::summary_text(result));
-  if (!models.empty()) log_info("{}: look at view.html", flags.output);
+  write_results(result, flags, known, paths, context);
+  if (result.reconstruction.interrupted) return ExitStatus::kInterrupted;
   if (online.error) std::rethrow_exception(online.error);
   if (online.status != ExitStatus::kDone) return online.status;
-  return models.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
+  return result.reconstruction.models.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
 }  // namespace
@@ -490,6 +644,10 @@ void add_sfm_reconstruct(CLI::App& sfm, Context& context) {
   out(verb.add_flag("--match-pictures", flags->match_pictures,
                     "matches/: each pair, kept green, removed red"));
   out(verb.add_flag("--no-cache", flags->no_cache, "keep nothing for a second run"));
+  out(verb.add_option("--checkpoint", flags->pipeline.checkpoint_s,
+                      "seconds between checkpoints of the mapping; 0: at each step")
+          ->check(CLI::Range(0.0, 1e6))
+          ->capture_default_str());
   const auto film = [](CLI::Option* option) { option->group("Films"); };
   film(verb.add_option("--key-motion", flags->keyframes.least_motion,
                        "of the picture's diagonal, between key frames")
