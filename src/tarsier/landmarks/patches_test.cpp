@@ -13,8 +13,10 @@
 
 #include <cmath>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 namespace tarsier::landmarks {
@@ -141,7 +143,7 @@ PatchOptions small_options(PatchMethod method = PatchMethod::kRidge) {
   return options;
 }
 
-Trained textured(PatchMethod method, double scale) {
+Trained train_textured(PatchMethod method, double scale) {
   Trained out;
   Rng rng(5);
   const Texture texture(rng.fork(1));
@@ -151,7 +153,7 @@ Trained textured(PatchMethod method, double scale) {
   return out;
 }
 
-Trained blobs(PatchMethod method = PatchMethod::kRidge) {
+Trained train_blobs(PatchMethod method) {
   Trained out;
   Rng rng(9);
   for (int k = 0; k < 24; ++k) out.faces.push_back(blob_face(rng, rng.uniform(-6, 18)));
@@ -160,6 +162,21 @@ Trained blobs(PatchMethod method = PatchMethod::kRidge) {
   options.search = 21;
   out.patches = train(out.faces, out.shape, options);
   return out;
+}
+
+// Each is trained once, and asked of by several tests.
+const Trained& textured(PatchMethod method, double scale) {
+  static std::map<std::pair<PatchMethod, double>, Trained> known;
+  const auto [entry, fresh] = known.try_emplace({method, scale});
+  if (fresh) entry->second = train_textured(method, scale);
+  return entry->second;
+}
+
+const Trained& blobs(PatchMethod method = PatchMethod::kRidge) {
+  static std::map<PatchMethod, Trained> known;
+  const auto [entry, fresh] = known.try_emplace(method);
+  if (fresh) entry->second = train_blobs(method);
+  return entry->second;
 }
 
 double mean_distance(const Eigen::Matrix2Xd& a, const Eigen::Matrix2Xd& b) {
@@ -190,7 +207,7 @@ class PatchBias : public testing::TestWithParam<PatchMethod> {};
 // the middle: half a pixel wrong anywhere in training shows as a peak beside the middle.
 TEST_P(PatchBias, PeaksAreAtThePoints) {
   for (const double scale : {0.8, 1.7}) {
-    const Trained model = textured(GetParam(), scale);
+    const Trained& model = textured(GetParam(), scale);
     Rng rng(5);
     const Texture texture(rng.fork(1));
     rng = Rng(77);
@@ -235,7 +252,7 @@ TEST_P(PatchBias, PeaksAreAtThePoints) {
 // The same through the whole fit, with its warps and reductions.
 TEST_P(PatchBias, FitsAreAtThePoints) {
   for (const double scale : {0.8, 1.7}) {
-    const Trained model = textured(GetParam(), scale);
+    const Trained& model = textured(GetParam(), scale);
     Rng rng(5);
     const Texture texture(rng.fork(1));
     rng = Rng(78);
@@ -308,7 +325,7 @@ TEST(PatchResponse, IsOneOnThePatchItselfAndZeroOnFlatGround) {
 }
 
 TEST(PatchFit, RecoversAKnownShape) {
-  const Trained model = blobs();
+  const Trained& model = blobs();
   Rng rng(31);
   PatchWorkspace workspace;
   for (const double opening : {-4.0, 6.0, 15.0}) {
@@ -329,7 +346,7 @@ TEST(PatchFit, RecoversAKnownShape) {
 
 TEST(PatchFit, ConvergesFromAShiftOfATenthOfTheFace) {
   for (const PatchMethod method : {PatchMethod::kRidge, PatchMethod::kStochastic}) {
-    const Trained model = blobs(method);
+    const Trained& model = blobs(method);
     Rng rng(32);
     PatchWorkspace workspace;
     for (const PatchTarget target : {PatchTarget::kPeak, PatchTarget::kMeanShift}) {
@@ -351,7 +368,7 @@ TEST(PatchFit, ConvergesFromAShiftOfATenthOfTheFace) {
 }
 
 TEST(PatchFit, OneHiddenPointDoesNotDragTheOthers) {
-  const Trained model = blobs();
+  const Trained& model = blobs();
   Rng rng(33);
   TrainingFace face = blob_face(rng, 5);
   // A false blob beside the nose's, which is painted over.
@@ -370,7 +387,7 @@ TEST(PatchFit, OneHiddenPointDoesNotDragTheOthers) {
 }
 
 TEST(PatchFit, StaysFiniteWhereThereIsNothing) {
-  const Trained model = blobs();
+  const Trained& model = blobs();
   PatchWorkspace workspace;
   const cv::Mat flat(40, 60, CV_8UC1, cv::Scalar(90));
   for (const double shift : {0.0, -5000.0, 90'000.0}) {
@@ -390,7 +407,7 @@ TEST(PatchFit, StaysFiniteWhereThereIsNothing) {
 
 // A workspace that has seen other pictures changes nothing.
 TEST(PatchFit, DoesNotDependOnTheWorkspace) {
-  const Trained model = blobs();
+  const Trained& model = blobs();
   PatchWorkspace used;
   const auto fitted = [&](std::size_t k, PatchWorkspace& workspace) {
     const TrainingFace& face = model.faces[k];
@@ -406,9 +423,9 @@ TEST(PatchTraining, IsTheSameForAnyNumberOfThreads) {
   for (const PatchMethod method :
        {PatchMethod::kStochastic, PatchMethod::kRidge, PatchMethod::kAverage}) {
     cv::setNumThreads(1);
-    const Trained one = blobs(method);
+    const Trained one = train_blobs(method);
     cv::setNumThreads(4);
-    const Trained four = blobs(method);
+    const Trained four = train_blobs(method);
     for (std::size_t i = 0; i < one.patches.patches.size(); ++i)
       EXPECT_EQ(cv::norm(one.patches.patches[i], four.patches.patches[i], cv::NORM_INF), 0);
   }
@@ -437,7 +454,7 @@ TEST(PatchTraining, StopsAndRefuses) {
 }
 
 TEST(PatchFile, ReadsWhatItWrites) {
-  const Trained model = blobs();
+  const Trained& model = blobs();
   const PatchModels again =
       patch_models_from_json(nlohmann::json::parse(to_json(model.patches).dump()), "m.json");
   EXPECT_EQ(again.method, model.patches.method);
@@ -493,7 +510,7 @@ TEST(PatchFile, RefusesHostilePayloads) {
 }
 
 TEST(PatchPictures, ShowAllPatchesAndFrameOne) {
-  const Trained model = blobs();
+  const Trained& model = blobs();
   const cv::Mat all = draw_patches(model.patches, model.shape, -1, 3);
   const cv::Mat one = draw_patches(model.patches, model.shape, 4, 3);
   ASSERT_EQ(all.size(), one.size());

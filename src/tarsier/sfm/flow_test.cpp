@@ -27,10 +27,25 @@ class Texture {
                         rng.uniform(0, 2 * kPi)});
     }
   }
-  [[nodiscard]] double operator()(const cv::Point2d& at) const {
-    double sum = 0;
-    for (const cv::Vec3d& wave : waves_) sum += std::sin(wave[0] * at.x + wave[1] * at.y + wave[2]);
-    return 128 + 14 * sum;
+  // The values at `begin`, `begin + step` .. of a line: turning a pointer is many times faster than
+  // a sine each.
+  [[nodiscard]] std::vector<double> along(const cv::Point2d& begin, const cv::Point2d& step,
+                                          int count) const {
+    std::vector<double> sums(static_cast<std::size_t>(count), 128);
+    for (const cv::Vec3d& wave : waves_) {
+      const double turn = wave[0] * step.x + wave[1] * step.y;
+      const double across = std::cos(turn);
+      const double up = std::sin(turn);
+      double x = 14 * std::cos(wave[0] * begin.x + wave[1] * begin.y + wave[2]);
+      double y = 14 * std::sin(wave[0] * begin.x + wave[1] * begin.y + wave[2]);
+      for (double& sum : sums) {
+        sum += y;
+        const double next = across * x - up * y;
+        y = up * x + across * y;
+        x = next;
+      }
+    }
+    return sums;
   }
 
  private:
@@ -63,10 +78,14 @@ struct Motion {
 
 cv::Mat drawn(const Texture& texture, const Motion& motion, int frame) {
   cv::Mat image(kSize, CV_8UC1);
-  for (int y = 0; y < image.rows; ++y)
+  for (int y = 0; y < image.rows; ++y) {
+    const cv::Point2d begin = motion.world(cv::Point2d(0, y), frame);
+    const cv::Point2d step = motion.world(cv::Point2d(1, y), frame) - begin;
+    const std::vector<double> line = texture.along(begin, step, image.cols);
     for (int x = 0; x < image.cols; ++x)
       image.at<std::uint8_t>(y, x) =
-          cv::saturate_cast<std::uint8_t>(texture(motion.world(cv::Point2d(x, y), frame)));
+          cv::saturate_cast<std::uint8_t>(line[static_cast<std::size_t>(x)]);
+  }
   return image;
 }
 

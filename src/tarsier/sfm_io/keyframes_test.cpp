@@ -21,7 +21,7 @@ constexpr int kWidth = 320;
 constexpr int kHeight = 240;  // the diagonal is 400 px: least_motion 0.03 is 12 px
 
 // A wall of random patches, wide enough to slide over.
-cv::Mat texture(std::uint64_t seed, int width = 2400) {
+cv::Mat texture(std::uint64_t seed, int width = 900) {
   Rng rng(seed);
   cv::Mat wall(kHeight, width, CV_8UC3);
   wall.setTo(cv::Scalar(128, 128, 128));
@@ -58,11 +58,11 @@ std::vector<Keyframe> pick(int frames, const std::function<cv::Mat(int)>& frame_
 
 TEST(Keyframes, AreEvenlySpacedOnAnEvenMotion) {
   const cv::Mat wall = texture(1);
-  const auto keys = pick(200, [&](int k) { return view(wall, 2 * k); });  // 6 frames to each
-  ASSERT_GE(keys.size(), 28U);
-  ASSERT_LE(keys.size(), 38U);
+  const auto keys = pick(110, [&](int k) { return view(wall, 2 * k); });  // 6 frames to each
+  ASSERT_GE(keys.size(), 15U);
+  ASSERT_LE(keys.size(), 21U);
   EXPECT_EQ(keys[0].index, 0);
-  EXPECT_GE(keys.back().index, 195);
+  EXPECT_GE(keys.back().index, 105);
   for (std::size_t k = 1; k < keys.size(); ++k) {
     const auto step = keys[k].index - keys[k - 1].index;
     EXPECT_LE(step, 8) << keys[k].index;
@@ -79,7 +79,7 @@ TEST(Keyframes, AreEvenlySpacedOnAnEvenMotion) {
 TEST(Keyframes, OfAStandingCameraAreOne) {
   const cv::Mat wall = texture(2);
   Rng rng(3);
-  const auto keys = pick(100, [&](int) {
+  const auto keys = pick(50, [&](int) {
     cv::Mat frame = view(wall, 300);
     for (int y = 0; y < frame.rows; ++y) {  // noise of the sensor
       for (int x = 0; x < frame.cols; ++x) {
@@ -98,14 +98,14 @@ TEST(Keyframes, AvoidBlur) {
   const cv::Mat wall = texture(4);
   Rng rng(5);
   std::set<std::int64_t> sharp{0};
-  for (int k = 1; k < 150; ++k) {
+  for (int k = 1; k < 80; ++k) {
     if (k % 3 == 0 || rng.uniform() < 0.2) sharp.insert(k);
   }
-  const auto keys = pick(150, [&](int k) {
+  const auto keys = pick(80, [&](int k) {
     const cv::Mat frame = view(wall, 2 * k);
     return sharp.contains(k) ? frame : blurred(frame);
   });
-  EXPECT_GE(keys.size(), 15U);
+  EXPECT_GE(keys.size(), 8U);
   for (const Keyframe& key : keys) EXPECT_TRUE(sharp.contains(key.index)) << key.index;
 }
 
@@ -123,36 +123,36 @@ TEST(Keyframes, SurviveABlurredMomentOfAStandingCamera) {
 TEST(Keyframes, FollowAFastCameraAndACut) {
   const cv::Mat wall = texture(7);
   // 15 px, 3.75 % of the diagonal, from each frame to the next.
-  const auto fast = pick(60, [&](int k) { return view(wall, 15 * k); });
-  EXPECT_GE(fast.size(), 25U);
+  const auto fast = pick(38, [&](int k) { return view(wall, 15 * k); });
+  EXPECT_GE(fast.size(), 15U);
   for (std::size_t k = 1; k < fast.size(); ++k)
     EXPECT_LE(fast[k].index - fast[k - 1].index, 3) << fast[k].index;
 
   const cv::Mat other = texture(8);
-  const auto cut = pick(60, [&](int k) { return view(k < 30 ? wall : other, 500); });
+  const auto cut = pick(40, [&](int k) { return view(k < 20 ? wall : other, 500); });
   ASSERT_EQ(cut.size(), 2U);
-  EXPECT_GE(cut[1].index, 30);
+  EXPECT_GE(cut[1].index, 20);
 }
 
 TEST(Keyframes, OfBlackFramesAreOne) {
   const auto black = [](int) { return cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(0)); };
-  EXPECT_EQ(pick(50, black).size(), 1U);
+  EXPECT_EQ(pick(20, black).size(), 1U);
   // The film begins after the fade, and ends in one.
   const cv::Mat wall = texture(9);
-  const auto keys = pick(90, [&](int k) {
-    if (k < 10 || k >= 70) return cv::Mat(kHeight, kWidth, CV_8UC3, cv::Scalar(0, 0, 0));
+  const auto keys = pick(55, [&](int k) {
+    if (k < 10 || k >= 40) return cv::Mat(kHeight, kWidth, CV_8UC3, cv::Scalar(0, 0, 0));
     return view(wall, 2 * k);
   });
-  EXPECT_GE(keys.size(), 9U);
+  EXPECT_GE(keys.size(), 4U);
   for (std::size_t k = 1; k < keys.size(); ++k) {
     EXPECT_GE(keys[k].index, 10);
-    EXPECT_LT(keys[k].index, 70);
+    EXPECT_LT(keys[k].index, 40);
   }
 }
 
 TEST(Keyframes, EndAtTheMost) {
   const cv::Mat wall = texture(10);
-  const auto keys = pick(200, [&](int k) { return view(wall, 2 * k); }, {.most = 5});
+  const auto keys = pick(80, [&](int k) { return view(wall, 2 * k); }, {.most = 5});
   EXPECT_EQ(keys.size(), 5U);
 }
 
@@ -160,7 +160,7 @@ TEST(Keyframes, AreTheSameAgain) {
   const cv::Mat wall = texture(11);
   const auto run = [&] {
     std::vector<std::int64_t> indices;
-    for (const Keyframe& key : pick(80, [&](int k) { return view(wall, 3 * k); }))
+    for (const Keyframe& key : pick(40, [&](int k) { return view(wall, 3 * k); }))
       indices.push_back(key.index);
     return indices;
   };
@@ -169,14 +169,14 @@ TEST(Keyframes, AreTheSameAgain) {
 
 TEST(Keyframes, AreScaledToThePicture) {
   const cv::Mat wall = texture(12);
-  const auto keys = pick(40, [&](int k) {
+  const auto keys = pick(24, [&](int k) {
     cv::Mat large;
     cv::resize(view(wall, 3 * k), large, {5 * kWidth, 5 * kHeight}, 0, 0, cv::INTER_CUBIC);
     cv::cvtColor(large, large, cv::COLOR_BGR2GRAY);
     return large;
   });
-  EXPECT_GE(keys.size(), 8U);
-  EXPECT_LE(keys.size(), 13U);
+  EXPECT_GE(keys.size(), 5U);
+  EXPECT_LE(keys.size(), 9U);
   EXPECT_EQ(keys[1].image.size(), cv::Size(5 * kWidth, 5 * kHeight));
 }
 
