@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/appearance/start.h"
 #include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
 #include "tarsier/landmarks/face_finder.h"
 
 #include <fmt/format.h>
@@ -117,6 +118,7 @@ AamEngine make_aam_engine(const AamFlags& flags) {
   fit.method = flags.method == "project-out" ? appearance::Method::kProjectOut
                                              : appearance::Method::kAlternating;
   fit.check();
+  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
   engine.model =
       std::make_unique<appearance::AppearanceModel>(appearance::read_appearance_model(engine.path));
   engine.fitter = std::make_unique<appearance::Fitter>(*engine.model, fit);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
 #include "tarsier/shape/import.h"
 
 #include <fmt/format.h>
@@ -31,7 +32,10 @@ struct ImportFlags {
 
 ExitStatus import_set(ImportFlags& flags, const Context& context) {
   flags.options.format = kFormats.at(flags.format);
-  const shape::Imported imported = shape::import_landmarks(flags.input, flags.options);
+  const shape::Imported imported = [&] {
+    const EndOnSignals at_once;  // nothing is written yet
+    return shape::import_landmarks(flags.input, flags.options);
+  }();
   shape::write_landmark_set(flags.output, imported.set, "");
 
   std::int64_t missing = 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
 #include "tarsier/face_turn/face_turn.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/landmarks/train_model.h"
@@ -87,6 +88,7 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
     flags.options.shape.mirror = flags.mirror;
     shape::ShapeModel model;
     try {
+      const EndOnSignals at_once;  // nothing is written yet
       model = shape::train_shape_model(set, flags.options.shape);
     } catch (const std::invalid_argument& error) {
       throw InputError(flags.set.input, error.what());

@@ -2,6 +2,7 @@
 #include "landmark_engine.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
 #include "tarsier/landmarks/hog_detector.h"
 
 #include <fmt/format.h>
@@ -42,6 +43,7 @@ LandmarkEngine make_landmark_engine(const LandmarkFlags& flags) {
   finder.detector.min_size = flags.min_face;
   finder.thorough = flags.thorough;
   finder.detector.check();
+  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
   LandmarkEngine engine{landmarks::read_landmark_model(path), flags.fit,
                         make_face_finder(flags, finder)};
   if (!flags.method.empty()) engine.fit.method = landmarks::parse_fit_method(flags.method);

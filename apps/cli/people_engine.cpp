@@ -45,6 +45,7 @@ people::FaceReader make_face_reader(const PeopleFlags& flags) {
   if (!flags.background.empty()) {
     static_cast<void>(recognition::read_background(flags.background));
   }
+  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
   std::shared_ptr<const landmarks::LandmarkModel> model;
   if (options.eyes == people::EyeMethod::kLandmarks) {
     const std::string path =
