@@ -1,9 +1,13 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# scripts/fuzz.sh [--jobs N] [--no-build] [SECONDS [TARGET..]]      e.g.  scripts/fuzz.sh 60 camera_file obj
+# scripts/fuzz.sh [--jobs N] [--no-build] [--budget S] [--keep] [SECONDS [TARGET..]]     e.g.  scripts/fuzz.sh 60 camera_file obj
 # Builds the fuzzing programs (preset fuzz; needs clang 16 or later) and runs each target of fuzz/ for SECONDS (600), N
 # (1) at a time, from the inputs in fuzz/corpus, those that fuzz_seeds makes, and what earlier runs came upon
 # (build/fuzz/corpus). One line for each target; what was found lies in build/fuzz/finds/TARGET, with the log beside it.
+# Runs add up: fuzz/seconds.txt has the seconds that each target has had in all, and those with the fewest go first.
+# --budget S: no new target is begun after S seconds, so that a run of any length is of use.
+# --keep: afterwards what was come upon is reduced to what covers code that nothing in fuzz/corpus does, and goes there (at
+# most 90 kB a target). With SECONDS 0 nothing else is done.
 # Exit status 1 where there are findings.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -12,14 +16,19 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 jobs=1
 build=yes
+budget=0
+keep=no
 while [[ ${1:-} == --* ]]; do
   case $1 in
     --jobs) jobs=${2:?--jobs needs a number}; shift 2 ;;
     --no-build) build=no; shift ;;
+    --budget) budget=${2:?--budget needs a number of seconds}; shift 2 ;;
+    --keep) keep=yes; shift ;;
     *) die "unknown option $1" ;;
   esac
 done
 seconds=${1:-600}
+[[ $budget =~ ^[0-9]+$ ]] || die "--budget S: a number of seconds, not '$budget'"
 [[ $seconds =~ ^[0-9]+$ ]] || die "SECONDS is a number, not '$seconds'"
 shift || true
 
@@ -41,14 +50,33 @@ else
   done
 fi
 
+# The seconds that each target has had; those with the fewest come first.
+ledger=$PWD/fuzz/seconds.txt
+touch "$ledger"
+had() { awk -v target="$1" '$1 == target {print $2; found = 1} END {if (!found) print 0}' "$ledger"; }
+mapfile -t targets < <(for target in "${targets[@]}"; do echo "$(had "$target") $target"; done | sort -s -n -k1,1 | cut -d' ' -f2)
+
 TARSIER_FUZZ_TMP=$(mktemp -d -p "$([ -w /dev/shm ] && echo /dev/shm || echo "${TMPDIR:-/tmp}")" tarsier-fuzz.XXXXXX)
 export TARSIER_FUZZ_TMP
 trap 'rm -rf "$TARSIER_FUZZ_TMP"' EXIT
 "$out/bin/fuzz_seeds" "$out/seeds" || die "fuzz_seeds failed"
 
+# More seconds of a target into the ledger, whoever else is at it.
+add_seconds() {
+  (
+    flock 9
+    awk -v target="$1" -v more="$2" '
+      $1 == target {$2 += more; found = 1}
+      {print $1, $2}
+      END {if (!found) print target, more}' "$ledger" | LC_ALL=C sort >"$TARSIER_FUZZ_TMP/seconds"
+    cat "$TARSIER_FUZZ_TMP/seconds" >"$ledger"
+  ) 9>"$TARSIER_FUZZ_TMP/lock"
+}
+
 # One target: a line of its figures on stdout; status 1 for findings.
 run_target() {
-  local target=$1 program corpus=$out/corpus/$1 finds=$out/finds/$1 log dictionary=() folders=() status=0 place
+  if [ "$budget" -gt 0 ] && [ $(($(date +%s) - begun)) -ge "$budget" ]; then return 0; fi
+  local target=$1 start program corpus=$out/corpus/$1 finds=$out/finds/$1 log dictionary=() folders=() status=0 place
   program=$(sed -n "s/^$target //p" "$list")
   mkdir -p "$corpus" "$finds"
   log=$finds.log
@@ -56,10 +84,12 @@ run_target() {
   for place in "fuzz/corpus/$target" "$out/seeds/$target"; do
     [ ! -d "$place" ] || folders+=("$place")
   done
+  start=$(date +%s)
   # -max_len: far above what the readers need, far below their limits of size.
   TARSIER_FUZZ=$target "$out/bin/$program" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=1024 \
     -malloc_limit_mb=1024 -max_len=65536 -print_final_stats=1 -artifact_prefix="$finds/" "${dictionary[@]}" \
     "$corpus" "${folders[@]}" >"$log" 2>&1 </dev/null || status=$?
+  add_seconds "$target" $(($(date +%s) - start))
   local executions rate coverage found
   executions=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log" | tail -1)
   rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log" | tail -1)
@@ -70,11 +100,42 @@ run_target() {
     "$([ "$found" -eq 0 ] && echo "nothing found" || echo "FOUND $found: $(sed -n 's/^SUMMARY: //p' "$log" | tail -1) ($log)")"
   [ "$found" -eq 0 ]
 }
-export -f run_target
-export out seconds list
+
+# keep_corpus TARGET: what covers code that neither fuzz/corpus nor the seeds do goes to fuzz/corpus, the smallest first.
+keep_corpus() {
+  local target=$1 program all=$TARSIER_FUZZ_TMP/all/$1 file size total=0 new=0
+  program=$(sed -n "s/^$target //p" "$list")
+  [ -d "$out/corpus/$target" ] || return 0
+  mkdir -p "$all" "fuzz/corpus/$target"
+  for place in "fuzz/corpus/$target" "$out/seeds/$target"; do
+    [ ! -d "$place" ] || find "$place" -type f -exec cp -t "$all" {} +
+  done
+  touch "$TARSIER_FUZZ_TMP/before-$target"
+  sleep 0.01 # files after it are newer
+  TARSIER_FUZZ=$target "$out/bin/$program" -merge=1 -timeout=10 -rss_limit_mb=1024 -malloc_limit_mb=1024 -max_len=16384 \
+    "$all" "$out/corpus/$target" >"$out/finds/$target-merge.log" 2>&1 </dev/null || { echo "$target: not merged ($out/finds/$target-merge.log)"; return 1; }
+  total=$(find "fuzz/corpus/$target" -type f -printf '%s\n' | awk '{n += $1} END {print n + 0}')
+  while read -r size file; do
+    [ $((total + size)) -le 90000 ] || break
+    cp "$file" "fuzz/corpus/$target/$(basename "$file")"
+    total=$((total + size)) new=$((new + 1))
+  done < <(find "$all" -type f -newer "$TARSIER_FUZZ_TMP/before-$target" -printf '%s %p\n' | sort -n)
+  printf '%-17s %5d inputs kept, %7d bytes now\n' "$target" "$new" "$total"
+}
+export -f run_target add_seconds keep_corpus
+begun=$(date +%s)
+export out seconds list budget begun ledger
 touch "$TARSIER_FUZZ_TMP/begin"
-phase "fuzzing: ${#targets[@]} targets, $seconds s each, $jobs at a time"
 status=0
-printf '%s\n' "${targets[@]}" | xargs -P "$jobs" -I{} bash -c 'run_target "$1"' _ {} || status=1
-phase_done
+if [ "$seconds" -gt 0 ]; then
+  phase "fuzzing: ${#targets[@]} targets, $seconds s each, $jobs at a time"
+  printf '%s\n' "${targets[@]}" | xargs -P "$jobs" -I{} bash -c 'run_target "$1"' _ {} || status=1
+  phase_done
+  awk '{n += $2; if (min == "" || $2 < min) min = $2} END {printf "%d targets have had %.1f hours in all, each %d s or more\n", NR, n / 3600, min}' "$ledger"
+fi
+if [ "$keep" = yes ]; then
+  phase "keeping what was come upon"
+  printf '%s\n' "${targets[@]}" | xargs -P "$jobs" -I{} bash -c 'keep_corpus "$1"' _ {} || status=1
+  phase_done
+fi
 exit "$status"
