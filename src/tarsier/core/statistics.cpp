@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/statistics.h"
+
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace tarsier {
+namespace {
+
+// z with P(|standard normal| <= z) = confidence, by halving.
+double two_sided_quantile(double confidence) {
+  double low = 0;
+  double high = 40;
+  for (int i = 0; i < 100; ++i) {
+    const double middle = (low + high) / 2;
+    (std::erfc(middle / std::numbers::sqrt2) > 1 - confidence ? low : high) = middle;
+  }
+  return (low + high) / 2;
+}
+
+}  // namespace
+
+Interval wilson_interval(long successes, long trials, double confidence) {
+  TARSIER_REQUIRE(successes >= 0 && successes <= trials, "{} successes in {} trials", successes,
+                  trials);
+  const auto n = static_cast<double>(trials);
+  return wilson_interval_of_rate(trials > 0 ? static_cast<double>(successes) / n : 0, n,
+                                 confidence);
+}
+
+Interval wilson_interval_of_rate(double rate, double trials, double confidence) {
+  TARSIER_REQUIRE(rate >= 0 && rate <= 1, "a rate of {}", rate);
+  TARSIER_REQUIRE(trials >= 0 && std::isfinite(trials), "{} trials", trials);
+  TARSIER_REQUIRE(confidence > 0 && confidence < 1, "a confidence of {}", confidence);
+  if (trials == 0) return {0, 1};
+  const double z = two_sided_quantile(confidence);
+  const double share = z * z / trials;
+  const double middle = (rate + share / 2) / (1 + share);
+  const double half =
+      z * std::sqrt(rate * (1 - rate) / trials + share / (4 * trials)) / (1 + share);
+  // Exact at the ends, where rounding would leave a trace.
+  return {rate == 0 ? 0 : std::max(0.0, middle - half),
+          rate == 1 ? 1 : std::min(1.0, middle + half)};
+}
+
+}  // namespace tarsier

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+// How sure a rate is that was counted.
+namespace tarsier {
+
+struct Interval {
+  double low = 0;
+  double high = 1;
+};
+
+// The interval in which the true rate of an event lies with the chance `confidence`, after it was
+// seen `successes` times in `trials` independent trials (E. B. Wilson, "Probable inference, the law
+// of succession, and statistical inference", JASA 22, 1927):
+//   (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n),  p = successes / n, n = trials,
+// with z the two-sided normal quantile. Within 0..1, never of no width; 0..1 where nothing was
+// tried. Throws std::invalid_argument unless 0 <= successes <= trials and 0 < confidence < 1.
+[[nodiscard]] Interval wilson_interval(long successes, long trials, double confidence = 0.95);
+
+// The same for a rate in 0..1 that is the mean over several counts of the same things, such as
+// random draws from one set of pictures: `trials` >= 0 are then those of one count, as repeating it
+// on the same things adds little.
+[[nodiscard]] Interval wilson_interval_of_rate(double rate, double trials,
+                                               double confidence = 0.95);
+
+}  // namespace tarsier

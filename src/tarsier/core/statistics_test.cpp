@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/statistics.h"
+
+#include <gtest/gtest.h>
+
+#include <stdexcept>
+
+namespace tarsier {
+namespace {
+
+TEST(WilsonInterval, AgreesWithValuesByHand) {
+  // z = 1.959964, z^2 = 3.841459.
+  const Interval all = wilson_interval(10, 10);
+  EXPECT_NEAR(all.low, 1 / (1 + 0.3841459), 1e-6);
+  EXPECT_EQ(all.high, 1);
+  const Interval none = wilson_interval(0, 100);
+  EXPECT_EQ(none.low, 0);
+  EXPECT_NEAR(none.high, 0.0384146 / 1.0384146, 1e-6);
+  const Interval half = wilson_interval(50, 100);
+  EXPECT_NEAR(half.low, 0.403832, 1e-5);
+  EXPECT_NEAR(half.high, 0.596168, 1e-5);
+  const Interval plates = wilson_interval(34, 37);
+  EXPECT_NEAR(plates.low, 0.787, 1e-3);
+  EXPECT_NEAR(plates.high, 0.972, 1e-3);
+}
+
+TEST(WilsonInterval, IsSymmetricAndShrinksWithTheTrials) {
+  const Interval few = wilson_interval(3, 20);
+  const Interval mirrored = wilson_interval(17, 20);
+  EXPECT_NEAR(few.low, 1 - mirrored.high, 1e-12);
+  EXPECT_NEAR(few.high, 1 - mirrored.low, 1e-12);
+  const Interval many = wilson_interval(300, 2000);
+  EXPECT_GT(many.low, few.low);
+  EXPECT_LT(many.high, few.high);
+  const Interval surer = wilson_interval(3, 20, 0.99);
+  EXPECT_LT(surer.low, few.low);
+  EXPECT_GT(surer.high, few.high);
+}
+
+TEST(WilsonInterval, OfARateIsThatOfTheCount) {
+  const Interval counted = wilson_interval(7, 40);
+  const Interval rated = wilson_interval_of_rate(7.0 / 40, 40);
+  EXPECT_DOUBLE_EQ(counted.low, rated.low);
+  EXPECT_DOUBLE_EQ(counted.high, rated.high);
+}
+
+TEST(WilsonInterval, NothingTriedSaysNothingAndNonsenseIsRefused) {
+  EXPECT_EQ(wilson_interval(0, 0).low, 0);
+  EXPECT_EQ(wilson_interval(0, 0).high, 1);
+  EXPECT_THROW((void)wilson_interval(-1, 5), std::invalid_argument);
+  EXPECT_THROW((void)wilson_interval(6, 5), std::invalid_argument);
+  EXPECT_THROW((void)wilson_interval(1, 5, 1), std::invalid_argument);
+  EXPECT_THROW((void)wilson_interval_of_rate(1.1, 5), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier
