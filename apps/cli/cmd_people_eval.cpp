@@ -3,6 +3,7 @@
 #include "tarsier/io/atomic_file.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/recognition/evaluation.h"
+#include "tarsier/recognition/same_camera.h"
 
 #include <fmt/format.h>
 
@@ -12,12 +13,14 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <optional>
 
 namespace tarsier::cli {
 namespace {
 
 using recognition::Algorithm;
 using recognition::EvaluationResult;
+using recognition::Rate;
 using recognition::SeedResult;
 
 const cv::Size kPlot{800, 560};
@@ -29,35 +32,138 @@ struct EvalFlags {
   std::string size;
   int training = 5;
   int seeds = 5;
+  int enrolled = 0;
   double rate = 0.01;
+  bool fit_same_camera = false;
   std::vector<std::string> algorithms;
   std::string csv;
   std::string cmc;
   std::string roc;
 };
 
-nlohmann::ordered_json line_of(const EvaluationResult& result, std::size_t missed,
-                               double all_accuracy) {
+double rounded(double value) { return std::round(value * 1e4) / 1e4; }
+
+nlohmann::ordered_json json_of(const Rate& rate) {
+  if (rate.value < 0) return nullptr;
+  return {{"rate", rounded(rate.value)},       {"hits", rate.count.hits},
+          {"trials", rate.count.trials},       {"draws", rate.draws},
+          {"low", rounded(rate.interval.low)}, {"high", rounded(rate.interval.high)}};
+}
+
+// Pictures without a face count as wrong, as probes of every draw.
+Rate of_all(const Rate& found, std::size_t missed) {
+  Rate out = found;
+  if (missed == 0 || found.draws == 0) return out;
+  out.count.trials += static_cast<long>(missed) * found.draws;
+  const auto trials = static_cast<double>(out.count.trials);
+  out.value = static_cast<double>(out.count.hits) / trials;
+  out.interval = wilson_interval_of_rate(out.value, trials / out.draws);
+  return out;
+}
+
+nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces& listed,
+                               const std::string& background) {
   const SeedResult m = result.mean();
-  const auto rounded = [](double v) { return std::round(v * 1e4) / 1e4; };
+  const Rate identified = of_all(result.rate(&SeedResult::identified), listed.missed.size());
   nlohmann::ordered_json line = {{"algorithm", recognition::name_of(result.algorithm)},
                                  {"training", result.options.training},
                                  {"seeds", result.seeds.size()},
+                                 {"people", m.people},
                                  {"accuracy", rounded(m.accuracy)},
-                                 {"accuracy_of_all", rounded(all_accuracy)},
-                                 {"not_found", missed}};
+                                 {"accuracy_of_all", rounded(identified.value)},
+                                 {"identified", json_of(identified)},
+                                 {"not_found", listed.missed.size()}};
+  line["background"] =
+      result.with_background ? nlohmann::ordered_json(background) : nlohmann::ordered_json(nullptr);
   if (result.options.strangers) {
-    line["tar"] = rounded(m.true_accepts);
-    line["dir"] = rounded(m.right_accepts);
-    line["eer"] = rounded(m.equal_error);
-    line["auc"] = rounded(m.area);
+    const auto or_null = [](double value) {
+      return value < 0 ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(rounded(value));
+    };
+    line["enrolled"] = result.options.enrolled > 0 ? result.options.enrolled : m.people / 2;
+    line["tar"] = or_null(m.true_accepts);
+    line["dir"] = or_null(m.right_accepts);
+    line["eer"] = or_null(m.equal_error);
+    line["auc"] = or_null(m.area);
+    line["chosen_true"] = json_of(result.rate(&SeedResult::true_count));
+    line["chosen_right"] = json_of(result.rate(&SeedResult::right_count));
     line["stated_rate"] = result.options.stated_rate;
-    line["stated_tar"] = rounded(m.stated_true);
-    line["stated_far"] = rounded(m.stated_false);
+    line["stated_tar"] = or_null(m.stated_true);
+    line["stated_dir"] = or_null(m.stated_right);
+    line["stated_far"] = or_null(m.stated_false);
+    line["stated_true"] = json_of(result.rate(&SeedResult::stated_true_count));
+    line["stated_right"] = json_of(result.rate(&SeedResult::stated_right_count));
+    line["stated_false"] = json_of(result.rate(&SeedResult::stated_false_count));
   }
   line["train_s"] = rounded(m.train_seconds);
   line["identify_ms"] = rounded(m.identify_ms);
   return line;
+}
+
+// "95.20 % (476 of 500; 89.1 to 98.0 %)"
+std::string text_of(const Rate& rate) {
+  if (rate.value < 0) return "-";
+  return fmt::format("{:.2f} % ({} of {}; {:.1f} to {:.1f} %)", 100 * rate.value, rate.count.hits,
+                     rate.count.trials, 100 * rate.interval.low, 100 * rate.interval.high);
+}
+
+std::string text_of(const EvaluationResult& result, std::size_t missed) {
+  const SeedResult m = result.mean();
+  std::string text =
+      fmt::format("{:<8} identified          {}\n", recognition::name_of(result.algorithm),
+                  text_of(of_all(result.rate(&SeedResult::identified), missed)));
+  if (result.options.strangers) {
+    if (m.calibrated) {
+      text += fmt::format(
+          "         at the stated rate of {:g} %, the threshold a user gets:\n"
+          "           true accepts      {}\n"
+          "           by the right name {}\n"
+          "           false accepts     {}\n",
+          100 * result.options.stated_rate, text_of(result.rate(&SeedResult::stated_true_count)),
+          text_of(result.rate(&SeedResult::stated_right_count)),
+          text_of(result.rate(&SeedResult::stated_false_count)));
+    } else {
+      text += "         no threshold of its own: too little is known to tell strangers\n";
+    }
+    text += fmt::format(
+        "         at a threshold chosen on these very scores for {:g} % false accepts:\n"
+        "           true accepts      {}\n"
+        "           by the right name {}\n"
+        "         equal error rate {:.2f} %, area under the curve {:.4f}\n",
+        100 * result.options.false_accepts, text_of(result.rate(&SeedResult::true_count)),
+        text_of(result.rate(&SeedResult::right_count)), 100 * m.equal_error, m.area);
+  }
+  return text + fmt::format("         training {:.2f} s, a probe {:.2f} ms\n", m.train_seconds,
+                            m.identify_ms);
+}
+
+ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
+                         const std::optional<recognition::Background>& background,
+                         Context& context) {
+  if (!background) throw UsageError("--fit-same-camera needs a background");
+  recognition::SameCameraFit fit;
+  try {
+    fit = recognition::fit_same_camera(listed.faces, listed.labels, flags.training, flags.seeds,
+                                       *background, *context.progress, context.stop);
+  } catch (const std::invalid_argument& error) {
+    throw InputError(flags.list, error.what());
+  }
+  if (context.json) {
+    print_json_line(dumped({{"shift", rounded(fit.found.shift)},
+                            {"spread", rounded(fit.found.spread)},
+                            {"compiled_shift", recognition::kSameCameraFitted.shift},
+                            {"compiled_spread", recognition::kSameCameraFitted.spread},
+                            {"people", fit.people},
+                            {"galleries", fit.galleries},
+                            {"scores", fit.scores}}));
+    return ExitStatus::kDone;
+  }
+  print_text(fmt::format(
+      "strangers before this camera score {:+.4f} above what the background expects, and spread "
+      "{:.3f} times as far\n  ({} scores against {} galleries of one, {} people; the program uses "
+      "{:g} and {:g})\n",
+      fit.found.shift, fit.found.spread, fit.scores, fit.galleries, fit.people,
+      recognition::kSameCameraFitted.shift, recognition::kSameCameraFitted.spread));
+  return ExitStatus::kDone;
 }
 
 void write_plot(const std::string& path, const cv::Mat& image, const std::string& svg) {
@@ -79,26 +185,34 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   }
   if (algorithms.empty())
     algorithms = {Algorithm::kEigen, Algorithm::kFisher, Algorithm::kLbph, Algorithm::kDefault};
+  // As a gallery is trained: with what ships, unless another or none was asked for.
+  const bool general = std::count(algorithms.begin(), algorithms.end(), Algorithm::kDefault) > 0;
+  std::optional<recognition::Background> background;
+  if (general || !flags.people.background.empty()) background = find_background(flags.people);
+  const std::string path = background_path(flags.people);
   const cv::Size size = flags.size.empty() ? cv::Size() : parse_size(flags.size, 8, 1024);
   std::optional<people::FaceReader> reader;
   if (!flags.raw) reader.emplace(make_face_reader(flags.people));
   // The cut faces serve all; the classical preparation is made from them.
   const ListedFaces listed =
       read_listed_faces(flags.list, flags.raw, size, false, reader ? &*reader : nullptr, context);
-  for (const std::string& path : listed.missed) log_warning("{}: no face", path);
+  for (const std::string& picture : listed.missed) log_warning("{}: no face", picture);
   recognition::EvaluationOptions options;
   options.training = flags.training;
   options.seeds.clear();
   for (int i = 0; i < flags.seeds; ++i) options.seeds.push_back(static_cast<std::uint64_t>(i));
   options.stated_rate = flags.rate;
+  options.enrolled = flags.enrolled;
+  if (flags.fit_same_camera) return fit_constants(flags, listed, background, context);
   std::vector<EvaluationResult> results;
   if (!context.json) {
-    print_text(fmt::format("{} faces of {}, {} training pictures each, {} draws; {} not found\n",
-                           listed.faces.size(), printable(flags.list), flags.training, flags.seeds,
-                           listed.missed.size()));
-    print_text(fmt::format("{:<9}{:>10}{:>8}{:>8}{:>8}{:>8}{:>11}{:>11}{:>9}{:>9}\n", "",
-                           "accuracy", "TAR 1%", "DIR", "EER", "AUC", "stated TAR", "FAR",
-                           "train s", "ident ms"));
+    print_text(fmt::format(
+        "{} faces of {} people in {}, {} training pictures each, {} draws; {} not found\n"
+        "background of the default recogniser: {}\n"
+        "(in brackets: counts of all draws; the 95 % interval by the probes of one draw, as draws "
+        "share their pictures)\n",
+        listed.faces.size(), recognition::count_people(listed.labels), printable(flags.list),
+        flags.training, flags.seeds, listed.missed.size(), background ? printable(path) : "none"));
   }
   for (const Algorithm algorithm : algorithms) {
     std::vector<cv::Mat> faces = listed.faces;
@@ -108,22 +222,15 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
     recognizer.algorithm = algorithm;
     try {
       results.push_back(recognition::evaluate(faces, listed.labels, recognizer, options,
-                                              *context.progress, context.stop));
+                                              *context.progress, context.stop,
+                                              background ? &*background : nullptr));
     } catch (const std::invalid_argument& error) {
       throw InputError(flags.list, error.what());
     }
-    const SeedResult m = results.back().mean();
-    // Faces that were not found count as wrong, as probes.
-    const double probes = m.probes;
-    const double all =
-        probes > 0 ? m.accuracy * probes / (probes + static_cast<double>(listed.missed.size())) : 0;
     if (context.json) {
-      print_json_line(dumped(line_of(results.back(), listed.missed.size(), all)));
+      print_json_line(dumped(line_of(results.back(), listed, path)));
     } else {
-      print_text(fmt::format(
-          "{:<9}{:>8.2f} %{:>8.3f}{:>8.3f}{:>8.3f}{:>8.4f}{:>11.3f}{:>11.4f}{:>9.2f}{:>9.2f}\n",
-          recognition::name_of(algorithm), 100 * all, m.true_accepts, m.right_accepts,
-          m.equal_error, m.area, m.stated_true, m.stated_false, m.train_seconds, m.identify_ms));
+      print_text(text_of(results.back(), listed.missed.size()));
     }
   }
   if (!flags.csv.empty())
@@ -155,12 +262,18 @@ void add_people_eval(CLI::App& area, Context& context) {
       ->capture_default_str();
   verb.add_option("--algorithm", flags->algorithms, "only these: eigen,fisher,lbph,default")
       ->delimiter(',');
+  verb.add_option("--enrolled", flags->enrolled,
+                  "people who are enrolled where the others are strangers [half of them]")
+      ->check(CLI::Range(1, 1000000));
   verb.add_option("--far", flags->rate, "rate that each model's own threshold is asked for")
       ->check(CLI::Range(1e-6, 0.5))
       ->capture_default_str();
   verb.add_option("--csv", flags->csv, "table to write, a line for each draw");
   verb.add_option("--cmc", flags->cmc, "plot of ranks to write, .png or .svg");
   verb.add_option("--roc", flags->roc, "plot of accepts to write, .png or .svg");
+  verb.add_flag("--fit-same-camera", flags->fit_same_camera,
+                "instead: how much more alike strangers in these pictures are than the background "
+                "expects");
   add_face_flags(verb, flags->people);
   add_common_flags(verb, context);
   verb.callback([flags, &context] {

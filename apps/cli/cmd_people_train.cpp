@@ -9,7 +9,9 @@
 #include "people_engine.h"
 #include "size_flag.h"
 #include <algorithm>
+#include <filesystem>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
 namespace {
@@ -18,6 +20,7 @@ struct TrainFlags {
   PeopleFlags people;
   std::string list;
   std::string background_list;
+  std::string terms;
   std::string algorithm;
   std::string size;
   bool raw = false;
@@ -87,9 +90,23 @@ ExitStatus train_background(const TrainFlags& flags, Context& context) {
   } catch (const std::invalid_argument& error) {
     throw InputError(flags.background_list, error.what());
   }
+  const std::filesystem::path input =
+      std::filesystem::path(flags.background_list).lexically_normal();
   recognition::write_background(
       flags.output, background,
-      {{"program", fmt::format("tarsier {}", version())}, {"faces", listed.faces.size()}});
+      {{"program", fmt::format("tarsier {}", version())},
+       {"seed", context.seed},
+       {"data", input.parent_path().filename().string() + "/" + input.filename().string()},
+       {"faces", listed.faces.size()},
+       {"not_found", listed.missed.size()},
+       {"options",
+        {{"components", options.components},
+         {"variants", options.variants},
+         {"relight", options.relight},
+         {"moved_px", options.moved_px},
+         {"weight", options.weight},
+         {"within_weight", options.within_weight}}},
+       {"terms", flags.terms}});
   print_text(fmt::format("{} people, {} directions -> {}\n", listed.faces.size(),
                          background.basis.rows(), printable(flags.output)));
   return ExitStatus::kDone;
@@ -167,6 +184,8 @@ void add_people_train(CLI::App& area, Context& context) {
   verb.add_option("-o,--output", flags->output, "model file to write");
   verb.add_option("--learn-background", flags->background_list,
                   "list of many people, a picture each: what faces are like in general");
+  verb.add_option("--terms", flags->terms,
+                  "terms of the pictures of --learn-background, kept in the model");
   add_face_flags(verb, flags->people);
   add_common_flags(verb, context);
   verb.callback(

@@ -13,9 +13,15 @@
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
+#include <string_view>
 #include <utility>
 
 namespace tarsier::cli {
+namespace {
+
+constexpr std::string_view kNoBackground = "none";
+
+}  // namespace
 
 void add_gallery_flag(CLI::App& verb, PeopleFlags& flags) {
   verb.add_option("--gallery", flags.gallery, "file of the people who are enrolled")
@@ -32,7 +38,8 @@ void add_face_flags(CLI::App& verb, PeopleFlags& flags) {
   group(verb.add_flag("!--strict", flags.thorough,
                       "only faces that the frontal detector is sure of: faster"));
   group(verb.add_option("--background", flags.background,
-                        "what is known of faces in general [people-background.json, which ships]"));
+                        "what is known of faces in general; none: nothing "
+                        "[people-background.json, which ships]"));
 }
 
 people::FaceReader make_face_reader(const PeopleFlags& flags) {
@@ -42,7 +49,7 @@ people::FaceReader make_face_reader(const PeopleFlags& flags) {
   options.finder.thorough = flags.thorough;
   options.finder.detector.check();
   // A wrong path is told before anything is written, also where the file is needed only at the end.
-  if (!flags.background.empty()) {
+  if (!flags.background.empty() && flags.background != kNoBackground) {
     static_cast<void>(recognition::read_background(flags.background));
   }
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
@@ -61,12 +68,17 @@ people::FaceReader make_face_reader(const PeopleFlags& flags) {
   return {options, std::move(model)};
 }
 
+std::string background_path(const PeopleFlags& flags) {
+  if (flags.background == kNoBackground) return {};
+  if (!flags.background.empty()) return flags.background;
+  return (std::filesystem::path(find_models_folder("")) / "people-background.json").string();
+}
+
 std::optional<recognition::Background> find_background(const PeopleFlags& flags) {
-  if (!flags.background.empty()) return recognition::read_background(flags.background);
-  const std::string path =
-      (std::filesystem::path(find_models_folder("")) / "people-background.json").string();
+  const std::string path = background_path(flags);
+  if (path.empty()) return std::nullopt;
   std::error_code ignored;
-  if (!std::filesystem::exists(path, ignored)) {
+  if (flags.background.empty() && !std::filesystem::exists(path, ignored)) {
     log_warning("{}: not there; one person alone cannot be told from strangers", path);
     return std::nullopt;
   }

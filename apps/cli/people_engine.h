@@ -22,7 +22,7 @@ namespace tarsier::cli {
 struct PeopleFlags {
   std::string gallery = "people.db";
   std::string eyes = "landmarks";
-  std::string background;  // empty: the one that ships
+  std::string background;  // empty: the one that ships; "none": nothing is known
   double min_face = 0.1;
   bool thorough = true;
 };
@@ -33,8 +33,11 @@ void add_face_flags(CLI::App& verb, PeopleFlags& flags);
 // Throws UsageError, ModelError.
 [[nodiscard]] people::FaceReader make_face_reader(const PeopleFlags& flags);
 
-// people-background.json; nothing where it is not there (with a warning) unless it was named.
+// people-background.json, or the file that was named; nothing for "none", nor where the one that
+// ships is not there (with a warning).
 [[nodiscard]] std::optional<recognition::Background> find_background(const PeopleFlags& flags);
+// Its file; empty for "none".
+[[nodiscard]] std::string background_path(const PeopleFlags& flags);
 
 // find_background() where a model of the gallery needs it: nothing is learned yet, or it changed,
 // or it is a large one. A file that was named is read in any case: it must be right.

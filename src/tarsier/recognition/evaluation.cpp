@@ -16,6 +16,7 @@
 #include <map>
 #include <numeric>
 #include <random>
+#include <set>
 #include <sstream>
 #include <string_view>
 #include <utility>
@@ -53,7 +54,8 @@ struct Run {
 };
 
 Run run(const std::vector<cv::Mat>& faces, const std::vector<std::string>& labels,
-        const Split& split, const RecognizerOptions& options, const std::stop_token& stop) {
+        const Split& split, const RecognizerOptions& options, const Background* background,
+        const std::stop_token& stop) {
   std::vector<cv::Mat> training;
   std::vector<std::string> names;
   for (const int i : split.training) {
@@ -63,7 +65,7 @@ Run run(const std::vector<cv::Mat>& faces, const std::vector<std::string>& label
   Run out;
   NoProgress quiet;
   auto start = std::chrono::steady_clock::now();
-  out.model = train(training, names, options, quiet, stop);
+  out.model = train(training, names, options, quiet, stop, background);
   out.train_seconds = seconds_since(start);
   start = std::chrono::steady_clock::now();
   for (const int i : split.probes) {
@@ -100,15 +102,19 @@ double share_from(const std::vector<double>& sorted, double threshold) {
   return 1 - static_cast<double>(below) / static_cast<double>(sorted.size());
 }
 
-double share(const std::vector<ProbeResult>& results, auto&& of, auto&& that) {
-  double all = 0;
-  double some = 0;
+Count count_of(const std::vector<ProbeResult>& results, auto&& of, auto&& that) {
+  Count count;
   for (const auto& result : results) {
     if (!of(result)) continue;
-    all += 1;
-    if (that(result)) some += 1;
+    ++count.trials;
+    if (that(result)) ++count.hits;
   }
-  return all > 0 ? some / all : -1;
+  return count;
+}
+
+double share(const Count& count) {
+  return count.trials > 0 ? static_cast<double>(count.hits) / static_cast<double>(count.trials)
+                          : -1;
 }
 
 }  // namespace
@@ -161,20 +167,26 @@ std::vector<LabelledFace> read_face_list(const std::string& path) {
 void EvaluationOptions::check() const {
   TARSIER_REQUIRE(training >= 1 && training <= 10'000, "{} training pictures", training);
   TARSIER_REQUIRE(!seeds.empty() && seeds.size() <= 1000, "{} seeds", seeds.size());
+  TARSIER_REQUIRE(enrolled >= 0 && enrolled <= 1'000'000, "{} enrolled", enrolled);
   TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "false_accepts {}", false_accepts);
   TARSIER_REQUIRE(stated_rate > 0 && stated_rate < 1, "stated_rate {}", stated_rate);
 }
 
+int count_people(const std::vector<std::string>& labels) {
+  return static_cast<int>(std::set<std::string_view>(labels.begin(), labels.end()).size());
+}
+
 Split split_of(const std::vector<std::string>& labels, int training, std::uint64_t seed,
-               bool half) {
+               int enrolled_people) {
   std::map<std::string, std::vector<int>> pictures;
   for (std::size_t i = 0; i < labels.size(); ++i)
     pictures[labels[i]].push_back(static_cast<int>(i));
   std::vector<bool> enrolled(pictures.size(), true);
-  if (half) {
+  const auto first_stranger = static_cast<std::size_t>(std::max(0, enrolled_people));
+  if (first_stranger > 0 && first_stranger < pictures.size()) {
     std::mt19937 generator(static_cast<std::uint32_t>(seed + 1000));
     const auto order = permutation(static_cast<int>(pictures.size()), generator);
-    for (std::size_t i = order.size() / 2; i < order.size(); ++i)
+    for (std::size_t i = first_stranger; i < order.size(); ++i)
       enrolled[static_cast<std::size_t>(order[i])] = false;
   }
   Split split;
@@ -232,56 +244,74 @@ AcceptRates accept_rates(std::vector<double> known, std::vector<double> stranger
 
 EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<std::string>& labels,
                           const RecognizerOptions& recognizer, const EvaluationOptions& options,
-                          Progress& progress, const std::stop_token& stop) {
+                          Progress& progress, const std::stop_token& stop,
+                          const Background* background) {
   options.check();
   TARSIER_REQUIRE(faces.size() == labels.size(), "{} faces, {} labels", faces.size(),
                   labels.size());
+  const int people = count_people(labels);
+  if (options.strangers) {
+    if (people < 2) throw std::invalid_argument("strangers need at least two people in the list");
+    if (options.enrolled >= people)
+      throw std::invalid_argument(std::to_string(options.enrolled) + " enrolled of " +
+                                  std::to_string(people) + " people leave no strangers");
+  }
   EvaluationResult out;
   out.algorithm = recognizer.algorithm;
   out.options = options;
+  out.with_background = background != nullptr && recognizer.algorithm == Algorithm::kDefault;
   progress.begin("evaluating " + std::string(name_of(recognizer.algorithm)),
                  static_cast<std::int64_t>(options.seeds.size()), "splits");
+  const auto any = [](const ProbeResult&) { return true; };
+  const auto known = [](const ProbeResult& r) { return r.known; };
+  const auto stranger = [](const ProbeResult& r) { return !r.known; };
   for (const auto seed : options.seeds) {
-    const Split closed = split_of(labels, options.training, seed, false);
+    const Split closed = split_of(labels, options.training, seed);
     if (closed.probes.empty())
       throw std::invalid_argument("nobody has more pictures than those that train (" +
                                   std::to_string(options.training) + ")");
     SeedResult result;
     result.seed = seed;
-    Run first = run(faces, labels, closed, recognizer, stop);
+    Run first = run(faces, labels, closed, recognizer, background, stop);
     result.people = static_cast<int>(first.model.labels.size());
     result.training = static_cast<int>(closed.training.size());
     result.probes = static_cast<int>(closed.probes.size());
     result.train_seconds = first.train_seconds;
     result.identify_ms = first.identify_ms;
     result.closed = std::move(first.results);
-    const auto any = [](const ProbeResult&) { return true; };
-    const auto known = [](const ProbeResult& r) { return r.known; };
-    const auto stranger = [](const ProbeResult& r) { return !r.known; };
-    result.accuracy = share(result.closed, any, [](const ProbeResult& r) { return r.right; });
+    result.identified = count_of(result.closed, any, [](const ProbeResult& r) { return r.right; });
+    result.accuracy = share(result.identified);
     if (options.strangers) {
-      if (result.people < 2)
-        throw std::invalid_argument("strangers need at least two people in the list");
-      Run second =
-          run(faces, labels, split_of(labels, options.training, seed, true), recognizer, stop);
+      const int enrolled = options.enrolled > 0 ? options.enrolled : people / 2;
+      Run second = run(faces, labels, split_of(labels, options.training, seed, enrolled),
+                       recognizer, background, stop);
       result.open = std::move(second.results);
       auto [of_known, of_strangers] = open_scores(result.open);
+      result.known_probes = static_cast<int>(of_known.size());
       result.stranger_probes = static_cast<int>(of_strangers.size());
       if (!of_known.empty() && !of_strangers.empty()) {
         const auto rates = accept_rates(of_known, of_strangers, options.false_accepts);
+        const auto above = [&](const ProbeResult& r) { return r.score >= rates.threshold; };
         result.true_accepts = rates.true_accepts;
         result.equal_error = rates.equal_error;
         result.area = rates.area;
-        result.right_accepts = share(result.open, known, [&](const ProbeResult& r) {
-          return r.right && r.score >= rates.threshold;
-        });
+        result.true_count = count_of(result.open, known, above);
+        result.right_count =
+            count_of(result.open, known, [&](const ProbeResult& r) { return r.right && above(r); });
+        result.right_accepts = share(result.right_count);
       }
-      if (second.model.calibration) {
+      result.calibrated = second.model.calibration.has_value();
+      if (result.calibrated) {
         const double threshold = second.model.calibration->threshold(
             options.stated_rate, static_cast<int>(second.model.labels.size()));
         const auto above = [&](const ProbeResult& r) { return r.score >= threshold; };
-        result.stated_true = share(result.open, known, above);
-        result.stated_false = share(result.open, stranger, above);
+        result.stated_true_count = count_of(result.open, known, above);
+        result.stated_right_count =
+            count_of(result.open, known, [&](const ProbeResult& r) { return r.right && above(r); });
+        result.stated_false_count = count_of(result.open, stranger, above);
+        result.stated_true = share(result.stated_true_count);
+        result.stated_right = share(result.stated_right_count);
+        result.stated_false = share(result.stated_false_count);
       }
     }
     out.seeds.push_back(std::move(result));

@@ -14,12 +14,14 @@ std::string rate(double value) { return value < 0 ? std::string() : fmt::format(
 
 std::string csv_row(const EvaluationResult& result, const SeedResult& seed,
                     const std::string& name) {
-  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{:.3f},{:.3f}\n",
+  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.3f},{:.3f}\n",
                      name_of(result.algorithm), result.options.training, name, seed.people,
-                     seed.probes, rate(seed.accuracy), seed.stranger_probes,
-                     rate(seed.true_accepts), rate(seed.right_accepts), rate(seed.equal_error),
-                     rate(seed.area), rate(seed.stated_true), rate(seed.stated_false),
-                     seed.train_seconds, seed.identify_ms);
+                     seed.probes, seed.identified.hits, rate(seed.accuracy), seed.known_probes,
+                     seed.stranger_probes, rate(seed.true_accepts), rate(seed.right_accepts),
+                     rate(seed.equal_error), rate(seed.area), seed.stated_true_count.hits,
+                     rate(seed.stated_true), seed.stated_right_count.hits, rate(seed.stated_right),
+                     seed.stated_false_count.hits, rate(seed.stated_false), seed.train_seconds,
+                     seed.identify_ms);
 }
 
 draw::Plot match_data(const std::vector<EvaluationResult>& results) {
@@ -83,17 +85,43 @@ SeedResult EvaluationResult::mean() const {
   };
   out.people = seeds.front().people;
   out.training = seeds.front().training;
-  out.probes = seeds.front().probes;
-  out.stranger_probes = seeds.front().stranger_probes;
   out.accuracy = average(&SeedResult::accuracy);
   out.true_accepts = average(&SeedResult::true_accepts);
   out.right_accepts = average(&SeedResult::right_accepts);
   out.equal_error = average(&SeedResult::equal_error);
   out.area = average(&SeedResult::area);
   out.stated_true = average(&SeedResult::stated_true);
+  out.stated_right = average(&SeedResult::stated_right);
   out.stated_false = average(&SeedResult::stated_false);
   out.train_seconds = average(&SeedResult::train_seconds);
   out.identify_ms = average(&SeedResult::identify_ms);
+  out.probes = 0;
+  for (const auto& seed : seeds) {
+    out.probes += seed.probes;
+    out.known_probes += seed.known_probes;
+    out.stranger_probes += seed.stranger_probes;
+    out.calibrated = out.calibrated || seed.calibrated;
+  }
+  for (const auto count : {&SeedResult::identified, &SeedResult::true_count,
+                           &SeedResult::right_count, &SeedResult::stated_true_count,
+                           &SeedResult::stated_right_count, &SeedResult::stated_false_count})
+    out.*count = rate(count).count;
+  return out;
+}
+
+Rate EvaluationResult::rate(Count SeedResult::*count) const {
+  Rate out;
+  for (const auto& seed : seeds) {
+    const Count& one = seed.*count;
+    if (one.trials == 0) continue;
+    out.count.hits += one.hits;
+    out.count.trials += one.trials;
+    ++out.draws;
+  }
+  if (out.draws == 0) return out;
+  const auto trials = static_cast<double>(out.count.trials);
+  out.value = static_cast<double>(out.count.hits) / trials;
+  out.interval = wilson_interval_of_rate(out.value, trials / out.draws);
   return out;
 }
 
@@ -142,11 +170,12 @@ Curve accept_curve(const EvaluationResult& result) {
 
 std::string evaluation_csv(const std::vector<EvaluationResult>& results) {
   std::string out =
-      "algorithm,training,seed,people,probes,accuracy,stranger_probes,true_accepts,right_accepts,"
-      "equal_error,auc,stated_true_accepts,stated_false_accepts,train_seconds,identify_ms\n";
+      "algorithm,training,seed,people,probes,identified,accuracy,known_probes,stranger_probes,"
+      "true_accepts,right_accepts,equal_error,auc,stated_true,stated_true_accepts,stated_right,"
+      "stated_right_accepts,stated_false,stated_false_accepts,train_seconds,identify_ms\n";
   for (const auto& result : results) {
     for (const auto& seed : result.seeds) out += csv_row(result, seed, std::to_string(seed.seed));
-    out += csv_row(result, result.mean(), "mean");
+    out += csv_row(result, result.mean(), "all");
   }
   return out;
 }

@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/io/testing_folder.h"
+#include "tarsier/recognition/background.h"
 #include "tarsier/recognition/testing_faces.h"
 
 #include <gmock/gmock.h>
@@ -29,7 +30,7 @@ std::vector<std::string> names(int people, int pictures) {
 
 TEST(Split, TakesSoManyOfEachPersonAndNoPictureTwice) {
   const auto labels = names(6, 8);
-  const auto split = split_of(labels, 3, 4, false);
+  const auto split = split_of(labels, 3, 4);
   EXPECT_EQ(split.training.size(), 18U);
   EXPECT_EQ(split.probes.size(), 30U);
   std::set<int> all(split.training.begin(), split.training.end());
@@ -39,19 +40,22 @@ TEST(Split, TakesSoManyOfEachPersonAndNoPictureTwice) {
     EXPECT_EQ(std::count_if(split.training.begin(), split.training.end(),
                             [&](int i) { return i / 8 == p; }),
               3);
-  EXPECT_EQ(split_of(labels, 3, 4, false).training, split.training);
-  EXPECT_NE(split_of(labels, 3, 5, false).training, split.training);
+  EXPECT_EQ(split_of(labels, 3, 4).training, split.training);
+  EXPECT_NE(split_of(labels, 3, 5).training, split.training);
 }
 
 TEST(Split, IsThatOfNumpy) {
   // RandomState(0).permutation(10)[:5] is 2 8 4 9 1.
-  EXPECT_THAT(split_of(names(1, 10), 5, 0, false).training, testing::ElementsAre(1, 2, 4, 8, 9));
+  EXPECT_THAT(split_of(names(1, 10), 5, 0).training, testing::ElementsAre(1, 2, 4, 8, 9));
 }
 
-TEST(Split, HalfOfThePeopleAreStrangers) {
-  const auto split = split_of(names(7, 4), 2, 1, true);
+TEST(Split, PeopleWhoAreNotEnrolledAreStrangers) {
+  const auto split = split_of(names(7, 4), 2, 1, 3);
   EXPECT_EQ(split.training.size(), 6U);  // three people
   EXPECT_EQ(split.probes.size(), 22U);
+  EXPECT_EQ(split_of(names(7, 4), 2, 1, 1).training.size(), 2U);
+  EXPECT_EQ(split_of(names(7, 4), 2, 1, 9).training.size(), 14U);  // no more than there are
+  EXPECT_EQ(count_people(names(7, 4)), 7);
 }
 
 TEST(AcceptRates, AgreeWithCountingByHand) {
@@ -84,6 +88,7 @@ TEST(Evaluate, FiguresCurvesAndTablesAgree) {
   EXPECT_EQ(first.seeds[0].people, 6);
   EXPECT_EQ(first.seeds[0].probes, 18);
   EXPECT_EQ(first.seeds[0].stranger_probes, 15);
+  EXPECT_EQ(first.seeds[0].known_probes, 9);
   EXPECT_GE(first.mean().accuracy, 0.95);
   EXPECT_NEAR(first.mean().accuracy, (first.seeds[0].accuracy + first.seeds[1].accuracy) / 2,
               1e-12);
@@ -99,11 +104,115 @@ TEST(Evaluate, FiguresCurvesAndTablesAgree) {
 
   const auto csv = evaluation_csv(results);
   EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 1 + 2 * 3);
-  EXPECT_THAT(csv, HasSubstr("\neigen,2,mean,6,18,"));
+  EXPECT_THAT(csv, HasSubstr("\neigen,2,all,6,36,"));
   EXPECT_EQ(match_plot(results, {640, 400}).size(), cv::Size(640, 400));
   EXPECT_THAT(accept_plot_svg(results, {640, 400}), HasSubstr("eigen"));
 
   options.training = 5;
+  EXPECT_THROW((void)evaluate(set.faces, set.labels, {}, options, quiet, {}),
+               std::invalid_argument);
+}
+
+Background background_of_textures() {
+  const auto many = synthetic_faces(60, 1, 0.3, 3, 500);
+  BackgroundOptions options;
+  options.components = 40;
+  NoProgress quiet;
+  return learn_background(many.faces, options, quiet, {});
+}
+
+TEST(Evaluate, UsesTheBackgroundAsAGalleryDoes) {
+  const auto set = synthetic_faces(6, 5, 0.3, 1);
+  const Background general = background_of_textures();
+  EvaluationOptions options;
+  options.training = 2;
+  options.seeds = {3};
+  NoProgress quiet;
+  const auto with = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
+  const auto without = evaluate(set.faces, set.labels, {}, options, quiet, {});
+  EXPECT_TRUE(with.with_background);
+  EXPECT_FALSE(without.with_background);
+  // The scores are those of a recogniser that was trained with it.
+  const Split split = split_of(set.labels, 2, 3);
+  std::vector<cv::Mat> faces;
+  std::vector<std::string> labels;
+  for (const int i : split.training) {
+    faces.push_back(set.faces[static_cast<std::size_t>(i)]);
+    labels.push_back(set.labels[static_cast<std::size_t>(i)]);
+  }
+  const Recognizer model = train(faces, labels, {}, quiet, {}, &general);
+  const ProbeResult& probe = with.seeds[0].closed.front();
+  const double score =
+      identify(model, set.faces[static_cast<std::size_t>(probe.face)]).front().score;
+  EXPECT_DOUBLE_EQ(probe.score, score);
+  EXPECT_NE(probe.score, without.seeds[0].closed.front().score);
+
+  // One enrolled person has a threshold only with a background.
+  options.enrolled = 1;
+  const auto alone = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
+  EXPECT_TRUE(alone.seeds[0].calibrated);
+  EXPECT_EQ(alone.seeds[0].known_probes, 3);
+  EXPECT_EQ(alone.seeds[0].stranger_probes, 25);
+  const auto guessing = evaluate(set.faces, set.labels, {}, options, quiet, {});
+  EXPECT_FALSE(guessing.seeds[0].calibrated);
+  EXPECT_EQ(guessing.rate(&SeedResult::stated_false_count).value, -1);
+}
+
+TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
+  const auto set = synthetic_faces(6, 6, 0.3, 1);
+  const Background general = background_of_textures();
+  EvaluationOptions options;
+  options.training = 2;
+  options.seeds = {0, 1, 2};
+  options.stated_rate = 0.05;
+  NoProgress quiet;
+  const auto result = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
+  // Counted again from the probes, with the threshold of a model that is trained again.
+  Count known;
+  Count right;
+  Count strangers;
+  for (const SeedResult& seed : result.seeds) {
+    const Split split = split_of(set.labels, 2, seed.seed, 3);
+    std::vector<cv::Mat> faces;
+    std::vector<std::string> labels;
+    for (const int i : split.training) {
+      faces.push_back(set.faces[static_cast<std::size_t>(i)]);
+      labels.push_back(set.labels[static_cast<std::size_t>(i)]);
+    }
+    const Recognizer model = train(faces, labels, {}, quiet, {}, &general);
+    const double threshold = model.calibration->threshold(0.05, 3);
+    for (const ProbeResult& probe : seed.open) {
+      Count& count = probe.known ? known : strangers;
+      ++count.trials;
+      if (probe.score >= threshold) ++count.hits;
+      if (probe.known && probe.right && probe.score >= threshold) ++right.hits;
+    }
+  }
+  const Rate tar = result.rate(&SeedResult::stated_true_count);
+  const Rate far = result.rate(&SeedResult::stated_false_count);
+  EXPECT_EQ(tar.count.hits, known.hits);
+  EXPECT_EQ(tar.count.trials, 3 * 3 * 4);
+  EXPECT_EQ(result.rate(&SeedResult::stated_right_count).count.hits, right.hits);
+  EXPECT_EQ(far.count.hits, strangers.hits);
+  EXPECT_EQ(far.count.trials, 3 * 3 * 6);
+  EXPECT_EQ(far.draws, 3);
+  // The interval is that of one draw's 12 probes: repeating a draw brings no new pictures.
+  const Interval expected = wilson_interval_of_rate(tar.value, 12);
+  EXPECT_DOUBLE_EQ(tar.interval.low, expected.low);
+  EXPECT_DOUBLE_EQ(tar.interval.high, expected.high);
+  EXPECT_LE(tar.interval.low, tar.value);
+  EXPECT_GE(tar.interval.high, tar.value);
+  const Rate identified = result.rate(&SeedResult::identified);
+  EXPECT_EQ(identified.count.trials, 3 * 24);
+  EXPECT_NEAR(identified.value, result.mean().accuracy, 1e-12);
+}
+
+TEST(Evaluate, EverybodyEnrolledLeavesNoStrangers) {
+  const auto set = synthetic_faces(3, 3, 0.3, 1);
+  EvaluationOptions options;
+  options.training = 1;
+  options.enrolled = 3;
+  NoProgress quiet;
   EXPECT_THROW((void)evaluate(set.faces, set.labels, {}, options, quiet, {}),
                std::invalid_argument);
 }

@@ -9,6 +9,7 @@
 #include "tarsier/recognition/features.h"
 #include "tarsier/recognition/folds.h"
 #include "tarsier/recognition/recognizer.h"
+#include "tarsier/recognition/same_camera.h"
 
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
@@ -30,11 +31,9 @@ constexpr std::size_t kBasisRows = 480;
 constexpr CalibrationPrior kPrior{0, 0.15, 0.5, 2};
 // Of what a gallery adds to a background's components.
 constexpr int kMostOwnComponents = 200;
-// Strangers before one camera are more alike than the people of a background, whom many cameras
-// took: by so much is their mean score higher, and it spreads so many times as far (measured on
-// Yale and ORL, in front of one camera each).
-constexpr double kSameCamera = 0.09;
-constexpr double kSpread = 1.3;
+// Strangers before one camera are more alike than the people of a background: fitted there.
+constexpr double kSameCamera = kSameCameraFitted.shift;
+constexpr double kSpread = kSameCameraFitted.spread;
 // What this counts for beside strangers' scores in the gallery itself.
 constexpr double kPriorPeople = 6;
 

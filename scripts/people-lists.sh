@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# people-lists.sh DATA OUT: lists path<TAB>person of the sets of faces in DATA (scripts/get-data.sh list), for
+# `tarsier people eval` and `people train`, into the folder OUT: orl.lst, yale.lst, yale-b.lst, pointing04.lst (heads that
+# are turned and tilted by at most 15 degrees), faces-wild.lst, faces68.lst (one picture each: for --learn-background).
+# A set that is not there is said to be so.
+set -euo pipefail
+data=$(realpath "${1:?the folder of the data}")
+out=${2:?a folder for the lists}
+mkdir -p "$out"
+
+list() { # list NAME: stdin into NAME.lst
+  local lines
+  lines=$(cat)
+  if [ -n "$lines" ]; then
+    printf '%s\n' "$lines" >"$out/$1.lst"
+    printf '%s: %d pictures of %d people\n' "$out/$1.lst" "$(wc -l <"$out/$1.lst")" "$(cut -f2 "$out/$1.lst" | sort -u | wc -l)"
+  else
+    printf '%s: not in %s\n' "$1" "$data"
+  fi
+}
+files() { find "$data/$1" -type f -name "$2" 2>/dev/null | LC_ALL=C sort; }
+
+files orl '*.pgm' | awk -F/ '{print $0 "\t" $(NF-1)}' | list orl
+files yale 'subject*.pgm' | awk -F/ '{split($NF, a, "_"); print $0 "\t" a[1]}' | list yale
+files yale-b-cropped '*.pgm' | awk -F/ '{print $0 "\t" $(NF-1)}' | list yale-b
+# person<PP><series><number><tilt><pan>.jpg
+files pointing04 'person*.jpg' | awk -F/ '{
+  name = $NF; sub(/\.jpg$/, "", name)
+  if (name ~ /^person[0-9]/ && match(name, /[+-][0-9]+[+-][0-9]+$/)) {
+    angles = substr(name, RSTART)
+    match(angles, /^[+-][0-9]+/)
+    tilt = substr(angles, 2, RLENGTH - 1) + 0; pan = substr(angles, RLENGTH + 2) + 0
+    if (tilt <= 15 && pan <= 15) print $0 "\tperson" substr(name, 7, 2)
+  }
+}' | list pointing04
+if [ -f "$data/faces-wild/list.lst" ]; then
+  awk -v folder="$data/faces-wild/" '{print folder $0}' "$data/faces-wild/list.lst" | list faces-wild
+else
+  list faces-wild </dev/null
+fi
+if [ -f "$data/faces68/frontal.txt" ]; then
+  awk -v folder="$data/faces68/" '{print folder $1 "\t" $1}' "$data/faces68/frontal.txt" | list faces68
+else
+  list faces68 </dev/null
+fi

@@ -1,0 +1,65 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# people eval judges what ships: with the background, at the rate a user asks for, with counts and intervals.
+# shellcheck source=tests/e2e/lib.sh
+source "$TARSIER_SOURCE/tests/e2e/lib.sh"
+
+# Faces that nobody has, in files of their own for each person.
+run pose synth -o heads --count 24 --people 4 --size 320x240 --yaw 6 --pitch 4 --roll 4 --spread 1 --near 450 --far 500 --quiet
+expect_status 0
+for i in $(seq 0 23); do printf 'heads/images/%04d.png\tperson %d\n' "$i" $((i % 4)); done >faces.lst
+
+eval_faces() { # eval_faces NAME WORDS..: its lines in NAME.json
+  local name=$1
+  shift
+  run people eval faces.lst -k 2 --seeds 2 --json --quiet "$@"
+  expect_status 0
+  cp stdout.txt "$name.json"
+}
+eval_faces shipped --algorithm default,eigen
+eval_faces none --algorithm default --background none
+eval_faces named --algorithm default --background "$TARSIER_SOURCE/models/people-background.json"
+eval_faces one --algorithm default --enrolled 1
+python3 - <<'END' || fail "people eval: its figures"
+import json
+def lines(name): return [json.loads(line) for line in open(name + ".json")]
+def figures(line): return {k: v for k, v in line.items() if k not in ("train_s", "identify_ms", "background")}
+shipped, eigen = lines("shipped")
+(none,), (named,), (one,) = lines("none"), lines("named"), lines("one")
+assert shipped["background"].endswith("people-background.json"), shipped
+assert none["background"] is None and eigen["background"] is None
+assert figures(shipped) == figures(named), "the file that ships, and the same one named, differ"
+assert figures(shipped) != figures(none), "without a background all is as with one"
+for line in (shipped, none, one):
+    for key in ("identified", "stated_true", "stated_right", "stated_false", "chosen_true", "chosen_right"):
+        count = line[key]
+        assert 0 <= count["hits"] <= count["trials"] and count["draws"] == 2, (key, count)
+        assert 0 <= count["low"] <= count["rate"] <= count["high"] <= 1 and count["low"] < count["high"], (key, count)
+        assert abs(count["rate"] - count["hits"] / count["trials"]) < 1e-4, (key, count)
+found = 24 - shipped["not_found"]
+assert shipped["identified"]["trials"] == 2 * (24 - 8), shipped["identified"]
+assert shipped["stated_true"]["trials"] + shipped["stated_false"]["trials"] == 2 * (found - 4), shipped
+assert shipped["stated_rate"] == 0.01 and shipped["enrolled"] == 2 and one["enrolled"] == 1
+END
+# One enrolled person and nothing known of faces in general: nobody can be told from strangers, and that is said.
+eval_faces guess --algorithm default --enrolled 1 --background none
+grep -q '"stated_false":null' guess.json || fail "a rate without a threshold: $(cat guess.json)"
+
+run people eval faces.lst -k 2 --seeds 2 --algorithm default --quiet
+expect_status 0
+expect_out 'people-background.json' 'at the stated rate of 1 %' 'false accepts +[0-9.]+ % \([0-9]+ of [0-9]+; [0-9.]+ to [0-9.]+ %\)' \
+  'chosen on these very scores'
+run people eval faces.lst -k 2 --background gone.json
+expect_status 5
+expect_error 'gone.json'
+run people eval faces.lst -k 2 --enrolled 4
+expect_status 3
+expect_error 'leave no strangers'
+
+# How much more alike strangers before one camera are: the constants of the program are fitted in this way.
+run people eval faces.lst -k 2 --seeds 1 --fit-same-camera --json --quiet
+expect_status 0
+expect_out '"shift":-?[0-9.]+,"spread":[0-9.]+,"compiled_shift"' '"people":4' '"galleries":4'
+run people eval faces.lst -k 2 --fit-same-camera --background none
+expect_status 2
+finish
