@@ -62,7 +62,7 @@ assert [r["text"] for r in rows] == ["9999ZZZ", "M1204AB", "1254BCF", "1234BCD"]
 assert rows[3]["source"] == "old, gate" and rows[3]["confidence"] == "0.9000" and rows[3]["w"] == "3"
 PY
 run plate log plates.db --csv -
-expect_out '^id,first_time,' '^1,.*,"old, gate",1234BCD,'
+expect_out '^id,first_time,.*,state$' '^1,.*,"old, gate",1234BCD,'
 run plate log plates.db --crops pictures --text '*BC*'
 expect_status 0
 [ "$(ls pictures)" = "$(printf '1-1234BCD.jpg\n2-1254BCF.jpg')" ] || fail "pictures: $(ls pictures)"
@@ -90,11 +90,16 @@ wait "$holder"
 
 run plate log plates.db --keep 30d --json
 expect_status 0
-expect_out '^\{"deleted":1,"kept":3\}$'
+expect_out '^\{"deleted":1\}$'
 run plate log plates.db --keep 12h
-expect_out '^1 deleted, 2 kept$'
+expect_out '^1 deleted$'
 run plate log plates.db --json
 expect_texts '9999ZZZ M1204AB'
+# It is of this version now, and found by its indexes.
+run plate log plates.db --text '*04A*' --json
+expect_texts 'M1204AB'
+run plate log plates.db --text 'M12O4AX' --near --json
+expect_texts 'M1204AB'
 
 # What is wrong on the line.
 for arguments in '--keep 30' '--keep -1d' '--keep 1d --text X' '--text %' '--near' '--since never' '--since 1h --until 2h' '--limit -1'; do

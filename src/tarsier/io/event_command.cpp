@@ -12,6 +12,7 @@
 #include <fcntl.h>
 #include <functional>
 #include <mutex>
+#include <new>
 #include <optional>
 #include <poll.h>
 #include <pthread.h>
@@ -199,7 +200,11 @@ class EventCommand::Runner {
         event = std::move(waiting_.front());
         waiting_.pop_front();
       }
-      run(event + '\n');
+      try {
+        run(event + '\n');
+      } catch (const std::bad_alloc&) {
+        count(&Counts::failed);
+      }
     }
   }
 

@@ -66,13 +66,12 @@ CREATE TABLE plate_gram(
   plate INTEGER NOT NULL,
   PRIMARY KEY(gram, plate)
 ) STRICT, WITHOUT ROWID;
-WITH RECURSIVE place(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM place WHERE n < 64),
-  folded(id, t) AS (
-    SELECT id, replace(replace(replace(replace(substr(text, 1, 64), 'O', '0'), 'Q', '0'), 'D', '0'),
-                       'I', '1') || '$' FROM plate)
+WITH RECURSIVE piece(plate, t, n) AS (
+  SELECT id, replace(replace(replace(replace(substr(text, 1, 64), 'O', '0'), 'Q', '0'), 'D', '0'),
+                     'I', '1') || '$', 1 FROM plate
+  UNION ALL SELECT plate, t, n + 1 FROM piece WHERE n < length(t) - 2)
 INSERT OR IGNORE INTO plate_gram
-  SELECT substr(t, n, 3) AS gram, id FROM folded JOIN place ON n <= max(length(t) - 2, 1)
-  ORDER BY gram, id;
+  SELECT substr(t, n, 3) AS gram, plate FROM piece ORDER BY gram, plate;
 )sql"},
                          1};
 

@@ -269,7 +269,7 @@ TEST_F(PlateLogTest, SearchesFindWhatMatches) {
   {
     PlateLog log = open();
     Transaction together = log.transaction();
-    for (int k = 0; k < 400; ++k) {
+    for (int k = 0; k < 200; ++k) {
       std::string text;
       const int length = rng.integer(1, 8);
       for (int n = 0; n < length; ++n) text += "01ODIQAB"[rng.integer(0, 7)];
@@ -281,7 +281,7 @@ TEST_F(PlateLogTest, SearchesFindWhatMatches) {
     together.commit();
   }
   PlateLog log = open(DatabaseAccess::kRead);
-  for (int k = 0; k < 400; ++k) {
+  for (int k = 0; k < 150; ++k) {
     LogFilter filter;
     const int length = rng.integer(1, 8);
     for (int n = 0; n < length; ++n) filter.text += "01ODIQAB?*"[rng.integer(0, 9)];

@@ -101,7 +101,15 @@ class PlateRecorder::Writer {
       : options_((options.check(), options)), log_(path) {
     run_ = log_.begin_run(process_name(), is_running);
     log_.set_patience(options_.attempt_ms);
-    thread_ = std::jthread([this](const std::stop_token& stop) { work(stop); });
+    thread_ = std::jthread([this](const std::stop_token& stop) {
+      try {
+        work(stop);
+      } catch (...) {  // no memory, say
+        const std::lock_guard lock(mutex_);
+        error_ = std::current_exception();
+        changed_.notify_all();
+      }
+    });
   }
 
   ~Writer() { end_thread(); }
@@ -224,11 +232,6 @@ class PlateRecorder::Writer {
         changed_.notify_all();
         if (error_) return;
         continue;
-      } catch (...) {
-        const std::lock_guard lock(mutex_);
-        error_ = std::current_exception();
-        changed_.notify_all();
-        return;
       }
       if (std::exchange(was_locked, false))
         log_info("{}: is free again, {} written", log_.path(), batch.size());

@@ -16,7 +16,7 @@ struct RecorderOptions {
   // s that a log which another program has locked is waited for, while reading goes on; 0..3600
   double max_lock = 60;
   // s that record() waits for the disk where nothing is locked; 0..60
-  double max_wait = 1;
+  double max_wait = 3;
   std::size_t max_waiting = 2000;  // vehicles that wait to be written; 1..100000
   int attempt_ms = 100;            // how long one attempt waits for a lock; 1..5000
   void check() const;
