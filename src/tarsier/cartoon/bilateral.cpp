@@ -143,15 +143,8 @@ void BilateralPainter::paint_with(const Kernels& kernels, cv::Mat& picture,
 
   for_row_bands(picture.rows, [&](int first, int last) {
     for (int y = first; y < last; ++y) {
-      const std::uint8_t* bgr = picture.ptr(y);
-      std::uint8_t* b = front_[0].row(y);
-      std::uint8_t* g = front_[1].row(y);
-      std::uint8_t* r = front_[2].row(y);
-      for (int x = 0; x < picture.cols; ++x) {
-        b[x] = bgr[3 * x] ^ 128U;
-        g[x] = bgr[3 * x + 1] ^ 128U;
-        r[x] = bgr[3 * x + 2] ^ 128U;
-      }
+      std::uint8_t* const planes[3] = {front_[0].row(y), front_[1].row(y), front_[2].row(y)};
+      kernels.split_row(picture.ptr(y), planes, picture.cols);
       for (Plane& plane : front_) plane.extend_row_by_reflection(y, radius_);
     }
   });
@@ -164,15 +157,8 @@ void BilateralPainter::paint_with(const Kernels& kernels, cv::Mat& picture,
 
   for_row_bands(picture.rows, [&](int first, int last) {
     for (int y = first; y < last; ++y) {
-      std::uint8_t* bgr = picture.ptr(y);
-      const std::uint8_t* b = front_[0].row(y);
-      const std::uint8_t* g = front_[1].row(y);
-      const std::uint8_t* r = front_[2].row(y);
-      for (int x = 0; x < picture.cols; ++x) {
-        bgr[3 * x] = b[x] ^ 128U;
-        bgr[3 * x + 1] = g[x] ^ 128U;
-        bgr[3 * x + 2] = r[x] ^ 128U;
-      }
+      const std::uint8_t* const planes[3] = {front_[0].row(y), front_[1].row(y), front_[2].row(y)};
+      kernels.join_row(planes, picture.ptr(y), picture.cols);
     }
   });
 }

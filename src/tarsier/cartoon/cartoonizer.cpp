@@ -2,6 +2,7 @@
 #include "tarsier/cartoon/cartoonizer.h"
 
 #include "tarsier/cartoon/bilateral.h"
+#include "tarsier/cartoon/enlarge.h"
 #include "tarsier/cartoon/kernels.h"
 #include "tarsier/cartoon/plane.h"
 #include "tarsier/cartoon/reference.h"
@@ -30,6 +31,7 @@ struct CartoonState::Impl {
   Plane mask;
   std::vector<std::vector<std::uint8_t>> scratch;  // of median7_row, one for each band of rows
   BilateralPainter painter;
+  Enlarger enlarger;
   cv::Mat small;
   cv::Mat small_other;
   cv::Mat large;  // the painting at full size, where the output is another picture
@@ -304,33 +306,17 @@ void paint_small(const cv::Mat& frame, const CartoonOptions& options, State& sta
   watch.image("painting", state.small);
 }
 
-void enlarge(const cv::Size& size, State& state, const Watch& watch) {
-  const auto timer = watch.time("full size");
-  cv::resize(state.small, state.output, size, 0, 0, cv::INTER_LINEAR);
-}
-
-// Lines are few: whole words without any are passed over.
-void draw_lines(State& state, const Watch& watch) {
-  const auto timer = watch.time("draw lines");
-  const int width = state.output.cols;
-  for_row_bands(state.output.rows, [&](int first, int last) {
-    for (int y = first; y < last; ++y) {
-      const std::uint8_t* mask = state.mask.row(y);
-      auto* out = state.output.ptr<cv::Vec3b>(y);
-      int x = 0;
-      for (; x + 8 <= width; x += 8) {
-        std::uint64_t word = 0;
-        std::memcpy(&word, mask + x, 8);
-        if (~word == 0) continue;
-        for (int i = x; i < x + 8; ++i) {
-          if (mask[i] == 0) out[i] = {0, 0, 0};
-        }
-      }
-      for (; x < width; ++x) {
-        if (mask[x] == 0) out[x] = {0, 0, 0};
-      }
-    }
-  });
+// state.small at full size into `large`, with the lines of state.mask in black if `lines`.
+void enlarge(const cv::Size& size, bool lines, const CartoonOptions& options, State& state,
+             cv::Mat& large, const Watch& watch) {
+  const auto timer = watch.time(lines ? "full size and lines" : "full size");
+  large.create(size, CV_8UC3);
+  if (is_fast(options)) {
+    state.enlarger.enlarge(state.small, lines ? &state.mask : nullptr, large);
+    return;
+  }
+  cv::resize(state.small, large, size, 0, 0, cv::INTER_LINEAR);
+  if (lines) large.setTo(cv::Scalar::all(0), state.mask.view() == 0);
 }
 
 void show_lines(State& state) { cv::cvtColor(state.mask.view(), state.output, cv::COLOR_GRAY2BGR); }
@@ -434,23 +420,24 @@ const cv::Mat& cartoonize(const cv::Mat& frame, const CartoonOptions& options, C
       show_lines(my);
       break;
     case Mode::kPaint:
-      enlarge(frame.size(), my, watch);
+      enlarge(frame.size(), false, options, my, my.output, watch);
       break;
     case Mode::kCartoon:
     case Mode::kEvil:
-      enlarge(frame.size(), my, watch);
-      draw_lines(my, watch);
+      enlarge(frame.size(), true, options, my, my.output, watch);
       break;
     case Mode::kAlien:
       color_skin(my.small, skin_of(frame, options, my, watch), options.skin);
       watch.image("coloured", my.small);
-      enlarge(frame.size(), my, watch);
-      draw_lines(my, watch);
+      enlarge(frame.size(), true, options, my, my.output, watch);
       break;
-    case Mode::kSmooth:
-      cv::resize(my.small, my.large, frame.size(), 0, 0, cv::INTER_LINEAR);
-      smooth_skin(frame, my.large, skin_of(frame, options, my, watch), my.skin, my.output);
+    case Mode::kSmooth: {
+      enlarge(frame.size(), false, options, my, my.large, watch);
+      const cv::Mat skin = skin_of(frame, options, my, watch);
+      const auto blend_timer = watch.time("blend");
+      smooth_skin(frame, my.large, skin, my.skin, my.output);
       break;
+    }
     case Mode::kNone:
       break;
   }

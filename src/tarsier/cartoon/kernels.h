@@ -67,6 +67,22 @@ struct Kernels {
   // -1.
   void (*whiten_row)(const std::uint8_t* mask, const std::uint8_t* const marks[3],
                      std::uint8_t* dst, int width);
+
+  // Pixels of three bytes to three planes of value - 128 and back. `bgr` is exactly 3 width long.
+  void (*split_row)(const std::uint8_t* bgr, std::uint8_t* const dst[3], int width);
+  void (*join_row)(const std::uint8_t* const src[3], std::uint8_t* bgr, int width);
+
+  // One row of the picture twice as large, 2 width pixels of three bytes, as cv::resize has it with
+  // INTER_LINEAR: 3/4 of the nearer pixel and 1/4 of the other, in either direction. The planes
+  // hold value - 128; rows readable from -1 to width. Where `mask` (2 width bytes; may be null) is
+  // 0, the result is black; elsewhere it has to be 255.
+  void (*enlarge_row)(const std::uint8_t* const near[3], const std::uint8_t* const far[3],
+                      const std::uint8_t* mask, std::uint8_t* bgr, int width);
+
+  // bgr = sharp + ((soft - sharp) weight + 127) / 255, rounded towards zero, for pixels of three
+  // bytes. Rows of pixels are exactly 3 width long; `weight` has one byte a pixel.
+  void (*blend_row)(const std::uint8_t* sharp, const std::uint8_t* soft, const std::uint8_t* weight,
+                    std::uint8_t* bgr, int width);
 };
 
 // Those of simd_level() (core/cpu.h).

@@ -311,9 +311,107 @@ void whiten_row(const std::uint8_t* mask, const std::uint8_t* const marks[3], st
   }
 }
 
-constexpr tarsier::cartoon::Kernels kKernels{kVectorized,           bilateral_row,  median7_row,
-                                             median3_row,           laplacian5_row, scharr_row,
-                                             threshold_inverse_row, lone_black_row, whiten_row};
+// --- pixels of three bytes, sixteen at a time ---
+
+// Part of a row that is no multiple of 16 pixels goes through copies on the stack, because what
+// lies behind the caller's rows is not ours.
+constexpr int kGroup = 16;
+
+void split_row(const std::uint8_t* bgr, std::uint8_t* const dst[3], int width) {
+  int x = 0;
+  for (; x + kGroup <= width; x += kGroup) {
+    split16(bgr + 3 * x, dst[0] + x, dst[1] + x, dst[2] + x);
+  }
+  for (; x < width; ++x) {
+    for (int c = 0; c < 3; ++c) dst[c][x] = static_cast<std::uint8_t>(bgr[3 * x + c] ^ 128U);
+  }
+}
+
+// Stores sixteen pixels of unsigned planes, or the first `count` of them.
+TARSIER_INLINE void store_pixels(std::uint8_t* bgr, const std::uint8_t* b, const std::uint8_t* g,
+                                 const std::uint8_t* r, int count) {
+  if (count >= kGroup) {
+    join16(bgr, b, g, r);
+    return;
+  }
+  std::uint8_t group[3 * kGroup];
+  join16(group, b, g, r);
+  for (int i = 0; i < 3 * count; ++i) bgr[i] = group[i];
+}
+
+void join_row(const std::uint8_t* const src[3], std::uint8_t* bgr, int width) {
+  std::uint8_t part[3][kLanes];
+  for (int x = 0; x < width; x += kLanes) {
+    for (int c = 0; c < 3; ++c) store(part[c], to_signed(load(src[c] + x)));
+    const int count = width - x < kLanes ? width - x : kLanes;
+    for (int i = 0; i < count; i += kGroup) {
+      store_pixels(bgr + 3 * (x + i), part[0] + i, part[1] + i, part[2] + i, count - i);
+    }
+  }
+}
+
+// OpenCV's fixed-point arithmetic for weights of 1/4 and 3/4: rows in 1/4, then
+// (far / 4 + 3 near / 4 + 2) / 4, each division rounded down.
+TARSIER_INLINE U8 between(const Sum16& near, const Sum16& far) {
+  return pack_saturated(
+      shift_right<2>(shift_right<2>(far) + shift_right<2>(near * 3) + sum_splat(2)));
+}
+
+void enlarge_row(const std::uint8_t* const near[3], const std::uint8_t* const far[3],
+                 const std::uint8_t* mask, std::uint8_t* bgr, int width) {
+  std::uint8_t part[3][2 * kLanes];
+  for (int x = 0; x < width; x += kLanes) {
+    for (int c = 0; c < 3; ++c) {
+      const auto at = [&](const std::uint8_t* row) { return widen(to_signed(load(row + x))); };
+      const Sum16 n = at(near[c]) * 3;
+      const Sum16 f = at(far[c]) * 3;
+      U8 even = between(n + at(near[c] - 1), f + at(far[c] - 1));
+      U8 odd = between(n + at(near[c] + 1), f + at(far[c] + 1));
+      store_alternating(part[c], even, odd);
+    }
+    if (mask != nullptr) {
+      for (int i = 0; i < 2; ++i) {
+        const U8 keep = load(mask + 2 * x + i * kLanes);
+        for (int c = 0; c < 3; ++c) {
+          std::uint8_t* p = part[c] + i * kLanes;
+          store(p, bit_and(load(p), keep));
+        }
+      }
+    }
+    const int count = 2 * (width - x) < 2 * kLanes ? 2 * (width - x) : 2 * kLanes;
+    for (int i = 0; i < count; i += kGroup) {
+      store_pixels(bgr + 3 * (2 * x + i), part[0] + i, part[1] + i, part[2] + i, count - i);
+    }
+  }
+}
+
+void blend_row(const std::uint8_t* sharp, const std::uint8_t* soft, const std::uint8_t* weight,
+               std::uint8_t* bgr, int width) {
+  const auto blend = [](int from, int to, int w) {
+    return static_cast<std::uint8_t>(from + ((to - from) * w + 127) / 255);
+  };
+  int x = 0;
+  for (; x + kGroup <= width; x += kGroup) {
+    std::uint8_t any = 0;
+    for (int i = 0; i < kGroup; ++i) any = static_cast<std::uint8_t>(any | weight[x + i]);
+    const std::uint8_t* from = sharp + 3 * x;
+    const std::uint8_t* to = soft + 3 * x;
+    std::uint8_t* out = bgr + 3 * x;
+    if (any == 0) {
+      for (int i = 0; i < 3 * kGroup; ++i) out[i] = from[i];
+      continue;
+    }
+    std::uint8_t each[3 * kGroup];
+    join16(each, weight + x, weight + x, weight + x);
+    for (int i = 0; i < 3 * kGroup; ++i) out[i] = blend(from[i], to[i], each[i]);
+  }
+  for (int i = 3 * x; i < 3 * width; ++i) bgr[i] = blend(sharp[i], soft[i], weight[i / 3]);
+}
+
+constexpr tarsier::cartoon::Kernels kKernels{
+    kVectorized, bilateral_row,         median7_row,    median3_row, laplacian5_row,
+    scharr_row,  threshold_inverse_row, lone_black_row, whiten_row,  split_row,
+    join_row,    enlarge_row,           blend_row};
 
 }  // namespace
 

@@ -2,6 +2,7 @@
 #include "tarsier/cartoon/kernels.h"
 
 #include "tarsier/cartoon/bilateral.h"
+#include "tarsier/cartoon/enlarge.h"
 #include "tarsier/cartoon/plane.h"
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/rng.h"
@@ -153,6 +154,101 @@ TEST_P(KernelTest, ThresholdCountsEqualAsBelow) {
     cv::Mat wanted;
     cv::threshold(picture_, wanted, threshold, 255, cv::THRESH_BINARY_INV);
     expect_output(wanted);
+  }
+}
+
+// Pixels of three bytes on any width, with nothing written behind the row.
+TEST_P(KernelTest, PixelsAreSplitAndJoined) {
+  const cv::Mat picture = test_picture(picture_.size(), 3, 11);
+  const int width = picture.cols;
+  std::vector<Plane> planes(3);
+  for (Plane& plane : planes) plane.resize(width, 1);
+  for (int y = 0; y < picture.rows; ++y) {
+    std::uint8_t* const rows[3] = {planes[0].row(0), planes[1].row(0), planes[2].row(0)};
+    kernels_->split_row(picture.ptr(y), rows, width);
+    for (int x = 0; x < width; ++x) {
+      for (int c = 0; c < 3; ++c) ASSERT_EQ(rows[c][x], picture.at<cv::Vec3b>(y, x)[c] ^ 128U);
+    }
+    std::vector<std::uint8_t> joined(static_cast<size_t>(3 * width + 1), 77);
+    kernels_->join_row(rows, joined.data(), width);
+    EXPECT_EQ(std::memcmp(joined.data(), picture.ptr(y), static_cast<size_t>(3 * width)), 0);
+    EXPECT_EQ(joined.back(), 77) << "written behind the row";
+  }
+}
+
+TEST_P(KernelTest, BlendIsTheFormula) {
+  const cv::Mat sharp = test_picture(picture_.size(), 3, 12);
+  const cv::Mat soft = test_picture(picture_.size(), 3, 13);
+  const int width = picture_.cols;
+  std::vector<std::uint8_t> weight(static_cast<size_t>(width));
+  std::vector<std::uint8_t> out(static_cast<size_t>(3 * width + 1), 77);
+  for (int y = 0; y < picture_.rows; ++y) {
+    // None for some groups of pixels, all, and what is between.
+    for (int x = 0; x < width; ++x) {
+      weight[static_cast<size_t>(x)] = x / 20 % 3 == 0 ? 0
+                                       : x % 5 == 0    ? 255
+                                                       : picture_.at<std::uint8_t>(y, x);
+    }
+    kernels_->blend_row(sharp.ptr(y), soft.ptr(y), weight.data(), out.data(), width);
+    for (int i = 0; i < 3 * width; ++i) {
+      const int from = sharp.ptr(y)[i];
+      const int wanted =
+          from + ((soft.ptr(y)[i] - from) * weight[static_cast<size_t>(i / 3)] + 127) / 255;
+      ASSERT_EQ(out[static_cast<size_t>(i)], wanted) << i;
+    }
+    EXPECT_EQ(out.back(), 77) << "written behind the row";
+  }
+}
+
+TEST_P(KernelTest, EnlargedRowsAreThoseOfOpenCv) {
+  const cv::Mat small = test_picture(picture_.size(), 3, 14);
+  cv::Mat wanted;
+  cv::resize(small, wanted, {2 * small.cols, 2 * small.rows}, 0, 0, cv::INTER_LINEAR);
+  const int width = small.cols;
+  std::vector<Plane> planes(3);
+  for (Plane& plane : planes) plane.resize(width, small.rows);
+  for (int y = 0; y < small.rows; ++y) {
+    std::uint8_t* const rows[3] = {planes[0].row(y), planes[1].row(y), planes[2].row(y)};
+    kernels_->split_row(small.ptr(y), rows, width);
+    for (Plane& plane : planes) plane.extend_row_by_copies(y, 1);
+  }
+  for (Plane& plane : planes) plane.extend_height_by_copies(1);
+  Plane mask;
+  mask.resize(2 * width, 1);
+  for (int x = 0; x < 2 * width; ++x) mask.row(0)[x] = x % 7 == 3 ? 0 : 255;
+  std::vector<std::uint8_t> out(static_cast<size_t>(6 * width + 1), 77);
+  for (int y = 0; y < 2 * small.rows; ++y) {
+    const int near_y = y / 2;
+    const int far_y = y % 2 == 0 ? near_y - 1 : near_y + 1;
+    const std::uint8_t* near[3];
+    const std::uint8_t* far[3];
+    for (size_t c = 0; c < 3; ++c) {
+      near[c] = planes[c].row(near_y);
+      far[c] = planes[c].row(far_y);
+    }
+    kernels_->enlarge_row(near, far, nullptr, out.data(), width);
+    EXPECT_EQ(std::memcmp(out.data(), wanted.ptr(y), static_cast<size_t>(6 * width)), 0) << y;
+    kernels_->enlarge_row(near, far, mask.row(0), out.data(), width);
+    for (int i = 0; i < 6 * width; ++i) {
+      ASSERT_EQ(out[static_cast<size_t>(i)], i / 3 % 7 == 3 ? 0 : wanted.ptr(y)[i]) << y;
+    }
+    EXPECT_EQ(out.back(), 77) << "written behind the row";
+  }
+}
+
+TEST(Enlarger, IsTheResizeOfOpenCvWithLines) {
+  for (const cv::Size size : {cv::Size(130, 66), cv::Size(131, 67), cv::Size(16, 16)}) {
+    const cv::Mat small = test_picture({size.width / 2, size.height / 2}, 3, 15);
+    cv::Mat wanted;
+    cv::resize(small, wanted, size, 0, 0, cv::INTER_LINEAR);
+    Enlarger enlarger;
+    cv::Mat large(size, CV_8UC3);
+    enlarger.enlarge(small, nullptr, large);
+    EXPECT_EQ(cv::norm(large, wanted, cv::NORM_INF), 0) << size;
+    Plane mask = plane_of(test_picture(size, 1, 16) > 128);
+    wanted.setTo(cv::Scalar::all(0), mask.view() == 0);
+    enlarger.enlarge(small, &mask, large);
+    EXPECT_EQ(cv::norm(large, wanted, cv::NORM_INF), 0) << size;
   }
 }
 

@@ -8,9 +8,26 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <new>
 #include <vector>
 
 namespace tarsier::cartoon {
+
+// Bytes at an address that is a multiple of kRowSlack: vectors that straddle two cache lines cost
+// twice.
+template <typename T>
+struct AlignedAllocator {
+  using value_type = T;
+  AlignedAllocator() = default;
+  template <typename U>
+  AlignedAllocator(const AlignedAllocator<U>& /*other*/) {}  // NOLINT: converts as allocators do
+  T* allocate(size_t n) {
+    return static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(kRowSlack)));
+  }
+  void deallocate(T* p, size_t /*n*/) { ::operator delete(p, std::align_val_t(kRowSlack)); }
+  bool operator==(const AlignedAllocator& /*other*/) const { return true; }
+};
+using AlignedBytes = std::vector<std::uint8_t, AlignedAllocator<std::uint8_t>>;
 
 // A grey picture with room around it, as the kernels want it: kMargin pixels on every side, rows 64
 // bytes apart at least. Keeps its memory when the size stays.
@@ -55,6 +72,13 @@ class Plane {
   }
   void extend_row_by_reflection(int y, int margin) {  // cb|abc|ba
     std::uint8_t* r = row(y);
+    if (width_ > margin) {
+      for (int i = 1; i <= margin; ++i) {
+        r[-i] = r[i];
+        r[width_ - 1 + i] = r[width_ - 1 - i];
+      }
+      return;
+    }
     for (int i = 1; i <= margin; ++i) {
       r[-i] = r[reflected(-i, width_)];
       r[width_ - 1 + i] = r[reflected(width_ - 1 + i, width_)];
@@ -91,7 +115,7 @@ class Plane {
   int width_ = 0;
   int height_ = 0;
   std::ptrdiff_t stride_ = 0;
-  std::vector<std::uint8_t> bytes_;
+  AlignedBytes bytes_;
 };
 
 }  // namespace tarsier::cartoon

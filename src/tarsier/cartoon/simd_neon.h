@@ -117,4 +117,24 @@ TARSIER_INLINE U8 pack_saturated(Sum16 a) {
   return {vcombine_u8(vqmovun_s16(a.low), vqmovun_s16(a.high))};
 }
 
+template <int kBits>
+TARSIER_INLINE Sum16 shift_right(Sum16 a) {
+  return {vshrq_n_s16(a.low, kBits), vshrq_n_s16(a.high, kBits)};
+}
+TARSIER_INLINE void store_alternating(std::uint8_t* p, U8 even, U8 odd) {
+  vst2q_u8(p, uint8x16x2_t{{even.v, odd.v}});
+}
+TARSIER_INLINE void split16(const std::uint8_t* bgr, std::uint8_t* b, std::uint8_t* g,
+                            std::uint8_t* r) {
+  const uint8x16x3_t p = vld3q_u8(bgr);
+  const uint8x16_t top = vdupq_n_u8(128);
+  vst1q_u8(b, veorq_u8(p.val[0], top));
+  vst1q_u8(g, veorq_u8(p.val[1], top));
+  vst1q_u8(r, veorq_u8(p.val[2], top));
+}
+TARSIER_INLINE void join16(std::uint8_t* bgr, const std::uint8_t* b, const std::uint8_t* g,
+                           const std::uint8_t* r) {
+  vst3q_u8(bgr, uint8x16x3_t{{vld1q_u8(b), vld1q_u8(g), vld1q_u8(r)}});
+}
+
 }  // namespace

@@ -137,4 +137,31 @@ TARSIER_INLINE U8 pack_saturated(const Sum16& a) {
   return map([&](int i) { return clamp_to(a.v[i], 0, 255); });
 }
 
+template <int kBits>
+TARSIER_INLINE Sum16 shift_right(const Sum16& a) {
+  return map16([&](int i) { return a.v[i] >> kBits; });
+}
+TARSIER_INLINE void store_alternating(std::uint8_t* p, const U8& even, const U8& odd) {
+  for (int i = 0; i < kLanes; ++i) {
+    p[2 * i] = even.v[i];
+    p[2 * i + 1] = odd.v[i];
+  }
+}
+TARSIER_INLINE void split16(const std::uint8_t* bgr, std::uint8_t* b, std::uint8_t* g,
+                            std::uint8_t* r) {
+  for (int i = 0; i < 16; ++i) {
+    b[i] = static_cast<std::uint8_t>(bgr[3 * i] ^ 128U);
+    g[i] = static_cast<std::uint8_t>(bgr[3 * i + 1] ^ 128U);
+    r[i] = static_cast<std::uint8_t>(bgr[3 * i + 2] ^ 128U);
+  }
+}
+TARSIER_INLINE void join16(std::uint8_t* bgr, const std::uint8_t* b, const std::uint8_t* g,
+                           const std::uint8_t* r) {
+  for (int i = 0; i < 16; ++i) {
+    bgr[3 * i] = b[i];
+    bgr[3 * i + 1] = g[i];
+    bgr[3 * i + 2] = r[i];
+  }
+}
+
 }  // namespace

@@ -85,9 +85,9 @@ TARSIER_INLINE Table32 load_table(const std::uint8_t* table) {
   const __m128i low = _mm_loadu_si128(reinterpret_cast<const __m128i*>(table));
   const __m128i high = _mm_loadu_si128(reinterpret_cast<const __m128i*>(table + 16));
 #if defined(TARSIER_AVX2)
-  return {_mm256_broadcastsi128_si256(low), _mm256_broadcastsi128_si256(high)};
+  return {_mm256_broadcastsi128_si256(low ^ high), _mm256_broadcastsi128_si256(high)};
 #else
-  return {low, high};
+  return {low ^ high, high};
 #endif
 #endif
 }
@@ -95,13 +95,12 @@ TARSIER_INLINE U8 look_up(const Table32& table, U8 index) {
 #if defined(TARSIER_AVX512)
   return {_mm512_permutexvar_epi8(_mm512_min_epu8(index.v, _mm512_set1_epi8(63)), table.all)};
 #else
-  // pshufb gives 0 where the index has its top bit set: the saturated sums set it outside 0..15
-  // and 16..31.
-  const Reg bias = TARSIER_OP(set1_epi8)(112);
-  const Reg in_low = TARSIER_OP(adds_epu8)(index.v, bias);
-  const Reg in_high =
-      TARSIER_OP(adds_epu8)(TARSIER_OP(sub_epi8)(index.v, TARSIER_OP(set1_epi8)(16)), bias);
-  return {TARSIER_OP(shuffle_epi8)(table.low, in_low) |
+  // pshufb gives 0 where the index has its top bit set, else what the low four bits choose. The
+  // saturated sums set it from 16 and from 32 on; below 16 both halves answer, and `low` holds what
+  // cancels `high`.
+  const Reg in_low = TARSIER_OP(adds_epu8)(index.v, TARSIER_OP(set1_epi8)(112));
+  const Reg in_high = TARSIER_OP(adds_epu8)(index.v, TARSIER_OP(set1_epi8)(96));
+  return {TARSIER_OP(shuffle_epi8)(table.low, in_low) ^
           TARSIER_OP(shuffle_epi8)(table.high, in_high)};
 #endif
 }
@@ -185,6 +184,82 @@ TARSIER_INLINE Sum16 magnitude(Sum16 a) {
 }
 TARSIER_INLINE U8 pack_saturated(Sum16 a) {  // to 0..255
   return {TARSIER_OP(packus_epi16)(a.low, a.high)};
+}
+
+template <int kBits>
+TARSIER_INLINE Sum16 shift_right(Sum16 a) {  // of numbers that are not negative
+  return {TARSIER_OP(srli_epi16)(a.low, kBits), TARSIER_OP(srli_epi16)(a.high, kBits)};
+}
+
+// even[0], odd[0], even[1], odd[1] ..: 2 kLanes bytes.
+TARSIER_INLINE void store_alternating(std::uint8_t* p, U8 even, U8 odd) {
+  const Reg low = TARSIER_OP(unpacklo_epi8)(even.v, odd.v);
+  const Reg high = TARSIER_OP(unpackhi_epi8)(even.v, odd.v);
+#if defined(TARSIER_AVX512)
+  const Reg first = _mm512_setr_epi64(0, 1, 8, 9, 2, 3, 10, 11);
+  const Reg second = _mm512_setr_epi64(4, 5, 12, 13, 6, 7, 14, 15);
+  reg_store(p, _mm512_permutex2var_epi64(low, first, high));
+  reg_store(p + kLanes, _mm512_permutex2var_epi64(low, second, high));
+#elif defined(TARSIER_AVX2)
+  reg_store(p, _mm256_permute2x128_si256(low, high, 0x20));
+  reg_store(p + kLanes, _mm256_permute2x128_si256(low, high, 0x31));
+#else
+  reg_store(p, low);
+  reg_store(p + kLanes, high);
+#endif
+}
+
+// Sixteen pixels of three bytes: which byte of which register goes where; 0x80 gives 0.
+struct PixelShuffles {
+  alignas(16) std::uint8_t join[3][3][16];   // [register of pixels][plane]
+  alignas(16) std::uint8_t split[3][3][16];  // [plane][register of pixels]
+};
+constexpr PixelShuffles pixel_shuffles() {
+  PixelShuffles s{};
+  for (int v = 0; v < 3; ++v) {
+    for (int c = 0; c < 3; ++c) {
+      for (int i = 0; i < 16; ++i) {
+        const int from = 16 * v + i;
+        s.join[v][c][i] = static_cast<std::uint8_t>(from % 3 == c ? from / 3 : 0x80);
+        const int to = 3 * i + c;
+        s.split[c][v][i] = static_cast<std::uint8_t>(to / 16 == v ? to % 16 : 0x80);
+      }
+    }
+  }
+  return s;
+}
+constexpr PixelShuffles kPixelShuffles = pixel_shuffles();
+TARSIER_INLINE __m128i load16(const std::uint8_t* p) {
+  return _mm_loadu_si128(reinterpret_cast<const __m128i*>(p));
+}
+TARSIER_INLINE void store16(std::uint8_t* p, __m128i a) {
+  _mm_storeu_si128(reinterpret_cast<__m128i*>(p), a);
+}
+TARSIER_INLINE __m128i gather3(__m128i a, __m128i b, __m128i c, const std::uint8_t (*which)[16]) {
+  return _mm_or_si128(
+      _mm_or_si128(_mm_shuffle_epi8(a, load16(which[0])), _mm_shuffle_epi8(b, load16(which[1]))),
+      _mm_shuffle_epi8(c, load16(which[2])));
+}
+// Pixels to planes of value - 128.
+TARSIER_INLINE void split16(const std::uint8_t* bgr, std::uint8_t* b, std::uint8_t* g,
+                            std::uint8_t* r) {
+  const __m128i p0 = load16(bgr);
+  const __m128i p1 = load16(bgr + 16);
+  const __m128i p2 = load16(bgr + 32);
+  const __m128i top = _mm_set1_epi8(static_cast<char>(0x80));
+  store16(b, _mm_xor_si128(gather3(p0, p1, p2, kPixelShuffles.split[0]), top));
+  store16(g, _mm_xor_si128(gather3(p0, p1, p2, kPixelShuffles.split[1]), top));
+  store16(r, _mm_xor_si128(gather3(p0, p1, p2, kPixelShuffles.split[2]), top));
+}
+// Planes to pixels, as they are.
+TARSIER_INLINE void join16(std::uint8_t* bgr, const std::uint8_t* b, const std::uint8_t* g,
+                           const std::uint8_t* r) {
+  const __m128i vb = load16(b);
+  const __m128i vg = load16(g);
+  const __m128i vr = load16(r);
+  store16(bgr, gather3(vb, vg, vr, kPixelShuffles.join[0]));
+  store16(bgr + 16, gather3(vb, vg, vr, kPixelShuffles.join[1]));
+  store16(bgr + 32, gather3(vb, vg, vr, kPixelShuffles.join[2]));
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/cartoon/skin.h"
 
+#include "tarsier/cartoon/kernels.h"
 #include "tarsier/cartoon/rows.h"
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
@@ -184,18 +185,11 @@ void smooth_skin(const cv::Mat& frame, const cv::Mat& enlarged, const cv::Mat& s
   cv::blur(buffers.weight, buffers.weight, cv::Size(5, 5));
   cv::resize(buffers.weight, buffers.large_weight, frame.size(), 0, 0, cv::INTER_LINEAR);
   result.create(frame.size(), CV_8UC3);
+  const Kernels& kernel = kernels();
   for_row_bands(frame.rows, [&](int first, int last) {
     for (int y = first; y < last; ++y) {
-      const auto* sharp = frame.ptr(y);
-      const auto* soft = enlarged.ptr(y);
-      const auto* weight = buffers.large_weight.ptr(y);
-      auto* out = result.ptr(y);
-      for (int x = 0; x < frame.cols; ++x) {
-        const int w = weight[x];
-        for (int i = 3 * x; i < 3 * x + 3; ++i) {
-          out[i] = static_cast<std::uint8_t>(sharp[i] + ((soft[i] - sharp[i]) * w + 127) / 255);
-        }
-      }
+      kernel.blend_row(frame.ptr(y), enlarged.ptr(y), buffers.large_weight.ptr(y), result.ptr(y),
+                       frame.cols);
     }
   });
 }
