@@ -12,6 +12,7 @@ struct BenchOptions {
   int repeats = 15;                 // measured runs per case, >= 1; the median counts
   std::vector<std::string> sizes;   // "640x480" ..; empty: the benchmark's own
   std::vector<std::string> only;    // names of cases (modes); empty: all
+  bool stages = false;              // cartoon: where the time of a frame goes
 };
 
 // Each prints a table, or with context.json one object per measured case: "bench" is its own name,

@@ -4,6 +4,7 @@
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/core/timer.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/synth/portrait.h"
 
@@ -17,7 +18,10 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
+#include <ctime>
 #include <filesystem>
+#include <fstream>
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -121,20 +125,68 @@ void keep_worst(std::optional<double>& kept, const std::optional<double>& value)
   if (value) kept = kept ? std::min(*kept, *value) : *value;
 }
 
+double median_of(std::vector<double>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+struct Cost {
+  double wall_ms = 0;
+  double cpu_ms = 0;  // of all threads
+};
+
+double process_cpu_ms() {
+  timespec now{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) / 1e6;
+}
+
+// Medians of `runs` runs of work() on each number of threads, in turn: what else the machine does
+// meanwhile meets all of them alike. Each run has one before it that is not measured, because
+// another number of threads begins with asleep ones.
 template <typename Work>
-double median_ms(int runs, const std::stop_token& stop, const Work& work) {
-  std::vector<double> times;
-  for (int i = 0; i < runs + 1; ++i) {  // the first run only warms up
-    throw_if_stopped(stop);
-    const auto start = std::chrono::steady_clock::now();
-    work();
-    const std::chrono::duration<double, std::milli> spent =
-        std::chrono::steady_clock::now() - start;
-    if (i > 0) times.push_back(spent.count());
+std::map<int, Cost> costs(int runs, const std::set<int>& thread_counts, const std::stop_token& stop,
+                          const Work& work) {
+  std::map<int, std::vector<double>> wall;
+  std::map<int, std::vector<double>> cpu;
+  for (int i = 0; i < runs; ++i) {
+    for (const int threads : thread_counts) {
+      throw_if_stopped(stop);
+      cv::setNumThreads(threads);
+      work();
+      const double cpu_before = process_cpu_ms();
+      const auto start = std::chrono::steady_clock::now();
+      work();
+      const std::chrono::duration<double, std::milli> spent =
+          std::chrono::steady_clock::now() - start;
+      wall[threads].push_back(spent.count());
+      cpu[threads].push_back(process_cpu_ms() - cpu_before);
+    }
   }
-  std::nth_element(times.begin(), times.begin() + static_cast<std::ptrdiff_t>(times.size() / 2),
-                   times.end());
-  return times[times.size() / 2];
+  std::map<int, Cost> result;
+  for (const int threads : thread_counts) {
+    result[threads] = {median_of(wall[threads]), median_of(cpu[threads])};
+  }
+  return result;
+}
+
+std::string processor_name() {
+  std::ifstream file("/proc/cpuinfo");
+  std::string line;
+  while (std::getline(file, line)) {
+    const size_t colon = line.find(": ");
+    if (line.starts_with("model name") && colon != std::string::npos) return line.substr(colon + 2);
+  }
+  return "unknown processor";
+}
+
+// Processes that want to run at the moment, as the system averages them over a minute; this one
+// counts too.
+std::optional<double> load_average() {
+  double load = 0;
+  if (getloadavg(&load, 1) != 1) return std::nullopt;
+  return load;
 }
 
 std::vector<cv::Mat> pictures(const std::vector<std::string>& inputs, cv::Size size) {
@@ -162,6 +214,51 @@ std::string cell(const std::optional<double>& value, int digits) {
   return value ? fmt::format("{:.{}f}", *value, digits) : "-";
 }
 
+// Where the time of a frame goes, in ms of the wall clock: for each stage the fastest of the runs,
+// averaged over the pictures.
+void print_stages(Context& context, const BenchOptions& options, const std::vector<cv::Mat>& frames,
+                  Mode mode, const std::string& size_name, const std::set<int>& thread_counts) {
+  CartoonOptions cartoon_options;
+  cartoon_options.mode = mode;
+  for (const int threads : thread_counts) {
+    cv::setNumThreads(threads);
+    std::vector<std::pair<std::string, double>> stages;
+    for (const cv::Mat& frame : frames) {
+      CartoonState state;
+      (void)cartoon::cartoonize(frame, cartoon_options, state);
+      Timers timers;
+      for (int i = 0; i < options.repeats; ++i) {
+        throw_if_stopped(context.stop);
+        (void)cartoon::cartoonize(frame, cartoon_options, state, nullptr, &timers);
+      }
+      for (const TimerStats& stats : timers.stats()) {
+        const auto at = std::find_if(stages.begin(), stages.end(),
+                                     [&](const auto& stage) { return stage.first == stats.name; });
+        auto& stage = at != stages.end() ? *at : stages.emplace_back(stats.name, 0.0);
+        stage.second += stats.min_ms / static_cast<double>(frames.size());
+      }
+    }
+    for (const auto& [name, ms] : stages) {
+      if (context.json) {
+        print_json_line(nlohmann::json{
+            {"bench", "cartoon"},
+            {"case", fmt::format("{} {}, {} threads: {}", name_of(mode), size_name, threads, name)},
+            {"size", size_name},
+            {"mode", name_of(mode)},
+            {"threads", threads},
+            {"stage", name},
+            {"ms", ms},
+            {"simd", name_of(simd_level())},
+            {"processor", processor_name()}}
+                            .dump());
+      } else {
+        fmt::print("{:<10} {:<12} {:>7} {:<20} {:>8.3f}\n", size_name, name_of(mode), threads, name,
+                   ms);
+      }
+    }
+  }
+}
+
 }  // namespace
 
 ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
@@ -174,20 +271,31 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
   std::set<int> thread_counts{1, std::min(2, cv::getNumberOfCPUs())};
   if (context.threads > 0) thread_counts = {context.threads};
 
+  const std::string processor = processor_name();
+  const std::optional<double> load = load_average();
   if (!context.json) {
     fmt::print(
-        "{}; times in ms, the median of {} runs, averaged over the pictures; likeness: the "
-        "worst.\n\n",
-        name_of(simd_level()), options.repeats);
-    fmt::print("{:<10} {:<12} {:>7} {:>10} {:>8} {:>7} {:>8} {:>7} {:>7} {:>7} {:>7}\n", "size",
-               "mode", "threads", "reference", "fast", "ratio", "frames/s", "scaling", "PSNR",
-               "SSIM", "IoU");
+        "{}, {} processors, {}, load {}; times in ms, the median of {} runs, averaged over the "
+        "pictures; cpu: of all threads; likeness: the worst.\n\n",
+        processor, cv::getNumberOfCPUs(), name_of(simd_level()), cell(load, 2), options.repeats);
+    if (options.stages) {
+      fmt::print("{:<10} {:<12} {:>7} {:<20} {:>8}\n", "size", "mode", "threads", "stage",
+                 "fastest");
+    } else {
+      fmt::print("{:<10} {:<12} {:>7} {:>10} {:>8} {:>8} {:>7} {:>8} {:>7} {:>7} {:>7} {:>7}\n",
+                 "size", "mode", "threads", "reference", "fast", "cpu", "ratio", "frames/s",
+                 "scaling", "PSNR", "SSIM", "IoU");
+    }
   }
   const int threads_before = cv::getNumThreads();
   for (const cv::Size& size : sizes) {
     const std::vector<cv::Mat> frames = pictures(options.inputs, size);
     const std::string size_name = fmt::format("{}x{}", size.width, size.height);
     for (const Mode mode : modes) {
+      if (options.stages) {
+        print_stages(context, options, frames, mode, size_name, thread_counts);
+        continue;
+      }
       CartoonOptions cartoon_options;
       cartoon_options.mode = mode;
       Likeness worst;
@@ -198,29 +306,35 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
         keep_worst(worst.iou, one.iou);
         worst.picture_psnr = std::min(worst.picture_psnr, one.picture_psnr);
       }
-      std::map<int, double> fast_of;
+      std::map<int, Cost> references;
+      std::map<int, Cost> fasts;
+      for (const cv::Mat& frame : frames) {
+        CartoonState state;
+        cv::Mat sink;
+        const auto add = [](std::map<int, Cost>& sums, const std::map<int, Cost>& more) {
+          for (const auto& [threads, cost] : more) {
+            sums[threads].wall_ms += cost.wall_ms;
+            sums[threads].cpu_ms += cost.cpu_ms;
+          }
+        };
+        add(references, costs(std::max(1, options.repeats / 5), thread_counts, context.stop, [&] {
+              sink = cartoon::reference::cartoonize(frame, cartoon_options);
+            }));
+        add(fasts, costs(options.repeats, thread_counts, context.stop,
+                         [&] { (void)cartoon::cartoonize(frame, cartoon_options, state); }));
+      }
       for (const int threads : thread_counts) {
-        cv::setNumThreads(threads);
-        double reference_ms = 0;
-        double fast_ms = 0;
-        for (const cv::Mat& frame : frames) {
-          CartoonState state;
-          cv::Mat sink;
-          reference_ms += median_ms(std::max(1, options.repeats / 5), context.stop, [&] {
-            sink = cartoon::reference::cartoonize(frame, cartoon_options);
-          });
-          fast_ms += median_ms(options.repeats, context.stop,
-                               [&] { (void)cartoon::cartoonize(frame, cartoon_options, state); });
-        }
         const auto count = static_cast<double>(frames.size());
         // A pass-through takes less time than the clock can see.
         constexpr double kLeast_ms = 0.001;
-        reference_ms = std::max(reference_ms / count, kLeast_ms);
-        fast_ms = std::max(fast_ms / count, kLeast_ms);
-        fast_of[threads] = fast_ms;
+        const double reference_ms = std::max(references[threads].wall_ms / count, kLeast_ms);
+        const double fast_ms = std::max(fasts[threads].wall_ms / count, kLeast_ms);
+        const double cpu_ms = fasts[threads].cpu_ms / count;
         const double ratio = reference_ms / fast_ms;
         std::optional<double> scaling;
-        if (threads > 1 && fast_of.contains(1)) scaling = fast_of[1] / fast_ms;
+        if (threads > 1 && fasts.contains(1)) {
+          scaling = std::max(fasts[1].wall_ms / count, kLeast_ms) / fast_ms;
+        }
         if (context.json) {
           print_json_line(nlohmann::json{
               {"bench", "cartoon"},
@@ -230,6 +344,7 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
               {"threads", threads},
               {"reference_ms", reference_ms},
               {"fast_ms", fast_ms},
+              {"cpu_ms", cpu_ms},
               {"ratio", ratio},
               {"fps", 1000 / fast_ms},
               {"scaling", optional_number(scaling)},
@@ -237,13 +352,18 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
               {"ssim", optional_number(worst.ssim)},
               {"iou", optional_number(worst.iou)},
               {"picture_psnr", worst.picture_psnr},
-              {"simd", name_of(simd_level())}}
+              {"simd", name_of(simd_level())},
+              {"processor", processor},
+              {"processors", cv::getNumberOfCPUs()},
+              {"load", optional_number(load)}}
                               .dump());
         } else {
           fmt::print(
-              "{:<10} {:<12} {:>7} {:>10.2f} {:>8.2f} {:>7.1f} {:>8.0f} {:>7} {:>7} {:>7} {:>7}\n",
-              size_name, name_of(mode), threads, reference_ms, fast_ms, ratio, 1000 / fast_ms,
-              cell(scaling, 2), cell(worst.psnr, 1), cell(worst.ssim, 4), cell(worst.iou, 4));
+              "{:<10} {:<12} {:>7} {:>10.2f} {:>8.2f} {:>8.2f} {:>7.1f} {:>8.0f} {:>7} {:>7} {:>7} "
+              "{:>7}\n",
+              size_name, name_of(mode), threads, reference_ms, fast_ms, cpu_ms, ratio,
+              1000 / fast_ms, cell(scaling, 2), cell(worst.psnr, 1), cell(worst.ssim, 4),
+              cell(worst.iou, 4));
           std::fflush(stdout);
         }
       }

@@ -56,6 +56,9 @@ void add_bench(CLI::App& app, Context& context) {
         ->capture_default_str();
     verb.add_option("--size", options->sizes, "only these sizes, e.g. 640x480")->delimiter(',');
     verb.add_option("--only", options->only, "only these cases, e.g. sketch,paint")->delimiter(',');
+    if (benchmark.run == bench_cartoon) {
+      verb.add_flag("--stages", options->stages, "where the time goes: a line for each stage");
+    }
     add_common_flags(verb, context);
     verb.callback([&context, options, run = benchmark.run] {
       context.run = [&context, options, run] {
