@@ -44,7 +44,22 @@ function(tarsier_module name)
       add_test(NAME ${name}/${stem} COMMAND ${name}_${stem})
       set_tests_properties(${name}/${stem} PROPERTIES
         LABELS unit ENVIRONMENT "TARSIER_DATA=${TARSIER_DATA};${TARSIER_TEST_ENVIRONMENT}")
+      tarsier_test_cost(${name}/${stem})
     endforeach()
+  endif()
+endfunction()
+
+# What is known of a test's processor time (scripts/test-times.py --write): ctest starts the longest first, so that it
+# does not wait for one of them at the end.
+file(STRINGS ${PROJECT_SOURCE_DIR}/tests/costs.txt lines REGEX "^[^#]")
+foreach(line IN LISTS lines)
+  string(REGEX MATCH "^([^ ]+) ([0-9]+)$" _ "${line}")
+  set(TARSIER_COST_OF_${CMAKE_MATCH_1} ${CMAKE_MATCH_2})
+endforeach()
+set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/tests/costs.txt)
+function(tarsier_test_cost name)
+  if(DEFINED TARSIER_COST_OF_${name})
+    set_tests_properties(${name} PROPERTIES COST ${TARSIER_COST_OF_${name}})
   endif()
 endfunction()
 

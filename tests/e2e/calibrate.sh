@@ -165,7 +165,7 @@ expect_status 6
 # Interrupted: no file, status 130.
 "$TARSIER" calibrate 'synth:board?frames=100000' "${board[@]}" -o stopped.yaml >/dev/null 2>&1 </dev/null &
 program=$!
-sleep 2
+wait_until_ready $program
 kill -INT $program
 status=0
 wait $program || status=$?

@@ -19,7 +19,13 @@ for _ in $(seq 100); do
   sleep 0.1
 done
 grep -q '"paused":true' camera.txt || fail "the film did not pause: $(cat camera-err.txt)"
-( sleep 2; echo pause >&3 ) &
+( # goes on when the viewer is connected to it
+  for _ in $(seq 600); do
+    grep -qE "^ *[0-9]+: 0100007F:$(printf %04X "$port") 0100007F:[0-9A-F]{4} 01 " /proc/net/tcp && break
+    sleep 0.1
+  done
+  echo pause >&3
+) &
 run cartoon run "$url" --mode sketch -o watched.mp4 --frames 5 --connect-timeout 20 --json
 expect_status 0
 [ "$(grep -c '"frame"' stdout.txt)" -eq 5 ] || fail "frames: $out"

@@ -74,7 +74,7 @@ expect_error 'small.json'
 # Ctrl-C while it trains.
 "$TARSIER" landmarks train face-detector boxes.xml -o x.json --window 48 --epsilon 0.0001 --c 1000000 --quiet &
 program=$!
-sleep 0.7
+wait_until_ready $program
 kill -INT $program 2>/dev/null || true
 status=0
 wait $program || status=$?

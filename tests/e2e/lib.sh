@@ -32,6 +32,15 @@ run() {
   command_line="tarsier $*"
 }
 
+# wait_until_ready PID: until the program takes SIGINT as a wish to stop (which it then blocks), or has ended.
+wait_until_ready() {
+  local blocked
+  while blocked=$(awk '/^State:/ && $2 == "Z" {exit} /^SigBlk/ {print $2}' "/proc/$1/status" 2>/dev/null) && [ -n "$blocked" ]; do
+    [ $((16#$blocked & 2)) -eq 0 ] || return 0
+    sleep 0.02
+  done
+}
+
 expect_status() { [ "$status" -eq "$1" ] || fail "$command_line: exit status $status, expected $1 (stderr: $err)"; }
 
 # One line on stderr that begins as all our errors do and matches each pattern.

@@ -2,7 +2,8 @@
 """Every verb gives the same files and the same JSON whatever the number of threads and wherever memory lies.
 
 Each run of tests/e2e/cli_verbs.py is done with one thread and with three, from the same start; addresses differ from run to
-run by themselves. Times are left out of what is compared. same_again.py [VERB ..]; $TARSIER is the program.
+run by themselves. Times are left out of what is compared. same_again.py [VERB ..]: these verbs, or of all the share
+$TARSIER_SHARD ("2/4": the second of four); $TARSIER is the program, $TARSIER_INPUTS what cli_verbs.py --make made.
 """
 import hashlib
 import json
@@ -18,6 +19,10 @@ import cli_verbs
 MEASURED = re.compile(r"(^|_)(seconds?|s|ms|us|fps|hz|time|when|date|mb|created|threads)($|_)|_per_")
 # Databases have the time of each row.
 DATABASE = re.compile(r"\.(db|db-wal|db-shm|db-journal)$")
+
+
+# Less work than in cli_verbs.VALID, where the number of threads can show in it as well.
+SMALL = {}
 
 
 def without_times(value):
@@ -42,10 +47,11 @@ def tree():
 
 
 def run_with(threads, verb, entry):
-    shutil.rmtree("../work", ignore_errors=True)
-    shutil.copytree("../inputs", "../work")
-    os.chdir("../work")
-    words = [*verb.split(), *shlex.split(entry["words"]), "--json", "--quiet", "--threads", str(threads)]
+    os.chdir("..")
+    shutil.rmtree("work")
+    shutil.copytree(cli_verbs.INPUTS, "work")
+    os.chdir("work")
+    words = [*verb.split(), *shlex.split(SMALL.get(verb, entry["words"])), "--json", "--quiet", "--threads", str(threads)]
     result = cli_verbs.run(words, entry.get("stdin", ""))
     if result.status != entry.get("status", 0):
         cli_verbs.fail(verb, f"with {threads} threads: {result}")
@@ -62,15 +68,11 @@ def difference(one, other, path=""):
 
 
 def main():
-    for name in ("HOME", "XDG_CACHE_HOME", "XDG_DATA_HOME", "XDG_CONFIG_HOME"):
-        os.environ[name] = os.path.abspath("home")
-    os.makedirs("inputs")
-    os.chdir("inputs")
-    cli_verbs.make_inputs()
-    cli_verbs.prepare("people list")
-    cli_verbs.run(["sfm", "reconstruct", "views/images", "-o", "model", "--quiet"])
-    verbs = sys.argv[1:] or [verb for verb in cli_verbs.VALID if verb != "doctor"]  # which tells the number of threads
+    cli_verbs.take_inputs()
+    # All but doctor, which tells the number of threads.
+    verbs = sys.argv[1:] or cli_verbs.my_share([verb for verb in cli_verbs.VALID if verb != "doctor"])
     for verb in verbs:
+        begin = cli_verbs.children_cpu()
         lines, files = run_with(1, verb, cli_verbs.VALID[verb])
         other_lines, other_files = run_with(3, verb, cli_verbs.VALID[verb])
         if text := difference(lines, other_lines):
@@ -78,6 +80,7 @@ def main():
         for path in sorted(files.keys() | other_files.keys()):
             if files.get(path) != other_files.get(path):
                 cli_verbs.fail(verb, f"{path} differs")
+        print(f"   {cli_verbs.children_cpu() - begin:.1f} CPU s: {verb}", flush=True)
     print(f"{len(verbs)} verbs, {len(cli_verbs.failures)} failures")
     sys.exit(1 if cli_verbs.failures else 0)
 

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: MIT
 # shellcheck disable=SC2046 # two numbers, as two words
 # landmarks annotate with a real mouse: three frames of a film with ten points from nothing, killed in the middle.
+# The film shows a frame a second, so that it is still there however late the keys come; frames are then stepped through.
 . "$(dirname "$0")/lib_window.sh"
 
-run cartoon run 'synth:portrait?size=640x480&frames=80' --mode none -o film.avi --quiet
+run cartoon run 'synth:portrait?size=640x480&frames=60&fps=1' --mode none -o film.avi --quiet
 expect_status 0
 
 start_annotate() { # start_annotate ARGUMENTS..
@@ -51,11 +52,15 @@ point_y() { echo $((160 + 90 * ($1 / 5) + 12 * ($1 % 3))); }
 
 start_annotate film.avi -o set.yaml --window
 press space '"paused":true'
-for _ in 1 2 3; do
-  press s '"message":"Picked'
-  press space '"paused":false'
-  sleep 0.4
-  press space '"paused":true'
+picked() { # picked NUMBER: the frame on show, unless it is still the one before
+  local before
+  before=$(events)
+  xdotool key s
+  wait_for "key s" more_events_than "$before" && state | grep -q "\"message\":\"Picked: $1 "
+}
+for number in 1 2 3; do
+  wait_for "picture $number is picked" picked $number
+  press Right '"paused":true' # the next frame
 done
 [ "$(ls set-frames/*.png | wc -l)" -eq 3 ] || fail "three frames should be picked: $(ls set-frames)"
 press Return '"stage":"points"'

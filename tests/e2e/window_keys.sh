@@ -5,7 +5,7 @@
 film=/usr/share/doc/opencv-doc/examples/data/vtest.avi
 [ -r $film ] || skip "no sample film (package opencv-doc)"
 
-start $film --window --save-dir saved
+start $film $film --window --save-dir saved # twice: it plays in real time, and must last
 read -r x y width height <<<"$(x11 geometry "Tarsier cartoon")"
 [ "$width" -le 1024 ] && [ "$height" -le 768 ] || fail "larger than the screen: $width x $height"
 

@@ -20,7 +20,7 @@ ann, ben, third = frames("brbk7n.mpg"), frames("bbaf2n.mpg"), frames("lrwp9a.mpg
 grey = [numpy.full_like(ann[0], 127)] * 100
 # There and back again: enough seconds for the mouse.
 long = lambda part: (part + part[::-1]) * 3
-writer = cv2.VideoWriter("people.avi", cv2.VideoWriter_fourcc(*"MJPG"), 25, (ann[0].shape[1], ann[0].shape[0]))
+writer = cv2.VideoWriter("people.avi", cv2.VideoWriter_fourcc(*"MJPG"), 15, (ann[0].shape[1], ann[0].shape[0]))
 for image in long(ann[:38]) + grey + long(ben[:38]) + grey + ann[38:] + ben[38:] + third:
     writer.write(image)
 writer.release()

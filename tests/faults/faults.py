@@ -338,14 +338,11 @@ class Case:
 
 
 def make_inputs(folder):
-    os.makedirs(folder)
-    os.chdir(folder)
-    cli_verbs.make_inputs()
-    cli_verbs.prepare("people list")
-    made = run(["sfm", "reconstruct", "views/images", "-o", "model", "--no-cache", "--quiet"])
-    if made.status != 0:
-        sys.exit(f"cannot make the inputs: {made}")
-    os.rename("model", "first-model")
+    if made := os.environ.get("TARSIER_INPUTS"):
+        shutil.copytree(made, folder)
+    else:
+        cli_verbs.make_inputs(folder)
+    os.rename(os.path.join(folder, "model"), os.path.join(folder, "first-model"))
 
 
 def cases(inputs, only):
