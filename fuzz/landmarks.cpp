@@ -3,6 +3,7 @@
 #include "tarsier/appearance/fit.h"
 #include "tarsier/appearance/model.h"
 #include "tarsier/appearance/synthesis.h"
+#include "tarsier/face/face_networks.h"
 #include "tarsier/landmarks/face_finder.h"
 #include "tarsier/landmarks/faces_json.h"
 #include "tarsier/landmarks/hog_detector.h"
@@ -49,6 +50,12 @@ TARSIER_FUZZ_TARGET(hog_detector, kJson) {
   model.check();
   landmarks::FaceFinder finder(model, {});
   (void)finder.find(picture());
+}
+
+TARSIER_FUZZ_TARGET(face_networks, kJson) {
+  const FaceNetworks networks = read_face_networks(file_of(input, "model.json"));
+  FaceSearchWorkspace workspace;
+  (void)search_faces(picture(), networks, {.min_face = 16, .max_places = 20}, workspace);
 }
 
 TARSIER_FUZZ_TARGET(face_lines, kJson) {

@@ -27,9 +27,9 @@ cv::Mat gray_of(const cv::Mat& picture) {
 appearance::FindStarts from_detector(const appearance::AppearanceModel& model,
                                      const AamFlags& flags) {
   landmarks::FaceFinderOptions options;
-  options.detector.min_size = flags.min_face;
+  options.detector.min_face = flags.min_face;
   options.detector.check();
-  const auto finder = std::make_shared<landmarks::FaceFinder>(options);
+  const auto finder = std::make_shared<landmarks::FaceFinder>(make_face_finder("", options));
   return [finder, &model, count = flags.starts](const cv::Mat& picture) {
     Starts starts;
     for (const landmarks::Candidate& candidate : finder->find(gray_of(picture)))
@@ -88,9 +88,7 @@ void add_aam_flags(CLI::App& verb, AamFlags& flags) {
   verb.add_option("--starts", flags.starts, "fits around each start, of which the best stays")
       ->check(CLI::Range(1, 100))
       ->capture_default_str();
-  verb.add_option("--min-face", flags.min_face,
-                  "smallest face that is looked for, share of the picture's smaller side")
-      ->capture_default_str();
+  add_min_face_flag(verb, flags.min_face);
   CLI::Option* iterations =
       verb.add_option("--iterations", flags.fit.iterations, "at most, for each level")
           ->capture_default_str();

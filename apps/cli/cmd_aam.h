@@ -22,7 +22,7 @@ struct AamFlags {
   std::string method = "auto";  // project-out, alternating; auto: alternating
   std::string start = "auto";   // detector, landmarks, search; auto: as the model can
   int starts = 1;               // around each
-  double min_face = 0.1;        // share of the picture's smaller side
+  double min_face = 0;          // px; 0: the usual
   appearance::FitOptions fit;
 };
 void add_aam_flags(CLI::App& verb, AamFlags& flags);

@@ -11,6 +11,7 @@
 
 #include "cmd_aam.h"
 #include "cmd_landmarks.h"
+#include "landmark_engine.h"
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -39,7 +40,7 @@ struct TrainFlags {
 
 // The box of the face that the points are of.
 appearance::Detect nearest_face() {
-  const auto finder = std::make_shared<landmarks::FaceFinder>();
+  const auto finder = std::make_shared<landmarks::FaceFinder>(make_face_finder("", {}));
   return [finder](const cv::Mat& picture) -> std::optional<cv::Rect2d> {
     cv::Mat gray;
     cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);

@@ -20,8 +20,9 @@ void add_landmarks_track(CLI::App& area, Context& context);
 void add_landmarks_eval(CLI::App& area, Context& context);
 void add_landmarks_adapt(CLI::App& area, Context& context);
 
-// A verb of `train`.
+// Verbs of `train`.
 void add_landmarks_train_detector(CLI::App& parent, Context& context);
+void add_landmarks_train_networks(CLI::App& parent, Context& context);
 
 // A set as it is given to train and eval: our own file, or whatever `landmarks import` takes.
 // What had to be left out is logged.
@@ -40,5 +41,8 @@ enum class Part { kHeldOut, kOthers };
 // The boxes of a dlib .xml file, or those around the landmarks of a set.
 [[nodiscard]] std::vector<shape::BoxedPicture> load_boxes(const SetFlags& flags, int every,
                                                           Part part);
+
+// Pictures without the object, in the order of their names. Throws InputError for an empty folder.
+void add_pictures_without(const std::string& folder, std::vector<shape::BoxedPicture>& pictures);
 
 }  // namespace tarsier::cli

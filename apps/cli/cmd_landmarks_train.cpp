@@ -193,6 +193,7 @@ void add_landmarks_train(CLI::App& area, Context& context) {
   add_kind(verb, context, "trees", "regression trees", Kind::kTrees);
   add_kind(verb, context, "tracker", "all parts in one file", Kind::kTracker);
   add_landmarks_train_detector(verb, context);
+  add_landmarks_train_networks(verb, context);
 }
 
 }  // namespace tarsier::cli

@@ -37,17 +37,6 @@ std::vector<shape::BoxedPicture> load_boxes(const SetFlags& flags, int every, Pa
   return pictures;
 }
 
-namespace {
-
-struct DetectorFlags {
-  SetFlags set;
-  std::string output;
-  std::string terms;
-  std::string without;
-  int hold_out = 0;
-  landmarks::HogOptions options;
-};
-
 void add_pictures_without(const std::string& folder, std::vector<shape::BoxedPicture>& pictures) {
   std::vector<std::string> paths;
   std::error_code error;
@@ -58,6 +47,17 @@ void add_pictures_without(const std::string& folder, std::vector<shape::BoxedPic
   std::sort(paths.begin(), paths.end());
   for (std::string& path : paths) pictures.push_back({std::move(path), {}, {}, {}});
 }
+
+namespace {
+
+struct DetectorFlags {
+  SetFlags set;
+  std::string output;
+  std::string terms;
+  std::string without;
+  int hold_out = 0;
+  landmarks::HogOptions options;
+};
 
 ExitStatus train_detector(DetectorFlags& flags, Context& context) {
   using Clock = std::chrono::steady_clock;

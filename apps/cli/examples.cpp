@@ -18,6 +18,7 @@ std::string example_of(const std::string& verb) {
       {"landmarks train trees", "set.yaml -o trees.json --mirror"},
       {"landmarks train tracker", "set.yaml -o mine.json --mirror --hold-out 5"},
       {"landmarks train face-detector", "boxes.xml -o finder.json"},
+      {"landmarks train face-networks", "boxes.xml --without streets -o finder.json"},
       {"landmarks fit", "group.jpg -o points.png"},
       {"landmarks track", "film.mp4 --csv points.csv"},
       {"landmarks adapt", "me.yaml -o me.json"},

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "landmark_engine.h"
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
@@ -32,9 +33,7 @@ void add_face_flags(CLI::App& verb, PeopleFlags& flags) {
   const auto group = [](CLI::Option* option) { option->group("Faces"); };
   group(verb.add_option("--eyes", flags.eyes, "how eyes are found: landmarks, cascades, 2splits")
             ->capture_default_str());
-  group(verb.add_option("--min-face", flags.min_face,
-                        "smallest face that is looked for, share of the picture's smaller side")
-            ->capture_default_str());
+  group(add_min_face_flag(verb, flags.min_face));
   group(verb.add_flag("!--strict", flags.thorough,
                       "only faces that the frontal detector is sure of: faster"));
   group(verb.add_option("--background", flags.background,
@@ -45,7 +44,7 @@ void add_face_flags(CLI::App& verb, PeopleFlags& flags) {
 people::FaceReader make_face_reader(const PeopleFlags& flags) {
   people::FaceReaderOptions options;
   options.eyes = people::parse_eye_method(flags.eyes);
-  options.finder.detector.min_size = flags.min_face;
+  options.finder.detector.min_face = flags.min_face;
   options.finder.thorough = flags.thorough;
   options.finder.detector.check();
   // A wrong path is told before anything is written, also where the file is needed only at the end.
@@ -65,7 +64,7 @@ people::FaceReader make_face_reader(const PeopleFlags& flags) {
       options.eyes = people::EyeMethod::kCascades;
     }
   }
-  return {options, std::move(model)};
+  return {options, std::move(model), shipped_face_networks()};
 }
 
 std::string background_path(const PeopleFlags& flags) {

@@ -23,7 +23,7 @@ struct PeopleFlags {
   std::string gallery = "people.db";
   std::string eyes = "landmarks";
   std::string background;  // empty: the one that ships; "none": nothing is known
-  double min_face = 0.1;
+  double min_face = 0;     // px, smallest face that is looked for; 0: the usual
   bool thorough = true;
 };
 

@@ -45,10 +45,16 @@ std::string find_cascade(const std::string& name) {
   return "";
 }
 
+double usual_min_face(cv::Size picture) {
+  constexpr double kSmallPicture = 0.5e6;  // px
+  return static_cast<double>(picture.width) * picture.height > kSmallPicture ? 40 : 24;
+}
+
 void FaceDetectorOptions::check() const {
-  TARSIER_REQUIRE(min_size > 0 && min_size <= 1, "smallest face is in (0, 1], got {}", min_size);
-  TARSIER_REQUIRE(work_width >= 80 && work_width <= 4096, "working width is 80..4096 px, got {}",
-                  work_width);
+  TARSIER_REQUIRE(min_face == 0 || (min_face >= 16 && min_face <= 8192),
+                  "the smallest face is of 16..8192 px, got {}", min_face);
+  TARSIER_REQUIRE(max_width == 0 || (max_width >= 80 && max_width <= 4096),
+                  "working width is 80..4096 px, got {}", max_width);
   TARSIER_REQUIRE(step >= 1.01 && step <= 2, "steps between sizes are 1.01..2, got {}", step);
   TARSIER_REQUIRE(neighbors >= 1 && neighbors <= 20, "neighbours are 1..20, got {}", neighbors);
 }
@@ -58,6 +64,7 @@ struct FaceDetector::Impl {
   cv::CascadeClassifier cascade;
   cv::Mat gray;
   cv::Mat small;
+  std::int64_t pixels = 0;
 };
 
 FaceDetector::FaceDetector(const FaceDetectorOptions& options) : impl_(std::make_unique<Impl>()) {
@@ -81,24 +88,37 @@ FaceDetector::~FaceDetector() = default;
 FaceDetector::FaceDetector(FaceDetector&&) noexcept = default;
 FaceDetector& FaceDetector::operator=(FaceDetector&&) noexcept = default;
 
+std::int64_t FaceDetector::pixels() const { return impl_->pixels; }
+
 std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame) {
+  const FaceDetectorOptions& options = impl_->options;
+  return detect(frame, options.min_face > 0 ? options.min_face : usual_min_face(frame.size()), 0);
+}
+
+std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame, double min_face, double max_face) {
   TARSIER_REQUIRE(!frame.empty() && frame.depth() == CV_8U, "got {}x{}", frame.cols, frame.rows);
+  TARSIER_REQUIRE(min_face > 0 && max_face >= 0, "faces of {} to {} px", min_face, max_face);
   Impl& my = *impl_;
-  const double scale = std::min(1.0, static_cast<double>(my.options.work_width) / frame.cols);
+  double scale = kCascadeWindow / min_face;
+  if (my.options.max_width > 0) {
+    scale = std::min({1.0, scale, static_cast<double>(my.options.max_width) / frame.cols});
+  }
   const cv::Size size(std::max(1, cvRound(frame.cols * scale)),
                       std::max(1, cvRound(frame.rows * scale)));
-  cv::resize(frame, my.small, size, 0, 0, cv::INTER_AREA);
+  cv::resize(frame, my.small, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
   if (my.small.channels() == 3) {
     cv::cvtColor(my.small, my.gray, cv::COLOR_BGR2GRAY);
   } else {
     my.small.copyTo(my.gray);
   }
   cv::equalizeHist(my.gray, my.gray);
-  const int least = std::max(24, cvRound(my.options.min_size * std::min(size.width, size.height)));
+  const int smallest = std::max(kCascadeWindow, cvRound(min_face * scale));
+  const int largest = max_face > 0 ? cvRound(max_face * scale) : 0;
+  my.pixels += size.area();
   std::vector<cv::Rect> faces;
-  if (std::min(size.width, size.height) >= least) {
+  if (std::min(size.width, size.height) >= smallest && (largest == 0 || largest >= smallest)) {
     my.cascade.detectMultiScale(my.gray, faces, my.options.step, my.options.neighbors, 0,
-                                cv::Size(least, least));
+                                cv::Size(smallest, smallest), cv::Size(largest, largest));
   }
   for (cv::Rect& face : faces) {
     face = cv::Rect(cvRound(face.x / scale), cvRound(face.y / scale), cvRound(face.width / scale),
@@ -125,8 +145,9 @@ FaceFollower::FaceFollower(FaceDetectorOptions detector, FaceFollowerOptions opt
   TARSIER_REQUIRE(options.search_every >= 1 && options.forget_after >= 1, "got {}, {}",
                   options.search_every, options.forget_after);
   FaceDetectorOptions close = detector;
-  close.work_width = 96;
-  close.min_size = 0.4;
+  // The face is about half as wide as the part.
+  close.max_width = 96;
+  close.min_face = kCascadeWindow;
   impl_ =
       std::make_unique<Impl>(Impl{FaceDetector(detector), FaceDetector(close), options, {}, 0, 1});
 }

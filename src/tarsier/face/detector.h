@@ -4,6 +4,7 @@
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
 
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
@@ -15,17 +16,25 @@ namespace tarsier {
 // ("haarcascade_frontalface_alt2.xml") or "".
 [[nodiscard]] std::string find_cascade(const std::string& name);
 
+// Width of the smallest face that is looked for where nothing else is asked, px of the picture: 40,
+// and 24 in pictures of up to half a megapixel, where it costs little.
+[[nodiscard]] double usual_min_face(cv::Size picture);
+
 struct FaceDetectorOptions {
-  double min_size = 0.1;  // smallest face, share of the picture's smaller side, (0, 1]
-  int work_width = 320;   // px; larger pictures are searched at this width, 80..4096
-  int neighbors = 3;      // rectangles that must agree, 1..20
-  double step = 1.1;      // from one size of face that is looked for to the next, 1.01..2
+  double min_face = 0;  // px of the picture, width of the smallest box, 16..8192; 0: the usual
+  // px; wider pictures are searched at this width, whatever min_face says, 80..4096; 0: at the
+  // width that min_face needs.
+  int max_width = 0;
+  int neighbors = 3;  // rectangles that must agree, 1..20
+  double step = 1.1;  // from one size of face that is looked for to the next, 1.01..2
   std::string cascade = "haarcascade_frontalface_alt2.xml";
 
   void check() const;
 };
 
-// Finds upright frontal faces with a boosted cascade (Viola and Jones, CVPR 2001). Not thread-safe.
+// Finds upright frontal faces with a boosted cascade (Viola and Jones, CVPR 2001), in the picture
+// reduced so that min_face is kCascadeWindow px. Not thread-safe.
+inline constexpr int kCascadeWindow = 24;
 class FaceDetector {
  public:
   // Throws ModelError when no cascade file is found (Debian: package opencv-data).
@@ -36,6 +45,11 @@ class FaceDetector {
 
   // Faces in `frame` (CV_8UC3 BGR or CV_8UC1), px, largest first.
   [[nodiscard]] std::vector<cv::Rect> detect(const cv::Mat& frame);
+  // Other sizes than those of the options; max_face 0: as large as the picture.
+  [[nodiscard]] std::vector<cv::Rect> detect(const cv::Mat& frame, double min_face,
+                                             double max_face);
+  // Pixels of all pictures so far, as they were searched: what the searches cost.
+  [[nodiscard]] std::int64_t pixels() const;
 
  private:
   struct Impl;
@@ -51,7 +65,9 @@ struct FaceFollowerOptions {
 // between, positions smoothed, short misses bridged. Not thread-safe.
 class FaceFollower {
  public:
-  explicit FaceFollower(FaceDetectorOptions detector = {}, FaceFollowerOptions options = {});
+  // The whole picture is searched at 320 px: faces of 7.5 % of its width and more.
+  explicit FaceFollower(FaceDetectorOptions detector = {.max_width = 320},
+                        FaceFollowerOptions options = {});
   ~FaceFollower();
   FaceFollower(FaceFollower&&) noexcept;
   FaceFollower& operator=(FaceFollower&&) noexcept;

@@ -70,7 +70,8 @@ TEST(FaceDetector, TinyPicturesHaveNoFaces) {
 }
 
 TEST(FaceDetector, RejectsOptionsOutOfRange) {
-  EXPECT_THROW(FaceDetector({.min_size = 0}), std::invalid_argument);
+  EXPECT_THROW(FaceDetector({.min_face = 8}), std::invalid_argument);
+  EXPECT_THROW(FaceDetector({.max_width = 20}), std::invalid_argument);
 }
 
 }  // namespace

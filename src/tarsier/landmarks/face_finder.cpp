@@ -12,6 +12,8 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <tuple>
+#include <utility>
 
 namespace tarsier::landmarks {
 
@@ -74,6 +76,15 @@ Eigen::Matrix2Xd start_in_box(const BoxModel& model, const Eigen::Matrix2Xd& mea
   return (mean * (model.size * box.width)).colwise() + center;
 }
 
+BoxModel cascade_box() {
+  BoxModel model;
+  model.dx = 0.0089;
+  model.dy = 0.1209;
+  model.size = 0.3262;
+  model.trained_on = 899;
+  return model;
+}
+
 cv::Rect2d box_around(const BoxModel& model, const Eigen::Matrix2Xd& points) {
   const double width = shape_size(points) / model.size;
   const Eigen::Vector2d center = points.rowwise().mean();
@@ -81,24 +92,14 @@ cv::Rect2d box_around(const BoxModel& model, const Eigen::Matrix2Xd& points) {
           center.y() - model.dy * width - 0.5 * width + 0.5, width, width};
 }
 
-struct FaceFinder::Impl {
-  FaceFinderOptions options;
-  std::optional<FaceDetector> strict;  // or
-  std::optional<HogFinder> trained;
-  // Made when they are first needed; nothing where the file is missing.
-  std::vector<std::optional<FaceDetector>> others;
-  bool tried = false;
-  cv::Mat flipped;
-  std::optional<BoxModel> box;
-
-  void load();
-  [[nodiscard]] std::vector<Candidate> find_trained(const cv::Mat& gray, double below);
-};
-
 namespace {
 
 // How far under its threshold a trained detector is still asked, margins of the training.
 constexpr double kBelow = 0.5;
+// Longest side of a film's tile, in windows of the detector; of a still picture's.
+constexpr double kTile = 12;
+constexpr double kHogTile = 8;
+constexpr double kHogStill = 16;
 
 FaceDetectorOptions less_strict(FaceDetectorOptions options) {
   options.neighbors = std::max(1, options.neighbors - 1);
@@ -111,7 +112,62 @@ std::optional<FaceDetector> detector_if_there(const FaceDetectorOptions& options
   return FaceDetector(options);
 }
 
+struct Scored {
+  Candidate candidate;
+  double score = 0;
+};
+
+// Sure ones first, then the better ones, then the larger; those that overlap an earlier one go.
+// Returned largest first.
+std::vector<Candidate> merged(std::vector<Scored> all) {
+  std::stable_sort(all.begin(), all.end(), [](const Scored& a, const Scored& b) {
+    return std::tuple(!a.candidate.sure, -a.score, -a.candidate.box.area()) <
+           std::tuple(!b.candidate.sure, -b.score, -b.candidate.box.area());
+  });
+  std::vector<Candidate> kept;
+  for (const Scored& one : all) {
+    const cv::Rect2d& box = one.candidate.box;
+    const bool known = std::any_of(kept.begin(), kept.end(), [&](const Candidate& better) {
+      const double common = (better.box & box).area();
+      return overlap(better.box, box) > 0.35 ||
+             common > 0.75 * std::min(better.box.area(), box.area());
+    });
+    if (!known) kept.push_back(one.candidate);
+  }
+  std::stable_sort(kept.begin(), kept.end(), [](const Candidate& a, const Candidate& b) {
+    return a.box.area() > b.box.area();
+  });
+  return kept;
+}
+
 }  // namespace
+
+struct FaceFinder::Impl {
+  FaceFinderOptions options;
+  std::optional<FaceDetector> strict;  // or
+  std::optional<HogFinder> trained;    // or
+  std::shared_ptr<const FaceNetworks> networks;
+  FaceSearchWorkspace workspace;
+  // The other cascades, made when they are first needed; nothing where the file is missing.
+  std::vector<std::optional<FaceDetector>> others;
+  bool tried = false;
+  std::size_t turn = 0;  // of the less strict searches of tiles
+  cv::Mat flipped;
+  std::optional<BoxModel> box;
+  std::int64_t hog_pixels = 0;
+
+  void load();
+  [[nodiscard]] double window() const;
+  [[nodiscard]] double min_face(cv::Size picture) const;
+  void search_tile(const cv::Mat& gray, const SearchTile& tile, bool thorough,
+                   std::vector<Scored>& found);
+  void search_strict(const cv::Mat& gray, const SearchTile& tile, std::vector<Scored>& found);
+  // Less strict search number 0 .. kSearches - 1.
+  static constexpr std::size_t kSearches = 4;
+  void search_loosely(const cv::Mat& gray, const SearchTile& tile, std::size_t which,
+                      std::vector<Scored>& found);
+  [[nodiscard]] std::vector<Candidate> find(const cv::Mat& gray, bool thorough);
+};
 
 void FaceFinder::Impl::load() {
   if (tried) return;
@@ -125,6 +181,86 @@ void FaceFinder::Impl::load() {
   others.push_back(detector_if_there(loose));
 }
 
+double FaceFinder::Impl::window() const {
+  if (networks) return kScanFace;
+  if (!trained) return kCascadeWindow;
+  const HogDetector& model = trained->detector();
+  return std::sqrt(static_cast<double>(model.width) * model.height);
+}
+
+double FaceFinder::Impl::min_face(cv::Size picture) const {
+  if (options.detector.min_face > 0) return options.detector.min_face;
+  return trained ? 40 : usual_min_face(picture);
+}
+
+void FaceFinder::Impl::search_strict(const cv::Mat& gray, const SearchTile& tile,
+                                     std::vector<Scored>& found) {
+  for (const cv::Rect& seen : strict->detect(gray(tile.area), tile.min_face, tile.max_face)) {
+    found.push_back({{cv::Rect2d(seen + tile.area.tl()), true}, 0});
+  }
+}
+
+void FaceFinder::Impl::search_loosely(const cv::Mat& gray, const SearchTile& tile,
+                                      std::size_t which, std::vector<Scored>& found) {
+  load();
+  const std::size_t number = std::min<std::size_t>(which, others.size() - 1);
+  if (!others[number]) return;
+  cv::Mat part = gray(tile.area);
+  const bool mirrored = which == kSearches - 1;
+  if (mirrored) {
+    cv::flip(part, flipped, 1);
+    part = flipped;
+  }
+  for (cv::Rect seen : others[number]->detect(part, tile.min_face, tile.max_face)) {
+    if (mirrored) seen.x = part.cols - seen.x - seen.width;
+    found.push_back({{cv::Rect2d(seen + tile.area.tl()), false}, 0});
+  }
+}
+
+void FaceFinder::Impl::search_tile(const cv::Mat& gray, const SearchTile& tile, bool thorough,
+                                   std::vector<Scored>& found) {
+  const cv::Point2d corner(tile.area.tl());
+  if (networks) {
+    FaceSearchOptions search;
+    search.min_face = std::max<double>(kScanFace, tile.min_face);
+    search.max_face = tile.max_face > 0 ? std::max(search.min_face, tile.max_face) : 0;
+    search.threshold = thorough ? networks->likely : networks->sure;
+    for (const ScoredFace& face : search_faces(gray(tile.area), *networks, search, workspace)) {
+      found.push_back({{face.box + corner, face.score >= networks->sure}, face.score});
+    }
+    return;
+  }
+  if (trained) {
+    const double shrunk = std::min(1.0, window() / tile.min_face);
+    hog_pixels += static_cast<std::int64_t>(tile.area.area() * shrunk * shrunk);
+    for (const ScoredBox& scored :
+         trained->find(gray(tile.area), tile.min_face, thorough ? kBelow : 0)) {
+      if (tile.max_face > 0 && scored.box.width > 1.3 * tile.max_face) continue;
+      found.push_back({{scored.box + corner, scored.score >= 0}, scored.score});
+    }
+    return;
+  }
+  search_strict(gray, tile, found);
+  if (!thorough) return;
+  for (std::size_t which = 0; which < kSearches; ++which) {
+    search_loosely(gray, tile, which, found);
+  }
+}
+
+std::vector<Candidate> FaceFinder::Impl::find(const cv::Mat& gray, bool thorough) {
+  require_gray(gray);
+  const double smallest = min_face(gray.size());
+  std::vector<Scored> found;
+  if (trained) {
+    const SearchPlan plan = plan_search(gray.size(), smallest, window(), kHogStill * window());
+    search_tile(gray, plan.whole, thorough, found);
+    for (const SearchTile& tile : plan.tiles) search_tile(gray, tile, thorough, found);
+  } else {
+    search_tile(gray, {cv::Rect(0, 0, gray.cols, gray.rows), smallest, 0}, thorough, found);
+  }
+  return merged(std::move(found));
+}
+
 FaceFinder::FaceFinder(const FaceFinderOptions& options) : impl_(std::make_unique<Impl>()) {
   impl_->options = options;
   impl_->strict.emplace(options.detector);
@@ -136,59 +272,60 @@ FaceFinder::FaceFinder(const HogDetector& detector, const FaceFinderOptions& opt
   impl_->trained.emplace(detector);
   impl_->box = detector.box;
 }
+FaceFinder::FaceFinder(std::shared_ptr<const FaceNetworks> networks,
+                       const FaceFinderOptions& options)
+    : impl_(std::make_unique<Impl>()) {
+  TARSIER_REQUIRE(networks != nullptr, "no networks");
+  options.detector.check();
+  networks->require();
+  impl_->options = options;
+  impl_->networks = std::move(networks);
+}
 FaceFinder::~FaceFinder() = default;
 FaceFinder::FaceFinder(FaceFinder&&) noexcept = default;
 FaceFinder& FaceFinder::operator=(FaceFinder&&) noexcept = default;
 
 const std::optional<BoxModel>& FaceFinder::box_model() const { return impl_->box; }
 
-std::vector<Candidate> FaceFinder::Impl::find_trained(const cv::Mat& gray, double below) {
-  const double least = std::max(1.0, options.detector.min_size * std::min(gray.cols, gray.rows));
-  std::vector<Candidate> found;
-  for (const ScoredBox& scored : trained->find(gray, least, below)) {
-    found.push_back({scored.box, scored.score >= 0});
+double FaceFinder::min_face(cv::Size picture) const { return impl_->min_face(picture); }
+
+std::int64_t FaceFinder::pixels() const {
+  std::int64_t sum = impl_->workspace.pixels + impl_->hog_pixels;
+  if (impl_->strict) sum += impl_->strict->pixels();
+  for (const auto& other : impl_->others) {
+    if (other) sum += other->pixels();
   }
-  std::stable_sort(found.begin(), found.end(), [](const Candidate& a, const Candidate& b) {
-    return a.box.area() > b.box.area();
-  });
-  return found;
+  return sum;
+}
+
+SearchPlan FaceFinder::plan(cv::Size picture) const {
+  const double window = impl_->window();
+  return plan_search(picture, impl_->min_face(picture), window,
+                     (impl_->trained ? kHogTile : kTile) * window);
 }
 
 std::vector<Candidate> FaceFinder::find_sure(const cv::Mat& gray) {
-  require_gray(gray);
-  if (impl_->trained) return impl_->find_trained(gray, 0);
-  std::vector<Candidate> found;
-  for (const cv::Rect& box : impl_->strict->detect(gray)) {
-    found.push_back({cv::Rect2d(box.x, box.y, box.width, box.height), true});
-  }
-  return found;
+  return impl_->find(gray, false);
 }
 
 std::vector<Candidate> FaceFinder::find(const cv::Mat& gray) {
-  std::vector<Candidate> found = find_sure(gray);
-  if (!found.empty() || !impl_->options.thorough) return found;
-  if (impl_->trained) return impl_->find_trained(gray, kBelow);
-  impl_->load();
-  const auto add = [&](const cv::Rect2d& box) {
-    for (const Candidate& known : found) {
-      if (overlap(known.box, box) > 0.6) return;
-    }
-    found.push_back({box, false});
-  };
-  for (std::size_t k = 0; k < impl_->others.size(); ++k) {
-    if (!impl_->others[k]) continue;
-    const bool profile = k + 1 == impl_->others.size();
-    for (const cv::Rect& box : impl_->others[k]->detect(gray)) add(box);
-    if (!profile) continue;
-    cv::flip(gray, impl_->flipped, 1);
-    for (const cv::Rect& box : impl_->others[k]->detect(impl_->flipped)) {
-      add(cv::Rect2d(gray.cols - box.x - box.width, box.y, box.width, box.height));
-    }
+  return impl_->find(gray, impl_->options.thorough);
+}
+
+std::vector<Candidate> FaceFinder::find_in(const cv::Mat& gray, const SearchTile& tile) {
+  require_gray(gray);
+  Impl& my = *impl_;
+  SearchTile inside = tile;
+  inside.area &= cv::Rect(0, 0, gray.cols, gray.rows);
+  if (inside.area.empty()) return {};
+  std::vector<Scored> found;
+  if (my.strict && my.options.thorough) {
+    my.search_strict(gray, inside, found);
+    my.search_loosely(gray, inside, my.turn++ % Impl::kSearches, found);
+  } else {
+    my.search_tile(gray, inside, my.options.thorough, found);
   }
-  std::stable_sort(found.begin(), found.end(), [](const Candidate& a, const Candidate& b) {
-    return a.box.area() > b.box.area();
-  });
-  return found;
+  return merged(std::move(found));
 }
 
 nlohmann::json to_json(const BoxModel& model) {

@@ -2,12 +2,15 @@
 #pragma once
 
 #include "tarsier/face/detector.h"
+#include "tarsier/face/face_networks.h"
+#include "tarsier/face/search_plan.h"
 #include "tarsier/landmarks/training_face.h"
 
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
 
+#include <cstdint>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
@@ -34,6 +37,8 @@ struct BoxModel {
 // `mean` is centred and of size 1.
 [[nodiscard]] Eigen::Matrix2Xd start_in_box(const BoxModel& model, const Eigen::Matrix2Xd& mean,
                                             const cv::Rect2d& box);
+// Where the 68 points of 300-W lie in the boxes of the frontal cascade, measured on faces68.
+[[nodiscard]] BoxModel cascade_box();
 // The box that a detector would have drawn around a shape of this place and size.
 [[nodiscard]] cv::Rect2d box_around(const BoxModel& model, const Eigen::Matrix2Xd& points);
 
@@ -46,20 +51,23 @@ struct Candidate {
 };
 
 struct FaceFinderOptions {
+  // Of the cascades; of other detectors only the sizes of faces count.
   FaceDetectorOptions detector;
-  // Where the strict search finds nothing, look again less strictly, with another cascade and for
-  // profiles.
+  // Look less strictly, too: below the detector's threshold, or with other cascades (one for
+  // profiles) everywhere.
   bool thorough = true;
 };
 
-// Not thread-safe.
+// Faces of any size in pictures of any size, by one of three detectors: the networks of
+// face/face_networks.h, a detector of one's own (hog_detector.h), or OpenCV's cascades. What the
+// strict and the less strict search see is put together: of boxes that overlap a sure one stays, so
+// that one found face never hides another. Not thread-safe.
 class FaceFinder {
  public:
-  // Throws ModelError where the cascades are missing (Debian: opencv-data).
+  // The cascades. Throws ModelError where they are missing (Debian: opencv-data).
   explicit FaceFinder(const FaceFinderOptions& options = {});
-  // Looks with a trained detector instead of the cascades; the less strict search goes below its
-  // threshold. Of `options.detector` only min_size counts.
   FaceFinder(const HogDetector& detector, const FaceFinderOptions& options);
+  FaceFinder(std::shared_ptr<const FaceNetworks> networks, const FaceFinderOptions& options);
   ~FaceFinder();
   FaceFinder(FaceFinder&&) noexcept;
   FaceFinder& operator=(FaceFinder&&) noexcept;
@@ -67,6 +75,15 @@ class FaceFinder {
   [[nodiscard]] std::vector<Candidate> find(const cv::Mat& gray);
   // Only the strict search.
   [[nodiscard]] std::vector<Candidate> find_sure(const cv::Mat& gray);
+  // In a part of the picture. Of the cascades' less strict searches one is made, each in its turn.
+  [[nodiscard]] std::vector<Candidate> find_in(const cv::Mat& gray, const SearchTile& tile);
+  // How the search of pictures of this size is spread over a film. A tile costs about the
+  // same whatever the size is.
+  [[nodiscard]] SearchPlan plan(cv::Size picture) const;
+  // What the searches cost so far: pixels of pictures and their pyramids as they were looked at.
+  [[nodiscard]] std::int64_t pixels() const;
+  // Width of the smallest face that is looked for in such a picture, px.
+  [[nodiscard]] double min_face(cv::Size picture) const;
   // Where shapes lie in the boxes of a trained detector; nothing: as in those of the cascade.
   [[nodiscard]] const std::optional<BoxModel>& box_model() const;
 

@@ -88,7 +88,7 @@ class HogFinder {
   HogFinder& operator=(HogFinder&&) noexcept;
   [[nodiscard]] const HogDetector& detector() const;
   // Objects of at least `least` px (square root of the area) in `gray` (CV_8UC1), best first. The
-  // picture is enlarged at most twice and to 2 MP. `below`: so far under the threshold, too.
+  // picture is enlarged at most four times and to 2 MP. `below`: so far under the threshold, too.
   [[nodiscard]] std::vector<ScoredBox> find(const cv::Mat& gray, double least, double below = 0);
 
  private:

@@ -120,7 +120,7 @@ TEST_F(HogDetectorTest, KnowsWhereShapesLieInItsBoxes) {
   model.box = {0.5, 0.5, 0.9, 1};
   FaceFinder finder(detector, {});
   const cv::Mat gray = read_gray_image(pictures_[2].image);
-  const std::vector<Candidate> candidates = finder.find(gray);
+  const std::vector<Candidate> candidates = finder.find_sure(gray);
   ASSERT_EQ(candidates.size(), 1U);
   const Eigen::Matrix2Xd start = start_at(model, finder, candidates[0]);
   const Eigen::Matrix2Xd& truth = pictures_[2].shapes[0];

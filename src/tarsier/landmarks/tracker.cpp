@@ -61,18 +61,37 @@ class Step {
     drop_doubles();
   }
 
-  // Looks for faces that are not followed, where it is time or one was lost.
+  // Looks for faces that are not followed.
   void search() {
-    const bool any_lost = std::any_of(state_.tracks.begin(), state_.tracks.end(),
-                                      [&](const TrackerState::Track& track) { return track.lost; });
-    const bool all_lost = std::all_of(state_.tracks.begin(), state_.tracks.end(),
-                                      [](const TrackerState::Track& track) { return track.lost; });
-    if (--state_.until_search > 0 && !any_lost) return;
-    // While nothing at all is seen, the less strict search is tried now and then.
-    const bool due = state_.until_search <= 0;
+    if (!state_.searched || state_.planned != gray_.size()) {
+      state_.plan = finder_.plan(gray_.size());
+      state_.planned = gray_.size();
+      state_.next_tile = 0;
+    }
+    const bool due = --state_.until_search <= 0;
     if (due) state_.until_search = options_.search_every;
-    const std::vector<Candidate> candidates =
-        all_lost && due ? finder_.find(gray_) : finder_.find_sure(gray_);
+    if (!state_.searched) {
+      state_.searched = true;
+      take_new(finder_.find(gray_));
+      return;
+    }
+    // Before new faces take their ids.
+    const std::vector<cv::Rect2d> places = places_of_lost();
+    for (const cv::Rect2d& place : places) take_new(finder_.find_in(gray_, tile_around(place)));
+    if (due || !places.empty()) take_new(finder_.find_in(gray_, state_.plan.whole));
+    if (state_.plan.tiles.empty()) return;
+    take_new(finder_.find_in(gray_, state_.plan.tiles[state_.next_tile]));
+    state_.next_tile = (state_.next_tile + 1) % state_.plan.tiles.size();
+  }
+
+  void forget() {
+    std::erase_if(state_.tracks, [&](const TrackerState::Track& track) {
+      return track.lost && state_.time - track.seen > options_.remember_s;
+    });
+  }
+
+ private:
+  void take_new(const std::vector<Candidate>& candidates) {
     for (const Candidate& candidate : candidates) {
       if (is_followed(candidate.box)) continue;
       if (count_followed() >= options_.most_faces) break;
@@ -85,13 +104,24 @@ class Step {
     }
   }
 
-  void forget() {
-    std::erase_if(state_.tracks, [&](const TrackerState::Track& track) {
-      return track.lost && state_.time - track.seen > options_.remember_s;
-    });
+  [[nodiscard]] std::vector<cv::Rect2d> places_of_lost() const {
+    std::vector<cv::Rect2d> places;
+    for (const TrackerState::Track& track : state_.tracks) {
+      if (track.lost && track.face.box.width > 0) places.push_back(track.face.box);
+    }
+    return places;
   }
 
- private:
+  // Five times as wide as the face; a little smaller and larger faces.
+  [[nodiscard]] static SearchTile tile_around(const cv::Rect2d& box) {
+    constexpr double kSmallestFace = 16;
+    const double smallest = std::max(kSmallestFace, 0.6 * box.width);
+    const double reach = 2 * std::max(box.width, kSmallestFace);
+    return {cv::Rect(cv::Rect2d(box.x - reach, box.y - reach, box.width + 2 * reach,
+                                box.height + 2 * reach)),
+            smallest, std::max(2 * smallest, 1.8 * box.width)};
+  }
+
   bool take(TrackerState::Track& track, const Fit& fit) {
     const cv::Rect2d box = box_around(model_.box, fit.points);
     if (!is_in_picture(box, gray_)) return false;
@@ -204,6 +234,7 @@ std::vector<TrackedFace> track_faces(const LandmarkModel& model, const FitOption
 void redetect(TrackerState& state) {
   for (TrackerState::Track& track : state.tracks) track.lost = true;
   state.until_search = 0;
+  state.searched = false;
 }
 
 }  // namespace tarsier::landmarks

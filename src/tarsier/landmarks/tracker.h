@@ -13,7 +13,7 @@
 namespace tarsier::landmarks {
 
 struct TrackerOptions {
-  int search_every = 10;      // frames between two searches of the picture for further faces, >= 1
+  int search_every = 10;      // frames between two looks at the whole picture for large faces, >= 1
   double least_score = 0.35;  // a face whose fit is worth less is lost, 0..1
   double least_new = 0.5;     // what the fit of a new face must be worth, 0..1
   double remember_s = 3;      // s in which a lost face that appears near its place keeps its id
@@ -41,13 +41,21 @@ struct TrackerState {
   std::vector<Track> tracks;
   int next_id = 1;
   int until_search = 0;
+  bool searched = false;  // the whole picture, for faces of all sizes
+  SearchPlan plan;        // how that is spread from then on,
+  cv::Size planned;       // for frames of this size
+  std::size_t next_tile = 0;
   double time = 0;
   bool started = false;
 };
 
 // The next frame (CV_8UC1) at `time` (s, rising; else 1/25 s is taken to have passed): faces in
 // sight, in the order of their ids. Each is fitted from where it was; one whose score falls is
-// looked for anew at once. `debug` gets the stages of each fit.
+// looked for around its place in each frame. The first frame is searched for faces of all sizes.
+// From then on each frame sees one tile of finder.plan(), in turn, and every `search_every` frames
+// (while a face is lost: in each) the whole picture for large faces: the cost of a frame does not
+// depend on its size, and a small face is found within as many frames as there are tiles. `debug`
+// gets the stages of each fit.
 [[nodiscard]] std::vector<TrackedFace> track_faces(
     const LandmarkModel& model, const FitOptions& fit, const TrackerOptions& options,
     FaceFinder& finder, TrackerState& state, const cv::Mat& gray, double time,

@@ -53,6 +53,8 @@ std::vector<cv::Rect2d> detected_boxes(const std::vector<TrainingFace>& faces, P
                                        const std::stop_token& stop) {
   FaceFinderOptions options;
   options.thorough = false;
+  // Training pictures are cut out around their faces.
+  options.detector.max_width = 320;
   FaceFinder finder(options);
   std::vector<cv::Rect2d> boxes(faces.size());
   progress.begin("finding faces", static_cast<std::int64_t>(faces.size()), "faces");

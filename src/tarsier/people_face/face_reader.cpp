@@ -51,7 +51,8 @@ struct FaceReader::Impl {
 };
 
 FaceReader::FaceReader(const FaceReaderOptions& options,
-                       std::shared_ptr<const landmarks::LandmarkModel> model)
+                       std::shared_ptr<const landmarks::LandmarkModel> model,
+                       std::shared_ptr<const FaceNetworks> networks)
     : options_(options) {
   options_.check();
   if (options_.eyes == EyeMethod::kLandmarks) {
@@ -59,7 +60,12 @@ FaceReader::FaceReader(const FaceReaderOptions& options,
                     "a landmark model of 68 points is needed");
   }
   impl_ = std::make_unique<Impl>(
-      Impl{std::move(model), landmarks::FaceFinder(options_.finder), {}, {}, {}});
+      Impl{std::move(model),
+           networks ? landmarks::FaceFinder(std::move(networks), options_.finder)
+                    : landmarks::FaceFinder(options_.finder),
+           {},
+           {},
+           {}});
   if (options_.eyes != EyeMethod::kLandmarks) impl_->eyes.emplace(options_.eyes);
 }
 FaceReader::~FaceReader() = default;

@@ -38,14 +38,16 @@ struct FaceReaderOptions {
   void check() const;
 };
 
-// Picture to faces: detection (a cascade on a shrunk, equalised picture), eyes, cut, quality. Not
+// Picture to faces: detection (landmarks/face_finder.h), eyes, cut, quality. Not
 // thread-safe; the landmark model is shared.
 class FaceReader {
  public:
   // `model` (68 points): needed for EyeMethod::kLandmarks only. Throws ModelError where cascades
   // are missing, std::invalid_argument for a model of other points.
+  // `networks` find the faces; null: the cascades.
   FaceReader(const FaceReaderOptions& options,
-             std::shared_ptr<const landmarks::LandmarkModel> model);
+             std::shared_ptr<const landmarks::LandmarkModel> model,
+             std::shared_ptr<const FaceNetworks> networks = nullptr);
   ~FaceReader();
   FaceReader(FaceReader&&) noexcept;
   FaceReader& operator=(FaceReader&&) noexcept;
