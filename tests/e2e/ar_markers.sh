@@ -90,7 +90,16 @@ run ar markers 'synth:markers?frames=20&size=320x240&cover=0&side=0.05' --focal 
 expect_status 0
 [ "$(grep -c '"frame":' stdout.txt)" -eq 20 ] || fail "not 20 frames"
 [ "$(grep -c '"id":0,' stdout.txt)" -ge 18 ] || fail "marker 0 was found in $(grep -c '"id":0,' stdout.txt) of 20 frames"
-run ar markers film --sequence --focal 304 --smooth none --json
+run ar markers film --sequence --focal 304 --smooth none --json --on-event 'cat >>told.jsonl'
+python3 - <<'PY' || fail "--on-event: $(cat told.jsonl)"
+import json
+told = [json.loads(line) for line in open("told.jsonl")]
+seen = {m["id"] for line in map(json.loads, open("stdout.txt")) for m in line["markers"]}
+assert seen and {t["id"] for t in told if t["state"] == "appeared"} == seen, (seen, told)
+assert {t["id"] for t in told if t["state"] == "lost"} == seen and len(told) == 2 * len(seen), told
+assert all(t["event"] == "marker" and t["source"] == "film" for t in told), told
+assert all(len(t["corners"]) == 4 for t in told if t["state"] == "appeared"), told
+PY
 expect_status 0
 run ar markers 'synth:markers?frames=10&size=320x240&family=orig&prints=2' --family orig --focal 304 --json
 expect_status 0

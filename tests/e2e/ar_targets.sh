@@ -70,8 +70,10 @@ expect_status 1
 
 mkdir film
 for i in 1 2 3 4 5 6; do cp "$pictures/box_in_scene.png" "film/$i.png"; done
-run ar target-track film --sequence --target box.target.json --csv box.csv --json
+run ar target-track film --sequence --target box.target.json --csv box.csv --json --on-event 'cat >>told.jsonl'
 expect_status 0
+[ "$(cut -c1-47 told.jsonl)" = "$(printf '{"event":"target","state":"appeared","source":"\n{"event":"target","state":"lost","id":0,"name":')" ] ||
+  fail "--on-event: $(cat told.jsonl)"
 [ "$(wc -l <box.csv)" -eq 7 ] || fail "box.csv has $(wc -l <box.csv) lines"
 head -1 box.csv | grep -q '^frame,time,id,confidence,x0,y0' || fail "heading of box.csv"
 [ "$(grep -c '"name":"box"' stdout.txt)" -eq 6 ] || fail "the box is lost"
