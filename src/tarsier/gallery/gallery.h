@@ -150,8 +150,8 @@ class Gallery {
       std::span<const std::pair<std::int64_t, std::vector<float>>> templates);
   // What was learned last, even if the gallery changed since.
   [[nodiscard]] std::optional<StoredModel> model();
-  [[nodiscard]] std::int64_t model_id();          // 0: there is none
-  [[nodiscard]] std::int64_t model_generation();  // -1: there is none
+  [[nodiscard]] std::int64_t model_id();          // 0: nothing is stored
+  [[nodiscard]] std::int64_t model_generation();  // -1: nothing is stored
   // Templates of faces by id; those of faces that are gone are left out.
   void store_templates(std::int64_t space,
                        std::span<const std::pair<std::int64_t, std::vector<float>>> templates);

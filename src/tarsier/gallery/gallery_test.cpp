@@ -244,12 +244,12 @@ TEST_F(GalleryTest, AKilledProgramLeavesAWholeGallery) {
       ASSERT_TRUE(lost.step());
       EXPECT_EQ(lost.integer(0), 0) << "round " << round;
     }
-    // Of the faces of this round that were told of, those of the forgotten person may be gone.
-    const std::int64_t told = std::count(seen.begin(), seen.end(), 'e');
+    // Of the faces of this round that were reported, those of the forgotten person may be gone.
+    const std::int64_t reported = std::count(seen.begin(), seen.end(), 'e');
     std::int64_t there = 0;
     for (const Person& person : gallery.people())
       if (person.name.starts_with("p" + std::to_string(round) + ".")) there += person.faces;
-    EXPECT_GE(there, told / 2) << "round " << round;
+    EXPECT_GE(there, reported / 2) << "round " << round;
     EXPECT_GE(gallery.face_count(), enrolled + there);
     enrolled = gallery.face_count();
   }

@@ -54,7 +54,7 @@ class Database {
 
   // One or several statements without parameters or results.
   void run(std::string_view statements);
-  // Writes the whole file anew, without what was deleted. The copy on the way is in memory for
+  // Writes the whole file afresh, without what was deleted. The copy on the way is in memory for
   // files up to 64 MB, else in a temporary file that has no name.
   void vacuum();
   [[nodiscard]] std::int64_t version();  // of the file; writers find the newest one
