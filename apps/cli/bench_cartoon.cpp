@@ -275,9 +275,11 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
   const std::optional<double> load = load_average();
   if (!context.json) {
     fmt::print(
-        "{}, {} processors, {}, load {}; times in ms, the median of {} runs, averaged over the "
-        "pictures; cpu: of all threads; likeness: the worst.\n\n",
-        processor, cv::getNumberOfCPUs(), name_of(simd_level()), cell(load, 2), options.repeats);
+        "{}, {} processors, {}, load {}; times in ms, {} of {} runs, averaged over the "
+        "pictures{}.\n\n",
+        processor, cv::getNumberOfCPUs(), name_of(simd_level()), cell(load, 2),
+        options.stages ? "the fastest" : "the median", options.repeats,
+        options.stages ? "" : "; cpu: of all threads; likeness: the worst");
     if (options.stages) {
       fmt::print("{:<10} {:<12} {:>7} {:<20} {:>8}\n", "size", "mode", "threads", "stage",
                  "fastest");
