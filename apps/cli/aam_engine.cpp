@@ -117,6 +117,7 @@ AamEngine make_aam_engine(const AamFlags& flags) {
                                              : appearance::Method::kAlternating;
   fit.check();
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  throw_if_stopped(stop_on_signals());
   engine.model =
       std::make_unique<appearance::AppearanceModel>(appearance::read_appearance_model(engine.path));
   engine.fitter = std::make_unique<appearance::Fitter>(*engine.model, fit);

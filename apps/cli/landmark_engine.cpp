@@ -73,6 +73,7 @@ LandmarkEngine make_landmark_engine(const LandmarkFlags& flags) {
   finder.thorough = flags.thorough;
   finder.detector.check();
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  throw_if_stopped(stop_on_signals());
   LandmarkEngine engine{landmarks::read_landmark_model(path), flags.fit,
                         make_face_finder(flags.detector, finder)};
   if (!flags.method.empty()) engine.fit.method = landmarks::parse_fit_method(flags.method);

@@ -52,6 +52,7 @@ people::FaceReader make_face_reader(const PeopleFlags& flags) {
     static_cast<void>(recognition::read_background(flags.background));
   }
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  throw_if_stopped(stop_on_signals());
   std::shared_ptr<const landmarks::LandmarkModel> model;
   if (options.eyes == people::EyeMethod::kLandmarks) {
     const std::string path =
