@@ -43,7 +43,7 @@ TEST(MakeTracks, AWrongMatchCostsALinkAndNotTheTrack) {
 TEST(MakeTracks, FeaturesThatAreNotThereAreRefused) {
   EXPECT_THROW((void)make_tracks({pair_of(0, 1, {{3, 0}})}, {3, 3}), std::invalid_argument);
   EXPECT_THROW((void)make_tracks({pair_of(0, 2, {{0, 0}})}, {3, 3}), std::invalid_argument);
-  EXPECT_TRUE(make_tracks({}, {3, 3}).empty());
+  EXPECT_TRUE(make_tracks(std::vector<Pair>{}, {3, 3}).empty());
 }
 
 }  // namespace
