@@ -21,6 +21,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <sys/stat.h>
 #include <vector>
 
@@ -73,9 +74,9 @@ plate::SourceTimes times_of(const std::string& name, const ReadFlags& flags) {
   const plate::Moment now = plate::moment_now();
   std::optional<plate::Moment> start;
   if (!flags.start.empty()) start = plate::parse_moment(flags.start, now, false, "--start");
-  for (const std::string& input : flags.run.inputs) {
-    if (input != "synth:" + name) continue;
-    const auto drawn = open_synth_source(name, flags.run.source);
+  constexpr std::string_view kDrawn = "synth:";
+  if (name.starts_with(kDrawn)) {
+    const auto drawn = open_synth_source(name.substr(kDrawn.size()), flags.run.source);
     if (drawn->is_live()) return {};
     // As if its recording had ended just now: not in the future, however fast it is read.
     if (!start) start = plate::recording_start(now, length_of(*drawn), now);

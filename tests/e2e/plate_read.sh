@@ -53,6 +53,31 @@ run plate log seen.db --json
 expect_status 0
 [ "$(wc -l <stdout.txt)" -eq "$events" ] || fail "the log has $(wc -l <stdout.txt) entries, not $events"
 [ "$(stat -c %a seen.db)" = 600 ] || fail "the log can be read by others"
+python3 - <<'PY' || fail "times or states of the log"
+import datetime, json
+now = datetime.datetime.now(datetime.timezone.utc)
+for line in map(json.loads, open("stdout.txt")):
+    first, last = (datetime.datetime.fromisoformat(line[k].replace("Z", "+00:00")) for k in ("first_time", "last_time"))
+    assert first <= last <= now and (now - first).total_seconds() < 3600, line
+    assert (last - first).total_seconds() < 8.1 and line["state"] == "closed", line
+    assert "drive?" in line["source"], line
+PY
+run plate read 'synth:drive?seconds=3&cars=1&parked=1&far=0&fps=5&seed=3' --events --json --on-event 'cat >>told.jsonl; sleep 0.1'
+expect_status 0
+python3 - <<'PY' || fail "--on-event: $(cat told.jsonl)"
+import json
+told = [json.loads(line) for line in open("told.jsonl")]
+opened = {t["id"]: t for t in told if t["state"] == "opened"}
+closed = [t for t in told if t["state"] == "closed"]
+assert closed == [json.loads(line) for line in open("stdout.txt")] and closed, told
+assert all(opened[t["id"]]["frames"] < t["frames"] for t in closed if t["id"] in opened) and opened, told
+PY
+run plate read 'synth:drive?seconds=1&cars=1&parked=1&far=0&fps=5' --on-event-timeout 3
+expect_status 2
+run plate read 'synth:drive?seconds=1' cars/images --start 2026-05-01
+expect_status 2
+run plate read 'synth:drive?seconds=3&cars=1&parked=1&far=0&fps=5&seed=3' --events --json --start 2026-05-01T12:30
+expect_out '"first_seen":"2026-05-01T12:30:0'
 run plate read 'synth:drive?seconds=4&cars=1&parked=1&far=0&fps=5&seed=3' --events --json --roi 0,0,0.3,0.3
 expect_status 1
 expect_no_out
