@@ -27,7 +27,7 @@ class FaceTest : public testing::Test {
 };
 
 TEST_F(FaceTest, FindsTheFaceOfAPhotograph) {
-  FaceDetector detector;
+  FaceDetector detector({.max_width = 320});
   const std::vector<cv::Rect> faces = detector.detect(read_image(kPicture));
   ASSERT_FALSE(faces.empty());
   EXPECT_TRUE(faces[0].contains(cv::Point(240, 115))) << faces[0];
