@@ -185,10 +185,13 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   }
   if (algorithms.empty())
     algorithms = {Algorithm::kEigen, Algorithm::kFisher, Algorithm::kLbph, Algorithm::kDefault};
-  // As a gallery is trained: with what ships, unless another or none was asked for.
+  // As a gallery is trained: with what ships, unless another or none was asked for. Pictures that
+  // were cut in another way are not like those that it was learnt from: like `people train --raw`,
+  // they go without unless one is named.
+  const bool named = !flags.people.background.empty();
   const bool general = std::count(algorithms.begin(), algorithms.end(), Algorithm::kDefault) > 0;
   std::optional<recognition::Background> background;
-  if (general || !flags.people.background.empty()) background = find_background(flags.people);
+  if (named || (general && !flags.raw)) background = find_background(flags.people);
   const std::string path = background_path(flags.people);
   const cv::Size size = flags.size.empty() ? cv::Size() : parse_size(flags.size, 8, 1024);
   std::optional<people::FaceReader> reader;
@@ -212,7 +215,11 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
         "(in brackets: counts of all draws; the 95 % interval by the probes of one draw, as draws "
         "share their pictures)\n",
         listed.faces.size(), recognition::count_people(listed.labels), printable(flags.list),
-        flags.training, flags.seeds, listed.missed.size(), background ? printable(path) : "none"));
+        flags.training, flags.seeds, listed.missed.size(),
+        background ? printable(path)
+        : flags.raw && !named
+            ? "none (--raw: the one that ships is for faces that the program cuts)"
+            : "none"));
   }
   for (const Algorithm algorithm : algorithms) {
     std::vector<cv::Mat> faces = listed.faces;

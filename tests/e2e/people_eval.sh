@@ -56,6 +56,16 @@ run people eval faces.lst -k 2 --enrolled 4
 expect_status 3
 expect_error 'leave no strangers'
 
+# Faces that were cut in another way go without what was learnt from those that the program cuts, unless it is named.
+for i in $(seq 0 23); do printf 'heads/images/%04d.png\tperson %d\n' "$i" $((i % 4)); done >raw.lst
+run people eval raw.lst --raw --size 64x80 -k 2 --seeds 1 --algorithm default --json --quiet
+expect_status 0
+expect_out '"background":null'
+run people eval raw.lst --raw --size 64x80 -k 2 --seeds 1 --algorithm default --json --quiet \
+  --background "$TARSIER_SOURCE/models/people-background.json"
+expect_status 0
+expect_out '"background":".*people-background.json"'
+
 # How much more alike strangers before one camera are: the constants of the program are fitted in this way.
 run people eval faces.lst -k 2 --seeds 1 --fit-same-camera --json --quiet
 expect_status 0
