@@ -180,8 +180,9 @@ TEST_F(Photographs, FollowedPointsDoAsWellAsDescriptors) {
 }
 
 TEST_F(Photographs, WhatWasFollowedIsKept) {
-  auto inputs = shoot(small_scene(8));
+  auto inputs = shoot(small_scene(5));
   PipelineOptions how = options();
+  how.features.most = 600;
   how.flow = true;
   const Model without = run(inputs, how).reconstruction.models.at(0);
   how.cache_folder = folder_ + "/cache";
@@ -191,14 +192,14 @@ TEST_F(Photographs, WhatWasFollowedIsKept) {
   for (const auto& entry : fs::directory_iterator(how.cache_folder))
     if (entry.path().extension() == ".mapper") fs::remove(entry.path());
   const PipelineResult again = run(inputs, how);
-  EXPECT_EQ(again.from_cache, 8 + again.compared);
+  EXPECT_EQ(again.from_cache, 5 + again.compared);
   EXPECT_EQ(again.resumed, 0);
   const Model& with = again.reconstruction.models.at(0);
   ASSERT_EQ(with.points.size(), without.points.size());
   for (std::size_t i = 0; i < with.images.size(); ++i)
     EXPECT_EQ(with.images[i].pose.center(), without.images[i].pose.center());
   // Another sequence is another one.
-  std::swap(inputs[2], inputs[5]);
+  inputs.pop_back();
   EXPECT_EQ(run(inputs, how).from_cache, 0);
 }
 
