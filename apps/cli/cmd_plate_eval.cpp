@@ -2,6 +2,7 @@
 #include "cmd_plate_eval.h"
 
 #include "tarsier/core/log.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/io/atomic_file.h"
 #include "tarsier/io/frame_source.h"
@@ -101,15 +102,28 @@ std::string percent(double share) {
   return share < 0 ? std::string("    -  ") : fmt::format("{:5.1f} %", 100 * share);
 }
 
+// " 95 %: 79-97 %": the interval of a rate.
+std::string interval_text(int successes, int trials) {
+  if (trials == 0) return {};
+  const Interval interval = wilson_interval(successes, trials);
+  return fmt::format("95 %: {:.1f}-{:.1f} %", 100 * interval.low, 100 * interval.high);
+}
+
 std::string table(const plate::PlateScores& scores) {
   const auto line = [](const char* name, double share, const std::string& of) {
     return fmt::format("{:<22} {}  {}\n", name, percent(share), of);
   };
   std::string text = fmt::format("{} images, {} plates\n", scores.images, scores.truth);
-  text += line("found", scores.recall, fmt::format("{}/{}", scores.found, scores.boxes));
+  text += line("found", scores.recall,
+               fmt::format("{}/{}  {}", scores.found, scores.boxes,
+                           interval_text(scores.found, scores.boxes)));
   text += line("found at overlap 0.3", scores.recall_at_03, "");
   text += line("precision", scores.precision, fmt::format("{} returned", scores.returned));
-  text += line("exact", scores.exact_rate, fmt::format("{}/{}", scores.exact, scores.texts));
+  text += line("exact", scores.exact_rate,
+               fmt::format("{}/{}  {}", scores.exact, scores.texts,
+                           interval_text(scores.exact, scores.texts)));
+  text += line("exact, O is 0", scores.texts > 0 ? 1.0 * scores.exact_o_as_0 / scores.texts : -1,
+               fmt::format("{}/{}", scores.exact_o_as_0, scores.texts));
   text += line("exact, any place", scores.exact_any_rate,
                fmt::format("{}/{}", scores.exact_any, scores.texts));
   text += line("among ten", scores.top10_rate, fmt::format("{}/{}", scores.top10, scores.texts));
@@ -118,6 +132,13 @@ std::string table(const plate::PlateScores& scores) {
   text += scores.confidence_auc < 0
               ? fmt::format("{:<22}     -\n", "confidence AUC")
               : fmt::format("{:<22} {:6.3f}\n", "confidence AUC", scores.confidence_auc);
+  if (scores.judged > 0) {
+    text += fmt::format("{:<22} {:6.3f}  expected, of {} confidences\n", "calibration error",
+                        scores.calibration_error, scores.judged);
+    text += line("wrong above 0.9", scores.sure > 0 ? 1.0 * scores.sure_wrong / scores.sure : -1,
+                 fmt::format("{}/{}  {}", scores.sure_wrong, scores.sure,
+                             interval_text(scores.sure_wrong, scores.sure)));
+  }
   if (scores.median_ms >= 0) {
     text += fmt::format("{:<22} {:5.1f} ms median, {:.1f} ms of nine in ten\n", "time",
                         scores.median_ms, scores.p90_ms);

@@ -17,7 +17,8 @@ cat >results.jsonl <<'JSON'
 JSON
 run plate eval results.jsonl --truth truth.csv --json
 expect_status 0
-expect_out '"recall":0.75,' '"exact":0.25,' '"top10":0.5,' '"conf_auc":1.0,' '"median_ms":20.0,' 'found 3/4 exact 1/4'
+expect_out '"recall":0.75,' '"exact":0.25,' '"top10":0.5,' '"conf_auc":1.0,' '"median_ms":20.0,' 'found 3/4 exact 1/4' \
+  '"exact_interval":\[0.0456,0.6994\]' '"calibration_error":0.' '"sure":0'
 run plate eval results.jsonl --truth truth.csv --fold --errors
 expect_status 0
 expect_out '^exact .*50.0 %' '^read +a.jpg +5678FGH +5678FGN' '^missed +c.jpg +9999ZZZ'

@@ -2,11 +2,13 @@
 #include "tarsier/plate_text/evaluation.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/plate_text/text.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdlib>
@@ -117,6 +119,10 @@ void Tally::add_text(const std::string& image, const TruthPlate& plate, const st
   const auto edits = [&](const std::string& read) {
     return edit_distance_to_truth(text, normal(read, fold));
   };
+  const auto with_digit_zero = [](std::string symbols) {
+    std::replace(symbols.begin(), symbols.end(), 'O', '0');
+    return symbols;
+  };
   PlateOutcome outcome;
   outcome.image = image;
   outcome.truth = plate;
@@ -133,6 +139,10 @@ void Tally::add_text(const std::string& image, const TruthPlate& plate, const st
     outcome.edits = edits(found->text);
     outcome.exact = outcome.edits == 0;
     scores.exact += outcome.exact ? 1 : 0;
+    scores.exact_o_as_0 += edit_distance_to_truth(with_digit_zero(text),
+                                                  with_digit_zero(normal(found->text, fold))) == 0
+                               ? 1
+                               : 0;
     right_characters += std::max(0, shown(text) - outcome.edits);
     found_characters += shown(text);
     const auto end = found->candidates.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(
@@ -159,6 +169,31 @@ double area_under_curve(const std::vector<double>& high, std::vector<double> low
   return share(wins, static_cast<double>(high.size()) * static_cast<double>(low.size()));
 }
 
+// Sets judged, calibration_error, sure and sure_wrong from the confidences of right and wrong
+// texts.
+void add_reliability(const std::vector<double>& right, const std::vector<double>& wrong,
+                     PlateScores& scores) {
+  constexpr int kBins = 10;
+  constexpr double kSure = 0.9;
+  std::array<double, kBins> confidence{};
+  std::array<int, kBins> correct{}, count{};
+  const auto add = [&](double value, bool is_right) {
+    const auto bin = static_cast<std::size_t>(std::clamp(static_cast<int>(value * kBins), 0, 9));
+    confidence[bin] += value;
+    correct[bin] += is_right ? 1 : 0;
+    ++count[bin];
+    if (value <= kSure) return;
+    ++scores.sure;
+    scores.sure_wrong += is_right ? 0 : 1;
+  };
+  for (const double value : right) add(value, true);
+  for (const double value : wrong) add(value, false);
+  scores.judged = static_cast<int>(right.size() + wrong.size());
+  double error = 0;
+  for (std::size_t bin = 0; bin < kBins; ++bin) error += std::abs(correct[bin] - confidence[bin]);
+  scores.calibration_error = share(error, scores.judged);
+}
+
 void add_times(std::vector<double> times, PlateScores& scores) {
   if (times.empty()) return;
   std::sort(times.begin(), times.end());
@@ -172,6 +207,12 @@ void add_times(std::vector<double> times, PlateScores& scores) {
 nlohmann::ordered_json rounded(double value, int places) {
   if (value < 0) return nullptr;
   return std::strtod(fmt::format("{:.{}f}", value, places).c_str(), nullptr);
+}
+
+nlohmann::ordered_json interval_json(int successes, int trials) {
+  if (trials == 0) return nullptr;
+  const Interval interval = wilson_interval(successes, trials);
+  return {rounded(interval.low, 4), rounded(interval.high, 4)};
 }
 
 }  // namespace
@@ -204,6 +245,7 @@ PlateScores evaluate_plates(const std::vector<ImageReadings>& readings, const Pl
   scores.character_rate = share(tally.right_characters, tally.characters);
   scores.found_character_rate = share(tally.right_characters, tally.found_characters);
   scores.confidence_auc = area_under_curve(tally.right, tally.wrong);
+  add_reliability(tally.right, tally.wrong, scores);
   add_times(std::move(times), scores);
   return scores;
 }
@@ -212,14 +254,21 @@ nlohmann::ordered_json scores_json(const PlateScores& scores) {
   return {{"images", scores.images},
           {"truth", scores.truth},
           {"recall", rounded(scores.recall, 4)},
+          {"recall_interval", interval_json(scores.found, scores.boxes)},
           {"recall03", rounded(scores.recall_at_03, 4)},
           {"prec", rounded(scores.precision, 4)},
           {"exact", rounded(scores.exact_rate, 4)},
+          {"exact_interval", interval_json(scores.exact, scores.texts)},
+          {"exact_o_as_0", rounded(share(scores.exact_o_as_0, scores.texts), 4)},
           {"exact_any", rounded(scores.exact_any_rate, 4)},
           {"top10", rounded(scores.top10_rate, 4)},
           {"char", rounded(scores.character_rate, 4)},
           {"char_found", rounded(scores.found_character_rate, 4)},
           {"conf_auc", rounded(scores.confidence_auc, 4)},
+          {"calibration_error", rounded(scores.calibration_error, 4)},
+          {"sure", scores.sure},
+          {"sure_wrong", scores.sure_wrong},
+          {"sure_wrong_interval", interval_json(scores.sure_wrong, scores.sure)},
           {"median_ms", rounded(scores.median_ms, 1)},
           {"p90_ms", rounded(scores.p90_ms, 1)},
           {"counts", fmt::format("found {}/{} exact {}/{} any {} top10 {} returned {}",

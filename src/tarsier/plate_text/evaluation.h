@@ -54,15 +54,17 @@ struct PlateOutcome {
 };
 
 struct PlateScores {
-  int images = 0;     // of the truth
-  int truth = 0;      // plates in them,
-  int boxes = 0;      // of these with a box,
-  int found = 0;      // and found by it
-  int texts = 0;      // plates with a text,
-  int exact = 0;      // found, and read without a mistake,
-  int exact_any = 0;  // read without a mistake in whatever place of the image,
-  int top10 = 0;      // found, and right among the first ten candidates
-  int returned = 0;   // plates that the reader saw in the images
+  int images = 0;        // of the truth
+  int truth = 0;         // plates in them,
+  int boxes = 0;         // of these with a box,
+  int found = 0;         // and found by it
+  int texts = 0;         // plates with a text,
+  int exact = 0;         // found, and read without a mistake,
+  int exact_o_as_0 = 0;  // the same where the letter O and the digit 0 count as one: truth files
+                         // write one for the other
+  int exact_any = 0;     // read without a mistake in whatever place of the image,
+  int top10 = 0;         // found, and right among the first ten candidates
+  int returned = 0;      // plates that the reader saw in the images
   // 0..1; negative where there is nothing to judge.
   double recall = -1;                // found / boxes
   double recall_at_03 = -1;          // the same for an intersection over union of 0.3
@@ -73,6 +75,12 @@ struct PlateScores {
   double character_rate = -1;        // 1 - edits / characters, of a plate 0 at least, missed: 0
   double found_character_rate = -1;  // the same of the plates that were found
   double confidence_auc = -1;
+  // Reliability of the confidence over the plates that were found and have a text. Expected
+  // calibration error (Naeini, Cooper and Hauskrecht, AAAI 2015): the mean of |share of right texts
+  // - mean confidence| over ten equal intervals of the confidence, weighted by their counts.
+  int judged = 0;                 // found plates with a text
+  double calibration_error = -1;  // [0, 1]
+  int sure = 0, sure_wrong = 0;   // confidence above 0.9; of these, read with a mistake
   // Of the images with readings, ms.
   double median_ms = -1, p90_ms = -1;
   std::vector<PlateOutcome> outcomes;
@@ -94,8 +102,10 @@ struct EvaluationOptions {
                                           const EvaluationOptions& options);
 
 // The figures as one JSON object, rounded to four places (ms to one): "images", "truth", "recall",
-// "recall03", "prec", "exact", "exact_any", "top10", "char", "char_found", "conf_auc", "median_ms",
-// "p90_ms", "counts"; null where there is nothing to judge.
+// "recall03", "prec", "exact", "exact_o_as_0", "exact_any", "top10", "char", "char_found",
+// "conf_auc", "calibration_error", "sure", "sure_wrong", "median_ms", "p90_ms", "counts", and the
+// 95 % intervals of Wilson "recall_interval", "exact_interval" and "sure_wrong_interval" as [low,
+// high]; null where there is nothing to judge.
 [[nodiscard]] nlohmann::ordered_json scores_json(const PlateScores& scores);
 
 }  // namespace tarsier::plate

@@ -68,6 +68,16 @@ TEST(EvaluationTest, FiguresAreThoseWorkedByHand) {
   EXPECT_DOUBLE_EQ(scores.found_character_rate, 25 / 27.0);
   // Right: 0.9, 0.7. Wrong: 0.8, 0.5.
   EXPECT_DOUBLE_EQ(scores.confidence_auc, 3 / 4.0);
+  // The letter O read for b's digit 0 counts as right where the two are one.
+  EXPECT_EQ(scores.exact_o_as_0, 3);
+  // Each confidence is alone in its tenth: 0.1 + 0.3 (right) + 0.8 + 0.5 (wrong), of four.
+  EXPECT_EQ(scores.judged, 4);
+  EXPECT_NEAR(scores.calibration_error, 1.7 / 4, 1e-12);
+  EXPECT_EQ(scores.sure, 0);
+  const nlohmann::ordered_json object = scores_json(scores);
+  // Wilson's interval of 2 of 5.
+  EXPECT_EQ(object.at("exact_interval"), nlohmann::ordered_json({0.1176, 0.7693}));
+  EXPECT_TRUE(object.at("sure_wrong_interval").is_null());
   EXPECT_DOUBLE_EQ(scores.median_ms, 20);
   EXPECT_DOUBLE_EQ(scores.p90_ms, 20);
   ASSERT_EQ(scores.outcomes.size(), 5U);
@@ -91,6 +101,19 @@ TEST(EvaluationTest, TheBetterOverlapTakesThePlate) {
   EXPECT_EQ(scores.exact, 1);
   EXPECT_DOUBLE_EQ(scores.precision, 0.5);
   EXPECT_LT(scores.confidence_auc, 0);
+}
+
+TEST(EvaluationTest, ConfidenceAboveNineTenthsIsCountedWhereTheTextIsWrong) {
+  const PlateTruth truth{{"a.jpg", {{cv::Rect2d(0, 0, 100, 20), "1234BCD"}}},
+                         {"b.jpg", {{cv::Rect2d(0, 0, 100, 20), "5678FGH"}}}};
+  const std::vector<ImageReadings> readings{
+      {"a.jpg", -1, {reading("1234BCD", 0.95, {0, 0, 100, 20})}, {}},
+      {"b.jpg", -1, {reading("5678FGN", 0.99, {0, 0, 100, 20})}, {}}};
+  const PlateScores scores = evaluate_plates(readings, truth, {});
+  EXPECT_EQ(scores.sure, 2);
+  EXPECT_EQ(scores.sure_wrong, 1);
+  // Both in the last tenth: one right of two, mean confidence 0.97.
+  EXPECT_NEAR(scores.calibration_error, 0.47, 1e-12);
 }
 
 TEST(EvaluationTest, NothingToJudgeIsNull) {
