@@ -100,6 +100,10 @@ constexpr double kBelow = 0.5;
 constexpr double kTile = 12;
 constexpr double kHogTile = 8;
 constexpr double kHogStill = 16;
+// Beside the networks the cascade looks for large faces: at this width, px, from this share of the
+// picture's smaller side on. Its boxes are those that landmark models start from.
+constexpr int kLargeWidth = 320;
+constexpr double kLargeShare = 0.1;
 
 FaceDetectorOptions less_strict(FaceDetectorOptions options) {
   options.neighbors = std::max(1, options.neighbors - 1);
@@ -147,6 +151,7 @@ struct FaceFinder::Impl {
   std::optional<FaceDetector> strict;  // or
   std::optional<HogFinder> trained;    // or
   std::shared_ptr<const FaceNetworks> networks;
+  std::optional<FaceDetector> large;  // beside the networks, where the cascade's file is there
   FaceSearchWorkspace workspace;
   // The other cascades, made when they are first needed; nothing where the file is missing.
   std::vector<std::optional<FaceDetector>> others;
@@ -162,6 +167,9 @@ struct FaceFinder::Impl {
   void search_tile(const cv::Mat& gray, const SearchTile& tile, bool thorough,
                    std::vector<Scored>& found);
   void search_strict(const cv::Mat& gray, const SearchTile& tile, std::vector<Scored>& found);
+  // Beside the networks, in the whole picture: the cascade, and where nobody is surely seen its
+  // less strict relatives, all of them or the next one.
+  void search_large(const cv::Mat& gray, bool thorough, bool all, std::vector<Scored>& found);
   // Less strict search number 0 .. kSearches - 1.
   static constexpr std::size_t kSearches = 4;
   void search_loosely(const cv::Mat& gray, const SearchTile& tile, std::size_t which,
@@ -173,6 +181,7 @@ void FaceFinder::Impl::load() {
   if (tried) return;
   tried = true;
   FaceDetectorOptions loose = less_strict(options.detector);
+  if (networks) loose.max_width = kLargeWidth;
   others.push_back(detector_if_there(loose));
   loose.cascade = "haarcascade_frontalface_default.xml";
   loose.neighbors = options.detector.neighbors;
@@ -247,6 +256,28 @@ void FaceFinder::Impl::search_tile(const cv::Mat& gray, const SearchTile& tile, 
   }
 }
 
+void FaceFinder::Impl::search_large(const cv::Mat& gray, bool thorough, bool all,
+                                    std::vector<Scored>& found) {
+  if (!large) return;
+  const double smallest =
+      std::max(min_face(gray.size()), kLargeShare * std::min(gray.cols, gray.rows));
+  constexpr double kBetterThanNetworks = 2;
+  for (const cv::Rect& seen : large->detect(gray, smallest, 0)) {
+    found.push_back({{cv::Rect2d(seen), true}, kBetterThanNetworks});
+  }
+  const bool seen =
+      std::any_of(found.begin(), found.end(), [](const Scored& one) { return one.candidate.sure; });
+  if (seen || !thorough) return;
+  const SearchTile whole{cv::Rect(0, 0, gray.cols, gray.rows), smallest, 0};
+  if (!all) {
+    search_loosely(gray, whole, turn++ % kSearches, found);
+    return;
+  }
+  for (std::size_t which = 0; which < kSearches; ++which) {
+    search_loosely(gray, whole, which, found);
+  }
+}
+
 std::vector<Candidate> FaceFinder::Impl::find(const cv::Mat& gray, bool thorough) {
   require_gray(gray);
   const double smallest = min_face(gray.size());
@@ -257,6 +288,7 @@ std::vector<Candidate> FaceFinder::Impl::find(const cv::Mat& gray, bool thorough
     for (const SearchTile& tile : plan.tiles) search_tile(gray, tile, thorough, found);
   } else {
     search_tile(gray, {cv::Rect(0, 0, gray.cols, gray.rows), smallest, 0}, thorough, found);
+    search_large(gray, thorough, true, found);
   }
   return merged(std::move(found));
 }
@@ -280,6 +312,7 @@ FaceFinder::FaceFinder(std::shared_ptr<const FaceNetworks> networks,
   networks->require();
   impl_->options = options;
   impl_->networks = std::move(networks);
+  impl_->large = detector_if_there({.max_width = kLargeWidth});
 }
 FaceFinder::~FaceFinder() = default;
 FaceFinder::FaceFinder(FaceFinder&&) noexcept = default;
@@ -292,6 +325,7 @@ double FaceFinder::min_face(cv::Size picture) const { return impl_->min_face(pic
 std::int64_t FaceFinder::pixels() const {
   std::int64_t sum = impl_->workspace.pixels + impl_->hog_pixels;
   if (impl_->strict) sum += impl_->strict->pixels();
+  if (impl_->large) sum += impl_->large->pixels();
   for (const auto& other : impl_->others) {
     if (other) sum += other->pixels();
   }
@@ -324,6 +358,9 @@ std::vector<Candidate> FaceFinder::find_in(const cv::Mat& gray, const SearchTile
     my.search_loosely(gray, inside, my.turn++ % Impl::kSearches, found);
   } else {
     my.search_tile(gray, inside, my.options.thorough, found);
+    if (inside.area.size() == gray.size()) {
+      my.search_large(gray, my.options.thorough, false, found);
+    }
   }
   return merged(std::move(found));
 }

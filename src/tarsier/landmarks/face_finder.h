@@ -59,9 +59,10 @@ struct FaceFinderOptions {
 };
 
 // Faces of any size in pictures of any size, by one of three detectors: the networks of
-// face/face_networks.h, a detector of one's own (hog_detector.h), or OpenCV's cascades. What the
-// strict and the less strict search see is put together: of boxes that overlap a sure one stays, so
-// that one found face never hides another. Not thread-safe.
+// face/face_networks.h with OpenCV's frontal cascade beside them for large faces (a tenth of the
+// picture's smaller side and more, searched at 320 px), a detector of one's own (hog_detector.h),
+// or OpenCV's cascades alone. What the strict and the less strict search see is put together: of
+// boxes that overlap a sure one stays, so that one found face never hides another. Not thread-safe.
 class FaceFinder {
  public:
   // The cascades. Throws ModelError where they are missing (Debian: opencv-data).
