@@ -6,6 +6,7 @@
 #include "tarsier/appearance/testing_portraits.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/face/face_networks.h"
 #include "tarsier/gallery/gallery.h"
 #include "tarsier/head/head_model.h"
 #include "tarsier/head/testing_head.h"
@@ -166,6 +167,7 @@ void landmark_models() {
   detector.threshold = 0.5;
   detector.box = landmarks::BoxModel{0.1, -0.1, 0.3, 7};
   landmarks::write_hog_detector(seed("hog_detector", "small.json"), detector, kNothing);
+  write_face_networks(seed("face_networks", "untrained.json"), FaceNetworks(), kNothing);
 
   appearance::AppearanceOptions options;
   options.frame_width = options.colour_width = 16;

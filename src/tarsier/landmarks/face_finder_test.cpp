@@ -158,8 +158,9 @@ TEST(FaceTracker, ASmallNewFaceIsFoundInBoundedTimeAtBoundedCost) {
     }
     EXPECT_GT(found_after, 0U) << size << " in " << tiles << " frames";
     EXPECT_LE(found_after, tiles) << size;
-    // One tile and, now and then, the whole picture at its coarsest: the same for any size.
-    EXPECT_LT(dearest, 210'000) << size;
+    // One tile and, now and then, the whole picture at its coarsest, and at 320 px for the cascade:
+    // the same for any size.
+    EXPECT_LT(dearest, 270'000) << size;
   }
 }
 
