@@ -106,6 +106,6 @@ assert len(models) >= 10
 for model in models:
     assert model["terms"] and model["card"] and model["used_by"] and model["without_it"], model["name"]
 PY
-run doctor
+run doctor --json
 expect_out 'non-commercial research only: aam68, .*landmarks68'
 finish

@@ -45,7 +45,7 @@ expect_out '"pictures":10,"objects":8'
 run landmarks show own.json -o own.png
 expect_status 0
 [ -s own.png ] || fail "no picture of the filter"
-run landmarks fit "$pictures/graf1.png" --face-detector own.json --strict
+run landmarks fit "$pictures/graf1.png" --face-detector own.json --strict --min-face 64
 expect_status 1
 
 # What cannot be learned from says so, and leaves no file.

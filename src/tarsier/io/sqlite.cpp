@@ -38,9 +38,10 @@ int make_private_file(const std::string& path) {
 
 // A database that others may read, made by an older version or copied by hand, is its owner's again
 // before anything more is written to it; one that is only read is left as it is.
-void look_at_permissions(const std::string& path, const struct ::stat& found, bool writes) {
+void look_at_permissions(const std::string& path, bool writes) {
   constexpr mode_t kOthers = 077;
-  if ((found.st_mode & kOthers) == 0) return;
+  struct stat found {};
+  if (::stat(path.c_str(), &found) != 0 || (found.st_mode & kOthers) == 0) return;
   const auto mode = static_cast<unsigned>(found.st_mode & 0777U);
   if (!writes) {
     log_warning("{}: other users may open it (mode {:04o}): chmod 600 keeps it to you", path, mode);
@@ -97,6 +98,7 @@ Database::Database(std::string path, const DatabaseKind& kind, DatabaseAccess ac
   try {
     open(access, patience_ms);
     identify(kind);
+    look_at_permissions(path_, writes_);  // of a database of ours alone
     if (writes_) upgrade(kind);
   } catch (...) {
     sqlite3_close_v2(handle_);
@@ -147,7 +149,6 @@ void Database::open(DatabaseAccess access, int patience_ms) {
   if (access == DatabaseAccess::kCreate) {
     if (const int error = make_private_file(path_); error != 0) refuse(system_text(error));
   }
-  if (exists) look_at_permissions(path_, found, writes_);
   // A leading slash or dot keeps the library from taking the name for one of its special ones.
   const std::string plain = path_.starts_with('/') ? path_ : "./" + path_;
   const int flags =
