@@ -51,8 +51,7 @@ Clocks system_clocks() {
 }
 
 bool is_plausible(Moment now) {
-  using namespace std::chrono_literals;
-  return now >= Moment(std::chrono::sys_days(2024y / 1 / 1));
+  return now >= Moment(std::chrono::sys_days(std::chrono::year(2024) / 1 / 1));
 }
 
 Moment recording_start(Moment modified, milliseconds length, Moment now) {
