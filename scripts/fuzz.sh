@@ -4,7 +4,8 @@
 # Builds the fuzzing programs (preset fuzz; needs clang 16 or later) and runs each target of fuzz/ for SECONDS (600), N
 # (1) at a time, from the inputs in fuzz/corpus, those that fuzz_seeds makes, and what earlier runs came upon
 # (build/fuzz/corpus). One line for each target; what was found lies in build/fuzz/finds/TARGET, with the log beside it.
-# Runs add up: fuzz/seconds.txt has the seconds that each target has had in all, and those with the fewest go first.
+# Runs add up: fuzz/seconds.txt has the CPU seconds that each target has had in all, and those with the fewest go first.
+# (Seconds by the clock would count the waiting on a busy machine.)
 # --budget S: no new target is begun after S seconds, so that a run of any length is of use.
 # --keep: afterwards what was come upon is reduced to what covers code that nothing in fuzz/corpus does, and goes there (at
 # most 90 kB a target). With SECONDS 0 nothing else is done.
@@ -50,7 +51,7 @@ else
   done
 fi
 
-# The seconds that each target has had; those with the fewest come first.
+# The CPU seconds that each target has had; those with the fewest come first.
 ledger=$PWD/fuzz/seconds.txt
 touch "$ledger"
 had() { awk -v target="$1" '$1 == target {print $2; found = 1} END {if (!found) print 0}' "$ledger"; }
@@ -61,7 +62,7 @@ export TARSIER_FUZZ_TMP
 trap 'rm -rf "$TARSIER_FUZZ_TMP"' EXIT
 "$out/bin/fuzz_seeds" "$out/seeds" || die "fuzz_seeds failed"
 
-# More seconds of a target into the ledger, whoever else is at it.
+# More CPU seconds of a target into the ledger, whoever else is at it.
 add_seconds() {
   (
     flock 9
@@ -76,7 +77,7 @@ add_seconds() {
 # One target: a line of its figures on stdout; status 1 for findings.
 run_target() {
   if [ "$budget" -gt 0 ] && [ $(($(date +%s) - begun)) -ge "$budget" ]; then return 0; fi
-  local target=$1 start program corpus=$out/corpus/$1 finds=$out/finds/$1 log dictionary=() folders=() status=0 place
+  local target=$1 program corpus=$out/corpus/$1 finds=$out/finds/$1 log dictionary=() folders=() status=0 place
   program=$(sed -n "s/^$target //p" "$list")
   mkdir -p "$corpus" "$finds"
   log=$finds.log
@@ -84,12 +85,12 @@ run_target() {
   for place in "fuzz/corpus/$target" "$out/seeds/$target"; do
     [ ! -d "$place" ] || folders+=("$place")
   done
-  start=$(date +%s)
+  local TIMEFORMAT='%0U' used
   # -max_len: far above what the readers need, far below their limits of size.
-  TARSIER_FUZZ=$target "$out/bin/$program" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=1024 \
+  used=$( { time TARSIER_FUZZ=$target "$out/bin/$program" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=1024 \
     -malloc_limit_mb=1024 -max_len=65536 -print_final_stats=1 -artifact_prefix="$finds/" "${dictionary[@]}" \
-    "$corpus" "${folders[@]}" >"$log" 2>&1 </dev/null || status=$?
-  add_seconds "$target" $(($(date +%s) - start))
+    "$corpus" "${folders[@]}" >"$log" 2>&1 </dev/null; } 2>&1 ) || status=$?
+  add_seconds "$target" "${used:-0}"
   local executions rate coverage found
   executions=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log" | tail -1)
   rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log" | tail -1)
@@ -131,7 +132,7 @@ if [ "$seconds" -gt 0 ]; then
   phase "fuzzing: ${#targets[@]} targets, $seconds s each, $jobs at a time"
   printf '%s\n' "${targets[@]}" | xargs -P "$jobs" -I{} bash -c 'run_target "$1"' _ {} || status=1
   phase_done
-  awk '{n += $2; if (min == "" || $2 < min) min = $2} END {printf "%d targets have had %.1f hours in all, each %d s or more\n", NR, n / 3600, min}' "$ledger"
+  awk '{n += $2; if (min == "" || $2 < min) min = $2} END {printf "%d targets have had %.1f CPU hours in all, each %d s or more\n", NR, n / 3600, min}' "$ledger"
 fi
 if [ "$keep" = yes ]; then
   phase "keeping what was come upon"
