@@ -7,6 +7,7 @@
 #include "tarsier/io/atomic_file.h"
 #include "tarsier/io/frame_source.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/io/lazy_opencv.h"
 #include "tarsier/synth/portrait.h"
 #include "tarsier/synth/scene.h"
 #include "tarsier/synth/sources.h"
@@ -14,7 +15,6 @@
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 
 #include "demo.h"
 #include <algorithm>
@@ -287,11 +287,11 @@ void add_speed(Context& context, DemoPage& page, const Sample& sample) {
 
 bool write_demo_film(const std::string& path, const std::vector<cv::Mat>& frames, double fps) {
   AtomicFile file(path);
-  cv::VideoWriter writer;
-  const int h264 = cv::VideoWriter::fourcc('a', 'v', 'c', '1');
-  if (!writer.open(file.path(), cv::CAP_FFMPEG, h264, fps, frames.front().size())) return false;
-  for (const cv::Mat& frame : frames) writer.write(frame);
-  writer.release();
+  const auto writer = lazy_opencv::make_video_writer();
+  constexpr int kH264 = 'a' | 'v' << 8 | 'c' << 16 | '1' << 24;
+  if (!writer->open(file.path(), kH264, fps, frames.front().size())) return false;
+  for (const cv::Mat& frame : frames) writer->write(frame);
+  writer->release();
   std::error_code error;
   if (fs::file_size(file.path(), error) < 1000 || error) return false;
   file.commit();

@@ -8,6 +8,20 @@ expect_status 0
 expect_out '^tarsier [0-9]+\.[0-9]+\.[0-9]+$'
 expect_no_err
 
+# Codecs of videos and rare kinds of images, with all that they bring, are loaded when they are needed: they take
+# several times as long to link as the rest. JPEG and PNG need none of them.
+loaded() { # loaded ARGUMENTS..: the libraries that a run loads
+  LD_DEBUG=files timeout 300 "$TARSIER" "$@" 2>&1 >/dev/null </dev/null | grep -oE 'calling init: .*' | sed 's|.*/||' | sort -u
+}
+run cartoon run synth:scene --frames 1 -o scene.png --quiet
+expect_status 0
+loaded cartoon run scene.png -o drawn.jpg --quiet >libraries.txt
+grep -q '^libopencv_imgproc' libraries.txt || fail "cannot list the libraries of a run"
+heavy='^lib(opencv_imgcodecs|opencv_videoio|avformat|avcodec|gdal)\.so'
+grep -E "$heavy" libraries.txt && fail "a run on JPEG and PNG loads codecs that it does not need"
+[ "$(wc -l <libraries.txt)" -le 100 ] || fail "a run loads $(wc -l <libraries.txt) libraries"
+loaded cartoon run scene.png -o drawn.webp --quiet | grep -q '^libopencv_imgcodecs' || fail "WebP without OpenCV's codecs"
+
 run --help
 expect_status 0
 expect_out 'tarsier demo' 'cartoon' 'doctor' 'models' 'Exit status'

@@ -5,10 +5,11 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/io/atomic_file.h"
+#include "tarsier/io/image_codec.h"
 #include "tarsier/io/image_probe.h"
+#include "tarsier/io/lazy_opencv.h"
 
 #include <fmt/format.h>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -65,9 +66,12 @@ cv::Mat decode(Bytes bytes, const std::string& name, const ImageLimits& limits, 
     const std::string damage = find_image_damage(bytes, *header, kept);
     if (!damage.empty()) throw InputError(name, damage);
     const Bytes source = kept.empty() ? bytes : Bytes(kept);
-    const cv::Mat data(1, static_cast<int>(source.size()), CV_8UC1,
-                       const_cast<std::uint8_t*>(source.data()));
-    image = cv::imdecode(data, flags);
+    image = decode_plain(source, *header, flags == cv::IMREAD_GRAYSCALE);
+    if (image.empty()) {
+      const cv::Mat data(1, static_cast<int>(source.size()), CV_8UC1,
+                         const_cast<std::uint8_t*>(source.data()));
+      image = lazy_opencv::imdecode(data, flags);
+    }
   } catch (const cv::Exception& error) {
     throw InputError(name, fmt::format("broken {}: {}", name_of(*format), error.err));
   } catch (const std::bad_alloc&) {
@@ -161,9 +165,13 @@ std::vector<std::uint8_t> encode_image(std::string_view ending, const cv::Mat& i
     } else if (kind == ".ppm" && channels == 1) {
       cv::cvtColor(image, ready, cv::COLOR_GRAY2BGR);
     }
-    std::vector<int> parameters;
-    if (kind == ".jpg" || kind == ".jpeg") parameters = {cv::IMWRITE_JPEG_QUALITY, jpeg_quality};
-    encoded = cv::imencode(kind, ready, bytes, parameters);
+    bytes = encode_plain(kind, ready, jpeg_quality);
+    encoded = !bytes.empty();
+    if (!encoded) {
+      std::vector<int> parameters;
+      if (kind == ".jpg" || kind == ".jpeg") parameters = {cv::IMWRITE_JPEG_QUALITY, jpeg_quality};
+      encoded = lazy_opencv::imencode(kind, ready, bytes, parameters);
+    }
   } catch (const cv::Exception& error) {
     throw OutputError(
         name, fmt::format("cannot encode {}x{} pixels: {}", image.cols, image.rows, error.err));

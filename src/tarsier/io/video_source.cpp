@@ -3,15 +3,15 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/io/lazy_opencv.h"
 
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
-#include <opencv2/videoio/registry.hpp>
 
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <memory>
 #include <string_view>
 #include <utility>
 
@@ -42,10 +42,10 @@ class VideoSource final : public FrameSource {
   explicit VideoSource(const std::string& path) : path_(path) {
     const QuietOpenCv quiet;
     // An OpenCV built without FFmpeg still reads MJPEG in AVI by itself.
-    open(cv::videoio_registry::hasBackend(cv::CAP_FFMPEG) ? cv::CAP_FFMPEG : cv::CAP_OPENCV_MJPEG);
+    open(lazy_opencv::has_backend(cv::CAP_FFMPEG) ? cv::CAP_FFMPEG : cv::CAP_OPENCV_MJPEG);
     if (pending_.empty()) throw InputError(path_, "no frame of this video can be decoded");
-    fps_ = sane_fps(capture_.get(cv::CAP_PROP_FPS));
-    const double count = capture_.get(cv::CAP_PROP_FRAME_COUNT);
+    fps_ = sane_fps(capture_->get(cv::CAP_PROP_FPS));
+    const double count = capture_->get(cv::CAP_PROP_FRAME_COUNT);
     if (std::isfinite(count) && count >= 1 && count < 1e9)
       count_ = static_cast<std::int64_t>(count);
   }
@@ -90,9 +90,9 @@ class VideoSource final : public FrameSource {
   // Opens and reads the first frame: many broken files open well.
   void open(int backend) {
     try {
-      if (!capture_.open(path_, backend)) return;
-      const double width = capture_.get(cv::CAP_PROP_FRAME_WIDTH);
-      const double height = capture_.get(cv::CAP_PROP_FRAME_HEIGHT);
+      if (!capture_->open(path_, backend)) return;
+      const double width = capture_->get(cv::CAP_PROP_FRAME_WIDTH);
+      const double height = capture_->get(cv::CAP_PROP_FRAME_HEIGHT);
       if (width * height > kMaxPixels) {
         throw InputError(
             path_, fmt::format("{:.0f}x{:.0f} pixels are more than the limit of 100 million", width,
@@ -101,14 +101,14 @@ class VideoSource final : public FrameSource {
       pending_ = read();
       if (!pending_.empty()) detail_ = fmt::format("{}x{} video", pending_.cols, pending_.rows);
     } catch (const cv::Exception&) {
-      capture_.release();
+      capture_->release();
     }
   }
 
   cv::Mat read() {
     cv::Mat image;  // a new one each time: the caller keeps it
     try {
-      if (!capture_.read(image) || image.empty()) return {};
+      if (!capture_->read(image) || image.empty()) return {};
       if (image.type() == CV_8UC1) cv::cvtColor(image, image, cv::COLOR_GRAY2BGR);
       if (image.type() == CV_8UC4) cv::cvtColor(image, image, cv::COLOR_BGRA2BGR);
     } catch (const cv::Exception& error) {
@@ -116,7 +116,7 @@ class VideoSource final : public FrameSource {
       return {};
     }
     if (image.type() != CV_8UC3) return {};
-    const double stated = capture_.get(cv::CAP_PROP_POS_MSEC) / 1000;
+    const double stated = capture_->get(cv::CAP_PROP_POS_MSEC) / 1000;
     const bool is_first = !read_any_;
     read_any_ = true;
     // Files without time stamps state 0 or go back; then the frame rate counts.
@@ -126,13 +126,13 @@ class VideoSource final : public FrameSource {
     } else {
       const double time = stated - first_stated_;
       const bool is_usable = std::isfinite(time) && time > time_ && time < 1e7;
-      time_ = is_usable ? time : time_ + 1 / sane_fps(capture_.get(cv::CAP_PROP_FPS));
+      time_ = is_usable ? time : time_ + 1 / sane_fps(capture_->get(cv::CAP_PROP_FPS));
     }
     return image;
   }
 
   const std::string path_;
-  cv::VideoCapture capture_;
+  std::unique_ptr<cv::VideoCapture> capture_ = lazy_opencv::make_video_capture();
   cv::Mat pending_;
   double fps_ = 25;
   std::int64_t count_ = 0;

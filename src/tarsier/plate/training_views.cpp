@@ -2,8 +2,8 @@
 #include "tarsier/plate/training_views.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/io/image_file.h"
 
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -287,9 +287,8 @@ void weather(cv::Mat& gray, double strength, Rng& rng) {
     }
   }
   if (rng.uniform() < 0.3) {
-    std::vector<std::uint8_t> bytes;
-    cv::imencode(".jpg", gray, bytes, {cv::IMWRITE_JPEG_QUALITY, rng.integer(25, 90)});
-    cv::imdecode(bytes, cv::IMREAD_GRAYSCALE, &gray);
+    const auto bytes = encode_image(".jpg", gray, "a view", rng.integer(25, 90));
+    cv::extractChannel(decode_image(bytes, "a view"), gray, 0);
   }
 }
 
