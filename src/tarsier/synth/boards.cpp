@@ -134,6 +134,50 @@ bool BoardPrint::is_ink(const cv::Point2d& at) const {
   return x >= 0 && y >= 0 && x < cells.cols && y < cells.rows && cells.at<uchar>(y, x) == 0;
 }
 
+std::optional<bool> BoardPrint::uniform_ink(const cv::Rect2d& box) const {
+  const double p = spec_.pitch;
+  const cv::Point2d low = box.tl();
+  const cv::Point2d high = box.br();
+  if (spec_.kind == BoardKind::kCircles || spec_.kind == BoardKind::kCirclesGrid) {
+    const double reach = 0.5 * std::hypot(box.width, box.height) + 1e-9 * p;
+    if (!(reach < 0.25 * p)) return std::nullopt;
+    const cv::Point2d at = 0.5 * (low + high);
+    const bool is_staggered = spec_.kind == BoardKind::kCircles;
+    const double step = is_staggered ? 2 * p : p;
+    const double radius = 0.5 * spec_.ratio * p;
+    const int row = std::clamp(cvRound(at.y / p), 0, spec_.rows - 1);
+    for (int r = std::max(0, row - 1); r <= std::min(spec_.rows - 1, row + 1); ++r) {
+      const double x = at.x - (is_staggered ? (r % 2) * p : 0);
+      const int column = std::clamp(cvRound(x / step), 0, spec_.columns - 1);
+      for (int c = std::max(0, column - 1); c <= std::min(spec_.columns - 1, column + 1); ++c) {
+        const double distance = std::hypot(x - c * step, at.y - r * p);
+        if (distance + reach < radius) return true;
+        if (distance < radius + reach) return std::nullopt;
+      }
+    }
+    return false;
+  }
+  if (high.x < print_.x || low.x > print_.br().x || high.y < print_.y || low.y > print_.br().y)
+    return false;
+  if (!holds(print_, low) || !holds(print_, high)) return std::nullopt;
+  const cv::Vec4d squares(low.x / p + 1, low.y / p + 1, high.x / p + 1, high.y / p + 1);
+  const int column = cvFloor(squares[0]);
+  const int row = cvFloor(squares[1]);
+  if (cvFloor(squares[2]) != column || cvFloor(squares[3]) != row) return std::nullopt;
+  if (spec_.kind == BoardKind::kChess || (column + row) % 2 == 0) return is_ink(low);
+  const auto id = static_cast<std::size_t>((row * spec_.columns + column) / 2);
+  if (id >= markers_.size()) return false;
+  const double rim = 0.5 * (1 - spec_.ratio);
+  const auto cell = [&](double square, int first) {
+    return cvFloor((square - first - rim) / spec_.ratio * markers_[id].cols);
+  };
+  if (cell(squares[0], column) != cell(squares[2], column) ||
+      cell(squares[1], row) != cell(squares[3], row)) {
+    return std::nullopt;
+  }
+  return is_ink(low);
+}
+
 BoardRenderer::BoardRenderer(const geometry::Camera& camera, const BoardSpec& spec)
     : camera_(camera), print_(spec) {
   camera.check();
@@ -166,6 +210,26 @@ cv::Mat BoardRenderer::render(const geometry::Rigid& camera_from_board,
                                  {c[0], c[1]});
         }
         if (!is_on) continue;
+        // Most pixels see nothing of the sheet, or nothing but paper or ink.
+        const auto [left_x, right_x] =
+            std::minmax({corner[0][0], corner[1][0], corner[2][0], corner[3][0]});
+        const auto [top_y, bottom_y] =
+            std::minmax({corner[0][1], corner[1][1], corner[2][1], corner[3][1]});
+        const cv::Rect2d box(left_x, top_y, right_x - left_x, bottom_y - top_y);
+        const cv::Rect2d sheet = print_.sheet();
+        if (left_x > sheet.br().x || right_x < sheet.x || top_y > sheet.br().y ||
+            bottom_y < sheet.y) {
+          continue;
+        }
+        if (print_.is_sheet(box.tl()) && print_.is_sheet(box.br())) {
+          if (const auto ink = print_.uniform_ink(box)) {
+            const double middle =
+                0.25 * (corner[0][0] + corner[1][0] + corner[2][0] + corner[3][0]);
+            const double light = 1 - look.fall_off * (middle - print_.sheet().x) / width;
+            out[x] = static_cast<float>(light * (*ink ? look.ink : look.paper));
+            continue;
+          }
+        }
         double sum = 0;
         for (int sy = 0; sy < kSamples; ++sy) {
           const double b = (sy + 0.5) / kSamples;

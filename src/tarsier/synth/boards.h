@@ -32,6 +32,8 @@ struct BoardPrint {
   explicit BoardPrint(const calibration::BoardSpec& spec);
   [[nodiscard]] bool is_ink(const cv::Point2d& at) const;
   [[nodiscard]] bool is_sheet(const cv::Point2d& at) const;
+  // The ink of all places of a box, where they are alike; nothing where they differ, or may.
+  [[nodiscard]] std::optional<bool> uniform_ink(const cv::Rect2d& box) const;
   [[nodiscard]] cv::Rect2d sheet() const { return sheet_; }  // m
 
  private:

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/synth/boards.h"
 
+#include "tarsier/core/rng.h"
+
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
 
@@ -35,6 +37,33 @@ TEST(SynthBoardsTest, PixelsAreMeansOverTheirArea) {
   EXPECT_NEAR(dark, CV_PI * 25, 0.3);  // px2: radius 5 px
   EXPECT_NEAR(sum.x / dark, 99.5, 0.01);
   EXPECT_NEAR(sum.y / dark, 99.5, 0.01);
+}
+
+// The renderer leaves out the samples of pixels whose box is uniform, so none may differ there.
+TEST(SynthBoardsTest, WhereInkIsUniformEachPlaceHasIt) {
+  for (const char* words :
+       {"chess:9x6", "circles:4x11", "circles-grid:5x4:0.9", "charuco:5x7:6x6_250"}) {
+    const BoardPrint print(parse_board(words, 0.025));
+    const cv::Rect2d sheet = print.sheet();
+    Rng rng(3);
+    int decided = 0;
+    int inked = 0;
+    constexpr int kBoxes = 4000;
+    for (int k = 0; k < kBoxes; ++k) {
+      const cv::Rect2d box(rng.uniform(sheet.x, sheet.br().x), rng.uniform(sheet.y, sheet.br().y),
+                           rng.uniform(0, 0.002), rng.uniform(0, 0.002));
+      const auto ink = print.uniform_ink(box);
+      if (!ink) continue;
+      ++decided;
+      inked += *ink ? 1 : 0;
+      for (int i = 0; i < 20; ++i) {
+        const cv::Point2d at(rng.uniform(box.x, box.br().x), rng.uniform(box.y, box.br().y));
+        ASSERT_EQ(print.is_ink(at), *ink) << words << " at " << at << " of " << box;
+      }
+    }
+    EXPECT_GT(decided, kBoxes * 7 / 10) << words;
+    EXPECT_GT(inked, kBoxes / 20) << words;
+  }
 }
 
 TEST(SynthBoardsTest, PosesShowTheWholeBoardWhereAsked) {
