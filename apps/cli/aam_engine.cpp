@@ -75,38 +75,38 @@ std::string shipped_appearance_model() {
   return (std::filesystem::path(find_models_folder("")) / "aam68.json").string();
 }
 
-void add_aam_flags(CLI::App& verb, AamFlags& flags) {
+void add_aam_flags(Command& verb, AamFlags& flags) {
   verb.add_option("--model", flags.model, "model file [aam68.json, which ships]");
   verb.add_option("--method", flags.method,
                   "project-out (everything precomputed) or alternating (exact, dearer, better on "
                   "what the model has not seen) [alternating]")
-      ->check(CLI::IsMember({"auto", "project-out", "alternating"}));
+      .check(one_of({"auto", "project-out", "alternating"}));
   verb.add_option("--start", flags.start,
                   "where fits begin: detector (faces), landmarks (the tracker of 68 points), "
                   "search (the whole picture) [detector where the model was learnt with one]")
-      ->check(CLI::IsMember({"auto", "detector", "landmarks", "search"}));
+      .check(one_of({"auto", "detector", "landmarks", "search"}));
   verb.add_option("--starts", flags.starts, "fits around each start, of which the best stays")
-      ->check(CLI::Range(1, 100))
-      ->capture_default_str();
+      .check(range(1, 100))
+      .show_default();
   add_min_face_flag(verb, flags.min_face);
-  CLI::Option* iterations =
+  Flag& iterations =
       verb.add_option("--iterations", flags.fit.iterations, "at most, for each level")
-          ->capture_default_str();
-  CLI::Option* prior =
+          .show_default();
+  Flag& prior =
       verb.add_option("--shape-prior", flags.fit.shape_prior,
                       "pull towards the mean shape, in units of the texture's noise; 0: none")
-          ->capture_default_str();
-  CLI::Option* sigmas = verb.add_option("--sigmas", flags.fit.sigmas,
-                                        "how far a shape mode may go, standard deviations")
-                            ->capture_default_str();
-  CLI::Option* refresh =
+          .show_default();
+  Flag& sigmas = verb.add_option("--sigmas", flags.fit.sigmas,
+                                 "how far a shape mode may go, standard deviations")
+                     .show_default();
+  Flag& refresh =
       verb.add_option(
               "--refresh", flags.fit.refresh,
               "alternating: share of change of the texture at which its images are made anew")
-          ->capture_default_str();
-  CLI::Option* robust =
+          .show_default();
+  Flag& robust =
       verb.add_flag("--robust", flags.fit.robust, "pixels that fit badly (hidden) count less");
-  for (CLI::Option* option : {iterations, prior, sigmas, refresh, robust}) option->group("The fit");
+  for (Flag* flag : {&iterations, &prior, &sigmas, &refresh, &robust}) flag->group("The fit");
 }
 
 AamEngine make_aam_engine(const AamFlags& flags) {

@@ -9,7 +9,8 @@
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
 
-#include "command_tree.h"
+#include "framework/command_tree.h"
+#include "framework/parse.h"
 #include <algorithm>
 #include <cerrno>
 #include <csignal>
@@ -18,8 +19,6 @@
 #include <cstring>
 #include <filesystem>
 #include <new>
-#include <numeric>
-#include <sstream>
 #include <system_error>
 
 namespace tarsier::cli {
@@ -99,155 +98,6 @@ std::string without_requirement(std::string_view what) {
   return std::string(what);
 }
 
-// --- the chosen verb ---
-
-std::vector<std::string> verb_names(const CLI::App& app) {
-  std::vector<std::string> names;
-  for (const CLI::App* sub :
-       app.get_subcommands([](const CLI::App* s) { return !s->get_name().empty(); })) {
-    names.push_back(sub->get_name());
-  }
-  return names;
-}
-
-bool is_area(const CLI::App& app) { return !verb_names(app).empty(); }
-
-std::string path_of(const CLI::App& app) {
-  const std::string verb = verb_of(app);
-  return verb.empty() ? "tarsier" : "tarsier " + verb;
-}
-
-// The words that lead to a verb, as `tokens` has them; `count` tells how many were used.
-CLI::App* chosen_app(CLI::App& root, const std::vector<std::string>& tokens, size_t& count) {
-  CLI::App* app = &root;
-  for (count = 0; count < tokens.size(); ++count) {
-    CLI::App* next = nullptr;
-    for (CLI::App* sub : app->get_subcommands([](CLI::App*) { return true; })) {
-      if (sub->get_name() == tokens[count]) next = sub;
-    }
-    if (next == nullptr) break;
-    app = next;
-  }
-  return app;
-}
-
-std::string join(const std::vector<std::string>& words) {
-  std::string result;
-  for (const std::string& word : words) result += (result.empty() ? "" : ", ") + word;
-  return result;
-}
-
-std::vector<std::string> flag_names(const CLI::App& app) {
-  std::vector<std::string> names;
-  for (const CLI::Option* option : app.get_options()) {
-    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
-  }
-  return names;
-}
-
-// Words that stand where an area, a verb or a flag is expected and are none: says what is known
-// there.
-void check_words(CLI::App& root, const std::vector<std::string>& tokens) {
-  size_t count = 0;
-  const CLI::App* app = chosen_app(root, tokens, count);
-  if (count == tokens.size()) return;
-  const std::string& word = tokens[count];
-  if (is_area(*app)) {
-    if (word == "-h" || word == "--help" || (word == "--version" && app == &root)) return;
-    if (word.starts_with("-") && app == &root) {
-      throw UsageError(
-          fmt::format("unknown flag {} here: flags come after the verb (tarsier --help)", word));
-    }
-    const std::vector<std::string> known = verb_names(*app);
-    const std::string meant = nearest_word(word, known);
-    throw UsageError(
-        fmt::format("'{}' knows no '{}': {}", path_of(*app), word,
-                    meant.empty() ? "known: " + join(known) : "did you mean '" + meant + "'?"));
-  }
-  for (size_t i = count; i < tokens.size() && tokens[i] != "--"; ++i) {
-    if (!tokens[i].starts_with("--")) continue;
-    const std::string flag = tokens[i].substr(0, tokens[i].find('='));
-    const std::vector<std::string> known = flag_names(*app);
-    if (std::find(known.begin(), known.end(), flag) != known.end()) continue;
-    const std::string meant = nearest_word(flag, known);
-    throw UsageError(fmt::format(
-        "'{}' has no flag {}: {}", path_of(*app), flag,
-        meant.empty() ? "see " + path_of(*app) + " --help" : "did you mean " + meant + "?"));
-  }
-}
-
-// --- --config ---
-
-bool given_on_line(const CLI::Option& option, const std::vector<std::string>& tokens, size_t from) {
-  for (size_t i = from; i < tokens.size() && tokens[i] != "--"; ++i) {
-    const std::string& token = tokens[i];
-    for (const std::string& name : option.get_lnames()) {
-      if (token == "--" + name || token.starts_with("--" + name + "=")) return true;
-    }
-    for (const std::string& name : option.get_snames()) {
-      if (token.starts_with("-" + name) && !token.starts_with("--")) return true;
-    }
-  }
-  return false;
-}
-
-void add_item(const CLI::App& verb, const CLI::ConfigItem& item, const std::string& path,
-              const std::vector<std::string>& tokens, size_t from,
-              std::vector<std::string>& added) {
-  const CLI::Option* option = verb.get_option_no_throw("--" + item.name);
-  if (option == nullptr || item.name == "config" || item.name == "help") {
-    const std::string meant = nearest_word("--" + item.name, flag_names(verb));
-    throw UsageError(fmt::format("{}: '{}' has no option '{}'{}", path, path_of(verb), item.name,
-                                 meant.empty() ? "" : ": did you mean '" + meant.substr(2) + "'?"));
-  }
-  if (given_on_line(*option, tokens, from)) return;  // the command line wins
-  if (item.inputs.empty()) throw UsageError(fmt::format("{}: '{}' has no value", path, item.name));
-  if (item.inputs.size() == 1 || option->get_items_expected_max() == 1) {  // a list as "60,25,20"
-    added.push_back(fmt::format("--{}={}", item.name, fmt::join(item.inputs, ",")));
-  } else {
-    added.push_back("--" + item.name);
-    added.insert(added.end(), item.inputs.begin(), item.inputs.end());
-  }
-}
-
-// Turns the file of --config into flags behind those of the command line. Top-level keys are the
-// chosen verb's; a section [area.verb] holds those of one verb, so that one file can serve several.
-std::vector<std::string> with_config(CLI::App& root, std::vector<std::string> tokens) {
-  size_t from = 0;
-  const CLI::App* verb = chosen_app(root, tokens, from);
-  std::string path;
-  const size_t end =
-      static_cast<size_t>(std::find(tokens.begin(), tokens.end(), "--") - tokens.begin());
-  for (size_t i = from; i < end; ++i) {
-    if (tokens[i] == "--config" && i + 1 < end) path = tokens[i + 1];
-    if (tokens[i].starts_with("--config=")) path = tokens[i].substr(9);
-  }
-  if (path.empty() || is_area(*verb)) return tokens;
-
-  std::istringstream text(read_file(path, 1'000'000));
-  std::vector<CLI::ConfigItem> items;
-  try {
-    items = CLI::ConfigTOML().from_config(text);
-  } catch (const std::exception& error) {
-    throw InputError(path, fmt::format("not a TOML or INI file: {}", error.what()));
-  }
-  std::vector<std::string> added;
-  for (const CLI::ConfigItem& item : items) {
-    if (item.name == "++" || item.name == "--") continue;  // marks of a section's begin and end
-    if (!item.parents.empty()) {
-      size_t used = 0;
-      const CLI::App* section = chosen_app(root, item.parents, used);
-      if (used < item.parents.size() || is_area(*section)) {
-        throw UsageError(fmt::format("{}: [{}] is no area and verb", path, item.fullname()));
-      }
-      if (section != verb) continue;
-    }
-    add_item(*verb, item, path, tokens, from, added);
-  }
-  tokens.insert(tokens.begin() + static_cast<std::ptrdiff_t>(end), added.begin(), added.end());
-  return tokens;
-}
-
 // --- the program ---
 
 // The libraries below us write to stderr on their own; what matters comes back as an error of ours.
@@ -277,8 +127,39 @@ int run_checked(int argc, const char* const* argv) {
   std::signal(SIGXFSZ, SIG_IGN);
   silence_libraries();
 
-  CLI::App app("classical computer vision on an ordinary CPU, offline", "tarsier");
-  app.set_version_flag("--version", fmt::format("tarsier {}", version()));
+  Command app("tarsier", "classical computer vision on an ordinary CPU, offline");
+  add_areas(app, context);
+
+  const std::vector<std::string> words(argv + std::min(argc, 1), argv + argc);
+  const Chosen chosen = chosen_command(app, words);
+  const auto help_of = [&app](const Command& command) {
+    return &command == &app ? std::string(kHelp) : help_text(command);
+  };
+  if (is_area(*chosen.command) && chosen.words == words.size()) {
+    const std::string help = help_of(*chosen.command);
+    std::fwrite(help.data(), 1, help.size(), stderr);
+    return static_cast<int>(ExitStatus::kUsage);
+  }
+  const Command::Parsed parsed = parse_command_line(app, words);
+  if (parsed.outcome == Command::Outcome::kHelp) {
+    print_text(help_of(*parsed.command));
+    return 0;
+  }
+  if (parsed.outcome == Command::Outcome::kVersion) {
+    print_text(fmt::format("tarsier {}\n", version()));
+    return 0;
+  }
+  complete(context);
+  const ExitStatus status = context.run();
+  context.progress.reset();
+  print_text("");  // tells of a full disk or a closed pipe behind stdout
+  return static_cast<int>(status);
+}
+
+}  // namespace
+
+void add_areas(Command& app, Context& context) {
+  app.add_version_flag("--version");
   app.require_subcommand(0, 1);
   add_cartoon(app, context);
   add_plate(app, context);
@@ -294,71 +175,41 @@ int run_checked(int argc, const char* const* argv) {
   add_demo(app, context);
   add_bench(app, context);
   add_help(app, context);
-
-  std::vector<std::string> tokens(argv + std::min(argc, 1), argv + argc);
-  try {
-    size_t used = 0;
-    const CLI::App* chosen = chosen_app(app, tokens, used);
-    if (is_area(*chosen) && used == tokens.size()) {
-      const std::string help = chosen == &app ? std::string(kHelp) : help_text(*chosen);
-      std::fwrite(help.data(), 1, help.size(), stderr);
-      return static_cast<int>(ExitStatus::kUsage);
-    }
-    check_words(app, tokens);
-    tokens = with_config(app, std::move(tokens));
-    std::reverse(tokens.begin(), tokens.end());  // CLI11 takes them from the end
-    app.parse(tokens);
-  } catch (const CLI::CallForHelp&) {
-    const CLI::App* shown = &app;
-    while (!shown->get_subcommands().empty()) shown = shown->get_subcommands().front();
-    print_text(shown == &app ? std::string(kHelp) : help_text(*shown));
-    return 0;
-  } catch (const CLI::CallForVersion&) {
-    print_text(fmt::format("tarsier {}\n", version()));
-    return 0;
-  } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return 0;
-    return fail(ExitStatus::kUsage, error.what());
-  }
-  complete(context);
-  const ExitStatus status = context.run();
-  context.progress.reset();
-  print_text("");  // tells of a full disk or a closed pipe behind stdout
-  return static_cast<int>(status);
+  add_examples(app);
 }
 
-}  // namespace
-
-void add_common_flags(CLI::App& verb, Context& context) {
-  const auto common = [](CLI::Option* option) { option->group("Common"); };
-  verb.set_version_flag("--version", fmt::format("tarsier {}", version()))->group("");
+void add_common_flags(Command& verb, Context& context) {
+  const auto common = [](Flag& flag) { flag.group("Common"); };
+  verb.add_version_flag("--version").group("");
   common(verb.add_flag("--json", context.json, "JSON lines on stdout, logs on stderr"));
   common(verb.add_flag("--quiet", context.quiet, "only warnings and errors on stderr"));
   common(verb.add_option("--seed", context.seed, "of everything random")
-             ->check(CLI::Validator(
-                 [](const std::string& text) {
-                   return text.starts_with("-") ? "a seed is not negative" : std::string();
-                 },
-                 ""))
-             ->capture_default_str());
+             .check(Check([](const std::string& text) {
+               return text.starts_with("-") ? "a seed is not negative" : std::string();
+             }))
+             .show_default());
   common(verb.add_option("--threads", context.threads, "0: all cores")
-             ->check(CLI::Range(0, 1024))
-             ->capture_default_str());
+             .check(range(0, 1024))
+             .show_default());
   common(verb.add_option("--log-level", context.log_level)
-             ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
-             ->capture_default_str());
+             .check(one_of({"debug", "info", "warning", "error", "off"}))
+             .show_default());
   common(verb.add_option("--progress", context.progress_style, "how long work tells how far it is")
-             ->check(CLI::IsMember({"auto", "bar", "json", "none"}))
-             ->capture_default_str());
-  // Read before the parser runs (with_config); here so that the parser knows it and --help shows
-  // it.
-  common(verb.add_option("--config", "TOML or INI file with values for these flags")
-             ->type_name("FILE"));
+             .check(one_of({"auto", "bar", "json", "none"}))
+             .show_default());
+  // Read before the parser runs (parse_command_line); here so that the parser knows it and --help
+  // shows it.
+  common(verb.add_unbound_option("--config", "TOML or INI file with values for these flags")
+             .type_name("FILE"));
 }
 
-void add_debug_flag(CLI::App& verb, Context& context) {
+void add_debug_flag(Command& verb, Context& context) {
   verb.add_option("--debug-dir", context.debug_dir, "folder for the pictures of each stage")
-      ->group("Output");
+      .group("Output");
+}
+
+void set_run(Command& verb, Context& context, std::function<ExitStatus()> run) {
+  verb.callback([&context, run = std::move(run)] { context.run = run; });
 }
 
 int run_program(int argc, const char* const* argv) {
@@ -411,34 +262,6 @@ std::string find_models_folder(const std::string& given) {
     if (fs::is_directory(place, error)) return place.lexically_normal().string();
   }
   return {};
-}
-
-std::string nearest_word(std::string_view word, const std::vector<std::string>& known) {
-  const auto distance = [word](std::string_view other) {  // Levenshtein
-    std::vector<size_t> row(other.size() + 1);
-    std::iota(row.begin(), row.end(), size_t{0});
-    for (size_t i = 1; i <= word.size(); ++i) {
-      size_t diagonal = row[0];
-      row[0] = i;
-      for (size_t j = 1; j <= other.size(); ++j) {
-        const size_t above = row[j];
-        const size_t change = diagonal + (word[i - 1] == other[j - 1] ? 0 : 1);
-        row[j] = std::min({above + 1, row[j - 1] + 1, change});
-        diagonal = above;
-      }
-    }
-    return row.back();
-  };
-  std::string best;
-  if (word.size() > 64) return best;
-  size_t least = std::max<size_t>(2, word.size() / 3) + 1;
-  for (const std::string& name : known) {
-    if (const size_t d = distance(name); d < least) {
-      least = d;
-      best = name;
-    }
-  }
-  return best;
 }
 
 }  // namespace tarsier::cli

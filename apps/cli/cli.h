@@ -4,8 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/progress.h"
 
-#include <CLI/CLI.hpp>
-
+#include "framework/command.h"
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -33,27 +32,49 @@ struct Context {
 
 // Adds the flags that mean the same everywhere: --json, --quiet, --seed, --threads, --log-level,
 // --progress, --config. -o/--output, --csv and --model are added by the verbs that have them.
-void add_common_flags(CLI::App& verb, Context& context);
+void add_common_flags(Command& verb, Context& context);
 
 // --debug-dir, for verbs that can show the stages of what they do.
-void add_debug_flag(CLI::App& verb, Context& context);
+void add_debug_flag(Command& verb, Context& context);
+
+// All areas, with their verbs and examples.
+void add_areas(Command& app, Context& context);
+
+// Sets the example of every verb (examples.cpp).
+void add_examples(Command& app);
+
+// `run` is what the program does when `verb` was chosen.
+void set_run(Command& verb, Context& context, std::function<ExitStatus()> run);
+
+// Adds a verb: its flags are a `Flags` of its own, which `bind(verb, flags)` fills from the command
+// line, and behind them the common ones; `run(flags, context)` does its work.
+template <class Flags, class Bind, class Run>
+Command& add_verb(Command& area, std::string_view name, std::string_view help, Context& context,
+                  const Bind& bind, Run run) {
+  Command& verb = area.add_subcommand(name, help);
+  const auto flags = std::make_shared<Flags>();
+  bind(verb, *flags);
+  add_common_flags(verb, context);
+  set_run(verb, context, [flags, &context, run] { return run(*flags, context); });
+  return verb;
+}
 
 // One area each (cmd_<area>.cpp): adds its sub-commands; the chosen verb's callback sets
 // context.run.
-void add_cartoon(CLI::App& app, Context& context);
-void add_plate(CLI::App& app, Context& context);
-void add_landmarks(CLI::App& app, Context& context);
-void add_aam(CLI::App& app, Context& context);
-void add_pose(CLI::App& app, Context& context);
-void add_people(CLI::App& app, Context& context);
-void add_sfm(CLI::App& app, Context& context);
-void add_calibrate(CLI::App& app, Context& context);
-void add_ar(CLI::App& app, Context& context);
-void add_models(CLI::App& app, Context& context);
-void add_bench(CLI::App& app, Context& context);
-void add_demo(CLI::App& app, Context& context);
-void add_doctor(CLI::App& app, Context& context);
-void add_help(CLI::App& app, Context& context);  // hidden from --help
+void add_cartoon(Command& app, Context& context);
+void add_plate(Command& app, Context& context);
+void add_landmarks(Command& app, Context& context);
+void add_aam(Command& app, Context& context);
+void add_pose(Command& app, Context& context);
+void add_people(Command& app, Context& context);
+void add_sfm(Command& app, Context& context);
+void add_calibrate(Command& app, Context& context);
+void add_ar(Command& app, Context& context);
+void add_models(Command& app, Context& context);
+void add_bench(Command& app, Context& context);
+void add_demo(Command& app, Context& context);
+void add_doctor(Command& app, Context& context);
+void add_help(Command& app, Context& context);  // hidden from --help
 
 // Runs the program: parses, runs the chosen verb, and turns every error into one line on stderr and
 // an exit status. Never throws.
@@ -80,9 +101,5 @@ void print_text(std::string_view text);
 // <prefix>/share/tarsier/models. Empty where none exists. Throws InputError when `given` or
 // $TARSIER_MODELS is no folder.
 [[nodiscard]] std::string find_models_folder(const std::string& given);
-
-// What was probably meant by `word`: the nearest of `known`, or an empty string if none is near.
-[[nodiscard]] std::string nearest_word(std::string_view word,
-                                       const std::vector<std::string>& known);
 
 }  // namespace tarsier::cli

@@ -11,10 +11,10 @@
 // One file a verb: cmd_aam_<verb>.cpp.
 namespace tarsier::cli {
 
-void add_aam_train(CLI::App& area, Context& context);
-void add_aam_fit(CLI::App& area, Context& context);
-void add_aam_eval(CLI::App& area, Context& context);
-void add_aam_explore(CLI::App& area, Context& context);
+void add_aam_train(Command& area, Context& context);
+void add_aam_fit(Command& area, Context& context);
+void add_aam_eval(Command& area, Context& context);
+void add_aam_explore(Command& area, Context& context);
 
 // The flags of every verb that fits an appearance model.
 struct AamFlags {
@@ -25,7 +25,7 @@ struct AamFlags {
   double min_face = 0;          // px; 0: the usual
   appearance::FitOptions fit;
 };
-void add_aam_flags(CLI::App& verb, AamFlags& flags);
+void add_aam_flags(Command& verb, AamFlags& flags);
 
 // A model, ready to be fitted. `fitter` refers to `model`.
 struct AamEngine {

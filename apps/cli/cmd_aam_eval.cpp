@@ -206,29 +206,29 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_aam_eval(CLI::App& area, Context& context) {
+void add_aam_eval(Command& area, Context& context) {
   auto flags = std::make_shared<EvalFlags>();
-  CLI::App& verb = *area.add_subcommand("eval", "measures fits on annotated pictures");
+  Command& verb = area.add_subcommand("eval", "measures fits on annotated pictures");
   add_set_flags(verb, flags->set);
   add_aam_flags(verb, flags->aam);
   verb.add_option("--held-out", flags->held_out,
                   "only every N-th sample (those that `train --hold-out N` left out); 0: all")
-      ->check(CLI::Range(0, 1000000))
-      ->capture_default_str();
+      .check(range(0, 1000000))
+      .show_default();
   verb.add_option("--limit", flags->limit, "an error that counts as good, % of the eye distance")
-      ->check(CLI::Range(0.01, 100.0))
-      ->capture_default_str();
+      .check(range(0.01, 100.0))
+      .show_default();
   verb.add_option("-o,--output", flags->output, "file for the fitted points, JSON lines");
   verb.add_option("--csv", flags->csv, "table to write, one row an image");
   verb.add_option("--convergence", flags->convergence,
                   "study instead: how often fits converge from random starts; a picture to write");
   verb.add_option("--tries", flags->tries, "of the study, for each picture and disturbance")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
+      .check(range(1, 1000))
+      .show_default();
   verb.add_option("--eyes", flags->eyes,
                   "the two points whose distance is the unit [outer eye corners of known markups]")
-      ->delimiter(',')
-      ->expected(2);
+      .delimiter(',')
+      .expected(2);
   add_common_flags(verb, context);
   verb.callback(
       [flags, &context] { context.run = [flags, &context] { return run_eval(*flags, context); }; });

@@ -98,23 +98,23 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_aam_fit(CLI::App& area, Context& context) {
+void add_aam_fit(Command& area, Context& context) {
   auto flags = std::make_shared<FitFlags>();
-  CLI::App& verb =
-      *area.add_subcommand("fit", "fits a model to pictures, films and cameras (followed)");
+  Command& verb =
+      area.add_subcommand("fit", "fits a model to pictures, films and cameras (followed)");
   add_run_flags(verb, flags->run);
   add_aam_flags(verb, flags->aam);
   verb.add_option("--draw", flags->draw,
                   "mesh, face (the model's own, over the picture), points or nothing")
-      ->capture_default_str();
+      .show_default();
   verb.add_flag("--parameters", flags->parameters,
                 "--json: the parameters of shape and texture as well");
-  const auto film = [](CLI::Option* option) { option->group("Films and cameras"); };
+  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
   film(verb.add_option("--search-every", flags->track.search_every,
                        "frames between searches for new faces")
-           ->capture_default_str());
+           .show_default());
   film(verb.add_option("--most-faces", flags->track.most_objects, "objects followed at a time")
-           ->capture_default_str());
+           .show_default());
   add_common_flags(verb, context);
   add_debug_flag(verb, context);
   verb.callback(

@@ -136,46 +136,44 @@ ExitStatus train(TrainFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_aam_train(CLI::App& area, Context& context) {
+void add_aam_train(Command& area, Context& context) {
   auto flags = std::make_shared<TrainFlags>();
-  CLI::App& verb =
-      *area.add_subcommand("train", "learns an appearance model from annotated pictures");
+  Command& verb =
+      area.add_subcommand("train", "learns an appearance model from annotated pictures");
   add_set_flags(verb, flags->set);
-  verb.add_option("-o,--output", flags->output, "model file to write (.json)")->required();
+  verb.add_option("-o,--output", flags->output, "model file to write (.json)").required();
   verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
   verb.add_option("--hold-out", flags->hold_out,
                   "leave out every N-th sample, for `aam eval --held-out N`; 0: none")
-      ->check(CLI::Range(0, 1000000))
-      ->capture_default_str();
+      .check(range(0, 1000000))
+      .show_default();
   appearance::AppearanceOptions& options = flags->options;
   verb.add_option(
           "--channels", flags->channels,
           "what the fit sees at a pixel: grey, colour, gradient (2 numbers) or oriented (8)")
-      ->check(CLI::IsMember({"grey", "colour", "gradient", "oriented"}))
-      ->capture_default_str();
+      .check(one_of({"grey", "colour", "gradient", "oriented"}))
+      .show_default();
   verb.add_option("--width", options.frame_width, "px, of the mean frame in which the fit works")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--levels", options.levels, "levels of resolution, each half of the one before")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--variance", options.shape.variance, "share that the shape modes keep")
-      ->capture_default_str();
-  verb.add_option("--modes", options.shape.max_modes, "shape modes at most")->capture_default_str();
+      .show_default();
+  verb.add_option("--modes", options.shape.max_modes, "shape modes at most").show_default();
   verb.add_option("--texture-variance", options.texture_variance,
                   "share that the texture modes keep")
-      ->capture_default_str();
-  verb.add_option("--texture-modes", options.texture_modes, "texture modes at most")
-      ->capture_default_str();
+      .show_default();
+  verb.add_option("--texture-modes", options.texture_modes, "texture modes at most").show_default();
   verb.add_option("--colour-width", options.colour_width,
                   "px, of the frame in which faces are drawn")
-      ->capture_default_str();
-  verb.add_option("--colour-modes", options.colour_modes, "colour modes at most")
-      ->capture_default_str();
+      .show_default();
+  verb.add_option("--colour-modes", options.colour_modes, "colour modes at most").show_default();
   verb.add_flag("!--no-colour", options.colour, "no colour texture: the model only fits");
   verb.add_flag("--mirror", options.mirror, "learn from mirrored pictures too");
   verb.add_option("--to-the-right", options.to_the_right,
                   "how far the set's points lie to the right of where a symmetric annotation has "
                   "them, px (1 where pixels are counted from 1, as in faces68)")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--mesh", flags->mesh,
                   "triangles, three point numbers (from 0) a line [Delaunay's of the mean shape]");
   verb.add_flag("--no-detector", flags->no_detector,

@@ -3,8 +3,8 @@
 
 namespace tarsier::cli {
 
-void add_ar(CLI::App& app, Context& context) {
-  CLI::App& area = *app.add_subcommand("ar", "printed markers, boards and pictures");
+void add_ar(Command& app, Context& context) {
+  Command& area = app.add_subcommand("ar", "printed markers, boards and pictures");
   area.require_subcommand(1);
   add_ar_eval(area, context);
   add_ar_marker_sheet(area, context);

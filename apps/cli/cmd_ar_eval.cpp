@@ -219,28 +219,28 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_ar_eval(CLI::App& ar, Context& context) {
+void add_ar_eval(Command& ar, Context& context) {
   auto flags = std::make_shared<EvalFlags>();
-  CLI::App& verb = *ar.add_subcommand(
+  Command& verb = ar.add_subcommand(
       "eval", "measures detection and pose on pictures of known truth (of `ar synth`)");
   verb.add_option("truth", flags->truth,
                   "JSON lines {\"image\", \"family\" or \"target\", \"K\", \"size\", \"markers\"}")
-      ->required();
+      .required();
   verb.add_option("--family", flags->family, "only lines of this family");
-  CLI::Option* const backend =
+  Flag& backend =
       verb.add_option("--backend", flags->backend, "own, or opencv to compare with (markers)")
-          ->check(CLI::IsMember({"own", "opencv"}))
-          ->capture_default_str();
-  CLI::Option* const results = verb.add_option(
-      "--results", flags->results, "judge these JSON lines {\"image\", \"markers\"} instead");
-  results->excludes(backend);
+          .check(one_of({"own", "opencv"}))
+          .show_default();
+  Flag& results = verb.add_option("--results", flags->results,
+                                  "judge these JSON lines {\"image\", \"markers\"} instead");
+  results.excludes(backend);
   verb.add_option("--tolerance", flags->tolerance,
                   "mean error of the corners up to which one is found, share of its side; at "
                   "least 3 px")
-      ->check(CLI::Range(0.01, 1.0))
-      ->capture_default_str();
+      .check(range(0.01, 1.0))
+      .show_default();
   verb.add_option("-o,--output", flags->output, "file for what was found, JSON lines")
-      ->excludes(results);
+      .excludes(results);
   add_common_flags(verb, context);
   verb.callback(
       [flags, &context] { context.run = [flags, &context] { return run_eval(*flags, context); }; });

@@ -224,54 +224,54 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_ar_markers(CLI::App& ar, Context& context) {
+void add_ar_markers(Command& ar, Context& context) {
   auto flags = std::make_shared<MarkersFlags>();
-  CLI::App& verb = *ar.add_subcommand(
+  Command& verb = ar.add_subcommand(
       "markers", "finds printed markers, where they are, and draws things that stand on them");
   add_run_flags(verb, flags->run);
   verb.add_option("--family", flags->family,
                   "aruco-original (orig), 4x4_50 .. 7x7_1000, 16h5, 25h9, 36h10, 36h11")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--size", flags->size, "side of the markers over their black frame: 50mm, 0.05")
-      ->capture_default_str();
-  CLI::Option* const camera = verb.add_option(
-      "--camera", flags->camera, "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
+      .show_default();
+  Flag& camera = verb.add_option("--camera", flags->camera,
+                                 "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
   verb.add_option("--focal", flags->focal, "focal length in px [the picture's larger side]")
-      ->check(CLI::PositiveNumber)
-      ->excludes(camera);
+      .check(positive())
+      .excludes(camera);
   verb.add_option("--backend", flags->backend, "own, or opencv to compare with")
-      ->check(CLI::IsMember({"own", "opencv"}))
-      ->capture_default_str();
+      .check(one_of({"own", "opencv"}))
+      .show_default();
   verb.add_option("--csv", flags->csv,
                   "table to write: frame, time, id, place (m), rotation vector, error, corners");
   add_on_event_flags(verb, flags->on_event, "when a marker appears or is lost");
-  const auto drawing = [](CLI::Option* option) { option->group("What is drawn"); };
-  CLI::Option* const draw = verb.add_option("--draw", flags->draw, "none, ids, axes or cube");
-  drawing(draw->check(CLI::IsMember({"none", "ids", "axes", "cube"}))->capture_default_str());
-  CLI::Option* const mesh =
+  const auto drawing = [](Flag& flag) { flag.group("What is drawn"); };
+  Flag& draw = verb.add_option("--draw", flags->draw, "none, ids, axes or cube");
+  drawing(draw.check(one_of({"none", "ids", "axes", "cube"})).show_default());
+  Flag& mesh =
       verb.add_option("--mesh", flags->mesh, "Wavefront file (.obj) that stands on the markers");
-  drawing(mesh->excludes(draw));
+  drawing(mesh.excludes(draw));
   drawing(verb.add_option("--mesh-up", flags->up, "which of its axes is its height: y or z")
-              ->check(CLI::IsMember({"y", "z"}))
-              ->needs(mesh)
-              ->capture_default_str());
+              .check(one_of({"y", "z"}))
+              .needs(mesh)
+              .show_default());
   drawing(verb.add_option("--scale", flags->scale, "of cube, axes or mesh, by the marker's side")
-              ->check(CLI::Range(0.01, 100.0))
-              ->capture_default_str());
+              .check(range(0.01, 100.0))
+              .show_default());
   drawing(verb.add_flag("--no-shadow", flags->no_shadow, "without shadows"));
-  const auto finding = [](CLI::Option* option) { option->group("Detection"); };
+  const auto finding = [](Flag& flag) { flag.group("Detection"); };
   finding(verb.add_option("--smooth", flags->smooth,
                           "of films: none or one-euro (steady when still, quick when moving)")
-              ->check(CLI::IsMember({"none", "one-euro"}))
-              ->capture_default_str());
+              .check(one_of({"none", "one-euro"}))
+              .show_default());
   finding(verb.add_option("--least-side", flags->detect.quads.min_side_px,
                           "px, of the shortest side of a marker")
-              ->check(CLI::Range(4.0, 1000.0))
-              ->capture_default_str());
+              .check(range(4.0, 1000.0))
+              .show_default());
   finding(verb.add_option("--least-correlation", flags->detect.decode.least_correlation,
                           "how well the picture of a small marker must agree with it, 0..1")
-              ->check(CLI::Range(0.0, 1.0))
-              ->capture_default_str());
+              .check(range(0.0, 1.0))
+              .show_default());
   add_common_flags(verb, context);
   add_debug_flag(verb, context);
   verb.callback([flags, &context] {

@@ -128,58 +128,55 @@ ExitStatus make_pictures(SynthFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_ar_synth(CLI::App& ar, Context& context) {
+void add_ar_synth(Command& ar, Context& context) {
   auto flags = std::make_shared<SynthFlags>();
-  CLI::App& verb = *ar.add_subcommand(
+  Command& verb = ar.add_subcommand(
       "synth", "draws pictures of markers or of picture targets: images/, truth.jsonl");
   verb.add_option("what", flags->what, "markers or planar (pictures as targets)")
-      ->required()
-      ->check(CLI::IsMember({"markers", "planar"}));
-  verb.add_option("-o,--output,output", flags->output, "folder")->required();
-  verb.add_option("--count", flags->count, "pictures")
-      ->check(CLI::Range(1, 100000))
-      ->capture_default_str();
-  verb.add_option("--size", flags->size, "of the pictures, px")->capture_default_str();
+      .required()
+      .check(one_of({"markers", "planar"}));
+  verb.add_option("-o,--output,output", flags->output, "folder").required();
+  verb.add_option("--count", flags->count, "pictures").check(range(1, 100000)).show_default();
+  verb.add_option("--size", flags->size, "of the pictures, px").show_default();
   verb.add_option("--level", flags->level, "of light, blur and noise: easy, medium, hard or all")
-      ->check(CLI::IsMember({"easy", "medium", "hard", "all"}))
-      ->capture_default_str();
+      .check(one_of({"easy", "medium", "hard", "all"}))
+      .show_default();
   verb.add_option("--tilt", flags->still.tilt_deg, "degrees, at most")
-      ->check(CLI::Range(0.0, 80.0))
-      ->capture_default_str();
-  CLI::Option* const least =
-      verb.add_option("--least-side", flags->still.least_side_px,
-                      "px, of a marker or target seen straight; of targets [80]")
-          ->check(CLI::Range(4.0, 8192.0))
-          ->capture_default_str();
+      .check(range(0.0, 80.0))
+      .show_default();
+  Flag& least = verb.add_option("--least-side", flags->still.least_side_px,
+                                "px, of a marker or target seen straight; of targets [80]")
+                    .check(range(4.0, 8192.0))
+                    .show_default();
   verb.add_option("--most-side", flags->still.most_side_px,
                   "px; at most 0.6 of the picture's height")
-      ->check(CLI::Range(4.0, 8192.0))
-      ->capture_default_str();
+      .check(range(4.0, 8192.0))
+      .show_default();
   verb.add_option("--hidden", flags->still.part_hidden,
                   "share of markers that a hand or a bar hides in part")
-      ->check(CLI::Range(0.0, 1.0))
-      ->capture_default_str();
-  const auto markers = [](CLI::Option* option) { option->group("Markers"); };
+      .check(range(0.0, 1.0))
+      .show_default();
+  const auto markers = [](Flag& flag) { flag.group("Markers"); };
   markers(verb.add_option("--family", flags->families, "of markers, several allowed")
-              ->delimiter(',')
-              ->capture_default_str());
-  markers(verb.add_option("--side", flags->side, "of a marker over its black frame")
-              ->capture_default_str());
+              .delimiter(',')
+              .show_default());
+  markers(
+      verb.add_option("--side", flags->side, "of a marker over its black frame").show_default());
   markers(verb.add_option("--least", flags->still.least, "markers a picture")
-              ->check(CLI::Range(0, 16))
-              ->capture_default_str());
+              .check(range(0, 16))
+              .show_default());
   markers(verb.add_option("--most", flags->still.most, "markers a picture")
-              ->check(CLI::Range(0, 16))
-              ->capture_default_str());
-  const auto planar = [](CLI::Option* option) { option->group("Pictures as targets"); };
+              .check(range(0, 16))
+              .show_default());
+  const auto planar = [](Flag& flag) { flag.group("Pictures as targets"); };
   planar(verb.add_option("--picture", flags->pictures, "target, several allowed [posters]")
-             ->delimiter(','));
+             .delimiter(','));
   planar(verb.add_option("--posters", flags->posters, "how many are drawn where none is given")
-             ->check(CLI::Range(1, 50))
-             ->capture_default_str());
+             .check(range(1, 50))
+             .show_default());
   add_common_flags(verb, context);
-  verb.callback([flags, least, &context] {
-    flags->has_least_side = least->count() > 0;
+  verb.callback([flags, &least, &context] {
+    flags->has_least_side = least.count() > 0;
     context.run = [flags, &context] { return make_pictures(*flags, context); };
   });
 }

@@ -259,32 +259,31 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_ar_target_train(CLI::App& ar, Context& context) {
+void add_ar_target_train(Command& ar, Context& context) {
   auto flags = std::make_shared<TrainFlags>();
-  CLI::App& verb = *ar.add_subcommand(
+  Command& verb = ar.add_subcommand(
       "target-train", "makes a target file of a picture, to be found and followed in others");
   verb.add_option("picture", flags->picture, "the flat picture, seen squarely, without a margin")
-      ->required();
-  verb.add_option("-o,--output", flags->output, "the target file: thing.target.json")->required();
-  verb.add_option("--width", flags->width, "of the print: 20cm, 0.2m, 200mm")
-      ->capture_default_str();
+      .required();
+  verb.add_option("-o,--output", flags->output, "the target file: thing.target.json").required();
+  verb.add_option("--width", flags->width, "of the print: 20cm, 0.2m, 200mm").show_default();
   verb.add_option("--name", flags->name, "what it is called [the picture's name]");
   verb.add_option("--draw", flags->draw, "picture to write: how trackable it is, and where weak");
   verb.add_option("--side", flags->options.longer_side,
                   "px that the picture's longer side is reduced to, 64..2000")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--trials", flags->options.trials,
                   "random views that choose the features and rate the picture, 0..500")
-      ->capture_default_str();
+      .show_default();
   add_common_flags(verb, context);
   verb.callback([flags, &context] {
     context.run = [flags, &context] { return run_train(*flags, context); };
   });
 }
 
-void add_ar_target_track(CLI::App& ar, Context& context) {
+void add_ar_target_track(Command& ar, Context& context) {
   auto flags = std::make_shared<FollowFlags>();
-  CLI::App& verb = *ar.add_subcommand(
+  Command& verb = ar.add_subcommand(
       "target-track", "finds trained pictures in pictures, films and cameras, and their poses");
   add_run_flags(verb, flags->run);
   verb.add_option("--target", flags->targets,
@@ -294,22 +293,22 @@ void add_ar_target_track(CLI::App& ar, Context& context) {
                   "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]; without one "
                   "there are no poses");
   verb.add_option("--draw", flags->draw, "box, axes, outline or none (box and axes need a camera)")
-      ->check(CLI::IsMember({"box", "axes", "outline", "none"}))
-      ->capture_default_str();
+      .check(one_of({"box", "axes", "outline", "none"}))
+      .show_default();
   verb.add_option("--csv", flags->csv,
                   "table to write: frame, time, id, confidence, corners, place (m), error");
   add_on_event_flags(verb, flags->on_event, "when a target appears or is lost");
-  const auto film = [](CLI::Option* option) { option->group("Films and cameras"); };
+  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
   film(verb.add_option("--smooth", flags->track.steady_px,
                        "px: motion below about this is smoothed over time; 0: none")
-           ->capture_default_str());
+           .show_default());
   film(verb.add_option("--search-every", flags->track.detect_every,
                        "frames between searches for targets that are missing while others are "
                        "followed")
-           ->capture_default_str());
+           .show_default());
   film(verb.add_option("--search-px", flags->track.search_px,
                        "px, how far from its predicted place a target is searched")
-           ->capture_default_str());
+           .show_default());
   add_common_flags(verb, context);
   add_debug_flag(verb, context);
   verb.callback([flags, &context] {

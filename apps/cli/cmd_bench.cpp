@@ -43,20 +43,20 @@ const std::vector<Benchmark>& benchmarks() {
 
 }  // namespace
 
-void add_bench(CLI::App& app, Context& context) {
-  CLI::App& bench = *app.add_subcommand("bench", "measures how fast things are on this machine");
+void add_bench(Command& app, Context& context) {
+  Command& bench = app.add_subcommand("bench", "measures how fast things are on this machine");
   bench.require_subcommand(1);
   const auto options = std::make_shared<BenchOptions>();
   for (const Benchmark& benchmark : benchmarks()) {
-    CLI::App& verb = *bench.add_subcommand(benchmark.name, benchmark.help);
+    Command& verb = bench.add_subcommand(benchmark.name, benchmark.help);
     verb.add_option("INPUT", options->inputs,
                     "pictures to measure on (default: the benchmark's own)");
     verb.add_option("--repeats", options->repeats,
                     "runs per case, after one to warm up; the median counts")
-        ->check(CLI::Range(1, 100000))
-        ->capture_default_str();
-    verb.add_option("--size", options->sizes, "only these sizes, e.g. 640x480")->delimiter(',');
-    verb.add_option("--only", options->only, "only these cases, e.g. sketch,paint")->delimiter(',');
+        .check(range(1, 100000))
+        .show_default();
+    verb.add_option("--size", options->sizes, "only these sizes, e.g. 640x480").delimiter(',');
+    verb.add_option("--only", options->only, "only these cases, e.g. sketch,paint").delimiter(',');
     if (benchmark.run == bench_cartoon) {
       verb.add_flag("--stages", options->stages, "where the time goes: a line for each stage");
     }

@@ -267,69 +267,69 @@ ExitStatus run_calibrate(CalibrateFlags& flags, Context& context) {
   return finish_calibration(flags, job, context);
 }
 
-void add_lens_flags(CLI::App& verb, CalibrateFlags& flags) {
-  const auto lens = [](CLI::Option* option) { option->group("Lens"); };
+void add_lens_flags(Command& verb, CalibrateFlags& flags) {
+  const auto lens = [](Flag& flag) { flag.group("Lens"); };
   lens(verb.add_option("--lens", flags.lens,
                        "pinhole (k1 k2 p1 p2 k3), rational (k1..k6 p1 p2), fisheye (k1..k4)")
-           ->check(CLI::IsMember({"pinhole", "rational", "fisheye"}))
-           ->capture_default_str());
+           .check(one_of({"pinhole", "rational", "fisheye"}))
+           .show_default());
   lens(verb.add_option("--radial", flags.options.radial,
                        "radial numbers of a pinhole: 0..3; fewer for few views")
-           ->check(CLI::Range(0, 3))
-           ->capture_default_str());
+           .check(range(0, 3))
+           .show_default());
   lens(verb.add_flag("--no-tangential", flags.no_tangential, "p1 and p2 are 0"));
   lens(verb.add_flag("--square-pixels", flags.options.square_pixels, "fy is fx"));
   lens(verb.add_option("--outlier", flags.options.outlier,
                        "a view that fits so many times worse than most is left out")
-           ->check(CLI::Range(2.0, 1e6))
-           ->capture_default_str());
+           .check(range(2.0, 1e6))
+           .show_default());
 }
 
 }  // namespace
 
-void add_calibrate(CLI::App& app, Context& context) {
+void add_calibrate(Command& app, Context& context) {
   auto flags = std::make_shared<CalibrateFlags>();
   flags->run.output = "none";
-  CLI::App& verb = *app.add_subcommand(
+  Command& verb = app.add_subcommand(
       "calibrate", "a camera's focal length, centre and distortion from pictures of a board");
   verb.add_option("INPUT", flags->run.inputs,
                   "pictures, folders, globs, @list.txt, films; a camera or URL: a session")
-      ->required()
-      ->type_name("");
+      .required()
+      .type_name("");
   verb.add_option("--board", flags->board,
                   "chess:9x6 (inner corners), charuco:5x7:6x6_250, circles:4x11, circles-grid:7x6")
-      ->required();
+      .required();
   verb.add_option("--square", flags->square,
                   "side of a square, distance of dots: 25mm, 2.5cm, 0.025")
-      ->required();
+      .required();
   verb.add_option("-o,--output", flags->output, "camera file to write (camera.yaml)");
   verb.add_option("--format", flags->format, "of the camera file: tarsier, opencv, colmap")
-      ->check(CLI::IsMember({"tarsier", "opencv", "colmap"}))
-      ->capture_default_str();
+      .check(one_of({"tarsier", "opencv", "colmap"}))
+      .show_default();
   verb.add_option("--csv", flags->csv, "table to write: one row a picture");
   verb.add_option("--draw", flags->draw,
                   "folder for pictures with their corners, and coverage.png");
   verb.add_option("--undistorted", flags->undistorted, "folder for the pictures, straightened");
   verb.add_option("--views", flags->views, "so many pictures of a film, at most")
-      ->check(CLI::Range(3, 500))
-      ->capture_default_str();
+      .check(range(3, 500))
+      .show_default();
   verb.add_option("--every", flags->run.every, "of films: look at fewer frames, N times")
-      ->check(CLI::Range(1, 100000))
-      ->capture_default_str();
-  const auto live = [](CLI::Option* option) { option->group("Session"); };
+      .check(range(1, 100000))
+      .show_default();
+  const auto live = [](Flag& flag) { flag.group("Session"); };
   live(verb.add_flag("--window", flags->run.window,
                      "a session in a window, which takes views by itself (h: keys)"));
   live(verb.add_flag("--fullscreen", flags->run.fullscreen, "the window fills the screen"));
   live(verb.add_option("--actions", flags->run.actions, "-: actions by name on stdin, one a line")
-           ->check(CLI::IsMember({"-"})));
+           .check(one_of({"-"})));
   live(verb.add_option("--frames", flags->run.frames, "stop after so many frames; 0: all")
-           ->check(CLI::NonNegativeNumber)
-           ->capture_default_str());
+           .check(not_negative())
+           .show_default());
   live(verb.add_option("--width", flags->run.source.width, "asked of a camera, px; 0: its choice")
-           ->capture_default_str());
-  live(verb.add_option("--height", flags->run.source.height, "px")->capture_default_str());
+           .show_default());
+  live(verb.add_option("--height", flags->run.source.height, "px").show_default());
   live(verb.add_option("--fps", flags->run.source.fps, "asked of a camera; 0: its own")
-           ->capture_default_str());
+           .show_default());
   add_lens_flags(verb, *flags);
   add_common_flags(verb, context);
   verb.callback([flags, &context] {

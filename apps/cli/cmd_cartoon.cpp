@@ -89,30 +89,28 @@ cv::Scalar parse_color(std::string_view flag, std::string_view text) {
                                fmt::join(names, ", ")));
 }
 
-void add_cartoon_flags(CLI::App& verb, CartoonFlags& flags) {
+void add_cartoon_flags(Command& verb, CartoonFlags& flags) {
   CartoonOptions& options = flags.options;
   std::vector<std::string_view> modes;
   for (const cartoon::Mode mode : cartoon::all_modes()) modes.push_back(cartoon::name_of(mode));
-  verb.add_option("--mode", flags.mode, fmt::format("{}", fmt::join(modes, " ")))
-      ->capture_default_str();
+  verb.add_option("--mode", flags.mode, fmt::format("{}", fmt::join(modes, " "))).show_default();
   verb.add_option("--quality", flags.quality,
                   "reference: the definition; fast: the same picture; draft: for small machines")
-      ->capture_default_str();
+      .show_default();
   verb.add_flag("--steady", options.steady.on, "fewer flickering lines in films");
   verb.add_option("--save-dir", flags.save_folder, "folder for pictures saved with w")
-      ->capture_default_str();
+      .show_default();
   verb.add_flag("--timings", flags.timings, "table of the time of each stage on stderr at the end");
 
-  const auto lines = [](CLI::Option* option) { option->capture_default_str()->group("Lines"); };
+  const auto lines = [](Flag& flag) { flag.show_default().group("Lines"); };
   lines(verb.add_option("--sketch-threshold", options.sketch.threshold,
                         "0..255, of the Laplacian; higher: fewer lines"));
   lines(verb.add_option("--sketch-median", options.sketch.median_size, "px, odd, 3..7"));
   lines(
       verb.add_option("--sketch-laplacian", options.sketch.laplacian_size, "aperture: 1, 3, 5, 7"));
   lines(verb.add_flag("--pepper,!--no-pepper", options.sketch.remove_pepper, "remove single dots")
-            ->default_str(options.sketch.remove_pepper ? "on" : "off"));
-  lines(verb.add_option("--evil-axes", flags.evil_axes, "x or xy")
-            ->check(CLI::IsMember({"x", "xy"})));
+            .show_default(options.sketch.remove_pepper ? "on" : "off"));
+  lines(verb.add_option("--evil-axes", flags.evil_axes, "x or xy").check(one_of({"x", "xy"})));
   lines(verb.add_option("--evil-threshold", options.evil.threshold,
                         "0..255, of the Scharr gradient"));
   lines(verb.add_option("--evil-median", options.evil.median_size, "px, odd, 1 (none)..7"));
@@ -122,22 +120,20 @@ void add_cartoon_flags(CLI::App& verb, CartoonFlags& flags) {
                         "grey levels that count as moved, 1..255"));
   lines(verb.add_option("--steady-memory", options.steady.memory, "frames, 1..16"));
 
-  const auto paint = [](CLI::Option* option) { option->capture_default_str()->group("Painting"); };
+  const auto paint = [](Flag& flag) { flag.show_default().group("Painting"); };
   paint(verb.add_option("--paint-rounds", options.paint.rounds,
                         "of two bilateral filters each, 0..50"));
   paint(verb.add_option("--paint-diameter", options.paint.diameter, "px, odd, 3..15"));
   paint(verb.add_option("--paint-sigma-color", options.paint.sigma_color, "grey levels, (0, 255]"));
   paint(verb.add_option("--paint-sigma-space", options.paint.sigma_space, "px, (0, 100]"));
 
-  const auto skin = [](CLI::Option* option) {
-    option->capture_default_str()->group("Skin (alien, smooth)");
-  };
+  const auto skin = [](Flag& flag) { flag.show_default().group("Skin (alien, smooth)"); };
   skin(verb.add_option("--skin-color", flags.skin_color, "a name, #rrggbb or r,g,b"));
   skin(verb.add_option("--skin-style", flags.skin_style, "glow: added; tint: hue only")
-           ->check(CLI::IsMember({"glow", "tint"})));
+           .check(one_of({"glow", "tint"})));
   skin(verb.add_option("--face", flags.face,
                        "outline: the user puts the face there; auto: faces are found")
-           ->check(CLI::IsMember({"outline", "auto"})));
+           .check(one_of({"outline", "auto"})));
   skin(verb.add_option("--skin-lower", flags.skin_lower, "Y',Cr,Cb below the seed, each 0..255"));
   skin(verb.add_option("--skin-upper", flags.skin_upper, "Y',Cr,Cb above the seed, each 0..255"));
   skin(verb.add_option("--skin-edge-threshold", options.skin.edge_threshold,
@@ -188,16 +184,16 @@ ExitStatus run_cartoon(const CartoonFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_cartoon(CLI::App& app, Context& context) {
-  CLI::App* area = app.add_subcommand("cartoon", "cartoons of pictures, films and live cameras");
-  area->require_subcommand(1);
-  CLI::App* verb = area->add_subcommand("run", "draw each picture of INPUT");
+void add_cartoon(Command& app, Context& context) {
+  Command& area = app.add_subcommand("cartoon", "cartoons of pictures, films and live cameras");
+  area.require_subcommand(1);
+  Command& verb = area.add_subcommand("run", "draw each picture of INPUT");
   const auto flags = std::make_shared<CartoonFlags>();
-  add_run_flags(*verb, flags->run);
-  add_cartoon_flags(*verb, *flags);
-  add_common_flags(*verb, context);
-  add_debug_flag(*verb, context);
-  verb->callback([flags, &context] {
+  add_run_flags(verb, flags->run);
+  add_cartoon_flags(verb, *flags);
+  add_common_flags(verb, context);
+  add_debug_flag(verb, context);
+  verb.callback([flags, &context] {
     context.run = [flags, &context] { return run_cartoon(*flags, context); };
   });
 }

@@ -81,15 +81,13 @@ ExitStatus run_demo(Context& context, const DemoOptions& options) {
 
 }  // namespace
 
-void add_demo(CLI::App& app, Context& context) {
-  CLI::App& verb = *app.add_subcommand("demo", "runs every area once and makes a page of it");
+void add_demo(Command& app, Context& context) {
+  Command& verb = app.add_subcommand("demo", "runs every area once and makes a page of it");
   const auto options = std::make_shared<DemoOptions>();
-  verb.add_option("-o,--output", options->output, "folder of the page")->capture_default_str();
+  verb.add_option("-o,--output", options->output, "folder of the page").show_default();
   std::vector<std::string> names;
   for (const DemoStep& step : steps()) names.emplace_back(step.name);
-  verb.add_option("--only", options->only, "only these areas")
-      ->delimiter(',')
-      ->check(CLI::IsMember(names));
+  verb.add_option("--only", options->only, "only these areas").delimiter(',').check(one_of(names));
   add_common_flags(verb, context);
   verb.callback([&context, options] {
     context.run = [&context, options] { return run_demo(context, *options); };

@@ -508,9 +508,9 @@ ExitStatus examine(const Context& context) {
 
 }  // namespace
 
-void add_doctor(CLI::App& app, Context& context) {
-  CLI::App& verb =
-      *app.add_subcommand("doctor", "what this machine has, and what to do about what it lacks");
+void add_doctor(Command& app, Context& context) {
+  Command& verb =
+      app.add_subcommand("doctor", "what this machine has, and what to do about what it lacks");
   add_common_flags(verb, context);
   verb.callback([&context] { context.run = [&context] { return examine(context); }; });
 }

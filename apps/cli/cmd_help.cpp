@@ -6,7 +6,8 @@
 #include <fmt/format.h>
 
 #include "cli.h"
-#include "command_tree.h"
+#include "framework/command_tree.h"
+#include "framework/parse.h"
 #include "manual.h"
 #include <cstdlib>
 #include <ctime>
@@ -60,26 +61,23 @@ void print_tree(const std::vector<AreaInfo>& areas) {
   }
 }
 
-const CLI::App& app_of(const CLI::App& root, const std::vector<std::string>& words) {
-  const CLI::App* app = &root;
+const Command& command_of(const Command& root, const std::vector<std::string>& words) {
+  const Command* command = &root;
   for (const std::string& word : words) {
-    std::vector<std::string> known;
-    const CLI::App* next = nullptr;
-    for (const CLI::App* part : app->get_subcommands([](const CLI::App*) { return true; })) {
-      if (part->get_name() == word) next = part;
-      known.push_back(part->get_name());
-    }
+    const Command* next = command->find(word);
     if (next == nullptr) {
+      std::vector<std::string> known;
+      for (const Command* part : command->subcommands()) known.push_back(part->name());
       const std::string meant = nearest_word(word, known);
       throw UsageError(fmt::format("no help for '{}'{}", word,
                                    meant.empty() ? "" : ": did you mean '" + meant + "'?"));
     }
-    app = next;
+    command = next;
   }
-  return *app;
+  return *command;
 }
 
-ExitStatus run_help(const CLI::App& root, const Context& context, const HelpOptions& options) {
+ExitStatus run_help(const Command& root, const Context& context, const HelpOptions& options) {
   if (!options.manual.empty()) {
     make_folder(options.manual);
     for (const ManualFile& page : manual_pages(command_tree(root), date_of_build())) {
@@ -91,22 +89,20 @@ ExitStatus run_help(const CLI::App& root, const Context& context, const HelpOpti
     print_tree(command_tree(root));
   } else {
     print_text(options.words.empty() ? std::string(main_help())
-                                     : help_text(app_of(root, options.words)));
+                                     : help_text(command_of(root, options.words)));
   }
   return ExitStatus::kDone;
 }
 
 }  // namespace
 
-void add_help(CLI::App& app, Context& context) {
-  CLI::App& verb = *app.add_subcommand("help", "the help of a verb; all verbs for other programs");
+void add_help(Command& app, Context& context) {
+  Command& verb = app.add_subcommand("help", "the help of a verb; all verbs for other programs");
   verb.group("");  // `--help` after any verb is what people are told of
   const auto options = std::make_shared<HelpOptions>();
   verb.add_option("VERB", options->words, "area and verb, e.g. plate read");
-  CLI::Option& manual =
-      *verb.add_option("--man", options->manual, "folder to write manual pages into");
-  verb.add_flag("--bash", options->bash, "completion script for bash, on stdout")
-      ->excludes(&manual);
+  Flag& manual = verb.add_option("--man", options->manual, "folder to write manual pages into");
+  verb.add_flag("--bash", options->bash, "completion script for bash, on stdout").excludes(manual);
   add_common_flags(verb, context);
   verb.callback([&app, &context, options] {
     context.run = [&app, &context, options] { return run_help(app, context, *options); };

@@ -3,8 +3,8 @@
 
 namespace tarsier::cli {
 
-void add_landmarks(CLI::App& app, Context& context) {
-  CLI::App& area = *app.add_subcommand(
+void add_landmarks(Command& app, Context& context) {
+  Command& area = app.add_subcommand(
       "landmarks", "points of faces and other things: annotate, train, fit, track");
   area.require_subcommand(1);
   add_landmarks_annotate(area, context);

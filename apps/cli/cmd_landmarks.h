@@ -11,18 +11,18 @@
 // One file a verb: cmd_landmarks_<verb>.cpp.
 namespace tarsier::cli {
 
-void add_landmarks_annotate(CLI::App& area, Context& context);
-void add_landmarks_import(CLI::App& area, Context& context);
-void add_landmarks_show(CLI::App& area, Context& context);
-void add_landmarks_train(CLI::App& area, Context& context);
-void add_landmarks_fit(CLI::App& area, Context& context);
-void add_landmarks_track(CLI::App& area, Context& context);
-void add_landmarks_eval(CLI::App& area, Context& context);
-void add_landmarks_adapt(CLI::App& area, Context& context);
+void add_landmarks_annotate(Command& area, Context& context);
+void add_landmarks_import(Command& area, Context& context);
+void add_landmarks_show(Command& area, Context& context);
+void add_landmarks_train(Command& area, Context& context);
+void add_landmarks_fit(Command& area, Context& context);
+void add_landmarks_track(Command& area, Context& context);
+void add_landmarks_eval(Command& area, Context& context);
+void add_landmarks_adapt(Command& area, Context& context);
 
 // Verbs of `train`.
-void add_landmarks_train_detector(CLI::App& parent, Context& context);
-void add_landmarks_train_networks(CLI::App& parent, Context& context);
+void add_landmarks_train_detector(Command& parent, Context& context);
+void add_landmarks_train_networks(Command& parent, Context& context);
 
 // A set as it is given to train and eval: our own file, or whatever `landmarks import` takes.
 // What had to be left out is logged.
@@ -31,7 +31,7 @@ struct SetFlags {
   double offset = 0;   // --offset
   std::string images;  // --images
 };
-void add_set_flags(CLI::App& verb, SetFlags& flags);
+void add_set_flags(Command& verb, SetFlags& flags);
 [[nodiscard]] shape::LandmarkSet load_set(const SetFlags& flags);
 
 // Every `every`-th sample (3: the third, sixth ..), or all others. 0: all samples.

@@ -230,15 +230,15 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_landmarks_eval(CLI::App& area, Context& context) {
+void add_landmarks_eval(Command& area, Context& context) {
   auto flags = std::make_shared<EvalFlags>();
-  CLI::App& verb = *area.add_subcommand("eval", "measures accuracy on annotated pictures");
+  Command& verb = area.add_subcommand("eval", "measures accuracy on annotated pictures");
   add_set_flags(verb, flags->set);
   add_landmark_flags(verb, flags->landmarks);
   verb.add_option("--held-out", flags->held_out,
                   "only every N-th sample (those that `train --hold-out N` left out); 0: all")
-      ->check(CLI::Range(0, 1000000))
-      ->capture_default_str();
+      .check(range(0, 1000000))
+      .show_default();
   verb.add_option("--results", flags->results,
                   "judge these JSON lines {\"image\",\"points\"} or {\"image\",\"faces\"} instead "
                   "of running a model");
@@ -246,8 +246,8 @@ void add_landmarks_eval(CLI::App& area, Context& context) {
   verb.add_option("--csv", flags->csv, "table to write, one row an image");
   verb.add_option("--eyes", flags->eyes,
                   "the two points whose distance is the unit [outer eye corners of known markups]")
-      ->delimiter(',')
-      ->expected(2);
+      .delimiter(',')
+      .expected(2);
   verb.add_flag("--by-person", flags->by_person,
                 "study: descent trained on other people against descent trained on the first half "
                 "of the person's own pictures");

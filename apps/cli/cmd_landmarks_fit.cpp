@@ -100,25 +100,25 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
 }
 
-void add_verb(CLI::App& area, Context& context, const char* name, const char* help, bool follows) {
+void add_verb(Command& area, Context& context, const char* name, const char* help, bool follows) {
   auto flags = std::make_shared<FitFlags>();
   flags->follows = follows;
-  CLI::App& verb = *area.add_subcommand(name, help);
+  Command& verb = area.add_subcommand(name, help);
   add_run_flags(verb, flags->run);
   add_landmark_flags(verb, flags->landmarks);
   verb.add_option("--csv", flags->csv, "table to write: frame, time, face, score, points");
-  const auto film = [](CLI::Option* option) { option->group("Films and cameras"); };
+  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
   film(verb.add_option(
       "--smooth", flags->smooth,
       "how much points at rest are smoothed: 0 not at all, 1 as usual, 2 twice as much [1]"));
   film(verb.add_option("--search-every", flags->tracker.search_every,
                        "frames between searches for new faces")
-           ->capture_default_str());
+           .show_default());
   film(verb.add_option("--least-score", flags->tracker.least_score,
                        "a face whose fit is worth less is lost and looked for again")
-           ->capture_default_str());
+           .show_default());
   film(verb.add_option("--most-faces", flags->tracker.most_faces, "faces followed at a time")
-           ->capture_default_str());
+           .show_default());
   add_common_flags(verb, context);
   add_debug_flag(verb, context);
   verb.callback(
@@ -127,11 +127,11 @@ void add_verb(CLI::App& area, Context& context, const char* name, const char* he
 
 }  // namespace
 
-void add_landmarks_fit(CLI::App& area, Context& context) {
+void add_landmarks_fit(Command& area, Context& context) {
   add_verb(area, context, "fit", "finds the points of the faces in pictures", false);
 }
 
-void add_landmarks_track(CLI::App& area, Context& context) {
+void add_landmarks_track(Command& area, Context& context) {
   add_verb(area, context, "track", "follows faces and their points through films and cameras",
            true);
 }

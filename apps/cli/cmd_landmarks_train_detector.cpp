@@ -108,34 +108,34 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_landmarks_train_detector(CLI::App& parent, Context& context) {
+void add_landmarks_train_detector(Command& parent, Context& context) {
   auto flags = std::make_shared<DetectorFlags>();
-  CLI::App& verb = *parent.add_subcommand(
+  Command& verb = parent.add_subcommand(
       "face-detector", "a detector of one's own, from boxes: of dlib's .xml or around landmarks");
   add_set_flags(verb, flags->set);
-  verb.add_option("-o,--output", flags->output, "model file to write (.json)")->required();
+  verb.add_option("-o,--output", flags->output, "model file to write (.json)").required();
   verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
   verb.add_option("--hold-out", flags->hold_out,
                   "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
-      ->check(CLI::Range(0, 1000000))
-      ->capture_default_str();
+      .check(range(0, 1000000))
+      .show_default();
   verb.add_option("--without", flags->without,
                   "folder of pictures without the object: fewer false alarms");
   landmarks::HogOptions& options = flags->options;
   verb.add_option("--window", options.window,
                   "px, detection window (square root of its area): the smallest object it sees")
-      ->check(CLI::Range(40, 200))
-      ->capture_default_str();
+      .check(range(40, 200))
+      .show_default();
   verb.add_option("--c", options.c, "weight of mistakes against a large margin")
-      ->check(CLI::Range(1e-6, 1e6))
-      ->capture_default_str();
+      .check(range(1e-6, 1e6))
+      .show_default();
   verb.add_option("--epsilon", options.epsilon, "accuracy of the optimisation")
-      ->check(CLI::Range(1e-4, 1.0))
-      ->capture_default_str();
+      .check(range(1e-4, 1.0))
+      .show_default();
   verb.add_option("--upsample", options.upsample,
                   "times that pictures with objects smaller than the window are doubled")
-      ->check(CLI::Range(0, 3))
-      ->capture_default_str();
+      .check(range(0, 3))
+      .show_default();
   verb.add_flag("--mirror,!--no-mirror", options.mirror, "learn from mirrored pictures too [on]");
   add_common_flags(verb, context);
   verb.callback([flags, &context] {

@@ -83,22 +83,22 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_landmarks_train_networks(CLI::App& parent, Context& context) {
+void add_landmarks_train_networks(Command& parent, Context& context) {
   auto flags = std::make_shared<NetworkFlags>();
-  CLI::App& verb = *parent.add_subcommand(
+  Command& verb = parent.add_subcommand(
       "face-networks", "the networks that find faces of any size, from boxes or landmarks");
   add_set_flags(verb, flags->set);
-  verb.add_option("-o,--output", flags->output, "model file to write (.json)")->required();
+  verb.add_option("-o,--output", flags->output, "model file to write (.json)").required();
   verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
   verb.add_option("--hold-out", flags->hold_out,
                   "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
-      ->check(CLI::Range(0, 1000000))
-      ->capture_default_str();
+      .check(range(0, 1000000))
+      .show_default();
   verb.add_option("--without", flags->without,
                   "folders of pictures that show no face: what they learn not to find")
-      ->required();
+      .required();
   const auto add_steps = [&](const char* name, int& steps, const char* help) {
-    verb.add_option(name, steps, help)->check(CLI::Range(2, 1000000))->capture_default_str();
+    verb.add_option(name, steps, help).check(range(2, 1000000)).show_default();
   };
   add_steps("--scan-steps", flags->options.scan_steps,
             "batches that the first network learns from");

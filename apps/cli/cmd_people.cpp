@@ -3,9 +3,9 @@
 
 namespace tarsier::cli {
 
-void add_people(CLI::App& app, Context& context) {
-  CLI::App& area =
-      *app.add_subcommand("people", "who is it? enroll, identify, verify, forget, judge");
+void add_people(Command& app, Context& context) {
+  Command& area =
+      app.add_subcommand("people", "who is it? enroll, identify, verify, forget, judge");
   area.require_subcommand(1);
   add_people_enroll(area, context);
   add_people_gallery(area, context);

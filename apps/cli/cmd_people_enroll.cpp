@@ -156,28 +156,28 @@ class Enrolment {
 
 }  // namespace
 
-void add_people_enroll(CLI::App& area, Context& context) {
-  CLI::App& verb = *area.add_subcommand(
+void add_people_enroll(Command& area, Context& context) {
+  Command& verb = area.add_subcommand(
       "enroll", "adds faces of a person to the gallery: pictures, films or a camera");
   auto flags = std::make_shared<EnrollFlags>();
-  verb.add_option("NAME", flags->name, "any UTF-8 up to 200 bytes")->required();
+  verb.add_option("NAME", flags->name, "any UTF-8 up to 200 bytes").required();
   verb.add_option("INPUT", flags->inputs, "picture, folder, glob, @list.txt, film, camera number")
-      ->required();
+      .required();
   add_gallery_flag(verb, flags->people);
   verb.add_option("--note", flags->note, "of consent: who agreed to what, when");
   verb.add_option("--faces", flags->most, "stop after so many faces")
-      ->check(CLI::Range(1, 100000))
-      ->capture_default_str();
+      .check(range(1, 100000))
+      .show_default();
   verb.add_flag("--largest", flags->largest, "of several faces in a picture the largest");
   verb.add_flag("--any-quality", flags->any_quality, "also small, blurred, turned, dark faces");
   verb.add_flag("--sequence", flags->source.sequence, "stills follow each other in time");
   (void)add_security_flags(verb, flags->source.security);
   verb.add_option("--least-difference", flags->collect.least_difference,
                   "films: how far a face differs from the last that was taken")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--least-seconds", flags->collect.least_seconds,
                   "films: and how many seconds later it is")
-      ->capture_default_str();
+      .show_default();
   add_face_flags(verb, flags->people);
   add_common_flags(verb, context);
   verb.callback([flags, &context] {

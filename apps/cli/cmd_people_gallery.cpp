@@ -179,26 +179,25 @@ ExitStatus export_people(const GalleryFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_people_gallery(CLI::App& area, Context& context) {
+void add_people_gallery(Command& area, Context& context) {
   auto flags = std::make_shared<GalleryFlags>();
-  CLI::App& list = *area.add_subcommand("list", "who is enrolled, or who was seen");
+  Command& list = area.add_subcommand("list", "who is enrolled, or who was seen");
   add_gallery_flag(list, flags->people);
-  CLI::Option* sightings =
-      list.add_flag("--sightings", flags->sightings, "who was seen, newest first");
+  Flag& sightings = list.add_flag("--sightings", flags->sightings, "who was seen, newest first");
   list.add_option("--limit", flags->limit, "of the sightings the newest so many; 0: all")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
+      .check(not_negative())
+      .show_default();
   list.add_option("--keep", flags->keep, "delete sightings that are older: 30d, 12h, 90m ..")
-      ->excludes(sightings);
+      .excludes(sightings);
   add_common_flags(list, context);
   list.callback([flags, &context] {
     context.run = [flags, &context] { return list_people(*flags, context); };
   });
 
-  CLI::App& forget = *area.add_subcommand(
+  Command& forget = area.add_subcommand(
       "forget",
       "removes a person for good and proves it by searching the files in and below the folder");
-  forget.add_option("NAME", flags->name, "as `people list` shows it")->required();
+  forget.add_option("NAME", flags->name, "as `people list` shows it").required();
   add_gallery_flag(forget, flags->people);
   forget.add_flag("--yes", flags->yes, "do not ask");
   add_common_flags(forget, context);
@@ -206,9 +205,9 @@ void add_people_gallery(CLI::App& area, Context& context) {
     context.run = [flags, &context] { return forget_person(*flags, context); };
   });
 
-  CLI::App& output = *area.add_subcommand(
+  Command& output = area.add_subcommand(
       "export", "writes all that the gallery holds: faces, faces.lst, people.json");
-  output.add_option("-o,--output", flags->output, "a folder that is not there yet")->required();
+  output.add_option("-o,--output", flags->output, "a folder that is not there yet").required();
   add_gallery_flag(output, flags->people);
   add_common_flags(output, context);
   output.callback([flags, &context] {

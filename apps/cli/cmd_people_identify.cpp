@@ -155,8 +155,8 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_people_identify(CLI::App& area, Context& context) {
-  CLI::App& verb = *area.add_subcommand(
+void add_people_identify(Command& area, Context& context) {
+  Command& verb = area.add_subcommand(
       "identify", "names the faces in pictures, films and cameras, or says unknown");
   auto flags = std::make_shared<IdentifyFlags>();
   add_run_flags(verb, flags->run);
@@ -165,7 +165,7 @@ void add_people_identify(CLI::App& area, Context& context) {
   verb.add_flag("--raw", flags->recognize.raw, "pictures are cut faces already");
   verb.add_option("--far", flags->recognize.false_accepts,
                   "share of strangers who may be taken for somebody")
-      ->capture_default_str();
+      .show_default();
   add_on_event_flags(verb, flags->on_event, "at each new recognition");
   verb.add_option("--keep", flags->keep,
                   "write into the gallery who was seen, and delete what is older: 30d, 12h ..");

@@ -179,8 +179,8 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_people_show(CLI::App& area, Context& context) {
-  CLI::App& verb = *area.add_subcommand(
+void add_people_show(Command& area, Context& context) {
+  Command& verb = area.add_subcommand(
       "show",
       "looks inside: mean face, eigenfaces, reconstruction, nearest faces, evidence, stages");
   auto flags = std::make_shared<ShowFlags>();
@@ -190,10 +190,10 @@ void add_people_show(CLI::App& area, Context& context) {
   verb.add_flag("--raw", flags->raw, "that picture is a cut face already");
   verb.add_option("--stages", flags->stages, "a picture: how its face is prepared");
   verb.add_option("--components", flags->components, "eigenfaces or fisherfaces shown")
-      ->check(CLI::Range(0, 500))
-      ->capture_default_str();
+      .check(range(0, 500))
+      .show_default();
   verb.add_option("-o,--output", flags->output, "picture to write");
-  verb.add_option("--size", flags->size, "of that picture")->capture_default_str();
+  verb.add_option("--size", flags->size, "of that picture").show_default();
   add_face_flags(verb, flags->people);
   add_common_flags(verb, context);
   verb.callback(

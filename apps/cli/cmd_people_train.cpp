@@ -170,9 +170,9 @@ ExitStatus train(const TrainFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_people_train(CLI::App& area, Context& context) {
-  CLI::App& verb =
-      *area.add_subcommand("train", "learns from the gallery, or from a list into a file");
+void add_people_train(Command& area, Context& context) {
+  Command& verb =
+      area.add_subcommand("train", "learns from the gallery, or from a list into a file");
   auto flags = std::make_shared<TrainFlags>();
   add_gallery_flag(verb, flags->people);
   verb.add_option("--list", flags->list,

@@ -101,15 +101,15 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_people_verify(CLI::App& area, Context& context) {
-  CLI::App& verb = *area.add_subcommand("verify", "is it this person? Exit status 0: yes, 1: no");
+void add_people_verify(Command& area, Context& context) {
+  Command& verb = area.add_subcommand("verify", "is it this person? Exit status 0: yes, 1: no");
   auto flags = std::make_shared<VerifyFlags>();
-  verb.add_option("NAME", flags->name, "as `people list` shows it")->required();
-  verb.add_option("INPUT", flags->inputs, "pictures")->required();
+  verb.add_option("NAME", flags->name, "as `people list` shows it").required();
+  verb.add_option("INPUT", flags->inputs, "pictures").required();
   add_gallery_flag(verb, flags->people);
   verb.add_option("--far", flags->rate, "share of others who may pass")
-      ->check(CLI::Range(1e-9, 0.999))
-      ->capture_default_str();
+      .check(range(1e-9, 0.999))
+      .show_default();
   add_face_flags(verb, flags->people);
   add_common_flags(verb, context);
   verb.callback(

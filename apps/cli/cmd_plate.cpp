@@ -13,7 +13,7 @@ namespace {
 PictureReading picture_reading(Context& context) {
   auto flags = std::make_shared<PlateFlags>();
   PictureReading reading;
-  reading.add_flags = [flags](CLI::App& verb) { add_plate_flags(verb, *flags); };
+  reading.add_flags = [flags](Command& verb) { add_plate_flags(verb, *flags); };
   reading.make = [flags, &context] {
     return [read = make_plate_reader(*flags, context)](const Frame& frame) {
       const auto start = std::chrono::steady_clock::now();
@@ -31,8 +31,8 @@ PictureReading picture_reading(Context& context) {
 
 }  // namespace
 
-void add_plate(CLI::App& app, Context& context) {
-  CLI::App& plate = *app.add_subcommand("plate", "number plates: find, read, train, judge");
+void add_plate(Command& app, Context& context) {
+  Command& plate = app.add_subcommand("plate", "number plates: find, read, train, judge");
   plate.require_subcommand(1);
   add_plate_read(plate, context);
   add_plate_segment(plate, context);

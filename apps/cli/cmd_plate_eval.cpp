@@ -204,21 +204,21 @@ ExitStatus evaluate(const EvalFlags& flags, const PictureReading& reading, const
 
 }  // namespace
 
-void add_plate_eval(CLI::App& plate, Context& context, PictureReading reading) {
-  CLI::App& verb =
-      *plate.add_subcommand("eval", "how much of what was read is right, against a truth file");
+void add_plate_eval(Command& plate, Context& context, PictureReading reading) {
+  Command& verb =
+      plate.add_subcommand("eval", "how much of what was read is right, against a truth file");
   const auto flags = std::make_shared<EvalFlags>();
   verb.add_option("INPUT", flags->inputs,
                   "results: a .jsonl file of `plate read --json`, - for standard input; or the "
                   "pictures themselves")
-      ->required();
+      .required();
   verb.add_option("--truth", flags->truths,
                   "CSV with the columns image,x,y,w,h,text; may be given several times")
-      ->required();
+      .required();
   verb.add_option("--iou", flags->options.iou,
                   "least overlap of a found plate, intersection over union")
-      ->check(CLI::Range(0.01, 1.0))
-      ->capture_default_str();
+      .check(range(0.01, 1.0))
+      .show_default();
   verb.add_flag("--fold", flags->options.fold, "take 0, O, Q and D for one, and 1 and I");
   verb.add_flag("--errors", flags->errors, "list what was missed or misread");
   verb.add_option("--csv", flags->csv, "write each plate and what became of it; - for stdout");
@@ -229,6 +229,6 @@ void add_plate_eval(CLI::App& plate, Context& context, PictureReading reading) {
   });
 }
 
-void add_plate_eval(CLI::App& plate, Context& context) { add_plate_eval(plate, context, {}); }
+void add_plate_eval(Command& plate, Context& context) { add_plate_eval(plate, context, {}); }
 
 }  // namespace tarsier::cli

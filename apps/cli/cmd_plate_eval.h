@@ -14,11 +14,11 @@ using PictureReader = std::function<plate::ImageReadings(const Frame&)>;
 
 // How `plate eval` reads pictures itself.
 struct PictureReading {
-  std::function<void(CLI::App& verb)> add_flags;  // of its own (models, countries ..); may be empty
-  std::function<PictureReader()> make;            // when the flags are known; throws as it must
+  std::function<void(Command& verb)> add_flags;  // of its own (models, countries ..); may be empty
+  std::function<PictureReader()> make;           // when the flags are known; throws as it must
 };
 
 // `plate eval`. With an empty `reading.make` it takes files of results only.
-void add_plate_eval(CLI::App& plate, Context& context, PictureReading reading);
+void add_plate_eval(Command& plate, Context& context, PictureReading reading);
 
 }  // namespace tarsier::cli

@@ -259,28 +259,28 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_plate_read(CLI::App& plate, Context& context) {
+void add_plate_read(Command& plate, Context& context) {
   auto flags = std::make_shared<ReadFlags>();
-  CLI::App& verb = *plate.add_subcommand("read", "reads the plates of pictures, films and cameras");
+  Command& verb = plate.add_subcommand("read", "reads the plates of pictures, films and cameras");
   add_run_flags(verb, flags->run);
   add_plate_flags(verb, flags->plate);
-  const auto film = [](CLI::Option* option) { option->group("Films and cameras"); };
+  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
   film(verb.add_option("--roi", flags->region,
                        "only plates whose centre is in x,y,w,h or a polygon 'x,y x,y x,y'; px, or "
                        "shares of the picture where no number is above 1"));
   film(verb.add_flag("--events", flags->events_only, "JSON: only events, no line for each frame"));
   film(verb.add_option("--lost-after", flags->tracker.lost_after,
                        "s without a reading after which a vehicle is out of sight")
-           ->capture_default_str());
+           .show_default());
   film(verb.add_option("--return-within", flags->tracker.return_within,
                        "s in which the same text is the same vehicle, come back")
-           ->capture_default_str());
+           .show_default());
   film(verb.add_option("--parked-return-within", flags->tracker.parked_return_within,
                        "s, the same of one that stood still")
-           ->capture_default_str());
+           .show_default());
   film(verb.add_option("--least-readings", flags->tracker.least_readings,
                        "frames in which a vehicle must be read")
-           ->capture_default_str());
+           .show_default());
   film(verb.add_flag("--words", flags->tracker.words,
                      "texts without a digit are vehicles too (a few plates; many signs)"));
   film(verb.add_option("--log", flags->log, "SQLite file that every vehicle is written to"));

@@ -122,14 +122,14 @@ ExitStatus run_segment(const SegmentFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_plate_segment(CLI::App& plate, Context& context) {
+void add_plate_segment(Command& plate, Context& context) {
   auto flags = std::make_shared<SegmentFlags>();
-  CLI::App& verb = *plate.add_subcommand(
+  Command& verb = plate.add_subcommand(
       "segment", "saves what looks like a plate (or its characters), sorted, for labelling");
   verb.add_option("INPUT", flags->inputs, "pictures, folders, globs, films")
-      ->required()
-      ->type_name("");
-  verb.add_option("-o,--output", flags->output, "folder")->required();
+      .required()
+      .type_name("");
+  verb.add_option("-o,--output", flags->output, "folder").required();
   verb.add_flag("--no-sort", flags->unsorted, "all into unsorted/");
   verb.add_flag("--characters", flags->characters, "the characters of plates, 20x20");
   verb.add_option("--detector", flags->detector, "SVM file; default: what ships");

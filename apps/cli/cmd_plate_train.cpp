@@ -140,31 +140,31 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-void add_shared(CLI::App& verb, TrainFlags& flags) {
-  verb.add_option("-o,--output", flags.output, "the model file")->required();
+void add_shared(Command& verb, TrainFlags& flags) {
+  verb.add_option("-o,--output", flags.output, "the model file").required();
   verb.add_option("--terms", flags.terms, "of the data, kept in the file");
   verb.add_option("--pipeline", flags.pipeline, "default: networks; classic: the textbook's")
-      ->check(CLI::IsMember({"default", "classic"}))
-      ->capture_default_str();
+      .check(one_of({"default", "classic"}))
+      .show_default();
 }
 
 }  // namespace
 
-void add_plate_train(CLI::App& plate, Context& context) {
+void add_plate_train(Command& plate, Context& context) {
   {
     auto flags = std::make_shared<TrainFlags>();
-    CLI::App& verb = *plate.add_subcommand(
+    Command& verb = plate.add_subcommand(
         "train-detector", "learns to find plates: from photographs with boxes and drawn plates");
     verb.add_option("INPUT", flags->inputs,
                     "folders with truth.csv (image,x,y,w,h,text) or of pictures without plates; "
                     "classic: SVM.xml, or a folder with plate/ and no-plate/")
-        ->required()
-        ->type_name("");
+        .required()
+        .type_name("");
     add_shared(verb, *flags);
     verb.add_option("--steps", flags->options.detector_steps, "batches of 32 for finding")
-        ->capture_default_str();
+        .show_default();
     verb.add_option("--aligner-steps", flags->options.aligner_steps, "batches of 32 for corners")
-        ->capture_default_str();
+        .show_default();
     add_classic_detector_flags(verb, flags->classic);
     add_common_flags(verb, context);
     verb.callback([flags, &context] {
@@ -172,25 +172,25 @@ void add_plate_train(CLI::App& plate, Context& context) {
     });
   }
   auto flags = std::make_shared<TrainFlags>();
-  CLI::App& verb = *plate.add_subcommand(
+  Command& verb = plate.add_subcommand(
       "train-reader", "learns to read characters: from labelled plates and drawn ones");
   verb.add_option("INPUT", flags->inputs,
                   "folders of plates NUMBER_KIND-TEXT.jpg with .txt (class cx cy w h); classic: "
                   "OCR.xml, or a folder with one folder a class")
-      ->type_name("");
+      .type_name("");
   add_shared(verb, *flags);
   verb.add_option("--scenes", flags->scenes, "folders of photographs behind the drawn plates")
-      ->type_name("");
+      .type_name("");
   verb.add_option("--detector", flags->detector,
                   "model whose corners the confidence is fitted with; default: what ships");
-  verb.add_option("--steps", flags->options.line_steps, "batches of 32")->capture_default_str();
+  verb.add_option("--steps", flags->options.line_steps, "batches of 32").show_default();
   verb.add_option("--calibration", flags->calibration,
                   "drawn plates that the confidence is fitted to; 0: not fitted")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--hold-out", flags->hold_out,
                   "share of the labelled plates that is not learnt but judged by, 0..0.9")
-      ->check(CLI::Range(0.0, 0.9))
-      ->capture_default_str();
+      .check(range(0.0, 0.9))
+      .show_default();
   add_classic_reader_flags(verb, flags->classic);
   add_common_flags(verb, context);
   verb.callback([flags, &context] {

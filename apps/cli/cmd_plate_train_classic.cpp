@@ -31,30 +31,30 @@ nlohmann::json provenance(const ClassicTrainFlags& flags, const Context& context
 
 }  // namespace
 
-void add_classic_detector_flags(CLI::App& verb, ClassicTrainFlags& flags) {
+void add_classic_detector_flags(Command& verb, ClassicTrainFlags& flags) {
   verb.add_option("--features", flags.features, "pixels, hog, pca or lbp")
-      ->check(CLI::IsMember({"pixels", "hog", "pca", "lbp"}))
-      ->capture_default_str()
-      ->group("Classic");
+      .check(one_of({"pixels", "hog", "pca", "lbp"}))
+      .show_default()
+      .group("Classic");
   verb.add_option("--cost", flags.cost, "of the SVM, > 0")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str()
-      ->group("Classic");
+      .check(positive())
+      .show_default()
+      .group("Classic");
 }
 
-void add_classic_reader_flags(CLI::App& verb, ClassicTrainFlags& flags) {
+void add_classic_reader_flags(Command& verb, ClassicTrainFlags& flags) {
   verb.add_option("--reader", flags.reader, "hog: gradients, linear; mlp: the textbook's")
-      ->check(CLI::IsMember({"hog", "mlp"}))
-      ->capture_default_str()
-      ->group("Classic");
+      .check(one_of({"hog", "mlp"}))
+      .show_default()
+      .group("Classic");
   verb.add_option("--low", flags.low, "px of the mlp's small picture, 1..20")
-      ->check(CLI::Range(1, 20))
-      ->capture_default_str()
-      ->group("Classic");
+      .check(range(1, 20))
+      .show_default()
+      .group("Classic");
   verb.add_option("--neurons", flags.neurons, "hidden, of the mlp")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str()
-      ->group("Classic");
+      .check(range(1, 1000))
+      .show_default()
+      .group("Classic");
 }
 
 ExitStatus train_classic_detector(const ClassicTrainFlags& flags, Context& context) {

@@ -18,8 +18,8 @@ struct ClassicTrainFlags {
   int neurons = 20;
 };
 
-void add_classic_detector_flags(CLI::App& verb, ClassicTrainFlags& flags);
-void add_classic_reader_flags(CLI::App& verb, ClassicTrainFlags& flags);
+void add_classic_detector_flags(Command& verb, ClassicTrainFlags& flags);
+void add_classic_reader_flags(Command& verb, ClassicTrainFlags& flags);
 
 // `plate train-detector --pipeline classic`: the SVM. One input.
 [[nodiscard]] ExitStatus train_classic_detector(const ClassicTrainFlags& flags, Context& context);

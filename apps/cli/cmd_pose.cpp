@@ -14,9 +14,9 @@
 
 namespace tarsier::cli {
 
-void add_pose(CLI::App& app, Context& context) {
-  CLI::App& area =
-      *app.add_subcommand("pose", "where heads look, and the pose of any object of known points");
+void add_pose(Command& app, Context& context) {
+  Command& area =
+      app.add_subcommand("pose", "where heads look, and the pose of any object of known points");
   area.require_subcommand(1);
   add_pose_solve(area, context);
   add_pose_train_head(area, context);
@@ -26,22 +26,22 @@ void add_pose(CLI::App& app, Context& context) {
   add_pose_synth(area, context);
 }
 
-void add_pose_flags(CLI::App& verb, PoseFlags& flags) {
+void add_pose_flags(Command& verb, PoseFlags& flags) {
   add_landmark_flags(verb, flags.landmarks);
   verb.add_option("--head", flags.head, "head model [head.json, which ships]");
   verb.add_option("--mapping", flags.mapping,
                   "which landmark each head point is: lines \"head_point landmark\", from 0");
-  CLI::Option* camera = verb.add_option(
-      "--camera", flags.camera, "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
+  Flag& camera = verb.add_option("--camera", flags.camera,
+                                 "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
   verb.add_option("--focal", flags.focal,
                   "focal length in px [1.3 times the picture's larger side]")
-      ->check(CLI::PositiveNumber)
-      ->excludes(camera);
+      .check(positive())
+      .excludes(camera);
   verb.add_option("--refine", flags.refine,
                   "auto: the direction is corrected by what the whole head looks like; none: from "
                   "the landmarks alone")
-      ->check(CLI::IsMember({"auto", "none"}))
-      ->capture_default_str();
+      .check(one_of({"auto", "none"}))
+      .show_default();
   verb.add_option("--view", flags.view,
                   "what corrects it, a file of `pose train-view` [head-view.json among the models, "
                   "if it is there]");

@@ -14,12 +14,12 @@
 // One file a verb: cmd_pose_<verb>.cpp.
 namespace tarsier::cli {
 
-void add_pose_solve(CLI::App& area, Context& context);
-void add_pose_train_head(CLI::App& area, Context& context);
-void add_pose_train_view(CLI::App& area, Context& context);
-void add_pose_track(CLI::App& area, Context& context);
-void add_pose_eval(CLI::App& area, Context& context);
-void add_pose_synth(CLI::App& area, Context& context);
+void add_pose_solve(Command& area, Context& context);
+void add_pose_train_head(Command& area, Context& context);
+void add_pose_train_view(Command& area, Context& context);
+void add_pose_track(Command& area, Context& context);
+void add_pose_eval(Command& area, Context& context);
+void add_pose_synth(Command& area, Context& context);
 
 // The flags of every verb that finds heads.
 struct PoseFlags {
@@ -31,7 +31,7 @@ struct PoseFlags {
   std::string view;     // empty: the one that ships
   std::string refine = "auto";
 };
-void add_pose_flags(CLI::App& verb, PoseFlags& flags);
+void add_pose_flags(Command& verb, PoseFlags& flags);
 
 struct PoseEngine {
   LandmarkEngine landmarks;

@@ -228,9 +228,9 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_pose_eval(CLI::App& area, Context& context) {
+void add_pose_eval(Command& area, Context& context) {
   auto flags = std::make_shared<EvalFlags>();
-  CLI::App& verb = *area.add_subcommand("eval", "measures head poses on pictures of known truth");
+  Command& verb = area.add_subcommand("eval", "measures head poses on pictures of known truth");
   add_pose_flags(verb, flags->pose);
   verb.add_option("--pointing", flags->pointing,
                   "folder of the Pointing'04 head pose set: names carry the angles");

@@ -151,41 +151,33 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_pose_synth(CLI::App& area, Context& context) {
+void add_pose_synth(Command& area, Context& context) {
   auto flags = std::make_shared<SynthFlags>();
-  CLI::App& verb = *area.add_subcommand(
+  Command& verb = area.add_subcommand(
       "synth",
       "draws heads that nobody has, with their truth: images/, truth.jsonl, set.json, camera.yaml");
-  verb.add_option("-o,--output", flags->output, "folder")->required();
-  verb.add_option("--count", flags->count, "pictures")
-      ->check(CLI::Range(1, 100000))
-      ->capture_default_str();
+  verb.add_option("-o,--output", flags->output, "folder").required();
+  verb.add_option("--count", flags->count, "pictures").check(range(1, 100000)).show_default();
   verb.add_option("--people", flags->people,
                   "different ones, in turn; 0: one a picture, in a film one")
-      ->check(CLI::Range(0, 100000))
-      ->capture_default_str();
+      .check(range(0, 100000))
+      .show_default();
   verb.add_flag("--film", flags->film, "one head that turns, frame by frame");
-  verb.add_option("--size", flags->size, "px")->capture_default_str();
+  verb.add_option("--size", flags->size, "px").show_default();
   verb.add_option("--yaw", flags->yaw, "degrees, at most, either way")
-      ->check(CLI::Range(0.0, 80.0))
-      ->capture_default_str();
-  verb.add_option("--pitch", flags->pitch, "degrees")
-      ->check(CLI::Range(0.0, 60.0))
-      ->capture_default_str();
-  verb.add_option("--roll", flags->roll, "degrees")
-      ->check(CLI::Range(0.0, 180.0))
-      ->capture_default_str();
+      .check(range(0.0, 80.0))
+      .show_default();
+  verb.add_option("--pitch", flags->pitch, "degrees").check(range(0.0, 60.0)).show_default();
+  verb.add_option("--roll", flags->roll, "degrees").check(range(0.0, 180.0)).show_default();
   verb.add_option("--near", flags->near, "distance, mm")
-      ->check(CLI::Range(200.0, 10000.0))
-      ->capture_default_str();
-  verb.add_option("--far", flags->far, "distance, mm")
-      ->check(CLI::Range(200.0, 10000.0))
-      ->capture_default_str();
+      .check(range(200.0, 10000.0))
+      .show_default();
+  verb.add_option("--far", flags->far, "distance, mm").check(range(200.0, 10000.0)).show_default();
   verb.add_option("--spread", flags->spread, "how different people are; 1: as in life")
-      ->check(CLI::Range(0.0, 2.0))
-      ->capture_default_str();
-  verb.add_option("--noise", flags->scene.noise, "grey levels")->capture_default_str();
-  verb.add_option("--blur", flags->scene.blur_px, "px")->capture_default_str();
+      .check(range(0.0, 2.0))
+      .show_default();
+  verb.add_option("--noise", flags->scene.noise, "grey levels").show_default();
+  verb.add_option("--blur", flags->scene.blur_px, "px").show_default();
   verb.add_option("--appearance", flags->appearance, "appearance model [aam68.json, which ships]");
   verb.add_option("--head", flags->head, "head model [head.json, which ships]");
   add_common_flags(verb, context);

@@ -131,29 +131,28 @@ ExitStatus run_train(TrainHeadFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_pose_train_head(CLI::App& area, Context& context) {
+void add_pose_train_head(Command& area, Context& context) {
   auto flags = std::make_shared<TrainHeadFlags>();
-  CLI::App& verb = *area.add_subcommand(
-      "train-head", "learns the head in 3D from the points of faces in pictures");
+  Command& verb = area.add_subcommand("train-head",
+                                      "learns the head in 3D from the points of faces in pictures");
   add_set_flags(verb, flags->set);
-  verb.add_option("-o,--output", flags->output, "model file to write (.json)")->required();
+  verb.add_option("-o,--output", flags->output, "model file to write (.json)").required();
   verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
   head::TrainHeadOptions& options = flags->options;
-  verb.add_option("--modes", options.modes, "how many ways to deform are learnt")
-      ->capture_default_str();
+  verb.add_option("--modes", options.modes, "how many ways to deform are learnt").show_default();
   verb.add_option("--iterations", options.iterations, "iterations of expectation maximisation")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--outer-eye-mm", options.outer_eye_mm,
                   "between the outer eye corners: pictures alone have no scale")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--distance-mm", options.distance_mm, "from the camera to the heads, typically")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--outline", options.outline,
                   "points of the face's outline, which slide [0..16 of 68]")
-      ->delimiter(',');
+      .delimiter(',');
   verb.add_option("--eyes", flags->eyes, "the outer eye corners, left and right [known markups]")
-      ->delimiter(',')
-      ->expected(2);
+      .delimiter(',')
+      .expected(2);
   verb.add_option("--compare", flags->compare,
                   "file of 3D landmarks: tells how far the mean head is from it");
   add_common_flags(verb, context);

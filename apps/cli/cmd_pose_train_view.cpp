@@ -237,9 +237,9 @@ ExitStatus run_train(TrainViewFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_pose_train_view(CLI::App& area, Context& context) {
+void add_pose_train_view(Command& area, Context& context) {
   auto flags = std::make_shared<TrainViewFlags>();
-  CLI::App& verb = *area.add_subcommand(
+  Command& verb = area.add_subcommand(
       "train-view",
       "learns from pictures of known poses how heads look, to correct poses (--view)");
   add_landmark_flags(verb, flags->pose.landmarks);
@@ -248,13 +248,13 @@ void add_pose_train_view(CLI::App& area, Context& context) {
                   "which landmark each head point is: lines \"head_point landmark\", from 0");
   verb.add_option("--focal", flags->pose.focal,
                   "focal length in px [1.3 times the picture's larger side]")
-      ->check(CLI::PositiveNumber);
+      .check(positive());
   verb.add_option("--pointing", flags->pointing,
                   "folder of the Pointing'04 head pose set: names carry the angles");
   verb.add_option("--tilt-share", flags->tilt_share,
                   "how much of the tilts in Pointing'04's names heads really tilted")
-      ->check(CLI::Range(0.1, 1.5))
-      ->capture_default_str();
+      .check(range(0.1, 1.5))
+      .show_default();
   verb.add_option("--truth", flags->truths,
                   "JSON lines {\"image\", \"rotation\": [9 numbers]}, as `pose synth` writes them; "
                   "several may be given");
@@ -265,15 +265,15 @@ void add_pose_train_view(CLI::App& area, Context& context) {
                 "(of --truth, a seventh of the pictures)");
   head_view::TrainViewOptions& options = flags->options;
   verb.add_option("--components", options.components, "numbers that PCA leaves of the gradients")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--angle-weight", options.angle_weight,
                   "weight of the landmarks' angles beside the gradients")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--gamma", options.gamma,
                   "of the Gaussian kernel: the larger, the sooner likeness ends")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--ridge", options.ridge, "weight of smoothness against the samples")
-      ->capture_default_str();
+      .show_default();
   add_common_flags(verb, context);
   verb.callback([flags, &context] {
     context.run = [flags, &context] { return run_train(*flags, context); };

@@ -38,19 +38,19 @@ ExitStatus evaluate(const EvalFlags& flags, const Context& context) {
 
 }  // namespace
 
-void add_sfm(CLI::App& app, Context& context) {
-  CLI::App& sfm = *app.add_subcommand("sfm", "photographs to camera poses and a point cloud");
+void add_sfm(Command& app, Context& context) {
+  Command& sfm = app.add_subcommand("sfm", "photographs to camera poses and a point cloud");
   sfm.require_subcommand(1);
   add_sfm_reconstruct(sfm, context);
   add_sfm_synth(sfm, context);
   auto flags = std::make_shared<EvalFlags>();
-  CLI::App& verb = *sfm.add_subcommand("eval", "compares a model's poses with the truth");
+  Command& verb = sfm.add_subcommand("eval", "compares a model's poses with the truth");
   verb.add_option("MODEL", flags->model, "folder with cameras.txt, images.txt, points3D.txt")
-      ->required()
-      ->type_name("");
+      .required()
+      .type_name("");
   verb.add_option("--truth,--gt", flags->truth,
                   "lines of JSON {\"name\",\"R\",\"C\"}, or a folder like MODEL")
-      ->required();
+      .required();
   add_common_flags(verb, context);
   verb.callback(
       [flags, &context] { context.run = [flags, &context] { return evaluate(*flags, context); }; });

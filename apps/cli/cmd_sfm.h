@@ -5,7 +5,7 @@
 
 namespace tarsier::cli {
 
-void add_sfm_reconstruct(CLI::App& sfm, Context& context);
-void add_sfm_synth(CLI::App& sfm, Context& context);
+void add_sfm_reconstruct(Command& sfm, Context& context);
+void add_sfm_synth(Command& sfm, Context& context);
 
 }  // namespace tarsier::cli

@@ -571,89 +571,88 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_sfm_reconstruct(CLI::App& sfm, Context& context) {
+void add_sfm_reconstruct(Command& sfm, Context& context) {
   auto flags = std::make_shared<ReconstructFlags>();
-  CLI::App& verb =
-      *sfm.add_subcommand("reconstruct", "makes a model of photographs: cameras and points");
+  Command& verb =
+      sfm.add_subcommand("reconstruct", "makes a model of photographs: cameras and points");
   verb.add_option("PHOTOS", flags->inputs,
                   "folder, photographs, glob, @list.txt, or a film; with --online also a camera")
-      ->required()
-      ->type_name("");
-  verb.add_option("-o,--output", flags->output, "folder for the model")->required();
-  const auto lens = [](CLI::Option* option) { option->group("Lens"); };
+      .required()
+      .type_name("");
+  verb.add_option("-o,--output", flags->output, "folder for the model").required();
+  const auto lens = [](Flag& flag) { flag.group("Lens"); };
   lens(verb.add_option("--camera", flags->camera, "fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], px"));
   lens(verb.add_option("--camera-file", flags->camera_file,
                        "camera.yaml, OpenCV's YAML, COLMAP's cameras.txt"));
   lens(verb.add_option("--refine", flags->refine, "focal, center, distortion; or none")
-           ->delimiter(',')
-           ->check(CLI::IsMember({"focal", "center", "distortion", "none"})));
+           .delimiter(',')
+           .check(one_of({"focal", "center", "distortion", "none"})));
   lens(verb.add_flag("--ignore-exif", flags->pipeline.ignore_exif,
                      "guess the focal length even where EXIF tells it"));
   lens(verb.add_flag("--per-image-camera", flags->per_image_camera,
                      "a camera for each photograph, not one for all of a size"));
-  const auto match = [](CLI::Option* option) { option->group("Features and matches"); };
+  const auto match = [](Flag& flag) { flag.group("Features and matches"); };
   match(verb.add_option("--features", flags->features, "sift, orb, akaze")
-            ->check(CLI::IsMember({"sift", "orb", "akaze"}))
-            ->capture_default_str());
+            .check(one_of({"sift", "orb", "akaze"}))
+            .show_default());
   match(verb.add_option("--most-features", flags->pipeline.features.most,
                         "features of a photograph, at most")
-            ->capture_default_str());
+            .show_default());
   match(verb.add_option("--contrast", flags->pipeline.features.contrast,
                         "least, of SIFT, share of the grey range")
-            ->capture_default_str());
+            .show_default());
   match(verb.add_option("--downscale", flags->downscale, "look at photographs reduced by this")
-            ->capture_default_str());
+            .show_default());
   match(verb.add_option("--pairs", flags->pairs,
                         "auto, exhaustive, sequential, retrieval, or a file with two names a line")
-            ->capture_default_str());
+            .show_default());
   match(verb.add_option("--overlap", flags->pipeline.overlap,
                         "photographs that each is matched with, of --pairs sequential")
-            ->capture_default_str());
+            .show_default());
   match(verb.add_option("--nearest", flags->pipeline.nearest,
                         "photographs that each is matched with, of --pairs retrieval")
-            ->capture_default_str());
+            .show_default());
   match(verb.add_option("--matches", flags->matches,
                         "sift: descriptors; flow: follow points from frame to frame")
-            ->check(CLI::IsMember({"sift", "flow"}))
-            ->capture_default_str());
+            .check(one_of({"sift", "flow"}))
+            .show_default());
   match(verb.add_option("--ratio", flags->pipeline.matching.ratio, "of the two best distances")
-            ->capture_default_str());
+            .show_default());
   match(verb.add_option("--epipolar-px", flags->pipeline.two_view.threshold_px, "of an inlier")
-            ->capture_default_str());
-  const auto map = [](CLI::Option* option) { option->group("Mapping"); };
+            .show_default());
+  const auto map = [](Flag& flag) { flag.group("Mapping"); };
   map(verb.add_option("--reprojection-px", flags->pipeline.mapper.reprojection_px,
                       "px; an observation farther off is dropped")
-          ->capture_default_str());
+          .show_default());
   map(verb.add_option("--least-angle", flags->pipeline.mapper.least_angle_deg,
                       "between a point's rays, degrees")
-          ->capture_default_str());
+          .show_default());
   map(verb.add_option("--least-views", flags->pipeline.mapper.least_views,
                       "photographs that show a point of the result")
-          ->capture_default_str());
-  const auto out = [](CLI::Option* option) { option->group("Result"); };
+          .show_default());
+  const auto out = [](Flag& flag) { flag.group("Result"); };
   out(verb.add_option("--align", flags->align,
                       "name,x,y,z lines with where photographs were taken; or gps: from EXIF"));
   out(verb.add_option("--distance", flags->distance,
                       "between two cameras, in any unit: the model's from then on [none]"));
   out(verb.add_option("--distance-between", flags->distance_between, "their photographs' names")
-          ->expected(2));
+          .expected(2));
   out(verb.add_option("--export", flags->exports,
                       "undistorted: photographs and model for dense tools")
-          ->check(CLI::IsMember({"undistorted"})));
+          .check(one_of({"undistorted"})));
   out(verb.add_flag("--turntable", flags->turntable, "turntable.gif: the cloud, turning"));
   out(verb.add_flag("--match-pictures", flags->match_pictures,
                     "matches/: each pair, kept green, removed red"));
   out(verb.add_flag("--no-cache", flags->no_cache, "keep nothing for a second run"));
   out(verb.add_option("--checkpoint", flags->pipeline.checkpoint_s,
                       "seconds between checkpoints of the mapping; 0: at each step")
-          ->check(CLI::Range(0.0, 1e6))
-          ->capture_default_str());
-  const auto film = [](CLI::Option* option) { option->group("Films"); };
+          .check(range(0.0, 1e6))
+          .show_default());
+  const auto film = [](Flag& flag) { flag.group("Films"); };
   film(verb.add_option("--key-motion", flags->keyframes.least_motion,
                        "of the picture's diagonal, between key frames")
-           ->capture_default_str());
-  film(
-      verb.add_option("--most-frames", flags->keyframes.most, "key frames")->capture_default_str());
+           .show_default());
+  film(verb.add_option("--most-frames", flags->keyframes.most, "key frames").show_default());
   add_online_flags(verb, flags->online);
   add_common_flags(verb, context);
   add_debug_flag(verb, context);

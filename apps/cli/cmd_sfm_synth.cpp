@@ -79,27 +79,26 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
 
 }  // namespace
 
-void add_sfm_synth(CLI::App& sfm, Context& context) {
+void add_sfm_synth(Command& sfm, Context& context) {
   auto flags = std::make_shared<SynthFlags>();
-  CLI::App& verb = *sfm.add_subcommand(
+  Command& verb = sfm.add_subcommand(
       "synth",
       "draws photographs of a scene with known cameras: images/, camera.yaml, truth.jsonl");
-  verb.add_option("-o,--output", flags->output, "folder")->required();
+  verb.add_option("-o,--output", flags->output, "folder").required();
   verb.add_option("--images", flags->scene.images, "photographs")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  verb.add_option("--size", flags->size, "px")->capture_default_str();
+      .check(range(1, 1000))
+      .show_default();
+  verb.add_option("--size", flags->size, "px").show_default();
   verb.add_option("--trajectory", flags->trajectory, "of the camera")
-      ->check(CLI::IsMember(names_of(kTrajectories)))
-      ->capture_default_str();
+      .check(one_of(names_of(kTrajectories)))
+      .show_default();
   verb.add_option("--content", flags->content, "what there is to see")
-      ->check(CLI::IsMember(names_of(kContents)))
-      ->capture_default_str();
+      .check(one_of(names_of(kContents)))
+      .show_default();
   verb.add_option("--noise", flags->scene.noise, "grey levels")
-      ->check(CLI::Range(0.0, 64.0))
-      ->capture_default_str();
-  verb.add_option("--focal", flags->scene.focal_px, "px; 0: the larger side")
-      ->capture_default_str();
+      .check(range(0.0, 64.0))
+      .show_default();
+  verb.add_option("--focal", flags->scene.focal_px, "px; 0: the larger side").show_default();
   verb.add_flag("--pure-rotation", flags->scene.pure_rotation, "the camera only turns");
   add_common_flags(verb, context);
   verb.callback([flags, &context] {

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
-#include "command_tree.h"
+#include "cli.h"
+#include "framework/command_tree.h"
 #include <map>
 
 namespace tarsier::cli {
+namespace {
 
 // One for each verb, in one place, so that they stay alike. The test cli_verbs checks that every
 // verb has one and that its flags exist.
@@ -82,6 +84,16 @@ std::string example_of(const std::string& verb) {
   const auto at = table.find(verb);
   if (at == table.end()) return {};
   return "tarsier " + verb + (at->second.empty() ? "" : ' ' + at->second);
+}
+
+}  // namespace
+
+void add_examples(Command& app) {
+  for (const Command* part : app.subcommands()) {
+    Command& command = *app.find(part->name());
+    command.example(example_of(verb_of(command)));
+    add_examples(command);
+  }
 }
 
 }  // namespace tarsier::cli

@@ -15,13 +15,13 @@
 
 namespace tarsier::cli {
 
-void add_landmark_flags(CLI::App& verb, LandmarkFlags& flags) {
+void add_landmark_flags(Command& verb, LandmarkFlags& flags) {
   verb.add_option("--model", flags.model, "model file [landmarks68.json, which ships]");
   verb.add_option(
       "--method", flags.method,
       "both (mean of trees and sdm), trees, sdm or patch [the best that the model has]");
   verb.add_option("--starts", flags.fit.starts, "fits of the trees that are averaged")
-      ->capture_default_str();
+      .show_default();
   add_min_face_flag(verb, flags.min_face);
   verb.add_option("--face-detector", flags.detector,
                   "detector of `landmarks train` that finds the faces, or `cascades`: those of "
@@ -30,12 +30,12 @@ void add_landmark_flags(CLI::App& verb, LandmarkFlags& flags) {
                 "only faces that the frontal detector is sure of: faster where there are none");
 }
 
-CLI::Option* add_min_face_flag(CLI::App& verb, double& min_face) {
+Flag& add_min_face_flag(Command& verb, double& min_face) {
   return verb
       .add_option("--min-face", min_face,
                   "px, width of the smallest face that is looked for [40; 24 in pictures of up to "
                   "half a megapixel]")
-      ->check(CLI::Range(16, 4096));
+      .check(range(16, 4096));
 }
 
 std::shared_ptr<const FaceNetworks> shipped_face_networks() {

@@ -20,7 +20,7 @@ struct LandmarkFlags {
 };
 
 // --min-face: px; 0 in `min_face` is the usual size.
-CLI::Option* add_min_face_flag(CLI::App& verb, double& min_face);
+Flag& add_min_face_flag(Command& verb, double& min_face);
 
 // The networks that ship (models/face-detector.json); nothing, with a warning, where they are not
 // there: then the cascades of OpenCV look.
@@ -31,7 +31,7 @@ CLI::Option* add_min_face_flag(CLI::App& verb, double& min_face);
 [[nodiscard]] landmarks::FaceFinder make_face_finder(const std::string& detector,
                                                      const landmarks::FaceFinderOptions& options);
 
-void add_landmark_flags(CLI::App& verb, LandmarkFlags& flags);
+void add_landmark_flags(Command& verb, LandmarkFlags& flags);
 
 struct LandmarkEngine {
   landmarks::LandmarkModel model;

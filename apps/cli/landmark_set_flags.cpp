@@ -8,13 +8,13 @@
 
 namespace tarsier::cli {
 
-void add_set_flags(CLI::App& verb, SetFlags& flags) {
+void add_set_flags(Command& verb, SetFlags& flags) {
   verb.add_option("SET", flags.input,
                   "annotated pictures: a set of `landmarks annotate` (.yaml, .json), or what "
                   "`landmarks import` takes: a folder, list, .pts, .asf, .csv or .xml")
-      ->required();
+      .required();
   verb.add_option("--offset", flags.offset, "subtracted from the numbers of .pts files, px")
-      ->capture_default_str();
+      .show_default();
   verb.add_option("--images", flags.images, "folder of the pictures, where it is another one");
 }
 

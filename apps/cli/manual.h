@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "command_tree.h"
+#include "framework/command_tree.h"
 #include <string>
 #include <vector>
 

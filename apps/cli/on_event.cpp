@@ -3,16 +3,16 @@
 
 namespace tarsier::cli {
 
-void add_on_event_flags(CLI::App& verb, OnEventFlags& flags, const std::string& when) {
-  CLI::Option* const command = verb.add_option(
-      "--on-event", flags.command, "program to run " + when + ", with its JSON on stdin");
-  command->group("Events");
+void add_on_event_flags(Command& verb, OnEventFlags& flags, const std::string& when) {
+  Flag& command = verb.add_option("--on-event", flags.command,
+                                  "program to run " + when + ", with its JSON on stdin");
+  command.group("Events");
   verb.add_option("--on-event-timeout", flags.options.timeout_s,
                   "s after which it is killed; at the end events get as long in all")
-      ->check(CLI::Range(0.01, 3600.0))
-      ->needs(command)
-      ->capture_default_str()
-      ->group("Events");
+      .check(range(0.01, 3600.0))
+      .needs(command)
+      .show_default()
+      .group("Events");
 }
 
 OnEvent::OnEvent(const OnEventFlags& flags, const Context& context) {

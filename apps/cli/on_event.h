@@ -16,7 +16,7 @@ struct OnEventFlags {
 };
 
 // --on-event and --on-event-timeout. `when`: "at each new recognition".
-void add_on_event_flags(CLI::App& verb, OnEventFlags& flags, const std::string& when);
+void add_on_event_flags(Command& verb, OnEventFlags& flags, const std::string& when);
 
 // The command of --on-event, if there is one. Posting never waits; see io/event_command.h.
 class OnEvent {

@@ -24,15 +24,14 @@ constexpr std::string_view kNoBackground = "none";
 
 }  // namespace
 
-void add_gallery_flag(CLI::App& verb, PeopleFlags& flags) {
-  verb.add_option("--gallery", flags.gallery, "file of the people who are enrolled")
-      ->capture_default_str();
+void add_gallery_flag(Command& verb, PeopleFlags& flags) {
+  verb.add_option("--gallery", flags.gallery, "file of the people who are enrolled").show_default();
 }
 
-void add_face_flags(CLI::App& verb, PeopleFlags& flags) {
-  const auto group = [](CLI::Option* option) { option->group("Faces"); };
+void add_face_flags(Command& verb, PeopleFlags& flags) {
+  const auto group = [](Flag& flag) { flag.group("Faces"); };
   group(verb.add_option("--eyes", flags.eyes, "how eyes are found: landmarks, cascades, 2splits")
-            ->capture_default_str());
+            .show_default());
   group(add_min_face_flag(verb, flags.min_face));
   group(verb.add_flag("!--strict", flags.thorough,
                       "only faces that the frontal detector is sure of: faster"));

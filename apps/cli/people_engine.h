@@ -27,8 +27,8 @@ struct PeopleFlags {
   bool thorough = true;
 };
 
-void add_gallery_flag(CLI::App& verb, PeopleFlags& flags);
-void add_face_flags(CLI::App& verb, PeopleFlags& flags);
+void add_gallery_flag(Command& verb, PeopleFlags& flags);
+void add_face_flags(Command& verb, PeopleFlags& flags);
 
 // Throws UsageError, ModelError.
 [[nodiscard]] people::FaceReader make_face_reader(const PeopleFlags& flags);

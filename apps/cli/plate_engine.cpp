@@ -31,31 +31,29 @@ void trim(std::vector<plate::Reading>& readings, double least, int top) {
 
 }  // namespace
 
-void add_plate_flags(CLI::App& verb, PlateFlags& flags) {
+void add_plate_flags(Command& verb, PlateFlags& flags) {
   verb.add_option("--country", flags.countries,
                   "es, sk, us .. or a group (eu); several allowed; any: all that are known")
-      ->delimiter(',')
-      ->type_name("CODE");
+      .delimiter(',')
+      .type_name("CODE");
   verb.add_option("--pipeline", flags.pipeline, "default: networks; classic: the textbook's")
-      ->check(CLI::IsMember({"default", "classic"}))
-      ->capture_default_str();
+      .check(one_of({"default", "classic"}))
+      .show_default();
   verb.add_option("--top", flags.top, "candidates of each plate")
-      ->check(CLI::Range(1, 100))
-      ->capture_default_str();
+      .check(range(1, 100))
+      .show_default();
   verb.add_option("--min-confidence", flags.least_confidence, "leave out plates below, 0..1")
-      ->check(CLI::Range(0.0, 1.0))
-      ->capture_default_str();
-  const auto model = [](CLI::Option* option) { option->group("Models"); };
+      .check(range(0.0, 1.0))
+      .show_default();
+  const auto model = [](Flag& flag) { flag.group("Models"); };
   model(verb.add_option("--detector", flags.detector, "file; default: what ships"));
   model(verb.add_option("--reader,--model", flags.reader, "file; default: what ships"));
   model(verb.add_option("--countries-dir", flags.countries_folder,
                         "folder of layouts (*.txt); default: what ships"));
   model(verb.add_option("--classic-reader", flags.classic_reader, "mlp: the textbook's; hog")
-            ->check(CLI::IsMember({"mlp", "hog"}))
-            ->capture_default_str());
-  const auto tune = [](CLI::Option* option) {
-    option->capture_default_str()->group("Finding and decoding");
-  };
+            .check(one_of({"mlp", "hog"}))
+            .show_default());
+  const auto tune = [](Flag& flag) { flag.show_default().group("Finding and decoding"); };
   tune(verb.add_option("--find-threshold", flags.recognizer.detector.threshold,
                        "of the detector, (0, 1); lower: more, slower"));
   tune(verb.add_option("--find-pixels", flags.recognizer.detector.max_pixels,

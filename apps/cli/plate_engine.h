@@ -30,7 +30,7 @@ struct PlateFlags {
   int top = 10;
 };
 
-void add_plate_flags(CLI::App& verb, PlateFlags& flags);
+void add_plate_flags(Command& verb, PlateFlags& flags);
 
 // Of a frame of a film each plate is looked at once; a still has no second frame.
 using PlateReader =

@@ -14,70 +14,66 @@ namespace tarsier::cli {
 
 namespace fs = std::filesystem;
 
-std::vector<CLI::Option*> add_security_flags(CLI::App& verb, StreamSecurity& security) {
-  CLI::Option* ca_file =
+std::vector<Flag*> add_security_flags(Command& verb, StreamSecurity& security) {
+  Flag& ca_file =
       verb.add_option("--ca-file", security.ca_file,
                       "https, rtsps: certificates (PEM) to trust instead of the system's");
-  CLI::Option* insecure =
-      verb.add_flag("--insecure", security.insecure,
-                    "https, rtsps: trust whoever answers; passwords go there too");
-  insecure->excludes(ca_file);
-  return {ca_file, insecure};
+  Flag& insecure = verb.add_flag("--insecure", security.insecure,
+                                 "https, rtsps: trust whoever answers; passwords go there too");
+  insecure.excludes(ca_file);
+  return {&ca_file, &insecure};
 }
 
-void add_run_flags(CLI::App& verb, RunFlags& flags) {
+void add_run_flags(Command& verb, RunFlags& flags) {
   verb.add_option("INPUT", flags.inputs,
                   "picture, folder, glob, @list.txt, film, camera number, URL, picam:, synth:NAME")
-      ->required()
-      ->type_name("");
+      .required()
+      .type_name("");
   verb.add_option(
       "-o,--output", flags.output,
       "picture, folder, .mp4 .avi .mkv, http://127.0.0.1:8080/, none; without it: the window");
   verb.add_flag("--window", flags.window, "show it in a window (h: keys)");
   verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
   verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
-      ->check(CLI::IsMember({"-"}));
+      .check(one_of({"-"}));
   verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  verb.add_option("--every", flags.every, "take every N-th frame")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
+      .check(not_negative())
+      .show_default();
+  verb.add_option("--every", flags.every, "take every N-th frame").check(positive()).show_default();
 
-  const auto source = [](CLI::Option* option) { option->group("Source"); };
+  const auto source = [](Flag& flag) { flag.group("Source"); };
   source(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")
-             ->capture_default_str());
-  source(verb.add_option("--height", flags.source.height, "px")->capture_default_str());
+             .show_default());
+  source(verb.add_option("--height", flags.source.height, "px").show_default());
   source(
       verb.add_option("--fps", flags.source.fps, "asked of a camera; of a --sequence; 0: its own")
-          ->capture_default_str());
+          .show_default());
   source(verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time"));
   source(verb.add_flag("--wait", flags.source.wait,
                        "wait for ever for a source that is not there yet"));
   source(verb.add_option("--connect-timeout", flags.source.connect_timeout_s,
                          "s until a live source must have given its first frame")
-             ->capture_default_str());
+             .show_default());
   source(
       verb.add_option("--stall", flags.source.stall_s, "s without a frame: reopen the live source")
-          ->capture_default_str());
+          .show_default());
   source(verb.add_option("--give-up", flags.source.give_up_s, "s without a frame: end; 0: never")
-             ->capture_default_str());
-  for (CLI::Option* option : add_security_flags(verb, flags.source.security)) source(option);
+             .show_default());
+  for (Flag* flag : add_security_flags(verb, flags.source.security)) source(*flag);
 
-  const auto sink = [](CLI::Option* option) { option->group("Output"); };
+  const auto sink = [](Flag& flag) { flag.group("Output"); };
   sink(
       verb.add_option("--segment", flags.segment,
                       "video output: a file for each 10m, 1h ..: NAME-0001.mp4, NAME-0002.mp4 .."));
-  sink(verb.add_option("--jpeg-quality", flags.sink.jpeg_quality, "1..100")->capture_default_str());
+  sink(verb.add_option("--jpeg-quality", flags.sink.jpeg_quality, "1..100").show_default());
   sink(verb.add_flag("--listen-all", flags.sink.listen_all,
                      "http output: for other machines too; needs a token"));
-  CLI::Option* token = verb.add_option("--token", flags.sink.token,
-                                       "http output: viewers must give it; 16 characters or more");
+  Flag& token = verb.add_option("--token", flags.sink.token,
+                                "http output: viewers must give it; 16 characters or more");
   sink(token);
-  CLI::Option* token_file =
-      verb.add_option("--token-file", flags.token_file, "file that holds the token");
+  Flag& token_file = verb.add_option("--token-file", flags.token_file, "file that holds the token");
   sink(token_file);
-  token_file->excludes(token);
+  token_file.excludes(token);
 }
 
 bool opens_window(const RunFlags& flags) {

@@ -32,7 +32,7 @@ struct RunFlags {
   int every = 1;            // take every n-th frame
 };
 
-void add_run_flags(CLI::App& verb, RunFlags& flags);
+void add_run_flags(Command& verb, RunFlags& flags);
 
 // Whether the run shows a window: asked for, or nowhere else to go.
 [[nodiscard]] bool opens_window(const RunFlags& flags);

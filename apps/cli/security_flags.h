@@ -10,6 +10,6 @@ namespace tarsier::cli {
 
 // --ca-file and --insecure, of every verb that may read an https or rtsps address. Returns them, to
 // be grouped.
-std::vector<CLI::Option*> add_security_flags(CLI::App& verb, StreamSecurity& security);
+std::vector<Flag*> add_security_flags(Command& verb, StreamSecurity& security);
 
 }  // namespace tarsier::cli

@@ -24,36 +24,32 @@ using Clock = std::chrono::steady_clock;
 
 }  // namespace
 
-void add_online_flags(CLI::App& verb, OnlineFlags& flags) {
-  const auto group = [](CLI::Option* option) {
-    option->group("Online");
-    return option;
-  };
-  CLI::Option* online = group(
+void add_online_flags(Command& verb, OnlineFlags& flags) {
+  Flag& online =
       verb.add_flag("--online", flags.online,
-                    "the model grows with the frames of a film, camera or folder, and is shown"));
-  const auto needing = [&](CLI::Option* option) { return group(option)->needs(online); };
+                    "the model grows with the frames of a film, camera or folder, and is shown")
+          .group("Online");
+  const auto needing = [&](Flag& flag) { flag.group("Online").needs(online); };
   needing(verb.add_flag("--window", flags.window, "show it in a window (h: keys)"));
   needing(verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen"));
   needing(verb.add_option("--online-view", flags.view,
                           "write what is shown: .mp4, folder, http://127.0.0.1:8080/"));
   needing(verb.add_option("--online-every", flags.every,
                           "key frames from one growth of the model to the next")
-              ->check(CLI::Range(1, 1000))
-              ->capture_default_str());
+              .check(range(1, 1000))
+              .show_default());
   needing(verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
-              ->check(CLI::IsMember({"-"})));
+              .check(one_of({"-"})));
   needing(verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
-              ->check(CLI::NonNegativeNumber)
-              ->capture_default_str());
+              .check(not_negative())
+              .show_default());
   needing(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")
-              ->capture_default_str());
-  needing(verb.add_option("--height", flags.source.height, "px; 0: its own choice")
-              ->capture_default_str());
+              .show_default());
+  needing(verb.add_option("--height", flags.source.height, "px; 0: its own choice").show_default());
   needing(verb.add_option("--fps", flags.source.fps,
                           "asked of a camera; of a folder that is shown; 0: its own")
-              ->capture_default_str());
-  for (CLI::Option* option : add_security_flags(verb, flags.source.security)) needing(option);
+              .show_default());
+  for (Flag* flag : add_security_flags(verb, flags.source.security)) needing(*flag);
 }
 
 std::string key_frame_path(const std::string& folder, const sfm::Keyframe& frame) {

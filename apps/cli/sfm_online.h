@@ -25,7 +25,7 @@ struct OnlineFlags {
   SourceOptions source;
 };
 
-void add_online_flags(CLI::App& verb, OnlineFlags& flags);
+void add_online_flags(Command& verb, OnlineFlags& flags);
 
 struct OnlineResult {
   std::vector<sfm::Input> inputs;  // the key frames

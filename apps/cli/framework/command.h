@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <initializer_list>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+// The command line of the program: areas, verbs and their flags. The parser behind it (CLI11) is
+// seen by command.cpp alone: its headers would cost every verb several seconds of compilation.
+//
+//   Command& verb = area.add_subcommand("read", "reads the plates of images");
+//   verb.add_option("INPUT", flags.inputs, "images").required();
+//   verb.add_option("--iou", flags.iou, "of boxes").check(range(0.0, 1.0)).show_default();
+//   verb.add_flag("--errors", flags.errors, "list what was missed");
+
+namespace tarsier::cli {
+
+struct FlagInfo;
+
+// A rule that a value must meet. A list's values must each meet it.
+class Check {
+ public:
+  // `problem` gets the value as it was typed and returns what is wrong with it, or an empty string.
+  explicit Check(std::function<std::string(const std::string&)> problem);
+  ~Check();
+
+ private:
+  friend class Flag;
+  friend Check range(int min, int max);
+  friend Check range(double min, double max);
+  friend Check one_of(const std::vector<std::string>& choices);
+  friend Check one_of(std::initializer_list<int> choices);
+  friend Check positive();
+  friend Check not_negative();
+  struct Rule;
+  explicit Check(std::shared_ptr<const Rule> rule);
+  std::shared_ptr<const Rule> rule_;
+};
+
+// min <= value <= max
+[[nodiscard]] Check range(int min, int max);
+[[nodiscard]] Check range(double min, double max);
+// One of these words or numbers.
+[[nodiscard]] Check one_of(const std::vector<std::string>& choices);
+[[nodiscard]] Check one_of(std::initializer_list<std::string_view> choices);
+[[nodiscard]] Check one_of(std::initializer_list<int> choices);
+// value > 0, value >= 0
+[[nodiscard]] Check positive();
+[[nodiscard]] Check not_negative();
+
+// One flag or positional input of a Command, which owns it.
+class Flag {
+ public:
+  Flag(const Flag&) = delete;
+  Flag& operator=(const Flag&) = delete;
+  ~Flag();
+
+  Flag& check(const Check& check);
+  // --help shows the variable's present value as the default.
+  Flag& show_default();
+  Flag& show_default(std::string_view text);
+  Flag& required();
+  // Heading in --help; hidden from it if empty.
+  Flag& group(std::string_view name);
+  // Several values may be written as one word: "1,2,3".
+  Flag& delimiter(char between);
+  // Takes just so many values.
+  Flag& expected(int count);
+  // Of a list: given as often as there are values, one value each time.
+  Flag& one_value_each();
+  // Cannot be given together with `other`; can only be given together with it.
+  Flag& excludes(Flag& other);
+  Flag& needs(Flag& other);
+  // What --help shows for the value, in place of INT, FLOAT or TEXT.
+  Flag& type_name(std::string_view name);
+
+  // How often it was given.
+  [[nodiscard]] std::size_t count() const;
+  [[nodiscard]] FlagInfo describe() const;
+
+ private:
+  friend class Command;
+  struct Parts;
+  explicit Flag(std::unique_ptr<Parts> parts);
+  std::unique_ptr<Parts> parts_;
+};
+
+// The program, an area or a verb. Owns its parts; what flags are bound to must live as long.
+class Command {
+ public:
+  // The program itself.
+  Command(std::string_view name, std::string_view description);
+  Command(const Command&) = delete;
+  Command& operator=(const Command&) = delete;
+  ~Command();
+
+  Command& add_subcommand(std::string_view name, std::string_view description);
+
+  // `names`: "-o,--output", "INPUT" (positional), or both. The variable keeps its value if the flag
+  // is not given. Numbers must fit the variable's type.
+  Flag& add_option(std::string_view names, int& value, std::string_view help = {});
+  Flag& add_option(std::string_view names, std::int64_t& value, std::string_view help = {});
+  Flag& add_option(std::string_view names, std::uint64_t& value, std::string_view help = {});
+  Flag& add_option(std::string_view names, unsigned& value, std::string_view help = {});
+  Flag& add_option(std::string_view names, float& value, std::string_view help = {});
+  Flag& add_option(std::string_view names, double& value, std::string_view help = {});
+  Flag& add_option(std::string_view names, std::string& value, std::string_view help = {});
+  Flag& add_option(std::string_view names, std::optional<int>& value, std::string_view help = {});
+  Flag& add_option(std::string_view names, std::optional<double>& value,
+                   std::string_view help = {});
+  Flag& add_option(std::string_view names, std::optional<std::string>& value,
+                   std::string_view help = {});
+  Flag& add_option(std::string_view names, std::vector<int>& value, std::string_view help = {});
+  Flag& add_option(std::string_view names, std::vector<double>& value, std::string_view help = {});
+  Flag& add_option(std::string_view names, std::vector<std::string>& value,
+                   std::string_view help = {});
+  // A text that is read before the parser runs, or not at all.
+  Flag& add_unbound_option(std::string_view names, std::string_view help);
+  // A switch. "--pepper,!--no-pepper": the second name switches it off.
+  Flag& add_flag(std::string_view names, bool& value, std::string_view help = {});
+  // Makes parse() return kVersion.
+  Flag& add_version_flag(std::string_view names);
+
+  // Just so many of the sub-commands must be given; or min..max of them.
+  void require_subcommand(int count);
+  void require_subcommand(int min, int max);
+  // Heading in the help of the command above; hidden from it if empty.
+  void group(std::string_view name);
+  // Called when it was chosen and all of its flags were read.
+  void callback(std::function<void()> chosen);
+  // A whole command line that --help shows.
+  void example(std::string_view line);
+
+  [[nodiscard]] const std::string& name() const;
+  [[nodiscard]] const std::string& description() const;
+  [[nodiscard]] const std::string& example() const;
+  // Whether it is left out of help.
+  [[nodiscard]] bool hidden() const;
+  // Null for the program itself.
+  [[nodiscard]] const Command* parent() const;
+  // In the order in which they were added.
+  [[nodiscard]] std::vector<const Command*> subcommands() const;
+  // "SUBCOMMAND" in its usage: 0 if none has to be given.
+  [[nodiscard]] int min_subcommands() const;
+  // All flags in the order in which they were added, --help first; hidden ones have no group.
+  [[nodiscard]] std::vector<FlagInfo> flags() const;
+  // The sub-command `name`, or null.
+  [[nodiscard]] const Command* find(std::string_view name) const;
+  [[nodiscard]] Command* find(std::string_view name);
+
+  enum class Outcome { kRun, kHelp, kVersion };
+  struct Parsed {
+    Outcome outcome = Outcome::kRun;
+    // The last command of the line.
+    const Command* command = nullptr;
+  };
+  // Reads a command line, without the program's name, and calls the callbacks of what it chose.
+  // Once only. Throws UsageError where it breaks a rule.
+  Parsed parse(std::vector<std::string> words);
+
+ private:
+  struct Parts;
+  explicit Command(std::unique_ptr<Parts> parts);
+  Flag& add(std::unique_ptr<Flag::Parts> flag);
+  template <class T>
+  Flag& bind(std::string_view names, T& value, std::string_view help);
+  std::unique_ptr<Parts> parts_;
+};
+
+// One value of a configuration file (TOML or INI).
+struct ConfigEntry {
+  // Of its section: "plate", "read" of [plate.read].
+  std::vector<std::string> parents;
+  std::string name;
+  std::vector<std::string> values;
+};
+
+// In the order of the text. Throws std::exception where it is none.
+[[nodiscard]] std::vector<ConfigEntry> read_config(const std::string& text);
+
+}  // namespace tarsier::cli

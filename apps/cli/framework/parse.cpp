@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: MIT
+#include "parse.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/io/image_file.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <numeric>
+
+#include "command_tree.h"
+
+namespace tarsier::cli {
+namespace {
+
+std::vector<std::string> names_of(const std::vector<const Command*>& commands) {
+  std::vector<std::string> names;
+  for (const Command* command : commands) names.push_back(command->name());
+  return names;
+}
+
+bool is_long(const std::string& name) { return name.starts_with("--"); }
+
+std::vector<std::string> long_names(const Command& command) {
+  std::vector<std::string> names;
+  for (const FlagInfo& flag : command.flags()) {
+    std::copy_if(flag.names.begin(), flag.names.end(), std::back_inserter(names), is_long);
+  }
+  return names;
+}
+
+// Words that stand where an area, a verb or a flag is expected and are none: says what is known
+// there.
+void check_words(Command& root, const std::vector<std::string>& words) {
+  const Chosen chosen = chosen_command(root, words);
+  const Command& command = *chosen.command;
+  if (chosen.words == words.size()) return;
+  const std::string& word = words[chosen.words];
+  if (is_area(command)) {
+    if (word == "-h" || word == "--help" || (word == "--version" && &command == &root)) return;
+    if (word.starts_with("-") && &command == &root) {
+      throw UsageError(
+          fmt::format("unknown flag {} here: flags come after the verb (tarsier --help)", word));
+    }
+    const std::vector<std::string> known = names_of(command.subcommands());
+    const std::string meant = nearest_word(word, known);
+    throw UsageError(fmt::format("'{}' knows no '{}': {}", path_of(command), word,
+                                 meant.empty() ? fmt::format("known: {}", fmt::join(known, ", "))
+                                               : "did you mean '" + meant + "'?"));
+  }
+  const std::vector<std::string> known = long_names(command);
+  for (std::size_t i = chosen.words; i < words.size() && words[i] != "--"; ++i) {
+    if (!is_long(words[i])) continue;
+    const std::string flag = words[i].substr(0, words[i].find('='));
+    if (std::find(known.begin(), known.end(), flag) != known.end()) continue;
+    const std::string meant = nearest_word(flag, known);
+    throw UsageError(fmt::format(
+        "'{}' has no flag {}: {}", path_of(command), flag,
+        meant.empty() ? "see " + path_of(command) + " --help" : "did you mean " + meant + "?"));
+  }
+}
+
+// --- --config ---
+
+bool given_on_line(const FlagInfo& flag, const std::vector<std::string>& words, std::size_t from) {
+  for (std::size_t i = from; i < words.size() && words[i] != "--"; ++i) {
+    const std::string& word = words[i];
+    for (const std::string& name : flag.names) {
+      if (is_long(name)) {
+        if (word == name || word.starts_with(name + "=")) return true;
+      } else if (!flag.positional && word.starts_with(name) && !is_long(word)) {
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
+void add_entry(const Command& verb, const ConfigEntry& entry, const std::string& path,
+               const std::vector<std::string>& words, std::size_t from,
+               std::vector<std::string>& added) {
+  const std::string name = "--" + entry.name;
+  const std::vector<FlagInfo> flags = verb.flags();
+  const auto flag = std::find_if(flags.begin(), flags.end(), [&name](const FlagInfo& known) {
+    return std::find(known.names.begin(), known.names.end(), name) != known.names.end();
+  });
+  if (flag == flags.end() || entry.name == "config" || entry.name == "help") {
+    const std::string meant = nearest_word(name, long_names(verb));
+    throw UsageError(fmt::format("{}: '{}' has no option '{}'{}", path, path_of(verb), entry.name,
+                                 meant.empty() ? "" : ": did you mean '" + meant.substr(2) + "'?"));
+  }
+  if (given_on_line(*flag, words, from)) return;  // the command line wins
+  if (entry.values.empty()) {
+    throw UsageError(fmt::format("{}: '{}' has no value", path, entry.name));
+  }
+  if (entry.values.size() == 1 || flag->max_items == 1) {  // a list as "60,25,20"
+    added.push_back(fmt::format("{}={}", name, fmt::join(entry.values, ",")));
+  } else {
+    added.push_back(name);
+    added.insert(added.end(), entry.values.begin(), entry.values.end());
+  }
+}
+
+// The words with those of the file of --config behind them.
+std::vector<std::string> with_config(Command& root, std::vector<std::string> words) {
+  const Chosen chosen = chosen_command(root, words);
+  const Command& verb = *chosen.command;
+  std::string path;
+  const auto end =
+      static_cast<std::size_t>(std::find(words.begin(), words.end(), "--") - words.begin());
+  for (std::size_t i = chosen.words; i < end; ++i) {
+    if (words[i] == "--config" && i + 1 < end) path = words[i + 1];
+    if (words[i].starts_with("--config=")) path = words[i].substr(9);
+  }
+  if (path.empty() || is_area(verb)) return words;
+
+  const std::string text = read_file(path, 1'000'000);
+  std::vector<ConfigEntry> entries;
+  try {
+    entries = read_config(text);
+  } catch (const std::exception& error) {
+    throw InputError(path, fmt::format("not a TOML or INI file: {}", error.what()));
+  }
+  std::vector<std::string> added;
+  for (const ConfigEntry& entry : entries) {
+    if (!entry.parents.empty()) {
+      const Chosen section = chosen_command(root, entry.parents);
+      if (section.words < entry.parents.size() || is_area(*section.command)) {
+        throw UsageError(fmt::format("{}: [{}.{}] is no area and verb", path,
+                                     fmt::join(entry.parents, "."), entry.name));
+      }
+      if (section.command != &verb) continue;
+    }
+    add_entry(verb, entry, path, words, chosen.words, added);
+  }
+  words.insert(words.begin() + static_cast<std::ptrdiff_t>(end), added.begin(), added.end());
+  return words;
+}
+
+}  // namespace
+
+Chosen chosen_command(Command& root, const std::vector<std::string>& words) {
+  Chosen chosen{&root, 0};
+  for (const std::string& word : words) {
+    Command* next = chosen.command->find(word);
+    if (next == nullptr) break;
+    chosen.command = next;
+    ++chosen.words;
+  }
+  return chosen;
+}
+
+bool is_area(const Command& command) { return !command.subcommands().empty(); }
+
+Command::Parsed parse_command_line(Command& root, std::vector<std::string> words) {
+  check_words(root, words);
+  return root.parse(with_config(root, std::move(words)));
+}
+
+std::string nearest_word(std::string_view word, const std::vector<std::string>& known) {
+  const auto distance = [word](std::string_view other) {  // Levenshtein
+    std::vector<std::size_t> row(other.size() + 1);
+    std::iota(row.begin(), row.end(), std::size_t{0});
+    for (std::size_t i = 1; i <= word.size(); ++i) {
+      std::size_t diagonal = row[0];
+      row[0] = i;
+      for (std::size_t j = 1; j <= other.size(); ++j) {
+        const std::size_t above = row[j];
+        const std::size_t change = diagonal + (word[i - 1] == other[j - 1] ? 0 : 1);
+        row[j] = std::min({above + 1, row[j - 1] + 1, change});
+        diagonal = above;
+      }
+    }
+    return row.back();
+  };
+  std::string best;
+  if (word.size() > 64) return best;
+  std::size_t least = std::max<std::size_t>(2, word.size() / 3) + 1;
+  for (const std::string& name : known) {
+    if (const std::size_t d = distance(name); d < least) {
+      least = d;
+      best = name;
+    }
+  }
+  return best;
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "command.h"
+
+namespace tarsier::cli {
+
+// The command that the first of `words` lead to, and how many of them were used.
+struct Chosen {
+  Command* command = nullptr;
+  std::size_t words = 0;
+};
+[[nodiscard]] Chosen chosen_command(Command& root, const std::vector<std::string>& words);
+
+// Whether it has sub-commands, of which one must follow.
+[[nodiscard]] bool is_area(const Command& command);
+
+// Reads a whole command line: says what was probably meant by a word that is unknown, puts the
+// values of the file of --config behind the words (which win), and parses. In that file, top-level
+// keys are the chosen verb's; a section [area.verb] holds those of one verb, so that one file can
+// serve several. Throws UsageError where the line breaks a rule, InputError for the file.
+Command::Parsed parse_command_line(Command& root, std::vector<std::string> words);
+
+// What was probably meant by `word`: the nearest of `known`, or an empty string if none is near.
+[[nodiscard]] std::string nearest_word(std::string_view word,
+                                       const std::vector<std::string>& known);
+
+}  // namespace tarsier::cli
