@@ -204,34 +204,34 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   return score.missed == score.faces ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_aam_eval(Command& area, Context& context) {
-  auto flags = std::make_shared<EvalFlags>();
-  Command& verb = area.add_subcommand("eval", "measures fits on annotated pictures");
-  add_set_flags(verb, flags->set);
-  add_aam_flags(verb, flags->aam);
-  verb.add_option("--held-out", flags->held_out,
+void add_flags(Command& verb, EvalFlags& flags) {
+  add_set_flags(verb, flags.set);
+  add_aam_flags(verb, flags.aam);
+  verb.add_option("--held-out", flags.held_out,
                   "only every N-th sample (those that `train --hold-out N` left out); 0: all")
       .check(range(0, 1000000))
       .show_default();
-  verb.add_option("--limit", flags->limit, "an error that counts as good, % of the eye distance")
+  verb.add_option("--limit", flags.limit, "an error that counts as good, % of the eye distance")
       .check(range(0.01, 100.0))
       .show_default();
-  verb.add_option("-o,--output", flags->output, "file for the fitted points, JSON lines");
-  verb.add_option("--csv", flags->csv, "table to write, one row an image");
-  verb.add_option("--convergence", flags->convergence,
+  verb.add_option("-o,--output", flags.output, "file for the fitted points, JSON lines");
+  verb.add_option("--csv", flags.csv, "table to write, one row an image");
+  verb.add_option("--convergence", flags.convergence,
                   "study instead: how often fits converge from random starts; a picture to write");
-  verb.add_option("--tries", flags->tries, "of the study, for each picture and disturbance")
+  verb.add_option("--tries", flags.tries, "of the study, for each picture and disturbance")
       .check(range(1, 1000))
       .show_default();
-  verb.add_option("--eyes", flags->eyes,
+  verb.add_option("--eyes", flags.eyes,
                   "the two points whose distance is the unit [outer eye corners of known markups]")
       .delimiter(',')
       .expected(2);
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return run_eval(*flags, context); }; });
+}
+
+}  // namespace
+
+void add_aam_eval(Command& area, Context& context) {
+  add_verb<EvalFlags>(area, "eval", "measures fits on annotated pictures", context, add_flags,
+                      run_eval);
 }
 
 }  // namespace tarsier::cli

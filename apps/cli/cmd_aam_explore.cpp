@@ -147,35 +147,35 @@ ExitStatus explore(ExploreFlags& flags, Context& context) {
   return show(session, flags, "Tarsier appearance model", context);
 }
 
-}  // namespace
-
-void add_aam_explore(Command& area, Context& context) {
-  auto flags = std::make_shared<ExploreFlags>();
-  Command& verb = area.add_subcommand("explore", "plays with a model: sliders for its modes");
-  verb.add_option("MODEL", flags->model,
+void add_flags(Command& verb, ExploreFlags& flags) {
+  verb.add_option("MODEL", flags.model,
                   "an appearance model, or shapes as text (.txt: 'N 2k', then N lines x1 y1 ..) "
                   "[aam68.json, which ships]")
       .type_name("");
-  verb.add_option("--on", flags->picture, "a picture that the face is drawn over");
-  verb.add_option("--set", flags->set,
+  verb.add_option("--on", flags.picture, "a picture that the face is drawn over");
+  verb.add_option("--set", flags.set,
                   "a mode, in standard deviations: 'shape 1=2', 'look 3=-1'; of text: 'mode 1=2'")
       .one_value_each();
-  verb.add_flag("--random", flags->random, "begin with a random face (--seed)");
-  verb.add_flag("--mesh", flags->mesh, "begin with the mesh");
-  verb.add_option("-o,--output", flags->output, "picture to write instead of a window");
-  verb.add_option("--grid", flags->grid,
+  verb.add_flag("--random", flags.random, "begin with a random face (--seed)");
+  verb.add_flag("--mesh", flags.mesh, "begin with the mesh");
+  verb.add_option("-o,--output", flags.output, "picture to write instead of a window");
+  verb.add_option("--grid", flags.grid,
                   "picture of the modes at -3 .. 3 standard deviations, and of random faces");
-  verb.add_option("--modes", flags->modes, "--grid: modes of the shape, and of the look")
+  verb.add_option("--modes", flags.modes, "--grid: modes of the shape, and of the look")
       .check(range(1, 50))
       .show_default();
-  verb.add_option("--cell", flags->cell, "--grid: px, side of a face")
+  verb.add_option("--cell", flags.cell, "--grid: px, side of a face")
       .check(range(40, 1000))
       .show_default();
-  verb.add_flag("--window", flags->window, "in a window (as without -o and --grid)");
-  verb.add_flag("--fullscreen", flags->fullscreen, "the window fills the screen");
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return explore(*flags, context); }; });
+  verb.add_flag("--window", flags.window, "in a window (as without -o and --grid)");
+  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
+}
+
+}  // namespace
+
+void add_aam_explore(Command& area, Context& context) {
+  add_verb<ExploreFlags>(area, "explore", "plays with a model: sliders for its modes", context,
+                         add_flags, explore);
 }
 
 }  // namespace tarsier::cli

@@ -96,29 +96,29 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
 }
 
+void add_flags(Command& verb, FitFlags& flags) {
+  add_run_flags(verb, flags.run);
+  add_aam_flags(verb, flags.aam);
+  verb.add_option("--draw", flags.draw,
+                  "mesh, face (the model's own, over the picture), points or nothing")
+      .show_default();
+  verb.add_flag("--parameters", flags.parameters,
+                "--json: the parameters of shape and texture as well");
+  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
+  film(verb.add_option("--search-every", flags.track.search_every,
+                       "frames between searches for new faces")
+           .show_default());
+  film(verb.add_option("--most-faces", flags.track.most_objects, "objects followed at a time")
+           .show_default());
+}
+
 }  // namespace
 
 void add_aam_fit(Command& area, Context& context) {
-  auto flags = std::make_shared<FitFlags>();
-  Command& verb =
-      area.add_subcommand("fit", "fits a model to pictures, films and cameras (followed)");
-  add_run_flags(verb, flags->run);
-  add_aam_flags(verb, flags->aam);
-  verb.add_option("--draw", flags->draw,
-                  "mesh, face (the model's own, over the picture), points or nothing")
-      .show_default();
-  verb.add_flag("--parameters", flags->parameters,
-                "--json: the parameters of shape and texture as well");
-  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
-  film(verb.add_option("--search-every", flags->track.search_every,
-                       "frames between searches for new faces")
-           .show_default());
-  film(verb.add_option("--most-faces", flags->track.most_objects, "objects followed at a time")
-           .show_default());
-  add_common_flags(verb, context);
-  add_debug_flag(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return run_fit(*flags, context); }; });
+  add_debug_flag(
+      add_verb<FitFlags>(area, "fit", "fits a model to pictures, films and cameras (followed)",
+                         context, add_flags, run_fit),
+      context);
 }
 
 }  // namespace tarsier::cli

@@ -134,22 +134,17 @@ ExitStatus train(TrainFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_aam_train(Command& area, Context& context) {
-  auto flags = std::make_shared<TrainFlags>();
-  Command& verb =
-      area.add_subcommand("train", "learns an appearance model from annotated pictures");
-  add_set_flags(verb, flags->set);
-  verb.add_option("-o,--output", flags->output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
-  verb.add_option("--hold-out", flags->hold_out,
+void add_flags(Command& verb, TrainFlags& flags) {
+  add_set_flags(verb, flags.set);
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("--hold-out", flags.hold_out,
                   "leave out every N-th sample, for `aam eval --held-out N`; 0: none")
       .check(range(0, 1000000))
       .show_default();
-  appearance::AppearanceOptions& options = flags->options;
+  appearance::AppearanceOptions& options = flags.options;
   verb.add_option(
-          "--channels", flags->channels,
+          "--channels", flags.channels,
           "what the fit sees at a pixel: grey, colour, gradient (2 numbers) or oriented (8)")
       .check(one_of({"grey", "colour", "gradient", "oriented"}))
       .show_default();
@@ -174,13 +169,17 @@ void add_aam_train(Command& area, Context& context) {
                   "how far the set's points lie to the right of where a symmetric annotation has "
                   "them, px (1 where pixels are counted from 1, as in faces68)")
       .show_default();
-  verb.add_option("--mesh", flags->mesh,
+  verb.add_option("--mesh", flags.mesh,
                   "triangles, three point numbers (from 0) a line [Delaunay's of the mean shape]");
-  verb.add_flag("--no-detector", flags->no_detector,
+  verb.add_flag("--no-detector", flags.no_detector,
                 "these are no faces: do not learn where they lie in a face detector's box");
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return train(*flags, context); }; });
+}
+
+}  // namespace
+
+void add_aam_train(Command& area, Context& context) {
+  add_verb<TrainFlags>(area, "train", "learns an appearance model from annotated pictures", context,
+                       add_flags, train);
 }
 
 }  // namespace tarsier::cli

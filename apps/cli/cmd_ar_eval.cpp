@@ -217,33 +217,33 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
   return answered > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
-}  // namespace
-
-void add_ar_eval(Command& ar, Context& context) {
-  auto flags = std::make_shared<EvalFlags>();
-  Command& verb = ar.add_subcommand(
-      "eval", "measures detection and pose on pictures of known truth (of `ar synth`)");
-  verb.add_option("truth", flags->truth,
+void add_flags(Command& verb, EvalFlags& flags) {
+  verb.add_option("truth", flags.truth,
                   "JSON lines {\"image\", \"family\" or \"target\", \"K\", \"size\", \"markers\"}")
       .required();
-  verb.add_option("--family", flags->family, "only lines of this family");
+  verb.add_option("--family", flags.family, "only lines of this family");
   Flag& backend =
-      verb.add_option("--backend", flags->backend, "own, or opencv to compare with (markers)")
+      verb.add_option("--backend", flags.backend, "own, or opencv to compare with (markers)")
           .check(one_of({"own", "opencv"}))
           .show_default();
-  Flag& results = verb.add_option("--results", flags->results,
+  Flag& results = verb.add_option("--results", flags.results,
                                   "judge these JSON lines {\"image\", \"markers\"} instead");
   results.excludes(backend);
-  verb.add_option("--tolerance", flags->tolerance,
+  verb.add_option("--tolerance", flags.tolerance,
                   "mean error of the corners up to which one is found, share of its side; at "
                   "least 3 px")
       .check(range(0.01, 1.0))
       .show_default();
-  verb.add_option("-o,--output", flags->output, "file for what was found, JSON lines")
+  verb.add_option("-o,--output", flags.output, "file for what was found, JSON lines")
       .excludes(results);
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return run_eval(*flags, context); }; });
+}
+
+}  // namespace
+
+void add_ar_eval(Command& ar, Context& context) {
+  add_verb<EvalFlags>(ar, "eval",
+                      "measures detection and pose on pictures of known truth (of `ar synth`)",
+                      context, add_flags, run_eval);
 }
 
 }  // namespace tarsier::cli

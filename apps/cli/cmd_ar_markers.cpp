@@ -222,61 +222,61 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
 }
 
-}  // namespace
-
-void add_ar_markers(Command& ar, Context& context) {
-  auto flags = std::make_shared<MarkersFlags>();
-  Command& verb = ar.add_subcommand(
-      "markers", "finds printed markers, where they are, and draws things that stand on them");
-  add_run_flags(verb, flags->run);
-  verb.add_option("--family", flags->family,
+void add_flags(Command& verb, MarkersFlags& flags) {
+  add_run_flags(verb, flags.run);
+  verb.add_option("--family", flags.family,
                   "aruco-original (orig), 4x4_50 .. 7x7_1000, 16h5, 25h9, 36h10, 36h11")
       .show_default();
-  verb.add_option("--size", flags->size, "side of the markers over their black frame: 50mm, 0.05")
+  verb.add_option("--size", flags.size, "side of the markers over their black frame: 50mm, 0.05")
       .show_default();
-  Flag& camera = verb.add_option("--camera", flags->camera,
+  Flag& camera = verb.add_option("--camera", flags.camera,
                                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
-  verb.add_option("--focal", flags->focal, "focal length in px [the picture's larger side]")
+  verb.add_option("--focal", flags.focal, "focal length in px [the picture's larger side]")
       .check(positive())
       .excludes(camera);
-  verb.add_option("--backend", flags->backend, "own, or opencv to compare with")
+  verb.add_option("--backend", flags.backend, "own, or opencv to compare with")
       .check(one_of({"own", "opencv"}))
       .show_default();
-  verb.add_option("--csv", flags->csv,
+  verb.add_option("--csv", flags.csv,
                   "table to write: frame, time, id, place (m), rotation vector, error, corners");
-  add_on_event_flags(verb, flags->on_event, "when a marker appears or is lost");
+  add_on_event_flags(verb, flags.on_event, "when a marker appears or is lost");
   const auto drawing = [](Flag& flag) { flag.group("What is drawn"); };
-  Flag& draw = verb.add_option("--draw", flags->draw, "none, ids, axes or cube");
+  Flag& draw = verb.add_option("--draw", flags.draw, "none, ids, axes or cube");
   drawing(draw.check(one_of({"none", "ids", "axes", "cube"})).show_default());
   Flag& mesh =
-      verb.add_option("--mesh", flags->mesh, "Wavefront file (.obj) that stands on the markers");
+      verb.add_option("--mesh", flags.mesh, "Wavefront file (.obj) that stands on the markers");
   drawing(mesh.excludes(draw));
-  drawing(verb.add_option("--mesh-up", flags->up, "which of its axes is its height: y or z")
+  drawing(verb.add_option("--mesh-up", flags.up, "which of its axes is its height: y or z")
               .check(one_of({"y", "z"}))
               .needs(mesh)
               .show_default());
-  drawing(verb.add_option("--scale", flags->scale, "of cube, axes or mesh, by the marker's side")
+  drawing(verb.add_option("--scale", flags.scale, "of cube, axes or mesh, by the marker's side")
               .check(range(0.01, 100.0))
               .show_default());
-  drawing(verb.add_flag("--no-shadow", flags->no_shadow, "without shadows"));
+  drawing(verb.add_flag("--no-shadow", flags.no_shadow, "without shadows"));
   const auto finding = [](Flag& flag) { flag.group("Detection"); };
-  finding(verb.add_option("--smooth", flags->smooth,
+  finding(verb.add_option("--smooth", flags.smooth,
                           "of films: none or one-euro (steady when still, quick when moving)")
               .check(one_of({"none", "one-euro"}))
               .show_default());
-  finding(verb.add_option("--least-side", flags->detect.quads.min_side_px,
+  finding(verb.add_option("--least-side", flags.detect.quads.min_side_px,
                           "px, of the shortest side of a marker")
               .check(range(4.0, 1000.0))
               .show_default());
-  finding(verb.add_option("--least-correlation", flags->detect.decode.least_correlation,
+  finding(verb.add_option("--least-correlation", flags.detect.decode.least_correlation,
                           "how well the picture of a small marker must agree with it, 0..1")
               .check(range(0.0, 1.0))
               .show_default());
-  add_common_flags(verb, context);
-  add_debug_flag(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return run_markers(*flags, context); };
-  });
+}
+
+}  // namespace
+
+void add_ar_markers(Command& ar, Context& context) {
+  add_debug_flag(add_verb<MarkersFlags>(ar, "markers",
+                                        "finds printed markers, where they are, and draws "
+                                        "things that stand on them",
+                                        context, add_flags, run_markers),
+                 context);
 }
 
 }  // namespace tarsier::cli

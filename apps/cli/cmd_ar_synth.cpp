@@ -38,7 +38,7 @@ struct SynthFlags {
   std::vector<std::string> pictures;
   int posters = 3;
   std::string level = "all";
-  bool has_least_side = false;
+  const Flag* least_side = nullptr;
   synth::StillOptions still;
 };
 
@@ -79,7 +79,7 @@ std::vector<synth::PlanarPrint> targets_of(const SynthFlags& flags, const Contex
 ExitStatus make_pictures(SynthFlags& flags, Context& context) {
   const bool is_planar = flags.what == "planar";
   flags.still.size = parse_size(flags.size, 64, 8192);
-  if (is_planar && !flags.has_least_side) flags.still.least_side_px = kLeastTarget;
+  if (is_planar && flags.least_side->count() == 0) flags.still.least_side_px = kLeastTarget;
   if (flags.still.least > flags.still.most)
     throw UsageError(
         fmt::format("--least {} markers, --most {}", flags.still.least, flags.still.most));
@@ -126,59 +126,56 @@ ExitStatus make_pictures(SynthFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_ar_synth(Command& ar, Context& context) {
-  auto flags = std::make_shared<SynthFlags>();
-  Command& verb = ar.add_subcommand(
-      "synth", "draws pictures of markers or of picture targets: images/, truth.jsonl");
-  verb.add_option("what", flags->what, "markers or planar (pictures as targets)")
+void add_flags(Command& verb, SynthFlags& flags) {
+  verb.add_option("what", flags.what, "markers or planar (pictures as targets)")
       .required()
       .check(one_of({"markers", "planar"}));
-  verb.add_option("-o,--output,output", flags->output, "folder").required();
-  verb.add_option("--count", flags->count, "pictures").check(range(1, 100000)).show_default();
-  verb.add_option("--size", flags->size, "of the pictures, px").show_default();
-  verb.add_option("--level", flags->level, "of light, blur and noise: easy, medium, hard or all")
+  verb.add_option("-o,--output,output", flags.output, "folder").required();
+  verb.add_option("--count", flags.count, "pictures").check(range(1, 100000)).show_default();
+  verb.add_option("--size", flags.size, "of the pictures, px").show_default();
+  verb.add_option("--level", flags.level, "of light, blur and noise: easy, medium, hard or all")
       .check(one_of({"easy", "medium", "hard", "all"}))
       .show_default();
-  verb.add_option("--tilt", flags->still.tilt_deg, "degrees, at most")
+  verb.add_option("--tilt", flags.still.tilt_deg, "degrees, at most")
       .check(range(0.0, 80.0))
       .show_default();
-  Flag& least = verb.add_option("--least-side", flags->still.least_side_px,
-                                "px, of a marker or target seen straight; of targets [80]")
-                    .check(range(4.0, 8192.0))
-                    .show_default();
-  verb.add_option("--most-side", flags->still.most_side_px,
+  flags.least_side = &verb.add_option("--least-side", flags.still.least_side_px,
+                                      "px, of a marker or target seen straight; of targets [80]")
+                          .check(range(4.0, 8192.0))
+                          .show_default();
+  verb.add_option("--most-side", flags.still.most_side_px,
                   "px; at most 0.6 of the picture's height")
       .check(range(4.0, 8192.0))
       .show_default();
-  verb.add_option("--hidden", flags->still.part_hidden,
+  verb.add_option("--hidden", flags.still.part_hidden,
                   "share of markers that a hand or a bar hides in part")
       .check(range(0.0, 1.0))
       .show_default();
   const auto markers = [](Flag& flag) { flag.group("Markers"); };
-  markers(verb.add_option("--family", flags->families, "of markers, several allowed")
+  markers(verb.add_option("--family", flags.families, "of markers, several allowed")
               .delimiter(',')
               .show_default());
-  markers(
-      verb.add_option("--side", flags->side, "of a marker over its black frame").show_default());
-  markers(verb.add_option("--least", flags->still.least, "markers a picture")
+  markers(verb.add_option("--side", flags.side, "of a marker over its black frame").show_default());
+  markers(verb.add_option("--least", flags.still.least, "markers a picture")
               .check(range(0, 16))
               .show_default());
-  markers(verb.add_option("--most", flags->still.most, "markers a picture")
+  markers(verb.add_option("--most", flags.still.most, "markers a picture")
               .check(range(0, 16))
               .show_default());
   const auto planar = [](Flag& flag) { flag.group("Pictures as targets"); };
-  planar(verb.add_option("--picture", flags->pictures, "target, several allowed [posters]")
+  planar(verb.add_option("--picture", flags.pictures, "target, several allowed [posters]")
              .delimiter(','));
-  planar(verb.add_option("--posters", flags->posters, "how many are drawn where none is given")
+  planar(verb.add_option("--posters", flags.posters, "how many are drawn where none is given")
              .check(range(1, 50))
              .show_default());
-  add_common_flags(verb, context);
-  verb.callback([flags, &least, &context] {
-    flags->has_least_side = least.count() > 0;
-    context.run = [flags, &context] { return make_pictures(*flags, context); };
-  });
+}
+
+}  // namespace
+
+void add_ar_synth(Command& ar, Context& context) {
+  add_verb<SynthFlags>(ar, "synth",
+                       "draws pictures of markers or of picture targets: images/, truth.jsonl",
+                       context, add_flags, make_pictures);
 }
 
 }  // namespace tarsier::cli

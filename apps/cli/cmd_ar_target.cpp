@@ -257,63 +257,62 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
 }
 
-}  // namespace
-
-void add_ar_target_train(Command& ar, Context& context) {
-  auto flags = std::make_shared<TrainFlags>();
-  Command& verb = ar.add_subcommand(
-      "target-train", "makes a target file of a picture, to be found and followed in others");
-  verb.add_option("picture", flags->picture, "the flat picture, seen squarely, without a margin")
+void add_train_flags(Command& verb, TrainFlags& flags) {
+  verb.add_option("picture", flags.picture, "the flat picture, seen squarely, without a margin")
       .required();
-  verb.add_option("-o,--output", flags->output, "the target file: thing.target.json").required();
-  verb.add_option("--width", flags->width, "of the print: 20cm, 0.2m, 200mm").show_default();
-  verb.add_option("--name", flags->name, "what it is called [the picture's name]");
-  verb.add_option("--draw", flags->draw, "picture to write: how trackable it is, and where weak");
-  verb.add_option("--side", flags->options.longer_side,
+  verb.add_option("-o,--output", flags.output, "the target file: thing.target.json").required();
+  verb.add_option("--width", flags.width, "of the print: 20cm, 0.2m, 200mm").show_default();
+  verb.add_option("--name", flags.name, "what it is called [the picture's name]");
+  verb.add_option("--draw", flags.draw, "picture to write: how trackable it is, and where weak");
+  verb.add_option("--side", flags.options.longer_side,
                   "px that the picture's longer side is reduced to, 64..2000")
       .show_default();
-  verb.add_option("--trials", flags->options.trials,
+  verb.add_option("--trials", flags.options.trials,
                   "random views that choose the features and rate the picture, 0..500")
       .show_default();
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return run_train(*flags, context); };
-  });
 }
 
-void add_ar_target_track(Command& ar, Context& context) {
-  auto flags = std::make_shared<FollowFlags>();
-  Command& verb = ar.add_subcommand(
-      "target-track", "finds trained pictures in pictures, films and cameras, and their poses");
-  add_run_flags(verb, flags->run);
-  verb.add_option("--target", flags->targets,
+void add_track_flags(Command& verb, FollowFlags& flags) {
+  add_run_flags(verb, flags.run);
+  verb.add_option("--target", flags.targets,
                   "file of `ar target-train`; several, each after its own --target or one after "
                   "the other: they are numbered from 0");
-  verb.add_option("--camera", flags->camera,
+  verb.add_option("--camera", flags.camera,
                   "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]; without one "
                   "there are no poses");
-  verb.add_option("--draw", flags->draw, "box, axes, outline or none (box and axes need a camera)")
+  verb.add_option("--draw", flags.draw, "box, axes, outline or none (box and axes need a camera)")
       .check(one_of({"box", "axes", "outline", "none"}))
       .show_default();
-  verb.add_option("--csv", flags->csv,
+  verb.add_option("--csv", flags.csv,
                   "table to write: frame, time, id, confidence, corners, place (m), error");
-  add_on_event_flags(verb, flags->on_event, "when a target appears or is lost");
+  add_on_event_flags(verb, flags.on_event, "when a target appears or is lost");
   const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
-  film(verb.add_option("--smooth", flags->track.steady_px,
+  film(verb.add_option("--smooth", flags.track.steady_px,
                        "px: motion below about this is smoothed over time; 0: none")
            .show_default());
-  film(verb.add_option("--search-every", flags->track.detect_every,
+  film(verb.add_option("--search-every", flags.track.detect_every,
                        "frames between searches for targets that are missing while others are "
                        "followed")
            .show_default());
-  film(verb.add_option("--search-px", flags->track.search_px,
+  film(verb.add_option("--search-px", flags.track.search_px,
                        "px, how far from its predicted place a target is searched")
            .show_default());
-  add_common_flags(verb, context);
-  add_debug_flag(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return run_follow(*flags, context); };
-  });
+}
+
+}  // namespace
+
+void add_ar_target_train(Command& ar, Context& context) {
+  add_verb<TrainFlags>(ar, "target-train",
+                       "makes a target file of a picture, to be found and followed in others",
+                       context, add_train_flags, run_train);
+}
+
+void add_ar_target_track(Command& ar, Context& context) {
+  add_debug_flag(add_verb<FollowFlags>(ar, "target-track",
+                                       "finds trained pictures in pictures, "
+                                       "films and cameras, and their poses",
+                                       context, add_track_flags, run_follow),
+                 context);
 }
 
 }  // namespace tarsier::cli

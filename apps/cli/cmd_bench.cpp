@@ -61,11 +61,9 @@ void add_bench(Command& app, Context& context) {
       verb.add_flag("--stages", options->stages, "where the time goes: a line for each stage");
     }
     add_common_flags(verb, context);
-    verb.callback([&context, options, run = benchmark.run] {
-      context.run = [&context, options, run] {
-        const EndOnSignals at_once;
-        return run(context, *options);
-      };
+    set_run(verb, context, [&context, options, run = benchmark.run] {
+      const EndOnSignals at_once;
+      return run(context, *options);
     });
   }
 }

@@ -285,56 +285,54 @@ void add_lens_flags(Command& verb, CalibrateFlags& flags) {
            .show_default());
 }
 
-}  // namespace
-
-void add_calibrate(Command& app, Context& context) {
-  auto flags = std::make_shared<CalibrateFlags>();
-  flags->run.output = "none";
-  Command& verb = app.add_subcommand(
-      "calibrate", "a camera's focal length, centre and distortion from pictures of a board");
-  verb.add_option("INPUT", flags->run.inputs,
+void add_flags(Command& verb, CalibrateFlags& flags) {
+  flags.run.output = "none";
+  verb.add_option("INPUT", flags.run.inputs,
                   "pictures, folders, globs, @list.txt, films; a camera or URL: a session")
       .required()
       .type_name("");
-  verb.add_option("--board", flags->board,
+  verb.add_option("--board", flags.board,
                   "chess:9x6 (inner corners), charuco:5x7:6x6_250, circles:4x11, circles-grid:7x6")
       .required();
-  verb.add_option("--square", flags->square,
+  verb.add_option("--square", flags.square,
                   "side of a square, distance of dots: 25mm, 2.5cm, 0.025")
       .required();
-  verb.add_option("-o,--output", flags->output, "camera file to write (camera.yaml)");
-  verb.add_option("--format", flags->format, "of the camera file: tarsier, opencv, colmap")
+  verb.add_option("-o,--output", flags.output, "camera file to write (camera.yaml)");
+  verb.add_option("--format", flags.format, "of the camera file: tarsier, opencv, colmap")
       .check(one_of({"tarsier", "opencv", "colmap"}))
       .show_default();
-  verb.add_option("--csv", flags->csv, "table to write: one row a picture");
-  verb.add_option("--draw", flags->draw,
-                  "folder for pictures with their corners, and coverage.png");
-  verb.add_option("--undistorted", flags->undistorted, "folder for the pictures, straightened");
-  verb.add_option("--views", flags->views, "so many pictures of a film, at most")
+  verb.add_option("--csv", flags.csv, "table to write: one row a picture");
+  verb.add_option("--draw", flags.draw, "folder for pictures with their corners, and coverage.png");
+  verb.add_option("--undistorted", flags.undistorted, "folder for the pictures, straightened");
+  verb.add_option("--views", flags.views, "so many pictures of a film, at most")
       .check(range(3, 500))
       .show_default();
-  verb.add_option("--every", flags->run.every, "of films: look at fewer frames, N times")
+  verb.add_option("--every", flags.run.every, "of films: look at fewer frames, N times")
       .check(range(1, 100000))
       .show_default();
   const auto live = [](Flag& flag) { flag.group("Session"); };
-  live(verb.add_flag("--window", flags->run.window,
+  live(verb.add_flag("--window", flags.run.window,
                      "a session in a window, which takes views by itself (h: keys)"));
-  live(verb.add_flag("--fullscreen", flags->run.fullscreen, "the window fills the screen"));
-  live(verb.add_option("--actions", flags->run.actions, "-: actions by name on stdin, one a line")
+  live(verb.add_flag("--fullscreen", flags.run.fullscreen, "the window fills the screen"));
+  live(verb.add_option("--actions", flags.run.actions, "-: actions by name on stdin, one a line")
            .check(one_of({"-"})));
-  live(verb.add_option("--frames", flags->run.frames, "stop after so many frames; 0: all")
+  live(verb.add_option("--frames", flags.run.frames, "stop after so many frames; 0: all")
            .check(not_negative())
            .show_default());
-  live(verb.add_option("--width", flags->run.source.width, "asked of a camera, px; 0: its choice")
+  live(verb.add_option("--width", flags.run.source.width, "asked of a camera, px; 0: its choice")
            .show_default());
-  live(verb.add_option("--height", flags->run.source.height, "px").show_default());
-  live(verb.add_option("--fps", flags->run.source.fps, "asked of a camera; 0: its own")
+  live(verb.add_option("--height", flags.run.source.height, "px").show_default());
+  live(verb.add_option("--fps", flags.run.source.fps, "asked of a camera; 0: its own")
            .show_default());
-  add_lens_flags(verb, *flags);
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return run_calibrate(*flags, context); };
-  });
+  add_lens_flags(verb, flags);
+}
+
+}  // namespace
+
+void add_calibrate(Command& app, Context& context) {
+  add_verb<CalibrateFlags>(
+      app, "calibrate", "a camera's focal length, centre and distortion from pictures of a board",
+      context, add_flags, run_calibrate);
 }
 
 }  // namespace tarsier::cli

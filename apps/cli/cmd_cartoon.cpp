@@ -90,6 +90,7 @@ cv::Scalar parse_color(std::string_view flag, std::string_view text) {
 }
 
 void add_cartoon_flags(Command& verb, CartoonFlags& flags) {
+  add_run_flags(verb, flags.run);
   CartoonOptions& options = flags.options;
   std::vector<std::string_view> modes;
   for (const cartoon::Mode mode : cartoon::all_modes()) modes.push_back(cartoon::name_of(mode));
@@ -187,15 +188,9 @@ ExitStatus run_cartoon(const CartoonFlags& flags, Context& context) {
 void add_cartoon(Command& app, Context& context) {
   Command& area = app.add_subcommand("cartoon", "cartoons of pictures, films and live cameras");
   area.require_subcommand(1);
-  Command& verb = area.add_subcommand("run", "draw each picture of INPUT");
-  const auto flags = std::make_shared<CartoonFlags>();
-  add_run_flags(verb, flags->run);
-  add_cartoon_flags(verb, *flags);
-  add_common_flags(verb, context);
-  add_debug_flag(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return run_cartoon(*flags, context); };
-  });
+  add_debug_flag(add_verb<CartoonFlags>(area, run, "draw each picture of INPUT", context,
+                                        add_cartoon_flags, run_cartoon),
+                 context);
 }
 
 }  // namespace tarsier::cli

@@ -43,7 +43,7 @@ struct DemoOptions {
   std::vector<std::string> only;
 };
 
-ExitStatus run_demo(Context& context, const DemoOptions& options) {
+ExitStatus run_demo(const DemoOptions& options, Context& context) {
   const auto start = std::chrono::steady_clock::now();
   DemoPage page(options.output);
   int done = 0;
@@ -79,19 +79,18 @@ ExitStatus run_demo(Context& context, const DemoOptions& options) {
   return ExitStatus::kDone;
 }
 
+void add_flags(Command& verb, DemoOptions& options) {
+  verb.add_option("-o,--output", options.output, "folder of the page").show_default();
+  std::vector<std::string> names;
+  for (const DemoStep& step : steps()) names.emplace_back(step.name);
+  verb.add_option("--only", options.only, "only these areas").delimiter(',').check(one_of(names));
+}
+
 }  // namespace
 
 void add_demo(Command& app, Context& context) {
-  Command& verb = app.add_subcommand("demo", "runs every area once and makes a page of it");
-  const auto options = std::make_shared<DemoOptions>();
-  verb.add_option("-o,--output", options->output, "folder of the page").show_default();
-  std::vector<std::string> names;
-  for (const DemoStep& step : steps()) names.emplace_back(step.name);
-  verb.add_option("--only", options->only, "only these areas").delimiter(',').check(one_of(names));
-  add_common_flags(verb, context);
-  verb.callback([&context, options] {
-    context.run = [&context, options] { return run_demo(context, *options); };
-  });
+  add_verb<DemoOptions>(app, "demo", "runs every area once and makes a page of it", context,
+                        add_flags, run_demo);
 }
 
 }  // namespace tarsier::cli

@@ -512,7 +512,7 @@ void add_doctor(Command& app, Context& context) {
   Command& verb =
       app.add_subcommand("doctor", "what this machine has, and what to do about what it lacks");
   add_common_flags(verb, context);
-  verb.callback([&context] { context.run = [&context] { return examine(context); }; });
+  set_run(verb, context, [&context] { return examine(context); });
 }
 
 }  // namespace tarsier::cli

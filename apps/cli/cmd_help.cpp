@@ -104,9 +104,7 @@ void add_help(Command& app, Context& context) {
   Flag& manual = verb.add_option("--man", options->manual, "folder to write manual pages into");
   verb.add_flag("--bash", options->bash, "completion script for bash, on stdout").excludes(manual);
   add_common_flags(verb, context);
-  verb.callback([&app, &context, options] {
-    context.run = [&app, &context, options] { return run_help(app, context, *options); };
-  });
+  set_run(verb, context, [&app, &context, options] { return run_help(app, context, *options); });
 }
 
 }  // namespace tarsier::cli

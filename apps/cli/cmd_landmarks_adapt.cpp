@@ -91,32 +91,32 @@ ExitStatus adapt(AdaptFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_landmarks_adapt(Command& area, Context& context) {
-  auto flags = std::make_shared<AdaptFlags>();
-  Command& verb = area.add_subcommand(
-      "adapt", "adapts a model to one person or camera, from a few annotated pictures");
-  add_set_flags(verb, flags->set);
-  verb.add_option("--model,--base", flags->base,
+void add_flags(Command& verb, AdaptFlags& flags) {
+  add_set_flags(verb, flags.set);
+  verb.add_option("--model,--base", flags.base,
                   "model to start from [landmarks68.json, which ships]");
-  verb.add_option("-o,--output", flags->output, "model file to write (.json)").required();
-  verb.add_option("--ridge", flags->ridge,
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--ridge", flags.ridge,
                   "how much the base is trusted, in pictures; 0: the best on pictures left out "
                   "where there are three at least, else 0.3")
       .check(range(0.0, 1e6))
       .show_default();
-  verb.add_option("--starts", flags->options.starts, "scattered around each face")
+  verb.add_option("--starts", flags.options.starts, "scattered around each face")
       .check(range(4, 200))
       .show_default();
-  verb.add_option("--hold-out", flags->hold_out,
+  verb.add_option("--hold-out", flags.hold_out,
                   "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
       .check(range(0, 1000000))
       .show_default();
-  verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return adapt(*flags, context); }; });
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+}
+
+}  // namespace
+
+void add_landmarks_adapt(Command& area, Context& context) {
+  add_verb<AdaptFlags>(area, "adapt",
+                       "adapts a model to one person or camera, from a few annotated pictures",
+                       context, add_flags, adapt);
 }
 
 }  // namespace tarsier::cli

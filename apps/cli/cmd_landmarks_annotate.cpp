@@ -250,30 +250,30 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
   return set.samples.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_landmarks_annotate(Command& area, Context& context) {
-  auto flags = std::make_shared<AnnotateFlags>();
-  Command& verb = area.add_subcommand("annotate", "marks points on pictures or frames of a film");
-  verb.add_option("INPUT", flags->input,
+void add_flags(Command& verb, AnnotateFlags& flags) {
+  verb.add_option("INPUT", flags.input,
                   "film, folder, glob, list (.txt), picture; without it: the set's own pictures")
       .type_name("");
-  verb.add_option("-o,--output", flags->output, "the set's file; one that exists is gone on with")
+  verb.add_option("-o,--output", flags.output, "the set's file; one that exists is gone on with")
       .required();
-  verb.add_option("--proposals", flags->proposals,
+  verb.add_option("--proposals", flags.proposals,
                   "propose the points of the next picture, by what was learned so far")
       .check(one_of({"on", "off"}))
       .show_default();
-  verb.add_flag("--window", flags->window, "in a window (it always is, without --actions)");
-  verb.add_flag("--fullscreen", flags->fullscreen, "the window fills the screen");
-  verb.add_option("--size", flags->size, "of the view, px").show_default();
-  verb.add_option("--actions", flags->actions,
+  verb.add_flag("--window", flags.window, "in a window (it always is, without --actions)");
+  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
+  verb.add_option("--size", flags.size, "of the view, px").show_default();
+  verb.add_option("--actions", flags.actions,
                   "-: no window; lines on stdin: an action, 'key K', 'click X Y', 'drag X Y X Y', "
                   "'drag-all X Y X Y' (px of the picture), 'frames N', 'look FILE.png'")
       .check(one_of({"-"}));
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return annotate(*flags, context); }; });
+}
+
+}  // namespace
+
+void add_landmarks_annotate(Command& area, Context& context) {
+  add_verb<AnnotateFlags>(area, "annotate", "marks points on pictures or frames of a film", context,
+                          add_flags, annotate);
 }
 
 }  // namespace tarsier::cli

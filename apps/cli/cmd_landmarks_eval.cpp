@@ -228,34 +228,34 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   return score.missed == score.faces ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_landmarks_eval(Command& area, Context& context) {
-  auto flags = std::make_shared<EvalFlags>();
-  Command& verb = area.add_subcommand("eval", "measures accuracy on annotated pictures");
-  add_set_flags(verb, flags->set);
-  add_landmark_flags(verb, flags->landmarks);
-  verb.add_option("--held-out", flags->held_out,
+void add_flags(Command& verb, EvalFlags& flags) {
+  add_set_flags(verb, flags.set);
+  add_landmark_flags(verb, flags.landmarks);
+  verb.add_option("--held-out", flags.held_out,
                   "only every N-th sample (those that `train --hold-out N` left out); 0: all")
       .check(range(0, 1000000))
       .show_default();
-  verb.add_option("--results", flags->results,
+  verb.add_option("--results", flags.results,
                   "judge these JSON lines {\"image\",\"points\"} or {\"image\",\"faces\"} instead "
                   "of running a model");
-  verb.add_option("-o,--output", flags->output, "file for the fitted points, JSON lines");
-  verb.add_option("--csv", flags->csv, "table to write, one row an image");
-  verb.add_option("--eyes", flags->eyes,
+  verb.add_option("-o,--output", flags.output, "file for the fitted points, JSON lines");
+  verb.add_option("--csv", flags.csv, "table to write, one row an image");
+  verb.add_option("--eyes", flags.eyes,
                   "the two points whose distance is the unit [outer eye corners of known markups]")
       .delimiter(',')
       .expected(2);
-  verb.add_flag("--by-person", flags->by_person,
+  verb.add_flag("--by-person", flags.by_person,
                 "study: descent trained on other people against descent trained on the first half "
                 "of the person's own pictures");
-  verb.add_flag("--detection", flags->detection,
+  verb.add_flag("--detection", flags.detection,
                 "judge where faces are found, not their points; SET may be a dlib .xml of boxes");
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return run_eval(*flags, context); }; });
+}
+
+}  // namespace
+
+void add_landmarks_eval(Command& area, Context& context) {
+  add_verb<EvalFlags>(area, "eval", "measures accuracy on annotated pictures", context, add_flags,
+                      run_eval);
 }
 
 }  // namespace tarsier::cli

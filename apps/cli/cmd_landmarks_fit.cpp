@@ -100,40 +100,41 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
 }
 
-void add_verb(Command& area, Context& context, const char* name, const char* help, bool follows) {
-  auto flags = std::make_shared<FitFlags>();
-  flags->follows = follows;
-  Command& verb = area.add_subcommand(name, help);
-  add_run_flags(verb, flags->run);
-  add_landmark_flags(verb, flags->landmarks);
-  verb.add_option("--csv", flags->csv, "table to write: frame, time, face, score, points");
+void add_flags(Command& verb, FitFlags& flags) {
+  add_run_flags(verb, flags.run);
+  add_landmark_flags(verb, flags.landmarks);
+  verb.add_option("--csv", flags.csv, "table to write: frame, time, face, score, points");
   const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
   film(verb.add_option(
-      "--smooth", flags->smooth,
+      "--smooth", flags.smooth,
       "how much points at rest are smoothed: 0 not at all, 1 as usual, 2 twice as much [1]"));
-  film(verb.add_option("--search-every", flags->tracker.search_every,
+  film(verb.add_option("--search-every", flags.tracker.search_every,
                        "frames between searches for new faces")
            .show_default());
-  film(verb.add_option("--least-score", flags->tracker.least_score,
+  film(verb.add_option("--least-score", flags.tracker.least_score,
                        "a face whose fit is worth less is lost and looked for again")
            .show_default());
-  film(verb.add_option("--most-faces", flags->tracker.most_faces, "faces followed at a time")
+  film(verb.add_option("--most-faces", flags.tracker.most_faces, "faces followed at a time")
            .show_default());
-  add_common_flags(verb, context);
-  add_debug_flag(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return run_fit(*flags, context); }; });
 }
 
 }  // namespace
 
 void add_landmarks_fit(Command& area, Context& context) {
-  add_verb(area, context, "fit", "finds the points of the faces in pictures", false);
+  add_debug_flag(add_verb<FitFlags>(area, "fit", "finds the points of the faces in pictures",
+                                    context, add_flags, run_fit),
+                 context);
 }
 
 void add_landmarks_track(Command& area, Context& context) {
-  add_verb(area, context, "track", "follows faces and their points through films and cameras",
-           true);
+  const auto add_track_flags = [](Command& verb, FitFlags& flags) {
+    flags.follows = true;
+    add_flags(verb, flags);
+  };
+  add_debug_flag(
+      add_verb<FitFlags>(area, "track", "follows faces and their points through films and cameras",
+                         context, add_track_flags, run_fit),
+      context);
 }
 
 }  // namespace tarsier::cli

@@ -71,29 +71,28 @@ ExitStatus import_set(ImportFlags& flags, const Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_landmarks_import(Command& area, Context& context) {
-  auto flags = std::make_shared<ImportFlags>();
-  Command& verb = area.add_subcommand("import", "other programs' annotations become a set");
-  verb.add_option("INPUT", flags->input,
+void add_flags(Command& verb, ImportFlags& flags) {
+  verb.add_option("INPUT", flags.input,
                   "folder, list (.txt: an image a line), .pts, .asf, MUCT .csv, dlib .xml")
       .required()
       .type_name("");
-  verb.add_option("-o,--output", flags->output, "the set's file").required();
-  verb.add_option("--format", flags->format, "of INPUT; auto: by its ending")
+  verb.add_option("-o,--output", flags.output, "the set's file").required();
+  verb.add_option("--format", flags.format, "of INPUT; auto: by its ending")
       .check(one_of({"auto", "pts", "asf", "muct", "dlib"}))
       .show_default();
-  verb.add_option("--offset", flags->options.pts_offset,
+  verb.add_option("--offset", flags.options.pts_offset,
                   ".pts: number of the first pixel, 1 where they come from Matlab")
       .check(one_of({0, 1}))
       .show_default();
-  verb.add_option("--images", flags->options.images,
+  verb.add_option("--images", flags.options.images,
                   "folder of the pictures, where it is another (MUCT)");
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return import_set(*flags, context); };
-  });
+}
+
+}  // namespace
+
+void add_landmarks_import(Command& area, Context& context) {
+  add_verb<ImportFlags>(area, "import", "other programs' annotations become a set", context,
+                        add_flags, import_set);
 }
 
 }  // namespace tarsier::cli

@@ -138,48 +138,48 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
 }
 
 void add_kind(Command& parent, Context& context, const char* name, const char* help, Kind kind) {
-  auto flags = std::make_shared<TrainFlags>();
-  Command& verb = parent.add_subcommand(name, help);
-  add_set_flags(verb, flags->set);
-  verb.add_option("-o,--output", flags->output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
-  verb.add_option("--hold-out", flags->hold_out,
-                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
-      .check(range(0, 1000000))
-      .show_default();
-  verb.add_flag("--mirror", flags->mirror, "learn from mirrored pictures too");
-  landmarks::TrainModelOptions& options = flags->options;
-  verb.add_option("--variance", options.shape.variance, "share that the shape modes keep")
-      .show_default();
-  verb.add_option("--modes", options.shape.max_modes, "shape modes at most").show_default();
-  if (kind == Kind::kTrees || kind == Kind::kTracker) {
-    verb.add_option("--levels", options.tree_options.levels, "of the cascade of trees")
+  const auto add_flags = [kind](Command& verb, TrainFlags& flags) {
+    add_set_flags(verb, flags.set);
+    verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+    verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+    verb.add_option("--hold-out", flags.hold_out,
+                    "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
+        .check(range(0, 1000000))
         .show_default();
-    verb.add_option("--trees", options.tree_options.trees, "a level").show_default();
-    verb.add_option("--depth", options.tree_options.depth, "of a tree").show_default();
-    verb.add_option("--scatter", options.starts, "starts scattered around each face")
+    verb.add_flag("--mirror", flags.mirror, "learn from mirrored pictures too");
+    landmarks::TrainModelOptions& options = flags.options;
+    verb.add_option("--variance", options.shape.variance, "share that the shape modes keep")
         .show_default();
-  }
-  if (kind == Kind::kPatches || kind == Kind::kTracker) {
-    verb.add_option("--patch-method", flags->method,
-                    "ridge (closed form), sgd (stochastic gradient descent) or average")
-        .show_default();
-    verb.add_option("--patch", options.patch_options.patch, "side of a patch, px, odd")
-        .show_default();
-  }
-  if (kind == Kind::kTracker) {
-    verb.add_option("--turned", flags->turned.copies,
-                    "copies of each face, turned in 3D, to learn from beside it")
-        .check(range(0, 20))
-        .show_default();
-    verb.add_option("--head", flags->head, "head model that turns them (.json)");
-    verb.add_option("--without", flags->without, "leave out a part: trees, sdm or patch")
-        .check(one_of({"trees", "sdm", "patch"}));
-  }
-  add_common_flags(verb, context);
-  verb.callback([flags, &context, kind] {
-    context.run = [flags, &context, kind] { return train(*flags, context, kind); };
-  });
+    verb.add_option("--modes", options.shape.max_modes, "shape modes at most").show_default();
+    if (kind == Kind::kTrees || kind == Kind::kTracker) {
+      verb.add_option("--levels", options.tree_options.levels, "of the cascade of trees")
+          .show_default();
+      verb.add_option("--trees", options.tree_options.trees, "a level").show_default();
+      verb.add_option("--depth", options.tree_options.depth, "of a tree").show_default();
+      verb.add_option("--scatter", options.starts, "starts scattered around each face")
+          .show_default();
+    }
+    if (kind == Kind::kPatches || kind == Kind::kTracker) {
+      verb.add_option("--patch-method", flags.method,
+                      "ridge (closed form), sgd (stochastic gradient descent) or average")
+          .show_default();
+      verb.add_option("--patch", options.patch_options.patch, "side of a patch, px, odd")
+          .show_default();
+    }
+    if (kind == Kind::kTracker) {
+      verb.add_option("--turned", flags.turned.copies,
+                      "copies of each face, turned in 3D, to learn from beside it")
+          .check(range(0, 20))
+          .show_default();
+      verb.add_option("--head", flags.head, "head model that turns them (.json)");
+      verb.add_option("--without", flags.without, "leave out a part: trees, sdm or patch")
+          .check(one_of({"trees", "sdm", "patch"}));
+    }
+  };
+  const auto run = [kind](TrainFlags& flags, Context& the_context) {
+    return train(flags, the_context, kind);
+  };
+  add_verb<TrainFlags>(parent, name, help, context, add_flags, run);
 }
 
 }  // namespace

@@ -106,22 +106,17 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_landmarks_train_detector(Command& parent, Context& context) {
-  auto flags = std::make_shared<DetectorFlags>();
-  Command& verb = parent.add_subcommand(
-      "face-detector", "a detector of one's own, from boxes: of dlib's .xml or around landmarks");
-  add_set_flags(verb, flags->set);
-  verb.add_option("-o,--output", flags->output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
-  verb.add_option("--hold-out", flags->hold_out,
+void add_flags(Command& verb, DetectorFlags& flags) {
+  add_set_flags(verb, flags.set);
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("--hold-out", flags.hold_out,
                   "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
       .check(range(0, 1000000))
       .show_default();
-  verb.add_option("--without", flags->without,
+  verb.add_option("--without", flags.without,
                   "folder of pictures without the object: fewer false alarms");
-  landmarks::HogOptions& options = flags->options;
+  landmarks::HogOptions& options = flags.options;
   verb.add_option("--window", options.window,
                   "px, detection window (square root of its area): the smallest object it sees")
       .check(range(40, 200))
@@ -137,10 +132,14 @@ void add_landmarks_train_detector(Command& parent, Context& context) {
       .check(range(0, 3))
       .show_default();
   verb.add_flag("--mirror,!--no-mirror", options.mirror, "learn from mirrored pictures too [on]");
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return train_detector(*flags, context); };
-  });
+}
+
+}  // namespace
+
+void add_landmarks_train_detector(Command& parent, Context& context) {
+  add_verb<DetectorFlags>(parent, "face-detector",
+                          "a detector of one's own, from boxes: of dlib's .xml or around landmarks",
+                          context, add_flags, train_detector);
 }
 
 }  // namespace tarsier::cli

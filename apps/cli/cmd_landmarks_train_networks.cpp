@@ -81,33 +81,31 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_landmarks_train_networks(Command& parent, Context& context) {
-  auto flags = std::make_shared<NetworkFlags>();
-  Command& verb = parent.add_subcommand(
-      "face-networks", "the networks that find faces of any size, from boxes or landmarks");
-  add_set_flags(verb, flags->set);
-  verb.add_option("-o,--output", flags->output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
-  verb.add_option("--hold-out", flags->hold_out,
+void add_flags(Command& verb, NetworkFlags& flags) {
+  add_set_flags(verb, flags.set);
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("--hold-out", flags.hold_out,
                   "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
       .check(range(0, 1000000))
       .show_default();
-  verb.add_option("--without", flags->without,
+  verb.add_option("--without", flags.without,
                   "folders of pictures that show no face: what they learn not to find")
       .required();
   const auto add_steps = [&](const char* name, int& steps, const char* help) {
     verb.add_option(name, steps, help).check(range(2, 1000000)).show_default();
   };
-  add_steps("--scan-steps", flags->options.scan_steps,
-            "batches that the first network learns from");
-  add_steps("--judge-steps", flags->options.judge_steps, "batches of the second");
-  add_steps("--check-steps", flags->options.check_steps, "batches of the third");
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return train_networks(*flags, context); };
-  });
+  add_steps("--scan-steps", flags.options.scan_steps, "batches that the first network learns from");
+  add_steps("--judge-steps", flags.options.judge_steps, "batches of the second");
+  add_steps("--check-steps", flags.options.check_steps, "batches of the third");
+}
+
+}  // namespace
+
+void add_landmarks_train_networks(Command& parent, Context& context) {
+  add_verb<NetworkFlags>(parent, "face-networks",
+                         "the networks that find faces of any size, from boxes or landmarks",
+                         context, add_flags, train_networks);
 }
 
 }  // namespace tarsier::cli

@@ -289,24 +289,21 @@ void add_models(Command& app, Context& context) {
   Command& models = app.add_subcommand("models", "the trained models that came with the program");
   models.require_subcommand(1);
   const auto options = std::make_shared<ModelsOptions>();
-  const auto add_verb = [&](const char* name, const char* help, auto run) -> Command& {
+  const auto add = [&](const char* name, const char* help, auto run) -> Command& {
     Command& verb = models.add_subcommand(name, help);
     verb.add_option(
         "--models-dir", options->folder,
         "folder of models (default: $TARSIER_MODELS, else the one that came with the program)");
     add_common_flags(verb, context);
-    verb.callback([&context, options, run] {
-      context.run = [&context, options, run] { return run(context, *options); };
-    });
+    set_run(verb, context, [&context, options, run] { return run(context, *options); });
     return verb;
   };
-  add_verb("list",
-           "name, type, version, size, terms and use of each model, and how to do without it",
-           list_models);
-  add_verb("info", "what a model is, what it was made from, and its card", show_model)
+  add("list", "name, type, version, size, terms and use of each model, and how to do without it",
+      list_models);
+  add("info", "what a model is, what it was made from, and its card", show_model)
       .add_option("NAME", options->name, "as `models list` shows it")
       .required();
-  add_verb("verify", "checks the files against models/SHA256SUMS", verify_models)
+  add("verify", "checks the files against models/SHA256SUMS", verify_models)
       .add_option("NAME", options->name, "only this one");
 }
 

@@ -154,40 +154,41 @@ class Enrolment {
   std::string source_name_;
 };
 
+ExitStatus enroll(EnrollFlags& flags, Context& context) {
+  people::check_name(flags.name);
+  people::check_note(flags.note);
+  flags.collect.check_quality = !flags.any_quality;
+  return Enrolment(flags, context)();
+}
+
+void add_flags(Command& verb, EnrollFlags& flags) {
+  verb.add_option("NAME", flags.name, "any UTF-8 up to 200 bytes").required();
+  verb.add_option("INPUT", flags.inputs, "picture, folder, glob, @list.txt, film, camera number")
+      .required();
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--note", flags.note, "of consent: who agreed to what, when");
+  verb.add_option("--faces", flags.most, "stop after so many faces")
+      .check(range(1, 100000))
+      .show_default();
+  verb.add_flag("--largest", flags.largest, "of several faces in a picture the largest");
+  verb.add_flag("--any-quality", flags.any_quality, "also small, blurred, turned, dark faces");
+  verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time");
+  (void)add_security_flags(verb, flags.source.security);
+  verb.add_option("--least-difference", flags.collect.least_difference,
+                  "films: how far a face differs from the last that was taken")
+      .show_default();
+  verb.add_option("--least-seconds", flags.collect.least_seconds,
+                  "films: and how many seconds later it is")
+      .show_default();
+  add_face_flags(verb, flags.people);
+}
+
 }  // namespace
 
 void add_people_enroll(Command& area, Context& context) {
-  Command& verb = area.add_subcommand(
-      "enroll", "adds faces of a person to the gallery: pictures, films or a camera");
-  auto flags = std::make_shared<EnrollFlags>();
-  verb.add_option("NAME", flags->name, "any UTF-8 up to 200 bytes").required();
-  verb.add_option("INPUT", flags->inputs, "picture, folder, glob, @list.txt, film, camera number")
-      .required();
-  add_gallery_flag(verb, flags->people);
-  verb.add_option("--note", flags->note, "of consent: who agreed to what, when");
-  verb.add_option("--faces", flags->most, "stop after so many faces")
-      .check(range(1, 100000))
-      .show_default();
-  verb.add_flag("--largest", flags->largest, "of several faces in a picture the largest");
-  verb.add_flag("--any-quality", flags->any_quality, "also small, blurred, turned, dark faces");
-  verb.add_flag("--sequence", flags->source.sequence, "stills follow each other in time");
-  (void)add_security_flags(verb, flags->source.security);
-  verb.add_option("--least-difference", flags->collect.least_difference,
-                  "films: how far a face differs from the last that was taken")
-      .show_default();
-  verb.add_option("--least-seconds", flags->collect.least_seconds,
-                  "films: and how many seconds later it is")
-      .show_default();
-  add_face_flags(verb, flags->people);
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] {
-      people::check_name(flags->name);
-      people::check_note(flags->note);
-      flags->collect.check_quality = !flags->any_quality;
-      return Enrolment(*flags, context)();
-    };
-  });
+  add_verb<EnrollFlags>(area, "enroll",
+                        "adds faces of a person to the gallery: pictures, films or a camera",
+                        context, add_flags, enroll);
 }
 
 }  // namespace tarsier::cli

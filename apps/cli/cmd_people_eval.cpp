@@ -251,41 +251,40 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
+void add_flags(Command& verb, EvalFlags& flags) {
+  verb.add_option("LIST", flags.list,
+                  "lines `path<TAB>label`, with four more fields the eyes x y x y as seen")
+      .required();
+  verb.add_flag("--raw", flags.raw, "pictures are cut faces already");
+  verb.add_option("--size", flags.size, "pictures are resized to, e.g. 42x48");
+  verb.add_option("-k,--training", flags.training, "pictures of each person that train")
+      .check(range(1, 10000))
+      .show_default();
+  verb.add_option("--seeds", flags.seeds, "random draws, with seeds 0, 1, 2 ..")
+      .check(range(1, 1000))
+      .show_default();
+  verb.add_option("--algorithm", flags.algorithms, "only these: eigen,fisher,lbph,default")
+      .delimiter(',');
+  verb.add_option("--enrolled", flags.enrolled,
+                  "people who are enrolled where the others are strangers [half of them]")
+      .check(range(1, 1000000));
+  verb.add_option("--far", flags.rate, "rate that each model's own threshold is asked for")
+      .check(range(1e-6, 0.5))
+      .show_default();
+  verb.add_option("--csv", flags.csv, "table to write, a line for each draw");
+  verb.add_option("--cmc", flags.cmc, "plot of ranks to write, .png or .svg");
+  verb.add_option("--roc", flags.roc, "plot of accepts to write, .png or .svg");
+  verb.add_flag("--fit-same-camera", flags.fit_same_camera,
+                "instead: how much more alike strangers in these pictures are than the background "
+                "expects");
+  add_face_flags(verb, flags.people);
+}
+
 }  // namespace
 
 void add_people_eval(Command& area, Context& context) {
-  Command& verb = area.add_subcommand("eval", "how well the recognisers do, side by side");
-  auto flags = std::make_shared<EvalFlags>();
-  verb.add_option("LIST", flags->list,
-                  "lines `path<TAB>label`, with four more fields the eyes x y x y as seen")
-      .required();
-  verb.add_flag("--raw", flags->raw, "pictures are cut faces already");
-  verb.add_option("--size", flags->size, "pictures are resized to, e.g. 42x48");
-  verb.add_option("-k,--training", flags->training, "pictures of each person that train")
-      .check(range(1, 10000))
-      .show_default();
-  verb.add_option("--seeds", flags->seeds, "random draws, with seeds 0, 1, 2 ..")
-      .check(range(1, 1000))
-      .show_default();
-  verb.add_option("--algorithm", flags->algorithms, "only these: eigen,fisher,lbph,default")
-      .delimiter(',');
-  verb.add_option("--enrolled", flags->enrolled,
-                  "people who are enrolled where the others are strangers [half of them]")
-      .check(range(1, 1000000));
-  verb.add_option("--far", flags->rate, "rate that each model's own threshold is asked for")
-      .check(range(1e-6, 0.5))
-      .show_default();
-  verb.add_option("--csv", flags->csv, "table to write, a line for each draw");
-  verb.add_option("--cmc", flags->cmc, "plot of ranks to write, .png or .svg");
-  verb.add_option("--roc", flags->roc, "plot of accepts to write, .png or .svg");
-  verb.add_flag("--fit-same-camera", flags->fit_same_camera,
-                "instead: how much more alike strangers in these pictures are than the background "
-                "expects");
-  add_face_flags(verb, flags->people);
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return evaluate_people(*flags, context); };
-  });
+  add_verb<EvalFlags>(area, "eval", "how well the recognisers do, side by side", context, add_flags,
+                      evaluate_people);
 }
 
 }  // namespace tarsier::cli

@@ -177,42 +177,39 @@ ExitStatus export_people(const GalleryFlags& flags, Context& context) {
   return report.people > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
+void add_list_flags(Command& verb, GalleryFlags& flags) {
+  add_gallery_flag(verb, flags.people);
+  Flag& sightings = verb.add_flag("--sightings", flags.sightings, "who was seen, newest first");
+  verb.add_option("--limit", flags.limit, "of the sightings the newest so many; 0: all")
+      .check(not_negative())
+      .show_default();
+  verb.add_option("--keep", flags.keep, "delete sightings that are older: 30d, 12h, 90m ..")
+      .excludes(sightings);
+}
+
+void add_forget_flags(Command& verb, GalleryFlags& flags) {
+  verb.add_option("NAME", flags.name, "as `people list` shows it").required();
+  add_gallery_flag(verb, flags.people);
+  verb.add_flag("--yes", flags.yes, "do not ask");
+}
+
+void add_export_flags(Command& verb, GalleryFlags& flags) {
+  verb.add_option("-o,--output", flags.output, "a folder that is not there yet").required();
+  add_gallery_flag(verb, flags.people);
+}
+
 }  // namespace
 
 void add_people_gallery(Command& area, Context& context) {
-  auto flags = std::make_shared<GalleryFlags>();
-  Command& list = area.add_subcommand("list", "who is enrolled, or who was seen");
-  add_gallery_flag(list, flags->people);
-  Flag& sightings = list.add_flag("--sightings", flags->sightings, "who was seen, newest first");
-  list.add_option("--limit", flags->limit, "of the sightings the newest so many; 0: all")
-      .check(not_negative())
-      .show_default();
-  list.add_option("--keep", flags->keep, "delete sightings that are older: 30d, 12h, 90m ..")
-      .excludes(sightings);
-  add_common_flags(list, context);
-  list.callback([flags, &context] {
-    context.run = [flags, &context] { return list_people(*flags, context); };
-  });
-
-  Command& forget = area.add_subcommand(
-      "forget",
-      "removes a person for good and proves it by searching the files in and below the folder");
-  forget.add_option("NAME", flags->name, "as `people list` shows it").required();
-  add_gallery_flag(forget, flags->people);
-  forget.add_flag("--yes", flags->yes, "do not ask");
-  add_common_flags(forget, context);
-  forget.callback([flags, &context] {
-    context.run = [flags, &context] { return forget_person(*flags, context); };
-  });
-
-  Command& output = area.add_subcommand(
-      "export", "writes all that the gallery holds: faces, faces.lst, people.json");
-  output.add_option("-o,--output", flags->output, "a folder that is not there yet").required();
-  add_gallery_flag(output, flags->people);
-  add_common_flags(output, context);
-  output.callback([flags, &context] {
-    context.run = [flags, &context] { return export_people(*flags, context); };
-  });
+  add_verb<GalleryFlags>(area, "list", "who is enrolled, or who was seen", context, add_list_flags,
+                         list_people);
+  add_verb<GalleryFlags>(
+      area, "forget",
+      "removes a person for good and proves it by searching the files in and below the folder",
+      context, add_forget_flags, forget_person);
+  add_verb<GalleryFlags>(area, "export",
+                         "writes all that the gallery holds: faces, faces.lst, people.json",
+                         context, add_export_flags, export_people);
 }
 
 }  // namespace tarsier::cli

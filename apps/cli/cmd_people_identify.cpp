@@ -153,28 +153,29 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   return status == ExitStatus::kDone && !known ? ExitStatus::kNothingFound : status;
 }
 
+void add_flags(Command& verb, IdentifyFlags& flags) {
+  add_run_flags(verb, flags.run);
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--model", flags.model, "model of `people train -o` in place of the gallery");
+  verb.add_flag("--raw", flags.recognize.raw, "pictures are cut faces already");
+  verb.add_option("--far", flags.recognize.false_accepts,
+                  "share of strangers who may be taken for somebody")
+      .show_default();
+  add_on_event_flags(verb, flags.on_event, "at each new recognition");
+  verb.add_option("--keep", flags.keep,
+                  "write into the gallery who was seen, and delete what is "
+                  "older: 30d, 12h ..");
+  add_face_flags(verb, flags.people);
+}
+
 }  // namespace
 
 void add_people_identify(Command& area, Context& context) {
-  Command& verb = area.add_subcommand(
-      "identify", "names the faces in pictures, films and cameras, or says unknown");
-  auto flags = std::make_shared<IdentifyFlags>();
-  add_run_flags(verb, flags->run);
-  add_gallery_flag(verb, flags->people);
-  verb.add_option("--model", flags->model, "model of `people train -o` in place of the gallery");
-  verb.add_flag("--raw", flags->recognize.raw, "pictures are cut faces already");
-  verb.add_option("--far", flags->recognize.false_accepts,
-                  "share of strangers who may be taken for somebody")
-      .show_default();
-  add_on_event_flags(verb, flags->on_event, "at each new recognition");
-  verb.add_option("--keep", flags->keep,
-                  "write into the gallery who was seen, and delete what is older: 30d, 12h ..");
-  add_face_flags(verb, flags->people);
-  add_common_flags(verb, context);
-  add_debug_flag(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return identify_faces(*flags, context); };
-  });
+  add_debug_flag(
+      add_verb<IdentifyFlags>(area, "identify",
+                              "names the faces in pictures, films and cameras, or says unknown",
+                              context, add_flags, identify_faces),
+      context);
 }
 
 }  // namespace tarsier::cli

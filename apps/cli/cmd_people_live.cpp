@@ -63,35 +63,36 @@ ExitStatus live(LiveFlags& flags, Context& context) {
   return run_session(session, flags.run, context, hooks);
 }
 
+void add_flags(Command& verb, LiveFlags& flags) {
+  add_run_flags(verb, flags.run);
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--names", flags.session.names,
+                  "of the people who are added, in turn; then Person 1, Person 2 ..")
+      .delimiter(',');
+  verb.add_option("--note", flags.session.note, "of consent, for those who are added");
+  verb.add_option("--algorithm", flags.algorithm, "default, eigen, fisher or lbph");
+  verb.add_option("--faces", flags.session.most_faces,
+                  "faces collected of a person at a time, at most")
+      .show_default();
+  verb.add_option("--far", flags.session.false_accepts,
+                  "share of strangers who may be taken for somebody")
+      .show_default();
+  verb.add_option("--least-seconds", flags.session.collect.least_seconds,
+                  "s between two faces that are taken")
+      .show_default();
+  verb.add_option("--least-difference", flags.session.collect.least_difference,
+                  "from the face that was taken last")
+      .show_default();
+  add_face_flags(verb, flags.people);
+}
+
 }  // namespace
 
 void add_people_live(Command& area, Context& context) {
-  Command& verb = area.add_subcommand(
-      "live", "enrols and recognises in a window: click Add Person, then elsewhere to train");
-  auto flags = std::make_shared<LiveFlags>();
-  add_run_flags(verb, flags->run);
-  add_gallery_flag(verb, flags->people);
-  verb.add_option("--names", flags->session.names,
-                  "of the people who are added, in turn; then Person 1, Person 2 ..")
-      .delimiter(',');
-  verb.add_option("--note", flags->session.note, "of consent, for those who are added");
-  verb.add_option("--algorithm", flags->algorithm, "default, eigen, fisher or lbph");
-  verb.add_option("--faces", flags->session.most_faces,
-                  "faces collected of a person at a time, at most")
-      .show_default();
-  verb.add_option("--far", flags->session.false_accepts,
-                  "share of strangers who may be taken for somebody")
-      .show_default();
-  verb.add_option("--least-seconds", flags->session.collect.least_seconds,
-                  "s between two faces that are taken")
-      .show_default();
-  verb.add_option("--least-difference", flags->session.collect.least_difference,
-                  "from the face that was taken last")
-      .show_default();
-  add_face_flags(verb, flags->people);
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return live(*flags, context); }; });
+  add_verb<LiveFlags>(area, "live",
+                      "enrols and recognises in a window: click Add Person, "
+                      "then elsewhere to train",
+                      context, add_flags, live);
 }
 
 }  // namespace tarsier::cli

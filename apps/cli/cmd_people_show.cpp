@@ -177,27 +177,27 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
+void add_flags(Command& verb, ShowFlags& flags) {
+  verb.add_option("MODEL", flags.model, "model file; without it the gallery's");
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--face", flags.face, "a picture: what the model makes of its face");
+  verb.add_flag("--raw", flags.raw, "that picture is a cut face already");
+  verb.add_option("--stages", flags.stages, "a picture: how its face is prepared");
+  verb.add_option("--components", flags.components, "eigenfaces or fisherfaces shown")
+      .check(range(0, 500))
+      .show_default();
+  verb.add_option("-o,--output", flags.output, "picture to write");
+  verb.add_option("--size", flags.size, "of that picture").show_default();
+  add_face_flags(verb, flags.people);
+}
+
 }  // namespace
 
 void add_people_show(Command& area, Context& context) {
-  Command& verb = area.add_subcommand(
-      "show",
-      "looks inside: mean face, eigenfaces, reconstruction, nearest faces, evidence, stages");
-  auto flags = std::make_shared<ShowFlags>();
-  verb.add_option("MODEL", flags->model, "model file; without it the gallery's");
-  add_gallery_flag(verb, flags->people);
-  verb.add_option("--face", flags->face, "a picture: what the model makes of its face");
-  verb.add_flag("--raw", flags->raw, "that picture is a cut face already");
-  verb.add_option("--stages", flags->stages, "a picture: how its face is prepared");
-  verb.add_option("--components", flags->components, "eigenfaces or fisherfaces shown")
-      .check(range(0, 500))
-      .show_default();
-  verb.add_option("-o,--output", flags->output, "picture to write");
-  verb.add_option("--size", flags->size, "of that picture").show_default();
-  add_face_flags(verb, flags->people);
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return show(*flags, context); }; });
+  add_verb<ShowFlags>(area, "show",
+                      "looks inside: mean face, eigenfaces, reconstruction, "
+                      "nearest faces, evidence, stages",
+                      context, add_flags, show);
 }
 
 }  // namespace tarsier::cli

@@ -168,28 +168,27 @@ ExitStatus train(const TrainFlags& flags, Context& context) {
   return listed ? train_list(flags, context) : train_gallery(flags, context);
 }
 
+void add_flags(Command& verb, TrainFlags& flags) {
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--list", flags.list,
+                  "lines `path<TAB>label`, with four more fields the eyes x y x y as seen");
+  verb.add_option("--algorithm", flags.algorithm,
+                  "default, eigen, fisher or lbph; the gallery remembers it");
+  verb.add_flag("--raw", flags.raw, "the list's pictures are cut faces already");
+  verb.add_option("--size", flags.size, "pictures of the list are resized to, e.g. 42x48");
+  verb.add_option("-o,--output", flags.output, "model file to write");
+  verb.add_option("--learn-background", flags.background_list,
+                  "list of many people, a picture each: what faces are like in general");
+  verb.add_option("--terms", flags.terms,
+                  "terms of the pictures of --learn-background, kept in the model");
+  add_face_flags(verb, flags.people);
+}
+
 }  // namespace
 
 void add_people_train(Command& area, Context& context) {
-  Command& verb =
-      area.add_subcommand("train", "learns from the gallery, or from a list into a file");
-  auto flags = std::make_shared<TrainFlags>();
-  add_gallery_flag(verb, flags->people);
-  verb.add_option("--list", flags->list,
-                  "lines `path<TAB>label`, with four more fields the eyes x y x y as seen");
-  verb.add_option("--algorithm", flags->algorithm,
-                  "default, eigen, fisher or lbph; the gallery remembers it");
-  verb.add_flag("--raw", flags->raw, "the list's pictures are cut faces already");
-  verb.add_option("--size", flags->size, "pictures of the list are resized to, e.g. 42x48");
-  verb.add_option("-o,--output", flags->output, "model file to write");
-  verb.add_option("--learn-background", flags->background_list,
-                  "list of many people, a picture each: what faces are like in general");
-  verb.add_option("--terms", flags->terms,
-                  "terms of the pictures of --learn-background, kept in the model");
-  add_face_flags(verb, flags->people);
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return train(*flags, context); }; });
+  add_verb<TrainFlags>(area, "train", "learns from the gallery, or from a list into a file",
+                       context, add_flags, train);
 }
 
 }  // namespace tarsier::cli

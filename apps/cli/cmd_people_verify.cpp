@@ -99,21 +99,21 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
   return any && all ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
+void add_flags(Command& verb, VerifyFlags& flags) {
+  verb.add_option("NAME", flags.name, "as `people list` shows it").required();
+  verb.add_option("INPUT", flags.inputs, "pictures").required();
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--far", flags.rate, "share of others who may pass")
+      .check(range(1e-9, 0.999))
+      .show_default();
+  add_face_flags(verb, flags.people);
+}
+
 }  // namespace
 
 void add_people_verify(Command& area, Context& context) {
-  Command& verb = area.add_subcommand("verify", "is it this person? Exit status 0: yes, 1: no");
-  auto flags = std::make_shared<VerifyFlags>();
-  verb.add_option("NAME", flags->name, "as `people list` shows it").required();
-  verb.add_option("INPUT", flags->inputs, "pictures").required();
-  add_gallery_flag(verb, flags->people);
-  verb.add_option("--far", flags->rate, "share of others who may pass")
-      .check(range(1e-9, 0.999))
-      .show_default();
-  add_face_flags(verb, flags->people);
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return verify(*flags, context); }; });
+  add_verb<VerifyFlags>(area, "verify", "is it this person? Exit status 0: yes, 1: no", context,
+                        add_flags, verify);
 }
 
 }  // namespace tarsier::cli

@@ -224,8 +224,8 @@ void add_plate_eval(Command& plate, Context& context, PictureReading reading) {
   verb.add_option("--csv", flags->csv, "write each plate and what became of it; - for stdout");
   if (reading.add_flags) reading.add_flags(verb);
   add_common_flags(verb, context);
-  verb.callback([&context, flags, reading = std::move(reading)] {
-    context.run = [&context, flags, reading] { return evaluate(*flags, reading, context); };
+  set_run(verb, context, [&context, flags, reading = std::move(reading)] {
+    return evaluate(*flags, reading, context);
   });
 }
 

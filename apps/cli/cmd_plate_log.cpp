@@ -34,6 +34,7 @@ struct LogFlags {
   std::string csv;
   std::string crops;
   std::string keep;
+  const Flag* keep_flag = nullptr;
 };
 
 plate::LogFilter filter_of(const LogFlags& flags) {
@@ -165,41 +166,43 @@ ExitStatus forget_plates(const LogFlags& flags, const Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
+ExitStatus run_log(const LogFlags& flags, const Context& context) {
+  return flags.keep_flag->count() > 0 ? forget_plates(flags, context) : list_plates(flags, context);
+}
 
-void add_plate_log(Command& plate, Context& context) {
-  Command& verb = plate.add_subcommand(
-      "log", "lists, searches, exports and deletes what `plate read --log` wrote, newest first");
-  const auto flags = std::make_shared<LogFlags>();
-  verb.add_option("LOG", flags->path, "the log's file").required();
+void add_flags(Command& verb, LogFlags& flags) {
+  verb.add_option("LOG", flags.path, "the log's file").required();
   std::vector<Flag*> listing;
-  listing.push_back(&verb.add_option("--text", flags->text,
+  listing.push_back(&verb.add_option("--text", flags.text,
                                      "only this text; * stands for any characters, ? for any one"));
-  listing.push_back(&verb.add_flag("--near", flags->near,
+  listing.push_back(&verb.add_flag("--near", flags.near,
                                    "also texts with one wrong, missing or additional character"));
-  listing.push_back(&verb.add_option("--since", flags->since,
+  listing.push_back(&verb.add_option("--since", flags.since,
                                      "in sight at or after: 2024-05-01, 2024-05-01T12:30 (UTC), or "
                                      "12h for twelve hours ago"));
   listing.push_back(
-      &verb.add_option("--until", flags->until, "in sight at or before; a day is whole"));
+      &verb.add_option("--until", flags.until, "in sight at or before; a day is whole"));
   listing.push_back(
-      &verb.add_option("--source", flags->source, "only this source, as it was logged"));
-  listing.push_back(&verb.add_option("--limit", flags->limit, "the newest so many; 0: all")
+      &verb.add_option("--source", flags.source, "only this source, as it was logged"));
+  listing.push_back(&verb.add_option("--limit", flags.limit, "the newest so many; 0: all")
                          .check(not_negative())
                          .show_default());
-  listing.push_back(&verb.add_option("--csv", flags->csv, "write CSV to this file; - for stdout"));
+  listing.push_back(&verb.add_option("--csv", flags.csv, "write CSV to this file; - for stdout"));
   listing.push_back(
-      &verb.add_option("--crops", flags->crops, "write the pictures into this folder"));
-  Flag& keep = verb.add_option("--keep", flags->keep,
+      &verb.add_option("--crops", flags.crops, "write the pictures into this folder"));
+  Flag& keep = verb.add_option("--keep", flags.keep,
                                "delete what was last in sight longer ago: 30d, 12h, 90m ..");
   for (Flag* flag : listing) keep.excludes(*flag);
-  add_common_flags(verb, context);
-  verb.callback([&context, flags, &keep] {
-    const bool forgets = keep.count() > 0;
-    context.run = [&context, flags, forgets] {
-      return forgets ? forget_plates(*flags, context) : list_plates(*flags, context);
-    };
-  });
+  flags.keep_flag = &keep;
+}
+
+}  // namespace
+
+void add_plate_log(Command& plate, Context& context) {
+  add_verb<LogFlags>(plate, "log",
+                     "lists, searches, exports and deletes what `plate read "
+                     "--log` wrote, newest first",
+                     context, add_flags, run_log);
 }
 
 }  // namespace tarsier::cli

@@ -257,42 +257,43 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
                                                                    : status;
 }
 
+void add_flags(Command& verb, ReadFlags& flags) {
+  add_run_flags(verb, flags.run);
+  add_plate_flags(verb, flags.plate);
+  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
+  film(verb.add_option("--roi", flags.region,
+                       "only plates whose centre is in x,y,w,h or a polygon 'x,y x,y x,y'; px, or "
+                       "shares of the picture where no number is above 1"));
+  film(verb.add_flag("--events", flags.events_only, "JSON: only events, no line for each frame"));
+  film(verb.add_option("--lost-after", flags.tracker.lost_after,
+                       "s without a reading after which a vehicle is out of sight")
+           .show_default());
+  film(verb.add_option("--return-within", flags.tracker.return_within,
+                       "s in which the same text is the same vehicle, come back")
+           .show_default());
+  film(verb.add_option("--parked-return-within", flags.tracker.parked_return_within,
+                       "s, the same of one that stood still")
+           .show_default());
+  film(verb.add_option("--least-readings", flags.tracker.least_readings,
+                       "frames in which a vehicle must be read")
+           .show_default());
+  film(verb.add_flag("--words", flags.tracker.words,
+                     "texts without a digit are vehicles too (a few plates; many signs)"));
+  film(verb.add_option("--log", flags.log, "SQLite file that every vehicle is written to"));
+  film(
+      verb.add_option("--start", flags.start,
+                      "when a video file begins: 2024-05-01T12:30 (UTC) [when it was last written, "
+                      "less its length]"));
+  add_on_event_flags(verb, flags.on_event, "when a vehicle is opened, closed or withdrawn");
+}
+
 }  // namespace
 
 void add_plate_read(Command& plate, Context& context) {
-  auto flags = std::make_shared<ReadFlags>();
-  Command& verb = plate.add_subcommand("read", "reads the plates of pictures, films and cameras");
-  add_run_flags(verb, flags->run);
-  add_plate_flags(verb, flags->plate);
-  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
-  film(verb.add_option("--roi", flags->region,
-                       "only plates whose centre is in x,y,w,h or a polygon 'x,y x,y x,y'; px, or "
-                       "shares of the picture where no number is above 1"));
-  film(verb.add_flag("--events", flags->events_only, "JSON: only events, no line for each frame"));
-  film(verb.add_option("--lost-after", flags->tracker.lost_after,
-                       "s without a reading after which a vehicle is out of sight")
-           .show_default());
-  film(verb.add_option("--return-within", flags->tracker.return_within,
-                       "s in which the same text is the same vehicle, come back")
-           .show_default());
-  film(verb.add_option("--parked-return-within", flags->tracker.parked_return_within,
-                       "s, the same of one that stood still")
-           .show_default());
-  film(verb.add_option("--least-readings", flags->tracker.least_readings,
-                       "frames in which a vehicle must be read")
-           .show_default());
-  film(verb.add_flag("--words", flags->tracker.words,
-                     "texts without a digit are vehicles too (a few plates; many signs)"));
-  film(verb.add_option("--log", flags->log, "SQLite file that every vehicle is written to"));
-  film(
-      verb.add_option("--start", flags->start,
-                      "when a video file begins: 2024-05-01T12:30 (UTC) [when it was last written, "
-                      "less its length]"));
-  add_on_event_flags(verb, flags->on_event, "when a vehicle is opened, closed or withdrawn");
-  add_common_flags(verb, context);
-  add_debug_flag(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return run_read(*flags, context); }; });
+  add_debug_flag(
+      add_verb<ReadFlags>(plate, "read", "reads the plates of pictures, films and cameras", context,
+                          add_flags, run_read),
+      context);
 }
 
 }  // namespace tarsier::cli

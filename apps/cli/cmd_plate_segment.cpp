@@ -120,24 +120,24 @@ ExitStatus run_segment(const SegmentFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
+void add_flags(Command& verb, SegmentFlags& flags) {
+  verb.add_option("INPUT", flags.inputs, "pictures, folders, globs, films")
+      .required()
+      .type_name("");
+  verb.add_option("-o,--output", flags.output, "folder").required();
+  verb.add_flag("--no-sort", flags.unsorted, "all into unsorted/");
+  verb.add_flag("--characters", flags.characters, "the characters of plates, 20x20");
+  verb.add_option("--detector", flags.detector, "SVM file; default: what ships");
+  verb.add_option("--reader", flags.reader, "file; default: what ships");
+}
+
 }  // namespace
 
 void add_plate_segment(Command& plate, Context& context) {
-  auto flags = std::make_shared<SegmentFlags>();
-  Command& verb = plate.add_subcommand(
-      "segment", "saves what looks like a plate (or its characters), sorted, for labelling");
-  verb.add_option("INPUT", flags->inputs, "pictures, folders, globs, films")
-      .required()
-      .type_name("");
-  verb.add_option("-o,--output", flags->output, "folder").required();
-  verb.add_flag("--no-sort", flags->unsorted, "all into unsorted/");
-  verb.add_flag("--characters", flags->characters, "the characters of plates, 20x20");
-  verb.add_option("--detector", flags->detector, "SVM file; default: what ships");
-  verb.add_option("--reader", flags->reader, "file; default: what ships");
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return run_segment(*flags, context); };
-  });
+  add_verb<SegmentFlags>(plate, "segment",
+                         "saves what looks like a plate (or its characters), "
+                         "sorted, for labelling",
+                         context, add_flags, run_segment);
 }
 
 }  // namespace tarsier::cli

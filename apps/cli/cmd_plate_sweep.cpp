@@ -89,33 +89,32 @@ ExitStatus run_sweep(SweepFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_plate_sweep(Command& plate, Context& context) {
-  auto flags = std::make_shared<SweepFlags>();
-  Command& verb = plate.add_subcommand(
-      "sweep", "studies the character reader: feature sizes and hidden neurons");
-  verb.add_option("DATA", flags->input,
+void add_flags(Command& verb, SweepFlags& flags) {
+  verb.add_option("DATA", flags.input,
                   "OCR.xml, a folder with a folder for each symbol, or labelled plates")
       .required()
       .type_name("");
-  verb.add_option("-o,--output", flags->output, "plot: .png .jpg .svg");
-  verb.add_option("--csv", flags->csv, "table of means and deviations");
-  verb.add_option("--reader", flags->reader, "mlp, or hog: the default reader on the same splits")
+  verb.add_option("-o,--output", flags.output, "plot: .png .jpg .svg");
+  verb.add_option("--csv", flags.csv, "table of means and deviations");
+  verb.add_option("--reader", flags.reader, "mlp, or hog: the default reader on the same splits")
       .check(one_of({"mlp", "hog"}))
       .show_default();
-  verb.add_option("--features", flags->options.lows, "px of the small picture")
+  verb.add_option("--features", flags.options.lows, "px of the small picture")
       .delimiter(',')
       .show_default();
-  verb.add_option("--neurons", flags->options.neurons, "hidden").delimiter(',').show_default();
-  verb.add_option("--splits,--seeds", flags->options.seeds, "random splits of each").show_default();
-  verb.add_option("--train", flags->options.train, "characters to learn from; the rest judges")
+  verb.add_option("--neurons", flags.options.neurons, "hidden").delimiter(',').show_default();
+  verb.add_option("--splits,--seeds", flags.options.seeds, "random splits of each").show_default();
+  verb.add_option("--train", flags.options.train, "characters to learn from; the rest judges")
       .show_default();
-  verb.add_option("--iterations", flags->options.iterations, "of the training").show_default();
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return run_sweep(*flags, context); };
-  });
+  verb.add_option("--iterations", flags.options.iterations, "of the training").show_default();
+}
+
+}  // namespace
+
+void add_plate_sweep(Command& plate, Context& context) {
+  add_verb<SweepFlags>(plate, "sweep",
+                       "studies the character reader: feature sizes and hidden neurons", context,
+                       add_flags, run_sweep);
 }
 
 }  // namespace tarsier::cli

@@ -135,36 +135,36 @@ ExitStatus make_faces(const SynthFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
+ExitStatus run_synth(const SynthFlags& flags, Context& context) {
+  return flags.faces ? make_faces(flags, context) : make_scenes(flags, context);
+}
 
-void add_plate_synth(Command& plate, Context& context) {
-  auto flags = std::make_shared<SynthFlags>();
-  Command& verb =
-      plate.add_subcommand("synth", "draws cars with plates, or plates alone, with their truth");
-  verb.add_option("-o,--output", flags->output, "folder: images/, truth.csv, truth.jsonl")
+void add_flags(Command& verb, SynthFlags& flags) {
+  verb.add_option("-o,--output", flags.output, "folder: images/, truth.csv, truth.jsonl")
       .required();
-  verb.add_option("--count", flags->count, "pictures").check(range(1, 1000000)).show_default();
+  verb.add_option("--count", flags.count, "pictures").check(range(1, 1000000)).show_default();
   std::vector<std::string> names;
   for (const auto& [name, kind] : kinds()) names.push_back(name);
-  verb.add_option("--kind", flags->kinds, "of plates, several allowed")
+  verb.add_option("--kind", flags.kinds, "of plates, several allowed")
       .delimiter(',')
       .check(one_of(names))
       .show_default();
-  verb.add_option("--size", flags->size, "of the pictures").show_default();
-  verb.add_option("--noise", flags->noise, "standard deviation, grey levels")
+  verb.add_option("--size", flags.size, "of the pictures").show_default();
+  verb.add_option("--noise", flags.noise, "standard deviation, grey levels")
       .check(range(0.0, 64.0))
       .show_default();
-  Flag& night = verb.add_flag("--night", flags->night, "lamps glow, plates are lit");
-  verb.add_flag("--infrared", flags->infrared, "grey: plates throw the light back").excludes(night);
-  Flag& faces = verb.add_flag("--faces", flags->faces, "plates alone, with boxes of characters");
-  verb.add_flag("--plain", flags->plain, "with --faces: the regulation's look, nothing random")
+  Flag& night = verb.add_flag("--night", flags.night, "lamps glow, plates are lit");
+  verb.add_flag("--infrared", flags.infrared, "grey: plates throw the light back").excludes(night);
+  Flag& faces = verb.add_flag("--faces", flags.faces, "plates alone, with boxes of characters");
+  verb.add_flag("--plain", flags.plain, "with --faces: the regulation's look, nothing random")
       .needs(faces);
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] {
-      return flags->faces ? make_faces(*flags, context) : make_scenes(*flags, context);
-    };
-  });
+}
+
+}  // namespace
+
+void add_plate_synth(Command& plate, Context& context) {
+  add_verb<SynthFlags>(plate, "synth", "draws cars with plates, or plates alone, with their truth",
+                       context, add_flags, run_synth);
 }
 
 }  // namespace tarsier::cli

@@ -148,54 +148,49 @@ void add_shared(Command& verb, TrainFlags& flags) {
       .show_default();
 }
 
-}  // namespace
-
-void add_plate_train(Command& plate, Context& context) {
-  {
-    auto flags = std::make_shared<TrainFlags>();
-    Command& verb = plate.add_subcommand(
-        "train-detector", "learns to find plates: from photographs with boxes and drawn plates");
-    verb.add_option("INPUT", flags->inputs,
-                    "folders with truth.csv (image,x,y,w,h,text) or of pictures without plates; "
-                    "classic: SVM.xml, or a folder with plate/ and no-plate/")
-        .required()
-        .type_name("");
-    add_shared(verb, *flags);
-    verb.add_option("--steps", flags->options.detector_steps, "batches of 32 for finding")
-        .show_default();
-    verb.add_option("--aligner-steps", flags->options.aligner_steps, "batches of 32 for corners")
-        .show_default();
-    add_classic_detector_flags(verb, flags->classic);
-    add_common_flags(verb, context);
-    verb.callback([flags, &context] {
-      context.run = [flags, &context] { return train_detector(*flags, context); };
-    });
-  }
-  auto flags = std::make_shared<TrainFlags>();
-  Command& verb = plate.add_subcommand(
-      "train-reader", "learns to read characters: from labelled plates and drawn ones");
-  verb.add_option("INPUT", flags->inputs,
+void add_detector_flags(Command& verb, TrainFlags& flags) {
+  verb.add_option("INPUT", flags.inputs,
+                  "folders with truth.csv (image,x,y,w,h,text) or of pictures without plates; "
+                  "classic: SVM.xml, or a folder with plate/ and no-plate/")
+      .required()
+      .type_name("");
+  add_shared(verb, flags);
+  verb.add_option("--steps", flags.options.detector_steps, "batches of 32 for finding")
+      .show_default();
+  verb.add_option("--aligner-steps", flags.options.aligner_steps, "batches of 32 for corners")
+      .show_default();
+  add_classic_detector_flags(verb, flags.classic);
+}
+void add_reader_flags(Command& verb, TrainFlags& flags) {
+  verb.add_option("INPUT", flags.inputs,
                   "folders of plates NUMBER_KIND-TEXT.jpg with .txt (class cx cy w h); classic: "
                   "OCR.xml, or a folder with one folder a class")
       .type_name("");
-  add_shared(verb, *flags);
-  verb.add_option("--scenes", flags->scenes, "folders of photographs behind the drawn plates")
+  add_shared(verb, flags);
+  verb.add_option("--scenes", flags.scenes, "folders of photographs behind the drawn plates")
       .type_name("");
-  verb.add_option("--detector", flags->detector,
+  verb.add_option("--detector", flags.detector,
                   "model whose corners the confidence is fitted with; default: what ships");
-  verb.add_option("--steps", flags->options.line_steps, "batches of 32").show_default();
-  verb.add_option("--calibration", flags->calibration,
+  verb.add_option("--steps", flags.options.line_steps, "batches of 32").show_default();
+  verb.add_option("--calibration", flags.calibration,
                   "drawn plates that the confidence is fitted to; 0: not fitted")
       .show_default();
-  verb.add_option("--hold-out", flags->hold_out,
+  verb.add_option("--hold-out", flags.hold_out,
                   "share of the labelled plates that is not learnt but judged by, 0..0.9")
       .check(range(0.0, 0.9))
       .show_default();
-  add_classic_reader_flags(verb, flags->classic);
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return train_reader(*flags, context); };
-  });
+  add_classic_reader_flags(verb, flags.classic);
+}
+
+}  // namespace
+
+void add_plate_train(Command& plate, Context& context) {
+  add_verb<TrainFlags>(plate, "train-detector",
+                       "learns to find plates: from photographs with boxes and drawn plates",
+                       context, add_detector_flags, train_detector);
+  add_verb<TrainFlags>(plate, "train-reader",
+                       "learns to read characters: from labelled plates and drawn ones", context,
+                       add_reader_flags, train_reader);
 }
 
 }  // namespace tarsier::cli

@@ -226,26 +226,28 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
   return any ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
+void add_flags(Command& verb, EvalFlags& flags) {
+  add_pose_flags(verb, flags.pose);
+  verb.add_option("--pointing", flags.pointing,
+                  "folder of the Pointing'04 head pose set: names carry the angles");
+  verb.add_option("--truth", flags.truth,
+                  "JSON lines {\"image\", \"rotation\": [9 numbers]} (or \"R\", or "
+                  "\"euler\": "
+                  "[pitch, yaw, roll] as BIWI has them; \"translation\" in mm if known)");
+  verb.add_option("--results", flags.results,
+                  "judge these JSON lines (of `pose track --json`) instead of "
+                  "running the models");
+  verb.add_option("--compare", flags.compare,
+                  "file of 3D landmarks: how far the mean head is from it");
+  verb.add_option("-o,--output", flags.output, "file for the poses found, JSON lines");
+  verb.add_option("--csv", flags.csv, "table of --pointing to write, one row a picture");
+}
+
 }  // namespace
 
 void add_pose_eval(Command& area, Context& context) {
-  auto flags = std::make_shared<EvalFlags>();
-  Command& verb = area.add_subcommand("eval", "measures head poses on pictures of known truth");
-  add_pose_flags(verb, flags->pose);
-  verb.add_option("--pointing", flags->pointing,
-                  "folder of the Pointing'04 head pose set: names carry the angles");
-  verb.add_option("--truth", flags->truth,
-                  "JSON lines {\"image\", \"rotation\": [9 numbers]} (or \"R\", or \"euler\": "
-                  "[pitch, yaw, roll] as BIWI has them; \"translation\" in mm if known)");
-  verb.add_option("--results", flags->results,
-                  "judge these JSON lines (of `pose track --json`) instead of running the models");
-  verb.add_option("--compare", flags->compare,
-                  "file of 3D landmarks: how far the mean head is from it");
-  verb.add_option("-o,--output", flags->output, "file for the poses found, JSON lines");
-  verb.add_option("--csv", flags->csv, "table of --pointing to write, one row a picture");
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return run_eval(*flags, context); }; });
+  add_verb<EvalFlags>(area, "eval", "measures head poses on pictures of known truth", context,
+                      add_flags, run_eval);
 }
 
 }  // namespace tarsier::cli

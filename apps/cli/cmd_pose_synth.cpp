@@ -149,41 +149,38 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_pose_synth(Command& area, Context& context) {
-  auto flags = std::make_shared<SynthFlags>();
-  Command& verb = area.add_subcommand(
-      "synth",
-      "draws heads that nobody has, with their truth: images/, truth.jsonl, set.json, camera.yaml");
-  verb.add_option("-o,--output", flags->output, "folder").required();
-  verb.add_option("--count", flags->count, "pictures").check(range(1, 100000)).show_default();
-  verb.add_option("--people", flags->people,
+void add_flags(Command& verb, SynthFlags& flags) {
+  verb.add_option("-o,--output", flags.output, "folder").required();
+  verb.add_option("--count", flags.count, "pictures").check(range(1, 100000)).show_default();
+  verb.add_option("--people", flags.people,
                   "different ones, in turn; 0: one a picture, in a film one")
       .check(range(0, 100000))
       .show_default();
-  verb.add_flag("--film", flags->film, "one head that turns, frame by frame");
-  verb.add_option("--size", flags->size, "px").show_default();
-  verb.add_option("--yaw", flags->yaw, "degrees, at most, either way")
+  verb.add_flag("--film", flags.film, "one head that turns, frame by frame");
+  verb.add_option("--size", flags.size, "px").show_default();
+  verb.add_option("--yaw", flags.yaw, "degrees, at most, either way")
       .check(range(0.0, 80.0))
       .show_default();
-  verb.add_option("--pitch", flags->pitch, "degrees").check(range(0.0, 60.0)).show_default();
-  verb.add_option("--roll", flags->roll, "degrees").check(range(0.0, 180.0)).show_default();
-  verb.add_option("--near", flags->near, "distance, mm")
-      .check(range(200.0, 10000.0))
-      .show_default();
-  verb.add_option("--far", flags->far, "distance, mm").check(range(200.0, 10000.0)).show_default();
-  verb.add_option("--spread", flags->spread, "how different people are; 1: as in life")
+  verb.add_option("--pitch", flags.pitch, "degrees").check(range(0.0, 60.0)).show_default();
+  verb.add_option("--roll", flags.roll, "degrees").check(range(0.0, 180.0)).show_default();
+  verb.add_option("--near", flags.near, "distance, mm").check(range(200.0, 10000.0)).show_default();
+  verb.add_option("--far", flags.far, "distance, mm").check(range(200.0, 10000.0)).show_default();
+  verb.add_option("--spread", flags.spread, "how different people are; 1: as in life")
       .check(range(0.0, 2.0))
       .show_default();
-  verb.add_option("--noise", flags->scene.noise, "grey levels").show_default();
-  verb.add_option("--blur", flags->scene.blur_px, "px").show_default();
-  verb.add_option("--appearance", flags->appearance, "appearance model [aam68.json, which ships]");
-  verb.add_option("--head", flags->head, "head model [head.json, which ships]");
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return make_faces(*flags, context); };
-  });
+  verb.add_option("--noise", flags.scene.noise, "grey levels").show_default();
+  verb.add_option("--blur", flags.scene.blur_px, "px").show_default();
+  verb.add_option("--appearance", flags.appearance, "appearance model [aam68.json, which ships]");
+  verb.add_option("--head", flags.head, "head model [head.json, which ships]");
+}
+
+}  // namespace
+
+void add_pose_synth(Command& area, Context& context) {
+  add_verb<SynthFlags>(area, "synth",
+                       "draws heads that nobody has, with their truth: "
+                       "images/, truth.jsonl, set.json, camera.yaml",
+                       context, add_flags, make_faces);
 }
 
 }  // namespace tarsier::cli

@@ -156,49 +156,49 @@ ExitStatus run_track(TrackFlags& flags, Context& context) {
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
 }
 
-}  // namespace
-
-void add_pose_track(Command& area, Context& context) {
-  auto flags = std::make_shared<TrackFlags>();
-  Command& verb = area.add_subcommand(
-      "track", "where heads look: yaw, pitch, roll and place, in pictures, films and cameras");
-  add_run_flags(verb, flags->run);
-  add_pose_flags(verb, flags->pose);
-  verb.add_option("--draw", flags->draw,
+void add_flags(Command& verb, TrackFlags& flags) {
+  add_run_flags(verb, flags.run);
+  add_pose_flags(verb, flags.pose);
+  verb.add_option("--draw", flags.draw,
                   "axes, box, head, none, glasses, hat, or a Wavefront file (.obj; mm, origin "
                   "between the eyes, x right, y down, z away from the camera)")
       .show_default();
-  verb.add_option("--edit", flags->edits,
+  verb.add_option("--edit", flags.edits,
                   "what is done to the faces: mouth (opened), brows (raised); both with a comma")
       .delimiter(',')
       .check(one_of({"mouth", "brows"}));
-  verb.add_option("--edit-amount", flags->amount, "how much, 1 is natural")
+  verb.add_option("--edit-amount", flags.amount, "how much, 1 is natural")
       .check(range(0.0, 2.0))
       .show_default();
-  verb.add_option("--appearance", flags->appearance,
+  verb.add_option("--appearance", flags.appearance,
                   "appearance model that edits [aam68.json, which ships]");
-  verb.add_option("--csv", flags->csv,
+  verb.add_option("--csv", flags.csv,
                   "table to write: frame, time, face, score, angles, place (mm), error");
-  verb.add_flag("--no-identity", flags->no_identity,
+  verb.add_flag("--no-identity", flags.no_identity,
                 "the mean head for everyone: the shape is not fitted");
   const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
   film(
-      verb.add_option("--smooth", flags->smooth,
+      verb.add_option("--smooth", flags.smooth,
                       "none, mean (of 5 frames) or one-euro (steady when still, quick when moving)")
           .check(one_of({"none", "mean", "one-euro"}))
           .show_default());
-  film(verb.add_option("--search-every", flags->tracker.search_every,
+  film(verb.add_option("--search-every", flags.tracker.search_every,
                        "frames between searches for new faces")
            .show_default());
-  film(verb.add_option("--least-score", flags->tracker.least_score,
+  film(verb.add_option("--least-score", flags.tracker.least_score,
                        "a face whose fit is worth less is lost and looked for again")
            .show_default());
-  film(verb.add_option("--most-faces", flags->tracker.most_faces, "faces followed at a time")
+  film(verb.add_option("--most-faces", flags.tracker.most_faces, "faces followed at a time")
            .show_default());
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return run_track(*flags, context); };
-  });
+}
+
+}  // namespace
+
+void add_pose_track(Command& area, Context& context) {
+  add_verb<TrackFlags>(area, "track",
+                       "where heads look: yaw, pitch, roll and place, in "
+                       "pictures, films and cameras",
+                       context, add_flags, run_track);
 }
 
 }  // namespace tarsier::cli

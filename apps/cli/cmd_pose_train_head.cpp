@@ -129,16 +129,11 @@ ExitStatus run_train(TrainHeadFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_pose_train_head(Command& area, Context& context) {
-  auto flags = std::make_shared<TrainHeadFlags>();
-  Command& verb = area.add_subcommand("train-head",
-                                      "learns the head in 3D from the points of faces in pictures");
-  add_set_flags(verb, flags->set);
-  verb.add_option("-o,--output", flags->output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
-  head::TrainHeadOptions& options = flags->options;
+void add_flags(Command& verb, TrainHeadFlags& flags) {
+  add_set_flags(verb, flags.set);
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  head::TrainHeadOptions& options = flags.options;
   verb.add_option("--modes", options.modes, "how many ways to deform are learnt").show_default();
   verb.add_option("--iterations", options.iterations, "iterations of expectation maximisation")
       .show_default();
@@ -150,15 +145,19 @@ void add_pose_train_head(Command& area, Context& context) {
   verb.add_option("--outline", options.outline,
                   "points of the face's outline, which slide [0..16 of 68]")
       .delimiter(',');
-  verb.add_option("--eyes", flags->eyes, "the outer eye corners, left and right [known markups]")
+  verb.add_option("--eyes", flags.eyes, "the outer eye corners, left and right [known markups]")
       .delimiter(',')
       .expected(2);
-  verb.add_option("--compare", flags->compare,
+  verb.add_option("--compare", flags.compare,
                   "file of 3D landmarks: tells how far the mean head is from it");
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return run_train(*flags, context); };
-  });
+}
+
+}  // namespace
+
+void add_pose_train_head(Command& area, Context& context) {
+  add_verb<TrainHeadFlags>(area, "train-head",
+                           "learns the head in 3D from the points of faces in pictures", context,
+                           add_flags, run_train);
 }
 
 }  // namespace tarsier::cli

@@ -235,35 +235,29 @@ ExitStatus run_train(TrainViewFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_pose_train_view(Command& area, Context& context) {
-  auto flags = std::make_shared<TrainViewFlags>();
-  Command& verb = area.add_subcommand(
-      "train-view",
-      "learns from pictures of known poses how heads look, to correct poses (--view)");
-  add_landmark_flags(verb, flags->pose.landmarks);
-  verb.add_option("--head", flags->pose.head, "head model [head.json, which ships]");
-  verb.add_option("--mapping", flags->pose.mapping,
+void add_flags(Command& verb, TrainViewFlags& flags) {
+  add_landmark_flags(verb, flags.pose.landmarks);
+  verb.add_option("--head", flags.pose.head, "head model [head.json, which ships]");
+  verb.add_option("--mapping", flags.pose.mapping,
                   "which landmark each head point is: lines \"head_point landmark\", from 0");
-  verb.add_option("--focal", flags->pose.focal,
+  verb.add_option("--focal", flags.pose.focal,
                   "focal length in px [1.3 times the picture's larger side]")
       .check(positive());
-  verb.add_option("--pointing", flags->pointing,
+  verb.add_option("--pointing", flags.pointing,
                   "folder of the Pointing'04 head pose set: names carry the angles");
-  verb.add_option("--tilt-share", flags->tilt_share,
+  verb.add_option("--tilt-share", flags.tilt_share,
                   "how much of the tilts in Pointing'04's names heads really tilted")
       .check(range(0.1, 1.5))
       .show_default();
-  verb.add_option("--truth", flags->truths,
+  verb.add_option("--truth", flags.truths,
                   "JSON lines {\"image\", \"rotation\": [9 numbers]}, as `pose synth` writes them; "
                   "several may be given");
-  verb.add_option("-o,--output", flags->output, "model file to write (.json)");
-  verb.add_option("--terms", flags->terms, "terms of the data, kept in the model");
-  verb.add_flag("--leave-out", flags->leave_out,
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)");
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_flag("--leave-out", flags.leave_out,
                 "prints how good it is on people it has not seen: each is left out in turn "
                 "(of --truth, a seventh of the pictures)");
-  head_view::TrainViewOptions& options = flags->options;
+  head_view::TrainViewOptions& options = flags.options;
   verb.add_option("--components", options.components, "numbers that PCA leaves of the gradients")
       .show_default();
   verb.add_option("--angle-weight", options.angle_weight,
@@ -274,10 +268,15 @@ void add_pose_train_view(Command& area, Context& context) {
       .show_default();
   verb.add_option("--ridge", options.ridge, "weight of smoothness against the samples")
       .show_default();
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return run_train(*flags, context); };
-  });
+}
+
+}  // namespace
+
+void add_pose_train_view(Command& area, Context& context) {
+  add_verb<TrainViewFlags>(area, "train-view",
+                           "learns from pictures of known poses how heads "
+                           "look, to correct poses (--view)",
+                           context, add_flags, run_train);
 }
 
 }  // namespace tarsier::cli

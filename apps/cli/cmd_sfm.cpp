@@ -36,6 +36,15 @@ ExitStatus evaluate(const EvalFlags& flags, const Context& context) {
   return ExitStatus::kDone;
 }
 
+void add_eval_flags(Command& verb, EvalFlags& flags) {
+  verb.add_option("MODEL", flags.model, "folder with cameras.txt, images.txt, points3D.txt")
+      .required()
+      .type_name("");
+  verb.add_option("--truth,--gt", flags.truth,
+                  "lines of JSON {\"name\",\"R\",\"C\"}, or a folder like MODEL")
+      .required();
+}
+
 }  // namespace
 
 void add_sfm(Command& app, Context& context) {
@@ -43,17 +52,8 @@ void add_sfm(Command& app, Context& context) {
   sfm.require_subcommand(1);
   add_sfm_reconstruct(sfm, context);
   add_sfm_synth(sfm, context);
-  auto flags = std::make_shared<EvalFlags>();
-  Command& verb = sfm.add_subcommand("eval", "compares a model's poses with the truth");
-  verb.add_option("MODEL", flags->model, "folder with cameras.txt, images.txt, points3D.txt")
-      .required()
-      .type_name("");
-  verb.add_option("--truth,--gt", flags->truth,
-                  "lines of JSON {\"name\",\"R\",\"C\"}, or a folder like MODEL")
-      .required();
-  add_common_flags(verb, context);
-  verb.callback(
-      [flags, &context] { context.run = [flags, &context] { return evaluate(*flags, context); }; });
+  add_verb<EvalFlags>(sfm, "eval", "compares a model's poses with the truth", context,
+                      add_eval_flags, evaluate);
 }
 
 }  // namespace tarsier::cli

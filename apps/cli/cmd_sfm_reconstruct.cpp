@@ -569,96 +569,95 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
   return result.reconstruction.models.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
-}  // namespace
-
-void add_sfm_reconstruct(Command& sfm, Context& context) {
-  auto flags = std::make_shared<ReconstructFlags>();
-  Command& verb =
-      sfm.add_subcommand("reconstruct", "makes a model of photographs: cameras and points");
-  verb.add_option("PHOTOS", flags->inputs,
+void add_flags(Command& verb, ReconstructFlags& flags) {
+  verb.add_option("PHOTOS", flags.inputs,
                   "folder, photographs, glob, @list.txt, or a film; with --online also a camera")
       .required()
       .type_name("");
-  verb.add_option("-o,--output", flags->output, "folder for the model").required();
+  verb.add_option("-o,--output", flags.output, "folder for the model").required();
   const auto lens = [](Flag& flag) { flag.group("Lens"); };
-  lens(verb.add_option("--camera", flags->camera, "fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], px"));
-  lens(verb.add_option("--camera-file", flags->camera_file,
+  lens(verb.add_option("--camera", flags.camera, "fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], px"));
+  lens(verb.add_option("--camera-file", flags.camera_file,
                        "camera.yaml, OpenCV's YAML, COLMAP's cameras.txt"));
-  lens(verb.add_option("--refine", flags->refine, "focal, center, distortion; or none")
+  lens(verb.add_option("--refine", flags.refine, "focal, center, distortion; or none")
            .delimiter(',')
            .check(one_of({"focal", "center", "distortion", "none"})));
-  lens(verb.add_flag("--ignore-exif", flags->pipeline.ignore_exif,
+  lens(verb.add_flag("--ignore-exif", flags.pipeline.ignore_exif,
                      "guess the focal length even where EXIF tells it"));
-  lens(verb.add_flag("--per-image-camera", flags->per_image_camera,
+  lens(verb.add_flag("--per-image-camera", flags.per_image_camera,
                      "a camera for each photograph, not one for all of a size"));
   const auto match = [](Flag& flag) { flag.group("Features and matches"); };
-  match(verb.add_option("--features", flags->features, "sift, orb, akaze")
+  match(verb.add_option("--features", flags.features, "sift, orb, akaze")
             .check(one_of({"sift", "orb", "akaze"}))
             .show_default());
-  match(verb.add_option("--most-features", flags->pipeline.features.most,
+  match(verb.add_option("--most-features", flags.pipeline.features.most,
                         "features of a photograph, at most")
             .show_default());
-  match(verb.add_option("--contrast", flags->pipeline.features.contrast,
+  match(verb.add_option("--contrast", flags.pipeline.features.contrast,
                         "least, of SIFT, share of the grey range")
             .show_default());
-  match(verb.add_option("--downscale", flags->downscale, "look at photographs reduced by this")
+  match(verb.add_option("--downscale", flags.downscale, "look at photographs reduced by this")
             .show_default());
-  match(verb.add_option("--pairs", flags->pairs,
+  match(verb.add_option("--pairs", flags.pairs,
                         "auto, exhaustive, sequential, retrieval, or a file with two names a line")
             .show_default());
-  match(verb.add_option("--overlap", flags->pipeline.overlap,
+  match(verb.add_option("--overlap", flags.pipeline.overlap,
                         "photographs that each is matched with, of --pairs sequential")
             .show_default());
-  match(verb.add_option("--nearest", flags->pipeline.nearest,
+  match(verb.add_option("--nearest", flags.pipeline.nearest,
                         "photographs that each is matched with, of --pairs retrieval")
             .show_default());
-  match(verb.add_option("--matches", flags->matches,
+  match(verb.add_option("--matches", flags.matches,
                         "sift: descriptors; flow: follow points from frame to frame")
             .check(one_of({"sift", "flow"}))
             .show_default());
-  match(verb.add_option("--ratio", flags->pipeline.matching.ratio, "of the two best distances")
+  match(verb.add_option("--ratio", flags.pipeline.matching.ratio, "of the two best distances")
             .show_default());
-  match(verb.add_option("--epipolar-px", flags->pipeline.two_view.threshold_px, "of an inlier")
+  match(verb.add_option("--epipolar-px", flags.pipeline.two_view.threshold_px, "of an inlier")
             .show_default());
   const auto map = [](Flag& flag) { flag.group("Mapping"); };
-  map(verb.add_option("--reprojection-px", flags->pipeline.mapper.reprojection_px,
+  map(verb.add_option("--reprojection-px", flags.pipeline.mapper.reprojection_px,
                       "px; an observation farther off is dropped")
           .show_default());
-  map(verb.add_option("--least-angle", flags->pipeline.mapper.least_angle_deg,
+  map(verb.add_option("--least-angle", flags.pipeline.mapper.least_angle_deg,
                       "between a point's rays, degrees")
           .show_default());
-  map(verb.add_option("--least-views", flags->pipeline.mapper.least_views,
+  map(verb.add_option("--least-views", flags.pipeline.mapper.least_views,
                       "photographs that show a point of the result")
           .show_default());
   const auto out = [](Flag& flag) { flag.group("Result"); };
-  out(verb.add_option("--align", flags->align,
+  out(verb.add_option("--align", flags.align,
                       "name,x,y,z lines with where photographs were taken; or gps: from EXIF"));
-  out(verb.add_option("--distance", flags->distance,
+  out(verb.add_option("--distance", flags.distance,
                       "between two cameras, in any unit: the model's from then on [none]"));
-  out(verb.add_option("--distance-between", flags->distance_between, "their photographs' names")
+  out(verb.add_option("--distance-between", flags.distance_between, "their photographs' names")
           .expected(2));
-  out(verb.add_option("--export", flags->exports,
+  out(verb.add_option("--export", flags.exports,
                       "undistorted: photographs and model for dense tools")
           .check(one_of({"undistorted"})));
-  out(verb.add_flag("--turntable", flags->turntable, "turntable.gif: the cloud, turning"));
-  out(verb.add_flag("--match-pictures", flags->match_pictures,
+  out(verb.add_flag("--turntable", flags.turntable, "turntable.gif: the cloud, turning"));
+  out(verb.add_flag("--match-pictures", flags.match_pictures,
                     "matches/: each pair, kept green, removed red"));
-  out(verb.add_flag("--no-cache", flags->no_cache, "keep nothing for a second run"));
-  out(verb.add_option("--checkpoint", flags->pipeline.checkpoint_s,
+  out(verb.add_flag("--no-cache", flags.no_cache, "keep nothing for a second run"));
+  out(verb.add_option("--checkpoint", flags.pipeline.checkpoint_s,
                       "seconds between checkpoints of the mapping; 0: at each step")
           .check(range(0.0, 1e6))
           .show_default());
   const auto film = [](Flag& flag) { flag.group("Films"); };
-  film(verb.add_option("--key-motion", flags->keyframes.least_motion,
+  film(verb.add_option("--key-motion", flags.keyframes.least_motion,
                        "of the picture's diagonal, between key frames")
            .show_default());
-  film(verb.add_option("--most-frames", flags->keyframes.most, "key frames").show_default());
-  add_online_flags(verb, flags->online);
-  add_common_flags(verb, context);
-  add_debug_flag(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return reconstruct(*flags, context); };
-  });
+  film(verb.add_option("--most-frames", flags.keyframes.most, "key frames").show_default());
+  add_online_flags(verb, flags.online);
+}
+
+}  // namespace
+
+void add_sfm_reconstruct(Command& sfm, Context& context) {
+  add_debug_flag(add_verb<ReconstructFlags>(sfm, "reconstruct",
+                                            "makes a model of photographs: cameras and points",
+                                            context, add_flags, reconstruct),
+                 context);
 }
 
 }  // namespace tarsier::cli

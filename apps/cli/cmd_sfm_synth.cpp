@@ -77,33 +77,32 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
+void add_flags(Command& verb, SynthFlags& flags) {
+  verb.add_option("-o,--output", flags.output, "folder").required();
+  verb.add_option("--images", flags.scene.images, "photographs")
+      .check(range(1, 1000))
+      .show_default();
+  verb.add_option("--size", flags.size, "px").show_default();
+  verb.add_option("--trajectory", flags.trajectory, "of the camera")
+      .check(one_of(names_of(kTrajectories)))
+      .show_default();
+  verb.add_option("--content", flags.content, "what there is to see")
+      .check(one_of(names_of(kContents)))
+      .show_default();
+  verb.add_option("--noise", flags.scene.noise, "grey levels")
+      .check(range(0.0, 64.0))
+      .show_default();
+  verb.add_option("--focal", flags.scene.focal_px, "px; 0: the larger side").show_default();
+  verb.add_flag("--pure-rotation", flags.scene.pure_rotation, "the camera only turns");
+}
+
 }  // namespace
 
 void add_sfm_synth(Command& sfm, Context& context) {
-  auto flags = std::make_shared<SynthFlags>();
-  Command& verb = sfm.add_subcommand(
-      "synth",
-      "draws photographs of a scene with known cameras: images/, camera.yaml, truth.jsonl");
-  verb.add_option("-o,--output", flags->output, "folder").required();
-  verb.add_option("--images", flags->scene.images, "photographs")
-      .check(range(1, 1000))
-      .show_default();
-  verb.add_option("--size", flags->size, "px").show_default();
-  verb.add_option("--trajectory", flags->trajectory, "of the camera")
-      .check(one_of(names_of(kTrajectories)))
-      .show_default();
-  verb.add_option("--content", flags->content, "what there is to see")
-      .check(one_of(names_of(kContents)))
-      .show_default();
-  verb.add_option("--noise", flags->scene.noise, "grey levels")
-      .check(range(0.0, 64.0))
-      .show_default();
-  verb.add_option("--focal", flags->scene.focal_px, "px; 0: the larger side").show_default();
-  verb.add_flag("--pure-rotation", flags->scene.pure_rotation, "the camera only turns");
-  add_common_flags(verb, context);
-  verb.callback([flags, &context] {
-    context.run = [flags, &context] { return make_scene(*flags, context); };
-  });
+  add_verb<SynthFlags>(sfm, "synth",
+                       "draws photographs of a scene with known cameras: "
+                       "images/, camera.yaml, truth.jsonl",
+                       context, add_flags, make_scene);
 }
 
 }  // namespace tarsier::cli
