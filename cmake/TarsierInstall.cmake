@@ -16,8 +16,10 @@ install(FILES ${PROJECT_BINARY_DIR}/tarsierConfig.cmake ${PROJECT_BINARY_DIR}/ta
         DESTINATION ${TARSIER_CMAKE_DESTINATION} COMPONENT dev)
 install(EXPORT tarsierTargets NAMESPACE tarsier:: DESTINATION ${TARSIER_CMAKE_DESTINATION} COMPONENT dev)
 
-# The sample of find_package, units of systemd (not enabled), and the mirror of a desktop (docs/pi.md).
+# Examples, units of systemd (not enabled), and the mirror of a desktop (docs/pi.md).
 install(DIRECTORY examples/find_package DESTINATION share/doc/libtarsier-dev/examples COMPONENT dev)
+file(GLOB programs CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/examples/*.cpp)
+install(FILES ${programs} DESTINATION share/doc/libtarsier-dev/examples COMPONENT dev)
 if(CMAKE_INSTALL_PREFIX STREQUAL "/usr")  # of packages only: elsewhere systemd does not look, and they name /usr/bin
   install(DIRECTORY packaging/systemd/ DESTINATION lib/systemd/system COMPONENT program)
 endif()

@@ -10,9 +10,9 @@ import sys
 
 AREAS = {
     "ground": ("#e4dceb", "core io draw geometry render nn synth"),
-    "faces": ("#f6d9cf", "face shape landmarks appearance head head_view face_turn synth_face"),
+    "faces": ("#f6d9cf", "face shape landmarks appearance head head_view face_turn face_pipelines synth_face"),
     "people": ("#f7e6b8", "recognition people_face gallery"),
-    "plates": ("#d3e6f5", "plate_text plate_classic plate_video plate"),
+    "plates": ("#d3e6f5", "plate_text plate_classic plate_video plate plate_reader"),
     "photographs in 3D": ("#d5ead9", "sfm_io sfm_view sfm"),
     "cameras, markers": ("#cfe6e6", "marker target calibration sheet ar"),
     "cartoons": ("#efe0cf", "cartoon"),

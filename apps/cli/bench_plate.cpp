@@ -43,7 +43,7 @@ std::vector<cv::Mat> pictures(const BenchOptions& options, cv::Size size, std::u
 }  // namespace
 
 ExitStatus bench_plate(Context& context, const BenchOptions& options) {
-  const auto recognizer = make_recognizer({}, context);
+  const plate::Reader reader = load_reader({}, context);
   std::vector<std::string> sizes = options.sizes;
   if (sizes.empty()) sizes = {"640x480", "1280x720", "1600x1200"};
   if (!context.json)
@@ -55,15 +55,16 @@ ExitStatus bench_plate(Context& context, const BenchOptions& options) {
     Timers timers;
     std::vector<double> times;
     std::size_t plates = 0;
-    (void)recognizer->read(images[0]);
+    Frame frame;
+    frame.still = true;
+    frame.image = images[0];
+    (void)reader.process(frame);
     for (int run = 0; run < options.repeats; ++run) {
       throw_if_stopped(context.stop);
-      const cv::Mat& image = images[static_cast<std::size_t>(run) % images.size()];
-      const auto start = std::chrono::steady_clock::now();
-      plates += recognizer->read(image, nullptr, &timers).size();
-      times.push_back(
-          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
-              .count());
+      frame.image = images[static_cast<std::size_t>(run) % images.size()];
+      const plate::ReaderResult result = reader.process(frame, nullptr, &timers);
+      plates += result.plates.size();
+      times.push_back(result.ms);
     }
     const double all = median(times);
     nlohmann::ordered_json line{{"bench", "plate"}, {"case", text}, {"threads", context.threads}};

@@ -4,6 +4,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/io/model_store.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
@@ -15,16 +16,11 @@
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
-#include <filesystem>
 #include <new>
-#include <system_error>
 
 namespace tarsier::cli {
 namespace {
-
-namespace fs = std::filesystem;
 
 constexpr const char* kHelp = R"(tarsier - classical computer vision on an ordinary CPU, offline
 
@@ -242,26 +238,10 @@ std::string_view version() { return TARSIER_VERSION; }
 
 std::string_view main_help() { return kHelp; }
 
-std::string program_folder() {
-  std::error_code error;
-  const fs::path program = fs::read_symlink("/proc/self/exe", error);
-  return error ? std::string() : program.parent_path().string();
-}
+std::string program_folder() { return tarsier::program_folder(); }
 
 std::string find_models_folder(const std::string& given) {
-  const char* environment = std::getenv("TARSIER_MODELS");
-  const std::string wanted = !given.empty() ? given : environment != nullptr ? environment : "";
-  std::error_code error;
-  if (!wanted.empty()) {
-    if (!fs::is_directory(wanted, error)) throw InputError(wanted, "no such folder of models");
-    return wanted;
-  }
-  const fs::path folder = program_folder();
-  if (folder.empty()) return {};
-  for (const fs::path& place : {folder / "../../../models", folder / "../share/tarsier/models"}) {
-    if (fs::is_directory(place, error)) return place.lexically_normal().string();
-  }
-  return {};
+  return ModelStore::find(given).folder();
 }
 
 }  // namespace tarsier::cli

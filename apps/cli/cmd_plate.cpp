@@ -3,8 +3,8 @@
 
 #include "cmd_plate_eval.h"
 #include "plate_engine.h"
-#include <chrono>
 #include <memory>
+#include <utility>
 
 namespace tarsier::cli {
 namespace {
@@ -15,14 +15,12 @@ PictureReading picture_reading(Context& context) {
   PictureReading reading;
   reading.add_flags = [flags](Command& verb) { add_plate_flags(verb, *flags); };
   reading.make = [flags, &context] {
-    return [read = make_plate_reader(*flags, context)](const Frame& frame) {
-      const auto start = std::chrono::steady_clock::now();
+    return [reader = load_reader(*flags, context)](const Frame& frame) {
+      plate::ReaderResult result = reader.process(frame);
       plate::ImageReadings readings;
       readings.image = frame.name;
-      readings.plates = read(frame, nullptr);
-      readings.milliseconds =
-          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
-              .count();
+      readings.plates = std::move(result.plates);
+      readings.milliseconds = result.ms;
       return readings;
     };
   };

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/plate/reading_json.h"
+#include "tarsier/io/still_source.h"
+#include "tarsier/plate_reader/video_reader.h"
 #include "tarsier/plate_video/recorder.h"
 #include "tarsier/plate_video/source_clock.h"
 #include "tarsier/session/plate_session.h"
-#include "tarsier/session/presence.h"
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
@@ -23,12 +23,11 @@
 #include <string>
 #include <string_view>
 #include <sys/stat.h>
+#include <utility>
 #include <vector>
 
 namespace tarsier::cli {
 namespace {
-
-using Clock = std::chrono::steady_clock;
 
 struct ReadFlags {
   RunFlags run;
@@ -200,21 +199,14 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   // Without a picture wanted, the readings are the output.
   if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen)
     flags.run.output = "none";
-  const PlateReader read = make_plate_reader(flags.plate, context);
+  plate::VideoReader reader = plate::VideoReader::load(
+      ModelStore::find(), {reader_options(flags.plate, context), flags.tracker});
   Reports reports(flags, context);
   DebugFolder debug(context.debug_dir);
-
-  double milliseconds = 0;
   bool found = false;
-  const auto read_frame = [&](const Frame& frame) {
-    const Clock::time_point start = Clock::now();
-    std::vector<plate::Reading> readings = read(frame, debug.sink());
-    milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-    return readings;
-  };
   PlateSession session(
-      read_frame, [&](const plate::PlateEvent& event) { reports.vehicle(event); }, flags.tracker,
-      [&](const Frame& frame) { return reports.moment_of(frame); });
+      std::move(reader), [&](const plate::PlateEvent& event) { reports.vehicle(event); },
+      [&](const Frame& frame) { return reports.moment_of(frame); }, debug.sink());
   reports.set_session(session);
 
   RunHooks hooks;
@@ -226,21 +218,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
     reports.check();
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
-    nlohmann::ordered_json plates = nlohmann::ordered_json::array();
-    for (const plate::Reading& reading : session.readings())
-      plates.push_back(reading_json(reading));
-    line["plates"] = std::move(plates);
-    line["ms"] = std::round(milliseconds * 100) / 100;
-    if (session.tracks().empty()) return;
-    nlohmann::ordered_json tracks = nlohmann::ordered_json::array();
-    for (const plate::LiveTrack& track : session.tracks()) {
-      tracks.push_back({{"id", track.id},
-                        {"text", track.text},
-                        {"confidence", std::round(track.confidence * 1e4) / 1e4},
-                        {"box", {track.box.x, track.box.y, track.box.width, track.box.height}},
-                        {"confirmed", track.confirmed}});
-    }
-    line["tracks"] = std::move(tracks);
+    line.update(to_json(session.result()));
   };
   hooks.quiet_frames = flags.events_only;
   ExitStatus status = ExitStatus::kDone;

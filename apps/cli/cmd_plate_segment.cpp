@@ -4,6 +4,7 @@
 #include "tarsier/draw/tile.h"
 #include "tarsier/io/frame_source.h"
 #include "tarsier/io/image_file.h"
+#include "tarsier/io/model_store.h"
 #include "tarsier/plate_classic/classic.h"
 #include "tarsier/synth/sources.h"
 
@@ -38,7 +39,7 @@ void make_folder(const fs::path& folder) {
 }
 
 std::string shipped(const std::string& given, const char* name) {
-  return given.empty() ? (fs::path(find_models_folder("")) / name).string() : given;
+  return ModelStore::find().path_or(given, name);
 }
 
 struct Writer {

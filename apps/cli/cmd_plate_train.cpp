@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
+#include "tarsier/io/model_store.h"
 #include "tarsier/plate/recognizer.h"
 #include "tarsier/plate/training.h"
 #include "tarsier/plate_text/country.h"
@@ -98,11 +99,12 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   flags.options.check();
   if (flags.scenes.empty())
     throw UsageError("--scenes: photographs that the drawn plates are set into are needed");
-  const std::string models = find_models_folder("");
-  const std::string detector =
-      flags.detector.empty() ? (fs::path(models) / "plate-detector.json").string() : flags.detector;
+  const ModelStore models = ModelStore::find();
   plate::DetectorModel detector_model;
-  if (flags.calibration > 0) detector_model = plate::read_detector_model(detector);
+  if (flags.calibration > 0) {
+    detector_model =
+        plate::read_detector_model(models.path_or(flags.detector, "plate-detector.json"));
+  }
   const plate::ViewMaker views = view_maker(flags.scenes);
   std::vector<plate::LabelledCrop> crops;
   for (const std::string& folder : flags.inputs) {
@@ -131,8 +133,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   if (flags.calibration > 0) {
     const plate::Recognizer recognizer(
         std::move(detector_model), model,
-        plate::choose_countries(plate::read_countries((fs::path(models) / "countries").string()),
-                                {}));
+        plate::choose_countries(plate::read_countries(models.path("countries")), {}));
     model.calibration = plate::fit_calibration(recognizer, views, flags.calibration,
                                                context.seed + 99, *context.progress, context.stop);
   }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/plate_video/tracker.h"
+#include "tarsier/plate_reader/video_reader.h"
 #include "tarsier/session/plate_session.h"
 #include "tarsier/synth/sources.h"
 
@@ -36,7 +36,12 @@ constexpr Scene kScenes[] = {
     {"synth:car?seed=5&frames=1&kind=us", "another country"},
 };
 
-void show_stills(Context& context, DemoPage& page, const PlateReader& read) {
+plate::VideoReader of_frames(const plate::Reader& reader) {
+  return {[reader](const Frame& frame, DebugSink* debug) { return reader.process(frame, debug); },
+          {}};
+}
+
+void show_stills(Context& context, DemoPage& page, const plate::Reader& reader) {
   std::vector<DemoPicture> pictures;
   for (const Scene& scene : kScenes) {
     throw_if_stopped(context.stop);
@@ -45,9 +50,7 @@ void show_stills(Context& context, DemoPage& page, const PlateReader& read) {
     if (!frame) continue;
     frame->still = true;
     Kept stages;
-    PlateSession session(
-        [&](const Frame& given) { return read(given, pictures.empty() ? &stages : nullptr); }, {},
-        {});
+    PlateSession session(of_frames(reader), {}, {}, pictures.empty() ? &stages : nullptr);
     const View view = session.on_frame(*frame, source->status());
     std::string texts;
     for (const plate::Reading& reading : session.readings()) {
@@ -74,21 +77,18 @@ void show_stills(Context& context, DemoPage& page, const PlateReader& read) {
   page.grid(pictures);
 }
 
-void show_drive(Context& context, DemoPage& page, const PlateReader& read) {
+void show_drive(Context& context, DemoPage& page, const plate::Reader& reader) {
   constexpr const char* kDrive = "drive?seconds=20&cars=3&parked=1&far=0&fps=8&size=960x540&seed=6";
   page.heading("A street, live",
                "Plates are followed from frame to frame, their readings vote, and each vehicle "
                "gives one event.");
   page.command(fmt::format("tarsier plate read 'synth:{}' --window", kDrive));
   std::vector<std::vector<std::string>> rows;
-  PlateSession session(
-      [&](const Frame& frame) { return read(frame, nullptr); },
-      [&](const plate::PlateEvent& event) {
-        rows.push_back({event.text, fmt::format("{:.0f} %", 100 * event.confidence),
-                        fmt::format("{:.1f}-{:.1f} s", event.first_time, event.last_time),
-                        std::to_string(event.frames)});
-      },
-      {});
+  PlateSession session(of_frames(reader), [&](const plate::PlateEvent& event) {
+    rows.push_back({event.text, fmt::format("{:.0f} %", 100 * event.confidence),
+                    fmt::format("{:.1f}-{:.1f} s", event.first_time, event.last_time),
+                    std::to_string(event.frames)});
+  });
   const auto source = open_synth_source(kDrive);
   std::vector<DemoPicture> pictures;
   while (auto frame = source->next(std::chrono::milliseconds(1000), context.stop)) {
@@ -109,16 +109,14 @@ void demo_plate(Context& context, DemoPage& page) {
   page.begin_area("Number plates",
                   "Plates are found by a small network, straightened, read by another one, and "
                   "decoded with the layouts of 49 countries. The cars are drawn by the program.");
-  PlateReader read;
   try {
-    read = make_plate_reader({}, context);
-    show_stills(context, page, read);
+    const plate::Reader reader = load_reader({}, context);
+    show_stills(context, page, reader);
+    show_drive(context, page, reader);
   } catch (const InputError& error) {  // no typefaces to draw plates with
     log_warning("{}", error.what());
     page.note(error.what());
-    return;
   }
-  show_drive(context, page, read);
 }
 
 }  // namespace tarsier::cli

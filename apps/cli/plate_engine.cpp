@@ -1,36 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "plate_engine.h"
 
-#include "tarsier/plate_text/country.h"
-
-#include <algorithm>
-#include <filesystem>
-#include <memory>
-
 namespace tarsier::cli {
-namespace {
-
-namespace fs = std::filesystem;
-
-std::string model_path(const std::string& given, const char* name) {
-  if (!given.empty()) return given;
-  const std::string folder = find_models_folder("");
-  if (folder.empty())
-    throw ModelError(name, "no folder of models was found: set TARSIER_MODELS to it");
-  return (fs::path(folder) / name).string();
-}
-
-// What the user did not ask for.
-void trim(std::vector<plate::Reading>& readings, double least, int top) {
-  std::erase_if(readings, [&](const plate::Reading& r) { return r.confidence < least; });
-  for (plate::Reading& reading : readings) {
-    if (reading.candidates.size() > static_cast<std::size_t>(top))
-      reading.candidates.resize(static_cast<std::size_t>(top));
-  }
-}
-
-}  // namespace
-
 void add_plate_flags(Command& verb, PlateFlags& flags) {
   verb.add_option("--country", flags.countries,
                   "es, sk, us .. or a group (eu); several allowed; any: all that are known")
@@ -67,45 +38,27 @@ void add_plate_flags(Command& verb, PlateFlags& flags) {
                        "nats against texts that fit no country's layout, 0..50"));
 }
 
-std::shared_ptr<const plate::Recognizer> make_recognizer(const PlateFlags& flags,
-                                                         const Context& context) {
-  plate::DecodeOptions decoding = flags.decoding;
-  decoding.candidates = std::max(decoding.candidates, flags.top);
-  const std::string folder =
-      flags.countries_folder.empty() ? model_path("", "countries") : flags.countries_folder;
-  plate::CountryChoice choice =
-      plate::choose_countries(plate::read_countries(folder), flags.countries);
-  plate::RecognizerOptions options = flags.recognizer;
-  options.parallel = context.threads != 1;
-  return std::make_shared<const plate::Recognizer>(
-      plate::read_detector_model(model_path(flags.detector, "plate-detector.json")),
-      plate::read_reader_model(model_path(flags.reader, "plate-reader.json")), std::move(choice),
-      options, decoding);
+plate::ReaderOptions reader_options(const PlateFlags& flags, const Context& context) {
+  plate::ReaderOptions options;
+  options.pipeline =
+      flags.pipeline == "classic" ? plate::Pipeline::kTextbook : plate::Pipeline::kNetworks;
+  options.countries = flags.countries;
+  options.min_confidence = flags.least_confidence;
+  options.max_candidates = flags.top;
+  options.countries_folder = flags.countries_folder;
+  options.detector_model = flags.detector;
+  options.reader_model = flags.reader;
+  options.recognizer = flags.recognizer;
+  options.recognizer.parallel = context.threads != 1;
+  options.decoding = flags.decoding;
+  options.textbook_reader =
+      flags.classic_reader == "mlp" ? plate::ReaderKind::kMlp : plate::ReaderKind::kHog;
+  options.textbook.seed = context.seed;
+  return options;
 }
 
-PlateReader make_plate_reader(const PlateFlags& flags, const Context& context) {
-  if (flags.pipeline == "classic") {
-    const bool mlp = flags.classic_reader == "mlp";
-    const auto classic = plate::read_classic_model(
-        model_path(flags.detector, "plate-svm.json"),
-        model_path(flags.reader, mlp ? "plate-mlp.json" : "plate-hog.json"));
-    plate::ClassicOptions options;
-    options.seed = context.seed;
-    options.check();
-    return [classic, options, least = flags.least_confidence, top = flags.top](const Frame& frame,
-                                                                               DebugSink* debug) {
-      auto readings = plate::read_classic(frame.image, *classic, options, debug);
-      trim(readings, least, top);
-      return readings;
-    };
-  }
-  const auto recognizer = make_recognizer(flags, context);
-  return [recognizer, least = flags.least_confidence, top = flags.top](const Frame& frame,
-                                                                       DebugSink* debug) {
-    auto readings = recognizer->read(frame.image, debug, nullptr, !frame.still);
-    trim(readings, least, top);
-    return readings;
-  };
+plate::Reader load_reader(const PlateFlags& flags, const Context& context) {
+  return plate::Reader::load(ModelStore::find(), reader_options(flags, context));
 }
 
 }  // namespace tarsier::cli

@@ -1,22 +1,15 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/core/debug_sink.h"
-#include "tarsier/io/frame.h"
-#include "tarsier/plate/recognizer.h"
-#include "tarsier/plate_classic/classic.h"
-
-#include <opencv2/core/mat.hpp>
+#include "tarsier/plate_reader/reader.h"
 
 #include "cli.h"
-#include <functional>
-#include <memory>
 #include <string>
 #include <vector>
 
 namespace tarsier::cli {
 
-// The flags of every verb that reads plates, and the reader they describe.
+// The flags of every verb that reads plates.
 struct PlateFlags {
   std::string pipeline = "default";
   std::vector<std::string> countries;
@@ -32,15 +25,9 @@ struct PlateFlags {
 
 void add_plate_flags(Command& verb, PlateFlags& flags);
 
-// Of a frame of a film each plate is looked at once; a still has no second frame.
-using PlateReader =
-    std::function<std::vector<plate::Reading>(const Frame& frame, DebugSink* debug)>;
+[[nodiscard]] plate::ReaderOptions reader_options(const PlateFlags& flags, const Context& context);
 
-// The default pipeline alone. Throws ModelError, UsageError.
-[[nodiscard]] std::shared_ptr<const plate::Recognizer> make_recognizer(const PlateFlags& flags,
-                                                                       const Context& context);
-
-// Reads models and countries. Throws ModelError, UsageError.
-[[nodiscard]] PlateReader make_plate_reader(const PlateFlags& flags, const Context& context);
+// With the models that ship. Throws as plate::Reader::load().
+[[nodiscard]] plate::Reader load_reader(const PlateFlags& flags, const Context& context);
 
 }  // namespace tarsier::cli

@@ -101,6 +101,12 @@ bool has_picture_ending(std::string_view path) {
   });
 }
 
+std::string source_of(const Frame& frame) {
+  if (frame.still || !has_picture_ending(frame.name)) return frame.name;
+  const fs::path folder = fs::path(frame.name).parent_path();
+  return folder.empty() ? "." : folder.string();
+}
+
 bool natural_less(std::string_view a, std::string_view b) {
   std::size_t i = 0;
   std::size_t j = 0;

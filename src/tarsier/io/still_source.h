@@ -14,6 +14,9 @@ namespace tarsier {
 // .pbm .pnm, in any case).
 [[nodiscard]] bool has_picture_ending(std::string_view path);
 
+// What a frame belongs to: the frame's name; of an image that is shown in sequence its folder.
+[[nodiscard]] std::string source_of(const Frame& frame);
+
 // Orders as people do: "img2" before "img10". Upper and lower case are equal at first.
 [[nodiscard]] bool natural_less(std::string_view a, std::string_view b);
 

@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/plate_session.h"
 
-#include "tarsier/core/require.h"
 #include "tarsier/draw/text.h"
 #include "tarsier/session/overlay.h"
-#include "tarsier/session/presence.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -45,38 +43,22 @@ std::string caption(const std::string& text, double confidence) {
 
 }  // namespace
 
-PlateSession::PlateSession(Read read, OnPlate on_plate, const plate::TrackerOptions& options,
-                           MomentOf moment_of)
-    : read_(std::move(read)),
+PlateSession::PlateSession(plate::VideoReader reader, OnPlate on_plate, MomentOf moment_of,
+                           DebugSink* debug)
+    : reader_(std::move(reader)),
       on_plate_(std::move(on_plate)),
       moment_of_(std::move(moment_of)),
-      options_(options) {
-  TARSIER_REQUIRE(read_ != nullptr, "a reader is needed");
-  options_.check();
-}
+      debug_(debug) {}
 
 View PlateSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  const std::string name = source_of(frame);
-  if (frame.still != still_ || (!frame.still && name != name_)) finish();
-  name_ = name;
+  // Before the clock begins with another source.
+  if (!plate::VideoReader::continues(frame, state_)) finish();
   frame_ = frame.image;
   still_ = frame.still;
   source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  readings_ = read_(frame);
-  std::erase_if(readings_, [&](const plate::Reading& reading) {
-    const cv::Point2d middle(reading.box.x + reading.box.width / 2.0,
-                             reading.box.y + reading.box.height / 2.0);
-    return !options_.region.corners.empty() &&
-           !options_.region.contains(middle, frame.image.size());
-  });
-  if (!still_) {
-    plate::TrackedFrame tracked{frame.index, frame.time, frame.image, readings_, {}, name_};
-    if (moment_of_) tracked.seen = moment_of_(frame);
-    const std::vector<plate::PlateEvent> closed = step_tracker(options_, state_, tracked);
-    tell(take_news(options_, state_));
-    tell(closed);
-    tracks_ = live_tracks(options_, state_);
-  }
+  const plate::FrameMoment seen = moment_of_ && !still_ ? moment_of_(frame) : plate::FrameMoment{};
+  result_ = reader_.process(frame, state_, seen, debug_);
+  tell(result_.events);
   draw();
   return view(true);
 }
@@ -106,13 +88,12 @@ std::vector<Action> PlateSession::actions() const {
 }
 
 void PlateSession::finish() {
-  tell(flush_tracker(options_, state_));
-  tell(take_news(options_, state_));
-  tracks_.clear();
+  tell(reader_.finish(state_));
+  result_.tracks.clear();
 }
 
 void PlateSession::shift_unsynchronized(std::chrono::milliseconds by) {
-  plate::shift_unsynchronized(state_, by);
+  plate::shift_unsynchronized(state_.tracker, by);
 }
 
 void PlateSession::tell(const std::vector<plate::PlateEvent>& events) {
@@ -129,10 +110,10 @@ void PlateSession::tell(const std::vector<plate::PlateEvent>& events) {
 void PlateSession::draw() {
   frame_.copyTo(output_);
   const int width = std::max(1, cvRound(std::min(frame_.cols, frame_.rows) / 400.0));
-  if (!options_.region.corners.empty())
-    cv::polylines(output_, options_.region.outline(output_.size()), true, kFaint, width,
-                  cv::LINE_AA);
-  for (const plate::Reading& reading : readings_) {
+  const plate::Region& region = reader_.options().region;
+  if (!region.corners.empty())
+    cv::polylines(output_, region.outline(output_.size()), true, kFaint, width, cv::LINE_AA);
+  for (const plate::Reading& reading : readings()) {
     const bool sure = reading.confidence >= kSureFrom;
     if (characters_ && reading.box.height > 24) {
       for (const plate::Character& character : reading.characters)
@@ -143,7 +124,7 @@ void PlateSession::draw() {
       label(output_, reading.box, caption(reading.text, reading.confidence),
             sure ? kSure : kUnsure);
   }
-  for (const plate::LiveTrack& track : tracks_) {
+  for (const plate::LiveTrack& track : tracks()) {
     if (!track.confirmed) continue;
     label(output_, track.box, caption(track.text, track.confidence),
           track.confidence >= kSureFrom ? kSure : kUnsure);
@@ -158,9 +139,9 @@ void PlateSession::draw() {
 
 View PlateSession::view(bool fresh) {
   View result;
-  result.state = {{"plates", readings_.size()}, {"events", events_}, {"paused", paused_}};
+  result.state = {{"plates", readings().size()}, {"events", events_}, {"paused", paused_}};
   result.status =
-      fmt::format("{} {}{}", readings_.size(), readings_.size() == 1 ? "plate" : "plates",
+      fmt::format("{} {}{}", readings().size(), readings().size() == 1 ? "plate" : "plates",
                   paused_ ? ", paused" : "");
   result.finished = finished_;
   if (output_.empty()) return result;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/plate_text/reading.h"
-#include "tarsier/plate_video/tracker.h"
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/plate_reader/video_reader.h"
 #include "tarsier/session/session.h"
 
 #include <chrono>
@@ -12,23 +12,22 @@
 
 namespace tarsier {
 
-// Reads plates in what it is shown. A still stands for itself; the frames of a film or camera are
-// followed, and each vehicle gives events: opened when it is certain to be one, updated while it
-// stays, closed when it has gone; or withdrawn. Where another film or camera begins, the vehicles
-// of the last one have gone. (The pictures of a folder that are shown in sequence are one film.)
+// Shows what a plate::VideoReader reads. A still stands for itself; in the frames of a video or
+// camera each vehicle gives events: opened when it is certain to be one, updated while it stays,
+// closed when it has gone; or withdrawn. Where another video or camera begins, the vehicles of the
+// last one have gone. (The images of a folder that are shown in sequence are one video.)
 // Keys: space pauses, c boxes around characters, h help, q or Esc ends.
 // State: {"plates": number, "events": number of closed ones so far, "paused"}.
 class PlateSession final : public Session {
  public:
-  using Read = std::function<std::vector<plate::Reading>(const Frame& frame)>;
   using OnPlate = std::function<void(const plate::PlateEvent& event)>;
   using MomentOf = std::function<plate::FrameMoment(const Frame& frame)>;
 
-  // All functions are called from on_frame, the second also from finish(). The last one gives the
-  // wall clock of frames of films and cameras; empty: events have no such times. Throws
-  // std::invalid_argument for bad options.
-  PlateSession(Read read, OnPlate on_plate, const plate::TrackerOptions& options,
-               MomentOf moment_of = {});
+  // Both functions are called from on_frame, the first also from finish(). The second gives the
+  // wall clock of frames of videos and cameras; empty: events have no such times. `debug` takes
+  // each stage; it may be null, and must outlive the session.
+  PlateSession(plate::VideoReader reader, OnPlate on_plate, MomentOf moment_of = {},
+               DebugSink* debug = nullptr);
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
   View on_idle(const SourceStatus& source) override;
@@ -42,29 +41,28 @@ class PlateSession final : public Session {
   // The wall clock was set forward by so much; see shift_unsynchronized() of tracker.h.
   void shift_unsynchronized(std::chrono::milliseconds by);
 
-  // Of the latest frame; for frames of a film, those within the region.
-  [[nodiscard]] const std::vector<plate::Reading>& readings() const { return readings_; }
+  // Of the latest frame.
+  [[nodiscard]] const plate::VideoReaderResult& result() const { return result_; }
+  [[nodiscard]] const std::vector<plate::Reading>& readings() const { return result_.plates; }
   // Vehicles in sight; empty for stills.
-  [[nodiscard]] const std::vector<plate::LiveTrack>& tracks() const { return tracks_; }
+  [[nodiscard]] const std::vector<plate::LiveTrack>& tracks() const { return result_.tracks; }
 
  private:
   void tell(const std::vector<plate::PlateEvent>& events);
   void draw();
   View view(bool fresh);
 
-  Read read_;
+  plate::VideoReader reader_;
   OnPlate on_plate_;
   MomentOf moment_of_;
-  plate::TrackerOptions options_;
-  plate::TrackerState state_;
-  std::vector<plate::Reading> readings_;
-  std::vector<plate::LiveTrack> tracks_;
+  DebugSink* debug_;
+  plate::VideoReaderState state_;
+  plate::VideoReaderResult result_;
   std::vector<std::string> last_events_;  // for the list in the corner
   std::int64_t events_ = 0;
   cv::Mat frame_;
   cv::Mat output_;
   cv::Mat shown_;
-  std::string name_;    // of the film or camera
   std::string source_;  // its state, where it is not live
   bool still_ = true;
   bool paused_ = false;

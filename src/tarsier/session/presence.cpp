@@ -2,20 +2,12 @@
 #include "tarsier/session/presence.h"
 
 #include "tarsier/core/require.h"
-#include "tarsier/io/still_source.h"
 
 #include <cmath>
-#include <filesystem>
 #include <iterator>
 #include <utility>
 
 namespace tarsier {
-
-std::string source_of(const Frame& frame) {
-  if (frame.still || !has_picture_ending(frame.name)) return frame.name;
-  const std::filesystem::path folder = std::filesystem::path(frame.name).parent_path();
-  return folder.empty() ? "." : folder.string();
-}
 
 Presence::Presence(double lost_after) : lost_after_(lost_after) {
   TARSIER_REQUIRE(std::isfinite(lost_after) && lost_after >= 0, "lost after {} s", lost_after);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/io/frame.h"
+#include "tarsier/io/still_source.h"  // source_of()
 
 #include <cstdint>
 #include <map>
@@ -9,9 +9,6 @@
 #include <vector>
 
 namespace tarsier {
-
-// What a frame belongs to: the frame's name; of a picture that is shown in sequence its folder.
-[[nodiscard]] std::string source_of(const Frame& frame);
 
 // Something that came into sight, or went out of it.
 struct PresenceChange {
