@@ -11,7 +11,7 @@ for signal in INT TERM; do
     # The reference is slow enough to be in the middle of its work.
     "$TARSIER" cartoon run $film --quality reference --json -o "$output" >stdout.txt 2>stderr.txt </dev/null &
     program=$!
-    for _ in $(seq 600); do
+    for _ in $(seq 6000); do
       [ "$(wc -l <stdout.txt)" -ge 5 ] && break
       sleep 0.05
     done

@@ -14,19 +14,19 @@ camera=$!
 trap 'kill -KILL $camera 2>/dev/null' EXIT
 exec 3>actions
 echo pause >&3
-for _ in $(seq 100); do
+for _ in $(seq 3000); do
   grep -q '"paused":true' camera.txt && break
   sleep 0.1
 done
 grep -q '"paused":true' camera.txt || fail "the film did not pause: $(cat camera-err.txt)"
 ( # goes on when the viewer is connected to it
-  for _ in $(seq 600); do
+  for _ in $(seq 3000); do
     grep -qE "^ *[0-9]+: 0100007F:$(printf %04X "$port") 0100007F:[0-9A-F]{4} 01 " /proc/net/tcp && break
     sleep 0.1
   done
   echo pause >&3
 ) &
-run cartoon run "$url" --mode sketch -o watched.mp4 --frames 5 --connect-timeout 20 --json
+run cartoon run "$url" --mode sketch -o watched.mp4 --frames 5 --connect-timeout 120 --json
 expect_status 0
 [ "$(grep -c '"frame"' stdout.txt)" -eq 5 ] || fail "frames: $out"
 [ -s watched.mp4 ] || fail "no film of the stream"

@@ -63,7 +63,7 @@ def expect_error(verb, result, status, name=""):
 # What a verb is run with here: the words behind the verb, lines on stdin, exit status (0 unless given), lines of JSON
 # (at least one unless given). `head`, `cars` .. are made first, by the program.
 FACE = "head/images/0000.png"
-BOARD = "'synth:board?size=480x360&fps=5&frames=65' --board chess:9x6 --square 25mm"
+BOARD = "'synth:board?size=320x240&fps=5&frames=%s' --board chess:9x6 --square 25mm"
 VALID = {
     "cartoon run": dict(words="scene.png -o drawn.png"),
     "landmarks annotate": dict(words="head/images -o own.json --actions -", stdin="frames 1\nclick 20 20\n"),
@@ -73,7 +73,7 @@ VALID = {
     "landmarks train patches": dict(words="head/set.json -o patches.json --patch 5"),
     "landmarks train detector": dict(words="head/set.json -o detector.json"),
     "landmarks train trees": dict(words="head/set.json -o trees.json --levels 1 --trees 2"),
-    "landmarks train tracker": dict(words="head/set.json -o tracker.json --levels 1 --trees 2"),
+    "landmarks train tracker": dict(words="head/set.json -o tracker.json --levels 1 --trees 2 --without sdm"),
     "landmarks train face-detector": dict(words="head/set.json -o finder.json --window 40 --no-mirror"),
     "landmarks train face-networks": dict(words="head/set.json -o networks.json --without cars/images --scan-steps 2 --judge-steps 2 --check-steps 2"),
     "landmarks fit": dict(words=f"{FACE} -o fitted.png"),
@@ -111,7 +111,7 @@ VALID = {
     "sfm reconstruct": dict(words="views/images -o model --no-cache"),
     "sfm synth": dict(words="-o scene2 --images 2 --size 160x120"),
     "sfm eval": dict(words="model --truth views/truth.jsonl"),
-    "calibrate": dict(words=f"{BOARD} -o lens.yaml"),
+    "calibrate": dict(words=f"{BOARD % 40} -o lens.yaml"),
     "ar marker-sheet": dict(words="--ids 0-3 -o sheet.pdf"),
     "ar markers": dict(words="markers/images -o none"),
     "ar eval": dict(words="markers/truth.jsonl"),
@@ -328,7 +328,7 @@ INTERRUPTED = {
     "plate sweep": "letters --train 60 --splits 1000",
     "sfm reconstruct": "views/images -o stopped --no-cache",
     "sfm synth": "-o stopped --images 200",
-    "calibrate": f"{BOARD} -o stopped.yaml",
+    "calibrate": f"{BOARD % 1000} -o stopped.yaml",
     "ar markers": "synth:scene -o stopped.mp4",
     "ar eval": "many/crowd.jsonl -o stopped.json",
     "ar synth": "markers -o stopped --count 10000",
@@ -343,7 +343,7 @@ SHORT = {"landmarks annotate", "landmarks import", "landmarks show", "landmarks 
 # thread, so on an idle machine it is the time that a user waits. Sanitized code is several times slower.
 STOP_CPU = float(os.environ.get("TARSIER_STOP_CPU", "5" if os.environ.get("TARSIER_SANITIZED") else "0.5"))  # s
 STOP_WALL = 60  # s; on a loaded machine. A program that sleeps on would not be seen in its processor time.
-MOMENTS = (0.05, 0.8)  # CPU s after the program is ready for signals
+MOMENTS = (0.05, 0.5)  # CPU s after the program is ready for signals
 MORE_MOMENTS = (0.05, 0.2, 0.5, 1.0)
 TICK = os.sysconf("SC_CLK_TCK")
 

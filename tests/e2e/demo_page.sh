@@ -54,7 +54,7 @@ expect_error 'file'
 # Stopped in the middle: 130, and soon.
 "$TARSIER" demo -o stopped >stdout.txt 2>stderr.txt &
 pid=$!
-for _ in $(seq 100); do [ -e stopped/img ] && break; sleep 0.1; done
+for _ in $(seq 3000); do [ -e stopped/img ] && break; sleep 0.1; done
 kill -TERM $pid
 status=0
 wait $pid || status=$?

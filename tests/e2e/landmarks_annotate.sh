@@ -95,7 +95,8 @@ mkfifo other
 program=$!
 exec 8>other
 until [ -e busy.yaml.journal ]; do sleep 0.05; kill -0 $program || break; done
-sleep 0.2
+# Until it is locked, too.
+until grep -q ":$(stat -c %i busy.yaml.journal) " /proc/locks; do sleep 0.05; kill -0 $program || break; done
 annotate pictures -o busy.yaml --actions - </dev/null
 expect_status 3
 expect_error 'busy.yaml.journal: another program'
@@ -104,7 +105,7 @@ wait $program
 [ $? -eq 1 ] || fail "a set without points is nothing found"
 [ ! -e busy.yaml ] || fail "a set of nothing was written"
 status=0
-(unset DISPLAY WAYLAND_DISPLAY; timeout 20 "$TARSIER" landmarks annotate pictures -o window.yaml) >stdout.txt 2>stderr.txt || status=$?
+(unset DISPLAY WAYLAND_DISPLAY; timeout 300 "$TARSIER" landmarks annotate pictures -o window.yaml) >stdout.txt 2>stderr.txt || status=$?
 command_line="landmarks annotate without a display" err=$(cat stderr.txt)
 expect_status 3
 expect_error

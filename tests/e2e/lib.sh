@@ -9,6 +9,11 @@ mkdir -p "$WORK"
 cd "$WORK" || exit 1
 failures=0
 
+# The interpreter itself: a version manager's wrapper of that name costs more than most scripts here.
+: "${TARSIER_TEST_PYTHON:=$(python3 -c 'import sys; print(sys.executable)' 2>/dev/null)}"
+export TARSIER_TEST_PYTHON
+[ -z "$TARSIER_TEST_PYTHON" ] || python3() { "$TARSIER_TEST_PYTHON" "$@"; }
+
 fail() {
   failures=$((failures + 1))
   printf 'FAILED: %s\n' "$*"

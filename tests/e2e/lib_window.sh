@@ -26,20 +26,30 @@ launch() { # launch ARGUMENTS..: the program, in the background
 }
 start() { # start ARGUMENTS..: the program with a window that shows its first picture
   launch "$@"
-  wait_for "the window" x11 geometry "Tarsier cartoon" >/dev/null
+  wait_for_window "Tarsier cartoon"
   xdotool mousemove 300 200 # without a window manager, keys go to where the pointer is
-  wait_for "the first picture" has_picture
+  wait_for_picture
 }
 
+patience=${TARSIER_TEST_TIMEOUT:-300} # s; a machine may do much else
 wait_for() { # wait_for DESCRIPTION COMMAND..: until it succeeds
-  local deadline=$((SECONDS + ${TARSIER_TEST_TIMEOUT:-60})) what=$1
+  local deadline=$((SECONDS + patience)) what=$1
   shift
   until "$@"; do
     [ $SECONDS -lt $deadline ] || { fail "$command_line: $what: not in time; $(tail -1 stdout.txt) $(cat stderr.txt)"; return 1; }
     sleep 0.05
   done
 }
-has_picture() { [ "$(x11 mean 0 0 200 200)" != "0 0 0" ]; }
+# One process that looks again and again: each start of one costs more than a look.
+wait_for_window() { # wait_for_window TITLE: until it is there
+  x11 wait-window "$patience" "$program" "$1" || fail "$command_line: no window '$1' $(cat stderr.txt)"
+}
+wait_for_picture() { # until the corner of the screen is not black
+  x11 wait-picture "$patience" "$program" 0 0 200 200 || fail "$command_line: no picture $(cat stderr.txt)"
+}
+keep() { # keep FILE: the screen, for people to look at
+  [ -z "${KEEP_PICTURES:-}" ] || x11 save "$KEEP_PICTURES/$1"
+}
 events() { grep -c '"event"' stdout.txt; }
 more_events_than() { [ "$(events)" -gt "$1" ]; }
 
@@ -50,7 +60,6 @@ press() { # press KEY PATTERN: the state after it has the pattern
   wait_for "key $1" more_events_than "$before" || return
   grep '"event"' stdout.txt | tail -1 | grep -qE -- "$2" ||
     fail "$command_line: key $1: no '$2' in $(grep '"event"' stdout.txt | tail -1)"
-  sleep 0.3 # until it is on the screen
 }
 
 ended() { ! kill -0 "$program" 2>/dev/null; }

@@ -6,11 +6,19 @@ cursor           how many pixels of the pointer can be seen where it is now
 mean             mean of red, green, blue of the whole screen
 mean X Y W H     the same of a part
 hash X Y W H     a number that changes with the picture
+stable SECONDS PID X Y W H HASH..
+                 the hash, once three looks agree on one that is none of those; exit status 1 if PID ends or time is up before
+wait-window SECONDS PID TITLE
+                 until there is that window; the same exit status
+wait-picture SECONDS PID X Y W H
+                 until that part is not black
 save FILE        the screen as PPM
 close TITLE      asks the window to close, as its close button does
 """
 import ctypes as c
+import os
 import sys
+import time
 import zlib
 
 x11 = c.CDLL("libX11.so.6")
@@ -67,8 +75,41 @@ def title(window):
     return (name.value or b"").decode("utf-8", "replace")
 
 
+def wait(look):
+    """Until look() gives something, which is returned. Looks again after a while: a program that draws needs the time, too."""
+    deadline = time.monotonic() + float(sys.argv[2])
+    while time.monotonic() < deadline and os.path.exists(f"/proc/{sys.argv[3]}"):
+        found = look()
+        if found is not None:
+            return found
+        time.sleep(0.05)
+    sys.exit(1)
+
+
+def stable():
+    """A look of wait(): the hash that three looks agree on."""
+    seen = []
+    known = set(sys.argv[8:])
+
+    def look():
+        seen.append(str(zlib.crc32(pixels(*(int(word) for word in sys.argv[4:8])))))
+        return seen[-1] if seen[-1] not in known and len(seen) > 2 and len(set(seen[-3:])) == 1 else None
+
+    return look
+
+
 command = sys.argv[1]
-if command == "geometry":
+if command == "stable":
+    print(wait(stable()))
+elif command == "wait-window":
+    wait(lambda: next((window for window in children(root) if sys.argv[4] in title(window)), None))
+elif command == "wait-picture":
+    def lit():
+        raw = pixels(*(int(word) for word in sys.argv[4:8]))
+        return any(raw[0::4]) or any(raw[1::4]) or any(raw[2::4]) or None
+
+    wait(lit)
+elif command == "geometry":
     for window in children(root):
         if sys.argv[2] in title(window):
             at = Attributes()

@@ -21,7 +21,7 @@ trap stop_all EXIT
 start() { # start CERTIFICATE: leaves $port
   python3 "$here/live_secure.py" "$1.pem" "$1.key" film.ts picture.jpg "$1.log" >"$1.port" &
   servers+=($!)
-  local deadline=$((SECONDS + 20))
+  local deadline=$((SECONDS + 300))
   until port=$(cat "$1.port") && [ -n "$port" ]; do
     [ $SECONDS -lt $deadline ] || { fail "the camera does not start"; finish; }
     sleep 0.05

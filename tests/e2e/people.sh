@@ -217,7 +217,7 @@ open("locked.flag", "w").close()
 time.sleep(1800)  # until it is killed below
 END
 locker=$!
-for _ in $(seq 100); do [ -e locked.flag ] && break; sleep 0.05; done
+for _ in $(seq 6000); do [ -e locked.flag ] && break; sleep 0.05; done
 run people enroll Ann "$lena" --any-quality
 expect_status 6
 grep -q 'locked' stderr.txt || fail "locked: $err"

@@ -49,7 +49,7 @@ online() { # online FOLDER ARGUMENTS..
     --overlap 4 -o "$folder" --online --json "$@" >stdout.txt 2>stderr.txt
 }
 grown() { # waits for three photographs in the model
-  for _ in $(seq 1200); do
+  for _ in $(seq 6000); do
     grep -qE '"registered":([3-9]|1.)' stdout.txt && return
     sleep 0.05
   done

@@ -18,7 +18,7 @@ same_as_whole() { # same_as_whole FOLDER WHAT
   done
 }
 wait_for_mapping() { # until the mapper of FOLDER has a checkpoint, or the program has ended
-  for _ in $(seq 2400); do
+  for _ in $(seq 15000); do
     compgen -G "$1/cache/*.mapper" >/dev/null && return
     kill -0 "$program" 2>/dev/null || return
     sleep 0.02

@@ -12,9 +12,9 @@ start_annotate() { # start_annotate ARGUMENTS..
   command_line="tarsier landmarks annotate $*"
   "$TARSIER" landmarks annotate "$@" --size 800x560 --json >stdout.txt 2>stderr.txt </dev/null &
   program=$!
-  wait_for "the window" x11 geometry "Tarsier annotate" >/dev/null
+  wait_for_window "Tarsier annotate"
   xdotool mousemove 300 200
-  wait_for "the first picture" has_picture
+  wait_for_picture
   read -r left top width height <<<"$(x11 geometry "Tarsier annotate")"
   [ "$width" -eq 800 ] && [ "$height" -eq 560 ] || fail "the window is $width x $height"
 }
@@ -66,11 +66,12 @@ done
 press Return '"stage":"points"'
 for i in 0 1 2 3 4 5; do click "$(point_x $i)" "$(point_y $i)"; done
 expect_state '"points":6'
-x11 save points.ppm
+keep points.ppm
 kill -KILL $program
 wait $program 2>/dev/null
 program=
-x11 geometry "Tarsier annotate" >/dev/null && sleep 0.5
+gone() { ! x11 geometry "Tarsier annotate" >/dev/null; }
+wait_for "the killed program's window to go" gone
 
 start_annotate film.avi -o set.yaml --window
 press g '"points":6'
@@ -82,7 +83,7 @@ press Return '"stage":"connections"'
 click "$(point_x 0)" "$(point_y 0)"
 click "$(point_x 1)" "$(point_y 1)"
 press Return '"stage":"symmetry"'
-x11 save symmetry.ppm
+keep symmetry.ppm
 for pair in 0:4 1:3 2:2 5:9 6:8 7:7; do
   for i in ${pair%:*} ${pair#*:}; do click "$(point_x "$i")" "$(point_y "$i")"; done
 done
@@ -95,7 +96,7 @@ ready() { # the proposal is there when the picture's points are
 wait_for "a proposal" ready
 press '0' '"picture":1'
 
-x11 save proposal.ppm
+keep proposal.ppm
 press Return '"picture":2'
 wait_for "a proposal" ready
 press Tab '"selected":0'
@@ -104,10 +105,10 @@ press plus '"zoom":1\.25'
 press h '"shown":9'
 press h '"shown":10'
 press question '"help":true'
-x11 save help.ppm
+keep help.ppm
 press question '"help":false'
 press Return '"done":3'
-x11 save done.ppm
+keep done.ppm
 xdotool key q
 expect_end 0
 [ ! -e set.yaml.journal ] || fail "the journal is still there"
@@ -128,7 +129,7 @@ press g '"picture":'
 x=$(python3 -c 'import json; print(round(json.load(open("set.yaml"))["payload"]["samples"][0]["points"][7][0]))')
 y=$(python3 -c 'import json; print(round(json.load(open("set.yaml"))["payload"]["samples"][0]["points"][7][1]))')
 drag "$x" "$y" $((x + 20)) $((y + 30))
-x11 save dragged.ppm
+keep dragged.ppm
 press q '"stage"'
 expect_end 0
 python3 - "$x" "$y" <<'PY' || fail "the drag is not in the set"
@@ -141,13 +142,13 @@ PY
 "$TARSIER" landmarks show set.yaml --json >stdout.txt 2>stderr.txt </dev/null &
 program=$!
 command_line="tarsier landmarks show"
-wait_for "the window" x11 geometry "Tarsier landmarks" >/dev/null
+wait_for_window "Tarsier landmarks"
 xdotool mousemove 300 200
-wait_for "the first picture" has_picture
+wait_for_picture
 press n '"picture":1'
 press m '"mirrored":true'
 press i '"numbers":true'
-x11 save show.ppm
+keep show.ppm
 xdotool key q
 expect_end 0
 [ ! -s stderr.txt ] || fail "on stderr: $err"

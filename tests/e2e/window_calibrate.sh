@@ -7,18 +7,17 @@
   -o camera.yaml >stdout.txt 2>stderr.txt </dev/null &
 program=$!
 command_line="tarsier calibrate --window"
-wait_for "the window" x11 geometry "Tarsier calibrate" >/dev/null
+wait_for_window "Tarsier calibrate"
 read -r left top _ _ <<<"$(x11 geometry "Tarsier calibrate")"
 xdotool mousemove $((left + 100)) $((top + 100))
 views_are() { tail -1 stdout.txt | grep -qE "\"views\":$1,"; }
 wait_for "two views" views_are '[2-9]'
-sleep 0.2
-x11 save taken.ppm
+keep taken.ppm
 press x '"views":0'
 wait_for "views again" views_are '[1-9]'
 press p '"paused":true'
 press h '"paused":true'
-x11 save help.ppm
+keep help.ppm
 press h '"paused":true'
 press p '"paused":false'
 press m '"coverage"'
@@ -26,8 +25,7 @@ press m '"coverage"'
 calibrated() { tail -1 stdout.txt | grep -q '"calibrated":true' && views_are '([6-9]|[1-9][0-9])'; }
 wait_for "a camera" calibrated
 press u '"straight":true'
-sleep 0.5
-x11 save straight.ppm
+keep straight.ppm
 press q '"views"'
 expect_end 0
 grep -q '^fx: 40[0-9]' camera.yaml || fail "the camera is not the film's: $(cat camera.yaml)"

@@ -6,9 +6,9 @@
 command_line="tarsier aam explore --window"
 "$TARSIER" aam explore --window --json >stdout.txt 2>stderr.txt </dev/null &
 program=$!
-wait_for "the window" x11 geometry "Tarsier appearance" >/dev/null
+wait_for_window "Tarsier appearance"
 xdotool mousemove 300 400
-wait_for "the first picture" has_picture
+wait_for_picture
 # The window takes its size in steps, and is looked for again each time.
 place() { read -r left top width height <<<"$(x11 geometry "Tarsier appearance")"; }
 face() { place && x11 mean $((left + width / 2 - 60)) $((top + height / 2 - 20)) 120 120; }

@@ -12,27 +12,31 @@ read -r x y width height <<<"$(x11 geometry "Tarsier cartoon")"
 # Modes, on a frozen frame. The picture without the status line below it.
 press space '"paused":true'
 picture() { x11 "$1" "$x" "$y" 640 400; }
+another() { # another: the hash of the screen once it shows what was not seen before
+  x11 stable "$patience" "$program" "$x" "$y" 640 400 "${!seen[@]}"
+}
 declare -A seen
 for step in s:sketch p:paint c:cartoon e:evil e:evil-sketch a:alien m:smooth n:none; do
   press "${step%%:*}" "\"mode\":\"${step##*:}\""
-  hash=$(picture hash)
-  [ -z "${seen[$hash]:-}" ] || fail "${step##*:} looks like ${seen[$hash]}"
+  hash=$(another) || { fail "${step##*:} looks like one of ${seen[*]}"; break; }
   seen[$hash]=${step##*:}
   if [ "${step##*:}" = sketch ]; then
     read -r red green blue <<<"$(picture mean)"
     [ "$red" -gt 180 ] && [ "$red" = "$green" ] && [ "$green" = "$blue" ] || fail "a sketch is white with grey lines: $red $green $blue"
   fi
 done
-x11 save none.ppm
+keep none.ppm
 press d '"debug":true'
-[ -z "${seen[$(picture hash)]:-}" ] || fail "no debug view"
-x11 save debug.ppm
+another >/dev/null || fail "no debug view"
+keep debug.ppm
 press d '"debug":false'
+is_none() { [ "${seen[$(picture hash)]:-}" = none ]; }
+wait_for "the picture is back" is_none
 press h '"help":true'
-[ -z "${seen[$(picture hash)]:-}" ] || fail "no help"
-x11 save help.ppm
+another >/dev/null || fail "no help"
+keep help.ppm
 press h '"help":false'
-[ "${seen[$(picture hash)]:-}" = none ] || fail "the picture did not come back"
+wait_for "the picture is back" is_none
 press c '"mode":"cartoon"'
 press plus '"sketch_threshold":85'
 press minus '"sketch_threshold":80'
@@ -71,7 +75,7 @@ whole() { [ "$(x11 geometry "Tarsier cartoon")" = "0 0 1024 768" ]; }
 wait_for "full screen" whole
 no_pointer() { xdotool mousemove_relative 3 2 && [ "$(x11 cursor)" -eq 0 ]; }
 wait_for "the pointer is hidden" no_pointer
-x11 save fullscreen.ppm
+keep fullscreen.ppm
 read -r red green blue <<<"$(x11 mean 0 100 1024 500)"
 [ "$red" -gt 150 ] || fail "the sketch does not fill the screen: $red $green $blue"
 press p '"mode":"paint"'
@@ -80,7 +84,7 @@ small() { ! whole; }
 wait_for "back from full screen" small
 pointer() { xdotool mousemove_relative 3 2 && [ "$(x11 cursor)" -gt 0 ]; }
 wait_for "the pointer is back" pointer
-x11 save back.ppm
+keep back.ppm
 
 press Escape '"event":"key '
 expect_end 0

@@ -9,9 +9,9 @@ show() { # show ARGUMENTS..
   command_line="tarsier landmarks show $*"
   "$TARSIER" landmarks show "$@" --json >stdout.txt 2>stderr.txt </dev/null &
   program=$!
-  wait_for "the window" x11 geometry "Tarsier patches" >/dev/null
+  wait_for_window "Tarsier patches"
   xdotool mousemove 300 200
-  wait_for "the first picture" has_picture
+  wait_for_picture
 }
 
 show "$TARSIER_SOURCE/models/landmarks68.json" --on "$picture"
@@ -21,13 +21,12 @@ press p '"patch":1,'
 press w '"search":31'
 grep '"event"' stdout.txt | tail -1 | grep -q '"picture":"messi5.jpg"' || fail "$command_line: not on the picture"
 read -r left top width _ <<<"$(x11 geometry "Tarsier patches")"
-before=$(x11 hash "$left" "$top" 900 500)
+before=$(x11 stable "$patience" "$program" "$left" "$top" 900 500)
 xdotool mousemove $((left + 185 * width / 1000)) $((top + 558 * width / 1000)) # the button "next"
 sleep 0.1
 xdotool click 1
-sleep 0.5
-[ -z "${KEEP_PICTURES:-}" ] || x11 save "$KEEP_PICTURES/patches.ppm"
-[ "$(x11 hash "$left" "$top" 900 500)" != "$before" ] || fail "another patch looks the same"
+x11 stable "$patience" "$program" "$left" "$top" 900 500 "$before" >/dev/null || fail "another patch looks the same"
+keep patches.ppm
 press question '"help":true.*"patch":2,'
 xdotool key q
 expect_end 0

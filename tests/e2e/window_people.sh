@@ -6,7 +6,8 @@ grid=${TARSIER_DATA:-/nowhere}/face-videos/grid
 [ -d "$grid" ] || skip "needs face-videos of TARSIER_DATA"
 /usr/bin/python3 -c 'import cv2' 2>/dev/null || skip "needs python3-opencv"
 
-# One film: Ann and Ben (first halves), Ann, Ben (second halves), a third person; 60 frames of grey between, to have time.
+# One film: Ann and Ben (first halves), Ann, Ben (second halves), a third person; grey between. It plays in real time: few
+# frames a second, so that the program keeps up and the mouse has time on any machine.
 /usr/bin/python3 - "$grid" <<'PY' || skip "the clips cannot be read"
 import cv2, numpy, sys
 def frames(name):
@@ -17,10 +18,10 @@ def frames(name):
             return out
         out.append(image)
 ann, ben, third = frames("brbk7n.mpg"), frames("bbaf2n.mpg"), frames("lrwp9a.mpg")
-grey = [numpy.full_like(ann[0], 127)] * 100
+grey = [numpy.full_like(ann[0], 127)] * 40
 # There and back again: enough seconds for the mouse.
-long = lambda part: (part + part[::-1]) * 3
-writer = cv2.VideoWriter("people.avi", cv2.VideoWriter_fourcc(*"MJPG"), 15, (ann[0].shape[1], ann[0].shape[0]))
+long = lambda part: (part[::2] + part[::-2]) * 3
+writer = cv2.VideoWriter("people.avi", cv2.VideoWriter_fourcc(*"MJPG"), 6, (ann[0].shape[1], ann[0].shape[0]))
 for image in long(ann[:38]) + grey + long(ben[:38]) + grey + ann[38:] + ben[38:] + third:
     writer.write(image)
 writer.release()
@@ -29,7 +30,7 @@ PY
 "$TARSIER" people live people.avi --window --names Ann,Ben --json -o none >stdout.txt 2>stderr.txt </dev/null &
 program=$!
 command_line="tarsier people live"
-wait_for "the window" x11 geometry "Tarsier people" >/dev/null
+wait_for_window "Tarsier people"
 read -r left top _ _ <<<"$(x11 geometry "Tarsier people")"
 mode_is() { tail -1 stdout.txt | grep -q "\"mode\":\"$1\""; }
 click() { # click X Y, of the window
@@ -42,8 +43,7 @@ click 60 25 # Add Person
 wait_for "collecting" mode_is collect
 taken() { tail -1 stdout.txt | grep -q "\"faces\":[2-9],\"name\":\"$1\""; }
 wait_for "two faces of Ann" taken Ann
-sleep 0.2
-x11 save collect.ppm
+keep collect.ppm
 # Until Ben is there.
 no_face() { tail -1 stdout.txt | grep -q '"faces":\[\]'; }
 a_face() { ! no_face; }
@@ -51,21 +51,19 @@ wait_for "grey" no_face
 click 60 25
 wait_for "Ben" a_face
 wait_for "two faces of Ben" taken Ben
-x11 save ben.ppm
+keep ben.ppm
 wait_for "grey" no_face
 click 250 250 # elsewhere: ends collecting and trains
 wait_for "recognising" mode_is recognize
 known() { tail -1 stdout.txt | grep -q "\"label\":\"$1\".*\"known\":true"; }
 wait_for "Ann known" known Ann
-x11 save known.ppm
+keep known.ppm
 wait_for "Ben known" known Ben
 unknown() { tail -1 stdout.txt | grep -q '"known":false'; }
 wait_for "the third unknown" unknown
-sleep 0.3
-x11 save unknown.ppm
+keep unknown.ppm
 xdotool key b
-sleep 0.4
-x11 save debug.ppm
+keep debug.ppm
 xdotool key q
 wait_for "the end" ended
 status=0

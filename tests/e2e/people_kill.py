@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: MIT
+"""Kills `people enroll` twenty times at random moments; the gallery opens each time, and no face that was in it is gone.
+
+people_kill.py IMAGE [SEED]. Every other round waits for a new face in the gallery before the kill, however slow the machine
+is; the others kill while the program starts, makes the gallery or looks for faces.
+"""
+import json
+import os
+import random
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+
+PROGRAM = os.environ["TARSIER"]
+ROUNDS = 20
+PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "300"))  # s
+failures = []
+
+
+def fail(text):
+    failures.append(text)
+    print(f"FAILED: {text}", flush=True)
+
+
+def faces_in_it():
+    """Committed faces; 0 while there is no gallery, or no table in it."""
+    try:
+        base = sqlite3.connect("file:people.db?mode=ro", uri=True)
+        count = base.execute("SELECT count(*) FROM face").fetchone()[0]
+        base.close()
+        return count
+    except sqlite3.Error:
+        return 0
+
+
+def cpu_seconds(pid):
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            fields = file.read().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except OSError:
+        return 1e9
+
+
+def kill_once(number, before, moment):
+    """Starts and kills one enrolment; returns the faces that were committed before the kill."""
+    process = subprocess.Popen([PROGRAM, "people", "enroll", "Lena", "faces", "--any-quality", "--faces", "1000", "--threads", "1",
+                                "--quiet"], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + PATIENCE
+    if number % 2 == 0:
+        while faces_in_it() <= before and process.poll() is None:
+            if time.monotonic() > deadline:
+                fail(f"round {number}: no face in {PATIENCE} s")
+                break
+            time.sleep(0.005)
+    begin = cpu_seconds(process.pid)  # processor time: the same moments on a busy machine
+    while process.poll() is None and cpu_seconds(process.pid) - begin < moment and time.monotonic() < deadline:
+        time.sleep(0.005)
+    seen = faces_in_it()
+    if process.poll() is not None:
+        fail(f"round {number}: ended with {process.returncode} before it was killed: give it more images")
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    return seen
+
+
+def main():
+    rng = random.Random(int(sys.argv[2]) if len(sys.argv) > 2 else 1)
+    os.mkdir("faces")
+    for k in range(400):
+        shutil.copy(sys.argv[1], f"faces/{k:03}.png") if k == 0 else os.link("faces/000.png", f"faces/{k:03}.png")
+    before = 0
+    for number in range(1, ROUNDS + 1):
+        seen = kill_once(number, before, rng.random() * 0.25)
+        if not os.path.exists("people.db"):
+            continue
+        base = sqlite3.connect("people.db")
+        check = base.execute("PRAGMA integrity_check").fetchone()[0]
+        base.close()
+        if check != "ok":
+            fail(f"round {number}: integrity_check: {check}")
+        done = subprocess.run([PROGRAM, "people", "list", "--json"], capture_output=True, text=True, check=False)
+        if done.returncode not in (0, 1, 3):
+            fail(f"round {number}: people list: {done.returncode}: {done.stderr}")
+        elif done.returncode != 0 and seen > 0:
+            fail(f"round {number}: {seen} faces were there, now none: {done.stderr}")
+        after = sum(json.loads(line)["faces"] for line in done.stdout.splitlines())
+        if after < max(seen, before):
+            fail(f"round {number}: {seen} faces before the kill, {before} before the run, {after} after it")
+        before = after
+    if before < ROUNDS // 2:
+        fail(f"only {before} faces were ever enrolled: the test tests nothing")
+    print(f"{before} faces after {ROUNDS} kills")
+    sys.exit(1 if failures else 0)
+
+
+main()
