@@ -42,7 +42,7 @@ assert not re.search(r"https?://|@import|url\(", text), "the page refers to a ne
 assert "tarsier cartoon run" in text
 PY
 
-run demo -o out --only cartoon --json --quiet
+run demo -o out --only aam --json --quiet
 expect_status 0
 expect_out '"page":"out/index.html"'
 
