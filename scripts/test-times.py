@@ -1,17 +1,20 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""scripts/test-times.py [--build FOLDER] [--write] [flags of ctest: -R .., -L .., -E ..]
+"""scripts/test-times.py [--build FOLDER] [--jobs N] [--write] [flags of ctest: -R .., -L .., -E ..]
 
 The processor time of each test: user and system seconds of its processes, which other work on the machine hardly changes.
-Runs them one after another, the longest at the end of the list. --write puts what was measured into tests/costs.txt, from
+Runs N of them at a time (1), and lists the longest at the end. --write puts what was measured into tests/costs.txt, from
 which CMake takes the order that tests start in (longest first).
 """
 import argparse
+import collections
+import concurrent.futures
 import json
 import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
@@ -42,11 +45,28 @@ def run(test):
 
 
 def in_order(tests):
-    """Those that others need first."""
-    def rank(test):
+    """Those that others need, then the others with the longest first, then those that clean up."""
+    parts = [[], [], []]
+    for test in sorted(tests, key=lambda test: -float(properties(test).get("COST", 0))):
         about = properties(test)
-        return 0 if "FIXTURES_SETUP" in about else 2 if "FIXTURES_CLEANUP" in about else 1
-    return sorted(tests, key=rank)
+        parts[0 if "FIXTURES_SETUP" in about else 2 if "FIXTURES_CLEANUP" in about else 1].append(test)
+    return parts
+
+
+locks = collections.defaultdict(threading.Lock)
+
+
+def run_locked(test, slots):
+    """run(), alone with what the test names as its resources, in one of the slots."""
+    held = [locks[name] for name in sorted(properties(test).get("RESOURCE_LOCK", []))]
+    for lock in held:
+        lock.acquire()
+    try:
+        with slots:
+            return test, *run(test)
+    finally:
+        for lock in held:
+            lock.release()
 
 
 def write_costs(measured):
@@ -68,22 +88,24 @@ def write_costs(measured):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[2])
     parser.add_argument("--build", default=os.path.join(ROOT, "build", "release"))
+    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--write", action="store_true")
     options, flags = parser.parse_known_args()
     listing = subprocess.run(["ctest", "--test-dir", options.build, "--show-only=json-v1", *flags], capture_output=True,
                              text=True, check=True)
     measured = {}
     failed = []
-    for test in in_order(json.loads(listing.stdout)["tests"]):
-        if "command" not in test:
-            continue
-        status, cpu, seconds = run(test)
-        measured[test["name"]] = cpu
-        about = properties(test)
-        word = "" if status == 0 else " skipped" if status == about.get("SKIP_RETURN_CODE") else f" FAILED ({status})"
-        if "FAILED" in word:
-            failed.append(test["name"])
-        print(f"{cpu:8.1f} CPU s {seconds:8.1f} s  {test['name']}{word}", flush=True)
+    slots = threading.Semaphore(options.jobs)
+    pool = concurrent.futures.ThreadPoolExecutor(1000)  # most only wait
+    for part in in_order([test for test in json.loads(listing.stdout)["tests"] if "command" in test]):
+        for done in concurrent.futures.as_completed([pool.submit(run_locked, test, slots) for test in part]):
+            test, status, cpu, seconds = done.result()
+            measured[test["name"]] = cpu
+            skipped = properties(test).get("SKIP_RETURN_CODE")
+            word = "" if status == 0 else " skipped" if status == skipped else f" FAILED ({status})"
+            if "FAILED" in word:
+                failed.append(test["name"])
+            print(f"{cpu:8.1f} CPU s {seconds:8.1f} s  {test['name']}{word}", flush=True)
     print("--- the longest")
     for name, cpu in sorted(measured.items(), key=lambda entry: entry[1])[-25:]:
         print(f"{cpu:8.1f} CPU s  {name}")

@@ -81,7 +81,7 @@ END
 run calibrate 'synth:board?size=480x360&fps=10&live=1' "${board[@]}" --frames 5 -o none.yaml
 expect_status 1
 [ ! -e none.yaml ] || fail "a camera was written without views"
-run calibrate synth:bars "${board[@]}"
+run calibrate 'synth:bars?frames=12' "${board[@]}"
 expect_status 1
 
 # --- what is no board, no size, no folder ---

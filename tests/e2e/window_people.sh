@@ -84,8 +84,8 @@ import json
 lines = [json.loads(l) for l in open("stdout.txt")]
 lines = [l for l in lines if "frame" in l]
 shown = [l for l in lines if l["mode"] == "recognize" and l["faces"]]
-# Where each is in the film, but for the frames after the cut.
-parts = {name: range(int(first) + 4, int(end)) for name, first, end in map(str.split, open("parts.txt"))}
+# Where each is in the film, but for the frames after the cut, in which the votes for the one before fade.
+parts = {name: range(int(first) + 10, int(end)) for name, first, end in map(str.split, open("parts.txt"))}
 for name, part in parts.items():
     faces = [l["faces"][0] for l in shown if l["frame"] in part]
     assert len(faces) >= 8, (name, len(faces))

@@ -13,7 +13,9 @@
 
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <tuple>
 
 namespace tarsier::sfm {
 namespace {
@@ -27,10 +29,16 @@ class Photographs : public FolderTest {
   std::vector<Input> shoot(const synth::SceneOptions& options, const std::string& prefix = "") {
     const synth::ReliefScene scene(options);
     camera_ = scene.camera();
+    // Drawn once for all tests.
+    static std::map<std::tuple<int, std::uint64_t, synth::Content, bool>, std::vector<cv::Mat>>
+        drawn;
+    std::vector<cv::Mat>& images =
+        drawn[{options.images, options.seed, options.content, options.pure_rotation}];
     std::vector<Input> inputs;
     for (int i = 0; i < scene.count(); ++i) {
       const std::string name = prefix + std::to_string(i) + ".png";
-      write_image(folder_ + "/" + name, scene.render(i));
+      if (static_cast<int>(images.size()) == i) images.push_back(scene.render(i));
+      write_image(folder_ + "/" + name, images[static_cast<std::size_t>(i)]);
       inputs.push_back({name, folder_ + "/" + name});
       truth_[name] = scene.pose(i);
     }
@@ -40,7 +48,7 @@ class Photographs : public FolderTest {
   [[nodiscard]] PipelineOptions options() const {
     PipelineOptions options;
     options.camera = camera_;
-    options.features.most = 1500;
+    options.features.most = 700;
     return options;
   }
 
@@ -62,7 +70,9 @@ synth::SceneOptions small_scene(int images = 5) {
 
 TEST_F(Photographs, BecomeTheirCameras) {
   const auto inputs = shoot(small_scene(6));
-  const PipelineResult result = run(inputs, options());
+  PipelineOptions how = options();
+  how.features.most = 1500;
+  const PipelineResult result = run(inputs, how);
   ASSERT_EQ(result.reconstruction.models.size(), 1U);
   const PoseScores scores = evaluate_poses(result.reconstruction.models[0], truth_, "model");
   EXPECT_EQ(scores.registered, 6);
@@ -167,7 +177,6 @@ TEST_F(Photographs, FollowedPointsDoAsWellAsDescriptors) {
   // A film: the camera moves little from frame to frame.
   const auto inputs = shoot(small_scene(11));
   PipelineOptions how = options();
-  how.features.most = 1000;
   const PipelineResult by_sift = run(inputs, how);
   how.flow = true;
   const PipelineResult by_flow = run(inputs, how);
