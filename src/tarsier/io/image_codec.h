@@ -10,8 +10,9 @@
 #include <string_view>
 #include <vector>
 
-// JPEG and PNG by libjpeg and libpng themselves, for image_file.cpp: to the byte what OpenCV makes
-// with the same two libraries, without loading its codecs of everything else (lazy_opencv.h).
+// JPEG and PNG by libjpeg-turbo and libpng themselves, for image_file.cpp: what OpenCV makes with
+// the same two libraries (4.6: to the byte), without loading its codecs of everything else
+// (lazy_opencv.h).
 namespace tarsier {
 
 // An 8-bit image, BGR or (`gray`) one channel. Empty for what is left to OpenCV: any other format,
