@@ -37,7 +37,7 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
 
-constexpr int kPatienceMs = 20'000;  // only where something hangs
+constexpr int kPatienceMs = 300'000;  // only where something hangs
 
 int port_of(const FrameSink& sink) {
   const std::string text = sink.description();

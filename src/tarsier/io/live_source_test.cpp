@@ -55,7 +55,7 @@ std::unique_ptr<FrameSource> http_source(const HttpServer& server,
 }
 
 // Long enough for any machine; only a failing test waits for so long.
-constexpr seconds kPatience{30};
+constexpr seconds kPatience{300};
 
 Frame next_frame(FrameSource& source) {
   auto frame = source.next(kPatience, {});
