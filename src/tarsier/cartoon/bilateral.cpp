@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <utility>
 
 namespace tarsier::cartoon {
@@ -86,8 +87,42 @@ void BilateralPainter::prepare(const PaintOptions& options, std::ptrdiff_t strid
     ring_end_.push_back(static_cast<int>(offsets_.size() / 2));
     append_weights(options, center, squared, weights_);
   }
-  taps_ = {static_cast<int>(ring_end_.size()), weights_.data(), ring_end_.data(), offsets_.data(),
-           center};
+  prepare_quads();
+  taps_ = {static_cast<int>(ring_end_.size()),
+           weights_.data(),
+           ring_end_.data(),
+           offsets_.data(),
+           center,
+           stride,
+           quads_.empty() ? nullptr : quads_.data()};
+}
+
+void BilateralPainter::prepare_quads() {
+  quads_.clear();
+  if (radius_ != 4) return;
+  std::map<int, const std::uint8_t*> table_of;  // by squared radius
+  for (int squared = 1; squared <= radius_ * radius_; ++squared) {
+    for (int dy = 0; dy <= radius_; ++dy) {
+      for (int dx = 0; dx <= dy; ++dx) {
+        if (dx * dx + dy * dy != squared || table_of.contains(squared)) continue;
+        table_of[squared] = weights_.data() + table_of.size() * kBilateralTable;
+      }
+    }
+  }
+  for (const auto& [squared, table] : table_of) {
+    if (table[kBilateralTable - 1] != 0) return;  // it stands for all larger distances
+  }
+  const auto add = [&](std::initializer_list<cv::Point> neighbours) {
+    for (const cv::Point& at : neighbours) {
+      const std::uint8_t* const table = table_of.at(at.x * at.x + at.y * at.y);
+      quads_.insert(quads_.end(), table, table + kBilateralTable);
+    }
+  };
+  add({{-4, 0}, {-3, 0}, {-2, 0}, {-1, 0}});
+  add({{1, 0}, {2, 0}, {3, 0}, {4, 0}});
+  add({{-2, 3}, {-1, 3}, {0, 3}, {1, 3}});
+  add({{0, -4}, {0, 4}, {2, -3}, {2, 3}});
+  for (int dx = 0; dx <= 3; ++dx) add({{dx, 2}, {dx, 1}});
 }
 
 void BilateralPainter::filter_row(const Kernels& kernels, const Picture& from, int y_from,

@@ -43,6 +43,7 @@ class BilateralPainter {
   };
 
   void prepare(const PaintOptions& options, std::ptrdiff_t stride);
+  void prepare_quads();
   void filter_row(const Kernels& kernels, const Picture& from, int y_from, Picture& to,
                   int y_to) const;
   void filter(const Kernels& kernels, const Picture& from, Picture& to);
@@ -55,6 +56,7 @@ class BilateralPainter {
   std::vector<std::uint8_t> weights_;
   std::vector<int> ring_end_;
   std::vector<std::ptrdiff_t> offsets_;
+  AlignedBytes quads_;
   BilateralTaps taps_{};
   int radius_ = 0;
 };

@@ -319,6 +319,21 @@ void enlarge(const cv::Size& size, bool lines, const CartoonOptions& options, St
   if (lines) large.setTo(cv::Scalar::all(0), state.mask.view() == 0);
 }
 
+// state.small at full size into state.large, there where smooth_skin looks at it.
+void enlarge_for_skin(const cv::Size& size, const cv::Mat& skin, const CartoonOptions& options,
+                      State& state, const Watch& watch) {
+  if (!is_fast(options) || size != skin.size() * 2) {
+    enlarge(size, false, options, state, state.large, watch);
+    return;
+  }
+  const auto timer = watch.time("full size");
+  state.large.create(size, CV_8UC3);
+  const cv::Rect area = smoothed_area(skin);
+  if (area.empty()) return;
+  cv::Mat large = state.large(cv::Rect(area.tl() * 2, area.size() * 2));
+  state.enlarger.enlarge(state.small(area), nullptr, large);
+}
+
 void show_lines(State& state) { cv::cvtColor(state.mask.view(), state.output, cv::COLOR_GRAY2BGR); }
 
 // --- skin ---
@@ -405,8 +420,16 @@ const cv::Mat& cartoonize(const cv::Mat& frame, const CartoonOptions& options, C
       paint_small(frame, options, my, watch);
       break;
     case Mode::kAlien:
-    case Mode::kSmooth:
       sketch_lines(frame, options, my, watch);
+      paint_small(frame, options, my, watch);
+      break;
+    case Mode::kSmooth:
+      if (options.steady.on || watch.wants_images()) {
+        sketch_lines(frame, options, my, watch);  // steady lines remember those of each frame
+      } else {
+        smooth_gray(frame, options, my, my.lines, watch);
+        line_response(options, my, watch);
+      }
       paint_small(frame, options, my, watch);
       break;
   }
@@ -432,8 +455,8 @@ const cv::Mat& cartoonize(const cv::Mat& frame, const CartoonOptions& options, C
       enlarge(frame.size(), true, options, my, my.output, watch);
       break;
     case Mode::kSmooth: {
-      enlarge(frame.size(), false, options, my, my.large, watch);
       const cv::Mat skin = skin_of(frame, options, my, watch);
+      enlarge_for_skin(frame.size(), skin, options, my, watch);
       const auto blend_timer = watch.time("blend");
       smooth_skin(frame, my.large, skin, my.skin, my.output);
       break;

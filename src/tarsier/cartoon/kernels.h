@@ -24,6 +24,11 @@ struct BilateralTaps {
   const int* ring_end;            // rings: number of pairs up to the end of that ring
   const std::ptrdiff_t* offsets;  // two a pair, in bytes from the centre
   int center_weight;              // 1..127
+  std::ptrdiff_t stride;          // bytes from row to row of the planes
+  // For diameter 9, else null: tables of neighbours one by one, kBilateralTable weights each, the
+  // last of them 0: dx -4 .. -1 and 1 .. 4 of dy 0; dx -2 .. 1 of dy 3; (0, 4), (0, 4), (2, 3),
+  // (2, 3); for dx 0 .. 3 those of dy 2 and 1. Aligned to 64 bytes.
+  const std::uint8_t* quads;
 };
 
 struct Kernels {

@@ -33,6 +33,12 @@ TARSIER_INLINE Neighbour neighbour(const std::uint8_t* b, const std::uint8_t* g,
 
 void bilateral_row(const tarsier::cartoon::BilateralTaps& taps, const std::uint8_t* const src[3],
                    std::uint8_t* const dst[3], int width) {
+#if defined(TARSIER_AVX512)
+  if (taps.quads != nullptr && __builtin_cpu_supports("avx512vnni")) {
+    bilateral9_row(taps, src, dst, width);
+    return;
+  }
+#endif
   for (int x = 0; x < width; x += kLanes) {
     const std::uint8_t* b = src[0] + x;
     const std::uint8_t* g = src[1] + x;
@@ -385,27 +391,47 @@ void enlarge_row(const std::uint8_t* const near[3], const std::uint8_t* const fa
   }
 }
 
+// (x + 127) / 255, rounded towards zero, of x = (to - from) w, whose size is at most 255 * 255. With
+// y = |x| + 127 for x > 0, else max(|x| - 127, 0), it is y / 255 with the sign of x, and
+// y / 255 = (y + 1 + (y + 1) / 256) / 256 for all y below 65535.
+TARSIER_INLINE Sum16 blended(const Sum16& from, const Sum16& to, const Sum16& w) {
+  const Sum16 up = subtract_to_zero(to, from);
+  const Sum16 down = subtract_to_zero(from, to);
+  const auto quotient = [](const Sum16& y) {
+    const Sum16 above = y + sum_splat(1);
+    return shift_right<8>(above + shift_right<8>(above));
+  };
+  // One of the two is zero: 127 / 255 and max(0 - 127, 0) / 255 are zero as well.
+  return from + quotient(multiply_low(up, w) + sum_splat(127)) -
+         quotient(subtract_to_zero(multiply_low(down, w), sum_splat(127)));
+}
+
 void blend_row(const std::uint8_t* sharp, const std::uint8_t* soft, const std::uint8_t* weight,
                std::uint8_t* bgr, int width) {
-  const auto blend = [](int from, int to, int w) {
-    return static_cast<std::uint8_t>(from + ((to - from) * w + 127) / 255);
-  };
   int x = 0;
-  for (; x + kGroup <= width; x += kGroup) {
-    std::uint8_t any = 0;
-    for (int i = 0; i < kGroup; ++i) any = static_cast<std::uint8_t>(any | weight[x + i]);
-    const std::uint8_t* from = sharp + 3 * x;
-    const std::uint8_t* to = soft + 3 * x;
-    std::uint8_t* out = bgr + 3 * x;
-    if (any == 0) {
-      for (int i = 0; i < 3 * kGroup; ++i) out[i] = from[i];
+  for (; x + kLanes <= width; x += kLanes) {
+    const std::uint8_t* const from = sharp + 3 * x;
+    const std::uint8_t* const to = soft + 3 * x;
+    std::uint8_t* const out = bgr + 3 * x;
+    const U8 weights = load(weight + x);
+    if (all_zero(weights)) {
+      for (int i = 0; i < 3; ++i) store(out + i * kLanes, load(from + i * kLanes));
       continue;
     }
-    std::uint8_t each[3 * kGroup];
-    join16(each, weight + x, weight + x, weight + x);
-    for (int i = 0; i < 3 * kGroup; ++i) out[i] = blend(from[i], to[i], each[i]);
+    std::uint8_t each[3 * kLanes];
+    for (int i = 0; i < kLanes; i += kGroup) {
+      join16(each + 3 * i, weight + x + i, weight + x + i, weight + x + i);
+    }
+    for (int i = 0; i < 3; ++i) {
+      const Sum16 f = widen(load(from + i * kLanes));
+      const Sum16 t = widen(load(to + i * kLanes));
+      store(out + i * kLanes, pack_saturated(blended(f, t, widen(load(each + i * kLanes)))));
+    }
   }
-  for (int i = 3 * x; i < 3 * width; ++i) bgr[i] = blend(sharp[i], soft[i], weight[i / 3]);
+  for (int i = 3 * x; i < 3 * width; ++i) {
+    const int from = sharp[i];
+    bgr[i] = static_cast<std::uint8_t>(from + ((soft[i] - from) * weight[i / 3] + 127) / 255);
+  }
 }
 
 constexpr tarsier::cartoon::Kernels kKernels{

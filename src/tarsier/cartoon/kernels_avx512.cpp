@@ -4,6 +4,8 @@
 #if defined(__x86_64__)
 #define TARSIER_AVX512
 #include "tarsier/cartoon/simd_x86.h"
+//
+#include "tarsier/cartoon/bilateral_vnni.h"
 #define TARSIER_KERNELS avx512_kernels
 #include "tarsier/cartoon/kernels.inl"
 #else

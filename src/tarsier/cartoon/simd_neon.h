@@ -112,6 +112,16 @@ TARSIER_INLINE Sum16 operator*(Sum16 a, int factor) {
   const auto f = static_cast<std::int16_t>(factor);
   return {vmulq_n_s16(a.low, f), vmulq_n_s16(a.high, f)};
 }
+TARSIER_INLINE Sum16 multiply_low(Sum16 a, Sum16 b) {
+  return {vmulq_s16(a.low, b.low), vmulq_s16(a.high, b.high)};
+}
+TARSIER_INLINE int16x8_t subtract_to_zero(int16x8_t a, int16x8_t b) {
+  return vreinterpretq_s16_u16(vqsubq_u16(vreinterpretq_u16_s16(a), vreinterpretq_u16_s16(b)));
+}
+TARSIER_INLINE Sum16 subtract_to_zero(Sum16 a, Sum16 b) {
+  return {subtract_to_zero(a.low, b.low), subtract_to_zero(a.high, b.high)};
+}
+TARSIER_INLINE bool all_zero(U8 a) { return vmaxvq_u8(a.v) == 0; }
 TARSIER_INLINE Sum16 magnitude(Sum16 a) { return {vabsq_s16(a.low), vabsq_s16(a.high)}; }
 TARSIER_INLINE U8 pack_saturated(Sum16 a) {
   return {vcombine_u8(vqmovun_s16(a.low), vqmovun_s16(a.high))};
@@ -119,7 +129,8 @@ TARSIER_INLINE U8 pack_saturated(Sum16 a) {
 
 template <int kBits>
 TARSIER_INLINE Sum16 shift_right(Sum16 a) {
-  return {vshrq_n_s16(a.low, kBits), vshrq_n_s16(a.high, kBits)};
+  return {vreinterpretq_s16_u16(vshrq_n_u16(vreinterpretq_u16_s16(a.low), kBits)),
+          vreinterpretq_s16_u16(vshrq_n_u16(vreinterpretq_u16_s16(a.high), kBits))};
 }
 TARSIER_INLINE void store_alternating(std::uint8_t* p, U8 even, U8 odd) {
   vst2q_u8(p, uint8x16x2_t{{even.v, odd.v}});

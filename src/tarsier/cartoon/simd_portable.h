@@ -130,6 +130,24 @@ TARSIER_INLINE Sum16 operator-(const Sum16& a, const Sum16& b) {
 TARSIER_INLINE Sum16 operator*(const Sum16& a, int factor) {
   return map16([&](int i) { return a.v[i] * factor; });
 }
+TARSIER_INLINE int without_sign(std::int16_t x) { return static_cast<std::uint16_t>(x); }
+TARSIER_INLINE Sum16 multiply_low(const Sum16& a, const Sum16& b) {
+  return map16([&](int i) {
+    return static_cast<std::uint32_t>(without_sign(a.v[i])) *
+           static_cast<std::uint32_t>(without_sign(b.v[i]));
+  });
+}
+TARSIER_INLINE Sum16 subtract_to_zero(const Sum16& a, const Sum16& b) {
+  return map16([&](int i) {
+    const int d = without_sign(a.v[i]) - without_sign(b.v[i]);
+    return d < 0 ? 0 : d;
+  });
+}
+TARSIER_INLINE bool all_zero(const U8& a) {
+  int any = 0;
+  for (int i = 0; i < kLanes; ++i) any |= a.v[i];
+  return any == 0;
+}
 TARSIER_INLINE Sum16 magnitude(const Sum16& a) {
   return map16([&](int i) { return a.v[i] < 0 ? -a.v[i] : a.v[i]; });
 }
@@ -139,7 +157,7 @@ TARSIER_INLINE U8 pack_saturated(const Sum16& a) {
 
 template <int kBits>
 TARSIER_INLINE Sum16 shift_right(const Sum16& a) {
-  return map16([&](int i) { return a.v[i] >> kBits; });
+  return map16([&](int i) { return without_sign(a.v[i]) >> kBits; });
 }
 TARSIER_INLINE void store_alternating(std::uint8_t* p, const U8& even, const U8& odd) {
   for (int i = 0; i < kLanes; ++i) {

@@ -96,10 +96,11 @@ TARSIER_INLINE U8 look_up(const Table32& table, U8 index) {
   return {_mm512_permutexvar_epi8(_mm512_min_epu8(index.v, _mm512_set1_epi8(63)), table.all)};
 #else
   // pshufb gives 0 where the index has its top bit set, else what the low four bits choose. The
-  // saturated sums set it from 16 and from 32 on; below 16 both halves answer, and `low` holds what
-  // cancels `high`.
-  const Reg in_low = TARSIER_OP(adds_epu8)(index.v, TARSIER_OP(set1_epi8)(112));
-  const Reg in_high = TARSIER_OP(adds_epu8)(index.v, TARSIER_OP(set1_epi8)(96));
+  // sums set it from 16 and from 32 on; below 16 both halves answer, and `low` holds what cancels
+  // `high`. Plain sums of a minimum: Zen 4 has half as many units for saturating sums.
+  const Reg at = TARSIER_OP(min_epu8)(index.v, TARSIER_OP(set1_epi8)(63));
+  const Reg in_low = TARSIER_OP(add_epi8)(at, TARSIER_OP(set1_epi8)(112));
+  const Reg in_high = TARSIER_OP(add_epi8)(at, TARSIER_OP(set1_epi8)(96));
   return {TARSIER_OP(shuffle_epi8)(table.low, in_low) ^
           TARSIER_OP(shuffle_epi8)(table.high, in_high)};
 #endif
@@ -179,6 +180,23 @@ TARSIER_INLINE Sum16 operator*(Sum16 a, int factor) {
   const Reg f = TARSIER_OP(set1_epi16)(static_cast<short>(factor));
   return {TARSIER_OP(mullo_epi16)(a.low, f), TARSIER_OP(mullo_epi16)(a.high, f)};
 }
+// The low 16 bits of the products, of numbers without sign.
+TARSIER_INLINE Sum16 multiply_low(Sum16 a, Sum16 b) {
+  return {TARSIER_OP(mullo_epi16)(a.low, b.low), TARSIER_OP(mullo_epi16)(a.high, b.high)};
+}
+// max(a - b, 0) of numbers without sign.
+TARSIER_INLINE Sum16 subtract_to_zero(Sum16 a, Sum16 b) {
+  return {TARSIER_OP(subs_epu16)(a.low, b.low), TARSIER_OP(subs_epu16)(a.high, b.high)};
+}
+TARSIER_INLINE bool all_zero(U8 a) {
+#if defined(TARSIER_AVX512)
+  return _mm512_test_epi8_mask(a.v, a.v) == 0;
+#elif defined(TARSIER_AVX2)
+  return _mm256_testz_si256(a.v, a.v) != 0;
+#else
+  return _mm_testz_si128(a.v, a.v) != 0;
+#endif
+}
 TARSIER_INLINE Sum16 magnitude(Sum16 a) {
   return {TARSIER_OP(abs_epi16)(a.low), TARSIER_OP(abs_epi16)(a.high)};
 }
@@ -187,7 +205,7 @@ TARSIER_INLINE U8 pack_saturated(Sum16 a) {  // to 0..255
 }
 
 template <int kBits>
-TARSIER_INLINE Sum16 shift_right(Sum16 a) {  // of numbers that are not negative
+TARSIER_INLINE Sum16 shift_right(Sum16 a) {  // of numbers without sign
   return {TARSIER_OP(srli_epi16)(a.low, kBits), TARSIER_OP(srli_epi16)(a.high, kBits)};
 }
 

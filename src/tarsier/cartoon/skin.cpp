@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 namespace tarsier::cartoon {
 namespace {
@@ -172,24 +173,52 @@ void color_skin(cv::Mat& painting, const cv::Mat& skin, const SkinOptions& optio
   }
 }
 
+cv::Rect smoothed_area(const cv::Mat& skin) {
+  require_gray(skin);
+  const cv::Rect box = cv::boundingRect(skin);
+  if (box.empty()) return {};
+  // Closing stays within 1 px of the skin, the blur reaches 2 px further, enlarging 1 px, and a
+  // border of zeros has to stay, as each of these looks beyond its own border.
+  constexpr int kRoom = 8;
+  return clipped({box.x - kRoom, box.y - kRoom, box.width + 2 * kRoom, box.height + 2 * kRoom},
+                 skin.size());
+}
+
 void smooth_skin(const cv::Mat& frame, const cv::Mat& enlarged, const cv::Mat& skin,
                  SkinBuffers& buffers, cv::Mat& result) {
   require_bgr(frame);
   require_bgr(enlarged);
   TARSIER_REQUIRE(frame.size() == enlarged.size(), "painting is {}x{}, frame {}x{}", enlarged.cols,
                   enlarged.rows, frame.cols, frame.rows);
-  skin.convertTo(buffers.weight, CV_8U, 255);
-  cv::dilate(buffers.weight, buffers.weight,
-             cv::Mat());  // over the thin lines that bounded the fill
-  cv::erode(buffers.weight, buffers.weight, cv::Mat());
-  cv::blur(buffers.weight, buffers.weight, cv::Size(5, 5));
-  cv::resize(buffers.weight, buffers.large_weight, frame.size(), 0, 0, cv::INTER_LINEAR);
+  const bool twice = frame.cols == 2 * skin.cols && frame.rows == 2 * skin.rows;
+  const cv::Rect area = twice ? smoothed_area(skin) : cv::Rect({}, skin.size());
+  const cv::Rect large = twice ? cv::Rect(2 * area.x, 2 * area.y, 2 * area.width, 2 * area.height)
+                               : cv::Rect({}, frame.size());
+  if (!area.empty()) {
+    skin(area).convertTo(buffers.weight, CV_8U, 255);
+    cv::dilate(buffers.weight, buffers.weight,
+               cv::Mat());  // over the thin lines that bounded the fill
+    cv::erode(buffers.weight, buffers.weight, cv::Mat());
+    cv::blur(buffers.weight, buffers.weight, cv::Size(5, 5));
+    cv::resize(buffers.weight, buffers.large_weight, large.size(), 0, 0, cv::INTER_LINEAR);
+  }
   result.create(frame.size(), CV_8UC3);
   const Kernels& kernel = kernels();
+  const auto copy = [&](int y, int first, int last) {
+    const auto count = static_cast<size_t>(3 * (last - first));
+    if (count > 0) std::memcpy(result.ptr(y) + 3 * first, frame.ptr(y) + 3 * first, count);
+  };
   for_row_bands(frame.rows, [&](int first, int last) {
     for (int y = first; y < last; ++y) {
-      kernel.blend_row(frame.ptr(y), enlarged.ptr(y), buffers.large_weight.ptr(y), result.ptr(y),
-                       frame.cols);
+      if (y < large.y || y >= large.br().y) {
+        copy(y, 0, frame.cols);
+        continue;
+      }
+      copy(y, 0, large.x);
+      kernel.blend_row(frame.ptr(y) + 3 * large.x, enlarged.ptr(y) + 3 * large.x,
+                       buffers.large_weight.ptr(y - large.y), result.ptr(y) + 3 * large.x,
+                       large.width);
+      copy(y, large.br().x, frame.cols);
     }
   });
 }

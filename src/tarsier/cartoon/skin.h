@@ -50,9 +50,14 @@ struct SkinColor {
 // Changes the skin of `painting` in place, as options.style and options.color say.
 void color_skin(cv::Mat& painting, const cv::Mat& skin, const SkinOptions& options);
 
+// The part of the half-size picture in which smooth_skin may change anything: around the skin, with
+// room for the feather. Empty where there is no skin.
+[[nodiscard]] cv::Rect smoothed_area(const cv::Mat& skin);
+
 // `frame` with its skin replaced by `enlarged`, the painting at full size, into `result` (all
 // CV_8UC3); the transition is feathered: smooth skin, sharp everything else. `skin` is at half
-// size, 0 or 1.
+// size, 0 or 1. If the frame is exactly twice as large as `skin`, only twice smoothed_area(skin) of
+// `enlarged` is looked at.
 void smooth_skin(const cv::Mat& frame, const cv::Mat& enlarged, const cv::Mat& skin,
                  SkinBuffers& buffers, cv::Mat& result);
 

@@ -73,5 +73,45 @@ TEST(Skin, TintKeepsTheBrightness) {
   EXPECT_GT(after[1], after[2]) << "green now";
 }
 
+// Only a part of the picture is worked on; nothing may show where it ends, at borders neither, and
+// the painting outside it is not looked at.
+TEST(Skin, SmoothingIsTheFormulaOverTheWholePicture) {
+  Rng rng(3);
+  const cv::Size small(97, 61);
+  cv::Mat frame(2 * small.height, 2 * small.width, CV_8UC3);
+  cv::Mat painting(frame.size(), CV_8UC3);
+  for (int y = 0; y < frame.rows; ++y) {
+    for (int i = 0; i < 3 * frame.cols; ++i) {
+      frame.ptr(y)[i] = static_cast<std::uint8_t>(rng.integer(0, 255));
+      painting.ptr(y)[i] = static_cast<std::uint8_t>(rng.integer(0, 255));
+    }
+  }
+  for (const cv::Rect& face : {cv::Rect(30, 20, 25, 30), cv::Rect(0, 0, 9, 12),
+                               cv::Rect(60, 40, 37, 21), cv::Rect(40, 30, 1, 1), cv::Rect()}) {
+    cv::Mat skin = cv::Mat::zeros(small, CV_8UC1);
+    if (!face.empty()) skin(face).setTo(1);
+    cv::Mat weight = skin * 255;
+    cv::dilate(weight, weight, cv::Mat());
+    cv::erode(weight, weight, cv::Mat());
+    cv::blur(weight, weight, {5, 5});
+    cv::resize(weight, weight, frame.size(), 0, 0, cv::INTER_LINEAR);
+    cv::Mat looked_at(frame.size(), CV_8UC3, cv::Scalar::all(77));
+    const cv::Rect area = smoothed_area(skin);
+    EXPECT_EQ(area.empty(), face.empty());
+    const cv::Rect large(area.tl() * 2, area.size() * 2);
+    if (!area.empty()) painting(large).copyTo(looked_at(large));
+    SkinBuffers buffers;
+    cv::Mat result;
+    smooth_skin(frame, looked_at, skin, buffers, result);
+    for (int y = 0; y < frame.rows; ++y) {
+      for (int i = 0; i < 3 * frame.cols; ++i) {
+        const int from = frame.ptr(y)[i];
+        const int wanted = from + ((painting.ptr(y)[i] - from) * weight.ptr(y)[i / 3] + 127) / 255;
+        ASSERT_EQ(result.ptr(y)[i], wanted) << face << " at " << i / 3 << ", " << y;
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace tarsier::cartoon
