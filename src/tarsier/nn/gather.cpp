@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/nn/gather.h"
 
+#include "tarsier/nn/gemm.h"
+
 #include <algorithm>
 #include <cstring>
 
@@ -26,27 +28,43 @@ Padded pad(const Layer& layer, const float* input, Shape from, std::vector<float
   Padded result;
   result.height = from.height + 2 * layer.pad_y;
   result.width = from.width + 2 * layer.pad_x;
-  if (layer.pad_y == 0 && layer.pad_x == 0) {
-    // Kept for the way back all the same.
-    buffer.assign(input, input + from.size());
-    result.data = buffer.data();
-    return result;
-  }
-  buffer.assign(static_cast<std::size_t>(from.channels) * static_cast<std::size_t>(result.height) *
-                    static_cast<std::size_t>(result.width),
-                0.0F);
+  const auto width = static_cast<std::size_t>(result.width);
+  const auto inner = static_cast<std::size_t>(from.width);
+  const auto side = static_cast<std::size_t>(layer.pad_x);
+  const std::size_t rim = static_cast<std::size_t>(layer.pad_y) * width;
+  buffer.resize(static_cast<std::size_t>(from.channels) * static_cast<std::size_t>(result.height) *
+                    width +
+                kPanel);
+  float* to = buffer.data();
+  const auto clear = [&](std::size_t count) { to = std::fill_n(to, count, 0.0F); };
   for (int c = 0; c < from.channels; ++c) {
+    clear(rim);
     for (int y = 0; y < from.height; ++y) {
-      std::memcpy(
-          buffer.data() +
-              (static_cast<std::ptrdiff_t>(c) * result.height + y + layer.pad_y) * result.width +
-              layer.pad_x,
-          input + (static_cast<std::ptrdiff_t>(c) * from.height + y) * from.width,
-          static_cast<std::size_t>(from.width) * sizeof(float));
+      clear(side);
+      std::memcpy(to, input, inner * sizeof(float));
+      to += inner;
+      input += inner;
+      clear(side);
     }
+    clear(rim);
   }
+  clear(kPanel);
   result.data = buffer.data();
   return result;
+}
+
+void window_offsets(const Layer& layer, const Padded& source,
+                    std::vector<std::ptrdiff_t>& offsets) {
+  offsets.clear();
+  for (int c = 0; c < layer.in; ++c) {
+    for (int v = 0; v < layer.kernel_y; ++v) {
+      for (int u = 0; u < layer.kernel_x; ++u) {
+        offsets.push_back((static_cast<std::ptrdiff_t>(c) * source.height + v * layer.dilation) *
+                              source.width +
+                          u * layer.dilation);
+      }
+    }
+  }
 }
 
 void gather(const Layer& layer, const Padded& source, Shape to, int begin, int count, int stride,

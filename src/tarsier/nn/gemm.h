@@ -3,7 +3,7 @@
 
 #include <cstddef>
 
-// The two matrix products that convolutions are made of, compiled once for each instruction set
+// The matrix products that convolutions are made of, compiled once for each instruction set
 // from one source (gemm.inl) and chosen at run time. Single precision; the order of summation
 // depends on the instruction set only, never on threads.
 namespace tarsier::nn {
@@ -15,6 +15,11 @@ struct GemmKernels {
   // for m < rows. `out` is rows x kPanel, dense.
   void (*panel)(int rows, int depth, const float* a, std::ptrdiff_t row, std::ptrdiff_t column,
                 const float* b, std::ptrdiff_t b_stride, float* out);
+
+  // The same where row k of b begins at b + offsets[k], and a is rows x depth, dense: windows of a
+  // map are read where they lie.
+  void (*panel_at)(int rows, int depth, const float* a, const float* b,
+                   const std::ptrdiff_t* offsets, float* out);
 
   // out[m * out_stride + n] += dot(a + m * a_stride, b + n * b_stride, length), m < rows, n <
   // columns.

@@ -22,46 +22,75 @@ inline Vector load(const float* p) {
 
 inline void store(float* p, Vector v) { std::memcpy(p, &v, sizeof v); }
 
+// The left factor: element (m, k) is data[m * row + k * column].
+struct Left {
+  const float* data;
+  std::ptrdiff_t row;
+  std::ptrdiff_t column;
+};
+
+// Where row k of the right factor begins.
+struct Dense {
+  const float* data;
+  std::ptrdiff_t stride;
+  const float* operator()(int k) const { return data + k * stride; }
+};
+struct Scattered {
+  const float* data;
+  const std::ptrdiff_t* offsets;
+  const float* operator()(int k) const { return data + offsets[k]; }
+};
+
 // A tile of Rows x kTileColumns stays in registers while the depth runs.
-template <int Rows>
-inline void tile(int depth, const float* a, std::ptrdiff_t row, std::ptrdiff_t column,
-                 const float* b, std::ptrdiff_t b_stride, float* out) {
+template <int Rows, typename Right>
+inline void tile(int depth, const Left& left, const Right& right, std::ptrdiff_t first,
+                 float* out) {
   Vector sum[Rows][kTileVectors] = {};
+  const float* a = left.data;
   for (int k = 0; k < depth; ++k) {
-    Vector right[kTileVectors];
-    for (int v = 0; v < kTileVectors; ++v) right[v] = load(b + v * kLanes);
+    const float* b = right(k) + first;
+    Vector line[kTileVectors];
+    for (int v = 0; v < kTileVectors; ++v) line[v] = load(b + v * kLanes);
     for (int m = 0; m < Rows; ++m) {
-      const float left = a[m * row];
-      for (int v = 0; v < kTileVectors; ++v) sum[m][v] += left * right[v];
+      const float factor = a[m * left.row];
+      for (int v = 0; v < kTileVectors; ++v) sum[m][v] += factor * line[v];
     }
-    a += column;
-    b += b_stride;
+    a += left.column;
   }
   for (int m = 0; m < Rows; ++m)
     for (int v = 0; v < kTileVectors; ++v) store(out + m * kPanel + v * kLanes, sum[m][v]);
 }
 
-template <int Rows>
-void rest(int rows, int depth, const float* a, std::ptrdiff_t row, std::ptrdiff_t column,
-          const float* b, std::ptrdiff_t b_stride, float* out) {
+template <int Rows, typename Right>
+void rest(int rows, int depth, const Left& left, const Right& right, std::ptrdiff_t first,
+          float* out) {
   if constexpr (Rows > 0) {
     if (rows == Rows)
-      tile<Rows>(depth, a, row, column, b, b_stride, out);
+      tile<Rows>(depth, left, right, first, out);
     else
-      rest<Rows - 1>(rows, depth, a, row, column, b, b_stride, out);
+      rest<Rows - 1>(rows, depth, left, right, first, out);
+  }
+}
+
+template <typename Right>
+void tiles(int rows, int depth, const Left& left, const Right& right, float* out) {
+  for (int c = 0; c < kPanel; c += kTileColumns) {
+    int m = 0;
+    const auto below = [&] { return Left{left.data + m * left.row, left.row, left.column}; };
+    for (; m + TARSIER_TILE_ROWS <= rows; m += TARSIER_TILE_ROWS)
+      tile<TARSIER_TILE_ROWS>(depth, below(), right, c, out + m * kPanel + c);
+    rest<TARSIER_TILE_ROWS - 1>(rows - m, depth, below(), right, c, out + m * kPanel + c);
   }
 }
 
 void panel(int rows, int depth, const float* a, std::ptrdiff_t row, std::ptrdiff_t column,
            const float* b, std::ptrdiff_t b_stride, float* out) {
-  for (int c = 0; c < kPanel; c += kTileColumns) {
-    int m = 0;
-    for (; m + TARSIER_TILE_ROWS <= rows; m += TARSIER_TILE_ROWS)
-      tile<TARSIER_TILE_ROWS>(depth, a + m * row, row, column, b + c, b_stride,
-                              out + m * kPanel + c);
-    rest<TARSIER_TILE_ROWS - 1>(rows - m, depth, a + m * row, row, column, b + c, b_stride,
-                                out + m * kPanel + c);
-  }
+  tiles(rows, depth, Left{a, row, column}, Dense{b, b_stride}, out);
+}
+
+void panel_at(int rows, int depth, const float* a, const float* b, const std::ptrdiff_t* offsets,
+              float* out) {
+  tiles(rows, depth, Left{a, depth, 1}, Scattered{b, offsets}, out);
 }
 
 inline float sum_of(Vector v) {
@@ -115,7 +144,7 @@ void dots(int rows, int columns, int length, const float* a, std::ptrdiff_t a_st
   }
 }
 
-constexpr GemmKernels kKernels{&panel, &dots};
+constexpr GemmKernels kKernels{&panel, &panel_at, &dots};
 
 }  // namespace
 

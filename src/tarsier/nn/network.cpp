@@ -48,7 +48,6 @@ void convolve(const Layer& layer, const float* input, Shape from, Shape to, Work
               std::vector<float>& padded, std::vector<float>& output, bool parallel) {
   const Padded source = pad(layer, input, from, padded);
   const int pixels = to.height * to.width;
-  const int panels = (pixels + kPanel - 1) / kPanel;
   const GemmKernels& kernels = gemm_kernels();
   const auto depth = static_cast<std::size_t>(layer.depth());
   if (pixels == 1) {  // a fully connected layer
@@ -61,25 +60,46 @@ void convolve(const Layer& layer, const float* input, Shape from, Shape to, Work
       for (float& value : output) value = std::max(0.0F, value);
     return;
   }
+  const auto add_bias = [&](const float* product, int at, int begin, int count) {
+    for (int o = 0; o < layer.out; ++o) {
+      const float bias = layer.bias[static_cast<std::size_t>(o)];
+      const float* from_row = product + static_cast<std::ptrdiff_t>(o) * kPanel + at;
+      float* to_row = output.data() + static_cast<std::ptrdiff_t>(o) * pixels + begin;
+      if (layer.relu) {
+        for (int i = 0; i < count; ++i) to_row[i] = std::max(0.0F, from_row[i] + bias);
+      } else {
+        for (int i = 0; i < count; ++i) to_row[i] = from_row[i] + bias;
+      }
+    }
+  };
+  // With a stride of 1 the pixels of a panel are counted along the padded rows, and read in place.
+  const bool in_place = layer.stride == 1;
+  const int line = in_place ? source.width : to.width;
+  const int counted = (to.height - 1) * line + to.width;
+  const int panels = (counted + kPanel - 1) / kPanel;
+  if (in_place) window_offsets(layer, source, workspace.offsets);
   const auto work = [&](int first, int last, std::vector<float>& columns,
                         std::vector<float>& product) {
-    columns.resize(depth * kPanel);
+    if (!in_place) columns.resize(depth * kPanel);
     product.resize(static_cast<std::size_t>(layer.out) * kPanel);
     for (int p = first; p < last; ++p) {
       const int begin = p * kPanel;
-      const int count = std::min(kPanel, pixels - begin);
-      gather(layer, source, to, begin, count, kPanel, columns.data());
-      kernels.panel(layer.out, layer.depth(), layer.weights.data(), layer.depth(), 1,
-                    columns.data(), kPanel, product.data());
-      for (int o = 0; o < layer.out; ++o) {
-        const float bias = layer.bias[static_cast<std::size_t>(o)];
-        const float* from_row = product.data() + o * kPanel;
-        float* to_row = output.data() + static_cast<std::ptrdiff_t>(o) * pixels + begin;
-        if (layer.relu) {
-          for (int i = 0; i < count; ++i) to_row[i] = std::max(0.0F, from_row[i] + bias);
-        } else {
-          for (int i = 0; i < count; ++i) to_row[i] = from_row[i] + bias;
-        }
+      const int count = std::min(kPanel, counted - begin);
+      if (!in_place) {
+        gather(layer, source, to, begin, count, kPanel, columns.data());
+        kernels.panel(layer.out, layer.depth(), layer.weights.data(), layer.depth(), 1,
+                      columns.data(), kPanel, product.data());
+        add_bias(product.data(), 0, begin, count);
+        continue;
+      }
+      kernels.panel_at(layer.out, layer.depth(), layer.weights.data(), source.data + begin,
+                       workspace.offsets.data(), product.data());
+      for (int at = 0; at < count;) {
+        const int y = (begin + at) / line;
+        const int x = (begin + at) % line;
+        const int length = std::min(count - at, to.width - x);
+        if (length > 0) add_bias(product.data(), at, y * to.width + x, length);
+        at += length > 0 ? length : std::min(count - at, line - x);
       }
     }
   };

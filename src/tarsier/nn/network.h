@@ -74,6 +74,7 @@ struct Workspace {
   std::vector<Shape> shapes;               // input, then output of each layer
   std::vector<float> columns;
   std::vector<float> panel;
+  std::vector<std::ptrdiff_t> offsets;
 };
 
 // Runs the network on `input` (shape.size() numbers); the result lies in workspace.maps.back(), of

@@ -2,6 +2,7 @@
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/nn/gemm.h"
+#include "tarsier/nn/losses.h"
 #include "tarsier/nn/network.h"
 #include "tarsier/nn/trainer.h"
 
@@ -52,6 +53,10 @@ TEST_P(Gemm, AgreesWithTheDefinition) {
       const std::vector<float> b = noise(static_cast<std::size_t>(depth + 5) * 60, rng);
       std::vector<float> out(static_cast<std::size_t>(rows) * kPanel, 9.0F);
       kernels->panel(rows, depth, a.data(), depth, 1, b.data(), 60, out.data());
+      std::vector<std::ptrdiff_t> offsets;
+      for (int k = 0; k < depth; ++k) offsets.push_back((depth - 1 - k) * 60 + k % 3);
+      std::vector<float> scattered(out.size(), 9.0F);
+      kernels->panel_at(rows, depth, a.data(), b.data(), offsets.data(), scattered.data());
       std::vector<float> sums(static_cast<std::size_t>(rows) * 5, 1.0F);
       kernels->dots(rows, 5, depth, a.data(), depth, b.data(), 60, sums.data(), 5);
       for (int m = 0; m < rows; ++m) {
@@ -61,6 +66,12 @@ TEST_P(Gemm, AgreesWithTheDefinition) {
             expected += static_cast<double>(a[static_cast<std::size_t>(m * depth + k)]) *
                         b[static_cast<std::size_t>(k * 60 + n)];
           ASSERT_NEAR(out[static_cast<std::size_t>(m * kPanel + n)], expected, 1e-4);
+          expected = 0;
+          for (int k = 0; k < depth; ++k) {
+            expected += static_cast<double>(a[static_cast<std::size_t>(m * depth + k)]) *
+                        b[static_cast<std::size_t>(offsets[static_cast<std::size_t>(k)] + n)];
+          }
+          ASSERT_NEAR(scattered[static_cast<std::size_t>(m * kPanel + n)], expected, 1e-4);
         }
         for (int n = 0; n < 5; ++n) {
           double expected = 1;
@@ -76,18 +87,28 @@ TEST_P(Gemm, AgreesWithTheDefinition) {
 
 INSTANTIATE_TEST_SUITE_P(Levels, Gemm, testing::Values(&gemm_baseline, &gemm_avx2, &gemm_avx512));
 
-TEST(Network, ConvolutionAgreesWithItsEquation) {
+// A stride of 1 reads windows in place, others are gathered; rows shorter and longer than a panel.
+struct ConvolutionForm {
+  int stride;
+  Shape shape;
+};
+class Convolution : public testing::TestWithParam<ConvolutionForm> {};
+
+TEST_P(Convolution, AgreesWithItsEquation) {
+  const auto& [stride, shape] = GetParam();
   Rng rng(5);
   Layer layer = convolution(3, 4, 3, 5);
-  layer.stride = 2;
+  layer.stride = stride;
   layer.dilation = 2;
   layer.relu = false;
   layer.weights = noise(layer.weights.size(), rng);
   layer.bias = noise(layer.bias.size(), rng);
   const Network network{{layer}};
-  const Shape shape{3, 13, 31};
   const std::vector<float> input = noise(shape.size(), rng);
   Workspace workspace;
+  // A larger map before it: nothing of that may be left in the buffers.
+  const Shape larger{3, 40, 60};
+  (void)run(network, noise(larger.size(), rng).data(), larger, workspace);
   const std::vector<float>& output = run(network, input.data(), shape, workspace);
   const Shape to = workspace.shapes.back();
   ASSERT_EQ(to, network.output(shape));
@@ -99,13 +120,13 @@ TEST(Network, ConvolutionAgreesWithItsEquation) {
         for (int i = 0; i < 3; ++i) {
           for (int v = 0; v < 3; ++v) {
             for (int u = 0; u < 5; ++u) {
-              const int yy = y * 2 + v * 2 - layer.pad_y;
-              const int xx = x * 2 + u * 2 - layer.pad_x;
-              if (yy < 0 || yy >= 13 || xx < 0 || xx >= 31) continue;
+              const int yy = y * stride + v * 2 - layer.pad_y;
+              const int xx = x * stride + u * 2 - layer.pad_x;
+              if (yy < 0 || yy >= shape.height || xx < 0 || xx >= shape.width) continue;
               expected +=
                   static_cast<double>(
                       layer.weights[static_cast<std::size_t>(((o * 3 + i) * 3 + v) * 5 + u)]) *
-                  input[static_cast<std::size_t>((i * 13 + yy) * 31 + xx)];
+                  input[static_cast<std::size_t>((i * shape.height + yy) * shape.width + xx)];
             }
           }
         }
@@ -113,6 +134,35 @@ TEST(Network, ConvolutionAgreesWithItsEquation) {
       }
     }
   }
+}
+
+INSTANTIATE_TEST_SUITE_P(Forms, Convolution,
+                         testing::Values(ConvolutionForm{2, {3, 13, 31}},
+                                         ConvolutionForm{1, {3, 13, 31}},
+                                         ConvolutionForm{1, {3, 7, 9}},
+                                         ConvolutionForm{1, {3, 9, 120}}));
+
+TEST(Losses, TheDerivativeOfAMapAgreesWithFiniteDifferences) {
+  // Something with known numbers, something without, nothing, and a cell that does not count.
+  const Shape shape{3, 2, 2};
+  const std::vector<float> target = {1, 1, 0, kIgnoredCell, 1, 0, 0, 0, 0.2F,
+                                     0, 0, 0, -0.7F,        0, 0, 0};
+  const std::vector<float> output = {0.4F, -1, -30, 2, 0.25F, 3, 3, 3, 0.1F, 3, 3, 3};
+  const MapLoss form{.values = 2, .weight = 2, .focal = 1.5F, .knee = 0.1F};
+  std::vector<float> derivative(output.size(), 0.0F);
+  (void)map_loss(form, target, output, shape, derivative);
+  for (std::size_t i = 0; i < output.size(); ++i) {
+    constexpr float kStep = 1e-3F;
+    std::vector<float> moved = output;
+    std::vector<float> unused(output.size(), 0.0F);
+    moved[i] += kStep;
+    const double above = map_loss(form, target, moved, shape, unused);
+    moved[i] -= 2 * kStep;
+    const double below = map_loss(form, target, moved, shape, unused);
+    EXPECT_NEAR(derivative[i], (above - below) / (2 * static_cast<double>(kStep)), 2e-3) << i;
+  }
+  EXPECT_EQ(derivative[3], 0.0F);  // ignored
+  EXPECT_EQ(derivative[5], 0.0F);  // numbers that are not known
 }
 
 TEST(Network, ThreadsChangeNothing) {

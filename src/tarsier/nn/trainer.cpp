@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/nn/trainer.h"
 
+#include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/nn/gather.h"
@@ -339,6 +340,21 @@ void train(Network& network, const TrainOptions& options, const MakeExample& mak
     }
   }
   network = averaged;
+}
+
+void train(Network& network, const TrainOptions& options, std::string_view stage,
+           const MakeExample& make, const Loss& loss, Progress& progress, std::stop_token stop) {
+  progress.begin(stage, options.steps, "steps");
+  int done = 0;
+  train(
+      network, options, make, loss,
+      [&](int step, double mean) {
+        log_debug("{}: step {} of {}, loss {:.4f}", stage, step, options.steps, mean);
+        progress.advance(step - done);
+        done = step;
+      },
+      stop);
+  progress.end();
 }
 
 }  // namespace tarsier::nn

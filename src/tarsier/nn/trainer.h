@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <stop_token>
+#include <string_view>
 #include <vector>
 
 namespace tarsier::nn {
@@ -74,5 +75,9 @@ using Report = std::function<void(int step, double loss)>;
 // `stop` is asked for.
 void train(Network& network, const TrainOptions& options, const MakeExample& make, const Loss& loss,
            const Report& report, std::stop_token stop);
+
+// The same, shown as a stage of `progress`.
+void train(Network& network, const TrainOptions& options, std::string_view stage,
+           const MakeExample& make, const Loss& loss, Progress& progress, std::stop_token stop);
 
 }  // namespace tarsier::nn

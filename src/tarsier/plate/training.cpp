@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/training.h"
 
-#include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
+#include "tarsier/nn/losses.h"
 #include "tarsier/nn/trainer.h"
 
 #include <opencv2/core/utility.hpp>
@@ -10,24 +10,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace tarsier::plate {
 namespace {
-
-constexpr float kIgnore = -1;
-
-double logistic_loss(float logit, float label, float& derivative) {
-  const double p = 1 / (1 + std::exp(-static_cast<double>(logit)));
-  derivative = static_cast<float>(p - label);
-  return label > 0.5F ? -std::log(std::max(p, 1e-9)) : -std::log(std::max(1 - p, 1e-9));
-}
-
-// Huber's loss with its corner at `knee`.
-double huber(float error, float knee, float& derivative) {
-  const float size = std::abs(error);
-  derivative = std::clamp(error / knee, -1.0F, 1.0F);
-  return size < knee ? error * error / (2 * knee) : size - knee / 2;
-}
 
 // --- finding ---
 
@@ -64,7 +50,7 @@ void label_cells(const View& view, nn::Shape map, std::vector<float>& target) {
         } else if (std::abs(at.x) < 0.5F + 4.0F / width && std::abs(at.y) < 0.5F + 4.0F / height &&
                    target[i] == 0) {
           const bool near_fit = width >= kPlateLow * 0.5F && width <= kPlateHigh * 2.0F;
-          if (near_fit) target[i] = kIgnore;
+          if (near_fit) target[i] = nn::kIgnoredCell;
         }
       }
     }
@@ -73,36 +59,8 @@ void label_cells(const View& view, nn::Shape map, std::vector<float>& target) {
 
 double detector_loss(const nn::Example& example, const std::vector<float>& output, nn::Shape shape,
                      std::vector<float>& derivative) {
-  const auto plane = static_cast<std::size_t>(shape.height) * static_cast<std::size_t>(shape.width);
-  double loss = 0;
-  int positives = 0;
-  for (std::size_t i = 0; i < plane; ++i) positives += example.target[i] > 0.5F;
-  const float share = 1.0F / static_cast<float>(std::max(1, positives));
-  for (std::size_t i = 0; i < plane; ++i) {
-    const float label = example.target[i];
-    if (label == kIgnore) continue;
-    float slope = 0;
-    const double raw = logistic_loss(output[i], label, slope);
-    if (label > 0.5F) {
-      loss += raw * share * 2;
-      derivative[i] = slope * share * 2;
-    } else {
-      // The focal weight p^2 (Lin et al., ICCV 2017) taken as constant in the derivative.
-      const float p = slope;
-      const float weight = p * p * 1.5F;
-      loss += raw * weight;
-      derivative[i] = slope * weight;
-    }
-    if (example.target[plane + i] > 0) {
-      for (std::size_t k = 0; k < 8; ++k) {
-        const std::size_t at = plane * (1 + k) + i;
-        float d = 0;
-        loss += 2 * share * huber(output[at] - example.target[plane * (2 + k) + i], 0.06F, d);
-        derivative[at] = 2 * share * d;
-      }
-    }
-  }
-  return loss;
+  return nn::map_loss({.values = 8, .weight = 2, .focal = 1.5F, .knee = 0.06F}, example.target,
+                      output, shape, derivative);
 }
 
 // --- aligning ---
@@ -110,16 +68,16 @@ double detector_loss(const nn::Example& example, const std::vector<float>& outpu
 double aligner_loss(const nn::Example& example, const std::vector<float>& output, nn::Shape,
                     std::vector<float>& derivative) {
   // target: 8 plate, 8 text, plate?, two rows?, text known?
-  double loss = logistic_loss(output[16], example.target[16], derivative[16]);
+  double loss = nn::logistic_loss(output[16], example.target[16], derivative[16]);
   if (example.target[16] < 0.5F) return loss;
   for (std::size_t k = 0; k < 16; ++k) {
     if (k >= 8 && example.target[18] < 0.5F) break;
     float d = 0;
-    loss += 2 * huber(output[k] - example.target[k], 0.03F, d);
+    loss += 2 * nn::huber(output[k] - example.target[k], 0.03F, d);
     derivative[k] = 2 * d;
   }
   if (example.target[18] > 0.5F) {
-    loss += logistic_loss(output[17], example.target[17], derivative[17]);
+    loss += nn::logistic_loss(output[17], example.target[17], derivative[17]);
   }
   return loss;
 }
@@ -132,7 +90,7 @@ double line_loss(const nn::Example& example, const std::vector<float>& output, n
   double loss = 0;
   for (std::size_t t = 0; t < columns; ++t) {
     const float label = example.target[t];
-    if (label == kIgnore) continue;
+    if (label == nn::kIgnoredCell) continue;
     float top = output[t];
     for (std::size_t c = 0; c < kClasses; ++c) top = std::max(top, output[c * columns + t]);
     double sum = 0;
@@ -153,7 +111,7 @@ double line_loss(const nn::Example& example, const std::vector<float>& output, n
 void label_columns(const std::vector<std::pair<cv::Rect2f, int>>& boxes, int columns,
                    bool blank_elsewhere, std::vector<float>& target) {
   target.assign(static_cast<std::size_t>(columns),
-                blank_elsewhere ? static_cast<float>(kBlank) : kIgnore);
+                blank_elsewhere ? static_cast<float>(kBlank) : nn::kIgnoredCell);
   for (int t = 0; t < columns; ++t) {
     const float x = (static_cast<float>(t) + 0.5F) * kColumn - 0.5F;
     for (const auto& [box, label] : boxes) {
@@ -165,8 +123,8 @@ void label_columns(const std::vector<std::pair<cv::Rect2f, int>>& boxes, int col
       if (away < core)
         value = static_cast<float>(label);
       else if (away < core + 0.2F && value == static_cast<float>(kBlank))
-        value = kIgnore;
-      else if (away < 1.15F && !blank_elsewhere && value == kIgnore && away > core + 0.2F)
+        value = nn::kIgnoredCell;
+      else if (away < 1.15F && !blank_elsewhere && value == nn::kIgnoredCell && away > core + 0.2F)
         value = static_cast<float>(kBlank);
     }
   }
@@ -322,17 +280,7 @@ void run_training(nn::Network& network, int steps, double rate, std::uint64_t se
   options.steps = steps;
   options.rate = rate;
   options.seed = seed;
-  progress.begin(stage, steps, "steps");
-  int done = 0;
-  nn::train(
-      network, options, make, loss,
-      [&](int step, double mean_loss) {
-        log_debug("{}: step {} of {}, loss {:.4f}", stage, step, steps, mean_loss);
-        progress.advance(step - done);
-        done = step;
-      },
-      stop);
-  progress.end();
+  nn::train(network, options, stage, make, loss, progress, std::move(stop));
 }
 
 }  // namespace
