@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "cmd_landmarks.h"
+#include "cmd_landmarks_train_boxes.h"
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -48,44 +48,62 @@ void add_pictures_without(const std::string& folder, std::vector<shape::BoxedPic
   for (std::string& path : paths) pictures.push_back({std::move(path), {}, {}, {}});
 }
 
+void add_box_training_flags(Command& verb, BoxTrainingFlags& flags) {
+  add_set_flags(verb, flags.set);
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("--hold-out", flags.hold_out,
+                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
+      .check(range(0, 1000000))
+      .show_default();
+}
+
+nlohmann::json box_training_provenance(const BoxTrainingFlags& flags, const Context& context) {
+  nlohmann::json about = {{"program", fmt::format("tarsier {}", version())},
+                          {"seed", context.seed},
+                          {"data", std::filesystem::path(flags.set.input).filename().string()},
+                          {"terms", flags.terms}};
+  if (flags.hold_out > 0) about["left_out"] = fmt::format("every {}th", flags.hold_out);
+  return about;
+}
+
+void warn_of_skipped(const std::vector<std::string>& skipped) {
+  for (const std::string& what : skipped) log_warning("{}; left out", what);
+}
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start;
+  return std::round(passed.count() * 10) / 10;
+}
+
 namespace {
 
-struct DetectorFlags {
-  SetFlags set;
-  std::string output;
-  std::string terms;
+struct DetectorFlags : BoxTrainingFlags {
   std::string without;
-  int hold_out = 0;
   landmarks::HogOptions options;
 };
 
 ExitStatus train_detector(DetectorFlags& flags, Context& context) {
-  using Clock = std::chrono::steady_clock;
-  const Clock::time_point start = Clock::now();
+  const auto start = std::chrono::steady_clock::now();
   flags.options.seed = context.seed;
   std::vector<shape::BoxedPicture> pictures = load_boxes(flags.set, flags.hold_out, Part::kOthers);
   if (!flags.without.empty()) add_pictures_without(flags.without, pictures);
   const landmarks::HogTraining trained = landmarks::train_hog_detector(
       pictures, flags.set.input, flags.options, *context.progress, context.stop);
-  for (const std::string& skipped : trained.skipped) log_warning("{}; left out", skipped);
+  warn_of_skipped(trained.skipped);
   if (trained.ignored > 0) {
     log_warning(
         "{} boxes are not learned from: smaller than the window (--upsample), cut off or of "
         "another form",
         trained.ignored);
   }
-  const double seconds =
-      std::round(std::chrono::duration<double>(Clock::now() - start).count() * 10) / 10;
+  const double seconds = seconds_since(start);
   const double rate = static_cast<double>(trained.found) / std::max(1, trained.boxes);
-  nlohmann::json about = {{"program", fmt::format("tarsier {}", version())},
-                          {"seed", context.seed},
-                          {"data", std::filesystem::path(flags.set.input).filename().string()},
-                          {"pictures", trained.pictures},
-                          {"boxes", trained.boxes},
-                          {"c", flags.options.c},
-                          {"mirrored", flags.options.mirror},
-                          {"terms", flags.terms}};
-  if (flags.hold_out > 0) about["left_out"] = fmt::format("every {}th", flags.hold_out);
+  nlohmann::json about = box_training_provenance(flags, context);
+  about.update({{"pictures", trained.pictures},
+                {"boxes", trained.boxes},
+                {"c", flags.options.c},
+                {"mirrored", flags.options.mirror}});
   landmarks::write_hog_detector(flags.output, trained.detector, about);
   if (context.json) {
     const nlohmann::ordered_json line = {{"output", flags.output},
@@ -107,13 +125,7 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, DetectorFlags& flags) {
-  add_set_flags(verb, flags.set);
-  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
-  verb.add_option("--hold-out", flags.hold_out,
-                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
-      .check(range(0, 1000000))
-      .show_default();
+  add_box_training_flags(verb, flags);
   verb.add_option("--without", flags.without,
                   "folder of pictures without the object: fewer false alarms");
   landmarks::HogOptions& options = flags.options;

@@ -1,15 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/core/errors.h"
-#include "tarsier/core/log.h"
 #include "tarsier/face/face_training.h"
 #include "tarsier/landmarks/face_finder.h"
 
 #include <fmt/format.h>
 
-#include "cmd_landmarks.h"
+#include "cmd_landmarks_train_boxes.h"
 #include <chrono>
-#include <cmath>
-#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -19,12 +15,8 @@
 namespace tarsier::cli {
 namespace {
 
-struct NetworkFlags {
-  SetFlags set;
-  std::string output;
-  std::string terms;
+struct NetworkFlags : BoxTrainingFlags {
   std::vector<std::string> without;
-  int hold_out = 0;
   FaceTrainingOptions options;
 };
 
@@ -44,8 +36,7 @@ FacePicture face_picture(shape::BoxedPicture picture) {
 }
 
 ExitStatus train_networks(NetworkFlags& flags, Context& context) {
-  using Clock = std::chrono::steady_clock;
-  const Clock::time_point start = Clock::now();
+  const auto start = std::chrono::steady_clock::now();
   flags.options.seed = context.seed;
   std::vector<shape::BoxedPicture> boxed = load_boxes(flags.set, flags.hold_out, Part::kOthers);
   for (const std::string& folder : flags.without) add_pictures_without(folder, boxed);
@@ -53,47 +44,54 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
   for (shape::BoxedPicture& picture : boxed) pictures.push_back(face_picture(std::move(picture)));
   const FaceTraining trained = train_face_networks(pictures, flags.set.input, flags.options,
                                                    *context.progress, context.stop);
-  for (const std::string& skipped : trained.skipped) log_warning("{}; left out", skipped);
-  const double seconds =
-      std::round(std::chrono::duration<double>(Clock::now() - start).count() * 10) / 10;
-  nlohmann::json about = {{"program", fmt::format("tarsier {}", version())},
-                          {"seed", context.seed},
-                          {"data", std::filesystem::path(flags.set.input).filename().string()},
-                          {"faces", trained.faces},
-                          {"without", trained.without},
-                          {"terms", flags.terms}};
-  if (flags.hold_out > 0) about["left_out"] = fmt::format("every {}th", flags.hold_out);
+  warn_of_skipped(trained.skipped);
+  const double seconds = seconds_since(start);
+  nlohmann::json about = box_training_provenance(flags, context);
+  about.update({{"faces", trained.faces},
+                {"without", trained.without},
+                {"drawings", flags.options.drawings},
+                {"held_out", trained.held_out},
+                {"held_out_alarms", trained.held_out_alarms}});
   write_face_networks(flags.output, trained.networks, about);
   if (context.json) {
     const nlohmann::ordered_json line = {
         {"output", flags.output},
         {"faces", trained.faces},
         {"without", trained.without},
+        {"sure", trained.networks.sure},
+        {"held_out", trained.held_out},
+        {"held_out_alarms", trained.held_out_alarms},
         {"mistakes", {trained.scan_mistakes, trained.judge_mistakes, trained.check_mistakes}},
         {"seconds", seconds}};
     print_json_line(line.dump());
   } else if (!context.quiet) {
-    print_text(
-        fmt::format("{}: {} faces, {} pictures without; mistakes learned from: {}, {}, {}; {} s\n",
-                    flags.output, trained.faces, trained.without, trained.scan_mistakes,
-                    trained.judge_mistakes, trained.check_mistakes, seconds));
+    print_text(fmt::format(
+        "{}: {} faces, {} pictures without; mistakes learned from: {}, {}, {}; {} s\n"
+        "a face is sure from a score of {:.3f} on: {} false in {} pictures that were held out\n",
+        flags.output, trained.faces, trained.without, trained.scan_mistakes, trained.judge_mistakes,
+        trained.check_mistakes, seconds, trained.networks.sure, trained.held_out_alarms,
+        trained.held_out));
   }
   return ExitStatus::kDone;
 }
 
 void add_flags(Command& verb, NetworkFlags& flags) {
-  add_set_flags(verb, flags.set);
-  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
-  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
-  verb.add_option("--hold-out", flags.hold_out,
-                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
-      .check(range(0, 1000000))
-      .show_default();
-  verb.add_option("--without", flags.without,
-                  "folders of pictures that show no face: what they learn not to find")
+  add_box_training_flags(verb, flags);
+  verb.add_option(
+          "--without", flags.without,
+          "folders of pictures that show no face: what they learn not to find; every fourth "
+          "decides what is sure")
       .required();
+  verb.add_option("--false-alarms", flags.options.false_alarms,
+                  "how many there may be in 1000 of the pictures held out")
+      .check(range(0, 10000))
+      .show_default();
+  verb.add_option("--drawings", flags.options.drawings,
+                  "pictures without faces that the program draws and learns from as well")
+      .check(range(0, 10000))
+      .show_default();
   const auto add_steps = [&](const char* name, int& steps, const char* help) {
-    verb.add_option(name, steps, help).check(range(2, 1000000)).show_default();
+    verb.add_option(name, steps, help).check(range(3, 1000000)).show_default();
   };
   add_steps("--scan-steps", flags.options.scan_steps, "batches that the first network learns from");
   add_steps("--judge-steps", flags.options.judge_steps, "batches of the second");

@@ -19,6 +19,7 @@ constexpr double kScanThreshold = 0.1;  // of the first network: its misses are 
 constexpr std::size_t kMaxFinds =
     3000;  // of a level: whatever a picture holds, the work has an end
 constexpr double kJudgeThreshold = 0.15;  // of the second
+constexpr double kClearlyNot = -3;        // logit of the third
 
 double logistic(double x) { return 1 / (1 + std::exp(-x)); }
 
@@ -71,7 +72,8 @@ struct Judgement {
   cv::Rect2d box;
 };
 
-// What the network says of the window; with `both` the mean of that and of its mirror image.
+// What the network says of the window; with `both` the mean of that and of its mirror image, unless
+// the first is clear: no.
 Judgement judge_box(const std::vector<cv::Mat>& halves, const cv::Rect2d& box,
                     const nn::Network& network, FaceWindow form, bool both,
                     nn::Workspace& workspace, std::vector<float>& input) {
@@ -80,6 +82,7 @@ Judgement judge_box(const std::vector<cv::Mat>& halves, const cv::Rect2d& box,
   cv::Mat window;
   for (const bool flipped : {false, true}) {
     if (flipped && !both) break;
+    if (flipped && sum[0] < share * kClearlyNot) return {sum[0] / share, box};
     cut_window(halves, box, form, flipped, window);
     window_input(window, input);
     const std::vector<float>& out =
@@ -149,9 +152,9 @@ nn::Network scan_network() {
 nn::Network judge_network() {
   nn::Network network;
   network.layers = {
-      nn::convolution(4, 16, 3, 3),       nn::maximum(16, 2, 2), nn::convolution(16, 32, 3, 3),
-      nn::convolution(32, 32, 3, 3),      nn::maximum(32, 2, 2), nn::convolution(32, 64, 5, 5),
-      nn::convolution(64, 4, 1, 1, false)};
+      nn::convolution(4, 12, 3, 3),       nn::maximum(12, 2, 2), nn::convolution(12, 24, 3, 3),
+      nn::convolution(24, 24, 3, 3),      nn::maximum(24, 2, 2), nn::convolution(24, 48, 5, 5),
+      nn::convolution(48, 4, 1, 1, false)};
   network.layers[5].pad_y = network.layers[5].pad_x = 0;
   return network;
 }

@@ -63,7 +63,7 @@ struct FaceSearchOptions {
   double min_face = 40;  // px, width of the smallest box, >= 16
   double max_face = 0;   // px, of the largest; 0: as large as the picture
   double threshold = 0;  // score of a face, [0, 1); 0: the networks' `likely`
-  int max_places = 300;  // that the second network looks at, the best of the first, 1..10000
+  int max_places = 200;  // that the second network looks at, the best of the first, 1..10000
   bool checked = true;   // false: without the third network
   void check() const;
 };

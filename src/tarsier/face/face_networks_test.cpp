@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/face/face_training.h"
+#include "tarsier/face/training_views.h"
 #include "tarsier/io/archive.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/io/testing_folder.h"
@@ -156,7 +157,8 @@ class FaceTrainingTest : public FolderTest {
 };
 
 TEST_F(FaceTrainingTest, IsTheSameForAnyNumberOfThreads) {
-  const FaceTrainingOptions options{.scan_steps = 4, .judge_steps = 2, .check_steps = 2};
+  const FaceTrainingOptions options{
+      .scan_steps = 4, .judge_steps = 2, .check_steps = 3, .drawings = 0};
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
   const FaceTraining one = train_face_networks(pictures_, "set", options, silent_, {});
@@ -169,6 +171,84 @@ TEST_F(FaceTrainingTest, IsTheSameForAnyNumberOfThreads) {
     EXPECT_EQ(one.networks.scan.layers[i].weights, three.networks.scan.layers[i].weights);
   }
   EXPECT_EQ(one.networks.check.layers[0].weights, three.networks.check.layers[0].weights);
+}
+
+TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByPicturesThatWereHeldOut) {
+  for (int i = 2; i < 8; ++i) {
+    const std::string name = path("none" + std::to_string(i) + ".png");
+    write_image(name, noise({80, 64}, static_cast<std::uint64_t>(i) + 50));
+    pictures_.push_back({name, {}, {}});
+  }
+  // Hardly trained networks take anything for a face.
+  FaceTrainingOptions options{.scan_steps = 2, .judge_steps = 2, .check_steps = 3, .drawings = 0};
+  options.false_alarms = 0;
+  const FaceTraining strict = train_face_networks(pictures_, "set", options, silent_, {});
+  EXPECT_EQ(strict.without, 6);
+  EXPECT_EQ(strict.held_out, 2);
+  options.false_alarms = 10'000;
+  const FaceTraining loose = train_face_networks(pictures_, "set", options, silent_, {});
+  EXPECT_EQ(strict.held_out_alarms, 0);
+  EXPECT_EQ(loose.networks.sure, 0.5);
+  EXPECT_LE(loose.held_out_alarms, 20);
+  EXPECT_GE(strict.networks.sure, loose.networks.sure);
+  FaceSearchWorkspace workspace;
+  // Every fourth of those without faces.
+  for (const int number : {3, 7}) {
+    const auto faces = search_faces(read_gray_image(path("none" + std::to_string(number) + ".png")),
+                                    strict.networks,
+                                    {.min_face = 24, .threshold = strict.networks.sure}, workspace);
+    EXPECT_TRUE(faces.empty()) << number;
+  }
+}
+
+TEST(FaceTrainingViews, ThePlaceOfAPointIsWhereItIsDrawn) {
+  Rng rng(4);
+  for (int round = 0; round < 20; ++round) {
+    cv::Mat gray(200, 240, CV_8UC1, cv::Scalar(20));
+    const cv::Point2d dot(100.5, 120.5);
+    cv::circle(gray, cv::Point(100, 120), 3, cv::Scalar(250), cv::FILLED);
+    face_training::Picture picture;
+    make_halves(gray, 0.2, picture.halves);
+    const double scale = face_training::log_uniform(rng, 0.4, 2);
+    const face_training::Place where =
+        face_training::place({110, 110}, {32, 32}, scale, face_training::face_turn(rng));
+    const cv::Mat view = face_training::view_of(picture, where, 64);
+    cv::Mat weights;
+    view.convertTo(weights, CV_32F, 1, -20);
+    const cv::Moments moments = cv::moments(weights);
+    const cv::Point2d at = where(dot);
+    EXPECT_NEAR(moments.m10 / moments.m00 + 0.5, at.x, 0.25);
+    EXPECT_NEAR(moments.m01 / moments.m00 + 0.5, at.y, 0.25);
+  }
+}
+
+TEST(FaceTrainingViews, SomethingElseMayLieBehindAPicture) {
+  face_training::Picture picture;
+  make_halves(cv::Mat(20, 20, CV_8UC1, cv::Scalar(200)), 0.5, picture.halves);
+  const cv::Mat behind(64, 64, CV_8UC1, cv::Scalar(10));
+  const face_training::Place where = face_training::place({10, 10}, {32, 32}, 1, {});
+  const cv::Mat view = face_training::view_of(picture, where, 64, &behind);
+  EXPECT_EQ(view.at<std::uint8_t>(32, 32), 200);
+  EXPECT_EQ(view.at<std::uint8_t>(5, 5), 10);
+  EXPECT_EQ(face_training::view_of(picture, where, 64).at<std::uint8_t>(5, 5), 200);
+}
+
+TEST(FaceTrainingViews, DrawingsComeFromTheSeed) {
+  Rng one(7);
+  Rng same(7);
+  cv::Mat last;
+  for (int i = 0; i < 12; ++i) {
+    const cv::Mat drawing = face_training::draw_without_faces(one);
+    EXPECT_EQ(cv::norm(drawing, face_training::draw_without_faces(same), cv::NORM_INF), 0);
+    cv::Scalar mean;
+    cv::Scalar deviation;
+    cv::meanStdDev(drawing, mean, deviation);
+    EXPECT_GT(deviation[0], 1);
+    if (!last.empty()) {
+      EXPECT_GT(cv::norm(drawing, last, cv::NORM_INF), 0);
+    }
+    last = drawing;
+  }
 }
 
 TEST_F(FaceTrainingTest, NeedsFacesAndPicturesWithout) {

@@ -25,7 +25,13 @@ struct FaceTrainingOptions {
   // Batches of 32 of each network, in two halves: the second knows the mistakes of the first.
   int scan_steps = 6000;
   int judge_steps = 5000;
-  int check_steps = 6000;
+  int check_steps = 6000;  // in thirds
+  // Pictures without faces that the program draws itself (chessboards, writing, shapes), from the
+  // seed, to learn from.
+  int drawings = 60;
+  // How many false alarms there may be in 1000 pictures without faces: a score is sure from where
+  // there are no more in every fourth of those pictures, which is not learned from.
+  double false_alarms = 100;
   std::uint64_t seed = 1;
   void check() const;
 };
@@ -34,8 +40,10 @@ struct FaceTraining {
   FaceNetworks networks;
   int pictures = 0;
   int faces = 0;
-  int without = 0;  // pictures without faces
-  // The mistakes that the second halves learned from: places in pictures without faces.
+  int without = 0;          // pictures without faces that were learned from, without the drawings
+  int held_out = 0;         // those that were not
+  int held_out_alarms = 0;  // false ones there, sure
+  // The mistakes that the second halves learned from: places that show no face.
   int scan_mistakes = 0;
   int judge_mistakes = 0;
   int check_mistakes = 0;
