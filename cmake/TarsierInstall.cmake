@@ -3,7 +3,7 @@
 include(CMakePackageConfigHelpers)
 
 set(TARSIER_CMAKE_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/tarsier)
-set(TARSIER_MODELS_DESTINATION share/tarsier/models)  # find_models_folder looks there
+set(TARSIER_MODELS_DESTINATION share/tarsier/models)  # ModelStore::find() looks there
 
 install(DIRECTORY models/ DESTINATION ${TARSIER_MODELS_DESTINATION} COMPONENT models)
 

@@ -9,7 +9,6 @@
 
 #include "cmd_aam.h"
 #include "landmark_engine.h"
-#include <filesystem>
 #include <utility>
 
 namespace tarsier::cli {
@@ -29,7 +28,7 @@ appearance::FindStarts from_detector(const appearance::AppearanceModel& model,
   landmarks::FaceFinderOptions options;
   options.detector.min_face = flags.min_face;
   options.detector.check();
-  const auto finder = std::make_shared<landmarks::FaceFinder>(make_face_finder("", options));
+  const auto finder = std::make_shared<landmarks::FaceFinder>(make_face_finder(options));
   return [finder, &model, count = flags.starts](const cv::Mat& picture) {
     Starts starts;
     for (const landmarks::Candidate& candidate : finder->find(gray_of(picture)))
@@ -43,18 +42,22 @@ appearance::FindStarts from_landmarks(const appearance::AppearanceModel& model,
                                       const AamFlags& flags, const std::string& path) {
   LandmarkFlags landmark_flags;
   landmark_flags.min_face = flags.min_face;
-  const auto engine = std::make_shared<LandmarkEngine>(make_landmark_engine(landmark_flags));
-  if (engine->model.points() != model.points()) {
+  const auto tracker =
+      std::make_shared<const face::LandmarkTracker>(load_landmark_tracker(landmark_flags));
+  const int points = tracker->model().points();
+  if (points != model.points()) {
     throw ModelError(path, fmt::format("has {} points, the landmark tracker {}; use --start "
                                        "detector or search",
-                                       model.points(), engine->model.points()));
+                                       model.points(), points));
   }
-  const auto workspace = std::make_shared<landmarks::FitWorkspace>();
-  return [engine, workspace, count = flags.starts](const cv::Mat& picture) {
+  const auto state = std::make_shared<face::LandmarkState>();
+  return [tracker, state, count = flags.starts](const cv::Mat& picture) {
     Starts starts;
-    for (const landmarks::FoundFace& face : landmarks::find_faces(
-             engine->model, engine->fit, gray_of(picture), engine->finder, *workspace))
-      starts.push_back(appearance::starts_around(face.fit.points, count));
+    Frame frame;
+    frame.image = picture;
+    frame.still = true;
+    for (const landmarks::TrackedFace& face : tracker->process(frame, *state).faces)
+      starts.push_back(appearance::starts_around(face.points, count));
     return starts;
   };
 }
@@ -71,9 +74,7 @@ appearance::FindStarts from_search(const appearance::Fitter& fitter) {
 
 }  // namespace
 
-std::string shipped_appearance_model() {
-  return (std::filesystem::path(find_models_folder("")) / "aam68.json").string();
-}
+std::string shipped_appearance_model() { return ModelStore::find().path("aam68.json"); }
 
 void add_aam_flags(Command& verb, AamFlags& flags) {
   verb.add_option("--model", flags.model, "model file [aam68.json, which ships]");

@@ -46,7 +46,7 @@ ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
     PeopleFlags flags;
     flags.eyes = name;
     people::FaceReader reader = make_face_reader(flags);
-    landmarks::FaceFinder finder = make_face_finder("", reader.options().finder);
+    landmarks::FaceFinder finder = make_face_finder(reader.options().finder);
     int found = 0;
     int both = 0;
     double spent = 0;

@@ -45,12 +45,14 @@ double measured(int repeats, const Run& run) {
 // Fits on one thread; tracking is of a face at rest in a picture of 640x480, searches included.
 ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   cv::setNumThreads(1);
-  LandmarkEngine engine = make_landmark_engine({});
+  const face::LandmarkTracker tracker = load_landmark_tracker({});
+  const landmarks::LandmarkModel& whole = tracker.model();
+  landmarks::FaceFinder finder = tracker.detector().make_finder();
   const std::string path = options.inputs.empty() ? kPicture : options.inputs.front();
   const cv::Mat gray = read_gray_image(path);
-  const std::vector<landmarks::Candidate> found = engine.finder.find(gray);
+  const std::vector<landmarks::Candidate> found = finder.find(gray);
   if (found.empty()) throw InputError(path, "shows no face to measure on");
-  const Eigen::Matrix2Xd start = landmarks::start_at(engine.model, engine.finder, found.front());
+  const Eigen::Matrix2Xd start = landmarks::start_at(whole, finder, found.front());
   const auto report = [&](const std::string& name, double ms) {
     if (context.json) {
       nlohmann::ordered_json line = {
@@ -65,8 +67,8 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
        {landmarks::FitMethod::kBoth, landmarks::FitMethod::kTrees, landmarks::FitMethod::kDescent,
         landmarks::FitMethod::kPatches}) {
     throw_if_stopped(context.stop);
-    if (!engine.model.has(method)) continue;
-    landmarks::LandmarkModel model = engine.model;
+    if (!whole.has(method)) continue;
+    landmarks::LandmarkModel model = whole;
     model.quality.reset();
     landmarks::FitOptions fit;
     fit.method = method;
@@ -74,17 +76,18 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
              (void)landmarks::fit_points(model, fit, gray, start, workspace);
            }));
   }
-  report("detect", measured(options.repeats, [&] { (void)engine.finder.find_sure(gray); }));
+  report("detect", measured(options.repeats, [&] { (void)finder.find_sure(gray); }));
   cv::Mat frame;
   cv::resize(gray, frame, cv::Size(640, 480), 0, 0, cv::INTER_AREA);
-  landmarks::TrackerState state;
+  face::LandmarkState state;
+  Frame at_rest;
+  at_rest.image = frame;
   constexpr int kFrames = 50;
   double time = 0;
   report("track-frame", measured(std::max(1, options.repeats / 3), [&] {
                           for (int i = 0; i < kFrames; ++i, time += 0.04) {
-                            (void)landmarks::track_faces(engine.model, engine.fit, {},
-                                                         engine.finder, state, frame, time,
-                                                         workspace);
+                            at_rest.time = time;
+                            (void)tracker.process(at_rest, state);
                           }
                         }) / kFrames);
   return ExitStatus::kDone;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/head/head_model.h"
 #include "tarsier/head/posit_study.h"
+#include "tarsier/io/model_store.h"
 
 #include <fmt/format.h>
 
@@ -17,12 +18,8 @@ double rounded(double value, double digits) { return std::round(value * digits) 
 }  // namespace
 
 ExitStatus bench_posit(Context& context, const BenchOptions& options) {
-  std::string path = options.inputs.empty() ? "" : options.inputs[0];
-  if (path.empty()) {
-    const std::string folder = find_models_folder("");
-    if (folder.empty()) throw ModelError("head.json", "no folder of models: set TARSIER_MODELS");
-    path = folder + "/head.json";
-  }
+  const std::string path =
+      ModelStore::find().path_or(options.inputs.empty() ? "" : options.inputs[0], "head.json");
   const head::HeadModel model = head::read_head_model(path);
   head::PositStudyOptions study;
   study.seed = context.seed;

@@ -40,7 +40,7 @@ struct TrainFlags {
 
 // The box of the face that the points are of.
 appearance::Detect nearest_face() {
-  const auto finder = std::make_shared<landmarks::FaceFinder>(make_face_finder("", {}));
+  const auto finder = std::make_shared<landmarks::FaceFinder>(make_face_finder());
   return [finder](const cv::Mat& picture) -> std::optional<cv::Rect2d> {
     cv::Mat gray;
     cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/io/model_store.h"
 #include "tarsier/landmarks/adapt.h"
 
 #include <fmt/format.h>
@@ -52,10 +53,7 @@ std::string text_of(const AdaptFlags& flags, const landmarks::AdaptedModel& adap
 ExitStatus adapt(AdaptFlags& flags, Context& context) {
   using Clock = std::chrono::steady_clock;
   const Clock::time_point start = Clock::now();
-  const std::string base =
-      flags.base.empty()
-          ? (std::filesystem::path(find_models_folder("")) / "landmarks68.json").string()
-          : flags.base;
+  const std::string base = ModelStore::find().path_or(flags.base, "landmarks68.json");
   const landmarks::LandmarkModel model = landmarks::read_landmark_model(base);
   if (!model.trees && !model.descent) {
     throw ModelError(base, "has neither trees nor sdm, which are what is adapted");

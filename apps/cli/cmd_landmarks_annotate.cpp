@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
+#include "tarsier/face_pipelines/annotator.h"
 #include "tarsier/io/frame_source.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/io/still_source.h"
 #include "tarsier/session/annotate_session.h"
-#include "tarsier/session/proposer.h"
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
@@ -204,10 +204,14 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
   std::unique_ptr<FrameSource> source = open_input(flags.input, options);
   if (!is_headless) window::prepare();  // before a journal is begun
 
-  Proposer proposer({.seed = context.seed});
+  face::Annotator annotator({.seed = context.seed});
   Propose propose;
   if (flags.proposals == "on")
-    propose = [&](const ProposalRequest& request) { return proposer(request); };
+    propose = [&](const face::ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
+      std::optional<face::Proposal> proposal = annotator.propose(request);
+      if (!proposal) return std::nullopt;
+      return std::move(proposal->points);
+    };
   AnnotateSession session(options, propose);
   Film film(std::move(source), session);
 

@@ -114,7 +114,8 @@ ExitStatus study_persons(const EvalFlags& flags, const shape::LandmarkSet& set, 
 ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
   const std::vector<shape::BoxedPicture> pictures =
       load_boxes(flags.set, flags.held_out, Part::kHeldOut);
-  LandmarkEngine engine = make_landmark_engine(flags.landmarks);
+  const face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks);
+  landmarks::FaceFinder finder = tracker.detector().make_finder();
   landmarks::DetectionJudge judge;
   context.progress->begin("detecting", static_cast<std::int64_t>(pictures.size()), "pictures");
   for (const shape::BoxedPicture& picture : pictures) {
@@ -123,11 +124,11 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
     try {
       const cv::Mat gray = read_gray_image(picture.image);
       const auto start = std::chrono::steady_clock::now();
-      const std::vector<landmarks::Candidate> found = engine.finder.find_sure(gray);
+      const std::vector<landmarks::Candidate> found = finder.find_sure(gray);
       const double ms =
           std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
               .count();
-      judge.add(engine.model, engine.finder, found, picture, ms);
+      judge.add(tracker.model(), finder, found, picture, ms);
     } catch (const InputError& error) {
       log_warning("{}; left out", error.what());
     }
@@ -161,20 +162,20 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   if (flags.by_person) return study_persons(flags, set, context);
   const std::array<int, 2> eyes = eyes_of(flags, set);
 
-  std::optional<LandmarkEngine> engine;
+  std::optional<face::LandmarkTracker> tracker;
+  face::LandmarkState state;
   landmarks::FaceLines given;
   if (flags.results.empty()) {
-    engine.emplace(make_landmark_engine(flags.landmarks));
-    if (engine->model.points() != set.points()) {
+    tracker.emplace(load_landmark_tracker(flags.landmarks));
+    if (tracker->model().points() != set.points()) {
       throw InputError(flags.set.input, fmt::format("has {} points, the model {}", set.points(),
-                                                    engine->model.points()));
+                                                    tracker->model().points()));
     }
   } else {
     given = landmarks::read_face_lines(flags.results);
   }
   std::vector<landmarks::FitOutcome> outcomes;
   std::string lines;
-  landmarks::FitWorkspace workspace;
   double milliseconds = 0;
   context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "faces");
   for (const shape::LandmarkSample& sample : set.samples) {
@@ -182,22 +183,22 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
     context.progress->advance();
     std::optional<Eigen::Matrix2Xd> points;
     double ms = 0;
-    if (engine) {
-      cv::Mat gray;
+    if (tracker) {
+      Frame frame;
+      frame.still = true;
       try {
-        gray = read_gray_image(sample.image);
+        frame.image = read_gray_image(sample.image);
       } catch (const InputError& error) {
         log_warning("{}; left out", error.what());
         continue;
       }
-      const auto start = std::chrono::steady_clock::now();
-      const std::vector<landmarks::FoundFace> faces =
-          landmarks::find_faces(engine->model, engine->fit, gray, engine->finder, workspace);
-      ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
-               .count();
+      const face::LandmarkResult result = tracker->process(frame, state);
+      ms = result.ms;
       milliseconds += ms;
-      if (!faces.empty()) points = faces.front().fit.points;
-      lines += landmarks::face_line(sample.image, faces, ms) + "\n";
+      if (!result.faces.empty()) points = result.faces.front().points;
+      nlohmann::ordered_json line{{"image", sample.image}};
+      line.update(to_json(result));
+      lines += line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
     } else {
       points = given.find(sample.image, set.points());
     }
@@ -220,7 +221,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   const landmarks::LandmarkScore score = landmarks::score_of(outcomes);
   if (context.json) {
     nlohmann::ordered_json line = json_of(score);
-    if (engine) line["ms"] = std::round(milliseconds / std::max(1, score.faces) * 100) / 100;
+    if (tracker) line["ms"] = std::round(milliseconds / std::max(1, score.faces) * 100) / 100;
     print_json_line(line.dump());
   } else {
     print_text(text_of(score));

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
-#include "tarsier/landmarks/faces_json.h"
 #include "tarsier/session/landmark_session.h"
 
 #include <fmt/format.h>
@@ -9,13 +8,13 @@
 #include "landmark_engine.h"
 #include "run_session.h"
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <utility>
 
 namespace tarsier::cli {
 namespace {
@@ -67,25 +66,24 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen) {
     flags.run.output = "none";
   }
-  LandmarkEngine engine = make_landmark_engine(flags.landmarks);
+  face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks, flags.tracker);
   std::optional<CsvFile> csv;
-  if (!flags.csv.empty()) csv.emplace(flags.csv, engine.model.points());
+  if (!flags.csv.empty()) csv.emplace(flags.csv, tracker.model().points());
   DebugFolder debug(context.debug_dir);
-  LandmarkSession session(engine.model, engine.fit, std::move(engine.finder), flags.tracker,
-                          debug.sink());
+  LandmarkSession session(std::move(tracker), debug.sink());
   bool found = false;
   RunHooks hooks;
   hooks.title = "landmarks";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
-    for (const landmarks::TrackedFace& face : session.faces()) {
+    for (const landmarks::TrackedFace& face : session.result().faces) {
       found = true;
       if (csv) csv->add(frame, face);
     }
     if (frame.still && !context.json && !context.quiet) {
-      print_text(fmt::format("{}: {} {}", frame.name, session.faces().size(),
-                             session.faces().size() == 1 ? "face" : "faces"));
-      for (const landmarks::TrackedFace& face : session.faces()) {
+      print_text(fmt::format("{}: {} {}", frame.name, session.result().faces.size(),
+                             session.result().faces.size() == 1 ? "face" : "faces"));
+      for (const landmarks::TrackedFace& face : session.result().faces) {
         print_text(fmt::format(" [{:.0f},{:.0f} {:.0f}x{:.0f} {:.2f}]", face.box.x, face.box.y,
                                face.box.width, face.box.height, face.score));
       }
@@ -93,8 +91,7 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
     }
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
-    line["faces"] = landmarks::faces_json(session.faces(), session.follows());
-    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+    line.update(to_json(session.result()));
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;

@@ -121,16 +121,18 @@ ExitStatus show_shape_model(const ShowFlags& flags, Context& context) {
 
 // The points of the largest face that the model finds in a picture; none without a face.
 std::optional<PatchPicture> picture_with_points(const ShowFlags& flags) {
-  LandmarkFlags engine_flags;
-  engine_flags.model = flags.file;
-  LandmarkEngine engine = make_landmark_engine(engine_flags);
+  LandmarkFlags landmark_flags;
+  landmark_flags.model = flags.file;
+  const face::LandmarkTracker tracker = load_landmark_tracker(landmark_flags);
   PatchPicture picture{
       std::filesystem::path(flags.on).filename().string(), read_gray_image(flags.on), {}};
-  landmarks::FitWorkspace workspace;
-  const std::vector<landmarks::FoundFace> faces =
-      landmarks::find_faces(engine.model, engine.fit, picture.gray, engine.finder, workspace);
-  if (faces.empty()) return std::nullopt;
-  picture.points = faces.front().fit.points;
+  Frame frame;
+  frame.image = picture.gray;
+  frame.still = true;
+  face::LandmarkState state;
+  const face::LandmarkResult result = tracker.process(frame, state);
+  if (result.faces.empty()) return std::nullopt;
+  picture.points = result.faces.front().points;
   return picture;
 }
 

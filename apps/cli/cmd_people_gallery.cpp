@@ -38,7 +38,7 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
     return ExitStatus::kDone;
   }
   // To be written where it can be: an older gallery is brought up to date.
-  people::Gallery gallery = open_gallery_to_use(flags.people.gallery);
+  people::Gallery gallery = face::open_gallery(flags.people.gallery);
   if (flags.sightings) {
     const auto sightings = gallery.sightings(flags.limit);
     for (const people::Sighting& s : sightings) {
@@ -165,7 +165,7 @@ ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
 }
 
 ExitStatus export_people(const GalleryFlags& flags, Context& context) {
-  people::Gallery gallery = open_gallery_to_use(flags.people.gallery);
+  people::Gallery gallery = face::open_gallery(flags.people.gallery);
   const auto report = people::export_gallery(gallery, flags.output, time_text, context.stop);
   if (context.json) {
     print_json_line(

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
 #include "tarsier/gallery/retention.h"
 #include "tarsier/plate_video/time_text.h"
 #include "tarsier/session/recognize_session.h"
@@ -10,9 +11,10 @@
 #include "on_event.h"
 #include "people_engine.h"
 #include "run_session.h"
-#include <cmath>
+#include <chrono>
 #include <map>
-#include <memory>
+#include <optional>
+#include <string>
 #include <utility>
 
 namespace tarsier::cli {
@@ -21,24 +23,12 @@ namespace {
 struct IdentifyFlags {
   RunFlags run;
   PeopleFlags people;
-  RecognizeOptions recognize;
+  face::NamingOptions naming;
   std::string model;
+  bool raw = false;
   OnEventFlags on_event;
   std::string keep;
 };
-
-nlohmann::ordered_json face_json(const NamedFace& face) {
-  const auto& box = face.face.box;
-  nlohmann::ordered_json line = {
-      {"box",
-       {std::lround(box.x), std::lround(box.y), std::lround(box.width), std::lround(box.height)}},
-      {"label", face.name.label.empty() ? nlohmann::ordered_json()
-                                        : nlohmann::ordered_json(face.name.label)},
-      {"confidence", std::round(face.name.confidence * 1e4) / 1e4},
-      {"known", face.name.known}};
-  if (face.face.id > 0) line["id"] = face.face.id;
-  return line;
-}
 
 // Tells each new recognition once: of stills every known face, of films a face when it is first
 // known, or known as somebody else.
@@ -46,10 +36,11 @@ class Events {
  public:
   Events(const IdentifyFlags& flags, OnEvent& on_event) : flags_(flags), on_event_(on_event) {}
 
-  void frame(const Frame& frame, const std::vector<NamedFace>& faces, people::Gallery* gallery) {
+  void frame(const Frame& frame, const std::vector<face::NamedFace>& faces,
+             people::Gallery* gallery) {
     if (frame.still || frame.name != source_) told_.clear();
     source_ = frame.name;
-    for (const NamedFace& face : faces) {
+    for (const face::NamedFace& face : faces) {
       if (face.name.label.empty()) continue;
       const bool film = !frame.still && face.face.id > 0;
       const std::string what = (face.name.known ? "+" : "-") + face.name.label;
@@ -62,7 +53,7 @@ class Events {
         gallery->add_sighting(now_ms(), frame.name, face.name.label, face.name.known,
                               face.name.confidence);
       if (!face.name.known || !on_event_) continue;
-      nlohmann::ordered_json line = face_json(face);
+      nlohmann::ordered_json line = to_json(face);
       if (frame.still) {
         line["image"] = frame.name;
       } else {
@@ -88,39 +79,37 @@ class Events {
   std::string source_;
 };
 
+face::Identifier load_identifier(const face::IdentifierOptions& options) {
+  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  throw_if_stopped(stop_on_signals());
+  return face::Identifier::load(ModelStore::find(), options);
+}
+
 ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen) {
     flags.run.output = "none";
   }
-  if (flags.recognize.raw && flags.model.empty()) throw UsageError("--raw goes with --model");
+  if (flags.raw && flags.model.empty()) throw UsageError("--raw goes with --model");
   if (!flags.keep.empty() && !flags.model.empty())
     throw UsageError("--keep goes with a gallery, not with --model");
-  std::optional<recognition::Recognizer> model;
-  std::unique_ptr<people::Gallery> gallery;
-  std::optional<recognition::Background> background;
-  std::optional<people::GalleryFollower> follower;
+  face::IdentifierOptions options;
+  options.gallery = flags.people.gallery;
+  options.write_gallery = !flags.keep.empty();
+  options.recognizer = flags.model;
+  options.background = flags.people.background;
+  options.reading = reading_options(flags.people);
+  options.cropped = flags.raw;
+  options.naming = flags.naming;
+  std::optional<std::chrono::milliseconds> keep;
+  if (!flags.keep.empty()) keep = plate::parse_duration(flags.keep, "--keep");
+  const face::Identifier identifier = load_identifier(options);
+  face::IdentifierState state = identifier.open(*context.progress, context.stop);
+  if (state.recognizer() == nullptr) log_info("{}: nobody is enrolled", flags.people.gallery);
+  people::Gallery* const gallery = state.gallery();
   std::optional<people::SightingRetention> retention;
-  if (!flags.model.empty()) {
-    model = recognition::read_recognizer(flags.model);
-  } else {
-    if (!flags.keep.empty()) {
-      const auto age = plate::parse_duration(flags.keep, "--keep");
-      gallery = std::make_unique<people::Gallery>(flags.people.gallery, DatabaseAccess::kWrite);
-      retention.emplace(*gallery, age.count());
-    } else {
-      gallery = std::make_unique<people::Gallery>(open_gallery_to_use(flags.people.gallery));
-    }
-    background = background_for(*gallery, flags.people);
-    const recognition::Background* general = background ? &*background : nullptr;
-    follower.emplace(*gallery, general, load_model(*gallery, general, context));
-    if (follower->recognizer() == nullptr) log_info("{}: nobody is enrolled", flags.people.gallery);
-  }
+  if (keep) retention.emplace(*gallery, keep->count());
   DebugFolder debug(context.debug_dir);
-  flags.recognize.debug = debug.sink();
-  RecognizeSession session =
-      follower
-          ? RecognizeSession(*follower, make_face_reader(flags.people), flags.recognize)
-          : RecognizeSession(std::move(model), make_face_reader(flags.people), flags.recognize);
+  RecognizeSession session(identifier, std::move(state), debug.sink());
   OnEvent on_event(flags.on_event, context);
   Events events(flags, on_event);
   bool known = false;
@@ -128,12 +117,12 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   hooks.title = "people";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
-    events.frame(frame, session.faces(), gallery.get());
+    events.frame(frame, session.faces(), gallery);
     if (retention) (void)retention->step(now_ms());
-    for (const NamedFace& face : session.faces()) known = known || face.name.known;
+    for (const face::NamedFace& face : session.faces()) known = known || face.name.known;
     if (!frame.still || context.json || context.quiet) return;
     std::string text = fmt::format("{}:", printable(frame.name));
-    for (const NamedFace& face : session.faces()) {
+    for (const face::NamedFace& face : session.faces()) {
       text += face.name.known ? fmt::format(" {} ({:.0f} %)", printable(face.name.label),
                                             100 * face.name.confidence)
               : face.name.label.empty()
@@ -144,9 +133,7 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
     print_text(text + (session.faces().empty() ? " no face\n" : "\n"));
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
-    line["faces"] = nlohmann::ordered_json::array();
-    for (const NamedFace& face : session.faces()) line["faces"].push_back(face_json(face));
-    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+    line.update(to_json(session.result()));
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   on_event.finish();
@@ -157,8 +144,8 @@ void add_flags(Command& verb, IdentifyFlags& flags) {
   add_run_flags(verb, flags.run);
   add_gallery_flag(verb, flags.people);
   verb.add_option("--model", flags.model, "model of `people train -o` in place of the gallery");
-  verb.add_flag("--raw", flags.recognize.raw, "pictures are cut faces already");
-  verb.add_option("--far", flags.recognize.false_accepts,
+  verb.add_flag("--raw", flags.raw, "pictures are cut faces already");
+  verb.add_option("--far", flags.naming.false_accepts,
                   "share of strangers who may be taken for somebody")
       .show_default();
   add_on_event_flags(verb, flags.on_event, "at each new recognition");

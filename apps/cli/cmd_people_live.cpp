@@ -43,17 +43,10 @@ ExitStatus live(LiveFlags& flags, Context& context) {
   hooks.title = "people";
   hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
     line["faces"] = nlohmann::ordered_json::array();
-    for (const NamedFace& face : session.faces()) {
-      const auto& box = face.face.box;
-      line["faces"].push_back(
-          {{"box",
-            {std::lround(box.x), std::lround(box.y), std::lround(box.width),
-             std::lround(box.height)}},
-           {"label", face.name.label.empty() ? nlohmann::ordered_json()
-                                             : nlohmann::ordered_json(face.name.label)},
-           {"confidence", std::round(face.name.confidence * 1e4) / 1e4},
-           {"known", face.name.known},
-           {"id", face.face.id}});
+    for (const face::NamedFace& face : session.faces()) {
+      nlohmann::ordered_json object = to_json(face);
+      object["id"] = face.face.id;
+      line["faces"].push_back(std::move(object));
     }
     line["mode"] = view.state["mode"];
     line["people"] = view.state["people"];

@@ -130,7 +130,7 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
     if (!flags.model.empty()) {
       model = recognition::read_recognizer(flags.model);
     } else {
-      gallery = std::make_unique<people::Gallery>(open_gallery_to_use(flags.people.gallery));
+      gallery = std::make_unique<people::Gallery>(face::open_gallery(flags.people.gallery));
       model = model_of_gallery(*gallery, flags.people, context);
       if (!model) {
         log_warning("{}: nobody is enrolled", flags.people.gallery);

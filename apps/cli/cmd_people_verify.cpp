@@ -48,7 +48,7 @@ Verdict verdict_of(const recognition::Recognizer& model, const people::Face& fac
 }
 
 ExitStatus verify(const VerifyFlags& flags, Context& context) {
-  people::Gallery gallery = open_gallery_to_use(flags.people.gallery);
+  people::Gallery gallery = face::open_gallery(flags.people.gallery);
   if (!gallery.find(flags.name)) {
     throw InputError(flags.people.gallery,
                      fmt::format("nobody is enrolled as '{}'", printable(flags.name)));

@@ -2,6 +2,7 @@
 #include "cmd_pose.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/head/point_file.h"
 #include "tarsier/head/train_head.h"
@@ -48,10 +49,7 @@ void add_pose_flags(Command& verb, PoseFlags& flags) {
 }
 
 head::HeadModel read_head(const std::string& path) {
-  if (!path.empty()) return head::read_head_model(path);
-  const std::string folder = find_models_folder("");
-  if (folder.empty()) throw ModelError("head.json", "no folder of models: set TARSIER_MODELS");
-  return head::read_head_model((std::filesystem::path(folder) / "head.json").string());
+  return head::read_head_model(ModelStore::find().path_or(path, "head.json"));
 }
 
 geometry::Camera camera_of(const std::string& text) {
@@ -62,51 +60,25 @@ geometry::Camera camera_of(const std::string& text) {
   return geometry::read_camera_file(text);
 }
 
-namespace {
-
-// What corrects the directions. The model that ships was learnt with the head and landmarks that
-// ship: others slip in other ways.
-std::shared_ptr<const head_view::ViewModel> view_of(const PoseFlags& flags) {
-  if (flags.refine == "none") {
-    if (!flags.view.empty()) throw UsageError("--view and --refine none exclude each other");
-    return nullptr;
-  }
-  std::string path = flags.view;
-  if (path.empty()) {
-    if (!flags.head.empty() || !flags.mapping.empty() || !flags.landmarks.model.empty())
-      return nullptr;
-    path = (std::filesystem::path(find_models_folder("")) / "head-view.json").string();
-    // A folder of models without it: from the landmarks alone.
-    std::error_code error;
-    if (!std::filesystem::exists(path, error)) return nullptr;
-  }
-  return std::make_shared<const head_view::ViewModel>(head_view::read_view_model(path));
+face::PoseTrackerOptions pose_options(const PoseFlags& flags) {
+  if (flags.refine == "none" && !flags.view.empty())
+    throw UsageError("--view and --refine none exclude each other");
+  face::PoseTrackerOptions options;
+  options.landmarks = landmark_options(flags.landmarks);
+  options.head = flags.head;
+  options.mapping = flags.mapping;
+  options.refine = flags.refine != "none";
+  options.view = flags.view;
+  options.focal_px = flags.focal;
+  if (!flags.camera.empty()) options.camera = camera_of(flags.camera);
+  return options;
 }
 
-}  // namespace
-
-PoseEngine make_pose_engine(const PoseFlags& flags) {
-  PoseEngine engine{make_landmark_engine(flags.landmarks), read_head(flags.head), {}, {}};
-  const int landmarks = engine.landmarks.model.points();
-  engine.mapping = flags.mapping.empty() ? head::own_mapping(engine.head)
-                                         : head::read_landmark_mapping(
-                                               flags.mapping, engine.head.points(), landmarks);
-  for (const int landmark : engine.mapping.landmarks) {
-    if (landmark >= landmarks) {
-      throw UsageError(
-          fmt::format("the head's points are of a markup with a landmark {}, the landmark model "
-                      "has {}: give --mapping FILE",
-                      landmark, landmarks));
-    }
-  }
-  if (engine.mapping.landmarks.size() < 6) {
-    throw UsageError("--mapping: a head's pose needs at least 6 points");
-  }
-  engine.options.fit = engine.landmarks.fit;
-  engine.options.focal_px = flags.focal;
-  if (!flags.camera.empty()) engine.options.camera = camera_of(flags.camera);
-  engine.options.view = view_of(flags);
-  return engine;
+face::PoseModels load_pose_models(const face::PoseTrackerOptions& options) {
+  options.check();
+  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  throw_if_stopped(stop_on_signals());
+  return face::load_pose_models(ModelStore::find(), options);
 }
 
 HeadComparison compare_head(const head::HeadModel& head, const std::string& path) {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/face_pipelines/pose_tracker.h"
 #include "tarsier/head/evaluation.h"
 #include "tarsier/head/head_model.h"
-#include "tarsier/session/pose_session.h"
 
 #include "cli.h"
 #include "landmark_engine.h"
@@ -33,14 +33,10 @@ struct PoseFlags {
 };
 void add_pose_flags(Command& verb, PoseFlags& flags);
 
-struct PoseEngine {
-  LandmarkEngine landmarks;
-  head::HeadModel head;
-  head::LandmarkMapping mapping;
-  PoseSessionOptions options;  // camera, fit and view are set
-};
-// Throws ModelError, InputError, UsageError.
-[[nodiscard]] PoseEngine make_pose_engine(const PoseFlags& flags);
+// Throws InputError (the camera's file), UsageError.
+[[nodiscard]] face::PoseTrackerOptions pose_options(const PoseFlags& flags);
+// With the models that ship. Throws as face::load_pose_models(), Interrupted.
+[[nodiscard]] face::PoseModels load_pose_models(const face::PoseTrackerOptions& options);
 
 [[nodiscard]] head::HeadModel read_head(const std::string& path);  // empty: the one that ships
 // Pictures of a folder of Pointing'04 (and below it) whose names tell |pan| <= 45 and |tilt| <= 30
@@ -48,8 +44,8 @@ struct PoseEngine {
 [[nodiscard]] std::vector<std::pair<std::string, head::PointingName>> pointing_pictures(
     const std::string& folder);
 // The first face with a pose whose box has its middle inside the annotated head's.
-[[nodiscard]] const PosedFace* face_in_head_box(const std::vector<PosedFace>& faces,
-                                                const std::string& picture, cv::Size size);
+[[nodiscard]] const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& faces,
+                                                      const std::string& picture, cv::Size size);
 // The picture of a truth's line, from the current folder or from that of the file.
 [[nodiscard]] std::string picture_of_truth(const std::string& truth, const std::string& image);
 void print_pointing(const head::PointingScore& score, const Context& context,

@@ -38,40 +38,26 @@ struct EvalFlags {
 double rounded(double value) { return std::round(value * 1000) / 1000; }
 
 // Poses of the faces of one picture, each as `pose track` finds them in stills.
-cv::Mat gray_of(const cv::Mat& image) {
-  cv::Mat gray;
-  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
-  return gray;
-}
-
 struct Finder {
-  PoseEngine engine;
-  PoseFinder heads;
-  landmarks::FitWorkspace workspace;
+  face::PoseTracker tracker;
+  face::PoseState state;
+  landmarks::FaceFinder faces_only;
   std::string lines;  // what was found, as `pose track --json` writes it
 
-  explicit Finder(PoseEngine made)
-      : engine(std::move(made)),
-        heads(engine.landmarks.model, engine.options.fit, engine.head, engine.mapping,
-              engine.options.pose, engine.options.view) {}
+  explicit Finder(const face::PoseTrackerOptions& options)
+      : tracker(load_pose_models(options), options),
+        faces_only(tracker.landmarks().detector().make_finder()) {}
 
-  std::vector<PosedFace> faces(const std::string& name, const cv::Mat& image) {
-    const auto start = std::chrono::steady_clock::now();
-    geometry::Camera camera = head::guess_camera(image.size());
-    if (engine.options.camera) camera = *engine.options.camera;
-    if (engine.options.focal_px > 0) camera.fx = camera.fy = engine.options.focal_px;
-    camera.width = image.cols;
-    camera.height = image.rows;
-    std::vector<PosedFace> result =
-        heads.find(gray_of(image), camera, engine.landmarks.finder, workspace);
-    const double ms =
-        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-    nlohmann::ordered_json line;
-    line["image"] = name;
-    line["faces"] = posed_faces_json(result, false);
-    line["ms"] = std::round(ms * 100) / 100;
+  std::vector<face::PosedFace> faces(const std::string& name, const cv::Mat& image) {
+    Frame frame;
+    frame.image = image;
+    frame.name = name;
+    frame.still = true;
+    face::PoseResult result = tracker.process(frame, state);
+    nlohmann::ordered_json line{{"image", name}};
+    line.update(to_json(result));
     lines += line.dump() + "\n";
-    return result;
+    return std::move(result.faces);
   }
 };
 
@@ -85,12 +71,13 @@ head::PointingOutcome judge(Finder& finder, const std::string& path,
   const cv::Mat image = read_image(path);
   const cv::Rect2d head_box =
       head::pointing_box(path).value_or(cv::Rect2d(0, 0, image.cols, image.rows));
-  const std::vector<PosedFace> faces = finder.faces(path, image);
-  if (const PosedFace* face = face_in_head_box(faces, path, image.size())) {
+  const std::vector<face::PosedFace> faces = finder.faces(path, image);
+  if (const face::PosedFace* face = face_in_head_box(faces, path, image.size())) {
     outcome.rotation = face->pose->camera_from_head.rotation;
   }
+  cv::Mat gray;
   for (const landmarks::Candidate& candidate :
-       finder.engine.landmarks.finder.find_sure(gray_of(image))) {
+       finder.faces_only.find_sure(face::gray_of(image, gray))) {
     outcome.face_seen =
         outcome.face_seen || head_box.contains((candidate.box.tl() + candidate.box.br()) / 2);
   }
@@ -134,7 +121,7 @@ std::vector<head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
   for (const head::PoseLine& line : truth) {
     throw_if_stopped(context.stop);
     context.progress->advance();
-    const std::vector<PosedFace> faces =
+    const std::vector<face::PosedFace> faces =
         finder.faces(line.image, read_image(picture_of_truth(flags.truth, line.image)));
     head::PoseLine result;
     result.image = line.image;
@@ -206,10 +193,9 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
       print_text("\n");
     }
   }
-  // On the heap: it holds references into itself.
-  std::unique_ptr<Finder> finder;
+  std::optional<Finder> finder;
   if (!flags.pointing.empty() || (!flags.truth.empty() && flags.results.empty())) {
-    finder = std::make_unique<Finder>(make_pose_engine(flags.pose));
+    finder.emplace(pose_options(flags.pose));
   }
   if (!flags.pointing.empty()) any = evaluate_pointing(flags, *finder, context) || any;
   if (!flags.truth.empty()) {

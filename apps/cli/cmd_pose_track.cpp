@@ -3,6 +3,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/render/builtin.h"
 #include "tarsier/render/obj_io.h"
+#include "tarsier/session/pose_session.h"
 
 #include <fmt/format.h>
 
@@ -10,7 +11,6 @@
 #include "cmd_pose.h"
 #include "run_session.h"
 #include <algorithm>
-#include <cmath>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -43,7 +43,7 @@ class PoseTable {
     file_ << "frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px\n";
     check();
   }
-  void add(const Frame& frame, const PosedFace& face) {
+  void add(const Frame& frame, const face::PosedFace& face) {
     if (!face.pose) return;
     const head::HeadPose& pose = *face.pose;
     const cv::Vec3d& t = pose.camera_from_head.translation;
@@ -102,7 +102,7 @@ void set_edits(const TrackFlags& flags, PoseSessionOptions& options) {
   options.appearance = std::move(model);
 }
 
-std::string line_of(const PosedFace& face) {
+std::string line_of(const face::PosedFace& face) {
   if (!face.pose) return fmt::format(" [no pose: {}]", face.reason);
   const head::HeadAngles& angles = face.pose->angles;
   return fmt::format(" [yaw {:+.1f} pitch {:+.1f} roll {:+.1f}, {:.0f} mm away]", angles.yaw_deg,
@@ -114,43 +114,37 @@ ExitStatus run_track(TrackFlags& flags, Context& context) {
   if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen) {
     flags.run.output = "none";
   }
-  PoseSessionOptions options;
-  set_overlay(flags.draw, options);
-  set_edits(flags, options);
-  PoseEngine engine = make_pose_engine(flags.pose);
-  options.fit = engine.options.fit;
-  options.camera = engine.options.camera;
-  options.focal_px = engine.options.focal_px;
-  options.view = engine.options.view;
-  options.tracker = flags.tracker;
+  PoseSessionOptions drawing;
+  set_overlay(flags.draw, drawing);
+  set_edits(flags, drawing);
+  face::PoseTrackerOptions options = pose_options(flags.pose);
+  options.landmarks.tracker = flags.tracker;
   options.pose = flags.head;
   options.pose.fit_shape = !flags.no_identity;
-  options.smoothing = flags.smooth == "none"   ? PoseSmoothing::kNone
-                      : flags.smooth == "mean" ? PoseSmoothing::kMean
-                                               : PoseSmoothing::kOneEuro;
-  options.tracker.smoothing = options.smoothing != PoseSmoothing::kNone;
-  PoseSession session(engine.landmarks.model, engine.head, engine.mapping,
-                      std::move(engine.landmarks.finder), options);
+  options.smoothing = flags.smooth == "none"   ? face::PoseSmoothing::kNone
+                      : flags.smooth == "mean" ? face::PoseSmoothing::kMean
+                                               : face::PoseSmoothing::kOneEuro;
+  options.landmarks.tracker.smoothing = options.smoothing != face::PoseSmoothing::kNone;
+  PoseSession session(face::PoseTracker(load_pose_models(options), options), std::move(drawing));
   std::optional<PoseTable> table;
   if (!flags.csv.empty()) table.emplace(flags.csv);
   bool found = false;
   RunHooks hooks;
   hooks.title = "pose";
   hooks.after_frame = [&](const Frame& frame) {
-    for (const PosedFace& face : session.faces()) {
+    for (const face::PosedFace& face : session.faces()) {
       found = found || face.pose.has_value();
       if (table) table->add(frame, face);
     }
     if (frame.still && !context.json && !context.quiet) {
       print_text(fmt::format("{}: {} {}", frame.name, session.faces().size(),
                              session.faces().size() == 1 ? "face" : "faces"));
-      for (const PosedFace& face : session.faces()) print_text(line_of(face));
+      for (const face::PosedFace& face : session.faces()) print_text(line_of(face));
       print_text("\n");
     }
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
-    line["faces"] = posed_faces_json(session.faces(), session.follows());
-    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+    line.update(to_json(session.result()));
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;

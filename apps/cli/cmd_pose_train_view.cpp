@@ -44,39 +44,52 @@ struct Seen {
 
 class Collector {
  public:
-  explicit Collector(const PoseFlags& flags)
-      : engine_(make_pose_engine(flags)),
-        finder_(engine_.landmarks.model, engine_.options.fit, engine_.head, engine_.mapping,
-                engine_.options.pose) {}
+  explicit Collector(const PoseFlags& flags) : Collector(options_of(flags)) {}
 
-  [[nodiscard]] const head::HeadPoser& poser() const { return finder_.poser(); }
+  [[nodiscard]] const head::HeadPoser& poser() const { return tracker_.finder().poser(); }
 
   // `pointing`: the face in the annotated head's box; else the first.
   [[nodiscard]] Seen see(const std::string& path, bool pointing) {
-    cv::Mat gray;
-    cv::cvtColor(read_image(path), gray, cv::COLOR_BGR2GRAY);
+    Frame frame;
+    frame.image = read_image(path);
+    frame.name = path;
+    frame.still = true;
+    const face::PoseResult result = tracker_.process(frame, state_);
     Seen seen;
-    seen.camera = head::guess_camera(gray.size());
-    if (engine_.options.focal_px > 0) seen.camera.fx = seen.camera.fy = engine_.options.focal_px;
-    const std::vector<PosedFace> faces =
-        finder_.find(gray, seen.camera, engine_.landmarks.finder, workspace_);
-    const PosedFace* face = nullptr;
+    seen.camera = result.camera;
+    const face::PosedFace* face = nullptr;
     if (pointing) {
-      face = face_in_head_box(faces, path, gray.size());
-    } else if (!faces.empty() && faces.front().pose) {
-      face = &faces.front();
+      face = face_in_head_box(result.faces, path, frame.image.size());
+    } else if (!result.faces.empty() && result.faces.front().pose) {
+      face = &result.faces.front();
     }
     if (face == nullptr) return seen;
     seen.pose = *face->pose;
-    seen.points = face->face.points(Eigen::all, engine_.mapping.landmarks);
-    seen.view = head_view::view_of_head(gray, seen.camera, seen.pose.camera_from_head);
+    seen.points = face->face.points(Eigen::all, mapping_.landmarks);
+    cv::Mat gray;
+    seen.view = head_view::view_of_head(face::gray_of(frame.image, gray), seen.camera,
+                                        seen.pose.camera_from_head);
     return seen;
   }
 
  private:
-  PoseEngine engine_;
-  PoseFinder finder_;
-  landmarks::FitWorkspace workspace_;
+  explicit Collector(const face::PoseTrackerOptions& options)
+      : Collector(load_pose_models(options), options) {}
+  Collector(const face::PoseModels& models, const face::PoseTrackerOptions& options)
+      : tracker_(models, options), mapping_(models.mapping) {}
+
+  // From the landmarks alone, by a guessed camera.
+  static face::PoseTrackerOptions options_of(const PoseFlags& flags) {
+    face::PoseTrackerOptions options = pose_options(flags);
+    options.refine = false;
+    options.view.clear();
+    options.camera.reset();
+    return options;
+  }
+
+  face::PoseTracker tracker_;
+  head::LandmarkMapping mapping_;
+  face::PoseState state_;
 };
 
 struct Data {

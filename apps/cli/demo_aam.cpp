@@ -4,6 +4,7 @@
 #include "tarsier/draw/text.h"
 #include "tarsier/head/draw_pose.h"
 #include "tarsier/head/head_pose.h"
+#include "tarsier/session/pose_session.h"
 #include "tarsier/sfm_view/animation.h"
 #include "tarsier/synth_face/synth_face.h"
 
@@ -106,12 +107,9 @@ void demo_turning_head(Context& context, DemoPage& page) {
   const appearance::AppearanceModel model =
       appearance::read_appearance_model(shipped_appearance_model());
   const synth::FaceSynth faces(model, read_head(""));
-  const PoseFlags flags;
-  PoseEngine engine = make_pose_engine(flags);
-  PoseSessionOptions options = engine.options;
+  const face::PoseTrackerOptions options = pose_options({});
   const geometry::Camera camera = head::guess_camera({360, 360});
-  PoseSession session(engine.landmarks.model, engine.head, engine.mapping,
-                      std::move(engine.landmarks.finder), options);
+  PoseSession session(face::PoseTracker(load_pose_models(options), options), {});
   std::vector<cv::Mat> frames;
   double error = 0;
   int posed = 0;

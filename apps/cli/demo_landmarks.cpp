@@ -21,7 +21,9 @@ constexpr const char* kFaces[] = {"messi5.jpg"};
 }  // namespace
 
 void demo_landmarks(Context& context, DemoPage& page) {
-  LandmarkEngine engine = make_landmark_engine({});
+  const face::LandmarkTracker tracker = load_landmark_tracker({});
+  const shape::ShapeModel& shape_model = tracker.model().shape;
+  face::LandmarkState state;
   page.begin_area("Faces, point by point",
                   "68 points of each face, by regression trees and a cascade of linear regressions "
                   "that were learnt by this program. Real photographs, of Debian's opencv-doc.");
@@ -31,12 +33,11 @@ void demo_landmarks(Context& context, DemoPage& page) {
     throw_if_stopped(context.stop);
     const std::filesystem::path path = std::filesystem::path(kPictures) / name;
     if (!std::filesystem::exists(path)) continue;
-    const cv::Mat image = read_image(path.string());
-    cv::Mat gray;
-    cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
-    landmarks::FitWorkspace workspace;
-    const std::vector<landmarks::FoundFace> found =
-        landmarks::find_faces(engine.model, engine.fit, gray, engine.finder, workspace);
+    Frame frame;
+    frame.image = read_image(path.string());
+    frame.still = true;
+    const cv::Mat& image = frame.image;
+    const std::vector<landmarks::TrackedFace> found = tracker.process(frame, state).faces;
     if (found.empty()) continue;
     // The face, enlarged: it is small in its photograph.
     const cv::Rect2d& box = found.front().box;
@@ -47,16 +48,15 @@ void demo_landmarks(Context& context, DemoPage& page) {
     const double zoom = 480.0 / around.width;
     cv::Mat shown;
     cv::resize(image(around), shown, {}, zoom, zoom, cv::INTER_CUBIC);
-    Eigen::Matrix2Xd points = found.front().fit.points;
+    Eigen::Matrix2Xd points = found.front().points;
     points.row(0) = ((points.row(0).array() - around.x + 0.5) * zoom - 0.5).matrix();
     points.row(1) = ((points.row(1).array() - around.y + 0.5) * zoom - 0.5).matrix();
     shape::LandmarkStyle style;
     style.radius_px = 2.5;
-    shape::draw_landmarks(shown, points, engine.model.shape.connections, engine.model.shape.mirror,
-                          style);
+    shape::draw_landmarks(shown, points, shape_model.connections, shape_model.mirror, style);
     faces.push_back(page.picture("landmarks-" + path.stem().string(), shown,
                                  fmt::format("{}: a face {:.0f} px wide, score {:.2f}", name,
-                                             box.width, found.front().fit.score)));
+                                             box.width, found.front().score)));
   }
   if (faces.empty()) {
     page.note("The package opencv-doc is not installed; its photographs would be here.");
@@ -68,14 +68,13 @@ void demo_landmarks(Context& context, DemoPage& page) {
                "The first modes of the shape model: what varies most among a thousand faces, once "
                "place, size and turn are taken out. A drawing: nobody's face.");
   page.command("tarsier landmarks show landmarks68.json -o modes.gif");
-  const std::vector<cv::Mat> frames =
-      shape::animate_modes(engine.model.shape, 4, cv::Size(360, 360), 24);
+  const std::vector<cv::Mat> frames = shape::animate_modes(shape_model, 4, cv::Size(360, 360), 24);
   const std::string file = page.path_of("landmarks-modes.gif");
   sfm::write_gif(file, frames, 12);
-  page.grid({DemoPicture{"img/landmarks-modes.gif", "four modes, 3 standard deviations either way",
-                         360, 360},
-             page.drawing("landmarks-modes", shape::draw_modes(engine.model.shape, 4, 150),
-                          "each row a mode")});
+  page.grid(
+      {DemoPicture{"img/landmarks-modes.gif", "four modes, 3 standard deviations either way", 360,
+                   360},
+       page.drawing("landmarks-modes", shape::draw_modes(shape_model, 4, 150), "each row a mode")});
 }
 
 }  // namespace tarsier::cli

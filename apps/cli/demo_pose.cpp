@@ -7,6 +7,7 @@
 #include "tarsier/io/image_file.h"
 #include "tarsier/render/builtin.h"
 #include "tarsier/render/render.h"
+#include "tarsier/session/pose_session.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -103,12 +104,12 @@ struct Portrait {
   geometry::Camera camera;
 };
 
-std::optional<Portrait> portrait_of(const cv::Mat& image, LandmarkEngine& engine) {
-  cv::Mat gray;
-  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
-  landmarks::FitWorkspace workspace;
-  const std::vector<landmarks::FoundFace> found =
-      landmarks::find_faces(engine.model, engine.fit, gray, engine.finder, workspace);
+std::optional<Portrait> portrait_of(const cv::Mat& image, const face::LandmarkTracker& tracker) {
+  Frame frame;
+  frame.image = image;
+  frame.still = true;
+  face::LandmarkState state;
+  const std::vector<landmarks::TrackedFace> found = tracker.process(frame, state).faces;
   if (found.empty()) return std::nullopt;
   const cv::Rect2d& box = found.front().box;
   const cv::Rect around =
@@ -131,16 +132,14 @@ std::optional<Portrait> portrait_of(const cv::Mat& image, LandmarkEngine& engine
 
 DemoPicture posed_picture(DemoPage& page, const Portrait& portrait, const std::string& name,
                           PoseOverlay overlay, const std::string& caption) {
-  const PoseFlags flags;
-  PoseEngine engine = make_pose_engine(flags);
-  PoseSessionOptions options = engine.options;
-  options.overlay = overlay;
+  face::PoseTrackerOptions options = pose_options({});
   options.camera = portrait.camera;
+  PoseSessionOptions drawing;
+  drawing.overlay = overlay;
   if (overlay == PoseOverlay::kObject) {
-    options.object = std::make_shared<const render::Mesh>(render::make_glasses());
+    drawing.object = std::make_shared<const render::Mesh>(render::make_glasses());
   }
-  PoseSession session(engine.landmarks.model, engine.head, engine.mapping,
-                      std::move(engine.landmarks.finder), options);
+  PoseSession session(face::PoseTracker(load_pose_models(options), options), drawing);
   Frame frame;
   frame.image = portrait.image;
   frame.still = true;
@@ -220,8 +219,8 @@ void demo_pose(Context& context, DemoPage& page) {
     demo_turning_head(context, page);
     return;
   }
-  LandmarkEngine engine = make_landmark_engine({});
-  const std::optional<Portrait> portrait = portrait_of(read_image(kMessi), engine);
+  const std::optional<Portrait> portrait =
+      portrait_of(read_image(kMessi), load_landmark_tracker({}));
   if (!portrait) return;
   std::vector<DemoPicture> pictures;
   pictures.push_back(

@@ -1,17 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "landmark_engine.h"
 
-#include "tarsier/core/errors.h"
-#include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/archive.h"
-#include "tarsier/landmarks/hog_detector.h"
-
-#include <fmt/format.h>
-
-#include <filesystem>
-#include <memory>
-#include <utility>
 
 namespace tarsier::cli {
 
@@ -38,53 +28,30 @@ Flag& add_min_face_flag(Command& verb, double& min_face) {
       .check(range(16, 4096));
 }
 
-std::shared_ptr<const FaceNetworks> shipped_face_networks() {
-  const std::string path =
-      (std::filesystem::path(find_models_folder("")) / "face-detector.json").string();
-  std::error_code ignored;
-  if (std::filesystem::exists(path, ignored)) {
-    return std::make_shared<const FaceNetworks>(read_face_networks(path));
-  }
-  log_warning("{}: not there; faces are found by the cascades of opencv-data instead", path);
-  return nullptr;
+face::LandmarkTrackerOptions landmark_options(const LandmarkFlags& flags,
+                                              const landmarks::TrackerOptions& tracking) {
+  face::LandmarkTrackerOptions options;
+  options.model = flags.model;
+  options.detector = flags.detector;
+  options.finder.detector.min_face = flags.min_face;
+  options.finder.thorough = flags.thorough;
+  options.fit = flags.fit;
+  if (!flags.method.empty()) options.fit.method = landmarks::parse_fit_method(flags.method);
+  options.tracker = tracking;
+  return options;
 }
 
-landmarks::FaceFinder make_face_finder(const std::string& detector,
-                                       const landmarks::FaceFinderOptions& options) {
-  if (detector == "cascades") return landmarks::FaceFinder(options);
-  if (detector.empty()) {
-    std::shared_ptr<const FaceNetworks> networks = shipped_face_networks();
-    if (networks == nullptr) return landmarks::FaceFinder(options);
-    return {std::move(networks), options};
-  }
-  if (read_any_archive(detector).type == kFaceNetworksType) {
-    return {std::make_shared<const FaceNetworks>(read_face_networks(detector)), options};
-  }
-  return {landmarks::read_hog_detector(detector), options};
-}
-
-LandmarkEngine make_landmark_engine(const LandmarkFlags& flags) {
-  const std::string path =
-      flags.model.empty()
-          ? (std::filesystem::path(find_models_folder("")) / "landmarks68.json").string()
-          : flags.model;
-  landmarks::FaceFinderOptions finder;
-  finder.detector.min_face = flags.min_face;
-  finder.thorough = flags.thorough;
-  finder.detector.check();
+face::LandmarkTracker load_landmark_tracker(const LandmarkFlags& flags,
+                                            const landmarks::TrackerOptions& tracking) {
+  const face::LandmarkTrackerOptions options = landmark_options(flags, tracking);
+  options.check();
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
   throw_if_stopped(stop_on_signals());
-  LandmarkEngine engine{landmarks::read_landmark_model(path), flags.fit,
-                        make_face_finder(flags.detector, finder)};
-  if (!flags.method.empty()) engine.fit.method = landmarks::parse_fit_method(flags.method);
-  engine.fit.check();
-  if (engine.fit.method && !engine.model.has(*engine.fit.method)) {
-    throw ModelError(path,
-                     fmt::format("has no part for --method {}; train it with `landmarks train "
-                                 "tracker`",
-                                 landmarks::name_of(*engine.fit.method)));
-  }
-  return engine;
+  return face::LandmarkTracker::load(ModelStore::find(), options);
+}
+
+landmarks::FaceFinder make_face_finder(const landmarks::FaceFinderOptions& options) {
+  return face::DetectorModel::load(ModelStore::find(), "", options).make_finder();
 }
 
 }  // namespace tarsier::cli

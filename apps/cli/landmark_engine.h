@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/landmarks/model.h"
+#include "tarsier/face_pipelines/landmark_tracker.h"
 
 #include "cli.h"
-#include <memory>
 #include <string>
 
 namespace tarsier::cli {
@@ -22,24 +21,18 @@ struct LandmarkFlags {
 // --min-face: px; 0 in `min_face` is the usual size.
 Flag& add_min_face_flag(Command& verb, double& min_face);
 
-// The networks that ship (models/face-detector.json); nothing, with a warning, where they are not
-// there: then the cascades of OpenCV look.
-[[nodiscard]] std::shared_ptr<const FaceNetworks> shipped_face_networks();
-
-// By a file of either kind of face detector, or by "cascades"; empty: what ships. Throws
-// ModelError.
-[[nodiscard]] landmarks::FaceFinder make_face_finder(const std::string& detector,
-                                                     const landmarks::FaceFinderOptions& options);
-
 void add_landmark_flags(Command& verb, LandmarkFlags& flags);
 
-struct LandmarkEngine {
-  landmarks::LandmarkModel model;
-  landmarks::FitOptions fit;
-  landmarks::FaceFinder finder;
-};
+// Throws UsageError for an unknown method.
+[[nodiscard]] face::LandmarkTrackerOptions landmark_options(
+    const LandmarkFlags& flags, const landmarks::TrackerOptions& tracking = {});
 
-// Reads the model and checks that it can do what was asked. Throws ModelError, UsageError.
-[[nodiscard]] LandmarkEngine make_landmark_engine(const LandmarkFlags& flags);
+// With the models that ship. Throws as face::LandmarkTracker::load(), Interrupted.
+[[nodiscard]] face::LandmarkTracker load_landmark_tracker(
+    const LandmarkFlags& flags, const landmarks::TrackerOptions& tracking = {});
+
+// What ships finds the faces. Throws ModelError.
+[[nodiscard]] landmarks::FaceFinder make_face_finder(
+    const landmarks::FaceFinderOptions& options = {});
 
 }  // namespace tarsier::cli

@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "people_engine.h"
 
-#include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/plate_video/time_text.h"
-#include "tarsier/recognition/background.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -13,7 +11,6 @@
 #include "landmark_engine.h"
 #include <algorithm>
 #include <chrono>
-#include <filesystem>
 #include <string_view>
 #include <utility>
 
@@ -40,96 +37,48 @@ void add_face_flags(Command& verb, PeopleFlags& flags) {
                         "[people-background.json, which ships]"));
 }
 
-people::FaceReader make_face_reader(const PeopleFlags& flags) {
+people::FaceReaderOptions reading_options(const PeopleFlags& flags) {
   people::FaceReaderOptions options;
   options.eyes = people::parse_eye_method(flags.eyes);
   options.finder.detector.min_face = flags.min_face;
   options.finder.thorough = flags.thorough;
-  options.finder.detector.check();
+  return options;
+}
+
+people::FaceReader make_face_reader(const PeopleFlags& flags) {
+  const people::FaceReaderOptions options = reading_options(flags);
   // A wrong path is told before anything is written, also where the file is needed only at the end.
-  if (!flags.background.empty() && flags.background != kNoBackground) {
-    static_cast<void>(recognition::read_background(flags.background));
-  }
+  if (!flags.background.empty()) static_cast<void>(find_background(flags));
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
   throw_if_stopped(stop_on_signals());
-  std::shared_ptr<const landmarks::LandmarkModel> model;
-  if (options.eyes == people::EyeMethod::kLandmarks) {
-    const std::string path =
-        (std::filesystem::path(find_models_folder("")) / "landmarks68.json").string();
-    std::error_code ignored;
-    if (std::filesystem::exists(path, ignored)) {
-      model = std::make_shared<landmarks::LandmarkModel>(landmarks::read_landmark_model(path));
-    } else {
-      log_warning("{}: not there; eyes are found by cascades instead", path);
-      options.eyes = people::EyeMethod::kCascades;
-    }
-  }
-  return {options, std::move(model), shipped_face_networks()};
+  return face::FaceReaderModel::load(ModelStore::find(), options).make_reader();
 }
 
 std::string background_path(const PeopleFlags& flags) {
   if (flags.background == kNoBackground) return {};
-  if (!flags.background.empty()) return flags.background;
-  return (std::filesystem::path(find_models_folder("")) / "people-background.json").string();
+  return flags.background.empty() ? ModelStore::find().place_of("people-background.json")
+                                  : flags.background;
 }
 
 std::optional<recognition::Background> find_background(const PeopleFlags& flags) {
-  const std::string path = background_path(flags);
-  if (path.empty()) return std::nullopt;
-  std::error_code ignored;
-  if (flags.background.empty() && !std::filesystem::exists(path, ignored)) {
-    log_warning("{}: not there; one person alone cannot be told from strangers", path);
-    return std::nullopt;
-  }
-  return recognition::read_background(path);
-}
-
-std::optional<recognition::Background> background_for(people::Gallery& gallery,
-                                                      const PeopleFlags& flags) {
-  const std::int64_t faces = gallery.face_count_up_to(people::kLearnedWhole + 1);
-  const bool learned = gallery.model_generation() == gallery.generation();
-  if (flags.background.empty() && (faces == 0 || (faces <= people::kLearnedWhole && learned)))
-    return std::nullopt;
-  return find_background(flags);
+  return face::load_background(ModelStore::find(), flags.background);
 }
 
 std::optional<people::GalleryModel> load_model(people::Gallery& gallery,
                                                const recognition::Background* background,
                                                Context& context, people::Learn learn) {
-  const auto load = [&](bool store) {
-    return people::load_gallery_model(gallery, background, store, learn, *context.progress,
-                                      context.stop);
-  };
-  try {
-    try {
-      return load(true);
-    } catch (const OutputError& error) {
-      log_debug("{}", error.what());
-    } catch (const InputError& error) {
-      log_debug("{}", error.what());
-    }
-    return load(false);
-  } catch (const std::invalid_argument& error) {
-    throw InputError(gallery.path(), error.what());
-  }
+  return face::learn_gallery(gallery, background, learn, *context.progress, context.stop);
 }
 
 std::optional<recognition::Recognizer> model_of_gallery(people::Gallery& gallery,
                                                         const PeopleFlags& flags, Context& context,
                                                         people::Learn learn) {
-  const auto background =
-      learn == people::Learn::kNow ? find_background(flags) : background_for(gallery, flags);
+  const auto background = learn == people::Learn::kNow
+                              ? find_background(flags)
+                              : face::background_for(gallery, ModelStore::find(), flags.background);
   auto model = load_model(gallery, background ? &*background : nullptr, context, learn);
   if (!model) return std::nullopt;
   return std::move(model->recognizer);
-}
-
-people::Gallery open_gallery_to_use(const std::string& path) {
-  try {
-    return people::Gallery(path, DatabaseAccess::kWrite);
-  } catch (const OutputError&) {
-    return people::Gallery(path, DatabaseAccess::kRead);
-  }
 }
 
 ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, bool classical,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/face_pipelines/identifier.h"
 #include "tarsier/gallery/gallery.h"
 #include "tarsier/gallery/model.h"
 #include "tarsier/people_face/face_reader.h"
@@ -30,21 +31,17 @@ struct PeopleFlags {
 void add_gallery_flag(Command& verb, PeopleFlags& flags);
 void add_face_flags(Command& verb, PeopleFlags& flags);
 
-// Throws UsageError, ModelError.
+// Throws UsageError for an unknown way to find eyes.
+[[nodiscard]] people::FaceReaderOptions reading_options(const PeopleFlags& flags);
+// With the models that ship. Throws UsageError, ModelError.
 [[nodiscard]] people::FaceReader make_face_reader(const PeopleFlags& flags);
 
-// people-background.json, or the file that was named; nothing for "none", nor where the one that
-// ships is not there (with a warning).
+// face::load_background() of the flag.
 [[nodiscard]] std::optional<recognition::Background> find_background(const PeopleFlags& flags);
 // Its file; empty for "none".
 [[nodiscard]] std::string background_path(const PeopleFlags& flags);
 
-// find_background() where a model of the gallery needs it: nothing is learned yet, or it changed,
-// or it is a large one. A file that was named is read in any case: it must be right.
-[[nodiscard]] std::optional<recognition::Background> background_for(people::Gallery& gallery,
-                                                                    const PeopleFlags& flags);
-// The model of a gallery; what is due is learned. A gallery that may not be written is still used.
-// Nothing for an empty one. `background` may be null.
+// face::learn_gallery().
 [[nodiscard]] std::optional<people::GalleryModel> load_model(
     people::Gallery& gallery, const recognition::Background* background, Context& context,
     people::Learn learn = people::Learn::kWhenDue);
@@ -52,9 +49,6 @@ void add_face_flags(Command& verb, PeopleFlags& flags);
 [[nodiscard]] std::optional<recognition::Recognizer> model_of_gallery(
     people::Gallery& gallery, const PeopleFlags& flags, Context& context,
     people::Learn learn = people::Learn::kWhenDue);
-// Opened to be written where it can be, else to be read.
-[[nodiscard]] people::Gallery open_gallery_to_use(const std::string& path);
-
 // The faces of a list as a recogniser gets them; `raw`: whole pictures. Pictures without a face are
 // named in `missed`.
 struct ListedFaces {

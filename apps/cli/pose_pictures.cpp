@@ -92,11 +92,11 @@ std::vector<std::pair<std::string, head::PointingName>> pointing_pictures(
   return pictures;
 }
 
-const PosedFace* face_in_head_box(const std::vector<PosedFace>& faces, const std::string& picture,
-                                  cv::Size size) {
+const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& faces,
+                                        const std::string& picture, cv::Size size) {
   const cv::Rect2d head_box =
       head::pointing_box(picture).value_or(cv::Rect2d(0, 0, size.width, size.height));
-  for (const PosedFace& face : faces) {
+  for (const face::PosedFace& face : faces) {
     const cv::Rect2d& box = face.face.box;
     if (face.pose && head_box.contains((box.tl() + box.br()) / 2)) return &face;
   }

@@ -219,7 +219,7 @@ void AnnotateSession::open(int picture) {
 
 std::optional<Matrix2Xd> AnnotateSession::proposal() {
   if (!propose_ || !is_proposing_) return std::nullopt;
-  ProposalRequest request;
+  face::ProposalRequest request;
   cv::cvtColor(picture_, request.gray, cv::COLOR_BGR2GRAY);
   const int near = nearest_done(current_);
   for (int k = 0; k < state_.pictures(); ++k) {

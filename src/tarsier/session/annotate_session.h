@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/face_pipelines/annotator.h"
 #include "tarsier/session/annotate_state.h"
-#include "tarsier/session/proposer.h"
 #include "tarsier/session/session.h"
 
+#include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 
 #include <deque>
@@ -25,6 +26,10 @@ struct AnnotateOptions {
   int save_every = 50;         // edits from one writing of the set to the next, 1..10000
   void check() const;
 };
+
+// Where the points of a picture may be (2 x n, px, all finite), or nothing: face::Annotator's.
+using Propose =
+    std::function<std::optional<Eigen::Matrix2Xd>(const face::ProposalRequest& request)>;
 
 // Marks points on pictures: pick frames (video), click the points on the first picture, lines
 // between them, which are mirror images of each other, then put them on all other pictures, where

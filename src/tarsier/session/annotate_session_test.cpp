@@ -342,8 +342,9 @@ TEST_F(AnnotateSessionTest, ADoubleClickIsTwoClicksInAnyToolkit) {
 
 TEST_F(AnnotateSessionTest, ProposalsComeFromWhatIsDone) {
   int calls = 0;
-  ProposalRequest last;
-  const Propose propose = [&](const ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
+  face::ProposalRequest last;
+  const Propose propose =
+      [&](const face::ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
     ++calls;
     last = request;
     Eigen::Matrix2Xd points = request.so_far.samples[0].points;
@@ -374,7 +375,8 @@ TEST_F(AnnotateSessionTest, ProposalsComeFromWhatIsDone) {
 }
 
 TEST_F(AnnotateSessionTest, AProposalNobodyTouchedGivesWayToABetterOne) {
-  const Propose propose = [](const ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
+  const Propose propose =
+      [](const face::ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
     Eigen::Matrix2Xd points = request.so_far.samples[0].points;
     points.array() += static_cast<double>(request.so_far.samples.size());
     return points;
@@ -413,7 +415,7 @@ TEST_F(AnnotateSessionTest, ZoomsToThePoints) {
 
 TEST_F(AnnotateSessionTest, AProposerThatFailsOrTalksNonsenseDoesNotEndTheWork) {
   int kind = 0;
-  const Propose propose = [&](const ProposalRequest&) -> std::optional<Eigen::Matrix2Xd> {
+  const Propose propose = [&](const face::ProposalRequest&) -> std::optional<Eigen::Matrix2Xd> {
     if (kind == 0) return Eigen::Matrix2Xd::Zero(2, 99);
     if (kind == 1) return Eigen::Matrix2Xd::Constant(2, 4, std::nan(""));
     throw InputError("x", "gone");

@@ -9,7 +9,7 @@
 #include "tarsier/geometry/rotation.h"
 #include "tarsier/geometry/scaled_camera.h"
 #include "tarsier/marker/predefined.h"
-#include "tarsier/session/frame_camera.h"
+#include "tarsier/geometry/frame_camera.h"
 #include "tarsier/session/save_picture.h"
 
 #include <fmt/format.h>

@@ -5,7 +5,6 @@
 #include "tarsier/shape/show.h"
 
 #include <fmt/format.h>
-#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <array>
@@ -13,33 +12,14 @@
 
 namespace tarsier {
 
-LandmarkSession::LandmarkSession(const landmarks::LandmarkModel& model,
-                                 const landmarks::FitOptions& fit, landmarks::FaceFinder finder,
-                                 const landmarks::TrackerOptions& options, DebugSink* debug)
-    : model_(model), fit_(fit), finder_(std::move(finder)), options_(options), debug_(debug) {
-  fit_.check();
-  options_.check();
-}
+LandmarkSession::LandmarkSession(face::LandmarkTracker tracker, DebugSink* debug)
+    : tracker_(std::move(tracker)), debug_(debug) {}
 
 View LandmarkSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (frame.still || frame.name != name_) state_ = {};
   frame_ = frame.image;
-  still_ = frame.still;
-  name_ = frame.name;
   source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
   timer_.start();
-  cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
-  if (still_) {
-    faces_.clear();
-    for (landmarks::FoundFace& face : landmarks::find_faces(
-             model_, fit_, gray_, finder_, workspace_, options_.least_new, debug_)) {
-      faces_.push_back({static_cast<int>(faces_.size()) + 1, std::move(face.fit.points),
-                        face.fit.score, face.box});
-    }
-  } else {
-    faces_ = landmarks::track_faces(model_, fit_, options_, finder_, state_, gray_, frame.time,
-                                    workspace_, debug_);
-  }
+  result_ = tracker_.process(frame, state_, debug_);
   timer_.stop();
   draw();
   return view(true);
@@ -55,13 +35,17 @@ View LandmarkSession::on_event(const Event& event) {
   if (name == "quit") finished_ = true;
   if (name == "pause") paused_ = !paused_;
   if (name == "help") help_ = !help_;
-  if (name == "redetect") landmarks::redetect(state_);
-  if (name == "smooth") options_.smoothing = !options_.smoothing;
+  if (name == "redetect") face::redetect(state_);
+  if (name == "smooth") {
+    landmarks::TrackerOptions tracking = tracker_.tracking();
+    tracking.smoothing = !tracking.smoothing;
+    tracker_.set_tracking(tracking);
+  }
   if (name == "numbers") {
     numbers_ = !numbers_;
     if (!frame_.empty()) draw();
   }
-  return view(name == "numbers" && !frame_.empty() && still_);
+  return view(name == "numbers" && !frame_.empty() && !result_.tracked);
 }
 
 std::vector<Action> LandmarkSession::actions() const {
@@ -77,11 +61,11 @@ void LandmarkSession::draw() {
   frame_.copyTo(output_);
   shape::LandmarkStyle style;
   style.numbers = numbers_;
-  for (const landmarks::TrackedFace& face : faces_) {
+  const shape::ShapeModel& shape = tracker_.model().shape;
+  for (const landmarks::TrackedFace& face : result_.faces) {
     style.radius_px = std::clamp(face.box.width / 90, 0.7, 6.0);
-    shape::draw_landmarks(output_, face.points, model_.shape.connections, model_.shape.mirror,
-                          style);
-    if (still_) continue;
+    shape::draw_landmarks(output_, face.points, shape.connections, shape.mirror, style);
+    if (!result_.tracked) continue;
     draw::TextStyle text;
     text.height_px = std::clamp(face.box.height * 0.07, 8.0, 30.0);
     draw::put_text(output_, fmt::format("{}", face.id), {cvRound(face.box.x), cvRound(face.box.y)},
@@ -92,17 +76,18 @@ void LandmarkSession::draw() {
 View LandmarkSession::view(bool fresh) {
   View result;
   nlohmann::json ids = nlohmann::json::array();
-  for (const landmarks::TrackedFace& face : faces_) ids.push_back(face.id);
-  result.state = {{"faces", faces_.size()},
+  for (const landmarks::TrackedFace& face : result_.faces) ids.push_back(face.id);
+  result.state = {{"faces", result_.faces.size()},
                   {"ids", std::move(ids)},
-                  {"smoothing", options_.smoothing},
+                  {"smoothing", tracker_.tracking().smoothing},
                   {"paused", paused_}};
-  result.status = fmt::format("{} {}{}{}", faces_.size(), faces_.size() == 1 ? "face" : "faces",
-                              source_.empty() ? "" : "  " + source_, paused_ ? "  paused" : "");
+  result.status =
+      fmt::format("{} {}{}{}", result_.faces.size(), result_.faces.size() == 1 ? "face" : "faces",
+                  source_.empty() ? "" : "  " + source_, paused_ ? "  paused" : "");
   if (fresh) result.output = output_;
   if (!output_.empty()) {
     output_.copyTo(shown_);
-    draw::status_bar(shown_, result.status, timer_.words(still_) + "   h: help");
+    draw::status_bar(shown_, result.status, timer_.words(!result_.tracked) + "   h: help");
     if (help_) draw_help(shown_, "Landmarks", actions());
     result.image = shown_;
   }

@@ -126,7 +126,7 @@ void PeopleSession::draw_strip() {
     } else {
       put(shown_, thumbnail(person.latest), box.tl());
     }
-    const bool seen = std::any_of(faces_.begin(), faces_.end(), [&](const NamedFace& face) {
+    const bool seen = std::any_of(faces_.begin(), faces_.end(), [&](const face::NamedFace& face) {
       return face.name.known && face.name.label == person.name;
     });
     const cv::Rect rim(box.x - 3, box.y - 3, box.width + 6, box.height + 6);
@@ -224,7 +224,7 @@ nlohmann::json PeopleSession::state() const {
   for (const Enrolled& person : people_)
     people.push_back({{"name", person.name}, {"faces", person.faces}});
   nlohmann::json recognized = nlohmann::json::array();
-  for (const NamedFace& face : faces_)
+  for (const face::NamedFace& face : faces_)
     recognized.push_back(
         {{"label", face.name.label.empty() ? nlohmann::json() : nlohmann::json(face.name.label)},
          {"known", face.name.known},
@@ -255,10 +255,10 @@ View PeopleSession::view(bool fresh) {
     cv::Mat picture = shown_(cv::Rect({0, 0}, size));
     if (fresh) {
       frame_.copyTo(output_);
-      for (const NamedFace& face : faces_) draw_named_face(output_, face);
+      for (const face::NamedFace& face : faces_) draw_named_face(output_, face);
       if (mode_ != PeopleMode::kRecognize) {
         frame_.copyTo(output_);  // nobody is named yet: boxes and eyes only
-        for (const NamedFace& face : faces_) {
+        for (const face::NamedFace& face : faces_) {
           cv::rectangle(output_, face.face.box, cv::Scalar(255, 200, 0), 2, cv::LINE_AA);
           for (const cv::Point2d& eye : {face.face.eyes.left, face.face.eyes.right})
             cv::circle(output_, eye, std::max(2, cvRound(0.12 * face.face.eyes.distance())),

@@ -94,9 +94,10 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   faces_.clear();
   for (people::Face& face : frame.still ? reader_.read(gray_) : reader_.follow(gray_, frame.time))
     faces_.push_back({std::move(face), {}});
-  std::stable_sort(faces_.begin(), faces_.end(), [](const NamedFace& a, const NamedFace& b) {
-    return a.face.box.area() > b.face.box.area();
-  });
+  std::stable_sort(faces_.begin(), faces_.end(),
+                   [](const face::NamedFace& a, const face::NamedFace& b) {
+                     return a.face.box.area() > b.face.box.area();
+                   });
   if (mode_ == PeopleMode::kCollect && !faces_.empty() &&
       collector_.offer(faces_.front().face, frame.time, !frame.still).empty()) {
     collect();
@@ -129,22 +130,7 @@ void PeopleSession::collect() {
 void PeopleSession::recognize() {
   const recognition::Recognizer* model = follower_.recognizer();
   if (model == nullptr) return;
-  std::set<int> seen;
-  for (NamedFace& face : faces_) {
-    std::vector<float> features = recognition::template_of(
-        *model, people::recognizer_input(model->options.algorithm, face.face.crop));
-    if (face.face.id > 0) {
-      seen.insert(face.face.id);
-      auto& latest = tracks_[face.face.id];
-      latest.push_back(features);
-      if (latest.size() > static_cast<std::size_t>(options_.most_pooled))
-        latest.erase(latest.begin());
-      features = recognition::pooled(*model, latest);
-    }
-    const double share = face.face.id > 0 ? kFollowedShare : 1;
-    face.name = people::recognize(*model, features, share * options_.false_accepts);
-  }
-  std::erase_if(tracks_, [&](const auto& track) { return !seen.contains(track.first); });
+  face::name_faces(model, false, {options_.false_accepts, options_.most_pooled}, faces_, tracks_);
 }
 
 // Begins to learn. Whoever can be named already is named meanwhile.

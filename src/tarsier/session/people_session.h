@@ -59,7 +59,7 @@ class PeopleSession final : public Session {
   [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
   [[nodiscard]] PeopleMode mode() const { return mode_; }
-  [[nodiscard]] const std::vector<NamedFace>& faces() const { return faces_; }
+  [[nodiscard]] const std::vector<face::NamedFace>& faces() const { return faces_; }
   [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
   // Where things are in the view, px: for tests and hosts.
   [[nodiscard]] cv::Rect button_box(std::string_view name) const;  // "add", "delete", "debug"
@@ -108,8 +108,8 @@ class PeopleSession final : public Session {
   people::Collector collector_;
   PeopleMode mode_ = PeopleMode::kStart;
   std::vector<Enrolled> people_;
-  std::vector<NamedFace> faces_;
-  std::map<int, std::vector<std::vector<float>>> tracks_;
+  std::vector<face::NamedFace> faces_;
+  face::PooledTemplates tracks_;
   int collecting_ = -1;  // index into people_
   std::string pending_;  // name of a person who has no face yet; the last of people_ then
   std::string message_;

@@ -210,9 +210,7 @@ TEST_F(PeopleSessionTest, WhoIsForgottenByAnotherProgramIsNamedNoMore) {
   people::GalleryFollower follower(
       gallery, nullptr,
       people::load_gallery_model(gallery, nullptr, true, people::Learn::kWhenDue, quiet, {}));
-  RecognizeOptions options;
-  options.raw = true;
-  RecognizeSession session(follower, reader(), options);
+  RecognizeSession session(face::Identifier({}, true), face::IdentifierState(reader(), follower));
   const auto see = [&](std::size_t face) {
     Frame shown = frame({}, 0);
     cv::cvtColor(set.faces[face], shown.image, cv::COLOR_GRAY2BGR);

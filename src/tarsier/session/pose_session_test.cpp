@@ -18,16 +18,15 @@ namespace {
 
 constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
 
-const landmarks::LandmarkModel& landmark_model() {
-  static const landmarks::LandmarkModel model =
-      landmarks::read_landmark_model(std::string(TARSIER_SOURCE_MODELS) + "/landmarks68.json");
-  return model;
-}
-
-const head::HeadModel& head_model() {
-  static const head::HeadModel model =
-      head::read_head_model(std::string(TARSIER_SOURCE_MODELS) + "/head.json");
-  return model;
+// The models that ship, but for the detector and the view: those of OpenCV and none.
+const face::PoseModels& models() {
+  static const face::PoseModels shared = [] {
+    face::PoseTrackerOptions options;
+    options.landmarks.detector = "cascades";
+    options.refine = false;
+    return face::load_pose_models(ModelStore(TARSIER_SOURCE_MODELS), options);
+  }();
+  return shared;
 }
 
 class Pose : public testing::Test {
@@ -37,8 +36,7 @@ class Pose : public testing::Test {
     image_ = read_image(kMessi);
   }
   static PoseSession session(const PoseSessionOptions& options = {}) {
-    return {landmark_model(), head_model(), head::own_mapping(head_model()),
-            landmarks::FaceFinder{}, options};
+    return {face::PoseTracker(models(), {}), options};
   }
   Frame frame(int index = 0, bool still = true) const {
     Frame frame;
@@ -79,7 +77,7 @@ TEST_F(Pose, AStillFaceHasAPoseAndItsMirrorImageTheMirroredOne) {
 TEST_F(Pose, JsonIsAsDocumented) {
   PoseSession poser = session();
   (void)poser.on_frame(frame(), {});
-  const nlohmann::ordered_json list = posed_faces_json(poser.faces(), poser.follows());
+  const nlohmann::ordered_json list = face::posed_faces_json(poser.faces(), poser.result().tracked);
   ASSERT_EQ(list.size(), 1U);
   for (const char* key :
        {"box", "points", "score", "rotation", "translation", "yaw", "pitch", "roll"}) {
@@ -138,7 +136,7 @@ TEST_F(Pose, ADrawnObjectIsHiddenBehindTheHead) {
 }
 
 TEST_F(Pose, ACameraIsMadeToFitSmallerPicturesButNotOthers) {
-  PoseSessionOptions options;
+  face::PoseTrackerOptions options;
   options.camera = head::guess_camera(image_.size());
   options.camera->width *= 2;
   options.camera->height *= 2;
@@ -146,12 +144,12 @@ TEST_F(Pose, ACameraIsMadeToFitSmallerPicturesButNotOthers) {
   options.camera->fy *= 2;
   options.camera->cx = 2 * options.camera->cx + 0.5;
   options.camera->cy = 2 * options.camera->cy + 0.5;
-  PoseSession scaled = session(options);
+  PoseSession scaled(face::PoseTracker(models(), options), {});
   (void)scaled.on_frame(frame(), {});
   EXPECT_NEAR(scaled.camera().fx, head::guess_camera(image_.size()).fx, 1e-9);
   EXPECT_NEAR(scaled.camera().cx, head::guess_camera(image_.size()).cx, 1e-9);
   options.camera->height += 100;
-  PoseSession other = session(options);
+  PoseSession other(face::PoseTracker(models(), options), {});
   EXPECT_THROW((void)other.on_frame(frame(), {}), InputError);
 }
 
@@ -166,11 +164,7 @@ TEST_F(Pose, KeysSwitchWhatIsDrawnAndEnd) {
   EXPECT_TRUE(poser.on_event(key_event('q')).finished);
 }
 
-TEST_F(Pose, RefusesMappingsThatDoNotFit) {
-  head::LandmarkMapping mapping = head::own_mapping(head_model());
-  mapping.landmarks[3] = 68;
-  EXPECT_THROW(PoseSession(landmark_model(), head_model(), mapping, landmarks::FaceFinder{}, {}),
-               std::invalid_argument);
+TEST_F(Pose, RefusesToDrawNoObject) {
   PoseSessionOptions options;
   options.overlay = PoseOverlay::kObject;  // but no object
   EXPECT_THROW((void)session(options), std::invalid_argument);

@@ -2,14 +2,12 @@
 #include "tarsier/session/recognize_session.h"
 
 #include "tarsier/core/log.h"
-#include "tarsier/core/require.h"
 #include "tarsier/draw/text.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <set>
 #include <utility>
 
 namespace tarsier {
@@ -20,12 +18,7 @@ const cv::Scalar kUnknown{190, 190, 190};
 
 }  // namespace
 
-void RecognizeOptions::check() const {
-  TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "a rate of {}", false_accepts);
-  TARSIER_REQUIRE(most_pooled >= 1 && most_pooled <= 1000, "{} frames", most_pooled);
-}
-
-void draw_named_face(cv::Mat& image, const NamedFace& face) {
+void draw_named_face(cv::Mat& image, const face::NamedFace& face) {
   const cv::Scalar color = face.name.known ? kKnown : kUnknown;
   const int width = std::max(1, cvRound(std::min(image.cols, image.rows) / 300.0));
   const cv::Rect box(cvRound(face.face.box.x), cvRound(face.face.box.y),
@@ -51,77 +44,15 @@ void draw_named_face(cv::Mat& image, const NamedFace& face) {
                  room ? draw::Anchor::kBottomLeft : draw::Anchor::kTopLeft);
 }
 
-RecognizeSession::RecognizeSession(std::optional<recognition::Recognizer> model,
-                                   people::FaceReader reader, const RecognizeOptions& options)
-    : model_(std::move(model)), reader_(std::move(reader)), options_(options) {
-  options_.check();
-}
-
-RecognizeSession::RecognizeSession(people::GalleryFollower& follower, people::FaceReader reader,
-                                   const RecognizeOptions& options)
-    : follower_(&follower), reader_(std::move(reader)), options_(options) {
-  options_.check();
-}
-
-const recognition::Recognizer* RecognizeSession::recognizer() const {
-  if (follower_ != nullptr) return follower_->recognizer();
-  return model_ ? &*model_ : nullptr;
-}
-
-// Whether the gallery changed.
-bool RecognizeSession::follow() {
-  if (follower_ == nullptr) return false;
-  const people::GalleryFollower::Change change = follower_->update();
-  if (change == people::GalleryFollower::Change::kModel) tracks_.clear();
-  return change != people::GalleryFollower::Change::kNone;
-}
-
-void RecognizeSession::name(NamedFace& face) {
-  const recognition::Recognizer* model = recognizer();
-  if (model == nullptr) return;
-  std::vector<float> features = recognition::template_of(
-      *model, options_.raw ? face.face.crop
-                           : people::recognizer_input(model->options.algorithm, face.face.crop));
-  if (face.face.id > 0 && !still_) {
-    auto& latest = tracks_[face.face.id];
-    latest.push_back(features);
-    if (latest.size() > static_cast<std::size_t>(options_.most_pooled))
-      latest.erase(latest.begin());
-    features = recognition::pooled(*model, latest);
-  }
-  const double share = face.face.id > 0 && !still_ ? kFollowedShare : 1;
-  face.name = people::recognize(*model, features, share * options_.false_accepts);
-}
+RecognizeSession::RecognizeSession(face::Identifier identifier, face::IdentifierState state,
+                                   DebugSink* debug)
+    : identifier_(std::move(identifier)), state_(std::move(state)), debug_(debug) {}
 
 View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (frame.still || frame.name != source_name_) {
-    tracks_.clear();
-    reader_.restart();
-  }
-  (void)follow();
   frame_ = frame.image;
-  still_ = frame.still;
-  source_name_ = frame.name;
   trouble_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
   timer_.start();
-  cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
-  faces_.clear();
-  if (options_.raw) {
-    NamedFace whole;
-    whole.face.crop = gray_;
-    whole.face.box = {0, 0, static_cast<double>(gray_.cols), static_cast<double>(gray_.rows)};
-    faces_.push_back(std::move(whole));
-  } else {
-    for (people::Face& face :
-         still_ ? reader_.read(gray_, options_.debug) : reader_.follow(gray_, frame.time))
-      faces_.push_back({std::move(face), {}});
-  }
-  std::set<int> seen;
-  for (NamedFace& face : faces_) {
-    name(face);
-    seen.insert(face.face.id);
-  }
-  std::erase_if(tracks_, [&](const auto& track) { return !seen.contains(track.first); });
+  result_ = identifier_.process(frame, state_, debug_);
   timer_.stop();
   draw();
   return view(true);
@@ -129,9 +60,9 @@ View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) 
 
 View RecognizeSession::on_idle(const SourceStatus& source) {
   // Nor does the last frame of a source that stalls go on naming who was forgotten.
-  if (follow() && !frame_.empty()) {
-    const recognition::Recognizer* model = recognizer();
-    for (NamedFace& face : faces_)
+  if (state_.follow() && !frame_.empty()) {
+    const recognition::Recognizer* model = state_.recognizer();
+    for (face::NamedFace& face : result_.faces)
       if (model == nullptr || std::find(model->labels.begin(), model->labels.end(),
                                         face.name.label) == model->labels.end())
         face.name = {};
@@ -156,17 +87,17 @@ std::vector<Action> RecognizeSession::actions() const {
 
 void RecognizeSession::draw() {
   frame_.copyTo(output_);
-  for (const NamedFace& face : faces_) draw_named_face(output_, face);
+  for (const face::NamedFace& face : faces()) draw_named_face(output_, face);
 }
 
 View RecognizeSession::view(bool fresh) {
   View result;
-  const auto known = std::count_if(faces_.begin(), faces_.end(),
-                                   [](const NamedFace& face) { return face.name.known; });
-  result.state = {{"faces", faces_.size()}, {"known", known}, {"paused", paused_}};
+  const auto known = std::count_if(faces().begin(), faces().end(),
+                                   [](const face::NamedFace& face) { return face.name.known; });
+  result.state = {{"faces", faces().size()}, {"known", known}, {"paused", paused_}};
   result.status =
-      fmt::format("{} {}, {} known{}", faces_.size(), faces_.size() == 1 ? "face" : "faces", known,
-                  paused_ ? ", paused" : "");
+      fmt::format("{} {}, {} known{}", faces().size(), faces().size() == 1 ? "face" : "faces",
+                  known, paused_ ? ", paused" : "");
   result.finished = finished_;
   if (output_.empty()) return result;
   output_.copyTo(shown_);

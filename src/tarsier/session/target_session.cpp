@@ -5,7 +5,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/draw/shapes.h"
 #include "tarsier/draw/text.h"
-#include "tarsier/session/frame_camera.h"
+#include "tarsier/geometry/frame_camera.h"
 #include "tarsier/target/evaluate.h"
 
 #include <fmt/format.h>

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/session/proposer.h"
+#include "tarsier/face_pipelines/annotator.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/face_pipelines/annotator_match.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/io/testing_folder.h"
-#include "tarsier/session/proposer_match.h"
 #include "tarsier/shape/import.h"
 
 #include <gtest/gtest.h>
@@ -14,11 +14,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 #include <vector>
 
-namespace tarsier {
+namespace tarsier::face {
 namespace {
 
 using Eigen::Matrix2Xd;
@@ -62,7 +63,7 @@ Thing thing(std::uint64_t seed, double wobble = 0.05) {
   return result;
 }
 
-class ProposerTest : public ::testing::Test {
+class AnnotatorTest : public ::testing::Test {
  protected:
   shape::LandmarkSet done(int count, double wobble = 0.05) {
     shape::LandmarkSet set;
@@ -77,97 +78,105 @@ class ProposerTest : public ::testing::Test {
     return set;
   }
   // Share of points within 3 px, over pictures that were not seen.
-  static double share(Proposer& proposer, const shape::LandmarkSet& set, int pictures) {
+  static double share(Annotator& annotator, const shape::LandmarkSet& set, int pictures) {
     int good = 0;
     for (int k = 0; k < pictures; ++k) {
       const Thing one = thing(1000 + static_cast<std::uint64_t>(k));
-      const auto points = proposer({one.gray, set, static_cast<int>(set.samples.size()) - 1});
-      if (!points) continue;
-      for (int i = 0; i < 6; ++i) good += (points->col(i) - one.points.col(i)).norm() <= 3 ? 1 : 0;
+      const auto proposal =
+          annotator.propose({one.gray, set, static_cast<int>(set.samples.size()) - 1});
+      if (!proposal) continue;
+      for (int i = 0; i < 6; ++i)
+        good += (proposal->points.col(i) - one.points.col(i)).norm() <= 3 ? 1 : 0;
     }
     return good / (6.0 * pictures);
   }
   TemporaryFolder folder_;
 };
 
-TEST_F(ProposerTest, LearnsAnyThingWithoutAFaceDetector) {
-  ProposerOptions options;
+TEST_F(AnnotatorTest, LearnsAnyThingWithoutAFaceDetector) {
+  AnnotatorOptions options;
   options.find_faces = false;
-  Proposer proposer(options);
-  const double after_ten = share(proposer, done(10), 12);
+  Annotator annotator(options);
+  const double after_ten = share(annotator, done(10), 12);
   EXPECT_GT(after_ten, 0.8);
 }
 
-TEST_F(ProposerTest, ADetectorThatFindsOtherThingsIsNotUsed) {
-  Proposer proposer;
-  EXPECT_GT(share(proposer, done(10), 6), 0.8);
+TEST_F(AnnotatorTest, ADetectorThatFindsOtherThingsIsNotUsed) {
+  Annotator annotator;
+  EXPECT_GT(share(annotator, done(10), 6), 0.8);
 }
 
-TEST_F(ProposerTest, TheSameQuestionsGetTheSameAnswers) {
+TEST_F(AnnotatorTest, TheSameQuestionsGetTheSameAnswers) {
   const shape::LandmarkSet set = done(6);
   const Thing one = thing(77);
-  Proposer a;
-  Proposer b;
-  (void)b({thing(78).gray, done(4), 0});
-  const auto first = a({one.gray, set, 0});
-  const auto second = b({one.gray, set, 0});
+  Annotator a;
+  Annotator b;
+  (void)b.propose({thing(78).gray, done(4), 0});
+  const auto first = a.propose({one.gray, set, 0});
+  const auto second = b.propose({one.gray, set, 0});
   ASSERT_TRUE(first && second);
-  EXPECT_EQ(*first, *second);
-  EXPECT_EQ(*first, *a({one.gray, set, 0})) << "again";
+  EXPECT_EQ(first->points, second->points);
+  EXPECT_TRUE(first->learned);
+  EXPECT_EQ(first->points, a.propose({one.gray, set, 0})->points) << "again";
 }
 
-TEST_F(ProposerTest, OneDonePictureIsFollowedIntoTheNextFrame) {
+TEST_F(AnnotatorTest, OneDonePictureIsFollowedIntoTheNextFrame) {
   const shape::LandmarkSet set = done(1);
   const cv::Mat first = read_gray_image(set.samples[0].image);
   const cv::Mat map = (cv::Mat_<double>(2, 3) << 1.02, -0.02, 3.5, 0.02, 1.02, -6.25);
   cv::Mat next;
   cv::warpAffine(first, next, map, first.size(), cv::INTER_CUBIC, cv::BORDER_REPLICATE);
-  Proposer proposer;
-  const auto points = proposer({next, set, 0});
-  ASSERT_TRUE(points);
+  Annotator annotator;
+  const auto proposal = annotator.propose({next, set, 0});
+  ASSERT_TRUE(proposal);
   for (int i = 0; i < 6; ++i) {
     const double x = set.samples[0].points(0, i);
     const double y = set.samples[0].points(1, i);
-    EXPECT_NEAR((*points)(0, i), 1.02 * x - 0.02 * y + 3.5, 0.5) << i;
-    EXPECT_NEAR((*points)(1, i), 0.02 * x + 1.02 * y - 6.25, 0.5) << i;
+    EXPECT_NEAR(proposal->points(0, i), 1.02 * x - 0.02 * y + 3.5, 0.5) << i;
+    EXPECT_NEAR(proposal->points(1, i), 0.02 * x + 1.02 * y - 6.25, 0.5) << i;
   }
+  EXPECT_FALSE(proposal->learned);
+  const nlohmann::ordered_json json = to_json(*proposal);
+  ASSERT_EQ(json["points"].size(), 6U);
+  EXPECT_NEAR(json["points"][3][0].get<double>(), proposal->points(0, 3), 0.005);
+  EXPECT_EQ(json["learned"], false);
 }
 
-TEST_F(ProposerTest, NothingIsSaidOfAnUnlikePicture) {
-  Proposer proposer;
-  EXPECT_FALSE(proposer({thing(1).gray, {}, 0})) << "nothing done yet";
+TEST_F(AnnotatorTest, NothingIsSaidOfAnUnlikePicture) {
+  Annotator annotator;
+  EXPECT_FALSE(annotator.propose({thing(1).gray, {}, 0})) << "nothing done yet";
   cv::Mat noise(240, 320, CV_8UC1);
   Rng rng(5);
   for (int y = 0; y < noise.rows; ++y)
     for (int x = 0; x < noise.cols; ++x)
       noise.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(rng.integer(0, 255));
-  EXPECT_FALSE(proposer({noise, done(1), 0}));
+  EXPECT_FALSE(annotator.propose({noise, done(1), 0}));
 }
 
-TEST_F(ProposerTest, HiddenPointsAndLostPicturesAreLivedWith) {
+TEST_F(AnnotatorTest, HiddenPointsAndLostPicturesAreLivedWith) {
   shape::LandmarkSet set = done(8);
   set.samples[2].points.col(1).setConstant(std::nan(""));
   set.samples[3].points.setConstant(std::nan(""));
   set.samples[4].image = folder_ / "gone.png";
-  ProposerOptions options;
+  AnnotatorOptions options;
   options.find_faces = false;
-  Proposer proposer(options);
-  EXPECT_GT(share(proposer, set, 6), 0.7);
+  Annotator annotator(options);
+  EXPECT_GT(share(annotator, set, 6), 0.7);
   shape::LandmarkSet gone = done(1);
   gone.samples[0].image = folder_ / "gone.png";
-  EXPECT_FALSE(proposer({thing(1).gray, gone, 0}));
+  EXPECT_FALSE(annotator.propose({thing(1).gray, gone, 0}));
 }
 
-TEST_F(ProposerTest, PicturesAreNotChanged) {
+TEST_F(AnnotatorTest, PicturesAreNotChanged) {
   const shape::LandmarkSet set = done(5);
-  Proposer proposer;
+  Annotator annotator;
   const Thing one = thing(77);
   const cv::Mat before = one.gray.clone();
-  (void)proposer({one.gray, set, 0});
+  (void)annotator.propose({one.gray, set, 0});
   EXPECT_EQ(cv::norm(before, one.gray, cv::NORM_INF), 0);
 }
 
-TEST(ProposerData, TwentyFacesOfSixPeople) {
+TEST(AnnotatorData, TwentyFacesOfSixPeople) {
   const char* data = std::getenv("TARSIER_DATA");
   if (data == nullptr || *data == '\0') GTEST_SKIP() << "no $TARSIER_DATA";
   shape::LandmarkSet all;
@@ -183,14 +192,14 @@ TEST(ProposerData, TwentyFacesOfSixPeople) {
               all.samples[static_cast<std::size_t>(rng.integer(0, i))]);
   shape::LandmarkSet done = all;
   done.samples.resize(20);
-  Proposer proposer;
+  Annotator annotator;
   int good = 0;
   int total = 0;
   for (std::size_t k = 20; k < 60; k += 2) {  // half of them: it is slow
-    const auto points = proposer({read_gray_image(all.samples[k].image), done, 19});
-    ASSERT_TRUE(points);
-    for (Eigen::Index i = 0; i < points->cols(); ++i) {
-      good += (points->col(i) - all.samples[k].points.col(i)).norm() <= 3 ? 1 : 0;
+    const auto proposal = annotator.propose({read_gray_image(all.samples[k].image), done, 19});
+    ASSERT_TRUE(proposal);
+    for (Eigen::Index i = 0; i < proposal->points.cols(); ++i) {
+      good += (proposal->points.col(i) - all.samples[k].points.col(i)).norm() <= 3 ? 1 : 0;
       ++total;
     }
   }
@@ -198,4 +207,4 @@ TEST(ProposerData, TwentyFacesOfSixPeople) {
 }
 
 }  // namespace
-}  // namespace tarsier
+}  // namespace tarsier::face

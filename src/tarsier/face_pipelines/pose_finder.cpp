@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/session/pose_finder.h"
+#include "tarsier/face_pipelines/pose_finder.h"
 
 #include "tarsier/core/require.h"
 
 #include <algorithm>
 #include <utility>
 
-namespace tarsier {
+namespace tarsier::face {
 namespace {
 
 // A second fit that is worth this much less than the first went astray.
@@ -33,19 +33,19 @@ head::HeadModel chosen_points(const head::HeadModel& model, const head::Landmark
 
 }  // namespace
 
-PoseFinder::PoseFinder(const landmarks::LandmarkModel& landmarks, const landmarks::FitOptions& fit,
-                       const head::HeadModel& head, const head::LandmarkMapping& mapping,
-                       const head::HeadPoseOptions& options,
+PoseFinder::PoseFinder(std::shared_ptr<const landmarks::LandmarkModel> landmarks,
+                       const landmarks::FitOptions& fit, const head::HeadModel& head,
+                       const head::LandmarkMapping& mapping, const head::HeadPoseOptions& options,
                        std::shared_ptr<const head_view::ViewModel> view)
-    : landmarks_(landmarks),
+    : landmarks_(std::move(landmarks)),
       fit_((fit.check(), fit)),
       chosen_(mapping.landmarks),
-      poser_(chosen_points(head, mapping, landmarks.points()), options),
+      poser_(chosen_points(head, mapping, landmarks_->points()), options),
       view_(std::move(view)) {
   std::vector<int> sorted = chosen_;
   std::sort(sorted.begin(), sorted.end());
   sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
-  is_whole_ = static_cast<int>(sorted.size()) == landmarks.points();
+  is_whole_ = static_cast<int>(sorted.size()) == landmarks_->points();
 }
 
 PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
@@ -65,7 +65,7 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
       start.col(chosen_[i]) = projected.col(static_cast<Eigen::Index>(i));
     }
     if (start.allFinite()) {
-      landmarks::Fit again = landmarks::fit_points(landmarks_, fit_, gray, start, workspace);
+      landmarks::Fit again = landmarks::fit_points(*landmarks_, fit_, gray, start, workspace);
       if (again.score >= face.score - kMuchWorse) {
         face.points = std::move(again.points);
         face.score = again.score;
@@ -93,15 +93,15 @@ std::vector<PosedFace> PoseFinder::find(const cv::Mat& gray, const geometry::Cam
                                         double least_score) const {
   std::vector<PosedFace> faces;
   for (landmarks::FoundFace& found :
-       landmarks::find_faces(landmarks_, fit_, gray, finder, workspace, kHopeless)) {
+       landmarks::find_faces(*landmarks_, fit_, gray, finder, workspace, kHopeless)) {
     const double first = found.fit.score;
     PosedFace face = pose_of({0, std::move(found.fit.points), first, found.box}, gray, camera,
                              nullptr, false, workspace);
-    if (landmarks_.quality && std::max(first, face.face.score) < least_score) continue;
+    if (landmarks_->quality && std::max(first, face.face.score) < least_score) continue;
     face.face.id = static_cast<int>(faces.size()) + 1;
     faces.push_back(std::move(face));
   }
   return faces;
 }
 
-}  // namespace tarsier
+}  // namespace tarsier::face

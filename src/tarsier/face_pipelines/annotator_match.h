@@ -9,8 +9,8 @@
 #include <optional>
 #include <vector>
 
-// What a Proposer does by comparing pictures, without a model.
-namespace tarsier::proposals {
+// What a Annotator does by comparing pictures, without a model.
+namespace tarsier::face::proposals {
 
 // The points of one picture (px; NaN: missing) in another: each followed by pyramidal optical flow
 // (Lucas and Kanade, IJCAI 1981) there and back; those that get lost move as the others do, by a
@@ -32,4 +32,4 @@ namespace tarsier::proposals {
 [[nodiscard]] Eigen::Matrix2Xd refine(const std::vector<landmarks::TrainingFace>& faces,
                                       const cv::Mat& gray, const Eigen::Matrix2Xd& points);
 
-}  // namespace tarsier::proposals
+}  // namespace tarsier::face::proposals

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/session/frame_camera.h"
+#include "tarsier/geometry/frame_camera.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/geometry/scaled_camera.h"

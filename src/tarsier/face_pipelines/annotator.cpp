@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/session/proposer.h"
+#include "tarsier/face_pipelines/annotator.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/face/detector.h"
+#include "tarsier/face_pipelines/annotator_match.h"
 #include "tarsier/io/image_file.h"
 #include "tarsier/landmarks/descent.h"
 #include "tarsier/landmarks/training_face.h"
-#include "tarsier/session/proposer_match.h"
 #include "tarsier/shape/shape_model.h"
 #include "tarsier/shape/similarity.h"
 
@@ -18,10 +18,11 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <utility>
 #include <vector>
 
-namespace tarsier {
+namespace tarsier::face {
 namespace {
 
 using Eigen::Matrix2Xd;
@@ -92,14 +93,14 @@ bool same(const shape::LandmarkSet& a, const shape::LandmarkSet& b) {
 
 }  // namespace
 
-void ProposerOptions::check() const {
+void AnnotatorOptions::check() const {
   TARSIER_REQUIRE(least_faces >= 2, "least_faces {}", least_faces);
   TARSIER_REQUIRE(most_faces >= 3 && most_faces <= 1000, "most_faces {}", most_faces);
   TARSIER_REQUIRE(starts >= 1 && starts <= 200, "starts {}", starts);
 }
 
-struct Proposer::Impl {
-  ProposerOptions options;
+struct Annotator::Impl {
+  AnnotatorOptions options;
   std::optional<FaceDetector> detector;
   std::map<std::string, std::vector<cv::Rect>> boxes;  // by path: found once
   shape::LandmarkSet trained_for;
@@ -109,7 +110,7 @@ struct Proposer::Impl {
   std::optional<InBox> box_model;
   Spread spread;
 
-  explicit Impl(const ProposerOptions& given) : options(given) {
+  explicit Impl(const AnnotatorOptions& given) : options(given) {
     options.check();
     if (!options.find_faces) return;
     try {
@@ -295,12 +296,12 @@ struct Proposer::Impl {
   }
 };
 
-Proposer::Proposer(const ProposerOptions& options) : impl_(std::make_unique<Impl>(options)) {}
-Proposer::~Proposer() = default;
-Proposer::Proposer(Proposer&&) noexcept = default;
-Proposer& Proposer::operator=(Proposer&&) noexcept = default;
+Annotator::Annotator(const AnnotatorOptions& options) : impl_(std::make_unique<Impl>(options)) {}
+Annotator::~Annotator() = default;
+Annotator::Annotator(Annotator&&) noexcept = default;
+Annotator& Annotator::operator=(Annotator&&) noexcept = default;
 
-std::optional<Matrix2Xd> Proposer::operator()(const ProposalRequest& request) {
+std::optional<Proposal> Annotator::propose(const ProposalRequest& request) {
   TARSIER_REQUIRE(request.gray.type() == CV_8UC1 && !request.gray.empty(), "a grey picture");
   request.so_far.check();
   if (request.so_far.samples.empty() || request.so_far.points() == 0) return std::nullopt;
@@ -320,6 +321,7 @@ std::optional<Matrix2Xd> Proposer::operator()(const ProposalRequest& request) {
     }
     if (impl_->is_trained) result = impl_->fit(request);
   }
+  const bool learned = result.has_value();
   if (!result) {
     const shape::LandmarkSample& near =
         request.so_far.samples[static_cast<std::size_t>(request.nearest)];
@@ -329,8 +331,16 @@ std::optional<Matrix2Xd> Proposer::operator()(const ProposalRequest& request) {
     } catch (const InputError&) {  // the picture has gone
     }
   }
-  if (result && !result->allFinite()) result.reset();
-  return result;
+  if (!result || !result->allFinite()) return std::nullopt;
+  return Proposal{*std::move(result), learned};
 }
 
-}  // namespace tarsier
+nlohmann::ordered_json to_json(const Proposal& proposal) {
+  const auto hundredth = [](double value) { return std::round(value * 100) / 100; };
+  nlohmann::ordered_json points = nlohmann::ordered_json::array();
+  for (Eigen::Index i = 0; i < proposal.points.cols(); ++i)
+    points.push_back({hundredth(proposal.points(0, i)), hundredth(proposal.points(1, i))});
+  return {{"points", std::move(points)}, {"learned", proposal.learned}};
+}
+
+}  // namespace tarsier::face

@@ -17,7 +17,7 @@
 // front, which pulls turned faces towards the front. So once a pose is known, the fit begins anew
 // from the head's own points in that pose; what comes out is turned further, as the face is. A
 // model of how heads look, where there is one, has the last word on the direction.
-namespace tarsier {
+namespace tarsier::face {
 
 struct PosedFace {
   landmarks::TrackedFace face;
@@ -25,16 +25,18 @@ struct PosedFace {
   std::string reason;  // where there is none
 };
 
+// One face or one still at a time; PoseTracker calls it. Const: any number of threads may use it,
+// each with a workspace of its own.
 class PoseFinder {
  public:
-  // The landmark model must outlive it. `mapping`: of the head's points to the landmarks. Throws
-  // std::invalid_argument where they do not fit together. `view` may be null.
-  PoseFinder(const landmarks::LandmarkModel& landmarks, const landmarks::FitOptions& fit,
-             const head::HeadModel& head, const head::LandmarkMapping& mapping,
-             const head::HeadPoseOptions& options,
+  // `mapping`: of the head's points to the landmarks. Throws std::invalid_argument where they do
+  // not fit together. `view` may be null.
+  PoseFinder(std::shared_ptr<const landmarks::LandmarkModel> landmarks,
+             const landmarks::FitOptions& fit, const head::HeadModel& head,
+             const head::LandmarkMapping& mapping, const head::HeadPoseOptions& options,
              std::shared_ptr<const head_view::ViewModel> view = nullptr);
 
-  [[nodiscard]] const landmarks::LandmarkModel& landmarks() const { return landmarks_; }
+  [[nodiscard]] const landmarks::LandmarkModel& landmarks() const { return *landmarks_; }
   [[nodiscard]] const landmarks::FitOptions& fit() const { return fit_; }
   [[nodiscard]] const head::HeadPoser& poser() const { return poser_; }
 
@@ -54,7 +56,7 @@ class PoseFinder {
                                             double least_score = 0.5) const;
 
  private:
-  const landmarks::LandmarkModel& landmarks_;
+  std::shared_ptr<const landmarks::LandmarkModel> landmarks_;
   landmarks::FitOptions fit_;
   std::vector<int> chosen_;  // landmarks, in the order of the poser's points
   bool is_whole_ = false;    // every landmark is a point of the head: the fit can begin anew
@@ -62,4 +64,4 @@ class PoseFinder {
   std::shared_ptr<const head_view::ViewModel> view_;
 };
 
-}  // namespace tarsier
+}  // namespace tarsier::face

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/session/proposer_match.h"
+#include "tarsier/face_pipelines/annotator_match.h"
 
 #include "tarsier/core/require.h"
 #include "tarsier/shape/similarity.h"
@@ -11,7 +11,7 @@
 #include <cmath>
 #include <numeric>
 
-namespace tarsier::proposals {
+namespace tarsier::face::proposals {
 namespace {
 
 using Eigen::Matrix2Xd;
@@ -276,4 +276,4 @@ Matrix2Xd refine(const std::vector<landmarks::TrainingFace>& faces, const cv::Ma
   return here.frame_from_picture.inverse()(moved);
 }
 
-}  // namespace tarsier::proposals
+}  // namespace tarsier::face::proposals
