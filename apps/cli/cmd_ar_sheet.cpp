@@ -92,12 +92,12 @@ void add_flags(Command& verb, SheetFlags& flags) {
       .required();
   Flag& family = verb.add_option("--family", flags.family,
                                  "aruco-original, 4x4_50 .. 7x7_1000, 16h5, 25h9, 36h10, 36h11");
-  family->capture_default_str();
+  family.show_default();
   Flag& ids = verb.add_option("--ids", flags.ids, "0-9, or 3,5,8-10");
-  ids->capture_default_str();
+  ids.show_default();
   Flag& size =
       verb.add_option("--size", flags.size, "side of a marker over its black frame: 50mm, 5cm");
-  size->capture_default_str();
+  size.show_default();
   Flag& board =
       verb.add_option("--board", flags.board,
                       "instead: chess:9x6, charuco:5x7:6x6_250, circles:4x11, circles-grid:7x6");

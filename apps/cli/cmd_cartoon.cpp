@@ -188,7 +188,7 @@ ExitStatus run_cartoon(const CartoonFlags& flags, Context& context) {
 void add_cartoon(Command& app, Context& context) {
   Command& area = app.add_subcommand("cartoon", "cartoons of pictures, films and live cameras");
   area.require_subcommand(1);
-  add_debug_flag(add_verb<CartoonFlags>(area, run, "draw each picture of INPUT", context,
+  add_debug_flag(add_verb<CartoonFlags>(area, "run", "draw each picture of INPUT", context,
                                         add_cartoon_flags, run_cartoon),
                  context);
 }

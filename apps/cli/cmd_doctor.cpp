@@ -10,6 +10,7 @@
 #include <opencv2/core/utility.hpp>
 
 #include "cli.h"
+#include "framework/parse.h"
 #include "window.h"
 #include <algorithm>
 #include <cstdlib>
@@ -129,7 +130,7 @@ void look_at_program(std::vector<Item>& items) {
                    fmt::format("fmt {}.{}.{}, nlohmann-json {}.{}.{}, CLI11 {}, libmicrohttpd {}",
                                FMT_VERSION / 10000, FMT_VERSION / 100 % 100, FMT_VERSION % 100,
                                NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR,
-                               NLOHMANN_JSON_VERSION_PATCH, CLI11_VERSION, MHD_get_version()),
+                               NLOHMANN_JSON_VERSION_PATCH, parser_version(), MHD_get_version()),
                    ""});
 }
 

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "cli.h"
+#include "framework/parse.h"
 #include <algorithm>
 #include <filesystem>
 #include <map>

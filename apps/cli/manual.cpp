@@ -104,7 +104,8 @@ std::string value_text(const FlagInfo& flag) {
   if (!flag.choices.empty()) {
     text = "{";
     for (const std::string& choice : flag.choices) {
-      text += (text.size() > 1 ? "," : "") + bold(choice);
+      if (text.size() > 1) text += ',';
+      text += bold(choice);
     }
     text += '}';
   }

@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 
 #include "flag_info.h"
+#include "parse.h"
 #include <algorithm>
 #include <sstream>
 #include <type_traits>
@@ -401,6 +402,8 @@ Command::Parsed Command::parse(std::vector<std::string> words) {
   }
   return parsed;
 }
+
+std::string parser_version() { return CLI11_VERSION; }
 
 std::vector<ConfigEntry> read_config(const std::string& text) {
   std::istringstream stream(text);

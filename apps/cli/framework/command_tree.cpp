@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "command_tree.h"
 
+#include "command.h"
 #include <algorithm>
 #include <cstddef>
-
-#include "command.h"
 
 namespace tarsier::cli {
 namespace {

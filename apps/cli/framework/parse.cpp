@@ -6,11 +6,10 @@
 
 #include <fmt/format.h>
 
+#include "command_tree.h"
 #include <algorithm>
 #include <cstddef>
 #include <numeric>
-
-#include "command_tree.h"
 
 namespace tarsier::cli {
 namespace {

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "command.h"
 #include <string>
 #include <string_view>
 #include <vector>
-
-#include "command.h"
 
 namespace tarsier::cli {
 
@@ -24,6 +23,9 @@ struct Chosen {
 // keys are the chosen verb's; a section [area.verb] holds those of one verb, so that one file can
 // serve several. Throws UsageError where the line breaks a rule, InputError for the file.
 Command::Parsed parse_command_line(Command& root, std::vector<std::string> words);
+
+// The version of the parser (CLI11) that the program was built with.
+[[nodiscard]] std::string parser_version();
 
 // What was probably meant by `word`: the nearest of `known`, or an empty string if none is near.
 [[nodiscard]] std::string nearest_word(std::string_view word,
