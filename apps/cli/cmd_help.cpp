@@ -6,12 +6,12 @@
 #include <fmt/format.h>
 
 #include "cli.h"
+#include "framework/command_json.h"
 #include "framework/command_tree.h"
 #include "framework/parse.h"
 #include "manual.h"
 #include <cstdlib>
 #include <ctime>
-#include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
 namespace {
@@ -29,36 +29,6 @@ std::string date_of_build() {
     now = static_cast<std::time_t>(std::strtoll(fixed, nullptr, 10));
   }
   return fmt::format("{:%Y-%m-%d}", fmt::gmtime(now));
-}
-
-nlohmann::json json_of(const FlagInfo& flag) {
-  return {{"names", flag.names},
-          {"positional", flag.positional},
-          {"value", flag.value},
-          {"choices", flag.choices},
-          {"range", flag.range},
-          {"default", flag.default_value},
-          {"description", flag.description},
-          {"group", flag.group},
-          {"required", flag.required},
-          {"many", flag.many}};
-}
-
-void print_tree(const std::vector<AreaInfo>& areas) {
-  for (const AreaInfo& area : areas) {
-    for (const VerbInfo& verb : area.verbs) {
-      nlohmann::json flags = nlohmann::json::array();
-      for (const FlagInfo& flag : verb.flags) flags.push_back(json_of(flag));
-      print_json_line(nlohmann::json{
-          {"area", area.name},
-          {"verb", fmt::format("{}", fmt::join(verb.path, " "))},
-          {"description", verb.description},
-          {"usage", verb.usage},
-          {"example", verb.example},
-          {"flags",
-           flags}}.dump());
-    }
-  }
 }
 
 const Command& command_of(const Command& root, const std::vector<std::string>& words) {
@@ -86,7 +56,7 @@ ExitStatus run_help(const Command& root, const Context& context, const HelpOptio
   } else if (options.bash) {
     print_text(bash_completion(command_tree(root)));
   } else if (context.json) {
-    print_tree(command_tree(root));
+    print_text(command_json(command_tree(root), version()) + '\n');
   } else {
     print_text(options.words.empty() ? std::string(main_help())
                                      : help_text(command_of(root, options.words)));

@@ -62,14 +62,13 @@ for area in cartoon plate sfm landmarks aam pose people calibrate ar models doct
 done
 run help --json
 expect_status 0
-mv stdout.txt tree.jsonl
+mv stdout.txt tree.json
 python3 - <<'PY' || fail "a page lacks a verb or a flag"
 import json
-for line in open("tree.jsonl"):
-    verb = json.loads(line)
+for verb in json.load(open("tree.json"))["verbs"]:
     page = open(f"pages/tarsier-{verb['area']}.1").read().replace("\\-", "-")
     assert "tarsier " + verb["verb"] in page, verb["verb"]
-    for flag in verb["flags"]:
+    for flag in verb["inputs"] + verb["flags"]:
         assert all(name in page for name in flag["names"]), (verb["verb"], flag["names"])
 PY
 if command -v mandoc >/dev/null; then

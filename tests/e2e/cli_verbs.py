@@ -137,14 +137,43 @@ EXAMPLE_STATUS = {
     "models verify": 0, "doctor": 0,
 }
 
+def default_in(text, flag):
+    """Whether --help shows, behind the flag's name, the default that `help --json` tells."""
+    shown = re.search(r"=(\S.*?)(?: \.\.\.| x \d+| REQUIRED| Needs:.*| Excludes:.*)*$", re.split(r"  +", text)[0].rstrip())
+    default = flag["default"]
+    if default is None or default is False:
+        return shown is None
+    if shown is None:
+        return False
+    if isinstance(default, bool):
+        return shown[1] in ("on", "true")
+    if isinstance(default, list):
+        return shown[1] == f"[{','.join(str(value) for value in default)}]"
+    return float(shown[1]) == default if flag["type"] in ("integer", "number") else shown[1] == default
+
+
 def check_help(verb):
+    """--help and `help --json` show the same flags, with the same defaults."""
     name = verb["verb"]
     result = run([*name.split(), "--help"])
     if result.status != 0 or result.err or f"Usage: tarsier {name}" not in result.out:
         fail(name, f"--help: {result}")
+    for given in verb["inputs"]:
+        if not re.search(rf"^  {re.escape(given['names'][0])}\b", result.out, re.M):
+            fail(name, f"--help lacks {given['names'][0]}")
+    shown = {}
+    for line in result.out.splitlines():
+        found = re.match(r"  (-\S+)(.*)", line)
+        if found:
+            shown.update((called, found[2]) for called in found[1].split(","))
+    known = {called for flag in verb["flags"] for called in flag["names"]}
+    if set(shown) != known | {"-h", "--help"}:
+        fail(name, f"--help and help --json differ: {sorted(set(shown) ^ known)}")
     for flag in verb["flags"]:
-        if flag["names"][0] not in result.out:
-            fail(name, f"--help lacks {flag['names'][0]}")
+        if flag["type"] not in ("switch", "integer", "number", "text"):
+            fail(name, f"{flag['names'][0]}: type {flag['type']!r}")
+        if not default_in(shown.get(flag["names"][0], ""), flag):
+            fail(name, f"{flag['names'][0]}: default {flag['default']!r}, --help has {shown.get(flag['names'][0])!r}")
     if verb["example"] and "Example: " + verb["example"] not in result.out:
         fail(name, "--help lacks the example")
     common = {flag["names"][0] for flag in verb["flags"] if flag["group"] == "Common"}
@@ -164,15 +193,15 @@ UNITS = re.compile(r"""\b(px|mm|s|degrees|seconds|frames?|share|times|pictures?|
 
 def check_flags(verb):
     name = verb["verb"]
-    if not verb["description"]:
+    if not verb["help"]:
         fail(name, "no description")
-    for flag in verb["flags"]:
+    for flag in verb["inputs"] + verb["flags"]:
         called = flag["names"][0]
-        text = flag["description"]
+        text = flag["help"]
         if not text and not flag["choices"]:
             fail(name, f"{called} has no description")
-        if flag["value"] in ("INT", "FLOAT", "UINT") and not flag["positional"]:
-            if not flag["default"] and not flag["required"] and "[" not in text and "default" not in text:
+        if flag["type"] in ("integer", "number") and called.startswith("-"):
+            if flag["default"] is None and not flag["required"] and "[" not in text and "default" not in text:
                 fail(name, f"{called}: --help does not tell its default")
             if flag["group"] != "Common" and not UNITS.search(text):
                 fail(name, f"{called}: --help tells no unit and no meaning: {text!r}")
@@ -216,7 +245,7 @@ def check_usage(verb):
     result = run([*name.split(), "--version"])
     if result.status != 0 or not re.fullmatch(r"tarsier \d+\.\d+\.\d+\n", result.out) or result.err:
         fail(name, f"--version: {result}")
-    if any(flag["required"] for flag in verb["flags"]):
+    if any(flag["required"] for flag in verb["inputs"] + verb["flags"]):
         expect_error(name, run(name.split()), 2)
 
 
@@ -571,7 +600,7 @@ def main():
         stop_table(arguments[1:])
         sys.exit(1 if failures else 0)
     listing = run(["help", "--json"])
-    verbs = [json.loads(line) for line in listing.out.splitlines()]
+    verbs = json.loads(listing.out)["verbs"]
     names = {verb["verb"] for verb in verbs}
     if listing.status != 0 or len(names) < 50:
         sys.exit(f"the list of verbs: {listing}")
