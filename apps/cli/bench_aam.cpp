@@ -13,8 +13,8 @@
 #include "bench.h"
 #include "cmd_aam.h"
 #include "cmd_pose.h"
+#include "framework/stopwatch.h"
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <functional>
 #include <nlohmann/json.hpp>
@@ -30,11 +30,9 @@ double median_ms(int repeats, const std::function<void()>& run) {
   run();
   std::vector<double> times;
   for (int i = 0; i < repeats; ++i) {
-    const auto start = std::chrono::steady_clock::now();
+    const Stopwatch watch;
     run();
-    times.push_back(
-        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
-            .count());
+    times.push_back(watch.ms());
   }
   std::sort(times.begin(), times.end());
   return times[times.size() / 2];
@@ -69,9 +67,8 @@ AppearanceModel small_model(const synth::FaceSynth& faces, int width, int modes)
 
 void report(const Context& context, const char* name, double ms, const std::string& about) {
   if (context.json) {
-    print_json_line(nlohmann::ordered_json{
-        {"bench", "aam"}, {"case", name}, {"ms", std::round(ms * 1e4) / 1e4}, {"about", about}}
-                        .dump());
+    print_json(nlohmann::ordered_json{
+        {"bench", "aam"}, {"case", name}, {"ms", rounded(ms, 4)}, {"about", about}});
   } else {
     print_text(fmt::format("{:<26} {:>9.3f} ms   {}\n", name, ms, about));
   }

@@ -10,6 +10,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "framework/stopwatch.h"
 #include "size_flag.h"
 #include <algorithm>
 #include <chrono>
@@ -23,14 +24,9 @@ namespace {
 
 using calibration::BoardSpec;
 using calibration::BoardView;
-using Clock = std::chrono::steady_clock;
 using Json = nlohmann::ordered_json;
 
 constexpr int kViews = 15;
-
-double ms_since(Clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
 
 double median_of(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -69,7 +65,7 @@ double squares_of(const BoardView& found, const BoardView& exact, bool may_be_tu
 
 void print_row(Context& context, const Json& row) {
   if (context.json) {
-    print_json_line(row.dump());
+    print_json(row);
     return;
   }
   std::string text;
@@ -80,8 +76,6 @@ void print_row(Context& context, const Json& row) {
   }
   print_text(text + "\n");
 }
-
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 
 // Rendered views of one board: found, how exactly, how fast, and the camera they give.
 void measure_board(Context& context, const char* board, cv::Size size) {
@@ -100,31 +94,30 @@ void measure_board(Context& context, const char* board, cv::Size size) {
     look.seed = ++seed;
     look.clutter = 12;
     const cv::Mat picture = renderer.render(pose, look);
-    const Clock::time_point start = Clock::now();
+    const Stopwatch watch;
     views.push_back(calibration::find_board(picture, spec));
-    times.push_back(ms_since(start));
+    times.push_back(watch.ms());
     if (views.back().empty()) continue;
     ++found;
     squares += squares_of(views.back(), exact_view(truth, pose, spec),
                           spec.kind != calibration::BoardKind::kCharuco);
     points += static_cast<double>(views.back().points.size());
   }
-  const Clock::time_point start = Clock::now();
+  const Stopwatch watch;
   const auto calibration = calibrate(views, spec, size, {}, context.stop);
-  const double fit_ms = ms_since(start);
-  print_row(
-      context,
-      {{"bench", "calibrate"},
-       {"case", fmt::format("{} {}x{}", board, size.width, size.height)},
-       {"found", fmt::format("{}/{}", found, kViews)},
-       {"corner_rms_px", rounded(points > 0 ? std::sqrt(squares / points) : 0, 1e4)},
-       {"find_ms", rounded(median_of(times), 10)},
-       {"fit_ms", rounded(fit_ms, 10)},
-       {"rms_px", rounded(calibration.camera.rms, 1e4)},
-       {"fx_error_percent", rounded(100 * std::abs(calibration.camera.fx / truth.fx - 1), 1e4)},
-       {"center_error_px",
-        rounded(std::hypot(calibration.camera.cx - truth.cx, calibration.camera.cy - truth.cy),
-                1e3)}});
+  const double fit_ms = watch.ms();
+  print_row(context,
+            {{"bench", "calibrate"},
+             {"case", fmt::format("{} {}x{}", board, size.width, size.height)},
+             {"found", fmt::format("{}/{}", found, kViews)},
+             {"corner_rms_px", rounded(points > 0 ? std::sqrt(squares / points) : 0, 4)},
+             {"find_ms", rounded(median_of(times), 1)},
+             {"fit_ms", rounded(fit_ms, 1)},
+             {"rms_px", rounded(calibration.camera.rms, 4)},
+             {"fx_error_percent", rounded(100 * std::abs(calibration.camera.fx / truth.fx - 1), 4)},
+             {"center_error_px", rounded(std::hypot(calibration.camera.cx - truth.cx,
+                                                    calibration.camera.cy - truth.cy),
+                                         3)}});
 }
 
 // Pictures without a board: how long a search may take, at once and in a session.
@@ -139,17 +132,17 @@ void measure_nothing(Context& context, const std::vector<cv::Mat>& pictures, con
     std::vector<double> times;
     for (const cv::Mat& picture : pictures) {
       throw_if_stopped(context.stop);
-      const Clock::time_point start = Clock::now();
+      const Stopwatch watch;
       (void)calibration::find_board(picture, spec, options);
-      times.push_back(ms_since(start));
+      times.push_back(watch.ms());
     }
     print_row(context,
               {{"bench", "calibrate"},
                {"case", fmt::format("{} {}", board,
                                     live ? "nothing there, as a session looks" : "nothing there")},
                {"pictures", pictures.size()},
-               {"find_ms", rounded(median_of(times), 10)},
-               {"most_ms", rounded(*std::max_element(times.begin(), times.end()), 10)}});
+               {"find_ms", rounded(median_of(times), 1)},
+               {"most_ms", rounded(*std::max_element(times.begin(), times.end()), 1)}});
   }
 }
 

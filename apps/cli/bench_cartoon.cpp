@@ -13,9 +13,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "framework/stopwatch.h"
 #include "size_flag.h"
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -156,11 +156,9 @@ std::map<int, Cost> costs(int runs, const std::set<int>& thread_counts, const st
       cv::setNumThreads(threads);
       work();
       const double cpu_before = process_cpu_ms();
-      const auto start = std::chrono::steady_clock::now();
+      const Stopwatch watch;
       work();
-      const std::chrono::duration<double, std::milli> spent =
-          std::chrono::steady_clock::now() - start;
-      wall[threads].push_back(spent.count());
+      wall[threads].push_back(watch.ms());
       cpu[threads].push_back(process_cpu_ms() - cpu_before);
     }
   }
@@ -240,7 +238,7 @@ void print_stages(Context& context, const BenchOptions& options, const std::vect
     }
     for (const auto& [name, ms] : stages) {
       if (context.json) {
-        print_json_line(nlohmann::json{
+        print_json(nlohmann::json{
             {"bench", "cartoon"},
             {"case", fmt::format("{} {}, {} threads: {}", name_of(mode), size_name, threads, name)},
             {"size", size_name},
@@ -249,8 +247,7 @@ void print_stages(Context& context, const BenchOptions& options, const std::vect
             {"stage", name},
             {"ms", ms},
             {"simd", name_of(simd_level())},
-            {"processor", processor_name()}}
-                            .dump());
+            {"processor", processor_name()}});
       } else {
         fmt::print("{:<10} {:<12} {:>7} {:<20} {:>8.3f}\n", size_name, name_of(mode), threads, name,
                    ms);
@@ -338,7 +335,7 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
           scaling = std::max(fasts[1].wall_ms / count, kLeast_ms) / fast_ms;
         }
         if (context.json) {
-          print_json_line(nlohmann::json{
+          print_json(nlohmann::json{
               {"bench", "cartoon"},
               {"case", fmt::format("{} {}, {} threads", name_of(mode), size_name, threads)},
               {"size", size_name},
@@ -357,8 +354,7 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
               {"simd", name_of(simd_level())},
               {"processor", processor},
               {"processors", cv::getNumberOfCPUs()},
-              {"load", optional_number(load)}}
-                              .dump());
+              {"load", optional_number(load)}});
         } else {
           fmt::print(
               "{:<10} {:<12} {:>7} {:>10.2f} {:>8.2f} {:>8.2f} {:>7.1f} {:>8.0f} {:>7} {:>7} {:>7} "

@@ -8,10 +8,10 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "framework/stopwatch.h"
 #include "landmark_engine.h"
 #include "people_engine.h"
 #include <chrono>
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
@@ -25,7 +25,6 @@ constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5
 // eyes take (the faces found before). One thread.
 ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
   cv::setNumThreads(1);
-  using Clock = std::chrono::steady_clock;
   const std::vector<std::string> inputs =
       options.inputs.empty() ? std::vector<std::string>{kPicture} : options.inputs;
   std::vector<cv::Mat> pictures;
@@ -52,14 +51,13 @@ ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
     double spent = 0;
     for (const cv::Mat& gray : pictures) {
       throw_if_stopped(context.stop);
-      auto start = Clock::now();
+      const Stopwatch watch;
       const bool face = !finder.find(gray).empty();
-      const double finding =
-          std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+      const double finding = watch.ms();
       found += face ? 1 : 0;
-      start = Clock::now();
+      const Stopwatch all_watch;
       both += reader.read(gray).empty() ? 0 : 1;
-      const double all = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+      const double all = all_watch.ms();
       if (face) spent += std::max(0.0, all - finding);
     }
     const auto count = static_cast<double>(pictures.size());
@@ -70,8 +68,8 @@ ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
                                            {"pictures", pictures.size()},
                                            {"faces", found / count},
                                            {"both_eyes", both / count},
-                                           {"ms", std::round(ms * 1000) / 1000}};
-      print_json_line(line.dump());
+                                           {"ms", rounded(ms, 3)}};
+      print_json(line);
     } else {
       print_text(fmt::format("{:<11}{:>9}{:>12.1f} %{:>14.1f} %{:>12.2f}\n", name, pictures.size(),
                              100 * found / count, 100 * both / count, ms));

@@ -9,10 +9,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "framework/stopwatch.h"
 #include "landmark_engine.h"
 #include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
@@ -31,10 +30,9 @@ template <typename Run>
 double measured(int repeats, const Run& run) {
   std::vector<double> times;
   for (int i = 0; i <= repeats; ++i) {
-    const auto start = std::chrono::steady_clock::now();
+    const Stopwatch watch;
     run();
-    const double ms =
-        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    const double ms = watch.ms();
     if (i > 0) times.push_back(ms);
   }
   return median(times);
@@ -56,8 +54,8 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   const auto report = [&](const std::string& name, double ms) {
     if (context.json) {
       nlohmann::ordered_json line = {
-          {"bench", "landmarks"}, {"case", name}, {"ms", std::round(ms * 1000) / 1000}};
-      print_json_line(line.dump());
+          {"bench", "landmarks"}, {"case", name}, {"ms", rounded(ms, 3)}};
+      print_json(line);
     } else {
       print_text(fmt::format("{:<12} {:8.3f} ms\n", name, ms));
     }

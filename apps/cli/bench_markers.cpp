@@ -12,7 +12,6 @@
 #include "bench.h"
 #include "size_flag.h"
 #include <algorithm>
-#include <cmath>
 #include <ctime>
 #include <functional>
 #include <memory>
@@ -170,23 +169,21 @@ marker::MarkerScore measure(const Detector& detector, const Scenes& scenes, int 
 
 void report(const std::string& method, const std::string& family, cv::Size size,
             const marker::MarkerScore& score, const Context& context) {
-  const auto three = [](double value) { return std::round(value * 1000) / 1000; };
+  const auto three = [](double value) { return rounded(value, 3); };
   if (context.json) {
-    print_json_line(
-        Json{{"bench", "markers"},
-             {"case", fmt::format("{} {} {}x{}", method, family, size.width, size.height)},
-             {"method", method},
-             {"family", family},
-             {"size", fmt::format("{}x{}", size.width, size.height)},
-             {"scenes", score.images},
-             {"markers", score.truth},
-             {"recall", three(score.recall())},
-             {"precision", three(score.precision())},
-             {"corner_px", three(score.corner_px)},
-             {"rotation_deg", three(score.rotation_deg)},
-             {"flips_percent", three(score.flips_percent)},
-             {"ms", three(score.ms)}}
-            .dump());
+    print_json(Json{{"bench", "markers"},
+                    {"case", fmt::format("{} {} {}x{}", method, family, size.width, size.height)},
+                    {"method", method},
+                    {"family", family},
+                    {"size", fmt::format("{}x{}", size.width, size.height)},
+                    {"scenes", score.images},
+                    {"markers", score.truth},
+                    {"recall", three(score.recall())},
+                    {"precision", three(score.precision())},
+                    {"corner_px", three(score.corner_px)},
+                    {"rotation_deg", three(score.rotation_deg)},
+                    {"flips_percent", three(score.flips_percent)},
+                    {"ms", three(score.ms)}});
     return;
   }
   print_text(fmt::format(

@@ -22,7 +22,6 @@
 #include <algorithm>
 #include <charconv>
 #include <chrono>
-#include <cmath>
 #include <cstdlib>
 #include <ctime>
 #include <filesystem>
@@ -215,15 +214,14 @@ class PeopleBench {
           {"pieces", forgotten ? forgotten->pieces : 0},
           {"file_mb",
            rounded(static_cast<double>(std::filesystem::file_size(scratch / "people.db", ignored)) /
-                   1e6)},
-          {"memory_mb", rounded(peak_memory())}});
+                       1e6,
+                   3)},
+          {"memory_mb", rounded(peak_memory(), 3)}});
   }
 
  private:
-  static double rounded(double value) { return std::round(value * 1000) / 1000; }
-
   void line(const nlohmann::ordered_json& object) const {
-    if (context_.json) return print_json_line(object.dump());
+    if (context_.json) return print_json(object);
     std::string text;
     for (const auto& [key, value] : object.items())
       if (key != "bench" && key != "case") text += fmt::format("  {} {}", key, value.dump());
@@ -236,9 +234,9 @@ class PeopleBench {
     std::sort(times.begin(), times.end(), [](const Took& a, const Took& b) { return a.ms < b.ms; });
     nlohmann::ordered_json object = {{"bench", "people"},
                                      {"case", name},
-                                     {"ms", rounded(times[times.size() / 2].ms)},
-                                     {"mean_cpu_ms", rounded(cpu)}};
-    if (times.size() >= 20) object["p95"] = rounded(times[times.size() * 95 / 100].ms);
+                                     {"ms", rounded(times[times.size() / 2].ms, 3)},
+                                     {"mean_cpu_ms", rounded(cpu, 3)}};
+    if (times.size() >= 20) object["p95"] = rounded(times[times.size() * 95 / 100].ms, 3);
     line(object);
   }
 

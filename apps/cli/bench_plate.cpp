@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "framework/stopwatch.h"
 #include "plate_engine.h"
 #include "size_flag.h"
 #include <algorithm>
@@ -71,14 +72,14 @@ ExitStatus bench_plate(Context& context, const BenchOptions& options) {
     std::vector<double> stages;
     for (const TimerStats& stats : timers.stats()) {
       stages.push_back(stats.average_ms());
-      line[stats.name + "_ms"] = std::round(stats.average_ms() * 100) / 100;
+      line[stats.name + "_ms"] = rounded(stats.average_ms(), 2);
     }
     stages.resize(3);
-    line["ms"] = std::round(all * 100) / 100;
+    line["ms"] = rounded(all, 2);
     line["fps"] = std::round(1e4 / all) / 10;
     line["plates"] = static_cast<double>(plates) / options.repeats;
     if (context.json)
-      print_json_line(line.dump());
+      print_json(line);
     else
       print_text(fmt::format("{:>10} {:>8.1f} {:>8.1f} {:>8.1f} {:>8.1f} {:>8.1f} {:>7.1f}\n", text,
                              stages[0], stages[1], stages[2], all, 1000 / all,

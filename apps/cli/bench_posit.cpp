@@ -7,15 +7,10 @@
 
 #include "bench.h"
 #include <algorithm>
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
-namespace {
-
-double rounded(double value, double digits) { return std::round(value * digits) / digits; }
-
-}  // namespace
+namespace {}  // namespace
 
 ExitStatus bench_posit(Context& context, const BenchOptions& options) {
   const std::string path =
@@ -36,16 +31,15 @@ ExitStatus bench_posit(Context& context, const BenchOptions& options) {
   for (const head::PositStudyRow& row : rows) {
     if (!is_asked(row)) continue;
     if (context.json) {
-      print_json_line(nlohmann::ordered_json{
-          {"bench", "posit"},
-          {"case", fmt::format("{}, noise {} px", row.method, row.noise_px)},
-          {"method", row.method},
-          {"noise_px", row.noise_px},
-          {"rotation_deg", rounded(row.rotation_deg, 1e5)},
-          {"translation_mm", rounded(row.translation_mm, 1e4)},
-          {"us", rounded(row.us, 1e2)},
-          {"failures",
-           row.failures}}.dump());
+      print_json(
+          nlohmann::ordered_json{{"bench", "posit"},
+                                 {"case", fmt::format("{}, noise {} px", row.method, row.noise_px)},
+                                 {"method", row.method},
+                                 {"noise_px", row.noise_px},
+                                 {"rotation_deg", rounded(row.rotation_deg, 5)},
+                                 {"translation_mm", rounded(row.translation_mm, 4)},
+                                 {"us", rounded(row.us, 2)},
+                                 {"failures", row.failures}});
     } else {
       print_text(fmt::format("{:>22} {:>9.1f} {:>9.4f} {:>9.3f} {:>8.1f} {:>9}\n", row.method,
                              row.noise_px, row.rotation_deg, row.translation_mm, row.us,

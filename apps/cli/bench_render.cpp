@@ -6,9 +6,8 @@
 #include <fmt/format.h>
 
 #include "bench.h"
+#include "framework/stopwatch.h"
 #include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -38,11 +37,9 @@ double median_ms(const render::Scene& scene, const geometry::Camera& camera, int
   std::vector<double> times;
   for (int i = 0; i < repeats; ++i) {
     cv::Mat image(camera.height, camera.width, CV_8UC3, cv::Scalar::all(80));
-    const auto start = std::chrono::steady_clock::now();
+    const Stopwatch watch;
     render::render(image, scene, camera);
-    times.push_back(
-        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
-            .count());
+    times.push_back(watch.ms());
   }
   std::sort(times.begin(), times.end());
   return times[times.size() / 2];
@@ -73,13 +70,11 @@ ExitStatus bench_render(Context& context, const BenchOptions& options) {
     scene.items = {item};
     const double ms = median_ms(scene, camera, options.repeats);
     if (context.json) {
-      print_json_line(nlohmann::ordered_json{
-          {"bench", "render"},
-          {"case", name},
-          {"triangles", item.mesh->triangles.size()},
-          {"size", "640x480"},
-          {"ms", std::round(ms * 100) /
-                     100}}.dump());
+      print_json(nlohmann::ordered_json{{"bench", "render"},
+                                        {"case", name},
+                                        {"triangles", item.mesh->triangles.size()},
+                                        {"size", "640x480"},
+                                        {"ms", rounded(ms, 2)}});
     } else {
       print_text(fmt::format("{:>18}  {} triangles  640x480  {:6.2f} ms\n", name,
                              item.mesh->triangles.size(), ms));

@@ -105,15 +105,13 @@ ExitStatus bench_steady(Context& context, const BenchOptions& options) {
     const double after = steady.flicker.share();
     const double ratio = before > 0 ? after / before : 0;
     if (context.json) {
-      print_json_line(nlohmann::json{
-          {"bench", "steady"},
-          {"case", name_of(mode)},
-          {"mode", name_of(mode)},
-          {"frames", frames},
-          {"plain", before},
-          {"steady", after},
-          {"ratio",
-           ratio}}.dump());
+      print_json(nlohmann::json{{"bench", "steady"},
+                                {"case", name_of(mode)},
+                                {"mode", name_of(mode)},
+                                {"frames", frames},
+                                {"plain", before},
+                                {"steady", after},
+                                {"ratio", ratio}});
     } else {
       fmt::print("{:<12} {:>8} {:>9.3f}% {:>9.3f}% {:>8.3f}\n", name_of(mode), frames, 100 * before,
                  100 * after, ratio);

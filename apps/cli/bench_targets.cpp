@@ -47,8 +47,6 @@ double quantile(std::vector<double> values, double part) {
   return values[k];
 }
 
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
-
 double rms_of(const Corners& a, const Corners& b) {
   double sum = 0;
   for (std::size_t i = 0; i < 4; ++i) sum += (a[i] - b[i]).dot(a[i] - b[i]);
@@ -128,16 +126,15 @@ void print_row(Context& context, const char* what, const char* method, const Tal
   row["case"] = fmt::format("{} {}", what, method);
   row["method"] = method;
   row["pictures"] = tally.times.size();
-  row["recall"] =
-      rounded(tally.shown > 0 ? static_cast<double>(tally.right) / tally.shown : 0, 1e3);
+  row["recall"] = rounded(tally.shown > 0 ? static_cast<double>(tally.right) / tally.shown : 0, 3);
   row["wrong"] = tally.wrong;
-  row["corner_px"] = rounded(quantile(tally.errors, 0.5), 1e3);
-  row["corner_px_p95"] = rounded(quantile(tally.errors, 0.95), 1e3);
-  row["ms"] = rounded(quantile(tally.times, 0.5), 1e2);
-  row["ms_p95"] = rounded(quantile(tally.times, 0.95), 1e2);
+  row["corner_px"] = rounded(quantile(tally.errors, 0.5), 3);
+  row["corner_px_p95"] = rounded(quantile(tally.errors, 0.95), 3);
+  row["ms"] = rounded(quantile(tally.times, 0.5), 2);
+  row["ms_p95"] = rounded(quantile(tally.times, 0.95), 2);
   for (const auto& [key, value] : more.items()) row[key] = value;
   if (context.json) {
-    print_json_line(row.dump());
+    print_json(row);
     return;
   }
   print_text(fmt::format(
@@ -260,7 +257,7 @@ void measure_films(Context& context, const std::vector<synth::PlanarPrint>& prin
       sift.add(&shown[0], c, cpu_ms() - start);
     }
   }
-  print_row(context, "films", "tarsier", own, {{"rest_px", rounded(quantile(rest, 0.5), 1e4)}});
+  print_row(context, "films", "tarsier", own, {{"rest_px", rounded(quantile(rest, 0.5), 4)}});
   print_row(context, "films", "ORB+RANSAC", orb);
   print_row(context, "films", "SIFT+RANSAC", sift);
 }

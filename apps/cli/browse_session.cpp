@@ -12,8 +12,7 @@ namespace tarsier::cli {
 
 void print_event_line(const Event& event, const View& view) {
   const nlohmann::ordered_json line{{"event", describe(event)}, {"state", view.state}};
-  // Names of files need not be UTF-8.
-  print_json_line(line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  print_json(line);
 }
 
 ExitStatus browse_session(Session& session, const View& first, const std::string& title,

@@ -25,14 +25,6 @@ using calibration::ViewState;
 using geometry::Camera;
 using Json = nlohmann::ordered_json;
 
-double rounded(double value, double steps) {
-  return std::isfinite(value) ? std::round(value * steps) / steps : value;
-}
-
-void print(const Json& line) {
-  print_json_line(line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
-}
-
 cv::Vec3d rotation_vector(const cv::Matx33d& rotation) {
   const cv::Vec4d q = geometry::quaternion_of(rotation);
   const cv::Vec3d axis(q[1], q[2], q[3]);
@@ -61,7 +53,7 @@ Json picture_json(const CalibrationPicture& picture, const CalibrationJob& job,
     line["image"] = picture.name;
   } else {
     line["frame"] = picture.index;
-    line["time"] = rounded(picture.time, 1e3);
+    line["time"] = rounded(picture.time, 3);
   }
   line["found"] = picture.found;
   const std::string reason = reason_of(picture, calibration);
@@ -72,15 +64,15 @@ Json picture_json(const CalibrationPicture& picture, const CalibrationJob& job,
     line["points"] = job.views[picture.view].points.size();
     if (report.state != ViewState::kNoPose && calibration.ok()) {
       line["dropped"] = report.dropped;
-      line["rms"] = rounded(report.rms, 1e4);
-      line["tilt"] = rounded(report.tilt_deg, 10);
+      line["rms"] = rounded(report.rms, 4);
+      line["tilt"] = rounded(report.tilt_deg, 1);
       const cv::Vec3d turn = rotation_vector(report.camera_from_board.rotation);
       const cv::Vec3d& t = report.camera_from_board.translation;
       line["rvec"] = {turn[0], turn[1], turn[2]};
       line["tvec"] = {t[0], t[1], t[2]};
     }
   }
-  line["ms"] = rounded(picture.ms, 100);
+  line["ms"] = rounded(picture.ms, 2);
   return line;
 }
 
@@ -105,7 +97,7 @@ Json summary_json(const CalibrateFlags& flags, const CalibrationJob& job,
             {"cx", camera.cx},
             {"cy", camera.cy},
             {"distortion", list_of(camera.coefficients())},
-            {"rms", rounded(camera.rms, 1e6)},
+            {"rms", rounded(camera.rms, 6)},
             {"deviations",
              {{"fx", d.fx},
               {"fy", d.fy},
@@ -114,7 +106,7 @@ Json summary_json(const CalibrateFlags& flags, const CalibrationJob& job,
               {"distortion", list_of({d.distortion.data(), numbers})}}},
             {"pictures", job.pictures.size()},
             {"used", calibration.used},
-            {"coverage", rounded(coverage.share(), 1e3)},
+            {"coverage", rounded(coverage.share(), 3)},
             {"missing", coverage.missing()},
             {"warnings", calibration.warnings}};
   return line;
@@ -272,14 +264,15 @@ calibration::Coverage coverage_of_used(const CalibrationJob& job, const Calibrat
 ExitStatus finish_calibration(const CalibrateFlags& flags, const CalibrationJob& job,
                               Context& context) {
   if (job.size.empty()) {  // no board anywhere
-    for (const CalibrationPicture& picture : job.pictures) print(picture_json(picture, job, {}));
+    for (const CalibrationPicture& picture : job.pictures)
+      print_json(picture_json(picture, job, {}));
     return ExitStatus::kNothingFound;
   }
   const Calibration calibration =
       calibrate(job.views, job.spec, job.size, flags.options, context.stop);
   if (context.json) {
     for (const CalibrationPicture& picture : job.pictures)
-      print(picture_json(picture, job, calibration));
+      print_json(picture_json(picture, job, calibration));
   }
   if (!calibration.ok()) throw InputError(flags.run.inputs.front(), calibration.refusal);
   const calibration::Coverage coverage = coverage_of_used(job, calibration);
@@ -293,7 +286,7 @@ ExitStatus finish_calibration(const CalibrateFlags& flags, const CalibrationJob&
   if (!flags.draw.empty()) draw_pictures(flags, job, calibration, coverage, context);
   for (const std::string& warning : calibration.warnings) log_warning("{}", warning);
   if (context.json) {
-    print(summary_json(flags, job, calibration, coverage));
+    print_json(summary_json(flags, job, calibration, coverage));
   } else if (!context.quiet) {
     print_table(job, calibration, coverage);
   }

@@ -225,15 +225,6 @@ int run_program(int argc, const char* const* argv) {
   }
 }
 
-void print_text(std::string_view text) {
-  const bool whole = std::fwrite(text.data(), 1, text.size(), stdout) == text.size();
-  if (!whole || std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
-    throw OutputError("standard output", std::strerror(errno));
-  }
-}
-
-void print_json_line(const std::string& object) { print_text(object + '\n'); }
-
 std::string_view version() { return TARSIER_VERSION; }
 
 std::string_view main_help() { return kHelp; }

@@ -5,6 +5,7 @@
 #include "tarsier/core/progress.h"
 
 #include "framework/command.h"
+#include "framework/output.h"
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -79,13 +80,6 @@ void add_help(Command& app, Context& context);  // hidden from --help
 // Runs the program: parses, runs the chosen verb, and turns every error into one line on stderr and
 // an exit status. Never throws.
 [[nodiscard]] int run_program(int argc, const char* const* argv);
-
-// Writes one JSON object as a line to stdout and flushes. Throws OutputError when stdout is closed
-// or full.
-void print_json_line(const std::string& object);
-
-// Writes text for people to stdout and flushes. Throws OutputError when stdout is closed or full.
-void print_text(std::string_view text);
 
 // "0.1.0"
 [[nodiscard]] std::string_view version();

@@ -11,9 +11,8 @@
 
 #include "cmd_aam.h"
 #include "cmd_landmarks.h"
+#include "framework/stopwatch.h"
 #include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -34,8 +33,6 @@ struct EvalFlags {
   int tries = 5;
   std::vector<int> eyes;
 };
-
-double rounded(double value) { return std::round(value * 1e4) / 1e4; }
 
 std::array<int, 2> eyes_of(const EvalFlags& flags, int points) {
   if (!flags.eyes.empty()) {
@@ -58,11 +55,11 @@ std::string line_of(const std::string& image, const std::optional<Eigen::Matrix2
   if (points) {
     nlohmann::json list = nlohmann::json::array();
     for (Eigen::Index i = 0; i < points->cols(); ++i)
-      list.push_back({rounded((*points)(0, i)), rounded((*points)(1, i))});
+      list.push_back({rounded((*points)(0, i), 4), rounded((*points)(1, i), 4)});
     line["points"] = std::move(list);
   }
-  line["ms"] = std::round(ms * 100) / 100;
-  return line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+  line["ms"] = rounded(ms, 2);
+  return json_text(line) + "\n";
 }
 
 // Of several objects the one whose points are nearest to the middle of the true ones: pictures may
@@ -103,12 +100,11 @@ ExitStatus convergence(const EvalFlags& flags, const shape::LandmarkSet& set,
     for (const appearance::ConvergencePoint& point : curves.back().points) {
       const double share = point.tries > 0 ? static_cast<double>(point.converged) / point.tries : 0;
       if (context.json) {
-        print_json_line(nlohmann::ordered_json{{"method", name},
-                                               {"disturbance", point.disturbance},
-                                               {"tries", point.tries},
-                                               {"converged", rounded(share)},
-                                               {"error", rounded(100 * point.mean_error)}}
-                            .dump());
+        print_json(nlohmann::ordered_json{{"method", name},
+                                          {"disturbance", point.disturbance},
+                                          {"tries", point.tries},
+                                          {"converged", rounded(share, 4)},
+                                          {"error", rounded(100 * point.mean_error, 4)}});
       } else {
         print_text(fmt::format("{:<12} disturbance {:.2f}: {:5.1f} % converge, to {:.2f} %\n", name,
                                point.disturbance, 100 * share, 100 * point.mean_error));
@@ -148,11 +144,10 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
       log_warning("{}; left out", error.what());
       continue;
     }
-    const auto start = std::chrono::steady_clock::now();
+    const Stopwatch watch;
     const std::vector<appearance::TrackedObject> objects =
         appearance::find_objects(*engine.fitter, engine.find, picture, 4, workspace);
-    const double ms =
-        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    const double ms = watch.ms();
     milliseconds += ms;
     const appearance::TrackedObject* object = nearest(objects, sample.points);
     std::optional<Eigen::Matrix2Xd> points;
@@ -181,17 +176,17 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
         {"faces", score.faces},
         {"missed", score.missed},
         {"wrong", score.wrong},
-        {"nme_mean", rounded(score.mean)},
-        {"nme_median", rounded(score.median)},
+        {"nme_mean", rounded(score.mean, 4)},
+        {"nme_median", rounded(score.median, 4)},
         {"limit", flags.limit},
-        {"within", rounded(share)},
-        {"failures", rounded(score.failures)},
-        {"auc_8", rounded(score.auc)},
-        {"bias_x", rounded(score.dx)},
-        {"bias_y", rounded(score.dy)},
-        {"iterations", rounded(static_cast<double>(iterations) / fitted)},
-        {"ms", rounded(milliseconds / std::max(1, score.faces))}};
-    print_json_line(line.dump());
+        {"within", rounded(share, 4)},
+        {"failures", rounded(score.failures, 4)},
+        {"auc_8", rounded(score.auc, 4)},
+        {"bias_x", rounded(score.dx, 4)},
+        {"bias_y", rounded(score.dy, 4)},
+        {"iterations", rounded(static_cast<double>(iterations) / fitted, 4)},
+        {"ms", rounded(milliseconds / std::max(1, score.faces), 4)}};
+    print_json(line);
   } else {
     print_text(fmt::format(
         "{} faces, {} not found, {} another face; NME mean {:.2f} %, median {:.2f} %; within {:g} "

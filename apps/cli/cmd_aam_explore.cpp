@@ -59,7 +59,7 @@ void say(const std::string& output, const Session& session, const View& view,
   static_cast<void>(session);
   if (context.json) {
     nlohmann::ordered_json line{{"output", output}, {"state", view.state}};
-    print_json_line(line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    print_json(line);
   } else if (!context.quiet) {
     print_text(fmt::format("{}: {}\n", output, view.status));
   }
@@ -135,8 +135,7 @@ ExitStatus explore(ExploreFlags& flags, Context& context) {
     write_image(flags.grid,
                 appearance::draw_mode_grid(model, flags.modes, flags.cell, context.seed));
     if (context.json)
-      print_json_line(
-          nlohmann::ordered_json{{"output", flags.grid}, {"modes", flags.modes}}.dump());
+      print_json(nlohmann::ordered_json{{"output", flags.grid}, {"modes", flags.modes}});
     else if (!context.quiet)
       print_text(fmt::format("{}: {} modes of shape and of look\n", flags.grid, flags.modes));
     if (flags.output.empty() && !flags.window) return ExitStatus::kDone;

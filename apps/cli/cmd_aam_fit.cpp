@@ -6,7 +6,6 @@
 
 #include "cmd_aam.h"
 #include "run_session.h"
-#include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -24,8 +23,6 @@ struct FitFlags {
   bool parameters = false;
 };
 
-double rounded(double value, double unit) { return std::round(value / unit) * unit; }
-
 nlohmann::ordered_json json_of(const appearance::TrackedObject& object, bool with_id,
                                bool with_parameters) {
   const Eigen::Matrix2Xd& points = object.fit.points;
@@ -33,14 +30,14 @@ nlohmann::ordered_json json_of(const appearance::TrackedObject& object, bool wit
   const Eigen::Vector2d size = points.rowwise().maxCoeff() - low;
   nlohmann::ordered_json face;
   if (with_id) face["id"] = object.id;
-  face["box"] = {rounded(low.x(), 0.01), rounded(low.y(), 0.01), rounded(size.x(), 0.01),
-                 rounded(size.y(), 0.01)};
+  face["box"] = {rounded(low.x(), 2), rounded(low.y(), 2), rounded(size.x(), 2),
+                 rounded(size.y(), 2)};
   nlohmann::json list = nlohmann::json::array();
   for (Eigen::Index i = 0; i < points.cols(); ++i)
-    list.push_back({rounded(points(0, i), 0.001), rounded(points(1, i), 0.001)});
+    list.push_back({rounded(points(0, i), 3), rounded(points(1, i), 3)});
   face["points"] = std::move(list);
-  face["score"] = rounded(1 - object.fit.error, 0.0001);
-  face["error"] = rounded(object.fit.error, 0.0001);
+  face["score"] = rounded(1 - object.fit.error, 4);
+  face["error"] = rounded(object.fit.error, 4);
   face["iterations"] = object.fit.iterations;
   face["status"] = appearance::name_of(object.fit.status);
   if (with_parameters) {
@@ -61,8 +58,7 @@ Drawn parse_drawn(const std::string& name) {
 
 ExitStatus run_fit(FitFlags& flags, Context& context) {
   flags.track.check();
-  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen)
-    flags.run.output = "none";
+  default_to_headless(flags.run);
   const Drawn drawn = parse_drawn(flags.draw);
   AamEngine engine = make_aam_engine(flags.aam);
   if (drawn == Drawn::kFace && !engine.model->colour &&
@@ -90,7 +86,7 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
     for (const appearance::TrackedObject& object : session.objects())
       faces.push_back(json_of(object, session.follows(), flags.parameters));
     line["faces"] = std::move(faces);
-    line["ms"] = rounded(session.milliseconds(), 0.01);
+    line["ms"] = rounded(session.milliseconds(), 2);
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;

@@ -11,9 +11,9 @@
 
 #include "cmd_aam.h"
 #include "cmd_landmarks.h"
+#include "framework/stopwatch.h"
 #include "landmark_engine.h"
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -61,8 +61,7 @@ appearance::Detect nearest_face() {
 }
 
 ExitStatus train(TrainFlags& flags, Context& context) {
-  using Clock = std::chrono::steady_clock;
-  const Clock::time_point begin = Clock::now();
+  const Stopwatch watch;
   appearance::AppearanceOptions& options = flags.options;
   options.channels = appearance::parse_channels(flags.channels);
   const shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
@@ -106,8 +105,7 @@ ExitStatus train(TrainFlags& flags, Context& context) {
       {"terms", flags.terms}};
   appearance::write_appearance_model(flags.output, model, about);
 
-  const double seconds =
-      std::round(std::chrono::duration<double>(Clock::now() - begin).count() * 10) / 10;
+  const double seconds = rounded(watch.seconds(), 1);
   const appearance::Texture& finest = model.levels.front();
   if (context.json) {
     nlohmann::ordered_json line = {{"output", flags.output},
@@ -122,7 +120,7 @@ ExitStatus train(TrainFlags& flags, Context& context) {
                                    {"pixels", finest.warp.pixels().size()},
                                    {"lost_error", model.lost_error},
                                    {"seconds", seconds}};
-    print_json_line(line.dump());
+    print_json(line);
   } else if (!context.quiet) {
     print_text(fmt::format(
         "{}: {} pictures of {} points, {} shape modes ({:.1f} % of the variance), {} texture modes "

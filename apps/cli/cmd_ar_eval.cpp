@@ -13,7 +13,7 @@
 #include <fmt/format.h>
 
 #include "cmd_ar.h"
-#include <chrono>
+#include "framework/stopwatch.h"
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -37,8 +37,6 @@ struct EvalFlags {
   marker::DetectOptions detect;
   target::PlanarOptions planar;
 };
-
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 
 // What was found in one picture, for the score and as a line.
 struct Found {
@@ -78,7 +76,7 @@ Found find_markers(const marker::MarkerTruth& truth, const std::string& path,
   geometry::Camera camera = truth.camera;
   camera.width = gray.cols;
   camera.height = gray.rows;
-  const auto start = std::chrono::steady_clock::now();
+  const Stopwatch watch;
   std::vector<marker::PosedMarker> posed;
   std::vector<marker::Marker> markers = detect(gray, family, flags, workspace);
   if (truth.size > 0) {
@@ -87,8 +85,7 @@ Found find_markers(const marker::MarkerTruth& truth, const std::string& path,
     for (marker::Marker& marker : markers) posed.push_back({std::move(marker), std::nullopt});
   }
   Found found;
-  found.ms =
-      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  found.ms = watch.ms();
   for (const marker::PosedMarker& marker : posed) found.markers.push_back(judged(marker));
   found.json = posed_markers_json(posed);
   return found;
@@ -97,12 +94,12 @@ Found find_markers(const marker::MarkerTruth& truth, const std::string& path,
 void print_score(const std::string& set, const marker::MarkerScore& score, const Context& context) {
   if (context.json) {
     Json line{{"set", set}, {"images", score.images}, {"truth", score.truth}};
-    line["recall"] = rounded(score.recall(), 1e4);
-    line["precision"] = rounded(score.precision(), 1e4);
+    line["recall"] = rounded(score.recall(), 4);
+    line["precision"] = rounded(score.precision(), 4);
     line["wrong"] = score.wrong;
     line["wrong_order"] = score.turned;
     const auto add = [&](const char* name, double value) {
-      line[name] = std::isfinite(value) ? Json(rounded(value, 1e4)) : Json(nullptr);
+      line[name] = std::isfinite(value) ? Json(rounded(value, 4)) : Json(nullptr);
     };
     add("corner_rmse_median", score.corner_px);
     add("corner_rmse_p95", score.corner_px_p95);
@@ -113,9 +110,9 @@ void print_score(const std::string& set, const marker::MarkerScore& score, const
     add("ms_median", score.ms);
     Json levels = Json::object();
     for (const auto& [level, counts] : score.levels)
-      levels[level] = rounded(counts.second > 0 ? 1.0 * counts.first / counts.second : 1, 1e4);
+      levels[level] = rounded(counts.second > 0 ? 1.0 * counts.first / counts.second : 1, 4);
     line["recall_by_level"] = levels;
-    print_json_line(line.dump());
+    print_json(line);
     return;
   }
   const auto number = [](double value, int digits) {
@@ -145,11 +142,11 @@ std::map<std::string, marker::FoundInImage> find_pictures(const EvalFlags& flags
           marker.corners = one.corners;
           if (one.poses) marker.pose = one.poses->best.camera_from_plane;
         }
-        lines += Json{{"image", result.image},
-                      {"markers", result.markers},
-                      {"ms", rounded(result.ms, 100)}}
-                     .dump() +
-                 "\n";
+        lines +=
+            Json{
+                {"image", result.image}, {"markers", result.markers}, {"ms", rounded(result.ms, 2)}}
+                .dump() +
+            "\n";
       },
       context.stop);
   return found;
@@ -171,7 +168,7 @@ std::map<std::string, marker::FoundInImage> find_all(const EvalFlags& flags,
       Found one = find_markers(line, path, flags, workspace);
       context.progress->advance();
       lines +=
-          Json{{"image", line.image}, {"markers", one.json}, {"ms", rounded(one.ms, 100)}}.dump() +
+          Json{{"image", line.image}, {"markers", one.json}, {"ms", rounded(one.ms, 2)}}.dump() +
           "\n";
       found[line.image] = {std::move(one.markers), one.ms};
     }

@@ -11,12 +11,11 @@
 
 #include "cmd_ar.h"
 #include "cmd_pose.h"
+#include "framework/csv_table.h"
 #include "on_event.h"
 #include "run_session.h"
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
-#include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -48,44 +47,26 @@ struct MarkersFlags {
   marker::DetectOptions detect;
 };
 
-// One row a marker and frame, written as they come; whole lines, flushed.
-class MarkerTable {
- public:
-  explicit MarkerTable(const std::string& path) : path_(path), file_(path, std::ios::binary) {
-    file_ << "frame,time,image,id,x,y,z,rx,ry,rz,error_px,ambiguity,x0,y0,x1,y1,x2,y2,x3,y3\n";
-    check();
-  }
-  void add(const Frame& frame, const marker::PosedMarker& posed) {
-    std::string image = frame.still ? frame.name : "";
-    if (image.find_first_of(",\"\n\r") != std::string::npos) {
-      std::string quoted;
-      for (const char c : image) quoted += c == '"' ? "\"\"" : std::string(1, c);
-      image = '"' + quoted + '"';
-    }
-    file_ << fmt::format("{},{:.3f},{},{}", frame.index, frame.time, image, posed.marker.id);
-    if (posed.pose) {
-      const geometry::Rigid& pose = posed.pose->camera_from_marker;
-      const cv::Vec3d r = geometry::rotation_vector(pose.rotation);
-      for (const cv::Vec3d& v : {pose.translation, r})
-        file_ << fmt::format(",{:.6f},{:.6f},{:.6f}", v[0], v[1], v[2]);
-      file_ << fmt::format(",{:.3f},{:.3f}", posed.pose->rms_px, posed.pose->ambiguity);
-    } else {
-      file_ << ",,,,,,,,";
-    }
-    for (const Eigen::Vector2d& p : posed.marker.corners)
-      file_ << fmt::format(",{:.3f},{:.3f}", p.x(), p.y());
-    file_ << '\n';
-    check();
-  }
+// Of --csv: one row a marker and frame.
+constexpr const char* kColumns =
+    "frame,time,image,id,x,y,z,rx,ry,rz,error_px,ambiguity,x0,y0,x1,y1,x2,y2,x3,y3";
 
- private:
-  void check() {
-    file_.flush();
-    if (!file_) throw OutputError(path_, "cannot be written");
+std::string row_of(const Frame& frame, const marker::PosedMarker& posed) {
+  std::string row = fmt::format("{},{:.3f},{},{}", frame.index, frame.time,
+                                csv_value(frame.still ? frame.name : ""), posed.marker.id);
+  if (posed.pose) {
+    const geometry::Rigid& pose = posed.pose->camera_from_marker;
+    const cv::Vec3d r = geometry::rotation_vector(pose.rotation);
+    for (const cv::Vec3d& v : {pose.translation, r})
+      row += fmt::format(",{:.6f},{:.6f},{:.6f}", v[0], v[1], v[2]);
+    row += fmt::format(",{:.3f},{:.3f}", posed.pose->rms_px, posed.pose->ambiguity);
+  } else {
+    row += ",,,,,,,,";
   }
-  std::string path_;
-  std::ofstream file_;
-};
+  for (const Eigen::Vector2d& p : posed.marker.corners)
+    row += fmt::format(",{:.3f},{:.3f}", p.x(), p.y());
+  return row;
+}
 
 std::shared_ptr<const render::Mesh> read_thing(const std::string& path, ar::Up up) {
   render::ObjLimits limits;
@@ -177,8 +158,7 @@ class MarkerEvents {
 };
 
 ExitStatus run_markers(MarkersFlags& flags, Context& context) {
-  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen)
-    flags.run.output = "none";
+  default_to_headless(flags.run);
   ArSessionOptions options = options_of(flags);
   const bool guesses = !options.camera && flags.focal <= 0;
   bool has_told = false;
@@ -186,8 +166,8 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
   DebugFolder debug(context.debug_dir);
   options.debug = debug.sink();
   ArSession session(std::move(options));
-  std::optional<MarkerTable> table;
-  if (!flags.csv.empty()) table.emplace(flags.csv);
+  std::optional<CsvTable> table;
+  if (!flags.csv.empty()) table.emplace(flags.csv, kColumns);
   bool found = false;
   OnEvent on_event(flags.on_event, context);
   MarkerEvents events(on_event);
@@ -203,7 +183,7 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
     events.frame(frame, session.markers());
     for (const marker::PosedMarker& posed : session.markers()) {
       found = true;
-      if (table) table->add(frame, posed);
+      if (table) table->add(row_of(frame, posed));
     }
     if (frame.still && !context.json && !context.quiet) {
       const std::size_t count = session.markers().size();
@@ -214,7 +194,7 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
     line["markers"] = posed_markers_json(session.markers());
-    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+    line["ms"] = rounded(session.milliseconds(), 2);
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   events.finish();

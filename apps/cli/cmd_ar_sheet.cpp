@@ -76,7 +76,7 @@ ExitStatus run_sheet(const SheetFlags& flags, Context& context) {
   line["page_mm"] = {pages[0].size.width, pages[0].size.height};
   line["output"] = files;
   if (context.json) {
-    print_json_line(line.dump(-1, ' ', false, Json::error_handler_t::replace));
+    print_json(line);
   } else if (!context.quiet) {
     print_text(fmt::format("{}: {}, {} {} of {:g}x{:g} mm; print at 100 % (actual size)\n",
                            files.size() == 1 ? files[0] : files[0] + " ..", title, pages.size(),

@@ -14,7 +14,6 @@
 #include "size_flag.h"
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -115,7 +114,7 @@ ExitStatus make_pictures(SynthFlags& flags, Context& context) {
     const std::string text = truth_line(line, still, prints);
     lines += text + "\n";
     shown += still.truth.size();
-    if (context.json) print_json_line(text);
+    if (context.json) print_text(text + '\n');
     context.progress->advance();
   }
   context.progress->end();

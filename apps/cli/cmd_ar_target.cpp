@@ -12,14 +12,13 @@
 #include <fmt/format.h>
 
 #include "cmd_ar.h"
+#include "framework/csv_table.h"
+#include "framework/stopwatch.h"
 #include "on_event.h"
 #include "run_session.h"
 #include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -55,10 +54,9 @@ ExitStatus run_train(TrainFlags& flags, Context& context) {
   }
   const std::string name =
       flags.name.empty() ? std::filesystem::path(flags.picture).stem().string() : flags.name;
-  const auto start = std::chrono::steady_clock::now();
+  const Stopwatch watch;
   const target::Target trained = target::train_target(picture, name, flags.options, context.stop);
-  const double seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const double seconds = watch.seconds();
   target::write_target(flags.output, trained,
                        {{"picture", flags.picture},
                         {"program", std::string("tarsier ") + std::string(version())},
@@ -80,8 +78,8 @@ ExitStatus run_train(TrainFlags& flags, Context& context) {
                        {"spread", q.spread},
                        {"distinct", q.distinct}};
     line["reasons"] = q.reasons;
-    line["seconds"] = std::round(seconds * 100) / 100;
-    print_json_line(line.dump(-1, ' ', false, Json::error_handler_t::replace));
+    line["seconds"] = rounded(seconds, 2);
+    print_json(line);
   } else if (!context.quiet) {
     print_text(fmt::format("{}: {} features, rating {:.2f} (1 is best), print {:g} x {:.4g} m\n",
                            flags.output, trained.features.size(), q.rating, trained.width,
@@ -102,35 +100,21 @@ struct FollowFlags {
   target::TrackOptions track;
 };
 
-// One row a target and frame, written as they come; whole lines, flushed.
-class TargetTable {
- public:
-  explicit TargetTable(const std::string& path) : path_(path), file_(path, std::ios::binary) {
-    file_ << "frame,time,id,confidence,x0,y0,x1,y1,x2,y2,x3,y3,tx,ty,tz,rms_px\n";
-    check();
-  }
-  void add(const Frame& frame, const target::TrackedTarget& seen) {
-    file_ << fmt::format("{},{:.3f},{},{:.3f}", frame.index, frame.time, seen.target,
-                         seen.confidence);
-    for (const cv::Point2d& c : seen.corners) file_ << fmt::format(",{:.3f},{:.3f}", c.x, c.y);
-    if (seen.pose) {
-      const cv::Vec3d& t = seen.pose->camera_from_plane.translation;
-      file_ << fmt::format(",{:.5f},{:.5f},{:.5f}", t[0], t[1], t[2]);
-    } else {
-      file_ << ",,,";
-    }
-    file_ << fmt::format(",{:.3f}\n", seen.rms_px);
-    check();
-  }
+// Of --csv: one row a target and frame.
+constexpr const char* kColumns = "frame,time,id,confidence,x0,y0,x1,y1,x2,y2,x3,y3,tx,ty,tz,rms_px";
 
- private:
-  void check() {
-    file_.flush();
-    if (!file_) throw OutputError(path_, "cannot be written");
+std::string row_of(const Frame& frame, const target::TrackedTarget& seen) {
+  std::string row =
+      fmt::format("{},{:.3f},{},{:.3f}", frame.index, frame.time, seen.target, seen.confidence);
+  for (const cv::Point2d& c : seen.corners) row += fmt::format(",{:.3f},{:.3f}", c.x, c.y);
+  if (seen.pose) {
+    const cv::Vec3d& t = seen.pose->camera_from_plane.translation;
+    row += fmt::format(",{:.5f},{:.5f},{:.5f}", t[0], t[1], t[2]);
+  } else {
+    row += ",,,";
   }
-  std::string path_;
-  std::ofstream file_;
-};
+  return row + fmt::format(",{:.3f}", seen.rms_px);
+}
 
 // Of stills each target, of films those that appear and are lost.
 class TargetEvents {
@@ -201,8 +185,7 @@ TargetOverlay overlay_of(const std::string& name) {
 }
 
 ExitStatus run_follow(FollowFlags& flags, Context& context) {
-  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen)
-    flags.run.output = "none";
+  default_to_headless(flags.run);
   if (flags.targets.empty() && !opens_window(flags.run) && flags.run.actions.empty())
     throw UsageError(
         "--target: which files of `ar target-train` to look for (or --window, to "
@@ -221,8 +204,8 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
     if (rating < 0.3)
       log_warning("{}: a poor target (rating {:.2f}): see `ar target-train --draw`", path, rating);
   }
-  std::optional<TargetTable> table;
-  if (!flags.csv.empty()) table.emplace(flags.csv);
+  std::optional<CsvTable> table;
+  if (!flags.csv.empty()) table.emplace(flags.csv, kColumns);
   DebugFolder debug(context.debug_dir);
   options.debug = debug.sink();
   TargetSession session(std::move(targets), options);
@@ -236,7 +219,7 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
     found = found || !session.seen().empty();
     events.frame(frame, session);
     for (const target::TrackedTarget& seen : session.seen())
-      if (table) table->add(frame, seen);
+      if (table) table->add(row_of(frame, seen));
     if (frame.still && !context.json && !context.quiet) {
       print_text(frame.name + ":");
       for (const target::TrackedTarget& seen : session.seen()) {
@@ -249,7 +232,7 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
   };
   hooks.describe = [&](const View&, Json& line) {
     line["markers"] = session.markers_json();
-    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+    line["ms"] = rounded(session.milliseconds(), 2);
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   events.finish();

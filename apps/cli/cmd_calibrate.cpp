@@ -11,6 +11,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/stopwatch.h"
 #include <algorithm>
 #include <chrono>
 #include <map>
@@ -33,10 +34,9 @@ struct Looked {
 };
 
 Looked look(const cv::Mat& picture, const BoardSpec& spec) {
-  const auto start = std::chrono::steady_clock::now();
+  const Stopwatch watch;
   Looked result{calibration::find_board(picture, spec)};
-  result.ms =
-      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  result.ms = watch.ms();
   return result;
 }
 

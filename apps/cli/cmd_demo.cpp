@@ -9,8 +9,8 @@
 #include <opencv2/core/utility.hpp>
 
 #include "demo.h"
+#include "framework/stopwatch.h"
 #include <algorithm>
-#include <chrono>
 #include <cstdlib>
 #include <ctime>
 #include <filesystem>
@@ -44,7 +44,7 @@ struct DemoOptions {
 };
 
 ExitStatus run_demo(const DemoOptions& options, Context& context) {
-  const auto start = std::chrono::steady_clock::now();
+  const Stopwatch watch;
   DemoPage page(options.output);
   int done = 0;
   for (const DemoStep& step : steps()) {
@@ -57,8 +57,7 @@ ExitStatus run_demo(const DemoOptions& options, Context& context) {
     step.run(context, page);
     ++done;
   }
-  const double seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const double seconds = watch.seconds();
   const std::string path = page.write(
       "What Tarsier sees",
       "Classical computer vision on an ordinary CPU, offline. Everything on this page was computed "
@@ -70,7 +69,7 @@ ExitStatus run_demo(const DemoOptions& options, Context& context) {
           std::max(1U, std::thread::hardware_concurrency()), tarsier::name_of(simd_level()),
           cv::getVersionString()));
   if (context.json) {
-    print_json_line(nlohmann::json{{"page", path}, {"areas", done}, {"seconds", seconds}}.dump());
+    print_json(nlohmann::json{{"page", path}, {"areas", done}, {"seconds", seconds}});
   } else {
     const std::string absolute = std::filesystem::absolute(path).lexically_normal().string();
     print_text(fmt::format("The page is ready after {:.0f} s. Open it in a browser:\n  {}\n",

@@ -465,7 +465,7 @@ json camera_json(const CameraInfo& camera) {
           {"trouble", camera.trouble}};
 }
 
-void print_json(const std::vector<Item>& items, const std::vector<CameraInfo>& found) {
+void print_findings(const std::vector<Item>& items, const std::vector<CameraInfo>& found) {
   json list = json::array();
   int problems = 0;
   for (const Item& item : items) {
@@ -478,15 +478,14 @@ void print_json(const std::vector<Item>& items, const std::vector<CameraInfo>& f
   }
   json cameras = json::array();
   for (const CameraInfo& camera : found) cameras.push_back(camera_json(camera));
-  print_json_line(json{{"version", version()},
-                       {"opencv", cv::getVersionString()},
-                       {"compiler", compiler()},
-                       {"simd", tarsier::name_of(simd_level())},
-                       {"cores", std::max(1U, std::thread::hardware_concurrency())},
-                       {"cameras", std::move(cameras)},
-                       {"problems", problems},
-                       {"items", std::move(list)}}
-                      .dump(-1, ' ', false, json::error_handler_t::replace));
+  print_json(json{{"version", version()},
+                  {"opencv", cv::getVersionString()},
+                  {"compiler", compiler()},
+                  {"simd", tarsier::name_of(simd_level())},
+                  {"cores", std::max(1U, std::thread::hardware_concurrency())},
+                  {"cameras", std::move(cameras)},
+                  {"problems", problems},
+                  {"items", std::move(list)}});
 }
 
 ExitStatus examine(const Context& context) {
@@ -498,7 +497,7 @@ ExitStatus examine(const Context& context) {
   look_at_display(items);
   look_at_data(items);
   if (context.json) {
-    print_json(items, cameras);
+    print_findings(items, cameras);
   } else {
     print_people(items);
   }

@@ -7,8 +7,7 @@
 #include <fmt/format.h>
 
 #include "cmd_landmarks.h"
-#include <chrono>
-#include <cmath>
+#include "framework/stopwatch.h"
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -51,8 +50,7 @@ std::string text_of(const AdaptFlags& flags, const landmarks::AdaptedModel& adap
 }
 
 ExitStatus adapt(AdaptFlags& flags, Context& context) {
-  using Clock = std::chrono::steady_clock;
-  const Clock::time_point start = Clock::now();
+  const Stopwatch watch;
   const std::string base = ModelStore::find().path_or(flags.base, "landmarks68.json");
   const landmarks::LandmarkModel model = landmarks::read_landmark_model(base);
   if (!model.trees && !model.descent) {
@@ -68,21 +66,19 @@ ExitStatus adapt(AdaptFlags& flags, Context& context) {
     log_warning("{}: the base is as good on pictures left out: nothing was changed", base);
   landmarks::write_landmark_model(flags.output, adapted.model,
                                   provenance(flags, base, adapted, context));
-  const double seconds =
-      std::round(std::chrono::duration<double>(Clock::now() - start).count() * 10) / 10;
+  const double seconds = rounded(watch.seconds(), 1);
   if (context.json) {
-    const auto rounded = [](double value) { return std::round(value * 1e5) / 1e5; };
     nlohmann::ordered_json line = {{"output", flags.output},
                                    {"faces", adapted.faces},
                                    {"ridge", adapted.ridge},
                                    {"chosen", adapted.chosen},
                                    {"kept", adapted.kept}};
     if (adapted.before > 0) {
-      line["before"] = rounded(adapted.before);
-      line["after"] = rounded(adapted.after);
+      line["before"] = rounded(adapted.before, 5);
+      line["after"] = rounded(adapted.after, 5);
     }
     line["seconds"] = seconds;
-    print_json_line(line.dump());
+    print_json(line);
   } else if (!context.quiet) {
     print_text(text_of(flags, adapted, seconds));
   }

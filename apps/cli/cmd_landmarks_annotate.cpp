@@ -245,7 +245,7 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
                                       {"samples", set.samples.size()},
                                       {"points", set.points()},
                                       {"pictures", session.state().pictures()}};
-    print_json_line(line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    print_json(line);
   } else {
     print_text(fmt::format("{}: {} of {} pictures done, {} points\n", flags.output,
                            set.samples.size(), session.state().pictures(), set.points()));

@@ -12,8 +12,8 @@
 #include <fmt/format.h>
 
 #include "cmd_landmarks.h"
+#include "framework/stopwatch.h"
 #include "landmark_engine.h"
-#include <chrono>
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -58,17 +58,16 @@ std::array<int, 2> eyes_of(const EvalFlags& flags, const shape::LandmarkSet& set
 }
 
 nlohmann::ordered_json json_of(const landmarks::LandmarkScore& score) {
-  const auto rounded = [](double value) { return std::round(value * 1e4) / 1e4; };
   return {{"faces", score.faces},
           {"missed", score.missed},
           {"wrong", score.wrong},
-          {"nme_mean", rounded(score.mean)},
-          {"nme_median", rounded(score.median)},
-          {"nme_p90", rounded(score.p90)},
-          {"failures", rounded(score.failures)},
-          {"auc_8", rounded(score.auc)},
-          {"bias_x", rounded(score.dx)},
-          {"bias_y", rounded(score.dy)}};
+          {"nme_mean", rounded(score.mean, 4)},
+          {"nme_median", rounded(score.median, 4)},
+          {"nme_p90", rounded(score.p90, 4)},
+          {"failures", rounded(score.failures, 4)},
+          {"auc_8", rounded(score.auc, 4)},
+          {"bias_x", rounded(score.dx, 4)},
+          {"bias_y", rounded(score.dy, 4)}};
 }
 
 std::string text_of(const landmarks::LandmarkScore& score) {
@@ -89,7 +88,7 @@ ExitStatus study_persons(const EvalFlags& flags, const shape::LandmarkSet& set, 
                                      {"tested", row.tested},
                                      {"generic", row.generic},
                                      {"specific", row.specific}};
-      print_json_line(line.dump());
+      print_json(line);
     } else {
       print_text(
           fmt::format("{}: generic {:.2f} %, person-specific {:.2f} % ({} pictures train, {} "
@@ -99,10 +98,9 @@ ExitStatus study_persons(const EvalFlags& flags, const shape::LandmarkSet& set, 
   }
   const double gain = 1 - study.specific / study.generic;
   if (context.json) {
-    nlohmann::ordered_json line = {{"generic", study.generic},
-                                   {"specific", study.specific},
-                                   {"gain", std::round(gain * 1e4) / 1e4}};
-    print_json_line(line.dump());
+    nlohmann::ordered_json line = {
+        {"generic", study.generic}, {"specific", study.specific}, {"gain", rounded(gain, 4)}};
+    print_json(line);
   } else {
     print_text(fmt::format("generic {:.2f} %, person-specific {:.2f} %: {:.0f} % less error\n",
                            study.generic, study.specific, 100 * gain));
@@ -123,12 +121,9 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
     context.progress->advance();
     try {
       const cv::Mat gray = read_gray_image(picture.image);
-      const auto start = std::chrono::steady_clock::now();
+      const Stopwatch watch;
       const std::vector<landmarks::Candidate> found = finder.find_sure(gray);
-      const double ms =
-          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
-              .count();
-      judge.add(tracker.model(), finder, found, picture, ms);
+      judge.add(tracker.model(), finder, found, picture, watch.ms());
     } catch (const InputError& error) {
       log_warning("{}; left out", error.what());
     }
@@ -140,11 +135,11 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
     const nlohmann::ordered_json line = {{"pictures", score.pictures},
                                          {"objects", score.objects},
                                          {"found", score.found},
-                                         {"rate", std::round(rate * 1e4) / 1e4},
+                                         {"rate", rounded(rate, 4)},
                                          {"false_alarms", score.false_alarms},
-                                         {"off", std::round(score.off * 1e4) / 1e4},
-                                         {"ms", std::round(score.ms * 100) / 100}};
-    print_json_line(line.dump());
+                                         {"off", rounded(score.off, 4)},
+                                         {"ms", rounded(score.ms, 2)}};
+    print_json(line);
   } else {
     print_text(fmt::format(
         "{} of {} found ({:.1f} %), off by {:.1f} % of the box; {} false alarms in {} pictures\n",
@@ -198,7 +193,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
       if (!result.faces.empty()) points = result.faces.front().points;
       nlohmann::ordered_json line{{"image", sample.image}};
       line.update(to_json(result));
-      lines += line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+      lines += json_text(line) + "\n";
     } else {
       points = given.find(sample.image, set.points());
     }
@@ -221,8 +216,8 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   const landmarks::LandmarkScore score = landmarks::score_of(outcomes);
   if (context.json) {
     nlohmann::ordered_json line = json_of(score);
-    if (tracker) line["ms"] = std::round(milliseconds / std::max(1, score.faces) * 100) / 100;
-    print_json_line(line.dump());
+    if (tracker) line["ms"] = rounded(milliseconds / std::max(1, score.faces), 2);
+    print_json(line);
   } else {
     print_text(text_of(score));
   }

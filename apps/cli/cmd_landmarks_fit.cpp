@@ -5,11 +5,11 @@
 #include <fmt/format.h>
 
 #include "cmd_landmarks.h"
+#include "framework/csv_table.h"
 #include "landmark_engine.h"
 #include "run_session.h"
 #include <algorithm>
 #include <cstdio>
-#include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -30,32 +30,21 @@ struct FitFlags {
   bool follows = false;  // the verb is `track`
 };
 
-// One row a face and frame, written as they come; whole lines, flushed.
-class CsvFile {
- public:
-  CsvFile(const std::string& path, int points) : path_(path), file_(path, std::ios::binary) {
-    if (!file_) throw OutputError(path, "cannot be written");
-    file_ << "frame,time,face,score";
-    for (int p = 0; p < points; ++p) file_ << fmt::format(",x{0},y{0}", p);
-    end_line();
-  }
-  void add(const Frame& frame, const landmarks::TrackedFace& face) {
-    file_ << fmt::format("{},{:.3f},{},{:.3f}", frame.index, frame.time, face.id, face.score);
-    for (Eigen::Index p = 0; p < face.points.cols(); ++p) {
-      file_ << fmt::format(",{:.2f},{:.2f}", face.points(0, p), face.points(1, p));
-    }
-    end_line();
-  }
+// Of --csv: one row a face and frame.
+std::string columns(int points) {
+  std::string names = "frame,time,face,score";
+  for (int p = 0; p < points; ++p) names += fmt::format(",x{0},y{0}", p);
+  return names;
+}
 
- private:
-  void end_line() {
-    file_ << '\n';
-    file_.flush();
-    if (!file_) throw OutputError(path_, "cannot be written");
+std::string row_of(const Frame& frame, const landmarks::TrackedFace& face) {
+  std::string row =
+      fmt::format("{},{:.3f},{},{:.3f}", frame.index, frame.time, face.id, face.score);
+  for (Eigen::Index p = 0; p < face.points.cols(); ++p) {
+    row += fmt::format(",{:.2f},{:.2f}", face.points(0, p), face.points(1, p));
   }
-  std::string path_;
-  std::ofstream file_;
-};
+  return row;
+}
 
 ExitStatus run_fit(FitFlags& flags, Context& context) {
   if (flags.smooth >= 0) {
@@ -63,12 +52,10 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
     if (flags.smooth > 0) flags.tracker.filter.gain = std::min(1.0, kUsualGain / flags.smooth);
   }
   flags.tracker.check();
-  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen) {
-    flags.run.output = "none";
-  }
+  default_to_headless(flags.run);
   face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks, flags.tracker);
-  std::optional<CsvFile> csv;
-  if (!flags.csv.empty()) csv.emplace(flags.csv, tracker.model().points());
+  std::optional<CsvTable> csv;
+  if (!flags.csv.empty()) csv.emplace(flags.csv, columns(tracker.model().points()));
   DebugFolder debug(context.debug_dir);
   LandmarkSession session(std::move(tracker), debug.sink());
   bool found = false;
@@ -78,7 +65,7 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   hooks.after_frame = [&](const Frame& frame) {
     for (const landmarks::TrackedFace& face : session.result().faces) {
       found = true;
-      if (csv) csv->add(frame, face);
+      if (csv) csv->add(row_of(frame, face));
     }
     if (frame.still && !context.json && !context.quiet) {
       print_text(fmt::format("{}: {} {}", frame.name, session.result().faces.size(),

@@ -54,7 +54,7 @@ ExitStatus import_set(ImportFlags& flags, const Context& context) {
                                 {"connections", imported.set.connections.size()},
                                 {"symmetry", !imported.set.mirror.empty()},
                                 {"skipped", imported.skipped}};
-    print_json_line(line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    print_json(line);
     return ExitStatus::kDone;
   }
   for (std::size_t i = 0; i < std::min(kMostWarnings, imported.skipped.size()); ++i)

@@ -58,7 +58,7 @@ bool ends_with(const std::string& path, const char* ending) {
 
 void say(const nlohmann::ordered_json& line, const std::string& text, const Context& context) {
   if (context.json) {
-    print_json_line(line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    print_json(line);
   } else {
     print_text(text);
   }

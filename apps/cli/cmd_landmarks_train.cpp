@@ -11,7 +11,7 @@
 
 #include "cmd_landmarks.h"
 #include "cmd_pose.h"
-#include <chrono>
+#include "framework/stopwatch.h"
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -72,8 +72,7 @@ nlohmann::json provenance(const TrainFlags& flags, const Context& context, std::
 }
 
 ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
-  using Clock = std::chrono::steady_clock;
-  const Clock::time_point start = Clock::now();
+  const Stopwatch watch;
   const shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
   const nlohmann::json about = provenance(flags, context, set.samples.size());
   if (flags.mirror && set.mirror.empty()) {
@@ -126,10 +125,9 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
     line["modes"] = trained.model.shape.mode_count();
     line["to_the_right_px"] = trained.to_the_right;
   }
-  line["seconds"] =
-      std::round(std::chrono::duration<double>(Clock::now() - start).count() * 10) / 10;
+  line["seconds"] = rounded(watch.seconds(), 1);
   if (context.json) {
-    print_json_line(line.dump());
+    print_json(line);
   } else if (!context.quiet) {
     print_text(fmt::format("{}: {} samples, {} s\n", flags.output, set.samples.size(),
                            line["seconds"].get<double>()));

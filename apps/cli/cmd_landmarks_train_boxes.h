@@ -2,7 +2,6 @@
 #pragma once
 
 #include "cmd_landmarks.h"
-#include <chrono>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
@@ -24,8 +23,5 @@ void add_box_training_flags(Command& verb, BoxTrainingFlags& flags);
                                                      const Context& context);
 
 void warn_of_skipped(const std::vector<std::string>& skipped);
-
-// s, to a tenth.
-[[nodiscard]] double seconds_since(std::chrono::steady_clock::time_point start);
 
 }  // namespace tarsier::cli

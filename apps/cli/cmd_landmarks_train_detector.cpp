@@ -7,8 +7,7 @@
 #include <fmt/format.h>
 
 #include "cmd_landmarks_train_boxes.h"
-#include <chrono>
-#include <cmath>
+#include "framework/stopwatch.h"
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -71,11 +70,6 @@ void warn_of_skipped(const std::vector<std::string>& skipped) {
   for (const std::string& what : skipped) log_warning("{}; left out", what);
 }
 
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start;
-  return std::round(passed.count() * 10) / 10;
-}
-
 namespace {
 
 struct DetectorFlags : BoxTrainingFlags {
@@ -84,7 +78,7 @@ struct DetectorFlags : BoxTrainingFlags {
 };
 
 ExitStatus train_detector(DetectorFlags& flags, Context& context) {
-  const auto start = std::chrono::steady_clock::now();
+  const Stopwatch watch;
   flags.options.seed = context.seed;
   std::vector<shape::BoxedPicture> pictures = load_boxes(flags.set, flags.hold_out, Part::kOthers);
   if (!flags.without.empty()) add_pictures_without(flags.without, pictures);
@@ -97,7 +91,7 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
         "another form",
         trained.ignored);
   }
-  const double seconds = seconds_since(start);
+  const double seconds = rounded(watch.seconds(), 1);
   const double rate = static_cast<double>(trained.found) / std::max(1, trained.boxes);
   nlohmann::json about = box_training_provenance(flags, context);
   about.update({{"pictures", trained.pictures},
@@ -111,10 +105,10 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
                                          {"boxes", trained.boxes},
                                          {"ignored", trained.ignored},
                                          {"rounds", trained.rounds},
-                                         {"found", std::round(rate * 1e4) / 1e4},
+                                         {"found", rounded(rate, 4)},
                                          {"knows_shapes", trained.detector.box.has_value()},
                                          {"seconds", seconds}};
-    print_json_line(line.dump());
+    print_json(line);
   } else if (!context.quiet) {
     print_text(fmt::format(
         "{}: {} boxes in {} pictures, window {}x{} px, {} rounds; finds {:.1f} % of them; {} s\n",

@@ -5,7 +5,7 @@
 #include <fmt/format.h>
 
 #include "cmd_landmarks_train_boxes.h"
-#include <chrono>
+#include "framework/stopwatch.h"
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -36,7 +36,7 @@ FacePicture face_picture(shape::BoxedPicture picture) {
 }
 
 ExitStatus train_networks(NetworkFlags& flags, Context& context) {
-  const auto start = std::chrono::steady_clock::now();
+  const Stopwatch watch;
   flags.options.seed = context.seed;
   std::vector<shape::BoxedPicture> boxed = load_boxes(flags.set, flags.hold_out, Part::kOthers);
   for (const std::string& folder : flags.without) add_pictures_without(folder, boxed);
@@ -45,7 +45,7 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
   const FaceTraining trained = train_face_networks(pictures, flags.set.input, flags.options,
                                                    *context.progress, context.stop);
   warn_of_skipped(trained.skipped);
-  const double seconds = seconds_since(start);
+  const double seconds = rounded(watch.seconds(), 1);
   nlohmann::json about = box_training_provenance(flags, context);
   about.update({{"faces", trained.faces},
                 {"without", trained.without},
@@ -63,7 +63,7 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
         {"held_out_alarms", trained.held_out_alarms},
         {"mistakes", {trained.scan_mistakes, trained.judge_mistakes, trained.check_mistakes}},
         {"seconds", seconds}};
-    print_json_line(line.dump());
+    print_json(line);
   } else if (!context.quiet) {
     print_text(fmt::format(
         "{}: {} faces, {} pictures without; mistakes learned from: {}, {}, {}; {} s\n"

@@ -165,17 +165,16 @@ ExitStatus list_models(const Context& context, const ModelsOptions& options) {
     sound = sound && problem.empty();
     const std::string terms = archive ? provenance_text(*archive, "terms") : "";
     if (context.json) {
-      print_json_line(json{{"name", model.name},
-                           {"file", model.path},
-                           {"type", archive ? json(archive->type) : json()},
-                           {"version", archive ? json(archive->version) : json()},
-                           {"bytes", model.bytes},
-                           {"terms", terms},
-                           {"used_by", card_text(model, "Used by")},
-                           {"without_it", card_text(model, "Without it")},
-                           {"card", model.card.empty() ? json() : json(model.card)},
-                           {"problem", problem.empty() ? json() : json(problem)}}
-                          .dump(-1, ' ', false, json::error_handler_t::replace));
+      print_json(json{{"name", model.name},
+                      {"file", model.path},
+                      {"type", archive ? json(archive->type) : json()},
+                      {"version", archive ? json(archive->version) : json()},
+                      {"bytes", model.bytes},
+                      {"terms", terms},
+                      {"used_by", card_text(model, "Used by")},
+                      {"without_it", card_text(model, "Without it")},
+                      {"card", model.card.empty() ? json() : json(model.card)},
+                      {"problem", problem.empty() ? json() : json(problem)}});
     } else if (archive) {
       print_text(fmt::format("{:<24} {:<20} {:>7} {:>10}  {}\n", printable(model.name),
                              printable(archive->type), archive->version, size_text(model.bytes),
@@ -215,14 +214,13 @@ ExitStatus show_model(const Context& context, const ModelsOptions& options) {
   }
   const std::string sum = sha256_of_file(model.path);
   if (context.json) {
-    print_json_line(json{{"name", model.name},
-                         {"file", model.path},
-                         {"type", archive->type},
-                         {"version", archive->version},
-                         {"bytes", model.bytes},
-                         {"sha256", sum},
-                         {"provenance", archive->provenance}}
-                        .dump(-1, ' ', false, json::error_handler_t::replace));
+    print_json(json{{"name", model.name},
+                    {"file", model.path},
+                    {"type", archive->type},
+                    {"version", archive->version},
+                    {"bytes", model.bytes},
+                    {"sha256", sum},
+                    {"provenance", archive->provenance}});
     return ExitStatus::kDone;
   }
   std::string text = fmt::format("{}: {}, version {}, {}\n  file    {}\n  sha256  {}{}\n",
@@ -269,12 +267,11 @@ ExitStatus verify_models(Context& context, const ModelsOptions& options) {
     }
     sound = sound && problem.empty();
     if (context.json) {
-      print_json_line(json{{"name", model.name},
-                           {"file", model.path},
-                           {"sha256", sum.empty() ? json() : json(sum)},
-                           {"ok", problem.empty()},
-                           {"problem", problem.empty() ? json() : json(problem)}}
-                          .dump(-1, ' ', false, json::error_handler_t::replace));
+      print_json(json{{"name", model.name},
+                      {"file", model.path},
+                      {"sha256", sum.empty() ? json() : json(sum)},
+                      {"ok", problem.empty()},
+                      {"problem", problem.empty() ? json() : json(problem)}});
     } else {
       print_text(problem.empty()
                      ? fmt::format("ok       {}\n", printable(model.name))

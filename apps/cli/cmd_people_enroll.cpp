@@ -128,11 +128,11 @@ class Enrolment {
     if (context_.json) {
       nlohmann::ordered_json refused = nlohmann::ordered_json::object();
       for (const auto& [reason, count] : collector_.refused()) refused[reason] = count;
-      print_json_line(dumped({{"name", flags_.name},
-                              {"added", taken()},
-                              {"faces", faces},
-                              {"refused", std::move(refused)},
-                              {"same_as", others}}));
+      print_json({{"name", flags_.name},
+                  {"added", taken()},
+                  {"faces", faces},
+                  {"refused", std::move(refused)},
+                  {"same_as", others}});
       return;
     }
     std::string text = fmt::format("{}: {} {} added, {} in all\n", printable(flags_.name), taken(),

@@ -11,7 +11,6 @@
 #include "people_engine.h"
 #include "size_flag.h"
 #include <algorithm>
-#include <cmath>
 #include <memory>
 #include <optional>
 
@@ -41,13 +40,11 @@ struct EvalFlags {
   std::string roc;
 };
 
-double rounded(double value) { return std::round(value * 1e4) / 1e4; }
-
 nlohmann::ordered_json json_of(const Rate& rate) {
   if (rate.value < 0) return nullptr;
-  return {{"rate", rounded(rate.value)},       {"hits", rate.count.hits},
-          {"trials", rate.count.trials},       {"draws", rate.draws},
-          {"low", rounded(rate.interval.low)}, {"high", rounded(rate.interval.high)}};
+  return {{"rate", rounded(rate.value, 4)},       {"hits", rate.count.hits},
+          {"trials", rate.count.trials},          {"draws", rate.draws},
+          {"low", rounded(rate.interval.low, 4)}, {"high", rounded(rate.interval.high, 4)}};
 }
 
 // Pictures without a face count as wrong, as probes of every draw.
@@ -69,15 +66,16 @@ nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces
                                  {"training", result.options.training},
                                  {"seeds", result.seeds.size()},
                                  {"people", m.people},
-                                 {"accuracy", rounded(m.accuracy)},
-                                 {"accuracy_of_all", rounded(identified.value)},
+                                 {"accuracy", rounded(m.accuracy, 4)},
+                                 {"accuracy_of_all", rounded(identified.value, 4)},
                                  {"identified", json_of(identified)},
                                  {"not_found", listed.missed.size()}};
   line["background"] =
       result.with_background ? nlohmann::ordered_json(background) : nlohmann::ordered_json(nullptr);
   if (result.options.strangers) {
     const auto or_null = [](double value) {
-      return value < 0 ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(rounded(value));
+      return value < 0 ? nlohmann::ordered_json(nullptr)
+                       : nlohmann::ordered_json(rounded(value, 4));
     };
     line["enrolled"] = result.options.enrolled > 0 ? result.options.enrolled : m.people / 2;
     line["tar"] = or_null(m.true_accepts);
@@ -94,8 +92,8 @@ nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces
     line["stated_right"] = json_of(result.rate(&SeedResult::stated_right_count));
     line["stated_false"] = json_of(result.rate(&SeedResult::stated_false_count));
   }
-  line["train_s"] = rounded(m.train_seconds);
-  line["identify_ms"] = rounded(m.identify_ms);
+  line["train_s"] = rounded(m.train_seconds, 4);
+  line["identify_ms"] = rounded(m.identify_ms, 4);
   return line;
 }
 
@@ -148,13 +146,13 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
     throw InputError(flags.list, error.what());
   }
   if (context.json) {
-    print_json_line(dumped({{"shift", rounded(fit.found.shift)},
-                            {"spread", rounded(fit.found.spread)},
-                            {"compiled_shift", recognition::kSameCameraFitted.shift},
-                            {"compiled_spread", recognition::kSameCameraFitted.spread},
-                            {"people", fit.people},
-                            {"galleries", fit.galleries},
-                            {"scores", fit.scores}}));
+    print_json({{"shift", rounded(fit.found.shift, 4)},
+                {"spread", rounded(fit.found.spread, 4)},
+                {"compiled_shift", recognition::kSameCameraFitted.shift},
+                {"compiled_spread", recognition::kSameCameraFitted.spread},
+                {"people", fit.people},
+                {"galleries", fit.galleries},
+                {"scores", fit.scores}});
     return ExitStatus::kDone;
   }
   print_text(fmt::format(
@@ -235,7 +233,7 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
       throw InputError(flags.list, error.what());
     }
     if (context.json) {
-      print_json_line(dumped(line_of(results.back(), listed, path)));
+      print_json(line_of(results.back(), listed, path));
     } else {
       print_text(text_of(results.back(), listed.missed.size()));
     }

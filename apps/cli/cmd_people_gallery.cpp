@@ -31,7 +31,7 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
     const std::int64_t deleted = gallery.forget_sightings_before(now_ms() - age.count());
     const std::int64_t kept = gallery.sighting_count();
     if (context.json) {
-      print_json_line(dumped({{"deleted", deleted}, {"kept", kept}}));
+      print_json({{"deleted", deleted}, {"kept", kept}});
     } else {
       print_text(fmt::format("{} sightings deleted, {} kept\n", deleted, kept));
     }
@@ -43,11 +43,11 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
     const auto sightings = gallery.sightings(flags.limit);
     for (const people::Sighting& s : sightings) {
       if (context.json) {
-        print_json_line(dumped({{"time", time_text(s.time)},
-                                {"source", s.source},
-                                {"label", s.name},
-                                {"known", s.known},
-                                {"confidence", s.confidence}}));
+        print_json({{"time", time_text(s.time)},
+                    {"source", s.source},
+                    {"label", s.name},
+                    {"known", s.known},
+                    {"confidence", s.confidence}});
       } else {
         print_text(fmt::format("{}  {:<24} {:>3.0f} %  {}\n", time_text(s.time).substr(0, 19),
                                s.known ? printable(s.name) : "unknown", 100 * s.confidence,
@@ -59,10 +59,10 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
   const auto people = gallery.people();
   for (const people::Person& person : people) {
     if (context.json) {
-      print_json_line(dumped({{"name", person.name},
-                              {"faces", person.faces},
-                              {"note", person.note},
-                              {"time", time_text(person.time)}}));
+      print_json({{"name", person.name},
+                  {"faces", person.faces},
+                  {"note", person.note},
+                  {"time", time_text(person.time)}});
     } else {
       print_text(fmt::format("{:<24} {:>4} faces  since {}  {}\n", printable(person.name),
                              person.faces, time_text(person.time).substr(0, 10),
@@ -126,23 +126,23 @@ ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
   if (!report) return ExitStatus::kNothingFound;
   const people::SearchReport& search = report->search;
   if (context.json) {
-    print_json_line(dumped({{"name", flags.name},
-                            {"faces", report->person.faces},
-                            {"sightings", report->sightings},
-                            {"unlearned", report->unlearned},
-                            {"pieces", report->pieces},
-                            {"pieces_searched", report->searched},
-                            {"pieces_shared", report->shared},
-                            {"shared_with", report->shared_with},
-                            {"unproven", report->unproven},
-                            {"searched", search.files},
-                            {"folders", search.folders},
-                            {"bytes", search.bytes},
-                            {"links", search.links},
-                            {"left_in", search.found},
-                            {"unread", search.unread},
-                            {"skipped", search.skipped},
-                            {"proven", report->proven()}}));
+    print_json({{"name", flags.name},
+                {"faces", report->person.faces},
+                {"sightings", report->sightings},
+                {"unlearned", report->unlearned},
+                {"pieces", report->pieces},
+                {"pieces_searched", report->searched},
+                {"pieces_shared", report->shared},
+                {"shared_with", report->shared_with},
+                {"unproven", report->unproven},
+                {"searched", search.files},
+                {"folders", search.folders},
+                {"bytes", search.bytes},
+                {"links", search.links},
+                {"left_in", search.found},
+                {"unread", search.unread},
+                {"skipped", search.skipped},
+                {"proven", report->proven()}});
   } else {
     print_text(forget_text(flags.name, *report));
   }
@@ -168,8 +168,7 @@ ExitStatus export_people(const GalleryFlags& flags, Context& context) {
   people::Gallery gallery = face::open_gallery(flags.people.gallery);
   const auto report = people::export_gallery(gallery, flags.output, time_text, context.stop);
   if (context.json) {
-    print_json_line(
-        dumped({{"output", flags.output}, {"people", report.people}, {"faces", report.faces}}));
+    print_json({{"output", flags.output}, {"people", report.people}, {"faces", report.faces}});
   } else {
     print_text(fmt::format("{} people, {} faces written to {}\n", report.people, report.faces,
                            printable(flags.output)));

@@ -86,9 +86,7 @@ face::Identifier load_identifier(const face::IdentifierOptions& options) {
 }
 
 ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
-  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen) {
-    flags.run.output = "none";
-  }
+  default_to_headless(flags.run);
   if (flags.raw && flags.model.empty()) throw UsageError("--raw goes with --model");
   if (!flags.keep.empty() && !flags.model.empty())
     throw UsageError("--keep goes with a gallery, not with --model");

@@ -51,7 +51,7 @@ ExitStatus live(LiveFlags& flags, Context& context) {
     line["mode"] = view.state["mode"];
     line["people"] = view.state["people"];
     line["message"] = view.state["message"];
-    line["ms"] = std::round(session.milliseconds() * 100) / 100;
+    line["ms"] = rounded(session.milliseconds(), 2);
   };
   return run_session(session, flags.run, context, hooks);
 }

@@ -40,14 +40,14 @@ void describe(const Recognizer& model, const Context& context) {
   const double total = model.importance.size() > 0 ? model.importance.sum() : 0;
   if (context.json) {
     std::vector<double> values(model.importance.data(), model.importance.data() + shown);
-    print_json_line(dumped({{"algorithm", recognition::name_of(model.options.algorithm)},
-                            {"people", model.labels.size()},
-                            {"templates", model.templates.rows()},
-                            {"template_length", model.template_length()},
-                            {"width", model.options.size.width},
-                            {"height", model.options.size.height},
-                            {"values", values},
-                            {"calibrated", model.calibration.has_value()}}));
+    print_json({{"algorithm", recognition::name_of(model.options.algorithm)},
+                {"people", model.labels.size()},
+                {"templates", model.templates.rows()},
+                {"template_length", model.template_length()},
+                {"width", model.options.size.width},
+                {"height", model.options.size.height},
+                {"values", values},
+                {"calibrated", model.calibration.has_value()}});
     return;
   }
   std::string text = fmt::format("{}: {} people, {} templates of {} numbers, faces of {}x{}\n",

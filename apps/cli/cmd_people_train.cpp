@@ -56,7 +56,7 @@ void tell(const recognition::Recognizer& model, const Context& context, const st
           calibration->threshold(0.01, static_cast<int>(model.labels.size()));
     }
     line["output"] = where;
-    print_json_line(dumped(line));
+    print_json(line);
     return;
   }
   std::string text = fmt::format("{}: {} people, {} faces, learned from {} -> {}\n",

@@ -9,7 +9,6 @@
 #include "cmd_people.h"
 #include "people_engine.h"
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <memory>
 
@@ -82,11 +81,11 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
       line["same"] = verdict && verdict->same;
       line["faces"] = faces.size();
       if (verdict) {
-        line["confidence"] = std::round(verdict->confidence * 1e4) / 1e4;
+        line["confidence"] = rounded(verdict->confidence, 4);
         line["score"] = verdict->score;
         line["threshold"] = verdict->threshold;
       }
-      print_json_line(dumped(line));
+      print_json(line);
     } else if (!verdict) {
       print_text(fmt::format("{}: no face\n", printable(frame->name)));
     } else {

@@ -173,9 +173,6 @@ ExitStatus evaluate(const EvalFlags& flags, const PictureReading& reading, const
   const plate::PlateTruth truth = read_truths(flags.truths);
   const std::vector<ImageReadings> readings = gather(flags, reading, context);
   const plate::PlateScores scores = plate::evaluate_plates(readings, truth, flags.options);
-  const auto dumped = [](const nlohmann::ordered_json& object) {
-    return object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-  };
   if (!flags.csv.empty() && flags.csv != "-") {
     write_file_atomically(flags.csv, std::string_view(outcomes_csv(scores)));
   }
@@ -184,7 +181,7 @@ ExitStatus evaluate(const EvalFlags& flags, const PictureReading& reading, const
     return ExitStatus::kDone;
   }
   if (context.json) {
-    print_json_line(dumped(plate::scores_json(scores)));
+    print_json(plate::scores_json(scores));
   } else {
     print_text(table(scores));
   }
@@ -192,7 +189,7 @@ ExitStatus evaluate(const EvalFlags& flags, const PictureReading& reading, const
   for (const PlateOutcome& outcome : scores.outcomes) {
     if (outcome.exact) continue;
     if (context.json) {
-      print_json_line(dumped(outcome_json(outcome)));
+      print_json(outcome_json(outcome));
     } else {
       print_text(fmt::format("{}  {}  {}  {}\n", outcome.found ? "read  " : "missed",
                              printable(outcome.image), outcome.truth.text,

@@ -55,10 +55,6 @@ plate::LogFilter filter_of(const LogFlags& flags) {
   return filter;
 }
 
-std::string dumped(const nlohmann::ordered_json& object) {
-  return object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-}
-
 std::string line_of(const LoggedPlate& plate) {
   const auto seconds = std::chrono::round<std::chrono::seconds>(plate.last_time - plate.first_time);
   return fmt::format("{}  {:<10} {:>4.0f} %  {:>6} s  {:>5} frames  {}\n",
@@ -135,7 +131,7 @@ ExitStatus list_plates(const LogFlags& flags, const Context& context) {
     if (csv) {
       csv->add(plate::logged_csv_line(plate));
     } else if (context.json) {
-      print_json_line(dumped(plate::logged_json(plate, flags.path)));
+      print_json(plate::logged_json(plate, flags.path));
     } else if (flags.crops.empty()) {
       print_text(line_of(plate));
     }
@@ -159,7 +155,7 @@ ExitStatus forget_plates(const LogFlags& flags, const Context& context) {
   };
   const std::int64_t deleted = log.forget(plate::moment_now(), age, options);
   if (context.json) {
-    print_json_line(dumped({{"deleted", deleted}}));
+    print_json({{"deleted", deleted}});
   } else {
     print_text(fmt::format("{} deleted\n", deleted));
   }

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "cmd_plate.h"
+#include "framework/stopwatch.h"
 #include "on_event.h"
 #include "plate_engine.h"
 #include "run_session.h"
@@ -144,8 +145,7 @@ class Reports {
     if (event.state != plate::PlateState::kClosed) return;
     found_ = true;
     if (context_.json)
-      print_json_line(
-          event_json(event).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+      print_json(event_json(event));
     else
       print_event(event);
   }
@@ -197,8 +197,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   if (!flags.region.empty()) flags.tracker.region = plate::parse_region(flags.region);
   flags.tracker.check();
   // Without a picture wanted, the readings are the output.
-  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen)
-    flags.run.output = "none";
+  default_to_headless(flags.run);
   plate::VideoReader reader = plate::VideoReader::load(
       ModelStore::find(), {reader_options(flags.plate, context), flags.tracker});
   Reports reports(flags, context);

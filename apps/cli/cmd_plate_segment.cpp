@@ -62,8 +62,7 @@ struct Writer {
       labels.push_back(folder.filename().string());
     }
     line["output"] = path;
-    if (context.json)
-      print_json_line(line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    if (context.json) print_json(line);
   }
 
   void take(const Frame& frame) {

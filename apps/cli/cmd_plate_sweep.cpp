@@ -67,14 +67,12 @@ ExitStatus run_sweep(SweepFlags& flags, Context& context) {
   if (!flags.output.empty()) write_plot(flags.output, plot_of(cells));
   for (const plate::StudyCell& cell : cells) {
     if (context.json) {
-      print_json_line(
-          nlohmann::ordered_json{{"reader", flags.reader},
-                                 {"features", cell.low},
-                                 {"neurons", cell.neurons},
-                                 {"splits", cell.errors.size()},
-                                 {"error_mean", std::round(cell.mean() * 1e5) / 1e5},
-                                 {"error_deviation", std::round(cell.deviation() * 1e5) / 1e5}}
-              .dump());
+      print_json(nlohmann::ordered_json{{"reader", flags.reader},
+                                        {"features", cell.low},
+                                        {"neurons", cell.neurons},
+                                        {"splits", cell.errors.size()},
+                                        {"error_mean", rounded(cell.mean(), 5)},
+                                        {"error_deviation", rounded(cell.deviation(), 5)}});
     } else {
       print_text(fmt::format("{:>4} px {:>5} neurons  {:6.2f} % +- {:.2f}\n", cell.low,
                              cell.neurons, 100 * cell.mean(), 100 * cell.deviation()));

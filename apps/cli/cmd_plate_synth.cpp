@@ -87,7 +87,7 @@ ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
       line["plates"].push_back({{"text", plate.text}, {"corners", std::move(corners)}});
     }
     lines += line.dump() + "\n";
-    if (context.json) print_json_line(line.dump());
+    if (context.json) print_json(line);
     context.progress->advance();
   }
   context.progress->end();
@@ -128,7 +128,7 @@ ExitStatus make_faces(const SynthFlags& flags, Context& context) {
     write_image((folder / (name + ".jpg")).string(), face.image, 92);
     write_file_atomically((folder / (name + ".txt")).string(), boxes);
     if (context.json)
-      print_json_line(nlohmann::ordered_json{{"image", name + ".jpg"}, {"text", face.text}}.dump());
+      print_json(nlohmann::ordered_json{{"image", name + ".jpg"}, {"text", face.text}});
     context.progress->advance();
   }
   context.progress->end();

@@ -69,7 +69,7 @@ ExitStatus train_classic_detector(const ClassicTrainFlags& flags, Context& conte
   about["error_of_unseen"] = error;
   plate::write_plate_svm(flags.output, svm, about);
   if (context.json)
-    print_json_line(about.dump());
+    print_json(about);
   else
     log_info("{}: {} candidates, {:.1f} % of unseen ones wrong", flags.output,
              set.candidates.size(), 100 * error);
@@ -99,7 +99,7 @@ ExitStatus train_classic_reader(const ClassicTrainFlags& flags, Context& context
   about["error_of_unseen"] = error;
   plate::write_character_reader(flags.output, reader, about);
   if (context.json)
-    print_json_line(about.dump());
+    print_json(about);
   else
     log_info("{}: {} characters, {:.1f} % of unseen ones wrong", flags.output,
              set.characters.size(), 100 * error);

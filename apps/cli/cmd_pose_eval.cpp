@@ -10,9 +10,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "cmd_pose.h"
+#include "framework/stopwatch.h"
 #include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -34,8 +33,6 @@ struct EvalFlags {
   std::string output;
   std::string csv;
 };
-
-double rounded(double value) { return std::round(value * 1000) / 1000; }
 
 // Poses of the faces of one picture, each as `pose track` finds them in stills.
 struct Finder {
@@ -141,19 +138,19 @@ void print_score(const head::PoseScore& score, const Context& context) {
     line["set"] = "truth";
     line["images"] = score.truths;
     line["answered"] = score.answered;
-    line["pitch_mae"] = rounded(score.pitch_mae_deg);
-    line["yaw_mae"] = rounded(score.yaw_mae_deg);
-    line["roll_mae"] = rounded(score.roll_mae_deg);
-    line["rotation_mean"] = rounded(score.mean_deg);
-    line["rotation_median"] = rounded(score.median_deg);
-    line["rotation_p95"] = rounded(score.p95_deg);
-    line["beyond10"] = rounded(score.beyond10);
+    line["pitch_mae"] = rounded(score.pitch_mae_deg, 3);
+    line["yaw_mae"] = rounded(score.yaw_mae_deg, 3);
+    line["roll_mae"] = rounded(score.roll_mae_deg, 3);
+    line["rotation_mean"] = rounded(score.mean_deg, 3);
+    line["rotation_median"] = rounded(score.median_deg, 3);
+    line["rotation_p95"] = rounded(score.p95_deg, 3);
+    line["beyond10"] = rounded(score.beyond10, 3);
     if (score.with_translation > 0) {
-      line["translation_mean"] = rounded(score.translation_mean_mm);
-      line["translation_median"] = rounded(score.translation_median_mm);
-      line["translation_percent"] = rounded(score.translation_percent);
+      line["translation_mean"] = rounded(score.translation_mean_mm, 3);
+      line["translation_median"] = rounded(score.translation_median_mm, 3);
+      line["translation_percent"] = rounded(score.translation_percent, 3);
     }
-    print_json_line(line.dump());
+    print_json(line);
     return;
   }
   print_text(fmt::format(
@@ -181,9 +178,9 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
     const HeadComparison comparison = compare_head(read_head(flags.pose.head), flags.compare);
     any = true;
     if (context.json) {
-      nlohmann::ordered_json line{{"set", "compare"}, {"all_mm", rounded(comparison.all_mm)}};
-      if (comparison.inner_mm > 0) line["inner51_mm"] = rounded(comparison.inner_mm);
-      print_json_line(line.dump());
+      nlohmann::ordered_json line{{"set", "compare"}, {"all_mm", rounded(comparison.all_mm, 3)}};
+      if (comparison.inner_mm > 0) line["inner51_mm"] = rounded(comparison.inner_mm, 3);
+      print_json(line);
     } else {
       print_text(fmt::format("mean head against {}: {:.2f} mm over all points", flags.compare,
                              comparison.all_mm));

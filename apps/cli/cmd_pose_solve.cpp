@@ -194,7 +194,7 @@ ExitStatus run_solve(const SolveFlags& flags, Context& context) {
     line["poses"] = nlohmann::ordered_json::array();
     for (const head::PositPose& pose : solution.poses) line["poses"].push_back(json_of(pose));
     if (solution.poses.empty()) line["reason"] = solution.reason;
-    print_json_line(line.dump());
+    print_json(line);
   } else if (solution.poses.empty()) {
     print_text(fmt::format("no pose: {}\n", solution.reason));
   } else {

@@ -132,7 +132,7 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
     write_image((folder / name).string(), picture);
     const nlohmann::ordered_json line = truth_line(name, truth, camera);
     lines += line.dump() + "\n";
-    if (context.json) print_json_line(line.dump());
+    if (context.json) print_json(line);
     shape::LandmarkSample sample;
     sample.image = name;
     sample.points = truth.points;

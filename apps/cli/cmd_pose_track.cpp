@@ -9,9 +9,9 @@
 
 #include "cmd_aam.h"
 #include "cmd_pose.h"
+#include "framework/csv_table.h"
 #include "run_session.h"
 #include <algorithm>
-#include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -36,32 +36,16 @@ struct TrackFlags {
   bool no_identity = false;
 };
 
-// One row a face and frame, written as they come; whole lines, flushed.
-class PoseTable {
- public:
-  explicit PoseTable(const std::string& path) : path_(path), file_(path, std::ios::binary) {
-    file_ << "frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px\n";
-    check();
-  }
-  void add(const Frame& frame, const face::PosedFace& face) {
-    if (!face.pose) return;
-    const head::HeadPose& pose = *face.pose;
-    const cv::Vec3d& t = pose.camera_from_head.translation;
-    file_ << fmt::format("{},{:.3f},{},{:.3f},{:.2f},{:.2f},{:.2f},{:.1f},{:.1f},{:.1f},{:.2f}\n",
-                         frame.index, frame.time, face.face.id, face.face.score,
-                         pose.angles.yaw_deg, pose.angles.pitch_deg, pose.angles.roll_deg, t[0],
-                         t[1], t[2], pose.rms_px);
-    check();
-  }
+// Of --csv: one row a face with a pose and frame.
+constexpr const char* kColumns = "frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px";
 
- private:
-  void check() {
-    file_.flush();
-    if (!file_) throw OutputError(path_, "cannot be written");
-  }
-  std::string path_;
-  std::ofstream file_;
-};
+std::string row_of(const Frame& frame, const face::PosedFace& face) {
+  const head::HeadPose& pose = *face.pose;
+  const cv::Vec3d& t = pose.camera_from_head.translation;
+  return fmt::format("{},{:.3f},{},{:.3f},{:.2f},{:.2f},{:.2f},{:.1f},{:.1f},{:.1f},{:.2f}",
+                     frame.index, frame.time, face.face.id, face.face.score, pose.angles.yaw_deg,
+                     pose.angles.pitch_deg, pose.angles.roll_deg, t[0], t[1], t[2], pose.rms_px);
+}
 
 void set_overlay(const std::string& what, PoseSessionOptions& options) {
   constexpr std::pair<const char*, PoseOverlay> kKinds[] = {{"none", PoseOverlay::kNone},
@@ -111,9 +95,7 @@ std::string line_of(const face::PosedFace& face) {
 }
 
 ExitStatus run_track(TrackFlags& flags, Context& context) {
-  if (flags.run.output.empty() && !flags.run.window && !flags.run.fullscreen) {
-    flags.run.output = "none";
-  }
+  default_to_headless(flags.run);
   PoseSessionOptions drawing;
   set_overlay(flags.draw, drawing);
   set_edits(flags, drawing);
@@ -126,15 +108,15 @@ ExitStatus run_track(TrackFlags& flags, Context& context) {
                                                : face::PoseSmoothing::kOneEuro;
   options.landmarks.tracker.smoothing = options.smoothing != face::PoseSmoothing::kNone;
   PoseSession session(face::PoseTracker(load_pose_models(options), options), std::move(drawing));
-  std::optional<PoseTable> table;
-  if (!flags.csv.empty()) table.emplace(flags.csv);
+  std::optional<CsvTable> table;
+  if (!flags.csv.empty()) table.emplace(flags.csv, kColumns);
   bool found = false;
   RunHooks hooks;
   hooks.title = "pose";
   hooks.after_frame = [&](const Frame& frame) {
     for (const face::PosedFace& face : session.faces()) {
       found = found || face.pose.has_value();
-      if (table) table->add(frame, face);
+      if (table && face.pose) table->add(row_of(frame, face));
     }
     if (frame.still && !context.json && !context.quiet) {
       print_text(fmt::format("{}: {} {}", frame.name, session.faces().size(),

@@ -6,8 +6,8 @@
 
 #include "cmd_landmarks.h"
 #include "cmd_pose.h"
+#include "framework/stopwatch.h"
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -61,7 +61,7 @@ nlohmann::json provenance(const TrainHeadFlags& flags, const Context& context, i
           {"seed", context.seed},
           {"data", input.parent_path().filename().string() + "/" + input.filename().string()},
           {"faces", faces},
-          {"measured", {{"rms_mm", std::round(rms * 100) / 100}}},
+          {"measured", {{"rms_mm", rounded(rms, 2)}}},
           {"options",
            {{"modes", o.modes},
             {"iterations", o.iterations},
@@ -73,8 +73,7 @@ nlohmann::json provenance(const TrainHeadFlags& flags, const Context& context, i
 }
 
 ExitStatus run_train(TrainHeadFlags& flags, Context& context) {
-  using Clock = std::chrono::steady_clock;
-  const Clock::time_point start = Clock::now();
+  const Stopwatch watch;
   flags.options.seed = context.seed;
   flags.options.check();
   const shape::LandmarkSet set = load_set(flags.set);
@@ -98,18 +97,17 @@ ExitStatus run_train(TrainHeadFlags& flags, Context& context) {
   line["faces"] = trained.model.trained_on;
   line["turned_beyond_25"] = turned;
   line["modes"] = trained.model.mode_count();
-  line["rms_mm"] = std::round(trained.rms_mm * 1000) / 1000;
+  line["rms_mm"] = rounded(trained.rms_mm, 3);
   if (!flags.compare.empty()) {
     const HeadComparison comparison = compare_head(trained.model, flags.compare);
-    line["compared_mm"] = std::round(comparison.all_mm * 1000) / 1000;
+    line["compared_mm"] = rounded(comparison.all_mm, 3);
     if (comparison.inner_mm > 0) {
-      line["compared_inner51_mm"] = std::round(comparison.inner_mm * 1000) / 1000;
+      line["compared_inner51_mm"] = rounded(comparison.inner_mm, 3);
     }
   }
-  line["seconds"] =
-      std::round(std::chrono::duration<double>(Clock::now() - start).count() * 10) / 10;
+  line["seconds"] = rounded(watch.seconds(), 1);
   if (context.json) {
-    print_json_line(line.dump());
+    print_json(line);
     return ExitStatus::kDone;
   }
   print_text(

@@ -9,8 +9,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include "cmd_pose.h"
-#include <chrono>
-#include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -170,14 +168,13 @@ void print_scores(Data& data, const std::vector<cv::Matx33d>& rotations, const C
   }
   const head::PoseScore score = head::score_poses(pairs, static_cast<int>(pairs.size()));
   if (context.json) {
-    print_json_line(nlohmann::ordered_json{{"set", "truth"},
-                                           {"what", what},
-                                           {"images", score.truths},
-                                           {"pitch_mae", score.pitch_mae_deg},
-                                           {"yaw_mae", score.yaw_mae_deg},
-                                           {"roll_mae", score.roll_mae_deg},
-                                           {"rotation_mean", score.mean_deg}}
-                        .dump());
+    print_json(nlohmann::ordered_json{{"set", "truth"},
+                                      {"what", what},
+                                      {"images", score.truths},
+                                      {"pitch_mae", score.pitch_mae_deg},
+                                      {"yaw_mae", score.yaw_mae_deg},
+                                      {"roll_mae", score.roll_mae_deg},
+                                      {"rotation_mean", score.mean_deg}});
   } else {
     print_text(fmt::format(
         "{}: {} pictures of exact truth: MAE pitch {:.2f} yaw {:.2f} roll {:.2f}, rotation mean "
@@ -240,8 +237,7 @@ ExitStatus run_train(TrainViewFlags& flags, Context& context) {
     throw InputError(input, error.what());  // too few heads, or all alike
   }
   if (context.json) {
-    print_json_line(
-        nlohmann::ordered_json{{"output", flags.output}, {"views", data.samples.size()}}.dump());
+    print_json(nlohmann::ordered_json{{"output", flags.output}, {"views", data.samples.size()}});
   } else {
     print_text(fmt::format("{}: {} views\n", flags.output, data.samples.size()));
   }

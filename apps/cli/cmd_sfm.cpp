@@ -25,7 +25,7 @@ ExitStatus evaluate(const EvalFlags& flags, const Context& context) {
       sfm::evaluate_poses(model, sfm::read_pose_truth(flags.truth), flags.model);
   const nlohmann::ordered_json json = sfm::scores_json(scores, model);
   if (context.json) {
-    print_json_line(json.dump());
+    print_json(json);
     return ExitStatus::kDone;
   }
   std::string text;

@@ -502,7 +502,7 @@ void write_results(sfm::PipelineResult& result, const ReconstructFlags& flags,
       write_views(sfm::model_folder(folder.string(), static_cast<int>(m)), models[m]);
   }
   if (context.json)
-    print_json_line(report.dump());
+    print_json(report);
   else
     print_text(sfm::summary_text(result));
   if (!models.empty() && !misplaced) log_info("{}: look at view.html", flags.output);

@@ -69,7 +69,7 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
     const cv::Vec3d center = pose.center();
     line["C"] = {center[0], center[1], center[2]};
     truth += line.dump() + "\n";
-    if (context.json) print_json_line(line.dump());
+    if (context.json) print_json(line);
     context.progress->advance();
   }
   context.progress->end();

@@ -17,6 +17,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "demo.h"
+#include "framework/stopwatch.h"
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
@@ -247,11 +248,9 @@ double median_ms(const cv::Mat& frame, const CartoonOptions& options, int repeat
   (void)cartoon::cartoonize(frame, options, state);  // buffers come into being
   std::vector<double> times;
   for (int i = 0; i < repeats; ++i) {
-    const auto start = std::chrono::steady_clock::now();
+    const Stopwatch watch;
     (void)cartoon::cartoonize(frame, options, state);
-    times.push_back(
-        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
-            .count());
+    times.push_back(watch.ms());
   }
   std::nth_element(times.begin(), times.begin() + repeats / 2, times.end());
   return times[static_cast<size_t>(repeats / 2)];

@@ -23,8 +23,7 @@ OnEvent::OnEvent(const OnEventFlags& flags, const Context& context) {
 }
 
 void OnEvent::post(const nlohmann::ordered_json& event) {
-  if (command_)
-    command_->post(event.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  if (command_) command_->post(json_text(event));
 }
 
 void OnEvent::finish() {

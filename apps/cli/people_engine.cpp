@@ -124,8 +124,4 @@ std::string time_text(std::int64_t ms) {
 
 std::int64_t now_ms() { return plate::moment_now().time_since_epoch().count(); }
 
-std::string dumped(const nlohmann::ordered_json& object) {
-  return object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-}
-
 }  // namespace tarsier::cli

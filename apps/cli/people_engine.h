@@ -65,7 +65,4 @@ struct ListedFaces {
 [[nodiscard]] std::string time_text(std::int64_t ms);
 [[nodiscard]] std::int64_t now_ms();
 
-// A line that can always be printed.
-[[nodiscard]] std::string dumped(const nlohmann::ordered_json& object);
-
 }  // namespace tarsier::cli

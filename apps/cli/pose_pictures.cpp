@@ -16,8 +16,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-double rounded(double value) { return std::round(value * 1000) / 1000; }
-
 std::vector<std::string> pictures_below(const std::string& folder) {
   std::error_code error;
   if (!fs::is_directory(folder, error)) throw InputError(folder, "no such folder");
@@ -59,20 +57,20 @@ nlohmann::ordered_json json_of(const head::PointingScore& score) {
   line["seen"] = score.seen;
   line["seen_found"] = score.seen_found;
   line["found"] = score.found;
-  line["yaw_mae"] = rounded(score.yaw_mae_deg);
-  line["pitch_mae"] = rounded(score.pitch_mae_deg);
-  line["yaw_offset"] = rounded(score.yaw_offset_deg);
-  line["pitch_offset"] = rounded(score.pitch_offset_deg);
-  line["yaw_mae_raw"] = rounded(score.yaw_mae_raw_deg);
-  line["pitch_mae_raw"] = rounded(score.pitch_mae_raw_deg);
-  line["elevation_mae"] = rounded(score.elevation_mae_deg);
-  line["azimuth_mae"] = rounded(score.azimuth_mae_deg);
+  line["yaw_mae"] = rounded(score.yaw_mae_deg, 3);
+  line["pitch_mae"] = rounded(score.pitch_mae_deg, 3);
+  line["yaw_offset"] = rounded(score.yaw_offset_deg, 3);
+  line["pitch_offset"] = rounded(score.pitch_offset_deg, 3);
+  line["yaw_mae_raw"] = rounded(score.yaw_mae_raw_deg, 3);
+  line["pitch_mae_raw"] = rounded(score.pitch_mae_raw_deg, 3);
+  line["elevation_mae"] = rounded(score.elevation_mae_deg, 3);
+  line["azimuth_mae"] = rounded(score.azimuth_mae_deg, 3);
   line["yaw_rises"] = score.yaw_rises;
   for (const auto& [pan, yaw] : score.yaw_of_pan) {
-    line["yaw_of_pan"][fmt::format("{:+g}", pan)] = rounded(yaw);
+    line["yaw_of_pan"][fmt::format("{:+g}", pan)] = rounded(yaw, 3);
   }
   for (const auto& [tilt, pitch] : score.pitch_of_tilt) {
-    line["pitch_of_tilt"][fmt::format("{:+g}", tilt)] = rounded(pitch);
+    line["pitch_of_tilt"][fmt::format("{:+g}", tilt)] = rounded(pitch, 3);
   }
   return line;
 }
@@ -117,7 +115,7 @@ void print_pointing(const head::PointingScore& score, const Context& context,
   }
   nlohmann::ordered_json line = json_of(score);
   if (!title.empty()) line["what"] = title;
-  print_json_line(line.dump());
+  print_json(line);
 }
 
 }  // namespace tarsier::cli

@@ -76,6 +76,10 @@ void add_run_flags(Command& verb, RunFlags& flags) {
   token_file.excludes(token);
 }
 
+void default_to_headless(RunFlags& flags) {
+  if (flags.output.empty() && !flags.window && !flags.fullscreen) flags.output = "none";
+}
+
 bool opens_window(const RunFlags& flags) {
   return flags.window || flags.fullscreen || flags.output.empty();
 }

@@ -2,7 +2,6 @@
 #include "run_pipeline.h"
 
 #include "cli.h"
-#include <cmath>
 
 namespace tarsier::cli {
 
@@ -54,10 +53,9 @@ void ReadAhead::read() {
 
 void Lines::print(const nlohmann::ordered_json& object) {
   if (!wanted_) return;
-  // Names of files need not be UTF-8.
-  const std::string line = object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  const std::string line = json_text(object) + '\n';
   const std::lock_guard lock(mutex_);
-  print_json_line(line);
+  print_text(line);
 }
 
 Writer::Writer(FrameSink& sink, Lines& lines, bool threaded) : sink_(sink), lines_(lines) {
@@ -106,8 +104,7 @@ void Writer::put(Job& job) {
   }
   if (job.live) {
     const auto age = std::chrono::steady_clock::now() - job.frame.captured;
-    job.line["age_ms"] =
-        std::round(std::chrono::duration<double, std::milli>(age).count() * 10) / 10;
+    job.line["age_ms"] = rounded(std::chrono::duration<double, std::milli>(age).count(), 1);
   }
   if (!job.silent) lines_.print(job.line);
 }

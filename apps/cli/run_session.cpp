@@ -11,6 +11,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/stopwatch.h"
 #include "run_pipeline.h"
 #include "window.h"
 #include <algorithm>
@@ -52,7 +53,7 @@ class Run {
 
   ExitStatus operator()() {
     open();
-    const Clock::time_point start = Clock::now();
+    const Stopwatch watch;
     try {
       loop();
       flush_still();
@@ -73,7 +74,7 @@ class Run {
       throw InputError(flags_.inputs.front(), "no picture came from it");
     }
     if (!flags_.output.empty() && sink_ != nullptr) {
-      const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
+      const double seconds = watch.seconds();
       log_info(
           "{} {} to {} in {:.1f} s", taken_, taken_ == 1 ? "picture" : "pictures",
           classify_sink(flags_.output) == SinkKind::kHttp ? masked(flags_.output) : flags_.output,
@@ -256,7 +257,7 @@ class Run {
       line["image"] = frame.name;
     } else {
       line["frame"] = frame.index;
-      line["time"] = std::round(frame.time * 1e6) / 1e6;
+      line["time"] = rounded(frame.time, 6);
     }
     if (hooks_.describe) hooks_.describe(view, line);
   }

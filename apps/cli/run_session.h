@@ -34,6 +34,9 @@ struct RunFlags {
 
 void add_run_flags(Command& verb, RunFlags& flags);
 
+// For verbs whose readings are their output: without -o and a window, no image is written.
+void default_to_headless(RunFlags& flags);
+
 // Whether the run shows a window: asked for, or nowhere else to go.
 [[nodiscard]] bool opens_window(const RunFlags& flags);
 

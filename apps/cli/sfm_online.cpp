@@ -102,7 +102,7 @@ OnlineResult run_online(const std::vector<std::string>& sources,
   hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
     for (const char* name : {"key_frames", "registered", "points", "followed"})
       line[name] = view.state.at(name);
-    line["ms"] = std::round(milliseconds * 100) / 100;
+    line["ms"] = rounded(milliseconds, 2);
   };
   OnlineResult result;
   try {

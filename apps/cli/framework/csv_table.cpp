@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+#include "csv_table.h"
+
+#include "tarsier/core/errors.h"
+
+namespace tarsier::cli {
+
+CsvTable::CsvTable(const std::string& path, std::string_view header)
+    : path_(path), file_(path, std::ios::binary) {
+  add(header);
+}
+
+void CsvTable::add(std::string_view row) {
+  file_ << row << '\n';
+  file_.flush();
+  if (!file_) throw OutputError(path_, "cannot be written");
+}
+
+std::string csv_value(const std::string& text) {
+  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
+  std::string quoted = "\"";
+  for (const char c : text) {
+    if (c == '"') quoted += '"';
+    quoted += c;
+  }
+  return quoted + '"';
+}
+
+}  // namespace tarsier::cli
