@@ -84,6 +84,10 @@ struct Kernels {
   void (*enlarge_row)(const std::uint8_t* const near[3], const std::uint8_t* const far[3],
                       const std::uint8_t* mask, std::uint8_t* bgr, int width);
 
+  // The same for one plane that holds the values themselves, without a mask: 2 width bytes.
+  void (*enlarge_plane_row)(const std::uint8_t* near, const std::uint8_t* far, std::uint8_t* dst,
+                            int width);
+
   // bgr = sharp + ((soft - sharp) weight + 127) / 255, rounded towards zero, for pixels of three
   // bytes. Rows of pixels are exactly 3 width long; `weight` has one byte a pixel.
   void (*blend_row)(const std::uint8_t* sharp, const std::uint8_t* soft, const std::uint8_t* weight,

@@ -391,6 +391,17 @@ void enlarge_row(const std::uint8_t* const near[3], const std::uint8_t* const fa
   }
 }
 
+void enlarge_plane_row(const std::uint8_t* near, const std::uint8_t* far, std::uint8_t* dst,
+                       int width) {
+  for (int x = 0; x < width; x += kLanes) {
+    const Sum16 n = widen(load(near + x)) * 3;
+    const Sum16 f = widen(load(far + x)) * 3;
+    store_alternating(dst + 2 * x,
+                      between(n + widen(load(near + x - 1)), f + widen(load(far + x - 1))),
+                      between(n + widen(load(near + x + 1)), f + widen(load(far + x + 1))));
+  }
+}
+
 // (x + 127) / 255, rounded towards zero, of x = (to - from) w, whose size is at most 255 * 255. With
 // y = |x| + 127 for x > 0, else max(|x| - 127, 0), it is y / 255 with the sign of x, and
 // y / 255 = (y + 1 + (y + 1) / 256) / 256 for all y below 65535.
@@ -437,7 +448,7 @@ void blend_row(const std::uint8_t* sharp, const std::uint8_t* soft, const std::u
 constexpr tarsier::cartoon::Kernels kKernels{
     kVectorized, bilateral_row,         median7_row,    median3_row, laplacian5_row,
     scharr_row,  threshold_inverse_row, lone_black_row, whiten_row,  split_row,
-    join_row,    enlarge_row,           blend_row};
+    join_row,    enlarge_row,    enlarge_plane_row,           blend_row};
 
 }  // namespace
 

@@ -236,6 +236,19 @@ TEST_P(KernelTest, EnlargedRowsAreThoseOfOpenCv) {
   }
 }
 
+TEST_P(KernelTest, EnlargedPlanesAreThoseOfOpenCv) {
+  cv::Mat wanted;
+  cv::resize(picture_, wanted, {2 * picture_.cols, 2 * picture_.rows}, 0, 0, cv::INTER_LINEAR);
+  for (int y = 0; y < picture_.rows; ++y) input_.extend_row_by_copies(y, 1);
+  input_.extend_height_by_copies(1);
+  std::vector<std::uint8_t> out(static_cast<size_t>(2 * (picture_.cols + kRowSlack)));
+  for (int y = 0; y < wanted.rows; ++y) {
+    kernels_->enlarge_plane_row(input_.row(y / 2), input_.row(y % 2 == 0 ? y / 2 - 1 : y / 2 + 1),
+                                out.data(), picture_.cols);
+    EXPECT_EQ(std::memcmp(out.data(), wanted.ptr(y), static_cast<size_t>(wanted.cols)), 0) << y;
+  }
+}
+
 TEST(Enlarger, IsTheResizeOfOpenCvWithLines) {
   for (const cv::Size size : {cv::Size(130, 66), cv::Size(131, 67), cv::Size(16, 16)}) {
     const cv::Mat small = test_picture({size.width / 2, size.height / 2}, 3, 15);

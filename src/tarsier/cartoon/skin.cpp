@@ -192,32 +192,54 @@ void smooth_skin(const cv::Mat& frame, const cv::Mat& enlarged, const cv::Mat& s
                   enlarged.rows, frame.cols, frame.rows);
   const bool twice = frame.cols == 2 * skin.cols && frame.rows == 2 * skin.rows;
   const cv::Rect area = twice ? smoothed_area(skin) : cv::Rect({}, skin.size());
-  const cv::Rect large = twice ? cv::Rect(2 * area.x, 2 * area.y, 2 * area.width, 2 * area.height)
-                               : cv::Rect({}, frame.size());
+  const cv::Rect large =
+      twice ? cv::Rect(area.tl() * 2, area.size() * 2) : cv::Rect({}, frame.size());
   if (!area.empty()) {
     skin(area).convertTo(buffers.weight, CV_8U, 255);
     cv::dilate(buffers.weight, buffers.weight,
                cv::Mat());  // over the thin lines that bounded the fill
     cv::erode(buffers.weight, buffers.weight, cv::Mat());
-    cv::blur(buffers.weight, buffers.weight, cv::Size(5, 5));
-    cv::resize(buffers.weight, buffers.large_weight, large.size(), 0, 0, cv::INTER_LINEAR);
+    Plane& soft = buffers.soft_weight;
+    soft.resize(area.width, area.height);
+    for_row_bands(area.height, [&](int first, int last) {
+      // Looks at the rows around the band as well.
+      cv::Mat blurred = soft.view().rowRange(first, last);
+      cv::blur(buffers.weight.rowRange(first, last), blurred, cv::Size(5, 5));
+      for (int y = first; y < last; ++y) soft.extend_row_by_copies(y, 1);
+    });
+    soft.extend_height_by_copies(1);
+    if (!twice) {
+      cv::resize(soft.view(), buffers.large_weight, large.size(), 0, 0, cv::INTER_LINEAR);
+    }
   }
+  buffers.weight_rows.resize(
+      std::max(buffers.weight_rows.size(), static_cast<size_t>(number_of_bands(frame.rows))));
   result.create(frame.size(), CV_8UC3);
   const Kernels& kernel = kernels();
   const auto copy = [&](int y, int first, int last) {
     const auto count = static_cast<size_t>(3 * (last - first));
     if (count > 0) std::memcpy(result.ptr(y) + 3 * first, frame.ptr(y) + 3 * first, count);
   };
-  for_row_bands(frame.rows, [&](int first, int last) {
+  for_row_bands(frame.rows, [&](int band, int first, int last) {
+    AlignedBytes& weight_row = buffers.weight_rows[static_cast<size_t>(band)];
+    weight_row.resize(static_cast<size_t>(2 * (area.width + kRowSlack)));
     for (int y = first; y < last; ++y) {
       if (y < large.y || y >= large.br().y) {
         copy(y, 0, frame.cols);
         continue;
       }
       copy(y, 0, large.x);
-      kernel.blend_row(frame.ptr(y) + 3 * large.x, enlarged.ptr(y) + 3 * large.x,
-                       buffers.large_weight.ptr(y - large.y), result.ptr(y) + 3 * large.x,
-                       large.width);
+      const std::uint8_t* weights = weight_row.data();
+      if (twice) {
+        const int near = (y - large.y) / 2;
+        const int far = y % 2 == 0 ? near - 1 : near + 1;
+        kernel.enlarge_plane_row(buffers.soft_weight.row(near), buffers.soft_weight.row(far),
+                                 weight_row.data(), area.width);
+      } else {
+        weights = buffers.large_weight.ptr(y);
+      }
+      kernel.blend_row(frame.ptr(y) + 3 * large.x, enlarged.ptr(y) + 3 * large.x, weights,
+                       result.ptr(y) + 3 * large.x, large.width);
       copy(y, large.br().x, frame.cols);
     }
   });

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/cartoon/options.h"
+#include "tarsier/cartoon/plane.h"
 
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
@@ -22,6 +23,8 @@ struct SkinBuffers {
   cv::Mat edges;
   cv::Mat weight;  // of smooth_skin
   cv::Mat large_weight;
+  Plane soft_weight;                      // blurred
+  std::vector<AlignedBytes> weight_rows;  // at full size, one for each band of rows
 };
 
 // Skin by flood fill from skin_seeds over `painting` (CV_8UC3), bounded by the edges of the 8-bit
