@@ -96,11 +96,10 @@ TARSIER_INLINE U8 look_up(const Table32& table, U8 index) {
   return {_mm512_permutexvar_epi8(_mm512_min_epu8(index.v, _mm512_set1_epi8(63)), table.all)};
 #else
   // pshufb gives 0 where the index has its top bit set, else what the low four bits choose. The
-  // sums set it from 16 and from 32 on; below 16 both halves answer, and `low` holds what cancels
-  // `high`. Plain sums of a minimum: Zen 4 has half as many units for saturating sums.
-  const Reg at = TARSIER_OP(min_epu8)(index.v, TARSIER_OP(set1_epi8)(63));
-  const Reg in_low = TARSIER_OP(add_epi8)(at, TARSIER_OP(set1_epi8)(112));
-  const Reg in_high = TARSIER_OP(add_epi8)(at, TARSIER_OP(set1_epi8)(96));
+  // saturated sums set it from 16 and from 32 on; below 16 both halves answer, and `low` holds what
+  // cancels `high`.
+  const Reg in_low = TARSIER_OP(adds_epu8)(index.v, TARSIER_OP(set1_epi8)(112));
+  const Reg in_high = TARSIER_OP(adds_epu8)(index.v, TARSIER_OP(set1_epi8)(96));
   return {TARSIER_OP(shuffle_epi8)(table.low, in_low) ^
           TARSIER_OP(shuffle_epi8)(table.high, in_high)};
 #endif
