@@ -8,7 +8,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
-#include "framework/stopwatch.h"
 #include "plate_engine.h"
 #include "size_flag.h"
 #include <algorithm>

@@ -8,7 +8,6 @@
 
 #include "cmd_landmarks.h"
 #include "framework/stopwatch.h"
-#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>

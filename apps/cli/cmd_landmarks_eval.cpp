@@ -123,7 +123,8 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
       const cv::Mat gray = read_gray_image(picture.image);
       const Stopwatch watch;
       const std::vector<landmarks::Candidate> found = finder.find_sure(gray);
-      judge.add(tracker.model(), finder, found, picture, watch.ms());
+      const double ms = watch.ms();
+      judge.add(tracker.model(), finder, found, picture, ms);
     } catch (const InputError& error) {
       log_warning("{}; left out", error.what());
     }

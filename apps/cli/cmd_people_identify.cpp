@@ -2,6 +2,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/gallery/retention.h"
+#include "tarsier/io/still_source.h"
 #include "tarsier/plate_video/time_text.h"
 #include "tarsier/session/recognize_session.h"
 
@@ -38,8 +39,9 @@ class Events {
 
   void frame(const Frame& frame, const std::vector<face::NamedFace>& faces,
              people::Gallery* gallery) {
-    if (frame.still || frame.name != source_) told_.clear();
-    source_ = frame.name;
+    const std::string source = source_of(frame);
+    if (frame.still || source != source_) told_.clear();
+    source_ = source;
     for (const face::NamedFace& face : faces) {
       if (face.name.label.empty()) continue;
       const bool film = !frame.still && face.face.id > 0;

@@ -2,7 +2,6 @@
 #include "cmd_plate.h"
 
 #include "cmd_plate_eval.h"
-#include "framework/stopwatch.h"
 #include "plate_engine.h"
 #include <memory>
 #include <utility>

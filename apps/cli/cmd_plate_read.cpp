@@ -10,7 +10,6 @@
 #include <fmt/format.h>
 
 #include "cmd_plate.h"
-#include "framework/stopwatch.h"
 #include "on_event.h"
 #include "plate_engine.h"
 #include "run_session.h"

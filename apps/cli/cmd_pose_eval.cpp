@@ -10,7 +10,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include "cmd_pose.h"
-#include "framework/stopwatch.h"
 #include <algorithm>
 #include <filesystem>
 #include <memory>
