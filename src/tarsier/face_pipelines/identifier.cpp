@@ -5,6 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face_pipelines/landmark_tracker.h"
+#include "tarsier/io/still_source.h"
 #include "tarsier/recognition/background.h"
 
 #include <chrono>
@@ -228,11 +229,12 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
 
 IdentifierResult Identifier::process(const Frame& frame, IdentifierState& state,
                                      DebugSink* debug) const {
-  if (frame.still || frame.name != state.source_) {
+  const std::string source = source_of(frame);
+  if (frame.still || source != state.source_) {
     state.pool_.clear();
     state.reader_.restart();
   }
-  state.source_ = frame.name;
+  state.source_ = source;
   static_cast<void>(state.follow());
   const auto start = std::chrono::steady_clock::now();
   const cv::Mat& gray = gray_of(frame.image, state.gray_);

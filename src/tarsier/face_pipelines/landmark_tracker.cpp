@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
+#include "tarsier/io/still_source.h"
 #include "tarsier/landmarks/faces_json.h"
 
 #include <fmt/format.h>
@@ -59,8 +60,9 @@ void LandmarkTracker::set_tracking(const landmarks::TrackerOptions& options) {
 LandmarkResult LandmarkTracker::process(const Frame& frame, LandmarkState& state,
                                         DebugSink* debug) const {
   if (!state.finder) state.finder.emplace(detector_.make_finder());
-  if (frame.still || frame.name != state.source) state.tracker = {};
-  state.source = frame.name;
+  const std::string source = source_of(frame);
+  if (frame.still || source != state.source) state.tracker = {};
+  state.source = source;
   const auto start = std::chrono::steady_clock::now();
   const cv::Mat& gray = gray_of(frame.image, state.gray);
   LandmarkResult result;

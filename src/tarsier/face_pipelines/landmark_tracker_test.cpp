@@ -103,6 +103,16 @@ TEST_F(Landmarks, OfAVideoKeepTheirIdUntilAnotherBegins) {
   EXPECT_TRUE(state.tracker.tracks.at(0).lost);
 }
 
+TEST_F(Landmarks, OfImagesInSequenceAreTrackedAsOfAVideo) {
+  LandmarkState state;
+  for (int k = 0; k < 3; ++k) {
+    const std::string name = "frames/" + std::to_string(k) + ".png";
+    EXPECT_EQ(tracker().process(frame(k, false, name), state).faces.at(0).id, k == 0 ? 1 : 7);
+    // Were it another video, its faces would count from 1 again.
+    state.tracker.tracks.at(0).face.id = 7;
+  }
+}
+
 TEST_F(Landmarks, TwoStatesDoNotMeet) {
   LandmarkState a;
   LandmarkState b;

@@ -5,6 +5,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/geometry/frame_camera.h"
 #include "tarsier/head/train_head.h"
+#include "tarsier/io/still_source.h"
 #include "tarsier/landmarks/faces_json.h"
 
 #include <fmt/format.h>
@@ -127,11 +128,12 @@ geometry::Camera PoseTracker::camera_for(const Frame& frame) const {
 PoseResult PoseTracker::process(const Frame& frame, PoseState& state) const {
   LandmarkState& seen = state.landmarks;
   if (!seen.finder) seen.finder.emplace(landmarks_.detector().make_finder());
-  if (frame.still || frame.name != seen.source) {
+  const std::string source = source_of(frame);
+  if (frame.still || source != seen.source) {
     seen.tracker = {};
     state.persons.clear();
   }
-  seen.source = frame.name;
+  seen.source = source;
   const landmarks::TrackerOptions& tracking = landmarks_.tracking();
   PoseResult result;
   result.tracked = !frame.still;
