@@ -85,7 +85,7 @@ json "[line['frame'] for line in lines] == [0, 10, 20]"
 # Switching by lines on stdin. Stopping while paused must not wait for ever.
 printf 'sketch\nsketch-threshold 40\nno-such-thing\npause\n' >actions.txt
 status=0
-timeout 60 "$TARSIER" cartoon run $samples/vtest.avi -o none --frames 30 --json --actions - \
+timeout 900 "$TARSIER" cartoon run $samples/vtest.avi -o none --frames 30 --json --actions - \
   <actions.txt >stdout.txt 2>stderr.txt || status=$?
 out=$(cat stdout.txt) err=$(cat stderr.txt) command_line="--actions -"
 expect_status 0

@@ -11,7 +11,7 @@ expect_no_err
 # Codecs of videos and rare kinds of images, with all that they bring, are loaded when they are needed: they take
 # several times as long to link as the rest. JPEG and PNG need none of them.
 loaded() { # loaded ARGUMENTS..: the libraries that a run loads
-  LD_DEBUG=files timeout 300 "$TARSIER" "$@" 2>&1 >/dev/null </dev/null | grep -oE 'calling init: .*' | sed 's|.*/||' | sort -u
+  LD_DEBUG=files timeout 900 "$TARSIER" "$@" 2>&1 >/dev/null </dev/null | grep -oE 'calling init: .*' | sed 's|.*/||' | sort -u
 }
 run cartoon run synth:scene --frames 1 -o scene.png --quiet
 expect_status 0

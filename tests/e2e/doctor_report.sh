@@ -8,7 +8,7 @@ env_run() { # env_run VARIABLES.. -- ARGUMENTS..
   while [ "$1" != -- ]; do variables+=("$1"); shift; done
   shift
   status=0
-  env "${variables[@]}" timeout "${TARSIER_TEST_TIMEOUT:-120}" "$TARSIER" "$@" >stdout.txt 2>stderr.txt </dev/null || status=$?
+  env "${variables[@]}" timeout "${TARSIER_TEST_TIMEOUT:-900}" "$TARSIER" "$@" >stdout.txt 2>stderr.txt </dev/null || status=$?
   out=$(cat stdout.txt) err=$(cat stderr.txt) command_line="${variables[*]} tarsier $*"
 }
 

@@ -5,7 +5,7 @@
 
 annotate() { # annotate ARGUMENTS.. <lines
   status=0
-  timeout "${TARSIER_TEST_TIMEOUT:-120}" "$TARSIER" landmarks annotate "$@" >stdout.txt 2>stderr.txt || status=$?
+  timeout "${TARSIER_TEST_TIMEOUT:-900}" "$TARSIER" landmarks annotate "$@" >stdout.txt 2>stderr.txt || status=$?
   err=$(cat stderr.txt)
   command_line="tarsier landmarks annotate $*"
 }
@@ -105,7 +105,7 @@ wait $program
 [ $? -eq 1 ] || fail "a set without points is nothing found"
 [ ! -e busy.yaml ] || fail "a set of nothing was written"
 status=0
-(unset DISPLAY WAYLAND_DISPLAY; timeout 300 "$TARSIER" landmarks annotate pictures -o window.yaml) >stdout.txt 2>stderr.txt || status=$?
+(unset DISPLAY WAYLAND_DISPLAY; timeout 900 "$TARSIER" landmarks annotate pictures -o window.yaml) >stdout.txt 2>stderr.txt || status=$?
 command_line="landmarks annotate without a display" err=$(cat stderr.txt)
 expect_status 3
 expect_error

@@ -32,7 +32,7 @@ finish() { # the last line of each test
 # run ARGUMENTS..: the program; leaves $status, $out (stdout) and $err (stderr).
 run() {
   status=0
-  timeout "${TARSIER_TEST_TIMEOUT:-300}" "$TARSIER" "$@" >stdout.txt 2>stderr.txt </dev/null || status=$?
+  timeout "${TARSIER_TEST_TIMEOUT:-900}" "$TARSIER" "$@" >stdout.txt 2>stderr.txt </dev/null || status=$?
   out=$(cat stdout.txt) err=$(cat stderr.txt)
   command_line="tarsier $*"
 }

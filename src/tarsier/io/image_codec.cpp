@@ -8,6 +8,8 @@
 #include <cstdio>
 #include <cstdlib>
 #include <jpeglib.h>
+// needs jpeglib.h before it
+#include <jerror.h>
 #include <memory>
 #include <new>
 #include <png.h>
@@ -34,8 +36,10 @@ struct JpegErrors {
   std::longjmp(reinterpret_cast<JpegErrors*>(codec->err)->jump, 1);
 }
 
+// Bytes to spare before a marker, which many cameras leave, change no pixel.
 void note(j_common_ptr codec, int level) {
-  if (level < 0) reinterpret_cast<JpegErrors*>(codec->err)->warned = true;
+  if (level < 0 && codec->err->msg_code != JWRN_EXTRANEOUS_DATA)
+    reinterpret_cast<JpegErrors*>(codec->err)->warned = true;
 }
 
 void say_nothing(j_common_ptr) {}

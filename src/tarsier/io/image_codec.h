@@ -16,8 +16,9 @@
 namespace tarsier {
 
 // An 8-bit image, BGR or (`gray`) one channel. Empty for what is left to OpenCV: any other format,
-// EXIF (it may turn the image), CMYK, palettes, transparency, 16 bits, interlaced PNG, and all that
-// libjpeg or libpng so much as warn of. `bytes` have been checked (image_probe.h).
+// EXIF (it may turn the image), CMYK, palettes, transparency, 16 bits, interlaced PNG, and what
+// libjpeg or libpng warn of, but for bytes to spare before a JPEG's marker. `bytes` have been
+// checked (image_probe.h).
 [[nodiscard]] cv::Mat decode_plain(std::span<const std::uint8_t> bytes, const ImageHeader& header,
                                    bool gray);
 

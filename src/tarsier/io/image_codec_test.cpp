@@ -125,6 +125,17 @@ TEST(ImageCodec, LeavesTurnedImagesToOpenCv) {
   EXPECT_EQ(decode_image(bytes, "x").size(), cv::Size(47, 61));
 }
 
+// Many cameras send JPEGs like this one: they must not be decoded twice.
+TEST(ImageCodec, TakesAJpegWithBytesToSpare) {
+  Data bytes = by_opencv(".jpg", noisy(CV_8UC3));
+  const cv::Mat plain = decoded(bytes, false);
+  bytes.insert(bytes.end() - 2, 6, 0x55);
+  const cv::Mat image = decoded(bytes, false);
+  ASSERT_FALSE(image.empty());
+  EXPECT_EQ(cv::norm(image, plain, cv::NORM_INF), 0);
+  EXPECT_TRUE(same(image, cv::imdecode(bytes, cv::IMREAD_COLOR)));
+}
+
 TEST(ImageCodec, BrokenPixelsAreNotTaken) {
   for (const char* ending : {".jpg", ".png"}) {
     const Data whole = by_opencv(ending, noisy(CV_8UC3));
