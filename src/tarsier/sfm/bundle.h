@@ -38,11 +38,11 @@ constexpr double kMinFocalShare = 0.1;
 constexpr double kMaxFocalShare = 20;
 
 // Bundle adjustment (Triggs et al., 2000): poses, points and, if asked, cameras that minimise the
-// sum of the robust squared reprojection errors. Ceres with automatic derivatives and the Schur
-// complement, on one thread so that the result depends on nothing else. The first photograph stays
-// where it is, and the distance to the one farthest from it keeps the scale. A lens that is no lens
-// afterwards (not finite, or a focal length outside of the shares above) stays as it was. Throws
-// Interrupted: the model is then as it was.
+// sum of the robust squared reprojection errors, by bundle_solver.h, on one thread so that the
+// result depends on nothing else. The first photograph stays where it is, and the distance to the
+// one farthest from it keeps the scale. A lens that is no lens afterwards (not finite, or a focal
+// length outside of the shares above) stays as it was. Throws Interrupted: the model is then as it
+// was.
 BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_token& stop = {});
 
 // The same for one photograph's pose alone, its points fixed; `seen`: pairs of pixel and point.

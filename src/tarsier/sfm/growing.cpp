@@ -29,34 +29,6 @@ std::size_t grid_start(int level) { return ((std::size_t{1} << (2 * level)) - 4)
 
 }  // namespace
 
-// The features of a photograph by place.
-class Growing::Nearby {
- public:
-  Nearby(const Photograph& image, double radius) : radius_(radius), features_(image.features) {
-    for (std::size_t f = 0; f < features_.size(); ++f)
-      cells_[cell(features_[f].x, features_[f].y)].push_back(static_cast<int>(f));
-  }
-  template <typename Function>
-  void for_each(const cv::Point2d& p, const Function& function) const {
-    for (int dy = -1; dy <= 1; ++dy) {
-      for (int dx = -1; dx <= 1; ++dx) {
-        const auto found = cells_.find(cell(p.x + dx * radius_, p.y + dy * radius_));
-        if (found == cells_.end()) continue;
-        for (const int f : found->second)
-          if (cv::norm(cv::Point2d(features_[at(f)]) - p) <= radius_) function(f);
-      }
-    }
-  }
-
- private:
-  [[nodiscard]] std::pair<int, int> cell(double x, double y) const {
-    return {static_cast<int>(std::floor(x / radius_)), static_cast<int>(std::floor(y / radius_))};
-  }
-  double radius_;
-  const std::vector<cv::Point2f>& features_;
-  std::map<std::pair<int, int>, std::vector<int>> cells_;
-};
-
 Growing::Growing(Model model, std::vector<std::vector<Observation>> tracks,
                  const std::vector<cv::Mat>& descriptors, FeatureKind kind,
                  const MapperOptions& options)
@@ -299,42 +271,6 @@ void Growing::refine_all(int rounds, double tolerance, const std::stop_token& st
     if (!refine_once(tolerance, stop)) break;
 }
 
-int Growing::extend(const std::stop_token& stop) {
-  if (descriptors_.empty() || options_.extend_px <= 0) return 0;
-  int gained = 0;
-  std::vector<int> asked_for(tracks_.size(), -1);  // by the last photograph
-  for (std::size_t i = 0; i < model_.images.size(); ++i) {
-    if (!model_.images[i].registered) continue;
-    throw_if_stopped(stop);
-    const int image = static_cast<int>(i);
-    std::vector<int> covisible;
-    for (const int track : points_of({image}))
-      for (const Observation& seen : model_.points[at(track)].track)
-        covisible.push_back(seen.image);
-    std::sort(covisible.begin(), covisible.end());
-    covisible.erase(std::unique(covisible.begin(), covisible.end()), covisible.end());
-    std::vector<int> candidates;
-    for (const int other : covisible) {
-      for (const int track : track_of_[at(other)]) {
-        if (track < 0 || asked_for[at(track)] == image) continue;
-        const std::vector<Observation>& seen = model_.points[at(track)].track;
-        if (!shows(seen, other)) continue;
-        asked_for[at(track)] = image;
-        if (!shows(seen, image)) candidates.push_back(track);
-      }
-    }
-    std::sort(candidates.begin(), candidates.end());
-    const Nearby nearby(model_.images[i], options_.extend_px);
-    for (const int track : candidates) {
-      const std::vector<Observation>& seen = model_.points[at(track)].track;
-      if (seen.empty() || shows(seen, image)) continue;  // joined to another meanwhile
-      const int feature = look_for(track, image, nearby);
-      if (feature >= 0) gained += take(track, {image, feature});
-    }
-  }
-  return gained;
-}
-
 Model Growing::finished(const std::vector<std::vector<cv::Vec3b>>& colors, int least_views) const {
   Model result;
   result.cameras = model_.cameras;
@@ -382,74 +318,6 @@ std::optional<double> Growing::error_of(const Model& model, const Observation& s
 bool Growing::shows(const std::vector<Observation>& track, int image) {
   return std::any_of(track.begin(), track.end(),
                      [&](const Observation& seen) { return seen.image == image; });
-}
-
-int Growing::look_for(int track, int image, const Nearby& nearby) const {
-  const Photograph& photograph = model_.images[at(image)];
-  const geometry::Camera& camera = model_.cameras[at(photograph.camera)];
-  const Point& point = model_.points[at(track)];
-  const auto pixel = camera.project(photograph.pose * point.position);
-  if (!pixel || pixel->x < 0 || pixel->y < 0 || pixel->x >= camera.width ||
-      pixel->y >= camera.height) {
-    return -1;
-  }
-  int best = -1;
-  double most = options_.extend_similarity;
-  nearby.for_each(*pixel, [&](int feature) {
-    double likeness = 0;
-    for (const Observation& seen : point.track)
-      likeness = std::max(likeness, similarity(descriptors_[at(image)], feature,
-                                               descriptors_[at(seen.image)], seen.feature, kind_));
-    if (likeness > most) {
-      most = likeness;
-      best = feature;
-    }
-  });
-  return best;
-}
-
-int Growing::take(int track, const Observation& seen) {
-  std::vector<Observation>& own = tracks_[at(track)];
-  Point& point = model_.points[at(track)];
-  const int other = track_of_[at(seen.image)][at(seen.feature)];
-  if (other == track) return 0;  // it was dropped for being off
-  if (other < 0) {
-    const auto error = error_of(model_, seen, point.position);
-    if (!error || *error > options_.reprojection_px || shows(own, seen.image)) return 0;
-    extended_ = true;
-    own.push_back(seen);
-    point.track.push_back(seen);
-    track_of_[at(seen.image)][at(seen.feature)] = track;
-    count(seen, 1);
-    return 1;
-  }
-  // Two tracks: one point if all their sights agree.
-  std::vector<Observation>& theirs = tracks_[at(other)];
-  for (const Observation& observation : theirs)
-    if (shows(own, observation.image)) return 0;
-  std::vector<Observation> all = point.track;
-  const std::vector<Observation>& more =
-      model_.points[at(other)].track.empty() ? theirs : model_.points[at(other)].track;
-  for (const Observation& observation : more)
-    if (model_.images[at(observation.image)].registered) all.push_back(observation);
-  std::vector<Sight> sights;
-  for (const Observation& observation : all) sights.push_back(sight(observation));
-  const auto position = triangulate(sights);
-  if (!position || within(all, *position).size() != all.size()) return 0;
-  const int gained =
-      static_cast<int>(all.size() - point.track.size() - model_.points[at(other)].track.size());
-  extended_ = true;
-  for (const Observation& observation : theirs) {
-    own.push_back(observation);
-    track_of_[at(observation.image)][at(observation.feature)] = track;
-    if (is_point_[at(other)] == 0) count(observation, 1);  // else it is counted already
-  }
-  is_point_[at(other)] = 0;
-  theirs.clear();
-  model_.points[at(other)] = {};
-  point.position = *position;
-  point.track = std::move(all);
-  return std::max(gained, 1);
 }
 
 void Growing::measure_rays() {

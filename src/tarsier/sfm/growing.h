@@ -93,7 +93,8 @@ class Growing {
   class Nearby;
   static bool shows(const std::vector<Observation>& track, int image);
   // The feature of a photograph that looks most like the point, near its place; or -1.
-  [[nodiscard]] int look_for(int track, int image, const Nearby& nearby) const;
+  [[nodiscard]] int look_for(int track, int image, const cv::Point2d& pixel,
+                             const Nearby& nearby) const;
   int take(int track, const Observation& seen);
   // Normalised coordinates of all features.
   void measure_rays();
@@ -126,6 +127,7 @@ class Growing {
   std::vector<std::vector<int>> track_of_;      // of each feature of each photograph, or -1
   std::vector<std::vector<cv::Point2d>> rays_;  // of each feature
   std::vector<geometry::Camera> ray_cameras_;   // that they were measured with
+  std::vector<std::vector<double>> norms_;      // of each descriptor, since the first extend()
   std::vector<std::string> troubles_;
 };
 

@@ -26,8 +26,8 @@ constexpr double kRadians = CV_PI / 180;
 constexpr double kGrowth = 1.25;  // of the model, after which all of it is adjusted
 constexpr int kFirstPairsTried = 20;
 constexpr int kSmall = 10;       // photographs of a model that is cheap to adjust as a whole
-constexpr double kRough = 1e-4;  // of an adjustment while the model still changes
-constexpr double kFine = 1e-6;
+constexpr double kRough = 1e-3;  // of an adjustment while the model still changes
+constexpr double kFine = 1e-5;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 

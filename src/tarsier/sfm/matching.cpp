@@ -60,29 +60,45 @@ struct Nearest {
   }
 };
 
+int product(const std::uint8_t* a, const std::uint8_t* b, int count) {
+  int sum = 0;
+  for (int k = 0; k < count; ++k) sum += a[k] * b[k];
+  return sum;
+}
+
+double norm_of(const cv::Mat& descriptors, int row) {
+  const std::uint8_t* a = descriptors.ptr(row);
+  return std::sqrt(std::max(1, product(a, a, descriptors.cols)));
+}
+
 }  // namespace
 
 void MatchOptions::check() const { TARSIER_REQUIRE(ratio >= 0.1 && ratio <= 1, "ratio {}", ratio); }
 
+std::vector<double> norms_of(const cv::Mat& descriptors, FeatureKind kind) {
+  std::vector<double> norms(static_cast<std::size_t>(descriptors.rows), 1);
+  if (kind == FeatureKind::kSift)
+    for (int row = 0; row < descriptors.rows; ++row)
+      norms[static_cast<std::size_t>(row)] = norm_of(descriptors, row);
+  return norms;
+}
+
 double similarity(const cv::Mat& first, int row, const cv::Mat& second, int other,
                   FeatureKind kind) {
+  const double norms =
+      kind == FeatureKind::kSift ? norm_of(first, row) * norm_of(second, other) : 1;
+  return similarity(first, row, second, other, kind, norms);
+}
+
+double similarity(const cv::Mat& first, int row, const cv::Mat& second, int other, FeatureKind kind,
+                  double norms) {
   const std::uint8_t* a = first.ptr(row);
   const std::uint8_t* b = second.ptr(other);
-  if (kind != FeatureKind::kSift) {
-    int differ = 0;
-    for (int k = 0; k < first.cols; ++k)
-      differ += std::popcount(static_cast<std::uint8_t>(a[k] ^ b[k]));
-    return 1 - 2.0 * differ / (8.0 * first.cols);
-  }
-  int product = 0;
-  int square_a = 0;
-  int square_b = 0;
-  for (int k = 0; k < first.cols; ++k) {
-    product += a[k] * b[k];
-    square_a += a[k] * a[k];
-    square_b += b[k] * b[k];
-  }
-  return product / std::sqrt(std::max(1.0, static_cast<double>(square_a) * square_b));
+  if (kind == FeatureKind::kSift) return product(a, b, first.cols) / norms;
+  int differ = 0;
+  for (int k = 0; k < first.cols; ++k)
+    differ += std::popcount(static_cast<std::uint8_t>(a[k] ^ b[k]));
+  return 1 - 2.0 * differ / (8.0 * first.cols);
 }
 
 std::vector<Match> match_features(const cv::Mat& first, const cv::Mat& second, FeatureKind kind,

@@ -24,6 +24,11 @@ struct MatchOptions {
 // scaled to -1..1.
 [[nodiscard]] double similarity(const cv::Mat& first, int row, const cv::Mat& second, int other,
                                 FeatureKind kind);
+// The same where `norms`, the product of the two descriptors' norms, is known already.
+[[nodiscard]] double similarity(const cv::Mat& first, int row, const cv::Mat& second, int other,
+                                FeatureKind kind, double norms);
+// Of each row; 1 for bits.
+[[nodiscard]] std::vector<double> norms_of(const cv::Mat& descriptors, FeatureKind kind);
 
 // Mutual nearest neighbours that pass the ratio test in both directions, by `first`. Exact: all
 // distances are computed, as one matrix product of the descriptors (bits as +-1), in blocks that

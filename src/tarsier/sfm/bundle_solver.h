@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/rigid.h"
+
+#include <opencv2/core.hpp>
+
+#include <array>
+#include <cstddef>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+namespace tarsier::sfm {
+
+// The numbers of a lens: f, the ratio fy / fx, cx, cy, k1, k2, p1, p2, k3.
+using LensNumbers = std::array<double, 9>;
+
+// A bundle adjustment as numbers: poses, points and lenses that minimise
+//
+//   1/2 sum over observations of rho(s),  s = |w (pi(R X + t) - u)|^2,  rho(s) = c^2 log(1 + s /
+//   c^2)
+//
+// with pi the pinhole camera with OpenCV's distortion, w the observation's weight, and c = loss_px
+// (Cauchy's loss; 0: plain squares).
+struct BundleProblem {
+  struct Seen {
+    int pose = 0;
+    int lens = 0;
+    double u = 0;  // px
+    double v = 0;
+    double weight = 1;
+  };
+  // Pulls one coordinate of the translation of a moving pose to a value, as a residual.
+  struct Hold {
+    int pose = 0;
+    int axis = 0;
+    double value = 0;
+    double weight = 1;
+  };
+  std::vector<geometry::Rigid> poses;  // camera_from_world
+  std::vector<char> pose_moves;        // of each pose
+  std::vector<LensNumbers> lenses;
+  std::vector<int> free_numbers;  // of every lens, ascending; empty: lenses stay
+  std::vector<cv::Vec3d> points;  // world
+  std::vector<char> point_moves;  // of each point
+  // The observations point by point: those of point p are seen[first[p]] to seen[first[p + 1] - 1].
+  std::vector<std::size_t> first;
+  std::vector<Seen> seen;
+  std::optional<Hold> hold;
+  double loss_px = 0;
+};
+
+// How the equations of poses and lenses are solved.
+enum class CameraSystem { kAutomatic, kDense, kSparse };
+
+struct BundleSolverOptions {
+  int max_iterations = 50;
+  double tolerance = 1e-6;  // ends when a step takes less than this share off the sum
+  CameraSystem system = CameraSystem::kAutomatic;
+};
+
+struct BundleSolution {
+  double cost_before = 0;  // the sum above
+  double cost_after = 0;
+  int iterations = 0;
+  std::string trouble;  // why there is no solution, or ""; the problem is then as it was
+};
+
+// Levenberg and Marquardt's method. Points are eliminated (the Schur complement: Triggs et al.,
+// 2000, section 6), and what is left, a symmetric system with a block for each two poses that see
+// the same point, is solved by Cholesky's decomposition. A dense one for few poses or where most
+// pairs of poses share points, else a sparse one.
+//
+// The loss enters the second derivatives: across a residual they are rho', along it
+// rho' + 2 s rho'', but at least a share of rho' (Triggs et al., section 4.3). That share is 1 at
+// first, which is reweighted least squares: safe far from the minimum, but its steps are half as
+// long as they should be where residuals are about as large as c. It is halved while steps gain
+// more than they promise, and grows where one fails.
+//
+// One thread, no random numbers. Throws Interrupted when stopped: the problem is then as it was.
+BundleSolution solve(BundleProblem& problem, const BundleSolverOptions& options,
+                     const std::stop_token& stop = {});
+
+}  // namespace tarsier::sfm
