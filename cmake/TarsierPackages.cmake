@@ -52,7 +52,7 @@ playing with models, calibrating. It brings OpenCV's window toolkit (Qt).")
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME libtarsier-dev)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
 string(JOIN ", " CPACK_DEBIAN_DEV_PACKAGE_DEPENDS libopencv-dev libfmt-dev nlohmann-json3-dev libmicrohttpd-dev libgnutls28-dev
-  libjpeg-dev libpng-dev libfreetype-dev libsqlite3-dev libeigen3-dev libceres-dev libdlib-dev libblas-dev liblapack-dev pkg-config)
+  libjpeg-dev libpng-dev libfreetype-dev libsqlite3-dev libeigen3-dev libdlib-dev libblas-dev liblapack-dev pkg-config)
 set(CPACK_DEBIAN_DEV_PACKAGE_SUGGESTS "tarsier-models (>= ${PROJECT_VERSION})")
 set(CPACK_COMPONENT_DEV_DESCRIPTION "libraries of tarsier for programs of your own
 Headers, static libraries and the CMake package tarsier, whose targets

@@ -7,7 +7,7 @@ build_packages=(
   g++ cmake ninja-build ccache pkg-config
   libopencv-dev libfmt-dev nlohmann-json3-dev libcli11-dev libmicrohttpd-dev libgnutls28-dev libx11-dev
   libavformat-dev libavcodec-dev libswscale-dev libavutil-dev
-  libjpeg-dev libpng-dev libfreetype-dev libsqlite3-dev libeigen3-dev libceres-dev
+  libjpeg-dev libpng-dev libfreetype-dev libsqlite3-dev libeigen3-dev
   libdlib-dev libblas-dev liblapack-dev
 )
 # Face cascades, and sample pictures and films to show things on.
