@@ -140,7 +140,7 @@ EXAMPLE_STATUS = {
 
 def default_in(text, flag):
     """Whether --help shows, behind the flag's name, the default that `help --json` tells."""
-    shown = re.search(r"=(\S.*?)(?: \.\.\.| x \d+| REQUIRED| Needs:.*| Excludes:.*)*$", re.split(r"  +", text)[0].rstrip())
+    shown = re.match(r"(?: [A-Z]+| \{[^}]*\})?(?: \([^)]*\))?=(\S+)", text)
     default = flag["default"]
     if default is None or default is False:
         return shown is None
@@ -150,7 +150,9 @@ def default_in(text, flag):
         return shown[1] in ("on", "true")
     if isinstance(default, list):
         return shown[1] == f"[{','.join(str(value) for value in default)}]"
-    return float(shown[1]) == default if flag["type"] in ("integer", "number") else shown[1] == default
+    if flag["type"] in ("integer", "number"):
+        return float(shown[1]) == default
+    return "=" + default in text
 
 
 def check_help(verb):
@@ -164,7 +166,7 @@ def check_help(verb):
             fail(name, f"--help lacks {given['names'][0]}")
     shown = {}
     for line in result.out.splitlines():
-        found = re.match(r"  (-\S+)(.*)", line)
+        found = re.match(r"  (-[^\s=]+)(.*)", line)
         if found:
             shown.update((called, found[2]) for called in found[1].split(","))
     known = {called for flag in verb["flags"] for called in flag["names"]}
