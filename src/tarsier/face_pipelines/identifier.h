@@ -152,7 +152,7 @@ class IdentifierState {
 
 // Names the faces of images and videos after the people of a gallery:
 //
-//   const auto identifier = face::Identifier::load(ModelStore::find(), {.gallery = "people.db"});
+//   const auto identifier = face::Identifier::load(ModelStore::find());  // people.db
 //   face::IdentifierState state = identifier.open();
 //   const auto source = open_source("0");  // a camera
 //   while (const auto frame = source->next(1s, {}))

@@ -58,7 +58,7 @@ struct ReaderResult {
 
 // Finds and reads the number plates of single images:
 //
-//   const auto reader = plate::Reader::load(ModelStore::find(), {.countries = {"es"}});
+//   const auto reader = plate::Reader::load(ModelStore::find());
 //   const auto source = open_source("car.jpg");
 //   while (const auto frame = source->next(1s, {}))
 //     for (const plate::Reading& plate : reader.process(*frame).plates)
