@@ -30,10 +30,10 @@ def benches_of(program):
 
 
 def times_of(line):
-    """Field -> ms. The largest of several (most_ms) is no figure to compare by."""
+    """Field -> ms. The largest of several (max_ms) is no figure to compare by."""
     found = {}
     for key, value in line.items():
-        if not isinstance(value, (int, float)) or key == "most_ms":
+        if not isinstance(value, (int, float)) or key == "max_ms":
             continue
         if key == "ms" or key.endswith("_ms"):
             found[key] = float(value)

@@ -1,10 +1,13 @@
-# tarsier_module(<name> DEPENDS <tarsier modules...> LIBS <targets...> PRIVATE_LIBS <targets...>
+# tarsier_module(<path> DEPENDS <paths of tarsier modules...> LIBS <targets...> PRIVATE_LIBS <targets...>
 #                HEADERS ... SOURCES ... TESTS ... TEST_LIBS ...)
 #
-# Declares the library tarsier::<name>. DEPENDS is the whole truth about which other modules may be
-# included; the test architecture/layers holds the code to it. Each file of TESTS is one test program.
-function(tarsier_module name)
+# Declares the library of the folder src/tarsier/<path>: face/landmarks is the target tarsier::face_landmarks. DEPENDS
+# lists every other module that its files may include; the test architecture/layers checks it. The files of TESTS are
+# linked into one program, face_landmarks_test; CTest runs each file as a test of its own, face/landmarks/trees_test.
+function(tarsier_module path)
   cmake_parse_arguments(arg "" "" "DEPENDS;LIBS;PRIVATE_LIBS;SOURCES;HEADERS;TESTS;TEST_LIBS" ${ARGN})
+  string(REPLACE "/" "_" name ${path})
+  list(TRANSFORM arg_DEPENDS REPLACE "/" "_" OUTPUT_VARIABLE modules)
   set(target tarsier_${name})
   if(arg_SOURCES)
     add_library(${target} STATIC ${arg_SOURCES})
@@ -18,7 +21,7 @@ function(tarsier_module name)
                  BASE_DIRS ${PROJECT_SOURCE_DIR}/src FILES ${arg_HEADERS})
   set_target_properties(${target} PROPERTIES VERIFY_INTERFACE_HEADER_SETS ON EXPORT_NAME ${name})
   target_compile_features(${target} ${scope} cxx_std_20)
-  list(TRANSFORM arg_DEPENDS PREPEND tarsier:: OUTPUT_VARIABLE modules)
+  list(TRANSFORM modules PREPEND tarsier::)
   target_link_libraries(${target} ${scope} ${modules} ${arg_LIBS})
   if(arg_SOURCES)
     target_link_libraries(${target} PRIVATE ${arg_PRIVATE_LIBS})
@@ -29,22 +32,25 @@ function(tarsier_module name)
           ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT dev
           FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev)
   list(JOIN arg_DEPENDS " " depends)
-  file(APPEND ${PROJECT_BINARY_DIR}/layers.txt "${name}: ${depends}\n")
+  file(APPEND ${PROJECT_BINARY_DIR}/layers.txt "${path}: ${depends}\n")
 
-  if(TARSIER_BUILD_TESTS)
+  if(TARSIER_BUILD_TESTS AND arg_TESTS)
+    set(program ${name}_test)
+    add_executable(${program} ${arg_TESTS})
+    target_link_libraries(${program} PRIVATE ${target} ${arg_TEST_LIBS} tarsier::synth tarsier_unit_main
+                          GTest::gmock GTest::gtest $<TARGET_NAME_IF_EXISTS:tarsier_tsan_threads>)
+    target_compile_definitions(${program} PRIVATE TARSIER_SOURCE_MODELS="${PROJECT_SOURCE_DIR}/models")
+    tarsier_strict(${program})
+    tarsier_quickly_compiled(${program})
+    tarsier_precompiled(${program})
     foreach(source IN LISTS arg_TESTS)
       cmake_path(GET source STEM stem)
-      add_executable(${name}_${stem} ${source})
-      target_link_libraries(${name}_${stem} PRIVATE ${target} ${arg_TEST_LIBS} tarsier::synth
-                            GTest::gmock GTest::gtest GTest::gtest_main
-                            $<TARGET_NAME_IF_EXISTS:tarsier_tsan_threads>)
-      tarsier_strict(${name}_${stem})
-      tarsier_quickly_compiled(${name}_${stem})
-      tarsier_precompiled(${name}_${stem})
-      add_test(NAME ${name}/${stem} COMMAND ${name}_${stem})
-      set_tests_properties(${name}/${stem} PROPERTIES
-        LABELS unit ENVIRONMENT "TARSIER_DATA=${TARSIER_DATA};${TARSIER_TEST_ENVIRONMENT}")
-      tarsier_test_cost(${name}/${stem})
+      string(REPLACE "/" "_" report ${path}_${stem})
+      add_test(NAME ${path}/${stem} COMMAND ${program} --file=${stem})
+      set_tests_properties(${path}/${stem} PROPERTIES
+        LABELS unit
+        ENVIRONMENT "GTEST_OUTPUT=xml:${PROJECT_BINARY_DIR}/test-results/${report}.xml;TARSIER_DATA=${TARSIER_DATA};${TARSIER_TEST_ENVIRONMENT}")
+      tarsier_test_cost(${path}/${stem})
     endforeach()
   endif()
 endfunction()
@@ -131,6 +137,15 @@ function(tarsier_precompiled target)
   target_precompile_headers(${target} REUSE_FROM tarsier_pch_${kind})
   cmake_language(EVAL CODE "cmake_language(DEFER CALL tarsier_skip_precompiled [[${target}]])")
 endfunction()
+
+# main() of the programs of unit tests.
+if(TARSIER_BUILD_TESTS)
+  add_library(tarsier_unit_main OBJECT ${PROJECT_SOURCE_DIR}/tests/unit/main.cpp)
+  target_compile_features(tarsier_unit_main PRIVATE cxx_std_20)
+  target_link_libraries(tarsier_unit_main PRIVATE GTest::gmock GTest::gtest)
+  tarsier_strict(tarsier_unit_main)
+  tarsier_quickly_compiled(tarsier_unit_main)
+endif()
 
 function(tarsier_add_layer_test)
   if(TARSIER_BUILD_TESTS)

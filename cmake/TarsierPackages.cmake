@@ -35,7 +35,7 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "ca-certificates, fonts-dejavu-core,
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "tarsier-gui (= ${version}), opencv-doc, bash-completion")
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "classical computer vision on an ordinary CPU, offline
 Tarsier turns pictures and live cameras into cartoons, rebuilds scenes in 3D
-from photographs, reads number plates, tracks the points of faces, fits
+from images, reads number plates, tracks the points of faces, fits
 appearance models, tells where heads look, recognises people, calibrates
 cameras and prints markers. It needs no GPU and no network.
 .
@@ -56,7 +56,7 @@ string(JOIN ", " CPACK_DEBIAN_DEV_PACKAGE_DEPENDS libopencv-dev libfmt-dev nlohm
 set(CPACK_DEBIAN_DEV_PACKAGE_SUGGESTS "tarsier-models (>= ${PROJECT_VERSION})")
 set(CPACK_COMPONENT_DEV_DESCRIPTION "libraries of tarsier for programs of your own
 Headers, static libraries and the CMake package tarsier, whose targets
-tarsier::cartoon, tarsier::plate, tarsier::landmarks and so on are the modules
+tarsier::cartoon, tarsier::plate_networks, tarsier::face_landmarks and so on are the modules
 that the program tarsier is made of. An example is in
 /usr/share/doc/libtarsier-dev/examples.")
 

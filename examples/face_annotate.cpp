@@ -5,8 +5,8 @@
 // SET is what `tarsier landmarks annotate` writes. Without one, two equal images show the way:
 //   face_annotate face.png face.png   (the middle of the first is marked, and found in the second)
 #include "tarsier/core/errors.h"
-#include "tarsier/face_pipelines/annotator.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/face/pipelines/annotator.h"
+#include "tarsier/media/image_file.h"
 
 #include <cstdio>
 #include <exception>
@@ -20,7 +20,7 @@ int main(int argc, char** argv) try {
   }
   tarsier::face::ProposalRequest request;
   if (std::string(argv[1]).ends_with(".json")) {
-    request.so_far = tarsier::shape::read_landmark_set(argv[1]);
+    request.so_far = tarsier::face::shape::read_landmark_set(argv[1]);
   } else {
     const cv::Mat image = tarsier::read_gray_image(argv[1]);
     request.so_far.samples.resize(1);

@@ -3,9 +3,9 @@
 // NAME the largest face of the image INPUT is enrolled under it first.
 //   face_identify people.db me.jpg Me && face_identify people.db 0
 #include "tarsier/core/errors.h"
-#include "tarsier/face_pipelines/identifier.h"
-#include "tarsier/io/frame_source.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/face/pipelines/identifier.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/media/image_file.h"
 
 #include <chrono>
 #include <cstdio>
@@ -19,9 +19,9 @@ int main(int argc, char** argv) try {
   const auto models = tarsier::ModelStore::find();
   if (argc > 3) {
     auto reader = face::FaceReaderModel::load(models).make_reader();
-    tarsier::people::StoredFace stored;
+    tarsier::face::people::StoredFace stored;
     stored.crop = reader.read(tarsier::read_gray_image(argv[2])).at(0).crop;
-    tarsier::people::Gallery(argv[1]).enroll(argv[3], "", stored);
+    tarsier::face::people::Gallery(argv[1]).enroll(argv[3], "", stored);
   }
   face::IdentifierOptions options;
   options.gallery = argv[1];

@@ -4,8 +4,8 @@
 //   face_landmarks portrait.jpg
 //   face_landmarks 0            (a camera)
 #include "tarsier/core/errors.h"
-#include "tarsier/face_pipelines/landmark_tracker.h"
-#include "tarsier/io/frame_source.h"
+#include "tarsier/face/pipelines/landmark_tracker.h"
+#include "tarsier/media/frame_source.h"
 
 #include <chrono>
 #include <cstdio>

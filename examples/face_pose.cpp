@@ -3,8 +3,8 @@
 //   face_pose portrait.jpg
 //   face_pose 0            (a camera)
 #include "tarsier/core/errors.h"
-#include "tarsier/face_pipelines/pose_tracker.h"
-#include "tarsier/io/frame_source.h"
+#include "tarsier/face/pipelines/pose_tracker.h"
+#include "tarsier/media/frame_source.h"
 
 #include <opencv2/core/matx.hpp>
 

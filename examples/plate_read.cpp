@@ -3,8 +3,8 @@
 //   plate_read car.jpg es pt
 //   plate_read 'synth:car?frames=3&seed=11'
 #include "tarsier/core/errors.h"
-#include "tarsier/io/frame_source.h"
-#include "tarsier/plate_reader/reader.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/plate/reader/reader.h"
 #include "tarsier/synth/sources.h"
 
 #include <chrono>
@@ -21,7 +21,7 @@ int main(int argc, char** argv) {
     tarsier::plate::ReaderOptions options;
     options.countries.assign(argv + 2, argv + argc);
     const auto reader = tarsier::plate::Reader::load(tarsier::ModelStore::find(), options);
-    const auto source = tarsier::open_source(argv[1], {}, {tarsier::synth_scheme()});
+    const auto source = tarsier::open_source(argv[1], {}, {tarsier::synth::synth_scheme()});
     while (!source->ended()) {
       const auto frame = source->next(std::chrono::seconds(1), {});
       if (!frame) continue;

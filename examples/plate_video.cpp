@@ -4,8 +4,8 @@
 //   plate_video street.mp4
 //   plate_video 'synth:drive?seconds=8&cars=2&parked=0&far=0&fps=8&size=640x360&seed=6'
 #include "tarsier/core/errors.h"
-#include "tarsier/io/frame_source.h"
-#include "tarsier/plate_reader/video_reader.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/plate/reader/video_reader.h"
 #include "tarsier/synth/sources.h"
 
 #include <chrono>
@@ -27,7 +27,7 @@ int main(int argc, char** argv) try {
     return 2;
   }
   const auto reader = VideoReader::load(tarsier::ModelStore::find());
-  const auto source = tarsier::open_source(argv[1], {}, {tarsier::synth_scheme()});
+  const auto source = tarsier::open_source(argv[1], {}, {tarsier::synth::synth_scheme()});
   tarsier::plate::VideoReaderState state;
   while (!source->ended())
     if (const auto frame = source->next(std::chrono::seconds(1), {}))

@@ -2,8 +2,8 @@
 // Cameras, meshes and markers.
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/geometry/opencv_storage.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/marker/evaluation.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/planar/markers/evaluation.h"
 #include "tarsier/render/obj_io.h"
 
 #include <opencv2/core.hpp>
@@ -43,14 +43,15 @@ TARSIER_FUZZ_TARGET(obj, kBytes) {
 }
 
 TARSIER_FUZZ_TARGET(marker_truth, kJson) {
-  marker::MarkerJudge judge;
-  for (const marker::MarkerTruth& truth : marker::read_marker_truth(file_of(input, "truth.jsonl")))
+  planar::markers::MarkerJudge judge;
+  for (const planar::markers::MarkerTruth& truth :
+       planar::markers::read_marker_truth(file_of(input, "truth.jsonl")))
     judge.add(truth, truth.markers, 1.0);
   (void)judge.score();
 }
 
 TARSIER_FUZZ_TARGET(marker_lines, kJson) {
-  (void)marker::read_found_markers(file_of(input, "found.jsonl"));
+  (void)planar::markers::read_found_markers(file_of(input, "found.jsonl"));
 }
 
 }  // namespace tarsier::fuzz

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: MIT
 // Head models, points and poses.
 #include "tarsier/core/errors.h"
-#include "tarsier/head/evaluation.h"
-#include "tarsier/head/head_model.h"
-#include "tarsier/head/head_pose.h"
-#include "tarsier/head/point_file.h"
+#include "tarsier/face/head/evaluation.h"
+#include "tarsier/face/head/head_model.h"
+#include "tarsier/face/head/head_pose.h"
+#include "tarsier/face/head/point_file.h"
 
 #include "fuzz.h"
 
 namespace tarsier::fuzz {
 
-using namespace tarsier::head;
+using namespace tarsier::face::head;
 
 TARSIER_FUZZ_TARGET(head_model, kJson) {
   HeadModel model = read_head_model(file_of(input, "head.json"));

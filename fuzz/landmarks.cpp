@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
 // Models that find and fit landmarks: what was read is also used once, on a small picture.
-#include "tarsier/appearance/fit.h"
-#include "tarsier/appearance/model.h"
-#include "tarsier/appearance/synthesis.h"
-#include "tarsier/face/face_networks.h"
-#include "tarsier/landmarks/face_finder.h"
-#include "tarsier/landmarks/faces_json.h"
-#include "tarsier/landmarks/hog_detector.h"
-#include "tarsier/landmarks/model.h"
+#include "tarsier/face/appearance/fit.h"
+#include "tarsier/face/appearance/model.h"
+#include "tarsier/face/appearance/synthesis.h"
+#include "tarsier/face/detect/face_networks.h"
+#include "tarsier/face/landmarks/face_finder.h"
+#include "tarsier/face/landmarks/faces_json.h"
+#include "tarsier/face/landmarks/hog_detector.h"
+#include "tarsier/face/landmarks/model.h"
 
 #include <opencv2/core.hpp>
 
@@ -27,51 +27,54 @@ cv::Mat picture() {
 }  // namespace
 
 TARSIER_FUZZ_TARGET(landmark_model, kJson) {
-  const landmarks::LandmarkModel model =
-      landmarks::read_landmark_model(file_of(input, "model.json"));
+  const face::landmarks::LandmarkModel model =
+      face::landmarks::read_landmark_model(file_of(input, "model.json"));
   model.check();
   if (model.points() > 100) return;
   const cv::Mat gray = picture();
   const Eigen::Matrix2Xd start = (model.shape.mean * 25).array() + 48;
-  for (const auto method : {landmarks::FitMethod::kTrees, landmarks::FitMethod::kDescent,
-                            landmarks::FitMethod::kPatches}) {
+  for (const auto method :
+       {face::landmarks::FitMethod::kTrees, face::landmarks::FitMethod::kDescent,
+        face::landmarks::FitMethod::kPatches}) {
     if (!model.has(method)) continue;
-    landmarks::FitWorkspace workspace;
-    landmarks::FitOptions options;
+    face::landmarks::FitWorkspace workspace;
+    face::landmarks::FitOptions options;
     options.method = method;
     options.patches.iterations = 2;
-    (void)landmarks::fit_points(model, options, gray, start, workspace);
+    (void)face::landmarks::fit_points(model, options, gray, start, workspace);
   }
-  (void)landmarks::start_in_box(model.box, model.shape.mean, {20, 20, 50, 50});
+  (void)face::landmarks::start_in_box(model.box, model.shape.mean, {20, 20, 50, 50});
 }
 
 TARSIER_FUZZ_TARGET(hog_detector, kJson) {
-  const landmarks::HogDetector model = landmarks::read_hog_detector(file_of(input, "model.json"));
+  const face::landmarks::HogDetector model =
+      face::landmarks::read_hog_detector(file_of(input, "model.json"));
   model.check();
-  landmarks::FaceFinder finder(model, {});
+  face::landmarks::FaceFinder finder(model, {});
   (void)finder.find(picture());
 }
 
 TARSIER_FUZZ_TARGET(face_networks, kJson) {
-  const FaceNetworks networks = read_face_networks(file_of(input, "model.json"));
-  FaceSearchWorkspace workspace;
-  (void)search_faces(picture(), networks, {.min_face = 16, .max_places = 20}, workspace);
+  const face::FaceNetworks networks = face::read_face_networks(file_of(input, "model.json"));
+  face::FaceSearchWorkspace workspace;
+  (void)face::search_faces(picture(), networks, {.min_face = 16, .max_places = 20}, workspace);
 }
 
 TARSIER_FUZZ_TARGET(face_lines, kJson) {
-  const landmarks::FaceLines lines = landmarks::read_face_lines(file_of(input, "faces.jsonl"));
+  const face::landmarks::FaceLines lines =
+      face::landmarks::read_face_lines(file_of(input, "faces.jsonl"));
   (void)lines.find(scratch_folder() + "/a.png", 5);
 }
 
 TARSIER_FUZZ_TARGET(appearance_model, kJson) {
-  const appearance::AppearanceModel model =
-      appearance::read_appearance_model(file_of(input, "model.json"));
+  const face::appearance::AppearanceModel model =
+      face::appearance::read_appearance_model(file_of(input, "model.json"));
   model.check();
   if (model.points() > 100) return;
   const Eigen::Matrix2Xd start = (model.shape.mean * 25).array() + 48;
-  for (const appearance::Texture& texture : model.levels) {
+  for (const face::appearance::Texture& texture : model.levels) {
     if (texture.size() > 100'000 || texture.mode_count() > 50) return;
-    (void)appearance::explain(model, texture, texture.modes(), picture(), start);
+    (void)face::appearance::explain(model, texture, texture.modes(), picture(), start);
   }
 }
 

@@ -2,30 +2,30 @@
 // fuzz_seeds FOLDER: writes the inputs to begin with that are no text (FOLDER/TARGET/good-*): tiny
 // models of each kind, pictures, streams and databases. The same bytes each time, but for the
 // databases.
-#include "tarsier/appearance/model.h"
-#include "tarsier/appearance/testing_portraits.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/core/rng.h"
-#include "tarsier/face/face_networks.h"
-#include "tarsier/gallery/gallery.h"
-#include "tarsier/head/head_model.h"
-#include "tarsier/head/testing_head.h"
-#include "tarsier/io/archive.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/capture_protocol.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/landmarks/hog_detector.h"
-#include "tarsier/landmarks/model.h"
-#include "tarsier/plate/recognizer.h"
-#include "tarsier/plate_classic/character_reader.h"
-#include "tarsier/plate_classic/plate_svm.h"
-#include "tarsier/plate_video/log.h"
-#include "tarsier/recognition/background.h"
-#include "tarsier/recognition/recognizer.h"
-#include "tarsier/recognition/testing_faces.h"
-#include "tarsier/shape/shape_model.h"
-#include "tarsier/target/target_io.h"
-#include "tarsier/target/train.h"
+#include "tarsier/face/appearance/model.h"
+#include "tarsier/face/appearance/testing_portraits.h"
+#include "tarsier/face/detect/face_networks.h"
+#include "tarsier/face/head/head_model.h"
+#include "tarsier/face/head/testing_head.h"
+#include "tarsier/face/landmarks/hog_detector.h"
+#include "tarsier/face/landmarks/model.h"
+#include "tarsier/face/people/gallery.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/recognizer.h"
+#include "tarsier/face/recognition/testing_faces.h"
+#include "tarsier/face/shape/shape_model.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/capture_protocol.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/planar/image_targets/target_io.h"
+#include "tarsier/planar/image_targets/train.h"
+#include "tarsier/plate/classic/character_reader.h"
+#include "tarsier/plate/classic/plate_svm.h"
+#include "tarsier/plate/networks/recognizer.h"
+#include "tarsier/plate/tracking/log.h"
 
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -102,7 +102,7 @@ void capture() {
 }
 
 // Five points, two modes.
-shape::ShapeModel small_shape() {
+face::shape::ShapeModel small_shape() {
   Eigen::Matrix2Xd mean(2, 5);
   mean << -1, 1, 0, -0.7, 0.7, -1, -1, 0.1, 1, 1;
   std::vector<Eigen::Matrix2Xd> shapes;
@@ -112,31 +112,31 @@ shape::ShapeModel small_shape() {
     for (Eigen::Index i = 0; i < shape.size(); ++i) shape.data()[i] += 2 * rng.normal();
     shapes.push_back(shape);
   }
-  shape::ShapeModel model = shape::train_shape_model(shapes, {.max_modes = 2});
+  face::shape::ShapeModel model = face::shape::train_shape_model(shapes, {.max_modes = 2});
   model.mirror = {1, 0, 2, 4, 3};
   model.connections = {{0, 1}, {3, 4}};
   return model;
 }
 
-landmarks::Descent::Stage small_stage(Eigen::Index outputs, Eigen::Index points) {
-  landmarks::Descent::Stage stage;
+face::landmarks::Descent::Stage small_stage(Eigen::Index outputs, Eigen::Index points) {
+  face::landmarks::Descent::Stage stage;
   stage.scale = {10, 0.2};
-  stage.center = Eigen::VectorXf::Constant(landmarks::kDescriptor, 0.1F);
-  stage.components = Eigen::MatrixXf::Identity(landmarks::kDescriptor, 1);
+  stage.center = Eigen::VectorXf::Constant(face::landmarks::kDescriptor, 0.1F);
+  stage.components = Eigen::MatrixXf::Identity(face::landmarks::kDescriptor, 1);
   stage.weights = Eigen::MatrixXf::Constant(outputs, points, 0.01F);
   stage.bias = Eigen::VectorXf::Constant(outputs, 0.1F);
   return stage;
 }
 
 void landmark_models() {
-  const shape::ShapeModel shape = small_shape();
-  shape::write_shape_model(seed("shape_model", "five.json"), shape, kNothing);
+  const face::shape::ShapeModel shape = small_shape();
+  face::shape::write_shape_model(seed("shape_model", "five.json"), shape, kNothing);
 
-  landmarks::LandmarkModel model;
+  face::landmarks::LandmarkModel model;
   model.shape = shape;
   model.eyes = {0, 1};
-  landmarks::LandmarkModel trees = model;
-  landmarks::Trees::Level level;
+  face::landmarks::LandmarkModel trees = model;
+  face::landmarks::Trees::Level level;
   level.anchor = {0, 3};
   level.offset = Eigen::Matrix2Xf::Constant(2, 2, 0.1F);
   level.first = {0};
@@ -144,59 +144,63 @@ void landmark_models() {
   level.threshold = {3};
   level.leaves = std::vector<std::int16_t>(20, 5);
   level.step = 0.001F;
-  trees.trees = landmarks::Trees{shape.mean, 1, 0.05F, {level, level}};
-  landmarks::write_landmark_model(seed("landmark_model", "trees.json"), trees, kNothing);
-  landmarks::LandmarkModel descent = model;
-  descent.descent = landmarks::Descent{shape.mean, {small_stage(10, 5)}};
-  descent.quality = landmarks::Quality{shape.mean, small_stage(1, 5)};
-  landmarks::write_landmark_model(seed("landmark_model", "descent.json"), descent, kNothing);
-  landmarks::PatchModels patches;
+  trees.trees = face::landmarks::Trees{shape.mean, 1, 0.05F, {level, level}};
+  face::landmarks::write_landmark_model(seed("landmark_model", "trees.json"), trees, kNothing);
+  face::landmarks::LandmarkModel descent = model;
+  descent.descent = face::landmarks::Descent{shape.mean, {small_stage(10, 5)}};
+  descent.quality = face::landmarks::Quality{shape.mean, small_stage(1, 5)};
+  face::landmarks::write_landmark_model(seed("landmark_model", "descent.json"), descent, kNothing);
+  face::landmarks::PatchModels patches;
   patches.reference = shape.mean * 25;
   cv::Mat patch(3, 3, CV_32FC1, cv::Scalar(0));
   patch.at<float>(0, 0) = static_cast<float>(std::sqrt(0.5));
   patch.at<float>(2, 2) = -patch.at<float>(0, 0);
   patches.patches.assign(5, patch);
-  landmarks::LandmarkModel with_patches = model;
+  face::landmarks::LandmarkModel with_patches = model;
   with_patches.patches = patches;
-  landmarks::write_landmark_model(seed("landmark_model", "patches.json"), with_patches, kNothing);
+  face::landmarks::write_landmark_model(seed("landmark_model", "patches.json"), with_patches,
+                                        kNothing);
 
-  landmarks::HogDetector detector;
+  face::landmarks::HogDetector detector;
   detector.width = detector.height = 24;
   detector.weights =
-      Eigen::MatrixXf::Constant(landmarks::kHogPlanes, detector.cells().area(), 0.01F);
+      Eigen::MatrixXf::Constant(face::landmarks::kHogPlanes, detector.cells().area(), 0.01F);
   detector.threshold = 0.5;
-  detector.box = landmarks::BoxModel{0.1, -0.1, 0.3, 7};
-  landmarks::write_hog_detector(seed("hog_detector", "small.json"), detector, kNothing);
-  write_face_networks(seed("face_networks", "untrained.json"), FaceNetworks(), kNothing);
+  detector.box = face::landmarks::BoxModel{0.1, -0.1, 0.3, 7};
+  face::landmarks::write_hog_detector(seed("hog_detector", "small.json"), detector, kNothing);
+  face::write_face_networks(seed("face_networks", "untrained.json"), face::FaceNetworks(),
+                            kNothing);
 
-  appearance::AppearanceOptions options;
+  face::appearance::AppearanceOptions options;
   options.frame_width = options.colour_width = 16;
   options.levels = 1;
   options.texture_modes = options.colour_modes = 2;
   options.shape.max_modes = 2;
-  appearance::write_appearance_model(
+  face::appearance::write_appearance_model(
       seed("appearance_model", "grid.json"),
-      appearance::train_appearance_model(appearance::testing::portraits(4, 1), {}, options, quiet,
-                                         kGoOn),
+      face::appearance::train_appearance_model(face::appearance::testing::portraits(4, 1), {},
+                                               options, quiet, kGoOn),
       kNothing);
-  head::write_head_model(seed("head_model", "formulas.json"), head::testing_head(2), kNothing);
+  face::head::write_head_model(seed("head_model", "formulas.json"), face::head::testing_head(2),
+                               kNothing);
 }
 
 void plate_models() {
   using namespace plate;
   const auto one = [](int out) {
-    nn::Layer layer = nn::convolution(1, out, 1, 1, false);
+    linalg::Layer layer = linalg::convolution(1, out, 1, 1, false);
     layer.pad_y = layer.pad_x = 0;
     layer.weights.assign(static_cast<std::size_t>(out), 0.5F);
     layer.bias.assign(static_cast<std::size_t>(out), 0.1F);
     return layer;
   };
   DetectorModel detector;
-  detector.detector.layers = {nn::maximum(1, kCell, kCell), one(9)};
-  detector.aligner.layers = {nn::maximum(1, kAlignHeight, 64), nn::maximum(1, 1, 2), one(18)};
+  detector.detector.layers = {linalg::maximum(1, kCell, kCell), one(9)};
+  detector.aligner.layers = {linalg::maximum(1, kAlignHeight, 64), linalg::maximum(1, 1, 2),
+                             one(18)};
   write_detector_model(seed("plate_detector", "small.json"), detector, kNothing);
   ReaderModel reader;
-  reader.line.layers = {nn::maximum(1, kLineHeight, kColumn), one(kClasses)};
+  reader.line.layers = {linalg::maximum(1, kLineHeight, kColumn), one(kClasses)};
   write_reader_model(seed("plate_reader", "small.json"), reader, kNothing);
 
   PlateSvm svm;
@@ -223,7 +227,7 @@ void plate_models() {
 }
 
 void people_models() {
-  using namespace recognition;
+  using namespace face::recognition;
   const SyntheticFaces set = synthetic_faces(3, 3, 0.2, 1, 0, {16, 20});
   RecognizerOptions options;
   options.descriptor.size = {16, 16};
@@ -253,8 +257,8 @@ void people_models() {
 
   const std::string path = seed("gallery", "one.db");
   fs::remove(path);
-  people::Gallery gallery(path);
-  people::StoredFace face;
+  face::people::Gallery gallery(path);
+  face::people::StoredFace face;
   face.crop = set.faces[0];
   face.features = {0.1F, 0.2F, 0.3F};
   face.measures = "{}";
@@ -290,10 +294,10 @@ void plate_logs() {
 }
 
 void targets() {
-  target::TrainOptions options;
+  planar::image_targets::TrainOptions options;
   options.frontal_features = 50;
   options.tilted_features = 0;
-  options.most_features = 50;
+  options.max_features = 50;
   options.longer_side = 64;
   options.trials = 0;
   Rng rng(3);
@@ -302,8 +306,9 @@ void targets() {
     const cv::Scalar tone(rng.integer(0, 255));
     cv::rectangle(picture, {rng.integer(0, 55), rng.integer(0, 55), 9, 8}, tone, cv::FILLED);
   }
-  target::write_target(seed("target", "blocks.json"),
-                       target::train_target(picture, "blocks", options));
+  planar::image_targets::write_target(
+      seed("target", "blocks.json"),
+      planar::image_targets::train_target(picture, "blocks", options));
 }
 
 }  // namespace

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 // Recognisers, lists of faces and galleries.
 #include "tarsier/core/errors.h"
-#include "tarsier/gallery/gallery.h"
-#include "tarsier/recognition/background.h"
-#include "tarsier/recognition/evaluation.h"
-#include "tarsier/recognition/recognizer.h"
+#include "tarsier/face/people/gallery.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/evaluation.h"
+#include "tarsier/face/recognition/recognizer.h"
 
 #include <opencv2/core.hpp>
 
@@ -12,7 +12,7 @@
 
 namespace tarsier::fuzz {
 
-using namespace tarsier::recognition;
+using namespace tarsier::face::recognition;
 
 TARSIER_FUZZ_TARGET(recognizer, kJson) {
   const Recognizer model = read_recognizer(file_of(input, "model.json"));
@@ -27,7 +27,7 @@ TARSIER_FUZZ_TARGET(background, kJson) { read_background(file_of(input, "model.j
 TARSIER_FUZZ_TARGET(face_list, kBytes) { (void)read_face_list(file_of(input, "faces.lst")); }
 
 TARSIER_FUZZ_TARGET(gallery, kBytes) {
-  people::Gallery gallery(file_of(input, "people.db"), DatabaseAccess::kRead, 0);
+  face::people::Gallery gallery(file_of(input, "people.db"), DatabaseAccess::kRead, 0);
   (void)gallery.people();
   (void)gallery.find("Ada");
   (void)gallery.sightings(100);

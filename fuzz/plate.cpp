@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
 // Countries, truth, results and models of number plates.
 #include "tarsier/core/errors.h"
-#include "tarsier/plate/recognizer.h"
-#include "tarsier/plate_classic/character_reader.h"
-#include "tarsier/plate_classic/plate_svm.h"
-#include "tarsier/plate_classic/xml_matrix.h"
-#include "tarsier/plate_text/country.h"
-#include "tarsier/plate_text/evaluation.h"
-#include "tarsier/plate_text/symbol_labels.h"
-#include "tarsier/plate_video/log.h"
+#include "tarsier/plate/classic/character_reader.h"
+#include "tarsier/plate/classic/plate_svm.h"
+#include "tarsier/plate/classic/xml_matrix.h"
+#include "tarsier/plate/networks/recognizer.h"
+#include "tarsier/plate/text/country.h"
+#include "tarsier/plate/text/evaluation.h"
+#include "tarsier/plate/text/symbol_labels.h"
+#include "tarsier/plate/tracking/log.h"
 
 #include <opencv2/core.hpp>
 
@@ -60,15 +60,15 @@ TARSIER_FUZZ_TARGET(plate_readings, kJson) {
 TARSIER_FUZZ_TARGET(plate_detector, kJson) {
   const DetectorModel model = read_detector_model(file_of(input, "model.json"));
   const cv::Mat gray(64, 96, CV_8UC1, cv::Scalar(90));
-  nn::Workspace workspace;
+  linalg::Workspace workspace;
   (void)detect(gray, model.detector, {}, workspace);
 }
 
 TARSIER_FUZZ_TARGET(plate_reader, kJson) {
   const ReaderModel model = read_reader_model(file_of(input, "model.json"));
   const std::vector<float> line(static_cast<std::size_t>(kLineHeight * kLineWidth), 0.25F);
-  nn::Workspace workspace;
-  (void)nn::run(model.line, line.data(), {1, kLineHeight, kLineWidth}, workspace);
+  linalg::Workspace workspace;
+  (void)linalg::run(model.line, line.data(), {1, kLineHeight, kLineWidth}, workspace);
 }
 
 TARSIER_FUZZ_TARGET(plate_svm, kJson) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // What sessions read while they run: the journal of an annotation, actions from a pipe.
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/session/action_reader.h"
 #include "tarsier/session/annotate_state.h"
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-// Reconstructions, what is known of photographs, and targets.
-#include "tarsier/sfm/evaluation.h"
-#include "tarsier/sfm/pairs.h"
-#include "tarsier/sfm_io/align.h"
-#include "tarsier/sfm_io/colmap.h"
-#include "tarsier/sfm_io/exif.h"
-#include "tarsier/target/detect.h"
-#include "tarsier/target/target_io.h"
+// Reconstructions, what is known of images, and targets.
+#include "tarsier/planar/image_targets/detect.h"
+#include "tarsier/planar/image_targets/target_io.h"
+#include "tarsier/sfm/mapper/evaluation.h"
+#include "tarsier/sfm/mapper/pairs.h"
+#include "tarsier/sfm/scene/align.h"
+#include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/sfm/scene/exif.h"
 
 #include "fuzz.h"
 #include <cmath>
@@ -42,14 +42,15 @@ TARSIER_FUZZ_TARGET(positions_csv, kBytes) {
 TARSIER_FUZZ_TARGET(pairs_list, kBytes) {
   const std::vector<std::string> names{"a.jpg", "b.jpg", "c d.jpg", "d.jpg", "c"};
   for (const auto& [first, second] : read_pairs_list(file_of(input, "pairs.txt"), names))
-    expect(first >= 0 && first < second && second < 5, "a pair of other photographs");
+    expect(first >= 0 && first < second && second < 5, "a pair of other images");
 }
 
 TARSIER_FUZZ_TARGET(pose_truth, kJson) { (void)read_pose_truth(file_of(input, "truth.jsonl")); }
 
 TARSIER_FUZZ_TARGET(target, kJson) {
-  const target::Target read = target::read_target(file_of(input, "model.json"));
-  (void)target::detect_targets({read}, read.gray);
+  const planar::image_targets::Target read =
+      planar::image_targets::read_target(file_of(input, "model.json"));
+  (void)planar::image_targets::detect_targets({read}, read.gray);
 }
 
 }  // namespace tarsier::fuzz

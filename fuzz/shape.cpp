@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 // Annotations, other programs' and our own, and shape models.
-#include "tarsier/io/image_file.h"
-#include "tarsier/shape/import.h"
-#include "tarsier/shape/landmark_set.h"
-#include "tarsier/shape/shape_model.h"
-#include "tarsier/shape/text_files.h"
+#include "tarsier/face/shape/import.h"
+#include "tarsier/face/shape/landmark_set.h"
+#include "tarsier/face/shape/shape_model.h"
+#include "tarsier/face/shape/text_files.h"
+#include "tarsier/media/image_file.h"
 
 #include <opencv2/core.hpp>
 
@@ -13,7 +13,7 @@
 namespace tarsier::fuzz {
 namespace {
 
-using namespace tarsier::shape;
+using namespace tarsier::face::shape;
 
 // The pictures that the annotations of the corpus name.
 void make_pictures() {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 // Values on the command line. The first byte says which.
-#include "tarsier/calibration/board.h"
 #include "tarsier/core/length.h"
-#include "tarsier/gallery/name.h"
+#include "tarsier/face/people/name.h"
 #include "tarsier/geometry/camera_file.h"
-#include "tarsier/plate_video/region.h"
-#include "tarsier/plate_video/time_text.h"
-#include "tarsier/sheet/sheet.h"
+#include "tarsier/planar/calibration/board.h"
+#include "tarsier/planar/sheets/sheet.h"
+#include "tarsier/plate/tracking/region.h"
+#include "tarsier/plate/tracking/time_text.h"
 #include "tarsier/synth/sources.h"
 
 #include "fuzz.h"
@@ -23,13 +23,13 @@ TARSIER_FUZZ_TARGET(words, kBytes) {
       expect(parse_length(text, "--size") > 0, "a length that is none");
       break;
     case 1:
-      calibration::parse_board(text, 0.025).check();
+      planar::calibration::parse_board(text, 0.025).check();
       break;
     case 2:
-      (void)sheet::parse_paper(text);
+      (void)planar::sheets::parse_paper(text);
       break;
     case 3:
-      (void)sheet::parse_ids(text, "6x6_250");
+      (void)planar::sheets::parse_ids(text, "6x6_250");
       break;
     case 4:
       (void)plate::moment_text(plate::parse_moment(text, now, false, "--since"));
@@ -47,13 +47,13 @@ TARSIER_FUZZ_TARGET(words, kBytes) {
       (void)geometry::parse_camera(text);
       break;
     case 8:
-      people::check_name(text);
+      face::people::check_name(text);
       break;
     case 9:
-      people::check_note(text);
+      face::people::check_note(text);
       break;
     default:
-      (void)open_synth_source(text);
+      (void)synth::open_synth_source(text);
   }
 }
 

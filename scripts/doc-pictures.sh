@@ -44,7 +44,7 @@ size=200x200 sheet aam-fit 6 "$work/demo/img/aam-fit-0.jpg:start" "$work/demo/im
   "$work/demo/img/aam-fit-2.jpg:step 2" "$work/demo/img/aam-fit-3.jpg:step 4" "$work/demo/img/aam-fit-4.jpg:end" \
   "$work/demo/img/aam-fit-made.jpg:the model's own face"
 
-# Calibration: a drawn film of a board.
+# Calibration: a drawn video of a board.
 "$tarsier" calibrate 'synth:board?fps=5&frames=122' --board chess:9x6 --square 25mm --draw "$work/board" --undistorted "$work/straight" --quiet
 size=400x300 sheet calibrate 3 "$work/board/frame-000019.png:a view, its corners" "$work/board/coverage.png:where the board was seen" \
   "$work/straight/frame-000019.png:straightened"
@@ -57,7 +57,7 @@ size=400x300 sheet ar 3 "$work/demo/img/markers-plain.jpg:what the camera sees" 
 # The strip at the top of the README: one picture of the demo for each area, of what the program draws itself.
 strip=()
 "$tarsier" demo -o "$work/demo" --only cartoon,plate,sfm,landmarks,targets --quiet
-for name in face-cartoon.jpg plate-0.jpg sfm-found.jpg landmarks-modes.png aam-grid.jpg pose-head.png markers-poster.jpg target-film-3.jpg; do
+for name in face-cartoon.jpg plate-0.jpg sfm-found.jpg landmarks-modes.png aam-grid.jpg pose-head.png markers-poster.jpg target-video-3.jpg; do
   part=$work/strip-$name
   case $name in # what matters lies elsewhere than in the middle
     plate-0.jpg) convert "$work/demo/img/$name" -gravity center -crop '50%x50%+0+60' +repage "$part" ;;
@@ -86,9 +86,9 @@ size=300x169 sheet plate-classic 3 "$(car_stage classic blurred):grey, blurred" 
   "$(car_stage classic threshold):Otsu's threshold" "$(car_stage classic closed):closed 17x3" \
   "$(car_stage classic candidates):candidates" "$(car_stage classic plate-1):characters"
 
-# Structure from motion: a drawn scene, two of its photographs, a pair's matches, and the cloud.
+# Structure from motion: a drawn scene, two of its images, a pair's matches, and the cloud.
 "$tarsier" sfm synth -o "$work/scene" --images 8 --size 800x600 --quiet
 "$tarsier" sfm reconstruct "$work/scene/images" --camera-file "$work/scene/camera.yaml" -o "$work/model" --match-pictures --quiet >/dev/null
-size=430x260 sheet sfm-stages 2 "$work/scene/images/0002.jpg:1 one of the photographs" \
+size=430x260 sheet sfm-stages 2 "$work/scene/images/0002.jpg:1 one of the images" \
   "$work/model/matches/0002-0004.jpg:2 matches: kept green, removed red" "$work/model/view.png:3 cloud and cameras" \
-  "$work/scene/images/0006.jpg:another photograph"
+  "$work/scene/images/0006.jpg:another image"

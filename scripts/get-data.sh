@@ -10,7 +10,7 @@ set -euo pipefail
 # name|what|terms|home|how: package:NAME, or by-hand
 sets() {
   cat <<'TABLE'
-opencv-samples|pictures and films of OpenCV's documentation|Apache 2.0 and others, see the package's copyright file|Debian and Ubuntu, package opencv-doc|package:opencv-doc
+opencv-samples|pictures and videos of OpenCV's documentation|Apache 2.0 and others, see the package's copyright file|Debian and Ubuntu, package opencv-doc|package:opencv-doc
 opencv-cascades|trained face and eye detectors|BSD and Apache 2.0|Debian and Ubuntu, package opencv-data|package:opencv-data
 lfpw-helen-afw|faces with 68 points (300-W: LFPW, HELEN, AFW)|non-commercial research; trained weights likewise|Intelligent Behaviour Understanding Group, Imperial College London: the 300-W challenge|by-hand
 imm|studio faces with points (IMM)|research, cite the Technical University of Denmark (2005)|Technical University of Denmark, the IMM face databases|by-hand
@@ -19,12 +19,12 @@ orl|40 people, 10 pictures each|research, credit Olivetti Research Laboratory|AT
 yale|15 people under 11 conditions|non-commercial research|Yale University, the Yale Face Database|by-hand
 yale-b-cropped|38 people under 64 lights|research, cite Georghiades and others (2001) and Lee and others (2005)|Yale University, the Extended Yale Face Database B|by-hand
 grid|talking faces|CC BY 4.0|the GRID audiovisual sentence corpus, University of Sheffield|by-hand
-plates-openalpr|cars of Europe and the USA with their plates|repository AGPL, photographs unknown: measure only|the OpenALPR benchmarks on GitHub|by-hand
+plates-openalpr|cars of Europe and the USA with their plates|repository AGPL, images unknown: measure only|the OpenALPR benchmarks on GitHub|by-hand
 plates-book|12 Spanish cars with their plates|MIT|the example code of the book "Mastering OpenCV with Practical Computer Vision Projects" (Packt)|by-hand
 plates-ro|Romanian road scenes with plates, day and night|MIT|not known here|by-hand
-dlib-faces|4 group photographs with 68 points|annotations Boost licence|the examples of dlib|by-hand
+dlib-faces|4 group images with 68 points|annotations Boost licence|the examples of dlib|by-hand
 plates-uc3m|Spanish scenes and plates with characters|ODbL; for commercial use ask the authors|Universidad Carlos III de Madrid|by-hand
-strecha|fountain-P11 and Herz-Jesu-P8: photographs with known cameras|research, cite Strecha and others (CVPR 2008)|EPFL, Computer Vision Laboratory: multi-view evaluation|by-hand
+strecha|fountain-P11 and Herz-Jesu-P8: images with known cameras|research, cite Strecha and others (CVPR 2008)|EPFL, Computer Vision Laboratory: multi-view evaluation|by-hand
 ict-facekit|a 3D face model|MIT|the ICT-FaceKit repository, USC Institute for Creative Technologies|by-hand
 TABLE
 }

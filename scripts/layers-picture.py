@@ -9,12 +9,12 @@ import functools
 import sys
 
 AREAS = {
-    "ground": ("#e4dceb", "core io draw geometry render nn synth"),
-    "faces": ("#f6d9cf", "face shape landmarks appearance head head_view face_turn face_pipelines synth_face"),
-    "people": ("#f7e6b8", "recognition people_face gallery"),
-    "plates": ("#d3e6f5", "plate_text plate_classic plate_video plate plate_reader"),
-    "photographs in 3D": ("#d5ead9", "sfm_io sfm_view sfm"),
-    "cameras, markers": ("#cfe6e6", "marker target calibration sheet ar"),
+    "ground": ("#e4dceb", "core media linalg image/draw geometry render synth synth/face"),
+    "faces": ("#f6d9cf", "face/detect face/shape face/landmarks face/appearance face/head face/head_view face/train face/recognition "
+                         "face/people face/pipelines"),
+    "plates": ("#d3e6f5", "plate/text plate/classic plate/tracking plate/networks plate/reader plate/train"),
+    "structure from motion": ("#d5ead9", "sfm/scene sfm/view sfm/mapper"),
+    "cameras, markers": ("#cfe6e6", "planar/markers planar/image_targets planar/calibration planar/sheets planar/augment"),
     "cartoons": ("#efe0cf", "cartoon"),
     "interaction": ("#e6e3dc", "session apps/cli apps/window apps/capture"),
 }

@@ -15,11 +15,12 @@ which=${1:-all}
 case $which in asan | tsan | all) ;; *) die "asan, tsan or all, not $which" ;; esac
 
 # Unit tests of code that starts threads or is called by several, and the scripts that run the live parts.
-threaded='^(io/(live_source|http_stream|http_sink|atomic_file|sqlite)_test'
-threaded+='|core/core_test|cartoon/(cartoonizer|kernels)_test|nn/nn_test|render/render_test'
-threaded+='|sfm/(mapper|pairs|flow|pipeline|online|matching)_test|landmarks/(trees|descent|patches|train_model|adapt|hog_detector)_test'
-threaded+='|recognition/recognizer_test|head/train_head_test|appearance/model_test|plate/training_test|shape/shape_model_test'
-threaded+='|session/(people|sfm|calibrate)_session_test'
+threaded='^(media/(live_source|http_stream|http_sink|atomic_file|sqlite)_test'
+threaded+='|core/core_test|cartoon/(cartoonizer|kernels)_test|linalg/nn_test|render/render_test'
+threaded+='|sfm/mapper/(mapper|pairs|flow|pipeline|online|matching)_test'
+threaded+='|face/landmarks/(trees|descent|patches|train_model|adapt|hog_detector)_test'
+threaded+='|face/recognition/recognizer_test|face/head/train_head_test|face/appearance/model_test|face/shape/shape_model_test'
+threaded+='|plate/train/training_test|session/(people|sfm|calibrate)_session_test'
 threaded+='|e2e/(cartoon_live|cartoon_serve|cartoon_interrupt|people|sfm_reconstruct))$'
 
 build_some() { # build_some PRESET REGEX: configures it, builds the program and the test programs of these names
@@ -28,7 +29,7 @@ build_some() { # build_some PRESET REGEX: configures it, builds the program and 
   phase "configure ($preset)"
   quietly "build/$preset/configure.log" cmake --preset "$preset" -DTARSIER_BUILD_TESTS=ON || die "cmake could not configure the build"
   phase_done
-  mapfile -t targets < <(ctest --test-dir "build/$preset" -N -R "$2" 2>/dev/null | sed -nE 's|.*: (.*)/(.*_test)$|\1_\2|p')
+  mapfile -t targets < <(ctest --test-dir "build/$preset" -N -R "$2" 2>/dev/null | sed -nE 's|.*: (.*)/[a-z_0-9]*_test$|\1_test|p' | tr / _ | sort -u)
   phase "build (build/$preset: the program, ${#targets[@]} test programs)"
   quietly "build/$preset/build.log" cmake --build "build/$preset" -j "$(build_jobs)" --target tarsier tarsier-capture "${targets[@]}" ||
     die "the build failed (above)"
@@ -43,7 +44,7 @@ run() { # run PRESET FLAGS..: runs the tests of a preset that is built with thes
   mkdir -p "$results"
   phase "tests ($preset)"
   # Sanitized code is 2 to 20 times slower: a longer time for each test instead of leaving the slow ones out.
-  TARSIER_TEST_TIMEOUT=1200 GTEST_OUTPUT="xml:$results/" ctest --test-dir "build/$preset" --no-tests=error --output-on-failure --timeout 3600 \
+  TARSIER_TEST_TIMEOUT=1200 ctest --test-dir "build/$preset" --no-tests=error --output-on-failure --timeout 3600 \
     --parallel "$(nproc)" --output-junit "$results/ctest.junit" "$@" || status=$?
   phase_done
   scripts/count-tests.sh "$results" || status=1

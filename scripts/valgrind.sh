@@ -50,7 +50,7 @@ check models models verify landmarks68
 check pose pose solve --object cube.txt --points seen.txt --focal 800
 check pose pose track head/images/0000.png -o posed.png
 check cartoon cartoon run scene.png -o drawn.png
-check cartoon cartoon run scene.png -o film.avi --mode sketch --sequence
+check cartoon cartoon run scene.png -o video.avi --mode sketch --sequence
 check ar ar marker-sheet --ids 0-1 -o sheet.pdf
 check ar ar markers markers/images -o marked
 check ar ar target-track scene.png --target scene.target.json -o found.png

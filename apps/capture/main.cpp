@@ -3,16 +3,16 @@
 // tarsier-capture: holds one camera or stream for tarsier, so that whatever blocks for ever in a
 // driver or in FFmpeg can be killed. Started by tarsier, not by people:
 //   tarsier-capture v4l2 DEVICE WIDTH HEIGHT FPS     records to stdout
-//                                                    (tarsier/io/capture_protocol.h)
+//                                                    (tarsier/media/capture_protocol.h)
 //   tarsier-capture ffmpeg verify|insecure CA_FILE   the same, of the address in
 //                                                    $TARSIER_CAPTURE_URL; an empty CA_FILE: the
 //                                                    system's
 //   tarsier-capture exec PROGRAM [ARGUMENT..]        becomes PROGRAM, but dies with tarsier
 #include "tarsier/core/log.h"
 #include "tarsier/core/words.h"
-#include "tarsier/io/capture_protocol.h"
-#include "tarsier/io/http_protocol.h"
-#include "tarsier/io/tls_tunnel.h"
+#include "tarsier/media/capture_protocol.h"
+#include "tarsier/media/http_protocol.h"
+#include "tarsier/media/tls_tunnel.h"
 
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/utils/logger.hpp>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/appearance/start.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/landmarks/face_finder.h"
+#include "tarsier/face/appearance/start.h"
+#include "tarsier/face/landmarks/face_finder.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -23,23 +23,23 @@ cv::Mat gray_of(const cv::Mat& picture) {
   return gray;
 }
 
-appearance::FindStarts from_detector(const appearance::AppearanceModel& model,
-                                     const AamFlags& flags) {
-  landmarks::FaceFinderOptions options;
+face::appearance::FindStarts from_detector(const face::appearance::AppearanceModel& model,
+                                           const AamFlags& flags) {
+  face::landmarks::FaceFinderOptions options;
   options.detector.min_face = flags.min_face;
   options.detector.check();
-  const auto finder = std::make_shared<landmarks::FaceFinder>(make_face_finder(options));
+  const auto finder = std::make_shared<face::landmarks::FaceFinder>(make_face_finder(options));
   return [finder, &model, count = flags.starts](const cv::Mat& picture) {
     Starts starts;
-    for (const landmarks::Candidate& candidate : finder->find(gray_of(picture)))
-      starts.push_back(
-          appearance::starts_around(appearance::start_in_box(model, candidate.box), count));
+    for (const face::landmarks::Candidate& candidate : finder->find(gray_of(picture)))
+      starts.push_back(face::appearance::starts_around(
+          face::appearance::start_in_box(model, candidate.box), count));
     return starts;
   };
 }
 
-appearance::FindStarts from_landmarks(const appearance::AppearanceModel& model,
-                                      const AamFlags& flags, const std::string& path) {
+face::appearance::FindStarts from_landmarks(const face::appearance::AppearanceModel& model,
+                                            const AamFlags& flags, const std::string& path) {
   LandmarkFlags landmark_flags;
   landmark_flags.min_face = flags.min_face;
   const auto tracker =
@@ -56,17 +56,17 @@ appearance::FindStarts from_landmarks(const appearance::AppearanceModel& model,
     Frame frame;
     frame.image = picture;
     frame.still = true;
-    for (const landmarks::TrackedFace& face : tracker->process(frame, *state).faces)
-      starts.push_back(appearance::starts_around(face.points, count));
+    for (const face::landmarks::TrackedFace& face : tracker->process(frame, *state).faces)
+      starts.push_back(face::appearance::starts_around(face.points, count));
     return starts;
   };
 }
 
-appearance::FindStarts from_search(const appearance::Fitter& fitter) {
-  const auto workspace = std::make_shared<appearance::FitWorkspace>();
+face::appearance::FindStarts from_search(const face::appearance::Fitter& fitter) {
+  const auto workspace = std::make_shared<face::appearance::FitWorkspace>();
   return [&fitter, workspace](const cv::Mat& picture) {
     Starts starts;
-    const auto start = appearance::search_start(fitter, picture, {}, *workspace);
+    const auto start = face::appearance::search_start(fitter, picture, {}, *workspace);
     if (start) starts.push_back({*start});
     return starts;
   };
@@ -103,7 +103,7 @@ void add_aam_flags(Command& verb, AamFlags& flags) {
   Flag& refresh =
       verb.add_option(
               "--refresh", flags.fit.refresh,
-              "alternating: share of change of the texture at which its images are made anew")
+              "alternating: share of change of the texture at which its images are made again")
           .show_default();
   Flag& robust =
       verb.add_flag("--robust", flags.fit.robust, "pixels that fit badly (hidden) count less");
@@ -113,15 +113,15 @@ void add_aam_flags(Command& verb, AamFlags& flags) {
 AamEngine make_aam_engine(const AamFlags& flags) {
   AamEngine engine;
   engine.path = flags.model.empty() ? shipped_appearance_model() : flags.model;
-  appearance::FitOptions fit = flags.fit;
-  fit.method = flags.method == "project-out" ? appearance::Method::kProjectOut
-                                             : appearance::Method::kAlternating;
+  face::appearance::FitOptions fit = flags.fit;
+  fit.method = flags.method == "project-out" ? face::appearance::Method::kProjectOut
+                                             : face::appearance::Method::kAlternating;
   fit.check();
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
   throw_if_stopped(stop_on_signals());
-  engine.model =
-      std::make_unique<appearance::AppearanceModel>(appearance::read_appearance_model(engine.path));
-  engine.fitter = std::make_unique<appearance::Fitter>(*engine.model, fit);
+  engine.model = std::make_unique<face::appearance::AppearanceModel>(
+      face::appearance::read_appearance_model(engine.path));
+  engine.fitter = std::make_unique<face::appearance::Fitter>(*engine.model, fit);
   const bool knows_boxes = engine.model->place.seen > 0;
   if (flags.start == "detector" && !knows_boxes) {
     throw ModelError(

@@ -35,7 +35,7 @@ struct BenchOptions {
 [[nodiscard]] ExitStatus bench_posit(Context& context,
                                      const BenchOptions& options);  // INPUT: another head model
 
-// INPUT: pictures or films with faces
+// INPUT: pictures or videos with faces
 [[nodiscard]] ExitStatus bench_eyes(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_people(Context& context, const BenchOptions& options);
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/appearance/start.h"
-#include "tarsier/appearance/tracker.h"
 #include "tarsier/core/rng.h"
-#include "tarsier/head/head_pose.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/shape/similarity.h"
-#include "tarsier/synth_face/synth_face.h"
+#include "tarsier/face/appearance/start.h"
+#include "tarsier/face/appearance/tracker.h"
+#include "tarsier/face/head/head_pose.h"
+#include "tarsier/face/shape/similarity.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/synth/face/synth_face.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -22,9 +22,9 @@
 namespace tarsier::cli {
 namespace {
 
-using appearance::AppearanceModel;
-using appearance::FitOptions;
-using appearance::Method;
+using face::appearance::AppearanceModel;
+using face::appearance::FitOptions;
+using face::appearance::Method;
 
 double median_ms(int repeats, const std::function<void()>& run) {
   run();
@@ -39,30 +39,30 @@ double median_ms(int repeats, const std::function<void()>& run) {
 }
 
 geometry::Rigid pose_at(double yaw, double distance) {
-  return {head::rotation_of_angles({yaw, 3, 2}), {0, 10, distance}};
+  return {face::head::rotation_of_angles({yaw, 3, 2}), {0, 10, distance}};
 }
 
 // Heads that nobody has, to learn a small grey model from.
 AppearanceModel small_model(const synth::FaceSynth& faces, int width, int modes) {
-  geometry::Camera camera = head::guess_camera({240, 240});
-  std::vector<appearance::TrainingPicture> pictures;
+  geometry::Camera camera = face::head::guess_camera({240, 240});
+  std::vector<face::appearance::TrainingPicture> pictures;
   Rng rng(1);
   for (std::uint64_t i = 0; i < 60; ++i) {
-    appearance::TrainingPicture picture;
+    face::appearance::TrainingPicture picture;
     picture.points = faces
                          .draw(picture.picture, faces.person(i, 1), camera,
                                pose_at(rng.uniform(-20, 20), 450), {}, i)
                          .points;
     pictures.push_back(std::move(picture));
   }
-  appearance::AppearanceOptions options;
+  face::appearance::AppearanceOptions options;
   options.frame_width = width;
   options.levels = 1;
   options.colour = false;
   options.shape.variance = 1;
   options.shape.max_modes = modes;
   NoProgress silent;
-  return appearance::train_appearance_model(pictures, {}, options, silent, {});
+  return face::appearance::train_appearance_model(pictures, {}, options, silent, {});
 }
 
 void report(const Context& context, const char* name, double ms, const std::string& about) {
@@ -83,8 +83,8 @@ double iteration_ms(const AppearanceModel& model, Method method, const cv::Mat& 
     options.iterations = iterations;
     options.tolerance = 1e-12;
     options.coarsest = 0;
-    const appearance::Fitter fitter(model, options);
-    appearance::FitWorkspace workspace;
+    const face::appearance::Fitter fitter(model, options);
+    face::appearance::FitWorkspace workspace;
     return median_ms(repeats, [&] { (void)fitter.fit(picture, start, workspace); });
   };
   constexpr int kFew = 5;
@@ -95,8 +95,8 @@ double iteration_ms(const AppearanceModel& model, Method method, const cv::Mat& 
 }  // namespace
 
 ExitStatus bench_aam(Context& context, const BenchOptions& options) {
-  const AppearanceModel model = appearance::read_appearance_model(shipped_appearance_model());
-  const head::HeadModel head = read_head("");
+  const AppearanceModel model = face::appearance::read_appearance_model(shipped_appearance_model());
+  const face::head::HeadModel head = read_head("");
   const synth::FaceSynth faces(model, head);
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
@@ -104,13 +104,14 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
     return options.only.empty() ||
            std::find(options.only.begin(), options.only.end(), name) != options.only.end();
   };
-  geometry::Camera camera = head::guess_camera({640, 480});
+  geometry::Camera camera = face::head::guess_camera({640, 480});
   cv::Mat picture;
   const Eigen::Matrix2Xd truth =
       faces.draw(picture, faces.person(100), camera, pose_at(5, 600), {}, 1).points;
   const auto start_of = [&](const AppearanceModel& any) {
-    return Eigen::Matrix2Xd(shape::fit_similarity(any.shape.mean, truth)(any.shape.mean).colwise() +
-                            Eigen::Vector2d(4, -3));
+    return Eigen::Matrix2Xd(
+        face::shape::fit_similarity(any.shape.mean, truth)(any.shape.mean).colwise() +
+        Eigen::Vector2d(4, -3));
   };
   if (is_asked("project-out-iteration") || is_asked("alternating-iteration")) {
     constexpr int kModes = 20;
@@ -137,40 +138,40 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
     if (!is_asked(name)) continue;
     FitOptions fit;
     fit.method = method;
-    const appearance::Fitter fitter(model, fit);
-    appearance::FitWorkspace workspace;
+    const face::appearance::Fitter fitter(model, fit);
+    face::appearance::FitWorkspace workspace;
     const Eigen::Matrix2Xd start = start_of(model);
     report(context, name,
            median_ms(options.repeats, [&] { (void)fitter.fit(picture, start, workspace); }), about);
   }
   if (is_asked("track")) {
     // A head that turns: fit from frame to frame, and the pose of the head.
-    std::vector<cv::Mat> film;
+    std::vector<cv::Mat> video;
     for (int i = 0; i < 30; ++i) {
-      film.emplace_back();
-      faces.draw(film.back(), faces.person(100), camera,
+      video.emplace_back();
+      faces.draw(video.back(), faces.person(100), camera,
                  pose_at(25 * std::sin(i * 0.2), 600 + 3.0 * i), {}, 1);
     }
     FitOptions fit;
     fit.method = Method::kAlternating;
-    const appearance::Fitter fitter(model, fit);
-    const head::HeadPoser poser(head);
-    const appearance::FindStarts find = [&](const cv::Mat&) {
+    const face::appearance::Fitter fitter(model, fit);
+    const face::head::HeadPoser poser(head);
+    const face::appearance::FindStarts find = [&](const cv::Mat&) {
       return std::vector<std::vector<Eigen::Matrix2Xd>>{{start_of(model)}};
     };
     const int repeats = std::max(1, options.repeats / 5);
     const double ms = median_ms(repeats, [&] {
-      appearance::Track track;
-      head::HeadIdentity identity;
+      face::appearance::Track track;
+      face::head::HeadIdentity identity;
       double time = 0;
-      for (const cv::Mat& frame : film) {
-        for (const appearance::TrackedObject& face :
-             appearance::track_objects(fitter, {}, find, track, frame, time))
+      for (const cv::Mat& frame : video) {
+        for (const face::appearance::TrackedObject& face :
+             face::appearance::track_objects(fitter, {}, find, track, frame, time))
           (void)poser.pose(face.fit.points, camera, identity);
         time += 0.04;
       }
     });
-    const double each = ms / static_cast<double>(film.size());
+    const double each = ms / static_cast<double>(video.size());
     report(context, "track", each,
            fmt::format("640x480, model and pose: {:.0f} frames/s", 1000 / each));
   }

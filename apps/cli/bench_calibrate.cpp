@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/calibration/calibrate.h"
-#include "tarsier/calibration/detect.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/frame_source.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/planar/calibration/calibrate.h"
+#include "tarsier/planar/calibration/detect.h"
 #include "tarsier/synth/boards.h"
 #include "tarsier/synth/scene.h"
 
@@ -22,18 +23,11 @@
 namespace tarsier::cli {
 namespace {
 
-using calibration::BoardSpec;
-using calibration::BoardView;
+using planar::calibration::BoardSpec;
+using planar::calibration::BoardView;
 using Json = nlohmann::ordered_json;
 
 constexpr int kViews = 15;
-
-double median_of(std::vector<double> values) {
-  if (values.empty()) return 0;
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
-                   values.end());
-  return values[values.size() / 2];
-}
 
 geometry::Camera camera_of_size(cv::Size size) {
   geometry::Camera camera;
@@ -79,28 +73,28 @@ void print_row(Context& context, const Json& row) {
 
 // Rendered views of one board: found, how exactly, how fast, and the camera they give.
 void measure_board(Context& context, const char* board, cv::Size size) {
-  const BoardSpec spec = calibration::parse_board(board, 0.025);
+  const BoardSpec spec = planar::calibration::parse_board(board, 0.025);
   const geometry::Camera truth = camera_of_size(size);
-  const BoardRenderer renderer(truth, spec);
+  const synth::BoardRenderer renderer(truth, spec);
   std::vector<BoardView> views;
   std::vector<double> times;
   double squares = 0;
   double points = 0;
   int found = 0;
   std::uint64_t seed = context.seed;
-  for (const geometry::Rigid& pose : board_poses(truth, spec, kViews, context.seed)) {
+  for (const geometry::Rigid& pose : synth::board_poses(truth, spec, kViews, context.seed)) {
     throw_if_stopped(context.stop);
-    BoardLook look;
+    synth::BoardLook look;
     look.seed = ++seed;
     look.clutter = 12;
     const cv::Mat picture = renderer.render(pose, look);
     const Stopwatch watch;
-    views.push_back(calibration::find_board(picture, spec));
+    views.push_back(planar::calibration::find_board(picture, spec));
     times.push_back(watch.ms());
     if (views.back().empty()) continue;
     ++found;
-    squares += squares_of(views.back(), exact_view(truth, pose, spec),
-                          spec.kind != calibration::BoardKind::kCharuco);
+    squares += squares_of(views.back(), synth::exact_view(truth, pose, spec),
+                          spec.kind != planar::calibration::BoardKind::kCharuco);
     points += static_cast<double>(views.back().points.size());
   }
   const Stopwatch watch;
@@ -111,7 +105,7 @@ void measure_board(Context& context, const char* board, cv::Size size) {
              {"case", fmt::format("{} {}x{}", board, size.width, size.height)},
              {"found", fmt::format("{}/{}", found, kViews)},
              {"corner_rms_px", rounded(points > 0 ? std::sqrt(squares / points) : 0, 4)},
-             {"find_ms", rounded(median_of(times), 1)},
+             {"find_ms", rounded(upper_median(times), 1)},
              {"fit_ms", rounded(fit_ms, 1)},
              {"rms_px", rounded(calibration.camera.rms, 4)},
              {"fx_error_percent", rounded(100 * std::abs(calibration.camera.fx / truth.fx - 1), 4)},
@@ -122,9 +116,9 @@ void measure_board(Context& context, const char* board, cv::Size size) {
 
 // Pictures without a board: how long a search may take, at once and in a session.
 void measure_nothing(Context& context, const std::vector<cv::Mat>& pictures, const char* board) {
-  const BoardSpec spec = calibration::parse_board(board, 0.025);
+  const BoardSpec spec = planar::calibration::parse_board(board, 0.025);
   for (const bool live : {false, true}) {
-    calibration::FindOptions options;
+    planar::calibration::FindOptions options;
     if (live) {
       options.search_px = 480;
       options.patient = false;
@@ -133,7 +127,7 @@ void measure_nothing(Context& context, const std::vector<cv::Mat>& pictures, con
     for (const cv::Mat& picture : pictures) {
       throw_if_stopped(context.stop);
       const Stopwatch watch;
-      (void)calibration::find_board(picture, spec, options);
+      (void)planar::calibration::find_board(picture, spec, options);
       times.push_back(watch.ms());
     }
     print_row(context,
@@ -141,8 +135,8 @@ void measure_nothing(Context& context, const std::vector<cv::Mat>& pictures, con
                {"case", fmt::format("{} {}", board,
                                     live ? "nothing there, as a session looks" : "nothing there")},
                {"pictures", pictures.size()},
-               {"find_ms", rounded(median_of(times), 1)},
-               {"most_ms", rounded(*std::max_element(times.begin(), times.end()), 1)}});
+               {"find_ms", rounded(upper_median(times), 1)},
+               {"max_ms", rounded(*std::max_element(times.begin(), times.end()), 1)}});
   }
 }
 
@@ -163,7 +157,7 @@ ExitStatus bench_calibrate(Context& context, const BenchOptions& options) {
   std::vector<cv::Mat> pictures;
   if (options.inputs.empty()) {
     for (std::uint64_t seed = 1; seed <= 8; ++seed)
-      pictures.push_back(render_scene({1280, 720}, 0, seed));
+      pictures.push_back(synth::render_scene({1280, 720}, 0, seed));
   } else {
     const auto source = open_sources(options.inputs);
     while (!source->ended() && pictures.size() < 200) {

@@ -3,9 +3,10 @@
 #include "tarsier/cartoon/reference.h"
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/core/timer.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/synth/portrait.h"
 
 #include <fmt/format.h>
@@ -125,12 +126,6 @@ void keep_worst(std::optional<double>& kept, const std::optional<double>& value)
   if (value) kept = kept ? std::min(*kept, *value) : *value;
 }
 
-double median_of(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 struct Cost {
   double wall_ms = 0;
   double cpu_ms = 0;  // of all threads
@@ -164,7 +159,7 @@ std::map<int, Cost> costs(int runs, const std::set<int>& thread_counts, const st
   }
   std::map<int, Cost> result;
   for (const int threads : thread_counts) {
-    result[threads] = {median_of(wall[threads]), median_of(cpu[threads])};
+    result[threads] = {upper_median(wall[threads]), upper_median(cpu[threads])};
   }
   return result;
 }
@@ -201,7 +196,7 @@ std::vector<cv::Mat> pictures(const std::vector<std::string>& inputs, cv::Size s
     const std::string path = std::string("/usr/share/doc/opencv-doc/examples/data/") + name;
     if (std::filesystem::exists(path)) add(read_image(path));
   }
-  result.push_back(render_portrait(size).image);
+  result.push_back(synth::render_portrait(size).image);
   return result;
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/frame_source.h"
+#include "tarsier/media/frame_source.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -44,8 +44,8 @@ ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
   for (const char* name : {"landmarks", "cascades", "2splits"}) {
     PeopleFlags flags;
     flags.eyes = name;
-    people::FaceReader reader = make_face_reader(flags);
-    landmarks::FaceFinder finder = make_face_finder(reader.options().finder);
+    face::people::FaceReader reader = make_face_reader(flags);
+    face::landmarks::FaceFinder finder = make_face_finder(reader.options().finder);
     int found = 0;
     int both = 0;
     double spent = 0;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/landmarks/tracker.h"
+#include "tarsier/face/landmarks/tracker.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -19,12 +20,6 @@ namespace {
 
 constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
 
-double median(std::vector<double> values) {
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
-                   values.end());
-  return values[values.size() / 2];
-}
-
 // Milliseconds of `run`, the median of `repeats` after one to warm up.
 template <typename Run>
 double measured(int repeats, const Run& run) {
@@ -35,7 +30,7 @@ double measured(int repeats, const Run& run) {
     const double ms = watch.ms();
     if (i > 0) times.push_back(ms);
   }
-  return median(times);
+  return upper_median(times);
 }
 
 }  // namespace
@@ -44,13 +39,13 @@ double measured(int repeats, const Run& run) {
 ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   cv::setNumThreads(1);
   const face::LandmarkTracker tracker = load_landmark_tracker({});
-  const landmarks::LandmarkModel& whole = tracker.model();
-  landmarks::FaceFinder finder = tracker.detector().make_finder();
+  const face::landmarks::LandmarkModel& whole = tracker.model();
+  face::landmarks::FaceFinder finder = tracker.detector().make_finder();
   const std::string path = options.inputs.empty() ? kPicture : options.inputs.front();
   const cv::Mat gray = read_gray_image(path);
-  const std::vector<landmarks::Candidate> found = finder.find(gray);
+  const std::vector<face::landmarks::Candidate> found = finder.find(gray);
   if (found.empty()) throw InputError(path, "shows no face to measure on");
-  const Eigen::Matrix2Xd start = landmarks::start_at(whole, finder, found.front());
+  const Eigen::Matrix2Xd start = face::landmarks::start_at(whole, finder, found.front());
   const auto report = [&](const std::string& name, double ms) {
     if (context.json) {
       nlohmann::ordered_json line = {
@@ -60,18 +55,18 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
       print_text(fmt::format("{:<12} {:8.3f} ms\n", name, ms));
     }
   };
-  landmarks::FitWorkspace workspace;
-  for (const landmarks::FitMethod method :
-       {landmarks::FitMethod::kBoth, landmarks::FitMethod::kTrees, landmarks::FitMethod::kDescent,
-        landmarks::FitMethod::kPatches}) {
+  face::landmarks::FitWorkspace workspace;
+  for (const face::landmarks::FitMethod method :
+       {face::landmarks::FitMethod::kBoth, face::landmarks::FitMethod::kTrees,
+        face::landmarks::FitMethod::kDescent, face::landmarks::FitMethod::kPatches}) {
     throw_if_stopped(context.stop);
     if (!whole.has(method)) continue;
-    landmarks::LandmarkModel model = whole;
+    face::landmarks::LandmarkModel model = whole;
     model.quality.reset();
-    landmarks::FitOptions fit;
+    face::landmarks::FitOptions fit;
     fit.method = method;
     report(fmt::format("fit-{}", name_of(method)), measured(options.repeats, [&] {
-             (void)landmarks::fit_points(model, fit, gray, start, workspace);
+             (void)face::landmarks::fit_points(model, fit, gray, start, workspace);
            }));
   }
   report("detect", measured(options.repeats, [&] { (void)finder.find_sure(gray); }));

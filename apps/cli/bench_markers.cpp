@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/stop.h"
-#include "tarsier/marker/evaluation.h"
-#include "tarsier/marker/pose.h"
-#include "tarsier/marker/predefined.h"
+#include "tarsier/planar/markers/evaluation.h"
+#include "tarsier/planar/markers/pose.h"
+#include "tarsier/planar/markers/predefined.h"
 #include "tarsier/synth/planar_worlds.h"
 
 #include <fmt/format.h>
@@ -28,7 +28,7 @@ namespace tarsier::cli {
 namespace {
 
 using Json = nlohmann::ordered_json;
-using Detector = std::function<std::vector<marker::Marker>(const cv::Mat& gray)>;
+using Detector = std::function<std::vector<planar::markers::Marker>(const cv::Mat& gray)>;
 
 constexpr int kScenesPerLevel = 20;
 constexpr double kSide = 0.1;  // m
@@ -40,18 +40,19 @@ double cpu_ms() {
   return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
 }
 
-Detector own_detector(const marker::Dictionary& family) {
-  auto workspace = std::make_shared<marker::DetectWorkspace>();
+Detector own_detector(const planar::markers::Dictionary& family) {
+  auto workspace = std::make_shared<planar::markers::DetectWorkspace>();
   return [&family, workspace](const cv::Mat& gray) {
-    return marker::detect_markers(gray, family, {}, *workspace);
+    return planar::markers::detect_markers(gray, family, {}, *workspace);
   };
 }
 
-Detector opencv_detector(const marker::Dictionary& family) {
+Detector opencv_detector(const planar::markers::Dictionary& family) {
   return [&family](const cv::Mat& gray) {
-    std::vector<marker::Marker> markers;
-    for (const marker::OpencvMarker& found : marker::detect_with_opencv(gray, family.name())) {
-      marker::Marker one;
+    std::vector<planar::markers::Marker> markers;
+    for (const planar::markers::OpencvMarker& found :
+         planar::markers::detect_with_opencv(gray, family.name())) {
+      planar::markers::Marker one;
       one.id = found.id;
       for (std::size_t k = 0; k < 4; ++k)
         one.corners[k] = {double{found.corners[k].x}, double{found.corners[k].y}};
@@ -83,11 +84,11 @@ Detector apriltag_detector(float decimate) {
     image_u8_t picture{gray.cols, gray.rows, static_cast<std::int32_t>(gray.step[0]),
                        const_cast<std::uint8_t*>(gray.ptr<std::uint8_t>())};
     zarray_t* found = apriltag_detector_detect(parts->detector, &picture);
-    std::vector<marker::Marker> markers;
+    std::vector<planar::markers::Marker> markers;
     for (int i = 0; i < zarray_size(found); ++i) {
       apriltag_detection_t* tag = nullptr;
       zarray_get(found, i, static_cast<void*>(&tag));
-      marker::Marker one;
+      planar::markers::Marker one;
       one.id = tag->id;
       // Pixels' middles are at halves there, and its tags stand on their heads.
       constexpr std::size_t kFirst = 5;
@@ -104,10 +105,10 @@ Detector apriltag_detector(float decimate) {
 // Scenes are drawn once and shared by the methods.
 struct Scenes {
   std::vector<cv::Mat> pictures;
-  std::vector<marker::MarkerTruth> truth;
+  std::vector<planar::markers::MarkerTruth> truth;
 };
 
-Scenes scenes_of(const marker::Dictionary& family, cv::Size size, std::uint64_t seed,
+Scenes scenes_of(const planar::markers::Dictionary& family, cv::Size size, std::uint64_t seed,
                  Context& context) {
   Scenes scenes;
   synth::StillOptions options;
@@ -119,12 +120,12 @@ Scenes scenes_of(const marker::Dictionary& family, cv::Size size, std::uint64_t 
       const synth::PlanarStill still = synth::marker_still(
           family, kSide, options, level,
           seed + 1000 * static_cast<std::uint64_t>(level) + static_cast<std::uint64_t>(i));
-      marker::MarkerTruth truth;
+      planar::markers::MarkerTruth truth;
       truth.level = std::string(synth::name_of(level));
       truth.camera = still.camera;
       truth.size = kSide;
       for (const synth::PrintTruth& print : still.truth) {
-        marker::JudgedMarker one;
+        planar::markers::JudgedMarker one;
         one.id = print.id;
         one.corners = print.corners;
         one.side_px = print.side_px;
@@ -140,22 +141,22 @@ Scenes scenes_of(const marker::Dictionary& family, cv::Size size, std::uint64_t 
   return scenes;
 }
 
-marker::MarkerScore measure(const Detector& detector, const Scenes& scenes, int repeats,
-                            Context& context) {
-  marker::MarkerJudge judge;
+planar::markers::MarkerScore measure(const Detector& detector, const Scenes& scenes, int repeats,
+                                     Context& context) {
+  planar::markers::MarkerJudge judge;
   for (std::size_t i = 0; i < scenes.pictures.size(); ++i) {
     throw_if_stopped(context.stop);
-    std::vector<marker::Marker> found;
+    std::vector<planar::markers::Marker> found;
     double best = 1e9;
     for (int repeat = 0; repeat < repeats; ++repeat) {
       const double start = cpu_ms();
       found = detector(scenes.pictures[i]);
       best = std::min(best, cpu_ms() - start);
     }
-    std::vector<marker::JudgedMarker> judged;
-    for (const marker::PosedMarker& posed :
-         marker::pose_markers(std::move(found), kSide, scenes.truth[i].camera)) {
-      marker::JudgedMarker one;
+    std::vector<planar::markers::JudgedMarker> judged;
+    for (const planar::markers::PosedMarker& posed :
+         planar::markers::pose_markers(std::move(found), kSide, scenes.truth[i].camera)) {
+      planar::markers::JudgedMarker one;
       one.id = posed.marker.id;
       for (std::size_t k = 0; k < 4; ++k)
         one.corners[k] = {posed.marker.corners[k].x(), posed.marker.corners[k].y()};
@@ -168,7 +169,7 @@ marker::MarkerScore measure(const Detector& detector, const Scenes& scenes, int 
 }
 
 void report(const std::string& method, const std::string& family, cv::Size size,
-            const marker::MarkerScore& score, const Context& context) {
+            const planar::markers::MarkerScore& score, const Context& context) {
   const auto three = [](double value) { return rounded(value, 3); };
   if (context.json) {
     print_json(Json{{"bench", "markers"},
@@ -208,7 +209,7 @@ ExitStatus bench_markers(Context& context, const BenchOptions& options) {
   for (const std::string& text : sizes) {
     const cv::Size size = parse_size(text, 64, 8192);
     for (const char* name : {"aruco-original", "6x6_250", "36h11"}) {
-      const marker::Dictionary& family = marker::find_dictionary(name);
+      const planar::markers::Dictionary& family = planar::markers::find_dictionary(name);
       const Scenes scenes = scenes_of(family, size, context.seed, context);
       std::vector<std::pair<std::string, Detector>> methods{{"tarsier", own_detector(family)},
                                                             {"opencv", opencv_detector(family)}};

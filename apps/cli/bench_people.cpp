@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/appearance/synthesis.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/gallery/gallery.h"
-#include "tarsier/gallery/model.h"
-#include "tarsier/people_face/eyes.h"
-#include "tarsier/recognition/background.h"
-#include "tarsier/recognition/background_space.h"
-#include "tarsier/recognition/normalize.h"
-#include "tarsier/recognition/recognizer.h"
+#include "tarsier/face/appearance/synthesis.h"
+#include "tarsier/face/people/eyes.h"
+#include "tarsier/face/people/gallery.h"
+#include "tarsier/face/people/model.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/background_space.h"
+#include "tarsier/face/recognition/normalize.h"
+#include "tarsier/face/recognition/recognizer.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -32,7 +32,7 @@
 namespace tarsier::cli {
 namespace {
 
-using recognition::Recognizer;
+using face::recognition::Recognizer;
 using Clock = std::chrono::steady_clock;
 
 constexpr int kPictures = 5;           // of a person
@@ -62,17 +62,17 @@ class Watch {
 // noisy.
 class DrawnPeople {
  public:
-  explicit DrawnPeople(const appearance::AppearanceModel& model)
+  explicit DrawnPeople(const face::appearance::AppearanceModel& model)
       : model_(&model), synthesis_(model) {}
 
   [[nodiscard]] std::vector<cv::Mat> pictures(int person, int first, int count) const {
     const auto seed = static_cast<std::uint64_t>(person);
-    const auto face = appearance::random_face(*model_, synthesis_.texture(), seed + 1);
+    const auto face = face::appearance::random_face(*model_, synthesis_.texture(), seed + 1);
     Eigen::Matrix2Xd points;
     const cv::Mat portrait = synthesis_.portrait(face.b, face.c, {230, 270}, &points);
     cv::Mat gray;
     cv::cvtColor(portrait, gray, cv::COLOR_BGR2GRAY);
-    const cv::Mat crop = people::cut_face(gray, people::eyes_of_points(points));
+    const cv::Mat crop = face::people::cut_face(gray, face::people::eyes_of_points(points));
     std::vector<cv::Mat> out;
     for (int k = first; k < first + count; ++k) {
       Rng rng = Rng(seed + 1).fork(static_cast<std::uint64_t>(k));
@@ -80,15 +80,15 @@ class DrawnPeople {
       const double dy = 2 * rng.normal();
       const double degrees = 2 * rng.normal();
       const double growth = 1 + 0.02 * rng.normal();
-      out.push_back(recognition::relit_face(recognition::moved_face(crop, dx, dy, degrees, growth),
-                                            0.6, rng()));
+      out.push_back(face::recognition::relit_face(
+          face::recognition::moved_face(crop, dx, dy, degrees, growth), 0.6, rng()));
     }
     return out;
   }
 
  private:
-  const appearance::AppearanceModel* model_;
-  appearance::Synthesis synthesis_;
+  const face::appearance::AppearanceModel* model_;
+  face::appearance::Synthesis synthesis_;
 };
 
 // A folder of the system's, gone with the benchmark.
@@ -123,7 +123,7 @@ class PeopleBench {
   PeopleBench(Context& context, const BenchOptions& options)
       : context_(context),
         options_(options),
-        model_(appearance::read_appearance_model(shipped_appearance_model())),
+        model_(face::appearance::read_appearance_model(shipped_appearance_model())),
         drawn_(model_) {
     const auto background = find_background({});
     if (!background) throw InputError("people-background.json", "is needed");
@@ -140,29 +140,31 @@ class PeopleBench {
       }
     }
     NoProgress quiet;
-    report("train 20 people x 10",
-           times(1, [&] { (void)recognition::train(faces, labels, {}, quiet, context_.stop); }));
+    report("train 20 people x 10", times(1, [&] {
+             (void)face::recognition::train(faces, labels, {}, quiet, context_.stop);
+           }));
     Recognizer model;
     report("train 20 people x 10, with the background", times(1, [&] {
-             model = recognition::train(faces, labels, {}, quiet, context_.stop, &background_);
+             model =
+                 face::recognition::train(faces, labels, {}, quiet, context_.stop, &background_);
            }));
     report("name an aligned face, 200 templates",
-           times(options_.repeats, [&] { (void)recognition::identify(model, faces[37]); }));
+           times(options_.repeats, [&] { (void)face::recognition::identify(model, faces[37]); }));
   }
 
   // A gallery of so many really enrolled faces.
   void gallery(std::int64_t size) {
     const std::string name = fmt::format("{} faces: ", size);
     const Scratch scratch;
-    people::Gallery gallery(scratch / "people.db");
-    people::TemplateMaker maker(gallery, &background_);
+    face::people::Gallery gallery(scratch / "people.db");
+    face::people::TemplateMaker maker(gallery, &background_);
     const std::int64_t alone = std::min<std::int64_t>(1000, std::max<std::int64_t>(1, size / 5));
     fill(gallery, size - alone);
     // The last ones as a user enrols them: one after the other, each safe on the disk before the
     // next. Finding the face in a picture is not counted: the faces are aligned already.
     std::vector<Took> each;
     context_.progress->begin("one by one", alone, "faces");
-    each_face(size - alone, size, [&](people::NewFace&& entry) {
+    each_face(size - alone, size, [&](face::people::NewFace&& entry) {
       throw_if_stopped(context_.stop);
       const Watch watch;
       maker.fill(entry.face);
@@ -174,13 +176,14 @@ class PeopleBench {
     report(name + "enrol one more", each);
 
     Watch watch;
-    auto model = people::load_gallery_model(gallery, &background_, true, people::Learn::kNow,
-                                            *context_.progress, context_.stop);
+    auto model = face::people::load_gallery_model(
+        gallery, &background_, true, face::people::Learn::kNow, *context_.progress, context_.stop);
     report(name + "learn again (train)", {watch.took()});
     model.reset();
     watch = {};
-    model = people::load_gallery_model(gallery, &background_, true, people::Learn::kWhenDue,
-                                       *context_.progress, context_.stop);
+    model =
+        face::people::load_gallery_model(gallery, &background_, true, face::people::Learn::kWhenDue,
+                                         *context_.progress, context_.stop);
     report(name + "read the model and all templates", {watch.took()});
     const Recognizer& recognizer = model->recognizer;
     std::vector<cv::Mat> probes;
@@ -189,13 +192,14 @@ class PeopleBench {
     std::vector<Took> named;
     for (const cv::Mat& probe : probes) {
       watch = {};
-      (void)people::recognize(recognizer, recognition::template_of(recognizer, probe), 0.01);
+      (void)face::people::recognize(recognizer, face::recognition::template_of(recognizer, probe),
+                                    0.01);
       named.push_back(watch.took());
     }
     report(name + "name an aligned face", named);
     judge(name, size, recognizer);
 
-    people::GalleryFollower follower(gallery, &background_, std::move(model));
+    face::people::GalleryFollower follower(gallery, &background_, std::move(model));
     (void)follower.update();
     report(name + "look whether the gallery changed",
            times(options_.repeats, [&] { (void)follower.update(); }));
@@ -263,7 +267,7 @@ class PeopleBench {
       const auto first = static_cast<int>(i % kPictures);
       const auto count = static_cast<int>(std::min<std::int64_t>(kPictures - first, to - i));
       for (cv::Mat& picture : drawn_.pictures(person, first, count)) {
-        people::NewFace entry;
+        face::people::NewFace entry;
         entry.name = fmt::format("p{}", person);
         entry.face.crop = std::move(picture);
         entry.face.quality = 0.5;
@@ -278,25 +282,26 @@ class PeopleBench {
 
   // The first `count` faces, some hundreds in a transaction, in coordinates from the beginning: so
   // that the last ones can be measured without waiting for days.
-  void fill(people::Gallery& gallery, std::int64_t count) const {
+  void fill(face::people::Gallery& gallery, std::int64_t count) const {
     constexpr std::int64_t kBatch = 50LL * kPictures;
-    const std::int64_t space = -recognition::fingerprint(background_);
+    const std::int64_t space = -face::recognition::fingerprint(background_);
     context_.progress->begin("enrolling", count, "faces");
     for (std::int64_t first = 0; first < count; first += kBatch) {
       throw_if_stopped(context_.stop);
       const std::int64_t last = std::min(count, first + kBatch);
-      std::vector<people::NewFace> batch(static_cast<std::size_t>(last - first));
+      std::vector<face::people::NewFace> batch(static_cast<std::size_t>(last - first));
       const auto people = static_cast<int>((last - first + kPictures - 1) / kPictures);
       cv::parallel_for_({0, people}, [&](const cv::Range& range) {
         for (int p = range.start; p < range.end; ++p) {
           auto at = static_cast<std::size_t>(p) * kPictures;
-          each_face(
-              first + p * kPictures, std::min<std::int64_t>(last, first + (p + 1) * kPictures),
-              [&](people::NewFace&& entry) {
-                entry.face.features = recognition::coordinates_of(background_, entry.face.crop);
-                entry.face.space = space;
-                batch[at++] = std::move(entry);
-              });
+          each_face(first + p * kPictures,
+                    std::min<std::int64_t>(last, first + (p + 1) * kPictures),
+                    [&](face::people::NewFace&& entry) {
+                      entry.face.features =
+                          face::recognition::coordinates_of(background_, entry.face.crop);
+                      entry.face.space = space;
+                      batch[at++] = std::move(entry);
+                    });
         }
       });
       gallery.enroll(batch);
@@ -314,16 +319,17 @@ class PeopleBench {
     for (int k = 0; k < kProbes; ++k) {
       throw_if_stopped(context_.stop);
       const int person = person_of(size, k);
-      const auto seen = people::recognize(
+      const auto seen = face::people::recognize(
           recognizer,
-          recognition::template_of(recognizer, drawn_.pictures(person, kPictures, 1).front()),
+          face::recognition::template_of(recognizer, drawn_.pictures(person, kPictures, 1).front()),
           0.01);
       const bool same = seen.label == fmt::format("p{}", person);
       if (same) ++right;
       if (same && seen.known) ++known;
-      const auto stranger = people::recognize(
+      const auto stranger = face::people::recognize(
           recognizer,
-          recognition::template_of(recognizer, drawn_.pictures(kStranger + k, 0, 1).front()), 0.01);
+          face::recognition::template_of(recognizer, drawn_.pictures(kStranger + k, 0, 1).front()),
+          0.01);
       if (stranger.known) ++accepted;
     }
     line({{"bench", "people"},
@@ -335,18 +341,18 @@ class PeopleBench {
 
   Context& context_;
   const BenchOptions& options_;
-  appearance::AppearanceModel model_;
+  face::appearance::AppearanceModel model_;
   DrawnPeople drawn_;
-  recognition::Background background_;
+  face::recognition::Background background_;
 };
 
 std::int64_t faces_of(const std::string& text) {
   std::int64_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size() || value <= people::kLearnedWhole ||
-      value > 10'000'000)
+  if (error != std::errc() || end != text.data() + text.size() ||
+      value <= face::people::kLearnedWhole || value > 10'000'000)
     throw UsageError(fmt::format("--size {}: for people a number of faces from {} to 10000000",
-                                 text, people::kLearnedWhole + 1));
+                                 text, face::people::kLearnedWhole + 1));
   return value;
 }
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/core/timer.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
@@ -18,12 +19,6 @@
 namespace tarsier::cli {
 namespace {
 
-double median(std::vector<double> values) {
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
-                   values.end());
-  return values[values.size() / 2];
-}
-
 // A few pictures, all of this size.
 std::vector<cv::Mat> pictures(const BenchOptions& options, cv::Size size, std::uint64_t seed) {
   std::vector<cv::Mat> result;
@@ -33,7 +28,7 @@ std::vector<cv::Mat> pictures(const BenchOptions& options, cv::Size size, std::u
     result.push_back(image);
   }
   if (!result.empty()) return result;
-  const auto source = open_synth_source(
+  const auto source = synth::open_synth_source(
       fmt::format("car?size={}x{}&frames=5&seed={}", size.width, size.height, seed));
   while (auto frame = source->next(std::chrono::milliseconds(1000), {}))
     result.push_back(frame->image);
@@ -66,7 +61,7 @@ ExitStatus bench_plate(Context& context, const BenchOptions& options) {
       plates += result.plates.size();
       times.push_back(result.ms);
     }
-    const double all = median(times);
+    const double all = upper_median(times);
     nlohmann::ordered_json line{{"bench", "plate"}, {"case", text}, {"threads", context.threads}};
     std::vector<double> stages;
     for (const TimerStats& stats : timers.stats()) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/head/head_model.h"
-#include "tarsier/head/posit_study.h"
-#include "tarsier/io/model_store.h"
+#include "tarsier/face/head/head_model.h"
+#include "tarsier/face/head/posit_study.h"
+#include "tarsier/media/model_store.h"
 
 #include <fmt/format.h>
 
@@ -15,20 +15,20 @@ namespace {}  // namespace
 ExitStatus bench_posit(Context& context, const BenchOptions& options) {
   const std::string path =
       ModelStore::find().path_or(options.inputs.empty() ? "" : options.inputs[0], "head.json");
-  const head::HeadModel model = head::read_head_model(path);
-  head::PositStudyOptions study;
+  const face::head::HeadModel model = face::head::read_head_model(path);
+  face::head::PositStudyOptions study;
   study.seed = context.seed;
   // The nose tip, where the markup has one.
   study.reference = model.points() == 68 ? 30 : 0;
-  const auto rows = head::run_posit_study(model.mean, study, context.stop);
-  const auto is_asked = [&](const head::PositStudyRow& row) {
+  const auto rows = face::head::run_posit_study(model.mean, study, context.stop);
+  const auto is_asked = [&](const face::head::PositStudyRow& row) {
     return options.only.empty() ||
            std::find(options.only.begin(), options.only.end(), row.method) != options.only.end();
   };
   if (!context.json)
     print_text(fmt::format("{:>22} {:>9} {:>9} {:>9} {:>8} {:>9}\n", "method", "noise px",
                            "rot. deg", "tr. mm", "us", "failures"));
-  for (const head::PositStudyRow& row : rows) {
+  for (const face::head::PositStudyRow& row : rows) {
     if (!is_asked(row)) continue;
     if (context.json) {
       print_json(

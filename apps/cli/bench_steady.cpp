@@ -2,7 +2,7 @@
 #include "tarsier/cartoon/cartoonizer.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/frame_source.h"
+#include "tarsier/media/frame_source.h"
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
@@ -79,7 +79,7 @@ ExitStatus bench_steady(Context& context, const BenchOptions& options) {
     SourceOptions source_options;
     source_options.sequence = true;
     const std::unique_ptr<FrameSource> source =
-        open_sources({input}, source_options, {synth_scheme()});
+        open_sources({input}, source_options, {synth::synth_scheme()});
     Drawing plain;
     Drawing steady;
     plain.options.mode = steady.options.mode = mode;

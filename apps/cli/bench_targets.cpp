@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/stop.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/planar/image_targets/track.h"
+#include "tarsier/planar/image_targets/train.h"
 #include "tarsier/synth/planar_source.h"
 #include "tarsier/synth/planar_worlds.h"
-#include "tarsier/target/track.h"
-#include "tarsier/target/train.h"
 
 #include <fmt/format.h>
 #include <opencv2/calib3d.hpp>
@@ -28,7 +28,7 @@ using Json = nlohmann::ordered_json;
 using Corners = std::array<cv::Point2d, 4>;
 
 constexpr int kStillsPerLevel = 30;
-constexpr double kFilmSeconds = 12;
+constexpr double kVideoSeconds = 12;
 constexpr double kFps = 25;
 constexpr double kWidth = 0.2;  // m, of the prints
 
@@ -148,7 +148,7 @@ void print_row(Context& context, const char* what, const char* method, const Tal
 }
 
 struct Contenders {
-  std::vector<target::Target> own;
+  std::vector<planar::image_targets::Target> own;
   std::vector<TextbookFinder> orb;
   std::vector<TextbookFinder> sift;
 };
@@ -156,10 +156,10 @@ struct Contenders {
 Contenders train_all(const std::vector<synth::PlanarPrint>& prints, std::uint64_t seed) {
   Contenders all;
   for (const synth::PlanarPrint& print : prints) {
-    target::TrainOptions options;
+    planar::image_targets::TrainOptions options;
     options.width = print.width;
     options.seed = seed;
-    all.own.push_back(target::train_target(print.picture, print.name, options));
+    all.own.push_back(planar::image_targets::train_target(print.picture, print.name, options));
     cv::Mat gray = print.picture;
     if (gray.channels() == 3) cv::cvtColor(gray, gray, cv::COLOR_BGR2GRAY);
     all.orb.emplace_back(cv::ORB::create(1500), cv::NORM_HAMMING, 0.8, gray);
@@ -168,9 +168,9 @@ Contenders train_all(const std::vector<synth::PlanarPrint>& prints, std::uint64_
   return all;
 }
 
-std::optional<Corners> find_own(const std::vector<target::Target>& targets, std::size_t which,
-                                const cv::Mat& picture) {
-  const auto found = target::detect_targets({targets[which]}, picture);
+std::optional<Corners> find_own(const std::vector<planar::image_targets::Target>& targets,
+                                std::size_t which, const cv::Mat& picture) {
+  const auto found = planar::image_targets::detect_targets({targets[which]}, picture);
   if (found.empty()) return std::nullopt;
   return found[0].corners;
 }
@@ -187,8 +187,8 @@ void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& pri
       throw_if_stopped(context.stop);
       synth::StillOptions options;
       options.most = 1;
-      options.least_side_px = 80;
-      options.most_side_px = 280;
+      options.min_side_px = 80;
+      options.max_side_px = 280;
       options.part_hidden = 0.3;
       const auto which = static_cast<std::size_t>(k) % prints.size();
       const synth::PlanarStill still = synth::print_still(
@@ -212,41 +212,42 @@ void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& pri
   print_row(context, "stills", "SIFT+RANSAC", sift);
 }
 
-// A film for each print: 25 px a frame, tilt to 50 degrees, exposure times two, a hand that passes.
-void measure_films(Context& context, const std::vector<synth::PlanarPrint>& prints,
-                   const Contenders& all) {
+// A video for each print: 25 px a frame, tilt to 50 degrees, exposure times two, a hand that
+// passes.
+void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& prints,
+                    const Contenders& all) {
   Tally own;
   Tally orb;
   Tally sift;
   std::vector<double> rest;
   for (std::size_t which = 0; which < prints.size(); ++which) {
-    synth::FilmOptions options;
+    synth::VideoOptions options;
     options.exposure = 0.35;
     options.look.noise = 4;
     options.seed = context.seed + which;
-    const synth::PlanarFilm film = synth::print_film({prints[which]}, options);
-    target::TrackState state;
-    const std::vector<target::Target> targets = {all.own[which]};
+    const synth::PlanarVideo video = synth::print_video({prints[which]}, options);
+    planar::image_targets::TrackState state;
+    const std::vector<planar::image_targets::Target> targets = {all.own[which]};
     std::optional<cv::Point2d> last;
-    for (int i = 0; i < kFilmSeconds * kFps; ++i) {
+    for (int i = 0; i < kVideoSeconds * kFps; ++i) {
       throw_if_stopped(context.stop);
       const double time = i / kFps;
-      const cv::Mat picture = film.picture_at(time);
-      const auto shown = film.truth_at(time);
+      const cv::Mat picture = video.picture_at(time);
+      const auto shown = video.truth_at(time);
       // A print that is hidden for the most part, or has left the picture, counts for nobody.
       const bool counts = !shown.empty() && shown[0].visible >= 0.5;
       double start = cpu_ms();
-      const auto seen = target::track(targets, {}, state, picture);
+      const auto seen = planar::image_targets::track(targets, {}, state, picture);
       const double ms = cpu_ms() - start;
       if (!counts) continue;
       std::optional<Corners> corners;
       if (!seen.empty()) corners = seen[0].corners;
       own.add(&shown[0], corners, ms);
-      if (corners && last && synth::PlanarFilm::is_at_rest(time) &&
-          synth::PlanarFilm::is_at_rest(time - 1 / kFps))
+      if (corners && last && synth::PlanarVideo::is_at_rest(time) &&
+          synth::PlanarVideo::is_at_rest(time - 1 / kFps))
         rest.push_back(cv::norm((*corners)[0] - *last));
       last = corners ? std::optional((*corners)[0]) : std::nullopt;
-      if (i % 10 != 0) continue;  // these know no film: a sample of the frames tells as much
+      if (i % 10 != 0) continue;  // these know no video: a sample of the frames tells as much
       cv::Mat gray;
       cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
       start = cpu_ms();
@@ -257,9 +258,9 @@ void measure_films(Context& context, const std::vector<synth::PlanarPrint>& prin
       sift.add(&shown[0], c, cpu_ms() - start);
     }
   }
-  print_row(context, "films", "tarsier", own, {{"rest_px", rounded(quantile(rest, 0.5), 4)}});
-  print_row(context, "films", "ORB+RANSAC", orb);
-  print_row(context, "films", "SIFT+RANSAC", sift);
+  print_row(context, "videos", "tarsier", own, {{"rest_px", rounded(quantile(rest, 0.5), 4)}});
+  print_row(context, "videos", "ORB+RANSAC", orb);
+  print_row(context, "videos", "SIFT+RANSAC", sift);
 }
 
 }  // namespace
@@ -283,7 +284,7 @@ ExitStatus bench_targets(Context& context, const BenchOptions& options) {
   };
   const Contenders all = train_all(prints, context.seed);
   if (wanted("stills")) measure_stills(context, prints, all);
-  if (wanted("films")) measure_films(context, prints, all);
+  if (wanted("videos")) measure_videos(context, prints, all);
   return ExitStatus::kDone;
 }
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/calibration/coverage.h"
-#include "tarsier/calibration/draw_board.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/undistort.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/planar/calibration/coverage.h"
+#include "tarsier/planar/calibration/draw_board.h"
 
 #include <fmt/format.h>
 
@@ -19,10 +19,10 @@ namespace tarsier::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using calibration::Calibration;
-using calibration::ViewReport;
-using calibration::ViewState;
 using geometry::Camera;
+using planar::calibration::Calibration;
+using planar::calibration::ViewReport;
+using planar::calibration::ViewState;
 using Json = nlohmann::ordered_json;
 
 cv::Vec3d rotation_vector(const cv::Matx33d& rotation) {
@@ -83,9 +83,9 @@ Json list_of(std::span<const double> numbers) {
 }
 
 Json summary_json(const CalibrateFlags& flags, const CalibrationJob& job,
-                  const Calibration& calibration, const calibration::Coverage& coverage) {
+                  const Calibration& calibration, const planar::calibration::Coverage& coverage) {
   const Camera& camera = calibration.camera;
-  const calibration::Deviations& d = calibration.deviations;
+  const planar::calibration::Deviations& d = calibration.deviations;
   const std::size_t numbers = camera.coefficients().size();
   Json line{{"camera", flags.output.empty() ? Json(nullptr) : Json(flags.output)},
             {"model", name_of(camera.lens)},
@@ -124,9 +124,9 @@ std::string shown_name(const CalibrationPicture& picture) {
 }
 
 void print_table(const CalibrationJob& job, const Calibration& calibration,
-                 const calibration::Coverage& coverage) {
+                 const planar::calibration::Coverage& coverage) {
   std::string text;
-  int dull = 0;  // frames of films that brought nothing
+  int dull = 0;  // frames of videos that brought nothing
   for (const CalibrationPicture& picture : job.pictures) {
     const std::string reason = reason_of(picture, calibration);
     if (!picture.found) {
@@ -146,7 +146,7 @@ void print_table(const CalibrationJob& job, const Calibration& calibration,
   }
   if (dull > 0) text += fmt::format("{} more frames brought nothing new\n", dull);
   const Camera& c = calibration.camera;
-  const calibration::Deviations& d = calibration.deviations;
+  const planar::calibration::Deviations& d = calibration.deviations;
   text += fmt::format(
       "\n{} lens, {}x{} px, from {} views: rms {:.3f} px\n"
       "  fx {:.2f} +- {:.2f}   fy {:.2f} +- {:.2f} px\n"
@@ -215,7 +215,7 @@ cv::Mat image_of(const CalibrationPicture& picture) {
 }
 
 void draw_pictures(const CalibrateFlags& flags, const CalibrationJob& job,
-                   const Calibration& calibration, const calibration::Coverage& coverage,
+                   const Calibration& calibration, const planar::calibration::Coverage& coverage,
                    Context& context) {
   constexpr double kErrorScale = 20;
   Folder folder(flags.draw);
@@ -223,7 +223,7 @@ void draw_pictures(const CalibrateFlags& flags, const CalibrationJob& job,
     throw_if_stopped(context.stop);
     if (!picture.found || job.views[picture.view].empty()) continue;
     cv::Mat image = image_of(picture);
-    const calibration::BoardView& view = job.views[picture.view];
+    const planar::calibration::BoardView& view = job.views[picture.view];
     draw_view(image, view, job.spec);
     const ViewReport& report = calibration.views[picture.view];
     if (report.state != ViewState::kNoPose && calibration.ok()) {
@@ -231,7 +231,7 @@ void draw_pictures(const CalibrateFlags& flags, const CalibrationJob& job,
     }
     write_image(folder.file(picture, ".png"), image);
   }
-  std::vector<calibration::BoardView> used;
+  std::vector<planar::calibration::BoardView> used;
   for (std::size_t i = 0; i < job.views.size(); ++i)
     if (calibration.views[i].state == ViewState::kUsed) used.push_back(job.views[i]);
   write_image(folder.plain("coverage.png"), coverage_picture(used, coverage, 960));
@@ -252,8 +252,9 @@ void straighten_pictures(const CalibrateFlags& flags, const CalibrationJob& job,
   geometry::write_camera_file(folder.plain("camera.yaml"), straight);
 }
 
-calibration::Coverage coverage_of_used(const CalibrationJob& job, const Calibration& calibration) {
-  std::vector<calibration::BoardView> used;
+planar::calibration::Coverage coverage_of_used(const CalibrationJob& job,
+                                               const Calibration& calibration) {
+  std::vector<planar::calibration::BoardView> used;
   for (std::size_t i = 0; i < job.views.size(); ++i)
     if (calibration.views[i].state == ViewState::kUsed) used.push_back(job.views[i]);
   return coverage_of(used, job.spec, job.size);
@@ -275,7 +276,7 @@ ExitStatus finish_calibration(const CalibrateFlags& flags, const CalibrationJob&
       print_json(picture_json(picture, job, calibration));
   }
   if (!calibration.ok()) throw InputError(flags.run.inputs.front(), calibration.refusal);
-  const calibration::Coverage coverage = coverage_of_used(job, calibration);
+  const planar::calibration::Coverage coverage = coverage_of_used(job, calibration);
   if (!flags.output.empty()) {
     const auto format = flags.format == "opencv"   ? geometry::CameraFormat::kOpencv
                         : flags.format == "colmap" ? geometry::CameraFormat::kColmap

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/appearance/fit.h"
-#include "tarsier/appearance/tracker.h"
+#include "tarsier/face/appearance/fit.h"
+#include "tarsier/face/appearance/tracker.h"
 
 #include "cli.h"
 #include <memory>
@@ -23,16 +23,16 @@ struct AamFlags {
   std::string start = "auto";   // detector, landmarks, search; auto: as the model can
   int starts = 1;               // around each
   double min_face = 0;          // px; 0: the usual
-  appearance::FitOptions fit;
+  face::appearance::FitOptions fit;
 };
 void add_aam_flags(Command& verb, AamFlags& flags);
 
 // A model, ready to be fitted. `fitter` refers to `model`.
 struct AamEngine {
   std::string path;
-  std::unique_ptr<appearance::AppearanceModel> model;
-  std::unique_ptr<appearance::Fitter> fitter;
-  appearance::FindStarts find;
+  std::unique_ptr<face::appearance::AppearanceModel> model;
+  std::unique_ptr<face::appearance::Fitter> fitter;
+  face::appearance::FindStarts find;
 };
 // Throws ModelError, UsageError.
 [[nodiscard]] AamEngine make_aam_engine(const AamFlags& flags);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/appearance/study.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/landmarks/evaluation.h"
+#include "tarsier/face/appearance/study.h"
+#include "tarsier/face/landmarks/evaluation.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 
@@ -42,7 +42,7 @@ std::array<int, 2> eyes_of(const EvalFlags& flags, int points) {
     }
     return {flags.eyes[0], flags.eyes[1]};
   }
-  const auto markup = shape::known_markup(points);
+  const auto markup = face::shape::known_markup(points);
   if (!markup || markup->outer_eyes[0] < 0)
     throw UsageError(fmt::format(
         "--eyes A,B: a set of {} points is not known; name the two outer eye corners", points));
@@ -64,11 +64,11 @@ std::string line_of(const std::string& image, const std::optional<Eigen::Matrix2
 
 // Of several objects the one whose points are nearest to the middle of the true ones: pictures may
 // show others.
-const appearance::TrackedObject* nearest(const std::vector<appearance::TrackedObject>& objects,
-                                         const Eigen::Matrix2Xd& truth) {
-  const appearance::TrackedObject* best = nullptr;
+const face::appearance::TrackedObject* nearest(
+    const std::vector<face::appearance::TrackedObject>& objects, const Eigen::Matrix2Xd& truth) {
+  const face::appearance::TrackedObject* best = nullptr;
   double least = 0;
-  for (const appearance::TrackedObject& object : objects) {
+  for (const face::appearance::TrackedObject& object : objects) {
     const double distance = (object.fit.points.rowwise().mean() - truth.rowwise().mean()).norm();
     if (best != nullptr && distance >= least) continue;
     best = &object;
@@ -77,27 +77,28 @@ const appearance::TrackedObject* nearest(const std::vector<appearance::TrackedOb
   return best;
 }
 
-ExitStatus convergence(const EvalFlags& flags, const shape::LandmarkSet& set,
+ExitStatus convergence(const EvalFlags& flags, const face::shape::LandmarkSet& set,
                        const AamEngine& engine, Context& context) {
-  appearance::LoadOptions load;
+  face::appearance::LoadOptions load;
   std::vector<std::string> skipped;
-  const auto pictures =
-      appearance::load_training_pictures(set, "", load, *context.progress, context.stop, skipped);
+  const auto pictures = face::appearance::load_training_pictures(set, "", load, *context.progress,
+                                                                 context.stop, skipped);
   for (const std::string& one : skipped) log_warning("{}; left out", one);
-  appearance::ConvergenceOptions options;
+  face::appearance::ConvergenceOptions options;
   options.tries = flags.tries;
   options.limit = flags.limit / 100;
   options.eyes = eyes_of(flags, set.points());
   options.seed = context.seed;
-  std::vector<appearance::ConvergenceCurve> curves;
-  for (const auto& [name, method] : {std::pair{"project-out", appearance::Method::kProjectOut},
-                                     std::pair{"alternating", appearance::Method::kAlternating}}) {
-    appearance::FitOptions fit = engine.fitter->options();
+  std::vector<face::appearance::ConvergenceCurve> curves;
+  for (const auto& [name, method] :
+       {std::pair{"project-out", face::appearance::Method::kProjectOut},
+        std::pair{"alternating", face::appearance::Method::kAlternating}}) {
+    face::appearance::FitOptions fit = engine.fitter->options();
     fit.method = method;
-    const appearance::Fitter fitter(*engine.model, fit);
-    curves.push_back({name, appearance::study_convergence(fitter, pictures, options,
-                                                          *context.progress, context.stop)});
-    for (const appearance::ConvergencePoint& point : curves.back().points) {
+    const face::appearance::Fitter fitter(*engine.model, fit);
+    curves.push_back({name, face::appearance::study_convergence(fitter, pictures, options,
+                                                                *context.progress, context.stop)});
+    for (const face::appearance::ConvergencePoint& point : curves.back().points) {
       const double share = point.tries > 0 ? static_cast<double>(point.converged) / point.tries : 0;
       if (context.json) {
         print_json(nlohmann::ordered_json{{"method", name},
@@ -111,13 +112,13 @@ ExitStatus convergence(const EvalFlags& flags, const shape::LandmarkSet& set,
       }
     }
   }
-  write_image(flags.convergence, appearance::draw_convergence(curves, options));
+  write_image(flags.convergence, face::appearance::draw_convergence(curves, options));
   return ExitStatus::kDone;
 }
 
 ExitStatus run_eval(EvalFlags& flags, Context& context) {
-  const shape::LandmarkSet set =
-      shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
+  const face::shape::LandmarkSet set =
+      face::shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
   if (set.samples.empty()) throw InputError(flags.set.input, "no complete sample is left to judge");
   const AamEngine engine = make_aam_engine(flags.aam);
   if (engine.model->points() != set.points())
@@ -126,15 +127,15 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   const std::array<int, 2> eyes = eyes_of(flags, set.points());
   if (!flags.convergence.empty()) return convergence(flags, set, engine, context);
 
-  std::vector<landmarks::FitOutcome> outcomes;
+  std::vector<face::landmarks::FitOutcome> outcomes;
   std::string lines;
   std::string table = "image,nme,missed,wrong,dx,dy,error,lost,iterations,ms\n";
-  appearance::FitWorkspace workspace;
+  face::appearance::FitWorkspace workspace;
   double milliseconds = 0;
   int iterations = 0;
   int within = 0;
   context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "pictures");
-  for (const shape::LandmarkSample& sample : set.samples) {
+  for (const face::shape::LandmarkSample& sample : set.samples) {
     throw_if_stopped(context.stop);
     context.progress->advance();
     cv::Mat picture;
@@ -145,14 +146,14 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
       continue;
     }
     const Stopwatch watch;
-    const std::vector<appearance::TrackedObject> objects =
-        appearance::find_objects(*engine.fitter, engine.find, picture, 4, workspace);
+    const std::vector<face::appearance::TrackedObject> objects =
+        face::appearance::find_objects(*engine.fitter, engine.find, picture, 4, workspace);
     const double ms = watch.ms();
     milliseconds += ms;
-    const appearance::TrackedObject* object = nearest(objects, sample.points);
+    const face::appearance::TrackedObject* object = nearest(objects, sample.points);
     std::optional<Eigen::Matrix2Xd> points;
     if (object != nullptr) points = object->fit.points;
-    landmarks::FitOutcome outcome = landmarks::judge(points, sample.points, eyes);
+    face::landmarks::FitOutcome outcome = face::landmarks::judge(points, sample.points, eyes);
     outcome.image = sample.image;
     outcome.ms = ms;
     if (object != nullptr) iterations += object->fit.iterations;
@@ -168,7 +169,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   context.progress->end();
   if (!flags.output.empty()) write_file_atomically(flags.output, lines);
   if (!flags.csv.empty()) write_file_atomically(flags.csv, table);
-  const landmarks::LandmarkScore score = landmarks::score_of(outcomes);
+  const face::landmarks::LandmarkScore score = face::landmarks::score_of(outcomes);
   const int fitted = std::max(1, score.faces - score.missed);
   const double share = static_cast<double>(within) / std::max(1, score.faces);
   if (context.json) {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/face/shape/text_files.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/session/explore_session.h"
-#include "tarsier/shape/text_files.h"
 
 #include <fmt/format.h>
 
@@ -92,16 +92,17 @@ ExitStatus show(Explored& session, const ExploreFlags& flags, const std::string&
 }
 
 ExitStatus explore_points(const ExploreFlags& flags, Context& context) {
-  const std::vector<Eigen::Matrix2Xd> shapes = shape::read_text_shapes(flags.model);
-  shape::LandmarkSet set;
+  const std::vector<Eigen::Matrix2Xd> shapes = face::shape::read_text_shapes(flags.model);
+  face::shape::LandmarkSet set;
   for (const Eigen::Matrix2Xd& points : shapes) {
     set.samples.emplace_back();
     set.samples.back().points = points;
   }
-  if (const auto markup = shape::known_markup(set.points())) set.connections = markup->connections;
-  shape::ShapeModel model;
+  if (const auto markup = face::shape::known_markup(set.points()))
+    set.connections = markup->connections;
+  face::shape::ShapeModel model;
   try {
-    model = shape::train_shape_model(set, {});
+    model = face::shape::train_shape_model(set, {});
   } catch (const std::invalid_argument& error) {
     throw InputError(flags.model, error.what());
   }
@@ -117,9 +118,9 @@ ExploredPicture fitted(const ExploreFlags& flags) {
   aam.model = flags.model;
   const AamEngine engine = make_aam_engine(aam);
   ExploredPicture result{read_image(flags.picture), {}};
-  appearance::FitWorkspace workspace;
+  face::appearance::FitWorkspace workspace;
   const auto found =
-      appearance::find_objects(*engine.fitter, engine.find, result.picture, 1, workspace);
+      face::appearance::find_objects(*engine.fitter, engine.find, result.picture, 1, workspace);
   if (found.empty()) throw InputError(flags.picture, "the model finds nothing of its kind in it");
   result.points = found.front().fit.points;
   return result;
@@ -128,12 +129,13 @@ ExploredPicture fitted(const ExploreFlags& flags) {
 ExitStatus explore(ExploreFlags& flags, Context& context) {
   if (flags.model.empty()) flags.model = shipped_appearance_model();
   if (flags.model.ends_with(".txt")) return explore_points(flags, context);
-  const appearance::AppearanceModel model = appearance::read_appearance_model(flags.model);
-  if (!model.colour && !appearance::has_offset(model.levels.front().channels))
+  const face::appearance::AppearanceModel model =
+      face::appearance::read_appearance_model(flags.model);
+  if (!model.colour && !face::appearance::has_offset(model.levels.front().channels))
     throw ModelError(flags.model, "has no texture that can be drawn: train it with colour");
   if (!flags.grid.empty()) {
     write_image(flags.grid,
-                appearance::draw_mode_grid(model, flags.modes, flags.cell, context.seed));
+                face::appearance::draw_mode_grid(model, flags.modes, flags.cell, context.seed));
     if (context.json)
       print_json(nlohmann::ordered_json{{"output", flags.grid}, {"modes", flags.modes}});
     else if (!context.quiet)

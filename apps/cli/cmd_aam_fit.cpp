@@ -18,12 +18,12 @@ using Drawn = AppearanceSession::Drawn;
 struct FitFlags {
   RunFlags run;
   AamFlags aam;
-  appearance::TrackOptions track;
+  face::appearance::TrackOptions track;
   std::string draw = "mesh";
   bool parameters = false;
 };
 
-nlohmann::ordered_json json_of(const appearance::TrackedObject& object, bool with_id,
+nlohmann::ordered_json json_of(const face::appearance::TrackedObject& object, bool with_id,
                                bool with_parameters) {
   const Eigen::Matrix2Xd& points = object.fit.points;
   const Eigen::Vector2d low = points.rowwise().minCoeff();
@@ -39,7 +39,7 @@ nlohmann::ordered_json json_of(const appearance::TrackedObject& object, bool wit
   face["score"] = rounded(1 - object.fit.error, 4);
   face["error"] = rounded(object.fit.error, 4);
   face["iterations"] = object.fit.iterations;
-  face["status"] = appearance::name_of(object.fit.status);
+  face["status"] = face::appearance::name_of(object.fit.status);
   if (with_parameters) {
     const auto numbers = [](const Eigen::VectorXd& v) {
       return std::vector<double>(v.data(), v.data() + v.size());
@@ -62,7 +62,7 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   const Drawn drawn = parse_drawn(flags.draw);
   AamEngine engine = make_aam_engine(flags.aam);
   if (drawn == Drawn::kFace && !engine.model->colour &&
-      !appearance::has_offset(engine.model->levels.front().channels))
+      !face::appearance::has_offset(engine.model->levels.front().channels))
     throw ModelError(engine.path, "has no colour texture for --draw face");
   DebugFolder debug(context.debug_dir);
   AppearanceSession session(*engine.fitter, engine.find, flags.track, drawn, debug.sink());
@@ -75,15 +75,15 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
     if (!frame.still || context.json || context.quiet) return;
     std::string line = fmt::format("{}: {} {}", frame.name, session.objects().size(),
                                    session.objects().size() == 1 ? "face" : "faces");
-    for (const appearance::TrackedObject& object : session.objects()) {
+    for (const face::appearance::TrackedObject& object : session.objects()) {
       line += fmt::format(" [error {:.3f}, {} iterations, {}]", object.fit.error,
-                          object.fit.iterations, appearance::name_of(object.fit.status));
+                          object.fit.iterations, face::appearance::name_of(object.fit.status));
     }
     print_text(line + "\n");
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
     nlohmann::ordered_json faces = nlohmann::ordered_json::array();
-    for (const appearance::TrackedObject& object : session.objects())
+    for (const face::appearance::TrackedObject& object : session.objects())
       faces.push_back(json_of(object, session.follows(), flags.parameters));
     line["faces"] = std::move(faces);
     line["ms"] = rounded(session.milliseconds(), 2);
@@ -100,19 +100,19 @@ void add_flags(Command& verb, FitFlags& flags) {
       .show_default();
   verb.add_flag("--parameters", flags.parameters,
                 "--json: the parameters of shape and texture as well");
-  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
-  film(verb.add_option("--search-every", flags.track.search_every,
-                       "frames between searches for new faces")
-           .show_default());
-  film(verb.add_option("--most-faces", flags.track.most_objects, "objects followed at a time")
-           .show_default());
+  const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
+  video(verb.add_option("--search-every", flags.track.search_every,
+                        "frames between searches for new faces")
+            .show_default());
+  video(verb.add_option("--max-faces", flags.track.max_objects, "objects followed at a time")
+            .show_default());
 }
 
 }  // namespace
 
 void add_aam_fit(Command& area, Context& context) {
   add_debug_flag(
-      add_verb<FitFlags>(area, "fit", "fits a model to pictures, films and cameras (followed)",
+      add_verb<FitFlags>(area, "fit", "fits a model to pictures, videos and cameras (followed)",
                          context, add_flags, run_fit),
       context);
 }

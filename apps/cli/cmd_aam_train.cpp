@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/appearance/model.h"
-#include "tarsier/appearance/study.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/landmarks/face_finder.h"
-#include "tarsier/shape/text_files.h"
+#include "tarsier/face/appearance/model.h"
+#include "tarsier/face/appearance/study.h"
+#include "tarsier/face/landmarks/face_finder.h"
+#include "tarsier/face/shape/text_files.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -24,8 +24,8 @@
 namespace tarsier::cli {
 namespace {
 
-using appearance::AppearanceModel;
-using appearance::TrainingPicture;
+using face::appearance::AppearanceModel;
+using face::appearance::TrainingPicture;
 
 struct TrainFlags {
   SetFlags set;
@@ -35,12 +35,12 @@ struct TrainFlags {
   std::string mesh;
   int hold_out = 0;
   bool no_detector = false;
-  appearance::AppearanceOptions options{.frame_width = 64};  // features of 64 px see enough
+  face::appearance::AppearanceOptions options{.frame_width = 64};  // features of 64 px see enough
 };
 
 // The box of the face that the points are of.
-appearance::Detect nearest_face() {
-  const auto finder = std::make_shared<landmarks::FaceFinder>(make_face_finder());
+face::appearance::Detect nearest_face() {
+  const auto finder = std::make_shared<face::landmarks::FaceFinder>(make_face_finder());
   return [finder](const cv::Mat& picture) -> std::optional<cv::Rect2d> {
     cv::Mat gray;
     cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
@@ -48,7 +48,7 @@ appearance::Detect nearest_face() {
     const cv::Point2d middle(0.5 * picture.cols, 0.5 * picture.rows);
     std::optional<cv::Rect2d> best;
     double least = 0;
-    for (const landmarks::Candidate& face : finder->find(gray)) {
+    for (const face::landmarks::Candidate& face : finder->find(gray)) {
       const cv::Point2d off =
           cv::Point2d(face.box.x + face.box.width / 2, face.box.y + face.box.height / 2) - middle;
       const double distance = std::hypot(off.x, off.y) - 0.5 * face.box.width;
@@ -62,36 +62,36 @@ appearance::Detect nearest_face() {
 
 ExitStatus train(TrainFlags& flags, Context& context) {
   const Stopwatch watch;
-  appearance::AppearanceOptions& options = flags.options;
-  options.channels = appearance::parse_channels(flags.channels);
-  const shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
+  face::appearance::AppearanceOptions& options = flags.options;
+  options.channels = face::appearance::parse_channels(flags.channels);
+  const face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
   if (options.mirror && set.mirror.empty()) {
     throw UsageError(
         "--mirror: the set does not say which points are left and right of each "
         "other; mark the symmetry with `landmarks annotate`");
   }
-  if (!flags.mesh.empty()) options.mesh = shape::read_triangles(flags.mesh, set.points());
-  appearance::LoadOptions load;
+  if (!flags.mesh.empty()) options.mesh = face::shape::read_triangles(flags.mesh, set.points());
+  face::appearance::LoadOptions load;
   load.largest = static_cast<int>(std::max(
       160.0, 1.6 * std::max(options.frame_width, options.colour ? options.colour_width : 0)));
   std::vector<std::string> skipped;
-  const std::vector<TrainingPicture> pictures =
-      appearance::load_training_pictures(set, "", load, *context.progress, context.stop, skipped);
+  const std::vector<TrainingPicture> pictures = face::appearance::load_training_pictures(
+      set, "", load, *context.progress, context.stop, skipped);
   for (const std::string& one : skipped) log_warning("{}; left out", one);
 
   AppearanceModel model;
   try {
-    model = appearance::train_appearance_model(pictures, set.mirror, options, *context.progress,
-                                               context.stop);
+    model = face::appearance::train_appearance_model(pictures, set.mirror, options,
+                                                     *context.progress, context.stop);
   } catch (const std::invalid_argument& error) {
     throw InputError(flags.set.input, error.what());
   }
   int detected = 0;
-  if (!flags.no_detector) detected = appearance::learn_place(model, pictures, nearest_face());
+  if (!flags.no_detector) detected = face::appearance::learn_place(model, pictures, nearest_face());
   // By chance a detector sees something anywhere.
   if (detected * 4 < static_cast<int>(pictures.size())) model.place = {};
-  model.lost_error = appearance::learn_lost_error(pictures, set.mirror, options, context.seed,
-                                                  *context.progress, context.stop);
+  model.lost_error = face::appearance::learn_lost_error(pictures, set.mirror, options, context.seed,
+                                                        *context.progress, context.stop);
 
   const nlohmann::json about = {
       {"program", fmt::format("tarsier {}", version())},
@@ -103,10 +103,10 @@ ExitStatus train(TrainFlags& flags, Context& context) {
       {"mirrored", options.mirror},
       {"left_out", flags.hold_out > 0 ? fmt::format("every {}th", flags.hold_out) : "none"},
       {"terms", flags.terms}};
-  appearance::write_appearance_model(flags.output, model, about);
+  face::appearance::write_appearance_model(flags.output, model, about);
 
   const double seconds = rounded(watch.seconds(), 1);
-  const appearance::Texture& finest = model.levels.front();
+  const face::appearance::Texture& finest = model.levels.front();
   if (context.json) {
     nlohmann::ordered_json line = {{"output", flags.output},
                                    {"samples", pictures.size()},
@@ -140,7 +140,7 @@ void add_flags(Command& verb, TrainFlags& flags) {
                   "leave out every N-th sample, for `aam eval --held-out N`; 0: none")
       .check(range(0, 1000000))
       .show_default();
-  appearance::AppearanceOptions& options = flags.options;
+  face::appearance::AppearanceOptions& options = flags.options;
   verb.add_option(
           "--channels", flags.channels,
           "what the fit sees at a pixel: grey, colour, gradient (2 numbers) or oriented (8)")

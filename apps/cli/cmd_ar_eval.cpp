@@ -2,13 +2,13 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/rotation.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/marker/evaluation.h"
-#include "tarsier/marker/pose.h"
-#include "tarsier/marker/predefined.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/planar/image_targets/evaluate.h"
+#include "tarsier/planar/markers/evaluation.h"
+#include "tarsier/planar/markers/pose.h"
+#include "tarsier/planar/markers/predefined.h"
 #include "tarsier/session/ar_session.h"
-#include "tarsier/target/evaluate.h"
 
 #include <fmt/format.h>
 
@@ -34,19 +34,19 @@ struct EvalFlags {
   std::string results;
   std::string output;
   double tolerance = 0.2;
-  marker::DetectOptions detect;
-  target::PlanarOptions planar;
+  planar::markers::DetectOptions detect;
+  planar::image_targets::PlanarOptions planar;
 };
 
 // What was found in one picture, for the score and as a line.
 struct Found {
-  std::vector<marker::JudgedMarker> markers;
+  std::vector<planar::markers::JudgedMarker> markers;
   Json json = Json::array();
   double ms = 0;
 };
 
-marker::JudgedMarker judged(const marker::PosedMarker& posed) {
-  marker::JudgedMarker result;
+planar::markers::JudgedMarker judged(const planar::markers::PosedMarker& posed) {
+  planar::markers::JudgedMarker result;
   result.id = posed.marker.id;
   for (std::size_t k = 0; k < 4; ++k)
     result.corners[k] = {posed.marker.corners[k].x(), posed.marker.corners[k].y()};
@@ -54,13 +54,16 @@ marker::JudgedMarker judged(const marker::PosedMarker& posed) {
   return result;
 }
 
-std::vector<marker::Marker> detect(const cv::Mat& gray, const marker::Dictionary& family,
-                                   const EvalFlags& flags, marker::DetectWorkspace& workspace) {
+std::vector<planar::markers::Marker> detect(const cv::Mat& gray,
+                                            const planar::markers::Dictionary& family,
+                                            const EvalFlags& flags,
+                                            planar::markers::DetectWorkspace& workspace) {
   if (flags.backend != "opencv")
-    return marker::detect_markers(gray, family, flags.detect, workspace);
-  std::vector<marker::Marker> markers;
-  for (const marker::OpencvMarker& found : marker::detect_with_opencv(gray, family.name())) {
-    marker::Marker marker;
+    return planar::markers::detect_markers(gray, family, flags.detect, workspace);
+  std::vector<planar::markers::Marker> markers;
+  for (const planar::markers::OpencvMarker& found :
+       planar::markers::detect_with_opencv(gray, family.name())) {
+    planar::markers::Marker marker;
     marker.id = found.id;
     for (std::size_t k = 0; k < 4; ++k)
       marker.corners[k] = {double{found.corners[k].x}, double{found.corners[k].y}};
@@ -69,29 +72,31 @@ std::vector<marker::Marker> detect(const cv::Mat& gray, const marker::Dictionary
   return markers;
 }
 
-Found find_markers(const marker::MarkerTruth& truth, const std::string& path,
-                   const EvalFlags& flags, marker::DetectWorkspace& workspace) {
-  const marker::Dictionary& family = marker::find_dictionary(truth.family);
+Found find_markers(const planar::markers::MarkerTruth& truth, const std::string& path,
+                   const EvalFlags& flags, planar::markers::DetectWorkspace& workspace) {
+  const planar::markers::Dictionary& family = planar::markers::find_dictionary(truth.family);
   const cv::Mat gray = read_gray_image(path);
   geometry::Camera camera = truth.camera;
   camera.width = gray.cols;
   camera.height = gray.rows;
   const Stopwatch watch;
-  std::vector<marker::PosedMarker> posed;
-  std::vector<marker::Marker> markers = detect(gray, family, flags, workspace);
+  std::vector<planar::markers::PosedMarker> posed;
+  std::vector<planar::markers::Marker> markers = detect(gray, family, flags, workspace);
   if (truth.size > 0) {
-    posed = marker::pose_markers(std::move(markers), truth.size, camera);
+    posed = planar::markers::pose_markers(std::move(markers), truth.size, camera);
   } else {
-    for (marker::Marker& marker : markers) posed.push_back({std::move(marker), std::nullopt});
+    for (planar::markers::Marker& marker : markers)
+      posed.push_back({std::move(marker), std::nullopt});
   }
   Found found;
   found.ms = watch.ms();
-  for (const marker::PosedMarker& marker : posed) found.markers.push_back(judged(marker));
+  for (const planar::markers::PosedMarker& marker : posed) found.markers.push_back(judged(marker));
   found.json = posed_markers_json(posed);
   return found;
 }
 
-void print_score(const std::string& set, const marker::MarkerScore& score, const Context& context) {
+void print_score(const std::string& set, const planar::markers::MarkerScore& score,
+                 const Context& context) {
   if (context.json) {
     Json line{{"set", set}, {"images", score.images}, {"truth", score.truth}};
     line["recall"] = rounded(score.recall(), 4);
@@ -128,17 +133,18 @@ void print_score(const std::string& set, const marker::MarkerScore& score, const
 }
 
 // The markers of lines whose truth names a picture to look for.
-std::map<std::string, marker::FoundInImage> find_pictures(const EvalFlags& flags, Context& context,
-                                                          std::string& lines) {
-  std::map<std::string, marker::FoundInImage> found;
-  target::evaluate_planar(
+std::map<std::string, planar::markers::FoundInImage> find_pictures(const EvalFlags& flags,
+                                                                   Context& context,
+                                                                   std::string& lines) {
+  std::map<std::string, planar::markers::FoundInImage> found;
+  planar::image_targets::evaluate_planar(
       flags.truth, flags.planar,
-      [&](const target::PlanarResult& result) {
+      [&](const planar::image_targets::PlanarResult& result) {
         context.progress->advance();
-        marker::FoundInImage& entry = found[result.image];
+        planar::markers::FoundInImage& entry = found[result.image];
         entry.ms = result.ms;
-        for (const target::FoundTarget& one : result.found) {
-          marker::JudgedMarker& marker = entry.markers.emplace_back();
+        for (const planar::image_targets::FoundTarget& one : result.found) {
+          planar::markers::JudgedMarker& marker = entry.markers.emplace_back();
           marker.corners = one.corners;
           if (one.poses) marker.pose = one.poses->best.camera_from_plane;
         }
@@ -152,17 +158,17 @@ std::map<std::string, marker::FoundInImage> find_pictures(const EvalFlags& flags
   return found;
 }
 
-std::map<std::string, marker::FoundInImage> find_all(const EvalFlags& flags,
-                                                     const std::vector<marker::MarkerTruth>& truth,
-                                                     Context& context, std::string& lines) {
-  if (!flags.results.empty()) return marker::read_found_markers(flags.results);
+std::map<std::string, planar::markers::FoundInImage> find_all(
+    const EvalFlags& flags, const std::vector<planar::markers::MarkerTruth>& truth,
+    Context& context, std::string& lines) {
+  if (!flags.results.empty()) return planar::markers::read_found_markers(flags.results);
   context.progress->begin("pictures", static_cast<std::int64_t>(truth.size()), "pictures");
-  std::map<std::string, marker::FoundInImage> found;
+  std::map<std::string, planar::markers::FoundInImage> found;
   if (!truth.front().target.empty()) {
     found = find_pictures(flags, context, lines);
   } else {
-    marker::DetectWorkspace workspace;
-    for (const marker::MarkerTruth& line : truth) {
+    planar::markers::DetectWorkspace workspace;
+    for (const planar::markers::MarkerTruth& line : truth) {
       throw_if_stopped(context.stop);
       const std::string path = (fs::path(flags.truth).parent_path() / line.image).string();
       Found one = find_markers(line, path, flags, workspace);
@@ -178,31 +184,32 @@ std::map<std::string, marker::FoundInImage> find_all(const EvalFlags& flags,
 }
 
 ExitStatus run_eval(const EvalFlags& flags, Context& context) {
-  std::vector<marker::MarkerTruth> truth = marker::read_marker_truth(flags.truth);
+  std::vector<planar::markers::MarkerTruth> truth = planar::markers::read_marker_truth(flags.truth);
   const bool has_pictures = !truth.front().target.empty();
-  for (const marker::MarkerTruth& line : truth) {
+  for (const planar::markers::MarkerTruth& line : truth) {
     if (line.target.empty() == has_pictures)
       throw InputError(flags.truth, "has lines of markers and of pictures: one kind a file");
-    if (!has_pictures) (void)marker::find_dictionary(line.family);
+    if (!has_pictures) (void)planar::markers::find_dictionary(line.family);
   }
   if (!flags.family.empty()) {
     if (has_pictures) throw UsageError("--family is for truth with markers");
     std::erase_if(truth, [&](const auto& line) {
-      return line.family != flags.family && marker::find_dictionary(line.family).name() !=
-                                                marker::find_dictionary(flags.family).name();
+      return line.family != flags.family &&
+             planar::markers::find_dictionary(line.family).name() !=
+                 planar::markers::find_dictionary(flags.family).name();
     });
     if (truth.empty())
       throw InputError(flags.truth, fmt::format("has no lines of the family {}", flags.family));
   }
   std::string lines;
   const auto found = find_all(flags, truth, context, lines);
-  marker::MarkerJudge all(flags.tolerance);
-  std::map<std::string, marker::MarkerJudge> sets;
+  planar::markers::MarkerJudge all(flags.tolerance);
+  std::map<std::string, planar::markers::MarkerJudge> sets;
   int answered = 0;
-  for (const marker::MarkerTruth& line : truth) {
+  for (const planar::markers::MarkerTruth& line : truth) {
     const auto one = found.find(line.image);
-    static const marker::FoundInImage kNothing;
-    const marker::FoundInImage& result = one == found.end() ? kNothing : one->second;
+    static const planar::markers::FoundInImage kNothing;
+    const planar::markers::FoundInImage& result = one == found.end() ? kNothing : one->second;
     answered += static_cast<int>(result.markers.size());
     sets.try_emplace(has_pictures ? "pictures" : line.family, flags.tolerance)
         .first->second.add(line, result.markers, result.ms);

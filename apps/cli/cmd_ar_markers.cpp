@@ -27,7 +27,7 @@ namespace tarsier::cli {
 namespace {
 
 // More triangles than this are no live picture, and no thing that stands on a marker needs them.
-constexpr int kMostTriangles = 500'000;
+constexpr int kMaxTriangles = 500'000;
 
 struct MarkersFlags {
   RunFlags run;
@@ -44,14 +44,14 @@ struct MarkersFlags {
   std::string smooth = "one-euro";
   std::string csv;
   OnEventFlags on_event;
-  marker::DetectOptions detect;
+  planar::markers::DetectOptions detect;
 };
 
 // Of --csv: one row a marker and frame.
 constexpr const char* kColumns =
     "frame,time,image,id,x,y,z,rx,ry,rz,error_px,ambiguity,x0,y0,x1,y1,x2,y2,x3,y3";
 
-std::string row_of(const Frame& frame, const marker::PosedMarker& posed) {
+std::string row_of(const Frame& frame, const planar::markers::PosedMarker& posed) {
   std::string row = fmt::format("{},{:.3f},{},{}", frame.index, frame.time,
                                 csv_value(frame.still ? frame.name : ""), posed.marker.id);
   if (posed.pose) {
@@ -68,20 +68,20 @@ std::string row_of(const Frame& frame, const marker::PosedMarker& posed) {
   return row;
 }
 
-std::shared_ptr<const render::Mesh> read_thing(const std::string& path, ar::Up up) {
+std::shared_ptr<const render::Mesh> read_thing(const std::string& path, planar::augment::Up up) {
   render::ObjLimits limits;
-  limits.max_faces = kMostTriangles;
+  limits.max_faces = kMaxTriangles;
   const render::ObjFile file = render::read_obj(path, limits);
   for (const std::string& note : file.notes) log_warning("{}", note);
   const render::Bounds box = render::bounds_of(file.mesh);
   if (cv::norm(box.high - box.low) <= 0) throw InputError(path, "all its points are one");
-  return std::make_shared<const render::Mesh>(ar::standing(file.mesh, up));
+  return std::make_shared<const render::Mesh>(planar::augment::standing(file.mesh, up));
 }
 
 ArSessionOptions options_of(const MarkersFlags& flags) {
   ArSessionOptions options;
   options.family = flags.family;
-  (void)marker::find_dictionary(flags.family);
+  (void)planar::markers::find_dictionary(flags.family);
   options.size = parse_length(flags.size, "--size");
   options.backend = flags.backend == "opencv" ? MarkerBackend::kOpencv : MarkerBackend::kOwn;
   options.detect = flags.detect;
@@ -90,35 +90,37 @@ ArSessionOptions options_of(const MarkersFlags& flags) {
   options.outlines = flags.draw == "ids" && flags.mesh.empty();
   options.augment.scale = flags.scale;
   options.augment.shadow = !flags.no_shadow;
-  options.augment.thing = ar::thing_named(flags.draw).value_or(ar::Thing::kNone);
+  options.augment.thing =
+      planar::augment::thing_named(flags.draw).value_or(planar::augment::Thing::kNone);
   if (!flags.mesh.empty()) {
-    options.augment.mesh = read_thing(flags.mesh, flags.up == "z" ? ar::Up::kZ : ar::Up::kY);
-    options.augment.thing = ar::Thing::kMesh;
+    options.augment.mesh =
+        read_thing(flags.mesh, flags.up == "z" ? planar::augment::Up::kZ : planar::augment::Up::kY);
+    options.augment.thing = planar::augment::Thing::kMesh;
   }
   return options;
 }
 
-std::string line_of(const marker::PosedMarker& posed) {
+std::string line_of(const planar::markers::PosedMarker& posed) {
   if (!posed.pose) return fmt::format(" [{}: no pose]", posed.marker.id);
   const cv::Vec3d& t = posed.pose->camera_from_marker.translation;
   return fmt::format(" [{}: {:.3f} m away, at {:+.3f} {:+.3f} {:+.3f}]", posed.marker.id,
                      cv::norm(t), t[0], t[1], t[2]);
 }
 
-// Of stills each marker, of films those that appear and are lost.
+// Of stills each marker, of videos those that appear and are lost.
 class MarkerEvents {
  public:
   explicit MarkerEvents(OnEvent& on_event) : on_event_(on_event) {}
 
-  void frame(const Frame& frame, const std::vector<marker::PosedMarker>& markers) {
+  void frame(const Frame& frame, const std::vector<planar::markers::PosedMarker>& markers) {
     if (!on_event_) return;
     if (frame.still) {
       tell(presence_.finish());
-      for (const marker::PosedMarker& posed : markers) tell_of(frame, posed);
+      for (const planar::markers::PosedMarker& posed : markers) tell_of(frame, posed);
       return;
     }
     std::vector<std::int64_t> ids;
-    for (const marker::PosedMarker& posed : markers) ids.push_back(posed.marker.id);
+    for (const planar::markers::PosedMarker& posed : markers) ids.push_back(posed.marker.id);
     for (const PresenceChange& change : presence_.step(source_of(frame), frame.time, ids)) {
       if (!change.appeared) {
         tell({change});
@@ -142,7 +144,7 @@ class MarkerEvents {
                       {"last_time", change.last_time}});
     }
   }
-  void tell_of(const Frame& frame, const marker::PosedMarker& posed) {
+  void tell_of(const Frame& frame, const planar::markers::PosedMarker& posed) {
     nlohmann::ordered_json event{{"event", "marker"}, {"state", "appeared"}};
     if (frame.still) {
       event["image"] = frame.name;
@@ -181,14 +183,15 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
       has_told = true;
     }
     events.frame(frame, session.markers());
-    for (const marker::PosedMarker& posed : session.markers()) {
+    for (const planar::markers::PosedMarker& posed : session.markers()) {
       found = true;
       if (table) table->add(row_of(frame, posed));
     }
     if (frame.still && !context.json && !context.quiet) {
       const std::size_t count = session.markers().size();
       print_text(fmt::format("{}: {} {}", frame.name, count, count == 1 ? "marker" : "markers"));
-      for (const marker::PosedMarker& posed : session.markers()) print_text(line_of(posed));
+      for (const planar::markers::PosedMarker& posed : session.markers())
+        print_text(line_of(posed));
       print_text("\n");
     }
   };
@@ -236,14 +239,14 @@ void add_flags(Command& verb, MarkersFlags& flags) {
   drawing(verb.add_flag("--no-shadow", flags.no_shadow, "without shadows"));
   const auto finding = [](Flag& flag) { flag.group("Detection"); };
   finding(verb.add_option("--smooth", flags.smooth,
-                          "of films: none or one-euro (steady when still, quick when moving)")
+                          "of videos: none or one-euro (steady when still, quick when moving)")
               .check(one_of({"none", "one-euro"}))
               .show_default());
-  finding(verb.add_option("--least-side", flags.detect.quads.min_side_px,
+  finding(verb.add_option("--min-side", flags.detect.quads.min_side_px,
                           "px, of the shortest side of a marker")
               .check(range(4.0, 1000.0))
               .show_default());
-  finding(verb.add_option("--least-correlation", flags.detect.decode.least_correlation,
+  finding(verb.add_option("--min-correlation", flags.detect.decode.min_correlation,
                           "how well the picture of a small marker must agree with it, 0..1")
               .check(range(0.0, 1.0))
               .show_default());

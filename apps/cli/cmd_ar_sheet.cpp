@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/length.h"
-#include "tarsier/marker/dictionary.h"
-#include "tarsier/sheet/sheet.h"
+#include "tarsier/planar/markers/dictionary.h"
+#include "tarsier/planar/sheets/sheet.h"
 
 #include <fmt/format.h>
 
@@ -33,7 +33,7 @@ double millimetres(const std::string& text, const char* flag) {
   return std::round(parse_length(text, flag) * 1e9) / 1e6;
 }
 
-void check_raster(const SheetFlags& flags, const sheet::SheetOptions& options) {
+void check_raster(const SheetFlags& flags, const planar::sheets::SheetOptions& options) {
   const double pixels = options.paper.area() / (25.4 * 25.4) * flags.dpi * flags.dpi;
   if (flags.output.ends_with(".png") && pixels > 1e8) {
     throw UsageError(
@@ -44,34 +44,35 @@ void check_raster(const SheetFlags& flags, const sheet::SheetOptions& options) {
 }
 
 ExitStatus run_sheet(const SheetFlags& flags, Context& context) {
-  sheet::SheetOptions options;
-  options.paper = sheet::parse_paper(flags.page);
+  planar::sheets::SheetOptions options;
+  options.paper = planar::sheets::parse_paper(flags.page);
   options.margin =
       flags.margin == "0" || flags.margin == "0mm" ? 0 : millimetres(flags.margin, "--margin");
   if (options.margin > 200) throw UsageError(fmt::format("--margin {}: up to 200mm", flags.margin));
   check_raster(flags, options);
-  std::vector<sheet::Page> pages;
+  std::vector<planar::sheets::Page> pages;
   std::string title;
   Json line;
   if (!flags.board.empty()) {
     if (flags.square.empty()) throw UsageError("--board needs --square, such as --square 25mm");
-    const calibration::BoardSpec spec =
-        calibration::parse_board(flags.board, millimetres(flags.square, "--square") / 1e3);
-    pages.push_back(sheet::board_page(spec, options));
+    const planar::calibration::BoardSpec spec =
+        planar::calibration::parse_board(flags.board, millimetres(flags.square, "--square") / 1e3);
+    pages.push_back(planar::sheets::board_page(spec, options));
     title = fmt::format("board {} {}", spec.text(), flags.square);
     line["board"] = spec.text();
     line["square"] = spec.pitch;
   } else {
-    const marker::Dictionary& family = marker::find_dictionary(flags.family);
-    const std::vector<int> ids = sheet::parse_ids(flags.ids, flags.family);
+    const planar::markers::Dictionary& family = planar::markers::find_dictionary(flags.family);
+    const std::vector<int> ids = planar::sheets::parse_ids(flags.ids, flags.family);
     const double size = millimetres(flags.size, "--size");
-    pages = sheet::marker_pages(flags.family, ids, size, options);
+    pages = planar::sheets::marker_pages(flags.family, ids, size, options);
     title = fmt::format("markers {} {}", family.name(), flags.size);
     line["family"] = family.name();
     line["ids"] = ids;
     line["size"] = size / 1e3;
   }
-  const std::vector<std::string> files = sheet::write_pages(flags.output, pages, title, flags.dpi);
+  const std::vector<std::string> files =
+      planar::sheets::write_pages(flags.output, pages, title, flags.dpi);
   line["pages"] = pages.size();
   line["page_mm"] = {pages[0].size.width, pages[0].size.height};
   line["output"] = files;

@@ -3,8 +3,8 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/camera_file.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/synth/planar_source.h"
 #include "tarsier/synth/planar_worlds.h"
 
@@ -25,7 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kLeastTarget = 80;  // px: smaller pictures have nothing to be known by
+constexpr double kMinTarget = 80;  // px: smaller pictures have nothing to be known by
 
 struct SynthFlags {
   std::string what;
@@ -37,7 +37,7 @@ struct SynthFlags {
   std::vector<std::string> pictures;
   int posters = 3;
   std::string level = "all";
-  const Flag* least_side = nullptr;
+  const Flag* min_side = nullptr;
   synth::StillOptions still;
 };
 
@@ -78,15 +78,15 @@ std::vector<synth::PlanarPrint> targets_of(const SynthFlags& flags, const Contex
 ExitStatus make_pictures(SynthFlags& flags, Context& context) {
   const bool is_planar = flags.what == "planar";
   flags.still.size = parse_size(flags.size, 64, 8192);
-  if (is_planar && flags.least_side->count() == 0) flags.still.least_side_px = kLeastTarget;
+  if (is_planar && flags.min_side->count() == 0) flags.still.min_side_px = kMinTarget;
   if (flags.still.least > flags.still.most)
     throw UsageError(
         fmt::format("--least {} markers, --most {}", flags.still.least, flags.still.most));
-  if (flags.still.least_side_px > flags.still.most_side_px)
-    throw UsageError(fmt::format("--least-side {} px, --most-side {}", flags.still.least_side_px,
-                                 flags.still.most_side_px));
+  if (flags.still.min_side_px > flags.still.max_side_px)
+    throw UsageError(fmt::format("--min-side {} px, --max-side {}", flags.still.min_side_px,
+                                 flags.still.max_side_px));
   const double side = parse_length(flags.side, "--side");
-  for (const std::string& family : flags.families) (void)marker::find_dictionary(family);
+  for (const std::string& family : flags.families) (void)planar::markers::find_dictionary(family);
   const fs::path folder = flags.output;
   make_folder((folder / "images").string());
   const std::vector<synth::PlanarPrint> prints =
@@ -103,9 +103,9 @@ ExitStatus make_pictures(SynthFlags& flags, Context& context) {
     const std::string& family = flags.families[n / levels.size() % flags.families.size()];
     const std::uint64_t seed = seeds.fork(n)();
     const synth::PlanarStill still =
-        is_planar
-            ? synth::print_still(prints, flags.still, level, seed)
-            : synth::marker_still(marker::find_dictionary(family), side, flags.still, level, seed);
+        is_planar ? synth::print_still(prints, flags.still, level, seed)
+                  : synth::marker_still(planar::markers::find_dictionary(family), side, flags.still,
+                                        level, seed);
     synth::TruthLine line;
     line.family = family;
     line.targets = is_planar;
@@ -138,12 +138,11 @@ void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("--tilt", flags.still.tilt_deg, "degrees, at most")
       .check(range(0.0, 80.0))
       .show_default();
-  flags.least_side = &verb.add_option("--least-side", flags.still.least_side_px,
-                                      "px, of a marker or target seen straight; of targets [80]")
-                          .check(range(4.0, 8192.0))
-                          .show_default();
-  verb.add_option("--most-side", flags.still.most_side_px,
-                  "px; at most 0.6 of the picture's height")
+  flags.min_side = &verb.add_option("--min-side", flags.still.min_side_px,
+                                    "px, of a marker or target seen straight; of targets [80]")
+                        .check(range(4.0, 8192.0))
+                        .show_default();
+  verb.add_option("--max-side", flags.still.max_side_px, "px; at most 0.6 of the picture's height")
       .check(range(4.0, 8192.0))
       .show_default();
   verb.add_option("--hidden", flags.still.part_hidden,

@@ -2,12 +2,12 @@
 #include "tarsier/core/length.h"
 #include "tarsier/core/log.h"
 #include "tarsier/geometry/camera_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/planar/image_targets/quality.h"
+#include "tarsier/planar/image_targets/target_io.h"
+#include "tarsier/planar/image_targets/train.h"
 #include "tarsier/session/presence.h"
 #include "tarsier/session/target_session.h"
-#include "tarsier/target/quality.h"
-#include "tarsier/target/target_io.h"
-#include "tarsier/target/train.h"
 
 #include <fmt/format.h>
 
@@ -37,7 +37,7 @@ struct TrainFlags {
   std::string width = "20cm";
   std::string name;
   std::string draw;
-  target::TrainOptions options;
+  planar::image_targets::TrainOptions options;
 };
 
 ExitStatus run_train(TrainFlags& flags, Context& context) {
@@ -55,15 +55,17 @@ ExitStatus run_train(TrainFlags& flags, Context& context) {
   const std::string name =
       flags.name.empty() ? std::filesystem::path(flags.picture).stem().string() : flags.name;
   const Stopwatch watch;
-  const target::Target trained = target::train_target(picture, name, flags.options, context.stop);
+  const planar::image_targets::Target trained =
+      planar::image_targets::train_target(picture, name, flags.options, context.stop);
   const double seconds = watch.seconds();
-  target::write_target(flags.output, trained,
-                       {{"picture", flags.picture},
-                        {"program", std::string("tarsier ") + std::string(version())},
-                        {"seed", flags.options.seed},
-                        {"trials", flags.options.trials}});
-  if (!flags.draw.empty()) write_image(flags.draw, target::draw_quality(trained));
-  const target::Quality& q = trained.quality;
+  planar::image_targets::write_target(
+      flags.output, trained,
+      {{"picture", flags.picture},
+       {"program", std::string("tarsier ") + std::string(version())},
+       {"seed", flags.options.seed},
+       {"trials", flags.options.trials}});
+  if (!flags.draw.empty()) write_image(flags.draw, planar::image_targets::draw_quality(trained));
+  const planar::image_targets::Quality& q = trained.quality;
   if (context.json) {
     Json line;
     line["image"] = flags.picture;
@@ -97,13 +99,13 @@ struct FollowFlags {
   std::string csv;
   std::string draw = "box";
   OnEventFlags on_event;
-  target::TrackOptions track;
+  planar::image_targets::TrackOptions track;
 };
 
 // Of --csv: one row a target and frame.
 constexpr const char* kColumns = "frame,time,id,confidence,x0,y0,x1,y1,x2,y2,x3,y3,tx,ty,tz,rms_px";
 
-std::string row_of(const Frame& frame, const target::TrackedTarget& seen) {
+std::string row_of(const Frame& frame, const planar::image_targets::TrackedTarget& seen) {
   std::string row =
       fmt::format("{},{:.3f},{},{:.3f}", frame.index, frame.time, seen.target, seen.confidence);
   for (const cv::Point2d& c : seen.corners) row += fmt::format(",{:.3f},{:.3f}", c.x, c.y);
@@ -116,7 +118,7 @@ std::string row_of(const Frame& frame, const target::TrackedTarget& seen) {
   return row + fmt::format(",{:.3f}", seen.rms_px);
 }
 
-// Of stills each target, of films those that appear and are lost.
+// Of stills each target, of videos those that appear and are lost.
 class TargetEvents {
  public:
   explicit TargetEvents(OnEvent& on_event) : on_event_(on_event) {}
@@ -197,9 +199,9 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
   options.train.seed = context.seed;
   options.overlay = overlay_of(flags.draw);
   if (!flags.camera.empty()) options.camera = camera_of(flags.camera);
-  std::vector<target::Target> targets;
+  std::vector<planar::image_targets::Target> targets;
   for (const std::string& path : flags.targets) {
-    targets.push_back(target::read_target(path));
+    targets.push_back(planar::image_targets::read_target(path));
     const double rating = targets.back().quality.rating;
     if (rating < 0.3)
       log_warning("{}: a poor target (rating {:.2f}): see `ar target-train --draw`", path, rating);
@@ -218,11 +220,11 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
   hooks.after_frame = [&](const Frame& frame) {
     found = found || !session.seen().empty();
     events.frame(frame, session);
-    for (const target::TrackedTarget& seen : session.seen())
+    for (const planar::image_targets::TrackedTarget& seen : session.seen())
       if (table) table->add(row_of(frame, seen));
     if (frame.still && !context.json && !context.quiet) {
       print_text(frame.name + ":");
-      for (const target::TrackedTarget& seen : session.seen()) {
+      for (const planar::image_targets::TrackedTarget& seen : session.seen()) {
         const cv::Point2d middle = (seen.corners[0] + seen.corners[2]) * 0.5;
         print_text(fmt::format(" [{} at {:.0f},{:.0f}]", session.targets()[seen.target].name,
                                middle.x, middle.y));
@@ -269,17 +271,17 @@ void add_track_flags(Command& verb, FollowFlags& flags) {
   verb.add_option("--csv", flags.csv,
                   "table to write: frame, time, id, confidence, corners, place (m), error");
   add_on_event_flags(verb, flags.on_event, "when a target appears or is lost");
-  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
-  film(verb.add_option("--smooth", flags.track.steady_px,
-                       "px: motion below about this is smoothed over time; 0: none")
-           .show_default());
-  film(verb.add_option("--search-every", flags.track.detect_every,
-                       "frames between searches for targets that are missing while others are "
-                       "followed")
-           .show_default());
-  film(verb.add_option("--search-px", flags.track.search_px,
-                       "px, how far from its predicted place a target is searched")
-           .show_default());
+  const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
+  video(verb.add_option("--smooth", flags.track.steady_px,
+                        "px: motion below about this is smoothed over time; 0: none")
+            .show_default());
+  video(verb.add_option("--search-every", flags.track.detect_every,
+                        "frames between searches for targets that are missing while others are "
+                        "followed")
+            .show_default());
+  video(verb.add_option("--search-px", flags.track.search_px,
+                        "px, how far from its predicted place a target is searched")
+            .show_default());
 }
 
 }  // namespace
@@ -293,7 +295,7 @@ void add_ar_target_train(Command& ar, Context& context) {
 void add_ar_target_track(Command& ar, Context& context) {
   add_debug_flag(add_verb<FollowFlags>(ar, "target-track",
                                        "finds trained pictures in pictures, "
-                                       "films and cameras, and their poses",
+                                       "videos and cameras, and their poses",
                                        context, add_track_flags, run_follow),
                  context);
 }

@@ -17,7 +17,7 @@ struct Benchmark {
 
 const std::vector<Benchmark>& benchmarks() {
   static const std::vector<Benchmark> table = {
-      {"aam", "fitting an appearance model: an iteration, a fit, a film with the head's pose",
+      {"aam", "fitting an appearance model: an iteration, a fit, a video with the head's pose",
        bench_aam},
       {"cartoon", "every mode at three sizes: reference against fast, speed and likeness",
        bench_cartoon},
@@ -35,7 +35,7 @@ const std::vector<Benchmark>& benchmarks() {
       {"render", "drawing a mesh of ten thousand triangles into a picture", bench_render},
       {"steady", "how much less the lines of a video flicker with --steady", bench_steady},
       {"targets",
-       "pictures found in stills and followed through films, beside ORB and SIFT with RANSAC",
+       "pictures found in stills and followed through videos, beside ORB and SIFT with RANSAC",
        bench_targets},
   };
   return table;

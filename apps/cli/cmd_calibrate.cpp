@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "cmd_calibrate.h"
 
-#include "tarsier/calibration/detect.h"
 #include "tarsier/core/length.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/frame_source.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/planar/calibration/detect.h"
 #include "tarsier/session/calibrate_session.h"
 #include "tarsier/synth/sources.h"
 
@@ -21,12 +21,12 @@
 namespace tarsier::cli {
 namespace {
 
-using calibration::BoardSpec;
-using calibration::BoardView;
+using planar::calibration::BoardSpec;
+using planar::calibration::BoardView;
 using std::chrono::milliseconds;
 
 constexpr std::size_t kHinted = 3;    // pictures in which boards of other sizes are looked for
-constexpr double kLookEvery_s = 0.2;  // of a film
+constexpr double kLookEvery_s = 0.2;  // of a video
 
 struct Looked {
   BoardView view;
@@ -35,12 +35,12 @@ struct Looked {
 
 Looked look(const cv::Mat& picture, const BoardSpec& spec) {
   const Stopwatch watch;
-  Looked result{calibration::find_board(picture, spec)};
+  Looked result{planar::calibration::find_board(picture, spec)};
   result.ms = watch.ms();
   return result;
 }
 
-// Goes through the inputs: every still, and some frames of films.
+// Goes through the inputs: every still, and some frames of videos.
 class Search {
  public:
   Search(const CalibrateFlags& flags, const BoardSpec& spec, Context& context)
@@ -50,7 +50,7 @@ class Search {
 
   CalibrationJob run() {
     for (const std::string& input : flags_.run.inputs) {
-      const auto source = open_source(input, flags_.run.source, {synth_scheme()});
+      const auto source = open_source(input, flags_.run.source, {synth::synth_scheme()});
       if (source->is_live()) {
         throw UsageError(fmt::format("{}: is live, and others are not: give it alone", input));
       }
@@ -69,7 +69,7 @@ class Search {
     const double fps = source.fps() > 0 ? source.fps() : 25;
     const int step = std::max(1, static_cast<int>(std::lround(kLookEvery_s * fps)));
     context_.progress->begin("calibrate", source.count(), "pictures");
-    std::optional<calibration::ViewCollector> collector;
+    std::optional<planar::calibration::ViewCollector> collector;
     std::vector<std::size_t> taken;  // job_.pictures of the collector's views
     while (!source.ended()) {
       throw_if_stopped(context_.stop);
@@ -89,7 +89,7 @@ class Search {
         CalibrationPicture& picture = job_.pictures[taken[i]];
         picture.view = job_.views.size();
         job_.views.push_back(collector->views()[i]);
-        sizes_.push_back(film_size_);
+        sizes_.push_back(video_size_);
       }
     }
   }
@@ -110,21 +110,21 @@ class Search {
     job_.pictures.push_back(std::move(picture));
   }
 
-  void take_moment(const Frame& frame, std::optional<calibration::ViewCollector>& collector,
+  void take_moment(const Frame& frame, std::optional<planar::calibration::ViewCollector>& collector,
                    std::vector<std::size_t>& taken) {
     const Looked looked = look(frame.image, job_.spec);
     if (!collector) {
-      film_size_ = frame.image.size();
-      calibration::CollectorOptions options;
+      video_size_ = frame.image.size();
+      planar::calibration::CollectorOptions options;
       options.most = flags_.views;
-      collector.emplace(job_.spec, film_size_, options);
+      collector.emplace(job_.spec, video_size_, options);
     }
-    const double sharpness = calibration::sharpness_of(frame.image, looked.view, job_.spec);
+    const double sharpness = planar::calibration::sharpness_of(frame.image, looked.view, job_.spec);
     const auto answer = collector->offer(looked.view, sharpness);
     CalibrationPicture picture{frame.name, frame.index, frame.time,
                                false,      false,       std::string(name_of(answer.verdict)),
                                0,          looked.ms,   {}};
-    using calibration::Verdict;
+    using planar::calibration::Verdict;
     if (answer.verdict == Verdict::kTaken || answer.verdict == Verdict::kReplaced) {
       picture.found = true;
       picture.reason.clear();
@@ -166,7 +166,7 @@ class Search {
   Context& context_;
   CalibrationJob job_;
   std::vector<cv::Size> sizes_;  // of the views' pictures
-  cv::Size film_size_;
+  cv::Size video_size_;
   std::vector<cv::Mat> boardless_;
   std::size_t stills_ = 0;
 };
@@ -175,19 +175,21 @@ class Search {
 std::string hint_of(const BoardSpec& spec, const std::vector<cv::Mat>& pictures) {
   std::map<std::string, int> sizes;
   for (const cv::Mat& picture : pictures)
-    for (const std::string& size : calibration::other_chess_sizes(picture, spec)) ++sizes[size];
+    for (const std::string& size : planar::calibration::other_chess_sizes(picture, spec))
+      ++sizes[size];
   // A part of a board may look like a smaller one: many points speak for a size.
   std::string best;
   int best_score = 0;
   for (const auto& [size, count] : sizes) {
-    const int score = count * calibration::parse_board("chess:" + size, spec.pitch).points();
+    const int score =
+        count * planar::calibration::parse_board("chess:" + size, spec.pitch).points();
     if (score <= best_score) continue;
     best_score = score;
     best = size;
   }
   if (!best.empty())
     return fmt::format("; a board of {} inner corners is there: --board chess:{}", best, best);
-  return spec.kind == calibration::BoardKind::kChess
+  return spec.kind == planar::calibration::BoardKind::kChess
              ? "; chess:9x6 means 9 x 6 inner corners, one less than squares each way, and the "
                "whole board with its white rim must be in the picture"
              : "; all of the board must be in the picture (of charuco boards a part)";
@@ -199,7 +201,7 @@ std::string hint_of(const BoardSpec& spec, const std::vector<cv::Mat>& pictures)
 bool is_session(const CalibrateFlags& flags) {
   if (flags.run.window || flags.run.fullscreen || !flags.run.actions.empty()) return true;
   for (const std::string& input : flags.run.inputs) {
-    const SourceKind kind = classify_source(input, {synth_scheme()});
+    const SourceKind kind = classify_source(input, {synth::synth_scheme()});
     const bool is_live_synth =
         kind == SourceKind::kScheme && input.find("live=1") != std::string::npos;
     if (kind == SourceKind::kCamera || kind == SourceKind::kPiCamera || kind == SourceKind::kHttp ||
@@ -244,7 +246,7 @@ ExitStatus run_live(CalibrateFlags& flags, const BoardSpec& spec, Context& conte
 
 ExitStatus run_calibrate(CalibrateFlags& flags, Context& context) {
   const BoardSpec spec =
-      calibration::parse_board(flags.board, parse_length(flags.square, "--square"));
+      planar::calibration::parse_board(flags.board, parse_length(flags.square, "--square"));
   flags.options.lens = geometry::lens_named(flags.lens).value();
   flags.options.tangential = !flags.no_tangential;
   flags.options.check();
@@ -288,7 +290,7 @@ void add_lens_flags(Command& verb, CalibrateFlags& flags) {
 void add_flags(Command& verb, CalibrateFlags& flags) {
   flags.run.output = "none";
   verb.add_option("INPUT", flags.run.inputs,
-                  "pictures, folders, globs, @list.txt, films; a camera or URL: a session")
+                  "pictures, folders, globs, @list.txt, videos; a camera or URL: a session")
       .required()
       .type_name("");
   verb.add_option("--board", flags.board,
@@ -304,10 +306,10 @@ void add_flags(Command& verb, CalibrateFlags& flags) {
   verb.add_option("--csv", flags.csv, "table to write: one row a picture");
   verb.add_option("--draw", flags.draw, "folder for pictures with their corners, and coverage.png");
   verb.add_option("--undistorted", flags.undistorted, "folder for the pictures, straightened");
-  verb.add_option("--views", flags.views, "so many pictures of a film, at most")
+  verb.add_option("--views", flags.views, "so many pictures of a video, at most")
       .check(range(3, 500))
       .show_default();
-  verb.add_option("--every", flags.run.every, "of films: look at fewer frames, N times")
+  verb.add_option("--every", flags.run.every, "of videos: look at fewer frames, N times")
       .check(range(1, 100000))
       .show_default();
   const auto live = [](Flag& flag) { flag.group("Session"); };

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/calibration/calibrate.h"
-#include "tarsier/calibration/collector.h"
 #include "tarsier/geometry/camera_file.h"
-#include "tarsier/io/frame.h"
+#include "tarsier/media/frame.h"
+#include "tarsier/planar/calibration/calibrate.h"
+#include "tarsier/planar/calibration/collector.h"
 
 #include "cli.h"
 #include "run_session.h"
@@ -24,9 +24,9 @@ struct CalibrateFlags {
   std::string csv;
   std::string undistorted;
   std::string draw;
-  int views = 40;  // of a film or a camera
+  int views = 40;  // of a video or a camera
   bool no_tangential = false;
-  calibration::CalibrateOptions options;
+  planar::calibration::CalibrateOptions options;
 };
 
 // One picture that was looked at.
@@ -39,14 +39,14 @@ struct CalibrationPicture {
   std::string reason;    // why it is not among the views
   std::size_t view = 0;  // where it is
   double ms = 0;
-  cv::Mat image;  // of films, where --draw or --undistorted want it
+  cv::Mat image;  // of videos, where --draw or --undistorted want it
 };
 
 struct CalibrationJob {
-  calibration::BoardSpec spec;
+  planar::calibration::BoardSpec spec;
   cv::Size size;
   std::vector<CalibrationPicture> pictures;
-  std::vector<calibration::BoardView> views;
+  std::vector<planar::calibration::BoardView> views;
 };
 
 // Calibrates, writes what the flags ask for, and reports: JSON lines, or a table for people. Throws

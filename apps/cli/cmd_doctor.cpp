@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/log.h"
-#include "tarsier/io/archive.h"
-#include "tarsier/io/cameras.h"
-#include "tarsier/io/tls.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/cameras.h"
+#include "tarsier/media/tls.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
-#include "tarsier/io/atomic_file.h"
+#include "tarsier/media/atomic_file.h"
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>

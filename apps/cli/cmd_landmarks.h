@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/shape/import.h"
-#include "tarsier/shape/landmark_set.h"
+#include "tarsier/face/shape/import.h"
+#include "tarsier/face/shape/landmark_set.h"
 
 #include "cli.h"
 #include <string>
@@ -32,17 +32,19 @@ struct SetFlags {
   std::string images;  // --images
 };
 void add_set_flags(Command& verb, SetFlags& flags);
-[[nodiscard]] shape::LandmarkSet load_set(const SetFlags& flags);
+[[nodiscard]] face::shape::LandmarkSet load_set(const SetFlags& flags);
 
 // Every `every`-th sample (3: the third, sixth ..), or all others. 0: all samples.
 enum class Part { kHeldOut, kOthers };
-[[nodiscard]] shape::LandmarkSet part_of(const shape::LandmarkSet& set, int every, Part part);
+[[nodiscard]] face::shape::LandmarkSet part_of(const face::shape::LandmarkSet& set, int every,
+                                               Part part);
 
 // The boxes of a dlib .xml file, or those around the landmarks of a set.
-[[nodiscard]] std::vector<shape::BoxedPicture> load_boxes(const SetFlags& flags, int every,
-                                                          Part part);
+[[nodiscard]] std::vector<face::shape::BoxedPicture> load_boxes(const SetFlags& flags, int every,
+                                                                Part part);
 
 // Pictures without the object, in the order of their names. Throws InputError for an empty folder.
-void add_pictures_without(const std::string& folder, std::vector<shape::BoxedPicture>& pictures);
+void add_pictures_without(const std::string& folder,
+                          std::vector<face::shape::BoxedPicture>& pictures);
 
 }  // namespace tarsier::cli

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/io/model_store.h"
-#include "tarsier/landmarks/adapt.h"
+#include "tarsier/face/landmarks/adapt.h"
+#include "tarsier/media/model_store.h"
 
 #include <fmt/format.h>
 
@@ -22,11 +22,11 @@ struct AdaptFlags {
   std::string terms;
   double ridge = 0;
   int hold_out = 0;
-  landmarks::AdaptOptions options;
+  face::landmarks::AdaptOptions options;
 };
 
 nlohmann::json provenance(const AdaptFlags& flags, const std::string& base,
-                          const landmarks::AdaptedModel& adapted, const Context& context) {
+                          const face::landmarks::AdaptedModel& adapted, const Context& context) {
   const std::string terms = "those of " + std::filesystem::path(base).filename().string();
   return {{"program", fmt::format("tarsier {}", version())},
           {"seed", context.seed},
@@ -37,7 +37,7 @@ nlohmann::json provenance(const AdaptFlags& flags, const std::string& base,
           {"terms", flags.terms.empty() ? terms : terms + "; " + flags.terms}};
 }
 
-std::string text_of(const AdaptFlags& flags, const landmarks::AdaptedModel& adapted,
+std::string text_of(const AdaptFlags& flags, const face::landmarks::AdaptedModel& adapted,
                     double seconds) {
   std::string text = fmt::format("{}: {} {}, ridge {:g}", flags.output, adapted.faces,
                                  adapted.faces == 1 ? "picture" : "pictures", adapted.ridge);
@@ -51,20 +51,20 @@ std::string text_of(const AdaptFlags& flags, const landmarks::AdaptedModel& adap
 ExitStatus adapt(AdaptFlags& flags, Context& context) {
   const Stopwatch watch;
   const std::string base = ModelStore::find().path_or(flags.base, "landmarks68.json");
-  const landmarks::LandmarkModel model = landmarks::read_landmark_model(base);
+  const face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(base);
   if (!model.trees && !model.descent) {
     throw ModelError(base, "has neither trees nor sdm, which are what is adapted");
   }
-  const shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
+  const face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
   flags.options.seed = context.seed;
   if (flags.ridge > 0) flags.options.ridge = flags.ridge;
-  const landmarks::AdaptedModel adapted = landmarks::adapt_landmark_model(
+  const face::landmarks::AdaptedModel adapted = face::landmarks::adapt_landmark_model(
       model, set, "", flags.options, *context.progress, context.stop);
   for (const std::string& skipped : adapted.skipped) log_warning("{}; left out", skipped);
   if (adapted.kept)
     log_warning("{}: the base is as good on pictures left out: nothing was changed", base);
-  landmarks::write_landmark_model(flags.output, adapted.model,
-                                  provenance(flags, base, adapted, context));
+  face::landmarks::write_landmark_model(flags.output, adapted.model,
+                                        provenance(flags, base, adapted, context));
   const double seconds = rounded(watch.seconds(), 1);
   if (context.json) {
     nlohmann::ordered_json line = {{"output", flags.output},

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/face_pipelines/annotator.h"
-#include "tarsier/io/frame_source.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/io/still_source.h"
+#include "tarsier/face/pipelines/annotator.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/still_source.h"
 #include "tarsier/session/annotate_session.h"
 #include "tarsier/synth/sources.h"
 
@@ -39,10 +39,10 @@ struct AnnotateFlags {
   bool fullscreen = false;
 };
 
-// The film, frame by frame, when the session wants them.
-class Film {
+// The video, frame by frame, when the session wants them.
+class Video {
  public:
-  Film(std::unique_ptr<FrameSource> source, AnnotateSession& session)
+  Video(std::unique_ptr<FrameSource> source, AnnotateSession& session)
       : source_(std::move(source)), session_(session) {
     const double fps = source_ != nullptr && source_->fps() > 0 ? source_->fps() : 25;
     period_ = std::chrono::duration_cast<Clock::duration>(
@@ -62,7 +62,7 @@ class Film {
       log_warning("{}", error.what());
     }
     source_.reset();
-    session_.film_ended();
+    session_.video_ended();
     return session_.look();
   }
   // How long until the next frame should be shown.
@@ -81,7 +81,7 @@ class Film {
   Clock::time_point due_;
 };
 
-// Pictures, or a film.
+// Pictures, or a video.
 std::unique_ptr<FrameSource> open_input(const std::string& input, AnnotateOptions& options) {
   if (input.empty()) return nullptr;
   std::error_code error;
@@ -90,7 +90,7 @@ std::unique_ptr<FrameSource> open_input(const std::string& input, AnnotateOption
     options.pictures = paths_of_list(input);
     return nullptr;
   }
-  const std::vector<Scheme> schemes{synth_scheme()};
+  const std::vector<Scheme> schemes{synth::synth_scheme()};
   switch (classify_source(input, schemes)) {
     case SourceKind::kImage:
       options.pictures = {input};
@@ -129,8 +129,8 @@ Event mouse_at(Event::Mouse mouse, cv::Point2d at, bool shift) {
 
 class Lines {
  public:
-  Lines(AnnotateSession& session, Film& film, Context& context)
-      : session_(session), film_(film), context_(context) {}
+  Lines(AnnotateSession& session, Video& video, Context& context)
+      : session_(session), video_(video), context_(context) {}
 
   ExitStatus run() {
     std::string line;
@@ -157,7 +157,7 @@ class Lines {
       drag({numbers[0], numbers[1]}, {numbers[2], numbers[3]}, words[0] == "drag-all");
     } else if (words[0] == "frames" && has_numbers && numbers.size() == 1) {
       for (int i = 0; i < static_cast<int>(numbers[0]); ++i)
-        (void)film_.feed(milliseconds(2000), context_.stop);
+        (void)video_.feed(milliseconds(2000), context_.stop);
     } else if (words[0] == "key" && words.size() == 2 && words[1].size() == 1) {
       send(key_event(words[1][0]));
     } else if (words[0] == "look" && words.size() == 2) {
@@ -188,7 +188,7 @@ class Lines {
   }
 
   AnnotateSession& session_;
-  Film& film_;
+  Video& video_;
   Context& context_;
   bool finished_ = false;
 };
@@ -200,7 +200,7 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
   options.canvas = parse_size(flags.size, 320, 4096);
   std::error_code ignored;
   if (flags.input.empty() && !fs::exists(flags.output, ignored))
-    throw UsageError("name the pictures or the film: there is no set " + flags.output + " yet");
+    throw UsageError("name the pictures or the video: there is no set " + flags.output + " yet");
   std::unique_ptr<FrameSource> source = open_input(flags.input, options);
   if (!is_headless) window::prepare();  // before a journal is begun
 
@@ -213,12 +213,12 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
       return std::move(proposal->points);
     };
   AnnotateSession session(options, propose);
-  Film film(std::move(source), session);
+  Video video(std::move(source), session);
 
   ExitStatus status = ExitStatus::kDone;
   try {
     if (is_headless) {
-      status = Lines(session, film, context).run();
+      status = Lines(session, video, context).run();
     } else {
       const auto between = [&](milliseconds& wait) -> std::optional<View> {
         if (session.is_learning()) {
@@ -226,8 +226,8 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
           return session.on_idle({});
         }
         std::optional<View> view;
-        if (film.is_due()) view = film.feed(milliseconds(20), context.stop);
-        wait = film.wait();
+        if (video.is_due()) view = video.feed(milliseconds(20), context.stop);
+        wait = video.wait();
         return view;
       };
       status = browse_session(session, session.look(), "Tarsier annotate", flags.fullscreen,
@@ -239,7 +239,7 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
   }
   session.finish();
 
-  const shape::LandmarkSet set = session.state().finished();
+  const face::shape::LandmarkSet set = session.state().finished();
   if (context.json) {
     const nlohmann::ordered_json line{{"output", flags.output},
                                       {"samples", set.samples.size()},
@@ -256,7 +256,7 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
 
 void add_flags(Command& verb, AnnotateFlags& flags) {
   verb.add_option("INPUT", flags.input,
-                  "film, folder, glob, list (.txt), picture; without it: the set's own pictures")
+                  "video, folder, glob, list (.txt), picture; without it: the set's own pictures")
       .type_name("");
   verb.add_option("-o,--output", flags.output, "the set's file; one that exists is gone on with")
       .required();
@@ -276,8 +276,8 @@ void add_flags(Command& verb, AnnotateFlags& flags) {
 }  // namespace
 
 void add_landmarks_annotate(Command& area, Context& context) {
-  add_verb<AnnotateFlags>(area, "annotate", "marks points on pictures or frames of a film", context,
-                          add_flags, annotate);
+  add_verb<AnnotateFlags>(area, "annotate", "marks points on pictures or frames of a video",
+                          context, add_flags, annotate);
 }
 
 }  // namespace tarsier::cli

@@ -2,12 +2,12 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/landmarks/detection.h"
-#include "tarsier/landmarks/evaluation.h"
-#include "tarsier/landmarks/faces_json.h"
-#include "tarsier/landmarks/person_study.h"
+#include "tarsier/face/landmarks/detection.h"
+#include "tarsier/face/landmarks/evaluation.h"
+#include "tarsier/face/landmarks/faces_json.h"
+#include "tarsier/face/landmarks/person_study.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 
@@ -37,7 +37,7 @@ struct EvalFlags {
   bool worst = false;
 };
 
-std::array<int, 2> eyes_of(const EvalFlags& flags, const shape::LandmarkSet& set) {
+std::array<int, 2> eyes_of(const EvalFlags& flags, const face::shape::LandmarkSet& set) {
   if (!flags.eyes.empty()) {
     const std::array<int, 2> eyes{flags.eyes[0], flags.eyes[1]};
     for (const int eye : eyes) {
@@ -47,7 +47,7 @@ std::array<int, 2> eyes_of(const EvalFlags& flags, const shape::LandmarkSet& set
     }
     return eyes;
   }
-  const auto markup = shape::known_markup(set.points());
+  const auto markup = face::shape::known_markup(set.points());
   if (!markup || markup->outer_eyes[0] < 0) {
     throw UsageError(
         fmt::format("--eyes A,B: a set of {} points is not known; name the two outer "
@@ -57,7 +57,7 @@ std::array<int, 2> eyes_of(const EvalFlags& flags, const shape::LandmarkSet& set
   return markup->outer_eyes;
 }
 
-nlohmann::ordered_json json_of(const landmarks::LandmarkScore& score) {
+nlohmann::ordered_json json_of(const face::landmarks::LandmarkScore& score) {
   return {{"faces", score.faces},
           {"missed", score.missed},
           {"wrong", score.wrong},
@@ -70,7 +70,7 @@ nlohmann::ordered_json json_of(const landmarks::LandmarkScore& score) {
           {"bias_y", rounded(score.dy, 4)}};
 }
 
-std::string text_of(const landmarks::LandmarkScore& score) {
+std::string text_of(const face::landmarks::LandmarkScore& score) {
   return fmt::format(
       "{} faces, {} not found, {} another face; NME mean {:.2f} %, median {:.2f} %, p90 {:.2f} %; "
       "above 8 % or not found {:.1f} %; AUC up to 8 % {:.3f}; bias x {:+.2f} %, y {:+.2f} %\n",
@@ -78,10 +78,11 @@ std::string text_of(const landmarks::LandmarkScore& score) {
       100 * score.failures, score.auc, score.dx, score.dy);
 }
 
-ExitStatus study_persons(const EvalFlags& flags, const shape::LandmarkSet& set, Context& context) {
-  const landmarks::PersonStudy study = landmarks::study_persons(
+ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet& set,
+                         Context& context) {
+  const face::landmarks::PersonStudy study = face::landmarks::study_persons(
       set, eyes_of(flags, set), context.seed, *context.progress, context.stop);
-  for (const landmarks::PersonStudy::Row& row : study.rows) {
+  for (const face::landmarks::PersonStudy::Row& row : study.rows) {
     if (context.json) {
       nlohmann::ordered_json line = {{"person", row.person},
                                      {"trained", row.trained},
@@ -110,19 +111,19 @@ ExitStatus study_persons(const EvalFlags& flags, const shape::LandmarkSet& set, 
 
 // Boxes alone.
 ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
-  const std::vector<shape::BoxedPicture> pictures =
+  const std::vector<face::shape::BoxedPicture> pictures =
       load_boxes(flags.set, flags.held_out, Part::kHeldOut);
   const face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks);
-  landmarks::FaceFinder finder = tracker.detector().make_finder();
-  landmarks::DetectionJudge judge;
+  face::landmarks::FaceFinder finder = tracker.detector().make_finder();
+  face::landmarks::DetectionJudge judge;
   context.progress->begin("detecting", static_cast<std::int64_t>(pictures.size()), "pictures");
-  for (const shape::BoxedPicture& picture : pictures) {
+  for (const face::shape::BoxedPicture& picture : pictures) {
     throw_if_stopped(context.stop);
     context.progress->advance();
     try {
       const cv::Mat gray = read_gray_image(picture.image);
       const Stopwatch watch;
-      const std::vector<landmarks::Candidate> found = finder.find_sure(gray);
+      const std::vector<face::landmarks::Candidate> found = finder.find_sure(gray);
       const double ms = watch.ms();
       judge.add(tracker.model(), finder, found, picture, ms);
     } catch (const InputError& error) {
@@ -130,7 +131,7 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
     }
   }
   context.progress->end();
-  const landmarks::DetectionScore score = judge.score();
+  const face::landmarks::DetectionScore score = judge.score();
   const double rate = static_cast<double>(score.found) / std::max(1, score.objects);
   if (context.json) {
     const nlohmann::ordered_json line = {{"pictures", score.pictures},
@@ -152,15 +153,15 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
 
 ExitStatus run_eval(EvalFlags& flags, Context& context) {
   if (flags.detection) return judge_detection(flags, context);
-  const shape::LandmarkSet set =
-      shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
+  const face::shape::LandmarkSet set =
+      face::shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
   if (set.samples.empty()) throw InputError(flags.set.input, "no complete sample is left to judge");
   if (flags.by_person) return study_persons(flags, set, context);
   const std::array<int, 2> eyes = eyes_of(flags, set);
 
   std::optional<face::LandmarkTracker> tracker;
   face::LandmarkState state;
-  landmarks::FaceLines given;
+  face::landmarks::FaceLines given;
   if (flags.results.empty()) {
     tracker.emplace(load_landmark_tracker(flags.landmarks));
     if (tracker->model().points() != set.points()) {
@@ -168,13 +169,13 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
                                                     tracker->model().points()));
     }
   } else {
-    given = landmarks::read_face_lines(flags.results);
+    given = face::landmarks::read_face_lines(flags.results);
   }
-  std::vector<landmarks::FitOutcome> outcomes;
+  std::vector<face::landmarks::FitOutcome> outcomes;
   std::string lines;
   double milliseconds = 0;
   context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "faces");
-  for (const shape::LandmarkSample& sample : set.samples) {
+  for (const face::shape::LandmarkSample& sample : set.samples) {
     throw_if_stopped(context.stop);
     context.progress->advance();
     std::optional<Eigen::Matrix2Xd> points;
@@ -198,7 +199,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
     } else {
       points = given.find(sample.image, set.points());
     }
-    landmarks::FitOutcome outcome = landmarks::judge(points, sample.points, eyes);
+    face::landmarks::FitOutcome outcome = face::landmarks::judge(points, sample.points, eyes);
     outcome.image = sample.image;
     outcome.person = sample.person;
     outcome.ms = ms;
@@ -208,13 +209,13 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   if (!flags.output.empty()) write_file_atomically(flags.output, lines);
   if (!flags.csv.empty()) {
     std::string table = "image,nme,missed,wrong,dx,dy,ms\n";
-    for (const landmarks::FitOutcome& o : outcomes) {
+    for (const face::landmarks::FitOutcome& o : outcomes) {
       table += fmt::format("{},{:.4f},{:d},{:d},{:.4f},{:.4f},{:.2f}\n", o.image, o.nme, o.missed,
                            o.wrong, o.dx, o.dy, o.ms);
     }
     write_file_atomically(flags.csv, table);
   }
-  const landmarks::LandmarkScore score = landmarks::score_of(outcomes);
+  const face::landmarks::LandmarkScore score = face::landmarks::score_of(outcomes);
   if (context.json) {
     nlohmann::ordered_json line = json_of(score);
     if (tracker) line["ms"] = rounded(milliseconds / std::max(1, score.faces), 2);

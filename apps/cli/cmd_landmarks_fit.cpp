@@ -19,12 +19,12 @@
 namespace tarsier::cli {
 namespace {
 
-const double kUsualGain = landmarks::SteadyOptions{}.gain;
+const double kUsualGain = face::landmarks::SteadyOptions{}.gain;
 
 struct FitFlags {
   RunFlags run;
   LandmarkFlags landmarks;
-  landmarks::TrackerOptions tracker;
+  face::landmarks::TrackerOptions tracker;
   std::string csv;
   double smooth = -1;
   bool follows = false;  // the verb is `track`
@@ -37,7 +37,7 @@ std::string columns(int points) {
   return names;
 }
 
-std::string row_of(const Frame& frame, const landmarks::TrackedFace& face) {
+std::string row_of(const Frame& frame, const face::landmarks::TrackedFace& face) {
   std::string row =
       fmt::format("{},{:.3f},{},{:.3f}", frame.index, frame.time, face.id, face.score);
   for (Eigen::Index p = 0; p < face.points.cols(); ++p) {
@@ -63,14 +63,14 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   hooks.title = "landmarks";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
-    for (const landmarks::TrackedFace& face : session.result().faces) {
+    for (const face::landmarks::TrackedFace& face : session.result().faces) {
       found = true;
       if (csv) csv->add(row_of(frame, face));
     }
     if (frame.still && !context.json && !context.quiet) {
       print_text(fmt::format("{}: {} {}", frame.name, session.result().faces.size(),
                              session.result().faces.size() == 1 ? "face" : "faces"));
-      for (const landmarks::TrackedFace& face : session.result().faces) {
+      for (const face::landmarks::TrackedFace& face : session.result().faces) {
         print_text(fmt::format(" [{:.0f},{:.0f} {:.0f}x{:.0f} {:.2f}]", face.box.x, face.box.y,
                                face.box.width, face.box.height, face.score));
       }
@@ -88,18 +88,18 @@ void add_flags(Command& verb, FitFlags& flags) {
   add_run_flags(verb, flags.run);
   add_landmark_flags(verb, flags.landmarks);
   verb.add_option("--csv", flags.csv, "table to write: frame, time, face, score, points");
-  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
-  film(verb.add_option(
+  const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
+  video(verb.add_option(
       "--smooth", flags.smooth,
       "how much points at rest are smoothed: 0 not at all, 1 as usual, 2 twice as much [1]"));
-  film(verb.add_option("--search-every", flags.tracker.search_every,
-                       "frames between searches for new faces")
-           .show_default());
-  film(verb.add_option("--least-score", flags.tracker.least_score,
-                       "a face whose fit is worth less is lost and looked for again")
-           .show_default());
-  film(verb.add_option("--most-faces", flags.tracker.most_faces, "faces followed at a time")
-           .show_default());
+  video(verb.add_option("--search-every", flags.tracker.search_every,
+                        "frames between searches for new faces")
+            .show_default());
+  video(verb.add_option("--min-score", flags.tracker.min_score,
+                        "a face whose fit is worth less is lost and looked for again")
+            .show_default());
+  video(verb.add_option("--max-faces", flags.tracker.max_faces, "faces followed at a time")
+            .show_default());
 }
 
 }  // namespace
@@ -116,7 +116,7 @@ void add_landmarks_track(Command& area, Context& context) {
     add_flags(verb, flags);
   };
   add_debug_flag(
-      add_verb<FitFlags>(area, "track", "follows faces and their points through films and cameras",
+      add_verb<FitFlags>(area, "track", "follows faces and their points through videos and cameras",
                          context, add_track_flags, run_fit),
       context);
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/shape/import.h"
+#include "tarsier/face/shape/import.h"
 
 #include <fmt/format.h>
 
@@ -14,33 +14,33 @@
 namespace tarsier::cli {
 namespace {
 
-using shape::ImportFormat;
+using face::shape::ImportFormat;
 
 const std::map<std::string, ImportFormat> kFormats{{"auto", ImportFormat::kAuto},
                                                    {"pts", ImportFormat::kPts},
                                                    {"asf", ImportFormat::kAsf},
                                                    {"muct", ImportFormat::kMuct},
                                                    {"dlib", ImportFormat::kDlib}};
-constexpr std::size_t kMostWarnings = 10;
+constexpr std::size_t kMaxWarnings = 10;
 
 struct ImportFlags {
   std::string input;
   std::string output;
   std::string format = "auto";
-  shape::ImportOptions options;
+  face::shape::ImportOptions options;
 };
 
 ExitStatus import_set(ImportFlags& flags, const Context& context) {
   flags.options.format = kFormats.at(flags.format);
-  const shape::Imported imported = [&] {
+  const face::shape::Imported imported = [&] {
     const EndOnSignals at_once;  // nothing is written yet
-    return shape::import_landmarks(flags.input, flags.options);
+    return face::shape::import_landmarks(flags.input, flags.options);
   }();
-  shape::write_landmark_set(flags.output, imported.set, "");
+  face::shape::write_landmark_set(flags.output, imported.set, "");
 
   std::int64_t missing = 0;
   std::set<std::string> people;
-  for (const shape::LandmarkSample& sample : imported.set.samples) {
+  for (const face::shape::LandmarkSample& sample : imported.set.samples) {
     for (int i = 0; i < static_cast<int>(sample.points.cols()); ++i)
       missing += sample.is_missing(i) ? 1 : 0;
     if (!sample.person.empty()) people.insert(sample.person);
@@ -57,10 +57,10 @@ ExitStatus import_set(ImportFlags& flags, const Context& context) {
     print_json(line);
     return ExitStatus::kDone;
   }
-  for (std::size_t i = 0; i < std::min(kMostWarnings, imported.skipped.size()); ++i)
+  for (std::size_t i = 0; i < std::min(kMaxWarnings, imported.skipped.size()); ++i)
     log_warning("left out: {}", imported.skipped[i]);
-  if (imported.skipped.size() > kMostWarnings)
-    log_warning("left out: {} more (--json lists them)", imported.skipped.size() - kMostWarnings);
+  if (imported.skipped.size() > kMaxWarnings)
+    log_warning("left out: {} more (--json lists them)", imported.skipped.size() - kMaxWarnings);
   print_text(
       fmt::format("{}: {} samples of {} points{}{}, {} connections, symmetry {}, {} left out\n",
                   flags.output, imported.set.samples.size(), imported.set.points(),

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/draw/tile.h"
-#include "tarsier/io/archive.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/landmarks/hog_detector.h"
-#include "tarsier/landmarks/model.h"
+#include "tarsier/face/landmarks/hog_detector.h"
+#include "tarsier/face/landmarks/model.h"
+#include "tarsier/face/shape/landmark_set.h"
+#include "tarsier/face/shape/shape_model.h"
+#include "tarsier/face/shape/show.h"
+#include "tarsier/image/draw/tile.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/session/landmark_show_session.h"
 #include "tarsier/session/patch_session.h"
-#include "tarsier/sfm_view/animation.h"
-#include "tarsier/shape/landmark_set.h"
-#include "tarsier/shape/shape_model.h"
-#include "tarsier/shape/show.h"
+#include "tarsier/sfm/view/animation.h"
 
 #include <fmt/format.h>
 
@@ -65,9 +65,9 @@ void say(const nlohmann::ordered_json& line, const std::string& text, const Cont
 }
 
 ExitStatus show_set(const ShowFlags& flags, Context& context) {
-  shape::LandmarkSet set = shape::read_landmark_set(flags.file);
+  face::shape::LandmarkSet set = face::shape::read_landmark_set(flags.file);
   if (set.samples.empty()) throw InputError(flags.file, "holds no samples");
-  shape::LandmarkStyle style;
+  face::shape::LandmarkStyle style;
   style.numbers = flags.numbers;
   style.symmetry = !flags.plain && !set.mirror.empty();
   if (flags.output.empty()) {
@@ -76,8 +76,8 @@ ExitStatus show_set(const ShowFlags& flags, Context& context) {
     return browse_session(session, session.on_idle({}), "Tarsier landmarks", flags.fullscreen,
                           context, {});
   }
-  write_image(flags.output,
-              shape::contact_sheet(set, flags.file, flags.cell, flags.columns, flags.most, style));
+  write_image(flags.output, face::shape::contact_sheet(set, flags.file, flags.cell, flags.columns,
+                                                       flags.most, style));
   say({{"output", flags.output}, {"samples", set.samples.size()}, {"points", set.points()}},
       fmt::format("{}: {} of {} samples\n", flags.output,
                   std::min<std::size_t>(set.samples.size(), static_cast<std::size_t>(flags.most)),
@@ -87,7 +87,7 @@ ExitStatus show_set(const ShowFlags& flags, Context& context) {
 }
 
 ExitStatus show_shape_model(const ShowFlags& flags, Context& context) {
-  const shape::ShapeModel model = shape::read_shape_model(flags.file);
+  const face::shape::ShapeModel model = face::shape::read_shape_model(flags.file);
   if (flags.output.empty()) {
     window::prepare();
     ShapeModelSession session(model);
@@ -100,12 +100,12 @@ ExitStatus show_shape_model(const ShowFlags& flags, Context& context) {
   }
   const int modes = std::min(flags.modes, model.mode_count());
   if (ends_with(flags.output, ".gif")) {
-    sfm::write_gif(
-        flags.output,
-        shape::animate_modes(model, modes, {flags.cell * 2, flags.cell * 2}, kGifFramesPerMode),
-        kGifRate);
+    sfm::write_gif(flags.output,
+                   face::shape::animate_modes(model, modes, {flags.cell * 2, flags.cell * 2},
+                                              kGifFramesPerMode),
+                   kGifRate);
   } else {
-    write_image(flags.output, shape::draw_modes(model, modes, flags.cell));
+    write_image(flags.output, face::shape::draw_modes(model, modes, flags.cell));
   }
   say({{"output", flags.output},
        {"points", model.points()},
@@ -136,7 +136,7 @@ std::optional<PatchPicture> picture_with_points(const ShowFlags& flags) {
   return picture;
 }
 
-ExitStatus show_in_window(const ShowFlags& flags, const landmarks::LandmarkModel& model,
+ExitStatus show_in_window(const ShowFlags& flags, const face::landmarks::LandmarkModel& model,
                           std::optional<PatchPicture> picture, Context& context) {
   window::prepare();
   if (model.patches) {
@@ -153,13 +153,13 @@ ExitStatus show_in_window(const ShowFlags& flags, const landmarks::LandmarkModel
                         context, between);
 }
 
-ExitStatus show_responses(const ShowFlags& flags, const landmarks::LandmarkModel& model,
+ExitStatus show_responses(const ShowFlags& flags, const face::landmarks::LandmarkModel& model,
                           const PatchPicture& picture, Context& context) {
-  write_image(flags.output, landmarks::draw_responses(*model.patches, picture.gray, picture.points,
-                                                      flags.search));
+  write_image(flags.output, face::landmarks::draw_responses(*model.patches, picture.gray,
+                                                            picture.points, flags.search));
   double best = 0;
-  for (const landmarks::PointResponse& response :
-       landmarks::point_responses(*model.patches, picture.gray, picture.points, flags.search)) {
+  for (const face::landmarks::PointResponse& response : face::landmarks::point_responses(
+           *model.patches, picture.gray, picture.points, flags.search)) {
     best += response.best / model.points();
   }
   say({{"output", flags.output}, {"points", model.points()}, {"response", best}},
@@ -172,7 +172,7 @@ ExitStatus show_responses(const ShowFlags& flags, const landmarks::LandmarkModel
 // The parts of a tracker that can be seen: the shape's modes, and the patches on the mean face; in
 // a window patch by patch.
 ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
-  const landmarks::LandmarkModel model = landmarks::read_landmark_model(flags.file);
+  const face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(flags.file);
   if (!flags.on.empty()) {
     if (!model.patches) throw ModelError(flags.file, "has no patches that --on could show");
     std::optional<PatchPicture> picture = picture_with_points(flags);
@@ -187,23 +187,23 @@ ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
   const int modes = std::min(flags.modes, model.shape.mode_count());
   if (ends_with(flags.output, ".gif")) {
     sfm::write_gif(flags.output,
-                   shape::animate_modes(model.shape, modes, {flags.cell * 2, flags.cell * 2},
-                                        kGifFramesPerMode),
+                   face::shape::animate_modes(model.shape, modes, {flags.cell * 2, flags.cell * 2},
+                                              kGifFramesPerMode),
                    kGifRate);
   } else {
-    std::vector<cv::Mat> parts{shape::draw_modes(model.shape, modes, flags.cell)};
+    std::vector<cv::Mat> parts{face::shape::draw_modes(model.shape, modes, flags.cell)};
     std::vector<std::string> names{"shape modes"};
     if (model.patches) {
-      parts.push_back(landmarks::draw_patches(*model.patches, model.shape, -1, 4));
+      parts.push_back(face::landmarks::draw_patches(*model.patches, model.shape, -1, 4));
       names.emplace_back("patches");
     }
-    write_image(flags.output, draw::tile(parts, names, {1400, 700}));
+    write_image(flags.output, image::draw::tile(parts, names, {1400, 700}));
   }
   nlohmann::ordered_json about = {{"output", flags.output}, {"points", model.points()}};
   std::string has;
-  for (const landmarks::FitMethod method :
-       {landmarks::FitMethod::kTrees, landmarks::FitMethod::kDescent,
-        landmarks::FitMethod::kPatches}) {
+  for (const face::landmarks::FitMethod method :
+       {face::landmarks::FitMethod::kTrees, face::landmarks::FitMethod::kDescent,
+        face::landmarks::FitMethod::kPatches}) {
     if (model.has(method)) has += fmt::format("{}{}", has.empty() ? "" : ", ", name_of(method));
   }
   about["methods"] = has;
@@ -214,9 +214,10 @@ ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
 
 // The filter of a face detector.
 ExitStatus show_detector(const ShowFlags& flags, Context& context) {
-  const landmarks::HogDetector model = landmarks::read_hog_detector(flags.file);
+  const face::landmarks::HogDetector model = face::landmarks::read_hog_detector(flags.file);
   if (flags.output.empty()) throw UsageError("-o: a face detector is shown as a picture (.png ..)");
-  const cv::Mat filter = landmarks::draw_hog_detector(model, std::clamp(flags.cell / 5, 8, 100));
+  const cv::Mat filter =
+      face::landmarks::draw_hog_detector(model, std::clamp(flags.cell / 5, 8, 100));
   write_image(flags.output, filter);
   say({{"output", flags.output},
        {"window", {model.width, model.height}},

@@ -2,9 +2,9 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/face_turn/face_turn.h"
-#include "tarsier/io/archive.h"
-#include "tarsier/landmarks/train_model.h"
+#include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/train/face_turn.h"
+#include "tarsier/media/archive.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -30,25 +30,25 @@ struct TrainFlags {
   bool mirror = false;
   std::string without;
   std::string head;
-  face_turn::CopyOptions turned{.copies = 0};
-  landmarks::TrainModelOptions options;
+  face::train::CopyOptions turned{.copies = 0};
+  face::landmarks::TrainModelOptions options;
 };
 
 // Makes `turned` copies of each face, by the head model given or the one that ships.
-void add_turned_faces(const TrainFlags& flags, const shape::LandmarkSet& set,
-                      landmarks::TrainModelOptions& options) {
-  const auto turner = std::make_shared<const face_turn::FaceTurner>(read_head(flags.head));
+void add_turned_faces(const TrainFlags& flags, const face::shape::LandmarkSet& set,
+                      face::landmarks::TrainModelOptions& options) {
+  const auto turner = std::make_shared<const face::train::FaceTurner>(read_head(flags.head));
   if (turner->points() != set.points()) {
     throw UsageError(
         fmt::format("--turned: the head has {} points, the set {}; --head takes one "
                     "that `pose train-head` learnt from such a set",
                     turner->points(), set.points()));
   }
-  options.extra = [turner, copies = flags.turned](const landmarks::TrainingFace& face,
+  options.extra = [turner, copies = flags.turned](const face::landmarks::TrainingFace& face,
                                                   std::uint64_t seed) {
-    return face_turn::turned_copies(*turner, face, copies, seed);
+    return face::train::turned_copies(*turner, face, copies, seed);
   };
-  options.start_shapes = [turner](const landmarks::TrainingFace& face, int count,
+  options.start_shapes = [turner](const face::landmarks::TrainingFace& face, int count,
                                   std::uint64_t seed) {
     return turner->shapes_near(face.points, count, seed);
   };
@@ -73,7 +73,7 @@ nlohmann::json provenance(const TrainFlags& flags, const Context& context, std::
 
 ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
   const Stopwatch watch;
-  const shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
+  const face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
   const nlohmann::json about = provenance(flags, context, set.samples.size());
   if (flags.mirror && set.mirror.empty()) {
     throw UsageError(
@@ -85,18 +85,18 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
   line["samples"] = set.samples.size();
   if (kind == Kind::kShape) {
     flags.options.shape.mirror = flags.mirror;
-    shape::ShapeModel model;
+    face::shape::ShapeModel model;
     try {
       const EndOnSignals at_once;  // nothing is written yet
-      model = shape::train_shape_model(set, flags.options.shape);
+      model = face::shape::train_shape_model(set, flags.options.shape);
     } catch (const std::invalid_argument& error) {
       throw InputError(flags.set.input, error.what());
     }
-    shape::write_shape_model(flags.output, model, about);
+    face::shape::write_shape_model(flags.output, model, about);
     line["modes"] = model.mode_count();
     line["variance"] = model.variance_kept;
   } else {
-    landmarks::TrainModelOptions& options = flags.options;
+    face::landmarks::TrainModelOptions& options = flags.options;
     options.mirror = flags.mirror;
     options.seed = context.seed;
     if (flags.turned.copies > 0) add_turned_faces(flags, set, options);
@@ -106,19 +106,19 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
         kind == Kind::kPatches || (kind == Kind::kTracker && flags.without != "patch");
     options.quality = kind == Kind::kTracker;
     if (flags.method == "sgd") {
-      options.patch_options.method = landmarks::PatchMethod::kStochastic;
+      options.patch_options.method = face::landmarks::PatchMethod::kStochastic;
     } else if (flags.method == "average") {
-      options.patch_options.method = landmarks::PatchMethod::kAverage;
+      options.patch_options.method = face::landmarks::PatchMethod::kAverage;
     } else if (flags.method != "ridge") {
       throw UsageError(fmt::format("--patch-method {}: ridge, sgd or average", flags.method));
     }
-    const landmarks::TrainedModel trained =
-        landmarks::train_landmark_model(set, "", options, *context.progress, context.stop);
+    const face::landmarks::TrainedModel trained =
+        face::landmarks::train_landmark_model(set, "", options, *context.progress, context.stop);
     for (const std::string& skipped : trained.skipped) log_warning("{}; left out", skipped);
     if (kind == Kind::kDetector && trained.model.box.trained_on == 0) {
       throw InputError(flags.set.input, "the face detector sees none of the objects");
     }
-    landmarks::write_landmark_model(flags.output, trained.model, about);
+    face::landmarks::write_landmark_model(flags.output, trained.model, about);
     line["faces"] = trained.faces;
     if (trained.extra > 0) line["turned"] = trained.extra;
     line["detected"] = trained.detected;
@@ -145,7 +145,7 @@ void add_kind(Command& parent, Context& context, const char* name, const char* h
         .check(range(0, 1000000))
         .show_default();
     verb.add_flag("--mirror", flags.mirror, "learn from mirrored pictures too");
-    landmarks::TrainModelOptions& options = flags.options;
+    face::landmarks::TrainModelOptions& options = flags.options;
     verb.add_option("--variance", options.shape.variance, "share that the shape modes keep")
         .show_default();
     verb.add_option("--modes", options.shape.max_modes, "shape modes at most").show_default();

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/landmarks/hog_detector.h"
-#include "tarsier/shape/import.h"
+#include "tarsier/face/landmarks/hog_detector.h"
+#include "tarsier/face/shape/import.h"
 
 #include <fmt/format.h>
 
@@ -16,12 +16,12 @@
 
 namespace tarsier::cli {
 
-std::vector<shape::BoxedPicture> load_boxes(const SetFlags& flags, int every, Part part) {
-  std::vector<shape::BoxedPicture> pictures;
+std::vector<face::shape::BoxedPicture> load_boxes(const SetFlags& flags, int every, Part part) {
+  std::vector<face::shape::BoxedPicture> pictures;
   if (flags.input.ends_with(".xml")) {
-    shape::ImportOptions options;
+    face::shape::ImportOptions options;
     options.images = flags.images;
-    shape::BoxedPictures read = shape::read_dlib_boxes(flags.input, options);
+    face::shape::BoxedPictures read = face::shape::read_dlib_boxes(flags.input, options);
     for (const std::string& skipped : read.skipped) log_warning("{}; left out", skipped);
     for (std::size_t i = 0; i < read.pictures.size(); ++i) {
       const bool held_out = every > 0 && (i + 1) % static_cast<std::size_t>(every) == 0;
@@ -30,13 +30,14 @@ std::vector<shape::BoxedPicture> load_boxes(const SetFlags& flags, int every, Pa
       }
     }
   } else {
-    pictures = shape::boxes_from_landmarks(part_of(load_set(flags), every, part));
+    pictures = face::shape::boxes_from_landmarks(part_of(load_set(flags), every, part));
   }
   if (pictures.empty()) throw InputError(flags.input, "no picture is left");
   return pictures;
 }
 
-void add_pictures_without(const std::string& folder, std::vector<shape::BoxedPicture>& pictures) {
+void add_pictures_without(const std::string& folder,
+                          std::vector<face::shape::BoxedPicture>& pictures) {
   std::vector<std::string> paths;
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
@@ -74,15 +75,16 @@ namespace {
 
 struct DetectorFlags : BoxTrainingFlags {
   std::string without;
-  landmarks::HogOptions options;
+  face::landmarks::HogOptions options;
 };
 
 ExitStatus train_detector(DetectorFlags& flags, Context& context) {
   const Stopwatch watch;
   flags.options.seed = context.seed;
-  std::vector<shape::BoxedPicture> pictures = load_boxes(flags.set, flags.hold_out, Part::kOthers);
+  std::vector<face::shape::BoxedPicture> pictures =
+      load_boxes(flags.set, flags.hold_out, Part::kOthers);
   if (!flags.without.empty()) add_pictures_without(flags.without, pictures);
-  const landmarks::HogTraining trained = landmarks::train_hog_detector(
+  const face::landmarks::HogTraining trained = face::landmarks::train_hog_detector(
       pictures, flags.set.input, flags.options, *context.progress, context.stop);
   warn_of_skipped(trained.skipped);
   if (trained.ignored > 0) {
@@ -98,7 +100,7 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
                 {"boxes", trained.boxes},
                 {"c", flags.options.c},
                 {"mirrored", flags.options.mirror}});
-  landmarks::write_hog_detector(flags.output, trained.detector, about);
+  face::landmarks::write_hog_detector(flags.output, trained.detector, about);
   if (context.json) {
     const nlohmann::ordered_json line = {{"output", flags.output},
                                          {"pictures", trained.pictures},
@@ -122,7 +124,7 @@ void add_flags(Command& verb, DetectorFlags& flags) {
   add_box_training_flags(verb, flags);
   verb.add_option("--without", flags.without,
                   "folder of pictures without the object: fewer false alarms");
-  landmarks::HogOptions& options = flags.options;
+  face::landmarks::HogOptions& options = flags.options;
   verb.add_option("--window", options.window,
                   "px, detection window (square root of its area): the smallest object it sees")
       .check(range(40, 200))

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/face/face_training.h"
-#include "tarsier/landmarks/face_finder.h"
+#include "tarsier/face/detect/face_training.h"
+#include "tarsier/face/landmarks/face_finder.h"
 
 #include <fmt/format.h>
 
@@ -17,20 +17,20 @@ namespace {
 
 struct NetworkFlags : BoxTrainingFlags {
   std::vector<std::string> without;
-  FaceTrainingOptions options;
+  face::FaceTrainingOptions options;
 };
 
 // Boxes as the cascade draws them where the points of the face are known, else as they are given.
-FacePicture face_picture(shape::BoxedPicture picture) {
-  FacePicture result;
+face::FacePicture face_picture(face::shape::BoxedPicture picture) {
+  face::FacePicture result;
   result.image = std::move(picture.image);
   result.ignored = std::move(picture.ignored);
   for (std::size_t i = 0; i < picture.boxes.size(); ++i) {
     const bool known = i < picture.shapes.size() && picture.shapes[i].cols() == 68 &&
                        picture.shapes[i].allFinite();
-    result.faces.push_back(known
-                               ? landmarks::box_around(landmarks::cascade_box(), picture.shapes[i])
-                               : picture.boxes[i]);
+    result.faces.push_back(
+        known ? face::landmarks::box_around(face::landmarks::cascade_box(), picture.shapes[i])
+              : picture.boxes[i]);
   }
   return result;
 }
@@ -38,12 +38,14 @@ FacePicture face_picture(shape::BoxedPicture picture) {
 ExitStatus train_networks(NetworkFlags& flags, Context& context) {
   const Stopwatch watch;
   flags.options.seed = context.seed;
-  std::vector<shape::BoxedPicture> boxed = load_boxes(flags.set, flags.hold_out, Part::kOthers);
+  std::vector<face::shape::BoxedPicture> boxed =
+      load_boxes(flags.set, flags.hold_out, Part::kOthers);
   for (const std::string& folder : flags.without) add_pictures_without(folder, boxed);
-  std::vector<FacePicture> pictures;
-  for (shape::BoxedPicture& picture : boxed) pictures.push_back(face_picture(std::move(picture)));
-  const FaceTraining trained = train_face_networks(pictures, flags.set.input, flags.options,
-                                                   *context.progress, context.stop);
+  std::vector<face::FacePicture> pictures;
+  for (face::shape::BoxedPicture& picture : boxed)
+    pictures.push_back(face_picture(std::move(picture)));
+  const face::FaceTraining trained = face::train_face_networks(
+      pictures, flags.set.input, flags.options, *context.progress, context.stop);
   warn_of_skipped(trained.skipped);
   const double seconds = rounded(watch.seconds(), 1);
   nlohmann::json about = box_training_provenance(flags, context);
@@ -52,7 +54,7 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
                 {"drawings", flags.options.drawings},
                 {"held_out", trained.held_out},
                 {"held_out_alarms", trained.held_out_alarms}});
-  write_face_networks(flags.output, trained.networks, about);
+  face::write_face_networks(flags.output, trained.networks, about);
   if (context.json) {
     const nlohmann::ordered_json line = {
         {"output", flags.output},

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/archive.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/io/sha256.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/sha256.h"
 
 #include <fmt/format.h>
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/gallery/collector.h"
-#include "tarsier/gallery/name.h"
+#include "tarsier/face/people/collector.h"
+#include "tarsier/face/people/name.h"
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
@@ -26,7 +26,7 @@ struct EnrollFlags {
   std::int64_t most = 20;
   bool largest = false;
   bool any_quality = false;
-  people::CollectOptions collect;
+  face::people::CollectOptions collect;
 };
 
 // Reads faces from the inputs and enrols those that are good, each as it comes.
@@ -42,7 +42,7 @@ class Enrolment {
         templates_(gallery_, background()) {}
 
   ExitStatus operator()() {
-    const auto source = open_sources(flags_.inputs, flags_.source, {synth_scheme()});
+    const auto source = open_sources(flags_.inputs, flags_.source, {synth::synth_scheme()});
     // Before this person is there: whom the faces would be taken for. What is due is learned, so
     // that the new faces get their templates as they come.
     before_ = model();
@@ -51,8 +51,9 @@ class Enrolment {
       if (frame) take(*frame);
     }
     const std::vector<std::string> others =
-        before_ && !crops_.empty() ? people::other_names(before_->recognizer, crops_, flags_.name)
-                                   : std::vector<std::string>();
+        before_ && !crops_.empty()
+            ? face::people::other_names(before_->recognizer, crops_, flags_.name)
+            : std::vector<std::string>();
     for (const std::string& other : others)
       log_warning("these faces look like '{}', who is enrolled already: one person, two names?",
                   other);
@@ -66,11 +67,11 @@ class Enrolment {
  private:
   [[nodiscard]] std::int64_t taken() const { return collector_.taken(); }
 
-  [[nodiscard]] const recognition::Background* background() const {
+  [[nodiscard]] const face::recognition::Background* background() const {
     return background_ ? &*background_ : nullptr;
   }
 
-  std::optional<people::GalleryModel> model() {
+  std::optional<face::people::GalleryModel> model() {
     try {
       return load_model(gallery_, background(), context_);
     } catch (const InputError& error) {
@@ -89,7 +90,7 @@ class Enrolment {
     }
     cv::Mat gray;
     cv::cvtColor(frame.image, gray, cv::COLOR_BGR2GRAY);
-    const std::vector<people::Face> faces =
+    const std::vector<face::people::Face> faces =
         frame.still ? reader_.read(gray) : reader_.follow(gray, frame.time);
     std::string reason;
     if (faces.empty()) {
@@ -100,15 +101,15 @@ class Enrolment {
     if (!reason.empty()) {
       collector_.refuse(reason);
     } else {
-      const people::Face& face = *std::max_element(
+      const face::people::Face& face = *std::max_element(
           faces.begin(), faces.end(),
           [](const auto& a, const auto& b) { return a.box.area() < b.box.area(); });
       reason = collector_.offer(face, frame.time, !frame.still);
       if (reason.empty()) {
-        people::StoredFace stored;
+        face::people::StoredFace stored;
         stored.crop = face.crop;
         stored.quality = face.quality.score();
-        stored.measures = people::quality_json(face.quality).dump();
+        stored.measures = face::people::quality_json(face.quality).dump();
         stored.source = frame.name;
         stored.time = now_ms();
         templates_.fill(stored);
@@ -144,26 +145,26 @@ class Enrolment {
 
   const EnrollFlags& flags_;
   Context& context_;
-  people::FaceReader reader_;
-  people::Collector collector_;
-  people::Gallery gallery_;
-  std::optional<recognition::Background> background_;
-  people::TemplateMaker templates_;
-  std::optional<people::GalleryModel> before_;
+  face::people::FaceReader reader_;
+  face::people::Collector collector_;
+  face::people::Gallery gallery_;
+  std::optional<face::recognition::Background> background_;
+  face::people::TemplateMaker templates_;
+  std::optional<face::people::GalleryModel> before_;
   std::vector<cv::Mat> crops_;
   std::string source_name_;
 };
 
 ExitStatus enroll(EnrollFlags& flags, Context& context) {
-  people::check_name(flags.name);
-  people::check_note(flags.note);
+  face::people::check_name(flags.name);
+  face::people::check_note(flags.note);
   flags.collect.check_quality = !flags.any_quality;
   return Enrolment(flags, context)();
 }
 
 void add_flags(Command& verb, EnrollFlags& flags) {
   verb.add_option("NAME", flags.name, "any UTF-8 up to 200 bytes").required();
-  verb.add_option("INPUT", flags.inputs, "picture, folder, glob, @list.txt, film, camera number")
+  verb.add_option("INPUT", flags.inputs, "picture, folder, glob, @list.txt, video, camera number")
       .required();
   add_gallery_flag(verb, flags.people);
   verb.add_option("--note", flags.note, "of consent: who agreed to what, when");
@@ -174,11 +175,11 @@ void add_flags(Command& verb, EnrollFlags& flags) {
   verb.add_flag("--any-quality", flags.any_quality, "also small, blurred, turned, dark faces");
   verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time");
   (void)add_security_flags(verb, flags.source.security);
-  verb.add_option("--least-difference", flags.collect.least_difference,
-                  "films: how far a face differs from the last that was taken")
+  verb.add_option("--min-difference", flags.collect.min_difference,
+                  "videos: how far a face differs from the last that was taken")
       .show_default();
-  verb.add_option("--least-seconds", flags.collect.least_seconds,
-                  "films: and how many seconds later it is")
+  verb.add_option("--min-seconds", flags.collect.min_seconds,
+                  "videos: and how many seconds later it is")
       .show_default();
   add_face_flags(verb, flags.people);
 }
@@ -187,7 +188,7 @@ void add_flags(Command& verb, EnrollFlags& flags) {
 
 void add_people_enroll(Command& area, Context& context) {
   add_verb<EnrollFlags>(area, "enroll",
-                        "adds faces of a person to the gallery: pictures, films or a camera",
+                        "adds faces of a person to the gallery: pictures, videos or a camera",
                         context, add_flags, enroll);
 }
 

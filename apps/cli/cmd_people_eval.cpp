@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/recognition/evaluation.h"
-#include "tarsier/recognition/same_camera.h"
+#include "tarsier/face/recognition/evaluation.h"
+#include "tarsier/face/recognition/same_camera.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 
@@ -17,10 +17,10 @@
 namespace tarsier::cli {
 namespace {
 
-using recognition::Algorithm;
-using recognition::EvaluationResult;
-using recognition::Rate;
-using recognition::SeedResult;
+using face::recognition::Algorithm;
+using face::recognition::EvaluationResult;
+using face::recognition::Rate;
+using face::recognition::SeedResult;
 
 const cv::Size kPlot{800, 560};
 
@@ -62,7 +62,7 @@ nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces
                                const std::string& background) {
   const SeedResult m = result.mean();
   const Rate identified = of_all(result.rate(&SeedResult::identified), listed.missed.size());
-  nlohmann::ordered_json line = {{"algorithm", recognition::name_of(result.algorithm)},
+  nlohmann::ordered_json line = {{"algorithm", face::recognition::name_of(result.algorithm)},
                                  {"training", result.options.training},
                                  {"seeds", result.seeds.size()},
                                  {"people", m.people},
@@ -107,7 +107,7 @@ std::string text_of(const Rate& rate) {
 std::string text_of(const EvaluationResult& result, std::size_t missed) {
   const SeedResult m = result.mean();
   std::string text =
-      fmt::format("{:<8} identified          {}\n", recognition::name_of(result.algorithm),
+      fmt::format("{:<8} identified          {}\n", face::recognition::name_of(result.algorithm),
                   text_of(of_all(result.rate(&SeedResult::identified), missed)));
   if (result.options.strangers) {
     if (m.calibrated) {
@@ -135,21 +135,22 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
 }
 
 ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
-                         const std::optional<recognition::Background>& background,
+                         const std::optional<face::recognition::Background>& background,
                          Context& context) {
   if (!background) throw UsageError("--fit-same-camera needs a background");
-  recognition::SameCameraFit fit;
+  face::recognition::SameCameraFit fit;
   try {
-    fit = recognition::fit_same_camera(listed.faces, listed.labels, flags.training, flags.seeds,
-                                       *background, *context.progress, context.stop);
+    fit =
+        face::recognition::fit_same_camera(listed.faces, listed.labels, flags.training, flags.seeds,
+                                           *background, *context.progress, context.stop);
   } catch (const std::invalid_argument& error) {
     throw InputError(flags.list, error.what());
   }
   if (context.json) {
     print_json({{"shift", rounded(fit.found.shift, 4)},
                 {"spread", rounded(fit.found.spread, 4)},
-                {"compiled_shift", recognition::kSameCameraFitted.shift},
-                {"compiled_spread", recognition::kSameCameraFitted.spread},
+                {"compiled_shift", face::recognition::kSameCameraFitted.shift},
+                {"compiled_spread", face::recognition::kSameCameraFitted.spread},
                 {"people", fit.people},
                 {"galleries", fit.galleries},
                 {"scores", fit.scores}});
@@ -160,7 +161,7 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
       "{:.3f} times as far\n  ({} scores against {} galleries of one, {} people; the program uses "
       "{:g} and {:g})\n",
       fit.found.shift, fit.found.spread, fit.scores, fit.galleries, fit.people,
-      recognition::kSameCameraFitted.shift, recognition::kSameCameraFitted.spread));
+      face::recognition::kSameCameraFitted.shift, face::recognition::kSameCameraFitted.spread));
   return ExitStatus::kDone;
 }
 
@@ -176,7 +177,7 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   std::vector<Algorithm> algorithms;
   for (const std::string& name : flags.algorithms) {
     try {
-      algorithms.push_back(recognition::parse_algorithm(name));
+      algorithms.push_back(face::recognition::parse_algorithm(name));
     } catch (const std::invalid_argument& error) {
       throw UsageError(fmt::format("--algorithm: {}", error.what()));
     }
@@ -188,17 +189,17 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   // they go without unless one is named.
   const bool named = !flags.people.background.empty();
   const bool general = std::count(algorithms.begin(), algorithms.end(), Algorithm::kDefault) > 0;
-  std::optional<recognition::Background> background;
+  std::optional<face::recognition::Background> background;
   if (named || (general && !flags.raw)) background = find_background(flags.people);
   const std::string path = background_path(flags.people);
   const cv::Size size = flags.size.empty() ? cv::Size() : parse_size(flags.size, 8, 1024);
-  std::optional<people::FaceReader> reader;
+  std::optional<face::people::FaceReader> reader;
   if (!flags.raw) reader.emplace(make_face_reader(flags.people));
   // The cut faces serve all; the classical preparation is made from them.
   const ListedFaces listed =
       read_listed_faces(flags.list, flags.raw, size, false, reader ? &*reader : nullptr, context);
   for (const std::string& picture : listed.missed) log_warning("{}: no face", picture);
-  recognition::EvaluationOptions options;
+  face::recognition::EvaluationOptions options;
   options.training = flags.training;
   options.seeds.clear();
   for (int i = 0; i < flags.seeds; ++i) options.seeds.push_back(static_cast<std::uint64_t>(i));
@@ -212,7 +213,7 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
         "background of the default recogniser: {}\n"
         "(in brackets: counts of all draws; the 95 % interval by the probes of one draw, as draws "
         "share their pictures)\n",
-        listed.faces.size(), recognition::count_people(listed.labels), printable(flags.list),
+        listed.faces.size(), face::recognition::count_people(listed.labels), printable(flags.list),
         flags.training, flags.seeds, listed.missed.size(),
         background ? printable(path)
         : flags.raw && !named
@@ -222,13 +223,13 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   for (const Algorithm algorithm : algorithms) {
     std::vector<cv::Mat> faces = listed.faces;
     if (!flags.raw && algorithm != Algorithm::kDefault)
-      for (cv::Mat& face : faces) face = people::recognizer_input(algorithm, face);
-    recognition::RecognizerOptions recognizer;
+      for (cv::Mat& face : faces) face = face::people::recognizer_input(algorithm, face);
+    face::recognition::RecognizerOptions recognizer;
     recognizer.algorithm = algorithm;
     try {
-      results.push_back(recognition::evaluate(faces, listed.labels, recognizer, options,
-                                              *context.progress, context.stop,
-                                              background ? &*background : nullptr));
+      results.push_back(face::recognition::evaluate(faces, listed.labels, recognizer, options,
+                                                    *context.progress, context.stop,
+                                                    background ? &*background : nullptr));
     } catch (const std::invalid_argument& error) {
       throw InputError(flags.list, error.what());
     }
@@ -239,13 +240,13 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
     }
   }
   if (!flags.csv.empty())
-    write_file_atomically(flags.csv, std::string_view(recognition::evaluation_csv(results)));
+    write_file_atomically(flags.csv, std::string_view(face::recognition::evaluation_csv(results)));
   if (!flags.cmc.empty())
-    write_plot(flags.cmc, recognition::match_plot(results, kPlot),
-               recognition::match_plot_svg(results, kPlot));
+    write_plot(flags.cmc, face::recognition::match_plot(results, kPlot),
+               face::recognition::match_plot_svg(results, kPlot));
   if (!flags.roc.empty())
-    write_plot(flags.roc, recognition::accept_plot(results, kPlot),
-               recognition::accept_plot_svg(results, kPlot));
+    write_plot(flags.roc, face::recognition::accept_plot(results, kPlot),
+               face::recognition::accept_plot_svg(results, kPlot));
   return ExitStatus::kDone;
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/gallery/export.h"
-#include "tarsier/plate_video/time_text.h"
+#include "tarsier/face/people/export.h"
+#include "tarsier/plate/tracking/time_text.h"
 
 #include <fmt/format.h>
 
@@ -27,7 +27,7 @@ struct GalleryFlags {
 ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
   if (!flags.keep.empty()) {
     const auto age = plate::parse_duration(flags.keep, "--keep");
-    people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+    face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
     const std::int64_t deleted = gallery.forget_sightings_before(now_ms() - age.count());
     const std::int64_t kept = gallery.sighting_count();
     if (context.json) {
@@ -38,10 +38,10 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
     return ExitStatus::kDone;
   }
   // To be written where it can be: an older gallery is brought up to date.
-  people::Gallery gallery = face::open_gallery(flags.people.gallery);
+  face::people::Gallery gallery = face::open_gallery(flags.people.gallery);
   if (flags.sightings) {
     const auto sightings = gallery.sightings(flags.limit);
-    for (const people::Sighting& s : sightings) {
+    for (const face::people::Sighting& s : sightings) {
       if (context.json) {
         print_json({{"time", time_text(s.time)},
                     {"source", s.source},
@@ -57,7 +57,7 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
     return sightings.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
   }
   const auto people = gallery.people();
-  for (const people::Person& person : people) {
+  for (const face::people::Person& person : people) {
     if (context.json) {
       print_json({{"name", person.name},
                   {"faces", person.faces},
@@ -74,7 +74,7 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
 }
 
 // Only a person at a terminal can be asked.
-bool agreed(const people::Person& person) {
+bool agreed(const face::people::Person& person) {
   if (isatty(STDIN_FILENO) == 0)
     throw UsageError("forgetting cannot be undone: say --yes where nobody can be asked");
   print_text(fmt::format("Forget '{}' with {} faces for good? [y/N] ", printable(person.name),
@@ -84,8 +84,8 @@ bool agreed(const people::Person& person) {
 }
 
 // What was removed, what was looked for and where, and what was not proven.
-std::string forget_text(const std::string& name, const people::ForgetReport& report) {
-  const people::SearchReport& search = report.search;
+std::string forget_text(const std::string& name, const face::people::ForgetReport& report) {
+  const face::people::SearchReport& search = report.search;
   std::string text = fmt::format(
       "{} is forgotten: {} faces, {} sightings{}.\nSearched {} files in {} folders, {} bytes, for "
       "{} "
@@ -115,7 +115,7 @@ std::string forget_text(const std::string& name, const people::ForgetReport& rep
 }
 
 ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
-  people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   const auto person = gallery.find(flags.name);
   if (!person) {
     log_warning("{}: nobody is enrolled as '{}'", flags.people.gallery, flags.name);
@@ -124,7 +124,7 @@ ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
   if (!flags.yes && !agreed(*person)) return ExitStatus::kNothingFound;
   const auto report = gallery.forget(flags.name, context.stop);
   if (!report) return ExitStatus::kNothingFound;
-  const people::SearchReport& search = report->search;
+  const face::people::SearchReport& search = report->search;
   if (context.json) {
     print_json({{"name", flags.name},
                 {"faces", report->person.faces},
@@ -165,8 +165,8 @@ ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
 }
 
 ExitStatus export_people(const GalleryFlags& flags, Context& context) {
-  people::Gallery gallery = face::open_gallery(flags.people.gallery);
-  const auto report = people::export_gallery(gallery, flags.output, time_text, context.stop);
+  face::people::Gallery gallery = face::open_gallery(flags.people.gallery);
+  const auto report = face::people::export_gallery(gallery, flags.output, time_text, context.stop);
   if (context.json) {
     print_json({{"output", flags.output}, {"people", report.people}, {"faces", report.faces}});
   } else {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/gallery/retention.h"
-#include "tarsier/io/still_source.h"
-#include "tarsier/plate_video/time_text.h"
+#include "tarsier/face/people/retention.h"
+#include "tarsier/media/still_source.h"
+#include "tarsier/plate/tracking/time_text.h"
 #include "tarsier/session/recognize_session.h"
 
 #include <fmt/format.h>
@@ -31,22 +31,22 @@ struct IdentifyFlags {
   std::string keep;
 };
 
-// Tells each new recognition once: of stills every known face, of films a face when it is first
+// Tells each new recognition once: of stills every known face, of videos a face when it is first
 // known, or known as somebody else.
 class Events {
  public:
   Events(const IdentifyFlags& flags, OnEvent& on_event) : flags_(flags), on_event_(on_event) {}
 
   void frame(const Frame& frame, const std::vector<face::NamedFace>& faces,
-             people::Gallery* gallery) {
+             face::people::Gallery* gallery) {
     const std::string source = source_of(frame);
     if (frame.still || source != source_) told_.clear();
     source_ = source;
     for (const face::NamedFace& face : faces) {
       if (face.name.label.empty()) continue;
-      const bool film = !frame.still && face.face.id > 0;
+      const bool video = !frame.still && face.face.id > 0;
       const std::string what = (face.name.known ? "+" : "-") + face.name.label;
-      if (film) {
+      if (video) {
         Told& told = told_[face.face.id];
         told.time = frame.time;
         if (std::exchange(told.what, what) == what) continue;
@@ -105,8 +105,8 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   const face::Identifier identifier = load_identifier(options);
   face::IdentifierState state = identifier.open(*context.progress, context.stop);
   if (state.recognizer() == nullptr) log_info("{}: nobody is enrolled", flags.people.gallery);
-  people::Gallery* const gallery = state.gallery();
-  std::optional<people::SightingRetention> retention;
+  face::people::Gallery* const gallery = state.gallery();
+  std::optional<face::people::SightingRetention> retention;
   if (keep) retention.emplace(*gallery, keep->count());
   DebugFolder debug(context.debug_dir);
   RecognizeSession session(identifier, std::move(state), debug.sink());
@@ -160,7 +160,7 @@ void add_flags(Command& verb, IdentifyFlags& flags) {
 void add_people_identify(Command& area, Context& context) {
   add_debug_flag(
       add_verb<IdentifyFlags>(area, "identify",
-                              "names the faces in pictures, films and cameras, or says unknown",
+                              "names the faces in pictures, videos and cameras, or says unknown",
                               context, add_flags, identify_faces),
       context);
 }

@@ -21,15 +21,16 @@ struct LiveFlags {
 };
 
 ExitStatus live(LiveFlags& flags, Context& context) {
-  people::Gallery gallery(flags.people.gallery, DatabaseAccess::kCreate);
+  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kCreate);
   if (!flags.algorithm.empty()) {
     try {
-      gallery.set_algorithm(recognition::name_of(recognition::parse_algorithm(flags.algorithm)));
+      gallery.set_algorithm(
+          face::recognition::name_of(face::recognition::parse_algorithm(flags.algorithm)));
     } catch (const std::invalid_argument& error) {
       throw UsageError(fmt::format("--algorithm: {}", error.what()));
     }
   }
-  const std::optional<recognition::Background> background = find_background(flags.people);
+  const std::optional<face::recognition::Background> background = find_background(flags.people);
   // What is due in a gallery that is there already is learned before the window opens.
   try {
     (void)load_model(gallery, background ? &*background : nullptr, context);
@@ -64,16 +65,16 @@ void add_flags(Command& verb, LiveFlags& flags) {
       .delimiter(',');
   verb.add_option("--note", flags.session.note, "of consent, for those who are added");
   verb.add_option("--algorithm", flags.algorithm, "default, eigen, fisher or lbph");
-  verb.add_option("--faces", flags.session.most_faces,
+  verb.add_option("--faces", flags.session.max_faces,
                   "faces collected of a person at a time, at most")
       .show_default();
   verb.add_option("--far", flags.session.false_accepts,
                   "share of strangers who may be taken for somebody")
       .show_default();
-  verb.add_option("--least-seconds", flags.session.collect.least_seconds,
+  verb.add_option("--min-seconds", flags.session.collect.min_seconds,
                   "s between two faces that are taken")
       .show_default();
-  verb.add_option("--least-difference", flags.session.collect.least_difference,
+  verb.add_option("--min-difference", flags.session.collect.min_difference,
                   "from the face that was taken last")
       .show_default();
   add_face_flags(verb, flags.people);

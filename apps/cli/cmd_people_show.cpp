@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/draw/tile.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/image/draw/tile.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -16,8 +16,8 @@
 namespace tarsier::cli {
 namespace {
 
-using recognition::Algorithm;
-using recognition::Recognizer;
+using face::recognition::Algorithm;
+using face::recognition::Recognizer;
 
 struct ShowFlags {
   PeopleFlags people;
@@ -40,7 +40,7 @@ void describe(const Recognizer& model, const Context& context) {
   const double total = model.importance.size() > 0 ? model.importance.sum() : 0;
   if (context.json) {
     std::vector<double> values(model.importance.data(), model.importance.data() + shown);
-    print_json({{"algorithm", recognition::name_of(model.options.algorithm)},
+    print_json({{"algorithm", face::recognition::name_of(model.options.algorithm)},
                 {"people", model.labels.size()},
                 {"templates", model.templates.rows()},
                 {"template_length", model.template_length()},
@@ -50,10 +50,11 @@ void describe(const Recognizer& model, const Context& context) {
                 {"calibrated", model.calibration.has_value()}});
     return;
   }
-  std::string text = fmt::format("{}: {} people, {} templates of {} numbers, faces of {}x{}\n",
-                                 recognition::name_of(model.options.algorithm), model.labels.size(),
-                                 model.templates.rows(), model.template_length(),
-                                 model.options.size.width, model.options.size.height);
+  std::string text =
+      fmt::format("{}: {} people, {} templates of {} numbers, faces of {}x{}\n",
+                  face::recognition::name_of(model.options.algorithm), model.labels.size(),
+                  model.templates.rows(), model.template_length(), model.options.size.width,
+                  model.options.size.height);
   const char* what = model.options.algorithm == Algorithm::kEigen ? "eigenvalues (share of all)"
                      : model.options.algorithm == Algorithm::kFisher
                          ? "scatter between / within people"
@@ -80,15 +81,15 @@ void describe(const Recognizer& model, const Context& context) {
 
 // The face, what the model makes of it, whom it resembles and by what.
 void add_face(NamedPictures& pictures, const Recognizer& model, const cv::Mat& input,
-              people::Gallery* gallery, const Context& context) {
+              face::people::Gallery* gallery, const Context& context) {
   pictures.add("face", input);
   if (has_pictures(model)) {
-    const double error = recognition::reconstruction_error(model, input);
+    const double error = face::recognition::reconstruction_error(model, input);
     pictures.add(fmt::format("reconstructed, error {:.2f}", error),
-                 recognition::reconstruction(model, input));
+                 face::recognition::reconstruction(model, input));
   }
-  const auto scores = recognition::identify(model, input);
-  std::vector<people::FaceRef> stored;  // in the order of the templates
+  const auto scores = face::recognition::identify(model, input);
+  std::vector<face::people::FaceRef> stored;  // in the order of the templates
   if (gallery != nullptr) stored = gallery->face_refs();
   int listed = 0;
   for (const auto& one : scores) {
@@ -104,7 +105,7 @@ void add_face(NamedPictures& pictures, const Recognizer& model, const cv::Mat& i
     if (static_cast<std::size_t>(one.nearest) >= stored.size()) continue;
     if (const auto face = gallery->face(stored[static_cast<std::size_t>(one.nearest)].id))
       pictures.add(fmt::format("nearest: {}", name),
-                   people::recognizer_input(model.options.algorithm, face->crop));
+                   face::people::recognizer_input(model.options.algorithm, face->crop));
   }
   if (!scores.empty()) {
     pictures.add(
@@ -118,7 +119,7 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
   const cv::Size size = parse_size(flags.size, 100, 4000);
   NamedPictures pictures;
   if (!flags.stages.empty()) {
-    people::FaceReader reader = make_face_reader(flags.people);
+    face::people::FaceReader reader = make_face_reader(flags.people);
     pictures = face_stages(reader, read_gray_image(flags.stages));
     if (pictures.images.empty()) {
       log_warning("{}: no face", flags.stages);
@@ -126,11 +127,11 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
     }
   } else {
     std::optional<Recognizer> model;
-    std::unique_ptr<people::Gallery> gallery;
+    std::unique_ptr<face::people::Gallery> gallery;
     if (!flags.model.empty()) {
-      model = recognition::read_recognizer(flags.model);
+      model = face::recognition::read_recognizer(flags.model);
     } else {
-      gallery = std::make_unique<people::Gallery>(face::open_gallery(flags.people.gallery));
+      gallery = std::make_unique<face::people::Gallery>(face::open_gallery(flags.people.gallery));
       model = model_of_gallery(*gallery, flags.people, context);
       if (!model) {
         log_warning("{}: nobody is enrolled", flags.people.gallery);
@@ -139,29 +140,29 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
     }
     describe(*model, context);
     if (has_pictures(*model)) {
-      pictures.add("mean face", recognition::mean_face(*model));
+      pictures.add("mean face", face::recognition::mean_face(*model));
       const int count = std::min(flags.components, static_cast<int>(model->components.rows()));
       for (int i = 0; i < count; ++i)
         pictures.add(
             fmt::format("{} {}", i + 1,
                         model->options.algorithm == Algorithm::kEigen ? "eigenface" : "fisherface"),
-            recognition::component_picture(*model, i));
+            face::recognition::component_picture(*model, i));
     }
     if (!flags.face.empty()) {
       cv::Mat input = read_gray_image(flags.face);
       if (!flags.raw) {
-        people::FaceReader reader = make_face_reader(flags.people);
+        face::people::FaceReader reader = make_face_reader(flags.people);
         const auto faces = reader.read(input);
         if (faces.empty()) {
           log_warning("{}: no face", flags.face);
           return ExitStatus::kNothingFound;
         }
-        input = people::recognizer_input(model->options.algorithm, faces.front().crop);
+        input = face::people::recognizer_input(model->options.algorithm, faces.front().crop);
       }
       add_face(pictures, *model, input, gallery.get(), context);
     }
     if (pictures.images.empty() && gallery != nullptr)
-      for (const people::Person& person : gallery->people())
+      for (const face::people::Person& person : gallery->people())
         if (const auto face = gallery->latest_face(person.id))
           pictures.add(printable(person.name), face->crop);
   }
@@ -173,7 +174,7 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
     log_warning("this model has no pictures of its own; --face PICTURE shows what it sees");
     return ExitStatus::kNothingFound;
   }
-  write_image(flags.output, draw::tile(pictures.images, pictures.names, size));
+  write_image(flags.output, image::draw::tile(pictures.images, pictures.names, size));
   return ExitStatus::kDone;
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/recognition/background.h"
-#include "tarsier/recognition/training.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/training.h"
 
 #include <fmt/format.h>
 
@@ -27,27 +27,29 @@ struct TrainFlags {
   std::string output;
 };
 
-recognition::Algorithm algorithm_of(const std::string& name) {
+face::recognition::Algorithm algorithm_of(const std::string& name) {
   try {
-    return recognition::parse_algorithm(name);
+    return face::recognition::parse_algorithm(name);
   } catch (const std::invalid_argument& error) {
     throw UsageError(fmt::format("--algorithm: {}", error.what()));
   }
 }
 
 // Of very many faces an even choice.
-std::int64_t learned_from(const recognition::Recognizer& model) {
-  return std::min<std::int64_t>(model.templates.rows(), recognition::kMaxLearnedFaces);
+std::int64_t learned_from(const face::recognition::Recognizer& model) {
+  return std::min<std::int64_t>(model.templates.rows(), face::recognition::kMaxLearnedFaces);
 }
 
-void tell(const recognition::Recognizer& model, const Context& context, const std::string& where) {
+void tell(const face::recognition::Recognizer& model, const Context& context,
+          const std::string& where) {
   const auto& calibration = model.calibration;
   if (context.json) {
-    nlohmann::ordered_json line = {{"algorithm", recognition::name_of(model.options.algorithm)},
-                                   {"people", model.labels.size()},
-                                   {"faces", model.templates.rows()},
-                                   {"learned_from", learned_from(model)},
-                                   {"calibrated", calibration.has_value()}};
+    nlohmann::ordered_json line = {
+        {"algorithm", face::recognition::name_of(model.options.algorithm)},
+        {"people", model.labels.size()},
+        {"faces", model.templates.rows()},
+        {"learned_from", learned_from(model)},
+        {"calibrated", calibration.has_value()}};
     if (calibration) {
       line["strangers"] = {{"scores", calibration->stranger_scores},
                            {"people", calibration->stranger_people}};
@@ -59,9 +61,10 @@ void tell(const recognition::Recognizer& model, const Context& context, const st
     print_json(line);
     return;
   }
-  std::string text = fmt::format("{}: {} people, {} faces, learned from {} -> {}\n",
-                                 recognition::name_of(model.options.algorithm), model.labels.size(),
-                                 model.templates.rows(), learned_from(model), printable(where));
+  std::string text =
+      fmt::format("{}: {} people, {} faces, learned from {} -> {}\n",
+                  face::recognition::name_of(model.options.algorithm), model.labels.size(),
+                  model.templates.rows(), learned_from(model), printable(where));
   if (calibration) {
     text += fmt::format(
         "  score for 1 false accept in 100: {:.3f}; from {} scores of {} left-out people as "
@@ -78,21 +81,21 @@ void tell(const recognition::Recognizer& model, const Context& context, const st
 }
 
 ExitStatus train_background(const TrainFlags& flags, Context& context) {
-  people::FaceReader reader = make_face_reader(flags.people);
+  face::people::FaceReader reader = make_face_reader(flags.people);
   const ListedFaces listed =
       read_listed_faces(flags.background_list, flags.raw, {}, false, &reader, context);
-  recognition::BackgroundOptions options;
+  face::recognition::BackgroundOptions options;
   options.seed = context.seed;
-  recognition::Background background;
+  face::recognition::Background background;
   try {
     background =
-        recognition::learn_background(listed.faces, options, *context.progress, context.stop);
+        face::recognition::learn_background(listed.faces, options, *context.progress, context.stop);
   } catch (const std::invalid_argument& error) {
     throw InputError(flags.background_list, error.what());
   }
   const std::filesystem::path input =
       std::filesystem::path(flags.background_list).lexically_normal();
-  recognition::write_background(
+  face::recognition::write_background(
       flags.output, background,
       {{"program", fmt::format("tarsier {}", version())},
        {"seed", context.seed},
@@ -113,45 +116,45 @@ ExitStatus train_background(const TrainFlags& flags, Context& context) {
 }
 
 ExitStatus train_list(const TrainFlags& flags, Context& context) {
-  recognition::RecognizerOptions options;
+  face::recognition::RecognizerOptions options;
   if (!flags.algorithm.empty()) options.algorithm = algorithm_of(flags.algorithm);
-  const bool classical = options.algorithm != recognition::Algorithm::kDefault;
-  std::optional<people::FaceReader> reader;
+  const bool classical = options.algorithm != face::recognition::Algorithm::kDefault;
+  std::optional<face::people::FaceReader> reader;
   if (!flags.raw) reader.emplace(make_face_reader(flags.people));
   const cv::Size size = flags.size.empty() ? cv::Size() : parse_size(flags.size, 8, 1024);
   const ListedFaces listed = read_listed_faces(flags.list, flags.raw, size, classical,
                                                reader ? &*reader : nullptr, context);
   for (const std::string& path : listed.missed) log_warning("{}: no face", path);
-  std::optional<recognition::Background> background;
+  std::optional<face::recognition::Background> background;
   if (!flags.raw && !classical) background = find_background(flags.people);
-  recognition::Recognizer model;
+  face::recognition::Recognizer model;
   try {
-    model = recognition::train(listed.faces, listed.labels, options, *context.progress,
-                               context.stop, background ? &*background : nullptr);
+    model = face::recognition::train(listed.faces, listed.labels, options, *context.progress,
+                                     context.stop, background ? &*background : nullptr);
   } catch (const std::invalid_argument& error) {
     throw InputError(flags.list, error.what());
   }
-  recognition::write_recognizer(flags.output, model,
-                                {{"program", fmt::format("tarsier {}", version())},
-                                 {"raw", flags.raw},
-                                 {"faces", listed.faces.size()}});
+  face::recognition::write_recognizer(flags.output, model,
+                                      {{"program", fmt::format("tarsier {}", version())},
+                                       {"raw", flags.raw},
+                                       {"faces", listed.faces.size()}});
   tell(model, context, flags.output);
   return ExitStatus::kDone;
 }
 
 ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
-  people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   if (!flags.algorithm.empty()) {
-    gallery.set_algorithm(recognition::name_of(algorithm_of(flags.algorithm)));
+    gallery.set_algorithm(face::recognition::name_of(algorithm_of(flags.algorithm)));
   }
-  const auto model = model_of_gallery(gallery, flags.people, context, people::Learn::kNow);
+  const auto model = model_of_gallery(gallery, flags.people, context, face::people::Learn::kNow);
   if (!model) {
     log_info("{}: nobody is enrolled", flags.people.gallery);
     return ExitStatus::kNothingFound;
   }
   if (!flags.output.empty()) {
-    recognition::write_recognizer(flags.output, *model,
-                                  {{"program", fmt::format("tarsier {}", version())}});
+    face::recognition::write_recognizer(flags.output, *model,
+                                        {{"program", fmt::format("tarsier {}", version())}});
   }
   tell(*model, context, flags.output.empty() ? flags.people.gallery : flags.output);
   return ExitStatus::kDone;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/frame_source.h"
+#include "tarsier/media/frame_source.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -30,12 +30,12 @@ struct Verdict {
 };
 
 // Against the claimed person only: a stranger has one chance, not one with everybody.
-Verdict verdict_of(const recognition::Recognizer& model, const people::Face& face,
+Verdict verdict_of(const face::recognition::Recognizer& model, const face::people::Face& face,
                    const std::string& name, double rate) {
   Verdict out;
-  const auto features =
-      recognition::template_of(model, people::recognizer_input(model.options.algorithm, face.crop));
-  for (const auto& person : recognition::identify_template(model, features)) {
+  const auto features = face::recognition::template_of(
+      model, face::people::recognizer_input(model.options.algorithm, face.crop));
+  for (const auto& person : face::recognition::identify_template(model, features)) {
     if (model.labels[static_cast<std::size_t>(person.person)] != name) continue;
     out.score = person.score;
     if (!model.calibration) break;
@@ -47,7 +47,7 @@ Verdict verdict_of(const recognition::Recognizer& model, const people::Face& fac
 }
 
 ExitStatus verify(const VerifyFlags& flags, Context& context) {
-  people::Gallery gallery = face::open_gallery(flags.people.gallery);
+  face::people::Gallery gallery = face::open_gallery(flags.people.gallery);
   if (!gallery.find(flags.name)) {
     throw InputError(flags.people.gallery,
                      fmt::format("nobody is enrolled as '{}'", printable(flags.name)));
@@ -58,7 +58,7 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
     throw InputError(flags.people.gallery,
                      fmt::format("'{}' has no faces yet", printable(flags.name)));
   }
-  people::FaceReader reader = make_face_reader(flags.people);
+  face::people::FaceReader reader = make_face_reader(flags.people);
   bool all = true;
   bool any = false;
   const auto source = open_sources(flags.inputs);
@@ -70,7 +70,8 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
     cv::cvtColor(frame->image, gray, cv::COLOR_BGR2GRAY);
     const auto faces = reader.read(gray);
     std::optional<Verdict> verdict;
-    for (const people::Face& face : faces) {  // of several the one that is most like the person
+    for (const face::people::Face& face :
+         faces) {  // of several the one that is most like the person
       const Verdict one = verdict_of(*model, face, flags.name, flags.rate);
       if (!verdict || one.score > verdict->score) verdict = one;
     }

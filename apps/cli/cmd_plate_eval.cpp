@@ -4,9 +4,9 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/frame_source.h"
-#include "tarsier/plate_text/csv.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/plate/text/csv.h"
 
 #include <fmt/format.h>
 

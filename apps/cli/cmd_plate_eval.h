@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/io/frame.h"
-#include "tarsier/plate_text/evaluation.h"
+#include "tarsier/media/frame.h"
+#include "tarsier/plate/text/evaluation.h"
 
 #include "cli.h"
 #include <functional>

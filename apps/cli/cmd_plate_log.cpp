@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/plate_text/text.h"
-#include "tarsier/plate_video/log.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/plate/text/text.h"
+#include "tarsier/plate/tracking/log.h"
 
 #include <fmt/format.h>
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/io/still_source.h"
-#include "tarsier/plate_reader/video_reader.h"
-#include "tarsier/plate_video/recorder.h"
-#include "tarsier/plate_video/source_clock.h"
+#include "tarsier/media/still_source.h"
+#include "tarsier/plate/reader/video_reader.h"
+#include "tarsier/plate/tracking/recorder.h"
+#include "tarsier/plate/tracking/source_clock.h"
 #include "tarsier/session/plate_session.h"
 #include "tarsier/synth/sources.h"
 
@@ -75,7 +75,7 @@ plate::SourceTimes times_of(const std::string& name, const ReadFlags& flags) {
   if (!flags.start.empty()) start = plate::parse_moment(flags.start, now, false, "--start");
   constexpr std::string_view kDrawn = "synth:";
   if (name.starts_with(kDrawn)) {
-    const auto drawn = open_synth_source(name.substr(kDrawn.size()), flags.run.source);
+    const auto drawn = synth::open_synth_source(name.substr(kDrawn.size()), flags.run.source);
     if (drawn->is_live()) return {};
     // As if its recording had ended just now: not in the future, however fast it is read.
     if (!start) start = plate::recording_start(now, length_of(*drawn), now);
@@ -236,27 +236,27 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
 void add_flags(Command& verb, ReadFlags& flags) {
   add_run_flags(verb, flags.run);
   add_plate_flags(verb, flags.plate);
-  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
-  film(verb.add_option("--roi", flags.region,
-                       "only plates whose centre is in x,y,w,h or a polygon 'x,y x,y x,y'; px, or "
-                       "shares of the picture where no number is above 1"));
-  film(verb.add_flag("--events", flags.events_only, "JSON: only events, no line for each frame"));
-  film(verb.add_option("--lost-after", flags.tracker.lost_after,
-                       "s without a reading after which a vehicle is out of sight")
-           .show_default());
-  film(verb.add_option("--return-within", flags.tracker.return_within,
-                       "s in which the same text is the same vehicle, come back")
-           .show_default());
-  film(verb.add_option("--parked-return-within", flags.tracker.parked_return_within,
-                       "s, the same of one that stood still")
-           .show_default());
-  film(verb.add_option("--least-readings", flags.tracker.least_readings,
-                       "frames in which a vehicle must be read")
-           .show_default());
-  film(verb.add_flag("--words", flags.tracker.words,
-                     "texts without a digit are vehicles too (a few plates; many signs)"));
-  film(verb.add_option("--log", flags.log, "SQLite file that every vehicle is written to"));
-  film(
+  const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
+  video(verb.add_option("--roi", flags.region,
+                        "only plates whose centre is in x,y,w,h or a polygon 'x,y x,y x,y'; px, or "
+                        "shares of the picture where no number is above 1"));
+  video(verb.add_flag("--events", flags.events_only, "JSON: only events, no line for each frame"));
+  video(verb.add_option("--lost-after", flags.tracker.lost_after,
+                        "s without a reading after which a vehicle is out of sight")
+            .show_default());
+  video(verb.add_option("--return-within", flags.tracker.return_within,
+                        "s in which the same text is the same vehicle, come back")
+            .show_default());
+  video(verb.add_option("--parked-return-within", flags.tracker.parked_return_within,
+                        "s, the same of one that stood still")
+            .show_default());
+  video(verb.add_option("--min-readings", flags.tracker.min_readings,
+                        "frames in which a vehicle must be read")
+            .show_default());
+  video(verb.add_flag("--words", flags.tracker.words,
+                      "texts without a digit are vehicles too (a few plates; many signs)"));
+  video(verb.add_option("--log", flags.log, "SQLite file that every vehicle is written to"));
+  video(
       verb.add_option("--start", flags.start,
                       "when a video file begins: 2024-05-01T12:30 (UTC) [when it was last written, "
                       "less its length]"));
@@ -267,8 +267,8 @@ void add_flags(Command& verb, ReadFlags& flags) {
 
 void add_plate_read(Command& plate, Context& context) {
   add_debug_flag(
-      add_verb<ReadFlags>(plate, "read", "reads the plates of pictures, films and cameras", context,
-                          add_flags, run_read),
+      add_verb<ReadFlags>(plate, "read", "reads the plates of pictures, videos and cameras",
+                          context, add_flags, run_read),
       context);
 }
 

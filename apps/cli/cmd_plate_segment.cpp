@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/draw/tile.h"
-#include "tarsier/io/frame_source.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/io/model_store.h"
-#include "tarsier/plate_classic/classic.h"
+#include "tarsier/image/draw/tile.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/model_store.h"
+#include "tarsier/plate/classic/classic.h"
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
@@ -21,7 +21,7 @@ namespace tarsier::cli {
 namespace {
 
 namespace fs = std::filesystem;
-constexpr std::size_t kMostOnSheet = 200;
+constexpr std::size_t kMaxOnSheet = 200;
 
 struct SegmentFlags {
   std::vector<std::string> inputs;
@@ -57,7 +57,7 @@ struct Writer {
     const std::string path = (folder / name).string();
     write_image(path, picture);
     ++saved;
-    if (sheet.size() < kMostOnSheet) {
+    if (sheet.size() < kMaxOnSheet) {
       sheet.push_back(picture);
       labels.push_back(folder.filename().string());
     }
@@ -97,7 +97,7 @@ struct Writer {
 ExitStatus run_segment(const SegmentFlags& flags, Context& context) {
   const auto model = plate::read_classic_model(shipped(flags.detector, "plate-svm.json"),
                                                shipped(flags.reader, "plate-hog.json"));
-  const auto source = open_sources(flags.inputs, {}, {synth_scheme()});
+  const auto source = open_sources(flags.inputs, {}, {synth::synth_scheme()});
   make_folder(flags.output);
   plate::ClassicOptions options;
   options.seed = context.seed;
@@ -113,7 +113,7 @@ ExitStatus run_segment(const SegmentFlags& flags, Context& context) {
   context.progress->end();
   if (writer.saved == 0) return ExitStatus::kNothingFound;
   write_image((fs::path(flags.output) / "sheet.png").string(),
-              draw::tile(writer.sheet, writer.labels, {1600, 1200}));
+              image::draw::tile(writer.sheet, writer.labels, {1600, 1200}));
   if (!context.json)
     log_info("{}: {} pictures, the first {} on sheet.png", flags.output, writer.saved,
              writer.sheet.size());
@@ -121,7 +121,7 @@ ExitStatus run_segment(const SegmentFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, SegmentFlags& flags) {
-  verb.add_option("INPUT", flags.inputs, "pictures, folders, globs, films")
+  verb.add_option("INPUT", flags.inputs, "pictures, folders, globs, videos")
       .required()
       .type_name("");
   verb.add_option("-o,--output", flags.output, "folder").required();

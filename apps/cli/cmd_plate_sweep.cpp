@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/draw/plot.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/plate_classic/study.h"
+#include "tarsier/image/draw/plot.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/plate/classic/study.h"
 
 #include <fmt/format.h>
 
@@ -23,8 +23,8 @@ struct SweepFlags {
   plate::StudyOptions options;
 };
 
-draw::Plot plot_of(const std::vector<plate::StudyCell>& cells) {
-  draw::Plot plot;
+image::draw::Plot plot_of(const std::vector<plate::StudyCell>& cells) {
+  image::draw::Plot plot;
   plot.title = "Error of the reader";
   plot.x.label = "hidden neurons";
   plot.y.label = "error of unseen characters (%)";
@@ -34,7 +34,7 @@ draw::Plot plot_of(const std::vector<plate::StudyCell>& cells) {
       plot.series.emplace_back();
       plot.series.back().name = name;
     }
-    draw::Series& series = plot.series.back();
+    image::draw::Series& series = plot.series.back();
     series.x.push_back(cell.neurons);
     series.y.push_back(100 * cell.mean());
     series.low.push_back(100 * (cell.mean() - cell.deviation()));
@@ -44,12 +44,12 @@ draw::Plot plot_of(const std::vector<plate::StudyCell>& cells) {
   return plot;
 }
 
-void write_plot(const std::string& path, const draw::Plot& plot) {
+void write_plot(const std::string& path, const image::draw::Plot& plot) {
   const bool svg = path.size() > 4 && path.substr(path.size() - 4) == ".svg";
   if (svg)
-    write_file_atomically(path, draw::plot_svg(plot));
+    write_file_atomically(path, image::draw::plot_svg(plot));
   else
-    write_image(path, draw::plot_image(plot));
+    write_image(path, image::draw::plot_image(plot));
 }
 
 ExitStatus run_sweep(SweepFlags& flags, Context& context) {

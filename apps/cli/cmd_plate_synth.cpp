@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/stop.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/synth/glyphs.h"
 #include "tarsier/synth/noise.h"
 #include "tarsier/synth/street.h"
@@ -70,7 +70,8 @@ ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
   for (int i = 0; i < flags.count; ++i) {
     throw_if_stopped(context.stop);
     synth::StreetPicture street = synth::render_car(options, static_cast<std::uint64_t>(i));
-    add_noise(street.image, flags.noise, context.seed * 7919 + static_cast<std::uint64_t>(i));
+    synth::add_noise(street.image, flags.noise,
+                     context.seed * 7919 + static_cast<std::uint64_t>(i));
     const std::string name = fmt::format("car-{:05}.jpg", i);
     write_image((folder / "images" / name).string(), street.image, 92);
     nlohmann::ordered_json line{{"image", name}, {"plates", nlohmann::ordered_json::array()}};

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/io/model_store.h"
-#include "tarsier/plate/recognizer.h"
-#include "tarsier/plate/training.h"
-#include "tarsier/plate_text/country.h"
+#include "tarsier/media/model_store.h"
+#include "tarsier/plate/networks/recognizer.h"
+#include "tarsier/plate/text/country.h"
+#include "tarsier/plate/train/training.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -98,7 +98,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   flags.options.seed = context.seed;
   flags.options.check();
   if (flags.scenes.empty())
-    throw UsageError("--scenes: photographs that the drawn plates are set into are needed");
+    throw UsageError("--scenes: images that the drawn plates are set into are needed");
   const ModelStore models = ModelStore::find();
   plate::DetectorModel detector_model;
   if (flags.calibration > 0) {
@@ -168,7 +168,7 @@ void add_reader_flags(Command& verb, TrainFlags& flags) {
                   "OCR.xml, or a folder with one folder a class")
       .type_name("");
   add_shared(verb, flags);
-  verb.add_option("--scenes", flags.scenes, "folders of photographs behind the drawn plates")
+  verb.add_option("--scenes", flags.scenes, "folders of images behind the drawn plates")
       .type_name("");
   verb.add_option("--detector", flags.detector,
                   "model whose corners the confidence is fitted with; default: what ships");
@@ -187,8 +187,8 @@ void add_reader_flags(Command& verb, TrainFlags& flags) {
 
 void add_plate_train(Command& plate, Context& context) {
   add_verb<TrainFlags>(plate, "train-detector",
-                       "learns to find plates: from photographs with boxes and drawn plates",
-                       context, add_detector_flags, train_detector);
+                       "learns to find plates: from images with boxes and drawn plates", context,
+                       add_detector_flags, train_detector);
   add_verb<TrainFlags>(plate, "train-reader",
                        "learns to read characters: from labelled plates and drawn ones", context,
                        add_reader_flags, train_reader);

@@ -2,8 +2,8 @@
 #include "cmd_plate_train_classic.h"
 
 #include "tarsier/core/log.h"
-#include "tarsier/plate_classic/character_reader.h"
-#include "tarsier/plate_classic/plate_svm.h"
+#include "tarsier/plate/classic/character_reader.h"
+#include "tarsier/plate/classic/plate_svm.h"
 
 #include <fmt/format.h>
 

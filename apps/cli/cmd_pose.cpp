@@ -3,9 +3,9 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/face/head/point_file.h"
+#include "tarsier/face/head/train_head.h"
 #include "tarsier/geometry/camera_file.h"
-#include "tarsier/head/point_file.h"
-#include "tarsier/head/train_head.h"
 
 #include <fmt/format.h>
 
@@ -48,8 +48,8 @@ void add_pose_flags(Command& verb, PoseFlags& flags) {
                   "if it is there]");
 }
 
-head::HeadModel read_head(const std::string& path) {
-  return head::read_head_model(ModelStore::find().path_or(path, "head.json"));
+face::head::HeadModel read_head(const std::string& path) {
+  return face::head::read_head_model(ModelStore::find().path_or(path, "head.json"));
 }
 
 geometry::Camera camera_of(const std::string& text) {
@@ -81,18 +81,18 @@ face::PoseModels load_pose_models(const face::PoseTrackerOptions& options) {
   return face::load_pose_models(ModelStore::find(), options);
 }
 
-HeadComparison compare_head(const head::HeadModel& head, const std::string& path) {
-  const Eigen::Matrix3Xd truth = head::read_landmarks3d(path);
+HeadComparison compare_head(const face::head::HeadModel& head, const std::string& path) {
+  const Eigen::Matrix3Xd truth = face::head::read_landmarks3d(path);
   if (truth.cols() != head.points()) {
     throw InputError(path, fmt::format("has {} points, the head {}", truth.cols(), head.points()));
   }
   // In the head's mm: the truth may be in cm.
   HeadComparison comparison;
-  comparison.all_mm = head::aligned_error(truth, head.mean);
+  comparison.all_mm = face::head::aligned_error(truth, head.mean);
   if (head.points() == 68) {
     std::vector<int> inner(51);
     std::iota(inner.begin(), inner.end(), 17);
-    comparison.inner_mm = head::aligned_error(truth, head.mean, inner);
+    comparison.inner_mm = face::head::aligned_error(truth, head.mean, inner);
   }
   return comparison;
 }

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/face_pipelines/pose_tracker.h"
-#include "tarsier/head/evaluation.h"
-#include "tarsier/head/head_model.h"
+#include "tarsier/face/head/evaluation.h"
+#include "tarsier/face/head/head_model.h"
+#include "tarsier/face/pipelines/pose_tracker.h"
 
 #include "cli.h"
 #include "landmark_engine.h"
@@ -38,17 +38,18 @@ void add_pose_flags(Command& verb, PoseFlags& flags);
 // With the models that ship. Throws as face::load_pose_models(), Interrupted.
 [[nodiscard]] face::PoseModels load_pose_models(const face::PoseTrackerOptions& options);
 
-[[nodiscard]] head::HeadModel read_head(const std::string& path);  // empty: the one that ships
+[[nodiscard]] face::head::HeadModel read_head(
+    const std::string& path);  // empty: the one that ships
 // Pictures of a folder of Pointing'04 (and below it) whose names tell |pan| <= 45 and |tilt| <= 30
 // degrees, in order. Throws InputError where there are none.
-[[nodiscard]] std::vector<std::pair<std::string, head::PointingName>> pointing_pictures(
+[[nodiscard]] std::vector<std::pair<std::string, face::head::PointingName>> pointing_pictures(
     const std::string& folder);
 // The first face with a pose whose box has its middle inside the annotated head's.
 [[nodiscard]] const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& faces,
                                                       const std::string& picture, cv::Size size);
 // The picture of a truth's line, from the current folder or from that of the file.
 [[nodiscard]] std::string picture_of_truth(const std::string& truth, const std::string& image);
-void print_pointing(const head::PointingScore& score, const Context& context,
+void print_pointing(const face::head::PointingScore& score, const Context& context,
                     const std::string& title);
 
 // A file, or "fx,fy,cx,cy[,..]".
@@ -61,6 +62,7 @@ struct HeadComparison {
   double inner_mm = 0;  // points 17..67 of the 68; 0 for other markups
 };
 // Throws InputError where the numbers of points differ.
-[[nodiscard]] HeadComparison compare_head(const head::HeadModel& head, const std::string& path);
+[[nodiscard]] HeadComparison compare_head(const face::head::HeadModel& head,
+                                          const std::string& path);
 
 }  // namespace tarsier::cli

@@ -2,9 +2,9 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/head/evaluation.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/face/head/evaluation.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -37,7 +37,7 @@ struct EvalFlags {
 struct Finder {
   face::PoseTracker tracker;
   face::PoseState state;
-  landmarks::FaceFinder faces_only;
+  face::landmarks::FaceFinder faces_only;
   std::string lines;  // what was found, as `pose track --json` writes it
 
   explicit Finder(const face::PoseTrackerOptions& options)
@@ -59,20 +59,20 @@ struct Finder {
 
 // --- Pointing'04 ---
 
-head::PointingOutcome judge(Finder& finder, const std::string& path,
-                            const head::PointingName& truth) {
-  head::PointingOutcome outcome;
+face::head::PointingOutcome judge(Finder& finder, const std::string& path,
+                                  const face::head::PointingName& truth) {
+  face::head::PointingOutcome outcome;
   outcome.image = path;
   outcome.truth = truth;
   const cv::Mat image = read_image(path);
   const cv::Rect2d head_box =
-      head::pointing_box(path).value_or(cv::Rect2d(0, 0, image.cols, image.rows));
+      face::head::pointing_box(path).value_or(cv::Rect2d(0, 0, image.cols, image.rows));
   const std::vector<face::PosedFace> faces = finder.faces(path, image);
   if (const face::PosedFace* face = face_in_head_box(faces, path, image.size())) {
     outcome.rotation = face->pose->camera_from_head.rotation;
   }
   cv::Mat gray;
-  for (const landmarks::Candidate& candidate :
+  for (const face::landmarks::Candidate& candidate :
        finder.faces_only.find_sure(face::gray_of(image, gray))) {
     outcome.face_seen =
         outcome.face_seen || head_box.contains((candidate.box.tl() + candidate.box.br()) / 2);
@@ -80,11 +80,11 @@ head::PointingOutcome judge(Finder& finder, const std::string& path,
   return outcome;
 }
 
-std::string table_of(const std::vector<head::PointingOutcome>& outcomes) {
+std::string table_of(const std::vector<face::head::PointingOutcome>& outcomes) {
   std::string table = "image,tilt,pan,seen,found,pitch,yaw,roll\n";
-  for (const head::PointingOutcome& o : outcomes) {
-    const head::HeadAngles a =
-        o.rotation ? head::angles_of_rotation(*o.rotation) : head::HeadAngles{};
+  for (const face::head::PointingOutcome& o : outcomes) {
+    const face::head::HeadAngles a =
+        o.rotation ? face::head::angles_of_rotation(*o.rotation) : face::head::HeadAngles{};
     table += fmt::format("{},{:g},{:g},{:d},{:d},{:.2f},{:.2f},{:.2f}\n", o.image, o.truth.tilt_deg,
                          o.truth.pan_deg, o.face_seen, o.rotation.has_value(), a.pitch_deg,
                          a.yaw_deg, a.roll_deg);
@@ -94,7 +94,7 @@ std::string table_of(const std::vector<head::PointingOutcome>& outcomes) {
 
 bool evaluate_pointing(const EvalFlags& flags, Finder& finder, Context& context) {
   const auto pictures = pointing_pictures(flags.pointing);
-  std::vector<head::PointingOutcome> outcomes;
+  std::vector<face::head::PointingOutcome> outcomes;
   context.progress->begin("poses", static_cast<std::int64_t>(pictures.size()), "pictures");
   for (const auto& [path, name] : pictures) {
     throw_if_stopped(context.stop);
@@ -103,23 +103,24 @@ bool evaluate_pointing(const EvalFlags& flags, Finder& finder, Context& context)
   }
   context.progress->end();
   if (!flags.csv.empty()) write_file_atomically(flags.csv, table_of(outcomes));
-  const head::PointingScore score = head::score_pointing(outcomes);
+  const face::head::PointingScore score = face::head::score_pointing(outcomes);
   print_pointing(score, context, "");
   return score.found > 0;
 }
 
 // --- exact truth ---
 
-std::vector<head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
-                                   const std::vector<head::PoseLine>& truth, Context& context) {
-  std::vector<head::PoseLine> found;
+std::vector<face::head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
+                                         const std::vector<face::head::PoseLine>& truth,
+                                         Context& context) {
+  std::vector<face::head::PoseLine> found;
   context.progress->begin("poses", static_cast<std::int64_t>(truth.size()), "pictures");
-  for (const head::PoseLine& line : truth) {
+  for (const face::head::PoseLine& line : truth) {
     throw_if_stopped(context.stop);
     context.progress->advance();
     const std::vector<face::PosedFace> faces =
         finder.faces(line.image, read_image(picture_of_truth(flags.truth, line.image)));
-    head::PoseLine result;
+    face::head::PoseLine result;
     result.image = line.image;
     if (!faces.empty() && faces.front().pose) {
       result.rotation = faces.front().pose->camera_from_head.rotation;
@@ -131,7 +132,7 @@ std::vector<head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
   return found;
 }
 
-void print_score(const head::PoseScore& score, const Context& context) {
+void print_score(const face::head::PoseScore& score, const Context& context) {
   if (context.json) {
     nlohmann::ordered_json line;
     line["set"] = "truth";
@@ -195,12 +196,12 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
   }
   if (!flags.pointing.empty()) any = evaluate_pointing(flags, *finder, context) || any;
   if (!flags.truth.empty()) {
-    const std::vector<head::PoseLine> truth = head::read_pose_lines(flags.truth);
-    const std::vector<head::PoseLine> found = flags.results.empty()
-                                                  ? run_on(flags, *finder, truth, context)
-                                                  : head::read_pose_lines(flags.results);
-    const head::PoseScore score =
-        head::score_poses(head::match_poses(found, truth), static_cast<int>(truth.size()));
+    const std::vector<face::head::PoseLine> truth = face::head::read_pose_lines(flags.truth);
+    const std::vector<face::head::PoseLine> found =
+        flags.results.empty() ? run_on(flags, *finder, truth, context)
+                              : face::head::read_pose_lines(flags.results);
+    const face::head::PoseScore score = face::head::score_poses(
+        face::head::match_poses(found, truth), static_cast<int>(truth.size()));
     print_score(score, context);
     any = any || score.answered > 0;
   }

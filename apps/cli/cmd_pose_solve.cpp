@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
-#include "tarsier/draw/shapes.h"
+#include "tarsier/face/head/draw_pose.h"
+#include "tarsier/face/head/point_file.h"
+#include "tarsier/face/head/posit.h"
 #include "tarsier/geometry/camera_file.h"
-#include "tarsier/head/draw_pose.h"
-#include "tarsier/head/point_file.h"
-#include "tarsier/head/posit.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 
@@ -76,16 +76,16 @@ geometry::Camera solve_camera(const SolveFlags& flags, const cv::Mat& image) {
 
 struct Solution {
   std::string method;
-  std::vector<head::PositPose> poses;
+  std::vector<face::head::PositPose> poses;
   std::string reason;
 };
 
-Solution solve(const SolveFlags& flags, const head::PositModel& model,
+Solution solve(const SolveFlags& flags, const face::head::PositModel& model,
                const Eigen::Matrix2Xd& image, const geometry::Camera& camera) {
-  head::PositOptions options;
+  face::head::PositOptions options;
   options.refine_steps = flags.no_refine ? 0 : 20;
-  options.method = flags.method == "posit-classic" ? head::PositMethod::kClassic
-                                                   : head::PositMethod::kHomogeneous;
+  options.method = flags.method == "posit-classic" ? face::head::PositMethod::kClassic
+                                                   : face::head::PositMethod::kHomogeneous;
   Solution solution;
   solution.method = flags.method;
   if (flags.method == "auto") {
@@ -95,9 +95,10 @@ Solution solve(const SolveFlags& flags, const head::PositModel& model,
   // What is wrong with the object itself is the input's fault.
   const std::string defect = planar ? model.planar_defect() : model.defect();
   if (!defect.empty()) throw InputError(flags.object, defect);
-  head::PositWorkspace workspace;
+  face::head::PositWorkspace workspace;
   if (!planar) {
-    const head::PositResult result = head::posit(model, image, camera, options, workspace);
+    const face::head::PositResult result =
+        face::head::posit(model, image, camera, options, workspace);
     if (result.pose) solution.poses.push_back(*result.pose);
     solution.reason = result.reason;
     return solution;
@@ -111,7 +112,8 @@ Solution solve(const SolveFlags& flags, const head::PositModel& model,
     }
     normalized.col(i) << x->x, x->y;
   }
-  const head::PlanarPoses both = head::posit_planar(model, normalized, options, workspace);
+  const face::head::PlanarPoses both =
+      face::head::posit_planar(model, normalized, options, workspace);
   for (const auto& pose : both.poses) {
     if (!pose) continue;
     solution.poses.push_back(*pose);
@@ -123,20 +125,20 @@ Solution solve(const SolveFlags& flags, const head::PositModel& model,
 
 void draw_solution(cv::Mat& image, const SolveFlags& flags, const Eigen::Matrix3Xd& object,
                    const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
-                   const head::PositPose& pose) {
+                   const face::head::PositPose& pose) {
   const Eigen::Vector3d extent = object.rowwise().maxCoeff() - object.rowwise().minCoeff();
   const double length = flags.axes > 0 ? flags.axes : 0.6 * extent.maxCoeff();
-  head::draw_axes(image, camera, pose.camera_from_object, {length, length, length});
+  face::head::draw_axes(image, camera, pose.camera_from_object, {length, length, length});
   for (Eigen::Index i = 0; i < object.cols(); ++i) {
     const cv::Vec3d x(object(0, i), object(1, i), object(2, i));
     if (const auto pixel = camera.project(pose.camera_from_object * x)) {
-      draw::cross(image, *pixel, {0, 220, 255}, 6);
+      image::draw::cross(image, *pixel, {0, 220, 255}, 6);
     }
-    draw::point(image, {points(0, i), points(1, i)}, {255, 120, 40}, 2.5);
+    image::draw::point(image, {points(0, i), points(1, i)}, {255, 120, 40}, 2.5);
   }
 }
 
-nlohmann::ordered_json json_of(const head::PositPose& pose) {
+nlohmann::ordered_json json_of(const face::head::PositPose& pose) {
   nlohmann::ordered_json object;
   object["rotation"] = pose.camera_from_object.rotation.val;
   object["translation"] = pose.camera_from_object.translation.val;
@@ -146,7 +148,7 @@ nlohmann::ordered_json json_of(const head::PositPose& pose) {
   return object;
 }
 
-std::string text_of(const head::PositPose& pose) {
+std::string text_of(const face::head::PositPose& pose) {
   std::string text;
   const cv::Matx33d& r = pose.camera_from_object.rotation;
   for (int row = 0; row < 3; ++row) {
@@ -163,8 +165,8 @@ ExitStatus run_solve(const SolveFlags& flags, Context& context) {
   if (!flags.output.empty() && flags.image.empty() && flags.camera.empty()) {
     throw UsageError("-o needs --image, the picture to draw on, or --camera");
   }
-  const Eigen::Matrix3Xd object = head::read_point_file(flags.object, 3);
-  Eigen::Matrix2Xd points = head::read_point_file(flags.points, 2);
+  const Eigen::Matrix3Xd object = face::head::read_point_file(flags.object, 3);
+  Eigen::Matrix2Xd points = face::head::read_point_file(flags.points, 2);
   if (points.cols() != object.cols()) {
     throw InputError(flags.points,
                      fmt::format("has {} points, the object {}", points.cols(), object.cols()));
@@ -177,7 +179,7 @@ ExitStatus run_solve(const SolveFlags& flags, Context& context) {
   if (!flags.image.empty()) image = read_image(flags.image);
   const geometry::Camera camera = solve_camera(flags, image);
   if (from_center(flags)) points.colwise() += Eigen::Vector2d(camera.cx, camera.cy);
-  const head::PositModel model(object, {}, flags.reference);
+  const face::head::PositModel model(object, {}, flags.reference);
   const Solution solution = solve(flags, model, points, camera);
   if (!flags.output.empty() && !solution.poses.empty()) {
     if (image.empty()) {
@@ -192,7 +194,7 @@ ExitStatus run_solve(const SolveFlags& flags, Context& context) {
     line["method"] = solution.method;
     line["flatness"] = model.flatness();
     line["poses"] = nlohmann::ordered_json::array();
-    for (const head::PositPose& pose : solution.poses) line["poses"].push_back(json_of(pose));
+    for (const face::head::PositPose& pose : solution.poses) line["poses"].push_back(json_of(pose));
     if (solution.poses.empty()) line["reason"] = solution.reason;
     print_json(line);
   } else if (solution.poses.empty()) {
@@ -202,7 +204,7 @@ ExitStatus run_solve(const SolveFlags& flags, Context& context) {
                            solution.poses.size() > 1
                                ? ": nearly flat, so there are two poses, the better one first"
                                : ""));
-    for (const head::PositPose& pose : solution.poses) print_text(text_of(pose));
+    for (const face::head::PositPose& pose : solution.poses) print_text(text_of(pose));
   }
   return solution.poses.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }

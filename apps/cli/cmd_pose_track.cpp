@@ -25,8 +25,8 @@ namespace {
 struct TrackFlags {
   RunFlags run;
   PoseFlags pose;
-  landmarks::TrackerOptions tracker;
-  head::HeadPoseOptions head;
+  face::landmarks::TrackerOptions tracker;
+  face::head::HeadPoseOptions head;
   std::string smooth = "one-euro";
   std::string draw = "axes";
   std::string csv;
@@ -40,7 +40,7 @@ struct TrackFlags {
 constexpr const char* kColumns = "frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px";
 
 std::string row_of(const Frame& frame, const face::PosedFace& face) {
-  const head::HeadPose& pose = *face.pose;
+  const face::head::HeadPose& pose = *face.pose;
   const cv::Vec3d& t = pose.camera_from_head.translation;
   return fmt::format("{},{:.3f},{},{:.3f},{:.2f},{:.2f},{:.2f},{:.1f},{:.1f},{:.1f},{:.2f}",
                      frame.index, frame.time, face.face.id, face.face.score, pose.angles.yaw_deg,
@@ -75,11 +75,12 @@ void set_overlay(const std::string& what, PoseSessionOptions& options) {
 
 void set_edits(const TrackFlags& flags, PoseSessionOptions& options) {
   if (flags.edits.empty()) return;
-  for (const std::string& name : flags.edits) options.edits.push_back(appearance::parse_edit(name));
+  for (const std::string& name : flags.edits)
+    options.edits.push_back(face::appearance::parse_edit(name));
   options.edit_amount = flags.amount;
   const std::string path = flags.appearance.empty() ? shipped_appearance_model() : flags.appearance;
-  auto model =
-      std::make_shared<appearance::AppearanceModel>(appearance::read_appearance_model(path));
+  auto model = std::make_shared<face::appearance::AppearanceModel>(
+      face::appearance::read_appearance_model(path));
   if (!model->colour) throw ModelError(path, "has no colour texture to draw faces with");
   if (model->points() != 68)
     throw ModelError(path, fmt::format("has {} points; --edit needs 68", model->points()));
@@ -88,7 +89,7 @@ void set_edits(const TrackFlags& flags, PoseSessionOptions& options) {
 
 std::string line_of(const face::PosedFace& face) {
   if (!face.pose) return fmt::format(" [no pose: {}]", face.reason);
-  const head::HeadAngles& angles = face.pose->angles;
+  const face::head::HeadAngles& angles = face.pose->angles;
   return fmt::format(" [yaw {:+.1f} pitch {:+.1f} roll {:+.1f}, {:.0f} mm away]", angles.yaw_deg,
                      angles.pitch_deg, angles.roll_deg,
                      cv::norm(face.pose->camera_from_head.translation));
@@ -152,20 +153,20 @@ void add_flags(Command& verb, TrackFlags& flags) {
                   "table to write: frame, time, face, score, angles, place (mm), error");
   verb.add_flag("--no-identity", flags.no_identity,
                 "the mean head for everyone: the shape is not fitted");
-  const auto film = [](Flag& flag) { flag.group("Films and cameras"); };
-  film(
+  const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
+  video(
       verb.add_option("--smooth", flags.smooth,
                       "none, mean (of 5 frames) or one-euro (steady when still, quick when moving)")
           .check(one_of({"none", "mean", "one-euro"}))
           .show_default());
-  film(verb.add_option("--search-every", flags.tracker.search_every,
-                       "frames between searches for new faces")
-           .show_default());
-  film(verb.add_option("--least-score", flags.tracker.least_score,
-                       "a face whose fit is worth less is lost and looked for again")
-           .show_default());
-  film(verb.add_option("--most-faces", flags.tracker.most_faces, "faces followed at a time")
-           .show_default());
+  video(verb.add_option("--search-every", flags.tracker.search_every,
+                        "frames between searches for new faces")
+            .show_default());
+  video(verb.add_option("--min-score", flags.tracker.min_score,
+                        "a face whose fit is worth less is lost and looked for again")
+            .show_default());
+  video(verb.add_option("--max-faces", flags.tracker.max_faces, "faces followed at a time")
+            .show_default());
 }
 
 }  // namespace
@@ -173,7 +174,7 @@ void add_flags(Command& verb, TrackFlags& flags) {
 void add_pose_track(Command& area, Context& context) {
   add_verb<TrackFlags>(area, "track",
                        "where heads look: yaw, pitch, roll and place, in "
-                       "pictures, films and cameras",
+                       "pictures, videos and cameras",
                        context, add_flags, run_track);
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
-#include "tarsier/head/train_head.h"
+#include "tarsier/face/head/train_head.h"
 
 #include <fmt/format.h>
 
@@ -24,12 +24,12 @@ struct TrainHeadFlags {
   std::string terms;
   std::string compare;
   std::vector<int> eyes;
-  head::TrainHeadOptions options;
+  face::head::TrainHeadOptions options;
 };
 
-shape::Markup markup_of(const TrainHeadFlags& flags, const shape::LandmarkSet& set) {
-  shape::Markup markup;
-  if (const auto known = shape::known_markup(set.points())) markup = *known;
+face::shape::Markup markup_of(const TrainHeadFlags& flags, const face::shape::LandmarkSet& set) {
+  face::shape::Markup markup;
+  if (const auto known = face::shape::known_markup(set.points())) markup = *known;
   if (!set.mirror.empty()) markup.mirror = set.mirror;
   if (!set.connections.empty()) markup.connections = set.connections;
   if (!flags.eyes.empty()) {
@@ -55,7 +55,7 @@ shape::Markup markup_of(const TrainHeadFlags& flags, const shape::LandmarkSet& s
 
 nlohmann::json provenance(const TrainHeadFlags& flags, const Context& context, int faces,
                           double rms) {
-  const head::TrainHeadOptions& o = flags.options;
+  const face::head::TrainHeadOptions& o = flags.options;
   const std::filesystem::path input = std::filesystem::path(flags.set.input).lexically_normal();
   return {{"program", fmt::format("tarsier {}", version())},
           {"seed", context.seed},
@@ -76,22 +76,24 @@ ExitStatus run_train(TrainHeadFlags& flags, Context& context) {
   const Stopwatch watch;
   flags.options.seed = context.seed;
   flags.options.check();
-  const shape::LandmarkSet set = load_set(flags.set);
-  const shape::Markup markup = markup_of(flags, set);
+  const face::shape::LandmarkSet set = load_set(flags.set);
+  const face::shape::Markup markup = markup_of(flags, set);
   std::vector<Eigen::Matrix2Xd> faces;
-  for (const shape::LandmarkSample& sample : set.samples) faces.push_back(sample.points);
-  head::TrainedHead trained;
+  for (const face::shape::LandmarkSample& sample : set.samples) faces.push_back(sample.points);
+  face::head::TrainedHead trained;
   try {
-    trained = head::train_head(faces, markup, flags.options, context.progress.get(), context.stop);
+    trained =
+        face::head::train_head(faces, markup, flags.options, context.progress.get(), context.stop);
   } catch (const std::invalid_argument& error) {
     // Too few faces, or faces that do not turn.
     throw InputError(flags.set.input, error.what());
   }
-  head::write_head_model(flags.output, trained.model,
-                         provenance(flags, context, trained.model.trained_on, trained.rms_mm));
+  face::head::write_head_model(
+      flags.output, trained.model,
+      provenance(flags, context, trained.model.trained_on, trained.rms_mm));
   const auto turned =
       std::count_if(trained.angles.begin(), trained.angles.end(),
-                    [](const head::HeadAngles& a) { return std::abs(a.yaw_deg) > 25; });
+                    [](const face::head::HeadAngles& a) { return std::abs(a.yaw_deg) > 25; });
   nlohmann::ordered_json line;
   line["output"] = flags.output;
   line["faces"] = trained.model.trained_on;
@@ -131,7 +133,7 @@ void add_flags(Command& verb, TrainHeadFlags& flags) {
   add_set_flags(verb, flags.set);
   verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
   verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
-  head::TrainHeadOptions& options = flags.options;
+  face::head::TrainHeadOptions& options = flags.options;
   verb.add_option("--modes", options.modes, "how many ways to deform are learnt").show_default();
   verb.add_option("--iterations", options.iterations, "iterations of expectation maximisation")
       .show_default();

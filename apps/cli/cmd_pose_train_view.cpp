@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/head/evaluation.h"
-#include "tarsier/head_view/view_train.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/face/head/evaluation.h"
+#include "tarsier/face/head_view/view_train.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -26,7 +26,7 @@ struct TrainViewFlags {
   std::string terms;
   double tilt_share = 0.8;
   bool leave_out = false;
-  head_view::TrainViewOptions options;
+  face::head_view::TrainViewOptions options;
 };
 
 // Files of truth are cut into so many parts, each of which is left out in turn.
@@ -34,8 +34,8 @@ constexpr int kParts = 7;
 
 // A picture: what landmarks make of it, and the truth.
 struct Seen {
-  std::optional<head_view::HeadView> view;
-  head::HeadPose pose;
+  std::optional<face::head_view::HeadView> view;
+  face::head::HeadPose pose;
   Eigen::Matrix2Xd points;  // of the poser
   geometry::Camera camera;
 };
@@ -44,7 +44,7 @@ class Collector {
  public:
   explicit Collector(const PoseFlags& flags) : Collector(options_of(flags)) {}
 
-  [[nodiscard]] const head::HeadPoser& poser() const { return tracker_.finder().poser(); }
+  [[nodiscard]] const face::head::HeadPoser& poser() const { return tracker_.finder().poser(); }
 
   // `pointing`: the face in the annotated head's box; else the first.
   [[nodiscard]] Seen see(const std::string& path, bool pointing) {
@@ -65,8 +65,8 @@ class Collector {
     seen.pose = *face->pose;
     seen.points = face->face.points(Eigen::all, mapping_.landmarks);
     cv::Mat gray;
-    seen.view = head_view::view_of_head(face::gray_of(frame.image, gray), seen.camera,
-                                        seen.pose.camera_from_head);
+    seen.view = face::head_view::view_of_head(face::gray_of(frame.image, gray), seen.camera,
+                                              seen.pose.camera_from_head);
     return seen;
   }
 
@@ -86,25 +86,25 @@ class Collector {
   }
 
   face::PoseTracker tracker_;
-  head::LandmarkMapping mapping_;
+  face::head::LandmarkMapping mapping_;
   face::PoseState state_;
 };
 
 struct Data {
   std::vector<Seen> seen;
-  std::vector<head_view::ViewSample> samples;  // of those with a view, in their order
-  std::vector<head::PointingOutcome> pointing;
+  std::vector<face::head_view::ViewSample> samples;  // of those with a view, in their order
+  std::vector<face::head::PointingOutcome> pointing;
   std::vector<std::string> sources;
   // Index into `seen` of each: -1 where nothing was found.
   std::vector<int> of_pointing;
-  std::vector<std::pair<int, head::PosePair>> exact;
+  std::vector<std::pair<int, face::head::PosePair>> exact;
 };
 
 // Adds a picture; returns its index, -1 where no head was found.
 int add(Data& data, Seen seen, int group, const cv::Vec3d& forward, bool in_camera) {
   if (!seen.view) return -1;
   const cv::Vec3d in_view = in_camera ? seen.view->camera_from_view.t() * forward : forward;
-  data.samples.push_back({*seen.view, head_view::direction_of(*seen.view, in_view), group});
+  data.samples.push_back({*seen.view, face::head_view::direction_of(*seen.view, in_view), group});
   data.seen.push_back(std::move(seen));
   return static_cast<int>(data.seen.size()) - 1;
 }
@@ -116,9 +116,9 @@ void add_pointing(const TrainViewFlags& flags, Collector& collector, Data& data,
     throw_if_stopped(context.stop);
     context.progress->advance();
     const cv::Vec3d forward =
-        head::forward_of_gaze({name.pan_deg, name.tilt_deg * flags.tilt_share});
+        face::head::forward_of_gaze({name.pan_deg, name.tilt_deg * flags.tilt_share});
     data.of_pointing.push_back(add(data, collector.see(path, true), name.person, forward, false));
-    head::PointingOutcome outcome;
+    face::head::PointingOutcome outcome;
     outcome.image = path;
     outcome.truth = name;
     data.pointing.push_back(std::move(outcome));
@@ -129,10 +129,10 @@ void add_pointing(const TrainViewFlags& flags, Collector& collector, Data& data,
 
 void add_truth(const std::string& file, int number, Collector& collector, Data& data,
                Context& context) {
-  const std::vector<head::PoseLine> lines = head::read_pose_lines(file);
+  const std::vector<face::head::PoseLine> lines = face::head::read_pose_lines(file);
   context.progress->begin(file, static_cast<std::int64_t>(lines.size()), "pictures");
   int count = 0;
-  for (const head::PoseLine& line : lines) {
+  for (const face::head::PoseLine& line : lines) {
     throw_if_stopped(context.stop);
     context.progress->advance();
     if (!line.rotation) continue;
@@ -141,7 +141,7 @@ void add_truth(const std::string& file, int number, Collector& collector, Data& 
     const int at =
         add(data, collector.see(picture_of_truth(file, line.image), false), group, forward, true);
     if (at < 0) continue;
-    head::PosePair pair;
+    face::head::PosePair pair;
     pair.image = line.image;
     pair.truth = *line.rotation;
     data.exact.emplace_back(at, pair);
@@ -158,15 +158,16 @@ void print_scores(Data& data, const std::vector<cv::Matx33d>& rotations, const C
       const int at = data.of_pointing[i];
       if (at >= 0) data.pointing[i].rotation = rotations[static_cast<std::size_t>(at)];
     }
-    print_pointing(head::score_pointing(data.pointing), context, what);
+    print_pointing(face::head::score_pointing(data.pointing), context, what);
   }
   if (data.exact.empty()) return;
-  std::vector<head::PosePair> pairs;
+  std::vector<face::head::PosePair> pairs;
   for (auto& [at, pair] : data.exact) {
     pair.rotation = rotations[static_cast<std::size_t>(at)];
     pairs.push_back(pair);
   }
-  const head::PoseScore score = head::score_poses(pairs, static_cast<int>(pairs.size()));
+  const face::head::PoseScore score =
+      face::head::score_poses(pairs, static_cast<int>(pairs.size()));
   if (context.json) {
     print_json(nlohmann::ordered_json{{"set", "truth"},
                                       {"what", what},
@@ -189,19 +190,19 @@ void leave_out(Data& data, const Collector& collector, const TrainViewFlags& fla
   std::vector<cv::Matx33d> rotations;
   for (const Seen& seen : data.seen) rotations.push_back(seen.pose.camera_from_head.rotation);
   print_scores(data, rotations, context, "landmarks alone");
-  const std::vector<head_view::Direction> found =
-      head_view::leave_groups_out(data.samples, flags.options);
+  const std::vector<face::head_view::Direction> found =
+      face::head_view::leave_groups_out(data.samples, flags.options);
   for (std::size_t i = 0; i < data.seen.size(); ++i) {
     const Seen& seen = data.seen[i];
-    const head::HeadPoseResult result = collector.poser().pose_towards(
-        seen.points, seen.camera, head_view::rotation_towards(*seen.view, found[i]));
+    const face::head::HeadPoseResult result = collector.poser().pose_towards(
+        seen.points, seen.camera, face::head_view::rotation_towards(*seen.view, found[i]));
     if (result.pose) rotations[i] = result.pose->camera_from_head.rotation;
   }
   print_scores(data, rotations, context, "refined, each person left out in turn");
 }
 
 nlohmann::json provenance(const TrainViewFlags& flags, const Data& data) {
-  const head_view::TrainViewOptions& o = flags.options;
+  const face::head_view::TrainViewOptions& o = flags.options;
   nlohmann::json result{{"program", fmt::format("tarsier {}", version())},
                         {"data", data.sources},
                         {"views", data.samples.size()},
@@ -231,8 +232,9 @@ ExitStatus run_train(TrainViewFlags& flags, Context& context) {
   try {
     if (flags.leave_out) leave_out(data, collector, flags, context);
     if (flags.output.empty()) return ExitStatus::kDone;
-    const head_view::ViewModel model = head_view::train_view_model(data.samples, flags.options);
-    head_view::write_view_model(flags.output, model, provenance(flags, data));
+    const face::head_view::ViewModel model =
+        face::head_view::train_view_model(data.samples, flags.options);
+    face::head_view::write_view_model(flags.output, model, provenance(flags, data));
   } catch (const std::invalid_argument& error) {
     throw InputError(input, error.what());  // too few heads, or all alike
   }
@@ -266,7 +268,7 @@ void add_flags(Command& verb, TrainViewFlags& flags) {
   verb.add_flag("--leave-out", flags.leave_out,
                 "prints how good it is on people it has not seen: each is left out in turn "
                 "(of --truth, a seventh of the pictures)");
-  head_view::TrainViewOptions& options = flags.options;
+  face::head_view::TrainViewOptions& options = flags.options;
   verb.add_option("--components", options.components, "numbers that PCA leaves of the gradients")
       .show_default();
   verb.add_option("--angle-weight", options.angle_weight,

@@ -2,9 +2,9 @@
 #include "cmd_sfm.h"
 
 #include "tarsier/core/log.h"
-#include "tarsier/io/archive.h"
-#include "tarsier/sfm/evaluation.h"
-#include "tarsier/sfm_io/colmap.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/sfm/mapper/evaluation.h"
+#include "tarsier/sfm/scene/colmap.h"
 
 #include <fmt/format.h>
 
@@ -48,7 +48,7 @@ void add_eval_flags(Command& verb, EvalFlags& flags) {
 }  // namespace
 
 void add_sfm(Command& app, Context& context) {
-  Command& sfm = app.add_subcommand("sfm", "photographs to camera poses and a point cloud");
+  Command& sfm = app.add_subcommand("sfm", "images to camera poses and a point cloud");
   sfm.require_subcommand(1);
   add_sfm_reconstruct(sfm, context);
   add_sfm_synth(sfm, context);

@@ -4,24 +4,24 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/core/words.h"
 #include "tarsier/geometry/camera_file.h"
-#include "tarsier/io/archive.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/frame_source.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/io/still_source.h"
-#include "tarsier/sfm/pairs.h"
-#include "tarsier/sfm/pipeline.h"
-#include "tarsier/sfm/report.h"
-#include "tarsier/sfm/results.h"
-#include "tarsier/sfm_io/align.h"
-#include "tarsier/sfm_io/colmap.h"
-#include "tarsier/sfm_io/exif.h"
-#include "tarsier/sfm_io/keyframes.h"
-#include "tarsier/sfm_io/ply.h"
-#include "tarsier/sfm_io/undistort.h"
-#include "tarsier/sfm_view/animation.h"
-#include "tarsier/sfm_view/render.h"
-#include "tarsier/sfm_view/viewer.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/still_source.h"
+#include "tarsier/sfm/mapper/pairs.h"
+#include "tarsier/sfm/mapper/pipeline.h"
+#include "tarsier/sfm/mapper/report.h"
+#include "tarsier/sfm/mapper/results.h"
+#include "tarsier/sfm/scene/align.h"
+#include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/sfm/scene/exif.h"
+#include "tarsier/sfm/scene/keyframes.h"
+#include "tarsier/sfm/scene/ply.h"
+#include "tarsier/sfm/scene/undistort.h"
+#include "tarsier/sfm/view/animation.h"
+#include "tarsier/sfm/view/render.h"
+#include "tarsier/sfm/view/viewer.h"
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
@@ -68,7 +68,7 @@ struct ReconstructFlags {
 
 // --- what takes part ---
 
-// The name of a photograph in the model: its path within the folder, made unique elsewhere.
+// The name of an image in the model: its path within the folder, made unique elsewhere.
 void add_inputs(const std::vector<std::string>& paths, std::set<std::string>& names,
                 std::vector<sfm::Input>& inputs) {
   for (const std::string& path : paths) {
@@ -84,13 +84,13 @@ std::string frames_folder(const ReconstructFlags& flags) {
   return (fs::path(flags.output) / "frames").string();
 }
 
-// Key frames of a film, written beside the model so that they are there for a second run and for
+// Key frames of a video, written beside the model so that they are there for a second run and for
 // whoever wants to see them.
-std::vector<std::string> frames_of_film(const std::string& film, const ReconstructFlags& flags,
-                                        Context& context) {
+std::vector<std::string> frames_of_video(const std::string& video, const ReconstructFlags& flags,
+                                         Context& context) {
   const std::string folder = frames_folder(flags);
   make_folder(folder);
-  const auto source = open_source(film, SourceOptions{});
+  const auto source = open_source(video, SourceOptions{});
   sfm::KeyframePicker picker(flags.keyframes);
   std::vector<std::string> paths;
   const auto keep = [&](std::optional<sfm::Keyframe> frame) {
@@ -107,7 +107,7 @@ std::vector<std::string> frames_of_film(const std::string& film, const Reconstru
   throw_if_stopped(context.stop);
   keep(picker.finish());
   context.progress->end();
-  log_info("{}: {} key frames", film, paths.size());
+  log_info("{}: {} key frames", video, paths.size());
   return paths;
 }
 
@@ -129,11 +129,11 @@ std::vector<sfm::Input> inputs_of(const ReconstructFlags& flags, Context& contex
         add_inputs({text}, names, inputs);
         break;
       case SourceKind::kVideo:
-        add_inputs(frames_of_film(text, flags, context), names, inputs);
+        add_inputs(frames_of_video(text, flags, context), names, inputs);
         break;
       default:
-        throw InputError(
-            text, "expected photographs, a folder, @list.txt or a film; a camera with --online");
+        throw InputError(text,
+                         "expected images, a folder, @list.txt or a video; a camera with --online");
     }
   }
   return inputs;
@@ -144,7 +144,7 @@ OnlineResult inputs_online(const ReconstructFlags& flags, Context& context) {
   if (flags.pipeline.flow)
     throw UsageError("--online: compares descriptors, --matches flow is not possible");
   const auto is_picture = [](const std::string& text) {
-    const SourceKind kind = classify_source(text, {synth_scheme()});
+    const SourceKind kind = classify_source(text, {synth::synth_scheme()});
     return kind == SourceKind::kImage || kind == SourceKind::kFolder || kind == SourceKind::kGlob ||
            kind == SourceKind::kList;
   };
@@ -152,7 +152,7 @@ OnlineResult inputs_online(const ReconstructFlags& flags, Context& context) {
   if (std::all_of(flags.inputs.begin(), flags.inputs.end(), is_picture)) {
     pictures = inputs_of(flags, context);
   } else if (flags.inputs.size() > 1) {
-    throw UsageError("--online: give photographs, or one film or camera");
+    throw UsageError("--online: give images, or one video or camera");
   }
   return run_online(flags.inputs, pictures, frames_folder(flags), flags.online, flags.keyframes,
                     flags.pipeline, context);
@@ -170,7 +170,7 @@ void complete(ReconstructFlags& flags, const Context& context) {
     throw InputError(
         flags.camera_file.empty() ? flags.camera : flags.camera_file,
         fmt::format("is of a {} lens, and reconstruction takes pinhole ones: straighten "
-                    "the photographs first (tarsier calibrate --undistorted)",
+                    "the images first (tarsier calibrate --undistorted)",
                     geometry::name_of(options.camera->lens)));
   }
   static const std::map<std::string, sfm::FeatureKind> kinds{{"sift", sfm::FeatureKind::kSift},
@@ -183,7 +183,7 @@ void complete(ReconstructFlags& flags, const Context& context) {
   }
   if (!(flags.downscale >= 1 && flags.downscale <= 16))
     throw UsageError(fmt::format("--downscale {}: expected 1..16", flags.downscale));
-  options.features.most_pixels /= flags.downscale * flags.downscale;
+  options.features.max_pixels /= flags.downscale * flags.downscale;
   static const std::map<std::string, sfm::PairChoice> choices{
       {"auto", sfm::PairChoice::kAuto},
       {"exhaustive", sfm::PairChoice::kExhaustive},
@@ -245,7 +245,7 @@ Positions gps_positions(const std::vector<sfm::Input>& inputs, const Context& co
   return known;
 }
 
-// Of the photographs that take part. Throws where they could place no model.
+// Of the images that take part. Throws where they could place no model.
 Positions positions_of(Positions known, const std::vector<sfm::Input>& inputs,
                        const ReconstructFlags& flags, const Context& context) {
   if (flags.align.empty()) return {};
@@ -261,21 +261,20 @@ Positions positions_of(Positions known, const std::vector<sfm::Input>& inputs,
   if (places.size() < 3) {
     const std::string what =
         flags.align == "gps"
-            ? fmt::format("{} of {} photographs have a position in EXIF", places.size(),
-                          inputs.size())
-            : fmt::format("{} of {} names are photographs here (these are called '{}' ..)",
+            ? fmt::format("{} of {} images have a position in EXIF", places.size(), inputs.size())
+            : fmt::format("{} of {} names are images here (these are called '{}' ..)",
                           places.size(), known.size(), printable(inputs.front().name));
     throw InputError(align_source(flags), what + "; three that are not in a line are needed");
   }
   if (!sfm::similarity_between(places, places)) {
     throw InputError(align_source(flags),
-                     fmt::format("the {} positions of photographs are in a line; three that are "
+                     fmt::format("the {} positions of images are in a line; three that are "
                                  "not are needed",
                                  places.size()));
   }
   if (places.size() < known.size()) {
-    log_warning("{}: {} of {} names are no photographs here", flags.align,
-                known.size() - places.size(), known.size());
+    log_warning("{}: {} of {} names are no images here", flags.align, known.size() - places.size(),
+                known.size());
   }
   return result;
 }
@@ -288,7 +287,7 @@ void check_distance(const ReconstructFlags& flags) {
   if (!(flags.distance > 0 && std::isfinite(flags.distance)))
     throw UsageError("--distance-between needs --distance, above 0");
   if (flags.distance_between[0] == flags.distance_between[1])
-    throw UsageError("--distance-between: expected the names of two photographs");
+    throw UsageError("--distance-between: expected the names of two images");
 }
 
 // What would otherwise show when all the work is done.
@@ -300,14 +299,14 @@ void check_inputs(const std::vector<sfm::Input>& inputs, const ReconstructFlags&
       throw InputError(printable(input.path), trouble + ": rename it");
     if (!flags.exports.empty() && !is_image_path(input.name)) {
       throw InputError(input.path,
-                       "--export undistorted writes photographs under their names, and of this "
+                       "--export undistorted writes images under their names, and of this "
                        "ending none is written: .jpg, .png, .webp, .bmp, .ppm");
     }
   }
   for (const std::string& name : flags.distance_between) {
     if (std::find(names.begin(), names.end(), name) == names.end()) {
       throw UsageError(
-          fmt::format("--distance-between: '{}' is no photograph here (these are "
+          fmt::format("--distance-between: '{}' is no image here (these are "
                       "called '{}' ..)",
                       printable(name), printable(names.front())));
     }
@@ -318,13 +317,13 @@ void check_inputs(const std::vector<sfm::Input>& inputs, const ReconstructFlags&
 
 // --- scale and place ---
 
-// Throws where the photographs that joined do not tell scale or place; the model is then as it was.
+// Throws where the images that joined do not tell scale or place; the model is then as it was.
 void place(sfm::Model& model, const ReconstructFlags& flags, const Positions& known,
            nlohmann::ordered_json& report) {
-  std::vector<const sfm::Photograph*> ends;
+  std::vector<const sfm::Image*> ends;
   for (const std::string& name : flags.distance_between) {
     const auto image = std::find_if(model.images.begin(), model.images.end(),
-                                    [&](const sfm::Photograph& each) { return each.name == name; });
+                                    [&](const sfm::Image& each) { return each.name == name; });
     if (image == model.images.end() || !image->registered) {
       throw Error(ExitStatus::kBadInput,
                   fmt::format("--distance-between: '{}' is not in the model, which is written as "
@@ -342,7 +341,7 @@ void place(sfm::Model& model, const ReconstructFlags& flags, const Positions& kn
   if (!flags.align.empty()) {
     std::vector<cv::Vec3d> from;
     std::vector<cv::Vec3d> to;
-    for (const sfm::Photograph& image : model.images) {
+    for (const sfm::Image& image : model.images) {
       const auto position = known.find(image.name);
       if (!image.registered || position == known.end()) continue;
       from.push_back(image.pose.center());
@@ -351,7 +350,7 @@ void place(sfm::Model& model, const ReconstructFlags& flags, const Positions& kn
     const auto similarity = sfm::robust_similarity(from, to, 0, flags.pipeline.seed);
     if (!similarity) {
       throw InputError(align_source(flags),
-                       fmt::format("{} positions fit photographs of the model; three that are not "
+                       fmt::format("{} positions fit images of the model; three that are not "
                                    "in a line are needed: the model is written as it is",
                                    from.size()));
     }
@@ -375,15 +374,15 @@ void place(sfm::Model& model, const ReconstructFlags& flags, const Positions& kn
 
 // --- results ---
 
-// Both photographs side by side: matches that were kept in green, removed ones in red. All as dots,
+// Both images side by side: matches that were kept in green, removed ones in red. All as dots,
 // as many with lines as can be told apart.
 cv::Mat match_picture(const sfm::ComparedPair& pair) {
-  constexpr double kMostHeight = 600;
-  constexpr std::size_t kMostLines = 60;
+  constexpr double kMaxHeight = 600;
+  constexpr std::size_t kMaxLines = 60;
   cv::Mat sides[2] = {read_image(pair.first.path), read_image(pair.second.path)};
   double scales[2];
   for (int k = 0; k < 2; ++k) {
-    scales[k] = std::min(1.0, kMostHeight / sides[k].rows);
+    scales[k] = std::min(1.0, kMaxHeight / sides[k].rows);
     cv::resize(sides[k], sides[k], {}, scales[k], scales[k], cv::INTER_AREA);
   }
   cv::Mat picture(std::max(sides[0].rows, sides[1].rows), sides[0].cols + sides[1].cols, CV_8UC3,
@@ -394,7 +393,7 @@ cv::Mat match_picture(const sfm::ComparedPair& pair) {
   for (const sfm::Match& match : pair.view.inliers) kept.insert(match.first);
   for (const bool good : {false, true}) {
     const std::size_t all = good ? kept.size() : pair.matches.size() - kept.size();
-    const std::size_t every = std::max<std::size_t>(1, all / kMostLines);
+    const std::size_t every = std::max<std::size_t>(1, all / kMaxLines);
     const cv::Scalar color = good ? cv::Scalar(80, 190, 60) : cv::Scalar(60, 60, 220);
     std::size_t number = 0;
     for (const sfm::Match& match : pair.matches) {
@@ -415,7 +414,7 @@ cv::Mat match_picture(const sfm::ComparedPair& pair) {
 double camera_size(const sfm::Model& model) {
   cv::Vec3d low(1e300, 1e300, 1e300);
   cv::Vec3d high = -low;
-  for (const sfm::Photograph& image : model.images) {
+  for (const sfm::Image& image : model.images) {
     if (!image.registered) continue;
     const cv::Vec3d center = image.pose.center();
     for (int k = 0; k < 3; ++k) {
@@ -534,8 +533,8 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
   for (const sfm::Input& input : inputs) paths[input.name] = input.path;
   if (inputs.size() < 2) {
     throw InputError(flags.inputs.front(),
-                     fmt::format("{} photograph{}; a reconstruction needs two or more",
-                                 inputs.size(), inputs.size() == 1 ? "" : "s"));
+                     fmt::format("{} image{}; a reconstruction needs two or more", inputs.size(),
+                                 inputs.size() == 1 ? "" : "s"));
   }
 
   check_inputs(inputs, flags);
@@ -571,7 +570,7 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
 
 void add_flags(Command& verb, ReconstructFlags& flags) {
   verb.add_option("PHOTOS", flags.inputs,
-                  "folder, photographs, glob, @list.txt, or a film; with --online also a camera")
+                  "folder, images, glob, @list.txt, or a video; with --online also a camera")
       .required()
       .type_name("");
   verb.add_option("-o,--output", flags.output, "folder for the model").required();
@@ -585,27 +584,27 @@ void add_flags(Command& verb, ReconstructFlags& flags) {
   lens(verb.add_flag("--ignore-exif", flags.pipeline.ignore_exif,
                      "guess the focal length even where EXIF tells it"));
   lens(verb.add_flag("--per-image-camera", flags.per_image_camera,
-                     "a camera for each photograph, not one for all of a size"));
+                     "a camera for each image, not one for all of a size"));
   const auto match = [](Flag& flag) { flag.group("Features and matches"); };
   match(verb.add_option("--features", flags.features, "sift, orb, akaze")
             .check(one_of({"sift", "orb", "akaze"}))
             .show_default());
-  match(verb.add_option("--most-features", flags.pipeline.features.most,
-                        "features of a photograph, at most")
+  match(verb.add_option("--max-features", flags.pipeline.features.most,
+                        "features of an image, at most")
             .show_default());
   match(verb.add_option("--contrast", flags.pipeline.features.contrast,
                         "least, of SIFT, share of the grey range")
             .show_default());
-  match(verb.add_option("--downscale", flags.downscale, "look at photographs reduced by this")
+  match(verb.add_option("--downscale", flags.downscale, "look at images reduced by this")
             .show_default());
   match(verb.add_option("--pairs", flags.pairs,
                         "auto, exhaustive, sequential, retrieval, or a file with two names a line")
             .show_default());
   match(verb.add_option("--overlap", flags.pipeline.overlap,
-                        "photographs that each is matched with, of --pairs sequential")
+                        "images that each is matched with, of --pairs sequential")
             .show_default());
   match(verb.add_option("--nearest", flags.pipeline.nearest,
-                        "photographs that each is matched with, of --pairs retrieval")
+                        "images that each is matched with, of --pairs retrieval")
             .show_default());
   match(verb.add_option("--matches", flags.matches,
                         "sift: descriptors; flow: follow points from frame to frame")
@@ -619,21 +618,20 @@ void add_flags(Command& verb, ReconstructFlags& flags) {
   map(verb.add_option("--reprojection-px", flags.pipeline.mapper.reprojection_px,
                       "px; an observation farther off is dropped")
           .show_default());
-  map(verb.add_option("--least-angle", flags.pipeline.mapper.least_angle_deg,
+  map(verb.add_option("--min-angle", flags.pipeline.mapper.min_angle_deg,
                       "between a point's rays, degrees")
           .show_default());
-  map(verb.add_option("--least-views", flags.pipeline.mapper.least_views,
-                      "photographs that show a point of the result")
+  map(verb.add_option("--min-views", flags.pipeline.mapper.min_views,
+                      "images that show a point of the result")
           .show_default());
   const auto out = [](Flag& flag) { flag.group("Result"); };
   out(verb.add_option("--align", flags.align,
-                      "name,x,y,z lines with where photographs were taken; or gps: from EXIF"));
+                      "name,x,y,z lines with where images were taken; or gps: from EXIF"));
   out(verb.add_option("--distance", flags.distance,
                       "between two cameras, in any unit: the model's from then on [none]"));
-  out(verb.add_option("--distance-between", flags.distance_between, "their photographs' names")
+  out(verb.add_option("--distance-between", flags.distance_between, "their images' names")
           .expected(2));
-  out(verb.add_option("--export", flags.exports,
-                      "undistorted: photographs and model for dense tools")
+  out(verb.add_option("--export", flags.exports, "undistorted: images and model for dense tools")
           .check(one_of({"undistorted"})));
   out(verb.add_flag("--turntable", flags.turntable, "turntable.gif: the cloud, turning"));
   out(verb.add_flag("--match-pictures", flags.match_pictures,
@@ -643,21 +641,21 @@ void add_flags(Command& verb, ReconstructFlags& flags) {
                       "seconds between checkpoints of the mapping; 0: at each step")
           .check(range(0.0, 1e6))
           .show_default());
-  const auto film = [](Flag& flag) { flag.group("Films"); };
-  film(verb.add_option("--key-motion", flags.keyframes.least_motion,
-                       "of the picture's diagonal, between key frames")
-           .show_default());
-  film(verb.add_option("--most-frames", flags.keyframes.most, "key frames").show_default());
+  const auto video = [](Flag& flag) { flag.group("Videos"); };
+  video(verb.add_option("--key-motion", flags.keyframes.min_motion,
+                        "of the picture's diagonal, between key frames")
+            .show_default());
+  video(verb.add_option("--max-frames", flags.keyframes.most, "key frames").show_default());
   add_online_flags(verb, flags.online);
 }
 
 }  // namespace
 
 void add_sfm_reconstruct(Command& sfm, Context& context) {
-  add_debug_flag(add_verb<ReconstructFlags>(sfm, "reconstruct",
-                                            "makes a model of photographs: cameras and points",
-                                            context, add_flags, reconstruct),
-                 context);
+  add_debug_flag(
+      add_verb<ReconstructFlags>(sfm, "reconstruct", "makes a model of images: cameras and points",
+                                 context, add_flags, reconstruct),
+      context);
 }
 
 }  // namespace tarsier::cli

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/camera_file.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/synth/relief.h"
 
 #include <fmt/format.h>
@@ -43,7 +43,7 @@ std::vector<std::string> names_of(const Map& map) {
   return names;
 }
 
-// Photographs of a drawn scene, camera.yaml, and truth.jsonl for `sfm eval`.
+// Images of a drawn scene, camera.yaml, and truth.jsonl for `sfm eval`.
 ExitStatus make_scene(SynthFlags& flags, Context& context) {
   flags.scene.size = parse_size(flags.size, 32, 8192);
   flags.scene.seed = context.seed;
@@ -58,7 +58,7 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
   make_folder((folder / "images").string());
   geometry::write_camera_file((folder / "camera.yaml").string(), scene.camera());
   std::string truth;
-  context.progress->begin("synth", scene.count(), "photographs");
+  context.progress->begin("synth", scene.count(), "images");
   for (int i = 0; i < scene.count(); ++i) {
     throw_if_stopped(context.stop);
     const std::string name = fmt::format("{:04}.jpg", i);
@@ -79,7 +79,7 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
 
 void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("-o,--output", flags.output, "folder").required();
-  verb.add_option("--images", flags.scene.images, "photographs")
+  verb.add_option("--images", flags.scene.images, "images to render")
       .check(range(1, 1000))
       .show_default();
   verb.add_option("--size", flags.size, "px").show_default();
@@ -100,7 +100,7 @@ void add_flags(Command& verb, SynthFlags& flags) {
 
 void add_sfm_synth(Command& sfm, Context& context) {
   add_verb<SynthFlags>(sfm, "synth",
-                       "draws photographs of a scene with known cameras: "
+                       "draws images of a scene with known cameras: "
                        "images/, camera.yaml, truth.jsonl",
                        context, add_flags, make_scene);
 }

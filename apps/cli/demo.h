@@ -20,8 +20,8 @@ void demo_markers(Context& context, DemoPage& page);
 void demo_targets(Context& context, DemoPage& page);
 void demo_sfm(Context& context, DemoPage& page);
 
-// A film that browsers play (MP4 with H.264), or false where this OpenCV cannot write one.
-[[nodiscard]] bool write_demo_film(const std::string& path, const std::vector<cv::Mat>& frames,
-                                   double fps);
+// A video that browsers play (MP4 with H.264), or false where this OpenCV cannot write one.
+[[nodiscard]] bool write_demo_video(const std::string& path, const std::vector<cv::Mat>& frames,
+                                    double fps);
 
 }  // namespace tarsier::cli

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/appearance/synthesis.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/draw/text.h"
-#include "tarsier/head/draw_pose.h"
-#include "tarsier/head/head_pose.h"
+#include "tarsier/face/appearance/synthesis.h"
+#include "tarsier/face/head/draw_pose.h"
+#include "tarsier/face/head/head_pose.h"
+#include "tarsier/image/draw/text.h"
 #include "tarsier/session/pose_session.h"
-#include "tarsier/sfm_view/animation.h"
-#include "tarsier/synth_face/synth_face.h"
+#include "tarsier/sfm/view/animation.h"
+#include "tarsier/synth/face/synth_face.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -36,22 +36,23 @@ cv::Mat cropped(const cv::Mat& picture, const Eigen::Matrix2Xd& points) {
 }
 
 // Start, some iterations, the end, and what the model draws there.
-std::vector<DemoPicture> fit_sequence(DemoPage& page, const appearance::AppearanceModel& model,
+std::vector<DemoPicture> fit_sequence(DemoPage& page,
+                                      const face::appearance::AppearanceModel& model,
                                       const synth::FaceSynth& faces) {
-  const geometry::Camera camera = head::guess_camera({800, 800});
+  const geometry::Camera camera = face::head::guess_camera({800, 800});
   cv::Mat picture;
   const synth::FaceTruth truth =
       faces.draw(picture, faces.person(11), camera,
-                 {head::rotation_of_angles({12, -4, 6}), {0, 10, 620}}, {}, 11);
-  shape::Similarity2d off = shape::fit_similarity(model.shape.mean, truth.points);
+                 {face::head::rotation_of_angles({12, -4, 6}), {0, 10, 620}}, {}, 11);
+  face::shape::Similarity2d off = face::shape::fit_similarity(model.shape.mean, truth.points);
   off.tx += 22;
   off.ty -= 18;
-  appearance::FitOptions options;
-  options.method = appearance::Method::kAlternating;
+  face::appearance::FitOptions options;
+  options.method = face::appearance::Method::kAlternating;
   options.trace = true;
-  const appearance::Fitter fitter(model, options);
-  appearance::FitWorkspace workspace;
-  const appearance::FitResult fit = fitter.fit(picture, off(model.shape.mean), workspace);
+  const face::appearance::Fitter fitter(model, options);
+  face::appearance::FitWorkspace workspace;
+  const face::appearance::FitResult fit = fitter.fit(picture, off(model.shape.mean), workspace);
   std::vector<DemoPicture> strip;
   const std::size_t last = fit.trace.size() - 1;
   const double eyes = (truth.points.col(36) - truth.points.col(45)).norm();
@@ -59,7 +60,7 @@ std::vector<DemoPicture> fit_sequence(DemoPage& page, const appearance::Appearan
        {std::size_t{0}, std::size_t{1}, std::size_t{2}, std::min<std::size_t>(4, last), last}) {
     cv::Mat drawn = picture.clone();
     const Eigen::Matrix2Xd& points = fit.trace[step].points;
-    appearance::draw_mesh(model, points, drawn);
+    face::appearance::draw_mesh(model, points, drawn);
     const double error = 100 * (points - truth.points).colwise().norm().mean() / eyes;
     const std::string name = step == 0      ? "start"
                              : step == last ? "end"
@@ -69,8 +70,8 @@ std::vector<DemoPicture> fit_sequence(DemoPage& page, const appearance::Appearan
                                  fmt::format("{}: {:.1f} % of the eye distance", name, error)));
   }
   cv::Mat made = picture.clone();
-  const appearance::Synthesis synthesis(model);
-  const appearance::Explained seen = synthesis.explain(picture, fit.points);
+  const face::appearance::Synthesis synthesis(model);
+  const face::appearance::Explained seen = synthesis.explain(picture, fit.points);
   synthesis.draw(seen.c, seen.offset, seen.gain, fit.points, made);
   strip.push_back(
       page.picture("aam-fit-made", cropped(made, truth.points), "what the model makes of it"));
@@ -80,14 +81,14 @@ std::vector<DemoPicture> fit_sequence(DemoPage& page, const appearance::Appearan
 }  // namespace
 
 void demo_aam(Context& context, DemoPage& page) {
-  const appearance::AppearanceModel model =
-      appearance::read_appearance_model(shipped_appearance_model());
+  const face::appearance::AppearanceModel model =
+      face::appearance::read_appearance_model(shipped_appearance_model());
   const synth::FaceSynth faces(model, read_head(""));
   page.begin_area("A model of what faces look like",
                   "An active appearance model, learnt from a thousand faces: shape and look, each "
                   "by its modes. Every face here is the model's own: nobody has it.");
   page.command("tarsier aam explore --grid modes.png");
-  page.grid({page.picture("aam-grid", appearance::draw_mode_grid(model, 3, 120, context.seed),
+  page.grid({page.picture("aam-grid", face::appearance::draw_mode_grid(model, 3, 120, context.seed),
                           "three modes of shape and three of look, at -3 .. 3 standard deviations; "
                           "below, random faces")});
   throw_if_stopped(context.stop);
@@ -104,11 +105,11 @@ void demo_aam(Context& context, DemoPage& page) {
 // One drawn head that turns, with the axes of the pose that is found: what `pose track` does, from
 // the picture alone.
 void demo_turning_head(Context& context, DemoPage& page) {
-  const appearance::AppearanceModel model =
-      appearance::read_appearance_model(shipped_appearance_model());
+  const face::appearance::AppearanceModel model =
+      face::appearance::read_appearance_model(shipped_appearance_model());
   const synth::FaceSynth faces(model, read_head(""));
   const face::PoseTrackerOptions options = pose_options({});
-  const geometry::Camera camera = head::guess_camera({360, 360});
+  const geometry::Camera camera = face::head::guess_camera({360, 360});
   PoseSession session(face::PoseTracker(load_pose_models(options), options), {});
   std::vector<cv::Mat> frames;
   double error = 0;
@@ -117,7 +118,7 @@ void demo_turning_head(Context& context, DemoPage& page) {
     throw_if_stopped(context.stop);
     const double phase = 2 * std::numbers::pi * i / kFrames;
     const geometry::Rigid truth{
-        head::rotation_of_angles(
+        face::head::rotation_of_angles(
             {32 * std::sin(phase), 10 * std::sin(2 * phase), 6 * std::cos(phase)}),
         {0, 10, 520}};
     Frame frame;
@@ -136,7 +137,7 @@ void demo_turning_head(Context& context, DemoPage& page) {
   page.heading("A head that turns",
                "Drawn with a known pose; the axes are what is found from the picture alone.");
   page.command(
-      "tarsier pose synth --film --count 36 -o head && tarsier pose track head/images "
+      "tarsier pose synth --video --count 36 -o head && tarsier pose track head/images "
       "--sequence -o posed");
   page.grid({DemoPicture{"img/pose-turning.gif",
                          posed > 0 ? fmt::format("found in {} of {} frames, {:.1f} degrees from "

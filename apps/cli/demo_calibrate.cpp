@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/calibration/calibrate.h"
-#include "tarsier/calibration/detect.h"
-#include "tarsier/calibration/draw_board.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/undistort.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/sheet/sheet.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/planar/calibration/calibrate.h"
+#include "tarsier/planar/calibration/detect.h"
+#include "tarsier/planar/calibration/draw_board.h"
+#include "tarsier/planar/sheets/sheet.h"
 #include "tarsier/synth/boards.h"
 
 #include <fmt/format.h>
@@ -18,8 +18,8 @@ namespace tarsier::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using calibration::BoardView;
-using calibration::Calibration;
+using planar::calibration::BoardView;
+using planar::calibration::Calibration;
 
 constexpr const char* kSamples = "/usr/share/doc/opencv-doc/examples/data";
 constexpr int kDrawn = 12;  // pictures, where there are no others
@@ -30,7 +30,7 @@ struct Shot {
 };
 
 // The left pictures of OpenCV's stereo pair, or drawn ones.
-std::vector<Shot> shots(const calibration::BoardSpec& spec) {
+std::vector<Shot> shots(const planar::calibration::BoardSpec& spec) {
   std::vector<Shot> result;
   for (int k = 1; k <= 14; ++k) {
     const std::string path = fmt::format("{}/left{:02}.jpg", kSamples, k);
@@ -38,15 +38,15 @@ std::vector<Shot> shots(const calibration::BoardSpec& spec) {
     if (fs::exists(path, error)) result.push_back({fmt::format("left{:02}", k), read_image(path)});
   }
   if (!result.empty()) return result;
-  const BoardFilm film({640, 480}, spec, 1);
+  const synth::BoardVideo video({640, 480}, spec, 1);
   for (int k = 0; k < kDrawn; ++k)
-    result.push_back({fmt::format("drawn{:02}", k), film.picture_at(0.8 + 1.2 * k)});
+    result.push_back({fmt::format("drawn{:02}", k), video.picture_at(0.8 + 1.2 * k)});
   return result;
 }
 
 void add_table(DemoPage& page, const Calibration& calibration, const std::vector<Shot>& pictures) {
   const geometry::Camera& c = calibration.camera;
-  const calibration::Deviations& d = calibration.deviations;
+  const planar::calibration::Deviations& d = calibration.deviations;
   const auto row = [](const char* what, double value, double deviation, int digits) {
     return std::vector<std::string>{what, fmt::format("{:.{}f}", value, digits),
                                     fmt::format("{:.{}f}", deviation, digits)};
@@ -67,7 +67,7 @@ void add_table(DemoPage& page, const Calibration& calibration, const std::vector
 }  // namespace
 
 void demo_calibrate(Context& context, DemoPage& page) {
-  const calibration::BoardSpec spec = calibration::parse_board("chess:9x6", 0.025);
+  const planar::calibration::BoardSpec spec = planar::calibration::parse_board("chess:9x6", 0.025);
   const std::vector<Shot> pictures = shots(spec);
   context.progress->begin("calibrate", static_cast<std::int64_t>(pictures.size()), "pictures");
   page.begin_area("Calibrating a camera",
@@ -76,7 +76,7 @@ void demo_calibrate(Context& context, DemoPage& page) {
   std::vector<BoardView> views;
   for (const Shot& shot : pictures) {
     throw_if_stopped(context.stop);
-    views.push_back(calibration::find_board(shot.image, spec));
+    views.push_back(planar::calibration::find_board(shot.image, spec));
     context.progress->advance();
   }
   const cv::Size size = pictures.front().image.size();
@@ -90,7 +90,7 @@ void demo_calibrate(Context& context, DemoPage& page) {
   // The view that shows the bend best: the one with the most tilt is as good as any.
   std::size_t shown = 0;
   for (std::size_t i = 0; i < views.size(); ++i) {
-    if (calibration.views[i].state == calibration::ViewState::kUsed &&
+    if (calibration.views[i].state == planar::calibration::ViewState::kUsed &&
         calibration.views[i].tilt_deg > calibration.views[shown].tilt_deg)
       shown = i;
   }
@@ -116,13 +116,15 @@ void demo_calibrate(Context& context, DemoPage& page) {
                           "where the board was seen")});
   add_table(page, calibration, pictures);
   page.heading("A board to print", "True to scale, as PDF, SVG or PNG.");
-  const auto charuco = calibration::parse_board("charuco:5x7:6x6_250", 0.035);
+  const auto charuco = planar::calibration::parse_board("charuco:5x7:6x6_250", 0.035);
   page.grid(
-      {page.drawing("calibrate-sheet", sheet::raster_of(sheet::board_page(charuco, {}), 60),
+      {page.drawing("calibrate-sheet",
+                    planar::sheets::raster_of(planar::sheets::board_page(charuco, {}), 60),
                     "a board with markers: a part of it is enough"),
        page.drawing(
            "calibrate-markers",
-           sheet::raster_of(sheet::marker_pages("6x6_250", {0, 1, 2, 3, 4, 5}, 50, {}).front(), 60),
+           planar::sheets::raster_of(
+               planar::sheets::marker_pages("6x6_250", {0, 1, 2, 3, 4, 5}, 50, {}).front(), 60),
            "markers")});
   page.command("tarsier ar marker-sheet --board charuco:5x7:6x6_250 --square 35mm -o board.pdf");
   context.progress->end();

@@ -4,10 +4,10 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/frame_source.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/io/lazy_opencv.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/lazy_opencv.h"
 #include "tarsier/synth/portrait.h"
 #include "tarsier/synth/scene.h"
 #include "tarsier/synth/sources.h"
@@ -52,13 +52,13 @@ std::vector<Sample> samples() {
     }
   }
   if (result.empty()) {
-    result.push_back({"scene", "synth:scene", render_scene({640, 480})});
-    result.push_back({"scene-2", "'synth:scene?seed=2'", render_scene({640, 480}, 0, 2)});
+    result.push_back({"scene", "synth:scene", synth::render_scene({640, 480})});
+    result.push_back({"scene-2", "'synth:scene?seed=2'", synth::render_scene({640, 480}, 0, 2)});
   }
   return result;
 }
 
-// Photographs full of texture would drown in ink at the default, which suits faces before a calm
+// Images full of texture would drown in ink at the default, which suits faces before a calm
 // wall.
 constexpr int kEvilThreshold = 60;
 
@@ -92,7 +92,7 @@ constexpr ModeText kModes[] = {
 void add_samples(Context& context, DemoPage& page, const std::vector<Sample>& pictures) {
   const Sample& first = pictures.front();
   const cv::Mat first_drawn = drawn(first.image, options_for(Mode::kCartoon));
-  page.compare(page.picture(fmt::format("{}-original", first.name), first.image, "the photograph"),
+  page.compare(page.picture(fmt::format("{}-original", first.name), first.image, "the image"),
                page.picture(fmt::format("{}-cartoon", first.name), first_drawn, "the cartoon"));
   page.command(fmt::format("tarsier cartoon run {} -o cartoon.png", first.path));
 
@@ -119,7 +119,7 @@ void add_samples(Context& context, DemoPage& page, const std::vector<Sample>& pi
 
 void add_faces(Context& context, DemoPage& page) {
   throw_if_stopped(context.stop);
-  const cv::Mat portrait = render_portrait({640, 480}).image;
+  const cv::Mat portrait = synth::render_portrait({640, 480}).image;
   const auto alien = [&](cartoon::SkinStyle style, const cv::Scalar& color) {
     CartoonOptions options = options_for(Mode::kAlien);
     options.skin.style = style;
@@ -180,16 +180,16 @@ void add_stages(Context& context, DemoPage& page, const Sample& sample) {
       fmt::format("tarsier cartoon run {} -o cartoon.png --debug-dir stages", sample.path));
 }
 
-// --- the film ---
+// --- the video ---
 
-constexpr int kFilmFrames = 60;
+constexpr int kVideoFrames = 60;
 
-std::vector<cv::Mat> film_frames(const std::string& path, const std::stop_token& stop,
-                                 double& fps) {
+std::vector<cv::Mat> video_frames(const std::string& path, const std::stop_token& stop,
+                                  double& fps) {
   std::vector<cv::Mat> frames;
-  const std::unique_ptr<FrameSource> source = open_source(path, {}, {synth_scheme()});
+  const std::unique_ptr<FrameSource> source = open_source(path, {}, {synth::synth_scheme()});
   fps = source->fps();
-  while (static_cast<int>(frames.size()) < kFilmFrames && !source->ended()) {
+  while (static_cast<int>(frames.size()) < kVideoFrames && !source->ended()) {
     throw_if_stopped(stop);
     if (const std::optional<Frame> frame = source->next(std::chrono::milliseconds(500), stop)) {
       frames.push_back(frame->image.clone());
@@ -198,15 +198,15 @@ std::vector<cv::Mat> film_frames(const std::string& path, const std::stop_token&
   return frames;
 }
 
-void add_film(Context& context, DemoPage& page) {
+void add_video(Context& context, DemoPage& page) {
   std::string path = fmt::format("{}/vtest.avi", kSamples);
   if (!fs::exists(path)) path = "synth:portrait";
   double fps = 10;
   std::vector<cv::Mat> frames;
   try {
-    frames = film_frames(path, context.stop, fps);
+    frames = video_frames(path, context.stop, fps);
   } catch (const InputError& error) {
-    log_warning("no film in the demo: {}", error.what());
+    log_warning("no video in the demo: {}", error.what());
     return;
   }
   if (frames.size() < 3) return;
@@ -219,22 +219,22 @@ void add_film(Context& context, DemoPage& page) {
     frame = cartoon::cartoonize(frame, options, state).clone();
     context.progress->advance();
   }
-  page.heading("A film",
-               "The same on every frame of a film or a camera, with --steady, which keeps the "
+  page.heading("A video",
+               "The same on every frame of a video or a camera, with --steady, which keeps the "
                "lines of what does not "
                "move from flickering.");
   const cv::Mat& middle = frames[frames.size() / 2];
-  const DemoPicture poster = page.picture("film-poster", middle, "a frame of the film");
-  if (write_demo_film(page.path_of("film.mp4"), frames, fps > 0 ? fps : 10)) {
-    page.film({"img/film.mp4",
-               fmt::format("{} frames of {}", frames.size(), fs::path(path).filename().string()),
-               middle.cols, middle.rows},
-              poster);
+  const DemoPicture poster = page.picture("video-poster", middle, "a frame of the video");
+  if (write_demo_video(page.path_of("video.mp4"), frames, fps > 0 ? fps : 10)) {
+    page.video({"img/video.mp4",
+                fmt::format("{} frames of {}", frames.size(), fs::path(path).filename().string()),
+                middle.cols, middle.rows},
+               poster);
   } else {
     std::vector<DemoPicture> stills;
     for (size_t i = 0; i < frames.size(); i += frames.size() / 3) {
       stills.push_back(
-          page.picture(fmt::format("film-{}", i), frames[i], fmt::format("frame {}", i)));
+          page.picture(fmt::format("video-{}", i), frames[i], fmt::format("frame {}", i)));
     }
     page.grid(stills);
   }
@@ -284,7 +284,7 @@ void add_speed(Context& context, DemoPage& page, const Sample& sample) {
 
 }  // namespace
 
-bool write_demo_film(const std::string& path, const std::vector<cv::Mat>& frames, double fps) {
+bool write_demo_video(const std::string& path, const std::vector<cv::Mat>& frames, double fps) {
   AtomicFile file(path);
   const auto writer = lazy_opencv::make_video_writer();
   constexpr int kH264 = 'a' | 'v' << 8 | 'c' << 16 | '1' << 24;
@@ -300,14 +300,14 @@ bool write_demo_film(const std::string& path, const std::vector<cv::Mat>& frames
 void demo_cartoon(Context& context, DemoPage& page) {
   const std::vector<Sample> pictures = samples();
   const auto drawings = static_cast<std::int64_t>(pictures.size() * std::size(kModes));
-  context.progress->begin("cartoon", drawings + 3 + kFilmFrames + 7, "pictures");
+  context.progress->begin("cartoon", drawings + 3 + kVideoFrames + 7, "pictures");
   page.begin_area(
       "Cartoon",
-      "Photographs, films and live cameras become drawings, on a small machine in real time.");
+      "Images, videos and live cameras become drawings, on a small machine in real time.");
   add_samples(context, page, pictures);
   add_faces(context, page);
   add_stages(context, page, pictures.front());
-  add_film(context, page);
+  add_video(context, page);
   add_speed(context, page, pictures.front());
   context.progress->end();
 }

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/sfm_view/animation.h"
-#include "tarsier/shape/show.h"
+#include "tarsier/face/shape/show.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/sfm/view/animation.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -22,11 +22,11 @@ constexpr const char* kFaces[] = {"messi5.jpg"};
 
 void demo_landmarks(Context& context, DemoPage& page) {
   const face::LandmarkTracker tracker = load_landmark_tracker({});
-  const shape::ShapeModel& shape_model = tracker.model().shape;
+  const face::shape::ShapeModel& shape_model = tracker.model().shape;
   face::LandmarkState state;
   page.begin_area("Faces, point by point",
                   "68 points of each face, by regression trees and a cascade of linear regressions "
-                  "that were learnt by this program. Real photographs, of Debian's opencv-doc.");
+                  "that were learnt by this program. Real images, of Debian's opencv-doc.");
   page.command(fmt::format("tarsier landmarks fit {}/messi5.jpg -o points.png", kPictures));
   std::vector<DemoPicture> faces;
   for (const char* name : kFaces) {
@@ -37,9 +37,9 @@ void demo_landmarks(Context& context, DemoPage& page) {
     frame.image = read_image(path.string());
     frame.still = true;
     const cv::Mat& image = frame.image;
-    const std::vector<landmarks::TrackedFace> found = tracker.process(frame, state).faces;
+    const std::vector<face::landmarks::TrackedFace> found = tracker.process(frame, state).faces;
     if (found.empty()) continue;
-    // The face, enlarged: it is small in its photograph.
+    // The face, enlarged: it is small in its image.
     const cv::Rect2d& box = found.front().box;
     const cv::Rect around =
         cv::Rect(cvRound(box.x - 0.6 * box.width), cvRound(box.y - 0.4 * box.height),
@@ -51,15 +51,15 @@ void demo_landmarks(Context& context, DemoPage& page) {
     Eigen::Matrix2Xd points = found.front().points;
     points.row(0) = ((points.row(0).array() - around.x + 0.5) * zoom - 0.5).matrix();
     points.row(1) = ((points.row(1).array() - around.y + 0.5) * zoom - 0.5).matrix();
-    shape::LandmarkStyle style;
+    face::shape::LandmarkStyle style;
     style.radius_px = 2.5;
-    shape::draw_landmarks(shown, points, shape_model.connections, shape_model.mirror, style);
+    face::shape::draw_landmarks(shown, points, shape_model.connections, shape_model.mirror, style);
     faces.push_back(page.picture("landmarks-" + path.stem().string(), shown,
                                  fmt::format("{}: a face {:.0f} px wide, score {:.2f}", name,
                                              box.width, found.front().score)));
   }
   if (faces.empty()) {
-    page.note("The package opencv-doc is not installed; its photographs would be here.");
+    page.note("The package opencv-doc is not installed; its images would be here.");
   } else {
     page.grid(faces);
   }
@@ -68,13 +68,14 @@ void demo_landmarks(Context& context, DemoPage& page) {
                "The first modes of the shape model: what varies most among a thousand faces, once "
                "place, size and turn are taken out. A drawing: nobody's face.");
   page.command("tarsier landmarks show landmarks68.json -o modes.gif");
-  const std::vector<cv::Mat> frames = shape::animate_modes(shape_model, 4, cv::Size(360, 360), 24);
+  const std::vector<cv::Mat> frames =
+      face::shape::animate_modes(shape_model, 4, cv::Size(360, 360), 24);
   const std::string file = page.path_of("landmarks-modes.gif");
   sfm::write_gif(file, frames, 12);
-  page.grid(
-      {DemoPicture{"img/landmarks-modes.gif", "four modes, 3 standard deviations either way", 360,
-                   360},
-       page.drawing("landmarks-modes", shape::draw_modes(shape_model, 4, 150), "each row a mode")});
+  page.grid({DemoPicture{"img/landmarks-modes.gif", "four modes, 3 standard deviations either way",
+                         360, 360},
+             page.drawing("landmarks-modes", face::shape::draw_modes(shape_model, 4, 150),
+                          "each row a mode")});
 }
 
 }  // namespace tarsier::cli

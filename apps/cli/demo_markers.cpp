@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/ar/augment.h"
+#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/marker/pose.h"
+#include "tarsier/planar/augment/augment.h"
+#include "tarsier/planar/markers/pose.h"
 #include "tarsier/render/builtin.h"
 #include "tarsier/session/ar_session.h"
 #include "tarsier/synth/noise.h"
@@ -22,14 +23,14 @@ namespace {
 
 const cv::Size kSize{640, 480};
 constexpr double kFps = 25;
-constexpr int kFrames = 150;  // one round of the film
+constexpr int kFrames = 150;  // one round of the video
 constexpr double kSide = 0.05;
 
-synth::PlanarFilm desk() {
+synth::PlanarVideo desk() {
   synth::PlanarSourceOptions options;
-  options.film.speed_px = 12;
-  options.film.exposure = 0.1;
-  return synth::planar_source_film(options, kSize, kFps, 5);
+  options.video.speed_px = 12;
+  options.video.exposure = 0.1;
+  return synth::planar_source_video(options, kSize, kFps, 5);
 }
 
 // A painted box with a ball on it, z up.
@@ -38,7 +39,8 @@ std::shared_ptr<const render::Mesh> box_and_ball() {
   render::Mesh ball = render::make_sphere(24, {0.2F, 0.35F, 0.9F});
   for (cv::Vec3f& p : ball.positions) p = 0.4F * p + cv::Vec3f(0, 0, 0.9F);
   append(mesh, ball);
-  return std::make_shared<const render::Mesh>(ar::standing(mesh, ar::Up::kZ));
+  return std::make_shared<const render::Mesh>(
+      planar::augment::standing(mesh, planar::augment::Up::kZ));
 }
 
 struct Tally {
@@ -49,14 +51,14 @@ struct Tally {
   std::vector<double> milliseconds;
 };
 
-void count(const std::vector<marker::PosedMarker>& found,
+void count(const std::vector<planar::markers::PosedMarker>& found,
            const std::vector<synth::PrintTruth>& truth, Tally& tally) {
   for (const synth::PrintTruth& print : truth) {
     if (print.visible < 0.99) continue;
     ++tally.shown;
-    const auto at = std::find_if(found.begin(), found.end(), [&](const marker::PosedMarker& m) {
-      return m.marker.id == print.id;
-    });
+    const auto at = std::find_if(
+        found.begin(), found.end(),
+        [&](const planar::markers::PosedMarker& m) { return m.marker.id == print.id; });
     if (at == found.end() || !at->pose) continue;
     ++tally.found;
     double sum = 0;
@@ -70,34 +72,27 @@ void count(const std::vector<marker::PosedMarker>& found,
   }
 }
 
-double median_of(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 void add_table(DemoPage& page, const Tally& tally) {
   const double shown = std::max(1, tally.shown);
   page.table(
       {"", ""},
       {{"markers in sight", std::to_string(tally.shown)},
        {"found and posed", fmt::format("{:.1f} %", 100 * tally.found / shown)},
-       {"corners, median error", fmt::format("{:.2f} px", median_of(tally.corner_px))},
+       {"corners, median error", fmt::format("{:.2f} px", upper_median(tally.corner_px))},
        {"poses more than 15 degrees off", std::to_string(tally.flips)},
-       {"time for a frame, median", fmt::format("{:.1f} ms", median_of(tally.milliseconds))}},
-      "Counted over the film above, whose truth is known.");
+       {"time for a frame, median", fmt::format("{:.1f} ms", upper_median(tally.milliseconds))}},
+      "Counted over the video above, whose truth is known.");
 }
 
 }  // namespace
 
 void demo_markers(Context& context, DemoPage& page) {
-  const synth::PlanarFilm film = desk();
+  const synth::PlanarVideo video = desk();
   ArSessionOptions options;
   options.size = kSide;
-  options.camera = film.camera();
+  options.camera = video.camera();
   options.outlines = false;
-  options.augment.thing = ar::Thing::kMesh;
+  options.augment.thing = planar::augment::Thing::kMesh;
   options.augment.mesh = box_and_ball();
   context.progress->begin("markers", kFrames, "frames");
   page.begin_area(
@@ -118,12 +113,12 @@ void demo_markers(Context& context, DemoPage& page) {
     Frame frame;
     frame.index = i;
     frame.time = i / kFps;
-    frame.name = "film";
-    frame.image = film.picture_at(frame.time);
-    add_noise(frame.image, 2, static_cast<std::uint64_t>(i));
+    frame.name = "video";
+    frame.image = video.picture_at(frame.time);
+    synth::add_noise(frame.image, 2, static_cast<std::uint64_t>(i));
     const View view = session.on_frame(frame, live);
     frames.push_back(view.output.clone());
-    count(session.markers(), film.truth_at(frame.time), tally);
+    count(session.markers(), video.truth_at(frame.time), tally);
     tally.milliseconds.push_back(session.milliseconds());
     if (i == 60) {
       plain = frame.image.clone();
@@ -131,14 +126,14 @@ void demo_markers(Context& context, DemoPage& page) {
     }
     context.progress->advance();
   }
-  poster = page.picture("markers-poster", drawn, "a film of a drawn desk");
+  poster = page.picture("markers-poster", drawn, "a video of a drawn desk");
   page.compare(page.picture("markers-plain", plain, "what the camera sees"),
                page.picture("markers-drawn", drawn, "with a painted box on each marker"));
   page.command("tarsier ar markers 0 --size 50mm --camera camera.yaml --mesh thing.obj --window");
-  if (write_demo_film(page.path_of("markers.mp4"), frames, kFps)) {
+  if (write_demo_video(page.path_of("markers.mp4"), frames, kFps)) {
     DemoPicture moving = poster;
     moving.file = "img/markers.mp4";
-    page.film(moving, poster);
+    page.video(moving, poster);
   }
   add_table(page, tally);
   // The other things, on one picture.
@@ -146,12 +141,15 @@ void demo_markers(Context& context, DemoPage& page) {
   still.still = true;
   still.name = "still";
   still.image = plain;
-  for (const ar::Thing thing : {ar::Thing::kNone, ar::Thing::kAxes, ar::Thing::kCube}) {
+  for (const planar::augment::Thing thing :
+       {planar::augment::Thing::kNone, planar::augment::Thing::kAxes,
+        planar::augment::Thing::kCube}) {
     options.augment.thing = thing;
-    options.outlines = thing == ar::Thing::kNone;
+    options.outlines = thing == planar::augment::Thing::kNone;
     ArSession other(options);
     const View view = other.on_frame(still, live);
-    const std::string name(thing == ar::Thing::kNone ? "ids" : ar::name_of(thing));
+    const std::string name(
+        thing == planar::augment::Thing::kNone ? "ids" : planar::augment::name_of(thing));
     shown.push_back(page.picture("markers-" + name, view.output, "--draw " + name));
   }
   page.grid(shown);

@@ -9,7 +9,7 @@
 
 namespace tarsier::cli {
 
-// A picture or film beside the page.
+// A picture or video beside the page.
 struct DemoPicture {
   std::string file;     // relative to the page, "img/cartoon-home.jpg"
   std::string caption;  // one line; may be empty
@@ -38,7 +38,7 @@ class DemoPage {
                const DemoPicture& after);                // with a line to drag between them
   void grid(const std::vector<DemoPicture>& pictures);   // as many beside each other as fit
   void strip(const std::vector<DemoPicture>& pictures);  // numbered stages of one thing
-  void film(const DemoPicture& film, const DemoPicture& poster);
+  void video(const DemoPicture& video, const DemoPicture& poster);
   // `bars` is the number of a column (from 0) that is also shown as bars, or -1.
   void table(const std::vector<std::string>& columns,
              const std::vector<std::vector<std::string>>& rows, std::string_view caption = "",

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/stop.h"
-#include "tarsier/draw/tile.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/image/draw/tile.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -25,7 +25,7 @@ void demo_people(Context& context, DemoPage& page) {
                   "unknown. Nothing leaves this machine, and everyone can be forgotten for good.");
   page.command(fmt::format("tarsier people show --stages {}/messi5.jpg -o stages.png", kPictures));
   std::vector<DemoPicture> shown;
-  people::FaceReader reader = make_face_reader({});
+  face::people::FaceReader reader = make_face_reader({});
   for (const char* name : {"messi5.jpg"}) {
     throw_if_stopped(context.stop);
     const std::filesystem::path path = std::filesystem::path(kPictures) / name;
@@ -33,11 +33,11 @@ void demo_people(Context& context, DemoPage& page) {
     const NamedPictures stages = face_stages(reader, read_gray_image(path.string()));
     if (stages.images.empty()) continue;
     shown.push_back(page.picture("people-" + path.stem().string(),
-                                 draw::tile(stages.images, stages.names, {960, 560}),
+                                 image::draw::tile(stages.images, stages.names, {960, 560}),
                                  fmt::format("{}: the stages of preparation", name)));
   }
   if (shown.empty()) {
-    page.note("The package opencv-doc is not installed; its photographs would be here.");
+    page.note("The package opencv-doc is not installed; its images would be here.");
   } else {
     page.grid(shown);
   }

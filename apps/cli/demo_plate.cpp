@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/plate_reader/video_reader.h"
+#include "tarsier/plate/reader/video_reader.h"
 #include "tarsier/session/plate_session.h"
 #include "tarsier/synth/sources.h"
 
@@ -45,7 +45,7 @@ void show_stills(Context& context, DemoPage& page, const plate::Reader& reader) 
   std::vector<DemoPicture> pictures;
   for (const Scene& scene : kScenes) {
     throw_if_stopped(context.stop);
-    const auto source = open_synth_source(std::string_view(scene.source).substr(6));
+    const auto source = synth::open_synth_source(std::string_view(scene.source).substr(6));
     auto frame = source->next(std::chrono::milliseconds(1000), context.stop);
     if (!frame) continue;
     frame->still = true;
@@ -89,7 +89,7 @@ void show_drive(Context& context, DemoPage& page, const plate::Reader& reader) {
                     fmt::format("{:.1f}-{:.1f} s", event.first_time, event.last_time),
                     std::to_string(event.frames)});
   });
-  const auto source = open_synth_source(kDrive);
+  const auto source = synth::open_synth_source(kDrive);
   std::vector<DemoPicture> pictures;
   while (auto frame = source->next(std::chrono::milliseconds(1000), context.stop)) {
     throw_if_stopped(context.stop);

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/head/draw_pose.h"
-#include "tarsier/head/posit.h"
-#include "tarsier/head/surface.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/face/head/draw_pose.h"
+#include "tarsier/face/head/posit.h"
+#include "tarsier/face/head/surface.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/render/builtin.h"
 #include "tarsier/render/render.h"
 #include "tarsier/session/pose_session.h"
@@ -64,11 +64,12 @@ cv::Mat cube_picture(const geometry::Camera& camera, const geometry::Rigid& came
 DemoPicture cube_with_axes(DemoPage& page, Context& context) {
   const geometry::Camera camera = demo_camera(480, 360);
   const cv::Matx33d upright(1, 0, 0, 0, 0, -1, 0, 1, 0);  // z up, y away from the camera
-  const head::HeadAngles tilt{0, -28, 0};
+  const face::head::HeadAngles tilt{0, -28, 0};
   const double turn = 0.6;
   const cv::Matx33d about_z(std::cos(turn), -std::sin(turn), 0, std::sin(turn), std::cos(turn), 0,
                             0, 0, 1);
-  const geometry::Rigid truth{head::rotation_of_angles(tilt) * upright * about_z, {-12, 14, 430}};
+  const geometry::Rigid truth{face::head::rotation_of_angles(tilt) * upright * about_z,
+                              {-12, 14, 430}};
   cv::Mat image = cube_picture(camera, truth);
   Eigen::Matrix3Xd object(3, 8);
   Eigen::Matrix2Xd seen(2, 8);
@@ -79,15 +80,15 @@ DemoPicture cube_with_axes(DemoPage& page, Context& context) {
     const auto pixel = camera.project(truth * cv::Vec3d(object(0, i), object(1, i), object(2, i)));
     seen.col(i) << pixel->x + 0.5 * rng.normal(), pixel->y + 0.5 * rng.normal();
   }
-  head::PositOptions options;
+  face::head::PositOptions options;
   options.refine_steps = 10;
-  head::PositWorkspace workspace;
-  const head::PositResult result =
-      head::posit(head::PositModel(object), seen, camera, options, workspace);
+  face::head::PositWorkspace workspace;
+  const face::head::PositResult result =
+      face::head::posit(face::head::PositModel(object), seen, camera, options, workspace);
   std::string text = "no pose";
   if (result.pose) {
     const geometry::Rigid& pose = result.pose->camera_from_object;
-    head::draw_axes(image, camera, pose, {90, 90, 90});
+    face::head::draw_axes(image, camera, pose, {90, 90, 90});
     text = fmt::format(
         "a cube of 100 mm, its corners seen with 0.5 px of noise: {} iterations, {:.2f} degrees "
         "and {:.1f} mm from the truth",
@@ -109,7 +110,7 @@ std::optional<Portrait> portrait_of(const cv::Mat& image, const face::LandmarkTr
   frame.image = image;
   frame.still = true;
   face::LandmarkState state;
-  const std::vector<landmarks::TrackedFace> found = tracker.process(frame, state).faces;
+  const std::vector<face::landmarks::TrackedFace> found = tracker.process(frame, state).faces;
   if (found.empty()) return std::nullopt;
   const cv::Rect2d& box = found.front().box;
   const cv::Rect around =
@@ -120,7 +121,7 @@ std::optional<Portrait> portrait_of(const cv::Mat& image, const face::LandmarkTr
   Portrait portrait;
   cv::resize(image(around), portrait.image, {}, zoom, zoom, cv::INTER_CUBIC);
   geometry::Camera& camera = portrait.camera;
-  camera = head::guess_camera(image.size());
+  camera = face::head::guess_camera(image.size());
   camera.width = portrait.image.cols;
   camera.height = portrait.image.rows;
   camera.fx *= zoom;
@@ -147,7 +148,7 @@ DemoPicture posed_picture(DemoPage& page, const Portrait& portrait, const std::s
   const View view = session.on_frame(frame, {});
   std::string text = caption;
   if (!session.faces().empty() && session.faces().front().pose) {
-    const head::HeadAngles& angles = session.faces().front().pose->angles;
+    const face::head::HeadAngles& angles = session.faces().front().pose->angles;
     text += fmt::format(": yaw {:+.0f}, pitch {:+.0f}, roll {:+.0f} degrees", angles.yaw_deg,
                         angles.pitch_deg, angles.roll_deg);
   }
@@ -156,8 +157,8 @@ DemoPicture posed_picture(DemoPage& page, const Portrait& portrait, const std::s
 
 // The head that ships, as learnt from flat pictures, in three poses; two wear what can be drawn.
 DemoPicture learnt_head(DemoPage& page) {
-  const head::HeadModel model = read_head("");
-  const head::HeadSurface surface = head::head_surface(model, model.mean);
+  const face::head::HeadModel model = read_head("");
+  const face::head::HeadSurface surface = face::head::head_surface(model, model.mean);
   auto skin = std::make_shared<render::Mesh>();
   render::Material material;
   material.color = {0.62F, 0.72F, 0.86F};
@@ -181,7 +182,7 @@ DemoPicture learnt_head(DemoPage& page) {
   scene.light.specular = 0.15;
   std::vector<geometry::Rigid> poses;
   for (int i = 0; i < 3; ++i) {
-    const geometry::Rigid pose{head::rotation_of_angles({35.0 - 35 * i, 5.0 * i, 0}),
+    const geometry::Rigid pose{face::head::rotation_of_angles({35.0 - 35 * i, 5.0 * i, 0}),
                                {250.0 * (i - 1), 25, 860}};
     render::Item item;
     item.mesh = skin;
@@ -195,7 +196,7 @@ DemoPicture learnt_head(DemoPage& page) {
     poses.push_back(pose);
   }
   render::render(image, scene, camera);
-  head::draw_head(image, camera, poses[0], model, model.mean);
+  face::head::draw_head(image, camera, poses[0], model, model.mean);
   return page.drawing("pose-head", image,
                       "the head that ships: its 68 points and a skull behind them; yaw 35, 0 and "
                       "-35 degrees; glasses and hat are drawn by --draw");
@@ -215,7 +216,7 @@ void demo_pose(Context& context, DemoPage& page) {
   throw_if_stopped(context.stop);
   page.command(fmt::format("tarsier pose track {} -o posed.png", kMessi));
   if (!std::filesystem::exists(kMessi)) {
-    page.note("The package opencv-doc is not installed; its photograph would be here.");
+    page.note("The package opencv-doc is not installed; its image would be here.");
     demo_turning_head(context, page);
     return;
   }

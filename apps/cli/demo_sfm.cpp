@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/stop.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/sfm/evaluation.h"
-#include "tarsier/sfm/pipeline.h"
-#include "tarsier/sfm_view/render.h"
-#include "tarsier/sfm_view/viewer.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/sfm/mapper/evaluation.h"
+#include "tarsier/sfm/mapper/pipeline.h"
+#include "tarsier/sfm/view/render.h"
+#include "tarsier/sfm/view/viewer.h"
 #include "tarsier/synth/relief.h"
 
 #include <fmt/format.h>
@@ -15,14 +15,14 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr int kPhotographs = 9;
+constexpr int kImages = 9;
 
 // The model of the truth: true cameras, and points where the surface is.
 sfm::Model true_model(const synth::ReliefScene& scene, const sfm::Model& found) {
   sfm::Model model;
   model.cameras = {scene.camera()};
   for (int i = 0; i < scene.count(); ++i) {
-    sfm::Photograph image;
+    sfm::Image image;
     image.name = found.images[static_cast<std::size_t>(i)].name;
     image.registered = true;
     image.pose = scene.pose(i);
@@ -51,11 +51,11 @@ sfm::Model true_model(const synth::ReliefScene& scene, const sfm::Model& found) 
 
 void demo_sfm(Context& context, DemoPage& page) {
   page.begin_area("Structure from motion",
-                  "Photographs of a scene become the cameras that took them and a cloud of points. "
+                  "Images of a scene become the cameras that took them and a cloud of points. "
                   "This scene is drawn by the program, so that the truth is known.");
   synth::SceneOptions options;
   options.size = {640, 480};
-  options.images = kPhotographs;
+  options.images = kImages;
   const synth::ReliefScene scene(options);
   std::vector<sfm::Input> inputs;
   std::vector<DemoPicture> pictures;
@@ -69,7 +69,7 @@ void demo_sfm(Context& context, DemoPage& page) {
     pictures.push_back(picture);
   }
   page.command("tarsier sfm synth -o scene");
-  page.heading("The photographs");
+  page.heading("The images");
   page.grid(pictures);
 
   sfm::PipelineOptions how;
@@ -94,9 +94,9 @@ void demo_sfm(Context& context, DemoPage& page) {
   const sfm::PoseScores scores = sfm::evaluate_poses(model, truth, "model");
   const sfm::ModelStatistics statistics = sfm::statistics_of(model);
   page.table({"what", "value"},
-             {{"photographs", fmt::format("{} of {}", scores.registered, scores.total)},
+             {{"images", fmt::format("{} of {}", scores.registered, scores.total)},
               {"points", std::to_string(model.points.size())},
-              {"photographs that show a point", fmt::format("{:.1f}", statistics.mean_track)},
+              {"images that show a point", fmt::format("{:.1f}", statistics.mean_track)},
               {"reprojection error", fmt::format("{:.2f} px", statistics.reprojection_px)},
               {"cameras off by",
                fmt::format("{:.4f} % of their extent", 100 * scores.center_mean / scores.extent)},

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/stop.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/planar/image_targets/quality.h"
+#include "tarsier/planar/image_targets/train.h"
 #include "tarsier/session/target_session.h"
 #include "tarsier/synth/planar_source.h"
 #include "tarsier/synth/planar_worlds.h"
-#include "tarsier/target/quality.h"
-#include "tarsier/target/train.h"
 
 #include <fmt/format.h>
 
@@ -18,7 +18,7 @@ namespace tarsier::cli {
 namespace {
 
 constexpr const char* kSamples = "/usr/share/doc/opencv-doc/examples/data";
-constexpr double kFilmSeconds = 6;
+constexpr double kVideoSeconds = 6;
 
 // What the session draws on a picture.
 cv::Mat seen_in(TargetSession& session, const cv::Mat& picture, bool still) {
@@ -39,7 +39,8 @@ void show_box(DemoPage& page) {
     page.note("The package opencv-doc has a box of biscuits to find; it is not installed.");
     return;
   }
-  const target::Target trained = target::train_target(read_image(box), "biscuits");
+  const planar::image_targets::Target trained =
+      planar::image_targets::train_target(read_image(box), "biscuits");
   const cv::Mat picture = read_image(scene);
   TargetSessionOptions options;
   geometry::Camera camera;  // nobody knows what took it: a usual field of view
@@ -48,7 +49,7 @@ void show_box(DemoPage& page) {
   camera.cy = picture.rows / 2.0 - 0.5;
   options.camera = camera;
   TargetSession session({trained}, options);
-  page.grid({page.drawing("target-quality", target::draw_quality(trained),
+  page.grid({page.drawing("target-quality", planar::image_targets::draw_quality(trained),
                           "how trackable the picture is: points that last, and its rating"),
              page.picture("target-box", seen_in(session, picture, true),
                           "found small, turned and in part hidden")});
@@ -62,34 +63,34 @@ void show_box(DemoPage& page) {
 }  // namespace
 
 void demo_targets(Context& context, DemoPage& page) {
-  const auto frames = static_cast<int>(kFilmSeconds * 25);
+  const auto frames = static_cast<int>(kVideoSeconds * 25);
   context.progress->begin("targets", frames, "frames");
   page.begin_area("Pictures as targets",
                   "Any flat picture with detail can take a marker's place: it is learnt from one "
-                  "photograph, found in others, and followed through a film.");
+                  "image, found in others, and followed through a video.");
   show_box(page);
-  synth::FilmOptions look;
+  synth::VideoOptions look;
   look.exposure = 0.35;
   look.seed = context.seed;
   const synth::PlanarPrint poster = synth::poster_print(0, context.seed);
-  const synth::PlanarFilm film = synth::print_film({poster}, look);
+  const synth::PlanarVideo video = synth::print_video({poster}, look);
   TargetSessionOptions options;
-  options.camera = film.camera();
-  TargetSession session({target::train_target(poster.picture, "poster")}, options);
+  options.camera = video.camera();
+  TargetSession session({planar::image_targets::train_target(poster.picture, "poster")}, options);
   std::vector<DemoPicture> strip;
   int seen = 0;
   for (int i = 0; i < frames; ++i) {
     throw_if_stopped(context.stop);
-    const cv::Mat drawn = seen_in(session, film.picture_at(i / 25.0), false);
+    const cv::Mat drawn = seen_in(session, video.picture_at(i / 25.0), false);
     seen += session.seen().empty() ? 0 : 1;
     if (i % (frames / 5) == frames / 10)
       strip.push_back(
-          page.picture(fmt::format("target-film-{}", strip.size() + 1), drawn,
+          page.picture(fmt::format("target-video-{}", strip.size() + 1), drawn,
                        fmt::format("{:.1f} s, {:.1f} ms", i / 25.0, session.milliseconds())));
     context.progress->advance();
   }
   page.heading("Followed",
-               fmt::format("A drawn film: the camera moves up to 25 pixels a frame, the light "
+               fmt::format("A drawn video: the camera moves up to 25 pixels a frame, the light "
                            "swings, a hand passes. Seen in {} of {} frames.",
                            seen, frames));
   page.grid(strip);

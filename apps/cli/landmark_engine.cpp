@@ -29,20 +29,20 @@ Flag& add_min_face_flag(Command& verb, double& min_face) {
 }
 
 face::LandmarkTrackerOptions landmark_options(const LandmarkFlags& flags,
-                                              const landmarks::TrackerOptions& tracking) {
+                                              const face::landmarks::TrackerOptions& tracking) {
   face::LandmarkTrackerOptions options;
   options.model = flags.model;
   options.detector = flags.detector;
   options.finder.detector.min_face = flags.min_face;
   options.finder.thorough = flags.thorough;
   options.fit = flags.fit;
-  if (!flags.method.empty()) options.fit.method = landmarks::parse_fit_method(flags.method);
+  if (!flags.method.empty()) options.fit.method = face::landmarks::parse_fit_method(flags.method);
   options.tracker = tracking;
   return options;
 }
 
 face::LandmarkTracker load_landmark_tracker(const LandmarkFlags& flags,
-                                            const landmarks::TrackerOptions& tracking) {
+                                            const face::landmarks::TrackerOptions& tracking) {
   const face::LandmarkTrackerOptions options = landmark_options(flags, tracking);
   options.check();
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
@@ -50,7 +50,7 @@ face::LandmarkTracker load_landmark_tracker(const LandmarkFlags& flags,
   return face::LandmarkTracker::load(ModelStore::find(), options);
 }
 
-landmarks::FaceFinder make_face_finder(const landmarks::FaceFinderOptions& options) {
+face::landmarks::FaceFinder make_face_finder(const face::landmarks::FaceFinderOptions& options) {
   return face::DetectorModel::load(ModelStore::find(), "", options).make_finder();
 }
 

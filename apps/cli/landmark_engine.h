@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/face_pipelines/landmark_tracker.h"
+#include "tarsier/face/pipelines/landmark_tracker.h"
 
 #include "cli.h"
 #include <string>
@@ -13,7 +13,7 @@ struct LandmarkFlags {
   std::string model;     // empty: the one that ships
   std::string detector;  // face detector: a file, or "cascades"; empty: the one that ships
   std::string method;    // empty: the model's best
-  landmarks::FitOptions fit;
+  face::landmarks::FitOptions fit;
   double min_face = 0;  // px, smallest face that is looked for; 0: the usual
   bool thorough = true;
 };
@@ -25,14 +25,14 @@ void add_landmark_flags(Command& verb, LandmarkFlags& flags);
 
 // Throws UsageError for an unknown method.
 [[nodiscard]] face::LandmarkTrackerOptions landmark_options(
-    const LandmarkFlags& flags, const landmarks::TrackerOptions& tracking = {});
+    const LandmarkFlags& flags, const face::landmarks::TrackerOptions& tracking = {});
 
 // With the models that ship. Throws as face::LandmarkTracker::load(), Interrupted.
 [[nodiscard]] face::LandmarkTracker load_landmark_tracker(
-    const LandmarkFlags& flags, const landmarks::TrackerOptions& tracking = {});
+    const LandmarkFlags& flags, const face::landmarks::TrackerOptions& tracking = {});
 
 // What ships finds the faces. Throws ModelError.
-[[nodiscard]] landmarks::FaceFinder make_face_finder(
-    const landmarks::FaceFinderOptions& options = {});
+[[nodiscard]] face::landmarks::FaceFinder make_face_finder(
+    const face::landmarks::FaceFinderOptions& options = {});
 
 }  // namespace tarsier::cli

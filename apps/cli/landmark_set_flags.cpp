@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/shape/import.h"
-#include "tarsier/shape/text_files.h"
+#include "tarsier/face/shape/import.h"
+#include "tarsier/face/shape/text_files.h"
 
 #include "cmd_landmarks.h"
 
@@ -18,39 +18,39 @@ void add_set_flags(Command& verb, SetFlags& flags) {
   verb.add_option("--images", flags.images, "folder of the pictures, where it is another one");
 }
 
-shape::LandmarkSet load_set(const SetFlags& flags) {
+face::shape::LandmarkSet load_set(const SetFlags& flags) {
   const auto ends = [&](std::string_view ending) { return flags.input.ends_with(ending); };
   if (ends(".yaml") || ends(".yml") || ends(".json")) {
-    shape::LandmarkSet set = shape::read_landmark_set(flags.input);
+    face::shape::LandmarkSet set = face::shape::read_landmark_set(flags.input);
     // From here on paths are from the current folder.
-    for (shape::LandmarkSample& sample : set.samples) {
-      sample.image = shape::image_path(flags.input, sample);
+    for (face::shape::LandmarkSample& sample : set.samples) {
+      sample.image = face::shape::image_path(flags.input, sample);
     }
     return set;
   }
-  if (ends(".txt") && shape::is_text_shapes(flags.input)) {
-    shape::LandmarkSet set;
-    for (const Eigen::Matrix2Xd& points : shape::read_text_shapes(flags.input)) {
+  if (ends(".txt") && face::shape::is_text_shapes(flags.input)) {
+    face::shape::LandmarkSet set;
+    for (const Eigen::Matrix2Xd& points : face::shape::read_text_shapes(flags.input)) {
       set.samples.emplace_back();
       set.samples.back().points = points;
     }
-    if (const auto markup = shape::known_markup(set.points())) {
+    if (const auto markup = face::shape::known_markup(set.points())) {
       set.mirror = markup->mirror;
       set.connections = markup->connections;
     }
     return set;
   }
-  shape::ImportOptions options;
+  face::shape::ImportOptions options;
   options.pts_offset = flags.offset;
   options.images = flags.images;
-  shape::Imported imported = shape::import_landmarks(flags.input, options);
+  face::shape::Imported imported = face::shape::import_landmarks(flags.input, options);
   for (const std::string& skipped : imported.skipped) log_warning("{}; left out", skipped);
   return std::move(imported.set);
 }
 
-shape::LandmarkSet part_of(const shape::LandmarkSet& set, int every, Part part) {
+face::shape::LandmarkSet part_of(const face::shape::LandmarkSet& set, int every, Part part) {
   if (every <= 0) return set;
-  shape::LandmarkSet result;
+  face::shape::LandmarkSet result;
   result.mirror = set.mirror;
   result.connections = set.connections;
   for (std::size_t i = 0; i < set.samples.size(); ++i) {

@@ -10,7 +10,7 @@ namespace tarsier::cli {
 namespace {
 
 constexpr const char* kInputs =
-    R"(An input is a picture, a folder, a glob (quoted), \fB@list.txt\fR (one path a line), a film, a camera number or
+    R"(An input is a picture, a folder, a glob (quoted), \fB@list.txt\fR (one path a line), a video, a camera number or
 path, \fBpicam:\fR (a Raspberry Pi's camera module), an http(s) or rtsp URL, or \fBsynth:scene\fR (drawn by the
 program). Several may follow each other. Still pictures are independent of each other unless \fB\-\-sequence\fR
 is given.
@@ -175,7 +175,7 @@ ManualFile main_page(const std::vector<AreaInfo>& areas, const std::string& date
   std::string text = header("tarsier", date, "classical computer vision on an ordinary CPU");
   text +=
       ".SH SYNOPSIS\n.B tarsier\n.I area verb\n.RI [ inputs ]\n.RI [ flags ]\n.SH DESCRIPTION\n"
-      "Tarsier turns cameras into cartoons, rebuilds scenes from photographs, reads number plates, "
+      "Tarsier turns cameras into cartoons, rebuilds scenes from images, reads number plates, "
       "finds and\n"
       "follows the points of faces, fits appearance models, tells where heads look, recognises "
       "people and\n"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/io/event_command.h"
+#include "tarsier/media/event_command.h"
 
 #include "cli.h"
 #include <nlohmann/json.hpp>

@@ -2,8 +2,8 @@
 #include "people_engine.h"
 
 #include "tarsier/core/stop.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/plate_video/time_text.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/plate/tracking/time_text.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -37,16 +37,16 @@ void add_face_flags(Command& verb, PeopleFlags& flags) {
                         "[people-background.json, which ships]"));
 }
 
-people::FaceReaderOptions reading_options(const PeopleFlags& flags) {
-  people::FaceReaderOptions options;
-  options.eyes = people::parse_eye_method(flags.eyes);
+face::people::FaceReaderOptions reading_options(const PeopleFlags& flags) {
+  face::people::FaceReaderOptions options;
+  options.eyes = face::people::parse_eye_method(flags.eyes);
   options.finder.detector.min_face = flags.min_face;
   options.finder.thorough = flags.thorough;
   return options;
 }
 
-people::FaceReader make_face_reader(const PeopleFlags& flags) {
-  const people::FaceReaderOptions options = reading_options(flags);
+face::people::FaceReader make_face_reader(const PeopleFlags& flags) {
+  const face::people::FaceReaderOptions options = reading_options(flags);
   // A wrong path is told before anything is written, also where the file is needed only at the end.
   if (!flags.background.empty()) static_cast<void>(find_background(flags));
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
@@ -60,20 +60,21 @@ std::string background_path(const PeopleFlags& flags) {
                                   : flags.background;
 }
 
-std::optional<recognition::Background> find_background(const PeopleFlags& flags) {
+std::optional<face::recognition::Background> find_background(const PeopleFlags& flags) {
   return face::load_background(ModelStore::find(), flags.background);
 }
 
-std::optional<people::GalleryModel> load_model(people::Gallery& gallery,
-                                               const recognition::Background* background,
-                                               Context& context, people::Learn learn) {
+std::optional<face::people::GalleryModel> load_model(
+    face::people::Gallery& gallery, const face::recognition::Background* background,
+    Context& context, face::people::Learn learn) {
   return face::learn_gallery(gallery, background, learn, *context.progress, context.stop);
 }
 
-std::optional<recognition::Recognizer> model_of_gallery(people::Gallery& gallery,
-                                                        const PeopleFlags& flags, Context& context,
-                                                        people::Learn learn) {
-  const auto background = learn == people::Learn::kNow
+std::optional<face::recognition::Recognizer> model_of_gallery(face::people::Gallery& gallery,
+                                                              const PeopleFlags& flags,
+                                                              Context& context,
+                                                              face::people::Learn learn) {
+  const auto background = learn == face::people::Learn::kNow
                               ? find_background(flags)
                               : face::background_for(gallery, ModelStore::find(), flags.background);
   auto model = load_model(gallery, background ? &*background : nullptr, context, learn);
@@ -82,20 +83,20 @@ std::optional<recognition::Recognizer> model_of_gallery(people::Gallery& gallery
 }
 
 ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, bool classical,
-                              people::FaceReader* reader, Context& context) {
+                              face::people::FaceReader* reader, Context& context) {
   ListedFaces out;
-  const auto faces = recognition::read_face_list(list);
+  const auto faces = face::recognition::read_face_list(list);
   context.progress->begin("faces", static_cast<std::int64_t>(faces.size()), "pictures");
-  for (const recognition::LabelledFace& entry : faces) {
+  for (const face::recognition::LabelledFace& entry : faces) {
     throw_if_stopped(context.stop);
     context.progress->advance();
     cv::Mat gray = read_gray_image(entry.path);
     if (!raw) {
-      std::optional<people::Face> face;
+      std::optional<face::people::Face> face;
       if (entry.left_eye && entry.right_eye) {
         face = reader->at_eyes(gray, {*entry.left_eye, *entry.right_eye});
       } else {
-        std::vector<people::Face> found = reader->read(gray);
+        std::vector<face::people::Face> found = reader->read(gray);
         if (!found.empty()) face = std::move(found.front());
       }
       if (!face) {
@@ -103,8 +104,8 @@ ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, 
         out.missed_labels.push_back(entry.label);
         continue;
       }
-      gray = people::recognizer_input(
-          classical ? recognition::Algorithm::kEigen : recognition::Algorithm::kDefault,
+      gray = face::people::recognizer_input(
+          classical ? face::recognition::Algorithm::kEigen : face::recognition::Algorithm::kDefault,
           face->crop);
     }
     if (size.area() > 0) cv::resize(gray, gray, size, 0, 0, cv::INTER_LINEAR);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/face_pipelines/identifier.h"
-#include "tarsier/gallery/gallery.h"
-#include "tarsier/gallery/model.h"
-#include "tarsier/people_face/face_reader.h"
-#include "tarsier/recognition/evaluation.h"
-#include "tarsier/recognition/recognizer.h"
+#include "tarsier/face/people/face_reader.h"
+#include "tarsier/face/people/gallery.h"
+#include "tarsier/face/people/model.h"
+#include "tarsier/face/pipelines/identifier.h"
+#include "tarsier/face/recognition/evaluation.h"
+#include "tarsier/face/recognition/recognizer.h"
 
 #include <opencv2/core/mat.hpp>
 
@@ -32,23 +32,24 @@ void add_gallery_flag(Command& verb, PeopleFlags& flags);
 void add_face_flags(Command& verb, PeopleFlags& flags);
 
 // Throws UsageError for an unknown way to find eyes.
-[[nodiscard]] people::FaceReaderOptions reading_options(const PeopleFlags& flags);
+[[nodiscard]] face::people::FaceReaderOptions reading_options(const PeopleFlags& flags);
 // With the models that ship. Throws UsageError, ModelError.
-[[nodiscard]] people::FaceReader make_face_reader(const PeopleFlags& flags);
+[[nodiscard]] face::people::FaceReader make_face_reader(const PeopleFlags& flags);
 
 // face::load_background() of the flag.
-[[nodiscard]] std::optional<recognition::Background> find_background(const PeopleFlags& flags);
+[[nodiscard]] std::optional<face::recognition::Background> find_background(
+    const PeopleFlags& flags);
 // Its file; empty for "none".
 [[nodiscard]] std::string background_path(const PeopleFlags& flags);
 
 // face::learn_gallery().
-[[nodiscard]] std::optional<people::GalleryModel> load_model(
-    people::Gallery& gallery, const recognition::Background* background, Context& context,
-    people::Learn learn = people::Learn::kWhenDue);
+[[nodiscard]] std::optional<face::people::GalleryModel> load_model(
+    face::people::Gallery& gallery, const face::recognition::Background* background,
+    Context& context, face::people::Learn learn = face::people::Learn::kWhenDue);
 // The recogniser alone.
-[[nodiscard]] std::optional<recognition::Recognizer> model_of_gallery(
-    people::Gallery& gallery, const PeopleFlags& flags, Context& context,
-    people::Learn learn = people::Learn::kWhenDue);
+[[nodiscard]] std::optional<face::recognition::Recognizer> model_of_gallery(
+    face::people::Gallery& gallery, const PeopleFlags& flags, Context& context,
+    face::people::Learn learn = face::people::Learn::kWhenDue);
 // The faces of a list as a recogniser gets them; `raw`: whole pictures. Pictures without a face are
 // named in `missed`.
 struct ListedFaces {
@@ -58,7 +59,7 @@ struct ListedFaces {
   std::vector<std::string> missed_labels;
 };
 [[nodiscard]] ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size,
-                                            bool classical, people::FaceReader* reader,
+                                            bool classical, face::people::FaceReader* reader,
                                             Context& context);
 
 // "2024-05-01T12:30:15.250Z"

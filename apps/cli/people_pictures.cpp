@@ -2,7 +2,7 @@
 #include "people_pictures.h"
 
 #include "tarsier/core/debug_sink.h"
-#include "tarsier/recognition/normalize.h"
+#include "tarsier/face/recognition/normalize.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -19,15 +19,15 @@ class Kept final : public DebugSink {
   NamedPictures pictures;
 };
 
-double score_of(const recognition::Recognizer& model, const cv::Mat& input, int person) {
-  for (const auto& one : recognition::identify(model, input))
+double score_of(const face::recognition::Recognizer& model, const cv::Mat& input, int person) {
+  for (const auto& one : face::recognition::identify(model, input))
     if (one.person == person) return one.score;
   return 0;
 }
 
 }  // namespace
 
-NamedPictures face_stages(people::FaceReader& reader, const cv::Mat& gray) {
+NamedPictures face_stages(face::people::FaceReader& reader, const cv::Mat& gray) {
   Kept kept;
   if (reader.read(gray, &kept).empty()) return {};
   // The face in its picture, not all of a large one.
@@ -48,7 +48,8 @@ NamedPictures face_stages(people::FaceReader& reader, const cv::Mat& gray) {
   return kept.pictures;
 }
 
-cv::Mat evidence_picture(const recognition::Recognizer& model, const cv::Mat& input, int person) {
+cv::Mat evidence_picture(const face::recognition::Recognizer& model, const cv::Mat& input,
+                         int person) {
   constexpr int kAcross = 8;
   constexpr int kDown = 10;
   const double whole = score_of(model, input, person);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/people_face/face_reader.h"
-#include "tarsier/recognition/recognizer.h"
+#include "tarsier/face/people/face_reader.h"
+#include "tarsier/face/recognition/recognizer.h"
 
 #include <opencv2/core/mat.hpp>
 
@@ -23,12 +23,12 @@ struct NamedPictures {
 
 // The stages of one picture, from detection to what each kind of recogniser gets. Empty where no
 // face is found. CV_8UC1.
-[[nodiscard]] NamedPictures face_stages(people::FaceReader& reader, const cv::Mat& gray);
+[[nodiscard]] NamedPictures face_stages(face::people::FaceReader& reader, const cv::Mat& gray);
 
 // Which parts of the face speak for person `person` (index into labels): each is covered in turn by
 // its own blur, and what the score loses is shown, red for, blue against. `input` as the recogniser
 // gets it. CV_8UC3.
-[[nodiscard]] cv::Mat evidence_picture(const recognition::Recognizer& model, const cv::Mat& input,
-                                       int person);
+[[nodiscard]] cv::Mat evidence_picture(const face::recognition::Recognizer& model,
+                                       const cv::Mat& input, int person);
 
 }  // namespace tarsier::cli

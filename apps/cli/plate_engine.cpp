@@ -13,7 +13,7 @@ void add_plate_flags(Command& verb, PlateFlags& flags) {
   verb.add_option("--top", flags.top, "candidates of each plate")
       .check(range(1, 100))
       .show_default();
-  verb.add_option("--min-confidence", flags.least_confidence, "leave out plates below, 0..1")
+  verb.add_option("--min-confidence", flags.min_confidence, "leave out plates below, 0..1")
       .check(range(0.0, 1.0))
       .show_default();
   const auto model = [](Flag& flag) { flag.group("Models"); };
@@ -29,9 +29,9 @@ void add_plate_flags(Command& verb, PlateFlags& flags) {
                        "of the detector, (0, 1); lower: more, slower"));
   tune(verb.add_option("--find-pixels", flags.recognizer.detector.max_pixels,
                        "larger pictures are searched at this many; more: smaller plates, slower"));
-  tune(verb.add_option("--plate-threshold", flags.recognizer.least_plate,
+  tune(verb.add_option("--plate-threshold", flags.recognizer.min_plate,
                        "of the aligner's plate score, (0, 1)"));
-  tune(verb.add_option("--evidence", flags.recognizer.least_evidence,
+  tune(verb.add_option("--evidence", flags.recognizer.min_evidence,
                        "ln(confidence) + logit(plate) of what is told; lower: more, of which more "
                        "are none"));
   tune(verb.add_option("--free-penalty", flags.decoding.free_penalty,
@@ -43,7 +43,7 @@ plate::ReaderOptions reader_options(const PlateFlags& flags, const Context& cont
   options.pipeline =
       flags.pipeline == "classic" ? plate::Pipeline::kTextbook : plate::Pipeline::kNetworks;
   options.countries = flags.countries;
-  options.min_confidence = flags.least_confidence;
+  options.min_confidence = flags.min_confidence;
   options.max_candidates = flags.top;
   options.countries_folder = flags.countries_folder;
   options.detector_model = flags.detector;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/plate_reader/reader.h"
+#include "tarsier/plate/reader/reader.h"
 
 #include "cli.h"
 #include <string>
@@ -19,7 +19,7 @@ struct PlateFlags {
   std::string classic_reader = "hog";
   plate::RecognizerOptions recognizer;
   plate::DecodeOptions decoding;
-  double least_confidence = 0;
+  double min_confidence = 0;
   int top = 10;
 };
 

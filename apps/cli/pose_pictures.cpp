@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 
@@ -30,7 +30,7 @@ std::vector<std::string> pictures_below(const std::string& folder) {
   return paths;
 }
 
-std::string text_of(const head::PointingScore& score) {
+std::string text_of(const face::head::PointingScore& score) {
   std::string text = fmt::format(
       "{} pictures with |pan| <= 45 and |tilt| <= 30: pose found in {}; of the {} where the strict "
       "detector sees a face, in {:.1f} %\n"
@@ -50,7 +50,7 @@ std::string text_of(const head::PointingScore& score) {
   return text + "\n";
 }
 
-nlohmann::ordered_json json_of(const head::PointingScore& score) {
+nlohmann::ordered_json json_of(const face::head::PointingScore& score) {
   nlohmann::ordered_json line;
   line["set"] = "pointing04";
   line["images"] = score.images;
@@ -77,11 +77,11 @@ nlohmann::ordered_json json_of(const head::PointingScore& score) {
 
 }  // namespace
 
-std::vector<std::pair<std::string, head::PointingName>> pointing_pictures(
+std::vector<std::pair<std::string, face::head::PointingName>> pointing_pictures(
     const std::string& folder) {
-  std::vector<std::pair<std::string, head::PointingName>> pictures;
+  std::vector<std::pair<std::string, face::head::PointingName>> pictures;
   for (const std::string& path : pictures_below(folder)) {
-    const auto name = head::parse_pointing_name(path);
+    const auto name = face::head::parse_pointing_name(path);
     if (name && std::abs(name->pan_deg) <= 45 && std::abs(name->tilt_deg) <= 30) {
       pictures.emplace_back(path, *name);
     }
@@ -93,7 +93,7 @@ std::vector<std::pair<std::string, head::PointingName>> pointing_pictures(
 const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& faces,
                                         const std::string& picture, cv::Size size) {
   const cv::Rect2d head_box =
-      head::pointing_box(picture).value_or(cv::Rect2d(0, 0, size.width, size.height));
+      face::head::pointing_box(picture).value_or(cv::Rect2d(0, 0, size.width, size.height));
   for (const face::PosedFace& face : faces) {
     const cv::Rect2d& box = face.face.box;
     if (face.pose && head_box.contains((box.tl() + box.br()) / 2)) return &face;
@@ -107,7 +107,7 @@ std::string picture_of_truth(const std::string& truth, const std::string& image)
   return (fs::path(truth).parent_path() / image).string();
 }
 
-void print_pointing(const head::PointingScore& score, const Context& context,
+void print_pointing(const face::head::PointingScore& score, const Context& context,
                     const std::string& title) {
   if (!context.json) {
     print_text((title.empty() ? "" : title + ": ") + text_of(score));

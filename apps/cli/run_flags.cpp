@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/draw/tile.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/image/draw/tile.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 
@@ -26,7 +26,7 @@ std::vector<Flag*> add_security_flags(Command& verb, StreamSecurity& security) {
 
 void add_run_flags(Command& verb, RunFlags& flags) {
   verb.add_option("INPUT", flags.inputs,
-                  "picture, folder, glob, @list.txt, film, camera number, URL, picam:, synth:NAME")
+                  "picture, folder, glob, @list.txt, video, camera number, URL, picam:, synth:NAME")
       .required()
       .type_name("");
   verb.add_option(
@@ -107,7 +107,7 @@ void DebugFolder::image(std::string_view name, const cv::Mat& image) {
   file += ".png";
   const std::string path = (fs::path(frame_folder_) / file).string();
   const bool plain = image.depth() == CV_8U && (image.channels() == 1 || image.channels() == 3);
-  write_image(path, plain ? image : draw::letterbox(image, image.size()));
+  write_image(path, plain ? image : image::draw::letterbox(image, image.size()));
 }
 
 }  // namespace tarsier::cli

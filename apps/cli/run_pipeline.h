@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/io/frame_sink.h"
-#include "tarsier/io/frame_source.h"
+#include "tarsier/media/frame_sink.h"
+#include "tarsier/media/frame_source.h"
 
 #include <chrono>
 #include <condition_variable>

@@ -3,8 +3,8 @@
 
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/plate_video/time_text.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/plate/tracking/time_text.h"
 #include "tarsier/session/action_reader.h"
 #include "tarsier/session/scripted_host.h"
 #include "tarsier/synth/sources.h"
@@ -33,7 +33,7 @@ using std::chrono::milliseconds;
 constexpr milliseconds kIdleInterval{200};
 constexpr milliseconds kWindowPatience{12};     // keys wait at most so long for a frame
 constexpr milliseconds kHeadlessPatience{100};  // SIGINT wakes it earlier
-constexpr double kMostRepeats = 10;  // s that a live film is filled up with its last picture
+constexpr double kMaxRepeats = 10;  // s that a live video is filled up with its last picture
 
 // --- the window, where the program has one ---
 
@@ -87,7 +87,7 @@ class Run {
   // --- opening ---
 
   void open() {
-    const std::vector<Scheme> schemes{synth_scheme()};
+    const std::vector<Scheme> schemes{synth::synth_scheme()};
     for (const std::string& input : flags_.inputs)
       static_cast<void>(classify_source(input, schemes));
     refuse_to_overwrite();
@@ -103,8 +103,8 @@ class Run {
     source_ = open_sources(flags_.inputs, flags_.source, schemes);
     live_ = source_->is_live();
     if (!live_) source_ = std::make_unique<ReadAhead>(std::move(source_), context_.stop);
-    live_film_ = live_ && kind == SinkKind::kVideo;
-    if (!live_film_) open_output();  // a camera's rate is known with its first frame
+    live_video_ = live_ && kind == SinkKind::kVideo;
+    if (!live_video_) open_output();  // a camera's rate is known with its first frame
 
     if (opens_window(flags_)) {
       std::string title = fmt::format("Tarsier {}", hooks_.title);
@@ -137,7 +137,7 @@ class Run {
   void open_output() {
     SinkOptions options = flags_.sink;
     options.segment_s = segment_s_;
-    options.recording = live_film_;
+    options.recording = live_video_;
     if (!flags_.token_file.empty()) {
       options.token = read_file(flags_.token_file, 4096);
       while (!options.token.empty() &&
@@ -183,7 +183,7 @@ class Run {
     }
   }
 
-  // A paused film, or a still picture in the window.
+  // A paused video, or a still picture in the window.
   [[nodiscard]] bool waits_for_user() const {
     return !live_ && ((paused_ && taken_ > 0) || (window_ != nullptr && still_.has_value()));
   }
@@ -204,7 +204,7 @@ class Run {
   }
 
   void take_frame(Frame& frame) {
-    if (live_film_ && sink_ == nullptr) open_output();
+    if (live_video_ && sink_ == nullptr) open_output();
     if (hooks_.before_frame) hooks_.before_frame(frame);
     if (hooks_.debug != nullptr) hooks_.debug->begin(frame);
     const SourceStatus status = source_->status();
@@ -234,15 +234,15 @@ class Run {
 
   Job job_of(const Frame& frame, const View& view, const SourceStatus& status) {
     Job job;
-    job.image = live_ && !live_film_ ? view.output : view.output.clone();
+    job.image = live_ && !live_video_ ? view.output : view.output.clone();
     job.frame = frame;
     job.frame.image.release();
     job.live = live_;
-    if (live_film_) {
+    if (live_video_) {
       const auto due = static_cast<std::int64_t>(std::floor(frame.time * fps_)) + 1;
       job.repeats = static_cast<int>(std::clamp<std::int64_t>(
-          due - film_frames_, 0, static_cast<std::int64_t>(fps_ * kMostRepeats)));
-      film_frames_ = std::max(due, film_frames_);
+          due - video_frames_, 0, static_cast<std::int64_t>(fps_ * kMaxRepeats)));
+      video_frames_ = std::max(due, video_frames_);
     }
     job.silent = !lines_.wanted() || (hooks_.quiet_frames && !frame.still);
     if (job.silent) return job;
@@ -262,7 +262,7 @@ class Run {
     if (hooks_.describe) hooks_.describe(view, line);
   }
 
-  // Films play at their own speed.
+  // Videos play at their own speed.
   void pace(double time) {
     const auto at = [&](double seconds) {
       return *paced_from_ +
@@ -271,7 +271,7 @@ class Run {
     const Clock::time_point now = Clock::now();
     const bool late =
         paced_from_ && now - at(time) > milliseconds(500);  // this machine is too slow for it
-    const bool early = paced_from_ && at(time) - now > std::chrono::seconds(5);  // another film
+    const bool early = paced_from_ && at(time) - now > std::chrono::seconds(5);  // another video
     if (!paced_from_ || late || early) {
       paced_from_ =
           now - std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(time));
@@ -382,8 +382,8 @@ class Run {
   WindowPointer window_;
   std::optional<ActionReader> actions_;
   bool live_ = false;
-  bool live_film_ = false;  // a live source into a video file
-  double segment_s_ = 0;    // of its files
+  bool live_video_ = false;  // a live source into a video file
+  double segment_s_ = 0;     // of its files
   bool progressing_ = false;
   bool paused_ = false;
   bool finished_ = false;
@@ -391,9 +391,9 @@ class Run {
   double fps_ = 25;
   std::int64_t received_ = 0;
   std::int64_t taken_ = 0;
-  std::int64_t film_frames_ = 0;
+  std::int64_t video_frames_ = 0;
   std::optional<Job> still_;                     // shown in the window, not yet written
-  std::optional<Clock::time_point> paced_from_;  // when the film's time was 0
+  std::optional<Clock::time_point> paced_from_;  // when the video's time was 0
   std::optional<SourceState> last_state_;
 };
 

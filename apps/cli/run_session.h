@@ -2,9 +2,9 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
-#include "tarsier/io/frame.h"
-#include "tarsier/io/frame_sink.h"
-#include "tarsier/io/frame_source.h"
+#include "tarsier/media/frame.h"
+#include "tarsier/media/frame_sink.h"
+#include "tarsier/media/frame_source.h"
 #include "tarsier/session/session.h"
 
 #include "cli.h"
@@ -60,21 +60,20 @@ struct RunHooks {
   std::function<void(const Frame&)> before_frame;  // just before the session gets it
   std::function<void(const Frame&)> after_frame;   // when the session has dealt with it
   DebugFolder* debug = nullptr;                    // is told of each frame that begins
-  bool quiet_frames = false;                       // no JSON line for each frame of a film
+  bool quiet_frames = false;                       // no JSON line for each frame of a video
   // The area's part of a frame's JSON line.
   std::function<void(const View&, nlohmann::ordered_json& line)> describe;
 };
 
 // The loop: frames from the inputs through the session into the output, the window and JSON lines.
 // - Reading, processing and writing of files overlap; order is kept. Of live sources only the
-// newest frame is taken.
+//   newest frame is taken.
 // - With --json, one line per frame: {"image"} for stills, else {"frame","time"}; for live sources
-// "age_ms" (from the
-//   frame's last byte until now) and "source"; "output" where a file was written; and the area's
-//   part. A change of a live source gives {"source","detail"}, a key or action {"event","state"}.
-// - In a window, films play at their own speed; a still picture waits for the right arrow or Enter,
-// and is written
-//   when the user goes on.
+//   "age_ms" (from the frame's last byte until now) and "source"; "output" where a file was
+//   written; and the area's part. A change of a live source gives {"source","detail"}, a key or
+//   action {"event","state"}.
+// - In a window, videos play at their own speed; a still image waits for the right arrow or Enter,
+//   and is written when the user goes on.
 // - SIGINT and errors of the source finish the output: what was written stays and is valid.
 // Returns kDone or kInterrupted; throws the library's errors.
 [[nodiscard]] ExitStatus run_session(Session& session, const RunFlags& flags, Context& context,

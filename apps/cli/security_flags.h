@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/io/stream_security.h"
+#include "tarsier/media/stream_security.h"
 
 #include "cli.h"
 #include <vector>

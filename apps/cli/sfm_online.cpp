@@ -2,10 +2,10 @@
 #include "sfm_online.h"
 
 #include "tarsier/core/log.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/session/sfm_session.h"
-#include "tarsier/sfm/online.h"
+#include "tarsier/sfm/mapper/online.h"
 
 #include <fmt/format.h>
 
@@ -27,7 +27,7 @@ using Clock = std::chrono::steady_clock;
 void add_online_flags(Command& verb, OnlineFlags& flags) {
   Flag& online =
       verb.add_flag("--online", flags.online,
-                    "the model grows with the frames of a film, camera or folder, and is shown")
+                    "the model grows with the frames of a video, camera or folder, and is shown")
           .group("Online");
   const auto needing = [&](Flag& flag) { flag.group("Online").needs(online); };
   needing(verb.add_flag("--window", flags.window, "show it in a window (h: keys)"));
@@ -68,10 +68,10 @@ OnlineResult run_online(const std::vector<std::string>& sources,
   run.actions = flags.actions;
   run.frames = flags.frames;
   run.source = flags.source;
-  run.source.sequence = true;  // photographs follow each other
+  run.source.sequence = true;  // images follow each other
   if (classify_sink(run.output) == SinkKind::kImage)
     throw UsageError(
-        fmt::format("--online-view {}: expected a film, a folder or an address", flags.view));
+        fmt::format("--online-view {}: expected a video, a folder or an address", flags.view));
 
   SfmSessionOptions options;
   options.keyframes = keyframes;

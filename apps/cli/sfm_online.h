@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/io/frame_source.h"
-#include "tarsier/sfm/pipeline.h"
-#include "tarsier/sfm_io/keyframes.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/sfm/mapper/pipeline.h"
+#include "tarsier/sfm/scene/keyframes.h"
 
 #include "cli.h"
 #include <cstdint>
@@ -18,7 +18,7 @@ struct OnlineFlags {
   bool online = false;
   bool window = false;
   bool fullscreen = false;
-  std::string view;     // film, folder or address that the views go to; "": nowhere
+  std::string view;     // video, folder or address that the views go to; "": nowhere
   std::string actions;  // "-": actions by name on stdin
   int every = 3;        // key frames from one growth to the next
   std::int64_t frames = 0;
@@ -33,10 +33,10 @@ struct OnlineResult {
   std::exception_ptr error;  // that of a source that was lost, or that broke off
 };
 
-// The file of a key frame of a film or camera.
+// The file of a key frame of a video or camera.
 [[nodiscard]] std::string key_frame_path(const std::string& folder, const sfm::Keyframe& frame);
 
-// Shows `sources`: `pictures`, of which each is a key frame, or, where there are none, a film or
+// Shows `sources`: `pictures`, of which each is a key frame, or, where there are none, a video or
 // camera, whose key frames are written to `folder`. Throws the library's errors, but not what ends
 // a source that gave frames.
 [[nodiscard]] OnlineResult run_online(const std::vector<std::string>& sources,

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The whole command line of the program, without running it.
 #include "tarsier/core/errors.h"
-#include "tarsier/landmarks/tracker.h"
-#include "tarsier/plate_video/tracker.h"
+#include "tarsier/face/landmarks/tracker.h"
+#include "tarsier/plate/tracking/tracker.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -141,12 +141,12 @@ TEST(Verbs, FlagsBeginWithTheDefaultsOfTheLibrary) {
   EXPECT_EQ(number("plate read", "--lost-after"), plates.lost_after);
   EXPECT_EQ(number("plate read", "--return-within"), plates.return_within);
   EXPECT_EQ(number("plate read", "--parked-return-within"), plates.parked_return_within);
-  EXPECT_EQ(number("plate read", "--least-readings"), plates.least_readings);
-  const landmarks::TrackerOptions faces;
+  EXPECT_EQ(number("plate read", "--min-readings"), plates.min_readings);
+  const face::landmarks::TrackerOptions faces;
   for (const char* verb : {"landmarks fit", "landmarks track"}) {
     EXPECT_EQ(number(verb, "--search-every"), faces.search_every);
-    EXPECT_EQ(number(verb, "--least-score"), faces.least_score);
-    EXPECT_EQ(number(verb, "--most-faces"), faces.most_faces);
+    EXPECT_EQ(number(verb, "--min-score"), faces.min_score);
+    EXPECT_EQ(number(verb, "--max-faces"), faces.max_faces);
   }
   const RunFlags run;
   for (const char* verb : {"cartoon run", "plate read", "pose track", "ar markers"}) {

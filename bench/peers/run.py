@@ -39,7 +39,7 @@ Z = 1.959964
 # Figures of programs that do not run here: given with the development data, measured once by others on a machine of this
 # kind, and repeated as they were given.
 REFERENCES = [
-    ("plates", "plates-eu (37 photographs)", "OpenALPR 2.3, country eu; with the best pattern", "whole plate right: 27; 30 of 37; 33 among ten", "36 ms"),
+    ("plates", "plates-eu (37 images)", "OpenALPR 2.3, country eu; with the best pattern", "whole plate right: 27; 30 of 37; 33 among ten", "36 ms"),
     ("plates", "plates-es (24)", "OpenALPR 2.3, Spanish pattern", "found 19, whole plate right 13 of 24", "75 ms"),
     ("plates", "plates-es-small (11)", "OpenALPR 2.3, Spanish pattern", "found 3, whole plate right 3 of 11", ""),
     ("plates", "plates-book (12)", "OpenALPR 2.3, Spanish pattern", "whole plate right 11 of 12", "98 ms"),

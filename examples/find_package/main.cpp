@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-// ink IN OUT: a photograph as a pencil sketch, by the installed libraries.
+// ink IN OUT: an image as a pencil sketch, by the installed libraries.
 #include "tarsier/cartoon/cartoonizer.h"
 #include "tarsier/core/errors.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/image_file.h"
 
 #include <opencv2/core/mat.hpp>
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The headline figures of docs/results.md, held: one check an area on the photographs of $TARSIER_DATA.
+"""The headline figures of docs/results.md, held: one check an area on the images of $TARSIER_DATA.
 
 figures.py AREA             measures by the program and compares; exit status 1 where a figure has got worse, 77 without data
 figures.py AREA --broken    the same with something broken (a model's numbers, a camera, the truth): every figure that this
@@ -119,7 +119,7 @@ def models_with(name, factor, parts=None):
 # --- areas ---
 
 def plates():
-    """The reader that ships, no country given; none of these photographs was learned from."""
+    """The reader that ships, no country given; none of these images was learned from."""
     models_with("plate-reader.json", 0.8)
     # Of docs/results.md: 34 of 37, 22 of 24; each may lose one plate. Of the 94 American ones: 66, which may lose two.
     for name, found, exact in (("plates-eu", 36, 33), ("plates-es", 23, 21), ("plates-us", 90, 64)):
@@ -158,7 +158,7 @@ def landmarks():
 
 
 def sfm():
-    """Photographs with a known camera against the surveyed places (Strecha 2008)."""
+    """Images with a known camera against the surveyed places (Strecha 2008)."""
     for name, count, millimetres, degrees in (("sfm-Herz-Jesu-P8", 8, 4.5, 0.06), ("sfm-fountain-P11", 11, 3.0, 0.06)):
         camera = data(name, "K.txt")
         if broken:
@@ -168,7 +168,7 @@ def sfm():
             camera = write_list("K.txt", [" ".join(words[row : row + 3]) for row in (0, 3, 6)])
         made("sfm", "reconstruct", data(name, "images"), "--camera-file", camera, "-o", name, "--no-cache")
         score = tarsier("sfm", "eval", name, "--truth", data(name, "gt.jsonl"))[0]
-        at_least(f"{name}: photographs", score["registered"], count, touched=False)
+        at_least(f"{name}: images", score["registered"], count, touched=False)
         at_most(f"{name}: centres, mm", 1000 * score["center_mean"], millimetres)
         at_most(f"{name}: rotations, degrees", score["rotation_mean_deg"], degrees)
 

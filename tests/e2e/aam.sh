@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Appearance models: drawn heads with their truth, a model learnt of them, fits judged against the truth, films, what is refused.
+# Appearance models: drawn heads with their truth, a model learnt of them, fits judged against the truth, videos, what is refused.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
@@ -46,22 +46,22 @@ expect_status 0
 expect_out '"method":"project-out","disturbance":0' '"method":"alternating"'
 [ -s curve.png ] || fail "no curve"
 
-# The model that ships: stills, both methods, a film with one id.
+# The model that ships: stills, both methods, a video with one id.
 run aam fit heads/images/0000.png --json --parameters -o fitted.png --draw face
 expect_status 0
 expect_out '"faces":\[\{"box":' '"status":"' '"shape":\[' '"texture":\['
 [ -s fitted.png ] || fail "no picture"
 run aam fit heads/images/0000.png --method project-out --json
 expect_status 0
-run pose synth -o film --film --count 10 --size 320x240 --yaw 12 --pitch 5 --roll 5 --quiet
-run aam fit film/images --sequence --json -o none
+run pose synth -o video --video --count 10 --size 320x240 --yaw 12 --pitch 5 --roll 5 --quiet
+run aam fit video/images --sequence --json -o none
 expect_status 0
 [ "$(grep -c '"faces":\[{"id":1,' stdout.txt)" -eq 10 ] || fail "not one face with one id in ten frames: $(cut -c1-60 stdout.txt)"
 # Heads that turn: yaw goes the right way, and is near the truth.
 : >found.jsonl
 : >truth.jsonl
 for seed in 1 2 3 4; do
-  run pose synth -o turn$seed --film --count 12 --size 480x480 --spread 0.4 --yaw 30 --pitch 10 --roll 8 --seed $seed --quiet
+  run pose synth -o turn$seed --video --count 12 --size 480x480 --spread 0.4 --yaw 30 --pitch 10 --roll 8 --seed $seed --quiet
   run pose track turn$seed/images --sequence --json --smooth none -o none
   expect_status 0
   cat stdout.txt >>found.jsonl

@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Markers: drawn pictures with their truth, found, posed, drawn on, as JSON and tables; films; what cannot be used.
+# Markers: drawn pictures with their truth, found, posed, drawn on, as JSON and tables; videos; what cannot be used.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 # Pictures with their truth; the same seed gives the same ones.
-run ar synth markers set --count 6 --level easy --least 2 --most 4 --least-side 40 --side 10cm --seed 5
+run ar synth markers set --count 6 --level easy --least 2 --most 4 --min-side 40 --side 10cm --seed 5
 expect_status 0
 [ "$(ls set/images | wc -l)" -eq 6 ] || fail "not 6 pictures"
-run ar synth markers again --count 6 --level easy --least 2 --most 4 --least-side 40 --side 10cm --seed 5 --quiet
+run ar synth markers again --count 6 --level easy --least 2 --most 4 --min-side 40 --side 10cm --seed 5 --quiet
 cmp -s set/truth.jsonl again/truth.jsonl && cmp -s set/images/36h11_00003.jpg again/images/36h11_00003.jpg ||
   fail "another run of the same seed drew other pictures"
 run ar synth planar targets --count 2 --hidden 1
@@ -85,19 +85,19 @@ for one in ids none axes cube mesh; do
   done
 done
 
-# A film: tracks, and a table in time; a part of its frames as a folder is a film with --sequence.
-run ar markers 'synth:markers?frames=20&size=320x240&cover=0&side=0.05' --focal 304 --draw none --json -o film
+# A video: tracks, and a table in time; a part of its frames as a folder is a video with --sequence.
+run ar markers 'synth:markers?frames=20&size=320x240&cover=0&side=0.05' --focal 304 --draw none --json -o video
 expect_status 0
 [ "$(grep -c '"frame":' stdout.txt)" -eq 20 ] || fail "not 20 frames"
 [ "$(grep -c '"id":0,' stdout.txt)" -ge 18 ] || fail "marker 0 was found in $(grep -c '"id":0,' stdout.txt) of 20 frames"
-run ar markers film --sequence --focal 304 --smooth none --json --on-event 'cat >>told.jsonl'
+run ar markers video --sequence --focal 304 --smooth none --json --on-event 'cat >>told.jsonl'
 python3 - <<'PY' || fail "--on-event: $(cat told.jsonl)"
 import json
 told = [json.loads(line) for line in open("told.jsonl")]
 seen = {m["id"] for line in map(json.loads, open("stdout.txt")) for m in line["markers"]}
 assert seen and {t["id"] for t in told if t["state"] == "appeared"} == seen, (seen, told)
 assert {t["id"] for t in told if t["state"] == "lost"} == seen and len(told) == 2 * len(seen), told
-assert all(t["event"] == "marker" and t["source"] == "film" for t in told), told
+assert all(t["event"] == "marker" and t["source"] == "video" for t in told), told
 assert all(len(t["corners"]) == 4 for t in told if t["state"] == "appeared"), told
 PY
 expect_status 0

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Pictures as targets: trained, rated, found in a picture, followed through a film; and every way to be refused.
+# Pictures as targets: trained, rated, found in a picture, followed through a video; and every way to be refused.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 pictures=/usr/share/doc/opencv-doc/examples/data
@@ -68,9 +68,9 @@ expect_status 1
 
 # --- following ---
 
-mkdir film
-for i in 1 2 3 4 5 6; do cp "$pictures/box_in_scene.png" "film/$i.png"; done
-run ar target-track film --sequence --target box.target.json --csv box.csv --json --on-event 'cat >>told.jsonl'
+mkdir video
+for i in 1 2 3 4 5 6; do cp "$pictures/box_in_scene.png" "video/$i.png"; done
+run ar target-track video --sequence --target box.target.json --csv box.csv --json --on-event 'cat >>told.jsonl'
 expect_status 0
 [ "$(cut -c1-47 told.jsonl)" = "$(printf '{"event":"target","state":"appeared","source":"\n{"event":"target","state":"lost","id":0,"name":')" ] ||
   fail "--on-event: $(cat told.jsonl)"

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# A camera from pictures of a board, from a film, and every way to have none; sheets that print true to scale.
+# A camera from pictures of a board, from a video, and every way to have none; sheets that print true to scale.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 pictures=/usr/share/doc/opencv-doc/examples/data
@@ -66,11 +66,11 @@ else
   echo "note: no pdftoppm (package poppler-utils) or python3-opencv: the paper is not measured"
 fi
 
-# --- films ---
+# --- videos ---
 
-run calibrate 'synth:board?size=480x360&fps=5&frames=110' "${board[@]}" -o film.yaml --json
+run calibrate 'synth:board?size=480x360&fps=5&frames=110' "${board[@]}" -o video.yaml --json
 expect_status 0
-python3 - stdout.txt <<'END' || fail "the film's camera is not its own"
+python3 - stdout.txt <<'END' || fail "the video's camera is not its own"
 import json, sys
 lines = [json.loads(l) for l in open(sys.argv[1])]
 summary = lines[-1]

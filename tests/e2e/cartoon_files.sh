@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Pictures, folders and films through `cartoon run`: the right files, and JSON that says so.
+# Pictures, folders and videos through `cartoon run`: the right files, and JSON that says so.
 . "$(dirname "$0")/lib.sh"
 samples=/usr/share/doc/opencv-doc/examples/data
 [ -r $samples/home.jpg ] || skip "no sample pictures (package opencv-doc)"
@@ -63,16 +63,16 @@ run cartoon run in/a.jpg -o stages.png --debug-dir stages
 expect_status 0
 [ "$(find stages -name '0*-*.png' | wc -l)" -ge 5 ] || fail "stages: $(find stages)"
 
-# Films.
-run cartoon run $samples/vtest.avi -o film.mp4 --frames 20 --json --timings
+# Videos.
+run cartoon run $samples/vtest.avi -o video.mp4 --frames 20 --json --timings
 expect_status 0
 json "[line['frame'] for line in lines] == list(range(20)) and abs(lines[10]['time'] - 1.0) < 0.01"
 grep -q '^total ' stderr.txt || fail "no table of times: $err"
 if command -v ffprobe >/dev/null; then
-  [ "$(probe film.mp4 width,height,r_frame_rate,nb_read_frames)" = 768,576,10/1,20 ] ||
-    fail "film.mp4: $(probe film.mp4 width,height,r_frame_rate,nb_read_frames)"
+  [ "$(probe video.mp4 width,height,r_frame_rate,nb_read_frames)" = 768,576,10/1,20 ] ||
+    fail "video.mp4: $(probe video.mp4 width,height,r_frame_rate,nb_read_frames)"
 else
-  echo "no ffprobe: the film is not looked into"
+  echo "no ffprobe: the video is not looked into"
 fi
 run cartoon run $samples/Megamind.avi -o frames --frames 5 --mode sketch --json
 expect_status 0

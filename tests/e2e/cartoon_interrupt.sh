@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: MIT
 # Ctrl+C and kill: what was written stays and plays; exit status 130.
 . "$(dirname "$0")/lib.sh"
-film=/usr/share/doc/opencv-doc/examples/data/vtest.avi
-[ -r $film ] || skip "no sample film (package opencv-doc)"
+video=/usr/share/doc/opencv-doc/examples/data/vtest.avi
+[ -r $video ] || skip "no sample video (package opencv-doc)"
 
 for signal in INT TERM; do
-  for output in film-$signal.mp4 frames-$signal none; do
+  for output in video-$signal.mp4 frames-$signal none; do
     : >stdout.txt # of the run before
     # The reference is slow enough to be in the middle of its work.
-    "$TARSIER" cartoon run $film --quality reference --json -o "$output" >stdout.txt 2>stderr.txt </dev/null &
+    "$TARSIER" cartoon run $video --quality reference --json -o "$output" >stdout.txt 2>stderr.txt </dev/null &
     program=$!
     for _ in $(seq 6000); do
       [ "$(wc -l <stdout.txt)" -ge 5 ] && break
@@ -24,10 +24,10 @@ for signal in INT TERM; do
     [ "$written" -ge 5 ] && [ "$written" -lt 700 ] || fail "$command_line: $written frames"
     case $output in
       *.mp4)
-        [ -s "$output" ] || fail "$command_line: no film"
+        [ -s "$output" ] || fail "$command_line: no video"
         if command -v ffprobe >/dev/null; then
           frames=$(ffprobe -v error -count_frames -show_entries stream=nb_read_frames -of csv=p=0 "$output")
-          [ "${frames:-0}" -ge 5 ] || fail "$command_line: the film has ${frames:-no} frames"
+          [ "${frames:-0}" -ge 5 ] || fail "$command_line: the video has ${frames:-no} frames"
         fi
         ;;
       frames-*)
@@ -37,5 +37,5 @@ for signal in INT TERM; do
     esac
   done
 done
-[ -z "$(find . -maxdepth 1 -name '.film*')" ] || fail "half a film stayed: $(ls -A)"
+[ -z "$(find . -maxdepth 1 -name '.video*')" ] || fail "half a video stayed: $(ls -A)"
 finish

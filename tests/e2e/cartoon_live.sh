@@ -5,11 +5,11 @@
 . "$(dirname "$0")/lib.sh"
 command -v ffmpeg >/dev/null || skip "no ffmpeg to play the camera"
 command -v python3 >/dev/null || skip "no python3"
-film=/usr/share/doc/opencv-doc/examples/data/vtest.avi
-[ -r $film ] || skip "no sample film (package opencv-doc)"
+video=/usr/share/doc/opencv-doc/examples/data/vtest.avi
+[ -r $video ] || skip "no sample video (package opencv-doc)"
 port=$(python3 -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
 url=http://127.0.0.1:$port/cam.mjpg
-ffmpeg -v error -i $film -frames:v 100 -vf scale=320:240 -c:v mjpeg -q:v 5 -f mjpeg clip.mjpeg || skip "ffmpeg makes no MJPEG"
+ffmpeg -v error -i $video -frames:v 100 -vf scale=320:240 -c:v mjpeg -q:v 5 -f mjpeg clip.mjpeg || skip "ffmpeg makes no MJPEG"
 
 camera=
 program=
@@ -119,6 +119,6 @@ program=
 err=$(cat stderr.txt) command_line="a lost camera"
 expect_status 4
 grep -q "error: .*$port" stderr.txt || fail "$command_line: $err"
-[ -s lost.mp4 ] || fail "the film of a lost camera is gone"
+[ -s lost.mp4 ] || fail "the video of a lost camera is gone"
 camera=
 finish

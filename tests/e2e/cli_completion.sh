@@ -10,7 +10,7 @@ bash -n stdout.txt || fail "the completion script is no bash"
 . ./stdout.txt
 complete -p tarsier | grep -q _tarsier || fail "nothing completes tarsier"
 mkdir folder
-: >"a film.mp4"
+: >"a video.mp4"
 
 # completes "LINE" WORD..: the words that are offered for the last word of LINE (split as bash splits it).
 completes() {
@@ -45,7 +45,7 @@ completes "tarsier cartoon run --skin-style t" tint '!glow'
 completes "tarsier doctor --log-level w" warning
 completes "tarsier demo --only p" plate pose people
 completes "tarsier cartoon run fo" folder
-completes "tarsier cartoon run a" "a film.mp4"
+completes "tarsier cartoon run a" "a video.mp4"
 completes "tarsier cartoon run x.jpg -o fo" folder
 completes "tarsier plate read --json fo" folder
 completes "tarsier cartoon run --paint-rounds " '!folder'

@@ -186,7 +186,7 @@ def check_help(verb):
         fail(name, "--debug-dir is of the verbs in STAGES, and of no other")
 
 
-UNITS = re.compile(r"""\b(px|mm|s|degrees|seconds|frames?|share|times|pictures?|features|points?|modes?|views?|photographs|grey\ levels
+UNITS = re.compile(r"""\b(px|mm|s|degrees|seconds|frames?|share|times|pictures?|features|points?|modes?|views?|images|grey\ levels
     |standard\ deviations?|nats|%|batches|digits|pages?|characters?|candidates|plates?|faces?|people|samples?|threads|cores
     |iterations?|rounds|runs|draws|splits|levels?|trees?|starts?|eigenfaces|sightings|fits|sides?|pixels|hidden|rate
     |neurons|width|aperture|aligner's|rays|diagonal|fps|newest|numbers?|mistakes|accuracy|deviations|distances|inlier

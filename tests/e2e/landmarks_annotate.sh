@@ -19,7 +19,7 @@ sys.exit(not eval(sys.argv[2]))
 PY
 }
 
-run cartoon run 'synth:portrait?size=640x480&frames=30' --mode none -o film.avi --quiet
+run cartoon run 'synth:portrait?size=640x480&frames=30' --mode none -o video.avi --quiet
 expect_status 0
 
 # --- from nothing to a set of three frames ---
@@ -42,7 +42,7 @@ points() { for i in 0 1 2 3 4 5 6 7 8 9; do echo "click $((200 + 25 * i)).5 $((1
   echo go-on
   echo go-on
 } >lines.txt
-annotate film.avi -o set.yaml --actions - --proposals off <lines.txt
+annotate video.avi -o set.yaml --actions - --proposals off <lines.txt
 expect_status 0
 expect_out '^set.yaml: 3 of 3 pictures done, 10 points$'
 check_set set.yaml 'len(s) == 3 and all(len(k["points"]) == 10 for k in s)'
@@ -53,7 +53,7 @@ check_set set.yaml 'p["connections"] == [[0, 1]] and p["mirror"] == []' # half a
 [ -e set-frames/frame-000009.png ] || fail "the picked frame is not there"
 [ -s points.png ] && [ -s second.png ] || fail "no views"
 
-# --- gone on with, without naming the film; what is right stays ---
+# --- gone on with, without naming the video; what is right stays ---
 cp set.yaml before.yaml
 echo 'key n' >lines.txt
 annotate -o set.yaml --actions - <lines.txt
@@ -125,11 +125,11 @@ expect_error 'wrong.yaml: '
 run landmarks annotate pictures -o no/such/folder/set.yaml --actions -
 expect_status 6
 expect_error
-# A film that breaks off.
-head -c 40000 film.avi >short.avi
+# A video that breaks off.
+head -c 40000 video.avi >short.avi
 printf 'frames 30\npick\ngo-on\nclick 100 100\n' >lines.txt
 annotate short.avi -o short.yaml --actions - <lines.txt
-[ "$status" -eq 0 ] || [ "$status" -eq 3 ] || fail "a film that breaks off: status $status, $err"
+[ "$status" -eq 0 ] || [ "$status" -eq 3 ] || fail "a video that breaks off: status $status, $err"
 
 # --- show ---
 run landmarks show set.yaml -o sheet.png --numbers

@@ -34,9 +34,9 @@ run landmarks fit "$pictures/graf1.png"
 expect_status 1
 
 # Following: one face keeps its id; the table has a row a frame.
-mkdir film
-for i in 01 02 03 04 05 06; do cp "$pictures/messi5.jpg" "film/$i.jpg"; done
-run landmarks track film --sequence --csv points.csv --json
+mkdir video
+for i in 01 02 03 04 05 06; do cp "$pictures/messi5.jpg" "video/$i.jpg"; done
+run landmarks track video --sequence --csv points.csv --json
 expect_status 0
 [ "$(grep -c '"id":1,' stdout.txt)" -eq 6 ] || fail "not the same id in all frames"
 [ "$(wc -l <points.csv)" -eq 7 ] || fail "points.csv has $(wc -l <points.csv) lines"
@@ -48,14 +48,14 @@ import json
 samples = []
 for i in range(4):
     points = [[100 + 40 * (k % 3) + i, 120 + 50 * (k // 3) + (k % 2) * i] for k in range(9)]
-    samples.append({"image": f"film/0{i + 1}.jpg", "points": points})
+    samples.append({"image": f"video/0{i + 1}.jpg", "points": points})
 payload = {"mirror": [2, 1, 0, 5, 4, 3, 8, 7, 6], "connections": [[0, 2]], "samples": samples}
 def write(name, **change):
     archive = {"type": "landmark-set", "version": 1, "provenance": {}, "payload": dict(payload, **change)}
     json.dump(archive, open(name, "w"))
 write("set.yaml")
 write("one.yaml", samples=samples[:1])
-write("counts.yaml", samples=[samples[0], {"image": "film/02.jpg", "points": [[1, 2]]}])
+write("counts.yaml", samples=[samples[0], {"image": "video/02.jpg", "points": [[1, 2]]}])
 write("gone.yaml", samples=[dict(s, image="gone.jpg") for s in samples])
 write("none.yaml", samples=[])
 text = open("set.yaml").read()
@@ -78,7 +78,7 @@ run landmarks train tracker set.yaml -o turned.json --turned 1 --head own.json
 expect_status 5
 expect_error 'own.json'
 [ ! -e turned.json ] || fail "a model was written without a head"
-run landmarks fit film/01.jpg --model shape.json
+run landmarks fit video/01.jpg --model shape.json
 expect_status 5
 expect_error 'shape.json'
 

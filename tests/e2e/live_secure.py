@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """A camera that speaks TLS, for live_secure.sh: live_secure.py CERTIFICATE KEY STREAM.ts PICTURE.jpg LOG
 
-Prints its port. https://../cam.mjpg is MJPEG, /film.ts the stream, /away redirects to http; rtsps://../cam is the
+Prints its port. https://../cam.mjpg is MJPEG, /video.ts the stream, /away redirects to http; rtsps://../cam is the
 stream over RTSP, interleaved. LOG gets the first line of each request.
 """
 import socket
@@ -67,7 +67,7 @@ def serve(plain):
                 rtsp(client, request)
             elif "/away" in first:
                 client.sendall(b"HTTP/1.1 302 Found\r\nLocation: http://127.0.0.1:%d/\r\nContent-Length: 0\r\n\r\n" % port)
-            elif "/film.ts" in first:
+            elif "/video.ts" in first:
                 client.sendall(b"HTTP/1.1 200 OK\r\nContent-Type: video/mp2t\r\nConnection: close\r\n\r\n" + stream)
             else:
                 client.sendall(b"HTTP/1.1 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=x\r\n\r\n")

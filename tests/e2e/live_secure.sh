@@ -12,14 +12,14 @@ certificate() { # certificate FILE NAMES
     openssl x509 -req -days 2 -in "$1.csr" -CA ca.pem -CAkey ca.key -CAcreateserial -extfile "$1.ext" -out "$1.pem" 2>/dev/null
 }
 authority ca && certificate camera DNS:localhost,IP:127.0.0.1 && certificate other DNS:camera.example || skip "openssl makes no certificates"
-ffmpeg -v error -f lavfi -i testsrc=size=320x240:rate=10 -t 4 -c:v mpeg2video -g 5 -f mpegts film.ts &&
+ffmpeg -v error -f lavfi -i testsrc=size=320x240:rate=10 -t 4 -c:v mpeg2video -g 5 -f mpegts video.ts &&
   ffmpeg -v error -f lavfi -i testsrc=size=320x240:rate=10 -frames:v 1 picture.jpg || skip "ffmpeg makes no video"
 
 servers=()
 stop_all() { kill -KILL "${servers[@]}" 2>/dev/null; }
 trap stop_all EXIT
 start() { # start CERTIFICATE: leaves $port
-  python3 "$here/live_secure.py" "$1.pem" "$1.key" film.ts picture.jpg "$1.log" >"$1.port" &
+  python3 "$here/live_secure.py" "$1.pem" "$1.key" video.ts picture.jpg "$1.log" >"$1.port" &
   servers+=($!)
   local deadline=$((SECONDS + 300))
   until port=$(cat "$1.port") && [ -n "$port" ]; do
@@ -33,7 +33,7 @@ start other
 bad=localhost:$port
 
 play() { run cartoon run "$@" --mode none --frames 3 -o none --json --connect-timeout 30 --stall 30; }
-for path in https:cam.mjpg https:film.ts rtsps:cam; do
+for path in https:cam.mjpg https:video.ts rtsps:cam; do
   scheme=${path%%:*} file=${path#*:}
   play "$scheme://me:secret@$good/$file" --ca-file ca.pem
   expect_status 0

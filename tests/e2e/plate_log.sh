@@ -3,7 +3,7 @@
 # plate log: listing, searching, exporting and deleting, and files that are broken, locked, full or
 # somebody else's. The file is written here as its first version is laid out: it must stay readable.
 . "$(dirname "$0")/lib.sh"
-umask 077 # what others may open is warned of (io/sqlite_test)
+umask 077 # what others may open is warned of (media/sqlite_test)
 command -v python3 >/dev/null || skip 'no python3'
 
 python3 - <<'PY'

@@ -43,7 +43,7 @@ run plate read 'synth:car?seed=4&frames=2' --json
 expect_status 0
 expect_out '"image":"car-00000"' '"image":"car-00001"'
 
-# --- films ---
+# --- videos ---
 run plate read 'synth:drive?seconds=8&cars=2&parked=1&far=0&fps=8&seed=3' --events --json --log seen.db
 expect_status 0
 [ "$(grep -c '"event":"plate"' stdout.txt)" -eq "$(wc -l <stdout.txt)" ] || fail "lines other than events with --events"

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Head poses: pictures and films with the models that ship, drawn objects, training, measuring, hostile files.
+# Head poses: pictures and videos with the models that ship, drawn objects, training, measuring, hostile files.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 pictures=/usr/share/doc/opencv-doc/examples/data
@@ -54,11 +54,11 @@ for what in none box head glasses hat thing.obj; do
 done
 expect_out 'yaw [+-][0-9.]+ pitch' 'mm away'
 
-# A film: one head keeps its id; the table has a row a frame.
-mkdir film
-for i in 01 02 03 04 05 06; do cp "$messi" "film/$i.jpg"; done
+# A video: one head keeps its id; the table has a row a frame.
+mkdir video
+for i in 01 02 03 04 05 06; do cp "$messi" "video/$i.jpg"; done
 for smooth in none mean one-euro; do
-  run pose track film --sequence --smooth $smooth --csv poses.csv --json
+  run pose track video --sequence --smooth $smooth --csv poses.csv --json
   expect_status 0
   [ "$(grep -c '"id":1,' stdout.txt)" -eq 6 ] || fail "--smooth $smooth: not the same id in all frames"
   [ "$(wc -l <poses.csv)" -eq 7 ] || fail "poses.csv has $(wc -l <poses.csv) lines"
@@ -122,7 +122,7 @@ def seen(yaw, pitch, size):
     return points
 def write(name, samples):
     json.dump({"type": "landmark-set", "version": 1, "provenance": {}, "payload": {"mirror": mirror, "connections": [],
-              "samples": [{"image": "film/01.jpg", "points": p} for p in samples]}}, open(name, "w"))
+              "samples": [{"image": "video/01.jpg", "points": p} for p in samples]}}, open(name, "w"))
 write("set.yaml", [seen(random.uniform(-0.7, 0.7), random.uniform(-0.4, 0.4), random.uniform(1, 3)) for _ in range(60)])
 write("few.yaml", [seen(0.1, 0, 1)] * 3)
 write("still.yaml", [seen(0, 0, 1 + 0.01 * i) for i in range(30)])
@@ -179,7 +179,7 @@ refused 5 'gone.json' --head gone.json
 refused 3 'thing.mtl' --mapping thing.mtl
 refused 3 'thing.obj' --camera thing.obj
 refused 2 'focal' --focal -3
-run pose eval --pointing film
+run pose eval --pointing video
 expect_status 3
 expect_error 'Pointing'
 run pose eval

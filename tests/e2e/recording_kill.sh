@@ -25,19 +25,19 @@ record_until() { # record_until FRAMES FLAGS..: kills the program when so many f
 }
 
 for ending in mp4 mkv avi; do
-  record_until $((90 + RANDOM % 60)) -o film.$ending
-  [ ! -e film.$ending ] || fail "film.$ending: has its name before its end"
-  kept=$(frames_in film.part.$ending)
-  # The film has 25 frames a second whatever came: as many as the last frame's time says.
+  record_until $((90 + RANDOM % 60)) -o video.$ending
+  [ ! -e video.$ending ] || fail "video.$ending: has its name before its end"
+  kept=$(frames_in video.part.$ending)
+  # The video has 25 frames a second whatever came: as many as the last frame's time says.
   awk -v kept="$kept" -v last="$last" 'BEGIN { exit !(kept >= 25 * (last - 2)) }' ||
-    fail "film.part.$ending: $kept frames of $last s"
+    fail "video.part.$ending: $kept frames of $last s"
 done
 # The next one leaves it alone and says so.
-run cartoon run "$source" --mode none --frames 5 -o film.mp4
+run cartoon run "$source" --mode none --frames 5 -o video.mp4
 expect_status 0
-grep -q "film.part.mp4: left by a recording that was cut off" stderr.txt || fail "no word of the old recording: $err"
-[ -s film.part.mp4 ] && [ -s film.mp4 ] || fail "a recording is gone: $(ls)"
-[ "$(frames_in film.mp4)" -ge 5 ] || fail "film.mp4 does not play"
+grep -q "video.part.mp4: left by a recording that was cut off" stderr.txt || fail "no word of the old recording: $err"
+[ -s video.part.mp4 ] && [ -s video.mp4 ] || fail "a recording is gone: $(ls)"
+[ "$(frames_in video.mp4)" -ge 5 ] || fail "video.mp4 does not play"
 
 run cartoon run 'synth:portrait?frames=50&fps=25&size=160x120' --mode none -o cut.avi --segment 1s
 expect_status 0

@@ -9,7 +9,7 @@ expect_status 0
 mapping() { # mapping FOLDER [ARGUMENTS..]: the words that make the model
   local folder=$1
   shift
-  words=(sfm reconstruct scene/images --camera-file scene/camera.yaml --most-features 400 -o "$folder" --checkpoint 0
+  words=(sfm reconstruct scene/images --camera-file scene/camera.yaml --max-features 400 -o "$folder" --checkpoint 0
     --quiet "$@")
 }
 same_as_whole() { # same_as_whole FOLDER WHAT
@@ -76,7 +76,7 @@ expect_status 0
 same_as_whole stopped "interrupted and continued"
 
 # --- what can be checked is checked before the work ---
-refused() { # refused STATUS PATTERN ARGUMENTS..: without a look at a photograph's features
+refused() { # refused STATUS PATTERN ARGUMENTS..: without a look at an image's features
   local expected=$1 pattern=$2
   shift 2
   mapping unused "$@"
@@ -92,9 +92,9 @@ refused 3 'missing.csv' --align missing.csv
 refused 3 'line 1' --align bad.csv
 refused 3 '2 of 3 names' --align two.csv
 refused 3 'in a line' --align line.csv
-refused 3 '0 of 10 photographs' --align gps
+refused 3 '0 of 10 images' --align gps
 refused 2 'nobody.jpg' --distance 2 --distance-between 0000.jpg nobody.jpg
-refused 2 'two photographs' --distance 2 --distance-between 0000.jpg 0000.jpg
+refused 2 'two images' --distance 2 --distance-between 0000.jpg 0000.jpg
 refused 2 'needs --distance-between' --distance 2
 refused 2 'needs --distance,' --distance-between 0000.jpg 0001.jpg
 printf '0000.jpg nobody.jpg\n' >pairs.txt
@@ -106,10 +106,10 @@ for k in 0 1 2 3; do cp "scene/images/000$k.jpg" mixed/; done
 run sfm synth -o wall --images 3 --size 240x180 --content nothing
 for k in 0 1 2; do cp "wall/images/000$k.jpg" "mixed/wall-$k.jpg"; done
 printf 'wall-0.jpg,0,0,0\nwall-1.jpg,1,0,0\nwall-2.jpg,0,1,0\n' >walls.csv
-words=(sfm reconstruct mixed --camera-file scene/camera.yaml --most-features 400 --quiet)
+words=(sfm reconstruct mixed --camera-file scene/camera.yaml --max-features 400 --quiet)
 run "${words[@]}" -o unplaced --align walls.csv
 expect_status 3
-expect_error 'walls.csv: 0 positions fit photographs of the model'
+expect_error 'walls.csv: 0 positions fit images of the model'
 [ -s unplaced/points3D.txt ] && [ -s unplaced/view.html ] || fail "--align that does not fit: there is no model"
 [ -n "$(field unplaced not_placed)" ] || fail "--align that does not fit: report.json does not say so"
 cp unplaced/images.txt unplaced.txt
@@ -123,7 +123,7 @@ mkdir both
 for k in 0 1 2 3; do cp "scene/images/000$k.jpg" "both/a-$k.jpg"; done
 run sfm synth -o other --images 3 --size 240x180 --seed 9
 for k in 0 1 2; do cp "other/images/000$k.jpg" "both/b-$k.jpg"; done
-words=(sfm reconstruct both --camera-file scene/camera.yaml --most-features 400 --quiet)
+words=(sfm reconstruct both --camera-file scene/camera.yaml --max-features 400 --quiet)
 run "${words[@]}" -o two
 expect_status 0
 [ -s two/model-1/images.txt ] || fail "two scenes gave no second model"

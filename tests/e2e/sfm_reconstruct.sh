@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# sfm: a drawn scene comes back, is placed, exported, resumed; followed points; bad input. (Films: sfm_film.sh; what an
+# sfm: a drawn scene comes back, is placed, exported, resumed; followed points; bad input. (Videos: sfm_video.sh; what an
 # interruption or a bad end leaves: sfm_interrupted.sh.)
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 run sfm synth -o scene --images 6 --size 320x240 --seed 3
 expect_status 0
-[ "$(ls scene/images | wc -l)" -eq 6 ] || fail "6 photographs expected"
-scene=(sfm reconstruct scene/images --camera-file scene/camera.yaml --most-features 1000)
+[ "$(ls scene/images | wc -l)" -eq 6 ] || fail "6 images expected"
+scene=(sfm reconstruct scene/images --camera-file scene/camera.yaml --max-features 1000)
 run "${scene[@]}" -o model --json
 expect_status 0
 expect_out '"photographs":6' '"reprojection_px":0\.'
@@ -35,7 +35,7 @@ run sfm synth -o little --images 3 --size 240x180 --seed 3
 little() { # little FOLDER ARGUMENTS..
   local folder=$1
   shift
-  words=(sfm reconstruct little/images --camera-file little/camera.yaml --most-features 400 -o "$folder" --quiet "$@")
+  words=(sfm reconstruct little/images --camera-file little/camera.yaml --max-features 400 -o "$folder" --quiet "$@")
 }
 little whole
 start=$(date +%s.%N)
@@ -74,7 +74,7 @@ PY
 run "${scene[@]}" -o model --align positions.csv --export undistorted --turntable --match-pictures
 expect_status 0
 [ "$(head -c 6 model/turntable.gif)" = GIF89a ] || fail "no turntable.gif"
-[ "$(ls model/undistorted/images | wc -l)" -eq 6 ] || fail "undistorted photographs are missing"
+[ "$(ls model/undistorted/images | wc -l)" -eq 6 ] || fail "undistorted images are missing"
 [ -s model/undistorted/sparse/points3D.txt ] || fail "no undistorted model"
 [ "$(ls model/matches | wc -l)" -ge 5 ] || fail "no pictures of matches"
 python3 - <<'PY' || fail "--align did not bring the cameras to their places"
@@ -96,7 +96,7 @@ expect_status 0
 
 # --- what cannot be reconstructed is told, never made up ---
 run sfm synth -o turned --images 3 --size 320x240 --pure-rotation
-run sfm reconstruct turned/images --camera-file turned/camera.yaml --most-features 800 -o none
+run sfm reconstruct turned/images --camera-file turned/camera.yaml --max-features 800 -o none
 expect_status 1
 expect_out 'no model: .*sideways'
 run sfm synth -o wall --images 2 --size 240x180 --content nothing
@@ -114,7 +114,7 @@ mkdir mixed
 cp little/images/*.jpg mixed/
 head -c 2000 little/images/0002.jpg >mixed/0003.jpg
 cp scene/images/0000.jpg mixed/large.jpg
-run sfm reconstruct mixed --camera-file little/camera.yaml --most-features 400 -o of-mixed
+run sfm reconstruct mixed --camera-file little/camera.yaml --max-features 400 -o of-mixed
 expect_status 0
 expect_out 'missing: 0003.jpg: '
 run sfm reconstruct scene/images --camera 1,2 -o none
@@ -126,7 +126,7 @@ expect_status 2
 run sfm reconstruct scene/images -o /proc/nowhere/model
 expect_status 6
 expect_error '/proc/nowhere'
-run sfm reconstruct little/images --camera-file little/camera.yaml -o whole --online --online-view /proc/nowhere/film.mp4
+run sfm reconstruct little/images --camera-file little/camera.yaml -o whole --online --online-view /proc/nowhere/video.mp4
 expect_status 6
 expect_error '/proc/nowhere'
 run sfm reconstruct scene/images -o none --window

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # shellcheck disable=SC2046 # two numbers, as two words
-# landmarks annotate with a real mouse: three frames of a film with ten points from nothing, killed in the middle.
-# The film shows a frame a second, so that it is still there however late the keys come; frames are then stepped through.
+# landmarks annotate with a real mouse: three frames of a video with ten points from nothing, killed in the middle.
+# The video shows a frame a second, so that it is still there however late the keys come; frames are then stepped through.
 . "$(dirname "$0")/lib_window.sh"
 
-run cartoon run 'synth:portrait?size=640x480&frames=60&fps=1' --mode none -o film.avi --quiet
+run cartoon run 'synth:portrait?size=640x480&frames=60&fps=1' --mode none -o video.avi --quiet
 expect_status 0
 
 start_annotate() { # start_annotate ARGUMENTS..
@@ -50,7 +50,7 @@ drag() { # drag X Y X2 Y2
 point_x() { echo $((220 + 40 * ($1 % 5))); }
 point_y() { echo $((160 + 90 * ($1 / 5) + 12 * ($1 % 3))); }
 
-start_annotate film.avi -o set.yaml --window
+start_annotate video.avi -o set.yaml --window
 press space '"paused":true'
 picked() { # picked NUMBER: the frame on show, unless it is still the one before
   local before
@@ -73,7 +73,7 @@ program=
 gone() { ! x11 geometry "Tarsier annotate" >/dev/null; }
 wait_for "the killed program's window to go" gone
 
-start_annotate film.avi -o set.yaml --window
+start_annotate video.avi -o set.yaml --window
 press g '"points":6'
 for i in 6 7 8 9; do click "$(point_x $i)" "$(point_y $i)"; done
 expect_state '"points":10'

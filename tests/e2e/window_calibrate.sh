@@ -28,6 +28,6 @@ press u '"straight":true'
 keep straight.ppm
 press q '"views"'
 expect_end 0
-grep -q '^fx: 40[0-9]' camera.yaml || fail "the camera is not the film's: $(cat camera.yaml)"
+grep -q '^fx: 40[0-9]' camera.yaml || fail "the camera is not the video's: $(cat camera.yaml)"
 tail -1 stdout.txt | grep -q '"camera":"camera.yaml"' || fail "no summary at the end"
 finish

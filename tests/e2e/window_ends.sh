@@ -28,10 +28,10 @@ read -r red green blue <<<"$(x11 mean 450 300 100 100)"
 press q '"event":"key '
 expect_end 0
 
-# A film with a window and a file; it ends by itself, perhaps before anybody could look.
+# A video with a window and a file; it ends by itself, perhaps before anybody could look.
 launch $samples/vtest.avi --window -o both.mp4 --frames 8
 expect_end 0
-[ -s both.mp4 ] || fail "no film beside the window"
+[ -s both.mp4 ] || fail "no video beside the window"
 
 # Closed by its button (what a window manager sends), and destroyed.
 for way in close destroy; do
@@ -39,7 +39,7 @@ for way in close destroy; do
   sleep 0.5
   if [ $way = close ]; then x11 close "Tarsier cartoon"; else xdotool search --name "Tarsier cartoon" windowclose; fi
   expect_end 0
-  [ -s $way.mp4 ] || fail "$way: no film"
+  [ -s $way.mp4 ] || fail "$way: no video"
 done
 
 start $samples/vtest.avi --window

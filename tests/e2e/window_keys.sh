@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: MIT
 # Every key of the cartoon window does what it says: by the states, and by what is on the screen.
 . "$(dirname "$0")/lib_window.sh"
-film=/usr/share/doc/opencv-doc/examples/data/vtest.avi
-[ -r $film ] || skip "no sample film (package opencv-doc)"
+video=/usr/share/doc/opencv-doc/examples/data/vtest.avi
+[ -r $video ] || skip "no sample video (package opencv-doc)"
 
-start $film $film --window --save-dir saved # twice: it plays in real time, and must last
+start $video $video --window --save-dir saved # twice: it plays in real time, and must last
 read -r x y width height <<<"$(x11 geometry "Tarsier cartoon")"
 [ "$width" -le 1024 ] && [ "$height" -le 768 ] || fail "larger than the screen: $width x $height"
 
@@ -49,7 +49,7 @@ cmp -s saved/tarsier-0001.png saved/tarsier-0002.png || fail "the frozen picture
 press space '"paused":false'
 first=$(picture hash)
 changed() { [ "$(picture hash)" != "$first" ]; }
-wait_for "the film goes on" changed
+wait_for "the video goes on" changed
 
 # Keys that come faster than frames all count.
 before=$(events)

@@ -6,7 +6,7 @@ grid=${TARSIER_DATA:-/nowhere}/face-videos/grid
 [ -d "$grid" ] || skip "needs face-videos of TARSIER_DATA"
 /usr/bin/python3 -c 'import cv2' 2>/dev/null || skip "needs python3-opencv"
 
-# One film: Ann and Ben (first halves), Ann, Ben (second halves), a third person; grey between. It plays in real time: few
+# One video: Ann and Ben (first halves), Ann, Ben (second halves), a third person; grey between. It plays in real time: few
 # frames a second, so that the program keeps up and the mouse has time on any machine.
 /usr/bin/python3 - "$grid" <<'PY' || skip "the clips cannot be read"
 import cv2, numpy, sys
@@ -84,7 +84,7 @@ import json
 lines = [json.loads(l) for l in open("stdout.txt")]
 lines = [l for l in lines if "frame" in l]
 shown = [l for l in lines if l["mode"] == "recognize" and l["faces"]]
-# Where each is in the film, but for the frames after the cut, in which the votes for the one before fade.
+# Where each is in the video, but for the frames after the cut, in which the votes for the one before fade.
 parts = {name: range(int(first) + 10, int(end)) for name, first, end in map(str.split, open("parts.txt"))}
 for name, part in parts.items():
     faces = [l["faces"][0] for l in shown if l["frame"] in part]

@@ -56,7 +56,7 @@ long faulty_number = 0;
 int faulty_error = 0;  // 0: kill
 bool is_lasting = false;
 bool is_torn = false;
-std::size_t least_bytes = 1;
+std::size_t min_bytes = 1;
 char under[PATH_MAX] = "";
 std::atomic<long> counts[kOperations];
 
@@ -134,14 +134,14 @@ ssize_t faulty_write(int fd, std::size_t bytes, WriteSome write_some) {
   return -1;
 }
 
-bool memory_fails(std::size_t bytes) { return is_active && bytes >= least_bytes && fails(kMalloc); }
+bool memory_fails(std::size_t bytes) { return is_active && bytes >= min_bytes && fails(kMalloc); }
 
 void read_settings() {
   if (const char* text = std::getenv("TARSIER_FAULT_UNDER")) {
     std::snprintf(under, sizeof under, "%s", text);
   }
   if (const char* text = std::getenv("TARSIER_FAULT_LEAST")) {
-    least_bytes = std::strtoul(text, nullptr, 10);
+    min_bytes = std::strtoul(text, nullptr, 10);
   }
   const char* text = std::getenv("TARSIER_FAULT");
   if (text == nullptr) return;

@@ -39,7 +39,7 @@ OLD = b"the old file\n"
 
 # Runs beside those of cli_verbs.VALID: more kinds of output. A verb without a row has its run of VALID alone.
 MORE = {
-    "cartoon run": ["many/images -o film.mp4 --mode sketch --sequence", "many/images -o film.avi --mode sketch --sequence",
+    "cartoon run": ["many/images -o video.mp4 --mode sketch --sequence", "many/images -o video.avi --mode sketch --sequence",
                     "markers/images -o drawn --mode sketch", "scene.png -o drawn.png --debug-dir stages"],
     "plate read": ["cars/images -o none --log new.db", "cars/images -o none --log plates.db", "cars/images -o read.avi --sequence"],
     "plate log": ["plates.db --keep 30d", "plates.db --csv log.csv --crops cut"],
@@ -52,7 +52,7 @@ MORE = {
 }
 # Runs that take their own earlier output into account (it must be theirs), or that refuse to write over anything.
 READS_OUTPUT = {"landmarks annotate", "sfm reconstruct", "people export"}
-# Tables that grow line by line while a film or a camera is followed, so that what was measured is there whatever happens: the
+# Tables that grow line by line while a video or a camera is followed, so that what was measured is there whatever happens: the
 # old one is gone with the first line, and a disturbed one is a beginning of the whole one.
 STREAMED = {"points.csv", "poses.csv", "markers.csv"}
 # The second run finds nothing left to do.

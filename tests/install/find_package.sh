@@ -47,7 +47,7 @@ cmake_minimum_required(VERSION 3.25)
 project(everything LANGUAGES CXX)
 find_package(tarsier 0.1 REQUIRED)
 add_executable(everything main.cpp)
-target_link_libraries(everything PRIVATE tarsier::session tarsier::sheet tarsier::plate tarsier::plate_classic)
+target_link_libraries(everything PRIVATE tarsier::session tarsier::planar_sheets tarsier::plate_train tarsier::plate_classic)
 target_compile_definitions(everything PRIVATE MODELS="${tarsier_MODELS_DIR}")
 foreach(bad "0.2" "1.0")  # before 1.0 each minor version is one of its own
   find_package(tarsier ${bad} QUIET)
@@ -61,14 +61,14 @@ if(tarsier_FOUND)
 endif()
 CMAKE
 cat >everything/main.cpp <<'CPP'
-#include "tarsier/landmarks/model.h"
-#include "tarsier/sfm/pipeline.h"
-#include "tarsier/plate/recognizer.h"
+#include "tarsier/face/landmarks/model.h"
+#include "tarsier/sfm/mapper/pipeline.h"
+#include "tarsier/plate/networks/recognizer.h"
 
 #include <cstdio>
 int main() {
   tarsier::sfm::PipelineOptions().check();
-  const auto model = tarsier::landmarks::read_landmark_model(MODELS "/landmarks68.json");
+  const auto model = tarsier::face::landmarks::read_landmark_model(MODELS "/landmarks68.json");
   std::puts("read");
 }
 CPP

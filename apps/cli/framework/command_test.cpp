@@ -2,7 +2,7 @@
 #include "command.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/io/testing_folder.h"
+#include "tarsier/media/testing_folder.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -327,6 +327,25 @@ TEST_F(Config, SaysWhatIsWrong) {
   EXPECT_THAT(error("[plate.read]\niou = 3\n"), HasSubstr("[plate.read.iou] is no area and verb"));
   EXPECT_THAT(error("number = 3\n"), HasSubstr("not in range"));
   EXPECT_THROW(Line().parse({"--config", folder_ / "none.toml"}), InputError);
+}
+
+TEST(ParseCommandLine, TakesFormerNamesOfFlags) {
+  const TemporaryFolder folder;
+  const std::string config = folder / "former.toml";
+  std::ofstream(config) << "most-frames = 9\n";
+  Command root{"tarsier", "a program"};
+  Command& area = root.add_subcommand("area", "verbs of a kind");
+  Command& verb = area.add_subcommand("verb", "does it");
+  int side = 0;
+  int frames = 0;
+  verb.add_option("--min-side", side);
+  verb.add_option("--max-frames", frames);
+  std::string file;
+  verb.add_option("--config", file);
+  (void)parse_command_line(root, {"area", "verb", "--least-side=30", "--config", config});
+  EXPECT_EQ(side, 30);
+  EXPECT_EQ(frames, 9);
+  EXPECT_THROW((void)parse_command_line(root, {"area", "verb", "--least-frames", "3"}), UsageError);
 }
 
 TEST(HelpText, ShowsAllThatIsKnown) {

@@ -2,7 +2,7 @@
 #include "output.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/io/testing_folder.h"
+#include "tarsier/media/testing_folder.h"
 
 #include <gtest/gtest.h>
 

@@ -2,7 +2,8 @@
 #include "parse.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/core/log.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 
@@ -10,6 +11,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <numeric>
+#include <utility>
 
 namespace tarsier::cli {
 namespace {
@@ -28,6 +30,35 @@ std::vector<std::string> long_names(const Command& command) {
     std::copy_if(flag.names.begin(), flag.names.end(), std::back_inserter(names), is_long);
   }
   return names;
+}
+
+// The present name of a flag that was renamed ("--least-side" is "--min-side"); empty if `flag` is no
+// former name of a flag of this command. `flag` has no "=value".
+std::string renamed(const std::string& flag, const std::vector<std::string>& known) {
+  constexpr std::pair<std::string_view, std::string_view> kPrefixes[] = {
+      {"--least-", "--min-"}, {"--most-", "--max-"}, {"--film", "--video"}};
+  for (const auto& [old, present] : kPrefixes) {
+    if (!flag.starts_with(old)) continue;
+    std::string name = std::string(present) + flag.substr(old.size());
+    if (std::find(known.begin(), known.end(), name) != known.end()) return name;
+  }
+  return {};
+}
+
+// Flags by their former names get the present ones, with a warning.
+void rename_flags(Command& root, std::vector<std::string>& words) {
+  const Chosen chosen = chosen_command(root, words);
+  if (is_area(*chosen.command)) return;
+  const std::vector<std::string> known = long_names(*chosen.command);
+  for (std::size_t i = chosen.words; i < words.size() && words[i] != "--"; ++i) {
+    if (!is_long(words[i])) continue;
+    const std::string flag = words[i].substr(0, words[i].find('='));
+    if (std::find(known.begin(), known.end(), flag) != known.end()) continue;
+    const std::string name = renamed(flag, known);
+    if (name.empty()) continue;
+    log_warning("{} is {} now", flag, name);
+    words[i].replace(0, flag.size(), name);
+  }
 }
 
 // Words that stand where an area, a verb or a flag is expected and are none: says what is known
@@ -80,13 +111,16 @@ bool given_on_line(const FlagInfo& flag, const std::vector<std::string>& words, 
 void add_entry(const Command& verb, const ConfigEntry& entry, const std::string& path,
                const std::vector<std::string>& words, std::size_t from,
                std::vector<std::string>& added) {
-  const std::string name = "--" + entry.name;
+  const std::vector<std::string> known = long_names(verb);
+  const std::string former = renamed("--" + entry.name, known);
+  if (!former.empty()) log_warning("{}: {} is {} now", path, entry.name, former.substr(2));
+  const std::string name = former.empty() ? "--" + entry.name : former;
   const std::vector<FlagInfo> flags = verb.flags();
-  const auto flag = std::find_if(flags.begin(), flags.end(), [&name](const FlagInfo& known) {
-    return std::find(known.names.begin(), known.names.end(), name) != known.names.end();
+  const auto flag = std::find_if(flags.begin(), flags.end(), [&name](const FlagInfo& candidate) {
+    return std::find(candidate.names.begin(), candidate.names.end(), name) != candidate.names.end();
   });
   if (flag == flags.end() || entry.name == "config" || entry.name == "help") {
-    const std::string meant = nearest_word(name, long_names(verb));
+    const std::string meant = nearest_word(name, known);
     throw UsageError(fmt::format("{}: '{}' has no option '{}'{}", path, path_of(verb), entry.name,
                                  meant.empty() ? "" : ": did you mean '" + meant.substr(2) + "'?"));
   }
@@ -154,6 +188,7 @@ Chosen chosen_command(Command& root, const std::vector<std::string>& words) {
 bool is_area(const Command& command) { return !command.subcommands().empty(); }
 
 Command::Parsed parse_command_line(Command& root, std::vector<std::string> words) {
+  rename_flags(root, words);
   check_words(root, words);
   return root.parse(with_config(root, std::move(words)));
 }

@@ -18,10 +18,11 @@ struct Chosen {
 // Whether it has sub-commands, of which one must follow.
 [[nodiscard]] bool is_area(const Command& command);
 
-// Reads a whole command line: says what was probably meant by a word that is unknown, puts the
-// values of the file of --config behind the words (which win), and parses. In that file, top-level
-// keys are the chosen verb's; a section [area.verb] holds those of one verb, so that one file can
-// serve several. Throws UsageError where the line breaks a rule, InputError for the file.
+// Reads a whole command line. Flags by their former names are taken, with a warning; an unknown word
+// is an error that says what was probably meant. The values of the file of --config go behind the
+// words, which win. In that file, top-level keys are the chosen verb's; a section [area.verb] holds
+// those of one verb, so that one file can serve several. Throws UsageError where the line breaks a
+// rule, InputError for the file.
 Command::Parsed parse_command_line(Command& root, std::vector<std::string> words);
 
 // The version of the parser (CLI11) that the program was built with.

@@ -132,7 +132,7 @@ TARSIER_VNNI_INLINE void filter_phases(const BilateralTaps& taps, const std::uin
           _mm512_dpbusd_epi32(sums[k].weight, _mm512_add_epi8(before[k], w), _mm512_set1_epi8(1));
     }
   };
-  // Kept in registers: GCC would load them anew for each use, and loads across two lines of the
+  // Kept in registers: GCC would load them again for each use, and loads across two lines of the
   // cache are dear.
   const auto keep = [](Reg* v) TARSIER_VNNI_INLINE_LAMBDA {
     asm("" : "+v"(v[0]), "+v"(v[1]), "+v"(v[2]));

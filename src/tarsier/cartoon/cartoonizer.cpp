@@ -10,7 +10,7 @@
 #include "tarsier/cartoon/skin.h"
 #include "tarsier/cartoon/stabilize.h"
 #include "tarsier/core/image.h"
-#include "tarsier/face/detector.h"
+#include "tarsier/face/detect/detector.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -39,7 +39,7 @@ struct CartoonState::Impl {
   SkinBuffers skin;
   Stabilizer lines;
   Stabilizer evil_lines;
-  std::optional<FaceFollower> follower;
+  std::optional<face::FaceFollower> follower;
   std::map<int, SkinColor> skin_colors;  // by identity of the face
   std::vector<cv::Rect> faces;
 };
@@ -353,10 +353,10 @@ cv::Mat skin_of(const cv::Mat& frame, const CartoonOptions& options, State& stat
     std::vector<SkinColor> colors;
     std::map<int, SkinColor> known;
     cv::cvtColor(state.small, state.skin.ycrcb, cv::COLOR_BGR2YCrCb);
-    for (const FaceFollower::Face& face : state.follower->follow(frame)) {
+    for (const face::FaceFollower::Face& face : state.follower->follow(frame)) {
       const cv::Rect small(face.box.x / 2, face.box.y / 2, face.box.width / 2, face.box.height / 2);
       if (small.width < 4 || small.height < 4) continue;
-      // Learned anew while the face is seen, blended so that a hand before it does not count at
+      // Learned again while the face is seen, blended so that a hand before it does not count at
       // once.
       constexpr double kLearn = 0.1;
       SkinColor color = learn_skin_color(state.skin.ycrcb, small);
@@ -385,10 +385,10 @@ cv::Mat skin_of(const cv::Mat& frame, const CartoonOptions& options, State& stat
 const cv::Mat& cartoonize(const cv::Mat& frame, const CartoonOptions& options, CartoonState& state,
                           DebugSink* debug, Timers* timers) {
   require_bgr(frame);
-  constexpr int kLeastSize = 16;
-  TARSIER_REQUIRE(frame.cols >= kLeastSize && frame.rows >= kLeastSize,
-                  "the picture is {}x{}, smaller than {}x{}", frame.cols, frame.rows, kLeastSize,
-                  kLeastSize);
+  constexpr int kMinSize = 16;
+  TARSIER_REQUIRE(frame.cols >= kMinSize && frame.rows >= kMinSize,
+                  "the picture is {}x{}, smaller than {}x{}", frame.cols, frame.rows, kMinSize,
+                  kMinSize);
   options.check();
   const Watch watch(debug, timers);
   const auto timer = watch.time("total");

@@ -28,8 +28,8 @@ struct SketchOptions {
   int median_size = 7;     // px, odd, 3..7
   int laplacian_size = 5;  // aperture, 1, 3, 5 or 7
   int threshold = 80;      // of the Laplacian response, 0..255; a line where it is above
-  bool remove_pepper =
-      true;  // a black pixel whose 5x5 border is all white has its 3x3 centre whitened
+  // A black pixel whose 5x5 border is all white has its 3x3 centre whitened.
+  bool remove_pepper = true;
 };
 
 // Oil painting: bilateral filters on the half-size picture.
@@ -70,8 +70,8 @@ struct SkinOptions {
 // Fewer flickering lines in video. See stabilize.h.
 struct SteadyOptions {
   bool on = false;
-  double hysteresis =
-      0.3;  // share of the threshold either side of it in which a line keeps its state, 0..0.9
+  // Share of the threshold either side of it in which a line keeps its state, 0..0.9.
+  double hysteresis = 0.3;
   int motion = 10;  // change of the median grey above which a pixel counts as moved, 1..255
   int memory = 6;   // frames that a still pixel is averaged over, 1..16
 };

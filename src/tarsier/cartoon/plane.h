@@ -33,8 +33,8 @@ using AlignedBytes = std::vector<std::uint8_t, AlignedAllocator<std::uint8_t>>;
 // bytes apart at least. Keeps its memory when the size stays.
 class Plane {
  public:
-  static constexpr int kMargin =
-      8;  // rows above and below; to the left and right there are 64 bytes and more
+  // Rows above and below; to the left and right there are 64 bytes and more.
+  static constexpr int kMargin = 8;
 
   void resize(int width, int height) {
     if (width == width_ && height == height_) return;

@@ -10,8 +10,8 @@ namespace tarsier::cartoon {
 
 // How many bands for_row_bands makes of `rows` rows.
 inline int number_of_bands(int rows) {
-  constexpr int kLeastRows = 8;  // less is not worth handing over
-  return std::max(1, std::min(cv::getNumThreads(), rows / kLeastRows));
+  constexpr int kMinRows = 8;  // less is not worth handing over
+  return std::max(1, std::min(cv::getNumThreads(), rows / kMinRows));
 }
 
 // Calls work(band, first, last) for disjoint bands that cover rows 0..rows-1, on

@@ -23,6 +23,22 @@ double two_sided_quantile(double confidence) {
 
 }  // namespace
 
+double upper_median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+double quantile(std::span<const double> sorted, double share) {
+  TARSIER_REQUIRE(share >= 0 && share <= 1, "{}: a share is 0 to 1", share);
+  if (sorted.empty()) return 0;
+  const double place = share * static_cast<double>(sorted.size() - 1);
+  const auto low = static_cast<std::size_t>(place);
+  const std::size_t high = std::min(low + 1, sorted.size() - 1);
+  return sorted[low] + (place - static_cast<double>(low)) * (sorted[high] - sorted[low]);
+}
+
 Interval wilson_interval(long successes, long trials, double confidence) {
   TARSIER_REQUIRE(successes >= 0 && successes <= trials, "{} successes in {} trials", successes,
                   trials);

@@ -1,8 +1,19 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-// How sure a rate is that was counted.
+#include <span>
+#include <vector>
+
+// Order statistics, and confidence intervals of rates.
 namespace tarsier {
+
+// The median; of an even number of values the upper one of the two in the middle. 0 for no values.
+[[nodiscard]] double upper_median(std::vector<double> values);
+
+// The value below which the share `share` (0..1) of the ascending `sorted` values lies, linearly
+// interpolated between neighbours: sorted[share (n - 1)]. 0 for no values. Throws
+// std::invalid_argument for a share outside 0..1.
+[[nodiscard]] double quantile(std::span<const double> sorted, double share);
 
 struct Interval {
   double low = 0;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/statistics.h"
 
+#include "tarsier/core/boxes.h"
+
 #include <gtest/gtest.h>
 
 #include <stdexcept>
@@ -51,6 +53,30 @@ TEST(WilsonInterval, NothingTriedSaysNothingAndNonsenseIsRefused) {
   EXPECT_THROW((void)wilson_interval(6, 5), std::invalid_argument);
   EXPECT_THROW((void)wilson_interval(1, 5, 1), std::invalid_argument);
   EXPECT_THROW((void)wilson_interval_of_rate(1.1, 5), std::invalid_argument);
+}
+
+TEST(Quantiles, InterpolateBetweenNeighbours) {
+  const std::vector<double> sorted = {1, 2, 4, 8, 16};
+  EXPECT_EQ(quantile(sorted, 0), 1);
+  EXPECT_EQ(quantile(sorted, 0.5), 4);
+  EXPECT_DOUBLE_EQ(quantile(sorted, 0.9), 12.8);
+  EXPECT_EQ(quantile(sorted, 1), 16);
+  EXPECT_EQ(quantile({}, 0.5), 0);
+  EXPECT_THROW((void)quantile(sorted, 1.01), std::invalid_argument);
+  EXPECT_EQ(upper_median({9, 1, 5}), 5);
+  EXPECT_EQ(upper_median({9, 1, 5, 2}), 5);
+  EXPECT_EQ(upper_median({}), 0);
+}
+
+TEST(Boxes, TheTwoOverlapsDiffer) {
+  const cv::Rect2d whole(0, 0, 10, 10);
+  const cv::Rect2d inside(2, 2, 5, 5);
+  EXPECT_DOUBLE_EQ(intersection_over_union(whole, inside), 0.25);
+  EXPECT_DOUBLE_EQ(overlap_of_smaller(whole, inside), 1);
+  EXPECT_DOUBLE_EQ(intersection_over_union(whole, {5, 0, 10, 10}), 1.0 / 3);
+  EXPECT_DOUBLE_EQ(overlap_of_smaller(whole, {5, 0, 10, 10}), 0.5);
+  EXPECT_EQ(intersection_over_union(whole, {10, 0, 5, 5}), 0);  // they touch
+  EXPECT_EQ(overlap_of_smaller(whole, {2, 2, 0, 5}), 0);        // empty
 }
 
 }  // namespace

@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::array<std::string_view, 3> kNames{"pinhole", "rational", "fisheye"};
 constexpr std::array<std::size_t, 3> kCounts{5, 8, 4};
-constexpr int kMostDegree = 6;
+constexpr int kMaxDegree = 6;
 
 struct Distorted {
   cv::Point2d point;
@@ -41,19 +41,19 @@ Distorted distort(const std::array<double, 8>& k, const cv::Point2d& p) {
 
 // Ascending coefficients in s.
 struct Polynomial {
-  std::array<double, kMostDegree + 1> c{};
+  std::array<double, kMaxDegree + 1> c{};
   int degree = 0;
 };
 
 // Whether every value on [0, 1] is positive, told from Bernstein coefficients: the curve lies
 // within their range and begins and ends in the first and the last; halves are looked at where the
 // range says nothing.
-bool is_positive(std::array<double, kMostDegree + 1> b, int degree, int depth) {
+bool is_positive(std::array<double, kMaxDegree + 1> b, int degree, int depth) {
   const auto n = static_cast<std::size_t>(degree);
   if (!(b[0] > 0) || !(b[n] > 0)) return false;
   if (std::all_of(b.begin(), b.begin() + degree + 1, [](double v) { return v > 0; })) return true;
   if (depth == 0) return false;  // touches zero as near as numbers can tell
-  std::array<double, kMostDegree + 1> left{};
+  std::array<double, kMaxDegree + 1> left{};
   left[0] = b[0];
   for (std::size_t level = 1; level <= n; ++level) {  // de Casteljau at 1/2; b becomes the right
     for (std::size_t i = 0; i + level <= n; ++i) b[i] = 0.5 * (b[i] + b[i + 1]);
@@ -64,7 +64,7 @@ bool is_positive(std::array<double, kMostDegree + 1> b, int degree, int depth) {
 
 bool is_positive_up_to(const Polynomial& polynomial, double end) {
   const int n = polynomial.degree;
-  std::array<double, kMostDegree + 1> scaled{};
+  std::array<double, kMaxDegree + 1> scaled{};
   double power = 1;
   for (int i = 0; i <= n; ++i, power *= end)
     scaled[static_cast<std::size_t>(i)] = polynomial.c[static_cast<std::size_t>(i)] * power;
@@ -73,7 +73,7 @@ bool is_positive_up_to(const Polynomial& polynomial, double end) {
     for (int i = 1; i <= k; ++i) value = value * (m - k + i) / i;
     return value;
   };
-  std::array<double, kMostDegree + 1> bernstein{};
+  std::array<double, kMaxDegree + 1> bernstein{};
   for (int i = 0; i <= n; ++i) {
     for (int j = 0; j <= i; ++j) {
       bernstein[static_cast<std::size_t>(i)] +=

@@ -7,8 +7,8 @@
 #include "tarsier/core/words.h"
 #include "tarsier/geometry/colmap_camera.h"
 #include "tarsier/geometry/opencv_storage.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 

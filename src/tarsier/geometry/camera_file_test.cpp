@@ -2,8 +2,8 @@
 #include "tarsier/geometry/camera_file.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/testing_folder.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/testing_folder.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

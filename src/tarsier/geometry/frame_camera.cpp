@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-namespace tarsier {
+namespace tarsier::geometry {
 
 geometry::Camera camera_of_frame(const geometry::Camera& given, const Frame& frame) {
   const auto camera = geometry::scaled_camera(given, frame.image.size());
@@ -18,4 +18,4 @@ geometry::Camera camera_of_frame(const geometry::Camera& given, const Frame& fra
   return *camera;
 }
 
-}  // namespace tarsier
+}  // namespace tarsier::geometry

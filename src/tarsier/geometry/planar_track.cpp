@@ -13,7 +13,7 @@ namespace tarsier::geometry {
 namespace {
 
 // What one frame may add to the odds: a single bad picture proves little.
-constexpr double kMostOfOneFrame = 3;
+constexpr double kMaxOfOneFrame = 3;
 // Poses nearer than this are one.
 constexpr double kSame = 2 * CV_PI / 180;
 
@@ -38,8 +38,8 @@ double extent_of(std::span<const cv::Point2d> pixels) {
 double evidence_of(const PlanarPose& first, const PlanarPose& second, std::size_t points,
                    double noise) {
   const double difference = second.rms_px * second.rms_px - first.rms_px * first.rms_px;
-  return std::clamp(static_cast<double>(points) * difference / (2 * noise * noise),
-                    -kMostOfOneFrame, kMostOfOneFrame);
+  return std::clamp(static_cast<double>(points) * difference / (2 * noise * noise), -kMaxOfOneFrame,
+                    kMaxOfOneFrame);
 }
 
 double farthest_px(const Rigid& pose, std::span<const cv::Point2d> on_plane,
@@ -108,7 +108,7 @@ void PlanarTrackOptions::check() const {
   TARSIER_REQUIRE(noise_px > 0, "noise_px {}", noise_px);
   TARSIER_REQUIRE(noise_share >= 0, "noise_share {}", noise_share);
   TARSIER_REQUIRE(switch_evidence >= 0, "switch_evidence {}", switch_evidence);
-  TARSIER_REQUIRE(most_evidence > 0, "most_evidence {}", most_evidence);
+  TARSIER_REQUIRE(max_evidence > 0, "max_evidence {}", max_evidence);
   TARSIER_REQUIRE(gap_s > 0, "gap_s {}", gap_s);
   TARSIER_REQUIRE(cutoff_hz > 0, "cutoff_hz {}", cutoff_hz);
   TARSIER_REQUIRE(still_px_s >= 0, "still_px_s {}", still_px_s);
@@ -139,7 +139,7 @@ std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
     if (choice.second) {
       state.evidence = std::clamp(
           state.evidence + evidence_of(choice.first, *choice.second, pixels.size(), noise),
-          -options.most_evidence, options.most_evidence);
+          -options.max_evidence, options.max_evidence);
       // Where the two meet there is nothing to tell apart, and no odds go on beyond.
       if (angle_between(choice.first.camera_from_plane.rotation,
                         choice.second->camera_from_plane.rotation) < kSame)

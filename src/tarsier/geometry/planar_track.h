@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-// The pose of a flat thing over a film: which of its two poses is the true one, and steady.
+// The pose of a flat thing over a video: which of its two poses is the true one, and steady.
 namespace tarsier::geometry {
 
 struct PlanarTrackOptions {
@@ -18,8 +18,8 @@ struct PlanarTrackOptions {
   double noise_px = 0.3;
   double noise_share = 0.003;  // >= 0
   double switch_evidence = 8;  // in which natural logarithm of odds the other pose must lead
-  double most_evidence = 40;   // odds are not remembered beyond, so that errors can be mended
-  double gap_s = 0.5;          // unseen for longer, it starts anew; > 0
+  double max_evidence = 40;    // odds are not remembered beyond, so that errors can be mended
+  double gap_s = 0.5;          // unseen for longer, it starts again; > 0
   bool smooth = true;          // false: `steady` is the measured pose
   double cutoff_hz = 0.5;      // of the low pass when still, > 0
   double still_px_s = 5;       // px/s that noise alone gives, >= 0
@@ -58,7 +58,7 @@ struct TrackedPlane {
 // al., CHI 2012) on rotation and translation alike, whose speed is that of the pixels: what moves
 // depth and tilt of a small thing moves its pixels little, so that their noise is smoothed as
 // noise; and the leash bounds the lag. Empty where there is no pose; the state is then as it was.
-// `time` (s) rises; otherwise, after a gap, or for another number of points it starts anew.
+// `time` (s) rises; otherwise, after a gap, or for another number of points it starts again.
 [[nodiscard]] std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
                                                       std::span<const cv::Point2d> pixels,
                                                       const Camera& camera, double time,

@@ -37,7 +37,7 @@ Rigid pose_of(double tilt_deg, double about, const cv::Vec3d& at) {
   return {turned * cv::Matx33d(1, 0, 0, 0, -1, 0, 0, 0, -1), at};
 }
 
-struct Film {
+struct Video {
   std::vector<Rigid> truth;
   std::vector<TrackedPlane> tracked;
   [[nodiscard]] double error_deg(std::size_t i, bool steady) const {
@@ -46,9 +46,9 @@ struct Film {
   }
 };
 
-Film filmed(int frames, double noise_px, const std::function<Rigid(double)>& path,
-            const PlanarTrackOptions& options = {}, std::uint64_t seed = 1) {
-  Film film;
+Video recorded(int frames, double noise_px, const std::function<Rigid(double)>& path,
+               const PlanarTrackOptions& options = {}, std::uint64_t seed = 1) {
+  Video video;
   Rng rng(seed);
   PlanarTrackState state;
   const Camera camera = test_camera();
@@ -63,27 +63,27 @@ Film filmed(int frames, double noise_px, const std::function<Rigid(double)>& pat
     const auto tracked = track_plane(kSquare, pixels, camera, i / kFps, options, state);
     if (!tracked) {
       ADD_FAILURE() << "no pose in frame " << i;
-      return film;
+      return video;
     }
-    film.truth.push_back(truth);
-    film.tracked.push_back(*tracked);
+    video.truth.push_back(truth);
+    video.tracked.push_back(*tracked);
   }
-  return film;
+  return video;
 }
 
 TEST(PlanarTrack, StillNearFrontalDoesNotFlip) {
   // 50 px wide, tilted by 8 degrees: single pictures choose wrongly now and then.
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    const Film film = filmed(
+    const Video video = recorded(
         300, 0.15,
         [](double) {
           return pose_of(8, 0.4, {0.05, -0.02, 0.6});
         },
         {}, seed);
     double farthest = 0;
-    for (std::size_t i = 25; i < film.tracked.size(); ++i) {  // once it has settled
+    for (std::size_t i = 25; i < video.tracked.size(); ++i) {  // once it has settled
       const double turned =
-          angle_of(film.tracked[i].steady.rotation * film.tracked[i - 1].steady.rotation.t()) *
+          angle_of(video.tracked[i].steady.rotation * video.tracked[i - 1].steady.rotation.t()) *
           180 / CV_PI;
       farthest = std::max(farthest, turned);
     }
@@ -91,7 +91,7 @@ TEST(PlanarTrack, StillNearFrontalDoesNotFlip) {
   }
 }
 
-TEST(PlanarTrack, MovingFilmsRarelyFlip) {
+TEST(PlanarTrack, MovingVideosRarelyFlip) {
   int frames = 0;
   int flips = 0;
   int single = 0;
@@ -101,15 +101,15 @@ TEST(PlanarTrack, MovingFilmsRarelyFlip) {
       return pose_of(25 + 25 * std::sin(1.3 * t + phase), 0.7 * t + phase,
                      {0.06 * std::sin(t), 0.04 * std::cos(1.7 * t), 0.5 + 0.2 * std::sin(0.9 * t)});
     };
-    const Film film = filmed(400, 0.2, path, {}, seed);
-    for (std::size_t i = 0; i < film.tracked.size(); ++i) {
+    const Video video = recorded(400, 0.2, path, {}, seed);
+    for (std::size_t i = 0; i < video.tracked.size(); ++i) {
       ++frames;
-      if (film.error_deg(i, false) > 15) ++flips;
+      if (video.error_deg(i, false) > 15) ++flips;
       // The better of the two alone.
-      const TrackedPlane& t = film.tracked[i];
+      const TrackedPlane& t = video.tracked[i];
       const bool is_best = !t.other || t.pose.rms_px <= t.other->rms_px;
       const Rigid& best = is_best ? t.pose.camera_from_plane : t.other->camera_from_plane;
-      if (angle_of(best.rotation * film.truth[i].rotation.t()) > 15 * CV_PI / 180) ++single;
+      if (angle_of(best.rotation * video.truth[i].rotation.t()) > 15 * CV_PI / 180) ++single;
     }
   }
   EXPECT_LT(flips, 0.005 * frames) << "of single pictures: " << single;
@@ -137,16 +137,16 @@ TEST(PlanarTrack, AWrongStartIsMended) {
 }
 
 TEST(PlanarTrack, SteadiesWhatIsStillAndFollowsWhatMoves) {
-  const auto spread = [](const Film& film, bool steady) {
+  const auto spread = [](const Video& video, bool steady) {
     double sum = 0;
-    for (std::size_t i = 50; i < film.tracked.size(); ++i) sum += film.error_deg(i, steady);
-    return sum / static_cast<double>(film.tracked.size() - 50);
+    for (std::size_t i = 50; i < video.tracked.size(); ++i) sum += video.error_deg(i, steady);
+    return sum / static_cast<double>(video.tracked.size() - 50);
   };
-  const Film still = filmed(300, 0.15, [](double) { return pose_of(35, 0.4, {0, 0, 0.6}); });
+  const Video still = recorded(300, 0.15, [](double) { return pose_of(35, 0.4, {0, 0, 0.6}); });
   EXPECT_LT(spread(still, true), 0.4 * spread(still, false));
   // 15 px a frame.
   const auto path = [](double t) { return pose_of(35, 0.4, {0.15 * std::sin(2.4 * t), 0, 0.6}); };
-  const Film moving = filmed(300, 0.15, path);
+  const Video moving = recorded(300, 0.15, path);
   const Camera camera = test_camera();
   double worst = 0;
   for (std::size_t i = 5; i < moving.tracked.size(); ++i) {

@@ -5,7 +5,7 @@
 
 namespace tarsier::geometry {
 
-// x_b = rotation * x_a + translation. For a photograph b is its camera and a the world.
+// x_b = rotation * x_a + translation. For an image b is its camera and a the world.
 struct Rigid {
   cv::Matx33d rotation = cv::Matx33d::eye();
   cv::Vec3d translation{};

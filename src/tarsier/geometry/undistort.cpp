@@ -14,8 +14,8 @@
 namespace tarsier::geometry {
 namespace {
 
-constexpr int kMostPlaces = 1000;  // on each side of a picture
-constexpr double kWidest = 1.8;    // tangent, of what is kept of a fisheye
+constexpr int kMaxPlaces = 1000;  // on each side of a picture
+constexpr double kWidest = 1.8;   // tangent, of what is kept of a fisheye
 
 cv::Point2d ray_of_border(const Camera& camera, double x, double y) {
   const auto point = camera.normalized_of({x, y});
@@ -43,13 +43,13 @@ Camera undistorted_camera(const Camera& camera) {
   double top = left;
   double right = -left;
   double bottom = -left;
-  const int columns = std::min(camera.width, kMostPlaces);
+  const int columns = std::min(camera.width, kMaxPlaces);
   for (int k = 0; k < columns; ++k) {
     const double x = columns > 1 ? right_px * k / (columns - 1) : 0;
     top = std::max(top, ray_of_border(camera, x, 0).y);
     bottom = std::min(bottom, ray_of_border(camera, x, bottom_px).y);
   }
-  const int rows = std::min(camera.height, kMostPlaces);
+  const int rows = std::min(camera.height, kMaxPlaces);
   for (int k = 0; k < rows; ++k) {
     const double y = rows > 1 ? bottom_px * k / (rows - 1) : 0;
     left = std::max(left, ray_of_border(camera, 0, y).x);
@@ -77,7 +77,7 @@ Straightener::Straightener(const Camera& from, const Camera& to) : from_(from.wi
   to.check();
   TARSIER_REQUIRE(!to.is_distorted(), "k1 {}", to.distortion[0]);
   const int side = std::max({from.width, from.height, to.width, to.height});
-  TARSIER_REQUIRE(side <= kMostUndistortedSide, "{} px", side);
+  TARSIER_REQUIRE(side <= kMaxUndistortedSide, "{} px", side);
   is_same_ = !from.is_distorted() && from.width == to.width && from.height == to.height &&
              from.matrix() == to.matrix();
   if (is_same_) return;

@@ -36,6 +36,6 @@ class Straightener {
   cv::Mat fractions_;
 };
 
-inline constexpr int kMostUndistortedSide = 32'766;  // px, of cv::remap
+inline constexpr int kMaxUndistortedSide = 32'766;  // px, of cv::remap
 
 }  // namespace tarsier::geometry

@@ -129,7 +129,7 @@ Bounds bounds_of(const Mesh& mesh) {
 
 void add_normals(Mesh& mesh, double crease_deg) {
   TARSIER_REQUIRE(crease_deg >= 0 && crease_deg <= 180, "crease of {} degrees", crease_deg);
-  const float least_cosine = static_cast<float>(std::cos(crease_deg * CV_PI / 180) - 1e-6);
+  const float min_cosine = static_cast<float>(std::cos(crease_deg * CV_PI / 180) - 1e-6);
   std::vector<cv::Vec3f> faces(mesh.triangles.size());
   std::vector<float> areas(mesh.triangles.size());
   for (std::size_t t = 0; t < faces.size(); ++t) {
@@ -140,7 +140,7 @@ void add_normals(Mesh& mesh, double crease_deg) {
   const Around around = triangles_around(mesh);
   // A vertex of very many triangles (the hub of a fan) would cost their square: beyond this number
   // the triangle's own normal does.
-  constexpr int kMostAround = 256;
+  constexpr int kMaxAround = 256;
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     Triangle& triangle = mesh.triangles[t];
     if (triangle.normal[0] >= 0 || !(areas[t] > 0)) continue;
@@ -149,12 +149,12 @@ void add_normals(Mesh& mesh, double crease_deg) {
       const int begin = around.first[p];
       const int end = around.first[p + 1];
       cv::Vec3f sum = faces[t] * areas[t];
-      if (end - begin <= kMostAround) {
+      if (end - begin <= kMaxAround) {
         sum = {0, 0, 0};
         for (int k = begin; k < end; ++k) {
           const std::size_t other =
               static_cast<std::size_t>(around.list[static_cast<std::size_t>(k)]);
-          if (faces[other].dot(faces[t]) >= least_cosine) sum += faces[other] * areas[other];
+          if (faces[other].dot(faces[t]) >= min_cosine) sum += faces[other] * areas[other];
         }
       }
       const float length = static_cast<float>(cv::norm(sum));

@@ -2,7 +2,7 @@
 #include "tarsier/render/obj_io.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 
@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kLargestNumber = 1e9;
-constexpr std::size_t kMostMaterials = 10'000;
+constexpr std::size_t kMaxMaterials = 10'000;
 
 // The words of one line.
 class Words {
@@ -244,8 +244,8 @@ class Reader {
 
   int add_material(const std::string& name) {
     std::vector<Material>& materials = result_.mesh.materials;
-    if (materials.size() >= kMostMaterials)
-      fail(fmt::format("more than {} materials", kMostMaterials));
+    if (materials.size() >= kMaxMaterials)
+      fail(fmt::format("more than {} materials", kMaxMaterials));
     materials.emplace_back().name = shown(name);
     return static_cast<int>(materials.size()) - 1;
   }

@@ -2,8 +2,8 @@
 #include "tarsier/render/obj_io.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/io/testing_folder.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

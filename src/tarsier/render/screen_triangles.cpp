@@ -10,9 +10,9 @@
 namespace tarsier::render {
 namespace {
 
-constexpr double kGuard = 1024;          // px around the picture, where triangles are cut off
-constexpr double kLeastInverse = 1e-30;  // 1 / z of what counts as infinitely far
-constexpr int kChunk = 4096;             // triangles that one thread sets up at a time
+constexpr double kGuard = 1024;        // px around the picture, where triangles are cut off
+constexpr double kMinInverse = 1e-30;  // 1 / z of what counts as infinitely far
+constexpr int kChunk = 4096;           // triangles that one thread sets up at a time
 
 using Attributes = std::array<double, kAttributes>;
 
@@ -168,7 +168,7 @@ void Setup::add(const Triangle& triangle, std::vector<ScreenTriangle>& out) cons
     p.x = pixel.x;
     p.y = pixel.y;
     p.inverse = 1 / corners[i].in_camera[2];
-    if (!std::isfinite(p.x) || !std::isfinite(p.y) || p.inverse < kLeastInverse) return;
+    if (!std::isfinite(p.x) || !std::isfinite(p.y) || p.inverse < kMinInverse) return;
     for (std::size_t k = 0; k < kAttributes; ++k) {
       p.over_depth[k] = corners[i].attributes[k] * p.inverse;
     }

@@ -2,9 +2,9 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/face/shape/similarity.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/session/annotate_session.h"
-#include "tarsier/shape/similarity.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -21,7 +21,7 @@ namespace {
 namespace fs = std::filesystem;
 using Eigen::Matrix2Xd;
 
-constexpr std::size_t kMostUndo = 1000;
+constexpr std::size_t kMaxUndo = 1000;
 
 std::string absolute(const std::string& path) {
   std::error_code error;
@@ -56,7 +56,7 @@ void AnnotateSession::load() {
     for (const std::string& picture : picked) state_.add_picture(picture);
   }
   if (!is_new) {
-    state_.load(shape::read_landmark_set(options_.set_path), options_.set_path);
+    state_.load(face::shape::read_landmark_set(options_.set_path), options_.set_path);
   }
   const std::string journal_path = options_.set_path + ".journal";
   const bool has_symmetry =
@@ -108,7 +108,7 @@ bool AnnotateSession::edit(const std::string& why, Change change, bool undoable)
   }
   if (undoable) {
     before_.push_back(std::move(before));
-    if (before_.size() > kMostUndo) before_.erase(before_.begin());
+    if (before_.size() > kMaxUndo) before_.erase(before_.begin());
     undone_.clear();
   }
   if (unsaved_ >= options_.save_every) {
@@ -161,8 +161,8 @@ void AnnotateSession::undo(std::vector<AnnotateState>& from, std::vector<Annotat
 
 void AnnotateSession::save() {
   if (unsaved_ == 0) return;
-  const shape::LandmarkSet set = state_.finished();
-  if (!set.samples.empty()) shape::write_landmark_set(options_.set_path, set, "");
+  const face::shape::LandmarkSet set = state_.finished();
+  if (!set.samples.empty()) face::shape::write_landmark_set(options_.set_path, set, "");
   journal_.restart(state_.unfinished());
   unsaved_ = 0;
 }
@@ -225,7 +225,7 @@ std::optional<Matrix2Xd> AnnotateSession::proposal() {
   for (int k = 0; k < state_.pictures(); ++k) {
     if (!state_.picture(k).done || k == current_) continue;
     if (k == near) request.nearest = static_cast<int>(request.so_far.samples.size());
-    shape::LandmarkSample sample;
+    face::shape::LandmarkSample sample;
     sample.image = state_.picture(k).path;
     sample.points = state_.picture(k).points;
     for (int i = 0; i < state_.points(); ++i)
@@ -286,7 +286,7 @@ void AnnotateSession::find_places() {
   if (near < 0) return;
   const Matrix2Xd& other = state_.picture(near).points;
   try {
-    const Matrix2Xd guess = shape::fit_similarity(other, places_)(other);
+    const Matrix2Xd guess = face::shape::fit_similarity(other, places_)(other);
     for (Eigen::Index i = 0; i < places_.cols(); ++i)
       if (places_.col(i).hasNaN()) places_.col(i) = guess.col(i);
   } catch (const std::invalid_argument&) {  // too few in common
@@ -380,7 +380,8 @@ void AnnotateSession::transform_all(double factor, double angle) {
   if (points.hasNaN() || state_.stage() != AnnotateStage::kPictures) return;
   const Eigen::Vector2d middle = points.rowwise().mean();
   const double sign = mirrored_ ? -1 : 1;
-  const shape::Similarity2d turn{factor * std::cos(angle), sign * factor * std::sin(angle), 0, 0};
+  const face::shape::Similarity2d turn{factor * std::cos(angle), sign * factor * std::sin(angle), 0,
+                                       0};
   points = turn(Matrix2Xd(points.colwise() - middle)).colwise() + middle;
   (void)edit("size and turn",
              [&](AnnotateState& state) { state.set_points(current_, points, true); });
@@ -476,7 +477,7 @@ void AnnotateSession::click_pair(int point, bool chain) {
 void AnnotateSession::set_stage(AnnotateStage stage) {
   if (stage == state_.stage()) return;
   if (stage == AnnotateStage::kPick && !options_.video) {
-    message_ = "Frames are picked from films only";
+    message_ = "Frames are picked from videos only";
     return;
   }
   if (stage != AnnotateStage::kPick && state_.pictures() == 0) {
@@ -525,7 +526,7 @@ void AnnotateSession::act(const std::string& name) {
   if (name == "stage-pictures") set_stage(AnnotateStage::kPictures);
   if (name == "propose" && stage == AnnotateStage::kPictures && state_.pictures() > 0 &&
       state_.done() - (state_.picture(current_).done ? 1 : 0) > 0) {
-    if (edit("propose anew", [&](AnnotateState& state) { state.clear_points(current_); })) {
+    if (edit("propose again", [&](AnnotateState& state) { state.clear_points(current_); })) {
       selected_ = -1;
       open(current_);
     }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
-#include "tarsier/io/archive.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/session/annotate_state.h"
 
 #include <fmt/format.h>
@@ -23,7 +23,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::int64_t kMostBytes = 1'000'000'000;
+constexpr std::int64_t kMaxBytes = 1'000'000'000;
 constexpr mode_t kMode = 0644;
 
 std::string reason() { return std::strerror(errno); }
@@ -53,7 +53,7 @@ std::vector<json> AnnotateJournal::open() {
     throw InputError(path_, "another program is annotating this set");
   }
   sync_folder(path_);
-  const std::string text = read_file(path_, kMostBytes);
+  const std::string text = read_file(path_, kMaxBytes);
   std::vector<json> records;
   std::size_t good = 0;
   for (std::size_t begin = 0; begin < text.size();) {

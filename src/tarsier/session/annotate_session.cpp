@@ -2,7 +2,7 @@
 #include "tarsier/session/annotate_session.h"
 
 #include "tarsier/core/require.h"
-#include "tarsier/draw/text.h"
+#include "tarsier/image/draw/text.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,7 +14,7 @@ namespace {
 constexpr double kZoom = 1.25;                     // of a key or a notch
 constexpr std::size_t kRecentBytes = 150'000'000;  // frames kept for stepping back
 constexpr double kSkip = 1.0;                      // s, of the up arrow
-constexpr double kLeastNudge = 0.25;               // px of the picture
+constexpr double kMinNudge = 0.25;                 // px of the picture
 
 }  // namespace
 
@@ -31,12 +31,12 @@ AnnotateSession::AnnotateSession(const AnnotateOptions& options, Propose propose
   options_.check();
   is_proposing_ = propose_ != nullptr;
   cv::Mat scratch(options_.canvas, CV_8UC3, cv::Scalar(0, 0, 0));
-  bar_ = draw::status_bar(scratch, "?").height;
+  bar_ = image::draw::status_bar(scratch, "?").height;
   load();
 }
 
 bool AnnotateSession::wants_frame() const {
-  if (state_.stage() != AnnotateStage::kPick || is_film_over_ || finished_) return false;
+  if (state_.stage() != AnnotateStage::kPick || is_video_over_ || finished_) return false;
   return !paused_ || steps_ > 0 || skip_to_ >= 0 || frame_.image.empty();
 }
 
@@ -60,8 +60,8 @@ View AnnotateSession::on_idle(const SourceStatus&) {
   return view();
 }
 
-void AnnotateSession::film_ended() {
-  is_film_over_ = true;
+void AnnotateSession::video_ended() {
+  is_video_over_ = true;
   steps_ = 0;
   skip_to_ = -1;
 }
@@ -86,9 +86,9 @@ View AnnotateSession::on_event(const Event& event) {
   std::string name = event.kind == Event::Kind::kAction ? event.name : std::string();
   if (event.kind == Event::Kind::kKey) {
     const int pressed = event.key;
-    const double step = std::clamp(1 / scale(), kLeastNudge, 1.0) * (event.shift ? 4 : 1);
-    const bool is_film = state_.stage() == AnnotateStage::kPick;
-    const bool is_chosen = selected_ >= 0 && !is_film;
+    const double step = std::clamp(1 / scale(), kMinNudge, 1.0) * (event.shift ? 4 : 1);
+    const bool is_picking = state_.stage() == AnnotateStage::kPick;
+    const bool is_chosen = selected_ >= 0 && !is_picking;
     if (event.control) {
       name = pressed == 'z' || pressed == 'Z' ? (event.shift ? "redo" : "undo")
              : pressed == 'y'                 ? "redo"
@@ -106,10 +106,10 @@ View AnnotateSession::on_event(const Event& event) {
       nudge(pressed == key::kLeft ? -step : step, 0);
     } else if (is_chosen && (pressed == key::kUp || pressed == key::kDown)) {
       nudge(0, pressed == key::kUp ? -step : step);
-    } else if (is_film && pressed == key::kLeft) {
+    } else if (is_picking && pressed == key::kLeft) {
       paused_ = true;
       step_back();
-    } else if (is_film && pressed == key::kRight) {
+    } else if (is_picking && pressed == key::kRight) {
       paused_ = true;
       if (back_ > 0) {
         --back_;
@@ -117,7 +117,7 @@ View AnnotateSession::on_event(const Event& event) {
       } else {
         ++steps_;
       }
-    } else if (is_film && pressed == key::kUp) {
+    } else if (is_picking && pressed == key::kUp) {
       skip_to_ = frame_.time + kSkip;
     } else if (pressed == key::kLeft || pressed == key::kRight) {
       name = pressed == key::kLeft ? "previous" : "next";
@@ -151,8 +151,8 @@ void AnnotateSession::act_on_view(const std::string& name) {
 }
 
 std::vector<Action> AnnotateSession::actions() const {
-  return {{"pick", "take this frame of the film", 's'},
-          {"pause", "pause and play the film", key::kSpace},
+  return {{"pick", "take this frame of the video", 's'},
+          {"pause", "pause and play the video", key::kSpace},
           {"go-on", "it is right: the next step, or the next picture", key::kEnter},
           {"next", "next picture", 'n'},
           {"previous", "previous picture", 'p'},
@@ -160,7 +160,7 @@ std::vector<Action> AnnotateSession::actions() const {
           {"redo", "redo (Ctrl-Y too)", 'r'},
           {"delete", "delete the point; but for the first picture: hide it", 'd'},
           {"hide", "hide and show the point in this picture", 'h'},
-          {"propose", "propose the points anew", 'a'},
+          {"propose", "propose the points again", 'a'},
           {"larger", "all points larger", ']'},
           {"smaller", "all points smaller", '['},
           {"turn-left", "turn all points to the left", '<'},

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/face_pipelines/annotator.h"
+#include "tarsier/face/pipelines/annotator.h"
 #include "tarsier/session/annotate_state.h"
 #include "tarsier/session/session.h"
 
@@ -55,11 +55,11 @@ class AnnotateSession final : public Session {
   // What there is to see now, without anything done.
   View look() { return view(); }
 
-  // The host is asked for the film's next frame; `at_once`: without keeping to its speed.
+  // The host is asked for the video's next frame; `at_once`: without keeping to its speed.
   [[nodiscard]] bool wants_frame() const;
   [[nodiscard]] bool at_once() const { return steps_ > 0 || skip_to_ >= 0; }
   // No more frames.
-  void film_ended();
+  void video_ended();
   // A proposal is about to be made, which may take seconds: by the next on_idle or on_event.
   [[nodiscard]] bool is_learning() const { return is_learning_; }
 
@@ -136,10 +136,10 @@ class AnnotateSession final : public Session {
   bool is_proposing_ = true;
   int selected_ = -1;
 
-  Frame frame_;  // of the film
+  Frame frame_;  // of the video
   std::deque<Frame> recent_;
   std::size_t back_ = 0;  // steps back in `recent_`
-  bool is_film_over_ = false;
+  bool is_video_over_ = false;
   bool paused_ = false;
   int steps_ = 0;
   double skip_to_ = -1;  // s

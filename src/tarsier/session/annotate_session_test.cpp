@@ -2,8 +2,8 @@
 #include "tarsier/session/annotate_session.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/io/image_file.h"
-#include "tarsier/io/testing_folder.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
 #include "tarsier/session/scripted_host.h"
 
 #include <gtest/gtest.h>
@@ -31,17 +31,17 @@ cv::Mat picture(int number, cv::Size size = {200, 150}) {
   return image;
 }
 
-// A film of so many frames.
-class Film final : public FrameSource {
+// A video of so many frames.
+class Video final : public FrameSource {
  public:
-  explicit Film(int count) : count_(count) {}
+  explicit Video(int count) : count_(count) {}
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
     if (at_ >= count_) return std::nullopt;
     Frame frame;
     frame.image = picture(at_);
     frame.index = at_;
     frame.time = at_ / 10.0;
-    frame.name = "film.avi";
+    frame.name = "video.avi";
     ++at_;
     return frame;
   }
@@ -95,8 +95,8 @@ class AnnotateSessionTest : public ::testing::Test {
     click(session, {80, 70});
     click(session, {80.5, 110.25});
   }
-  [[nodiscard]] shape::LandmarkSet set() const {
-    return shape::read_landmark_set(options_.set_path);
+  [[nodiscard]] face::shape::LandmarkSet set() const {
+    return face::shape::read_landmark_set(options_.set_path);
   }
   static Eigen::Vector2d point(const AnnotateSession& session, int picture, int index) {
     return session.state().picture(picture).points.col(index);
@@ -133,7 +133,7 @@ TEST_F(AnnotateSessionTest, FromNothingToASet) {
   session.on_idle({});
   press(session, key::kEnter);
   session.finish();
-  const shape::LandmarkSet result = set();
+  const face::shape::LandmarkSet result = set();
   ASSERT_EQ(result.samples.size(), 3u);
   EXPECT_EQ(result.samples[0].image, "pic0.png") << "beside the set";
   EXPECT_NEAR(result.samples[1].points(0, 0), 55.5, 1e-6);
@@ -443,25 +443,25 @@ TEST_F(AnnotateSessionTest, PicturesThatAreMissingOrBrokenAreSaid) {
   EXPECT_FALSE(session.state().picture(1).has_points());
 }
 
-TEST_F(AnnotateSessionTest, FramesOfAFilmArePickedBesideTheSet) {
+TEST_F(AnnotateSessionTest, FramesOfAVideoArePickedBesideTheSet) {
   options_.pictures.clear();
   options_.video = true;
   AnnotateSession session(options_, {});
-  Film film(6);
-  ScriptedHost host(session, film);
+  Video video(6);
+  ScriptedHost host(session, video);
   host.at(2, key_event('s'));
   host.at(3, key_event('s'));
   host.at(3, key_event('s'));  // again
   host.at(5, action_event("pick"));
   const auto& steps = host.run();
   EXPECT_TRUE(session.wants_frame());
-  session.film_ended();
+  session.video_ended();
   EXPECT_FALSE(session.wants_frame());
   EXPECT_EQ(session.state().pictures(), 3);
   EXPECT_EQ(steps.back().state.at("frame"), 5);
   const std::string path = folder_ / "set-frames/frame-000002.png";
   ASSERT_TRUE(fs::exists(path));
-  EXPECT_EQ(cv::norm(read_image(path), picture(2), cv::NORM_INF), 0) << "as it was in the film";
+  EXPECT_EQ(cv::norm(read_image(path), picture(2), cv::NORM_INF), 0) << "as it was in the video";
   press(session, key::kEnter);
   four_points(session);
   session.finish();
@@ -473,8 +473,8 @@ TEST_F(AnnotateSessionTest, PickedFramesAreThereAgain) {
   options_.video = true;
   {
     AnnotateSession session(options_, {});
-    Film film(3);
-    ScriptedHost host(session, film);
+    Video video(3);
+    ScriptedHost host(session, video);
     host.at(1, key_event('s'));
     host.at(3, key_event('s'));
     host.run();
@@ -484,12 +484,12 @@ TEST_F(AnnotateSessionTest, PickedFramesAreThereAgain) {
   EXPECT_EQ(session.state().stage(), AnnotateStage::kPick) << "where it stopped";
 }
 
-TEST_F(AnnotateSessionTest, APausedFilmStepsBothWays) {
+TEST_F(AnnotateSessionTest, APausedVideoStepsBothWays) {
   options_.pictures.clear();
   options_.video = true;
   AnnotateSession session(options_, {});
-  Film film(9);
-  const auto feed = [&] { return session.on_frame(*film.next({}, {}), {}); };
+  Video video(9);
+  const auto feed = [&] { return session.on_frame(*video.next({}, {}), {}); };
   for (int i = 0; i < 4; ++i) feed();
   press(session, key::kSpace);
   EXPECT_FALSE(session.wants_frame());

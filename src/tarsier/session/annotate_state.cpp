@@ -22,8 +22,8 @@ using Eigen::Vector2d;
 using nlohmann::json;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double kMostPx = 1e7;
-constexpr int kMostPoints = 10000;  // as in files
+constexpr double kMaxPx = 1e7;
+constexpr int kMaxPoints = 10000;  // as in files
 constexpr std::array kStages{AnnotateStage::kPick, AnnotateStage::kPoints,
                              AnnotateStage::kConnections, AnnotateStage::kSymmetry,
                              AnnotateStage::kPictures};
@@ -38,8 +38,8 @@ void resize(AnnotatedPicture& picture, int count) {
 }
 
 void require_place(const Vector2d& place) {
-  TARSIER_REQUIRE(place.allFinite() && place.cwiseAbs().maxCoeff() <= kMostPx, "({}, {})",
-                  place.x(), place.y());
+  TARSIER_REQUIRE(place.allFinite() && place.cwiseAbs().maxCoeff() <= kMaxPx, "({}, {})", place.x(),
+                  place.y());
 }
 
 json json_of(const AnnotatedPicture& picture) {
@@ -82,8 +82,8 @@ void take_points(AnnotatedPicture& picture, const json& value, int count, const 
   for (const json& point : points) {
     if (!point.is_null()) {
       if (!point.is_array() || point.size() != 2 || !point[0].is_number() ||
-          !point[1].is_number() || !(std::abs(point[0].get<double>()) <= kMostPx) ||
-          !(std::abs(point[1].get<double>()) <= kMostPx))
+          !point[1].is_number() || !(std::abs(point[0].get<double>()) <= kMaxPx) ||
+          !(std::abs(point[1].get<double>()) <= kMaxPx))
         throw InputError(path, "a point of a line is neither [x, y] nor null, or out of range");
       picture.points.col(i) << point[0].get<double>(), point[1].get<double>();
     }
@@ -93,8 +93,10 @@ void take_points(AnnotatedPicture& picture, const json& value, int count, const 
     picture.is_hidden[at(index_of(hidden, 0, count, path))] = 1;
 }
 
-std::string path_in(const std::string& set_path, const shape::LandmarkSample& sample) {
-  return std::filesystem::path(shape::image_path(set_path, sample)).lexically_normal().string();
+std::string path_in(const std::string& set_path, const face::shape::LandmarkSample& sample) {
+  return std::filesystem::path(face::shape::image_path(set_path, sample))
+      .lexically_normal()
+      .string();
 }
 
 }  // namespace
@@ -160,7 +162,7 @@ int AnnotateState::add_picture(const std::string& path) {
 
 int AnnotateState::add_point(int picture, Vector2d place) {
   require_place(place);
-  TARSIER_REQUIRE(points_ < kMostPoints, "{} points are the most", points_);
+  TARSIER_REQUIRE(points_ < kMaxPoints, "{} points are the most", points_);
   ++points_;
   for (int k = 0; k < pictures(); ++k) resize(change(k), points_);
   mirror_.push_back(-1);
@@ -213,7 +215,7 @@ void AnnotateState::hide_point(int picture, int point, bool hidden) {
 
 void AnnotateState::set_points(int picture, const Matrix2Xd& points, bool touched) {
   TARSIER_REQUIRE(points.cols() == points_, "{} points of {}", points.cols(), points_);
-  TARSIER_REQUIRE(points.allFinite() && (points_ == 0 || points.cwiseAbs().maxCoeff() <= kMostPx),
+  TARSIER_REQUIRE(points.allFinite() && (points_ == 0 || points.cwiseAbs().maxCoeff() <= kMaxPx),
                   "points must be finite");
   AnnotatedPicture& here = change(picture);
   here.points = points;
@@ -277,11 +279,11 @@ void AnnotateState::set_connections(std::vector<std::array<int, 2>> connections)
   connections_ = std::move(connections);
 }
 
-shape::LandmarkSet AnnotateState::finished() const {
-  shape::LandmarkSet set;
+face::shape::LandmarkSet AnnotateState::finished() const {
+  face::shape::LandmarkSet set;
   for (const auto& picture : pictures_) {
     if (!picture->done) continue;
-    shape::LandmarkSample sample;
+    face::shape::LandmarkSample sample;
     sample.image = picture->path;
     sample.points = picture->points;
     for (int i = 0; i < points_; ++i)
@@ -296,14 +298,14 @@ shape::LandmarkSet AnnotateState::finished() const {
   return set;
 }
 
-void AnnotateState::load(const shape::LandmarkSet& set, const std::string& set_path) {
+void AnnotateState::load(const face::shape::LandmarkSet& set, const std::string& set_path) {
   set.check();
   if (set.samples.empty()) return;
   if (points_ != 0 && points_ != set.points())
     throw InputError(set_path, fmt::format("has {} points, expected {}", set.points(), points_));
   points_ = set.points();
   for (int k = 0; k < pictures(); ++k) resize(change(k), points_);
-  for (const shape::LandmarkSample& sample : set.samples) {
+  for (const face::shape::LandmarkSample& sample : set.samples) {
     AnnotatedPicture& here = change(add_picture(path_in(set_path, sample)));
     here.points = sample.points;
     here.box = sample.box;
@@ -357,7 +359,7 @@ void AnnotateState::apply(const json& record, const std::string& path) {
   if (!record.is_object()) throw InputError(path, "a line is no object");
   AnnotateState next = *this;
   if (!record.contains("points")) throw InputError(path, "a line's 'points' is missing");
-  const int count = index_of(record.at("points"), 0, kMostPoints + 1, path);
+  const int count = index_of(record.at("points"), 0, kMaxPoints + 1, path);
   const json& stage = part(record, "stage", json::value_t::string, path);
   const auto known = std::find_if(kStages.begin(), kStages.end(),
                                   [&](AnnotateStage s) { return stage == name_of(s); });

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/shape/landmark_set.h"
+#include "tarsier/face/shape/landmark_set.h"
 
 #include <Eigen/Core>
 
@@ -73,9 +73,9 @@ class AnnotateState {
   [[nodiscard]] const std::vector<int>& mirror_so_far() const { return mirror_; }
 
   // The finished pictures; the mirror only when it is complete.
-  [[nodiscard]] shape::LandmarkSet finished() const;
+  [[nodiscard]] face::shape::LandmarkSet finished() const;
   // Finished pictures of the file; paths open from the current folder. Adds to what is there.
-  void load(const shape::LandmarkSet& set, const std::string& set_path);
+  void load(const face::shape::LandmarkSet& set, const std::string& set_path);
 
   // A record of what differs from `before`, as whole values: applying it twice does no harm.
   // `why` is for people.

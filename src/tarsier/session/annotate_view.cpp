@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/draw/shapes.h"
-#include "tarsier/draw/text.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
 #include "tarsier/session/annotate_session.h"
 #include "tarsier/session/overlay.h"
 
@@ -27,7 +27,7 @@ const cv::Scalar kUnsaid{200, 60, 220};
 constexpr double kNearPx = 14;         // of the view: a click so near to a point means it
 constexpr double kRoomForNumber = 15;  // px, to the next point
 constexpr double kMargin = 6;          // px around a picture that is seen whole
-constexpr double kMostZoom = 64;
+constexpr double kMaxZoom = 64;
 constexpr int kMagnified = 176;       // px, side of the magnifier
 constexpr double kMagnification = 3;  // times the view's scale, at least 6 px to a pixel
 
@@ -81,7 +81,7 @@ int AnnotateSession::point_near(cv::Point2d in_view) const {
 
 void AnnotateSession::zoom(double factor, cv::Point2d around) {
   const cv::Point2d before = to_picture(around);
-  zoom_ = std::clamp(zoom_ * factor, 1.0, kMostZoom);
+  zoom_ = std::clamp(zoom_ * factor, 1.0, kMaxZoom);
   center_ += before - to_picture(around);
   const cv::Mat& picture = shown_picture();
   if (zoom_ <= 1 && !picture.empty())
@@ -109,7 +109,7 @@ void AnnotateSession::zoom_to_points() {
   const double whole = scale() / zoom_;
   const double wanted = std::min(options_.canvas.width / (1.3 * (most.x - least.x) + 20),
                                  (options_.canvas.height - bar_) / (1.3 * (most.y - least.y) + 20));
-  zoom_ = std::clamp(wanted / whole, 1.0, kMostZoom);
+  zoom_ = std::clamp(wanted / whole, 1.0, kMaxZoom);
   center_ = 0.5 * (least + most);
 }
 
@@ -123,9 +123,9 @@ std::string AnnotateSession::what_to_do() const {
     return unreadable_ + " (n: the next)";
   switch (state_.stage()) {
     case AnnotateStage::kPick:
-      if (is_film_over_)
-        return state_.pictures() > 0 ? "The film is over. Enter: mark the points"
-                                     : "The film is over, and no frame was picked";
+      if (is_video_over_)
+        return state_.pictures() > 0 ? "The video is over. Enter: mark the points"
+                                     : "The video is over, and no frame was picked";
       return paused_ ? "s: pick this frame. Arrows: step. Space: play. Enter: mark the points"
                      : "s: pick a frame. Space: pause. Enter: enough, mark the points";
     case AnnotateStage::kPoints:
@@ -208,19 +208,19 @@ void AnnotateSession::draw_points() {
       color = other < 0 ? kUnsaid : other == i ? kAxis : other > i ? kLeft : kRight;
     }
     if (is_seen(i)) {
-      draw::point(shown_, at, color, radius);
+      image::draw::point(shown_, at, color, radius);
     } else {
-      draw::cross(shown_, at, kHidden, radius * 1.6);
+      image::draw::cross(shown_, at, kHidden, radius * 1.6);
     }
     if (i == selected_)
       cv::circle(shown_, fixed(at), cvRound(radius * 2.2 * 16), kChosen, 2, cv::LINE_AA, 4);
     if (numbers_ && (i == selected_ || space >= kRoomForNumber)) {
-      draw::TextStyle style;
+      image::draw::TextStyle style;
       style.height_px = std::clamp(largest * 2.2, 7.0, 14.0);
       style.color = i == selected_ ? kChosen : is_seen(i) ? color : kHidden;
-      draw::put_text(shown_, std::to_string(i),
-                     {cvRound(at.x + radius + 1), cvRound(at.y - radius)}, style,
-                     draw::Anchor::kBottomLeft);
+      image::draw::put_text(shown_, std::to_string(i),
+                            {cvRound(at.x + radius + 1), cvRound(at.y - radius)}, style,
+                            image::draw::Anchor::kBottomLeft);
     }
   }
 }
@@ -301,17 +301,17 @@ void AnnotateSession::draw() {
     if (state_.stage() != AnnotateStage::kPick && state_.pictures() > 0) draw_points();
     if (magnifier_ && !is_learning_ && state_.stage() != AnnotateStage::kPick) draw_magnifier();
   }
-  draw::TextStyle title;
+  image::draw::TextStyle title;
   title.height_px = 9;
   std::string name = state_.stage() == AnnotateStage::kPick ? frame_.name
                      : state_.pictures() > 0
                          ? std::filesystem::path(state_.picture(current_).path).filename().string()
                          : std::string();
   if (mirrored_) name += " (mirrored)";
-  if (!name.empty()) draw::put_text(shown_, name, {8, 8}, title);
+  if (!name.empty()) image::draw::put_text(shown_, name, {8, 8}, title);
   // The bar stands on its own ground: nothing of the picture is behind it.
   shown_(cv::Rect(0, shown_.rows - bar_, shown_.cols, bar_)).setTo(kGround);
-  draw::status_bar(shown_, what_to_do(), where());
+  image::draw::status_bar(shown_, what_to_do(), where());
   if (!help_) return;
   draw_help(shown_, "Annotation", actions(),
             {{"left mouse", "add, choose, drag; shift: drag all points"},

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/appearance_session.h"
 
-#include "tarsier/draw/shapes.h"
-#include "tarsier/draw/text.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -36,13 +36,14 @@ std::string_view name_of(AppearanceSession::Drawn drawn) {
   return "";
 }
 
-AppearanceSession::AppearanceSession(const appearance::Fitter& fitter, appearance::FindStarts find,
-                                     const appearance::TrackOptions& options, Drawn drawn,
+AppearanceSession::AppearanceSession(const face::appearance::Fitter& fitter,
+                                     face::appearance::FindStarts find,
+                                     const face::appearance::TrackOptions& options, Drawn drawn,
                                      DebugSink* debug)
     : fitter_(fitter), find_(std::move(find)), options_(options), debug_(debug), drawn_(drawn) {
   options_.check();
-  const appearance::AppearanceModel& model = fitter.model();
-  if (model.colour || appearance::has_offset(model.levels.front().channels))
+  const face::appearance::AppearanceModel& model = fitter.model();
+  if (model.colour || face::appearance::has_offset(model.levels.front().channels))
     synthesis_.emplace(model);
   if (!synthesis_ && drawn_ == Drawn::kFace) drawn_ = Drawn::kMesh;
 }
@@ -55,8 +56,9 @@ View AppearanceSession::on_frame(const Frame& frame, const SourceStatus& source)
   source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
   timer_.start();
   objects_ =
-      still_ ? appearance::find_objects(fitter_, find_, frame_, options_.most_objects, workspace_)
-             : appearance::track_objects(fitter_, options_, find_, track_, frame_, frame.time);
+      still_
+          ? face::appearance::find_objects(fitter_, find_, frame_, options_.max_objects, workspace_)
+          : face::appearance::track_objects(fitter_, options_, find_, track_, frame_, frame.time);
   timer_.stop();
   if (debug_ != nullptr) show_stages();
   draw();
@@ -88,7 +90,7 @@ View AppearanceSession::on_event(const Event& event) {
 std::vector<Action> AppearanceSession::actions() const {
   return {{"view", "mesh, the model's face, points, nothing", 'v'},
           {"errors", "what the model does not explain", 'e'},
-          {"redetect", "look for faces anew", 'd'},
+          {"redetect", "look for faces again", 'd'},
           {"pause", "pause and go on", key::kSpace},
           {"help", "this list", 'h'},
           {"quit", "end", 'q'}};
@@ -96,14 +98,14 @@ std::vector<Action> AppearanceSession::actions() const {
 
 void AppearanceSession::draw_object(const Eigen::Matrix2Xd& points, Drawn drawn,
                                     cv::Mat& image) const {
-  if (drawn == Drawn::kMesh) appearance::draw_mesh(fitter_.model(), points, image);
+  if (drawn == Drawn::kMesh) face::appearance::draw_mesh(fitter_.model(), points, image);
   if (drawn == Drawn::kPoints) {
     const double radius = std::clamp(width_of(points) / 90, 0.7, 6.0);
     for (Eigen::Index i = 0; i < points.cols(); ++i)
-      draw::point(image, {points(0, i), points(1, i)}, {80, 220, 255}, radius);
+      image::draw::point(image, {points(0, i), points(1, i)}, {80, 220, 255}, radius);
   }
   if (drawn == Drawn::kFace) {
-    const appearance::Explained seen = synthesis_->explain(frame_, points);
+    const face::appearance::Explained seen = synthesis_->explain(frame_, points);
     synthesis_->draw(seen.c, seen.offset, seen.gain, points, image);
   }
 }
@@ -112,29 +114,30 @@ void AppearanceSession::show_stages() {
   for (const Drawn drawn : {Drawn::kMesh, Drawn::kFace}) {
     if (drawn == Drawn::kFace && !synthesis_) continue;
     cv::Mat shown = frame_.clone();
-    for (const appearance::TrackedObject& object : objects_)
+    for (const face::appearance::TrackedObject& object : objects_)
       draw_object(object.fit.points, drawn, shown);
     debug_->image(name_of(drawn), shown);
   }
-  for (const appearance::TrackedObject& object : objects_)
+  for (const face::appearance::TrackedObject& object : objects_)
     debug_->image(fmt::format("texture of {}", object.id),
-                  appearance::draw_error(fitter_.model(), frame_, object.fit.points));
+                  face::appearance::draw_error(fitter_.model(), frame_, object.fit.points));
 }
 
 void AppearanceSession::draw() {
   frame_.copyTo(output_);
-  for (const appearance::TrackedObject& object : objects_) {
+  for (const face::appearance::TrackedObject& object : objects_) {
     const Eigen::Matrix2Xd& points = object.fit.points;
     draw_object(points, drawn_, output_);
     if (still_) continue;
-    draw::TextStyle text;
+    image::draw::TextStyle text;
     text.height_px = std::clamp(width_of(points) * 0.07, 8.0, 30.0);
-    draw::put_text(output_, fmt::format("{}", object.id),
-                   {cvRound(points.row(0).minCoeff()), cvRound(points.row(1).minCoeff())}, text,
-                   draw::Anchor::kBottomLeft);
+    image::draw::put_text(output_, fmt::format("{}", object.id),
+                          {cvRound(points.row(0).minCoeff()), cvRound(points.row(1).minCoeff())},
+                          text, image::draw::Anchor::kBottomLeft);
   }
   if (!errors_ || objects_.empty()) return;
-  cv::Mat error = appearance::draw_error(fitter_.model(), frame_, objects_.front().fit.points);
+  cv::Mat error =
+      face::appearance::draw_error(fitter_.model(), frame_, objects_.front().fit.points);
   const double scale = std::min(
       {kErrorShare * output_.cols / error.cols, kErrorShare * output_.rows / error.rows, 3.0});
   cv::resize(error, error, {}, scale, scale, cv::INTER_LINEAR);
@@ -144,7 +147,7 @@ void AppearanceSession::draw() {
 View AppearanceSession::view(bool fresh) {
   View result;
   nlohmann::json ids = nlohmann::json::array();
-  for (const appearance::TrackedObject& object : objects_) ids.push_back(object.id);
+  for (const face::appearance::TrackedObject& object : objects_) ids.push_back(object.id);
   const double error = objects_.empty() ? 1 : objects_.front().fit.error;
   result.state = {{"faces", objects_.size()},
                   {"ids", std::move(ids)},
@@ -158,7 +161,7 @@ View AppearanceSession::view(bool fresh) {
   if (fresh) result.output = output_;
   if (!output_.empty()) {
     output_.copyTo(shown_);
-    draw::status_bar(shown_, result.status, timer_.words(still_) + "   h: help");
+    image::draw::status_bar(shown_, result.status, timer_.words(still_) + "   h: help");
     if (help_) draw_help(shown_, "Appearance model", actions());
     result.image = shown_;
   }

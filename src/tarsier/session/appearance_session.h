@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/appearance/synthesis.h"
-#include "tarsier/appearance/tracker.h"
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/face/appearance/synthesis.h"
+#include "tarsier/face/appearance/tracker.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
 
@@ -13,11 +13,10 @@
 
 namespace tarsier {
 
-// Fits an appearance model to what it is shown. Objects of a still are found anew; those of a film
-// or camera are followed.
-// Keys: v what is drawn (mesh, the model's face over the picture, points, nothing), e the error
-// picture, d looks for objects anew, space pauses, h help, q or Esc ends.
-// State: {"faces": number, "ids": [..], "error", "drawn", "paused"}.
+// Fits an appearance model to what it is shown. Objects of a still are found again; those of a
+// video or camera are followed. Keys: v what is drawn (mesh, the model's face over the picture,
+// points, nothing), e the error picture, d looks for objects again, space pauses, h help, q or Esc
+// ends. State: {"faces": number, "ids": [..], "error", "drawn", "paused"}.
 class AppearanceSession final : public Session {
  public:
   enum class Drawn { kMesh, kFace, kPoints, kNothing };
@@ -25,8 +24,8 @@ class AppearanceSession final : public Session {
   // `fitter` must outlive the session, and so must `debug`, which takes the meshes, the model's
   // faces over the picture, and of each object its texture, the model's and the difference. Throws
   // std::invalid_argument for bad options.
-  AppearanceSession(const appearance::Fitter& fitter, appearance::FindStarts find,
-                    const appearance::TrackOptions& options, Drawn drawn,
+  AppearanceSession(const face::appearance::Fitter& fitter, face::appearance::FindStarts find,
+                    const face::appearance::TrackOptions& options, Drawn drawn,
                     DebugSink* debug = nullptr);
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
@@ -36,7 +35,9 @@ class AppearanceSession final : public Session {
   [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
   // Of the latest frame.
-  [[nodiscard]] const std::vector<appearance::TrackedObject>& objects() const { return objects_; }
+  [[nodiscard]] const std::vector<face::appearance::TrackedObject>& objects() const {
+    return objects_;
+  }
   [[nodiscard]] bool follows() const { return !still_; }
   [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
 
@@ -46,14 +47,14 @@ class AppearanceSession final : public Session {
   void show_stages();
   View view(bool fresh);
 
-  const appearance::Fitter& fitter_;
-  appearance::FindStarts find_;
-  appearance::TrackOptions options_;
+  const face::appearance::Fitter& fitter_;
+  face::appearance::FindStarts find_;
+  face::appearance::TrackOptions options_;
   DebugSink* debug_;
-  std::optional<appearance::Synthesis> synthesis_;  // where the model can be drawn
-  appearance::Track track_;
-  appearance::FitWorkspace workspace_;
-  std::vector<appearance::TrackedObject> objects_;
+  std::optional<face::appearance::Synthesis> synthesis_;  // where the model can be drawn
+  face::appearance::Track track_;
+  face::appearance::FitWorkspace workspace_;
+  std::vector<face::appearance::TrackedObject> objects_;
   Drawn drawn_ = Drawn::kMesh;
   std::string name_;  // of the source
   std::string source_;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/appearance_session.h"
 
-#include "tarsier/appearance/testing_portraits.h"
 #include "tarsier/core/progress.h"
+#include "tarsier/face/appearance/testing_portraits.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
@@ -17,24 +17,24 @@ class AppearanceSessionTest : public ::testing::Test {
     frame_.name = "picture";
     frame_.still = true;
   }
-  static const appearance::AppearanceModel& model() {
-    static const appearance::AppearanceModel result = [] {
+  static const face::appearance::AppearanceModel& model() {
+    static const face::appearance::AppearanceModel result = [] {
       NoProgress silent;
-      return appearance::train_appearance_model(appearance::testing::portraits(30, 1), {}, {},
-                                                silent, {});
+      return face::appearance::train_appearance_model(face::appearance::testing::portraits(30, 1),
+                                                      {}, {}, silent, {});
     }();
     return result;
   }
   AppearanceSession session() {
     const auto find = [this](const cv::Mat&) {
       return std::vector<std::vector<Eigen::Matrix2Xd>>{
-          {shape::fit_similarity(model().shape.mean, unseen_.points)(model().shape.mean)}};
+          {face::shape::fit_similarity(model().shape.mean, unseen_.points)(model().shape.mean)}};
     };
     return {fitter_, find, {}, AppearanceSession::Drawn::kMesh};
   }
 
-  appearance::Fitter fitter_;
-  appearance::TrainingPicture unseen_ = appearance::testing::portraits(1, 33)[0];
+  face::appearance::Fitter fitter_;
+  face::appearance::TrainingPicture unseen_ = face::appearance::testing::portraits(1, 33)[0];
   Frame frame_;
 };
 
@@ -61,7 +61,7 @@ TEST_F(AppearanceSessionTest, ViewsFollowOneAnother) {
   EXPECT_EQ(drawn, (std::vector<std::string>{"face", "points", "nothing", "mesh"}));
 }
 
-TEST_F(AppearanceSessionTest, AFilmIsFollowedAndNumbered) {
+TEST_F(AppearanceSessionTest, AVideoIsFollowedAndNumbered) {
   AppearanceSession session = this->session();
   frame_.still = false;
   (void)session.on_frame(frame_, {});

@@ -4,12 +4,12 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
-#include "tarsier/draw/shapes.h"
-#include "tarsier/draw/text.h"
+#include "tarsier/geometry/frame_camera.h"
 #include "tarsier/geometry/rotation.h"
 #include "tarsier/geometry/scaled_camera.h"
-#include "tarsier/marker/predefined.h"
-#include "tarsier/geometry/frame_camera.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
+#include "tarsier/planar/markers/predefined.h"
 #include "tarsier/session/save_picture.h"
 
 #include <fmt/format.h>
@@ -24,13 +24,13 @@
 namespace tarsier {
 namespace {
 
-using ar::Thing;
-using marker::PosedMarker;
+using planar::augment::Thing;
+using planar::markers::PosedMarker;
 
 const cv::Scalar kFrame(60, 220, 60);
 const cv::Scalar kFirstCorner(40, 40, 240);
 constexpr double kMessage_s = 3;
-constexpr int kMostListed = 12;
+constexpr int kMaxListed = 12;
 
 // What the key goes through.
 const std::vector<std::string>& common_families() {
@@ -41,11 +41,13 @@ const std::vector<std::string>& common_families() {
 
 double rounded(double value, double digits) { return std::round(value * digits) / digits; }
 
-std::vector<marker::Marker> found_by_opencv(const cv::Mat& gray, const std::string& family) {
-  std::vector<marker::Marker> markers;
-  for (const marker::OpencvMarker& found : marker::detect_with_opencv(gray, family)) {
+std::vector<planar::markers::Marker> found_by_opencv(const cv::Mat& gray,
+                                                     const std::string& family) {
+  std::vector<planar::markers::Marker> markers;
+  for (const planar::markers::OpencvMarker& found :
+       planar::markers::detect_with_opencv(gray, family)) {
     if (found.corners.size() != 4) continue;
-    marker::Marker marker;
+    planar::markers::Marker marker;
     marker.id = found.id;
     for (std::size_t k = 0; k < 4; ++k)
       marker.corners[k] = {static_cast<double>(found.corners[k].x),
@@ -74,7 +76,7 @@ nlohmann::ordered_json numbers(const cv::Vec3d& v) {
 }  // namespace
 
 void ArSessionOptions::check() const {
-  (void)marker::find_dictionary(family);
+  (void)planar::markers::find_dictionary(family);
   TARSIER_REQUIRE(size > 0 && std::isfinite(size), "markers {} m wide", size);
   TARSIER_REQUIRE(focal_px >= 0 && std::isfinite(focal_px), "focal length of {}", focal_px);
   detect.check();
@@ -84,7 +86,7 @@ void ArSessionOptions::check() const {
 
 ArSession::ArSession(ArSessionOptions options)
     : options_((options.check(), std::move(options))),
-      family_(&marker::find_dictionary(options_.family)),
+      family_(&planar::markers::find_dictionary(options_.family)),
       tracker_(options_.track) {}
 
 geometry::Camera ArSession::camera_for(const Frame& frame) const {
@@ -93,17 +95,18 @@ geometry::Camera ArSession::camera_for(const Frame& frame) const {
     if (options_.focal_px > 0) guess.fx = guess.fy = options_.focal_px;
     return guess;
   }
-  return camera_of_frame(*options_.camera, frame);
+  return geometry::camera_of_frame(*options_.camera, frame);
 }
 
 void ArSession::find(const Frame& frame) {
   timer_.start();
   cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
-  std::vector<marker::Marker> found =
+  std::vector<planar::markers::Marker> found =
       options_.backend == MarkerBackend::kOwn
-          ? marker::detect_markers(gray_, *family_, options_.detect, workspace_, options_.debug)
+          ? planar::markers::detect_markers(gray_, *family_, options_.detect, workspace_,
+                                            options_.debug)
           : found_by_opencv(gray_, family_->name());
-  markers_ = frame.still ? marker::pose_markers(std::move(found), options_.size, camera_)
+  markers_ = frame.still ? planar::markers::pose_markers(std::move(found), options_.size, camera_)
                          : tracker_.step(std::move(found), options_.size, camera_, frame.time);
   timer_.stop();
 }
@@ -128,7 +131,7 @@ View ArSession::on_idle(const SourceStatus& source) {
 
 View ArSession::on_event(const Event& event) {
   const std::string name = action_of(event, actions());
-  const auto things = ar::thing_named(name);
+  const auto things = planar::augment::thing_named(name);
   bool redraw = true;
   if (things && (*things != Thing::kMesh || options_.augment.mesh != nullptr)) {
     options_.augment.thing = *things;
@@ -174,7 +177,7 @@ std::vector<Action> ArSession::actions() const {
 }
 
 void ArSession::set_family(const std::string& name) {
-  family_ = &marker::find_dictionary(name);
+  family_ = &planar::markers::find_dictionary(name);
   options_.family = name;
   tracker_.reset();
   augment_ = {};
@@ -195,7 +198,7 @@ void ArSession::save() {
 
 void ArSession::draw_outlines() {
   for (const PosedMarker& posed : markers_) {
-    const marker::Quad& quad = posed.marker.corners;
+    const planar::markers::Quad& quad = posed.marker.corners;
     constexpr int kShift = 4;
     const auto fixed = [](const Eigen::Vector2d& p) {
       return cv::Point(cvRound(p.x() * (1 << kShift)), cvRound(p.y() * (1 << kShift)));
@@ -204,19 +207,20 @@ void ArSession::draw_outlines() {
       cv::line(output_, fixed(quad[k]), fixed(quad[(k + 1) % 4]), kFrame, 2, cv::LINE_AA, kShift);
     }
     const double side = (quad[1] - quad[0]).norm();
-    draw::point(output_, {quad[0].x(), quad[0].y()}, kFirstCorner,
-                std::clamp(side * 0.06, 2.0, 6.0));
+    image::draw::point(output_, {quad[0].x(), quad[0].y()}, kFirstCorner,
+                       std::clamp(side * 0.06, 2.0, 6.0));
     const Eigen::Vector2d middle = 0.25 * (quad[0] + quad[1] + quad[2] + quad[3]);
-    draw::TextStyle style;
+    image::draw::TextStyle style;
     style.height_px = std::clamp(side * 0.22, 8.0, 28.0);
-    draw::put_text(output_, std::to_string(posed.marker.id),
-                   {cvRound(middle.x()), cvRound(middle.y())}, style, draw::Anchor::kCenter);
+    image::draw::put_text(output_, std::to_string(posed.marker.id),
+                          {cvRound(middle.x()), cvRound(middle.y())}, style,
+                          image::draw::Anchor::kCenter);
   }
 }
 
 void ArSession::draw() {
   frame_.image.copyTo(output_);
-  std::vector<ar::Sheet> sheets;
+  std::vector<planar::augment::Sheet> sheets;
   std::map<int, int> seen;  // of two markers with one id each has a key of its own
   for (const PosedMarker& posed : markers_) {
     if (!posed.pose) continue;
@@ -226,15 +230,15 @@ void ArSession::draw() {
   }
   // Under the things, which would be hard to see behind the letters.
   if (options_.outlines) draw_outlines();
-  ar::augment(output_, camera_, sheets, options_.augment, augment_);
+  planar::augment::augment(output_, camera_, sheets, options_.augment, augment_);
 }
 
 void ArSession::draw_list() {
   std::string text;
   int listed = 0;
   for (const PosedMarker& posed : markers_) {
-    if (++listed > kMostListed) {
-      text += fmt::format("and {} more", markers_.size() - kMostListed);
+    if (++listed > kMaxListed) {
+      text += fmt::format("and {} more", markers_.size() - kMaxListed);
       break;
     }
     text += posed.pose ? fmt::format("{}: {:.3f} m, {:.0f} deg\n", posed.marker.id,
@@ -243,10 +247,10 @@ void ArSession::draw_list() {
   }
   if (text.empty()) text = "no markers\n";
   if (text.back() == '\n') text.pop_back();
-  draw::TextStyle style;
-  style.backing = draw::Backing::kBox;
-  style.height_px = std::max(8.0, 0.7 * draw::fitting_text_height(shown_.size()));
-  draw::put_text(shown_, text, {6, 6}, style);
+  image::draw::TextStyle style;
+  style.backing = image::draw::Backing::kBox;
+  style.height_px = std::max(8.0, 0.7 * image::draw::fitting_text_height(shown_.size()));
+  image::draw::put_text(shown_, text, {6, 6}, style);
 }
 
 View ArSession::view(bool fresh) {
@@ -257,12 +261,16 @@ View ArSession::view(bool fresh) {
     ids.push_back(posed.marker.id);
     distances.push_back(posed.pose ? nlohmann::json(rounded(distance_of(posed), 1e4)) : nullptr);
   }
-  result.state = {
-      {"markers", markers_.size()},         {"ids", std::move(ids)},
-      {"distance_m", std::move(distances)}, {"draw", ar::name_of(options_.augment.thing)},
-      {"outlines", options_.outlines},      {"shadow", options_.augment.shadow},
-      {"smooth", options_.track.smooth},    {"list", list_},
-      {"family", family_->name()},          {"paused", paused_}};
+  result.state = {{"markers", markers_.size()},
+                  {"ids", std::move(ids)},
+                  {"distance_m", std::move(distances)},
+                  {"draw", planar::augment::name_of(options_.augment.thing)},
+                  {"outlines", options_.outlines},
+                  {"shadow", options_.augment.shadow},
+                  {"smooth", options_.track.smooth},
+                  {"list", list_},
+                  {"family", family_->name()},
+                  {"paused", paused_}};
   if (!saved_.empty()) result.state["saved"] = saved_;
   const bool speaks = !message_.empty() && frame_.time - message_since_ < kMessage_s;
   result.status = fmt::format("{} {} of {}{}{}", markers_.size(),
@@ -273,8 +281,8 @@ View ArSession::view(bool fresh) {
     output_.copyTo(shown_);
     if (list_) draw_list();
     const double ms = frame_.still ? timer_.last_ms() : timer_.usual_ms();
-    draw::status_bar(shown_, speaks ? message_ : result.status,
-                     fmt::format("{:.1f} ms   h: help", ms));
+    image::draw::status_bar(shown_, speaks ? message_ : result.status,
+                            fmt::format("{:.1f} ms   h: help", ms));
     if (help_) draw_help(shown_, "Markers", actions());
     result.image = shown_;
   }

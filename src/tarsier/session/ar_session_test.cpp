@@ -20,21 +20,21 @@
 namespace tarsier {
 namespace {
 
-constexpr const char* kFilm = "markers?size=480x360&fps=10&frames=24&cover=0&speed=8&shutter=0";
+constexpr const char* kVideo = "markers?size=480x360&fps=10&frames=24&cover=0&speed=8&shutter=0";
 
-synth::PlanarFilm truth() {
+synth::PlanarVideo truth() {
   synth::PlanarSourceOptions options;
-  options.film.cover = false;
-  options.film.speed_px = 8;
-  options.film.shutter = 0;
-  return synth::planar_source_film(options, {480, 360}, 10, 1);
+  options.video.cover = false;
+  options.video.speed_px = 8;
+  options.video.shutter = 0;
+  return synth::planar_source_video(options, {480, 360}, 10, 1);
 }
 
 ArSessionOptions options() {
   ArSessionOptions options;
   options.camera = truth().camera();
   options.augment.mesh = std::make_shared<const render::Mesh>(
-      ar::standing(render::make_sphere(16, {0.2F, 0.5F, 0.9F})));
+      planar::augment::standing(render::make_sphere(16, {0.2F, 0.5F, 0.9F})));
   return options;
 }
 
@@ -45,7 +45,7 @@ void keep_picture(const cv::Mat& image, const std::string& name) {
 
 TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
   ArSession session(options());
-  const auto source = open_synth_source(kFilm);
+  const auto source = synth::open_synth_source(kVideo);
   ScriptedHost host(session, *source);
   host.at(6, key_event('a'));
   host.at(8, key_event('m'));
@@ -55,13 +55,13 @@ TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
   host.at(16, key_event('h'));
   for (const int frame : {5, 7, 9, 11, 13, 15, 17}) host.keep(frame);
   const auto& steps = host.run();
-  const auto film = truth();
+  const auto video = truth();
   for (const ScriptStep& step : steps) {
     if (!step.image.empty()) keep_picture(step.image, std::to_string(step.frame));
     if (step.cause != "frame") continue;
     EXPECT_GE(step.state["markers"], 3) << step.frame;
     for (std::size_t i = 0; i < step.state["ids"].size(); ++i) {
-      for (const auto& print : film.truth_at(static_cast<double>(step.frame) / 10)) {
+      for (const auto& print : video.truth_at(static_cast<double>(step.frame) / 10)) {
         if (print.id != step.state["ids"][i]) continue;
         const double away = cv::norm(print.camera_from_print.translation);
         EXPECT_NEAR(step.state["distance_m"][i].get<double>(), away, 0.02 * away) << step.frame;
@@ -75,8 +75,8 @@ TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
     }
     if (step.frame == 15) {  // nothing at all: the picture as it came
       const cv::Mat plain = step.output;
-      const cv::Mat film_picture = film.picture_at(1.5);
-      EXPECT_LT(cv::norm(plain, film_picture, cv::NORM_INF), 15);  // noise
+      const cv::Mat video_picture = video.picture_at(1.5);
+      EXPECT_LT(cv::norm(plain, video_picture, cv::NORM_INF), 15);  // noise
     }
   }
 }
@@ -89,7 +89,7 @@ TEST(ArSessionTest, FreezesSavesAndChangesTheFamily) {
   ArSessionOptions how = options();
   how.save_folder = folder.string();
   ArSession session(how);
-  const auto source = open_synth_source(kFilm);
+  const auto source = synth::open_synth_source(kVideo);
   const auto frame = source->next(std::chrono::milliseconds(1000), {});
   ASSERT_TRUE(frame);
   View view = session.on_frame(*frame, source->status());
@@ -97,7 +97,7 @@ TEST(ArSessionTest, FreezesSavesAndChangesTheFamily) {
   EXPECT_EQ(session.on_event(key_event(key::kSpace)).state["paused"], true);
   const cv::Mat cube = session.on_event(key_event('c')).image.clone();
   const cv::Mat axes = session.on_event(key_event('a')).image.clone();
-  EXPECT_GT(cv::norm(cube, axes, cv::NORM_INF), 60);  // drawn anew on the frozen picture
+  EXPECT_GT(cv::norm(cube, axes, cv::NORM_INF), 60);  // drawn again on the frozen picture
   view = session.on_event(key_event('w'));
   EXPECT_TRUE(std::filesystem::exists(view.state["saved"].get<std::string>()));
   EXPECT_EQ(session.on_event(key_event('s')).state["smooth"], false);
@@ -113,7 +113,7 @@ TEST(ArSessionTest, ScalesTheCameraOrRefusesIt) {
   ArSessionOptions how = options();
   how.camera = geometry::guessed_camera({960, 720});
   ArSession session(how);
-  const auto source = open_synth_source(kFilm);
+  const auto source = synth::open_synth_source(kVideo);
   const auto frame = source->next(std::chrono::milliseconds(1000), {});
   (void)session.on_frame(*frame, source->status());
   EXPECT_NEAR(session.camera().fx, 480, 1e-9);
@@ -130,7 +130,7 @@ TEST(ArSessionTest, BothBackendsAgree) {
   ArSession own(how);
   how.backend = MarkerBackend::kOpencv;
   ArSession opencv(how);
-  const auto source = open_synth_source(kFilm);
+  const auto source = synth::open_synth_source(kVideo);
   const auto frame = source->next(std::chrono::milliseconds(1000), {});
   const View a = own.on_frame(*frame, source->status());
   const View b = opencv.on_frame(*frame, source->status());

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/calibrate_session.h"
 
-#include "tarsier/calibration/coverage.h"
-#include "tarsier/calibration/draw_board.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
-#include "tarsier/draw/shapes.h"
-#include "tarsier/draw/text.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
+#include "tarsier/planar/calibration/coverage.h"
+#include "tarsier/planar/calibration/draw_board.h"
 #include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
@@ -19,7 +19,7 @@
 namespace tarsier {
 namespace {
 
-using calibration::Verdict;
+using planar::calibration::Verdict;
 
 constexpr int kPatience = 15;    // frames without a board, then it is looked for ..
 constexpr int kSearchEvery = 3;  // .. in every third one
@@ -63,8 +63,8 @@ CalibrateSession::CalibrateSession(CalibrateSessionOptions options) : options_(s
   options_.check();
 }
 
-std::vector<calibration::BoardView> CalibrateSession::views() const {
-  return collector_ ? collector_->views() : std::vector<calibration::BoardView>();
+std::vector<planar::calibration::BoardView> CalibrateSession::views() const {
+  return collector_ ? collector_->views() : std::vector<planar::calibration::BoardView>();
 }
 
 View CalibrateSession::on_frame(const Frame& frame, const SourceStatus& source) {
@@ -74,7 +74,7 @@ View CalibrateSession::on_frame(const Frame& frame, const SourceStatus& source) 
   if (flash_ > 0) --flash_;
   if (!collector_) {
     size_ = frame.image.size();
-    calibration::CollectorOptions collect = options_.collect;
+    planar::calibration::CollectorOptions collect = options_.collect;
     collect.still_px *= std::max(1.0, std::max(size_.width, size_.height) / 640.0);
     collector_.emplace(options_.board, size_, collect);
   }
@@ -94,19 +94,19 @@ void CalibrateSession::look(const Frame& frame) {
     ++empty_frames_;
     return;
   }
-  calibration::FindOptions find;
+  planar::calibration::FindOptions find;
   find.search_px = options_.search_px;
   find.patient = frame.still;
   find.even_light = !frame.still && even_light_;
-  board_ = calibration::find_board(frame.image, options_.board, find);
+  board_ = planar::calibration::find_board(frame.image, options_.board, find);
   empty_frames_ = board_.empty() ? empty_frames_ + 1 : 0;
   misses_ = board_.empty() ? misses_ + 1 : 0;
   if (misses_ > 0 && misses_ % kTurns == 0) even_light_ = !even_light_;
-  sharpness_ = calibration::sharpness_of(frame.image, board_, options_.board);
+  sharpness_ = planar::calibration::sharpness_of(frame.image, board_, options_.board);
   apply(collector_->offer(board_, sharpness_, frame.still));
 }
 
-void CalibrateSession::apply(const calibration::ViewCollector::Answer& answer) {
+void CalibrateSession::apply(const planar::calibration::ViewCollector::Answer& answer) {
   verdict_ = name_of(answer.verdict);
   if (answer.verdict != Verdict::kTaken && answer.verdict != Verdict::kReplaced) return;
   TakenView taken{frame_.index, frame_.time, {}};
@@ -146,9 +146,9 @@ void CalibrateSession::forget(bool all) {
 }
 
 void CalibrateSession::calibrate_now() {
-  calibration::CalibrateOptions how = options_.calibrate;
+  planar::calibration::CalibrateOptions how = options_.calibrate;
   if (calibration_ && calibration_->ok()) how.start = calibration_->camera;
-  calibration_ = calibration::calibrate(views(), options_.board, size_, how);
+  calibration_ = planar::calibration::calibrate(views(), options_.board, size_, how);
   straightener_.reset();
   if (!calibration_->ok()) straight_ = false;
 }
@@ -226,14 +226,14 @@ void CalibrateSession::draw_text() {
     }
   }
   if (took && !straight_) line = fmt::format("view {} taken", taken_.size());
-  draw::TextStyle style;
+  image::draw::TextStyle style;
   style.color = straight_ ? kPlain : took ? kGood : board_.empty() ? kPlain : kWait;
-  style.backing = draw::Backing::kBox;
+  style.backing = image::draw::Backing::kBox;
   const int margin = std::max(4, shown_.cols / 100);
-  const cv::Rect box = draw::put_text(shown_, line, {margin, margin}, style);
-  style.height_px = std::max(8.0, 0.75 * draw::fitting_text_height(shown_.size()));
+  const cv::Rect box = image::draw::put_text(shown_, line, {margin, margin}, style);
+  style.height_px = std::max(8.0, 0.75 * image::draw::fitting_text_height(shown_.size()));
   style.color = kPlain;
-  draw::put_text(shown_, advice(), {margin, box.y + box.height + margin / 2}, style);
+  image::draw::put_text(shown_, advice(), {margin, box.y + box.height + margin / 2}, style);
   if (took && !straight_) {
     cv::rectangle(shown_, cv::Rect(0, 0, shown_.cols, shown_.rows), kGood,
                   std::max(2, shown_.cols / 160));
@@ -247,10 +247,10 @@ void CalibrateSession::draw_text() {
     right = "not yet calibrated";
   }
   const double share = collector_ ? collector_->coverage().share() : 0;
-  draw::status_bar(shown_,
-                   fmt::format("{} {}, {:.0f} % covered", taken_.size(),
-                               taken_.size() == 1 ? "view" : "views", 100 * share),
-                   right);
+  image::draw::status_bar(shown_,
+                          fmt::format("{} {}, {:.0f} % covered", taken_.size(),
+                                      taken_.size() == 1 ? "view" : "views", 100 * share),
+                          right);
   if (help_) draw_help(shown_, "Calibrate", actions());
 }
 

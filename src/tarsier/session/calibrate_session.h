@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/calibration/calibrate.h"
-#include "tarsier/calibration/collector.h"
 #include "tarsier/geometry/undistort.h"
+#include "tarsier/planar/calibration/calibrate.h"
+#include "tarsier/planar/calibration/collector.h"
 #include "tarsier/session/session.h"
 
 #include <opencv2/core/mat.hpp>
@@ -16,10 +16,10 @@
 namespace tarsier {
 
 struct CalibrateSessionOptions {
-  calibration::BoardSpec board;
-  calibration::CalibrateOptions calibrate;
-  // least_sharpness, least_move, most; still_px is of a picture 640 px wide, and scaled to others.
-  calibration::CollectorOptions collect{0.12, 2.0, 0.05, 12, 40};
+  planar::calibration::BoardSpec board;
+  planar::calibration::CalibrateOptions calibrate;
+  // min_sharpness, min_move, most; still_px is of a picture 640 px wide, and scaled to others.
+  planar::calibration::CollectorOptions collect{0.12, 2.0, 0.05, 12, 40};
   // px, the larger side of the picture in which the board is looked for: the search then takes tens
   // of milliseconds, with a board or without.
   int search_px = 480;
@@ -54,16 +54,16 @@ class CalibrateSession final : public Session {
   [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
   [[nodiscard]] const std::vector<TakenView>& taken() const { return taken_; }
-  [[nodiscard]] std::vector<calibration::BoardView> views() const;
+  [[nodiscard]] std::vector<planar::calibration::BoardView> views() const;
   [[nodiscard]] cv::Size size() const { return size_; }
-  [[nodiscard]] const std::optional<calibration::Calibration>& calibration() const {
+  [[nodiscard]] const std::optional<planar::calibration::Calibration>& calibration() const {
     return calibration_;
   }
   [[nodiscard]] std::string verdict() const { return verdict_; }
 
  private:
   void look(const Frame& frame);
-  void apply(const calibration::ViewCollector::Answer& answer);
+  void apply(const planar::calibration::ViewCollector::Answer& answer);
   void take_now();
   void forget(bool all);
   void calibrate_now();
@@ -73,10 +73,10 @@ class CalibrateSession final : public Session {
   View view(bool fresh);
 
   CalibrateSessionOptions options_;
-  std::optional<calibration::ViewCollector> collector_;
+  std::optional<planar::calibration::ViewCollector> collector_;
   std::vector<TakenView> taken_;  // as the collector's views
-  std::optional<calibration::Calibration> calibration_;
-  calibration::BoardView board_;  // of the latest frame
+  std::optional<planar::calibration::Calibration> calibration_;
+  planar::calibration::BoardView board_;  // of the latest frame
   double sharpness_ = 0;
   cv::Size size_;
   std::string verdict_ = "no board";

@@ -16,7 +16,7 @@
 namespace tarsier {
 namespace {
 
-using calibration::parse_board;
+using planar::calibration::parse_board;
 using ::testing::Contains;
 
 CalibrateSessionOptions options() {
@@ -26,8 +26,8 @@ CalibrateSessionOptions options() {
 }
 
 // 0.5 s without a board, then places of 0.6 s with 0.6 s between them; 10 frames a second.
-std::unique_ptr<FrameSource> film(int frames) {
-  return open_synth_source("board?size=480x360&fps=10&frames=" + std::to_string(frames));
+std::unique_ptr<FrameSource> video(int frames) {
+  return synth::open_synth_source("board?size=480x360&fps=10&frames=" + std::to_string(frames));
 }
 
 void keep_picture(const cv::Mat& image, const char* name) {
@@ -37,7 +37,7 @@ void keep_picture(const cv::Mat& image, const char* name) {
 
 TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
   CalibrateSession session(options());
-  const auto source = film(124);
+  const auto source = video(124);
   ScriptedHost host(session, *source);
   host.at(114, action_event("straight"));
   host.at(119, key_event('h'));
@@ -49,7 +49,7 @@ TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
   EXPECT_EQ(steps[2].state["verdict"], "no board");
   EXPECT_EQ(steps[2].state["views"], 0);
   int taken_moving = 0;
-  const BoardFilm truth({480, 360}, options().board, 1);
+  const synth::BoardVideo truth({480, 360}, options().board, 1);
   for (const TakenView& view : session.taken()) {
     const auto now = truth.pose_at(view.time);
     const auto before = truth.pose_at(view.time - 0.1);
@@ -74,7 +74,7 @@ TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
 
 TEST(CalibrateSessionTest, TellsWhatIsMissingAndForgets) {
   CalibrateSession session(options());
-  const auto source = film(60);
+  const auto source = video(60);
   ScriptedHost host(session, *source);
   host.at(40, key_event('z'));
   host.at(45, key_event('x'));
@@ -100,7 +100,7 @@ TEST(CalibrateSessionTest, TellsWhatIsMissingAndForgets) {
 
 TEST(CalibrateSessionTest, APersonMayTakeAViewAndIsToldWhyThereIsNoCamera) {
   CalibrateSession session(options());
-  const auto source = film(9);
+  const auto source = video(9);
   ScriptedHost host(session, *source);
   host.at(1, key_event(key::kSpace));  // no board yet
   for (const int frame : {7, 8, 9}) host.at(frame, key_event(key::kSpace));
@@ -121,7 +121,7 @@ TEST(CalibrateSessionTest, APersonMayTakeAViewAndIsToldWhyThereIsNoCamera) {
 
 TEST(CalibrateSessionTest, StillPicturesAreViewsOfTheirOwn) {
   CalibrateSession session(options());
-  const BoardFilm truth({480, 360}, options().board, 1);
+  const synth::BoardVideo truth({480, 360}, options().board, 1);
   for (int k = 0; k < 5; ++k) {
     Frame frame;
     frame.image = truth.picture_at(0.6 + 1.2 * k);
@@ -142,10 +142,10 @@ TEST(CalibrateSessionTest, StillPicturesAreViewsOfTheirOwn) {
 TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
   const geometry::Camera camera{480, 360, 408, 408, 240, 180};
   const auto spec = options().board;
-  BoardLook look;
+  synth::BoardLook look;
   look.fall_off = 0.8;
-  const cv::Mat picture =
-      render_board(camera, board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8), spec, look);
+  const cv::Mat picture = synth::render_board(
+      camera, synth::board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8), spec, look);
   CalibrateSession session(options());
   int seen = 0;
   for (int k = 0; k < 12; ++k) {
@@ -153,7 +153,7 @@ TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
     frame.image = picture;
     frame.index = k;
     frame.time = 0.1 * k;
-    frame.name = "film";
+    frame.name = "video";
     if (session.on_frame(frame, {}).state["verdict"] != "no board") ++seen;
   }
   EXPECT_GE(seen, 9);
@@ -164,7 +164,7 @@ TEST(CalibrateSessionTest, TheSameFramesGiveTheSameSteps) {
   std::string first;
   for (int run = 0; run < 2; ++run) {
     CalibrateSession session(options());
-    const auto source = film(30);
+    const auto source = video(30);
     ScriptedHost host(session, *source);
     (void)host.run();
     if (run == 0) first = host.transcript();

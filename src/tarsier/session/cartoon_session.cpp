@@ -6,10 +6,10 @@
 #include "tarsier/core/image.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
-#include "tarsier/draw/text.h"
-#include "tarsier/draw/tile.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/image/draw/text.h"
+#include "tarsier/image/draw/tile.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/save_picture.h"
 
@@ -70,7 +70,9 @@ class Stages final : public DebugSink {
     names_.emplace_back(name);
   }
   [[nodiscard]] bool empty() const { return images_.empty(); }
-  [[nodiscard]] cv::Mat tiled(cv::Size size) const { return draw::tile(images_, names_, size); }
+  [[nodiscard]] cv::Mat tiled(cv::Size size) const {
+    return image::draw::tile(images_, names_, size);
+  }
 
  private:
   DebugSink* next_;
@@ -165,7 +167,7 @@ struct CartoonSession::Impl {
 
   void measure_interval(double time, double before) {
     const double seconds = time - before;
-    if (seconds <= 0) {  // another film: what was learned is of no use
+    if (seconds <= 0) {  // another video: what was learned is of no use
       interval_s = 0;
       state.reset();
     } else {
@@ -198,14 +200,15 @@ struct CartoonSession::Impl {
                      : source.state == SourceState::kLost ? "camera lost"
                                                           : "connecting ...");
     if (!source.detail.empty()) text += '\n' + source.detail;
-    draw::TextStyle style;
+    image::draw::TextStyle style;
     style.color = {80, 220, 255};
-    style.backing = draw::Backing::kBox;
-    style.height_px = draw::fitting_text_height(image.size());
-    const cv::Size size = draw::text_size(text, style.height_px);
+    style.backing = image::draw::Backing::kBox;
+    style.height_px = image::draw::fitting_text_height(image.size());
+    const cv::Size size = image::draw::text_size(text, style.height_px);
     if (size.width > image.cols)
       style.height_px = std::max(4.0, style.height_px * image.cols / size.width);
-    draw::put_text(image, text, {image.cols / 2, image.rows / 4}, style, draw::Anchor::kCenter);
+    image::draw::put_text(image, text, {image.cols / 2, image.rows / 4}, style,
+                          image::draw::Anchor::kCenter);
   }
 
   [[nodiscard]] nlohmann::json state_json() const {
@@ -244,7 +247,7 @@ struct CartoonSession::Impl {
       }
       if (has_frame && debug_view.empty()) cartoon::draw_face_outline(shown, outline_opacity());
       draw_banner(shown);
-      draw::status_bar(shown, status(), message.empty() ? "h: help" : message);
+      image::draw::status_bar(shown, status(), message.empty() ? "h: help" : message);
       if (help) draw_help(shown, "Tarsier cartoon", actions);
       result_view.image = shown;
     } else {

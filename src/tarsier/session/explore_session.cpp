@@ -2,8 +2,8 @@
 #include "tarsier/session/explore_session.h"
 
 #include "tarsier/core/require.h"
-#include "tarsier/draw/shapes.h"
-#include "tarsier/draw/text.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
 #include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
@@ -17,7 +17,7 @@
 namespace tarsier {
 namespace {
 
-constexpr double kMostSigmas = 3;
+constexpr double kMaxSigmas = 3;
 constexpr double kStep = 0.1;      // of a slider
 constexpr double kKeyStep = 0.25;  // of a key
 constexpr int kSliders = 4;        // of the shape, and of the look
@@ -38,7 +38,7 @@ std::vector<double> numbers(const Eigen::VectorXd& v) { return {v.data(), v.data
 
 }  // namespace
 
-ExploreSession::ExploreSession(const appearance::AppearanceModel& model,
+ExploreSession::ExploreSession(const face::appearance::AppearanceModel& model,
                                std::optional<ExploredPicture> picture, std::uint64_t seed)
     : model_(model),
       synthesis_(model),
@@ -57,7 +57,7 @@ ExploreSession::ExploreSession(const appearance::AppearanceModel& model,
     base_->picture = reduced;
     base_->points = ((base_->points.array() + 0.5) * scale - 0.5).matrix();
   }
-  placed_ = shape::fit_shape(model.shape, base_->points);
+  placed_ = face::shape::fit_shape(model.shape, base_->points);
   seen_ = synthesis_.explain(base_->picture, base_->points);
   over_ = true;
   take_from_picture();
@@ -89,7 +89,7 @@ std::string ExploreSession::mode_name() const {
 View ExploreSession::on_event(const Event& event) {
   if (event.kind == Event::Kind::kSlider) {
     if (double* value = value_of(event.name); value != nullptr)
-      *value = std::clamp(event.value, -kMostSigmas, kMostSigmas);
+      *value = std::clamp(event.value, -kMaxSigmas, kMaxSigmas);
     return view();
   }
   const std::string name = action_of(event, actions());
@@ -99,8 +99,8 @@ View ExploreSession::on_event(const Event& event) {
     look_.setZero();
   }
   if (name == "random") {
-    const appearance::RandomFace face =
-        appearance::random_face(model_, synthesis_.texture(), seed_++, kRandomSpread);
+    const face::appearance::RandomFace face =
+        face::appearance::random_face(model_, synthesis_.texture(), seed_++, kRandomSpread);
     shape_ = face.b.cwiseQuotient(model_.shape.deviation);
     look_ = face.c.cwiseQuotient(synthesis_.texture().deviation);
   }
@@ -112,7 +112,7 @@ View ExploreSession::on_event(const Event& event) {
   if (name == "more" || name == "less") {
     if (double* value = value_of(mode_name()); value != nullptr)
       *value =
-          std::clamp(*value + (name == "more" ? kKeyStep : -kKeyStep), -kMostSigmas, kMostSigmas);
+          std::clamp(*value + (name == "more" ? kKeyStep : -kKeyStep), -kMaxSigmas, kMaxSigmas);
   }
   if (name == "help") help_ = !help_;
   if (name == "quit") finished_ = true;
@@ -140,7 +140,7 @@ std::vector<Slider> ExploreSession::sliders() const {
   for (const auto& [kind, values] : {std::pair{"shape", &shape_}, std::pair{"look", &look_}}) {
     for (int k = 0; k < std::min(kSliders, static_cast<int>(values->size())); ++k)
       list.push_back(
-          {fmt::format("{} {}", kind, k + 1), -kMostSigmas, kMostSigmas, kStep, (*values)[k]});
+          {fmt::format("{} {}", kind, k + 1), -kMaxSigmas, kMaxSigmas, kStep, (*values)[k]});
   }
   return list;
 }
@@ -152,12 +152,12 @@ cv::Mat ExploreSession::picture() const {
   Eigen::Matrix2Xd points;
   if (over_) {
     image = base_->picture.clone();
-    points = placed_.image_from_model(shape::shape_of(model_.shape, b));
+    points = placed_.image_from_model(face::shape::shape_of(model_.shape, b));
     synthesis_.draw(c, seen_.offset, seen_.gain, points, image);
   } else {
     image = synthesis_.portrait(b, c, kPortrait, &points);
   }
-  if (mesh_) appearance::draw_mesh(model_, points, image);
+  if (mesh_) face::appearance::draw_mesh(model_, points, image);
   return image;
 }
 
@@ -169,7 +169,7 @@ View ExploreSession::view() {
   const double* value = value_of(name);
   result.status = fmt::format("{}: {:+.2f} deviations; {} shape modes, {} of the look", name,
                               value != nullptr ? *value : 0.0, shape_.size(), look_.size());
-  draw::status_bar(shown_, result.status, "h: help");
+  image::draw::status_bar(shown_, result.status, "h: help");
   if (help_) draw_help(shown_, "Appearance model", actions());
   result.image = shown_;
   result.finished = finished_;
@@ -182,12 +182,13 @@ View ExploreSession::view() {
   return result;
 }
 
-ShapePlayground::ShapePlayground(shape::ShapeModel model,
+ShapePlayground::ShapePlayground(face::shape::ShapeModel model,
                                  const std::vector<Eigen::Matrix2Xd>& shapes)
     : model_(std::move(model)), sigmas_(Eigen::VectorXd::Zero(model_.mode_count())) {
   for (const Eigen::Matrix2Xd& points : shapes) {
-    aligned_.push_back(shape::fit_similarity(points, model_.mean)(points));
-    scores_.push_back(shape::fit_shape(model_, points, {}, 10).b.cwiseQuotient(model_.deviation));
+    aligned_.push_back(face::shape::fit_similarity(points, model_.mean)(points));
+    scores_.push_back(
+        face::shape::fit_shape(model_, points, {}, 10).b.cwiseQuotient(model_.deviation));
   }
 }
 
@@ -195,7 +196,7 @@ View ShapePlayground::on_event(const Event& event) {
   if (event.kind == Event::Kind::kSlider) {
     for (Eigen::Index k = 0; k < std::min<Eigen::Index>(2, sigmas_.size()); ++k) {
       if (event.name == fmt::format("mode {}", k + 1))
-        sigmas_[k] = std::clamp(event.value, -kMostSigmas, kMostSigmas);
+        sigmas_[k] = std::clamp(event.value, -kMaxSigmas, kMaxSigmas);
     }
     return view();
   }
@@ -217,7 +218,7 @@ std::vector<Action> ShapePlayground::actions() const {
 std::vector<Slider> ShapePlayground::sliders() const {
   std::vector<Slider> list;
   for (Eigen::Index k = 0; k < std::min<Eigen::Index>(2, sigmas_.size()); ++k)
-    list.push_back({fmt::format("mode {}", k + 1), -kMostSigmas, kMostSigmas, kStep, sigmas_[k]});
+    list.push_back({fmt::format("mode {}", k + 1), -kMaxSigmas, kMaxSigmas, kStep, sigmas_[k]});
   return list;
 }
 
@@ -243,21 +244,22 @@ cv::Mat ShapePlayground::picture() const {
   if (training_) {
     for (const Eigen::Matrix2Xd& points : aligned_)
       for (Eigen::Index i = 0; i < points.cols(); ++i)
-        draw::point(image, place(points.col(i)), {120, 110, 100}, 1.5);
+        image::draw::point(image, place(points.col(i)), {120, 110, 100}, 1.5);
   }
-  const Eigen::Matrix2Xd made = shape::shape_of(model_, sigmas_.cwiseProduct(model_.deviation));
+  const Eigen::Matrix2Xd made =
+      face::shape::shape_of(model_, sigmas_.cwiseProduct(model_.deviation));
   for (const auto& line : model_.connections) {
     cv::line(image, place(made.col(line[0])), place(made.col(line[1])), {230, 200, 90}, 1,
              cv::LINE_AA);
   }
   for (Eigen::Index i = 0; i < made.cols(); ++i)
-    draw::point(image, place(made.col(i)), {80, 220, 255}, 3.5);
+    image::draw::point(image, place(made.col(i)), {80, 220, 255}, 3.5);
 
   const cv::Rect plane(555, 180, 190, 190);
   cv::rectangle(image, plane, {90, 84, 78}, 1);
   const auto in_plane = [&](double a, double b) {
     const auto share = [](double v) {
-      return (std::clamp(v, -kMostSigmas, kMostSigmas) + kMostSigmas) / (2 * kMostSigmas);
+      return (std::clamp(v, -kMaxSigmas, kMaxSigmas) + kMaxSigmas) / (2 * kMaxSigmas);
     };
     return cv::Point2d(plane.x + share(a) * plane.width, plane.y + (1 - share(b)) * plane.height);
   };
@@ -265,15 +267,15 @@ cv::Mat ShapePlayground::picture() const {
   if (training_) {
     for (const Eigen::VectorXd& score : scores_)
       if (score.size() > 0)
-        draw::point(image, in_plane(score[0], second(score)), {150, 140, 130}, 2);
+        image::draw::point(image, in_plane(score[0], second(score)), {150, 140, 130}, 2);
   }
   if (sigmas_.size() > 0)
-    draw::point(image, in_plane(sigmas_[0], second(sigmas_)), {80, 220, 255}, 5);
-  draw::TextStyle style;
+    image::draw::point(image, in_plane(sigmas_[0], second(sigmas_)), {80, 220, 255}, 5);
+  image::draw::TextStyle style;
   style.height_px = 9;
-  style.backing = draw::Backing::kNone;
-  draw::put_text(image, "mode 1 and mode 2", {plane.x + plane.width / 2, plane.y - 16}, style,
-                 draw::Anchor::kCenter);
+  style.backing = image::draw::Backing::kNone;
+  image::draw::put_text(image, "mode 1 and mode 2", {plane.x + plane.width / 2, plane.y - 16},
+                        style, image::draw::Anchor::kCenter);
   return image;
 }
 
@@ -283,7 +285,7 @@ View ShapePlayground::view() {
   shown_ = framed(result.output);
   result.status = fmt::format("{} points, {} shapes, {} modes", model_.points(), aligned_.size(),
                               model_.mode_count());
-  draw::status_bar(shown_, result.status, "h: help");
+  image::draw::status_bar(shown_, result.status, "h: help");
   if (help_) draw_help(shown_, "Shapes", actions());
   result.image = shown_;
   result.finished = finished_;

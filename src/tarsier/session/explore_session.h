@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/appearance/synthesis.h"
+#include "tarsier/face/appearance/synthesis.h"
+#include "tarsier/face/shape/shape_model.h"
 #include "tarsier/session/session.h"
-#include "tarsier/shape/shape_model.h"
 
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
@@ -30,8 +30,8 @@ struct ExploredPicture {
 class ExploreSession final : public Session {
  public:
   // The model must outlive the session; it must be one that can be drawn (see Synthesis).
-  ExploreSession(const appearance::AppearanceModel& model, std::optional<ExploredPicture> picture,
-                 std::uint64_t seed);
+  ExploreSession(const face::appearance::AppearanceModel& model,
+                 std::optional<ExploredPicture> picture, std::uint64_t seed);
 
   View on_frame(const Frame&, const SourceStatus&) override { return view(); }
   View on_idle(const SourceStatus&) override { return view(); }
@@ -48,13 +48,13 @@ class ExploreSession final : public Session {
   [[nodiscard]] std::string mode_name() const;
   View view();
 
-  const appearance::AppearanceModel& model_;
-  appearance::Synthesis synthesis_;
+  const face::appearance::AppearanceModel& model_;
+  face::appearance::Synthesis synthesis_;
   std::optional<ExploredPicture> base_;
-  shape::ShapeFit placed_;      // of the picture's points
-  appearance::Explained seen_;  // of the picture
-  Eigen::VectorXd shape_;       // b / deviation
-  Eigen::VectorXd look_;        // c / deviation
+  face::shape::ShapeFit placed_;      // of the picture's points
+  face::appearance::Explained seen_;  // of the picture
+  Eigen::VectorXd shape_;             // b / deviation
+  Eigen::VectorXd look_;              // c / deviation
   std::uint64_t seed_;
   int mode_ = 0;  // that + and - move: those of the shape, then those of the look
   bool over_ = false;
@@ -69,7 +69,7 @@ class ExploreSession final : public Session {
 class ShapePlayground final : public Session {
  public:
   // `shapes`: what the model was learnt from.
-  ShapePlayground(shape::ShapeModel model, const std::vector<Eigen::Matrix2Xd>& shapes);
+  ShapePlayground(face::shape::ShapeModel model, const std::vector<Eigen::Matrix2Xd>& shapes);
 
   View on_frame(const Frame&, const SourceStatus&) override { return view(); }
   View on_idle(const SourceStatus&) override { return view(); }
@@ -81,7 +81,7 @@ class ShapePlayground final : public Session {
  private:
   View view();
 
-  shape::ShapeModel model_;
+  face::shape::ShapeModel model_;
   std::vector<Eigen::Matrix2Xd> aligned_;  // in the model's frame
   std::vector<Eigen::VectorXd> scores_;    // b / deviation of each
   Eigen::VectorXd sigmas_;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/explore_session.h"
 
-#include "tarsier/appearance/testing_portraits.h"
 #include "tarsier/core/progress.h"
+#include "tarsier/face/appearance/testing_portraits.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
@@ -10,11 +10,11 @@
 namespace tarsier {
 namespace {
 
-const appearance::AppearanceModel& model() {
-  static const appearance::AppearanceModel result = [] {
+const face::appearance::AppearanceModel& model() {
+  static const face::appearance::AppearanceModel result = [] {
     NoProgress silent;
-    return appearance::train_appearance_model(appearance::testing::portraits(30, 1), {}, {}, silent,
-                                              {});
+    return face::appearance::train_appearance_model(face::appearance::testing::portraits(30, 1), {},
+                                                    {}, silent, {});
   }();
   return result;
 }
@@ -71,7 +71,7 @@ TEST(ExploreSession, RandomFacesDifferAndTheSeedRepeatsThem) {
 }
 
 TEST(ExploreSession, OverAPictureItBeginsWithThePicturesFace) {
-  const appearance::TrainingPicture unseen = appearance::testing::portraits(1, 33)[0];
+  const face::appearance::TrainingPicture unseen = face::appearance::testing::portraits(1, 33)[0];
   ExploreSession session(model(), ExploredPicture{unseen.picture, unseen.points}, 1);
   const cv::Mat own = session.picture();
   EXPECT_EQ(own.size(), unseen.picture.size());
@@ -87,7 +87,7 @@ TEST(ExploreSession, OverAPictureItBeginsWithThePicturesFace) {
 }
 
 TEST(ExploreSession, RefusesPointsOfAnotherModel) {
-  const appearance::TrainingPicture unseen = appearance::testing::portraits(1, 33)[0];
+  const face::appearance::TrainingPicture unseen = face::appearance::testing::portraits(1, 33)[0];
   EXPECT_THROW(
       ExploreSession(model(), ExploredPicture{unseen.picture, unseen.points.leftCols(5)}, 1),
       std::invalid_argument);
@@ -95,13 +95,14 @@ TEST(ExploreSession, RefusesPointsOfAnotherModel) {
 
 TEST(ShapePlayground, SlidersMoveTheShapeAmongTheTrainingShapes) {
   std::vector<Eigen::Matrix2Xd> shapes;
-  shape::LandmarkSet set;
-  for (const appearance::TrainingPicture& picture : appearance::testing::portraits(20, 1)) {
+  face::shape::LandmarkSet set;
+  for (const face::appearance::TrainingPicture& picture :
+       face::appearance::testing::portraits(20, 1)) {
     shapes.push_back(picture.points);
     set.samples.emplace_back();
     set.samples.back().points = picture.points;
   }
-  ShapePlayground session(shape::train_shape_model(set, {}), shapes);
+  ShapePlayground session(face::shape::train_shape_model(set, {}), shapes);
   ASSERT_EQ(session.sliders().size(), 2U);
   const cv::Mat mean = session.picture();
   (void)session.on_event(slider_event("mode 1", 2));

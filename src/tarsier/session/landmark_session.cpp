@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/landmark_session.h"
 
-#include "tarsier/draw/text.h"
-#include "tarsier/shape/show.h"
+#include "tarsier/face/shape/show.h"
+#include "tarsier/image/draw/text.h"
 
 #include <fmt/format.h>
 
@@ -37,7 +37,7 @@ View LandmarkSession::on_event(const Event& event) {
   if (name == "help") help_ = !help_;
   if (name == "redetect") face::redetect(state_);
   if (name == "smooth") {
-    landmarks::TrackerOptions tracking = tracker_.tracking();
+    face::landmarks::TrackerOptions tracking = tracker_.tracking();
     tracking.smoothing = !tracking.smoothing;
     tracker_.set_tracking(tracking);
   }
@@ -49,7 +49,7 @@ View LandmarkSession::on_event(const Event& event) {
 }
 
 std::vector<Action> LandmarkSession::actions() const {
-  return {{"redetect", "look for faces anew", 'd'},
+  return {{"redetect", "look for faces again", 'd'},
           {"numbers", "numbers of the points", 'n'},
           {"smooth", "smoothing on and off", 's'},
           {"pause", "pause and go on", key::kSpace},
@@ -59,24 +59,25 @@ std::vector<Action> LandmarkSession::actions() const {
 
 void LandmarkSession::draw() {
   frame_.copyTo(output_);
-  shape::LandmarkStyle style;
+  face::shape::LandmarkStyle style;
   style.numbers = numbers_;
-  const shape::ShapeModel& shape = tracker_.model().shape;
-  for (const landmarks::TrackedFace& face : result_.faces) {
+  const face::shape::ShapeModel& shape = tracker_.model().shape;
+  for (const face::landmarks::TrackedFace& face : result_.faces) {
     style.radius_px = std::clamp(face.box.width / 90, 0.7, 6.0);
-    shape::draw_landmarks(output_, face.points, shape.connections, shape.mirror, style);
+    face::shape::draw_landmarks(output_, face.points, shape.connections, shape.mirror, style);
     if (!result_.tracked) continue;
-    draw::TextStyle text;
+    image::draw::TextStyle text;
     text.height_px = std::clamp(face.box.height * 0.07, 8.0, 30.0);
-    draw::put_text(output_, fmt::format("{}", face.id), {cvRound(face.box.x), cvRound(face.box.y)},
-                   text, draw::Anchor::kBottomLeft);
+    image::draw::put_text(output_, fmt::format("{}", face.id),
+                          {cvRound(face.box.x), cvRound(face.box.y)}, text,
+                          image::draw::Anchor::kBottomLeft);
   }
 }
 
 View LandmarkSession::view(bool fresh) {
   View result;
   nlohmann::json ids = nlohmann::json::array();
-  for (const landmarks::TrackedFace& face : result_.faces) ids.push_back(face.id);
+  for (const face::landmarks::TrackedFace& face : result_.faces) ids.push_back(face.id);
   result.state = {{"faces", result_.faces.size()},
                   {"ids", std::move(ids)},
                   {"smoothing", tracker_.tracking().smoothing},
@@ -87,7 +88,7 @@ View LandmarkSession::view(bool fresh) {
   if (fresh) result.output = output_;
   if (!output_.empty()) {
     output_.copyTo(shown_);
-    draw::status_bar(shown_, result.status, timer_.words(!result_.tracked) + "   h: help");
+    image::draw::status_bar(shown_, result.status, timer_.words(!result_.tracked) + "   h: help");
     if (help_) draw_help(shown_, "Landmarks", actions());
     result.image = shown_;
   }

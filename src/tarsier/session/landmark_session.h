@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
-#include "tarsier/face_pipelines/landmark_tracker.h"
+#include "tarsier/face/pipelines/landmark_tracker.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
 
@@ -11,7 +11,7 @@
 namespace tarsier {
 
 // Shows what a face::LandmarkTracker finds.
-// Keys: d looks for faces anew, n numbers, s smoothing, space pauses, h help, q or Esc ends.
+// Keys: d looks for faces again, n numbers, s smoothing, space pauses, h help, q or Esc ends.
 // State: {"faces": number, "ids": [..], "smoothing", "paused"}.
 class LandmarkSession final : public Session {
  public:

@@ -3,8 +3,8 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
-#include "tarsier/draw/text.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/image/draw/text.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
@@ -21,15 +21,15 @@ namespace {
 constexpr int kLongest = 1000;  // px, larger pictures are shown reduced
 constexpr int kSmallest = 600;  // px, smaller ones enlarged
 constexpr int kPhases = 60;     // steps of a mode's animation
-constexpr int kMostSliders = 6;
-constexpr double kMostSigmas = 3;
+constexpr int kMaxSliders = 6;
+constexpr double kMaxSigmas = 3;
 const cv::Size kModelView(800, 560);
 constexpr int kStatusRoom = 40;  // px
 
 }  // namespace
 
-SetSession::SetSession(shape::LandmarkSet set, std::string set_path,
-                       const shape::LandmarkStyle& style, bool mirrored)
+SetSession::SetSession(face::shape::LandmarkSet set, std::string set_path,
+                       const face::shape::LandmarkStyle& style, bool mirrored)
     : set_(std::move(set)), set_path_(std::move(set_path)), style_(style), mirrored_(mirrored) {
   TARSIER_REQUIRE(!set_.samples.empty(), "a set without samples");
   set_.check();
@@ -39,8 +39,8 @@ SetSession::SetSession(shape::LandmarkSet set, std::string set_path,
 void SetSession::open() {
   trouble_.clear();
   try {
-    picture_ =
-        read_image(shape::image_path(set_path_, set_.samples[static_cast<std::size_t>(current_)]));
+    picture_ = read_image(
+        face::shape::image_path(set_path_, set_.samples[static_cast<std::size_t>(current_)]));
   } catch (const InputError& error) {
     trouble_ = error.what();
     picture_ = cv::Mat(480, 640, CV_8UC3, cv::Scalar(50, 45, 40));
@@ -75,13 +75,13 @@ std::vector<Action> SetSession::actions() const {
 }
 
 View SetSession::view() {
-  shape::LandmarkSample sample = set_.samples[static_cast<std::size_t>(current_)];
+  face::shape::LandmarkSample sample = set_.samples[static_cast<std::size_t>(current_)];
   cv::Mat source = picture_;
   if (mirrored_) {
     // Without a symmetry the points keep their numbers.
     std::vector<int> same(static_cast<std::size_t>(sample.points.cols()));
     for (std::size_t i = 0; i < same.size(); ++i) same[i] = static_cast<int>(i);
-    sample = shape::mirrored(sample, set_.mirror.empty() ? same : set_.mirror, picture_.cols);
+    sample = face::shape::mirrored(sample, set_.mirror.empty() ? same : set_.mirror, picture_.cols);
     cv::Mat turned;  // never into picture_
     cv::flip(picture_, turned, 1);
     source = turned;
@@ -95,10 +95,10 @@ View SetSession::view() {
   cv::resize(source, shown_, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
   if (trouble_.empty()) {
     const Eigen::Matrix2Xd points = ((sample.points.array() + 0.5) * scale - 0.5).matrix();
-    shape::draw_landmarks(shown_, points, set_.connections, set_.mirror, style_);
+    face::shape::draw_landmarks(shown_, points, set_.connections, set_.mirror, style_);
   } else {
-    draw::put_text(shown_, trouble_, {shown_.cols / 2, shown_.rows / 2}, {.height_px = 9},
-                   draw::Anchor::kCenter);
+    image::draw::put_text(shown_, trouble_, {shown_.cols / 2, shown_.rows / 2}, {.height_px = 9},
+                          image::draw::Anchor::kCenter);
   }
   int missing = 0;
   for (int i = 0; i < static_cast<int>(sample.points.cols()); ++i)
@@ -107,7 +107,7 @@ View SetSession::view() {
   result.status = fmt::format("{}/{} {}{}{}", current_ + 1, set_.samples.size(), sample.image,
                               missing > 0 ? fmt::format(", {} missing", missing) : std::string(),
                               mirrored_ ? ", mirrored" : "");
-  draw::status_bar(shown_, result.status, "h: help");
+  image::draw::status_bar(shown_, result.status, "h: help");
   if (help_) draw_help(shown_, "Landmarks", actions());
   result.image = shown_;
   result.finished = finished_;
@@ -118,7 +118,7 @@ View SetSession::view() {
   return result;
 }
 
-ShapeModelSession::ShapeModelSession(shape::ShapeModel model)
+ShapeModelSession::ShapeModelSession(face::shape::ShapeModel model)
     : model_(std::move(model)), sigmas_(Eigen::VectorXd::Zero(model_.mode_count())) {
   model_.check();
   animated_ = model_.mode_count() > 0;
@@ -127,21 +127,21 @@ ShapeModelSession::ShapeModelSession(shape::ShapeModel model)
 View ShapeModelSession::on_idle(const SourceStatus&) {
   if (animated_ && model_.mode_count() > 0) {
     phase_ = (phase_ + 1) % kPhases;
-    if (phase_ == 0) mode_ = (mode_ + 1) % std::min(model_.mode_count(), kMostSliders);
+    if (phase_ == 0) mode_ = (mode_ + 1) % std::min(model_.mode_count(), kMaxSliders);
     sigmas_.setZero();
-    sigmas_[mode_] = kMostSigmas * std::sin(2 * std::numbers::pi * phase_ / kPhases);
+    sigmas_[mode_] = kMaxSigmas * std::sin(2 * std::numbers::pi * phase_ / kPhases);
   }
   return view();
 }
 
 View ShapeModelSession::on_event(const Event& event) {
   if (event.kind == Event::Kind::kSlider) {
-    for (int k = 0; k < std::min(model_.mode_count(), kMostSliders); ++k) {
+    for (int k = 0; k < std::min(model_.mode_count(), kMaxSliders); ++k) {
       if (event.name != fmt::format("mode {}", k + 1)) continue;
       if (animated_) sigmas_.setZero();
       animated_ = false;
       mode_ = k;
-      sigmas_[k] = std::clamp(event.value, -kMostSigmas, kMostSigmas);
+      sigmas_[k] = std::clamp(event.value, -kMaxSigmas, kMaxSigmas);
     }
     return view();
   }
@@ -155,7 +155,7 @@ View ShapeModelSession::on_event(const Event& event) {
   if ((name == "more" || name == "less") && count > 0) {
     animated_ = false;
     sigmas_[mode_] =
-        std::clamp(sigmas_[mode_] + (name == "more" ? 0.25 : -0.25), -kMostSigmas, kMostSigmas);
+        std::clamp(sigmas_[mode_] + (name == "more" ? 0.25 : -0.25), -kMaxSigmas, kMaxSigmas);
   }
   if (name == "mean") {
     animated_ = false;
@@ -180,8 +180,8 @@ std::vector<Action> ShapeModelSession::actions() const {
 
 std::vector<Slider> ShapeModelSession::sliders() const {
   std::vector<Slider> result;
-  for (int k = 0; k < std::min(model_.mode_count(), kMostSliders); ++k)
-    result.push_back({fmt::format("mode {}", k + 1), -kMostSigmas, kMostSigmas, 0.25, sigmas_[k]});
+  for (int k = 0; k < std::min(model_.mode_count(), kMaxSliders); ++k)
+    result.push_back({fmt::format("mode {}", k + 1), -kMaxSigmas, kMaxSigmas, 0.25, sigmas_[k]});
   return result;
 }
 
@@ -192,7 +192,7 @@ View ShapeModelSession::view() {
                                 : fmt::format("mode {} of {}: {:+.2f} deviations", mode_ + 1,
                                               model_.mode_count(), sigmas_[mode_]);
   // The drawing has a bar of its own below: the status goes under it.
-  const cv::Mat drawing = shape::draw_shape(model_, b, kModelView, title);
+  const cv::Mat drawing = face::shape::draw_shape(model_, b, kModelView, title);
   shown_.create(kModelView.height + kStatusRoom, kModelView.width, CV_8UC3);
   shown_.setTo(cv::Scalar(38, 34, 30));
   drawing.copyTo(shown_(cv::Rect({0, 0}, kModelView)));
@@ -200,7 +200,7 @@ View ShapeModelSession::view() {
   result.status =
       fmt::format("{} points, {} modes, {:.1f} % of the variance, {} shapes", model_.points(),
                   model_.mode_count(), 100 * model_.variance_kept, model_.trained_on);
-  draw::status_bar(shown_, result.status, "h: help");
+  image::draw::status_bar(shown_, result.status, "h: help");
   if (help_) draw_help(shown_, "Shape model", actions());
   result.image = shown_;
   result.finished = finished_;

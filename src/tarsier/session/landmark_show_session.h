@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/face/shape/landmark_set.h"
+#include "tarsier/face/shape/shape_model.h"
+#include "tarsier/face/shape/show.h"
 #include "tarsier/session/session.h"
-#include "tarsier/shape/landmark_set.h"
-#include "tarsier/shape/shape_model.h"
-#include "tarsier/shape/show.h"
 
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
@@ -20,8 +20,8 @@ namespace tarsier {
 class SetSession final : public Session {
  public:
   // Throws std::invalid_argument for a set without samples.
-  SetSession(shape::LandmarkSet set, std::string set_path, const shape::LandmarkStyle& style,
-             bool mirrored);
+  SetSession(face::shape::LandmarkSet set, std::string set_path,
+             const face::shape::LandmarkStyle& style, bool mirrored);
 
   View on_frame(const Frame&, const SourceStatus&) override { return view(); }
   View on_idle(const SourceStatus&) override { return view(); }
@@ -33,9 +33,9 @@ class SetSession final : public Session {
   void open();
   View view();
 
-  shape::LandmarkSet set_;
+  face::shape::LandmarkSet set_;
   std::string set_path_;
-  shape::LandmarkStyle style_;
+  face::shape::LandmarkStyle style_;
   bool mirrored_ = false;
   bool help_ = false;
   bool finished_ = false;
@@ -50,7 +50,7 @@ class SetSession final : public Session {
 // "animated", "help"}.
 class ShapeModelSession final : public Session {
  public:
-  explicit ShapeModelSession(shape::ShapeModel model);
+  explicit ShapeModelSession(face::shape::ShapeModel model);
 
   View on_frame(const Frame&, const SourceStatus&) override { return view(); }
   View on_idle(const SourceStatus& source) override;
@@ -61,7 +61,7 @@ class ShapeModelSession final : public Session {
  private:
   View view();
 
-  shape::ShapeModel model_;
+  face::shape::ShapeModel model_;
   Eigen::VectorXd sigmas_;  // b / deviation
   int mode_ = 0;
   int phase_ = 0;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/landmark_show_session.h"
 
-#include "tarsier/io/image_file.h"
-#include "tarsier/io/testing_folder.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
@@ -21,7 +21,7 @@ class SetSessionTest : public ::testing::Test {
       cv::Mat image(120, 200, CV_8UC3, cv::Scalar(60, 60, 60));
       cv::rectangle(image, {0, 0, 20, 120}, cv::Scalar(0, 0, 200), cv::FILLED);
       write_image(folder_ / (std::to_string(k) + ".png"), image);
-      shape::LandmarkSample sample;
+      face::shape::LandmarkSample sample;
       sample.image = std::to_string(k) + ".png";
       sample.points.resize(2, 3);
       sample.points << 50, 90, 70, 40, 40, 80;
@@ -35,7 +35,7 @@ class SetSessionTest : public ::testing::Test {
   SetSession session() { return {set_, folder_ / "set.yaml", {}, false}; }
 
   TemporaryFolder folder_;
-  shape::LandmarkSet set_;
+  face::shape::LandmarkSet set_;
 };
 
 TEST_F(SetSessionTest, GoesRoundThroughAllPictures) {
@@ -78,16 +78,16 @@ TEST_F(SetSessionTest, EachSwitchChangesThePicture) {
 }
 
 TEST(ShapeModelSession, SlidersAndAnimationMoveTheModes) {
-  shape::LandmarkSet set;
+  face::shape::LandmarkSet set;
   for (int k = 0; k < 12; ++k) {
-    shape::LandmarkSample sample;
+    face::shape::LandmarkSample sample;
     sample.image = "x";
     sample.points.resize(2, 5);
     sample.points << -10, 10, 10, -10, 3.0 * std::sin(k), -10, -10, 10, 10 + std::cos(2.0 * k),
         2.0 * std::cos(k);
     set.samples.push_back(sample);
   }
-  ShapeModelSession session(shape::train_shape_model(set));
+  ShapeModelSession session(face::shape::train_shape_model(set));
   ASSERT_GE(session.sliders().size(), 2u);
   const cv::Mat before = session.on_event(action_event("mean")).image.clone();
   EXPECT_FALSE(session.on_idle({}).state.at("animated"));

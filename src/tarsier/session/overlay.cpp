@@ -20,13 +20,13 @@ std::string key_name(int key) {
 }
 
 void draw_help(cv::Mat& image, std::string_view title, const std::vector<Action>& actions,
-               std::vector<draw::HelpLine> first) {
+               std::vector<image::draw::HelpLine> first) {
   for (const Action& action : actions) {
     if (std::string name = key_name(action.key); !name.empty()) {
       first.push_back({std::move(name), action.help});
     }
   }
-  draw::help_overlay(image, title, first);
+  image::draw::help_overlay(image, title, first);
 }
 
 void FrameTimer::start() { start_ = std::chrono::steady_clock::now(); }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/draw/text.h"
+#include "tarsier/image/draw/text.h"
 #include "tarsier/session/session.h"
 
 #include <opencv2/core/mat.hpp>
@@ -19,7 +19,7 @@ namespace tarsier {
 
 // The panel of all actions that have a key with a name, below the lines of `first`.
 void draw_help(cv::Mat& image, std::string_view title, const std::vector<Action>& actions,
-               std::vector<draw::HelpLine> first = {});
+               std::vector<image::draw::HelpLine> first = {});
 
 // How long the work on a frame takes, and usually took: a running mean of about ten frames.
 class FrameTimer {

@@ -22,7 +22,8 @@ TEST(KeyName, IsWhatIsPrintedOnTheKey) {
 // The panel grows with its lines: actions without a key have none.
 TEST(DrawHelp, ListsTheActionsThatHaveAKey) {
   const cv::Mat blank(400, 600, CV_8UC3, cv::Scalar::all(200));
-  const auto drawn = [&](const std::vector<Action>& actions, std::vector<draw::HelpLine> first) {
+  const auto drawn = [&](const std::vector<Action>& actions,
+                         std::vector<image::draw::HelpLine> first) {
     cv::Mat image = blank.clone();
     draw_help(image, "Keys", actions, std::move(first));
     return image;

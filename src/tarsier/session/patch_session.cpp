@@ -2,9 +2,9 @@
 #include "tarsier/session/patch_session.h"
 
 #include "tarsier/core/require.h"
-#include "tarsier/draw/shapes.h"
-#include "tarsier/draw/text.h"
-#include "tarsier/draw/tile.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
+#include "tarsier/image/draw/tile.h"
 #include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
@@ -28,15 +28,15 @@ const cv::Scalar kGround(38, 34, 30);
 constexpr int kSearches[] = {11, 21, 31, 41};
 
 void label(cv::Mat& image, const std::string& text, cv::Point at) {
-  draw::TextStyle style;
+  image::draw::TextStyle style;
   style.height_px = 9;
-  style.backing = draw::Backing::kNone;
-  draw::put_text(image, text, at, style);
+  style.backing = image::draw::Backing::kNone;
+  image::draw::put_text(image, text, at, style);
 }
 
 }  // namespace
 
-PatchSession::PatchSession(landmarks::PatchModels model, shape::ShapeModel shape,
+PatchSession::PatchSession(face::landmarks::PatchModels model, face::shape::ShapeModel shape,
                            std::optional<PatchPicture> picture)
     : model_(std::move(model)), shape_(std::move(shape)), picture_(std::move(picture)) {
   model_.check();
@@ -48,7 +48,7 @@ PatchSession::PatchSession(landmarks::PatchModels model, shape::ShapeModel shape
 
 void PatchSession::respond() {
   if (!picture_) return;
-  responses_ = landmarks::point_responses(model_, picture_->gray, picture_->points, search_);
+  responses_ = face::landmarks::point_responses(model_, picture_->gray, picture_->points, search_);
 }
 
 std::vector<Action> PatchSession::actions() const {
@@ -101,7 +101,7 @@ View PatchSession::on_event(const Event& event) {
 
 void PatchSession::draw_face() {
   constexpr int kZoom = 4;
-  const cv::Mat face = landmarks::draw_patches(model_, shape_, current_, kZoom);
+  const cv::Mat face = face::landmarks::draw_patches(model_, shape_, current_, kZoom);
   const double scale = std::min(static_cast<double>(kFacePlace.width) / face.cols,
                                 static_cast<double>(kFacePlace.height) / face.rows);
   const cv::Size size(cvRound(face.cols * scale), cvRound(face.rows * scale));
@@ -113,8 +113,8 @@ void PatchSession::draw_face() {
 }
 
 void PatchSession::draw_patch() {
-  const cv::Mat patch = landmarks::draw_patch(model_, current_, kPatchPlace.height);
-  draw::letterbox(patch, kPatchPlace.size(), kGround).copyTo(shown_(kPatchPlace));
+  const cv::Mat patch = face::landmarks::draw_patch(model_, current_, kPatchPlace.height);
+  image::draw::letterbox(patch, kPatchPlace.size(), kGround).copyTo(shown_(kPatchPlace));
   label(shown_, fmt::format("weights of patch {}", current_), {kPatchPlace.x, 14});
   label(shown_, "their gradient", {kPatchPlace.x + kPatchPlace.width / 2 + 14, 14});
 }
@@ -125,8 +125,8 @@ void PatchSession::draw_picture() {
           {kPicturePlace.x, kPicturePlace.y - 20});
     return;
   }
-  const landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
-  const cv::Mat drawn = landmarks::draw_response(response, kPicturePlace.height);
+  const face::landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
+  const cv::Mat drawn = face::landmarks::draw_response(response, kPicturePlace.height);
   drawn.copyTo(shown_(cv::Rect(kPicturePlace.tl(), drawn.size())));
   label(shown_, fmt::format("the picture, {0}x{0} px", search_),
         {kPicturePlace.x, kPicturePlace.y - 20});
@@ -140,13 +140,13 @@ View PatchSession::view() {
   draw_face();
   draw_patch();
   draw_picture();
-  draw::button(shown_, kPrevious, "previous");
-  draw::button(shown_, kNext, "next");
+  image::draw::button(shown_, kPrevious, "previous");
+  image::draw::button(shown_, kNext, "next");
   View result;
   result.status = fmt::format("patch {} of {}, {}x{} px", current_ + 1, model_.points(),
                               model_.side(), model_.side());
   if (picture_) result.status += ", on " + picture_->name;
-  draw::status_bar(shown_, result.status, "h: help");
+  image::draw::status_bar(shown_, result.status, "h: help");
   if (help_) draw_help(shown_, "Patches", actions());
   result.image = shown_;
   result.finished = finished_;
@@ -158,7 +158,7 @@ View PatchSession::view() {
                   {"peak", nullptr},
                   {"help", help_}};
   if (picture_) {
-    const landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
+    const face::landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
     result.state["response"] = response.best;
     result.state["peak"] = {response.peak.x - search_ / 2, response.peak.y - search_ / 2};
   }

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/landmarks/patches.h"
+#include "tarsier/face/landmarks/patches.h"
+#include "tarsier/face/shape/shape_model.h"
 #include "tarsier/session/session.h"
-#include "tarsier/shape/shape_model.h"
 
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
@@ -28,7 +28,7 @@ struct PatchPicture {
 class PatchSession final : public Session {
  public:
   // Throws std::invalid_argument where patches, shape and points disagree.
-  PatchSession(landmarks::PatchModels model, shape::ShapeModel shape,
+  PatchSession(face::landmarks::PatchModels model, face::shape::ShapeModel shape,
                std::optional<PatchPicture> picture);
 
   View on_frame(const Frame&, const SourceStatus&) override { return view(); }
@@ -46,10 +46,10 @@ class PatchSession final : public Session {
   void draw_picture();
   View view();
 
-  landmarks::PatchModels model_;
-  shape::ShapeModel shape_;
+  face::landmarks::PatchModels model_;
+  face::shape::ShapeModel shape_;
   std::optional<PatchPicture> picture_;
-  std::vector<landmarks::PointResponse> responses_;
+  std::vector<face::landmarks::PointResponse> responses_;
   int current_ = 0;
   int search_ = 21;
   bool help_ = false;

@@ -32,7 +32,7 @@ class PatchSessionTest : public ::testing::Test {
     patch /= cv::norm(patch);
     model_.patches.assign(4, patch);
     std::vector<Eigen::Matrix2Xd> shapes{square, square * 1.1};
-    shape_ = shape::train_shape_model(shapes);
+    shape_ = face::shape::train_shape_model(shapes);
 
     picture_.name = "disks.png";
     picture_.points = square.array() + 80;
@@ -50,8 +50,8 @@ class PatchSessionTest : public ::testing::Test {
     return {model_, shape_, with_picture ? std::optional(picture_) : std::nullopt};
   }
 
-  landmarks::PatchModels model_;
-  shape::ShapeModel shape_;
+  face::landmarks::PatchModels model_;
+  face::shape::ShapeModel shape_;
   PatchPicture picture_;
 };
 

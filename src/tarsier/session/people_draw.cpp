@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/draw/shapes.h"
-#include "tarsier/draw/text.h"
-#include "tarsier/draw/tile.h"
-#include "tarsier/people_face/classical.h"
-#include "tarsier/recognition/normalize.h"
+#include "tarsier/face/people/classical.h"
+#include "tarsier/face/recognition/normalize.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
+#include "tarsier/image/draw/tile.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/people_session.h"
 
@@ -27,8 +27,8 @@ constexpr int kCell = 98;   // px, from one face to the next
 constexpr int kBar = 28;    // px, height of the status bar below
 constexpr int kButtonWidth = 104;
 constexpr int kButtonHeight = 30;
-constexpr int kLeastHeight = 420;  // px, smaller frames are enlarged
-constexpr int kMostHeight = 720;
+constexpr int kMinHeight = 420;  // px, smaller frames are enlarged
+constexpr int kMaxHeight = 720;
 
 constexpr std::array<const char*, 10> kPrompts{
     {"Look straight into the camera", "Turn a little to the left", "Look up a little",
@@ -52,8 +52,8 @@ void put(cv::Mat& canvas, const cv::Mat& picture, cv::Point at) {
 
 double PeopleSession::scale() const {
   if (frame_.empty()) return 1;
-  return std::clamp(static_cast<double>(frame_.rows), static_cast<double>(kLeastHeight),
-                    static_cast<double>(kMostHeight)) /
+  return std::clamp(static_cast<double>(frame_.rows), static_cast<double>(kMinHeight),
+                    static_cast<double>(kMaxHeight)) /
          frame_.rows;
 }
 
@@ -121,8 +121,8 @@ void PeopleSession::draw_strip() {
     if (box.empty()) continue;
     if (person.latest.empty()) {
       cv::rectangle(shown_, box, kGrey, 1);
-      draw::put_text(shown_, "?", (box.tl() + box.br()) / 2, {.height_px = 24},
-                     draw::Anchor::kCenter);
+      image::draw::put_text(shown_, "?", (box.tl() + box.br()) / 2, {.height_px = 24},
+                            image::draw::Anchor::kCenter);
     } else {
       put(shown_, thumbnail(person.latest), box.tl());
     }
@@ -134,35 +134,36 @@ void PeopleSession::draw_strip() {
     if (seen) cv::rectangle(shown_, rim, kGreen, 3);
     std::string label = printable(person.name);
     if (label.size() > 11) label = label.substr(0, 10) + ".";
-    draw::put_text(shown_, fmt::format("{} {}", label, person.faces),
-                   {x + kStrip / 2, box.br().y + 4},
-                   {.height_px = 8, .backing = draw::Backing::kNone}, draw::Anchor::kTop);
+    image::draw::put_text(
+        shown_, fmt::format("{} {}", label, person.faces), {x + kStrip / 2, box.br().y + 4},
+        {.height_px = 8, .backing = image::draw::Backing::kNone}, image::draw::Anchor::kTop);
   }
 }
 
 void PeopleSession::draw_buttons() {
-  draw::button(shown_, button_box("add"), "Add Person",
-               mode_ == PeopleMode::kCollect && !pending_.empty());
-  draw::button(shown_, button_box("delete"), "Delete All", asking_);
-  draw::button(shown_, button_box("debug"), "Debug", debug_);
+  image::draw::button(shown_, button_box("add"), "Add Person",
+                      mode_ == PeopleMode::kCollect && !pending_.empty());
+  image::draw::button(shown_, button_box("delete"), "Delete All", asking_);
+  image::draw::button(shown_, button_box("debug"), "Debug", debug_);
   if (!asking_) return;
   const cv::Point middle(picture_size().width / 2, picture_size().height / 2);
-  draw::fill_rounded(shown_, {middle.x - 210, middle.y - 50, 420, 110}, 10, kGround, 0.9);
-  draw::put_text(shown_, fmt::format("Delete {} people and all their faces?", people_.size()),
-                 {middle.x, middle.y - 14}, {.height_px = 13}, draw::Anchor::kCenter);
-  draw::button(shown_, button_box("confirm"), "Delete");
-  draw::button(shown_, button_box("cancel"), "Keep", true);
+  image::draw::fill_rounded(shown_, {middle.x - 210, middle.y - 50, 420, 110}, 10, kGround, 0.9);
+  image::draw::put_text(shown_,
+                        fmt::format("Delete {} people and all their faces?", people_.size()),
+                        {middle.x, middle.y - 14}, {.height_px = 13}, image::draw::Anchor::kCenter);
+  image::draw::button(shown_, button_box("confirm"), "Delete");
+  image::draw::button(shown_, button_box("cancel"), "Keep", true);
 }
 
 // The largest face as the recogniser sees it, at the top centre.
 void PeopleSession::draw_preprocessed() {
   if (faces_.empty()) return;
   const cv::Mat& crop = faces_.front().face.crop;
-  const recognition::Recognizer* model = follower_.recognizer();
+  const face::recognition::Recognizer* model = follower_.recognizer();
   const bool general =
-      model == nullptr || model->options.algorithm == recognition::Algorithm::kDefault;
-  cv::Mat seen = general ? recognition::light_picture(recognition::tan_triggs(crop))
-                         : people::classical_face(crop);
+      model == nullptr || model->options.algorithm == face::recognition::Algorithm::kDefault;
+  cv::Mat seen = general ? face::recognition::light_picture(face::recognition::tan_triggs(crop))
+                         : face::people::classical_face(crop);
   const int height = 84;
   cv::resize(seen, seen, {cvRound(height * static_cast<double>(seen.cols) / seen.rows), height}, 0,
              0, cv::INTER_AREA);
@@ -176,17 +177,18 @@ void PeopleSession::draw_preprocessed() {
 void PeopleSession::draw_confidence() {
   if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().name.label.empty())
     return;
-  const people::Recognition& name = faces_.front().name;
+  const face::people::Recognition& name = faces_.front().name;
   const cv::Size size = picture_size();
   const cv::Rect box(size.width - 30, size.height / 2 - 90, 16, 180);
-  draw::fill_rounded(shown_, box, 4, kGround, 0.8);
+  image::draw::fill_rounded(shown_, box, 4, kGround, 0.8);
   const int filled = cvRound(std::clamp(name.confidence, 0.0, 1.0) * box.height);
   cv::rectangle(shown_, cv::Rect(box.x, box.br().y - filled, box.width, filled),
                 name.known ? kGreen : kGrey, cv::FILLED);
   const int line = box.br().y - box.height / 2;  // where the score is the threshold
   cv::line(shown_, {box.x - 5, line}, {box.br().x + 5, line}, cv::Scalar(255, 255, 255), 2);
-  draw::put_text(shown_, fmt::format("{:.0f}%", 100 * name.confidence), {box.br().x + 6, box.y - 4},
-                 {.height_px = 10}, draw::Anchor::kBottomRight);
+  image::draw::put_text(shown_, fmt::format("{:.0f}%", 100 * name.confidence),
+                        {box.br().x + 6, box.y - 4}, {.height_px = 10},
+                        image::draw::Anchor::kBottomRight);
 }
 
 void PeopleSession::draw_debug() {
@@ -199,24 +201,25 @@ void PeopleSession::draw_debug() {
     std::vector<std::string> names;
     std::vector<cv::Mat> images;
   } kept;
-  const people::Face& face = faces_.front().face;
+  const face::people::Face& face = faces_.front().face;
   kept.image("aligned", face.crop);
-  (void)people::classical_face(face.crop, people::CutOptions(), {}, &kept);
-  kept.image("light taken out", recognition::light_picture(recognition::tan_triggs(face.crop)));
+  (void)face::people::classical_face(face.crop, face::people::CutOptions(), {}, &kept);
+  kept.image("light taken out",
+             face::recognition::light_picture(face::recognition::tan_triggs(face.crop)));
   const cv::Size size = picture_size();
-  const cv::Mat stages = draw::tile(kept.images, kept.names, {size.width - 20, 132});
+  const cv::Mat stages = image::draw::tile(kept.images, kept.names, {size.width - 20, 132});
   put(shown_, stages, {10, size.height - 142});
   std::string text =
       fmt::format("eyes {:.0f} px  sharp {:.2f}  turn {:+.2f}  tilt {:+.2f}  light {:.0f}",
                   face.quality.eye_distance, face.quality.sharpness, face.quality.turn,
                   face.quality.tilt, face.quality.light);
-  for (const std::string& flaw : people::problems(face.quality, options_.collect.gate))
+  for (const std::string& flaw : face::people::problems(face.quality, options_.collect.gate))
     text += "  " + flaw;
   if (!faces_.front().name.label.empty())
     text += fmt::format("  score {:.3f}, threshold {:.3f}", faces_.front().name.score,
                         faces_.front().name.threshold);
-  draw::put_text(shown_, text, {10, size.height - 148}, {.height_px = 9},
-                 draw::Anchor::kBottomLeft);
+  image::draw::put_text(shown_, text, {10, size.height - 148}, {.height_px = 9},
+                        image::draw::Anchor::kBottomLeft);
 }
 
 nlohmann::json PeopleSession::state() const {
@@ -277,12 +280,13 @@ View PeopleSession::view(bool fresh) {
   draw_strip();
   draw_buttons();
   if (const std::string text = prompt(); !text.empty() && !asking_)
-    draw::put_text(shown_, text, {size.width / 2, size.height - 14},
-                   {.height_px = 16, .backing = draw::Backing::kBox}, draw::Anchor::kBottom);
-  draw::status_bar(shown_, result.status,
-                   source_.empty()
-                       ? fmt::format("{}{}   h: help", name_of(mode_), paused_ ? ", paused" : "")
-                       : source_);
+    image::draw::put_text(shown_, text, {size.width / 2, size.height - 14},
+                          {.height_px = 16, .backing = image::draw::Backing::kBox},
+                          image::draw::Anchor::kBottom);
+  image::draw::status_bar(
+      shown_, result.status,
+      source_.empty() ? fmt::format("{}{}   h: help", name_of(mode_), paused_ ? ", paused" : "")
+                      : source_);
   if (help_) draw_help(shown_, "People", actions());
   result.image = shown_;
   return result;

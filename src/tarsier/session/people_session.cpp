@@ -4,7 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
-#include "tarsier/gallery/name.h"
+#include "tarsier/face/people/name.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -42,15 +42,16 @@ std::string_view name_of(PeopleMode mode) {
 
 void PeopleSessionOptions::check() const {
   TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "a rate of {}", false_accepts);
-  TARSIER_REQUIRE(most_faces >= 1 && most_faces <= 100'000, "{} faces", most_faces);
-  TARSIER_REQUIRE(most_pooled >= 1 && most_pooled <= 1000, "{} frames", most_pooled);
+  TARSIER_REQUIRE(max_faces >= 1 && max_faces <= 100'000, "{} faces", max_faces);
+  TARSIER_REQUIRE(max_pooled >= 1 && max_pooled <= 1000, "{} frames", max_pooled);
   collect.check();
-  for (const std::string& name : names) people::check_name(name);
-  people::check_note(note);
+  for (const std::string& name : names) face::people::check_name(name);
+  face::people::check_note(note);
 }
 
-PeopleSession::PeopleSession(people::Gallery& gallery, const recognition::Background* background,
-                             people::FaceReader reader, PeopleSessionOptions options)
+PeopleSession::PeopleSession(face::people::Gallery& gallery,
+                             const face::recognition::Background* background,
+                             face::people::FaceReader reader, PeopleSessionOptions options)
     : gallery_(gallery),
       background_(background),
       reader_(std::move(reader)),
@@ -64,7 +65,7 @@ PeopleSession::PeopleSession(people::Gallery& gallery, const recognition::Backgr
 
 void PeopleSession::load_people() {
   people_.clear();
-  for (const people::Person& person : gallery_.people()) {
+  for (const face::people::Person& person : gallery_.people()) {
     Enrolled entry{person.name, person.faces, {}};
     if (const auto face = gallery_.latest_face(person.id)) entry.latest = face->crop;
     people_.push_back(std::move(entry));
@@ -92,7 +93,8 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   timer_.start();
   cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
   faces_.clear();
-  for (people::Face& face : frame.still ? reader_.read(gray_) : reader_.follow(gray_, frame.time))
+  for (face::people::Face& face :
+       frame.still ? reader_.read(gray_) : reader_.follow(gray_, frame.time))
     faces_.push_back({std::move(face), {}});
   std::stable_sort(faces_.begin(), faces_.end(),
                    [](const face::NamedFace& a, const face::NamedFace& b) {
@@ -110,11 +112,11 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
 // The face is stored at once: a crash loses nothing that flashed.
 void PeopleSession::collect() {
   Enrolled& person = people_[static_cast<std::size_t>(collecting_)];
-  const people::Face& face = faces_.front().face;
-  people::StoredFace stored;
+  const face::people::Face& face = faces_.front().face;
+  face::people::StoredFace stored;
   stored.crop = face.crop;
   stored.quality = face.quality.score();
-  stored.measures = people::quality_json(face.quality).dump();
+  stored.measures = face::people::quality_json(face.quality).dump();
   stored.source = source_name_;
   stored.time = options_.now ? options_.now() : 0;
   templates_.fill(stored);
@@ -124,18 +126,18 @@ void PeopleSession::collect() {
   person.latest = face.crop;
   flash_ = kFlashFrames;
   message_.clear();
-  if (collector_.taken() >= options_.most_faces) end_collecting();
+  if (collector_.taken() >= options_.max_faces) end_collecting();
 }
 
 void PeopleSession::recognize() {
-  const recognition::Recognizer* model = follower_.recognizer();
+  const face::recognition::Recognizer* model = follower_.recognizer();
   if (model == nullptr) return;
-  face::name_faces(model, false, {options_.false_accepts, options_.most_pooled}, faces_, tracks_);
+  face::name_faces(model, false, {options_.false_accepts, options_.max_pooled}, faces_, tracks_);
 }
 
 // Begins to learn. Whoever can be named already is named meanwhile.
 void PeopleSession::train() {
-  training_.emplace(gallery_, background_, true, people::Learn::kWhenDue);
+  training_.emplace(gallery_, background_, true, face::people::Learn::kWhenDue);
   mode_ = follower_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kTrain;
 }
 
@@ -164,11 +166,11 @@ void PeopleSession::learn() {
 // Who was enrolled here or anywhere, and who was forgotten.
 void PeopleSession::follow() {
   if (follower_.recognizer() == nullptr) return;
-  const people::GalleryFollower::Change change = follower_.update();
-  if (change == people::GalleryFollower::Change::kNone) return;
-  if (change == people::GalleryFollower::Change::kModel) tracks_.clear();
+  const face::people::GalleryFollower::Change change = follower_.update();
+  if (change == face::people::GalleryFollower::Change::kNone) return;
+  if (change == face::people::GalleryFollower::Change::kModel) tracks_.clear();
   std::set<std::string> there;
-  for (const people::Person& person : gallery_.people()) there.insert(person.name);
+  for (const face::people::Person& person : gallery_.people()) there.insert(person.name);
   std::set<std::string> shown;
   for (const Enrolled& person : people_)
     if (person.name != pending_) shown.insert(person.name);
@@ -263,7 +265,7 @@ void PeopleSession::add_person() {
 
 void PeopleSession::collect_for(int person) {
   collecting_ = person;
-  collector_ = people::Collector(options_.collect);
+  collector_ = face::people::Collector(options_.collect);
   mode_ = PeopleMode::kCollect;
   message_.clear();
   faces_.clear();

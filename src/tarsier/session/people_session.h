@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/gallery/collector.h"
-#include "tarsier/gallery/gallery.h"
-#include "tarsier/gallery/model.h"
-#include "tarsier/people_face/face_reader.h"
-#include "tarsier/recognition/recognizer.h"
+#include "tarsier/face/people/collector.h"
+#include "tarsier/face/people/face_reader.h"
+#include "tarsier/face/people/gallery.h"
+#include "tarsier/face/people/model.h"
+#include "tarsier/face/recognition/recognizer.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/recognize_session.h"
 #include "tarsier/session/session.h"
@@ -29,11 +29,11 @@ enum class PeopleMode { kStart, kDetect, kCollect, kTrain, kRecognize };
 
 struct PeopleSessionOptions {
   double false_accepts = 0.01;  // rate at which strangers may be taken for somebody, (0, 1)
-  people::CollectOptions collect;
-  int most_faces = 30;                // of a person, collected at a time, >= 1
+  face::people::CollectOptions collect;
+  int max_faces = 30;                 // of a person, collected at a time, >= 1
   std::vector<std::string> names;     // of people who are added, in turn; then "Person 1" ..
   std::string note;                   // of consent, for those who are added
-  int most_pooled = 10;               // frames of a followed face that count together, >= 1
+  int max_pooled = 10;                // frames of a followed face that count together, >= 1
   std::function<std::int64_t()> now;  // ms since 1970-01-01 UTC; empty: 0
   void check() const;                 // throws std::invalid_argument, UsageError for names
 };
@@ -49,8 +49,8 @@ struct PeopleSessionOptions {
 class PeopleSession final : public Session {
  public:
   // Gallery and background (may be null) must outlive the session.
-  PeopleSession(people::Gallery& gallery, const recognition::Background* background,
-                people::FaceReader reader, PeopleSessionOptions options);
+  PeopleSession(face::people::Gallery& gallery, const face::recognition::Background* background,
+                face::people::FaceReader reader, PeopleSessionOptions options);
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
   View on_idle(const SourceStatus& source) override;
@@ -98,14 +98,14 @@ class PeopleSession final : public Session {
   [[nodiscard]] cv::Size picture_size() const;  // of the frame in the view
   [[nodiscard]] nlohmann::json state() const;
 
-  people::Gallery& gallery_;
-  const recognition::Background* background_;
-  people::FaceReader reader_;
+  face::people::Gallery& gallery_;
+  const face::recognition::Background* background_;
+  face::people::FaceReader reader_;
   PeopleSessionOptions options_;
-  people::TemplateMaker templates_;
-  people::GalleryFollower follower_;
-  std::optional<people::GalleryTraining> training_;  // of a model, on its way
-  people::Collector collector_;
+  face::people::TemplateMaker templates_;
+  face::people::GalleryFollower follower_;
+  std::optional<face::people::GalleryTraining> training_;  // of a model, on its way
+  face::people::Collector collector_;
   PeopleMode mode_ = PeopleMode::kStart;
   std::vector<Enrolled> people_;
   std::vector<face::NamedFace> faces_;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/people_session.h"
 
-#include "tarsier/io/image_file.h"
-#include "tarsier/io/testing_folder.h"
-#include "tarsier/recognition/background.h"
-#include "tarsier/recognition/testing_faces.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/testing_faces.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
 #include "tarsier/session/scripted_host.h"
 
 #include <gmock/gmock.h>
@@ -23,13 +23,13 @@ using ::testing::HasSubstr;
 constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
 
 // The models that ship, of the source tree.
-std::string models_folder() { return TARSIER_SHIPPED_MODELS; }
+std::string models_folder() { return TARSIER_SOURCE_MODELS; }
 
-std::shared_ptr<const landmarks::LandmarkModel> landmark_model() {
+std::shared_ptr<const face::landmarks::LandmarkModel> landmark_model() {
   static const auto model = [] {
     const std::string path = models_folder() + "/landmarks68.json";
-    return std::filesystem::exists(path) ? std::make_shared<const landmarks::LandmarkModel>(
-                                               landmarks::read_landmark_model(path))
+    return std::filesystem::exists(path) ? std::make_shared<const face::landmarks::LandmarkModel>(
+                                               face::landmarks::read_landmark_model(path))
                                          : nullptr;
   }();
   return model;
@@ -56,14 +56,14 @@ Frame frame(const cv::Mat& image, int index) {
 class PeopleSessionTest : public FolderTest {
  protected:
   // Cascades find no face in plain pictures: enough for everything but faces.
-  static people::FaceReader reader() {
-    people::FaceReaderOptions options;
-    options.eyes = people::EyeMethod::kSplits;
+  static face::people::FaceReader reader() {
+    face::people::FaceReaderOptions options;
+    options.eyes = face::people::EyeMethod::kSplits;
     options.finder.thorough = false;
     return {options, nullptr};
   }
-  static people::StoredFace face(int seed) {
-    people::StoredFace out;
+  static face::people::StoredFace face(int seed) {
+    face::people::StoredFace out;
     out.crop.create(160, 128, CV_8UC1);
     cv::RNG rng(static_cast<std::uint64_t>(seed) + 3);
     rng.fill(out.crop, cv::RNG::UNIFORM, 0, 256);
@@ -76,7 +76,7 @@ class PeopleSessionTest : public FolderTest {
 };
 
 TEST_F(PeopleSessionTest, StartsByLookingForFaces) {
-  people::Gallery gallery(path("p.db"));
+  face::people::Gallery gallery(path("p.db"));
   PeopleSession session(gallery, nullptr, reader(), {});
   EXPECT_EQ(session.mode(), PeopleMode::kStart);
   const View view = session.on_frame(frame(empty_, 0), live_);
@@ -87,7 +87,7 @@ TEST_F(PeopleSessionTest, StartsByLookingForFaces) {
 }
 
 TEST_F(PeopleSessionTest, AtMostOnePersonWithoutFaces) {
-  people::Gallery gallery(path("p.db"));
+  face::people::Gallery gallery(path("p.db"));
   PeopleSessionOptions options;
   options.names = {"Ann"};
   PeopleSession session(gallery, nullptr, reader(), options);
@@ -105,7 +105,7 @@ TEST_F(PeopleSessionTest, AtMostOnePersonWithoutFaces) {
 }
 
 TEST_F(PeopleSessionTest, DeleteAllAsksFirst) {
-  people::Gallery gallery(path("p.db"));
+  face::people::Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   gallery.enroll("Ben", "", face(2));
   PeopleSession session(gallery, nullptr, reader(), {});
@@ -126,7 +126,7 @@ TEST_F(PeopleSessionTest, DeleteAllAsksFirst) {
 }
 
 TEST_F(PeopleSessionTest, FisherfacesWithOnePersonIsSaid) {
-  people::Gallery gallery(path("p.db"));
+  face::people::Gallery gallery(path("p.db"));
   for (int i = 0; i < 3; ++i) gallery.enroll("Ann", "", face(i));
   gallery.set_algorithm("fisher");
   PeopleSession session(gallery, nullptr, reader(), {});
@@ -146,12 +146,12 @@ TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
   if (landmark_model() == nullptr || !std::filesystem::exists(kPicture))
     GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
   const cv::Mat picture = read_image(kPicture);
-  people::Gallery gallery(path("p.db"));
+  face::people::Gallery gallery(path("p.db"));
   PeopleSessionOptions options;
   options.names = {"Leo"};
-  options.collect.gate.least_eye_distance = 8;
-  options.collect.gate.least_sharpness = 0.02;
-  PeopleSession session(gallery, nullptr, people::FaceReader({}, landmark_model()), options);
+  options.collect.gate.min_eye_distance = 8;
+  options.collect.gate.min_sharpness = 0.02;
+  PeopleSession session(gallery, nullptr, face::people::FaceReader({}, landmark_model()), options);
   (void)session.on_frame(frame(picture, 0), live_);
   (void)session.on_event(key_event('a'));
   View view = session.on_frame(frame(picture, 1), live_);
@@ -170,10 +170,10 @@ TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
 
 // What is learned is learned a piece in each frame: none waits for all of it.
 TEST_F(PeopleSessionTest, LearningIsSpreadOverFrames) {
-  const auto set = recognition::synthetic_faces(20, 2, 0.3, 5, 0, {128, 160});
-  people::Gallery gallery(path("p.db"));
+  const auto set = face::recognition::synthetic_faces(20, 2, 0.3, 5, 0, {128, 160});
+  face::people::Gallery gallery(path("p.db"));
   for (std::size_t i = 0; i < set.faces.size(); ++i) {
-    people::StoredFace stored;
+    face::people::StoredFace stored;
     stored.crop = set.faces[i];
     stored.measures = "{}";
     gallery.enroll(set.labels[i], "", stored);
@@ -198,18 +198,19 @@ TEST_F(PeopleSessionTest, LearningIsSpreadOverFrames) {
 }
 
 TEST_F(PeopleSessionTest, WhoIsForgottenByAnotherProgramIsNamedNoMore) {
-  const auto set = recognition::synthetic_faces(3, 3, 0.3, 5, 0, {128, 160});
-  people::Gallery gallery(path("p.db"));
+  const auto set = face::recognition::synthetic_faces(3, 3, 0.3, 5, 0, {128, 160});
+  face::people::Gallery gallery(path("p.db"));
   for (std::size_t i = 0; i < set.faces.size(); ++i) {
-    people::StoredFace stored;
+    face::people::StoredFace stored;
     stored.crop = set.faces[i];
     stored.measures = "{}";
     gallery.enroll(set.labels[i], "", stored);
   }
   NoProgress quiet;
-  people::GalleryFollower follower(
+  face::people::GalleryFollower follower(
       gallery, nullptr,
-      people::load_gallery_model(gallery, nullptr, true, people::Learn::kWhenDue, quiet, {}));
+      face::people::load_gallery_model(gallery, nullptr, true, face::people::Learn::kWhenDue, quiet,
+                                       {}));
   RecognizeSession session(face::Identifier({}, true), face::IdentifierState(reader(), follower));
   const auto see = [&](std::size_t face) {
     Frame shown = frame({}, 0);
@@ -219,7 +220,7 @@ TEST_F(PeopleSessionTest, WhoIsForgottenByAnotherProgramIsNamedNoMore) {
   };
   EXPECT_EQ(see(0).label, "p0");
   EXPECT_TRUE(see(0).known);
-  people::Gallery other(path("p.db"));
+  face::people::Gallery other(path("p.db"));
   ASSERT_TRUE(other.forget("p0", {}));
   EXPECT_NE(see(0).label, "p0");
   EXPECT_EQ(see(4).label, "p1");
@@ -271,12 +272,12 @@ TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
   const std::string grid = std::string(data != nullptr ? data : "") + "/face-videos/grid/";
   if (landmark_model() == nullptr || !std::filesystem::exists(grid))
     GTEST_SKIP() << "needs $TARSIER_DATA/face-videos and the models that ship";
-  const recognition::Background general =
-      recognition::read_background(models_folder() + "/people-background.json");
-  people::Gallery gallery(path("p.db"));
+  const face::recognition::Background general =
+      face::recognition::read_background(models_folder() + "/people-background.json");
+  face::people::Gallery gallery(path("p.db"));
   PeopleSessionOptions options;
   options.names = {"Ann", "Ben"};
-  PeopleSession session(gallery, &general, people::FaceReader({}, landmark_model()), options);
+  PeopleSession session(gallery, &general, face::people::FaceReader({}, landmark_model()), options);
   Clips clips;
   std::vector<std::int64_t> from;  // each clip's first frame
   const auto add = [&](const std::string& name, int first, int last) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/plate_session.h"
 
-#include "tarsier/draw/text.h"
+#include "tarsier/image/draw/text.h"
 #include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
@@ -27,14 +27,15 @@ void outline(cv::Mat& image, const plate::Quad& quad, const cv::Scalar& color, i
 }
 
 void label(cv::Mat& image, const cv::Rect& box, const std::string& text, const cv::Scalar& color) {
-  draw::TextStyle style;
+  image::draw::TextStyle style;
   style.height_px = std::clamp(box.height * 0.45, 9.0, 40.0);
   style.color = color;
-  style.backing = draw::Backing::kBox;
+  style.backing = image::draw::Backing::kBox;
   style.bold = true;
   const bool room_above = box.y > style.height_px * 2.2;
-  draw::put_text(image, text, {box.x, room_above ? box.y - 2 : box.br().y + 2}, style,
-                 room_above ? draw::Anchor::kBottomLeft : draw::Anchor::kTopLeft);
+  image::draw::put_text(
+      image, text, {box.x, room_above ? box.y - 2 : box.br().y + 2}, style,
+      room_above ? image::draw::Anchor::kBottomLeft : image::draw::Anchor::kTopLeft);
 }
 
 std::string caption(const std::string& text, double confidence) {
@@ -130,11 +131,11 @@ void PlateSession::draw() {
           track.confidence >= kSureFrom ? kSure : kUnsure);
   }
   if (still_) return;
-  draw::TextStyle style;
-  style.height_px = std::max(9.0, draw::fitting_text_height(output_.size()) * 0.7);
+  image::draw::TextStyle style;
+  style.height_px = std::max(9.0, image::draw::fitting_text_height(output_.size()) * 0.7);
   int y = 6;
   for (const std::string& line : last_events_)
-    y = draw::put_text(output_, line, {6, y}, style).br().y;
+    y = image::draw::put_text(output_, line, {6, y}, style).br().y;
 }
 
 View PlateSession::view(bool fresh) {
@@ -146,7 +147,7 @@ View PlateSession::view(bool fresh) {
   result.finished = finished_;
   if (output_.empty()) return result;
   output_.copyTo(shown_);
-  draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
+  image::draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
   if (help_) draw_help(shown_, "Number plates", actions());
   result.image = shown_;
   if (fresh) result.output = output_;

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
-#include "tarsier/plate_reader/video_reader.h"
+#include "tarsier/plate/reader/video_reader.h"
 #include "tarsier/session/session.h"
 
 #include <chrono>

@@ -89,7 +89,7 @@ TEST_F(Plates, AStillIsDrawnOnAndIsNoVehicle) {
   EXPECT_TRUE(events_.empty());
 }
 
-TEST_F(Plates, AVehicleOfAFilmGivesOneEventWhenTheFilmEnds) {
+TEST_F(Plates, AVehicleOfAVideoGivesOneEventWhenTheVideoEnds) {
   PlateSession session = make();
   for (int k = 0; k < 12; ++k) {
     seen_ = {reading_at({60 + 4 * k, 100, 90, 20})};
@@ -105,7 +105,7 @@ TEST_F(Plates, AVehicleOfAFilmGivesOneEventWhenTheFilmEnds) {
   EXPECT_EQ(events_.size(), 1U);
 }
 
-// The same plate before two cameras, one film after the other.
+// The same plate before two cameras, one video after the other.
 TEST_F(Plates, AnotherSourceHasVehiclesOfItsOwn) {
   PlateSession session = make();
   for (int k = 0; k < 24; ++k) {
@@ -127,7 +127,7 @@ TEST_F(Plates, AnotherSourceHasVehiclesOfItsOwn) {
   }
 }
 
-TEST_F(Plates, PicturesInSequenceAreOneFilm) {
+TEST_F(Plates, PicturesInSequenceAreOneVideo) {
   PlateSession session = make();
   for (int k = 0; k < 12; ++k) {
     seen_ = {reading_at({60 + 4 * k, 100, 90, 20})};

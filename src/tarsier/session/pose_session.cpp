@@ -2,9 +2,9 @@
 #include "tarsier/session/pose_session.h"
 
 #include "tarsier/core/require.h"
-#include "tarsier/draw/text.h"
-#include "tarsier/head/draw_pose.h"
-#include "tarsier/head/surface.h"
+#include "tarsier/face/head/draw_pose.h"
+#include "tarsier/face/head/surface.h"
+#include "tarsier/image/draw/text.h"
 #include "tarsier/render/render.h"
 
 #include <fmt/format.h>
@@ -45,7 +45,9 @@ PoseSession::PoseSession(face::PoseTracker tracker, PoseSessionOptions options)
   }
 }
 
-const head::HeadModel& PoseSession::head_model() const { return tracker_.finder().poser().model(); }
+const face::head::HeadModel& PoseSession::head_model() const {
+  return tracker_.finder().poser().model();
+}
 
 View PoseSession::on_frame(const Frame& frame, const SourceStatus& source) {
   frame_ = frame.image;
@@ -78,7 +80,7 @@ View PoseSession::on_event(const Event& event) {
 }
 
 std::vector<Action> PoseSession::actions() const {
-  return {{"redetect", "look for faces anew", 'd'},
+  return {{"redetect", "look for faces again", 'd'},
           {"draw", "what is drawn", 'v'},
           {"pause", "pause and go on", key::kSpace},
           {"help", "this list", 'h'},
@@ -86,8 +88,8 @@ std::vector<Action> PoseSession::actions() const {
 }
 
 void PoseSession::draw_object(const face::PosedFace& face) {
-  const head::HeadSurface surface =
-      head::head_surface(head_model(), head::shape_of(head_model(), face.pose->b));
+  const face::head::HeadSurface surface =
+      face::head::head_surface(head_model(), face::head::shape_of(head_model(), face.pose->b));
   auto occluder = std::make_shared<render::Mesh>();
   for (Eigen::Index i = 0; i < surface.points.cols(); ++i) {
     const Eigen::Vector3f x = surface.points.col(i).cast<float>();
@@ -116,9 +118,11 @@ void PoseSession::draw_object(const face::PosedFace& face) {
 
 void PoseSession::edit_face(const face::PosedFace& face) {
   Eigen::Matrix2Xd points = face.face.points;
-  for (const appearance::FaceEdit edit : options_.edits)
-    points = appearance::edited_points(*options_.appearance, points, edit, options_.edit_amount);
-  appearance::draw_edited(*synthesis_, *options_.appearance, output_, face.face.points, points);
+  for (const face::appearance::FaceEdit edit : options_.edits)
+    points =
+        face::appearance::edited_points(*options_.appearance, points, edit, options_.edit_amount);
+  face::appearance::draw_edited(*synthesis_, *options_.appearance, output_, face.face.points,
+                                points);
 }
 
 void PoseSession::draw() {
@@ -136,31 +140,32 @@ void PoseSession::draw() {
         return a->pose->camera_from_head.translation[2] > b->pose->camera_from_head.translation[2];
       });
   for (const face::PosedFace* face : order) {
-    const head::HeadPose& pose = *face->pose;
+    const face::head::HeadPose& pose = *face->pose;
     const geometry::Rigid& place = pose.camera_from_head;
     if (options_.overlay == PoseOverlay::kAxes) {
       // Letters would hide a small face.
-      head::draw_axes(output_, camera(), place, {60, 60, -100}, face->face.box.width > 120);
+      face::head::draw_axes(output_, camera(), place, {60, 60, -100}, face->face.box.width > 120);
     } else if (options_.overlay == PoseOverlay::kBox) {
-      head::draw_box(output_, camera(), place, {-75, -85, -35}, {75, 115, 115});
+      face::head::draw_box(output_, camera(), place, {-75, -85, -35}, {75, 115, 115});
     } else if (options_.overlay == PoseOverlay::kHead) {
-      head::draw_head(output_, camera(), place, head_model(), head::shape_of(head_model(), pose.b));
+      face::head::draw_head(output_, camera(), place, head_model(),
+                            face::head::shape_of(head_model(), pose.b));
     } else if (options_.overlay == PoseOverlay::kObject) {
       draw_object(*face);
     }
     if (options_.overlay == PoseOverlay::kNone || options_.overlay == PoseOverlay::kObject) {
       continue;
     }
-    draw::TextStyle text;
+    image::draw::TextStyle text;
     text.height_px = std::clamp(face->face.box.height * 0.06, 8.0, 24.0);
     const std::string angles =
         fmt::format("{}yaw {:+.0f}  pitch {:+.0f}  roll {:+.0f}",
                     !result_.tracked ? "" : fmt::format("{}:  ", face->face.id),
                     pose.angles.yaw_deg, pose.angles.pitch_deg, pose.angles.roll_deg);
-    const cv::Size size = draw::text_size(angles, text.height_px);
+    const cv::Size size = image::draw::text_size(angles, text.height_px);
     const int x = std::clamp(cvRound(face->face.box.x), 0, std::max(0, output_.cols - size.width));
     const int y = std::max(cvRound(face->face.box.y), size.height);
-    draw::put_text(output_, angles, {x, y}, text, draw::Anchor::kBottomLeft);
+    image::draw::put_text(output_, angles, {x, y}, text, image::draw::Anchor::kBottomLeft);
   }
 }
 
@@ -182,7 +187,7 @@ View PoseSession::view(bool fresh) {
   if (fresh) result.output = output_;
   if (!output_.empty()) {
     output_.copyTo(shown_);
-    draw::status_bar(shown_, result.status, timer_.words(!result_.tracked) + "   h: help");
+    image::draw::status_bar(shown_, result.status, timer_.words(!result_.tracked) + "   h: help");
     if (help_) draw_help(shown_, "Head pose", actions());
     result.image = shown_;
   }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/appearance/edit.h"
-#include "tarsier/face_pipelines/pose_tracker.h"
+#include "tarsier/face/appearance/edit.h"
+#include "tarsier/face/pipelines/pose_tracker.h"
 #include "tarsier/render/mesh.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
@@ -22,14 +22,14 @@ struct PoseSessionOptions {
   // Of kObject: in the head's frame, mm; a head hides what is behind it.
   std::shared_ptr<const render::Mesh> object;
   // What is done to the faces, through an appearance model of 68 points that can be drawn.
-  std::vector<appearance::FaceEdit> edits;
-  std::shared_ptr<const appearance::AppearanceModel> appearance;
+  std::vector<face::appearance::FaceEdit> edits;
+  std::shared_ptr<const face::appearance::AppearanceModel> appearance;
   double edit_amount = 1;  // 0..2
   void check() const;      // throws std::invalid_argument
 };
 
 // Shows the poses of heads that a face::PoseTracker finds.
-// Keys: d looks for faces anew, v what is drawn, space pauses, h help, q or Esc ends.
+// Keys: d looks for faces again, v what is drawn, space pauses, h help, q or Esc ends.
 // State: {"faces": number, "ids": [..], "yaw": [..], "draw", "paused"}.
 class PoseSession final : public Session {
  public:
@@ -49,7 +49,7 @@ class PoseSession final : public Session {
   [[nodiscard]] const geometry::Camera& camera() const { return result_.camera; }
 
  private:
-  [[nodiscard]] const head::HeadModel& head_model() const;
+  [[nodiscard]] const face::head::HeadModel& head_model() const;
   void draw();
   void draw_object(const face::PosedFace& face);
   void edit_face(const face::PosedFace& face);
@@ -57,7 +57,7 @@ class PoseSession final : public Session {
 
   face::PoseTracker tracker_;
   PoseSessionOptions options_;
-  std::optional<appearance::Synthesis> synthesis_;  // where faces are edited
+  std::optional<face::appearance::Synthesis> synthesis_;  // where faces are edited
   face::PoseState state_;
   face::PoseResult result_;
   std::string source_;

@@ -2,7 +2,7 @@
 #include "tarsier/session/pose_session.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/render/builtin.h"
 
 #include <gtest/gtest.h>
@@ -55,7 +55,7 @@ TEST_F(Pose, AStillFaceHasAPoseAndItsMirrorImageTheMirroredOne) {
   const View view = poser.on_frame(frame(), {});
   ASSERT_EQ(poser.faces().size(), 1U);
   ASSERT_TRUE(poser.faces()[0].pose);
-  const head::HeadAngles angles = poser.faces()[0].pose->angles;
+  const face::head::HeadAngles angles = poser.faces()[0].pose->angles;
   // He looks down and to image right.
   EXPECT_NEAR(angles.yaw_deg, -33, 15);
   EXPECT_NEAR(angles.pitch_deg, -20, 12);
@@ -68,7 +68,7 @@ TEST_F(Pose, AStillFaceHasAPoseAndItsMirrorImageTheMirroredOne) {
   cv::flip(image_, image_, 1);
   (void)poser.on_frame(frame(), {});
   ASSERT_EQ(poser.faces().size(), 1U);
-  const head::HeadAngles mirrored = poser.faces()[0].pose->angles;
+  const face::head::HeadAngles mirrored = poser.faces()[0].pose->angles;
   EXPECT_NEAR(mirrored.yaw_deg, -angles.yaw_deg, 6);
   EXPECT_NEAR(mirrored.roll_deg, -angles.roll_deg, 4);
   EXPECT_NEAR(mirrored.pitch_deg, angles.pitch_deg, 6);
@@ -86,22 +86,22 @@ TEST_F(Pose, JsonIsAsDocumented) {
   ASSERT_EQ(list[0]["rotation"].size(), 9U);
   // R = Rz(roll) Rx(-pitch) Ry(yaw), row-major.
   const cv::Matx33d r =
-      head::rotation_of_angles({list[0]["yaw"].get<double>(), list[0]["pitch"].get<double>(),
-                                list[0]["roll"].get<double>()});
+      face::head::rotation_of_angles({list[0]["yaw"].get<double>(), list[0]["pitch"].get<double>(),
+                                      list[0]["roll"].get<double>()});
   for (std::size_t k = 0; k < 9; ++k) {
     EXPECT_NEAR(list[0]["rotation"][k].get<double>(), r.val[k], 1e-3) << k;
   }
 }
 
-TEST_F(Pose, AFilmKeepsTheIdAndComesToRest) {
+TEST_F(Pose, AVideoKeepsTheIdAndComesToRest) {
   PoseSession poser = session();
-  head::HeadAngles last;
+  face::head::HeadAngles last;
   for (int i = 0; i < 12; ++i) {
     (void)poser.on_frame(frame(i, false), {});
     ASSERT_EQ(poser.faces().size(), 1U) << i;
     EXPECT_EQ(poser.faces()[0].face.id, 1);
     ASSERT_TRUE(poser.faces()[0].pose) << i;
-    const head::HeadAngles now = poser.faces()[0].pose->angles;
+    const face::head::HeadAngles now = poser.faces()[0].pose->angles;
     if (i > 6) {
       EXPECT_NEAR(now.yaw_deg, last.yaw_deg, 0.5) << i;
       EXPECT_NEAR(now.pitch_deg, last.pitch_deg, 0.5) << i;
@@ -137,7 +137,7 @@ TEST_F(Pose, ADrawnObjectIsHiddenBehindTheHead) {
 
 TEST_F(Pose, ACameraIsMadeToFitSmallerPicturesButNotOthers) {
   face::PoseTrackerOptions options;
-  options.camera = head::guess_camera(image_.size());
+  options.camera = face::head::guess_camera(image_.size());
   options.camera->width *= 2;
   options.camera->height *= 2;
   options.camera->fx *= 2;
@@ -146,8 +146,8 @@ TEST_F(Pose, ACameraIsMadeToFitSmallerPicturesButNotOthers) {
   options.camera->cy = 2 * options.camera->cy + 0.5;
   PoseSession scaled(face::PoseTracker(models(), options), {});
   (void)scaled.on_frame(frame(), {});
-  EXPECT_NEAR(scaled.camera().fx, head::guess_camera(image_.size()).fx, 1e-9);
-  EXPECT_NEAR(scaled.camera().cx, head::guess_camera(image_.size()).cx, 1e-9);
+  EXPECT_NEAR(scaled.camera().fx, face::head::guess_camera(image_.size()).fx, 1e-9);
+  EXPECT_NEAR(scaled.camera().cx, face::head::guess_camera(image_.size()).cx, 1e-9);
   options.camera->height += 100;
   PoseSession other(face::PoseTracker(models(), options), {});
   EXPECT_THROW((void)other.on_frame(frame(), {}), InputError);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/io/still_source.h"  // source_of()
+#include "tarsier/media/still_source.h"  // source_of()
 
 #include <cstdint>
 #include <map>

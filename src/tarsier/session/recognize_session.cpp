@@ -2,7 +2,7 @@
 #include "tarsier/session/recognize_session.h"
 
 #include "tarsier/core/log.h"
-#include "tarsier/draw/text.h"
+#include "tarsier/image/draw/text.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -35,13 +35,13 @@ void draw_named_face(cv::Mat& image, const face::NamedFace& face) {
                ? fmt::format("{} {:.0f} %", shown, 100 * face.name.confidence)
                : fmt::format("unknown ({} {:.0f} %)", shown, 100 * face.name.confidence);
   }
-  draw::TextStyle style;
+  image::draw::TextStyle style;
   style.height_px = std::clamp(box.width * 0.09, 8.0, 30.0);
   style.color = color;
-  style.backing = draw::Backing::kBox;
+  style.backing = image::draw::Backing::kBox;
   const bool room = box.y > 2.4 * style.height_px;
-  draw::put_text(image, text, {box.x, room ? box.y - 2 : box.br().y + 2}, style,
-                 room ? draw::Anchor::kBottomLeft : draw::Anchor::kTopLeft);
+  image::draw::put_text(image, text, {box.x, room ? box.y - 2 : box.br().y + 2}, style,
+                        room ? image::draw::Anchor::kBottomLeft : image::draw::Anchor::kTopLeft);
 }
 
 RecognizeSession::RecognizeSession(face::Identifier identifier, face::IdentifierState state,
@@ -61,7 +61,7 @@ View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) 
 View RecognizeSession::on_idle(const SourceStatus& source) {
   // Nor does the last frame of a source that stalls go on naming who was forgotten.
   if (state_.follow() && !frame_.empty()) {
-    const recognition::Recognizer* model = state_.recognizer();
+    const face::recognition::Recognizer* model = state_.recognizer();
     for (face::NamedFace& face : result_.faces)
       if (model == nullptr || std::find(model->labels.begin(), model->labels.end(),
                                         face.name.label) == model->labels.end())
@@ -101,8 +101,8 @@ View RecognizeSession::view(bool fresh) {
   result.finished = finished_;
   if (output_.empty()) return result;
   output_.copyTo(shown_);
-  draw::status_bar(shown_, result.status,
-                   trouble_.empty() ? timer_.words(true) + "   h: help" : trouble_);
+  image::draw::status_bar(shown_, result.status,
+                          trouble_.empty() ? timer_.words(true) + "   h: help" : trouble_);
   if (help_) draw_help(shown_, "People", actions());
   result.image = shown_;
   if (fresh) result.output = output_;

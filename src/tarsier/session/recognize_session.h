@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
-#include "tarsier/face_pipelines/identifier.h"
+#include "tarsier/face/pipelines/identifier.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
 
@@ -29,7 +29,7 @@ class RecognizeSession final : public Session {
   // Of the latest frame.
   [[nodiscard]] const face::IdentifierResult& result() const { return result_; }
   [[nodiscard]] const std::vector<face::NamedFace>& faces() const { return result_.faces; }
-  [[nodiscard]] people::Gallery* gallery() const { return state_.gallery(); }
+  [[nodiscard]] face::people::Gallery* gallery() const { return state_.gallery(); }
 
  private:
   void draw();

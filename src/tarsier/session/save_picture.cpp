@@ -2,8 +2,8 @@
 #include "tarsier/session/save_picture.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/io/atomic_file.h"
-#include "tarsier/io/image_file.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/io/frame_sink.h"
-#include "tarsier/io/frame_source.h"
+#include "tarsier/media/frame_sink.h"
+#include "tarsier/media/frame_source.h"
 #include "tarsier/session/session.h"
 
 #include <opencv2/core/mat.hpp>
@@ -20,8 +20,8 @@ namespace tarsier {
 // What a session showed after one frame or event.
 struct ScriptStep {
   std::int64_t frame = -1;  // number of the last frame that was fed, counted from 0; -1: none yet
-  std::string
-      cause;  // "frame", "idle", or the event: "key s", "action sketch", "slider threshold 60"
+  // "frame", "idle", or the event: "key s", "action sketch", "slider threshold 60".
+  std::string cause;
   std::string status;
   nlohmann::json state;
   bool finished = false;

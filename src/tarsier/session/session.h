@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/io/frame.h"
-#include "tarsier/io/frame_source.h"
+#include "tarsier/media/frame.h"
+#include "tarsier/media/frame_source.h"
 
 #include <opencv2/core/mat.hpp>
 
@@ -80,13 +80,18 @@ struct Slider {
 
 // What a session shows after a frame or an event.
 struct View {
-  cv::Mat image;  // CV_8UC3, what to show; valid until the next call on the session
-  cv::Mat
-      output;  // CV_8UC3, what goes to the sink (no status text on it); empty: nothing new to write
-  std::string status;              // one line
-  nlohmann::json state;            // object, for --json and other hosts; steady key names
-  bool finished = false;           // the user asked to end
-  bool toggle_fullscreen = false;  // the host is asked to switch
+  // CV_8UC3, what to show; valid until the next call on the session.
+  cv::Mat image;
+  // CV_8UC3, what goes to the sink (no status text on it); empty: nothing new to write.
+  cv::Mat output;
+  // One line.
+  std::string status;
+  // An object with steady key names, for --json and other hosts.
+  nlohmann::json state;
+  // The user asked to end.
+  bool finished = false;
+  // The host is asked to switch between window and full screen.
+  bool toggle_fullscreen = false;
 };
 
 // An interactive program without window, thread or clock: a state machine over frames and events.

@@ -4,7 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
-#include "tarsier/draw/text.h"
+#include "tarsier/image/draw/text.h"
 #include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
@@ -23,7 +23,7 @@ const cv::Scalar kRim{0, 40, 0};
 const cv::Scalar kInk{70, 60, 50};
 constexpr int kLongestSide = 960;    // px, of the pictures in which points are followed
 constexpr std::size_t kRecent = 12;  // key frames from which points can be followed
-constexpr std::size_t kMostFollowed = 400;
+constexpr std::size_t kMaxFollowed = 400;
 constexpr double kBackPx = 1.0;    // off after following there and back: lost
 constexpr double kWidest = 1680;   // px, of both panels
 constexpr double kTurnDeg = 10;    // of an arrow key
@@ -48,7 +48,7 @@ cv::Mat reduced_gray(const cv::Mat& image) {
   return gray;
 }
 
-// Height of both panels: the frame's own where there is room; even, as films need it.
+// Height of both panels: the frame's own where there is room; even, as videos need it.
 int panel_height(cv::Size frame) {
   const double aspect = static_cast<double>(frame.width) / frame.height;
   const double most = std::min(720.0, kWidest / (aspect + 4.0 / 3));
@@ -177,7 +177,7 @@ void SfmSession::take(const sfm::Keyframe& key_frame, const Frame& latest) {
     mapper_.add(inputs_.back(), stop_);
   } catch (const Interrupted&) {
     return;
-  } catch (const InputError& error) {  // one photograph of many
+  } catch (const InputError& error) {  // one image of many
     log_warning("{} (left out)", error.what());
     return;
   }
@@ -201,20 +201,20 @@ void SfmSession::grow(bool again) {
   choose_points();
 }
 
-// Points are followed from the latest photograph of the model, evenly over those it shows.
+// Points are followed from the latest image of the model, evenly over those it shows.
 void SfmSession::choose_points() {
   followed_ = {};
   const sfm::Model& model = mapper_.model();
   for (auto entry = recent_.rbegin(); entry != recent_.rend(); ++entry) {
     if (at(entry->first) >= model.images.size()) continue;
-    const sfm::Photograph& image = model.images[at(entry->first)];
+    const sfm::Image& image = model.images[at(entry->first)];
     if (!image.registered) continue;
     const double scale =
         reduction({model.cameras[at(image.camera)].width, model.cameras[at(image.camera)].height});
     std::vector<cv::Point2f> seen;
     for (std::size_t f = 0; f < image.points.size(); ++f)
       if (image.points[f] >= 0) seen.push_back(image.features[f] * scale);
-    const std::size_t step = std::max<std::size_t>(1, seen.size() / kMostFollowed);
+    const std::size_t step = std::max<std::size_t>(1, seen.size() / kMaxFollowed);
     for (std::size_t k = 0; k < seen.size(); k += step) followed_.from.push_back(seen[k]);
     followed_.gray = entry->second;
     followed_.to = followed_.from;
@@ -269,16 +269,17 @@ void SfmSession::draw() {
   const int left = std::max(2, cvRound(latest_.image.cols * scale) / 2 * 2);
   const int right = height * 4 / 3 / 2 * 2;
   output_.create(height, left + right, CV_8UC3);
-  cv::Mat film = output_(cv::Rect(0, 0, left, height));
-  cv::resize(latest_.image, film, film.size(), 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+  cv::Mat shown = output_(cv::Rect(0, 0, left, height));
+  cv::resize(latest_.image, shown, shown.size(), 0, 0,
+             scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
   const double from_reduced = scale / reduction(latest_.image.size());
   const int radius = std::max(2, height / 200);
   for (std::size_t k = 0; k < followed_.from.size(); ++k) {
     if (followed_.is_lost[k] != 0) continue;
     const cv::Point2d p = cv::Point2d(followed_.to[k]) * from_reduced;
     const cv::Point where(cvRound(p.x * 16), cvRound(p.y * 16));
-    cv::circle(film, where, (radius + 1) * 16, kRim, cv::FILLED, cv::LINE_AA, 4);
-    cv::circle(film, where, radius * 16, kGreen, cv::FILLED, cv::LINE_AA, 4);
+    cv::circle(shown, where, (radius + 1) * 16, kRim, cv::FILLED, cv::LINE_AA, 4);
+    cv::circle(shown, where, radius * 16, kGreen, cv::FILLED, cv::LINE_AA, 4);
   }
 
   const sfm::Model& model = mapper_.model();
@@ -295,15 +296,15 @@ void SfmSession::draw() {
   }
   cv::Mat panel = output_(cv::Rect(left, 0, right, height));
   cloud_.copyTo(panel);
-  draw::TextStyle style;
+  image::draw::TextStyle style;
   style.height_px = std::max(8.0, height / 45.0);
   style.color = kInk;
-  style.backing = draw::Backing::kOutline;
+  style.backing = image::draw::Backing::kOutline;
   style.backing_color = cv::Scalar(250, 248, 246);
-  draw::put_text(panel, counts(), {8, 8}, style);
+  image::draw::put_text(panel, counts(), {8, 8}, style);
   if (model.images.empty()) {
-    draw::put_text(panel, "no model yet: move the camera sideways", {right / 2, height / 2}, style,
-                   draw::Anchor::kCenter);
+    image::draw::put_text(panel, "no model yet: move the camera sideways", {right / 2, height / 2},
+                          style, image::draw::Anchor::kCenter);
   }
 }
 
@@ -322,7 +323,7 @@ View SfmSession::view(bool fresh) {
   result.finished = finished_;
   if (output_.empty()) return result;
   output_.copyTo(shown_);
-  draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
+  image::draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
   if (help_) {
     draw_help(shown_, "Structure from motion", actions(),
               {{"arrows", "turn the cloud, as a dragged mouse does"}});

@@ -2,9 +2,9 @@
 #pragma once
 
 #include "tarsier/session/session.h"
-#include "tarsier/sfm/online.h"
-#include "tarsier/sfm_io/keyframes.h"
-#include "tarsier/sfm_view/render.h"
+#include "tarsier/sfm/mapper/online.h"
+#include "tarsier/sfm/scene/keyframes.h"
+#include "tarsier/sfm/view/render.h"
 
 #include <deque>
 #include <functional>
@@ -18,12 +18,12 @@ namespace tarsier {
 
 struct SfmSessionOptions {
   sfm::KeyframeOptions keyframes;
-  bool every_frame = false;  // photographs: each is a key frame
+  bool every_frame = false;  // images: each is a key frame
   int every = 3;             // key frames from one growth of the model to the next; 1..1000
   void check() const;
 };
 
-// A model that grows while its film is shown: at the left the frame, with the points of the model
+// A model that grows while its video is shown: at the left the frame, with the points of the model
 // that are seen in it; at the right the cloud and its cameras. Each key frame is kept as a file and
 // added to the mapper; after every few the model grows, while the host waits.
 // Keys: space pauses, arrows or a dragged mouse turn the cloud, + - and the wheel zoom, 0 is the
@@ -47,14 +47,14 @@ class SfmSession final : public Session {
   [[nodiscard]] std::vector<Action> actions() const override;
   [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
-  // No more frames: the film's last key frame; the model grows by what is waiting.
+  // No more frames: the video's last key frame; the model grows by what is waiting.
   View finish();
 
   // The key frames so far, in order.
   [[nodiscard]] const std::vector<sfm::Input>& inputs() const { return inputs_; }
 
  private:
-  // What was seen of the model in one of its photographs, and where it is now.
+  // What was seen of the model in one of its images, and where it is now.
   struct Followed {
     cv::Mat gray;  // reduced
     std::vector<cv::Point2f> from;
@@ -79,7 +79,7 @@ class SfmSession final : public Session {
   sfm::KeyframePicker picker_;
   std::vector<sfm::Input> inputs_;
   int waiting_ = 0;                             // key frames since the last growth
-  std::deque<std::pair<int, cv::Mat>> recent_;  // photograph of the mapper, reduced grey picture
+  std::deque<std::pair<int, cv::Mat>> recent_;  // image of the mapper, reduced grey picture
   Followed followed_;
   Frame latest_;
   cv::Mat gray_;  // of latest_, reduced

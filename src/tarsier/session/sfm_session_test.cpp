@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/sfm_session.h"
 
-#include "tarsier/io/image_file.h"
-#include "tarsier/io/testing_folder.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
 #include "tarsier/session/scripted_host.h"
 #include "tarsier/synth/relief.h"
 
@@ -17,7 +17,7 @@
 namespace tarsier {
 namespace {
 
-// A drawn film: the camera goes along a wall.
+// A drawn video: the camera goes along a wall.
 class Walk final : public FrameSource {
  public:
   explicit Walk(std::vector<cv::Mat> pictures) : pictures_(std::move(pictures)) {}
@@ -59,11 +59,11 @@ class Growing : public FolderTest {
     options.trajectory = synth::Trajectory::kLine;
     const synth::ReliefScene scene(options);
     camera_ = new geometry::Camera(scene.camera());
-    film_ = new std::vector<cv::Mat>();
-    for (int i = 0; i < scene.count(); ++i) film_->push_back(scene.render(i));
+    video_ = new std::vector<cv::Mat>();
+    for (int i = 0; i < scene.count(); ++i) video_->push_back(scene.render(i));
   }
   static void TearDownTestSuite() {
-    delete film_;
+    delete video_;
     delete camera_;
   }
 
@@ -92,17 +92,17 @@ class Growing : public FolderTest {
     return cv::mean(green)[0] / 255;
   }
 
-  static std::vector<cv::Mat>* film_;
+  static std::vector<cv::Mat>* video_;
   static geometry::Camera* camera_;
   std::unique_ptr<sfm::OnlineMapper> mapper_;
 };
-std::vector<cv::Mat>* Growing::film_ = nullptr;
+std::vector<cv::Mat>* Growing::video_ = nullptr;
 geometry::Camera* Growing::camera_ = nullptr;
 
-TEST_F(Growing, WithItsFilm) {
+TEST_F(Growing, WithItsVideo) {
   SfmSession session = make();
-  const cv::Mat untouched = (*film_)[23].clone();
-  Walk walk(*film_);
+  const cv::Mat untouched = (*video_)[23].clone();
+  Walk walk(*video_);
   ScriptedHost host(session, walk);
   host.keep(0);
   host.keep(23);
@@ -117,7 +117,7 @@ TEST_F(Growing, WithItsFilm) {
     EXPECT_GE(now, before);
     grown += now > before;
   }
-  EXPECT_GE(grown, 3) << "the model did not grow while the film ran";
+  EXPECT_GE(grown, 3) << "the model did not grow while the video ran";
   EXPECT_GT(steps.back().state["points"], 150);
   EXPECT_GT(steps.back().state["followed"], 30);
 
@@ -125,7 +125,7 @@ TEST_F(Growing, WithItsFilm) {
   EXPECT_EQ(end.state["registered"], session.inputs().size()) << end.status;
   EXPECT_GE(session.inputs().size(), 8U);
 
-  // Points of the model on the film, and a cloud beside it.
+  // Points of the model on the video, and a cloud beside it.
   ASSERT_FALSE(steps.front().output.empty());
   const cv::Mat& first = steps.front().output;
   const cv::Mat& last = steps.back().output;
@@ -138,7 +138,7 @@ TEST_F(Growing, WithItsFilm) {
   cv::Mat change;
   cv::absdiff(first(right), last(right), change);
   EXPECT_GT(cv::mean(change)[0], 3) << "there is no cloud";
-  EXPECT_EQ(cv::norm((*film_)[23], untouched, cv::NORM_INF), 0) << "the film was drawn on";
+  EXPECT_EQ(cv::norm((*video_)[23], untouched, cv::NORM_INF), 0) << "the video was drawn on";
 }
 
 TEST_F(Growing, IsAFunctionOfFramesAndEvents) {
@@ -146,7 +146,7 @@ TEST_F(Growing, IsAFunctionOfFramesAndEvents) {
   for (std::string& transcript : transcripts) {
     SetUp();
     SfmSession session = make();
-    Walk walk({film_->begin(), film_->begin() + 12});
+    Walk walk({video_->begin(), video_->begin() + 12});
     ScriptedHost host(session, walk);
     host.at(6, key_event('r'));
     for (const ScriptStep& step : host.run()) transcript += step.state.dump() + "\n";
@@ -154,9 +154,9 @@ TEST_F(Growing, IsAFunctionOfFramesAndEvents) {
   EXPECT_EQ(transcripts[0], transcripts[1]);
 }
 
-TEST_F(Growing, TurnsAndZoomsTheCloudAndNotTheFilm) {
+TEST_F(Growing, TurnsAndZoomsTheCloudAndNotTheVideo) {
   SfmSession session = make();
-  Walk walk({film_->begin(), film_->begin() + 12});
+  Walk walk({video_->begin(), video_->begin() + 12});
   ScriptedHost host(session, walk);
   host.run();
   const cv::Rect left(0, 0, 320, 200);  // above the status
@@ -203,10 +203,10 @@ TEST_F(Growing, PausesAndEnds) {
   SourceStatus live;
   live.state = SourceState::kLive;
   Frame frame;
-  frame.image = (*film_)[0];
+  frame.image = (*video_)[0];
   session.on_frame(frame, live);
   EXPECT_TRUE(session.on_event(key_event(key::kSpace)).state["paused"]);
-  frame.image = (*film_)[12];
+  frame.image = (*video_)[12];
   frame.index = 12;
   const View paused = session.on_frame(frame, live);  // a camera goes on
   EXPECT_EQ(paused.state["key_frames"], 1);
@@ -216,12 +216,12 @@ TEST_F(Growing, PausesAndEnds) {
   EXPECT_TRUE(session.on_event(key_event('q')).finished);
 }
 
-TEST_F(Growing, TakesEachPhotographOfAFolder) {
+TEST_F(Growing, TakesEachImageOfAFolder) {
   SfmSessionOptions options;
   options.every_frame = true;
   options.every = 2;
   SfmSession session = make(options);
-  Walk walk({(*film_)[0], (*film_)[2], (*film_)[4], (*film_)[6], (*film_)[8]});
+  Walk walk({(*video_)[0], (*video_)[2], (*video_)[4], (*video_)[6], (*video_)[8]});
   ScriptedHost host(session, walk);
   const auto& steps = host.run();
   ASSERT_EQ(steps.size(), 5U);
@@ -230,7 +230,7 @@ TEST_F(Growing, TakesEachPhotographOfAFolder) {
   EXPECT_EQ(session.finish().state["registered"], 5);
 }
 
-TEST_F(Growing, SurvivesAStopAndAPlainFilm) {
+TEST_F(Growing, SurvivesAStopAndAPlainVideo) {
   std::stop_source stop;
   SfmSession session(
       *mapper_,
@@ -240,7 +240,7 @@ TEST_F(Growing, SurvivesAStopAndAPlainFilm) {
         return sfm::Input{name, path(name)};
       },
       {}, stop.get_token());
-  Walk walk({film_->begin(), film_->begin() + 9});
+  Walk walk({video_->begin(), video_->begin() + 9});
   stop.request_stop();
   ScriptedHost host(session, walk);
   host.run();

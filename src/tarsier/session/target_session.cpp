@@ -3,10 +3,10 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
-#include "tarsier/draw/shapes.h"
-#include "tarsier/draw/text.h"
 #include "tarsier/geometry/frame_camera.h"
-#include "tarsier/target/evaluate.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
+#include "tarsier/planar/image_targets/evaluate.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -19,8 +19,8 @@
 namespace tarsier {
 namespace {
 
-constexpr int kLeastSide = 48;  // px of a rectangle that is trained
-constexpr int kShift = 4;       // fractional bits of drawn coordinates
+constexpr int kMinSide = 48;  // px of a rectangle that is trained
+constexpr int kShift = 4;     // fractional bits of drawn coordinates
 
 const std::array<cv::Scalar, 6> kColors = {cv::Scalar{90, 220, 90},  cv::Scalar{60, 180, 255},
                                            cv::Scalar{255, 170, 60}, cv::Scalar{200, 110, 255},
@@ -60,7 +60,8 @@ void TargetSessionOptions::check() const {
   train.check();
 }
 
-TargetSession::TargetSession(std::vector<target::Target> targets, TargetSessionOptions options)
+TargetSession::TargetSession(std::vector<planar::image_targets::Target> targets,
+                             TargetSessionOptions options)
     : targets_(std::move(targets)), given_(targets_.size()), options_(std::move(options)) {
   options_.check();
 }
@@ -72,7 +73,7 @@ View TargetSession::on_frame(const Frame& frame, const SourceStatus& source) {
   name_ = frame.name;
   trouble_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
   camera_.reset();
-  if (options_.camera) camera_ = camera_of_frame(*options_.camera, frame);
+  if (options_.camera) camera_ = geometry::camera_of_frame(*options_.camera, frame);
   find();
   draw();
   return view(true);
@@ -80,8 +81,8 @@ View TargetSession::on_frame(const Frame& frame, const SourceStatus& source) {
 
 void TargetSession::find() {
   timer_.start();
-  seen_ = target::track(targets_, options_.track, state_, frame_, camera_ ? &*camera_ : nullptr,
-                        options_.debug);
+  seen_ = planar::image_targets::track(targets_, options_.track, state_, frame_,
+                                       camera_ ? &*camera_ : nullptr, options_.debug);
   timer_.stop();
 }
 
@@ -106,7 +107,8 @@ View TargetSession::on_event(const Event& event) {
     message_ = fmt::format("{} forgotten", targets_.size() - given_);
     targets_.resize(given_);
     state_ = {};
-    std::erase_if(seen_, [&](const target::TrackedTarget& s) { return s.target >= given_; });
+    std::erase_if(
+        seen_, [&](const planar::image_targets::TrackedTarget& s) { return s.target >= given_; });
     if (!frame_.empty()) draw();
   }
   if (name == "overlay") {
@@ -129,14 +131,15 @@ void TargetSession::on_mouse(const Event& event) {
 
 void TargetSession::train(cv::Rect box) {
   box &= cv::Rect(0, 0, frame_.cols, frame_.rows);
-  if (std::min(box.width, box.height) < kLeastSide ||
+  if (std::min(box.width, box.height) < kMinSide ||
       std::min(box.width, box.height) * 8 < std::max(box.width, box.height)) {
-    message_ = fmt::format("frame at least {0} x {0} px, and no thin strip", kLeastSide);
+    message_ = fmt::format("frame at least {0} x {0} px, and no thin strip", kMinSide);
     return;
   }
   const std::string name = fmt::format("picture {}", targets_.size() - given_ + 1);
-  target::Target trained = target::train_target(frame_(box), name, options_.train);
-  const target::Quality& quality = trained.quality;
+  planar::image_targets::Target trained =
+      planar::image_targets::train_target(frame_(box), name, options_.train);
+  const planar::image_targets::Quality& quality = trained.quality;
   if (quality.rating < 0.15) {
     message_ = "not trained: " + (quality.reasons.empty() ? "a poor picture" : quality.reasons[0]);
     return;
@@ -150,7 +153,7 @@ void TargetSession::train(cv::Rect box) {
 
 std::vector<Action> TargetSession::actions() const {
   return {{"train", "train the middle of the picture (or draw a frame with the mouse)", 't'},
-          {"redetect", "look for all anew", 'd'},
+          {"redetect", "look for all again", 'd'},
           {"forget", "forget what was trained here", 'c'},
           {"overlay", "what is drawn", 'v'},
           {"pause", "pause and go on", key::kSpace},
@@ -160,19 +163,20 @@ std::vector<Action> TargetSession::actions() const {
 
 nlohmann::ordered_json TargetSession::markers_json() const {
   auto list = nlohmann::ordered_json::array();
-  for (const target::TrackedTarget& s : seen_)
-    list.push_back(target::target_json(targets_[s.target], s.target, s.homography, s.corners,
-                                       s.confidence, s.pose ? &*s.pose : nullptr));
+  for (const planar::image_targets::TrackedTarget& s : seen_)
+    list.push_back(planar::image_targets::target_json(targets_[s.target], s.target, s.homography,
+                                                      s.corners, s.confidence,
+                                                      s.pose ? &*s.pose : nullptr));
   return list;
 }
 
-void TargetSession::draw_target(const target::TrackedTarget& seen) {
-  const target::Target& target = targets_[seen.target];
+void TargetSession::draw_target(const planar::image_targets::TrackedTarget& seen) {
+  const planar::image_targets::Target& target = targets_[seen.target];
   const cv::Scalar& color = kColors[seen.target % kColors.size()];
   const int width = std::max(2, cvRound(std::min(output_.cols, output_.rows) / 240.0));
   for (std::size_t i = 0; i < 4; ++i)
     line(output_, seen.corners[i], seen.corners[(i + 1) % 4], color, width);
-  draw::point(output_, seen.corners[0], color, width + 2.0);
+  image::draw::point(output_, seen.corners[0], color, width + 2.0);
   const bool in_space = seen.pose && camera_ && options_.overlay != TargetOverlay::kOutline;
   if (in_space) {
     const geometry::Rigid& pose = seen.pose->camera_from_plane;
@@ -198,25 +202,26 @@ void TargetSession::draw_target(const target::TrackedTarget& seen) {
       }
     }
   }
-  draw::TextStyle style;
+  image::draw::TextStyle style;
   style.height_px = std::clamp(output_.rows * 0.022, 8.0, 24.0);
   style.color = color;
-  style.backing = draw::Backing::kBox;
+  style.backing = image::draw::Backing::kBox;
   const cv::Point at(std::clamp(cvRound(seen.corners[0].x), 0, output_.cols - 1),
                      std::clamp(cvRound(seen.corners[0].y) - width - 4, 20, output_.rows - 1));
-  draw::put_text(output_, target.name.substr(0, 40), at, style, draw::Anchor::kBottomLeft);
+  image::draw::put_text(output_, target.name.substr(0, 40), at, style,
+                        image::draw::Anchor::kBottomLeft);
 }
 
 void TargetSession::draw() {
   frame_.copyTo(output_);
   if (options_.overlay == TargetOverlay::kNone) return;
-  for (const target::TrackedTarget& s : seen_) draw_target(s);
+  for (const planar::image_targets::TrackedTarget& s : seen_) draw_target(s);
 }
 
 View TargetSession::view(bool fresh) {
   View result;
   auto list = nlohmann::json::array();
-  for (const target::TrackedTarget& s : seen_) {
+  for (const planar::image_targets::TrackedTarget& s : seen_) {
     auto corners = nlohmann::json::array();
     for (const cv::Point2d& c : s.corners)
       corners.push_back({std::round(c.x * 10) / 10, std::round(c.y * 10) / 10});
@@ -235,8 +240,8 @@ View TargetSession::view(bool fresh) {
   if (drag_)
     cv::rectangle(shown_, cv::Rect(*drag_, mouse_) & cv::Rect(0, 0, shown_.cols, shown_.rows),
                   cv::Scalar(60, 200, 255), 2);
-  draw::status_bar(shown_, result.status,
-                   trouble_.empty() ? timer_.words(true) + "   h: help" : trouble_);
+  image::draw::status_bar(shown_, result.status,
+                          trouble_.empty() ? timer_.words(true) + "   h: help" : trouble_);
   if (help_) draw_help(shown_, "Pictures as targets", actions());
   result.image = shown_;
   if (fresh) result.output = output_;

@@ -3,10 +3,10 @@
 
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/geometry/camera.h"
+#include "tarsier/planar/image_targets/track.h"
+#include "tarsier/planar/image_targets/train.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/session.h"
-#include "tarsier/target/track.h"
-#include "tarsier/target/train.h"
 
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -18,23 +18,23 @@ namespace tarsier {
 enum class TargetOverlay { kOutline, kAxes, kBox, kNone };
 
 struct TargetSessionOptions {
-  target::TrackOptions track;
-  target::TrainOptions train;              // of pictures framed on the spot
+  planar::image_targets::TrackOptions track;
+  planar::image_targets::TrainOptions train;  // of pictures framed on the spot
   std::optional<geometry::Camera> camera;  // width 0: of any size. Without one there are no poses
   TargetOverlay overlay = TargetOverlay::kBox;  // axes and box need a camera: else the outline
   DebugSink* debug = nullptr;                   // takes each stage; must outlive the session
   void check() const;                           // throws std::invalid_argument
 };
 
-// Finds trained pictures in stills, each on its own, and follows them through films.
+// Finds trained pictures in stills, each on its own, and follows them through videos.
 // With the left button a rectangle is drawn over a print that stands squarely in the picture: what
 // is inside is trained on the spot and followed from then on. Keys: t trains the middle half of the
-// picture, d looks for all anew, c forgets what was trained on the spot, v what is drawn, space
+// picture, d looks for all again, c forgets what was trained on the spot, v what is drawn, space
 // pauses, h help, q or Esc ends.
 // State: {"targets": [{"id", "name", "corners"}], "trained": number, "message", "draw", "paused"}.
 class TargetSession final : public Session {
  public:
-  TargetSession(std::vector<target::Target> targets, TargetSessionOptions options);
+  TargetSession(std::vector<planar::image_targets::Target> targets, TargetSessionOptions options);
 
   // Throws InputError where the camera is that of pictures of another shape.
   View on_frame(const Frame& frame, const SourceStatus& source) override;
@@ -44,8 +44,12 @@ class TargetSession final : public Session {
   [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
   // Of the latest frame.
-  [[nodiscard]] const std::vector<target::TrackedTarget>& seen() const { return seen_; }
-  [[nodiscard]] const std::vector<target::Target>& targets() const { return targets_; }
+  [[nodiscard]] const std::vector<planar::image_targets::TrackedTarget>& seen() const {
+    return seen_;
+  }
+  [[nodiscard]] const std::vector<planar::image_targets::Target>& targets() const {
+    return targets_;
+  }
   [[nodiscard]] nlohmann::ordered_json markers_json() const;
   [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
 
@@ -54,14 +58,14 @@ class TargetSession final : public Session {
   void train(cv::Rect box);
   void find();
   void draw();
-  void draw_target(const target::TrackedTarget& seen);
+  void draw_target(const planar::image_targets::TrackedTarget& seen);
   View view(bool fresh);
 
-  std::vector<target::Target> targets_;
+  std::vector<planar::image_targets::Target> targets_;
   std::size_t given_;  // the first so many were not trained here
   TargetSessionOptions options_;
-  target::TrackState state_;
-  std::vector<target::TrackedTarget> seen_;
+  planar::image_targets::TrackState state_;
+  std::vector<planar::image_targets::TrackedTarget> seen_;
   std::optional<geometry::Camera> camera_;  // of the latest frame
   std::optional<cv::Point> drag_;           // where the rectangle began
   cv::Point mouse_;

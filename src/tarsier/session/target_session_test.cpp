@@ -13,20 +13,20 @@
 namespace tarsier {
 namespace {
 
-synth::PlanarFilm film() { return synth::print_film({synth::poster_print(0, 5)}, {}); }
+synth::PlanarVideo video() { return synth::print_video({synth::poster_print(0, 5)}, {}); }
 
 Frame frame_of(const cv::Mat& image, bool still) {
   Frame frame;
   frame.image = image;
-  frame.name = "film";
+  frame.name = "video";
   frame.still = still;
   return frame;
 }
 
-target::Target trained(int trials = 4) {
-  target::TrainOptions options;
+planar::image_targets::Target trained(int trials = 4) {
+  planar::image_targets::TrainOptions options;
   options.trials = trials;
-  return target::train_target(synth::poster_print(0, 5).picture, "poster", options);
+  return planar::image_targets::train_target(synth::poster_print(0, 5).picture, "poster", options);
 }
 
 const SourceStatus kLive = {.state = SourceState::kLive, .detail = "", .age_s = 0};
@@ -36,7 +36,7 @@ double distance(const nlohmann::ordered_json& corner, const cv::Point2d& truth) 
 }
 
 TEST(TargetSession, TellsWhereAPictureIsAndDrawsThere) {
-  const auto f = film();
+  const auto f = video();
   TargetSessionOptions options;
   options.camera = f.camera();
   TargetSession session({trained()}, options);
@@ -107,7 +107,7 @@ TEST(TargetSession, RefusesToTrainAFlatOrTinyFrame) {
 }
 
 TEST(TargetSession, RefusesACameraOfAnotherShape) {
-  const auto f = film();
+  const auto f = video();
   TargetSessionOptions options;
   options.camera = f.camera();
   TargetSession session({trained(2)}, options);

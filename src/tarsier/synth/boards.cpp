@@ -3,7 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
-#include "tarsier/marker/dictionary.h"
+#include "tarsier/planar/markers/dictionary.h"
 #include "tarsier/synth/noise.h"
 
 #include <opencv2/imgproc.hpp>
@@ -12,11 +12,11 @@
 #include <cmath>
 #include <limits>
 
-namespace tarsier {
+namespace tarsier::synth {
 namespace {
 
-using calibration::BoardKind;
-using calibration::BoardSpec;
+using planar::calibration::BoardKind;
+using planar::calibration::BoardSpec;
 
 constexpr int kSamples = 8;  // each way in a pixel
 
@@ -92,10 +92,10 @@ BoardPrint::BoardPrint(const BoardSpec& spec) : spec_(spec) {
   print_ = cv::Rect2d(-p, -p, right + 2 * p, last.y + 2 * p);
   sheet_ = cv::Rect2d(-2 * p, -2 * p, right + 4 * p, last.y + 4 * p);
   if (spec.kind != BoardKind::kCharuco) return;
-  const marker::Dictionary& family = marker::find_dictionary(spec.family);
+  const planar::markers::Dictionary& family = planar::markers::find_dictionary(spec.family);
   const int n = family.cells();
-  for (std::size_t id = 0; id < calibration::marker_squares(spec).size(); ++id) {
-    const marker::Code code = family.code(static_cast<int>(id));
+  for (std::size_t id = 0; id < planar::calibration::marker_squares(spec).size(); ++id) {
+    const planar::markers::Code code = family.code(static_cast<int>(id));
     cv::Mat cells = cv::Mat::zeros(n + 2, n + 2, CV_8UC1);
     for (int k = 0; k < n * n; ++k)
       cells.at<uchar>(1 + k / n, 1 + k % n) = (code >> (n * n - 1 - k) & 1U) != 0 ? 1 : 0;
@@ -259,10 +259,10 @@ cv::Mat BoardRenderer::render(const geometry::Rigid& camera_from_board,
   return picture;
 }
 
-calibration::BoardView exact_view(const geometry::Camera& camera,
-                                  const geometry::Rigid& camera_from_board, const BoardSpec& spec,
-                                  double margin_px) {
-  calibration::BoardView view;
+planar::calibration::BoardView exact_view(const geometry::Camera& camera,
+                                          const geometry::Rigid& camera_from_board,
+                                          const BoardSpec& spec, double margin_px) {
+  planar::calibration::BoardView view;
   for (int i = 0; i < spec.points(); ++i) {
     const cv::Point2d p = spec.point(i);
     const auto pixel = camera.project(camera_from_board * cv::Vec3d(p.x, p.y, 0));
@@ -336,7 +336,7 @@ constexpr double kMove_s = 0.6;  // to the next
 constexpr double kAway_s = 0.5;  // at first, without the board
 constexpr int kPlaces = 20;
 
-geometry::Camera film_camera(cv::Size size) {
+geometry::Camera video_camera(cv::Size size) {
   TARSIER_REQUIRE(size.width >= 160 && size.height >= 120, "{}x{} px", size.width, size.height);
   geometry::Camera camera;
   camera.width = size.width;
@@ -358,14 +358,14 @@ geometry::Rigid between(const geometry::Rigid& a, const geometry::Rigid& b, doub
 
 }  // namespace
 
-BoardFilm::BoardFilm(cv::Size size, const BoardSpec& spec, std::uint64_t seed)
-    : camera_(film_camera(size)),
+BoardVideo::BoardVideo(cv::Size size, const BoardSpec& spec, std::uint64_t seed)
+    : camera_(video_camera(size)),
       spec_(spec),
       poses_(board_poses(camera_, spec, kPlaces, seed)),
       renderer_(camera_, spec),
       seed_(seed) {}
 
-std::optional<geometry::Rigid> BoardFilm::pose_at(double time_s) const {
+std::optional<geometry::Rigid> BoardVideo::pose_at(double time_s) const {
   const double round = kAway_s + kPlaces * (kHold_s + kMove_s);
   const double time = std::fmod(std::max(0.0, time_s), round) - kAway_s;
   if (time < 0) return std::nullopt;
@@ -378,7 +378,7 @@ std::optional<geometry::Rigid> BoardFilm::pose_at(double time_s) const {
   return between(poses_[place], poses_[(place + 1) % kPlaces], eased);
 }
 
-cv::Mat BoardFilm::picture_at(double time_s) const {
+cv::Mat BoardVideo::picture_at(double time_s) const {
   BoardLook look;
   look.seed = seed_;
   look.noise = 0;
@@ -388,4 +388,4 @@ cv::Mat BoardFilm::picture_at(double time_s) const {
   return renderer_.render(pose_at(time_s).value_or(away), look);
 }
 
-}  // namespace tarsier
+}  // namespace tarsier::synth

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/calibration/board.h"
-#include "tarsier/calibration/detect.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid.h"
+#include "tarsier/planar/calibration/board.h"
+#include "tarsier/planar/calibration/detect.h"
 
 #include <opencv2/core.hpp>
 
@@ -13,7 +13,7 @@
 #include <vector>
 
 // Printed calibration boards as a known camera sees them.
-namespace tarsier {
+namespace tarsier::synth {
 
 struct BoardLook {
   double blur_px = 0.6;   // standard deviation of the lens's and the pixels' blur
@@ -29,7 +29,7 @@ struct BoardLook {
 // The board's printed sheet, black and white: whether a place (m, in the board's frame) is inked;
 // `is_sheet` says whether it is on the sheet at all (one square or pitch of rim around the print).
 struct BoardPrint {
-  explicit BoardPrint(const calibration::BoardSpec& spec);
+  explicit BoardPrint(const planar::calibration::BoardSpec& spec);
   [[nodiscard]] bool is_ink(const cv::Point2d& at) const;
   [[nodiscard]] bool is_sheet(const cv::Point2d& at) const;
   // The ink of all places of a box, where they are alike; nothing where they differ, or may.
@@ -37,7 +37,7 @@ struct BoardPrint {
   [[nodiscard]] cv::Rect2d sheet() const { return sheet_; }  // m
 
  private:
-  calibration::BoardSpec spec_;
+  planar::calibration::BoardSpec spec_;
   cv::Rect2d print_;
   cv::Rect2d sheet_;
   std::vector<cv::Mat> markers_;  // charuco: cells with their frame, 1 = white, by number
@@ -47,7 +47,7 @@ struct BoardPrint {
 // look alone.
 class BoardRenderer {
  public:
-  BoardRenderer(const geometry::Camera& camera, const calibration::BoardSpec& spec);
+  BoardRenderer(const geometry::Camera& camera, const planar::calibration::BoardSpec& spec);
   [[nodiscard]] cv::Mat render(const geometry::Rigid& camera_from_board,
                                const BoardLook& look) const;
 
@@ -61,36 +61,38 @@ class BoardRenderer {
 // lens; then blur, light, noise. The same arguments give the same picture.
 [[nodiscard]] cv::Mat render_board(const geometry::Camera& camera,
                                    const geometry::Rigid& camera_from_board,
-                                   const calibration::BoardSpec& spec, const BoardLook& look = {});
+                                   const planar::calibration::BoardSpec& spec,
+                                   const BoardLook& look = {});
 
 // Where the board's points are exactly, those inside the picture by `margin_px`. Of dots: the
 // projections of their centres (which are not the centres of their pictures).
-[[nodiscard]] calibration::BoardView exact_view(const geometry::Camera& camera,
-                                                const geometry::Rigid& camera_from_board,
-                                                const calibration::BoardSpec& spec,
-                                                double margin_px = 0);
+[[nodiscard]] planar::calibration::BoardView exact_view(const geometry::Camera& camera,
+                                                        const geometry::Rigid& camera_from_board,
+                                                        const planar::calibration::BoardSpec& spec,
+                                                        double margin_px = 0);
 
 // A pose with the board's middle at `at` of the picture (0..1 each way), turned by the angles
 // (degrees: about the vertical, the horizontal and the line of sight), so far away that the board
 // takes `share` of the picture's smaller side (of its larger extent, for a frontal board).
 [[nodiscard]] geometry::Rigid board_pose(const geometry::Camera& camera,
-                                         const calibration::BoardSpec& spec, const cv::Point2d& at,
-                                         const cv::Vec3d& angles_deg, double share);
+                                         const planar::calibration::BoardSpec& spec,
+                                         const cv::Point2d& at, const cv::Vec3d& angles_deg,
+                                         double share);
 
 // `count` poses that together cover the picture and tilt the board every way, all points (whole
 // dots) of the board inside the picture. Throws std::invalid_argument where the camera can not see
 // it whole.
 [[nodiscard]] std::vector<geometry::Rigid> board_poses(const geometry::Camera& camera,
-                                                       const calibration::BoardSpec& spec,
+                                                       const planar::calibration::BoardSpec& spec,
                                                        int count, std::uint64_t seed);
 
 // A hand that shows a board to a camera: holds it still in one place, moves it to the next, now and
 // then takes it away.
-class BoardFilm {
+class BoardVideo {
  public:
   // A pinhole with some distortion, focal length 0.85 of the width. Throws std::invalid_argument
   // for sizes under 160x120 px.
-  BoardFilm(cv::Size size, const calibration::BoardSpec& spec, std::uint64_t seed);
+  BoardVideo(cv::Size size, const planar::calibration::BoardSpec& spec, std::uint64_t seed);
   [[nodiscard]] const geometry::Camera& camera() const { return camera_; }
   // Nothing while the board is away.
   [[nodiscard]] std::optional<geometry::Rigid> pose_at(double time_s) const;
@@ -98,10 +100,10 @@ class BoardFilm {
 
  private:
   geometry::Camera camera_;
-  calibration::BoardSpec spec_;
+  planar::calibration::BoardSpec spec_;
   std::vector<geometry::Rigid> poses_;
   BoardRenderer renderer_;
   std::uint64_t seed_;
 };
 
-}  // namespace tarsier
+}  // namespace tarsier::synth

@@ -8,10 +8,10 @@
 
 #include <cmath>
 
-namespace tarsier {
+namespace tarsier::synth {
 namespace {
 
-using calibration::parse_board;
+using planar::calibration::parse_board;
 
 // Without blur and noise the darkness of a dot is its area, exactly to the sampling.
 TEST(SynthBoardsTest, PixelsAreMeansOverTheirArea) {
@@ -78,21 +78,21 @@ TEST(SynthBoardsTest, PosesShowTheWholeBoardWhereAsked) {
   EXPECT_NEAR(middle.y, 0.6 * 479, 4);
 }
 
-TEST(SynthBoardsTest, AFilmHoldsTheBoardStillAndMovesIt) {
-  const BoardFilm film({320, 240}, parse_board("chess:9x6", 0.025), 3);
-  EXPECT_FALSE(film.pose_at(0.2));
-  const auto first = film.pose_at(0.6);
-  const auto still = film.pose_at(1.0);
-  const auto moving = film.pose_at(1.4);
-  const auto next = film.pose_at(1.8);
+TEST(SynthBoardsTest, AVideoHoldsTheBoardStillAndMovesIt) {
+  const BoardVideo video({320, 240}, parse_board("chess:9x6", 0.025), 3);
+  EXPECT_FALSE(video.pose_at(0.2));
+  const auto first = video.pose_at(0.6);
+  const auto still = video.pose_at(1.0);
+  const auto moving = video.pose_at(1.4);
+  const auto next = video.pose_at(1.8);
   ASSERT_TRUE(first && still && moving && next);
   EXPECT_EQ(cv::norm(first->translation - still->translation), 0);
   EXPECT_GT(cv::norm(first->translation - next->translation), 0.02);
   EXPECT_GT(cv::norm(moving->translation - first->translation), 1e-3);
   EXPECT_NEAR(cv::determinant(moving->rotation), 1, 1e-9);
-  EXPECT_EQ(cv::norm(film.picture_at(0.7), film.picture_at(0.8), cv::NORM_INF), 0);
-  EXPECT_GT(cv::norm(film.picture_at(0.2), film.picture_at(0.7), cv::NORM_INF), 50);
+  EXPECT_EQ(cv::norm(video.picture_at(0.7), video.picture_at(0.8), cv::NORM_INF), 0);
+  EXPECT_GT(cv::norm(video.picture_at(0.2), video.picture_at(0.7), cv::NORM_INF), 50);
 }
 
 }  // namespace
-}  // namespace tarsier
+}  // namespace tarsier::synth

@@ -10,7 +10,7 @@
 #include <array>
 #include <chrono>
 
-namespace tarsier {
+namespace tarsier::synth {
 namespace {
 
 constexpr int kColumns = 16;
@@ -119,4 +119,4 @@ std::optional<ClockReading> decode_clock(const cv::Mat& image) {
   return reading;
 }
 
-}  // namespace tarsier
+}  // namespace tarsier::synth

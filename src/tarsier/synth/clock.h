@@ -7,15 +7,15 @@
 #include <cstdint>
 #include <optional>
 
-namespace tarsier {
+namespace tarsier::synth {
 
 // A picture that says when it was made: how old a frame is after a camera, a network and a decoder
 // is measured by reading it. Frame number (32 bits), time (48 bits) and check sum (16 bits) are a
 // field of 16x6 black and white cells in the upper part; digits for people are below.
 struct ClockReading {
   std::uint32_t frame = 0;
-  std::int64_t time_us =
-      0;  // CLOCK_MONOTONIC (std::chrono::steady_clock) modulo 2^48, microseconds
+  // CLOCK_MONOTONIC (std::chrono::steady_clock) modulo 2^48, microseconds.
+  std::int64_t time_us = 0;
 };
 
 // steady_clock as it is drawn.
@@ -28,4 +28,4 @@ struct ClockReading {
 // or filtered moderately; nothing if it is none or the check sum fails.
 [[nodiscard]] std::optional<ClockReading> decode_clock(const cv::Mat& image);
 
-}  // namespace tarsier
+}  // namespace tarsier::synth

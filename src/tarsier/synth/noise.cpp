@@ -10,7 +10,7 @@
 #include <array>
 #include <cmath>
 
-namespace tarsier {
+namespace tarsier::synth {
 namespace {
 
 constexpr std::size_t kLevels = 4096;
@@ -73,4 +73,4 @@ void add_noise(cv::Mat& image, double sigma, std::uint64_t seed) {
   });
 }
 
-}  // namespace tarsier
+}  // namespace tarsier::synth

@@ -204,9 +204,9 @@ void draw_thing(cv::Mat& picture, Rng& rng) {
 
 }  // namespace
 
-cv::Mat marker_picture(const marker::Dictionary& family, int id, int cell_px) {
+cv::Mat marker_picture(const planar::markers::Dictionary& family, int id, int cell_px) {
   TARSIER_REQUIRE(cell_px >= 1 && cell_px <= 256, "cells of {} px", cell_px);
-  const marker::Code code = family.code(id);
+  const planar::markers::Code code = family.code(id);
   const int n = family.cells();
   cv::Mat cells(n + 4, n + 4, CV_8UC1, cv::Scalar(235));
   cells(cv::Rect(1, 1, n + 2, n + 2)).setTo(22);
@@ -217,7 +217,7 @@ cv::Mat marker_picture(const marker::Dictionary& family, int id, int cell_px) {
   return picture;
 }
 
-PlanarPrint marker_print(const marker::Dictionary& family, int id, double side) {
+PlanarPrint marker_print(const planar::markers::Dictionary& family, int id, double side) {
   constexpr int kCell = 24;
   PlanarPrint print;
   print.id = id;

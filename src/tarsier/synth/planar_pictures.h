@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/marker/dictionary.h"
+#include "tarsier/planar/markers/dictionary.h"
 #include "tarsier/synth/planar_scene.h"
 
 #include <opencv2/core.hpp>
@@ -13,9 +13,11 @@ namespace tarsier::synth {
 
 // A marker with a white margin one cell wide, CV_8UC1; each cell `cell_px` (1..256) pixels. `part`
 // is the black square.
-[[nodiscard]] cv::Mat marker_picture(const marker::Dictionary& family, int id, int cell_px = 24);
+[[nodiscard]] cv::Mat marker_picture(const planar::markers::Dictionary& family, int id,
+                                     int cell_px = 24);
 // The same as a print whose black square is `side` m wide.
-[[nodiscard]] PlanarPrint marker_print(const marker::Dictionary& family, int id, double side);
+[[nodiscard]] PlanarPrint marker_print(const planar::markers::Dictionary& family, int id,
+                                       double side);
 
 // A poster that nobody painted: coloured shapes, strokes and grain at all scales; CV_8UC3.
 [[nodiscard]] cv::Mat poster_picture(cv::Size size, std::uint64_t seed);

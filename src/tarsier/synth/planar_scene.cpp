@@ -16,7 +16,7 @@
 namespace tarsier::synth {
 namespace {
 
-constexpr int kMostSamples = 8;  // a pixel, each way
+constexpr int kMaxSamples = 8;  // a pixel, each way
 
 struct Sheet {
   PrintTexture texture;
@@ -161,10 +161,10 @@ class RowPainter {
       return layer.sheet->texture.sample(0, middle[0], middle[1]);
     // As many samples as the level has pixels; where that were too many, a coarser level.
     const int level =
-        std::max(sharp, level_for(layer, 2 * size.length / static_cast<float>(kMostSamples)));
+        std::max(sharp, level_for(layer, 2 * size.length / static_cast<float>(kMaxSamples)));
     const float pixel = static_cast<float>(1 << std::min(level, 20));
     const int n = std::clamp(static_cast<int>(std::ceil(size.length / pixel)), at_border ? 4 : 2,
-                             kMostSamples);
+                             kMaxSamples);
     return grid(layer, middle, across, down, level, n, at_border);
   }
 

@@ -184,7 +184,7 @@ TEST(PlanarScene, RefusesWhatDoesNotFit) {
 }
 
 TEST(PlanarWorlds, StillsAreReproducible) {
-  const auto& family = marker::find_dictionary("36h11");
+  const auto& family = planar::markers::find_dictionary("36h11");
   StillOptions options;
   options.least = 3;
   const PlanarStill a = marker_still(family, 0.1, options, PlanarLevel::kHard, 5);
@@ -204,31 +204,31 @@ TEST(PlanarWorlds, StillsAreReproducible) {
   EXPECT_GT(cv::norm(a.picture, other.picture, cv::NORM_INF), 20);
 }
 
-TEST(PlanarWorlds, FilmsMoveAsFastAsAskedAndRest) {
-  const auto& family = marker::find_dictionary("orig");
-  FilmOptions options;
+TEST(PlanarWorlds, VideosMoveAsFastAsAskedAndRest) {
+  const auto& family = planar::markers::find_dictionary("orig");
+  VideoOptions options;
   options.size = {320, 240};
   options.speed_px = 12;
-  const PlanarFilm film = marker_film(family, 2, 0.05, options);
+  const PlanarVideo video = marker_video(family, 2, 0.05, options);
   double most = 0;
   double tilt = 0;
   for (int i = 0; i < 1500; ++i) {
-    const auto a = film.truth_at(i / 25.0);
-    const auto b = film.truth_at((i + 1) / 25.0);
+    const auto a = video.truth_at(i / 25.0);
+    const auto b = video.truth_at((i + 1) / 25.0);
     if (a.empty() || b.empty()) continue;
     double moved = 0;
     for (std::size_t k = 0; k < 4; ++k)
       moved = std::max(moved, cv::norm(a[0].corners[k] - b[0].corners[k]));
     most = std::max(most, moved);
     tilt = std::max(tilt, std::acos(a[0].facing));
-    if (PlanarFilm::is_at_rest(i / 25.0) && PlanarFilm::is_at_rest((i + 1) / 25.0)) {
+    if (PlanarVideo::is_at_rest(i / 25.0) && PlanarVideo::is_at_rest((i + 1) / 25.0)) {
       EXPECT_EQ(moved, 0) << i;
     }
   }
   EXPECT_GT(most, 3);
   EXPECT_LE(most, 12.01);
   EXPECT_GT(tilt, 30 * CV_PI / 180);
-  EXPECT_EQ(film.picture_at(1).size(), options.size);
+  EXPECT_EQ(video.picture_at(1).size(), options.size);
 }
 
 TEST(PlanarWorlds, TruthLinesHaveTheirHomography) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/synth/planar_source.h"
 
-#include "tarsier/marker/dictionary.h"
+#include "tarsier/planar/markers/dictionary.h"
 #include "tarsier/synth/planar_pictures.h"
 
 #include <fmt/format.h>
@@ -30,7 +30,7 @@ bool parse_flag(std::string_view text, bool& value) {
 
 bool set_planar_source(std::string_view key, std::string_view value, PlanarSourceOptions& options,
                        bool& is_good) {
-  FilmOptions& film = options.film;
+  VideoOptions& video = options.video;
   if (key == "family" && !options.posters) {
     options.family = value;
     is_good = true;  // find_dictionary() says what is wrong
@@ -39,19 +39,19 @@ bool set_planar_source(std::string_view key, std::string_view value, PlanarSourc
   } else if (key == "side" && !options.posters) {
     is_good = parse_within(value, 1e-3, 10.0, options.side);
   } else if (key == "speed") {
-    is_good = parse_within(value, 0.0, 100.0, film.speed_px);
+    is_good = parse_within(value, 0.0, 100.0, video.speed_px);
   } else if (key == "tilt") {
-    is_good = parse_within(value, 0.0, 75.0, film.tilt_deg);
+    is_good = parse_within(value, 0.0, 75.0, video.tilt_deg);
   } else if (key == "shutter") {
-    is_good = parse_within(value, 0.0, 1.0, film.shutter);
+    is_good = parse_within(value, 0.0, 1.0, video.shutter);
   } else if (key == "exposure") {
-    is_good = parse_within(value, 0.0, 0.8, film.exposure);
+    is_good = parse_within(value, 0.0, 0.8, video.exposure);
   } else if (key == "blur") {
-    is_good = parse_within(value, 0.0, 20.0, film.look.defocus_px);
+    is_good = parse_within(value, 0.0, 20.0, video.look.defocus_px);
   } else if (key == "cover") {
-    is_good = parse_flag(value, film.cover);
+    is_good = parse_flag(value, video.cover);
   } else if (key == "distorted") {
-    is_good = parse_flag(value, film.distorted);
+    is_good = parse_flag(value, video.distorted);
   } else {
     return false;
   }
@@ -67,35 +67,35 @@ PlanarPrint poster_print(int id, std::uint64_t seed) {
   return print;
 }
 
-PlanarFilm planar_source_film(const PlanarSourceOptions& options, cv::Size size, double fps,
-                              std::uint64_t seed) {
-  FilmOptions film = options.film;
-  film.size = size;
-  film.fps = fps;
-  film.seed = seed;
-  film.look.noise = 0;
-  film.look.vignette = 0.2;
-  film.look.slope = 0.3;
-  film.look.slope_angle = 0.7;
+PlanarVideo planar_source_video(const PlanarSourceOptions& options, cv::Size size, double fps,
+                                std::uint64_t seed) {
+  VideoOptions video = options.video;
+  video.size = size;
+  video.fps = fps;
+  video.seed = seed;
+  video.look.noise = 0;
+  video.look.vignette = 0.2;
+  video.look.slope = 0.3;
+  video.look.slope_angle = 0.7;
   if (options.posters) {
     std::vector<PlanarPrint> prints;
     for (int i = 0; i < std::max(1, options.prints); ++i) prints.push_back(poster_print(i, seed));
-    return print_film(std::move(prints), film);
+    return print_video(std::move(prints), video);
   }
-  return marker_film(marker::find_dictionary(options.family),
-                     options.prints > 0 ? options.prints : 4, options.side, film);
+  return marker_video(planar::markers::find_dictionary(options.family),
+                      options.prints > 0 ? options.prints : 4, options.side, video);
 }
 
-std::string planar_source_truth(const PlanarFilm& film, double time_s) {
-  const geometry::Camera& camera = film.camera();
+std::string planar_source_truth(const PlanarVideo& video, double time_s) {
+  const geometry::Camera& camera = video.camera();
   nlohmann::json truth;
   truth["camera"] = {{"fx", camera.fx},
                      {"fy", camera.fy},
                      {"cx", camera.cx},
                      {"cy", camera.cy},
                      {"distortion", camera.distortion}};
-  truth["markers"] = nlohmann::json::parse(truth_list(film.truth_at(time_s)));
-  truth["rest"] = PlanarFilm::is_at_rest(time_s);
+  truth["markers"] = nlohmann::json::parse(truth_list(video.truth_at(time_s)));
+  truth["rest"] = PlanarVideo::is_at_rest(time_s);
   return truth.dump();
 }
 

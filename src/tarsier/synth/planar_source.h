@@ -7,7 +7,7 @@
 #include <string>
 #include <string_view>
 
-// The films "synth:markers?..." and "synth:planar?...": a camera above a desk with prints.
+// The videos "synth:markers?..." and "synth:planar?...": a camera above a desk with prints.
 namespace tarsier::synth {
 
 struct PlanarSourceOptions {
@@ -15,7 +15,7 @@ struct PlanarSourceOptions {
   std::string family = "36h11";
   int prints = 0;      // 0: 4 markers or 1 poster
   double side = 0.05;  // m, of a marker
-  FilmOptions film;
+  VideoOptions video;
 };
 
 inline constexpr std::string_view kPlanarSourceKeys =
@@ -27,13 +27,13 @@ inline constexpr std::string_view kPlanarSourceKeys =
                                      PlanarSourceOptions& options, bool& is_good);
 
 // Throws UsageError for an unknown family. The source adds the noise.
-[[nodiscard]] PlanarFilm planar_source_film(const PlanarSourceOptions& options, cv::Size size,
-                                            double fps, std::uint64_t seed);
+[[nodiscard]] PlanarVideo planar_source_video(const PlanarSourceOptions& options, cv::Size size,
+                                              double fps, std::uint64_t seed);
 
 // {"camera": {...}, "markers": [...]}: a JSON object.
-[[nodiscard]] std::string planar_source_truth(const PlanarFilm& film, double time_s);
+[[nodiscard]] std::string planar_source_truth(const PlanarVideo& video, double time_s);
 
-// Poster `id` of a seed, as the film shows it: 600 x 450 px, 0.2 m wide.
+// Poster `id` of a seed, as the video shows it: 600 x 450 px, 0.2 m wide.
 [[nodiscard]] PlanarPrint poster_print(int id, std::uint64_t seed);
 
 }  // namespace tarsier::synth

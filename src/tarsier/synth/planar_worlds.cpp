@@ -88,9 +88,9 @@ class Placer {
   // A pose that leaves the print's part inside the picture and off the others.
   std::optional<geometry::Rigid> place(const PlanarPrint& print) {
     const cv::Size size(camera_.width, camera_.height);
-    const double most = std::min(options_.most_side_px, 0.6 * std::min(size.width, size.height));
+    const double most = std::min(options_.max_side_px, 0.6 * std::min(size.width, size.height));
     for (int tries = 0; tries < 60; ++tries) {
-      const double least = std::min(options_.least_side_px, most);
+      const double least = std::min(options_.min_side_px, most);
       const double side = least * std::pow(most / least, rng_.uniform());
       const cv::Point2d at{rng_.uniform(0, size.width), rng_.uniform(0, size.height)};
       const double tilt = options_.tilt_deg * CV_PI / 180 * std::sqrt(rng_.uniform());
@@ -194,14 +194,14 @@ void StillOptions::check() const {
       size.width >= 64 && size.height >= 64 && size.width <= 8192 && size.height <= 8192,
       "{}x{} px", size.width, size.height);
   TARSIER_REQUIRE(least >= 0 && least <= most && most <= 16, "{}..{} prints", least, most);
-  TARSIER_REQUIRE(least_side_px >= 4 && most_side_px >= least_side_px, "sides of {}..{} px",
-                  least_side_px, most_side_px);
+  TARSIER_REQUIRE(min_side_px >= 4 && max_side_px >= min_side_px, "sides of {}..{} px", min_side_px,
+                  max_side_px);
   TARSIER_REQUIRE(tilt_deg >= 0 && tilt_deg <= 80, "tilt {}", tilt_deg);
   TARSIER_REQUIRE(part_hidden >= 0 && part_hidden <= 1, "part_hidden {}", part_hidden);
 }
 
-PlanarStill marker_still(const marker::Dictionary& family, double side, const StillOptions& options,
-                         PlanarLevel level, std::uint64_t seed) {
+PlanarStill marker_still(const planar::markers::Dictionary& family, double side,
+                         const StillOptions& options, PlanarLevel level, std::uint64_t seed) {
   options.check();
   Rng rng(seed ^ 0x3a2ce5ULL);
   const geometry::Camera camera =

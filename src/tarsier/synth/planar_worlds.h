@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/geometry/rotation.h"
-#include "tarsier/marker/dictionary.h"
+#include "tarsier/planar/markers/dictionary.h"
 #include "tarsier/synth/planar_scene.h"
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 #include <string_view>
 #include <vector>
 
-// Ready scenes of prints: still pictures by seed, and films.
+// Ready scenes of prints: still pictures by seed, and videos.
 namespace tarsier::synth {
 
 enum class PlanarLevel { kEasy, kMedium, kHard };  // of light, blur and noise
@@ -31,15 +31,15 @@ struct StillOptions {
   cv::Size size{640, 480};  // px, 64..8192
   int least = 1;            // prints, 0..16
   int most = 8;
-  double least_side_px = 12;  // of a print's part, before it is tilted
-  double most_side_px = 300;  // at most 0.6 of the picture's smaller side
-  double tilt_deg = 60;       // at most, 0..80
-  double part_hidden = 0;     // share of prints that a hand or a bar hides in part, 0..1
+  double min_side_px = 12;   // of a print's part, before it is tilted
+  double max_side_px = 300;  // at most 0.6 of the picture's smaller side
+  double tilt_deg = 60;      // at most, 0..80
+  double part_hidden = 0;    // share of prints that a hand or a bar hides in part, 0..1
   void check() const;
 };
 
 // Each print where it likes, in front of clutter. Everything follows from `seed`. `side`: m.
-[[nodiscard]] PlanarStill marker_still(const marker::Dictionary& family, double side,
+[[nodiscard]] PlanarStill marker_still(const planar::markers::Dictionary& family, double side,
                                        const StillOptions& options, PlanarLevel level,
                                        std::uint64_t seed);
 // One of `prints` (each used as it is, its id is told), alone in the picture.
@@ -47,7 +47,7 @@ struct StillOptions {
                                       const StillOptions& options, PlanarLevel level,
                                       std::uint64_t seed);
 
-struct FilmOptions {
+struct VideoOptions {
   cv::Size size{640, 480};  // px, 64..8192
   double fps = 25;          // > 0
   double speed_px = 25;     // fastest motion of a print's corner between two frames, 0..100
@@ -63,11 +63,11 @@ struct FilmOptions {
 
 // A camera that moves about a desk with prints and comes to rest for a while after each round of
 // 6 s (4.5 s of motion). Const; a frame depends on the time alone.
-class PlanarFilm {
+class PlanarVideo {
  public:
   // `world_from_print`: where they lie; `radius` (m): of the part of the desk that stays in view.
-  PlanarFilm(std::vector<PlanarPrint> prints, std::vector<geometry::Rigid> world_from_print,
-             double radius, const FilmOptions& options);
+  PlanarVideo(std::vector<PlanarPrint> prints, std::vector<geometry::Rigid> world_from_print,
+              double radius, const VideoOptions& options);
 
   [[nodiscard]] const geometry::Camera& camera() const { return scene_.camera(); }
   [[nodiscard]] const std::vector<PlanarPrint>& prints() const { return scene_.prints(); }
@@ -83,18 +83,18 @@ class PlanarFilm {
   [[nodiscard]] double motion_px(const PlanarShot& from, const PlanarShot& to) const;
   void set_rate();
 
-  FilmOptions options_;
+  VideoOptions options_;
   double radius_;
   std::vector<geometry::Rigid> world_from_print_;
   PlanarScene scene_;
-  double rate_ = 1;  // of the path's time to the film's
+  double rate_ = 1;  // of the path's time to the video's
 };
 
 // `count` (1..12) markers 0.. of a family on a desk, each `side` m wide, one of them on a slope.
-[[nodiscard]] PlanarFilm marker_film(const marker::Dictionary& family, int count, double side,
-                                     const FilmOptions& options);
+[[nodiscard]] PlanarVideo marker_video(const planar::markers::Dictionary& family, int count,
+                                       double side, const VideoOptions& options);
 // Prints side by side, flat on the desk.
-[[nodiscard]] PlanarFilm print_film(std::vector<PlanarPrint> prints, const FilmOptions& options);
+[[nodiscard]] PlanarVideo print_video(std::vector<PlanarPrint> prints, const VideoOptions& options);
 
 // One line of truth: {"image", "family" or "target", "K", "dist", "size", "level", "params",
 // "markers": [{"id", "corners", "rvec", "tvec", "side_px", "visible", and with `targets` the
@@ -107,7 +107,7 @@ struct TruthLine {
 [[nodiscard]] std::string truth_line(const TruthLine& line, const PlanarStill& still,
                                      const std::vector<PlanarPrint>& prints);
 
-// The list "markers" alone, of a film's moment.
+// The list "markers" alone, of a video's moment.
 [[nodiscard]] std::string truth_list(const std::vector<PrintTruth>& truth);
 
 using geometry::rotation_vector;

@@ -10,7 +10,7 @@
 #include <array>
 #include <cmath>
 
-namespace tarsier {
+namespace tarsier::synth {
 namespace {
 
 // Face coordinates: unit = the height of the picture, origin in the middle of the face, x right, y
@@ -440,4 +440,4 @@ Portrait render_portrait(cv::Size size, double time_s, std::uint64_t seed) {
   return portrait;
 }
 
-}  // namespace tarsier
+}  // namespace tarsier::synth

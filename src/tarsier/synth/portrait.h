@@ -6,7 +6,7 @@
 
 #include <cstdint>
 
-namespace tarsier {
+namespace tarsier::synth {
 
 // A drawn, shaded head and shoulders, no person's. It fills an ellipse of 70 % of the height in the
 // middle of the picture and moves a little with `time_s`. The seed chooses skin, hair, eyes,
@@ -20,12 +20,12 @@ struct PortraitTruth {
 
 struct Portrait {
   cv::Mat image;  // CV_8UC3
-  cv::Mat
-      skin_mask;  // CV_8UC1: 255 where skin is seen (face, ears, neck; not eyes, brows, lips, hair)
+  // CV_8UC1: 255 where skin is seen (face, ears, neck; not eyes, brows, lips, hair).
+  cv::Mat skin_mask;
   PortraitTruth truth;
 };
 
 // At least 16x16 px. No noise.
 [[nodiscard]] Portrait render_portrait(cv::Size size, double time_s = 0, std::uint64_t seed = 1);
 
-}  // namespace tarsier
+}  // namespace tarsier::synth

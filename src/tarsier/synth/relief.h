@@ -12,7 +12,7 @@
 #include <stop_token>
 #include <vector>
 
-// Scenes with known cameras and exact depth, drawn as photographs, to test structure from motion.
+// Scenes with known cameras and exact depth, drawn as images, to test structure from motion.
 //
 // The world: a surface near z = 0 seen from z > 0, x right and y up for who looks at it straight.
 // Its unit is free; cameras stand 10 units off. On a ring z is up and the surface is the ground.

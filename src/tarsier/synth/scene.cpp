@@ -11,7 +11,7 @@
 #include <cmath>
 #include <vector>
 
-namespace tarsier {
+namespace tarsier::synth {
 namespace {
 
 using still_life::cross;
@@ -20,11 +20,11 @@ using still_life::unit;
 using still_life::Vec;
 
 std::uint8_t develop_exactly(float light) {
-  // A film's shoulder, then the display's gamma.
+  // A video's shoulder, then the display's gamma.
   const float exposed = light * 1.05F;
-  const float film = exposed * (1 + exposed * 0.10F) / (1 + exposed * 0.55F) * 1.12F;
+  const float video = exposed * (1 + exposed * 0.10F) / (1 + exposed * 0.55F) * 1.12F;
   return static_cast<std::uint8_t>(
-      std::clamp(255 * std::pow(std::max(film, 0.0F), 1 / 2.2F) + 0.5F, 0.0F, 255.0F));
+      std::clamp(255 * std::pow(std::max(video, 0.0F), 1 / 2.2F) + 0.5F, 0.0F, 255.0F));
 }
 
 // The same from a table over the square root of the light, which spreads the dark tones.
@@ -157,4 +157,4 @@ cv::Mat render_bars(cv::Size size, std::int64_t frame) {
   return image;
 }
 
-}  // namespace tarsier
+}  // namespace tarsier::synth

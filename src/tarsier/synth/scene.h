@@ -6,7 +6,7 @@
 
 #include <cstdint>
 
-namespace tarsier {
+namespace tarsier::synth {
 
 // A still life, ray-traced: fruit, a vase, a mug, books and a ball on a wooden table before a wall,
 // under a soft light from the left. Free to use for any purpose, for documents, tests and
@@ -18,4 +18,4 @@ namespace tarsier {
 // A test card: colour bars, a grey ramp, fine lines, a circle.
 [[nodiscard]] cv::Mat render_bars(cv::Size size, std::int64_t frame = 0);
 
-}  // namespace tarsier
+}  // namespace tarsier::synth

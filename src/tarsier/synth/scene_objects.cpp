@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-namespace tarsier::still_life {
+namespace tarsier::synth::still_life {
 namespace {
 
 float rounded_box(Vec p, Vec half, float rounding) {
@@ -211,4 +211,4 @@ void intersect(const Object& object, const Ray& ray, Hit& hit) {
   }
 }
 
-}  // namespace tarsier::still_life
+}  // namespace tarsier::synth::still_life

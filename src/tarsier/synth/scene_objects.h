@@ -5,7 +5,7 @@
 #include <cmath>
 
 // What stands on the table of scene.h, and where rays meet it.
-namespace tarsier::still_life {
+namespace tarsier::synth::still_life {
 
 // World: x right, y up, z away from the camera, about decimetres. The table is y = 0, the wall z =
 // kWall.
@@ -119,4 +119,4 @@ bool cut_cylinder(const Object& object, const Ray& ray, float& enter, float& lea
 // Moves `hit` to the object if it is met earlier.
 void intersect(const Object& object, const Ray& ray, Hit& hit);
 
-}  // namespace tarsier::still_life
+}  // namespace tarsier::synth::still_life

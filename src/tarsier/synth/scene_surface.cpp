@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/synth/scene_world.h"
 
-namespace tarsier::still_life {
+namespace tarsier::synth::still_life {
 namespace {
 
 // Colours of things.
@@ -195,4 +195,4 @@ Surface Scene::surface(const Hit& hit, Vec p, Vec& normal) const {
   return s;
 }
 
-}  // namespace tarsier::still_life
+}  // namespace tarsier::synth::still_life

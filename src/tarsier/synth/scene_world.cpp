@@ -5,7 +5,7 @@
 
 #include <array>
 
-namespace tarsier::still_life {
+namespace tarsier::synth::still_life {
 namespace {
 
 const Vec kFloorGlow = srgb(70, 58, 48);
@@ -322,4 +322,4 @@ Vec Scene::trace(const Ray& ray, int& id) const {
   return color;
 }
 
-}  // namespace tarsier::still_life
+}  // namespace tarsier::synth::still_life

@@ -8,7 +8,7 @@
 #include <vector>
 
 // The scene of scene.h as a whole: a table before a wall, what stands on it, and its light.
-namespace tarsier::still_life {
+namespace tarsier::synth::still_life {
 
 // Objects that are near each other: rays that miss the whole skip them all.
 struct Group {
@@ -56,4 +56,4 @@ class Scene {
   Vec wood_ = srgb(150, 98, 58);
 };
 
-}  // namespace tarsier::still_life
+}  // namespace tarsier::synth::still_life

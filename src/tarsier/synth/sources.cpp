@@ -24,7 +24,7 @@
 #include <string>
 #include <utility>
 
-namespace tarsier {
+namespace tarsier::synth {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -232,12 +232,12 @@ class SynthSource final : public FrameSource {
   explicit SynthSource(Settings settings) : settings_(std::move(settings)) {
     if (settings_.picture == Picture::kDrive) drive_.emplace(settings_.street);
     if (settings_.picture == Picture::kBoard) {
-      film_.emplace(settings_.size, calibration::parse_board(settings_.board, kBoardPitch),
-                    settings_.seed);
+      video_.emplace(settings_.size, planar::calibration::parse_board(settings_.board, kBoardPitch),
+                     settings_.seed);
     }
     if (settings_.picture == Picture::kPlanar) {
-      planar_.emplace(synth::planar_source_film(settings_.planar, settings_.size, settings_.fps,
-                                                settings_.seed));
+      planar_.emplace(synth::planar_source_video(settings_.planar, settings_.size, settings_.fps,
+                                                 settings_.seed));
     }
     if (settings_.picture == Picture::kCar) (void)synth::load_glyphs();  // or say what is missing
   }
@@ -346,8 +346,8 @@ class SynthSource final : public FrameSource {
         break;
       }
       case Picture::kBoard: {
-        frame.image = film_->picture_at(frame.time);
-        const geometry::Camera& camera = film_->camera();
+        frame.image = video_->picture_at(frame.time);
+        const geometry::Camera& camera = video_->camera();
         truth["camera"] = {{"fx", camera.fx},
                            {"fy", camera.fy},
                            {"cx", camera.cx},
@@ -368,8 +368,8 @@ class SynthSource final : public FrameSource {
 
   const Settings settings_;
   std::optional<synth::Drive> drive_;
-  std::optional<BoardFilm> film_;
-  std::optional<synth::PlanarFilm> planar_;
+  std::optional<BoardVideo> video_;
+  std::optional<synth::PlanarVideo> planar_;
   std::int64_t at_ = 0;  // the next frame
   std::int64_t dropped_ = 0;
   Clock::time_point start_;
@@ -391,4 +391,4 @@ Scheme synth_scheme() {
           }};
 }
 
-}  // namespace tarsier
+}  // namespace tarsier::synth

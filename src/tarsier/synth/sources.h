@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/io/frame_source.h"
+#include "tarsier/media/frame_source.h"
 
 #include <memory>
 #include <string_view>
 
-namespace tarsier {
+namespace tarsier::synth {
 
 // Sources whose truth is known exactly; the same text gives the same pictures (but live clocks):
 //   NAME?size=640x480&fps=25&frames=100&seed=1&live=0&noise=2
-//   scene      a still life like a photograph, under a slowly moving camera
+//   scene      a still life like an image, under a slowly moving camera
 //   portrait   a drawn face that moves a little; truth: "box" [x,y,w,h], "eyes", "mouth" (left in
 //   the image first),
 //              "nose", px
@@ -34,4 +34,4 @@ namespace tarsier {
 // "synth:", for open_source().
 [[nodiscard]] Scheme synth_scheme();
 
-}  // namespace tarsier
+}  // namespace tarsier::synth

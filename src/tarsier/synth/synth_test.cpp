@@ -14,7 +14,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-namespace tarsier {
+namespace tarsier::synth {
 namespace {
 
 using std::chrono::milliseconds;
@@ -85,7 +85,7 @@ TEST(SynthScene, IsTheSameForAnyNumberOfThreadsAndMoves) {
   EXPECT_FALSE(is_same(image, render_scene({160, 120}, 1.5, 2)));
 }
 
-TEST(SynthScene, LooksLikeAPhotograph) {
+TEST(SynthScene, LooksLikeAImage) {
   const cv::Mat image = render_scene({320, 240});
   cv::Mat gray;
   cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
@@ -221,4 +221,4 @@ TEST(SynthSource, BadTextsListTheChoices) {
 }
 
 }  // namespace
-}  // namespace tarsier
+}  // namespace tarsier::synth

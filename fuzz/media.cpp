@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: MIT
+// Pictures, model files as such, streams and words that name sources.
+#include "tarsier/core/errors.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/capture_protocol.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/media/http_protocol.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/mjpeg_parser.h"
+#include "tarsier/media/still_source.h"
+
+#include "fuzz.h"
+#include <algorithm>
+
+namespace tarsier::fuzz {
+namespace {
+
+// Much less than the program's limits: those are for memory, and a picture of 100 MP only takes
+// time here.
+constexpr ImageLimits kImageLimits{.max_pixels = 2'000'000, .max_bytes = 1'000'000};
+
+template <typename T>
+void unpack_any(const nlohmann::json& value) {
+  const auto attempt = [&](std::initializer_list<std::int64_t> shape) {
+    try {
+      const PackedArray<T> array = unpack<T>(value, "model", "array", shape);
+      std::uint64_t count = 1;
+      for (const std::int64_t size : array.shape) count *= static_cast<std::uint64_t>(size);
+      expect(count == array.values.size(), "a packed array of another size than its shape");
+    } catch (const ModelError&) {
+    }
+  };
+  attempt({-1});
+  attempt({-1, -1});
+  attempt({-1, 2});
+  attempt({2, -1, -1});
+}
+
+}  // namespace
+
+TARSIER_FUZZ_TARGET(image, kBytes) {
+  const std::optional<ImageHeader> header = probe_image(input);
+  const cv::Mat image = decode_image(input, "picture", kImageLimits);
+  expect(header.has_value(), "a picture without a header was decoded");
+  expect(image.type() == CV_8UC3 && !image.empty(), "a decoded picture of another type");
+  const bool same = image.cols == header->width && image.rows == header->height;
+  const bool turned = image.cols == header->height && image.rows == header->width;
+  expect(same || turned, "the decoded picture is of another size than its header says");
+}
+
+TARSIER_FUZZ_TARGET(archive, kJson) {
+  const Archive archive = read_any_archive(file_of(input, "model.json"));
+  for (const nlohmann::json& value : archive.payload) {
+    unpack_any<double>(value);
+    unpack_any<float>(value);
+    unpack_any<std::int32_t>(value);
+    unpack_any<std::uint8_t>(value);
+  }
+  // What can be read can be written, and is the same.
+  const std::string path = scratch_folder() + "/written.json";
+  write_archive(path, archive);
+  expect(read_any_archive(path).payload == archive.payload, "a model changes when it is written");
+}
+
+TARSIER_FUZZ_TARGET(mjpeg, kBytes) {
+  constexpr std::size_t kLimit = 4096;
+  MjpegParser whole(kLimit);
+  const int at_once = whole.feed(input);
+  MjpegParser parts(kLimit);
+  int in_pieces = 0;
+  Pieces pieces(input, 64);
+  for (Bytes piece = pieces.next(); !piece.empty(); piece = pieces.next()) {
+    in_pieces += parts.feed(piece);
+    expect(parts.held_bytes() <= 6 * kLimit, "more bytes are held than the limit allows");
+  }
+  // At most kMaxSegments steps for each start of six bytes, and each byte is copied a few times.
+  expect(parts.work() <= 16 * input.size() + 64 && whole.work() <= 16 * input.size() + 64,
+         "more steps than the bytes allow");
+  expect(at_once == in_pieces, "pieces of other sizes give other pictures");
+  expect(whole.skipped_bytes() == parts.skipped_bytes(), "other bytes are passed over in pieces");
+  const std::vector<std::uint8_t> frame = whole.take();
+  expect(frame == parts.take(), "pieces of other sizes give another picture");
+  expect(frame.empty() == (at_once == 0), "a picture was counted and is not there");
+  if (frame.empty()) return;
+  expect(frame.size() >= 4 && frame.size() <= kLimit, "a picture beyond the limit");
+  expect(frame[0] == 0xff && frame[1] == 0xd8, "a picture that does not begin as one");
+  expect(frame[frame.size() - 2] == 0xff && frame.back() == 0xd9, "a picture without its end");
+}
+
+TARSIER_FUZZ_TARGET(http_response, kBytes) {
+  HttpResponseParser whole;
+  std::vector<std::uint8_t> body;
+  whole.feed(input, body);
+  HttpResponseParser parts;
+  std::vector<std::uint8_t> body_of_parts;
+  Pieces pieces(input, 16);
+  for (Bytes piece = pieces.next(); !piece.empty(); piece = pieces.next())
+    parts.feed(piece, body_of_parts);
+  expect(whole.state() == parts.state(), "pieces of other sizes end in another state");
+  expect(whole.status() == parts.status(), "pieces of other sizes give another status");
+  expect(whole.content_type() == parts.content_type(), "pieces give another type");
+  expect(body == body_of_parts, "pieces of other sizes give another body");
+}
+
+TARSIER_FUZZ_TARGET(capture, kBytes) {
+  CaptureParser parser;
+  std::int64_t frames = 0;
+  Pieces pieces(input, 100);
+  for (Bytes piece = pieces.next(); !piece.empty(); piece = pieces.next())
+    frames += parser.feed(piece);
+  expect(frames >= 0, "a negative number of frames");
+  if (parser.has_frame()) expect(parser.take().type() == CV_8UC3, "a frame of another type");
+}
+
+TARSIER_FUZZ_TARGET(url, kBytes) {
+  const std::string text(text_of(input));
+  const std::string shown = masked(text);
+  try {
+    const HttpUrl url = parse_url(text, "http", 80);
+    expect(!url.host.empty() && url.port != 0 && url.target.starts_with('/'), "half an address");
+    expect(std::none_of(url.target.begin(), url.target.end(),
+                        [](char c) { return static_cast<unsigned char>(c) <= 0x20; }),
+           "a request that is more than one line");
+    expect((url.user.empty() && url.password.empty()) ||
+               shown.substr(std::min(shown.size(), shown.find("://"))).starts_with("://***@"),
+           "a password is shown");
+  } catch (const InputError&) {
+  }
+  (void)classify_source(text);
+}
+
+TARSIER_FUZZ_TARGET(path_list, kBytes) { (void)paths_of_list(file_of(input, "list.txt")); }
+
+}  // namespace tarsier::fuzz

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/shape/similarity.h"
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <string_view>
+
+namespace tarsier::face::appearance {
+
+// What an appearance model sees of a picture, at each pixel of an upright crop of it.
+//  kGrey      brightness
+//  kColour    blue, green, red
+//  kGradient  gradient / sqrt(|gradient|^2 + e^2): its direction, where there is one (Cootes and
+//             Taylor, "On representing edge structure for model matching", CVPR 2001)
+//  kOriented  eight half-wave rectified projections of the gradient (Tola et al., "DAISY", PAMI
+//             2010), pooled over a few pixels and normalised together over a few more
+enum class Channels { kGrey, kColour, kGradient, kOriented };
+
+[[nodiscard]] int channel_count(Channels channels);
+[[nodiscard]] std::string_view name_of(Channels channels);     // "grey" ..
+[[nodiscard]] Channels parse_channels(std::string_view name);  // throws std::invalid_argument
+// Brightness comes with an unknown offset (its mean is taken out); features do not.
+[[nodiscard]] bool has_offset(Channels channels);
+
+// A crop in which the object is upright and of the model's size, seen through the channels.
+struct Upright {
+  cv::Mat values;  // CV_32FC(channel_count)
+  cv::Mat inside;  // CV_8UC1, 255 where the crop lies in the picture; empty: everywhere
+  cv::Mat buffers[4];
+};
+
+// Cuts `size` pixels out of `picture` (CV_8UC1 or CV_8UC3); pixel x of the crop is at
+// picture_from_crop(x), smoothed where that reduces. Outside the picture: the nearest edge pixel.
+void make_upright(const cv::Mat& picture, const shape::Similarity2d& picture_from_crop,
+                  cv::Size size, Channels channels, Upright& upright);
+
+}  // namespace tarsier::face::appearance

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/face/appearance/channels.h"
+#include "tarsier/face/appearance/training_picture.h"
+#include "tarsier/face/shape/piecewise_warp.h"
+#include "tarsier/face/shape/shape_model.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <cstdint>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+// Active appearance models (Cootes, Edwards and Taylor, ECCV 1998; here with independent shape and
+// appearance: Matthews and Baker, "Active appearance models revisited", IJCV 2004).
+namespace tarsier::face::appearance {
+
+struct AppearanceOptions {
+  shape::ShapeModelOptions shape{.variance = 0.97, .max_modes = 30};
+  Channels channels = Channels::kGrey;  // of the fit
+  int frame_width = 100;                // px of the finest mean frame, 16..1000
+  int levels = 2;                       // of resolution, halved from one to the next, 1..5
+  double margin = 0;  // how far the frame reaches beyond the points' hull, share of their distance
+                      // from their centre, 0..1: lets the fit see the outline from outside
+  double texture_variance = 0.95;  // share that the modes keep, (0, 1]
+  int texture_modes = 100;         // at most, 0..1000
+  bool mirror = false;             // mirrored pictures train too; needs the symmetry
+  double to_the_right = 0;         // see mirrored(), px, -100..100
+  bool colour = true;              // a colour texture as well, for synthesis
+  int colour_width = 100;          // px, 16..1000
+  double colour_variance = 0.97;
+  int colour_modes = 60;
+  std::vector<shape::Triangle> mesh{};  // of the points; empty: Delaunay. Not with a margin
+  void check() const;
+};
+
+// Textures in the frame of one resolution: vectors g of `channels` numbers for each pixel of the
+// warp, pixel by pixel. A texture is normalised by its offset o (mean of all numbers, where
+// has_offset) and gain a (so that its part along the mean is the mean):
+//   g = o + a (mean + modes c).
+// The mean has RMS 1. Modes are orthonormal, and orthogonal to the mean and (has_offset) to
+// constants.
+struct Texture {
+  Texture(shape::PiecewiseWarp frame_warp, Channels seen)
+      : warp(std::move(frame_warp)), channels(seen) {}
+
+  shape::PiecewiseWarp warp;
+  Channels channels;
+  double px_per_unit = 1;        // px of the frame to a unit of the shape model
+  Eigen::Vector2d origin{0, 0};  // px of the frame, where the shape model has 0
+  Eigen::VectorXf mean;          // N = pixels x channels
+  // Modes as they are stored: 8 bit numbers, each column with its own step. modes() makes them
+  // orthonormal.
+  Eigen::Matrix<std::int8_t, Eigen::Dynamic, Eigen::Dynamic> packed_modes;  // N x m
+  Eigen::VectorXf steps;                                                    // m
+  Eigen::VectorXd deviation;                                                // m, of c, falling
+  double variance_kept = 1;
+  double noise = 0;         // RMS of what the modes leave out of a number, in training
+  double usual_offset = 0;  // means over the training textures, for synthesis
+  double usual_gain = 1;
+
+  [[nodiscard]] int size() const { return static_cast<int>(mean.size()); }
+  [[nodiscard]] int mode_count() const { return static_cast<int>(deviation.size()); }
+  [[nodiscard]] Eigen::MatrixXf modes() const;  // N x m
+};
+
+// Where a shape is in a detector's box, medians over training: shapes are placed upright with
+// their centre (mean of the points) at the box's centre + (dx, dy) * width and RMS radius
+// size * width.
+struct BoxPlace {
+  double dx = 0;
+  double dy = 0;
+  double size = 0.4;
+  int seen = 0;  // boxes; 0: not known
+};
+
+struct AppearanceModel {
+  shape::ShapeModel shape;
+  // Points of the frame: the shape's, then for each of `outer` one that lies outside of it, at
+  // p + margin (p - centre of all points).
+  double margin = 0;
+  std::vector<int> outer;
+  std::vector<shape::Triangle> mesh;
+  std::vector<Texture> levels;    // for the fit, finest first
+  std::optional<Texture> colour;  // for synthesis
+  // Fit errors (FitResult::error) above this say that no object is there; 0: not known.
+  double lost_error = 0;
+  BoxPlace place;
+
+  [[nodiscard]] int points() const { return shape.points(); }
+  // The points of the frame of a shape (2 x points() to 2 x (points() + outer.size())).
+  [[nodiscard]] Eigen::Matrix2Xd extended(const Eigen::Matrix2Xd& points) const;
+  void check() const;  // throws std::invalid_argument
+};
+
+// Throws std::invalid_argument for fewer than 2 pictures, a mesh that folds in the mean shape;
+// Interrupted. Same result for any number of threads.
+[[nodiscard]] AppearanceModel train_appearance_model(const std::vector<TrainingPicture>& pictures,
+                                                     const std::vector<int>& mirror,
+                                                     const AppearanceOptions& options,
+                                                     Progress& progress,
+                                                     const std::stop_token& stop);
+
+// A texture taken from a picture, as the model explains it.
+struct Explained {
+  Eigen::VectorXf seen;  // N, as sampled
+  double offset = 0;
+  double gain = 0;
+  Eigen::VectorXd c;  // m
+  double error = 0;   // RMS of (seen - offset) that the model does not explain / RMS of
+                      // (seen - offset): 0 all explained, 1 nothing
+  double inside = 1;  // share of the frame's pixels in the picture
+};
+// `points`: 2 x points(), px of `picture` (CV_8UC1, CV_8UC3). `modes` = texture.modes().
+[[nodiscard]] Explained explain(const AppearanceModel& model, const Texture& texture,
+                                const Eigen::MatrixXf& modes, const cv::Mat& picture,
+                                const Eigen::Matrix2Xd& points);
+
+// The shape of the crop in which a texture is sampled: the frame with room around.
+struct CropPlace {
+  shape::Similarity2d crop_from_model;
+  cv::Size size;
+};
+[[nodiscard]] CropPlace crop_place(const Texture& texture);
+
+// Frame of a model for a width in px.
+[[nodiscard]] Texture empty_texture(const AppearanceModel& model, Channels channels,
+                                    double px_per_unit);
+
+// Model files of type "appearance-model". from_json throws ModelError(path).
+[[nodiscard]] nlohmann::json to_json(const AppearanceModel& model);
+[[nodiscard]] AppearanceModel appearance_model_from_json(const nlohmann::json& value,
+                                                         const std::string& path);
+void write_appearance_model(const std::string& path, const AppearanceModel& model,
+                            const nlohmann::json& provenance);
+[[nodiscard]] AppearanceModel read_appearance_model(const std::string& path);
+
+}  // namespace tarsier::face::appearance

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/appearance/fit.h"
+#include "tarsier/face/appearance/model.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <cstdint>
+#include <optional>
+#include <utility>
+#include <vector>
+
+// Where a fit begins.
+namespace tarsier::face::appearance {
+
+// Medians over boxes and the points (2 x n) in them. Throws std::invalid_argument where there are
+// none.
+[[nodiscard]] BoxPlace learn_box_place(
+    const std::vector<std::pair<cv::Rect2d, Eigen::Matrix2Xd>>& boxes);
+
+// The mean shape in a detector's box, or a shape b of the model.
+[[nodiscard]] Eigen::Matrix2Xd start_in_box(const AppearanceModel& model, const cv::Rect2d& box,
+                                            const Eigen::VectorXd& b = {});
+
+// The start, and around it others: turned, scaled and shifted. `count` >= 1, the first as it is;
+// `spread` 1: shifts of about 8 % of the size, 8 % of scale, 6 deg. Deterministic.
+[[nodiscard]] std::vector<Eigen::Matrix2Xd> starts_around(const Eigen::Matrix2Xd& start, int count,
+                                                          double spread = 1);
+
+// A random start: the shape scaled by 1 +- scale, turned by +- angle_deg and shifted by
+// +- shift times its width and height, each uniform.
+struct Disturbance {
+  double scale = 0.1;
+  double angle_deg = 10;
+  double shift = 0.1;
+};
+[[nodiscard]] Eigen::Matrix2Xd disturbed(const Eigen::Matrix2Xd& points,
+                                         const Disturbance& disturbance, std::uint64_t seed);
+
+struct SearchOptions {
+  double smallest = 0.15;  // width of the object, share of the picture's smaller side
+  double largest = 0.9;
+  double scale_step = 1.2;   // > 1
+  double place_step = 0.12;  // of the width
+  int best = 5;              // places fitted at the coarsest level
+  void check() const;
+};
+// Exhaustive search of the picture for the mean shape, upright: the coarsest texture's error at all
+// places and sizes, then fits from the best of them. The start with the least error; nothing where
+// all are lost.
+[[nodiscard]] std::optional<Eigen::Matrix2Xd> search_start(const Fitter& fitter,
+                                                           const cv::Mat& picture,
+                                                           const SearchOptions& options,
+                                                           FitWorkspace& workspace);
+
+}  // namespace tarsier::face::appearance

@@ -1,0 +1,324 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/appearance/study.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/image/draw/plot.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <string>
+#include <utility>
+
+namespace tarsier::face::appearance {
+
+using Eigen::Matrix2Xd;
+
+namespace {
+
+void check_eyes(const std::array<int, 2>& eyes, int points) {
+  TARSIER_REQUIRE(
+      eyes[0] >= 0 && eyes[1] >= 0 && eyes[0] < points && eyes[1] < points && eyes[0] != eyes[1],
+      "eyes at points {} and {} of {}", eyes[0], eyes[1], points);
+}
+
+bool holds(const cv::Rect2d& box, const Matrix2Xd& points) {
+  const Eigen::Vector2d center = points.rowwise().mean();
+  const double width = points.row(0).maxCoeff() - points.row(0).minCoeff();
+  return box.contains({center.x(), center.y()}) && box.width > 0.5 * width && box.width < 3 * width;
+}
+
+using Pictures = std::vector<TrainingPicture>;
+
+// Every third person (picture, where there are fewer than three people) is left out.
+std::pair<Pictures, Pictures> split_by_person(const Pictures& pictures) {
+  std::map<std::string, std::size_t> people;
+  for (const TrainingPicture& picture : pictures) people.try_emplace(picture.person, people.size());
+  const bool by_person = people.size() >= 3;
+  std::pair<Pictures, Pictures> parts;
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    const std::size_t number = by_person ? people.at(pictures[i].person) : i;
+    (number % 3 == 2 ? parts.second : parts.first).push_back(pictures[i]);
+  }
+  return parts;
+}
+
+// At most so many, evenly.
+void thin_out(Pictures& pictures, std::size_t most) {
+  if (pictures.size() <= most) return;
+  Pictures kept;
+  for (std::size_t i = 0; i < most; ++i) kept.push_back(pictures[i * pictures.size() / most]);
+  pictures = std::move(kept);
+}
+
+}  // namespace
+
+double point_error(const Matrix2Xd& points, const Matrix2Xd& truth,
+                   const std::array<int, 2>& eyes) {
+  TARSIER_REQUIRE(points.cols() == truth.cols(), "{} points, {} true ones", points.cols(),
+                  truth.cols());
+  check_eyes(eyes, static_cast<int>(truth.cols()));
+  const double distance = (truth.col(eyes[0]) - truth.col(eyes[1])).norm();
+  TARSIER_REQUIRE(distance > 0, "eyes {} apart", distance);
+  return (points - truth).colwise().norm().mean() / distance;
+}
+
+int learn_place(AppearanceModel& model, const std::vector<TrainingPicture>& pictures,
+                const Detect& detect) {
+  std::vector<std::pair<cv::Rect2d, Matrix2Xd>> boxes;
+  for (const TrainingPicture& picture : pictures) {
+    const auto box = detect(picture.picture);
+    if (box && holds(*box, picture.points)) boxes.emplace_back(*box, picture.points);
+  }
+  if (!boxes.empty()) model.place = learn_box_place(boxes);
+  return static_cast<int>(boxes.size());
+}
+
+void StudyOptions::check(int points) const {
+  check_eyes(eyes, points);
+  TARSIER_REQUIRE(starts >= 1 && starts <= 1000, "{} starts", starts);
+  TARSIER_REQUIRE(spread >= 0 && limit > 0, "spread {}, limit {}", spread, limit);
+}
+
+std::vector<StudyItem> study_pictures(const Fitter& fitter,
+                                      const std::vector<TrainingPicture>& pictures,
+                                      const Detect& detect, const StudyOptions& options,
+                                      Progress& progress, const std::stop_token& stop) {
+  const AppearanceModel& model = fitter.model();
+  options.check(model.points());
+  std::vector<StudyItem> items(pictures.size());
+  std::vector<std::optional<cv::Rect2d>> boxes(pictures.size());
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    throw_if_stopped(stop);
+    boxes[i] = detect(pictures[i].picture);
+  }
+  const Eigen::MatrixXf modes = model.levels.front().modes();
+  progress.begin("fits", static_cast<std::int64_t>(pictures.size()), "pictures");
+  cv::parallel_for_(cv::Range(0, static_cast<int>(pictures.size())), [&](const cv::Range& range) {
+    FitWorkspace workspace;
+    for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
+      const TrainingPicture& picture = pictures[static_cast<std::size_t>(i)];
+      StudyItem& item = items[static_cast<std::size_t>(i)];
+      item.name = picture.name;
+      item.truth = picture.points;
+      item.floor =
+          point_error(shape::shape_of(model.shape, shape::fit_shape(model.shape, picture.points)),
+                      picture.points, options.eyes);
+      item.truth_fit_error =
+          explain(model, model.levels.front(), modes, picture.picture, picture.points).error;
+      const auto& box = boxes[static_cast<std::size_t>(i)];
+      item.detected = box && holds(*box, picture.points);
+      if (item.detected) {
+        item.start = start_in_box(model, *box);
+        item.start_error = point_error(item.start, picture.points, options.eyes);
+        item.fit = fitter.fit_best(
+            picture.picture, starts_around(item.start, options.starts, options.spread), workspace);
+        item.error = point_error(item.fit.points, picture.points, options.eyes);
+      }
+      progress.advance();
+    }
+  });
+  progress.end();
+  throw_if_stopped(stop);
+  return items;
+}
+
+StudySummary summarise(const std::vector<StudyItem>& items, double limit) {
+  StudySummary s;
+  std::vector<double> errors;
+  int within = 0;
+  for (const StudyItem& item : items) {
+    ++s.pictures;
+    s.floor_mean += item.floor;
+    if (!item.detected) continue;
+    ++s.detected;
+    errors.push_back(item.error);
+    s.mean += item.error;
+    s.start_mean += item.start_error;
+    s.lost += item.fit.lost ? 1 : 0;
+    s.iterations += item.fit.iterations;
+    within += item.error <= limit ? 1 : 0;
+  }
+  if (s.pictures > 0) {
+    s.floor_mean /= s.pictures;
+    s.within = static_cast<double>(within) / s.pictures;
+  }
+  if (s.detected > 0) {
+    s.mean /= s.detected;
+    s.start_mean /= s.detected;
+    s.lost /= s.detected;
+    s.iterations /= s.detected;
+    std::sort(errors.begin(), errors.end());
+    s.median = errors[errors.size() / 2];
+  }
+  return s;
+}
+
+double lost_error_of(const std::vector<StudyItem>& items, double good) {
+  std::vector<std::pair<double, bool>> fits;
+  for (const StudyItem& item : items) {
+    if (item.detected) fits.emplace_back(item.fit.error, item.error < good);
+  }
+  std::sort(fits.begin(), fits.end());
+  int mistakes = 0;  // with the limit below all: each right one is called lost
+  double largest = 0;
+  for (const auto& [error, is_right] : fits) {
+    mistakes += is_right ? 1 : 0;
+    if (is_right) largest = std::max(largest, error);
+  }
+  if (mistakes == static_cast<int>(fits.size())) return std::min(1.0, 2 * largest);
+  int least = mistakes;
+  double best = 0;
+  for (std::size_t i = 0; i < fits.size(); ++i) {
+    mistakes += fits[i].second ? -1 : 1;
+    if (mistakes > least) continue;
+    least = mistakes;
+    best = i + 1 < fits.size() ? (fits[i].first + fits[i + 1].first) / 2 : fits[i].first;
+  }
+  return best;
+}
+
+std::array<int, 2> widest(const shape::ShapeModel& model) {
+  std::array<int, 2> best{0, 0};
+  double most = -1;
+  for (int i = 0; i < model.points(); ++i) {
+    for (int k = i + 1; k < model.points(); ++k) {
+      const double distance = (model.mean.col(i) - model.mean.col(k)).norm();
+      if (distance <= most) continue;
+      most = distance;
+      best = {i, k};
+    }
+  }
+  return best;
+}
+
+double learn_lost_error(const std::vector<TrainingPicture>& pictures,
+                        const std::vector<int>& mirror, const AppearanceOptions& options,
+                        std::uint64_t seed, Progress& progress, const std::stop_token& stop) {
+  constexpr std::size_t kMaxLearnt = 400;
+  constexpr std::size_t kMaxFitted = 150;
+  constexpr Disturbance kNear{0.1, 8, 0.08};
+  constexpr Disturbance kFar{0.4, 60, 0.8};
+  constexpr double kGood = 0.06;  // of the widest distance in the shape
+  if (pictures.size() < 6) return 0;
+  auto [learnt, left_out] = split_by_person(pictures);
+  thin_out(learnt, kMaxLearnt);
+  thin_out(left_out, kMaxFitted);
+  AppearanceOptions plain = options;
+  plain.colour = false;
+  const AppearanceModel model = train_appearance_model(learnt, mirror, plain, progress, stop);
+  const std::array<int, 2> ends = widest(model.shape);
+  FitOptions fit;
+  fit.method = Method::kAlternating;
+  const Fitter fitter(model, fit);
+  std::vector<StudyItem> items(2 * left_out.size());
+  progress.begin("right and wrong fits", static_cast<std::int64_t>(left_out.size()), "pictures");
+  cv::parallel_for_(cv::Range(0, static_cast<int>(left_out.size())), [&](const cv::Range& range) {
+    FitWorkspace workspace;
+    for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
+      const auto index = static_cast<std::size_t>(i);
+      const TrainingPicture& picture = left_out[index];
+      const Matrix2Xd mean =
+          shape::fit_similarity(model.shape.mean, picture.points)(model.shape.mean);
+      for (std::size_t far = 0; far < 2; ++far) {
+        StudyItem& item = items[2 * index + far];
+        const Matrix2Xd start =
+            disturbed(mean, far == 1 ? kFar : kNear, seed * 7919 + 2 * index + far);
+        item.detected = true;
+        item.fit = fitter.fit(picture.picture, start, workspace);
+        item.error = point_error(item.fit.points, picture.points, ends);
+      }
+      progress.advance();
+    }
+  });
+  progress.end();
+  throw_if_stopped(stop);
+  return lost_error_of(items, kGood);
+}
+
+void ConvergenceOptions::check(int points) const {
+  check_eyes(eyes, points);
+  TARSIER_REQUIRE(tries >= 1 && tries <= 10000 && limit > 0, "{} tries, limit {}", tries, limit);
+  for (const double step : steps) TARSIER_REQUIRE(step >= 0 && step <= 10, "a step of {}", step);
+}
+
+std::vector<ConvergencePoint> study_convergence(const Fitter& fitter,
+                                                const std::vector<TrainingPicture>& pictures,
+                                                const ConvergenceOptions& options,
+                                                Progress& progress, const std::stop_token& stop) {
+  options.check(fitter.model().points());
+  const int steps = static_cast<int>(options.steps.size());
+  const int each = steps * options.tries;
+  std::vector<double> errors(pictures.size() * static_cast<std::size_t>(each), 0);
+  progress.begin("random starts", static_cast<std::int64_t>(pictures.size()), "pictures");
+  cv::parallel_for_(cv::Range(0, static_cast<int>(pictures.size())), [&](const cv::Range& range) {
+    FitWorkspace workspace;
+    for (int i = range.start; i < range.end; ++i) {
+      const TrainingPicture& picture = pictures[static_cast<std::size_t>(i)];
+      // The mean shape where the face is, not the face's own shape.
+      const Matrix2Xd mean = shape::fit_similarity(fitter.model().shape.mean,
+                                                   picture.points)(fitter.model().shape.mean);
+      for (int k = 0; k < each && !stop.stop_requested(); ++k) {
+        const double share = options.steps[static_cast<std::size_t>(k / options.tries)];
+        const Disturbance disturbance{share * options.most.scale, share * options.most.angle_deg,
+                                      share * options.most.shift};
+        const auto number = static_cast<std::uint64_t>(i) * static_cast<std::uint64_t>(each) +
+                            static_cast<std::uint64_t>(k);
+        const Matrix2Xd start = disturbed(mean, disturbance, options.seed * 1000003 + number);
+        errors[number] = point_error(fitter.fit(picture.picture, start, workspace).points,
+                                     picture.points, options.eyes);
+      }
+      progress.advance();
+    }
+  });
+  progress.end();
+  throw_if_stopped(stop);
+  std::vector<ConvergencePoint> curve;
+  for (int s = 0; s < steps; ++s) {
+    ConvergencePoint point;
+    point.disturbance = options.steps[static_cast<std::size_t>(s)];
+    for (std::size_t i = 0; i < pictures.size(); ++i) {
+      for (int t = 0; t < options.tries; ++t) {
+        const double error = errors[i * static_cast<std::size_t>(each) +
+                                    static_cast<std::size_t>(s * options.tries + t)];
+        ++point.tries;
+        if (error >= options.limit) continue;
+        ++point.converged;
+        point.mean_error += error;
+      }
+    }
+    if (point.converged > 0) point.mean_error /= point.converged;
+    curve.push_back(point);
+  }
+  return curve;
+}
+
+cv::Mat draw_convergence(const std::vector<ConvergenceCurve>& curves,
+                         const ConvergenceOptions& options, cv::Size size) {
+  image::draw::Plot plot;
+  plot.title = fmt::format("Fits within {:.1f} % of the eye distance", 100 * options.limit);
+  plot.x.label =
+      fmt::format("start moved by this share of scale +-{:.0f} %, {:.0f} deg, shift {:.0f} %",
+                  100 * options.most.scale, options.most.angle_deg, 100 * options.most.shift);
+  plot.y.label = "converged (%)";
+  plot.y.low = 0;
+  plot.y.high = 100;
+  plot.legend = image::draw::LegendPlace::kBottomLeft;
+  for (const ConvergenceCurve& curve : curves) {
+    image::draw::Series series;
+    series.name = curve.name;
+    series.markers = true;
+    for (const ConvergencePoint& point : curve.points) {
+      series.x.push_back(point.disturbance);
+      series.y.push_back(point.tries > 0 ? 100.0 * point.converged / point.tries : 0);
+    }
+    plot.series.push_back(std::move(series));
+  }
+  return image::draw::plot_image(plot, size);
+}
+
+}  // namespace tarsier::face::appearance

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/appearance/tracker.h"
+
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace tarsier::face::appearance {
+
+using Eigen::Matrix2Xd;
+
+namespace {
+
+double size_of(const Matrix2Xd& points) {
+  const Matrix2Xd centered = points.colwise() - points.rowwise().mean();
+  return std::sqrt(centered.squaredNorm() / static_cast<double>(points.cols()));
+}
+
+// Centres nearer than one RMS radius: the same object.
+bool is_same_place(const Matrix2Xd& a, const Matrix2Xd& b) {
+  return (a.rowwise().mean() - b.rowwise().mean()).norm() < std::max(size_of(a), size_of(b));
+}
+
+bool is_held(const Fitter& fitter, const TrackOptions& options, const FitResult& fit) {
+  if (!fit.lost) return true;
+  // Only the error may be somewhat above what a new object is allowed.
+  const double limit = fitter.model().lost_error;
+  return limit > 0 && fit.error > limit && fit.error <= options.hold_error * limit &&
+         fit.inside > 0.5 && fit.gain > 0 && fit.status != FitStatus::kDiverged;
+}
+
+FitResult fit_next(const Fitter& fitter, const TrackOptions& options, Track::Object& object,
+                   const cv::Mat& picture) {
+  const FitResult& last = object.now.fit;
+  FitResult fit = fitter.follow(picture, last.points, object.workspace);
+  if (fit.error <= options.worse * last.error && is_held(fitter, options, fit)) return fit;
+  FitResult refit = fitter.fit(picture, last.points, object.workspace);
+  return refit.error < fit.error ? refit : fit;
+}
+
+Track::Object& place_for(Track& track, const FitResult& fit, double time,
+                         const TrackOptions& options) {
+  for (Track::Object& object : track.objects) {
+    if (!object.is_lost || time - object.seen > options.remember_s) continue;
+    const double size = size_of(object.now.fit.points);
+    const double distance =
+        (object.now.fit.points.rowwise().mean() - fit.points.rowwise().mean()).norm();
+    if (distance < 3 * size) return object;
+  }
+  track.objects.emplace_back();
+  track.objects.back().now.id = track.next_id++;
+  return track.objects.back();
+}
+
+}  // namespace
+
+void TrackOptions::check() const {
+  TARSIER_REQUIRE(search_every >= 1, "a search every {} frames", search_every);
+  TARSIER_REQUIRE(max_objects >= 1 && max_objects <= 100, "{} objects", max_objects);
+  TARSIER_REQUIRE(remember_s >= 0 && std::isfinite(remember_s), "remember {} s", remember_s);
+  TARSIER_REQUIRE(worse >= 1 && hold_error >= 1, "worse {}, hold {}", worse, hold_error);
+}
+
+std::vector<TrackedObject> find_objects(const Fitter& fitter, const FindStarts& find,
+                                        const cv::Mat& picture, int most, FitWorkspace& workspace) {
+  std::vector<TrackedObject> found;
+  for (const std::vector<Matrix2Xd>& starts : find(picture)) {
+    if (static_cast<int>(found.size()) >= most) break;
+    FitResult fit = fitter.fit_best(picture, starts, workspace);
+    if (fit.lost) continue;
+    const bool is_known = std::any_of(found.begin(), found.end(), [&](const TrackedObject& other) {
+      return is_same_place(other.fit.points, fit.points);
+    });
+    if (!is_known) found.push_back({static_cast<int>(found.size()) + 1, std::move(fit)});
+  }
+  return found;
+}
+
+std::vector<TrackedObject> track_objects(const Fitter& fitter, const TrackOptions& options,
+                                         const FindStarts& find, Track& track,
+                                         const cv::Mat& picture, double time) {
+  options.check();
+  int followed = 0;
+  for (Track::Object& object : track.objects) {
+    if (object.is_lost) continue;
+    FitResult fit = fit_next(fitter, options, object, picture);
+    if (!is_held(fitter, options, fit)) {
+      object.is_lost = true;
+      track.until_search = 0;
+      continue;
+    }
+    object.now.fit = std::move(fit);
+    object.seen = time;
+    ++followed;
+  }
+  // Two that came to lie on one another are one: the older stays.
+  for (std::size_t i = 0; i < track.objects.size(); ++i) {
+    for (std::size_t j = i + 1; j < track.objects.size(); ++j) {
+      Track::Object& a = track.objects[i];
+      Track::Object& b = track.objects[j];
+      if (a.is_lost || b.is_lost || !is_same_place(a.now.fit.points, b.now.fit.points)) continue;
+      (a.now.id < b.now.id ? b : a).is_lost = true;
+      --followed;
+    }
+  }
+  if (--track.until_search < 0 && followed < options.max_objects) {
+    track.until_search = options.search_every - 1;
+    for (const std::vector<Matrix2Xd>& starts : find(picture)) {
+      if (followed >= options.max_objects || starts.empty()) break;
+      const bool is_known =
+          std::any_of(track.objects.begin(), track.objects.end(), [&](const Track::Object& object) {
+            return !object.is_lost && is_same_place(object.now.fit.points, starts.front());
+          });
+      if (is_known) continue;
+      FitWorkspace workspace;
+      FitResult fit = fitter.fit_best(picture, starts, workspace);
+      if (fit.lost) continue;
+      Track::Object& object = place_for(track, fit, time, options);
+      object.now.fit = std::move(fit);
+      object.workspace = std::move(workspace);
+      object.is_lost = false;
+      object.seen = time;
+      ++followed;
+    }
+  }
+  std::erase_if(track.objects, [&](const Track::Object& object) {
+    return object.is_lost && time - object.seen > options.remember_s;
+  });
+  std::vector<TrackedObject> result;
+  for (const Track::Object& object : track.objects)
+    if (!object.is_lost) result.push_back(object.now);
+  return result;
+}
+
+}  // namespace tarsier::face::appearance

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/face/shape/cut_out.h"
+#include "tarsier/face/shape/landmark_set.h"
+
+#include <stop_token>
+#include <string>
+#include <vector>
+
+namespace tarsier::face::appearance {
+
+// A sample ready for training: in colour, cut out around its points, none of them missing.
+struct TrainingPicture : shape::CutOut {  // its picture: CV_8UC3
+  std::string name;
+  std::string person;
+};
+
+struct LoadOptions {
+  double margin = 0.6;  // around the points' box that stays, share of its larger side, 0..4
+  int largest = 250;    // px; the points' box is reduced to this at most, 50..4000
+  void check() const;
+};
+
+// Reads the pictures of a set. Samples that are not complete and pictures that cannot be read are
+// left out and named in `skipped` ("path: reason"). Throws Interrupted; InputError(set_path) where
+// nothing is left.
+[[nodiscard]] std::vector<TrainingPicture> load_training_pictures(
+    const shape::LandmarkSet& set, const std::string& set_path, const LoadOptions& options,
+    Progress& progress, const std::stop_token& stop, std::vector<std::string>& skipped);
+
+// The same face as it is in its mirrored picture (shape::mirrored).
+[[nodiscard]] TrainingPicture mirrored(const TrainingPicture& picture,
+                                       const std::vector<int>& mirror, double to_the_right);
+
+}  // namespace tarsier::face::appearance

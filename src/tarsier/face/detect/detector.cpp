@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/detect/detector.h"
+
+#include "tarsier/core/boxes.h"
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+
+#include <opencv2/imgproc.hpp>
+#include <opencv2/objdetect.hpp>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+
+namespace tarsier::face {
+namespace {
+
+cv::Rect blended(const cv::Rect& old, const cv::Rect& seen, double share) {
+  const auto mix = [&](int a, int b) { return cvRound(a + share * (b - a)); };
+  return {mix(old.x, seen.x), mix(old.y, seen.y), mix(old.width, seen.width),
+          mix(old.height, seen.height)};
+}
+
+}  // namespace
+
+std::string find_cascade(const std::string& name) {
+  namespace fs = std::filesystem;
+  std::vector<fs::path> folders;
+  if (const char* own = std::getenv("TARSIER_CASCADES")) folders.emplace_back(own);
+  for (const char* root : {"/usr/share", "/usr/local/share", "/opt/homebrew/share"}) {
+    for (const char* package : {"opencv4", "opencv"}) {
+      for (const char* kind : {"lbpcascades", "haarcascades"}) {
+        folders.push_back(fs::path(root) / package / kind);
+      }
+    }
+  }
+  std::error_code error;
+  for (const fs::path& folder : folders) {
+    if (fs::is_regular_file(folder / name, error)) return (folder / name).string();
+  }
+  return "";
+}
+
+double usual_min_face(cv::Size picture) {
+  constexpr double kSmallPicture = 0.5e6;  // px
+  return static_cast<double>(picture.width) * picture.height > kSmallPicture ? 40 : 24;
+}
+
+void FaceDetectorOptions::check() const {
+  TARSIER_REQUIRE(min_face == 0 || (min_face >= 16 && min_face <= 8192),
+                  "the smallest face is of 16..8192 px, got {}", min_face);
+  TARSIER_REQUIRE(max_width == 0 || (max_width >= 80 && max_width <= 4096),
+                  "working width is 80..4096 px, got {}", max_width);
+  TARSIER_REQUIRE(step >= 1.01 && step <= 2, "steps between sizes are 1.01..2, got {}", step);
+  TARSIER_REQUIRE(neighbors >= 1 && neighbors <= 20, "neighbours are 1..20, got {}", neighbors);
+}
+
+struct FaceDetector::Impl {
+  FaceDetectorOptions options;
+  cv::CascadeClassifier cascade;
+  cv::Mat gray;
+  cv::Mat small;
+  std::int64_t pixels = 0;
+};
+
+FaceDetector::FaceDetector(const FaceDetectorOptions& options) : impl_(std::make_unique<Impl>()) {
+  options.check();
+  impl_->options = options;
+  const std::string path = find_cascade(options.cascade);
+  if (path.empty()) {
+    throw ModelError(options.cascade,
+                     "not found; install the package opencv-data, or set TARSIER_CASCADES");
+  }
+  bool loaded = false;
+  try {
+    loaded = impl_->cascade.load(path);
+  } catch (const cv::Exception&) {
+    loaded = false;
+  }
+  if (!loaded) throw ModelError(path, "is no cascade that this OpenCV reads");
+}
+
+FaceDetector::~FaceDetector() = default;
+FaceDetector::FaceDetector(FaceDetector&&) noexcept = default;
+FaceDetector& FaceDetector::operator=(FaceDetector&&) noexcept = default;
+
+std::int64_t FaceDetector::pixels() const { return impl_->pixels; }
+
+std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame) {
+  const FaceDetectorOptions& options = impl_->options;
+  return detect(frame, options.min_face > 0 ? options.min_face : usual_min_face(frame.size()), 0);
+}
+
+std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame, double min_face, double max_face) {
+  TARSIER_REQUIRE(!frame.empty() && frame.depth() == CV_8U, "got {}x{}", frame.cols, frame.rows);
+  TARSIER_REQUIRE(min_face > 0 && max_face >= 0, "faces of {} to {} px", min_face, max_face);
+  Impl& my = *impl_;
+  double scale = kCascadeWindow / min_face;
+  if (my.options.max_width > 0) {
+    scale = std::min({1.0, scale, static_cast<double>(my.options.max_width) / frame.cols});
+  }
+  const cv::Size size(std::max(1, cvRound(frame.cols * scale)),
+                      std::max(1, cvRound(frame.rows * scale)));
+  cv::resize(frame, my.small, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+  if (my.small.channels() == 3) {
+    cv::cvtColor(my.small, my.gray, cv::COLOR_BGR2GRAY);
+  } else {
+    my.small.copyTo(my.gray);
+  }
+  cv::equalizeHist(my.gray, my.gray);
+  const int smallest = std::max(kCascadeWindow, cvRound(min_face * scale));
+  const int largest = max_face > 0 ? cvRound(max_face * scale) : 0;
+  my.pixels += size.area();
+  std::vector<cv::Rect> faces;
+  if (std::min(size.width, size.height) >= smallest && (largest == 0 || largest >= smallest)) {
+    my.cascade.detectMultiScale(my.gray, faces, my.options.step, my.options.neighbors, 0,
+                                cv::Size(smallest, smallest), cv::Size(largest, largest));
+  }
+  for (cv::Rect& face : faces) {
+    face = cv::Rect(cvRound(face.x / scale), cvRound(face.y / scale), cvRound(face.width / scale),
+                    cvRound(face.height / scale)) &
+           cv::Rect(0, 0, frame.cols, frame.rows);
+  }
+  // Largest first; the position breaks ties, so that the order is always the same.
+  std::sort(faces.begin(), faces.end(), [](const cv::Rect& a, const cv::Rect& b) {
+    return std::tuple(-a.area(), a.x, a.y) < std::tuple(-b.area(), b.x, b.y);
+  });
+  return faces;
+}
+
+struct FaceFollower::Impl {
+  FaceDetector detector;
+  FaceDetector near;  // finds one face in a part of the picture
+  FaceFollowerOptions options;
+  std::vector<Face> faces;
+  int frame = 0;
+  int next_id = 1;
+};
+
+FaceFollower::FaceFollower(FaceDetectorOptions detector, FaceFollowerOptions options) {
+  TARSIER_REQUIRE(options.search_every >= 1 && options.forget_after >= 1, "got {}, {}",
+                  options.search_every, options.forget_after);
+  FaceDetectorOptions close = detector;
+  // The face is about half as wide as the part.
+  close.max_width = 96;
+  close.min_face = kCascadeWindow;
+  impl_ =
+      std::make_unique<Impl>(Impl{FaceDetector(detector), FaceDetector(close), options, {}, 0, 1});
+}
+
+FaceFollower::~FaceFollower() = default;
+FaceFollower::FaceFollower(FaceFollower&&) noexcept = default;
+FaceFollower& FaceFollower::operator=(FaceFollower&&) noexcept = default;
+
+void FaceFollower::reset() {
+  impl_->faces.clear();
+  impl_->frame = 0;
+}
+
+const std::vector<FaceFollower::Face>& FaceFollower::follow(const cv::Mat& frame) {
+  constexpr double kSame = 0.25;   // overlap of two boxes of one face
+  constexpr double kFollow = 0.5;  // share of the way to the newly seen place
+  Impl& my = *impl_;
+  const bool search = my.frame++ % my.options.search_every == 0 || my.faces.empty();
+  std::vector<cv::Rect> seen;
+  if (search) {
+    seen = my.detector.detect(frame);
+  } else {
+    for (const Face& face : my.faces) {
+      const int margin = face.box.width / 2;
+      const cv::Rect area = cv::Rect(face.box.x - margin, face.box.y - margin,
+                                     face.box.width + 2 * margin, face.box.height + 2 * margin) &
+                            cv::Rect(0, 0, frame.cols, frame.rows);
+      if (area.empty()) continue;
+      const std::vector<cv::Rect> found = my.near.detect(frame(area));
+      if (!found.empty()) seen.push_back(found.front() + area.tl());
+    }
+  }
+  for (Face& face : my.faces) {
+    const auto best =
+        std::max_element(seen.begin(), seen.end(), [&](const cv::Rect& a, const cv::Rect& b) {
+          return intersection_over_union(face.box, a) < intersection_over_union(face.box, b);
+        });
+    if (best == seen.end() || intersection_over_union(face.box, *best) < kSame) {
+      ++face.missed;
+      continue;
+    }
+    face.box = blended(face.box, *best, kFollow);
+    face.missed = 0;
+    seen.erase(best);
+  }
+  std::erase_if(my.faces, [&](const Face& face) { return face.missed > my.options.forget_after; });
+  if (search) {
+    for (const cv::Rect& box : seen) {
+      const bool known = std::any_of(my.faces.begin(), my.faces.end(), [&](const Face& face) {
+        return intersection_over_union(face.box, box) >= kSame;
+      });
+      if (!known) my.faces.push_back({my.next_id++, box, 0});
+    }
+  }
+  return my.faces;
+}
+
+}  // namespace tarsier::face

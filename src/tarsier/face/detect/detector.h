@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace tarsier::face {
+
+// Where Debian, Ubuntu, Raspberry Pi OS and a built OpenCV keep the cascade files; the folder that
+// the environment variable TARSIER_CASCADES names comes first. Returns the path of `name`
+// ("haarcascade_frontalface_alt2.xml") or "".
+[[nodiscard]] std::string find_cascade(const std::string& name);
+
+// Width of the smallest face that is looked for where nothing else is asked, px of the picture: 40,
+// and 24 in pictures of up to half a megapixel, where it costs little.
+[[nodiscard]] double usual_min_face(cv::Size picture);
+
+struct FaceDetectorOptions {
+  double min_face = 0;  // px of the picture, width of the smallest box, 16..8192; 0: the usual
+  // px; wider pictures are searched at this width, whatever min_face says, 80..4096; 0: at the
+  // width that min_face needs.
+  int max_width = 0;
+  int neighbors = 3;  // rectangles that must agree, 1..20
+  double step = 1.1;  // from one size of face that is looked for to the next, 1.01..2
+  std::string cascade = "haarcascade_frontalface_alt2.xml";
+
+  void check() const;
+};
+
+// Finds upright frontal faces with a boosted cascade (Viola and Jones, CVPR 2001), in the picture
+// reduced so that min_face is kCascadeWindow px. Not thread-safe.
+inline constexpr int kCascadeWindow = 24;
+class FaceDetector {
+ public:
+  // Throws ModelError when no cascade file is found (Debian: package opencv-data).
+  explicit FaceDetector(const FaceDetectorOptions& options = {});
+  ~FaceDetector();
+  FaceDetector(FaceDetector&&) noexcept;
+  FaceDetector& operator=(FaceDetector&&) noexcept;
+
+  // Faces in `frame` (CV_8UC3 BGR or CV_8UC1), px, largest first.
+  [[nodiscard]] std::vector<cv::Rect> detect(const cv::Mat& frame);
+  // Other sizes than those of the options; max_face 0: as large as the picture.
+  [[nodiscard]] std::vector<cv::Rect> detect(const cv::Mat& frame, double min_face,
+                                             double max_face);
+  // Pixels of all pictures so far, as they were searched: what the searches cost.
+  [[nodiscard]] std::int64_t pixels() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+struct FaceFollowerOptions {
+  int search_every = 8;   // frames between two searches of the whole picture, >= 1
+  int forget_after = 15;  // frames without the face after which it is dropped, >= 1
+};
+
+// Faces followed through a video: found again every few frames, looked for near their last place in
+// between, positions smoothed, short misses bridged. Not thread-safe.
+class FaceFollower {
+ public:
+  // The whole picture is searched at 320 px: faces of 7.5 % of its width and more.
+  explicit FaceFollower(FaceDetectorOptions detector = {.max_width = 320},
+                        FaceFollowerOptions options = {});
+  ~FaceFollower();
+  FaceFollower(FaceFollower&&) noexcept;
+  FaceFollower& operator=(FaceFollower&&) noexcept;
+
+  struct Face {
+    int id = 0;      // stays with the face
+    cv::Rect box;    // px in the frame
+    int missed = 0;  // frames since it was seen
+  };
+  const std::vector<Face>& follow(const cv::Mat& frame);
+  void reset();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tarsier::face

@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/detect/face_networks.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/face/detect/face_training.h"
+#include "tarsier/face/detect/training_views.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+
+namespace tarsier::face {
+namespace {
+
+FaceNetworks random_networks(std::uint64_t seed) {
+  FaceNetworks networks;
+  Rng rng(seed);
+  linalg::initialize(networks.scan, rng);
+  linalg::initialize(networks.judge, rng);
+  linalg::initialize(networks.check, rng);
+  return networks;
+}
+
+cv::Mat noise(cv::Size size, std::uint64_t seed) {
+  cv::Mat gray(size, CV_8UC1);
+  cv::RNG random(seed);
+  random.fill(gray, cv::RNG::UNIFORM, 0, 256);
+  cv::GaussianBlur(gray, gray, cv::Size(0, 0), 2);
+  return gray;
+}
+
+class FaceNetworksTest : public FolderTest {};
+
+TEST_F(FaceNetworksTest, SurviveTheirFile) {
+  const FaceNetworks networks = random_networks(3);
+  write_face_networks(path("n.json"), networks, {{"terms", "none"}});
+  const FaceNetworks read = read_face_networks(path("n.json"));
+  EXPECT_EQ(read.scan.layers[0].weights, networks.scan.layers[0].weights);
+  EXPECT_EQ(read.judge.layers[2].weights, networks.judge.layers[2].weights);
+  EXPECT_EQ(read.check.layers[6].bias, networks.check.layers[6].bias);
+  EXPECT_EQ(read.sure, networks.sure);
+}
+
+TEST_F(FaceNetworksTest, OtherNetworksAreRefused) {
+  write_face_networks(path("n.json"), random_networks(3), nlohmann::json::object());
+  const Archive right = read_archive(path("n.json"), kFaceNetworksType, 1);
+  const auto expect_refused = [&](const Archive& wrong) {
+    write_archive(path("bad.json"), wrong);
+    EXPECT_THROW((void)read_face_networks(path("bad.json")), ModelError);
+  };
+  Archive swapped = right;
+  std::swap(swapped.payload["judge"], swapped.payload["scan"]);
+  expect_refused(swapped);
+  Archive unsure = right;
+  unsure.payload["sure"] = 0.2;  // below `likely`
+  expect_refused(unsure);
+  Archive half = right;
+  half.payload.erase("check");
+  expect_refused(half);
+}
+
+TEST(FaceSearch, RefusesOptionsOutOfRange) {
+  EXPECT_THROW((FaceSearchOptions{.min_face = 8}.check()), std::invalid_argument);
+  EXPECT_THROW((FaceSearchOptions{.min_face = 40, .max_face = 30}.check()), std::invalid_argument);
+  EXPECT_THROW((FaceSearchOptions{.threshold = 1}.check()), std::invalid_argument);
+}
+
+TEST(FaceSearch, TheCostDependsOnTheSmallestFaceAndNotOnTheScale) {
+  const FaceNetworks networks = random_networks(5);
+  FaceSearchWorkspace workspace;
+  const cv::Mat small = noise({320, 200}, 1);
+  (void)scan_faces(small, networks, {.min_face = 20}, workspace);
+  const auto first = static_cast<double>(workspace.pixels);
+  cv::Mat large;
+  cv::resize(small, large, cv::Size(1280, 800), 0, 0, cv::INTER_LINEAR);
+  (void)scan_faces(large, networks, {.min_face = 80}, workspace);
+  EXPECT_NEAR(static_cast<double>(workspace.pixels) - first, first, 0.02 * first);
+  // The pyramid: 1 + 1/1.35^2 + .. of the finest level, and the borders.
+  EXPECT_LT(first, 3.2 * 256 * 160);
+}
+
+TEST(FaceSearch, TheWorkHasAnEndWhateverThePictureHolds) {
+  FaceNetworks networks = random_networks(5);
+  networks.scan.layers.back().bias[0] = 20;  // everything looks like a face
+  networks.judge.layers.back().bias[0] = 20;
+  networks.check.layers.back().bias[0] = 20;
+  FaceSearchWorkspace workspace;
+  const auto faces =
+      search_faces(noise({320, 240}, 2), networks, {.min_face = 16, .max_places = 50}, workspace);
+  EXPECT_LE(workspace.places, 50);
+  EXPECT_LE(faces.size(), 50U);
+  EXPECT_FALSE(faces.empty());
+}
+
+TEST(FaceSearch, TinyPicturesAreNoTrouble) {
+  FaceSearchWorkspace workspace;
+  const FaceNetworks networks = random_networks(1);
+  for (const cv::Size size : {cv::Size(1, 1), cv::Size(3, 200), cv::Size(17, 16)}) {
+    EXPECT_NO_THROW((void)search_faces(cv::Mat(size, CV_8UC1, cv::Scalar(9)), networks,
+                                       {.min_face = 16}, workspace));
+  }
+}
+
+TEST(SuppressOverlaps, TheBetterOfTwoOnOneFaceStaysAndNeighboursDo) {
+  const std::vector<ScoredFace> kept = suppress_overlaps({{{0, 0, 40, 40}, 0.8},
+                                                          {{4, 2, 40, 40}, 0.9},     // the same
+                                                          {{12, 12, 18, 18}, 0.85},  // inside it
+                                                          {{45, 0, 40, 40}, 0.5}});
+  ASSERT_EQ(kept.size(), 2U);
+  EXPECT_EQ(kept[0].score, 0.9);
+  EXPECT_EQ(kept[1].box.x, 45);
+}
+
+// --- training ---
+
+// A face of a kind: two dark eyes and a mouth on something bright.
+void draw_mask(cv::Mat& picture, const cv::Rect2d& box) {
+  const auto at = [&](double x, double y) {
+    return cv::Point(cvRound(box.x + x * box.width), cvRound(box.y + y * box.width));
+  };
+  const auto size = [&](double x, double y) {
+    return cv::Size(cvRound(x * box.width), cvRound(y * box.width));
+  };
+  cv::ellipse(picture, at(0.5, 0.55), size(0.52, 0.68), 0, 0, 360, cv::Scalar(200), -1);
+  for (const double x : {0.28, 0.72}) {
+    cv::ellipse(picture, at(x, 0.35), size(0.12, 0.08), 0, 0, 360, cv::Scalar(40), -1);
+  }
+  cv::ellipse(picture, at(0.5, 0.85), size(0.2, 0.06), 0, 0, 360, cv::Scalar(70), -1);
+}
+
+class FaceTrainingTest : public FolderTest {
+ protected:
+  FaceTrainingTest() {
+    for (int i = 0; i < 3; ++i) {
+      cv::Mat picture = noise({80, 80}, static_cast<std::uint64_t>(i) + 20);
+      const cv::Rect2d box(22 + 3 * i, 20 + 2 * i, 30 + i, 30 + i);
+      draw_mask(picture, box);
+      const std::string name = path("face" + std::to_string(i) + ".png");
+      write_image(name, picture);
+      pictures_.push_back({name, {box}, {}});
+    }
+    for (int i = 0; i < 2; ++i) {
+      const std::string name = path("none" + std::to_string(i) + ".png");
+      write_image(name, noise({80, 64}, static_cast<std::uint64_t>(i) + 50));
+      pictures_.push_back({name, {}, {}});
+    }
+  }
+  std::vector<FacePicture> pictures_;
+  NoProgress silent_;
+};
+
+TEST_F(FaceTrainingTest, IsTheSameForAnyNumberOfThreads) {
+  const FaceTrainingOptions options{
+      .scan_steps = 4, .judge_steps = 2, .check_steps = 3, .drawings = 0};
+  const int threads = cv::getNumThreads();
+  cv::setNumThreads(1);
+  const FaceTraining one = train_face_networks(pictures_, "set", options, silent_, {});
+  cv::setNumThreads(3);
+  const FaceTraining three = train_face_networks(pictures_, "set", options, silent_, {});
+  cv::setNumThreads(threads);
+  EXPECT_EQ(one.faces, 3);
+  EXPECT_EQ(one.without, 2);
+  for (std::size_t i = 0; i < one.networks.scan.layers.size(); ++i) {
+    EXPECT_EQ(one.networks.scan.layers[i].weights, three.networks.scan.layers[i].weights);
+  }
+  EXPECT_EQ(one.networks.check.layers[0].weights, three.networks.check.layers[0].weights);
+}
+
+TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByPicturesThatWereHeldOut) {
+  for (int i = 2; i < 8; ++i) {
+    const std::string name = path("none" + std::to_string(i) + ".png");
+    write_image(name, noise({80, 64}, static_cast<std::uint64_t>(i) + 50));
+    pictures_.push_back({name, {}, {}});
+  }
+  // Hardly trained networks take anything for a face.
+  FaceTrainingOptions options{.scan_steps = 2, .judge_steps = 2, .check_steps = 3, .drawings = 0};
+  options.false_alarms = 0;
+  const FaceTraining strict = train_face_networks(pictures_, "set", options, silent_, {});
+  EXPECT_EQ(strict.without, 6);
+  EXPECT_EQ(strict.held_out, 2);
+  options.false_alarms = 10'000;
+  const FaceTraining loose = train_face_networks(pictures_, "set", options, silent_, {});
+  EXPECT_EQ(strict.held_out_alarms, 0);
+  EXPECT_EQ(loose.networks.sure, 0.5);
+  EXPECT_LE(loose.held_out_alarms, 20);
+  EXPECT_GE(strict.networks.sure, loose.networks.sure);
+  FaceSearchWorkspace workspace;
+  // Every fourth of those without faces.
+  for (const int number : {3, 7}) {
+    const auto faces = search_faces(read_gray_image(path("none" + std::to_string(number) + ".png")),
+                                    strict.networks,
+                                    {.min_face = 24, .threshold = strict.networks.sure}, workspace);
+    EXPECT_TRUE(faces.empty()) << number;
+  }
+}
+
+TEST(FaceTrainingViews, ThePlaceOfAPointIsWhereItIsDrawn) {
+  Rng rng(4);
+  for (int round = 0; round < 20; ++round) {
+    cv::Mat gray(200, 240, CV_8UC1, cv::Scalar(20));
+    const cv::Point2d dot(100.5, 120.5);
+    cv::circle(gray, cv::Point(100, 120), 3, cv::Scalar(250), cv::FILLED);
+    training::Picture picture;
+    make_halves(gray, 0.2, picture.halves);
+    const double scale = training::log_uniform(rng, 0.4, 2);
+    const training::Place where =
+        training::place({110, 110}, {32, 32}, scale, training::face_turn(rng));
+    const cv::Mat view = training::view_of(picture, where, 64);
+    cv::Mat weights;
+    view.convertTo(weights, CV_32F, 1, -20);
+    const cv::Moments moments = cv::moments(weights);
+    const cv::Point2d at = where(dot);
+    EXPECT_NEAR(moments.m10 / moments.m00 + 0.5, at.x, 0.25);
+    EXPECT_NEAR(moments.m01 / moments.m00 + 0.5, at.y, 0.25);
+  }
+}
+
+TEST(FaceTrainingViews, SomethingElseMayLieBehindAPicture) {
+  training::Picture picture;
+  make_halves(cv::Mat(20, 20, CV_8UC1, cv::Scalar(200)), 0.5, picture.halves);
+  const cv::Mat behind(64, 64, CV_8UC1, cv::Scalar(10));
+  const training::Place where = training::place({10, 10}, {32, 32}, 1, {});
+  const cv::Mat view = training::view_of(picture, where, 64, &behind);
+  EXPECT_EQ(view.at<std::uint8_t>(32, 32), 200);
+  EXPECT_EQ(view.at<std::uint8_t>(5, 5), 10);
+  EXPECT_EQ(training::view_of(picture, where, 64).at<std::uint8_t>(5, 5), 200);
+}
+
+TEST(FaceTrainingViews, DrawingsComeFromTheSeed) {
+  Rng one(7);
+  Rng same(7);
+  cv::Mat last;
+  for (int i = 0; i < 12; ++i) {
+    const cv::Mat drawing = training::draw_without_faces(one);
+    EXPECT_EQ(cv::norm(drawing, training::draw_without_faces(same), cv::NORM_INF), 0);
+    cv::Scalar mean;
+    cv::Scalar deviation;
+    cv::meanStdDev(drawing, mean, deviation);
+    EXPECT_GT(deviation[0], 1);
+    if (!last.empty()) {
+      EXPECT_GT(cv::norm(drawing, last, cv::NORM_INF), 0);
+    }
+    last = drawing;
+  }
+}
+
+TEST_F(FaceTrainingTest, NeedsFacesAndPicturesWithout) {
+  std::vector<FacePicture> faces(pictures_.begin(), pictures_.begin() + 3);
+  EXPECT_THROW((void)train_face_networks(faces, "set", {}, silent_, {}), InputError);
+  std::vector<FacePicture> without(pictures_.begin() + 3, pictures_.end());
+  EXPECT_THROW((void)train_face_networks(without, "set", {}, silent_, {}), InputError);
+}
+
+}  // namespace
+}  // namespace tarsier::face

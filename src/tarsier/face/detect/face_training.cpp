@@ -1,0 +1,540 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/detect/face_training.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/detect/detector.h"
+#include "tarsier/face/detect/training_views.h"
+#include "tarsier/linalg/losses.h"
+#include "tarsier/linalg/trainer.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <utility>
+
+namespace tarsier::face {
+namespace {
+
+using training::anywhere;
+using training::disturb;
+using training::draw_without_faces;
+using training::face_turn;
+using training::hide_part;
+using training::log_uniform;
+using training::Picture;
+using training::Place;
+using training::place;
+using training::Turn;
+using training::view_of;
+
+constexpr double kLargestFace = 72;         // px; pictures with larger faces are reduced
+constexpr double kLargestSide = 900;        // px of pictures without faces
+constexpr int kPatch = 64;                  // px, what the first network learns from
+constexpr double kFits[2] = {14.0, 23.5};   // px, widths of faces that the first network answers
+constexpr double kNearly[2] = {9.5, 34.0};  // and those where either answer will do
+
+// A place that was taken for a face.
+struct Mistake {
+  int picture = 0;
+  cv::Rect2d box;
+};
+
+// Every so manyth picture without faces is not learned from.
+constexpr int kHoldOut = 4;
+
+struct Material {
+  std::vector<Picture> faces;            // pictures with faces
+  std::vector<Picture> without;          // and those without
+  std::vector<Picture> held_out;         // of the latter: they decide what is sure
+  std::vector<std::pair<int, int>> all;  // picture and face
+  [[nodiscard]] const Picture& picture(int number) const {
+    const auto count = static_cast<int>(without.size());
+    return number < count ? without[static_cast<std::size_t>(number)]
+                          : faces[static_cast<std::size_t>(number - count)];
+  }
+};
+
+double shared(const cv::Rect2d& a, const cv::Rect2d& b) {
+  const double common = (a & b).area();
+  return common / std::max(1e-9, a.area() + b.area() - common);
+}
+
+// --- what the first network learns from ---
+
+// Planes: label, is the box known, dx, dy, log of the growth.
+constexpr std::size_t kScanPlanes = 5;
+
+void label_scan(const Picture& picture, const Place& where, std::vector<float>& target) {
+  constexpr int kSide = kPatch / kScanCell;
+  constexpr std::size_t kPlane = kSide * kSide;
+  target.assign(kScanPlanes * kPlane, 0.0F);
+  const auto each_cell = [&](const auto& what) {
+    for (int y = 0; y < kSide; ++y) {
+      for (int x = 0; x < kSide; ++x) {
+        what(static_cast<std::size_t>(y * kSide + x),
+             cv::Point2d((x + 0.5) * kScanCell, (y + 0.5) * kScanCell));
+      }
+    }
+  };
+  const auto inside = [](const cv::Point2d& p, const cv::Point2d& middle, double reach) {
+    return std::abs(p.x - middle.x) < reach && std::abs(p.y - middle.y) < reach;
+  };
+  for (const cv::Rect2d& box : picture.ignored) {
+    const cv::Point2d middle = where((box.tl() + box.br()) / 2);
+    each_cell([&](std::size_t i, const cv::Point2d& p) {
+      if (inside(p, middle, 0.7 * where.scale * box.width)) target[i] = linalg::kIgnoredCell;
+    });
+  }
+  for (const cv::Rect2d& box : picture.faces) {
+    const cv::Point2d middle = where((box.tl() + box.br()) / 2);
+    const double width = where.scale * box.width;
+    if (width < kNearly[0] || width > kNearly[1]) continue;
+    const bool fits = width >= kFits[0] && width <= kFits[1];
+    each_cell([&](std::size_t i, const cv::Point2d& p) {
+      if (fits && inside(p, middle, std::max(0.17 * width, 2.05))) {
+        target[i] = 1;
+        target[kPlane + i] = 1;
+        target[2 * kPlane + i] = static_cast<float>((middle.x - p.x) / kScanFace);
+        target[3 * kPlane + i] = static_cast<float>((middle.y - p.y) / kScanFace);
+        target[4 * kPlane + i] = static_cast<float>(std::log(width / kScanFace));
+      } else if (target[i] == 0 && inside(p, middle, 0.45 * width)) {
+        target[i] = linalg::kIgnoredCell;
+      }
+    });
+  }
+}
+
+// A mistake stays nearly as it was seen.
+Turn slight_turn(Rng& rng) {
+  const double angle = rng.normal(0, 0.08);
+  return {angle, rng.uniform() < 0.5, 1};
+}
+
+const Picture& any_without(const Material& material, Rng& rng) {
+  return material.without[static_cast<std::size_t>(
+      rng.integer(0, static_cast<int>(material.without.size()) - 1))];
+}
+
+// Beside the picture its edge goes on, or something else begins.
+cv::Mat view_of_face(const Material& material, const Picture& picture, const Place& where, int side,
+                     Rng& rng) {
+  if (rng.uniform() < 0.5) return view_of(picture, where, side);
+  const Picture& other = any_without(material, rng);
+  const cv::Mat behind = view_of(other, anywhere(other, side, 0.08, rng), side);
+  return view_of(picture, where, side, &behind);
+}
+
+void make_scan_example(const Material& material, const std::vector<Mistake>& mistakes, Rng& rng,
+                       FaceSearchWorkspace& workspace, linalg::Example& example) {
+  cv::Mat view;
+  const double kind = rng.uniform();
+  if (kind < 0.55) {
+    const auto& [number, face] = material.all[static_cast<std::size_t>(
+        rng.integer(0, static_cast<int>(material.all.size()) - 1))];
+    const Picture& picture = material.faces[static_cast<std::size_t>(number)];
+    const cv::Rect2d& box = picture.faces[static_cast<std::size_t>(face)];
+    const double size = rng.uniform();
+    const double width = size < 0.85   ? log_uniform(rng, kFits[0], kFits[1])
+                         : size < 0.92 ? log_uniform(rng, 6, kNearly[0])
+                                       : log_uniform(rng, kNearly[1], 64);
+    const double x = rng.uniform(8, kPatch - 8);
+    const double y = rng.uniform(8, kPatch - 8);
+    const Place where = place((box.tl() + box.br()) / 2, {x, y}, width / box.width, face_turn(rng));
+    view = view_of_face(material, picture, where, kPatch, rng);
+    if (rng.uniform() < 0.2) hide_part(view, {x - width / 2, y - width / 2, width, width}, rng);
+    label_scan(picture, where, example.target);
+  } else {
+    Place where;
+    const Picture* picture = nullptr;
+    if (kind < 0.8 && !mistakes.empty()) {
+      const Mistake& mistake =
+          mistakes[static_cast<std::size_t>(rng.integer(0, static_cast<int>(mistakes.size()) - 1))];
+      picture = &material.picture(mistake.picture);
+      const double width = log_uniform(rng, 14, 23);
+      const double x = rng.uniform(16, kPatch - 16);
+      const double y = rng.uniform(16, kPatch - 16);
+      where = place((mistake.box.tl() + mistake.box.br()) / 2, {x, y}, width / mistake.box.width,
+                    slight_turn(rng));
+    } else {
+      picture = &any_without(material, rng);
+      where = anywhere(*picture, kPatch, 0.08, rng);
+    }
+    view = view_of(*picture, where, kPatch);
+    label_scan(*picture, where, example.target);
+  }
+  disturb(view, rng);
+  example.shape = {4, kPatch / 2, kPatch / 2};
+  scan_input(view, workspace, example.input);
+}
+
+double scan_loss(const linalg::Example& example, const std::vector<float>& output,
+                 linalg::Shape shape, std::vector<float>& derivative) {
+  return linalg::map_loss({.values = 3, .weight = 1, .focal = 1.2F, .knee = 0.1F}, example.target,
+                          output, shape, derivative);
+}
+
+// --- what the others learn from ---
+
+void make_window_example(const Material& material, const std::vector<Mistake>& mistakes,
+                         FaceWindow form, Rng& rng, linalg::Example& example) {
+  // Target: label, is the box known, dx, dy, log of the growth.
+  example.target.assign(kScanPlanes, 0.0F);
+  const double middle = form.side / 2.0;
+  cv::Mat view;
+  const double kind = rng.uniform();
+  if (kind < 0.55) {
+    const auto& [number, face] = material.all[static_cast<std::size_t>(
+        rng.integer(0, static_cast<int>(material.all.size()) - 1))];
+    const Picture& picture = material.faces[static_cast<std::size_t>(number)];
+    const cv::Rect2d& box = picture.faces[static_cast<std::size_t>(face)];
+    // The box is off by (dx, dy) widths of the face and `growth` too large.
+    double dx = rng.uniform(-0.17, 0.17);
+    double dy = rng.uniform(-0.17, 0.17);
+    double growth = log_uniform(rng, 0.78, 1.28);
+    const bool is_near = kind >= 0.45;
+    Turn turn = face_turn(rng);
+    if (is_near) {  // too far off to pass, or not upright
+      const double how = rng.uniform();
+      if (how < 0.2) {
+        const double quarters = rng.integer(1, 3);
+        turn.angle += quarters * CV_PI / 2;
+      } else if (how < 0.7) {
+        const double angle = rng.uniform(0, 2 * CV_PI);
+        const double far = rng.uniform(0.42, 0.95);
+        dx = far * std::cos(angle);
+        dy = far * std::sin(angle);
+      } else {
+        growth = rng.uniform() < 0.5 ? log_uniform(rng, 0.38, 0.6) : log_uniform(rng, 1.65, 2.7);
+      }
+    }
+    const double width = form.box / growth;
+    const cv::Point2d to(middle - dx * width, middle - dy * width);
+    const Place where = place((box.tl() + box.br()) / 2, to, width / box.width, turn);
+    view = view_of_face(material, picture, where, form.side, rng);
+    if (!is_near) {
+      if (rng.uniform() < 0.25) {
+        hide_part(view, {to.x - width / 2, to.y - width / 2, width, width}, rng);
+      }
+      example.target = {1, 1, static_cast<float>((to.x - middle) / form.box),
+                        static_cast<float>((to.y - middle) / form.box),
+                        static_cast<float>(std::log(width / form.box))};
+    }
+  } else if (kind < 0.93 && !mistakes.empty()) {
+    const Mistake& mistake =
+        mistakes[static_cast<std::size_t>(rng.integer(0, static_cast<int>(mistakes.size()) - 1))];
+    const double dx = rng.normal(0, 0.06);
+    const double dy = rng.normal(0, 0.06);
+    const double growth = std::exp(rng.normal(0, 0.08));
+    const Place where = place((mistake.box.tl() + mistake.box.br()) / 2,
+                              {middle + dx * form.box, middle + dy * form.box},
+                              form.box / mistake.box.width * growth, slight_turn(rng));
+    view = view_of(material.picture(mistake.picture), where, form.side);
+  } else {
+    const Picture& picture = any_without(material, rng);
+    view = view_of(picture, anywhere(picture, form.side, 0.05, rng), form.side);
+  }
+  disturb(view, rng);
+  example.shape = {4, form.side / 2, form.side / 2};
+  window_input(view, example.input);
+}
+
+double window_loss(const linalg::Example& example, const std::vector<float>& output, linalg::Shape,
+                   std::vector<float>& derivative) {
+  double loss = linalg::logistic_loss(output[0], example.target[0], derivative[0]);
+  if (example.target[1] < 0.5F) return loss;
+  for (std::size_t k = 1; k < 4; ++k) {
+    float d = 0;
+    loss += linalg::huber(output[k] - example.target[1 + k], 0.06F, d);
+    derivative[k] = d;
+  }
+  return loss;
+}
+
+// --- both ---
+
+Material load(const std::vector<FacePicture>& pictures, Progress& progress,
+              const std::stop_token& stop, std::vector<std::string>& skipped) {
+  Material material;
+  int without = 0;
+  progress.begin("reading", static_cast<std::int64_t>(pictures.size()), "pictures");
+  for (const FacePicture& from : pictures) {
+    throw_if_stopped(stop);
+    progress.advance();
+    cv::Mat gray;
+    try {
+      gray = read_gray_image(from.image);
+    } catch (const InputError& error) {
+      skipped.emplace_back(error.what());
+      continue;
+    }
+    double scale = std::min(1.0, kLargestSide / std::max(gray.cols, gray.rows));
+    if (!from.faces.empty()) {
+      double smallest = 1e9;
+      for (const cv::Rect2d& face : from.faces) smallest = std::min(smallest, face.width);
+      scale = std::min(1.0, kLargestFace / smallest);
+    }
+    const cv::Size size(std::max(8, cvRound(gray.cols * scale)),
+                        std::max(8, cvRound(gray.rows * scale)));
+    if (scale < 1) cv::resize(gray, gray, size, 0, 0, cv::INTER_AREA);
+    Picture picture;
+    const auto scaled = [&](const cv::Rect2d& box) {
+      return cv::Rect2d(box.x * scale, box.y * scale, box.width * scale, box.height * scale);
+    };
+    for (const cv::Rect2d& box : from.faces) {
+      if (box.width * scale >= kScanFace && box.width > 0) {
+        picture.faces.push_back(scaled(box));
+      } else {
+        picture.ignored.push_back(scaled(box));
+      }
+    }
+    for (const cv::Rect2d& box : from.ignored) picture.ignored.push_back(scaled(box));
+    make_halves(gray, 0.05, picture.halves);
+    if (from.faces.empty() && from.ignored.empty()) {
+      const bool held_out = ++without % kHoldOut == 0;
+      (held_out ? material.held_out : material.without).push_back(std::move(picture));
+    } else if (!picture.faces.empty()) {
+      for (int f = 0; f < static_cast<int>(picture.faces.size()); ++f) {
+        material.all.emplace_back(static_cast<int>(material.faces.size()), f);
+      }
+      material.faces.push_back(std::move(picture));
+    }
+  }
+  progress.end();
+  return material;
+}
+
+void add_drawings(int count, Rng rng, Material& material) {
+  for (int i = 0; i < count; ++i) {
+    Picture picture;
+    make_halves(draw_without_faces(rng), 0.05, picture.halves);
+    material.without.push_back(std::move(picture));
+  }
+}
+
+enum class Stage { kScan, kJudge, kCheck };
+
+// Places that are taken for faces, up to the given network, and are none.
+std::vector<Mistake> find_mistakes(const Material& material, const FaceNetworks& networks,
+                                   Stage stage, double threshold, Progress& progress,
+                                   const std::stop_token& stop) {
+  const std::size_t count = material.without.size() + material.faces.size();
+  std::vector<std::vector<Mistake>> found(count);
+  progress.begin("looking for mistakes", static_cast<std::int64_t>(count), "pictures");
+  cv::parallel_for_(cv::Range(0, static_cast<int>(count)), [&](const cv::Range& range) {
+    FaceSearchWorkspace workspace;
+    for (int i = range.start; i < range.end; ++i) {
+      progress.advance();
+      if (stop.stop_requested()) return;
+      const Picture& picture = material.picture(i);
+      FaceSearchOptions options;
+      options.min_face = kScanFace;
+      options.max_places = stage == Stage::kScan ? 150 : 400;
+      options.threshold = threshold;
+      options.checked = stage == Stage::kCheck;
+      const std::vector<ScoredFace> places =
+          stage == Stage::kScan ? scan_faces(picture.halves[0], networks, options, workspace)
+                                : search_faces(picture.halves[0], networks, options, workspace);
+      for (const ScoredFace& place : places) {
+        if (place.score < threshold) continue;
+        const auto is_near = [&](const cv::Rect2d& box) { return shared(box, place.box) > 0.25; };
+        if (std::any_of(picture.faces.begin(), picture.faces.end(), is_near)) continue;
+        if (std::any_of(picture.ignored.begin(), picture.ignored.end(), is_near)) continue;
+        found[static_cast<std::size_t>(i)].push_back({i, place.box});
+      }
+    }
+  });
+  progress.end();
+  throw_if_stopped(stop);
+  std::vector<Mistake> all;
+  for (const auto& part : found) all.insert(all.end(), part.begin(), part.end());
+  return all;
+}
+
+// Faces that nobody drew a box around: what the second network firmly holds for a face in a picture
+// that shows some. They become ignored.
+void ignore_missing_boxes(Material& material, const FaceNetworks& networks, Progress& progress,
+                          const std::stop_token& stop) {
+  const auto first = static_cast<int>(material.without.size());
+  for (const Mistake& mistake :
+       find_mistakes(material, networks, Stage::kJudge, 0.9, progress, stop)) {
+    if (mistake.picture < first) continue;
+    material.faces[static_cast<std::size_t>(mistake.picture - first)].ignored.push_back(
+        mistake.box);
+  }
+}
+
+// Those in ignored places go.
+void forget_ignored(const Material& material, std::vector<Mistake>& mistakes) {
+  std::erase_if(mistakes, [&](const Mistake& mistake) {
+    const std::vector<cv::Rect2d>& ignored = material.picture(mistake.picture).ignored;
+    return std::any_of(ignored.begin(), ignored.end(),
+                       [&](const cv::Rect2d& box) { return shared(box, mistake.box) > 0.25; });
+  });
+}
+
+// The hard ones are as often seen as all others together.
+void add_hard(const std::vector<Mistake>& hard, std::vector<Mistake>& mistakes) {
+  if (hard.empty()) return;
+  const std::size_t times = std::clamp<std::size_t>(mistakes.size() / hard.size(), 1, 20);
+  for (std::size_t k = 0; k < times; ++k) {
+    mistakes.insert(mistakes.end(), hard.begin(), hard.end());
+  }
+}
+
+// The score from which at most `allowed` finds in the pictures that were held out, searched as the
+// program searches, are taken for faces, and how many then are.
+struct Calibration {
+  double sure = 0;
+  int alarms = 0;
+};
+Calibration calibrate(const Material& material, const FaceNetworks& networks, int allowed,
+                      Progress& progress, const std::stop_token& stop) {
+  constexpr double kLowest = 0.5;
+  constexpr double kHighest = 0.98;
+  std::vector<std::vector<double>> found(material.held_out.size());
+  progress.begin("what is sure", static_cast<std::int64_t>(found.size()), "pictures");
+  cv::parallel_for_(cv::Range(0, static_cast<int>(found.size())), [&](const cv::Range& range) {
+    FaceSearchWorkspace workspace;
+    for (int i = range.start; i < range.end; ++i) {
+      progress.advance();
+      if (stop.stop_requested()) return;
+      const auto number = static_cast<std::size_t>(i);
+      const Picture& picture = material.held_out[number];
+      FaceSearchOptions options;
+      options.min_face = usual_min_face(picture.size());
+      options.threshold = kLowest;
+      for (const ScoredFace& face : search_faces(picture.halves[0], networks, options, workspace)) {
+        found[number].push_back(face.score);
+      }
+    }
+  });
+  progress.end();
+  throw_if_stopped(stop);
+  std::vector<double> scores;
+  for (const auto& part : found) scores.insert(scores.end(), part.begin(), part.end());
+  std::sort(scores.begin(), scores.end(), std::greater<>());
+  Calibration result;
+  const auto most = static_cast<std::size_t>(allowed);
+  // Halfway, as 1 - score, from the last that may stay to the first that may not.
+  result.sure = kLowest;
+  if (scores.size() > most) {
+    const double above = most > 0 ? scores[most - 1] : 1.0;
+    result.sure = 1 - std::sqrt(std::max(1e-4, 1 - above) * (1 - scores[most]));
+  }
+  result.sure = std::clamp(result.sure, kLowest, kHighest);
+  result.alarms = static_cast<int>(std::count_if(
+      scores.begin(), scores.end(), [&](double score) { return score >= result.sure; }));
+  return result;
+}
+
+}  // namespace
+
+void FaceTrainingOptions::check() const {
+  TARSIER_REQUIRE(scan_steps >= 2 && scan_steps <= 1'000'000, "{} steps", scan_steps);
+  TARSIER_REQUIRE(judge_steps >= 2 && judge_steps <= 1'000'000, "{} steps", judge_steps);
+  TARSIER_REQUIRE(check_steps >= 3 && check_steps <= 1'000'000, "{} steps", check_steps);
+  TARSIER_REQUIRE(drawings >= 0 && drawings <= 10'000, "{} drawings", drawings);
+  TARSIER_REQUIRE(false_alarms >= 0 && false_alarms <= 10'000, "{} false alarms", false_alarms);
+}
+
+FaceTraining train_face_networks(const std::vector<FacePicture>& pictures, const std::string& name,
+                                 const FaceTrainingOptions& options, Progress& progress,
+                                 std::stop_token stop) {
+  options.check();
+  FaceTraining result;
+  Material material = load(pictures, progress, stop, result.skipped);
+  if (material.all.empty()) throw InputError(name, "no face is left to learn from");
+  if (material.without.empty()) {
+    throw InputError(name, "no picture without faces: without them everything is a face");
+  }
+  result.pictures = static_cast<int>(material.faces.size());
+  result.faces = static_cast<int>(material.all.size());
+  result.without = static_cast<int>(material.without.size());
+  result.held_out = static_cast<int>(material.held_out.size());
+
+  FaceNetworks& networks = result.networks;
+  const Rng root(options.seed);
+  add_drawings(options.drawings, root.fork(2), material);
+  Rng first = root.fork(1);
+  linalg::initialize(networks.scan, first);
+  linalg::initialize(networks.judge, first);
+  linalg::initialize(networks.check, first);
+  std::vector<Mistake> mistakes;
+  const auto make_scan = [&](std::int64_t, Rng& rng, linalg::Example& example) {
+    thread_local FaceSearchWorkspace workspace;
+    make_scan_example(material, mistakes, rng, workspace, example);
+  };
+  const auto train = [&](linalg::Network& network, const char* stage, int steps, double rate,
+                         std::uint64_t number, const linalg::MakeExample& make,
+                         const linalg::Loss& loss) {
+    linalg::TrainOptions how;
+    how.steps = steps;
+    how.rate = rate;
+    how.seed = options.seed * 8 + number;
+    linalg::train(network, how, stage, make, loss, progress, stop);
+  };
+  const auto train_scan = [&](int steps, double rate, std::uint64_t number) {
+    train(networks.scan, "first network", steps, rate, number, make_scan, scan_loss);
+  };
+  const auto train_window = [&](linalg::Network& network, FaceWindow form, const char* stage,
+                                int steps, double rate, std::uint64_t number) {
+    const auto make = [&](std::int64_t, Rng& rng, linalg::Example& example) {
+      make_window_example(material, mistakes, form, rng, example);
+    };
+    train(network, stage, steps, rate, number, make, window_loss);
+  };
+  const auto mistakes_of = [&](Stage stage, double threshold) {
+    return find_mistakes(material, networks, stage, threshold, progress, stop);
+  };
+
+  train_scan(options.scan_steps / 2, 3e-3, 0);
+  mistakes = mistakes_of(Stage::kScan, 0.3);
+  result.scan_mistakes = static_cast<int>(mistakes.size());
+  train_scan(options.scan_steps - options.scan_steps / 2, 2e-3, 1);
+
+  mistakes = mistakes_of(Stage::kScan, 0.1);
+  train_window(networks.judge, kJudgeWindow, "second network", options.judge_steps / 2, 2e-3, 2);
+  ignore_missing_boxes(material, networks, progress, stop);
+  forget_ignored(material, mistakes);
+  std::vector<Mistake> hard = mistakes_of(Stage::kJudge, 0.2);
+  result.judge_mistakes = static_cast<int>(hard.size());
+  add_hard(hard, mistakes);
+  train_window(networks.judge, kJudgeWindow, "second network",
+               options.judge_steps - options.judge_steps / 2, 1.5e-3, 3);
+
+  // The third sees what passed the second before and after its second half, and then twice what
+  // passes itself.
+  mistakes = mistakes_of(Stage::kJudge, 0.1);
+  mistakes.insert(mistakes.end(), hard.begin(), hard.end());
+  const std::vector<Mistake> passed = mistakes;
+  const int part = options.check_steps / 3;
+  train_window(networks.check, kCheckWindow, "third network", part, 2e-3, 4);
+  hard = mistakes_of(Stage::kCheck, 0.1);
+  add_hard(hard, mistakes);
+  train_window(networks.check, kCheckWindow, "third network", part, 1.5e-3, 5);
+  const std::vector<Mistake> left = mistakes_of(Stage::kCheck, 0.1);
+  result.check_mistakes = static_cast<int>(hard.size() + left.size());
+  hard.insert(hard.end(), left.begin(), left.end());
+  mistakes = passed;
+  add_hard(hard, mistakes);
+  train_window(networks.check, kCheckWindow, "third network", options.check_steps - 2 * part,
+               1.2e-3, 6);
+
+  if (material.held_out.empty()) return result;
+  const Calibration calibration =
+      calibrate(material, networks, static_cast<int>(options.false_alarms / 1000 * result.held_out),
+                progress, stop);
+  networks.sure = calibration.sure;
+  result.held_out_alarms = calibration.alarms;
+  return result;
+}
+
+}  // namespace tarsier::face

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/detect/search_plan.h"
+
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::face {
+namespace {
+
+// Beginnings of parts of `part` px that cover `length`, each sharing `shared` px with the next.
+std::vector<int> beginnings(int length, int part, int shared) {
+  if (length <= part) return {0};
+  const int steps = (length - shared + part - shared - 1) / (part - shared);
+  std::vector<int> starts;
+  for (int i = 0; i < steps; ++i) {
+    starts.push_back(static_cast<int>(static_cast<long>(length - part) * i / (steps - 1)));
+  }
+  return starts;
+}
+
+}  // namespace
+
+SearchPlan plan_search(cv::Size picture, double min_face, double window, double tile) {
+  TARSIER_REQUIRE(picture.width > 0 && picture.height > 0, "{}x{}", picture.width, picture.height);
+  TARSIER_REQUIRE(min_face > 0 && window > 0 && tile >= 8 * window, "{} px, {}, {}", min_face,
+                  window, tile);
+  constexpr double kMargin = 1.5;  // of a part's largest face is shared with the next part
+  SearchPlan plan;
+  // An octave of sizes after the other, until the picture is small enough for one look.
+  double smallest = min_face;
+  while (std::max(picture.width, picture.height) * window / smallest > tile) {
+    const double largest = 2 * smallest;
+    const int side = static_cast<int>(tile * smallest / window);
+    const int shared = static_cast<int>(std::ceil(kMargin * largest));
+    for (const int y : beginnings(picture.height, side, shared)) {
+      for (const int x : beginnings(picture.width, side, shared)) {
+        const cv::Rect area =
+            cv::Rect(x, y, side, side) & cv::Rect(0, 0, picture.width, picture.height);
+        plan.tiles.push_back({area, smallest, largest});
+      }
+    }
+    smallest = largest;
+  }
+  plan.whole = {cv::Rect(0, 0, picture.width, picture.height), smallest, 0};
+  return plan;
+}
+
+}  // namespace tarsier::face

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/head/angles.h"
+
+#include <opencv2/core/matx.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+// How good head poses are.
+namespace tarsier::face::head {
+
+// --- exact truth ---
+
+struct PosePair {
+  std::string image;
+  cv::Matx33d rotation;  // camera_from_head as found
+  cv::Matx33d truth;
+  std::optional<cv::Vec3d> translation;  // mm, both or none
+  std::optional<cv::Vec3d> true_translation;
+};
+
+// Angles for comparison with others (BIWI): R = Rz(roll) Rx(pitch) Ry(yaw); their pitch is minus
+// ours.
+struct PoseScore {
+  int truths = 0;
+  int answered = 0;
+  double pitch_mae_deg = 0;
+  double yaw_mae_deg = 0;
+  double roll_mae_deg = 0;
+  double mean_deg = 0;  // of the angle of R R_true^T
+  double median_deg = 0;
+  double p95_deg = 0;   // 95th percentile, interpolated between ranks
+  double beyond10 = 0;  // share of more than 10 degrees
+  int with_translation = 0;
+  double translation_mean_mm = 0;
+  double translation_median_mm = 0;
+  double translation_percent = 0;  // of the distance, mean
+};
+[[nodiscard]] PoseScore score_poses(const std::vector<PosePair>& pairs, int truths);
+
+// A line {"image", "rotation": [9]} or "R": [9], {"image", "euler": [pitch, yaw, roll]} (BIWI,
+// degrees) or {"image", "yaw", "pitch", "roll"} (ours), optionally "translation" or "t"; of
+// {"image", "faces": [..]} the first face. A line without a pose: no face was found.
+struct PoseLine {
+  std::string image;
+  std::optional<cv::Matx33d> rotation;
+  std::optional<cv::Vec3d> translation;
+};
+// Throws InputError with path and line: no JSON, no "image", a matrix that is no rotation (1e-3),
+// numbers that are not finite.
+[[nodiscard]] std::vector<PoseLine> read_pose_lines(const std::string& path);
+
+// Pairs of the same "image"; of several lines of an image the last counts.
+[[nodiscard]] std::vector<PosePair> match_poses(const std::vector<PoseLine>& found,
+                                                const std::vector<PoseLine>& truth);
+
+// --- Pointing'04 (Gourier, Hall and Crowley 2004): names carry the angles ---
+
+// "person01246-30+15.jpg": person 01, series 2, number 46, tilt -30, pan +15 degrees.
+struct PointingName {
+  int person = 0;
+  double tilt_deg = 0;  // + up
+  double pan_deg = 0;   // + towards image left
+};
+[[nodiscard]] std::optional<PointingName> parse_pointing_name(const std::string& path);
+
+struct PointingOutcome {
+  std::string image;
+  PointingName truth;
+  bool face_seen = false;               // the strict face detector sees a face in the head's box
+  std::optional<cv::Matx33d> rotation;  // camera_from_head of the pose that was found there
+};
+
+// Where a head looks: the azimuth (+ to image left) and the elevation (+ up) of its forward
+// direction, R (0, 0, -1) = (-sin azimuth cos elevation, -sin elevation, -cos azimuth cos
+// elevation). That is what the set's pan and tilt tell. Yaw and pitch are others: a head that was
+// panned by 45 degrees and then nods by 30 has a pitch of 21 and a roll of 22 degrees.
+struct Gaze {
+  double azimuth_deg = 0;
+  double elevation_deg = 0;
+};
+[[nodiscard]] Gaze gaze_of_rotation(const cv::Matx33d& camera_from_head);
+[[nodiscard]] cv::Vec3d forward_of_gaze(const Gaze& gaze);
+
+struct PointingScore {
+  int images = 0;      // |pan| <= 45, |tilt| <= 30
+  int seen = 0;        // by the strict face detector
+  int seen_found = 0;  // of those with a pose
+  int found = 0;       // with a pose, also where only a less strict search saw the face
+  // Mean absolute error after the best constant offset (the median error is taken off), since
+  // nobody looks exactly where the set says.
+  double yaw_mae_deg = 0;
+  double pitch_mae_deg = 0;
+  double yaw_offset_deg = 0;
+  double pitch_offset_deg = 0;
+  double yaw_mae_raw_deg = 0;  // without offsets
+  double pitch_mae_raw_deg = 0;
+  double elevation_mae_deg = 0;            // of the direction against the tilt, offset taken off
+  double azimuth_mae_deg = 0;              // and against the pan
+  std::map<double, double> yaw_of_pan;     // mean yaw of each pan
+  std::map<double, double> pitch_of_tilt;  // mean pitch of each tilt
+  bool yaw_rises = false;                  // strictly with pan
+};
+[[nodiscard]] PointingScore score_pointing(const std::vector<PointingOutcome>& outcomes);
+
+// The annotated face of a Pointing'04 picture, from the .txt beside it ("Face", then centre x,
+// centre y, width, height); nothing where there is none.
+[[nodiscard]] std::optional<cv::Rect2d> pointing_box(const std::string& picture);
+
+}  // namespace tarsier::face::head

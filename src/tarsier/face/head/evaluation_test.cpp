@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/head/evaluation.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+namespace tarsier::face::head {
+namespace {
+
+using testing::HasSubstr;
+
+PosePair pair_of(const HeadAngles& found, const HeadAngles& truth) {
+  return {"", rotation_of_angles(found), rotation_of_angles(truth), std::nullopt, std::nullopt};
+}
+
+TEST(PoseEvaluation, ErrorsAreThoseOfTheAngles) {
+  std::vector<PosePair> pairs = {pair_of({4, 0, 0}, {0, 0, 0}), pair_of({0, -20, 0}, {0, 0, 0}),
+                                 pair_of({0, 0, 179}, {0, 0, -179})};
+  pairs[0].translation = cv::Vec3d(0, 3, 500);
+  pairs[0].true_translation = cv::Vec3d(0, 0, 500);
+  const PoseScore score = score_poses(pairs, 4);
+  EXPECT_EQ(score.truths, 4);
+  EXPECT_EQ(score.answered, 3);
+  EXPECT_NEAR(score.yaw_mae_deg, 4.0 / 3, 1e-9);
+  EXPECT_NEAR(score.pitch_mae_deg, 20.0 / 3, 1e-9);
+  EXPECT_NEAR(score.roll_mae_deg, 2.0 / 3, 1e-9);  // across 180 degrees
+  EXPECT_NEAR(score.mean_deg, 26.0 / 3, 1e-6);
+  EXPECT_NEAR(score.median_deg, 4, 1e-6);
+  EXPECT_NEAR(score.p95_deg, 4 + 0.9 * 16, 1e-6);  // between the ranks, as numpy has it
+  EXPECT_NEAR(score.beyond10, 1.0 / 3, 1e-12);
+  EXPECT_NEAR(score.translation_mean_mm, 3, 1e-12);
+  EXPECT_NEAR(score.translation_percent, 0.6, 1e-12);
+}
+
+TEST(PoseEvaluation, NothingFoundIsNoError) {
+  const PoseScore score = score_poses({}, 7);
+  EXPECT_EQ(score.answered, 0);
+  EXPECT_EQ(score.mean_deg, 0);
+}
+
+class PoseLines : public FolderTest {
+ protected:
+  std::vector<PoseLine> read(const std::string& text) const {
+    std::ofstream(path("l.jsonl")) << text;
+    return read_pose_lines(path("l.jsonl"));
+  }
+};
+
+TEST_F(PoseLines, AllFormsTellTheSameRotation) {
+  const cv::Matx33d r = rotation_of_angles({10, 20, 30});
+  std::string nine;
+  for (const double v : r.val) nine += (nine.empty() ? "" : ",") + std::to_string(v);
+  const auto lines = read("{\"image\":\"a\",\"rotation\":[" + nine +
+                          "]}\n\n"
+                          "{\"image\":\"b\",\"R\":[" +
+                          nine +
+                          "],\"t\":[1,2,3]}\n"
+                          "{\"image\":\"c\",\"euler\":[-20,10,30]}\n"
+                          "{\"image\":\"d\",\"faces\":[{\"yaw\":10,\"pitch\":20,\"roll\":30}]}\n"
+                          "{\"image\":\"e\",\"faces\":[]}\n");
+  ASSERT_EQ(lines.size(), 5U);
+  for (int i = 0; i < 4; ++i) {
+    const auto& rotation = lines[static_cast<std::size_t>(i)].rotation;
+    ASSERT_TRUE(rotation) << i;
+    EXPECT_LT(cv::norm(*rotation - r), 1e-5) << i;
+  }
+  EXPECT_EQ(lines[1].translation.value(), cv::Vec3d(1, 2, 3));
+  EXPECT_FALSE(lines[4].rotation);
+  EXPECT_EQ(match_poses(lines, lines).size(), 4U);
+}
+
+TEST_F(PoseLines, RefusesBrokenLines) {
+  const auto refusal = [&](const std::string& text) -> std::string {
+    try {
+      (void)read(text);
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    ADD_FAILURE() << "was read: " << text;
+    return {};
+  };
+  EXPECT_THAT(refusal("{}"), HasSubstr("line 1"));
+  EXPECT_THAT(refusal("{\"image\":\"a\"}\n{\"image\":"), HasSubstr("line 2"));
+  EXPECT_THAT(refusal("{\"image\":\"a\",\"R\":[1,2,3]}"), HasSubstr("9 numbers"));
+  EXPECT_THAT(refusal("{\"image\":\"a\",\"R\":[1,0,0,0,1,0,0,0,2]}"), HasSubstr("no rotation"));
+  EXPECT_THAT(refusal("{\"image\":\"a\",\"R\":[1,0,0,0,1,0,0,0,-1]}"), HasSubstr("no rotation"));
+  EXPECT_THAT(refusal("{\"image\":\"a\",\"faces\":3}"), HasSubstr("no list"));
+  EXPECT_THAT(refusal(""), HasSubstr("no lines"));
+  EXPECT_THAT(refusal(std::string(100'000, '[')), HasSubstr("l.jsonl"));
+}
+
+TEST(Pointing, NamesCarryTheAngles) {
+  const auto name = parse_pointing_name("a/Person01/person01246-30+15.jpg");
+  ASSERT_TRUE(name);
+  EXPECT_EQ(name->person, 1);
+  EXPECT_EQ(name->tilt_deg, -30);
+  EXPECT_EQ(name->pan_deg, 15);
+  EXPECT_TRUE(parse_pointing_name("Front/personne01146+0+0.jpg"));
+  EXPECT_FALSE(parse_pointing_name("person01.jpg"));
+  EXPECT_FALSE(parse_pointing_name("person01246-30+15b.jpg"));
+}
+
+TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
+  std::vector<PointingOutcome> outcomes;
+  for (const double pan : {-45.0, -15.0, 0.0, 15.0, 45.0, 90.0}) {
+    // Everybody looks 5 degrees too far left, and those who turn turn too little.
+    outcomes.push_back({"", {1, 0, pan}, true, rotation_of_angles({0.8 * pan + 5, -3, 0})});
+  }
+  outcomes.push_back({"", {1, 0, 30}, true, std::nullopt});
+  outcomes.push_back({"", {1, 0, 30}, false, std::nullopt});
+  const PointingScore score = score_pointing(outcomes);
+  EXPECT_EQ(score.images, 7);  // 90 is beyond
+  EXPECT_EQ(score.seen, 6);
+  EXPECT_EQ(score.found, 5);
+  EXPECT_EQ(score.seen_found, 5);
+  EXPECT_NEAR(score.yaw_offset_deg, 5, 1e-9);
+  EXPECT_NEAR(score.yaw_mae_deg, (9 + 3 + 0 + 3 + 9) / 5.0, 1e-9);
+  EXPECT_NEAR(score.yaw_mae_raw_deg, (14 + 8 + 5 + 2 + 4) / 5.0, 1e-9);
+  EXPECT_NEAR(score.pitch_mae_deg, 0, 1e-9);
+  EXPECT_NEAR(score.pitch_offset_deg, -3, 1e-9);
+  EXPECT_TRUE(score.yaw_rises);
+  outcomes[0].rotation = rotation_of_angles({50, -3, 0});
+  EXPECT_FALSE(score_pointing(outcomes).yaw_rises);
+}
+
+TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
+  std::vector<PointingOutcome> outcomes;
+  for (const double pan : {-45.0, 0.0, 45.0}) {
+    for (const double tilt : {-30.0, 0.0, 30.0}) {
+      // The nod is about the panned head's own axis.
+      const cv::Matx33d r = rotation_of_angles({pan, 0, 0}) * rotation_of_angles({0, tilt, 0});
+      outcomes.push_back({"", {1, tilt, pan}, true, r});
+      const Gaze gaze = gaze_of_rotation(r);
+      EXPECT_NEAR(gaze.azimuth_deg, pan, 1e-9);
+      EXPECT_NEAR(gaze.elevation_deg, tilt, 1e-9);
+      EXPECT_LT(cv::norm(forward_of_gaze(gaze) - r * cv::Vec3d(0, 0, -1)), 1e-12);
+    }
+  }
+  const PointingScore score = score_pointing(outcomes);
+  EXPECT_NEAR(score.elevation_mae_deg, 0, 1e-9);
+  EXPECT_NEAR(score.azimuth_mae_deg, 0, 1e-9);
+  // Its pitch is asin(cos pan sin tilt), 20.7 degrees: 9.3 less at four of nine places.
+  EXPECT_NEAR(score.pitch_mae_deg, 9.295 * 4 / 9, 0.01);
+}
+
+TEST_F(PoseLines, TheBoxBesideAPointingPicture) {
+  std::ofstream(path("person01246-30+15.txt")) << "person\n\nFace\n192\n237\n126\n94\n";
+  const auto box = pointing_box(path("person01246-30+15.jpg"));
+  ASSERT_TRUE(box);
+  EXPECT_EQ(*box, cv::Rect2d(129, 190, 126, 94));
+  EXPECT_FALSE(pointing_box(path("other.jpg")));
+  std::ofstream(path("bad.txt")) << "Face 1 2\n";
+  EXPECT_THROW((void)pointing_box(path("bad.jpg")), InputError);
+}
+
+}  // namespace
+}  // namespace tarsier::face::head

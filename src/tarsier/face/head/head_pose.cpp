@@ -1,0 +1,296 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/head/head_pose.h"
+
+#include "tarsier/core/require.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+namespace tarsier::face::head {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix2Xd;
+using Eigen::Matrix3d;
+using Eigen::Matrix3Xd;
+using Eigen::MatrixXd;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr int kFewest = 6;
+
+Matrix3d to_eigen(const cv::Matx33d& r) {
+  Matrix3d result;
+  for (int a = 0; a < 3; ++a)
+    for (int b = 0; b < 3; ++b) result(a, b) = r(a, b);
+  return result;
+}
+
+cv::Matx33d to_cv(const Matrix3d& r) {
+  return {r(0, 0), r(0, 1), r(0, 2), r(1, 0), r(1, 1), r(1, 2), r(2, 0), r(2, 1), r(2, 2)};
+}
+
+// Of the normal equations' turns (the first three unknowns) only that about the unit vector `axis`
+// is left free; those across it come out as 0.
+void only_about(const Vector3d& axis, MatrixXd& normal, VectorXd& right) {
+  const Matrix3d share = axis * axis.transpose();
+  normal.topRows<3>() = (share * normal.topRows<3>()).eval();
+  normal.leftCols<3>() = (normal.leftCols<3>() * share).eval();
+  normal.topLeftCorner<3, 3>() += Matrix3d::Identity() - share;
+  right.head<3>() = (share * right.head<3>()).eval();
+}
+
+VectorXd inverse_variances(const HeadModel& model) {
+  return model.noise.array().square().inverse();
+}
+
+}  // namespace
+
+geometry::Camera guess_camera(cv::Size picture) {
+  TARSIER_REQUIRE(picture.width > 0 && picture.height > 0, "a picture of {} x {}", picture.width,
+                  picture.height);
+  geometry::Camera camera;
+  camera.width = picture.width;
+  camera.height = picture.height;
+  camera.fx = camera.fy = 1.3 * std::max(picture.width, picture.height);
+  camera.cx = (picture.width - 1) / 2.0;
+  camera.cy = (picture.height - 1) / 2.0;
+  return camera;
+}
+
+void HeadPoseOptions::check() const {
+  TARSIER_REQUIRE(noise_px >= 0 && noise_px <= 100, "noise_px {}", noise_px);
+  TARSIER_REQUIRE(iterations >= 1 && iterations <= 100, "iterations {}", iterations);
+  TARSIER_REQUIRE(robust_sigmas > 0, "robust_sigmas {}", robust_sigmas);
+  TARSIER_REQUIRE(outline_yaw_deg > 0, "outline_yaw_deg {}", outline_yaw_deg);
+  TARSIER_REQUIRE(expression_share >= 0 && expression_share <= 1, "expression_share {}",
+                  expression_share);
+  TARSIER_REQUIRE(memory > 0 && memory <= 1, "memory {}", memory);
+}
+
+VectorXd HeadIdentity::shape(const HeadModel& model) const {
+  const Index m = model.mode_count();
+  if (frames == 0) return VectorXd::Zero(m);
+  TARSIER_REQUIRE(vector.size() == m, "an identity of {} modes for a model of {}", vector.size(),
+                  m);
+  const MatrixXd with_prior = information + MatrixXd::Identity(m, m);
+  return with_prior.llt().solve(vector).cwiseProduct(model.deviation);
+}
+
+HeadPoser::HeadPoser(HeadModel model, HeadPoseOptions options)
+    : model_((model.check(), std::move(model))),
+      options_(std::move(options)),
+      mean_(model_.mean, inverse_variances(model_)) {
+  options_.check();
+  scaled_ = (model_.modes * model_.deviation.asDiagonal()).transpose();
+  is_outline_.assign(static_cast<std::size_t>(model_.points()), 0);
+  for (const int i : model_.outline) is_outline_[static_cast<std::size_t>(i)] = 1;
+  for (const int i : options_.outline) {
+    TARSIER_REQUIRE(i >= 0 && i < model_.points(), "outline point {} of {}", i, model_.points());
+    is_outline_[static_cast<std::size_t>(i)] = 1;
+  }
+}
+
+HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& camera) const {
+  return solve(points, camera, nullptr, nullptr, nullptr);
+}
+
+HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& camera,
+                               HeadIdentity& identity) const {
+  const Index m = model_.mode_count();
+  TARSIER_REQUIRE(identity.frames == 0 || identity.vector.size() == m,
+                  "an identity of {} modes for a model of {}", identity.vector.size(), m);
+  return solve(points, camera, &identity, &identity, nullptr);
+}
+
+HeadPoseResult HeadPoser::pose_towards(const Matrix2Xd& points, const geometry::Camera& camera,
+                                       const cv::Matx33d& camera_from_head,
+                                       const HeadIdentity* identity) const {
+  TARSIER_REQUIRE(identity == nullptr || identity->frames == 0 ||
+                      identity->vector.size() == model_.mode_count(),
+                  "an identity of {} modes for a model of {}", identity->vector.size(),
+                  model_.mode_count());
+  const double off =
+      cv::norm(camera_from_head * camera_from_head.t() - cv::Matx33d::eye(), cv::NORM_INF);
+  TARSIER_REQUIRE(off < 1e-3 && cv::determinant(camera_from_head) > 0, "not a rotation");
+  return solve(points, camera, identity, nullptr, &camera_from_head);
+}
+
+HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera& camera,
+                                const HeadIdentity* known, HeadIdentity* learning,
+                                const cv::Matx33d* towards) const {
+  camera.check();
+  const Index n = model_.points();
+  if (points.cols() != n)
+    return {std::nullopt, "the landmarks are not as many as the model's points"};
+  // Normalised coordinates; points that are missing do not count.
+  Matrix2Xd seen(2, n);
+  std::vector<Index> present;
+  for (Index i = 0; i < n; ++i) {
+    if (!points.col(i).allFinite()) continue;
+    const auto point = camera.normalized_of({points(0, i), points(1, i)});
+    if (!point) continue;
+    seen.col(i) << point->x, point->y;
+    present.push_back(i);
+  }
+  if (present.size() < kFewest) return {std::nullopt, "fewer than 6 landmarks are there"};
+
+  PositOptions posit_options;
+  posit_options.tolerance = 1e-3;
+  posit_options.refine_steps = 3;
+  PositWorkspace workspace;
+  PositResult start;
+  if (present.size() == static_cast<std::size_t>(n)) {
+    start = posit(mean_, seen, posit_options, workspace);
+  } else {
+    start = posit(PositModel(model_.mean(Eigen::all, present), inverse_variances(model_)(present)),
+                  seen(Eigen::all, present), posit_options, workspace);
+  }
+  if (!start.pose) return {std::nullopt, start.reason};
+
+  // c = b / deviation: prior of mean `expected`, information `prior`.
+  const Index all_modes = model_.mode_count();
+  const Index m = options_.fit_shape ? all_modes : 0;
+  VectorXd expected = VectorXd::Zero(all_modes);
+  MatrixXd prior = MatrixXd::Identity(m, m);
+  const bool is_known = known != nullptr && known->frames > 0;
+  if (is_known) {
+    const MatrixXd information = known->information + MatrixXd::Identity(all_modes, all_modes);
+    const Eigen::LLT<MatrixXd> factor(information);
+    expected = factor.solve(known->vector);
+    if (m > 0) {
+      MatrixXd covariance = factor.solve(MatrixXd::Identity(m, m));
+      covariance.diagonal().array() += options_.expression_share;
+      prior = covariance.llt().solve(MatrixXd::Identity(m, m));
+    }
+  }
+  const double focal = std::sqrt(camera.fx * camera.fy);
+  Matrix3d rotation = to_eigen(towards ? *towards : start.pose->camera_from_object.rotation);
+  Vector3d translation(start.pose->camera_from_object.translation.val);
+  VectorXd c = expected;
+  const Index size = 6 + m;
+  MatrixXd normal(size, size);
+  VectorXd right(size);
+  const auto rows = static_cast<Index>(2 * present.size());
+  MatrixXd jacobian(size, rows);  // transposed, each row over its standard deviation
+  VectorXd residuals(rows);
+  Eigen::MatrixX3d turned(m, 3);
+  Matrix3Xd shape(3, n);
+  double sum = 0;
+  double weight_sum = 0;
+  bool is_done = false;
+  for (int iteration = 0; iteration <= options_.iterations; ++iteration) {
+    shape = model_.mean;
+    if (all_modes > 0) Eigen::Map<VectorXd>(shape.data(), 3 * n) += scaled_.transpose() * c;
+    const double yaw = angles_of_rotation(to_cv(rotation)).yaw_deg;
+    const double far = std::exp(-0.5 * std::pow(yaw / options_.outline_yaw_deg, 2));
+    sum = weight_sum = 0;
+    Index row = 0;
+    for (const Index i : present) {
+      const Vector3d q = rotation * shape.col(i);
+      const Vector3d x = q + translation;
+      if (!(x[2] > 1)) return {std::nullopt, "the points come out behind the camera"};
+      const double inverse = 1 / x[2];
+      const double u = x[0] * inverse;
+      const double v = x[1] * inverse;
+      const Vector2d residual(seen(0, i) - u, seen(1, i) - v);
+      const double sigma = std::hypot(model_.noise[i] * inverse, options_.noise_px / focal);
+      const double strange = residual.squaredNorm() / std::pow(options_.robust_sigmas * sigma, 2);
+      double weight = 1 / ((1 + strange) * (1 + strange));
+      if (is_outline_[static_cast<std::size_t>(i)] != 0 && shape(0, i) * yaw < 0) weight *= far;
+      sum += weight * residual.squaredNorm();
+      weight_sum += weight;
+      const double root = std::sqrt(weight) / sigma;
+      const double part = root * inverse;
+      jacobian.col(row).head<6>() << -part * u * q[1], part * (q[2] + u * q[0]), -part * q[1], part,
+          0, -part * u;
+      jacobian.col(row + 1).head<6>() << -part * (q[2] + v * q[1]), part * v * q[0], part * q[0], 0,
+          part, -part * v;
+      if (m > 0) {
+        turned.noalias() = scaled_.middleCols<3>(3 * i) * rotation.transpose();
+        jacobian.col(row).tail(m) = part * (turned.col(0) - u * turned.col(2));
+        jacobian.col(row + 1).tail(m) = part * (turned.col(1) - v * turned.col(2));
+      }
+      residuals.segment<2>(row) = root * residual;
+      row += 2;
+    }
+    normal.setZero();
+    normal.selfadjointView<Eigen::Lower>().rankUpdate(jacobian);
+    normal.triangularView<Eigen::StrictlyUpper>() = normal.transpose();
+    right.noalias() = jacobian * residuals;
+    if (iteration == options_.iterations || is_done) break;
+    MatrixXd with_prior = normal;
+    VectorXd pull = right;
+    with_prior.bottomRightCorner(m, m) += prior;
+    if (m > 0) pull.tail(m) -= prior * (c - expected);
+    if (towards != nullptr) only_about(rotation.col(2), with_prior, pull);
+    const Eigen::LLT<MatrixXd> factor(with_prior);
+    if (factor.info() != Eigen::Success)
+      return {std::nullopt, "the landmarks do not determine the pose"};
+    const VectorXd update = factor.solve(pull);
+    if (!update.allFinite()) return {std::nullopt, "the landmarks do not determine the pose"};
+    const Vector3d spin = update.head<3>();
+    if (spin.norm() > 0) {
+      rotation =
+          Eigen::AngleAxisd(std::min(spin.norm(), 0.5), spin.normalized()).toRotationMatrix() *
+          rotation;
+    }
+    translation += update.segment<3>(3);
+    if (m > 0) c += update.tail(m);
+    // A hundredth of a degree and of a deviation, a ten-thousandth of the distance: done after
+    // one more linearisation.
+    is_done = spin.norm() < 1e-4 && update.segment<3>(3).norm() < 1e-4 * translation.norm() &&
+              (m == 0 || update.tail(m).cwiseAbs().maxCoeff() < 5e-3);
+  }
+
+  if (learning != nullptr && m > 0) {
+    // What this frame says of c whatever the pose; expression is noise of the same direction.
+    const Eigen::LLT<MatrixXd> pose_part(normal.topLeftCorner(6, 6));
+    const MatrixXd coupling = pose_part.solve(normal.topRightCorner(6, m));
+    MatrixXd information =
+        normal.bottomRightCorner(m, m) - normal.bottomLeftCorner(m, 6) * coupling;
+    VectorXd vector = right.tail(m) - coupling.transpose() * right.head(6) + information * c;
+    const MatrixXd softened = MatrixXd::Identity(m, m) + options_.expression_share * information;
+    const Eigen::PartialPivLU<MatrixXd> soften(softened);
+    information = soften.solve(information).eval();
+    vector = soften.solve(vector).eval();
+    information = (information + information.transpose()).eval() / 2;
+    if (information.allFinite() && vector.allFinite()) {
+      if (learning->frames == 0) {
+        learning->information = MatrixXd::Zero(m, m);
+        learning->vector = VectorXd::Zero(m);
+      }
+      learning->information = options_.memory * learning->information + information;
+      learning->vector = options_.memory * learning->vector + vector;
+      ++learning->frames;
+    }
+  }
+  HeadPose found;
+  found.camera_from_head.rotation = to_cv(rotation);
+  found.camera_from_head.translation = {translation[0], translation[1], translation[2]};
+  found.angles = angles_of_rotation(found.camera_from_head.rotation);
+  found.b = c.cwiseProduct(model_.deviation);
+  found.rms_px = focal * std::sqrt(sum / std::max(weight_sum, 1e-12));
+  return {std::move(found), ""};
+}
+
+Matrix2Xd HeadPoser::project(const HeadPose& pose, const geometry::Camera& camera) const {
+  const Matrix3Xd shape = shape_of(model_, pose.b);
+  Matrix2Xd pixels(2, shape.cols());
+  pixels.setConstant(std::numeric_limits<double>::quiet_NaN());
+  for (Index i = 0; i < shape.cols(); ++i) {
+    const cv::Vec3d point(shape(0, i), shape(1, i), shape(2, i));
+    if (const auto pixel = camera.project(pose.camera_from_head * point))
+      pixels.col(i) << pixel->x, pixel->y;
+  }
+  return pixels;
+}
+
+}  // namespace tarsier::face::head

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/head/angles.h"
+#include "tarsier/face/head/head_model.h"
+#include "tarsier/face/head/posit.h"
+#include "tarsier/geometry/camera.h"
+#include "tarsier/geometry/rigid.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/types.hpp>
+
+#include <optional>
+#include <string>
+#include <vector>
+
+// Pose of a head from its landmarks: POSIT with the mean head, then Gauss-Newton for pose and shape
+// together, the most probable given
+//   sum_i w_i |x_i - project(R (mean_i + modes_i b) + t)|^2 / sigma_i^2 + sum_k b_k^2 /
+//   deviation_k^2,
+// sigma_i = the model's noise of the point, in px at the head's distance, and noise_px together;
+// w_i = robust weight, times that of the outline's far side in turned heads (as in training).
+namespace tarsier::face::head {
+
+// The head's own camera where none is known: no distortion, the middle of the picture, focal length
+// 1.3 times its larger side (42 degrees across): between webcams and phones, which have 0.7 .. 1,
+// and portraits, which have 1.4 .. 2.8. A focal length that is wrong by a factor makes the distance
+// wrong by as much, the rotation by a few degrees.
+[[nodiscard]] geometry::Camera guess_camera(cv::Size picture);
+
+struct HeadPoseOptions {
+  double noise_px = 1;          // of a landmark's coordinate, beside the model's; [0, 100]
+  bool fit_shape = true;        // false: the mean head (or the identity's) as it is
+  int iterations = 8;           // of Gauss-Newton, 1..100
+  double robust_sigmas = 4;     // residuals beyond count less, > 0
+  std::vector<int> outline;     // model points, beside those of the model
+  double outline_yaw_deg = 10;  // weight exp(-(yaw / this)^2 / 2) of the outline's far side, > 0
+  // Of the variance of each mode: what changes from frame to frame (expression) in one person, the
+  // rest is identity; [0, 1].
+  double expression_share = 0.05;
+  // How much of what was learnt about the identity is kept per frame, (0, 1].
+  double memory = 0.995;
+  void check() const;
+};
+
+// What is known of one person's shape, from frames seen so far: a Gaussian of c = b / deviation in
+// information form. Identity is constant, so each frame's normal equations (pose taken out by the
+// Schur complement, expression added as noise) are summed up, older ones fading.
+struct HeadIdentity {
+  Eigen::MatrixXd information;  // m x m, without the prior (which is the unit matrix)
+  Eigen::VectorXd vector;       // information * mean
+  int frames = 0;
+
+  // Most probable b; zero before the first frame.
+  [[nodiscard]] Eigen::VectorXd shape(const HeadModel& model) const;
+};
+
+struct HeadPose {
+  geometry::Rigid camera_from_head;  // mm
+  HeadAngles angles;
+  Eigen::VectorXd b;  // of this frame
+  double rms_px = 0;  // weighted
+};
+
+// A pose, or why there is none.
+struct HeadPoseResult {
+  std::optional<HeadPose> pose;
+  std::string reason;
+};
+
+class HeadPoser {
+ public:
+  // Throws std::invalid_argument for a model or options that do not pass their check.
+  explicit HeadPoser(HeadModel model, HeadPoseOptions options = {});
+
+  [[nodiscard]] const HeadModel& model() const { return model_; }
+  [[nodiscard]] const HeadPoseOptions& options() const { return options_; }
+
+  // points: 2 x n px in the order of the model's points; for another markup, with a
+  // LandmarkMapping: the poser of select_points(model, mapping.model_points), and
+  // landmarks(Eigen::all, mapping.landmarks). NaN
+  // where missing, at least 6 not coplanar must be there. No pose: too few points, points that are
+  // no head (the iteration leaves the space before the camera).
+  [[nodiscard]] HeadPoseResult pose(const Eigen::Matrix2Xd& points,
+                                    const geometry::Camera& camera) const;
+  // The same with what earlier frames told of the person, and learns from this one. A frame without
+  // an answer leaves `identity` as it was.
+  [[nodiscard]] HeadPoseResult pose(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
+                                    HeadIdentity& identity) const;
+
+  // The pose that looks where `camera_from_head` looks: of its rotation only the direction of the
+  // head's z axis counts, the turn about it, the translation and the shape are found. `identity`
+  // may be null; it is not changed. The result's angles are those of the rotation found.
+  [[nodiscard]] HeadPoseResult pose_towards(const Eigen::Matrix2Xd& points,
+                                            const geometry::Camera& camera,
+                                            const cv::Matx33d& camera_from_head,
+                                            const HeadIdentity* identity = nullptr) const;
+
+  // Where the head's points are in the picture, 2 x n px; NaN behind the camera.
+  [[nodiscard]] Eigen::Matrix2Xd project(const HeadPose& pose,
+                                         const geometry::Camera& camera) const;
+
+ private:
+  [[nodiscard]] HeadPoseResult solve(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
+                                     const HeadIdentity* known, HeadIdentity* learning,
+                                     const cv::Matx33d* towards) const;
+
+  HeadModel model_;
+  HeadPoseOptions options_;
+  std::vector<char> is_outline_;
+  PositModel mean_;         // of the mean head
+  Eigen::MatrixXd scaled_;  // modes times deviation, transposed: m x 3n
+};
+
+}  // namespace tarsier::face::head

@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/head/head_pose.h"
+
+#include "tarsier/face/head/testing_head.h"
+
+#include <Eigen/Geometry>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <limits>
+#include <numbers>
+#include <stdexcept>
+#include <string>
+
+namespace tarsier::face::head {
+namespace {
+
+using Eigen::Matrix2Xd;
+using Eigen::Matrix3Xd;
+using Eigen::VectorXd;
+
+constexpr double kDegrees = 180 / std::numbers::pi;
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+double degrees_between(const geometry::Rigid& a, const geometry::Rigid& b) {
+  return geometry::angle_of(a.rotation * b.rotation.t()) * kDegrees;
+}
+
+VectorXd random_b(const HeadModel& model, Rng& rng) {
+  VectorXd b(model.mode_count());
+  for (Eigen::Index k = 0; k < b.size(); ++k) b[k] = model.deviation[k] * rng.normal();
+  return b;
+}
+
+TEST(HeadPose, OfTheMeanHeadIsExact) {
+  const HeadPoser poser(testing_head(3));
+  const geometry::Camera camera = testing_camera();
+  Rng rng(1);
+  for (int k = 0; k < 100; ++k) {
+    const geometry::Rigid truth = random_pose(rng);
+    const Matrix2Xd points = picture_of(poser.model().mean, truth, camera, 0, rng);
+    const HeadPoseResult result = poser.pose(points, camera);
+    ASSERT_TRUE(result.pose) << result.reason;
+    EXPECT_LT(degrees_between(result.pose->camera_from_head, truth), 0.02);
+    EXPECT_LT(result.pose->b.norm(), 0.5);
+    EXPECT_LT(result.pose->rms_px, 0.05);
+    EXPECT_LT((poser.project(*result.pose, camera) - points).cwiseAbs().maxCoeff(), 0.1);
+  }
+}
+
+TEST(HeadPose, TurnsTheWayThatIsDefined) {
+  const HeadPoser poser(testing_head(0));
+  const geometry::Camera camera = testing_camera();
+  Rng rng(2);
+  const auto angles_in_picture = [&](const HeadAngles& angles) {
+    const Matrix2Xd points =
+        picture_of(poser.model().mean, {rotation_of_angles(angles), {0, 0, 700}}, camera, 0, rng);
+    return std::pair(poser.pose(points, camera).pose.value().angles, points);
+  };
+  // The nose (point 22) moves to image left of the eyes' middle: yaw > 0.
+  const auto [left, at_left] = angles_in_picture({25, 0, 0});
+  EXPECT_LT(at_left(0, 22), (at_left(0, 0) + at_left(0, 1)) / 2 - 5);
+  EXPECT_NEAR(left.yaw_deg, 25, 0.1);
+  const auto [up, at_up] = angles_in_picture({0, 20, 0});
+  const auto [straight, at_straight] = angles_in_picture({0, 0, 0});
+  EXPECT_LT(at_up(1, 22), at_straight(1, 22));
+  EXPECT_NEAR(up.pitch_deg, 20, 0.1);
+  EXPECT_NEAR(straight.yaw_deg, 0, 0.1);
+  // Clockwise as seen: the eye at image right (point 1) goes down.
+  const auto [rolled, at_rolled] = angles_in_picture({0, 0, 15});
+  EXPECT_GT(at_rolled(1, 1), at_rolled(1, 0) + 5);
+  EXPECT_NEAR(rolled.roll_deg, 15, 0.1);
+}
+
+TEST(HeadPose, WithShapeIsBetterThanWithTheMeanHeadAndWithIdentityBetterStill) {
+  const HeadModel model = testing_head(16);
+  const geometry::Camera camera = testing_camera();
+  HeadPoseOptions rigid;
+  rigid.fit_shape = false;
+  const HeadPoser with_shape(model);
+  const HeadPoser without(model, rigid);
+  double of_mean = 0, single = 0, known = 0, shape_error = 0, shape_start = 0;
+  for (int person = 0; person < 30; ++person) {
+    Rng rng = Rng(3).fork(static_cast<std::uint64_t>(person));
+    const VectorXd b = random_b(model, rng);
+    const Matrix3Xd shape = shape_of(model, b);
+    HeadIdentity identity;
+    for (int frame = 0; frame < 30; ++frame) {
+      const geometry::Rigid truth = random_pose(rng);
+      const Matrix2Xd points = picture_of(shape, truth, camera, 1, rng);
+      const auto error = [&](const HeadPoseResult& result) {
+        return degrees_between(result.pose.value().camera_from_head, truth);
+      };
+      const double with_identity = error(with_shape.pose(points, camera, identity));
+      if (frame < 10) continue;
+      of_mean += error(without.pose(points, camera)) / 600;
+      single += error(with_shape.pose(points, camera)) / 600;
+      known += with_identity / 600;
+    }
+    EXPECT_EQ(identity.frames, 30);
+    shape_error += (identity.shape(model) - b).norm();
+    shape_start += b.norm();
+  }
+  EXPECT_LT(single, 0.5 * of_mean);
+  EXPECT_LT(known, 0.9 * single);
+  EXPECT_LT(shape_error, 0.15 * shape_start);
+}
+
+TEST(HeadIdentityState, ForgetsSlowlyAndIsNoneBeforeTheFirstFrame) {
+  const HeadModel model = testing_head(4);
+  const HeadPoser poser(model);
+  const geometry::Camera camera = testing_camera();
+  HeadIdentity identity;
+  EXPECT_EQ(identity.shape(model), VectorXd::Zero(4));
+  Rng rng(4);
+  const auto show = [&](const VectorXd& b, int frames) {
+    for (int k = 0; k < frames; ++k)
+      (void)poser.pose(picture_of(shape_of(model, b), random_pose(rng), camera, 0.5, rng), camera,
+                       identity);
+  };
+  const VectorXd first = random_b(model, rng);
+  const VectorXd second = random_b(model, rng);
+  show(first, 30);
+  EXPECT_LT((identity.shape(model) - first).norm(), 0.3 * first.norm());
+  // Another person: in the end that one.
+  show(second, 600);
+  EXPECT_LT((identity.shape(model) - second).norm(), (identity.shape(model) - first).norm());
+  // What has no answer teaches nothing.
+  const int before = identity.frames;
+  EXPECT_FALSE(poser.pose(Matrix2Xd::Constant(2, 25, kNan), camera, identity).pose);
+  EXPECT_EQ(identity.frames, before);
+  HeadIdentity other;
+  other.frames = 1;
+  other.vector = VectorXd::Zero(9);
+  other.information = Eigen::MatrixXd::Zero(9, 9);
+  EXPECT_THROW((void)poser.pose(Matrix2Xd::Zero(2, 25), camera, other), std::invalid_argument);
+}
+
+TEST(HeadPose, BearsMissingPointsAndOutliers) {
+  const HeadPoser poser(testing_head(3));
+  const geometry::Camera camera = testing_camera();
+  Rng rng(5);
+  double worst = 0;
+  for (int k = 0; k < 50; ++k) {
+    const geometry::Rigid truth = random_pose(rng);
+    Matrix2Xd points = picture_of(poser.model().mean, truth, camera, 0, rng);
+    for (int hole = 0; hole < 8; ++hole) points.col(rng.integer(0, 24)).setConstant(kNan);
+    points.col(rng.integer(0, 24)) += Eigen::Vector2d(40, -30);
+    const HeadPoseResult result = poser.pose(points, camera);
+    ASSERT_TRUE(result.pose) << result.reason;
+    worst = std::max(worst, degrees_between(result.pose->camera_from_head, truth));
+  }
+  EXPECT_LT(worst, 3);
+}
+
+TEST(HeadPose, RefusesWithAReason) {
+  const HeadPoser poser(testing_head(2));
+  const geometry::Camera camera = testing_camera();
+  Rng rng(6);
+  const Matrix2Xd points = picture_of(poser.model().mean, random_pose(rng), camera, 0, rng);
+  const auto reason_of = [&](const Matrix2Xd& bad) {
+    const HeadPoseResult result = poser.pose(bad, camera);
+    EXPECT_FALSE(result.pose);
+    return result.reason;
+  };
+  EXPECT_NE(reason_of(points.leftCols(20)).find("as many"), std::string::npos);
+  Matrix2Xd holes = points;
+  holes.rightCols(20).setConstant(kNan);
+  EXPECT_NE(reason_of(holes).find("fewer than 6"), std::string::npos);
+  EXPECT_FALSE(reason_of(Matrix2Xd::Constant(2, 25, 100)).empty());
+  for (int k = 0; k < 100; ++k) {
+    Matrix2Xd chaos(2, 25);
+    for (Eigen::Index i = 0; i < chaos.size(); ++i) chaos.data()[i] = rng.uniform(0, 640);
+    const HeadPoseResult result = poser.pose(chaos, camera);
+    if (result.pose) {
+      EXPECT_TRUE(std::isfinite(result.pose->rms_px));
+      EXPECT_TRUE(std::isfinite(result.pose->angles.yaw_deg));
+    } else {
+      EXPECT_FALSE(result.reason.empty());
+    }
+  }
+  HeadPoseOptions options;
+  options.memory = 0;
+  EXPECT_THROW(HeadPoser(testing_head(2), options), std::invalid_argument);
+  options = {};
+  options.outline = {25};
+  EXPECT_THROW(HeadPoser(testing_head(2), options), std::invalid_argument);
+}
+
+// The outline's far side in a turned head is the edge of the cheek: there it counts little.
+TEST(HeadPose, DoesNotTrustTheFarOutlineOfATurnedHead) {
+  const HeadModel model = testing_head(0);
+  HeadPoseOptions options;
+  options.outline = {16, 17, 18, 19, 20, 21};  // the sides; even ones at image left
+  const HeadPoser poser(model, options);
+  options.outline_yaw_deg = 1000;
+  const HeadPoser trusting(model, options);
+  const geometry::Camera camera = testing_camera();
+  Rng rng(7);
+  // yaw > 0: the head turns to image left, whose side is the far one.
+  const geometry::Rigid truth{rotation_of_angles({35, 0, 0}), {0, 0, 600}};
+  Matrix2Xd points = picture_of(model.mean, truth, camera, 0, rng);
+  for (const int i : {16, 18, 20}) points(0, i) -= 8;
+  const double error =
+      degrees_between(poser.pose(points, camera).pose.value().camera_from_head, truth);
+  const double trusted =
+      degrees_between(trusting.pose(points, camera).pose.value().camera_from_head, truth);
+  EXPECT_LT(error, 0.1);
+  EXPECT_GT(trusted, 5 * error);
+}
+
+// Heads of ICT-FaceKit's 100 identity modes, which the model that ships never saw: how much the
+// identity over frames gains.
+TEST(HeadPoseData, GainsFromTheIdentityOfUnknownPeople) {
+  const char* data = std::getenv("TARSIER_DATA");
+  std::ifstream file((data == nullptr ? std::string() : std::string(data)) + "/head3d/ict68.txt");
+  if (!file.good()) GTEST_SKIP() << "needs head3d of $TARSIER_DATA";
+  int points = 0;
+  int modes = 0;
+  file >> points >> modes;
+  ASSERT_EQ(points, 68);
+  ASSERT_EQ(modes, 100);
+  Eigen::MatrixXd columns(3 * points, 1 + modes);
+  for (Eigen::Index k = 0; k <= modes; ++k) {
+    for (Eigen::Index i = 0; i < points; ++i) {
+      double x = 0, y = 0, z = 0;
+      file >> x >> y >> z;  // cm, y up, z towards the camera
+      columns.block<3, 1>(3 * i, k) << 10 * x, -10 * y, -10 * z;
+    }
+  }
+  ASSERT_TRUE(file.good());
+  const HeadModel model = read_head_model(TARSIER_SOURCE_MODELS "/head.json");
+  const Matrix3Xd mean = Eigen::Map<const Matrix3Xd>(columns.data(), 3, points);
+  const Eigen::Matrix4d align = Eigen::umeyama(model.mean, mean, true);
+  const Eigen::Matrix3d turn = align.topLeftCorner<3, 3>() / align.col(0).head<3>().norm();
+  cv::Matx33d ict_from_model;
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c) ict_from_model(r, c) = turn(r, c);
+
+  HeadPoseOptions rigid;
+  rigid.fit_shape = false;
+  const HeadPoser without(model, rigid);
+  const HeadPoser poser(model);
+  const geometry::Camera camera = testing_camera();
+  double of_mean = 0, single = 0, known = 0;
+  const int people = 60;
+  for (int person = 0; person < people; ++person) {
+    Rng rng = Rng(7).fork(static_cast<std::uint64_t>(person));
+    VectorXd weights(1 + modes);
+    weights[0] = 1;
+    for (Eigen::Index k = 1; k <= modes; ++k) weights[k] = rng.normal();
+    const VectorXd flat = columns * weights;
+    const Matrix3Xd shape = Eigen::Map<const Matrix3Xd>(flat.data(), 3, points);
+    HeadIdentity identity;
+    for (int frame = 0; frame < 35; ++frame) {
+      const geometry::Rigid truth = random_pose(rng);
+      const Matrix2Xd pixels = picture_of(shape, truth, camera, 1, rng);
+      const auto error = [&](const HeadPoseResult& result) {
+        geometry::Rigid found = result.pose.value().camera_from_head;
+        found.rotation = found.rotation * ict_from_model.t();
+        return degrees_between(found, truth) / (5 * people);
+      };
+      const double with_identity = error(poser.pose(pixels, camera, identity));
+      if (frame < 30) continue;
+      of_mean += error(without.pose(pixels, camera));
+      single += error(poser.pose(pixels, camera));
+      known += with_identity;
+    }
+  }
+  RecordProperty("mean_head_deg", std::to_string(of_mean));
+  RecordProperty("single_frame_deg", std::to_string(single));
+  RecordProperty("after_30_frames_deg", std::to_string(known));
+  EXPECT_LT(single, of_mean);
+  EXPECT_LT(known, 0.9 * single);
+  EXPECT_LT(known, 2.7);
+}
+
+TEST(GuessCamera, LooksThroughTheMiddle) {
+  const geometry::Camera camera = guess_camera({640, 480});
+  camera.check();
+  EXPECT_NEAR(camera.fx, 832, 1e-9);
+  EXPECT_NEAR(camera.cx, 319.5, 1e-9);
+  EXPECT_NEAR(guess_camera({480, 640}).fy, 832, 1e-9);
+  EXPECT_THROW((void)guess_camera({0, 480}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::face::head

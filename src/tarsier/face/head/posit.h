@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/camera.h"
+#include "tarsier/geometry/rigid.h"
+
+#include <Eigen/Core>
+
+#include <array>
+#include <optional>
+
+// Pose of a known object from one picture. With x_i = X_i / Z_i in normalised camera coordinates
+// (camera: x right, y down, z forward) and s = 1 / T_z,
+//   w_i x_i = s (r1 . P_i + T_x),  w_i y_i = s (r2 . P_i + T_y),  w_i = 1 + s r3 . P_i:
+// linear in the pose once w is known. POSIT starts with w = 1 (scaled orthography), solves by the
+// object's pseudo-inverse, which is computed once, makes the rows a rotation, and takes new w from
+// it.
+//   classic:     P_i counted from a reference point whose projection is taken as exact
+//                (DeMenton and Davis, "Model-based object pose in 25 lines of code", IJCV 1995)
+//   homogeneous: all points alike, the translation is solved for too (DeMenton, David and
+//                Samarin's form); P_i counted from the centroid
+// Units: the translation is in those of the object's points.
+namespace tarsier::face::head {
+
+enum class PositMethod { kClassic, kHomogeneous };
+
+struct PositOptions {
+  PositMethod method = PositMethod::kHomogeneous;
+  int max_iterations = 50;  // 1..1000
+  // Stops when no w changes by more: 1e-12..1e-2.
+  double tolerance = 1e-6;
+  // Steps of Levenberg-Marquardt on the weighted reprojection error afterwards, 0..50.
+  int refine_steps = 0;
+  void check() const;
+};
+
+struct PositPose {
+  geometry::Rigid camera_from_object;
+  double rms = 0;  // sqrt of the mean squared distance of a point from its projection, in the unit
+                   // of the image points
+  int iterations = 0;
+  bool converged = false;
+};
+
+// A pose, or why there is none (then `reason` is one line; else it is "").
+struct PositResult {
+  std::optional<PositPose> pose;
+  const char* reason = "";
+};
+
+// An object: its points (3 x n) and what POSIT needs of them. Points may weigh differently (empty:
+// all 1; >= 0), in the pseudo-inverse as in the refinement; the classic form counts all alike.
+// Throws std::invalid_argument for weights of another number or below 0 and a reference out of
+// range; points that no pose can be had from make a model with a defect, which posit() tells.
+class PositModel {
+ public:
+  explicit PositModel(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& weights = {},
+                      int reference = 0);
+
+  [[nodiscard]] int points() const { return static_cast<int>(from_centroid_.rows()); }
+  // Why posit() has no answer for this object: fewer than 4 points, not finite, collinear,
+  // coplanar (thinner than 1e-3 of its width: the pseudo-inverse would amplify noise as much);
+  // "" if it has one.
+  [[nodiscard]] const char* defect() const { return defect_; }
+  // The same for posit_planar(), which takes coplanar objects.
+  [[nodiscard]] const char* planar_defect() const { return planar_defect_; }
+  // Smallest over largest extent (singular values of the centred points): 0 is coplanar.
+  [[nodiscard]] double flatness() const { return flatness_; }
+
+ private:
+  friend struct PositSolver;
+  int reference_ = 0;
+  Eigen::Vector3d centroid_ = Eigen::Vector3d::Zero();
+  Eigen::Vector3d reference_point_ = Eigen::Vector3d::Zero();
+  Eigen::Vector3d normal_ = Eigen::Vector3d::UnitZ();  // of the plane nearest to the points
+  Eigen::MatrixX3d from_centroid_;                     // n x 3
+  Eigen::MatrixX3d from_reference_;
+  Eigen::MatrixX3d inverse_;            // transposed pseudo-inverse of from_centroid_
+  Eigen::MatrixX3d planar_inverse_;     // the same of rank 2, within the plane
+  Eigen::MatrixX3d reference_inverse_;  // of from_reference_
+  Eigen::VectorXd weights_;             // sum n
+  double flatness_ = 0;
+  const char* defect_ = "";
+  const char* planar_defect_ = "";
+};
+
+// Memory that is kept from call to call: after the first call with as many points nothing is
+// allocated. One for each thread.
+struct PositWorkspace {
+  Eigen::VectorXd x, y, w, wx, wy;
+  Eigen::Matrix2Xd normalized;
+};
+
+// image: 2 x n, normalised camera coordinates (x/z, y/z). No pose where the object has a defect,
+// the numbers of points differ, a coordinate is not finite, or the points come out behind the
+// camera. A pose that has not converged is still given (see PositPose::converged).
+[[nodiscard]] PositResult posit(const PositModel& model,
+                                const Eigen::Ref<const Eigen::Matrix2Xd>& image,
+                                const PositOptions& options, PositWorkspace& workspace);
+
+// image: 2 x n in px; rms in px of the undistorted picture (times the geometric mean of fx and fy).
+[[nodiscard]] PositResult posit(const PositModel& model,
+                                const Eigen::Ref<const Eigen::Matrix2Xd>& image,
+                                const geometry::Camera& camera, const PositOptions& options,
+                                PositWorkspace& workspace);
+
+// For coplanar and nearly coplanar objects, which look almost alike from two directions: both
+// solutions, the one of smaller error first; the second is missing where they are one (Oberkampf,
+// DeMenton and Davis, "Iterative pose estimation using coplanar feature points", CVIU 1996). Each
+// is refined with all three coordinates of the points (at least 10 steps).
+struct PlanarPoses {
+  std::array<std::optional<PositPose>, 2> poses;
+  const char* reason = "";
+};
+[[nodiscard]] PlanarPoses posit_planar(const PositModel& model,
+                                       const Eigen::Ref<const Eigen::Matrix2Xd>& image,
+                                       const PositOptions& options, PositWorkspace& workspace);
+
+}  // namespace tarsier::face::head

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/head/smoothing.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/geometry/rotation.h"
+
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+
+#include <cmath>
+#include <numbers>
+
+namespace tarsier::face::head {
+namespace {
+
+// Share of the new value in a first-order low pass.
+double share(double cutoff_hz, double seconds) {
+  const double r = 2 * std::numbers::pi * cutoff_hz * seconds;
+  return r / (1 + r);
+}
+
+}  // namespace
+
+geometry::Rigid mean_pose(const std::vector<geometry::Rigid>& poses) {
+  TARSIER_REQUIRE(!poses.empty(), "no poses");
+  Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
+  geometry::Rigid mean;
+  for (const geometry::Rigid& pose : poses) {
+    const cv::Vec4d q = geometry::quaternion_of(pose.rotation);
+    const Eigen::Vector4d v(q[0], q[1], q[2], q[3]);
+    sum += v * v.transpose();
+    mean.translation += pose.translation * (1.0 / static_cast<double>(poses.size()));
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(sum);
+  const Eigen::Vector4d q = solver.eigenvectors().col(3);
+  mean.rotation = geometry::rotation_of({q[0], q[1], q[2], q[3]});
+  return mean;
+}
+
+MeanFilter::MeanFilter(int length) : length_(static_cast<std::size_t>(length)) {
+  TARSIER_REQUIRE(length >= 1 && length <= 1000, "length {}", length);
+}
+
+geometry::Rigid MeanFilter::operator()(const geometry::Rigid& pose) {
+  last_.push_back(pose);
+  if (last_.size() > length_) last_.pop_front();
+  return mean_pose({last_.begin(), last_.end()});
+}
+
+void OneEuroOptions::check() const {
+  TARSIER_REQUIRE(rotation_cutoff_hz > 0, "rotation_cutoff_hz {}", rotation_cutoff_hz);
+  TARSIER_REQUIRE(rotation_beta >= 0, "rotation_beta {}", rotation_beta);
+  TARSIER_REQUIRE(translation_cutoff_hz > 0, "translation_cutoff_hz {}", translation_cutoff_hz);
+  TARSIER_REQUIRE(translation_beta >= 0, "translation_beta {}", translation_beta);
+  TARSIER_REQUIRE(speed_cutoff_hz > 0, "speed_cutoff_hz {}", speed_cutoff_hz);
+}
+
+OneEuroFilter::OneEuroFilter(const OneEuroOptions& options) : options_(options) {
+  options_.check();
+}
+
+geometry::Rigid OneEuroFilter::operator()(const geometry::Rigid& pose, double time) {
+  const double seconds = time - time_;
+  if (!is_started_ || !(seconds > 0)) {
+    is_started_ = true;
+    time_ = time;
+    raw_ = smooth_ = pose;
+    turn_speed_ = 0;
+    velocity_ = {};
+    return pose;
+  }
+  const double of_speed = share(options_.speed_cutoff_hz, seconds);
+  const double turned =
+      geometry::angle_of(pose.rotation * raw_.rotation.t()) * 180 / std::numbers::pi;
+  turn_speed_ += of_speed * (turned / seconds - turn_speed_);
+  velocity_ += of_speed * ((pose.translation - raw_.translation) * (1 / seconds) - velocity_);
+  const double of_turn =
+      share(options_.rotation_cutoff_hz + options_.rotation_beta * turn_speed_, seconds);
+  const double of_shift = share(
+      options_.translation_cutoff_hz + options_.translation_beta * cv::norm(velocity_), seconds);
+  smooth_.rotation = geometry::interpolate(smooth_.rotation, pose.rotation, of_turn);
+  smooth_.translation += of_shift * (pose.translation - smooth_.translation);
+  raw_ = pose;
+  time_ = time;
+  return smooth_;
+}
+
+}  // namespace tarsier::face::head

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/rigid.h"
+
+#include <deque>
+#include <optional>
+#include <vector>
+
+// Steadier poses of a sequence. Rotations are averaged as unit quaternions of like sign, so that
+// nothing happens where an angle passes 180 degrees.
+namespace tarsier::face::head {
+
+// The chordal mean of rotations (Markley et al., "Averaging quaternions", 2007) and the mean of
+// translations. Throws std::invalid_argument for none.
+[[nodiscard]] geometry::Rigid mean_pose(const std::vector<geometry::Rigid>& poses);
+
+// Mean of the last `length` poses.
+class MeanFilter {
+ public:
+  explicit MeanFilter(int length = 5);  // 1..1000
+  [[nodiscard]] geometry::Rigid operator()(const geometry::Rigid& pose);
+  void reset() { last_.clear(); }
+
+ private:
+  std::size_t length_;
+  std::deque<geometry::Rigid> last_;
+};
+
+// Casiez, Roussel and Vogel, "1 euro filter", CHI 2012: a low pass whose cut-off rises with speed:
+// steady when still, without lag when moving. Rotation and translation each have their own.
+struct OneEuroOptions {
+  double rotation_cutoff_hz = 1;     // when still, > 0
+  double rotation_beta = 0.05;       // cut-off in Hz per degree/s, >= 0
+  double translation_cutoff_hz = 1;  // > 0
+  double translation_beta = 0.02;    // cut-off in Hz per mm/s, >= 0
+  double speed_cutoff_hz = 1;        // of the speed itself, > 0
+  void check() const;
+};
+
+class OneEuroFilter {
+ public:
+  explicit OneEuroFilter(const OneEuroOptions& options = {});
+  // `time` in s, rising. A pose at or before the last one's time starts again.
+  [[nodiscard]] geometry::Rigid operator()(const geometry::Rigid& pose, double time);
+  void reset() { is_started_ = false; }
+
+ private:
+  OneEuroOptions options_;
+  bool is_started_ = false;
+  double time_ = 0;
+  geometry::Rigid raw_;
+  geometry::Rigid smooth_;
+  double turn_speed_ = 0;  // degrees/s
+  cv::Vec3d velocity_{};   // mm/s
+};
+
+}  // namespace tarsier::face::head

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/head/smoothing.h"
+
+#include "tarsier/core/rng.h"
+#include "tarsier/face/head/angles.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+
+namespace tarsier::face::head {
+namespace {
+
+constexpr double kDegrees = 180 / std::numbers::pi;
+
+geometry::Rigid pose_of(double yaw, double roll = 0, double x = 0) {
+  return {rotation_of_angles({yaw, 0, roll}), {x, 0, 600}};
+}
+
+double degrees_between(const geometry::Rigid& a, const geometry::Rigid& b) {
+  return geometry::angle_of(a.rotation * b.rotation.t()) * kDegrees;
+}
+
+TEST(MeanPose, IsInTheMiddleAlsoAcross180Degrees) {
+  const auto mean = mean_pose({pose_of(0, 170, 2), pose_of(0, -170, 4)});
+  EXPECT_LT(degrees_between(mean, pose_of(0, 180)), 1e-9);
+  EXPECT_NEAR(mean.translation[0], 3, 1e-12);
+  EXPECT_LT(degrees_between(mean_pose({pose_of(10), pose_of(20), pose_of(30)}), pose_of(20)), 1e-9);
+  EXPECT_THROW((void)mean_pose({}), std::invalid_argument);
+}
+
+TEST(MeanFilter, AveragesTheLastOnes) {
+  MeanFilter filter(3);
+  EXPECT_LT(degrees_between(filter(pose_of(12)), pose_of(12)), 1e-9);
+  EXPECT_LT(degrees_between(filter(pose_of(0)), pose_of(6)), 1e-9);
+  (void)filter(pose_of(0));
+  EXPECT_LT(degrees_between(filter(pose_of(0)), pose_of(0)), 1e-9);
+  filter.reset();
+  EXPECT_LT(degrees_between(filter(pose_of(40)), pose_of(40)), 1e-9);
+  EXPECT_THROW(MeanFilter(0), std::invalid_argument);
+}
+
+TEST(OneEuro, SteadiesAHeadThatIsStill) {
+  Rng rng(1);
+  OneEuroFilter filter;
+  double raw = 0;
+  double smooth = 0;
+  for (int k = 0; k < 300; ++k) {
+    const geometry::Rigid noisy = pose_of(20 + rng.normal(), rng.normal(), 2 * rng.normal());
+    const geometry::Rigid out = filter(noisy, k / 30.0);
+    if (k < 60) continue;
+    raw += degrees_between(noisy, pose_of(20));
+    smooth += degrees_between(out, pose_of(20));
+  }
+  EXPECT_LT(smooth, 0.65 * raw);
+}
+
+TEST(OneEuro, FollowsAHeadThatTurnsFast) {
+  OneEuroFilter filter;
+  double lag = 0;
+  for (int k = 0; k < 60; ++k) {
+    // 90 degrees a second, through 180 degrees of roll.
+    const geometry::Rigid pose = pose_of(0, 120 + 3.0 * k, 3.0 * k);
+    const geometry::Rigid out = filter(pose, k / 30.0);
+    if (k > 30) lag = std::max(lag, degrees_between(out, pose));
+  }
+  EXPECT_LT(lag, 6);
+  EXPECT_GT(lag, 0.1);
+}
+
+TEST(OneEuro, StartsAnewWhenTimeGoesBack) {
+  OneEuroFilter filter;
+  (void)filter(pose_of(0), 1);
+  (void)filter(pose_of(0), 2);
+  EXPECT_LT(degrees_between(filter(pose_of(50), 0.5), pose_of(50)), 1e-9);
+  OneEuroOptions options;
+  options.rotation_cutoff_hz = 0;
+  EXPECT_THROW(OneEuroFilter{options}, std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::face::head

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/head/surface.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/face/shape/mesh.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace tarsier::face::head {
+namespace {
+
+constexpr int kRings = 16;
+constexpr int kAround = 32;
+
+// The head above and behind the face. Shares of an adult's head, in units of its half width (the
+// farthest landmark from the plane of symmetry, about 74 mm): depth 1.3 half widths, the crown 1.5
+// above the eyes.
+void add_skull(HeadSurface& surface, const Eigen::Matrix3Xd& shape) {
+  const double half = shape.row(0).cwiseAbs().maxCoeff();
+  const Eigen::Vector3d radii(0.98 * half, 1.45 * half, 1.25 * half);
+  // Its front lies behind the brow: landmarks above the eyes' line near the middle.
+  double front = 0;
+  for (Eigen::Index i = 0; i < shape.cols(); ++i) {
+    if (shape(1, i) < 0 && std::abs(shape(0, i)) < 0.4 * half) {
+      front = std::min(front, shape(2, i));
+    }
+  }
+  const Eigen::Vector3d center(0, -0.1 * half, front + 4 + radii[2]);
+  const auto first = surface.points.cols();
+  surface.points.conservativeResize(3, first + (kRings + 1) * kAround);
+  for (int ring = 0; ring <= kRings; ++ring) {
+    const double down = std::numbers::pi * ring / kRings;
+    for (int k = 0; k < kAround; ++k) {
+      const double turn = 2 * std::numbers::pi * k / kAround;
+      const Eigen::Vector3d unit(std::sin(down) * std::cos(turn), -std::cos(down),
+                                 std::sin(down) * std::sin(turn));
+      surface.points.col(first + ring * kAround + k) = center + radii.cwiseProduct(unit);
+    }
+  }
+  const auto at = [&](int ring, int k) {
+    return static_cast<int>(first) + ring * kAround + k % kAround;
+  };
+  for (int ring = 0; ring < kRings; ++ring) {
+    for (int k = 0; k < kAround; ++k) {
+      if (ring > 0) {
+        surface.triangles.push_back({at(ring, k), at(ring + 1, k), at(ring, k + 1)});
+      }
+      if (ring + 1 < kRings) {
+        surface.triangles.push_back({at(ring + 1, k), at(ring + 1, k + 1), at(ring, k + 1)});
+      }
+    }
+  }
+}
+
+}  // namespace
+
+HeadSurface head_surface(const HeadModel& model, const Eigen::Matrix3Xd& shape) {
+  TARSIER_REQUIRE(shape.cols() == model.points() && shape.allFinite(),
+                  "a shape of {} points for a head of {}", shape.cols(), model.points());
+  HeadSurface surface;
+  surface.points = shape;
+  // Over the mean, so that the surface of one head has the same triangles in every pose.
+  for (const shape::Triangle& t : shape::delaunay(model.mean.topRows<2>())) {
+    surface.triangles.push_back({t[0], t[2], t[1]});  // y is down: turned round, seen from z < 0
+  }
+  add_skull(surface, shape);
+  return surface;
+}
+
+}  // namespace tarsier::face::head

@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/head_view/head_view.h"
+
+#include "tarsier/core/require.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+namespace tarsier::face::head_view {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+// The middle of what is seen of a head, in its frame, mm: between nose and ears.
+const cv::Vec3d kMiddle(0, 30, 40);
+constexpr double kMinPx = 16;
+constexpr float kMaxPart = 0.2F;
+
+// The smallest rotation that takes z to the unit vector d, d z > 0.
+cv::Matx33d rotation_from_z(const cv::Vec3d& d) {
+  const cv::Matx33d cross(0, 0, d[0], 0, 0, d[1], -d[0], -d[1], 0);
+  return cv::Matx33d::eye() + cross + cross * cross * (1 / (1 + d[2]));
+}
+
+// The crop, of less noise and aliasing where it reduces: drawn some powers of two too large first.
+cv::Mat upright_crop(const cv::Mat& gray, const cv::Point2d& middle, double px_per_mm,
+                     double roll_deg) {
+  int times = 1;
+  while (times < 8 && kSide * times < kSideMm * px_per_mm) times *= 2;
+  const int side = kSide * times;
+  const double scale = kSideMm * px_per_mm / side;  // picture px of a crop px
+  const double c = scale * std::cos(roll_deg * kDegree);
+  const double s = scale * std::sin(roll_deg * kDegree);
+  const double half = (side - 1) / 2.0;
+  const cv::Matx23d picture_from_crop(c, -s, middle.x - c * half + s * half,  //
+                                      s, c, middle.y - s * half - c * half);
+  cv::Mat large;
+  cv::warpAffine(gray, large, picture_from_crop, {side, side},
+                 cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
+  if (times == 1) return large;
+  cv::Mat crop;
+  cv::resize(large, crop, {kSide, kSide}, 0, 0, cv::INTER_AREA);
+  return crop;
+}
+
+// Lower cell (-1 .. kCells - 1) and the upper one's share, of a pixel along one axis.
+struct Share {
+  int cell = 0;
+  float upper = 0;
+};
+
+std::array<Share, kSide> shares() {
+  std::array<Share, kSide> result;
+  for (int x = 0; x < kSide; ++x) {
+    const double at = (x + 0.5) / kCell - 0.5;
+    result[static_cast<std::size_t>(x)] = {static_cast<int>(std::floor(at)),
+                                           static_cast<float>(at - std::floor(at))};
+  }
+  return result;
+}
+
+using Cells = std::vector<float>;  // of kGradients
+
+std::size_t place_of(int row, int column, int orientation) {
+  return static_cast<std::size_t>((row * kCells + column) * kOrientations + orientation);
+}
+
+Cells histograms(const cv::Mat& crop) {
+  static const std::array<Share, kSide> kShares = shares();
+  std::array<float, 256> root;
+  for (int i = 0; i < 256; ++i)
+    root[static_cast<std::size_t>(i)] = std::sqrt(static_cast<float>(i));
+  const auto value = [&](int y, int x) {
+    return root[crop.at<std::uint8_t>(std::clamp(y, 0, kSide - 1), std::clamp(x, 0, kSide - 1))];
+  };
+  Cells cells(kGradients, 0.0F);
+  for (int y = 0; y < kSide; ++y) {
+    const Share& down = kShares[static_cast<std::size_t>(y)];
+    for (int x = 0; x < kSide; ++x) {
+      const float gx = value(y, x + 1) - value(y, x - 1);
+      const float gy = value(y + 1, x) - value(y - 1, x);
+      const float length = std::hypot(gx, gy);
+      if (length == 0) continue;
+      float bin = std::atan2(gy, gx) * (kOrientations / std::numbers::pi_v<float>);
+      if (bin < 0) bin += kOrientations;
+      const int lower = static_cast<int>(bin);
+      const float upper_part = bin - static_cast<float>(lower);
+      const Share& right = kShares[static_cast<std::size_t>(x)];
+      for (int dy = 0; dy < 2; ++dy) {
+        const int row = down.cell + dy;
+        if (row < 0 || row >= kCells) continue;
+        for (int dx = 0; dx < 2; ++dx) {
+          const int column = right.cell + dx;
+          if (column < 0 || column >= kCells) continue;
+          const float part = length * (dy == 1 ? down.upper : 1 - down.upper) *
+                             (dx == 1 ? right.upper : 1 - right.upper);
+          cells[place_of(row, column, lower % kOrientations)] += part * (1 - upper_part);
+          cells[place_of(row, column, (lower + 1) % kOrientations)] += part * upper_part;
+        }
+      }
+    }
+  }
+  return cells;
+}
+
+}  // namespace
+
+Eigen::VectorXf gradients_of(const cv::Mat& crop) {
+  TARSIER_REQUIRE(crop.type() == CV_8UC1 && crop.rows == kSide && crop.cols == kSide,
+                  "a crop of {} x {} px, type {}", crop.cols, crop.rows, crop.type());
+  const Cells cells = histograms(crop);
+  std::array<float, kCells * kCells> energy{};
+  for (int i = 0; i < kCells * kCells; ++i)
+    for (int k = 0; k < kOrientations; ++k) {
+      const float part = cells[static_cast<std::size_t>(i * kOrientations + k)];
+      energy[static_cast<std::size_t>(i)] += part * part;
+    }
+  // Block (r, c) has the cells r - 1, r and c - 1, c; cells outside are those at the rim.
+  constexpr float kFlat = 1e-3F * kCell * kCell;  // less than this is noise
+  const auto block = [&](int r, int c) {
+    float sum = kFlat;
+    for (int row = r - 1; row <= r; ++row)
+      for (int column = c - 1; column <= c; ++column)
+        sum += energy[static_cast<std::size_t>(std::clamp(row, 0, kCells - 1) * kCells +
+                                               std::clamp(column, 0, kCells - 1))];
+    return 1 / std::sqrt(sum);
+  };
+  Eigen::VectorXf result(kGradients);
+  for (int r = 0; r < kCells; ++r) {
+    for (int c = 0; c < kCells; ++c) {
+      const std::array<float, 4> scales{block(r, c), block(r, c + 1), block(r + 1, c),
+                                        block(r + 1, c + 1)};
+      for (int k = 0; k < kOrientations; ++k) {
+        const float part = cells[place_of(r, c, k)];
+        float sum = 0;
+        for (const float scale : scales) sum += std::min(part * scale, kMaxPart);
+        result[static_cast<Eigen::Index>(place_of(r, c, k))] = sum / 4;
+      }
+    }
+  }
+  return result;
+}
+
+std::optional<HeadView> view_of_head(const cv::Mat& gray, const geometry::Camera& camera,
+                                     const geometry::Rigid& camera_from_head) {
+  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "a picture of type {}", gray.type());
+  const cv::Vec3d middle = camera_from_head * kMiddle;
+  const double distance = cv::norm(middle);
+  if (!(middle[2] > 1) || !std::isfinite(distance)) return std::nullopt;
+  const auto pixel = camera.project(middle);
+  if (!pixel) return std::nullopt;
+  const double px_per_mm = std::sqrt(camera.fx * camera.fy) / middle[2];
+  if (kSideMm * px_per_mm < kMinPx) return std::nullopt;
+  HeadView view;
+  view.camera_from_view = rotation_from_z(middle * (1 / distance));
+  view.angles = head::angles_of_rotation(view.camera_from_view.t() * camera_from_head.rotation);
+  view.gradients = gradients_of(upright_crop(gray, *pixel, px_per_mm, view.angles.roll_deg));
+  return view;
+}
+
+HeadView mirrored(const HeadView& view) {
+  HeadView result = view;
+  result.angles.yaw_deg = -view.angles.yaw_deg;
+  result.angles.roll_deg = -view.angles.roll_deg;
+  const cv::Matx33d flip(-1, 0, 0, 0, 1, 0, 0, 0, 1);
+  result.camera_from_view = flip * view.camera_from_view * flip;
+  for (int r = 0; r < kCells; ++r)
+    for (int c = 0; c < kCells; ++c)
+      for (int k = 0; k < kOrientations; ++k)
+        result.gradients[static_cast<Eigen::Index>(
+            place_of(r, kCells - 1 - c, (kOrientations - k) % kOrientations))] =
+            view.gradients[static_cast<Eigen::Index>(place_of(r, c, k))];
+  return result;
+}
+
+Direction direction_of(const HeadView& view, const cv::Vec3d& forward_in_view) {
+  const double c = std::cos(view.angles.roll_deg * kDegree);
+  const double s = std::sin(view.angles.roll_deg * kDegree);
+  const double x = c * forward_in_view[0] + s * forward_in_view[1];
+  const double y = -s * forward_in_view[0] + c * forward_in_view[1];
+  return {std::atan2(-y, -forward_in_view[2]) / kDegree,
+          std::asin(std::clamp(-x, -1.0, 1.0)) / kDegree};
+}
+
+cv::Matx33d rotation_towards(const HeadView& view, const Direction& direction) {
+  return view.camera_from_view *
+         head::rotation_of_angles({direction.yaw_deg, direction.pitch_deg, view.angles.roll_deg});
+}
+
+}  // namespace tarsier::face::head_view

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/head_view/view_model.h"
+
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::face::head_view {
+
+using Eigen::Index;
+using Eigen::VectorXf;
+
+void ViewModel::check() const {
+  TARSIER_REQUIRE(mean.size() == kGradients, "a mean of {} gradients", mean.size());
+  TARSIER_REQUIRE(basis.rows() == kGradients && basis.cols() >= 1 && basis.cols() <= kGradients,
+                  "a basis of {} x {}", basis.rows(), basis.cols());
+  TARSIER_REQUIRE(centres.rows() == basis.cols() + 3 && centres.cols() >= 1, "centres of {} x {}",
+                  centres.rows(), centres.cols());
+  TARSIER_REQUIRE(weights.rows() == 2 && weights.cols() == centres.cols(), "weights of {} x {}",
+                  weights.rows(), weights.cols());
+  TARSIER_REQUIRE(angle_scale.minCoeff() > 0, "a scale of angles that is not positive");
+  TARSIER_REQUIRE(gamma > 0 && gamma <= 1e6, "gamma {}", gamma);
+  TARSIER_REQUIRE(max_deg > 0 && max_deg <= 90, "corrections up to {} degrees", max_deg);
+  TARSIER_REQUIRE(mean.allFinite() && basis.allFinite() && centres.allFinite() &&
+                      weights.allFinite() && angle_scale.allFinite(),
+                  "numbers that are not finite");
+}
+
+VectorXf ViewModel::point_of(const HeadView& view) const {
+  TARSIER_REQUIRE(view.gradients.size() == kGradients, "a view of {} gradients",
+                  view.gradients.size());
+  const Index k = basis.cols();
+  VectorXf point(k + 3);
+  point.head(k).noalias() = basis.transpose() * (view.gradients - mean);
+  const Eigen::Vector3f angles(static_cast<float>(view.angles.pitch_deg),
+                               static_cast<float>(view.angles.yaw_deg),
+                               static_cast<float>(view.angles.roll_deg));
+  point.tail<3>() = angles.cwiseQuotient(angle_scale);
+  return point;
+}
+
+Direction looks_to(const ViewModel& model, const HeadView& view) {
+  const VectorXf point = model.point_of(view);
+  const VectorXf squares = (model.centres.colwise() - point).colwise().squaredNorm();
+  const VectorXf kernel = (squares.array() * static_cast<float>(-model.gamma)).exp();
+  const Eigen::Vector2f change = model.weights * kernel;
+  const auto limited = [&](float degrees) {
+    return std::clamp(static_cast<double>(degrees), -model.max_deg, model.max_deg);
+  };
+  return {view.angles.pitch_deg + limited(change[0]),
+          std::clamp(view.angles.yaw_deg + limited(change[1]), -89.0, 89.0)};
+}
+
+std::optional<head::HeadPose> refined_pose(const ViewModel& model, const head::HeadPoser& poser,
+                                           const Eigen::Matrix2Xd& points, const cv::Mat& gray,
+                                           const geometry::Camera& camera,
+                                           const head::HeadPose& pose,
+                                           const head::HeadIdentity* identity) {
+  const std::optional<HeadView> view = view_of_head(gray, camera, pose.camera_from_head);
+  // A head seen from behind is no face.
+  if (!view || std::abs(view->angles.yaw_deg) > 89) return std::nullopt;
+  return poser
+      .pose_towards(points, camera, rotation_towards(*view, looks_to(model, *view)), identity)
+      .pose;
+}
+
+}  // namespace tarsier::face::head_view

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/head/head_pose.h"
+#include "tarsier/face/head_view/head_view.h"
+
+#include <Eigen/Core>
+
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+
+// Where a head looks, learnt from how heads look: corrects the direction of a pose that landmarks
+// gave. Landmarks slip over faces that are turned far: the tilt of such heads comes out at a third
+// of what it is (docs/results.md).
+//
+// Kernel ridge regression (Saunders, Gammerman and Vovk, ICML 1998). A view becomes the point
+//   f = [B^T (gradients - mean) ; (pitch, yaw, roll) / angle_scale]
+// and the correction, in degrees, is
+//   (pitch, yaw) - (pitch, yaw) of the rough pose = sum_i exp(-gamma |f - f_i|^2) weights_i.
+// It is nothing for views unlike all that were learnt.
+namespace tarsier::face::head_view {
+
+struct ViewModel {
+  Eigen::VectorXf mean;         // kGradients
+  Eigen::MatrixXf basis;        // kGradients x k, columns orthogonal, scaled as f needs it
+  Eigen::Vector3f angle_scale;  // degrees, > 0
+  Eigen::MatrixXf centres;      // (k + 3) x n, the f_i
+  Eigen::MatrixXf weights;      // 2 x n, degrees: of pitch and yaw
+  double gamma = 0.3;           // > 0
+  double max_deg = 25;          // corrections are cut off here, (0, 90]
+  int trained_on = 0;           // views
+
+  [[nodiscard]] Eigen::VectorXf point_of(const HeadView& view) const;
+  void check() const;  // throws std::invalid_argument
+};
+
+// Where the head of the view looks.
+[[nodiscard]] Direction looks_to(const ViewModel& model, const HeadView& view);
+
+// The pose with that direction: the turn about it, the place and the shape are those which explain
+// the points best (see head::HeadPoser::pose_towards). `pose` and `identity` (may be null, is not
+// changed) as they came from the poser for these points. Nothing where the head cannot be seen or
+// the points do not fit.
+[[nodiscard]] std::optional<head::HeadPose> refined_pose(
+    const ViewModel& model, const head::HeadPoser& poser, const Eigen::Matrix2Xd& points,
+    const cv::Mat& gray, const geometry::Camera& camera, const head::HeadPose& pose,
+    const head::HeadIdentity* identity);
+
+// Files of type "head-view", version 1. Reading throws ModelError(path).
+void write_view_model(const std::string& path, const ViewModel& model,
+                      const nlohmann::json& provenance);
+[[nodiscard]] ViewModel read_view_model(const std::string& path);
+
+}  // namespace tarsier::face::head_view

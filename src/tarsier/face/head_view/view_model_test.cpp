@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/head_view/view_model.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/face/head_view/testing_view.h"
+#include "tarsier/face/head_view/view_train.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <unistd.h>
+#include <vector>
+
+namespace tarsier::face::head_view {
+namespace {
+
+// Heads whose rough pitch is half of the true one, and their yaw four fifths.
+struct Slipped {
+  cv::Mat picture;
+  geometry::Rigid rough;
+  geometry::Rigid truth;
+};
+
+Slipped slipped(Rng& rng) {
+  const double yaw = rng.uniform(-40, 40);
+  const double pitch = rng.uniform(-30, 30);
+  const double roll = rng.uniform(-10, 10);
+  const cv::Vec3d place(rng.uniform(-40, 40), rng.uniform(-50, 10), rng.uniform(480, 620));
+  Slipped result;
+  result.truth = {head::rotation_of_angles({yaw, pitch, roll}), place};
+  result.rough = {head::rotation_of_angles(
+                      {0.8 * yaw + 3 * rng.normal(), 0.5 * pitch + 3 * rng.normal(), roll}),
+                  place};
+  result.picture = painted_head(result.truth, testing_camera());
+  return result;
+}
+
+ViewSample sample_of(const Slipped& head, int group) {
+  const HeadView view = *view_of_head(head.picture, testing_camera(), head.rough);
+  const cv::Vec3d forward = head.truth.rotation * cv::Vec3d(0, 0, -1);
+  return {view, direction_of(view, view.camera_from_view.t() * forward), group};
+}
+
+std::vector<ViewSample> samples(int count, std::uint64_t seed) {
+  Rng rng(seed);
+  std::vector<ViewSample> result;
+  result.reserve(static_cast<std::size_t>(count));
+  for (int i = 0; i < count; ++i) result.push_back(sample_of(slipped(rng), i % 5));
+  return result;
+}
+
+struct Errors {
+  double pitch = 0;
+  double yaw = 0;
+};
+
+Errors errors_of(const std::vector<ViewSample>& test, const std::vector<Direction>& found) {
+  Errors mean;
+  for (std::size_t i = 0; i < test.size(); ++i) {
+    mean.pitch += std::abs(found[i].pitch_deg - test[i].truth.pitch_deg);
+    mean.yaw += std::abs(found[i].yaw_deg - test[i].truth.yaw_deg);
+  }
+  const auto n = static_cast<double>(test.size());
+  return {mean.pitch / n, mean.yaw / n};
+}
+
+std::vector<Direction> rough_of(const std::vector<ViewSample>& test) {
+  std::vector<Direction> result;
+  for (const ViewSample& sample : test)
+    result.push_back({sample.view.angles.pitch_deg, sample.view.angles.yaw_deg});
+  return result;
+}
+
+TEST(ViewModel, MendsPosesThatSlipped) {
+  const ViewModel model = train_view_model(samples(250, 1), {});
+  const std::vector<ViewSample> test = samples(80, 2);
+  std::vector<Direction> found;
+  for (const ViewSample& sample : test) found.push_back(looks_to(model, sample.view));
+  const Errors before = errors_of(test, rough_of(test));
+  const Errors after = errors_of(test, found);
+  EXPECT_GT(before.pitch, 6);
+  EXPECT_LT(after.pitch, 0.5 * before.pitch);
+  EXPECT_LT(after.yaw, 0.7 * before.yaw);
+}
+
+TEST(ViewModel, TreatsLeftAndRightAlike) {
+  const ViewModel model = train_view_model(samples(120, 3), {});
+  for (const ViewSample& sample : samples(10, 4)) {
+    const Direction here = looks_to(model, sample.view);
+    const Direction there = looks_to(model, mirrored(sample.view));
+    EXPECT_NEAR(here.pitch_deg, there.pitch_deg, 0.05);
+    EXPECT_NEAR(here.yaw_deg, -there.yaw_deg, 0.05);
+  }
+}
+
+TEST(ViewModel, LeavesUnlikeViewsAlone) {
+  const ViewModel model = train_view_model(samples(120, 5), {});
+  HeadView unlike = samples(1, 6).front().view;
+  unlike.gradients.setConstant(3);
+  const Direction found = looks_to(model, unlike);
+  EXPECT_NEAR(found.pitch_deg, unlike.angles.pitch_deg, 1e-3);
+  EXPECT_NEAR(found.yaw_deg, unlike.angles.yaw_deg, 1e-3);
+}
+
+TEST(ViewModel, LeavingOutIsLearningWithoutAGroup) {
+  const std::vector<ViewSample> all = samples(60, 7);
+  TrainViewOptions options;
+  options.components = 12;
+  const std::vector<Direction> left_out = leave_groups_out(all, options);
+  std::vector<ViewSample> others;
+  for (const ViewSample& sample : all)
+    if (sample.group != 2) others.push_back(sample);
+  const ViewModel model = train_view_model(others, options);
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (all[i].group != 2) continue;
+    EXPECT_EQ(left_out[i].pitch_deg, looks_to(model, all[i].view).pitch_deg);
+  }
+}
+
+TEST(ViewModel, BadOptionsAndDataAreRefused) {
+  const std::vector<ViewSample> few = samples(4, 8);
+  EXPECT_THROW((void)train_view_model(few, {}), std::invalid_argument);
+  const std::vector<ViewSample> alike(20, few.front());
+  EXPECT_THROW((void)train_view_model(alike, {.mirror = false}), std::invalid_argument);
+  EXPECT_THROW((void)train_view_model(samples(10, 9), {.ridge = 0}), std::invalid_argument);
+  std::vector<ViewSample> one_group = samples(10, 9);
+  for (ViewSample& sample : one_group) sample.group = 0;
+  EXPECT_THROW((void)leave_groups_out(one_group, {}), std::invalid_argument);
+}
+
+class ViewModelFile : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ =
+        std::filesystem::temp_directory_path() / ("tarsier-view-" + std::to_string(::getpid()));
+    std::filesystem::create_directories(folder_);
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+  [[nodiscard]] std::string path(const std::string& name) const {
+    return (folder_ / name).string();
+  }
+  std::filesystem::path folder_;
+};
+
+TEST_F(ViewModelFile, KeepsEveryAnswer) {
+  const ViewModel model = train_view_model(samples(40, 10), {});
+  write_view_model(path("view.json"), model, {{"data", "painted"}});
+  const ViewModel read = read_view_model(path("view.json"));
+  for (const ViewSample& sample : samples(5, 11)) {
+    EXPECT_EQ(looks_to(model, sample.view).pitch_deg, looks_to(read, sample.view).pitch_deg);
+    EXPECT_EQ(looks_to(model, sample.view).yaw_deg, looks_to(read, sample.view).yaw_deg);
+  }
+  EXPECT_EQ(read.trained_on, 40);
+}
+
+TEST_F(ViewModelFile, BadFilesAreRefusedByName) {
+  write_view_model(path("good.json"), train_view_model(samples(20, 12), {}),
+                   nlohmann::json::object());
+  nlohmann::json file;
+  std::ifstream(path("good.json")) >> file;
+  const auto refused = [&](const std::string& member, const nlohmann::json& value) {
+    nlohmann::json bad = file;
+    bad["payload"][member] = value;
+    std::ofstream(path("bad.json")) << bad;
+    try {
+      (void)read_view_model(path("bad.json"));
+    } catch (const ModelError& error) {
+      return std::string(error.what()).find("bad.json") != std::string::npos;
+    }
+    return false;
+  };
+  EXPECT_TRUE(refused("gamma", -1));
+  EXPECT_TRUE(refused("gamma", "much"));
+  EXPECT_TRUE(refused("most_deg", 1e9));
+  EXPECT_TRUE(refused("mean", file["payload"]["weights"]));
+  EXPECT_TRUE(refused("weights", file["payload"]["centres"]));
+  EXPECT_TRUE(refused("centres", file["payload"]["basis"]));
+  EXPECT_TRUE(refused("basis", nullptr));
+  EXPECT_TRUE(refused("trained_on", -4));
+  EXPECT_THROW((void)read_view_model(path("gone.json")), ModelError);
+}
+
+}  // namespace
+}  // namespace tarsier::face::head_view

@@ -1,0 +1,282 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/landmarks/adapt.h"
+#include "tarsier/face/landmarks/trees_inner.h"
+
+#include <Eigen/Cholesky>
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::face::landmarks {
+
+namespace {
+
+constexpr int kMaxParts = 5;  // of the pictures, for cross-fitting
+
+// The dual variables A = (K + lambda)^-1 E.
+Eigen::MatrixXd dual(Eigen::MatrixXd kernel, const Eigen::MatrixXd& errors, double lambda) {
+  kernel.diagonal().array() += lambda;
+  return kernel.ldlt().solve(errors);
+}
+
+// As the caller gave it, times the starts of a picture and the mean norm of a row.
+double lambda_of(double ridge, const Eigen::MatrixXd& kernel, std::size_t faces) {
+  const double starts = static_cast<double>(kernel.rows()) / static_cast<double>(faces);
+  return ridge * starts * std::max(1e-9, kernel.diagonal().mean());
+}
+
+void check(const std::vector<TrainingFace>& faces, const std::vector<Start>& starts,
+           Eigen::Index points, double ridge) {
+  TARSIER_REQUIRE(!faces.empty() && !starts.empty(), "{} faces, {} starts", faces.size(),
+                  starts.size());
+  TARSIER_REQUIRE(ridge > 0 && ridge <= 1e6, "ridge is in (0, 1e6], got {}", ridge);
+  for (const Start& start : starts) {
+    TARSIER_REQUIRE(start.face >= 0 && start.face < static_cast<int>(faces.size()) &&
+                        start.points.cols() == points,
+                    "start of face {} with {} points, the model has {}", start.face,
+                    start.points.cols(), points);
+  }
+}
+
+// Steps in the frame of the mean as one row: x0 y0 x1 ..
+void put_step(const shape::Similarity2d& upright, const Eigen::Matrix2Xd& off,
+              Eigen::Ref<Eigen::RowVectorXd> row) {
+  for (Eigen::Index p = 0; p < off.cols(); ++p) {
+    row[2 * p] = upright.a * off(0, p) - upright.b * off(1, p);
+    row[2 * p + 1] = upright.b * off(0, p) + upright.a * off(1, p);
+  }
+}
+
+// A start at the resolution of the finest stage.
+struct Sample {
+  int face = 0;
+  cv::Mat gray;
+  Eigen::Matrix2Xd truth;
+  Eigen::Matrix2Xd points;
+};
+
+std::vector<Sample> reduced_samples(const Descent& base, const std::vector<TrainingFace>& faces,
+                                    const std::vector<Start>& starts) {
+  double finest = 0;
+  for (const Descent::Stage& stage : base.stages) {
+    finest = std::max(finest, stage.scale.px_per_unit);
+  }
+  std::vector<Reduced> reduced;
+  for (const TrainingFace& face : faces) {
+    reduced.push_back(reduce_around(face.gray, face.points, finest));
+  }
+  std::vector<Sample> samples;
+  for (const Start& start : starts) {
+    const auto f = static_cast<std::size_t>(start.face);
+    const Reduced& to = reduced[f];
+    samples.push_back({start.face, to.gray, (faces[f].points.colwise() - to.offset) / to.scale,
+                       (start.points.colwise() - to.offset) / to.scale});
+  }
+  return samples;
+}
+
+// Rows of features with the constant last, and what R0 leaves of the steps.
+struct Problem {
+  Eigen::MatrixXd features;
+  Eigen::MatrixXd base_steps;
+  Eigen::MatrixXd errors;
+  double constant = 1;
+};
+
+Problem problem_of(const Descent::Stage& stage, const Eigen::Matrix2Xd& mean,
+                   const std::vector<Sample>& samples, const std::stop_token& stop) {
+  const auto count = static_cast<Eigen::Index>(samples.size());
+  const Eigen::Index width = stage.weights.cols();
+  Problem problem;
+  problem.features.resize(count, width + 1);
+  problem.base_steps.resize(count, stage.weights.rows());
+  problem.errors.resize(count, stage.weights.rows());
+  cv::parallel_for_(cv::Range(0, static_cast<int>(count)), [&](const cv::Range& range) {
+    DescentWorkspace workspace;
+    Eigen::VectorXf features(width);
+    Eigen::RowVectorXd step(stage.weights.rows());
+    for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
+      const Sample& sample = samples[static_cast<std::size_t>(i)];
+      stage_features(stage, mean, sample.gray, sample.points, workspace, features.data());
+      problem.features.row(i).head(width) = features.cast<double>().transpose();
+      problem.base_steps.row(i) =
+          (stage.weights * features + stage.bias).cast<double>().transpose();
+      put_step(shape::fit_similarity(sample.points, mean), sample.truth - sample.points, step);
+      problem.errors.row(i) = step - problem.base_steps.row(i);
+    }
+  });
+  throw_if_stopped(stop);
+  // The constant is worth as much as all features: what a person's points have in common moves
+  // first.
+  problem.constant = std::sqrt(
+      std::max(1e-9, problem.features.leftCols(width).squaredNorm() / static_cast<double>(count)));
+  problem.features.col(width).setConstant(problem.constant);
+  return problem;
+}
+
+void move(Sample& sample, const Eigen::Matrix2Xd& mean, const Eigen::RowVectorXd& step) {
+  const shape::Similarity2d back = shape::fit_similarity(sample.points, mean).inverse();
+  Eigen::Matrix2Xd moved = sample.points;
+  for (Eigen::Index p = 0; p < moved.cols(); ++p) {
+    moved(0, p) += back.a * step[2 * p] - back.b * step[2 * p + 1];
+    moved(1, p) += back.b * step[2 * p] + back.a * step[2 * p + 1];
+  }
+  if (moved.allFinite() && shape_size(moved) > 1) sample.points = moved;
+}
+
+// Moves the samples of each part by what was learned from the others. Of a single picture starts
+// are divided: were its samples moved by the base, each stage would learn the person's whole
+// difference once more.
+void move_samples(std::vector<Sample>& samples, const Eigen::Matrix2Xd& mean,
+                  const Problem& problem, const Eigen::MatrixXd& kernel, double lambda, int faces) {
+  const int parts = faces > 1 ? std::min(faces, kMaxParts) : 2;
+  for (int part = 0; part < parts; ++part) {
+    std::vector<Eigen::Index> own;
+    std::vector<Eigen::Index> others;
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      const int of = faces > 1 ? samples[i].face : static_cast<int>(i);
+      (of % parts == part ? own : others).push_back(static_cast<Eigen::Index>(i));
+    }
+    Eigen::MatrixXd learned =
+        Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(own.size()), problem.errors.cols());
+    if (!others.empty()) {
+      const Eigen::MatrixXd errors = problem.errors(others, Eigen::all);
+      const Eigen::MatrixXd likeness = kernel(own, others);
+      learned = likeness * dual(kernel(others, others), errors, lambda);
+    }
+    for (std::size_t k = 0; k < own.size(); ++k) {
+      move(samples[static_cast<std::size_t>(own[k])], mean,
+           problem.base_steps.row(own[k]) + learned.row(static_cast<Eigen::Index>(k)));
+    }
+  }
+}
+
+}  // namespace
+
+Descent adapt_descent(const Descent& base, const std::vector<TrainingFace>& faces,
+                      const std::vector<Start>& starts, double ridge, const std::stop_token& stop) {
+  check(faces, starts, base.mean.cols(), ridge);
+  Descent model = base;
+  std::vector<Sample> samples = reduced_samples(base, faces, starts);
+  for (Descent::Stage& stage : model.stages) {
+    throw_if_stopped(stop);
+    const Problem problem = problem_of(stage, model.mean, samples, stop);
+    const Eigen::MatrixXd kernel = problem.features * problem.features.transpose();
+    const double lambda = lambda_of(ridge, kernel, faces.size());
+    const Eigen::MatrixXd change =
+        problem.features.transpose() * dual(kernel, problem.errors, lambda);
+    move_samples(samples, model.mean, problem, kernel, lambda, static_cast<int>(faces.size()));
+    const Eigen::Index width = stage.weights.cols();
+    stage.weights += change.topRows(width).transpose().cast<float>();
+    stage.bias += (problem.constant * change.row(width)).transpose().cast<float>();
+  }
+  return model;
+}
+
+namespace {
+
+// Leaves of the last level that each start ends in, and what is left to its true points there.
+struct Walks {
+  std::vector<std::vector<int>> leaves;
+  Eigen::MatrixXd errors;
+};
+
+Walks walks_of(const Trees& base, const std::vector<TrainingFace>& faces,
+               const std::vector<Start>& starts, const std::stop_token& stop) {
+  const Trees::Level& last = base.levels.back();
+  const int nodes = (1 << base.depth) - 1;
+  const int trees = static_cast<int>(last.first.size()) / nodes;
+  Trees before = base;
+  before.levels.pop_back();
+  Walks walks;
+  walks.leaves.resize(starts.size());
+  walks.errors.resize(static_cast<Eigen::Index>(starts.size()), 2 * base.mean.cols());
+  cv::parallel_for_(cv::Range(0, static_cast<int>(starts.size())), [&](const cv::Range& range) {
+    std::vector<std::uint8_t> values(last.anchor.size());
+    Eigen::RowVectorXd step(2 * base.mean.cols());
+    for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
+      const Start& start = starts[static_cast<std::size_t>(i)];
+      const TrainingFace& face = faces[static_cast<std::size_t>(start.face)];
+      const shape::Similarity2d px_from_mean = shape::fit_similarity(base.mean, start.points);
+      const Eigen::Matrix2Xd current =
+          before.levels.empty() ? start.points : fit_trees(before, face.gray, start.points);
+      inner::look_up(
+          last, base.smoothing, face.gray,
+          px_from_mean * shape::fit_similarity(base.mean, px_from_mean.inverse()(current)), current,
+          values.data());
+      std::vector<int>& leaves = walks.leaves[static_cast<std::size_t>(i)];
+      for (int tree = 0; tree < trees; ++tree) {
+        leaves.push_back(inner::leaf_of(last, tree, base.depth, values.data()));
+      }
+      const Eigen::Matrix2Xd fitted = fit_trees(base, face.gray, start.points);
+      put_step(px_from_mean.inverse(), face.points - fitted, step);
+      walks.errors.row(i) = step;
+    }
+  });
+  throw_if_stopped(stop);
+  return walks;
+}
+
+// Adds to the leaves, which are whole numbers times a step: the step grows where they ask for it.
+void add_to_leaves(Trees::Level& level, const std::vector<double>& change) {
+  double most = 0;
+  std::vector<double> sum(level.leaves.size());
+  for (std::size_t i = 0; i < sum.size(); ++i) {
+    sum[i] = static_cast<double>(level.step) * level.leaves[i] + change[i];
+    most = std::max(most, std::abs(sum[i]));
+  }
+  level.step = std::max(level.step, static_cast<float>(most / 32000));
+  for (std::size_t i = 0; i < sum.size(); ++i) {
+    level.leaves[i] = static_cast<std::int16_t>(
+        std::clamp(std::round(sum[i] / static_cast<double>(level.step)), -32767.0, 32767.0));
+  }
+}
+
+}  // namespace
+
+Trees adapt_trees(const Trees& base, const std::vector<TrainingFace>& faces,
+                  const std::vector<Start>& starts, double ridge, const std::stop_token& stop) {
+  base.check();
+  check(faces, starts, base.mean.cols(), ridge);
+  const Walks walks = walks_of(base, faces, starts, stop);
+  const auto count = static_cast<Eigen::Index>(starts.size());
+  const std::size_t trees = walks.leaves.front().size();
+  // Rows of ones in the leaves that a start ends in: their products count common leaves. A constant
+  // of the same weight is spread over all leaves in the end.
+  Eigen::MatrixXd kernel(count, count);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    for (Eigen::Index k = 0; k <= i; ++k) {
+      const std::vector<int>& a = walks.leaves[static_cast<std::size_t>(i)];
+      const std::vector<int>& b = walks.leaves[static_cast<std::size_t>(k)];
+      double common = 0;
+      for (std::size_t t = 0; t < trees; ++t) common += a[t] == b[t] ? 1 : 0;
+      kernel(i, k) = kernel(k, i) = common + static_cast<double>(trees);
+    }
+  }
+  const Eigen::MatrixXd solved = dual(kernel, walks.errors, lambda_of(ridge, kernel, faces.size()));
+  Trees model = base;
+  Trees::Level& last = model.levels.back();
+  const auto numbers = static_cast<std::size_t>(2 * base.mean.cols());
+  const std::size_t leaf_count = std::size_t{1} << base.depth;
+  std::vector<double> change(last.leaves.size(), 0);
+  const Eigen::RowVectorXd constant = solved.colwise().sum();
+  for (std::size_t i = 0; i < change.size(); ++i) {
+    change[i] = constant[static_cast<Eigen::Index>(i % numbers)];
+  }
+  for (std::size_t i = 0; i < starts.size(); ++i) {
+    for (std::size_t t = 0; t < trees; ++t) {
+      double* leaf =
+          change.data() + (t * leaf_count + static_cast<std::size_t>(walks.leaves[i][t])) * numbers;
+      for (std::size_t k = 0; k < numbers; ++k) {
+        leaf[k] += solved(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k));
+      }
+    }
+  }
+  add_to_leaves(last, change);
+  return model;
+}
+
+}  // namespace tarsier::face::landmarks

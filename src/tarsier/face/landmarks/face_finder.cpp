@@ -1,0 +1,371 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/landmarks/face_finder.h"
+
+#include "tarsier/core/boxes.h"
+#include "tarsier/core/errors.h"
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/statistics.h"
+#include "tarsier/face/landmarks/hog_detector.h"
+#include "tarsier/media/archive.h"
+
+#include <opencv2/core.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <tuple>
+#include <utility>
+
+namespace tarsier::face::landmarks {
+
+namespace {}  // namespace
+
+void BoxModel::check() const {
+  TARSIER_REQUIRE(std::isfinite(dx) && std::abs(dx) <= 2, "dx {}", dx);
+  TARSIER_REQUIRE(std::isfinite(dy) && std::abs(dy) <= 2, "dy {}", dy);
+  TARSIER_REQUIRE(size >= 0.02 && size <= 5, "size {}", size);
+}
+
+BoxModel train_box_model(const std::vector<Eigen::Matrix2Xd>& shapes,
+                         const std::vector<cv::Rect2d>& boxes, double fraction) {
+  TARSIER_REQUIRE(shapes.size() == boxes.size(), "{} shapes, {} boxes", shapes.size(),
+                  boxes.size());
+  TARSIER_REQUIRE(fraction >= 0 && fraction <= 1, "fraction {}", fraction);
+  std::vector<double> dx;
+  std::vector<double> dy;
+  std::vector<double> size;
+  for (std::size_t i = 0; i < shapes.size(); ++i) {
+    const cv::Rect2d& box = boxes[i];
+    if (box.width <= 0 || box.height <= 0) continue;
+    Eigen::Index inside = 0;
+    for (Eigen::Index p = 0; p < shapes[i].cols(); ++p) {
+      if (box.contains(cv::Point2d(shapes[i](0, p), shapes[i](1, p)))) ++inside;
+    }
+    if (static_cast<double>(inside) < fraction * static_cast<double>(shapes[i].cols())) continue;
+    const Eigen::Vector2d center = shapes[i].rowwise().mean();
+    dx.push_back((center.x() - (box.x + 0.5 * box.width - 0.5)) / box.width);
+    dy.push_back((center.y() - (box.y + 0.5 * box.height - 0.5)) / box.width);
+    size.push_back(shape_size(shapes[i]) / box.width);
+  }
+  TARSIER_REQUIRE(!dx.empty(), "of {} boxes none holds {} of its face's points", boxes.size(),
+                  fraction);
+  BoxModel model;
+  model.dx = upper_median(dx);
+  model.dy = upper_median(dy);
+  model.size = upper_median(size);
+  model.trained_on = static_cast<int>(dx.size());
+  return model;
+}
+
+Eigen::Matrix2Xd start_in_box(const BoxModel& model, const Eigen::Matrix2Xd& mean,
+                              const cv::Rect2d& box) {
+  const Eigen::Vector2d center(box.x + 0.5 * box.width - 0.5 + model.dx * box.width,
+                               box.y + 0.5 * box.height - 0.5 + model.dy * box.width);
+  return (mean * (model.size * box.width)).colwise() + center;
+}
+
+BoxModel cascade_box() {
+  BoxModel model;
+  model.dx = 0.0089;
+  model.dy = 0.1209;
+  model.size = 0.3262;
+  model.trained_on = 899;
+  return model;
+}
+
+cv::Rect2d box_around(const BoxModel& model, const Eigen::Matrix2Xd& points) {
+  const double width = shape_size(points) / model.size;
+  const Eigen::Vector2d center = points.rowwise().mean();
+  return {center.x() - model.dx * width - 0.5 * width + 0.5,
+          center.y() - model.dy * width - 0.5 * width + 0.5, width, width};
+}
+
+namespace {
+
+// How far under its threshold a trained detector is still asked, margins of the training.
+constexpr double kBelow = 0.5;
+// Longest side of a video's tile, in windows of the detector; of a still picture's.
+constexpr double kTile = 12;
+constexpr double kHogTile = 8;
+constexpr double kHogStill = 16;
+// Beside the networks the cascade looks for large faces: at this width, px, from this share of the
+// picture's smaller side on. Its boxes are those that landmark models start from.
+constexpr int kLargeWidth = 320;
+constexpr double kLargeShare = 0.1;
+
+FaceDetectorOptions less_strict(FaceDetectorOptions options) {
+  options.neighbors = std::max(1, options.neighbors - 1);
+  options.step = 1.05;
+  return options;
+}
+
+std::optional<FaceDetector> detector_if_there(const FaceDetectorOptions& options) {
+  if (find_cascade(options.cascade).empty()) return std::nullopt;
+  return FaceDetector(options);
+}
+
+struct Scored {
+  Candidate candidate;
+  double score = 0;
+};
+
+// Sure ones first, then the better ones, then the larger; those that overlap an earlier one go.
+// Returned largest first.
+std::vector<Candidate> merged(std::vector<Scored> all) {
+  std::stable_sort(all.begin(), all.end(), [](const Scored& a, const Scored& b) {
+    return std::tuple(!a.candidate.sure, -a.score, -a.candidate.box.area()) <
+           std::tuple(!b.candidate.sure, -b.score, -b.candidate.box.area());
+  });
+  std::vector<Candidate> kept;
+  for (const Scored& one : all) {
+    const cv::Rect2d& box = one.candidate.box;
+    const bool known = std::any_of(kept.begin(), kept.end(), [&](const Candidate& better) {
+      const double common = (better.box & box).area();
+      return intersection_over_union(better.box, box) > 0.35 ||
+             common > 0.75 * std::min(better.box.area(), box.area());
+    });
+    if (!known) kept.push_back(one.candidate);
+  }
+  std::stable_sort(kept.begin(), kept.end(), [](const Candidate& a, const Candidate& b) {
+    return a.box.area() > b.box.area();
+  });
+  return kept;
+}
+
+}  // namespace
+
+struct FaceFinder::Impl {
+  FaceFinderOptions options;
+  std::optional<FaceDetector> strict;  // or
+  std::optional<HogFinder> trained;    // or
+  std::shared_ptr<const FaceNetworks> networks;
+  std::optional<FaceDetector> large;  // beside the networks, where the cascade's file is there
+  FaceSearchWorkspace workspace;
+  // The other cascades, made when they are first needed; nothing where the file is missing.
+  std::vector<std::optional<FaceDetector>> others;
+  bool tried = false;
+  std::size_t turn = 0;  // of the less strict searches of tiles
+  cv::Mat flipped;
+  std::optional<BoxModel> box;
+  std::int64_t hog_pixels = 0;
+
+  void load();
+  [[nodiscard]] double window() const;
+  [[nodiscard]] double min_face(cv::Size picture) const;
+  void search_tile(const cv::Mat& gray, const SearchTile& tile, bool thorough,
+                   std::vector<Scored>& found);
+  void search_strict(const cv::Mat& gray, const SearchTile& tile, std::vector<Scored>& found);
+  // Beside the networks, in the whole picture: the cascade, and where nobody is surely seen its
+  // less strict relatives, all of them or the next one.
+  void search_large(const cv::Mat& gray, bool thorough, bool all, std::vector<Scored>& found);
+  // Less strict search number 0 .. kSearches - 1.
+  static constexpr std::size_t kSearches = 4;
+  void search_loosely(const cv::Mat& gray, const SearchTile& tile, std::size_t which,
+                      std::vector<Scored>& found);
+  [[nodiscard]] std::vector<Candidate> find(const cv::Mat& gray, bool thorough);
+};
+
+void FaceFinder::Impl::load() {
+  if (tried) return;
+  tried = true;
+  FaceDetectorOptions loose = less_strict(options.detector);
+  if (networks) loose.max_width = kLargeWidth;
+  others.push_back(detector_if_there(loose));
+  loose.cascade = "haarcascade_frontalface_default.xml";
+  loose.neighbors = options.detector.neighbors;
+  others.push_back(detector_if_there(loose));
+  loose.cascade = "haarcascade_profileface.xml";
+  others.push_back(detector_if_there(loose));
+}
+
+double FaceFinder::Impl::window() const {
+  if (networks) return kScanFace;
+  if (!trained) return kCascadeWindow;
+  const HogDetector& model = trained->detector();
+  return std::sqrt(static_cast<double>(model.width) * model.height);
+}
+
+double FaceFinder::Impl::min_face(cv::Size picture) const {
+  if (options.detector.min_face > 0) return options.detector.min_face;
+  return trained ? 40 : usual_min_face(picture);
+}
+
+void FaceFinder::Impl::search_strict(const cv::Mat& gray, const SearchTile& tile,
+                                     std::vector<Scored>& found) {
+  for (const cv::Rect& seen : strict->detect(gray(tile.area), tile.min_face, tile.max_face)) {
+    found.push_back({{cv::Rect2d(seen + tile.area.tl()), true}, 0});
+  }
+}
+
+void FaceFinder::Impl::search_loosely(const cv::Mat& gray, const SearchTile& tile,
+                                      std::size_t which, std::vector<Scored>& found) {
+  load();
+  const std::size_t number = std::min<std::size_t>(which, others.size() - 1);
+  if (!others[number]) return;
+  cv::Mat part = gray(tile.area);
+  const bool mirrored = which == kSearches - 1;
+  if (mirrored) {
+    cv::flip(part, flipped, 1);
+    part = flipped;
+  }
+  for (cv::Rect seen : others[number]->detect(part, tile.min_face, tile.max_face)) {
+    if (mirrored) seen.x = part.cols - seen.x - seen.width;
+    found.push_back({{cv::Rect2d(seen + tile.area.tl()), false}, 0});
+  }
+}
+
+void FaceFinder::Impl::search_tile(const cv::Mat& gray, const SearchTile& tile, bool thorough,
+                                   std::vector<Scored>& found) {
+  const cv::Point2d corner(tile.area.tl());
+  if (networks) {
+    FaceSearchOptions search;
+    search.min_face = std::max<double>(kScanFace, tile.min_face);
+    search.max_face = tile.max_face > 0 ? std::max(search.min_face, tile.max_face) : 0;
+    search.threshold = thorough ? networks->likely : networks->sure;
+    for (const ScoredFace& face : search_faces(gray(tile.area), *networks, search, workspace)) {
+      found.push_back({{face.box + corner, face.score >= networks->sure}, face.score});
+    }
+    return;
+  }
+  if (trained) {
+    const double shrunk = std::min(1.0, window() / tile.min_face);
+    hog_pixels += static_cast<std::int64_t>(tile.area.area() * shrunk * shrunk);
+    for (const ScoredBox& scored :
+         trained->find(gray(tile.area), tile.min_face, thorough ? kBelow : 0)) {
+      if (tile.max_face > 0 && scored.box.width > 1.3 * tile.max_face) continue;
+      found.push_back({{scored.box + corner, scored.score >= 0}, scored.score});
+    }
+    return;
+  }
+  search_strict(gray, tile, found);
+  if (!thorough) return;
+  for (std::size_t which = 0; which < kSearches; ++which) {
+    search_loosely(gray, tile, which, found);
+  }
+}
+
+void FaceFinder::Impl::search_large(const cv::Mat& gray, bool thorough, bool all,
+                                    std::vector<Scored>& found) {
+  if (!large) return;
+  const double smallest =
+      std::max(min_face(gray.size()), kLargeShare * std::min(gray.cols, gray.rows));
+  constexpr double kBetterThanNetworks = 2;
+  for (const cv::Rect& seen : large->detect(gray, smallest, 0)) {
+    found.push_back({{cv::Rect2d(seen), true}, kBetterThanNetworks});
+  }
+  const bool seen =
+      std::any_of(found.begin(), found.end(), [](const Scored& one) { return one.candidate.sure; });
+  if (seen || !thorough) return;
+  const SearchTile whole{cv::Rect(0, 0, gray.cols, gray.rows), smallest, 0};
+  if (!all) {
+    search_loosely(gray, whole, turn++ % kSearches, found);
+    return;
+  }
+  for (std::size_t which = 0; which < kSearches; ++which) {
+    search_loosely(gray, whole, which, found);
+  }
+}
+
+std::vector<Candidate> FaceFinder::Impl::find(const cv::Mat& gray, bool thorough) {
+  require_gray(gray);
+  const double smallest = min_face(gray.size());
+  std::vector<Scored> found;
+  if (trained) {
+    const SearchPlan plan = plan_search(gray.size(), smallest, window(), kHogStill * window());
+    search_tile(gray, plan.whole, thorough, found);
+    for (const SearchTile& tile : plan.tiles) search_tile(gray, tile, thorough, found);
+  } else {
+    search_tile(gray, {cv::Rect(0, 0, gray.cols, gray.rows), smallest, 0}, thorough, found);
+    search_large(gray, thorough, true, found);
+  }
+  return merged(std::move(found));
+}
+
+FaceFinder::FaceFinder(const FaceFinderOptions& options) : impl_(std::make_unique<Impl>()) {
+  impl_->options = options;
+  impl_->strict.emplace(options.detector);
+}
+FaceFinder::FaceFinder(const HogDetector& detector, const FaceFinderOptions& options)
+    : impl_(std::make_unique<Impl>()) {
+  options.detector.check();
+  impl_->options = options;
+  impl_->trained.emplace(detector);
+  impl_->box = detector.box;
+}
+FaceFinder::FaceFinder(std::shared_ptr<const FaceNetworks> networks,
+                       const FaceFinderOptions& options)
+    : impl_(std::make_unique<Impl>()) {
+  TARSIER_REQUIRE(networks != nullptr, "no networks");
+  options.detector.check();
+  networks->require();
+  impl_->options = options;
+  impl_->networks = std::move(networks);
+  impl_->large = detector_if_there({.max_width = kLargeWidth});
+}
+FaceFinder::~FaceFinder() = default;
+FaceFinder::FaceFinder(FaceFinder&&) noexcept = default;
+FaceFinder& FaceFinder::operator=(FaceFinder&&) noexcept = default;
+
+const std::optional<BoxModel>& FaceFinder::box_model() const { return impl_->box; }
+
+double FaceFinder::min_face(cv::Size picture) const { return impl_->min_face(picture); }
+
+std::int64_t FaceFinder::pixels() const {
+  std::int64_t sum = impl_->workspace.pixels + impl_->hog_pixels;
+  if (impl_->strict) sum += impl_->strict->pixels();
+  if (impl_->large) sum += impl_->large->pixels();
+  for (const auto& other : impl_->others) {
+    if (other) sum += other->pixels();
+  }
+  return sum;
+}
+
+SearchPlan FaceFinder::plan(cv::Size picture) const {
+  const double window = impl_->window();
+  return plan_search(picture, impl_->min_face(picture), window,
+                     (impl_->trained ? kHogTile : kTile) * window);
+}
+
+std::vector<Candidate> FaceFinder::find_sure(const cv::Mat& gray) {
+  return impl_->find(gray, false);
+}
+
+std::vector<Candidate> FaceFinder::find(const cv::Mat& gray) {
+  return impl_->find(gray, impl_->options.thorough);
+}
+
+std::vector<Candidate> FaceFinder::find_in(const cv::Mat& gray, const SearchTile& tile) {
+  require_gray(gray);
+  Impl& my = *impl_;
+  SearchTile inside = tile;
+  inside.area &= cv::Rect(0, 0, gray.cols, gray.rows);
+  if (inside.area.empty()) return {};
+  std::vector<Scored> found;
+  if (my.strict && my.options.thorough) {
+    my.search_strict(gray, inside, found);
+    my.search_loosely(gray, inside, my.turn++ % Impl::kSearches, found);
+  } else {
+    my.search_tile(gray, inside, my.options.thorough, found);
+    if (inside.area.size() == gray.size()) {
+      my.search_large(gray, my.options.thorough, false, found);
+    }
+  }
+  return merged(std::move(found));
+}
+
+nlohmann::json to_json(const BoxModel& model) {
+  return {
+      {"dx", model.dx}, {"dy", model.dy}, {"size", model.size}, {"trained_on", model.trained_on}};
+}
+
+BoxModel box_model_from_json(const nlohmann::json& value, const std::string& path) {
+  BoxModel model;
+  model.dx = number_member(value, "dx", path, -2, 2);
+  model.dy = number_member(value, "dy", path, -2, 2);
+  model.size = number_member(value, "size", path, 0.02, 5);
+  model.trained_on = static_cast<int>(integer_member(value, "trained_on", path, 0, 1 << 30));
+  return model;
+}
+
+}  // namespace tarsier::face::landmarks

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/detect/detector.h"
+#include "tarsier/face/detect/face_networks.h"
+#include "tarsier/face/detect/search_plan.h"
+#include "tarsier/face/landmarks/training_face.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <cstdint>
+#include <memory>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::face::landmarks {
+
+// From a detector's box to a first shape: the mean shape, upright, with its centre at
+// (dx, dy) * box width from the box's centre and its size `size` * box width.
+struct BoxModel {
+  double dx = 0;
+  double dy = 0;
+  double size = 0.3;
+  int trained_on = 0;  // boxes
+  void check() const;
+};
+
+// Medians over the faces whose box holds at least `fraction` of the points (0..1); others were
+// found wrong. Throws std::invalid_argument where no box is right.
+[[nodiscard]] BoxModel train_box_model(const std::vector<Eigen::Matrix2Xd>& shapes,
+                                       const std::vector<cv::Rect2d>& boxes, double fraction = 0.8);
+
+// `mean` is centred and of size 1.
+[[nodiscard]] Eigen::Matrix2Xd start_in_box(const BoxModel& model, const Eigen::Matrix2Xd& mean,
+                                            const cv::Rect2d& box);
+// Where the 68 points of 300-W lie in the boxes of the frontal cascade, measured on faces68.
+[[nodiscard]] BoxModel cascade_box();
+// The box that a detector would have drawn around a shape of this place and size.
+[[nodiscard]] cv::Rect2d box_around(const BoxModel& model, const Eigen::Matrix2Xd& points);
+
+struct HogDetector;
+
+// A place where a face may be.
+struct Candidate {
+  cv::Rect2d box;    // px, as the frontal cascade, or the trained detector, draws it
+  bool sure = true;  // found by the strict search; else only a fit can tell
+};
+
+struct FaceFinderOptions {
+  // Of the cascades; of other detectors only the sizes of faces count.
+  FaceDetectorOptions detector;
+  // Look less strictly, too: below the detector's threshold, or with other cascades (one for
+  // profiles) everywhere.
+  bool thorough = true;
+};
+
+// Faces of any size in pictures of any size, by one of three detectors: the networks of
+// face/face_networks.h with OpenCV's frontal cascade beside them for large faces (a tenth of the
+// picture's smaller side and more, searched at 320 px), a detector of one's own (hog_detector.h),
+// or OpenCV's cascades alone. What the strict and the less strict search see is put together: of
+// boxes that overlap a sure one stays, so that one found face never hides another. Not thread-safe.
+class FaceFinder {
+ public:
+  // The cascades. Throws ModelError where they are missing (Debian: opencv-data).
+  explicit FaceFinder(const FaceFinderOptions& options = {});
+  FaceFinder(const HogDetector& detector, const FaceFinderOptions& options);
+  FaceFinder(std::shared_ptr<const FaceNetworks> networks, const FaceFinderOptions& options);
+  ~FaceFinder();
+  FaceFinder(FaceFinder&&) noexcept;
+  FaceFinder& operator=(FaceFinder&&) noexcept;
+  // Largest first; `gray` CV_8UC1.
+  [[nodiscard]] std::vector<Candidate> find(const cv::Mat& gray);
+  // Only the strict search.
+  [[nodiscard]] std::vector<Candidate> find_sure(const cv::Mat& gray);
+  // In a part of the picture. Of the cascades' less strict searches one is made, each in its turn.
+  [[nodiscard]] std::vector<Candidate> find_in(const cv::Mat& gray, const SearchTile& tile);
+  // How the search of pictures of this size is spread over a video. A tile costs about the
+  // same whatever the size is.
+  [[nodiscard]] SearchPlan plan(cv::Size picture) const;
+  // What the searches cost so far: pixels of pictures and their pyramids as they were looked at.
+  [[nodiscard]] std::int64_t pixels() const;
+  // Width of the smallest face that is looked for in such a picture, px.
+  [[nodiscard]] double min_face(cv::Size picture) const;
+  // Where shapes lie in the boxes of a trained detector; nothing: as in those of the cascade.
+  [[nodiscard]] const std::optional<BoxModel>& box_model() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+[[nodiscard]] nlohmann::json to_json(const BoxModel& model);
+[[nodiscard]] BoxModel box_model_from_json(const nlohmann::json& value, const std::string& path);
+
+}  // namespace tarsier::face::landmarks

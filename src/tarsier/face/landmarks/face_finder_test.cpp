@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/landmarks/face_finder.h"
+
+#include "tarsier/face/landmarks/model.h"
+#include "tarsier/face/landmarks/testing_blobs.h"
+#include "tarsier/face/landmarks/tracker.h"
+#include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/shape/import.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/synth/portrait.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+namespace tarsier::face::landmarks {
+namespace {
+
+const std::string kModels = TARSIER_SOURCE_MODELS;
+
+std::shared_ptr<const FaceNetworks> shipped() {
+  static const auto networks =
+      std::make_shared<const FaceNetworks>(read_face_networks(kModels + "/face-detector.json"));
+  return networks;
+}
+
+// A wall with soft spots and grain.
+cv::Mat wall(cv::Size size) {
+  cv::Mat coarse(size.height / 40 + 1, size.width / 40 + 1, CV_8UC1);
+  cv::RNG random(4);
+  random.fill(coarse, cv::RNG::UNIFORM, 90, 150);
+  cv::Mat picture;
+  cv::resize(coarse, picture, size, 0, 0, cv::INTER_CUBIC);
+  cv::Mat grain(size, CV_8UC1);
+  random.fill(grain, cv::RNG::NORMAL, 20, 3);
+  return picture + grain;
+}
+
+// Draws a head whose face has a box of `width` px around `middle`; returns the box.
+cv::Rect2d draw_face(cv::Mat& picture, cv::Point2d middle, double width, std::uint64_t seed) {
+  const synth::Portrait portrait = synth::render_portrait({480, 360}, 0, seed);
+  const cv::Point2d* eyes = portrait.truth.eyes;
+  // As a detector's box lies around eyes.
+  const double drawn = 2.4 * cv::norm(eyes[1] - eyes[0]);
+  const double scale = width / drawn;
+  const cv::Point2d center = (eyes[0] + eyes[1]) / 2 + cv::Point2d(0, 0.12 * drawn);
+  cv::Mat gray;
+  cv::cvtColor(portrait.image, gray, cv::COLOR_BGR2GRAY);
+  const cv::Size size(cvRound(480 * scale), cvRound(360 * scale));
+  cv::resize(gray, gray, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+  const cv::Point at(cvRound(middle.x - center.x * scale), cvRound(middle.y - center.y * scale));
+  const cv::Rect area = cv::Rect(at, size) & cv::Rect(0, 0, picture.cols, picture.rows);
+  gray(area - at).copyTo(picture(area));
+  return {middle.x - width / 2, middle.y - width / 2, width, width};
+}
+
+int found_of(const std::vector<cv::Rect2d>& truth, const std::vector<Candidate>& candidates) {
+  return static_cast<int>(std::count_if(truth.begin(), truth.end(), [&](const cv::Rect2d& face) {
+    return std::any_of(candidates.begin(), candidates.end(), [&](const Candidate& candidate) {
+      const double common = (candidate.box & face).area();
+      return common > 0.4 * (candidate.box.area() + face.area() - common);
+    });
+  }));
+}
+
+bool has_cascades() { return !find_cascade("haarcascade_frontalface_alt2.xml").empty(); }
+
+TEST(FaceFinder, FindsAFaceOf40PixelsIn1080p) {
+  cv::Mat picture = wall({1920, 1080});
+  const cv::Rect2d face = draw_face(picture, {1433, 371}, 42, 2);
+  FaceFinder finder(shipped(), {});
+  EXPECT_EQ(finder.min_face(picture.size()), 40);
+  EXPECT_EQ(found_of({face}, finder.find(picture)), 1);
+  if (!has_cascades()) GTEST_SKIP() << "opencv-data is not installed";
+  FaceFinder cascades;
+  EXPECT_EQ(found_of({face}, cascades.find_sure(picture)), 1);
+}
+
+TEST(FaceFinder, FindsFacesOf24PixelsWhereAsked) {
+  cv::Mat picture = wall({1280, 720});
+  const cv::Rect2d face = draw_face(picture, {333, 271}, 26, 2);
+  FaceFinderOptions options;
+  EXPECT_EQ(found_of({face}, FaceFinder(shipped(), options).find(picture)), 0);
+  options.detector.min_face = 24;
+  EXPECT_EQ(found_of({face}, FaceFinder(shipped(), options).find(picture)), 1);
+  // In a small picture nobody needs to ask.
+  EXPECT_EQ(FaceFinder(shipped(), {}).min_face({640, 480}), 24);
+}
+
+TEST(FaceFinder, ALargeFaceDoesNotHideTheSmallOnes) {
+  cv::Mat picture = wall({1280, 720});
+  const std::vector<cv::Rect2d> faces = {draw_face(picture, {400, 380}, 280, 2),
+                                         draw_face(picture, {900, 300}, 90, 3),
+                                         draw_face(picture, {1150, 560}, 44, 2)};
+  EXPECT_EQ(found_of(faces, FaceFinder(shipped(), {}).find(picture)), 3);
+  if (!has_cascades()) GTEST_SKIP() << "opencv-data is not installed";
+  EXPECT_EQ(found_of(faces, FaceFinder().find(picture)), 3);
+}
+
+TEST(FaceFinder, TheTilesOfAVideoTogetherSeeWhatTheWholeSearchSees) {
+  cv::Mat picture = wall({1280, 720});
+  const std::vector<cv::Rect2d> faces = {draw_face(picture, {400, 380}, 280, 2),
+                                         draw_face(picture, {900, 300}, 90, 3),
+                                         draw_face(picture, {1150, 560}, 44, 2)};
+  FaceFinder finder(shipped(), {});
+  const SearchPlan plan = finder.plan(picture.size());
+  std::vector<Candidate> all = finder.find_in(picture, plan.whole);
+  for (const SearchTile& tile : plan.tiles) {
+    for (const Candidate& candidate : finder.find_in(picture, tile)) all.push_back(candidate);
+  }
+  EXPECT_EQ(found_of(faces, all), 3);
+}
+
+// A model whose fits are never doubted.
+LandmarkModel trusting_model() {
+  const std::vector<TrainingFace> faces = testing::blob_faces(20, 3);
+  std::vector<Eigen::Matrix2Xd> shapes;
+  for (const TrainingFace& face : faces) shapes.push_back(face.points);
+  LandmarkModel model;
+  model.shape = shape::train_shape_model(shapes);
+  NoProgress silent;
+  DescentOptions options;
+  options.stages = {{16, 0.3}};
+  options.components = 8;
+  options.ridge = 100;  // hardly moves: points stay where the finder saw the face
+  model.descent =
+      train_descent(faces, scattered_starts(faces, model.shape.mean, 2, 1), options, silent, {});
+  return model;
+}
+
+TEST(FaceTracker, ASmallNewFaceIsFoundInBoundedTimeAtBoundedCost) {
+  const LandmarkModel model = trusting_model();
+  for (const cv::Size size : {cv::Size(1920, 1080), cv::Size(3840, 2160)}) {
+    const cv::Mat empty = wall(size);
+    cv::Mat shown = empty.clone();
+    const cv::Rect2d face = draw_face(shown, {0.71 * size.width, 0.33 * size.height}, 46, 2);
+    FaceFinder finder(shipped(), {});
+    const std::size_t tiles = finder.plan(size).tiles.size();
+    TrackerState state;
+    FitWorkspace workspace;
+    std::size_t found_after = 0;
+    std::int64_t dearest = 0;
+    for (std::size_t frame = 0; frame <= tiles + 1 && found_after == 0; ++frame) {
+      const std::int64_t before = finder.pixels();
+      const auto faces = track_faces(model, {}, {}, finder, state, frame == 0 ? empty : shown,
+                                     static_cast<double>(frame) / 25, workspace);
+      // The first frame is searched as a whole.
+      if (frame > 0) dearest = std::max(dearest, finder.pixels() - before);
+      const bool found = std::any_of(faces.begin(), faces.end(), [&](const TrackedFace& one) {
+        return (one.box & face).area() > 0.2 * face.area();
+      });
+      if (found) found_after = frame;
+    }
+    EXPECT_GT(found_after, 0U) << size << " in " << tiles << " frames";
+    EXPECT_LE(found_after, tiles) << size;
+    // One tile and, now and then, the whole picture at its coarsest, and at 320 px for the cascade:
+    // the same for any size.
+    EXPECT_LT(dearest, 270'000) << size;
+  }
+}
+
+// --- images ---
+
+struct GroupImages {
+  int faces = 0;
+  int found = 0;
+  int wrong = 0;
+};
+
+TEST(GroupImages, AreFoundWholeByTheModelsThatShip) {
+  const char* data = std::getenv("TARSIER_DATA");
+  const std::string folder = std::string(data != nullptr ? data : "") + "/dlib-faces";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no dlib-faces in $TARSIER_DATA";
+  const LandmarkModel model = read_landmark_model(kModels + "/landmarks68.json");
+  FaceFinder finder(shipped(), {});
+  FitWorkspace workspace;
+  GroupImages sum;
+  for (const shape::BoxedPicture& picture :
+       shape::read_dlib_boxes(folder + "/training_with_face_landmarks.xml").pictures) {
+    const cv::Mat gray = read_gray_image(picture.image);
+    std::vector<Candidate> faces;
+    for (const FoundFace& face : find_faces(model, {}, gray, finder, workspace)) {
+      faces.push_back({face.box, true});
+    }
+    const int found = found_of(picture.boxes, faces);
+    sum.faces += static_cast<int>(picture.boxes.size());
+    sum.found += found;
+    sum.wrong += static_cast<int>(faces.size()) - found;
+  }
+  EXPECT_EQ(sum.faces, 18);
+  EXPECT_GE(sum.found, 17);
+  EXPECT_LE(sum.wrong, 1);
+}
+
+}  // namespace
+}  // namespace tarsier::face::landmarks

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+
+#include <cstdint>
+#include <vector>
+
+// Histograms of oriented gradients around points, all of a face at once.
+namespace tarsier::face::landmarks {
+
+inline constexpr int kOrientations = 8;
+inline constexpr int kCells = 4;                                     // a side
+inline constexpr int kDescriptor = kCells * kCells * kOrientations;  // numbers of one point
+
+struct FeatureScale {
+  double px_per_unit = 60;  // resolution of the frame: pixels to the mean shape's size (its RMS
+                            // radius, half an eye distance or so), 5..400
+  double cell = 0.1;        // side of a cell, units; 0.02..1
+};
+
+// Buffers, reused from call to call. One for each thread.
+struct FeatureWorkspace {
+  cv::Mat frame;                         // the face in the frame, CV_8UC1
+  std::vector<std::uint16_t> gradients;  // y, x, orientation
+  std::vector<std::uint16_t> rows;       // the same, summed along x
+  std::vector<std::uint16_t> sums;       // summed along y too
+  std::vector<std::uint16_t> columns;
+};
+
+// Descriptors of the points (2 x n, px of `gray`, CV_8UC1) as one row of n * kDescriptor numbers,
+// seen in the frame to which `upright` takes the picture: x_frame = upright x (2 x 3, units; its
+// rotation and scale turn and size the cells).
+//
+// In the frame each pixel has a gradient g and eight half-wave rectified projections
+// max(0, g . u_k) on directions u_k = (cos, sin)(45 k degrees) (Tola et al., "DAISY", PAMI 2010);
+// they are summed over a cell around each pixel (in 16 bit whole numbers: eight fill a register)
+// and read at the centres of 4 x 4 cells around each point, bilinearly. Each descriptor is
+// normalised as SIFT's (Lowe, IJCV 2004): length 1, parts at most 0.25, length 1 again.
+void gradient_features(const cv::Mat& gray, const Eigen::Matrix<double, 2, 3>& upright,
+                       const Eigen::Matrix2Xd& points, const FeatureScale& scale,
+                       FeatureWorkspace& workspace, float* out);
+
+}  // namespace tarsier::face::landmarks

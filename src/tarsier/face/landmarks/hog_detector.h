@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/face/landmarks/face_finder.h"
+#include "tarsier/face/shape/import.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <cstdint>
+#include <memory>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+// Detectors of faces, or whatever boxes are drawn around, learned from boxes: one linear filter on
+// histograms of oriented gradients, tried at every place and size (Dalal and Triggs, CVPR 2005;
+// features of Felzenszwalb et al., PAMI 2010), trained by a structural SVM over whole pictures
+// (King, "Max-margin object detection", arXiv:1502.00046; dlib's implementation).
+namespace tarsier::face::landmarks {
+
+inline constexpr int kHogPlanes = 31;
+
+struct HogDetector {
+  int width = 80;  // px, the window: the smallest object it sees
+  int height = 80;
+  int cell = 8;             // px of a histogram's cell
+  int padding = 1;          // cells around the window
+  Eigen::MatrixXf weights;  // kHogPlanes x (rows * columns): the filter of a plane, row by row
+  double threshold = 0;     // of filter . features; above: an object
+  double overlap = 0.3;  // of two detections that overlap more, the weaker goes: intersection over
+                         // union,
+  double covered = 1;    // or share of the smaller that the other covers
+  // Where shapes lie in its boxes (see BoxModel); nothing where it was trained on boxes alone.
+  std::optional<BoxModel> box;
+
+  // Cells of the filter, padding included.
+  [[nodiscard]] cv::Size cells() const;
+  void check() const;
+};
+
+struct HogOptions {
+  int window = 80;        // px, square root of the window's area, 40..200
+  double c = 5;           // weight of the losses against that of a large margin, (0, 1e6]
+  double epsilon = 0.02;  // stop when the risk is this near its least value, [1e-4, 1]
+  int rounds = 500;       // at most, of the optimisation, 1..100000
+  bool mirror = true;     // learn from mirrored pictures too
+  int upsample = 0;       // times that a picture with a small object is doubled, 0..3
+  int largest = 640;      // px, longer pictures are reduced, 100..4000
+  std::uint64_t seed = 1;
+  void check() const;
+};
+
+struct HogTraining {
+  HogDetector detector;
+  int pictures = 0;  // without mirrored ones
+  int boxes = 0;     // learned from
+  int ignored = 0;   // too small, cut off by the edge, of another form
+  int found = 0;     // of the boxes, by the detector itself
+  int rounds = 0;
+  std::vector<std::string> skipped;  // "path: reason"
+};
+
+// Each picture is brought to a size where its smallest object is 1 to 1.5 times the window (at
+// random, from the seed): the filter sees all positions between two levels of its pyramid. The
+// window has the median form of the boxes. Memory: about 5 kB for 1000 px of the pictures as
+// they are used. The same result for any number of threads. Throws InputError(set_path) where no
+// box is left, Interrupted.
+[[nodiscard]] HogTraining train_hog_detector(const std::vector<shape::BoxedPicture>& pictures,
+                                             const std::string& set_path, const HogOptions& options,
+                                             Progress& progress, const std::stop_token& stop);
+
+struct ScoredBox {
+  cv::Rect2d box;    // px
+  double score = 0;  // above the threshold
+};
+
+// A detector ready for use. Not thread-safe.
+class HogFinder {
+ public:
+  explicit HogFinder(const HogDetector& detector);
+  ~HogFinder();
+  HogFinder(HogFinder&&) noexcept;
+  HogFinder& operator=(HogFinder&&) noexcept;
+  [[nodiscard]] const HogDetector& detector() const;
+  // Objects of at least `least` px (square root of the area) in `gray` (CV_8UC1), best first. The
+  // picture is enlarged at most four times and to 2 MP. `below`: so far under the threshold, too.
+  [[nodiscard]] std::vector<ScoredBox> find(const cv::Mat& gray, double least, double below = 0);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// Files of type "face-detector". read throws ModelError naming path and reason.
+void write_hog_detector(const std::string& path, const HogDetector& detector,
+                        const nlohmann::json& provenance);
+[[nodiscard]] HogDetector read_hog_detector(const std::string& path);
+
+// The filter as oriented strokes, bright where an edge of that direction speaks for the object, and
+// beside it those that speak against (CV_8UC3, `zoom` px a cell).
+[[nodiscard]] cv::Mat draw_hog_detector(const HogDetector& detector, int zoom);
+
+}  // namespace tarsier::face::landmarks

@@ -1,0 +1,311 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/boxes.h"
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/landmarks/hog_scanner.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <dlib/svm_threaded.h>
+
+namespace tarsier::face::landmarks {
+
+namespace {
+
+using inner::HogScanner;
+
+constexpr double kLargestStart = 1.5;    // windows, of the smallest object
+constexpr double kSmallest = 0.85;       // of the window: what is smaller cannot be found
+constexpr double kInside = 0.6;          // of a box must lie in its picture
+constexpr double kDouble = 0.5;          // overlap of two boxes that mean the same object
+constexpr double kMatch = 0.5;           // overlap of a box with the best place of the window
+constexpr std::size_t kMaxForBox = 400;  // pictures by which the boxes' relation to shapes is known
+
+// A picture as the training sees it.
+struct Picture {
+  cv::Mat gray;
+  std::vector<cv::Rect2d> boxes;
+  std::vector<cv::Rect2d> ignored;
+  std::vector<Eigen::Matrix2Xd> shapes;  // of the boxes, or empty
+};
+
+double median_form(const std::vector<shape::BoxedPicture>& pictures) {
+  std::vector<double> forms;
+  for (const shape::BoxedPicture& picture : pictures) {
+    for (const cv::Rect2d& box : picture.boxes) {
+      if (box.width > 0 && box.height > 0) forms.push_back(box.width / box.height);
+    }
+  }
+  if (forms.empty()) return 1;
+  const auto middle = forms.begin() + static_cast<std::ptrdiff_t>(forms.size() / 2);
+  std::nth_element(forms.begin(), middle, forms.end());
+  return std::clamp(*middle, 0.25, 4.0);
+}
+
+cv::Rect2d scaled(const cv::Rect2d& box, double sx, double sy) {
+  return {box.x * sx, box.y * sy, box.width * sx, box.height * sy};
+}
+
+// The size at which a picture is learned from.
+double scale_of(const shape::BoxedPicture& picture, const cv::Mat& gray, const HogOptions& options,
+                Rng& rng) {
+  const double longest = std::max(gray.cols, gray.rows);
+  const double most = std::min(std::pow(2.0, options.upsample), options.largest / longest);
+  double smallest = 0;
+  for (const cv::Rect2d& box : picture.boxes) {
+    const double side = std::sqrt(std::max(0.0, box.area()));
+    if (side > 0 && (smallest == 0 || side < smallest)) smallest = side;
+  }
+  const double wished = rng.uniform(1.02, kLargestStart);  // always one draw a picture
+  if (smallest == 0) return std::min(1.0, most);
+  return std::min(most, options.window * wished / smallest);
+}
+
+Picture prepared(const shape::BoxedPicture& picture, const cv::Mat& gray, double scale,
+                 const HogScanner& scanner, const HogOptions& options, HogTraining& result) {
+  const cv::Size size(std::max(8, cvRound(gray.cols * scale)),
+                      std::max(8, cvRound(gray.rows * scale)));
+  const double sx = static_cast<double>(size.width) / gray.cols;
+  const double sy = static_cast<double>(size.height) / gray.rows;
+  Picture to;
+  cv::resize(gray, to.gray, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+  const cv::Rect2d whole(0, 0, size.width, size.height);
+  for (const cv::Rect2d& box : picture.ignored) to.ignored.push_back(scaled(box, sx, sy));
+  for (std::size_t k = 0; k < picture.boxes.size(); ++k) {
+    const cv::Rect2d box = scaled(picture.boxes[k], sx, sy);
+    const cv::Rect2d best = inner::from_dlib(scanner.get_best_matching_rect(inner::to_dlib(box)));
+    const bool is_double = std::any_of(
+        to.boxes.begin(), to.boxes.end(),
+        [&](const cv::Rect2d& other) { return intersection_over_union(box, other) > kDouble; });
+    if (std::sqrt(box.area()) < kSmallest * options.window || is_double ||
+        (box & whole).area() < kInside * box.area() ||
+        intersection_over_union(box, best) <= kMatch + 0.02) {
+      to.ignored.push_back(box);
+      ++result.ignored;
+      continue;
+    }
+    to.boxes.push_back(box);
+    ++result.boxes;
+    Eigen::Matrix2Xd shape(2, 0);
+    if (k < picture.shapes.size() && picture.shapes[k].cols() > 1 &&
+        picture.shapes[k].allFinite()) {
+      shape = picture.shapes[k];
+      shape.row(0) = ((shape.row(0).array() + 0.5) * sx - 0.5).matrix();
+      shape.row(1) = ((shape.row(1).array() + 0.5) * sy - 0.5).matrix();
+    }
+    to.shapes.push_back(std::move(shape));
+  }
+  return to;
+}
+
+Picture mirrored(const Picture& picture) {
+  Picture to;
+  cv::flip(picture.gray, to.gray, 1);
+  const auto turned = [&](const cv::Rect2d& box) {
+    return cv::Rect2d(picture.gray.cols - box.x - box.width, box.y, box.width, box.height);
+  };
+  for (const cv::Rect2d& box : picture.boxes) to.boxes.push_back(turned(box));
+  for (const cv::Rect2d& box : picture.ignored) to.ignored.push_back(turned(box));
+  return to;
+}
+
+using Objects = std::vector<std::vector<dlib::full_object_detection>>;
+using Ignored = std::vector<std::vector<dlib::rectangle>>;
+
+// dlib's problem, but summed in an order that does not depend on the number of threads, and able to
+// stop between two pictures.
+class Problem final
+    : public dlib::structural_svm_object_detection_problem<HogScanner, std::vector<cv::Mat>> {
+ public:
+  Problem(const HogScanner& scanner, const std::vector<cv::Mat>& all, const Objects& objects,
+          const Ignored& left_out, Progress& progress, const std::stop_token& stop)
+      : structural_svm_object_detection_problem(
+            scanner, dlib::test_box_overlap(), true, all, objects, left_out,
+            dlib::test_box_overlap(0.4, 0.7),
+            static_cast<unsigned long>(std::max(1, cv::getNumThreads()))),
+        count_(static_cast<long>(all.size())),
+        progress_(progress),
+        stop_(stop) {}
+
+  [[nodiscard]] int rounds() const { return rounds_; }
+
+ private:
+  void call_separation_oracle_on_all_samples(const matrix_type& weights, matrix_type& subgradient,
+                                             scalar_type& total_loss) const override {
+    constexpr long kBlock = 64;
+    std::vector<scalar_type> losses(kBlock);
+    std::vector<feature_vector_type> features(kBlock);
+    for (long first = 0; first < count_; first += kBlock) {
+      const long end = std::min(count_, first + kBlock);
+      cv::parallel_for_(cv::Range(0, static_cast<int>(end - first)), [&](const cv::Range& range) {
+        for (int k = range.start; k < range.end && !stop_.stop_requested(); ++k) {
+          const auto place = static_cast<std::size_t>(k);
+          separation_oracle_cached(first + k, weights, losses[place], features[place]);
+        }
+      });
+      throw_if_stopped(stop_);
+      for (long i = first; i < end; ++i) {
+        const auto place = static_cast<std::size_t>(i - first);
+        total_loss += losses[place];
+        subgradient += features[place];
+      }
+    }
+    ++rounds_;
+    progress_.advance();
+  }
+
+  long count_;
+  Progress& progress_;
+  std::stop_token stop_;
+  mutable int rounds_ = 0;
+};
+
+void take_weights(const dlib::matrix<double, 0, 1>& weights, HogDetector& detector) {
+  const cv::Size cells = detector.cells();
+  detector.weights.resize(kHogPlanes, cells.area());
+  long at = 0;
+  for (Eigen::Index plane = 0; plane < kHogPlanes; ++plane) {
+    for (Eigen::Index k = 0; k < cells.area(); ++k) {
+      detector.weights(plane, k) = static_cast<float>(weights(at++));
+    }
+  }
+  detector.threshold = weights(at);
+}
+
+// What the trained detector sees of its own pictures; and where shapes lie in its boxes.
+void look_back(const std::vector<Picture>& pictures, HogTraining& result, Progress& progress,
+               const std::stop_token& stop) {
+  HogFinder finder(result.detector);
+  std::vector<Eigen::Matrix2Xd> shapes;
+  std::vector<cv::Rect2d> boxes;
+  const std::size_t step = std::max<std::size_t>(1, pictures.size() / kMaxForBox);
+  const double window =
+      std::sqrt(static_cast<double>(result.detector.width) * result.detector.height);
+  int tried = 0;
+  progress.begin("looking back", static_cast<std::int64_t>(pictures.size() / step), "pictures");
+  for (std::size_t i = 0; i < pictures.size(); i += step) {
+    throw_if_stopped(stop);
+    progress.advance();
+    const std::vector<ScoredBox> found = finder.find(pictures[i].gray, window);
+    for (std::size_t k = 0; k < pictures[i].boxes.size(); ++k) {
+      ++tried;
+      for (const ScoredBox& candidate : found) {
+        if (intersection_over_union(candidate.box, pictures[i].boxes[k]) < 0.4) continue;
+        ++result.found;
+        if (k < pictures[i].shapes.size() && pictures[i].shapes[k].cols() > 1) {
+          shapes.push_back(pictures[i].shapes[k]);
+          boxes.push_back(candidate.box);
+        }
+        break;
+      }
+    }
+  }
+  progress.end();
+  // Of those looked at; as if of all.
+  if (tried > 0) {
+    result.found =
+        static_cast<int>(std::lround(static_cast<double>(result.found) * result.boxes / tried));
+  }
+  if (!shapes.empty()) result.detector.box = train_box_model(shapes, boxes, 0);
+}
+
+}  // namespace
+
+void HogOptions::check() const {
+  TARSIER_REQUIRE(window >= 40 && window <= 200, "a window of {} px, not 40..200", window);
+  TARSIER_REQUIRE(c > 0 && c <= 1e6, "c is in (0, 1e6], got {}", c);
+  TARSIER_REQUIRE(epsilon >= 1e-4 && epsilon <= 1, "epsilon is 1e-4..1, got {}", epsilon);
+  TARSIER_REQUIRE(rounds >= 1 && rounds <= 100000, "rounds are 1..100000, got {}", rounds);
+  TARSIER_REQUIRE(upsample >= 0 && upsample <= 3, "pictures are doubled 0..3 times, got {}",
+                  upsample);
+  TARSIER_REQUIRE(largest >= 100 && largest <= 4000, "largest is 100..4000 px, got {}", largest);
+}
+
+HogTraining train_hog_detector(const std::vector<shape::BoxedPicture>& pictures,
+                               const std::string& set_path, const HogOptions& options,
+                               Progress& progress, const std::stop_token& stop) {
+  options.check();
+  HogTraining result;
+  HogDetector& detector = result.detector;
+  const double form = median_form(pictures);
+  detector.width = static_cast<int>(std::lround(options.window * std::sqrt(form)));
+  detector.height = static_cast<int>(std::lround(options.window / std::sqrt(form)));
+  HogScanner scanner;
+  scanner.configure(detector);
+  scanner.stop_by(stop);
+
+  std::vector<Picture> prepared_pictures;
+  const Rng root(options.seed);
+  progress.begin("reading pictures", static_cast<std::int64_t>(pictures.size()), "pictures");
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    throw_if_stopped(stop);
+    progress.advance();
+    try {
+      const cv::Mat gray = read_gray_image(pictures[i].image);
+      Rng rng = root.fork(i);
+      prepared_pictures.push_back(prepared(
+          pictures[i], gray, scale_of(pictures[i], gray, options, rng), scanner, options, result));
+    } catch (const InputError& error) {
+      result.skipped.emplace_back(error.what());
+    }
+  }
+  progress.end();
+  result.pictures = static_cast<int>(prepared_pictures.size());
+  if (result.boxes == 0) {
+    throw InputError(
+        set_path,
+        result.ignored > 0
+            ? fmt::format("none of {} boxes can be learned from: smaller than --window {} px "
+                          "(see --upsample), or each of another form",
+                          result.ignored, options.window)
+        : result.skipped.empty() ? std::string("holds no boxes")
+                                 : "no picture can be used; the first: " + result.skipped.front());
+  }
+
+  std::vector<cv::Mat> images;
+  Objects objects;
+  Ignored ignored;
+  const auto add = [&](const Picture& picture) {
+    images.push_back(picture.gray);
+    objects.emplace_back();
+    ignored.emplace_back();
+    for (const cv::Rect2d& box : picture.boxes) objects.back().emplace_back(inner::to_dlib(box));
+    for (const cv::Rect2d& box : picture.ignored) ignored.back().push_back(inner::to_dlib(box));
+  };
+  for (const Picture& picture : prepared_pictures) {
+    add(picture);
+    if (options.mirror) add(mirrored(picture));
+  }
+  progress.begin("training", 0, "rounds");
+  try {
+    Problem problem(scanner, images, objects, ignored, progress, stop);
+    throw_if_stopped(stop);
+    problem.set_c(options.c);
+    problem.set_epsilon(options.epsilon);
+    problem.set_max_iterations(static_cast<unsigned long>(options.rounds));
+    problem.set_match_eps(kMatch);
+    dlib::matrix<double, 0, 1> weights;
+    const dlib::oca solver;
+    solver(static_cast<const dlib::oca_problem<dlib::matrix<double, 0, 1>>&>(problem), weights);
+    take_weights(weights, detector);
+    detector.overlap = problem.get_overlap_tester().get_iou_thresh();
+    detector.covered = problem.get_overlap_tester().get_percent_covered_thresh();
+    result.rounds = problem.rounds();
+  } catch (const dlib::impossible_labeling_error&) {
+    throw InputError(set_path, "its boxes contradict each other: some lie on each other");
+  }
+  progress.end();
+  detector.check();
+  look_back(prepared_pictures, result, progress, stop);
+  return result;
+}
+
+}  // namespace tarsier::face::landmarks

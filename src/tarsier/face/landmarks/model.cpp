@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/landmarks/model.h"
+
+#include "tarsier/core/boxes.h"
+#include "tarsier/core/errors.h"
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+#include "tarsier/face/shape/show.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::face::landmarks {
+
+namespace {
+
+// Where the trees begin besides the start itself: shift in sizes, and scale. The mean of their fits
+// is steadier than each.
+constexpr double kJitter[][3] = {{0, 0, 1},
+                                 {0.03, -0.02, 1.03},
+                                 {-0.03, 0.02, 0.97},
+                                 {0.01, 0.035, 0.99},
+                                 {-0.015, -0.03, 1.02}};
+constexpr int kMaxStarts = static_cast<int>(std::size(kJitter));
+
+Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& gray,
+                                const Eigen::Matrix2Xd& start) {
+  const Eigen::Vector2d center = start.rowwise().mean();
+  const double size = shape_size(start);
+  Eigen::Matrix2Xd sum = Eigen::Matrix2Xd::Zero(2, start.cols());
+  for (int k = 0; k < starts; ++k) {
+    const double* jitter = kJitter[k];
+    const Eigen::Vector2d to = center + size * Eigen::Vector2d(jitter[0], jitter[1]);
+    sum += fit_trees(trees, gray, ((start.colwise() - center) * jitter[2]).colwise() + to);
+  }
+  return sum / starts;
+}
+
+// The points on the part of the picture around them, enlarged.
+void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& model,
+                 const cv::Mat& gray, const Eigen::Matrix2Xd& points) {
+  if (debug == nullptr) return;
+  constexpr double kSide = 480;    // px of what is shown
+  constexpr double kMargin = 0.5;  // of the points' extent, to each side
+  const Eigen::Vector2d low = points.rowwise().minCoeff();
+  const Eigen::Vector2d high = points.rowwise().maxCoeff();
+  const double extent = std::max(4.0, (high - low).maxCoeff());
+  const Eigen::Vector2d corner =
+      (low + high) / 2 - Eigen::Vector2d::Constant(extent * (0.5 + kMargin));
+  const double scale = kSide / (extent * (1 + 2 * kMargin));
+  const cv::Matx23d shown_from_picture(scale, 0, -scale * corner.x(), 0, scale,
+                                       -scale * corner.y());
+  cv::Mat shown;
+  cv::warpAffine(gray, shown, shown_from_picture, cv::Size(cvRound(kSide), cvRound(kSide)));
+  cv::cvtColor(shown, shown, cv::COLOR_GRAY2BGR);
+  shape::draw_landmarks(shown, scale * (points.colwise() - corner), model.shape.connections, {});
+  debug->image(name, shown);
+}
+
+}  // namespace
+
+std::string_view name_of(FitMethod method) {
+  switch (method) {
+    case FitMethod::kBoth:
+      return "both";
+    case FitMethod::kTrees:
+      return "trees";
+    case FitMethod::kDescent:
+      return "sdm";
+    case FitMethod::kPatches:
+      return "patch";
+  }
+  return "";
+}
+
+FitMethod parse_fit_method(std::string_view name) {
+  for (const FitMethod method :
+       {FitMethod::kBoth, FitMethod::kTrees, FitMethod::kDescent, FitMethod::kPatches}) {
+    if (name == name_of(method)) return method;
+  }
+  throw UsageError(fmt::format("--method {}: the methods are both, trees, sdm, patch", name));
+}
+
+bool LandmarkModel::has(FitMethod method) const {
+  switch (method) {
+    case FitMethod::kBoth:
+      return trees && descent;
+    case FitMethod::kTrees:
+      return trees.has_value();
+    case FitMethod::kDescent:
+      return descent.has_value();
+    case FitMethod::kPatches:
+      return patches.has_value();
+  }
+  return false;
+}
+
+FitMethod LandmarkModel::best_method() const {
+  for (const FitMethod method :
+       {FitMethod::kBoth, FitMethod::kDescent, FitMethod::kTrees, FitMethod::kPatches}) {
+    if (has(method)) return method;
+  }
+  TARSIER_REQUIRE(false, "the model has no part that fits points");
+  return FitMethod::kBoth;
+}
+
+void LandmarkModel::check() const {
+  shape.check();
+  box.check();
+  const int n = points();
+  for (const int eye : eyes) TARSIER_REQUIRE(eye >= -1 && eye < n, "eye {} of {} points", eye, n);
+  TARSIER_REQUIRE(!trees || trees->points() == n, "trees have {} points", trees->points());
+  TARSIER_REQUIRE(!descent || descent->points() == n, "descent has {} points", descent->points());
+  TARSIER_REQUIRE(!patches || patches->points() == n, "there are {} patches", patches->points());
+  TARSIER_REQUIRE(!quality || quality->mean.cols() == n, "quality has {} points",
+                  quality->mean.cols());
+}
+
+void FitOptions::check() const {
+  TARSIER_REQUIRE(starts >= 1 && starts <= kMaxStarts, "starts are 1..{}, got {}", kMaxStarts,
+                  starts);
+  patches.check();
+}
+
+Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::Mat& gray,
+               const Eigen::Matrix2Xd& start, FitWorkspace& workspace, DebugSink* debug) {
+  require_gray(gray);
+  TARSIER_REQUIRE(start.cols() == model.points(), "{} points, the model has {}", start.cols(),
+                  model.points());
+  const FitMethod method = options.method.value_or(model.best_method());
+  TARSIER_REQUIRE(model.has(method), "the model has no {}", name_of(method));
+  show_points(debug, "start", model, gray, start);
+  Fit fit;
+  switch (method) {
+    case FitMethod::kTrees:
+      fit.points = fit_with_trees(*model.trees, options.starts, gray, start);
+      break;
+    case FitMethod::kDescent:
+      fit.points = fit_descent(*model.descent, gray, start, workspace.descent);
+      break;
+    case FitMethod::kBoth: {
+      const Eigen::Matrix2Xd by_trees = fit_with_trees(*model.trees, options.starts, gray, start);
+      const Eigen::Matrix2Xd by_descent =
+          fit_descent(*model.descent, gray, start, workspace.descent);
+      show_points(debug, "trees", model, gray, by_trees);
+      show_points(debug, "sdm", model, gray, by_descent);
+      fit.points = 0.5 * (by_trees + by_descent);
+      break;
+    }
+    case FitMethod::kPatches:
+      fit.points = fit_patches(*model.patches, model.shape, options.patches, gray, start,
+                               workspace.patches, debug)
+                       .points;
+      break;
+  }
+  if (model.quality) fit.score = quality_of(*model.quality, gray, fit.points, workspace.descent);
+  show_points(debug, name_of(method), model, gray, fit.points);
+  return fit;
+}
+
+Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& points, bool turn) {
+  shape::Similarity2d place = shape::fit_similarity(model.shape.mean, points);
+  if (!turn) {
+    const Eigen::Vector2d center = points.rowwise().mean();
+    place = {place.scale(), 0, center.x(), center.y()};
+  }
+  return place(model.shape.mean);
+}
+
+Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
+                          const Candidate& candidate) {
+  return start_in_box(finder.box_model().value_or(model.box), model.shape.mean, candidate.box);
+}
+
+std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& options,
+                                  const cv::Mat& gray, FaceFinder& finder, FitWorkspace& workspace,
+                                  double min_score, DebugSink* debug) {
+  options.check();
+  std::vector<FoundFace> faces;
+  std::vector<Candidate> candidates = finder.find(gray);
+  std::vector<std::pair<FoundFace, bool>> fits;
+  for (const Candidate& candidate : candidates) {
+    FoundFace face;
+    face.box = candidate.box;
+    face.fit =
+        fit_points(model, options, gray, start_at(model, finder, candidate), workspace, debug);
+    if (!candidate.sure && model.quality && face.fit.score < min_score) continue;
+    fits.emplace_back(std::move(face), candidate.sure);
+  }
+  std::stable_sort(fits.begin(), fits.end(), [](const auto& a, const auto& b) {
+    return a.first.fit.score > b.first.fit.score;
+  });
+  for (auto& [face, sure] : fits) {
+    const cv::Rect2d area = box_around(model.box, face.fit.points);
+    const bool again = std::any_of(faces.begin(), faces.end(), [&](const FoundFace& other) {
+      return overlap_of_smaller(area, box_around(model.box, other.fit.points)) > 0.6;
+    });
+    if (!again) faces.push_back(std::move(face));
+  }
+  std::stable_sort(faces.begin(), faces.end(), [](const FoundFace& a, const FoundFace& b) {
+    return a.box.area() > b.box.area();
+  });
+  return faces;
+}
+
+}  // namespace tarsier::face::landmarks

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/face/landmarks/descent.h"
+#include "tarsier/face/landmarks/face_finder.h"
+#include "tarsier/face/landmarks/patches.h"
+#include "tarsier/face/landmarks/quality.h"
+#include "tarsier/face/landmarks/trees.h"
+#include "tarsier/face/shape/shape_model.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+
+#include <array>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace tarsier::face::landmarks {
+
+// How points are fitted.
+enum class FitMethod {
+  kBoth,     // mean of trees and descent, which err in different ways
+  kTrees,    // regression trees
+  kDescent,  // supervised descent
+  kPatches,  // patch models and shape model
+};
+[[nodiscard]] std::string_view name_of(FitMethod method);  // "both", "trees", "sdm", "patch"
+// Throws UsageError naming the choices.
+[[nodiscard]] FitMethod parse_fit_method(std::string_view name);
+
+// All that is needed to find the points of a kind of object; parts that were not trained are
+// missing. Const in use, shared by threads.
+struct LandmarkModel {
+  shape::ShapeModel shape;
+  BoxModel box;
+  std::array<int, 2> eyes{-1, -1};  // points by whose distance errors are measured; -1: not known
+  std::optional<Trees> trees;
+  std::optional<Descent> descent;
+  std::optional<PatchModels> patches;
+  std::optional<Quality> quality;
+
+  [[nodiscard]] int points() const { return shape.points(); }
+  // kBoth where both are there, else the one that is; throws std::invalid_argument where none is.
+  [[nodiscard]] FitMethod best_method() const;
+  [[nodiscard]] bool has(FitMethod method) const;
+  void check() const;
+};
+
+// Files of type "landmark-tracker". read throws ModelError, also where parts do not fit together.
+void write_landmark_model(const std::string& path, const LandmarkModel& model,
+                          const nlohmann::json& provenance);
+[[nodiscard]] LandmarkModel read_landmark_model(const std::string& path);
+
+struct FitOptions {
+  std::optional<FitMethod> method;  // nothing: the model's best
+  int starts = 3;                   // of the trees: fits from slightly different places, averaged
+  PatchFitOptions patches;
+  void check() const;
+};
+
+// Buffers. One for each thread.
+struct FitWorkspace {
+  DescentWorkspace descent;
+  PatchWorkspace patches;
+};
+
+struct Fit {
+  Eigen::Matrix2Xd points;  // 2 x n, px
+  double score = 1;  // 0..1, what the fit is worth (Quality); 1 where the model has no such part
+};
+
+// From a shape near the object (CV_8UC1). `debug` gets the start, what each method makes of it, and
+// the fit.
+[[nodiscard]] Fit fit_points(const LandmarkModel& model, const FitOptions& options,
+                             const cv::Mat& gray, const Eigen::Matrix2Xd& start,
+                             FitWorkspace& workspace, DebugSink* debug = nullptr);
+// The mean shape where `points` lie: a start for the next frame. Turned as they are with `turn`.
+[[nodiscard]] Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& points,
+                                       bool turn);
+
+// The mean shape where the finder saw something.
+[[nodiscard]] Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
+                                        const Candidate& candidate);
+
+struct FoundFace {
+  cv::Rect2d box;  // of the detector
+  Fit fit;
+};
+
+// All faces of a picture (CV_8UC1), surest first where they overlap, else largest first. Faces that
+// only the less strict search saw are kept when their score is at least `min_score`.
+[[nodiscard]] std::vector<FoundFace> find_faces(const LandmarkModel& model,
+                                                const FitOptions& options, const cv::Mat& gray,
+                                                FaceFinder& finder, FitWorkspace& workspace,
+                                                double min_score = 0.5, DebugSink* debug = nullptr);
+
+}  // namespace tarsier::face::landmarks

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/landmarks/packing.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/archive.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::face::landmarks {
+
+namespace {
+
+using RowMajor = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+constexpr float kLargest = 32767;
+
+}  // namespace
+
+nlohmann::json packed(const Eigen::MatrixXf& matrix) {
+  const RowMajor rows = matrix;
+  PackedArray<float> array;
+  array.shape = {rows.rows(), rows.cols()};
+  array.values.assign(rows.data(), rows.data() + rows.size());
+  return pack(array);
+}
+
+Eigen::MatrixXf unpacked(const nlohmann::json& value, const std::string& path,
+                         std::string_view what, Eigen::Index rows, Eigen::Index columns) {
+  const PackedArray<float> array = unpack<float>(value, path, what, {rows, columns});
+  return Eigen::Map<const RowMajor>(array.values.data(), array.shape[0], array.shape[1]);
+}
+
+nlohmann::json packed_short(const Eigen::MatrixXf& matrix) {
+  PackedArray<float> steps;
+  steps.shape = {matrix.rows()};
+  PackedArray<std::uint8_t> bytes;
+  bytes.shape = {matrix.rows(), matrix.cols(), 2};
+  for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
+    const float largest = matrix.cols() > 0 ? matrix.row(r).cwiseAbs().maxCoeff() : 0.F;
+    const float step = largest > 0 ? largest / kLargest : 1.F;
+    steps.values.push_back(step);
+    for (Eigen::Index c = 0; c < matrix.cols(); ++c) {
+      const auto whole = static_cast<std::uint16_t>(static_cast<std::int16_t>(
+          std::clamp(std::round(matrix(r, c) / step), -kLargest, kLargest)));
+      bytes.values.push_back(static_cast<std::uint8_t>(whole & 0xFF));
+      bytes.values.push_back(static_cast<std::uint8_t>(whole >> 8));
+    }
+  }
+  return {{"steps", pack(steps)}, {"values", pack(bytes)}};
+}
+
+Eigen::MatrixXf unpacked_short(const nlohmann::json& value, const std::string& path,
+                               std::string_view what, Eigen::Index rows, Eigen::Index columns) {
+  const PackedArray<float> steps = unpack<float>(member(value, "steps", path), path, what, {rows});
+  const PackedArray<std::uint8_t> bytes =
+      unpack<std::uint8_t>(member(value, "values", path), path, what, {steps.shape[0], columns, 2});
+  Eigen::MatrixXf matrix(bytes.shape[0], bytes.shape[1]);
+  std::size_t place = 0;
+  for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
+    const float step = steps.values[static_cast<std::size_t>(r)];
+    if (!(step > 0 && step < 1e6F)) {
+      throw ModelError(path, fmt::format("{}: step {} of row {}", what, step, r));
+    }
+    for (Eigen::Index c = 0; c < matrix.cols(); ++c, place += 2) {
+      const auto whole = static_cast<std::int16_t>(
+          static_cast<std::uint16_t>(bytes.values[place] | (bytes.values[place + 1] << 8)));
+      matrix(r, c) = static_cast<float>(whole) * step;
+    }
+  }
+  return matrix;
+}
+
+}  // namespace tarsier::face::landmarks

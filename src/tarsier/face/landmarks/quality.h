@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/face/landmarks/descent.h"
+#include "tarsier/face/landmarks/training_face.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+
+#include <nlohmann/json_fwd.hpp>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+namespace tarsier::face::landmarks {
+
+// How well points fit a picture, learned: a linear regression from the descriptors at the points to
+// what the fit was worth in training, 1 for an error of 2 % of the shape's size or less, 0 from 20
+// % on.
+struct Quality {
+  Eigen::Matrix2Xd mean;
+  Descent::Stage stage;  // its weights are 1 x (n d)
+};
+
+struct QualityOptions {
+  FeatureScale scale{30, 0.22};
+  int components = 16;
+  double ridge = 0.3;
+};
+
+// A fit whose error is known.
+struct RatedFit {
+  int face = 0;
+  Eigen::Matrix2Xd points;  // px of the face's picture
+};
+
+// Throws Interrupted, std::invalid_argument.
+[[nodiscard]] Quality train_quality(const std::vector<TrainingFace>& faces,
+                                    const std::vector<RatedFit>& fits,
+                                    const QualityOptions& options, Progress& progress,
+                                    const std::stop_token& stop);
+
+// 0..1.
+[[nodiscard]] double quality_of(const Quality& model, const cv::Mat& gray,
+                                const Eigen::Matrix2Xd& points, DescentWorkspace& workspace);
+
+[[nodiscard]] nlohmann::json to_json(const Quality& model);
+[[nodiscard]] Quality quality_from_json(const nlohmann::json& value, const std::string& path);
+
+}  // namespace tarsier::face::landmarks

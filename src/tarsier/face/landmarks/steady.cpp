@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/landmarks/steady.h"
+
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::face::landmarks {
+
+namespace {
+constexpr double kStep = 1.0 / 25;   // s
+constexpr double kMemory = 0.4;      // share of the newest in the mean of what is off
+constexpr double kSpeedShare = 0.2;  // of the critically damped beta: calm
+constexpr double kMaxGain = 0.9;
+}  // namespace
+
+void SteadyOptions::check() const {
+  TARSIER_REQUIRE(gain > 0 && gain <= 1, "gain {}", gain);
+  TARSIER_REQUIRE(face_gain >= 0 && point_gain >= 0, "gains {}, {}", face_gain, point_gain);
+  TARSIER_REQUIRE(face_still >= 0 && point_still >= 0, "rest {}, {}", face_still, point_still);
+}
+
+Eigen::Matrix2Xd Steady::next(const SteadyOptions& options, const Eigen::Matrix2Xd& points,
+                              double dt, double unit) {
+  TARSIER_REQUIRE(dt > 0 && unit > 0, "dt {}, unit {}", dt, unit);
+  if (!has_ || value_.cols() != points.cols()) {
+    value_ = points;
+    speed_ = Eigen::Matrix2Xd::Zero(2, points.cols());
+    off_ = speed_;
+    has_ = true;
+    return value_;
+  }
+  const double steps = dt / kStep;
+  const Eigen::Matrix2Xd predicted = value_ + speed_ * steps;
+  const Eigen::Matrix2Xd innovation = points - predicted;
+  off_ += (1 - std::pow(1 - kMemory, steps)) * (innovation / unit - off_);
+  const Eigen::Vector2d face = off_.rowwise().mean();
+  const double common =
+      options.gain + options.face_gain * std::max(0.0, face.norm() - options.face_still);
+  for (Eigen::Index p = 0; p < points.cols(); ++p) {
+    const double own =
+        options.point_gain * std::max(0.0, (off_.col(p) - face).norm() - options.point_still);
+    const double gain = std::min(kMaxGain, common + own);
+    const double alpha = 1 - std::pow(1 - gain, steps);
+    const double beta = kSpeedShare * gain * gain / (2 - gain);
+    value_.col(p) = predicted.col(p) + alpha * innovation.col(p);
+    speed_.col(p) += beta * innovation.col(p);
+  }
+  return value_;
+}
+
+}  // namespace tarsier::face::landmarks

@@ -1,0 +1,237 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/landmarks/tracker.h"
+
+#include "tarsier/core/boxes.h"
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::face::landmarks {
+
+namespace {
+
+// Distance of two faces' centres, in sizes of the second.
+double distance(const cv::Rect2d& a, const cv::Rect2d& b) {
+  return std::hypot(a.x + a.width / 2 - b.x - b.width / 2,
+                    a.y + a.height / 2 - b.y - b.height / 2) /
+         std::max(1.0, b.width);
+}
+
+bool is_in_picture(const cv::Rect2d& box, const cv::Mat& gray) {
+  const cv::Rect2d picture(0, 0, gray.cols, gray.rows);
+  return (box & picture).area() > 0.4 * box.area();
+}
+
+class Step {
+ public:
+  Step(const LandmarkModel& model, const FitOptions& fit, const TrackerOptions& options,
+       FaceFinder& finder, TrackerState& state, const cv::Mat& gray, double dt,
+       FitWorkspace& workspace, DebugSink* debug)
+      : model_(model),
+        fit_(fit),
+        options_(options),
+        finder_(finder),
+        state_(state),
+        gray_(gray),
+        dt_(dt),
+        workspace_(workspace),
+        debug_(debug) {}
+
+  void follow() {
+    for (TrackerState::Track& track : state_.tracks) {
+      if (track.lost) continue;
+      const Eigen::Matrix2Xd start = restart(model_, track.raw, true);
+      Fit fit = fit_points(model_, fit_, gray_, start, workspace_, debug_);
+      if (fit.score < options_.min_score) {
+        // Perhaps it turned too far: upright, from the same place.
+        Fit again =
+            fit_points(model_, fit_, gray_, restart(model_, track.raw, false), workspace_, debug_);
+        if (again.score > fit.score) fit = std::move(again);
+      }
+      const bool jumped = shape_size(fit.points) < 0.5 * shape_size(track.raw) ||
+                          shape_size(fit.points) > 2 * shape_size(track.raw);
+      if (fit.score < options_.min_score || jumped || !take(track, fit)) track.lost = true;
+    }
+    drop_doubles();
+  }
+
+  // Looks for faces that are not followed.
+  void search() {
+    if (!state_.searched || state_.planned != gray_.size()) {
+      state_.plan = finder_.plan(gray_.size());
+      state_.planned = gray_.size();
+      state_.next_tile = 0;
+    }
+    const bool due = --state_.until_search <= 0;
+    if (due) state_.until_search = options_.search_every;
+    if (!state_.searched) {
+      state_.searched = true;
+      take_new(finder_.find(gray_));
+      return;
+    }
+    // Before new faces take their ids.
+    const std::vector<cv::Rect2d> places = places_of_lost();
+    for (const cv::Rect2d& place : places) take_new(finder_.find_in(gray_, tile_around(place)));
+    if (due || !places.empty()) take_new(finder_.find_in(gray_, state_.plan.whole));
+    if (state_.plan.tiles.empty()) return;
+    take_new(finder_.find_in(gray_, state_.plan.tiles[state_.next_tile]));
+    state_.next_tile = (state_.next_tile + 1) % state_.plan.tiles.size();
+  }
+
+  void forget() {
+    std::erase_if(state_.tracks, [&](const TrackerState::Track& track) {
+      return track.lost && state_.time - track.seen > options_.remember_s;
+    });
+  }
+
+ private:
+  void take_new(const std::vector<Candidate>& candidates) {
+    for (const Candidate& candidate : candidates) {
+      if (is_followed(candidate.box)) continue;
+      if (count_followed() >= options_.max_faces) break;
+      const Fit fit =
+          fit_points(model_, fit_, gray_, start_at(model_, finder_, candidate), workspace_, debug_);
+      if (fit.score < options_.min_new) continue;
+      const cv::Rect2d box = box_around(model_.box, fit.points);
+      if (is_followed(box)) continue;
+      begin(fit, box);
+    }
+  }
+
+  [[nodiscard]] std::vector<cv::Rect2d> places_of_lost() const {
+    std::vector<cv::Rect2d> places;
+    for (const TrackerState::Track& track : state_.tracks) {
+      if (track.lost && track.face.box.width > 0) places.push_back(track.face.box);
+    }
+    return places;
+  }
+
+  // Five times as wide as the face; a little smaller and larger faces.
+  [[nodiscard]] static SearchTile tile_around(const cv::Rect2d& box) {
+    constexpr double kSmallestFace = 16;
+    const double smallest = std::max(kSmallestFace, 0.6 * box.width);
+    const double reach = 2 * std::max(box.width, kSmallestFace);
+    return {cv::Rect(cv::Rect2d(box.x - reach, box.y - reach, box.width + 2 * reach,
+                                box.height + 2 * reach)),
+            smallest, std::max(2 * smallest, 1.8 * box.width)};
+  }
+
+  bool take(TrackerState::Track& track, const Fit& fit) {
+    const cv::Rect2d box = box_around(model_.box, fit.points);
+    if (!is_in_picture(box, gray_)) return false;
+    track.raw = fit.points;
+    track.face.points = options_.smoothing
+                            ? track.filter.next(options_.filter, fit.points, dt_,
+                                                std::max(1.0, 1.6 * shape_size(fit.points)))
+                            : fit.points;
+    track.face.score = fit.score;
+    track.face.box = box;
+    track.seen = state_.time;
+    track.lost = false;
+    return true;
+  }
+
+  // The lost face that was nearest, else a new one.
+  void begin(const Fit& fit, const cv::Rect2d& box) {
+    TrackerState::Track* best = nullptr;
+    double nearest = 1.5;
+    for (TrackerState::Track& track : state_.tracks) {
+      if (!track.lost) continue;
+      // The longer it is away, the farther it may have gone.
+      const double away = distance(track.face.box, box) / (1 + (state_.time - track.seen));
+      if (away < nearest) {
+        nearest = away;
+        best = &track;
+      }
+    }
+    if (best == nullptr) {
+      TrackerState::Track track;
+      track.face.id = state_.next_id++;
+      state_.tracks.push_back(std::move(track));
+      best = &state_.tracks.back();
+    }
+    best->filter.reset();
+    if (!take(*best, fit)) best->lost = true;
+  }
+
+  [[nodiscard]] bool is_followed(const cv::Rect2d& box) const {
+    return std::any_of(state_.tracks.begin(), state_.tracks.end(),
+                       [&](const TrackerState::Track& track) {
+                         return !track.lost && overlap_of_smaller(track.face.box, box) > 0.4;
+                       });
+  }
+
+  [[nodiscard]] int count_followed() const {
+    return static_cast<int>(
+        std::count_if(state_.tracks.begin(), state_.tracks.end(),
+                      [](const TrackerState::Track& track) { return !track.lost; }));
+  }
+
+  // Two tracks on one face: the better stays, of equals the older.
+  void drop_doubles() {
+    for (std::size_t a = 0; a < state_.tracks.size(); ++a) {
+      for (std::size_t b = a + 1; b < state_.tracks.size(); ++b) {
+        TrackerState::Track& first = state_.tracks[a];
+        TrackerState::Track& second = state_.tracks[b];
+        if (first.lost || second.lost || overlap_of_smaller(first.face.box, second.face.box) < 0.6)
+          continue;
+        (second.face.score > first.face.score + 0.2 ? first : second).lost = true;
+      }
+    }
+  }
+
+  const LandmarkModel& model_;
+  const FitOptions& fit_;
+  const TrackerOptions& options_;
+  FaceFinder& finder_;
+  TrackerState& state_;
+  const cv::Mat& gray_;
+  double dt_;
+  FitWorkspace& workspace_;
+  DebugSink* debug_;
+};
+
+}  // namespace
+
+void TrackerOptions::check() const {
+  TARSIER_REQUIRE(search_every >= 1 && search_every <= 100000, "search every {}", search_every);
+  TARSIER_REQUIRE(min_score >= 0 && min_score <= 1, "least score {}", min_score);
+  TARSIER_REQUIRE(min_new >= 0 && min_new <= 1, "least score of a new face {}", min_new);
+  TARSIER_REQUIRE(remember_s >= 0 && std::isfinite(remember_s), "remember {} s", remember_s);
+  TARSIER_REQUIRE(max_faces >= 1 && max_faces <= 100, "{} faces", max_faces);
+  filter.check();
+}
+
+std::vector<TrackedFace> track_faces(const LandmarkModel& model, const FitOptions& fit,
+                                     const TrackerOptions& options, FaceFinder& finder,
+                                     TrackerState& state, const cv::Mat& gray, double time,
+                                     FitWorkspace& workspace, DebugSink* debug) {
+  require_gray(gray);
+  constexpr double kUsual = 1.0 / 25;
+  const double passed = time - state.time;
+  const double dt = state.started && passed > 0 && passed < 1 ? passed : kUsual;
+  state.time = state.started && passed <= 0 ? state.time + kUsual : time;
+  state.started = true;
+
+  Step step(model, fit, options, finder, state, gray, dt, workspace, debug);
+  step.follow();
+  step.search();
+  step.forget();
+  std::vector<TrackedFace> faces;
+  for (const TrackerState::Track& track : state.tracks) {
+    if (!track.lost) faces.push_back(track.face);
+  }
+  std::sort(faces.begin(), faces.end(),
+            [](const TrackedFace& a, const TrackedFace& b) { return a.id < b.id; });
+  return faces;
+}
+
+void redetect(TrackerState& state) {
+  for (TrackerState::Track& track : state.tracks) track.lost = true;
+  state.until_search = 0;
+  state.searched = false;
+}
+
+}  // namespace tarsier::face::landmarks

@@ -1,0 +1,316 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/landmarks/train_model.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
+
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <utility>
+
+namespace tarsier::face::landmarks {
+
+namespace {
+
+constexpr double kShift = 0.09;
+constexpr double kScale = 0.10;
+constexpr double kTurn = 10 * CV_PI / 180;
+constexpr double kWorthMending = 0.2;  // px to the right
+
+Eigen::Matrix2Xd placed(const Eigen::Matrix2Xd& mean, const Eigen::Vector2d& center, double size,
+                        double angle) {
+  const shape::Similarity2d place{size * std::cos(angle), size * std::sin(angle), center.x(),
+                                  center.y()};
+  return place(mean);
+}
+
+// A short descent on a part of the faces tells where a symmetric model puts the points.
+double measured_shift(const std::vector<TrainingFace>& faces, const Eigen::Matrix2Xd& mean,
+                      std::uint64_t seed, Progress& progress, const std::stop_token& stop) {
+  constexpr std::size_t kFaces = 600;  // mirrored ones are beside theirs
+  const std::vector<TrainingFace> part(
+      faces.begin(), faces.begin() + static_cast<std::ptrdiff_t>(std::min(kFaces, faces.size())));
+  DescentOptions options;
+  options.stages = {{16, 0.4}, {24, 0.3}};
+  options.components = 16;
+  // Starts lie around the points as they are written; the fits must have left them.
+  options.ridge = 0.2;
+  options.seed = seed;
+  DescentReport report;
+  (void)train_descent(part, scattered_starts(part, mean, 4, seed), options, progress, stop,
+                      &report);
+  return report.to_the_right;
+}
+
+// Where the detector sees each face; an empty box where it does not.
+std::vector<cv::Rect2d> detected_boxes(const std::vector<TrainingFace>& faces, Progress& progress,
+                                       const std::stop_token& stop) {
+  FaceFinderOptions options;
+  options.thorough = false;
+  // Training pictures are cut out around their faces.
+  options.detector.max_width = 320;
+  FaceFinder finder(options);
+  std::vector<cv::Rect2d> boxes(faces.size());
+  progress.begin("finding faces", static_cast<std::int64_t>(faces.size()), "faces");
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    throw_if_stopped(stop);
+    progress.advance();
+    if (faces[f].mirrored) continue;
+    const Eigen::Vector2d center = faces[f].points.rowwise().mean();
+    for (const Candidate& candidate : finder.find_sure(faces[f].gray)) {
+      if (candidate.box.contains(cv::Point2d(center.x(), center.y()))) {
+        boxes[f] = candidate.box;
+        break;
+      }
+    }
+  }
+  progress.end();
+  return boxes;
+}
+
+// The shapes given for each face, a little beside where they belong.
+void add_shaped_starts(const std::vector<TrainingFace>& faces, const TrainModelOptions& options,
+                       std::vector<Start>& starts, const std::stop_token& stop) {
+  std::vector<std::vector<Eigen::Matrix2Xd>> shapes(faces.size());
+  const Rng root = Rng(options.seed).fork(77);
+  cv::parallel_for_(cv::Range(0, static_cast<int>(faces.size())), [&](const cv::Range& range) {
+    for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
+      const auto f = static_cast<std::size_t>(i);
+      Rng rng = root.fork(f);
+      for (const Eigen::Matrix2Xd& shape :
+           options.start_shapes(faces[f], options.shaped_starts, rng())) {
+        TARSIER_REQUIRE(shape.cols() == faces[f].points.cols() && shape.allFinite(),
+                        "{}: a start that is none", faces[f].name);
+        const Eigen::Vector2d center = shape.rowwise().mean();
+        const double angle = rng.normal(0, kTurn / 4);
+        const double scale = std::exp(rng.normal(0, kScale / 2));
+        const double dx = rng.normal(0, kShift / 2);
+        const double dy = rng.normal(0, kShift / 2);
+        const Eigen::Vector2d to = center + shape_size(shape) * Eigen::Vector2d(dx, dy);
+        const shape::Similarity2d turn{scale * std::cos(angle), scale * std::sin(angle), 0, 0};
+        shapes[f].push_back(turn(Eigen::Matrix2Xd(shape.colwise() - center)).colwise() + to);
+      }
+    }
+  });
+  throw_if_stopped(stop);
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    for (Eigen::Matrix2Xd& shape : shapes[f])
+      starts.push_back({static_cast<int>(f), std::move(shape)});
+  }
+}
+
+// Fits that are right, nearly right and quite wrong.
+std::vector<RatedFit> rated_fits(const std::vector<TrainingFace>& faces, const LandmarkModel& model,
+                                 std::uint64_t seed, Progress& progress,
+                                 const std::stop_token& stop) {
+  constexpr int kNear = 4;
+  constexpr int kOff = 6;
+  constexpr int kShaken = 3;
+  constexpr int kEach = kNear + kOff + kShaken;
+  std::vector<RatedFit> fits(faces.size() * kEach);
+  const Rng root(seed);
+  progress.begin("rating fits", static_cast<std::int64_t>(faces.size()), "faces");
+  cv::parallel_for_(cv::Range(0, static_cast<int>(faces.size())), [&](const cv::Range& range) {
+    FitWorkspace workspace;
+    FitOptions options;
+    options.starts = 1;
+    for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
+      const auto f = static_cast<std::size_t>(i);
+      const TrainingFace& face = faces[f];
+      Rng rng = root.fork(f);
+      const Eigen::Vector2d center = face.points.rowwise().mean();
+      const double size = shape_size(face.points);
+      for (int k = 0; k < kEach; ++k) {
+        RatedFit& fit = fits[f * kEach + static_cast<std::size_t>(k)];
+        fit.face = i;
+        if (k < kShaken) {
+          // The truth, moved a little as a whole.
+          const double angle = rng.normal(0, 0.05);
+          const double scale = std::exp(rng.normal(0, 0.05));
+          const double down = rng.normal(0, 0.05);
+          const double across = rng.normal(0, 0.05);
+          const Eigen::Vector2d to = center + size * Eigen::Vector2d(across, down);
+          const shape::Similarity2d turn{scale * std::cos(angle), scale * std::sin(angle), 0, 0};
+          fit.points = turn(Eigen::Matrix2Xd(face.points.colwise() - center)).colwise() + to;
+          continue;
+        }
+        const bool off = k >= kShaken + kNear;
+        const double reach = off ? rng.uniform(0.4, 2.0) : rng.uniform(0, 0.2);
+        const double toward = rng.uniform(0, 2 * CV_PI);
+        const Eigen::Vector2d to =
+            center + reach * size * Eigen::Vector2d(std::cos(toward), std::sin(toward));
+        const double scale = std::exp(off ? rng.uniform(-0.9, 0.7) : rng.normal(0, 0.12));
+        const double angle = off ? rng.uniform(-0.8, 0.8) : rng.normal(0, 0.2);
+        const Eigen::Matrix2Xd start = placed(model.shape.mean, to, size * scale, angle);
+        fit.points = fit_points(model, options, face.gray, start, workspace).points;
+        if (!fit.points.allFinite() || shape_size(fit.points) < 1) fit.points = start;
+      }
+      progress.advance();
+    }
+  });
+  throw_if_stopped(stop);
+  progress.end();
+  return fits;
+}
+
+}  // namespace
+
+void TrainModelOptions::check() const {
+  TARSIER_REQUIRE(starts >= 1 && starts <= 200, "starts are 1..200, got {}", starts);
+  TARSIER_REQUIRE(shaped_starts >= 1 && shaped_starts <= 200, "shaped starts are 1..200, got {}",
+                  shaped_starts);
+  TARSIER_REQUIRE(std::isnan(to_the_right) || std::abs(to_the_right) <= 100, "to the right {}",
+                  to_the_right);
+  shape.check();
+  tree_options.check();
+  descent_options.check();
+  patch_options.check();
+}
+
+std::vector<Start> scattered_starts(const std::vector<TrainingFace>& faces,
+                                    const Eigen::Matrix2Xd& mean, int each, std::uint64_t seed,
+                                    const std::vector<cv::Rect2d>& boxes, const BoxModel& box) {
+  TARSIER_REQUIRE(boxes.empty() || boxes.size() == faces.size(), "{} boxes, {} faces", boxes.size(),
+                  faces.size());
+  std::vector<Start> starts;
+  const Rng root(seed);
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    Rng rng = root.fork(f);
+    const Eigen::Vector2d center = faces[f].points.rowwise().mean();
+    const double size = shape_size(faces[f].points);
+    const bool has_box = !boxes.empty() && boxes[f].width > 0;
+    for (int k = 0; k < each; ++k) {
+      Eigen::Vector2d around = center;
+      double usual = size;
+      double spread = 1;
+      if (has_box && k % 2 == 1) {
+        const Eigen::Matrix2Xd start = start_in_box(box, mean, boxes[f]);
+        around = start.rowwise().mean();
+        usual = shape_size(start);
+        spread = 0.5;
+      }
+      const double angle = rng.normal(0, kTurn);
+      const double scale = std::exp(rng.normal(0, kScale * spread));
+      const double dx = rng.normal(0, kShift * spread);
+      const double dy = rng.normal(0, kShift * spread);
+      const Eigen::Vector2d to = around + usual * Eigen::Vector2d(dx, dy);
+      starts.push_back({static_cast<int>(f), placed(mean, to, usual * scale, angle)});
+    }
+  }
+  return starts;
+}
+
+TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::string& set_path,
+                                  const TrainModelOptions& options, Progress& progress,
+                                  const std::stop_token& stop) {
+  options.check();
+  TrainedModel result;
+  LoadOptions load;
+  load.mirror = options.mirror;
+  std::vector<TrainingFace> faces =
+      load_training_faces(set, set_path, load, progress, stop, result.skipped);
+  const auto shape_of_faces = [&] {
+    std::vector<Eigen::Matrix2Xd> shapes;
+    for (const TrainingFace& face : faces) shapes.push_back(face.points);
+    try {
+      return shape::train_shape_model(shapes, options.shape);
+    } catch (const std::invalid_argument& error) {
+      throw InputError(set_path, error.what());
+    }
+  };
+  LandmarkModel& model = result.model;
+  model.shape = shape_of_faces();
+  if (options.mirror) {
+    result.to_the_right = options.to_the_right;
+    if (std::isnan(options.to_the_right)) {
+      result.to_the_right = measured_shift(faces, model.shape.mean, options.seed, progress, stop);
+    }
+    if (std::abs(result.to_the_right) > kWorthMending) {
+      log_info(
+          "the points lie {:.2f} px to the right of a symmetric annotation (pixels counted "
+          "from 1?); mirrored faces are shifted to match",
+          result.to_the_right);
+      load.to_the_right = result.to_the_right;
+      result.skipped.clear();
+      faces = load_training_faces(set, set_path, load, progress, stop, result.skipped);
+      model.shape = shape_of_faces();
+    }
+  }
+  model.shape.mirror = set.mirror;
+  model.shape.connections = set.connections;
+  if (const auto markup = shape::known_markup(set.points())) model.eyes = markup->outer_eyes;
+  result.faces = static_cast<int>(
+      std::count_if(faces.begin(), faces.end(), [](const TrainingFace& f) { return !f.mirrored; }));
+
+  const std::vector<TrainingFace> real = faces;
+  if (options.extra) {
+    faces = with_extra_faces(real, options.extra, options.mirror ? set.mirror : std::vector<int>{},
+                             load.to_the_right, options.seed, progress, stop);
+    result.extra = static_cast<int>(std::count_if(
+        faces.begin(), faces.end(), [](const TrainingFace& f) { return f.turned && !f.mirrored; }));
+  }
+
+  std::vector<cv::Rect2d> boxes = detected_boxes(faces, progress, stop);
+  std::vector<Eigen::Matrix2Xd> shapes;
+  std::vector<cv::Rect2d> boxes_of_real;
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    if (faces[f].turned) continue;
+    shapes.push_back(faces[f].points);
+    boxes_of_real.push_back(boxes[f]);
+  }
+  try {
+    model.box = train_box_model(shapes, boxes_of_real);
+    result.detected = model.box.trained_on;
+  } catch (const std::invalid_argument&) {
+    log_warning(
+        "{}: the face detector sees none of the objects; the model fits points only near a "
+        "place that is given",
+        set_path);
+  }
+
+  // A box that the face's points are not in is of something else; a mirrored face's is its mirror
+  // image, moved as its points were.
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    if (faces[f].mirrored && f > 0 && boxes[f - 1].width > 0) {
+      const cv::Rect2d& box = boxes[f - 1];
+      boxes[f] = {faces[f].gray.cols - box.x - box.width + 2 * load.to_the_right / faces[f].scale,
+                  box.y, box.width, box.height};
+    }
+  }
+  std::vector<Start> starts =
+      scattered_starts(faces, model.shape.mean, options.starts, options.seed, boxes, model.box);
+  if (options.start_shapes) add_shaped_starts(faces, options, starts, stop);
+  if (options.trees) {
+    TreesOptions trees = options.tree_options;
+    trees.seed = options.seed;
+    model.trees = train_trees(faces, starts, trees, progress, stop);
+  }
+  if (options.descent) {
+    // Half the starts are enough: what it learns is linear. Pairs, so that both kinds take part.
+    std::vector<Start> half;
+    for (std::size_t i = 0; i < starts.size(); ++i) {
+      if (i / 2 % 2 == 0) half.push_back(starts[i]);
+    }
+    DescentOptions descent = options.descent_options;
+    descent.seed = options.seed;
+    model.descent = train_descent(faces, half, descent, progress, stop);
+  }
+  if (options.patches) {
+    PatchOptions patches = options.patch_options;
+    patches.seed = options.seed;
+    model.patches = train_patches(real, model.shape, patches, progress, stop);
+  }
+  if (options.quality && (model.trees || model.descent || model.patches)) {
+    model.quality = train_quality(faces, rated_fits(faces, model, options.seed, progress, stop),
+                                  QualityOptions{}, progress, stop);
+  }
+  return result;
+}
+
+}  // namespace tarsier::face::landmarks

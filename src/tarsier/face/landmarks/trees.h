@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/face/landmarks/training_face.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+
+#include <cstdint>
+#include <nlohmann/json_fwd.hpp>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+// Ensemble of regression trees (Kazemi and Sullivan, "One millisecond face alignment with an
+// ensemble of regression trees", CVPR 2014): a cascade of gradient-boosted trees that compare pairs
+// of pixels indexed relative to the current shape.
+namespace tarsier::face::landmarks {
+
+struct TreesOptions {
+  int levels = 10;          // of the cascade, 1..30
+  int trees = 250;          // a level, 1..2000
+  int depth = 4;            // splits from root to leaf, 1..8
+  double shrinkage = 0.1;   // nu, (0, 1]
+  int features = 400;       // pixels a level that can be compared, 10..4000
+  int tests = 24;           // random splits tried at a node, 1..1000
+  double nearness = 0.12;   // lambda of the exponential prior on the distance of compared pixels,
+                            // in units of the mean shape's size, (0, 100]
+  double padding = 0.03;    // pixels are drawn from the mean shape's box grown by this share, 0..4
+  double smoothing = 0.03;  // distance of the 3 x 3 samples that a pixel's value is the mean of, in
+                            // sizes of the current shape (at least 1 px); 0..1, 0: one sample
+  std::uint64_t seed = 1;
+  void check() const;
+};
+
+struct Trees {
+  Eigen::Matrix2Xd mean;  // 2 x n, the mean shape: centred, size 1
+  int depth = 0;
+  float smoothing = 0;  // as in the options
+  struct Level {
+    std::vector<std::int32_t> anchor;  // of each pixel: the nearest point of the mean
+    Eigen::Matrix2Xf offset;           // 2 x features, from it, in the mean's frame
+    // Trees one after the other; nodes of a tree in breadth-first order, 2^depth - 1 each.
+    std::vector<std::int32_t> first;  // pixel, index into anchor
+    std::vector<std::int32_t> second;
+    std::vector<std::int16_t> threshold;  // go right when gray(first) - gray(second) > threshold
+    // Leaves: 2^depth of each tree, 2n numbers each (x0 y0 x1 ..), in the mean's frame, stored as
+    // 16 bit times `step`.
+    std::vector<std::int16_t> leaves;
+    float step = 0;
+  };
+  std::vector<Level> levels;
+  [[nodiscard]] int points() const { return static_cast<int>(mean.cols()); }
+  void check() const;
+};
+
+// Learns from all starts at once (several a face). In each level pixels are looked up relative to
+// the current shape through the similarity that takes the mean to it; residuals are in the frame of
+// the START's similarity to the mean, in which leaves are added. The same result for any number of
+// threads. Throws Interrupted, std::invalid_argument.
+[[nodiscard]] Trees train_trees(const std::vector<TrainingFace>& faces,
+                                const std::vector<Start>& starts, const TreesOptions& options,
+                                Progress& progress, const std::stop_token& stop);
+
+// The fit from `start` (px of `gray`, CV_8UC1). Pixels outside the picture read as the nearest
+// edge. Throws std::invalid_argument (another type, another number of points, no size).
+[[nodiscard]] Eigen::Matrix2Xd fit_trees(const Trees& model, const cv::Mat& gray,
+                                         const Eigen::Matrix2Xd& start);
+
+[[nodiscard]] nlohmann::json to_json(const Trees& model);
+[[nodiscard]] Trees trees_from_json(const nlohmann::json& value, const std::string& path);
+
+}  // namespace tarsier::face::landmarks

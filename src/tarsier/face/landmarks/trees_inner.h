@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/landmarks/trees.h"
+#include "tarsier/face/shape/similarity.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+
+#include <cstddef>
+#include <cstdint>
+
+// What training and fitting must do alike. Internal to this module.
+namespace tarsier::face::landmarks::inner {
+
+// The gray values of a level's pixels, each at the current place of its anchor (`points`, px) plus
+// its offset turned and scaled by `px_from_mean`: the nearest pixel, or the mean of the 3 x 3
+// nearest to places that are `smoothing` of the shape's size apart. Outside, the nearest edge.
+void look_up(const Trees::Level& level, float smoothing, const cv::Mat& gray,
+             const shape::Similarity2d& px_from_mean, const Eigen::Matrix2Xd& points,
+             std::uint8_t* values);
+
+// The leaf (0 .. 2^depth - 1) of tree `tree` that the values of look_up() lead to.
+inline int leaf_of(const Trees::Level& level, int tree, int depth, const std::uint8_t* values) {
+  const int inner_nodes = (1 << depth) - 1;
+  const auto base = static_cast<std::size_t>(tree) * static_cast<std::size_t>(inner_nodes);
+  int node = 0;
+  for (int k = 0; k < depth; ++k) {
+    const std::size_t i = base + static_cast<std::size_t>(node);
+    const int difference = values[level.first[i]] - values[level.second[i]];
+    node = 2 * node + 1 + static_cast<int>(difference > level.threshold[i]);
+  }
+  return node - inner_nodes;
+}
+
+}  // namespace tarsier::face::landmarks::inner

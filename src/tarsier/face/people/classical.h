@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/face/people/eyes.h"
+
+#include <opencv2/core/mat.hpp>
+
+// The preparation of faces that Eigenfaces and Fisherfaces need (as in Baggio et al., "Mastering
+// OpenCV with Practical Computer Vision Projects", 2012, chapter 8).
+namespace tarsier::face::people {
+
+struct ClassicalOptions {
+  int size = 70;        // px, square, 32..256
+  double eye_x = 0.16;  // of the left eye, share of the size
+  double eye_y = 0.14;
+  bool halves = true;  // equalise the left half, the right half and the whole apart, and blend
+  double smooth_color = 20;  // of the bilateral filter, grey levels; 0: none
+  double smooth_space = 2;   // px
+  bool mask = true;          // outside an ellipse round (0.5, 0.4), half axes (0.5, 0.8): grey
+  void check() const;
+};
+
+// From a picture (CV_8UC1) and the eyes in it. `debug` gets "cut", "equalised", "smoothed",
+// "masked".
+[[nodiscard]] cv::Mat classical_face(const cv::Mat& gray, const Eyes& eyes,
+                                     const ClassicalOptions& options = {},
+                                     DebugSink* debug = nullptr);
+// From a face as cut_face() makes it with `cut`.
+[[nodiscard]] cv::Mat classical_face(const cv::Mat& crop, const CutOptions& cut = {},
+                                     const ClassicalOptions& options = {},
+                                     DebugSink* debug = nullptr);
+
+// One side in shade and the other in light become alike: left of a quarter of the width the
+// equalised left half, right of three quarters the equalised right half, in the middle the whole,
+// blended linearly between.
+[[nodiscard]] cv::Mat equalize_halves(const cv::Mat& gray);
+
+// sqrt(sum of squared grey differences) / pixels; of faces of the usual 70 x 70, 0.3 is clearly
+// another picture. Equal sizes, CV_8UC1.
+[[nodiscard]] double face_difference(const cv::Mat& a, const cv::Mat& b);
+
+}  // namespace tarsier::face::people

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/people/collector.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/face/people/classical.h"
+
+#include <vector>
+
+namespace tarsier::face::people {
+
+void CollectOptions::check() const {
+  gate.check();
+  TARSIER_REQUIRE(min_difference >= 0 && min_difference <= 4, "difference {}", min_difference);
+  TARSIER_REQUIRE(min_seconds >= 0 && min_seconds <= 3600, "{} s", min_seconds);
+}
+
+Collector::Collector(const CollectOptions& options) : options_(options) { options_.check(); }
+
+std::string Collector::offer(const Face& face, double time, bool video) {
+  const auto refused = [&](const std::string& reason) {
+    ++refused_[reason];
+    return reason;
+  };
+  if (options_.check_quality) {
+    const std::vector<std::string> flaws = problems(face.quality, options_.gate);
+    if (!flaws.empty()) return refused(flaws.front());
+  }
+  const cv::Mat prepared = classical_face(face.crop);
+  if (video && !last_.empty()) {
+    if (time - last_time_ < options_.min_seconds) return refused("too soon");
+    if (face_difference(prepared, last_) <= options_.min_difference)
+      return refused("too much like the last");
+  }
+  last_ = prepared;
+  last_time_ = time;
+  ++taken_;
+  return "";
+}
+
+void Collector::restart() { last_.release(); }
+
+}  // namespace tarsier::face::people

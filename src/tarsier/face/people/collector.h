@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/people/face_reader.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <cstdint>
+#include <map>
+#include <string>
+
+namespace tarsier::face::people {
+
+struct CollectOptions {
+  QualityGate gate;
+  double min_difference = 0.3;  // face_difference() to the face taken last, videos; >= 0
+  double min_seconds = 1;       // since then, videos; >= 0
+  bool check_quality = true;
+  void check() const;
+};
+
+// Chooses which faces of one person are worth enrolling.
+class Collector {
+ public:
+  explicit Collector(const CollectOptions& options = {});
+  // Whether to take it: an empty text if so, else why not ("blurred", "too soon", "too much like
+  // the last"). `video`: frames that follow each other; `time` in s.
+  std::string offer(const Face& face, double time, bool video);
+  // A picture that gave no face to offer, and why.
+  void refuse(const std::string& reason) { ++refused_[reason]; }
+  // Forgets the last face: another video or person.
+  void restart();
+
+  [[nodiscard]] std::int64_t taken() const { return taken_; }
+  [[nodiscard]] const std::map<std::string, std::int64_t>& refused() const { return refused_; }
+
+ private:
+  CollectOptions options_;
+  cv::Mat last_;  // classical_face()
+  double last_time_ = 0;
+  std::int64_t taken_ = 0;
+  std::map<std::string, std::int64_t> refused_;
+};
+
+}  // namespace tarsier::face::people

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/people/export.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+namespace tarsier::face::people {
+namespace {
+
+// Writing JSON goes as deep into the stack as the text is nested.
+constexpr ArchiveLimits kMeasureLimits{100'000, 8, 1000};
+
+}  // namespace
+
+ExportReport export_gallery(Gallery& gallery, const std::string& target,
+                            const std::function<std::string(std::int64_t)>& time_text,
+                            const std::stop_token& stop) {
+  ExportReport report;
+  // Whole or not at all, and for the owner's eyes, as the gallery itself.
+  AtomicFolder whole(target);
+  const std::string& folder = whole.path();
+  nlohmann::ordered_json all = nlohmann::ordered_json::array();
+  std::string list;
+  for (const Person& person : gallery.people()) {
+    const std::string name = fmt::format("person-{}", person.id);
+    make_folder(folder + "/" + name);
+    nlohmann::ordered_json faces = nlohmann::ordered_json::array();
+    // One after the other: a person may have more faces than fit into memory.
+    gallery.each_face(person.id, true, [&](StoredFace&& face) {
+      throw_if_stopped(stop);
+      const std::string file = fmt::format("{}/face-{}.png", name, face.id);
+      write_image(folder + "/" + file, face.crop);
+      list += fmt::format("{}\t{}\n", file, person.name);
+      nlohmann::ordered_json measures;  // null where the text in the file is none
+      try {
+        measures = parse_json(face.measures, gallery.path(), kMeasureLimits);
+      } catch (const InputError&) {
+        measures = nullptr;
+      }
+      faces.push_back({{"file", file},
+                       {"quality", face.quality},
+                       {"measures", std::move(measures)},
+                       {"source", face.source},
+                       {"time", time_text(face.time)}});
+      ++report.faces;
+    });
+    all.push_back({{"name", person.name},
+                   {"note", person.note},
+                   {"time", time_text(person.time)},
+                   {"faces", std::move(faces)}});
+    ++report.people;
+  }
+  write_file_atomically(folder + "/faces.lst", std::string_view(list));
+  const nlohmann::ordered_json object = {{"people", std::move(all)}};
+  write_file_atomically(
+      folder + "/people.json",
+      std::string_view(object.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) +
+                       "\n"));
+  whole.commit();
+  return report;
+}
+
+}  // namespace tarsier::face::people

@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/people/eyes.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+#include "tarsier/face/detect/detector.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/objdetect.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tarsier::face::people {
+namespace {
+
+constexpr std::array<std::pair<EyeMethod, std::string_view>, 3> kMethods{{
+    {EyeMethod::kLandmarks, "landmarks"},
+    {EyeMethod::kCascades, "cascades"},
+    {EyeMethod::kSplits, "2splits"},
+}};
+// Smallest eye, share of the region's width.
+constexpr double kSmallestEye = 0.3;
+
+cv::CascadeClassifier load(const std::string& name) {
+  const std::string path = find_cascade(name);
+  if (path.empty()) {
+    throw ModelError(name, "not found; install the package opencv-data, or set TARSIER_CASCADES");
+  }
+  cv::CascadeClassifier cascade;
+  bool loaded = false;
+  try {
+    loaded = cascade.load(path);
+  } catch (const cv::Exception&) {
+    loaded = false;
+  }
+  if (!loaded) throw ModelError(path, "is no cascade that this OpenCV reads");
+  return cascade;
+}
+
+cv::Rect region_of(const EyeRegion& region, const cv::Rect& face, bool right) {
+  const double x = right ? 1 - region.x - region.width : region.x;
+  return {cvRound(face.x + x * face.width), cvRound(face.y + region.y * face.height),
+          cvRound(region.width * face.width), cvRound(region.height * face.height)};
+}
+
+std::optional<cv::Point2d> find_in(cv::CascadeClassifier& cascade, const cv::Mat& gray,
+                                   const cv::Rect& wanted) {
+  const cv::Rect area = wanted & cv::Rect(0, 0, gray.cols, gray.rows);
+  if (area.width < 8 || area.height < 8) return std::nullopt;
+  cv::Mat part;
+  cv::equalizeHist(gray(area), part);
+  // Cascades see nothing below their own size: small faces are enlarged for them.
+  const cv::Size own = cascade.getOriginalWindowSize();
+  const double zoom = std::max(1.0, own.width / (kSmallestEye * area.width));
+  if (zoom > 1) cv::resize(part, part, {}, zoom, zoom, cv::INTER_LINEAR);
+  const int least = std::max(own.width, cvRound(kSmallestEye * part.cols));
+  std::vector<cv::Rect> found;
+  cascade.detectMultiScale(part, found, 1.1, 3, cv::CASCADE_FIND_BIGGEST_OBJECT,
+                           {least, least * own.height / std::max(1, own.width)});
+  if (found.empty()) return std::nullopt;
+  const cv::Rect& box =
+      *std::max_element(found.begin(), found.end(),
+                        [](const cv::Rect& a, const cv::Rect& b) { return a.area() < b.area(); });
+  return cv::Point2d(area.x + (box.x + box.width / 2.0) / zoom - 0.5,
+                     area.y + (box.y + box.height / 2.0) / zoom - 0.5);
+}
+
+}  // namespace
+
+double Eyes::distance() const { return std::hypot(right.x - left.x, right.y - left.y); }
+
+std::string_view name_of(EyeMethod method) {
+  for (const auto& [value, name] : kMethods)
+    if (value == method) return name;
+  return "landmarks";
+}
+
+EyeMethod parse_eye_method(std::string_view name) {
+  for (const auto& [value, text] : kMethods)
+    if (text == name) return value;
+  throw UsageError(
+      fmt::format("'{}' is no way to find eyes: landmarks, cascades or 2splits", name));
+}
+
+EyeRegion eye_region(EyeMethod method) {
+  TARSIER_REQUIRE(method != EyeMethod::kLandmarks, "landmarks have no regions");
+  if (method == EyeMethod::kCascades) return {0.16, 0.26, 0.30, 0.28};
+  return {0.12, 0.17, 0.37, 0.36};
+}
+
+struct EyeDetector::Impl {
+  EyeRegion region{};
+  // Tried in this order, for the left and the right eye as seen.
+  std::vector<cv::CascadeClassifier> left;
+  std::vector<cv::CascadeClassifier> right;
+
+  static std::optional<cv::Point2d> first(std::vector<cv::CascadeClassifier>& cascades,
+                                          const cv::Mat& gray, const cv::Rect& area) {
+    for (auto& cascade : cascades)
+      if (const auto eye = find_in(cascade, gray, area)) return eye;
+    return std::nullopt;
+  }
+};
+
+EyeDetector::EyeDetector(EyeMethod method) : impl_(std::make_unique<Impl>()) {
+  impl_->region = eye_region(method);
+  if (method == EyeMethod::kCascades) {
+    for (const char* name : {"haarcascade_eye.xml", "haarcascade_eye_tree_eyeglasses.xml"}) {
+      impl_->left.push_back(load(name));
+      impl_->right.push_back(load(name));
+    }
+  } else {
+    // Named after the person's own sides.
+    impl_->left.push_back(load("haarcascade_righteye_2splits.xml"));
+    impl_->right.push_back(load("haarcascade_lefteye_2splits.xml"));
+  }
+}
+EyeDetector::~EyeDetector() = default;
+EyeDetector::EyeDetector(EyeDetector&&) noexcept = default;
+EyeDetector& EyeDetector::operator=(EyeDetector&&) noexcept = default;
+
+std::optional<Eyes> EyeDetector::find(const cv::Mat& gray, const cv::Rect& face) {
+  require_gray(gray);
+  const auto left = Impl::first(impl_->left, gray, region_of(impl_->region, face, false));
+  if (!left) return std::nullopt;
+  const auto right = Impl::first(impl_->right, gray, region_of(impl_->region, face, true));
+  if (!right) return std::nullopt;
+  const Eyes eyes{*left, *right};
+  // A pair that no face can have is an eyebrow or a nostril.
+  const double slope = std::abs(right->y - left->y) / std::max(1e-9, right->x - left->x);
+  if (right->x <= left->x || slope > 0.7 || eyes.distance() < 0.2 * face.width) return std::nullopt;
+  return eyes;
+}
+
+void CutOptions::check() const {
+  TARSIER_REQUIRE(size.width >= 32 && size.width <= 512 && size.height >= 32 && size.height <= 512,
+                  "size {}x{}", size.width, size.height);
+  TARSIER_REQUIRE(eye_x > 0 && eye_x < 0.5, "eye_x {}", eye_x);
+  TARSIER_REQUIRE(eye_y > 0 && eye_y < 1, "eye_y {}", eye_y);
+}
+
+cv::Mat cut_face(const cv::Mat& gray, const Eyes& eyes, const CutOptions& options) {
+  require_gray(gray);
+  options.check();
+  for (const double value : {eyes.left.x, eyes.left.y, eyes.right.x, eyes.right.y})
+    TARSIER_REQUIRE(std::isfinite(value) && std::abs(value) < 1e6, "an eye at {}", value);
+  const double distance = eyes.distance();
+  TARSIER_REQUIRE(distance >= 1, "eyes {} px apart", distance);
+  using Complex = std::complex<double>;
+  const Complex from_left(eyes.left.x, eyes.left.y);
+  const Complex from_right(eyes.right.x, eyes.right.y);
+  const double to_left = options.eye_x * options.size.width - 0.5;
+  const double to_right = (1 - options.eye_x) * options.size.width - 0.5;
+  const double to_y = options.eye_y * options.size.height - 0.5;
+  const Complex turn = (to_right - to_left) / (from_right - from_left);
+  const Complex shift = Complex(to_left, to_y) - turn * from_left;
+  const cv::Mat map = (cv::Mat_<double>(2, 3) << turn.real(), -turn.imag(), shift.real(),
+                       turn.imag(), turn.real(), shift.imag());
+  const double scale = std::abs(turn);
+  cv::Mat source = gray;
+  if (scale < 0.6) {  // what the cut cannot hold would alias
+    cv::GaussianBlur(gray, source, {}, 0.4 / scale);
+  }
+  cv::Mat out;
+  cv::warpAffine(source, out, map, options.size, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  return out;
+}
+
+Eyes eyes_of_points(const Eigen::Matrix2Xd& points) {
+  TARSIER_REQUIRE(points.cols() == 68 && points.allFinite(), "{} points", points.cols());
+  using Complex = std::complex<double>;
+  const auto mean = [&](int first, int count) {
+    const Eigen::Vector2d m = points.middleCols(first, count).rowwise().mean();
+    return Complex(m.x(), m.y());
+  };
+  // In units of the distance of the eyes' centres, midway between them at 0: the mean of upright
+  // faces (faces68). Of the mouth the upper lip: the lower one moves with every word.
+  struct Anchor {
+    Complex where;
+    Complex in_face;
+    double weight;
+  };
+  const Anchor anchors[] = {{mean(36, 6), {-0.5, 0}, 2},
+                            {mean(42, 6), {0.5, 0}, 2},
+                            {mean(31, 5), {0, 0.70}, 1},
+                            {mean(50, 3), {0, 0.93}, 1}};
+  double weight = 0;
+  Complex center_where;
+  Complex center_face;
+  for (const Anchor& a : anchors) {
+    weight += a.weight;
+    center_where += a.weight * a.where;
+    center_face += a.weight * a.in_face;
+  }
+  center_where /= weight;
+  center_face /= weight;
+  Complex top;
+  double bottom = 0;
+  for (const Anchor& a : anchors) {
+    top += a.weight * std::conj(a.in_face - center_face) * (a.where - center_where);
+    bottom += a.weight * std::norm(a.in_face - center_face);
+  }
+  const Complex turn = top / bottom;
+  const Complex left = center_where + turn * (Complex(-0.5, 0) - center_face);
+  const Complex right = center_where + turn * (Complex(0.5, 0) - center_face);
+  return {{left.real(), left.imag()}, {right.real(), right.imag()}};
+}
+
+}  // namespace tarsier::face::people

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/people/face_reader.h"
+
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+#include "tarsier/face/people/classical.h"
+#include "tarsier/face/recognition/normalize.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <utility>
+
+namespace tarsier::face::people {
+namespace {
+
+// A detector's box around a face whose eyes are known.
+cv::Rect2d box_of_eyes(const Eyes& eyes) {
+  const double width = 2.4 * eyes.distance();
+  const cv::Point2d middle = 0.5 * (eyes.left + eyes.right);
+  return {middle.x - width / 2, middle.y - 0.38 * width, width, width};
+}
+
+void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face) {
+  cv::Mat picture;
+  cv::cvtColor(gray, picture, cv::COLOR_GRAY2BGR);
+  cv::rectangle(picture, face.box, cv::Scalar(60, 220, 60), 2);
+  const int radius = std::max(2, cvRound(0.12 * face.eyes.distance()));
+  for (const cv::Point2d& eye : {face.eyes.left, face.eyes.right})
+    cv::circle(picture, eye, radius, cv::Scalar(255, 200, 0), 1, cv::LINE_AA);
+  debug.image("found", picture);
+  debug.image("aligned", face.crop);
+  debug.image("light taken out", recognition::light_picture(recognition::tan_triggs(face.crop)));
+}
+
+}  // namespace
+
+void FaceReaderOptions::check() const {
+  cut.check();
+  tracker.check();
+  TARSIER_REQUIRE(min_score >= 0 && min_score <= 1 && min_sure >= 0 && min_sure <= 1,
+                  "scores {}, {}", min_score, min_sure);
+}
+
+struct FaceReader::Impl {
+  std::shared_ptr<const landmarks::LandmarkModel> model;
+  landmarks::FaceFinder finder;
+  std::optional<EyeDetector> eyes;
+  landmarks::FitWorkspace workspace;
+  landmarks::TrackerState state;
+};
+
+FaceReader::FaceReader(const FaceReaderOptions& options,
+                       std::shared_ptr<const landmarks::LandmarkModel> model,
+                       std::shared_ptr<const FaceNetworks> networks)
+    : options_(options) {
+  options_.check();
+  if (options_.eyes == EyeMethod::kLandmarks) {
+    TARSIER_REQUIRE(model != nullptr && model->points() == 68,
+                    "a landmark model of 68 points is needed");
+  }
+  impl_ = std::make_unique<Impl>(
+      Impl{std::move(model),
+           networks ? landmarks::FaceFinder(std::move(networks), options_.finder)
+                    : landmarks::FaceFinder(options_.finder),
+           {},
+           {},
+           {}});
+  if (options_.eyes != EyeMethod::kLandmarks) impl_->eyes.emplace(options_.eyes);
+}
+FaceReader::~FaceReader() = default;
+FaceReader::FaceReader(FaceReader&&) noexcept = default;
+FaceReader& FaceReader::operator=(FaceReader&&) noexcept = default;
+
+Face FaceReader::at_eyes(const cv::Mat& gray, const Eyes& eyes) const {
+  Face face;
+  face.eyes = eyes;
+  face.box = box_of_eyes(eyes);
+  face.crop = cut_face(gray, eyes, options_.cut);
+  face.quality = measure_quality(face.crop, face.eyes, {});
+  return face;
+}
+
+std::vector<Face> FaceReader::read(const cv::Mat& gray, DebugSink* debug) {
+  require_gray(gray);
+  without_eyes_ = 0;
+  std::vector<Face> faces;
+  if (options_.eyes == EyeMethod::kLandmarks) {
+    for (auto& found : landmarks::find_faces(*impl_->model, {}, gray, impl_->finder,
+                                             impl_->workspace, options_.min_score)) {
+      Face face;
+      face.box = found.box;
+      face.points = std::move(found.fit.points);
+      face.score = found.fit.score;
+      face.eyes = eyes_of_points(face.points);
+      if (face.eyes.distance() < 2 || face.score < options_.min_sure) continue;
+      faces.push_back(std::move(face));
+    }
+  } else {
+    for (const auto& candidate : impl_->finder.find(gray)) {
+      const auto eyes = impl_->eyes->find(gray, candidate.box);
+      if (!eyes) {
+        ++without_eyes_;
+        continue;
+      }
+      Face face;
+      face.box = candidate.box;
+      face.eyes = *eyes;
+      faces.push_back(std::move(face));
+    }
+  }
+  for (Face& face : faces) {
+    face.crop = cut_face(gray, face.eyes, options_.cut);
+    face.quality = measure_quality(face.crop, face.eyes, face.points);
+  }
+  std::stable_sort(faces.begin(), faces.end(),
+                   [](const Face& a, const Face& b) { return a.box.area() > b.box.area(); });
+  if (debug != nullptr && !faces.empty()) {
+    show_stages(*debug, gray, faces.front());
+    (void)classical_face(faces.front().crop, options_.cut, {}, debug);
+  }
+  return faces;
+}
+
+std::vector<Face> FaceReader::follow(const cv::Mat& gray, double time) {
+  if (options_.eyes != EyeMethod::kLandmarks) return read(gray);
+  require_gray(gray);
+  without_eyes_ = 0;
+  std::vector<Face> faces;
+  for (auto& tracked : landmarks::track_faces(*impl_->model, {}, options_.tracker, impl_->finder,
+                                              impl_->state, gray, time, impl_->workspace)) {
+    Face face;
+    face.box = tracked.box;
+    face.points = std::move(tracked.points);
+    face.score = tracked.score;
+    face.id = tracked.id;
+    face.eyes = eyes_of_points(face.points);
+    if (face.eyes.distance() < 2) continue;
+    face.crop = cut_face(gray, face.eyes, options_.cut);
+    face.quality = measure_quality(face.crop, face.eyes, face.points);
+    faces.push_back(std::move(face));
+  }
+  return faces;
+}
+
+void FaceReader::restart() { impl_->state = {}; }
+
+}  // namespace tarsier::face::people

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/face/landmarks/tracker.h"
+#include "tarsier/face/people/eyes.h"
+#include "tarsier/face/people/quality.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::face::people {
+
+// A face of a picture, ready to be recognised.
+struct Face {
+  cv::Rect2d box;           // px, as a detector draws it
+  Eyes eyes;                // px
+  cv::Mat crop;             // CV_8UC1, cut_face() with the reader's options
+  Eigen::Matrix2Xd points;  // 2 x 68, px; empty without landmarks
+  double score = 1;         // of the points, 0..1
+  int id = 0;               // stays with a followed face; 0 in stills
+  Quality quality;
+};
+
+struct FaceReaderOptions {
+  EyeMethod eyes = EyeMethod::kLandmarks;
+  CutOptions cut;
+  landmarks::FaceFinderOptions finder;
+  double min_score = 0.5;  // of the points of a face that only the less strict search saw, 0..1
+  double min_sure = 0.4;   // of the points of any face, 0..1
+  landmarks::TrackerOptions tracker;
+  void check() const;
+};
+
+// Picture to faces: detection (landmarks/face_finder.h), eyes, cut, quality. Not
+// thread-safe; the landmark model is shared.
+class FaceReader {
+ public:
+  // `model` (68 points): needed for EyeMethod::kLandmarks only. Throws ModelError where cascades
+  // are missing, std::invalid_argument for a model of other points.
+  // `networks` find the faces; null: the cascades.
+  FaceReader(const FaceReaderOptions& options,
+             std::shared_ptr<const landmarks::LandmarkModel> model,
+             std::shared_ptr<const FaceNetworks> networks = nullptr);
+  ~FaceReader();
+  FaceReader(FaceReader&&) noexcept;
+  FaceReader& operator=(FaceReader&&) noexcept;
+
+  // Largest first. Faces whose eyes are not found are left out and counted in `without_eyes`.
+  // `debug` gets the stages of the first face.
+  [[nodiscard]] std::vector<Face> read(const cv::Mat& gray, DebugSink* debug = nullptr);
+  // The next frame of a video at `time` (s): with landmarks faces are followed and keep their id.
+  [[nodiscard]] std::vector<Face> follow(const cv::Mat& gray, double time);
+  // Forgets all places: another video.
+  void restart();
+  // Where the eyes are known.
+  [[nodiscard]] Face at_eyes(const cv::Mat& gray, const Eyes& eyes) const;
+
+  [[nodiscard]] const FaceReaderOptions& options() const { return options_; }
+  [[nodiscard]] int without_eyes() const { return without_eyes_; }  // of the last picture
+
+ private:
+  struct Impl;
+  FaceReaderOptions options_;
+  std::unique_ptr<Impl> impl_;
+  int without_eyes_ = 0;
+};
+
+}  // namespace tarsier::face::people

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/people/face_reader.h"
+
+#include "tarsier/media/image_file.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <cstdlib>
+#include <filesystem>
+
+namespace tarsier::face::people {
+namespace {
+
+constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+
+TEST(EyeMethodTest, NamesAreReadBack) {
+  for (const EyeMethod method : {EyeMethod::kLandmarks, EyeMethod::kCascades, EyeMethod::kSplits})
+    EXPECT_EQ(parse_eye_method(name_of(method)), method);
+  EXPECT_ANY_THROW((void)parse_eye_method("nose"));
+}
+
+TEST(EyeMethodTest, RegionsAreThoseOfTheDetectors) {
+  EXPECT_DOUBLE_EQ(eye_region(EyeMethod::kCascades).x, 0.16);
+  EXPECT_DOUBLE_EQ(eye_region(EyeMethod::kSplits).height, 0.36);
+}
+
+TEST(FaceReaderTest, ALandmarkModelIsNeededForLandmarks) {
+  EXPECT_THROW(FaceReader({}, nullptr), std::invalid_argument);
+}
+
+TEST(FaceReaderTest, NothingIsFoundWhereNothingIs) {
+  FaceReaderOptions options;
+  options.eyes = EyeMethod::kSplits;
+  FaceReader reader(options, nullptr);
+  EXPECT_TRUE(reader.read(cv::Mat(240, 320, CV_8UC1, cv::Scalar(90))).empty());
+}
+
+TEST(FaceReaderTest, BothKindsOfCascadesFindTheEyesOfAImage) {
+  if (!std::filesystem::exists(kPicture)) GTEST_SKIP() << "needs the package opencv-doc";
+  cv::Mat gray = read_gray_image(kPicture);
+  cv::resize(gray, gray, {}, 2, 2, cv::INTER_CUBIC);
+  for (const EyeMethod method : {EyeMethod::kCascades, EyeMethod::kSplits}) {
+    FaceReaderOptions options;
+    options.eyes = method;
+    FaceReader reader(options, nullptr);
+    const auto faces = reader.read(gray);
+    if (faces.empty()) continue;  // measured by `bench eyes`; where they are found, they are eyes
+    EXPECT_GT(faces[0].eyes.left.x, 2 * 215);
+    EXPECT_LT(faces[0].eyes.right.x, 2 * 275);
+    EXPECT_EQ(faces[0].crop.size(), options.cut.size);
+  }
+}
+
+}  // namespace
+}  // namespace tarsier::face::people

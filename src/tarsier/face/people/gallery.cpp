@@ -1,0 +1,610 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/people/gallery.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/people/name.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <span>
+#include <system_error>
+#include <utility>
+
+namespace tarsier::face::people {
+namespace {
+
+constexpr std::size_t kMaxSource = 1000;       // bytes
+constexpr std::size_t kMaxTemplate = 200'000;  // numbers
+
+// 'TPG1'
+const DatabaseKind kKind{"Tarsier people gallery",
+                         0x54504731,
+                         {R"sql(
+CREATE TABLE person(
+  id INTEGER PRIMARY KEY AUTOINCREMENT,
+  name TEXT NOT NULL UNIQUE,
+  note TEXT NOT NULL,
+  time INTEGER NOT NULL         -- ms since 1970-01-01, UTC
+) STRICT;
+CREATE TABLE face(
+  id INTEGER PRIMARY KEY AUTOINCREMENT,
+  person INTEGER NOT NULL REFERENCES person(id) ON DELETE CASCADE,
+  crop BLOB NOT NULL,           -- PNG
+  template BLOB,                -- float32, little-endian
+  quality REAL NOT NULL,
+  measures TEXT NOT NULL,       -- JSON
+  source TEXT NOT NULL,
+  time INTEGER NOT NULL
+) STRICT;
+CREATE INDEX face_by_person ON face(person);
+CREATE TABLE model(
+  id INTEGER PRIMARY KEY CHECK(id = 1),
+  generation INTEGER NOT NULL,
+  body BLOB NOT NULL
+) STRICT;
+CREATE TABLE setting(name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT;
+CREATE TABLE sighting(
+  id INTEGER PRIMARY KEY AUTOINCREMENT,
+  time INTEGER NOT NULL,
+  source TEXT NOT NULL,
+  person INTEGER NOT NULL REFERENCES person(id) ON DELETE CASCADE,
+  known INTEGER NOT NULL,
+  confidence REAL NOT NULL
+) STRICT;
+CREATE INDEX sighting_by_time ON sighting(time);
+CREATE INDEX sighting_by_person ON sighting(person);
+)sql",
+                          // 2: templates apart from
+                          // the crops, of a space
+                          R"sql(
+CREATE TABLE template(
+  face INTEGER PRIMARY KEY REFERENCES face(id) ON DELETE CASCADE,
+  space INTEGER NOT NULL,       -- > 0: id of the model; < 0: - fingerprint of the background
+  numbers BLOB NOT NULL         -- float32, little-endian
+) STRICT;
+CREATE INDEX template_by_space ON template(space);
+CREATE TABLE learned(
+  id INTEGER PRIMARY KEY AUTOINCREMENT,
+  generation INTEGER NOT NULL,
+  space INTEGER NOT NULL,       -- of the templates; 0: its own id
+  body BLOB NOT NULL
+) STRICT;
+CREATE TABLE learned_face(face INTEGER PRIMARY KEY) STRICT;
+INSERT INTO learned(generation, space, body) SELECT generation, 0, body FROM model;
+INSERT INTO template SELECT face.id, learned.id, face.template FROM face, learned
+  WHERE face.template IS NOT NULL;
+INSERT INTO learned_face SELECT face FROM template;
+DROP TABLE model;
+ALTER TABLE face DROP COLUMN template;
+)sql"}};
+
+std::span<const std::uint8_t> bytes_of(const std::vector<float>& numbers) {
+  return {reinterpret_cast<const std::uint8_t*>(numbers.data()), numbers.size() * sizeof(float)};
+}
+
+std::vector<float> numbers_of(const std::vector<std::uint8_t>& bytes, const std::string& path,
+                              std::int64_t id) {
+  if (bytes.size() % sizeof(float) != 0 || bytes.size() > kMaxTemplate * sizeof(float))
+    throw InputError(path, fmt::format("face {}: its template is damaged", id));
+  std::vector<float> numbers(bytes.size() / sizeof(float));
+  if (!bytes.empty()) std::memcpy(numbers.data(), bytes.data(), bytes.size());
+  for (const float number : numbers)
+    if (!std::isfinite(number))
+      throw InputError(path, fmt::format("face {}: its template is damaged", id));
+  return numbers;
+}
+
+Person person_at(const Statement& row, const std::string& path) {
+  Person person{row.integer(0), row.text(1), row.text(2), row.integer(3), row.integer(4)};
+  try {
+    check_name(person.name);
+  } catch (const UsageError& error) {
+    throw InputError(path, error.what());
+  }
+  return person;
+}
+
+cv::Mat crop_of(const std::vector<std::uint8_t>& png, const std::string& path, std::int64_t id) {
+  ImageLimits limits;
+  limits.max_pixels = 4'000'000;
+  const cv::Mat color = decode_image(png, fmt::format("{}: face {}", path, id), limits);
+  cv::Mat gray;
+  cv::cvtColor(color, gray, cv::COLOR_BGR2GRAY);
+  return gray;
+}
+
+std::string folder_of(const std::string& path) {
+  return std::filesystem::path(path).parent_path().string();
+}
+
+// All that a PNG of this size has in common with others: signature, header, the data chunk's head.
+constexpr std::size_t kPngHead = 43;
+
+void put_templates(Database& database, std::int64_t space,
+                   std::span<const std::pair<std::int64_t, std::vector<float>>> templates) {
+  Statement insert(database,
+                   "INSERT OR REPLACE INTO template(face, space, numbers) "
+                   "SELECT id, ?, ? FROM face WHERE id = ?");
+  for (const auto& [id, numbers] : templates) {
+    insert.bind(1, space).bind(2, bytes_of(numbers)).bind(3, id);
+    (void)insert.step();
+    insert.reset();
+  }
+}
+
+}  // namespace
+
+Gallery::Gallery(const std::string& path, DatabaseAccess access, int patience_ms)
+    : database_(path, kKind, access, patience_ms) {}
+
+std::vector<Person> Gallery::people() {
+  Statement rows(database_,
+                 "SELECT id, name, note, time, (SELECT count(*) FROM face WHERE person = person.id)"
+                 " FROM person ORDER BY id");
+  std::vector<Person> out;
+  while (rows.step()) out.push_back(person_at(rows, path()));
+  return out;
+}
+
+std::optional<Person> Gallery::find(std::string_view name) {
+  Statement row(database_,
+                "SELECT id, name, note, time, (SELECT count(*) FROM face WHERE person = person.id)"
+                " FROM person WHERE name = ?");
+  row.bind(1, name);
+  if (!row.step()) return std::nullopt;
+  return person_at(row, path());
+}
+
+Person Gallery::add_person(std::string_view name, std::string_view note, std::int64_t time) {
+  check_name(name);
+  check_note(note);
+  const bool known = find(name).has_value();
+  if (known && note.empty()) return *find(name);
+  {
+    Statement statement(database_, known
+                                       ? "UPDATE person SET note = ?1 WHERE name = ?2"
+                                       : "INSERT INTO person(note, name, time) VALUES(?1, ?2, ?3)");
+    statement.bind(1, note).bind(2, name);
+    if (!known) statement.bind(3, time);
+    (void)statement.step();
+  }
+  changed();
+  return *find(name);
+}
+
+std::int64_t Gallery::add_face(const StoredFace& face) {
+  require_gray(face.crop);
+  TARSIER_REQUIRE(std::isfinite(face.quality), "quality {}", face.quality);
+  TARSIER_REQUIRE(face.features.empty() || face.space != 0, "a template of no space");
+  const std::vector<std::uint8_t> png = encode_image(".png", face.crop, path());
+  const std::string shown = masked(face.source);
+  {
+    Statement insert(database_,
+                     "INSERT INTO face(person, crop, quality, measures, source, time) "
+                     "VALUES(?, ?, ?, ?, ?, ?)");
+    insert.bind(1, face.person)
+        .bind(2, std::span<const std::uint8_t>(png))
+        .bind(3, face.quality)
+        .bind(4, std::string_view(face.measures))
+        .bind(5, std::string_view(shown).substr(0, kMaxSource))
+        .bind(6, face.time);
+    (void)insert.step();
+  }
+  const std::int64_t id = database_.last_row_id();
+  if (!face.features.empty()) {
+    Statement insert(database_, "INSERT INTO template(face, space, numbers) VALUES(?, ?, ?)");
+    insert.bind(1, id).bind(2, face.space).bind(3, bytes_of(face.features));
+    (void)insert.step();
+  }
+  changed();
+  return id;
+}
+
+std::int64_t Gallery::enroll(std::string_view name, std::string_view note, const StoredFace& face) {
+  Transaction transaction(database_);
+  StoredFace filled = face;
+  filled.person = add_person(name, note, face.time).id;
+  const std::int64_t id = add_face(filled);
+  transaction.commit();
+  return id;
+}
+
+void Gallery::enroll(std::span<const NewFace> faces) {
+  Transaction transaction(database_);
+  for (const NewFace& entry : faces) {
+    StoredFace filled = entry.face;
+    filled.person = add_person(entry.name, entry.note, entry.face.time).id;
+    (void)add_face(filled);
+  }
+  transaction.commit();
+}
+
+namespace {
+
+std::string face_query(bool crops, const char* which) {
+  return fmt::format(
+      "SELECT id, person, {}, numbers, space, quality, measures, source, time FROM face LEFT JOIN "
+      "template ON template.face = face.id {}",
+      crops ? "crop" : "NULL", which);
+}
+
+}  // namespace
+
+StoredFace Gallery::face_at(const Statement& row, bool crops) {
+  StoredFace face;
+  face.id = row.integer(0);
+  face.person = row.integer(1);
+  if (crops) face.crop = crop_of(row.bytes(2), path(), face.id);
+  face.features = numbers_of(row.bytes(3), path(), face.id);
+  face.space = row.integer(4);
+  face.quality = row.real(5);
+  face.measures = row.text(6);
+  face.source = row.text(7);
+  face.time = row.integer(8);
+  return face;
+}
+
+void Gallery::each_face(std::optional<std::int64_t> person, bool crops,
+                        const std::function<void(StoredFace&&)>& take) {
+  Statement rows(database_,
+                 face_query(crops, person ? "WHERE person = ? ORDER BY id" : "ORDER BY id"));
+  if (person) rows.bind(1, *person);
+  while (rows.step()) take(face_at(rows, crops));
+}
+
+std::vector<StoredFace> Gallery::faces(std::optional<std::int64_t> person, bool crops) {
+  std::vector<StoredFace> out;
+  each_face(person, crops, [&](StoredFace&& face) { out.push_back(std::move(face)); });
+  return out;
+}
+
+std::optional<StoredFace> Gallery::face(std::int64_t id) {
+  Statement row(database_, face_query(true, "WHERE id = ?"));
+  row.bind(1, id);
+  if (!row.step()) return std::nullopt;
+  return face_at(row, true);
+}
+
+std::vector<FaceRef> Gallery::face_refs() {
+  // Answered by the index alone, hence sorted here.
+  Statement rows(database_, "SELECT id, person FROM face INDEXED BY face_by_person");
+  std::vector<FaceRef> out;
+  while (rows.step()) out.push_back({rows.integer(0), rows.integer(1)});
+  std::sort(out.begin(), out.end(), [](const FaceRef& a, const FaceRef& b) { return a.id < b.id; });
+  return out;
+}
+
+std::int64_t Gallery::face_count() {
+  Statement row(database_, "SELECT count(*) FROM face");
+  return row.step() ? row.integer(0) : 0;
+}
+
+std::int64_t Gallery::face_count_up_to(std::int64_t most) {
+  Statement row(database_,
+                "SELECT count(*) FROM (SELECT 1 FROM face INDEXED BY face_by_person LIMIT ?)");
+  row.bind(1, most);
+  return row.step() ? row.integer(0) : 0;
+}
+
+std::optional<StoredFace> Gallery::latest_face(std::int64_t person) {
+  Statement row(database_, face_query(true, "WHERE person = ? ORDER BY id DESC LIMIT 1"));
+  row.bind(1, person);
+  if (!row.step()) return std::nullopt;
+  return face_at(row, true);
+}
+
+// What is read of a face's secrets: all of its crop that is not every PNG's, its template.
+void Gallery::each_secret(
+    const char* condition, std::int64_t person,
+    const std::function<void(std::int64_t, std::span<const std::uint8_t>)>& take) {
+  Statement rows(database_,
+                 fmt::format("SELECT person, crop, numbers FROM face LEFT JOIN template ON "
+                             "template.face = face.id WHERE person {} ?",
+                             condition));
+  rows.bind(1, person);
+  while (rows.step()) {
+    const std::vector<std::uint8_t> crop = rows.bytes(1);
+    const std::vector<std::uint8_t> numbers = rows.bytes(2);
+    if (crop.size() > kPngHead) take(rows.integer(0), std::span(crop).subspan(kPngHead));
+    if (!numbers.empty()) take(rows.integer(0), numbers);
+  }
+}
+
+std::optional<ForgetReport> Gallery::forget(std::string_view name, const std::stop_token& stop,
+                                            const SearchLimits& limits) {
+  const std::optional<Person> person = find(name);
+  if (!person) return std::nullopt;
+  return forget_those(person, stop, limits);
+}
+
+std::optional<ForgetReport> Gallery::forget_all(const std::stop_token& stop,
+                                                const SearchLimits& limits) {
+  return forget_those(std::nullopt, stop, limits);
+}
+
+// One person, or everybody.
+std::optional<ForgetReport> Gallery::forget_those(std::optional<Person> person,
+                                                  const std::stop_token& stop,
+                                                  const SearchLimits& limits) {
+  ForgetReport report;
+  const std::int64_t id = person ? person->id : 0;
+  const char* own = person ? "=" : ">";  // ids are greater than 0
+  const auto count = [&](const std::string& query) {
+    Statement row(database_, query);
+    row.bind(1, id);
+    return row.step() ? row.integer(0) : 0;
+  };
+  report.people = person ? 1 : count("SELECT count(*) FROM person WHERE id > ?");
+  if (report.people == 0) return std::nullopt;
+  if (person) report.person = *person;
+  report.person.faces = count(fmt::format("SELECT count(*) FROM face WHERE person {} ?", own));
+  Pieces pieces(
+      count(fmt::format("SELECT coalesce(sum(length(crop) + coalesce(length(numbers), "
+                        "0)), 0) FROM face LEFT JOIN template ON template.face = face.id "
+                        "WHERE person {} ?",
+                        own)));
+  each_secret(own, id,
+              [&](std::int64_t, std::span<const std::uint8_t> bytes) { pieces.add(bytes); });
+  {
+    Transaction transaction(database_);
+    report.sightings = count(fmt::format("SELECT count(*) FROM sighting WHERE person {} ?", own));
+    report.unlearned =
+        model_id() != 0 && count(fmt::format("SELECT count(*) FROM learned_face WHERE face IN "
+                                             "(SELECT id FROM face WHERE person {} ?)",
+                                             own)) > 0;
+    if (report.unlearned) drop_model();
+    for (const char* statement :
+         {"DELETE FROM sighting WHERE person {} ?",
+          "DELETE FROM template WHERE face IN (SELECT id FROM face WHERE person {} ?)",
+          "DELETE FROM face WHERE person {} ?", "DELETE FROM person WHERE id {} ?"}) {
+      Statement remove(database_, fmt::format(fmt::runtime(statement), own));
+      remove.bind(1, id);
+      (void)remove.step();
+    }
+    changed();
+    transaction.commit();
+  }
+  report.log_emptied = give_back_room();
+  report.search = search_below(pieces, folder_of(path()), stop, limits);
+  if (!report.search.found.empty() && person) {
+    // Pieces that faces of others hold as well are no trace; only now are those looked at.
+    std::vector<std::int64_t> others;
+    each_secret("<>", id, [&](std::int64_t other, std::span<const std::uint8_t> bytes) {
+      throw_if_stopped(stop);
+      if (pieces.keep(bytes) > 0 && (others.empty() || others.back() != other))
+        others.push_back(other);
+    });
+    std::sort(others.begin(), others.end());
+    others.erase(std::unique(others.begin(), others.end()), others.end());
+    for (const std::int64_t other : others) {
+      Statement row(database_, "SELECT name FROM person WHERE id = ?");
+      row.bind(1, other);
+      if (row.step()) report.shared_with.push_back(row.text(0));
+    }
+  }
+  const auto again = [&] {
+    const std::vector<std::string> suspects = std::exchange(report.search.found, {});
+    std::int64_t ignored = 0;
+    report.search.found = search_files(pieces, suspects, report.search.unread, ignored, stop);
+  };
+  if (!report.search.found.empty()) {
+    again();
+    // Rows that SQLite once moved may have left bytes in the free room of a page.
+    const auto own_file = [&](const std::string& file) {
+      std::error_code error;
+      return std::filesystem::equivalent(file, path(), error) ||
+             file.ends_with(std::filesystem::path(path()).filename().string() + "-wal");
+    };
+    if (std::any_of(report.search.found.begin(), report.search.found.end(), own_file)) {
+      database_.vacuum();
+      report.log_emptied = give_back_room();
+      again();
+    }
+  }
+  report.pieces = pieces.total();
+  report.searched = static_cast<std::int64_t>(pieces.count());
+  report.shared = static_cast<std::int64_t>(pieces.kept());
+  report.unproven = static_cast<std::int64_t>(pieces.unproven_sources());
+  return report;
+}
+
+std::int64_t Gallery::generation() {
+  Statement row(database_, "SELECT value FROM setting WHERE name = 'generation'");
+  return row.step() ? row.integer(0) : 0;
+}
+
+void Gallery::changed() {
+  database_.run(
+      "INSERT INTO setting(name, value) VALUES('generation', '1') ON CONFLICT(name) DO UPDATE SET "
+      "value = CAST(CAST(value AS INTEGER) + 1 AS TEXT)");
+}
+
+// With the templates that depend on it. Coordinates stay: they depend on nobody.
+void Gallery::drop_model() {
+  database_.run(
+      "DELETE FROM learned; DELETE FROM learned_face; DELETE FROM template WHERE space > 0");
+}
+
+// Returns whether the write-ahead log is empty now. Deleted rows were overwritten with zeros, so
+// the file need not be written afresh.
+bool Gallery::give_back_room() {
+  database_.run("PRAGMA incremental_vacuum");
+  Statement checkpoint(database_, "PRAGMA wal_checkpoint(TRUNCATE)");
+  return checkpoint.step() && checkpoint.integer(0) == 0;
+}
+
+std::optional<std::int64_t> Gallery::store_model(
+    std::string_view body, std::int64_t generation, std::int64_t space,
+    std::span<const std::int64_t> learned,
+    std::span<const std::pair<std::int64_t, std::vector<float>>> templates) {
+  Transaction transaction(database_);
+  for (const std::int64_t face : learned) {
+    Statement row(database_, "SELECT 1 FROM face WHERE id = ?");
+    row.bind(1, face);
+    if (!row.step()) return std::nullopt;
+  }
+  database_.run("DELETE FROM learned; DELETE FROM learned_face");
+  {
+    Statement insert(database_, "INSERT INTO learned(generation, space, body) VALUES(?, ?, ?)");
+    insert
+        .bind(1, generation + 1)  // that of changed(), below
+        .bind(2, space)
+        .bind(3, std::span(reinterpret_cast<const std::uint8_t*>(body.data()), body.size()));
+    (void)insert.step();
+  }
+  const std::int64_t id = database_.last_row_id();
+  {
+    Statement insert(database_, "INSERT INTO learned_face(face) VALUES(?)");
+    for (const std::int64_t face : learned) {
+      insert.bind(1, face);
+      (void)insert.step();
+      insert.reset();
+    }
+  }
+  {
+    // Those of the model before this one.
+    Statement remove(database_, "DELETE FROM template WHERE space > 0 AND space <> ?");
+    remove.bind(1, id);
+    (void)remove.step();
+  }
+  put_templates(database_, space == 0 ? id : space, templates);
+  changed();
+  transaction.commit();
+  return id;
+}
+
+void Gallery::store_templates(
+    std::int64_t space, std::span<const std::pair<std::int64_t, std::vector<float>>> templates) {
+  Transaction transaction(database_);
+  put_templates(database_, space, templates);
+  transaction.commit();
+}
+
+std::optional<StoredModel> Gallery::model() {
+  Statement row(database_,
+                "SELECT id, generation, space, body FROM learned ORDER BY id DESC LIMIT 1");
+  if (!row.step()) return std::nullopt;
+  StoredModel out;
+  out.id = row.integer(0);
+  out.generation = row.integer(1);
+  out.space = row.integer(2) == 0 ? out.id : row.integer(2);
+  const std::vector<std::uint8_t> bytes = row.bytes(3);
+  out.body.assign(bytes.begin(), bytes.end());
+  return out;
+}
+
+std::int64_t Gallery::model_id() {
+  Statement row(database_, "SELECT max(id) FROM learned");
+  return row.step() ? row.integer(0) : 0;
+}
+
+std::int64_t Gallery::model_generation() {
+  Statement row(database_, "SELECT generation FROM learned ORDER BY id DESC LIMIT 1");
+  return row.step() ? row.integer(0) : -1;
+}
+
+void Gallery::each_template(
+    std::int64_t space,
+    const std::function<void(std::int64_t face, std::span<const float>)>& take) {
+  Statement rows(database_, "SELECT face, numbers FROM template WHERE space = ? ORDER BY face");
+  rows.bind(1, space);
+  while (rows.step()) take(rows.integer(0), numbers_of(rows.bytes(1), path(), rows.integer(0)));
+}
+
+std::vector<float> Gallery::template_of(std::int64_t face, std::int64_t space) {
+  Statement row(database_, "SELECT numbers FROM template WHERE face = ? AND space = ?");
+  row.bind(1, face).bind(2, space);
+  if (!row.step()) return {};
+  return numbers_of(row.bytes(0), path(), face);
+}
+
+std::vector<std::int64_t> Gallery::without_template(std::int64_t space) {
+  Statement rows(database_,
+                 "SELECT id FROM face INDEXED BY face_by_person WHERE NOT EXISTS (SELECT 1 FROM "
+                 "template WHERE space = ? AND template.face = face.id)");
+  rows.bind(1, space);
+  std::vector<std::int64_t> out;
+  while (rows.step()) out.push_back(rows.integer(0));
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+std::string Gallery::algorithm() {
+  Statement row(database_, "SELECT value FROM setting WHERE name = 'algorithm'");
+  return row.step() ? row.text(0) : "default";
+}
+
+void Gallery::set_algorithm(std::string_view name) {
+  if (algorithm() == name) return;
+  Transaction transaction(database_);
+  {
+    Statement insert(database_,
+                     "INSERT OR REPLACE INTO setting(name, value) VALUES('algorithm', ?)");
+    insert.bind(1, name);
+    (void)insert.step();
+  }
+  drop_model();
+  changed();
+  transaction.commit();
+}
+
+void Gallery::add_sighting(std::int64_t time, std::string_view source, std::string_view name,
+                           bool known, double confidence) {
+  const std::string shown = masked(source);
+  Statement insert(database_,
+                   "INSERT INTO sighting(time, source, person, known, confidence) "
+                   "SELECT ?, ?, id, ?, ? FROM person WHERE name = ?");
+  insert.bind(1, time)
+      .bind(2, std::string_view(shown).substr(0, kMaxSource))
+      .bind(3, std::int64_t{known ? 1 : 0})
+      .bind(4, std::isfinite(confidence) ? confidence : 0.0)
+      .bind(5, name);
+  (void)insert.step();
+}
+
+std::vector<Sighting> Gallery::sightings(std::int64_t limit) {
+  Statement rows(database_,
+                 "SELECT sighting.id, sighting.time, source, name, known, confidence FROM sighting "
+                 "JOIN person ON person.id = sighting.person ORDER BY sighting.id DESC LIMIT ?");
+  rows.bind(1, limit > 0 ? limit : std::int64_t{-1});
+  std::vector<Sighting> out;
+  while (rows.step())
+    out.push_back({rows.integer(0), rows.integer(1), rows.text(2), rows.text(3),
+                   rows.integer(4) != 0, rows.real(5)});
+  return out;
+}
+
+std::int64_t Gallery::sighting_count() {
+  Statement row(database_, "SELECT count(*) FROM sighting");
+  return row.step() ? row.integer(0) : 0;
+}
+
+std::int64_t Gallery::forget_sightings_before(std::int64_t time, std::int64_t most) {
+  constexpr std::int64_t kBatch = 500;
+  std::int64_t removed = 0;
+  while (removed < most) {
+    const std::int64_t batch = std::min(kBatch, most - removed);
+    Statement remove(database_,
+                     "DELETE FROM sighting WHERE id IN (SELECT id FROM sighting WHERE time < ? "
+                     "ORDER BY time LIMIT ?)");
+    remove.bind(1, time).bind(2, batch);
+    (void)remove.step();
+    const std::int64_t rows = database_.changed_rows();
+    removed += rows;
+    if (rows < batch) break;
+  }
+  if (removed > 0) database_.run("PRAGMA incremental_vacuum; PRAGMA wal_checkpoint(TRUNCATE)");
+  return removed;
+}
+
+}  // namespace tarsier::face::people

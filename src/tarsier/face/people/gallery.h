@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/people/byte_search.h"
+#include "tarsier/face/people/quality.h"
+#include "tarsier/media/sqlite.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+// Who is enrolled: an SQLite file of people, their faces and what was learned from them.
+namespace tarsier::face::people {
+
+struct Person {
+  std::int64_t id = 0;
+  std::string name;
+  std::string note;       // of consent: who agreed to what, when
+  std::int64_t time = 0;  // when enrolled, ms since 1970-01-01 UTC
+  std::int64_t faces = 0;
+};
+
+// A face that is enrolled or going to be.
+struct StoredFace {
+  std::int64_t id = 0;
+  std::int64_t person = 0;
+  cv::Mat crop;                 // CV_8UC1, as cut_face() makes it
+  std::vector<float> features;  // the template; empty: not made yet
+  std::int64_t space = 0;       // what its numbers are of, see StoredModel; 0: no template
+  double quality = 0;           // 0..1
+  std::string measures;         // JSON object of the quality's measures
+  std::string source;           // file or camera, passwords masked
+  std::int64_t time = 0;        // ms since 1970-01-01 UTC
+};
+
+struct FaceRef {
+  std::int64_t id = 0;
+  std::int64_t person = 0;
+};
+
+// A face with the person whom it shows.
+struct NewFace {
+  std::string name;
+  std::string note;
+  StoredFace face;
+};
+
+// What was learned. Templates are of a space: that of a model (its id, > 0), or coordinates in the
+// directions of a background (minus its fingerprint, < 0), which depend on nobody who is enrolled.
+struct StoredModel {
+  std::int64_t id = 0;
+  std::int64_t generation = 0;  // of the gallery when it was learned
+  std::int64_t space = 0;       // its own id, or the coordinates that it was learned in
+  std::string body;
+};
+
+struct Sighting {
+  std::int64_t id = 0;
+  std::int64_t time = 0;  // ms since 1970-01-01 UTC
+  std::string source;
+  std::string name;  // of the nearest person
+  bool known = false;
+  double confidence = 0;  // 0..1
+};
+
+struct ForgetReport {
+  Person person;            // with the number of faces that were removed; of all: no name
+  std::int64_t people = 0;  // that were removed
+  std::int64_t sightings = 0;
+  bool unlearned = false;     // the model was learned from these faces: it was removed as well
+  std::int64_t pieces = 0;    // runs of 32 bytes of the removed crops and templates
+  std::int64_t searched = 0;  // of these so many were looked for
+  std::int64_t shared = 0;    // and so many were not, as faces of others who stay hold them, too:
+  std::vector<std::string> shared_with;  // of these people
+  // Of so many removed crops and templates less than half of the pieces could be looked for (the
+  // same picture is enrolled under another name): nothing is proven of them.
+  std::int64_t unproven = 0;
+  SearchReport search;
+  bool log_emptied = true;  // false: another program still reads the write-ahead log
+  // What was removed was looked for, all that is in and below the folder could be searched, and
+  // nothing was found. Never true where there was nothing to look for.
+  [[nodiscard]] bool proven() const {
+    return log_emptied && searched > 0 && unproven == 0 && search.found.empty() &&
+           search.unread.empty() && search.skipped.empty();
+  }
+};
+
+// What is committed survives a crash; each face is one transaction. Errors as io/sqlite.h says;
+// hostile files give InputError or OutputError naming the path.
+class Gallery {
+ public:
+  explicit Gallery(const std::string& path, DatabaseAccess access = DatabaseAccess::kCreate,
+                   int patience_ms = 5000);
+
+  [[nodiscard]] std::vector<Person> people();  // in the order of their enrolment
+  [[nodiscard]] std::optional<Person> find(std::string_view name);
+  // Finds or adds; a note that is not empty replaces the old one. Throws UsageError (check_name).
+  Person add_person(std::string_view name, std::string_view note, std::int64_t time);
+  // Returns its id. The crop is kept as PNG.
+  std::int64_t add_face(const StoredFace& face);
+  // The person (added where new) and the face together or not at all.
+  std::int64_t enroll(std::string_view name, std::string_view note, const StoredFace& face);
+  // Several at a time, in one transaction.
+  void enroll(std::span<const NewFace> faces);
+  // Of one person or of all, in the order of their enrolment, one after the other. Without crops
+  // where `crops` is false. The gallery must not be written to meanwhile by the same object.
+  void each_face(std::optional<std::int64_t> person, bool crops,
+                 const std::function<void(StoredFace&&)>& take);
+  // The same at once: all crops of a large gallery do not fit into memory.
+  [[nodiscard]] std::vector<StoredFace> faces(std::optional<std::int64_t> person = std::nullopt,
+                                              bool crops = true);
+  [[nodiscard]] std::optional<StoredFace> face(std::int64_t id);
+  // All, in the order of their enrolment: reads neither crops nor templates.
+  [[nodiscard]] std::vector<FaceRef> face_refs();
+  [[nodiscard]] std::int64_t face_count();
+  // face_count(), counted no further than to `most`.
+  [[nodiscard]] std::int64_t face_count_up_to(std::int64_t most);
+  // The newest face of a person.
+  [[nodiscard]] std::optional<StoredFace> latest_face(std::int64_t person);
+
+  // Removes the person with faces, templates and sightings, and the model where it was learned from
+  // one of these faces; gives the room back, empties the write-ahead log, then searches the files
+  // in and below the gallery's folder for 32-byte pieces of what was removed. Nothing where nobody
+  // has that name. Throws Interrupted (in the search only).
+  [[nodiscard]] std::optional<ForgetReport> forget(std::string_view name,
+                                                   const std::stop_token& stop,
+                                                   const SearchLimits& limits = {});
+  // The same of everybody, at once. Nothing where nobody is enrolled.
+  [[nodiscard]] std::optional<ForgetReport> forget_all(const std::stop_token& stop,
+                                                       const SearchLimits& limits = {});
+
+  // Changes with every enrolment and removal and with what is learned, whichever program does it:
+  // one look-up.
+  [[nodiscard]] std::int64_t generation();
+  // Replaces what was learned, from generation `generation`, of the faces `learned`. `space` 0: the
+  // model's own, with these templates. Returns its id; nothing, and nothing is stored, where one of
+  // the faces was removed meanwhile.
+  std::optional<std::int64_t> store_model(
+      std::string_view body, std::int64_t generation, std::int64_t space,
+      std::span<const std::int64_t> learned,
+      std::span<const std::pair<std::int64_t, std::vector<float>>> templates);
+  // What was learned last, even if the gallery changed since.
+  [[nodiscard]] std::optional<StoredModel> model();
+  [[nodiscard]] std::int64_t model_id();          // 0: nothing is stored
+  [[nodiscard]] std::int64_t model_generation();  // -1: nothing is stored
+  // Templates of faces by id; those of faces that are gone are left out.
+  void store_templates(std::int64_t space,
+                       std::span<const std::pair<std::int64_t, std::vector<float>>> templates);
+  // Of a space, by rising id of their faces.
+  void each_template(std::int64_t space,
+                     const std::function<void(std::int64_t face, std::span<const float>)>& take);
+  [[nodiscard]] std::vector<float> template_of(std::int64_t face, std::int64_t space);  // or empty
+  // Faces without a template of this space, by rising id.
+  [[nodiscard]] std::vector<std::int64_t> without_template(std::int64_t space);
+  // "default" where nothing was set.
+  [[nodiscard]] std::string algorithm();
+  void set_algorithm(std::string_view name);
+
+  void add_sighting(std::int64_t time, std::string_view source, std::string_view name, bool known,
+                    double confidence);
+  // Newest first, at most `limit` (0: all).
+  [[nodiscard]] std::vector<Sighting> sightings(std::int64_t limit = 0);
+  [[nodiscard]] std::int64_t sighting_count();
+  // Those before `time` (ms); returns how many. A few hundred in each transaction, so that others
+  // who write into the gallery do not wait; `most`: no more than so many in all.
+  std::int64_t forget_sightings_before(
+      std::int64_t time, std::int64_t most = std::numeric_limits<std::int64_t>::max());
+
+  [[nodiscard]] const std::string& path() const { return database_.path(); }
+
+ private:
+  void changed();
+  void drop_model();
+  [[nodiscard]] StoredFace face_at(const Statement& row, bool crops);
+  std::optional<ForgetReport> forget_those(std::optional<Person> person,
+                                           const std::stop_token& stop, const SearchLimits& limits);
+  void each_secret(
+      const char* condition, std::int64_t person,
+      const std::function<void(std::int64_t person, std::span<const std::uint8_t>)>& take);
+  [[nodiscard]] bool give_back_room();
+  Database database_;
+};
+
+}  // namespace tarsier::face::people

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/face/people/face_reader.h"
+#include "tarsier/face/people/gallery.h"
+#include "tarsier/face/recognition/recognizer.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+// From a gallery to a recogniser and from a face to a name.
+//
+// Up to kLearnedWhole faces everything is learned from all of them, again after each change, when
+// it is next asked for: seconds. A larger gallery (of the default recogniser, with a background)
+// does not learn its directions: faces are kept as coordinates in the fixed directions of the
+// background (recognition/background_space.h), made once, when they are enrolled. What is learned
+// within these directions is learned from at most recognition::kMaxLearnedFaces faces, when there
+// is nothing learned yet or when it is asked for. Enrolling never takes away what is there.
+namespace tarsier::face::people {
+
+inline constexpr int kLearnedWhole = 500;
+// The classical recognisers compare each picture with each: no larger galleries for them.
+inline constexpr int kMaxClassical = 1000;
+
+// What a recogniser of this kind gets of a face that cut_face() made: the default one the face as
+// it is (it normalises light itself), the classical ones classical_face().
+[[nodiscard]] cv::Mat recognizer_input(recognition::Algorithm algorithm, const cv::Mat& crop);
+
+// A recogniser with the gallery's people.
+struct GalleryModel {
+  recognition::Recognizer recognizer;
+  std::vector<std::int64_t> faces;   // id of the face of each template, rising
+  std::vector<std::int64_t> people;  // id of the person of each label
+  std::int64_t id = 0;               // of the stored model; 0: it is not stored
+  std::int64_t space = 0;            // of the stored templates, see StoredModel; 0: not stored
+  std::int64_t generation = 0;       // of the gallery that it is the model of
+};
+
+// Which model a gallery needs.
+enum class Learn {
+  kWhenDue,  // the one that is stored, where it will do
+  kNow,      // another one
+};
+
+// The model of a gallery, in small steps, for callers that have other things to do meanwhile. Makes
+// templates that are missing, learns what is due, stores both as it goes (each some dozens of
+// templates for themselves: what was made before an interruption stays). Another program may change
+// the gallery meanwhile: see GalleryFollower.
+class GalleryTraining {
+ public:
+  // `background` may be null; both must outlive it. `store` false: the gallery is only read.
+  // Throws std::invalid_argument for what the algorithm cannot be trained on (Fisherfaces: one
+  // person; classical ones: too many faces).
+  GalleryTraining(Gallery& gallery, const recognition::Background* background, bool store,
+                  Learn learn);
+  ~GalleryTraining();
+  GalleryTraining(GalleryTraining&&) noexcept;
+  GalleryTraining& operator=(GalleryTraining&&) noexcept;
+  // Does the next piece; false: all is done. Throws Interrupted, std::invalid_argument.
+  bool step(Progress& progress, const std::stop_token& stop);
+  [[nodiscard]] double work() const;  // of the last step, as recognition::Training has it
+  // Once, after the last step. Nothing for a gallery without faces.
+  [[nodiscard]] std::optional<GalleryModel> take();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// All its steps.
+[[nodiscard]] std::optional<GalleryModel> load_gallery_model(
+    Gallery& gallery, const recognition::Background* background, bool store, Learn learn,
+    Progress& progress, const std::stop_token& stop);
+
+// The recogniser alone.
+[[nodiscard]] std::optional<recognition::Recognizer> gallery_model(
+    Gallery& gallery, const recognition::Background* background, bool store, Progress& progress,
+    const std::stop_token& stop, Learn learn = Learn::kWhenDue);
+
+// Makes the templates of faces that are going to be enrolled, in the space that the gallery uses,
+// so that enrolling changes nothing else. Takes as long for a gallery of any size.
+class TemplateMaker {
+ public:
+  // `background` may be null; both must outlive it.
+  TemplateMaker(Gallery& gallery, const recognition::Background* background);
+  // Fills `features` and `space` from `crop`; leaves them empty where nothing was learned yet: the
+  // template is made when a model is next asked for.
+  void fill(StoredFace& face);
+
+ private:
+  void look();
+  Gallery& gallery_;
+  const recognition::Background* background_;
+  std::int64_t generation_ = -1;
+  std::int64_t coordinates_ = 0;  // their space
+  std::int64_t model_ = 0;        // id of `recognizer_`
+  bool in_coordinates_ = false;
+  std::optional<recognition::Recognizer> recognizer_;
+};
+
+// Keeps the model of a running program up with its gallery, whichever program changes that. What is
+// learned stays what it was until another program has learned and stored something else.
+class GalleryFollower {
+ public:
+  // Both must outlive it; `background` may be null. `model`: nothing where nobody is enrolled.
+  GalleryFollower(Gallery& gallery, const recognition::Background* background,
+                  std::optional<GalleryModel> model);
+
+  enum class Change {
+    kNone,
+    kFaces,  // faces came or went
+    kModel,  // templates are of another space: those of before do not go with them
+  };
+  // One look-up where nothing changed. Templates of people who were forgotten are gone afterwards,
+  // templates of new faces are there as far as they are stored.
+  Change update();
+  // Another model, learned meanwhile; then update().
+  void replace(std::optional<GalleryModel> model);
+  [[nodiscard]] const recognition::Recognizer* recognizer() const {
+    return model_ ? &model_->recognizer : nullptr;
+  }
+  // The face of a template, by its index.
+  [[nodiscard]] std::int64_t face(std::size_t index) const { return model_->faces[index]; }
+
+ private:
+  void follow_faces();
+  Gallery& gallery_;
+  const recognition::Background* background_;
+  std::optional<GalleryModel> model_;
+  std::int64_t generation_ = -1;
+};
+
+// A face's name, with what it is worth.
+struct Recognition {
+  std::string label;      // the nearest person; empty: nobody is enrolled
+  double score = 0;       // the recogniser's own
+  double threshold = 0;   // of the score, at the stated rate of false accepts
+  double confidence = 0;  // 0..1
+  bool known = false;
+  int nearest = -1;  // index of the nearest template
+};
+
+// `false_accepts`: rate that `known` may be wrong for strangers, (0, 1). Without calibration (one
+// person and no background, or classical ones of two) nobody is known. Of the confidence, 0.5 is
+// where the score reaches the threshold; it rises with the score as the calibration has it.
+[[nodiscard]] Recognition recognize(const recognition::Recognizer& model,
+                                    const std::vector<float>& features, double false_accepts);
+
+// People of the gallery, other than `name`, whom these new faces (cut_face()) are taken for at a
+// false accept rate of one in a thousand by more than half of them: probably the same person under
+// another name. Empty where there are none.
+[[nodiscard]] std::vector<std::string> other_names(const recognition::Recognizer& model,
+                                                   const std::vector<cv::Mat>& crops,
+                                                   const std::string& name);
+
+}  // namespace tarsier::face::people

@@ -1,0 +1,248 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/people/model.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/background_space.h"
+#include "tarsier/face/recognition/testing_faces.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <stop_token>
+
+namespace tarsier::face::people {
+namespace {
+
+using recognition::synthetic_faces;
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
+
+recognition::Background background() {
+  const auto many = synthetic_faces(40, 1, 0.3, 3, 1000, {128, 160});
+  recognition::BackgroundOptions options;
+  options.components = 30;
+  NoProgress progress;
+  return recognition::learn_background(many.faces, options, progress, {});
+}
+
+class GalleryModelTest : public FolderTest {
+ protected:
+  void enroll(Gallery& gallery, int people, int pictures, int first = 0,
+              TemplateMaker* maker = nullptr) {
+    const auto faces = synthetic_faces(people, pictures, 0.3, 5, first, {128, 160});
+    for (std::size_t i = 0; i < faces.faces.size(); ++i) {
+      StoredFace face;
+      face.crop = faces.faces[i];
+      face.measures = "{}";
+      if (maker != nullptr) maker->fill(face);
+      gallery.enroll(faces.labels[i], "", face);
+    }
+  }
+  Recognition named(const recognition::Recognizer& model, int person, int seed = 99) {
+    const cv::Mat face =
+        synthetic_faces(1, 1, 0.3, static_cast<std::uint64_t>(seed), person, {128, 160}).faces[0];
+    return recognize(
+        model, recognition::template_of(model, recognizer_input(model.options.algorithm, face)),
+        0.01);
+  }
+  NoProgress progress_;
+};
+
+TEST_F(GalleryModelTest, AnEmptyGalleryHasNoModel) {
+  Gallery gallery(path("p.db"));
+  EXPECT_FALSE(gallery_model(gallery, nullptr, true, progress_, {}));
+}
+
+TEST_F(GalleryModelTest, NamesThoseEnrolledAndNobodyElse) {
+  Gallery gallery(path("p.db"));
+  const auto general = background();
+  for (const int people : {1, 3}) {
+    enroll(gallery, people, 3);
+    const auto model = gallery_model(gallery, &general, true, progress_, {});
+    ASSERT_TRUE(model);
+    for (int p = 0; p < people; ++p) {
+      const Recognition seen = named(*model, p);
+      EXPECT_TRUE(seen.known) << people;
+      EXPECT_EQ(seen.label, "p" + std::to_string(p));
+      EXPECT_GT(seen.confidence, 0.5);
+    }
+    const Recognition stranger = named(*model, 500);
+    EXPECT_FALSE(stranger.known);
+    EXPECT_FALSE(stranger.label.empty());
+    EXPECT_LT(stranger.confidence, 0.5);
+  }
+}
+
+TEST_F(GalleryModelTest, TheStoredModelIsTheSame) {
+  Gallery gallery(path("p.db"));
+  const auto general = background();
+  enroll(gallery, 3, 2);
+  const auto trained = gallery_model(gallery, &general, true, progress_, {});
+  ASSERT_TRUE(gallery.model());
+  const auto read = gallery_model(gallery, nullptr, false, progress_, {});  // needs no background
+  EXPECT_EQ(read->templates, trained->templates);
+  EXPECT_EQ(read->labels, trained->labels);
+  EXPECT_DOUBLE_EQ(named(*read, 1).score, named(*trained, 1).score);
+}
+
+TEST_F(GalleryModelTest, WhenSomebodyIsForgottenTheOthersAreStillKnown) {
+  Gallery gallery(path("p.db"));
+  const auto general = background();
+  enroll(gallery, 3, 3);
+  (void)gallery_model(gallery, &general, true, progress_, {});
+  ASSERT_TRUE(gallery.forget("p1", {})->proven());
+  const auto model = gallery_model(gallery, &general, true, progress_, {});
+  EXPECT_THAT(model->labels, ElementsAre("p0", "p2"));
+  EXPECT_TRUE(named(*model, 2).known);
+  EXPECT_FALSE(named(*model, 1).known);
+}
+
+// New faces get templates of what was learned already; that stays as it is.
+TEST_F(GalleryModelTest, EnrollingAddsToTheModelThatIsThere) {
+  Gallery gallery(path("p.db"));
+  const auto general = background();
+  enroll(gallery, 3, 3);
+  auto model = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  const std::int64_t id = gallery.model_id();
+  GalleryFollower follower(gallery, &general, std::move(model));
+  TemplateMaker maker(gallery, &general);
+  enroll(gallery, 1, 3, 40, &maker);
+  EXPECT_EQ(gallery.model_id(), id);
+  EXPECT_THAT(gallery.without_template(id), IsEmpty());
+  EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
+  EXPECT_EQ(follower.update(), GalleryFollower::Change::kNone);
+  EXPECT_EQ(follower.recognizer()->labels.size(), 4U);
+  EXPECT_NO_THROW(follower.recognizer()->check());
+  EXPECT_TRUE(named(*follower.recognizer(), 40).known);
+  EXPECT_EQ(named(*follower.recognizer(), 40).label, "p40");
+}
+
+// What a running program has in memory does not outlive the person.
+TEST_F(GalleryModelTest, WhoIsForgottenElsewhereIsNamedNoMore) {
+  Gallery gallery(path("p.db"));
+  const auto general = background();
+  enroll(gallery, 3, 3);
+  GalleryFollower follower(
+      gallery, &general,
+      load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {}));
+  ASSERT_TRUE(named(*follower.recognizer(), 1).known);
+  Gallery other(path("p.db"));
+  ASSERT_TRUE(other.forget("p1", {}));
+  EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
+  EXPECT_THAT(follower.recognizer()->labels, ElementsAre("p0", "p2"));
+  EXPECT_FALSE(named(*follower.recognizer(), 1).known);
+  EXPECT_NE(named(*follower.recognizer(), 1).label, "p1");
+  EXPECT_TRUE(named(*follower.recognizer(), 2).known);
+  EXPECT_EQ(follower.recognizer()->templates.rows(), 6);
+  // Another program learns: its model is taken over.
+  (void)gallery_model(other, &general, true, progress_, {});
+  EXPECT_EQ(follower.update(), GalleryFollower::Change::kModel);
+  EXPECT_EQ(follower.recognizer()->labels.size(), 2U);
+  ASSERT_TRUE(other.forget_all({}));
+  EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
+  EXPECT_EQ(follower.recognizer(), nullptr);
+}
+
+// More faces than everything is learned from: coordinates, which forgetting leaves to the others.
+TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
+  Gallery gallery(path("p.db"));
+  const auto general = background();
+  const std::int64_t space = -recognition::fingerprint(general);
+  const int people = (kLearnedWhole + 1) / 3 + 1;
+  enroll(gallery, people, 3);
+  auto model = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  ASSERT_TRUE(model);
+  EXPECT_EQ(model->space, space);
+  EXPECT_EQ(model->recognizer.labels.size(), static_cast<std::size_t>(people));
+  const Recognition seen = named(model->recognizer, 7);
+  EXPECT_EQ(seen.label, "p7");
+  EXPECT_FALSE(named(model->recognizer, 5000).known);
+  const std::int64_t id = gallery.model_id();
+  // Enrolling one more learns nothing and makes one template.
+  TemplateMaker maker(gallery, &general);
+  enroll(gallery, 1, 3, 3000, &maker);
+  EXPECT_THAT(gallery.without_template(space), IsEmpty());
+  GalleryFollower follower(gallery, &general, std::move(model));
+  EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
+  EXPECT_EQ(named(*follower.recognizer(), 3000).label, "p3000");
+  const auto again = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  EXPECT_EQ(gallery.model_id(), id);
+  EXPECT_EQ(again->recognizer.templates, follower.recognizer()->templates);
+  // Forgetting somebody takes what was learned from him, and no coordinates of others.
+  ASSERT_TRUE(gallery.forget("p7", {})->unlearned);
+  EXPECT_EQ(gallery.model_id(), 0);
+  EXPECT_THAT(gallery.without_template(space), IsEmpty());
+  EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
+  EXPECT_NE(named(*follower.recognizer(), 7).label, "p7");
+  const auto relearned =
+      load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  EXPECT_EQ(relearned->recognizer.labels.size(), static_cast<std::size_t>(people));
+  // Asked for, it is learned once more.
+  (void)load_gallery_model(gallery, &general, true, Learn::kNow, progress_, {});
+  EXPECT_NE(gallery.model_id(), id);
+}
+
+TEST_F(GalleryModelTest, LearningIsStoppedBetweenAnyTwoSteps) {
+  Gallery gallery(path("p.db"));
+  const auto general = background();
+  enroll(gallery, 3, 3);
+  std::stop_source stop;
+  stop.request_stop();
+  for (int after = 0;; ++after) {
+    GalleryTraining training(gallery, &general, false, Learn::kNow);
+    bool more = true;
+    for (int i = 0; i < after && more; ++i) more = training.step(progress_, {});
+    if (!more) {
+      EXPECT_GE(after, 10);
+      EXPECT_TRUE(training.take());
+      break;
+    }
+    EXPECT_THROW((void)training.step(progress_, stop.get_token()), Interrupted) << after;
+  }
+}
+
+TEST_F(GalleryModelTest, ClassicalGalleriesAreNotLarge) {
+  Gallery gallery(path("p.db"));
+  std::vector<NewFace> many;
+  for (int i = 0; i <= kMaxClassical; ++i) {
+    NewFace one{"p" + std::to_string(i % 3), "", {}};
+    one.face.crop = cv::Mat(160, 128, CV_8UC1, cv::Scalar(i % 200));
+    one.face.measures = "{}";
+    many.push_back(one);
+  }
+  gallery.enroll(many);
+  gallery.set_algorithm("eigen");
+  EXPECT_THROW((void)gallery_model(gallery, nullptr, true, progress_, {}), std::invalid_argument);
+}
+
+TEST_F(GalleryModelTest, ClassicalRecognisersWorkToo) {
+  Gallery gallery(path("p.db"));
+  enroll(gallery, 1, 3);
+  gallery.set_algorithm("fisher");
+  EXPECT_THROW((void)gallery_model(gallery, nullptr, true, progress_, {}), std::invalid_argument);
+  enroll(gallery, 3, 4, 1);
+  for (const char* algorithm : {"fisher", "eigen", "lbph"}) {
+    gallery.set_algorithm(algorithm);
+    const auto model = gallery_model(gallery, nullptr, true, progress_, {});
+    ASSERT_TRUE(model) << algorithm;
+    EXPECT_EQ(model->templates.rows(), 15) << algorithm;
+    EXPECT_EQ(model->labels.size(), 4U);
+  }
+}
+
+TEST_F(GalleryModelTest, OnePersonUnderTwoNamesIsNoticed) {
+  Gallery gallery(path("p.db"));
+  const auto general = background();
+  enroll(gallery, 2, 4);
+  const auto model = gallery_model(gallery, &general, true, progress_, {});
+  const auto again = synthetic_faces(1, 3, 0.2, 123, 1, {128, 160}).faces;
+  EXPECT_THAT(other_names(*model, again, "Somebody"), ElementsAre("p1"));
+  EXPECT_THAT(other_names(*model, again, "p1"), IsEmpty());
+  EXPECT_THAT(other_names(*model, synthetic_faces(1, 3, 0.2, 123, 700, {128, 160}).faces, "x"),
+              IsEmpty());
+}
+
+}  // namespace
+}  // namespace tarsier::face::people

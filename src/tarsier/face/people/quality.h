@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/people/eyes.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace tarsier::face::people {
+
+// What a face is worth as a pattern, measured on the cut face (cut_face) and its points.
+struct Quality {
+  double eye_distance = 0;  // px in the picture
+  // Share of the cut's contrast that is in fine detail: RMS of the face less its blur (sigma 1.5 px
+  // of 64) over the standard deviation. About 0.3 for images, below 0.1 for blurred ones.
+  double sharpness = 0;
+  double turn = 0;   // 0: straight; how far the nose is off the middle, shares of the eye distance
+  double tilt = 0;   // how far the nose is above (-) or below (+) where it usually is, the same
+  double light = 0;  // median grey, 0..255
+  double contrast = 0;  // standard deviation, grey levels
+  double clipped = 0;   // share of pixels below 4 or above 251
+  double uneven = 0;    // |mean of left - mean of right half| / (their sum), 0..1
+  // 0..1: 1 when nothing is near its limit; the least of what each measure is worth.
+  [[nodiscard]] double score() const;
+};
+
+struct QualityGate {
+  double min_eye_distance = 18;  // px
+  double min_sharpness = 0.1;
+  double max_turn = 0.35;
+  double max_tilt = 0.3;
+  double min_light = 30;  // grey
+  double max_light = 225;
+  double min_contrast = 12;
+  double max_clipped = 0.3;
+  double max_uneven = 0.6;
+  void check() const;
+};
+
+// `points`: 2 x 68 in the picture, or empty: then turn is judged by how unlike the face and its
+// mirror image are, and tilt is 0.
+[[nodiscard]] Quality measure_quality(const cv::Mat& crop, const Eyes& eyes,
+                                      const Eigen::Matrix2Xd& points);
+
+// Why the face should not be enrolled, each once, in a fixed order: "too small", "blurred", "turned
+// away", "tilted up", "tilted down", "too dark", "too bright", "too little contrast",
+// "overexposed", "lit from one side". Empty: good.
+[[nodiscard]] std::vector<std::string> problems(const Quality& quality, const QualityGate& gate);
+
+[[nodiscard]] nlohmann::ordered_json quality_json(const Quality& quality);
+
+}  // namespace tarsier::face::people

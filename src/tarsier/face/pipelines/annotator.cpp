@@ -1,0 +1,340 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/pipelines/annotator.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/core/statistics.h"
+#include "tarsier/face/detect/detector.h"
+#include "tarsier/face/landmarks/descent.h"
+#include "tarsier/face/landmarks/training_face.h"
+#include "tarsier/face/pipelines/annotator_match.h"
+#include "tarsier/face/shape/shape_model.h"
+#include "tarsier/face/shape/similarity.h"
+#include "tarsier/media/image_file.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <utility>
+#include <vector>
+
+namespace tarsier::face {
+namespace {
+
+using Eigen::Matrix2Xd;
+using Eigen::Vector2d;
+
+constexpr double kBoxesNeeded = 0.6;  // share of the finished pictures in which the face detector
+                                      // must find what is annotated
+constexpr double kMaxMissing = 0.25;  // share of the points of a sample that may be filled in
+constexpr int kFitStarts = 6;         // of which the median is taken
+
+// Centre and size of a shape relative to a detector's box, in widths of the box.
+struct InBox {
+  double dx = 0;
+  double dy = 0;
+  double size = 0;
+};
+
+InBox in_box(const Matrix2Xd& points, const cv::Rect& box) {
+  const Vector2d center = points.rowwise().mean();
+  const double width = box.width;
+  return {(center.x() - box.x - 0.5 * (box.width - 1)) / width,
+          (center.y() - box.y - 0.5 * (box.height - 1)) / width,
+          landmarks::shape_size(points) / width};
+}
+
+bool holds(const cv::Rect& box, const Matrix2Xd& points) {
+  const Vector2d center = points.rowwise().mean();
+  const double size = landmarks::shape_size(points);
+  return box.contains({cvRound(center.x()), cvRound(center.y())}) && box.width < 8 * size &&
+         box.width > size;
+}
+
+// The similarity that puts the (centred) mean where a shape of that centre and size is.
+Matrix2Xd placed(const Matrix2Xd& mean, const Vector2d& center, double size, double angle) {
+  const shape::Similarity2d place{size * std::cos(angle), size * std::sin(angle), center.x(),
+                                  center.y()};
+  return place(mean);
+}
+
+// How far off the starts are in training, as they are off in use.
+struct Spread {
+  double shift = 0.12;  // sizes
+  double scale = 0.08;  // log
+  double angle = 0.08;  // radians
+};
+
+bool same(const shape::LandmarkSet& a, const shape::LandmarkSet& b) {
+  if (a.samples.size() != b.samples.size()) return false;
+  for (std::size_t k = 0; k < a.samples.size(); ++k) {
+    const Matrix2Xd& p = a.samples[k].points;
+    const Matrix2Xd& q = b.samples[k].points;
+    if (a.samples[k].image != b.samples[k].image || p.cols() != q.cols()) return false;
+    for (Eigen::Index i = 0; i < p.size(); ++i) {
+      const double x = p.data()[i];
+      const double y = q.data()[i];
+      if (x != y && !(std::isnan(x) && std::isnan(y))) return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
+void AnnotatorOptions::check() const {
+  TARSIER_REQUIRE(min_faces >= 2, "min_faces {}", min_faces);
+  TARSIER_REQUIRE(max_faces >= 3 && max_faces <= 1000, "max_faces {}", max_faces);
+  TARSIER_REQUIRE(starts >= 1 && starts <= 200, "starts {}", starts);
+}
+
+struct Annotator::Impl {
+  AnnotatorOptions options;
+  std::optional<FaceDetector> detector;
+  std::map<std::string, std::vector<cv::Rect>> boxes;  // by path: found once
+  shape::LandmarkSet trained_for;
+  bool is_trained = false;
+  std::vector<landmarks::TrainingFace> faces;
+  landmarks::Descent descent;
+  std::optional<InBox> box_model;
+  Spread spread;
+
+  explicit Impl(const AnnotatorOptions& given) : options(given) {
+    options.check();
+    if (!options.find_faces) return;
+    try {
+      detector.emplace();
+    } catch (const ModelError& error) {
+      log_debug("{} (proposals do without)", error.what());
+    }
+  }
+
+  // The newest of the set's samples that can be learned from, missing points filled in where few
+  // are.
+  [[nodiscard]] shape::LandmarkSet usable(const shape::LandmarkSet& so_far) const {
+    shape::LandmarkSet result;
+    const Matrix2Xd* whole = nullptr;
+    for (const shape::LandmarkSample& sample : so_far.samples)
+      if (sample.is_complete() && landmarks::shape_size(sample.points) > 2) whole = &sample.points;
+    if (whole == nullptr) return result;
+    for (auto sample = so_far.samples.rbegin(); sample != so_far.samples.rend(); ++sample) {
+      if (static_cast<int>(result.samples.size()) >= options.max_faces) break;
+      shape::LandmarkSample filled = *sample;
+      int missing = 0;
+      for (int i = 0; i < static_cast<int>(filled.points.cols()); ++i)
+        missing += filled.is_missing(i) ? 1 : 0;
+      const auto count = static_cast<int>(filled.points.cols());
+      if (missing > kMaxMissing * count || count - missing < 2) continue;
+      if (missing > 0) {
+        const Matrix2Xd guess = shape::fit_similarity(*whole, filled.points)(*whole);
+        for (int i = 0; i < count; ++i)
+          if (filled.is_missing(i)) filled.points.col(i) = guess.col(i);
+      }
+      if (landmarks::shape_size(filled.points) < 2) continue;
+      result.samples.push_back(std::move(filled));
+    }
+    std::reverse(result.samples.begin(), result.samples.end());
+    return result;
+  }
+
+  void train(const shape::LandmarkSet& set) {
+    is_trained = false;
+    NoProgress quiet;
+    std::vector<std::string> skipped;
+    landmarks::LoadOptions load;
+    load.largest = 300;
+    faces = landmarks::load_training_faces(set, "", load, quiet, {}, skipped);
+    if (static_cast<int>(faces.size()) < options.min_faces) return;
+    learn_boxes(set);
+
+    std::vector<landmarks::Start> starts;
+    const Rng rng(options.seed);
+    std::vector<Matrix2Xd> shapes;
+    for (const landmarks::TrainingFace& face : faces) shapes.push_back(face.points);
+    const Matrix2Xd mean = shape::train_shape_model(shapes).mean;
+    for (std::size_t f = 0; f < faces.size(); ++f) {
+      Rng own = rng.fork(f);
+      const Vector2d center = shapes[f].rowwise().mean();
+      const double size = landmarks::shape_size(shapes[f]);
+      for (int k = 0; k < options.starts; ++k) {
+        const Vector2d at = center + spread.shift * size * Vector2d(own.normal(), own.normal());
+        starts.push_back(
+            {static_cast<int>(f), placed(mean, at, size * std::exp(spread.scale * own.normal()),
+                                         spread.angle * own.normal())});
+      }
+    }
+    landmarks::DescentOptions how;
+    how.stages = {{20, 0.35}, {30, 0.25}, {45, 0.18}, {60, 0.12}};
+    // Few faces allow few numbers, and the time of training goes with their third power.
+    how.components = std::clamp(600 / descent_points(set), 4, 24);
+    how.ridge = 1;
+    how.seed = options.seed;
+    descent = landmarks::train_descent(faces, starts, how, quiet, {});
+    is_trained = true;
+  }
+
+  static int descent_points(const shape::LandmarkSet& set) { return std::max(1, set.points()); }
+
+  [[nodiscard]] const std::vector<cv::Rect>& boxes_of(const std::string& path) {
+    const auto found = boxes.find(path);
+    if (found != boxes.end()) return found->second;
+    return boxes[path] = detector->detect(read_gray_image(path));
+  }
+
+  void learn_boxes(const shape::LandmarkSet& set) {
+    box_model.reset();
+    spread = {};
+    if (!detector) return;
+    std::vector<double> dx;
+    std::vector<double> dy;
+    std::vector<double> size;
+    for (const shape::LandmarkSample& sample : set.samples) {
+      try {
+        for (const cv::Rect& box : boxes_of(sample.image)) {
+          if (!holds(box, sample.points)) continue;
+          const InBox where = in_box(sample.points, box);
+          dx.push_back(where.dx);
+          dy.push_back(where.dy);
+          size.push_back(where.size);
+          break;
+        }
+      } catch (const InputError&) {  // load_training_faces leaves it out, too
+      }
+    }
+    if (static_cast<double>(dx.size()) < kBoxesNeeded * static_cast<double>(set.samples.size()))
+      return;
+    box_model = InBox{upper_median(dx), upper_median(dy), upper_median(size)};
+    double shift = 0;
+    double scale = 0;
+    for (std::size_t k = 0; k < dx.size(); ++k) {
+      shift += (std::pow(dx[k] - box_model->dx, 2) + std::pow(dy[k] - box_model->dy, 2)) / 2;
+      scale += std::pow(std::log(size[k] / box_model->size), 2);
+    }
+    const double count = std::max(1.0, static_cast<double>(dx.size()) - 1);
+    spread.shift = std::clamp(1.3 * std::sqrt(shift / count) / box_model->size, 0.05, 0.2);
+    spread.scale = std::clamp(1.3 * std::sqrt(scale / count), 0.05, 0.15);
+  }
+
+  // Where the object is: centre and size, several where they are equally good.
+  [[nodiscard]] std::optional<Matrix2Xd> start(const ProposalRequest& request) {
+    if (box_model && detector) {
+      const std::vector<cv::Rect> found = detector->detect(request.gray);
+      if (!found.empty()) {
+        const cv::Rect& box = found.front();
+        const Vector2d middle(box.x + 0.5 * (box.width - 1), box.y + 0.5 * (box.height - 1));
+        return placed(descent.mean, middle + Vector2d(box_model->dx, box_model->dy) * box.width,
+                      box_model->size * box.width, 0);
+      }
+    }
+    return proposals::best_place(
+        faces, descent.mean, request.gray,
+        request.so_far.samples[static_cast<std::size_t>(request.nearest)].points);
+  }
+
+  // One face's points in another face, by the boxes of the detector and by comparing.
+  [[nodiscard]] std::optional<Matrix2Xd> by_boxes(const shape::LandmarkSample& near,
+                                                  const cv::Mat& gray) {
+    if (!detector || landmarks::shape_size(near.points) < 2) return std::nullopt;
+    const std::vector<cv::Rect> there = detector->detect(gray);
+    for (const cv::Rect& from : boxes_of(near.image)) {
+      if (there.empty() || !holds(from, near.points)) continue;
+      const cv::Rect& to = there.front();
+      const double scale = static_cast<double>(to.width) / from.width;
+      Matrix2Xd points = near.points * scale;
+      points.row(0).array() += to.x - scale * from.x;
+      points.row(1).array() += to.y - scale * from.y;
+      shape::LandmarkSet one;
+      one.samples.push_back(near);
+      NoProgress quiet;
+      std::vector<std::string> skipped;
+      const auto face = landmarks::load_training_faces(one, "", {}, quiet, {}, skipped);
+      return proposals::refine(face, gray, points);
+    }
+    return std::nullopt;
+  }
+
+  [[nodiscard]] std::optional<Matrix2Xd> fit(const ProposalRequest& request) {
+    const std::optional<Matrix2Xd> first = start(request);
+    if (!first) return std::nullopt;
+    landmarks::DescentWorkspace workspace;
+    Matrix2Xd result = *first;
+    // Twice: the first fit tells place, size and angle better than any search did.
+    for (int round = 0; round < 2; ++round) {
+      const shape::Similarity2d place = shape::fit_similarity(descent.mean, result);
+      Rng rng(options.seed);
+      std::vector<Matrix2Xd> fits;
+      for (int k = 0; k < kFitStarts; ++k) {
+        const double off = k == 0 ? 0 : 0.5;
+        const double size = place.scale() * std::exp(off * spread.scale * rng.normal());
+        const double angle = place.angle() + off * spread.angle * rng.normal();
+        const double down = rng.normal();
+        const double across = rng.normal();
+        const Vector2d at = Vector2d(place.tx, place.ty) +
+                            off * spread.shift * place.scale() * Vector2d(across, down);
+        fits.push_back(landmarks::fit_descent(descent, request.gray,
+                                              placed(descent.mean, at, size, angle), workspace));
+      }
+      for (Eigen::Index i = 0; i < result.size(); ++i) {
+        std::vector<double> values;
+        for (const Matrix2Xd& one : fits) values.push_back(one.data()[i]);
+        result.data()[i] = upper_median(std::move(values));
+      }
+      if (landmarks::shape_size(result) < 2) return std::nullopt;
+    }
+    return proposals::refine(faces, request.gray, result);
+  }
+};
+
+Annotator::Annotator(const AnnotatorOptions& options) : impl_(std::make_unique<Impl>(options)) {}
+Annotator::~Annotator() = default;
+Annotator::Annotator(Annotator&&) noexcept = default;
+Annotator& Annotator::operator=(Annotator&&) noexcept = default;
+
+std::optional<Proposal> Annotator::propose(const ProposalRequest& request) {
+  TARSIER_REQUIRE(request.gray.type() == CV_8UC1 && !request.gray.empty(), "a grey picture");
+  request.so_far.check();
+  if (request.so_far.samples.empty() || request.so_far.points() == 0) return std::nullopt;
+  TARSIER_REQUIRE(
+      request.nearest >= 0 && request.nearest < static_cast<int>(request.so_far.samples.size()),
+      "nearest {}", request.nearest);
+  const shape::LandmarkSet set = impl_->usable(request.so_far);
+  std::optional<Matrix2Xd> result;
+  if (static_cast<int>(set.samples.size()) >= impl_->options.min_faces && set.points() >= 3) {
+    if (!same(set, impl_->trained_for)) {
+      impl_->trained_for = set;
+      try {
+        impl_->train(set);
+      } catch (const InputError& error) {
+        log_debug("{} (no model for proposals)", error.what());
+      }
+    }
+    if (impl_->is_trained) result = impl_->fit(request);
+  }
+  const bool learned = result.has_value();
+  if (!result) {
+    const shape::LandmarkSample& near =
+        request.so_far.samples[static_cast<std::size_t>(request.nearest)];
+    try {
+      result = proposals::moved_along(read_gray_image(near.image), near.points, request.gray);
+      if (!result && near.is_complete()) result = impl_->by_boxes(near, request.gray);
+    } catch (const InputError&) {  // the picture has gone
+    }
+  }
+  if (!result || !result->allFinite()) return std::nullopt;
+  return Proposal{*std::move(result), learned};
+}
+
+nlohmann::ordered_json to_json(const Proposal& proposal) {
+  const auto hundredth = [](double value) { return std::round(value * 100) / 100; };
+  nlohmann::ordered_json points = nlohmann::ordered_json::array();
+  for (Eigen::Index i = 0; i < proposal.points.cols(); ++i)
+    points.push_back({hundredth(proposal.points(0, i)), hundredth(proposal.points(1, i))});
+  return {{"points", std::move(points)}, {"learned", proposal.learned}};
+}
+
+}  // namespace tarsier::face

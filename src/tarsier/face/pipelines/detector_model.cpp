@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/pipelines/detector_model.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/face/landmarks/hog_detector.h"
+#include "tarsier/media/archive.h"
+
+namespace tarsier::face {
+namespace {
+
+constexpr const char* kShipped = "face-detector.json";
+
+}  // namespace
+
+DetectorModel::DetectorModel(const landmarks::FaceFinderOptions& options) : options_(options) {
+  options_.detector.check();
+}
+
+DetectorModel DetectorModel::load(const ModelStore& models, const std::string& which,
+                                  const landmarks::FaceFinderOptions& options) {
+  DetectorModel model(options);
+  if (which == "cascades") return model;
+  if (which.empty() && !models.has(kShipped)) {
+    log_warning("{}: not there; faces are found by the cascades of opencv-data instead",
+                models.place_of(kShipped));
+    return model;
+  }
+  const std::string path = models.path_or(which, kShipped);
+  if (which.empty() || read_any_archive(path).type == kFaceNetworksType) {
+    model.networks_ = std::make_shared<const FaceNetworks>(read_face_networks(path));
+  } else {
+    model.hog_ = std::make_shared<const landmarks::HogDetector>(landmarks::read_hog_detector(path));
+  }
+  return model;
+}
+
+landmarks::FaceFinder DetectorModel::make_finder() const {
+  if (networks_ != nullptr) return {networks_, options_};
+  if (hog_ != nullptr) return {*hog_, options_};
+  return landmarks::FaceFinder(options_);
+}
+
+}  // namespace tarsier::face

@@ -1,0 +1,258 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/pipelines/identifier.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/face/pipelines/landmark_tracker.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/media/still_source.h"
+
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <stdexcept>
+#include <utility>
+
+namespace tarsier::face {
+namespace {
+
+constexpr const char* kShippedLandmarks = "landmarks68.json";
+constexpr const char* kShippedBackground = "people-background.json";
+constexpr std::string_view kNoBackground = "none";
+
+}  // namespace
+
+FaceReaderModel FaceReaderModel::load(const ModelStore& models, people::FaceReaderOptions options) {
+  options.check();
+  options.finder.detector.check();
+  std::shared_ptr<const landmarks::LandmarkModel> landmarks;
+  if (options.eyes == people::EyeMethod::kLandmarks) {
+    if (models.has(kShippedLandmarks)) {
+      landmarks = std::make_shared<const landmarks::LandmarkModel>(
+          landmarks::read_landmark_model(models.path(kShippedLandmarks)));
+    } else {
+      log_warning("{}: not there; eyes are found by cascades instead",
+                  models.place_of(kShippedLandmarks));
+      options.eyes = people::EyeMethod::kCascades;
+    }
+  }
+  DetectorModel detector = DetectorModel::load(models, "", options.finder);
+  FaceReaderModel model(std::move(options), std::move(detector));
+  model.landmarks_ = std::move(landmarks);
+  return model;
+}
+
+people::FaceReader FaceReaderModel::make_reader() const {
+  return {options_, landmarks_, detector_.networks()};
+}
+
+std::optional<recognition::Background> load_background(const ModelStore& models,
+                                                       const std::string& which) {
+  if (which == kNoBackground) return std::nullopt;
+  if (which.empty() && !models.has(kShippedBackground)) {
+    log_warning("{}: not there; one person alone cannot be told from strangers",
+                models.place_of(kShippedBackground));
+    return std::nullopt;
+  }
+  return recognition::read_background(models.path_or(which, kShippedBackground));
+}
+
+std::optional<recognition::Background> background_for(people::Gallery& gallery,
+                                                      const ModelStore& models,
+                                                      const std::string& which) {
+  const std::int64_t faces = gallery.face_count_up_to(people::kLearnedWhole + 1);
+  const bool learned = gallery.model_generation() == gallery.generation();
+  if (which.empty() && (faces == 0 || (faces <= people::kLearnedWhole && learned)))
+    return std::nullopt;
+  return load_background(models, which);
+}
+
+people::Gallery open_gallery(const std::string& path) {
+  try {
+    return people::Gallery(path, DatabaseAccess::kWrite);
+  } catch (const OutputError&) {
+    return people::Gallery(path, DatabaseAccess::kRead);
+  }
+}
+
+std::optional<people::GalleryModel> learn_gallery(people::Gallery& gallery,
+                                                  const recognition::Background* background,
+                                                  people::Learn learn, Progress& progress,
+                                                  const std::stop_token& stop) {
+  const auto load = [&](bool store) {
+    return people::load_gallery_model(gallery, background, store, learn, progress, stop);
+  };
+  try {
+    try {
+      return load(true);
+    } catch (const OutputError& error) {
+      log_debug("{}", error.what());
+    } catch (const InputError& error) {
+      log_debug("{}", error.what());
+    }
+    return load(false);
+  } catch (const std::invalid_argument& error) {
+    throw InputError(gallery.path(), error.what());
+  }
+}
+
+void NamingOptions::check() const {
+  TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "a rate of {}", false_accepts);
+  TARSIER_REQUIRE(max_pooled >= 1 && max_pooled <= 1000, "{} frames", max_pooled);
+}
+
+nlohmann::ordered_json to_json(const NamedFace& face) {
+  const cv::Rect2d& box = face.face.box;
+  nlohmann::ordered_json object = {
+      {"box",
+       {std::lround(box.x), std::lround(box.y), std::lround(box.width), std::lround(box.height)}},
+      {"label", face.name.label.empty() ? nlohmann::ordered_json()
+                                        : nlohmann::ordered_json(face.name.label)},
+      {"confidence", std::round(face.name.confidence * 1e4) / 1e4},
+      {"known", face.name.known}};
+  if (face.face.id > 0) object["id"] = face.face.id;
+  return object;
+}
+
+void name_faces(const recognition::Recognizer* model, bool cropped, const NamingOptions& options,
+                std::vector<NamedFace>& faces, PooledTemplates& pool) {
+  std::set<int> seen;
+  for (NamedFace& face : faces) {
+    const bool tracked = face.face.id > 0;
+    if (tracked) seen.insert(face.face.id);
+    if (model == nullptr) continue;
+    std::vector<float> features = recognition::template_of(
+        *model, cropped ? face.face.crop
+                        : people::recognizer_input(model->options.algorithm, face.face.crop));
+    if (tracked) {
+      std::vector<std::vector<float>>& latest = pool[face.face.id];
+      latest.push_back(std::move(features));
+      if (latest.size() > static_cast<std::size_t>(options.max_pooled))
+        latest.erase(latest.begin());
+      features = recognition::pooled(*model, latest);
+    }
+    face.name =
+        people::recognize(*model, features, (tracked ? kTrackedShare : 1) * options.false_accepts);
+  }
+  std::erase_if(pool, [&](const auto& track) { return !seen.contains(track.first); });
+}
+
+void IdentifierOptions::check() const {
+  TARSIER_REQUIRE(!gallery.empty() || !recognizer.empty(), "neither gallery nor recognizer");
+  TARSIER_REQUIRE(!cropped || !recognizer.empty(), "cropped images go with a recognizer");
+  TARSIER_REQUIRE(!write_gallery || recognizer.empty(), "write_gallery and a recognizer");
+  reading.check();
+  naming.check();
+}
+
+nlohmann::ordered_json to_json(const IdentifierResult& result) {
+  nlohmann::ordered_json faces = nlohmann::ordered_json::array();
+  for (const NamedFace& face : result.faces) faces.push_back(to_json(face));
+  return {{"faces", std::move(faces)}, {"ms", std::round(result.ms * 100) / 100}};
+}
+
+// They refer to each other, so they stay where they are.
+struct IdentifierState::OpenGallery {
+  explicit OpenGallery(people::Gallery opened) : gallery(std::move(opened)) {}
+  people::Gallery gallery;
+  std::optional<recognition::Background> background;
+  std::optional<people::GalleryFollower> follower;
+};
+
+IdentifierState::IdentifierState(people::FaceReader reader,
+                                 std::shared_ptr<const recognition::Recognizer> model)
+    : reader_(std::move(reader)), model_(std::move(model)) {}
+IdentifierState::IdentifierState(people::FaceReader reader, people::GalleryFollower& follower)
+    : reader_(std::move(reader)), follower_(&follower) {}
+IdentifierState::~IdentifierState() = default;
+IdentifierState::IdentifierState(IdentifierState&&) noexcept = default;
+IdentifierState& IdentifierState::operator=(IdentifierState&&) noexcept = default;
+
+const recognition::Recognizer* IdentifierState::recognizer() const {
+  return follower_ != nullptr ? follower_->recognizer() : model_.get();
+}
+
+people::Gallery* IdentifierState::gallery() const {
+  return gallery_ != nullptr ? &gallery_->gallery : nullptr;
+}
+
+bool IdentifierState::follow() {
+  if (follower_ == nullptr) return false;
+  const people::GalleryFollower::Change change = follower_->update();
+  if (change == people::GalleryFollower::Change::kModel) pool_.clear();
+  return change != people::GalleryFollower::Change::kNone;
+}
+
+Identifier::Identifier(const NamingOptions& naming, bool cropped)
+    : naming_(naming), cropped_(cropped) {
+  naming_.check();
+}
+
+Identifier Identifier::load(const ModelStore& models, const IdentifierOptions& options) {
+  options.check();
+  Identifier identifier(options.naming, options.cropped);
+  identifier.models_ = models;
+  identifier.options_ = options;
+  // A wrong path is reported before anything is written, also where the file is needed only at the
+  // end.
+  if (!options.background.empty()) static_cast<void>(load_background(models, options.background));
+  if (!options.recognizer.empty()) {
+    identifier.model_ = std::make_shared<const recognition::Recognizer>(
+        recognition::read_recognizer(options.recognizer));
+  }
+  identifier.reader_.emplace(FaceReaderModel::load(models, options.reading));
+  return identifier;
+}
+
+IdentifierState Identifier::open() const {
+  NoProgress quiet;
+  return open(quiet, {});
+}
+
+IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop) const {
+  TARSIER_REQUIRE(reader_.has_value(), "an identifier of names alone opens nothing");
+  if (model_ != nullptr) return {reader_->make_reader(), model_};
+  auto opened = std::make_unique<IdentifierState::OpenGallery>(
+      options_.write_gallery ? people::Gallery(options_.gallery, DatabaseAccess::kWrite)
+                             : open_gallery(options_.gallery));
+  opened->background = background_for(opened->gallery, models_, options_.background);
+  const recognition::Background* background = opened->background ? &*opened->background : nullptr;
+  opened->follower.emplace(
+      opened->gallery, background,
+      learn_gallery(opened->gallery, background, people::Learn::kWhenDue, progress, stop));
+  IdentifierState state(reader_->make_reader(), *opened->follower);
+  state.gallery_ = std::move(opened);
+  return state;
+}
+
+IdentifierResult Identifier::process(const Frame& frame, IdentifierState& state,
+                                     DebugSink* debug) const {
+  const std::string source = source_of(frame);
+  if (frame.still || source != state.source_) {
+    state.pool_.clear();
+    state.reader_.restart();
+  }
+  state.source_ = source;
+  static_cast<void>(state.follow());
+  const auto start = std::chrono::steady_clock::now();
+  const cv::Mat& gray = gray_of(frame.image, state.gray_);
+  IdentifierResult result;
+  if (cropped_) {
+    NamedFace whole;
+    whole.face.crop = gray;
+    whole.face.box = {0, 0, static_cast<double>(gray.cols), static_cast<double>(gray.rows)};
+    result.faces.push_back(std::move(whole));
+  } else {
+    for (people::Face& face :
+         frame.still ? state.reader_.read(gray, debug) : state.reader_.follow(gray, frame.time))
+      result.faces.push_back({std::move(face), {}});
+  }
+  name_faces(state.recognizer(), cropped_, naming_, result.faces, state.pool_);
+  const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - start;
+  result.ms = spent.count();
+  return result;
+}
+
+}  // namespace tarsier::face

@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/core/progress.h"
+#include "tarsier/face/landmarks/model.h"
+#include "tarsier/face/people/face_reader.h"
+#include "tarsier/face/people/gallery.h"
+#include "tarsier/face/people/model.h"
+#include "tarsier/face/pipelines/detector_model.h"
+#include "tarsier/face/recognition/recognizer.h"
+#include "tarsier/media/frame.h"
+#include "tarsier/media/model_store.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <map>
+#include <memory>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace tarsier::face {
+
+// --- from images to aligned faces ---
+
+// The models of a people::FaceReader, read once and shared: a reader has state and belongs to one
+// thread, this is const and makes as many of them as are needed.
+class FaceReaderModel {
+ public:
+  // Where landmarks68.json or face-detector.json of the store is missing cascades do, with a
+  // warning. Throws ModelError (broken), std::invalid_argument (options).
+  [[nodiscard]] static FaceReaderModel load(const ModelStore& models,
+                                            people::FaceReaderOptions options = {});
+  // Throws ModelError where cascades are missing (Debian: opencv-data).
+  [[nodiscard]] people::FaceReader make_reader() const;
+
+ private:
+  FaceReaderModel(people::FaceReaderOptions options, DetectorModel detector)
+      : options_(std::move(options)), detector_(std::move(detector)) {}
+  people::FaceReaderOptions options_;
+  DetectorModel detector_;
+  std::shared_ptr<const landmarks::LandmarkModel> landmarks_;
+};
+
+// --- galleries ---
+
+// What is known of faces in general. `which`: a file; "none": nothing; empty:
+// people-background.json of the store, and nothing, with a warning, where that is missing. Throws
+// ModelError.
+[[nodiscard]] std::optional<recognition::Background> load_background(const ModelStore& models,
+                                                                     const std::string& which = {});
+// The same where a model of the gallery needs it: nothing is learned yet, or it changed, or it is
+// a large one. A file that is named is read in any case: it must be right.
+[[nodiscard]] std::optional<recognition::Background> background_for(people::Gallery& gallery,
+                                                                    const ModelStore& models,
+                                                                    const std::string& which = {});
+// Opened to be written where it can be, else to be read. Throws InputError.
+[[nodiscard]] people::Gallery open_gallery(const std::string& path);
+// The model of a gallery; what is due is learned. A gallery that cannot be written is still used.
+// Nothing for an empty one. `background` may be null. Throws InputError for a gallery that its
+// recogniser cannot be trained on, Interrupted.
+[[nodiscard]] std::optional<people::GalleryModel> learn_gallery(
+    people::Gallery& gallery, const recognition::Background* background, people::Learn learn,
+    Progress& progress, const std::stop_token& stop);
+
+// --- names ---
+
+struct NamingOptions {
+  double false_accepts = 0.01;  // rate at which strangers may be taken for somebody, (0, 1)
+  int max_pooled = 10;          // of a tracked face so many last frames count together, 1..1000
+  void check() const;           // throws std::invalid_argument that names the value
+};
+
+// A face that is tracked has many chances to be taken for somebody: in each frame it gets this
+// share of the stated rate of false accepts.
+inline constexpr double kTrackedShare = 0.1;
+
+struct NamedFace {
+  people::Face face;
+  people::Recognition name;
+};
+
+// {"box": [x, y, w, h], "label": the nearest person or null, "confidence", "known"}, and the "id"
+// of a tracked face.
+[[nodiscard]] nlohmann::ordered_json to_json(const NamedFace& face);
+
+// Latest templates of tracked faces, by the face's id.
+using PooledTemplates = std::map<int, std::vector<std::vector<float>>>;
+
+// Names faces by what they look like; of tracked ones (id > 0) the templates of the last frames are
+// pooled, and those of faces that are no longer there are forgotten. `cropped`: the crops are as
+// the recogniser takes them. `model` may be null: nobody is named.
+void name_faces(const recognition::Recognizer* model, bool cropped, const NamingOptions& options,
+                std::vector<NamedFace>& faces, PooledTemplates& pool);
+
+// --- the pipeline ---
+
+struct IdentifierOptions {
+  std::string gallery = "people.db";  // file of the people who are enrolled
+  bool write_gallery = false;         // it must be writable
+  std::string recognizer;  // file of `people train -o`, in place of the gallery; empty: none
+  std::string background;  // see load_background()
+  people::FaceReaderOptions reading;
+  bool cropped = false;  // images are cut faces already; with `recognizer`
+  NamingOptions naming;
+  void check() const;  // throws std::invalid_argument that names the value
+};
+
+// The faces of one frame.
+struct IdentifierResult {
+  std::vector<NamedFace> faces;
+  double ms = 0;  // spent in process(), milliseconds
+};
+
+// {"faces": [to_json(NamedFace)..], "ms"}
+[[nodiscard]] nlohmann::ordered_json to_json(const IdentifierResult& result);
+
+// Who is known, and what is known from earlier frames of a video: one for each stream of frames,
+// used by one thread.
+class IdentifierState {
+ public:
+  // Those of a recogniser; null: nobody.
+  IdentifierState(people::FaceReader reader, std::shared_ptr<const recognition::Recognizer> model);
+  // Those of a gallery, as it changes. The follower must outlive the state.
+  IdentifierState(people::FaceReader reader, people::GalleryFollower& follower);
+  ~IdentifierState();
+  IdentifierState(IdentifierState&&) noexcept;
+  IdentifierState& operator=(IdentifierState&&) noexcept;
+
+  // Null where nobody is enrolled.
+  [[nodiscard]] const recognition::Recognizer* recognizer() const;
+  // That Identifier::open() opened; null without one.
+  [[nodiscard]] people::Gallery* gallery() const;
+  // Looks whether another program changed the gallery. Frames do it by themselves.
+  bool follow();
+
+ private:
+  friend class Identifier;
+  struct OpenGallery;
+  people::FaceReader reader_;
+  std::shared_ptr<const recognition::Recognizer> model_;
+  std::unique_ptr<OpenGallery> gallery_;
+  people::GalleryFollower* follower_ = nullptr;
+  PooledTemplates pool_;
+  std::string source_;
+  cv::Mat gray_;
+};
+
+// Names the faces of images and videos after the people of a gallery:
+//
+//   const auto identifier = face::Identifier::load(ModelStore::find());  // people.db
+//   face::IdentifierState state = identifier.open();
+//   const auto source = open_source("0");  // a camera
+//   while (const auto frame = source->next(1s, {}))
+//     for (const face::NamedFace& face : identifier.process(*frame, state).faces)
+//       fmt::print("{}\n", face.name.known ? face.name.label : "unknown");
+//
+// What other programs enrol and forget is known from the next frame on. Const: copies share the
+// models, and any number of threads may use it, each with a state of its own.
+class Identifier {
+ public:
+  // Throws ModelError, std::invalid_argument (options).
+  [[nodiscard]] static Identifier load(const ModelStore& models,
+                                       const IdentifierOptions& options = {});
+  // Names alone, for states that are made by hand.
+  explicit Identifier(const NamingOptions& naming, bool cropped = false);
+
+  // Opens the gallery, and learns what is due. Throws InputError, OutputError (write_gallery),
+  // ModelError (the background), Interrupted; std::invalid_argument for one that was made of names
+  // alone.
+  [[nodiscard]] IdentifierState open() const;
+  [[nodiscard]] IdentifierState open(Progress& progress, const std::stop_token& stop) const;
+
+  // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. Faces of a still stand for themselves; those of a
+  // video are tracked until another source begins. `debug`, which may be null, takes the stages of
+  // a still's first face.
+  [[nodiscard]] IdentifierResult process(const Frame& frame, IdentifierState& state,
+                                         DebugSink* debug = nullptr) const;
+
+ private:
+  NamingOptions naming_;
+  bool cropped_ = false;
+  ModelStore models_;
+  IdentifierOptions options_;
+  std::optional<FaceReaderModel> reader_;
+  std::shared_ptr<const recognition::Recognizer> model_;
+};
+
+}  // namespace tarsier::face

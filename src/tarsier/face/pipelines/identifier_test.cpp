@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/pipelines/identifier.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/face/recognition/testing_faces.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace tarsier::face {
+namespace {
+
+using testing::HasSubstr;
+namespace fs = std::filesystem;
+
+constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+
+const ModelStore& models() {
+  static const ModelStore store(TARSIER_SOURCE_MODELS);
+  return store;
+}
+
+Frame frame_of(const cv::Mat& image, int index, bool still, const std::string& name = "a.mp4") {
+  Frame frame;
+  frame.image = image;
+  frame.index = index;
+  frame.time = 0.04 * index;
+  frame.name = name;
+  frame.still = still;
+  return frame;
+}
+
+// A gallery of three drawn people.
+class Names : public FolderTest {
+ protected:
+  Names() : set_(recognition::synthetic_faces(3, 3, 0.3, 5, 0, {128, 160})) {
+    people::Gallery gallery(path("people.db"));
+    for (std::size_t i = 0; i < set_.faces.size(); ++i)
+      gallery.enroll(set_.labels[i], "", stored(set_.faces[i]));
+  }
+  static people::StoredFace stored(const cv::Mat& crop) {
+    people::StoredFace face;
+    face.crop = crop;
+    face.measures = "{}";
+    return face;
+  }
+  // Readers that find nothing are enough for cut faces.
+  static people::FaceReader no_reader() {
+    people::FaceReaderOptions options;
+    options.eyes = people::EyeMethod::kSplits;
+    options.finder.thorough = false;
+    return {options, nullptr};
+  }
+  recognition::SyntheticFaces set_;
+};
+
+TEST_F(Names, OfCutFacesFollowTheGallery) {
+  people::Gallery gallery(path("people.db"));
+  NoProgress quiet;
+  people::GalleryFollower follower(
+      gallery, nullptr, learn_gallery(gallery, nullptr, people::Learn::kWhenDue, quiet, {}));
+  const Identifier identifier({}, true);
+  IdentifierState state(no_reader(), follower);
+  const IdentifierResult first = identifier.process(frame_of(set_.faces[0], 0, true), state);
+  ASSERT_EQ(first.faces.size(), 1U);
+  EXPECT_EQ(first.faces[0].name.label, "p0");
+  EXPECT_TRUE(first.faces[0].name.known);
+  EXPECT_EQ(state.gallery(), nullptr);  // it is the caller's
+  people::Gallery other(path("people.db"));
+  ASSERT_TRUE(other.forget("p0", {}));
+  EXPECT_NE(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].name.label, "p0");
+  ASSERT_TRUE(other.forget_all({}));
+  EXPECT_TRUE(state.follow());
+  EXPECT_EQ(state.recognizer(), nullptr);
+  EXPECT_EQ(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].name.label, "");
+}
+
+TEST_F(Names, OfTrackedFacesPoolTheirLastFrames) {
+  people::Gallery gallery(path("people.db"));
+  NoProgress quiet;
+  const auto model = learn_gallery(gallery, nullptr, people::Learn::kWhenDue, quiet, {});
+  ASSERT_TRUE(model);
+  NamingOptions options;
+  options.max_pooled = 2;
+  PooledTemplates pool;
+  std::vector<NamedFace> faces(2);
+  for (int k = 0; k < 3; ++k) {
+    faces[0].face.id = 4;
+    faces[0].face.crop = set_.faces[static_cast<std::size_t>(k)];
+    faces[1].face.id = 0;  // of a still: stands for itself
+    faces[1].face.crop = set_.faces[3];
+    name_faces(&model->recognizer, true, options, faces, pool);
+    EXPECT_EQ(faces[0].name.label, "p0");
+    EXPECT_EQ(faces[1].name.label, "p1");
+  }
+  ASSERT_EQ(pool.size(), 1U);
+  EXPECT_EQ(pool.at(4).size(), 2U);
+  // The pooled ones get a share of the rate of false accepts: a stricter threshold.
+  EXPECT_NE(faces[0].name.threshold, faces[1].name.threshold);
+  faces.erase(faces.begin());
+  name_faces(&model->recognizer, true, options, faces, pool);
+  EXPECT_TRUE(pool.empty());  // it has gone
+}
+
+TEST_F(Names, AreWrittenAsJson) {
+  NamedFace face;
+  face.face.box = {10.4, 20.6, 30, 40};
+  IdentifierResult result{{face}, 1.234};
+  EXPECT_EQ(
+      to_json(result).dump(),
+      R"({"faces":[{"box":[10,21,30,40],"label":null,"confidence":0.0,"known":false}],"ms":1.23})");
+  result.faces[0].face.id = 3;
+  result.faces[0].name = {"Ann", 0, 0, 0.98765, true, 0};
+  EXPECT_EQ(to_json(result.faces[0]).dump(),
+            R"({"box":[10,21,30,40],"label":"Ann","confidence":0.9877,"known":true,"id":3})");
+}
+
+TEST_F(Names, TheFaceOfAStillIsThatOfThePersonEnrolled) {
+  if (!fs::exists(kMessi)) GTEST_SKIP() << "needs the package opencv-doc";
+  const cv::Mat image = read_image(kMessi);
+  cv::Mat gray;
+  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  IdentifierOptions options;
+  options.gallery = path("messi.db");
+  {
+    people::FaceReader reader = FaceReaderModel::load(models()).make_reader();
+    const std::vector<people::Face> faces = reader.read(gray);
+    ASSERT_EQ(faces.size(), 1U);
+    people::Gallery(options.gallery).enroll("Messi", "", stored(faces[0].crop));
+  }
+  const Identifier identifier = Identifier::load(models(), options);
+  IdentifierState state = identifier.open();
+  ASSERT_NE(state.gallery(), nullptr);
+  const IdentifierResult still = identifier.process(frame_of(image, 0, true), state);
+  ASSERT_EQ(still.faces.size(), 1U);
+  EXPECT_EQ(still.faces[0].name.label, "Messi");
+  EXPECT_TRUE(still.faces[0].name.known);
+  EXPECT_EQ(still.faces[0].face.id, 0);
+  const IdentifierResult video = identifier.process(frame_of(image, 0, false), state);
+  ASSERT_EQ(video.faces.size(), 1U);
+  EXPECT_GT(video.faces[0].face.id, 0);
+  EXPECT_EQ(video.faces[0].name.label, "Messi");
+}
+
+TEST_F(Names, WhatIsMissingIsNamed) {
+  IdentifierOptions options;
+  options.gallery = path("nobody.db");
+  const Identifier identifier = Identifier::load(models(), options);
+  EXPECT_THROW(static_cast<void>(identifier.open()), InputError);
+  options.background = path("faces.json");
+  EXPECT_THROW(static_cast<void>(Identifier::load(models(), options)), ModelError);
+  options.background = "none";
+  EXPECT_FALSE(load_background(models(), options.background));
+  options.recognizer = path("recognizer.json");
+  EXPECT_THROW(static_cast<void>(Identifier::load(models(), options)), ModelError);
+  EXPECT_THROW(static_cast<void>(Identifier({}, true).open()), std::invalid_argument);
+}
+
+TEST_F(Names, BadOptionsAreRefused) {
+  IdentifierOptions options;
+  options.cropped = true;  // but no recognizer
+  EXPECT_THROW(options.check(), std::invalid_argument);
+  options = {};
+  options.naming.false_accepts = 0;
+  EXPECT_THROW(options.check(), std::invalid_argument);
+  options = {};
+  options.naming.max_pooled = 0;
+  EXPECT_THROW(static_cast<void>(Identifier::load(models(), options)), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::face

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/pipelines/pose_tracker.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/face/head/train_head.h"
+#include "tarsier/face/landmarks/faces_json.h"
+#include "tarsier/geometry/frame_camera.h"
+#include "tarsier/media/still_source.h"
+
+#include <fmt/format.h>
+
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+namespace tarsier::face {
+namespace {
+
+constexpr const char* kShippedView = "head-view.json";
+constexpr std::size_t kMinPoints = 6;  // of a head, for its pose
+
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+
+std::shared_ptr<const head_view::ViewModel> load_view(const ModelStore& models,
+                                                      const PoseTrackerOptions& options) {
+  if (!options.refine) return nullptr;
+  if (options.view.empty()) {
+    const bool all_ship =
+        options.head.empty() && options.mapping.empty() && options.landmarks.model.empty();
+    if (!all_ship || !models.has(kShippedView)) return nullptr;
+  }
+  return std::make_shared<const head_view::ViewModel>(
+      head_view::read_view_model(models.path_or(options.view, kShippedView)));
+}
+
+}  // namespace
+
+void PoseTrackerOptions::check() const {
+  landmarks.check();
+  pose.check();
+  one_euro.check();
+  TARSIER_REQUIRE(refine || view.empty(), "a view model, and no refinement by it");
+  TARSIER_REQUIRE(mean_length >= 1 && mean_length <= 1000, "mean of {} frames", mean_length);
+  TARSIER_REQUIRE(focal_px == 0 || (focal_px > 0 && std::isfinite(focal_px)), "focal length of {}",
+                  focal_px);
+}
+
+PoseModels load_pose_models(const ModelStore& models, const PoseTrackerOptions& options) {
+  options.check();
+  PoseModels result{LandmarkTracker::load(models, options.landmarks),
+                    std::make_shared<const head::HeadModel>(
+                        head::read_head_model(models.path_or(options.head, "head.json"))),
+                    {},
+                    {}};
+  const int landmarks = result.landmarks.model().points();
+  result.mapping = options.mapping.empty() ? head::own_mapping(*result.head)
+                                           : head::read_landmark_mapping(
+                                                 options.mapping, result.head->points(), landmarks);
+  for (const int landmark : result.mapping.landmarks) {
+    if (landmark >= landmarks) {
+      throw UsageError(
+          fmt::format("the head's points are of a markup with a landmark {}, the landmark model "
+                      "has {}: give --mapping FILE",
+                      landmark, landmarks));
+    }
+  }
+  if (result.mapping.landmarks.size() < kMinPoints) {
+    throw UsageError("--mapping: a head's pose needs at least 6 points");
+  }
+  result.view = load_view(models, options);
+  return result;
+}
+
+nlohmann::ordered_json posed_faces_json(const std::vector<PosedFace>& faces, bool with_ids) {
+  std::vector<landmarks::TrackedFace> tracked;
+  tracked.reserve(faces.size());
+  for (const PosedFace& face : faces) tracked.push_back(face.face);
+  nlohmann::ordered_json list = landmarks::faces_json(tracked, with_ids);
+  for (std::size_t i = 0; i < faces.size(); ++i) {
+    nlohmann::ordered_json& object = list[i];
+    if (!faces[i].pose) {
+      object["reason"] = faces[i].reason;
+      continue;
+    }
+    const head::HeadPose& pose = *faces[i].pose;
+    object["rotation"] = nlohmann::ordered_json::array();
+    for (const double value : pose.camera_from_head.rotation.val) {
+      object["rotation"].push_back(rounded(value, 1e7));
+    }
+    object["translation"] = nlohmann::ordered_json::array();
+    for (const double value : pose.camera_from_head.translation.val) {
+      object["translation"].push_back(rounded(value, 100));
+    }
+    object["yaw"] = rounded(pose.angles.yaw_deg, 100);
+    object["pitch"] = rounded(pose.angles.pitch_deg, 100);
+    object["roll"] = rounded(pose.angles.roll_deg, 100);
+    object["rms_px"] = rounded(pose.rms_px, 100);
+  }
+  return list;
+}
+
+nlohmann::ordered_json to_json(const PoseResult& result) {
+  return {{"faces", posed_faces_json(result.faces, result.tracked)},
+          {"ms", rounded(result.ms, 100)}};
+}
+
+PoseTracker::PoseTracker(const PoseModels& models, const PoseTrackerOptions& options)
+    : landmarks_(models.landmarks),
+      finder_((options.check(), models.landmarks.shared_model()), models.landmarks.fit(),
+              *models.head, models.mapping, options.pose, models.view),
+      options_(options) {
+  landmarks_.set_tracking(options.landmarks.tracker);
+}
+
+PoseTracker PoseTracker::load(const ModelStore& models, const PoseTrackerOptions& options) {
+  return {load_pose_models(models, options), options};
+}
+
+geometry::Camera PoseTracker::camera_for(const Frame& frame) const {
+  if (options_.camera) return geometry::camera_of_frame(*options_.camera, frame);
+  geometry::Camera camera = head::guess_camera(frame.image.size());
+  if (options_.focal_px > 0) camera.fx = camera.fy = options_.focal_px;
+  return camera;
+}
+
+PoseResult PoseTracker::process(const Frame& frame, PoseState& state) const {
+  LandmarkState& seen = state.landmarks;
+  if (!seen.finder) seen.finder.emplace(landmarks_.detector().make_finder());
+  const std::string source = source_of(frame);
+  if (frame.still || source != seen.source) {
+    seen.tracker = {};
+    state.persons.clear();
+  }
+  seen.source = source;
+  const landmarks::TrackerOptions& tracking = landmarks_.tracking();
+  PoseResult result;
+  result.tracked = !frame.still;
+  result.camera = camera_for(frame);
+  const auto start = std::chrono::steady_clock::now();
+  const cv::Mat& gray = gray_of(frame.image, seen.gray);
+  if (frame.still) {
+    result.faces = finder_.find(gray, result.camera, *seen.finder, seen.workspace);
+  } else {
+    for (landmarks::TrackedFace& face :
+         landmarks::track_faces(finder_.landmarks(), finder_.fit(), tracking, *seen.finder,
+                                seen.tracker, gray, frame.time, seen.workspace)) {
+      PoseState::Person& person = state.persons.try_emplace(face.id, options_).first->second;
+      person.seen = frame.time;
+      // A face that is hardly seen teaches nothing of its shape.
+      const bool learn = face.score >= tracking.min_new;
+      PosedFace posed = finder_.pose_of(std::move(face), gray, result.camera, &person.identity,
+                                        learn, seen.workspace);
+      if (posed.pose) {
+        geometry::Rigid& pose = posed.pose->camera_from_head;
+        if (options_.smoothing == PoseSmoothing::kMean) pose = person.mean(pose);
+        if (options_.smoothing == PoseSmoothing::kOneEuro) pose = person.one_euro(pose, frame.time);
+        posed.pose->angles = head::angles_of_rotation(pose.rotation);
+      }
+      result.faces.push_back(std::move(posed));
+    }
+  }
+  const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - start;
+  result.ms = spent.count();
+  // Who left will not come back under that id.
+  std::erase_if(state.persons, [&](const auto& entry) {
+    return frame.time > entry.second.seen + tracking.remember_s + 1;
+  });
+  return result;
+}
+
+void redetect(PoseState& state) {
+  redetect(state.landmarks);
+  state.persons.clear();
+}
+
+}  // namespace tarsier::face

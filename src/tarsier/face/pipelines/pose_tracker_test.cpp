@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/pipelines/pose_tracker.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <string>
+
+namespace tarsier::face {
+namespace {
+
+using testing::HasSubstr;
+namespace fs = std::filesystem;
+
+constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+
+const ModelStore& models() {
+  static const ModelStore store(TARSIER_SOURCE_MODELS);
+  return store;
+}
+
+const PoseModels& pose_models() {
+  static const PoseModels shared = load_pose_models(models());
+  return shared;
+}
+
+class Heads : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!fs::exists(kMessi)) GTEST_SKIP() << "needs the package opencv-doc";
+    image_ = read_image(kMessi);
+  }
+  [[nodiscard]] Frame frame(int index, bool still, const std::string& name = "a.mp4") const {
+    Frame frame;
+    frame.image = image_;
+    frame.index = index;
+    frame.time = 0.04 * index;
+    frame.name = name;
+    frame.still = still;
+    return frame;
+  }
+  cv::Mat image_;
+};
+
+TEST_F(Heads, OfAStillHaveThePosesOfTheFinder) {
+  const PoseTracker tracker(pose_models(), {});
+  PoseState state;
+  const PoseResult result = tracker.process(frame(0, true), state);
+  ASSERT_EQ(result.faces.size(), 1U);
+  ASSERT_TRUE(result.faces[0].pose);
+  EXPECT_FALSE(result.tracked);
+  EXPECT_EQ(result.camera.width, image_.cols);
+  // He looks down and to image right.
+  EXPECT_NEAR(result.faces[0].pose->angles.yaw_deg, -33, 15);
+  EXPECT_NEAR(result.faces[0].pose->angles.pitch_deg, -20, 12);
+
+  cv::Mat gray;
+  cv::cvtColor(image_, gray, cv::COLOR_BGR2GRAY);
+  landmarks::FaceFinder finder = tracker.landmarks().detector().make_finder();
+  landmarks::FitWorkspace workspace;
+  const auto expected = tracker.finder().find(gray, result.camera, finder, workspace);
+  EXPECT_EQ(to_json(result)["faces"], posed_faces_json(expected, false));
+  EXPECT_EQ(to_json(result)["faces"][0]["rotation"].size(), 9U);
+}
+
+TEST_F(Heads, OfAVideoLearnTheirShapeAndForgetItWithTheirPlace) {
+  const PoseTracker tracker(pose_models(), {});
+  PoseState state;
+  for (int k = 0; k < 3; ++k) {
+    const PoseResult result = tracker.process(frame(k, false), state);
+    ASSERT_EQ(result.faces.size(), 1U);
+    EXPECT_EQ(to_json(result)["faces"][0]["id"], 1);
+    EXPECT_EQ(state.persons.count(1), 1U);
+  }
+  redetect(state);
+  EXPECT_TRUE(state.persons.empty());
+  EXPECT_TRUE(state.landmarks.tracker.tracks.at(0).lost);
+  static_cast<void>(tracker.process(frame(3, false), state));
+  EXPECT_EQ(state.persons.count(1), 1U);
+  state.persons.try_emplace(9, PoseTrackerOptions{});
+  static_cast<void>(tracker.process(frame(0, false, "b/1.png"), state));
+  EXPECT_EQ(state.persons.count(9), 0U);  // of another video
+  static_cast<void>(tracker.process(frame(1, false, "b/2.png"), state));
+  EXPECT_GT(state.persons.at(1).seen, 0);  // images in sequence are one video
+  state.persons.try_emplace(9, PoseTrackerOptions{}).first->second.seen = 1;
+  static_cast<void>(tracker.process(frame(2, false, "b/3.png"), state));
+  EXPECT_EQ(state.persons.count(9), 1U);
+}
+
+TEST_F(Heads, ACameraOfAnotherShapeIsRefused) {
+  PoseTrackerOptions options;
+  options.camera = head::guess_camera({100, 900});
+  PoseState state;
+  EXPECT_THROW(
+      static_cast<void>(PoseTracker(pose_models(), options).process(frame(0, true), state)),
+      InputError);
+  options.camera.reset();
+  options.focal_px = 700;
+  EXPECT_EQ(PoseTracker(pose_models(), options).process(frame(0, true), state).camera.fx, 700);
+}
+
+TEST(PoseLoading, ViewModelsGoWithTheModelsTheyWereLearnedWith) {
+  EXPECT_NE(pose_models().view, nullptr);
+  PoseTrackerOptions options;
+  options.head = models().path("head.json");  // named: it may be any
+  EXPECT_EQ(load_pose_models(models(), options).view, nullptr);
+  options.view = models().path("head-view.json");
+  EXPECT_NE(load_pose_models(models(), options).view, nullptr);
+  options.refine = false;
+  EXPECT_THROW(options.check(), std::invalid_argument);
+  options.view.clear();
+  EXPECT_EQ(load_pose_models(models(), options).view, nullptr);
+}
+
+TEST(PoseLoading, ModelsThatDoNotFitAreRefused) {
+  const TemporaryFolder folder;
+  PoseTrackerOptions options;
+  options.mapping = folder / "few.txt";
+  std::ofstream(options.mapping) << "0 0\n1 1\n2 2\n3 3\n4 4\n";
+  try {
+    static_cast<void>(load_pose_models(models(), options));
+    FAIL();
+  } catch (const UsageError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("at least 6 points"));
+  }
+  options = {};
+  options.head = folder / "missing.json";
+  EXPECT_THROW(static_cast<void>(PoseTracker::load(models(), options)), ModelError);
+  options = {};
+  options.mean_length = 0;
+  EXPECT_THROW(static_cast<void>(PoseTracker::load(models(), options)), std::invalid_argument);
+  options = {};
+  options.focal_px = -1;
+  EXPECT_THROW(options.check(), std::invalid_argument);
+  PoseModels wrong = pose_models();
+  wrong.mapping.landmarks[0] = 500;
+  EXPECT_THROW(PoseTracker(wrong, {}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::face

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/background.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/recognition/packed_rows.h"
+#include "tarsier/media/archive.h"
+
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <vector>
+
+namespace tarsier::face::recognition {
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* kType = "face-background";
+constexpr int kVersion = 1;
+constexpr std::int64_t kMaxNumbers = 20'000;
+
+Eigen::RowVectorXf described(const cv::Mat& face, const DescriptorOptions& options) {
+  const std::vector<float> values = describe(face, options);
+  return Eigen::Map<const Eigen::RowVectorXf>(values.data(),
+                                              static_cast<Eigen::Index>(values.size()));
+}
+
+}  // namespace
+
+void BackgroundOptions::check() const {
+  descriptor.check();
+  TARSIER_REQUIRE(components >= 1 && components <= 2000, "{} components", components);
+  TARSIER_REQUIRE(variants >= 1 && variants <= 20, "{} variants", variants);
+  TARSIER_REQUIRE(relight >= 0 && relight <= 3, "relight {}", relight);
+  TARSIER_REQUIRE(moved_px >= 0 && moved_px <= 8, "moved by {} px", moved_px);
+  TARSIER_REQUIRE(weight > 0 && weight <= 1000 && within_weight > 0 && within_weight <= 1e6,
+                  "weights {}, {}", weight, within_weight);
+}
+
+cv::Mat relit_face(const cv::Mat& gray, double strength, std::uint64_t seed) {
+  require_gray(gray);
+  Rng rng(seed);
+  const double across = strength * rng.normal();
+  const double down = 0.5 * strength * rng.normal();
+  const double gamma = std::exp(0.3 * strength * rng.normal());
+  const double bulge = 0.7 * strength * rng.normal();
+  double power[256];
+  for (int g = 0; g < 256; ++g) power[g] = 255 * std::pow(g / 255.0, gamma);
+  cv::Mat out(gray.size(), CV_8UC1);
+  for (int y = 0; y < gray.rows; ++y) {
+    const double v = (2.0 * y + 1) / gray.rows - 1;
+    for (int x = 0; x < gray.cols; ++x) {
+      const double u = (2.0 * x + 1) / gray.cols - 1;
+      const double gain = std::exp(across * u + down * v + bulge * (u * u - 0.3));
+      out.at<unsigned char>(y, x) = cv::saturate_cast<unsigned char>(
+          gain * power[gray.at<unsigned char>(y, x)] + 2 * rng.normal());
+    }
+  }
+  return out;
+}
+
+Background learn_background(std::span<const cv::Mat> faces, const BackgroundOptions& options,
+                            Progress& progress, const std::stop_token& stop) {
+  options.check();
+  TARSIER_REQUIRE(faces.size() >= 3, "{} faces", faces.size());
+  for (const cv::Mat& face : faces) require_gray(face);
+  const auto count = static_cast<Eigen::Index>(faces.size());
+  const int pictures = options.variants + 1;
+  Rows rows(count * pictures, descriptor_length(options.descriptor));
+  progress.begin("describing", count, "faces");
+  for (Eigen::Index i = 0; i < count; ++i) {
+    throw_if_stopped(stop);
+    const cv::Mat& face = faces[static_cast<std::size_t>(i)];
+    Rng rng = Rng(options.seed).fork(static_cast<std::uint64_t>(i));
+    rows.row(i * pictures) = described(face, options.descriptor);
+    const double px = options.moved_px * face.cols / 64;
+    for (int k = 1; k < pictures; ++k) {
+      const double dx = px * rng.normal();
+      const double dy = px * rng.normal();
+      const double degrees = 2 * options.moved_px * rng.normal();
+      const double scale = 1 + 0.02 * options.moved_px * rng.normal();
+      rows.row(i * pictures + k) =
+          described(relit_face(moved_face(face, dx, dy, degrees, scale), options.relight, rng()),
+                    options.descriptor);
+    }
+    progress.advance();
+  }
+  progress.end();
+
+  Background out;
+  out.weight = options.weight;
+  out.within_weight = options.within_weight;
+  Rows people(count, rows.cols());
+  for (Eigen::Index i = 0; i < count; ++i) people.row(i) = rows.row(i * pictures);
+  const Pca pca = principal_components(people, options.components);
+  out.mean = pca.mean;
+  out.basis = pca.components;
+  out.variance = pca.variance;
+  const Rows centred = rows.rowwise() - out.mean;
+  const Eigen::MatrixXd coefficients = products(centred, out.basis).cast<double>();
+  std::vector<int> labels;
+  for (Eigen::Index i = 0; i < centred.rows(); ++i)
+    labels.push_back(static_cast<int>(i / pictures));
+  out.within = within_scatter(coefficients, labels, static_cast<int>(count));
+  for (Eigen::Index i = 0; i < count; ++i) {
+    out.outside += centred.row(i * pictures).cast<double>().squaredNorm() -
+                   coefficients.row(i * pictures).squaredNorm();
+    const Eigen::RowVectorXd middle =
+        centred.middleRows(i * pictures, pictures).cast<double>().colwise().mean();
+    const Eigen::RowVectorXd middle_inside =
+        coefficients.middleRows(i * pictures, pictures).colwise().mean();
+    for (int k = 0; k < pictures; ++k) {
+      const Eigen::Index row = i * pictures + k;
+      out.within_rest += (centred.row(row).cast<double>() - middle).squaredNorm() -
+                         (coefficients.row(row) - middle_inside).squaredNorm();
+    }
+  }
+  out.outside = std::max(0.0, out.outside / static_cast<double>(count));
+  out.within_rest = std::max(0.0, out.within_rest / static_cast<double>(count * options.variants));
+  out.check();
+  return out;
+}
+
+void write_background(const std::string& path, const Background& background,
+                      const json& provenance) {
+  background.check();
+  TARSIER_REQUIRE(background.basis.rows() > 0, "a background of a mean alone");
+  const Rows variance = background.variance.transpose().cast<float>();
+  json payload = {{"weight", background.weight},
+                  {"mean", packed(Rows(background.mean))},
+                  {"basis", packed(background.basis)},
+                  {"variance", packed(variance)},
+                  {"outside", background.outside},
+                  {"within", packed(Rows(background.within.cast<float>()))},
+                  {"within_rest", background.within_rest},
+                  {"within_weight", background.within_weight},
+                  {"genuine", background.prior.genuine}};
+  write_archive(path, {kType, kVersion, provenance, std::move(payload)});
+}
+
+Background read_background(const std::string& path) {
+  const Archive archive = read_archive(path, kType, kVersion);
+  const json& payload = archive.payload;
+  Background out;
+  out.weight = number_member(payload, "weight", path, 1e-6, 1000);
+  out.basis = unpacked(payload, "basis", path, -1, -1);
+  if (out.basis.rows() < 1 || out.basis.rows() > 2000 || out.basis.cols() > kMaxNumbers)
+    throw ModelError(path, "'basis' is too large");
+  out.mean = unpacked(payload, "mean", path, 1, out.basis.cols());
+  const Rows variance = unpacked(payload, "variance", path, 1, out.basis.rows());
+  out.variance = variance.transpose().cast<double>();
+  out.outside = number_member(payload, "outside", path, 0, 1e6);
+  out.within = unpacked(payload, "within", path, out.basis.rows(), out.basis.rows()).cast<double>();
+  out.within_rest = number_member(payload, "within_rest", path, 0, 1e6);
+  out.within_weight = number_member(payload, "within_weight", path, 1e-6, 1e6);
+  out.prior.genuine = number_member(payload, "genuine", path, -1, 1);
+  const Eigen::MatrixXd& within = out.within;
+  if ((within - within.transpose()).cwiseAbs().maxCoeff() >
+      1e-4 * (1e-9 + within.cwiseAbs().maxCoeff()))
+    throw ModelError(path, "'within' is not symmetric");
+  try {
+    out.check();
+  } catch (const std::invalid_argument& error) {
+    throw ModelError(path, error.what());
+  }
+  return out;
+}
+
+}  // namespace tarsier::face::recognition

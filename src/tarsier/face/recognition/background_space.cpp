@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/background_space.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/face/recognition/features.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+namespace tarsier::face::recognition {
+namespace {
+
+// FNV-1a, of 32-bit words.
+class Fingerprint {
+ public:
+  void add(std::uint32_t word) {
+    for (int byte = 0; byte < 4; ++byte) {
+      hash_ ^= (word >> (8 * byte)) & 0xFFU;
+      hash_ *= 0x100000001B3ULL;
+    }
+  }
+  void add(double value) { add(std::bit_cast<std::uint32_t>(static_cast<float>(value))); }
+  void add(int value) { add(static_cast<std::uint32_t>(value)); }
+  [[nodiscard]] std::int64_t value() const {
+    return static_cast<std::int64_t>(std::max<std::uint64_t>(1, hash_ >> 1));
+  }
+
+ private:
+  std::uint64_t hash_ = 0xCBF29CE484222325ULL;
+};
+
+void require_directions(const Background& background) {
+  TARSIER_REQUIRE(background.basis.rows() > 0, "a background of a mean alone");
+}
+
+}  // namespace
+
+std::vector<float> coordinates_of(const Background& background, const cv::Mat& face,
+                                  const DescriptorOptions& descriptor) {
+  require_directions(background);
+  const std::vector<float> values = describe(face, descriptor);
+  TARSIER_REQUIRE(static_cast<Eigen::Index>(values.size()) == background.mean.size(),
+                  "a background of {} numbers for descriptors of {}", background.mean.size(),
+                  values.size());
+  const Rows off =
+      Eigen::Map<const Rows>(values.data(), 1, static_cast<Eigen::Index>(values.size())) -
+      background.mean;
+  const Rows inside = products(off, background.basis);
+  std::vector<float> out(inside.data(), inside.data() + inside.size());
+  const double rest = off.cast<double>().squaredNorm() - inside.cast<double>().squaredNorm();
+  out.push_back(static_cast<float>(std::max(0.0, rest)));
+  return out;
+}
+
+int coordinate_count(const Background& background) {
+  return static_cast<int>(background.basis.rows()) + 1;
+}
+
+std::int64_t fingerprint(const Background& background, const DescriptorOptions& descriptor) {
+  Fingerprint print;
+  print.add(descriptor.size.width);
+  print.add(descriptor.size.height);
+  print.add(descriptor.symmetric ? 1 : 0);
+  for (const HogChannel& channel : descriptor.channels) {
+    print.add(static_cast<int>(channel.light));
+    print.add(channel.cell);
+    print.add(channel.directions);
+    print.add(channel.full_circle ? 1 : 0);
+  }
+  print.add(static_cast<int>(background.basis.rows()));
+  for (Eigen::Index i = 0; i < background.mean.size(); ++i)
+    print.add(static_cast<double>(background.mean(i)));
+  for (Eigen::Index i = 0; i < background.basis.size(); ++i)
+    print.add(static_cast<double>(background.basis.data()[i]));
+  return print.value();
+}
+
+Rows templates_of_coordinates(const Recognizer& model, const Background& background,
+                              const Rows& coordinates) {
+  require_directions(background);
+  const Eigen::Index m = background.basis.rows();
+  TARSIER_REQUIRE(coordinates.rows() == 0 || coordinates.cols() == m + 1,
+                  "coordinates of {} numbers, the background has {} directions", coordinates.cols(),
+                  m);
+  TARSIER_REQUIRE(model.mean.size() == background.mean.size(), "a model of {} inputs, {} wanted",
+                  model.mean.size(), background.mean.size());
+  // The directions are orthonormal, and the model's lie in their span.
+  const Rows shift = products(Rows(model.mean - background.mean), background.basis);  // 1 x m
+  const Rows inner = products(model.components, background.basis);                    // c x m
+  Rows out(coordinates.rows(), model.components.rows());
+  constexpr Eigen::Index kBlock = 1024;
+  for (Eigen::Index first = 0; first < coordinates.rows(); first += kBlock) {
+    const Eigen::Index count = std::min(kBlock, coordinates.rows() - first);
+    const Rows centred =
+        coordinates.block(first, 0, count, m).rowwise() - Eigen::RowVectorXf(shift.row(0));
+    const Eigen::VectorXd square = centred.cast<double>().rowwise().squaredNorm() +
+                                   coordinates.block(first, m, count, 1).cast<double>();
+    Rows block = products(centred, inner);
+    scale_rows(block, square, model.importance, model.rest);
+    out.middleRows(first, count) = block;
+  }
+  return out;
+}
+
+}  // namespace tarsier::face::recognition

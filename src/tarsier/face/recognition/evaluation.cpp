@@ -1,0 +1,324 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/evaluation.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/media/image_file.h"
+
+#include <algorithm>
+#include <bit>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <random>
+#include <set>
+#include <sstream>
+#include <string_view>
+#include <utility>
+
+namespace tarsier::face::recognition {
+namespace {
+
+constexpr std::int64_t kMaxListBytes = 1'000'000'000;
+
+// 0..n-1 in random order: what numpy.random.RandomState(seed).permutation(n) gives, draw for draw,
+// so that a split can be made again outside.
+std::vector<int> permutation(int n, std::mt19937& generator) {
+  std::vector<int> values(static_cast<std::size_t>(n));
+  std::iota(values.begin(), values.end(), 0);
+  for (int i = n - 1; i > 0; --i) {
+    const auto most = static_cast<std::uint32_t>(i);
+    const std::uint32_t mask = std::bit_ceil(most + 1) - 1;
+    std::uint32_t draw = 0;
+    do draw = static_cast<std::uint32_t>(generator()) & mask;
+    while (draw > most);
+    std::swap(values[static_cast<std::size_t>(i)], values[draw]);
+  }
+  return values;
+}
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+struct Run {
+  std::vector<ProbeResult> results;
+  Recognizer model;
+  double train_seconds = 0;
+  double identify_ms = 0;
+};
+
+Run run(const std::vector<cv::Mat>& faces, const std::vector<std::string>& labels,
+        const Split& split, const RecognizerOptions& options, const Background* background,
+        const std::stop_token& stop) {
+  std::vector<cv::Mat> training;
+  std::vector<std::string> names;
+  for (const int i : split.training) {
+    training.push_back(faces[static_cast<std::size_t>(i)]);
+    names.push_back(labels[static_cast<std::size_t>(i)]);
+  }
+  Run out;
+  NoProgress quiet;
+  auto start = std::chrono::steady_clock::now();
+  out.model = train(training, names, options, quiet, stop, background);
+  out.train_seconds = seconds_since(start);
+  start = std::chrono::steady_clock::now();
+  for (const int i : split.probes) {
+    throw_if_stopped(stop);
+    const auto people = identify(out.model, faces[static_cast<std::size_t>(i)]);
+    ProbeResult result;
+    result.face = i;
+    result.score = people.front().score;
+    for (std::size_t r = 0; r < people.size(); ++r) {
+      if (out.model.labels[static_cast<std::size_t>(people[r].person)] !=
+          labels[static_cast<std::size_t>(i)])
+        continue;
+      result.known = true;
+      result.rank = static_cast<int>(r) + 1;
+    }
+    result.right = result.rank == 1;
+    out.results.push_back(result);
+  }
+  if (!split.probes.empty())
+    out.identify_ms = 1000 * seconds_since(start) / static_cast<double>(split.probes.size());
+  return out;
+}
+
+std::pair<std::vector<double>, std::vector<double>> open_scores(
+    const std::vector<ProbeResult>& results) {
+  std::pair<std::vector<double>, std::vector<double>> out;
+  for (const auto& result : results)
+    (result.known ? out.first : out.second).push_back(result.score);
+  return out;
+}
+
+double share_from(const std::vector<double>& sorted, double threshold) {
+  const auto below = std::lower_bound(sorted.begin(), sorted.end(), threshold) - sorted.begin();
+  return 1 - static_cast<double>(below) / static_cast<double>(sorted.size());
+}
+
+Count count_of(const std::vector<ProbeResult>& results, auto&& of, auto&& that) {
+  Count count;
+  for (const auto& result : results) {
+    if (!of(result)) continue;
+    ++count.trials;
+    if (that(result)) ++count.hits;
+  }
+  return count;
+}
+
+double share(const Count& count) {
+  return count.trials > 0 ? static_cast<double>(count.hits) / static_cast<double>(count.trials)
+                          : -1;
+}
+
+}  // namespace
+
+std::vector<LabelledFace> read_face_list(const std::string& path) {
+  std::istringstream stream(read_file(path, kMaxListBytes));
+  const auto folder = std::filesystem::path(path).parent_path();
+  std::vector<LabelledFace> out;
+  std::string line;
+  for (int number = 1; std::getline(stream, line); ++number) {
+    const auto wrong = [&](const std::string& reason) {
+      return InputError(path, "line " + std::to_string(number) + ": " + reason);
+    };
+    if (line.size() > 1'000'000) throw wrong("longer than a million characters");
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (line.empty() || line.front() == '#') continue;
+    std::vector<std::string> fields(1);
+    for (const char c : line) {
+      if (c == '\t')
+        fields.emplace_back();
+      else
+        fields.back().push_back(c);
+    }
+    if ((fields.size() != 2 && fields.size() != 6) || fields[0].empty() || fields[1].empty())
+      throw wrong("not 'path<TAB>label', nor with four numbers for the eyes");
+    LabelledFace face{fields[0], fields[1]};
+    const std::filesystem::path own(face.path);
+    std::error_code ignored;
+    if (own.is_relative() && !std::filesystem::exists(own, ignored) &&
+        std::filesystem::exists(folder / own, ignored))
+      face.path = (folder / own).string();
+    if (fields.size() == 6) {
+      double eyes[4];
+      for (std::size_t i = 0; i < 4; ++i) {
+        const std::string& text = fields[i + 2];
+        const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), eyes[i]);
+        if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(eyes[i]))
+          throw wrong("'" + text + "' is not a number");
+      }
+      face.left_eye = {eyes[0], eyes[1]};
+      face.right_eye = {eyes[2], eyes[3]};
+    }
+    out.push_back(std::move(face));
+    if (out.size() > 10'000'000) throw wrong("more than ten million faces");
+  }
+  if (out.empty()) throw InputError(path, "no faces");
+  return out;
+}
+
+void EvaluationOptions::check() const {
+  TARSIER_REQUIRE(training >= 1 && training <= 10'000, "{} training pictures", training);
+  TARSIER_REQUIRE(!seeds.empty() && seeds.size() <= 1000, "{} seeds", seeds.size());
+  TARSIER_REQUIRE(enrolled >= 0 && enrolled <= 1'000'000, "{} enrolled", enrolled);
+  TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "false_accepts {}", false_accepts);
+  TARSIER_REQUIRE(stated_rate > 0 && stated_rate < 1, "stated_rate {}", stated_rate);
+}
+
+int count_people(const std::vector<std::string>& labels) {
+  return static_cast<int>(std::set<std::string_view>(labels.begin(), labels.end()).size());
+}
+
+Split split_of(const std::vector<std::string>& labels, int training, std::uint64_t seed,
+               int enrolled_people) {
+  std::map<std::string, std::vector<int>> pictures;
+  for (std::size_t i = 0; i < labels.size(); ++i)
+    pictures[labels[i]].push_back(static_cast<int>(i));
+  std::vector<bool> enrolled(pictures.size(), true);
+  const auto first_stranger = static_cast<std::size_t>(std::max(0, enrolled_people));
+  if (first_stranger > 0 && first_stranger < pictures.size()) {
+    std::mt19937 generator(static_cast<std::uint32_t>(seed + 1000));
+    const auto order = permutation(static_cast<int>(pictures.size()), generator);
+    for (std::size_t i = first_stranger; i < order.size(); ++i)
+      enrolled[static_cast<std::size_t>(order[i])] = false;
+  }
+  Split split;
+  std::mt19937 generator(static_cast<std::uint32_t>(seed));
+  std::size_t person = 0;
+  for (const auto& [label, list] : pictures) {
+    const auto order = permutation(static_cast<int>(list.size()), generator);
+    for (std::size_t i = 0; i < list.size(); ++i) {
+      const bool trains = enrolled[person] && i < static_cast<std::size_t>(training);
+      const int picture = list[static_cast<std::size_t>(order[i])];
+      (trains ? split.training : split.probes).push_back(picture);
+    }
+    ++person;
+  }
+  std::sort(split.training.begin(), split.training.end());
+  std::sort(split.probes.begin(), split.probes.end());
+  return split;
+}
+
+AcceptRates accept_rates(std::vector<double> known, std::vector<double> strangers, double rate) {
+  TARSIER_REQUIRE(!known.empty() && !strangers.empty(), "{} known, {} strangers", known.size(),
+                  strangers.size());
+  std::sort(known.begin(), known.end());
+  std::sort(strangers.begin(), strangers.end());
+  std::vector<double> thresholds = known;
+  thresholds.insert(thresholds.end(), strangers.begin(), strangers.end());
+  thresholds.push_back(std::numeric_limits<double>::infinity());
+  std::sort(thresholds.begin(), thresholds.end());
+  thresholds.erase(std::unique(thresholds.begin(), thresholds.end()), thresholds.end());
+  AcceptRates out;
+  bool found = false;
+  double closest = 2;
+  for (const double threshold : thresholds) {
+    const double tar = share_from(known, threshold);
+    const double far = share_from(strangers, threshold);
+    if (!found && far <= rate) {
+      found = true;
+      out.threshold = threshold;
+      out.true_accepts = tar;
+    }
+    if (std::abs(1 - tar - far) < closest) {
+      closest = std::abs(1 - tar - far);
+      out.equal_error = (1 - tar + far) / 2;
+    }
+  }
+  for (const double score : known) {
+    const auto below = std::lower_bound(strangers.begin(), strangers.end(), score);
+    const auto to = std::upper_bound(strangers.begin(), strangers.end(), score);
+    out.area += (static_cast<double>(below - strangers.begin()) +
+                 static_cast<double>(to - strangers.begin())) /
+                2 / static_cast<double>(strangers.size()) / static_cast<double>(known.size());
+  }
+  return out;
+}
+
+EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<std::string>& labels,
+                          const RecognizerOptions& recognizer, const EvaluationOptions& options,
+                          Progress& progress, const std::stop_token& stop,
+                          const Background* background) {
+  options.check();
+  TARSIER_REQUIRE(faces.size() == labels.size(), "{} faces, {} labels", faces.size(),
+                  labels.size());
+  const int people = count_people(labels);
+  if (options.strangers) {
+    if (people < 2) throw std::invalid_argument("strangers need at least two people in the list");
+    if (options.enrolled >= people)
+      throw std::invalid_argument(std::to_string(options.enrolled) + " enrolled of " +
+                                  std::to_string(people) + " people leave no strangers");
+  }
+  EvaluationResult out;
+  out.algorithm = recognizer.algorithm;
+  out.options = options;
+  out.with_background = background != nullptr && recognizer.algorithm == Algorithm::kDefault;
+  progress.begin("evaluating " + std::string(name_of(recognizer.algorithm)),
+                 static_cast<std::int64_t>(options.seeds.size()), "splits");
+  const auto any = [](const ProbeResult&) { return true; };
+  const auto known = [](const ProbeResult& r) { return r.known; };
+  const auto stranger = [](const ProbeResult& r) { return !r.known; };
+  for (const auto seed : options.seeds) {
+    const Split closed = split_of(labels, options.training, seed);
+    if (closed.probes.empty())
+      throw std::invalid_argument("nobody has more pictures than those that train (" +
+                                  std::to_string(options.training) + ")");
+    SeedResult result;
+    result.seed = seed;
+    Run first = run(faces, labels, closed, recognizer, background, stop);
+    result.people = static_cast<int>(first.model.labels.size());
+    result.training = static_cast<int>(closed.training.size());
+    result.probes = static_cast<int>(closed.probes.size());
+    result.train_seconds = first.train_seconds;
+    result.identify_ms = first.identify_ms;
+    result.closed = std::move(first.results);
+    result.identified = count_of(result.closed, any, [](const ProbeResult& r) { return r.right; });
+    result.accuracy = share(result.identified);
+    if (options.strangers) {
+      const int enrolled = options.enrolled > 0 ? options.enrolled : people / 2;
+      Run second = run(faces, labels, split_of(labels, options.training, seed, enrolled),
+                       recognizer, background, stop);
+      result.open = std::move(second.results);
+      auto [of_known, of_strangers] = open_scores(result.open);
+      result.known_probes = static_cast<int>(of_known.size());
+      result.stranger_probes = static_cast<int>(of_strangers.size());
+      if (!of_known.empty() && !of_strangers.empty()) {
+        const auto rates = accept_rates(of_known, of_strangers, options.false_accepts);
+        const auto above = [&](const ProbeResult& r) { return r.score >= rates.threshold; };
+        result.true_accepts = rates.true_accepts;
+        result.equal_error = rates.equal_error;
+        result.area = rates.area;
+        result.true_count = count_of(result.open, known, above);
+        result.right_count =
+            count_of(result.open, known, [&](const ProbeResult& r) { return r.right && above(r); });
+        result.right_accepts = share(result.right_count);
+      }
+      result.calibrated = second.model.calibration.has_value();
+      if (result.calibrated) {
+        const double threshold = second.model.calibration->threshold(
+            options.stated_rate, static_cast<int>(second.model.labels.size()));
+        const auto above = [&](const ProbeResult& r) { return r.score >= threshold; };
+        result.stated_true_count = count_of(result.open, known, above);
+        result.stated_right_count =
+            count_of(result.open, known, [&](const ProbeResult& r) { return r.right && above(r); });
+        result.stated_false_count = count_of(result.open, stranger, above);
+        result.stated_true = share(result.stated_true_count);
+        result.stated_right = share(result.stated_right_count);
+        result.stated_false = share(result.stated_false_count);
+      }
+    }
+    out.seeds.push_back(std::move(result));
+    progress.advance();
+  }
+  progress.end();
+  return out;
+}
+
+}  // namespace tarsier::face::recognition

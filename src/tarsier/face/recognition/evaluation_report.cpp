@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/evaluation.h"
+#include "tarsier/image/draw/plot.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <functional>
+
+namespace tarsier::face::recognition {
+namespace {
+
+std::string rate(double value) { return value < 0 ? std::string() : fmt::format("{:.4f}", value); }
+
+std::string csv_row(const EvaluationResult& result, const SeedResult& seed,
+                    const std::string& name) {
+  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.3f},{:.3f}\n",
+                     name_of(result.algorithm), result.options.training, name, seed.people,
+                     seed.probes, seed.identified.hits, rate(seed.accuracy), seed.known_probes,
+                     seed.stranger_probes, rate(seed.true_accepts), rate(seed.right_accepts),
+                     rate(seed.equal_error), rate(seed.area), seed.stated_true_count.hits,
+                     rate(seed.stated_true), seed.stated_right_count.hits, rate(seed.stated_right),
+                     seed.stated_false_count.hits, rate(seed.stated_false), seed.train_seconds,
+                     seed.identify_ms);
+}
+
+image::draw::Plot match_data(const std::vector<EvaluationResult>& results) {
+  image::draw::Plot plot;
+  plot.title = "Cumulative match";
+  plot.x.label = "rank";
+  plot.y.label = "share of the probes";
+  plot.y.high = 1.0;
+  plot.legend = image::draw::LegendPlace::kBottomRight;
+  for (const auto& result : results) {
+    const Curve curve = match_curve(result);
+    image::draw::Series series;
+    series.name =
+        fmt::format("{}, {} pictures", name_of(result.algorithm), result.options.training);
+    series.x = curve.x;
+    series.y = curve.y;
+    series.markers = true;
+    plot.series.push_back(std::move(series));
+  }
+  return plot;
+}
+
+image::draw::Plot accept_data(const std::vector<EvaluationResult>& results) {
+  image::draw::Plot plot;
+  plot.title = "Half of the people enrolled";
+  plot.x.label = "strangers accepted";
+  plot.x.logarithmic = true;
+  plot.x.low = 0.001;
+  plot.x.high = 1.0;
+  plot.y.label = "known people accepted";
+  plot.y.low = 0.0;
+  plot.y.high = 1.0;
+  plot.legend = image::draw::LegendPlace::kBottomRight;
+  for (const auto& result : results) {
+    const Curve curve = accept_curve(result);
+    image::draw::Series series;
+    series.name =
+        fmt::format("{}, {} pictures", name_of(result.algorithm), result.options.training);
+    series.x = curve.x;
+    series.y = curve.y;
+    plot.series.push_back(std::move(series));
+  }
+  return plot;
+}
+
+}  // namespace
+
+SeedResult EvaluationResult::mean() const {
+  SeedResult out;
+  if (seeds.empty()) return out;
+  const auto average = [&](auto SeedResult::*field) {
+    double sum = 0;
+    double count = 0;
+    for (const auto& seed : seeds) {
+      const auto value = static_cast<double>(seed.*field);
+      if (value < 0) continue;
+      sum += value;
+      count += 1;
+    }
+    return count > 0 ? sum / count : -1;
+  };
+  out.people = seeds.front().people;
+  out.training = seeds.front().training;
+  out.accuracy = average(&SeedResult::accuracy);
+  out.true_accepts = average(&SeedResult::true_accepts);
+  out.right_accepts = average(&SeedResult::right_accepts);
+  out.equal_error = average(&SeedResult::equal_error);
+  out.area = average(&SeedResult::area);
+  out.stated_true = average(&SeedResult::stated_true);
+  out.stated_right = average(&SeedResult::stated_right);
+  out.stated_false = average(&SeedResult::stated_false);
+  out.train_seconds = average(&SeedResult::train_seconds);
+  out.identify_ms = average(&SeedResult::identify_ms);
+  out.probes = 0;
+  for (const auto& seed : seeds) {
+    out.probes += seed.probes;
+    out.known_probes += seed.known_probes;
+    out.stranger_probes += seed.stranger_probes;
+    out.calibrated = out.calibrated || seed.calibrated;
+  }
+  for (const auto count : {&SeedResult::identified, &SeedResult::true_count,
+                           &SeedResult::right_count, &SeedResult::stated_true_count,
+                           &SeedResult::stated_right_count, &SeedResult::stated_false_count})
+    out.*count = rate(count).count;
+  return out;
+}
+
+Rate EvaluationResult::rate(Count SeedResult::*count) const {
+  Rate out;
+  for (const auto& seed : seeds) {
+    const Count& one = seed.*count;
+    if (one.trials == 0) continue;
+    out.count.hits += one.hits;
+    out.count.trials += one.trials;
+    ++out.draws;
+  }
+  if (out.draws == 0) return out;
+  const auto trials = static_cast<double>(out.count.trials);
+  out.value = static_cast<double>(out.count.hits) / trials;
+  out.interval = wilson_interval_of_rate(out.value, trials / out.draws);
+  return out;
+}
+
+Curve match_curve(const EvaluationResult& result) {
+  int people = 0;
+  double probes = 0;
+  for (const auto& seed : result.seeds) {
+    people = std::max(people, seed.people);
+    probes += static_cast<double>(seed.closed.size());
+  }
+  std::vector<double> at(static_cast<std::size_t>(people) + 1, 0.0);
+  for (const auto& seed : result.seeds)
+    for (const auto& probe : seed.closed)
+      if (probe.rank > 0) at[static_cast<std::size_t>(probe.rank)] += 1;
+  Curve curve;
+  double sum = 0;
+  for (int rank = 1; rank <= people; ++rank) {
+    sum += at[static_cast<std::size_t>(rank)];
+    curve.x.push_back(rank);
+    curve.y.push_back(probes > 0 ? sum / probes : 0);
+  }
+  return curve;
+}
+
+Curve accept_curve(const EvaluationResult& result) {
+  std::vector<double> known;
+  std::vector<double> strangers;
+  for (const auto& seed : result.seeds)
+    for (const auto& probe : seed.open) (probe.known ? known : strangers).push_back(probe.score);
+  Curve curve;
+  if (known.empty() || strangers.empty()) return curve;
+  std::sort(known.begin(), known.end(), std::greater<>());
+  std::sort(strangers.begin(), strangers.end(), std::greater<>());
+  std::size_t k = 0;
+  std::size_t s = 0;
+  while (k < known.size() || s < strangers.size()) {
+    const double next = std::max(k < known.size() ? known[k] : strangers[s],
+                                 s < strangers.size() ? strangers[s] : known[k]);
+    while (k < known.size() && known[k] >= next) ++k;
+    while (s < strangers.size() && strangers[s] >= next) ++s;
+    curve.x.push_back(static_cast<double>(s) / static_cast<double>(strangers.size()));
+    curve.y.push_back(static_cast<double>(k) / static_cast<double>(known.size()));
+  }
+  return curve;
+}
+
+std::string evaluation_csv(const std::vector<EvaluationResult>& results) {
+  std::string out =
+      "algorithm,training,seed,people,probes,identified,accuracy,known_probes,stranger_probes,"
+      "true_accepts,right_accepts,equal_error,auc,stated_true,stated_true_accepts,stated_right,"
+      "stated_right_accepts,stated_false,stated_false_accepts,train_seconds,identify_ms\n";
+  for (const auto& result : results) {
+    for (const auto& seed : result.seeds) out += csv_row(result, seed, std::to_string(seed.seed));
+    out += csv_row(result, result.mean(), "all");
+  }
+  return out;
+}
+
+cv::Mat match_plot(const std::vector<EvaluationResult>& results, cv::Size size) {
+  return image::draw::plot_image(match_data(results), size);
+}
+
+cv::Mat accept_plot(const std::vector<EvaluationResult>& results, cv::Size size) {
+  return image::draw::plot_image(accept_data(results), size);
+}
+
+std::string match_plot_svg(const std::vector<EvaluationResult>& results, cv::Size size) {
+  return image::draw::plot_svg(match_data(results), size);
+}
+
+std::string accept_plot_svg(const std::vector<EvaluationResult>& results, cv::Size size) {
+  return image::draw::plot_svg(accept_data(results), size);
+}
+
+}  // namespace tarsier::face::recognition

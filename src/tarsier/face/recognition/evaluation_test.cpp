@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/evaluation.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/testing_faces.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <set>
+
+namespace tarsier::face::recognition {
+namespace {
+
+using testing::HasSubstr;
+
+std::vector<std::string> names(int people, int pictures) {
+  std::vector<std::string> out;
+  for (int p = 0; p < people; ++p)
+    for (int i = 0; i < pictures; ++i) out.push_back("p" + std::to_string(p));
+  return out;
+}
+
+TEST(Split, TakesSoManyOfEachPersonAndNoPictureTwice) {
+  const auto labels = names(6, 8);
+  const auto split = split_of(labels, 3, 4);
+  EXPECT_EQ(split.training.size(), 18U);
+  EXPECT_EQ(split.probes.size(), 30U);
+  std::set<int> all(split.training.begin(), split.training.end());
+  all.insert(split.probes.begin(), split.probes.end());
+  EXPECT_EQ(all.size(), 48U);
+  for (int p = 0; p < 6; ++p)
+    EXPECT_EQ(std::count_if(split.training.begin(), split.training.end(),
+                            [&](int i) { return i / 8 == p; }),
+              3);
+  EXPECT_EQ(split_of(labels, 3, 4).training, split.training);
+  EXPECT_NE(split_of(labels, 3, 5).training, split.training);
+}
+
+TEST(Split, IsThatOfNumpy) {
+  // RandomState(0).permutation(10)[:5] is 2 8 4 9 1.
+  EXPECT_THAT(split_of(names(1, 10), 5, 0).training, testing::ElementsAre(1, 2, 4, 8, 9));
+}
+
+TEST(Split, PeopleWhoAreNotEnrolledAreStrangers) {
+  const auto split = split_of(names(7, 4), 2, 1, 3);
+  EXPECT_EQ(split.training.size(), 6U);  // three people
+  EXPECT_EQ(split.probes.size(), 22U);
+  EXPECT_EQ(split_of(names(7, 4), 2, 1, 1).training.size(), 2U);
+  EXPECT_EQ(split_of(names(7, 4), 2, 1, 9).training.size(), 14U);  // no more than there are
+  EXPECT_EQ(count_people(names(7, 4)), 7);
+}
+
+TEST(AcceptRates, AgreeWithCountingByHand) {
+  // Of ten strangers one may pass at 10 %: the least threshold is just above the second best.
+  const auto rates =
+      accept_rates({0.5, 0.8, 0.95, 0.96}, {0.1, 0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.4, 0.6, 0.9}, 0.1);
+  EXPECT_DOUBLE_EQ(rates.threshold, 0.8);
+  EXPECT_DOUBLE_EQ(rates.true_accepts, 0.75);
+  EXPECT_NEAR(rates.area, (8 + 9 + 10 + 10) / 40.0, 1e-12);
+  EXPECT_NEAR(rates.equal_error, (0.25 + 0.2) / 2, 1e-12);
+  // A known and a stranger's score that are equal are not told apart.
+  EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).true_accepts, 0);
+  EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).area, 0.5);
+}
+
+TEST(Evaluate, FiguresCurvesAndTablesAgree) {
+  const auto set = synthetic_faces(6, 5, 0.3, 1);
+  EvaluationOptions options;
+  options.training = 2;
+  options.seeds = {3, 4};
+  NoProgress quiet;
+  std::vector<EvaluationResult> results;
+  for (const auto algorithm : {Algorithm::kDefault, Algorithm::kEigen}) {
+    RecognizerOptions recognizer;
+    recognizer.algorithm = algorithm;
+    results.push_back(evaluate(set.faces, set.labels, recognizer, options, quiet, {}));
+  }
+  const auto& first = results.front();
+  ASSERT_EQ(first.seeds.size(), 2U);
+  EXPECT_EQ(first.seeds[0].people, 6);
+  EXPECT_EQ(first.seeds[0].probes, 18);
+  EXPECT_EQ(first.seeds[0].stranger_probes, 15);
+  EXPECT_EQ(first.seeds[0].known_probes, 9);
+  EXPECT_GE(first.mean().accuracy, 0.95);
+  EXPECT_NEAR(first.mean().accuracy, (first.seeds[0].accuracy + first.seeds[1].accuracy) / 2,
+              1e-12);
+  const auto match = match_curve(first);
+  ASSERT_EQ(match.y.size(), 6U);
+  EXPECT_NEAR(match.y.front(), first.mean().accuracy, 1e-12);
+  EXPECT_DOUBLE_EQ(match.y.back(), 1);
+  const auto accept = accept_curve(first);
+  EXPECT_DOUBLE_EQ(accept.x.back(), 1);
+  EXPECT_DOUBLE_EQ(accept.y.back(), 1);
+  EXPECT_TRUE(std::is_sorted(accept.x.begin(), accept.x.end()));
+  EXPECT_TRUE(std::is_sorted(accept.y.begin(), accept.y.end()));
+
+  const auto csv = evaluation_csv(results);
+  EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 1 + 2 * 3);
+  EXPECT_THAT(csv, HasSubstr("\neigen,2,all,6,36,"));
+  EXPECT_EQ(match_plot(results, {640, 400}).size(), cv::Size(640, 400));
+  EXPECT_THAT(accept_plot_svg(results, {640, 400}), HasSubstr("eigen"));
+
+  options.training = 5;
+  EXPECT_THROW((void)evaluate(set.faces, set.labels, {}, options, quiet, {}),
+               std::invalid_argument);
+}
+
+Background background_of_textures() {
+  const auto many = synthetic_faces(60, 1, 0.3, 3, 500);
+  BackgroundOptions options;
+  options.components = 40;
+  NoProgress quiet;
+  return learn_background(many.faces, options, quiet, {});
+}
+
+TEST(Evaluate, UsesTheBackgroundAsAGalleryDoes) {
+  const auto set = synthetic_faces(6, 5, 0.3, 1);
+  const Background general = background_of_textures();
+  EvaluationOptions options;
+  options.training = 2;
+  options.seeds = {3};
+  NoProgress quiet;
+  const auto with = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
+  const auto without = evaluate(set.faces, set.labels, {}, options, quiet, {});
+  EXPECT_TRUE(with.with_background);
+  EXPECT_FALSE(without.with_background);
+  // The scores are those of a recogniser that was trained with it.
+  const Split split = split_of(set.labels, 2, 3);
+  std::vector<cv::Mat> faces;
+  std::vector<std::string> labels;
+  for (const int i : split.training) {
+    faces.push_back(set.faces[static_cast<std::size_t>(i)]);
+    labels.push_back(set.labels[static_cast<std::size_t>(i)]);
+  }
+  const Recognizer model = train(faces, labels, {}, quiet, {}, &general);
+  const ProbeResult& probe = with.seeds[0].closed.front();
+  const double score =
+      identify(model, set.faces[static_cast<std::size_t>(probe.face)]).front().score;
+  EXPECT_DOUBLE_EQ(probe.score, score);
+  EXPECT_NE(probe.score, without.seeds[0].closed.front().score);
+
+  // One enrolled person has a threshold only with a background.
+  options.enrolled = 1;
+  const auto alone = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
+  EXPECT_TRUE(alone.seeds[0].calibrated);
+  EXPECT_EQ(alone.seeds[0].known_probes, 3);
+  EXPECT_EQ(alone.seeds[0].stranger_probes, 25);
+  const auto guessing = evaluate(set.faces, set.labels, {}, options, quiet, {});
+  EXPECT_FALSE(guessing.seeds[0].calibrated);
+  EXPECT_EQ(guessing.rate(&SeedResult::stated_false_count).value, -1);
+}
+
+TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
+  const auto set = synthetic_faces(6, 6, 0.3, 1);
+  const Background general = background_of_textures();
+  EvaluationOptions options;
+  options.training = 2;
+  options.seeds = {0, 1, 2};
+  options.stated_rate = 0.05;
+  NoProgress quiet;
+  const auto result = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
+  // Counted again from the probes, with the threshold of a model that is trained again.
+  Count known;
+  Count right;
+  Count strangers;
+  for (const SeedResult& seed : result.seeds) {
+    const Split split = split_of(set.labels, 2, seed.seed, 3);
+    std::vector<cv::Mat> faces;
+    std::vector<std::string> labels;
+    for (const int i : split.training) {
+      faces.push_back(set.faces[static_cast<std::size_t>(i)]);
+      labels.push_back(set.labels[static_cast<std::size_t>(i)]);
+    }
+    const Recognizer model = train(faces, labels, {}, quiet, {}, &general);
+    const double threshold = model.calibration->threshold(0.05, 3);
+    for (const ProbeResult& probe : seed.open) {
+      Count& count = probe.known ? known : strangers;
+      ++count.trials;
+      if (probe.score >= threshold) ++count.hits;
+      if (probe.known && probe.right && probe.score >= threshold) ++right.hits;
+    }
+  }
+  const Rate tar = result.rate(&SeedResult::stated_true_count);
+  const Rate far = result.rate(&SeedResult::stated_false_count);
+  EXPECT_EQ(tar.count.hits, known.hits);
+  EXPECT_EQ(tar.count.trials, 3 * 3 * 4);
+  EXPECT_EQ(result.rate(&SeedResult::stated_right_count).count.hits, right.hits);
+  EXPECT_EQ(far.count.hits, strangers.hits);
+  EXPECT_EQ(far.count.trials, 3 * 3 * 6);
+  EXPECT_EQ(far.draws, 3);
+  // The interval is that of one draw's 12 probes: repeating a draw brings no new pictures.
+  const Interval expected = wilson_interval_of_rate(tar.value, 12);
+  EXPECT_DOUBLE_EQ(tar.interval.low, expected.low);
+  EXPECT_DOUBLE_EQ(tar.interval.high, expected.high);
+  EXPECT_LE(tar.interval.low, tar.value);
+  EXPECT_GE(tar.interval.high, tar.value);
+  const Rate identified = result.rate(&SeedResult::identified);
+  EXPECT_EQ(identified.count.trials, 3 * 24);
+  EXPECT_NEAR(identified.value, result.mean().accuracy, 1e-12);
+}
+
+TEST(Evaluate, EverybodyEnrolledLeavesNoStrangers) {
+  const auto set = synthetic_faces(3, 3, 0.3, 1);
+  EvaluationOptions options;
+  options.training = 1;
+  options.enrolled = 3;
+  NoProgress quiet;
+  EXPECT_THROW((void)evaluate(set.faces, set.labels, {}, options, quiet, {}),
+               std::invalid_argument);
+}
+
+class FaceList : public FolderTest {
+ protected:
+  std::vector<LabelledFace> read(const std::string& text) {
+    std::ofstream(path("list")) << text;
+    return read_face_list(path("list"));
+  }
+  std::string refusal(const std::string& text) {
+    try {
+      (void)read(text);
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    return "it was read";
+  }
+};
+
+TEST_F(FaceList, ReadsLabelsAndEyes) {
+  std::ofstream(path("near.png")) << "x";
+  const auto faces = read("# comment\n/a b/c.pgm\tAnn O'Neil\r\n\nnear.png\tb\t1\t2.5\t3\t4\n");
+  ASSERT_EQ(faces.size(), 2U);
+  EXPECT_EQ(faces[0].path, "/a b/c.pgm");
+  EXPECT_EQ(faces[0].label, "Ann O'Neil");
+  EXPECT_FALSE(faces[0].left_eye);
+  EXPECT_EQ(faces[1].path, path("near.png"));  // beside the list
+  EXPECT_EQ(*faces[1].left_eye, cv::Point2d(1, 2.5));
+  EXPECT_EQ(*faces[1].right_eye, cv::Point2d(3, 4));
+}
+
+TEST_F(FaceList, NamesTheLineThatIsWrong) {
+  EXPECT_THAT(refusal("a\tb\nc\n"), HasSubstr("line 2"));
+  EXPECT_THAT(refusal("a\t\n"), HasSubstr("line 1"));
+  EXPECT_THAT(refusal("a\tb\t1\t2\t3\n"), HasSubstr("line 1"));
+  EXPECT_THAT(refusal("a\tb\t1\t2\t3\tx\n"), HasSubstr("'x' is not a number"));
+  EXPECT_THAT(refusal("a\tb\t1\t2\t3\tnan\n"), HasSubstr("'nan'"));
+  EXPECT_THAT(refusal(""), HasSubstr("no faces"));
+  EXPECT_THROW((void)read_face_list(path("absent")), InputError);
+  EXPECT_THROW((void)read_face_list(folder_), InputError);
+}
+
+TEST(OnOrl, FiguresAreThoseOfTheBook) {
+  const char* data = std::getenv("TARSIER_DATA");
+  const auto folder = std::filesystem::path(data == nullptr ? "" : data) / "orl";
+  if (!std::filesystem::is_directory(folder)) GTEST_SKIP() << "no ORL faces in TARSIER_DATA";
+  std::vector<std::filesystem::path> files;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder))
+    if (entry.path().extension() == ".pgm") files.push_back(entry.path());
+  std::sort(files.begin(), files.end());
+  std::vector<cv::Mat> faces;
+  std::vector<std::string> labels;
+  for (const auto& file : files) {
+    faces.push_back(read_gray_image(file.string()));
+    labels.push_back(file.parent_path().filename().string());
+  }
+  ASSERT_EQ(faces.size(), 200U);
+  EvaluationOptions options;
+  NoProgress quiet;
+  const auto accuracy = [&](Algorithm algorithm) {
+    RecognizerOptions recognizer;
+    recognizer.algorithm = algorithm;
+    options.strangers = algorithm == Algorithm::kDefault;
+    const auto result = evaluate(faces, labels, recognizer, options, quiet, {}).mean();
+    if (options.strangers) {
+      EXPECT_GE(result.true_accepts, 0.93);
+    }
+    return result.accuracy;
+  };
+  EXPECT_NEAR(accuracy(Algorithm::kEigen), 0.960, 0.02);
+  EXPECT_NEAR(accuracy(Algorithm::kFisher), 0.974, 0.02);
+  EXPECT_NEAR(accuracy(Algorithm::kLbph), 0.948, 0.02);
+  EXPECT_GE(accuracy(Algorithm::kDefault), 0.985);
+}
+
+}  // namespace
+}  // namespace tarsier::face::recognition

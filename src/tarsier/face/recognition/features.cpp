@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/features.h"
+
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::face::recognition {
+
+std::vector<float> features_of(const cv::Mat& face, const RecognizerOptions& options) {
+  require_gray(face);
+  if (options.algorithm == Algorithm::kDefault) return describe(face, options.descriptor);
+  cv::Mat sized = face;
+  if (options.size.area() > 0 && face.size() != options.size)
+    cv::resize(face, sized, options.size, 0, 0,
+               face.cols > options.size.width ? cv::INTER_AREA : cv::INTER_LINEAR);
+  if (options.algorithm == Algorithm::kLbph) return lbp_histograms(sized, options.lbp);
+  std::vector<float> pixels;
+  pixels.reserve(sized.total());
+  for (int y = 0; y < sized.rows; ++y) {
+    const auto* row = sized.ptr<unsigned char>(y);
+    pixels.insert(pixels.end(), row, row + sized.cols);
+  }
+  return pixels;
+}
+
+std::vector<float> project(const Recognizer& model, const std::vector<float>& input) {
+  TARSIER_REQUIRE(static_cast<Eigen::Index>(input.size()) == model.mean.size(),
+                  "{} inputs, the model has {}", input.size(), model.mean.size());
+  Rows x =
+      Eigen::Map<const Rows>(input.data(), 1, static_cast<Eigen::Index>(input.size())) - model.mean;
+  Rows out = products(x, model.components);
+  if (model.options.algorithm == Algorithm::kDefault)
+    scale_rows(out, x.cast<double>().rowwise().squaredNorm(), model.importance, model.rest);
+  return {out.data(), out.data() + out.size()};
+}
+
+void scale_rows(Rows& rows, const Eigen::VectorXd& square, const Eigen::VectorXd& scatter,
+                double rest) {
+  for (Eigen::Index i = 0; i < rows.rows(); ++i) {
+    const Eigen::ArrayXd squares = rows.row(i).cast<double>().array().square();
+    const double inside = (squares * scatter.array()).sum();
+    const double length = std::sqrt(squares.sum() + std::max(0.0, square(i) - inside) / rest);
+    if (length > 1e-12) rows.row(i) *= static_cast<float>(1 / length);
+  }
+}
+
+Rows person_sums(const Rows& rows, const std::vector<int>& labels, int count) {
+  Rows sums = Rows::Zero(count, rows.cols());
+  for (Eigen::Index i = 0; i < rows.rows(); ++i)
+    sums.row(labels[static_cast<std::size_t>(i)]) += rows.row(i);
+  return sums;
+}
+
+}  // namespace tarsier::face::recognition

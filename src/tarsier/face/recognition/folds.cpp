@@ -1,0 +1,227 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/folds.h"
+
+#include "tarsier/core/stop.h"
+#include "tarsier/face/recognition/features.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+
+namespace tarsier::face::recognition {
+namespace {
+
+constexpr int kFolds = 8;
+constexpr double kNothing = -std::numeric_limits<double>::infinity();
+
+// The score of each person from scores of single pictures, as identify() has it.
+std::vector<double> person_scores(const std::vector<double>& scores, const std::vector<int>& people,
+                                  const std::vector<bool>& in_gallery,
+                                  const std::vector<double>& mean_scale, double mean_weight) {
+  std::vector<double> best(mean_scale.size(), kNothing);
+  std::vector<double> total(mean_scale.size(), 0.0);
+  for (std::size_t i = 0; i < scores.size(); ++i) {
+    if (!in_gallery[i]) continue;
+    const auto p = static_cast<std::size_t>(people[i]);
+    best[p] = std::max(best[p], scores[i]);
+    total[p] += scores[i];
+  }
+  for (std::size_t p = 0; p < best.size(); ++p)
+    if (best[p] > kNothing)
+      best[p] = (1 - mean_weight) * best[p] + mean_weight * total[p] * mean_scale[p];
+  return best;
+}
+
+}  // namespace
+
+Whitening Folds::whitener(const Eigen::MatrixXd& some, const std::vector<bool>& left_out) const {
+  std::vector<Eigen::Index> kept;
+  std::vector<int> labels;
+  for (std::size_t i = 0; i < people.size(); ++i) {
+    if (!left_out.empty() && left_out[i]) continue;
+    for (int m = 0; m < moves; ++m) {
+      kept.push_back(static_cast<Eigen::Index>(i) * moves + m);
+      labels.push_back(people[i]);
+    }
+  }
+  Eigen::MatrixXd scatter = within_scatter(some(kept, Eigen::all), labels, person_count);
+  if (known_within.size() > 0) {
+    // The moves of a picture say less than another picture would: a picture counts once.
+    const auto people_kept =
+        static_cast<double>(std::set<int>(labels.begin(), labels.end()).size());
+    const double pictures = static_cast<double>(kept.size()) / moves;
+    const double own = std::max(0.0, pictures - people_kept) + 0.2 * pictures * (moves > 1 ? 1 : 0);
+    scatter = (own * scatter + known_weight * known_within) / (own + known_weight);
+  }
+  return whitening(scatter, ridge);
+}
+
+Rows Folds::templates(const std::vector<bool>& left_out) const {
+  const auto faces = static_cast<Eigen::Index>(people.size());
+  std::vector<Eigen::Index> kept;
+  std::vector<int> labels;
+  std::vector<int> renamed(static_cast<std::size_t>(person_count), -1);
+  int enrolled = 0;
+  Eigen::RowVectorXd mean = Eigen::RowVectorXd::Zero(coefficients.cols());
+  for (std::size_t i = 0; i < people.size(); ++i) {
+    if (left_out[i]) continue;
+    const Eigen::Index row = static_cast<Eigen::Index>(i) * moves;
+    kept.push_back(row);
+    int& name = renamed[static_cast<std::size_t>(people[i])];
+    if (name < 0) name = enrolled++;
+    labels.push_back(name);
+    mean += coefficients.row(row);
+  }
+  const auto count = static_cast<double>(kept.size());
+  mean /= count;
+  const double own = enrolled > 1 ? enrolled : 0;  // as training has it
+  if (background.size() > 0)
+    mean = (own * mean + background_weight * background) / (own + background_weight);
+  else if (algorithm == Algorithm::kDefault && enrolled < 2)
+    mean.setZero();
+  const Eigen::MatrixXd centred = coefficients.rowwise() - mean;
+
+  std::vector<Eigen::Index> rows;
+  for (const auto row : basis)
+    if (!left_out[row / static_cast<std::size_t>(moves)])
+      rows.push_back(static_cast<Eigen::Index>(row));
+  int limit = most;
+  if (algorithm == Algorithm::kFisher)
+    limit = std::max(1, static_cast<int>(kept.size()) - enrolled);
+  const Eigen::RowVectorXf none = Eigen::RowVectorXf::Zero(centred.cols());
+  Eigen::MatrixXd reduced = centred;
+  if (known_within.size() == 0) {
+    const Pca pca = principal_components(centred(rows, Eigen::all).cast<float>(), limit, &none);
+    reduced = centred * pca.components.transpose().cast<double>();
+  }
+  Whitening white;
+  if (algorithm == Algorithm::kDefault) {
+    white = whitener(reduced, left_out);
+    reduced *= white.directions;
+  }
+  std::vector<Eigen::Index> upright(people.size());
+  for (Eigen::Index i = 0; i < faces; ++i) upright[static_cast<std::size_t>(i)] = i * moves;
+  if (algorithm == Algorithm::kFisher) {
+    const Eigen::MatrixXd directions =
+        enrolled > 1 && static_cast<int>(kept.size()) > enrolled
+            ? linear_discriminants(reduced(kept, Eigen::all), labels, enrolled)
+            : Eigen::MatrixXd::Zero(reduced.cols(), 0);
+    reduced = (reduced * directions).eval();
+  }
+  Rows out = reduced(upright, Eigen::all).cast<float>();
+  if (algorithm == Algorithm::kDefault) {
+    Eigen::VectorXd square = centred(upright, Eigen::all).rowwise().squaredNorm();
+    if (outside.size() > 0) square += outside;
+    scale_rows(out, square, white.scatter, white.rest);
+  }
+  return out;
+}
+
+int Folds::count() const {
+  return person_count > 1 ? std::min(kFolds, std::max(person_count, 2)) : 2;
+}
+
+void Folds::score(int fold, ScoreSample& sample) const {
+  const std::size_t faces = people.size();
+  const auto pictures = static_cast<Eigen::Index>(faces);
+  std::vector<int> rank(faces);  // of a picture among its person's
+  std::vector<int> owned(static_cast<std::size_t>(person_count), 0);
+  for (std::size_t i = 0; i < faces; ++i) rank[i] = owned[static_cast<std::size_t>(people[i])]++;
+  const int folds = count();
+  std::vector<bool> left_out(faces);
+  std::vector<bool> in_gallery(faces);
+  std::vector<bool> stranger(faces);
+  for (std::size_t i = 0; i < faces; ++i) {
+    const auto p = static_cast<std::size_t>(people[i]);
+    stranger[i] = person_count > 1 && people[i] % folds == fold;
+    // Of two pictures or more at least one stays in every fold.
+    left_out[i] = stranger[i] || (owned[p] > 1 && (rank[i] + people[i]) % folds == fold);
+    in_gallery[i] = !left_out[i];
+  }
+  std::vector<bool> enrolled(static_cast<std::size_t>(person_count), false);
+  for (std::size_t i = 0; i < faces; ++i)
+    if (in_gallery[i]) enrolled[static_cast<std::size_t>(people[i])] = true;
+  const auto known = static_cast<int>(std::count(enrolled.begin(), enrolled.end(), true));
+  if (known == 0) return;
+  sample.gallery += static_cast<double>(known) / folds;
+
+  const Rows templates = this->templates(left_out);
+  if (templates.cols() == 0) return;
+  // Only those that are left out are compared.
+  std::vector<Eigen::Index> probes;
+  for (std::size_t i = 0; i < faces; ++i)
+    if (left_out[i]) probes.push_back(static_cast<Eigen::Index>(i));
+  Rows similar = products(templates(probes, Eigen::all), templates);
+  if (algorithm != Algorithm::kDefault) {
+    const Eigen::VectorXf squares = templates.rowwise().squaredNorm();
+    for (Eigen::Index i = 0; i < similar.rows(); ++i)
+      for (Eigen::Index j = 0; j < pictures; ++j)
+        similar(i, j) = -std::sqrt(std::max(
+            0.0F, squares(probes[static_cast<std::size_t>(i)]) + squares(j) - 2 * similar(i, j)));
+  }
+  Rows kept = templates;
+  for (std::size_t i = 0; i < faces; ++i)
+    if (!in_gallery[i]) kept.row(static_cast<Eigen::Index>(i)).setZero();
+  const Rows sums = person_sums(kept, people, person_count);
+  std::vector<double> mean_scale(static_cast<std::size_t>(person_count), 0.0);
+  for (std::size_t p = 0; p < mean_scale.size(); ++p) {
+    const double length = sums.row(static_cast<Eigen::Index>(p)).cast<double>().norm();
+    mean_scale[p] = length > 1e-9 ? 1 / length : 0;
+  }
+  for (std::size_t k = 0; k < probes.size(); ++k) {
+    const auto i = static_cast<std::size_t>(probes[k]);
+    const float* row = similar.data() + static_cast<Eigen::Index>(k) * pictures;
+    const std::vector<double> scores(row, row + pictures);
+    const auto by_person = person_scores(scores, people, in_gallery, mean_scale, mean_weight);
+    if (stranger[i]) {
+      sample.stranger.push_back(*std::max_element(by_person.begin(), by_person.end()));
+      sample.stranger_person.push_back(people[i]);
+    } else if (enrolled[static_cast<std::size_t>(people[i])]) {
+      sample.genuine.push_back(by_person[static_cast<std::size_t>(people[i])]);
+    }
+  }
+}
+
+ScoreSample Folds::scores(const std::stop_token& stop) const {
+  ScoreSample sample;
+  sample.gallery = 0;
+  for (int fold = 0; fold < count(); ++fold) {
+    throw_if_stopped(stop);
+    score(fold, sample);
+  }
+  sample.gallery = std::max(1.0, sample.gallery);
+  return sample;
+}
+
+ScoreSample left_out_scores(const Recognizer& model, const std::stop_token& stop) {
+  ScoreSample sample;
+  const Eigen::Index n = model.templates.rows();
+  const auto width = static_cast<std::size_t>(model.templates.cols());
+  std::vector<double> own(static_cast<std::size_t>(n), kNothing);
+  std::vector<double> other(static_cast<std::size_t>(n), kNothing);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    throw_if_stopped(stop);
+    const auto a = static_cast<std::size_t>(i);
+    for (Eigen::Index j = i + 1; j < n; ++j) {
+      const auto b = static_cast<std::size_t>(j);
+      const double score =
+          compare(model, {model.templates.data() + i * model.templates.cols(), width},
+                  {model.templates.data() + j * model.templates.cols(), width});
+      auto& best = model.people[a] == model.people[b] ? own : other;
+      best[a] = std::max(best[a], score);
+      best[b] = std::max(best[b], score);
+    }
+  }
+  for (std::size_t i = 0; i < own.size(); ++i) {
+    if (own[i] > kNothing) sample.genuine.push_back(own[i]);
+    if (other[i] > kNothing) {
+      sample.stranger.push_back(other[i]);
+      sample.stranger_person.push_back(model.people[i]);
+    }
+  }
+  sample.gallery = std::max(1.0, static_cast<double>(model.labels.size()) - 1);
+  return sample;
+}
+
+}  // namespace tarsier::face::recognition

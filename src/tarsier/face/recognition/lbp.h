@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+
+#include <span>
+#include <vector>
+
+// Local binary patterns (Ahonen, Hadid and Pietikainen, "Face description with local binary
+// patterns", PAMI 2006).
+namespace tarsier::face::recognition {
+
+struct LbpOptions {
+  int radius = 1;      // of the circle, px, 1..20
+  int neighbours = 8;  // points on it, 4..10
+  int grid = 8;        // cells across and down, 1..32
+  void check() const;
+};
+
+// grid * grid * 2^neighbours.
+[[nodiscard]] int lbp_length(const LbpOptions& options);
+
+// Bit i of a pixel's pattern is set where the face at radius * (cos, -sin)(2 pi i / neighbours)
+// from it (bilinear) is not darker. Histograms of the patterns of each cell (of equal whole size,
+// from the top left; pixels left over do not count), each summing to 1, row by row. `gray`:
+// CV_8UC1, larger than 2 radius + grid; throws std::invalid_argument.
+[[nodiscard]] std::vector<float> lbp_histograms(const cv::Mat& gray, const LbpOptions& options);
+
+// 2 sum (a - b)^2 / (a + b), of lists of equal length.
+[[nodiscard]] double chi_square(std::span<const float> a, std::span<const float> b);
+
+}  // namespace tarsier::face::recognition

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include <string_view>
+#include <vector>
+
+// What is done to a face before it is compared: light is taken out, then the picture is described
+// by what light changes least, the directions of its edges.
+namespace tarsier::face::recognition {
+
+enum class Light {
+  kNone,
+  kEqualize,     // histogram equalisation
+  kLog,          // ln(4 + grey): a factor of the light becomes a shift
+  kTanTriggs,    // gamma, difference of Gaussians, contrast equalisation (below)
+  kSelfQuotient  // grey / its own blur (Wang, Li and Wang, "Face recognition under varying lighting
+                 // conditions using self quotient image", FGR 2004), isotropic
+};
+
+// "none", "equalize", "log", "tan-triggs", "self-quotient".
+[[nodiscard]] std::string_view name_of(Light light);
+[[nodiscard]] Light parse_light(std::string_view name);  // throws std::invalid_argument
+
+// Tan and Triggs, "Enhanced local texture feature sets for face recognition under difficult
+// lighting conditions", IEEE TIP 2010.
+struct TanTriggsOptions {
+  double gamma = 0.2;  // grey^gamma, (0, 1]
+  double inner = 1;    // sigma of the Gaussians, px, 0 < inner < outer <= 50
+  double outer = 2;
+  double alpha = 0.1;  // of the contrast equalisation, (0, 1]
+  double limit = 10;   // tau: large values are pressed to it by tanh, > 0
+  void check() const;
+};
+
+// `gray` is CV_8UC1; the result is CV_32FC1 of the same size. Flat pictures give zeros
+// (kTanTriggs), never NaN. Throws std::invalid_argument for another type.
+[[nodiscard]] cv::Mat tan_triggs(const cv::Mat& gray, const TanTriggsOptions& options = {});
+[[nodiscard]] cv::Mat self_quotient(const cv::Mat& gray, double sigma_px = 3);
+[[nodiscard]] cv::Mat normalize_light(const cv::Mat& gray, Light light);
+
+// To look at: CV_8UC1, the middle 96 % of the values spread over 0..255.
+[[nodiscard]] cv::Mat light_picture(const cv::Mat& normalized);
+
+// Histograms of the directions of gradients (Dalal and Triggs, CVPR 2005) on a regular grid, each
+// pixel shared between neighbouring directions linearly and between cells by a Gaussian of sigma
+// half a cell. Every cell is scaled to length 1 (softly: noise in empty cells stays small), then
+// the channel.
+struct HogChannel {
+  Light light = Light::kTanTriggs;
+  int cell = 8;              // px, 4..64
+  int directions = 9;        // 4..32, even where `full_circle`
+  bool full_circle = false;  // directions over 360 degrees, not 180
+};
+
+struct DescriptorOptions {
+  cv::Size size{64, 80};  // px, faces are resized to it, 16..512 each
+  std::vector<HogChannel> channels{{Light::kTanTriggs, 8, 9, false},
+                                   {Light::kLog, 6, 9, false},
+                                   {Light::kTanTriggs, 8, 16, true}};  // 1..8
+  // Average the descriptor with that of the mirrored face: light from the left and from the right
+  // then look alike. Half as many numbers.
+  bool symmetric = true;
+  void check() const;
+};
+
+[[nodiscard]] int descriptor_length(const DescriptorOptions& options);
+
+// `gray`: CV_8UC1 of any size. Length 1 in all (0 for a flat picture).
+[[nodiscard]] std::vector<float> describe(const cv::Mat& gray, const DescriptorOptions& options);
+
+// The face moved by (dx, dy) px, turned by `degrees` clockwise as seen and scaled about its middle;
+// edges are repeated.
+[[nodiscard]] cv::Mat moved_face(const cv::Mat& gray, double dx, double dy, double degrees,
+                                 double scale);
+
+}  // namespace tarsier::face::recognition

@@ -1,0 +1,361 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/recognizer.h"
+
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+#include "tarsier/face/recognition/features.h"
+#include "tarsier/linalg/gemm.h"
+
+#include <Eigen/Cholesky>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+namespace tarsier::face::recognition {
+namespace {
+
+constexpr std::array<std::pair<Algorithm, std::string_view>, 4> kAlgorithms{{
+    {Algorithm::kDefault, "default"},
+    {Algorithm::kEigen, "eigen"},
+    {Algorithm::kFisher, "fisher"},
+    {Algorithm::kLbph, "lbph"},
+}};
+
+std::span<const float> row_of(const Rows& rows, Eigen::Index i) {
+  return {rows.data() + i * rows.cols(), static_cast<std::size_t>(rows.cols())};
+}
+
+void require_template(const Recognizer& model, std::span<const float> values) {
+  TARSIER_REQUIRE(static_cast<int>(values.size()) == model.template_length(),
+                  "a template of {} numbers, the model's have {}", values.size(),
+                  model.template_length());
+}
+
+// Of one probe against all templates.
+std::vector<double> scores_of(const Recognizer& model, std::span<const float> probe) {
+  require_template(model, probe);
+  const auto n = static_cast<std::size_t>(model.templates.rows());
+  std::vector<double> scores(n);
+  if (model.options.algorithm == Algorithm::kDefault) {
+    std::vector<float> products(n, 0.0F);
+    const auto length = static_cast<std::ptrdiff_t>(probe.size());
+    const auto dots = [&](std::size_t first, std::size_t last) {
+      linalg::gemm_kernels().dots(
+          1, static_cast<int>(last - first), static_cast<int>(length), probe.data(), length,
+          model.templates.data() + static_cast<std::ptrdiff_t>(first) * length, length,
+          products.data() + first, static_cast<std::ptrdiff_t>(n));
+    };
+    constexpr std::size_t kBlock = 4096;
+    if (n <= 2 * kBlock) {
+      dots(0, n);
+    } else {
+      cv::parallel_for_({0, static_cast<int>((n + kBlock - 1) / kBlock)}, [&](const cv::Range& r) {
+        dots(static_cast<std::size_t>(r.start) * kBlock,
+             std::min(n, static_cast<std::size_t>(r.end) * kBlock));
+      });
+    }
+    std::copy(products.begin(), products.end(), scores.begin());
+    return scores;
+  }
+  for (std::size_t i = 0; i < n; ++i)
+    scores[i] = compare(model, probe, row_of(model.templates, static_cast<Eigen::Index>(i)));
+  return scores;
+}
+
+cv::Mat to_picture(const Eigen::RowVectorXf& pixels, cv::Size size) {
+  cv::Mat image(size, CV_8UC1);
+  for (int i = 0; i < size.area(); ++i)
+    image.at<unsigned char>(i / size.width, i % size.width) =
+        cv::saturate_cast<unsigned char>(pixels(i));
+  return image;
+}
+
+void require_pixels(const Recognizer& model) {
+  TARSIER_REQUIRE(
+      model.options.algorithm == Algorithm::kEigen || model.options.algorithm == Algorithm::kFisher,
+      "only eigen and fisher models have pictures, this is {}", name_of(model.options.algorithm));
+}
+
+// The least-squares reconstruction, without rounding. Components need not be orthogonal (fisher).
+Eigen::RowVectorXf reconstructed(const Recognizer& model, const std::vector<float>& pixels) {
+  const Eigen::Map<const Eigen::RowVectorXf> x(pixels.data(),
+                                               static_cast<Eigen::Index>(pixels.size()));
+  const Eigen::VectorXd off = (x - model.mean).transpose().cast<double>();
+  const Eigen::MatrixXd components = model.components.cast<double>();
+  const Eigen::MatrixXd gram = components * components.transpose();
+  const Eigen::VectorXd weights = gram.ldlt().solve(components * off);
+  return model.mean + (weights.transpose() * components).cast<float>();
+}
+
+}  // namespace
+
+std::string_view name_of(Algorithm algorithm) {
+  for (const auto& [value, name] : kAlgorithms)
+    if (value == algorithm) return name;
+  return "default";
+}
+
+Algorithm parse_algorithm(std::string_view name) {
+  for (const auto& [value, text] : kAlgorithms)
+    if (text == name) return value;
+  throw std::invalid_argument("'" + std::string(name) +
+                              "' is no recogniser: default, eigen, fisher or lbph");
+}
+
+void RecognizerOptions::check() const {
+  TARSIER_REQUIRE(
+      (size.width == 0 && size.height == 0) ||
+          (size.width >= 8 && size.width <= 1024 && size.height >= 8 && size.height <= 1024),
+      "size {}x{}", size.width, size.height);
+  TARSIER_REQUIRE(components >= 0 && components <= 4096, "{} components", components);
+  TARSIER_REQUIRE(variants >= 0 && variants <= 4, "variants {}", variants);
+  TARSIER_REQUIRE(ridge > 0 && ridge <= 100, "ridge {}", ridge);
+  TARSIER_REQUIRE(mean_weight >= 0 && mean_weight <= 1, "mean_weight {}", mean_weight);
+  lbp.check();
+  descriptor.check();
+}
+
+int Recognizer::template_length() const {
+  return options.algorithm == Algorithm::kLbph ? lbp_length(options.lbp)
+                                               : static_cast<int>(components.rows());
+}
+
+void Recognizer::refresh() {
+  mean_scale.assign(labels.size(), 0.0);
+  if (templates.rows() == 0) return;
+  const Rows sums = person_sums(templates, people, static_cast<int>(labels.size()));
+  for (std::size_t p = 0; p < labels.size(); ++p) {
+    const double length = sums.row(static_cast<Eigen::Index>(p)).cast<double>().norm();
+    mean_scale[p] = length > 1e-9 ? 1 / length : 0;
+  }
+}
+
+void Recognizer::check() const {
+  options.check();
+  if (options.algorithm == Algorithm::kLbph) {
+    TARSIER_REQUIRE(components.size() == 0 && mean.size() == 0 && options.size.area() > 0,
+                    "LBPH has no subspace");
+    const int least = options.lbp.grid + 2 * options.lbp.radius;
+    TARSIER_REQUIRE(options.size.width >= least && options.size.height >= least,
+                    "faces of {}x{} for {} cells of local binary patterns", options.size.width,
+                    options.size.height, options.lbp.grid);
+  } else {
+    const Eigen::Index length = options.algorithm == Algorithm::kDefault
+                                    ? descriptor_length(options.descriptor)
+                                    : options.size.area();
+    TARSIER_REQUIRE(length > 0 && mean.size() == length && components.cols() == length,
+                    "{} inputs, mean of {}, components of {}", length, mean.size(),
+                    components.cols());
+    TARSIER_REQUIRE(components.rows() > 0 && importance.size() == components.rows(),
+                    "{} components, {} values", components.rows(), importance.size());
+    TARSIER_REQUIRE(mean.allFinite() && components.allFinite() && importance.allFinite(),
+                    "numbers of the subspace are not finite");
+    TARSIER_REQUIRE(options.algorithm != Algorithm::kDefault ||
+                        (importance.minCoeff() >= 0 && rest > 0 && rest < 1e30),
+                    "scatter {}, rest {}", importance.minCoeff(), rest);
+  }
+  TARSIER_REQUIRE(templates.rows() == static_cast<Eigen::Index>(people.size()),
+                  "{} templates, {} people", templates.rows(), people.size());
+  TARSIER_REQUIRE(templates.rows() == 0 || templates.cols() == template_length(),
+                  "templates of {} numbers", templates.cols());
+  TARSIER_REQUIRE(templates.allFinite(), "numbers of templates are not finite");
+  std::vector<bool> seen(labels.size(), false);
+  for (const int person : people) {
+    TARSIER_REQUIRE(person >= 0 && static_cast<std::size_t>(person) < labels.size(),
+                    "template of person {}", person);
+    seen[static_cast<std::size_t>(person)] = true;
+  }
+  TARSIER_REQUIRE(std::find(seen.begin(), seen.end(), false) == seen.end(),
+                  "a person without a template");
+  auto sorted = labels;
+  std::sort(sorted.begin(), sorted.end());
+  TARSIER_REQUIRE(std::adjacent_find(sorted.begin(), sorted.end()) == sorted.end(),
+                  "a label is there twice");
+  if (calibration) calibration->check();
+}
+
+std::vector<float> template_of(const Recognizer& model, const cv::Mat& face) {
+  const auto input = features_of(face, model.options);
+  if (model.options.algorithm == Algorithm::kLbph) return input;
+  return project(model, input);
+}
+
+std::vector<float> pooled(const Recognizer& model, std::span<const std::vector<float>> templates) {
+  TARSIER_REQUIRE(!templates.empty(), "no templates");
+  std::vector<double> sum(static_cast<std::size_t>(model.template_length()), 0.0);
+  double lengths = 0;
+  for (const auto& one : templates) {
+    require_template(model, one);
+    double square = 0;
+    for (std::size_t i = 0; i < sum.size(); ++i) {
+      sum[i] += one[i];
+      square += static_cast<double>(one[i]) * one[i];
+    }
+    lengths += std::sqrt(square);
+  }
+  double scale = 1 / static_cast<double>(templates.size());
+  if (model.options.algorithm == Algorithm::kDefault) {
+    // What differs between the pictures cancels; that must not look like a lack of likeness.
+    double square = 0;
+    for (const double value : sum) square += value * value;
+    scale = square > 0 ? lengths * scale / std::sqrt(square) : 0;
+  }
+  std::vector<float> out(sum.size());
+  for (std::size_t i = 0; i < sum.size(); ++i) out[i] = static_cast<float>(sum[i] * scale);
+  return out;
+}
+
+double compare(const Recognizer& model, std::span<const float> a, std::span<const float> b) {
+  require_template(model, a);
+  require_template(model, b);
+  switch (model.options.algorithm) {
+    case Algorithm::kDefault: {
+      double sum = 0;
+      for (std::size_t i = 0; i < a.size(); ++i) sum += static_cast<double>(a[i]) * b[i];
+      return sum;
+    }
+    case Algorithm::kLbph:
+      return -chi_square(a, b);
+    case Algorithm::kEigen:
+    case Algorithm::kFisher:
+      break;
+  }
+  double sum = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double difference = static_cast<double>(a[i]) - b[i];
+    sum += difference * difference;
+  }
+  return -std::sqrt(sum);
+}
+
+std::optional<Nearest> nearest_template(const Recognizer& model, std::span<const float> probe) {
+  const auto scores = scores_of(model, probe);
+  const auto best = std::max_element(scores.begin(), scores.end());  // the first of equals
+  if (best == scores.end()) return std::nullopt;
+  return Nearest{static_cast<int>(best - scores.begin()), *best};
+}
+
+std::vector<PersonScore> identify(const Recognizer& model, const cv::Mat& face) {
+  return identify_template(model, template_of(model, face));
+}
+
+namespace {
+
+// Of everyone with a template, in the order of their index.
+std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const float> probe) {
+  const auto scores = scores_of(model, probe);
+  std::vector<PersonScore> out(model.labels.size());
+  for (std::size_t p = 0; p < out.size(); ++p)
+    out[p] = {static_cast<int>(p), -std::numeric_limits<double>::infinity(), -1};
+  for (std::size_t i = 0; i < scores.size(); ++i) {
+    auto& entry = out[static_cast<std::size_t>(model.people[i])];
+    if (entry.nearest < 0 || scores[i] > entry.score) {
+      entry.score = scores[i];
+      entry.nearest = static_cast<int>(i);
+    }
+  }
+  if (model.options.algorithm == Algorithm::kDefault && model.options.mean_weight > 0) {
+    // The cosine to a person's mean is the sum of the cosines over the length of the sum.
+    TARSIER_REQUIRE(model.mean_scale.size() == out.size(), "the model was changed: refresh() it");
+    std::vector<double> totals(out.size(), 0.0);
+    for (std::size_t i = 0; i < scores.size(); ++i)
+      totals[static_cast<std::size_t>(model.people[i])] += scores[i];
+    for (std::size_t p = 0; p < out.size(); ++p) {
+      const double to_mean = totals[p] * model.mean_scale[p];
+      out[p].score =
+          (1 - model.options.mean_weight) * out[p].score + model.options.mean_weight * to_mean;
+    }
+  }
+  std::erase_if(out, [](const PersonScore& entry) { return entry.nearest < 0; });
+  return out;
+}
+
+}  // namespace
+
+std::optional<PersonScore> best_person(const Recognizer& model, std::span<const float> probe) {
+  const auto people = person_scores(model, probe);
+  const auto best = std::max_element(
+      people.begin(), people.end(),
+      [](const PersonScore& a, const PersonScore& b) { return a.score < b.score; });
+  if (best == people.end()) return std::nullopt;
+  return *best;
+}
+
+std::vector<PersonScore> identify_template(const Recognizer& model, std::span<const float> probe) {
+  auto out = person_scores(model, probe);
+  std::stable_sort(out.begin(), out.end(),
+                   [](const PersonScore& a, const PersonScore& b) { return a.score > b.score; });
+  return out;
+}
+
+int add_face(Recognizer& model, const cv::Mat& face, const std::string& label) {
+  const auto values = template_of(model, face);
+  auto found = std::find(model.labels.begin(), model.labels.end(), label);
+  if (found == model.labels.end()) {
+    model.labels.push_back(label);
+    found = model.labels.end() - 1;
+  }
+  const Eigen::Index n = model.templates.rows();
+  model.templates.conservativeResize(n + 1, static_cast<Eigen::Index>(values.size()));
+  model.templates.row(n) =
+      Eigen::Map<const Eigen::RowVectorXf>(values.data(), static_cast<Eigen::Index>(values.size()));
+  model.people.push_back(static_cast<int>(found - model.labels.begin()));
+  model.refresh();
+  return static_cast<int>(n);
+}
+
+bool remove_person(Recognizer& model, const std::string& label) {
+  const auto found = std::find(model.labels.begin(), model.labels.end(), label);
+  if (found == model.labels.end()) return false;
+  const int person = static_cast<int>(found - model.labels.begin());
+  std::vector<int> people;
+  Rows kept(model.templates.rows(), model.templates.cols());
+  for (std::size_t i = 0; i < model.people.size(); ++i) {
+    if (model.people[i] == person) continue;
+    kept.row(static_cast<Eigen::Index>(people.size())) =
+        model.templates.row(static_cast<Eigen::Index>(i));
+    people.push_back(model.people[i] > person ? model.people[i] - 1 : model.people[i]);
+  }
+  model.templates = kept.topRows(static_cast<Eigen::Index>(people.size()));
+  model.people = std::move(people);
+  model.labels.erase(found);
+  model.refresh();
+  return true;
+}
+
+cv::Mat mean_face(const Recognizer& model) {
+  require_pixels(model);
+  return to_picture(model.mean, model.options.size);
+}
+
+cv::Mat component_picture(const Recognizer& model, int i) {
+  require_pixels(model);
+  TARSIER_REQUIRE(i >= 0 && i < model.components.rows(), "component {} of {}", i,
+                  model.components.rows());
+  const Eigen::RowVectorXf row = model.components.row(i);
+  const float low = row.minCoeff();
+  const float high = row.maxCoeff();
+  const float scale = high > low ? 255 / (high - low) : 0;
+  return to_picture((row.array() - low) * scale, model.options.size);
+}
+
+cv::Mat reconstruction(const Recognizer& model, const cv::Mat& face) {
+  require_pixels(model);
+  return to_picture(reconstructed(model, features_of(face, model.options)), model.options.size);
+}
+
+double reconstruction_error(const Recognizer& model, const cv::Mat& face) {
+  require_pixels(model);
+  const auto pixels = features_of(face, model.options);
+  const Eigen::Map<const Eigen::RowVectorXf> x(pixels.data(),
+                                               static_cast<Eigen::Index>(pixels.size()));
+  const Eigen::RowVectorXf back = reconstructed(model, pixels);
+  return static_cast<double>((back - x).norm()) / static_cast<double>(x.size());
+}
+
+}  // namespace tarsier::face::recognition

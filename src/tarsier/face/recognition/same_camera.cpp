@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/same_camera.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/recognition/evaluation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <stdexcept>
+
+namespace tarsier::face::recognition {
+namespace {
+
+// What the background expects of strangers to a gallery of one person: such a gallery holds no
+// strangers itself, so its calibration is the expectation with the constants put in.
+struct Expected {
+  double mean = 0;
+  double deviation = 0;
+};
+Expected expected_by(const Recognizer& model) {
+  if (!model.calibration) throw std::invalid_argument("a gallery of one has no calibration");
+  return {model.calibration->location - kSameCameraFitted.shift,
+          model.calibration->scale / kSameCameraFitted.spread};
+}
+
+struct Gallery {
+  Expected expected;
+  std::vector<double> scores;  // of strangers
+};
+
+}  // namespace
+
+SameCameraFit fit_same_camera(const std::vector<cv::Mat>& faces,
+                              const std::vector<std::string>& labels, int training, int draws,
+                              const Background& background, Progress& progress,
+                              const std::stop_token& stop) {
+  TARSIER_REQUIRE(faces.size() == labels.size(), "{} faces, {} labels", faces.size(),
+                  labels.size());
+  TARSIER_REQUIRE(training >= 1 && draws >= 1 && draws <= 1000, "{} pictures, {} draws", training,
+                  draws);
+  if (background.basis.rows() == 0)
+    throw std::invalid_argument("needs a background that was learnt (people train)");
+  const std::set<std::string> people(labels.begin(), labels.end());
+  if (people.size() < 3) throw std::invalid_argument("needs at least three people");
+  SameCameraFit out;
+  out.people = static_cast<int>(people.size());
+  std::vector<Gallery> galleries;
+  NoProgress quiet;
+  progress.begin("galleries of one", static_cast<std::int64_t>(people.size()) * draws, "galleries");
+  for (int draw = 0; draw < draws; ++draw) {
+    const Split split = split_of(labels, training, static_cast<std::uint64_t>(draw));
+    for (const std::string& name : people) {
+      throw_if_stopped(stop);
+      progress.advance();
+      std::vector<cv::Mat> own;
+      for (const int i : split.training)
+        if (labels[static_cast<std::size_t>(i)] == name)
+          own.push_back(faces[static_cast<std::size_t>(i)]);
+      if (static_cast<int>(own.size()) < training) continue;  // somebody with fewer pictures
+      const std::vector<std::string> names(own.size(), name);
+      const Recognizer model = train(own, names, {}, quiet, stop, &background);
+      Gallery gallery{expected_by(model), {}};
+      for (std::size_t i = 0; i < faces.size(); ++i)
+        if (labels[i] != name) gallery.scores.push_back(identify(model, faces[i]).front().score);
+      out.scores += static_cast<long>(gallery.scores.size());
+      galleries.push_back(std::move(gallery));
+    }
+  }
+  progress.end();
+  if (galleries.empty()) throw std::invalid_argument("nobody has enough pictures");
+  out.galleries = static_cast<int>(galleries.size());
+  const auto count = static_cast<double>(out.scores);
+  double shift = 0;
+  for (const Gallery& gallery : galleries)
+    for (const double score : gallery.scores) shift += (score - gallery.expected.mean) / count;
+  double square = 0;
+  for (const Gallery& gallery : galleries) {
+    for (const double score : gallery.scores) {
+      const double z = (score - gallery.expected.mean - shift) / gallery.expected.deviation;
+      square += z * z / count;
+    }
+  }
+  out.found = {shift, std::sqrt(square)};
+  return out;
+}
+
+}  // namespace tarsier::face::recognition

@@ -1,0 +1,683 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/training.h"
+
+#include "tarsier/core/image.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/recognition/background_space.h"
+#include "tarsier/face/recognition/features.h"
+#include "tarsier/face/recognition/folds.h"
+#include "tarsier/face/recognition/recognizer.h"
+#include "tarsier/face/recognition/same_camera.h"
+
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <utility>
+
+namespace tarsier::face::recognition {
+namespace {
+
+constexpr int kMaxComponents = 256;  // of the default recogniser, unless asked otherwise
+// Rows of the largest matrix whose eigenvectors training computes.
+constexpr std::size_t kBasisRows = 480;
+// Where nothing else is known of the scores of the default recogniser.
+constexpr CalibrationPrior kPrior{0, 0.15, 0.5, 2};
+// Of what a gallery adds to a background's components.
+constexpr int kMaxOwnComponents = 200;
+// Strangers before one camera are more alike than the people of a background: fitted there.
+constexpr double kSameCamera = kSameCameraFitted.shift;
+constexpr double kSpread = kSameCameraFitted.spread;
+// What this counts for beside strangers' scores in the gallery itself.
+constexpr double kPriorPeople = 6;
+
+struct Move {
+  double dx, dy;  // of a face 64 px wide, px
+  double degrees, growth;
+};
+constexpr std::array<Move, 7> kMoves{{{0, 0, 0, 0},
+                                      {1.5, 0, 0, 0},
+                                      {-1.5, 0, 0, 0},
+                                      {0, 1.5, 0, 0},
+                                      {0, -1.5, 0, 0},
+                                      {0, 0, 3, 0.03},
+                                      {0, 0, -3, -0.03}}};
+
+// The rows of one face: as it is, then moved.
+void describe_face(const cv::Mat& face, const RecognizerOptions& options, std::size_t moves,
+                   Eigen::Ref<Rows> rows) {
+  const auto put = [&](std::size_t row, const std::vector<float>& values) {
+    rows.row(static_cast<Eigen::Index>(row)) = Eigen::Map<const Eigen::RowVectorXf>(
+        values.data(), static_cast<Eigen::Index>(values.size()));
+  };
+  if (moves == 1) {
+    put(0, features_of(face, options));
+    return;
+  }
+  cv::Mat sized;
+  cv::resize(face, sized, options.descriptor.size, 0, 0,
+             face.cols > options.descriptor.size.width ? cv::INTER_AREA : cv::INTER_LINEAR);
+  const double px = options.variants * options.descriptor.size.width / 64;
+  for (std::size_t m = 0; m < moves; ++m) {
+    const Move& move = kMoves[m];
+    put(m, features_of(m == 0 ? sized
+                              : moved_face(sized, move.dx * px, move.dy * px,
+                                           move.degrees * options.variants,
+                                           1 + move.growth * options.variants),
+                       options));
+  }
+}
+
+int feature_count(const RecognizerOptions& options) {
+  switch (options.algorithm) {
+    case Algorithm::kDefault:
+      return descriptor_length(options.descriptor);
+    case Algorithm::kLbph:
+      return lbp_length(options.lbp);
+    case Algorithm::kEigen:
+    case Algorithm::kFisher:
+      break;
+  }
+  return options.size.area();
+}
+
+Rows rows_at(const Rows& rows, const std::vector<std::size_t>& indices) {
+  Rows out(static_cast<Eigen::Index>(indices.size()), rows.cols());
+  for (std::size_t i = 0; i < indices.size(); ++i)
+    out.row(static_cast<Eigen::Index>(i)) = rows.row(static_cast<Eigen::Index>(indices[i]));
+  return out;
+}
+
+// Which rows the principal components are made of: every face as it is, then moved ones as far as
+// they fit; of very many faces an even choice.
+std::vector<std::size_t> basis_rows(std::size_t faces, std::size_t moves) {
+  std::vector<std::size_t> rows;
+  if (faces > kBasisRows) {
+    for (std::size_t i = 0; i < kBasisRows; ++i) rows.push_back(i * faces / kBasisRows * moves);
+    return rows;
+  }
+  for (std::size_t m = 0; m < moves && (m + 1) * faces <= std::max(kBasisRows, faces); ++m)
+    for (std::size_t i = 0; i < faces; ++i) rows.push_back(i * moves + m);
+  return rows;
+}
+
+// Directions in which the gallery differs from the mean beyond those of the background, after them.
+Rows with_basis(const Rows& basis, const Rows& centred) {
+  const Rows outside = centred - products(products(centred, basis), Rows(basis.transpose()));
+  const Eigen::RowVectorXf zero = Eigen::RowVectorXf::Zero(centred.cols());
+  const Pca more = principal_components(outside, kMaxOwnComponents, &zero);
+  Rows out(basis.rows() + more.components.rows(), basis.cols());
+  out << basis, more.components;
+  return out;
+}
+
+// What is known of the scatter within people, in the background's directions and `more` others.
+Eigen::MatrixXd known_within(const Background& background, Eigen::Index more) {
+  const Eigen::Index known = background.within.rows();
+  const auto left = static_cast<double>(std::max<Eigen::Index>(1, background.mean.size() - known));
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(known + more, known + more);
+  out.topLeftCorner(known, known) = background.within;
+  out.diagonal().tail(more).setConstant(background.within_rest / left);
+  return out;
+}
+
+// Off the mean face by chance, as the background's people are: their scores against the people of
+// the gallery, each one by himself.
+CalibrationPrior prior_of(const Recognizer& model, const Background& background) {
+  constexpr int kStrangers = 400;
+  CalibrationPrior prior = background.prior;
+  double sum = 0;
+  double square = 0;
+  double count = 0;
+  Rng rng(20);
+  const Eigen::VectorXf deviation = background.variance.cwiseMax(0).cwiseSqrt().cast<float>();
+  const Eigen::RowVectorXf shift = background.mean - model.mean;
+  Rows in_template = products(background.basis, model.components);  // m x c
+  const Rows shift_in_template = products(Rows(shift), model.components);
+  const Rows shift_in_basis = products(Rows(shift), background.basis);
+  for (int i = 0; i < kStrangers; ++i) {
+    Rows x(1, deviation.size());
+    for (Eigen::Index k = 0; k < deviation.size(); ++k)
+      x(0, k) = deviation(k) * static_cast<float>(rng.normal());
+    Rows probe = x * in_template + shift_in_template;
+    Eigen::VectorXd length(1);
+    length(0) = (x + shift_in_basis).cast<double>().squaredNorm() +
+                std::max(0.0, shift.cast<double>().squaredNorm() -
+                                  shift_in_basis.cast<double>().squaredNorm()) +
+                background.outside;
+    scale_rows(probe, length, model.importance, model.rest);
+    const std::vector<float> values(probe.data(), probe.data() + probe.size());
+    for (const PersonScore& person : identify_template(model, values)) {
+      sum += person.score;
+      square += person.score * person.score;
+      count += 1;
+    }
+  }
+  const double mean = sum / count;
+  prior.location = mean + kSameCamera;
+  prior.scale = std::max(0.02, kSpread * std::sqrt(std::max(0.0, square / count - mean * mean)));
+  prior.weight = kPriorPeople;
+  return prior;
+}
+
+// The mean that faces are compared to: of the gallery and of the background, by their weights.
+// One person says nothing of the mean of people.
+Eigen::RowVectorXf mean_of(const Eigen::RowVectorXf& own, int people,
+                           const Background* background) {
+  if (background == nullptr) return own;
+  const double weight = people > 1 ? people : 0;
+  const double share = weight / (weight + background->weight);
+  return static_cast<float>(share) * own + static_cast<float>(1 - share) * background->mean;
+}
+
+// The whitened directions of the model, from what the folds hold.
+void whiten(Recognizer& model, const Folds& folds, const Rows& components, bool informed) {
+  const Eigen::Index kept =
+      informed ? components.rows() : std::min<Eigen::Index>(folds.most, components.rows());
+  const Whitening white = folds.whitener(folds.coefficients.leftCols(kept), {});
+  model.components =
+      (white.directions.transpose() * components.topRows(kept).cast<double>()).cast<float>();
+  model.importance = white.scatter;
+  model.rest = white.rest;
+}
+
+void check_background(const Background& background, Eigen::Index length) {
+  background.check();
+  TARSIER_REQUIRE(background.mean.size() == length,
+                  "a background of {} numbers for descriptors of {}", background.mean.size(),
+                  length);
+}
+
+// Eigenfaces and Fisherfaces: distances have no scale of their own, so no prior.
+void calibrate_pixels(Recognizer& model, const Rows& rows, const std::stop_token& stop) {
+  if (model.labels.size() < 2) return;
+  ScoreSample sample;
+  if (model.people.size() <= kBasisRows) {
+    const Pca pca = principal_components(rows);
+    Folds folds;
+    folds.algorithm = model.options.algorithm;
+    folds.coefficients = products(rows.rowwise() - pca.mean, pca.components).cast<double>();
+    folds.people = model.people;
+    folds.person_count = static_cast<int>(model.labels.size());
+    for (std::size_t i = 0; i < model.people.size(); ++i) folds.basis.push_back(i);
+    folds.most = model.options.components;
+    sample = folds.scores(stop);
+  } else {
+    sample = left_out_scores(model, stop);
+  }
+  if (!sample.stranger.empty()) model.calibration = fit_calibration(sample, {0, 1, 0, 0});
+}
+
+void train_fisher(Recognizer& model, const Rows& rows) {
+  const int people = static_cast<int>(model.labels.size());
+  const auto faces = static_cast<int>(rows.rows());
+  if (people < 2) {
+    throw std::invalid_argument("Fisherfaces needs faces of at least two people, there is one");
+  }
+  if (faces <= people)
+    throw std::invalid_argument("Fisherfaces needs more than one picture of somebody");
+  const Pca pca = principal_components(rows, faces - people);
+  TARSIER_REQUIRE(pca.components.rows() > 0, "the faces are flat or all the same");
+  const Eigen::MatrixXd coefficients =
+      products(rows.rowwise() - pca.mean, pca.components).cast<double>();
+  Eigen::MatrixXd directions =
+      linear_discriminants(coefficients, model.people, people, &model.importance);
+  if (model.options.components > 0 && directions.cols() > model.options.components) {
+    directions = directions.leftCols(model.options.components).eval();
+    model.importance = model.importance.head(model.options.components).eval();
+  }
+  model.mean = pca.mean;
+  model.components = (directions.transpose() * pca.components.cast<double>()).cast<float>();
+}
+
+}  // namespace
+
+void Background::check() const {
+  TARSIER_REQUIRE(mean.size() > 0 && mean.allFinite() && weight > 0 && weight <= 1000,
+                  "a background of {} numbers, weight {}", mean.size(), weight);
+  const Eigen::Index m = basis.rows();
+  if (m == 0) return;
+  TARSIER_REQUIRE(basis.cols() == mean.size() && basis.allFinite() && variance.size() == m &&
+                      variance.allFinite() && variance.minCoeff() >= 0 && within.rows() == m &&
+                      within.cols() == m && within.allFinite(),
+                  "a background's parts do not fit together");
+  TARSIER_REQUIRE(std::isfinite(outside) && outside >= 0 && std::isfinite(within_rest) &&
+                      within_rest >= 0 && within_weight > 0 && within_weight <= 1e6,
+                  "outside {}, within {}, weight {}", outside, within_rest, within_weight);
+}
+
+Background background_of(std::span<const cv::Mat> faces, const DescriptorOptions& options) {
+  TARSIER_REQUIRE(!faces.empty(), "no faces");
+  Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(descriptor_length(options));
+  for (const auto& face : faces) {
+    const auto values = describe(face, options);
+    sum += Eigen::Map<const Eigen::RowVectorXf>(values.data(),
+                                                static_cast<Eigen::Index>(values.size()))
+               .cast<double>();
+  }
+  Background out;
+  out.mean = (sum / static_cast<double>(faces.size())).cast<float>();
+  return out;
+}
+
+std::vector<std::size_t> learning_sample(const std::vector<int>& people, int max) {
+  TARSIER_REQUIRE(max >= 1, "at most {} faces", max);
+  std::vector<std::size_t> out;
+  if (people.size() <= static_cast<std::size_t>(max)) {
+    out.resize(people.size());
+    std::iota(out.begin(), out.end(), std::size_t{0});
+    return out;
+  }
+  constexpr std::size_t kOfOne = 4;
+  const auto most = static_cast<std::size_t>(max);
+  std::vector<std::vector<std::size_t>> of_person;
+  for (std::size_t i = 0; i < people.size(); ++i) {
+    TARSIER_REQUIRE(people[i] >= 0, "person {}", people[i]);
+    const auto p = static_cast<std::size_t>(people[i]);
+    if (p >= of_person.size()) of_person.resize(p + 1);
+    of_person[p].push_back(i);
+  }
+  const std::size_t count = of_person.size();
+  // Few people: more pictures of each. As many people as their pictures fit.
+  const std::size_t of_one = std::max(kOfOne, most / std::max<std::size_t>(1, count));
+  std::size_t wanted = 0;
+  for (const auto& faces : of_person) wanted += std::min(of_one, faces.size());
+  const std::size_t chosen =
+      wanted <= most ? count : std::max<std::size_t>(1, count * most / wanted);
+  for (std::size_t k = 0; k < chosen; ++k) {
+    const auto& faces = of_person[k * count / chosen];
+    const std::size_t taken = std::min(of_one, faces.size());
+    for (std::size_t j = 0; j < taken; ++j) out.push_back(faces[j * faces.size() / taken]);
+  }
+  std::sort(out.begin(), out.end());
+  if (out.size() > most) out.resize(most);
+  return out;
+}
+
+struct Training::Impl {
+  enum class Stage { kDescribe, kLearn, kProject, kWhiten, kPrior, kFolds, kOthers, kDone };
+
+  std::vector<cv::Mat> faces;
+  std::vector<std::string> labels;  // people
+  std::vector<int> people;          // of all faces
+  const Background* background = nullptr;
+  Recognizer model;
+  std::vector<std::size_t> learned;  // indices of faces
+  std::size_t moves = 1;
+  bool informed = false;
+  Stage stage = Stage::kDescribe;
+  std::size_t at = 0;  // how far the stage is
+  double work = 0;
+  Rows rows;         // of the faces that are learned from; default: less the mean after kLearn
+  Rows coordinates;  // in place of faces; or empty
+  Rows components;   // default: principal, orthonormal
+  Folds folds;
+  CalibrationPrior prior = kPrior;
+  ScoreSample sample;
+
+  void number_people(const std::vector<std::string>& names) {
+    std::map<std::string, int> index;
+    for (const auto& name : names) {
+      const auto [entry, fresh] = index.try_emplace(name, static_cast<int>(index.size()));
+      if (fresh) labels.push_back(name);
+      people.push_back(entry->second);
+    }
+  }
+  [[nodiscard]] bool classical() const { return model.options.algorithm != Algorithm::kDefault; }
+  [[nodiscard]] int learned_people() const { return static_cast<int>(model.labels.size()); }
+  void next(Stage following) {
+    stage = following;
+    at = 0;
+  }
+
+  void describe(Progress& progress, const std::stop_token& stop);
+  void learn_classical(const std::stop_token& stop);
+  void learn();
+  void learn_coordinates(Progress& progress);
+  void project();
+  void whiten_all();
+  void find_prior();
+  void fold();
+  void others();
+  void finish();
+};
+
+void Training::Impl::describe(Progress& progress, const std::stop_token& stop) {
+  constexpr std::size_t kChunk = 16;  // between looks at the stop token
+  if (at == 0) {
+    progress.begin("describing", static_cast<std::int64_t>(learned.size()), "faces");
+    rows.resize(static_cast<Eigen::Index>(learned.size() * moves), feature_count(model.options));
+  }
+  const std::size_t last = std::min(learned.size(), at + kChunk);
+  cv::parallel_for_({static_cast<int>(at), static_cast<int>(last)}, [&](const cv::Range& range) {
+    for (int i = range.start; i < range.end; ++i)
+      describe_face(faces[learned[static_cast<std::size_t>(i)]], model.options, moves,
+                    rows.middleRows(static_cast<Eigen::Index>(i) * static_cast<int>(moves),
+                                    static_cast<Eigen::Index>(moves)));
+  });
+  progress.advance(static_cast<std::int64_t>(last - at));
+  work = static_cast<double>((last - at) * moves);
+  at = last;
+  if (at < learned.size()) return;
+  progress.end();
+  throw_if_stopped(stop);
+  progress.begin("training", 0, "steps");
+  next(Stage::kLearn);
+}
+
+void Training::Impl::learn_classical(const std::stop_token& stop) {
+  const RecognizerOptions& options = model.options;
+  work = 1e-7 * std::pow(static_cast<double>(rows.rows()), 3) + 50;
+  switch (options.algorithm) {
+    case Algorithm::kEigen: {
+      Pca pca = principal_components(rows, options.components);
+      if (pca.components.rows() == 0) {  // one picture: the distance to the mean along nothing
+        throw std::invalid_argument("Eigenfaces needs two different pictures");
+      }
+      model.mean = pca.mean;
+      model.components = std::move(pca.components);
+      model.importance = std::move(pca.variance);
+      break;
+    }
+    case Algorithm::kFisher:
+      train_fisher(model, rows);
+      break;
+    default:
+      model.templates = rows;
+      break;
+  }
+  throw_if_stopped(stop);
+  if (options.algorithm != Algorithm::kLbph) {
+    model.templates = products(rows.rowwise() - model.mean, model.components);
+    calibrate_pixels(model, rows, stop);
+  } else if (learned_people() > 1) {
+    model.calibration = fit_calibration(left_out_scores(model, stop), {0, 1, 0, 0});
+  }
+  next(Stage::kOthers);
+}
+
+void Training::Impl::learn() {
+  std::vector<std::size_t> upright(learned.size());
+  for (std::size_t i = 0; i < upright.size(); ++i) upright[i] = i * moves;
+  // With one person alone the mean would be the person: none is taken off then.
+  Eigen::RowVectorXf mean =
+      learned_people() > 1 || background != nullptr
+          ? Eigen::RowVectorXf(rows_at(rows, upright).cast<double>().colwise().mean().cast<float>())
+          : Eigen::RowVectorXf::Zero(rows.cols());
+  if (background != nullptr) check_background(*background, rows.cols());
+  mean = mean_of(mean, learned_people(), background);
+  informed = background != nullptr && background->basis.rows() > 0;
+  folds.basis = basis_rows(learned.size(), moves);
+  if (informed) {
+    components = with_basis(background->basis, rows_at(rows, folds.basis).rowwise() - mean);
+  } else {
+    components = principal_components(rows_at(rows, folds.basis), 0, &mean).components;
+  }
+  TARSIER_REQUIRE(components.rows() > 0, "the faces are flat or all the same");
+  rows.rowwise() -= mean;
+  model.mean = mean;
+  folds.coefficients.resize(rows.rows(), components.rows());
+  folds.people = model.people;
+  folds.person_count = learned_people();
+  folds.moves = static_cast<int>(moves);
+  folds.most = model.options.components > 0 ? model.options.components : kMaxComponents;
+  folds.ridge = model.options.ridge;
+  folds.mean_weight = model.options.mean_weight;
+  if (informed) {
+    folds.known_within = known_within(*background, components.rows() - background->basis.rows());
+    folds.known_weight = background->within_weight;
+  }
+  work = 20 + 1e-6 * std::pow(static_cast<double>(folds.basis.size()), 3);
+  next(Stage::kProject);
+}
+
+void Training::Impl::learn_coordinates(Progress& progress) {
+  progress.begin("training", 0, "steps");
+  const Eigen::Index m = background->basis.rows();
+  // The mean of the gallery, as far as the directions hold it.
+  const Eigen::RowVectorXf own =
+      coordinates.leftCols(m).cast<double>().colwise().mean().cast<float>();
+  model.mean = mean_of(background->mean + own * background->basis, learned_people(), background);
+  const Rows shift = products(Rows(model.mean - background->mean), background->basis);
+  folds.coefficients =
+      (coordinates.leftCols(m).rowwise() - Eigen::RowVectorXf(shift.row(0))).cast<double>();
+  folds.outside = coordinates.col(m).cast<double>().cwiseMax(0);
+  folds.people = model.people;
+  folds.person_count = learned_people();
+  folds.most = kMaxComponents;
+  folds.ridge = model.options.ridge;
+  folds.mean_weight = model.options.mean_weight;
+  folds.known_within = known_within(*background, 0);
+  folds.known_weight = background->within_weight;
+  next(Stage::kWhiten);
+}
+
+void Training::Impl::project() {
+  constexpr std::size_t kChunk = 512;
+  const auto first = static_cast<Eigen::Index>(at);
+  const Eigen::Index count = std::min<Eigen::Index>(kChunk, rows.rows() - first);
+  folds.coefficients.middleRows(first, count) =
+      products(rows.middleRows(first, count), components).cast<double>();
+  work = 2e-7 * static_cast<double>(count * rows.cols() * components.rows());
+  at += static_cast<std::size_t>(count);
+  if (at == static_cast<std::size_t>(rows.rows())) next(Stage::kWhiten);
+}
+
+void Training::Impl::whiten_all() {
+  work = 5e-7 * static_cast<double>(folds.coefficients.rows() + folds.coefficients.cols()) *
+         static_cast<double>(folds.coefficients.cols() * folds.coefficients.cols());
+  if (coordinates.size() > 0) {
+    whiten(model, folds, background->basis, true);
+    model.templates = templates_of_coordinates(model, *background, coordinates);
+    folds.background =
+        products(Rows(background->mean - model.mean), background->basis).row(0).cast<double>();
+    folds.background_weight = background->weight;
+    next(Stage::kPrior);
+    return;
+  }
+  whiten(model, folds, components, informed);
+  std::vector<std::size_t> upright(learned.size());
+  for (std::size_t i = 0; i < upright.size(); ++i) upright[i] = i * moves;
+  const Rows own = rows_at(rows, upright);
+  model.templates = products(own, model.components);
+  scale_rows(model.templates, own.cast<double>().rowwise().squaredNorm(), model.importance,
+             model.rest);
+  if (background != nullptr) {
+    folds.background =
+        (components * (background->mean - model.mean).transpose()).transpose().cast<double>();
+    folds.background_weight = background->weight;
+  }
+  // One person without a background: no stranger's score is known, nor what it would be.
+  next(learned_people() < 2 && background == nullptr ? Stage::kOthers : Stage::kPrior);
+}
+
+void Training::Impl::find_prior() {
+  prior = background != nullptr ? background->prior : kPrior;
+  if (informed) {
+    model.refresh();
+    prior = prior_of(model, *background);
+  }
+  work = 20 + 1e-4 * static_cast<double>(model.templates.size());
+  sample.gallery = 0;
+  next(Stage::kFolds);
+}
+
+void Training::Impl::fold() {
+  folds.score(static_cast<int>(at), sample);
+  work = 5e-7 * static_cast<double>(folds.coefficients.rows() + folds.coefficients.cols()) *
+         static_cast<double>(folds.coefficients.cols() * folds.coefficients.cols());
+  if (static_cast<int>(++at) < folds.count()) return;
+  sample.gallery = std::max(1.0, sample.gallery);
+  model.calibration = fit_calibration(sample, prior);
+  folds = {};
+  rows.resize(0, 0);
+  next(Stage::kOthers);
+}
+
+// The templates of the faces that were not learned from; they are in the order of all faces then.
+void Training::Impl::others() {
+  if (learned.size() == faces.size()) return finish();  // also where there are coordinates
+  if (at == 0) {
+    Rows all(static_cast<Eigen::Index>(faces.size()), model.template_length());
+    for (std::size_t i = 0; i < learned.size(); ++i)
+      all.row(static_cast<Eigen::Index>(learned[i])) =
+          model.templates.row(static_cast<Eigen::Index>(i));
+    model.templates = std::move(all);
+  }
+  constexpr std::size_t kChunk = 64;
+  const std::size_t last = std::min(faces.size(), at + kChunk);
+  cv::parallel_for_({static_cast<int>(at), static_cast<int>(last)}, [&](const cv::Range& range) {
+    for (int i = range.start; i < range.end; ++i) {
+      const auto face = static_cast<std::size_t>(i);
+      if (std::binary_search(learned.begin(), learned.end(), face)) continue;
+      const std::vector<float> values = template_of(model, faces[face]);
+      model.templates.row(i) = Eigen::Map<const Eigen::RowVectorXf>(
+          values.data(), static_cast<Eigen::Index>(values.size()));
+    }
+  });
+  work = static_cast<double>(last - at);
+  at = last;
+  if (at == faces.size()) finish();
+}
+
+void Training::Impl::finish() {
+  model.people = people;
+  model.labels = labels;
+  model.refresh();
+  next(Stage::kDone);
+}
+
+Training::Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
+                   const RecognizerOptions& options, const Background* background, int max_learned)
+    : impl_(std::make_unique<Impl>()) {
+  options.check();
+  if (faces.empty()) throw std::invalid_argument("there are no faces to train on");
+  TARSIER_REQUIRE(faces.size() == labels.size(), "{} faces, {} labels", faces.size(),
+                  labels.size());
+  Recognizer& model = impl_->model;
+  model.options = options;
+  for (const auto& face : faces) require_gray(face);
+  if (options.algorithm == Algorithm::kDefault)
+    model.options.size = options.descriptor.size;
+  else if (options.size.area() == 0)
+    model.options.size = faces.front().size();
+  model.options.check();
+  impl_->number_people(labels);
+  impl_->learned = learning_sample(impl_->people, max_learned);
+  // The people of the faces that are learned from, numbered in their order.
+  std::map<int, int> renamed;
+  for (const std::size_t i : impl_->learned) {
+    const auto [entry, fresh] =
+        renamed.try_emplace(impl_->people[i], static_cast<int>(renamed.size()));
+    if (fresh) model.labels.push_back(impl_->labels[static_cast<std::size_t>(impl_->people[i])]);
+    model.people.push_back(entry->second);
+  }
+  impl_->faces = std::move(faces);
+  impl_->background = options.algorithm == Algorithm::kDefault ? background : nullptr;
+  impl_->moves =
+      options.algorithm == Algorithm::kDefault && options.variants > 0 ? kMoves.size() : 1;
+}
+
+Training::Training(const Rows& coordinates, std::vector<std::string> labels,
+                   const RecognizerOptions& options, const Background& background)
+    : impl_(std::make_unique<Impl>()) {
+  options.check();
+  TARSIER_REQUIRE(options.algorithm == Algorithm::kDefault, "coordinates are for 'default', not {}",
+                  name_of(options.algorithm));
+  check_background(background, descriptor_length(options.descriptor));
+  const Eigen::Index m = background.basis.rows();
+  TARSIER_REQUIRE(m > 0, "a background of a mean alone");
+  TARSIER_REQUIRE(coordinates.rows() > 0 && coordinates.cols() == m + 1,
+                  "{} rows of {} coordinates, the background has {} directions", coordinates.rows(),
+                  coordinates.cols(), m);
+  TARSIER_REQUIRE(static_cast<std::size_t>(coordinates.rows()) == labels.size(),
+                  "{} faces, {} labels", coordinates.rows(), labels.size());
+  impl_->number_people(labels);
+  impl_->model.options = options;
+  impl_->model.options.size = options.descriptor.size;
+  impl_->model.labels = impl_->labels;
+  impl_->model.people = impl_->people;
+  impl_->coordinates = coordinates;
+  impl_->background = &background;
+  impl_->informed = true;
+  impl_->stage = Impl::Stage::kLearn;
+}
+
+Training::~Training() = default;
+Training::Training(Training&&) noexcept = default;
+Training& Training::operator=(Training&&) noexcept = default;
+
+double Training::work() const { return impl_->work; }
+
+bool Training::step(Progress& progress, const std::stop_token& stop) {
+  throw_if_stopped(stop);
+  Impl& impl = *impl_;
+  impl.work = 1;
+  switch (impl.stage) {
+    case Impl::Stage::kDescribe:
+      impl.describe(progress, stop);
+      break;
+    case Impl::Stage::kLearn:
+      if (impl.classical()) {
+        impl.learn_classical(stop);
+      } else if (impl.coordinates.size() > 0) {
+        impl.learn_coordinates(progress);
+      } else {
+        impl.learn();
+      }
+      break;
+    case Impl::Stage::kProject:
+      impl.project();
+      break;
+    case Impl::Stage::kWhiten:
+      impl.whiten_all();
+      break;
+    case Impl::Stage::kPrior:
+      impl.find_prior();
+      break;
+    case Impl::Stage::kFolds:
+      impl.fold();
+      break;
+    case Impl::Stage::kOthers:
+      impl.others();
+      break;
+    case Impl::Stage::kDone:
+      return false;
+  }
+  if (impl.stage == Impl::Stage::kDone) progress.end();
+  return impl.stage != Impl::Stage::kDone;
+}
+
+Recognizer Training::take() {
+  TARSIER_REQUIRE(impl_->stage == Impl::Stage::kDone, "the training is not at its end");
+  return std::move(impl_->model);
+}
+
+Recognizer train(std::span<const cv::Mat> faces, std::span<const std::string> labels,
+                 const RecognizerOptions& options, Progress& progress, const std::stop_token& stop,
+                 const Background* background) {
+  Training training({faces.begin(), faces.end()}, {labels.begin(), labels.end()}, options,
+                    background);
+  while (training.step(progress, stop)) {
+  }
+  throw_if_stopped(stop);
+  return training.take();
+}
+
+Recognizer train_coordinates(const Rows& coordinates, std::span<const std::string> labels,
+                             const RecognizerOptions& options, Progress& progress,
+                             const std::stop_token& stop, const Background& background) {
+  Training training(coordinates, {labels.begin(), labels.end()}, options, background);
+  while (training.step(progress, stop)) {
+  }
+  throw_if_stopped(stop);
+  return training.take();
+}
+
+}  // namespace tarsier::face::recognition

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/shape/cut_out.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace tarsier::face::shape {
+
+CutOut cut_out(const cv::Mat& image, const LandmarkSample& sample, double margin, int largest) {
+  const Eigen::Vector2d low = sample.points.rowwise().minCoeff();
+  const Eigen::Vector2d high = sample.points.rowwise().maxCoeff();
+  const double side = std::max((high - low).maxCoeff(), 1.0);
+  const double rim = margin * side;
+  const auto bounded = [](double value, int most) {
+    return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(most)));
+  };
+  cv::Rect area(cv::Point(bounded(std::floor(low.x() - rim), image.cols),
+                          bounded(std::floor(low.y() - rim), image.rows)),
+                cv::Point(bounded(std::ceil(high.x() + rim) + 1, image.cols),
+                          bounded(std::ceil(high.y() + rim) + 1, image.rows)));
+  if (area.empty()) area = cv::Rect(0, 0, image.cols, image.rows);
+  const double scale = std::min(1.0, largest / side);
+
+  CutOut result;
+  const cv::Size size(std::max(1, static_cast<int>(std::lround(area.width * scale))),
+                      std::max(1, static_cast<int>(std::lround(area.height * scale))));
+  if (size == area.size()) {
+    result.picture = image(area).clone();
+  } else {
+    cv::resize(image(area), result.picture, size, 0, 0, cv::INTER_AREA);
+  }
+  const double sx = static_cast<double>(size.width) / area.width;
+  const double sy = static_cast<double>(size.height) / area.height;
+  result.scale = 1 / sx;
+  result.points = sample.points;
+  result.points.row(0) = ((sample.points.row(0).array() - area.x + 0.5) * sx - 0.5).matrix();
+  result.points.row(1) = ((sample.points.row(1).array() - area.y + 0.5) * sy - 0.5).matrix();
+  if (sample.box) {
+    result.box = cv::Rect2d((sample.box->x - area.x + 0.5) * sx - 0.5,
+                            (sample.box->y - area.y + 0.5) * sy - 0.5, sample.box->width * sx,
+                            sample.box->height * sy);
+  }
+  return result;
+}
+
+CutOut mirrored(const CutOut& cut, const std::vector<int>& mirror, double to_the_right) {
+  LandmarkSample sample;
+  sample.points = cut.points;
+  sample.box = cut.box;
+  LandmarkSample turned = mirrored(sample, mirror, cut.picture.cols);
+  turned.points.row(0).array() += 2 * to_the_right / cut.scale;
+  CutOut result{{}, std::move(turned.points), turned.box, cut.scale};
+  cv::flip(cut.picture, result.picture, 1);
+  return result;
+}
+
+}  // namespace tarsier::face::shape

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/shape/cut_out.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace tarsier::face::shape {
+namespace {
+
+// Each pixel holds its own place, so that a cut tells where its pixels come from.
+cv::Mat places(int width, int height) {
+  cv::Mat image(height, width, CV_32FC2);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      image.at<cv::Vec2f>(y, x) = {static_cast<float>(x), static_cast<float>(y)};
+    }
+  }
+  return image;
+}
+
+// Between the pixels, linearly.
+Eigen::Vector2d value_at(const cv::Mat& image, const Eigen::Vector2d& p) {
+  const int x = static_cast<int>(std::floor(p.x()));
+  const int y = static_cast<int>(std::floor(p.y()));
+  const auto fx = static_cast<float>(p.x() - x);
+  const auto fy = static_cast<float>(p.y() - y);
+  const cv::Vec2f v =
+      (image.at<cv::Vec2f>(y, x) * (1 - fx) + image.at<cv::Vec2f>(y, x + 1) * fx) * (1 - fy) +
+      (image.at<cv::Vec2f>(y + 1, x) * (1 - fx) + image.at<cv::Vec2f>(y + 1, x + 1) * fx) * fy;
+  return {v[0], v[1]};
+}
+
+// px; a mean over parts of pixels is off a straight line by as much.
+constexpr double kNear = 0.06;
+
+LandmarkSample triangle() {
+  LandmarkSample sample;
+  sample.points.resize(2, 3);
+  sample.points << 100.25, 181.5, 133, 90, 98.75, 170;
+  sample.box = cv::Rect2d(95, 85, 90, 90);
+  return sample;
+}
+
+TEST(CutOut, PointsStayOnTheirPixelsHoweverMuchIsReduced) {
+  const LandmarkSample sample = triangle();
+  for (const int largest : {400, 60, 37, 11}) {
+    const CutOut cut = cut_out(places(320, 240), sample, 0.5, largest);
+    for (int p = 0; p < 3; ++p) {
+      const Eigen::Vector2d there = value_at(cut.picture, cut.points.col(p));
+      EXPECT_LT((there - sample.points.col(p)).norm(), kNear) << largest << ' ' << p;
+    }
+    ASSERT_TRUE(cut.box);
+    EXPECT_LT((value_at(cut.picture, {cut.box->x, cut.box->y}) - Eigen::Vector2d(95, 85)).norm(),
+              kNear);
+    EXPECT_NEAR(cut.box->width * cut.scale, 90, 1) << largest;
+  }
+}
+
+TEST(CutOut, KeepsTheMarginAndNeverEnlarges) {
+  const CutOut whole_size = cut_out(places(320, 240), triangle(), 0.5, 4000);
+  EXPECT_EQ(whole_size.scale, 1);
+  // The points' box is 81.25 px wide: half of that on each side.
+  EXPECT_EQ((whole_size.picture.at<cv::Vec2f>(0, 0)), cv::Vec2f(59, 49));
+  EXPECT_EQ(whole_size.picture.size(), cv::Size(165, 163));
+  const CutOut reduced = cut_out(places(320, 240), triangle(), 0.5, 20);
+  const Eigen::Vector2d extent =
+      reduced.points.rowwise().maxCoeff() - reduced.points.rowwise().minCoeff();
+  EXPECT_NEAR(extent.maxCoeff(), 20, 0.2);
+}
+
+TEST(CutOut, PointsOutsideThePictureLeaveTheWholeOfIt) {
+  LandmarkSample sample = triangle();
+  sample.points.array() += 1e12;
+  const CutOut cut = cut_out(places(32, 24), sample, 0.5, 400);
+  EXPECT_EQ(cut.picture.size(), cv::Size(32, 24));
+}
+
+TEST(CutOut, MirroredPointsLieOnWhatTheyMark) {
+  const LandmarkSample sample = triangle();
+  const CutOut cut = cut_out(places(320, 240), sample, 0.5, 60);
+  const CutOut turned = mirrored(cut, {1, 0, 2}, 0);
+  for (int p = 0; p < 3; ++p) {
+    const int counterpart = p == 2 ? 2 : 1 - p;
+    const Eigen::Vector2d there = value_at(turned.picture, turned.points.col(p));
+    EXPECT_LT((there - sample.points.col(counterpart)).norm(), kNear) << p;
+  }
+  // Counted from 1, points lie a pixel to the right of what they mark: mirrored ones, too.
+  const CutOut moved = mirrored(cut, {1, 0, 2}, 1);
+  EXPECT_NEAR(moved.points(0, 0) - turned.points(0, 0), 2 / cut.scale, 1e-9);
+}
+
+}  // namespace
+}  // namespace tarsier::face::shape

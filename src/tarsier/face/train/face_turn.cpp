@@ -1,0 +1,315 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/train/face_turn.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/face/shape/mesh.h"
+#include "tarsier/face/shape/piecewise_warp.h"
+
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+namespace tarsier::face::train {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix2Xd;
+using Eigen::Matrix3d;
+using Eigen::Matrix3Xd;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+// Of the picture, in widths of the face: portraits are taken from about a metre.
+constexpr double kFocal = 7;
+// Depth of the ellipse of the contour, share of its half width.
+constexpr double kRoundness = 0.8;
+// Where the background no longer moves, in distances of the farthest point of the head.
+constexpr double kStill = 1.75;
+constexpr int kStillPoints = 16;
+// Points this near to each other are one, share of the size of the face's shape.
+constexpr double kSame = 0.01;
+// Of the face's area, what may be hidden after a turn.
+constexpr double kMaxHidden = 0.08;
+constexpr double kFarAway = 1e6;  // mm, the background
+
+// Looks at the middle of the points.
+geometry::Camera camera_of(const Matrix2Xd& points) {
+  geometry::Camera camera;
+  const Vector2d low = points.rowwise().minCoeff();
+  const Vector2d high = points.rowwise().maxCoeff();
+  camera.width = camera.height = 1;  // there is no picture
+  camera.fx = camera.fy = kFocal * std::max(1.0, (high - low).maxCoeff());
+  camera.cx = (low.x() + high.x()) / 2;
+  camera.cy = (low.y() + high.y()) / 2;
+  return camera;
+}
+
+Matrix3d to_eigen(const cv::Matx33d& r) {
+  Matrix3d result;
+  for (int a = 0; a < 3; ++a)
+    for (int b = 0; b < 3; ++b) result(a, b) = r(a, b);
+  return result;
+}
+
+// The forehead above the brows: an arc from temple to temple, which leans back a little. Shares of
+// the half width of an adult's head, about 74 mm.
+Matrix3Xd forehead_of(const Matrix3Xd& shape) {
+  constexpr int kPoints = 5;
+  const double half = shape.row(0).cwiseAbs().maxCoeff();
+  Index brow = 0;
+  shape.row(1).minCoeff(&brow);
+  Matrix3Xd arc(3, kPoints);
+  for (int k = 0; k < kPoints; ++k) {
+    const double angle = (k - (kPoints - 1) / 2.0) * 32 * std::numbers::pi / 180;
+    const double side = std::sin(angle);
+    const double up = std::cos(angle);
+    arc.col(k) << 0.75 * half * side, shape(1, brow) - 0.75 * half * up,
+        shape(2, brow) + half * (0.2 * up * up + 0.5 * side * side);
+  }
+  return arc;
+}
+
+// The model's points as annotators mark them at this yaw: those of the far side's contour slide.
+Matrix3Xd marked_points(const head::HeadModel& model, const Matrix3Xd& shape, double yaw_deg) {
+  Matrix3Xd marked = shape;
+  const double slope = std::abs(std::tan(yaw_deg * std::numbers::pi / 180));
+  for (const int i : model.outline) {
+    const double x = shape(0, i);
+    // A head that turns to image left shows more of its image right side.
+    if (x * yaw_deg >= 0) continue;
+    const double depth = kRoundness * std::abs(x);
+    const double phi = std::atan(kRoundness * slope);
+    marked(0, i) = x * std::cos(phi);
+    marked(2, i) = shape(2, i) - depth * std::sin(phi);
+  }
+  return marked;
+}
+
+Matrix2Xd seen(const Matrix3Xd& there, const geometry::Camera& camera) {
+  Matrix2Xd points(2, there.cols());
+  for (Index i = 0; i < there.cols(); ++i) {
+    points.col(i) << camera.cx + camera.fx * there(0, i) / there(2, i),
+        camera.cy + camera.fy * there(1, i) / there(2, i);
+  }
+  return points;
+}
+
+struct Vertices {
+  Matrix2Xd before;
+  Matrix2Xd after;
+};
+
+// The ring that stays, and corners far outside.
+Matrix2Xd still_points(const Matrix2Xd& before, const Matrix2Xd& after, cv::Size picture) {
+  const Vector2d center = before.rowwise().mean();
+  const double reach = kStill * std::max((before.colwise() - center).colwise().norm().maxCoeff(),
+                                         (after.colwise() - center).colwise().norm().maxCoeff());
+  Matrix2Xd points(2, kStillPoints + 4);
+  for (int k = 0; k < kStillPoints; ++k) {
+    const double angle = 2 * std::numbers::pi * k / kStillPoints;
+    points.col(k) = center + reach * Vector2d(std::cos(angle), std::sin(angle));
+  }
+  const double far = 4 * reach + picture.width + picture.height;
+  for (int k = 0; k < 4; ++k) {
+    points.col(kStillPoints + k) = center + far * Vector2d(k % 2 == 0 ? -1 : 1, k < 2 ? -1 : 1);
+  }
+  return points;
+}
+
+double area_of(const shape::Triangle& t, const Matrix2Xd& points) {
+  const Vector2d a = points.col(t[1]) - points.col(t[0]);
+  const Vector2d b = points.col(t[2]) - points.col(t[0]);
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+// The picture's triangles as they are seen after the turn: farther ones first, those that show
+// their back left out. Nothing where more than kMaxHidden of the face goes out of sight. Only the
+// first `movable` vertices are the head's; `depth` is theirs.
+std::optional<std::vector<shape::Triangle>> visible_triangles(const Matrix2Xd& before,
+                                                              const Matrix2Xd& after,
+                                                              const Eigen::VectorXd& depth) {
+  const auto movable = static_cast<int>(depth.size());
+  const Matrix2Xd head = before.leftCols(movable);
+  const double size =
+      std::sqrt((head.colwise() - head.rowwise().mean()).colwise().squaredNorm().mean());
+  std::vector<int> kept;
+  for (int i = 0; i < before.cols(); ++i) {
+    const bool is_new = std::none_of(kept.begin(), kept.end(), [&](int k) {
+      return (before.col(i) - before.col(k)).norm() < kSame * size;
+    });
+    if (is_new) kept.push_back(i);
+  }
+  struct Piece {
+    double depth = 0;
+    shape::Triangle corners{};
+  };
+  std::vector<Piece> pieces;
+  double face = 0;
+  double hidden = 0;
+  for (const shape::Triangle& t : shape::delaunay(before(Eigen::all, kept))) {
+    Piece piece;
+    bool is_face = true;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const int i = kept[static_cast<std::size_t>(t[k])];
+      piece.corners[k] = i;
+      is_face = is_face && i < movable;
+      piece.depth += i < movable ? depth[i] : kFarAway;
+    }
+    const bool is_seen = area_of(piece.corners, after) > 0;
+    if (is_face) {
+      face += area_of(piece.corners, before);
+      if (!is_seen) hidden += area_of(piece.corners, before);
+    }
+    if (is_seen) pieces.push_back(piece);
+  }
+  if (hidden > kMaxHidden * face) return std::nullopt;
+  std::stable_sort(pieces.begin(), pieces.end(),
+                   [](const Piece& a, const Piece& b) { return a.depth > b.depth; });
+  std::vector<shape::Triangle> triangles;
+  for (const Piece& piece : pieces) triangles.push_back(piece.corners);
+  return triangles;
+}
+
+}  // namespace
+
+FaceTurner::FaceTurner(const head::HeadModel& head) : poser_(head) {}
+
+std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& points,
+                                       double pitch_deg, double yaw_deg) const {
+  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "no 8 bit gray picture");
+  const head::HeadModel& model = poser_.model();
+  const Index n = model.points();
+  TARSIER_REQUIRE(points.cols() == n && points.allFinite(), "{} points for a head of {}",
+                  points.cols(), n);
+  const geometry::Camera camera = camera_of(points);
+  const auto found = poser_.pose(points, camera);
+  if (!found.pose) return std::nullopt;
+  const Matrix3d rotation = to_eigen(found.pose->camera_from_head.rotation);
+  const cv::Vec3d& t = found.pose->camera_from_head.translation;
+  const Vector3d translation(t[0], t[1], t[2]);
+
+  Turned result;
+  result.before = found.pose->angles;
+  result.after = result.before;
+  result.after.pitch_deg += pitch_deg;
+  result.after.yaw_deg += yaw_deg;
+  if (std::abs(result.after.pitch_deg) > 80 || std::abs(result.after.yaw_deg) > 80)
+    return std::nullopt;
+  const Matrix3d turned = to_eigen(head::rotation_of_angles(result.after));
+
+  const Matrix3Xd shape = head::shape_of(model, found.pose->b);
+  const Matrix3Xd marked = marked_points(model, shape, result.before.yaw_deg);
+  const Matrix3Xd marked_after = marked_points(model, shape, result.after.yaw_deg);
+  const Matrix3Xd forehead = forehead_of(shape);
+  Matrix3Xd head_after(3, n + forehead.cols());
+  for (Index i = 0; i < n; ++i) {
+    const double depth = rotation.row(2).dot(marked.col(i)) + translation.z();
+    if (!(depth > 1)) return std::nullopt;
+    const Vector3d place(depth * (points(0, i) - camera.cx) / camera.fx,
+                         depth * (points(1, i) - camera.cy) / camera.fy, depth);
+    const Vector3d annotated = rotation.transpose() * (place - translation);
+    head_after.col(i) = annotated + marked_after.col(i) - marked.col(i);
+  }
+  head_after.rightCols(forehead.cols()) = forehead;
+  Matrix2Xd before(2, head_after.cols());
+  before << points, seen((rotation * forehead).colwise() + translation, camera);
+  const Matrix3Xd there = (turned * head_after).colwise() + translation;
+  Matrix2Xd after = seen(there, camera);
+  if (!after.allFinite()) return std::nullopt;
+  after.colwise() += points.rowwise().mean() - after.leftCols(n).rowwise().mean();
+  result.points = after.leftCols(n);
+
+  const Matrix2Xd still = still_points(before, after, gray.size());
+  Matrix2Xd all_before(2, before.cols() + still.cols());
+  all_before << before, still;
+  Matrix2Xd all_after(2, before.cols() + still.cols());
+  all_after << after, still;
+  const auto triangles = visible_triangles(all_before, all_after, there.row(2));
+  if (!triangles) return std::nullopt;
+  result.gray = gray.clone();
+  shape::PiecewiseWarp(all_before, *triangles, gray.size())
+      .from_frame(gray, all_after, result.gray);
+  return result;
+}
+
+std::vector<Matrix2Xd> FaceTurner::shapes_near(const Matrix2Xd& points, int count,
+                                               std::uint64_t seed) const {
+  const head::HeadModel& model = poser_.model();
+  TARSIER_REQUIRE(points.cols() == model.points(), "{} points for a head of {}", points.cols(),
+                  model.points());
+  const geometry::Camera camera = camera_of(points);
+  const auto found = poser_.pose(points, camera);
+  std::vector<Matrix2Xd> shapes;
+  if (!found.pose) return shapes;
+  Rng rng(seed);
+  const head::HeadAngles& angles = found.pose->angles;
+  for (int k = 0; k < count; ++k) {
+    head::HeadPose pose = *found.pose;
+    const double share = rng.uniform(0.6, 1.1);
+    const double pitch = std::clamp(angles.pitch_deg * share + rng.normal(0, 5), -80.0, 80.0);
+    const double yaw = angles.yaw_deg * share + rng.normal(0, 5);
+    pose.camera_from_head.rotation = head::rotation_of_angles({yaw, pitch, angles.roll_deg});
+    pose.b *= rng.uniform();
+    Matrix2Xd shape = poser_.project(pose, camera);
+    if (!shape.allFinite()) continue;
+    shape.colwise() += points.rowwise().mean() - shape.rowwise().mean();
+    shapes.push_back(std::move(shape));
+  }
+  return shapes;
+}
+
+void CopyOptions::check() const {
+  TARSIER_REQUIRE(copies >= 0 && copies <= 20, "copies are 0..20, got {}", copies);
+  TARSIER_REQUIRE(min_pitch_deg >= 0 && min_pitch_deg <= max_pitch_deg && max_pitch_deg <= 45,
+                  "pitch from {} to {}", min_pitch_deg, max_pitch_deg);
+  TARSIER_REQUIRE(max_yaw_deg >= 0 && max_yaw_deg <= 45, "yaw up to {}", max_yaw_deg);
+  TARSIER_REQUIRE(farthest_yaw_deg >= 0 && farthest_yaw_deg <= 80, "farthest yaw {}",
+                  farthest_yaw_deg);
+  TARSIER_REQUIRE(farthest_pitch_deg >= 0 && farthest_pitch_deg <= 80, "farthest pitch {}",
+                  farthest_pitch_deg);
+  TARSIER_REQUIRE(max_back_deg >= 0 && max_back_deg <= 90, "back by {}", max_back_deg);
+  TARSIER_REQUIRE(attempts >= 1 && attempts <= 100, "attempts are 1..100, got {}", attempts);
+}
+
+namespace {
+
+bool is_wanted(const Turned& turned, const CopyOptions& options) {
+  const double before = std::abs(turned.before.yaw_deg);
+  const double after = std::abs(turned.after.yaw_deg);
+  return before - after <= options.max_back_deg && after <= options.farthest_yaw_deg &&
+         std::abs(turned.after.pitch_deg) <= options.farthest_pitch_deg;
+}
+
+}  // namespace
+
+std::vector<landmarks::TrainingFace> turned_copies(const FaceTurner& turner,
+                                                   const landmarks::TrainingFace& face,
+                                                   const CopyOptions& options, std::uint64_t seed) {
+  options.check();
+  Rng rng(seed);
+  std::vector<landmarks::TrainingFace> copies;
+  for (int k = 0; k < options.copies; ++k) {
+    for (int attempt = 0; attempt < options.attempts; ++attempt) {
+      // Up and down in turns, so that few copies are balanced too.
+      const double sign = (k + rng.integer(0, 1)) % 2 == 0 ? 1 : -1;
+      const double pitch = sign * rng.uniform(options.min_pitch_deg, options.max_pitch_deg);
+      const double yaw = rng.uniform(-options.max_yaw_deg, options.max_yaw_deg);
+      std::optional<Turned> turned = turner.turn(face.gray, face.points, pitch, yaw);
+      if (!turned || !is_wanted(*turned, options)) continue;
+      landmarks::TrainingFace copy = face;
+      copy.gray = std::move(turned->gray);
+      copy.points = std::move(turned->points);
+      copy.box.reset();
+      copy.turned = true;
+      copies.push_back(std::move(copy));
+      break;
+    }
+  }
+  return copies;
+}
+
+}  // namespace tarsier::face::train

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/train/face_turn.h"
+
+#include "tarsier/face/head/head_model.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+namespace tarsier::face::train {
+namespace {
+
+using Eigen::Matrix2Xd;
+
+const std::string kModels = TARSIER_SOURCE_MODELS;
+
+constexpr int kSide = 420;
+
+// The mean head of the model that ships, seen from a metre, 200 px wide.
+class FaceTurnTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    head_ = std::make_unique<head::HeadModel>(head::read_head_model(kModels + "/head.json"));
+    turner_ = std::make_unique<FaceTurner>(*head_);
+  }
+  static void TearDownTestSuite() {
+    turner_.reset();
+    head_.reset();
+  }
+  static geometry::Camera camera() {
+    geometry::Camera camera;
+    camera.width = camera.height = kSide;
+    camera.fx = camera.fy = 1400;
+    camera.cx = camera.cy = kSide / 2.0;
+    return camera;
+  }
+  static Matrix2Xd seen(const head::HeadAngles& angles) {
+    head::HeadPose pose;
+    pose.camera_from_head = {head::rotation_of_angles(angles), {0, -20, 1000}};
+    pose.b = Eigen::VectorXd::Zero(head_->mode_count());
+    return head::HeadPoser(*head_).project(pose, camera());
+  }
+  static head::HeadAngles angles_of(const Matrix2Xd& points) {
+    return head::HeadPoser(*head_).pose(points, camera()).pose->angles;
+  }
+  // Smooth, so that what is between the points hardly matters.
+  static cv::Mat ground() {
+    cv::Mat picture(kSide, kSide, CV_8UC1);
+    for (int y = 0; y < kSide; ++y)
+      for (int x = 0; x < kSide; ++x)
+        picture.at<std::uint8_t>(y, x) =
+            cv::saturate_cast<std::uint8_t>(90 + 25 * std::sin(x / 31.0) + 25 * std::cos(y / 23.0));
+    return picture;
+  }
+  static landmarks::TrainingFace face(const head::HeadAngles& angles) {
+    landmarks::TrainingFace result;
+    result.gray = ground();
+    result.points = seen(angles);
+    result.name = "mean";
+    return result;
+  }
+
+  static std::unique_ptr<head::HeadModel> head_;
+  static std::unique_ptr<FaceTurner> turner_;
+};
+std::unique_ptr<head::HeadModel> FaceTurnTest::head_;
+std::unique_ptr<FaceTurner> FaceTurnTest::turner_;
+
+TEST_F(FaceTurnTest, NoTurnGivesTheAnnotationAndThePictureBack) {
+  Matrix2Xd points = seen({12, -8, 6});
+  // Not as the model has them: what annotators do is kept exactly.
+  for (int i = 0; i < points.cols(); ++i) points(i % 2, i) += i % 3 - 1.0;
+  const cv::Mat picture = ground();
+  const auto turned = turner_->turn(picture, points, 0, 0);
+  ASSERT_TRUE(turned.has_value());
+  EXPECT_LT((turned->points - points).cwiseAbs().maxCoeff(), 1e-6);
+  cv::Mat off;
+  cv::absdiff(turned->gray, picture, off);
+  double most = 0;
+  cv::minMaxLoc(off, nullptr, &most);
+  EXPECT_LE(most, 1);
+}
+
+TEST_F(FaceTurnTest, TurnsByTheAnglesThatWereAskedFor) {
+  for (const auto& [yaw, pitch] :
+       {std::pair{0.0, -25.0}, {0.0, 25.0}, {20.0, 10.0}, {-25.0, -15.0}}) {
+    const auto turned = turner_->turn(ground(), seen({5, -3, 8}), pitch, yaw);
+    ASSERT_TRUE(turned.has_value()) << yaw << ' ' << pitch;
+    const head::HeadAngles now = angles_of(turned->points);
+    EXPECT_NEAR(now.yaw_deg, 5 + yaw, 2) << pitch;
+    EXPECT_NEAR(now.pitch_deg, -3 + pitch, 2) << yaw;
+    EXPECT_NEAR(now.roll_deg, 8, 1.5);
+    EXPECT_NEAR(turned->after.pitch_deg - turned->before.pitch_deg, pitch, 1e-9);
+    const Eigen::Vector2d moved =
+        turned->points.rowwise().mean() - seen({5, -3, 8}).rowwise().mean();
+    EXPECT_LT(moved.norm(), 1e-6);
+  }
+}
+
+// Points of the inner face of a head that is turned are where the same head's points are seen in
+// the new pose.
+TEST_F(FaceTurnTest, ThePointsAreThoseOfTheTurnedHead) {
+  const Matrix2Xd before = seen({0, 0, 0});
+  const auto turned = turner_->turn(ground(), before, 20, 0);
+  ASSERT_TRUE(turned.has_value());
+  Matrix2Xd expected = seen({0, 20, 0});
+  expected.colwise() += before.rowwise().mean() - expected.rowwise().mean();
+  EXPECT_LT((turned->points - expected).colwise().norm().maxCoeff(), 3);  // of 200 px
+}
+
+TEST_F(FaceTurnTest, ThePictureGoesWithThePoints) {
+  const std::vector<int> marked{8, 19, 30, 36, 45, 48, 54};
+  const Matrix2Xd points = seen({0, 0, 0});
+  cv::Mat picture = ground();
+  for (const int i : marked) {
+    cv::circle(picture, {cvRound(points(0, i) * 16), cvRound(points(1, i) * 16)}, 3 * 16, 255, -1,
+               cv::LINE_AA, 4);
+  }
+  const auto turned = turner_->turn(picture, points, -18, 14);
+  ASSERT_TRUE(turned.has_value());
+  for (const int i : marked) {
+    double sum = 0;
+    Eigen::Vector2d middle(0, 0);
+    for (int y = 0; y < kSide; ++y) {
+      for (int x = 0; x < kSide; ++x) {
+        const Eigen::Vector2d at(x, y);
+        const double bright = std::max(0, turned->gray.at<std::uint8_t>(y, x) - 180);
+        if ((at - turned->points.col(i)).norm() > 9) continue;
+        sum += bright;
+        middle += bright * at;
+      }
+    }
+    ASSERT_GT(sum, 500) << i;
+    EXPECT_LT((middle / sum - turned->points.col(i)).norm(), 1.5) << i;
+  }
+}
+
+TEST_F(FaceTurnTest, TheBackgroundStays) {
+  const cv::Mat picture = ground();
+  const auto turned = turner_->turn(picture, seen({0, 0, 0}), 25, 15);
+  ASSERT_TRUE(turned.has_value());
+  for (const cv::Point corner : {cv::Point(0, 0), {kSide - 1, 0}, {0, kSide - 1}})
+    EXPECT_NEAR(turned->gray.at<std::uint8_t>(corner), picture.at<std::uint8_t>(corner), 1);
+}
+
+TEST_F(FaceTurnTest, WhatCannotBeTurnedIsRefused) {
+  const Matrix2Xd points = seen({0, 0, 0});
+  EXPECT_FALSE(turner_->turn(ground(), points, 0, 75).has_value());  // half the face is hidden
+  EXPECT_FALSE(turner_->turn(ground(), points, 0, 120).has_value());
+  const Matrix2Xd one_place = Matrix2Xd::Constant(2, points.cols(), 100);
+  EXPECT_FALSE(turner_->turn(ground(), one_place, 10, 0).has_value());
+  EXPECT_THROW((void)turner_->turn(ground(), points.leftCols(20), 10, 0), std::invalid_argument);
+  EXPECT_THROW((void)turner_->turn(cv::Mat(20, 20, CV_8UC3), points, 10, 0), std::invalid_argument);
+  Matrix2Xd missing = points;
+  missing(0, 3) = std::nan("");
+  EXPECT_THROW((void)turner_->turn(ground(), missing, 10, 0), std::invalid_argument);
+}
+
+TEST_F(FaceTurnTest, CopiesAreTurnedAsTheOptionsSay) {
+  CopyOptions options;
+  options.copies = 6;
+  options.min_pitch_deg = 12;
+  const landmarks::TrainingFace from = face({10, 0, 0});
+  const auto copies = turned_copies(*turner_, from, options, 5);
+  ASSERT_EQ(copies.size(), 6U);
+  int up = 0;
+  for (const landmarks::TrainingFace& copy : copies) {
+    EXPECT_TRUE(copy.turned);
+    EXPECT_EQ(copy.name, "mean");
+    const head::HeadAngles now = angles_of(copy.points);
+    EXPECT_GT(std::abs(now.pitch_deg), 10);
+    EXPECT_LT(std::abs(now.pitch_deg), 33);
+    EXPECT_GT(now.yaw_deg, -14);  // -10 straight back and beyond, by at most max_back_deg
+    EXPECT_LT(now.yaw_deg, 43);
+    up += now.pitch_deg > 0 ? 1 : 0;
+  }
+  EXPECT_GT(up, 0);
+  EXPECT_LT(up, 6);
+  const auto again = turned_copies(*turner_, from, options, 5);
+  ASSERT_EQ(again.size(), 6U);
+  EXPECT_EQ(again[3].points, copies[3].points);
+  EXPECT_EQ(cv::norm(again[3].gray, copies[3].gray, cv::NORM_INF), 0);
+  EXPECT_NE(turned_copies(*turner_, from, options, 6)[0].points, copies[0].points);
+}
+
+TEST_F(FaceTurnTest, OptionsAreChecked) {
+  CopyOptions options;
+  options.copies = 21;
+  EXPECT_THROW(options.check(), std::invalid_argument);
+  options.copies = 1;
+  options.min_pitch_deg = 31;
+  EXPECT_THROW(options.check(), std::invalid_argument);
+}
+
+TEST_F(FaceTurnTest, ShapesNearThePoseAreSeenInPosesNearIt) {
+  const Matrix2Xd points = seen({35, 20, 0});
+  const auto shapes = turner_->shapes_near(points, 40, 1);
+  ASSERT_EQ(shapes.size(), 40U);
+  double yaw = 0;
+  double pitch = 0;
+  for (const Matrix2Xd& shape : shapes) {
+    EXPECT_LT((shape - points).colwise().norm().mean(), 35);
+    yaw += angles_of(shape).yaw_deg / 40;
+    pitch += angles_of(shape).pitch_deg / 40;
+  }
+  EXPECT_NEAR(yaw, 35 * 0.85, 5);  // between 60 and 110 %
+  EXPECT_NEAR(pitch, 20 * 0.85, 4);
+  EXPECT_EQ(turner_->shapes_near(points, 40, 1)[7], shapes[7]);
+}
+
+}  // namespace
+}  // namespace tarsier::face::train

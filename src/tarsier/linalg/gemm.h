@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstddef>
+
+// The matrix products that convolutions are made of, compiled once for each instruction set
+// from one source (gemm.inl) and chosen at run time. Single precision; the order of summation
+// depends on the instruction set only, never on threads.
+namespace tarsier::linalg {
+
+inline constexpr int kPanel = 48;  // columns of a panel
+
+struct GemmKernels {
+  // out[m][0..kPanel) = sum over k of a[m * row + k * column] * b[k * b_stride + 0..kPanel)
+  // for m < rows. `out` is rows x kPanel, dense.
+  void (*panel)(int rows, int depth, const float* a, std::ptrdiff_t row, std::ptrdiff_t column,
+                const float* b, std::ptrdiff_t b_stride, float* out);
+
+  // The same where row k of b begins at b + offsets[k], and a is rows x depth, dense: windows of a
+  // map are read where they lie.
+  void (*panel_at)(int rows, int depth, const float* a, const float* b,
+                   const std::ptrdiff_t* offsets, float* out);
+
+  // out[m * out_stride + n] += dot(a + m * a_stride, b + n * b_stride, length), m < rows, n <
+  // columns.
+  void (*dots)(int rows, int columns, int length, const float* a, std::ptrdiff_t a_stride,
+               const float* b, std::ptrdiff_t b_stride, float* out, std::ptrdiff_t out_stride);
+};
+
+[[nodiscard]] const GemmKernels& gemm_kernels();
+
+// Null where the compiler's target has no such instructions.
+[[nodiscard]] const GemmKernels* gemm_baseline();
+[[nodiscard]] const GemmKernels* gemm_avx2();
+[[nodiscard]] const GemmKernels* gemm_avx512();
+
+}  // namespace tarsier::linalg

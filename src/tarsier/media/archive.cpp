@@ -1,0 +1,430 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/media/archive.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <new>
+#include <optional>
+#include <span>
+#include <type_traits>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+using nlohmann::json;
+
+// Length of the UTF-8 character at `at`, 0 if it is none (RFC 3629: no overlong forms, no
+// surrogates).
+std::size_t utf8_length(std::string_view text, std::size_t at) {
+  const auto byte = [&](std::size_t i) {
+    return at + i < text.size() ? static_cast<unsigned char>(text[at + i]) : 0U;
+  };
+  const auto follows = [&](std::size_t i) { return (byte(i) & 0xC0U) == 0x80U; };
+  const unsigned first = byte(0);
+  if (first < 0x80U) return 1;
+  if (first >= 0xC2U && first <= 0xDFU) return follows(1) ? 2 : 0;
+  if (first >= 0xE0U && first <= 0xEFU) {
+    if (!follows(1) || !follows(2)) return 0;
+    if (first == 0xE0U && byte(1) < 0xA0U) return 0;
+    if (first == 0xEDU && byte(1) > 0x9FU) return 0;
+    return 3;
+  }
+  if (first >= 0xF0U && first <= 0xF4U) {
+    if (!follows(1) || !follows(2) || !follows(3)) return 0;
+    if (first == 0xF0U && byte(1) < 0x90U) return 0;
+    if (first == 0xF4U && byte(1) > 0x8FU) return 0;
+    return 4;
+  }
+  return 0;
+}
+
+std::string place_of(std::string_view text, std::size_t at) {
+  const std::string_view before = text.substr(0, std::min(at, text.size()));
+  const auto line = std::count(before.begin(), before.end(), '\n') + 1;
+  const std::size_t start = before.rfind('\n');
+  const std::size_t column =
+      start == std::string_view::npos ? before.size() + 1 : before.size() - start;
+  return fmt::format("line {}, column {}", line, column);
+}
+
+// What a parser must not be given; empty if nothing. One pass, no recursion.
+std::string find_danger(std::string_view text, const ArchiveLimits& limits) {
+  if (static_cast<std::uint64_t>(text.size()) > static_cast<std::uint64_t>(limits.max_bytes)) {
+    return fmt::format("{} bytes are more than the limit of {}", text.size(), limits.max_bytes);
+  }
+  int depth = 0;
+  std::int64_t values = 1;
+  bool in_text = false;
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t length = utf8_length(text, at);
+    if (length == 0) return fmt::format("{}: not UTF-8", place_of(text, at));
+    const char c = text[at];
+    if (in_text) {
+      if (c == '\\' && at + 1 < text.size()) {
+        // What is escaped is one byte of ASCII in any valid text; the parser refuses the rest.
+        at += 1 + std::max<std::size_t>(1, utf8_length(text, at + 1));
+        continue;
+      }
+      in_text = c != '"';
+    } else if (c == '"') {
+      in_text = true;
+    } else if (c == '[' || c == '{') {
+      ++values;
+      if (++depth > limits.max_depth) {
+        return fmt::format("{}: nested deeper than {}", place_of(text, at), limits.max_depth);
+      }
+    } else if (c == ']' || c == '}') {
+      --depth;
+    } else if (c == ',') {
+      ++values;
+    }
+    if (values > limits.max_values) return fmt::format("more than {} values", limits.max_values);
+    at += length;
+  }
+  return {};
+}
+
+// The parsed text, or why not.
+std::pair<json, std::string> parse(std::string_view text, const ArchiveLimits& limits) {
+  TARSIER_REQUIRE(limits.max_bytes >= 1 && limits.max_depth >= 1 && limits.max_values >= 1,
+                  "limits of {} bytes, depth {}, {} values", limits.max_bytes, limits.max_depth,
+                  limits.max_values);
+  std::string danger = find_danger(text, limits);
+  if (!danger.empty()) return {json(), std::move(danger)};
+  if (text.find_first_not_of(" \t\r\n") == std::string_view::npos) return {json(), "empty"};
+  try {
+    return {json::parse(text), ""};
+  } catch (const json::parse_error& error) {
+    const std::size_t at = error.byte > 0 ? error.byte - 1 : 0;
+    if (at >= text.size()) return {json(), "ends too early: not complete JSON"};
+    const std::string_view rest = text.substr(at, 16);
+    return {json(), fmt::format("{}: not JSON at \"{}\"", place_of(text, at),
+                                printable(rest.substr(0, rest.find('\n'))))};
+  } catch (const json::exception&) {
+    return {json(), "a number is out of range"};
+  } catch (const std::bad_alloc&) {
+    return {json(), "not enough memory"};
+  }
+}
+
+// Where in `value` a number is not finite or a text not UTF-8; nothing if all can be written.
+std::optional<std::string> find_unwritable(const json& value, const std::string& where) {
+  if (value.is_number_float() && !std::isfinite(value.get<double>()))
+    return where + " is not a finite number";
+  const auto is_utf8 = [](std::string_view text) {
+    for (std::size_t at = 0; at < text.size();) {
+      const std::size_t length = utf8_length(text, at);
+      if (length == 0) return false;
+      at += length;
+    }
+    return true;
+  };
+  if (value.is_string() && !is_utf8(value.get_ref<const std::string&>()))
+    return where + " is not UTF-8";
+  if (value.is_binary() || value.is_discarded()) return where + " has no form in JSON";
+  if (value.is_array()) {
+    for (std::size_t i = 0; i < value.size(); ++i) {
+      if (auto found = find_unwritable(value[i], fmt::format("{}[{}]", where, i))) return found;
+    }
+  }
+  if (value.is_object()) {
+    for (const auto& [name, item] : value.items()) {
+      if (!is_utf8(name)) return "a name in " + where + " is not UTF-8";
+      if (auto found = find_unwritable(item, where + "." + name)) return found;
+    }
+  }
+  return std::nullopt;
+}
+
+constexpr std::string_view kAlphabet =
+    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+
+std::string to_base64(std::span<const std::uint8_t> bytes) {
+  std::string text;
+  text.reserve((bytes.size() + 2) / 3 * 4);
+  for (std::size_t i = 0; i < bytes.size(); i += 3) {
+    const std::size_t count = std::min<std::size_t>(3, bytes.size() - i);
+    std::uint32_t group = 0;
+    for (std::size_t k = 0; k < 3; ++k) group = group << 8U | (k < count ? bytes[i + k] : 0U);
+    for (unsigned k = 0; k < 4; ++k)
+      text += k <= count ? kAlphabet[group >> (18 - 6 * k) & 0x3FU] : '=';
+  }
+  return text;
+}
+
+constexpr std::array<std::int8_t, 256> make_decoding_table() {
+  std::array<std::int8_t, 256> table{};
+  table.fill(-1);
+  for (std::size_t i = 0; i < kAlphabet.size(); ++i) {
+    table[static_cast<unsigned char>(kAlphabet[i])] = static_cast<std::int8_t>(i);
+  }
+  return table;
+}
+
+std::optional<std::vector<std::uint8_t>> from_base64(std::string_view text) {
+  static constexpr auto kTable = make_decoding_table();
+  if (text.size() % 4 != 0) return std::nullopt;
+  std::size_t padding = 0;
+  while (padding < 2 && padding < text.size() && text[text.size() - 1 - padding] == '=') ++padding;
+  std::vector<std::uint8_t> bytes;
+  bytes.reserve(text.size() / 4 * 3);
+  for (std::size_t i = 0; i < text.size(); i += 4) {
+    const std::size_t given = i + 4 == text.size() ? 4 - padding : 4;
+    std::uint32_t group = 0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const int value = k < given ? kTable[static_cast<unsigned char>(text[i + k])] : 0;
+      if (value < 0) return std::nullopt;
+      group = group << 6U | static_cast<std::uint32_t>(value);
+    }
+    for (std::size_t k = 0; k + 1 < given; ++k)
+      bytes.push_back(static_cast<std::uint8_t>(group >> (16 - 8 * k)));
+  }
+  return bytes;
+}
+
+template <typename T>
+constexpr std::string_view dtype_of() {
+  if constexpr (std::is_same_v<T, double>) return "f8";
+  if constexpr (std::is_same_v<T, float>) return "f4";
+  if constexpr (std::is_same_v<T, std::int32_t>) return "i4";
+  if constexpr (std::is_same_v<T, std::uint8_t>) return "u1";
+}
+
+// Little-endian in the file on every machine.
+void swap_bytes_if_big_endian(std::vector<std::uint8_t>& bytes, std::size_t size) {
+  if constexpr (std::endian::native == std::endian::big) {
+    for (std::size_t i = 0; i + size <= bytes.size(); i += size) {
+      std::reverse(bytes.begin() + static_cast<std::ptrdiff_t>(i),
+                   bytes.begin() + static_cast<std::ptrdiff_t>(i + size));
+    }
+  }
+}
+
+template <typename T>
+bool all_finite(const std::vector<T>& values) {
+  if constexpr (std::is_floating_point_v<T>) {
+    return std::all_of(values.begin(), values.end(), [](T v) { return std::isfinite(v); });
+  }
+  return true;
+}
+
+// The number of values; nothing if a size is negative or the array larger than any file that is
+// read. Sizes of 0 do not make the others free: each fits an int, also those of an empty array.
+std::optional<std::uint64_t> product_of(std::span<const std::int64_t> shape) {
+  constexpr std::uint64_t kMost = std::numeric_limits<std::int32_t>::max();
+  std::uint64_t product = 1;
+  bool is_empty = false;
+  for (const std::int64_t size : shape) {
+    if (size < 0 || static_cast<std::uint64_t>(size) > kMost) return std::nullopt;
+    if (size == 0) {
+      is_empty = true;
+      continue;
+    }
+    product *= static_cast<std::uint64_t>(size);  // of two numbers below 2^31
+    if (product > kMost) return std::nullopt;
+  }
+  return is_empty ? 0 : product;
+}
+
+}  // namespace
+
+void write_archive(const std::string& path, const Archive& archive) {
+  TARSIER_REQUIRE(!archive.type.empty() && archive.version >= 1, "type '{}', version {}",
+                  archive.type, archive.version);
+  TARSIER_REQUIRE(archive.payload.is_object(), "the payload of {} is no object", path);
+  TARSIER_REQUIRE(archive.provenance.is_object() || archive.provenance.is_null(),
+                  "the provenance of {} is no object", path);
+  const json provenance = archive.provenance.is_null() ? json::object() : archive.provenance;
+  for (const auto& [name, value] :
+       {std::pair<std::string, const json*>{"payload", &archive.payload},
+        {"provenance", &provenance}}) {
+    if (const auto found = find_unwritable(*value, name)) throw OutputError(path, *found);
+  }
+  std::string text;
+  try {
+    // By hand, so that what people look for comes first.
+    text = fmt::format(
+        "{{\n\"type\": {},\n\"version\": {},\n\"provenance\": {},\n\"payload\": {}\n}}\n",
+        json(archive.type).dump(), archive.version, provenance.dump(1), archive.payload.dump(1));
+  } catch (const json::exception&) {
+    throw OutputError(path, "the type is not UTF-8");
+  }
+  write_file_atomically(path, text);
+}
+
+Archive read_any_archive(const std::string& path, const ArchiveLimits& limits) {
+  std::string text;
+  try {
+    text = read_file(path, limits.max_bytes);
+  } catch (const InputError& error) {
+    const std::string what = error.what();
+    throw ModelError(path, what.substr(std::min(what.size(), path.size() + 2)));
+  }
+  auto [root, trouble] = parse(text, limits);
+  if (!trouble.empty()) throw ModelError(path, trouble);
+  if (!root.is_object() || !root.contains("type") || !root.contains("version") ||
+      !root.contains("payload")) {
+    throw ModelError(path, "not a Tarsier model file: type, version and payload are expected");
+  }
+  Archive archive;
+  archive.type = text_member(root, "type", path, 200);
+  archive.version = static_cast<int>(integer_member(root, "version", path, 1, 1'000'000));
+  archive.provenance = root.contains("provenance") ? std::move(root["provenance"]) : json::object();
+  archive.payload = std::move(root["payload"]);
+  if (archive.type.empty()) throw ModelError(path, "type is empty");
+  if (!archive.provenance.is_object()) throw ModelError(path, "provenance is no object");
+  if (!archive.payload.is_object()) throw ModelError(path, "payload is no object");
+  return archive;
+}
+
+Archive read_archive(const std::string& path, std::string_view type, int newest_version,
+                     const ArchiveLimits& limits) {
+  Archive archive = read_any_archive(path, limits);
+  if (archive.type != type) {
+    throw ModelError(
+        path, fmt::format("is a model of type '{}', expected '{}'", printable(archive.type), type));
+  }
+  if (archive.version > newest_version) {
+    throw ModelError(path,
+                     fmt::format("version {} is newer than this program reads ({}): update tarsier",
+                                 archive.version, newest_version));
+  }
+  return archive;
+}
+
+json parse_json(std::string_view text, const std::string& name, const ArchiveLimits& limits) {
+  auto [root, trouble] = parse(text, limits);
+  if (!trouble.empty()) throw InputError(name, trouble);
+  return std::move(root);
+}
+
+template <typename T>
+json pack(const PackedArray<T>& array) {
+  const auto count = product_of(array.shape);
+  TARSIER_REQUIRE(count && *count == array.values.size(), "shape ({}) with {} values",
+                  fmt::join(array.shape, ", "), array.values.size());
+  TARSIER_REQUIRE(all_finite(array.values), "a value of {} is not finite", array.values.size());
+  std::vector<std::uint8_t> bytes(array.values.size() * sizeof(T));
+  if (!bytes.empty()) std::memcpy(bytes.data(), array.values.data(), bytes.size());
+  swap_bytes_if_big_endian(bytes, sizeof(T));
+  return {{"dtype", dtype_of<T>()}, {"shape", array.shape}, {"data", to_base64(bytes)}};
+}
+
+template <typename T>
+PackedArray<T> unpack(const json& value, const std::string& path, std::string_view what,
+                      std::initializer_list<std::int64_t> shape) {
+  const auto fail = [&](const std::string& reason) {
+    throw ModelError(path, fmt::format("{}: {}", what, reason));
+  };
+  if (!value.is_object() || !value.contains("dtype") || !value.contains("shape") ||
+      !value.contains("data") || !value["dtype"].is_string() || !value["shape"].is_array() ||
+      !value["data"].is_string()) {
+    fail("no packed array (dtype, shape and data are expected)");
+  }
+  if (value["dtype"].get_ref<const std::string&>() != dtype_of<T>()) {
+    fail(fmt::format("dtype '{}', expected '{}'",
+                     printable(value["dtype"].get_ref<const std::string&>()), dtype_of<T>()));
+  }
+  PackedArray<T> array;
+  for (const json& size : value["shape"]) {
+    if (!size.is_number_integer() || array.shape.size() >= 8) fail("the shape makes no sense");
+    // Unsigned numbers beyond int64 become negative, and are refused as such.
+    array.shape.push_back(size.get<std::int64_t>());
+  }
+  const auto count = product_of(array.shape);
+  if (!count) fail("the shape makes no sense");
+  const bool fits = array.shape.size() == shape.size() &&
+                    std::equal(shape.begin(), shape.end(), array.shape.begin(),
+                               [](std::int64_t expected, std::int64_t given) {
+                                 return expected < 0 || expected == given;
+                               });
+  if (!fits) {
+    fail(fmt::format("shape ({}), expected ({})", fmt::join(array.shape, ", "),
+                     fmt::join(shape, ", ")));
+  }
+  auto bytes = from_base64(value["data"].get_ref<const std::string&>());
+  if (!bytes) fail("the data is not base64");
+  if (bytes->size() != *count * sizeof(T)) {
+    fail(fmt::format("{} bytes of data for {} values", bytes->size(), *count));
+  }
+  swap_bytes_if_big_endian(*bytes, sizeof(T));
+  array.values.resize(static_cast<std::size_t>(*count));
+  if (!bytes->empty()) std::memcpy(array.values.data(), bytes->data(), bytes->size());
+  if (!all_finite(array.values)) fail("a value is not finite");
+  return array;
+}
+
+template json pack(const PackedArray<double>&);
+template json pack(const PackedArray<float>&);
+template json pack(const PackedArray<std::int32_t>&);
+template json pack(const PackedArray<std::uint8_t>&);
+template PackedArray<double> unpack(const json&, const std::string&, std::string_view,
+                                    std::initializer_list<std::int64_t>);
+template PackedArray<float> unpack(const json&, const std::string&, std::string_view,
+                                   std::initializer_list<std::int64_t>);
+template PackedArray<std::int32_t> unpack(const json&, const std::string&, std::string_view,
+                                          std::initializer_list<std::int64_t>);
+template PackedArray<std::uint8_t> unpack(const json&, const std::string&, std::string_view,
+                                          std::initializer_list<std::int64_t>);
+
+const json& member(const json& object, const std::string& name, const std::string& path) {
+  if (!object.is_object())
+    throw ModelError(path, fmt::format("'{}' is looked for in what is no object", name));
+  const auto found = object.find(name);
+  if (found == object.end()) throw ModelError(path, fmt::format("'{}' is missing", name));
+  return *found;
+}
+
+double number_member(const json& object, const std::string& name, const std::string& path,
+                     double low, double high) {
+  const json& value = member(object, name, path);
+  if (!value.is_number()) throw ModelError(path, fmt::format("'{}' is no number", name));
+  const double number = value.get<double>();
+  if (!(number >= low && number <= high)) {
+    throw ModelError(path, fmt::format("'{}' is {}, outside {}..{}", name, number, low, high));
+  }
+  return number;
+}
+
+std::int64_t integer_member(const json& object, const std::string& name, const std::string& path,
+                            std::int64_t low, std::int64_t high) {
+  const json& value = member(object, name, path);
+  if (!value.is_number_integer())
+    throw ModelError(path, fmt::format("'{}' is no whole number", name));
+  const bool beyond = value.is_number_unsigned() &&
+                      value.get<std::uint64_t>() >
+                          static_cast<std::uint64_t>(std::numeric_limits<std::int64_t>::max());
+  const std::int64_t number = beyond ? 0 : value.get<std::int64_t>();
+  if (beyond || number < low || number > high) {
+    throw ModelError(path,
+                     fmt::format("'{}' is {}, outside {}..{}", name, value.dump(), low, high));
+  }
+  return number;
+}
+
+std::string text_member(const json& object, const std::string& name, const std::string& path,
+                        std::size_t max_bytes) {
+  const json& value = member(object, name, path);
+  if (!value.is_string()) throw ModelError(path, fmt::format("'{}' is no text", name));
+  const auto& text = value.get_ref<const std::string&>();
+  if (text.size() > max_bytes) {
+    throw ModelError(path,
+                     fmt::format("'{}' has {} bytes, more than {}", name, text.size(), max_bytes));
+  }
+  return text;
+}
+
+}  // namespace tarsier

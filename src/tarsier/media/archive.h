@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <initializer_list>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace tarsier {
+
+// Model files are JSON: {"type": .., "version": .., "provenance": {..}, "payload": {..}}. Numbers
+// are written so that reading gives the same double back. Larger arrays are packed (see
+// pack/unpack).
+
+struct ArchiveLimits {
+  std::int64_t max_bytes = 256'000'000;
+  int max_depth = 64;  // of brackets in brackets
+  // Numbers, texts, lists and objects together: bounds the memory.
+  std::int64_t max_values = 5'000'000;
+};
+
+struct Archive {
+  std::string type;           // "plate-reader", "shape-model" ..
+  int version = 1;            // of the payload's layout
+  nlohmann::json provenance;  // object: data, terms, program version, seed, date, measured accuracy
+  nlohmann::json payload;     // object
+};
+
+// Writes atomically, the same bytes for the same content. Throws OutputError, also for numbers that
+// are not finite and text that is not UTF-8 (naming their place); std::invalid_argument for an
+// empty type, a version below 1, or a payload or provenance that is no object.
+void write_archive(const std::string& path, const Archive& archive);
+
+// Size, nesting depth, number of values and UTF-8 are checked before parsing; then type and version
+// (1..newest_version). Throws ModelError naming path and reason.
+[[nodiscard]] Archive read_archive(const std::string& path, std::string_view type,
+                                   int newest_version, const ArchiveLimits& limits = {});
+
+// Reads whatever type and version it has (models list).
+[[nodiscard]] Archive read_any_archive(const std::string& path, const ArchiveLimits& limits = {});
+
+// Parses untrusted JSON text of at most `limits`; throws InputError naming `name` and the place.
+[[nodiscard]] nlohmann::json parse_json(std::string_view text, const std::string& name,
+                                        const ArchiveLimits& limits = {});
+
+// A dense array of numbers, last index fastest. T: double ("f8"), float ("f4"), std::int32_t
+// ("i4"), std::uint8_t ("u1").
+template <typename T>
+struct PackedArray {
+  std::vector<std::int64_t> shape;  // the product is values.size(); empty for a single number
+  std::vector<T> values;
+};
+
+// As {"dtype": "f8", "shape": [2, 3], "data": base64 of the little-endian bytes}. Throws
+// std::invalid_argument when shape and number of values disagree, or a value is not finite.
+template <typename T>
+[[nodiscard]] nlohmann::json pack(const PackedArray<T>& array);
+
+// The reverse for untrusted JSON: type, shape, size and finiteness are checked. `shape` is what is
+// expected, -1 where any size will do. Throws ModelError(path) that names `what`.
+template <typename T>
+[[nodiscard]] PackedArray<T> unpack(const nlohmann::json& value, const std::string& path,
+                                    std::string_view what,
+                                    std::initializer_list<std::int64_t> shape);
+
+// Members of untrusted JSON objects. They throw ModelError(path) naming the member: missing, of
+// another type, or outside low..high.
+[[nodiscard]] const nlohmann::json& member(const nlohmann::json& object, const std::string& name,
+                                           const std::string& path);
+[[nodiscard]] double number_member(const nlohmann::json& object, const std::string& name,
+                                   const std::string& path,
+                                   double low = std::numeric_limits<double>::lowest(),
+                                   double high = std::numeric_limits<double>::max());
+[[nodiscard]] std::int64_t integer_member(const nlohmann::json& object, const std::string& name,
+                                          const std::string& path, std::int64_t low,
+                                          std::int64_t high);
+[[nodiscard]] std::string text_member(const nlohmann::json& object, const std::string& name,
+                                      const std::string& path, std::size_t max_bytes = 4096);
+
+}  // namespace tarsier

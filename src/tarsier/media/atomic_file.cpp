@@ -1,0 +1,306 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/media/atomic_file.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+
+#include <fmt/format.h>
+
+#include <cerrno>
+#include <fcntl.h>
+#include <filesystem>
+#include <mutex>
+#include <random>
+#include <set>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <system_error>
+#include <unistd.h>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string reason_of(int error) { return std::generic_category().message(error); }
+
+[[noreturn]] void fail(const std::string& path, std::string_view doing, int error) {
+  throw OutputError(path, fmt::format("{}: {}", doing, reason_of(error)));
+}
+
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  ~Descriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  [[nodiscard]] int get() const { return fd_; }
+  // Network file systems report a full disk only here.
+  [[nodiscard]] int close() { return ::close(std::exchange(fd_, -1)); }
+  [[nodiscard]] int release() { return std::exchange(fd_, -1); }
+
+ private:
+  int fd_;
+};
+
+bool sync_is_unsupported(int error) {
+  return error == EINVAL || error == ENOTSUP || error == ENOSYS || error == EROFS;
+}
+
+fs::path folder_of(const std::string& path) {
+  const fs::path folder = fs::path(path).parent_path();
+  return folder.empty() ? fs::path(".") : folder;
+}
+
+constexpr std::string_view kMark = ".tarsier-";
+constexpr std::size_t kDigits = 6;
+constexpr std::uintmax_t kMaxRemoved = 10'000'000;  // bytes that are removed without a word
+
+// ".STEM.tarsier-012abc.ENDING": as make_temporary() names them.
+bool is_temporary_name(std::string_view name) {
+  const std::size_t mark = name.rfind(kMark);
+  if (!name.starts_with('.') || mark == std::string_view::npos || mark < 2) return false;
+  const std::string_view rest = name.substr(mark + kMark.size());
+  return rest.size() >= kDigits &&
+         rest.substr(0, kDigits).find_first_not_of("0123456789abcdef") == std::string_view::npos &&
+         (rest.size() == kDigits || rest[kDigits] == '.');
+}
+
+// Bytes of a file, or of all in a folder.
+std::uintmax_t size_of(const fs::path& path, const struct ::stat& info) {
+  if (S_ISREG(info.st_mode)) return static_cast<std::uintmax_t>(info.st_size);
+  std::uintmax_t sum = 0;
+  std::error_code error;
+  for (fs::recursive_directory_iterator entry(path, error), end; !error && entry != end;
+       entry.increment(error)) {
+    std::error_code ignored;
+    if (entry->is_regular_file(ignored)) sum += entry->file_size(ignored);
+  }
+  return sum;
+}
+
+// Removes the temporary files and folders of programs that were killed: nobody locks them, and they
+// are ours. Large ones may be hours of work and are left to the user. Each folder is looked through
+// once in the life of a program: one that fills a folder with thousands of pictures is not slowed
+// down.
+void remove_abandoned(const fs::path& folder) {
+  static std::mutex mutex;
+  static std::set<std::string> seen;
+  std::error_code error;
+  {
+    const std::lock_guard lock(mutex);
+    if (!seen.insert(fs::absolute(folder, error).string()).second) return;
+  }
+  struct ::stat info {};
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const std::string path = entry->path().string();
+    if (!is_temporary_name(entry->path().filename().string())) continue;
+    const Descriptor fd(::open(path.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+    if (fd.get() < 0 || ::fstat(fd.get(), &info) != 0) continue;
+    const bool is_ours =
+        (S_ISREG(info.st_mode) || S_ISDIR(info.st_mode)) && info.st_uid == ::geteuid();
+    if (!is_ours || ::flock(fd.get(), LOCK_EX | LOCK_NB) != 0) continue;
+    if (const std::uintmax_t size = size_of(entry->path(), info); size > kMaxRemoved) {
+      log_warning(
+          "{}: left by a program that was killed ({} MB); rename it to keep what is in it, or "
+          "delete it",
+          path, size / 1'000'000);
+      continue;
+    }
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
+  }
+}
+
+// Locks a new temporary file. False: another program has just taken it for an abandoned one. Where
+// the file system knows no locks it stays without, and nobody removes it.
+bool take(int fd) {
+  if (::flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) return false;
+  struct ::stat info {};
+  return ::fstat(fd, &info) != 0 || info.st_nlink > 0;
+}
+
+struct Temporary {
+  std::string path;
+  int fd = -1;  // open and locked
+};
+
+// ".NAME.tarsier-012abc.ENDING" in the folder of `target`.
+std::string temporary_name(const std::string& target, std::random_device& random) {
+  const fs::path file = fs::path(target).filename();
+  const std::string stem = file.stem().string().substr(0, 180);  // names end at 255 bytes
+  const std::string ending = file.extension().string().substr(0, 32);
+  const std::string name = fmt::format(".{}{}{:06x}{}", stem, kMark, random() & 0xFFFFFFU, ending);
+  return (folder_of(target) / name).string();
+}
+
+// Creates a new empty file beside `target`, readable as the umask says, or as `target` itself if it
+// exists.
+Temporary make_temporary(const std::string& target, const struct ::stat* existing) {
+  remove_abandoned(folder_of(target));
+  std::random_device random;
+  for (int attempt = 0; attempt < 100; ++attempt) {
+    const std::string path = temporary_name(target, random);
+    Descriptor fd(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+    if (fd.get() >= 0) {
+      if (!take(fd.get())) continue;
+      if (existing != nullptr) (void)::fchmod(fd.get(), existing->st_mode & 0777);
+      return {path, fd.release()};
+    }
+    if (errno != EEXIST) {
+      const int error = errno;
+      if (error == ENOENT) fail(target, "no such folder", error);
+      fail(target, "cannot create a file in this folder", error);
+    }
+  }
+  throw OutputError(target, "cannot find a free name for a temporary file");
+}
+
+}  // namespace
+
+void write_all(int fd, std::string_view bytes, const std::string& path) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::write(fd, bytes.data(), bytes.size());
+    if (written < 0) {
+      if (errno == EINTR) continue;
+      fail(path, "cannot write", errno);
+    }
+    bytes.remove_prefix(static_cast<std::size_t>(written));
+  }
+}
+
+void sync_folder(const std::string& path) {
+  const Descriptor folder(::open(folder_of(path).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (folder.get() >= 0) (void)::fsync(folder.get());
+}
+
+AtomicFile::AtomicFile(std::string target) : target_(std::move(target)) {
+  if (target_.empty()) throw OutputError("\"\"", "no file name given");
+  struct ::stat info {};
+  const bool exists = ::stat(target_.c_str(), &info) == 0;
+  if (!exists && errno != ENOENT) fail(target_, "cannot write", errno);
+  if (exists && S_ISDIR(info.st_mode)) throw OutputError(target_, "is a folder, not a file");
+  if (!exists && target_.back() == '/') throw OutputError(target_, "names a folder, not a file");
+  if (exists && ::access(target_.c_str(), W_OK) != 0) fail(target_, "cannot write", errno);
+  if (exists && !S_ISREG(info.st_mode)) {
+    temporary_ = target_;  // a device or pipe: there is nothing to rename over
+    return;
+  }
+  if (exists) {
+    // A symbolic link stays a link: what it points to is replaced.
+    std::error_code error;
+    const fs::path real = fs::canonical(target_, error);
+    if (!error) target_ = real.string();
+  }
+  Temporary temporary = make_temporary(target_, exists ? &info : nullptr);
+  temporary_ = std::move(temporary.path);
+  lock_ = temporary.fd;
+}
+
+AtomicFile::~AtomicFile() {
+  if (!committed_ && !temporary_.empty() && temporary_ != target_)
+    (void)::unlink(temporary_.c_str());
+  if (lock_ >= 0) ::close(lock_);
+}
+
+void AtomicFile::commit() {
+  if (committed_) return;
+  if (temporary_ == target_) {
+    committed_ = true;
+    return;
+  }
+  Descriptor fd(::open(temporary_.c_str(), O_RDONLY | O_CLOEXEC));
+  if (fd.get() < 0) fail(target_, "cannot reopen what was written", errno);
+  if (::fsync(fd.get()) != 0 && !sync_is_unsupported(errno)) {
+    fail(target_, "cannot write to the disk", errno);
+  }
+  if (fd.close() != 0) fail(target_, "cannot write to the disk", errno);
+  if (::rename(temporary_.c_str(), target_.c_str()) != 0) fail(target_, "cannot rename", errno);
+  committed_ = true;
+  sync_folder(target_);
+}
+
+void write_file_atomically(const std::string& path, std::string_view bytes) {
+  AtomicFile file(path);
+  {
+    Descriptor fd(::open(file.path().c_str(), O_WRONLY | O_CLOEXEC));
+    if (fd.get() < 0) fail(path, "cannot write", errno);
+    write_all(fd.get(), bytes, path);
+    if (fd.close() != 0) fail(path, "cannot write", errno);
+  }
+  file.commit();
+}
+
+void write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes) {
+  write_file_atomically(
+      path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+}
+
+AtomicFolder::AtomicFolder(std::string target) : target_(std::move(target)) {
+  while (target_.size() > 1 && target_.back() == '/') target_.pop_back();
+  if (target_.empty()) throw OutputError("\"\"", "no folder name given");
+  std::error_code error;
+  if (fs::exists(fs::symlink_status(target_, error))) {
+    make_folder(target_);  // or says that it is none
+    if (!fs::is_empty(target_, error)) throw OutputError(target_, "is there already and not empty");
+    fs::permissions(target_, fs::perms::owner_all, error);
+    temporary_ = target_;
+    return;
+  }
+  const std::string parent = folder_of(target_).string();
+  make_folder(parent);
+  remove_abandoned(parent);
+  std::random_device random;
+  for (int attempt = 0; attempt < 100; ++attempt) {
+    const std::string path = temporary_name(target_, random);
+    if (::mkdir(path.c_str(), 0700) != 0) {
+      if (errno == EEXIST) continue;
+      fail(target_, "cannot create the folder", errno);
+    }
+    Descriptor fd(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+    if (fd.get() < 0 || !take(fd.get())) continue;
+    temporary_ = path;
+    lock_ = fd.release();
+    return;
+  }
+  throw OutputError(target_, "cannot find a free name for a temporary folder");
+}
+
+AtomicFolder::~AtomicFolder() {
+  std::error_code error;
+  if (!committed_ && temporary_ != target_) fs::remove_all(temporary_, error);
+  if (!committed_ && temporary_ == target_) {
+    for (fs::directory_iterator entry(target_, error), end; !error && entry != end;
+         entry.increment(error)) {
+      std::error_code ignored;
+      fs::remove_all(entry->path(), ignored);
+    }
+  }
+  if (lock_ >= 0) ::close(lock_);
+}
+
+void AtomicFolder::commit() {
+  if (committed_) return;
+  if (temporary_ != target_) {
+    (void)::fsync(lock_);
+    if (::rename(temporary_.c_str(), target_.c_str()) != 0) fail(target_, "cannot rename", errno);
+    sync_folder(target_);
+  }
+  committed_ = true;
+}
+
+void make_folder(const std::string& path) {
+  if (path.empty()) throw OutputError("\"\"", "no folder name given");
+  std::error_code error;
+  fs::create_directories(path, error);
+  std::error_code looked;
+  if (fs::is_directory(path, looked)) return;
+  if (fs::exists(path, looked)) throw OutputError(path, "exists and is not a folder");
+  throw OutputError(path, "cannot create the folder: " + (error ? error : looked).message());
+}
+
+}  // namespace tarsier

@@ -1,0 +1,371 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/media/frame_sink.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/http_sink.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/part_file.h"
+#include "tarsier/media/video_encoder.h"
+
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cctype>
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <set>
+#include <sys/statvfs.h>
+#include <system_error>
+#include <unistd.h>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+namespace fs = std::filesystem;
+
+void require_writable_image(const cv::Mat& image) {
+  TARSIER_REQUIRE(
+      image.dims == 2 && !image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
+      "{}x{}, type {}: sinks take 8-bit grey or BGR", image.cols, image.rows, image.type());
+}
+
+std::string lower_ending(const std::string& path) {
+  std::string ending = fs::path(path).extension().string();
+  for (char& c : ending) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return ending;
+}
+
+bool is_video_ending(const std::string& ending) {
+  return ending == ".mp4" || ending == ".avi" || ending == ".mkv";
+}
+
+class NoSink final : public FrameSink {
+ public:
+  std::string write(const cv::Mat& image, const Frame&) override {
+    require_writable_image(image);
+    return {};
+  }
+  void finish() override {}
+  [[nodiscard]] std::string description() const override { return "none"; }
+};
+
+class ImageSink final : public FrameSink {
+ public:
+  ImageSink(std::string path, const SinkOptions& options)
+      : path_(std::move(path)), options_(options) {
+    if (options.many) {
+      throw UsageError(
+          path_ + ": is one picture, and more are to come: name a folder instead (ending in '/')");
+    }
+    // Found out now, not after the work.
+    const AtomicFile probe(path_);
+  }
+
+  std::string write(const cv::Mat& image, const Frame&) override {
+    require_writable_image(image);
+    if (written_) {
+      throw UsageError(
+          path_ + ": is one picture, and a second has come: name a folder instead (ending in '/')");
+    }
+    // A device or pipe has no ending that could name a format.
+    const std::string ending = is_image_path(path_) ? lower_ending(path_) : ".png";
+    const std::vector<std::uint8_t> bytes =
+        encode_image(ending, image, path_, options_.jpeg_quality);
+    write_file_atomically(path_, std::span<const std::uint8_t>(bytes));
+    written_ = true;
+    return path_;
+  }
+  void finish() override {}
+  [[nodiscard]] std::string description() const override { return path_; }
+
+ private:
+  std::string path_;
+  SinkOptions options_;
+  bool written_ = false;
+};
+
+class FolderSink final : public FrameSink {
+ public:
+  FolderSink(std::string path, const SinkOptions& options)
+      : path_(std::move(path)), options_(options) {
+    make_folder(path_);
+    if (::access(path_.c_str(), W_OK | X_OK) != 0) {
+      throw OutputError(path_,
+                        "cannot write into this folder: " + std::generic_category().message(errno));
+    }
+  }
+
+  std::string write(const cv::Mat& image, const Frame& source) override {
+    require_writable_image(image);
+    const std::string target = (fs::path(path_) / free_name(source)).string();
+    std::error_code ignored;
+    if (source.still && fs::equivalent(target, source.name, ignored)) {
+      throw OutputError(target, "would replace its own source: name another folder");
+    }
+    write_image(target, image, options_.jpeg_quality);
+    ++count_;
+    return target;
+  }
+  void finish() override {}
+  [[nodiscard]] std::string description() const override {
+    return fmt::format("{} ({} {})", path_, count_, count_ == 1 ? "picture" : "pictures");
+  }
+
+ private:
+  // The source's base name; a number is added where two sources share one.
+  std::string free_name(const Frame& source) {
+    std::string stem;
+    std::string ending = options_.folder_extension;
+    if (source.still) {
+      const fs::path path(source.name);
+      stem = path.stem().string().substr(0, 180);  // names end at 255 bytes
+      if (ending.empty() && is_image_path(source.name)) ending = path.extension().string();
+    } else {
+      stem = fmt::format("frame_{:06d}", source.index);
+    }
+    if (stem.empty()) stem = "picture";
+    if (ending.empty()) ending = ".png";
+    std::string name = stem + ending;
+    for (int number = 2; !used_.insert(name).second; ++number)
+      name = fmt::format("{}-{}{}", stem, number, ending);
+    return name;
+  }
+
+  std::string path_;
+  SinkOptions options_;
+  std::set<std::string> used_;
+  std::int64_t count_ = 0;
+};
+
+// `image` as BGR in `size`, aspect kept, the rest black.
+cv::Mat fitted(const cv::Mat& image, cv::Size size) {
+  cv::Mat color = image;
+  if (image.channels() == 1) cv::cvtColor(image, color, cv::COLOR_GRAY2BGR);
+  if (color.size() == size) return color;
+  const double scale = std::min(static_cast<double>(size.width) / color.cols,
+                                static_cast<double>(size.height) / color.rows);
+  const cv::Size inner(
+      std::clamp(static_cast<int>(std::lround(color.cols * scale)), 1, size.width),
+      std::clamp(static_cast<int>(std::lround(color.rows * scale)), 1, size.height));
+  cv::Mat result(size, CV_8UC3, cv::Scalar(0, 0, 0));
+  cv::Mat place = result(cv::Rect((size.width - inner.width) / 2, (size.height - inner.height) / 2,
+                                  inner.width, inner.height));
+  cv::resize(color, place, inner, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+  return result;
+}
+
+// The k-th file of a video that is cut into segments.
+std::string segment_name(const std::string& path, int number) {
+  const fs::path file(path);
+  return (file.parent_path() /
+          fmt::format("{}-{:04d}{}", file.stem().string(), number, file.extension().string()))
+      .string();
+}
+
+// One more than the highest number of a segment that is there, finished or not: nothing of an
+// earlier run is written over.
+int first_free_segment(const std::string& path) {
+  const fs::path file(path);
+  const std::string stem = file.stem().string() + "-";
+  const fs::path folder = file.parent_path().empty() ? fs::path(".") : file.parent_path();
+  int highest = 0;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const std::string name = entry->path().filename().string();
+    if (!name.starts_with(stem) || !name.ends_with(file.extension().string())) continue;
+    int number = 0;
+    const auto [stop, bad] =
+        std::from_chars(name.data() + stem.size(), name.data() + name.size(), number);
+    if (bad == std::errc() && *stop == '.') highest = std::max(highest, number);
+  }
+  return highest + 1;
+}
+
+class VideoSink final : public FrameSink {
+ public:
+  VideoSink(std::string path, const SinkOptions& options)
+      : path_(std::move(path)), ending_(lower_ending(path_)), options_(options) {
+    if (options_.segment_s > 0) {
+      segment_ = first_free_segment(path_);
+      segment_frames_ = std::max<std::int64_t>(1, std::llround(options_.segment_s * options_.fps));
+    }
+    begin_file();  // found out now, not after the work
+  }
+
+  ~VideoSink() override {
+    if (!part_ || written_ == 0) return;  // an atomic file is thrown away
+    try {
+      if (encoder_) encoder_->finish();
+    } catch (const Error&) {  // it plays up to there
+    }
+    log_warning("{}: what was recorded is kept in {}", target_, part_->path());
+  }
+
+  std::string write(const cv::Mat& image, const Frame&) override {
+    require_writable_image(image);
+    TARSIER_REQUIRE(!finished_, "{} is finished", path_);
+    if (segment_frames_ > 0 && written_ == segment_frames_) {
+      end_file();
+      log_info("{}: {} frames", target_, written_);
+      ++segment_;
+      begin_file();
+    }
+    check_disk();
+    if (!encoder_) open(image.size());
+    cv::Mat frame = fitted(image, picture_);
+    if (coded_ != picture_) {
+      // The codecs halve the colour planes: an odd side would lose its last line.
+      cv::copyMakeBorder(frame, frame, 0, coded_.height - picture_.height, 0,
+                         coded_.width - picture_.width, cv::BORDER_REPLICATE);
+    }
+    encoder_->write(frame);
+    ++written_;
+    ++count_;
+    return {};
+  }
+
+  void finish() override {
+    if (finished_) return;
+    finished_ = true;
+    if (count_ == 0) log_warning("{}: no frame came, no video is written", path_);
+    end_file();
+  }
+
+  [[nodiscard]] std::string description() const override {
+    return fmt::format("{} ({} {})", path_, count_, count_ == 1 ? "frame" : "frames");
+  }
+
+ private:
+  void begin_file() {
+    target_ = segment_frames_ > 0 ? segment_name(path_, segment_) : path_;
+    written_ = 0;
+    if (options_.recording) {
+      part_.emplace(target_);
+      return;
+    }
+    file_.emplace(target_);
+    std::error_code ignored;
+    if (!fs::is_regular_file(file_->path(), ignored))
+      throw OutputError(path_, "a video needs a regular file");
+  }
+
+  void end_file() {
+    if (written_ > 0) {
+      const std::unique_ptr<VideoEncoder> encoder = std::move(encoder_);
+      encoder->finish();
+      if (part_) part_->commit();
+      if (file_) file_->commit();
+    }
+    part_.reset();
+    file_.reset();
+  }
+
+  void open(cv::Size size) {
+    if (count_ == 0) {
+      picture_ = size;
+      coded_ = {(size.width + 1) / 2 * 2, (size.height + 1) / 2 * 2};
+    }
+    VideoEncoderOptions options;
+    options.ending = ending_;
+    options.fps = options_.fps;
+    options.cut_safe = options_.recording;
+    encoder_ = std::make_unique<VideoEncoder>(part_ ? part_->path() : file_->path(), target_,
+                                              coded_, options);
+  }
+
+  // Early, so that hours of work are not spent on a video that cannot be kept.
+  void check_disk() const {
+    constexpr std::uint64_t kLeast = 1 << 20U;
+    struct ::statvfs disk {};
+    const std::string& file = part_ ? part_->path() : file_->path();
+    if (::statvfs(file.c_str(), &disk) != 0) return;
+    if (std::uint64_t{disk.f_bavail} * disk.f_frsize < kLeast)
+      throw OutputError(path_, "the disk is full");
+  }
+
+  std::string path_;  // as it was given
+  std::string ending_;
+  SinkOptions options_;
+  std::string target_;              // of the present file
+  std::optional<AtomicFile> file_;  // of what can be made again,
+  std::optional<PartFile> part_;    // or of a recording
+  std::unique_ptr<VideoEncoder> encoder_;
+  int segment_ = 0;
+  std::int64_t segment_frames_ = 0;  // 0: one file
+  cv::Size picture_;                 // of the first frame
+  cv::Size coded_;                   // the same, made even
+  std::int64_t written_ = 0;         // into the present file
+  std::int64_t count_ = 0;
+  bool finished_ = false;
+};
+
+}  // namespace
+
+void SinkOptions::check() const {
+  TARSIER_REQUIRE(fps > 0 && fps <= 1000, "fps {} outside (0, 1000]", fps);
+  TARSIER_REQUIRE(jpeg_quality >= 1 && jpeg_quality <= 100, "JPEG quality {} outside 1..100",
+                  jpeg_quality);
+  TARSIER_REQUIRE(segment_s >= 0 && std::isfinite(segment_s), "segment_s {}", segment_s);
+  TARSIER_REQUIRE(max_viewers >= 1 && max_viewers <= 64, "{} viewers outside 1..64", max_viewers);
+  TARSIER_REQUIRE(folder_extension.empty() || (folder_extension.find('/') == std::string::npos &&
+                                               is_image_path("x" + folder_extension)),
+                  "'{}' is no ending for pictures", folder_extension);
+}
+
+SinkKind classify_sink(const std::string& text) {
+  if (text.empty())
+    throw UsageError("an empty output: name a file, a folder, http://127.0.0.1:8080/ or none");
+  if (text == "none") return SinkKind::kNone;
+  if (text.rfind("http://", 0) == 0) return SinkKind::kHttp;
+  if (text.find("://") != std::string::npos) {
+    throw UsageError(text + ": only http:// can be served; put a proxy in front for anything else");
+  }
+  if (text == "-") throw UsageError("-: name /dev/stdout to write one picture (PNG) to stdout");
+  if (text.back() == '/') return SinkKind::kFolder;
+  std::error_code error;
+  const fs::file_status status = fs::status(text, error);
+  if (fs::is_directory(status)) return SinkKind::kFolder;
+  const std::string ending = lower_ending(text);
+  if (is_image_path(text)) return SinkKind::kImage;
+  if (is_video_ending(ending)) return SinkKind::kVideo;
+  if (fs::exists(status) && !fs::is_regular_file(status))
+    return SinkKind::kImage;  // a device or pipe
+  if (ending.empty()) return SinkKind::kFolder;
+  throw UsageError(fmt::format(
+      "{}: unknown file ending '{}': .png, .jpg, .webp, .bmp, .mp4, .avi and .mkv are written; "
+      "a folder ends in '/'",
+      text, ending));
+}
+
+std::unique_ptr<FrameSink> open_sink(const std::string& text, const SinkOptions& options) {
+  options.check();
+  const SinkKind kind = classify_sink(text);
+  if (options.segment_s > 0 && kind != SinkKind::kVideo) {
+    throw UsageError(text + ": only videos are cut into segments: name an .mp4, .avi or .mkv file");
+  }
+  switch (kind) {
+    case SinkKind::kNone:
+      return std::make_unique<NoSink>();
+    case SinkKind::kImage:
+      return std::make_unique<ImageSink>(text, options);
+    case SinkKind::kFolder:
+      return std::make_unique<FolderSink>(text, options);
+    case SinkKind::kVideo:
+      return std::make_unique<VideoSink>(text, options);
+    case SinkKind::kHttp:
+      return open_http_sink(text, options);
+  }
+  throw UsageError(text + ": no such output");
+}
+
+}  // namespace tarsier

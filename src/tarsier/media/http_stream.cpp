@@ -1,0 +1,445 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/media/http_stream.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/core/words.h"
+#include "tarsier/media/child_capture.h"
+#include "tarsier/media/http_protocol.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/mjpeg_parser.h"
+#include "tarsier/media/tcp.h"
+#include "tarsier/media/tls.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <memory>
+#include <optional>
+#include <poll.h>
+#include <sys/socket.h>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr int kMaxRedirects = 3;
+constexpr milliseconds kSlice{50};  // how long anything may last before the stop token is looked at
+
+std::string base64(std::string_view text) {
+  static constexpr std::string_view kDigits =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string result;
+  for (std::size_t i = 0; i < text.size(); i += 3) {
+    std::uint32_t bits = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t byte = i + k < text.size() ? static_cast<unsigned char>(text[i + k]) : 0U;
+      bits = (bits << 8U) | byte;
+    }
+    for (std::size_t k = 0; k < 4; ++k) {
+      const auto digit = (bits >> (18U - 6U * static_cast<unsigned>(k))) & 63U;
+      result += i + k <= text.size() ? kDigits[digit] : '=';
+    }
+  }
+  return result;
+}
+
+// An address of either scheme.
+struct Place {
+  HttpUrl url;
+  bool tls = false;
+  [[nodiscard]] bool is_same_server(const Place& other) const {
+    return url.host == other.url.host && url.port == other.url.port && tls == other.tls;
+  }
+};
+
+Place parse_place(const std::string& text) {
+  if (lower_case(text.substr(0, 8)) == "https://") return {parse_url(text, "https", 443), true};
+  return {parse_url(text, "http", 80), false};
+}
+
+// What FFmpeg reads and this program does not.
+bool is_playlist_type(std::string_view type) {
+  static constexpr std::array<std::string_view, 5> kTypes = {
+      "application/vnd.apple.mpegurl", "application/x-mpegurl", "audio/mpegurl", "audio/x-mpegurl",
+      "application/dash+xml"};
+  return std::any_of(kTypes.begin(), kTypes.end(),
+                     [&](std::string_view known) { return type.starts_with(known); });
+}
+bool is_video_type(std::string_view type) {
+  if (type.starts_with("video/x-motion-jpeg") || type.starts_with("video/x-jpeg")) return false;
+  return type.starts_with("video/") || type.starts_with("application/mp4") ||
+         type.starts_with("application/ogg");
+}
+
+class HttpBackend final : public LiveBackend {
+ public:
+  HttpBackend(const std::string& url, const SourceOptions& options)
+      : text_(url),
+        place_(parse_place(url)),
+        given_(place_),
+        security_(options.security),
+        snapshot_period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(
+            1 / std::min(options.fps > 0 ? options.fps : 10.0, 60.0)))) {
+    if (place_.tls) trust_ = std::make_shared<const TlsTrust>(security_);
+  }
+
+  // After read() ended: whether it is another kind of video, and where.
+  [[nodiscard]] bool is_for_ffmpeg() const { return for_ffmpeg_; }
+  [[nodiscard]] std::string address() const;
+
+  std::optional<LiveFailure> open(milliseconds patience, const std::stop_token& stop) override {
+    patience_ = patience;
+    if (!socket_.is_open()) {
+      LiveFailure failure;
+      socket_ = connect_tcp(place_.url.host, place_.url.port, patience, stop, failure);
+      if (!socket_.is_open()) return failure;
+    }
+    ask();
+    return std::nullopt;
+  }
+
+  // The connection is kept: a server that accepts just one client must not lose it to a probe.
+  bool reachable(milliseconds patience, const std::stop_token& stop) override {
+    LiveFailure failure;
+    if (!socket_.is_open()) {
+      socket_ = connect_tcp(place_.url.host, place_.url.port, patience, stop, failure);
+    }
+    return socket_.is_open();
+  }
+
+  LiveRead read(milliseconds patience, const std::stop_token& stop) override;
+
+  [[nodiscard]] std::string detail() const override { return detail_; }
+  [[nodiscard]] double fps() const override { return 0; }
+  [[nodiscard]] bool may_wake_up() const override { return true; }
+  [[nodiscard]] double startup_s() const override { return 0; }
+
+ private:
+  void ask();
+  bool send_request();
+  bool receive(bool& closed);
+  ssize_t receive_some();
+  [[nodiscard]] std::string kind() const {
+    return fmt::format("{} over {}", is_snapshot_ ? "JPEG snapshots" : "MJPEG",
+                       place_.tls ? "HTTPS" : "HTTP");
+  }
+  std::optional<LiveFailure> judge_header(const std::stop_token& stop);
+  std::optional<LiveFailure> follow(const std::string& location, const std::stop_token& stop);
+
+  const std::string text_;
+  Place place_;        // where we are, after redirects
+  const Place given_;  // the only server that gets the password
+  const StreamSecurity security_;
+  const Clock::duration snapshot_period_;
+  milliseconds patience_{3000};
+  TcpSocket socket_;
+  std::shared_ptr<const TlsTrust> trust_;
+  std::optional<TlsStream> tls_;  // of socket_
+  std::string request_;           // what is left to send
+  HttpResponseParser response_;
+  bool judged_ = false;
+  bool is_snapshot_ = false;
+  bool for_ffmpeg_ = false;
+  Clock::time_point next_snapshot_;
+  int redirects_ = 0;
+  std::int64_t asked_frames_ = 0;  // that came since the last request
+  std::vector<std::uint8_t> buffer_ = std::vector<std::uint8_t>(256U << 10U);
+  std::vector<std::uint8_t> body_;
+  MjpegParser parser_;
+  std::string detail_ = "HTTP";
+};
+
+// Where it ended up; the name and password only for the server they were given for.
+std::string HttpBackend::address() const {
+  if (redirects_ == 0) return text_;
+  const std::size_t begin = text_.find("://") + 3;
+  const std::size_t end = std::min(text_.find_first_of("/?#", begin), text_.size());
+  const std::size_t at = text_.substr(0, end).rfind('@');
+  std::string who;
+  if (place_.is_same_server(given_) && at != std::string::npos && at > begin) {
+    who = text_.substr(begin, at + 1 - begin);
+  }
+  return fmt::format("{}://{}{}{}", place_.tls ? "https" : "http", who,
+                     place_.url.host_header(place_.tls ? 443 : 80), place_.url.target);
+}
+
+// Over the connection that was just made.
+void HttpBackend::ask() {
+  tls_.reset();
+  if (place_.tls) tls_.emplace(trust_, socket_.get(), place_.url.host);
+  request_ = fmt::format(
+      "GET {} HTTP/1.1\r\nHost: {}\r\nUser-Agent: tarsier\r\n"
+      "Accept: multipart/x-mixed-replace, image/jpeg, */*\r\nConnection: close\r\n",
+      place_.url.target, place_.url.host_header(place_.tls ? 443 : 80));
+  const HttpUrl& who = given_.url;
+  if (place_.is_same_server(given_) && !(who.user.empty() && who.password.empty())) {
+    request_ += "Authorization: Basic " + base64(who.user + ":" + who.password) + "\r\n";
+  }
+  request_ += "\r\n";
+  response_ = {};
+  judged_ = false;
+  asked_frames_ = 0;
+  parser_.reset();
+}
+
+// False when the connection is broken.
+bool HttpBackend::send_request() {
+  while (!request_.empty()) {
+    const ssize_t sent =
+        tls_ ? tls_->send({reinterpret_cast<const std::uint8_t*>(request_.data()), request_.size()})
+             : ::send(socket_.get(), request_.data(), request_.size(), MSG_NOSIGNAL);
+    if (sent < 0) return errno == EAGAIN || errno == EINTR;
+    request_.erase(0, static_cast<std::size_t>(sent));
+  }
+  return true;
+}
+
+ssize_t HttpBackend::receive_some() {
+  return tls_ ? tls_->recv(buffer_) : ::recv(socket_.get(), buffer_.data(), buffer_.size(), 0);
+}
+
+// Takes in everything that is there, for 50 ms at most: a server that sends without pause must not
+// keep us from showing anything. False when the connection is broken.
+bool HttpBackend::receive(bool& closed) {
+  const Clock::time_point end = Clock::now() + kSlice;
+  while (Clock::now() < end) {
+    const ssize_t count = receive_some();
+    if (count < 0) {
+      if (errno == EINTR) continue;
+      return errno == EAGAIN;
+    }
+    if (count == 0) {
+      closed = true;
+      return true;
+    }
+    body_.clear();
+    response_.feed({buffer_.data(), static_cast<std::size_t>(count)}, body_);
+    if (response_.state() == HttpResponseParser::State::kBroken) return true;
+    if (response_.state() != HttpResponseParser::State::kHeader && response_.status() == 200) {
+      asked_frames_ += parser_.feed(body_);
+    }
+    if (response_.state() == HttpResponseParser::State::kDone) return true;
+  }
+  return true;
+}
+
+std::optional<LiveFailure> HttpBackend::judge_header(const std::stop_token& stop) {
+  judged_ = true;
+  const int status = response_.status();
+  if (status >= 300 && status < 400 && !response_.location().empty()) {
+    return follow(response_.location(), stop);
+  }
+  if (status != 200) {
+    LiveFailure failure;
+    failure.reason = fmt::format("the server answers {} {}", status, response_.status_text());
+    failure.definite = status >= 400 && status < 500 && status != 408 && status != 429;
+    failure.denied = status == 401 || status == 403;
+    if (status == 401) {
+      failure.reason += given_.url.user.empty()
+                            ? "; give a name and password: name:password@ before the host"
+                            : "; name or password are wrong";
+    }
+    return failure;
+  }
+  const std::string type = lower_case(response_.content_type());
+  if (type.starts_with("text/") || type.starts_with("application/json")) {
+    return LiveFailure{
+        .reason = fmt::format("the server sends {}, not pictures; is this the address of the "
+                              "stream itself?",
+                              response_.content_type()),
+        .definite = true};
+  }
+  if (place_.tls && is_playlist_type(type) && !security_.insecure) {
+    return LiveFailure{
+        .reason =
+            "the server sends a playlist (HLS or DASH), and certificates of what it points "
+            "to cannot be checked: --insecure goes without, or use the camera's rtsps or MJPEG",
+        .definite = true};
+  }
+  if (place_.tls && (is_playlist_type(type) || is_video_type(type))) {
+    for_ffmpeg_ = true;
+    return LiveFailure{.reason = "is another kind of video"};
+  }
+  is_snapshot_ = type.starts_with("image/");
+  detail_ = kind();
+  return std::nullopt;
+}
+
+// One step of a redirect: never from https to anything else.
+std::optional<LiveFailure> HttpBackend::follow(const std::string& location,
+                                               const std::stop_token& stop) {
+  if (++redirects_ > kMaxRedirects) {
+    return LiveFailure{.reason = "redirects too often", .definite = true};
+  }
+  Place next = place_;
+  bool allowed = true;
+  try {
+    if (location.starts_with("/") && !location.starts_with("//")) {
+      next.url.target = parse_url("http://host" + location, "http", 80).target;
+    } else {
+      next = parse_place(location);
+    }
+    allowed = next.tls || !place_.tls;
+  } catch (const InputError&) {
+    allowed = false;
+  }
+  if (!allowed) {
+    return LiveFailure{.reason = fmt::format("redirects to '{}'; only {} is followed",
+                                             masked(location), place_.tls ? "https" : "http(s)"),
+                       .definite = true};
+  }
+  place_ = std::move(next);
+  if (place_.tls && trust_ == nullptr) {
+    try {
+      trust_ = std::make_shared<const TlsTrust>(security_);
+    } catch (const InputError& error) {
+      return LiveFailure{.reason = error.what(), .definite = true};
+    }
+  }
+  LiveFailure failure;
+  tls_.reset();
+  socket_ = connect_tcp(place_.url.host, place_.url.port, patience_, stop, failure);
+  if (!socket_.is_open()) return failure;
+  ask();
+  return std::nullopt;
+}
+
+LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
+  using State = HttpResponseParser::State;
+  LiveRead result;
+  const auto end_with = [&result](LiveFailure failure) {
+    result.kind = LiveRead::Kind::kEnded;
+    result.failure = std::move(failure);
+    return result;
+  };
+  const Clock::time_point deadline = Clock::now() + patience;
+  do {
+    if (!socket_.is_open()) {  // between two snapshots
+      const Clock::time_point now = Clock::now();
+      if (now < next_snapshot_) {
+        const auto pause = std::min<Clock::duration>(
+            {kSlice, next_snapshot_ - now, std::max(Clock::duration(0), deadline - now)});
+        sleep_unless_stopped(std::chrono::ceil<milliseconds>(pause), stop);
+        continue;
+      }
+      next_snapshot_ = now + snapshot_period_;
+      LiveFailure failure;
+      socket_ = connect_tcp(place_.url.host, place_.url.port, patience_, stop, failure);
+      if (!socket_.is_open()) return end_with(std::move(failure));
+      ask();
+    }
+    if (tls_ && !tls_->is_ready()) {
+      const TlsStream::Step step = tls_->handshake();
+      if (step == TlsStream::Step::kFailed) {
+        return end_with({.reason = tls_->trouble(), .definite = tls_->is_definite()});
+      }
+      if (step == TlsStream::Step::kAgain) {
+        if (!wait_for(socket_.get(), tls_->poll_events(), deadline, stop)) break;
+        continue;
+      }
+    }
+    if (response_.state() == State::kDone)
+      return end_with({.reason = "the server ended the stream"});
+    if (!request_.empty() && !send_request()) {
+      return end_with({.reason = "the connection broke"});
+    }
+    const short events = static_cast<short>(request_.empty() ? POLLIN : POLLIN | POLLOUT);
+    const bool has_pending = tls_ && tls_->has_pending();
+    if (!has_pending && !wait_for(socket_.get(), events, deadline, stop)) break;
+
+    const std::int64_t before = asked_frames_;
+    bool closed = false;
+    if (!receive(closed)) return end_with({.reason = "the connection broke"});
+    if (response_.state() == State::kBroken) {
+      return end_with(
+          {.reason = fmt::format("the server {}", response_.trouble()), .definite = true});
+    }
+    if (response_.state() != State::kHeader && !judged_) {
+      if (auto failure = judge_header(stop)) return end_with(std::move(*failure));
+      if (!judged_) continue;  // redirected
+    }
+    const bool over = closed || response_.state() == State::kDone;
+    if (asked_frames_ > before) {
+      result.kind = LiveRead::Kind::kFrame;
+      result.frames = asked_frames_ - before;
+      result.picture.encoded = parser_.take();
+      result.picture.arrived = Clock::now();
+      if (const auto header = probe_image(result.picture.encoded)) {
+        detail_ = fmt::format("{}x{} {}", header->width, header->height, kind());
+      }
+    }
+    if (over) {
+      if (is_snapshot_ && asked_frames_ == 1) {
+        tls_.reset();
+        socket_.close();
+        if (next_snapshot_ == Clock::time_point{}) next_snapshot_ = Clock::now() + snapshot_period_;
+      } else if (result.kind != LiveRead::Kind::kFrame) {
+        return end_with({.reason = judged_ ? "the server ended the stream"
+                                           : "the server hung up without an answer"});
+      }
+      // Otherwise the frame first; the next read() meets the end again.
+    }
+  } while (result.kind == LiveRead::Kind::kNothing && !stop.stop_requested() &&
+           Clock::now() < deadline);
+  return result;
+}
+
+// An https address: this program's own reader, or FFmpeg once it is known that this is needed.
+class HttpsBackend final : public LiveBackend {
+ public:
+  HttpsBackend(const std::string& url, const SourceOptions& options)
+      : options_(options), http_(std::make_unique<HttpBackend>(url, options)) {}
+
+  std::optional<LiveFailure> open(milliseconds patience, const std::stop_token& stop) override {
+    return current().open(patience, stop);
+  }
+  bool reachable(milliseconds patience, const std::stop_token& stop) override {
+    return current().reachable(patience, stop);
+  }
+  LiveRead read(milliseconds patience, const std::stop_token& stop) override {
+    LiveRead read = current().read(patience, stop);
+    if (child_ || read.kind != LiveRead::Kind::kEnded || !http_->is_for_ffmpeg()) return read;
+    try {
+      child_ = make_child_backend(ffmpeg_command(http_->address(), options_));
+    } catch (const Error& error) {
+      read.failure = {.reason = error.what(), .definite = true};
+      return read;
+    }
+    http_.reset();  // the connection is closed first: a small camera may have just one
+    if (auto failure = child_->open(patience, stop)) {
+      read.failure = std::move(*failure);
+      return read;
+    }
+    return {};
+  }
+  [[nodiscard]] std::string detail() const override { return current().detail(); }
+  [[nodiscard]] double fps() const override { return current().fps(); }
+  [[nodiscard]] bool may_wake_up() const override { return current().may_wake_up(); }
+  [[nodiscard]] double startup_s() const override { return current().startup_s(); }
+
+ private:
+  [[nodiscard]] LiveBackend& current() const {
+    return child_ ? *child_ : static_cast<LiveBackend&>(*http_);
+  }
+
+  const SourceOptions options_;
+  std::unique_ptr<HttpBackend> http_;
+  std::unique_ptr<LiveBackend> child_;
+};
+
+}  // namespace
+
+std::unique_ptr<LiveBackend> make_http_backend(const std::string& url,
+                                               const SourceOptions& options) {
+  if (parse_place(url).tls) return std::make_unique<HttpsBackend>(url, options);
+  return std::make_unique<HttpBackend>(url, options);
+}
+
+}  // namespace tarsier

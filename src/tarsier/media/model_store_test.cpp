@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/media/model_store.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <string>
+
+namespace tarsier {
+namespace {
+
+using testing::HasSubstr;
+namespace fs = std::filesystem;
+
+// A folder with one model, and TARSIER_MODELS as it was afterwards.
+class Models : public testing::Test {
+ protected:
+  Models() {
+    if (const char* value = std::getenv("TARSIER_MODELS")) before_ = value;
+    ::unsetenv("TARSIER_MODELS");
+    std::ofstream(folder_ / "head.json") << "{}";
+  }
+  ~Models() override {
+    if (before_)
+      ::setenv("TARSIER_MODELS", before_->c_str(), 1);
+    else
+      ::unsetenv("TARSIER_MODELS");
+  }
+
+  [[nodiscard]] const std::string& folder() const { return folder_.path(); }
+
+  template <typename Failure, typename Call>
+  static std::string failure_of(const Call& call) {
+    try {
+      call();
+    } catch (const Failure& error) {
+      return error.what();
+    }
+    return "no error";
+  }
+
+ private:
+  TemporaryFolder folder_;
+  std::optional<std::string> before_;
+};
+
+TEST_F(Models, AreFoundByName) {
+  const ModelStore store(folder());
+  EXPECT_TRUE(store.has("head.json"));
+  EXPECT_FALSE(store.has("other.json"));
+  EXPECT_EQ(store.path("head.json"), (fs::path(folder()) / "head.json").string());
+  EXPECT_EQ(store.path_or("", "head.json"), store.path("head.json"));
+  EXPECT_EQ(store.path_or("mine.json", "head.json"), "mine.json");
+  EXPECT_EQ(store.place_of("other.json"), (fs::path(folder()) / "other.json").string());
+}
+
+TEST_F(Models, OneThatIsMissingIsNamedWithWhatToDo) {
+  const ModelStore store(folder());
+  const std::string error =
+      failure_of<ModelError>([&] { static_cast<void>(store.path("other.json")); });
+  EXPECT_THAT(error, HasSubstr((fs::path(folder()) / "other.json").string() + ": "));
+  EXPECT_THAT(error, HasSubstr("set TARSIER_MODELS"));
+}
+
+TEST_F(Models, WithoutAFolderNothingIsThere) {
+  const ModelStore store;
+  EXPECT_EQ(store.folder(), "");
+  EXPECT_FALSE(store.has("head.json"));
+  EXPECT_EQ(store.place_of("head.json"), "head.json");
+  EXPECT_THAT(failure_of<ModelError>([&] { static_cast<void>(store.path("head.json")); }),
+              HasSubstr("head.json: no folder of models was found: set TARSIER_MODELS"));
+}
+
+TEST_F(Models, TheNamedFolderGoesBeforeTheEnvironmentsAndThatBeforeWhatShips) {
+  ::setenv("TARSIER_MODELS", "/nowhere", 1);
+  EXPECT_EQ(ModelStore::find(folder()).folder(), folder());
+  EXPECT_THAT(failure_of<InputError>([] { static_cast<void>(ModelStore::find()); }),
+              HasSubstr("/nowhere: no such folder of models"));
+  ::setenv("TARSIER_MODELS", folder().c_str(), 1);
+  EXPECT_EQ(ModelStore::find().folder(), folder());
+  ::setenv("TARSIER_MODELS", "", 1);  // as if it were not set
+  EXPECT_NE(ModelStore::find().folder(), folder());
+  EXPECT_THAT(failure_of<InputError>([] { static_cast<void>(ModelStore::find("/nowhere")); }),
+              HasSubstr("/nowhere: no such folder of models"));
+}
+
+}  // namespace
+}  // namespace tarsier

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/planar/calibration/charuco.h"
+
+#include "tarsier/planar/markers/detector.h"
+#include "tarsier/planar/markers/dictionary.h"
+
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+namespace tarsier::planar::calibration {
+namespace {
+
+constexpr double kWindow = 0.95;   // of the white rim between a corner and the nearest marker
+constexpr int kWidestWindow = 11;  // px, half
+constexpr double kMinSquare = 10;  // px
+constexpr double kFarthest = 2.2;  // squares, from a marker's middle to a corner it predicts
+constexpr double kAgree = 0.2;     // squares, between predictions of one corner
+
+// One marker: its square, and the map from squares (of the board) to the picture.
+struct Seen {
+  cv::Point2d middle;  // in squares
+  cv::Matx33d picture_from_board;
+};
+
+cv::Point2d apply(const cv::Matx33d& map, const cv::Point2d& p) {
+  const cv::Vec3d v = map * cv::Vec3d(p.x, p.y, 1);
+  return {v[0] / v[2], v[1] / v[2]};
+}
+
+std::vector<Seen> find_markers(const cv::Mat& gray, const BoardSpec& spec) {
+  const std::vector<cv::Point> squares = marker_squares(spec);
+  markers::DetectWorkspace workspace;
+  std::vector<Seen> seen;
+  for (const markers::Marker& found :
+       markers::detect_markers(gray, markers::find_dictionary(spec.family), {}, workspace)) {
+    if (static_cast<std::size_t>(found.id) >= squares.size()) continue;
+    const cv::Point2d middle =
+        cv::Point2d(squares[static_cast<std::size_t>(found.id)]) + cv::Point2d(0.5, 0.5);
+    const double half = spec.ratio / 2;
+    const std::vector<cv::Point2d> board{
+        middle + cv::Point2d(-half, -half), middle + cv::Point2d(half, -half),
+        middle + cv::Point2d(half, half), middle + cv::Point2d(-half, half)};
+    std::vector<cv::Point2d> pixels;
+    for (const Eigen::Vector2d& corner : found.corners) pixels.emplace_back(corner.x(), corner.y());
+    const cv::Mat map = cv::findHomography(board, pixels, 0);
+    if (map.empty()) continue;
+    seen.push_back({middle, cv::Matx33d(map)});
+  }
+  return seen;
+}
+
+struct Prediction {
+  cv::Point2d pixel;
+  double square_px = 0;  // the shortest side of a square here
+};
+
+// Where the corner (in squares) should be, from the markers around it, the nearest first in weight;
+// nothing where there is none, or they contradict each other.
+std::optional<Prediction> predict(const std::vector<Seen>& seen, const cv::Point2d& corner) {
+  cv::Point2d sum;
+  double weight = 0;
+  double square_px = 0;
+  std::vector<cv::Point2d> all;
+  for (const Seen& marker : seen) {
+    const double far = cv::norm(marker.middle - corner);
+    if (far > kFarthest) continue;
+    const cv::Point2d pixel = apply(marker.picture_from_board, corner);
+    const double px =
+        std::min(cv::norm(apply(marker.picture_from_board, corner + cv::Point2d(0.5, 0)) -
+                          apply(marker.picture_from_board, corner - cv::Point2d(0.5, 0))),
+                 cv::norm(apply(marker.picture_from_board, corner + cv::Point2d(0, 0.5)) -
+                          apply(marker.picture_from_board, corner - cv::Point2d(0, 0.5))));
+    if (!std::isfinite(pixel.x) || !std::isfinite(pixel.y) || !std::isfinite(px)) continue;
+    const double w = 1 / std::pow(far, 4);
+    sum += w * pixel;
+    square_px += w * px;
+    weight += w;
+    if (far < 1) all.push_back(pixel);  // the two squares that touch the corner
+  }
+  if (!(weight > 0) || all.empty()) return std::nullopt;
+  const Prediction result{sum * (1 / weight), square_px / weight};
+  for (const cv::Point2d& pixel : all)
+    if (cv::norm(pixel - result.pixel) > kAgree * result.square_px) return std::nullopt;
+  return result;
+}
+
+}  // namespace
+
+BoardView find_charuco(const cv::Mat& gray, const BoardSpec& spec, int min_corners) {
+  const std::vector<Seen> seen = find_markers(gray, spec);
+  BoardView view;
+  for (int index = 0; index < spec.points(); ++index) {
+    const int width = spec.grid().width;
+    const auto at = predict(seen, cv::Point2d(index % width + 1, index / width + 1));
+    if (!at) continue;
+    const double rim = 0.5 * (1 - spec.ratio) * at->square_px;
+    const int half = std::clamp(cvFloor(kWindow * rim), 2, kWidestWindow);
+    const cv::Rect2d inside(half + 2, half + 2, gray.cols - 2 * half - 4, gray.rows - 2 * half - 4);
+    if (at->square_px < kMinSquare || !inside.contains(at->pixel)) continue;
+    std::vector<cv::Point2f> pixel{at->pixel};
+    cv::cornerSubPix(gray, pixel, {half, half}, {-1, -1},
+                     {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 60, 1e-3});
+    if (cv::norm(cv::Point2d(pixel[0]) - at->pixel) > 0.25 * at->square_px) continue;
+    view.points.push_back(index);
+    view.pixels.push_back(pixel[0]);
+  }
+  if (static_cast<int>(view.points.size()) < min_corners) return {};
+  // All on one line of the board fix no pose.
+  const int width = spec.grid().width;
+  const auto all_alike = [&](const auto& of) {
+    return std::all_of(view.points.begin(), view.points.end(),
+                       [&](int p) { return of(p) == of(view.points[0]); });
+  };
+  if (all_alike([&](int p) { return p / width; }) || all_alike([&](int p) { return p % width; }))
+    return {};
+  return view;
+}
+
+}  // namespace tarsier::planar::calibration

@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/planar/calibration/detect.h"
+
+namespace tarsier::planar::calibration {
+
+// The part of find_board() for charuco boards. `gray` is CV_8UC1.
+[[nodiscard]] BoardView find_charuco(const cv::Mat& gray, const BoardSpec& spec, int min_corners);
+
+}  // namespace tarsier::planar::calibration

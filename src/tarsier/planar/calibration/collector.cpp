@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/planar/calibration/collector.h"
+
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <array>
+#include <string_view>
+#include <utility>
+
+namespace tarsier::planar::calibration {
+namespace {
+
+constexpr double kSharper = 1.15;  // a view like another one takes its place when this much sharper
+constexpr std::array<std::string_view, 7> kNames{"taken",   "replaced", "no board", "moving",
+                                                 "blurred", "alike",    "full"};
+
+}  // namespace
+
+std::string_view name_of(Verdict verdict) { return kNames[static_cast<std::size_t>(verdict)]; }
+
+void CollectorOptions::check() const {
+  TARSIER_REQUIRE(min_sharpness >= 0 && min_sharpness < 1, "min_sharpness {}", min_sharpness);
+  TARSIER_REQUIRE(still_px >= 0, "still_px {}", still_px);
+  TARSIER_REQUIRE(min_move >= 0 && min_move < 1, "min_move {}", min_move);
+  TARSIER_REQUIRE(min_turn_deg >= 0, "min_turn_deg {}", min_turn_deg);
+  TARSIER_REQUIRE(most >= 3 && most <= 500, "most {}", most);
+}
+
+ViewCollector::ViewCollector(const BoardSpec& spec, cv::Size size, const CollectorOptions& options)
+    : spec_(spec), options_(options) {
+  spec.check();
+  options.check();
+  TARSIER_REQUIRE(size.width > 0 && size.height > 0, "{}x{} px", size.width, size.height);
+  coverage_.size = size;
+}
+
+ViewCollector::Answer ViewCollector::offer(const BoardView& view, double sharpness, bool is_still) {
+  const BoardView before = std::exchange(last_, view);
+  if (view.empty()) return {Verdict::kNoBoard};
+  if (!is_still && options_.still_px > 0 &&
+      (before.empty() || !(view_distance(before, view) <= options_.still_px))) {
+    return {Verdict::kMoving};
+  }
+  const bool is_judged = spec_.kind == BoardKind::kChess || spec_.kind == BoardKind::kCharuco;
+  if (is_judged && sharpness < options_.min_sharpness) return {Verdict::kBlurred};
+  const double least = options_.min_move * std::max(coverage_.size.width, coverage_.size.height);
+  const cv::Point2d tilt = tilt_of(view, spec_, coverage_.size);
+  std::size_t near = views_.size();
+  int alike = 0;
+  for (std::size_t i = 0; i < views_.size(); ++i) {
+    if (view_distance(view, views_[i]) >= least ||
+        cv::norm(tilt - tilts_[i]) >= options_.min_turn_deg)
+      continue;
+    near = i;
+    ++alike;
+  }
+  if (alike > 0) {
+    if (alike > 1 || sharpness < kSharper * sharpness_[near]) return {Verdict::kAlike};
+    views_[near] = view;
+    tilts_[near] = tilt;
+    sharpness_[near] = sharpness;
+    recount();
+    return {Verdict::kReplaced, near};
+  }
+  if (static_cast<int>(views_.size()) >= options_.most) return {Verdict::kFull};
+  return force(view, sharpness);
+}
+
+ViewCollector::Answer ViewCollector::force(const BoardView& view, double sharpness) {
+  if (view.empty()) return {Verdict::kNoBoard};
+  views_.push_back(view);
+  sharpness_.push_back(sharpness);
+  tilts_.push_back(tilt_of(view, spec_, coverage_.size));
+  coverage_.add(view, spec_);
+  return {Verdict::kTaken, views_.size() - 1};
+}
+
+void ViewCollector::undo() {
+  if (!views_.empty()) remove(views_.size() - 1);
+}
+
+void ViewCollector::remove(std::size_t index) {
+  TARSIER_REQUIRE(index < views_.size(), "view {} of {}", index, views_.size());
+  views_.erase(views_.begin() + static_cast<std::ptrdiff_t>(index));
+  tilts_.erase(tilts_.begin() + static_cast<std::ptrdiff_t>(index));
+  sharpness_.erase(sharpness_.begin() + static_cast<std::ptrdiff_t>(index));
+  recount();
+}
+
+void ViewCollector::recount() { coverage_ = coverage_of(views_, spec_, coverage_.size); }
+
+}  // namespace tarsier::planar::calibration

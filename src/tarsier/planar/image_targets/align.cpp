@@ -1,0 +1,338 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/planar/image_targets/align.h"
+
+#include "tarsier/geometry/planar_pose.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+namespace tarsier::planar::image_targets {
+namespace {
+
+constexpr int kSide = 10;  // px of a patch
+constexpr int kArea = kSide * kSide;
+constexpr int kShifts = 4;  // iterations of a patch
+
+// What one patch needs while it is shifted.
+struct Patch {
+  float value[kArea];  // without its mean
+  float dx[kArea];
+  float dy[kArea];
+  cv::Matx44f inverse;  // of the products of (value, dx, dy, 1)
+  double a, b, c;       // products of the gradients, over half their trace
+};
+
+// The linear part of h at p, px of the frame for one of the picture.
+cv::Matx22d jacobian_at(const cv::Matx33d& h, const cv::Point2d& p) {
+  const double w = h(2, 0) * p.x + h(2, 1) * p.y + h(2, 2);
+  const cv::Point2d q = geometry::mapped(h, p);
+  return {(h(0, 0) - q.x * h(2, 0)) / w, (h(0, 1) - q.x * h(2, 1)) / w,
+          (h(1, 0) - q.y * h(2, 0)) / w, (h(1, 1) - q.y * h(2, 1)) / w};
+}
+
+// Draws the target around `at` (px of its level) with steps of `back` for each px of the frame's
+// level; `offset` is where the middle of the patch lies from the drawn point. False where it
+// reaches outside the level's margin, or shows too little.
+bool draw_patch(const Level& level, const cv::Point2d& at, const cv::Matx22d& back,
+                const cv::Point2d& offset, Patch& patch) {
+  constexpr int kDrawn = kSide + 2;
+  float drawn[kDrawn][kDrawn];
+  const double half = (kDrawn - 1) / 2.0;
+  const double x0 = offset.x - half;
+  const double y0 = offset.y - half;
+  const double u0 = at.x + back(0, 0) * x0 + back(0, 1) * y0 + Level::kMargin;
+  const double v0 = at.y + back(1, 0) * x0 + back(1, 1) * y0 + Level::kMargin;
+  const double right = level.padded.cols - 2;
+  const double bottom = level.padded.rows - 2;
+  for (int corner = 0; corner < 4; ++corner) {
+    const int c = (corner & 1) * (kDrawn - 1);
+    const int r = (corner >> 1) * (kDrawn - 1);
+    const double u = u0 + back(0, 0) * c + back(0, 1) * r;
+    const double v = v0 + back(1, 0) * c + back(1, 1) * r;
+    if (!(u >= 1 && v >= 1 && u < right && v < bottom)) return false;
+  }
+  const auto fixed = [](double v) { return static_cast<int>(std::lround(v * 65536)); };
+  const int stride = static_cast<int>(level.padded.step);
+  const std::uint8_t* image = level.padded.ptr<std::uint8_t>();
+  const int du = fixed(back(0, 0));
+  const int dv = fixed(back(1, 0));
+  for (int r = 0; r < kDrawn; ++r) {
+    int u = fixed(u0 + back(0, 1) * r);
+    int v = fixed(v0 + back(1, 1) * r);
+    for (int c = 0; c < kDrawn; ++c) {
+      const std::uint8_t* p = image + (v >> 16) * stride + (u >> 16);
+      const int fu = (u >> 8) & 255;
+      const int fv = (v >> 8) & 255;
+      const int top = (p[0] << 8) + fu * (p[1] - p[0]);
+      const int low = (p[stride] << 8) + fu * (p[stride + 1] - p[stride]);
+      drawn[r][c] = static_cast<float>((top << 8) + fv * (low - top)) * (1.0F / 65536);
+      u += du;
+      v += dv;
+    }
+  }
+  float mean = 0;
+  for (int r = 0; r < kSide; ++r)
+    for (int c = 0; c < kSide; ++c) {
+      const int k = r * kSide + c;
+      patch.value[k] = drawn[r + 1][c + 1];
+      mean += patch.value[k];
+      patch.dx[k] = 0.5F * (drawn[r + 1][c + 2] - drawn[r + 1][c]);
+      patch.dy[k] = 0.5F * (drawn[r + 2][c + 1] - drawn[r][c + 1]);
+    }
+  mean /= kArea;
+  float vv = 0;
+  float vx = 0;
+  float vy = 0;
+  float xx = 0;
+  float xy = 0;
+  float yy = 0;
+  float sx = 0;
+  float sy = 0;
+  for (int k = 0; k < kArea; ++k) {
+    const float v = patch.value[k] -= mean;
+    const float x = patch.dx[k];
+    const float y = patch.dy[k];
+    vv += v * v;
+    vx += v * x;
+    vy += v * y;
+    xx += x * x;
+    xy += x * y;
+    yy += y * y;
+    sx += x;
+    sy += y;
+  }
+  if (vv < 4 * kArea || xx + yy < 1.0F * kArea) return false;  // flat
+  const float ridge = 0.01F * (xx + yy);
+  const cv::Matx44f m(vv, vx, vy, 0, vx, xx + ridge, xy, sx, vy, xy, yy + ridge, sy, 0, sx, sy,
+                      kArea);
+  bool ok = false;
+  patch.inverse = m.inv(cv::DECOMP_CHOLESKY, &ok);
+  const double trace = (xx + yy) / 2;
+  patch.a = xx / trace;
+  patch.b = xy / trace;
+  patch.c = yy / trace;
+  return ok;
+}
+
+struct Shifted {
+  double x = 0;
+  double y = 0;
+  double correlation = 0;
+};
+
+// Shifts the patch, whose top left pixel would lie at (left, top) of the level, to where it fits.
+// Empty where it moves more than `most` px or out of the level's margin.
+std::optional<Shifted> shift_patch(const Level& level, int left, int top, const Patch& patch,
+                                   double most) {
+  Shifted s;
+  float seen[kArea];
+  for (int iteration = 0;; ++iteration) {
+    const double u = left + s.x + Level::kMargin;
+    const double v = top + s.y + Level::kMargin;
+    if (!(u >= 0 && v >= 0 && u + kSide + 1 < level.padded.cols &&
+          v + kSide + 1 < level.padded.rows)) {
+      return std::nullopt;
+    }
+    const auto iu = static_cast<int>(u);
+    const auto iv = static_cast<int>(v);
+    const auto fu = static_cast<float>(u - iu);
+    const auto fv = static_cast<float>(v - iv);
+    const float w00 = (1 - fu) * (1 - fv);
+    const float w01 = fu * (1 - fv);
+    const float w10 = (1 - fu) * fv;
+    const float w11 = fu * fv;
+    float jv = 0;
+    float jx = 0;
+    float jy = 0;
+    float j1 = 0;
+    float square = 0;
+    for (int r = 0; r < kSide; ++r) {
+      const std::uint8_t* p = level.padded.ptr<std::uint8_t>(iv + r) + iu;
+      const std::uint8_t* q = level.padded.ptr<std::uint8_t>(iv + r + 1) + iu;
+      for (int c = 0; c < kSide; ++c) {
+        const float value = w00 * static_cast<float>(p[c]) + w01 * static_cast<float>(p[c + 1]) +
+                            w10 * static_cast<float>(q[c]) + w11 * static_cast<float>(q[c + 1]);
+        seen[r * kSide + c] = value;
+      }
+    }
+    float vv = 0;
+    for (int k = 0; k < kArea; ++k) {
+      jv += seen[k] * patch.value[k];
+      jx += seen[k] * patch.dx[k];
+      jy += seen[k] * patch.dy[k];
+      j1 += seen[k];
+      square += seen[k] * seen[k];
+      vv += patch.value[k] * patch.value[k];
+    }
+    if (iteration == kShifts) {
+      const float spread = square - j1 * j1 / kArea;
+      s.correlation = spread > 1 ? jv / std::sqrt(spread * vv) : 0;
+      return s;
+    }
+    const cv::Vec4f fit = patch.inverse * cv::Vec4f(jv, jx, jy, j1);
+    if (!(fit[0] > 0.05F)) return std::nullopt;
+    // seen(x) = gain value(x + e): e is how far the patch was put too far.
+    const double ex = std::clamp(static_cast<double>(fit[1] / fit[0]), -1.5, 1.5);
+    const double ey = std::clamp(static_cast<double>(fit[2] / fit[0]), -1.5, 1.5);
+    s.x -= ex;
+    s.y -= ey;
+    if (!(s.x * s.x + s.y * s.y <= most * most)) return std::nullopt;
+    if (ex * ex + ey * ey < 4e-4 && iteration + 2 < kShifts) iteration = kShifts - 2;
+  }
+}
+
+// Whole octaves of the frame on which the target is at least so large.
+int coarsest_level(const Pyramid& frame, double side, int least) {
+  int level = 0;
+  while (level + 2 < static_cast<int>(frame.levels.size()) &&
+         side / frame.levels[static_cast<std::size_t>(level) + 2].step_x >= least) {
+    level += 2;
+  }
+  return level;
+}
+
+cv::Matx33d to_level(const cv::Matx33d& h, const Level& level) {
+  const cv::Matx33d shrink(1 / level.step_x, 0, 0.5 / level.step_x - 0.5, 0, 1 / level.step_y,
+                           0.5 / level.step_y - 0.5, 0, 0, 1);
+  return shrink * h;
+}
+
+double scale_at_middle(const cv::Matx33d& h, cv::Size size) {
+  return std::sqrt(
+      std::abs(cv::determinant(jacobian_at(h, {size.width / 2.0, size.height / 2.0}))));
+}
+
+struct Found {
+  Sighting sighting;  // px of the level
+  double correlation;
+};
+
+// Shifts the first `most` anchors that are inside the frame.
+std::vector<Found> sight(const Target& target, const Level& level, const cv::Matx33d& h,
+                         std::size_t most, double reach, int& visible) {
+  std::vector<Found> found;
+  const double scale = scale_at_middle(h, target.size());
+  const auto& levels = target.pyramid.levels;
+  const auto k = static_cast<std::size_t>(std::clamp<long>(
+      std::lround(-2 * std::log2(std::max(scale, 1e-6))), 0, static_cast<long>(levels.size()) - 1));
+  const Level& drawn = levels[k];
+  visible = 0;
+  Patch patch;
+  for (const cv::Point2f& anchor : target.anchors[k]) {
+    if (visible >= static_cast<int>(most)) break;
+    const cv::Point2d p = geometry::mapped(h, anchor);
+    if (!(p.x >= kSide / 2 && p.y >= kSide / 2 && p.x < level.width - kSide / 2 &&
+          p.y < level.height - kSide / 2)) {
+      continue;
+    }
+    const cv::Matx22d j = jacobian_at(h, anchor);
+    const double det = j(0, 0) * j(1, 1) - j(0, 1) * j(1, 0);
+    if (!(det > 1e-6)) continue;
+    cv::Matx22d back(j(1, 1) / det, -j(0, 1) / det, -j(1, 0) / det, j(0, 0) / det);
+    for (int c = 0; c < 2; ++c) {
+      back(0, c) /= drawn.step_x;
+      back(1, c) /= drawn.step_y;
+    }
+    // The patch lies on the level's own grid, so that at first nothing is interpolated there.
+    const int left = static_cast<int>(std::lround(p.x - (kSide - 1) / 2.0));
+    const int top = static_cast<int>(std::lround(p.y - (kSide - 1) / 2.0));
+    const cv::Point2d offset(left + (kSide - 1) / 2.0 - p.x, top + (kSide - 1) / 2.0 - p.y);
+    ++visible;
+    if (!draw_patch(drawn, drawn.from_picture(anchor), back, offset, patch)) continue;
+    const auto s = shift_patch(level, left, top, patch, reach);
+    if (!s) continue;
+    found.push_back(
+        {{anchor, {p.x + s->x, p.y + s->y}, patch.a, patch.b, patch.c}, s->correlation});
+  }
+  return found;
+}
+
+double covered_part(const std::vector<Sighting>& sightings, cv::Size size) {
+  if (sightings.size() < 3) return 0;
+  std::vector<cv::Point2f> points;
+  for (const Sighting& s : sightings) points.emplace_back(s.at);
+  std::vector<cv::Point2f> hull;
+  cv::convexHull(points, hull);
+  return cv::contourArea(hull) / (size.width * 1.0 * size.height);
+}
+
+// Shifts and fits a few times on one level, from out.h; what it finds goes to `next`.
+void align_on_level(const Target& target, const Level& level, const AlignOptions& options,
+                    std::size_t patches, Alignment& next, LevelReport& report) {
+  const cv::Size size = target.size();
+  const cv::Matx33d grow(level.step_x, 0, 0.5 * level.step_x - 0.5, 0, level.step_y,
+                         0.5 * level.step_y - 0.5, 0, 0, 1);
+  for (int round = 0; round < options.rounds; ++round) {
+    cv::Matx33d h = to_level(next.h, level);
+    const double reach = round == 0 ? 5 : 3;
+    const std::vector<Found> found = sight(target, level, h, patches, reach, report.visible);
+    std::vector<Sighting> sightings;
+    for (const Found& f : found)
+      if (f.correlation >= options.good_match) sightings.push_back(f.sighting);
+    HomographyFitOptions fit;
+    fit.tolerance_px = round == 0 ? 4 : 2;
+    fit.sigma_px = 0.5;
+    report.good = 0;
+    next.sightings.clear();
+    if (!fit_homography(h, size, sightings, fit)) continue;
+    fit.tolerance_px = 1.5;
+    static_cast<void>(fit_homography(h, size, sightings, fit));
+    double sum = 0;
+    for (Sighting s : sightings) {
+      const double e = error_of(h, s);
+      if (e > 1.2) continue;
+      ++report.good;
+      sum += e * e;
+      s.seen = level.to_picture(s.seen);
+      next.sightings.push_back(s);
+    }
+    next.h = grow * h;
+    next.h = next.h * (1 / next.h(2, 2));
+    next.rms_px = report.good > 0 ? std::sqrt(sum / report.good) * level.step_x : 0;
+  }
+  report.covered = covered_part(next.sightings, size);
+}
+
+}  // namespace
+
+Alignment align(const Target& target, const Pyramid& frame, const cv::Matx33d& start,
+                const AlignOptions& options) {
+  Alignment out;
+  out.h = start;
+  const cv::Size size = target.size();
+  const double side = scale_at_middle(start, size) * std::sqrt(size.width * 1.0 * size.height);
+  const int finest = 2 * options.finest_level;
+  double part = 0;  // of the patches that fit on the level before
+  for (int k = std::max(finest, coarsest_level(frame, side, options.coarsest_side)); k >= finest;
+       k -= 2) {
+    Alignment next;
+    next.h = out.h;
+    LevelReport report;
+    report.level = k;
+    align_on_level(
+        target, frame.levels[static_cast<std::size_t>(k)], options,
+        static_cast<std::size_t>(k == finest ? options.fine_patches : options.coarse_patches), next,
+        report);
+    // Where motion or defocus left nothing of the fine detail, the coarser level's word stands.
+    const bool spoilt = report.good < 4 || report.good < 0.3 * part * report.visible;
+    if (!spoilt || out.sightings.empty()) {
+      out.h = next.h;
+      out.sightings = std::move(next.sightings);
+      out.rms_px = next.rms_px;
+      out.standing = out.levels.size();
+    }
+    part = std::max(part, static_cast<double>(report.good) / std::max(1, report.visible));
+    out.levels.push_back(report);
+  }
+  out.side_px = scale_at_middle(out.h, size) * std::sqrt(size.width * 1.0 * size.height);
+  out.deviation_px = out.sightings.size() < 4
+                         ? std::numeric_limits<double>::infinity()
+                         : corner_deviation(out.h, size, out.sightings, std::max(out.rms_px, 0.3));
+  return out;
+}
+
+}  // namespace tarsier::planar::image_targets

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/planar/image_targets/evaluate.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/calib3d.hpp>
+
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <sstream>
+
+namespace tarsier::planar::image_targets {
+namespace {
+
+using nlohmann::json;
+
+double rounded(double v, double steps) { return std::round(v * steps) / steps; }
+
+std::vector<double> numbers(const json& object, const char* name, const std::string& path,
+                            std::size_t least, std::size_t most) {
+  const json& list = member(object, name, path);
+  std::vector<double> out;
+  if (list.is_array() && list.size() >= least && list.size() <= most) {
+    for (const json& v : list)
+      if (v.is_number() && std::isfinite(v.get<double>())) out.push_back(v.get<double>());
+    if (out.size() == list.size()) return out;
+  }
+  throw InputError(path, fmt::format("'{}' is no list of {} to {} numbers", name, least, most));
+}
+
+geometry::Camera camera_of(const json& line, const std::string& path) {
+  const std::vector<double> k = numbers(line, "K", path, 9, 9);
+  geometry::Camera camera;
+  camera.fx = k[0];
+  camera.fy = k[4];
+  camera.cx = k[2];
+  camera.cy = k[5];
+  if (line.contains("dist")) {
+    const std::vector<double> d = numbers(line, "dist", path, 0, 8);
+    std::copy(d.begin(), d.end(), camera.distortion.begin());
+    if (d.size() > 5) camera.lens = geometry::Lens::kRational;
+  }
+  if (!(camera.fx > 0 && camera.fy > 0)) throw InputError(path, "'K' has no focal length");
+  return camera;
+}
+
+}  // namespace
+
+nlohmann::ordered_json target_json(const Target& target, std::size_t id,
+                                   const cv::Matx33d& homography,
+                                   const std::array<cv::Point2d, 4>& corners, double confidence,
+                                   const geometry::PlanarPose* pose) {
+  nlohmann::ordered_json out;
+  out["id"] = id;
+  out["name"] = target.name;
+  auto& list = out["corners"] = nlohmann::ordered_json::array();
+  for (const cv::Point2d& c : corners) list.push_back({rounded(c.x, 1e4), rounded(c.y, 1e4)});
+  const cv::Matx33d h = target.from_given_picture(homography);
+  out["homography"] = std::vector<double>(h.val, h.val + 9);
+  out["confidence"] = rounded(confidence, 1e3);
+  if (pose != nullptr) {
+    cv::Vec3d turn;
+    cv::Rodrigues(pose->camera_from_plane.rotation, turn);
+    const cv::Vec3d& t = pose->camera_from_plane.translation;
+    out["rvec"] = {turn[0], turn[1], turn[2]};
+    out["tvec"] = {t[0], t[1], t[2]};
+    out["rms_px"] = rounded(pose->rms_px, 1e4);
+  }
+  return out;
+}
+
+void evaluate_planar(const std::string& truth_path, const PlanarOptions& options,
+                     const std::function<void(const PlanarResult&)>& each,
+                     const std::stop_token& stop) {
+  std::istringstream file(read_file(truth_path, 64'000'000));
+  const std::filesystem::path folder = std::filesystem::path(truth_path).parent_path();
+  std::map<std::pair<std::string, double>, std::vector<Target>> trained;
+  std::string text;
+  for (int number = 1; std::getline(file, text); ++number) {
+    if (text.find_first_not_of(" \t\r") == std::string::npos) continue;
+    if (stop.stop_requested()) throw Interrupted();
+    const std::string where = fmt::format("{}:{}", truth_path, number);
+    const json line = parse_json(text, where);
+    PlanarResult result;
+    geometry::Camera camera;
+    std::string name;
+    double size = 0;
+    try {
+      result.image = text_member(line, "image", where);
+      name = text_member(line, "target", where);
+      size = number_member(line, "size", where, 1e-4, 100);
+      camera = camera_of(line, where);
+    } catch (const ModelError& error) {  // the truth is an input, not a model
+      throw InputError(where, std::string(error.what()).substr(where.size() + 2));
+    }
+    auto& targets = trained[{name, size}];
+    if (targets.empty()) {
+      TrainOptions train = options.train;
+      train.width = size;
+      targets.push_back(train_target(read_image((folder / name).string()), name, train, stop));
+    }
+    const cv::Mat picture = read_image((folder / result.image).string());
+    camera.width = picture.cols;
+    camera.height = picture.rows;
+    const auto start = std::chrono::steady_clock::now();
+    result.found = detect_targets(targets, picture, options.detect, &camera);
+    result.ms =
+        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    result.markers = nlohmann::ordered_json::array();
+    for (const FoundTarget& f : result.found)
+      result.markers.push_back(target_json(targets[0], 0, f.homography, f.corners, f.confidence,
+                                           f.poses ? &f.poses->best : nullptr));
+    each(result);
+  }
+}
+
+}  // namespace tarsier::planar::image_targets

@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/planar/image_targets/quality.h"
+
+#include "tarsier/core/stop.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
+#include "tarsier/planar/image_targets/detect.h"
+#include "tarsier/planar/image_targets/rehearse.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace tarsier::planar::image_targets {
+namespace {
+
+constexpr int kCells = 6;     // of the picture's shorter side
+constexpr int kEnough = 120;  // features that make a good picture
+constexpr int kAlike = 3500;  // squared distance of descriptions that cannot be told apart in noise
+constexpr int kStood = 2;     // trials that a feature must stand
+
+cv::Size cells_of(cv::Size size) {
+  const double side = std::min(size.width, size.height) / static_cast<double>(kCells);
+  return {std::max(1, static_cast<int>(std::lround(size.width / side))),
+          std::max(1, static_cast<int>(std::lround(size.height / side)))};
+}
+
+// Of each feature: whether another place of the picture looks the same.
+std::vector<bool> find_alike(const Target& target) {
+  const auto n = target.features.size();
+  std::vector<bool> alike(n);
+  std::vector<std::int32_t> index(n);
+  std::vector<std::uint16_t> bits(n);
+  const Kernels& kernel = kernels();
+  const double apart = 0.06 * std::hypot(target.gray.cols, target.gray.rows);
+  for (std::size_t i = 0; i < n; ++i) {
+    const int count =
+        kernel.search(target.descriptions[i].sketch, target.sketches.data(), static_cast<int>(n),
+                      44, static_cast<int>(n), index.data(), bits.data());
+    for (int k = 0; k < count && !alike[i]; ++k) {
+      const auto j = static_cast<std::size_t>(index[static_cast<std::size_t>(k)]);
+      const cv::Point2f d = target.features[j].at - target.features[i].at;
+      alike[i] = d.dot(d) > apart * apart &&
+                 kernel.distance(target.descriptions[i].values.data(),
+                                 target.descriptions[j].values.data()) < kAlike;
+    }
+  }
+  return alike;
+}
+
+// The share of trials in which the target is found where it is.
+double found_share(const Target& target, int trials, std::uint64_t seed,
+                   const std::stop_token& stop) {
+  if (trials <= 0) return 0;
+  const DetectOptions options;
+  int found = 0;
+  for (int trial = 0; trial < trials; ++trial) {
+    throw_if_stopped(stop);
+    const TrialView view = trial_view(target, trial, seed);
+    const Pyramid pyramid = make_pyramid(view.gray, true);
+    const FeatureSet features = find_features(pyramid, options.features);
+    const auto seen = detect_target(target, features, pyramid, view.gray.size(), options);
+    if (!seen) continue;
+    double most = 0;
+    const auto corners = target.corners();
+    double side = 0;
+    for (std::size_t i = 0; i < 4; ++i) {
+      const cv::Point2d truth = geometry::mapped(view.h, corners[i]);
+      most = std::max(most, cv::norm(seen->corners[i] - truth));
+      side += cv::norm(truth - geometry::mapped(view.h, corners[(i + 1) % 4])) / 4;
+    }
+    if (most < std::max(3.0, 0.05 * side)) ++found;
+  }
+  return static_cast<double>(found) / trials;
+}
+
+// Which of `n` equal parts of `length` px has `at`.
+int part_of(float at, int length, int n) {
+  return std::clamp(static_cast<int>((static_cast<double>(at) + 0.5) * n / length), 0, n - 1);
+}
+
+cv::Mat count_cells(const Target& target) {
+  const cv::Size cells = cells_of(target.size());
+  cv::Mat count(cells, CV_32S, cv::Scalar(0));
+  for (const TrainedFeature& f : target.features) {
+    if (f.right < kStood) continue;
+    const int x = part_of(f.at.x, target.gray.cols, cells.width);
+    const int y = part_of(f.at.y, target.gray.rows, cells.height);
+    ++count.at<int>(y, x);
+  }
+  return count;
+}
+
+}  // namespace
+
+Quality rate_target(const Target& target, int trials, std::uint64_t seed,
+                    const std::stop_token& stop) {
+  Quality q;
+  std::vector<bool> place(48 * 48);
+  int stood = 0;
+  for (const TrainedFeature& f : target.features) {
+    if (f.right < kStood) continue;
+    const int x = part_of(f.at.x, target.gray.cols, 48);
+    const int y = part_of(f.at.y, target.gray.rows, 48);
+    const auto k = static_cast<std::size_t>(y * 48 + x);
+    if (!place[k]) ++stood;
+    place[k] = true;
+  }
+  q.features = std::min(1.0, static_cast<double>(stood) / kEnough);
+  const cv::Mat count = count_cells(target);
+  q.spread = std::min(1.0, cv::countNonZero(count) / (0.8 * static_cast<double>(count.total())));
+  const std::vector<bool> alike = find_alike(target);
+  const auto twins = std::count(alike.begin(), alike.end(), true);
+  q.distinct =
+      alike.empty() ? 0 : 1 - static_cast<double>(twins) / static_cast<double>(alike.size());
+  q.repeatable = found_share(target, trials, seed, stop);
+  q.rating = q.repeatable * std::sqrt(std::min({q.features, q.spread, q.distinct}));
+  if (q.features < 0.5)
+    q.reasons.push_back(
+        fmt::format("few features: {} places that stand tilt, blur and noise, {} "
+                    "are enough; choose a picture with more detail and contrast",
+                    stood, kEnough));
+  if (q.spread < 0.6)
+    q.reasons.push_back(
+        fmt::format("bunched: {:.0f} % of the picture has none",
+                    100 - 100.0 * cv::countNonZero(count) / static_cast<double>(count.total())));
+  if (q.distinct < 0.5)
+    q.reasons.push_back(fmt::format("repetitive: {:.0f} % of the features look like another place",
+                                    100 * (1 - q.distinct)));
+  if (q.repeatable < 0.7)
+    q.reasons.push_back(fmt::format("hard to find: in {:.0f} % of the trials", 100 * q.repeatable));
+  return q;
+}
+
+cv::Mat draw_quality(const Target& target) {
+  const double zoom = std::clamp(900.0 / std::max(target.gray.cols, target.gray.rows), 1.0, 4.0);
+  cv::Mat picture;
+  cv::cvtColor(target.gray, picture, cv::COLOR_GRAY2BGR);
+  cv::resize(picture, picture, cv::Size(), zoom, zoom, cv::INTER_LINEAR);
+  const cv::Mat count = count_cells(target);
+  const cv::Scalar red(60, 60, 230);
+  const cv::Scalar green(90, 220, 90);
+  for (int r = 0; r < count.rows; ++r)
+    for (int c = 0; c < count.cols; ++c) {
+      if (count.at<int>(r, c) > 0) continue;
+      const int x0 = picture.cols * c / count.cols;
+      const int y0 = picture.rows * r / count.rows;
+      image::draw::fill_rounded(picture,
+                                {x0, y0, picture.cols * (c + 1) / count.cols - x0,
+                                 picture.rows * (r + 1) / count.rows - y0},
+                                0, red, 0.3);
+    }
+  const auto at = [&](const cv::Point2f& p) {
+    return cv::Point2d((p.x + 0.5) * zoom - 0.5, (p.y + 0.5) * zoom - 0.5);
+  };
+  const std::size_t level = std::min<std::size_t>(2, target.anchors.size() - 1);
+  for (const cv::Point2f& p : target.anchors[level])
+    image::draw::cross(picture, at(p), cv::Scalar(230, 200, 60), 4);
+  const std::vector<bool> alike = find_alike(target);
+  for (std::size_t i = 0; i < target.features.size(); ++i) {
+    const TrainedFeature& f = target.features[i];
+    if (f.right < kStood) continue;
+    image::draw::point(picture, at(f.at), alike[i] ? red : green, alike[i] ? 2.5 : 2);
+  }
+  const Quality& q = target.quality;
+  const int panel = 112 + 22 * static_cast<int>(q.reasons.size());
+  cv::Mat out(picture.rows + panel, std::max(picture.cols, 640), CV_8UC3, cv::Scalar(30, 30, 30));
+  picture.copyTo(out(cv::Rect(0, 0, picture.cols, picture.rows)));
+  image::draw::TextStyle style;
+  style.height_px = 11;
+  const auto bar = [&](int row, const char* name, double value) {
+    image::draw::bar(out, {12, picture.rows + 10 + 19 * row, 180, 12}, value,
+                     value < 0.5 ? red : green, fmt::format("{} {:.2f}", name, value));
+  };
+  bar(0, "rating", q.rating);
+  bar(1, "found in the trials", q.repeatable);
+  bar(2, "features", q.features);
+  bar(3, "spread", q.spread);
+  bar(4, "distinct", q.distinct);
+  int y = picture.rows + 108;
+  for (const std::string& reason : q.reasons) {
+    image::draw::put_text(out, reason, {12, y}, style);
+    y += 22;
+  }
+  return out;
+}
+
+}  // namespace tarsier::planar::image_targets

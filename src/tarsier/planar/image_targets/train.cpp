@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/planar/image_targets/train.h"
+
+#include "tarsier/core/image.h"
+#include "tarsier/planar/image_targets/quality.h"
+#include "tarsier/planar/image_targets/rehearse.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace tarsier::planar::image_targets {
+namespace {
+
+struct View {
+  cv::Mat gray;
+  cv::Matx23d from_picture;  // affine, px of the view
+};
+
+// The picture seen from afar, tilted by acos(1 / tilt) about an axis at `azimuth`.
+View tilted_view(const cv::Mat& gray, double tilt, double azimuth) {
+  View view;
+  if (tilt == 1) {
+    view.gray = gray;
+    view.from_picture = {1, 0, 0, 0, 1, 0};
+    return view;
+  }
+  const double c = std::cos(azimuth);
+  const double s = std::sin(azimuth);
+  const double w = gray.cols;
+  const double h = gray.rows;
+  const auto turned_w = static_cast<int>(std::ceil(std::abs(c) * w + std::abs(s) * h));
+  const auto turned_h = static_cast<int>(std::ceil(std::abs(s) * w + std::abs(c) * h));
+  const cv::Matx23d turn{c,  s, turned_w / 2.0 - 0.5 - c * (w / 2 - 0.5) - s * (h / 2 - 0.5),
+                         -s, c, turned_h / 2.0 - 0.5 + s * (w / 2 - 0.5) - c * (h / 2 - 0.5)};
+  cv::Mat turned;
+  cv::warpAffine(gray, turned, turn, cv::Size(turned_w, turned_h), cv::INTER_LINEAR,
+                 cv::BORDER_REPLICATE);
+  cv::GaussianBlur(turned, turned, cv::Size(1, 0), 0, 0.8 * std::sqrt(tilt * tilt - 1),
+                   cv::BORDER_REPLICATE);
+  const int rows = std::max(8, static_cast<int>(std::lround(turned_h / tilt)));
+  cv::resize(turned, view.gray, cv::Size(turned_w, rows), 0, 0, cv::INTER_LINEAR);
+  const double squeeze = static_cast<double>(rows) / turned_h;
+  view.from_picture = {turn(0, 0),           turn(0, 1),
+                       turn(0, 2),           squeeze * turn(1, 0),
+                       squeeze * turn(1, 1), squeeze * (turn(1, 2) + 0.5) - 0.5};
+  return view;
+}
+
+void add_view(Target& target, double tilt, double azimuth, int most) {
+  const View view = tilted_view(target.gray, tilt, azimuth);
+  FeatureOptions options;
+  options.most = most;
+  options.contrast = 10;
+  const FeatureSet set = find_features(make_pyramid(view.gray, true, 20), options);
+  const cv::Matx22d a(view.from_picture(0, 0), view.from_picture(0, 1), view.from_picture(1, 0),
+                      view.from_picture(1, 1));
+  const cv::Matx22d back = a.inv();
+  for (std::size_t i = 0; i < set.features.size(); ++i) {
+    const Feature& f = set.features[i];
+    const cv::Vec2d p =
+        back * cv::Vec2d(f.at.x - view.from_picture(0, 2), f.at.y - view.from_picture(1, 2));
+    const double c = f.scale * std::cos(f.angle);
+    const double s = f.scale * std::sin(f.angle);
+    const cv::Matx22d frame = back * cv::Matx22d(c, -s, s, c);
+    // Features at the edge are mostly made of what lies around the print.
+    const double reach_x = 5 * std::hypot(frame(0, 0), frame(0, 1));
+    const double reach_y = 5 * std::hypot(frame(1, 0), frame(1, 1));
+    if (p[0] < reach_x || p[1] < reach_y || p[0] > target.gray.cols - 1 - reach_x ||
+        p[1] > target.gray.rows - 1 - reach_y) {
+      continue;
+    }
+    target.features.push_back(
+        {{static_cast<float>(p[0]), static_cast<float>(p[1])}, cv::Matx22f(frame), 0});
+    target.descriptions.push_back(set.descriptions[i]);
+  }
+}
+
+cv::Mat working_picture(const cv::Mat& picture, int longer_side) {
+  cv::Mat gray = picture;
+  if (picture.type() == CV_8UC3) cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+  const int longer = std::max(gray.cols, gray.rows);
+  if (longer > longer_side) {
+    const double scale = static_cast<double>(longer_side) / longer;
+    cv::Mat small;
+    cv::resize(gray, small,
+               cv::Size(std::max(8, static_cast<int>(std::lround(gray.cols * scale))),
+                        std::max(8, static_cast<int>(std::lround(gray.rows * scale)))),
+               0, 0, cv::INTER_AREA);
+    return small;
+  }
+  return gray.clone();
+}
+
+}  // namespace
+
+void TrainOptions::check() const {
+  TARSIER_REQUIRE(width > 0 && width <= 100, "width = {} m: above 0, up to 100", width);
+  TARSIER_REQUIRE(longer_side >= 64 && longer_side <= 2000, "longer_side = {}: 64..2000",
+                  longer_side);
+  TARSIER_REQUIRE(frontal_features >= 50 && frontal_features <= 5000,
+                  "frontal_features = {}: 50..5000", frontal_features);
+  TARSIER_REQUIRE(tilted_features >= 0 && tilted_features <= 5000, "tilted_features = {}: 0..5000",
+                  tilted_features);
+  TARSIER_REQUIRE(max_features >= 50 && max_features <= 20'000, "max_features = {}: 50..20000",
+                  max_features);
+  TARSIER_REQUIRE(trials >= 0 && trials <= 500, "trials = {}: 0..500", trials);
+}
+
+Target train_target(const cv::Mat& picture, const std::string& name, const TrainOptions& options,
+                    const std::stop_token& stop) {
+  options.check();
+  if (picture.type() == CV_8UC3)
+    require_bgr(picture);
+  else
+    require_gray(picture);
+  TARSIER_REQUIRE(
+      std::min(picture.cols, picture.rows) >= 32 &&
+          std::min(picture.cols, picture.rows) * 8 >= std::max(picture.cols, picture.rows),
+      "{}x{}: sides of at least 32 px, none more than 8 times the other", picture.cols,
+      picture.rows);
+  Target target;
+  target.name = name;
+  target.width = options.width;
+  target.height = options.width * picture.rows / picture.cols;
+  target.given = picture.size();
+  target.gray = working_picture(picture, options.longer_side);
+  add_view(target, 1, 0, options.frontal_features);
+  if (options.tilted_features >= 10) {
+    for (int k = 0; k < 4; ++k)
+      add_view(target, 1.5, k * std::numbers::pi / 4, options.tilted_features);
+    for (int k = 0; k < 6; ++k)
+      add_view(target, 2.1, k * std::numbers::pi / 6, options.tilted_features * 3 / 4);
+  }
+  complete(target);
+  if (options.trials > 0) {
+    const Rehearsal rehearsal = rehearse(target, options.trials, options.seed, stop);
+    keep_best(target, rehearsal, static_cast<std::size_t>(options.max_features));
+    complete(target);
+  }
+  // Other views than those that chose the features.
+  target.quality = rate_target(target, options.trials, options.seed + 1, stop);
+  return target;
+}
+
+}  // namespace tarsier::planar::image_targets

@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/planar/markers/pose.h"
+
+#include "tarsier/core/require.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace tarsier::planar::markers {
+namespace {
+
+std::vector<cv::Point2d> pixels_of(const Quad& quad) {
+  std::vector<cv::Point2d> pixels;
+  for (const Eigen::Vector2d& corner : quad) pixels.emplace_back(corner.x(), corner.y());
+  return pixels;
+}
+
+Eigen::Vector2d middle_of(const Quad& quad) {
+  return 0.25 * (quad[0] + quad[1] + quad[2] + quad[3]);
+}
+
+double ambiguity_of(const geometry::PlanarPose& pose,
+                    const std::optional<geometry::PlanarPose>& other) {
+  if (!other) return 0;
+  const auto [less, more] = std::minmax(pose.misfit, other->misfit);
+  return std::max(less, 1e-9) / std::max(more, 1e-9);
+}
+
+MarkerPose pose_of(const geometry::PlanarPoses& poses) {
+  return {poses.best.camera_from_plane, poses.best.rms_px, poses.other,
+          ambiguity_of(poses.best, poses.other)};
+}
+
+}  // namespace
+
+std::vector<cv::Point2d> corners_on_marker(double size) {
+  TARSIER_REQUIRE(size > 0 && std::isfinite(size), "a marker {} m wide", size);
+  const double half = size / 2;
+  return {{-half, half}, {half, half}, {half, -half}, {-half, -half}};
+}
+
+std::optional<MarkerPose> pose_of_marker(const Marker& marker, double size,
+                                         const geometry::Camera& camera) {
+  geometry::PlanarPoseOptions options;
+  options.information = marker.information;
+  const auto poses =
+      geometry::planar_poses(corners_on_marker(size), pixels_of(marker.corners), camera, options);
+  if (!poses) return std::nullopt;
+  return pose_of(*poses);
+}
+
+std::vector<PosedMarker> pose_markers(std::vector<Marker> markers, double size,
+                                      const geometry::Camera& camera) {
+  std::vector<PosedMarker> posed;
+  for (Marker& marker : markers) {
+    auto pose = pose_of_marker(marker, size, camera);
+    posed.push_back({std::move(marker), std::move(pose)});
+  }
+  return posed;
+}
+
+std::optional<MarkerPose> pose_of_board(std::span<const Marker> markers,
+                                        std::span<const BoardMarker> board,
+                                        const geometry::Camera& camera) {
+  std::vector<cv::Point2d> on_board;
+  std::vector<cv::Point2d> pixels;
+  for (const Marker& marker : markers) {
+    const auto place = std::find_if(board.begin(), board.end(),
+                                    [&](const BoardMarker& b) { return b.id == marker.id; });
+    if (place == board.end()) continue;
+    const double c = std::cos(place->turn);
+    const double s = std::sin(place->turn);
+    for (const cv::Point2d& p : corners_on_marker(place->size))
+      on_board.push_back(place->middle + cv::Point2d(c * p.x - s * p.y, s * p.x + c * p.y));
+    const auto seen = pixels_of(marker.corners);
+    pixels.insert(pixels.end(), seen.begin(), seen.end());
+  }
+  if (on_board.empty()) return std::nullopt;
+  const auto poses = geometry::planar_poses(on_board, pixels, camera);
+  if (!poses) return std::nullopt;
+  return pose_of(*poses);
+}
+
+MarkerTracker::MarkerTracker(const geometry::PlanarTrackOptions& options) : options_(options) {
+  options_.check();
+}
+
+void MarkerTracker::set_options(const geometry::PlanarTrackOptions& options) {
+  options.check();
+  options_ = options;
+}
+
+// The nearest track of the same id that no other marker of this frame has, within reach.
+MarkerTracker::Track& MarkerTracker::track_of(const Marker& marker, double time) {
+  const Eigen::Vector2d middle = middle_of(marker.corners);
+  const double side = (marker.corners[1] - marker.corners[0]).norm();
+  Track* nearest = nullptr;
+  int same = 0;
+  for (Track& track : tracks_) {
+    if (track.id != marker.id) continue;
+    ++same;
+    if (track.is_taken) continue;
+    if (nearest == nullptr || (track.middle - middle).norm() < (nearest->middle - middle).norm())
+      nearest = &track;
+  }
+  // One alone may have moved far in a frame; of several each stays near.
+  if (nearest != nullptr && same > 1 &&
+      (nearest->middle - middle).norm() > 2 * std::max(side, nearest->side))
+    nearest = nullptr;
+  if (nearest == nullptr) {
+    tracks_.emplace_back();
+    nearest = &tracks_.back();
+    nearest->id = marker.id;
+  }
+  nearest->middle = middle;
+  nearest->side = side;
+  nearest->time = time;
+  nearest->is_taken = true;
+  return *nearest;
+}
+
+std::vector<PosedMarker> MarkerTracker::step(std::vector<Marker> markers, double size,
+                                             const geometry::Camera& camera, double time) {
+  if (size != size_) tracks_.clear();
+  size_ = size;
+  std::erase_if(tracks_, [&](const Track& track) {
+    return time < track.time || time - track.time > options_.gap_s;
+  });
+  for (Track& track : tracks_) track.is_taken = false;
+  const std::vector<cv::Point2d> corners = corners_on_marker(size);
+  std::vector<PosedMarker> posed;
+  for (Marker& marker : markers) {
+    Track& track = track_of(marker, time);
+    const auto tracked = geometry::track_plane(corners, pixels_of(marker.corners), camera, time,
+                                               options_, track.state);
+    std::optional<MarkerPose> pose;
+    if (tracked) {
+      pose = MarkerPose{tracked->steady, tracked->pose.rms_px, tracked->other,
+                        ambiguity_of(tracked->pose, tracked->other)};
+    }
+    posed.push_back({std::move(marker), std::move(pose)});
+  }
+  return posed;
+}
+
+}  // namespace tarsier::planar::markers

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/planar/markers/pose.h"
+
+#include "tarsier/planar/markers/detector.h"
+#include "tarsier/synth/planar_worlds.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <stdexcept>
+
+namespace tarsier::planar::markers {
+namespace {
+
+double degrees_between(const geometry::Rigid& a, const geometry::Rigid& b) {
+  return geometry::angle_of(a.rotation * b.rotation.t()) * 180 / CV_PI;
+}
+
+geometry::Camera test_camera() {
+  geometry::Camera camera;
+  camera.width = 640;
+  camera.height = 480;
+  camera.fx = camera.fy = 600;
+  camera.cx = 319.5;
+  camera.cy = 239.5;
+  return camera;
+}
+
+Quad seen(const geometry::Rigid& pose, double size, const geometry::Camera& camera) {
+  Quad quad;
+  const auto corners = corners_on_marker(size);
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto p = camera.project(pose * cv::Vec3d(corners[k].x, corners[k].y, 0)).value();
+    quad[k] = {p.x, p.y};
+  }
+  return quad;
+}
+
+TEST(MarkerPose, FrameIsUprightAndOutOfTheSheet) {
+  // Seen straight: the camera's y goes down, the marker's up, its z comes towards the camera.
+  const Quad quad{Eigen::Vector2d(289.5, 209.5), Eigen::Vector2d(349.5, 209.5),
+                  Eigen::Vector2d(349.5, 269.5), Eigen::Vector2d(289.5, 269.5)};
+  Marker marker;
+  marker.corners = quad;
+  const auto pose = pose_of_marker(marker, 0.05, test_camera());
+  ASSERT_TRUE(pose);
+  const geometry::Rigid truth{{1, 0, 0, 0, -1, 0, 0, 0, -1}, {0, 0, 0.5}};
+  EXPECT_LT(degrees_between(pose->camera_from_marker, truth), 1e-3);
+  EXPECT_LT(cv::norm(pose->camera_from_marker.translation - truth.translation), 1e-9);
+  EXPECT_THROW((void)pose_of_marker(marker, 0, test_camera()), std::invalid_argument);
+}
+
+TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
+  const geometry::Camera camera = test_camera();
+  const geometry::Rigid truth{
+      cv::Matx33d(1, 0, 0, 0, -std::cos(0.5), -std::sin(0.5), 0, std::sin(0.5), -std::cos(0.5)),
+      {0.01, 0.02, 0.6}};
+  std::vector<BoardMarker> board;
+  std::vector<Marker> markers;
+  for (int id = 0; id < 6; ++id) {
+    const BoardMarker place{
+        id, {0.05 * (id % 3) - 0.05, 0.05 * (id / 3)}, id == 2 ? 1.0 : 0.0, 0.04};
+    board.push_back(place);
+    const geometry::Rigid on_board{{std::cos(place.turn), -std::sin(place.turn), 0,
+                                    std::sin(place.turn), std::cos(place.turn), 0, 0, 0, 1},
+                                   {place.middle.x, place.middle.y, 0}};
+    Marker marker;
+    marker.id = id;
+    marker.corners = seen(truth * on_board, 0.04, camera);
+    for (std::size_t k = 0; k < 4; ++k)
+      marker.corners[k] += Eigen::Vector2d(0.3 * std::sin(7 * id + 3.0 * static_cast<double>(k)),
+                                           0.3 * std::cos(5 * id + 2.0 * static_cast<double>(k)));
+    markers.push_back(marker);
+  }
+  const auto pose = pose_of_board(markers, board, camera);
+  ASSERT_TRUE(pose);
+  const double together = degrees_between(pose->camera_from_marker, truth);
+  EXPECT_LT(together, 0.7);
+  double worst = 0;
+  for (const Marker& marker : markers) {
+    const auto alone = pose_of_marker(marker, 0.04, camera);
+    if (marker.id != 2) worst = std::max(worst, degrees_between(alone->camera_from_marker, truth));
+  }
+  EXPECT_GT(worst, 2 * together);
+  EXPECT_FALSE(pose_of_board({}, board, camera));
+}
+
+TEST(MarkerTracker, TwoOfOneIdKeepTheirOwnTracks) {
+  const geometry::Camera camera = test_camera();
+  MarkerTracker tracker;
+  for (int i = 0; i < 10; ++i) {
+    const geometry::Rigid left{{1, 0, 0, 0, -1, 0, 0, 0, -1}, {-0.1 + 0.002 * i, 0, 0.5}};
+    const geometry::Rigid right{{1, 0, 0, 0, -1, 0, 0, 0, -1}, {0.1 - 0.002 * i, 0, 0.5}};
+    Marker a;
+    a.id = 3;
+    a.corners = seen(left, 0.05, camera);
+    Marker b = a;
+    b.corners = seen(right, 0.05, camera);
+    if (i % 2 == 1) std::swap(a, b);  // found in any order
+    const auto posed = tracker.step({a, b}, 0.05, camera, 0.04 * i);
+    ASSERT_EQ(posed.size(), 2U);
+    for (const PosedMarker& marker : posed) {
+      const bool is_left = marker.marker.corners[0].x() < 319;
+      EXPECT_LT(cv::norm(marker.pose->camera_from_marker.translation -
+                         (is_left ? left : right).translation),
+                0.002)
+          << i;
+    }
+  }
+}
+
+// A whole video: found, posed, steadied.
+TEST(MarkerTracker, VideosHaveFewFlipsAndStayPutAtRest) {
+  const Dictionary& family = find_dictionary("36h11");
+  synth::VideoOptions options;
+  options.shutter = 0;
+  options.cover = false;
+  options.seed = 4;
+  options.speed_px = 15;
+  const synth::PlanarVideo video = synth::marker_video(family, 4, 0.05, options);
+  MarkerTracker tracker;
+  DetectWorkspace workspace;
+  int seen_markers = 0;
+  int flips = 0;
+  std::map<int, geometry::Rigid> last;
+  double max_step = 0;
+  for (int i = 0; i < 150; ++i) {
+    const double time = i / 25.0;
+    cv::Mat gray;
+    cv::cvtColor(video.picture_at(time), gray, cv::COLOR_BGR2GRAY);
+    const auto posed =
+        tracker.step(detect_markers(gray, family, {}, workspace), 0.05, video.camera(), time);
+    for (const synth::PrintTruth& truth : video.truth_at(time)) {
+      const auto found = std::find_if(posed.begin(), posed.end(), [&](const PosedMarker& m) {
+        return m.marker.id == truth.id;
+      });
+      if (found == posed.end() || !found->pose) continue;
+      ++seen_markers;
+      const geometry::Rigid& pose = found->pose->camera_from_marker;
+      if (degrees_between(pose, truth.camera_from_print) > 15) ++flips;
+      if (synth::PlanarVideo::is_at_rest(time) && synth::PlanarVideo::is_at_rest(time - 0.5) &&
+          last.contains(truth.id))
+        max_step = std::max(max_step, degrees_between(pose, last[truth.id]));
+      last[truth.id] = pose;
+    }
+  }
+  EXPECT_GT(seen_markers, 450);
+  EXPECT_LE(flips, seen_markers / 200);
+  EXPECT_LT(max_step, 1.0);
+}
+
+}  // namespace
+}  // namespace tarsier::planar::markers

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/planar/markers/outlines.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+
+#include <array>
+#include <vector>
+
+// Dark convex quadrilaterals in a picture: where markers may be.
+namespace tarsier::planar::markers {
+
+using Quad = std::array<Eigen::Vector2d, 4>;  // px, clockwise as seen (x right, y down)
+
+struct QuadOptions {
+  double min_side_px = 9;  // of the shortest side, > 0
+  // Grey levels that black and white differ by at least, see OutlineOptions.
+  int min_contrast = 20;
+  // How often the picture is halved, each size searched too: a blurred or noisy edge is a clear one
+  // in a smaller picture. 0..6
+  int halvings = 1;
+  double straight = 0.035;  // how far a contour may leave the quadrilateral, share of its length
+  void check() const;
+};
+
+// Buffers that a video reuses.
+struct QuadWorkspace {
+  cv::Mat half;
+  cv::Mat other_half;
+  OutlineWorkspace outlines;
+};
+
+// Candidates in `gray` (CV_8UC1), each place once, with corners good to about half a pixel:
+// intersections of the straight lines through the contour's four sides. `debug` gets what is dark,
+// at each size.
+[[nodiscard]] std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options,
+                                           QuadWorkspace& workspace, DebugSink* debug = nullptr);
+
+// The corners after their sides have been fitted to the picture's edges: along normals of each side
+// the place where brightness changes, found from the gradient's centroid within +-`reach` px, then
+// a line by robust least squares, sides that bend are refused (nothing). `dark_inside`: only edges
+// from dark (inside) to bright (outside) count.
+struct RefineOptions {
+  double reach_px = 3;  // largest distance that an edge may be off, (0, 50]
+  int samples = 64;     // on each side at most, 4..1000
+  void check() const;
+};
+[[nodiscard]] bool refine_quad(const cv::Mat& gray, const RefineOptions& options, Quad& quad);
+
+}  // namespace tarsier::planar::markers

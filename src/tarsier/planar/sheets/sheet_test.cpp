@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/planar/sheets/sheet.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/planar/calibration/detect.h"
+#include "tarsier/planar/markers/predefined.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <map>
+
+namespace tarsier::planar::sheets {
+namespace {
+
+using calibration::parse_board;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+template <typename Call>
+std::string refusal(const Call& call) {
+  try {
+    (void)call();
+  } catch (const UsageError& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
+TEST(ParseTest, Papers) {
+  EXPECT_EQ(parse_paper("a4"), cv::Size2d(210, 297));
+  EXPECT_EQ(parse_paper("letter").width, 215.9);
+  EXPECT_EQ(parse_paper("200x300.5mm"), cv::Size2d(200, 300.5));
+  for (const char* text :
+       {"", "a9", "200x300", "200mm", "x300mm", "1x1mm", "9999x10mm", "nanx50mm"})
+    EXPECT_THAT(refusal([&] { return parse_paper(text); }), HasSubstr("letter")) << text;
+}
+
+TEST(ParseTest, Ids) {
+  EXPECT_THAT(parse_ids("0-3", "6x6_250"), ElementsAre(0, 1, 2, 3));
+  EXPECT_THAT(parse_ids("9,1-3,2", "6x6_250"), ElementsAre(9, 1, 2, 3));
+  EXPECT_THAT(refusal([] { return parse_ids("0-250", "6x6_250"); }), HasSubstr("0..249"));
+  for (const char* text : {"", ",", "1-", "-1", "3-1", "a", "1,,2", "1-2-3", "99999999999"})
+    EXPECT_THAT(refusal([&] { return parse_ids(text, "6x6_250"); }), HasSubstr("--ids")) << text;
+  EXPECT_THAT(refusal([] { return parse_ids("0", "7x9"); }), HasSubstr("7x9"));
+}
+
+// The rendered page decodes, and the markers are where and as large as asked.
+TEST(MarkerSheetTest, MarkersAreTrueToScaleAndReadable) {
+  for (const char* family : {"aruco-original", "6x6_250", "36h11"}) {
+    const double side = 50;
+    const std::vector<int> ids = parse_ids("0-7,20", family);
+    const auto pages = marker_pages(family, ids, side, {});
+    ASSERT_EQ(pages.size(), 2U) << family;  // 2 x 4 on the first
+    std::map<int, int> seen;
+    constexpr double kDpi = 254;  // 10 px a mm
+    for (const Page& page : pages) {
+      EXPECT_EQ(page.size, cv::Size2d(210, 297));
+      const cv::Mat picture = raster_of(page, kDpi);
+      cv::Mat blurred;  // as a camera sees it
+      cv::GaussianBlur(picture, blurred, {}, 1.5);
+      for (const markers::OpencvMarker& found : markers::detect_with_opencv(blurred, family)) {
+        ++seen[found.id];
+        for (std::size_t k = 0; k < 4; ++k) {
+          const cv::Point2f edge = found.corners[(k + 1) % 4] - found.corners[k];
+          EXPECT_NEAR(cv::norm(edge) / 10, side, 0.1);
+        }
+        EXPECT_LT(found.corners[0].x, found.corners[1].x);  // upright
+        EXPECT_LT(found.corners[0].y, found.corners[2].y);
+      }
+      // Nothing within the margins.
+      const cv::Rect inner(98, 98, picture.cols - 196, picture.rows - 196);
+      cv::Mat outside = picture.clone();
+      outside(inner).setTo(255);
+      EXPECT_EQ(cv::countNonZero(outside < 255), 0) << family;
+    }
+    EXPECT_EQ(seen.size(), ids.size()) << family;
+    for (const auto& [id, count] : seen) EXPECT_EQ(count, 1) << family << " " << id;
+  }
+}
+
+TEST(MarkerSheetTest, TheLineToCheckIsTenCentimetres) {
+  const Page page = marker_pages("6x6_250", {0}, 50, {}).front();
+  double longest = 0;
+  for (const Line& line : page.lines) longest = std::max(longest, cv::norm(line.to - line.from));
+  EXPECT_DOUBLE_EQ(longest, 100);
+  bool told = false;
+  for (const Text& text : page.texts) told = told || text.text.find("10 cm") == 0;
+  EXPECT_TRUE(told);
+}
+
+TEST(MarkerSheetTest, WhatDoesNotFitIsRefusedWithWhatDoes) {
+  const std::string text = refusal([] { return marker_pages("6x6_250", {0}, 250, {}); });
+  EXPECT_THAT(text, HasSubstr("250 mm"));
+  EXPECT_THAT(text, HasSubstr("--size up to 138 mm"));
+  EXPECT_EQ(marker_pages("6x6_250", {0}, 138, {}).size(), 1U);
+  EXPECT_THAT(refusal([] { return marker_pages("6x6_250", {0}, 1, {}); }), HasSubstr("no printer"));
+  SheetOptions narrow;
+  narrow.paper = {50, 50};
+  narrow.margin = 30;
+  EXPECT_THAT(refusal([&] { return marker_pages("6x6_250", {0}, 5, narrow); }),
+              HasSubstr("larger --page"));
+  EXPECT_THROW((void)marker_pages("6x6_250", {}, 50, {}), std::invalid_argument);
+}
+
+// Each board is found on its own rendered page, with its points where the specification has them.
+TEST(BoardSheetTest, BoardsAreTrueToScaleAndFound) {
+  for (const char* text : {"chess:9x6", "charuco:5x7:6x6_250", "charuco:6x8:36h11:0.7",
+                           "circles:4x11", "circles-grid:7x6"}) {
+    const auto spec = parse_board(text, 0.018);
+    const Page page = board_page(spec, {});
+    constexpr double kDpi = 127;  // 5 px a mm
+    cv::Mat picture = raster_of(page, kDpi);
+    cv::GaussianBlur(picture, picture, {}, 1.0);
+    cv::copyMakeBorder(picture, picture, 40, 40, 40, 40, cv::BORDER_CONSTANT, cv::Scalar(255));
+    const auto view = calibration::find_board(picture, spec);
+    ASSERT_EQ(static_cast<int>(view.points.size()), spec.points()) << text;
+    double worst = 0;
+    for (std::size_t i = 0; i < view.points.size(); ++i) {
+      for (std::size_t j = 0; j < i; ++j) {
+        const double px = cv::norm(view.pixels[i] - view.pixels[j]);
+        const double mm = 1e3 * cv::norm(spec.point(view.points[i]) - spec.point(view.points[j]));
+        worst = std::max(worst, std::abs(px / 5 - mm));
+      }
+    }
+    EXPECT_LT(worst, 0.1) << text;
+  }
+}
+
+TEST(BoardSheetTest, TurnsThePageWhereItMust) {
+  EXPECT_EQ(board_page(parse_board("chess:9x6", 0.019), {}).size, cv::Size2d(210, 297));
+  EXPECT_EQ(board_page(parse_board("chess:9x6", 0.022), {}).size, cv::Size2d(297, 210));
+  EXPECT_THAT(refusal([] { return board_page(parse_board("chess:9x6", 0.03), {}); }),
+              HasSubstr("--square up to 25.2 mm"));
+}
+
+}  // namespace
+}  // namespace tarsier::planar::sheets

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/plate/text/reading.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <vector>
+
+namespace tarsier::plate {
+
+// What may be a plate.
+struct Candidate144 {
+  Quad corners{};  // in the image
+  cv::Mat gray;    // 144x33, straight, 3x3 blurred, equalised
+  cv::Mat plain;   // the same at three times the size, not equalised: the characters are cut here
+};
+
+struct CandidateOptions {
+  double aspect = 520.0 / 110;  // width by height
+  double aspect_error = 0.4;    // share of it, either way
+  double min_height = 15;       // px of the scaled picture
+  double max_height = 125;
+  int seeds = 10;        // of the flood fill
+  int flood_range = 30;  // grey levels
+  void check() const;
+};
+
+// Candidates of a grey picture (CV_8UC1) at one scale: vertical edges (5x5 blur, Sobel), Otsu's
+// threshold, closing 17x3, contours whose rotated box has a plate's form; then the white plate is
+// flooded from random points and its rotated box taken, where that has the form as well.
+[[nodiscard]] std::vector<Candidate144> find_candidates(const cv::Mat& gray,
+                                                        const CandidateOptions& options, Rng rng,
+                                                        DebugSink* debug);
+
+// Corners of a rotated box with its long sides lying: top left first, clockwise. From the points
+// alone, since the meaning of cv::RotatedRect's angle changed in OpenCV 4.5.1.
+[[nodiscard]] Quad upright_corners(const cv::RotatedRect& box);
+
+}  // namespace tarsier::plate

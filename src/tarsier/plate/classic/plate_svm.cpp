@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/classic/plate_svm.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/plate/classic/xml_matrix.h"
+
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <numeric>
+
+namespace tarsier::plate {
+namespace {
+
+namespace fs = std::filesystem;
+constexpr int kVersion = 1;
+constexpr int kFolds = 5;
+
+std::vector<float> projected(const std::vector<float>& values, const std::vector<float>& mean,
+                             const cv::Mat& basis) {
+  std::vector<float> result(static_cast<std::size_t>(basis.rows));
+  for (int c = 0; c < basis.rows; ++c) {
+    const auto* axis = basis.ptr<float>(c);
+    double sum = 0;
+    for (std::size_t k = 0; k < values.size(); ++k)
+      sum += static_cast<double>(axis[k]) * static_cast<double>(values[k] - mean[k]);
+    result[static_cast<std::size_t>(c)] = static_cast<float>(sum);
+  }
+  return result;
+}
+
+cv::Mat rows_of(const PlateSet& set, const std::vector<int>& chosen, PlateFeatures features) {
+  cv::Mat rows;
+  for (const int i : chosen) {
+    std::vector<float> values =
+        plate_features(set.candidates[static_cast<std::size_t>(i)], features);
+    rows.push_back(cv::Mat(values, true).reshape(1, 1));
+  }
+  return rows;
+}
+
+PlateSvm train_on(const PlateSet& set, const std::vector<int>& chosen,
+                  const PlateSvmOptions& options, const Rng& rng) {
+  PlateSvm svm;
+  svm.features = options.features;
+  cv::Mat rows = rows_of(set, chosen, options.features);
+  std::vector<int> labels;
+  for (const int i : chosen) labels.push_back(set.labels[static_cast<std::size_t>(i)]);
+  if (options.features == PlateFeatures::kPca) {
+    const cv::PCA pca(rows, cv::Mat(), cv::PCA::DATA_AS_ROW,
+                      std::min(options.components, rows.rows - 1));
+    svm.mean.assign(pca.mean.ptr<float>(), pca.mean.ptr<float>() + pca.mean.cols);
+    svm.basis = pca.eigenvectors.clone();
+    rows = pca.project(rows);
+  }
+  svm.machine = train_linear_svm(rows, labels, options.cost, options.iterations, rng);
+  return svm;
+}
+
+// Calls visit(number of the example, margin by a machine that did not see it).
+template <typename Visit>
+void cross_validate(const PlateSet& set, const PlateSvmOptions& options, Rng rng,
+                    const Visit& visit) {
+  std::vector<int> order(set.candidates.size());
+  std::iota(order.begin(), order.end(), 0);
+  for (std::size_t i = order.size(); i > 1; --i)
+    std::swap(order[i - 1],
+              order[static_cast<std::size_t>(rng.integer(0, static_cast<int>(i) - 1))]);
+  for (int fold = 0; fold < kFolds; ++fold) {
+    std::vector<int> seen;
+    for (std::size_t i = 0; i < order.size(); ++i)
+      if (static_cast<int>(i) % kFolds != fold) seen.push_back(order[i]);
+    const PlateSvm svm = train_on(set, seen, options, rng.fork(static_cast<std::uint64_t>(fold)));
+    for (std::size_t i = 0; i < order.size(); ++i)
+      if (static_cast<int>(i) % kFolds == fold)
+        visit(order[i], svm.margin(set.candidates[static_cast<std::size_t>(order[i])]));
+  }
+}
+
+void check_set(const PlateSet& set) {
+  const auto plates = std::count(set.labels.begin(), set.labels.end(), 1);
+  TARSIER_REQUIRE(
+      plates >= kFolds && static_cast<std::ptrdiff_t>(set.labels.size()) - plates >= kFolds,
+      "{} plates and {} others are too few to learn from", plates,
+      static_cast<std::ptrdiff_t>(set.labels.size()) - plates);
+}
+
+}  // namespace
+
+PlateSet read_plate_set(const std::string& path) {
+  PlateSet set;
+  std::error_code error;
+  if (fs::is_directory(path, error)) {
+    for (const auto& [name, label] : {std::pair{"plate", 1}, std::pair{"no-plate", -1}}) {
+      std::vector<fs::path> files;
+      for (const fs::directory_entry& entry : fs::directory_iterator(fs::path(path) / name, error))
+        files.push_back(entry.path());
+      if (error)
+        throw InputError(path,
+                         fmt::format("the folder {} cannot be read: {}", name, error.message()));
+      std::sort(files.begin(), files.end());
+      for (const fs::path& file : files) {
+        cv::Mat gray = read_gray_image(file.string());
+        if (gray.size() != kPlateSize) {
+          cv::resize(gray, gray, kPlateSize, 0, 0, cv::INTER_AREA);
+          cv::equalizeHist(gray, gray);
+        }
+        set.candidates.push_back(gray);
+        set.labels.push_back(label);
+      }
+    }
+    return set;
+  }
+  const auto matrices = read_xml_matrices(path);
+  const cv::Mat& pixels = matrix_named(matrices, "TrainingData", path);
+  const cv::Mat& classes = matrix_named(matrices, "classes", path);
+  if (pixels.cols != kPlateSize.area() || pixels.rows != static_cast<int>(classes.total())) {
+    throw InputError(path, fmt::format("TrainingData is {}x{}, classes has {}: 4752 columns and as "
+                                       "many rows are expected",
+                                       pixels.rows, pixels.cols, classes.total()));
+  }
+  for (int i = 0; i < pixels.rows; ++i) {
+    cv::Mat candidate;
+    pixels.row(i).reshape(1, kPlateSize.height).convertTo(candidate, CV_8U);
+    set.candidates.push_back(candidate);
+    set.labels.push_back(classes.ptr<float>()[i] > 0.5F ? 1 : -1);
+  }
+  return set;
+}
+
+void PlateSvmOptions::check() const {
+  TARSIER_REQUIRE(cost > 0 && cost <= 1e6, "cost {}", cost);
+  TARSIER_REQUIRE(iterations >= 1 && iterations <= 1'000'000, "{} iterations", iterations);
+  TARSIER_REQUIRE(components >= 1 && components <= 500, "{} components", components);
+}
+
+double PlateSvm::margin(const cv::Mat& candidate) const {
+  const std::vector<float> values = plate_features(candidate, features);
+  if (features != PlateFeatures::kPca) return machine.margin(values.data());
+  return machine.margin(projected(values, mean, basis).data());
+}
+
+PlateSvm train_plate_svm(const PlateSet& set, const PlateSvmOptions& options, Rng rng) {
+  options.check();
+  check_set(set);
+  std::vector<double> margins;
+  std::vector<int> labels;
+  cross_validate(set, options, rng.fork(1), [&](int i, double margin) {
+    margins.push_back(margin);
+    labels.push_back(set.labels[static_cast<std::size_t>(i)]);
+  });
+  std::vector<int> all(set.candidates.size());
+  std::iota(all.begin(), all.end(), 0);
+  PlateSvm svm = train_on(set, all, options, rng.fork(2));
+  svm.chance = fit_chance(margins, labels);
+  return svm;
+}
+
+double cross_validated_error(const PlateSet& set, const PlateSvmOptions& options, Rng rng) {
+  options.check();
+  check_set(set);
+  int wrong = 0;
+  cross_validate(set, options, rng, [&](int i, double margin) {
+    wrong += (margin > 0) != (set.labels[static_cast<std::size_t>(i)] > 0);
+  });
+  return static_cast<double>(wrong) / static_cast<double>(set.candidates.size());
+}
+
+void write_plate_svm(const std::string& path, const PlateSvm& svm,
+                     const nlohmann::json& provenance) {
+  Archive archive;
+  archive.type = "plate-svm";
+  archive.version = kVersion;
+  archive.provenance = provenance;
+  const auto width = static_cast<std::int64_t>(svm.machine.weights.size());
+  archive.payload["features"] = std::string(name_of(svm.features));
+  archive.payload["weights"] = pack(PackedArray<float>{{width}, svm.machine.weights});
+  archive.payload["bias"] = svm.machine.bias;
+  archive.payload["chance"] = {svm.chance.a, svm.chance.b};
+  if (svm.features == PlateFeatures::kPca) {
+    const auto pixels = static_cast<std::int64_t>(svm.mean.size());
+    archive.payload["mean"] = pack(PackedArray<float>{{pixels}, svm.mean});
+    archive.payload["basis"] = pack(
+        PackedArray<float>{{svm.basis.rows, pixels},
+                           {svm.basis.ptr<float>(), svm.basis.ptr<float>() + svm.basis.total()}});
+  }
+  write_archive(path, archive);
+}
+
+PlateSvm read_plate_svm(const std::string& path) {
+  const Archive archive = read_archive(path, "plate-svm", kVersion);
+  const nlohmann::json& payload = archive.payload;
+  PlateSvm svm;
+  try {
+    svm.features = parse_plate_features(text_member(payload, "features", path));
+  } catch (const UsageError& error) {
+    throw ModelError(path, error.what());
+  }
+  const cv::Mat blank(kPlateSize, CV_8UC1, cv::Scalar(0));
+  auto width = static_cast<std::int64_t>(plate_features(blank, svm.features).size());
+  const auto numbers = [&](const char* name, std::initializer_list<std::int64_t> shape) {
+    return unpack<float>(member(payload, name, path), path, name, shape);
+  };
+  if (svm.features == PlateFeatures::kPca) {
+    svm.mean = numbers("mean", {width}).values;
+    const PackedArray<float> basis = numbers("basis", {-1, width});
+    if (basis.shape[0] < 1 || basis.shape[0] > 500)
+      throw ModelError(path, "basis: 1 to 500 rows are expected");
+    svm.basis = cv::Mat(basis.values, true).reshape(1, static_cast<int>(basis.shape[0]));
+    width = basis.shape[0];
+  }
+  svm.machine.weights = numbers("weights", {width}).values;
+  svm.machine.bias = static_cast<float>(number_member(payload, "bias", path, -1e9, 1e9));
+  const nlohmann::json& chance = member(payload, "chance", path);
+  if (!chance.is_array() || chance.size() != 2 || !chance[0].is_number() || !chance[1].is_number())
+    throw ModelError(path, "chance: two numbers are expected");
+  svm.chance = {chance[0].get<double>(), chance[1].get<double>()};
+  return svm;
+}
+
+}  // namespace tarsier::plate

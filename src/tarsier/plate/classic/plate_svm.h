@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/rng.h"
+#include "tarsier/plate/classic/features.h"
+#include "tarsier/plate/classic/linear.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace tarsier::plate {
+
+// Candidates of 144x33 px, CV_8UC1, equalised, with 1 (plate) or -1.
+struct PlateSet {
+  std::vector<cv::Mat> candidates;
+  std::vector<int> labels;
+};
+
+// SVM.xml (`TrainingData` of 144*33 columns and `classes` of 1 and 0), or a folder with plate/ and
+// no-plate/. Throws InputError.
+[[nodiscard]] PlateSet read_plate_set(const std::string& path);
+
+struct PlateSvmOptions {
+  PlateFeatures features = PlateFeatures::kPixels;
+  double cost = 0.1;
+  int iterations = 1000;
+  int components = 40;  // of kPca at most; 1..500
+  void check() const;
+};
+
+// Says whether a candidate is a plate.
+struct PlateSvm {
+  PlateFeatures features = PlateFeatures::kPixels;
+  std::vector<float> mean;  // of kPca
+  cv::Mat basis;            // components x pixels, CV_32F, of kPca
+  LinearModel machine;
+  MarginToChance chance;
+
+  [[nodiscard]] double margin(const cv::Mat& candidate) const;
+};
+
+// The chance is fitted to margins of examples that the machine did not see (five parts in turn).
+[[nodiscard]] PlateSvm train_plate_svm(const PlateSet& set, const PlateSvmOptions& options,
+                                       Rng rng);
+
+// Share of wrong answers on examples that the machine did not see, five parts in turn.
+[[nodiscard]] double cross_validated_error(const PlateSet& set, const PlateSvmOptions& options,
+                                           Rng rng);
+
+[[nodiscard]] PlateSvm read_plate_svm(const std::string& path);  // ModelError
+void write_plate_svm(const std::string& path, const PlateSvm& svm,
+                     const nlohmann::json& provenance);
+
+}  // namespace tarsier::plate

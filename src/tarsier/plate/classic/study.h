@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/plate/classic/character_reader.h"
+
+#include <stop_token>
+#include <string>
+#include <vector>
+
+namespace tarsier::plate {
+
+// The study of a character reader: every feature size with every number of hidden neurons, each
+// over repeated random splits.
+struct StudyOptions {
+  ReaderKind kind = ReaderKind::kMlp;
+  std::vector<int> lows{5, 10, 15, 20};  // low-resolution pixels: low x low
+  std::vector<int> neurons{10, 20, 30, 40, 60, 80, 100, 150, 200, 300, 400, 500};
+  int seeds = 10;        // splits, 1..1000
+  int train = 571;       // characters to learn from
+  int iterations = 100;  // of the MLP's training
+  std::uint64_t seed = 1;
+  void check() const;
+};
+
+struct StudyCell {
+  int low = 0;
+  int neurons = 0;             // 0: a reader without
+  std::vector<double> errors;  // of each split, 0..1
+  [[nodiscard]] double mean() const;
+  [[nodiscard]] double deviation() const;  // of a single split; 0 for one
+};
+
+// Cells by feature size, then neurons. Splits run in parallel; the result does not depend on it.
+// Throws Interrupted.
+[[nodiscard]] std::vector<StudyCell> study_reader(const CharacterSet& set,
+                                                  const StudyOptions& options, Progress& progress,
+                                                  const std::stop_token& stop);
+
+// "features,neurons,splits,error_mean,error_deviation" and lines.
+[[nodiscard]] std::string study_csv(const std::vector<StudyCell>& cells);
+
+}  // namespace tarsier::plate

@@ -1,0 +1,246 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/networks/networks.h"
+
+#include "tarsier/core/require.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::plate {
+namespace {
+
+float logistic(float x) { return 1.0F / (1.0F + std::exp(-x)); }
+
+// Weighted mean of quads that mean the same plate.
+struct Cluster {
+  Quad sum{};
+  float weight = 0;
+  float best = 0;
+  Quad top{};
+  [[nodiscard]] Quad mean() const {
+    Quad quad;
+    for (std::size_t i = 0; i < 4; ++i) quad[i] = sum[i] * (1 / weight);
+    return quad;
+  }
+};
+
+void detect_level(const cv::Mat& gray, double scale_x, double scale_y,
+                  const linalg::Network& network, const DetectorOptions& options,
+                  linalg::Workspace& workspace, std::vector<Detection>& found) {
+  const cv::Mat contrast = local_contrast(gray);
+  const linalg::Shape shape{1, contrast.rows, contrast.cols};
+  const std::vector<float>& output =
+      linalg::run(network, contrast.ptr<float>(), shape, workspace, options.parallel);
+  const linalg::Shape map = workspace.shapes.back();
+  const std::size_t plane =
+      static_cast<std::size_t>(map.height) * static_cast<std::size_t>(map.width);
+  const float least = std::log(options.threshold / (1 - options.threshold));
+  for (int y = 0; y < map.height; ++y) {
+    for (int x = 0; x < map.width; ++x) {
+      const std::size_t at = static_cast<std::size_t>(y) * static_cast<std::size_t>(map.width) +
+                             static_cast<std::size_t>(x);
+      if (output[at] < least) continue;
+      Detection detection;
+      detection.score = logistic(output[at]);
+      const cv::Point2f centre((static_cast<float>(x) + 0.5F) * kCell - 0.5F,
+                               (static_cast<float>(y) + 0.5F) * kCell - 0.5F);
+      for (std::size_t i = 0; i < 4; ++i) {
+        const cv::Point2f corner = centre + cv::Point2f(output[plane * (1 + 2 * i) + at],
+                                                        output[plane * (2 + 2 * i) + at]) *
+                                                kCornerUnit;
+        detection.corners[i] = {static_cast<float>((corner.x + 0.5) * scale_x - 0.5),
+                                static_cast<float>((corner.y + 0.5) * scale_y - 0.5)};
+      }
+      if (is_convex(detection.corners, 40)) found.push_back(detection);
+    }
+  }
+}
+
+}  // namespace
+
+void DetectorOptions::check() const {
+  TARSIER_REQUIRE(threshold > 0 && threshold < 1, "threshold {}", threshold);
+  TARSIER_REQUIRE(max_pixels >= 1e4 && max_pixels <= 1e8, "max_pixels {}", max_pixels);
+  TARSIER_REQUIRE(overlap > 0 && overlap < 1, "overlap {}", overlap);
+  TARSIER_REQUIRE(most >= 1 && most <= 10000, "most {}", most);
+}
+
+linalg::Network detector_network() {
+  linalg::Network network;
+  network.layers = {linalg::convolution(1, 10, 5, 5),  linalg::convolution(10, 20, 3, 3),
+                    linalg::convolution(20, 32, 3, 3), linalg::convolution(32, 40, 3, 3),
+                    linalg::convolution(40, 40, 3, 5), linalg::convolution(40, 40, 3, 5),
+                    linalg::convolution(40, 48, 1, 1), linalg::convolution(48, 9, 1, 1, false)};
+  for (const std::size_t i : {0U, 1U, 2U}) network.layers[i].stride = 2;
+  network.layers[5].dilation = 2;
+  network.layers[5].pad_y = 2;
+  network.layers[5].pad_x = 4;
+  return network;
+}
+
+cv::Mat local_contrast(const cv::Mat& gray) {
+  constexpr int kWindow = 41;
+  constexpr float kFloor = 10;
+  cv::Mat value;
+  gray.convertTo(value, CV_32F);
+  cv::Mat mean;
+  cv::Mat square;
+  cv::boxFilter(value, mean, CV_32F, {kWindow, kWindow}, {-1, -1}, true, cv::BORDER_REFLECT_101);
+  cv::sqrBoxFilter(value, square, CV_32F, {kWindow, kWindow}, {-1, -1}, true,
+                   cv::BORDER_REFLECT_101);
+  for (int y = 0; y < value.rows; ++y) {
+    auto* v = value.ptr<float>(y);
+    const auto* m = mean.ptr<float>(y);
+    const auto* s = square.ptr<float>(y);
+    for (int x = 0; x < value.cols; ++x) {
+      const float deviation = std::sqrt(std::max(0.0F, s[x] - m[x] * m[x]));
+      v[x] = (v[x] - m[x]) / (deviation + kFloor);
+    }
+  }
+  return value;
+}
+
+std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& network,
+                              const DetectorOptions& options, linalg::Workspace& workspace) {
+  options.check();
+  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "a picture of type {}", gray.type());
+  const double pixels = static_cast<double>(gray.cols) * gray.rows;
+  double scale = std::min(1.0, std::sqrt(options.max_pixels / pixels));
+  std::vector<Detection> found;
+  for (;; scale /= 2) {
+    // The network's own border hides nothing when sizes are whole cells.
+    const int width = static_cast<int>(std::lround(gray.cols * scale)) / kCell * kCell;
+    const int height = static_cast<int>(std::lround(gray.rows * scale)) / kCell * kCell;
+    const cv::Size size(std::max(width, 4 * kCell), std::max(height, 2 * kCell));
+    cv::Mat level;
+    cv::resize(gray, level, size, 0, 0, cv::INTER_AREA);
+    detect_level(level, static_cast<double>(gray.cols) / size.width,
+                 static_cast<double>(gray.rows) / size.height, network, options, workspace, found);
+    if (size.width / 2 < 64 || size.height / 2 < 24) break;
+  }
+  std::stable_sort(found.begin(), found.end(),
+                   [](const Detection& a, const Detection& b) { return a.score > b.score; });
+  std::vector<Cluster> clusters;
+  for (const Detection& detection : found) {
+    Cluster* home = nullptr;
+    for (Cluster& cluster : clusters) {
+      if (box_overlap(cluster.top, detection.corners) > options.overlap) {
+        home = &cluster;
+        break;
+      }
+    }
+    if (home == nullptr) {
+      if (static_cast<int>(clusters.size()) >= options.most) continue;
+      clusters.push_back({});
+      home = &clusters.back();
+      home->best = detection.score;
+      home->top = detection.corners;
+    }
+    const float weight = detection.score * detection.score * detection.score;
+    for (std::size_t i = 0; i < 4; ++i) home->sum[i] += detection.corners[i] * weight;
+    home->weight += weight;
+  }
+  std::vector<Detection> result;
+  for (const Cluster& cluster : clusters) result.push_back({cluster.mean(), cluster.best});
+  return result;
+}
+
+Quad aligner_quad() { return quad_of({20, 11, 87, 25}); }
+
+linalg::Network aligner_network() {
+  linalg::Network network;
+  network.layers = {linalg::convolution(1, 12, 3, 3),         linalg::maximum(12, 2, 2),
+                    linalg::convolution(12, 24, 3, 3),        linalg::maximum(24, 2, 2),
+                    linalg::convolution(24, 48, 3, 3),        linalg::maximum(48, 2, 2),
+                    linalg::convolution(48, 64, 3, 3),        linalg::convolution(64, 128, 6, 16),
+                    linalg::convolution(128, 18, 1, 1, false)};
+  network.layers[7].pad_y = network.layers[7].pad_x = 0;
+  return network;
+}
+
+void normalize(const cv::Mat& gray, std::vector<float>& values) {
+  cv::Scalar mean;
+  cv::Scalar deviation;
+  cv::meanStdDev(gray, mean, deviation);
+  const auto offset = static_cast<float>(mean[0]);
+  const auto scale = static_cast<float>(1 / (deviation[0] + 4));
+  values.resize(gray.total());
+  std::size_t at = 0;
+  for (int y = 0; y < gray.rows; ++y) {
+    const std::uint8_t* row = gray.ptr(y);
+    for (int x = 0; x < gray.cols; ++x)
+      values[at++] = (static_cast<float>(row[x]) - offset) * scale;
+  }
+}
+
+Alignment align(const cv::Mat& gray, const Quad& corners, const linalg::Network& network,
+                linalg::Workspace& workspace) {
+  const Quad home = aligner_quad();
+  const cv::Mat window = sample(gray, corners, home, {kAlignWidth, kAlignHeight});
+  std::vector<float> input;
+  normalize(window, input);
+  const std::vector<float>& out =
+      linalg::run(network, input.data(), {1, kAlignHeight, kAlignWidth}, workspace);
+  const cv::Matx33d image_from_window = map_between(home, corners);
+  Alignment result;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const auto moved = [&](std::size_t at) {
+      return transformed(image_from_window,
+                         home[i] + cv::Point2f(out[at] * kCornerUnit, out[at + 1] * kCornerUnit));
+    };
+    result.plate[i] = moved(2 * i);
+    result.text[i] = moved(8 + 2 * i);
+  }
+  result.score = logistic(out[16]);
+  result.two_rows = logistic(out[17]);
+  return result;
+}
+
+linalg::Network line_network() {
+  linalg::Network network;
+  network.layers = {linalg::convolution(1, 16, 3, 3),
+                    linalg::maximum(16, 2, 2),
+                    linalg::convolution(16, 32, 3, 3),
+                    linalg::maximum(32, 2, 2),
+                    linalg::convolution(32, 64, 3, 3),
+                    linalg::convolution(64, 64, 3, 3),
+                    linalg::maximum(64, 2, 1),
+                    linalg::convolution(64, 96, 3, 3),
+                    linalg::convolution(96, 144, 4, 3),
+                    linalg::convolution(144, 96, 1, 3),
+                    linalg::convolution(96, kClasses, 1, 1, false)};
+  network.layers[8].pad_y = 0;
+  return network;
+}
+
+Quad line_quad(int width) {
+  return quad_of({kLineMargin, kLineTop, static_cast<float>(width - 2 * kLineMargin),
+                  static_cast<float>(kLineBottom - kLineTop)});
+}
+
+cv::Mat read_line(const cv::Mat& gray, const Quad& text, int width, const linalg::Network& network,
+                  linalg::Workspace& workspace) {
+  const cv::Mat canvas = sample(gray, text, line_quad(width), {width, kLineHeight});
+  std::vector<float> input;
+  normalize(canvas, input);
+  const std::vector<float>& out =
+      linalg::run(network, input.data(), {1, kLineHeight, width}, workspace);
+  const int columns = workspace.shapes.back().width;
+  cv::Mat result(columns, kClasses, CV_32F);
+  for (int t = 0; t < columns; ++t) {
+    float* row = result.ptr<float>(t);
+    float top = out[static_cast<std::size_t>(t)];
+    for (int c = 0; c < kClasses; ++c) {
+      row[c] = out[static_cast<std::size_t>(c * columns + t)];
+      top = std::max(top, row[c]);
+    }
+    float sum = 0;
+    for (int c = 0; c < kClasses; ++c) sum += row[c] = std::exp(row[c] - top);
+    for (int c = 0; c < kClasses; ++c) row[c] /= sum;
+  }
+  return result;
+}
+
+}  // namespace tarsier::plate

@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/linalg/network.h"
+#include "tarsier/plate/networks/quad.h"
+
+#include <opencv2/core.hpp>
+
+#include <vector>
+
+// The three networks of the default pipeline: one finds plates, one finds their corners and their
+// line of text, one reads the line. All take grey pictures.
+namespace tarsier::plate {
+
+// --- finding ---
+
+// A fully convolutional network over a pyramid. Each cell of kCell px says whether it lies in a
+// plate whose width there is about kPlateLow..kPlateHigh px, and where the corners are, in units of
+// kCornerUnit px from its centre (after Silva and Jung, "License plate detection and recognition in
+// unconstrained scenarios", ECCV 2018, who predict an affine map).
+inline constexpr int kCell = 8;
+inline constexpr float kCornerUnit = 32;
+inline constexpr float kPlateLow = 26;
+inline constexpr float kPlateHigh = 84;
+
+struct Detection {
+  Quad corners{};
+  float score = 0;  // 0..1
+};
+
+struct DetectorOptions {
+  float threshold = 0.6F;     // (0, 1)
+  double max_pixels = 0.6e6;  // of the finest level; larger pictures are reduced to it
+  float overlap = 0.3F;       // of boxes of the same plate, (0, 1)
+  int most = 120;             // plates of one picture
+  bool parallel = false;      // use OpenCV's threads
+  void check() const;
+};
+
+[[nodiscard]] linalg::Network detector_network();
+
+// Local contrast: (value - local mean) / (local deviation + floor), so that night and day look
+// alike. CV_8UC1 -> CV_32FC1.
+[[nodiscard]] cv::Mat local_contrast(const cv::Mat& gray);
+
+// Best first; overlapping finds are merged.
+[[nodiscard]] std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& network,
+                                            const DetectorOptions& options,
+                                            linalg::Workspace& workspace);
+
+// --- aligning ---
+
+// The window that the aligner sees: the quad so far lies at aligner_quad().
+inline constexpr int kAlignWidth = 128;
+inline constexpr int kAlignHeight = 48;
+[[nodiscard]] Quad aligner_quad();
+[[nodiscard]] linalg::Network aligner_network();
+
+struct Alignment {
+  Quad plate{};
+  Quad text{};         // around the ink of all characters
+  float score = 0;     // chance that this is a plate, 0..1
+  float two_rows = 0;  // chance that it has two rows, 0..1
+};
+
+// Refines corners; call again with the result's plate for more.
+[[nodiscard]] Alignment align(const cv::Mat& gray, const Quad& corners,
+                              const linalg::Network& network, linalg::Workspace& workspace);
+
+// --- reading ---
+
+// The line of text, its ink from column kLineMargin to width - kLineMargin and from row kLineTop to
+// kLineBottom. One row of a two-row plate takes kHalfWidth columns.
+inline constexpr int kLineHeight = 32;
+inline constexpr int kLineWidth = 176;
+inline constexpr int kHalfWidth = 96;
+inline constexpr int kLineMargin = 14;
+inline constexpr int kLineTop = 6;
+inline constexpr int kLineBottom = 26;
+inline constexpr int kColumn = 4;  // px of the canvas for one column of the output
+[[nodiscard]] linalg::Network line_network();
+[[nodiscard]] Quad line_quad(int width);
+
+// Zero mean and unit deviation, the input of aligner and line reader.
+void normalize(const cv::Mat& gray, std::vector<float>& values);
+
+// Class probabilities, width / kColumn rows x kClasses, CV_32F.
+[[nodiscard]] cv::Mat read_line(const cv::Mat& gray, const Quad& text, int width,
+                                const linalg::Network& network, linalg::Workspace& workspace);
+
+}  // namespace tarsier::plate

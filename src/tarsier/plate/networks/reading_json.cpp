@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/networks/reading_json.h"
+
+#include <cmath>
+
+namespace tarsier::plate {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+
+Json corners_json(const Quad& quad) {
+  Json corners = Json::array();
+  for (const cv::Point2f& p : quad)
+    corners.push_back(
+        {rounded(static_cast<double>(p.x), 10), rounded(static_cast<double>(p.y), 10)});
+  return corners;
+}
+
+}  // namespace
+
+nlohmann::ordered_json reading_json(const Reading& reading) {
+  Json characters = Json::array();
+  for (const Character& character : reading.characters) {
+    characters.push_back({{"text", std::string(1, character.symbol)},
+                          {"confidence", rounded(character.confidence, 1e4)},
+                          {"corners", corners_json(character.corners)}});
+  }
+  Json candidates = Json::array();
+  for (const Candidate& candidate : reading.candidates) {
+    candidates.push_back({{"text", candidate.text},
+                          {"confidence", rounded(candidate.confidence, 1e4)},
+                          {"country", candidate.country}});
+  }
+  return {{"text", reading.text},
+          {"confidence", rounded(reading.confidence, 1e4)},
+          {"plate", rounded(reading.plate, 1e4)},
+          {"country", reading.country},
+          {"rows", reading.rows},
+          {"box", {reading.box.x, reading.box.y, reading.box.width, reading.box.height}},
+          {"corners", corners_json(reading.corners)},
+          {"characters", std::move(characters)},
+          {"candidates", std::move(candidates)}};
+}
+
+}  // namespace tarsier::plate

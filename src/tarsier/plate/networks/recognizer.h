@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/core/timer.h"
+#include "tarsier/plate/networks/networks.h"
+#include "tarsier/plate/text/decode.h"
+#include "tarsier/plate/text/reading.h"
+
+#include <opencv2/core.hpp>
+
+#include <array>
+#include <string>
+#include <vector>
+
+namespace tarsier::plate {
+
+// Turns what is known of a reading into the chance that its whole text is right: logistic
+// regression on log posterior, log of the least sure character, logit of the aligner, log of the
+// plate's height in px, and a constant.
+struct Calibration {
+  std::array<double, 5> weights{1.0, 1.0, 0.0, 0.0, 0.0};
+};
+
+struct DetectorModel {
+  linalg::Network detector;
+  linalg::Network aligner;
+};
+
+struct ReaderModel {
+  linalg::Network line;
+  Calibration calibration;
+};
+
+// models/plate-detector.json and models/plate-reader.json. Throw ModelError, OutputError.
+[[nodiscard]] DetectorModel read_detector_model(const std::string& path);
+[[nodiscard]] ReaderModel read_reader_model(const std::string& path);
+void write_detector_model(const std::string& path, const DetectorModel& model,
+                          const nlohmann::json& provenance);
+void write_reader_model(const std::string& path, const ReaderModel& model,
+                        const nlohmann::json& provenance);
+
+struct RecognizerOptions {
+  DetectorOptions detector;
+  float min_plate = 0.9F;  // the aligner's score of what is taken for a plate, (0, 1)
+  // Least ln(confidence) + logit(plate) of what is told: a place that hardly looks like a plate is
+  // one only if it reads well, a sure plate also where it reads badly; -100..100.
+  double min_evidence = -1.5;
+  int refinements = 2;    // passes of the aligner, 1..5
+  bool parallel = false;  // plates and large maps on OpenCV's threads; changes no result
+  void check() const;
+};
+
+// What calibration is fitted to.
+[[nodiscard]] std::array<double, 5> calibration_features(double posterior, double min_character,
+                                                         double plate_score, double height_px);
+
+// Plates of an image by the three networks. Const: any number of threads may use it.
+class Recognizer {
+ public:
+  Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice countries,
+             const RecognizerOptions& options = {}, const DecodeOptions& decoding = {});
+
+  // Image: CV_8UC3 or CV_8UC1. Surest first. `debug` and `timers` (find, align, read) may be null.
+  // `once`: does not look again where it is unsure, as the next frame of a video is a look, too.
+  [[nodiscard]] std::vector<Reading> read(const cv::Mat& image, DebugSink* debug = nullptr,
+                                          Timers* timers = nullptr, bool once = false) const;
+
+  // Reads the plate at known corners (a crop, a labelled plate). `features`, if given, becomes what
+  // its confidence was worked out from.
+  [[nodiscard]] Reading read_at(const cv::Mat& image, const Quad& corners,
+                                std::array<double, 5>* features = nullptr) const;
+
+  [[nodiscard]] const ReaderModel& reader_model() const { return reader_; }
+
+ private:
+  struct Find {
+    Alignment alignment;
+    float score;
+  };
+  [[nodiscard]] std::vector<Find> find(const cv::Mat& gray, DebugSink* debug, Timers* timers) const;
+  [[nodiscard]] Reading read_text(const cv::Mat& gray, const Alignment& alignment,
+                                  linalg::Workspace& workspace, bool once,
+                                  std::array<double, 5>* features = nullptr) const;
+
+  DetectorModel detector_;
+  ReaderModel reader_;
+  std::array<Decoder, 3> decoders_;  // by PlateForm, for plates of one row
+  Decoder decoder_;                  // for those of two
+  RecognizerOptions options_;
+};
+
+}  // namespace tarsier::plate

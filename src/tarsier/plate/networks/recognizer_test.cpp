@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/networks/recognizer.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/testing_folder.h"
+#include "tarsier/plate/networks/reading_json.h"
+#include "tarsier/plate/text/country.h"
+#include "tarsier/synth/plates.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+
+namespace tarsier::plate {
+namespace {
+
+using testing::HasSubstr;
+namespace fs = std::filesystem;
+
+const fs::path kModels = TARSIER_SOURCE_MODELS;
+
+const Recognizer& recognizer() {
+  static const Recognizer shared(
+      read_detector_model((kModels / "plate-detector.json").string()),
+      read_reader_model((kModels / "plate-reader.json").string()),
+      choose_countries(read_countries((kModels / "countries").string()), {}));
+  return shared;
+}
+
+struct Put {
+  std::string text;
+  cv::Rect box;
+};
+
+// Plates in their standard look on a grey wall.
+class Pictures : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    try {
+      glyphs_ = synth::load_glyphs();
+    } catch (const InputError&) {
+    }
+  }
+  void SetUp() override {
+    if (glyphs_ == nullptr) GTEST_SKIP() << "no typefaces to draw plates with";
+  }
+
+  static cv::Mat wall(cv::Size size) { return cv::Mat(size, CV_8UC3, cv::Scalar(90, 95, 100)); }
+
+  // Puts a drawn Spanish plate `width` px wide with its corner at `at`.
+  static Put put(cv::Mat& picture, const std::string& text, cv::Point at, int width,
+                 synth::PlateKind kind = synth::PlateKind::kSpain) {
+    synth::PlateFaceOptions options;
+    options.kind = kind;
+    options.text = text;
+    options.random_style = false;
+    options.px_per_mm = 2;
+    Rng rng(7);
+    const synth::PlateFace face = synth::render_plate_face(*glyphs_, options, rng);
+    cv::Mat small;
+    cv::resize(face.image, small, {width, width * face.image.rows / face.image.cols}, 0, 0,
+               cv::INTER_AREA);
+    const cv::Rect box = cv::Rect(at, small.size()) & cv::Rect(0, 0, picture.cols, picture.rows);
+    small(box - at).copyTo(picture(box));
+    return {face.text, box};
+  }
+
+  static std::shared_ptr<const synth::GlyphSet> glyphs_;
+};
+std::shared_ptr<const synth::GlyphSet> Pictures::glyphs_;
+
+TEST_F(Pictures, PlatesFromSmallToLargeAreRead) {
+  for (const int width : {80, 130, 220, 400}) {
+    cv::Mat picture = wall({640, 480});
+    const Put plate = put(picture, "4725BKZ", {120, 200}, width);
+    const std::vector<Reading> readings = recognizer().read(picture);
+    ASSERT_EQ(readings.size(), 1U) << width;
+    EXPECT_EQ(readings[0].text, "4725BKZ") << width;
+    EXPECT_GT(readings[0].confidence, 0.5) << width;
+    EXPECT_GT(box_overlap(readings[0].corners, quad_of(cv::Rect2f(plate.box))), 0.75) << width;
+    EXPECT_EQ(readings[0].characters.size(), 7U);
+  }
+}
+
+TEST_F(Pictures, GreyAndColourReadAlike) {
+  cv::Mat picture = wall({640, 480});
+  put(picture, "0318GHT", {200, 220}, 180);
+  cv::Mat gray;
+  cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+  const std::vector<Reading> of_gray = recognizer().read(gray);
+  const std::vector<Reading> of_color = recognizer().read(picture);
+  ASSERT_EQ(of_gray.size(), 1U);
+  EXPECT_EQ(reading_json(of_gray[0]), reading_json(of_color.at(0)));
+}
+
+TEST_F(Pictures, TwoRowsAreReadOneAfterTheOther) {
+  cv::Mat picture = wall({640, 480});
+  put(picture, "5521MNP", {220, 150}, 190, synth::PlateKind::kSpainSquare);
+  const std::vector<Reading> readings = recognizer().read(picture);
+  ASSERT_FALSE(readings.empty());
+  EXPECT_EQ(readings[0].text, "5521MNP");
+  EXPECT_EQ(readings[0].rows, 2);
+}
+
+TEST_F(Pictures, AHundredPlatesAreAllFound) {
+  cv::Mat picture = wall({1600, 1200});
+  std::set<std::string> texts;
+  for (int i = 0; i < 100; ++i) {
+    const std::string text = std::to_string(1000 + i * 83) + "BCD";
+    texts.insert(put(picture, text, {15 + (i % 10) * 158, 30 + (i / 10) * 116}, 130).text);
+  }
+  int right = 0;
+  for (const Reading& reading : recognizer().read(picture)) right += texts.erase(reading.text) == 1;
+  EXPECT_GE(right, 90);
+}
+
+TEST_F(Pictures, APlateAtTheBorderDoesNoHarm) {
+  for (const cv::Point at :
+       {cv::Point{0, 0}, cv::Point{460, 0}, cv::Point{0, 442}, cv::Point{460, 442}}) {
+    cv::Mat picture = wall({640, 480});
+    put(picture, "4725BKZ", at, 180);
+    for (const Reading& reading : recognizer().read(picture)) {
+      EXPECT_EQ(reading.box & cv::Rect(0, 0, 640, 480), reading.box);
+      EXPECT_EQ(reading.text, "4725BKZ");
+    }
+  }
+}
+
+TEST_F(Pictures, ThreadsChangeNothing) {
+  cv::Mat picture = wall({1280, 720});
+  for (int i = 0; i < 6; ++i)
+    put(picture, std::to_string(1234 + 1111 * i) + "LMN", {60 + (i % 3) * 400, 150 + (i / 3) * 300},
+        170);
+  RecognizerOptions options;
+  options.parallel = true;
+  const Recognizer parallel(read_detector_model((kModels / "plate-detector.json").string()),
+                            read_reader_model((kModels / "plate-reader.json").string()),
+                            choose_countries(read_countries((kModels / "countries").string()), {}),
+                            options);
+  const std::vector<Reading> one = recognizer().read(picture);
+  const std::vector<Reading> many = parallel.read(picture);
+  ASSERT_EQ(one.size(), many.size());
+  for (std::size_t i = 0; i < one.size(); ++i)
+    EXPECT_EQ(reading_json(one[i]), reading_json(many[i]));
+}
+
+TEST_F(Pictures, JsonHasTheAgreedForm) {
+  cv::Mat picture = wall({640, 480});
+  put(picture, "4725BKZ", {200, 200}, 200);
+  const nlohmann::ordered_json json = reading_json(recognizer().read(picture).at(0));
+  EXPECT_EQ(json["box"].size(), 4U);
+  EXPECT_EQ(json["corners"].size(), 4U);
+  EXPECT_EQ(json["candidates"][0]["text"], json["text"]);
+  EXPECT_EQ(json["characters"].size(), 7U);
+  double sum = 0;
+  for (const auto& candidate : json["candidates"]) sum += candidate["confidence"].get<double>();
+  EXPECT_LE(sum, 1.01);
+}
+
+TEST(Recognizer, PicturesWithoutPlatesGiveNone) {
+  for (const cv::Size size : {cv::Size{1, 1}, cv::Size{3, 700}, cv::Size{640, 480}}) {
+    EXPECT_TRUE(recognizer().read(cv::Mat(size, CV_8UC3, cv::Scalar(127, 127, 127))).empty())
+        << size;
+  }
+}
+
+TEST(Recognizer, RefusesOtherPictures) {
+  EXPECT_THROW((void)recognizer().read(cv::Mat()), std::invalid_argument);
+  EXPECT_THROW((void)recognizer().read(cv::Mat(10, 10, CV_32FC1)), std::invalid_argument);
+}
+
+class BrokenModel : public FolderTest {};
+
+TEST_F(BrokenModel, IsRefusedWithItsPath) {
+  const std::string path = folder_ + "/m.json";
+  const auto reason = [&](const std::string& text) -> std::string {
+    std::ofstream(path) << text;
+    try {
+      (void)read_reader_model(path);
+      return "read";
+    } catch (const ModelError& error) {
+      return error.what();
+    }
+  };
+  EXPECT_THAT(reason(""), HasSubstr("m.json"));
+  EXPECT_THAT(reason(std::string(100'000, '[')), HasSubstr("m.json"));
+  EXPECT_THAT(reason(R"({"type":"plate-reader","version":1,"provenance":{},"payload":{}})"),
+              HasSubstr("line"));
+  std::ifstream shipped(kModels / "plate-reader.json");
+  std::string whole((std::istreambuf_iterator<char>(shipped)), {});
+  EXPECT_THAT(reason(whole.substr(0, whole.size() / 2)), HasSubstr("m.json"));
+  EXPECT_THROW((void)read_detector_model((kModels / "plate-reader.json").string()), ModelError);
+}
+
+TEST(Calibration, FeaturesStayFinite) {
+  for (const double p : {0.0, 1.0, 0.5}) {
+    for (const double value : calibration_features(p, p, p, p * 100))
+      EXPECT_TRUE(std::isfinite(value));
+  }
+}
+
+}  // namespace
+}  // namespace tarsier::plate

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/reader/video_reader.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/media/still_source.h"
+#include "tarsier/plate/networks/reading_json.h"
+
+#include <cmath>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+namespace tarsier::plate {
+namespace {
+
+void append(std::vector<PlateEvent>& events, std::vector<PlateEvent>&& more) {
+  events.insert(events.end(), std::make_move_iterator(more.begin()),
+                std::make_move_iterator(more.end()));
+}
+
+}  // namespace
+
+void VideoReaderOptions::check() const {
+  reader.check();
+  tracker.check();
+}
+
+nlohmann::ordered_json to_json(const VideoReaderResult& result) {
+  nlohmann::ordered_json object = to_json(ReaderResult{result.plates, result.ms});
+  if (result.tracks.empty()) return object;
+  nlohmann::ordered_json tracks = nlohmann::ordered_json::array();
+  for (const LiveTrack& track : result.tracks) {
+    tracks.push_back({{"id", track.id},
+                      {"text", track.text},
+                      {"confidence", std::round(track.confidence * 1e4) / 1e4},
+                      {"box", {track.box.x, track.box.y, track.box.width, track.box.height}},
+                      {"confirmed", track.confirmed}});
+  }
+  object["tracks"] = std::move(tracks);
+  return object;
+}
+
+VideoReader::VideoReader(Read read, const TrackerOptions& options)
+    : read_(std::move(read)), options_(options) {
+  TARSIER_REQUIRE(read_ != nullptr, "a reader is needed");
+  options_.check();
+}
+
+VideoReader VideoReader::load(const ModelStore& models, const VideoReaderOptions& options) {
+  options.check();
+  return {[reader = Reader::load(models, options.reader)](const Frame& frame, DebugSink* debug) {
+            return reader.process(frame, debug);
+          },
+          options.tracker};
+}
+
+bool VideoReader::continues(const Frame& frame, const VideoReaderState& state) {
+  if (frame.still) return !state.has_video;
+  return state.has_video && source_of(frame) == state.source;
+}
+
+VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& state,
+                                       const FrameMoment& seen, DebugSink* debug) const {
+  VideoReaderResult result;
+  if (!continues(frame, state)) result.events = finish(state);
+  state.source = source_of(frame);
+  state.has_video = !frame.still;
+  ReaderResult read = read_(frame, debug);
+  result.plates = std::move(read.plates);
+  result.ms = read.ms;
+  if (!options_.region.corners.empty()) {
+    std::erase_if(result.plates, [&](const Reading& plate) {
+      const cv::Point2d center(plate.box.x + plate.box.width / 2.0,
+                               plate.box.y + plate.box.height / 2.0);
+      return !options_.region.contains(center, frame.image.size());
+    });
+  }
+  if (frame.still) return result;
+  std::vector<PlateEvent> closed =
+      step_tracker(options_, state.tracker,
+                   {frame.index, frame.time, frame.image, result.plates, seen, state.source});
+  append(result.events, take_news(options_, state.tracker));
+  append(result.events, std::move(closed));
+  result.tracks = live_tracks(options_, state.tracker);
+  return result;
+}
+
+std::vector<PlateEvent> VideoReader::finish(VideoReaderState& state) const {
+  std::vector<PlateEvent> events = flush_tracker(options_, state.tracker);
+  append(events, take_news(options_, state.tracker));
+  return events;
+}
+
+}  // namespace tarsier::plate

@@ -1,0 +1,394 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/text/beam_search.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/plate/text/ctc.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <utility>
+
+namespace tarsier::plate {
+namespace {
+
+constexpr double kNever = -std::numeric_limits<double>::infinity();
+
+// Symbols below these probabilities are not followed up in a column. Where a character is likely,
+// more are: the layout may rule out all that the classifier was sure of.
+constexpr float kLeast = 1e-4F;
+constexpr float kMinAtCharacter = 1e-6F;
+constexpr float kWider = 1e-4F;  // times these in a wide search
+constexpr float kSurelyBlank = 0.9999F;
+
+}  // namespace
+
+Decoder::Tables::Tables(CountryChoice given, const DecodeOptions& how)
+    : choice(std::move(given)), options(how) {
+  options.check();
+  TARSIER_REQUIRE(choice.layouts.size() <= kMaxLayouts, "{} layouts", choice.layouts.size());
+  TARSIER_REQUIRE(choice.free_text || !choice.layouts.empty(), "neither layouts nor free text");
+  words = std::max<std::size_t>(1, (choice.layouts.size() + 63) / 64);
+  fit.assign(words * kSymbols * kMaxPlaces, 0);
+  std::map<std::string, double> total;  // weight of each country
+  for (const Layout& layout : choice.layouts) {
+    TARSIER_REQUIRE(layout.weight > 0 && std::isfinite(layout.weight), "weight {}", layout.weight);
+    total[layout.country] += layout.weight;
+  }
+  std::vector<double> priors;
+  for (const Layout& layout : choice.layouts) {
+    priors.push_back(prior_of(layout, total[layout.country]));
+  }
+  order.resize(priors.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return priors[a] > priors[b]; });
+  for (std::size_t rank = 0; rank < order.size(); ++rank) {
+    const Layout& layout = choice.layouts[order[rank]];
+    prior.push_back(priors[order[rank]]);
+    length.push_back(layout.places.size());
+    add_places(rank, layout);
+  }
+}
+
+double Decoder::Tables::prior_of(const Layout& layout, double total) const {
+  TARSIER_REQUIRE(!layout.places.empty() && layout.places.size() <= kMaxPlaces,
+                  "a layout of {} places", layout.places.size());
+  TARSIER_REQUIRE(layout.prior > 0 && std::isfinite(layout.prior), "prior {}", layout.prior);
+  double sum = options.layout_strength * std::log(layout.prior * layout.weight / total);
+  for (const SymbolSet set : layout.places) {
+    TARSIER_REQUIRE(set != 0 && set < (SymbolSet{1} << static_cast<unsigned>(kSymbols)),
+                    "a place of layout {} allows {:x}", layout.name, set);
+    sum += options.specificity * std::log(static_cast<double>(kSymbols) / std::popcount(set));
+  }
+  return sum;
+}
+
+void Decoder::Tables::add_places(std::size_t rank, const Layout& layout) {
+  for (std::size_t place = 0; place < layout.places.size(); ++place) {
+    for (int symbol = 0; symbol < kSymbols; ++symbol) {
+      if ((layout.places[place] >> static_cast<unsigned>(symbol) & 1U) != 0) {
+        fit[index(place, symbol) + rank / 64] |= std::uint64_t{1} << (rank % 64);
+      }
+    }
+  }
+}
+
+namespace {
+
+// A text that may go on. Its probability is kept in two parts, as in any such search: alignments
+// that end in a blank, and those that end in its last character.
+struct Prefix {
+  int parent = -1;
+  int first_child = -1;
+  int next_sibling = -1;
+  int symbol = -1;
+  std::size_t length = 0;
+  bool fits = false;      // some layout is still possible
+  bool expanded = false;  // `next` is known
+  SymbolSet next = 0;     // symbols with which some layout stays possible
+  double promise = 1;     // exp(prior) of the best possible layout
+  bool kept = false;      // in the beam
+  bool touched = false;
+  double blank = 0, character = 0;
+  double next_blank = 0, next_character = 0;
+
+  [[nodiscard]] double sum() const { return blank + character; }
+};
+
+// A kept prefix and a symbol that may follow it.
+struct Extension {
+  int parent = 0;
+  int symbol = 0;
+  double gain = 0;   // probability that the longer text takes over
+  double value = 0;  // at most what it will be ranked by
+};
+
+class Search {
+ public:
+  Search(const Decoder::Tables& tables, const cv::Mat& probabilities, bool wide)
+      : tables_(tables),
+        probabilities_(probabilities),
+        wide_(wide),
+        beam_((wide ? 4 : 1) * static_cast<std::size_t>(tables.options.beam)) {
+    Prefix root;
+    root.blank = 1;
+    root.kept = true;
+    root.fits = !tables_.choice.layouts.empty();
+    prefixes_.push_back(root);
+    layouts_.assign(tables_.words, 0);
+    for (std::size_t k = 0; k < tables_.choice.layouts.size(); ++k) {
+      layouts_[k / 64] |= std::uint64_t{1} << (k % 64);
+    }
+    kept_ = {0};
+  }
+
+  void run() {
+    for (int column = 0; column < probabilities_.rows; ++column) {
+      const float* row = probabilities_.ptr<float>(column);
+      if (row[kBlank] > kSurelyBlank && !wide_) {
+        pass_blank();
+      } else {
+        follow(row);
+      }
+    }
+  }
+
+  // Texts that can end here, with their prior.
+  [[nodiscard]] std::vector<Decoded> complete() const {
+    std::vector<Decoded> texts;
+    const DecodeOptions& options = tables_.options;
+    for (const int k : kept_) {
+      const Prefix& prefix = prefixes_[static_cast<std::size_t>(k)];
+      Decoded text;
+      double prior = kNever;
+      tables_.for_each(set_of(k), [&](std::size_t rank) {
+        if (tables_.length[rank] != prefix.length) return false;
+        prior = tables_.prior[rank];
+        text.layout = static_cast<int>(tables_.order[rank]);
+        text.country = tables_.choice.layouts[tables_.order[rank]].country;
+        return true;
+      });
+      if (tables_.choice.free_text &&
+          prefix.length >= static_cast<std::size_t>(options.min_length) &&
+          prefix.length <= static_cast<std::size_t>(options.max_length)) {
+        prior = std::max(prior, -options.free_penalty);
+      }
+      if (prior == kNever || !(prefix.sum() > 0)) continue;
+      text.text = text_of(k);
+      text.acoustic = log_scale_ + std::log(prefix.sum());
+      text.log_score = text.acoustic + prior;
+      texts.push_back(std::move(text));
+    }
+    return texts;
+  }
+
+ private:
+  [[nodiscard]] const std::uint64_t* set_of(int prefix) const {
+    return &layouts_[static_cast<std::size_t>(prefix) * tables_.words];
+  }
+  Prefix& at(int index) { return prefixes_[static_cast<std::size_t>(index)]; }
+
+  [[nodiscard]] std::string text_of(int k) const {
+    std::string text;
+    while (k > 0) {
+      const Prefix& prefix = prefixes_[static_cast<std::size_t>(k)];
+      text += kAlphabet[static_cast<std::size_t>(prefix.symbol)];
+      k = prefix.parent;
+    }
+    std::reverse(text.begin(), text.end());
+    return text;
+  }
+
+  // Nothing but a blank: the texts stay, and their alignments now end in it.
+  void pass_blank() {
+    for (const int k : kept_) {
+      at(k).blank += at(k).character;
+      at(k).character = 0;
+    }
+  }
+
+  void follow(const float* row) {
+    const float least = (wide_ ? kWider : 1) * (row[kBlank] < 0.5F ? kMinAtCharacter : kLeast);
+    symbols_.clear();
+    for (int symbol = 0; symbol < kSymbols; ++symbol) {
+      if (row[symbol] >= least) symbols_.push_back(symbol);
+    }
+    touched_.clear();
+    stay(row);
+    for (const int k : kept_) {
+      if (!at(k).expanded) expand(k);
+      collect(k, row);
+    }
+    for (const bool fits : {true, false}) extend(fits);
+    prune();
+  }
+
+  // Adds the longer texts that may be kept: those of layouts, or the others.
+  void extend(bool fits) {
+    std::vector<Extension>& extensions = extensions_[fits ? 1 : 0];
+    const std::size_t most = beam_of(fits);
+    // Those that cannot beat the least of a full beam, and more than could be kept, are left out.
+    std::size_t full = 0;
+    double least = std::numeric_limits<double>::infinity();
+    for (const int k : kept_) {
+      if (at(k).fits != fits) continue;
+      ++full;
+      least = std::min(least, (at(k).next_blank + at(k).next_character) * at(k).promise);
+    }
+    if (full >= most) {
+      std::erase_if(extensions,
+                    [&](const Extension& extension) { return extension.value < least; });
+    }
+    if (extensions.size() > 2 * most) {
+      const auto end = extensions.begin() + static_cast<std::ptrdiff_t>(2 * most);
+      std::nth_element(extensions.begin(), end, extensions.end(),
+                       [](const Extension& a, const Extension& b) {
+                         if (a.value != b.value) return a.value > b.value;
+                         return a.parent != b.parent ? a.parent < b.parent : a.symbol < b.symbol;
+                       });
+      extensions.erase(end, extensions.end());
+    }
+    for (const Extension& extension : extensions) {
+      add(child_of(extension.parent, extension.symbol), extension.gain);
+    }
+    extensions.clear();
+  }
+
+  [[nodiscard]] std::size_t beam_of(bool fits) const {
+    return fits ? beam_ : std::max<std::size_t>(4, beam_ / 2);
+  }
+
+  // The kept texts without another character.
+  void stay(const float* row) {
+    for (const int k : kept_) {
+      Prefix& prefix = at(k);
+      touch(k);
+      prefix.next_blank = prefix.sum() * static_cast<double>(row[kBlank]);
+      if (prefix.symbol >= 0) {
+        prefix.next_character = prefix.character * static_cast<double>(row[prefix.symbol]);
+      }
+    }
+  }
+
+  void collect(int k, const float* row) {
+    const Prefix& prefix = at(k);
+    const bool may_be_free = tables_.choice.free_text &&
+                             prefix.length < static_cast<std::size_t>(tables_.options.max_length);
+    for (const int symbol : symbols_) {
+      const bool fits = (prefix.next >> static_cast<unsigned>(symbol) & 1U) != 0;
+      if (!fits && !may_be_free) continue;
+      const double before =
+          prefix.blank + (symbol == prefix.symbol ? 0 : kDirect * prefix.character);
+      const double gain = before * static_cast<double>(row[symbol]);
+      if (!(gain > 0)) continue;
+      const int child = find_child(k, symbol);
+      if (child >= 0 && at(child).kept) {
+        add(child, gain);
+      } else {
+        extensions_[fits ? 1 : 0].push_back({k, symbol, gain, fits ? gain * prefix.promise : gain});
+      }
+    }
+  }
+
+  void touch(int k) {
+    if (at(k).touched) return;
+    at(k).touched = true;
+    touched_.push_back(k);
+  }
+
+  void add(int k, double gain) {
+    touch(k);
+    at(k).next_character += gain;
+  }
+
+  void expand(int k) {
+    Prefix& prefix = at(k);
+    prefix.expanded = true;
+    if (!prefix.fits || prefix.length >= kMaxPlaces) return;
+    const std::uint64_t* set = set_of(k);
+    for (int symbol = 0; symbol < kSymbols; ++symbol) {
+      const std::uint64_t* allowed = &tables_.fit[tables_.index(prefix.length, symbol)];
+      bool any = false;
+      for (std::size_t word = 0; word < tables_.words; ++word) {
+        any |= (set[word] & allowed[word]) != 0;
+      }
+      if (any) prefix.next |= SymbolSet{1} << static_cast<unsigned>(symbol);
+    }
+  }
+
+  [[nodiscard]] int find_child(int k, int symbol) {
+    int child = at(k).first_child;
+    while (child >= 0 && at(child).symbol != symbol) child = at(child).next_sibling;
+    return child;
+  }
+
+  // The prefix with one symbol more.
+  int child_of(int k, int symbol) {
+    if (const int known = find_child(k, symbol); known >= 0) return known;
+    const auto index = static_cast<int>(prefixes_.size());
+    Prefix child;
+    child.parent = k;
+    child.symbol = symbol;
+    child.length = at(k).length + 1;
+    child.fits = (at(k).next >> static_cast<unsigned>(symbol) & 1U) != 0;
+    child.next_sibling = at(k).first_child;
+    at(k).first_child = index;
+    layouts_.resize(layouts_.size() + tables_.words, 0);
+    if (child.fits) {
+      const std::uint64_t* allowed = &tables_.fit[tables_.index(at(k).length, symbol)];
+      std::uint64_t* set = &layouts_[static_cast<std::size_t>(index) * tables_.words];
+      for (std::size_t word = 0; word < tables_.words; ++word) {
+        set[word] = set_of(k)[word] & allowed[word];
+      }
+      tables_.for_each(set, [&](std::size_t rank) {
+        child.promise = std::exp(tables_.prior[rank]);
+        return true;
+      });
+    }
+    prefixes_.push_back(child);
+    return index;
+  }
+
+  // Keeps the best prefixes, those of layouts apart from the others, so that neither crowds the
+  // other out.
+  void prune() {
+    double sum = 0;
+    for (const int k : touched_) sum += at(k).next_blank + at(k).next_character;
+    if (!(sum > 0)) sum = 1;
+    for (const int k : touched_) {
+      Prefix& prefix = at(k);
+      prefix.blank = prefix.next_blank / sum;
+      prefix.character = prefix.next_character / sum;
+      prefix.next_blank = prefix.next_character = 0;
+      prefix.touched = prefix.kept = false;
+    }
+    log_scale_ += std::log(sum);
+    const auto middle =
+        std::partition(touched_.begin(), touched_.end(), [this](int k) { return at(k).fits; });
+    kept_.clear();
+    keep(touched_.begin(), middle, beam_of(true));
+    keep(middle, touched_.end(), beam_of(false));
+    for (const int k : kept_) at(k).kept = true;
+  }
+
+  void keep(std::vector<int>::iterator first, std::vector<int>::iterator last, std::size_t most) {
+    const auto better = [this](int a, int b) {
+      const double value_a = at(a).sum() * at(a).promise;
+      const double value_b = at(b).sum() * at(b).promise;
+      return value_a != value_b ? value_a > value_b : a < b;
+    };
+    const auto count = static_cast<std::ptrdiff_t>(most);
+    if (last - first > count) {
+      std::nth_element(first, first + count, last, better);
+      last = first + count;
+    }
+    kept_.insert(kept_.end(), first, last);
+  }
+
+  const Decoder::Tables& tables_;
+  const cv::Mat& probabilities_;
+  bool wide_;
+  std::size_t beam_;
+  std::vector<Prefix> prefixes_;
+  std::vector<std::uint64_t> layouts_;  // tables_.words for each prefix
+  std::vector<int> kept_;
+  std::vector<int> touched_;
+  std::vector<int> symbols_;
+  std::array<std::vector<Extension>, 2> extensions_;  // of free texts, of layouts
+  double log_scale_ = 0;
+};
+
+}  // namespace
+
+std::vector<Decoded> search_texts(const Decoder::Tables& tables, const cv::Mat& probabilities,
+                                  bool wide) {
+  Search search(tables, probabilities, wide);
+  search.run();
+  return search.complete();
+}
+
+}  // namespace tarsier::plate

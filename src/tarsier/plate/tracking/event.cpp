@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/tracking/event.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::plate {
+namespace {
+
+using nlohmann::ordered_json;
+
+// As many places as mean something.
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+double time_of(double seconds) { return rounded(seconds, 1e3); }
+double share_of(double share) { return rounded(share, 1e4); }
+
+ordered_json box_json(const cv::Rect& box) {
+  return ordered_json::array({box.x, box.y, box.width, box.height});
+}
+
+constexpr int kCropWidth = 640;  // px
+
+}  // namespace
+
+std::string_view name_of(PlateState state) {
+  switch (state) {
+    case PlateState::kOpened:
+      return "opened";
+    case PlateState::kUpdated:
+      return "updated";
+    case PlateState::kClosed:
+      return "closed";
+    case PlateState::kWithdrawn:
+      break;
+  }
+  return "withdrawn";
+}
+
+cv::Mat plate_crop(const cv::Mat& image, const cv::Rect& box) {
+  if (image.empty()) return {};
+  const cv::Point margin{box.width / 6, box.height / 4};
+  const cv::Rect around =
+      cv::Rect(box.tl() - margin, box.br() + margin) & cv::Rect(0, 0, image.cols, image.rows);
+  if (around.empty()) return {};
+  cv::Mat crop = image(around).clone();
+  if (crop.cols > kCropWidth) {
+    const double scale = static_cast<double>(kCropWidth) / crop.cols;
+    cv::resize(crop, crop, {kCropWidth, std::max(1, cvRound(crop.rows * scale))}, 0, 0,
+               cv::INTER_AREA);
+  }
+  return crop;
+}
+
+PlateEvent event_of(const Reading& reading, const cv::Mat& image) {
+  PlateEvent event;
+  event.id = 1;
+  event.text = reading.text;
+  event.confidence = reading.confidence;
+  event.country = reading.country;
+  event.candidates = reading.candidates;
+  event.frames = 1;
+  event.readings = {{0, 0, reading.text, reading.confidence, reading.box}};
+  event.best_box = reading.box;
+  event.best_crop = plate_crop(image, reading.box);
+  return event;
+}
+
+ordered_json candidates_json(const std::vector<Candidate>& candidates) {
+  ordered_json list = ordered_json::array();
+  for (const Candidate& candidate : candidates) {
+    list.push_back({{"text", candidate.text}, {"confidence", share_of(candidate.confidence)}});
+    if (!candidate.country.empty()) list.back()["country"] = candidate.country;
+  }
+  return list;
+}
+
+ordered_json readings_json(const std::vector<TimedReading>& readings) {
+  ordered_json list = ordered_json::array();
+  for (const TimedReading& reading : readings) {
+    list.push_back({{"frame", reading.frame},
+                    {"time", time_of(reading.time)},
+                    {"text", reading.text},
+                    {"confidence", share_of(reading.confidence)},
+                    {"box", box_json(reading.box)}});
+  }
+  return list;
+}
+
+ordered_json event_json(const PlateEvent& event) {
+  const auto seen = [](Moment moment) {
+    return moment == Moment() ? ordered_json() : ordered_json(moment_text(moment));
+  };
+  ordered_json object{{"event", "plate"},
+                      {"state", name_of(event.state)},
+                      {"id", event.id},
+                      {"source", event.source},
+                      {"first_seen", seen(event.first_seen)},
+                      {"last_seen", seen(event.last_seen)}};
+  if (event.state == PlateState::kWithdrawn) {
+    object["merged_into"] =
+        event.merged_into > 0 ? ordered_json(event.merged_into) : ordered_json();
+  }
+  object.update({{"text", event.text},
+                 {"confidence", share_of(event.confidence)},
+                 {"country", event.country.empty() ? ordered_json() : ordered_json(event.country)},
+                 {"candidates", candidates_json(event.candidates)},
+                 {"first_time", time_of(event.first_time)},
+                 {"last_time", time_of(event.last_time)},
+                 {"frames", event.frames},
+                 {"best",
+                  {{"frame", event.best_frame},
+                   {"time", time_of(event.best_time)},
+                   {"box", box_json(event.best_box)}}},
+                 {"readings", readings_json(event.readings)}});
+  return object;
+}
+
+}  // namespace tarsier::plate

@@ -1,0 +1,689 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/tracking/log.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/plate/text/csv.h"
+#include "tarsier/plate/text/text.h"
+#include "tarsier/plate/tracking/source_clock.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+namespace tarsier::plate {
+namespace {
+
+constexpr int kCropQuality = 90;
+constexpr std::size_t kMaxSource = 1000;  // bytes
+
+// 'TPL1'. New columns would stand behind the pictures, and reading them would mean reading through
+// these: so what is known of few entries has a table of its own. plate_gram: the pieces of three
+// characters of each folded text and an end mark ('1234BCD' has 123, 234, 34B, 4BC, BC0, C0$); two
+// characters are found as the beginning of a piece. The statements must cut as grams_of() does.
+const DatabaseKind kKind{"Tarsier plate log",
+                         0x54504C31,
+                         {R"sql(
+CREATE TABLE plate(
+  id INTEGER PRIMARY KEY AUTOINCREMENT,
+  first_time INTEGER NOT NULL,  -- ms since 1970-01-01, UTC
+  last_time INTEGER NOT NULL,
+  source TEXT NOT NULL,
+  text TEXT NOT NULL,
+  confidence REAL NOT NULL,
+  country TEXT NOT NULL,        -- '' where none fits
+  frames INTEGER NOT NULL,
+  x INTEGER NOT NULL, y INTEGER NOT NULL, w INTEGER NOT NULL, h INTEGER NOT NULL,
+  candidates TEXT NOT NULL,     -- JSON
+  readings TEXT NOT NULL,       -- JSON
+  crop BLOB                     -- JPEG
+) STRICT;
+CREATE INDEX plate_by_time ON plate(last_time);
+)sql",
+                          R"sql(
+CREATE TABLE plate_run(
+  id INTEGER PRIMARY KEY AUTOINCREMENT,
+  process TEXT NOT NULL         -- that writes open entries
+) STRICT;
+CREATE TABLE plate_mark(
+  plate INTEGER PRIMARY KEY,    -- entries without a mark are closed, their times right
+  run INTEGER NOT NULL,
+  open INTEGER NOT NULL,        -- 0 closed, 1 open, 2 interrupted
+  unsynced INTEGER NOT NULL,    -- 1: written while the clock was not synchronized
+  retain_from INTEGER           -- of these: when forgetting first saw it, ms
+) STRICT;
+CREATE INDEX plate_mark_by_run ON plate_mark(run, plate);
+CREATE INDEX plate_by_text ON plate(text, last_time);
+CREATE TABLE plate_gram(
+  gram TEXT NOT NULL,
+  plate INTEGER NOT NULL,
+  PRIMARY KEY(gram, plate)
+) STRICT, WITHOUT ROWID;
+WITH RECURSIVE piece(plate, t, n) AS (
+  SELECT id, replace(replace(replace(replace(substr(text, 1, 64), 'O', '0'), 'Q', '0'), 'D', '0'),
+                     'I', '1') || '$', 1 FROM plate
+  UNION ALL SELECT plate, t, n + 1 FROM piece WHERE n < length(t) - 2)
+INSERT OR IGNORE INTO plate_gram
+  SELECT substr(t, n, 3) AS gram, plate FROM piece ORDER BY gram, plate;
+)sql"},
+                         1};
+
+constexpr std::size_t kGram = 3;
+constexpr std::size_t kMaxText = 64;  // characters that pieces are made of
+
+std::vector<std::string> grams_of(const std::string& text) {
+  const std::string folded = fold_symbols(std::string_view(text).substr(0, kMaxText)) + '$';
+  std::vector<std::string> grams;
+  for (std::size_t k = 0; k == 0 || k + kGram <= folded.size(); ++k)
+    grams.push_back(folded.substr(k, kGram));
+  std::sort(grams.begin(), grams.end());
+  grams.erase(std::unique(grams.begin(), grams.end()), grams.end());
+  return grams;
+}
+
+std::int64_t number_of(Moment moment) { return moment.time_since_epoch().count(); }
+
+// Years 1970 to 9999, whatever the file says.
+Moment moment_of(std::int64_t number) {
+  constexpr std::int64_t kEnd = 253'402'300'799'999;
+  return Moment(std::chrono::milliseconds(std::clamp<std::int64_t>(number, 0, kEnd)));
+}
+
+int whole(std::int64_t number) {
+  return static_cast<int>(std::clamp<std::int64_t>(number, std::numeric_limits<int>::min(),
+                                                   std::numeric_limits<int>::max()));
+}
+
+// Edits between a pattern and a text; those of '*' and '?' are free. More than one is two.
+int pattern_edits(std::string_view pattern, std::string_view text) {
+  std::vector<int> row(text.size() + 1);
+  for (std::size_t j = 0; j < row.size(); ++j) row[j] = static_cast<int>(j);
+  for (const char c : pattern) {
+    int diagonal = row[0];
+    row[0] += c == '*' ? 0 : 1;
+    for (std::size_t j = 1; j < row.size(); ++j) {
+      const int above = row[j];
+      if (c == '*') {
+        row[j] = std::min(above, row[j - 1]);
+      } else {
+        const bool same = c == '?' || c == text[j - 1];
+        row[j] = std::min({diagonal + (same ? 0 : 1), above + 1, row[j - 1] + 1});
+      }
+      diagonal = above;
+    }
+  }
+  return row.back();
+}
+
+// Without edits: '*' goes on from the latest one where the rest does not fit.
+bool fits(std::string_view pattern, std::string_view text) {
+  std::size_t p = 0;
+  std::size_t t = 0;
+  std::size_t star = std::string_view::npos;
+  std::size_t resume = 0;
+  while (t < text.size()) {
+    if (p < pattern.size() && pattern[p] == '*') {
+      star = p++;
+      resume = t;
+    } else if (p < pattern.size() && (pattern[p] == '?' || pattern[p] == text[t])) {
+      ++p;
+      ++t;
+    } else if (star != std::string_view::npos) {
+      p = star + 1;
+      t = ++resume;
+    } else {
+      return false;
+    }
+  }
+  while (p < pattern.size() && pattern[p] == '*') ++p;
+  return p == pattern.size();
+}
+
+// The parts of a folded pattern without wildcards; one that ends the pattern ends in '$'.
+std::vector<std::string> literals_of(const std::string& pattern) {
+  std::vector<std::string> parts(1);
+  for (const char c : fold_symbols(pattern) + '$') {
+    if (c != '*' && c != '?') {
+      parts.back() += c;
+    } else if (!parts.back().empty()) {
+      parts.emplace_back();
+    }
+  }
+  std::erase_if(parts, [](const std::string& part) { return part.empty() || part == "$"; });
+  return parts;
+}
+
+// A piece of two characters at the end of a text begins no gram with its end mark.
+bool is_piece(std::string_view piece) {
+  return piece.size() >= kGram || (piece.size() == 2 && piece.back() != '$');
+}
+
+// Pieces that do not overlap, of three characters where there are such, the longer first.
+std::vector<std::string> pieces_of(const std::string& pattern) {
+  std::vector<std::string> pieces;
+  for (const std::string& part : literals_of(pattern)) {
+    std::size_t at = 0;
+    for (; at + kGram <= part.size(); at += kGram) pieces.push_back(part.substr(at, kGram));
+    if (is_piece(part.substr(at))) pieces.push_back(part.substr(at));
+  }
+  std::stable_sort(pieces.begin(), pieces.end(),
+                   [](const std::string& a, const std::string& b) { return a.size() > b.size(); });
+  return pieces;
+}
+
+// One edit spoils one of two pieces: of one long part two short ones are made.
+std::vector<std::string> halves_of(const std::string& pattern) {
+  std::vector<std::string> pieces = pieces_of(pattern);
+  if (pieces.size() >= 2) return {pieces[0], pieces[1]};
+  for (const std::string& part : literals_of(pattern)) {
+    if (part.size() < 4) continue;
+    const std::string first = part.substr(0, 2);
+    const std::string second = part.substr(2, kGram);
+    if (is_piece(second)) return {first, second};
+  }
+  return {};
+}
+
+std::string after(std::string text) {  // the first text that does not begin with this one
+  ++text.back();
+  return text;
+}
+
+LoggedPlate plate_at(const Statement& row) {
+  LoggedPlate plate;
+  plate.id = row.integer(0);
+  plate.first_time = moment_of(row.integer(1));
+  plate.last_time = moment_of(row.integer(2));
+  plate.source = row.text(3);
+  plate.text = row.text(4);
+  plate.confidence = row.real(5);
+  plate.country = row.text(6);
+  plate.frames = row.integer(7);
+  plate.box = {whole(row.integer(8)), whole(row.integer(9)), whole(row.integer(10)),
+               whole(row.integer(11))};
+  plate.candidates = row.text(12);
+  plate.readings = row.text(13);
+  plate.has_crop = row.integer(14) != 0;
+  const std::int64_t open = row.integer(15);
+  plate.state = open == 0   ? LoggedPlate::State::kClosed
+                : open == 1 ? LoggedPlate::State::kOpen
+                            : LoggedPlate::State::kInterrupted;
+  plate.synchronized = row.integer(16) == 0;
+  return plate;
+}
+
+std::string dumped(const nlohmann::ordered_json& value) {
+  return value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+std::vector<std::uint8_t> crop_bytes(const PlateEvent& event, const std::string& path) {
+  return encode_image(".jpg", event.best_crop, path, kCropQuality);
+}
+
+// All that is read until the end is of one moment.
+class ReadTransaction {
+ public:
+  explicit ReadTransaction(Database& database) : database_(database) { database_.run("BEGIN"); }
+  ~ReadTransaction() {
+    try {
+      database_.run("ROLLBACK");
+    } catch (const Error&) {
+      // It has ended by an error.
+    }
+  }
+  ReadTransaction(const ReadTransaction&) = delete;
+  ReadTransaction& operator=(const ReadTransaction&) = delete;
+
+ private:
+  Database& database_;
+};
+
+// Page by page, some at a time; then the write-ahead log, which holds the old pages, is emptied if
+// nobody reads in it just now.
+void give_room_back(Database& database, std::int64_t deleted, const ForgetOptions& options) {
+  constexpr std::int64_t kPages = 2000;
+  std::int64_t free_before = std::numeric_limits<std::int64_t>::max();
+  while (true) {
+    std::int64_t free = 0;
+    {
+      Statement pages(database, "PRAGMA freelist_count");
+      if (pages.step()) free = pages.integer(0);
+    }
+    if (free == 0 || free >= free_before) break;  // or nothing can be given back
+    free_before = free;
+    database.run(fmt::format("PRAGMA incremental_vacuum({})", kPages));
+    if (options.between) options.between(deleted);
+  }
+  // This keeps other writers out while it waits for readers: not for long.
+  database.set_patience(100);
+  database.run("PRAGMA wal_checkpoint(TRUNCATE)");
+}
+
+nlohmann::ordered_json list_of(const std::string& text, const std::string& what,
+                               const std::string& path) {
+  try {
+    return parse_json(text, path, {64'000'000, 8, 2'000'000});
+  } catch (const InputError&) {
+    throw InputError(path, what + " are no JSON");
+  }
+}
+
+}  // namespace
+
+std::string plate_pattern(std::string_view text) {
+  std::string pattern;
+  for (const char c : text) {
+    if (c == ' ' || c == '-') continue;
+    const char upper = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
+    if (class_of(upper) < 0 && upper != '*' && upper != '?') {
+      throw UsageError(
+          fmt::format("--text '{}': letters, digits, '*' (any characters) and '?' (any "
+                      "one) are expected",
+                      printable(text)));
+    }
+    pattern += upper;
+  }
+  if (pattern.empty() || pattern.size() > 64) {
+    throw UsageError(
+        fmt::format("--text '{}': one to 64 characters are expected", printable(text)));
+  }
+  return pattern;
+}
+
+bool matches(std::string_view pattern, std::string_view text, bool near) {
+  if (!near) return fits(pattern, text);
+  return pattern_edits(fold_symbols(pattern), fold_symbols(text)) <= 1;
+}
+
+void ForgetOptions::check() const {
+  TARSIER_REQUIRE(batch >= 1 && batch <= 100'000, "{} entries at a time", batch);
+}
+
+PlateLog::PlateLog(const std::string& path, DatabaseAccess access, int patience_ms)
+    : database_(path, kKind, access, patience_ms), indexed_(database_.version() >= 2) {}
+
+std::int64_t PlateLog::append(const PlateEvent& event) {
+  std::vector<std::uint8_t> crop;
+  if (!event.best_crop.empty()) crop = crop_bytes(event, database_.path());
+  Transaction together(database_);
+  const std::int64_t id = put(event, 0, 0, std::span<const std::uint8_t>(crop));
+  together.commit();
+  return id;
+}
+
+std::int64_t PlateLog::begin_run(const std::string& process,
+                                 const std::function<bool(const std::string&)>& lives) {
+  Transaction together(database_);
+  std::vector<std::int64_t> dead;
+  {
+    Statement runs(database_, "SELECT id, process FROM plate_run");
+    while (runs.step()) {
+      if (!lives(runs.text(1))) dead.push_back(runs.integer(0));
+    }
+  }
+  for (const std::int64_t run : dead) {
+    Statement(database_, "UPDATE plate_mark SET open = 2 WHERE run = ? AND open = 1")
+        .bind(1, run)
+        .step();
+    Statement(database_, "DELETE FROM plate_run WHERE id = ?").bind(1, run).step();
+  }
+  Statement(database_, "INSERT INTO plate_run(process) VALUES(?)")
+      .bind(1, std::string_view(process))
+      .step();
+  const std::int64_t run = database_.last_row_id();
+  together.commit();
+  return run;
+}
+
+void PlateLog::end_run(std::int64_t run) {
+  Statement(database_, "DELETE FROM plate_run WHERE id = ?").bind(1, run).step();
+}
+
+std::int64_t PlateLog::put(const PlateEvent& event, std::int64_t id, std::int64_t run,
+                           std::optional<std::span<const std::uint8_t>> crop) {
+  const std::string shown = masked(event.source);
+  std::optional<std::string> before;
+  if (id > 0) {
+    Statement row(database_, "SELECT text FROM plate WHERE id = ?");
+    if (row.bind(1, id).step()) before = row.text(0);
+  }
+  Statement write(database_,
+                  before ? "UPDATE plate SET first_time = ?, last_time = ?, source = ?, text = ?, "
+                           "confidence = ?, country = ?, frames = ?, x = ?, y = ?, w = ?, h = ?, "
+                           "candidates = ?, readings = ? WHERE id = ?"
+                         : "INSERT INTO plate(first_time, last_time, source, text, confidence, "
+                           "country, frames, x, y, w, h, candidates, readings) "
+                           "VALUES(?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+  write.bind(1, number_of(event.first_seen))
+      .bind(2, number_of(event.last_seen))
+      .bind(3, std::string_view(shown).substr(0, kMaxSource))
+      .bind(4, std::string_view(event.text))
+      .bind(5, std::isfinite(event.confidence) ? event.confidence : 0.0)
+      .bind(6, std::string_view(event.country))
+      .bind(7, event.frames)
+      .bind(8, std::int64_t{event.best_box.x})
+      .bind(9, std::int64_t{event.best_box.y})
+      .bind(10, std::int64_t{event.best_box.width})
+      .bind(11, std::int64_t{event.best_box.height})
+      .bind(12, std::string_view(dumped(candidates_json(event.candidates))))
+      .bind(13, std::string_view(dumped(readings_json(event.readings))));
+  if (before) write.bind(14, id);
+  (void)write.step();
+  if (!before) id = database_.last_row_id();
+  if (crop && !crop->empty()) {
+    Statement(database_, "UPDATE plate SET crop = ? WHERE id = ?")
+        .bind(1, *crop)
+        .bind(2, id)
+        .step();
+  }
+  if (!before || *before != event.text) {
+    if (before) remove_grams(id, *before);
+    add_grams(id, event.text);
+  }
+  mark(event, id, run);
+  return id;
+}
+
+void PlateLog::mark(const PlateEvent& event, std::int64_t id, std::int64_t run) {
+  const bool open = event.state == PlateState::kOpened || event.state == PlateState::kUpdated;
+  if (!open && event.synchronized) {
+    Statement(database_, "DELETE FROM plate_mark WHERE plate = ?").bind(1, id).step();
+    return;
+  }
+  Statement(database_,
+            "INSERT INTO plate_mark(plate, run, open, unsynced) VALUES(?, ?, ?, ?) ON "
+            "CONFLICT(plate) DO UPDATE SET run = excluded.run, open = excluded.open, unsynced = "
+            "excluded.unsynced")
+      .bind(1, id)
+      .bind(2, run)
+      .bind(3, std::int64_t{open ? 1 : 0})
+      .bind(4, std::int64_t{event.synchronized ? 0 : 1})
+      .step();
+}
+
+void PlateLog::add_grams(std::int64_t id, const std::string& text) {
+  Statement add(database_, "INSERT OR IGNORE INTO plate_gram VALUES(?, ?)");
+  for (const std::string& gram : grams_of(text)) {
+    add.bind(1, std::string_view(gram)).bind(2, id).step();
+    add.reset();
+  }
+}
+
+void PlateLog::remove_grams(std::int64_t id, const std::string& text) {
+  Statement remove(database_, "DELETE FROM plate_gram WHERE gram = ? AND plate = ?");
+  for (const std::string& gram : grams_of(text)) {
+    remove.bind(1, std::string_view(gram)).bind(2, id).step();
+    remove.reset();
+  }
+}
+
+void PlateLog::remove(std::int64_t id) {
+  std::string text;
+  {
+    Statement row(database_, "SELECT text FROM plate WHERE id = ?");
+    if (!row.bind(1, id).step()) return;
+    text = row.text(0);
+  }
+  remove_grams(id, text);
+  Statement(database_, "DELETE FROM plate_mark WHERE plate = ?").bind(1, id).step();
+  Statement(database_, "DELETE FROM plate WHERE id = ?").bind(1, id).step();
+}
+
+void PlateLog::shift_unsynchronized(std::int64_t run, std::chrono::milliseconds by) {
+  Statement(database_,
+            "UPDATE plate SET first_time = first_time + ?1, last_time = last_time + ?1 WHERE id IN "
+            "(SELECT plate FROM plate_mark WHERE run = ?2 AND unsynced = 1)")
+      .bind(1, std::int64_t{by.count()})
+      .bind(2, run)
+      .step();
+}
+
+void PlateLog::trust_clock(std::int64_t run) {
+  Statement(database_, "DELETE FROM plate_mark WHERE run = ? AND open = 0").bind(1, run).step();
+  Statement(database_, "UPDATE plate_mark SET unsynced = 0 WHERE run = ?").bind(1, run).step();
+}
+
+// By an index where the pattern allows: equal texts, a beginning, or pieces that a text must hold;
+// else through the texts alone, which have an index as well. What was found is then looked at.
+std::vector<PlateLog::Found> PlateLog::find(const LogFilter& filter) {
+  const std::string& pattern = filter.text;
+  std::vector<Found> found;
+  const auto look = [&](Statement& rows) {  // id, text, last_time
+    std::string last;
+    bool fitted = false;
+    bool first = true;
+    while (rows.step()) {
+      std::string text = rows.text(1);
+      if (first || text != last) {  // equal texts stand together in the index
+        fitted = matches(pattern, text, filter.near);
+        last = std::move(text);
+        first = false;
+      }
+      if (fitted) found.push_back({rows.integer(2), rows.integer(0)});
+    }
+  };
+  const std::string begin = pattern.substr(0, pattern.find_first_of("*?"));
+  if (!filter.near && begin.size() == pattern.size()) {
+    Statement rows(database_, "SELECT id, text, last_time FROM plate WHERE text = ?");
+    rows.bind(1, std::string_view(pattern));
+    look(rows);
+    return found;
+  }
+  const std::vector<std::string> pieces = filter.near ? halves_of(pattern) : pieces_of(pattern);
+  const bool has_piece =
+      indexed_ && !pieces.empty() && (filter.near || pieces[0].size() > begin.size());
+  if (has_piece) {
+    // Near: one of the pieces is there unspoilt. Else all are; three tell enough.
+    std::string query;
+    const std::size_t count = std::min<std::size_t>(pieces.size(), 3);
+    for (std::size_t k = 0; k < count; ++k) {
+      if (k > 0 && !filter.near && pieces[k].size() < kGram) break;
+      if (k > 0) query += filter.near ? " UNION " : " INTERSECT ";
+      query += pieces[k].size() >= kGram
+                   ? fmt::format("SELECT plate FROM plate_gram WHERE gram = ?{}", 2 * k + 1)
+                   : fmt::format("SELECT plate FROM plate_gram WHERE gram >= ?{} AND gram < ?{}",
+                                 2 * k + 1, 2 * k + 2);
+    }
+    Statement rows(database_, "SELECT id, text, last_time FROM plate WHERE id IN (" + query + ")");
+    for (std::size_t k = 0; k < count; ++k) {
+      if (k > 0 && !filter.near && pieces[k].size() < kGram) break;
+      rows.bind(static_cast<int>(2 * k + 1), std::string_view(pieces[k]));
+      if (pieces[k].size() < kGram)
+        rows.bind(static_cast<int>(2 * k + 2), std::string_view(after(pieces[k])));
+    }
+    look(rows);
+    return found;
+  }
+  if (!filter.near && !begin.empty()) {
+    Statement rows(database_, "SELECT id, text, last_time FROM plate WHERE text >= ? AND text < ?");
+    rows.bind(1, std::string_view(begin)).bind(2, std::string_view(after(begin)));
+    look(rows);
+    return found;
+  }
+  Statement rows(database_, "SELECT id, text, last_time FROM plate ORDER BY text");
+  look(rows);
+  return found;
+}
+
+std::int64_t PlateLog::query(const LogFilter& filter,
+                             const std::function<bool(const LoggedPlate&)>& take) {
+  constexpr std::int64_t kFarthest = std::numeric_limits<std::int64_t>::max();
+  const std::int64_t since = filter.since ? number_of(*filter.since) : -kFarthest;
+  const std::int64_t until = filter.until ? number_of(*filter.until) : kFarthest;
+  const std::string columns = fmt::format(
+      "SELECT id, first_time, last_time, source, text, confidence, country, frames, x, y, w, h, "
+      "candidates, readings, crop IS NOT NULL, {} FROM plate {} ",
+      indexed_ ? "coalesce(open, 0), coalesce(unsynced, 0)" : "0, 0",
+      indexed_ ? "LEFT JOIN plate_mark ON plate_mark.plate = plate.id" : "");
+  const std::string wanted = "last_time >= ?1 AND first_time <= ?2 AND (?3 = '' OR source = ?3) ";
+  const auto bind = [&](Statement& rows) {
+    rows.bind(1, since).bind(2, until).bind(3, std::string_view(filter.source));
+  };
+  std::int64_t taken = 0;
+  const auto is_enough = [&] { return filter.limit > 0 && taken >= filter.limit; };
+  if (filter.text.empty()) {
+    Statement rows(database_, columns + "WHERE " + wanted + "ORDER BY last_time DESC, id DESC");
+    bind(rows);
+    while (!is_enough() && rows.step()) {
+      ++taken;
+      if (!take(plate_at(rows))) break;
+    }
+    return taken;
+  }
+  const ReadTransaction moment(database_);  // entries are those that were found
+  std::vector<Found> found = find(filter);
+  std::erase_if(found, [&](const Found& entry) { return entry.last_time < since; });
+  std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) {
+    return a.last_time != b.last_time ? a.last_time > b.last_time : a.id > b.id;
+  });
+  Statement row(database_, columns + "WHERE id = ?4 AND " + wanted);
+  for (const Found& entry : found) {
+    if (is_enough()) break;
+    bind(row);
+    row.bind(4, entry.id);
+    std::optional<LoggedPlate> plate;
+    if (row.step()) plate = plate_at(row);
+    row.reset();
+    if (!plate) continue;
+    ++taken;
+    if (!take(*plate)) break;
+  }
+  return taken;
+}
+
+std::vector<std::uint8_t> PlateLog::crop(std::int64_t id) {
+  Statement row(database_, "SELECT crop FROM plate WHERE id = ?");
+  row.bind(1, id);
+  return row.step() ? row.bytes(0) : std::vector<std::uint8_t>();
+}
+
+std::int64_t PlateLog::count() {
+  Statement row(database_, "SELECT count(*) FROM plate");
+  return row.step() ? row.integer(0) : 0;
+}
+
+std::int64_t PlateLog::forget(Moment now, std::chrono::milliseconds age,
+                              const ForgetOptions& options) {
+  options.check();
+  if (!is_plausible(now)) {
+    throw InputError(
+        database_.path(),
+        fmt::format("nothing is deleted, as the clock says {}: set it first", moment_text(now)));
+  }
+  const std::int64_t cutoff = number_of(now - age);
+  struct Old {
+    std::int64_t id = 0;
+    std::int64_t last_time = 0;
+    std::string text;
+    bool is_sure = true;
+    bool is_new_to_us = false;
+  };
+  std::int64_t deleted = 0;
+  std::int64_t from_time = std::numeric_limits<std::int64_t>::min();
+  std::int64_t from_id = from_time;
+  while (true) {
+    Transaction together(database_);
+    std::vector<Old> batch;
+    {
+      Statement rows(
+          database_,
+          "SELECT p.id, p.last_time, p.text, coalesce(m.unsynced, 0), m.retain_from, "
+          "(SELECT n.last_time FROM plate n WHERE n.id = (SELECT max(k.plate) FROM plate_mark k "
+          "WHERE k.run = m.run)) FROM plate p LEFT JOIN plate_mark m ON m.plate = p.id WHERE "
+          "(p.last_time, p.id) > (?1, ?2) AND p.last_time < ?3 ORDER BY p.last_time, p.id LIMIT "
+          "?4");
+      rows.bind(1, from_time).bind(2, from_id).bind(3, cutoff).bind(4, std::int64_t{options.batch});
+      while (rows.step()) {
+        Old old{rows.integer(0), rows.integer(1), rows.text(2)};
+        if (rows.integer(3) != 0) {
+          const bool seen_long_ago = !rows.is_null(4) && rows.integer(4) < cutoff;
+          const bool long_before_others =
+              !rows.is_null(5) && rows.integer(5) - old.last_time > age.count();
+          old.is_sure = seen_long_ago || long_before_others;
+          old.is_new_to_us = rows.is_null(4);
+        }
+        batch.push_back(std::move(old));
+      }
+    }
+    if (batch.empty()) break;
+    from_time = batch.back().last_time;
+    from_id = batch.back().id;
+    const std::int64_t before = deleted;
+    for (const Old& old : batch) {
+      if (old.is_sure) {
+        remove(old.id);
+        ++deleted;
+      } else if (old.is_new_to_us) {
+        Statement(database_, "UPDATE plate_mark SET retain_from = ? WHERE plate = ?")
+            .bind(1, number_of(now))
+            .bind(2, old.id)
+            .step();
+      }
+    }
+    together.commit();
+    if (options.between && deleted > before) options.between(deleted);
+    if (batch.size() < static_cast<std::size_t>(options.batch)) break;
+  }
+  if (deleted > 0) give_room_back(database_, deleted, options);
+  return deleted;
+}
+
+namespace {
+
+std::string_view name_of(LoggedPlate::State state) {
+  switch (state) {
+    case LoggedPlate::State::kClosed:
+      return "closed";
+    case LoggedPlate::State::kOpen:
+      return "open";
+    case LoggedPlate::State::kInterrupted:
+      break;
+  }
+  return "interrupted";
+}
+
+}  // namespace
+
+nlohmann::ordered_json logged_json(const LoggedPlate& plate, const std::string& path) {
+  const std::string what = fmt::format("entry {}: its ", plate.id);
+  nlohmann::ordered_json object{
+      {"id", plate.id},
+      {"text", plate.text},
+      {"confidence", std::round(plate.confidence * 1e4) / 1e4},
+      {"country",
+       plate.country.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(plate.country)},
+      {"source", plate.source},
+      {"first_time", moment_text(plate.first_time)},
+      {"last_time", moment_text(plate.last_time)},
+      {"frames", plate.frames},
+      {"box", {plate.box.x, plate.box.y, plate.box.width, plate.box.height}},
+      {"candidates", list_of(plate.candidates, what + "candidates", path)},
+      {"readings", list_of(plate.readings, what + "readings", path)},
+      {"crop", plate.has_crop},
+      {"state", name_of(plate.state)}};
+  if (!plate.synchronized) object["clock"] = "unsynchronized";
+  return object;
+}
+
+std::string logged_csv_header() {
+  return csv_line({"id", "first_time", "last_time", "source", "text", "confidence", "country",
+                   "frames", "x", "y", "w", "h", "state"});
+}
+
+std::string logged_csv_line(const LoggedPlate& plate) {
+  return csv_line({fmt::format("{}", plate.id), moment_text(plate.first_time),
+                   moment_text(plate.last_time), plate.source, plate.text,
+                   fmt::format("{:.4f}", plate.confidence), plate.country,
+                   fmt::format("{}", plate.frames), fmt::format("{}", plate.box.x),
+                   fmt::format("{}", plate.box.y), fmt::format("{}", plate.box.width),
+                   fmt::format("{}", plate.box.height), std::string(name_of(plate.state))});
+}
+
+}  // namespace tarsier::plate

@@ -1,0 +1,270 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/tracking/track.h"
+
+#include "tarsier/core/boxes.h"
+#include "tarsier/plate/text/text.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <iterator>
+#include <utility>
+
+namespace tarsier::plate {
+namespace {
+
+constexpr double kCoasting = 1.0;        // s for which motion is followed without a reading
+constexpr double kParkedAfter = 3.0;     // s
+constexpr double kStray = 3.0;           // s that a vehicle that was hardly read is remembered
+constexpr std::size_t kTellingText = 5;  // shorter ones are too common to know a vehicle by
+constexpr std::int64_t kLasting = 10;    // readings
+constexpr double kLastingAgreement = 0.6;
+
+// Lengths below are in widths of the plate, so that they mean the same near and far.
+constexpr double kReach = 0.6;             // from the predicted place
+constexpr double kReachPerSecond = 3;      // of a vehicle whose motion is known
+constexpr double kReachOfNew = 10;         // the same of one seen once
+constexpr double kJumpPerSecond = 15;      // for a text that is nearly the same
+constexpr double kSameJumpPerSecond = 40;  // for the same text
+
+cv::Point2d center_of(const cv::Rect& box) {
+  return {box.x + 0.5 * (box.width - 1), box.y + 0.5 * (box.height - 1)};
+}
+
+double quality_of(const Evidence& evidence) {
+  return weight_of(evidence.ballot, 0) * std::max(evidence.ballot.height_px, 1.0);
+}
+
+void move_to(Track& track, const cv::Rect& box, double time) {
+  const cv::Point2d center = center_of(box);
+  const double step = time - track.last_time;
+  if (track.frames > 0 && step > 1e-3) {
+    const cv::Point2d velocity = (center - track.center) / step;
+    track.velocity = track.moves == 0 ? velocity : 0.5 * (track.velocity + velocity);
+    ++track.moves;
+  }
+  track.center = center;
+  track.size = {std::max(1.0, static_cast<double>(box.width)),
+                std::max(1.0, static_cast<double>(box.height))};
+  if (track.frames == 0 || cv::norm(center - track.anchor) > 0.5 * track.size.width) {
+    track.anchor = center;
+    track.anchor_time = time;
+  }
+}
+
+// Leaves out the least telling of the readings between the first and the last.
+void thin_out(std::vector<Evidence>& evidence, std::size_t most) {
+  while (evidence.size() > most) {
+    const auto worst = std::min_element(
+        evidence.begin() + 1, evidence.end() - 1,
+        [](const Evidence& a, const Evidence& b) { return quality_of(a) < quality_of(b); });
+    evidence.erase(worst);
+  }
+}
+
+bool same_text(const std::string& a, const std::string& b) {
+  return a.size() >= kTellingText && fold_symbols(a) == fold_symbols(b);
+}
+
+bool is_candidate(const std::string& text, const std::vector<Candidate>& candidates) {
+  return std::any_of(candidates.begin(), candidates.end(),
+                     [&](const Candidate& candidate) { return candidate.text == text; });
+}
+
+}  // namespace
+
+const std::string& text_of(const Track& track) {
+  static const std::string kNone;
+  return track.voted.empty() ? kNone : track.voted.front().text;
+}
+
+double confidence_of(const Track& track) {
+  return track.voted.empty() ? 0 : track.voted.front().confidence;
+}
+
+void add_reading(Track& track, const Reading& reading, const TrackedFrame& frame, double time,
+                 const TrackerOptions& options) {
+  move_to(track, reading.box, time);
+  if (track.frames == 0) {
+    track.first_time = time;
+    track.first_uptime = frame.seen.uptime;
+    track.source = frame.source;
+  }
+  track.last_time = time;
+  track.last_seen = frame.seen;
+  track.read_now = true;
+  ++track.frames;
+  track.evidence.push_back(
+      {{frame.index, time, reading.text, reading.confidence, reading.box}, ballot_of(reading)});
+  track.surest = std::max(track.surest, reading.confidence);
+  const double quality = quality_of(track.evidence.back());
+  if (quality > track.best_quality) {
+    track.best_quality = quality;
+    track.best_frame = frame.index;
+    track.best_time = time;
+    track.best_box = reading.box;
+    if (!frame.image.empty()) track.best_crop = plate_crop(frame.image, reading.box);
+  }
+  thin_out(track.evidence, static_cast<std::size_t>(options.max_readings));
+}
+
+cv::Rect2d predicted_box(const Track& track, double time) {
+  const double step = std::clamp(time - track.last_time, 0.0, kCoasting);
+  const cv::Point2d center = track.center + track.velocity * step;
+  return {center.x - 0.5 * track.size.width, center.y - 0.5 * track.size.height, track.size.width,
+          track.size.height};
+}
+
+bool is_parked(const Track& track) { return track.last_time - track.anchor_time >= kParkedAfter; }
+
+void vote_now(Track& track, const TrackerOptions& options) {
+  std::vector<Ballot> ballots;
+  for (const Evidence& evidence : track.evidence) ballots.push_back(evidence.ballot);
+  track.voted = vote(ballots, options.voting);
+  double sum = 0;
+  for (const Evidence& evidence : track.evidence) {
+    sum += text_similarity(evidence.reading.text, text_of(track));
+  }
+  track.agreement = track.evidence.empty() ? 0 : sum / static_cast<double>(track.evidence.size());
+}
+
+void vote_if_due(Track& track, const TrackerOptions& options) {
+  if (track.frames <= 10 || track.frames % 5 == 0) vote_now(track, options);
+}
+
+bool is_confirmed(const Track& track, const TrackerOptions& options) {
+  if (track.frames < options.min_readings || track.voted.empty()) return false;
+  const std::string text = text_of(track);
+  const bool has_digit = text.find_first_of("0123456789") != std::string::npos;
+  if (track.surest < options.min_single || (!has_digit && !options.words)) return false;
+  const bool never_moved = is_parked(track) && track.anchor_time - track.first_time < kParkedAfter;
+  if (never_moved) return confidence_of(track) >= options.min_standing;
+  // What moves and is read much the same for long is a plate, though its text may be in doubt.
+  const bool lasting = track.frames >= kLasting && track.agreement >= kLastingAgreement;
+  return lasting || confidence_of(track) >= options.min_confidence;
+}
+
+void absorb(Track& track, Track&& earlier, const TrackerOptions& options) {
+  track.id = earlier.id;
+  track.first_time = earlier.first_time;
+  track.first_uptime = earlier.first_uptime;
+  track.source = earlier.source;
+  track.announced = earlier.announced;
+  track.announced_text = earlier.announced_text;
+  track.announced_last = earlier.announced_last;
+  track.next_update = track.last_time;  // what is known of both is worth saying
+  track.frames += earlier.frames;
+  track.surest = std::max(track.surest, earlier.surest);
+  if (cv::norm(track.anchor - earlier.anchor) <= 0.5 * track.size.width) {
+    track.anchor_time = earlier.anchor_time;
+  }
+  std::move(track.evidence.begin(), track.evidence.end(), std::back_inserter(earlier.evidence));
+  track.evidence = std::move(earlier.evidence);
+  if (earlier.best_quality > track.best_quality) {
+    track.best_quality = earlier.best_quality;
+    track.best_frame = earlier.best_frame;
+    track.best_time = earlier.best_time;
+    track.best_box = earlier.best_box;
+    track.best_crop = earlier.best_crop;
+  }
+  thin_out(track.evidence, static_cast<std::size_t>(options.max_readings));
+  vote_now(track, options);
+}
+
+PlateEvent event_of(const Track& track, PlateState state) {
+  PlateEvent event;
+  event.id = track.id;
+  event.state = state;
+  event.source = track.source;
+  event.text = text_of(track);
+  event.confidence = confidence_of(track);
+  event.country = track.voted.empty() ? "" : track.voted.front().country;
+  event.candidates = track.voted;
+  event.first_time = track.first_time;
+  event.last_time = track.last_time;
+  // From the end backwards: a clock that was set meanwhile is right now, and how long the stay was
+  // is known from the one that nobody sets.
+  event.last_seen = track.last_seen.wall;
+  event.first_seen = event.last_seen - std::max(track.last_seen.uptime - track.first_uptime,
+                                                std::chrono::milliseconds(0));
+  event.synchronized = track.last_seen.synchronized;
+  event.frames = track.frames;
+  for (const Evidence& evidence : track.evidence) event.readings.push_back(evidence.reading);
+  event.best_frame = track.best_frame;
+  event.best_time = track.best_time;
+  event.best_box = track.best_box;
+  event.best_crop = track.best_crop;
+  return event;
+}
+
+double text_similarity(const std::string& a, const std::string& b) {
+  const std::size_t longest = std::max(a.size(), b.size());
+  if (longest == 0) return 0;
+  const int edits = edit_distance(fold_symbols(a), fold_symbols(b));
+  return 1 - static_cast<double>(edits) / static_cast<double>(longest);
+}
+
+double patience_for(const Track& track, const TrackerOptions& options) {
+  if (!is_confirmed(track, options)) {
+    return options.lost_after + std::min(options.return_within, kStray);
+  }
+  return options.lost_after +
+         (is_parked(track) ? options.parked_return_within : options.return_within);
+}
+
+double fit(const Track& track, const Reading& reading, double time, const TrackerOptions& options) {
+  constexpr double kNo = -1;
+  const double since = std::max(time - track.last_time, 0.0);
+  if (since > patience_for(track, options)) return kNo;
+  const cv::Rect2d expected = predicted_box(track, time);
+  const double width = 0.5 * (track.size.width + reading.box.width);
+  const cv::Point2d middle{expected.x + 0.5 * expected.width, expected.y + 0.5 * expected.height};
+  const double distance = cv::norm(center_of(reading.box) - middle) / std::max(width, 1.0);
+  const double grown = std::max(track.size.width / std::max(reading.box.width, 1),
+                                reading.box.width / track.size.width);
+  double similar = text_similarity(text_of(track), reading.text);
+  if (!track.evidence.empty()) {
+    similar = std::max(similar, text_similarity(track.evidence.back().reading.text, reading.text));
+  }
+  const double common = intersection_over_union(expected, cv::Rect2d(reading.box));
+
+  if (since > options.lost_after) {
+    // Out of sight meanwhile: known again by its text, or at the place where it stood.
+    const bool in_place = is_parked(track) &&
+                          cv::norm(center_of(reading.box) - track.anchor) < 0.5 * width &&
+                          grown < 1.3 && similar >= 0.6;
+    const bool returned = since <= options.lost_after + options.return_within &&
+                          same_text(text_of(track), reading.text);
+    return in_place || returned ? 0.5 * similar : kNo;
+  }
+  const bool contradicts =
+      reading.confidence >= 0.6 && confidence_of(track) >= 0.6 && similar < 0.5;
+  if (contradicts || grown > 1.6 + 2 * since) return kNo;
+  const double reach = kReach + since * (track.moves > 0 ? kReachPerSecond : kReachOfNew);
+  const bool near = distance <= reach && (distance < 0.8 || similar >= 0.45);
+  const bool jumped =
+      (same_text(text_of(track), reading.text) && distance <= 1 + kSameJumpPerSecond * since) ||
+      (similar >= 0.8 && distance <= 1 + kJumpPerSecond * since);
+  if (!near && !jumped) return kNo;
+  return std::max(0.0, 1 - distance / reach) + similar + 0.5 * common;
+}
+
+bool is_same(const Track& earlier, const Track& later, const TrackerOptions& options) {
+  if (earlier.last_time >= later.first_time) return false;  // in sight together
+  const double gap = later.first_time - earlier.last_time;
+  if (gap > patience_for(earlier, options)) return false;
+  const std::string& a = text_of(earlier);
+  const std::string& b = text_of(later);
+  const double width = 0.5 * (earlier.size.width + later.size.width);
+  const bool in_place = is_parked(earlier) && cv::norm(later.center - earlier.anchor) < 0.5 * width;
+  if (in_place && text_similarity(a, b) >= 0.6) return true;
+  if (gap > options.lost_after + options.return_within) return false;
+  if (same_text(a, b)) return true;
+  // One character apart: only where the worse of the two was in doubt about it.
+  const bool earlier_is_worse = confidence_of(earlier) < confidence_of(later);
+  const Track& worse = earlier_is_worse ? earlier : later;
+  return edit_distance(a, b) == 1 && std::min(a.size(), b.size()) >= kTellingText &&
+         confidence_of(worse) < 0.6 && is_candidate(earlier_is_worse ? b : a, worse.voted);
+}
+
+}  // namespace tarsier::plate

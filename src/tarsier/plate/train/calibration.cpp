@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/plate/train/training.h"
+
+#include <opencv2/core.hpp>
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::plate {
+namespace {
+
+constexpr int kFeatures = 5;
+using Features = std::array<double, kFeatures>;
+
+// Newton's method for logistic regression with a ridge that keeps separable data finite.
+Calibration fit(const std::vector<Features>& rows, const std::vector<int>& labels) {
+  constexpr double kRidge = 1e-2;
+  cv::Mat w = cv::Mat::zeros(kFeatures, 1, CV_64F);
+  for (int round = 0; round < 50; ++round) {
+    cv::Mat hessian = cv::Mat::eye(kFeatures, kFeatures, CV_64F) * kRidge;
+    cv::Mat slope = w * kRidge;
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      double logit = 0;
+      for (int k = 0; k < kFeatures; ++k)
+        logit += w.at<double>(k) * rows[i][static_cast<std::size_t>(k)];
+      const double p = 1 / (1 + std::exp(-logit));
+      for (int k = 0; k < kFeatures; ++k) {
+        const double x = rows[i][static_cast<std::size_t>(k)];
+        slope.at<double>(k) += (p - labels[i]) * x;
+        for (int j = 0; j < kFeatures; ++j)
+          hessian.at<double>(k, j) += p * (1 - p) * x * rows[i][static_cast<std::size_t>(j)];
+      }
+    }
+    cv::Mat step;
+    cv::solve(hessian, slope, step, cv::DECOMP_CHOLESKY);
+    w -= step;
+    if (cv::norm(step) < 1e-9) break;
+  }
+  Calibration result;
+  for (int k = 0; k < kFeatures; ++k) result.weights[static_cast<std::size_t>(k)] = w.at<double>(k);
+  return result;
+}
+
+}  // namespace
+
+Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views, int count,
+                            std::uint64_t seed, Progress& progress, std::stop_token stop) {
+  TARSIER_REQUIRE(count >= 100, "{} plates are too few", count);
+  const Rng base(seed);
+  std::vector<Features> rows(static_cast<std::size_t>(count));
+  std::vector<int> labels(static_cast<std::size_t>(count), -1);
+  progress.begin("calibration", count, "plates");
+  constexpr int kBlock = 200;
+  for (int first = 0; first < count; first += kBlock) {
+    throw_if_stopped(stop);
+    const int last = std::min(count, first + kBlock);
+    cv::parallel_for_(cv::Range(first, last), [&](const cv::Range& range) {
+      for (int i = range.start; i < range.end; ++i) {
+        Rng rng = base.fork(static_cast<std::uint64_t>(i));
+        ViewOptions options;
+        options.drawn = 1;
+        options.none = 0;
+        options.centred = true;
+        const double width = 40 * std::pow(6.0, rng.uniform());
+        options.min_width = width;
+        options.max_width = width * 1.02;
+        options.size = {static_cast<int>(width * 1.6), static_cast<int>(width)};
+        const View view = views.make(options, rng);
+        if (view.plates.empty() || view.plates.back().symbols.empty()) continue;
+        const ViewPlate& plate = view.plates.back();
+        std::string text;
+        for (const ViewPlate::Symbol& symbol : plate.symbols) text += symbol.symbol;
+        const Reading reading =
+            recognizer.read_at(view.gray, plate.plate, &rows[static_cast<std::size_t>(i)]);
+        if (reading.text.empty()) continue;
+        labels[static_cast<std::size_t>(i)] = reading.text == text ? 1 : 0;
+      }
+    });
+    progress.advance(last - first);
+  }
+  progress.end();
+  std::vector<Features> used;
+  std::vector<int> right;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (labels[i] < 0) continue;
+    used.push_back(rows[i]);
+    right.push_back(labels[i]);
+  }
+  return fit(used, right);
+}
+
+}  // namespace tarsier::plate

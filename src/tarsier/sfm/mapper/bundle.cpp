@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/bundle.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/sfm/mapper/bundle_solver.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <initializer_list>
+#include <iterator>
+#include <numeric>
+#include <string>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kSharpSize = 5;    // px
+constexpr double kScaleHold = 1e4;  // px, of a scale twice as large; thousands of points pull along
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+LensNumbers numbers_of(const geometry::Camera& camera) {
+  return {camera.fx,
+          camera.fy / camera.fx,
+          camera.cx,
+          camera.cy,
+          camera.distortion[0],
+          camera.distortion[1],
+          camera.distortion[2],
+          camera.distortion[3],
+          camera.distortion[4]};
+}
+
+void apply_numbers(const LensNumbers& numbers, geometry::Camera& camera) {
+  camera.fx = numbers[0];
+  camera.fy = numbers[0] * numbers[1];
+  camera.cx = numbers[2];
+  camera.cy = numbers[3];
+  for (std::size_t k = 0; k < 5; ++k) camera.distortion[k] = numbers[4 + k];
+}
+
+// Which lens numbers are refined.
+std::vector<int> free_numbers(const BundleOptions& options) {
+  std::vector<int> free;
+  const auto add = [&](bool is_free, std::initializer_list<int> numbers) {
+    if (is_free) std::copy(numbers.begin(), numbers.end(), std::back_inserter(free));
+  };
+  add(options.focal, {0});
+  add(options.center, {2, 3});
+  add(options.distortion, {4, 5, 6, 7});
+  return free;
+}
+
+// A large feature is not located as well as a small one: by how much its residual counts.
+double weight_of(const Image& image, int feature) {
+  if (image.sizes.empty()) return 1;
+  const auto size = static_cast<double>(image.sizes[at(feature)]);
+  return 1 / std::clamp(size / kSharpSize, 0.7, 4.0);
+}
+
+double rms(const Model& model, const std::vector<int>& points) {
+  double sum = 0;
+  std::int64_t count = 0;
+  for (const int p : points) {
+    const Point& point = model.points[static_cast<std::size_t>(p)];
+    for (const Observation& seen : point.track) {
+      const Image& image = model.images[static_cast<std::size_t>(seen.image)];
+      if (!image.registered) continue;
+      const auto pixel = model.cameras[static_cast<std::size_t>(image.camera)].project(
+          image.pose * point.position);
+      if (!pixel) continue;
+      const cv::Point2d d =
+          *pixel - cv::Point2d(image.features[static_cast<std::size_t>(seen.feature)]);
+      sum += d.dot(d);
+      ++count;
+    }
+  }
+  return count > 0 ? std::sqrt(sum / static_cast<double>(count)) : 0;
+}
+
+// Whether an adjustment may leave a lens like this behind.
+bool is_lens(const geometry::Camera& after, const geometry::Camera& before) {
+  const auto is_finite = [](double number) { return std::isfinite(number); };
+  if (!std::all_of(after.distortion.begin(), after.distortion.end(), is_finite) ||
+      !std::isfinite(after.cx) || !std::isfinite(after.cy)) {
+    return false;
+  }
+  const double larger = std::max(after.width, after.height);
+  const auto allowed = [&](double focal, double start) {
+    return focal >= std::min(start, kMinFocalShare * larger) &&
+           focal <= std::max(start, kMaxFocalShare * larger);
+  };
+  return allowed(after.fx, before.fx) && allowed(after.fy, before.fy);
+}
+
+// Without what products of many rotations have gathered.
+geometry::Rigid clean(const geometry::Rigid& pose) {
+  return {geometry::rotation_of(geometry::quaternion_of(pose.rotation)), pose.translation};
+}
+
+}  // namespace
+
+BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_token& stop) {
+  BundleReport report;
+  std::vector<int> movers = options.images;
+  if (movers.empty()) {
+    movers.resize(model.images.size());
+    std::iota(movers.begin(), movers.end(), 0);
+  }
+  std::erase_if(movers, [&](int i) { return !model.images[at(i)].registered; });
+  std::vector<char> is_mover(model.images.size(), 0);
+  for (const int i : movers) is_mover[at(i)] = 1;
+  const auto moves = [&](const Observation& seen) { return is_mover[at(seen.image)] != 0; };
+  const auto is_registered = [&](const Observation& seen) {
+    return model.images[at(seen.image)].registered;
+  };
+
+  std::vector<int> points = options.points;
+  if (points.empty()) {
+    for (std::size_t p = 0; p < model.points.size(); ++p) {
+      const auto& track = model.points[p].track;
+      if (std::any_of(track.begin(), track.end(), moves)) points.push_back(static_cast<int>(p));
+    }
+  }
+  if (points.empty()) return report;
+  report.before_px = rms(model, points);
+
+  BundleProblem problem;
+  problem.loss_px = options.loss_px;
+  std::vector<int> images;  // of the problem's poses
+  std::vector<int> pose_of(model.images.size(), -1);
+  std::vector<int> cameras;
+  std::vector<int> lens_of(model.cameras.size(), -1);
+  bool any_fixed = false;  // what stays holds the rest
+  const auto see = [&](const Observation& seen) {
+    const Image& image = model.images[at(seen.image)];
+    if (lens_of[at(image.camera)] < 0) {
+      const geometry::Camera& camera = model.cameras[at(image.camera)];
+      TARSIER_REQUIRE(camera.lens == geometry::Lens::kPinhole, "a {} lens", name_of(camera.lens));
+      lens_of[at(image.camera)] = static_cast<int>(cameras.size());
+      cameras.push_back(image.camera);
+      problem.lenses.push_back(numbers_of(camera));
+    }
+    const cv::Point2f& pixel = image.features[at(seen.feature)];
+    problem.seen.push_back({pose_of[at(seen.image)], lens_of[at(image.camera)],
+                            static_cast<double>(pixel.x), static_cast<double>(pixel.y),
+                            weight_of(image, seen.feature)});
+  };
+  for (const int p : points) {
+    for (const Observation& seen : model.points[at(p)].track) {
+      if (!is_registered(seen)) continue;
+      pose_of[at(seen.image)] = 0;
+      any_fixed = any_fixed || !moves(seen);
+    }
+  }
+  // In the order of the model: neighbours in it often share points, and lie side by side then.
+  for (std::size_t i = 0; i < pose_of.size(); ++i) {
+    if (pose_of[i] < 0) continue;
+    pose_of[i] = static_cast<int>(images.size());
+    images.push_back(static_cast<int>(i));
+    problem.poses.push_back(model.images[i].pose);
+    problem.pose_moves.push_back(is_mover[i]);
+  }
+  for (const int p : points) {
+    const Point& point = model.points[at(p)];
+    problem.points.push_back(point.position);
+    problem.first.push_back(problem.seen.size());
+    for (const Observation& seen : point.track)
+      if (is_registered(seen)) see(seen);
+  }
+  problem.point_moves.assign(points.size(), 1);
+  problem.first.push_back(problem.seen.size());
+  report.residuals = static_cast<int>(problem.seen.size());
+  if (options.images.empty()) problem.free_numbers = free_numbers(options);
+
+  if (!any_fixed) {
+    // The first stays, and one coordinate of the farthest one keeps the scale, as a residual that
+    // is zero whatever the others want.
+    const std::size_t first = 0;
+    problem.pose_moves[first] = 0;
+    const cv::Vec3d origin = problem.poses[first].center();
+    std::size_t far = first;
+    double longest = 0;
+    for (std::size_t i = 0; i < images.size(); ++i) {
+      const double distance = cv::norm(problem.poses[i].center() - origin);
+      if (distance > longest) {
+        longest = distance;
+        far = i;
+      }
+    }
+    if (far != first) {
+      const cv::Vec3d& t = problem.poses[far].translation;
+      int axis = 0;
+      for (int k = 1; k < 3; ++k)
+        if (std::abs(t[k]) > std::abs(t[axis])) axis = k;
+      problem.hold = {static_cast<int>(far), axis, t[axis],
+                      kScaleHold / std::max(1e-12, std::abs(t[axis]))};
+    }
+  }
+
+  BundleSolverOptions how;
+  how.max_iterations = options.max_iterations;
+  how.tolerance = options.tolerance;
+  const BundleSolution solution = solve(problem, how, stop);
+  report.iterations = solution.iterations;
+  report.trouble = solution.trouble;
+  if (!solution.trouble.empty()) {
+    report.after_px = report.before_px;
+    return report;
+  }
+  if (!problem.free_numbers.empty()) {
+    for (std::size_t lens = 0; lens < cameras.size(); ++lens) {
+      const geometry::Camera& before = model.cameras[at(cameras[lens])];
+      geometry::Camera after = before;
+      apply_numbers(problem.lenses[lens], after);
+      if (is_lens(after, before)) continue;
+      BundleOptions again = options;
+      again.focal = again.center = again.distortion = false;
+      again.points = std::move(points);
+      report = adjust(model, again, stop);
+      report.trouble =
+          fmt::format("the focal length {:.4g} px came out, of a lens of {:.4g} px: it stays",
+                      after.fx, before.fx) +
+          (report.trouble.empty() ? "" : "; " + report.trouble);
+      return report;
+    }
+    for (std::size_t lens = 0; lens < cameras.size(); ++lens)
+      apply_numbers(problem.lenses[lens], model.cameras[at(cameras[lens])]);
+  }
+  for (std::size_t i = 0; i < images.size(); ++i)
+    if (problem.pose_moves[i] != 0) model.images[at(images[i])].pose = clean(problem.poses[i]);
+  for (std::size_t k = 0; k < points.size(); ++k)
+    model.points[at(points[k])].position = problem.points[k];
+  report.after_px = rms(model, points);
+  return report;
+}
+
+void adjust_pose(geometry::Rigid& pose, const geometry::Camera& camera,
+                 const std::vector<Sighting>& seen, double loss_px) {
+  if (seen.size() < 3) return;
+  BundleProblem problem;
+  problem.loss_px = loss_px;
+  problem.poses = {pose};
+  problem.pose_moves = {1};
+  problem.lenses = {numbers_of(camera)};
+  for (const Sighting& sighting : seen) {
+    problem.first.push_back(problem.seen.size());
+    problem.points.push_back(sighting.position);
+    problem.point_moves.push_back(0);
+    problem.seen.push_back({0, 0, sighting.pixel.x, sighting.pixel.y, 1});
+  }
+  problem.first.push_back(problem.seen.size());
+  BundleSolverOptions how;
+  how.max_iterations = 30;
+  if (solve(problem, how).trouble.empty()) pose = clean(problem.poses[0]);
+}
+
+}  // namespace tarsier::sfm

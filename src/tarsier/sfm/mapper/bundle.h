@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/scene/model.h"
+
+#include <stop_token>
+#include <string>
+#include <vector>
+
+namespace tarsier::sfm {
+
+struct BundleOptions {
+  bool focal = false;       // refine fx, fy (their ratio stays)
+  bool center = false;      // cx, cy
+  bool distortion = false;  // k1, k2, p1, p2
+  double loss_px = 0.5;     // Cauchy: residuals well beyond it count little; 0: plain squares
+  int max_iterations = 50;
+  double tolerance = 1e-6;  // ends when a step takes less than this share off the sum
+  // Images that move; all others that see their points stay as they are. Empty: all of them.
+  std::vector<int> images;
+  // The points that some of `images` show, ascending. Empty: looked for among all of the model's.
+  std::vector<int> points;
+};
+
+struct BundleReport {
+  double before_px = 0;  // root mean square of all residuals that took part
+  double after_px = 0;
+  int residuals = 0;  // observations
+  int iterations = 0;
+  // What went wrong, or "". Where there is no solution the model is as it was; where the lens ran
+  // off (below), the rest is adjusted with the lens as it was.
+  std::string trouble;
+};
+
+// Focal lengths that an adjustment may give: shares of the larger side of the image. One that
+// starts outside may not go farther.
+constexpr double kMinFocalShare = 0.1;
+constexpr double kMaxFocalShare = 20;
+
+// Bundle adjustment (Triggs et al., 2000): poses, points and, if asked, cameras that minimise the
+// sum of the robust squared reprojection errors, by bundle_solver.h, on one thread so that the
+// result depends on nothing else. The first image stays where it is, and the distance to the
+// one farthest from it keeps the scale. A lens that is no lens afterwards (not finite, or a focal
+// length outside of the shares above) stays as it was. Throws Interrupted: the model is then as it
+// was.
+BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_token& stop = {});
+
+// The same for one image's pose alone, its points fixed; `seen`: pairs of pixel and point.
+struct Sighting {
+  cv::Point2d pixel;
+  cv::Vec3d position;
+};
+void adjust_pose(geometry::Rigid& pose, const geometry::Camera& camera,
+                 const std::vector<Sighting>& seen, double loss_px);
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/mapper/bundle_solver.h"
+
+#include <Eigen/Core>
+
+#include <cmath>
+
+// The inside of bundle_solver.cpp: an observation's residual and its derivatives.
+namespace tarsier::sfm {
+
+constexpr double kMinDepth = 1e-6;  // of a point before a camera
+
+// The residual of an observation; false: it lies behind the camera. With derivatives, where asked
+// for, by the place in the camera's frame and by all numbers of the lens.
+inline bool residual_of(const BundleProblem::Seen& seen, const LensNumbers& lens,
+                        const cv::Vec3d& place, Eigen::Vector2d& residual,
+                        Eigen::Matrix<double, 2, 3>* by_place,
+                        Eigen::Matrix<double, 2, 9>* by_lens) {
+  if (!(place[2] >= kMinDepth)) return false;
+  const double inverse = 1 / place[2];
+  const double x = place[0] * inverse;
+  const double y = place[1] * inverse;
+  const double r2 = x * x + y * y;
+  const double k1 = lens[4];
+  const double k2 = lens[5];
+  const double p1 = lens[6];
+  const double p2 = lens[7];
+  const double k3 = lens[8];
+  const double radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
+  const double xy = 2 * x * y;
+  const double dx = x * radial + p1 * xy + p2 * (r2 + 2 * x * x);
+  const double dy = y * radial + p1 * (r2 + 2 * y * y) + p2 * xy;
+  const double fx = seen.weight * lens[0];
+  const double fy = fx * lens[1];
+  residual[0] = fx * dx + seen.weight * (lens[2] - seen.u);
+  residual[1] = fy * dy + seen.weight * (lens[3] - seen.v);
+  if (by_place != nullptr) {
+    const double slope = k1 + r2 * (2 * k2 + r2 * 3 * k3);  // of `radial` by r2
+    const double mixed = xy * slope + 2 * (p1 * x + p2 * y);
+    const double xx = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x;
+    const double yy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x;
+    const double fxz = fx * inverse;
+    const double fyz = fy * inverse;
+    *by_place << fxz * xx, fxz * mixed, -fxz * (xx * x + mixed * y),  //
+        fyz * mixed, fyz * yy, -fyz * (mixed * x + yy * y);
+  }
+  if (by_lens != nullptr) {
+    const double w = seen.weight;
+    const double r4 = r2 * r2;
+    *by_lens << w * dx, 0, w, 0, fx * x * r2, fx * x * r4, fx * xy, fx * (r2 + 2 * x * x),
+        fx * x * r2 * r4,  //
+        w * lens[1] * dy, fx * dy, 0, w, fy * y * r2, fy * y * r4, fy * (r2 + 2 * y * y), fy * xy,
+        fy * y * r2 * r4;
+  }
+  return true;
+}
+
+// The rotation by a vector's length about it (Rodrigues).
+inline cv::Matx33d rotation_by(const Eigen::Vector3d& turn) {
+  const double angle2 = turn.squaredNorm();
+  const double angle = std::sqrt(angle2);
+  const double a = angle > 1e-4 ? std::sin(angle) / angle : 1 - angle2 / 6;
+  const double b = angle > 1e-4 ? (1 - std::cos(angle)) / angle2 : 0.5 - angle2 / 24;
+  Eigen::Matrix3d cross;
+  cross << 0, -turn[2], turn[1], turn[2], 0, -turn[0], -turn[1], turn[0], 0;
+  const Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity() + a * cross + b * cross * cross;
+  cv::Matx33d result;
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c) result(r, c) = rotation(r, c);
+  return result;
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/bundle_solver.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/geometry/camera.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numeric>
+
+namespace tarsier::sfm {
+namespace {
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+geometry::Rigid turned(const geometry::Rigid& pose, int axis, double angle) {
+  cv::Matx33d turn = cv::Matx33d::eye();
+  const int a = (axis + 1) % 3;
+  const int b = (axis + 2) % 3;
+  turn(a, a) = turn(b, b) = std::cos(angle);
+  turn(b, a) = std::sin(angle);
+  turn(a, b) = -std::sin(angle);
+  return {turn * pose.rotation, pose.translation};
+}
+
+geometry::Camera camera_of(const LensNumbers& lens) {
+  geometry::Camera camera;
+  camera.width = 640;
+  camera.height = 480;
+  camera.fx = lens[0];
+  camera.fy = lens[0] * lens[1];
+  camera.cx = lens[2];
+  camera.cy = lens[3];
+  for (std::size_t k = 0; k < 5; ++k) camera.distortion[k] = lens[4 + k];
+  return camera;
+}
+
+// The sum that solve() is to minimise, through the camera of the library.
+double sum_of(const BundleProblem& problem) {
+  const double c2 = problem.loss_px * problem.loss_px;
+  double sum = 0;
+  for (std::size_t p = 0; p < problem.points.size(); ++p) {
+    for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {
+      const BundleProblem::Seen& seen = problem.seen[k];
+      const auto pixel = camera_of(problem.lenses[at(seen.lens)])
+                             .project(problem.poses[at(seen.pose)] * problem.points[p]);
+      if (!pixel) return std::nan("");
+      const cv::Point2d off = seen.weight * (*pixel - cv::Point2d(seen.u, seen.v));
+      sum += c2 > 0 ? c2 * std::log1p(off.dot(off) / c2) : off.dot(off);
+    }
+  }
+  if (problem.hold) {
+    const BundleProblem::Hold& hold = *problem.hold;
+    const double off =
+        hold.weight * (problem.poses[at(hold.pose)].translation[hold.axis] - hold.value);
+    sum += off * off;
+  }
+  return sum / 2;
+}
+
+// Cameras in a row before a cloud, with noise in what they see, every tenth observation far off,
+// and a start away from the truth. The first camera stays; every camera shows `share` of the points
+// near it.
+BundleProblem some_problem(int cameras, int points, double noise, bool free_lens) {
+  Rng rng(4);
+  BundleProblem problem;
+  problem.loss_px = 0.5;
+  problem.lenses = {{500, 1.01, 320, 240, -0.1, 0.02, 0.001, -0.002, 0.003},
+                    {520, 0.99, 318, 242, 0.05, -0.01, 0, 0.001, 0}};
+  const std::vector<LensNumbers> truth = problem.lenses;
+  std::vector<geometry::Rigid> poses;
+  for (int i = 0; i < cameras; ++i) {
+    geometry::Rigid pose;
+    pose.translation = {-0.5 * i, 0.1 * (i % 3), 5};
+    poses.push_back(turned(pose, i % 3, 0.05));
+  }
+  for (int p = 0; p < points; ++p) {
+    const double x = 0.5 * (cameras - 1) * rng.uniform();
+    const double y = rng.uniform() - 0.5;
+    const double z = rng.uniform() - 0.5;
+    const cv::Vec3d place(x, 2 * y, 2 * z);
+    problem.first.push_back(problem.seen.size());
+    for (int i = 0; i < cameras; ++i) {
+      if (std::abs(0.5 * i - x) > 1.5) continue;
+      const auto pixel = camera_of(truth[at(i % 2)]).project(poses[at(i)] * place);
+      const double off = problem.seen.size() % 10 == 9 ? 20 : noise;
+      const double u = pixel->x + rng.normal(0, off);
+      const double v = pixel->y + rng.normal(0, off);
+      problem.seen.push_back({i, i % 2, u, v, 1 - 0.1 * (i % 4)});
+    }
+    cv::Vec3d start = place;
+    for (int k = 0; k < 3; ++k) start[k] += rng.normal(0, 0.01);
+    problem.points.push_back(start);
+  }
+  problem.first.push_back(problem.seen.size());
+  problem.point_moves.assign(problem.points.size(), 1);
+  problem.point_moves[3] = 0;
+  problem.poses = poses;
+  problem.pose_moves.assign(poses.size(), 1);
+  problem.pose_moves[0] = 0;
+  for (std::size_t i = 1; i < poses.size(); ++i)
+    for (int k = 0; k < 3; ++k) problem.poses[i].translation[k] += rng.normal(0, 0.003);
+  problem.hold = {cameras - 1, 0, poses.back().translation[0], 1e3};
+  if (free_lens) problem.free_numbers = {0, 2, 3, 4, 5, 6, 7};
+  return problem;
+}
+
+BundleSolverOptions exact() {
+  BundleSolverOptions options;
+  options.tolerance = 1e-12;
+  options.max_iterations = 200;
+  return options;
+}
+
+// Central differences of the sum, through code that shares nothing with the solver's derivatives.
+TEST(BundleSolver, NothingAroundItsSolutionIsLower) {
+  for (const bool free_lens : {false, true}) {
+    BundleProblem problem = some_problem(6, 60, 0.5, free_lens);
+    const double before = sum_of(problem);
+    const BundleSolution solution = solve(problem, exact());
+    ASSERT_EQ(solution.trouble, "");
+    EXPECT_NEAR(solution.cost_before, before, 1e-9 * before);
+    EXPECT_NEAR(solution.cost_after, sum_of(problem), 1e-9 * before);
+    EXPECT_LT(solution.cost_after, 0.6 * before);
+    const auto slope = [&](auto&& change, double by) {
+      BundleProblem more = problem;
+      BundleProblem less = problem;
+      change(more, by);
+      change(less, -by);
+      return (sum_of(more) - sum_of(less)) / 2;
+    };
+    // Steps that move pixels by about a hundredth.
+    for (std::size_t i = 1; i < problem.poses.size(); ++i) {
+      for (int k = 0; k < 3; ++k) {
+        EXPECT_NEAR(
+            slope([&](BundleProblem& p, double by) { p.poses[i].translation[k] += by; }, 1e-4), 0,
+            1e-3);
+        EXPECT_NEAR(
+            slope([&](BundleProblem& p, double by) { p.poses[i] = turned(p.poses[i], k, by); },
+                  2e-5),
+            0, 1e-3);
+      }
+    }
+    for (std::size_t p = 0; p < problem.points.size(); ++p) {
+      if (problem.point_moves[p] == 0) continue;
+      for (int k = 0; k < 3; ++k)
+        EXPECT_NEAR(slope([&](BundleProblem& q, double by) { q.points[p][k] += by; }, 1e-4), 0,
+                    1e-3);
+    }
+    for (std::size_t l = 0; l < problem.lenses.size(); ++l)
+      for (const int k : problem.free_numbers)
+        EXPECT_NEAR(slope([&](BundleProblem& p, double by) { p.lenses[l][at(k)] += by; },
+                          k < 4 ? 1e-2 : 1e-4),
+                    0, 1e-3);
+  }
+}
+
+TEST(BundleSolver, WhatStaysIsAsItWas) {
+  BundleProblem problem = some_problem(5, 40, 0.3, true);
+  const BundleProblem before = problem;
+  ASSERT_EQ(solve(problem, {}).trouble, "");
+  EXPECT_EQ(problem.poses[0].translation, before.poses[0].translation);
+  EXPECT_EQ(problem.poses[0].rotation, before.poses[0].rotation);
+  EXPECT_NE(problem.poses[1].translation, before.poses[1].translation);
+  EXPECT_EQ(problem.points[3], before.points[3]);
+  EXPECT_NE(problem.points[4], before.points[4]);
+  for (const std::size_t number : {1U, 8U})
+    EXPECT_EQ(problem.lenses[1][number], before.lenses[1][number]);
+  EXPECT_NE(problem.lenses[1][0], before.lenses[1][0]);
+}
+
+TEST(BundleSolver, ADenseAndASparseSystemGiveTheSame) {
+  for (const bool free_lens : {false, true}) {
+    BundleProblem dense = some_problem(20, 200, 0.4, free_lens);
+    BundleProblem sparse = dense;
+    BundleSolverOptions options = exact();
+    options.system = CameraSystem::kDense;
+    const BundleSolution one = solve(dense, options);
+    options.system = CameraSystem::kSparse;
+    const BundleSolution other = solve(sparse, options);
+    EXPECT_NEAR(one.cost_after, other.cost_after, 1e-8 * one.cost_after);
+    for (std::size_t i = 0; i < dense.poses.size(); ++i)
+      EXPECT_LT(cv::norm(dense.poses[i].translation - sparse.poses[i].translation), 1e-3);
+  }
+}
+
+// Residuals as large as the loss: with second derivatives without the loss's own, each step goes
+// half of the way, and it takes more than three times as many.
+TEST(BundleSolver, TakesFewStepsWhereResidualsAreAsLargeAsTheLoss) {
+  BundleProblem problem = some_problem(12, 150, 0.5, false);
+  BundleSolverOptions options;
+  options.tolerance = 1e-9;
+  options.max_iterations = 200;
+  const BundleSolution solution = solve(problem, options);
+  EXPECT_LT(solution.iterations, 25);
+}
+
+TEST(BundleSolver, APointBehindACameraIsSaid) {
+  BundleProblem problem = some_problem(5, 40, 0.3, false);
+  problem.points[7][2] = -20;
+  const BundleProblem before = problem;
+  EXPECT_NE(solve(problem, {}).trouble, "");
+  EXPECT_EQ(problem.points[8], before.points[8]);
+}
+
+TEST(BundleSolver, WhenStoppedNothingHasChanged) {
+  BundleProblem problem = some_problem(5, 40, 0.3, false);
+  const BundleProblem before = problem;
+  std::stop_source stop;
+  stop.request_stop();
+  EXPECT_THROW((void)solve(problem, {}, stop.get_token()), Interrupted);
+  EXPECT_EQ(problem.points[8], before.points[8]);
+  EXPECT_EQ(problem.poses[2].translation, before.poses[2].translation);
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

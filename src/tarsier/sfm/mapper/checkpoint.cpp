@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/checkpoint.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/sfm/mapper/packed_file.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <numeric>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr std::int64_t kMaxBytes = 16'000'000'000;
+constexpr std::int32_t kVersion = 1;  // of what follows
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// Number by number: structs have gaps between theirs, and what is in those differs.
+void put(PackedWriter& writer, const std::vector<geometry::Camera>& cameras) {
+  writer.put(static_cast<std::uint64_t>(cameras.size()));
+  for (const geometry::Camera& c : cameras) {
+    writer.put(std::array<std::int32_t, 3>{c.width, c.height, static_cast<std::int32_t>(c.lens)});
+    writer.put(std::array<double, 5>{c.fx, c.fy, c.cx, c.cy, c.rms});
+    writer.put(c.distortion);
+  }
+}
+
+std::vector<geometry::Camera> get_cameras(PackedReader& reader) {
+  const auto count = reader.get<std::uint64_t>();
+  std::vector<geometry::Camera> cameras;
+  for (std::uint64_t k = 0; k < count; ++k) {  // ends with the file
+    geometry::Camera c;
+    const auto whole = reader.get<std::array<std::int32_t, 3>>();
+    c.width = whole[0];
+    c.height = whole[1];
+    c.lens = static_cast<geometry::Lens>(whole[2]);
+    const auto numbers = reader.get<std::array<double, 5>>();
+    c.fx = numbers[0];
+    c.fy = numbers[1];
+    c.cx = numbers[2];
+    c.cy = numbers[3];
+    c.rms = numbers[4];
+    c.distortion = reader.get<std::array<double, 8>>();
+    cameras.push_back(c);
+  }
+  return cameras;
+}
+
+void put(PackedWriter& writer, const PackedModel& model) {
+  put(writer, model.cameras);
+  writer.put(model.registered);
+  for (const geometry::Rigid& pose : model.poses) {
+    writer.put(pose.rotation);
+    writer.put(pose.translation);
+  }
+  writer.put(model.points);
+  writer.put(model.places);
+  writer.put(model.positions);
+  writer.put(model.colors);
+  writer.put(model.errors);
+  writer.put(model.views);
+  writer.put(model.observations);
+}
+
+PackedModel get_model(PackedReader& reader) {
+  PackedModel model;
+  model.cameras = get_cameras(reader);
+  model.registered = reader.get_all<int>();
+  for (std::size_t k = 0; k < model.registered.size(); ++k) {
+    geometry::Rigid pose;
+    pose.rotation = reader.get<cv::Matx33d>();
+    pose.translation = reader.get<cv::Vec3d>();
+    model.poses.push_back(pose);
+  }
+  model.points = reader.get<std::int64_t>();
+  model.places = reader.get_all<int>();
+  model.positions = reader.get_all<cv::Vec3d>();
+  model.colors = reader.get_all<cv::Vec3b>();
+  model.errors = reader.get_all<double>();
+  model.views = reader.get_all<int>();
+  model.observations = reader.get_all<Observation>();
+  return model;
+}
+
+void put(PackedWriter& writer, const std::vector<std::string>& texts) {
+  writer.put(static_cast<std::uint64_t>(texts.size()));
+  for (const std::string& text : texts) writer.put(text);
+}
+
+std::vector<std::string> get_texts(PackedReader& reader) {
+  const auto count = reader.get<std::uint64_t>();
+  std::vector<std::string> texts;
+  for (std::uint64_t k = 0; k < count; ++k) texts.push_back(reader.get_text());
+  return texts;
+}
+
+bool is_index(std::int64_t index, std::size_t size) {
+  return index >= 0 && static_cast<std::size_t>(index) < size;
+}
+
+bool are_observations(const std::vector<Observation>& all, const std::vector<Image>& images) {
+  return std::all_of(all.begin(), all.end(), [&](const Observation& seen) {
+    return is_index(seen.image, images.size()) &&
+           is_index(seen.feature, images[at(seen.image)].features.size());
+  });
+}
+
+bool fits(const PackedModel& model, std::size_t cameras, const std::vector<Image>& images) {
+  const std::size_t points = model.places.size();
+  return model.cameras.size() == cameras && model.poses.size() == model.registered.size() &&
+         std::all_of(model.registered.begin(), model.registered.end(),
+                     [&](int image) { return is_index(image, images.size()); }) &&
+         model.points >= 0 && model.positions.size() == points && model.colors.size() == points &&
+         model.errors.size() == points && model.views.size() == points &&
+         std::all_of(
+             model.places.begin(), model.places.end(),
+             [&](int place) { return is_index(place, static_cast<std::size_t>(model.points)); }) &&
+         std::all_of(model.views.begin(), model.views.end(), [](int views) { return views > 0; }) &&
+         std::accumulate(model.views.begin(), model.views.end(), std::int64_t{0}) ==
+             static_cast<std::int64_t>(model.observations.size()) &&
+         are_observations(model.observations, images);
+}
+
+}  // namespace
+
+PackedModel packed(const Model& model) {
+  PackedModel result;
+  result.cameras = model.cameras;
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    if (!model.images[i].registered) continue;
+    result.registered.push_back(static_cast<int>(i));
+    result.poses.push_back(model.images[i].pose);
+  }
+  result.points = static_cast<std::int64_t>(model.points.size());
+  for (std::size_t p = 0; p < model.points.size(); ++p) {
+    const Point& point = model.points[p];
+    if (point.track.empty()) continue;
+    result.places.push_back(static_cast<int>(p));
+    result.positions.push_back(point.position);
+    result.colors.push_back(point.color);
+    result.errors.push_back(point.error);
+    result.views.push_back(static_cast<int>(point.track.size()));
+    result.observations.insert(result.observations.end(), point.track.begin(), point.track.end());
+  }
+  return result;
+}
+
+void unpack(const PackedModel& packed, Model& model) {
+  TARSIER_REQUIRE(model.points.size() == static_cast<std::size_t>(packed.points),
+                  "{} points for {}", model.points.size(), packed.points);
+  model.cameras = packed.cameras;
+  for (std::size_t k = 0; k < packed.registered.size(); ++k) {
+    Image& image = model.images[at(packed.registered[k])];
+    image.registered = true;
+    image.pose = packed.poses[k];
+  }
+  auto next = packed.observations.begin();
+  for (std::size_t k = 0; k < packed.places.size(); ++k) {
+    Point& point = model.points[at(packed.places[k])];
+    point.position = packed.positions[k];
+    point.color = packed.colors[k];
+    point.error = packed.errors[k];
+    point.track.assign(next, next + packed.views[k]);
+    next += packed.views[k];
+  }
+}
+
+int MapperState::registered() const {
+  std::size_t count = grown ? grown->model.registered.size() : 0;
+  for (const PackedModel& model : models) count += model.registered.size();
+  return static_cast<int>(count);
+}
+
+bool fits(const MapperState& state, const std::vector<geometry::Camera>& cameras,
+          const std::vector<Image>& images, std::size_t pairs) {
+  if (state.reasons.size() != images.size() || state.bad_start.size() != pairs) return false;
+  for (const PackedModel& model : state.models)
+    if (!fits(model, cameras.size(), images)) return false;
+  for (const auto& [image, points] : state.failed)
+    if (!is_index(image, images.size()) || points < 0) return false;
+  if (!state.grown) return true;
+  const GrownState& grown = *state.grown;
+  return !grown.model.registered.empty() && fits(grown.model, cameras.size(), images) &&
+         grown.ray_cameras.size() == cameras.size() &&
+         (grown.tracks.empty() ||
+          static_cast<std::int64_t>(grown.tracks.size()) == grown.model.points) &&
+         std::all_of(grown.tracks.begin(), grown.tracks.end(),
+                     [&](const auto& track) { return are_observations(track, images); });
+}
+
+void write_checkpoint(const std::string& path, const MapperState& state) {
+  PackedWriter writer;
+  writer.put(kVersion);
+  writer.put(static_cast<std::uint64_t>(state.models.size()));
+  for (const PackedModel& model : state.models) put(writer, model);
+  put(writer, state.story);
+  put(writer, state.reasons);
+  writer.put(state.bad_start);
+  writer.put(static_cast<std::int32_t>(state.done));
+  writer.put(static_cast<std::int32_t>(state.grown.has_value()));
+  if (state.grown) {
+    put(writer, state.grown->model);
+    put(writer, state.grown->ray_cameras);
+    writer.put(static_cast<std::uint64_t>(state.grown->tracks.size()));
+    for (const auto& track : state.grown->tracks) writer.put(track);
+  }
+  writer.put(static_cast<std::uint64_t>(state.failed.size()));
+  for (const auto& [image, points] : state.failed)
+    writer.put(std::array<std::int32_t, 2>{image, points});
+  writer.put(std::array<std::int32_t, 3>{state.adjusted_at, state.stage, state.round});
+  writer.write(path);
+}
+
+std::optional<MapperState> read_checkpoint(const std::string& path) {
+  try {
+    PackedReader reader(path, kMaxBytes);
+    if (reader.get<std::int32_t>() != kVersion) return std::nullopt;
+    MapperState state;
+    const auto models = reader.get<std::uint64_t>();
+    for (std::uint64_t k = 0; k < models; ++k) state.models.push_back(get_model(reader));
+    state.story = get_texts(reader);
+    state.reasons = get_texts(reader);
+    state.bad_start = reader.get_all<std::uint8_t>();
+    state.done = reader.get<std::int32_t>() != 0;
+    if (reader.get<std::int32_t>() != 0) {
+      GrownState& grown = state.grown.emplace();
+      grown.model = get_model(reader);
+      grown.ray_cameras = get_cameras(reader);
+      const auto tracks = reader.get<std::uint64_t>();
+      for (std::uint64_t k = 0; k < tracks; ++k)
+        grown.tracks.push_back(reader.get_all<Observation>());
+    }
+    const auto failed = reader.get<std::uint64_t>();
+    for (std::uint64_t k = 0; k < failed; ++k) {
+      const auto numbers = reader.get<std::array<std::int32_t, 2>>();
+      state.failed.emplace_back(numbers[0], numbers[1]);
+    }
+    const auto numbers = reader.get<std::array<std::int32_t, 3>>();
+    state.adjusted_at = numbers[0];
+    state.stage = numbers[1];
+    state.round = numbers[2];
+    return state;
+  } catch (const Damaged&) {
+  } catch (const InputError&) {
+  }
+  return std::nullopt;
+}
+
+}  // namespace tarsier::sfm

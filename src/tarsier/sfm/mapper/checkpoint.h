@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/scene/model.h"
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+// Where the mapper is, so that another process goes on from there and ends with the same model, to
+// the last bit. Features, pairs and options are not in it: they are worked out (or read from the
+// cache) before mapping, and the checkpoint is kept under a key of all of them.
+namespace tarsier::sfm {
+
+// A model without what its images' features are.
+struct PackedModel {
+  std::vector<geometry::Camera> cameras;
+  std::vector<int> registered;  // images, ascending
+  std::vector<geometry::Rigid> poses;
+  std::vector<int> places;  // of each point with observations, in Model::points
+  std::int64_t points = 0;  // Model::points.size()
+  std::vector<cv::Vec3d> positions;
+  std::vector<cv::Vec3b> colors;
+  std::vector<double> errors;
+  std::vector<int> views;                 // observations of each point
+  std::vector<Observation> observations;  // of all points, one after the other
+};
+[[nodiscard]] PackedModel packed(const Model& model);
+// Into a model that has the images, none of them registered, and as many points, all empty.
+void unpack(const PackedModel& packed, Model& model);
+
+// One growing model.
+struct GrownState {
+  PackedModel model;
+  std::vector<geometry::Camera> ray_cameras;     // that its rays were measured with
+  std::vector<std::vector<Observation>> tracks;  // where they are not those of the pairs any more
+};
+
+struct MapperState {
+  std::vector<PackedModel> models;  // that are done
+  std::vector<std::string> story;
+  std::vector<std::string> reasons;         // of each image: why it is not in, so far
+  std::vector<std::uint8_t> bad_start;      // of each pair
+  bool done = false;                        // all of it
+  std::optional<GrownState> grown;          // the model that grows
+  std::vector<std::pair<int, int>> failed;  // image: points it saw when it failed
+  int adjusted_at = 0;                      // images in it when all of it was last adjusted
+  int stage = 0;                            // 0: images are added; then the steps of the end
+  int round = 0;                            // of the stage
+  // Images in all models.
+  [[nodiscard]] int registered() const;
+};
+
+// Whether every index is one of so many images, features, cameras and pairs.
+[[nodiscard]] bool fits(const MapperState& state, const std::vector<geometry::Camera>& cameras,
+                        const std::vector<Image>& images, std::size_t pairs);
+
+// One file, written whole or not at all. Reading gives nothing for a file that is missing, damaged
+// or of another version. Throws OutputError.
+void write_checkpoint(const std::string& path, const MapperState& state);
+[[nodiscard]] std::optional<MapperState> read_checkpoint(const std::string& path);
+
+}  // namespace tarsier::sfm

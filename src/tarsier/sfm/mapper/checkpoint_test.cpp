@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/checkpoint.h"
+
+#include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/scene/testing_model.h"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+namespace tarsier::sfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+MapperState some_state() {
+  MapperState state;
+  Model model = synthetic_model();
+  model.points[7] = {};  // a track without a point
+  state.models.push_back(packed(synthetic_model()));
+  GrownState& grown = state.grown.emplace();
+  grown.model = packed(model);
+  grown.ray_cameras = model.cameras;
+  grown.ray_cameras[1].fx += 1;
+  grown.tracks.resize(model.points.size());
+  for (std::size_t p = 0; p < model.points.size(); ++p) grown.tracks[p] = model.points[p].track;
+  state.story = {"one", "", "two\nlines"};
+  state.reasons = {"a", "", "b", "", ""};
+  state.bad_start = {0, 1, 0};
+  state.failed = {{1, 40}, {3, 7}};
+  state.adjusted_at = 4;
+  state.stage = 2;
+  state.round = 1;
+  return state;
+}
+
+Model empty_copy(Model model) {
+  for (Image& image : model.images) {
+    image.registered = false;
+    image.pose = {};
+  }
+  for (Point& point : model.points) point = {};
+  return model;
+}
+
+class Checkpoint : public FolderTest {};
+
+TEST_F(Checkpoint, ComesBackAsItWas) {
+  const std::string path = folder_ + "/state";
+  const MapperState state = some_state();
+  write_checkpoint(path, state);
+  const auto read = read_checkpoint(path);
+  ASSERT_TRUE(read);
+  EXPECT_EQ(read->story, state.story);
+  EXPECT_EQ(read->reasons, state.reasons);
+  EXPECT_EQ(read->bad_start, state.bad_start);
+  EXPECT_EQ(read->failed, state.failed);
+  EXPECT_EQ(read->adjusted_at, 4);
+  EXPECT_EQ(read->stage, 2);
+  EXPECT_EQ(read->round, 1);
+  EXPECT_FALSE(read->done);
+  EXPECT_EQ(read->registered(), 8);
+  ASSERT_TRUE(read->grown);
+  EXPECT_EQ(read->grown->tracks, state.grown->tracks);
+  EXPECT_EQ(read->grown->ray_cameras[1].fx, state.grown->ray_cameras[1].fx);
+  const Model truth = synthetic_model();
+  Model model = empty_copy(truth);
+  unpack(read->grown->model, model);
+  for (std::size_t i = 0; i < truth.images.size(); ++i) {
+    EXPECT_EQ(model.images[i].registered, truth.images[i].registered);
+    if (truth.images[i].registered) {
+      EXPECT_EQ(model.images[i].pose.rotation, truth.images[i].pose.rotation);
+    }
+  }
+  EXPECT_EQ(model.cameras[2].distortion, truth.cameras[2].distortion);
+  for (std::size_t p = 0; p < truth.points.size(); ++p) {
+    if (p == 7) {
+      EXPECT_TRUE(model.points[p].track.empty());
+      continue;
+    }
+    EXPECT_EQ(model.points[p].position, truth.points[p].position);
+    EXPECT_EQ(model.points[p].track, truth.points[p].track);
+  }
+}
+
+TEST_F(Checkpoint, MustFitTheImages) {
+  const Model model = synthetic_model();
+  MapperState state = some_state();
+  EXPECT_TRUE(fits(state, model.cameras, model.images, 3));
+  EXPECT_FALSE(fits(state, model.cameras, model.images, 4));
+  std::vector<Image> fewer = model.images;
+  fewer.pop_back();
+  EXPECT_FALSE(fits(state, model.cameras, fewer, 3));
+  fewer = model.images;
+  fewer[2].features.resize(10);
+  EXPECT_FALSE(fits(state, model.cameras, fewer, 3));
+  state.grown->model.places.back() = 100;
+  EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
+}
+
+TEST_F(Checkpoint, ADamagedOneIsNone) {
+  const std::string path = folder_ + "/state";
+  EXPECT_FALSE(read_checkpoint(path));
+  write_checkpoint(path, some_state());
+  const auto size = fs::file_size(path);
+  {
+    std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(static_cast<std::streamoff>(size / 2));
+    file.put('!');
+    file.put('?');
+  }
+  EXPECT_FALSE(read_checkpoint(path));
+  write_checkpoint(path, some_state());
+  fs::resize_file(path, size / 3);
+  EXPECT_FALSE(read_checkpoint(path));
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <opencv2/core.hpp>
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+// Points of an image that can be found again in others, and their descriptions.
+namespace tarsier::sfm {
+
+enum class FeatureKind {
+  kSift,   // Lowe, IJCV 2004; descriptors as RootSIFT (Arandjelovic and Zisserman, CVPR 2012)
+  kOrb,    // Rublee et al., ICCV 2011
+  kAkaze,  // Alcantarilla et al., BMVC 2013
+};
+
+struct FeatureOptions {
+  FeatureKind kind = FeatureKind::kSift;
+  int most = 8000;          // of an image, the strongest of each place; 100..100000
+  double max_pixels = 4e6;  // larger images are reduced to so many before; 1e4..1e9
+  double contrast = 0.02;   // of SIFT's extrema; lower: more and weaker ones; 0.001..0.2
+  void check() const;
+};
+
+struct Features {
+  std::vector<cv::Point2f> points;  // px of the whole image, pixel centres at integers
+  std::vector<float> sizes;         // px, diameter
+  std::vector<cv::Vec3b> colors;    // BGR
+  cv::Mat descriptors;  // a row each; SIFT: CV_8UC1 128, square roots scaled so that a row's length
+                        // is about 512; ORB, AKAZE: CV_8UC1 bits
+};
+
+// `image`: CV_8UC3 or CV_8UC1. The same for any number of threads. Places are spread: of a grid of
+// cells each keeps its strongest ones. Points of several orientations at one place count once each.
+[[nodiscard]] Features find_features(const cv::Mat& image, const FeatureOptions& options);
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,435 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/flow.h"
+
+#include "tarsier/core/require.h"
+
+#include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <optional>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr int kRadius = 10;             // px, of a patch
+constexpr int kSide = 2 * kRadius + 1;  // of a patch
+constexpr int kStored = kSide + 2;      // with a margin for its gradients
+constexpr int kPixels = kSide * kSide;  // of a patch
+constexpr int kParameters = 6;          // of an affine map
+constexpr double kSmoothing = 1;        // px; less would show the pixels' grid when resampled
+constexpr int kMinSide = 48;            // px, of the coarsest picture of a pyramid
+constexpr int kMaxLevels = 5;           // above the picture itself
+constexpr int kIterations = 20;         // of an alignment; most need three
+constexpr double kConverged = 0.003;    // px
+constexpr double kMaxCorrection = 2;    // px; an alignment that goes farther is another place
+constexpr double kMaxZoom = 2.5;        // of a patch, either way
+constexpr double kMaxChange = 0.35;     // of a patch's shape from frame to frame, as its radius 1
+constexpr double kMinGain = 0.2;        // of its contrast
+constexpr int kBlock = 5;               // px, window of a corner
+constexpr double kQuality = 0.001;      // of a corner, against the best of the picture
+constexpr double kMinCorner = 3e-5;     // gradients of 0.7 a px in all directions: above noise
+constexpr double kMaxSubPixel = 1.5;    // px; a corner that moves farther is another
+constexpr double kSpacing = 0.6;        // of the distance of points on an even grid
+constexpr double kTooNear = 0.25;       // of `spacing`: two tracks show the same point
+
+using Parameters = cv::Matx<double, kParameters, 1>;
+using Normal = cv::Matx<double, kParameters, kParameters>;
+
+const cv::Size kWindow(kSide, kSide);
+
+cv::Vec3b color_at(const cv::Mat& image, const cv::Point2f& point) {
+  const int x = std::clamp(cvRound(point.x), 0, image.cols - 1);
+  const int y = std::clamp(cvRound(point.y), 0, image.rows - 1);
+  return image.channels() == 3 ? image.at<cv::Vec3b>(y, x)
+                               : cv::Vec3b::all(image.at<std::uint8_t>(y, x));
+}
+
+int levels_of(cv::Size size) {
+  int levels = 0;
+  while (levels < kMaxLevels && std::min(size.width, size.height) >> (levels + 1) >= kMinSide)
+    ++levels;
+  return levels;
+}
+
+// The longer and the shorter half axis of what a circle of radius 1 becomes.
+cv::Vec2d half_axes(const cv::Matx22d& affine) {
+  cv::Vec2d axes;
+  cv::SVD::compute(affine, axes, cv::noArray(), cv::noArray(), cv::SVD::NO_UV);
+  return axes;
+}
+
+// Where a patch is in a picture: its pixel x, counted from the centre, at affine * x + shift.
+struct Warp {
+  cv::Matx22d affine = cv::Matx22d::eye();
+  cv::Vec2d shift;
+};
+
+// A patch made ready for alignment: what gain and offset could explain is taken out of it.
+class Template {
+ public:
+  explicit Template(const std::vector<float>& patch) {
+    double mean = 0;
+    for (int y = 0; y < kSide; ++y) {
+      for (int x = 0; x < kSide; ++x) {
+        const float* at = patch.data() + static_cast<std::ptrdiff_t>(y + 1) * kStored + x + 1;
+        const float dx = (at[1] - at[-1]) / 2;
+        const float dy = (at[kStored] - at[-kStored]) / 2;
+        const float u = static_cast<float>(x - kRadius) / kRadius;
+        const float v = static_cast<float>(y - kRadius) / kRadius;
+        const int i = y * kSide + x;
+        values_[i] = *at;
+        mean += static_cast<double>(*at);
+        const float slopes[kParameters] = {dx, dy, dx * u, dx * v, dy * u, dy * v};
+        for (int k = 0; k < kParameters; ++k) slopes_[k][i] = slopes[k];
+      }
+    }
+    for (float& value : values_) value -= static_cast<float>(mean / kPixels);
+    square_ = dot(values_, values_);
+    Normal normal;
+    for (int k = 0; k < kParameters; ++k) {
+      double sum = 0;
+      for (const float slope : slopes_[k]) sum += static_cast<double>(slope);
+      const auto offset = static_cast<float>(sum / kPixels);
+      const auto gain = static_cast<float>(square_ > 0 ? dot(slopes_[k], values_) / square_ : 0.0);
+      for (int i = 0; i < kPixels; ++i) slopes_[k][i] -= offset + gain * values_[i];
+    }
+    for (int k = 0; k < kParameters; ++k)
+      for (int l = 0; l < kParameters; ++l) normal(k, l) = dot(slopes_[k], slopes_[l]);
+    // Holds back what the patch says nothing of; where it ends stays the same.
+    const double damping = 1e-3 * cv::trace(normal) / kParameters;
+    for (int k = 0; k < kParameters; ++k) normal(k, k) += damping;
+    inverse_ = normal.inv(cv::DECOMP_CHOLESKY, &usable_);
+    usable_ = usable_ && square_ > 0;
+  }
+
+  // Improves `warp`; the correlation there, or nothing where it left the picture or got lost.
+  [[nodiscard]] std::optional<double> align(const cv::Mat& picture, Warp& warp) const {
+    if (!usable_) return std::nullopt;
+    float seen[kPixels];
+    for (int iteration = 0; iteration < kIterations; ++iteration) {
+      if (!sample(picture, warp, seen)) return std::nullopt;
+      const double gain = dot(seen, values_) / square_;
+      if (gain < kMinGain) return std::nullopt;
+      Parameters right;
+      for (int k = 0; k < kParameters; ++k) right(k) = dot(slopes_[k], seen) / gain;
+      const Parameters step = inverse_ * right;
+      // The step moves the patch; the picture moves the other way.
+      const cv::Matx22d turn(1 + step(2) / kRadius, step(3) / kRadius, step(4) / kRadius,
+                             1 + step(5) / kRadius);
+      if (std::abs(cv::determinant(turn)) < 0.1) return std::nullopt;
+      warp.affine = warp.affine * turn.inv();
+      warp.shift -= warp.affine * cv::Vec2d(step(0), step(1));
+      double largest = 0;
+      for (int k = 0; k < kParameters; ++k) largest = std::max(largest, std::abs(step(k)));
+      if (largest < kConverged) break;
+    }
+    if (!sample(picture, warp, seen)) return std::nullopt;
+    double sum = 0;
+    for (const float value : seen) sum += static_cast<double>(value);
+    const double square = dot(seen, seen) - sum * sum / kPixels;
+    return dot(seen, values_) / std::sqrt(std::max(1e-9, square * square_));
+  }
+
+ private:
+  [[nodiscard]] static double dot(const float* a, const float* b) {
+    double sum = 0;
+    for (int y = 0; y < kSide; ++y) {
+      float row = 0;
+      for (int x = 0; x < kSide; ++x) row += a[y * kSide + x] * b[y * kSide + x];
+      sum += static_cast<double>(row);
+    }
+    return sum;
+  }
+
+  // Bilinear; false if a pixel lies outside.
+  [[nodiscard]] static bool sample(const cv::Mat& picture, const Warp& warp, float* out) {
+    for (const int v : {-kRadius, kRadius}) {
+      for (const int u : {-kRadius, kRadius}) {
+        const cv::Vec2d corner = warp.affine * cv::Vec2d(u, v) + warp.shift;
+        if (!(corner[0] >= 0 && corner[1] >= 0 && corner[0] < picture.cols - 1 &&
+              corner[1] < picture.rows - 1)) {
+          return false;
+        }
+      }
+    }
+    const cv::Matx22f affine = warp.affine;
+    const cv::Vec2f shift = warp.shift;
+    const auto stride = static_cast<std::ptrdiff_t>(picture.step1());
+    const float* pixels = picture.ptr<float>();
+    for (int v = -kRadius; v <= kRadius; ++v) {
+      for (int u = -kRadius; u <= kRadius; ++u) {
+        const auto a = static_cast<float>(u);
+        const auto b = static_cast<float>(v);
+        // Rounding could put a corner one pixel out.
+        const float x = std::max(0.0F, affine(0, 0) * a + affine(0, 1) * b + shift[0]);
+        const float y = std::max(0.0F, affine(1, 0) * a + affine(1, 1) * b + shift[1]);
+        const int left = std::min(static_cast<int>(x), picture.cols - 2);
+        const int top = std::min(static_cast<int>(y), picture.rows - 2);
+        const float right = x - static_cast<float>(left);
+        const float down = y - static_cast<float>(top);
+        const float* p = pixels + top * stride + left;
+        const float above = p[0] + right * (p[1] - p[0]);
+        const float below = p[stride] + right * (p[stride + 1] - p[stride]);
+        *out++ = above + down * (below - above);
+      }
+    }
+    return true;
+  }
+
+  float values_[kPixels];
+  float slopes_[kParameters][kPixels];
+  double square_ = 0;
+  Normal inverse_;
+  bool usable_ = false;
+};
+
+}  // namespace
+
+struct FlowTracker::Live {
+  Track track;
+  int last = 0;                             // frame to end in
+  cv::Vec2d offset;                         // px, from the patch's middle to the point
+  cv::Matx22d affine = cv::Matx22d::eye();  // patch to current frame
+  std::vector<float> patch;                 // kStored x kStored, smoothed
+};
+
+void FlowOptions::check() const {
+  TARSIER_REQUIRE(max_points >= 10 && max_points <= 1'000'000, "{} points", max_points);
+  TARSIER_REQUIRE(grid >= 1 && grid <= 200, "grid {}", grid);
+  TARSIER_REQUIRE(reach >= 2 && reach <= 100, "reach {}", reach);
+  TARSIER_REQUIRE(back_px >= 0.01 && back_px <= 10, "back_px {}", back_px);
+  TARSIER_REQUIRE(alike >= 0 && alike <= 0.999, "alike {}", alike);
+}
+
+FlowTracker::FlowTracker(const FlowOptions& options) : options_(options) { options.check(); }
+
+FlowTracker::~FlowTracker() = default;
+
+void FlowTracker::add(const cv::Mat& image) {
+  TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
+                  "a picture of type {}", image.type());
+  TARSIER_REQUIRE(
+      image.cols >= 64 && image.rows >= 64 && image.cols <= 32'000 && image.rows <= 32'000,
+      "a picture of {} x {}", image.cols, image.rows);
+  TARSIER_REQUIRE(count_ == 0 || image.size() == size_, "a picture of {} x {} after {} x {}",
+                  image.cols, image.rows, size_.width, size_.height);
+  size_ = image.size();
+  spacing_ =
+      std::max(3.0, kSpacing * std::sqrt(static_cast<double>(size_.area()) / options_.max_points));
+  cv::Mat gray = image;
+  if (image.channels() == 3) cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  // With derivatives: they serve the way back and the next frame's way forward.
+  std::vector<cv::Mat> pyramid;
+  cv::buildOpticalFlowPyramid(gray, pyramid, kWindow, levels_of(size_), true);
+  cv::Mat smooth;
+  gray.convertTo(smooth, CV_32F);
+  cv::GaussianBlur(smooth, smooth, {}, kSmoothing);
+
+  if (!live_.empty()) {
+    follow(image, pyramid, smooth);
+    separate();
+    // After they were separated: one that ends here leaves its place to a new one.
+    std::erase_if(live_, [&](Live& live) {
+      if (live.last > count_) return false;
+      end(live);
+      return true;
+    });
+  }
+  begin(image, gray, smooth);
+  pyramid_ = std::move(pyramid);
+  ++count_;
+}
+
+void FlowTracker::follow(const cv::Mat& image, const std::vector<cv::Mat>& pyramid,
+                         const cv::Mat& smooth) {
+  std::vector<cv::Point2f> before;
+  for (const Live& live : live_) before.push_back(live.track.points.back());
+  std::vector<cv::Point2f> after;
+  std::vector<cv::Point2f> back;
+  std::vector<std::uint8_t> forth_found;
+  std::vector<std::uint8_t> back_found;
+  const cv::TermCriteria enough(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 30, 0.01);
+  const int levels = levels_of(size_);
+  cv::calcOpticalFlowPyrLK(pyramid_, pyramid, before, after, forth_found, cv::noArray(), kWindow,
+                           levels, enough);
+  cv::calcOpticalFlowPyrLK(pyramid, pyramid_, after, back, back_found, cv::noArray(), kWindow,
+                           levels, enough);
+  std::vector<std::uint8_t> kept(live_.size(), 0);
+  cv::parallel_for_(cv::Range(0, static_cast<int>(live_.size())), [&](const cv::Range& range) {
+    for (auto i = static_cast<std::size_t>(range.start); i < static_cast<std::size_t>(range.end);
+         ++i) {
+      if (forth_found[i] == 0 || back_found[i] == 0) continue;
+      if (!(cv::norm(back[i] - before[i]) <= options_.back_px)) continue;
+      Live& live = live_[i];
+      const cv::Vec2d guess(static_cast<double>(after[i].x), static_cast<double>(after[i].y));
+      Warp warp{live.affine, guess - live.affine * live.offset};
+      const auto alike = Template(live.patch).align(smooth, warp);
+      if (!alike || *alike < options_.alike) continue;
+      const cv::Vec2d point = warp.affine * live.offset + warp.shift;
+      if (!(cv::norm(point - guess) <= kMaxCorrection)) continue;
+      const cv::Vec2d axes = half_axes(warp.affine);
+      const double zoom = cv::determinant(warp.affine);
+      if (!(zoom > 0 && axes[0] <= kMaxZoom && axes[1] >= 1 / kMaxZoom)) continue;
+      const cv::Matx22d change = live.affine.inv() * warp.affine - cv::Matx22d::eye();
+      if (!(half_axes(change)[0] <= kMaxChange)) continue;
+      live.affine = warp.affine;
+      live.track.points.emplace_back(static_cast<float>(point[0]), static_cast<float>(point[1]));
+      live.track.sizes.push_back(static_cast<float>(kSide * std::sqrt(zoom)));
+      live.track.colors.push_back(color_at(image, live.track.points.back()));
+      kept[i] = 1;
+    }
+  });
+  std::vector<Live> rest;
+  for (std::size_t i = 0; i < live_.size(); ++i) {
+    if (kept[i] != 0)
+      rest.push_back(std::move(live_[i]));
+    else
+      end(live_[i]);
+  }
+  live_ = std::move(rest);
+}
+
+// Of tracks that met the oldest goes on; the others' last points are wrong.
+void FlowTracker::separate() {
+  cv::Mat taken(size_, CV_8UC1, cv::Scalar(0));
+  const int radius = std::max(1, cvRound(kTooNear * spacing_));
+  std::erase_if(live_, [&](Live& live) {
+    Track& track = live.track;
+    const cv::Point place(cvRound(track.points.back().x), cvRound(track.points.back().y));
+    if (!cv::Rect({}, size_).contains(place) || taken.at<std::uint8_t>(place) != 0) {
+      track.points.pop_back();
+      track.colors.pop_back();
+      track.sizes.pop_back();
+      end(live);
+      return true;
+    }
+    cv::circle(taken, place, radius, cv::Scalar(1), cv::FILLED);
+    return false;
+  });
+}
+
+void FlowTracker::end(Live& live) {
+  if (live.track.points.size() >= 2) done_.push_back(std::move(live.track));
+}
+
+void FlowTracker::begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat& smooth) {
+  const int wanted = options_.max_points - static_cast<int>(live_.size());
+  const int margin = kRadius + 2;
+  if (wanted <= 0) return;
+  // Local maxima that are not near a point that is followed, nor near a better one.
+  cv::Mat corners;
+  cv::cornerMinEigenVal(gray, corners, kBlock);
+  double best = 0;
+  cv::minMaxLoc(corners, nullptr, &best);
+  const auto least = static_cast<float>(std::max(kMinCorner, kQuality * best));
+  cv::Mat highest;
+  cv::dilate(corners, highest, cv::Mat());
+  cv::Mat free(size_, CV_8UC1, cv::Scalar(0));
+  free(cv::Rect(margin, margin, size_.width - 2 * margin, size_.height - 2 * margin)) = 1;
+  const int radius = cvRound(spacing_);
+  const double cell = std::max(size_.width, size_.height) / static_cast<double>(options_.grid);
+  const int across = static_cast<int>(size_.width / cell) + 1;
+  const int down = static_cast<int>(size_.height / cell) + 1;
+  std::vector<int> in_cell(static_cast<std::size_t>(across) * static_cast<std::size_t>(down), 0);
+  const auto enter = [&](const cv::Point& place) {
+    cv::circle(free, place, radius, cv::Scalar(0), cv::FILLED);
+    const int column = std::min(static_cast<int>(place.x / cell), across - 1);
+    const int row = std::min(static_cast<int>(place.y / cell), down - 1);
+    return in_cell[static_cast<std::size_t>(row) * static_cast<std::size_t>(across) +
+                   static_cast<std::size_t>(column)]++;
+  };
+  for (const Live& live : live_)
+    enter({cvRound(live.track.points.back().x), cvRound(live.track.points.back().y)});
+  struct Corner {
+    float strength = 0;
+    cv::Point place;
+    int rank = 0;  // how many of its cell come before it
+  };
+  std::vector<Corner> candidates;
+  for (int y = margin; y < size_.height - margin; ++y) {
+    const float* strength = corners.ptr<float>(y);
+    const float* around = highest.ptr<float>(y);
+    const std::uint8_t* is_free = free.ptr(y);
+    for (int x = margin; x < size_.width - margin; ++x) {
+      if (is_free[x] != 0 && strength[x] >= least && strength[x] >= around[x])
+        candidates.push_back({strength[x], {x, y}, 0});
+    }
+  }
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Corner& a, const Corner& b) { return a.strength > b.strength; });
+  std::erase_if(candidates, [&](Corner& corner) {
+    if (free.at<std::uint8_t>(corner.place) == 0) return true;
+    corner.rank = enter(corner.place);
+    return false;
+  });
+  // The emptiest cells first; of these the strongest corners.
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Corner& a, const Corner& b) { return a.rank < b.rank; });
+  if (static_cast<int>(candidates.size()) > wanted)
+    candidates.resize(static_cast<std::size_t>(wanted));
+  if (candidates.empty()) return;
+
+  std::vector<cv::Point2f> points;
+  for (const Corner& corner : candidates) points.emplace_back(corner.place);
+  cv::cornerSubPix(gray, points, {3, 3}, {-1, -1},
+                   {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.01});
+  // Where too many begin at once they would also end at once, and the frames before and after would
+  // have nothing in common.
+  const int whole = options_.reach - 1;
+  const int share = (static_cast<int>(live_.size() + points.size()) + whole - 1) / whole;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const cv::Point place = candidates[i].place;
+    const cv::Point2f middle(place);
+    if (!(cv::norm(points[i] - middle) <= kMaxSubPixel)) points[i] = middle;
+    Live live;
+    live.track = {count_, {points[i]}, {color_at(image, points[i])}, {static_cast<float>(kSide)}};
+    live.last = count_ + whole - static_cast<int>(i) / share % whole;
+    live.offset = {static_cast<double>(points[i].x - middle.x),
+                   static_cast<double>(points[i].y - middle.y)};
+    for (int y = -kRadius - 1; y <= kRadius + 1; ++y) {
+      const float* in = smooth.ptr<float>(place.y + y) + place.x;
+      live.patch.insert(live.patch.end(), in - kRadius - 1, in + kRadius + 2);
+    }
+    live_.push_back(std::move(live));
+  }
+}
+
+FlowResult FlowTracker::finish() {
+  for (Live& live : live_) end(live);
+  live_.clear();
+  FlowResult result;
+  result.features.resize(static_cast<std::size_t>(count_));
+  std::map<std::pair<int, int>, std::vector<Match>> matches;
+  std::vector<int> indices;
+  for (const Track& track : done_) {
+    indices.clear();
+    for (std::size_t k = 0; k < track.points.size(); ++k) {
+      Features& features = result.features[static_cast<std::size_t>(track.start) + k];
+      indices.push_back(static_cast<int>(features.points.size()));
+      features.points.push_back(track.points[k]);
+      features.colors.push_back(track.colors[k]);
+      features.sizes.push_back(track.sizes[k]);
+    }
+    // Indices grow from track to track, so each list is in order.
+    for (std::size_t i = 0; i < indices.size(); ++i) {
+      for (std::size_t j = i + 1; j < indices.size(); ++j) {
+        matches[{track.start + static_cast<int>(i), track.start + static_cast<int>(j)}].push_back(
+            {indices[i], indices[j]});
+      }
+    }
+  }
+  for (auto& [pair, common] : matches)
+    result.pairs.push_back({pair.first, pair.second, std::move(common)});
+  done_.clear();
+  pyramid_.clear();
+  count_ = 0;
+  return result;
+}
+
+}  // namespace tarsier::sfm

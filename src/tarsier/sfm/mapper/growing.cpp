@@ -1,0 +1,498 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/growing.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+
+#include <fmt/format.h>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numeric>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kRadians = CV_PI / 180;
+constexpr int kMaxPairsOfATrack = 30;
+constexpr int kNeighbours = 6;          // that move with a new image
+constexpr std::size_t kMinPoints = 30;  // of a first pair
+constexpr int kGrids = 5;               // of 2 x 2 to 32 x 32 cells
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// Where a grid of 2^level x 2^level cells begins among the cells of all grids: after 4 + 16 + ..
+std::size_t grid_start(int level) { return ((std::size_t{1} << (2 * level)) - 4) / 3; }
+
+}  // namespace
+
+Growing::Growing(Model model, std::vector<std::vector<Observation>> tracks,
+                 const std::vector<cv::Mat>& descriptors, FeatureKind kind,
+                 const MapperOptions& options)
+    : model_(std::move(model)),
+      tracks_(std::move(tracks)),
+      descriptors_(descriptors),
+      kind_(kind),
+      options_(options) {
+  model_.points.assign(tracks_.size(), {});
+  is_point_.assign(tracks_.size(), 0);
+  views_.resize(model_.images.size());
+  track_of_.resize(model_.images.size());
+  for (std::size_t i = 0; i < model_.images.size(); ++i) {
+    model_.images[i].registered = false;
+    track_of_[i].assign(model_.images[i].features.size(), -1);
+  }
+  for (std::size_t t = 0; t < tracks_.size(); ++t)
+    for (const Observation& seen : tracks_[t])
+      track_of_[at(seen.image)][at(seen.feature)] = static_cast<int>(t);
+  measure_rays();
+}
+
+void Growing::count(const Observation& seen, int change) {
+  View& view = views_[at(seen.image)];
+  const Image& entry = model_.images[at(seen.image)];
+  const geometry::Camera& camera = model_.cameras[at(entry.camera)];
+  const cv::Point2d p(entry.features[at(seen.feature)]);
+  if (view.cells.empty()) view.cells.assign(grid_start(kGrids + 1), 0);
+  view.seen += change;
+  for (int level = 1; level <= kGrids; ++level) {
+    const int cells = 1 << level;
+    const int x = std::clamp(static_cast<int>(p.x * cells / camera.width), 0, cells - 1);
+    const int y = std::clamp(static_cast<int>(p.y * cells / camera.height), 0, cells - 1);
+    int& cell = view.cells[grid_start(level) + at(y * cells + x)];
+    const bool was = cell > 0;
+    cell += change;
+    if (was != (cell > 0)) view.prospect += was ? -cells : cells;
+  }
+}
+
+void Growing::count_points(const std::vector<int>& tracks) {
+  for (const int track : tracks) {
+    const bool now = !model_.points[at(track)].track.empty();
+    if (now == (is_point_[at(track)] != 0)) continue;
+    is_point_[at(track)] = now ? 1 : 0;
+    for (const Observation& seen : tracks_[at(track)]) count(seen, now ? 1 : -1);
+  }
+}
+
+std::vector<int> Growing::all_tracks() const {
+  std::vector<int> tracks(tracks_.size());
+  std::iota(tracks.begin(), tracks.end(), 0);
+  return tracks;
+}
+
+std::vector<int> Growing::points_of(const std::vector<int>& images) const {
+  std::vector<int> result;
+  for (const int image : images) {
+    for (const int track : track_of_[at(image)])
+      if (track >= 0 && shows(model_.points[at(track)].track, image)) result.push_back(track);
+  }
+  std::sort(result.begin(), result.end());
+  result.erase(std::unique(result.begin(), result.end()), result.end());
+  return result;
+}
+
+int Growing::filter(const std::vector<int>& images) {
+  const std::vector<int> points = images.empty() ? all_tracks() : points_of(images);
+  const int dropped = filter_these(model_, options_, points);
+  count_points(points);
+  return dropped;
+}
+
+void Growing::resume(const Model& before) {
+  std::copy(before.cameras.begin(), before.cameras.end(), model_.cameras.begin());
+  for (std::size_t i = 0; i < before.images.size(); ++i) {
+    model_.images[i].registered = before.images[i].registered;
+    model_.images[i].pose = before.images[i].pose;
+    registered_ += before.images[i].registered ? 1 : 0;
+  }
+  measure_rays();
+  (void)triangulate_all(min_angle());
+}
+
+GrownState Growing::state() const {
+  GrownState state;
+  state.model = packed(model_);
+  state.ray_cameras = ray_cameras_;
+  if (extended_) state.tracks = tracks_;
+  return state;
+}
+
+void Growing::restore(const GrownState& state) {
+  if (!state.tracks.empty()) {
+    tracks_ = state.tracks;
+    extended_ = true;
+    for (auto& tracks : track_of_) std::fill(tracks.begin(), tracks.end(), -1);
+    for (std::size_t t = 0; t < tracks_.size(); ++t)
+      for (const Observation& seen : tracks_[t])
+        track_of_[at(seen.image)][at(seen.feature)] = static_cast<int>(t);
+  }
+  model_.cameras = state.ray_cameras;
+  measure_rays();
+  unpack(state.model, model_);
+  registered_ = static_cast<int>(state.model.registered.size());
+  count_points(all_tracks());
+}
+
+void Growing::adjust_model(const BundleOptions& options, const std::stop_token& stop) {
+  if (watch_) watch_("before", *this);
+  const BundleReport report = adjust(model_, options, stop);
+  if (!report.trouble.empty()) {
+    troubles_.push_back(
+        fmt::format("an adjustment of {} images and {} observations: {}",
+                    options.images.empty() ? at(registered_) : options.images.size(),
+                    report.residuals, report.trouble));
+  }
+  if (watch_) watch_("after", *this);
+}
+
+bool Growing::start(const Pair& pair, const std::stop_token& stop, std::string& why) {
+  Image& first = model_.images[at(pair.first)];
+  Image& second = model_.images[at(pair.second)];
+  first.pose = {};
+  second.pose = pair.view.second_from_first;
+  first.registered = second.registered = true;
+  registered_ = 2;
+  (void)triangulate_all(min_angle());
+  BundleOptions bundle;
+  adjust_model(bundle, stop);
+  (void)filter({});
+  std::vector<double> angles;
+  for (const Point& point : model_.points) {
+    if (!point.track.empty())
+      angles.push_back(ray_angle(point.position, first.pose.center(), second.pose.center()));
+  }
+  std::nth_element(angles.begin(), angles.begin() + static_cast<std::ptrdiff_t>(angles.size() / 2),
+                   angles.end());
+  const double angle = angles.empty() ? 0 : angles[angles.size() / 2] / kRadians;
+  if (angles.size() >= kMinPoints && angle >= 0.5 * options_.first_angle_deg) return true;
+  why = fmt::format("only {} points, {:.1f} degrees between their rays", angles.size(), angle);
+  first.registered = second.registered = false;
+  registered_ = 0;
+  for (Point& point : model_.points) point = {};
+  count_points(all_tracks());
+  return false;
+}
+
+std::vector<std::pair<int, int>> Growing::visible(int image) const {
+  std::vector<std::pair<int, int>> result;
+  const std::vector<int>& tracks = track_of_[at(image)];
+  for (std::size_t f = 0; f < tracks.size(); ++f) {
+    if (tracks[f] >= 0 && !model_.points[at(tracks[f])].track.empty())
+      result.emplace_back(static_cast<int>(f), tracks[f]);
+  }
+  return result;
+}
+
+bool Growing::add(int image, const std::stop_token& stop, std::string& why) {
+  Image& entry = model_.images[at(image)];
+  const geometry::Camera& camera = model_.cameras[at(entry.camera)];
+  const auto seen = visible(image);
+  if (static_cast<int>(seen.size()) < options_.pose_inliers) {
+    why = fmt::format("sees {} points of the model, {} are needed", seen.size(),
+                      options_.pose_inliers);
+    return false;
+  }
+  std::vector<cv::Point3d> positions;
+  std::vector<cv::Point2d> pixels;
+  for (const auto& [feature, track] : seen) {
+    const cv::Point2d& ray = rays_[at(image)][at(feature)];
+    positions.emplace_back(model_.points[at(track)].position);
+    pixels.emplace_back(camera.fx * ray.x + camera.cx, camera.fy * ray.y + camera.cy);
+  }
+  const auto pose = pose_of(positions, pixels, camera);
+  if (!pose) {
+    why = fmt::format("no pose fits the {} points that it should see", seen.size());
+    return false;
+  }
+  entry.pose = *pose;
+  std::vector<Sighting> inliers = inliers_of(image, seen, options_.pose_px);
+  adjust_pose(entry.pose, camera, inliers, options_.pose_px / 2);
+  inliers = inliers_of(image, seen, options_.pose_px);
+  const auto needed = std::max<std::size_t>(
+      at(options_.pose_inliers),
+      static_cast<std::size_t>(options_.pose_inlier_share * static_cast<double>(seen.size())));
+  if (inliers.size() < needed) {
+    why = fmt::format("{} of {} points agree on a pose, {} are needed", inliers.size(), seen.size(),
+                      needed);
+    return false;
+  }
+  adjust_pose(entry.pose, camera, inliers, options_.reprojection_px / 2);
+  // Of the points that may change: how many observations they have.
+  std::vector<std::pair<int, std::size_t>> before;
+  for (const int track : track_of_[at(image)])
+    if (track >= 0) before.emplace_back(track, model_.points[at(track)].track.size());
+  entry.registered = true;
+  ++registered_;
+  (void)triangulate_all(min_angle(), image);
+  try {
+    refine_around(image, stop);
+  } catch (const Interrupted&) {
+    std::vector<int> tracks;
+    for (const auto& [track, size] : before) {
+      Point& point = model_.points[at(track)];
+      if (size == 0) {
+        point = {};
+      } else {
+        point.track.resize(size);  // triangulate_track only appends
+      }
+      tracks.push_back(track);
+    }
+    count_points(tracks);
+    entry.registered = false;
+    entry.pose = {};
+    --registered_;
+    throw;
+  }
+  return true;
+}
+
+bool Growing::refine_once(double tolerance, const std::stop_token& stop) {
+  BundleOptions bundle;
+  bundle.tolerance = tolerance;
+  // Two views do not tell the focal length.
+  const bool enough = registered() >= 3;
+  bundle.focal = options_.refine_focal && enough;
+  bundle.center = options_.refine_center && registered() >= 5;
+  bundle.distortion = options_.refine_distortion && enough;
+  adjust_model(bundle, stop);
+  if (bundle.focal || bundle.center || bundle.distortion) measure_rays();
+  const int dropped = filter({});
+  const int found = triangulate_all(min_angle());
+  const ModelStatistics now = statistics_of(model_);
+  return dropped + found >= 0.002 * static_cast<double>(now.observations);
+}
+
+void Growing::refine_all(int rounds, double tolerance, const std::stop_token& stop) {
+  for (int round = 0; round < rounds; ++round)
+    if (!refine_once(tolerance, stop)) break;
+}
+
+Model Growing::finished(const std::vector<std::vector<cv::Vec3b>>& colors, int min_views) const {
+  Model result;
+  result.cameras = model_.cameras;
+  result.images.resize(model_.images.size());
+  for (std::size_t i = 0; i < result.images.size(); ++i) {
+    const Image& image = model_.images[i];
+    if (image.registered) {
+      result.images[i] = image;
+      result.images[i].points.assign(image.features.size(), -1);
+    } else {
+      result.images[i].name = image.name;
+      result.images[i].camera = image.camera;
+    }
+  }
+  if (min_views <= 0) min_views = registered() < 4 ? 2 : options_.min_views;
+  const std::size_t least = at(std::max(2, min_views));
+  for (const Point& point : model_.points) {
+    if (point.track.size() < least) continue;
+    Point copy = point;
+    cv::Vec3d color;
+    double squares = 0;
+    for (const Observation& seen : point.track) {
+      color += cv::Vec3d(colors[at(seen.image)][at(seen.feature)]);
+      const auto error = error_of(model_, seen, point.position);
+      squares += error ? *error * *error : 0;
+      result.images[at(seen.image)].points[at(seen.feature)] =
+          static_cast<int>(result.points.size());
+    }
+    const auto count = static_cast<double>(point.track.size());
+    for (int k = 0; k < 3; ++k) copy.color[k] = cv::saturate_cast<std::uint8_t>(color[k] / count);
+    copy.error = std::sqrt(squares / count);
+    result.points.push_back(std::move(copy));
+  }
+  return result;
+}
+
+std::optional<double> Growing::error_of(const Model& model, const Observation& seen,
+                                        const cv::Vec3d& position) {
+  const Image& image = model.images[at(seen.image)];
+  const auto pixel = model.cameras[at(image.camera)].project(image.pose * position);
+  if (!pixel) return std::nullopt;
+  return cv::norm(*pixel - cv::Point2d(image.features[at(seen.feature)]));
+}
+
+bool Growing::shows(const std::vector<Observation>& track, int image) {
+  return std::any_of(track.begin(), track.end(),
+                     [&](const Observation& seen) { return seen.image == image; });
+}
+
+void Growing::measure_rays() {
+  ray_cameras_ = model_.cameras;
+  rays_.resize(model_.images.size());
+  for (std::size_t i = 0; i < model_.images.size(); ++i) {
+    const Image& image = model_.images[i];
+    const geometry::Camera& camera = model_.cameras[at(image.camera)];
+    rays_[i].clear();
+    for (const cv::Point2d& p : undistorted(image.features, camera))
+      rays_[i].emplace_back((p.x - camera.cx) / camera.fx, (p.y - camera.cy) / camera.fy);
+  }
+}
+
+std::optional<geometry::Rigid> Growing::pose_of(const std::vector<cv::Point3d>& positions,
+                                                const std::vector<cv::Point2d>& pixels,
+                                                const geometry::Camera& camera) const {
+  cv::UsacParams params;
+  params.confidence = 0.9999;
+  params.isParallel = false;
+  params.loIterations = 10;
+  params.loMethod = cv::LOCAL_OPTIM_INNER_LO;
+  params.loSampleSize = 14;
+  params.maxIterations = 10000;
+  params.neighborsSearch = cv::NEIGH_GRID;
+  params.randomGeneratorState = static_cast<int>(options_.seed & 0x7fffffffU);
+  params.sampler = cv::SAMPLING_UNIFORM;
+  params.score = cv::SCORE_METHOD_MSAC;
+  params.threshold = options_.pose_px;
+  cv::Mat matrix(camera.matrix());
+  cv::Mat rotation_vector;
+  cv::Mat translation;
+  cv::Mat inliers;
+  try {
+    if (!cv::solvePnPRansac(positions, pixels, matrix, cv::noArray(), rotation_vector, translation,
+                            inliers, params)) {
+      return std::nullopt;
+    }
+  } catch (const cv::Exception&) {
+    return std::nullopt;
+  }
+  cv::Mat rotation;
+  cv::Rodrigues(rotation_vector, rotation);
+  geometry::Rigid pose;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) pose.rotation(r, c) = rotation.at<double>(r, c);
+    pose.translation[r] = translation.at<double>(r);
+  }
+  if (!std::isfinite(pose.translation.dot(pose.translation)) ||
+      std::abs(cv::determinant(pose.rotation) - 1) > 1e-3) {
+    return std::nullopt;
+  }
+  return pose;
+}
+
+std::vector<Sighting> Growing::inliers_of(int image, const std::vector<std::pair<int, int>>& seen,
+                                          double threshold) const {
+  std::vector<Sighting> result;
+  for (const auto& [feature, track] : seen) {
+    const cv::Vec3d& position = model_.points[at(track)].position;
+    const auto error = error_of(model_, {image, feature}, position);
+    if (error && *error <= threshold)
+      result.push_back({cv::Point2d(model_.images[at(image)].features[at(feature)]), position});
+  }
+  return result;
+}
+
+void Growing::refine_around(int image, const std::stop_token& stop) {
+  std::map<int, int> shared;
+  for (const auto& [feature, track] : visible(image))
+    for (const Observation& seen : model_.points[at(track)].track) ++shared[seen.image];
+  shared.erase(image);
+  std::vector<std::pair<int, int>> order;
+  for (const auto& [other, count] : shared) order.emplace_back(-count, other);
+  std::sort(order.begin(), order.end());
+  BundleOptions bundle;
+  bundle.max_iterations = 20;
+  bundle.tolerance = 1e-4;
+  bundle.images = {image};
+  for (std::size_t k = 0; k < order.size() && k < kNeighbours; ++k)
+    bundle.images.push_back(order[k].second);
+  // A model this small is adjusted as a whole.
+  if (registered() <= kNeighbours + 1) bundle.images.clear();
+  bundle.points = points_of(bundle.images);
+  adjust_model(bundle, stop);
+  (void)filter(bundle.images);
+}
+
+int Growing::triangulate_all(double min_angle, int image) {
+  std::vector<int> chosen;
+  if (image < 0) {
+    chosen = all_tracks();
+  } else {
+    for (const int track : track_of_[at(image)])
+      if (track >= 0) chosen.push_back(track);
+  }
+  std::vector<int> gained(chosen.size(), 0);
+  cv::parallel_for_(cv::Range(0, static_cast<int>(chosen.size())), [&](const cv::Range& range) {
+    for (int k = range.start; k < range.end; ++k)
+      gained[at(k)] = triangulate_track(chosen[at(k)], min_angle);
+  });
+  count_points(chosen);
+  return std::accumulate(gained.begin(), gained.end(), 0);
+}
+
+int Growing::triangulate_track(int track, double min_angle) {
+  Point& point = model_.points[at(track)];
+  const std::size_t before = point.track.size();
+  std::vector<Observation> there;
+  for (const Observation& seen : tracks_[at(track)])
+    if (model_.images[at(seen.image)].registered) there.push_back(seen);
+  if (there.size() < 2 || before == there.size()) return 0;
+  if (before > 0) {
+    for (const Observation& seen : there) {
+      if (std::find(point.track.begin(), point.track.end(), seen) != point.track.end()) continue;
+      const auto error = error_of(model_, seen, point.position);
+      if (error && *error <= options_.reprojection_px) point.track.push_back(seen);
+    }
+    return static_cast<int>(point.track.size() - before);
+  }
+  // The pair of sights that most others agree with.
+  std::vector<Observation> best;
+  cv::Vec3d position;
+  int tried = 0;
+  const auto count = static_cast<int>(there.size());
+  for (int apart = count - 1; apart >= 1 && tried < kMaxPairsOfATrack; --apart) {
+    for (int i = 0; i + apart < count && tried < kMaxPairsOfATrack; ++i) {
+      ++tried;
+      const auto candidate = triangulate({sight(there[at(i)]), sight(there[at(i + apart)])});
+      if (!candidate) continue;
+      std::vector<Observation> agreeing = within(there, *candidate);
+      if (agreeing.size() > best.size()) {
+        best = std::move(agreeing);
+        position = *candidate;
+      }
+    }
+    if (best.size() == there.size()) break;
+  }
+  if (best.size() < 2) return 0;
+  std::vector<Sight> sights;
+  for (const Observation& seen : best) sights.push_back(sight(seen));
+  const auto refined = triangulate(sights);
+  if (refined) position = *refined;
+  best = within(there, position);
+  if (best.size() < 2 || !has_angle(model_, best, position, min_angle)) return 0;
+  point.position = position;
+  point.track = std::move(best);
+  return static_cast<int>(point.track.size());
+}
+
+Sight Growing::sight(const Observation& seen) const {
+  return {model_.images[at(seen.image)].pose, rays_[at(seen.image)][at(seen.feature)]};
+}
+
+std::vector<Observation> Growing::within(const std::vector<Observation>& all,
+                                         const cv::Vec3d& position) const {
+  std::vector<Observation> result;
+  for (const Observation& seen : all) {
+    const auto error = error_of(model_, seen, position);
+    if (error && *error <= options_.reprojection_px) result.push_back(seen);
+  }
+  return result;
+}
+
+bool Growing::has_angle(const Model& model, const std::vector<Observation>& track,
+                        const cv::Vec3d& position, double least) {
+  // The first and the last are often the widest apart.
+  std::vector<cv::Vec3d> centers;
+  centers.reserve(track.size());
+  for (const Observation& seen : track)
+    centers.push_back(model.images[at(seen.image)].pose.center());
+  for (std::size_t i = 0; i < track.size(); ++i)
+    for (std::size_t k = track.size() - 1; k > i; --k)
+      if (ray_angle(position, centers[i], centers[k]) >= least) return true;
+  return false;
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/mapper/bundle.h"
+#include "tarsier/sfm/mapper/checkpoint.h"
+#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/tracks.h"
+#include "tarsier/sfm/mapper/triangulation.h"
+
+#include <opencv2/core.hpp>
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tarsier::sfm {
+
+// The inside of the mapper: one growing model. Its points lie at their track's index; those without
+// observations are none yet.
+class Growing {
+ public:
+  Growing(Model model, std::vector<std::vector<Observation>> tracks,
+          const std::vector<cv::Mat>& descriptors, FeatureKind kind, const MapperOptions& options);
+  [[nodiscard]] const Model& model() const { return model_; }
+  [[nodiscard]] int registered() const { return registered_; }
+  // Is called with "before" and "after" around each adjustment, of all of it or of a part.
+  using Watch = std::function<void(const char* moment, const Growing&)>;
+  void watch(Watch watch) { watch_ = std::move(watch); }
+  // Takes the poses and cameras of a model of the first images, with points of all tracks.
+  void resume(const Model& before);
+  // Starts from two images; false (and nothing is registered) where too little comes of it.
+  bool start(const Pair& pair, const std::stop_token& stop, std::string& why);
+  // Points of the model that the image should see, as (feature, track), and their number,
+  // which is kept up to date as points come and go.
+  [[nodiscard]] std::vector<std::pair<int, int>> visible(int image) const;
+  [[nodiscard]] int seen(int image) const { return views_[static_cast<std::size_t>(image)].seen; }
+  // How much an image sees, and how well it is spread: occupied cells of finer and finer grids,
+  // the finer ones counting more (Schonberger and Frahm, section 4.2). Kept up to date as well.
+  [[nodiscard]] double prospect(int image) const {
+    return static_cast<double>(views_[static_cast<std::size_t>(image)].prospect);
+  }
+  // Adds an image; `why` tells what was missing where it fails. Throws Interrupted: it is then
+  // not in, and the model is as it was.
+  bool add(int image, const std::stop_token& stop, std::string& why);
+  // Adjusts all of it, drops what is off, and looks for what fits now; whether much changed, so
+  // that another round is worth it. Throws Interrupted: the model is then as it was.
+  bool refine_once(double tolerance, const std::stop_token& stop);
+  // The same again while much changes.
+  void refine_all(int rounds, double tolerance, const std::stop_token& stop);
+  // Looks for known points where they should appear in images that do not show them yet: a
+  // match too weak on its own is good at the right place. A feature that belongs to another track
+  // joins the two if they are one point. In each image it looks for the points of those that
+  // have a point in common with it. Returns how many observations came in. Throws Interrupted: the
+  // model is then a good one, but between two states.
+  int extend(const std::stop_token& stop);
+  // The model with points in a row, their colours and errors, and what each feature shows. Points
+  // that at least so many images show; 0: as the options say.
+  [[nodiscard]] Model finished(const std::vector<std::vector<cv::Vec3b>>& colors,
+                               int min_views = 0) const;
+  // All that it takes to go on from here in another process, to the last bit; and that.
+  [[nodiscard]] GrownState state() const;
+  void restore(const GrownState& state);
+  // What went wrong in adjustments since the last call, a line each.
+  [[nodiscard]] std::vector<std::string> take_troubles() { return std::exchange(troubles_, {}); }
+  static std::optional<double> error_of(const Model& model, const Observation& seen,
+                                        const cv::Vec3d& position);
+  // Whether two rays to the point differ by `least` radians or more.
+  static bool has_angle(const Model& model, const std::vector<Observation>& track,
+                        const cv::Vec3d& position, double least);
+
+ private:
+  // What an image sees of the model: cells of all five grids, each with how many features of
+  // points lie in it.
+  struct View {
+    int seen = 0;
+    std::int64_t prospect = 0;
+    std::vector<int> cells;
+  };
+  void adjust_model(const BundleOptions& options, const std::stop_token& stop);
+  void count(const Observation& seen, int change);
+  // After points of these tracks have come or gone.
+  void count_points(const std::vector<int>& tracks);
+  [[nodiscard]] std::vector<int> all_tracks() const;
+  // Tracks of the points that some of the images show, ascending.
+  [[nodiscard]] std::vector<int> points_of(const std::vector<int>& images) const;
+  // Drops what is off among the points of some images; empty: among all.
+  int filter(const std::vector<int>& images);
+  [[nodiscard]] double min_angle() const { return options_.min_angle_deg * CV_PI / 180; }
+  class Nearby;
+  static bool shows(const std::vector<Observation>& track, int image);
+  // The feature of an image that looks most like the point, near its place; or -1.
+  [[nodiscard]] int look_for(int track, int image, const cv::Point2d& pixel,
+                             const Nearby& nearby) const;
+  int take(int track, const Observation& seen);
+  // Normalised coordinates of all features.
+  void measure_rays();
+  [[nodiscard]] std::optional<geometry::Rigid> pose_of(const std::vector<cv::Point3d>& positions,
+                                                       const std::vector<cv::Point2d>& pixels,
+                                                       const geometry::Camera& camera) const;
+  [[nodiscard]] std::vector<Sighting> inliers_of(int image,
+                                                 const std::vector<std::pair<int, int>>& seen,
+                                                 double threshold) const;
+  // The images that share most points with a new one move with it, the others hold them.
+  void refine_around(int image, const std::stop_token& stop);
+  // Points for tracks that have none, and further observations for those that have one. Of all
+  // tracks, or of those of one image. Returns how many observations came in.
+  int triangulate_all(double min_angle, int image = -1);
+  int triangulate_track(int track, double min_angle);
+  [[nodiscard]] Sight sight(const Observation& seen) const;
+  [[nodiscard]] std::vector<Observation> within(const std::vector<Observation>& all,
+                                                const cv::Vec3d& position) const;
+
+  Model model_;
+  std::vector<std::vector<Observation>> tracks_;
+  const std::vector<cv::Mat>& descriptors_;
+  FeatureKind kind_;
+  MapperOptions options_;
+  Watch watch_;
+  int registered_ = 0;
+  std::vector<View> views_;
+  std::vector<char> is_point_;                  // of each track: whether views_ count it
+  bool extended_ = false;                       // the tracks are not those of the pairs any more
+  std::vector<std::vector<int>> track_of_;      // of each feature of each image, or -1
+  std::vector<std::vector<cv::Point2d>> rays_;  // of each feature
+  std::vector<geometry::Camera> ray_cameras_;   // that they were measured with
+  std::vector<std::vector<double>> norms_;      // of each descriptor, since the first extend()
+  std::vector<std::string> troubles_;
+};
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,608 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/mapper.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/sfm/mapper/growing.h"
+
+#include <fmt/format.h>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kRadians = CV_PI / 180;
+constexpr double kGrowth = 1.25;  // of the model, after which all of it is adjusted
+constexpr int kFirstPairsTried = 20;
+constexpr int kSmall = 10;       // images of a model that is cheap to adjust as a whole
+constexpr double kRough = 1e-3;  // of an adjustment while the model still changes
+constexpr double kFine = 1e-5;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// How good a pair is to begin with: many points in front of both, seen under a wide angle, and not
+// all explained by one plane, which tells little of the cameras.
+double promise_of(const Pair& pair, const MapperOptions& options) {
+  const auto inliers = static_cast<double>(pair.view.inliers.size());
+  if (inliers < options.first_inliers || pair.view.in_front < 0.5 * inliers) return 0;
+  const double angle = pair.view.median_angle / kRadians;
+  if (angle < options.first_angle_deg) return 0;
+  const double plane = std::min(1.0, pair.view.homography_inliers / inliers);
+  return pair.view.in_front * std::min(angle, 15.0) / 15 * (1.05 - plane);
+}
+
+// The best pair of each image, or none.
+std::vector<const Pair*> best_pairs(const std::vector<Pair>& pairs, std::size_t images) {
+  std::vector<const Pair*> best(images, nullptr);
+  for (const Pair& pair : pairs) {
+    for (const int image : {pair.first, pair.second}) {
+      const Pair*& known = best[at(image)];
+      if (known == nullptr || pair.view.inliers.size() > known->view.inliers.size() ||
+          (pair.view.inliers.size() == known->view.inliers.size() &&
+           pair.matches > known->matches)) {
+        known = &pair;
+      }
+    }
+  }
+  return best;
+}
+
+std::string lonely(const Pair* best, const std::vector<Image>& images, int image) {
+  if (best == nullptr) return "was compared with no other image";
+  const std::string& name = images[at(best->first == image ? best->second : best->first)].name;
+  if (best->view.inliers.empty())
+    return fmt::format("too few matches: at most {}, with {}, and no geometry fits them",
+                       best->matches, name);
+  return fmt::format("its best pair, {} inliers with {}, is no good start and joins no model",
+                     best->view.inliers.size(), name);
+}
+
+// Why no pair of images is a start, by the one with most inliers.
+std::string no_start(const std::vector<Pair>& pairs, const std::vector<Image>& images,
+                     const MapperOptions& options) {
+  const Pair* best = nullptr;
+  const Pair* most = nullptr;
+  for (const Pair& pair : pairs) {
+    if (best == nullptr || pair.view.inliers.size() > best->view.inliers.size()) best = &pair;
+    if (most == nullptr || pair.matches > most->matches) most = &pair;
+  }
+  if (best == nullptr) return "there are no two images to compare";
+  if (best->view.inliers.empty())
+    return fmt::format("no two images show the same thing: at most {} matches ({} and {})",
+                       most->matches, images[at(most->first)].name, images[at(most->second)].name);
+  const auto inliers = static_cast<double>(best->view.inliers.size());
+  const std::string names =
+      fmt::format("the best pair, {} and {}, has {} inliers", images[at(best->first)].name,
+                  images[at(best->second)].name, best->view.inliers.size());
+  if (inliers < options.first_inliers)
+    return fmt::format("{}, a start needs {}", names, options.first_inliers);
+  if (best->view.homography_inliers > 0.9 * inliers)
+    return fmt::format(
+        "{}, and one plane or a camera that only turned explains {:.0f} % of them: move the camera "
+        "sideways between images",
+        names, 100 * best->view.homography_inliers / inliers);
+  return fmt::format("{}, but its rays differ by only {:.1f} degrees: move the camera sideways",
+                     names, best->view.median_angle / kRadians);
+}
+
+// Adds what sees most, until nothing more can be added. `thorough`: when nothing more can, all of
+// it is adjusted and what failed is tried once more. `failed`: images that failed, and how
+// many points they saw then. `each_step` is called where a checkpoint can be made. `tell`: image,
+// added, why not.
+template <typename EachStep, typename Tell>
+void add_all(Growing& growing, const std::vector<bool>& used, bool thorough, int& adjusted_at,
+             std::map<int, int>& failed, const std::stop_token& stop, const EachStep& each_step,
+             const Tell& tell) {
+  for (;;) {
+    throw_if_stopped(stop);
+    each_step();
+    if (growing.registered() >= kGrowth * adjusted_at) {
+      growing.refine_all(1, kRough, stop);
+      adjusted_at = growing.registered();
+    }
+    std::vector<std::pair<double, int>> next;
+    for (std::size_t i = 0; i < used.size(); ++i) {
+      const int image = static_cast<int>(i);
+      if (used[i] || growing.model().images[i].registered) continue;
+      const int seen = growing.seen(image);
+      if (seen < 6) continue;
+      const auto before = failed.find(image);
+      if (before != failed.end() && seen < 1.1 * before->second + 5) continue;
+      next.emplace_back(-growing.prospect(image), image);
+    }
+    std::sort(next.begin(), next.end());
+    bool added = false;
+    for (const auto& [prospect, image] : next) {
+      std::string why;
+      added = growing.add(image, stop, why);
+      tell(image, added, added ? std::string() : why);
+      if (added) break;
+      failed[image] = growing.seen(image);
+    }
+    if (added) continue;
+    if (!thorough || adjusted_at == growing.registered()) break;
+    growing.refine_all(1, kRough, stop);
+    adjusted_at = growing.registered();
+  }
+}
+
+// Which images hang together by verified pairs that are left.
+class Components {
+ public:
+  explicit Components(std::size_t count) : parents_(count) {
+    std::iota(parents_.begin(), parents_.end(), 0);
+  }
+  int root(int image) {
+    while (parents_[at(image)] != image)
+      image = parents_[at(image)] = parents_[at(parents_[at(image)])];
+    return image;
+  }
+  void join(int a, int b) { parents_[at(root(a))] = root(b); }
+
+ private:
+  std::vector<int> parents_;
+};
+
+class Mapping {
+ public:
+  Mapping(const std::vector<geometry::Camera>& cameras, const std::vector<Image>& images,
+          const std::vector<std::vector<cv::Vec3b>>& colors,
+          const std::vector<cv::Mat>& descriptors, FeatureKind kind, const std::vector<Pair>& pairs,
+          const MapperOptions& options, Progress& progress, const std::stop_token& stop,
+          const MapperHooks& hooks)
+      : cameras_(cameras),
+        images_(images),
+        colors_(colors),
+        descriptors_(descriptors),
+        kind_(kind),
+        pairs_(pairs),
+        options_(options),
+        progress_(progress),
+        stop_(stop),
+        hooks_(hooks),
+        used_(images.size(), false),
+        bad_start_(pairs.size(), 0) {
+    result_.outcomes.resize(images.size());
+  }
+
+  Reconstruction run() {
+    progress_.begin("reconstruct", static_cast<std::int64_t>(images_.size()), "images");
+    if (hooks_.from && !hooks_.watch && fits(*hooks_.from, cameras_, images_, pairs_.size()))
+      resume(*hooks_.from);
+    try {
+      while (!done_) {
+        if (!growing_ && !begin_model()) break;
+        grow();
+      }
+      done_ = true;
+      keep();
+    } catch (const Interrupted&) {
+      if (!in_between_) keep();
+      if (!hooks_.partial || (result_.models.empty() && !growing_)) throw;
+      result_.interrupted = true;
+      if (growing_) result_.models.push_back(growing_->finished(colors_));
+    }
+    progress_.end();
+    finish();
+    if (result_.interrupted && result_.models.empty()) throw Interrupted();
+    return std::move(result_);
+  }
+
+ private:
+  // --- one model ---
+
+  // Images of the pairs that are left, by component.
+  Components components() const {
+    Components components(images_.size());
+    for (const Pair& pair : pairs_)
+      if (is_left(pair)) components.join(pair.first, pair.second);
+    return components;
+  }
+
+  [[nodiscard]] bool is_left(const Pair& pair) const {
+    return !pair.view.inliers.empty() && !used_[at(pair.first)] && !used_[at(pair.second)];
+  }
+
+  // A model with the features of one component: what can join is in it, and a folder of many small
+  // scenes does not cost each of them the features of all.
+  void make_growing(Components& components, int root) {
+    growing_.reset();
+    Model model;
+    model.cameras = cameras_;
+    model.images.resize(images_.size());
+    std::vector<int> features(images_.size(), 0);
+    for (std::size_t i = 0; i < images_.size(); ++i) {
+      Image& image = model.images[i];
+      if (components.root(static_cast<int>(i)) == root) {
+        image = images_[i];
+        features[i] = static_cast<int>(image.features.size());
+      } else {
+        image.name = images_[i].name;
+        image.camera = images_[i].camera;
+      }
+    }
+    std::vector<const Pair*> left;
+    for (const Pair& pair : pairs_)
+      if (is_left(pair) && components.root(pair.first) == root) left.push_back(&pair);
+    growing_.emplace(std::move(model), make_tracks(left, features), descriptors_, kind_, options_);
+    if (hooks_.watch) {
+      growing_->watch([&](const char* moment, const Growing& now) {
+        if (moment == std::string_view("before")) ++adjustments_;
+        hooks_.watch(fmt::format("grown-{:03}-{}", adjustments_, moment), now.finished(colors_, 2));
+      });
+    }
+  }
+
+  // Finds a start among what is left; false: there is none.
+  bool begin_model() {
+    Components components = this->components();
+    std::vector<std::pair<double, std::size_t>> starts;
+    for (std::size_t k = 0; k < pairs_.size(); ++k) {
+      if (!is_left(pairs_[k])) continue;
+      const double promise = promise_of(pairs_[k], options_);
+      if (promise > 0 && bad_start_[k] == 0) starts.emplace_back(-promise, k);
+    }
+    std::sort(starts.begin(), starts.end());
+    int made_of = -1;  // component
+    for (std::size_t k = 0; k < starts.size() && k < kFirstPairsTried; ++k) {
+      const Pair& pair = pairs_[starts[k].second];
+      const int root = components.root(pair.first);
+      std::string why;
+      bool started = false;
+      try {
+        throw_if_stopped(stop_);
+        if (root != made_of) make_growing(components, root);
+        made_of = root;
+        started = growing_->start(pair, stop_, why);
+      } catch (const Interrupted&) {
+        growing_.reset();
+        throw;
+      }
+      result_.story.push_back(fmt::format(
+          "start from {} and {} ({} inliers, {:.1f} degrees, {:.0f} % of one plane): {}",
+          images_[at(pair.first)].name, images_[at(pair.second)].name, pair.view.inliers.size(),
+          pair.view.median_angle / kRadians,
+          100.0 * pair.view.homography_inliers / static_cast<double>(pair.view.inliers.size()),
+          started ? "good" : why));
+      tell_troubles();
+      if (started) {
+        progress_.advance(2);
+        failed_.clear();
+        adjusted_at_ = growing_->registered();
+        stage_ = round_ = 0;
+        return true;
+      }
+      bad_start_[starts[k].second] = 1;
+    }
+    growing_.reset();
+    return false;
+  }
+
+  // From where growing_ is to its end: images are added, then all of it is adjusted and
+  // extended. Each round is a state of its own, from which another process can go on.
+  void grow() {
+    enum Stage { kAdd, kRefine, kExtend, kExtendAgain, kLast, kDone };
+    const auto enter = [&](int stage) {
+      stage_ = stage;
+      round_ = 0;
+    };
+    while (stage_ != kDone) {
+      keep_sometimes();
+      switch (stage_) {
+        case kAdd:
+          add_all(
+              *growing_, used_, true, adjusted_at_, failed_, stop_, [&] { keep_sometimes(); },
+              [&](int image, bool added, const std::string& why) {
+                if (added) {
+                  result_.story.push_back(fmt::format("add {}", images_[at(image)].name));
+                  progress_.advance();
+                }
+                result_.outcomes[at(image)].reason = why;
+                tell_troubles();
+              });
+          enter(kRefine);
+          break;
+        case kRefine: {
+          const bool changed = growing_->refine_once(kRough, stop_);
+          if (++round_ == 3 || !changed) enter(kExtend);
+          break;
+        }
+        case kExtend:
+        case kExtendAgain:
+          if (round_ == 0) {
+            in_between_ = true;
+            const int gained = growing_->extend(stop_);
+            in_between_ = false;
+            if (gained > 0) {
+              round_ = 1;
+            } else {
+              enter(kLast);
+            }
+          } else {
+            growing_->refine_once(kRough, stop_);
+            enter(stage_ + 1);
+          }
+          break;
+        default: {
+          const bool changed = growing_->refine_once(kFine, stop_);
+          if (++round_ == 2 || !changed) enter(kDone);
+        }
+      }
+      tell_troubles();
+    }
+    Model model = growing_->finished(colors_);
+    growing_.reset();
+    for (std::size_t i = 0; i < images_.size(); ++i)
+      used_[i] = used_[i] || model.images[i].registered;
+    if (hooks_.watch) hooks_.watch(fmt::format("model-{}", result_.models.size()), model);
+    result_.models.push_back(std::move(model));
+  }
+
+  void tell_troubles() {
+    if (!growing_) return;
+    for (std::string& line : growing_->take_troubles()) result_.story.push_back(std::move(line));
+  }
+
+  // --- checkpoints ---
+
+  void keep_sometimes() {
+    const double since = seconds_since(kept_at_);
+    if (since >= hooks_.keep_every_s && (hooks_.keep_every_s <= 0 || since >= 20 * keeping_s_))
+      keep();
+  }
+
+  void keep() {
+    if (!hooks_.keep) return;
+    const Clock::time_point start = Clock::now();
+    MapperState state;
+    for (const Model& model : result_.models) state.models.push_back(packed(model));
+    state.story = result_.story;
+    for (const Outcome& outcome : result_.outcomes) state.reasons.push_back(outcome.reason);
+    state.bad_start = bad_start_;
+    state.done = done_;
+    if (growing_) state.grown = growing_->state();
+    state.failed.assign(failed_.begin(), failed_.end());
+    state.adjusted_at = adjusted_at_;
+    state.stage = stage_;
+    state.round = round_;
+    hooks_.keep(state);
+    kept_at_ = Clock::now();
+    keeping_s_ = seconds_since(start);
+  }
+
+  void resume(const MapperState& state) {
+    result_.story = state.story;
+    for (std::size_t i = 0; i < images_.size(); ++i) result_.outcomes[i].reason = state.reasons[i];
+    bad_start_ = state.bad_start;
+    done_ = state.done;
+    for (const PackedModel& packed : state.models) {
+      Model model;
+      model.images.resize(images_.size());
+      for (std::size_t i = 0; i < images_.size(); ++i) {
+        model.images[i].name = images_[i].name;
+        model.images[i].camera = images_[i].camera;
+      }
+      for (const int image : packed.registered) {
+        model.images[at(image)] = images_[at(image)];
+        model.images[at(image)].points.assign(images_[at(image)].features.size(), -1);
+        used_[at(image)] = true;
+      }
+      model.points.resize(static_cast<std::size_t>(packed.points));
+      unpack(packed, model);
+      for (std::size_t p = 0; p < model.points.size(); ++p)
+        for (const Observation& seen : model.points[p].track)
+          model.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(p);
+      result_.models.push_back(std::move(model));
+    }
+    if (state.grown) {
+      Components components = this->components();
+      make_growing(components, components.root(state.grown->model.registered.front()));
+      const std::size_t tracks = growing_->model().points.size();
+      if (static_cast<std::int64_t>(tracks) != state.grown->model.points) {
+        growing_.reset();  // of other pairs: this model begins again
+      } else {
+        growing_->restore(*state.grown);
+        failed_.insert(state.failed.begin(), state.failed.end());
+        adjusted_at_ = state.adjusted_at;
+        stage_ = state.stage;
+        round_ = state.round;
+      }
+    }
+    result_.resumed = growing_ ? growing_->registered() : 0;
+    for (const bool used : used_) result_.resumed += used ? 1 : 0;
+    progress_.advance(result_.resumed);
+  }
+
+  // --- the end ---
+
+  void finish() {
+    struct Sized {
+      ModelStatistics size;
+      Model model;
+    };
+    std::vector<Sized> models;
+    for (Model& model : result_.models) {
+      const ModelStatistics size = statistics_of(model);
+      if (size.registered >= options_.min_images) models.push_back({size, std::move(model)});
+    }
+    std::stable_sort(models.begin(), models.end(), [](const Sized& a, const Sized& b) {
+      return a.size.registered != b.size.registered ? a.size.registered > b.size.registered
+                                                    : a.size.observations > b.size.observations;
+    });
+    result_.models.clear();
+    for (Sized& sized : models) result_.models.push_back(std::move(sized.model));
+    if (result_.models.empty()) result_.no_model = no_start(pairs_, images_, options_);
+    const std::vector<const Pair*> best = best_pairs(pairs_, images_.size());
+    for (std::size_t i = 0; i < images_.size(); ++i) {
+      Outcome& outcome = result_.outcomes[i];
+      for (std::size_t m = 0; m < result_.models.size() && !outcome.registered; ++m) {
+        if (!result_.models[m].images[i].registered) continue;
+        outcome.registered = true;
+        outcome.model = static_cast<int>(m);
+        outcome.reason.clear();
+      }
+      if (outcome.registered || !outcome.reason.empty()) continue;
+      outcome.reason = result_.interrupted ? "the work was interrupted before it was tried"
+                                           : lonely(best[i], images_, static_cast<int>(i));
+    }
+  }
+
+  using Clock = std::chrono::steady_clock;
+  static double seconds_since(Clock::time_point start) {
+    return std::chrono::duration<double>(Clock::now() - start).count();
+  }
+
+  const std::vector<geometry::Camera>& cameras_;
+  const std::vector<Image>& images_;
+  const std::vector<std::vector<cv::Vec3b>>& colors_;
+  const std::vector<cv::Mat>& descriptors_;
+  FeatureKind kind_;
+  const std::vector<Pair>& pairs_;
+  const MapperOptions& options_;
+  Progress& progress_;
+  const std::stop_token& stop_;
+  const MapperHooks& hooks_;
+  Reconstruction result_;
+  std::vector<bool> used_;               // images in finished models
+  std::vector<std::uint8_t> bad_start_;  // pairs
+  bool done_ = false;
+  bool in_between_ = false;  // no state that another process could go on from
+  std::optional<Growing> growing_;
+  std::map<int, int> failed_;
+  int adjusted_at_ = 0;
+  int stage_ = 0;
+  int round_ = 0;
+  int adjustments_ = 0;
+  Clock::time_point kept_at_ = Clock::now();
+  double keeping_s_ = 0;
+};
+
+}  // namespace
+
+void MapperOptions::check() const {
+  TARSIER_REQUIRE(reprojection_px >= 0.1 && reprojection_px <= 50, "reprojection {} px",
+                  reprojection_px);
+  TARSIER_REQUIRE(min_angle_deg >= 0.01 && min_angle_deg <= 30, "least angle {}", min_angle_deg);
+  TARSIER_REQUIRE(first_angle_deg >= 0.1 && first_angle_deg <= 60, "first angle {}",
+                  first_angle_deg);
+  TARSIER_REQUIRE(first_inliers >= 16 && first_inliers <= 100'000, "{} first inliers",
+                  first_inliers);
+  TARSIER_REQUIRE(pose_inliers >= 6 && pose_inliers <= 100'000, "{} pose inliers", pose_inliers);
+  TARSIER_REQUIRE(pose_inlier_share >= 0 && pose_inlier_share <= 1, "pose inlier share {}",
+                  pose_inlier_share);
+  TARSIER_REQUIRE(pose_px >= 0.1 && pose_px <= 50, "pose threshold {}", pose_px);
+  TARSIER_REQUIRE(min_views >= 2 && min_views <= 100, "{} views", min_views);
+  TARSIER_REQUIRE(min_images >= 2 && min_images <= 1000, "{} images", min_images);
+}
+
+int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images) {
+  std::vector<bool> looked(model.images.size(), images.empty());
+  for (const int image : images) looked[at(image)] = true;
+  std::vector<int> points;
+  for (std::size_t p = 0; p < model.points.size(); ++p) {
+    const std::vector<Observation>& track = model.points[p].track;
+    if (std::any_of(track.begin(), track.end(),
+                    [&](const Observation& seen) { return looked[at(seen.image)]; })) {
+      points.push_back(static_cast<int>(p));
+    }
+  }
+  return filter_these(model, options, points);
+}
+
+int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points) {
+  std::vector<int> dropped(points.size(), 0);
+  const auto filter = [&](Point& point) {
+    const std::size_t before = point.track.size();
+    if (before == 0) return 0;
+    std::erase_if(point.track, [&](const Observation& seen) {
+      const auto error = Growing::error_of(model, seen, point.position);
+      return !error || *error > options.reprojection_px;
+    });
+    if (point.track.size() < 2 ||
+        !Growing::has_angle(model, point.track, point.position, options.min_angle_deg * kRadians)) {
+      point = {};
+    }
+    return static_cast<int>(before - point.track.size());
+  };
+  cv::parallel_for_(cv::Range(0, static_cast<int>(points.size())), [&](const cv::Range& range) {
+    for (int k = range.start; k < range.end; ++k)
+      dropped[at(k)] = filter(model.points[at(points[at(k)])]);
+  });
+  return std::accumulate(dropped.begin(), dropped.end(), 0);
+}
+
+ModelStatistics statistics_of(const Model& model) {
+  ModelStatistics result;
+  for (const Image& image : model.images) result.registered += image.registered;
+  std::int64_t points = 0;
+  double squares = 0;
+  for (const Point& point : model.points) {
+    if (point.track.empty()) continue;
+    ++points;
+    for (const Observation& seen : point.track) {
+      const auto error = Growing::error_of(model, seen, point.position);
+      squares += error ? *error * *error : 0;
+      ++result.observations;
+    }
+  }
+  if (points > 0) {
+    result.reprojection_px = std::sqrt(squares / static_cast<double>(result.observations));
+    result.mean_track = static_cast<double>(result.observations) / static_cast<double>(points);
+  }
+  return result;
+}
+
+Reconstruction reconstruct(const std::vector<geometry::Camera>& cameras,
+                           const std::vector<Image>& images,
+                           const std::vector<std::vector<cv::Vec3b>>& colors,
+                           const std::vector<cv::Mat>& descriptors, FeatureKind kind,
+                           const std::vector<Pair>& pairs, const MapperOptions& options,
+                           Progress& progress, const std::stop_token& stop,
+                           const MapperHooks& hooks) {
+  options.check();
+  return Mapping(cameras, images, colors, descriptors, kind, pairs, options, progress, stop, hooks)
+      .run();
+}
+
+Model go_on(const Model& before, const std::vector<geometry::Camera>& cameras,
+            const std::vector<Image>& images, const std::vector<std::vector<cv::Vec3b>>& colors,
+            const std::vector<cv::Mat>& descriptors, FeatureKind kind,
+            const std::vector<Pair>& pairs, const MapperOptions& options, bool again,
+            int& adjusted_at, const std::stop_token& stop) {
+  options.check();
+  TARSIER_REQUIRE(before.images.size() <= images.size() && before.cameras.size() <= cameras.size(),
+                  "{} images after {}", images.size(), before.images.size());
+  Model all;
+  all.images = images;
+  all.cameras = cameras;
+  std::vector<int> features;
+  for (const Image& image : images) features.push_back(static_cast<int>(image.features.size()));
+  Growing growing(std::move(all), make_tracks(pairs, features), descriptors, kind, options);
+  growing.resume(before);
+  const std::vector<bool> used(images.size(), false);
+  int adjusted = adjusted_at;
+  const bool thorough = growing.registered() < kSmall;
+  std::map<int, int> failed;
+  add_all(
+      growing, used, thorough, adjusted, failed, stop, [] {}, [](int, bool, const std::string&) {});
+  if (again) {
+    growing.refine_all(2, kRough, stop);
+    if (growing.extend(stop) > 0) growing.refine_all(1, kRough, stop);
+    adjusted = growing.registered();
+  }
+  adjusted_at = adjusted;
+  return growing.finished(colors);
+}
+
+}  // namespace tarsier::sfm

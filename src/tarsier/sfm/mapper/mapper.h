@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/core/progress.h"
+#include "tarsier/sfm/mapper/checkpoint.h"
+#include "tarsier/sfm/mapper/tracks.h"
+#include "tarsier/sfm/scene/model.h"
+
+#include <functional>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+// Incremental reconstruction: a first pair, then one image after the other (Schonberger and
+// Frahm, CVPR 2016, tell the order of things well).
+namespace tarsier::sfm {
+
+struct MapperOptions {
+  double reprojection_px = 2.0;    // an observation farther off is dropped; 0.1..50
+  double min_angle_deg = 1.5;      // a point needs two rays that differ by this; 0.01..30
+  double first_angle_deg = 4;      // of the first pair, at the median; 0.1..60
+  int first_inliers = 60;          // of the first pair; 16..100000
+  int pose_inliers = 16;           // of an image that is added; 6..100000
+  double pose_inlier_share = 0.2;  // of the points it should see; 0..1
+  double pose_px = 4;              // of an inlier to a new pose
+  // Images that must show a point of the result: one of two has nothing that it could be
+  // checked against. Models of fewer than four images keep theirs. 2..100
+  int min_views = 3;
+  int min_images = 2;               // of a model that is kept; 2..1000
+  double extend_px = 3;             // how near a known point's place a feature is looked for; 0: no
+  double extend_similarity = 0.75;  // .. and how like the point's others it must be; 0..1
+  bool refine_focal = false;
+  bool refine_center = false;
+  bool refine_distortion = false;
+  std::uint64_t seed = 1;
+  void check() const;
+};
+
+// What became of an image.
+struct Outcome {
+  bool registered = false;
+  int model = -1;      // which, 0 is the largest
+  std::string reason;  // why not: "12 of 40 points agree on a pose, 16 are needed"; or ""
+};
+
+struct Reconstruction {
+  // Largest first. Each has all images, its own registered; the others without features.
+  std::vector<Model> models;
+  std::vector<Outcome> outcomes;   // of each image
+  std::vector<std::string> story;  // what was done, and what went wrong, line by line
+  std::string no_model;            // why there is none, where there is none
+  bool interrupted = false;        // these are the models so far
+  int resumed = 0;                 // images that a checkpoint had in models
+};
+
+// Sees a model while it grows: "grown-003-before" and "grown-003-after" around each adjustment (of
+// all of it or of a new image and its neighbours), "model-0" when one is done.
+using WatchModel = std::function<void(const std::string& label, const Model& model)>;
+
+struct MapperHooks {
+  WatchModel watch;  // sees the growing model; may be empty
+  // Keeps a checkpoint (may be empty): at most every so many seconds, and so that this takes less
+  // than a twentieth of the time; 0: at every step. At the end and at an interruption in any case.
+  std::function<void(const MapperState&)> keep;
+  double keep_every_s = 30;
+  // Goes on from there, with the same arguments otherwise: the result is the same, to the last bit.
+  // One that does not fit them is ignored, and so is any where there is a `watch`.
+  std::optional<MapperState> from;
+  // When stopped, returns the models so far where there is one. Else, Interrupted is thrown.
+  bool partial = false;
+};
+
+// `images` give cameras, names and features; their poses are not used. `colors` and `descriptors`:
+// of each image's features; without descriptors (flow) tracks are not extended. Throws
+// Interrupted, and what hooks.keep throws.
+[[nodiscard]] Reconstruction reconstruct(
+    const std::vector<geometry::Camera>& cameras, const std::vector<Image>& images,
+    const std::vector<std::vector<cv::Vec3b>>& colors, const std::vector<cv::Mat>& descriptors,
+    FeatureKind kind, const std::vector<Pair>& pairs, const MapperOptions& options,
+    Progress& progress, const std::stop_token& stop, const MapperHooks& hooks = {});
+
+// Goes on from `before`, a model of the first ones of the images (of its cameras the first
+// ones of `cameras`): its poses stay until they
+// are adjusted again, points are made again of all pairs, and what now can join, joins.
+// `adjusted_at`: how many images the model had when all of it was last adjusted; kept up to
+// date. `again`: adjusts all of it in any case, and extends its tracks. Throws Interrupted.
+[[nodiscard]] Model go_on(const Model& before, const std::vector<geometry::Camera>& cameras,
+                          const std::vector<Image>& images,
+                          const std::vector<std::vector<cv::Vec3b>>& colors,
+                          const std::vector<cv::Mat>& descriptors, FeatureKind kind,
+                          const std::vector<Pair>& pairs, const MapperOptions& options, bool again,
+                          int& adjusted_at, const std::stop_token& stop);
+
+// Drops observations that are off, behind a camera or too flat, and points that are left with fewer
+// than two; returns how many observations went. Looks at the points that some of `images` show;
+// empty: at all.
+int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images = {});
+// The same for the points of these numbers.
+int filter_these(Model& model, const MapperOptions& options, const std::vector<int>& points);
+
+// Root mean square reprojection error over all observations, px; mean track length.
+struct ModelStatistics {
+  int registered = 0;
+  std::int64_t observations = 0;
+  double reprojection_px = 0;
+  double mean_track = 0;
+};
+[[nodiscard]] ModelStatistics statistics_of(const Model& model);
+
+}  // namespace tarsier::sfm

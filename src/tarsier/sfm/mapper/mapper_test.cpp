@@ -1,0 +1,553 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/mapper.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/sfm/mapper/bundle.h"
+#include "tarsier/sfm/mapper/growing.h"
+#include "tarsier/sfm/scene/align.h"
+#include "tarsier/synth/relief.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <set>
+#include <stop_token>
+#include <string>
+
+namespace tarsier::sfm {
+namespace {
+
+using testing::HasSubstr;
+
+// A point problem as the mapper takes it: features, and matches by the points' identity.
+struct Problem {
+  synth::PointProblem truth;
+  std::vector<geometry::Camera> cameras;
+  std::vector<Image> images;
+  std::vector<std::vector<cv::Vec3b>> colors;
+  std::vector<Pair> pairs;
+  std::vector<std::vector<int>> point_of;  // of each feature
+};
+
+Problem problem_of(const synth::PointProblem& truth) {
+  Problem problem;
+  problem.truth = truth;
+  problem.cameras = {truth.camera};
+  problem.images.resize(truth.poses.size());
+  problem.point_of.resize(truth.poses.size());
+  for (std::size_t i = 0; i < truth.poses.size(); ++i)
+    problem.images[i].name = "photo-" + std::to_string(i);
+  for (const auto& seen : truth.seen) {
+    const auto i = static_cast<std::size_t>(seen.image);
+    problem.images[i].features.emplace_back(seen.pixel);
+    problem.point_of[i].push_back(seen.point);
+  }
+  for (const Image& image : problem.images)
+    problem.colors.emplace_back(image.features.size(), cv::Vec3b(10, 20, 30));
+  for (std::size_t a = 0; a < problem.images.size(); ++a) {
+    for (std::size_t b = a + 1; b < problem.images.size(); ++b) {
+      std::map<int, int> in_b;
+      for (std::size_t f = 0; f < problem.point_of[b].size(); ++f)
+        in_b[problem.point_of[b][f]] = static_cast<int>(f);
+      std::vector<Match> matches;
+      for (std::size_t f = 0; f < problem.point_of[a].size(); ++f) {
+        const auto other = in_b.find(problem.point_of[a][f]);
+        if (other != in_b.end()) matches.push_back({static_cast<int>(f), other->second});
+      }
+      Pair pair;
+      pair.first = static_cast<int>(a);
+      pair.second = static_cast<int>(b);
+      pair.matches = static_cast<int>(matches.size());
+      pair.view = verify_pair(problem.images[a].features, problem.images[b].features, matches,
+                              truth.camera, truth.camera, {});
+      problem.pairs.push_back(std::move(pair));
+    }
+  }
+  return problem;
+}
+
+Reconstruction run(const Problem& problem, const MapperOptions& options = {}) {
+  NoProgress progress;
+  return reconstruct(problem.cameras, problem.images, problem.colors, {}, FeatureKind::kSift,
+                     problem.pairs, options, progress, {});
+}
+
+// The same with descriptors that tell points apart, and a part of the matches missing: extending
+// has something to find.
+struct Described {
+  Problem problem;
+  std::vector<cv::Mat> descriptors;
+};
+
+Described described(const synth::PointProblem& truth) {
+  Described result{problem_of(truth), {}};
+  Rng rng(77);
+  std::map<int, std::vector<std::uint8_t>> looks;
+  for (const std::vector<int>& points : result.problem.point_of) {
+    cv::Mat rows(static_cast<int>(points.size()), 128, CV_8UC1);
+    for (std::size_t f = 0; f < points.size(); ++f) {
+      std::vector<std::uint8_t>& look = looks[points[f]];
+      while (look.size() < 128)
+        look.push_back(static_cast<std::uint8_t>(rng.uniform() < 0.15 ? 120 : 5));
+      std::copy(look.begin(), look.end(), rows.ptr(static_cast<int>(f)));
+    }
+    result.descriptors.push_back(rows);
+  }
+  for (Pair& pair : result.problem.pairs)
+    std::erase_if(pair.view.inliers, [&](const Match&) { return rng.uniform() < 0.4; });
+  return result;
+}
+
+Reconstruction run(const Described& given, const MapperHooks& hooks,
+                   const std::stop_token& stop = {}) {
+  NoProgress progress;
+  const Problem& problem = given.problem;
+  return reconstruct(problem.cameras, problem.images, problem.colors, given.descriptors,
+                     FeatureKind::kSift, problem.pairs, {}, progress, stop, hooks);
+}
+
+// To the last bit.
+void expect_same(const Reconstruction& a, const Reconstruction& b) {
+  EXPECT_EQ(a.story, b.story);
+  ASSERT_EQ(a.models.size(), b.models.size());
+  for (std::size_t m = 0; m < a.models.size(); ++m) {
+    const Model& one = a.models[m];
+    const Model& other = b.models[m];
+    ASSERT_EQ(one.points.size(), other.points.size());
+    for (std::size_t p = 0; p < one.points.size(); ++p) {
+      ASSERT_EQ(one.points[p].position, other.points[p].position);
+      ASSERT_EQ(one.points[p].track, other.points[p].track);
+      ASSERT_EQ(one.points[p].color, other.points[p].color);
+      ASSERT_EQ(one.points[p].error, other.points[p].error);
+    }
+    for (std::size_t i = 0; i < one.images.size(); ++i) {
+      EXPECT_EQ(one.images[i].registered, other.images[i].registered);
+      EXPECT_EQ(one.images[i].points, other.images[i].points);
+      EXPECT_EQ(one.images[i].features, other.images[i].features);
+      if (!one.images[i].registered) continue;
+      EXPECT_EQ(one.images[i].pose.rotation, other.images[i].pose.rotation);
+      EXPECT_EQ(one.images[i].pose.translation, other.images[i].pose.translation);
+    }
+  }
+  for (std::size_t i = 0; i < a.outcomes.size(); ++i) {
+    EXPECT_EQ(a.outcomes[i].model, b.outcomes[i].model);
+    EXPECT_EQ(a.outcomes[i].reason, b.outcomes[i].reason);
+  }
+}
+
+// Two scenes of these many images that have nothing to do with each other.
+Problem two_scenes(int first, int second) {
+  Problem problem = problem_of(synth::make_point_problem(4, first, 200, 0.2, 0));
+  const Problem other = problem_of(synth::make_point_problem(5, second, 200, 0.2, 0));
+  for (const Image& image : other.images) problem.images.push_back(image);
+  for (const auto& colors : other.colors) problem.colors.push_back(colors);
+  for (Pair pair : other.pairs) {
+    pair.first += first;
+    pair.second += first;
+    problem.pairs.push_back(pair);
+  }
+  return problem;
+}
+
+// Largest distance of a centre from the truth after the best similarity, by the truth's extent.
+double worst_center(const Model& model, const synth::PointProblem& truth) {
+  std::vector<cv::Vec3d> from;
+  std::vector<cv::Vec3d> to;
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    if (!model.images[i].registered) continue;
+    from.push_back(model.images[i].pose.center());
+    to.push_back(truth.poses[i].center());
+  }
+  const auto similarity = similarity_between(from, to);
+  if (!similarity) return 1e9;
+  double worst = 0;
+  double extent = 0;
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    worst = std::max(worst, cv::norm(similarity->scale * (similarity->rotation * from[i]) +
+                                     similarity->translation - to[i]));
+    extent = std::max(extent, cv::norm(to[i] - to[0]));
+  }
+  return worst / extent;
+}
+
+TEST(Reconstruct, WithoutNoiseItIsExact) {
+  const Problem problem = problem_of(synth::make_point_problem(1, 7, 300, 0, 0));
+  const Reconstruction built = run(problem);
+  ASSERT_EQ(built.models.size(), 1U);
+  const ModelStatistics statistics = statistics_of(built.models[0]);
+  EXPECT_EQ(statistics.registered, 7);
+  EXPECT_LT(statistics.reprojection_px, 1e-3);  // features are single precision
+  EXPECT_LT(worst_center(built.models[0], problem.truth), 1e-4);
+  EXPECT_GT(built.models[0].points.size(), 250U);
+  EXPECT_EQ(built.models[0].points[0].color, cv::Vec3b(10, 20, 30));
+}
+
+TEST(Reconstruct, NoiseAndOutliersAreHeldOff) {
+  const Problem problem = problem_of(synth::make_point_problem(2, 8, 500, 0.5, 0.15));
+  const Reconstruction built = run(problem);
+  ASSERT_EQ(built.models.size(), 1U);
+  EXPECT_EQ(statistics_of(built.models[0]).registered, 8);
+  EXPECT_LT(worst_center(built.models[0], problem.truth), 0.005);
+  EXPECT_LT(statistics_of(built.models[0]).reprojection_px, 0.8);
+}
+
+TEST(Reconstruct, IndicesOfTheModelFitTogether) {
+  const Problem problem = problem_of(synth::make_point_problem(3, 6, 200, 0.3, 0.05));
+  const Reconstruction built = run(problem);
+  ASSERT_EQ(built.models.size(), 1U);
+  const Model& model = built.models[0];
+  for (std::size_t p = 0; p < model.points.size(); ++p) {
+    ASSERT_GE(model.points[p].track.size(), 3U);
+    for (const Observation& seen : model.points[p].track)
+      EXPECT_EQ(model.images[static_cast<std::size_t>(seen.image)]
+                    .points[static_cast<std::size_t>(seen.feature)],
+                static_cast<int>(p));
+  }
+}
+
+TEST(Reconstruct, TwoScenesGiveTwoModels) {
+  const Problem problem = two_scenes(5, 4);
+  const Reconstruction built = run(problem);
+  ASSERT_EQ(built.models.size(), 2U);
+  EXPECT_EQ(statistics_of(built.models[0]).registered, 5);
+  EXPECT_EQ(statistics_of(built.models[1]).registered, 4);
+  for (int i = 0; i < 9; ++i) {
+    EXPECT_TRUE(built.outcomes[static_cast<std::size_t>(i)].registered);
+    EXPECT_EQ(built.outcomes[static_cast<std::size_t>(i)].model, i < 5 ? 0 : 1);
+    // A model does not carry the features of images that are not in it.
+    for (std::size_t m = 0; m < 2; ++m) {
+      const Image& image = built.models[m].images[static_cast<std::size_t>(i)];
+      EXPECT_EQ(image.features.empty(), !image.registered);
+      EXPECT_EQ(image.name, problem.images[static_cast<std::size_t>(i)].name);
+    }
+  }
+}
+
+TEST(Checkpoints, FromEachOneTheResultIsTheSame) {
+  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.05));
+  std::vector<MapperState> states;
+  MapperHooks hooks;
+  hooks.keep_every_s = 0;
+  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
+  const Reconstruction whole = run(given, hooks);
+  ASSERT_EQ(statistics_of(whole.models.at(0)).registered, 9);
+  ASSERT_GT(states.size(), 9U);
+  EXPECT_TRUE(states.back().done);
+  bool extended = false;
+  for (std::size_t k = 0; k < states.size(); ++k) {
+    extended = extended || (states[k].grown && !states[k].grown->tracks.empty());
+    MapperHooks from;
+    from.from = states[k];
+    const Reconstruction again = run(given, from);
+    EXPECT_EQ(again.resumed, states[k].registered()) << k;
+    expect_same(again, whole);
+  }
+  EXPECT_TRUE(extended);
+}
+
+TEST(Checkpoints, AlsoWhereOneModelIsDone) {
+  const Described given{two_scenes(5, 4), {}};
+  std::vector<MapperState> states;
+  MapperHooks hooks;
+  hooks.keep_every_s = 0;
+  hooks.keep = [&](const MapperState& state) { states.push_back(state); };
+  const Reconstruction whole = run(given, hooks);
+  ASSERT_EQ(whole.models.size(), 2U);
+  bool second = false;
+  for (const MapperState& state : states) {
+    second = second || (state.models.size() == 1 && state.grown);
+    MapperHooks from;
+    from.from = state;
+    expect_same(run(given, from), whole);
+  }
+  EXPECT_TRUE(second);
+}
+
+TEST(Checkpoints, OfOtherImagesAreIgnored) {
+  const Described given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
+  const Described other = described(synth::make_point_problem(22, 5, 100, 0.4, 0.05));
+  MapperHooks hooks;
+  hooks.keep = [&](const MapperState& state) { hooks.from = state; };
+  const Reconstruction whole = run(given, hooks);
+  ASSERT_TRUE(hooks.from);
+  EXPECT_EQ(run(other, hooks).resumed, 0);
+}
+
+// Stopped within each adjustment: the models so far are there, and the checkpoint of that moment
+// leads to the same end.
+TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
+  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.05));
+  const Reconstruction whole = run(given, {});
+  int adjustments = 0;
+  {
+    MapperHooks hooks;
+    hooks.watch = [&](const std::string& label, const Model&) {
+      adjustments += label.ends_with("before") ? 1 : 0;
+    };
+    (void)run(given, hooks);
+  }
+  ASSERT_GT(adjustments, 9);
+  int partial = 0;
+  for (int last = 1; last <= adjustments; ++last) {
+    std::stop_source stop;
+    std::optional<MapperState> kept;
+    int count = 0;
+    MapperHooks hooks;
+    hooks.partial = true;
+    hooks.keep_every_s = 1e6;
+    hooks.keep = [&](const MapperState& state) { kept = state; };
+    hooks.watch = [&](const std::string& label, const Model&) {
+      if (label.ends_with("before") && ++count == last) stop.request_stop();
+    };
+    try {
+      const Reconstruction so_far = run(given, hooks, stop.get_token());
+      EXPECT_TRUE(so_far.interrupted);
+      ASSERT_EQ(so_far.models.size(), 1U);
+      EXPECT_GE(statistics_of(so_far.models[0]).registered, 2);
+      EXPECT_LT(statistics_of(so_far.models[0]).reprojection_px, 2);
+      ++partial;
+    } catch (const tarsier::Interrupted&) {
+      EXPECT_EQ(last, 1);  // within the first pair: there is no model yet
+    }
+    ASSERT_TRUE(kept);
+    MapperHooks from;
+    from.from = kept;
+    expect_same(run(given, from), whole);
+  }
+  EXPECT_EQ(partial, adjustments - 1);
+}
+
+TEST(Interrupted, WithoutPartialThrows) {
+  const Described given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
+  std::stop_source stop;
+  MapperHooks hooks;
+  hooks.watch = [&](const std::string& label, const Model&) {
+    if (label == "grown-004-after") stop.request_stop();
+  };
+  EXPECT_THROW((void)run(given, hooks, stop.get_token()), tarsier::Interrupted);
+}
+
+// Counters that are kept up to date say what a walk through all features says.
+TEST(Growing, KnowsWhatEachImageSees) {
+  const Described given = described(synth::make_point_problem(23, 8, 200, 0.4, 0.1));
+  const Problem& problem = given.problem;
+  Model model;
+  model.cameras = problem.cameras;
+  model.images = problem.images;
+  std::vector<int> features;
+  for (const Image& image : problem.images)
+    features.push_back(static_cast<int>(image.features.size()));
+  const MapperOptions options;
+  Growing growing(model, make_tracks(problem.pairs, features), given.descriptors,
+                  FeatureKind::kSift, options);
+  const auto check = [&](const char* when) {
+    for (int i = 0; i < 8; ++i) {
+      const auto seen = growing.visible(i);
+      EXPECT_EQ(static_cast<std::size_t>(growing.seen(i)), seen.size()) << when << " " << i;
+      double prospect = 0;
+      for (int cells = 2; cells <= 32; cells *= 2) {
+        std::set<std::pair<int, int>> occupied;
+        for (const auto& [feature, track] : seen) {
+          const cv::Point2f& p = problem.images[static_cast<std::size_t>(i)]
+                                     .features[static_cast<std::size_t>(feature)];
+          const auto cell = [&](float x, int size) {
+            return std::clamp(static_cast<int>(static_cast<double>(x) * cells / size), 0,
+                              cells - 1);
+          };
+          occupied.insert(
+              {cell(p.x, problem.cameras[0].width), cell(p.y, problem.cameras[0].height)});
+        }
+        prospect += static_cast<double>(occupied.size()) * cells;
+      }
+      EXPECT_EQ(growing.prospect(i), prospect) << when << " " << i;
+    }
+  };
+  check("empty");
+  std::string why;
+  ASSERT_TRUE(growing.start(problem.pairs[3], {}, why)) << why;
+  check("start");
+  for (int i = 0; i < 8; ++i) {
+    if (growing.model().images[static_cast<std::size_t>(i)].registered) continue;
+    EXPECT_TRUE(growing.add(i, {}, why)) << why;
+    check("add");
+  }
+  growing.refine_all(2, 1e-4, {});
+  check("refine");
+  EXPECT_GT(growing.extend({}), 0);
+  check("extend");
+  growing.refine_all(1, 1e-4, {});
+  check("the end");
+}
+
+TEST(Reconstruct, AImageThatMatchesNothingIsMissingWithItsReason) {
+  Problem problem = problem_of(synth::make_point_problem(6, 5, 200, 0.2, 0));
+  Image stranger;
+  stranger.name = "stranger";
+  stranger.features = problem.images[0].features;
+  problem.images.push_back(stranger);
+  problem.colors.push_back(problem.colors[0]);
+  Pair pair;
+  pair.first = 2;
+  pair.second = 5;
+  pair.matches = 7;
+  problem.pairs.push_back(pair);
+  const Reconstruction built = run(problem);
+  ASSERT_EQ(built.models.size(), 1U);
+  EXPECT_FALSE(built.outcomes[5].registered);
+  EXPECT_THAT(built.outcomes[5].reason, HasSubstr("at most 7, with photo-2"));
+}
+
+TEST(Reconstruct, ACameraThatOnlyTurnsGivesNoModelButAReason) {
+  synth::PointProblem truth = synth::make_point_problem(7, 3, 300, 0, 0);
+  truth.seen.clear();
+  // All cameras at the place of the first.
+  const cv::Vec3d center = truth.poses[0].center();
+  for (int i = 0; i < 3; ++i) {
+    auto& pose = truth.poses[static_cast<std::size_t>(i)];
+    pose.rotation = truth.poses[0].rotation;
+    const double turn = 0.03 * i;
+    pose.rotation = cv::Matx33d(std::cos(turn), 0, std::sin(turn), 0, 1, 0, -std::sin(turn), 0,
+                                std::cos(turn)) *
+                    pose.rotation;
+    pose.translation = -(pose.rotation * center);
+    for (std::size_t p = 0; p < truth.points.size(); ++p) {
+      const auto pixel = truth.camera.project(pose * truth.points[p]);
+      if (pixel && pixel->x >= 0 && pixel->y >= 0 && pixel->x < 639 && pixel->y < 479)
+        truth.seen.push_back({i, static_cast<int>(p), *pixel, false});
+    }
+  }
+  const Reconstruction built = run(problem_of(truth));
+  EXPECT_TRUE(built.models.empty());
+  EXPECT_THAT(built.no_model, HasSubstr("sideways"));
+}
+
+TEST(Reconstruct, AWrongFocalLengthIsRefined) {
+  const Problem exact = problem_of(synth::make_point_problem(8, 9, 500, 0.2, 0));
+  Problem problem = exact;
+  problem.cameras[0].fx *= 1.12;
+  problem.cameras[0].fy *= 1.12;
+  MapperOptions options;
+  options.refine_focal = true;
+  const Reconstruction built = run(problem, options);
+  ASSERT_FALSE(built.models.empty());
+  EXPECT_NEAR(built.models[0].cameras[0].fx / exact.cameras[0].fx, 1, 0.02);
+}
+
+TEST(Adjust, MovesAwayFromTheTruthComeBack) {
+  const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0, 0));
+  Model model = run(problem).models.at(0);
+  const Model before = model;
+  Rng rng(1);
+  for (std::size_t i = 2; i < model.images.size(); ++i)
+    for (int k = 0; k < 3; ++k) model.images[i].pose.translation[k] += rng.normal(0, 0.02);
+  for (Point& point : model.points)
+    for (int k = 0; k < 3; ++k) point.position[k] += rng.normal(0, 0.02);
+  const BundleReport report = adjust(model, {});
+  EXPECT_GT(report.before_px, 1);
+  EXPECT_LT(report.after_px, 1e-2);
+  EXPECT_LT(worst_center(model, problem.truth), 1e-3);
+}
+
+TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
+  const Problem problem = problem_of(synth::make_point_problem(9, 9, 150, 0.3, 0));
+  Model start = run(problem).models.at(0);
+  for (std::size_t p = 0; p < start.points.size(); p += 3)  // that neither of the two shows
+    std::erase_if(start.points[p].track,
+                  [](const Observation& seen) { return seen.image == 2 || seen.image == 4; });
+  BundleOptions options;
+  options.images = {4, 2};
+  Model found = start;
+  const BundleReport report = adjust(found, options);
+  EXPECT_TRUE(report.trouble.empty());
+  for (std::size_t p = 0; p < start.points.size(); ++p) {
+    for (const Observation& seen : start.points[p].track) {
+      if (seen.image != 2 && seen.image != 4) continue;
+      options.points.push_back(static_cast<int>(p));
+      break;
+    }
+  }
+  ASSERT_LT(options.points.size(), start.points.size());
+  Model given = start;
+  adjust(given, options);
+  for (std::size_t i = 0; i < start.images.size(); ++i) {
+    EXPECT_EQ(found.images[i].pose.translation, given.images[i].pose.translation);
+    EXPECT_EQ(start.images[i].pose.translation != given.images[i].pose.translation,
+              i == 2 || i == 4);
+  }
+}
+
+TEST(Adjust, ALensDoesNotRunOffAndThatIsSaid) {
+  const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.1, 0));
+  Model model = run(problem).models.at(0);
+  // A picture so wide that the true focal length is just below the least share of it.
+  const double truth = model.cameras[0].fx;
+  model.cameras[0].width = static_cast<int>(truth / (0.99 * kMinFocalShare));
+  const double start = 1.04 * truth;
+  model.cameras[0].fx = model.cameras[0].fy = start;
+  BundleOptions options;
+  options.focal = true;
+  const BundleReport report = adjust(model, options);
+  EXPECT_NEAR(model.cameras[0].fx, start, 1e-9 * start);
+  EXPECT_THAT(report.trouble, HasSubstr("focal length"));
+  EXPECT_GT(report.iterations, 0);  // the rest is adjusted
+  // With room for it, the lens is found.
+  model.cameras[0].width = 640;
+  EXPECT_TRUE(adjust(model, options).trouble.empty());
+  EXPECT_NEAR(model.cameras[0].fx, truth, 0.02 * truth);
+}
+
+TEST(Adjust, WhatCannotBeSolvedIsSaidAndChangesNothing) {
+  const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.1, 0));
+  Model model = run(problem).models.at(0);
+  model.points[0].position = model.images[0].pose.inverse() * cv::Vec3d(0, 0, -5);  // behind it
+  const Model before = model;
+  const BundleReport report = adjust(model, {});
+  EXPECT_FALSE(report.trouble.empty());
+  for (std::size_t i = 0; i < model.images.size(); ++i)
+    EXPECT_EQ(model.images[i].pose.translation, before.images[i].pose.translation);
+  for (std::size_t p = 0; p < model.points.size(); ++p)
+    EXPECT_EQ(model.points[p].position, before.points[p].position);
+}
+
+TEST(Adjust, DoesNotDependOnWhereTheHeapPutsThings) {
+  const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.3, 0));
+  const Model start = run(problem).models.at(0);
+  BundleOptions options;
+  options.focal = true;
+  std::set<double> focal_lengths;
+  for (std::size_t hole = 0; hole < 12; ++hole) {
+    // Free memory of several sizes below what comes after it: some arrays get it, others do not.
+    std::vector<std::vector<char>> blocks;
+    for (std::size_t size = 16; size <= 1024; size += 8) blocks.emplace_back(size);
+    const std::vector<char> above(1 << 16);
+    for (std::size_t k = hole; k < blocks.size(); k += hole + 1)
+      std::vector<char>().swap(blocks[k]);
+    Model model = start;
+    adjust(model, options);
+    focal_lengths.insert(model.cameras.at(0).fx);
+  }
+  EXPECT_EQ(focal_lengths.size(), 1U);
+}
+
+TEST(FilterPoints, TakesOutWhatIsOff) {
+  const Problem problem = problem_of(synth::make_point_problem(10, 5, 100, 0, 0));
+  Model model = run(problem).models.at(0);
+  const std::size_t seen = model.points[3].track.size();
+  model.images[static_cast<std::size_t>(model.points[3].track[0].image)]
+      .features[static_cast<std::size_t>(model.points[3].track[0].feature)] += cv::Point2f(9, 0);
+  EXPECT_GE(filter_points(model, {}), 1);
+  EXPECT_LT(model.points[3].track.size(), seen);
+}
+
+TEST(MapperOptions, ImpossibleOnesAreRefused) {
+  MapperOptions options;
+  options.pose_inliers = 2;
+  EXPECT_THROW(options.check(), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

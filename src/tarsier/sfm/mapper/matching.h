@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/mapper/features.h"
+
+#include <vector>
+
+namespace tarsier::sfm {
+
+// Feature `first` of one image and `second` of another seem to show the same thing.
+struct Match {
+  int first = 0;
+  int second = 0;
+  friend bool operator==(const Match&, const Match&) = default;
+};
+
+struct MatchOptions {
+  double ratio = 0.8;  // a nearest neighbour counts if its distance is below this times the second
+                       // nearest's (Lowe, IJCV 2004); 0.1..1
+  void check() const;
+};
+
+// How like each other two descriptors are: cosine of their angle, or the share of bits that agree
+// scaled to -1..1.
+[[nodiscard]] double similarity(const cv::Mat& first, int row, const cv::Mat& second, int other,
+                                FeatureKind kind);
+// The same where `norms`, the product of the two descriptors' norms, is known already.
+[[nodiscard]] double similarity(const cv::Mat& first, int row, const cv::Mat& second, int other,
+                                FeatureKind kind, double norms);
+// Of each row; 1 for bits.
+[[nodiscard]] std::vector<double> norms_of(const cv::Mat& descriptors, FeatureKind kind);
+
+// Mutual nearest neighbours that pass the ratio test in both directions, by `first`. Exact: all
+// distances are computed, as one matrix product of the descriptors (bits as +-1), in blocks that
+// stay in the cache. Throws std::invalid_argument where the kinds differ.
+[[nodiscard]] std::vector<Match> match_features(const cv::Mat& first, const cv::Mat& second,
+                                                FeatureKind kind, const MatchOptions& options);
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/online.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/sfm/mapper/shots.h"
+
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <set>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr int kLeast = 3;            // images before a model is tried
+constexpr double kMissing = 0.4;     // share of images that do not join: another start
+constexpr double kMoreTrials = 1.5;  // so many times the images of the trial before
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+using Clock = std::chrono::steady_clock;
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+}  // namespace
+
+void OnlineOptions::check() const {
+  pipeline.check();
+  TARSIER_REQUIRE(overlap >= 1 && overlap <= 1000, "overlap {}", overlap);
+  TARSIER_REQUIRE(neighbours >= 0 && neighbours <= 1000, "{} neighbours", neighbours);
+}
+
+struct OnlineMapper::Parts {
+  // What the cache has, or is to have, of an image's pairs with later ones.
+  struct Kept {
+    std::string key;
+    Cache::Pairs pairs;
+    bool fresh = false;
+  };
+
+  explicit Parts(const OnlineOptions& given)
+      : options(given), cache(given.pipeline.cache_folder), lineup(given.pipeline) {}
+
+  [[nodiscard]] std::vector<int> partners_of(int image) const {
+    std::set<int> chosen;
+    for (int k = 1; k <= options.overlap && k <= image; ++k) chosen.insert(image - k);
+    for (int apart = 8; apart <= image; apart *= 2) chosen.insert(image - apart);
+    for (const int other : neighbours_) chosen.insert(other);
+    return {chosen.begin(), chosen.end()};
+  }
+
+  // Those that share most points with the latest image of the model and are not near it in
+  // time anyway.
+  void find_neighbours() {
+    neighbours_.clear();
+    int latest = -1;
+    for (std::size_t i = 0; i < model.images.size(); ++i)
+      if (model.images[i].registered) latest = static_cast<int>(i);
+    if (latest < 0) return;
+    std::vector<int> shared(model.images.size(), 0);
+    for (const Point& point : model.points) {
+      if (std::none_of(point.track.begin(), point.track.end(),
+                       [&](const Observation& seen) { return seen.image == latest; })) {
+        continue;
+      }
+      for (const Observation& seen : point.track) ++shared[at(seen.image)];
+    }
+    std::vector<std::pair<int, int>> order;
+    for (int i = 0; i < latest - options.overlap; ++i)
+      if (shared[at(i)] > 0) order.emplace_back(-shared[at(i)], i);
+    std::sort(order.begin(), order.end());
+    for (std::size_t k = 0; k < order.size() && k < at(options.neighbours); ++k)
+      neighbours_.push_back(order[k].second);
+  }
+
+  // One file for each image that got new pairs, once a growth.
+  void keep() {
+    for (Kept& entry : kept) {
+      if (!entry.fresh) continue;
+      cache.store(entry.key, entry.pairs);
+      entry.fresh = false;
+    }
+  }
+
+  OnlineOptions options;
+  Cache cache;
+  Lineup lineup;
+  std::vector<Shot> shots;  // their points, colours and descriptors are in the vectors below
+  std::vector<std::vector<cv::Vec3b>> colors;
+  std::vector<cv::Mat> descriptors;
+  std::vector<Kept> kept;
+  std::vector<Pair> pairs;
+  std::vector<int> neighbours_;
+  Model model;
+  int adjusted_at = 0;
+  int tried_at = 0;  // images when all of it was last tried from the start
+  std::string waiting_for;
+  double adding = 0;  // s, since the last growth
+  double seconds = 0;
+};
+
+OnlineMapper::OnlineMapper(const OnlineOptions& given) {
+  given.check();
+  OnlineOptions options = given;
+  options.pipeline.mapper.seed = options.pipeline.two_view.seed = options.pipeline.seed;
+  parts_ = std::make_unique<Parts>(options);
+}
+
+OnlineMapper::~OnlineMapper() = default;
+
+void OnlineMapper::add(const Input& input, const std::stop_token& stop) {
+  const Clock::time_point start = Clock::now();
+  Parts& p = *parts_;
+  const PipelineOptions& options = p.options.pipeline;
+  Shot shot;
+  shot.input = count();
+  const cv::Mat image = read_shot(input, options, shot);
+  (void)find_shot_features(image, options, p.cache, shot);
+  p.lineup.add(shot, input.name);
+  p.colors.push_back(shot.features.colors);
+  p.descriptors.push_back(shot.features.descriptors);
+  p.shots.push_back(std::move(shot));
+  const Shot& latest = p.shots.back();
+  p.kept.push_back({pairs_key(latest, options), {}, false});
+  p.kept.back().pairs = p.cache.pairs(p.kept.back().key);
+
+  const std::vector<int> partners = p.partners_of(latest.input);
+  std::vector<Pair> pairs(partners.size());
+  std::vector<char> done(partners.size(), 0);
+  std::vector<char> fresh(partners.size(), 0);
+  cv::parallel_for_(cv::Range(0, static_cast<int>(partners.size())), [&](const cv::Range& range) {
+    for (int k = range.start; k < range.end; ++k) {
+      if (stop.stop_requested()) return;
+      Pair& pair = pairs[at(k)];
+      pair.first = partners[at(k)];
+      pair.second = latest.input;
+      const Shot& other = p.shots[at(pair.first)];
+      const Cache::Pairs& kept = p.kept[at(pair.first)].pairs;
+      if (const auto entry = kept.find(partner_key(latest)); entry != kept.end()) {
+        pair.matches = entry->second.matches;
+        pair.view = entry->second.view;
+      } else {
+        const std::vector<Match> matches =
+            match_features(other.features.descriptors, latest.features.descriptors,
+                           options.features.kind, options.matching);
+        pair.matches = static_cast<int>(matches.size());
+        pair.view = verify_shots(other, latest, matches, options);
+        fresh[at(k)] = 1;
+      }
+      done[at(k)] = 1;
+    }
+  });
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    if (done[k] == 0) continue;
+    if (fresh[k] != 0) {
+      Parts::Kept& entry = p.kept[at(pairs[k].first)];
+      entry.pairs[partner_key(latest)] = {pairs[k].matches, pairs[k].view};
+      entry.fresh = true;
+    }
+    p.pairs.push_back(std::move(pairs[k]));
+  }
+  p.adding += seconds_since(start);
+  throw_if_stopped(stop);
+}
+
+void OnlineMapper::grow(const std::stop_token& stop) { update(false, stop); }
+void OnlineMapper::refine(const std::stop_token& stop) { update(true, stop); }
+
+void OnlineMapper::update(bool again, const std::stop_token& stop) {
+  const Clock::time_point start = Clock::now();
+  Parts& p = *parts_;
+  p.keep();
+  if (count() < kLeast) return;
+  const MapperOptions mapper = p.lineup.mapper_options();
+  const FeatureKind kind = p.options.pipeline.features.kind;
+  if (!p.model.images.empty()) {
+    p.model = go_on(p.model, p.lineup.cameras(), p.lineup.images(), p.colors, p.descriptors, kind,
+                    p.pairs, mapper, again, p.adjusted_at, stop);
+  }
+  const bool lost = p.model.images.empty() || (registered() < (1 - kMissing) * count() &&
+                                               count() >= kMoreTrials * p.tried_at);
+  if (lost) {
+    p.tried_at = count();
+    NoProgress progress;
+    std::vector<Pair> pairs = p.pairs;
+    std::sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) {
+      return std::pair(a.first, a.second) < std::pair(b.first, b.second);
+    });
+    Reconstruction made = reconstruct(p.lineup.cameras(), p.lineup.images(), p.colors,
+                                      p.descriptors, kind, pairs, mapper, progress, stop);
+    p.waiting_for = made.no_model;
+    if (!made.models.empty() && statistics_of(made.models[0]).registered > registered()) {
+      p.model = std::move(made.models[0]);
+      p.adjusted_at = registered();
+      p.waiting_for.clear();
+    }
+  }
+  p.find_neighbours();
+  p.seconds = p.adding + seconds_since(start);
+  p.adding = 0;
+}
+
+int OnlineMapper::count() const { return static_cast<int>(parts_->shots.size()); }
+int OnlineMapper::registered() const {
+  const auto& images = parts_->model.images;
+  return static_cast<int>(std::count_if(images.begin(), images.end(),
+                                        [](const Image& image) { return image.registered; }));
+}
+const Model& OnlineMapper::model() const { return parts_->model; }
+const std::string& OnlineMapper::waiting_for() const { return parts_->waiting_for; }
+double OnlineMapper::seconds() const { return parts_->seconds; }
+
+}  // namespace tarsier::sfm

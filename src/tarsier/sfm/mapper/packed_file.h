@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/sha256.h"
+
+#include <cstdint>
+#include <cstring>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+// Files of the cache: plain numbers one after the other in the machine's own byte order (they are
+// nobody else's), behind a line that names the program's version of them and their SHA-256.
+namespace tarsier::sfm {
+
+constexpr std::string_view kPackedMagic = "tarsier-sfm-1\n";
+constexpr std::uint64_t kMaxPackedItems = 2'000'000'000;
+
+inline std::string sha256_of(std::string_view bytes) {
+  Sha256 sum;
+  sum.add(bytes);
+  return sum.hex();
+}
+
+class PackedWriter {
+ public:
+  template <typename T>
+  void put(const T& value) {
+    static_assert(std::is_standard_layout_v<T>);  // numbers, and structs of them
+    bytes_.append(reinterpret_cast<const char*>(&value), sizeof(T));
+  }
+  template <typename T>
+  void put(const std::vector<T>& values) {
+    static_assert(std::is_standard_layout_v<T>);
+    put(static_cast<std::uint64_t>(values.size()));
+    if (!values.empty())
+      bytes_.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
+  }
+  void put(const std::string& text) { put(std::vector<char>(text.begin(), text.end())); }
+
+  // Throws OutputError.
+  void write(const std::string& path) const {
+    write_file_atomically(path, std::string(kPackedMagic) + sha256_of(bytes_) + bytes_);
+  }
+
+ private:
+  std::string bytes_;
+};
+
+// What a reader throws where the file is not what was written.
+class Damaged {};
+
+class PackedReader {
+ public:
+  // Throws InputError (no such file, too large), Damaged.
+  PackedReader(const std::string& path, std::int64_t max_bytes)
+      : file_(read_file(path, max_bytes)) {
+    const std::size_t head = kPackedMagic.size() + 64;
+    if (file_.size() < head ||
+        std::string_view(file_).substr(0, kPackedMagic.size()) != kPackedMagic) {
+      throw Damaged();
+    }
+    left_ = std::string_view(file_).substr(head);
+    if (sha256_of(left_) != std::string_view(file_).substr(kPackedMagic.size(), 64))
+      throw Damaged();
+  }
+
+  template <typename T>
+  T get() {
+    T value;
+    take(&value, sizeof(T));
+    return value;
+  }
+  template <typename T>
+  std::vector<T> get_all() {
+    const auto count = get<std::uint64_t>();
+    if (count > kMaxPackedItems || count * sizeof(T) > left_.size()) throw Damaged();
+    std::vector<T> values(static_cast<std::size_t>(count));
+    if (count > 0) take(values.data(), values.size() * sizeof(T));
+    return values;
+  }
+  std::string get_text() {
+    const std::vector<char> text = get_all<char>();
+    return {text.begin(), text.end()};
+  }
+
+ private:
+  void take(void* to, std::size_t bytes) {
+    if (bytes > left_.size()) throw Damaged();
+    std::memcpy(to, left_.data(), bytes);
+    left_.remove_prefix(bytes);
+  }
+
+  std::string file_;
+  std::string_view left_;
+};
+
+}  // namespace tarsier::sfm

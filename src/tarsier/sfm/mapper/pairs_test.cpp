@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/pairs.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <stdexcept>
+
+namespace tarsier::sfm {
+namespace {
+
+bool has(const std::vector<ImagePair>& pairs, int first, int second) {
+  return std::find(pairs.begin(), pairs.end(), ImagePair(std::minmax(first, second))) !=
+         pairs.end();
+}
+
+bool in_order(const std::vector<ImagePair>& pairs) {
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    if (pairs[i].first >= pairs[i].second) return false;
+    if (i > 0 && pairs[i] <= pairs[i - 1]) return false;
+  }
+  return true;
+}
+
+TEST(ExhaustivePairs, AreEachWithEach) {
+  EXPECT_TRUE(exhaustive_pairs(0).empty());
+  EXPECT_TRUE(exhaustive_pairs(1).empty());
+  EXPECT_EQ(exhaustive_pairs(3), (std::vector<ImagePair>{{0, 1}, {0, 2}, {1, 2}}));
+  EXPECT_EQ(exhaustive_pairs(20).size(), 190U);
+  EXPECT_THROW((void)exhaustive_pairs(-1), std::invalid_argument);
+}
+
+TEST(SequentialPairs, AreTheNextOnesAndJumps) {
+  EXPECT_TRUE(sequential_pairs(1, 3).empty());
+  const auto pairs = sequential_pairs(40, 3);
+  EXPECT_TRUE(in_order(pairs));
+  std::vector<int> of_zero;
+  for (const auto& [first, second] : pairs)
+    if (first == 0) of_zero.push_back(second);
+  EXPECT_EQ(of_zero, (std::vector<int>{1, 2, 3, 4, 8, 16, 32}));
+  EXPECT_TRUE(has(pairs, 38, 39));
+  EXPECT_EQ(sequential_pairs(5, 100), exhaustive_pairs(5));
+  EXPECT_THROW((void)sequential_pairs(5, 0), std::invalid_argument);
+}
+
+class PairsList : public FolderTest {
+ protected:
+  std::vector<ImagePair> read(const std::string& text) {
+    std::ofstream(path("pairs.txt"), std::ios::binary) << text;
+    return read_pairs_list(path("pairs.txt"), names_);
+  }
+  // What is wrong with it.
+  std::string error_of(const std::string& text) {
+    try {
+      (void)read(text);
+    } catch (const InputError& error) {
+      return std::string(error.what()).substr(path("pairs.txt").size());
+    }
+    return "none";
+  }
+
+  std::vector<std::string> names_ = {"a.jpg", "b.jpg", "sub/c.jpg", "my d.jpg",
+                                     "x",     "x y",   "y z",       "z"};
+};
+
+TEST_F(PairsList, IsRead) {
+  EXPECT_EQ(read("# all\r\n\r\nb.jpg a.jpg # again\r\n a.jpg\t b.jpg\nsub/c.jpg   a.jpg"),
+            (std::vector<ImagePair>{{0, 1}, {0, 2}}));
+  EXPECT_EQ(read("my d.jpg sub/c.jpg\n"), (std::vector<ImagePair>{{2, 3}}));
+  EXPECT_TRUE(read("").empty());
+}
+
+TEST_F(PairsList, ErrorsNameTheLine) {
+  EXPECT_EQ(error_of("a.jpg b.jpg\n\na.jpg nowhere.jpg\n"),
+            ": line 3: no image is called 'nowhere.jpg'");
+  EXPECT_EQ(error_of("c.jpg b.jpg"), ": line 1: no image is called 'c.jpg'");
+  EXPECT_EQ(error_of("#\na.jpg\n"), ": line 2: expected the names of two images");
+  EXPECT_EQ(error_of("a.jpg b.jpg 17\n"), ": line 1: 'a.jpg b.jpg 17' are no names of two images");
+  EXPECT_EQ(error_of("a.jpg a.jpg\n"), ": line 1: 'a.jpg' is paired with itself");
+  EXPECT_EQ(error_of("x y z\n"),
+            ": line 1: names with spaces in them, and more than one way to read them");
+  EXPECT_NE(error_of("a.jpg b.jpg\n" + std::string(100'000, 'a')).find(": line 2: longer"),
+            std::string::npos);
+  EXPECT_THROW((void)read_pairs_list(path("nowhere.txt"), names_), InputError);
+  EXPECT_THROW((void)read_pairs_list(path("."), names_), InputError);
+}
+
+// What a point of the world looks like, seen a little differently each time.
+class World {
+ public:
+  World(int points, FeatureKind kind, std::uint64_t seed) : kind_(kind), rng_(seed) {
+    Rng rng(seed);
+    const bool sift = kind == FeatureKind::kSift;
+    looks_.create(points, sift ? 128 : 32, CV_8UC1);
+    for (int r = 0; r < looks_.rows; ++r)
+      for (int k = 0; k < looks_.cols; ++k)
+        looks_.at<std::uint8_t>(r, k) = static_cast<std::uint8_t>(
+            sift ? std::min(255.0, std::abs(rng.normal(0, 45))) : rng.integer(0, 255));
+  }
+
+  // `count` points from `from` on; after the last comes the first.
+  [[nodiscard]] cv::Mat image(int from, int count) {
+    cv::Mat seen;
+    for (int i = 0; i < count; ++i) seen.push_back(looks_.row((from + i) % looks_.rows));
+    for (int r = 0; r < seen.rows; ++r) {
+      for (int k = 0; k < seen.cols; ++k) {
+        auto& value = seen.at<std::uint8_t>(r, k);
+        if (kind_ == FeatureKind::kSift)
+          value = cv::saturate_cast<std::uint8_t>(value + rng_.normal(0, 12));
+        else if (rng_.uniform() < 0.3)
+          value ^= static_cast<std::uint8_t>(1 << rng_.integer(0, 7));
+      }
+    }
+    return seen;
+  }
+
+ private:
+  FeatureKind kind_;
+  Rng rng_;
+  cv::Mat looks_;
+};
+
+// Around an object: each shares three quarters of its points with the next.
+std::vector<cv::Mat> ring(int images, FeatureKind kind, std::uint64_t seed) {
+  World world(images * 50, kind, seed);
+  std::vector<cv::Mat> result;
+  for (int i = 0; i < images; ++i) result.push_back(world.image(i * 50, 200));
+  return result;
+}
+
+Retrieval retrieval_of(const std::vector<cv::Mat>& images, FeatureKind kind,
+                       const RetrievalOptions& options) {
+  return {static_cast<int>(images.size()),
+          [&](int i) { return images[static_cast<std::size_t>(i)]; }, kind, options};
+}
+
+TEST(Retrieval, FindsTheNeighboursOfARing) {
+  for (const FeatureKind kind : {FeatureKind::kSift, FeatureKind::kOrb}) {
+    const auto images = ring(30, kind, 1);
+    RetrievalOptions options;
+    options.nearest = 4;
+    const Retrieval retrieval = retrieval_of(images, kind, options);
+    const auto pairs = retrieval.pairs();
+    EXPECT_TRUE(in_order(pairs));
+    for (int i = 0; i < 30; ++i) {
+      EXPECT_TRUE(has(pairs, i, (i + 1) % 30)) << i;
+      EXPECT_TRUE(has(pairs, i, (i + 2) % 30)) << i;
+      EXPECT_NEAR(retrieval.similarity(i, i), 1, 0.02);
+      EXPECT_GT(retrieval.similarity(i, (i + 1) % 30), retrieval.similarity(i, (i + 10) % 30));
+      EXPECT_DOUBLE_EQ(retrieval.similarity(i, 0), retrieval.similarity(0, i));
+    }
+    EXPECT_LE(pairs.size(), 30U * 4U);
+  }
+}
+
+TEST(Retrieval, KeepsScenesApart) {
+  auto images = ring(12, FeatureKind::kSift, 2);
+  for (const cv::Mat& other : ring(12, FeatureKind::kSift, 3)) images.push_back(other);
+  RetrievalOptions options;
+  options.nearest = 4;
+  const auto pairs = retrieval_of(images, FeatureKind::kSift, options).pairs();
+  EXPECT_GE(pairs.size(), 48U);
+  for (const auto& [first, second] : pairs) EXPECT_EQ(first < 12, second < 12);
+}
+
+TEST(Retrieval, IsTheSameForAnyNumberOfThreads) {
+  // More images than a block of the product and than a panel has, more words than a panel.
+  const auto images = ring(150, FeatureKind::kSift, 4);
+  RetrievalOptions options;
+  options.words = 60;
+  std::vector<std::vector<ImagePair>> pairs;
+  std::vector<double> similarities;
+  const int before = cv::getNumThreads();
+  for (const int threads : {1, 3}) {
+    cv::setNumThreads(threads);
+    const Retrieval retrieval = retrieval_of(images, FeatureKind::kSift, options);
+    pairs.push_back(retrieval.pairs());
+    similarities.push_back(retrieval.similarity(3, 5));
+  }
+  cv::setNumThreads(before);
+  EXPECT_EQ(pairs[0], pairs[1]);
+  EXPECT_EQ(similarities[0], similarities[1]);
+  for (int i = 0; i < 150; ++i) EXPECT_TRUE(has(pairs[0], i, (i + 1) % 150)) << i;
+  options.seed = 2;
+  EXPECT_NE(retrieval_of(images, FeatureKind::kSift, options).similarity(3, 5), similarities[0]);
+}
+
+TEST(Retrieval, BearsEmptyAndEqualImages) {
+  EXPECT_TRUE(retrieval_of({}, FeatureKind::kSift, {}).pairs().empty());
+  EXPECT_TRUE(retrieval_of({cv::Mat(), cv::Mat()}, FeatureKind::kSift, {}).pairs().empty());
+  // All of one descriptor, which is then the only word: nothing tells them apart.
+  const cv::Mat flat(50, 128, CV_8UC1, cv::Scalar(40));
+  EXPECT_TRUE(retrieval_of({flat, flat}, FeatureKind::kSift, {}).pairs().empty());
+
+  auto images = ring(6, FeatureKind::kSift, 5);
+  images.insert(images.begin() + 2, cv::Mat());
+  const Retrieval retrieval = retrieval_of(images, FeatureKind::kSift, {});
+  EXPECT_EQ(retrieval.similarity(0, 2), 0);
+  const auto pairs = retrieval.pairs();
+  EXPECT_EQ(pairs.size(), 15U);
+  for (const auto& [first, second] : pairs) EXPECT_TRUE(first != 2 && second != 2);
+}
+
+TEST(Retrieval, RefusesWhatDoesNotFit) {
+  const cv::Mat wide(5, 128, CV_8UC1, cv::Scalar(1));
+  const cv::Mat narrow(5, 64, CV_8UC1, cv::Scalar(1));
+  const cv::Mat floats(5, 128, CV_32FC1, cv::Scalar(1));
+  EXPECT_THROW(retrieval_of({wide, narrow}, FeatureKind::kSift, {}), std::invalid_argument);
+  EXPECT_THROW(retrieval_of({floats}, FeatureKind::kSift, {}), std::invalid_argument);
+  RetrievalOptions options;
+  options.words = 0;
+  EXPECT_THROW(retrieval_of({wide}, FeatureKind::kSift, options), std::invalid_argument);
+  EXPECT_THROW((void)retrieval_of({wide}, FeatureKind::kSift, {}).similarity(0, 1),
+               std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

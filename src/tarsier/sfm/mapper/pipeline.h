@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/progress.h"
+#include "tarsier/sfm/mapper/features.h"
+#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/matching.h"
+#include "tarsier/sfm/mapper/two_view.h"
+
+#include <functional>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+// From images to models: reading, features, pairs, matching, verification, mapping.
+namespace tarsier::sfm {
+
+enum class PairChoice {
+  kAuto,        // exhaustive up to 60 images, retrieval beyond
+  kExhaustive,  // all with all
+  kSequential,  // each with those that follow it
+  kRetrieval,   // each with those that look like it
+  kList,        // what a file says
+};
+
+struct PipelineOptions {
+  FeatureOptions features;
+  MatchOptions matching;
+  TwoViewOptions two_view;
+  MapperOptions mapper;
+  PairChoice pairs = PairChoice::kAuto;
+  std::string pairs_file;  // of kList: two names a line
+  int overlap = 10;        // of kSequential; 1..1000
+  int nearest = 12;        // of kRetrieval; 1..1000
+  bool flow = false;       // follow points through a sequence instead of matching descriptors
+  // What the lens is. Given: used as it is unless the mapper is told to refine it. Not given: from
+  // EXIF, else 1.2 times the larger side, and refined.
+  std::optional<geometry::Camera> camera;
+  bool ignore_exif = false;
+  bool shared_camera = true;  // images of one size and lens have one camera; false: each its own
+  bool fixed_camera = false;  // do not refine a guess either
+  std::string cache_folder;   // "": nothing is kept
+  double checkpoint_s = 30;   // from one checkpoint of the mapper to the next; 0: each step; 0..1e6
+  std::uint64_t seed = 1;
+  void check() const;
+};
+
+// One image that should take part.
+struct Input {
+  std::string name;  // in the model
+  std::string path;  // of the file
+};
+
+struct StageTime {
+  std::string name;
+  double seconds = 0;
+  double cpu_seconds = 0;  // of all threads of the process
+};
+
+struct ImageReport {
+  std::string name;
+  bool read = false;
+  std::string focal_from;  // "given", "EXIF", "guess"
+  int features = 0;
+  Outcome outcome;  // the reason also where the file could not be read
+};
+
+struct PipelineResult {
+  Reconstruction reconstruction;
+  std::vector<ImageReport> images;  // as the inputs
+  std::vector<Pair> pairs;          // of indices into the models' images
+  int compared = 0;                 // pairs
+  int verified = 0;
+  int from_cache = 0;  // features and pairs that were there from an earlier run
+  int resumed = 0;     // images that were in models when the mapper went on from a checkpoint
+  std::vector<StageTime> stages;
+};
+
+// Two images that were compared: all their matches, and what verification made of them.
+struct ComparedPair {
+  const Input& first;
+  const Input& second;
+  const std::vector<cv::Point2f>& first_points;  // px, of all features
+  const std::vector<cv::Point2f>& second_points;
+  const std::vector<Match>& matches;
+  const TwoView& view;
+};
+
+struct PipelineHooks {
+  WatchModel watch;  // sees the growing model; may be empty
+  // Sees each pair; from any thread, but never two at a time. May be empty; if not, matches are
+  // worked out again even where they are in the cache.
+  std::function<void(const ComparedPair&)> on_pair;
+  // When stopped while mapping, the models so far are the result (Reconstruction::interrupted).
+  bool partial = false;
+};
+
+// The images that can be read become Model::images, in the order of `inputs`. The same result
+// for any number of threads, from the cache or not, interrupted and continued or not. Throws
+// Interrupted, InputError (pairs_file), OutputError (cache; a checkpoint that cannot be written is
+// a warning); an image that cannot be read is no error.
+[[nodiscard]] PipelineResult run_pipeline(const std::vector<Input>& inputs,
+                                          const PipelineOptions& options, Progress& progress,
+                                          const std::stop_token& stop,
+                                          const PipelineHooks& hooks = {});
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/pipeline.h"
+
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/mapper/evaluation.h"
+#include "tarsier/sfm/mapper/report.h"
+#include "tarsier/synth/relief.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/core/utility.hpp>
+
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <tuple>
+
+namespace tarsier::sfm {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+class Images : public FolderTest {
+ protected:
+  // Images of a scene in the folder; their truth grows in truth_.
+  std::vector<Input> shoot(const synth::SceneOptions& options, const std::string& prefix = "") {
+    const synth::ReliefScene scene(options);
+    camera_ = scene.camera();
+    // Drawn once for all tests.
+    static std::map<std::tuple<int, std::uint64_t, synth::Content, bool>, std::vector<cv::Mat>>
+        drawn;
+    std::vector<cv::Mat>& images =
+        drawn[{options.images, options.seed, options.content, options.pure_rotation}];
+    std::vector<Input> inputs;
+    for (int i = 0; i < scene.count(); ++i) {
+      const std::string name = prefix + std::to_string(i) + ".png";
+      if (static_cast<int>(images.size()) == i) images.push_back(scene.render(i));
+      write_image(folder_ + "/" + name, images[static_cast<std::size_t>(i)]);
+      inputs.push_back({name, folder_ + "/" + name});
+      truth_[name] = scene.pose(i);
+    }
+    return inputs;
+  }
+
+  [[nodiscard]] PipelineOptions options() const {
+    PipelineOptions options;
+    options.camera = camera_;
+    options.features.most = 700;
+    return options;
+  }
+
+  static PipelineResult run(const std::vector<Input>& inputs, const PipelineOptions& options) {
+    NoProgress progress;
+    return run_pipeline(inputs, options, progress, {});
+  }
+
+  geometry::Camera camera_;
+  PoseTruth truth_;
+};
+
+synth::SceneOptions small_scene(int images = 5) {
+  synth::SceneOptions options;
+  options.size = {400, 300};
+  options.images = images;
+  return options;
+}
+
+TEST_F(Images, BecomeTheirCameras) {
+  const auto inputs = shoot(small_scene(6));
+  PipelineOptions how = options();
+  how.features.most = 1500;
+  const PipelineResult result = run(inputs, how);
+  ASSERT_EQ(result.reconstruction.models.size(), 1U);
+  const PoseScores scores = evaluate_poses(result.reconstruction.models[0], truth_, "model");
+  EXPECT_EQ(scores.registered, 6);
+  EXPECT_LT(scores.center_mean, 0.003 * scores.extent);
+  EXPECT_LT(scores.rotation_mean_deg, 0.1);
+  EXPECT_GT(result.reconstruction.models[0].points.size(), 200U);
+}
+
+TEST_F(Images, AreTheSameModelForAnyThreadsAndFromTheCache) {
+  const auto inputs = shoot(small_scene());
+  PipelineOptions how = options();
+  cv::setNumThreads(1);
+  const Model one = run(inputs, how).reconstruction.models.at(0);
+  cv::setNumThreads(3);
+  how.cache_folder = folder_;
+  const Model three = run(inputs, how).reconstruction.models.at(0);
+  const PipelineResult again = run(inputs, how);
+  cv::setNumThreads(-1);
+  EXPECT_EQ(again.from_cache, 5 + 10);
+  for (const Model* other : {&three, &again.reconstruction.models.at(0)}) {
+    ASSERT_EQ(other->points.size(), one.points.size());
+    for (std::size_t i = 0; i < one.images.size(); ++i)
+      EXPECT_EQ(other->images[i].pose.center(), one.images[i].pose.center());
+  }
+}
+
+TEST_F(Images, ADamagedCacheIsWorkedOutAgain) {
+  const auto inputs = shoot(small_scene(3));
+  PipelineOptions how = options();
+  how.cache_folder = folder_ + "/cache";
+  fs::create_directory(how.cache_folder);
+  const Model first = run(inputs, how).reconstruction.models.at(0);
+  int damaged = 0;
+  for (const auto& entry : fs::directory_iterator(how.cache_folder)) {
+    if (++damaged % 2 == 0) {
+      fs::resize_file(entry.path(), fs::file_size(entry.path()) / 2);
+    } else {
+      std::fstream file(entry.path(), std::ios::in | std::ios::out | std::ios::binary);
+      file.seekp(200);
+      file.put('!');
+    }
+  }
+  EXPECT_GE(damaged, 4);
+  const PipelineResult again = run(inputs, how);
+  EXPECT_EQ(again.from_cache, 0);
+  EXPECT_EQ(again.reconstruction.models.at(0).points.size(), first.points.size());
+}
+
+TEST_F(Images, TwoScenesGiveTwoModels) {
+  auto inputs = shoot(small_scene(4), "a");
+  synth::SceneOptions other = small_scene(3);
+  other.seed = 77;
+  for (const Input& input : shoot(other, "b")) inputs.push_back(input);
+  const PipelineResult result = run(inputs, options());
+  ASSERT_EQ(result.reconstruction.models.size(), 2U);
+  const auto report = report_json(result);
+  EXPECT_EQ(report["models"][0]["photographs"], 4);
+  EXPECT_EQ(report["models"][1]["photographs"], 3);
+  EXPECT_EQ(report["photographs"][5]["model"], 1);
+}
+
+TEST_F(Images, OneThatCannotBeReadIsLeftOutAndNamed) {
+  auto inputs = shoot(small_scene(4));
+  const std::string broken = folder_ + "/broken.jpg";
+  std::ofstream(broken) << "not an image";
+  inputs.insert(inputs.begin() + 1, {"broken.jpg", broken});
+  const PipelineResult result = run(inputs, options());
+  ASSERT_EQ(result.reconstruction.models.size(), 1U);
+  EXPECT_FALSE(result.images[1].read);
+  EXPECT_THAT(summary_text(result), HasSubstr("missing: broken.jpg: "));
+  EXPECT_TRUE(result.images[2].outcome.registered);
+}
+
+TEST_F(Images, DegenerateScenesGiveAReasonAndNoModel) {
+  struct Case {
+    synth::Content content;
+    bool rotation;
+  };
+  for (const Case& given :
+       {Case{synth::Content::kRelief, true}, Case{synth::Content::kNothing, false}}) {
+    synth::SceneOptions scene = small_scene(3);
+    scene.content = given.content;
+    scene.pure_rotation = given.rotation;
+    const auto inputs = shoot(scene);
+    const PipelineResult result = run(inputs, options());
+    EXPECT_TRUE(result.reconstruction.models.empty());
+    EXPECT_FALSE(result.reconstruction.no_model.empty());
+    for (const ImageReport& report : result.images) EXPECT_FALSE(report.outcome.reason.empty());
+  }
+}
+
+TEST_F(Images, TheSameOneTwiceIsNoPair) {
+  auto inputs = shoot(small_scene(1));
+  inputs.push_back({"copy.png", inputs[0].path});
+  const PipelineResult result = run(inputs, options());
+  EXPECT_TRUE(result.reconstruction.models.empty());
+  EXPECT_THAT(result.reconstruction.no_model, HasSubstr("sideways"));
+}
+
+TEST_F(Images, FollowedPointsDoAsWellAsDescriptors) {
+  // A video: the camera moves little from frame to frame.
+  const auto inputs = shoot(small_scene(11));
+  PipelineOptions how = options();
+  const PipelineResult by_sift = run(inputs, how);
+  how.flow = true;
+  const PipelineResult by_flow = run(inputs, how);
+  ASSERT_FALSE(by_sift.reconstruction.models.empty());
+  ASSERT_FALSE(by_flow.reconstruction.models.empty());
+  const PoseScores sift = evaluate_poses(by_sift.reconstruction.models[0], truth_, "sift");
+  const PoseScores flow = evaluate_poses(by_flow.reconstruction.models[0], truth_, "flow");
+  EXPECT_EQ(flow.registered, 11);
+  EXPECT_LT(flow.center_mean, 2 * sift.center_mean + 1e-3 * sift.extent);
+}
+
+TEST_F(Images, WhatWasFollowedIsKept) {
+  auto inputs = shoot(small_scene(5));
+  PipelineOptions how = options();
+  how.features.most = 600;
+  how.flow = true;
+  const Model without = run(inputs, how).reconstruction.models.at(0);
+  how.cache_folder = folder_ + "/cache";
+  fs::create_directory(how.cache_folder);
+  EXPECT_EQ(run(inputs, how).from_cache, 0);
+  // All but the checkpoint, so that the mapper works with what is read.
+  for (const auto& entry : fs::directory_iterator(how.cache_folder))
+    if (entry.path().extension() == ".mapper") fs::remove(entry.path());
+  const PipelineResult again = run(inputs, how);
+  EXPECT_EQ(again.from_cache, 5 + again.compared);
+  EXPECT_EQ(again.resumed, 0);
+  const Model& with = again.reconstruction.models.at(0);
+  ASSERT_EQ(with.points.size(), without.points.size());
+  for (std::size_t i = 0; i < with.images.size(); ++i)
+    EXPECT_EQ(with.images[i].pose.center(), without.images[i].pose.center());
+  // Another sequence is another one.
+  inputs.pop_back();
+  EXPECT_EQ(run(inputs, how).from_cache, 0);
+}
+
+TEST_F(Images, TheMapperGoesOnWhereItWas) {
+  const auto inputs = shoot(small_scene(6));
+  PipelineOptions how = options();
+  how.cache_folder = folder_ + "/cache";
+  how.checkpoint_s = 0;
+  fs::create_directory(how.cache_folder);
+  // Stopped when the fourth image is in.
+  struct StopAt final : Progress {
+    std::stop_source stop;
+    bool mapping = false;
+    std::int64_t done = 0;
+    void begin(std::string_view stage, std::int64_t, std::string_view) override {
+      mapping = stage == "reconstruct";
+    }
+    void advance(std::int64_t count) override {
+      done += mapping ? count : 0;
+      if (done >= 4) stop.request_stop();
+    }
+    void end() override {}
+  } progress;
+  PipelineHooks hooks;
+  hooks.partial = true;
+  const PipelineResult part = run_pipeline(inputs, how, progress, progress.stop.get_token(), hooks);
+  EXPECT_TRUE(part.reconstruction.interrupted);
+  EXPECT_EQ(statistics_of(part.reconstruction.models.at(0)).registered, 4);
+  EXPECT_EQ(report_json(part)["partial"], true);
+
+  const PipelineResult rest = run(inputs, how);
+  EXPECT_EQ(rest.resumed, 4);
+  EXPECT_FALSE(report_json(rest).contains("partial"));
+  how.cache_folder.clear();
+  const PipelineResult whole = run(inputs, how);
+  EXPECT_EQ(rest.reconstruction.story, whole.reconstruction.story);
+  const Model& a = rest.reconstruction.models.at(0);
+  const Model& b = whole.reconstruction.models.at(0);
+  ASSERT_EQ(a.points.size(), b.points.size());
+  for (std::size_t i = 0; i < a.images.size(); ++i)
+    EXPECT_EQ(a.images[i].pose.translation, b.images[i].pose.translation);
+
+  // With other options it begins again, and one checkpoint is kept.
+  how.cache_folder = folder_ + "/cache";
+  how.mapper.reprojection_px = 1.5;
+  EXPECT_EQ(run(inputs, how).resumed, 0);
+  EXPECT_EQ(run(inputs, how).resumed, 6);
+  int checkpoints = 0;
+  for (const auto& entry : fs::directory_iterator(how.cache_folder))
+    checkpoints += entry.path().extension() == ".mapper" ? 1 : 0;
+  EXPECT_EQ(checkpoints, 1);
+}
+
+TEST_F(Images, StopsWhenAsked) {
+  const auto inputs = shoot(small_scene(2));
+  std::stop_source stop;
+  stop.request_stop();
+  NoProgress progress;
+  EXPECT_ANY_THROW((void)run_pipeline(inputs, options(), progress, stop.get_token()));
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/report.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::sfm {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+
+Json camera_json(const geometry::Camera& camera) {
+  Json distortion = Json::array();
+  for (const double k : camera.coefficients()) distortion.push_back(rounded(k, 1e8));
+  return {{"width", camera.width},
+          {"height", camera.height},
+          {"fx", rounded(camera.fx, 1e4)},
+          {"fy", rounded(camera.fy, 1e4)},
+          {"cx", rounded(camera.cx, 1e4)},
+          {"cy", rounded(camera.cy, 1e4)},
+          {"lens", geometry::name_of(camera.lens)},
+          {"distortion", distortion}};
+}
+
+Json model_json(const Model& model) {
+  const ModelStatistics statistics = statistics_of(model);
+  std::vector<bool> used(model.cameras.size(), false);
+  for (const Image& image : model.images)
+    if (image.registered) used[static_cast<std::size_t>(image.camera)] = true;
+  Json cameras = Json::array();
+  for (std::size_t k = 0; k < used.size(); ++k)
+    if (used[k]) cameras.push_back(camera_json(model.cameras[k]));
+  return {{"photographs", statistics.registered},
+          {"points", model.points.size()},
+          {"observations", statistics.observations},
+          {"mean_track", rounded(statistics.mean_track, 1e3)},
+          {"reprojection_px", rounded(statistics.reprojection_px, 1e4)},
+          {"cameras", std::move(cameras)}};
+}
+
+// How many points of the model each image shows.
+std::vector<int> points_shown(const Model& model) {
+  std::vector<int> shown(model.images.size(), 0);
+  for (std::size_t i = 0; i < model.images.size(); ++i)
+    shown[i] =
+        static_cast<int>(std::count_if(model.images[i].points.begin(), model.images[i].points.end(),
+                                       [](int point) { return point >= 0; }));
+  return shown;
+}
+
+}  // namespace
+
+nlohmann::ordered_json report_json(const PipelineResult& result) {
+  const Reconstruction& built = result.reconstruction;
+  Json models = Json::array();
+  std::vector<std::vector<int>> shown;
+  for (const Model& model : built.models) {
+    models.push_back(model_json(model));
+    shown.push_back(points_shown(model));
+  }
+  Json images = Json::array();
+  std::size_t index = 0;  // among those that could be read
+  for (const ImageReport& report : result.images) {
+    Json entry{{"name", report.name}, {"registered", report.outcome.registered}};
+    if (report.outcome.registered) {
+      entry["model"] = report.outcome.model;
+      entry["points"] = shown[static_cast<std::size_t>(report.outcome.model)][index];
+    } else {
+      entry["reason"] = report.outcome.reason;
+    }
+    entry["read"] = report.read;
+    if (report.read) {
+      entry["features"] = report.features;
+      entry["focal_from"] = report.focal_from;
+      ++index;
+    }
+    images.push_back(std::move(entry));
+  }
+  Json stages = Json::array();
+  for (const StageTime& stage : result.stages)
+    stages.push_back({{"name", stage.name},
+                      {"seconds", rounded(stage.seconds, 1e3)},
+                      {"cpu_seconds", rounded(stage.cpu_seconds, 1e3)}});
+  Json report{{"models", std::move(models)},
+              {"photographs", std::move(images)},
+              {"pairs", {{"compared", result.compared}, {"verified", result.verified}}},
+              {"from_cache", result.from_cache},
+              {"stages", std::move(stages)},
+              {"story", built.story}};
+  if (built.interrupted) report["partial"] = true;
+  if (result.resumed > 0) report["resumed"] = result.resumed;
+  if (!built.no_model.empty()) report["no_model"] = built.no_model;
+  return report;
+}
+
+std::string summary_text(const PipelineResult& result) {
+  const Reconstruction& built = result.reconstruction;
+  std::string text;
+  if (built.interrupted) text += "partial: the work was interrupted; the same command goes on\n";
+  for (std::size_t m = 0; m < built.models.size(); ++m) {
+    const ModelStatistics statistics = statistics_of(built.models[m]);
+    text += fmt::format(
+        "model {}: {} of {} images, {} points, each in {:.1f} images, reprojection error "
+        "{:.2f} px\n",
+        m, statistics.registered, result.images.size(), built.models[m].points.size(),
+        statistics.mean_track, statistics.reprojection_px);
+  }
+  if (built.models.empty()) text += "no model: " + built.no_model + "\n";
+  for (const ImageReport& report : result.images)
+    if (!report.outcome.registered)
+      text += fmt::format("missing: {}: {}\n", report.name, report.outcome.reason);
+  text += "seconds:";
+  for (const StageTime& stage : result.stages)
+    text += fmt::format(" {} {:.1f}", stage.name, stage.seconds);
+  return text + "\n";
+}
+
+}  // namespace tarsier::sfm

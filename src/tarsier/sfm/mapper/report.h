@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/mapper/pipeline.h"
+
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <vector>
+
+namespace tarsier::sfm {
+
+// report.json: "models" (images, points, observations, mean_track, reprojection_px, cameras),
+// "photographs" (name, registered, model, features, points, reason), "pairs", "stages", "story";
+// "partial": true where the work was interrupted, "resumed": images of a checkpoint.
+[[nodiscard]] nlohmann::ordered_json report_json(const PipelineResult& result);
+
+// The same for people: some lines, the images that are missing each with its reason.
+[[nodiscard]] std::string summary_text(const PipelineResult& result);
+
+}  // namespace tarsier::sfm

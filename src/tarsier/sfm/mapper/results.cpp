@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/results.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/words.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/sfm/scene/colmap.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string_view>
+#include <system_error>
+#include <vector>
+
+namespace tarsier::sfm {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+constexpr std::int64_t kMaxReportBytes = 1'000'000'000;
+constexpr int kMaxModels = 1'000'000;
+constexpr const char* kWriter = "tarsier sfm reconstruct";
+constexpr const char* kModelFiles[] = {"cameras.txt", "images.txt",   "points3D.txt",
+                                       "points.ply",  "cameras.ply",  "view.png",
+                                       "view.html",   "turntable.gif"};
+
+Json read_report(const fs::path& folder) {
+  try {
+    const std::string path = (folder / "report.json").string();
+    return parse_json(read_file(path, kMaxReportBytes), path,
+                      {.max_bytes = kMaxReportBytes, .max_values = kMaxReportBytes});
+  } catch (const InputError&) {
+    return nullptr;
+  }
+}
+
+int number_of(const Json& object, const char* name) {
+  const auto found = object.find(name);
+  return found != object.end() && found->is_number_integer()
+             ? static_cast<int>(std::clamp<std::int64_t>(found->get<std::int64_t>(), 0, kMaxModels))
+             : 0;
+}
+
+bool says_model(const fs::path& folder, int model) {
+  const Json report = read_report(folder);
+  return report.is_object() && report.value("written_by", Json()) == kWriter &&
+         number_of(report, "model") == model;
+}
+
+void remove_file(const fs::path& path) {
+  std::error_code error;
+  if (fs::is_regular_file(fs::symlink_status(path, error))) fs::remove(path, error);
+}
+
+// Empty ones, the innermost first.
+void remove_folders(const fs::path& folder) {
+  std::error_code error;
+  std::vector<fs::path> folders;
+  for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (!entry->is_symlink(error) && entry->is_directory(error)) folders.push_back(entry->path());
+  }
+  std::reverse(folders.begin(), folders.end());
+  for (const fs::path& path : folders) fs::remove(path, error);  // fails where something is in it
+  fs::remove(folder, error);
+}
+
+// The straightened images are those of their model.
+void remove_undistorted(const fs::path& folder) {
+  try {
+    for (const Image& image : read_colmap_poses((folder / "sparse").string()).images)
+      remove_file(folder / "images" / image.name);
+  } catch (const Error&) {
+    return;
+  }
+  for (const char* name : {"cameras.txt", "images.txt", "points3D.txt"})
+    remove_file(folder / "sparse" / name);
+}
+
+}  // namespace
+
+std::optional<EarlierRun> earlier_run(const std::string& folder) {
+  const Json report = read_report(folder);
+  if (!report.is_object()) return std::nullopt;
+  for (const char* name : {"models", "photographs", "stages", "story"})
+    if (!report.contains(name) || !report[name].is_array()) return std::nullopt;
+  EarlierRun run;
+  run.models = static_cast<int>(std::min<std::size_t>(report["models"].size(), kMaxModels));
+  if (run.models > 0 && report["models"][0].is_object())
+    run.registered = number_of(report["models"][0], "photographs");
+  run.partial = report.value("partial", Json()) == true;
+  return run;
+}
+
+std::string model_folder(const std::string& folder, int model) {
+  return model == 0 ? folder : (fs::path(folder) / fmt::format("model-{}", model)).string();
+}
+
+void begin_model_folder(const std::string& folder, int model) {
+  TARSIER_REQUIRE(model >= 1, "model {}", model);
+  const std::string path = model_folder(folder, model);
+  make_folder(path);
+  const nlohmann::ordered_json report{{"written_by", kWriter}, {"model", model}};
+  write_file_atomically((fs::path(path) / "report.json").string(), report.dump(1) + "\n");
+}
+
+int remove_old_models(const std::string& folder, int first,
+                      const std::optional<EarlierRun>& earlier) {
+  int removed = 0;
+  std::error_code error;
+  std::vector<fs::path> entries;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, error))
+    entries.push_back(entry.path());
+  for (const fs::path& path : entries) {
+    const std::string name = path.filename().string();
+    constexpr std::string_view kPrefix = "model-";
+    if (!name.starts_with(kPrefix)) continue;
+    const std::string_view digits = std::string_view(name).substr(kPrefix.size());
+    const auto number = to_integer(digits, 1, kMaxModels);
+    if (!number || digits != std::to_string(*number)) continue;
+    const int model = static_cast<int>(*number);
+    if (model < first || fs::is_symlink(fs::symlink_status(path, error)) ||
+        !fs::is_directory(path, error)) {
+      continue;
+    }
+    const bool is_own = says_model(path, model);
+    if (!is_own && !(earlier && model < earlier->models)) continue;
+    remove_undistorted(path / "undistorted");
+    for (const char* file : kModelFiles) remove_file(path / file);
+    if (is_own) remove_file(path / "report.json");
+    remove_folders(path);
+    ++removed;
+    if (fs::exists(path, error))
+      log_warning("{}: of an earlier run; files that are not its own stay", path.string());
+  }
+  return removed;
+}
+
+}  // namespace tarsier::sfm

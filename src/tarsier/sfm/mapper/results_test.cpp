@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/results.h"
+
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/sfm/scene/testing_model.h"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <string>
+
+namespace tarsier::sfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Results : public FolderTest {
+ protected:
+  void write(const std::string& name, const std::string& text) {
+    const fs::path path = fs::path(folder_) / name;
+    make_folder(path.parent_path().string());
+    write_file_atomically(path.string(), text);
+  }
+  void write_report(int models) {
+    std::string list;
+    for (int m = 0; m < models; ++m) list += std::string(m > 0 ? "," : "") + "{\"images\":7}";
+    write("report.json", "{\"models\":[" + list + "],\"images\":[],\"stages\":[],\"story\":[]}");
+  }
+  void write_model(const std::string& name) {
+    write_colmap(folder_ + "/" + name, synthetic_model());
+    write(name + "/points.ply", "ply");
+  }
+  [[nodiscard]] bool has(const std::string& name) const {
+    return fs::exists(fs::path(folder_) / name);
+  }
+};
+
+TEST_F(Results, OfAnEarlierRunAreKnownByTheReport) {
+  EXPECT_FALSE(earlier_run(folder_));
+  write("report.json", "{\"models\": 3}");
+  EXPECT_FALSE(earlier_run(folder_));
+  write("report.json", "not JSON");
+  EXPECT_FALSE(earlier_run(folder_));
+  write_report(3);
+  const auto run = earlier_run(folder_);
+  ASSERT_TRUE(run);
+  EXPECT_EQ(run->models, 3);
+  EXPECT_EQ(run->registered, 7);
+  EXPECT_FALSE(run->partial);
+}
+
+TEST_F(Results, ModelsOfAnEarlierRunGo) {
+  write_report(4);
+  for (const char* name : {"model-1", "model-2", "model-3"}) write_model(name);
+  write("model-2/notes.txt", "mine");
+  // What export_undistorted leaves, and a picture of somebody else.
+  write_colmap(folder_ + "/model-3/undistorted/sparse", synthetic_model());
+  for (const Image& image : synthetic_model().images)
+    if (image.registered) write("model-3/undistorted/images/" + image.name, "picture");
+  EXPECT_EQ(remove_old_models(folder_, 2, earlier_run(folder_)), 2);
+  EXPECT_TRUE(has("model-1/images.txt"));
+  EXPECT_TRUE(has("model-2/notes.txt"));
+  EXPECT_FALSE(has("model-2/images.txt"));
+  EXPECT_FALSE(has("model-2/points.ply"));
+  EXPECT_FALSE(has("model-3"));
+}
+
+TEST_F(Results, FoldersThatNoRunWroteStay) {
+  write_report(2);
+  for (const char* name : {"model-1", "model-5", "model-07", "model-x"}) write_model(name);
+  write("model-5/report.json", "{\"models\":[]}");
+  fs::create_directory_symlink(folder_ + "/model-5", folder_ + "/model-6");
+  EXPECT_EQ(remove_old_models(folder_, 1, earlier_run(folder_)), 1);
+  EXPECT_FALSE(has("model-1"));
+  for (const char* name : {"model-5", "model-07", "model-x", "model-6"})
+    EXPECT_TRUE(has(std::string(name) + "/images.txt")) << name;
+}
+
+// A run that was killed before its report was written: its folders say themselves whose they are.
+TEST_F(Results, AFolderSaysItselfThatItIsOfARun) {
+  begin_model_folder(folder_, 2);
+  write_model("model-2");
+  EXPECT_EQ(remove_old_models(folder_, 3, {}), 0);
+  EXPECT_EQ(remove_old_models(folder_, 1, {}), 1);
+  EXPECT_FALSE(has("model-2"));
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/shots.h"
+
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/sha256.h"
+#include "tarsier/sfm/scene/exif.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <optional>
+#include <span>
+#include <string_view>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr std::int64_t kMaxFileBytes = 512'000'000;
+constexpr double kGuessedFocal = 1.2;  // of the larger side
+
+// The given camera for an image of this size: scaled where the form is the same.
+std::optional<geometry::Camera> fitting(geometry::Camera camera, cv::Size size) {
+  if (camera.width == 0 || camera.height == 0 ||
+      (camera.width == size.width && camera.height == size.height)) {
+    camera.width = size.width;
+    camera.height = size.height;
+    return camera;
+  }
+  const double sx = static_cast<double>(size.width) / camera.width;
+  const double sy = static_cast<double>(size.height) / camera.height;
+  if (std::abs(sx - sy) > 0.01 * sx) return std::nullopt;
+  camera.fx *= sx;
+  camera.fy *= sy;
+  camera.cx = (camera.cx + 0.5) * sx - 0.5;
+  camera.cy = (camera.cy + 0.5) * sy - 0.5;
+  camera.width = size.width;
+  camera.height = size.height;
+  return camera;
+}
+
+Lens lens_of(cv::Size size, double exif_focal, const PipelineOptions& options) {
+  if (options.camera) {
+    if (const auto camera = fitting(*options.camera, size)) return {*camera, "given"};
+  }
+  Lens lens;
+  lens.camera.width = size.width;
+  lens.camera.height = size.height;
+  lens.camera.cx = (size.width - 1) / 2.0;
+  lens.camera.cy = (size.height - 1) / 2.0;
+  const double larger = std::max(size.width, size.height);
+  double focal = kGuessedFocal * larger;
+  if (!options.ignore_exif && exif_focal > 0.1 * larger && exif_focal < 20 * larger) {
+    focal = exif_focal;
+    lens.from = "EXIF";
+  }
+  lens.camera.fx = lens.camera.fy = focal;
+  return lens;
+}
+
+std::string camera_text(const Lens& lens) {
+  const geometry::Camera& c = lens.camera;
+  return fmt::format("{} {} {} {} {} {} {} {} {} {} {} {}", c.width, c.height, c.fx, c.fy, c.cx,
+                     c.cy, fmt::join(c.distortion, " "), lens.from, static_cast<int>(c.lens), 0, 0,
+                     0);
+}
+
+bool is_guess(const Lens& lens) { return std::string_view(lens.from) == "guess"; }
+
+}  // namespace
+
+cv::Mat read_shot(const Input& input, const PipelineOptions& options, Shot& shot) {
+  const std::string bytes = read_file(input.path, kMaxFileBytes);
+  Sha256 sum;
+  sum.add(bytes);
+  const FeatureOptions& f = options.features;
+  shot.key = cache_key(fmt::format("{} features {} {} {} {}", sum.hex(), static_cast<int>(f.kind),
+                                   f.most, f.max_pixels, f.contrast));
+  const Exif exif = parse_exif(bytes);
+  const std::span<const std::uint8_t> data(reinterpret_cast<const std::uint8_t*>(bytes.data()),
+                                           bytes.size());
+  cv::Mat image = decode_image(data, input.path);
+  shot.size = image.size();
+  shot.lens = lens_of(shot.size, focal_px_of(exif, shot.size), options);
+  shot.body = exif.camera;
+  return image;
+}
+
+bool find_shot_features(const cv::Mat& image, const PipelineOptions& options, const Cache& cache,
+                        Shot& shot) {
+  if (auto known = cache.features(shot.key)) {
+    shot.features = std::move(*known);
+    return true;
+  }
+  shot.features = find_features(image, options.features);
+  cache.store(shot.key, shot.features);
+  return false;
+}
+
+std::string pairs_key(const Shot& shot, const PipelineOptions& options) {
+  const TwoViewOptions& two_view = options.two_view;
+  return cache_key(fmt::format("{} {} pairs {} {} {}", shot.key, camera_text(shot.lens),
+                               options.matching.ratio, two_view.threshold_px,
+                               two_view.min_inliers) +
+                   std::to_string(two_view.seed));
+}
+
+std::string partner_key(const Shot& shot) { return shot.key + camera_text(shot.lens); }
+
+TwoView verify_shots(const Shot& first, const Shot& second, const std::vector<Match>& matches,
+                     const PipelineOptions& options) {
+  TwoViewOptions how = options.two_view;
+  how.known_focal = !is_guess(first.lens) && !is_guess(second.lens);
+  return verify_pair(first.features.points, second.features.points, matches, first.lens.camera,
+                     second.lens.camera, how);
+}
+
+void Lineup::add(const Shot& shot, const std::string& name) {
+  const std::tuple key(shot.size.width, shot.size.height, shot.lens.camera.fx, shot.body);
+  auto [entry, fresh] = known_.try_emplace(key, static_cast<int>(cameras_.size()));
+  if (fresh || !options_.shared_camera) {
+    entry->second = static_cast<int>(cameras_.size());
+    cameras_.push_back(shot.lens.camera);
+  }
+  any_guess_ = any_guess_ || std::string_view(shot.lens.from) != "given";
+  Image image;
+  image.name = name;
+  image.camera = entry->second;
+  image.features = shot.features.points;
+  image.sizes = shot.features.sizes;
+  images_.push_back(std::move(image));
+}
+
+MapperOptions Lineup::mapper_options() const {
+  MapperOptions mapper = options_.mapper;
+  if (any_guess_ && !options_.fixed_camera) {
+    mapper.refine_focal = true;
+    mapper.refine_distortion = true;
+  }
+  return mapper;
+}
+
+}  // namespace tarsier::sfm

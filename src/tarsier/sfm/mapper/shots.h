@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/mapper/cache.h"
+#include "tarsier/sfm/mapper/pipeline.h"
+
+#include <map>
+#include <string>
+#include <tuple>
+#include <vector>
+
+// The steps of one image and of one pair, for the pipeline of all images (pipeline.h) and
+// for the one that grows with its images (online.h): the same inputs give the same entries of
+// the cache in both.
+namespace tarsier::sfm {
+
+struct Lens {
+  geometry::Camera camera;
+  const char* from = "guess";  // "given", "EXIF", "guess"
+};
+
+struct Shot {
+  int input = 0;  // index of its Input
+  cv::Size size;
+  Lens lens;
+  std::string body;  // make and model of the camera, from EXIF
+  std::string key;   // of its bytes and of how features are found
+  Features features;
+};
+
+// Reads the file; fills all of `shot` but its index and features. Throws InputError.
+[[nodiscard]] cv::Mat read_shot(const Input& input, const PipelineOptions& options, Shot& shot);
+
+// Fills the features; true if they come from the cache. Throws OutputError (cache).
+bool find_shot_features(const cv::Mat& image, const PipelineOptions& options, const Cache& cache,
+                        Shot& shot);
+
+// Under which a shot's pairs are kept, and under which another one is found among them.
+[[nodiscard]] std::string pairs_key(const Shot& shot, const PipelineOptions& options);
+[[nodiscard]] std::string partner_key(const Shot& shot);
+
+[[nodiscard]] TwoView verify_shots(const Shot& first, const Shot& second,
+                                   const std::vector<Match>& matches,
+                                   const PipelineOptions& options);
+
+// The images of a model to be, and their cameras: one for those of a size and lens, or one
+// each.
+class Lineup {
+ public:
+  explicit Lineup(const PipelineOptions& options) : options_(options) {}
+  void add(const Shot& shot, const std::string& name);
+  [[nodiscard]] const std::vector<geometry::Camera>& cameras() const { return cameras_; }
+  [[nodiscard]] const std::vector<Image>& images() const { return images_; }
+  // The given ones, with lenses refined where they were guessed.
+  [[nodiscard]] MapperOptions mapper_options() const;
+
+ private:
+  PipelineOptions options_;
+  std::vector<geometry::Camera> cameras_;
+  std::vector<Image> images_;
+  std::map<std::tuple<int, int, double, std::string>, int> known_;
+  bool any_guess_ = false;
+};
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/mapper/two_view.h"
+#include "tarsier/sfm/scene/model.h"
+
+#include <vector>
+
+namespace tarsier::sfm {
+
+// Two images that were verified against each other.
+struct Pair {
+  int first = 0;
+  int second = 0;
+  int matches = 0;  // before they were verified
+  TwoView view;
+};
+
+// Joins matches to tracks: union-find over features, the surest pairs first. A join that would put
+// two features of one image into a track is refused, so a wrong match costs one link and not
+// the track. Tracks of two images or more, longest first, then by their first observation;
+// `features`: how many each image has.
+[[nodiscard]] std::vector<std::vector<Observation>> make_tracks(const std::vector<Pair>& pairs,
+                                                                const std::vector<int>& features);
+[[nodiscard]] std::vector<std::vector<Observation>> make_tracks(
+    const std::vector<const Pair*>& pairs, const std::vector<int>& features);
+
+}  // namespace tarsier::sfm

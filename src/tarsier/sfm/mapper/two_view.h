@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/camera.h"
+#include "tarsier/geometry/rigid.h"
+#include "tarsier/sfm/mapper/features.h"
+#include "tarsier/sfm/mapper/matching.h"
+
+#include <cstdint>
+#include <vector>
+
+// What two images say about each other.
+namespace tarsier::sfm {
+
+struct TwoViewOptions {
+  double threshold_px = 1.5;  // of an inlier; 0.1..20
+  int min_inliers = 20;       // below it the images have nothing in common; 8..10000
+  bool known_focal = true;    // false: the fundamental matrix decides what is an inlier
+  std::uint64_t seed = 1;
+  void check() const;
+};
+
+struct TwoView {
+  std::vector<Match> inliers;         // of the epipolar geometry; empty: the pair failed
+  int homography_inliers = 0;         // how many of these one plane (or a mere rotation) explains
+  geometry::Rigid second_from_first;  // translation of length 1; of the essential matrix
+  int in_front = 0;                   // inliers in front of both cameras
+  double median_angle = 0;            // radians, between the rays of those
+};
+
+// Essential matrix by the five-point method (Nister, PAMI 2004) and homography, both by MAGSAC++
+// (Barath et al., CVPR 2020) as OpenCV has it, seeded. Matches must fit the features.
+[[nodiscard]] TwoView verify_pair(const std::vector<cv::Point2f>& first,
+                                  const std::vector<cv::Point2f>& second,
+                                  const std::vector<Match>& matches, const geometry::Camera& camera,
+                                  const geometry::Camera& other, const TwoViewOptions& options);
+
+// Pixels without the lens's distortion, as a pinhole of the same matrix would see them.
+[[nodiscard]] std::vector<cv::Point2d> undistorted(const std::vector<cv::Point2f>& pixels,
+                                                   const geometry::Camera& camera);
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/scene/align.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/core/words.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string_view>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr std::int64_t kMaxFileBytes = 100'000'000;
+constexpr double kMaxCoordinate = 1e12;
+constexpr double kMinFlatness = 1e-6;  // second extent of the points by the first
+constexpr std::size_t kMaxTriples = 1000;
+constexpr int kMaxRefits = 20;
+
+bool is_finite(const cv::Vec3d& v) {
+  return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]);
+}
+
+void check_pairs(const std::vector<cv::Vec3d>& from, const std::vector<cv::Vec3d>& to) {
+  TARSIER_REQUIRE(from.size() == to.size(), "{} and {} points", from.size(), to.size());
+  TARSIER_REQUIRE(std::all_of(from.begin(), from.end(), is_finite), "a point is not finite");
+  TARSIER_REQUIRE(std::all_of(to.begin(), to.end(), is_finite), "a point is not finite");
+}
+
+cv::Vec3d mean_of(const std::vector<cv::Vec3d>& points) {
+  cv::Vec3d sum;
+  for (const cv::Vec3d& x : points) sum += x;
+  return sum * (1 / static_cast<double>(points.size()));
+}
+
+// Mean of (a - mean a) (b - mean b)^T.
+cv::Matx33d covariance(const std::vector<cv::Vec3d>& a, const cv::Vec3d& mean_a,
+                       const std::vector<cv::Vec3d>& b, const cv::Vec3d& mean_b) {
+  cv::Matx33d sum = cv::Matx33d::zeros();
+  for (std::size_t k = 0; k < a.size(); ++k) sum += (a[k] - mean_a) * (b[k] - mean_b).t();
+  return sum * (1 / static_cast<double>(a.size()));
+}
+
+// Whether a covariance has two directions of extent at least. Extents are roots of its values.
+bool is_spread(const cv::Matx33d& own_covariance) {
+  cv::Vec3d w;
+  cv::SVD::compute(own_covariance, w);
+  return w[0] > 0 && std::isfinite(w[0]) && w[1] > kMinFlatness * kMinFlatness * w[0];
+}
+
+// The upper median, but never of the three pairs alone that fit by construction.
+double score_of(std::vector<double> residuals) {
+  const std::size_t rank =
+      std::min(residuals.size() - 1, std::max<std::size_t>(3, residuals.size() / 2));
+  std::nth_element(residuals.begin(), residuals.begin() + static_cast<std::ptrdiff_t>(rank),
+                   residuals.end());
+  return residuals[rank];
+}
+
+using Triple = std::array<std::size_t, 3>;
+
+std::vector<Triple> triples_of(std::size_t count, std::uint64_t seed) {
+  std::vector<Triple> result;
+  // 19 pairs have 969 triples.
+  if (count <= 19) {
+    for (std::size_t a = 0; a < count; ++a)
+      for (std::size_t b = a + 1; b < count; ++b)
+        for (std::size_t c = b + 1; c < count; ++c) result.push_back({a, b, c});
+    return result;
+  }
+  Rng rng(seed);
+  const auto draw = [&] {
+    return static_cast<std::size_t>(rng.uniform() * static_cast<double>(count));
+  };
+  while (result.size() < kMaxTriples) {
+    const Triple triple{draw(), draw(), draw()};
+    if (triple[0] != triple[1] && triple[0] != triple[2] && triple[1] != triple[2])
+      result.push_back(triple);
+  }
+  return result;
+}
+
+class PositionsParser {
+ public:
+  explicit PositionsParser(const std::string& path) : path_(path) {}
+
+  std::map<std::string, cv::Vec3d> parse(std::string_view text) {
+    if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);  // what spreadsheets begin with
+    bool is_first = true;
+    while (!text.empty()) {
+      ++line_;
+      const std::string_view line = trimmed(next_line(text));
+      if (line.empty()) continue;
+      parse_line(line, is_first);
+      is_first = false;
+    }
+    if (positions_.empty()) throw InputError(path_, "has no position (name,x,y,z)");
+    return std::move(positions_);
+  }
+
+ private:
+  [[noreturn]] void fail(const std::string& reason) const {
+    throw InputError(path_, fmt::format("line {}: {}", line_, reason));
+  }
+
+  void parse_line(std::string_view rest, bool is_first) {
+    std::string name = next_name(rest);
+    std::array<std::optional<double>, 3> numbers;
+    std::array<std::string_view, 3> words;
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (rest.empty()) fail("name,x,y,z is expected");
+      rest.remove_prefix(1);  // the comma
+      const std::size_t end = std::min(rest.find(','), rest.size());
+      words[k] = trimmed(rest.substr(0, end));
+      numbers[k] = to_number(words[k]);
+      rest.remove_prefix(end);
+    }
+    if (!rest.empty()) fail("more than the four fields name,x,y,z");
+    if (is_first && !numbers[0] && !numbers[1] && !numbers[2]) return;  // a header
+    cv::Vec3d position;
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (!numbers[k] || std::abs(*numbers[k]) > kMaxCoordinate)
+        fail(fmt::format("'{}' is no coordinate", printable(words[k].substr(0, 80))));
+      position[static_cast<int>(k)] = *numbers[k];
+    }
+    if (name.empty()) fail("the name is empty");
+    if (!positions_.emplace(name, position).second)
+      fail(fmt::format("'{}' is there twice", printable(std::string_view(name).substr(0, 200))));
+  }
+
+  // Cuts the name off, quoted or not, so that `rest` is empty or begins with a comma.
+  std::string next_name(std::string_view& rest) const {
+    std::string name;
+    if (!rest.starts_with('"')) {
+      const std::size_t end = std::min(rest.find(','), rest.size());
+      name = trimmed(rest.substr(0, end));
+      rest.remove_prefix(end);
+      return name;
+    }
+    rest.remove_prefix(1);
+    while (true) {
+      const std::size_t end = rest.find('"');
+      if (end == std::string_view::npos) fail("a \" is missing");
+      name += rest.substr(0, end);
+      rest.remove_prefix(end + 1);
+      if (!rest.starts_with('"')) break;
+      name += '"';  // "" stands for one
+      rest.remove_prefix(1);
+    }
+    rest = trimmed(rest);
+    if (!rest.empty() && rest.front() != ',') fail("a comma is expected behind the name");
+    return name;
+  }
+
+  const std::string& path_;
+  std::map<std::string, cv::Vec3d> positions_;
+  std::int64_t line_ = 0;
+};
+
+}  // namespace
+
+std::optional<Similarity> similarity_between(const std::vector<cv::Vec3d>& from,
+                                             const std::vector<cv::Vec3d>& to) {
+  check_pairs(from, to);
+  if (from.size() < 3) return std::nullopt;
+  const cv::Vec3d mean_from = mean_of(from);
+  const cv::Vec3d mean_to = mean_of(to);
+  const cv::Matx33d own = covariance(from, mean_from, from, mean_from);
+  if (!is_spread(own) || !is_spread(covariance(to, mean_to, to, mean_to))) return std::nullopt;
+  cv::Vec3d w;
+  cv::Matx33d u;
+  cv::Matx33d vt;
+  cv::SVD::compute(covariance(to, mean_to, from, mean_from), w, u, vt);
+  if (!(w[0] > 0) || !std::isfinite(w[0]) || w[1] <= kMinFlatness * kMinFlatness * w[0])
+    return std::nullopt;
+  const double sign = cv::determinant(u) * cv::determinant(vt) < 0 ? -1 : 1;
+  Similarity result;
+  result.rotation = u * cv::Matx33d::diag({1, 1, sign}) * vt;
+  result.scale = (w[0] + w[1] + sign * w[2]) / cv::trace(own);
+  if (!(result.scale > 0) || !std::isfinite(result.scale)) return std::nullopt;
+  result.translation = mean_to - result.scale * (result.rotation * mean_from);
+  return result;
+}
+
+std::optional<Similarity> robust_similarity(const std::vector<cv::Vec3d>& from,
+                                            const std::vector<cv::Vec3d>& to, double tolerance,
+                                            std::uint64_t seed) {
+  TARSIER_REQUIRE(tolerance >= 0 && std::isfinite(tolerance), "tolerance {}", tolerance);
+  check_pairs(from, to);
+  if (from.size() < 3) return std::nullopt;
+  const auto cost_of = [&](const Similarity& similarity) {
+    const std::vector<double> residuals = residuals_of(similarity, from, to);
+    if (tolerance == 0) return score_of(residuals);
+    double cost = 0;  // truncated, so that of two with as many pairs the closer wins
+    for (const double r : residuals) cost += std::min(1.0, r * r / (tolerance * tolerance));
+    return cost;
+  };
+
+  std::optional<Similarity> best;
+  double least = 0;
+  for (const Triple& triple : triples_of(from.size(), seed)) {
+    std::vector<cv::Vec3d> a;
+    std::vector<cv::Vec3d> b;
+    for (const std::size_t k : triple) {
+      a.push_back(from[k]);
+      b.push_back(to[k]);
+    }
+    const std::optional<Similarity> similarity = similarity_between(a, b);
+    if (!similarity) continue;
+    const double cost = cost_of(*similarity);
+    if (!best || cost < least) {
+      best = similarity;
+      least = cost;
+    }
+  }
+  if (!best) return std::nullopt;
+
+  // Rounding alone must not make pairs wrong where all fit exactly.
+  const cv::Vec3d mean_to = mean_of(to);
+  double extent = cv::norm(mean_to);
+  for (const cv::Vec3d& x : to) extent = std::max(extent, cv::norm(x - mean_to));
+  // The least median of few pairs is too small (Rousseeuw and Leroy 1987, 5.1).
+  const double spread = 3 * (1 + 5.0 / (static_cast<double>(from.size()) - 2));
+  std::vector<std::size_t> agreed;
+  for (int k = 0; k < kMaxRefits; ++k) {
+    const std::vector<double> residuals = residuals_of(*best, from, to);
+    const double limit =
+        tolerance > 0 ? tolerance : std::max(spread * score_of(residuals), 1e-12 * extent);
+    std::vector<std::size_t> now;
+    std::vector<cv::Vec3d> a;
+    std::vector<cv::Vec3d> b;
+    for (std::size_t i = 0; i < from.size(); ++i) {
+      if (!(residuals[i] <= limit)) continue;
+      now.push_back(i);
+      a.push_back(from[i]);
+      b.push_back(to[i]);
+    }
+    if (k == 0 && now.size() < 3) return std::nullopt;
+    if (now == agreed) break;
+    const std::optional<Similarity> refit = similarity_between(a, b);
+    if (!refit) break;
+    best = refit;
+    agreed = now;
+  }
+  return best;
+}
+
+std::vector<double> residuals_of(const Similarity& similarity, const std::vector<cv::Vec3d>& from,
+                                 const std::vector<cv::Vec3d>& to) {
+  TARSIER_REQUIRE(from.size() == to.size(), "{} and {} points", from.size(), to.size());
+  std::vector<double> result(from.size());
+  for (std::size_t k = 0; k < from.size(); ++k) result[k] = cv::norm(similarity * from[k] - to[k]);
+  return result;
+}
+
+double median_residual(const Similarity& similarity, const std::vector<cv::Vec3d>& from,
+                       const std::vector<cv::Vec3d>& to) {
+  std::vector<double> residuals = residuals_of(similarity, from, to);
+  if (residuals.empty()) return 0;
+  const auto middle = residuals.begin() + static_cast<std::ptrdiff_t>(residuals.size() / 2);
+  std::nth_element(residuals.begin(), middle, residuals.end());
+  return *middle;
+}
+
+// In the camera x_c = R x + t. With x = Q^T (x' - u) / s this is R Q^T x' + (s t - R Q^T u), up to
+// the factor 1 / s, which no pixel shows.
+void transform(Model& model, const Similarity& similarity) {
+  const auto& [scale, rotation, translation] = similarity;
+  TARSIER_REQUIRE(scale > 0 && std::isfinite(scale), "scale {}", scale);
+  const bool is_rotation = cv::norm(rotation * rotation.t() - cv::Matx33d::eye()) < 1e-6 &&
+                           cv::determinant(rotation) > 0;
+  TARSIER_REQUIRE(is_rotation, "the rotation is none");
+  TARSIER_REQUIRE(is_finite(translation), "the translation is not finite");
+  for (Point& point : model.points) point.position = similarity * point.position;
+  for (Image& image : model.images) {
+    if (!image.registered) continue;
+    image.pose.rotation = image.pose.rotation * rotation.t();
+    image.pose.translation = scale * image.pose.translation - image.pose.rotation * translation;
+  }
+}
+
+std::map<std::string, cv::Vec3d> read_positions_csv(const std::string& path) {
+  const std::string text = read_file(path, kMaxFileBytes);
+  return PositionsParser(path).parse(text);
+}
+
+}  // namespace tarsier::sfm

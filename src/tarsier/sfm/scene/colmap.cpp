@@ -1,0 +1,471 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/scene/colmap.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/words.h"
+#include "tarsier/geometry/colmap_camera.h"
+#include "tarsier/media/atomic_file.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <set>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+namespace tarsier::sfm {
+namespace {
+
+namespace fs = std::filesystem;
+using geometry::kColmapOffset;
+
+constexpr std::size_t kMaxItems = 1'000'000;        // cameras, images
+constexpr std::size_t kMaxFeatures = 500'000'000;   // of all images
+constexpr std::size_t kMaxLineBytes = 100'000'000;  // more than a million features or observations
+constexpr double kMaxPixel = 1e7;                   // px; farther is no place in an image
+constexpr std::int64_t kMaxId = std::numeric_limits<std::uint32_t>::max();
+constexpr std::int64_t kMaxPointId = std::numeric_limits<std::int64_t>::max();
+constexpr int kMaxIndex = std::numeric_limits<int>::max();
+
+// Text in pieces to a file that appears when all is written.
+class TextFile {
+ public:
+  explicit TextFile(const std::string& path)
+      : path_(path), file_(path), stream_(file_.path(), std::ios::binary) {
+    if (!stream_) throw OutputError(path_, "cannot write");
+  }
+  template <typename... Args>
+  void add(fmt::format_string<Args...> format, Args&&... args) {
+    fmt::format_to(std::back_inserter(buffer_), format, std::forward<Args>(args)...);
+    if (buffer_.size() > 1'000'000) flush();
+  }
+  void commit() {
+    flush();
+    stream_.close();
+    check();
+    file_.commit();
+  }
+
+ private:
+  void flush() {
+    stream_.write(buffer_.data(), static_cast<std::streamsize>(buffer_.size()));
+    check();
+    buffer_.clear();
+  }
+  void check() const {
+    if (!stream_) throw OutputError(path_, "cannot write (is the disk full?)");
+  }
+  std::string path_;
+  AtomicFile file_;
+  std::ofstream stream_;
+  std::string buffer_;
+};
+
+bool is_index(int index, std::size_t size) {
+  return index >= 0 && static_cast<std::size_t>(index) < size;
+}
+
+bool is_finite(const cv::Vec3d& v) {
+  return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]);
+}
+
+void check_image(const Image& image, const Model& model) {
+  TARSIER_REQUIRE(is_index(image.camera, model.cameras.size()), "camera {} of '{}'", image.camera,
+                  image.name);
+  model.cameras[static_cast<std::size_t>(image.camera)].check();
+  const bool is_whole = image.points.size() == image.features.size();
+  TARSIER_REQUIRE(is_whole, "'{}' has {} features and points of {}", image.name,
+                  image.features.size(), image.points.size());
+  for (std::size_t f = 0; f < image.features.size(); ++f) {
+    TARSIER_REQUIRE(std::isfinite(image.features[f].x) && std::isfinite(image.features[f].y),
+                    "feature {} of '{}'", f, image.name);
+    TARSIER_REQUIRE(image.points[f] == -1 || is_index(image.points[f], model.points.size()),
+                    "point {} of feature {} of '{}'", image.points[f], f, image.name);
+  }
+  const cv::Matx33d& rotation = image.pose.rotation;
+  const bool is_rotation = cv::norm(rotation * rotation.t() - cv::Matx33d::eye()) < 1e-6 &&
+                           cv::determinant(rotation) > 0;
+  TARSIER_REQUIRE(is_rotation, "the rotation of '{}' is none", image.name);
+  TARSIER_REQUIRE(is_finite(image.pose.translation), "the translation of '{}'", image.name);
+}
+
+void check_model(const Model& model) {
+  std::size_t seen = 0;
+  std::set<std::string_view> names;
+  for (const Image& image : model.images) {
+    if (!image.registered) continue;
+    check_image(image, model);
+    TARSIER_REQUIRE(names.insert(image.name).second, "'{}' is there twice", image.name);
+    seen += image.points.size() -
+            static_cast<std::size_t>(std::count(image.points.begin(), image.points.end(), -1));
+  }
+  std::size_t tracked = 0;
+  for (std::size_t p = 0; p < model.points.size(); ++p) {
+    const Point& point = model.points[p];
+    TARSIER_REQUIRE(is_finite(point.position) && std::isfinite(point.error), "point {}", p);
+    TARSIER_REQUIRE(point.track.size() >= 2, "point {} is seen {} times", p, point.track.size());
+    for (const auto& [i, f] : point.track) {
+      TARSIER_REQUIRE(is_index(i, model.images.size()), "image {} of point {}", i, p);
+      const Image& image = model.images[static_cast<std::size_t>(i)];
+      TARSIER_REQUIRE(image.registered, "'{}' of point {}", image.name, p);
+      TARSIER_REQUIRE(is_index(f, image.features.size()), "feature {} of point {}", f, p);
+      TARSIER_REQUIRE(image.points[static_cast<std::size_t>(f)] == static_cast<int>(p),
+                      "feature {} of '{}', in the track of point {}", f, image.name, p);
+    }
+    tracked += point.track.size();
+  }
+  TARSIER_REQUIRE(tracked == seen, "{} features have points, tracks have {}", seen, tracked);
+}
+
+void write_images(const std::string& path, const Model& model, const std::vector<int>& camera_ids) {
+  TextFile file(path);
+  file.add(
+      "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+      "# POINTS2D[] as (X, Y, POINT3D_ID)\n");
+  int id = 0;
+  for (const Image& image : model.images) {
+    if (!image.registered) continue;
+    const cv::Vec4d q = geometry::quaternion_of(image.pose.rotation);
+    const cv::Vec3d& t = image.pose.translation;
+    file.add("{} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {} {}\n", ++id, q[0], q[1],
+             q[2], q[3], t[0], t[1], t[2], camera_ids[static_cast<std::size_t>(image.camera)],
+             image.name);
+    for (std::size_t f = 0; f < image.features.size(); ++f) {
+      file.add("{}{:.9g} {:.9g} {}", f == 0 ? "" : " ", image.features[f].x + kColmapOffset,
+               image.features[f].y + kColmapOffset,
+               image.points[f] < 0 ? -1 : std::int64_t{image.points[f]} + 1);
+    }
+    file.add("\n");
+  }
+  file.commit();
+}
+
+void write_points(const std::string& path, const Model& model) {
+  std::vector<int> image_ids(model.images.size(), 0);
+  int last_id = 0;
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    if (model.images[i].registered) image_ids[i] = ++last_id;
+  }
+  TextFile file(path);
+  file.add("# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n");
+  for (std::size_t p = 0; p < model.points.size(); ++p) {
+    const Point& point = model.points[p];
+    const cv::Vec3d& x = point.position;
+    file.add("{} {:.17g} {:.17g} {:.17g} {} {} {} {:.17g}", p + 1, x[0], x[1], x[2], point.color[2],
+             point.color[1], point.color[0], point.error);
+    for (const auto& [i, f] : point.track)
+      file.add(" {} {}", image_ids[static_cast<std::size_t>(i)], f);
+    file.add("\n");
+  }
+  file.commit();
+}
+
+// Line by line, so that a large file never stands in memory.
+class LineReader {
+ public:
+  explicit LineReader(const std::string& path) : path_(path) {
+    std::error_code error;
+    const fs::file_status status = fs::status(path, error);
+    if (!fs::exists(status)) throw InputError(path, "no such file");
+    if (!fs::is_regular_file(status)) throw InputError(path, "is no regular file");
+    stream_.open(path, std::ios::binary);
+    if (!stream_) throw InputError(path, "cannot read");
+  }
+
+  // The next line, any; false at the end. What is `skipped` counts for the limit of its length, but
+  // is not kept.
+  bool next(std::string_view& line, bool skipped = false) {
+    line_.clear();
+    std::size_t length = 0;
+    bool is_line = false;
+    while (true) {
+      if (place_ == got_) {
+        stream_.read(buffer_.data(), static_cast<std::streamsize>(buffer_.size()));
+        got_ = static_cast<std::size_t>(stream_.gcount());
+        place_ = 0;
+        if (stream_.bad()) throw InputError(path_, "cannot read");
+        if (got_ == 0) break;
+      }
+      is_line = true;
+      const std::string_view rest(buffer_.data() + place_, got_ - place_);
+      const std::size_t end = rest.find('\n');
+      const std::string_view piece = rest.substr(0, end);
+      length += piece.size();
+      // A comment's first byte is enough.
+      if (line_.empty() || !(skipped || line_.front() == '#')) line_.append(piece);
+      if (length > kMaxLineBytes) {
+        ++number_;
+        fail(fmt::format("longer than the limit of {} bytes", kMaxLineBytes));
+      }
+      place_ += end == std::string_view::npos ? rest.size() : end + 1;
+      if (end != std::string_view::npos) break;
+    }
+    if (!is_line) return false;
+    ++number_;
+    line = line_;
+    while (!line.empty() && line.back() == '\r') line.remove_suffix(1);
+    return true;
+  }
+
+  // The next line that is neither blank nor a comment.
+  bool next_content(std::string_view& line) {
+    while (next(line)) {
+      const std::string_view content = trimmed(line);
+      if (!content.empty() && content.front() != '#') return true;
+    }
+    return false;
+  }
+
+  [[nodiscard]] std::int64_t number() const { return number_; }
+  [[nodiscard]] const std::string& path() const { return path_; }
+  [[noreturn]] void fail(const std::string& reason) const { fail(number_, reason); }
+  [[noreturn]] void fail(std::int64_t line, const std::string& reason) const {
+    throw InputError(path_, fmt::format("line {}: {}", line, reason));
+  }
+
+  // The next words of `rest` as what they have to be.
+  [[nodiscard]] double number(std::string_view& rest, std::string_view what) const {
+    const std::string_view word = next_word(rest);
+    const auto value = to_number(word);
+    if (!value) refuse(word, what, "a finite number");
+    return *value;
+  }
+  [[nodiscard]] std::int64_t integer(std::string_view& rest, std::string_view what,
+                                     std::int64_t low, std::int64_t high) const {
+    const std::string_view word = next_word(rest);
+    const auto value = to_integer(word, low, high);
+    if (!value) refuse(word, what, fmt::format("an integer in {}..{}", low, high));
+    return *value;
+  }
+
+ private:
+  [[noreturn]] void refuse(std::string_view word, std::string_view what,
+                           std::string_view expected) const {
+    if (word.empty()) fail(fmt::format("{} is missing", what));
+    fail(fmt::format("{} '{}' is not {}", what, printable(word.substr(0, 60)), expected));
+  }
+
+  std::string path_;
+  std::ifstream stream_;
+  std::string buffer_ = std::string(1 << 16, '\0');
+  std::size_t place_ = 0;
+  std::size_t got_ = 0;
+  std::string line_;
+  std::int64_t number_ = 0;
+};
+
+// Ids are in trees: hash tables can be made slow by a file that chooses its ids.
+using IndexOf = std::map<std::int64_t, int>;
+
+class ModelReader {
+ public:
+  explicit ModelReader(bool poses_only) : poses_only_(poses_only) {}
+
+  Model read(const std::string& folder) {
+    read_cameras((fs::path(folder) / "cameras.txt").string());
+    LineReader images((fs::path(folder) / "images.txt").string());
+    read_images(images);
+    if (poses_only_) return std::move(model_);
+    read_points((fs::path(folder) / "points3D.txt").string());
+    // What is left was in no track.
+    for (std::size_t i = 0; i < model_.images.size(); ++i) {
+      for (std::size_t f = 0; f < point_ids_[i].size(); ++f) {
+        if (point_ids_[i][f] >= 0) {
+          images.fail(lines_[i], fmt::format("feature {} belongs to point {}, whose track in "
+                                             "points3D.txt does not have it",
+                                             f, point_ids_[i][f]));
+        }
+      }
+    }
+    return std::move(model_);
+  }
+
+ private:
+  void read_cameras(const std::string& path) {
+    LineReader reader(path);
+    std::string_view line;
+    while (reader.next_content(line)) {
+      if (model_.cameras.size() == kMaxItems)
+        reader.fail(fmt::format("more than the limit of {} cameras", kMaxItems));
+      geometry::ColmapCamera read = geometry::parse_colmap_camera(line, path, reader.number());
+      if (!cameras_.emplace(read.id, static_cast<int>(model_.cameras.size())).second)
+        reader.fail(fmt::format("camera {} is there twice", read.id));
+      model_.cameras.push_back(std::move(read.camera));
+    }
+  }
+
+  void read_images(LineReader& reader) {
+    std::set<std::string> names;
+    std::string_view line;
+    while (reader.next_content(line)) {
+      if (model_.images.size() == kMaxItems)
+        reader.fail(fmt::format("more than the limit of {} images", kMaxItems));
+      Image image = read_image(reader, line);
+      if (!names.insert(image.name).second)
+        reader.fail(fmt::format("'{}' is there twice", printable(image.name)));
+      lines_.push_back(reader.number() + 1);
+      point_ids_.emplace_back();
+      // The line of features may be blank, and at the end of a file be lost.
+      if (reader.next(line, poses_only_) && !poses_only_)
+        read_features(reader, line, image, point_ids_.back());
+      model_.images.push_back(std::move(image));
+    }
+  }
+
+  Image read_image(const LineReader& reader, std::string_view rest) {
+    Image image;
+    image.registered = true;
+    const std::int64_t id = reader.integer(rest, "the image's id", 0, kMaxId);
+    if (!images_.emplace(id, static_cast<int>(model_.images.size())).second)
+      reader.fail(fmt::format("image {} is there twice", id));
+    cv::Vec4d q;
+    for (int k = 0; k < 4; ++k) q[k] = reader.number(rest, "the rotation");
+    const double length = cv::norm(q);
+    if (!(length > 0.9 && length < 1.1))
+      reader.fail(fmt::format("the rotation's quaternion has length {}, not 1", length));
+    image.pose.rotation = geometry::rotation_of(q);
+    for (int k = 0; k < 3; ++k) image.pose.translation[k] = reader.number(rest, "the translation");
+    const std::int64_t camera = reader.integer(rest, "the camera's id", 0, kMaxId);
+    const auto found = cameras_.find(camera);
+    if (found == cameras_.end()) reader.fail(fmt::format("camera {} is unknown", camera));
+    image.camera = found->second;
+    if (!rest.empty()) rest.remove_prefix(1);  // one blank; the name may begin with another
+    if (const std::string trouble = trouble_of_name(rest); !trouble.empty()) reader.fail(trouble);
+    image.name = rest;
+    return image;
+  }
+
+  void read_features(const LineReader& reader, std::string_view rest, Image& image,
+                     std::vector<std::int64_t>& point_ids) {
+    while (!(rest = trimmed(rest)).empty()) {
+      if (++features_ > kMaxFeatures)
+        reader.fail(fmt::format("more than the limit of {} features", kMaxFeatures));
+      const double x = reader.number(rest, "a feature's x") - kColmapOffset;
+      const double y = reader.number(rest, "a feature's y") - kColmapOffset;
+      if (std::abs(x) > kMaxPixel || std::abs(y) > kMaxPixel)
+        reader.fail(fmt::format("the feature ({}, {}) is far outside", x, y));
+      image.features.emplace_back(static_cast<float>(x), static_cast<float>(y));
+      point_ids.push_back(reader.integer(rest, "a feature's point", -1, kMaxPointId));
+    }
+    image.points.assign(image.features.size(), -1);
+  }
+
+  void read_points(const std::string& path) {
+    LineReader reader(path);
+    std::set<std::int64_t> ids;
+    std::string_view line;
+    while (reader.next_content(line)) {
+      if (model_.points.size() == static_cast<std::size_t>(kMaxIndex))
+        reader.fail("too many points");
+      const std::int64_t id = reader.integer(line, "the point's id", 0, kMaxPointId);
+      if (!ids.insert(id).second) reader.fail(fmt::format("point {} is there twice", id));
+      Point point;
+      for (int k = 0; k < 3; ++k) point.position[k] = reader.number(line, "the position");
+      for (int k = 2; k >= 0; --k)
+        point.color[k] = static_cast<std::uint8_t>(reader.integer(line, "the colour", 0, 255));
+      // COLMAP has -1 where it did not compute it.
+      point.error = std::max(reader.number(line, "the error"), 0.0);
+      read_track(reader, line, id, point);
+      if (point.track.size() < 2) continue;
+      for (const auto& [i, f] : point.track) {
+        model_.images[static_cast<std::size_t>(i)].points[static_cast<std::size_t>(f)] =
+            static_cast<int>(model_.points.size());
+      }
+      model_.points.push_back(std::move(point));
+    }
+  }
+
+  void read_track(const LineReader& reader, std::string_view rest, std::int64_t id, Point& point) {
+    std::size_t count = 0;
+    while (!(rest = trimmed(rest)).empty()) {
+      const std::int64_t image = reader.integer(rest, "an image of the track", 0, kMaxId);
+      const std::int64_t feature = reader.integer(rest, "a feature of the track", 0, kMaxIndex);
+      const auto found = images_.find(image);
+      if (found == images_.end()) reader.fail(fmt::format("image {} is unknown", image));
+      std::vector<std::int64_t>& of_features = point_ids_[static_cast<std::size_t>(found->second)];
+      const auto f = static_cast<std::size_t>(feature);
+      if (f >= of_features.size() || of_features[f] != id) {
+        reader.fail(
+            fmt::format("feature {} of image {} is not of point {} in images.txt, or twice "
+                        "in the track",
+                        feature, image, id));
+      }
+      of_features[f] = -1;  // done
+      ++count;
+      point.track.push_back({found->second, static_cast<int>(feature)});
+    }
+    if (count < 2) reader.fail(fmt::format("the track of point {} has less than two", id));
+    point.track = one_of_each(point.track);
+  }
+
+  // The first of each image, in their order.
+  static std::vector<Observation> one_of_each(const std::vector<Observation>& track) {
+    std::set<int> images;
+    std::vector<Observation> result;
+    for (const Observation& observation : track) {
+      if (images.insert(observation.image).second) result.push_back(observation);
+    }
+    return result;
+  }
+
+  bool poses_only_ = false;
+  std::size_t features_ = 0;
+  Model model_;
+  IndexOf cameras_;
+  IndexOf images_;
+  std::vector<std::int64_t> lines_;                   // of the features of each image
+  std::vector<std::vector<std::int64_t>> point_ids_;  // of each feature; -1 where none or found
+};
+
+}  // namespace
+
+void write_colmap(const std::string& folder, const Model& model) {
+  check_model(model);
+  std::vector<int> camera_ids(model.cameras.size(), 0);
+  for (const Image& image : model.images) {
+    if (!image.registered) continue;
+    camera_ids[static_cast<std::size_t>(image.camera)] = 1;
+    if (const std::string trouble = trouble_of_name(image.name); !trouble.empty())
+      throw OutputError((fs::path(folder) / "images.txt").string(), "an image: " + trouble);
+  }
+  make_folder(folder);
+  TextFile cameras((fs::path(folder) / "cameras.txt").string());
+  cameras.add("# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
+  int last_id = 0;
+  for (std::size_t c = 0; c < camera_ids.size(); ++c) {
+    if (camera_ids[c] == 0) continue;
+    camera_ids[c] = ++last_id;
+    cameras.add("{}\n", geometry::colmap_camera_line({last_id, model.cameras[c]}));
+  }
+  cameras.commit();
+  write_images((fs::path(folder) / "images.txt").string(), model, camera_ids);
+  write_points((fs::path(folder) / "points3D.txt").string(), model);
+}
+
+Model read_colmap(const std::string& folder) { return ModelReader(false).read(folder); }
+
+Model read_colmap_poses(const std::string& folder) { return ModelReader(true).read(folder); }
+
+std::string trouble_of_name(std::string_view name) {
+  if (name.empty()) return "has no name";
+  if (std::any_of(name.begin(), name.end(),
+                  [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7F; })) {
+    return fmt::format("the name '{}' has control characters", printable(name));
+  }
+  const fs::path path(name);
+  if (path.is_absolute() || std::find(path.begin(), path.end(), "..") != path.end())
+    return fmt::format("the name '{}' leads out of the folder", printable(name));
+  return {};
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/camera.h"
+#include "tarsier/geometry/rigid.h"
+
+#include <opencv2/core.hpp>
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+// A reconstruction: cameras, images with poses, and points that several of them see.
+namespace tarsier::sfm {
+
+struct Observation {
+  int image = 0;    // index into Model::images
+  int feature = 0;  // index into Image::features
+  friend bool operator==(const Observation&, const Observation&) = default;
+};
+
+struct Point {
+  cv::Vec3d position;              // world
+  cv::Vec3b color;                 // BGR
+  double error = 0;                // px, root mean square of its observations
+  std::vector<Observation> track;  // two or more, of different images
+};
+
+struct Image {
+  std::string name;  // relative to the folder of images
+  int camera = 0;    // index into Model::cameras
+  bool registered = false;
+  geometry::Rigid pose;               // camera_from_world, where registered
+  std::vector<cv::Point2f> features;  // px, pixel centres at integers
+  std::vector<float> sizes;           // px, diameter of each feature; empty: all alike
+  std::vector<int> points;            // of each feature: index into Model::points, or -1
+};
+
+struct Model {
+  std::vector<geometry::Camera> cameras;
+  std::vector<Image> images;
+  std::vector<Point> points;
+};
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/scene/ply.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/scene/testing_model.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tarsier::sfm {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::Pair;
+
+// A reader of PLY that knows only what its header says.
+struct Property {
+  std::string name;
+  std::string type;
+  bool is_list = false;
+};
+struct Element {
+  std::string name;
+  std::size_t count = 0;
+  std::vector<Property> properties;
+  std::vector<std::vector<double>> rows;
+};
+
+double take(const std::string& bytes, std::size_t& place, const std::string& type) {
+  const auto copy = [&]<typename T>(T value) {
+    EXPECT_LE(place + sizeof(T), bytes.size());
+    if (place + sizeof(T) <= bytes.size()) std::memcpy(&value, bytes.data() + place, sizeof(T));
+    place += sizeof(T);
+    return static_cast<double>(value);
+  };
+  if (type == "float") return copy(float{});
+  if (type == "int") return copy(std::int32_t{});
+  EXPECT_EQ(type, "uchar");
+  return copy(std::uint8_t{});
+}
+
+std::vector<Element> read_ply(const std::string& bytes) {
+  const std::string end = "end_header\n";
+  std::size_t place = bytes.find(end);
+  EXPECT_NE(place, std::string::npos);
+  std::istringstream header(bytes.substr(0, place));
+  place += end.size();
+  std::vector<Element> elements;
+  std::string line;
+  std::getline(header, line);
+  EXPECT_EQ(line, "ply");
+  std::getline(header, line);
+  EXPECT_EQ(line, "format binary_little_endian 1.0");
+  while (std::getline(header, line)) {
+    std::istringstream words(line);
+    std::string word;
+    words >> word;
+    if (word == "element") {
+      elements.emplace_back();
+      words >> elements.back().name >> elements.back().count;
+    } else if (word == "property") {
+      Property property;
+      words >> property.type;
+      property.is_list = property.type == "list";
+      if (property.is_list) words >> word >> property.type;
+      words >> property.name;
+      elements.back().properties.push_back(property);
+    }
+  }
+  for (Element& element : elements) {
+    for (std::size_t k = 0; k < element.count; ++k) {
+      std::vector<double> row;
+      for (const Property& property : element.properties) {
+        const double count = property.is_list ? take(bytes, place, "uchar") : 1;
+        for (int i = 0; i < count; ++i) row.push_back(take(bytes, place, property.type));
+      }
+      element.rows.push_back(row);
+    }
+  }
+  EXPECT_EQ(place, bytes.size());
+  return elements;
+}
+
+class PlyTest : public FolderTest {
+ protected:
+  const Model model_ = synthetic_model();
+};
+
+TEST_F(PlyTest, PointsHavePlacesAndColors) {
+  write_points_ply(path("points.ply"), model_);
+  const std::vector<Element> elements = read_ply(contents(path("points.ply")));
+  ASSERT_EQ(elements.size(), 1U);
+  EXPECT_EQ(elements[0].name, "vertex");
+  std::vector<std::string> names;
+  for (const Property& property : elements[0].properties) names.push_back(property.name);
+  EXPECT_THAT(names, ElementsAre("x", "y", "z", "red", "green", "blue"));
+  ASSERT_EQ(elements[0].rows.size(), model_.points.size());
+  for (std::size_t p = 0; p < model_.points.size(); ++p) {
+    const Point& point = model_.points[p];
+    const std::vector<double>& row = elements[0].rows[p];
+    for (int k = 0; k < 3; ++k) {
+      EXPECT_NEAR(row[static_cast<std::size_t>(k)], point.position[k], 1e-6);
+      EXPECT_EQ(row[static_cast<std::size_t>(3 + k)], point.color[2 - k]);
+    }
+  }
+}
+
+TEST_F(PlyTest, CamerasArePyramidsThatLookAtWhatTheySee) {
+  write_cameras_ply(path("cameras.ply"), model_, 0.25);
+  const std::vector<Element> elements = read_ply(contents(path("cameras.ply")));
+  ASSERT_EQ(elements.size(), 3U);
+  std::vector<std::pair<std::string, std::size_t>> counts;
+  for (const Element& element : elements) counts.emplace_back(element.name, element.count);
+  EXPECT_THAT(counts, ElementsAre(Pair("vertex", 20U), Pair("face", 24U), Pair("edge", 32U)));
+
+  std::vector<cv::Vec3d> vertices;
+  for (const std::vector<double>& row : elements[0].rows)
+    vertices.emplace_back(row[0], row[1], row[2]);
+  std::size_t first = 0;
+  for (const Image& image : model_.images) {
+    if (!image.registered) continue;
+    EXPECT_LT(cv::norm(vertices[first] - image.pose.center()), 1e-6);
+    const geometry::Camera& camera = model_.cameras[static_cast<std::size_t>(image.camera)];
+    geometry::Camera pinhole = camera;
+    pinhole.distortion = {};
+    const std::vector<cv::Point2d> corners{{-0.5, -0.5},
+                                           {camera.width - 0.5, -0.5},
+                                           {camera.width - 0.5, camera.height - 0.5},
+                                           {-0.5, camera.height - 0.5}};
+    for (std::size_t k = 0; k < 4; ++k) {
+      const cv::Vec3d seen = image.pose * vertices[first + 1 + k];
+      EXPECT_NEAR(seen[2], 0.25, 1e-6);
+      EXPECT_LT(cv::norm(pinhole.project(seen).value() - corners[k]), 2e-3);
+    }
+    first += 5;
+  }
+  // Each face has its pyramid's middle behind it.
+  for (const std::vector<double>& row : elements[1].rows) {
+    ASSERT_EQ(row.size(), 3U);
+    std::vector<std::size_t> at;
+    for (const double index : row) at.push_back(static_cast<std::size_t>(index));
+    cv::Vec3d middle;
+    for (std::size_t k = 0; k < 5; ++k) middle += 0.2 * vertices[at[0] / 5 * 5 + k];
+    const cv::Vec3d& a = vertices[at[0]];
+    EXPECT_GT((vertices[at[1]] - a).cross(vertices[at[2]] - a).dot(a - middle), 0);
+  }
+  for (const std::vector<double>& row : elements[2].rows)
+    EXPECT_EQ(static_cast<int>(row[0]) / 5, static_cast<int>(row[1]) / 5);
+}
+
+TEST_F(PlyTest, AnEmptyModelIsAFileWithoutVertices) {
+  write_points_ply(path("points.ply"), {});
+  write_cameras_ply(path("cameras.ply"), {}, 1);
+  EXPECT_EQ(read_ply(contents(path("points.ply")))[0].count, 0U);
+  EXPECT_EQ(read_ply(contents(path("cameras.ply"))).size(), 3U);
+}
+
+TEST_F(PlyTest, NumbersThatAreNoneAreRefused) {
+  Model model = model_;
+  model.points[3].position[0] = std::numeric_limits<double>::infinity();
+  EXPECT_THROW(write_points_ply(path("points.ply"), model), std::invalid_argument);
+  EXPECT_THROW(write_cameras_ply(path("cameras.ply"), model_, 0), std::invalid_argument);
+  EXPECT_EQ(files(), 0U);
+  EXPECT_THROW(write_points_ply(path("none/points.ply"), model_), OutputError);
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: MIT
+#include "framing.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kWithin = 0.95;          // of the points
+constexpr double kMoreForCameras = 1.35;  // times the points' own size, at most
+constexpr double kMargin = 1.08;
+
+bool finite(const cv::Vec3d& x) {
+  return std::isfinite(x[0]) && std::isfinite(x[1]) && std::isfinite(x[2]);
+}
+
+bool finite(const geometry::Rigid& pose) {
+  for (const double x : pose.rotation.val)
+    if (!std::isfinite(x)) return false;
+  return finite(pose.translation);
+}
+
+// Changes the order of `values`. 0 where there are none.
+double quantile(std::vector<double>& values, double share) {
+  if (values.empty()) return 0;
+  const auto at =
+      static_cast<std::ptrdiff_t>(std::lround(share * static_cast<double>(values.size() - 1)));
+  std::nth_element(values.begin(), values.begin() + at, values.end());
+  return values[static_cast<std::size_t>(at)];
+}
+
+cv::Vec3d axis_of(const geometry::Rigid& pose, int row) {
+  return {pose.rotation(row, 0), pose.rotation(row, 1), pose.rotation(row, 2)};
+}
+
+cv::Vec3d median_of(const std::vector<cv::Vec3d>& all) {
+  cv::Vec3d result;
+  std::vector<double> values(all.size());
+  for (int k = 0; k < 3; ++k) {
+    std::transform(all.begin(), all.end(), values.begin(), [k](const auto& x) { return x[k]; });
+    result[k] = quantile(values, 0.5);
+  }
+  return result;
+}
+
+struct Extent {
+  double across = 0;
+  double upright = 0;
+};
+
+Extent extent_of(const std::vector<cv::Vec3d>& all, const Framing& framing, double share) {
+  std::vector<double> across;
+  std::vector<double> upright;
+  across.reserve(all.size());
+  upright.reserve(all.size());
+  for (const cv::Vec3d& x : all) {
+    const cv::Vec3d framed = framing.framed(x);
+    across.push_back(std::hypot(framed[0], framed[2]));
+    upright.push_back(framed[1]);
+  }
+  Extent result;
+  result.across = quantile(across, share);
+  const double low = quantile(upright, 1 - share);
+  const double high = quantile(upright, share);
+  result.upright = std::max(std::abs(low), std::abs(high));
+  return result;
+}
+
+// Images are in the order in which they were taken, more or less: the median step says how
+// large cameras may be drawn without standing in each other.
+double camera_size_of(const std::vector<cv::Vec3d>& centers, double scale) {
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < centers.size(); ++i)
+    steps.push_back(cv::norm(centers[i] - centers[i - 1]));
+  const double step = steps.empty() ? scale : quantile(steps, 0.5);
+  return std::clamp(0.4 * step, 0.03 * scale, 0.1 * scale);
+}
+
+}  // namespace
+
+Framing frame_model(const Model& model, bool with_cameras) {
+  std::vector<cv::Vec3d> points;
+  points.reserve(model.points.size());
+  for (const Point& point : model.points)
+    if (finite(point.position)) points.push_back(point.position);
+  std::vector<cv::Vec3d> centers;
+  cv::Vec3d down;
+  cv::Vec3d ahead;
+  cv::Vec3d first_ahead;
+  for (const Image& image : model.images) {
+    if (!image.registered || !finite(image.pose)) continue;
+    if (centers.empty()) first_ahead = axis_of(image.pose, 2);
+    centers.push_back(image.pose.center());
+    down += axis_of(image.pose, 1);
+    ahead += axis_of(image.pose, 2);
+  }
+
+  Framing framing;
+  const auto count = static_cast<double>(centers.size());
+  const cv::Vec3d up = cv::norm(down) > 1e-3 * count ? -down / cv::norm(down) : cv::Vec3d(0, -1, 0);
+  // Cameras all around cancel out: then the first one is as good as any.
+  cv::Vec3d front;
+  for (const cv::Vec3d& candidate : {ahead / std::max(count, 1.0), first_ahead, cv::Vec3d(0, 0, 1),
+                                     cv::Vec3d(1, 0, 0), cv::Vec3d(0, 1, 0)}) {
+    front = candidate - up * candidate.dot(up);
+    if (cv::norm(front) > 0.2) break;
+  }
+  front /= cv::norm(front);
+  const cv::Vec3d right = front.cross(up);
+  framing.base = {right[0], right[1],  right[2],  up[0],    up[1],
+                  up[2],    -front[0], -front[1], -front[2]};
+
+  framing.center = median_of(points.empty() ? centers : points);
+  Extent extent = extent_of(points, framing, kWithin);
+  const Extent cameras = extent_of(centers, framing, 0.8);
+  double size = std::max(extent.across, extent.upright);
+  if (!(size > 0)) {
+    size = std::max(cameras.across, cameras.upright);
+    extent.across = size > 0 ? size : 1;
+  } else if (with_cameras) {
+    extent.across = std::max(extent.across, std::min(cameras.across, kMoreForCameras * size));
+    extent.upright = std::max(extent.upright, std::min(cameras.upright, kMoreForCameras * size));
+  }
+  framing.radius = std::max(extent.across, 1e-3 * std::max(extent.upright, size));
+  framing.half_height = extent.upright;
+  framing.cloud = size > 0 ? size : 1;
+  framing.camera_size = camera_size_of(centers, framing.cloud);
+  return framing;
+}
+
+std::vector<Pyramid> camera_pyramids(const Model& model, const Framing& framing) {
+  std::vector<Pyramid> result;
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    const Image& image = model.images[i];
+    if (!image.registered || !finite(image.pose)) continue;
+    // Half the angles of view as tangents; a camera that is not known is drawn as a usual one.
+    double across = 0.6;
+    double upright = 0.45;
+    if (image.camera >= 0 && static_cast<std::size_t>(image.camera) < model.cameras.size()) {
+      const geometry::Camera& camera = model.cameras[static_cast<std::size_t>(image.camera)];
+      if (camera.fx > 0 && camera.fy > 0 && camera.width > 0 && camera.height > 0) {
+        across = std::min(0.5 * camera.width / camera.fx, 2.0);
+        upright = std::min(0.5 * camera.height / camera.fy, 2.0);
+      }
+    }
+    const geometry::Rigid world = image.pose.inverse();
+    const double depth = framing.camera_size;
+    Pyramid pyramid;
+    pyramid.image = static_cast<int>(i);
+    pyramid.vertices = {world.translation, world * (depth * cv::Vec3d(-across, -upright, 1)),
+                        world * (depth * cv::Vec3d(across, -upright, 1)),
+                        world * (depth * cv::Vec3d(across, upright, 1)),
+                        world * (depth * cv::Vec3d(-across, upright, 1))};
+    result.push_back(pyramid);
+  }
+  return result;
+}
+
+double fitting_distance(double radius, double half_height, double pitch, double tan_across,
+                        double tan_upright) {
+  const double tilt = std::abs(std::sin(pitch));
+  const double level = std::cos(pitch);
+  // Across it must fit however it is turned: a circle between the two edges of the view.
+  const double across = radius * std::hypot(1.0, tan_across) / tan_across;
+  const double upright = (half_height * level + radius * tilt) / tan_upright + 0.5 * radius * level;
+  return kMargin * std::max(across, upright);
+}
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/geometry/camera.h"
+#include "tarsier/geometry/rigid.h"
+#include "tarsier/sfm/scene/model.h"
+
+#include <opencv2/core.hpp>
+
+#include <functional>
+
+// Pictures of a reconstruction, drawn without a display. The same model and options give the same
+// bytes.
+namespace tarsier::sfm {
+
+struct ViewOptions {
+  cv::Size size{960, 720};              // px, each side 16..16384
+  double yaw_deg = 0;                   // to the right around the cloud; 0: where the cameras stood
+  double pitch_deg = 15;                // above the horizon, -89..89
+  double distance = 0;                  // world units from the cloud's middle; 0: so that it fits
+  int point_px = 0;                     // 0..64, at the cloud's middle; 0: so that gaps close
+  bool cameras = true;                  // draws the registered ones
+  cv::Vec3b background{250, 248, 246};  // BGR
+  void check() const;                   // throws std::invalid_argument
+};
+
+// The pinhole that render_model looks through.
+struct Viewpoint {
+  geometry::Camera camera;
+  geometry::Rigid pose;  // camera_from_world
+  double distance = 0;   // world units, to the middle of the cloud
+};
+[[nodiscard]] Viewpoint viewpoint_of(const Model& model, const ViewOptions& options);
+
+// The points in their colours, nearer ones before farther ones and those far away paler, and the
+// cameras as pyramids, faint where points hide them. CV_8UC3. A model without points and cameras
+// gives the plain background.
+[[nodiscard]] cv::Mat render_model(const Model& model, const ViewOptions& options);
+
+// A full turn in `frames` (>= 1) pictures, from options.yaw_deg on. `take` gets the number of the
+// frame, from 0, and a picture that is drawn over after it returns.
+void render_turntable(const Model& model, const ViewOptions& options, int frames,
+                      const std::function<void(int, const cv::Mat&)>& take);
+
+}  // namespace tarsier::sfm

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/synth/face/synth_face.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/face/shape/similarity.h"
+#include "tarsier/render/render.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+namespace tarsier::synth {
+
+namespace {
+
+constexpr double kMaxDeviations = 2.5;
+constexpr double kRoom = 0.6;  // of the wide texture around the frame, share of its size
+
+// Smooth blobs of colour.
+void draw_ground(cv::Mat& picture, Rng& rng) {
+  cv::Mat coarse(6, 8, CV_8UC3);
+  const std::array<int, 3> base{rng.integer(60, 190), rng.integer(60, 190), rng.integer(60, 190)};
+  for (int y = 0; y < coarse.rows; ++y) {
+    for (int x = 0; x < coarse.cols; ++x) {
+      const int light = rng.integer(-45, 45);
+      for (int k = 0; k < 3; ++k) {
+        coarse.ptr<cv::Vec3b>(y)[x][k] = cv::saturate_cast<std::uint8_t>(
+            base[static_cast<std::size_t>(k)] + light + rng.integer(-12, 12));
+      }
+    }
+  }
+  cv::resize(coarse, picture, picture.size(), 0, 0, cv::INTER_CUBIC);
+}
+
+void add_noise(cv::Mat& picture, double sigma, Rng& rng) {
+  if (sigma <= 0) return;
+  for (int y = 0; y < picture.rows; ++y) {
+    auto* row = picture.ptr<std::uint8_t>(y);
+    for (int i = 0; i < 3 * picture.cols; ++i)
+      row[i] = cv::saturate_cast<std::uint8_t>(row[i] + sigma * rng.normal());
+  }
+}
+
+}  // namespace
+
+void FaceSceneOptions::check() const {
+  TARSIER_REQUIRE(ambient >= 0 && ambient <= 2 && diffuse >= 0 && diffuse <= 2, "light {} and {}",
+                  ambient, diffuse);
+  TARSIER_REQUIRE(std::abs(light_yaw) <= 90, "light from {} degrees", light_yaw);
+  TARSIER_REQUIRE(noise >= 0 && noise <= 50, "noise {}", noise);
+  TARSIER_REQUIRE(blur_px >= 0 && blur_px <= 20, "blur {} px", blur_px);
+}
+
+FaceSynth::FaceSynth(const face::appearance::AppearanceModel& appearance,
+                     face::head::HeadModel head)
+    : appearance_(appearance), synthesis_(appearance), head_(std::move(head)) {
+  head_.check();
+  TARSIER_REQUIRE(head_.points() == appearance.points(), "a head of {} points, a face of {}",
+                  head_.points(), appearance.points());
+  TARSIER_REQUIRE(appearance.outer.empty(), "a face with a margin around its points");
+  const face::shape::PiecewiseWarp& warp = synthesis_.texture().warp;
+  const int room = static_cast<int>(kRoom * std::max(warp.size().width, warp.size().height));
+  inner_ = {{room, room}, warp.size()};
+  outside_ = cv::Mat(warp.size().height + 2 * room, warp.size().width + 2 * room, CV_8UC1,
+                     cv::Scalar(255));
+  // One pixel less than the mesh covers: the rim is half face, half nothing.
+  cv::Mat inside;
+  cv::erode(warp.mask(), inside, {}, {-1, -1}, 1, cv::BORDER_CONSTANT, cv::Scalar(0));
+  outside_(inner_).setTo(0, inside);
+  at_ = warp.frame_points().colwise() + Eigen::Vector2d(room, room);
+  const face::shape::Similarity2d front = face::shape::fit_similarity(head_.mean.topRows(2), at_);
+  px_per_mm_ = front.scale();
+  px_origin_ = {front.tx, front.ty};
+  // The nearest pixel of the face to each outside.
+  cv::Mat distance;
+  cv::Mat labels;
+  cv::distanceTransform(outside_, distance, labels, cv::DIST_L2, cv::DIST_MASK_5,
+                        cv::DIST_LABEL_PIXEL);
+  std::vector<int> pixel_of_label;
+  for (int y = 0; y < labels.rows; ++y) {
+    for (int x = 0; x < labels.cols; ++x) {
+      if (outside_.at<std::uint8_t>(y, x) != 0) continue;
+      const auto label = static_cast<std::size_t>(labels.at<int>(y, x));
+      if (pixel_of_label.size() <= label) pixel_of_label.resize(label + 1, 0);
+      pixel_of_label[label] = y * labels.cols + x;
+    }
+  }
+  shore_.create(labels.size(), CV_32S);
+  for (int y = 0; y < labels.rows; ++y)
+    for (int x = 0; x < labels.cols; ++x)
+      shore_.at<int>(y, x) = pixel_of_label[static_cast<std::size_t>(labels.at<int>(y, x))];
+}
+
+FacePerson FaceSynth::person(std::uint64_t seed, double spread) const {
+  Rng rng(seed);
+  const auto draw = [&](const Eigen::VectorXd& deviation) {
+    Eigen::VectorXd values(deviation.size());
+    for (Eigen::Index k = 0; k < values.size(); ++k)
+      values[k] = spread * std::clamp(rng.normal(), -kMaxDeviations, kMaxDeviations) * deviation[k];
+    return values;
+  };
+  FacePerson person;
+  person.b = draw(head_.deviation);
+  person.c = draw(synthesis_.texture().deviation);
+  const double light = rng.uniform(0.15, 1);
+  person.hair[2] = cv::saturate_cast<std::uint8_t>(light * rng.uniform(80, 150));
+  person.hair[1] = cv::saturate_cast<std::uint8_t>(light * rng.uniform(60, 120));
+  person.hair[0] = cv::saturate_cast<std::uint8_t>(light * rng.uniform(40, 90));
+  return person;
+}
+
+cv::Mat FaceSynth::texture(const FacePerson& person) const {
+  cv::Mat wide(outside_.size(), CV_8UC3, cv::Scalar::all(0));
+  synthesis_.frame(person.c).copyTo(wide(inner_));
+  // Outwards the face's own colour goes on, smoother with distance.
+  for (int y = 0; y < wide.rows; ++y) {
+    for (int x = 0; x < wide.cols; ++x) {
+      if (outside_.at<std::uint8_t>(y, x) == 0) continue;
+      const int from = shore_.at<int>(y, x);
+      wide.at<cv::Vec3b>(y, x) = wide.at<cv::Vec3b>(from / wide.cols, from % wide.cols);
+    }
+  }
+  cv::Mat smooth;
+  cv::GaussianBlur(wide, smooth, {}, 0.07 * inner_.width);
+  smooth.copyTo(wide, outside_);
+  return wide;
+}
+
+FaceTruth FaceSynth::draw(cv::Mat& picture, const FacePerson& person,
+                          const geometry::Camera& camera, const geometry::Rigid& camera_from_head,
+                          const FaceSceneOptions& options, std::uint64_t seed) const {
+  options.check();
+  camera.check();
+  Rng rng(seed);
+  if (options.with_ground) {
+    picture.create(camera.height, camera.width, CV_8UC3);
+    draw_ground(picture, rng);
+  }
+  TARSIER_REQUIRE(picture.cols == camera.width && picture.rows == camera.height,
+                  "a picture of {}x{} px for a camera of {}x{}", picture.cols, picture.rows,
+                  camera.width, camera.height);
+  render::Scene scene;
+  render::Item item;
+  item.mesh = std::make_shared<render::Mesh>(mesh(person));
+  item.camera_from_mesh = camera_from_head;
+  scene.items.push_back(item);
+  const double angle = options.light_yaw * std::numbers::pi / 180;
+  scene.light = {{-std::sin(angle), 0.4, std::cos(angle)}, options.ambient, options.diffuse, 0, 30};
+  scene.antialias = true;
+  scene.near = 10;
+  render::render(picture, scene, camera);
+  if (options.blur_px > 0) cv::GaussianBlur(picture, picture, {}, options.blur_px);
+  add_noise(picture, options.noise, rng);
+
+  FaceTruth truth;
+  truth.camera_from_head = camera_from_head;
+  const Eigen::Matrix3Xd shape = face::head::shape_of(head_, [&] {
+    Eigen::VectorXd b = Eigen::VectorXd::Zero(head_.mode_count());
+    b.head(std::min(b.size(), person.b.size())) =
+        person.b.head(std::min(b.size(), person.b.size()));
+    return b;
+  }());
+  truth.points.resize(2, shape.cols());
+  for (Eigen::Index i = 0; i < shape.cols(); ++i) {
+    const auto at =
+        camera.project(camera_from_head * cv::Vec3d(shape(0, i), shape(1, i), shape(2, i)));
+    TARSIER_REQUIRE(at.has_value(), "a head behind the camera");
+    truth.points.col(i) = Eigen::Vector2d(at->x, at->y);
+  }
+  return truth;
+}
+
+}  // namespace tarsier::synth

@@ -1,3 +1,0 @@
-// SPDX-License-Identifier: MIT
-#define TARSIER_TARGET_KERNELS kernels_baseline
-#include "tarsier/target/kernels.inl"

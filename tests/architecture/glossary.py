@@ -1,0 +1,59 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""glossary.py ROOT: fails on words that docs/glossary.md gave up (its last column, in backquotes).
+
+A word that ends in _ is the beginning of an identifier's part (least_ in min_views or kMinViews); others are words of
+sentences, with their endings. Looked at are headers, the strings and comments of the program, and all pages but the changelog.
+"""
+import os
+import re
+import subprocess
+import sys
+
+CHECKED = re.compile(r"^(src|apps|examples|fuzz|bench)/.*\.(h|inl|cpp)$|^(README|CONTRIBUTING)\.md$|^docs/.*\.md$|^models/.*\.md$")
+
+# The list itself, and what takes flags by their former names.
+EXEMPT = ("docs/glossary.md", "apps/cli/framework/parse.cpp", "apps/cli/framework/command_test.cpp")
+
+
+def given_up(path):
+    """(pattern, word, term) of each row."""
+    rules = []
+    with open(path, encoding="utf-8") as file:
+        for line in file:
+            cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+            if len(cells) != 3:
+                continue
+            for word in re.findall(r"`([a-z_]+)`", cells[2]):
+                if word.endswith("_"):
+                    part = word[:-1]
+                    pattern = rf"(?<![A-Za-z]){part}_(?!squares)[a-z]|\bk{part.capitalize()}[A-Z]|--{part}-"
+                else:
+                    pattern = rf'(?i)(?<!["\w]){word}(s|ed|ing)?(?!\w)(?!s?")'
+                rules.append((re.compile(pattern), word, cells[0]))
+    return rules
+
+
+def main():
+    root = sys.argv[1] if len(sys.argv) > 1 else "."
+    rules = given_up(os.path.join(root, "docs", "glossary.md"))
+    if not rules:
+        sys.exit("docs/glossary.md gives up no word: is its table still of three columns?")
+    listed = subprocess.run(["git", "-C", root, "ls-files"], capture_output=True, text=True, check=False).stdout.split("\n")
+    if listed == [""]:  # not a clone
+        listed = [os.path.relpath(os.path.join(folder, name), root) for folder, _, names in os.walk(root) for name in names]
+    found = 0
+    for name in sorted(listed):
+        if not CHECKED.search(name) or name in EXEMPT or not os.path.isfile(os.path.join(root, name)):
+            continue
+        with open(os.path.join(root, name), encoding="utf-8") as file:
+            for number, line in enumerate(file, 1):
+                for pattern, word, term in rules:
+                    if pattern.search(line):
+                        print(f"{name}:{number}: '{word}' (docs/glossary.md: {term}): {line.strip()[:100]}")
+                        found += 1
+    if found:
+        sys.exit(f"{found} uses of words that were given up")
+
+
+main()
