@@ -25,8 +25,8 @@ def is_program(text):
 
 def benches_of(program):
     done = subprocess.run([program, "help", "--json"], capture_output=True, text=True, check=True)
-    verbs = [json.loads(line)["verb"] for line in done.stdout.splitlines()]
-    return [verb.split()[1] for verb in verbs if verb.startswith("bench ")]
+    verbs = [verb["path"] for verb in json.loads(done.stdout)["verbs"]]
+    return [path[1] for path in verbs if path[0] == "bench"]
 
 
 def times_of(line):

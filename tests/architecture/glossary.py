@@ -3,7 +3,7 @@
 """glossary.py ROOT: fails on words that docs/glossary.md gave up (its last column, in backquotes).
 
 A word that ends in _ is the beginning of an identifier's part (least_ in min_views or kMinViews); others are words of
-sentences, with their endings. Looked at are headers, the strings and comments of the program, and all pages but the changelog.
+sentences, with their endings. Keys of JSON, which follow a quotation mark, are left out. Looked at are headers, the strings and comments of the program, and all pages but the changelog.
 """
 import os
 import re
@@ -27,7 +27,7 @@ def given_up(path):
             for word in re.findall(r"`([a-z_]+)`", cells[2]):
                 if word.endswith("_"):
                     part = word[:-1]
-                    pattern = rf"(?<![A-Za-z]){part}_(?!squares)[a-z]|\bk{part.capitalize()}[A-Z]|--{part}-"
+                    pattern = rf"(?<![A-Za-z\"]){part}_(?!squares)[a-z]|\bk{part.capitalize()}[A-Z]|--{part}-"
                 else:
                     pattern = rf'(?i)(?<!["\w]){word}(s|ed|ing)?(?!\w)(?!s?")'
                 rules.append((re.compile(pattern), word, cells[0]))

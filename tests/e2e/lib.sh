@@ -9,10 +9,11 @@ mkdir -p "$WORK"
 cd "$WORK" || exit 1
 failures=0
 
-# The interpreter itself: a version manager's wrapper of that name costs more than most scripts here.
-: "${TARSIER_TEST_PYTHON:=$(python3 -c 'import sys; print(sys.executable)' 2>/dev/null)}"
+# The interpreter itself comes first: a version manager's wrapper of that name costs more than most scripts here, and a
+# kill of the wrapper would leave the interpreter running.
+: "${TARSIER_TEST_PYTHON:=$(python3 -c 'import os, sys; print(os.path.dirname(sys.executable))' 2>/dev/null)}"
 export TARSIER_TEST_PYTHON
-[ -z "$TARSIER_TEST_PYTHON" ] || python3() { "$TARSIER_TEST_PYTHON" "$@"; }
+[ -z "$TARSIER_TEST_PYTHON" ] || PATH=$TARSIER_TEST_PYTHON:$PATH
 
 fail() {
   failures=$((failures + 1))

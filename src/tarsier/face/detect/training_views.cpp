@@ -2,8 +2,8 @@
 #include "tarsier/face/detect/training_views.h"
 
 #include "tarsier/face/detect/face_networks.h"
+#include "tarsier/media/image_file.h"
 
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -29,9 +29,8 @@ void blur_along(cv::Mat& view, double length, double angle) {
 }
 
 void compress(cv::Mat& view, int quality) {
-  std::vector<std::uint8_t> bytes;
-  cv::imencode(".jpg", view, bytes, {cv::IMWRITE_JPEG_QUALITY, quality});
-  view = cv::imdecode(bytes, cv::IMREAD_GRAYSCALE);
+  const std::vector<std::uint8_t> bytes = encode_image(".jpg", view, "a view", quality);
+  cv::extractChannel(decode_image(bytes, "a view"), view, 0);
 }
 
 }  // namespace
