@@ -10,7 +10,7 @@ build() { # build NAME MS_OF_FAST MS_OF_SLOW: a build folder whose program says 
   cat >"$1/bin/tarsier" <<PLAY
 #!/bin/sh
 case "\$1" in
-  help) echo '{"verb":"bench toys"}' ;;
+  help) echo '{"verbs":[{"path":["bench","toys"]}]}' ;;
   *) echo '{"bench":"toys","case":"fast","ms":$2,"fps":7}'; echo '{"bench":"toys","case":"slow","find_ms":$3,"max_ms":99}' ;;
 esac
 PLAY
@@ -33,7 +33,7 @@ judge 0 '0.50 \| faster' '1.12 \| slower'
 build new 1 24
 judge 1 '1.20 \| SLOWER'
 
-printf '#!/bin/sh\ncase "$1" in help) echo "{\\"verb\\":\\"bench toys\\"}" ;; *) echo "{\\"ms\\":1}" ;; esac\n' >new/bin/tarsier
+printf '#!/bin/sh\ncase "$1" in help) echo "{\\"verbs\\":[{\\"path\\":[\\"bench\\",\\"toys\\"]}]}" ;; *) echo "{\\"ms\\":1}" ;; esac\n' >new/bin/tarsier
 status=0
 "$compare" old new >stdout.txt 2>stderr.txt || status=$?
 [ "$status" -eq 1 ] && grep -q 'a line without "bench"' stderr.txt || fail "a line without its name: $(cat stderr.txt)"
