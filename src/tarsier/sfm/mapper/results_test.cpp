@@ -26,7 +26,8 @@ class Results : public FolderTest {
   void write_report(int models) {
     std::string list;
     for (int m = 0; m < models; ++m) list += std::string(m > 0 ? "," : "") + "{\"photographs\":7}";
-    write("report.json", "{\"models\":[" + list + "],\"photographs\":[],\"stages\":[],\"story\":[]}");
+    write("report.json",
+          "{\"models\":[" + list + "],\"photographs\":[],\"stages\":[],\"story\":[]}");
   }
   void write_model(const std::string& name) {
     write_colmap(folder_ + "/" + name, synthetic_model());
