@@ -45,6 +45,9 @@ die() {
   exit 1
 }
 
+# Processor minutes of a first build without tests on an AMD EPYC of 2023.
+build_cpu_minutes=30
+
 phase_start=0
 phase() { # phase TEXT: begins a step of the work
   phase_start=$SECONDS
@@ -119,19 +122,46 @@ build_jobs() {
   echo $((cores < by_memory ? cores : by_memory))
 }
 
+# Says every minute how far the build is whose output goes to LOG, until the process PID ends.
+watch_build() { # watch_build PID LOG
+  local pid=$1 log=$2 start=$SECONDS next=$((SECONDS + 60)) at=() spent
+  while kill -0 "$pid" 2>/dev/null; do
+    sleep 1
+    [ "$SECONDS" -ge "$next" ] || continue
+    next=$((SECONDS + 60))
+    spent=$((SECONDS - start))
+    mapfile -t at < <(tail -c 2000 "$log" 2>/dev/null | grep -oE '^\[[0-9]+/[0-9]+\]' | tail -1 | tr -c '0-9\n' '\n' | grep .)
+    if [ "${#at[@]}" -eq 2 ] && [ "${at[0]}" -gt 0 ]; then
+      printf '   %d of %d steps, about %d min left\n' "${at[0]}" "${at[1]}" "$(((spent * (at[1] - at[0]) / at[0] + 59) / 60))"
+    fi
+  done
+}
+
 # build PRESET CMAKE-ARGUMENTS..: configures and builds build/PRESET.
 build() {
-  local preset=$1
+  local preset=$1 jobs pid log status=0
   shift
+  jobs=$(build_jobs)
   mkdir -p "build/$preset"
   phase "configure ($preset)"
   quietly "build/$preset/configure.log" cmake --preset "$preset" "$@" || die "cmake could not configure the build (above)"
   phase_done
-  phase "build (build/$preset, $(build_jobs) at a time; the first time takes minutes)"
+  phase "build (build/$preset, $jobs at a time; the first time takes about $((build_cpu_minutes / jobs + 1)) minutes on this machine, more on a slow one)"
   if [ -t 1 ]; then # ninja shows where it is
-    cmake --build "build/$preset" -j "$(build_jobs)" || die "the build failed (above)"
+    NINJA_STATUS='[%f/%t, %p, %e s] ' cmake --build "build/$preset" -j "$jobs" || die "the build failed (above)"
   else
-    quietly "build/$preset/build.log" cmake --build "build/$preset" -j "$(build_jobs)" || die "the build failed (above)"
+    log=build/$preset/build.log
+    ninja -C "build/$preset" -j "$jobs" >"$log" 2>&1 </dev/null &
+    pid=$!
+    trap 'kill "$pid" 2>/dev/null; wait "$pid"; exit 130' INT TERM # a command behind & does not hear Ctrl-C
+    watch_build "$pid" "$log"
+    wait "$pid" || status=$?
+    trap - INT TERM
+    if [ "$status" -ne 0 ]; then
+      printf '   The end of %s:\n' "$log" >&2
+      tail -n 40 "$log" | sed 's/^/   | /' >&2
+      die "the build failed (above)"
+    fi
   fi
   phase_done
 }
