@@ -139,7 +139,7 @@ watch_build() { # watch_build PID LOG
 
 # build PRESET CMAKE-ARGUMENTS..: configures and builds build/PRESET.
 build() {
-  local preset=$1 jobs pid log status=0
+  local preset=$1 jobs pid log status=0 stopped=no
   shift
   jobs=$(build_jobs)
   mkdir -p "build/$preset"
@@ -153,10 +153,11 @@ build() {
     log=build/$preset/build.log
     ninja -C "build/$preset" -j "$jobs" >"$log" 2>&1 </dev/null &
     pid=$!
-    trap 'kill "$pid" 2>/dev/null; wait "$pid"; exit 130' INT TERM # a command behind & does not hear Ctrl-C
+    trap 'stopped=yes; kill "$pid" 2>/dev/null || true' INT TERM # a command behind & does not hear Ctrl-C
     watch_build "$pid" "$log"
     wait "$pid" || status=$?
     trap - INT TERM
+    [ "$stopped" = no ] || exit 130
     if [ "$status" -ne 0 ]; then
       printf '   The end of %s:\n' "$log" >&2
       tail -n 40 "$log" | sed 's/^/   | /' >&2
