@@ -81,7 +81,7 @@ ExitStatus make_pictures(SynthFlags& flags, Context& context) {
   if (is_planar && flags.min_side->count() == 0) flags.still.min_side_px = kMinTarget;
   if (flags.still.least > flags.still.most)
     throw UsageError(
-        fmt::format("--least {} markers, --most {}", flags.still.least, flags.still.most));
+        fmt::format("--min-markers {}, --max-markers {}", flags.still.least, flags.still.most));
   if (flags.still.min_side_px > flags.still.max_side_px)
     throw UsageError(fmt::format("--min-side {} px, --max-side {}", flags.still.min_side_px,
                                  flags.still.max_side_px));
@@ -154,10 +154,10 @@ void add_flags(Command& verb, SynthFlags& flags) {
               .delimiter(',')
               .show_default());
   markers(verb.add_option("--side", flags.side, "of a marker over its black frame").show_default());
-  markers(verb.add_option("--least", flags.still.least, "markers a picture")
+  markers(verb.add_option("--min-markers", flags.still.least, "markers an image")
               .check(range(0, 16))
               .show_default());
-  markers(verb.add_option("--most", flags.still.most, "markers a picture")
+  markers(verb.add_option("--max-markers", flags.still.most, "markers an image")
               .check(range(0, 16))
               .show_default());
   const auto planar = [](Flag& flag) { flag.group("Pictures as targets"); };

@@ -286,7 +286,7 @@ void add_flags(Command& verb, ShowFlags& flags) {
   of_set(verb.add_option("--columns", flags.columns, "of the sheet; 0: what fits")
              .check(range(0, 100))
              .show_default());
-  of_set(verb.add_option("--most", flags.most, "samples on the sheet")
+  of_set(verb.add_option("--max-samples", flags.most, "samples on the sheet")
              .check(range(1, 10000))
              .show_default());
   verb.add_option("--cell", flags.cell, "px, side of a cell of the sheet or strip")

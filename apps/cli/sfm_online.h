@@ -36,7 +36,7 @@ struct OnlineResult {
 // The file of a key frame of a video or camera.
 [[nodiscard]] std::string key_frame_path(const std::string& folder, const sfm::Keyframe& frame);
 
-// Shows `sources`: `pictures`, of which each is a key frame, or, where there are none, a video or
+// Shows `sources`: `pictures`, of which each is a key frame, or, without images, a video or
 // camera, whose key frames are written to `folder`. Throws the library's errors, but not what ends
 // a source that gave frames.
 [[nodiscard]] OnlineResult run_online(const std::vector<std::string>& sources,

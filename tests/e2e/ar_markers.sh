@@ -5,10 +5,10 @@
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 # Pictures with their truth; the same seed gives the same ones.
-run ar synth markers set --count 6 --level easy --least 2 --most 4 --min-side 40 --side 10cm --seed 5
+run ar synth markers set --count 6 --level easy --min-markers 2 --max-markers 4 --min-side 40 --side 10cm --seed 5
 expect_status 0
 [ "$(ls set/images | wc -l)" -eq 6 ] || fail "not 6 pictures"
-run ar synth markers again --count 6 --level easy --least 2 --most 4 --min-side 40 --side 10cm --seed 5 --quiet
+run ar synth markers again --count 6 --level easy --min-markers 2 --max-markers 4 --min-side 40 --side 10cm --seed 5 --quiet
 cmp -s set/truth.jsonl again/truth.jsonl && cmp -s set/images/36h11_00003.jpg again/images/36h11_00003.jpg ||
   fail "another run of the same seed drew other pictures"
 run ar synth planar targets --count 2 --hidden 1
@@ -149,9 +149,9 @@ refused 3 '640 x 480 px, the camera.s pictures are 1280 x 720' --camera wide.yam
 sed 's/height: 720/height: 960/' wide.yaml >large.yaml
 run ar markers $first --camera large.yaml --json --quiet
 expect_status 0
-run ar synth markers x --least 5 --most 2
+run ar synth markers x --min-markers 5 --max-markers 2
 expect_status 2
-expect_error '--least 5'
+expect_error '--min-markers 5'
 run ar synth markers x --family 9x9
 expect_status 2
 run ar synth planar x --picture gone.png

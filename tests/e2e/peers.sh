@@ -6,7 +6,7 @@ source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 /usr/bin/python3 -c 'import cv2, numpy; cv2.aruco, cv2.SIFT_create' 2>/dev/null || skip "needs python3-opencv with cv2.aruco"
 peers() { PYTHONDONTWRITEBYTECODE=1 /usr/bin/python3 "$TARSIER_SOURCE/bench/peers/run.py" --program "$TARSIER" "$@" >table.md 2>progress.txt; }
 
-run ar synth markers -o data/ar --count 6 --level easy --family 36h11,6x6_250 --least 1 --quiet
+run ar synth markers -o data/ar --count 6 --level easy --family 36h11,6x6_250 --min-markers 1 --quiet
 expect_status 0
 mv data/ar/truth.jsonl data/ar/markers.jsonl
 peers --data data --only markers,people,plates --out out || fail "run.py: $(tail -n 3 progress.txt)"

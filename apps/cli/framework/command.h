@@ -180,7 +180,7 @@ struct ConfigEntry {
   std::vector<std::string> values;
 };
 
-// In the order of the text. Throws std::exception where it is none.
+// In the order of the text. Throws std::exception for a text that is neither TOML nor INI.
 [[nodiscard]] std::vector<ConfigEntry> read_config(const std::string& text);
 
 }  // namespace tarsier::cli

@@ -36,7 +36,8 @@ std::vector<std::string> long_names(const Command& command) {
 // former name of a flag of this command. `flag` has no "=value".
 std::string renamed(const std::string& flag, const std::vector<std::string>& known) {
   constexpr std::pair<std::string_view, std::string_view> kPrefixes[] = {
-      {"--least-", "--min-"}, {"--most-", "--max-"}, {"--film", "--video"}};
+      {"--least-", "--min-"},       {"--most-", "--max-"},       {"--film", "--video"},
+      {"--least", "--min-markers"}, {"--most", "--max-markers"}, {"--most", "--max-samples"}};
   for (const auto& [old, present] : kPrefixes) {
     if (!flag.starts_with(old)) continue;
     std::string name = std::string(present) + flag.substr(old.size());
@@ -61,8 +62,7 @@ void rename_flags(Command& root, std::vector<std::string>& words) {
   }
 }
 
-// Words that stand where an area, a verb or a flag is expected and are none: says what is known
-// there.
+// Throws UsageError for an unknown area, verb or flag, naming what is known in its place.
 void check_words(Command& root, const std::vector<std::string>& words) {
   const Chosen chosen = chosen_command(root, words);
   const Command& command = *chosen.command;

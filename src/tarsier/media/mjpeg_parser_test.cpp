@@ -162,7 +162,7 @@ TEST(MjpegParser, PicturesBeyondTheLimitAreTheSameInPiecesOfAnySize) {
 // The worst that a server can send, each in pieces of several sizes. The work is counted, not
 // timed.
 TEST(MjpegParser, HostileStreamsCostABoundedNumberOfStepsAByte) {
-  using namespace std::string_literals;
+  using std::string_literals::operator""s;
   constexpr std::size_t kSize = 1'000'000;
   const auto repeated = [](const std::string& unit) {
     std::string text;

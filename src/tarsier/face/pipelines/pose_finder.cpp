@@ -11,7 +11,7 @@ namespace {
 
 // A second fit that is worth this much less than the first went astray.
 constexpr double kMuchWorse = 0.1;
-// Below this no second fit makes a face of it: what is fitted is none.
+// Below this quality no second fit helps: the candidate is not a face.
 constexpr double kHopeless = 0.15;
 
 head::HeadModel chosen_points(const head::HeadModel& model, const head::LandmarkMapping& mapping,
