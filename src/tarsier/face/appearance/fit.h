@@ -3,8 +3,8 @@
 
 #include "tarsier/face/appearance/frame_sampler.h"
 #include "tarsier/face/appearance/model.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 
 #include <memory>
@@ -92,11 +92,6 @@ struct FitResult {
 
 struct FitLevel;
 
-// Eigen leaves the outcome of a factorisation that never ran unset, and copies it.
-struct FitSolver : Eigen::LLT<Eigen::MatrixXd> {
-  FitSolver() : LLT(Eigen::MatrixXd::Identity(1, 1)) {}
-};
-
 // What the alternating fit precomputes for a texture.
 struct FitTemplate {
   const FitLevel* level = nullptr;  // nullptr: of none
@@ -104,7 +99,7 @@ struct FitTemplate {
   Eigen::MatrixXf descent;          // N x K, steepest-descent images of the texture
   Eigen::MatrixXf projected;        // the same with the modes projected out; robust only
   Eigen::MatrixXf overlap;          // (1 + m) x K: modes' . descent
-  FitSolver solver;
+  linalg::Cholesky solver;
 };
 
 // All that a fit writes to; nothing is allocated in the iterations of the plain project-out fit
@@ -129,7 +124,7 @@ struct FitWorkspace {
   Eigen::MatrixXd hessian;
   Eigen::VectorXd right;
   Eigen::VectorXd step;
-  FitSolver solver;
+  linalg::Cholesky solver;
   Eigen::Matrix2Xd frame_step;
   Eigen::Matrix2Xd points;
   Eigen::Matrix2Xd last_points;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/require.h"
 #include "tarsier/face/appearance/fit_level.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Cholesky>
 #include <opencv2/core.hpp>
 
 #include <algorithm>
@@ -159,7 +159,7 @@ FitLevel make_level(const AppearanceModel& model, const Texture& texture, const 
   hessian.diagonal().array() += 1e-6 * hessian.diagonal().maxCoeff() + 1e-12;
   hessian.diagonal() += level.shape_prior;
   level.inverse_hessian =
-      hessian.llt().solve(MatrixXd::Identity(level.parameters, level.parameters));
+      linalg::Cholesky(hessian).solve(MatrixXd::Identity(level.parameters, level.parameters));
   TARSIER_REQUIRE(level.inverse_hessian.allFinite(), "a model whose texture shows no direction");
   return level;
 }

@@ -3,8 +3,8 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/face/appearance/frame_sampler.h"
 #include "tarsier/face/appearance/model.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Eigenvalues>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
@@ -162,8 +162,8 @@ void train_texture(Texture& texture, Sampled sampled, double variance, int max_m
   gram.setZero();
   gram.selfadjointView<Eigen::Lower>().rankUpdate(residuals.transpose());
   const MatrixXd symmetric = MatrixXf(gram.selfadjointView<Eigen::Lower>()).cast<double>();
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(symmetric);
-  const VectorXd values = solver.eigenvalues().reverse().cwiseMax(0) / static_cast<double>(count);
+  const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(symmetric);
+  const VectorXd values = eigen.values.reverse().cwiseMax(0) / static_cast<double>(count);
   const double total = values.sum();
   Index modes = 0;
   double kept = 0;
@@ -177,7 +177,7 @@ void train_texture(Texture& texture, Sampled sampled, double variance, int max_m
   texture.packed_modes.resize(n, modes);
   texture.steps.resize(modes);
   for (Index k = 0; k < modes; ++k) {
-    VectorXf mode = residuals * solver.eigenvectors().col(count - 1 - k).cast<float>();
+    VectorXf mode = residuals * eigen.vectors.col(count - 1 - k).cast<float>();
     mode.normalize();
     Index place = 0;
     const float largest = mode.cwiseAbs().maxCoeff(&place);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/head/factorization.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
+#include "tarsier/linalg/decompositions.h"
+
 #include <Eigen/Geometry>
 
 #include <cmath>
@@ -16,8 +16,8 @@ using Eigen::VectorXd;
 
 // The `count` strongest directions of the rows, n x count.
 MatrixXd strongest(const MatrixXd& rows, Index count) {
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(rows.transpose() * rows);
-  return solver.eigenvectors().rightCols(count).rowwise().reverse();
+  const linalg::SymmetricEigen solver = linalg::symmetric_eigen(rows.transpose() * rows);
+  return solver.vectors.rightCols(count).rowwise().reverse();
 }
 
 // The rotation whose first two rows are nearest to two rows of like length.
@@ -67,10 +67,10 @@ std::optional<Factorization> factorize_symmetric(const std::vector<Eigen::Matrix
     const Eigen::Vector4d angle = products(a, b);
     normal += length * length.transpose() + 4 * angle * angle.transpose();
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(normal);
+  const linalg::SymmetricEigen solver = linalg::symmetric_eigen(normal);
   // Two solutions: the views do not tell depth from width.
-  if (!(solver.eigenvalues()[1] > 1e-9 * solver.eigenvalues()[3])) return std::nullopt;
-  Eigen::Vector4d g = solver.eigenvectors().col(0);
+  if (!(solver.values[1] > 1e-9 * solver.values[3])) return std::nullopt;
+  Eigen::Vector4d g = solver.vectors.col(0);
   if (g[0] < 0) g = -g;
   Eigen::Matrix2d yz;
   yz << g[1], g[2], g[2], g[3];

@@ -2,8 +2,7 @@
 #include "tarsier/face/head/head_model.h"
 
 #include "tarsier/core/require.h"
-
-#include <Eigen/SVD>
+#include "tarsier/linalg/decompositions.h"
 
 #include <algorithm>
 #include <cmath>
@@ -118,12 +117,10 @@ HeadModel select_points(const HeadModel& model, const std::vector<int>& points) 
   if (!is_symmetric) part.mirror.clear();
   part.modes.resize(3 * n, 0);
   if (model.mode_count() > 0) {
-    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(modes * model.deviation.asDiagonal(),
-                                                Eigen::ComputeThinU);
-    const Eigen::VectorXd& values = svd.singularValues();
-    const Index kept = (values.array() > 1e-9 * values[0]).count();
-    part.modes = svd.matrixU().leftCols(kept);
-    part.deviation = values.head(kept);
+    const linalg::LeftSvd svd = linalg::left_svd(modes * model.deviation.asDiagonal());
+    const Index kept = (svd.values.array() > 1e-9 * svd.values[0]).count();
+    part.modes = svd.u.leftCols(kept);
+    part.deviation = svd.values.head(kept);
   }
   for (std::size_t e = 0; e < 2; ++e) {
     if (model.outer_eyes[e] >= 0)

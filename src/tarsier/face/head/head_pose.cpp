@@ -2,10 +2,9 @@
 #include "tarsier/face/head/head_pose.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
-#include <Eigen/LU>
 
 #include <algorithm>
 #include <cmath>
@@ -81,7 +80,7 @@ VectorXd HeadIdentity::shape(const HeadModel& model) const {
   TARSIER_REQUIRE(vector.size() == m, "an identity of {} modes for a model of {}", vector.size(),
                   m);
   const MatrixXd with_prior = information + MatrixXd::Identity(m, m);
-  return with_prior.llt().solve(vector).cwiseProduct(model.deviation);
+  return linalg::Cholesky(with_prior).solve(vector).cwiseProduct(model.deviation);
 }
 
 HeadPoser::HeadPoser(HeadModel model, HeadPoseOptions options)
@@ -163,12 +162,12 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
   const bool is_known = known != nullptr && known->frames > 0;
   if (is_known) {
     const MatrixXd information = known->information + MatrixXd::Identity(all_modes, all_modes);
-    const Eigen::LLT<MatrixXd> factor(information);
+    const linalg::Cholesky factor(information);
     expected = factor.solve(known->vector);
     if (m > 0) {
       MatrixXd covariance = factor.solve(MatrixXd::Identity(m, m));
       covariance.diagonal().array() += options_.expression_share;
-      prior = covariance.llt().solve(MatrixXd::Identity(m, m));
+      prior = linalg::Cholesky(covariance).solve(MatrixXd::Identity(m, m));
     }
   }
   const double focal = std::sqrt(camera.fx * camera.fy);
@@ -231,9 +230,8 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
     with_prior.bottomRightCorner(m, m) += prior;
     if (m > 0) pull.tail(m) -= prior * (c - expected);
     if (towards != nullptr) only_about(rotation.col(2), with_prior, pull);
-    const Eigen::LLT<MatrixXd> factor(with_prior);
-    if (factor.info() != Eigen::Success)
-      return {std::nullopt, "the landmarks do not determine the pose"};
+    const linalg::Cholesky factor(with_prior);
+    if (!factor.ok()) return {std::nullopt, "the landmarks do not determine the pose"};
     const VectorXd update = factor.solve(pull);
     if (!update.allFinite()) return {std::nullopt, "the landmarks do not determine the pose"};
     const Vector3d spin = update.head<3>();
@@ -252,15 +250,14 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
 
   if (learning != nullptr && m > 0) {
     // What this frame says of c whatever the pose; expression is noise of the same direction.
-    const Eigen::LLT<MatrixXd> pose_part(normal.topLeftCorner(6, 6));
+    const linalg::Cholesky pose_part(normal.topLeftCorner(6, 6));
     const MatrixXd coupling = pose_part.solve(normal.topRightCorner(6, m));
     MatrixXd information =
         normal.bottomRightCorner(m, m) - normal.bottomLeftCorner(m, 6) * coupling;
     VectorXd vector = right.tail(m) - coupling.transpose() * right.head(6) + information * c;
     const MatrixXd softened = MatrixXd::Identity(m, m) + options_.expression_share * information;
-    const Eigen::PartialPivLU<MatrixXd> soften(softened);
-    information = soften.solve(information).eval();
-    vector = soften.solve(vector).eval();
+    information = linalg::solve_general(softened, information);
+    vector = linalg::solve_general(softened, vector);
     information = (information + information.transpose()).eval() / 2;
     if (information.allFinite() && vector.allFinite()) {
       if (learning->frames == 0) {

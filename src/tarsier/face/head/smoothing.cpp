@@ -3,9 +3,9 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/geometry/rotation.h"
+#include "tarsier/linalg/decompositions.h"
 
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
 
 #include <cmath>
 #include <numbers>
@@ -31,8 +31,7 @@ geometry::Rigid mean_pose(const std::vector<geometry::Rigid>& poses) {
     sum += v * v.transpose();
     mean.translation += pose.translation * (1.0 / static_cast<double>(poses.size()));
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(sum);
-  const Eigen::Vector4d q = solver.eigenvectors().col(3);
+  const Eigen::Vector4d q = linalg::symmetric_eigen(sum).vectors.col(3);
   mean.rotation = geometry::rotation_of({q[0], q[1], q[2], q[3]});
   return mean;
 }

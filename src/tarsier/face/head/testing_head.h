@@ -6,9 +6,9 @@
 #include "tarsier/face/head/head_model.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid.h"
+#include "tarsier/linalg/decompositions.h"
 
 #include <Eigen/Core>
-#include <Eigen/QR>
 
 #include <cmath>
 #include <numeric>
@@ -71,8 +71,7 @@ inline HeadModel testing_head(int modes, std::uint64_t seed = 3) {
       if (other > i) all.block<3, 1>(3 * other, k) = Eigen::Vector3d(-1, 1, 1).cwiseProduct(value);
     }
   }
-  const Eigen::MatrixXd q = Eigen::HouseholderQR<Eigen::MatrixXd>(all).householderQ() *
-                            Eigen::MatrixXd::Identity(75, 4 + modes);
+  const Eigen::MatrixXd q = linalg::orthonormal_basis(all);
   model.modes = q.rightCols(modes);
   model.deviation.resize(modes);
   for (int k = 0; k < modes; ++k) model.deviation[k] = 14.0 / (1 + k);

@@ -6,12 +6,9 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/face/head/factorization.h"
 #include "tarsier/face/shape/landmark_set.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
-#include <Eigen/QR>
-#include <Eigen/SVD>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
@@ -129,7 +126,7 @@ void Trainer::estimate(View& view, int steps) const {
     }
     normal.diagonal().tail(m).array() += 1;
     right.tail(m) -= view.b;
-    const Eigen::LLT<MatrixXd> factor(normal);
+    const linalg::Cholesky factor(normal);
     if (step == steps) {
       const MatrixXd covariance = factor.solve(MatrixXd::Identity(size, size));
       VectorXd one(m + 1);
@@ -200,7 +197,7 @@ void Trainer::update_shape() {
         right[3 * k] = 0;
       }
       normal.diagonal().array() += 1e-9 * normal.trace() / static_cast<double>(3 * terms);
-      const VectorXd solution = normal.ldlt().solve(right);
+      const VectorXd solution = linalg::solve_symmetric(normal, right);
       for (Index k = 0; k < terms; ++k) {
         Vector3d value = solution.segment<3>(3 * k);
         for (const Index point : {i, other}) {
@@ -227,8 +224,7 @@ void Trainer::settle_gauge() {
     const VectorXd shift = moment.col(0).tail(m);
     const MatrixXd covariance = moment.bottomRightCorner(m, m) - shift * shift.transpose();
     Eigen::Map<VectorXd>(mean.data(), 3 * n) += modes * shift;
-    const Eigen::LLT<MatrixXd> factor(covariance);
-    const MatrixXd lower = factor.matrixL();
+    const MatrixXd lower = linalg::Cholesky(covariance).lower();
     modes = modes * lower;
     for (View& view : views) {
       view.b = lower.triangularView<Eigen::Lower>().solve(VectorXd(view.b - shift));
@@ -256,8 +252,7 @@ void Trainer::settle_gauge() {
     whole(3 * i + 1, 3) = -centred(2, i);
     whole(3 * i + 2, 3) = centred(1, i);
   }
-  const MatrixXd basis =
-      Eigen::HouseholderQR<MatrixXd>(whole).householderQ() * MatrixXd::Identity(3 * n, 4);
+  const MatrixXd basis = linalg::orthonormal_basis(whole);
   modes -= basis * (basis.transpose() * modes);
 }
 
@@ -288,9 +283,9 @@ HeadModel model_of(const Trainer& trainer) {
   }
   model.modes.resize(3 * trainer.n, 0);
   if (trainer.m > 0) {
-    const Eigen::JacobiSVD<MatrixXd> svd(trainer.modes, Eigen::ComputeThinU);
-    model.modes = svd.matrixU();
-    model.deviation = svd.singularValues();
+    const linalg::LeftSvd svd = linalg::left_svd(trainer.modes);
+    model.modes = svd.u;
+    model.deviation = svd.values;
   }
   model.mirror = trainer.markup.mirror;
   model.outer_eyes = trainer.markup.outer_eyes;
@@ -440,7 +435,7 @@ double aligned_error(const Matrix3Xd& shape, const Matrix3Xd& truth,
                      const std::vector<int>& points) {
   TARSIER_REQUIRE(shape.cols() == truth.cols() && shape.cols() >= 3, "shapes of {} and {} points",
                   shape.cols(), truth.cols());
-  const Eigen::Matrix4d align = Eigen::umeyama(shape, truth, true);
+  const Eigen::Matrix4d align = linalg::align_similarity(shape, truth);
   std::vector<int> all = points;
   if (all.empty()) {
     all.resize(static_cast<std::size_t>(shape.cols()));

@@ -2,9 +2,7 @@
 #include "tarsier/face/head_view/view_train.h"
 
 #include "tarsier/core/require.h"
-
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
+#include "tarsier/linalg/decompositions.h"
 
 #include <algorithm>
 #include <cmath>
@@ -39,12 +37,11 @@ void set_basis(const std::vector<ViewSample>& samples, int components, ViewModel
   const MatrixXd covariance = gradients * gradients.transpose() / static_cast<double>(n);
   const double total = covariance.trace();
   TARSIER_REQUIRE(total > 1e-9, "the views are all alike");
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(covariance);
+  const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(covariance);
   // The mean squared distance of two views becomes 1 (less what is beyond the components).
   model.mean = mean.cast<float>();
-  model.basis =
-      (solver.eigenvectors().rightCols(components).rowwise().reverse() / std::sqrt(2 * total))
-          .cast<float>();
+  model.basis = (eigen.vectors.rightCols(components).rowwise().reverse() / std::sqrt(2 * total))
+                    .cast<float>();
 }
 
 void set_angle_scale(const std::vector<ViewSample>& samples, double weight, ViewModel& model) {
@@ -99,7 +96,7 @@ ViewModel train_view_model(const std::vector<ViewSample>& samples,
           -options.gamma *
           static_cast<double>((model.centres.col(i) - model.centres.col(j)).squaredNorm()));
   kernel.diagonal().array() += options.ridge;
-  model.weights = kernel.llt().solve(corrections).transpose().cast<float>();
+  model.weights = linalg::Cholesky(kernel).solve(corrections).transpose().cast<float>();
   model.check();
   return model;
 }

@@ -3,8 +3,8 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/face/landmarks/adapt.h"
 #include "tarsier/face/landmarks/trees_inner.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Cholesky>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
@@ -19,7 +19,7 @@ constexpr int kMaxParts = 5;  // of the pictures, for cross-fitting
 // The dual variables A = (K + lambda)^-1 E.
 Eigen::MatrixXd dual(Eigen::MatrixXd kernel, const Eigen::MatrixXd& errors, double lambda) {
   kernel.diagonal().array() += lambda;
-  return kernel.ldlt().solve(errors);
+  return linalg::solve_symmetric(kernel, errors);
 }
 
 // As the caller gave it, times the starts of a picture and the mean norm of a row.

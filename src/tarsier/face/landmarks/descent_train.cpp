@@ -6,8 +6,8 @@
 #include "tarsier/face/landmarks/least_squares.h"
 #include "tarsier/face/shape/shape_model.h"
 #include "tarsier/face/shape/similarity.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Eigenvalues>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
@@ -89,10 +89,10 @@ void compress_descriptors(Descent::Stage& stage, const FeatureScale& scale, int 
   }
   const Eigen::VectorXd center = sum / count;
   const Eigen::MatrixXd covariance = squares / count - center * center.transpose();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(covariance);
+  const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(covariance);
   stage.scale = scale;
   stage.center = center.cast<float>();
-  stage.components = solver.eigenvectors().rightCols(components).rowwise().reverse().cast<float>();
+  stage.components = eigen.vectors.rightCols(components).rowwise().reverse().cast<float>();
   // An eigenvector's sign is free: its largest part is positive, so that all machines agree.
   for (Eigen::Index c = 0; c < stage.components.cols(); ++c) {
     Eigen::Index place = 0;

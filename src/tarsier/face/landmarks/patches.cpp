@@ -6,8 +6,8 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/landmarks/patch_picture.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Cholesky>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
@@ -159,7 +159,7 @@ Eigen::VectorXd Trainer::ridge(Eigen::Index point) const {
   }
   normal.diagonal().array() +=
       std::max(options.lambda, 1e-12) * normal.trace() / static_cast<double>(taps()) + 1e-12;
-  return normal.selfadjointView<Eigen::Lower>().ldlt().solve(right);
+  return linalg::solve_symmetric(normal, right);
 }
 
 Eigen::VectorXd Trainer::average(Eigen::Index point) const {

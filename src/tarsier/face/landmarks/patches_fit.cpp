@@ -3,8 +3,8 @@
 #include "tarsier/core/require.h"
 #include "tarsier/face/landmarks/patch_picture.h"
 #include "tarsier/face/landmarks/patches.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Cholesky>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -169,7 +169,7 @@ class ShapeSolver {
     normal_.diagonal().array() += 1e-9 * (1 + normal_.diagonal().maxCoeff());
     right_.noalias() = weighted_.transpose() * residual_;
     right_.tail(modes) -= prior_.tail(modes).cwiseProduct(pose.b);
-    const Eigen::VectorXd change = normal_.ldlt().solve(right_);
+    const Eigen::VectorXd change = linalg::solve_symmetric(normal_, right_);
     if (!change.allFinite()) return;
     t.a += change[0];
     t.b += change[1];

@@ -4,9 +4,9 @@
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/recognition/features.h"
+#include "tarsier/linalg/decompositions.h"
 #include "tarsier/linalg/gemm.h"
 
-#include <Eigen/Cholesky>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -88,7 +88,7 @@ Eigen::RowVectorXf reconstructed(const Recognizer& model, const std::vector<floa
   const Eigen::VectorXd off = (x - model.mean).transpose().cast<double>();
   const Eigen::MatrixXd components = model.components.cast<double>();
   const Eigen::MatrixXd gram = components * components.transpose();
-  const Eigen::VectorXd weights = gram.ldlt().solve(components * off);
+  const Eigen::VectorXd weights = linalg::solve_symmetric(gram, components * off);
   return model.mean + (weights.transpose() * components).cast<float>();
 }
 

@@ -2,9 +2,8 @@
 #include "tarsier/face/recognition/subspace.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/linalg/decompositions.h"
 #include "tarsier/linalg/gemm.h"
-
-#include <Eigen/Eigenvalues>
 
 #include <algorithm>
 #include <cmath>
@@ -42,15 +41,14 @@ Pca principal_components(const Rows& samples, int most, const Eigen::RowVectorXf
   if (!by_gram) centred.transposeInPlace();
   Eigen::MatrixXd gram = products(centred, centred).cast<double>();
   gram = (gram + gram.transpose()).eval() / 2;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(gram);
-  const Eigen::VectorXd values = solver.eigenvalues().reverse();
+  const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(gram);
+  const Eigen::VectorXd values = eigen.values.reverse();
   const double least = std::max(1e-6 * values(0), 1e-12);
   Eigen::Index kept = 0;
   while (kept < values.size() && values(kept) > least) ++kept;
   if (most > 0) kept = std::min(kept, static_cast<Eigen::Index>(most));
   // Rows: the eigenvectors, the best first.
-  const Rows vectors =
-      solver.eigenvectors().rightCols(kept).rowwise().reverse().transpose().cast<float>();
+  const Rows vectors = eigen.vectors.rightCols(kept).rowwise().reverse().transpose().cast<float>();
   pca.variance = values.head(kept) / n;
   if (by_gram) {
     centred.transposeInPlace();  // d x n
@@ -112,11 +110,11 @@ Eigen::MatrixXd linear_discriminants(const Eigen::MatrixXd& samples, const std::
   Eigen::MatrixXd ridged = within;
   const double trace = within.trace() / static_cast<double>(within.rows());
   ridged.diagonal().array() += std::max(1e-9 * trace, 1e-12);
-  const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> solver(between, ridged);
+  const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(between, ridged);
   const Eigen::Index kept = std::min<Eigen::Index>(classes - 1, samples.cols());
-  Eigen::MatrixXd directions = solver.eigenvectors().rightCols(kept).rowwise().reverse();
+  Eigen::MatrixXd directions = eigen.vectors.rightCols(kept).rowwise().reverse();
   directions.colwise().normalize();
-  if (ratios != nullptr) *ratios = solver.eigenvalues().tail(kept).reverse();
+  if (ratios != nullptr) *ratios = eigen.values.tail(kept).reverse();
   return directions;
 }
 
@@ -126,9 +124,9 @@ Whitening whitening(const Eigen::MatrixXd& scatter, double lambda) {
   out.rest = trace > 0 ? lambda * trace : 1.0;
   Eigen::MatrixXd ridged = scatter;
   ridged.diagonal().array() += out.rest;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(ridged);
-  out.scatter = solver.eigenvalues().cwiseMax(1e-6 * out.rest);
-  out.directions = solver.eigenvectors() * out.scatter.cwiseSqrt().cwiseInverse().asDiagonal();
+  const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(ridged);
+  out.scatter = eigen.values.cwiseMax(1e-6 * out.rest);
+  out.directions = eigen.vectors * out.scatter.cwiseSqrt().cwiseInverse().asDiagonal();
   return out;
 }
 

@@ -3,9 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/face/shape/markup_check.h"
-
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
+#include "tarsier/linalg/decompositions.h"
 
 #include <algorithm>
 #include <cmath>
@@ -111,10 +109,9 @@ Spectrum principal_components(const MatrixXd& residuals, double count) {
                                     : (residuals.transpose() * residuals).eval()) /
                            std::max(1.0, count - 1);
   spectrum.total = moments.trace();
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(moments);
-  TARSIER_REQUIRE(solver.info() == Eigen::Success, "the eigenvalues were not found");
-  spectrum.variances = solver.eigenvalues().reverse().cwiseMax(0);
-  spectrum.modes = solver.eigenvectors().rowwise().reverse();
+  const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(moments);
+  spectrum.variances = eigen.values.reverse().cwiseMax(0);
+  spectrum.modes = eigen.vectors.rowwise().reverse();
   if (!is_wide) spectrum.modes = (residuals * spectrum.modes).eval();
   return spectrum;
 }

@@ -1,0 +1,70 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""scripts/build-times.py [BUILD] [--top N] [--limit SECONDS]
+
+The processor time of each compiled file of a build with tests (cmake/compile-time.sh measures it), by folder, and the N
+files that took longest (10). Exit status 1 where a file took more than SECONDS. What ccache answered counts as what it took:
+for the cost of a build from nothing, build with CCACHE_DISABLE=1 into an empty folder.
+"""
+import argparse
+import collections
+import os
+import re
+import sys
+
+TIME = re.compile(r"^(\d+)m([\d.]+)s (\d+)m([\d.]+)s$")
+
+
+def seconds_of(path):
+    """User and system seconds, None where the file holds none (a build that was interrupted)."""
+    with open(path, encoding="ascii", errors="replace") as file:
+        match = TIME.match(file.read().strip().split("\n")[-1])
+    if not match:
+        return None
+    minutes, seconds, system_minutes, system_seconds = map(float, match.groups())
+    return 60 * (minutes + system_minutes) + seconds + system_seconds
+
+
+def measured(build):
+    """{object without the folders and suffixes of CMake: seconds}"""
+    times = {}
+    for folder, _, names in os.walk(build):
+        for name in names:
+            if name.endswith((".o.time", ".gch.time")):
+                path = os.path.join(folder, name)
+                seconds = seconds_of(path)
+                if seconds is not None and os.path.exists(path[:-len(".time")]):
+                    shown = os.path.relpath(path, build)[:-len(".time")]
+                    times[re.sub(r"CMakeFiles/([^/]+)\.dir/", r"\1: ", shown)] = seconds
+    return times
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("build", nargs="?", default="build/release", help="folder of the build [build/release]")
+    parser.add_argument("--top", type=int, default=10, help="how many files are listed [10]")
+    parser.add_argument("--limit", type=float, help="most CPU seconds of one file")
+    options = parser.parse_args()
+    times = measured(options.build)
+    if not times:
+        sys.exit(f"{options.build} has no times of compiled files: it was not built with tests, or with another launcher")
+    folders = collections.Counter()
+    tests = 0.0
+    for name, seconds in times.items():
+        is_test = re.search(r"_test\.cpp|_test: |unit_main|pch_test|^fuzz/|^examples/", name) is not None
+        tests += seconds if is_test else 0
+        folders[("tests of " if is_test else "") + "/".join(name.split(":")[0].split("/")[:3])] += seconds
+    for folder, seconds in folders.most_common(options.top):
+        print(f"{seconds:8.1f} s  {folder}")
+    print()
+    longest = sorted(times.items(), key=lambda entry: -entry[1])
+    for name, seconds in longest[:options.top]:
+        print(f"{seconds:8.1f} s  {name}")
+    total = sum(times.values())
+    print(f"\n{len(times)} files, {total:.0f} CPU s, of these {tests:.0f} for tests")
+    above = [name for name, seconds in longest if options.limit is not None and seconds > options.limit]
+    if above:
+        sys.exit(f"more than {options.limit:g} CPU s: {', '.join(above)}")
+
+
+main()

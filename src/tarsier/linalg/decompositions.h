@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <Eigen/Core>
+
+// Decompositions of dense matrices in double precision (Golub and Van Loan, Matrix Computations). The work is Eigen's; it
+// is compiled once here, for its templates cost seconds in each file that instantiates them.
+namespace tarsier::linalg {
+
+using ConstMatrix = Eigen::Ref<const Eigen::MatrixXd>;  // also of a block, without a copy
+
+// A = L L^T of a symmetric positive definite n x n matrix. Only the lower triangle is read.
+class Cholesky {
+ public:
+  Cholesky() = default;  // of a matrix that is not positive definite: ok() is false
+  explicit Cholesky(const ConstMatrix& a) { compute(a); }
+  // False, as is ok() afterwards, where `a` is not positive definite.
+  bool compute(const ConstMatrix& a);
+  [[nodiscard]] bool ok() const { return ok_; }
+  // X with A X = B, n x k. Not finite where !ok().
+  [[nodiscard]] Eigen::MatrixXd solve(const ConstMatrix& b) const;
+  // L, n x n; zeros above the diagonal.
+  [[nodiscard]] Eigen::MatrixXd lower() const;
+
+ private:
+  Eigen::MatrixXd factor_;  // L in the lower triangle
+  bool ok_ = false;
+};
+
+// X with A X = B for a symmetric A, n x n, by A = P^T L D L^T P. Only the lower triangle is read. Not finite, or of no
+// meaning, where A is singular and B not in its range.
+[[nodiscard]] Eigen::MatrixXd solve_symmetric(const ConstMatrix& a, const ConstMatrix& b);
+
+// X with A X = B for any invertible A, n x n, by Gaussian elimination with row pivoting.
+[[nodiscard]] Eigen::MatrixXd solve_general(const ConstMatrix& a, const ConstMatrix& b);
+
+// A = V diag(values) V^T.
+struct SymmetricEigen {
+  Eigen::VectorXd values;   // n, ascending
+  Eigen::MatrixXd vectors;  // n x n, orthonormal columns; their signs are free
+};
+
+// Of a symmetric matrix, n x n; only the lower triangle is read. Throws std::invalid_argument where the QR iteration
+// does not converge (a matrix that is not finite).
+[[nodiscard]] SymmetricEigen symmetric_eigen(const ConstMatrix& a);
+// A v = value B v for a symmetric A and a positive definite B; V^T B V = I.
+[[nodiscard]] SymmetricEigen symmetric_eigen(const ConstMatrix& a, const ConstMatrix& b);
+
+// A = U diag(values) V^T with r = min(rows, columns), by Jacobi rotations.
+struct LeftSvd {
+  Eigen::MatrixXd u;       // rows x r, orthonormal columns
+  Eigen::VectorXd values;  // r, descending, >= 0
+};
+[[nodiscard]] LeftSvd left_svd(const ConstMatrix& a);
+
+// An orthonormal basis of the columns of A, rows x columns (rows >= columns, full rank), by Householder reflections.
+[[nodiscard]] Eigen::MatrixXd orthonormal_basis(const ConstMatrix& a);
+
+// The similarity T (4 x 4, homogeneous: scale, rotation, translation) with least sum |T a_i - b_i|^2 over the columns of
+// two 3 x n matrices, n >= 3. Umeyama, Least-squares estimation of transformation parameters between two point patterns,
+// PAMI 1991.
+[[nodiscard]] Eigen::Matrix4d align_similarity(const Eigen::Matrix3Xd& a,
+                                               const Eigen::Matrix3Xd& b);
+
+}  // namespace tarsier::linalg
