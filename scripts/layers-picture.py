@@ -16,7 +16,7 @@ AREAS = {
     "structure from motion": ("#d5ead9", "sfm/scene sfm/view sfm/mapper"),
     "cameras, markers": ("#cfe6e6", "planar/markers planar/image_targets planar/calibration planar/sheets planar/augment"),
     "cartoons": ("#efe0cf", "cartoon"),
-    "interaction": ("#e6e3dc", "session apps/cli apps/window apps/capture"),
+    "interaction": ("#e6e3dc", "session apps/cli apps/demo apps/window apps/capture bench"),
 }
 BOX, ROW, GAP, LEFT, TOP = 34, 54, 8, 64, 62
 FONT = 'font-family="ui-monospace,Menlo,DejaVu Sans Mono,monospace"'
@@ -50,7 +50,7 @@ def main():
     if "session" in rows[top] and len(rows[top]) > 1:  # its own: it may use all
         rows[top].remove("session")
         rows.append(["session"])
-    rows.append(["apps/cli", "apps/window", "apps/capture"])
+    rows.append(["apps/cli", "apps/demo", "bench", "apps/window", "apps/capture"])
     width_of = lambda name: 22 + 8.45 * len(name)
     width = LEFT + max(sum(width_of(name) + GAP for name in row) for row in rows) + 34
     height = TOP + ROW * len(rows) + 8

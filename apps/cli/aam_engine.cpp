@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include "aam_engine.h"
+
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/appearance/start.h"
@@ -7,7 +9,6 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
-#include "cmd_aam.h"
 #include "landmark_engine.h"
 #include <utility>
 

@@ -22,40 +22,6 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr const char* kHelp = R"(tarsier - classical computer vision on an ordinary CPU, offline
-
-  tarsier <area> <verb> [inputs] [flags]
-
-See what it does, then use your own pictures, then your camera:
-
-  tarsier demo                                   a page of pictures: demo-out/index.html
-  tarsier cartoon run photo.jpg -o drawn.png     an image becomes a cartoon
-  tarsier landmarks track 0 --window             68 points of each face, live
-  tarsier pose track 0 --window --draw glasses   where heads look, live
-  tarsier plate read car.jpg                     a number plate
-  tarsier sfm reconstruct photos/ -o model       cameras and a cloud of points
-
-Areas:
-  cartoon run              cartoons of pictures, videos and live cameras
-  landmarks fit|track|..   points of faces: annotate, train, fit, follow, judge
-  aam explore|fit|..       appearance models: train, play with, fit
-  pose track|solve|..      where heads look; the pose of a known object; a head in 3D
-  people enroll|live|..    who is it, or unknown: enrol, identify, forget, judge
-  plate read|train-..|..   number plates: read, train, judge, log
-  sfm reconstruct|eval|..  images to camera poses and a point cloud
-  calibrate                a camera's lens from pictures of a printed board
-  ar marker-sheet|..       printed markers: sheets of them, and boards for calibrate
-  models list|info|verify  the trained models that came with the program
-  doctor                   what this machine has, and what to do about what it lacks
-  demo                     runs every area once and makes a page of it
-  bench NAME               how fast it is here
-
-An input is a picture, a folder, a glob, @list.txt, a video, a camera number or a URL.
-Everywhere: -o OUT, --json, --quiet, --threads N, --config FILE; `--help` after any verb.
-Exit status: 0 done, 1 nothing found, 2 usage, 3 bad input, 4 source lost, 5 bad model,
-6 cannot write, 130 interrupted. `tarsier --version` tells the version.
-)";
-
 std::string one_line(std::string_view text) {
   std::string result;
   for (const char c : text) {
@@ -115,8 +81,9 @@ void complete(Context& context) {
   if (context.threads > 0) cv::setNumThreads(std::min(context.threads, cv::getNumberOfCPUs()));
 }
 
-int run_checked(int argc, const char* const* argv) {
+int run_checked(const CommandLine& program, const std::vector<std::string>& words) {
   Context context;
+  context.words = words;
   context.stop = stop_on_signals();
   // A closed pipe and a limit of file sizes are errors of write(), and get their line.
   std::signal(SIGPIPE, SIG_IGN);
@@ -124,12 +91,11 @@ int run_checked(int argc, const char* const* argv) {
   silence_libraries();
 
   Command app("tarsier", "classical computer vision on an ordinary CPU, offline");
-  add_areas(app, context);
+  program.add(app, context);
 
-  const std::vector<std::string> words(argv + std::min(argc, 1), argv + argc);
   const Chosen chosen = chosen_command(app, words);
-  const auto help_of = [&app](const Command& command) {
-    return &command == &app ? std::string(kHelp) : help_text(command);
+  const auto help_of = [&](const Command& command) {
+    return &command == &app ? std::string(program.help) : help_text(command);
   };
   if (is_area(*chosen.command) && chosen.words == words.size()) {
     const std::string help = help_of(*chosen.command);
@@ -153,26 +119,6 @@ int run_checked(int argc, const char* const* argv) {
 }
 
 }  // namespace
-
-void add_areas(Command& app, Context& context) {
-  app.add_version_flag("--version");
-  app.require_subcommand(0, 1);
-  add_cartoon(app, context);
-  add_plate(app, context);
-  add_sfm(app, context);
-  add_calibrate(app, context);
-  add_ar(app, context);
-  add_landmarks(app, context);
-  add_aam(app, context);
-  add_pose(app, context);
-  add_people(app, context);
-  add_models(app, context);
-  add_doctor(app, context);
-  add_demo(app, context);
-  add_bench(app, context);
-  add_help(app, context);
-  add_examples(app);
-}
 
 void add_common_flags(Command& verb, Context& context) {
   const auto common = [](Flag& flag) { flag.group("Common"); };
@@ -208,9 +154,9 @@ void set_run(Command& verb, Context& context, std::function<ExitStatus()> run) {
   verb.callback([&context, run = std::move(run)] { context.run = run; });
 }
 
-int run_program(int argc, const char* const* argv) {
+int run_program(const CommandLine& program, const std::vector<std::string>& words) {
   try {
-    return run_checked(argc, argv);
+    return run_checked(program, words);
   } catch (const Error& error) {
     return fail(error.status(), without_requirement(error.what()));
   } catch (const std::invalid_argument& error) {
@@ -227,7 +173,12 @@ int run_program(int argc, const char* const* argv) {
 
 std::string_view version() { return TARSIER_VERSION; }
 
-std::string_view main_help() { return kHelp; }
+std::vector<std::string> words_of(int argc, const char* const* argv, std::string_view area) {
+  std::vector<std::string> words(argv + std::min(argc, 1), argv + argc);
+  if (!area.empty() && words != std::vector<std::string>{"--version"})
+    words.insert(words.begin(), std::string(area));
+  return words;
+}
 
 std::string program_folder() { return tarsier::program_folder(); }
 

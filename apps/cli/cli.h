@@ -18,6 +18,7 @@ namespace tarsier::cli {
 
 // What every verb shares. Filled by the parser, then completed by main before run() is called.
 struct Context {
+  std::vector<std::string> words;      // of the command line, without the program's name
   std::stop_token stop;                // SIGINT, SIGTERM
   std::function<ExitStatus()> run;     // set by the callback of the chosen verb
   std::unique_ptr<Progress> progress;  // as --progress and --quiet say
@@ -37,9 +38,6 @@ void add_common_flags(Command& verb, Context& context);
 
 // --debug-dir, for verbs that can show the stages of what they do.
 void add_debug_flag(Command& verb, Context& context);
-
-// All areas, with their verbs and examples.
-void add_areas(Command& app, Context& context);
 
 // Sets the example of every verb (examples.cpp).
 void add_examples(Command& app);
@@ -72,20 +70,26 @@ void add_sfm(Command& app, Context& context);
 void add_calibrate(Command& app, Context& context);
 void add_ar(Command& app, Context& context);
 void add_models(Command& app, Context& context);
-void add_bench(Command& app, Context& context);
-void add_demo(Command& app, Context& context);
 void add_doctor(Command& app, Context& context);
 void add_help(Command& app, Context& context);  // hidden from --help
 
+// One of the programs that have this command line.
+struct CommandLine {
+  void (*add)(Command& root, Context& context);  // its areas, with their verbs and examples
+  std::string_view help;                         // --help of the program itself
+};
+
 // Runs the program: parses, runs the chosen verb, and turns every error into one line on stderr and
 // an exit status. Never throws.
-[[nodiscard]] int run_program(int argc, const char* const* argv);
+[[nodiscard]] int run_program(const CommandLine& program, const std::vector<std::string>& words);
+
+// The words of a command line. Of a program of one area alone, that area's name comes first;
+// `--version` alone stays as it is.
+[[nodiscard]] std::vector<std::string> words_of(int argc, const char* const* argv,
+                                                std::string_view area = {});
 
 // "0.1.0"
 [[nodiscard]] std::string_view version();
-
-// `tarsier --help`
-[[nodiscard]] std::string_view main_help();
 
 // The folder of the running program, or an empty string where the system does not tell.
 [[nodiscard]] std::string program_folder();

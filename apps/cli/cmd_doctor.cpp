@@ -11,6 +11,7 @@
 
 #include "cli.h"
 #include "framework/parse.h"
+#include "sample_images.h"
 #include "window.h"
 #include <algorithm>
 #include <cstdlib>
@@ -361,10 +362,9 @@ void look_at_data(std::vector<Item>& items) {
                    cascades > 0 ? fmt::format("{} in {}", cascades, where) : "not found",
                    cascades > 0 ? "" : "for --face auto: sudo apt install opencv-data"});
 
-  constexpr const char* kSamples = "/usr/share/doc/opencv-doc/examples/data";
-  const int samples = count_files(kSamples, {".jpg", ".png", ".avi"});
+  const int samples = count_files(std::string(kSampleImages), {".jpg", ".png", ".avi"});
   items.push_back({"data", "sample pictures", samples > 0 ? Finding::kOk : Finding::kNote,
-                   samples > 0 ? fmt::format("{} in {}", samples, kSamples) : "not found",
+                   samples > 0 ? fmt::format("{} in {}", samples, kSampleImages) : "not found",
                    samples > 0 ? "" : "for a nicer demo: sudo apt install opencv-doc"});
 
   try {

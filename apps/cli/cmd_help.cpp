@@ -5,6 +5,7 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
+#include "areas.h"
 #include "cli.h"
 #include "framework/command_json.h"
 #include "framework/command_tree.h"

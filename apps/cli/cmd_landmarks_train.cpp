@@ -10,8 +10,8 @@
 #include <opencv2/core/utility.hpp>
 
 #include "cmd_landmarks.h"
-#include "cmd_pose.h"
 #include "framework/stopwatch.h"
+#include "pose_engine.h"
 #include <cmath>
 #include <filesystem>
 #include <memory>

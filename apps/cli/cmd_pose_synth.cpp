@@ -12,7 +12,7 @@
 
 #include <fmt/format.h>
 
-#include "cmd_aam.h"
+#include "aam_engine.h"
 #include "cmd_pose.h"
 #include "size_flag.h"
 #include <cmath>

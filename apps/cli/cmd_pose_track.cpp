@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-#include "cmd_aam.h"
+#include "aam_engine.h"
 #include "cmd_pose.h"
 #include "framework/csv_table.h"
 #include "run_session.h"

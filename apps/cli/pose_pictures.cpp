@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "cmd_pose.h"
+#include "pose_engine.h"
 #include <algorithm>
 #include <cmath>
 #include <filesystem>

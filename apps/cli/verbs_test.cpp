@@ -7,6 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "areas.h"
 #include "cli.h"
 #include "framework/command_json.h"
 #include "framework/command_tree.h"

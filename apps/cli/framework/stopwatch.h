@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/statistics.h"
+
 #include <chrono>
+#include <utility>
+#include <vector>
 
 namespace tarsier::cli {
 
@@ -16,5 +20,18 @@ class Stopwatch {
  private:
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
+
+// The median of `repeats` runs, >= 1, in ms, after one that is not counted: caches and buffers fill.
+template <class Run>
+[[nodiscard]] double median_ms(int repeats, const Run& run) {
+  run();
+  std::vector<double> times;
+  for (int i = 0; i < repeats; ++i) {
+    const Stopwatch watch;
+    run();
+    times.push_back(watch.ms());
+  }
+  return upper_median(std::move(times));
+}
 
 }  // namespace tarsier::cli

@@ -33,7 +33,8 @@ ModelStore ModelStore::find(const std::string& folder) {
   const fs::path program = program_folder();
   if (program.empty()) return {};
   std::error_code error;
-  for (const fs::path& place : {program / "../../../models", program / "../share/tarsier/models"}) {
+  for (const fs::path& place : {program / "../../../models", program / "../share/tarsier/models",
+                                program / "../../share/tarsier/models"}) {
     if (fs::is_directory(place, error)) return ModelStore(place.lexically_normal().string());
   }
   return {};

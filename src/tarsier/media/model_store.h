@@ -21,8 +21,8 @@ class ModelStore {
   explicit ModelStore(std::string folder);
 
   // In this order: `folder`, the environment variable TARSIER_MODELS, the folder that comes with
-  // the program that runs (../../../models from it in a build tree, ../share/tarsier/models where
-  // it is installed); a store without a folder where there is none of these. A program that links
+  // the program that runs (../../../models from it in a build tree, share/tarsier/models where it
+  // is installed in bin or libexec/tarsier); a store without a folder where there is none of these. A program that links
   // the installed library gets the folder as `tarsier_MODELS_DIR` from find_package(tarsier).
   // Throws InputError where `folder` or TARSIER_MODELS is not a folder.
   [[nodiscard]] static ModelStore find(const std::string& folder = {});

@@ -10,12 +10,12 @@
 
 #include "demo.h"
 #include "landmark_engine.h"
+#include "sample_images.h"
 #include <filesystem>
 
 namespace tarsier::cli {
 namespace {
 
-constexpr const char* kPictures = "/usr/share/doc/opencv-doc/examples/data";
 constexpr const char* kFaces[] = {"messi5.jpg"};
 
 }  // namespace
@@ -27,11 +27,11 @@ void demo_landmarks(Context& context, DemoPage& page) {
   page.begin_area("Faces, point by point",
                   "68 points of each face, by regression trees and a cascade of linear regressions "
                   "that were learnt by this program. Real images, of Debian's opencv-doc.");
-  page.command(fmt::format("tarsier landmarks fit {}/messi5.jpg -o points.png", kPictures));
+  page.command(fmt::format("tarsier landmarks fit {} -o points.png", sample_image("messi5.jpg")));
   std::vector<DemoPicture> faces;
   for (const char* name : kFaces) {
     throw_if_stopped(context.stop);
-    const std::filesystem::path path = std::filesystem::path(kPictures) / name;
+    const std::filesystem::path path = sample_image(name);
     if (!std::filesystem::exists(path)) continue;
     Frame frame;
     frame.image = read_image(path.string());

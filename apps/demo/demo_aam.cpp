@@ -11,9 +11,9 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
-#include "cmd_aam.h"
-#include "cmd_pose.h"
+#include "aam_engine.h"
 #include "demo.h"
+#include "pose_engine.h"
 #include <cmath>
 #include <numbers>
 

@@ -11,22 +11,18 @@
 #include "framework/stopwatch.h"
 #include "landmark_engine.h"
 #include "people_engine.h"
+#include "sample_images.h"
 #include <chrono>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
-namespace {
-
-constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
-
-}  // namespace
-
 // How often each way finds both eyes, of all pictures and of those with a face, and how long the
 // eyes take (the faces found before). One thread.
 ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
   cv::setNumThreads(1);
-  const std::vector<std::string> inputs =
-      options.inputs.empty() ? std::vector<std::string>{kPicture} : options.inputs;
+  const std::vector<std::string> inputs = options.inputs.empty()
+                                              ? std::vector<std::string>{sample_image("messi5.jpg")}
+                                              : options.inputs;
   std::vector<cv::Mat> pictures;
   const auto source = open_sources(inputs);
   while (!source->ended()) {

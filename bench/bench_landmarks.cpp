@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
-#include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/landmarks/tracker.h"
 #include "tarsier/media/image_file.h"
@@ -12,36 +11,19 @@
 #include "bench.h"
 #include "framework/stopwatch.h"
 #include "landmark_engine.h"
+#include "sample_images.h"
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
-namespace {
-
-constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
-
-// Milliseconds of `run`, the median of `repeats` after one to warm up.
-template <typename Run>
-double measured(int repeats, const Run& run) {
-  std::vector<double> times;
-  for (int i = 0; i <= repeats; ++i) {
-    const Stopwatch watch;
-    run();
-    const double ms = watch.ms();
-    if (i > 0) times.push_back(ms);
-  }
-  return upper_median(times);
-}
-
-}  // namespace
-
 // Fits on one thread; tracking is of a face at rest in a picture of 640x480, searches included.
 ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   cv::setNumThreads(1);
   const face::LandmarkTracker tracker = load_landmark_tracker({});
   const face::landmarks::LandmarkModel& whole = tracker.model();
   face::landmarks::FaceFinder finder = tracker.detector().make_finder();
-  const std::string path = options.inputs.empty() ? kPicture : options.inputs.front();
+  const std::string path =
+      options.inputs.empty() ? sample_image("messi5.jpg") : options.inputs.front();
   const cv::Mat gray = read_gray_image(path);
   const std::vector<face::landmarks::Candidate> found = finder.find(gray);
   if (found.empty()) throw InputError(path, "shows no face to measure on");
@@ -65,15 +47,15 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
     model.quality.reset();
     face::landmarks::FitOptions fit;
     fit.method = method;
-    report(fmt::format("fit-{}", name_of(method)), measured(options.repeats, [&] {
+    report(fmt::format("fit-{}", name_of(method)), median_ms(options.repeats, [&] {
              (void)face::landmarks::fit_points(model, fit, gray, start, workspace);
            }));
   }
-  report("detect", measured(options.repeats, [&] { (void)finder.find_sure(gray); }));
+  report("detect", median_ms(options.repeats, [&] { (void)finder.find_sure(gray); }));
   // Faces from the usual 40 px on; the picture fills the frame.
   cv::Mat wide;
   cv::resize(gray, wide, cv::Size(1920, 1080), 0, 0, cv::INTER_LINEAR);
-  report("detect-1080p", measured(options.repeats, [&] { (void)finder.find_sure(wide); }));
+  report("detect-1080p", median_ms(options.repeats, [&] { (void)finder.find_sure(wide); }));
   cv::Mat frame;
   cv::resize(gray, frame, cv::Size(640, 480), 0, 0, cv::INTER_AREA);
   face::LandmarkState state;
@@ -81,7 +63,7 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   at_rest.image = frame;
   constexpr int kFrames = 50;
   double time = 0;
-  report("track-frame", measured(std::max(1, options.repeats / 3), [&] {
+  report("track-frame", median_ms(std::max(1, options.repeats / 3), [&] {
                           for (int i = 0; i < kFrames; ++i, time += 0.04) {
                             at_rest.time = time;
                             (void)tracker.process(at_rest, state);

@@ -15,12 +15,13 @@
 
 #include "bench.h"
 #include "framework/stopwatch.h"
+#include "measure.h"
+#include "sample_images.h"
 #include "size_flag.h"
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <limits>
@@ -131,12 +132,6 @@ struct Cost {
   double cpu_ms = 0;  // of all threads
 };
 
-double process_cpu_ms() {
-  timespec now{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) / 1e6;
-}
-
 // Medians of `runs` runs of work() on each number of threads, in turn: what else the machine does
 // meanwhile meets all of them alike. Each run has one before it that is not measured, because
 // another number of threads begins with asleep ones.
@@ -193,7 +188,7 @@ std::vector<cv::Mat> pictures(const std::vector<std::string>& inputs, cv::Size s
   for (const std::string& input : inputs) add(read_image(input));
   if (!result.empty()) return result;
   for (const char* name : {"home.jpg", "messi5.jpg", "building.jpg"}) {
-    const std::string path = std::string("/usr/share/doc/opencv-doc/examples/data/") + name;
+    const std::string path = sample_image(name);
     if (std::filesystem::exists(path)) add(read_image(path));
   }
   result.push_back(synth::render_portrait(size).image);

@@ -15,9 +15,8 @@
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "aam_engine.h"
 #include "bench.h"
-#include "cli.h"
-#include "cmd_aam.h"
 #include "people_engine.h"
 #include <algorithm>
 #include <charconv>

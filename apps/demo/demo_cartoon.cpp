@@ -18,6 +18,7 @@
 
 #include "demo.h"
 #include "framework/stopwatch.h"
+#include "sample_images.h"
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
@@ -31,8 +32,6 @@ using cartoon::CartoonOptions;
 using cartoon::CartoonState;
 using cartoon::Mode;
 
-constexpr const char* kSamples = "/usr/share/doc/opencv-doc/examples/data";
-
 struct Sample {
   std::string name;  // "home"
   std::string path;  // what a user would type
@@ -43,7 +42,7 @@ struct Sample {
 std::vector<Sample> samples() {
   std::vector<Sample> result;
   for (const char* name : {"home", "baboon", "squirrel_cls", "messi5"}) {
-    const std::string path = fmt::format("{}/{}.jpg", kSamples, name);
+    const std::string path = sample_image(fmt::format("{}.jpg", name));
     if (!fs::exists(path)) continue;
     try {
       result.push_back({name, path, read_image(path)});
@@ -199,7 +198,7 @@ std::vector<cv::Mat> video_frames(const std::string& path, const std::stop_token
 }
 
 void add_video(Context& context, DemoPage& page) {
-  std::string path = fmt::format("{}/vtest.avi", kSamples);
+  std::string path = sample_image("vtest.avi");
   if (!fs::exists(path)) path = "synth:portrait";
   double fps = 10;
   std::vector<cv::Mat> frames;
@@ -243,17 +242,10 @@ void add_video(Context& context, DemoPage& page) {
 
 // --- speed ---
 
-double median_ms(const cv::Mat& frame, const CartoonOptions& options, int repeats) {
+// Of a frame.
+double cartoon_ms(const cv::Mat& frame, const CartoonOptions& options, int repeats) {
   CartoonState state;
-  (void)cartoon::cartoonize(frame, options, state);  // buffers come into being
-  std::vector<double> times;
-  for (int i = 0; i < repeats; ++i) {
-    const Stopwatch watch;
-    (void)cartoon::cartoonize(frame, options, state);
-    times.push_back(watch.ms());
-  }
-  std::nth_element(times.begin(), times.begin() + repeats / 2, times.end());
-  return times[static_cast<size_t>(repeats / 2)];
+  return median_ms(repeats, [&] { (void)cartoon::cartoonize(frame, options, state); });
 }
 
 void add_speed(Context& context, DemoPage& page, const Sample& sample) {
@@ -265,9 +257,9 @@ void add_speed(Context& context, DemoPage& page, const Sample& sample) {
     throw_if_stopped(context.stop);
     CartoonOptions options = options_for(mode);
     options.quality = cartoon::Quality::kReference;
-    const double reference = median_ms(frame, options, 3);
+    const double reference = cartoon_ms(frame, options, 3);
     options.quality = cartoon::Quality::kFast;
-    const double fast = median_ms(frame, options, 15);
+    const double fast = cartoon_ms(frame, options, 15);
     rows.push_back({std::string(cartoon::name_of(mode)), fmt::format("{:.1f}", reference),
                     fmt::format("{:.2f}", fast), fmt::format("{:.1f}", reference / fast),
                     fmt::format("{:.0f}", 1000 / fast)});

@@ -6,11 +6,9 @@
 #include <fmt/format.h>
 
 #include "bench.h"
-#include <algorithm>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
-namespace {}  // namespace
 
 ExitStatus bench_posit(Context& context, const BenchOptions& options) {
   const std::string path =
@@ -21,15 +19,11 @@ ExitStatus bench_posit(Context& context, const BenchOptions& options) {
   // The nose tip, where the markup has one.
   study.reference = model.points() == 68 ? 30 : 0;
   const auto rows = face::head::run_posit_study(model.mean, study, context.stop);
-  const auto is_asked = [&](const face::head::PositStudyRow& row) {
-    return options.only.empty() ||
-           std::find(options.only.begin(), options.only.end(), row.method) != options.only.end();
-  };
   if (!context.json)
     print_text(fmt::format("{:>22} {:>9} {:>9} {:>9} {:>8} {:>9}\n", "method", "noise px",
                            "rot. deg", "tr. mm", "us", "failures"));
   for (const face::head::PositStudyRow& row : rows) {
-    if (!is_asked(row)) continue;
+    if (!is_chosen(options, row.method)) continue;
     if (context.json) {
       print_json(
           nlohmann::ordered_json{{"bench", "posit"},

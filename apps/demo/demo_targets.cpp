@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "demo.h"
+#include "sample_images.h"
 #include <filesystem>
 #include <utility>
 #include <vector>
@@ -17,7 +18,6 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr const char* kSamples = "/usr/share/doc/opencv-doc/examples/data";
 constexpr double kVideoSeconds = 6;
 
 // What the session draws on a picture.
@@ -32,8 +32,8 @@ cv::Mat seen_in(TargetSession& session, const cv::Mat& picture, bool still) {
 
 void show_box(DemoPage& page) {
   namespace fs = std::filesystem;
-  const std::string box = fmt::format("{}/box.png", kSamples);
-  const std::string scene = fmt::format("{}/box_in_scene.png", kSamples);
+  const std::string box = sample_image("box.png");
+  const std::string scene = sample_image("box_in_scene.png");
   std::error_code error;
   if (!fs::exists(box, error) || !fs::exists(scene, error)) {
     page.note("The package opencv-doc has a box of biscuits to find; it is not installed.");

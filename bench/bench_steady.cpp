@@ -9,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "sample_images.h"
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -26,7 +27,7 @@ constexpr int kFrames = 200;
 constexpr int kSettle = 5;  // frames before counting, for what --steady remembers
 
 std::string default_video() {
-  const std::string video = "/usr/share/doc/opencv-doc/examples/data/vtest.avi";
+  const std::string video = sample_image("vtest.avi");
   return std::filesystem::exists(video) ? video : "synth:portrait?size=640x480&noise=3";
 }
 

@@ -10,9 +10,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "measure.h"
 #include "size_flag.h"
 #include <algorithm>
-#include <ctime>
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -32,13 +32,6 @@ using Detector = std::function<std::vector<planar::markers::Marker>(const cv::Ma
 
 constexpr int kScenesPerLevel = 20;
 constexpr double kSide = 0.1;  // m
-
-// Of this thread: other work on the machine does not count.
-double cpu_ms() {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
-}
 
 Detector own_detector(const planar::markers::Dictionary& family) {
   auto workspace = std::make_shared<planar::markers::DetectWorkspace>();
@@ -149,9 +142,9 @@ planar::markers::MarkerScore measure(const Detector& detector, const Scenes& sce
     std::vector<planar::markers::Marker> found;
     double best = 1e9;
     for (int repeat = 0; repeat < repeats; ++repeat) {
-      const double start = cpu_ms();
+      const double start = thread_cpu_ms();
       found = detector(scenes.pictures[i]);
-      best = std::min(best, cpu_ms() - start);
+      best = std::min(best, thread_cpu_ms() - start);
     }
     std::vector<planar::markers::JudgedMarker> judged;
     for (const planar::markers::PosedMarker& posed :
@@ -199,10 +192,6 @@ void report(const std::string& method, const std::string& family, cv::Size size,
 ExitStatus bench_markers(Context& context, const BenchOptions& options) {
   const std::vector<std::string> sizes =
       options.sizes.empty() ? std::vector<std::string>{"640x480", "1280x720"} : options.sizes;
-  const auto wanted = [&](const std::string& method) {
-    return options.only.empty() ||
-           std::find(options.only.begin(), options.only.end(), method) != options.only.end();
-  };
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
   const int repeats = std::clamp(options.repeats, 1, 3);
@@ -220,7 +209,7 @@ ExitStatus bench_markers(Context& context, const BenchOptions& options) {
       }
 #endif
       for (const auto& [method, detector] : methods) {
-        if (wanted(method))
+        if (is_chosen(options, method))
           report(method, name, size, measure(detector, scenes, repeats, context), context);
       }
     }

@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 
 #include "demo.h"
+#include "sample_images.h"
 #include <filesystem>
 #include <vector>
 
@@ -21,7 +22,6 @@ namespace fs = std::filesystem;
 using planar::calibration::BoardView;
 using planar::calibration::Calibration;
 
-constexpr const char* kSamples = "/usr/share/doc/opencv-doc/examples/data";
 constexpr int kDrawn = 12;  // pictures, where there are no others
 
 struct Shot {
@@ -33,7 +33,7 @@ struct Shot {
 std::vector<Shot> shots(const planar::calibration::BoardSpec& spec) {
   std::vector<Shot> result;
   for (int k = 1; k <= 14; ++k) {
-    const std::string path = fmt::format("{}/left{:02}.jpg", kSamples, k);
+    const std::string path = sample_image(fmt::format("left{:02}.jpg", k));
     std::error_code error;
     if (fs::exists(path, error)) result.push_back({fmt::format("left{:02}", k), read_image(path)});
   }

@@ -12,8 +12,9 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
-#include "cmd_pose.h"
 #include "demo.h"
+#include "pose_engine.h"
+#include "sample_images.h"
 #include <array>
 #include <cmath>
 #include <filesystem>
@@ -25,7 +26,7 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr const char* kMessi = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+const std::string kMessi = sample_image("messi5.jpg");
 
 geometry::Camera demo_camera(int width, int height) {
   geometry::Camera camera;

@@ -9,26 +9,22 @@
 #include "demo.h"
 #include "people_engine.h"
 #include "people_pictures.h"
+#include "sample_images.h"
 #include <filesystem>
 
 namespace tarsier::cli {
-namespace {
-
-constexpr const char* kPictures = "/usr/share/doc/opencv-doc/examples/data";
-
-}  // namespace
-
 void demo_people(Context& context, DemoPage& page) {
   page.begin_area("Who is it?",
                   "A face is found, its eyes are put at fixed places, and the light is taken out; "
                   "what is left is compared with the people who were enrolled, or is of nobody: "
                   "unknown. Nothing leaves this machine, and everyone can be forgotten for good.");
-  page.command(fmt::format("tarsier people show --stages {}/messi5.jpg -o stages.png", kPictures));
+  page.command(
+      fmt::format("tarsier people show --stages {} -o stages.png", sample_image("messi5.jpg")));
   std::vector<DemoPicture> shown;
   face::people::FaceReader reader = make_face_reader({});
   for (const char* name : {"messi5.jpg"}) {
     throw_if_stopped(context.stop);
-    const std::filesystem::path path = std::filesystem::path(kPictures) / name;
+    const std::filesystem::path path = sample_image(name);
     if (!std::filesystem::exists(path)) continue;
     const NamedPictures stages = face_stages(reader, read_gray_image(path.string()));
     if (stages.images.empty()) continue;

@@ -7,7 +7,6 @@
 
 #include "bench.h"
 #include "framework/stopwatch.h"
-#include <algorithm>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -33,18 +32,6 @@ std::shared_ptr<const render::Mesh> ball(bool textured, std::uint64_t seed) {
   return std::make_shared<const render::Mesh>(std::move(mesh));
 }
 
-double median_ms(const render::Scene& scene, const geometry::Camera& camera, int repeats) {
-  std::vector<double> times;
-  for (int i = 0; i < repeats; ++i) {
-    cv::Mat image(camera.height, camera.width, CV_8UC3, cv::Scalar::all(80));
-    const Stopwatch watch;
-    render::render(image, scene, camera);
-    times.push_back(watch.ms());
-  }
-  std::sort(times.begin(), times.end());
-  return times[times.size() / 2];
-}
-
 }  // namespace
 
 ExitStatus bench_render(Context& context, const BenchOptions& options) {
@@ -56,10 +43,7 @@ ExitStatus bench_render(Context& context, const BenchOptions& options) {
   camera.cy = 239.5;
   for (const char* name : {"gouraud", "gouraud-texture", "phong", "gouraud-antialias"}) {
     const std::string_view what = name;
-    if (!options.only.empty() &&
-        std::find(options.only.begin(), options.only.end(), what) == options.only.end()) {
-      continue;
-    }
+    if (!is_chosen(options, what)) continue;
     render::Scene scene;
     scene.shading = what == "phong" ? render::Shading::kPhong : render::Shading::kGouraud;
     scene.light.specular = 0.3;
@@ -68,7 +52,11 @@ ExitStatus bench_render(Context& context, const BenchOptions& options) {
     item.mesh = ball(what == "gouraud-texture", context.seed);
     item.camera_from_mesh.translation = {0, 0, 3.2};
     scene.items = {item};
-    const double ms = median_ms(scene, camera, options.repeats);
+    cv::Mat image(camera.height, camera.width, CV_8UC3);
+    const double ms = median_ms(options.repeats, [&] {
+      image.setTo(cv::Scalar::all(80));
+      render::render(image, scene, camera);
+    });
     if (context.json) {
       print_json(nlohmann::ordered_json{{"bench", "render"},
                                         {"case", name},

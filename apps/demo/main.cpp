@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+// tarsier-demo: what `tarsier demo` starts.
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
@@ -9,12 +10,12 @@
 #include <opencv2/core/utility.hpp>
 
 #include "demo.h"
+#include "demo_flags.h"
 #include "framework/stopwatch.h"
 #include <algorithm>
-#include <cstdlib>
+#include <array>
 #include <ctime>
 #include <filesystem>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -23,31 +24,29 @@ namespace {
 
 // A row for each area, in the order of the page.
 struct DemoStep {
-  const char* name;
+  std::string_view name;
   void (*run)(Context&, DemoPage&);
 };
-
-const std::vector<DemoStep>& steps() {
-  static const std::vector<DemoStep> table = {
-      {"cartoon", demo_cartoon}, {"sfm", demo_sfm},
-      {"plate", demo_plate},     {"landmarks", demo_landmarks},
-      {"aam", demo_aam},         {"pose", demo_pose},
-      {"people", demo_people},   {"calibrate", demo_calibrate},
-      {"markers", demo_markers}, {"targets", demo_targets},
-  };
-  return table;
-}
-
-struct DemoOptions {
-  std::string output = "demo-out";
-  std::vector<std::string> only;
-};
+constexpr auto kSteps = std::to_array<DemoStep>({
+    {"cartoon", demo_cartoon},
+    {"sfm", demo_sfm},
+    {"plate", demo_plate},
+    {"landmarks", demo_landmarks},
+    {"aam", demo_aam},
+    {"pose", demo_pose},
+    {"people", demo_people},
+    {"calibrate", demo_calibrate},
+    {"markers", demo_markers},
+    {"targets", demo_targets},
+});
+static_assert(std::ranges::equal(kSteps, kDemoAreas, {}, &DemoStep::name),
+              "the areas are those of the command line");
 
 ExitStatus run_demo(const DemoOptions& options, Context& context) {
   const Stopwatch watch;
   DemoPage page(options.output);
   int done = 0;
-  for (const DemoStep& step : steps()) {
+  for (const DemoStep& step : kSteps) {
     throw_if_stopped(context.stop);
     if (!options.only.empty() &&
         std::find(options.only.begin(), options.only.end(), step.name) == options.only.end()) {
@@ -61,8 +60,7 @@ ExitStatus run_demo(const DemoOptions& options, Context& context) {
   const std::string path = page.write(
       "What Tarsier sees",
       "Classical computer vision on an ordinary CPU, offline. Everything on this page was computed "
-      "on this "
-      "machine a moment ago, by the command that stands beside it.",
+      "on this machine a moment ago, by the command that stands beside it.",
       fmt::format(
           "Made on {:%Y-%m-%d %H:%M} by tarsier {} in {:.0f} s: {} cores, {} vectors, OpenCV {}.",
           fmt::localtime(std::time(nullptr)), version(), seconds,
@@ -78,18 +76,16 @@ ExitStatus run_demo(const DemoOptions& options, Context& context) {
   return ExitStatus::kDone;
 }
 
-void add_flags(Command& verb, DemoOptions& options) {
-  verb.add_option("-o,--output", options.output, "folder of the page").show_default();
-  std::vector<std::string> names;
-  for (const DemoStep& step : steps()) names.emplace_back(step.name);
-  verb.add_option("--only", options.only, "only these areas").delimiter(',').check(one_of(names));
+void add(Command& app, Context& context) {
+  app.add_version_flag("--version");
+  add_demo(app, context, run_demo);
+  add_examples(app);
 }
 
 }  // namespace
-
-void add_demo(Command& app, Context& context) {
-  add_verb<DemoOptions>(app, "demo", "runs every area once and makes a page of it", context,
-                        add_flags, run_demo);
-}
-
 }  // namespace tarsier::cli
+
+int main(int argc, char** argv) {
+  namespace cli = tarsier::cli;
+  return cli::run_program({cli::add, {}}, cli::words_of(argc, argv, "demo"));
+}

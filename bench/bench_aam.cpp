@@ -10,13 +10,12 @@
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
 
+#include "aam_engine.h"
 #include "bench.h"
-#include "cmd_aam.h"
-#include "cmd_pose.h"
 #include "framework/stopwatch.h"
+#include "pose_engine.h"
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
@@ -25,18 +24,6 @@ namespace {
 using face::appearance::AppearanceModel;
 using face::appearance::FitOptions;
 using face::appearance::Method;
-
-double median_ms(int repeats, const std::function<void()>& run) {
-  run();
-  std::vector<double> times;
-  for (int i = 0; i < repeats; ++i) {
-    const Stopwatch watch;
-    run();
-    times.push_back(watch.ms());
-  }
-  std::sort(times.begin(), times.end());
-  return times[times.size() / 2];
-}
 
 geometry::Rigid pose_at(double yaw, double distance) {
   return {face::head::rotation_of_angles({yaw, 3, 2}), {0, 10, distance}};
@@ -100,10 +87,6 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
   const synth::FaceSynth faces(model, head);
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
-  const auto is_asked = [&](const char* name) {
-    return options.only.empty() ||
-           std::find(options.only.begin(), options.only.end(), name) != options.only.end();
-  };
   geometry::Camera camera = face::head::guess_camera({640, 480});
   cv::Mat picture;
   const Eigen::Matrix2Xd truth =
@@ -113,18 +96,18 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
         face::shape::fit_similarity(any.shape.mean, truth)(any.shape.mean).colwise() +
         Eigen::Vector2d(4, -3));
   };
-  if (is_asked("project-out-iteration") || is_asked("alternating-iteration")) {
+  if (is_chosen(options, "project-out-iteration") || is_chosen(options, "alternating-iteration")) {
     constexpr int kModes = 20;
     const AppearanceModel grey = small_model(faces, 100, kModes);
     const std::string about = fmt::format(
         "grey, {}x{}, {} pixels, {} shape modes, {} texture modes",
         grey.levels[0].warp.size().width, grey.levels[0].warp.size().height,
         grey.levels[0].warp.pixels().size(), grey.shape.mode_count(), grey.levels[0].mode_count());
-    if (is_asked("project-out-iteration"))
+    if (is_chosen(options, "project-out-iteration"))
       report(context, "project-out-iteration",
              iteration_ms(grey, Method::kProjectOut, picture, start_of(grey), options.repeats),
              about);
-    if (is_asked("alternating-iteration"))
+    if (is_chosen(options, "alternating-iteration"))
       report(context, "alternating-iteration",
              iteration_ms(grey, Method::kAlternating, picture, start_of(grey), options.repeats),
              about);
@@ -135,7 +118,7 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
                   model.shape.mode_count(), model.levels[0].mode_count());
   for (const auto& [name, method] : {std::pair{"fit-project-out", Method::kProjectOut},
                                      std::pair{"fit-alternating", Method::kAlternating}}) {
-    if (!is_asked(name)) continue;
+    if (!is_chosen(options, name)) continue;
     FitOptions fit;
     fit.method = method;
     const face::appearance::Fitter fitter(model, fit);
@@ -144,7 +127,7 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
     report(context, name,
            median_ms(options.repeats, [&] { (void)fitter.fit(picture, start, workspace); }), about);
   }
-  if (is_asked("track")) {
+  if (is_chosen(options, "track")) {
     // A head that turns: fit from frame to frame, and the pose of the head.
     std::vector<cv::Mat> video;
     for (int i = 0; i < 30; ++i) {

@@ -12,10 +12,10 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "measure.h"
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <ctime>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -31,13 +31,6 @@ constexpr int kStillsPerLevel = 30;
 constexpr double kVideoSeconds = 12;
 constexpr double kFps = 25;
 constexpr double kWidth = 0.2;  // m, of the prints
-
-// Of this thread: other work on the machine does not count.
-double cpu_ms() {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
-}
 
 double quantile(std::vector<double> values, double part) {
   if (values.empty()) return 0;
@@ -196,15 +189,15 @@ void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& pri
       const synth::PrintTruth* truth = still.truth.empty() ? nullptr : &still.truth[0];
       cv::Mat gray;
       cv::cvtColor(still.picture, gray, cv::COLOR_BGR2GRAY);
-      double start = cpu_ms();
+      double start = thread_cpu_ms();
       const auto a = find_own(all.own, which, still.picture);
-      own.add(truth, a, cpu_ms() - start);
-      start = cpu_ms();
+      own.add(truth, a, thread_cpu_ms() - start);
+      start = thread_cpu_ms();
       const auto b = all.orb[which].find(gray);
-      orb.add(truth, b, cpu_ms() - start);
-      start = cpu_ms();
+      orb.add(truth, b, thread_cpu_ms() - start);
+      start = thread_cpu_ms();
       const auto c = all.sift[which].find(gray);
-      sift.add(truth, c, cpu_ms() - start);
+      sift.add(truth, c, thread_cpu_ms() - start);
     }
   }
   print_row(context, "stills", "tarsier", own);
@@ -236,9 +229,9 @@ void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& pri
       const auto shown = video.truth_at(time);
       // A print that is hidden for the most part, or has left the picture, counts for nobody.
       const bool counts = !shown.empty() && shown[0].visible >= 0.5;
-      double start = cpu_ms();
+      double start = thread_cpu_ms();
       const auto seen = planar::image_targets::track(targets, {}, state, picture);
-      const double ms = cpu_ms() - start;
+      const double ms = thread_cpu_ms() - start;
       if (!counts) continue;
       std::optional<Corners> corners;
       if (!seen.empty()) corners = seen[0].corners;
@@ -250,12 +243,12 @@ void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& pri
       if (i % 10 != 0) continue;  // these know no video: a sample of the frames tells as much
       cv::Mat gray;
       cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
-      start = cpu_ms();
+      start = thread_cpu_ms();
       const auto b = all.orb[which].find(gray);
-      orb.add(&shown[0], b, cpu_ms() - start);
-      start = cpu_ms();
+      orb.add(&shown[0], b, thread_cpu_ms() - start);
+      start = thread_cpu_ms();
       const auto c = all.sift[which].find(gray);
-      sift.add(&shown[0], c, cpu_ms() - start);
+      sift.add(&shown[0], c, thread_cpu_ms() - start);
     }
   }
   print_row(context, "videos", "tarsier", own, {{"rest_px", rounded(quantile(rest, 0.5), 4)}});
@@ -278,13 +271,9 @@ ExitStatus bench_targets(Context& context, const BenchOptions& options) {
   for (int k = 0; options.inputs.empty() && k < 3; ++k)
     prints.push_back(synth::poster_print(k, context.seed));
   for (synth::PlanarPrint& print : prints) print.id = 0;
-  const auto wanted = [&](const char* name) {
-    return options.only.empty() ||
-           std::find(options.only.begin(), options.only.end(), name) != options.only.end();
-  };
   const Contenders all = train_all(prints, context.seed);
-  if (wanted("stills")) measure_stills(context, prints, all);
-  if (wanted("videos")) measure_videos(context, prints, all);
+  if (is_chosen(options, "stills")) measure_stills(context, prints, all);
+  if (is_chosen(options, "videos")) measure_videos(context, prints, all);
   return ExitStatus::kDone;
 }
 

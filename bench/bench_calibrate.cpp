@@ -149,9 +149,7 @@ ExitStatus bench_calibrate(Context& context, const BenchOptions& options) {
   const std::vector<const char*> boards{"chess:9x6", "charuco:7x5:5x5_100", "circles:4x11",
                                         "circles-grid:7x6"};
   for (const char* board : boards) {
-    if (!options.only.empty() &&
-        std::find(options.only.begin(), options.only.end(), board) == options.only.end())
-      continue;
+    if (!is_chosen(options, board)) continue;
     for (const cv::Size& size : sizes) measure_board(context, board, size);
   }
   std::vector<cv::Mat> pictures;

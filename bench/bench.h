@@ -1,19 +1,17 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "cli.h"
-#include <string>
-#include <vector>
+#include "bench_flags.h"
+#include <algorithm>
+#include <string_view>
 
 namespace tarsier::cli {
 
-struct BenchOptions {
-  std::vector<std::string> inputs;  // pictures to measure on; empty: the benchmark's own
-  int repeats = 15;                 // measured runs per case, >= 1; the median counts
-  std::vector<std::string> sizes;   // "640x480" ..; empty: the benchmark's own
-  std::vector<std::string> only;    // names of cases (modes); empty: all
-  bool stages = false;              // cartoon: where the time of a frame goes
-};
+// Whether `--only` lets the case `name` run.
+[[nodiscard]] inline bool is_chosen(const BenchOptions& options, std::string_view name) {
+  return options.only.empty() ||
+         std::find(options.only.begin(), options.only.end(), name) != options.only.end();
+}
 
 // Each prints a table, or with context.json one object per measured case: "bench" is its own name,
 // "case" tells the lines of one bench apart, and times are in "ms", "us" or fields that end in

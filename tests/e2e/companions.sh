@@ -1,0 +1,58 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# `tarsier bench` and `tarsier demo` are programs of their own, which tarsier becomes: beside it, or in ../libexec/tarsier.
+. "$(dirname "$0")/lib.sh"
+programs=$(dirname "$TARSIER")
+
+# What only a benchmark needs is not linked into tarsier, nor is the page of the demo within it.
+needed() { readelf -d "$1" | grep NEEDED; }
+needed "$TARSIER" | grep -q libopencv_imgproc || fail "cannot list the libraries of the program"
+needed "$TARSIER" | grep -i apriltag && fail "tarsier links a library of bench markers"
+grep -q 'What Tarsier sees' "$programs/tarsier-demo" || fail "cannot find the demo's text in tarsier-demo"
+grep -q 'What Tarsier sees' "$TARSIER" && fail "tarsier holds the demo's page"
+
+# Started by hand they are the same verbs.
+"$TARSIER" bench posit --help >by-tarsier.txt
+"$programs/tarsier-bench" posit --help >by-hand.txt
+cmp by-tarsier.txt by-hand.txt || fail "tarsier-bench posit --help differs"
+[ "$("$programs/tarsier-demo" --version)" = "$("$TARSIER" --version)" ] || fail "tarsier-demo --version"
+
+# Alone: described, refused with one line, and not started.
+mkdir -p alone/bin alone/libexec/tarsier
+cp "$TARSIER" alone/bin/tarsier
+TARSIER=$PWD/alone/bin/tarsier
+for words in "bench posit" "demo"; do
+  name=tarsier-${words%% *}
+  # shellcheck disable=SC2086  # the words of a verb
+  run $words --help
+  expect_status 0
+  expect_out "Usage: tarsier $words"
+  # shellcheck disable=SC2086
+  run $words
+  expect_status 3
+  expect_no_out
+  expect_error "alone/bin/$name: no such program"
+done
+run bench posit --repeats 0
+expect_status 2
+expect_error 'repeats'
+
+# Words, streams and the exit status pass through, and the process stays the same one; what lies beside tarsier comes first.
+fake() { # fake FILE STATUS
+  # shellcheck disable=SC2016  # for the script
+  printf '#!/bin/sh\necho "$0"; printf "<%%s>" "$@"; echo " as $$"; echo "on stderr" >&2; cat; exit %s\n' "$2" >"$1"
+  chmod +x "$1"
+}
+fake alone/libexec/tarsier/tarsier-bench 5
+echo 'repeats = 3' >bench.toml
+status=0
+echo input | sh -c 'echo "$$" >pid.txt; exec "$@"' sh "$TARSIER" bench posit --config bench.toml 'a picture.png' --quiet >stdout.txt 2>stderr.txt || status=$?
+out=$(cat stdout.txt) err=$(cat stderr.txt) command_line="tarsier bench posit, a script"
+expect_status 5
+expect_out 'libexec/tarsier/tarsier-bench' '<posit><--config><bench.toml><a picture.png><--quiet>' " as $(cat pid.txt)$" '^input$'
+[ "$err" = "on stderr" ] || fail "stderr: $err"
+fake alone/bin/tarsier-bench 4
+run bench posit
+expect_status 4
+expect_out 'alone/bin/tarsier-bench'
+finish
