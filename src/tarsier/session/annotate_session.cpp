@@ -36,7 +36,8 @@ AnnotateSession::AnnotateSession(const AnnotateOptions& options, Propose propose
 }
 
 bool AnnotateSession::wants_frame() const {
-  if (state_.stage() != AnnotateStage::kPick || is_video_over_ || finished_) return false;
+  if (state_.stage() != AnnotateStage::kPick || is_video_over_ || controls_.finished())
+    return false;
   return !paused_ || steps_ > 0 || skip_to_ >= 0 || frame_.image.empty();
 }
 
@@ -137,8 +138,7 @@ void AnnotateSession::act_on_view(const std::string& name) {
   cv::Point2d around = mouse_.x >= 0 ? mouse_ : middle;
   if (selected_ >= 0 && selected_ < places_.cols() && !places_.col(selected_).hasNaN())
     around = to_view({places_(0, selected_), places_(1, selected_)});
-  if (name == "quit") finished_ = true;
-  if (name == "help") help_ = !help_;
+  controls_.act(name);
   if (name == "numbers") numbers_ = !numbers_;
   if (name == "lines") lines_ = !lines_;
   if (name == "mirror") mirrored_ = !mirrored_;

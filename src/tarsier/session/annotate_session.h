@@ -3,6 +3,7 @@
 
 #include "tarsier/face/pipelines/annotator.h"
 #include "tarsier/session/annotate_state.h"
+#include "tarsier/session/controls.h"
 #include "tarsier/session/session.h"
 
 #include <Eigen/Core>
@@ -158,8 +159,7 @@ class AnnotateSession final : public Session {
   bool lines_ = true;
   bool mirrored_ = false;
   bool magnifier_ = true;
-  bool help_ = false;
-  bool finished_ = false;
+  SessionControls controls_;
   std::string message_;  // shown until the next event
   int bar_ = 0;          // px, height of the bar with the status
   cv::Mat reduced_from_;

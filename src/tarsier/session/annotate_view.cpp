@@ -312,7 +312,7 @@ void AnnotateSession::draw() {
   // The bar stands on its own ground: nothing of the picture is behind it.
   shown_(cv::Rect(0, shown_.rows - bar_, shown_.cols, bar_)).setTo(kGround);
   image::draw::status_bar(shown_, what_to_do(), where());
-  if (!help_) return;
+  if (!controls_.help()) return;
   draw_help(shown_, "Annotation", actions(),
             {{"left mouse", "add, choose, drag; shift: drag all points"},
              {"right mouse", "move the picture; wheel: nearer, farther"},
@@ -324,7 +324,7 @@ View AnnotateSession::view() {
   View result;
   result.image = shown_;
   result.status = what_to_do();
-  result.finished = finished_;
+  result.finished = controls_.finished();
   int seen = 0;
   std::string path;
   bool agreed = false;
@@ -348,7 +348,7 @@ View AnnotateSession::view() {
                   {"view", {to_view({0, 0}).x, to_view({0, 0}).y, scale()}},
                   {"frame", frame_.index},
                   {"paused", paused_},
-                  {"help", help_},
+                  {"help", controls_.help()},
                   {"message", message_}};
   return result;
 }

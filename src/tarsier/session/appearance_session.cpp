@@ -40,7 +40,12 @@ AppearanceSession::AppearanceSession(const face::appearance::Fitter& fitter,
                                      face::appearance::FindStarts find,
                                      const face::appearance::TrackOptions& options, Drawn drawn,
                                      DebugSink* debug)
-    : fitter_(fitter), find_(std::move(find)), options_(options), debug_(debug), drawn_(drawn) {
+    : FrameSession("Appearance model"),
+      fitter_(fitter),
+      find_(std::move(find)),
+      options_(options),
+      debug_(debug),
+      drawn_(drawn) {
   options_.check();
   const face::appearance::AppearanceModel& model = fitter.model();
   if (model.colour || face::appearance::has_offset(model.levels.front().channels))
@@ -48,34 +53,14 @@ AppearanceSession::AppearanceSession(const face::appearance::Fitter& fitter,
   if (!synthesis_ && drawn_ == Drawn::kFace) drawn_ = Drawn::kMesh;
 }
 
-View AppearanceSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (frame.still || frame.name != name_) track_ = {};
-  frame_ = frame.image;
-  still_ = frame.still;
-  name_ = frame.name;
-  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  timer_.start();
-  objects_ =
-      still_
-          ? face::appearance::find_objects(fitter_, find_, frame_, options_.max_objects, workspace_)
-          : face::appearance::track_objects(fitter_, options_, find_, track_, frame_, frame.time);
-  timer_.stop();
-  if (debug_ != nullptr) show_stages();
-  draw();
-  return view(true);
+void AppearanceSession::process(const Frame& frame) {
+  objects_ = frame.still ? face::appearance::find_objects(fitter_, find_, frame.image,
+                                                          options_.max_objects, workspace_)
+                         : face::appearance::track_objects(fitter_, options_, find_, track_,
+                                                           frame.image, frame.time);
 }
 
-View AppearanceSession::on_idle(const SourceStatus& source) {
-  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  return view(false);
-}
-
-View AppearanceSession::on_event(const Event& event) {
-  const std::string name = action_of(event, actions());
-  const bool redraws = name == "view" || name == "errors";
-  if (name == "quit") finished_ = true;
-  if (name == "pause") paused_ = !paused_;
-  if (name == "help") help_ = !help_;
+bool AppearanceSession::act(const std::string& name) {
   if (name == "redetect") track_ = {};
   if (name == "errors") errors_ = !errors_;
   if (name == "view") {
@@ -83,17 +68,13 @@ View AppearanceSession::on_event(const Event& event) {
       drawn_ = static_cast<Drawn>((static_cast<int>(drawn_) + 1) % 4);
     } while (drawn_ == Drawn::kFace && !synthesis_);
   }
-  if (redraws && !frame_.empty()) draw();
-  return view(redraws && !frame_.empty() && still_);
+  return name == "view" || name == "errors";
 }
 
-std::vector<Action> AppearanceSession::actions() const {
+std::vector<Action> AppearanceSession::own_actions() const {
   return {{"view", "mesh, the model's face, points, nothing", 'v'},
           {"errors", "what the model does not explain", 'e'},
-          {"redetect", "look for faces again", 'd'},
-          {"pause", "pause and go on", key::kSpace},
-          {"help", "this list", 'h'},
-          {"quit", "end", 'q'}};
+          {"redetect", "look for faces again", 'd'}};
 }
 
 void AppearanceSession::draw_object(const Eigen::Matrix2Xd& points, Drawn drawn,
@@ -105,68 +86,57 @@ void AppearanceSession::draw_object(const Eigen::Matrix2Xd& points, Drawn drawn,
       image::draw::point(image, {points(0, i), points(1, i)}, {80, 220, 255}, radius);
   }
   if (drawn == Drawn::kFace) {
-    const face::appearance::Explained seen = synthesis_->explain(frame_, points);
+    const face::appearance::Explained seen = synthesis_->explain(frame(), points);
     synthesis_->draw(seen.c, seen.offset, seen.gain, points, image);
   }
 }
 
-void AppearanceSession::show_stages() {
+void AppearanceSession::processed() {
+  if (debug_ == nullptr) return;
   for (const Drawn drawn : {Drawn::kMesh, Drawn::kFace}) {
     if (drawn == Drawn::kFace && !synthesis_) continue;
-    cv::Mat shown = frame_.clone();
+    cv::Mat shown = frame().clone();
     for (const face::appearance::TrackedObject& object : objects_)
       draw_object(object.fit.points, drawn, shown);
     debug_->image(name_of(drawn), shown);
   }
   for (const face::appearance::TrackedObject& object : objects_)
     debug_->image(fmt::format("texture of {}", object.id),
-                  face::appearance::draw_error(fitter_.model(), frame_, object.fit.points));
+                  face::appearance::draw_error(fitter_.model(), frame(), object.fit.points));
 }
 
-void AppearanceSession::draw() {
-  frame_.copyTo(output_);
+void AppearanceSession::draw(cv::Mat& image) {
   for (const face::appearance::TrackedObject& object : objects_) {
     const Eigen::Matrix2Xd& points = object.fit.points;
-    draw_object(points, drawn_, output_);
-    if (still_) continue;
+    draw_object(points, drawn_, image);
+    if (still()) continue;
     image::draw::TextStyle text;
     text.height_px = std::clamp(width_of(points) * 0.07, 8.0, 30.0);
-    image::draw::put_text(output_, fmt::format("{}", object.id),
+    image::draw::put_text(image, fmt::format("{}", object.id),
                           {cvRound(points.row(0).minCoeff()), cvRound(points.row(1).minCoeff())},
                           text, image::draw::Anchor::kBottomLeft);
   }
   if (!errors_ || objects_.empty()) return;
   cv::Mat error =
-      face::appearance::draw_error(fitter_.model(), frame_, objects_.front().fit.points);
-  const double scale = std::min(
-      {kErrorShare * output_.cols / error.cols, kErrorShare * output_.rows / error.rows, 3.0});
+      face::appearance::draw_error(fitter_.model(), frame(), objects_.front().fit.points);
+  const double scale =
+      std::min({kErrorShare * image.cols / error.cols, kErrorShare * image.rows / error.rows, 3.0});
   cv::resize(error, error, {}, scale, scale, cv::INTER_LINEAR);
-  error.copyTo(output_(cv::Rect(0, 0, error.cols, error.rows)));
+  error.copyTo(image(cv::Rect(0, 0, error.cols, error.rows)));
 }
 
-View AppearanceSession::view(bool fresh) {
-  View result;
+nlohmann::json AppearanceSession::state() const {
   nlohmann::json ids = nlohmann::json::array();
   for (const face::appearance::TrackedObject& object : objects_) ids.push_back(object.id);
-  const double error = objects_.empty() ? 1 : objects_.front().fit.error;
-  result.state = {{"faces", objects_.size()},
-                  {"ids", std::move(ids)},
-                  {"error", error},
-                  {"drawn", name_of(drawn_)},
-                  {"paused", paused_}};
-  result.status =
-      fmt::format("{} {}{}{}{}", objects_.size(), objects_.size() == 1 ? "face" : "faces",
-                  objects_.empty() ? "" : fmt::format("  error {:.2f}", error),
-                  source_.empty() ? "" : "  " + source_, paused_ ? "  paused" : "");
-  if (fresh) result.output = output_;
-  if (!output_.empty()) {
-    output_.copyTo(shown_);
-    image::draw::status_bar(shown_, result.status, timer_.words(still_) + "   h: help");
-    if (help_) draw_help(shown_, "Appearance model", actions());
-    result.image = shown_;
-  }
-  result.finished = finished_;
-  return result;
+  return {{"faces", objects_.size()},
+          {"ids", std::move(ids)},
+          {"error", objects_.empty() ? 1 : objects_.front().fit.error},
+          {"drawn", name_of(drawn_)}};
+}
+
+std::string AppearanceSession::status() const {
+  return counted(objects_.size(), "face") +
+         (objects_.empty() ? "" : fmt::format("  error {:.2f}", objects_.front().fit.error));
 }
 
 }  // namespace tarsier

@@ -4,8 +4,7 @@
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/face/appearance/synthesis.h"
 #include "tarsier/face/appearance/tracker.h"
-#include "tarsier/session/overlay.h"
-#include "tarsier/session/session.h"
+#include "tarsier/session/frame_session.h"
 
 #include <optional>
 #include <string>
@@ -17,7 +16,7 @@ namespace tarsier {
 // video or camera are followed. Keys: v what is drawn (mesh, the model's face over the picture,
 // points, nothing), e the error picture, d looks for objects again, space pauses, h help, q or Esc
 // ends. State: {"faces": number, "ids": [..], "error", "drawn", "paused"}.
-class AppearanceSession final : public Session {
+class AppearanceSession final : public FrameSession {
  public:
   enum class Drawn { kMesh, kFace, kPoints, kNothing };
 
@@ -28,24 +27,22 @@ class AppearanceSession final : public Session {
                     const face::appearance::TrackOptions& options, Drawn drawn,
                     DebugSink* debug = nullptr);
 
-  View on_frame(const Frame& frame, const SourceStatus& source) override;
-  View on_idle(const SourceStatus& source) override;
-  View on_event(const Event& event) override;
-  [[nodiscard]] std::vector<Action> actions() const override;
-  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
-
   // Of the latest frame.
   [[nodiscard]] const std::vector<face::appearance::TrackedObject>& objects() const {
     return objects_;
   }
-  [[nodiscard]] bool follows() const { return !still_; }
-  [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
+  [[nodiscard]] bool follows() const { return !still(); }
 
  private:
-  void draw();
+  void restart() override { track_ = {}; }
+  void process(const Frame& frame) override;
+  void processed() override;
+  void draw(cv::Mat& image) override;
   void draw_object(const Eigen::Matrix2Xd& points, Drawn drawn, cv::Mat& image) const;
-  void show_stages();
-  View view(bool fresh);
+  [[nodiscard]] nlohmann::json state() const override;
+  [[nodiscard]] std::string status() const override;
+  [[nodiscard]] std::vector<Action> own_actions() const override;
+  bool act(const std::string& name) override;
 
   const face::appearance::Fitter& fitter_;
   face::appearance::FindStarts find_;
@@ -56,17 +53,7 @@ class AppearanceSession final : public Session {
   face::appearance::FitWorkspace workspace_;
   std::vector<face::appearance::TrackedObject> objects_;
   Drawn drawn_ = Drawn::kMesh;
-  std::string name_;  // of the source
-  std::string source_;
-  FrameTimer timer_;
-  cv::Mat frame_;
-  cv::Mat output_;
-  cv::Mat shown_;
-  bool still_ = true;
   bool errors_ = false;
-  bool paused_ = false;
-  bool help_ = false;
-  bool finished_ = false;
 };
 
 [[nodiscard]] std::string_view name_of(AppearanceSession::Drawn drawn);

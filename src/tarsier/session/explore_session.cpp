@@ -114,8 +114,7 @@ View ExploreSession::on_event(const Event& event) {
       *value =
           std::clamp(*value + (name == "more" ? kKeyStep : -kKeyStep), -kMaxSigmas, kMaxSigmas);
   }
-  if (name == "help") help_ = !help_;
-  if (name == "quit") finished_ = true;
+  controls_.act(name);
   return view();
 }
 
@@ -130,9 +129,7 @@ std::vector<Action> ExploreSession::actions() const {
   list.push_back({"previous", "the mode before", 'p'});
   list.push_back({"more", "a quarter of a deviation more of it", '+'});
   list.push_back({"less", "less", '-'});
-  list.push_back({"help", "this list", 'h'});
-  list.push_back({"quit", "end", 'q'});
-  return list;
+  return controls_.after(std::move(list));
 }
 
 std::vector<Slider> ExploreSession::sliders() const {
@@ -170,15 +167,15 @@ View ExploreSession::view() {
   result.status = fmt::format("{}: {:+.2f} deviations; {} shape modes, {} of the look", name,
                               value != nullptr ? *value : 0.0, shape_.size(), look_.size());
   image::draw::status_bar(shown_, result.status, "h: help");
-  if (help_) draw_help(shown_, "Appearance model", actions());
+  if (controls_.help()) draw_help(shown_, "Appearance model", actions());
   result.image = shown_;
-  result.finished = finished_;
+  result.finished = controls_.finished();
   result.state = {{"shape", numbers(shape_)},
                   {"look", numbers(look_)},
                   {"mode", name},
                   {"over", over_},
                   {"mesh", mesh_},
-                  {"help", help_}};
+                  {"help", controls_.help()}};
   return result;
 }
 
@@ -203,16 +200,13 @@ View ShapePlayground::on_event(const Event& event) {
   const std::string name = action_of(event, actions());
   if (name == "mean") sigmas_.setZero();
   if (name == "training") training_ = !training_;
-  if (name == "help") help_ = !help_;
-  if (name == "quit") finished_ = true;
+  controls_.act(name);
   return view();
 }
 
 std::vector<Action> ShapePlayground::actions() const {
-  return {{"mean", "the mean shape", '0'},
-          {"training", "the shapes that were learnt from", 't'},
-          {"help", "this list", 'h'},
-          {"quit", "end", 'q'}};
+  return controls_.after(
+      {{"mean", "the mean shape", '0'}, {"training", "the shapes that were learnt from", 't'}});
 }
 
 std::vector<Slider> ShapePlayground::sliders() const {
@@ -286,10 +280,11 @@ View ShapePlayground::view() {
   result.status = fmt::format("{} points, {} shapes, {} modes", model_.points(), aligned_.size(),
                               model_.mode_count());
   image::draw::status_bar(shown_, result.status, "h: help");
-  if (help_) draw_help(shown_, "Shapes", actions());
+  if (controls_.help()) draw_help(shown_, "Shapes", actions());
   result.image = shown_;
-  result.finished = finished_;
-  result.state = {{"values", numbers(sigmas_)}, {"training", training_}, {"help", help_}};
+  result.finished = controls_.finished();
+  result.state = {
+      {"values", numbers(sigmas_)}, {"training", training_}, {"help", controls_.help()}};
   return result;
 }
 

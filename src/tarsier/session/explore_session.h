@@ -3,6 +3,7 @@
 
 #include "tarsier/face/appearance/synthesis.h"
 #include "tarsier/face/shape/shape_model.h"
+#include "tarsier/session/controls.h"
 #include "tarsier/session/session.h"
 
 #include <Eigen/Core>
@@ -59,8 +60,7 @@ class ExploreSession final : public Session {
   int mode_ = 0;  // that + and - move: those of the shape, then those of the look
   bool over_ = false;
   bool mesh_ = false;
-  bool help_ = false;
-  bool finished_ = false;
+  SessionControls controls_;
   cv::Mat shown_;
 };
 
@@ -86,8 +86,7 @@ class ShapePlayground final : public Session {
   std::vector<Eigen::VectorXd> scores_;    // b / deviation of each
   Eigen::VectorXd sigmas_;
   bool training_ = true;
-  bool help_ = false;
-  bool finished_ = false;
+  SessionControls controls_;
   cv::Mat shown_;
 };
 

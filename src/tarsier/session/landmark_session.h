@@ -3,8 +3,7 @@
 
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/face/pipelines/landmark_tracker.h"
-#include "tarsier/session/overlay.h"
-#include "tarsier/session/session.h"
+#include "tarsier/session/frame_session.h"
 
 #include <string>
 
@@ -13,37 +12,27 @@ namespace tarsier {
 // Shows what a face::LandmarkTracker finds.
 // Keys: d looks for faces again, n numbers, s smoothing, space pauses, h help, q or Esc ends.
 // State: {"faces": number, "ids": [..], "smoothing", "paused"}.
-class LandmarkSession final : public Session {
+class LandmarkSession final : public FrameSession {
  public:
   // `debug`, which may be null and must outlive the session, takes each stage.
   explicit LandmarkSession(face::LandmarkTracker tracker, DebugSink* debug = nullptr);
-
-  View on_frame(const Frame& frame, const SourceStatus& source) override;
-  View on_idle(const SourceStatus& source) override;
-  View on_event(const Event& event) override;
-  [[nodiscard]] std::vector<Action> actions() const override;
-  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
   // Of the latest frame.
   [[nodiscard]] const face::LandmarkResult& result() const { return result_; }
 
  private:
-  void draw();
-  View view(bool fresh);
+  void process(const Frame& frame) override;
+  void draw(cv::Mat& image) override;
+  [[nodiscard]] nlohmann::json state() const override;
+  [[nodiscard]] std::string status() const override;
+  [[nodiscard]] std::vector<Action> own_actions() const override;
+  bool act(const std::string& name) override;
 
   face::LandmarkTracker tracker_;
   DebugSink* debug_;
   face::LandmarkState state_;
   face::LandmarkResult result_;
-  std::string source_;
-  FrameTimer timer_;
-  cv::Mat frame_;
-  cv::Mat output_;
-  cv::Mat shown_;
   bool numbers_ = false;
-  bool paused_ = false;
-  bool help_ = false;
-  bool finished_ = false;
 };
 
 }  // namespace tarsier

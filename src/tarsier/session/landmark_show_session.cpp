@@ -58,20 +58,17 @@ View SetSession::on_event(const Event& event) {
   if (name == "numbers") style_.numbers = !style_.numbers;
   if (name == "symmetry") style_.symmetry = !style_.symmetry;
   if (name == "lines") style_.connections = !style_.connections;
-  if (name == "help") help_ = !help_;
-  if (name == "quit") finished_ = true;
+  controls_.act(name);
   return view();
 }
 
 std::vector<Action> SetSession::actions() const {
-  return {{"next", "next picture (right arrow, space)", 'n'},
-          {"previous", "previous picture (left arrow)", 'p'},
-          {"mirrored", "mirrored, as training may see it", 'm'},
-          {"numbers", "numbers", 'i'},
-          {"symmetry", "left and right in different colours", 'y'},
-          {"lines", "lines", 'l'},
-          {"help", "this list", 'h'},
-          {"quit", "end", 'q'}};
+  return controls_.after({{"next", "next picture (right arrow, space)", 'n'},
+                          {"previous", "previous picture (left arrow)", 'p'},
+                          {"mirrored", "mirrored, as training may see it", 'm'},
+                          {"numbers", "numbers", 'i'},
+                          {"symmetry", "left and right in different colours", 'y'},
+                          {"lines", "lines", 'l'}});
 }
 
 View SetSession::view() {
@@ -108,13 +105,13 @@ View SetSession::view() {
                               missing > 0 ? fmt::format(", {} missing", missing) : std::string(),
                               mirrored_ ? ", mirrored" : "");
   image::draw::status_bar(shown_, result.status, "h: help");
-  if (help_) draw_help(shown_, "Landmarks", actions());
+  if (controls_.help()) draw_help(shown_, "Landmarks", actions());
   result.image = shown_;
-  result.finished = finished_;
+  result.finished = controls_.finished();
   result.state = {
       {"picture", current_},         {"pictures", set_.samples.size()}, {"path", sample.image},
       {"missing", missing},          {"mirrored", mirrored_},           {"numbers", style_.numbers},
-      {"symmetry", style_.symmetry}, {"lines", style_.connections},     {"help", help_}};
+      {"symmetry", style_.symmetry}, {"lines", style_.connections},     {"help", controls_.help()}};
   return result;
 }
 
@@ -162,20 +159,17 @@ View ShapeModelSession::on_event(const Event& event) {
     sigmas_.setZero();
   }
   if (name == "animate" && count > 0) animated_ = !animated_;
-  if (name == "help") help_ = !help_;
-  if (name == "quit") finished_ = true;
+  controls_.act(name);
   return view();
 }
 
 std::vector<Action> ShapeModelSession::actions() const {
-  return {{"next", "next mode (right arrow)", 'n'},
-          {"previous", "previous mode (left arrow)", 'p'},
-          {"more", "a quarter of a deviation more", '+'},
-          {"less", "less", '-'},
-          {"mean", "the mean", '0'},
-          {"animate", "animate", key::kSpace},
-          {"help", "this list", 'h'},
-          {"quit", "end", 'q'}};
+  return controls_.after({{"next", "next mode (right arrow)", 'n'},
+                          {"previous", "previous mode (left arrow)", 'p'},
+                          {"more", "a quarter of a deviation more", '+'},
+                          {"less", "less", '-'},
+                          {"mean", "the mean", '0'},
+                          {"animate", "animate", key::kSpace}});
 }
 
 std::vector<Slider> ShapeModelSession::sliders() const {
@@ -201,14 +195,14 @@ View ShapeModelSession::view() {
       fmt::format("{} points, {} modes, {:.1f} % of the variance, {} shapes", model_.points(),
                   model_.mode_count(), 100 * model_.variance_kept, model_.trained_on);
   image::draw::status_bar(shown_, result.status, "h: help");
-  if (help_) draw_help(shown_, "Shape model", actions());
+  if (controls_.help()) draw_help(shown_, "Shape model", actions());
   result.image = shown_;
-  result.finished = finished_;
+  result.finished = controls_.finished();
   result.state = {{"mode", mode_},
                   {"modes", model_.mode_count()},
                   {"values", std::vector<double>(sigmas_.data(), sigmas_.data() + sigmas_.size())},
                   {"animated", animated_},
-                  {"help", help_}};
+                  {"help", controls_.help()}};
   return result;
 }
 

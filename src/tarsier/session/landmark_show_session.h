@@ -4,6 +4,7 @@
 #include "tarsier/face/shape/landmark_set.h"
 #include "tarsier/face/shape/shape_model.h"
 #include "tarsier/face/shape/show.h"
+#include "tarsier/session/controls.h"
 #include "tarsier/session/session.h"
 
 #include <Eigen/Core>
@@ -37,8 +38,7 @@ class SetSession final : public Session {
   std::string set_path_;
   face::shape::LandmarkStyle style_;
   bool mirrored_ = false;
-  bool help_ = false;
-  bool finished_ = false;
+  SessionControls controls_;
   int current_ = 0;
   cv::Mat picture_;
   std::string trouble_;
@@ -66,8 +66,7 @@ class ShapeModelSession final : public Session {
   int mode_ = 0;
   int phase_ = 0;
   bool animated_ = true;
-  bool help_ = false;
-  bool finished_ = false;
+  SessionControls controls_;
   cv::Mat shown_;
 };
 

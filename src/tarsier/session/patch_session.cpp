@@ -55,9 +55,7 @@ std::vector<Action> PatchSession::actions() const {
   std::vector<Action> actions = {{"next", "next patch (right arrow, space)", 'n'},
                                  {"previous", "previous patch (left arrow)", 'p'}};
   if (picture_) actions.push_back({"search", "a wider search region, then the narrowest", 'w'});
-  actions.push_back({"help", "this list", 'h'});
-  actions.push_back({"quit", "end", 'q'});
-  return actions;
+  return controls_.after(std::move(actions));
 }
 
 int PatchSession::patch_at(double x, double y) const {
@@ -94,8 +92,7 @@ View PatchSession::on_event(const Event& event) {
     search_ = wider == std::end(kSearches) ? kSearches[0] : *wider;
     respond();
   }
-  if (name == "help") help_ = !help_;
-  if (name == "quit") finished_ = true;
+  controls_.act(name);
   return view();
 }
 
@@ -147,16 +144,16 @@ View PatchSession::view() {
                               model_.side(), model_.side());
   if (picture_) result.status += ", on " + picture_->name;
   image::draw::status_bar(shown_, result.status, "h: help");
-  if (help_) draw_help(shown_, "Patches", actions());
+  if (controls_.help()) draw_help(shown_, "Patches", actions());
   result.image = shown_;
-  result.finished = finished_;
+  result.finished = controls_.finished();
   result.state = {{"patch", current_},
                   {"patches", model_.points()},
                   {"picture", picture_ ? nlohmann::json(picture_->name) : nlohmann::json()},
                   {"search", search_},
                   {"response", nullptr},
                   {"peak", nullptr},
-                  {"help", help_}};
+                  {"help", controls_.help()}};
   if (picture_) {
     const face::landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
     result.state["response"] = response.best;

@@ -3,6 +3,7 @@
 
 #include "tarsier/face/landmarks/patches.h"
 #include "tarsier/face/shape/shape_model.h"
+#include "tarsier/session/controls.h"
 #include "tarsier/session/session.h"
 
 #include <Eigen/Core>
@@ -52,8 +53,7 @@ class PatchSession final : public Session {
   std::vector<face::landmarks::PointResponse> responses_;
   int current_ = 0;
   int search_ = 21;
-  bool help_ = false;
-  bool finished_ = false;
+  SessionControls controls_;
   cv::Rect face_;          // of the view, the mean face
   double face_scale_ = 1;  // px of the view to a px of the patches' frame
   cv::Mat shown_;

@@ -2,7 +2,6 @@
 #include "tarsier/session/plate_session.h"
 
 #include "tarsier/image/draw/text.h"
-#include "tarsier/session/overlay.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -46,46 +45,30 @@ std::string caption(const std::string& text, double confidence) {
 
 PlateSession::PlateSession(plate::VideoReader reader, OnPlate on_plate, MomentOf moment_of,
                            DebugSink* debug)
-    : reader_(std::move(reader)),
+    : FrameSession("Number plates"),
+      reader_(std::move(reader)),
       on_plate_(std::move(on_plate)),
       moment_of_(std::move(moment_of)),
       debug_(debug) {}
 
-View PlateSession::on_frame(const Frame& frame, const SourceStatus& source) {
+void PlateSession::process(const Frame& frame) {
   // Before the clock begins with another source.
   if (!plate::VideoReader::continues(frame, state_)) finish();
-  frame_ = frame.image;
-  still_ = frame.still;
-  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  const plate::FrameMoment seen = moment_of_ && !still_ ? moment_of_(frame) : plate::FrameMoment{};
+  const plate::FrameMoment seen =
+      moment_of_ && !frame.still ? moment_of_(frame) : plate::FrameMoment{};
   result_ = reader_.process(frame, state_, seen, debug_);
-  tell(result_.events);
-  draw();
-  return view(true);
 }
 
-View PlateSession::on_idle(const SourceStatus& source) {
-  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  return view(false);
+void PlateSession::processed() { tell(result_.events); }
+
+bool PlateSession::act(const std::string& name) {
+  if (name != "characters") return false;
+  characters_ = !characters_;
+  return true;
 }
 
-View PlateSession::on_event(const Event& event) {
-  const std::string name = action_of(event, actions());
-  if (name == "quit") finished_ = true;
-  if (name == "pause") paused_ = !paused_;
-  if (name == "help") help_ = !help_;
-  if (name == "characters") {
-    characters_ = !characters_;
-    if (!frame_.empty()) draw();
-  }
-  return view(name == "characters" && !frame_.empty() && still_);
-}
-
-std::vector<Action> PlateSession::actions() const {
-  return {{"pause", "pause and go on", key::kSpace},
-          {"characters", "boxes around characters", 'c'},
-          {"help", "this list", 'h'},
-          {"quit", "end", 'q'}};
+std::vector<Action> PlateSession::own_actions() const {
+  return {{"characters", "boxes around characters", 'c'}};
 }
 
 void PlateSession::finish() {
@@ -108,50 +91,38 @@ void PlateSession::tell(const std::vector<plate::PlateEvent>& events) {
   }
 }
 
-void PlateSession::draw() {
-  frame_.copyTo(output_);
-  const int width = std::max(1, cvRound(std::min(frame_.cols, frame_.rows) / 400.0));
+void PlateSession::draw(cv::Mat& image) {
+  const int width = std::max(1, cvRound(std::min(image.cols, image.rows) / 400.0));
   const plate::Region& region = reader_.options().region;
   if (!region.corners.empty())
-    cv::polylines(output_, region.outline(output_.size()), true, kFaint, width, cv::LINE_AA);
+    cv::polylines(image, region.outline(image.size()), true, kFaint, width, cv::LINE_AA);
   for (const plate::Reading& reading : readings()) {
     const bool sure = reading.confidence >= kSureFrom;
     if (characters_ && reading.box.height > 24) {
       for (const plate::Character& character : reading.characters)
-        outline(output_, character.corners, character.confidence >= kSureFrom ? kSure : kUnsure, 1);
+        outline(image, character.corners, character.confidence >= kSureFrom ? kSure : kUnsure, 1);
     }
-    outline(output_, reading.corners, sure ? kSure : kUnsure, 2 * width);
-    if (still_)
-      label(output_, reading.box, caption(reading.text, reading.confidence),
-            sure ? kSure : kUnsure);
+    outline(image, reading.corners, sure ? kSure : kUnsure, 2 * width);
+    if (still())
+      label(image, reading.box, caption(reading.text, reading.confidence), sure ? kSure : kUnsure);
   }
   for (const plate::LiveTrack& track : tracks()) {
     if (!track.confirmed) continue;
-    label(output_, track.box, caption(track.text, track.confidence),
+    label(image, track.box, caption(track.text, track.confidence),
           track.confidence >= kSureFrom ? kSure : kUnsure);
   }
-  if (still_) return;
+  if (still()) return;
   image::draw::TextStyle style;
-  style.height_px = std::max(9.0, image::draw::fitting_text_height(output_.size()) * 0.7);
+  style.height_px = std::max(9.0, image::draw::fitting_text_height(image.size()) * 0.7);
   int y = 6;
   for (const std::string& line : last_events_)
-    y = image::draw::put_text(output_, line, {6, y}, style).br().y;
+    y = image::draw::put_text(image, line, {6, y}, style).br().y;
 }
 
-View PlateSession::view(bool fresh) {
-  View result;
-  result.state = {{"plates", readings().size()}, {"events", events_}, {"paused", paused_}};
-  result.status =
-      fmt::format("{} {}{}", readings().size(), readings().size() == 1 ? "plate" : "plates",
-                  paused_ ? ", paused" : "");
-  result.finished = finished_;
-  if (output_.empty()) return result;
-  output_.copyTo(shown_);
-  image::draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
-  if (help_) draw_help(shown_, "Number plates", actions());
-  result.image = shown_;
-  if (fresh) result.output = output_;
-  return result;
+nlohmann::json PlateSession::state() const {
+  return {{"plates", readings().size()}, {"events", events_}};
 }
+
+std::string PlateSession::status() const { return counted(readings().size(), "plate"); }
 
 }  // namespace tarsier

@@ -3,7 +3,7 @@
 
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/plate/reader/video_reader.h"
-#include "tarsier/session/session.h"
+#include "tarsier/session/frame_session.h"
 
 #include <chrono>
 #include <functional>
@@ -18,7 +18,7 @@ namespace tarsier {
 // last one have gone. (The images of a folder that are shown in sequence are one video.)
 // Keys: space pauses, c boxes around characters, h help, q or Esc ends.
 // State: {"plates": number, "events": number of closed ones so far, "paused"}.
-class PlateSession final : public Session {
+class PlateSession final : public FrameSession {
  public:
   using OnPlate = std::function<void(const plate::PlateEvent& event)>;
   using MomentOf = std::function<plate::FrameMoment(const Frame& frame)>;
@@ -28,12 +28,6 @@ class PlateSession final : public Session {
   // each stage; it may be null, and must outlive the session.
   PlateSession(plate::VideoReader reader, OnPlate on_plate, MomentOf moment_of = {},
                DebugSink* debug = nullptr);
-
-  View on_frame(const Frame& frame, const SourceStatus& source) override;
-  View on_idle(const SourceStatus& source) override;
-  View on_event(const Event& event) override;
-  [[nodiscard]] std::vector<Action> actions() const override;
-  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
   // No more frames: the events of vehicles that are still in sight.
   void finish();
@@ -49,8 +43,13 @@ class PlateSession final : public Session {
 
  private:
   void tell(const std::vector<plate::PlateEvent>& events);
-  void draw();
-  View view(bool fresh);
+  void process(const Frame& frame) override;
+  void processed() override;
+  void draw(cv::Mat& image) override;
+  [[nodiscard]] nlohmann::json state() const override;
+  [[nodiscard]] std::string status() const override;
+  [[nodiscard]] std::vector<Action> own_actions() const override;
+  bool act(const std::string& name) override;
 
   plate::VideoReader reader_;
   OnPlate on_plate_;
@@ -60,15 +59,7 @@ class PlateSession final : public Session {
   plate::VideoReaderResult result_;
   std::vector<std::string> last_events_;  // for the list in the corner
   std::int64_t events_ = 0;
-  cv::Mat frame_;
-  cv::Mat output_;
-  cv::Mat shown_;
-  std::string source_;  // its state, where it is not live
-  bool still_ = true;
-  bool paused_ = false;
   bool characters_ = true;
-  bool help_ = false;
-  bool finished_ = false;
 };
 
 }  // namespace tarsier

@@ -35,7 +35,9 @@ void PoseSessionOptions::check() const {
 }
 
 PoseSession::PoseSession(face::PoseTracker tracker, PoseSessionOptions options)
-    : tracker_(std::move(tracker)), options_((options.check(), std::move(options))) {
+    : FrameSession("Head pose"),
+      tracker_(std::move(tracker)),
+      options_((options.check(), std::move(options))) {
   const int points = tracker_.landmarks().model().points();
   if (!options_.edits.empty()) {
     TARSIER_REQUIRE(options_.appearance->points() == points,
@@ -49,45 +51,22 @@ const face::head::HeadModel& PoseSession::head_model() const {
   return tracker_.finder().poser().model();
 }
 
-View PoseSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  frame_ = frame.image;
-  source_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
-  timer_.start();
-  result_ = tracker_.process(frame, state_);
-  timer_.stop();
-  draw();
-  return view(true);
-}
+void PoseSession::process(const Frame& frame) { result_ = tracker_.process(frame, state_); }
 
-View PoseSession::on_idle(const SourceStatus& source) {
-  source_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
-  return view(false);
-}
-
-View PoseSession::on_event(const Event& event) {
-  const std::string name = action_of(event, actions());
-  if (name == "quit") finished_ = true;
-  if (name == "pause") paused_ = !paused_;
-  if (name == "help") help_ = !help_;
+bool PoseSession::act(const std::string& name) {
   if (name == "redetect") face::redetect(state_);
-  if (name == "draw") {
-    const std::size_t kinds = options_.object != nullptr ? 5 : 4;
-    options_.overlay =
-        static_cast<PoseOverlay>((static_cast<std::size_t>(options_.overlay) + 1) % kinds);
-    if (!frame_.empty()) draw();
-  }
-  return view(name == "draw" && !frame_.empty() && !result_.tracked);
+  if (name != "draw") return false;
+  const std::size_t kinds = options_.object != nullptr ? 5 : 4;
+  options_.overlay =
+      static_cast<PoseOverlay>((static_cast<std::size_t>(options_.overlay) + 1) % kinds);
+  return true;
 }
 
-std::vector<Action> PoseSession::actions() const {
-  return {{"redetect", "look for faces again", 'd'},
-          {"draw", "what is drawn", 'v'},
-          {"pause", "pause and go on", key::kSpace},
-          {"help", "this list", 'h'},
-          {"quit", "end", 'q'}};
+std::vector<Action> PoseSession::own_actions() const {
+  return {{"redetect", "look for faces again", 'd'}, {"draw", "what is drawn", 'v'}};
 }
 
-void PoseSession::draw_object(const face::PosedFace& face) {
+void PoseSession::draw_object(cv::Mat& image, const face::PosedFace& face) const {
   const face::head::HeadSurface surface =
       face::head::head_surface(head_model(), face::head::shape_of(head_model(), face.pose->b));
   auto occluder = std::make_shared<render::Mesh>();
@@ -113,22 +92,20 @@ void PoseSession::draw_object(const face::PosedFace& face) {
   object.mesh = options_.object;
   object.camera_from_mesh = face.pose->camera_from_head;
   scene.items = {head, object};
-  render::render(output_, scene, camera());
+  render::render(image, scene, camera());
 }
 
-void PoseSession::edit_face(const face::PosedFace& face) {
+void PoseSession::edit_face(cv::Mat& image, const face::PosedFace& face) const {
   Eigen::Matrix2Xd points = face.face.points;
   for (const face::appearance::FaceEdit edit : options_.edits)
     points =
         face::appearance::edited_points(*options_.appearance, points, edit, options_.edit_amount);
-  face::appearance::draw_edited(*synthesis_, *options_.appearance, output_, face.face.points,
-                                points);
+  face::appearance::draw_edited(*synthesis_, *options_.appearance, image, face.face.points, points);
 }
 
-void PoseSession::draw() {
-  frame_.copyTo(output_);
+void PoseSession::draw(cv::Mat& image) {
   if (synthesis_) {
-    for (const face::PosedFace& face : faces()) edit_face(face);
+    for (const face::PosedFace& face : faces()) edit_face(image, face);
   }
   // The farthest first, so that a nearer head's object lies over it.
   std::vector<const face::PosedFace*> order;
@@ -144,14 +121,14 @@ void PoseSession::draw() {
     const geometry::Rigid& place = pose.camera_from_head;
     if (options_.overlay == PoseOverlay::kAxes) {
       // Letters would hide a small face.
-      face::head::draw_axes(output_, camera(), place, {60, 60, -100}, face->face.box.width > 120);
+      face::head::draw_axes(image, camera(), place, {60, 60, -100}, face->face.box.width > 120);
     } else if (options_.overlay == PoseOverlay::kBox) {
-      face::head::draw_box(output_, camera(), place, {-75, -85, -35}, {75, 115, 115});
+      face::head::draw_box(image, camera(), place, {-75, -85, -35}, {75, 115, 115});
     } else if (options_.overlay == PoseOverlay::kHead) {
-      face::head::draw_head(output_, camera(), place, head_model(),
+      face::head::draw_head(image, camera(), place, head_model(),
                             face::head::shape_of(head_model(), pose.b));
     } else if (options_.overlay == PoseOverlay::kObject) {
-      draw_object(*face);
+      draw_object(image, *face);
     }
     if (options_.overlay == PoseOverlay::kNone || options_.overlay == PoseOverlay::kObject) {
       continue;
@@ -163,36 +140,25 @@ void PoseSession::draw() {
                     !result_.tracked ? "" : fmt::format("{}:  ", face->face.id),
                     pose.angles.yaw_deg, pose.angles.pitch_deg, pose.angles.roll_deg);
     const cv::Size size = image::draw::text_size(angles, text.height_px);
-    const int x = std::clamp(cvRound(face->face.box.x), 0, std::max(0, output_.cols - size.width));
+    const int x = std::clamp(cvRound(face->face.box.x), 0, std::max(0, image.cols - size.width));
     const int y = std::max(cvRound(face->face.box.y), size.height);
-    image::draw::put_text(output_, angles, {x, y}, text, image::draw::Anchor::kBottomLeft);
+    image::draw::put_text(image, angles, {x, y}, text, image::draw::Anchor::kBottomLeft);
   }
 }
 
-View PoseSession::view(bool fresh) {
-  View result;
+nlohmann::json PoseSession::state() const {
   nlohmann::json ids = nlohmann::json::array();
   nlohmann::json yaws = nlohmann::json::array();
   for (const face::PosedFace& face : faces()) {
     ids.push_back(face.face.id);
     yaws.push_back(face.pose ? nlohmann::json(rounded(face.pose->angles.yaw_deg, 10)) : nullptr);
   }
-  result.state = {{"faces", faces().size()},
-                  {"ids", std::move(ids)},
-                  {"yaw", std::move(yaws)},
-                  {"draw", name_of(options_.overlay)},
-                  {"paused", paused_}};
-  result.status = fmt::format("{} {}{}{}", faces().size(), faces().size() == 1 ? "face" : "faces",
-                              source_.empty() ? "" : "  " + source_, paused_ ? "  paused" : "");
-  if (fresh) result.output = output_;
-  if (!output_.empty()) {
-    output_.copyTo(shown_);
-    image::draw::status_bar(shown_, result.status, timer_.words(!result_.tracked) + "   h: help");
-    if (help_) draw_help(shown_, "Head pose", actions());
-    result.image = shown_;
-  }
-  result.finished = finished_;
-  return result;
+  return {{"faces", faces().size()},
+          {"ids", std::move(ids)},
+          {"yaw", std::move(yaws)},
+          {"draw", name_of(options_.overlay)}};
 }
+
+std::string PoseSession::status() const { return counted(faces().size(), "face"); }
 
 }  // namespace tarsier

@@ -4,8 +4,7 @@
 #include "tarsier/face/appearance/edit.h"
 #include "tarsier/face/pipelines/pose_tracker.h"
 #include "tarsier/render/mesh.h"
-#include "tarsier/session/overlay.h"
-#include "tarsier/session/session.h"
+#include "tarsier/session/frame_session.h"
 
 #include <memory>
 #include <optional>
@@ -28,20 +27,14 @@ struct PoseSessionOptions {
   void check() const;      // throws std::invalid_argument
 };
 
-// Shows the poses of heads that a face::PoseTracker finds.
+// Shows the poses of heads that a face::PoseTracker finds. on_frame() throws InputError where the
+// camera is that of pictures of another shape.
 // Keys: d looks for faces again, v what is drawn, space pauses, h help, q or Esc ends.
 // State: {"faces": number, "ids": [..], "yaw": [..], "draw", "paused"}.
-class PoseSession final : public Session {
+class PoseSession final : public FrameSession {
  public:
   // Throws std::invalid_argument for bad options, and an appearance model of other points.
   PoseSession(face::PoseTracker tracker, PoseSessionOptions options);
-
-  // Throws InputError where the camera is that of pictures of another shape.
-  View on_frame(const Frame& frame, const SourceStatus& source) override;
-  View on_idle(const SourceStatus& source) override;
-  View on_event(const Event& event) override;
-  [[nodiscard]] std::vector<Action> actions() const override;
-  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
   // Of the latest frame.
   [[nodiscard]] const face::PoseResult& result() const { return result_; }
@@ -50,24 +43,20 @@ class PoseSession final : public Session {
 
  private:
   [[nodiscard]] const face::head::HeadModel& head_model() const;
-  void draw();
-  void draw_object(const face::PosedFace& face);
-  void edit_face(const face::PosedFace& face);
-  View view(bool fresh);
+  void process(const Frame& frame) override;
+  void draw(cv::Mat& image) override;
+  void draw_object(cv::Mat& image, const face::PosedFace& face) const;
+  void edit_face(cv::Mat& image, const face::PosedFace& face) const;
+  [[nodiscard]] nlohmann::json state() const override;
+  [[nodiscard]] std::string status() const override;
+  [[nodiscard]] std::vector<Action> own_actions() const override;
+  bool act(const std::string& name) override;
 
   face::PoseTracker tracker_;
   PoseSessionOptions options_;
   std::optional<face::appearance::Synthesis> synthesis_;  // where faces are edited
   face::PoseState state_;
   face::PoseResult result_;
-  std::string source_;
-  FrameTimer timer_;
-  cv::Mat frame_;
-  cv::Mat output_;
-  cv::Mat shown_;
-  bool paused_ = false;
-  bool help_ = false;
-  bool finished_ = false;
 };
 
 }  // namespace tarsier

@@ -46,67 +46,41 @@ void draw_named_face(cv::Mat& image, const face::NamedFace& face) {
 
 RecognizeSession::RecognizeSession(face::Identifier identifier, face::IdentifierState state,
                                    DebugSink* debug)
-    : identifier_(std::move(identifier)), state_(std::move(state)), debug_(debug) {}
+    : FrameSession("People"),
+      identifier_(std::move(identifier)),
+      state_(std::move(state)),
+      debug_(debug) {}
 
-View RecognizeSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  frame_ = frame.image;
-  trouble_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  timer_.start();
+void RecognizeSession::process(const Frame& frame) {
   result_ = identifier_.process(frame, state_, debug_);
-  timer_.stop();
-  draw();
-  return view(true);
 }
 
-View RecognizeSession::on_idle(const SourceStatus& source) {
+bool RecognizeSession::idle() {
   // Nor does the last frame of a source that stalls go on naming who was forgotten.
-  if (state_.follow() && !frame_.empty()) {
-    const face::recognition::Recognizer* model = state_.recognizer();
-    for (face::NamedFace& face : result_.faces)
-      if (model == nullptr || std::find(model->labels.begin(), model->labels.end(),
-                                        face.name.label) == model->labels.end())
-        face.name = {};
-    draw();
-  }
-  trouble_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  return view(false);
+  if (!state_.follow()) return false;
+  const face::recognition::Recognizer* model = state_.recognizer();
+  for (face::NamedFace& face : result_.faces)
+    if (model == nullptr || std::find(model->labels.begin(), model->labels.end(),
+                                      face.name.label) == model->labels.end())
+      face.name = {};
+  return true;
 }
 
-View RecognizeSession::on_event(const Event& event) {
-  const std::string name = action_of(event, actions());
-  if (name == "quit") finished_ = true;
-  if (name == "pause") paused_ = !paused_;
-  if (name == "help") help_ = !help_;
-  return view(false);
+void RecognizeSession::draw(cv::Mat& image) {
+  for (const face::NamedFace& face : faces()) draw_named_face(image, face);
 }
 
-std::vector<Action> RecognizeSession::actions() const {
-  return {
-      {"pause", "pause and go on", key::kSpace}, {"help", "this list", 'h'}, {"quit", "end", 'q'}};
+nlohmann::json RecognizeSession::state() const {
+  return {{"faces", faces().size()}, {"known", known()}};
 }
 
-void RecognizeSession::draw() {
-  frame_.copyTo(output_);
-  for (const face::NamedFace& face : faces()) draw_named_face(output_, face);
+std::string RecognizeSession::status() const {
+  return fmt::format("{}, {} known", counted(faces().size(), "face"), known());
 }
 
-View RecognizeSession::view(bool fresh) {
-  View result;
-  const auto known = std::count_if(faces().begin(), faces().end(),
-                                   [](const face::NamedFace& face) { return face.name.known; });
-  result.state = {{"faces", faces().size()}, {"known", known}, {"paused", paused_}};
-  result.status =
-      fmt::format("{} {}, {} known{}", faces().size(), faces().size() == 1 ? "face" : "faces",
-                  known, paused_ ? ", paused" : "");
-  result.finished = finished_;
-  if (output_.empty()) return result;
-  output_.copyTo(shown_);
-  image::draw::status_bar(shown_, result.status,
-                          trouble_.empty() ? timer_.words(true) + "   h: help" : trouble_);
-  if (help_) draw_help(shown_, "People", actions());
-  result.image = shown_;
-  if (fresh) result.output = output_;
-  return result;
+std::ptrdiff_t RecognizeSession::known() const {
+  return std::count_if(faces().begin(), faces().end(),
+                       [](const face::NamedFace& face) { return face.name.known; });
 }
 
 }  // namespace tarsier

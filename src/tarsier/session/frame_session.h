@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/session/controls.h"
+#include "tarsier/session/overlay.h"
+#include "tarsier/session/session.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tarsier {
+
+// The base of sessions that work on each frame and draw on it what they found. It keeps the frame,
+// measures the time, does what all of them can do (SessionControls), and puts the view together:
+// the drawing is what goes to the sink; the same with a bar below, and the panel of keys where it
+// was asked for, is what is shown. A session gives process(), draw(), state() and status(), and its
+// own actions where it has some.
+class FrameSession : public Session {
+ public:
+  View on_frame(const Frame& frame, const SourceStatus& source) final;
+  View on_idle(const SourceStatus& source) final;
+  // An action that changes the drawing draws the frame again. The drawing of a still then goes to
+  // the sink once more; of a video each frame is written once.
+  View on_event(const Event& event) final;
+  [[nodiscard]] std::vector<Action> actions() const final;
+  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
+
+  // Of process(), of the latest frame.
+  [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
+
+ protected:
+  // `title` is that of the panel of keys.
+  explicit FrameSession(std::string title) : title_(std::move(title)) {}
+
+  // The work on a frame, whose time is measured.
+  virtual void process(const Frame& frame) = 0;
+  // Before process(), of a still and of the first frame of another source: what is known from
+  // earlier frames holds no longer.
+  virtual void restart() {}
+  // Behind process() and before draw(); not measured.
+  virtual void processed() {}
+  // On a copy of the frame (CV_8UC3).
+  virtual void draw(cv::Mat& image) = 0;
+  // An object with steady key names; "paused" is added to it.
+  [[nodiscard]] virtual nlohmann::json state() const = 0;
+  // What was found, in a few words; what the source is and whether it is paused are added to them.
+  [[nodiscard]] virtual std::string status() const = 0;
+  [[nodiscard]] virtual std::vector<Action> own_actions() const { return {}; }
+  // One of them; true: the frame is to be drawn again.
+  virtual bool act(const std::string& name) {
+    static_cast<void>(name);
+    return false;
+  }
+  // No frame came for a while; true: the frame is to be drawn again.
+  virtual bool idle() { return false; }
+
+  // The latest frame; empty before the first.
+  [[nodiscard]] const cv::Mat& frame() const { return frame_; }
+  // Whether it stands for itself.
+  [[nodiscard]] bool still() const { return still_; }
+
+ private:
+  bool draw_again();
+  View view(bool fresh);
+
+  std::string title_;
+  SessionControls controls_{true};
+  FrameTimer timer_;
+  std::string source_name_;
+  std::string trouble_;  // of the source
+  bool still_ = true;
+  cv::Mat frame_;
+  cv::Mat output_;
+  cv::Mat shown_;
+};
+
+}  // namespace tarsier
