@@ -6,7 +6,6 @@
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
-#include <opencv2/imgproc.hpp>
 
 #include "cmd_people.h"
 #include "people_engine.h"
@@ -35,11 +34,11 @@ class Enrolment {
   Enrolment(const EnrollFlags& flags, Context& context)
       : flags_(flags),
         context_(context),
-        reader_(make_face_reader(flags.people)),
+        faces_(make_face_reader(flags.people), nullptr),
         collector_(flags.collect),
         gallery_(flags.people.gallery, DatabaseAccess::kCreate),
         background_(find_background(flags.people)),
-        templates_(gallery_, background()) {}
+        enroller_(gallery_, background()) {}
 
   ExitStatus operator()() {
     const auto source = open_sources(flags_.inputs, flags_.source, {synth::synth_scheme()});
@@ -83,37 +82,25 @@ class Enrolment {
   void take(const Frame& frame) {
     if (frame.name != source_name_) {
       source_name_ = frame.name;
-      if (!frame.still) {
-        collector_.restart();
-        reader_.restart();
-      }
+      if (!frame.still) collector_.restart();
     }
-    cv::Mat gray;
-    cv::cvtColor(frame.image, gray, cv::COLOR_BGR2GRAY);
-    const std::vector<face::people::Face> faces =
-        frame.still ? reader_.read(gray) : reader_.follow(gray, frame.time);
+    const std::vector<face::NamedFace> faces = identifier_.find(frame, faces_);
     std::string reason;
     if (faces.empty()) {
-      reason = reader_.without_eyes() > 0 ? "eyes not found" : "no face";
+      reason = faces_.reader().without_eyes() > 0 ? "eyes not found" : "no face";
     } else if (faces.size() > 1 && !flags_.largest) {
       reason = "several faces";
     }
     if (!reason.empty()) {
       collector_.refuse(reason);
     } else {
-      const face::people::Face& face = *std::max_element(
-          faces.begin(), faces.end(),
-          [](const auto& a, const auto& b) { return a.box.area() < b.box.area(); });
+      const face::people::Face& face =
+          *std::max_element(faces.begin(), faces.end(), [](const auto& a, const auto& b) {
+             return a.face.box.area() < b.face.box.area();
+           }).face;
       reason = collector_.offer(face, frame.time, !frame.still);
       if (reason.empty()) {
-        face::people::StoredFace stored;
-        stored.crop = face.crop;
-        stored.quality = face.quality.score();
-        stored.measures = face::people::quality_json(face.quality).dump();
-        stored.source = frame.name;
-        stored.time = now_ms();
-        templates_.fill(stored);
-        gallery_.enroll(flags_.name, flags_.note, stored);
+        enroller_.enroll(flags_.name, flags_.note, face, frame.name, now_ms());
         crops_.push_back(face.crop);
       }
     }
@@ -145,11 +132,12 @@ class Enrolment {
 
   const EnrollFlags& flags_;
   Context& context_;
-  face::people::FaceReader reader_;
+  const face::Identifier identifier_{face::NamingOptions()};  // finds; nobody is named
+  face::IdentifierState faces_;
   face::people::Collector collector_;
   face::people::Gallery gallery_;
   std::optional<face::recognition::Background> background_;
-  face::people::TemplateMaker templates_;
+  face::Enroller enroller_;
   std::optional<face::people::GalleryModel> before_;
   std::vector<cv::Mat> crops_;
   std::string source_name_;

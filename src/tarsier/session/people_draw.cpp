@@ -159,7 +159,7 @@ void PeopleSession::draw_buttons() {
 void PeopleSession::draw_preprocessed() {
   if (faces_.empty()) return;
   const cv::Mat& crop = faces_.front().face.crop;
-  const face::recognition::Recognizer* model = follower_.recognizer();
+  const face::recognition::Recognizer* model = identity_.recognizer();
   const bool general =
       model == nullptr || model->options.algorithm == face::recognition::Algorithm::kDefault;
   cv::Mat seen = general ? face::recognition::light_picture(face::recognition::tan_triggs(crop))
@@ -243,14 +243,14 @@ nlohmann::json PeopleSession::state() const {
           {"flash", flash_ > 0},
           {"message", message_},
           {"prompt", prompt()},
-          {"paused", paused_}};
+          {"paused", controls_.paused()}};
 }
 
 View PeopleSession::view(bool fresh) {
   View result;
   result.state = state();
   result.status = help_line();
-  result.finished = finished_;
+  result.finished = controls_.finished();
   const cv::Size size = picture_size();
   shown_.create(size.height + kBar, size.width + kStrip, CV_8UC3);
   shown_.setTo(kGround);
@@ -283,11 +283,11 @@ View PeopleSession::view(bool fresh) {
     image::draw::put_text(shown_, text, {size.width / 2, size.height - 14},
                           {.height_px = 16, .backing = image::draw::Backing::kBox},
                           image::draw::Anchor::kBottom);
-  image::draw::status_bar(
-      shown_, result.status,
-      source_.empty() ? fmt::format("{}{}   h: help", name_of(mode_), paused_ ? ", paused" : "")
-                      : source_);
-  if (help_) draw_help(shown_, "People", actions());
+  image::draw::status_bar(shown_, result.status,
+                          source_.empty() ? fmt::format("{}{}   h: help", name_of(mode_),
+                                                        controls_.paused() ? ", paused" : "")
+                                          : source_);
+  if (controls_.help()) draw_help(shown_, "People", actions());
   result.image = shown_;
   return result;
 }

@@ -54,10 +54,11 @@ PeopleSession::PeopleSession(face::people::Gallery& gallery,
                              face::people::FaceReader reader, PeopleSessionOptions options)
     : gallery_(gallery),
       background_(background),
-      reader_(std::move(reader)),
       options_(std::move(options)),
-      templates_(gallery, background),
+      enroller_(gallery, background),
       follower_(gallery, background, std::nullopt),
+      identifier_({options_.false_accepts, options_.max_pooled}),
+      identity_(std::move(reader), follower_),
       collector_(options_.collect) {
   options_.check();
   load_people();
@@ -74,13 +75,9 @@ void PeopleSession::load_people() {
 }
 
 View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (frame.name != source_name_) {
-    reader_.restart();
-    collector_.restart();
-    tracks_.clear();
-  }
+  if (frame.name != source_name_) collector_.restart();
   source_name_ = frame.name;
-  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
+  source_ = trouble_of(source);
   frame_ = frame.image;
   if (flash_ > 0) --flash_;
   if (mode_ == PeopleMode::kStart) {
@@ -91,11 +88,7 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   }
   follow();
   timer_.start();
-  cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
-  faces_.clear();
-  for (face::people::Face& face :
-       frame.still ? reader_.read(gray_) : reader_.follow(gray_, frame.time))
-    faces_.push_back({std::move(face), {}});
+  faces_ = identifier_.find(frame, identity_);
   std::stable_sort(faces_.begin(), faces_.end(),
                    [](const face::NamedFace& a, const face::NamedFace& b) {
                      return a.face.box.area() > b.face.box.area();
@@ -104,7 +97,7 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
       collector_.offer(faces_.front().face, frame.time, !frame.still).empty()) {
     collect();
   }
-  if (mode_ == PeopleMode::kRecognize) recognize();
+  if (mode_ == PeopleMode::kRecognize) identifier_.name(faces_, identity_);
   timer_.stop();
   return view(true);
 }
@@ -113,14 +106,8 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
 void PeopleSession::collect() {
   Enrolled& person = people_[static_cast<std::size_t>(collecting_)];
   const face::people::Face& face = faces_.front().face;
-  face::people::StoredFace stored;
-  stored.crop = face.crop;
-  stored.quality = face.quality.score();
-  stored.measures = face::people::quality_json(face.quality).dump();
-  stored.source = source_name_;
-  stored.time = options_.now ? options_.now() : 0;
-  templates_.fill(stored);
-  gallery_.enroll(person.name, options_.note, stored);
+  enroller_.enroll(person.name, options_.note, face, source_name_,
+                   options_.now ? options_.now() : 0);
   if (person.name == pending_) pending_.clear();
   ++person.faces;
   person.latest = face.crop;
@@ -129,46 +116,36 @@ void PeopleSession::collect() {
   if (collector_.taken() >= options_.max_faces) end_collecting();
 }
 
-void PeopleSession::recognize() {
-  const face::recognition::Recognizer* model = follower_.recognizer();
-  if (model == nullptr) return;
-  face::name_faces(model, false, {options_.false_accepts, options_.max_pooled}, faces_, tracks_);
-}
-
 // Begins to learn. Whoever can be named already is named meanwhile.
 void PeopleSession::train() {
   training_.emplace(gallery_, background_, true, face::people::Learn::kWhenDue);
-  mode_ = follower_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kTrain;
+  mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kTrain;
 }
 
 // A piece of what is to be learned: a frame never waits for all of it.
 void PeopleSession::learn() {
   NoProgress progress;
-  const bool first = follower_.recognizer() == nullptr;
+  const bool first = identity_.recognizer() == nullptr;
   try {
     for (double work = 0; work < (first ? kFirstWork : kWork); work += training_->work()) {
       if (training_->step(progress, {})) continue;
-      follower_.replace(training_->take());
+      identity_.replace(training_->take());
       training_.reset();
-      tracks_.clear();
       break;
     }
   } catch (const std::invalid_argument& error) {
     // "Fisherfaces needs faces of at least two people, there is one": said, and one goes on.
     training_.reset();
-    follower_.replace(std::nullopt);
+    identity_.replace(std::nullopt);
     message_ = error.what();
   }
   if (training_ || mode_ == PeopleMode::kCollect) return;
-  mode_ = follower_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kDetect;
+  mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kDetect;
 }
 
 // Who was enrolled here or anywhere, and who was forgotten.
 void PeopleSession::follow() {
-  if (follower_.recognizer() == nullptr) return;
-  const face::people::GalleryFollower::Change change = follower_.update();
-  if (change == face::people::GalleryFollower::Change::kNone) return;
-  if (change == face::people::GalleryFollower::Change::kModel) tracks_.clear();
+  if (identity_.recognizer() == nullptr || !identity_.follow()) return;
   std::set<std::string> there;
   for (const face::people::Person& person : gallery_.people()) there.insert(person.name);
   std::set<std::string> shown;
@@ -183,14 +160,14 @@ void PeopleSession::follow() {
       if (people_[i].name == collecting) collecting_ = static_cast<int>(i);
     if (mode_ == PeopleMode::kCollect && collecting_ < 0) mode_ = PeopleMode::kDetect;
   }
-  if (mode_ == PeopleMode::kRecognize && follower_.recognizer() == nullptr)
+  if (mode_ == PeopleMode::kRecognize && identity_.recognizer() == nullptr)
     mode_ = PeopleMode::kDetect;
-  if (mode_ == PeopleMode::kDetect && follower_.recognizer() != nullptr)
+  if (mode_ == PeopleMode::kDetect && identity_.recognizer() != nullptr)
     mode_ = PeopleMode::kRecognize;
 }
 
 View PeopleSession::on_idle(const SourceStatus& source) {
-  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
+  source_ = trouble_of(source);
   return view(false);
 }
 
@@ -204,15 +181,12 @@ View PeopleSession::on_event(const Event& event) {
 }
 
 std::vector<Action> PeopleSession::actions() const {
-  return {{"add", "add a person", 'a'},
-          {"delete", "delete all (asks)", 'd'},
-          {"confirm", "yes, delete all", 'y'},
-          {"cancel", "no, keep them", 'n'},
-          {"debug", "debug view", 'b'},
-          {"train", "end collecting and train", 't'},
-          {"pause", "pause and go on", key::kSpace},
-          {"help", "this list", 'h'},
-          {"quit", "end", 'q'}};
+  return controls_.after({{"add", "add a person", 'a'},
+                          {"delete", "delete all (asks)", 'd'},
+                          {"confirm", "yes, delete all", 'y'},
+                          {"cancel", "no, keep them", 'n'},
+                          {"debug", "debug view", 'b'},
+                          {"train", "end collecting and train", 't'}});
 }
 
 void PeopleSession::act(const std::string& name) {
@@ -227,9 +201,7 @@ void PeopleSession::act(const std::string& name) {
   }
   if (name == "debug") debug_ = !debug_;
   if (name == "train") end_collecting();
-  if (name == "pause") paused_ = !paused_;
-  if (name == "help") help_ = !help_;
-  if (name == "quit") finished_ = true;
+  controls_.act(name);
 }
 
 void PeopleSession::click(cv::Point at) {
@@ -287,8 +259,7 @@ void PeopleSession::delete_all() {
   const auto report = gallery_.forget_all({});
   pending_.clear();
   collecting_ = -1;
-  follower_.replace(std::nullopt);
-  tracks_.clear();
+  identity_.replace(std::nullopt);
   load_people();
   mode_ = PeopleMode::kDetect;
   if (!report) {

@@ -6,6 +6,7 @@
 #include "tarsier/face/people/gallery.h"
 #include "tarsier/face/people/model.h"
 #include "tarsier/face/recognition/recognizer.h"
+#include "tarsier/session/controls.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/recognize_session.h"
 #include "tarsier/session/session.h"
@@ -51,6 +52,8 @@ class PeopleSession final : public Session {
   // Gallery and background (may be null) must outlive the session.
   PeopleSession(face::people::Gallery& gallery, const face::recognition::Background* background,
                 face::people::FaceReader reader, PeopleSessionOptions options);
+  PeopleSession(const PeopleSession&) = delete;
+  PeopleSession& operator=(const PeopleSession&) = delete;
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
   View on_idle(const SourceStatus& source) override;
@@ -84,7 +87,6 @@ class PeopleSession final : public Session {
   void learn();
   void follow();
   void collect();
-  void recognize();
   // people_draw.cpp
   View view(bool fresh);
   void draw_strip();
@@ -100,16 +102,16 @@ class PeopleSession final : public Session {
 
   face::people::Gallery& gallery_;
   const face::recognition::Background* background_;
-  face::people::FaceReader reader_;
   PeopleSessionOptions options_;
-  face::people::TemplateMaker templates_;
+  face::Enroller enroller_;
   face::people::GalleryFollower follower_;
+  face::Identifier identifier_;
+  face::IdentifierState identity_;                         // refers to follower_
   std::optional<face::people::GalleryTraining> training_;  // of a model, on its way
   face::people::Collector collector_;
   PeopleMode mode_ = PeopleMode::kStart;
   std::vector<Enrolled> people_;
   std::vector<face::NamedFace> faces_;
-  face::PooledTemplates tracks_;
   int collecting_ = -1;  // index into people_
   std::string pending_;  // name of a person who has no face yet; the last of people_ then
   std::string message_;
@@ -119,10 +121,7 @@ class PeopleSession final : public Session {
   int flash_ = 0;  // frames it still lasts
   bool asking_ = false;
   bool debug_ = false;
-  bool paused_ = false;
-  bool help_ = false;
-  bool finished_ = false;
-  cv::Mat gray_;
+  SessionControls controls_{true};
   cv::Mat frame_;
   cv::Mat output_;
   cv::Mat shown_;

@@ -185,6 +185,12 @@ bool IdentifierState::follow() {
   return change != people::GalleryFollower::Change::kNone;
 }
 
+void IdentifierState::replace(std::optional<people::GalleryModel> model) {
+  TARSIER_REQUIRE(follower_ != nullptr, "a state without a gallery has no model of one");
+  follower_->replace(std::move(model));
+  pool_.clear();
+}
+
 Identifier::Identifier(const NamingOptions& naming, bool cropped)
     : naming_(naming), cropped_(cropped) {
   naming_.check();
@@ -229,30 +235,53 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
 
 IdentifierResult Identifier::process(const Frame& frame, IdentifierState& state,
                                      DebugSink* debug) const {
+  static_cast<void>(state.follow());
+  const auto start = std::chrono::steady_clock::now();
+  IdentifierResult result;
+  result.faces = find(frame, state, debug);
+  name(result.faces, state);
+  const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - start;
+  result.ms = spent.count();
+  return result;
+}
+
+std::vector<NamedFace> Identifier::find(const Frame& frame, IdentifierState& state,
+                                        DebugSink* debug) const {
   const std::string source = source_of(frame);
   if (frame.still || source != state.source_) {
     state.pool_.clear();
     state.reader_.restart();
   }
   state.source_ = source;
-  static_cast<void>(state.follow());
-  const auto start = std::chrono::steady_clock::now();
   const cv::Mat& gray = gray_of(frame.image, state.gray_);
-  IdentifierResult result;
+  std::vector<NamedFace> faces;
   if (cropped_) {
     NamedFace whole;
     whole.face.crop = gray;
     whole.face.box = {0, 0, static_cast<double>(gray.cols), static_cast<double>(gray.rows)};
-    result.faces.push_back(std::move(whole));
+    faces.push_back(std::move(whole));
   } else {
     for (people::Face& face :
          frame.still ? state.reader_.read(gray, debug) : state.reader_.follow(gray, frame.time))
-      result.faces.push_back({std::move(face), {}});
+      faces.push_back({std::move(face), {}});
   }
-  name_faces(state.recognizer(), cropped_, naming_, result.faces, state.pool_);
-  const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - start;
-  result.ms = spent.count();
-  return result;
+  return faces;
+}
+
+void Identifier::name(std::vector<NamedFace>& faces, IdentifierState& state) const {
+  name_faces(state.recognizer(), cropped_, naming_, faces, state.pool_);
+}
+
+void Enroller::enroll(const std::string& name, const std::string& note, const people::Face& face,
+                      const std::string& source, std::int64_t time) {
+  people::StoredFace stored;
+  stored.crop = face.crop;
+  stored.quality = face.quality.score();
+  stored.measures = people::quality_json(face.quality).dump();
+  stored.source = source;
+  stored.time = time;
+  templates_.fill(stored);
+  gallery_->enroll(name, note, stored);
 }
 
 }  // namespace tarsier::face

@@ -135,8 +135,13 @@ class IdentifierState {
   [[nodiscard]] const recognition::Recognizer* recognizer() const;
   // That Identifier::open() opened; null without one.
   [[nodiscard]] people::Gallery* gallery() const;
+  // What finds the faces.
+  [[nodiscard]] const people::FaceReader& reader() const { return reader_; }
   // Looks whether another program changed the gallery. Frames do it by themselves.
   bool follow();
+  // Another model of the gallery, learned meanwhile; nothing where nobody is enrolled any more.
+  // Throws std::invalid_argument for a state without a gallery.
+  void replace(std::optional<people::GalleryModel> model);
 
  private:
   friend class Identifier;
@@ -181,6 +186,12 @@ class Identifier {
   [[nodiscard]] IdentifierResult process(const Frame& frame, IdentifierState& state,
                                          DebugSink* debug = nullptr) const;
 
+  // Its two halves, for callers that look at faces before anybody is known: the faces of a frame,
+  // without names, and their names by what is known now.
+  [[nodiscard]] std::vector<NamedFace> find(const Frame& frame, IdentifierState& state,
+                                            DebugSink* debug = nullptr) const;
+  void name(std::vector<NamedFace>& faces, IdentifierState& state) const;
+
  private:
   NamingOptions naming_;
   bool cropped_ = false;
@@ -188,6 +199,25 @@ class Identifier {
   IdentifierOptions options_;
   std::optional<FaceReaderModel> reader_;
   std::shared_ptr<const recognition::Recognizer> model_;
+};
+
+// --- enrolment ---
+
+// Puts faces into a gallery, each safe on the disk before the next: a crash loses nothing.
+class Enroller {
+ public:
+  // `background` may be null; both must outlive it.
+  Enroller(people::Gallery& gallery, const recognition::Background* background)
+      : gallery_(&gallery), templates_(gallery, background) {}
+  // A face of `name`, who is added where there is no such person; `note` of consent is then theirs.
+  // `source`: file or camera; `time`: ms since 1970-01-01 UTC. Throws OutputError, UsageError (the
+  // name).
+  void enroll(const std::string& name, const std::string& note, const people::Face& face,
+              const std::string& source, std::int64_t time);
+
+ private:
+  people::Gallery* gallery_;
+  people::TemplateMaker templates_;
 };
 
 }  // namespace tarsier::face

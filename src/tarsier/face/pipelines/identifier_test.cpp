@@ -111,6 +111,46 @@ TEST_F(Names, OfTrackedFacesPoolTheirLastFrames) {
   EXPECT_TRUE(pool.empty());  // it has gone
 }
 
+TEST_F(Names, AreFoundAndNamedInTwoSteps) {
+  people::Gallery gallery(path("people.db"));
+  people::GalleryFollower follower(gallery, nullptr, std::nullopt);
+  const Identifier identifier({}, true);
+  IdentifierState state(no_reader(), follower);
+  const Frame frame = frame_of(set_.faces[0], 0, true);
+  std::vector<NamedFace> faces = identifier.find(frame, state);
+  ASSERT_EQ(faces.size(), 1U);
+  identifier.name(faces, state);
+  EXPECT_EQ(faces[0].name.label, "") << "nothing is learned yet";
+  NoProgress quiet;
+  state.replace(learn_gallery(gallery, nullptr, people::Learn::kWhenDue, quiet, {}));
+  identifier.name(faces, state);
+  EXPECT_EQ(faces[0].name.label, "p0");
+  EXPECT_EQ(identifier.process(frame, state).faces[0].name.score, faces[0].name.score);
+  state.replace(std::nullopt);
+  EXPECT_EQ(state.recognizer(), nullptr);
+  IdentifierState alone(no_reader(), nullptr);
+  EXPECT_THROW(alone.replace(std::nullopt), std::invalid_argument);
+}
+
+TEST_F(Names, OfEnrolledFacesAreKnownWithTheirMeasures) {
+  people::Gallery gallery(path("new.db"), DatabaseAccess::kCreate);
+  Enroller enroller(gallery, nullptr);
+  people::Face face;
+  face.crop = set_.faces[0];
+  face.quality.eye_distance = 61;
+  enroller.enroll("Ann", "agreed", face, "door.png", 1234);
+  const auto person = gallery.find("Ann");
+  ASSERT_TRUE(person);
+  EXPECT_EQ(person->faces, 1);
+  EXPECT_EQ(person->note, "agreed");
+  const auto stored = gallery.latest_face(person->id);
+  ASSERT_TRUE(stored);
+  EXPECT_EQ(stored->source, "door.png");
+  EXPECT_EQ(stored->time, 1234);
+  EXPECT_EQ(stored->quality, face.quality.score());
+  EXPECT_NE(stored->measures.find("61"), std::string::npos) << stored->measures;
+}
+
 TEST_F(Names, AreWrittenAsJson) {
   NamedFace face;
   face.face.box = {10.4, 20.6, 30, 40};
