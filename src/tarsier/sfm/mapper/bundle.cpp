@@ -240,18 +240,18 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
 }
 
 void adjust_pose(geometry::Rigid& pose, const geometry::Camera& camera,
-                 const std::vector<Sighting>& seen, double loss_px) {
+                 const std::vector<Correspondence2D3D>& seen, double loss_px) {
   if (seen.size() < 3) return;
   BundleProblem problem;
   problem.loss_px = loss_px;
   problem.poses = {pose};
   problem.pose_moves = {1};
   problem.lenses = {numbers_of(camera)};
-  for (const Sighting& sighting : seen) {
+  for (const Correspondence2D3D& correspondence : seen) {
     problem.first.push_back(problem.seen.size());
-    problem.points.push_back(sighting.position);
+    problem.points.push_back(correspondence.position);
     problem.point_moves.push_back(0);
-    problem.seen.push_back({0, 0, sighting.pixel.x, sighting.pixel.y, 1});
+    problem.seen.push_back({0, 0, correspondence.pixel.x, correspondence.pixel.y, 1});
   }
   problem.first.push_back(problem.seen.size());
   BundleSolverOptions how;

@@ -46,11 +46,11 @@ constexpr double kMaxFocalShare = 20;
 BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_token& stop = {});
 
 // The same for one image's pose alone, its points fixed; `seen`: pairs of pixel and point.
-struct Sighting {
+struct Correspondence2D3D {
   cv::Point2d pixel;
   cv::Vec3d position;
 };
 void adjust_pose(geometry::Rigid& pose, const geometry::Camera& camera,
-                 const std::vector<Sighting>& seen, double loss_px);
+                 const std::vector<Correspondence2D3D>& seen, double loss_px);
 
 }  // namespace tarsier::sfm

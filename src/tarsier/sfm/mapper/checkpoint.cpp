@@ -170,7 +170,7 @@ void unpack(const PackedModel& packed, Model& model) {
 }
 
 int MapperState::registered() const {
-  std::size_t count = grown ? grown->model.registered.size() : 0;
+  std::size_t count = current ? current->model.registered.size() : 0;
   for (const PackedModel& model : models) count += model.registered.size();
   return static_cast<int>(count);
 }
@@ -182,13 +182,13 @@ bool fits(const MapperState& state, const std::vector<geometry::Camera>& cameras
     if (!fits(model, cameras.size(), images)) return false;
   for (const auto& [image, points] : state.failed)
     if (!is_index(image, images.size()) || points < 0) return false;
-  if (!state.grown) return true;
-  const GrownState& grown = *state.grown;
-  return !grown.model.registered.empty() && fits(grown.model, cameras.size(), images) &&
-         grown.ray_cameras.size() == cameras.size() &&
-         (grown.tracks.empty() ||
-          static_cast<std::int64_t>(grown.tracks.size()) == grown.model.points) &&
-         std::all_of(grown.tracks.begin(), grown.tracks.end(),
+  if (!state.current) return true;
+  const IncrementalMapperState& current = *state.current;
+  return !current.model.registered.empty() && fits(current.model, cameras.size(), images) &&
+         current.ray_cameras.size() == cameras.size() &&
+         (current.tracks.empty() ||
+          static_cast<std::int64_t>(current.tracks.size()) == current.model.points) &&
+         std::all_of(current.tracks.begin(), current.tracks.end(),
                      [&](const auto& track) { return are_observations(track, images); });
 }
 
@@ -197,16 +197,16 @@ void write_checkpoint(const std::string& path, const MapperState& state) {
   writer.put(kVersion);
   writer.put(static_cast<std::uint64_t>(state.models.size()));
   for (const PackedModel& model : state.models) put(writer, model);
-  put(writer, state.story);
+  put(writer, state.log);
   put(writer, state.reasons);
   writer.put(state.bad_start);
   writer.put(static_cast<std::int32_t>(state.done));
-  writer.put(static_cast<std::int32_t>(state.grown.has_value()));
-  if (state.grown) {
-    put(writer, state.grown->model);
-    put(writer, state.grown->ray_cameras);
-    writer.put(static_cast<std::uint64_t>(state.grown->tracks.size()));
-    for (const auto& track : state.grown->tracks) writer.put(track);
+  writer.put(static_cast<std::int32_t>(state.current.has_value()));
+  if (state.current) {
+    put(writer, state.current->model);
+    put(writer, state.current->ray_cameras);
+    writer.put(static_cast<std::uint64_t>(state.current->tracks.size()));
+    for (const auto& track : state.current->tracks) writer.put(track);
   }
   writer.put(static_cast<std::uint64_t>(state.failed.size()));
   for (const auto& [image, points] : state.failed)
@@ -222,17 +222,17 @@ std::optional<MapperState> read_checkpoint(const std::string& path) {
     MapperState state;
     const auto models = reader.get<std::uint64_t>();
     for (std::uint64_t k = 0; k < models; ++k) state.models.push_back(get_model(reader));
-    state.story = get_texts(reader);
+    state.log = get_texts(reader);
     state.reasons = get_texts(reader);
     state.bad_start = reader.get_all<std::uint8_t>();
     state.done = reader.get<std::int32_t>() != 0;
     if (reader.get<std::int32_t>() != 0) {
-      GrownState& grown = state.grown.emplace();
-      grown.model = get_model(reader);
-      grown.ray_cameras = get_cameras(reader);
+      IncrementalMapperState& current = state.current.emplace();
+      current.model = get_model(reader);
+      current.ray_cameras = get_cameras(reader);
       const auto tracks = reader.get<std::uint64_t>();
       for (std::uint64_t k = 0; k < tracks; ++k)
-        grown.tracks.push_back(reader.get_all<Observation>());
+        current.tracks.push_back(reader.get_all<Observation>());
     }
     const auto failed = reader.get<std::uint64_t>();
     for (std::uint64_t k = 0; k < failed; ++k) {

@@ -32,7 +32,7 @@ struct PackedModel {
 void unpack(const PackedModel& packed, Model& model);
 
 // One growing model.
-struct GrownState {
+struct IncrementalMapperState {
   PackedModel model;
   std::vector<geometry::Camera> ray_cameras;     // that its rays were measured with
   std::vector<std::vector<Observation>> tracks;  // where they are not those of the pairs any more
@@ -40,15 +40,15 @@ struct GrownState {
 
 struct MapperState {
   std::vector<PackedModel> models;  // that are done
-  std::vector<std::string> story;
-  std::vector<std::string> reasons;         // of each image: why it is not in, so far
-  std::vector<std::uint8_t> bad_start;      // of each pair
-  bool done = false;                        // all of it
-  std::optional<GrownState> grown;          // the model that grows
-  std::vector<std::pair<int, int>> failed;  // image: points it saw when it failed
-  int adjusted_at = 0;                      // images in it when all of it was last adjusted
-  int stage = 0;                            // 0: images are added; then the steps of the end
-  int round = 0;                            // of the stage
+  std::vector<std::string> log;
+  std::vector<std::string> reasons;               // of each image: why it is not in, so far
+  std::vector<std::uint8_t> bad_start;            // of each pair
+  bool done = false;                              // all of it
+  std::optional<IncrementalMapperState> current;  // the model that grows
+  std::vector<std::pair<int, int>> failed;        // image: points it saw when it failed
+  int adjusted_at = 0;                            // images in it when all of it was last adjusted
+  int stage = 0;                                  // 0: images are added; then the steps of the end
+  int round = 0;                                  // of the stage
   // Images in all models.
   [[nodiscard]] int registered() const;
 };

@@ -20,13 +20,13 @@ MapperState some_state() {
   Model model = synthetic_model();
   model.points[7] = {};  // a track without a point
   state.models.push_back(packed(synthetic_model()));
-  GrownState& grown = state.grown.emplace();
-  grown.model = packed(model);
-  grown.ray_cameras = model.cameras;
-  grown.ray_cameras[1].fx += 1;
-  grown.tracks.resize(model.points.size());
-  for (std::size_t p = 0; p < model.points.size(); ++p) grown.tracks[p] = model.points[p].track;
-  state.story = {"one", "", "two\nlines"};
+  IncrementalMapperState& current = state.current.emplace();
+  current.model = packed(model);
+  current.ray_cameras = model.cameras;
+  current.ray_cameras[1].fx += 1;
+  current.tracks.resize(model.points.size());
+  for (std::size_t p = 0; p < model.points.size(); ++p) current.tracks[p] = model.points[p].track;
+  state.log = {"one", "", "two\nlines"};
   state.reasons = {"a", "", "b", "", ""};
   state.bad_start = {0, 1, 0};
   state.failed = {{1, 40}, {3, 7}};
@@ -53,7 +53,7 @@ TEST_F(Checkpoint, ComesBackAsItWas) {
   write_checkpoint(path, state);
   const auto read = read_checkpoint(path);
   ASSERT_TRUE(read);
-  EXPECT_EQ(read->story, state.story);
+  EXPECT_EQ(read->log, state.log);
   EXPECT_EQ(read->reasons, state.reasons);
   EXPECT_EQ(read->bad_start, state.bad_start);
   EXPECT_EQ(read->failed, state.failed);
@@ -62,12 +62,12 @@ TEST_F(Checkpoint, ComesBackAsItWas) {
   EXPECT_EQ(read->round, 1);
   EXPECT_FALSE(read->done);
   EXPECT_EQ(read->registered(), 8);
-  ASSERT_TRUE(read->grown);
-  EXPECT_EQ(read->grown->tracks, state.grown->tracks);
-  EXPECT_EQ(read->grown->ray_cameras[1].fx, state.grown->ray_cameras[1].fx);
+  ASSERT_TRUE(read->current);
+  EXPECT_EQ(read->current->tracks, state.current->tracks);
+  EXPECT_EQ(read->current->ray_cameras[1].fx, state.current->ray_cameras[1].fx);
   const Model truth = synthetic_model();
   Model model = empty_copy(truth);
-  unpack(read->grown->model, model);
+  unpack(read->current->model, model);
   for (std::size_t i = 0; i < truth.images.size(); ++i) {
     EXPECT_EQ(model.images[i].registered, truth.images[i].registered);
     if (truth.images[i].registered) {
@@ -96,7 +96,7 @@ TEST_F(Checkpoint, MustFitTheImages) {
   fewer = model.images;
   fewer[2].features.resize(10);
   EXPECT_FALSE(fits(state, model.cameras, fewer, 3));
-  state.grown->model.places.back() = 100;
+  state.current->model.places.back() = 100;
   EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
 }
 

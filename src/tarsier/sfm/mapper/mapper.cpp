@@ -4,7 +4,8 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/sfm/mapper/growing.h"
+#include "tarsier/sfm/mapper/incremental_mapper.h"
+#include "tarsier/sfm/mapper/initial_pair.h"
 
 #include <fmt/format.h>
 #include <opencv2/calib3d.hpp>
@@ -31,109 +32,44 @@ constexpr double kFine = 1e-5;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-// How good a pair is to begin with: many points in front of both, seen under a wide angle, and not
-// all explained by one plane, which tells little of the cameras.
-double promise_of(const Pair& pair, const MapperOptions& options) {
-  const auto inliers = static_cast<double>(pair.view.inliers.size());
-  if (inliers < options.first_inliers || pair.view.in_front < 0.5 * inliers) return 0;
-  const double angle = pair.view.median_angle / kRadians;
-  if (angle < options.first_angle_deg) return 0;
-  const double plane = std::min(1.0, pair.view.homography_inliers / inliers);
-  return pair.view.in_front * std::min(angle, 15.0) / 15 * (1.05 - plane);
-}
-
-// The best pair of each image, or none.
-std::vector<const Pair*> best_pairs(const std::vector<Pair>& pairs, std::size_t images) {
-  std::vector<const Pair*> best(images, nullptr);
-  for (const Pair& pair : pairs) {
-    for (const int image : {pair.first, pair.second}) {
-      const Pair*& known = best[at(image)];
-      if (known == nullptr || pair.view.inliers.size() > known->view.inliers.size() ||
-          (pair.view.inliers.size() == known->view.inliers.size() &&
-           pair.matches > known->matches)) {
-        known = &pair;
-      }
-    }
-  }
-  return best;
-}
-
-std::string lonely(const Pair* best, const std::vector<Image>& images, int image) {
-  if (best == nullptr) return "was compared with no other image";
-  const std::string& name = images[at(best->first == image ? best->second : best->first)].name;
-  if (best->view.inliers.empty())
-    return fmt::format("too few matches: at most {}, with {}, and no geometry fits them",
-                       best->matches, name);
-  return fmt::format("its best pair, {} inliers with {}, is no good start and joins no model",
-                     best->view.inliers.size(), name);
-}
-
-// Why no pair of images is a start, by the one with most inliers.
-std::string no_start(const std::vector<Pair>& pairs, const std::vector<Image>& images,
-                     const MapperOptions& options) {
-  const Pair* best = nullptr;
-  const Pair* most = nullptr;
-  for (const Pair& pair : pairs) {
-    if (best == nullptr || pair.view.inliers.size() > best->view.inliers.size()) best = &pair;
-    if (most == nullptr || pair.matches > most->matches) most = &pair;
-  }
-  if (best == nullptr) return "there are no two images to compare";
-  if (best->view.inliers.empty())
-    return fmt::format("no two images show the same thing: at most {} matches ({} and {})",
-                       most->matches, images[at(most->first)].name, images[at(most->second)].name);
-  const auto inliers = static_cast<double>(best->view.inliers.size());
-  const std::string names =
-      fmt::format("the best pair, {} and {}, has {} inliers", images[at(best->first)].name,
-                  images[at(best->second)].name, best->view.inliers.size());
-  if (inliers < options.first_inliers)
-    return fmt::format("{}, a start needs {}", names, options.first_inliers);
-  if (best->view.homography_inliers > 0.9 * inliers)
-    return fmt::format(
-        "{}, and one plane or a camera that only turned explains {:.0f} % of them: move the camera "
-        "sideways between images",
-        names, 100 * best->view.homography_inliers / inliers);
-  return fmt::format("{}, but its rays differ by only {:.1f} degrees: move the camera sideways",
-                     names, best->view.median_angle / kRadians);
-}
-
 // Adds what sees most, until nothing more can be added. `thorough`: when nothing more can, all of
 // it is adjusted and what failed is tried once more. `failed`: images that failed, and how
 // many points they saw then. `each_step` is called where a checkpoint can be made. `tell`: image,
 // added, why not.
 template <typename EachStep, typename Tell>
-void add_all(Growing& growing, const std::vector<bool>& used, bool thorough, int& adjusted_at,
-             std::map<int, int>& failed, const std::stop_token& stop, const EachStep& each_step,
-             const Tell& tell) {
+void add_all(IncrementalMapper& mapper, const std::vector<bool>& used, bool thorough,
+             int& adjusted_at, std::map<int, int>& failed, const std::stop_token& stop,
+             const EachStep& each_step, const Tell& tell) {
   for (;;) {
     throw_if_stopped(stop);
     each_step();
-    if (growing.registered() >= kGrowth * adjusted_at) {
-      growing.refine_all(1, kRough, stop);
-      adjusted_at = growing.registered();
+    if (mapper.registered() >= kGrowth * adjusted_at) {
+      mapper.refine_all(1, kRough, stop);
+      adjusted_at = mapper.registered();
     }
     std::vector<std::pair<double, int>> next;
     for (std::size_t i = 0; i < used.size(); ++i) {
       const int image = static_cast<int>(i);
-      if (used[i] || growing.model().images[i].registered) continue;
-      const int seen = growing.seen(image);
+      if (used[i] || mapper.model().images[i].registered) continue;
+      const int seen = mapper.seen(image);
       if (seen < 6) continue;
       const auto before = failed.find(image);
       if (before != failed.end() && seen < 1.1 * before->second + 5) continue;
-      next.emplace_back(-growing.prospect(image), image);
+      next.emplace_back(-mapper.next_best_view_score(image), image);
     }
     std::sort(next.begin(), next.end());
     bool added = false;
-    for (const auto& [prospect, image] : next) {
+    for (const auto& [score, image] : next) {
       std::string why;
-      added = growing.add(image, stop, why);
+      added = mapper.add(image, stop, why);
       tell(image, added, added ? std::string() : why);
       if (added) break;
-      failed[image] = growing.seen(image);
+      failed[image] = mapper.seen(image);
     }
     if (added) continue;
-    if (!thorough || adjusted_at == growing.registered()) break;
-    growing.refine_all(1, kRough, stop);
-    adjusted_at = growing.registered();
+    if (!thorough || adjusted_at == mapper.registered()) break;
+    mapper.refine_all(1, kRough, stop);
+    adjusted_at = mapper.registered();
   }
 }
 
@@ -156,24 +92,21 @@ class Components {
 
 class Mapping {
  public:
-  Mapping(const std::vector<geometry::Camera>& cameras, const std::vector<Image>& images,
-          const std::vector<std::vector<cv::Vec3b>>& colors,
-          const std::vector<cv::Mat>& descriptors, FeatureKind kind, const std::vector<Pair>& pairs,
-          const MapperOptions& options, Progress& progress, const std::stop_token& stop,
-          const MapperHooks& hooks)
-      : cameras_(cameras),
-        images_(images),
-        colors_(colors),
-        descriptors_(descriptors),
-        kind_(kind),
-        pairs_(pairs),
+  Mapping(const MapperInput& input, const MapperOptions& options, Progress& progress,
+          const std::stop_token& stop, const MapperHooks& hooks)
+      : cameras_(input.cameras),
+        images_(input.images),
+        colors_(input.colors),
+        descriptors_(input.descriptors),
+        kind_(input.kind),
+        pairs_(input.pairs),
         options_(options),
         progress_(progress),
         stop_(stop),
         hooks_(hooks),
-        used_(images.size(), false),
-        bad_start_(pairs.size(), 0) {
-    result_.outcomes.resize(images.size());
+        used_(images_.size(), false),
+        bad_start_(pairs_.size(), 0) {
+    result_.outcomes.resize(images_.size());
   }
 
   Reconstruction run() {
@@ -182,16 +115,16 @@ class Mapping {
       resume(*hooks_.from);
     try {
       while (!done_) {
-        if (!growing_ && !begin_model()) break;
+        if (!mapper_ && !begin_model()) break;
         grow();
       }
       done_ = true;
       keep();
     } catch (const Interrupted&) {
       if (!in_between_) keep();
-      if (!hooks_.partial || (result_.models.empty() && !growing_)) throw;
+      if (!hooks_.partial || (result_.models.empty() && !mapper_)) throw;
       result_.interrupted = true;
-      if (growing_) result_.models.push_back(growing_->finished(colors_));
+      if (mapper_) result_.models.push_back(mapper_->finished(colors_));
     }
     progress_.end();
     finish();
@@ -216,8 +149,8 @@ class Mapping {
 
   // A model with the features of one component: what can join is in it, and a folder of many small
   // scenes does not cost each of them the features of all.
-  void make_growing(Components& components, int root) {
-    growing_.reset();
+  void make_mapper(Components& components, int root) {
+    mapper_.reset();
     Model model;
     model.cameras = cameras_;
     model.images.resize(images_.size());
@@ -235,9 +168,9 @@ class Mapping {
     std::vector<const Pair*> left;
     for (const Pair& pair : pairs_)
       if (is_left(pair) && components.root(pair.first) == root) left.push_back(&pair);
-    growing_.emplace(std::move(model), make_tracks(left, features), descriptors_, kind_, options_);
+    mapper_.emplace(std::move(model), make_tracks(left, features), descriptors_, kind_, options_);
     if (hooks_.watch) {
-      growing_->watch([&](const char* moment, const Growing& now) {
+      mapper_->watch([&](const char* moment, const IncrementalMapper& now) {
         if (moment == std::string_view("before")) ++adjustments_;
         hooks_.watch(fmt::format("grown-{:03}-{}", adjustments_, moment), now.finished(colors_, 2));
       });
@@ -250,7 +183,7 @@ class Mapping {
     std::vector<std::pair<double, std::size_t>> starts;
     for (std::size_t k = 0; k < pairs_.size(); ++k) {
       if (!is_left(pairs_[k])) continue;
-      const double promise = promise_of(pairs_[k], options_);
+      const double promise = initial_pair_score(pairs_[k], options_);
       if (promise > 0 && bad_start_[k] == 0) starts.emplace_back(-promise, k);
     }
     std::sort(starts.begin(), starts.end());
@@ -262,14 +195,14 @@ class Mapping {
       bool started = false;
       try {
         throw_if_stopped(stop_);
-        if (root != made_of) make_growing(components, root);
+        if (root != made_of) make_mapper(components, root);
         made_of = root;
-        started = growing_->start(pair, stop_, why);
+        started = mapper_->start(pair, stop_, why);
       } catch (const Interrupted&) {
-        growing_.reset();
+        mapper_.reset();
         throw;
       }
-      result_.story.push_back(fmt::format(
+      result_.log.push_back(fmt::format(
           "start from {} and {} ({} inliers, {:.1f} degrees, {:.0f} % of one plane): {}",
           images_[at(pair.first)].name, images_[at(pair.second)].name, pair.view.inliers.size(),
           pair.view.median_angle / kRadians,
@@ -279,17 +212,17 @@ class Mapping {
       if (started) {
         progress_.advance(2);
         failed_.clear();
-        adjusted_at_ = growing_->registered();
+        adjusted_at_ = mapper_->registered();
         stage_ = round_ = 0;
         return true;
       }
       bad_start_[starts[k].second] = 1;
     }
-    growing_.reset();
+    mapper_.reset();
     return false;
   }
 
-  // From where growing_ is to its end: images are added, then all of it is adjusted and
+  // From where mapper_ is to its end: images are added, then all of it is adjusted and
   // extended. Each round is a state of its own, from which another process can go on.
   void grow() {
     enum Stage { kAdd, kRefine, kExtend, kExtendAgain, kLast, kDone };
@@ -302,10 +235,10 @@ class Mapping {
       switch (stage_) {
         case kAdd:
           add_all(
-              *growing_, used_, true, adjusted_at_, failed_, stop_, [&] { keep_sometimes(); },
+              *mapper_, used_, true, adjusted_at_, failed_, stop_, [&] { keep_sometimes(); },
               [&](int image, bool added, const std::string& why) {
                 if (added) {
-                  result_.story.push_back(fmt::format("add {}", images_[at(image)].name));
+                  result_.log.push_back(fmt::format("add {}", images_[at(image)].name));
                   progress_.advance();
                 }
                 result_.outcomes[at(image)].reason = why;
@@ -314,7 +247,7 @@ class Mapping {
           enter(kRefine);
           break;
         case kRefine: {
-          const bool changed = growing_->refine_once(kRough, stop_);
+          const bool changed = mapper_->refine_once(kRough, stop_);
           if (++round_ == 3 || !changed) enter(kExtend);
           break;
         }
@@ -322,7 +255,7 @@ class Mapping {
         case kExtendAgain:
           if (round_ == 0) {
             in_between_ = true;
-            const int gained = growing_->extend(stop_);
+            const int gained = mapper_->extend_tracks(stop_);
             in_between_ = false;
             if (gained > 0) {
               round_ = 1;
@@ -330,19 +263,19 @@ class Mapping {
               enter(kLast);
             }
           } else {
-            growing_->refine_once(kRough, stop_);
+            mapper_->refine_once(kRough, stop_);
             enter(stage_ + 1);
           }
           break;
         default: {
-          const bool changed = growing_->refine_once(kFine, stop_);
+          const bool changed = mapper_->refine_once(kFine, stop_);
           if (++round_ == 2 || !changed) enter(kDone);
         }
       }
       tell_troubles();
     }
-    Model model = growing_->finished(colors_);
-    growing_.reset();
+    Model model = mapper_->finished(colors_);
+    mapper_.reset();
     for (std::size_t i = 0; i < images_.size(); ++i)
       used_[i] = used_[i] || model.images[i].registered;
     if (hooks_.watch) hooks_.watch(fmt::format("model-{}", result_.models.size()), model);
@@ -350,8 +283,8 @@ class Mapping {
   }
 
   void tell_troubles() {
-    if (!growing_) return;
-    for (std::string& line : growing_->take_troubles()) result_.story.push_back(std::move(line));
+    if (!mapper_) return;
+    for (std::string& line : mapper_->take_troubles()) result_.log.push_back(std::move(line));
   }
 
   // --- checkpoints ---
@@ -367,11 +300,11 @@ class Mapping {
     const Clock::time_point start = Clock::now();
     MapperState state;
     for (const Model& model : result_.models) state.models.push_back(packed(model));
-    state.story = result_.story;
+    state.log = result_.log;
     for (const Outcome& outcome : result_.outcomes) state.reasons.push_back(outcome.reason);
     state.bad_start = bad_start_;
     state.done = done_;
-    if (growing_) state.grown = growing_->state();
+    if (mapper_) state.current = mapper_->state();
     state.failed.assign(failed_.begin(), failed_.end());
     state.adjusted_at = adjusted_at_;
     state.stage = stage_;
@@ -382,7 +315,7 @@ class Mapping {
   }
 
   void resume(const MapperState& state) {
-    result_.story = state.story;
+    result_.log = state.log;
     for (std::size_t i = 0; i < images_.size(); ++i) result_.outcomes[i].reason = state.reasons[i];
     bad_start_ = state.bad_start;
     done_ = state.done;
@@ -405,21 +338,21 @@ class Mapping {
           model.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(p);
       result_.models.push_back(std::move(model));
     }
-    if (state.grown) {
+    if (state.current) {
       Components components = this->components();
-      make_growing(components, components.root(state.grown->model.registered.front()));
-      const std::size_t tracks = growing_->model().points.size();
-      if (static_cast<std::int64_t>(tracks) != state.grown->model.points) {
-        growing_.reset();  // of other pairs: this model begins again
+      make_mapper(components, components.root(state.current->model.registered.front()));
+      const std::size_t tracks = mapper_->model().points.size();
+      if (static_cast<std::int64_t>(tracks) != state.current->model.points) {
+        mapper_.reset();  // of other pairs: this model begins again
       } else {
-        growing_->restore(*state.grown);
+        mapper_->restore(*state.current);
         failed_.insert(state.failed.begin(), state.failed.end());
         adjusted_at_ = state.adjusted_at;
         stage_ = state.stage;
         round_ = state.round;
       }
     }
-    result_.resumed = growing_ ? growing_->registered() : 0;
+    result_.resumed = mapper_ ? mapper_->registered() : 0;
     for (const bool used : used_) result_.resumed += used ? 1 : 0;
     progress_.advance(result_.resumed);
   }
@@ -442,7 +375,7 @@ class Mapping {
     });
     result_.models.clear();
     for (Sized& sized : models) result_.models.push_back(std::move(sized.model));
-    if (result_.models.empty()) result_.no_model = no_start(pairs_, images_, options_);
+    if (result_.models.empty()) result_.no_model = why_no_initial_pair(pairs_, images_, options_);
     const std::vector<const Pair*> best = best_pairs(pairs_, images_.size());
     for (std::size_t i = 0; i < images_.size(); ++i) {
       Outcome& outcome = result_.outcomes[i];
@@ -453,8 +386,9 @@ class Mapping {
         outcome.reason.clear();
       }
       if (outcome.registered || !outcome.reason.empty()) continue;
-      outcome.reason = result_.interrupted ? "the work was interrupted before it was tried"
-                                           : lonely(best[i], images_, static_cast<int>(i));
+      outcome.reason = result_.interrupted
+                           ? "the work was interrupted before it was tried"
+                           : why_not_registered(best[i], images_, static_cast<int>(i));
     }
   }
 
@@ -478,7 +412,7 @@ class Mapping {
   std::vector<std::uint8_t> bad_start_;  // pairs
   bool done_ = false;
   bool in_between_ = false;  // no state that another process could go on from
-  std::optional<Growing> growing_;
+  std::optional<IncrementalMapper> mapper_;
   std::map<int, int> failed_;
   int adjusted_at_ = 0;
   int stage_ = 0;
@@ -526,11 +460,11 @@ int filter_these(Model& model, const MapperOptions& options, const std::vector<i
     const std::size_t before = point.track.size();
     if (before == 0) return 0;
     std::erase_if(point.track, [&](const Observation& seen) {
-      const auto error = Growing::error_of(model, seen, point.position);
+      const auto error = IncrementalMapper::error_of(model, seen, point.position);
       return !error || *error > options.reprojection_px;
     });
-    if (point.track.size() < 2 ||
-        !Growing::has_angle(model, point.track, point.position, options.min_angle_deg * kRadians)) {
+    if (point.track.size() < 2 || !IncrementalMapper::has_angle(model, point.track, point.position,
+                                                                options.min_angle_deg * kRadians)) {
       point = {};
     }
     return static_cast<int>(before - point.track.size());
@@ -551,7 +485,7 @@ ModelStatistics statistics_of(const Model& model) {
     if (point.track.empty()) continue;
     ++points;
     for (const Observation& seen : point.track) {
-      const auto error = Growing::error_of(model, seen, point.position);
+      const auto error = IncrementalMapper::error_of(model, seen, point.position);
       squares += error ? *error * *error : 0;
       ++result.observations;
     }
@@ -563,46 +497,44 @@ ModelStatistics statistics_of(const Model& model) {
   return result;
 }
 
-Reconstruction reconstruct(const std::vector<geometry::Camera>& cameras,
-                           const std::vector<Image>& images,
-                           const std::vector<std::vector<cv::Vec3b>>& colors,
-                           const std::vector<cv::Mat>& descriptors, FeatureKind kind,
-                           const std::vector<Pair>& pairs, const MapperOptions& options,
+Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
                            Progress& progress, const std::stop_token& stop,
                            const MapperHooks& hooks) {
   options.check();
-  return Mapping(cameras, images, colors, descriptors, kind, pairs, options, progress, stop, hooks)
-      .run();
+  return Mapping(input, options, progress, stop, hooks).run();
 }
 
-Model go_on(const Model& before, const std::vector<geometry::Camera>& cameras,
-            const std::vector<Image>& images, const std::vector<std::vector<cv::Vec3b>>& colors,
-            const std::vector<cv::Mat>& descriptors, FeatureKind kind,
-            const std::vector<Pair>& pairs, const MapperOptions& options, bool again,
-            int& adjusted_at, const std::stop_token& stop) {
+ExtendedModel extend_model(const Model& before, const MapperInput& input,
+                           const MapperOptions& options, const ExtendOptions& extend,
+                           const std::stop_token& stop) {
   options.check();
-  TARSIER_REQUIRE(before.images.size() <= images.size() && before.cameras.size() <= cameras.size(),
-                  "{} images after {}", images.size(), before.images.size());
+  const std::vector<Image>& images = input.images;
+  TARSIER_REQUIRE(
+      before.images.size() <= images.size() && before.cameras.size() <= input.cameras.size(),
+      "{} images after {}", images.size(), before.images.size());
   Model all;
   all.images = images;
-  all.cameras = cameras;
+  all.cameras = input.cameras;
   std::vector<int> features;
   for (const Image& image : images) features.push_back(static_cast<int>(image.features.size()));
-  Growing growing(std::move(all), make_tracks(pairs, features), descriptors, kind, options);
-  growing.resume(before);
+  IncrementalMapper mapper(std::move(all), make_tracks(input.pairs, features), input.descriptors,
+                           input.kind, options);
+  mapper.resume(before);
   const std::vector<bool> used(images.size(), false);
-  int adjusted = adjusted_at;
-  const bool thorough = growing.registered() < kSmall;
+  ExtendedModel result;
+  result.adjusted_at = extend.adjusted_at;
+  const bool thorough = mapper.registered() < kSmall;
   std::map<int, int> failed;
   add_all(
-      growing, used, thorough, adjusted, failed, stop, [] {}, [](int, bool, const std::string&) {});
-  if (again) {
-    growing.refine_all(2, kRough, stop);
-    if (growing.extend(stop) > 0) growing.refine_all(1, kRough, stop);
-    adjusted = growing.registered();
+      mapper, used, thorough, result.adjusted_at, failed, stop, [] {},
+      [](int, bool, const std::string&) {});
+  if (extend.adjust_all) {
+    mapper.refine_all(2, kRough, stop);
+    if (mapper.extend_tracks(stop) > 0) mapper.refine_all(1, kRough, stop);
+    result.adjusted_at = mapper.registered();
   }
-  adjusted_at = adjusted;
-  return growing.finished(colors);
+  result.model = mapper.finished(input.colors);
+  return result;
 }
 
 }  // namespace tarsier::sfm

@@ -48,11 +48,11 @@ struct Outcome {
 struct Reconstruction {
   // Largest first. Each has all images, its own registered; the others without features.
   std::vector<Model> models;
-  std::vector<Outcome> outcomes;   // of each image
-  std::vector<std::string> story;  // what was done, and what went wrong, line by line
-  std::string no_model;            // why there is none, where there is none
-  bool interrupted = false;        // these are the models so far
-  int resumed = 0;                 // images that a checkpoint had in models
+  std::vector<Outcome> outcomes;  // of each image
+  std::vector<std::string> log;   // what was done, and what went wrong, line by line
+  std::string no_model;           // why there is none, where there is none
+  bool interrupted = false;       // these are the models so far
+  int resumed = 0;                // images that a checkpoint had in models
 };
 
 // Sees a model while it grows: "grown-003-before" and "grown-003-after" around each adjustment (of
@@ -72,26 +72,39 @@ struct MapperHooks {
   bool partial = false;
 };
 
-// `images` give cameras, names and features; their poses are not used. `colors` and `descriptors`:
-// of each image's features; without descriptors (flow) tracks are not extended. Throws
-// Interrupted, and what hooks.keep throws.
-[[nodiscard]] Reconstruction reconstruct(
-    const std::vector<geometry::Camera>& cameras, const std::vector<Image>& images,
-    const std::vector<std::vector<cv::Vec3b>>& colors, const std::vector<cv::Mat>& descriptors,
-    FeatureKind kind, const std::vector<Pair>& pairs, const MapperOptions& options,
-    Progress& progress, const std::stop_token& stop, const MapperHooks& hooks = {});
+// What a reconstruction is made of. Refers to what is named here, which must outlive it.
+struct MapperInput {
+  const std::vector<geometry::Camera>& cameras;
+  const std::vector<Image>& images;                   // their poses are not used
+  const std::vector<std::vector<cv::Vec3b>>& colors;  // of each image's features
+  // Of each image's features; none (flow): tracks are not extended.
+  const std::vector<cv::Mat>& descriptors;
+  FeatureKind kind = FeatureKind::kSift;  // of the descriptors
+  const std::vector<Pair>& pairs;
+};
 
-// Goes on from `before`, a model of the first ones of the images (of its cameras the first
-// ones of `cameras`): its poses stay until they
-// are adjusted again, points are made again of all pairs, and what now can join, joins.
-// `adjusted_at`: how many images the model had when all of it was last adjusted; kept up to
-// date. `again`: adjusts all of it in any case, and extends its tracks. Throws Interrupted.
-[[nodiscard]] Model go_on(const Model& before, const std::vector<geometry::Camera>& cameras,
-                          const std::vector<Image>& images,
-                          const std::vector<std::vector<cv::Vec3b>>& colors,
-                          const std::vector<cv::Mat>& descriptors, FeatureKind kind,
-                          const std::vector<Pair>& pairs, const MapperOptions& options, bool again,
-                          int& adjusted_at, const std::stop_token& stop);
+// Throws Interrupted, and what hooks.keep throws.
+[[nodiscard]] Reconstruction reconstruct(const MapperInput& input, const MapperOptions& options,
+                                         Progress& progress, const std::stop_token& stop,
+                                         const MapperHooks& hooks = {});
+
+// A model to be extended.
+struct ExtendOptions {
+  // How many images the model had when all of it was last adjusted.
+  int adjusted_at = 0;
+  // Adjusts all of it in any case, and extends its tracks.
+  bool adjust_all = false;
+};
+struct ExtendedModel {
+  Model model;
+  int adjusted_at = 0;  // as in ExtendOptions, for the next time
+};
+// Goes on from `before`, a model of the first ones of the images (of its cameras the first ones of
+// input.cameras): its poses stay until they are adjusted again, points are made again of all pairs,
+// and what now can join, joins. Throws Interrupted.
+[[nodiscard]] ExtendedModel extend_model(const Model& before, const MapperInput& input,
+                                         const MapperOptions& options, const ExtendOptions& extend,
+                                         const std::stop_token& stop);
 
 // Drops observations that are off, behind a camera or too flat, and points that are left with fewer
 // than two; returns how many observations went. Looks at the points that some of `images` show;

@@ -4,7 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/sfm/mapper/bundle.h"
-#include "tarsier/sfm/mapper/growing.h"
+#include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/synth/relief.h"
 
@@ -70,10 +70,19 @@ Problem problem_of(const synth::PointProblem& truth) {
   return problem;
 }
 
+MapperInput input_of(const Problem& problem, const std::vector<cv::Mat>& descriptors) {
+  return {.cameras = problem.cameras,
+          .images = problem.images,
+          .colors = problem.colors,
+          .descriptors = descriptors,
+          .kind = FeatureKind::kSift,
+          .pairs = problem.pairs};
+}
+
 Reconstruction run(const Problem& problem, const MapperOptions& options = {}) {
   NoProgress progress;
-  return reconstruct(problem.cameras, problem.images, problem.colors, {}, FeatureKind::kSift,
-                     problem.pairs, options, progress, {});
+  const std::vector<cv::Mat> no_descriptors;
+  return reconstruct(input_of(problem, no_descriptors), options, progress, {});
 }
 
 // The same with descriptors that tell points apart, and a part of the matches missing: extending
@@ -105,14 +114,12 @@ Described described(const synth::PointProblem& truth) {
 Reconstruction run(const Described& given, const MapperHooks& hooks,
                    const std::stop_token& stop = {}) {
   NoProgress progress;
-  const Problem& problem = given.problem;
-  return reconstruct(problem.cameras, problem.images, problem.colors, given.descriptors,
-                     FeatureKind::kSift, problem.pairs, {}, progress, stop, hooks);
+  return reconstruct(input_of(given.problem, given.descriptors), {}, progress, stop, hooks);
 }
 
 // To the last bit.
 void expect_same(const Reconstruction& a, const Reconstruction& b) {
-  EXPECT_EQ(a.story, b.story);
+  EXPECT_EQ(a.log, b.log);
   ASSERT_EQ(a.models.size(), b.models.size());
   for (std::size_t m = 0; m < a.models.size(); ++m) {
     const Model& one = a.models[m];
@@ -239,7 +246,7 @@ TEST(Checkpoints, FromEachOneTheResultIsTheSame) {
   EXPECT_TRUE(states.back().done);
   bool extended = false;
   for (std::size_t k = 0; k < states.size(); ++k) {
-    extended = extended || (states[k].grown && !states[k].grown->tracks.empty());
+    extended = extended || (states[k].current && !states[k].current->tracks.empty());
     MapperHooks from;
     from.from = states[k];
     const Reconstruction again = run(given, from);
@@ -259,7 +266,7 @@ TEST(Checkpoints, AlsoWhereOneModelIsDone) {
   ASSERT_EQ(whole.models.size(), 2U);
   bool second = false;
   for (const MapperState& state : states) {
-    second = second || (state.models.size() == 1 && state.grown);
+    second = second || (state.models.size() == 1 && state.current);
     MapperHooks from;
     from.from = state;
     expect_same(run(given, from), whole);
@@ -332,7 +339,7 @@ TEST(Interrupted, WithoutPartialThrows) {
 }
 
 // Counters that are kept up to date say what a walk through all features says.
-TEST(Growing, KnowsWhatEachImageSees) {
+TEST(IncrementalMapper, KnowsWhatEachImageSees) {
   const Described given = described(synth::make_point_problem(23, 8, 200, 0.4, 0.1));
   const Problem& problem = given.problem;
   Model model;
@@ -342,13 +349,13 @@ TEST(Growing, KnowsWhatEachImageSees) {
   for (const Image& image : problem.images)
     features.push_back(static_cast<int>(image.features.size()));
   const MapperOptions options;
-  Growing growing(model, make_tracks(problem.pairs, features), given.descriptors,
-                  FeatureKind::kSift, options);
+  IncrementalMapper mapper(model, make_tracks(problem.pairs, features), given.descriptors,
+                           FeatureKind::kSift, options);
   const auto check = [&](const char* when) {
     for (int i = 0; i < 8; ++i) {
-      const auto seen = growing.visible(i);
-      EXPECT_EQ(static_cast<std::size_t>(growing.seen(i)), seen.size()) << when << " " << i;
-      double prospect = 0;
+      const auto seen = mapper.visible(i);
+      EXPECT_EQ(static_cast<std::size_t>(mapper.seen(i)), seen.size()) << when << " " << i;
+      double next_best_view_score = 0;
       for (int cells = 2; cells <= 32; cells *= 2) {
         std::set<std::pair<int, int>> occupied;
         for (const auto& [feature, track] : seen) {
@@ -361,25 +368,25 @@ TEST(Growing, KnowsWhatEachImageSees) {
           occupied.insert(
               {cell(p.x, problem.cameras[0].width), cell(p.y, problem.cameras[0].height)});
         }
-        prospect += static_cast<double>(occupied.size()) * cells;
+        next_best_view_score += static_cast<double>(occupied.size()) * cells;
       }
-      EXPECT_EQ(growing.prospect(i), prospect) << when << " " << i;
+      EXPECT_EQ(mapper.next_best_view_score(i), next_best_view_score) << when << " " << i;
     }
   };
   check("empty");
   std::string why;
-  ASSERT_TRUE(growing.start(problem.pairs[3], {}, why)) << why;
+  ASSERT_TRUE(mapper.start(problem.pairs[3], {}, why)) << why;
   check("start");
   for (int i = 0; i < 8; ++i) {
-    if (growing.model().images[static_cast<std::size_t>(i)].registered) continue;
-    EXPECT_TRUE(growing.add(i, {}, why)) << why;
+    if (mapper.model().images[static_cast<std::size_t>(i)].registered) continue;
+    EXPECT_TRUE(mapper.add(i, {}, why)) << why;
     check("add");
   }
-  growing.refine_all(2, 1e-4, {});
+  mapper.refine_all(2, 1e-4, {});
   check("refine");
-  EXPECT_GT(growing.extend({}), 0);
+  EXPECT_GT(mapper.extend_tracks({}), 0);
   check("extend");
-  growing.refine_all(1, 1e-4, {});
+  mapper.refine_all(1, 1e-4, {});
   check("the end");
 }
 

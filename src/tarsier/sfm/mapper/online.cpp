@@ -3,7 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/sfm/mapper/shots.h"
+#include "tarsier/sfm/mapper/image_features.h"
 
 #include <opencv2/core/utility.hpp>
 
@@ -44,7 +44,7 @@ struct OnlineMapper::Parts {
   };
 
   explicit Parts(const OnlineOptions& given)
-      : options(given), cache(given.pipeline.cache_folder), lineup(given.pipeline) {}
+      : options(given), cache(given.pipeline.cache_folder), image_set(given.pipeline) {}
 
   [[nodiscard]] std::vector<int> partners_of(int image) const {
     std::set<int> chosen;
@@ -89,8 +89,9 @@ struct OnlineMapper::Parts {
 
   OnlineOptions options;
   Cache cache;
-  Lineup lineup;
-  std::vector<Shot> shots;  // their points, colours and descriptors are in the vectors below
+  ImageSet image_set;
+  std::vector<ImageFeatures>
+      images;  // their points, colours and descriptors are in the vectors below
   std::vector<std::vector<cv::Vec3b>> colors;
   std::vector<cv::Mat> descriptors;
   std::vector<Kept> kept;
@@ -117,15 +118,15 @@ void OnlineMapper::add(const Input& input, const std::stop_token& stop) {
   const Clock::time_point start = Clock::now();
   Parts& p = *parts_;
   const PipelineOptions& options = p.options.pipeline;
-  Shot shot;
-  shot.input = count();
-  const cv::Mat image = read_shot(input, options, shot);
-  (void)find_shot_features(image, options, p.cache, shot);
-  p.lineup.add(shot, input.name);
-  p.colors.push_back(shot.features.colors);
-  p.descriptors.push_back(shot.features.descriptors);
-  p.shots.push_back(std::move(shot));
-  const Shot& latest = p.shots.back();
+  ImageFeatures image_features;
+  image_features.input = count();
+  const cv::Mat image = read_input_image(input, options, image_features);
+  (void)find_image_features(image, options, p.cache, image_features);
+  p.image_set.add(image_features, input.name);
+  p.colors.push_back(image_features.features.colors);
+  p.descriptors.push_back(image_features.features.descriptors);
+  p.images.push_back(std::move(image_features));
+  const ImageFeatures& latest = p.images.back();
   p.kept.push_back({pairs_key(latest, options), {}, false});
   p.kept.back().pairs = p.cache.pairs(p.kept.back().key);
 
@@ -139,7 +140,7 @@ void OnlineMapper::add(const Input& input, const std::stop_token& stop) {
       Pair& pair = pairs[at(k)];
       pair.first = partners[at(k)];
       pair.second = latest.input;
-      const Shot& other = p.shots[at(pair.first)];
+      const ImageFeatures& other = p.images[at(pair.first)];
       const Cache::Pairs& kept = p.kept[at(pair.first)].pairs;
       if (const auto entry = kept.find(partner_key(latest)); entry != kept.end()) {
         pair.matches = entry->second.matches;
@@ -149,7 +150,7 @@ void OnlineMapper::add(const Input& input, const std::stop_token& stop) {
             match_features(other.features.descriptors, latest.features.descriptors,
                            options.features.kind, options.matching);
         pair.matches = static_cast<int>(matches.size());
-        pair.view = verify_shots(other, latest, matches, options);
+        pair.view = verify_image_pair(other, latest, matches, options);
         fresh[at(k)] = 1;
       }
       done[at(k)] = 1;
@@ -176,11 +177,21 @@ void OnlineMapper::update(bool again, const std::stop_token& stop) {
   Parts& p = *parts_;
   p.keep();
   if (count() < kLeast) return;
-  const MapperOptions mapper = p.lineup.mapper_options();
-  const FeatureKind kind = p.options.pipeline.features.kind;
+  const MapperOptions mapper = p.image_set.mapper_options();
+  const auto input_of = [&p](const std::vector<Pair>& pairs) {
+    return MapperInput{.cameras = p.image_set.cameras(),
+                       .images = p.image_set.images(),
+                       .colors = p.colors,
+                       .descriptors = p.descriptors,
+                       .kind = p.options.pipeline.features.kind,
+                       .pairs = pairs};
+  };
   if (!p.model.images.empty()) {
-    p.model = go_on(p.model, p.lineup.cameras(), p.lineup.images(), p.colors, p.descriptors, kind,
-                    p.pairs, mapper, again, p.adjusted_at, stop);
+    ExtendedModel extended =
+        extend_model(p.model, input_of(p.pairs), mapper,
+                     {.adjusted_at = p.adjusted_at, .adjust_all = again}, stop);
+    p.model = std::move(extended.model);
+    p.adjusted_at = extended.adjusted_at;
   }
   const bool lost = p.model.images.empty() || (registered() < (1 - kMissing) * count() &&
                                                count() >= kMoreTrials * p.tried_at);
@@ -191,8 +202,7 @@ void OnlineMapper::update(bool again, const std::stop_token& stop) {
     std::sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) {
       return std::pair(a.first, a.second) < std::pair(b.first, b.second);
     });
-    Reconstruction made = reconstruct(p.lineup.cameras(), p.lineup.images(), p.colors,
-                                      p.descriptors, kind, pairs, mapper, progress, stop);
+    Reconstruction made = reconstruct(input_of(pairs), mapper, progress, stop);
     p.waiting_for = made.no_model;
     if (!made.models.empty() && statistics_of(made.models[0]).registered > registered()) {
       p.model = std::move(made.models[0]);
@@ -205,7 +215,7 @@ void OnlineMapper::update(bool again, const std::stop_token& stop) {
   p.adding = 0;
 }
 
-int OnlineMapper::count() const { return static_cast<int>(parts_->shots.size()); }
+int OnlineMapper::count() const { return static_cast<int>(parts_->images.size()); }
 int OnlineMapper::registered() const {
   const auto& images = parts_->model.images;
   return static_cast<int>(std::count_if(images.begin(), images.end(),

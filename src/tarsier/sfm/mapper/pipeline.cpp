@@ -8,8 +8,8 @@
 #include "tarsier/media/sha256.h"
 #include "tarsier/sfm/mapper/cache.h"
 #include "tarsier/sfm/mapper/flow.h"
+#include "tarsier/sfm/mapper/image_features.h"
 #include "tarsier/sfm/mapper/pairs.h"
-#include "tarsier/sfm/mapper/shots.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -84,11 +84,11 @@ std::string flow_key(const std::vector<Input>& inputs, const std::stop_token& st
 }
 
 // Features of all images that can be read, one after the other: each uses all threads.
-std::vector<Shot> find_all_features(const std::vector<Input>& inputs,
-                                    const PipelineOptions& options, const Cache& cache,
-                                    Progress& progress, const std::stop_token& stop,
-                                    PipelineResult& result) {
-  std::vector<Shot> shots;
+std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
+                                             const PipelineOptions& options, const Cache& cache,
+                                             Progress& progress, const std::stop_token& stop,
+                                             PipelineResult& result) {
+  std::vector<ImageFeatures> images;
   FlowTracker tracker{FlowOptions{}};
   const std::string flow_name = options.flow ? flow_key(inputs, stop) : "";
   std::optional<FlowResult> tracks;
@@ -97,27 +97,27 @@ std::vector<Shot> find_all_features(const std::vector<Input>& inputs,
   for (std::size_t i = 0; i < inputs.size(); ++i) {
     throw_if_stopped(stop);
     ImageReport& report = result.images[i];
-    Shot shot;
-    shot.input = static_cast<int>(i);
+    ImageFeatures image_features;
+    image_features.input = static_cast<int>(i);
     try {
-      const cv::Mat image = read_shot(inputs[i], options, shot);
+      const cv::Mat image = read_input_image(inputs[i], options, image_features);
       if (options.flow) {
         // A sequence has one size.
-        if (!shots.empty() && image.size() != shots.front().size)
+        if (!images.empty() && image.size() != images.front().size)
           throw InputError(
               inputs[i].path,
               fmt::format("{}x{}, but the sequence began with {}x{}", image.cols, image.rows,
-                          shots.front().size.width, shots.front().size.height));
+                          images.front().size.width, images.front().size.height));
         if (image.cols < 64 || image.rows < 64)
           throw InputError(inputs[i].path, "too small to follow points in");
         if (!is_known) tracker.add(image);
-        shot.key = cache_key(fmt::format("{} {}", flow_name, shots.size()));
-      } else if (find_shot_features(image, options, cache, shot)) {
+        image_features.key = cache_key(fmt::format("{} {}", flow_name, images.size()));
+      } else if (find_image_features(image, options, cache, image_features)) {
         ++result.from_cache;
       }
       report.read = true;
-      report.features = static_cast<int>(shot.features.points.size());
-      shots.push_back(std::move(shot));
+      report.features = static_cast<int>(image_features.features.points.size());
+      images.push_back(std::move(image_features));
     } catch (const InputError& error) {
       report.outcome.reason = error.what();
       log_warning("{} (left out)", error.what());
@@ -127,17 +127,17 @@ std::vector<Shot> find_all_features(const std::vector<Input>& inputs,
   if (options.flow) {
     if (!is_known) {
       tracks = tracker.finish();
-      if (!shots.empty()) cache.store(flow_name, *tracks);
+      if (!images.empty()) cache.store(flow_name, *tracks);
     } else {
-      result.from_cache += static_cast<int>(shots.size());
+      result.from_cache += static_cast<int>(images.size());
     }
-    for (std::size_t k = 0; k < shots.size() && k < tracks->features.size(); ++k) {
-      shots[k].features = std::move(tracks->features[k]);
-      result.images[at(shots[k].input)].features =
-          static_cast<int>(shots[k].features.points.size());
+    for (std::size_t k = 0; k < images.size() && k < tracks->features.size(); ++k) {
+      images[k].features = std::move(tracks->features[k]);
+      result.images[at(images[k].input)].features =
+          static_cast<int>(images[k].features.points.size());
     }
     for (FlowMatches& pair : tracks->pairs) {
-      if (at(std::max(pair.first, pair.second)) >= shots.size()) continue;
+      if (at(std::max(pair.first, pair.second)) >= images.size()) continue;
       Pair made;
       made.first = pair.first;
       made.second = pair.second;
@@ -146,13 +146,13 @@ std::vector<Shot> find_all_features(const std::vector<Input>& inputs,
       result.pairs.push_back(std::move(made));
     }
   }
-  return shots;
+  return images;
 }
 
-std::vector<std::pair<int, int>> choose_pairs(const std::vector<Shot>& shots,
+std::vector<std::pair<int, int>> choose_pairs(const std::vector<ImageFeatures>& images,
                                               const std::vector<std::string>& names,
                                               const PipelineOptions& options) {
-  const auto count = static_cast<int>(shots.size());
+  const auto count = static_cast<int>(images.size());
   PairChoice choice = options.pairs;
   if (choice == PairChoice::kAuto)
     choice = count <= kFewImages ? PairChoice::kExhaustive : PairChoice::kRetrieval;
@@ -166,7 +166,7 @@ std::vector<std::pair<int, int>> choose_pairs(const std::vector<Shot>& shots,
       retrieval.nearest = options.nearest;
       retrieval.seed = options.seed;
       return Retrieval(
-                 count, [&](int i) { return shots[at(i)].features.descriptors; },
+                 count, [&](int i) { return images[at(i)].features.descriptors; },
                  options.features.kind, retrieval)
           .pairs();
     }
@@ -178,9 +178,9 @@ std::vector<std::pair<int, int>> choose_pairs(const std::vector<Shot>& shots,
 }
 
 // All that the mapper's work depends on.
-std::string mapper_key(const std::vector<Shot>& shots, const std::vector<std::string>& names,
-                       const Lineup& lineup, const std::vector<Pair>& pairs,
-                       const PipelineOptions& options) {
+std::string mapper_key(const std::vector<ImageFeatures>& images,
+                       const std::vector<std::string>& names, const ImageSet& image_set,
+                       const std::vector<Pair>& pairs, const PipelineOptions& options) {
   const MapperOptions& m = options.mapper;
   Sha256 sum;
   sum.add(fmt::format("mapper {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
@@ -189,8 +189,9 @@ std::string mapper_key(const std::vector<Shot>& shots, const std::vector<std::st
                       m.extend_px, m.extend_similarity, m.refine_focal, m.refine_center,
                       m.refine_distortion, m.seed, options.flow,
                       static_cast<int>(options.features.kind), options.shared_camera));
-  for (std::size_t k = 0; k < shots.size(); ++k) {
-    sum.add(fmt::format("\n{} {} {}", partner_key(shots[k]), lineup.images()[k].camera, names[k]));
+  for (std::size_t k = 0; k < images.size(); ++k) {
+    sum.add(
+        fmt::format("\n{} {} {}", partner_key(images[k]), image_set.images()[k].camera, names[k]));
   }
   for (const Pair& pair : pairs) {
     sum.add(fmt::format("\n{} {} {} {} {} {}", pair.first, pair.second, pair.matches,
@@ -240,21 +241,22 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
   Stages stages(result, progress);
 
   stages.begin("features", static_cast<std::int64_t>(inputs.size()), "images");
-  std::vector<Shot> shots = find_all_features(inputs, options, cache, progress, stop, result);
+  std::vector<ImageFeatures> images =
+      find_all_features(inputs, options, cache, progress, stop, result);
   stages.end();
 
-  Lineup lineup(options);
+  ImageSet image_set(options);
   std::vector<std::string> names;
-  for (const Shot& shot : shots) {
-    lineup.add(shot, inputs[at(shot.input)].name);
-    names.push_back(inputs[at(shot.input)].name);
-    result.images[at(shot.input)].focal_from = shot.lens.from;
+  for (const ImageFeatures& image_features : images) {
+    image_set.add(image_features, inputs[at(image_features.input)].name);
+    names.push_back(inputs[at(image_features.input)].name);
+    result.images[at(image_features.input)].focal_from = image_features.lens.from;
   }
-  options.mapper = lineup.mapper_options();
+  options.mapper = image_set.mapper_options();
 
   stages.begin("pairs", 1, "steps");
   if (!options.flow) {
-    for (const auto& [first, second] : choose_pairs(shots, names, options)) {
+    for (const auto& [first, second] : choose_pairs(images, names, options)) {
       Pair pair;
       pair.first = std::min(first, second);
       pair.second = std::max(first, second);
@@ -277,27 +279,27 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     while (end < result.pairs.size() && result.pairs[end].first == result.pairs[start].first) ++end;
     const int first = result.pairs[start].first;
     const bool use_cache = !hooks.on_pair;
-    const std::string key = pairs_key(shots[at(first)], options);
+    const std::string key = pairs_key(images[at(first)], options);
     Cache::Pairs kept = use_cache ? cache.pairs(key) : Cache::Pairs{};
     std::atomic<bool> fresh{false};
     const auto work = [&](const cv::Range& range) {
       for (int k = range.start; k < range.end; ++k) {
         if (stop.stop_requested()) return;
         Pair& pair = result.pairs[start + at(k)];
-        if (const auto entry = kept.find(partner_key(shots[at(pair.second)]));
+        if (const auto entry = kept.find(partner_key(images[at(pair.second)]));
             entry != kept.end()) {
           pair.matches = entry->second.matches;
           pair.view = entry->second.view;  // instead of what was followed, if anything
           ++from_cache;
         } else {
-          const Shot& a = shots[at(pair.first)];
-          const Shot& b = shots[at(pair.second)];
+          const ImageFeatures& a = images[at(pair.first)];
+          const ImageFeatures& b = images[at(pair.second)];
           const std::vector<Match> matches =
               options.flow ? std::move(pair.view.inliers)
                            : match_features(a.features.descriptors, b.features.descriptors,
                                             options.features.kind, options.matching);
           pair.matches = static_cast<int>(matches.size());
-          pair.view = verify_shots(a, b, matches, options);
+          pair.view = verify_image_pair(a, b, matches, options);
           fresh = true;
           if (hooks.on_pair) {
             const std::lock_guard lock(on_pair_mutex);
@@ -313,7 +315,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     if (fresh && use_cache) {
       for (std::size_t k = start; k < end; ++k) {
         const Pair& pair = result.pairs[k];
-        kept[partner_key(shots[at(pair.second)])] = {pair.matches, pair.view};
+        kept[partner_key(images[at(pair.second)])] = {pair.matches, pair.view};
       }
       cache.store(key, kept);
     }
@@ -327,9 +329,9 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
 
   std::vector<std::vector<cv::Vec3b>> colors;
   std::vector<cv::Mat> descriptors;
-  for (Shot& shot : shots) {
-    colors.push_back(std::move(shot.features.colors));
-    if (!options.flow) descriptors.push_back(shot.features.descriptors);
+  for (ImageFeatures& image_features : images) {
+    colors.push_back(std::move(image_features.features.colors));
+    if (!options.flow) descriptors.push_back(image_features.features.descriptors);
   }
   stages.start("reconstruct");
   MapperHooks mapping;
@@ -337,7 +339,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
   mapping.partial = hooks.partial;
   mapping.keep_every_s = options.checkpoint_s;
   if (!options.cache_folder.empty()) {
-    const std::string key = mapper_key(shots, names, lineup, result.pairs, options);
+    const std::string key = mapper_key(images, names, image_set, result.pairs, options);
     if (!hooks.watch) mapping.from = cache.checkpoint(key);
     // A full disk must not end the mapping.
     mapping.keep = [&cache, key, warned = false](const MapperState& state) mutable {
@@ -349,13 +351,17 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
       }
     };
   }
-  result.reconstruction =
-      reconstruct(lineup.cameras(), lineup.images(), colors, descriptors, options.features.kind,
-                  result.pairs, options.mapper, progress, stop, mapping);
+  const MapperInput mapper_input{.cameras = image_set.cameras(),
+                                 .images = image_set.images(),
+                                 .colors = colors,
+                                 .descriptors = descriptors,
+                                 .kind = options.features.kind,
+                                 .pairs = result.pairs};
+  result.reconstruction = reconstruct(mapper_input, options.mapper, progress, stop, mapping);
   result.resumed = result.reconstruction.resumed;
   stages.note();
-  for (std::size_t k = 0; k < shots.size(); ++k)
-    result.images[at(shots[k].input)].outcome = result.reconstruction.outcomes[k];
+  for (std::size_t k = 0; k < images.size(); ++k)
+    result.images[at(images[k].input)].outcome = result.reconstruction.outcomes[k];
   return result;
 }
 

@@ -243,7 +243,7 @@ TEST_F(Images, TheMapperGoesOnWhereItWas) {
   EXPECT_FALSE(report_json(rest).contains("partial"));
   how.cache_folder.clear();
   const PipelineResult whole = run(inputs, how);
-  EXPECT_EQ(rest.reconstruction.story, whole.reconstruction.story);
+  EXPECT_EQ(rest.reconstruction.log, whole.reconstruction.log);
   const Model& a = rest.reconstruction.models.at(0);
   const Model& b = whole.reconstruction.models.at(0);
   ASSERT_EQ(a.points.size(), b.points.size());

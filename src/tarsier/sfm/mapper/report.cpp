@@ -91,7 +91,7 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
               {"pairs", {{"compared", result.compared}, {"verified", result.verified}}},
               {"from_cache", result.from_cache},
               {"stages", std::move(stages)},
-              {"story", built.story}};
+              {"log", built.log}};
   if (built.interrupted) report["partial"] = true;
   if (result.resumed > 0) report["resumed"] = result.resumed;
   if (!built.no_model.empty()) report["no_model"] = built.no_model;

@@ -90,8 +90,14 @@ void remove_undistorted(const fs::path& folder) {
 std::optional<EarlierRun> earlier_run(const std::string& folder) {
   const Json report = read_report(folder);
   if (!report.is_object()) return std::nullopt;
-  for (const char* name : {"models", "photographs", "stages", "story"})
-    if (!report.contains(name) || !report[name].is_array()) return std::nullopt;
+  const auto has_list = [&](const char* name) {
+    return report.contains(name) && report[name].is_array();
+  };
+  // "log" was "story" once.
+  if (!has_list("models") || !has_list("photographs") || !has_list("stages") ||
+      !(has_list("log") || has_list("story"))) {
+    return std::nullopt;
+  }
   EarlierRun run;
   run.models = static_cast<int>(std::min<std::size_t>(report["models"].size(), kMaxModels));
   if (run.models > 0 && report["models"][0].is_object())

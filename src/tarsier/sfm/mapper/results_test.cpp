@@ -26,8 +26,7 @@ class Results : public FolderTest {
   void write_report(int models) {
     std::string list;
     for (int m = 0; m < models; ++m) list += std::string(m > 0 ? "," : "") + "{\"photographs\":7}";
-    write("report.json",
-          "{\"models\":[" + list + "],\"photographs\":[],\"stages\":[],\"story\":[]}");
+    write("report.json", "{\"models\":[" + list + "],\"photographs\":[],\"stages\":[],\"log\":[]}");
   }
   void write_model(const std::string& name) {
     write_colmap(folder_ + "/" + name, synthetic_model());
@@ -50,6 +49,9 @@ TEST_F(Results, OfAnEarlierRunAreKnownByTheReport) {
   EXPECT_EQ(run->models, 3);
   EXPECT_EQ(run->registered, 7);
   EXPECT_FALSE(run->partial);
+  // Of an older program: its log was called otherwise.
+  write("report.json", R"({"models":[{}],"photographs":[],"stages":[],"story":[]})");
+  EXPECT_TRUE(earlier_run(folder_));
 }
 
 TEST_F(Results, ModelsOfAnEarlierRunGo) {

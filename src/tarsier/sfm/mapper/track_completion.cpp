@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Growing::extend(): tracks of the model get longer, and two that are one point are merged.
+// IncrementalMapper::extend_tracks(): tracks of the model get longer, and two that are one point are merged.
 #include "tarsier/core/stop.h"
-#include "tarsier/sfm/mapper/growing.h"
+#include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/matching.h"
 
 #include <algorithm>
@@ -16,7 +16,7 @@ std::size_t at(int i) { return static_cast<std::size_t>(i); }
 }  // namespace
 
 // The features of an image by place.
-class Growing::Nearby {
+class IncrementalMapper::Nearby {
  public:
   Nearby(const Image& image, double radius) : radius_(radius), features_(image.features) {
     for (std::size_t f = 0; f < features_.size(); ++f)
@@ -43,7 +43,7 @@ class Growing::Nearby {
   std::map<std::pair<int, int>, std::vector<int>> cells_;
 };
 
-int Growing::extend(const std::stop_token& stop) {
+int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
   if (descriptors_.empty() || options_.extend_px <= 0) return 0;
   int gained = 0;
   // Which points each image shows, at first: what comes in below is not looked at again.
@@ -90,13 +90,14 @@ int Growing::extend(const std::stop_token& stop) {
       const std::vector<Observation>& seen = model_.points[at(track)].track;
       if (seen.empty() || shows(seen, image)) continue;  // joined to another meanwhile
       const int feature = look_for(track, image, pixel, nearby);
-      if (feature >= 0) gained += take(track, {image, feature});
+      if (feature >= 0) gained += merge(track, {image, feature});
     }
   }
   return gained;
 }
 
-int Growing::look_for(int track, int image, const cv::Point2d& pixel, const Nearby& nearby) const {
+int IncrementalMapper::look_for(int track, int image, const cv::Point2d& pixel,
+                                const Nearby& nearby) const {
   const Point& point = model_.points[at(track)];
   int best = -1;
   double most = options_.extend_similarity;
@@ -115,7 +116,7 @@ int Growing::look_for(int track, int image, const cv::Point2d& pixel, const Near
   return best;
 }
 
-int Growing::take(int track, const Observation& seen) {
+int IncrementalMapper::merge(int track, const Observation& seen) {
   std::vector<Observation>& own = tracks_[at(track)];
   Point& point = model_.points[at(track)];
   const int other = track_of_[at(seen.image)][at(seen.feature)];
@@ -130,7 +131,7 @@ int Growing::take(int track, const Observation& seen) {
     count(seen, 1);
     return 1;
   }
-  // Two tracks: one point if all their sights agree.
+  // Two tracks: one point if all their rays agree.
   std::vector<Observation>& theirs = tracks_[at(other)];
   for (const Observation& observation : theirs)
     if (shows(own, observation.image)) return 0;
@@ -139,9 +140,9 @@ int Growing::take(int track, const Observation& seen) {
       model_.points[at(other)].track.empty() ? theirs : model_.points[at(other)].track;
   for (const Observation& observation : more)
     if (model_.images[at(observation.image)].registered) all.push_back(observation);
-  std::vector<Sight> sights;
-  for (const Observation& observation : all) sights.push_back(sight(observation));
-  const auto position = triangulate(sights);
+  std::vector<ObservationRay> rays;
+  for (const Observation& observation : all) rays.push_back(ray_of(observation));
+  const auto position = triangulate(rays);
   if (!position || within(all, *position).size() != all.size()) return 0;
   const int gained =
       static_cast<int>(all.size() - point.track.size() - model_.points[at(other)].track.size());

@@ -37,7 +37,7 @@ class Joined {
     parents_[y] = x;
   }
 
-  [[nodiscard]] std::vector<std::vector<Observation>> take() {
+  [[nodiscard]] std::vector<std::vector<Observation>> tracks() {
     std::vector<std::vector<Observation>> tracks;
     for (auto& members : members_)
       if (members.size() >= 2) tracks.push_back(std::move(members));
@@ -94,7 +94,7 @@ std::vector<std::vector<Observation>> make_tracks(const std::vector<const Pair*>
     for (const Match& match : pairs[k]->view.inliers)
       joined.join({pairs[k]->first, match.first}, {pairs[k]->second, match.second});
   }
-  std::vector<std::vector<Observation>> tracks = joined.take();
+  std::vector<std::vector<Observation>> tracks = joined.tracks();
   std::sort(tracks.begin(), tracks.end(), [](const auto& a, const auto& b) {
     if (a.size() != b.size()) return a.size() > b.size();
     if (a[0].image != b[0].image) return a[0].image < b[0].image;

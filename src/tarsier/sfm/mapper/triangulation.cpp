@@ -19,24 +19,24 @@ std::optional<cv::Vec3d> solve(const cv::Matx33d& a, const cv::Vec3d& b) {
   return x;
 }
 
-bool in_front_of_all(const std::vector<Sight>& sights, const cv::Vec3d& point) {
-  return std::all_of(sights.begin(), sights.end(),
-                     [&](const Sight& sight) { return (sight.pose * point)[2] > 1e-9; });
+bool in_front_of_all(const std::vector<ObservationRay>& rays, const cv::Vec3d& point) {
+  return std::all_of(rays.begin(), rays.end(),
+                     [&](const ObservationRay& seen) { return (seen.pose * point)[2] > 1e-9; });
 }
 
 }  // namespace
 
-std::optional<cv::Vec3d> triangulate(const std::vector<Sight>& sights) {
-  if (sights.size() < 2) return std::nullopt;
+std::optional<cv::Vec3d> triangulate(const std::vector<ObservationRay>& rays) {
+  if (rays.size() < 2) return std::nullopt;
   // Linear: u (r3 x + t3) = r1 x + t1, each row scaled by nothing but the unit ray.
   cv::Matx33d normal = cv::Matx33d::zeros();
   cv::Vec3d right;
-  for (const Sight& sight : sights) {
-    const cv::Matx33d& r = sight.pose.rotation;
-    const cv::Vec3d& t = sight.pose.translation;
-    const double weight = 1 / (1 + sight.ray.dot(sight.ray));
+  for (const ObservationRay& seen : rays) {
+    const cv::Matx33d& r = seen.pose.rotation;
+    const cv::Vec3d& t = seen.pose.translation;
+    const double weight = 1 / (1 + seen.ray.dot(seen.ray));
     for (int k = 0; k < 2; ++k) {
-      const double u = k == 0 ? sight.ray.x : sight.ray.y;
+      const double u = k == 0 ? seen.ray.x : seen.ray.y;
       const cv::Vec3d row(u * r(2, 0) - r(k, 0), u * r(2, 1) - r(k, 1), u * r(2, 2) - r(k, 2));
       const double value = t[k] - u * t[2];
       normal += weight * row * row.t();
@@ -44,18 +44,18 @@ std::optional<cv::Vec3d> triangulate(const std::vector<Sight>& sights) {
     }
   }
   std::optional<cv::Vec3d> point = solve(normal, right);
-  if (!point || !in_front_of_all(sights, *point)) return std::nullopt;
+  if (!point || !in_front_of_all(rays, *point)) return std::nullopt;
 
   for (int step = 0; step < kSteps; ++step) {
     cv::Matx33d hessian = cv::Matx33d::zeros();
     cv::Vec3d gradient;
-    for (const Sight& sight : sights) {
-      const cv::Vec3d p = sight.pose * *point;
+    for (const ObservationRay& seen : rays) {
+      const cv::Vec3d p = seen.pose * *point;
       if (p[2] <= 1e-9) return std::nullopt;
       const cv::Matx23d by_camera(1 / p[2], 0, -p[0] / (p[2] * p[2]), 0, 1 / p[2],
                                   -p[1] / (p[2] * p[2]));
-      const cv::Matx23d jacobian = by_camera * sight.pose.rotation;
-      const cv::Vec2d residual(p[0] / p[2] - sight.ray.x, p[1] / p[2] - sight.ray.y);
+      const cv::Matx23d jacobian = by_camera * seen.pose.rotation;
+      const cv::Vec2d residual(p[0] / p[2] - seen.ray.x, p[1] / p[2] - seen.ray.y);
       hessian += jacobian.t() * jacobian;
       gradient += jacobian.t() * residual;
     }
@@ -64,7 +64,7 @@ std::optional<cv::Vec3d> triangulate(const std::vector<Sight>& sights) {
     *point -= *change;
     if (cv::norm(*change) < 1e-10 * cv::norm(*point)) break;
   }
-  if (!in_front_of_all(sights, *point)) return std::nullopt;
+  if (!in_front_of_all(rays, *point)) return std::nullopt;
   return point;
 }
 

@@ -27,13 +27,13 @@ TEST(Triangulate, FindsThePointExactlyWithoutNoise) {
   Rng rng(1);
   for (int trial = 0; trial < 50; ++trial) {
     const cv::Vec3d point(rng.uniform(-2, 2), rng.uniform(-2, 2), rng.uniform(4, 9));
-    std::vector<Sight> sights;
+    std::vector<ObservationRay> rays;
     for (int k = 0; k < 2 + trial % 3; ++k) {
       const geometry::Rigid pose =
           camera_at({rng.uniform(-2, 2), rng.uniform(-1, 1), 0}, rng.uniform(-0.2, 0.2));
-      sights.push_back({pose, ray_to(pose, point)});
+      rays.push_back({pose, ray_to(pose, point)});
     }
-    const auto found = triangulate(sights);
+    const auto found = triangulate(rays);
     ASSERT_TRUE(found.has_value());
     EXPECT_LT(cv::norm(*found - point), 1e-6);
   }
@@ -42,21 +42,21 @@ TEST(Triangulate, FindsThePointExactlyWithoutNoise) {
 TEST(Triangulate, IsTheLeastSquaresPoint) {
   Rng rng(2);
   const cv::Vec3d point(0.3, -0.2, 5);
-  std::vector<Sight> sights;
+  std::vector<ObservationRay> rays;
   for (int k = 0; k < 5; ++k) {
     const geometry::Rigid pose = camera_at({0.5 * k - 1, 0, 0}, 0.02 * k);
     const cv::Point2d ray = ray_to(pose, point);
-    sights.push_back({pose, {ray.x + rng.normal(0, 2e-3), ray.y + rng.normal(0, 2e-3)}});
+    rays.push_back({pose, {ray.x + rng.normal(0, 2e-3), ray.y + rng.normal(0, 2e-3)}});
   }
   const auto cost = [&](const cv::Vec3d& x) {
     double sum = 0;
-    for (const Sight& sight : sights) {
-      const cv::Point2d d = ray_to(sight.pose, x) - sight.ray;
+    for (const ObservationRay& seen : rays) {
+      const cv::Point2d d = ray_to(seen.pose, x) - seen.ray;
       sum += d.dot(d);
     }
     return sum;
   };
-  const auto found = triangulate(sights);
+  const auto found = triangulate(rays);
   ASSERT_TRUE(found.has_value());
   for (int axis = 0; axis < 3; ++axis) {
     for (const double step : {-1e-3, 1e-3}) {

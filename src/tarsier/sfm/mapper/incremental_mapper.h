@@ -21,14 +21,15 @@ namespace tarsier::sfm {
 
 // The inside of the mapper: one growing model. Its points lie at their track's index; those without
 // observations are none yet.
-class Growing {
+class IncrementalMapper {
  public:
-  Growing(Model model, std::vector<std::vector<Observation>> tracks,
-          const std::vector<cv::Mat>& descriptors, FeatureKind kind, const MapperOptions& options);
+  IncrementalMapper(Model model, std::vector<std::vector<Observation>> tracks,
+                    const std::vector<cv::Mat>& descriptors, FeatureKind kind,
+                    const MapperOptions& options);
   [[nodiscard]] const Model& model() const { return model_; }
   [[nodiscard]] int registered() const { return registered_; }
   // Is called with "before" and "after" around each adjustment, of all of it or of a part.
-  using Watch = std::function<void(const char* moment, const Growing&)>;
+  using Watch = std::function<void(const char* moment, const IncrementalMapper&)>;
   void watch(Watch watch) { watch_ = std::move(watch); }
   // Takes the poses and cameras of a model of the first images, with points of all tracks.
   void resume(const Model& before);
@@ -40,8 +41,8 @@ class Growing {
   [[nodiscard]] int seen(int image) const { return views_[static_cast<std::size_t>(image)].seen; }
   // How much an image sees, and how well it is spread: occupied cells of finer and finer grids,
   // the finer ones counting more (Schonberger and Frahm, section 4.2). Kept up to date as well.
-  [[nodiscard]] double prospect(int image) const {
-    return static_cast<double>(views_[static_cast<std::size_t>(image)].prospect);
+  [[nodiscard]] double next_best_view_score(int image) const {
+    return static_cast<double>(views_[static_cast<std::size_t>(image)].next_best_view_score);
   }
   // Adds an image; `why` tells what was missing where it fails. Throws Interrupted: it is then
   // not in, and the model is as it was.
@@ -56,14 +57,14 @@ class Growing {
   // joins the two if they are one point. In each image it looks for the points of those that
   // have a point in common with it. Returns how many observations came in. Throws Interrupted: the
   // model is then a good one, but between two states.
-  int extend(const std::stop_token& stop);
+  int extend_tracks(const std::stop_token& stop);
   // The model with points in a row, their colours and errors, and what each feature shows. Points
   // that at least so many images show; 0: as the options say.
   [[nodiscard]] Model finished(const std::vector<std::vector<cv::Vec3b>>& colors,
                                int min_views = 0) const;
   // All that it takes to go on from here in another process, to the last bit; and that.
-  [[nodiscard]] GrownState state() const;
-  void restore(const GrownState& state);
+  [[nodiscard]] IncrementalMapperState state() const;
+  void restore(const IncrementalMapperState& state);
   // What went wrong in adjustments since the last call, a line each.
   [[nodiscard]] std::vector<std::string> take_troubles() { return std::exchange(troubles_, {}); }
   static std::optional<double> error_of(const Model& model, const Observation& seen,
@@ -77,7 +78,7 @@ class Growing {
   // points lie in it.
   struct View {
     int seen = 0;
-    std::int64_t prospect = 0;
+    std::int64_t next_best_view_score = 0;
     std::vector<int> cells;
   };
   void adjust_model(const BundleOptions& options, const std::stop_token& stop);
@@ -95,22 +96,21 @@ class Growing {
   // The feature of an image that looks most like the point, near its place; or -1.
   [[nodiscard]] int look_for(int track, int image, const cv::Point2d& pixel,
                              const Nearby& nearby) const;
-  int take(int track, const Observation& seen);
+  int merge(int track, const Observation& seen);
   // Normalised coordinates of all features.
   void measure_rays();
   [[nodiscard]] std::optional<geometry::Rigid> pose_of(const std::vector<cv::Point3d>& positions,
                                                        const std::vector<cv::Point2d>& pixels,
                                                        const geometry::Camera& camera) const;
-  [[nodiscard]] std::vector<Sighting> inliers_of(int image,
-                                                 const std::vector<std::pair<int, int>>& seen,
-                                                 double threshold) const;
+  [[nodiscard]] std::vector<Correspondence2D3D> inliers_of(
+      int image, const std::vector<std::pair<int, int>>& seen, double threshold) const;
   // The images that share most points with a new one move with it, the others hold them.
   void refine_around(int image, const std::stop_token& stop);
   // Points for tracks that have none, and further observations for those that have one. Of all
   // tracks, or of those of one image. Returns how many observations came in.
   int triangulate_all(double min_angle, int image = -1);
   int triangulate_track(int track, double min_angle);
-  [[nodiscard]] Sight sight(const Observation& seen) const;
+  [[nodiscard]] ObservationRay ray_of(const Observation& seen) const;
   [[nodiscard]] std::vector<Observation> within(const std::vector<Observation>& all,
                                                 const cv::Vec3d& position) const;
 
@@ -127,7 +127,7 @@ class Growing {
   std::vector<std::vector<int>> track_of_;      // of each feature of each image, or -1
   std::vector<std::vector<cv::Point2d>> rays_;  // of each feature
   std::vector<geometry::Camera> ray_cameras_;   // that they were measured with
-  std::vector<std::vector<double>> norms_;      // of each descriptor, since the first extend()
+  std::vector<std::vector<double>> norms_;  // of each descriptor, since the first extend_tracks()
   std::vector<std::string> troubles_;
 };
 

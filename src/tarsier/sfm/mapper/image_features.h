@@ -19,7 +19,8 @@ struct Lens {
   const char* from = "guess";  // "given", "EXIF", "guess"
 };
 
-struct Shot {
+// One image, as the pairs and the mapper need it.
+struct ImageFeatures {
   int input = 0;  // index of its Input
   cv::Size size;
   Lens lens;
@@ -28,27 +29,29 @@ struct Shot {
   Features features;
 };
 
-// Reads the file; fills all of `shot` but its index and features. Throws InputError.
-[[nodiscard]] cv::Mat read_shot(const Input& input, const PipelineOptions& options, Shot& shot);
+// Reads the file; fills all of `image_features` but its index and its features. Throws InputError.
+[[nodiscard]] cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
+                                       ImageFeatures& image_features);
 
 // Fills the features; true if they come from the cache. Throws OutputError (cache).
-bool find_shot_features(const cv::Mat& image, const PipelineOptions& options, const Cache& cache,
-                        Shot& shot);
+bool find_image_features(const cv::Mat& image, const PipelineOptions& options, const Cache& cache,
+                         ImageFeatures& image_features);
 
-// Under which a shot's pairs are kept, and under which another one is found among them.
-[[nodiscard]] std::string pairs_key(const Shot& shot, const PipelineOptions& options);
-[[nodiscard]] std::string partner_key(const Shot& shot);
+// Under which the pairs of an image are kept, and under which another one is found among them.
+[[nodiscard]] std::string pairs_key(const ImageFeatures& image_features,
+                                    const PipelineOptions& options);
+[[nodiscard]] std::string partner_key(const ImageFeatures& image_features);
 
-[[nodiscard]] TwoView verify_shots(const Shot& first, const Shot& second,
-                                   const std::vector<Match>& matches,
-                                   const PipelineOptions& options);
+[[nodiscard]] TwoView verify_image_pair(const ImageFeatures& first, const ImageFeatures& second,
+                                        const std::vector<Match>& matches,
+                                        const PipelineOptions& options);
 
 // The images of a model to be, and their cameras: one for those of a size and lens, or one
 // each.
-class Lineup {
+class ImageSet {
  public:
-  explicit Lineup(const PipelineOptions& options) : options_(options) {}
-  void add(const Shot& shot, const std::string& name);
+  explicit ImageSet(const PipelineOptions& options) : options_(options) {}
+  void add(const ImageFeatures& image_features, const std::string& name);
   [[nodiscard]] const std::vector<geometry::Camera>& cameras() const { return cameras_; }
   [[nodiscard]] const std::vector<Image>& images() const { return images_; }
   // The given ones, with lenses refined where they were guessed.

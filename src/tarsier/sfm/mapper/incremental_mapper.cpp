@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/growing.h"
+#include "tarsier/sfm/mapper/incremental_mapper.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
@@ -29,9 +29,9 @@ std::size_t grid_start(int level) { return ((std::size_t{1} << (2 * level)) - 4)
 
 }  // namespace
 
-Growing::Growing(Model model, std::vector<std::vector<Observation>> tracks,
-                 const std::vector<cv::Mat>& descriptors, FeatureKind kind,
-                 const MapperOptions& options)
+IncrementalMapper::IncrementalMapper(Model model, std::vector<std::vector<Observation>> tracks,
+                                     const std::vector<cv::Mat>& descriptors, FeatureKind kind,
+                                     const MapperOptions& options)
     : model_(std::move(model)),
       tracks_(std::move(tracks)),
       descriptors_(descriptors),
@@ -51,7 +51,7 @@ Growing::Growing(Model model, std::vector<std::vector<Observation>> tracks,
   measure_rays();
 }
 
-void Growing::count(const Observation& seen, int change) {
+void IncrementalMapper::count(const Observation& seen, int change) {
   View& view = views_[at(seen.image)];
   const Image& entry = model_.images[at(seen.image)];
   const geometry::Camera& camera = model_.cameras[at(entry.camera)];
@@ -65,11 +65,11 @@ void Growing::count(const Observation& seen, int change) {
     int& cell = view.cells[grid_start(level) + at(y * cells + x)];
     const bool was = cell > 0;
     cell += change;
-    if (was != (cell > 0)) view.prospect += was ? -cells : cells;
+    if (was != (cell > 0)) view.next_best_view_score += was ? -cells : cells;
   }
 }
 
-void Growing::count_points(const std::vector<int>& tracks) {
+void IncrementalMapper::count_points(const std::vector<int>& tracks) {
   for (const int track : tracks) {
     const bool now = !model_.points[at(track)].track.empty();
     if (now == (is_point_[at(track)] != 0)) continue;
@@ -78,13 +78,13 @@ void Growing::count_points(const std::vector<int>& tracks) {
   }
 }
 
-std::vector<int> Growing::all_tracks() const {
+std::vector<int> IncrementalMapper::all_tracks() const {
   std::vector<int> tracks(tracks_.size());
   std::iota(tracks.begin(), tracks.end(), 0);
   return tracks;
 }
 
-std::vector<int> Growing::points_of(const std::vector<int>& images) const {
+std::vector<int> IncrementalMapper::points_of(const std::vector<int>& images) const {
   std::vector<int> result;
   for (const int image : images) {
     for (const int track : track_of_[at(image)])
@@ -95,14 +95,14 @@ std::vector<int> Growing::points_of(const std::vector<int>& images) const {
   return result;
 }
 
-int Growing::filter(const std::vector<int>& images) {
+int IncrementalMapper::filter(const std::vector<int>& images) {
   const std::vector<int> points = images.empty() ? all_tracks() : points_of(images);
   const int dropped = filter_these(model_, options_, points);
   count_points(points);
   return dropped;
 }
 
-void Growing::resume(const Model& before) {
+void IncrementalMapper::resume(const Model& before) {
   std::copy(before.cameras.begin(), before.cameras.end(), model_.cameras.begin());
   for (std::size_t i = 0; i < before.images.size(); ++i) {
     model_.images[i].registered = before.images[i].registered;
@@ -113,15 +113,15 @@ void Growing::resume(const Model& before) {
   (void)triangulate_all(min_angle());
 }
 
-GrownState Growing::state() const {
-  GrownState state;
+IncrementalMapperState IncrementalMapper::state() const {
+  IncrementalMapperState state;
   state.model = packed(model_);
   state.ray_cameras = ray_cameras_;
   if (extended_) state.tracks = tracks_;
   return state;
 }
 
-void Growing::restore(const GrownState& state) {
+void IncrementalMapper::restore(const IncrementalMapperState& state) {
   if (!state.tracks.empty()) {
     tracks_ = state.tracks;
     extended_ = true;
@@ -137,7 +137,7 @@ void Growing::restore(const GrownState& state) {
   count_points(all_tracks());
 }
 
-void Growing::adjust_model(const BundleOptions& options, const std::stop_token& stop) {
+void IncrementalMapper::adjust_model(const BundleOptions& options, const std::stop_token& stop) {
   if (watch_) watch_("before", *this);
   const BundleReport report = adjust(model_, options, stop);
   if (!report.trouble.empty()) {
@@ -149,7 +149,7 @@ void Growing::adjust_model(const BundleOptions& options, const std::stop_token& 
   if (watch_) watch_("after", *this);
 }
 
-bool Growing::start(const Pair& pair, const std::stop_token& stop, std::string& why) {
+bool IncrementalMapper::start(const Pair& pair, const std::stop_token& stop, std::string& why) {
   Image& first = model_.images[at(pair.first)];
   Image& second = model_.images[at(pair.second)];
   first.pose = {};
@@ -177,7 +177,7 @@ bool Growing::start(const Pair& pair, const std::stop_token& stop, std::string& 
   return false;
 }
 
-std::vector<std::pair<int, int>> Growing::visible(int image) const {
+std::vector<std::pair<int, int>> IncrementalMapper::visible(int image) const {
   std::vector<std::pair<int, int>> result;
   const std::vector<int>& tracks = track_of_[at(image)];
   for (std::size_t f = 0; f < tracks.size(); ++f) {
@@ -187,7 +187,7 @@ std::vector<std::pair<int, int>> Growing::visible(int image) const {
   return result;
 }
 
-bool Growing::add(int image, const std::stop_token& stop, std::string& why) {
+bool IncrementalMapper::add(int image, const std::stop_token& stop, std::string& why) {
   Image& entry = model_.images[at(image)];
   const geometry::Camera& camera = model_.cameras[at(entry.camera)];
   const auto seen = visible(image);
@@ -209,7 +209,7 @@ bool Growing::add(int image, const std::stop_token& stop, std::string& why) {
     return false;
   }
   entry.pose = *pose;
-  std::vector<Sighting> inliers = inliers_of(image, seen, options_.pose_px);
+  std::vector<Correspondence2D3D> inliers = inliers_of(image, seen, options_.pose_px);
   adjust_pose(entry.pose, camera, inliers, options_.pose_px / 2);
   inliers = inliers_of(image, seen, options_.pose_px);
   const auto needed = std::max<std::size_t>(
@@ -250,7 +250,7 @@ bool Growing::add(int image, const std::stop_token& stop, std::string& why) {
   return true;
 }
 
-bool Growing::refine_once(double tolerance, const std::stop_token& stop) {
+bool IncrementalMapper::refine_once(double tolerance, const std::stop_token& stop) {
   BundleOptions bundle;
   bundle.tolerance = tolerance;
   // Two views do not tell the focal length.
@@ -266,12 +266,13 @@ bool Growing::refine_once(double tolerance, const std::stop_token& stop) {
   return dropped + found >= 0.002 * static_cast<double>(now.observations);
 }
 
-void Growing::refine_all(int rounds, double tolerance, const std::stop_token& stop) {
+void IncrementalMapper::refine_all(int rounds, double tolerance, const std::stop_token& stop) {
   for (int round = 0; round < rounds; ++round)
     if (!refine_once(tolerance, stop)) break;
 }
 
-Model Growing::finished(const std::vector<std::vector<cv::Vec3b>>& colors, int min_views) const {
+Model IncrementalMapper::finished(const std::vector<std::vector<cv::Vec3b>>& colors,
+                                  int min_views) const {
   Model result;
   result.cameras = model_.cameras;
   result.images.resize(model_.images.size());
@@ -307,20 +308,20 @@ Model Growing::finished(const std::vector<std::vector<cv::Vec3b>>& colors, int m
   return result;
 }
 
-std::optional<double> Growing::error_of(const Model& model, const Observation& seen,
-                                        const cv::Vec3d& position) {
+std::optional<double> IncrementalMapper::error_of(const Model& model, const Observation& seen,
+                                                  const cv::Vec3d& position) {
   const Image& image = model.images[at(seen.image)];
   const auto pixel = model.cameras[at(image.camera)].project(image.pose * position);
   if (!pixel) return std::nullopt;
   return cv::norm(*pixel - cv::Point2d(image.features[at(seen.feature)]));
 }
 
-bool Growing::shows(const std::vector<Observation>& track, int image) {
+bool IncrementalMapper::shows(const std::vector<Observation>& track, int image) {
   return std::any_of(track.begin(), track.end(),
                      [&](const Observation& seen) { return seen.image == image; });
 }
 
-void Growing::measure_rays() {
+void IncrementalMapper::measure_rays() {
   ray_cameras_ = model_.cameras;
   rays_.resize(model_.images.size());
   for (std::size_t i = 0; i < model_.images.size(); ++i) {
@@ -332,9 +333,9 @@ void Growing::measure_rays() {
   }
 }
 
-std::optional<geometry::Rigid> Growing::pose_of(const std::vector<cv::Point3d>& positions,
-                                                const std::vector<cv::Point2d>& pixels,
-                                                const geometry::Camera& camera) const {
+std::optional<geometry::Rigid> IncrementalMapper::pose_of(const std::vector<cv::Point3d>& positions,
+                                                          const std::vector<cv::Point2d>& pixels,
+                                                          const geometry::Camera& camera) const {
   cv::UsacParams params;
   params.confidence = 0.9999;
   params.isParallel = false;
@@ -373,9 +374,9 @@ std::optional<geometry::Rigid> Growing::pose_of(const std::vector<cv::Point3d>& 
   return pose;
 }
 
-std::vector<Sighting> Growing::inliers_of(int image, const std::vector<std::pair<int, int>>& seen,
-                                          double threshold) const {
-  std::vector<Sighting> result;
+std::vector<Correspondence2D3D> IncrementalMapper::inliers_of(
+    int image, const std::vector<std::pair<int, int>>& seen, double threshold) const {
+  std::vector<Correspondence2D3D> result;
   for (const auto& [feature, track] : seen) {
     const cv::Vec3d& position = model_.points[at(track)].position;
     const auto error = error_of(model_, {image, feature}, position);
@@ -385,7 +386,7 @@ std::vector<Sighting> Growing::inliers_of(int image, const std::vector<std::pair
   return result;
 }
 
-void Growing::refine_around(int image, const std::stop_token& stop) {
+void IncrementalMapper::refine_around(int image, const std::stop_token& stop) {
   std::map<int, int> shared;
   for (const auto& [feature, track] : visible(image))
     for (const Observation& seen : model_.points[at(track)].track) ++shared[seen.image];
@@ -406,7 +407,7 @@ void Growing::refine_around(int image, const std::stop_token& stop) {
   (void)filter(bundle.images);
 }
 
-int Growing::triangulate_all(double min_angle, int image) {
+int IncrementalMapper::triangulate_all(double min_angle, int image) {
   std::vector<int> chosen;
   if (image < 0) {
     chosen = all_tracks();
@@ -423,7 +424,7 @@ int Growing::triangulate_all(double min_angle, int image) {
   return std::accumulate(gained.begin(), gained.end(), 0);
 }
 
-int Growing::triangulate_track(int track, double min_angle) {
+int IncrementalMapper::triangulate_track(int track, double min_angle) {
   Point& point = model_.points[at(track)];
   const std::size_t before = point.track.size();
   std::vector<Observation> there;
@@ -438,7 +439,7 @@ int Growing::triangulate_track(int track, double min_angle) {
     }
     return static_cast<int>(point.track.size() - before);
   }
-  // The pair of sights that most others agree with.
+  // The pair of rays that most others agree with.
   std::vector<Observation> best;
   cv::Vec3d position;
   int tried = 0;
@@ -446,7 +447,7 @@ int Growing::triangulate_track(int track, double min_angle) {
   for (int apart = count - 1; apart >= 1 && tried < kMaxPairsOfATrack; --apart) {
     for (int i = 0; i + apart < count && tried < kMaxPairsOfATrack; ++i) {
       ++tried;
-      const auto candidate = triangulate({sight(there[at(i)]), sight(there[at(i + apart)])});
+      const auto candidate = triangulate({ray_of(there[at(i)]), ray_of(there[at(i + apart)])});
       if (!candidate) continue;
       std::vector<Observation> agreeing = within(there, *candidate);
       if (agreeing.size() > best.size()) {
@@ -457,9 +458,9 @@ int Growing::triangulate_track(int track, double min_angle) {
     if (best.size() == there.size()) break;
   }
   if (best.size() < 2) return 0;
-  std::vector<Sight> sights;
-  for (const Observation& seen : best) sights.push_back(sight(seen));
-  const auto refined = triangulate(sights);
+  std::vector<ObservationRay> rays;
+  for (const Observation& seen : best) rays.push_back(ray_of(seen));
+  const auto refined = triangulate(rays);
   if (refined) position = *refined;
   best = within(there, position);
   if (best.size() < 2 || !has_angle(model_, best, position, min_angle)) return 0;
@@ -468,12 +469,12 @@ int Growing::triangulate_track(int track, double min_angle) {
   return static_cast<int>(point.track.size());
 }
 
-Sight Growing::sight(const Observation& seen) const {
+ObservationRay IncrementalMapper::ray_of(const Observation& seen) const {
   return {model_.images[at(seen.image)].pose, rays_[at(seen.image)][at(seen.feature)]};
 }
 
-std::vector<Observation> Growing::within(const std::vector<Observation>& all,
-                                         const cv::Vec3d& position) const {
+std::vector<Observation> IncrementalMapper::within(const std::vector<Observation>& all,
+                                                   const cv::Vec3d& position) const {
   std::vector<Observation> result;
   for (const Observation& seen : all) {
     const auto error = error_of(model_, seen, position);
@@ -482,8 +483,8 @@ std::vector<Observation> Growing::within(const std::vector<Observation>& all,
   return result;
 }
 
-bool Growing::has_angle(const Model& model, const std::vector<Observation>& track,
-                        const cv::Vec3d& position, double least) {
+bool IncrementalMapper::has_angle(const Model& model, const std::vector<Observation>& track,
+                                  const cv::Vec3d& position, double least) {
   // The first and the last are often the widest apart.
   std::vector<cv::Vec3d> centers;
   centers.reserve(track.size());

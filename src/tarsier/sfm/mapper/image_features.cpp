@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/shots.h"
+#include "tarsier/sfm/mapper/image_features.h"
 
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
@@ -69,69 +69,75 @@ bool is_guess(const Lens& lens) { return std::string_view(lens.from) == "guess";
 
 }  // namespace
 
-cv::Mat read_shot(const Input& input, const PipelineOptions& options, Shot& shot) {
+cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
+                         ImageFeatures& image_features) {
   const std::string bytes = read_file(input.path, kMaxFileBytes);
   Sha256 sum;
   sum.add(bytes);
   const FeatureOptions& f = options.features;
-  shot.key = cache_key(fmt::format("{} features {} {} {} {}", sum.hex(), static_cast<int>(f.kind),
-                                   f.most, f.max_pixels, f.contrast));
+  image_features.key =
+      cache_key(fmt::format("{} features {} {} {} {}", sum.hex(), static_cast<int>(f.kind), f.most,
+                            f.max_pixels, f.contrast));
   const Exif exif = parse_exif(bytes);
   const std::span<const std::uint8_t> data(reinterpret_cast<const std::uint8_t*>(bytes.data()),
                                            bytes.size());
   cv::Mat image = decode_image(data, input.path);
-  shot.size = image.size();
-  shot.lens = lens_of(shot.size, focal_px_of(exif, shot.size), options);
-  shot.body = exif.camera;
+  image_features.size = image.size();
+  image_features.lens =
+      lens_of(image_features.size, focal_px_of(exif, image_features.size), options);
+  image_features.body = exif.camera;
   return image;
 }
 
-bool find_shot_features(const cv::Mat& image, const PipelineOptions& options, const Cache& cache,
-                        Shot& shot) {
-  if (auto known = cache.features(shot.key)) {
-    shot.features = std::move(*known);
+bool find_image_features(const cv::Mat& image, const PipelineOptions& options, const Cache& cache,
+                         ImageFeatures& image_features) {
+  if (auto known = cache.features(image_features.key)) {
+    image_features.features = std::move(*known);
     return true;
   }
-  shot.features = find_features(image, options.features);
-  cache.store(shot.key, shot.features);
+  image_features.features = find_features(image, options.features);
+  cache.store(image_features.key, image_features.features);
   return false;
 }
 
-std::string pairs_key(const Shot& shot, const PipelineOptions& options) {
+std::string pairs_key(const ImageFeatures& image_features, const PipelineOptions& options) {
   const TwoViewOptions& two_view = options.two_view;
-  return cache_key(fmt::format("{} {} pairs {} {} {}", shot.key, camera_text(shot.lens),
-                               options.matching.ratio, two_view.threshold_px,
-                               two_view.min_inliers) +
+  return cache_key(fmt::format("{} {} pairs {} {} {}", image_features.key,
+                               camera_text(image_features.lens), options.matching.ratio,
+                               two_view.threshold_px, two_view.min_inliers) +
                    std::to_string(two_view.seed));
 }
 
-std::string partner_key(const Shot& shot) { return shot.key + camera_text(shot.lens); }
+std::string partner_key(const ImageFeatures& image_features) {
+  return image_features.key + camera_text(image_features.lens);
+}
 
-TwoView verify_shots(const Shot& first, const Shot& second, const std::vector<Match>& matches,
-                     const PipelineOptions& options) {
+TwoView verify_image_pair(const ImageFeatures& first, const ImageFeatures& second,
+                          const std::vector<Match>& matches, const PipelineOptions& options) {
   TwoViewOptions how = options.two_view;
   how.known_focal = !is_guess(first.lens) && !is_guess(second.lens);
   return verify_pair(first.features.points, second.features.points, matches, first.lens.camera,
                      second.lens.camera, how);
 }
 
-void Lineup::add(const Shot& shot, const std::string& name) {
-  const std::tuple key(shot.size.width, shot.size.height, shot.lens.camera.fx, shot.body);
+void ImageSet::add(const ImageFeatures& image_features, const std::string& name) {
+  const std::tuple key(image_features.size.width, image_features.size.height,
+                       image_features.lens.camera.fx, image_features.body);
   auto [entry, fresh] = known_.try_emplace(key, static_cast<int>(cameras_.size()));
   if (fresh || !options_.shared_camera) {
     entry->second = static_cast<int>(cameras_.size());
-    cameras_.push_back(shot.lens.camera);
+    cameras_.push_back(image_features.lens.camera);
   }
-  any_guess_ = any_guess_ || std::string_view(shot.lens.from) != "given";
+  any_guess_ = any_guess_ || std::string_view(image_features.lens.from) != "given";
   Image image;
   image.name = name;
   image.camera = entry->second;
-  image.features = shot.features.points;
-  image.sizes = shot.features.sizes;
+  image.features = image_features.features.points;
+  image.sizes = image_features.features.sizes;
   images_.push_back(std::move(image));
 }
 
-MapperOptions Lineup::mapper_options() const {
+MapperOptions ImageSet::mapper_options() const {
   MapperOptions mapper = options_.mapper;
   if (any_guess_ && !options_.fixed_camera) {
     mapper.refine_focal = true;

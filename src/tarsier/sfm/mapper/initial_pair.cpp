@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/initial_pair.h"
+
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+
+#include <algorithm>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr double kRadians = CV_PI / 180;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+}  // namespace
+
+double initial_pair_score(const Pair& pair, const MapperOptions& options) {
+  const auto inliers = static_cast<double>(pair.view.inliers.size());
+  if (inliers < options.first_inliers || pair.view.in_front < 0.5 * inliers) return 0;
+  const double angle = pair.view.median_angle / kRadians;
+  if (angle < options.first_angle_deg) return 0;
+  const double plane = std::min(1.0, pair.view.homography_inliers / inliers);
+  return pair.view.in_front * std::min(angle, 15.0) / 15 * (1.05 - plane);
+}
+
+std::vector<const Pair*> best_pairs(const std::vector<Pair>& pairs, std::size_t images) {
+  std::vector<const Pair*> best(images, nullptr);
+  for (const Pair& pair : pairs) {
+    for (const int image : {pair.first, pair.second}) {
+      const Pair*& known = best[at(image)];
+      if (known == nullptr || pair.view.inliers.size() > known->view.inliers.size() ||
+          (pair.view.inliers.size() == known->view.inliers.size() &&
+           pair.matches > known->matches)) {
+        known = &pair;
+      }
+    }
+  }
+  return best;
+}
+
+std::string why_not_registered(const Pair* best, const std::vector<Image>& images, int image) {
+  if (best == nullptr) return "was compared with no other image";
+  const std::string& name = images[at(best->first == image ? best->second : best->first)].name;
+  if (best->view.inliers.empty())
+    return fmt::format("too few matches: at most {}, with {}, and no geometry fits them",
+                       best->matches, name);
+  return fmt::format("its best pair, {} inliers with {}, is no good start and joins no model",
+                     best->view.inliers.size(), name);
+}
+
+std::string why_no_initial_pair(const std::vector<Pair>& pairs, const std::vector<Image>& images,
+                                const MapperOptions& options) {
+  const Pair* best = nullptr;
+  const Pair* most = nullptr;
+  for (const Pair& pair : pairs) {
+    if (best == nullptr || pair.view.inliers.size() > best->view.inliers.size()) best = &pair;
+    if (most == nullptr || pair.matches > most->matches) most = &pair;
+  }
+  if (best == nullptr) return "there are no two images to compare";
+  if (best->view.inliers.empty())
+    return fmt::format("no two images show the same thing: at most {} matches ({} and {})",
+                       most->matches, images[at(most->first)].name, images[at(most->second)].name);
+  const auto inliers = static_cast<double>(best->view.inliers.size());
+  const std::string names =
+      fmt::format("the best pair, {} and {}, has {} inliers", images[at(best->first)].name,
+                  images[at(best->second)].name, best->view.inliers.size());
+  if (inliers < options.first_inliers)
+    return fmt::format("{}, a start needs {}", names, options.first_inliers);
+  if (best->view.homography_inliers > 0.9 * inliers)
+    return fmt::format(
+        "{}, and one plane or a camera that only turned explains {:.0f} % of them: move the camera "
+        "sideways between images",
+        names, 100 * best->view.homography_inliers / inliers);
+  return fmt::format("{}, but its rays differ by only {:.1f} degrees: move the camera sideways",
+                     names, best->view.median_angle / kRadians);
+}
+
+}  // namespace tarsier::sfm
