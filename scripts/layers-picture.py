@@ -13,7 +13,7 @@ AREAS = {
     "faces": ("#f6d9cf", "face/detect face/shape face/landmarks face/appearance face/head face/head_view face/train face/recognition "
                          "face/people face/pipelines"),
     "plates": ("#d3e6f5", "plate/text plate/classic plate/tracking plate/networks plate/reader plate/train"),
-    "structure from motion": ("#d5ead9", "sfm/scene sfm/view sfm/mapper"),
+    "structure from motion": ("#d5ead9", "sfm/scene sfm/view sfm/mapper sfm/pipelines"),
     "cameras, markers": ("#cfe6e6", "planar/markers planar/image_targets planar/calibration planar/sheets planar/augment"),
     "cartoons": ("#efe0cf", "cartoon"),
     "interaction": ("#e6e3dc", "session apps/cli apps/demo apps/window apps/capture bench"),

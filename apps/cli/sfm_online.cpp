@@ -2,24 +2,19 @@
 #include "sfm_online.h"
 
 #include "tarsier/core/log.h"
-#include "tarsier/media/atomic_file.h"
-#include "tarsier/media/image_file.h"
 #include "tarsier/session/sfm_session.h"
-#include "tarsier/sfm/mapper/online.h"
+#include "tarsier/sfm/pipelines/online_reconstructor.h"
+#include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
 
 #include "run_session.h"
 #include "security_flags.h"
 #include <chrono>
-#include <cmath>
-#include <filesystem>
-#include <map>
 
 namespace tarsier::cli {
 namespace {
 
-namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
 }  // namespace
@@ -52,14 +47,13 @@ void add_online_flags(Command& verb, OnlineFlags& flags) {
   for (Flag* flag : add_security_flags(verb, flags.source.security)) needing(*flag);
 }
 
-std::string key_frame_path(const std::string& folder, const sfm::Keyframe& frame) {
-  return (fs::path(folder) / fmt::format("frame-{:06}.png", frame.index)).string();
+SourceKind kind_of_online_source(const std::string& text) {
+  return classify_source(text, {synth::synth_scheme()});
 }
 
-OnlineResult run_online(const std::vector<std::string>& sources,
-                        const std::vector<sfm::Input>& pictures, const std::string& folder,
-                        const OnlineFlags& flags, const sfm::KeyframeOptions& keyframes,
-                        const sfm::PipelineOptions& pipeline, Context& context) {
+OnlineRun run_online(const std::vector<std::string>& sources, const std::vector<sfm::Input>& images,
+                     const sfm::Reconstructor& reconstructor, const OnlineFlags& flags,
+                     Context& context) {
   RunFlags run;
   run.inputs = sources;
   run.output = flags.view.empty() ? "none" : flags.view;
@@ -73,23 +67,15 @@ OnlineResult run_online(const std::vector<std::string>& sources,
     throw UsageError(
         fmt::format("--online-view {}: expected a video, a folder or an address", flags.view));
 
-  SfmSessionOptions options;
-  options.keyframes = keyframes;
-  options.every_frame = !pictures.empty();
-  options.every = flags.every;
-  std::map<std::string, const sfm::Input*> by_path;
-  for (const sfm::Input& picture : pictures) by_path[picture.path] = &picture;
-  if (pictures.empty()) make_folder(folder);
-  const auto keep = [&](const sfm::Keyframe& frame, const Frame& latest) {
-    if (!pictures.empty()) return *by_path.at(latest.name);
-    const std::string path = key_frame_path(folder, frame);
-    write_image(path, frame.image);
-    return sfm::Input{fs::path(path).filename().string(), path};
-  };
-  sfm::OnlineOptions online;
-  online.pipeline = pipeline;
-  sfm::OnlineMapper mapper(online);
-  SfmSession session(mapper, keep, options, context.stop);
+  sfm::OnlineReconstructorOptions options;
+  options.mapper.pipeline = reconstructor.pipeline();
+  options.keyframes = reconstructor.options().keyframes;
+  options.grow_every = flags.every;
+  options.frames_folder = reconstructor.frames_folder();
+  options.every_frame = !images.empty();
+  options.images = images;
+  sfm::OnlineReconstructor online(options);
+  SfmSession session(online, context.stop);
 
   Clock::time_point start;
   double milliseconds = 0;
@@ -104,20 +90,20 @@ OnlineResult run_online(const std::vector<std::string>& sources,
       line[name] = view.state.at(name);
     line["ms"] = rounded(milliseconds, 2);
   };
-  OnlineResult result;
+  OnlineRun result;
   try {
     result.status = run_session(session, run, context, hooks);
   } catch (const OutputError&) {
     throw;
   } catch (const Error&) {
-    if (session.inputs().empty()) throw;
+    if (online.inputs().empty()) throw;
     result.error = std::current_exception();
   }
   context.progress->end();
-  (void)session.finish();
-  result.inputs = session.inputs();
+  const View end = session.finish();
+  result.inputs = online.inputs();
   log_info("online: {} key frames, {} in the model, {} points", result.inputs.size(),
-           mapper.registered(), mapper.model().points.size());
+           end.state.at("registered").get<int>(), online.model().points.size());
   return result;
 }
 

@@ -3,7 +3,7 @@
 
 #include "tarsier/media/frame_source.h"
 #include "tarsier/sfm/mapper/pipeline.h"
-#include "tarsier/sfm/scene/keyframes.h"
+#include "tarsier/sfm/pipelines/reconstructor.h"
 
 #include "cli.h"
 #include <cstdint>
@@ -27,22 +27,21 @@ struct OnlineFlags {
 
 void add_online_flags(Command& verb, OnlineFlags& flags);
 
-struct OnlineResult {
+struct OnlineRun {
   std::vector<sfm::Input> inputs;  // the key frames
   ExitStatus status = ExitStatus::kDone;
   std::exception_ptr error;  // that of a source that was lost, or that broke off
 };
 
-// The file of a key frame of a video or camera.
-[[nodiscard]] std::string key_frame_path(const std::string& folder, const sfm::Keyframe& frame);
+// As classify_source(), with the scenes that the program draws.
+[[nodiscard]] SourceKind kind_of_online_source(const std::string& text);
 
-// Shows `sources`: `pictures`, of which each is a key frame, or, without images, a video or
-// camera, whose key frames are written to `folder`. Throws the library's errors, but not what ends
-// a source that gave frames.
-[[nodiscard]] OnlineResult run_online(const std::vector<std::string>& sources,
-                                      const std::vector<sfm::Input>& pictures,
-                                      const std::string& folder, const OnlineFlags& flags,
-                                      const sfm::KeyframeOptions& keyframes,
-                                      const sfm::PipelineOptions& pipeline, Context& context);
+// Shows `sources`: `images`, of which each is a key frame, or, without images, a video or camera,
+// whose key frames are written to the folder of `reconstructor`. Throws the library's errors, but
+// not what ends a source that gave frames.
+[[nodiscard]] OnlineRun run_online(const std::vector<std::string>& sources,
+                                   const std::vector<sfm::Input>& images,
+                                   const sfm::Reconstructor& reconstructor,
+                                   const OnlineFlags& flags, Context& context);
 
 }  // namespace tarsier::cli

@@ -2,7 +2,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/mapper/evaluation.h"
-#include "tarsier/sfm/mapper/pipeline.h"
+#include "tarsier/sfm/pipelines/reconstructor.h"
 #include "tarsier/sfm/view/render.h"
 #include "tarsier/sfm/view/viewer.h"
 #include "tarsier/synth/relief.h"
@@ -72,16 +72,17 @@ void demo_sfm(Context& context, DemoPage& page) {
   page.heading("The images");
   page.grid(pictures);
 
-  sfm::PipelineOptions how;
-  how.camera = scene.camera();
-  how.features.most = 2500;
-  const sfm::PipelineResult result =
-      sfm::run_pipeline(inputs, how, *context.progress, context.stop);
-  if (result.reconstruction.models.empty()) {
-    page.note(result.reconstruction.no_model);
+  sfm::ReconstructorOptions how;
+  how.pipeline.camera = scene.camera();
+  how.pipeline.features.most = 2500;
+  const sfm::ReconstructorResult result =
+      sfm::Reconstructor(how).run_images(inputs, *context.progress, context.stop);
+  throw_if_stopped(context.stop);
+  if (result.models().empty()) {
+    page.note(result.pipeline.reconstruction.no_model);
     return;
   }
-  const sfm::Model& model = result.reconstruction.models[0];
+  const sfm::Model& model = result.models()[0];
   page.heading("The reconstruction",
                "Drag to turn it, scroll to come nearer. The pyramids are the cameras.");
   page.command("tarsier sfm reconstruct scene/images --camera-file scene/camera.yaml -o model");

@@ -1,15 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/sfm_session.h"
 
-#include "tarsier/core/errors.h"
-#include "tarsier/core/log.h"
-#include "tarsier/core/require.h"
 #include "tarsier/image/draw/text.h"
 #include "tarsier/session/overlay.h"
+#include "tarsier/sfm/view/render.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/video/tracking.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -21,32 +18,10 @@ namespace {
 const cv::Scalar kGreen{60, 210, 60};
 const cv::Scalar kRim{0, 40, 0};
 const cv::Scalar kInk{70, 60, 50};
-constexpr int kLongestSide = 960;    // px, of the pictures in which points are followed
-constexpr std::size_t kRecent = 12;  // key frames from which points can be followed
-constexpr std::size_t kMaxFollowed = 400;
-constexpr double kBackPx = 1.0;    // off after following there and back: lost
 constexpr double kWidest = 1680;   // px, of both panels
 constexpr double kTurnDeg = 10;    // of an arrow key
 constexpr double kDragDeg = 0.35;  // of a pixel
 constexpr double kZoom = 1.2;      // of a key or a notch
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-double reduction(cv::Size size) {
-  return std::min(1.0, static_cast<double>(kLongestSide) / std::max(size.width, size.height));
-}
-
-cv::Mat reduced_gray(const cv::Mat& image) {
-  cv::Mat gray;
-  if (image.channels() == 1) {
-    gray = image.clone();
-  } else {
-    cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
-  }
-  const double scale = reduction(image.size());
-  if (scale < 1) cv::resize(gray, gray, {}, scale, scale, cv::INTER_AREA);
-  return gray;
-}
 
 // Height of both panels: the frame's own where there is room; even, as videos need it.
 int panel_height(cv::Size frame) {
@@ -59,33 +34,14 @@ int panel_height(cv::Size frame) {
 
 }  // namespace
 
-void SfmSessionOptions::check() const {
-  keyframes.check();
-  TARSIER_REQUIRE(every >= 1 && every <= 1000, "{} key frames", every);
-}
-
-SfmSession::SfmSession(sfm::OnlineMapper& mapper, Keep keep, const SfmSessionOptions& options,
-                       const std::stop_token& stop)
-    : mapper_(mapper),
-      keep_(std::move(keep)),
-      options_(options),
-      stop_(stop),
-      picker_(options.keyframes) {
-  options_.check();
-  TARSIER_REQUIRE(keep_ != nullptr, "key frames must be kept");
-}
+SfmSession::SfmSession(sfm::OnlineReconstructor& online, const std::stop_token& stop)
+    : online_(online), stop_(stop) {}
 
 View SfmSession::on_frame(const Frame& frame, const SourceStatus& source) {
   source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
   if (paused_) return view(false);  // a camera goes on while nobody looks
   latest_ = frame;
-  gray_ = reduced_gray(frame.image);
-  if (options_.every_frame) {
-    take({frame.image, frame.index, frame.time, 0, 0}, frame);
-  } else if (const auto key_frame = picker_.offer(frame.image, frame.index, frame.time)) {
-    take(*key_frame, frame);
-  }
-  follow();
+  update(online_.process(frame, stop_));
   draw();
   return view(true);
 }
@@ -112,10 +68,7 @@ View SfmSession::on_event(const Event& event) {
     zoom_ = 1;
     cloud_is_old_ = true;
   }
-  if (name == "adjust" && !latest_.image.empty()) {
-    grow(true);
-    follow();
-  }
+  if (name == "adjust" && !latest_.image.empty()) update(online_.refine(stop_));
   if (event.kind == Event::Kind::kMouse) {
     const cv::Point2d where(event.x, event.y);
     switch (event.mouse) {
@@ -160,90 +113,14 @@ std::vector<Action> SfmSession::actions() const {
 }
 
 View SfmSession::finish() {
-  if (!options_.every_frame && !latest_.image.empty()) {
-    if (const auto key_frame = picker_.finish()) take(*key_frame, latest_);
-  }
-  if (waiting_ > 0) grow(false);
-  if (!latest_.image.empty()) {
-    follow();
-    draw();
-  }
+  update(online_.finish(stop_));
+  if (!latest_.image.empty()) draw();
   return view(!latest_.image.empty());
 }
 
-void SfmSession::take(const sfm::Keyframe& key_frame, const Frame& latest) {
-  inputs_.push_back(keep_(key_frame, latest));
-  try {
-    mapper_.add(inputs_.back(), stop_);
-  } catch (const Interrupted&) {
-    return;
-  } catch (const InputError& error) {  // one image of many
-    log_warning("{} (left out)", error.what());
-    return;
-  }
-  recent_.emplace_back(mapper_.count() - 1, reduced_gray(key_frame.image));
-  if (recent_.size() > kRecent) recent_.pop_front();
-  if (++waiting_ >= options_.every) grow(false);
-}
-
-void SfmSession::grow(bool again) {
-  try {
-    if (again) {
-      mapper_.refine(stop_);
-    } else {
-      mapper_.grow(stop_);
-    }
-  } catch (const Interrupted&) {
-    return;  // the host is about to end
-  }
-  waiting_ = 0;
-  cloud_is_old_ = true;
-  choose_points();
-}
-
-// Points are followed from the latest image of the model, evenly over those it shows.
-void SfmSession::choose_points() {
-  followed_ = {};
-  const sfm::Model& model = mapper_.model();
-  for (auto entry = recent_.rbegin(); entry != recent_.rend(); ++entry) {
-    if (at(entry->first) >= model.images.size()) continue;
-    const sfm::Image& image = model.images[at(entry->first)];
-    if (!image.registered) continue;
-    const double scale =
-        reduction({model.cameras[at(image.camera)].width, model.cameras[at(image.camera)].height});
-    std::vector<cv::Point2f> seen;
-    for (std::size_t f = 0; f < image.points.size(); ++f)
-      if (image.points[f] >= 0) seen.push_back(image.features[f] * scale);
-    const std::size_t step = std::max<std::size_t>(1, seen.size() / kMaxFollowed);
-    for (std::size_t k = 0; k < seen.size(); k += step) followed_.from.push_back(seen[k]);
-    followed_.gray = entry->second;
-    followed_.to = followed_.from;
-    followed_.is_lost.assign(followed_.from.size(), 0);
-    return;
-  }
-}
-
-void SfmSession::follow() {
-  if (followed_.from.empty() || followed_.gray.size() != gray_.size()) {
-    followed_.from.clear();
-    return;
-  }
-  const cv::Size window(21, 21);
-  const cv::TermCriteria enough(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.03);
-  std::vector<cv::Point2f> back = followed_.from;
-  std::vector<std::uint8_t> there;
-  std::vector<std::uint8_t> here;
-  std::vector<float> error;
-  cv::calcOpticalFlowPyrLK(followed_.gray, gray_, followed_.from, followed_.to, there, error,
-                           window, 4, enough, cv::OPTFLOW_USE_INITIAL_FLOW);
-  cv::calcOpticalFlowPyrLK(gray_, followed_.gray, followed_.to, back, here, error, window, 4,
-                           enough, cv::OPTFLOW_USE_INITIAL_FLOW);
-  for (std::size_t k = 0; k < followed_.from.size(); ++k) {
-    const bool is_found =
-        there[k] != 0 && here[k] != 0 && cv::norm(back[k] - followed_.from[k]) <= kBackPx;
-    followed_.is_lost[k] = is_found ? 0 : 1;
-    if (!is_found) followed_.to[k] = followed_.from[k];  // where it is looked for next time
-  }
+void SfmSession::update(sfm::OnlineResult result) {
+  result_ = std::move(result);
+  cloud_is_old_ = cloud_is_old_ || result_.model_changed;
 }
 
 void SfmSession::turn(double yaw, double pitch) {
@@ -258,9 +135,8 @@ void SfmSession::zoom(double factor) {
 }
 
 std::string SfmSession::counts() const {
-  return fmt::format("{} key frame{}, {} in the model, {} points", inputs_.size(),
-                     inputs_.size() == 1 ? "" : "s", mapper_.registered(),
-                     mapper_.model().points.size());
+  return fmt::format("{} key frame{}, {} in the model, {} points", result_.key_frames,
+                     result_.key_frames == 1 ? "" : "s", result_.registered, result_.points);
 }
 
 void SfmSession::draw() {
@@ -272,17 +148,15 @@ void SfmSession::draw() {
   cv::Mat shown = output_(cv::Rect(0, 0, left, height));
   cv::resize(latest_.image, shown, shown.size(), 0, 0,
              scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
-  const double from_reduced = scale / reduction(latest_.image.size());
   const int radius = std::max(2, height / 200);
-  for (std::size_t k = 0; k < followed_.from.size(); ++k) {
-    if (followed_.is_lost[k] != 0) continue;
-    const cv::Point2d p = cv::Point2d(followed_.to[k]) * from_reduced;
+  for (const cv::Point2f& tracked : result_.tracked) {
+    const cv::Point2d p = cv::Point2d(tracked) * scale;
     const cv::Point where(cvRound(p.x * 16), cvRound(p.y * 16));
     cv::circle(shown, where, (radius + 1) * 16, kRim, cv::FILLED, cv::LINE_AA, 4);
     cv::circle(shown, where, radius * 16, kGreen, cv::FILLED, cv::LINE_AA, 4);
   }
 
-  const sfm::Model& model = mapper_.model();
+  const sfm::Model& model = online_.model();
   const cv::Size size(right, height);
   if (cloud_is_old_ || cloud_.size() != size) {
     sfm::ViewOptions view;
@@ -309,17 +183,11 @@ void SfmSession::draw() {
 }
 
 View SfmSession::view(bool fresh) {
-  const auto followed = followed_.from.empty()
-                            ? 0
-                            : std::count(followed_.is_lost.begin(), followed_.is_lost.end(), 0);
   View result;
-  result.state = {{"key_frames", inputs_.size()},
-                  {"registered", mapper_.registered()},
-                  {"points", mapper_.model().points.size()},
-                  {"followed", followed},
-                  {"paused", paused_}};
+  result.state = sfm::to_json(result_);
+  result.state["paused"] = paused_;
   result.status =
-      fmt::format("{}, {:.0f} ms{}", counts(), 1000 * mapper_.seconds(), paused_ ? ", paused" : "");
+      fmt::format("{}, {:.0f} ms{}", counts(), result_.growth_ms, paused_ ? ", paused" : "");
   result.finished = finished_;
   if (output_.empty()) return result;
   output_.copyTo(shown_);

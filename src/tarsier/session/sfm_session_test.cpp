@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/sfm_session.h"
 
-#include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/session/scripted_host.h"
 #include "tarsier/synth/relief.h"
@@ -50,7 +49,7 @@ class Walk final : public FrameSource {
   std::vector<std::string> skipped_;
 };
 
-class Growing : public FolderTest {
+class SfmSessionTest : public FolderTest {
  protected:
   static void SetUpTestSuite() {
     synth::SceneOptions options;
@@ -68,22 +67,17 @@ class Growing : public FolderTest {
   }
 
   void SetUp() override {
-    sfm::OnlineOptions how;
-    how.pipeline.camera = *camera_;
-    how.pipeline.features.most = 700;
-    how.overlap = 4;
-    mapper_ = std::make_unique<sfm::OnlineMapper>(how);
+    options_ = {};
+    options_.mapper.pipeline.camera = *camera_;
+    options_.mapper.pipeline.features.most = 700;
+    options_.mapper.overlap = 4;
+    options_.frames_folder = folder_;
   }
 
-  SfmSession make(SfmSessionOptions options = {}) {
-    return SfmSession(
-        *mapper_,
-        [this](const sfm::Keyframe& frame, const Frame&) {
-          const std::string name = std::to_string(frame.index) + ".png";
-          write_image(path(name), frame.image);
-          return sfm::Input{name, path(name)};
-        },
-        options);
+  // The one session of now, and what it shows.
+  SfmSession make(const std::stop_token& stop = {}) {
+    online_ = std::make_unique<sfm::OnlineReconstructor>(options_);
+    return SfmSession(*online_, stop);
   }
 
   static double green_share(const cv::Mat& image) {
@@ -94,12 +88,13 @@ class Growing : public FolderTest {
 
   static std::vector<cv::Mat>* video_;
   static geometry::Camera* camera_;
-  std::unique_ptr<sfm::OnlineMapper> mapper_;
+  sfm::OnlineReconstructorOptions options_;
+  std::unique_ptr<sfm::OnlineReconstructor> online_;
 };
-std::vector<cv::Mat>* Growing::video_ = nullptr;
-geometry::Camera* Growing::camera_ = nullptr;
+std::vector<cv::Mat>* SfmSessionTest::video_ = nullptr;
+geometry::Camera* SfmSessionTest::camera_ = nullptr;
 
-TEST_F(Growing, WithItsVideo) {
+TEST_F(SfmSessionTest, WithItsVideo) {
   SfmSession session = make();
   const cv::Mat untouched = (*video_)[23].clone();
   Walk walk(*video_);
@@ -122,8 +117,8 @@ TEST_F(Growing, WithItsVideo) {
   EXPECT_GT(steps.back().state["followed"], 30);
 
   const View end = session.finish();
-  EXPECT_EQ(end.state["registered"], session.inputs().size()) << end.status;
-  EXPECT_GE(session.inputs().size(), 8U);
+  EXPECT_EQ(end.state["registered"], online_->inputs().size()) << end.status;
+  EXPECT_GE(online_->inputs().size(), 8U);
 
   // Points of the model on the video, and a cloud beside it.
   ASSERT_FALSE(steps.front().output.empty());
@@ -141,10 +136,9 @@ TEST_F(Growing, WithItsVideo) {
   EXPECT_EQ(cv::norm((*video_)[23], untouched, cv::NORM_INF), 0) << "the video was drawn on";
 }
 
-TEST_F(Growing, IsAFunctionOfFramesAndEvents) {
+TEST_F(SfmSessionTest, IsAFunctionOfFramesAndEvents) {
   std::string transcripts[2];
   for (std::string& transcript : transcripts) {
-    SetUp();
     SfmSession session = make();
     Walk walk({video_->begin(), video_->begin() + 12});
     ScriptedHost host(session, walk);
@@ -154,7 +148,7 @@ TEST_F(Growing, IsAFunctionOfFramesAndEvents) {
   EXPECT_EQ(transcripts[0], transcripts[1]);
 }
 
-TEST_F(Growing, TurnsAndZoomsTheCloudAndNotTheVideo) {
+TEST_F(SfmSessionTest, TurnsAndZoomsTheCloudAndNotTheVideo) {
   SfmSession session = make();
   Walk walk({video_->begin(), video_->begin() + 12});
   ScriptedHost host(session, walk);
@@ -198,7 +192,7 @@ TEST_F(Growing, TurnsAndZoomsTheCloudAndNotTheVideo) {
   EXPECT_EQ(cv::norm(before(right), first(right), cv::NORM_INF), 0) << "not the first view again";
 }
 
-TEST_F(Growing, PausesAndEnds) {
+TEST_F(SfmSessionTest, PausesAndEnds) {
   SfmSession session = make();
   SourceStatus live;
   live.state = SourceState::kLive;
@@ -216,11 +210,10 @@ TEST_F(Growing, PausesAndEnds) {
   EXPECT_TRUE(session.on_event(key_event('q')).finished);
 }
 
-TEST_F(Growing, TakesEachImageOfAFolder) {
-  SfmSessionOptions options;
-  options.every_frame = true;
-  options.every = 2;
-  SfmSession session = make(options);
+TEST_F(SfmSessionTest, TakesEachImageOfAFolder) {
+  options_.every_frame = true;
+  options_.grow_every = 2;
+  SfmSession session = make();
   Walk walk({(*video_)[0], (*video_)[2], (*video_)[4], (*video_)[6], (*video_)[8]});
   ScriptedHost host(session, walk);
   const auto& steps = host.run();
@@ -230,33 +223,21 @@ TEST_F(Growing, TakesEachImageOfAFolder) {
   EXPECT_EQ(session.finish().state["registered"], 5);
 }
 
-TEST_F(Growing, SurvivesAStopAndAPlainVideo) {
+TEST_F(SfmSessionTest, SurvivesAStopAndAPlainVideo) {
   std::stop_source stop;
-  SfmSession session(
-      *mapper_,
-      [this](const sfm::Keyframe& frame, const Frame&) {
-        const std::string name = std::to_string(frame.index) + ".png";
-        write_image(path(name), frame.image);
-        return sfm::Input{name, path(name)};
-      },
-      {}, stop.get_token());
+  SfmSession session = make(stop.get_token());
   Walk walk({video_->begin(), video_->begin() + 9});
   stop.request_stop();
   ScriptedHost host(session, walk);
   host.run();
-  EXPECT_GE(session.inputs().size(), 3U);
+  EXPECT_GE(online_->inputs().size(), 3U);
   EXPECT_EQ(session.finish().state["registered"], 0);
 
-  SetUp();
   SfmSession plain = make();
   const cv::Mat grey(240, 320, CV_8UC3, cv::Scalar::all(120));
   Walk nothing({grey, grey, grey});
   ScriptedHost(plain, nothing).run();
   EXPECT_EQ(plain.finish().state["points"], 0);
-
-  SfmSessionOptions bad;
-  bad.every = 0;
-  EXPECT_THROW(make(bad), std::invalid_argument);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/results.h"
+#include "tarsier/sfm/pipelines/results.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/results.h"
+#include "tarsier/sfm/pipelines/results.h"
 
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/testing_folder.h"

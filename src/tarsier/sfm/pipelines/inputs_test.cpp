@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/pipelines/inputs.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+
+#include <algorithm>
+#include <iterator>
+#include <string>
+#include <vector>
+
+namespace tarsier::sfm {
+namespace {
+
+class Inputs : public FolderTest {
+ protected:
+  void SetUp() override {
+    for (const char* folder : {"one", "two"}) {
+      make_folder(path(folder));
+      for (const char* name : {"a.png", "b.png"})
+        write_image(path(std::string(folder) + "/" + name), cv::Mat(20, 30, CV_8UC3, {9, 9, 9}));
+    }
+  }
+  [[nodiscard]] static std::vector<Input> find(const std::vector<std::string>& sources) {
+    NoProgress progress;
+    return find_inputs(sources, {}, "", progress, {});
+  }
+  [[nodiscard]] static std::vector<std::string> names(const std::vector<Input>& inputs) {
+    std::vector<std::string> result;
+    std::transform(inputs.begin(), inputs.end(), std::back_inserter(result),
+                   [](const Input& input) { return input.name; });
+    return result;
+  }
+};
+
+TEST_F(Inputs, OfFoldersImagesGlobsAndLists) {
+  using Names = std::vector<std::string>;
+  EXPECT_EQ(names(find({path("one")})), (Names{"a.png", "b.png"}));
+  EXPECT_EQ(names(find({path("one/b.png"), path("two/a.png")})), (Names{"b.png", "a.png"}));
+  EXPECT_EQ(names(find({path("one/b*.png")})), (Names{"b.png"}));
+  write_file_atomically(path("list.txt"), path("two/b.png") + "\n" + path("one/a.png") + "\n");
+  const auto listed = find({"@" + path("list.txt")});
+  EXPECT_EQ(names(listed), (Names{"b.png", "a.png"}));
+  EXPECT_EQ(listed[0].path, path("two/b.png"));
+}
+
+TEST_F(Inputs, OfOneNameGetNamesOfTheirOwn) {
+  const auto inputs = find({path("one"), path("two"), path("one/a.png")});
+  EXPECT_EQ(names(inputs),
+            (std::vector<std::string>{"a.png", "b.png", "a-2.png", "b-2.png", "a-3.png"}));
+  EXPECT_EQ(inputs[2].path, path("two/a.png"));
+}
+
+TEST_F(Inputs, ThatAreNoFilesAreRefused) {
+  EXPECT_THROW((void)find({path("missing")}), InputError);
+  EXPECT_THROW((void)find({"7"}), InputError) << "a camera";
+  // The start of an AVI file: without a folder for its key frames it is not even opened.
+  write_file_atomically(path("video.avi"), std::string("RIFF\x10\0\0\0AVI LIST", 16));
+  try {
+    (void)find({path("video.avi")});
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("key frames"), std::string::npos) << error.what();
+  }
+}
+
+TEST_F(Inputs, OfAReconstructionAreTwo) {
+  const auto inputs = find({path("one")});
+  EXPECT_NO_THROW(require_two_images(inputs, "one"));
+  try {
+    require_two_images({inputs[0]}, "one");
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_STREQ(error.what(), "one: 1 image; a reconstruction needs two or more");
+  }
+}
+
+TEST(KeyFrames, HaveFilesBySeries) {
+  Keyframe frame;
+  frame.index = 12;
+  EXPECT_EQ(key_frame_path("frames", frame), "frames/frame-000012.png");
+}
+
+}  // namespace
+}  // namespace tarsier::sfm

@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/pipelines/online_reconstructor.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/sfm/pipelines/inputs.h"
+
+#include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+
+#include <algorithm>
+#include <cstdint>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::sfm {
+namespace {
+
+constexpr int kLongestSide = 960;    // px, of the images in which points are tracked
+constexpr std::size_t kRecent = 12;  // key frames from which points can be tracked
+constexpr std::size_t kMaxTracked = 400;
+constexpr double kBackPx = 1.0;  // off after tracking there and back: lost
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+double reduction(cv::Size size) {
+  return std::min(1.0, static_cast<double>(kLongestSide) / std::max(size.width, size.height));
+}
+
+cv::Mat reduced_gray(const cv::Mat& image) {
+  cv::Mat gray;
+  if (image.channels() == 1) {
+    gray = image.clone();
+  } else {
+    cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  }
+  const double scale = reduction(image.size());
+  if (scale < 1) cv::resize(gray, gray, {}, scale, scale, cv::INTER_AREA);
+  return gray;
+}
+
+}  // namespace
+
+void OnlineReconstructorOptions::check() const {
+  mapper.check();
+  keyframes.check();
+  TARSIER_REQUIRE(grow_every >= 1 && grow_every <= 1000, "{} key frames", grow_every);
+  TARSIER_REQUIRE(images.empty() || every_frame, "images are given, each must be a key frame");
+  TARSIER_REQUIRE(!frames_folder.empty() || !images.empty(),
+                  "key frames must be kept: no folder for them");
+}
+
+nlohmann::ordered_json to_json(const OnlineResult& result) {
+  return {{"key_frames", result.key_frames},
+          {"registered", result.registered},
+          {"points", result.points},
+          {"followed", result.tracked.size()}};
+}
+
+OnlineReconstructor::OnlineReconstructor(const OnlineReconstructorOptions& options)
+    : options_(options), mapper_(options.mapper), picker_(options.keyframes) {
+  options_.check();
+  for (const Input& image : options_.images) images_[image.path] = image;
+}
+
+OnlineResult OnlineReconstructor::process(const Frame& frame, const std::stop_token& stop) {
+  model_changed_ = false;
+  latest_ = frame;
+  gray_ = reduced_gray(frame.image);
+  if (options_.every_frame) {
+    add({frame.image, frame.index, frame.time, 0, 0}, frame, stop);
+  } else if (const auto key_frame = picker_.offer(frame.image, frame.index, frame.time)) {
+    add(*key_frame, frame, stop);
+  }
+  track_points();
+  return result();
+}
+
+OnlineResult OnlineReconstructor::refine(const std::stop_token& stop) {
+  model_changed_ = false;
+  if (!latest_.image.empty()) {
+    grow(true, stop);
+    track_points();
+  }
+  return result();
+}
+
+OnlineResult OnlineReconstructor::finish(const std::stop_token& stop) {
+  model_changed_ = false;
+  if (!options_.every_frame && !latest_.image.empty()) {
+    if (const auto key_frame = picker_.finish()) add(*key_frame, latest_, stop);
+  }
+  if (waiting_ > 0) grow(false, stop);
+  if (!latest_.image.empty()) track_points();
+  return result();
+}
+
+Input OnlineReconstructor::keep(const Keyframe& key_frame, const Frame& latest) const {
+  if (const auto image = images_.find(latest.name); image != images_.end()) return image->second;
+  make_folder(options_.frames_folder);
+  const std::string path = key_frame_path(options_.frames_folder, key_frame);
+  write_image(path, key_frame.image);
+  return {std::filesystem::path(path).filename().string(), path};
+}
+
+void OnlineReconstructor::add(const Keyframe& key_frame, const Frame& latest,
+                              const std::stop_token& stop) {
+  inputs_.push_back(keep(key_frame, latest));
+  try {
+    mapper_.add(inputs_.back(), stop);
+  } catch (const Interrupted&) {
+    return;
+  } catch (const InputError& error) {  // one image of many
+    log_warning("{} (left out)", error.what());
+    return;
+  }
+  recent_.emplace_back(mapper_.count() - 1, reduced_gray(key_frame.image));
+  if (recent_.size() > kRecent) recent_.pop_front();
+  if (++waiting_ >= options_.grow_every) grow(false, stop);
+}
+
+void OnlineReconstructor::grow(bool adjust_all, const std::stop_token& stop) {
+  try {
+    if (adjust_all) {
+      mapper_.refine(stop);
+    } else {
+      mapper_.grow(stop);
+    }
+  } catch (const Interrupted&) {
+    return;  // the caller is about to end
+  }
+  waiting_ = 0;
+  model_changed_ = true;
+  choose_points();
+}
+
+// Points are tracked from the latest image of the model, evenly over those it shows.
+void OnlineReconstructor::choose_points() {
+  tracked_ = {};
+  const Model& model = mapper_.model();
+  for (auto entry = recent_.rbegin(); entry != recent_.rend(); ++entry) {
+    if (at(entry->first) >= model.images.size()) continue;
+    const Image& image = model.images[at(entry->first)];
+    if (!image.registered) continue;
+    const double scale =
+        reduction({model.cameras[at(image.camera)].width, model.cameras[at(image.camera)].height});
+    std::vector<cv::Point2f> seen;
+    for (std::size_t f = 0; f < image.points.size(); ++f)
+      if (image.points[f] >= 0) seen.push_back(image.features[f] * scale);
+    const std::size_t step = std::max<std::size_t>(1, seen.size() / kMaxTracked);
+    for (std::size_t k = 0; k < seen.size(); k += step) tracked_.from.push_back(seen[k]);
+    tracked_.gray = entry->second;
+    tracked_.to = tracked_.from;
+    tracked_.is_lost.assign(tracked_.from.size(), 0);
+    return;
+  }
+}
+
+void OnlineReconstructor::track_points() {
+  if (tracked_.from.empty() || tracked_.gray.size() != gray_.size()) {
+    tracked_.from.clear();
+    return;
+  }
+  const cv::Size window(21, 21);
+  const cv::TermCriteria enough(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.03);
+  std::vector<cv::Point2f> back = tracked_.from;
+  std::vector<std::uint8_t> there;
+  std::vector<std::uint8_t> here;
+  std::vector<float> error;
+  cv::calcOpticalFlowPyrLK(tracked_.gray, gray_, tracked_.from, tracked_.to, there, error, window,
+                           4, enough, cv::OPTFLOW_USE_INITIAL_FLOW);
+  cv::calcOpticalFlowPyrLK(gray_, tracked_.gray, tracked_.to, back, here, error, window, 4, enough,
+                           cv::OPTFLOW_USE_INITIAL_FLOW);
+  for (std::size_t k = 0; k < tracked_.from.size(); ++k) {
+    const bool is_found =
+        there[k] != 0 && here[k] != 0 && cv::norm(back[k] - tracked_.from[k]) <= kBackPx;
+    tracked_.is_lost[k] = is_found ? 0 : 1;
+    if (!is_found) tracked_.to[k] = tracked_.from[k];  // where it is looked for next time
+  }
+}
+
+OnlineResult OnlineReconstructor::result() {
+  OnlineResult result;
+  result.key_frames = static_cast<int>(inputs_.size());
+  result.registered = mapper_.registered();
+  result.points = static_cast<int>(mapper_.model().points.size());
+  const double from_reduced = latest_.image.empty() ? 1 : 1 / reduction(latest_.image.size());
+  for (std::size_t k = 0; k < tracked_.from.size(); ++k)
+    if (tracked_.is_lost[k] == 0) result.tracked.push_back(tracked_.to[k] * from_reduced);
+  result.model_changed = model_changed_;
+  result.growth_ms = 1000 * mapper_.seconds();
+  return result;
+}
+
+}  // namespace tarsier::sfm

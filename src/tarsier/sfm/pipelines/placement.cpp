@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/pipelines/placement.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/core/words.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/sfm/scene/align.h"
+#include "tarsier/sfm/scene/exif.h"
+
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::sfm {
+namespace {
+
+// What errors of positions name.
+std::string source_of(const PlacementOptions& options) {
+  return options.alignment == Alignment::kGps ? "positions by GPS" : options.positions_file;
+}
+
+constexpr const char* kDistanceError = "the known distance: ";
+
+// The two images of the known distance. Throws where they tell no scale.
+std::vector<const Image*> ends_of(const Model& model, const KnownDistance& known) {
+  std::vector<const Image*> ends;
+  for (const std::string& name : {known.first, known.second}) {
+    const auto image = std::find_if(model.images.begin(), model.images.end(),
+                                    [&](const Image& each) { return each.name == name; });
+    if (image == model.images.end() || !image->registered) {
+      throw Error(ExitStatus::kBadInput,
+                  fmt::format("{}'{}' is not in the model, which is written as it is",
+                              kDistanceError, printable(name)));
+    }
+    ends.push_back(&*image);
+  }
+  if (!(cv::norm(ends[0]->pose.center() - ends[1]->pose.center()) > 0)) {
+    throw Error(ExitStatus::kBadInput,
+                fmt::format("{}both cameras are at one place in the model, which is written as it "
+                            "is",
+                            kDistanceError));
+  }
+  return ends;
+}
+
+Placement::Aligned align(Model& model, const PlacementOptions& options, const Positions& known,
+                         std::uint64_t seed) {
+  std::vector<cv::Vec3d> from;
+  std::vector<cv::Vec3d> to;
+  for (const Image& image : model.images) {
+    const auto position = known.find(image.name);
+    if (!image.registered || position == known.end()) continue;
+    from.push_back(image.pose.center());
+    to.push_back(position->second);
+  }
+  const auto similarity = robust_similarity(from, to, 0, seed);
+  if (!similarity) {
+    throw InputError(source_of(options),
+                     fmt::format("{} positions fit images of the model; three that are not in a "
+                                 "line are needed: the model is written as it is",
+                                 from.size()));
+  }
+  transform(model, *similarity);
+  double sum = 0;
+  for (std::size_t i = 0; i < from.size(); ++i)
+    sum += cv::norm(similarity->scale * (similarity->rotation * from[i]) + similarity->translation -
+                    to[i]);
+  return {static_cast<int>(from.size()), similarity->scale, sum / static_cast<double>(from.size())};
+}
+
+}  // namespace
+
+void PlacementOptions::check() const {
+  TARSIER_REQUIRE(alignment != Alignment::kPositions || !positions_file.empty(),
+                  "no file of positions");
+  if (!distance) return;
+  TARSIER_REQUIRE(distance->distance > 0 && std::isfinite(distance->distance),
+                  "a distance of {}: expected above 0", distance->distance);
+  TARSIER_REQUIRE(distance->first != distance->second,
+                  "a distance needs the names of two images, got '{}' twice", distance->first);
+}
+
+nlohmann::ordered_json to_json(const Placement& placement) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
+  if (placement.aligned) {
+    json["aligned"] = {{"photographs", placement.aligned->images},
+                       {"scale", placement.aligned->scale},
+                       {"mean_residual", placement.aligned->mean_residual}};
+  }
+  if (placement.scale) json["scale"] = *placement.scale;
+  return json;
+}
+
+Positions gps_positions(const std::vector<Input>& inputs, const std::stop_token& stop) {
+  std::vector<std::string> names;
+  std::vector<cv::Vec3d> positions;
+  for (const Input& input : inputs) {
+    throw_if_stopped(stop);
+    try {
+      const auto gps = parse_exif(read_file(input.path, 512'000'000)).gps;
+      if (!gps) continue;
+      names.push_back(input.name);
+      positions.push_back(*gps);
+    } catch (const InputError&) {
+      continue;  // is left out of the model with a warning
+    }
+  }
+  const std::vector<cv::Vec3d> metres = local_metres(positions);
+  Positions known;
+  for (std::size_t i = 0; i < names.size(); ++i) known[names[i]] = metres[i];
+  return known;
+}
+
+Positions positions_of(const PlacementOptions& options, const Positions& known,
+                       const std::vector<Input>& inputs, const std::stop_token& stop) {
+  if (options.distance) {
+    for (const std::string& name : {options.distance->first, options.distance->second}) {
+      if (std::none_of(inputs.begin(), inputs.end(),
+                       [&](const Input& input) { return input.name == name; })) {
+        throw UsageError(fmt::format("{}'{}' is no image here (these are called '{}' ..)",
+                                     kDistanceError, printable(name),
+                                     inputs.empty() ? "" : printable(inputs.front().name)));
+      }
+    }
+  }
+  if (options.alignment == Alignment::kNone) return {};
+  const bool gps = options.alignment == Alignment::kGps;
+  const Positions all = gps ? gps_positions(inputs, stop) : known;
+  Positions result;
+  std::vector<cv::Vec3d> places;
+  for (const Input& input : inputs) {
+    const auto position = all.find(input.name);
+    if (position == all.end()) continue;
+    result.insert(*position);
+    places.push_back(position->second);
+  }
+  if (places.size() < 3) {
+    const std::string what =
+        gps ? fmt::format("{} of {} images have a position in EXIF", places.size(), inputs.size())
+            : fmt::format("{} of {} names are images here (these are called '{}' ..)",
+                          places.size(), all.size(),
+                          inputs.empty() ? "" : printable(inputs.front().name));
+    throw InputError(source_of(options), what + "; three that are not in a line are needed");
+  }
+  if (!similarity_between(places, places)) {
+    throw InputError(source_of(options),
+                     fmt::format("the {} positions of images are in a line; three that are not "
+                                 "are needed",
+                                 places.size()));
+  }
+  if (places.size() < all.size()) {
+    log_warning("{}: {} of {} names are no images here", source_of(options),
+                all.size() - places.size(), all.size());
+  }
+  return result;
+}
+
+Placement place(Model& model, const PlacementOptions& options, const Positions& known,
+                std::uint64_t seed) {
+  options.check();
+  Placement placement;
+  std::vector<const Image*> ends;
+  if (options.distance) ends = ends_of(model, *options.distance);
+  if (options.alignment != Alignment::kNone) placement.aligned = align(model, options, known, seed);
+  if (options.distance) {
+    Similarity similarity;
+    similarity.scale =
+        options.distance->distance / cv::norm(ends[0]->pose.center() - ends[1]->pose.center());
+    transform(model, similarity);
+    placement.scale = similarity.scale;
+  }
+  return placement;
+}
+
+}  // namespace tarsier::sfm

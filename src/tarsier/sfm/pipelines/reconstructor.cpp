@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/sfm/pipelines/reconstructor.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/core/words.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/sfm/mapper/pairs.h"
+#include "tarsier/sfm/mapper/report.h"
+#include "tarsier/sfm/pipelines/inputs.h"
+#include "tarsier/sfm/pipelines/model_files.h"
+#include "tarsier/sfm/pipelines/results.h"
+#include "tarsier/sfm/scene/align.h"
+#include "tarsier/sfm/scene/colmap.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::sfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+void write_report(const std::string& folder, const ReconstructorResult& result) {
+  write_file_atomically((fs::path(folder) / "report.json").string(),
+                        to_json(result).dump(1) + "\n");
+}
+
+void write_match_image(const fs::path& folder, const ComparedPair& pair) {
+  if (pair.matches.empty()) return;
+  const std::string name = fmt::format("{}-{}.jpg", fs::path(pair.first.name).stem().string(),
+                                       fs::path(pair.second.name).stem().string());
+  write_image((folder / name).string(), draw_matches(pair));
+}
+
+}  // namespace
+
+void ReconstructorOptions::check() const {
+  pipeline.check();
+  keyframes.check();
+  placement.check();
+  TARSIER_REQUIRE(!pipeline.camera || pipeline.camera->lens == geometry::Lens::kPinhole,
+                  "a {} lens: reconstruction takes pinhole ones, undistort the images before",
+                  geometry::name_of(pipeline.camera->lens));
+  TARSIER_REQUIRE(!folder.empty() || !(undistorted || turntable || match_images),
+                  "further files need a folder");
+}
+
+void use_features(PipelineOptions& options, FeatureKind kind) {
+  options.features.kind = kind;
+  if (kind == FeatureKind::kSift) return;
+  options.matching.ratio = std::max(options.matching.ratio, 0.85);
+  options.mapper.extend_similarity = 0.6;
+}
+
+nlohmann::ordered_json to_json(const ReconstructorResult& result) {
+  nlohmann::ordered_json report = report_json(result.pipeline);
+  if (nlohmann::ordered_json placed = to_json(result.placement); !placed.empty())
+    report["placed"] = std::move(placed);
+  if (!result.not_placed.empty()) report["not_placed"] = result.not_placed;
+  return report;
+}
+
+Reconstructor::Reconstructor(const ReconstructorOptions& options) : options_(options) {
+  options_.check();
+  if (options_.cache && options_.pipeline.cache_folder.empty() && !options_.folder.empty())
+    options_.pipeline.cache_folder = (fs::path(options_.folder) / "cache").string();
+  if (options_.placement.alignment == Alignment::kPositions)
+    positions_ = read_positions_csv(options_.placement.positions_file);
+}
+
+std::string Reconstructor::frames_folder() const {
+  return options_.folder.empty() ? "" : (fs::path(options_.folder) / "frames").string();
+}
+
+void Reconstructor::check_outputs() const {
+  if (!options_.folder.empty()) {
+    make_folder(options_.folder);
+    // Throws where nothing can be written there.
+    const AtomicFile writable((fs::path(options_.folder) / "report.json").string());
+  }
+  if (!options_.pipeline.cache_folder.empty()) make_folder(options_.pipeline.cache_folder);
+}
+
+// What would otherwise show when all the work is done.
+void Reconstructor::check_inputs(const std::vector<Input>& inputs) const {
+  std::vector<std::string> names;
+  for (const Input& input : inputs) {
+    names.push_back(input.name);
+    if (const std::string trouble = trouble_of_name(input.name); !trouble.empty())
+      throw InputError(printable(input.path), trouble + ": rename it");
+    if (options_.undistorted && !is_image_path(input.name)) {
+      throw InputError(input.path,
+                       "undistorted images are written under their names, and of this ending none "
+                       "is written: .jpg, .png, .webp, .bmp, .ppm");
+    }
+  }
+  if (options_.pipeline.pairs == PairChoice::kList)
+    (void)read_pairs_list(options_.pipeline.pairs_file, names);
+}
+
+ReconstructorResult Reconstructor::run(const std::vector<std::string>& sources, Progress& progress,
+                                       const std::stop_token& stop,
+                                       const ReconstructorHooks& hooks) const {
+  TARSIER_REQUIRE(!sources.empty(), "no images to reconstruct from");
+  check_outputs();
+  const std::vector<Input> inputs =
+      find_inputs(sources, options_.keyframes, frames_folder(), progress, stop);
+  require_two_images(inputs, sources.front());
+  return run_images(inputs, progress, stop, hooks);
+}
+
+ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, Progress& progress,
+                                              const std::stop_token& stop,
+                                              const ReconstructorHooks& hooks) const {
+  check_outputs();
+  require_two_images(inputs, inputs.empty() ? "images" : inputs.front().path);
+  check_inputs(inputs);
+  const Positions known = positions_of(options_.placement, positions_, inputs, stop);
+
+  PipelineHooks pipeline_hooks;
+  pipeline_hooks.partial = true;
+  pipeline_hooks.watch = hooks.watch;
+  if (options_.match_images) {
+    const fs::path folder = fs::path(options_.folder) / "matches";
+    make_folder(folder.string());
+    pipeline_hooks.on_pair = [folder](const ComparedPair& pair) {
+      write_match_image(folder, pair);
+    };
+  }
+  ReconstructorResult result;
+  result.pipeline = run_pipeline(inputs, options_.pipeline, progress, stop, pipeline_hooks);
+  write_models(result, known);
+  if (hooks.on_models) hooks.on_models(result);
+  if (result.interrupted()) return result;
+  for (std::size_t m = 0; m < result.models().size(); ++m) {
+    const std::string folder = model_folder(options_.folder, static_cast<int>(m));
+    if (options_.turntable) write_turntable(folder, result.models()[m]);
+    if (options_.undistorted) write_undistorted(folder, result.models()[m], inputs, progress, stop);
+  }
+  return result;
+}
+
+void Reconstructor::place_largest(ReconstructorResult& result, const Positions& known) const {
+  try {
+    result.placement = place(result.pipeline.reconstruction.models[0], options_.placement, known,
+                             options_.pipeline.seed);
+  } catch (const Error& error) {
+    result.not_placed = error.what();
+  }
+}
+
+void Reconstructor::write_models(ReconstructorResult& result, const Positions& known) const {
+  const std::vector<Model>& models = result.models();
+  const std::string& folder = options_.folder;
+  const bool is_placed = !models.empty() && options_.placement.any();
+  if (folder.empty()) {
+    if (is_placed) place_largest(result, known);
+    return;
+  }
+  const auto earlier = earlier_run(folder);
+  if (result.interrupted() && earlier && !earlier->partial &&
+      earlier->registered >= statistics_of(models.front()).registered) {
+    log_warning("interrupted: {} keeps the finished model of an earlier run", folder);
+    result.kept_earlier = true;
+    return;
+  }
+  const auto folder_of = [&](std::size_t m) { return model_folder(folder, static_cast<int>(m)); };
+  for (std::size_t m = 0; m < models.size(); ++m) {
+    if (m > 0) begin_model_folder(folder, static_cast<int>(m));
+    write_model(folder_of(m), models[m]);
+  }
+  write_report(folder, result);
+  if (!models.empty()) remove_old_models(folder, static_cast<int>(models.size()), earlier);
+  if (is_placed) {
+    place_largest(result, known);
+    if (result.not_placed.empty()) write_model(folder, models[0]);
+    write_report(folder, result);
+  }
+  for (std::size_t m = 0; m < models.size(); ++m) write_views(folder_of(m), models[m]);
+}
+
+}  // namespace tarsier::sfm
