@@ -33,8 +33,9 @@
 namespace tarsier::cli {
 namespace {
 
+using cartoon::Cartoonizer;
+using cartoon::CartoonizerState;
 using cartoon::CartoonOptions;
-using cartoon::CartoonState;
 using cartoon::Mode;
 
 constexpr double kIdenticalPsnr = 99;  // dB, stands for infinity
@@ -89,6 +90,12 @@ double line_iou(const cv::Mat& a, const cv::Mat& b) {
   return either > 0 ? both / either : 1;
 }
 
+Frame frame_of(const cv::Mat& image) {
+  Frame frame;
+  frame.image = image;
+  return frame;
+}
+
 bool has_painting(Mode mode) {
   return mode == Mode::kPaint || mode == Mode::kCartoon || mode == Mode::kEvil ||
          mode == Mode::kAlien;
@@ -101,12 +108,13 @@ std::optional<Mode> lines_of(Mode mode) {
 }
 
 Likeness likeness(const cv::Mat& frame, Mode mode) {
-  CartoonState state;
   const auto fast_and_reference = [&](Mode m) {
     CartoonOptions options;
     options.mode = m;
-    return std::pair(cartoon::cartoonize(frame, options, state).clone(),
-                     cartoon::reference::cartoonize(frame, options));
+    CartoonizerState state;
+    return std::pair(
+        Cartoonizer::load(ModelStore::find(), options).process(frame_of(frame), state).image,
+        cartoon::reference::cartoonize(frame, options));
   };
   Likeness result;
   if (has_painting(mode)) {
@@ -208,16 +216,18 @@ void print_stages(Context& context, const BenchOptions& options, const std::vect
                   Mode mode, const std::string& size_name, const std::set<int>& thread_counts) {
   CartoonOptions cartoon_options;
   cartoon_options.mode = mode;
+  const auto cartoonizer = Cartoonizer::load(ModelStore::find(), cartoon_options);
   for (const int threads : thread_counts) {
     cv::setNumThreads(threads);
     std::vector<std::pair<std::string, double>> stages;
-    for (const cv::Mat& frame : frames) {
-      CartoonState state;
-      (void)cartoon::cartoonize(frame, cartoon_options, state);
+    for (const cv::Mat& image : frames) {
+      const Frame frame = frame_of(image);
+      CartoonizerState state;
+      (void)cartoonizer.process(frame, state);
       Timers timers;
       for (int i = 0; i < options.repeats; ++i) {
         throw_if_stopped(context.stop);
-        (void)cartoon::cartoonize(frame, cartoon_options, state, nullptr, &timers);
+        (void)cartoonizer.process(frame, state, nullptr, &timers);
       }
       for (const TimerStats& stats : timers.stats()) {
         const auto at = std::find_if(stages.begin(), stages.end(),
@@ -287,6 +297,7 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
       }
       CartoonOptions cartoon_options;
       cartoon_options.mode = mode;
+      const auto cartoonizer = Cartoonizer::load(ModelStore::find(), cartoon_options);
       Likeness worst;
       for (const cv::Mat& frame : frames) {
         const Likeness one = likeness(frame, mode);
@@ -297,8 +308,9 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
       }
       std::map<int, Cost> references;
       std::map<int, Cost> fasts;
-      for (const cv::Mat& frame : frames) {
-        CartoonState state;
+      for (const cv::Mat& image : frames) {
+        const Frame frame = frame_of(image);
+        CartoonizerState state;
         cv::Mat sink;
         const auto add = [](std::map<int, Cost>& sums, const std::map<int, Cost>& more) {
           for (const auto& [threads, cost] : more) {
@@ -307,10 +319,10 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
           }
         };
         add(references, costs(std::max(1, options.repeats / 5), thread_counts, context.stop, [&] {
-              sink = cartoon::reference::cartoonize(frame, cartoon_options);
+              sink = cartoon::reference::cartoonize(image, cartoon_options);
             }));
         add(fasts, costs(options.repeats, thread_counts, context.stop,
-                         [&] { (void)cartoon::cartoonize(frame, cartoon_options, state); }));
+                         [&] { (void)cartoonizer.process(frame, state); }));
       }
       for (const int threads : thread_counts) {
         const auto count = static_cast<double>(frames.size());

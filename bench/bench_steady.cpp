@@ -19,8 +19,9 @@
 namespace tarsier::cli {
 namespace {
 
+using cartoon::Cartoonizer;
+using cartoon::CartoonizerState;
 using cartoon::CartoonOptions;
-using cartoon::CartoonState;
 using cartoon::Mode;
 
 constexpr int kFrames = 200;
@@ -50,14 +51,17 @@ struct Flicker {
 };
 
 struct Drawing {
-  CartoonOptions options;
-  CartoonState state;
+  explicit Drawing(const CartoonOptions& options)
+      : cartoonizer(Cartoonizer::load(ModelStore::find(), options)) {}
+
+  Cartoonizer cartoonizer;
+  CartoonizerState state;
   cv::Mat last;
   Flicker flicker;
 
-  void add(const cv::Mat& frame, const cv::Mat& still, bool counts) {
+  void add(const Frame& frame, const cv::Mat& still, bool counts) {
     cv::Mat mask;
-    cv::extractChannel(cartoon::cartoonize(frame, options, state), mask, 0);
+    cv::extractChannel(cartoonizer.process(frame, state).image, mask, 0);
     if (!last.empty() && counts) {
       flicker.still_pixels += cv::countNonZero(still);
       flicker.flips += cv::countNonZero((mask != last) & still);
@@ -81,10 +85,11 @@ ExitStatus bench_steady(Context& context, const BenchOptions& options) {
     source_options.sequence = true;
     const std::unique_ptr<FrameSource> source =
         open_sources({input}, source_options, {synth::synth_scheme()});
-    Drawing plain;
-    Drawing steady;
-    plain.options.mode = steady.options.mode = mode;
-    steady.options.steady.on = true;
+    CartoonOptions how;
+    how.mode = mode;
+    Drawing plain(how);
+    how.steady.on = true;
+    Drawing steady(how);
     cv::Mat earlier;
     int frames = 0;
     while (frames < kFrames && !source->ended()) {
@@ -96,8 +101,8 @@ ExitStatus bench_steady(Context& context, const BenchOptions& options) {
       cv::GaussianBlur(gray, gray, cv::Size(9, 9), 0);
       const cv::Mat still = earlier.empty() ? cv::Mat() : still_regions(gray, earlier);
       const bool counts = frames > kSettle && !still.empty();
-      plain.add(frame->image, still, counts);
-      steady.add(frame->image, still, counts);
+      plain.add(*frame, still, counts);
+      steady.add(*frame, still, counts);
       earlier = gray;
       ++frames;
     }

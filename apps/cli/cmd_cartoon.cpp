@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/cartoon/options.h"
+#include "tarsier/cartoon/cartoonizer.h"
 #include "tarsier/core/timer.h"
 #include "tarsier/session/cartoon_session.h"
 
@@ -154,7 +154,6 @@ CartoonOptions parsed_options(const CartoonFlags& flags) {
   options.skin.face = flags.face == "auto" ? cartoon::FaceMode::kAuto : cartoon::FaceMode::kOutline;
   options.skin.lower = parse_triple("--skin-lower", flags.skin_lower);
   options.skin.upper = parse_triple("--skin-upper", flags.skin_upper);
-  options.check();
   return options;
 }
 
@@ -162,12 +161,12 @@ ExitStatus run_cartoon(const CartoonFlags& flags, Context& context) {
   Timers timers;
   DebugFolder debug(context.debug_dir);
   CartoonSessionOptions options;
-  options.cartoon = parsed_options(flags);
   options.save_folder = flags.save_folder;
   options.overlay = opens_window(flags.run);
   options.debug = debug.sink();
   if (flags.timings) options.timers = &timers;
-  CartoonSession session(options);
+  CartoonSession session(cartoon::Cartoonizer::load(ModelStore::find(), parsed_options(flags)),
+                         options);
 
   RunHooks hooks;
   hooks.title = "cartoon";

@@ -28,8 +28,9 @@ namespace tarsier::cli {
 namespace {
 
 namespace fs = std::filesystem;
+using cartoon::Cartoonizer;
+using cartoon::CartoonizerState;
 using cartoon::CartoonOptions;
-using cartoon::CartoonState;
 using cartoon::Mode;
 
 struct Sample {
@@ -69,8 +70,11 @@ CartoonOptions options_for(Mode mode) {
 }
 
 cv::Mat drawn(const cv::Mat& image, const CartoonOptions& options, DebugSink* stages = nullptr) {
-  CartoonState state;
-  return cartoon::cartoonize(image, options, state, stages).clone();
+  Frame frame;
+  frame.image = image;
+  frame.still = true;
+  CartoonizerState state;
+  return Cartoonizer::load(ModelStore::find(), options).process(frame, state, stages).image;
 }
 
 // --- parts of the page ---
@@ -183,15 +187,15 @@ void add_stages(Context& context, DemoPage& page, const Sample& sample) {
 
 constexpr int kVideoFrames = 60;
 
-std::vector<cv::Mat> video_frames(const std::string& path, const std::stop_token& stop,
-                                  double& fps) {
-  std::vector<cv::Mat> frames;
+std::vector<Frame> video_frames(const std::string& path, const std::stop_token& stop, double& fps) {
+  std::vector<Frame> frames;
   const std::unique_ptr<FrameSource> source = open_source(path, {}, {synth::synth_scheme()});
   fps = source->fps();
   while (static_cast<int>(frames.size()) < kVideoFrames && !source->ended()) {
     throw_if_stopped(stop);
     if (const std::optional<Frame> frame = source->next(std::chrono::milliseconds(500), stop)) {
-      frames.push_back(frame->image.clone());
+      frames.push_back(*frame);
+      frames.back().image = frame->image.clone();
     }
   }
   return frames;
@@ -201,7 +205,7 @@ void add_video(Context& context, DemoPage& page) {
   std::string path = sample_image("vtest.avi");
   if (!fs::exists(path)) path = "synth:portrait";
   double fps = 10;
-  std::vector<cv::Mat> frames;
+  std::vector<Frame> frames;
   try {
     frames = video_frames(path, context.stop, fps);
   } catch (const InputError& error) {
@@ -212,28 +216,30 @@ void add_video(Context& context, DemoPage& page) {
 
   CartoonOptions options = options_for(Mode::kCartoon);
   options.steady.on = true;
-  CartoonState state;
-  for (cv::Mat& frame : frames) {
+  const auto cartoonizer = Cartoonizer::load(ModelStore::find(), options);
+  CartoonizerState state;
+  std::vector<cv::Mat> images;
+  for (const Frame& frame : frames) {
     throw_if_stopped(context.stop);
-    frame = cartoon::cartoonize(frame, options, state).clone();
+    images.push_back(cartoonizer.process(frame, state).image);
     context.progress->advance();
   }
   page.heading("A video",
                "The same on every frame of a video or a camera, with --steady, which keeps the "
                "lines of what does not "
                "move from flickering.");
-  const cv::Mat& middle = frames[frames.size() / 2];
+  const cv::Mat& middle = images[images.size() / 2];
   const DemoPicture poster = page.picture("video-poster", middle, "a frame of the video");
-  if (write_demo_video(page.path_of("video.mp4"), frames, fps > 0 ? fps : 10)) {
+  if (write_demo_video(page.path_of("video.mp4"), images, fps > 0 ? fps : 10)) {
     page.video({"img/video.mp4",
-                fmt::format("{} frames of {}", frames.size(), fs::path(path).filename().string()),
+                fmt::format("{} frames of {}", images.size(), fs::path(path).filename().string()),
                 middle.cols, middle.rows},
                poster);
   } else {
     std::vector<DemoPicture> stills;
-    for (size_t i = 0; i < frames.size(); i += frames.size() / 3) {
+    for (size_t i = 0; i < images.size(); i += images.size() / 3) {
       stills.push_back(
-          page.picture(fmt::format("video-{}", i), frames[i], fmt::format("frame {}", i)));
+          page.picture(fmt::format("video-{}", i), images[i], fmt::format("frame {}", i)));
     }
     page.grid(stills);
   }
@@ -243,14 +249,15 @@ void add_video(Context& context, DemoPage& page) {
 // --- speed ---
 
 // Of a frame.
-double cartoon_ms(const cv::Mat& frame, const CartoonOptions& options, int repeats) {
-  CartoonState state;
-  return median_ms(repeats, [&] { (void)cartoon::cartoonize(frame, options, state); });
+double cartoon_ms(const Frame& frame, const CartoonOptions& options, int repeats) {
+  const auto cartoonizer = Cartoonizer::load(ModelStore::find(), options);
+  CartoonizerState state;
+  return median_ms(repeats, [&] { (void)cartoonizer.process(frame, state); });
 }
 
 void add_speed(Context& context, DemoPage& page, const Sample& sample) {
-  cv::Mat frame;
-  cv::resize(sample.image, frame, {640, 480}, 0, 0, cv::INTER_AREA);
+  Frame frame;
+  cv::resize(sample.image, frame.image, {640, 480}, 0, 0, cv::INTER_AREA);
   std::vector<std::vector<std::string>> rows;
   for (const Mode mode : cartoon::all_modes()) {
     if (mode == Mode::kNone) continue;

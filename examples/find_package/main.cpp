@@ -17,9 +17,11 @@ int main(int argc, char** argv) {
   try {
     tarsier::cartoon::CartoonOptions options;
     options.mode = tarsier::cartoon::Mode::kSketch;
-    tarsier::cartoon::CartoonState state;  // one for each stream of frames
-    const cv::Mat photo = tarsier::read_image(argv[1]);
-    tarsier::write_image(argv[2], tarsier::cartoon::cartoonize(photo, options, state));
+    const auto cartoonizer = tarsier::cartoon::Cartoonizer::load({}, options);
+    tarsier::cartoon::CartoonizerState state;  // one for each stream of frames
+    tarsier::Frame frame;
+    frame.image = tarsier::read_image(argv[1]);
+    tarsier::write_image(argv[2], cartoonizer.process(frame, state).image);
     return 0;
   } catch (const tarsier::Error& error) {  // files: its status is that of the program `tarsier`
     std::fprintf(stderr, "ink: %s\n", error.what());

@@ -1,53 +1,80 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/cartoon/cartoonize.h"
 #include "tarsier/cartoon/options.h"
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/core/timer.h"
+#include "tarsier/media/frame.h"
+#include "tarsier/media/model_store.h"
 
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
 
-#include <memory>
+#include <cstdint>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <vector>
 
 namespace tarsier::cartoon {
 
-// Buffers that are reused from frame to frame, and what --steady and --face auto remember. One per
-// stream; a size change resets it.
-class CartoonState {
- public:
-  CartoonState();
-  ~CartoonState();
-  CartoonState(CartoonState&&) noexcept;
-  CartoonState& operator=(CartoonState&&) noexcept;
-
-  // Forgets what was learned from earlier frames (a cut, another source).
-  void reset();
-
-  // Faces of the last frame (kAlien, kSmooth with FaceMode::kAuto), px in the frame.
-  [[nodiscard]] const std::vector<cv::Rect>& faces() const;
-
-  struct Impl;
-  [[nodiscard]] Impl& impl() { return *impl_; }
-
- private:
-  std::unique_ptr<Impl> impl_;
+// A drawn frame.
+struct CartoonResult {
+  // CV_8UC3, the size of the frame; with Mode::kNone the frame's own. The next frame is drawn into
+  // the same buffer, unless somebody holds this image still.
+  cv::Mat image;
+  Mode mode = Mode::kNone;
+  std::vector<cv::Rect> faces;  // px, whose skin was looked for (kAlien, kSmooth with kAuto)
+  double ms = 0;                // spent in process(), milliseconds
 };
 
-// One frame, CV_8UC3 BGR at least 16x16, to the picture of options.mode, CV_8UC3 of the same size.
-// The result stays valid until the next call with the same state. For kNone it is the frame itself.
-// In steady state (same size, same options) nothing is allocated. Uses cv::getNumThreads() threads;
-// the result does not depend on their number. `debug` takes each stage; `timers`, if given, the
-// time of each. Throws std::invalid_argument (frame type, options); ModelError when FaceMode::kAuto
-// finds no cascade file.
-[[nodiscard]] const cv::Mat& cartoonize(const cv::Mat& frame, const CartoonOptions& options,
-                                        CartoonState& state, DebugSink* debug = nullptr,
-                                        Timers* timers = nullptr);
+// {"mode", "ms", "faces": [[x, y, width, height]..]}: the line of `tarsier cartoon run --json`
+// without the image's name.
+[[nodiscard]] nlohmann::ordered_json to_json(const CartoonResult& result);
 
-// The outline that helps a user to put the face in the right place, blended onto `image` with
-// `opacity` 0..1: an ellipse 70 % of the height, aspect 0.72, two eyes, a lower lip, "Put your face
-// here".
-void draw_face_outline(cv::Mat& image, double opacity);
+// What is known from earlier frames of a video, and buffers: one for each stream of frames.
+struct CartoonizerState {
+  CartoonState drawing;
+  std::optional<double> time;  // of the latest frame
+  std::int64_t index = 0;
+};
+
+// Draws images and videos as cartoons:
+//
+//   cartoon::CartoonOptions options;
+//   options.mode = cartoon::Mode::kSketch;
+//   const auto cartoonizer = cartoon::Cartoonizer::load(ModelStore::find(), options);
+//   cartoon::CartoonizerState state;
+//   const auto source = open_source("0");  // a camera
+//   while (const auto frame = source->next(1s, {}))
+//     write_image("sketch.png", cartoonizer.process(*frame, state).image);
+//
+// process() is const: any number of threads may use it, each with a state of its own.
+class Cartoonizer {
+ public:
+  // Throws std::invalid_argument (options); ModelError where the mode looks for the skin of faces
+  // that are found (FaceMode::kAuto) and there is no cascade: kFaceCascade of the store, or, where
+  // it has none, of OpenCV (Debian's opencv-data).
+  [[nodiscard]] static Cartoonizer load(const ModelStore& models,
+                                        const CartoonOptions& options = {});
+  static constexpr const char* kFaceCascade = "haarcascade_frontalface_alt2.xml";
+
+  [[nodiscard]] const CartoonOptions& options() const { return options_; }
+  // From the next frame on; states may be kept. Throws as load().
+  void set_options(const CartoonOptions& options);
+
+  // `frame.image`: CV_8UC3 (BGR), 16x16 or larger. A still is drawn for itself, and so is the first
+  // frame of another video: one whose time is not after that of the frame before. The same frame
+  // may come again, with other options. `debug` takes each stage, `timers` what each took; both may
+  // be null. Throws InputError that names a frame that is too small, std::invalid_argument.
+  [[nodiscard]] CartoonResult process(const Frame& frame, CartoonizerState& state,
+                                      DebugSink* debug = nullptr, Timers* timers = nullptr) const;
+
+ private:
+  Cartoonizer(const CartoonOptions& options, const std::string& cascade);
+
+  std::string cascade_;  // of the store; empty: OpenCV's
+  CartoonOptions options_;
+};
 
 }  // namespace tarsier::cartoon

@@ -60,6 +60,8 @@ const std::vector<Mode>& all_modes() {
   return modes;
 }
 
+bool uses_skin(Mode mode) { return mode == Mode::kAlien || mode == Mode::kSmooth; }
+
 std::string_view name_of(Quality quality) { return find_name(kQualityNames, quality); }
 Quality parse_quality(std::string_view name) { return find_value(kQualityNames, name, "quality"); }
 

@@ -4,6 +4,7 @@
 #include <opencv2/core/types.hpp>
 
 #include <array>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -65,7 +66,12 @@ struct SkinOptions {
   std::array<int, 3> lower{60, 25, 20};  // Y', Cr, Cb below the seed, 0..255
   std::array<int, 3> upper{80, 15, 15};  // above the seed
   double learned_distance = 2.6;  // kAuto: Mahalanobis distance in CrCb that is still skin, (0, 10]
+  // kAuto: the cascade file that finds faces; empty: OpenCV's, see face::find_cascade().
+  std::string cascade;
 };
+
+// Whether the skin of a mode is looked for.
+[[nodiscard]] bool uses_skin(Mode mode);
 
 // Fewer flickering lines in video. See stabilize.h.
 struct SteadyOptions {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/cartoon/cartoonizer.h"
+#include "tarsier/cartoon/cartoonize.h"
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
 

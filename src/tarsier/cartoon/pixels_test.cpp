@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Every mode draws the same pixels on every processor: with each instruction set of this one, and,
 // as the sums below are written down, on x86-64 and arm64 alike.
-#include "tarsier/cartoon/cartoonizer.h"
+#include "tarsier/cartoon/cartoonize.h"
 #include "tarsier/cartoon/kernels.h"
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/rng.h"

@@ -17,7 +17,6 @@
 #include <opencv2/core.hpp>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <optional>
@@ -86,27 +85,26 @@ bool draws_evil_lines(Mode mode) { return mode == Mode::kEvil || mode == Mode::k
 }  // namespace
 
 void CartoonSessionOptions::check() const {
-  cartoon.check();
   TARSIER_REQUIRE(!save_folder.empty(), "the folder for saved pictures has no name");
 }
 
 struct CartoonSession::Impl {
-  explicit Impl(const CartoonSessionOptions& given)
-      : options(given), settings(given.cartoon), stages(given.debug) {}
+  Impl(const cartoon::Cartoonizer& draws, const CartoonSessionOptions& given)
+      : options(given), cartoonizer(draws), settings(draws.options()), stages(given.debug) {}
 
   CartoonSessionOptions options;
+  cartoon::Cartoonizer cartoonizer;
   CartoonOptions settings;  // as the user changed them
-  cartoon::CartoonState state;
+  cartoon::CartoonizerState state;
   Stages stages;
 
   Frame frame;  // the last one that was used
   bool has_frame = false;
-  cv::Mat result;  // its clean picture
+  cartoon::CartoonResult result;  // of it
   cv::Mat debug_view;
   cv::Mat shown;  // with overlay
   SourceStatus source;
   double age_ms = 0;
-  double ms = 0;
 
   bool paused = false;
   bool debug = false;
@@ -123,21 +121,13 @@ struct CartoonSession::Impl {
   // ----------------------------------------------------------------------------------------
 
   void process() {
-    using Clock = std::chrono::steady_clock;
-    if (frame.image.cols < 16 || frame.image.rows < 16) {
-      throw InputError(frame.name,
-                       fmt::format("{}x{} is too small to draw; at least 16x16 is needed",
-                                   frame.image.cols, frame.image.rows));
-    }
-    if (frame.still) state.reset();  // pictures have nothing to do with each other
-    // The cartoonizer reuses its buffer if nobody else holds it.
-    result.release();
+    result = {};  // its buffer is used again if nobody else holds it
     stages.begin(debug);
     DebugSink* sink = debug || options.debug != nullptr ? &stages : nullptr;
-    // Only reported, never acted on: what a session shows does not depend on a clock.
-    const Clock::time_point start = Clock::now();
-    result = cartoon::cartoonize(frame.image, settings, state, sink, options.timers);
-    ms = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+    cartoonizer.set_options(settings);
+    // The time it takes is only reported, never acted on: what a session shows does not depend on a
+    // clock.
+    result = cartoonizer.process(frame, state, sink, options.timers);
     debug_view = debug && !stages.empty() ? stages.tiled(frame.image.size()) : cv::Mat();
   }
 
@@ -167,9 +157,8 @@ struct CartoonSession::Impl {
 
   void measure_interval(double time, double before) {
     const double seconds = time - before;
-    if (seconds <= 0) {  // another video: what was learned is of no use
+    if (seconds <= 0) {  // another video
       interval_s = 0;
-      state.reset();
     } else {
       interval_s = interval_s > 0 ? interval_s + kFpsMemory * (seconds - interval_s) : seconds;
     }
@@ -212,25 +201,18 @@ struct CartoonSession::Impl {
   }
 
   [[nodiscard]] nlohmann::json state_json() const {
-    nlohmann::json faces = nlohmann::json::array();
-    if (has_frame) {
-      for (const cv::Rect& face : state.faces()) {
-        faces.push_back({face.x, face.y, face.width, face.height});
-      }
-    }
-    nlohmann::json json = {{"mode", cartoon::name_of(settings.mode)},
-                           {"fps", std::round(fps() * 100) / 100},
+    nlohmann::json json = {{"fps", std::round(fps() * 100) / 100},
                            {"age_ms", std::round(age_ms * 10) / 10},
                            {"source", name_of(source.state)},
                            {"paused", paused},
                            {"debug", debug},
                            {"steady", settings.steady.on},
                            {"help", help},
-                           {"faces", std::move(faces)},
                            {"frame", has_frame ? frame.index : -1},
-                           {"ms", std::round(ms * 100) / 100},
                            {"sketch_threshold", settings.sketch.threshold},
                            {"evil_threshold", settings.evil.threshold}};
+    json.update(nlohmann::json(cartoon::to_json(has_frame ? result : cartoon::CartoonResult())));
+    json["mode"] = cartoon::name_of(settings.mode);  // that the next picture is drawn in
     if (!saved.empty()) json["saved"] = saved;
     return json;
   }
@@ -238,7 +220,7 @@ struct CartoonSession::Impl {
   View view(const std::vector<Action>& actions) {
     View result_view;
     if (options.overlay) {
-      const cv::Mat& base = !has_frame ? cv::Mat() : debug_view.empty() ? result : debug_view;
+      const cv::Mat& base = !has_frame ? cv::Mat() : debug_view.empty() ? result.image : debug_view;
       if (has_frame) {
         base.copyTo(shown);
       } else {
@@ -251,7 +233,7 @@ struct CartoonSession::Impl {
       if (help) draw_help(shown, "Tarsier cartoon", actions);
       result_view.image = shown;
     } else {
-      result_view.image = result;
+      result_view.image = result.image;
     }
     result_view.status = status();
     if (!message.empty()) result_view.status += "  " + message;
@@ -274,7 +256,7 @@ struct CartoonSession::Impl {
       return;
     }
     try {
-      saved = save_numbered(options.save_folder, result);
+      saved = save_numbered(options.save_folder, result.image);
       say(fmt::format("saved {}", saved));
     } catch (const OutputError& error) {  // no reason to end a live picture
       log_warning("cannot save: {}", error.what());
@@ -294,10 +276,11 @@ struct CartoonSession::Impl {
   }
 };
 
-CartoonSession::CartoonSession(const CartoonSessionOptions& options) {
+CartoonSession::CartoonSession(const cartoon::Cartoonizer& cartoonizer,
+                               const CartoonSessionOptions& options) {
   options.check();
-  impl_ = std::make_unique<Impl>(options);
-  impl_->outline_wanted = options.cartoon.mode == Mode::kAlien;
+  impl_ = std::make_unique<Impl>(cartoonizer, options);
+  impl_->outline_wanted = cartoonizer.options().mode == Mode::kAlien;
 }
 
 CartoonSession::~CartoonSession() = default;
@@ -315,11 +298,11 @@ View CartoonSession::on_frame(const Frame& frame, const SourceStatus& source) {
   my.begin_outline();
   my.process();
   my.has_frame = true;
-  my.age_ms = source.age_s > 0 ? source.age_s * 1000 + my.ms : 0;
+  my.age_ms = source.age_s > 0 ? source.age_s * 1000 + my.result.ms : 0;
   if (!my.message.empty() && std::abs(frame.time - my.message_since) > kMessageSeconds)
     my.message.clear();
   View view = my.view(actions());
-  view.output = my.result;
+  view.output = my.result.image;
   return view;
 }
 
@@ -391,7 +374,7 @@ View CartoonSession::on_event(const Event& event) {
     my.debug_view.release();
   }
   View view = my.view(actions());
-  if (redo && my.frame.still) view.output = my.result;
+  if (redo && my.frame.still) view.output = my.result.image;
   view.toggle_fullscreen = toggle_fullscreen;
   return view;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/cartoon/options.h"
+#include "tarsier/cartoon/cartoonizer.h"
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/core/timer.h"
 #include "tarsier/session/session.h"
@@ -13,7 +13,6 @@
 namespace tarsier {
 
 struct CartoonSessionOptions {
-  cartoon::CartoonOptions cartoon;
   std::string save_folder = ".";  // where "save" puts tarsier-0001.png, tarsier-0002.png ..
   bool overlay = true;  // status, banners and help on the shown picture; off where nobody looks
   DebugSink* debug = nullptr;  // also takes each stage (--debug-dir); must outlive the session
@@ -42,7 +41,9 @@ struct CartoonSessionOptions {
 // picture, events that change the picture give a new output, too.
 class CartoonSession final : public Session {
  public:
-  explicit CartoonSession(const CartoonSessionOptions& options);
+  // The options of `cartoonizer` are those to begin with.
+  explicit CartoonSession(const cartoon::Cartoonizer& cartoonizer,
+                          const CartoonSessionOptions& options = {});
   ~CartoonSession() override;
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;

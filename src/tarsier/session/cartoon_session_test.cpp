@@ -72,10 +72,11 @@ class CartoonSessionTest : public ::testing::Test {
 
   fs::path folder_;
   CartoonSessionOptions options_;
+  const cartoon::Cartoonizer cartoonizer_ = cartoon::Cartoonizer::load({});
 };
 
 TEST_F(CartoonSessionTest, EveryKeySwitchesItsMode) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   View view = session.on_frame(moving(0), live());
   EXPECT_EQ(view.state.at("mode"), "cartoon");
   const std::pair<char, const char*> keys[] = {
@@ -92,7 +93,7 @@ TEST_F(CartoonSessionTest, EveryKeySwitchesItsMode) {
 }
 
 TEST_F(CartoonSessionTest, EveryModeIsAnActionByName) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   for (const cartoon::Mode mode : cartoon::all_modes()) {
     const View view = session.on_event(action_event(std::string(cartoon::name_of(mode))));
     EXPECT_EQ(view.state.at("mode"), cartoon::name_of(mode));
@@ -103,7 +104,7 @@ TEST_F(CartoonSessionTest, EveryModeIsAnActionByName) {
 }
 
 TEST_F(CartoonSessionTest, ActionsHaveDifferentNamesAndKeys) {
-  const CartoonSession session(options_);
+  const CartoonSession session(cartoonizer_, options_);
   std::set<std::string> names;
   std::set<int> keys;
   for (const Action& action : session.actions()) {
@@ -116,7 +117,7 @@ TEST_F(CartoonSessionTest, ActionsHaveDifferentNamesAndKeys) {
 }
 
 TEST_F(CartoonSessionTest, ModesDrawDifferentPictures) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   const cv::Mat cartoon = session.on_frame(still(), {}).output.clone();
   const cv::Mat sketch = session.on_event(key_event('s')).output.clone();
   const cv::Mat none = session.on_event(key_event('n')).output.clone();
@@ -128,8 +129,8 @@ TEST_F(CartoonSessionTest, ModesDrawDifferentPictures) {
 TEST_F(CartoonSessionTest, TheOutputIsClean) {
   CartoonSessionOptions plain = options_;
   plain.overlay = false;
-  CartoonSession shown(options_);
-  CartoonSession bare(plain);
+  CartoonSession shown(cartoonizer_, options_);
+  CartoonSession bare(cartoonizer_, plain);
   SourceStatus stale = live(4);
   stale.state = SourceState::kStale;
   stale.detail = "no frame for 4 s";
@@ -143,7 +144,7 @@ TEST_F(CartoonSessionTest, TheOutputIsClean) {
 }
 
 TEST_F(CartoonSessionTest, PauseFreezesAndResumes) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   const cv::Mat before = session.on_frame(moving(0), live()).output.clone();
   EXPECT_TRUE(session.on_event(key_event(key::kSpace)).state.at("paused"));
   View view = session.on_frame(moving(20), live());
@@ -161,14 +162,14 @@ TEST_F(CartoonSessionTest, PauseFreezesAndResumes) {
 }
 
 TEST_F(CartoonSessionTest, PausedBeforeTheFirstFrameShowsThatOne) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   session.on_event(key_event(key::kSpace));
   EXPECT_FALSE(session.on_frame(moving(0), live()).output.empty());
   EXPECT_TRUE(session.on_frame(moving(1), live()).output.empty());
 }
 
 TEST_F(CartoonSessionTest, SavesUnderTheFirstFreeNumber) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   EXPECT_EQ(session.on_event(key_event('w')).state.count("saved"), 0u) << "nothing to save yet";
   session.on_frame(moving(0), live());
   session.on_event(key_event('w'));
@@ -184,7 +185,7 @@ TEST_F(CartoonSessionTest, AFolderThatCannotBeWrittenDoesNotEndTheRun) {
   fs::create_directories(folder_);
   std::ofstream(folder_ / "file") << "no folder";
   options_.save_folder = (folder_ / "file").string();
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   session.on_frame(moving(0), live());
   const View view = session.on_event(key_event('w'));
   EXPECT_NE(view.status.find("cannot save"), std::string::npos);
@@ -192,7 +193,7 @@ TEST_F(CartoonSessionTest, AFolderThatCannotBeWrittenDoesNotEndTheRun) {
 }
 
 TEST_F(CartoonSessionTest, TheFaceOutlineFadesByFrameTime) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   session.on_frame(moving(0), live());
   session.on_event(key_event('a'));
   const auto yellow = [](const cv::Mat& image) {
@@ -206,7 +207,7 @@ TEST_F(CartoonSessionTest, TheFaceOutlineFadesByFrameTime) {
   EXPECT_EQ(yellow(first.output), 0) << "not on the output";
   EXPECT_EQ(yellow(session.on_frame(moving(15), live()).image), 0) << "half gone after 1.4 s";
   cv::Mat late = session.on_frame(moving(23), live()).image.clone();
-  CartoonSession without(options_);
+  CartoonSession without(cartoonizer_, options_);
   without.on_event(key_event('a'));
   without.on_frame(moving(0), live());
   cv::Mat expected = without.on_frame(moving(23), live()).image;
@@ -215,7 +216,7 @@ TEST_F(CartoonSessionTest, TheFaceOutlineFadesByFrameTime) {
 }
 
 TEST_F(CartoonSessionTest, StillsGetNoOutline) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   session.on_frame(still(), live(0));
   const View view = session.on_event(key_event('a'));
   EXPECT_EQ(difference(view.image(cv::Rect(0, 0, 160, 85)), view.output(cv::Rect(0, 0, 160, 85))),
@@ -231,7 +232,7 @@ TEST_F(CartoonSessionTest, DebugViewShowsAllStages) {
     std::set<std::string> names;
   } counter;
   options_.debug = &counter;
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   const View plain = session.on_frame(moving(0), live());
   const cv::Mat before = plain.image.clone();
   EXPECT_GE(counter.names.size(), 4u) << "the given sink gets them without the debug view, too";
@@ -244,7 +245,7 @@ TEST_F(CartoonSessionTest, DebugViewShowsAllStages) {
 }
 
 TEST_F(CartoonSessionTest, MeasuresFpsByFrameTimes) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   EXPECT_EQ(session.on_frame(moving(0, 25), live()).state.at("fps"), 0.0);
   View view;
   for (int i = 1; i < 10; ++i) view = session.on_frame(moving(i, 25), live());
@@ -254,7 +255,7 @@ TEST_F(CartoonSessionTest, MeasuresFpsByFrameTimes) {
 }
 
 TEST_F(CartoonSessionTest, TellsTheStateOfTheSource) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   SourceStatus status;
   status.state = SourceState::kConnecting;
   status.detail = "http://camera/";
@@ -277,7 +278,7 @@ TEST_F(CartoonSessionTest, TellsTheStateOfTheSource) {
 }
 
 TEST_F(CartoonSessionTest, StateHasAllItsKeys) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   const View view = session.on_frame(moving(3), live());
   for (const char* key : {"mode", "fps", "age_ms", "source", "paused", "debug", "steady", "help",
                           "faces", "frame", "ms", "sketch_threshold", "evil_threshold"}) {
@@ -288,7 +289,7 @@ TEST_F(CartoonSessionTest, StateHasAllItsKeys) {
 }
 
 TEST_F(CartoonSessionTest, ThresholdsByKeyAndSlider) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   EXPECT_EQ(session.on_event(key_event('+')).state.at("sketch_threshold"), 85);
   EXPECT_EQ(session.on_event(key_event('-')).state.at("sketch_threshold"), 80);
   session.on_event(key_event('e'));
@@ -305,7 +306,7 @@ TEST_F(CartoonSessionTest, ThresholdsByKeyAndSlider) {
 }
 
 TEST_F(CartoonSessionTest, UnknownEventsChangeNothing) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   const View before = session.on_frame(moving(0), live());
   const nlohmann::json state = before.state;
   EXPECT_EQ(session.on_event(action_event("fly")).state, state);
@@ -318,17 +319,17 @@ TEST_F(CartoonSessionTest, UnknownEventsChangeNothing) {
 
 TEST_F(CartoonSessionTest, QuitAndFullScreenAreAskedOfTheHost) {
   for (const int key : {key::kEscape, static_cast<int>('q')}) {
-    CartoonSession session(options_);
+    CartoonSession session(cartoonizer_, options_);
     EXPECT_TRUE(session.on_event(key_event(key)).finished);
   }
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   EXPECT_TRUE(session.on_event(key_event('f')).toggle_fullscreen);
   EXPECT_FALSE(session.on_event(key_event('s')).toggle_fullscreen);
   EXPECT_FALSE(session.on_frame(moving(0), live()).finished);
 }
 
 TEST_F(CartoonSessionTest, PicturesOfAnotherSizeMayFollow) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   session.on_frame(moving(0), live());
   Frame frame = moving(1);
   frame.image = frame.image(cv::Rect(0, 0, 99, 67)).clone();
@@ -336,15 +337,15 @@ TEST_F(CartoonSessionTest, PicturesOfAnotherSizeMayFollow) {
 }
 
 TEST_F(CartoonSessionTest, RefusesWhatItCannotDraw) {
-  CartoonSession session(options_);
+  CartoonSession session(cartoonizer_, options_);
   Frame frame = still("tiny.png");
   frame.image = frame.image(cv::Rect(0, 0, 8, 8)).clone();
   EXPECT_THROW(session.on_frame(frame, {}), InputError);
   EXPECT_NO_THROW(session.on_event(key_event('s'))) << "and goes on";
   frame.image = cv::Mat(50, 50, CV_8UC1, cv::Scalar(0));
   EXPECT_THROW(session.on_frame(frame, {}), std::invalid_argument);
-  options_.cartoon.sketch.threshold = 999;
-  EXPECT_THROW(CartoonSession{options_}, std::invalid_argument);
+  options_.save_folder.clear();
+  EXPECT_THROW((CartoonSession{cartoonizer_, options_}), std::invalid_argument);
 }
 
 }  // namespace
