@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <tuple>
 
@@ -13,58 +14,109 @@ namespace tarsier::face {
 namespace {
 
 constexpr int kBorder = 8;  // px of a level repeated around it, so that faces may touch its edge
-constexpr int kContrastWindow = 33;     // px: twice a face
+constexpr int kContrastReach = 8;       // 2 x 2 blocks on each side: 34 px, about twice a face
 constexpr float kContrastFloor = 8;     // grey values
 constexpr double kScanThreshold = 0.1;  // of the first network: its misses are final
 constexpr std::size_t kMaxFinds =
     3000;  // of a level: whatever a picture holds, the work has an end
 constexpr double kJudgeThreshold = 0.15;  // of the second
 constexpr double kClearlyNot = -3;        // logit of the third
+constexpr double kDeviationFloor = 4;     // grey values, of a window
+constexpr std::size_t kStack = 16;        // windows judged at once: they stay in the second cache
 
 double logistic(double x) { return 1 / (1 + std::exp(-x)); }
 
-double intersection(const cv::Rect2d& a, const cv::Rect2d& b) { return (a & b).area(); }
-
 bool is_same(const cv::Rect2d& a, const cv::Rect2d& b, double overlap) {
-  const double common = intersection(a, b);
+  const double width = std::min(a.x + a.width, b.x + b.width) - std::max(a.x, b.x);
+  if (width <= 0) return false;
+  const double height = std::min(a.y + a.height, b.y + b.height) - std::max(a.y, b.y);
+  if (height <= 0) return false;
+  const double common = width * height;
   const double all = a.area() + b.area() - common;
   return common > overlap * std::max(1e-9, all) ||
          common > 0.75 * std::max(1e-9, std::min(a.area(), b.area()));
 }
 
-// Planes of the four pixels of each 2 x 2 block.
-template <typename Value>
-void split_blocks(int rows, int cols, const Value& value, std::vector<float>& planes) {
-  const int height = rows / 2;
-  const int width = cols / 2;
-  const std::size_t plane = static_cast<std::size_t>(height) * static_cast<std::size_t>(width);
-  planes.resize(4 * plane);
-  for (int y = 0; y < 2 * height; ++y) {
-    float* even = planes.data() + static_cast<std::size_t>(y % 2 * 2) * plane +
-                  static_cast<std::size_t>(y / 2) * static_cast<std::size_t>(width);
-    float* odd = even + plane;
-    value(y, even, odd, width);
+// What a box holds, as a network sees it: form.side x form.side values, between pixels linear.
+void cut_window(const std::vector<cv::Mat>& halves, const cv::Rect2d& box, FaceWindow form,
+                float* window) {
+  constexpr int kMaxSide = 64;
+  const double scale = form.box / box.width;
+  const int level = half_for(scale, halves.size());
+  const cv::Mat& source = halves[static_cast<std::size_t>(level)];
+  const double unit = std::ldexp(1.0, level);  // px of the picture in one of this half
+  const double step = 1 / (scale * unit);
+  // Pixel centres: the window's (u + 0.5) * step + left - 0.5.
+  const double x0 = (box.x + box.width / 2) / unit - 0.5 * (form.side - 1) * step - 0.5;
+  const double y0 = (box.y + box.height / 2) / unit - 0.5 * (form.side - 1) * step - 0.5;
+  // Beyond its edge the picture repeats it.
+  const auto between = [&](double at, int count, int& low, int& high, float& share) {
+    const double inside = std::clamp(at, 0.0, count - 1.0);
+    low = static_cast<int>(inside);
+    high = std::min(low + 1, count - 1);
+    share = static_cast<float>(inside - low);
+  };
+  int left[kMaxSide];
+  int right[kMaxSide];
+  float share_x[kMaxSide];
+  for (int u = 0; u < form.side; ++u) {
+    between(x0 + u * step, source.cols, left[u], right[u], share_x[u]);
+  }
+  for (int v = 0; v < form.side; ++v) {
+    int above = 0;
+    int below = 0;
+    float share_y = 0;
+    between(y0 + v * step, source.rows, above, below, share_y);
+    const std::uint8_t* upper = source.ptr(above);
+    const std::uint8_t* lower = source.ptr(below);
+    for (int u = 0; u < form.side; ++u) {
+      const auto l = static_cast<std::size_t>(left[u]);
+      const auto r = static_cast<std::size_t>(right[u]);
+      const auto top =
+          static_cast<float>(upper[l]) + share_x[u] * static_cast<float>(upper[r] - upper[l]);
+      const auto bottom =
+          static_cast<float>(lower[l]) + share_x[u] * static_cast<float>(lower[r] - lower[l]);
+      *window++ = top + share_y * (bottom - top);
+    }
   }
 }
 
-// What a box holds, as a network sees it. `flipped`: mirrored.
-void cut_window(const std::vector<cv::Mat>& halves, const cv::Rect2d& box, FaceWindow form,
-                bool flipped, cv::Mat& window) {
-  const double scale = form.box / box.width;
-  const int level = half_for(scale, halves.size());
-  const double unit = std::ldexp(1.0, level);  // px of the picture in one of this half
-  const double step = 1 / (scale * unit);
-  const double left = (box.x + box.width / 2) / unit - 0.5 * form.side * step;
-  const double top = (box.y + box.height / 2) / unit - 0.5 * form.side * step;
-  // Pixel centres: window (u + 0.5) * step + left - 0.5.
-  const double x0 = left + 0.5 * step - 0.5;
-  const double y0 = top + 0.5 * step - 0.5;
-  const cv::Matx23d source_from_window =
-      flipped ? cv::Matx23d(-step, 0, x0 + (form.side - 1) * step, 0, step, y0)
-              : cv::Matx23d(step, 0, x0, 0, step, y0);
-  cv::warpAffine(halves[static_cast<std::size_t>(level)], window, source_from_window,
-                 cv::Size(form.side, form.side), cv::INTER_LINEAR | cv::WARP_INVERSE_MAP,
-                 cv::BORDER_REPLICATE);
+// The input of a network that judges windows: mean 0 and deviation 1, in four planes `stride`
+// numbers apart. `flipped`: mirrored.
+void normalize_window(const float* window, int side, bool flipped, float* planes,
+                      std::size_t stride) {
+  double sums[4] = {};
+  double squares[4] = {};
+  for (int i = 0; i < side * side; i += 4) {  // chains of additions side by side
+    for (int k = 0; k < 4; ++k) {
+      const auto value = static_cast<double>(window[i + k]);
+      sums[k] += value;
+      squares[k] += value * value;
+    }
+  }
+  const double count = side * side;
+  const double mean = (sums[0] + sums[1] + sums[2] + sums[3]) / count;
+  const double square = (squares[0] + squares[1] + squares[2] + squares[3]) / count;
+  const auto offset = static_cast<float>(mean);
+  const auto scale =
+      static_cast<float>(1 / (std::sqrt(std::max(0.0, square - mean * mean)) + kDeviationFloor));
+  const int half = side / 2;
+  for (int y = 0; y < side; ++y) {
+    const float* row = window + y * side;
+    float* even = planes + static_cast<std::size_t>(y % 2 * 2) * stride + y / 2 * half;
+    float* odd = even + stride;
+    if (flipped) {
+      for (int x = 0; x < half; ++x) {
+        even[x] = (row[side - 1 - 2 * x] - offset) * scale;
+        odd[x] = (row[side - 2 - 2 * x] - offset) * scale;
+      }
+    } else {
+      for (int x = 0; x < half; ++x) {
+        even[x] = (row[2 * x] - offset) * scale;
+        odd[x] = (row[2 * x + 1] - offset) * scale;
+      }
+    }
+  }
 }
 
 struct Judgement {
@@ -72,29 +124,74 @@ struct Judgement {
   cv::Rect2d box;
 };
 
-// What the network says of the window; with `both` the mean of that and of its mirror image, unless
-// the first is clear: no.
-Judgement judge_box(const std::vector<cv::Mat>& halves, const cv::Rect2d& box,
-                    const linalg::Network& network, FaceWindow form, bool both,
-                    linalg::Workspace& workspace, std::vector<float>& input) {
-  double sum[4] = {};
-  const double share = both ? 0.5 : 1;
-  cv::Mat window;
-  for (const bool flipped : {false, true}) {
-    if (flipped && !both) break;
-    if (flipped && sum[0] < share * kClearlyNot) return {sum[0] / share, box};
-    cut_window(halves, box, form, flipped, window);
-    window_input(window, input);
+// What a network says of windows: four numbers for each, of the window as it is or mirrored.
+void say(const linalg::Network& network, FaceWindow form, const std::vector<const float*>& windows,
+         bool flipped, FaceSearchWorkspace& workspace,
+         std::vector<std::array<double, 4>>& answers) {
+  const std::size_t plane =
+      static_cast<std::size_t>(form.side) / 2 * static_cast<std::size_t>(form.side) / 2;
+  answers.clear();
+  for (std::size_t first = 0; first < windows.size(); first += kStack) {
+    const std::size_t count = std::min(kStack, windows.size() - first);
+    workspace.input.resize(4 * count * plane);
+    for (std::size_t i = 0; i < count; ++i) {
+      normalize_window(windows[first + i], form.side, flipped, workspace.input.data() + i * plane,
+                       count * plane);
+    }
     const std::vector<float>& out =
-        linalg::run(network, input.data(), {4, form.side / 2, form.side / 2}, workspace);
-    for (std::size_t i = 0; i < 4; ++i) {
-      sum[i] += share * static_cast<double>(i == 1 && flipped ? -out[i] : out[i]);
+        linalg::run_stack(network, workspace.input.data(), {4, form.side / 2, form.side / 2},
+                          static_cast<int>(count), workspace.stack);
+    for (std::size_t i = 0; i < count; ++i) {
+      std::array<double, 4> answer{};
+      for (std::size_t k = 0; k < 4; ++k) answer[k] = static_cast<double>(out[k * count + i]);
+      if (flipped) answer[1] = -answer[1];
+      answers.push_back(answer);
     }
   }
-  const double width = box.width * std::exp(std::clamp(sum[3], -0.5, 0.5));
-  const double x = box.x + box.width / 2 + std::clamp(sum[1], -0.5, 0.5) * box.width;
-  const double y = box.y + box.height / 2 + std::clamp(sum[2], -0.5, 0.5) * box.width;
-  return {sum[0], {x - width / 2, y - width / 2, width, width}};
+}
+
+// What the network says of the boxes; with `both` the mean of that and of what it says of the
+// mirror image, unless the first is clear: no.
+std::vector<Judgement> judge_boxes(const std::vector<ScoredFace>& boxes,
+                                   const linalg::Network& network, FaceWindow form, bool both,
+                                   FaceSearchWorkspace& workspace) {
+  const std::size_t size =
+      static_cast<std::size_t>(form.side) * static_cast<std::size_t>(form.side);
+  workspace.windows.resize(boxes.size() * size);
+  std::vector<const float*> windows;
+  for (std::size_t i = 0; i < boxes.size(); ++i) {
+    float* window = workspace.windows.data() + i * size;
+    cut_window(workspace.halves, boxes[i].box, form, window);
+    windows.push_back(window);
+  }
+  std::vector<std::array<double, 4>> answers;
+  say(network, form, windows, false, workspace, answers);
+  if (both) {
+    std::vector<std::size_t> again;
+    std::vector<const float*> mirrored;
+    for (std::size_t i = 0; i < boxes.size(); ++i) {
+      if (answers[i][0] < kClearlyNot) continue;
+      again.push_back(i);
+      mirrored.push_back(windows[i]);
+    }
+    std::vector<std::array<double, 4>> others;
+    say(network, form, mirrored, true, workspace, others);
+    for (std::size_t j = 0; j < again.size(); ++j) {
+      for (std::size_t k = 0; k < 4; ++k) {
+        answers[again[j]][k] = 0.5 * (answers[again[j]][k] + others[j][k]);
+      }
+    }
+  }
+  std::vector<Judgement> result;
+  for (std::size_t i = 0; i < boxes.size(); ++i) {
+    const cv::Rect2d& box = boxes[i].box;
+    const std::array<double, 4>& answer = answers[i];
+    const double width = box.width * std::exp(std::clamp(answer[3], -0.5, 0.5));
+    const double x = box.x + box.width / 2 + std::clamp(answer[1], -0.5, 0.5) * box.width;
+    const double y = box.y + box.height / 2 + std::clamp(answer[2], -0.5, 0.5) * box.width;
+    result.push_back({answer[0], {x - width / 2, y - width / 2, width, width}});
+  }
+  return result;
 }
 
 // Smallest scale of a level, from the size of the largest face.
@@ -116,9 +213,10 @@ void scan_level(const cv::Mat& gray, double scale, const FaceNetworks& networks,
                      whole(size.width) - size.width + kBorder, cv::BORDER_REPLICATE);
   scan_input(level, workspace, workspace.input);
   workspace.pixels += static_cast<std::int64_t>(level.total());
-  const std::vector<float>& out = linalg::run(networks.scan, workspace.input.data(),
-                                              {4, level.rows / 2, level.cols / 2}, workspace.scan);
-  const linalg::Shape map = workspace.scan.shapes.back();
+  const linalg::Shape input{4, level.rows / 2, level.cols / 2};
+  const std::vector<float>& out =
+      linalg::run_stack(networks.scan, workspace.input.data(), input, 1, workspace.stack);
+  const linalg::Shape map = networks.scan.output(input);
   const auto plane = static_cast<std::size_t>(map.height) * static_cast<std::size_t>(map.width);
   const auto least = static_cast<float>(std::log(kScanThreshold / (1 - kScanThreshold)));
   const double sx = static_cast<double>(gray.cols) / size.width;
@@ -176,6 +274,8 @@ void FaceNetworks::require() const {
   scan.check();
   judge.check();
   check.check();
+  TARSIER_REQUIRE(linalg::can_stack(scan) && linalg::can_stack(judge) && linalg::can_stack(check),
+                  "a network has a convolution of another stride than 1");
   constexpr linalg::Shape kScanned{4, 32, 48};
   TARSIER_REQUIRE((scan.output(kScanned) == linalg::Shape{4, 16, 24}),
                   "the first network does not give 4 numbers for each {} px", kScanCell);
@@ -231,45 +331,100 @@ int half_for(double scale, std::size_t count) {
 void scan_input(const cv::Mat& gray, FaceSearchWorkspace& workspace, std::vector<float>& input) {
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && gray.rows % 2 == 0 && gray.cols % 2 == 0,
                   "a picture of type {}, {}x{}", gray.type(), gray.cols, gray.rows);
-  const cv::Size window(kContrastWindow, kContrastWindow);
-  cv::boxFilter(gray, workspace.mean, CV_32F, window, {-1, -1}, true, cv::BORDER_REPLICATE);
-  cv::sqrBoxFilter(gray, workspace.square, CV_32F, window, {-1, -1}, true, cv::BORDER_REPLICATE);
-  split_blocks(
-      gray.rows, gray.cols,
-      [&](int y, float* even, float* odd, int width) {
-        const std::uint8_t* v = gray.ptr(y);
-        const auto* m = workspace.mean.ptr<float>(y);
-        const auto* s = workspace.square.ptr<float>(y);
-        const auto contrast = [&](int x) {
-          const float deviation = std::sqrt(std::max(0.0F, s[x] - m[x] * m[x]));
-          return (static_cast<float>(v[x]) - m[x]) / (deviation + kContrastFloor);
-        };
-        for (int x = 0; x < width; ++x) {
-          even[x] = contrast(2 * x);
-          odd[x] = contrast(2 * x + 1);
-        }
-      },
-      input);
+  const int rows = gray.rows / 2;  // of blocks
+  const int cols = gray.cols / 2;
+  const auto width = static_cast<std::size_t>(cols);
+  // Sums of the values and of their squares: of each block, then of the columns of blocks around a
+  // row, then of the blocks around a block.
+  workspace.sums.create(rows, cols, CV_32S);
+  workspace.squares.create(rows, cols, CV_32S);
+  for (int y = 0; y < rows; ++y) {
+    const std::uint8_t* upper = gray.ptr(2 * y);
+    const std::uint8_t* lower = gray.ptr(2 * y + 1);
+    auto* sum = workspace.sums.ptr<std::int32_t>(y);
+    auto* square = workspace.squares.ptr<std::int32_t>(y);
+    for (int x = 0; x < cols; ++x) {
+      const int a = upper[2 * x];
+      const int b = upper[2 * x + 1];
+      const int c = lower[2 * x];
+      const int d = lower[2 * x + 1];
+      sum[x] = a + b + c + d;
+      square[x] = a * a + b * b + c * c + d * d;
+    }
+  }
+  constexpr int kReach = kContrastReach;
+  constexpr float kShare = 1.0F / (4 * (2 * kReach + 1) * (2 * kReach + 1));
+  const auto row_at = [&](const cv::Mat& of, int y) {
+    return of.ptr<std::int32_t>(std::clamp(y, 0, rows - 1));
+  };
+  // The sums of columns, with the first and the last of them repeated beside them.
+  std::vector<std::int32_t>& columns = workspace.columns;
+  columns.assign(2 * (width + 2 * kReach), 0);
+  std::int32_t* sums = columns.data() + kReach;
+  std::int32_t* squares = sums + width + 2 * kReach;
+  for (int y = -kReach; y <= kReach; ++y) {
+    for (int x = 0; x < cols; ++x) {
+      sums[x] += row_at(workspace.sums, y)[x];
+      squares[x] += row_at(workspace.squares, y)[x];
+    }
+  }
+  std::vector<float>& local = workspace.local;  // mean and 1 / (deviation + floor) of a row
+  local.resize(2 * width);
+  float* mean = local.data();
+  float* gain = mean + width;
+  const std::size_t plane = static_cast<std::size_t>(rows) * width;
+  input.resize(4 * plane);
+  for (int y = 0; y < rows; ++y) {
+    for (std::int32_t* of : {sums, squares}) {
+      std::fill_n(of - kReach, kReach, of[0]);
+      std::fill_n(of + cols, kReach, of[cols - 1]);
+    }
+    std::int32_t sum = 0;
+    std::int32_t square = 0;
+    for (int x = -kReach; x < kReach; ++x) {
+      sum += sums[x];
+      square += squares[x];
+    }
+    for (int x = 0; x < cols; ++x) {
+      sum += sums[x + kReach];
+      square += squares[x + kReach];
+      mean[x] = static_cast<float>(sum);
+      gain[x] = static_cast<float>(square);
+      sum -= sums[x - kReach];
+      square -= squares[x - kReach];
+    }
+    for (int x = 0; x < cols; ++x) {
+      const float m = kShare * mean[x];
+      const float variance = kShare * gain[x] - m * m;
+      mean[x] = m;
+      gain[x] = 1 / (std::sqrt(std::max(0.0F, variance)) + kContrastFloor);
+    }
+    for (int half = 0; half < 2; ++half) {
+      const std::uint8_t* value = gray.ptr(2 * y + half);
+      float* even = input.data() + static_cast<std::size_t>(2 * half) * plane +
+                    static_cast<std::size_t>(y) * width;
+      float* odd = even + plane;
+      for (int x = 0; x < cols; ++x) {
+        even[x] = (static_cast<float>(value[2 * x]) - mean[x]) * gain[x];
+        odd[x] = (static_cast<float>(value[2 * x + 1]) - mean[x]) * gain[x];
+      }
+    }
+    const std::int32_t* entering = row_at(workspace.sums, y + kReach + 1);
+    const std::int32_t* leaving = row_at(workspace.sums, y - kReach);
+    for (int x = 0; x < cols; ++x) sums[x] += entering[x] - leaving[x];
+    entering = row_at(workspace.squares, y + kReach + 1);
+    leaving = row_at(workspace.squares, y - kReach);
+    for (int x = 0; x < cols; ++x) squares[x] += entering[x] - leaving[x];
+  }
 }
 
 void window_input(const cv::Mat& window, std::vector<float>& input) {
-  TARSIER_REQUIRE(window.type() == CV_8UC1 && window.rows % 2 == 0 && window.cols % 2 == 0,
+  TARSIER_REQUIRE(window.type() == CV_8UC1 && window.rows == window.cols && window.rows % 2 == 0,
                   "a window of type {}, {}x{}", window.type(), window.cols, window.rows);
-  cv::Scalar mean;
-  cv::Scalar deviation;
-  cv::meanStdDev(window, mean, deviation);
-  const auto offset = static_cast<float>(mean[0]);
-  const auto scale = static_cast<float>(1 / (deviation[0] + 4));
-  split_blocks(
-      window.rows, window.cols,
-      [&](int y, float* even, float* odd, int width) {
-        const std::uint8_t* v = window.ptr(y);
-        for (int x = 0; x < width; ++x) {
-          even[x] = (static_cast<float>(v[2 * x]) - offset) * scale;
-          odd[x] = (static_cast<float>(v[2 * x + 1]) - offset) * scale;
-        }
-      },
-      input);
+  cv::Mat values;
+  window.convertTo(values, CV_32F);
+  input.resize(values.total());
+  normalize_window(values.ptr<float>(), window.rows, false, input.data(), values.total() / 4);
 }
 
 std::vector<ScoredFace> suppress_overlaps(std::vector<ScoredFace> faces, double overlap) {
@@ -325,10 +480,9 @@ std::vector<ScoredFace> search_faces(const cv::Mat& gray, const FaceNetworks& ne
   std::vector<ScoredFace> faces;
   // Several places move onto one face: it is looked at closely once.
   std::vector<ScoredFace> judged;
-  for (const ScoredFace& place : places) {
-    const Judgement first = judge_box(workspace.halves, place.box, networks.judge, kJudgeWindow,
-                                      false, workspace.judge, workspace.input);
-    ++workspace.places;
+  workspace.places += static_cast<std::int64_t>(places.size());
+  for (const Judgement& first :
+       judge_boxes(places, networks.judge, kJudgeWindow, false, workspace)) {
     const double score = logistic(first.logit);
     if (score >= (options.checked ? kJudgeThreshold : least)) judged.push_back({first.box, score});
   }
@@ -337,10 +491,9 @@ std::vector<ScoredFace> search_faces(const cv::Mat& gray, const FaceNetworks& ne
   // A quarter of the places at most is worth the third.
   const auto most = static_cast<std::size_t>(std::max(1, options.max_places / 4));
   if (judged.size() > most) judged.resize(most);
-  for (const ScoredFace& place : judged) {
-    const Judgement second = judge_box(workspace.halves, place.box, networks.check, kCheckWindow,
-                                       true, workspace.check, workspace.input);
-    ++workspace.checked;
+  workspace.checked += static_cast<std::int64_t>(judged.size());
+  for (const Judgement& second :
+       judge_boxes(judged, networks.check, kCheckWindow, true, workspace)) {
     const double score = logistic(second.logit);
     // Levels reach a little below the size that was asked for.
     if (score >= least && second.box.width >= 0.85 * options.min_face) {

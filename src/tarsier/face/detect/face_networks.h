@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/linalg/network.h"
+#include "tarsier/linalg/network_stack.h"
 
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
@@ -70,12 +70,11 @@ struct FaceSearchOptions {
 
 // Buffers, reused from picture to picture. One for each thread.
 struct FaceSearchWorkspace {
-  linalg::Workspace scan;
-  linalg::Workspace judge;
-  linalg::Workspace check;
+  linalg::StackWorkspace stack;
   std::vector<cv::Mat> halves;
-  cv::Mat level, mean, square;
-  std::vector<float> input;
+  cv::Mat level, sums, squares;
+  std::vector<std::int32_t> columns;
+  std::vector<float> local, input, windows;
   // What the searches cost so far: pixels of levels that the first network saw, and places that the
   // second and the third looked at.
   std::int64_t pixels = 0;
@@ -104,7 +103,8 @@ void write_face_networks(const std::string& path, const FaceNetworks& networks,
 // --- what training needs of the inside ---
 
 // The input of the first network: (value - local mean) / (local deviation + floor), the four pixels
-// of each 2 x 2 block as four planes of half the size. CV_8UC1 of even sides.
+// of each 2 x 2 block as four planes of half the size; mean and deviation are those of the 17 x 17
+// blocks around the pixel's. CV_8UC1 of even sides.
 void scan_input(const cv::Mat& gray, FaceSearchWorkspace& workspace, std::vector<float>& input);
 // The input of the others: a square, mean 0 and deviation 1, in four planes as well.
 void window_input(const cv::Mat& window, std::vector<float>& input);

@@ -13,6 +13,8 @@
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
@@ -105,6 +107,40 @@ TEST(FaceSearch, TinyPicturesAreNoTrouble) {
   for (const cv::Size size : {cv::Size(1, 1), cv::Size(3, 200), cv::Size(17, 16)}) {
     EXPECT_NO_THROW((void)search_faces(cv::Mat(size, CV_8UC1, cv::Scalar(9)), networks,
                                        {.min_face = 16}, workspace));
+  }
+}
+
+TEST(FaceSearch, TheFirstNetworkSeesLocalContrast) {
+  cv::Mat gray = noise({44, 40}, 8);
+  gray.colRange(20, 44).convertTo(gray.colRange(20, 44), CV_8U, 0.4, 90);
+  FaceSearchWorkspace workspace;
+  std::vector<float> input;
+  scan_input(noise({64, 20}, 3), workspace, input);  // buffers are used again
+  scan_input(gray, workspace, input);
+  ASSERT_EQ(input.size(), gray.total());
+  const int rows = gray.rows / 2;
+  const int cols = gray.cols / 2;
+  for (int y = 0; y < gray.rows; ++y) {
+    for (int x = 0; x < gray.cols; ++x) {
+      double sum = 0;
+      double square = 0;
+      for (int v = y / 2 - 8; v <= y / 2 + 8; ++v) {
+        for (int u = x / 2 - 8; u <= x / 2 + 8; ++u) {
+          for (int k = 0; k < 4; ++k) {
+            const double value = gray.at<std::uint8_t>(2 * std::clamp(v, 0, rows - 1) + k / 2,
+                                                       2 * std::clamp(u, 0, cols - 1) + k % 2);
+            sum += value;
+            square += value * value;
+          }
+        }
+      }
+      const double mean = sum / 1156;
+      const double deviation = std::sqrt(square / 1156 - mean * mean);
+      const double expected = (gray.at<std::uint8_t>(y, x) - mean) / (deviation + 8);
+      const int plane = y % 2 * 2 + x % 2;
+      const auto at = static_cast<std::size_t>((plane * rows + y / 2) * cols + x / 2);
+      ASSERT_NEAR(static_cast<double>(input[at]), expected, 1e-4) << x << ", " << y;
+    }
   }
 }
 
