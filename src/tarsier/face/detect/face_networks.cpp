@@ -433,12 +433,42 @@ std::vector<ScoredFace> suppress_overlaps(std::vector<ScoredFace> faces, double 
     return std::tuple(-a.score, a.box.x, a.box.y, a.box.width) <
            std::tuple(-b.score, b.box.x, b.box.y, b.box.width);
   });
+  if (faces.empty()) return faces;
+  // Boxes that share something lie in the same or in neighbouring cells as wide as the widest.
+  constexpr int kMaxCells = 256;
+  double cell = 1;
+  cv::Rect2d all = faces[0].box;
+  for (const ScoredFace& face : faces) {
+    cell = std::max({cell, face.box.width, face.box.height});
+    all |= face.box;
+  }
+  cell = std::max({cell, all.width / kMaxCells, all.height / kMaxCells});
+  const auto number = [&](double length) { return static_cast<int>(length / cell); };
+  const int cols = number(all.width) + 1;
+  const int rows = number(all.height) + 1;
+  std::vector<std::vector<cv::Rect2d>> cells(static_cast<std::size_t>(cols) *
+                                             static_cast<std::size_t>(rows));
+  const auto cell_at = [&](int x, int y) -> std::vector<cv::Rect2d>& {
+    return cells[static_cast<std::size_t>(y) * static_cast<std::size_t>(cols) +
+                 static_cast<std::size_t>(x)];
+  };
   std::vector<ScoredFace> kept;
   for (const ScoredFace& face : faces) {
-    const bool known = std::any_of(kept.begin(), kept.end(), [&](const ScoredFace& better) {
-      return is_same(better.box, face.box, overlap);
-    });
-    if (!known) kept.push_back(face);
+    const int x = number(face.box.x - all.x);
+    const int y = number(face.box.y - all.y);
+    const auto is_known = [&] {
+      for (int v = std::max(0, y - 1); v <= std::min(rows - 1, y + 1); ++v) {
+        for (int u = std::max(0, x - 1); u <= std::min(cols - 1, x + 1); ++u) {
+          for (const cv::Rect2d& better : cell_at(u, v)) {
+            if (is_same(better, face.box, overlap)) return true;
+          }
+        }
+      }
+      return false;
+    };
+    if (is_known()) continue;
+    cell_at(x, y).push_back(face.box);
+    kept.push_back(face);
   }
   return kept;
 }
