@@ -4,9 +4,9 @@
 # (scripts/get-data.sh list) and Debian's opencv-doc, into the folder OUT:
 #   learn.txt   faces68: all.txt without every third line of frontal.txt
 #   held.txt    that third
-#   none/       links to images without faces, to learn from (and, every fourth, to decide what is sure)
+#   none/       links to images without faces, to learn from (and, every third, to decide what is sure)
 #   judge/      links to images without faces that it did not see
-# Then, in OUT: tarsier landmarks train face-networks learn.txt --without none --false-alarms 40 -o face-detector.json
+# Then, in OUT: tarsier landmarks train face-networks learn.txt --without none --turned 1 -o face-detector.json
 set -euo pipefail
 data=$(realpath "${1:?the folder of the data}")
 out=${2:?a folder for the lists}

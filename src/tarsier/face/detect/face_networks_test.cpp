@@ -154,6 +154,33 @@ TEST(SuppressOverlaps, TheBetterOfTwoOnOneFaceStaysAndNeighboursDo) {
   EXPECT_EQ(kept[1].box.x, 45);
 }
 
+TEST(SuppressOverlaps, NoTwoThatStayOverlapAndEachThatGoesOverlapsABetterOne) {
+  Rng rng(12);
+  std::vector<ScoredFace> faces;
+  for (int i = 0; i < 600; ++i) {
+    const double width = training::log_uniform(rng, 16, i % 50 == 0 ? 400 : 40);
+    const double x = rng.uniform(-20, 900);
+    const double y = rng.uniform(-20, 300);
+    faces.push_back({{x, y, width, width}, rng.uniform()});
+  }
+  const auto is_same = [](const cv::Rect2d& a, const cv::Rect2d& b) {
+    const double common = (a & b).area();
+    return common > 0.35 * (a.area() + b.area() - common) ||
+           common > 0.75 * std::min(a.area(), b.area());
+  };
+  const std::vector<ScoredFace> kept = suppress_overlaps(faces);
+  EXPECT_LT(kept.size(), faces.size());
+  for (const ScoredFace& face : faces) {
+    int better = 0;
+    int itself = 0;
+    for (const ScoredFace& other : kept) {
+      itself += other.box == face.box ? 1 : 0;
+      better += other.score > face.score && is_same(other.box, face.box) ? 1 : 0;
+    }
+    EXPECT_EQ(itself, better == 0 ? 1 : 0);
+  }
+}
+
 // --- training ---
 
 // A face of a kind: two dark eyes and a mouth on something bright.
@@ -221,20 +248,56 @@ TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByPicturesThatWereHeldOut) {
   const FaceTraining strict = train_face_networks(pictures_, "set", options, silent_, {});
   EXPECT_EQ(strict.without, 6);
   EXPECT_EQ(strict.held_out, 2);
+  EXPECT_LE(strict.held_out_alarms, strict.held_out_likely);
   options.false_alarms = 10'000;
   const FaceTraining loose = train_face_networks(pictures_, "set", options, silent_, {});
   EXPECT_EQ(strict.held_out_alarms, 0);
-  EXPECT_EQ(loose.networks.sure, 0.5);
-  EXPECT_LE(loose.held_out_alarms, 20);
-  EXPECT_GE(strict.networks.sure, loose.networks.sure);
+  EXPECT_NEAR(loose.networks.sure, 0.5, 0.05);
+  EXPECT_GT(loose.held_out_alarms, 0);
+  EXPECT_GT(strict.networks.sure, loose.networks.sure);
   FaceSearchWorkspace workspace;
-  // Every fourth of those without faces.
-  for (const int number : {3, 7}) {
+  // Every third of those without faces.
+  for (const int number : {2, 5}) {
     const auto faces = search_faces(read_gray_image(path("none" + std::to_string(number) + ".png")),
                                     strict.networks,
                                     {.min_face = 24, .threshold = strict.networks.sure}, workspace);
     EXPECT_TRUE(faces.empty()) << number;
   }
+}
+
+TEST_F(FaceTrainingTest, TakesPixelsInPlaceOfAFile) {
+  const FaceTrainingOptions options{
+      .scan_steps = 2, .judge_steps = 2, .check_steps = 3, .drawings = 0};
+  const FaceTraining files = train_face_networks(pictures_, "set", options, silent_, {});
+  for (FacePicture& picture : pictures_) {
+    picture.gray = read_gray_image(picture.image);
+    picture.image = "no such file";
+  }
+  const FaceTraining pixels = train_face_networks(pictures_, "set", options, silent_, {});
+  EXPECT_TRUE(pixels.skipped.empty());
+  EXPECT_EQ(pixels.networks.scan.layers[0].weights, files.networks.scan.layers[0].weights);
+}
+
+TEST(SureScore, IsWhereAsManyAlarmsAreExpectedAsAreAllowed) {
+  // Logits above 0 (a score of 0.5) of mean 1.5, exponentially distributed.
+  std::vector<double> scores;
+  constexpr int kCount = 400;
+  for (int i = 0; i < kCount; ++i) {
+    const double logit = -1.5 * std::log((i + 0.5) / kCount);
+    scores.push_back(1 / (1 + std::exp(-logit)));
+    scores.push_back(0.1);  // below the lowest: does not count
+  }
+  for (const double allowed : {200.0, 40.0, 30.0}) {
+    const double sure = sure_score(scores, 0.5, allowed);
+    const double logit = std::log(sure / (1 - sure));
+    EXPECT_NEAR(logit, 1.5 * std::log(kCount / allowed), 0.02 * logit) << allowed;
+  }
+  EXPECT_EQ(sure_score(scores, 0.5, 400), 0.5);  // all are allowed
+  EXPECT_EQ(sure_score({}, 0.5, 0), 0.5);
+  EXPECT_EQ(sure_score(scores, 0.5, 0.001), 0.98);
+  const double none = sure_score({0.6, 0.8, 0.7}, 0.5, 0);
+  EXPECT_NEAR(none, 0.9, 1e-9);  // above the highest
+  EXPECT_THROW((void)sure_score(scores, 0.5, -1), std::invalid_argument);
 }
 
 TEST(FaceTrainingViews, ThePlaceOfAPointIsWhereItIsDrawn) {

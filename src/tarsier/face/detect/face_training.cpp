@@ -17,7 +17,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
+#include <iterator>
 #include <utility>
 
 namespace tarsier::face {
@@ -47,8 +47,10 @@ struct Mistake {
   cv::Rect2d box;
 };
 
+constexpr double kHighestSure = 0.98;
+
 // Every so manyth picture without faces is not learned from.
-constexpr int kHoldOut = 4;
+constexpr int kHoldOut = 3;
 
 struct Material {
   std::vector<Picture> faces;            // pictures with faces
@@ -268,13 +270,14 @@ Material load(const std::vector<FacePicture>& pictures, Progress& progress,
   for (const FacePicture& from : pictures) {
     throw_if_stopped(stop);
     progress.advance();
-    cv::Mat gray;
+    cv::Mat gray = from.gray;
     try {
-      gray = read_gray_image(from.image);
+      if (gray.empty()) gray = read_gray_image(from.image);
     } catch (const InputError& error) {
       skipped.emplace_back(error.what());
       continue;
     }
+    TARSIER_REQUIRE(gray.type() == CV_8UC1, "{}: a picture of type {}", from.image, gray.type());
     double scale = std::min(1.0, kLargestSide / std::max(gray.cols, gray.rows));
     if (!from.faces.empty()) {
       double smallest = 1e9;
@@ -283,7 +286,11 @@ Material load(const std::vector<FacePicture>& pictures, Progress& progress,
     }
     const cv::Size size(std::max(8, cvRound(gray.cols * scale)),
                         std::max(8, cvRound(gray.rows * scale)));
-    if (scale < 1) cv::resize(gray, gray, size, 0, 0, cv::INTER_AREA);
+    if (scale < 1) {
+      cv::Mat reduced;
+      cv::resize(gray, reduced, size, 0, 0, cv::INTER_AREA);
+      gray = reduced;
+    }
     Picture picture;
     const auto scaled = [&](const cv::Rect2d& box) {
       return cv::Rect2d(box.x * scale, box.y * scale, box.width * scale, box.height * scale);
@@ -389,49 +396,50 @@ void add_hard(const std::vector<Mistake>& hard, std::vector<Mistake>& mistakes) 
   }
 }
 
-// The score from which at most `allowed` finds in the pictures that were held out, searched as the
-// program searches, are taken for faces, and how many then are.
-struct Calibration {
-  double sure = 0;
-  int alarms = 0;
+// The scores in the pictures that were held out, searched as the program searches them, of what is
+// likely a face: all of them wrong. Each picture is looked at in several sizes, between two levels
+// of the pyramid, which shows it to the networks in other pixels.
+constexpr double kViews[] = {1, 0.9, 0.81};
+struct HeldOutScores {
+  std::vector<double> all;       // of all views
+  std::vector<double> as_it_is;  // of the pictures as they are
 };
-Calibration calibrate(const Material& material, const FaceNetworks& networks, int allowed,
-                      Progress& progress, const std::stop_token& stop) {
-  constexpr double kLowest = 0.5;
-  constexpr double kHighest = 0.98;
-  std::vector<std::vector<double>> found(material.held_out.size());
-  progress.begin("what is sure", static_cast<std::int64_t>(found.size()), "pictures");
-  cv::parallel_for_(cv::Range(0, static_cast<int>(found.size())), [&](const cv::Range& range) {
+HeldOutScores score_held_out(const Material& material, const FaceNetworks& networks,
+                             Progress& progress, const std::stop_token& stop) {
+  const auto count = static_cast<int>(material.held_out.size());
+  std::vector<HeldOutScores> found(material.held_out.size());
+  progress.begin("what is sure", count, "pictures");
+  cv::parallel_for_(cv::Range(0, count), [&](const cv::Range& range) {
     FaceSearchWorkspace workspace;
     for (int i = range.start; i < range.end; ++i) {
       progress.advance();
       if (stop.stop_requested()) return;
-      const auto number = static_cast<std::size_t>(i);
-      const Picture& picture = material.held_out[number];
-      FaceSearchOptions options;
-      options.min_face = usual_min_face(picture.size());
-      options.threshold = kLowest;
-      for (const ScoredFace& face : search_faces(picture.halves[0], networks, options, workspace)) {
-        found[number].push_back(face.score);
+      const cv::Mat& gray = material.held_out[static_cast<std::size_t>(i)].halves[0];
+      HeldOutScores& scores = found[static_cast<std::size_t>(i)];
+      for (const double view : kViews) {
+        cv::Mat seen = gray;
+        if (view < 1) {
+          const cv::Size size(std::max(8, cvRound(gray.cols * view)),
+                              std::max(8, cvRound(gray.rows * view)));
+          cv::resize(gray, seen, size, 0, 0, cv::INTER_AREA);
+        }
+        FaceSearchOptions options;
+        options.min_face = usual_min_face(gray.size()) * view;
+        options.threshold = networks.likely;
+        for (const ScoredFace& face : search_faces(seen, networks, options, workspace)) {
+          scores.all.push_back(face.score);
+          if (view == 1) scores.as_it_is.push_back(face.score);
+        }
       }
     }
   });
   progress.end();
   throw_if_stopped(stop);
-  std::vector<double> scores;
-  for (const auto& part : found) scores.insert(scores.end(), part.begin(), part.end());
-  std::sort(scores.begin(), scores.end(), std::greater<>());
-  Calibration result;
-  const auto most = static_cast<std::size_t>(allowed);
-  // Halfway, as 1 - score, from the last that may stay to the first that may not.
-  result.sure = kLowest;
-  if (scores.size() > most) {
-    const double above = most > 0 ? scores[most - 1] : 1.0;
-    result.sure = 1 - std::sqrt(std::max(1e-4, 1 - above) * (1 - scores[most]));
+  HeldOutScores result;
+  for (const HeldOutScores& one : found) {
+    result.all.insert(result.all.end(), one.all.begin(), one.all.end());
+    result.as_it_is.insert(result.as_it_is.end(), one.as_it_is.begin(), one.as_it_is.end());
   }
-  result.sure = std::clamp(result.sure, kLowest, kHighest);
-  result.alarms = static_cast<int>(std::count_if(
-      scores.begin(), scores.end(), [&](double score) { return score >= result.sure; }));
   return result;
 }
 
@@ -443,6 +451,30 @@ void FaceTrainingOptions::check() const {
   TARSIER_REQUIRE(check_steps >= 3 && check_steps <= 1'000'000, "{} steps", check_steps);
   TARSIER_REQUIRE(drawings >= 0 && drawings <= 10'000, "{} drawings", drawings);
   TARSIER_REQUIRE(false_alarms >= 0 && false_alarms <= 10'000, "{} false alarms", false_alarms);
+}
+
+double sure_score(const std::vector<double>& scores, double lowest, double allowed) {
+  TARSIER_REQUIRE(lowest > 0 && lowest < kHighestSure, "the lowest score is {}", lowest);
+  TARSIER_REQUIRE(allowed >= 0, "{} alarms", allowed);
+  const auto logit = [](double score) { return std::log(score / (1 - score)); };
+  double sum = 0;
+  double highest = lowest;
+  double count = 0;
+  double below = 0;  // of those, below kHighestSure; of the others only that is taken
+  for (const double score : scores) {
+    if (score < lowest) continue;
+    const double inside = std::min(score, kHighestSure);
+    sum += logit(inside) - logit(lowest);
+    highest = std::max(highest, inside);
+    ++count;
+    if (score < kHighestSure) ++below;
+  }
+  if (count <= allowed) return lowest;
+  // Nothing at all: halfway, as 1 - score, from the highest to a score of 1.
+  if (allowed == 0) return std::min(kHighestSure, 1 - 0.5 * (1 - highest));
+  if (below == 0) return kHighestSure;
+  const double beyond = sum / below * std::log(count / allowed);
+  return std::clamp(1 / (1 + std::exp(-logit(lowest) - beyond)), lowest, kHighestSure);
 }
 
 FaceTraining train_face_networks(const std::vector<FacePicture>& pictures, const std::string& name,
@@ -529,11 +561,14 @@ FaceTraining train_face_networks(const std::vector<FacePicture>& pictures, const
                1.2e-3, 6);
 
   if (material.held_out.empty()) return result;
-  const Calibration calibration =
-      calibrate(material, networks, static_cast<int>(options.false_alarms / 1000 * result.held_out),
-                progress, stop);
-  networks.sure = calibration.sure;
-  result.held_out_alarms = calibration.alarms;
+  const HeldOutScores scores = score_held_out(material, networks, progress, stop);
+  networks.sure = sure_score(
+      scores.all, networks.likely,
+      options.false_alarms / 1000 * result.held_out * static_cast<double>(std::size(kViews)));
+  result.held_out_likely = static_cast<int>(scores.as_it_is.size());
+  result.held_out_alarms =
+      static_cast<int>(std::count_if(scores.as_it_is.begin(), scores.as_it_is.end(),
+                                     [&](double score) { return score >= networks.sure; }));
   return result;
 }
 

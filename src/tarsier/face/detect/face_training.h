@@ -4,6 +4,7 @@
 #include "tarsier/core/progress.h"
 #include "tarsier/face/detect/face_networks.h"
 
+#include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
 
 #include <cstdint>
@@ -19,18 +20,19 @@ struct FacePicture {
   std::string image;                // path
   std::vector<cv::Rect2d> faces;    // px, squares as FaceNetworks draws them; none: shows no face
   std::vector<cv::Rect2d> ignored;  // px, neither faces nor anything else
+  cv::Mat gray = cv::Mat();         // CV_8UC1; where it is not empty, in place of the file
 };
 
 struct FaceTrainingOptions {
   // Batches of 32 of each network, in two halves: the second knows the mistakes of the first.
-  int scan_steps = 6000;
-  int judge_steps = 5000;
-  int check_steps = 6000;  // in thirds
+  int scan_steps = 7000;
+  int judge_steps = 7000;
+  int check_steps = 8000;  // in thirds
   // Pictures without faces that the program draws itself (chessboards, writing, shapes), from the
   // seed, to learn from.
   int drawings = 60;
   // How many false alarms there may be in 1000 pictures without faces: a score is sure from where
-  // there are no more in every fourth of those pictures, which is not learned from.
+  // the scores in every third of those pictures, which is not learned from, let no more expect.
   double false_alarms = 100;
   std::uint64_t seed = 1;
   void check() const;
@@ -43,6 +45,7 @@ struct FaceTraining {
   int without = 0;          // pictures without faces that were learned from, without the drawings
   int held_out = 0;         // those that were not
   int held_out_alarms = 0;  // false ones there, sure
+  int held_out_likely = 0;  // and likely
   // The mistakes that the second halves learned from: places that show no face.
   int scan_mistakes = 0;
   int judge_mistakes = 0;
@@ -58,5 +61,11 @@ struct FaceTraining {
                                                const std::string& name,
                                                const FaceTrainingOptions& options,
                                                Progress& progress, std::stop_token stop);
+
+// The score, from `lowest` to 0.98, from which on `allowed` of such `scores` are to be expected. Above
+// `lowest` the logits of what is no face are taken as exponentially distributed, with their mean as
+// its maximum likelihood estimate (from 0.98 on censored): all scores count and not only the few highest, which chance
+// decides. With `allowed` = 0 it lies above all scores.
+[[nodiscard]] double sure_score(const std::vector<double>& scores, double lowest, double allowed);
 
 }  // namespace tarsier::face

@@ -65,7 +65,7 @@ Place anywhere(const Picture& picture, int side, double smallest_scale, Rng& rng
 
 Turn face_turn(Rng& rng) {
   Turn turn;
-  turn.angle = std::clamp(rng.normal(0, 10.0), -30.0, 30.0) * CV_PI / 180;
+  turn.angle = std::clamp(rng.normal(0, 13.0), -36.0, 36.0) * CV_PI / 180;
   turn.mirrored = rng.uniform() < 0.5;
   turn.stretch = std::exp(std::clamp(rng.normal(0, kStretch), -2 * kStretch, 2 * kStretch));
   return turn;
@@ -98,13 +98,14 @@ void disturb(cv::Mat& view, Rng& rng) {
   if (lens < 0.22) {
     const double sigma = rng.uniform(0.4, 1.1);
     cv::GaussianBlur(view, view, cv::Size(0, 0), sigma);
-  } else if (lens < 0.44) {
-    const int side = cvRound(view.cols * rng.uniform(0.45, 0.9));
+  } else if (lens < 0.46) {  // a small face, enlarged; perhaps from a compressed picture
+    const int side = cvRound(view.cols * rng.uniform(0.4, 0.9));
     cv::Mat small;
     cv::resize(view, small, cv::Size(side, side), 0, 0, cv::INTER_AREA);
+    if (rng.uniform() < 0.35) compress(small, rng.integer(30, 90));
     cv::resize(small, view, view.size(), 0, 0,
                rng.uniform() < 0.5 ? cv::INTER_LINEAR : cv::INTER_CUBIC);
-  } else if (lens < 0.5) {
+  } else if (lens < 0.52) {
     const double length = rng.uniform(1, 4);
     blur_along(view, length, rng.uniform(0, CV_PI));
   }

@@ -39,7 +39,7 @@ struct Turn {
                           const Turn& turn);
 // A place of `side` px anywhere in the picture, at any scale from `smallest_scale` on.
 [[nodiscard]] Place anywhere(const Picture& picture, int side, double smallest_scale, Rng& rng);
-// Upright to +-30 degrees (deviation 10), mirrored half the time, stretched by 4 %.
+// Upright to +-36 degrees (deviation 13), mirrored half the time, stretched by 4 %.
 [[nodiscard]] Turn face_turn(Rng& rng);
 
 // What lies outside the picture repeats its edge; or, with `behind` (side x side), shows that.
