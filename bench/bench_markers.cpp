@@ -42,16 +42,7 @@ Detector own_detector(const planar::markers::Dictionary& family) {
 
 Detector opencv_detector(const planar::markers::Dictionary& family) {
   return [&family](const cv::Mat& gray) {
-    std::vector<planar::markers::Marker> markers;
-    for (const planar::markers::OpencvMarker& found :
-         planar::markers::detect_with_opencv(gray, family.name())) {
-      planar::markers::Marker one;
-      one.id = found.id;
-      for (std::size_t k = 0; k < 4; ++k)
-        one.corners[k] = {double{found.corners[k].x}, double{found.corners[k].y}};
-      markers.push_back(std::move(one));
-    }
-    return markers;
+    return planar::markers::detect_with_opencv(gray, family.name());
   };
 }
 
@@ -148,14 +139,8 @@ planar::markers::MarkerScore measure(const Detector& detector, const Scenes& sce
     }
     std::vector<planar::markers::JudgedMarker> judged;
     for (const planar::markers::PosedMarker& posed :
-         planar::markers::pose_markers(std::move(found), kSide, scenes.truth[i].camera)) {
-      planar::markers::JudgedMarker one;
-      one.id = posed.marker.id;
-      for (std::size_t k = 0; k < 4; ++k)
-        one.corners[k] = {posed.marker.corners[k].x(), posed.marker.corners[k].y()};
-      if (posed.pose) one.pose = posed.pose->camera_from_marker;
-      judged.push_back(one);
-    }
+         planar::markers::pose_markers(std::move(found), kSide, scenes.truth[i].camera))
+      judged.push_back(planar::markers::judged(posed.marker, posed.pose));
     judge.add(scenes.truth[i], judged, best);
   }
   return judge.score();

@@ -14,7 +14,7 @@ AREAS = {
                          "face/people face/pipelines"),
     "plates": ("#d3e6f5", "plate/text plate/classic plate/tracking plate/networks plate/reader plate/train"),
     "structure from motion": ("#d5ead9", "sfm/scene sfm/view sfm/mapper sfm/pipelines"),
-    "cameras, markers": ("#cfe6e6", "planar/markers planar/image_targets planar/calibration planar/sheets planar/augment"),
+    "cameras, markers": ("#cfe6e6", "planar/markers planar/image_targets planar/calibration planar/sheets planar/augment planar/pipelines"),
     "cartoons": ("#efe0cf", "cartoon"),
     "interaction": ("#e6e3dc", "session apps/cli apps/demo apps/window apps/capture bench"),
 }

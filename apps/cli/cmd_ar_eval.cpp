@@ -1,22 +1,18 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/geometry/rotation.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/planar/image_targets/evaluate.h"
 #include "tarsier/planar/markers/evaluation.h"
-#include "tarsier/planar/markers/pose.h"
-#include "tarsier/planar/markers/predefined.h"
-#include "tarsier/session/ar_session.h"
+#include "tarsier/planar/pipelines/marker_tracker.h"
 
 #include <fmt/format.h>
 
 #include "cmd_ar.h"
-#include "framework/stopwatch.h"
 #include <cmath>
 #include <filesystem>
-#include <memory>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -34,65 +30,22 @@ struct EvalFlags {
   std::string results;
   std::string output;
   double tolerance = 0.2;
-  planar::markers::DetectOptions detect;
   planar::image_targets::PlanarOptions planar;
 };
 
-// What was found in one picture, for the score and as a line.
-struct Found {
-  std::vector<planar::markers::JudgedMarker> markers;
-  Json json = Json::array();
-  double ms = 0;
-};
-
-planar::markers::JudgedMarker judged(const planar::markers::PosedMarker& posed) {
-  planar::markers::JudgedMarker result;
-  result.id = posed.marker.id;
-  for (std::size_t k = 0; k < 4; ++k)
-    result.corners[k] = {posed.marker.corners[k].x(), posed.marker.corners[k].y()};
-  if (posed.pose) result.pose = posed.pose->camera_from_marker;
-  return result;
-}
-
-std::vector<planar::markers::Marker> detect(const cv::Mat& gray,
-                                            const planar::markers::Dictionary& family,
-                                            const EvalFlags& flags,
-                                            planar::markers::DetectWorkspace& workspace) {
-  if (flags.backend != "opencv")
-    return planar::markers::detect_markers(gray, family, flags.detect, workspace);
-  std::vector<planar::markers::Marker> markers;
-  for (const planar::markers::OpencvMarker& found :
-       planar::markers::detect_with_opencv(gray, family.name())) {
-    planar::markers::Marker marker;
-    marker.id = found.id;
-    for (std::size_t k = 0; k < 4; ++k)
-      marker.corners[k] = {double{found.corners[k].x}, double{found.corners[k].y}};
-    markers.push_back(std::move(marker));
-  }
-  return markers;
-}
-
-Found find_markers(const planar::markers::MarkerTruth& truth, const std::string& path,
-                   const EvalFlags& flags, planar::markers::DetectWorkspace& workspace) {
-  const planar::markers::Dictionary& family = planar::markers::find_dictionary(truth.family);
-  const cv::Mat gray = read_gray_image(path);
-  geometry::Camera camera = truth.camera;
-  camera.width = gray.cols;
-  camera.height = gray.rows;
-  const Stopwatch watch;
-  std::vector<planar::markers::PosedMarker> posed;
-  std::vector<planar::markers::Marker> markers = detect(gray, family, flags, workspace);
-  if (truth.size > 0) {
-    posed = planar::markers::pose_markers(std::move(markers), truth.size, camera);
-  } else {
-    for (planar::markers::Marker& marker : markers)
-      posed.push_back({std::move(marker), std::nullopt});
-  }
-  Found found;
-  found.ms = watch.ms();
-  for (const planar::markers::PosedMarker& marker : posed) found.markers.push_back(judged(marker));
-  found.json = posed_markers_json(posed);
-  return found;
+// What is found in the image of a line.
+planar::MarkerResult find_markers(const planar::markers::MarkerTruth& truth, const EvalFlags& flags,
+                                  planar::MarkerState& state) {
+  planar::MarkerTrackerOptions options;
+  options.families = {truth.family};
+  options.side = truth.size;
+  options.camera = truth.camera;
+  if (flags.backend == "opencv") options.detector = planar::MarkerDetector::kOpencv;
+  Frame frame;
+  frame.name = (fs::path(flags.truth).parent_path() / truth.image).string();
+  frame.image = read_gray_image(frame.name);
+  frame.still = true;
+  return planar::MarkerTracker::load(options).process(frame, state);
 }
 
 void print_score(const std::string& set, const planar::markers::MarkerScore& score,
@@ -167,16 +120,18 @@ std::map<std::string, planar::markers::FoundInImage> find_all(
   if (!truth.front().target.empty()) {
     found = find_pictures(flags, context, lines);
   } else {
-    planar::markers::DetectWorkspace workspace;
+    planar::MarkerState state;
     for (const planar::markers::MarkerTruth& line : truth) {
       throw_if_stopped(context.stop);
-      const std::string path = (fs::path(flags.truth).parent_path() / line.image).string();
-      Found one = find_markers(line, path, flags, workspace);
+      const planar::MarkerResult result = find_markers(line, flags, state);
       context.progress->advance();
-      lines +=
-          Json{{"image", line.image}, {"markers", one.json}, {"ms", rounded(one.ms, 2)}}.dump() +
-          "\n";
-      found[line.image] = {std::move(one.markers), one.ms};
+      Json json{{"image", line.image}};
+      json.update(to_json(result));
+      lines += json.dump() + "\n";
+      planar::markers::FoundInImage& entry = found[line.image];
+      entry = {{}, result.ms};
+      for (const planar::TrackedMarker& one : result.markers)
+        entry.markers.push_back(planar::markers::judged(one.marker, one.pose));
     }
   }
   context.progress->end();

@@ -5,7 +5,6 @@
 #include "tarsier/geometry/rotation.h"
 #include "tarsier/render/obj_io.h"
 #include "tarsier/session/ar_session.h"
-#include "tarsier/session/presence.h"
 
 #include <fmt/format.h>
 
@@ -14,8 +13,6 @@
 #include "framework/csv_table.h"
 #include "on_event.h"
 #include "run_session.h"
-#include <algorithm>
-#include <cstdint>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -34,7 +31,6 @@ struct MarkersFlags {
   std::string family = "36h11";
   std::string size = "50mm";
   std::string camera;
-  double focal = 0;
   std::string backend = "own";
   std::string draw = "ids";
   std::string mesh;
@@ -44,14 +40,14 @@ struct MarkersFlags {
   std::string smooth = "one-euro";
   std::string csv;
   OnEventFlags on_event;
-  planar::markers::DetectOptions detect;
+  planar::MarkerTrackerOptions tracker;
 };
 
 // Of --csv: one row a marker and frame.
 constexpr const char* kColumns =
     "frame,time,image,id,x,y,z,rx,ry,rz,error_px,ambiguity,x0,y0,x1,y1,x2,y2,x3,y3";
 
-std::string row_of(const Frame& frame, const planar::markers::PosedMarker& posed) {
+std::string row_of(const Frame& frame, const planar::TrackedMarker& posed) {
   std::string row = fmt::format("{},{:.3f},{},{}", frame.index, frame.time,
                                 csv_value(frame.still ? frame.name : ""), posed.marker.id);
   if (posed.pose) {
@@ -78,15 +74,18 @@ std::shared_ptr<const render::Mesh> read_thing(const std::string& path, planar::
   return std::make_shared<const render::Mesh>(planar::augment::standing(file.mesh, up));
 }
 
-ArSessionOptions options_of(const MarkersFlags& flags) {
-  ArSessionOptions options;
-  options.family = flags.family;
-  (void)planar::markers::find_dictionary(flags.family);
-  options.size = parse_length(flags.size, "--size");
-  options.backend = flags.backend == "opencv" ? MarkerBackend::kOpencv : MarkerBackend::kOwn;
-  options.detect = flags.detect;
+planar::MarkerTracker tracker_of(const MarkersFlags& flags) {
+  planar::MarkerTrackerOptions options = flags.tracker;
+  options.families = {flags.family};
+  options.side = parse_length(flags.size, "--size");
+  if (flags.backend == "opencv") options.detector = planar::MarkerDetector::kOpencv;
   options.track.smooth = flags.smooth != "none";
   if (!flags.camera.empty()) options.camera = camera_of(flags.camera);
+  return planar::MarkerTracker::load(options);
+}
+
+ArSessionOptions drawing_of(const MarkersFlags& flags) {
+  ArSessionOptions options;
   options.outlines = flags.draw == "ids" && flags.mesh.empty();
   options.augment.scale = flags.scale;
   options.augment.shadow = !flags.no_shadow;
@@ -100,104 +99,51 @@ ArSessionOptions options_of(const MarkersFlags& flags) {
   return options;
 }
 
-std::string line_of(const planar::markers::PosedMarker& posed) {
+std::string line_of(const planar::TrackedMarker& posed) {
   if (!posed.pose) return fmt::format(" [{}: no pose]", posed.marker.id);
   const cv::Vec3d& t = posed.pose->camera_from_marker.translation;
   return fmt::format(" [{}: {:.3f} m away, at {:+.3f} {:+.3f} {:+.3f}]", posed.marker.id,
                      cv::norm(t), t[0], t[1], t[2]);
 }
 
-// Of stills each marker, of videos those that appear and are lost.
-class MarkerEvents {
- public:
-  explicit MarkerEvents(OnEvent& on_event) : on_event_(on_event) {}
-
-  void frame(const Frame& frame, const std::vector<planar::markers::PosedMarker>& markers) {
-    if (!on_event_) return;
-    if (frame.still) {
-      tell(presence_.finish());
-      for (const planar::markers::PosedMarker& posed : markers) tell_of(frame, posed);
-      return;
-    }
-    std::vector<std::int64_t> ids;
-    for (const planar::markers::PosedMarker& posed : markers) ids.push_back(posed.marker.id);
-    for (const PresenceChange& change : presence_.step(source_of(frame), frame.time, ids)) {
-      if (!change.appeared) {
-        tell({change});
-        continue;
-      }
-      const auto posed = std::find_if(markers.begin(), markers.end(),
-                                      [&](const auto& m) { return m.marker.id == change.id; });
-      if (posed != markers.end()) tell_of(frame, *posed);
-    }
-  }
-  void finish() { tell(presence_.finish()); }
-
- private:
-  void tell(const std::vector<PresenceChange>& lost) {
-    for (const PresenceChange& change : lost) {
-      on_event_.post({{"event", "marker"},
-                      {"state", "lost"},
-                      {"id", change.id},
-                      {"source", change.source},
-                      {"first_time", change.first_time},
-                      {"last_time", change.last_time}});
-    }
-  }
-  void tell_of(const Frame& frame, const planar::markers::PosedMarker& posed) {
-    nlohmann::ordered_json event{{"event", "marker"}, {"state", "appeared"}};
-    if (frame.still) {
-      event["image"] = frame.name;
-    } else {
-      event.update({{"source", source_of(frame)}, {"frame", frame.index}, {"time", frame.time}});
-    }
-    event.update(posed_markers_json({posed}).at(0));
-    on_event_.post(event);
-  }
-
-  OnEvent& on_event_;
-  Presence presence_;
-};
-
 ExitStatus run_markers(MarkersFlags& flags, Context& context) {
   default_to_headless(flags.run);
-  ArSessionOptions options = options_of(flags);
-  const bool guesses = !options.camera && flags.focal <= 0;
+  const planar::MarkerTracker tracker = tracker_of(flags);
+  ArSessionOptions options = drawing_of(flags);
+  const bool guesses = !tracker.options().camera && tracker.options().focal_px <= 0;
   bool has_told = false;
-  options.focal_px = flags.focal;
   DebugFolder debug(context.debug_dir);
   options.debug = debug.sink();
-  ArSession session(std::move(options));
+  ArSession session(tracker, std::move(options));
   std::optional<CsvTable> table;
   if (!flags.csv.empty()) table.emplace(flags.csv, kColumns);
   bool found = false;
   OnEvent on_event(flags.on_event, context);
-  MarkerEvents events(on_event);
+  PresenceEvents events(on_event, "marker");
   RunHooks hooks;
   hooks.title = "markers";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     if (guesses && !has_told) {
       log_warning("no --camera: a focal length of {:.0f} px is guessed, distances err as it does",
-                  session.camera().fx);
+                  session.result().camera.fx);
       has_told = true;
     }
-    events.frame(frame, session.markers());
-    for (const planar::markers::PosedMarker& posed : session.markers()) {
+    if (on_event) events.frame(frame, to_json(session.result()).at("markers"));
+    for (const planar::TrackedMarker& posed : session.result().markers) {
       found = true;
       if (table) table->add(row_of(frame, posed));
     }
     if (frame.still && !context.json && !context.quiet) {
-      const std::size_t count = session.markers().size();
+      const std::size_t count = session.result().markers.size();
       print_text(fmt::format("{}: {} {}", frame.name, count, count == 1 ? "marker" : "markers"));
-      for (const planar::markers::PosedMarker& posed : session.markers())
+      for (const planar::TrackedMarker& posed : session.result().markers)
         print_text(line_of(posed));
       print_text("\n");
     }
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
-    line["markers"] = posed_markers_json(session.markers());
-    line["ms"] = rounded(session.milliseconds(), 2);
+    line.update(to_json(session.result()));
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   events.finish();
@@ -214,7 +160,8 @@ void add_flags(Command& verb, MarkersFlags& flags) {
       .show_default();
   Flag& camera = verb.add_option("--camera", flags.camera,
                                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
-  verb.add_option("--focal", flags.focal, "focal length in px [the picture's larger side]")
+  verb.add_option("--focal", flags.tracker.focal_px,
+                  "focal length in px [the picture's larger side]")
       .check(positive())
       .excludes(camera);
   verb.add_option("--backend", flags.backend, "own, or opencv to compare with")
@@ -242,11 +189,11 @@ void add_flags(Command& verb, MarkersFlags& flags) {
                           "of videos: none or one-euro (steady when still, quick when moving)")
               .check(one_of({"none", "one-euro"}))
               .show_default());
-  finding(verb.add_option("--min-side", flags.detect.quads.min_side_px,
+  finding(verb.add_option("--min-side", flags.tracker.detect.quads.min_side_px,
                           "px, of the shortest side of a marker")
               .check(range(4.0, 1000.0))
               .show_default());
-  finding(verb.add_option("--min-correlation", flags.detect.decode.min_correlation,
+  finding(verb.add_option("--min-correlation", flags.tracker.detect.decode.min_correlation,
                           "how well the picture of a small marker must agree with it, 0..1")
               .check(range(0.0, 1.0))
               .show_default());

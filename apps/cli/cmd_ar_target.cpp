@@ -1,26 +1,22 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/length.h"
 #include "tarsier/core/log.h"
-#include "tarsier/geometry/camera_file.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/planar/image_targets/quality.h"
 #include "tarsier/planar/image_targets/target_io.h"
 #include "tarsier/planar/image_targets/train.h"
-#include "tarsier/session/presence.h"
 #include "tarsier/session/target_session.h"
 
 #include <fmt/format.h>
 
 #include "cmd_ar.h"
+#include "cmd_pose.h"
 #include "framework/csv_table.h"
 #include "framework/stopwatch.h"
 #include "on_event.h"
 #include "run_session.h"
 #include <algorithm>
-#include <cstdint>
 #include <filesystem>
-#include <map>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -99,7 +95,7 @@ struct FollowFlags {
   std::string csv;
   std::string draw = "box";
   OnEventFlags on_event;
-  planar::image_targets::TrackOptions track;
+  planar::TargetTrackerOptions tracker;
 };
 
 // Of --csv: one row a target and frame.
@@ -118,68 +114,6 @@ std::string row_of(const Frame& frame, const planar::image_targets::TrackedTarge
   return row + fmt::format(",{:.3f}", seen.rms_px);
 }
 
-// Of stills each target, of videos those that appear and are lost.
-class TargetEvents {
- public:
-  explicit TargetEvents(OnEvent& on_event) : on_event_(on_event) {}
-
-  void frame(const Frame& frame, const TargetSession& session) {
-    if (!on_event_) return;
-    const Json seen = session.markers_json();
-    std::vector<std::int64_t> ids;
-    for (const Json& target : seen) {
-      ids.push_back(target.at("id"));
-      names_[ids.back()] = target.at("name");
-    }
-    if (frame.still) {
-      tell_lost(presence_.finish());
-      for (const Json& target : seen) tell_of(frame, target);
-      return;
-    }
-    for (const PresenceChange& change : presence_.step(source_of(frame), frame.time, ids)) {
-      if (!change.appeared) {
-        tell_lost({change});
-        continue;
-      }
-      const auto at = std::find(ids.begin(), ids.end(), change.id) - ids.begin();
-      tell_of(frame, seen.at(static_cast<std::size_t>(at)));
-    }
-  }
-  void finish() { tell_lost(presence_.finish()); }
-
- private:
-  void tell_lost(const std::vector<PresenceChange>& lost) {
-    for (const PresenceChange& change : lost) {
-      on_event_.post({{"event", "target"},
-                      {"state", "lost"},
-                      {"id", change.id},
-                      {"name", names_[change.id]},
-                      {"source", change.source},
-                      {"first_time", change.first_time},
-                      {"last_time", change.last_time}});
-    }
-  }
-  void tell_of(const Frame& frame, const Json& target) {
-    Json event{{"event", "target"}, {"state", "appeared"}};
-    if (frame.still) {
-      event["image"] = frame.name;
-    } else {
-      event.update({{"source", source_of(frame)}, {"frame", frame.index}, {"time", frame.time}});
-    }
-    event.update(target);
-    on_event_.post(event);
-  }
-
-  OnEvent& on_event_;
-  Presence presence_;
-  std::map<std::int64_t, std::string> names_;  // as they were when last seen
-};
-
-geometry::Camera camera_of(const std::string& text) {
-  const bool is_file = text.find(',') == std::string::npos || std::filesystem::exists(text);
-  return is_file ? geometry::read_camera_file(text) : geometry::parse_camera(text);
-}
-
 TargetOverlay overlay_of(const std::string& name) {
   if (name == "outline") return TargetOverlay::kOutline;
   if (name == "axes") return TargetOverlay::kAxes;
@@ -193,49 +127,45 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
         "--target: which files of `ar target-train` to look for (or --window, to "
         "train a picture on the spot)");
   TargetSessionOptions options;
-  options.track = flags.track;
-  options.track.check();
   options.train.trials = 8;  // on the spot a person waits
   options.train.seed = context.seed;
   options.overlay = overlay_of(flags.draw);
-  if (!flags.camera.empty()) options.camera = camera_of(flags.camera);
-  std::vector<planar::image_targets::Target> targets;
-  for (const std::string& path : flags.targets) {
-    targets.push_back(planar::image_targets::read_target(path));
-    const double rating = targets.back().quality.rating;
+  if (!flags.camera.empty()) flags.tracker.camera = camera_of(flags.camera);
+  const auto tracker = planar::TargetTracker::load(flags.targets, flags.tracker);
+  for (std::size_t i = 0; i < flags.targets.size(); ++i) {
+    const double rating = tracker.targets()[i].quality.rating;
     if (rating < 0.3)
-      log_warning("{}: a poor target (rating {:.2f}): see `ar target-train --draw`", path, rating);
+      log_warning("{}: a poor target (rating {:.2f}): see `ar target-train --draw`",
+                  flags.targets[i], rating);
   }
   std::optional<CsvTable> table;
   if (!flags.csv.empty()) table.emplace(flags.csv, kColumns);
   DebugFolder debug(context.debug_dir);
   options.debug = debug.sink();
-  TargetSession session(std::move(targets), options);
+  TargetSession session(tracker, options);
   bool found = false;
   OnEvent on_event(flags.on_event, context);
-  TargetEvents events(on_event);
+  PresenceEvents events(on_event, "target");
   RunHooks hooks;
   hooks.title = "targets";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
-    found = found || !session.seen().empty();
-    events.frame(frame, session);
-    for (const planar::image_targets::TrackedTarget& seen : session.seen())
+    const planar::TargetResult& result = session.result();
+    found = found || !result.seen.empty();
+    if (on_event) events.frame(frame, to_json(result).at("markers"));
+    for (const planar::image_targets::TrackedTarget& seen : result.seen)
       if (table) table->add(row_of(frame, seen));
     if (frame.still && !context.json && !context.quiet) {
       print_text(frame.name + ":");
-      for (const planar::image_targets::TrackedTarget& seen : session.seen()) {
+      for (const planar::image_targets::TrackedTarget& seen : result.seen) {
         const cv::Point2d middle = (seen.corners[0] + seen.corners[2]) * 0.5;
-        print_text(fmt::format(" [{} at {:.0f},{:.0f}]", session.targets()[seen.target].name,
-                               middle.x, middle.y));
+        print_text(
+            fmt::format(" [{} at {:.0f},{:.0f}]", result.target_of(seen).name, middle.x, middle.y));
       }
-      print_text(session.seen().empty() ? " none\n" : "\n");
+      print_text(result.seen.empty() ? " none\n" : "\n");
     }
   };
-  hooks.describe = [&](const View&, Json& line) {
-    line["markers"] = session.markers_json();
-    line["ms"] = rounded(session.milliseconds(), 2);
-  };
+  hooks.describe = [&](const View&, Json& line) { line.update(to_json(session.result())); };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   events.finish();
   on_event.finish();
@@ -272,14 +202,14 @@ void add_track_flags(Command& verb, FollowFlags& flags) {
                   "table to write: frame, time, id, confidence, corners, place (m), error");
   add_on_event_flags(verb, flags.on_event, "when a target appears or is lost");
   const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
-  video(verb.add_option("--smooth", flags.track.steady_px,
+  video(verb.add_option("--smooth", flags.tracker.track.steady_px,
                         "px: motion below about this is smoothed over time; 0: none")
             .show_default());
-  video(verb.add_option("--search-every", flags.track.detect_every,
+  video(verb.add_option("--search-every", flags.tracker.track.detect_every,
                         "frames between searches for targets that are missing while others are "
                         "followed")
             .show_default());
-  video(verb.add_option("--search-px", flags.track.search_px,
+  video(verb.add_option("--search-px", flags.tracker.track.search_px,
                         "px, how far from its predicted place a target is searched")
             .show_default());
 }

@@ -1,16 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/geometry/camera_file.h"
-#include "tarsier/media/frame.h"
-#include "tarsier/planar/calibration/calibrate.h"
-#include "tarsier/planar/calibration/collector.h"
+#include "tarsier/planar/pipelines/calibrator.h"
 
 #include "cli.h"
 #include "run_session.h"
-#include <nlohmann/json.hpp>
 #include <string>
-#include <vector>
 
 namespace tarsier::cli {
 
@@ -24,34 +19,17 @@ struct CalibrateFlags {
   std::string csv;
   std::string undistorted;
   std::string draw;
-  int views = 40;  // of a video or a camera
   bool no_tangential = false;
-  planar::calibration::CalibrateOptions options;
+  planar::calibration::CalibrateOptions lens_options;
+  int max_views = 40;  // of a video or a camera
 };
 
-// One picture that was looked at.
-struct CalibrationPicture {
-  std::string name;  // of a still
-  std::int64_t index = 0;
-  double time = 0;
-  bool still = true;
-  bool found = false;
-  std::string reason;    // why it is not among the views
-  std::size_t view = 0;  // where it is
-  double ms = 0;
-  cv::Mat image;  // of videos, where --draw or --undistorted want it
-};
-
-struct CalibrationJob {
-  planar::calibration::BoardSpec spec;
-  cv::Size size;
-  std::vector<CalibrationPicture> pictures;
-  std::vector<planar::calibration::BoardView> views;
-};
-
-// Calibrates, writes what the flags ask for, and reports: JSON lines, or a table for people. Throws
-// InputError where the views fix no camera.
-[[nodiscard]] ExitStatus finish_calibration(const CalibrateFlags& flags, const CalibrationJob& job,
+// The JSON line of each picture.
+void print_images(const planar::CalibrationResult& result);
+// Writes what the flags ask for, and reports: JSON lines, or a table for people. Throws InputError
+// where there is no camera.
+[[nodiscard]] ExitStatus finish_calibration(const CalibrateFlags& flags,
+                                            const planar::CalibrationResult& result,
                                             Context& context);
 
 }  // namespace tarsier::cli

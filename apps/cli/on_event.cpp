@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "on_event.h"
 
+#include "tarsier/media/still_source.h"
+
+#include <algorithm>
+#include <utility>
+
 namespace tarsier::cli {
 
 void add_on_event_flags(Command& verb, OnEventFlags& flags, const std::string& when) {
@@ -28,6 +33,55 @@ void OnEvent::post(const nlohmann::ordered_json& event) {
 
 void OnEvent::finish() {
   if (command_) command_->finish();
+}
+
+PresenceEvents::PresenceEvents(OnEvent& on_event, std::string kind)
+    : on_event_(on_event), kind_(std::move(kind)) {}
+
+void PresenceEvents::frame(const Frame& frame, const nlohmann::ordered_json& seen) {
+  if (!on_event_) return;
+  std::vector<std::int64_t> ids;
+  for (const nlohmann::ordered_json& thing : seen) {
+    ids.push_back(thing.at("id"));
+    if (thing.contains("name")) names_[ids.back()] = thing.at("name");
+  }
+  if (frame.still) {
+    finish();
+    for (const nlohmann::ordered_json& thing : seen) post_appeared(frame, thing);
+    return;
+  }
+  for (const PresenceChange& change : presence_.step(source_of(frame), frame.time, ids)) {
+    if (change.appeared) {
+      const auto at = std::find(ids.begin(), ids.end(), change.id) - ids.begin();
+      post_appeared(frame, seen.at(static_cast<std::size_t>(at)));
+    } else {
+      post_lost({change});
+    }
+  }
+}
+
+void PresenceEvents::finish() { post_lost(presence_.finish()); }
+
+void PresenceEvents::post_lost(const std::vector<PresenceChange>& lost) {
+  for (const PresenceChange& change : lost) {
+    nlohmann::ordered_json event{{"event", kind_}, {"state", "lost"}, {"id", change.id}};
+    if (names_.contains(change.id)) event["name"] = names_[change.id];
+    event["source"] = change.source;
+    event["first_time"] = change.first_time;
+    event["last_time"] = change.last_time;
+    on_event_.post(event);
+  }
+}
+
+void PresenceEvents::post_appeared(const Frame& frame, const nlohmann::ordered_json& thing) {
+  nlohmann::ordered_json event{{"event", kind_}, {"state", "appeared"}};
+  if (frame.still) {
+    event["image"] = frame.name;
+  } else {
+    event.update({{"source", source_of(frame)}, {"frame", frame.index}, {"time", frame.time}});
+  }
+  event.update(thing);
+  on_event_.post(event);
 }
 
 }  // namespace tarsier::cli

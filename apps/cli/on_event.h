@@ -2,11 +2,16 @@
 #pragma once
 
 #include "tarsier/media/event_command.h"
+#include "tarsier/media/frame.h"
+#include "tarsier/session/presence.h"
 
 #include "cli.h"
+#include <cstdint>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace tarsier::cli {
 
@@ -30,6 +35,26 @@ class OnEvent {
 
  private:
   std::optional<EventCommand> command_;
+};
+
+// Of stills each thing that is seen, of videos those that appear and are lost: {"event": `kind`,
+// "state": "appeared" or "lost", ..}.
+class PresenceEvents {
+ public:
+  // `on_event` must outlive it.
+  PresenceEvents(OnEvent& on_event, std::string kind);
+  // `seen`: a list of objects with "id", and "name" where the things have one.
+  void frame(const Frame& frame, const nlohmann::ordered_json& seen);
+  void finish();
+
+ private:
+  void post_lost(const std::vector<PresenceChange>& lost);
+  void post_appeared(const Frame& frame, const nlohmann::ordered_json& thing);
+
+  OnEvent& on_event_;
+  std::string kind_;
+  Presence presence_;
+  std::map<std::int64_t, std::string> names_;  // as they were when last seen
 };
 
 }  // namespace tarsier::cli

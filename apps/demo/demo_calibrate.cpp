@@ -2,9 +2,8 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/undistort.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/planar/calibration/calibrate.h"
-#include "tarsier/planar/calibration/detect.h"
 #include "tarsier/planar/calibration/draw_board.h"
+#include "tarsier/planar/pipelines/calibrator.h"
 #include "tarsier/planar/sheets/sheet.h"
 #include "tarsier/synth/boards.h"
 
@@ -19,7 +18,6 @@ namespace tarsier::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using planar::calibration::BoardView;
 using planar::calibration::Calibration;
 
 constexpr int kDrawn = 12;  // pictures, where there are no others
@@ -73,14 +71,21 @@ void demo_calibrate(Context& context, DemoPage& page) {
   page.begin_area("Calibrating a camera",
                   "Pictures of a printed board tell what a camera does to light: its focal length, "
                   "its middle, and how its lens bends straight lines.");
-  std::vector<BoardView> views;
+  planar::CalibratorOptions options;
+  options.board = spec;
+  const auto calibrator = planar::Calibrator::load(options);
+  planar::CalibratorState state;
   for (const Shot& shot : pictures) {
     throw_if_stopped(context.stop);
-    views.push_back(planar::calibration::find_board(shot.image, spec));
+    Frame frame;
+    frame.image = shot.image;
+    frame.name = shot.name;
+    frame.still = true;
+    calibrator.process(frame, state);
     context.progress->advance();
   }
-  const cv::Size size = pictures.front().image.size();
-  const Calibration calibration = calibrate(views, spec, size, {}, context.stop);
+  const planar::CalibrationResult result = calibrator.calibrate(state, {}, context.stop);
+  const Calibration& calibration = result.calibration;
   if (!calibration.ok()) {
     page.note(calibration.refusal);
     context.progress->end();
@@ -89,11 +94,15 @@ void demo_calibrate(Context& context, DemoPage& page) {
   const geometry::Camera straight = geometry::undistorted_camera(calibration.camera);
   // The view that shows the bend best: the one with the most tilt is as good as any.
   std::size_t shown = 0;
-  for (std::size_t i = 0; i < views.size(); ++i) {
-    if (calibration.views[i].state == planar::calibration::ViewState::kUsed &&
-        calibration.views[i].tilt_deg > calibration.views[shown].tilt_deg)
-      shown = i;
+  double tilt = -1;
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    if (!result.images[i].reason.empty()) continue;
+    const double tilt_deg = calibration.views[result.images[i].view].tilt_deg;
+    if (tilt_deg <= tilt) continue;
+    tilt = tilt_deg;
+    shown = i;
   }
+  const std::size_t view = result.images[shown].view;
   const cv::Mat& image = pictures[shown].image;
   page.compare(
       page.picture("calibrate-bent", image, "as the camera took it"),
@@ -103,16 +112,16 @@ void demo_calibrate(Context& context, DemoPage& page) {
       "tarsier calibrate pictures/ --board chess:9x6 --square 25mm -o camera.yaml "
       "--undistorted straight");
   cv::Mat corners = image.clone();
-  draw_view(corners, views[shown], spec);
-  draw_errors(corners, views[shown], spec, calibration.camera,
-              calibration.views[shown].camera_from_board, 20);
+  draw_view(corners, result.views[view], spec);
+  draw_errors(corners, result.views[view], spec, calibration.camera,
+              calibration.views[view].camera_from_board, 20);
   page.heading("What it looks at",
                "Corners are found to a tenth of a pixel. Red lines: what the camera does not "
                "explain, 20 times enlarged. The map shows where the board was seen; a calibration "
                "says what is still missing.");
   page.grid({page.picture("calibrate-corners", corners, pictures[shown].name),
              page.drawing("calibrate-coverage",
-                          coverage_picture(views, coverage_of(views, spec, size), 640),
+                          coverage_picture(result.used_views(), result.coverage, 640),
                           "where the board was seen")});
   add_table(page, calibration, pictures);
   page.heading("A board to print", "True to scale, as PDF, SVG or PNG.");

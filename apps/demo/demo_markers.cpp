@@ -2,7 +2,6 @@
 #include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/planar/augment/augment.h"
-#include "tarsier/planar/markers/pose.h"
 #include "tarsier/render/builtin.h"
 #include "tarsier/session/ar_session.h"
 #include "tarsier/synth/noise.h"
@@ -51,14 +50,14 @@ struct Tally {
   std::vector<double> milliseconds;
 };
 
-void count(const std::vector<planar::markers::PosedMarker>& found,
+void count(const std::vector<planar::TrackedMarker>& found,
            const std::vector<synth::PrintTruth>& truth, Tally& tally) {
   for (const synth::PrintTruth& print : truth) {
     if (print.visible < 0.99) continue;
     ++tally.shown;
-    const auto at = std::find_if(
-        found.begin(), found.end(),
-        [&](const planar::markers::PosedMarker& m) { return m.marker.id == print.id; });
+    const auto at = std::find_if(found.begin(), found.end(), [&](const planar::TrackedMarker& m) {
+      return m.marker.id == print.id;
+    });
     if (at == found.end() || !at->pose) continue;
     ++tally.found;
     double sum = 0;
@@ -88,9 +87,11 @@ void add_table(DemoPage& page, const Tally& tally) {
 
 void demo_markers(Context& context, DemoPage& page) {
   const synth::PlanarVideo video = desk();
+  planar::MarkerTrackerOptions how;
+  how.side = kSide;
+  how.camera = video.camera();
+  const auto tracker = planar::MarkerTracker::load(how);
   ArSessionOptions options;
-  options.size = kSide;
-  options.camera = video.camera();
   options.outlines = false;
   options.augment.thing = planar::augment::Thing::kMesh;
   options.augment.mesh = box_and_ball();
@@ -99,7 +100,7 @@ void demo_markers(Context& context, DemoPage& page) {
       "Things on printed markers",
       "A black square with a pattern tells where the camera is. What is drawn on it stays "
       "put, throws its shadow on the sheet and is hidden where it is behind.");
-  ArSession session(options);
+  ArSession session(tracker, options);
   SourceStatus live;
   live.state = SourceState::kLive;
   std::vector<cv::Mat> frames;
@@ -118,8 +119,8 @@ void demo_markers(Context& context, DemoPage& page) {
     synth::add_noise(frame.image, 2, static_cast<std::uint64_t>(i));
     const View view = session.on_frame(frame, live);
     frames.push_back(view.output.clone());
-    count(session.markers(), video.truth_at(frame.time), tally);
-    tally.milliseconds.push_back(session.milliseconds());
+    count(session.result().markers, video.truth_at(frame.time), tally);
+    tally.milliseconds.push_back(session.result().ms);
     if (i == 60) {
       plain = frame.image.clone();
       drawn = view.output.clone();
@@ -146,7 +147,7 @@ void demo_markers(Context& context, DemoPage& page) {
         planar::augment::Thing::kCube}) {
     options.augment.thing = thing;
     options.outlines = thing == planar::augment::Thing::kNone;
-    ArSession other(options);
+    ArSession other(tracker, options);
     const View view = other.on_frame(still, live);
     const std::string name(
         thing == planar::augment::Thing::kNone ? "ids" : planar::augment::name_of(thing));

@@ -42,13 +42,13 @@ void show_box(DemoPage& page) {
   const planar::image_targets::Target trained =
       planar::image_targets::train_target(read_image(box), "biscuits");
   const cv::Mat picture = read_image(scene);
-  TargetSessionOptions options;
+  planar::TargetTrackerOptions options;
   geometry::Camera camera;  // nobody knows what took it: a usual field of view
   camera.fx = camera.fy = 1.2 * picture.cols;
   camera.cx = picture.cols / 2.0 - 0.5;
   camera.cy = picture.rows / 2.0 - 0.5;
   options.camera = camera;
-  TargetSession session({trained}, options);
+  TargetSession session(planar::TargetTracker({trained}, options));
   page.grid({page.drawing("target-quality", planar::image_targets::draw_quality(trained),
                           "how trackable the picture is: points that last, and its rating"),
              page.picture("target-box", seen_in(session, picture, true),
@@ -74,19 +74,20 @@ void demo_targets(Context& context, DemoPage& page) {
   look.seed = context.seed;
   const synth::PlanarPrint poster = synth::poster_print(0, context.seed);
   const synth::PlanarVideo video = synth::print_video({poster}, look);
-  TargetSessionOptions options;
+  planar::TargetTrackerOptions options;
   options.camera = video.camera();
-  TargetSession session({planar::image_targets::train_target(poster.picture, "poster")}, options);
+  TargetSession session(planar::TargetTracker(
+      {planar::image_targets::train_target(poster.picture, "poster")}, options));
   std::vector<DemoPicture> strip;
   int seen = 0;
   for (int i = 0; i < frames; ++i) {
     throw_if_stopped(context.stop);
     const cv::Mat drawn = seen_in(session, video.picture_at(i / 25.0), false);
-    seen += session.seen().empty() ? 0 : 1;
+    seen += session.result().seen.empty() ? 0 : 1;
     if (i % (frames / 5) == frames / 10)
       strip.push_back(
           page.picture(fmt::format("target-video-{}", strip.size() + 1), drawn,
-                       fmt::format("{:.1f} s, {:.1f} ms", i / 25.0, session.milliseconds())));
+                       fmt::format("{:.1f} s, {:.1f} ms", i / 25.0, session.result().ms)));
     context.progress->advance();
   }
   page.heading("Followed",

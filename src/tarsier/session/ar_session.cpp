@@ -3,13 +3,9 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/core/require.h"
-#include "tarsier/geometry/frame_camera.h"
-#include "tarsier/geometry/rotation.h"
-#include "tarsier/geometry/scaled_camera.h"
 #include "tarsier/image/draw/shapes.h"
 #include "tarsier/image/draw/text.h"
-#include "tarsier/planar/markers/predefined.h"
+#include "tarsier/media/still_source.h"
 #include "tarsier/session/save_picture.h"
 
 #include <fmt/format.h>
@@ -24,8 +20,8 @@
 namespace tarsier {
 namespace {
 
+using planar::TrackedMarker;
 using planar::augment::Thing;
-using planar::markers::PosedMarker;
 
 const cv::Scalar kFrame(60, 220, 60);
 const cv::Scalar kFirstCorner(40, 40, 240);
@@ -41,85 +37,36 @@ const std::vector<std::string>& common_families() {
 
 double rounded(double value, double digits) { return std::round(value * digits) / digits; }
 
-std::vector<planar::markers::Marker> found_by_opencv(const cv::Mat& gray,
-                                                     const std::string& family) {
-  std::vector<planar::markers::Marker> markers;
-  for (const planar::markers::OpencvMarker& found :
-       planar::markers::detect_with_opencv(gray, family)) {
-    if (found.corners.size() != 4) continue;
-    planar::markers::Marker marker;
-    marker.id = found.id;
-    for (std::size_t k = 0; k < 4; ++k)
-      marker.corners[k] = {static_cast<double>(found.corners[k].x),
-                           static_cast<double>(found.corners[k].y)};
-    markers.push_back(marker);
-  }
-  return markers;
-}
-
-double distance_of(const PosedMarker& marker) {
+double distance_of(const TrackedMarker& marker) {
   return cv::norm(marker.pose->camera_from_marker.translation);
 }
 
 // Degrees between the sheet's normal and the line of sight.
-double tilt_of(const PosedMarker& marker) {
+double tilt_of(const TrackedMarker& marker) {
   const geometry::Rigid& pose = marker.pose->camera_from_marker;
   const cv::Vec3d normal = pose.rotation * cv::Vec3d(0, 0, 1);
   const double cosine = -normal.dot(cv::normalize(pose.translation));
   return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / CV_PI;
 }
 
-nlohmann::ordered_json numbers(const cv::Vec3d& v) {
-  return {rounded(v[0], 1e7), rounded(v[1], 1e7), rounded(v[2], 1e7)};
-}
-
 }  // namespace
 
-void ArSessionOptions::check() const {
-  (void)planar::markers::find_dictionary(family);
-  TARSIER_REQUIRE(size > 0 && std::isfinite(size), "markers {} m wide", size);
-  TARSIER_REQUIRE(focal_px >= 0 && std::isfinite(focal_px), "focal length of {}", focal_px);
-  detect.check();
-  track.check();
-  augment.check();
-}
+void ArSessionOptions::check() const { augment.check(); }
 
-ArSession::ArSession(ArSessionOptions options)
-    : options_((options.check(), std::move(options))),
-      family_(&planar::markers::find_dictionary(options_.family)),
-      tracker_(options_.track) {}
+ArSession::ArSession(planar::MarkerTracker tracker, ArSessionOptions options)
+    : options_((options.check(), std::move(options))), tracker_(std::move(tracker)) {}
 
-geometry::Camera ArSession::camera_for(const Frame& frame) const {
-  if (!options_.camera) {
-    geometry::Camera guess = geometry::guessed_camera(frame.image.size());
-    if (options_.focal_px > 0) guess.fx = guess.fy = options_.focal_px;
-    return guess;
-  }
-  return geometry::camera_of_frame(*options_.camera, frame);
-}
-
-void ArSession::find(const Frame& frame) {
+void ArSession::find() {
   timer_.start();
-  cv::cvtColor(frame.image, gray_, cv::COLOR_BGR2GRAY);
-  std::vector<planar::markers::Marker> found =
-      options_.backend == MarkerBackend::kOwn
-          ? planar::markers::detect_markers(gray_, *family_, options_.detect, workspace_,
-                                            options_.debug)
-          : found_by_opencv(gray_, family_->name());
-  markers_ = frame.still ? planar::markers::pose_markers(std::move(found), options_.size, camera_)
-                         : tracker_.step(std::move(found), options_.size, camera_, frame.time);
+  result_ = tracker_.process(frame_, state_, options_.debug);
   timer_.stop();
 }
 
 View ArSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (frame.still || frame.name != frame_.name) {
-    tracker_.reset();
-    augment_ = {};
-  }
+  if (frame.still || source_of(frame) != state_.source) augment_ = {};
   frame_ = frame;
   source_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
-  camera_ = camera_for(frame);
-  find(frame);
+  find();
   draw();
   return view(true);
 }
@@ -140,14 +87,13 @@ View ArSession::on_event(const Event& event) {
   } else if (name == "shadow") {
     options_.augment.shadow = !options_.augment.shadow;
   } else if (name == "smooth") {
-    options_.track.smooth = !options_.track.smooth;
-    tracker_.set_options(options_.track);
+    planar::MarkerTrackerOptions options = tracker_.options();
+    options.track.smooth = !options.track.smooth;
+    change(options, false);
   } else if (name == "list") {
     list_ = !list_;
   } else if (name == "family") {
-    const auto& names = common_families();
-    const auto at = std::find(names.begin(), names.end(), family_->name());
-    set_family(at == names.end() || std::next(at) == names.end() ? names.front() : *std::next(at));
+    next_family();
   } else {
     redraw = false;
     if (name == "save") save();
@@ -176,12 +122,21 @@ std::vector<Action> ArSession::actions() const {
   return actions;
 }
 
-void ArSession::set_family(const std::string& name) {
-  family_ = &planar::markers::find_dictionary(name);
-  options_.family = name;
-  tracker_.reset();
+void ArSession::change(const planar::MarkerTrackerOptions& options, bool again) {
+  tracker_ = planar::MarkerTracker::load(options);
+  if (!again) return;
+  state_ = {};
   augment_ = {};
-  if (!frame_.image.empty()) find(frame_);
+  if (!frame_.image.empty()) find();
+}
+
+void ArSession::next_family() {
+  const auto& names = common_families();
+  const auto at = std::find(names.begin(), names.end(), tracker_.families().front()->name());
+  planar::MarkerTrackerOptions options = tracker_.options();
+  options.families = {at == names.end() || std::next(at) == names.end() ? names.front()
+                                                                        : *std::next(at)};
+  change(options, true);
 }
 
 void ArSession::save() {
@@ -197,7 +152,7 @@ void ArSession::save() {
 }
 
 void ArSession::draw_outlines() {
-  for (const PosedMarker& posed : markers_) {
+  for (const TrackedMarker& posed : result_.markers) {
     const planar::markers::Quad& quad = posed.marker.corners;
     constexpr int kShift = 4;
     const auto fixed = [](const Eigen::Vector2d& p) {
@@ -222,23 +177,23 @@ void ArSession::draw() {
   frame_.image.copyTo(output_);
   std::vector<planar::augment::Sheet> sheets;
   std::map<int, int> seen;  // of two markers with one id each has a key of its own
-  for (const PosedMarker& posed : markers_) {
+  for (const TrackedMarker& posed : result_.markers) {
     if (!posed.pose) continue;
     const int copy = seen[posed.marker.id]++;
     sheets.push_back(
-        {posed.marker.id + 100000 * copy, posed.pose->camera_from_marker, options_.size});
+        {posed.marker.id + 100000 * copy, posed.pose->camera_from_marker, tracker_.options().side});
   }
   // Under the things, which would be hard to see behind the letters.
   if (options_.outlines) draw_outlines();
-  planar::augment::augment(output_, camera_, sheets, options_.augment, augment_);
+  planar::augment::augment(output_, result_.camera, sheets, options_.augment, augment_);
 }
 
 void ArSession::draw_list() {
   std::string text;
   int listed = 0;
-  for (const PosedMarker& posed : markers_) {
+  for (const TrackedMarker& posed : result_.markers) {
     if (++listed > kMaxListed) {
-      text += fmt::format("and {} more", markers_.size() - kMaxListed);
+      text += fmt::format("and {} more", result_.markers.size() - kMaxListed);
       break;
     }
     text += posed.pose ? fmt::format("{}: {:.3f} m, {:.0f} deg\n", posed.marker.id,
@@ -255,26 +210,28 @@ void ArSession::draw_list() {
 
 View ArSession::view(bool fresh) {
   View result;
+  std::string family;
+  for (const auto* one : tracker_.families()) family += (family.empty() ? "" : ", ") + one->name();
   nlohmann::json ids = nlohmann::json::array();
   nlohmann::json distances = nlohmann::json::array();
-  for (const PosedMarker& posed : markers_) {
+  for (const TrackedMarker& posed : result_.markers) {
     ids.push_back(posed.marker.id);
     distances.push_back(posed.pose ? nlohmann::json(rounded(distance_of(posed), 1e4)) : nullptr);
   }
-  result.state = {{"markers", markers_.size()},
+  result.state = {{"markers", result_.markers.size()},
                   {"ids", std::move(ids)},
                   {"distance_m", std::move(distances)},
                   {"draw", planar::augment::name_of(options_.augment.thing)},
                   {"outlines", options_.outlines},
                   {"shadow", options_.augment.shadow},
-                  {"smooth", options_.track.smooth},
+                  {"smooth", tracker_.options().track.smooth},
                   {"list", list_},
-                  {"family", family_->name()},
+                  {"family", family},
                   {"paused", paused_}};
   if (!saved_.empty()) result.state["saved"] = saved_;
   const bool speaks = !message_.empty() && frame_.time - message_since_ < kMessage_s;
-  result.status = fmt::format("{} {} of {}{}{}", markers_.size(),
-                              markers_.size() == 1 ? "marker" : "markers", family_->name(),
+  result.status = fmt::format("{} {} of {}{}{}", result_.markers.size(),
+                              result_.markers.size() == 1 ? "marker" : "markers", family,
                               source_.empty() ? "" : "  " + source_, paused_ ? "  frozen" : "");
   if (fresh) result.output = output_;
   if (!output_.empty()) {
@@ -288,27 +245,6 @@ View ArSession::view(bool fresh) {
   }
   result.finished = finished_;
   return result;
-}
-
-nlohmann::ordered_json posed_markers_json(const std::vector<PosedMarker>& markers) {
-  nlohmann::ordered_json list = nlohmann::ordered_json::array();
-  for (const PosedMarker& posed : markers) {
-    nlohmann::ordered_json object{{"id", posed.marker.id}};
-    object["corners"] = nlohmann::ordered_json::array();
-    for (const Eigen::Vector2d& p : posed.marker.corners)
-      object["corners"].push_back({rounded(p.x(), 1e4), rounded(p.y(), 1e4)});
-    if (posed.pose) {
-      const geometry::Rigid& pose = posed.pose->camera_from_marker;
-      object["rvec"] = numbers(geometry::rotation_vector(pose.rotation));
-      object["tvec"] = numbers(pose.translation);
-      object["errors"] = {rounded(posed.pose->rms_px, 1e4)};
-      if (posed.pose->other) object["errors"].push_back(rounded(posed.pose->other->rms_px, 1e4));
-      object["ambiguity"] = rounded(posed.pose->ambiguity, 1e4);
-    }
-    object["margin"] = rounded(posed.marker.margin, 1e4);
-    list.push_back(std::move(object));
-  }
-  return list;
 }
 
 }  // namespace tarsier

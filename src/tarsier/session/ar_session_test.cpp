@@ -30,9 +30,14 @@ synth::PlanarVideo truth() {
   return synth::planar_source_video(options, {480, 360}, 10, 1);
 }
 
+planar::MarkerTracker tracker() {
+  planar::MarkerTrackerOptions options;
+  options.camera = truth().camera();
+  return planar::MarkerTracker::load(options);
+}
+
 ArSessionOptions options() {
   ArSessionOptions options;
-  options.camera = truth().camera();
   options.augment.mesh = std::make_shared<const render::Mesh>(
       planar::augment::standing(render::make_sphere(16, {0.2F, 0.5F, 0.9F})));
   return options;
@@ -44,7 +49,7 @@ void keep_picture(const cv::Mat& image, const std::string& name) {
 }
 
 TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
-  ArSession session(options());
+  ArSession session(tracker(), options());
   const auto source = synth::open_synth_source(kVideo);
   ScriptedHost host(session, *source);
   host.at(6, key_event('a'));
@@ -88,7 +93,7 @@ TEST(ArSessionTest, FreezesSavesAndChangesTheFamily) {
        std::to_string(::getpid()));
   ArSessionOptions how = options();
   how.save_folder = folder.string();
-  ArSession session(how);
+  ArSession session(tracker(), how);
   const auto source = synth::open_synth_source(kVideo);
   const auto frame = source->next(std::chrono::milliseconds(1000), {});
   ASSERT_TRUE(frame);
@@ -109,37 +114,13 @@ TEST(ArSessionTest, FreezesSavesAndChangesTheFamily) {
   std::filesystem::remove_all(folder);
 }
 
-TEST(ArSessionTest, ScalesTheCameraOrRefusesIt) {
-  ArSessionOptions how = options();
-  how.camera = geometry::guessed_camera({960, 720});
-  ArSession session(how);
-  const auto source = synth::open_synth_source(kVideo);
-  const auto frame = source->next(std::chrono::milliseconds(1000), {});
-  (void)session.on_frame(*frame, source->status());
-  EXPECT_NEAR(session.camera().fx, 480, 1e-9);
+TEST(ArSessionTest, RefusesACameraOfAnotherShape) {
+  planar::MarkerTrackerOptions how;
   how.camera = geometry::guessed_camera({1280, 720});
-  ArSession other(how);
-  EXPECT_THROW((void)other.on_frame(*frame, source->status()), InputError);
-  how.family = "9x9";
-  EXPECT_THROW(ArSession{how}, UsageError);
-}
-
-TEST(ArSessionTest, BothBackendsAgree) {
-  ArSessionOptions how = options();
-  how.camera = geometry::guessed_camera({480, 360});
-  ArSession own(how);
-  how.backend = MarkerBackend::kOpencv;
-  ArSession opencv(how);
+  ArSession session(planar::MarkerTracker::load(how), options());
   const auto source = synth::open_synth_source(kVideo);
   const auto frame = source->next(std::chrono::milliseconds(1000), {});
-  const View a = own.on_frame(*frame, source->status());
-  const View b = opencv.on_frame(*frame, source->status());
-  EXPECT_EQ(a.state["ids"].size(), 4U);
-  EXPECT_EQ(b.state["ids"].size(), 4U);
-  const auto json = posed_markers_json(own.markers());
-  EXPECT_EQ(json[0]["corners"].size(), 4U);
-  EXPECT_EQ(json[0]["rvec"].size(), 3U);
-  EXPECT_TRUE(json[0].contains("margin") && json[0].contains("ambiguity"));
+  EXPECT_THROW((void)session.on_frame(*frame, source->status()), InputError);
 }
 
 }  // namespace

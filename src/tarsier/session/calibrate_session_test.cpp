@@ -19,10 +19,10 @@ namespace {
 using planar::calibration::parse_board;
 using ::testing::Contains;
 
-CalibrateSessionOptions options() {
-  CalibrateSessionOptions options;
+planar::Calibrator calibrator() {
+  planar::CalibratorOptions options = planar::live_calibrator_options();
   options.board = parse_board("chess:9x6", 0.025);
-  return options;
+  return planar::Calibrator::load(options);
 }
 
 // 0.5 s without a board, then places of 0.6 s with 0.6 s between them; 10 frames a second.
@@ -36,7 +36,7 @@ void keep_picture(const cv::Mat& image, const char* name) {
 }
 
 TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
-  CalibrateSession session(options());
+  CalibrateSession session(calibrator());
   const auto source = video(124);
   ScriptedHost host(session, *source);
   host.at(114, action_event("straight"));
@@ -49,19 +49,19 @@ TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
   EXPECT_EQ(steps[2].state["verdict"], "no board");
   EXPECT_EQ(steps[2].state["views"], 0);
   int taken_moving = 0;
-  const synth::BoardVideo truth({480, 360}, options().board, 1);
-  for (const TakenView& view : session.taken()) {
+  const synth::BoardVideo truth({480, 360}, calibrator().options().board, 1);
+  for (const planar::CalibrationImage& view : session.state().images) {
     const auto now = truth.pose_at(view.time);
     const auto before = truth.pose_at(view.time - 0.1);
     ASSERT_TRUE(now && before);
     if (cv::norm(now->translation - before->translation) > 0.004) ++taken_moving;
   }
   EXPECT_EQ(taken_moving, 0);
-  EXPECT_GE(session.taken().size(), 8U);
-  ASSERT_TRUE(session.calibration());
-  ASSERT_TRUE(session.calibration()->ok()) << session.calibration()->refusal;
-  EXPECT_NEAR(session.calibration()->camera.fx / truth.camera().fx, 1, 2e-3);
-  EXPECT_LT(session.calibration()->camera.rms, 0.1);
+  EXPECT_GE(session.state().images.size(), 8U);
+  ASSERT_TRUE(session.result());
+  ASSERT_TRUE(session.result()->ok()) << session.result()->calibration.refusal;
+  EXPECT_NEAR(session.result()->calibration.camera.fx / truth.camera().fx, 1, 2e-3);
+  EXPECT_LT(session.result()->calibration.camera.rms, 0.1);
   EXPECT_EQ(steps.back().state["calibrated"], true);
   EXPECT_GT(steps.back().state["coverage"].get<double>(), 0.5);
   // The straightened picture, then the help over it.
@@ -73,7 +73,7 @@ TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
 }
 
 TEST(CalibrateSessionTest, TellsWhatIsMissingAndForgets) {
-  CalibrateSession session(options());
+  CalibrateSession session(calibrator());
   const auto source = video(60);
   ScriptedHost host(session, *source);
   host.at(40, key_event('z'));
@@ -95,11 +95,11 @@ TEST(CalibrateSessionTest, TellsWhatIsMissingAndForgets) {
     }
   }
   EXPECT_GE(before, 2U);
-  EXPECT_GE(session.taken().size(), 1U);  // it goes on
+  EXPECT_GE(session.state().images.size(), 1U);  // it goes on
 }
 
 TEST(CalibrateSessionTest, APersonMayTakeAViewAndIsToldWhyThereIsNoCamera) {
-  CalibrateSession session(options());
+  CalibrateSession session(calibrator());
   const auto source = video(9);
   ScriptedHost host(session, *source);
   host.at(1, key_event(key::kSpace));  // no board yet
@@ -120,8 +120,8 @@ TEST(CalibrateSessionTest, APersonMayTakeAViewAndIsToldWhyThereIsNoCamera) {
 }
 
 TEST(CalibrateSessionTest, StillPicturesAreViewsOfTheirOwn) {
-  CalibrateSession session(options());
-  const synth::BoardVideo truth({480, 360}, options().board, 1);
+  CalibrateSession session(calibrator());
+  const synth::BoardVideo truth({480, 360}, calibrator().options().board, 1);
   for (int k = 0; k < 5; ++k) {
     Frame frame;
     frame.image = truth.picture_at(0.6 + 1.2 * k);
@@ -135,18 +135,18 @@ TEST(CalibrateSessionTest, StillPicturesAreViewsOfTheirOwn) {
   other.image = cv::Mat(100, 100, CV_8UC3, cv::Scalar::all(90));
   other.still = true;
   EXPECT_EQ(session.on_frame(other, {}).state["verdict"], "another size");
-  EXPECT_EQ(session.taken().size(), 5U);
+  EXPECT_EQ(session.state().images.size(), 5U);
 }
 
 // A board that is only found as if it were evenly lit: after some frames it is, and stays so.
 TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
   const geometry::Camera camera{480, 360, 408, 408, 240, 180};
-  const auto spec = options().board;
+  const auto spec = calibrator().options().board;
   synth::BoardLook look;
   look.fall_off = 0.8;
   const cv::Mat picture = synth::render_board(
       camera, synth::board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8), spec, look);
-  CalibrateSession session(options());
+  CalibrateSession session(calibrator());
   int seen = 0;
   for (int k = 0; k < 12; ++k) {
     Frame frame;
@@ -157,13 +157,13 @@ TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
     if (session.on_frame(frame, {}).state["verdict"] != "no board") ++seen;
   }
   EXPECT_GE(seen, 9);
-  EXPECT_EQ(session.taken().size(), 1U);
+  EXPECT_EQ(session.state().images.size(), 1U);
 }
 
 TEST(CalibrateSessionTest, TheSameFramesGiveTheSameSteps) {
   std::string first;
   for (int run = 0; run < 2; ++run) {
-    CalibrateSession session(options());
+    CalibrateSession session(calibrator());
     const auto source = video(30);
     ScriptedHost host(session, *source);
     (void)host.run();

@@ -1,12 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/target_session.h"
 
-#include "tarsier/core/errors.h"
-#include "tarsier/core/require.h"
-#include "tarsier/geometry/frame_camera.h"
 #include "tarsier/image/draw/shapes.h"
 #include "tarsier/image/draw/text.h"
-#include "tarsier/planar/image_targets/evaluate.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -55,25 +51,18 @@ void line(cv::Mat& image, const cv::Point2d& a, const cv::Point2d& b, const cv::
 
 }  // namespace
 
-void TargetSessionOptions::check() const {
-  track.check();
-  train.check();
-}
+void TargetSessionOptions::check() const { train.check(); }
 
-TargetSession::TargetSession(std::vector<planar::image_targets::Target> targets,
-                             TargetSessionOptions options)
-    : targets_(std::move(targets)), given_(targets_.size()), options_(std::move(options)) {
+TargetSession::TargetSession(planar::TargetTracker tracker, TargetSessionOptions options)
+    : tracker_(std::move(tracker)),
+      given_(tracker_.targets().size()),
+      options_(std::move(options)) {
   options_.check();
 }
 
 View TargetSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (frame.still || frame.name != name_) state_ = {};
-  frame_ = frame.image;
-  still_ = frame.still;
-  name_ = frame.name;
+  frame_ = frame;
   trouble_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
-  camera_.reset();
-  if (options_.camera) camera_ = geometry::camera_of_frame(*options_.camera, frame);
   find();
   draw();
   return view(true);
@@ -81,9 +70,13 @@ View TargetSession::on_frame(const Frame& frame, const SourceStatus& source) {
 
 void TargetSession::find() {
   timer_.start();
-  seen_ = planar::image_targets::track(targets_, options_.track, state_, frame_,
-                                       camera_ ? &*camera_ : nullptr, options_.debug);
+  result_ = tracker_.process(frame_, state_, options_.debug);
   timer_.stop();
+}
+
+void TargetSession::change(std::vector<planar::image_targets::Target> targets) {
+  tracker_ = planar::TargetTracker(std::move(targets), tracker_.options());
+  redetect(state_);
 }
 
 View TargetSession::on_idle(const SourceStatus& source) {
@@ -100,20 +93,21 @@ View TargetSession::on_event(const Event& event) {
   if (name == "quit") finished_ = true;
   if (name == "pause") paused_ = !paused_;
   if (name == "help") help_ = !help_;
-  if (name == "redetect") state_ = {};
-  if (name == "train" && !frame_.empty())
-    train({frame_.cols / 4, frame_.rows / 4, frame_.cols / 2, frame_.rows / 2});
+  if (name == "redetect") redetect(state_);
+  const cv::Size size = frame_.image.size();
+  if (name == "train" && !size.empty())
+    train({size.width / 4, size.height / 4, size.width / 2, size.height / 2});
   if (name == "forget") {
-    message_ = fmt::format("{} forgotten", targets_.size() - given_);
-    targets_.resize(given_);
-    state_ = {};
-    std::erase_if(
-        seen_, [&](const planar::image_targets::TrackedTarget& s) { return s.target >= given_; });
-    if (!frame_.empty()) draw();
+    std::vector<planar::image_targets::Target> targets = tracker_.targets();
+    message_ = fmt::format("{} forgotten", targets.size() - given_);
+    targets.resize(given_);
+    change(std::move(targets));
+    std::erase_if(result_.seen, [&](const auto& seen) { return seen.target >= given_; });
+    if (!size.empty()) draw();
   }
   if (name == "overlay") {
     options_.overlay = static_cast<TargetOverlay>((static_cast<int>(options_.overlay) + 1) % 4);
-    if (!frame_.empty()) draw();
+    if (!size.empty()) draw();
   }
   return view(false);
 }
@@ -130,23 +124,24 @@ void TargetSession::on_mouse(const Event& event) {
 }
 
 void TargetSession::train(cv::Rect box) {
-  box &= cv::Rect(0, 0, frame_.cols, frame_.rows);
+  box &= cv::Rect(0, 0, frame_.image.cols, frame_.image.rows);
   if (std::min(box.width, box.height) < kMinSide ||
       std::min(box.width, box.height) * 8 < std::max(box.width, box.height)) {
     message_ = fmt::format("frame at least {0} x {0} px, and no thin strip", kMinSide);
     return;
   }
-  const std::string name = fmt::format("picture {}", targets_.size() - given_ + 1);
+  const std::string name = fmt::format("picture {}", tracker_.targets().size() - given_ + 1);
   planar::image_targets::Target trained =
-      planar::image_targets::train_target(frame_(box), name, options_.train);
+      planar::image_targets::train_target(frame_.image(box), name, options_.train);
   const planar::image_targets::Quality& quality = trained.quality;
   if (quality.rating < 0.15) {
     message_ = "not trained: " + (quality.reasons.empty() ? "a poor picture" : quality.reasons[0]);
     return;
   }
   message_ = fmt::format("{} trained, rating {:.2f}", name, quality.rating);
-  targets_.push_back(std::move(trained));
-  state_ = {};
+  std::vector<planar::image_targets::Target> targets = tracker_.targets();
+  targets.push_back(std::move(trained));
+  change(std::move(targets));
   find();
   draw();
 }
@@ -161,28 +156,19 @@ std::vector<Action> TargetSession::actions() const {
           {"quit", "end", 'q'}};
 }
 
-nlohmann::ordered_json TargetSession::markers_json() const {
-  auto list = nlohmann::ordered_json::array();
-  for (const planar::image_targets::TrackedTarget& s : seen_)
-    list.push_back(planar::image_targets::target_json(targets_[s.target], s.target, s.homography,
-                                                      s.corners, s.confidence,
-                                                      s.pose ? &*s.pose : nullptr));
-  return list;
-}
-
 void TargetSession::draw_target(const planar::image_targets::TrackedTarget& seen) {
-  const planar::image_targets::Target& target = targets_[seen.target];
+  const planar::image_targets::Target& target = result_.target_of(seen);
   const cv::Scalar& color = kColors[seen.target % kColors.size()];
   const int width = std::max(2, cvRound(std::min(output_.cols, output_.rows) / 240.0));
   for (std::size_t i = 0; i < 4; ++i)
     line(output_, seen.corners[i], seen.corners[(i + 1) % 4], color, width);
   image::draw::point(output_, seen.corners[0], color, width + 2.0);
-  const bool in_space = seen.pose && camera_ && options_.overlay != TargetOverlay::kOutline;
+  const bool in_space = seen.pose && result_.camera && options_.overlay != TargetOverlay::kOutline;
   if (in_space) {
     const geometry::Rigid& pose = seen.pose->camera_from_plane;
     const auto edge = [&](const cv::Vec3d& a, const cv::Vec3d& b, const cv::Scalar& c) {
-      const auto p = camera_->project(pose * a);
-      const auto q = camera_->project(pose * b);
+      const auto p = result_.camera->project(pose * a);
+      const auto q = result_.camera->project(pose * b);
       if (p && q) line(output_, *p, *q, c, width);
     };
     const double size = 0.5 * std::min(target.width, target.height);
@@ -213,27 +199,28 @@ void TargetSession::draw_target(const planar::image_targets::TrackedTarget& seen
 }
 
 void TargetSession::draw() {
-  frame_.copyTo(output_);
+  frame_.image.copyTo(output_);
   if (options_.overlay == TargetOverlay::kNone) return;
-  for (const planar::image_targets::TrackedTarget& s : seen_) draw_target(s);
+  for (const planar::image_targets::TrackedTarget& s : result_.seen) draw_target(s);
 }
 
 View TargetSession::view(bool fresh) {
   View result;
   auto list = nlohmann::json::array();
-  for (const planar::image_targets::TrackedTarget& s : seen_) {
+  for (const planar::image_targets::TrackedTarget& s : result_.seen) {
     auto corners = nlohmann::json::array();
     for (const cv::Point2d& c : s.corners)
       corners.push_back({std::round(c.x * 10) / 10, std::round(c.y * 10) / 10});
-    list.push_back({{"id", s.target}, {"name", targets_[s.target].name}, {"corners", corners}});
+    list.push_back({{"id", s.target}, {"name", result_.target_of(s).name}, {"corners", corners}});
   }
   result.state = {{"targets", list},
-                  {"trained", targets_.size() - given_},
+                  {"trained", tracker_.targets().size() - given_},
                   {"message", message_},
                   {"draw", name_of(options_.overlay)},
                   {"paused", paused_}};
-  result.status = fmt::format("{} of {} pictures{}{}", seen_.size(), targets_.size(),
-                              paused_ ? ", paused" : "", message_.empty() ? "" : ": " + message_);
+  result.status =
+      fmt::format("{} of {} pictures{}{}", result_.seen.size(), tracker_.targets().size(),
+                  paused_ ? ", paused" : "", message_.empty() ? "" : ": " + message_);
   result.finished = finished_;
   if (output_.empty()) return result;
   output_.copyTo(shown_);

@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 namespace tarsier {
 namespace {
@@ -37,13 +38,13 @@ double distance(const nlohmann::ordered_json& corner, const cv::Point2d& truth) 
 
 TEST(TargetSession, TellsWhereAPictureIsAndDrawsThere) {
   const auto f = video();
-  TargetSessionOptions options;
+  planar::TargetTrackerOptions options;
   options.camera = f.camera();
-  TargetSession session({trained()}, options);
+  TargetSession session(planar::TargetTracker({trained()}, options));
   const cv::Mat picture = f.picture_at(0);
   const View view = session.on_frame(frame_of(picture, false), kLive);
   const auto truth = f.truth_at(0);
-  const auto markers = session.markers_json();
+  const auto markers = to_json(session.result()).at("markers");
   ASSERT_EQ(markers.size(), 1U);
   EXPECT_EQ(markers[0]["id"], 0);
   EXPECT_EQ(markers[0]["name"], "poster");
@@ -69,7 +70,7 @@ TEST(TargetSession, TrainsWhatTheMouseFrames) {
   poster.copyTo(scene(cv::Rect(160, 120, 320, 240)));
   TargetSessionOptions options;
   options.train.trials = 4;
-  TargetSession session({}, options);
+  TargetSession session(planar::TargetTracker({}), options);
   EXPECT_TRUE(session.on_frame(frame_of(scene, false), kLive).state["targets"].empty());
   const auto mouse = [&](Event::Mouse kind, double x, double y) {
     Event event;
@@ -97,7 +98,7 @@ TEST(TargetSession, TrainsWhatTheMouseFrames) {
 TEST(TargetSession, RefusesToTrainAFlatOrTinyFrame) {
   TargetSessionOptions options;
   options.train.trials = 2;
-  TargetSession session({}, options);
+  TargetSession session(planar::TargetTracker({}), options);
   EXPECT_EQ(session.on_event(key_event('t')).state["trained"], 0);  // no frame yet
   const cv::Mat flat(480, 640, CV_8UC3, cv::Scalar::all(100));
   static_cast<void>(session.on_frame(frame_of(flat, false), kLive));
@@ -108,16 +109,16 @@ TEST(TargetSession, RefusesToTrainAFlatOrTinyFrame) {
 
 TEST(TargetSession, RefusesACameraOfAnotherShape) {
   const auto f = video();
-  TargetSessionOptions options;
+  planar::TargetTrackerOptions options;
   options.camera = f.camera();
-  TargetSession session({trained(2)}, options);
+  TargetSession session(planar::TargetTracker({trained(2)}, options));
   EXPECT_THROW(
       (void)session.on_frame(frame_of(cv::Mat(480, 480, CV_8UC3, cv::Scalar::all(9)), true), kLive),
       InputError);
 }
 
 TEST(TargetSession, KeysDoWhatTheHelpSays) {
-  TargetSession session({}, {});
+  TargetSession session(planar::TargetTracker({}));
   static_cast<void>(
       session.on_frame(frame_of(cv::Mat(120, 160, CV_8UC3, cv::Scalar::all(9)), true), kLive));
   EXPECT_EQ(session.on_event(key_event('v')).state["draw"], "none");

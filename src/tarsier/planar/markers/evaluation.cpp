@@ -159,6 +159,15 @@ double degrees_between(const cv::Matx33d& a, const cv::Matx33d& b) {
 
 }  // namespace
 
+JudgedMarker judged(const Marker& marker, const std::optional<MarkerPose>& pose) {
+  JudgedMarker result;
+  result.id = marker.id;
+  for (std::size_t k = 0; k < 4; ++k)
+    result.corners[k] = {marker.corners[k].x(), marker.corners[k].y()};
+  if (pose) result.pose = pose->camera_from_marker;
+  return result;
+}
+
 std::vector<MarkerTruth> read_marker_truth(const std::string& path) {
   std::vector<MarkerTruth> truth;
   read_lines(path, [&](const json& line) { truth.push_back(truth_of(line)); });

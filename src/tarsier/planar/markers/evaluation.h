@@ -3,6 +3,7 @@
 
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid.h"
+#include "tarsier/planar/markers/pose.h"
 
 #include <opencv2/core.hpp>
 
@@ -26,6 +27,8 @@ struct JudgedMarker {
   std::optional<geometry::Rigid> pose;
   double side_px = 50;  // of a true one
 };
+// As it was found; without a pose where none is given.
+[[nodiscard]] JudgedMarker judged(const Marker& marker, const std::optional<MarkerPose>& pose = {});
 
 // One picture of a truth file.
 struct MarkerTruth {

@@ -32,6 +32,35 @@ MarkerPose pose_of(const geometry::PlanarPoses& poses) {
           ambiguity_of(poses.best, poses.other)};
 }
 
+// The nearest track of the same id that no other marker of this frame has, within reach.
+PoseTracks::Track& track_of(const Marker& marker, double time,
+                            std::vector<PoseTracks::Track>& tracks) {
+  const Eigen::Vector2d middle = middle_of(marker.corners);
+  const double side = (marker.corners[1] - marker.corners[0]).norm();
+  PoseTracks::Track* nearest = nullptr;
+  int same = 0;
+  for (PoseTracks::Track& track : tracks) {
+    if (track.id != marker.id) continue;
+    ++same;
+    if (track.is_taken) continue;
+    if (nearest == nullptr || (track.middle - middle).norm() < (nearest->middle - middle).norm())
+      nearest = &track;
+  }
+  // One alone may have moved far in a frame; of several each stays near.
+  if (nearest != nullptr && same > 1 &&
+      (nearest->middle - middle).norm() > 2 * std::max(side, nearest->side))
+    nearest = nullptr;
+  if (nearest == nullptr) {
+    nearest = &tracks.emplace_back();
+    nearest->id = marker.id;
+  }
+  nearest->middle = middle;
+  nearest->side = side;
+  nearest->time = time;
+  nearest->is_taken = true;
+  return *nearest;
+}
+
 }  // namespace
 
 std::vector<cv::Point2d> corners_on_marker(double size) {
@@ -82,58 +111,23 @@ std::optional<MarkerPose> pose_of_board(std::span<const Marker> markers,
   return pose_of(*poses);
 }
 
-MarkerTracker::MarkerTracker(const geometry::PlanarTrackOptions& options) : options_(options) {
-  options_.check();
-}
-
-void MarkerTracker::set_options(const geometry::PlanarTrackOptions& options) {
+std::vector<PosedMarker> track_markers(std::vector<Marker> markers, double size,
+                                       const geometry::Camera& camera, double time,
+                                       const geometry::PlanarTrackOptions& options,
+                                       PoseTracks& tracks) {
   options.check();
-  options_ = options;
-}
-
-// The nearest track of the same id that no other marker of this frame has, within reach.
-MarkerTracker::Track& MarkerTracker::track_of(const Marker& marker, double time) {
-  const Eigen::Vector2d middle = middle_of(marker.corners);
-  const double side = (marker.corners[1] - marker.corners[0]).norm();
-  Track* nearest = nullptr;
-  int same = 0;
-  for (Track& track : tracks_) {
-    if (track.id != marker.id) continue;
-    ++same;
-    if (track.is_taken) continue;
-    if (nearest == nullptr || (track.middle - middle).norm() < (nearest->middle - middle).norm())
-      nearest = &track;
-  }
-  // One alone may have moved far in a frame; of several each stays near.
-  if (nearest != nullptr && same > 1 &&
-      (nearest->middle - middle).norm() > 2 * std::max(side, nearest->side))
-    nearest = nullptr;
-  if (nearest == nullptr) {
-    tracks_.emplace_back();
-    nearest = &tracks_.back();
-    nearest->id = marker.id;
-  }
-  nearest->middle = middle;
-  nearest->side = side;
-  nearest->time = time;
-  nearest->is_taken = true;
-  return *nearest;
-}
-
-std::vector<PosedMarker> MarkerTracker::step(std::vector<Marker> markers, double size,
-                                             const geometry::Camera& camera, double time) {
-  if (size != size_) tracks_.clear();
-  size_ = size;
-  std::erase_if(tracks_, [&](const Track& track) {
-    return time < track.time || time - track.time > options_.gap_s;
+  if (size != tracks.size) tracks.tracks.clear();
+  tracks.size = size;
+  std::erase_if(tracks.tracks, [&](const PoseTracks::Track& track) {
+    return time < track.time || time - track.time > options.gap_s;
   });
-  for (Track& track : tracks_) track.is_taken = false;
+  for (PoseTracks::Track& track : tracks.tracks) track.is_taken = false;
   const std::vector<cv::Point2d> corners = corners_on_marker(size);
   std::vector<PosedMarker> posed;
   for (Marker& marker : markers) {
-    Track& track = track_of(marker, time);
+    PoseTracks::Track& track = track_of(marker, time, tracks.tracks);
     const auto tracked = geometry::track_plane(corners, pixels_of(marker.corners), camera, time,
-                                               options_, track.state);
+                                               options, track.state);
     std::optional<MarkerPose> pose;
     if (tracked) {
       pose = MarkerPose{tracked->steady, tracked->pose.rms_px, tracked->other,

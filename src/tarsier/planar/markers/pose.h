@@ -54,31 +54,26 @@ struct BoardMarker {
                                                       std::span<const BoardMarker> board,
                                                       const geometry::Camera& camera);
 
-// Poses over a video, for each marker its own track; two of the same id are told apart by their
-// places.
-class MarkerTracker {
- public:
-  explicit MarkerTracker(const geometry::PlanarTrackOptions& options = {});
-  // `time` in s. The size may change; tracks of another size start again.
-  [[nodiscard]] std::vector<PosedMarker> step(std::vector<Marker> markers, double size,
-                                              const geometry::Camera& camera, double time);
-  void reset() { tracks_.clear(); }
-  void set_options(const geometry::PlanarTrackOptions& options);
-
- private:
+// Poses over a video, for each marker its own track. Starts empty; belongs to one size of markers
+// (another size starts again).
+struct PoseTracks {
   struct Track {
     int id = 0;
     Eigen::Vector2d middle{0, 0};  // px
     double side = 0;               // px
-    double time = 0;
+    double time = 0;               // s
     bool is_taken = false;
     geometry::PlanarTrackState state;
   };
-  Track& track_of(const Marker& marker, double time);
-
-  geometry::PlanarTrackOptions options_;
-  double size_ = 0;
-  std::vector<Track> tracks_;
+  double size = 0;  // m
+  std::vector<Track> tracks;
 };
+
+// The markers of the next frame, at `time` (s), and their poses; two of the same id are kept apart
+// by their places.
+[[nodiscard]] std::vector<PosedMarker> track_markers(std::vector<Marker> markers, double size,
+                                                     const geometry::Camera& camera, double time,
+                                                     const geometry::PlanarTrackOptions& options,
+                                                     PoseTracks& tracks);
 
 }  // namespace tarsier::planar::markers

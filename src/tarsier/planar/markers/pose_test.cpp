@@ -88,9 +88,9 @@ TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
   EXPECT_FALSE(pose_of_board({}, board, camera));
 }
 
-TEST(MarkerTracker, TwoOfOneIdKeepTheirOwnTracks) {
+TEST(PoseTracks, TwoOfOneIdKeepTheirOwnTracks) {
   const geometry::Camera camera = test_camera();
-  MarkerTracker tracker;
+  PoseTracks tracks;
   for (int i = 0; i < 10; ++i) {
     const geometry::Rigid left{{1, 0, 0, 0, -1, 0, 0, 0, -1}, {-0.1 + 0.002 * i, 0, 0.5}};
     const geometry::Rigid right{{1, 0, 0, 0, -1, 0, 0, 0, -1}, {0.1 - 0.002 * i, 0, 0.5}};
@@ -100,7 +100,7 @@ TEST(MarkerTracker, TwoOfOneIdKeepTheirOwnTracks) {
     Marker b = a;
     b.corners = seen(right, 0.05, camera);
     if (i % 2 == 1) std::swap(a, b);  // found in any order
-    const auto posed = tracker.step({a, b}, 0.05, camera, 0.04 * i);
+    const auto posed = track_markers({a, b}, 0.05, camera, 0.04 * i, {}, tracks);
     ASSERT_EQ(posed.size(), 2U);
     for (const PosedMarker& marker : posed) {
       const bool is_left = marker.marker.corners[0].x() < 319;
@@ -113,7 +113,7 @@ TEST(MarkerTracker, TwoOfOneIdKeepTheirOwnTracks) {
 }
 
 // A whole video: found, posed, steadied.
-TEST(MarkerTracker, VideosHaveFewFlipsAndStayPutAtRest) {
+TEST(PoseTracks, VideosHaveFewFlipsAndStayPutAtRest) {
   const Dictionary& family = find_dictionary("36h11");
   synth::VideoOptions options;
   options.shutter = 0;
@@ -121,7 +121,7 @@ TEST(MarkerTracker, VideosHaveFewFlipsAndStayPutAtRest) {
   options.seed = 4;
   options.speed_px = 15;
   const synth::PlanarVideo video = synth::marker_video(family, 4, 0.05, options);
-  MarkerTracker tracker;
+  PoseTracks tracks;
   DetectWorkspace workspace;
   int seen_markers = 0;
   int flips = 0;
@@ -131,8 +131,8 @@ TEST(MarkerTracker, VideosHaveFewFlipsAndStayPutAtRest) {
     const double time = i / 25.0;
     cv::Mat gray;
     cv::cvtColor(video.picture_at(time), gray, cv::COLOR_BGR2GRAY);
-    const auto posed =
-        tracker.step(detect_markers(gray, family, {}, workspace), 0.05, video.camera(), time);
+    const auto posed = track_markers(detect_markers(gray, family, {}, workspace), 0.05,
+                                     video.camera(), time, {}, tracks);
     for (const synth::PrintTruth& truth : video.truth_at(time)) {
       const auto found = std::find_if(posed.begin(), posed.end(), [&](const PosedMarker& m) {
         return m.marker.id == truth.id;

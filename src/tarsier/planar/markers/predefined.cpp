@@ -87,7 +87,7 @@ PredefinedCodes predefined_codes(std::string_view name) {
   return result;
 }
 
-std::vector<OpencvMarker> detect_with_opencv(const cv::Mat& image, std::string_view name) {
+std::vector<Marker> detect_with_opencv(const cv::Mat& image, std::string_view name) {
   const auto number = number_of(name);
   TARSIER_REQUIRE(number.has_value(), "{} is not a family that OpenCV knows", name);
   const OpencvDictionary dictionary = opencv_dictionary(*number);
@@ -102,9 +102,15 @@ std::vector<OpencvMarker> detect_with_opencv(const cv::Mat& image, std::string_v
   parameters->cornerRefinementMethod = cv::aruco::CORNER_REFINE_SUBPIX;
   cv::aruco::detectMarkers(image, dictionary, corners, ids, parameters);
 #endif
-  std::vector<OpencvMarker> result;
-  for (std::size_t i = 0; i < ids.size(); ++i) result.push_back({ids[i], corners[i]});
-  return result;
+  std::vector<Marker> markers;
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    if (corners[i].size() != 4) continue;
+    Marker& marker = markers.emplace_back();
+    marker.id = ids[i];
+    for (std::size_t k = 0; k < 4; ++k)
+      marker.corners[k] = {double{corners[i][k].x}, double{corners[i][k].y}};
+  }
+  return markers;
 }
 
 }  // namespace tarsier::planar::markers

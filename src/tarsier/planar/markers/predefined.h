@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/planar/markers/detector.h"
 #include "tarsier/planar/markers/dictionary.h"
 
 #include <opencv2/core.hpp>
@@ -19,14 +20,8 @@ struct PredefinedCodes {
 // The codes of one of dictionary_names(); cells = 0 for any other name.
 [[nodiscard]] PredefinedCodes predefined_codes(std::string_view name);
 
-struct OpencvMarker {
-  int id = 0;
-  std::vector<cv::Point2f> corners;  // px, the marker's own top left first, clockwise
-};
-
-// What OpenCV's own detector finds (corners refined to sub-pixel), for comparison. `image` is 8-bit
-// grey or BGR.
-[[nodiscard]] std::vector<OpencvMarker> detect_with_opencv(const cv::Mat& image,
-                                                           std::string_view name);
+// What OpenCV's own detector finds (corners refined to sub-pixel), for comparison: id and corners.
+// `image` is 8-bit grey or BGR. Throws std::invalid_argument for a family that OpenCV does not know.
+[[nodiscard]] std::vector<Marker> detect_with_opencv(const cv::Mat& image, std::string_view name);
 
 }  // namespace tarsier::planar::markers

@@ -61,14 +61,14 @@ TEST(MarkerSheetTest, MarkersAreTrueToScaleAndReadable) {
       const cv::Mat picture = raster_of(page, kDpi);
       cv::Mat blurred;  // as a camera sees it
       cv::GaussianBlur(picture, blurred, {}, 1.5);
-      for (const markers::OpencvMarker& found : markers::detect_with_opencv(blurred, family)) {
+      for (const markers::Marker& found : markers::detect_with_opencv(blurred, family)) {
         ++seen[found.id];
         for (std::size_t k = 0; k < 4; ++k) {
-          const cv::Point2f edge = found.corners[(k + 1) % 4] - found.corners[k];
-          EXPECT_NEAR(cv::norm(edge) / 10, side, 0.1);
+          const double edge = (found.corners[(k + 1) % 4] - found.corners[k]).norm();
+          EXPECT_NEAR(edge / 10, side, 0.1);
         }
-        EXPECT_LT(found.corners[0].x, found.corners[1].x);  // upright
-        EXPECT_LT(found.corners[0].y, found.corners[2].y);
+        EXPECT_LT(found.corners[0].x(), found.corners[1].x());  // upright
+        EXPECT_LT(found.corners[0].y(), found.corners[2].y());
       }
       // Nothing within the margins.
       const cv::Rect inner(98, 98, picture.cols - 196, picture.rows - 196);

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/geometry/rotation.h"
+#include "tarsier/planar/pipelines/calibrator.h"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <span>
+
+namespace tarsier::planar {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+
+Json list_of(std::span<const double> numbers) {
+  Json list = Json::array();
+  for (const double number : numbers) list.push_back(number);
+  return list;
+}
+
+}  // namespace
+
+nlohmann::ordered_json to_json(const CalibrationResult& result, const CalibrationImage& image) {
+  Json line;
+  if (image.still) {
+    line["image"] = image.name;
+  } else {
+    line["frame"] = image.index;
+    line["time"] = rounded(image.time, 1e3);
+  }
+  line["found"] = image.found;
+  line["used"] = image.reason.empty() && result.ok();
+  if (!image.reason.empty()) line["reason"] = image.reason;
+  if (image.found) {
+    line["points"] = result.views[image.view].points.size();
+    const calibration::ViewReport& report = result.calibration.views[image.view];
+    if (report.state != calibration::ViewState::kNoPose && result.ok()) {
+      line["dropped"] = report.dropped;
+      line["rms"] = rounded(report.rms, 1e4);
+      line["tilt"] = rounded(report.tilt_deg, 10);
+      line["rvec"] = list_of(geometry::rotation_vector(report.camera_from_board.rotation).val);
+      line["tvec"] = list_of(report.camera_from_board.translation.val);
+    }
+  }
+  line["ms"] = rounded(image.ms, 100);
+  return line;
+}
+
+nlohmann::ordered_json to_json(const CalibrationResult& result) {
+  const calibration::Coverage& coverage = result.coverage;
+  if (!result.ok()) {
+    return {{"board", result.board.text()},
+            {"refusal", result.calibration.refusal},
+            {"pictures", result.images.size()},
+            {"coverage", rounded(coverage.share(), 1e3)},
+            {"missing", coverage.missing()}};
+  }
+  const geometry::Camera& camera = result.calibration.camera;
+  const calibration::Deviations& d = result.calibration.deviations;
+  return {{"model", name_of(camera.lens)},
+          {"board", result.board.text()},
+          {"width", camera.width},
+          {"height", camera.height},
+          {"fx", camera.fx},
+          {"fy", camera.fy},
+          {"cx", camera.cx},
+          {"cy", camera.cy},
+          {"distortion", list_of(camera.coefficients())},
+          {"rms", rounded(camera.rms, 1e6)},
+          {"deviations",
+           {{"fx", d.fx},
+            {"fy", d.fy},
+            {"cx", d.cx},
+            {"cy", d.cy},
+            {"distortion", list_of({d.distortion.data(), camera.coefficients().size()})}}},
+          {"pictures", result.images.size()},
+          {"used", result.calibration.used},
+          {"coverage", rounded(coverage.share(), 1e3)},
+          {"missing", coverage.missing()},
+          {"warnings", result.calibration.warnings}};
+}
+
+}  // namespace tarsier::planar

@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/planar/pipelines/marker_tracker.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/geometry/scaled_camera.h"
+#include "tarsier/planar/markers/predefined.h"
+#include "tarsier/synth/planar_worlds.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include <map>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <string>
+
+namespace tarsier::planar {
+namespace {
+
+constexpr double kSide = 0.05;
+
+synth::PlanarVideo video(const std::string& family = "36h11") {
+  synth::VideoOptions options;
+  options.size = {480, 360};
+  options.speed_px = 8;
+  options.shutter = 0;
+  options.cover = false;
+  return synth::marker_video(markers::find_dictionary(family), 4, kSide, options);
+}
+
+Frame frame_of(const cv::Mat& image, bool still, double time = 0,
+               const std::string& name = "desk.mp4") {
+  Frame frame;
+  frame.image = image;
+  frame.still = still;
+  frame.time = time;
+  frame.name = name;
+  return frame;
+}
+
+MarkerTrackerOptions options_with_camera() {
+  MarkerTrackerOptions options;
+  options.side = kSide;
+  options.camera = video().camera();
+  return options;
+}
+
+double away(const TrackedMarker& marker) {
+  return cv::norm(marker.pose->camera_from_marker.translation);
+}
+
+TEST(MarkerTracker, FindsMarkersAndTheirPoses) {
+  const auto tracker = MarkerTracker::load(options_with_camera());
+  MarkerState state;
+  const auto result = tracker.process(frame_of(video().picture_at(1), true), state);
+  ASSERT_EQ(result.markers.size(), 4U);
+  std::map<int, synth::PrintTruth> truth;
+  for (const synth::PrintTruth& print : video().truth_at(1)) truth[print.id] = print;
+  for (const TrackedMarker& marker : result.markers) {
+    EXPECT_EQ(marker.family, "36h11");
+    ASSERT_TRUE(truth.contains(marker.marker.id) && marker.pose);
+    const synth::PrintTruth& print = truth[marker.marker.id];
+    for (std::size_t k = 0; k < 4; ++k) {
+      EXPECT_NEAR(marker.marker.corners[k].x(), print.corners[k].x, 0.5);
+      EXPECT_NEAR(marker.marker.corners[k].y(), print.corners[k].y, 0.5);
+    }
+    const double distance = cv::norm(print.camera_from_print.translation);
+    EXPECT_NEAR(away(marker), distance, 0.02 * distance);
+  }
+}
+
+TEST(MarkerTracker, IsTheLineOfTheProgram) {
+  const auto tracker = MarkerTracker::load(options_with_camera());
+  MarkerState state;
+  auto result = tracker.process(frame_of(video().picture_at(1), true), state);
+  result.ms = 12.3456;
+  const auto json = to_json(result);
+  std::string keys;
+  for (const auto& item : json["markers"][0].items()) keys += item.key() + " ";
+  EXPECT_EQ(keys, "id corners rvec tvec errors ambiguity margin ");
+  EXPECT_EQ(json["markers"].size(), 4U);
+  EXPECT_EQ(json["markers"][0]["corners"].size(), 4U);
+  EXPECT_EQ(json["ms"], 12.35);
+}
+
+TEST(MarkerTracker, SmoothsVideosUntilAnotherSourceBegins) {
+  const auto tracker = MarkerTracker::load(options_with_camera());
+  MarkerState alone;
+  MarkerState state;
+  const auto clip = video();
+  const auto pose_of = [&](const MarkerResult& result) {
+    return result.markers.at(0).pose->camera_from_marker.translation;
+  };
+  const auto exactly = [&](double time) {
+    alone = {};
+    return pose_of(tracker.process(frame_of(clip.picture_at(time), true), alone));
+  };
+  for (int i = 0; i < 5; ++i)
+    (void)tracker.process(frame_of(clip.picture_at(i / 25.0), false, i / 25.0), state);
+  const cv::Mat last = clip.picture_at(0.2);
+  const auto tracked = pose_of(tracker.process(frame_of(last, false, 0.2), state));
+  EXPECT_GT(cv::norm(tracked - exactly(0.2)), 0);  // between this frame and those before
+  const auto other = pose_of(tracker.process(frame_of(last, false, 0.2, "other.mp4"), state));
+  EXPECT_EQ(cv::norm(other - exactly(0.2)), 0);
+  // Frames of a folder that is played as a video are one source.
+  for (int i = 0; i < 5; ++i)
+    (void)tracker.process(
+        frame_of(clip.picture_at(i / 25.0), false, i / 25.0, "a/" + std::to_string(i) + ".png"),
+        state);
+  EXPECT_EQ(pose_of(tracker.process(frame_of(last, false, 0.2, "a/5.png"), state)), tracked);
+}
+
+TEST(MarkerTracker, SearchesSeveralFamiliesAndNamesThem) {
+  const cv::Mat tags = video().picture_at(1);
+  const cv::Mat codes = video("6x6_250").picture_at(1);
+  cv::Mat both;
+  cv::hconcat(tags, codes, both);
+  MarkerTrackerOptions options;
+  options.families = {"36h11", "6x6_250"};
+  options.side = kSide;
+  const auto tracker = MarkerTracker::load(options);
+  MarkerState state;
+  const auto result = tracker.process(frame_of(both, false), state);
+  std::map<std::string, int> counts;
+  for (const TrackedMarker& marker : result.markers) {
+    ++counts[marker.family];
+    const bool is_left = marker.marker.corners[0].x() < tags.cols;
+    EXPECT_EQ(marker.family, is_left ? "36h11" : "6x6_250");
+  }
+  EXPECT_EQ(counts["36h11"], 4);
+  EXPECT_EQ(counts["6x6_250"], 4);
+  EXPECT_EQ(to_json(result)["markers"][0]["family"], "36h11");
+}
+
+TEST(MarkerTracker, WithoutASideThereAreNoPoses) {
+  MarkerTrackerOptions options;
+  options.side = 0;
+  const auto tracker = MarkerTracker::load(options);
+  MarkerState state;
+  cv::Mat gray;
+  cv::cvtColor(video().picture_at(1), gray, cv::COLOR_BGR2GRAY);
+  const auto result = tracker.process(frame_of(gray, true), state);
+  ASSERT_EQ(result.markers.size(), 4U);
+  EXPECT_FALSE(result.markers[0].pose);
+  EXPECT_FALSE(to_json(result)["markers"][0].contains("rvec"));
+}
+
+TEST(MarkerTracker, OpencvFindsTheSameOnes) {
+  MarkerTrackerOptions options = options_with_camera();
+  const Frame frame = frame_of(video().picture_at(1), true);
+  MarkerState state;
+  const auto own = MarkerTracker::load(options).process(frame, state);
+  options.detector = MarkerDetector::kOpencv;
+  const auto opencv = MarkerTracker::load(options).process(frame, state);
+  EXPECT_EQ(opencv.markers.size(), own.markers.size());
+  for (const TrackedMarker& a : own.markers)
+    for (const TrackedMarker& b : opencv.markers)
+      if (a.marker.id == b.marker.id) {
+        EXPECT_LT((a.marker.corners[0] - b.marker.corners[0]).norm(), 2);
+      }
+}
+
+TEST(MarkerTracker, ScalesTheCameraGuessesItOrRefusesIt) {
+  MarkerTrackerOptions options = options_with_camera();
+  options.camera = geometry::guessed_camera({960, 720});
+  const Frame frame = frame_of(video().picture_at(1), true);
+  MarkerState state;
+  EXPECT_NEAR(MarkerTracker::load(options).process(frame, state).camera.fx, 480, 1e-9);
+  options.camera = geometry::guessed_camera({1280, 720});
+  EXPECT_THROW((void)MarkerTracker::load(options).process(frame, state), InputError);
+  options.camera.reset();
+  options.focal_px = 700;
+  EXPECT_EQ(MarkerTracker::load(options).process(frame, state).camera.fx, 700);
+}
+
+TEST(MarkerTracker, RefusesBadOptionsAndImages) {
+  MarkerTrackerOptions options;
+  options.families = {};
+  EXPECT_THROW((void)MarkerTracker::load(options), std::invalid_argument);
+  options.families = {"9x9"};
+  EXPECT_THROW((void)MarkerTracker::load(options), UsageError);
+  options = {};
+  options.side = -1;
+  EXPECT_THROW((void)MarkerTracker::load(options), std::invalid_argument);
+  MarkerState state;
+  EXPECT_THROW((void)MarkerTracker::load().process(frame_of({}, true), state),
+               std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::planar

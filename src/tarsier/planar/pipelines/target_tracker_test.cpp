@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/planar/pipelines/target_tracker.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/media/testing_folder.h"
+#include "tarsier/planar/image_targets/target_io.h"
+#include "tarsier/planar/image_targets/train.h"
+#include "tarsier/synth/planar_source.h"
+#include "tarsier/synth/planar_worlds.h"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <string>
+
+namespace tarsier::planar {
+namespace {
+
+synth::PlanarVideo video() { return synth::print_video({synth::poster_print(0, 5)}, {}); }
+
+const image_targets::Target& poster() {
+  static const image_targets::Target target = [] {
+    image_targets::TrainOptions options;
+    options.trials = 4;
+    return image_targets::train_target(synth::poster_print(0, 5).picture, "poster", options);
+  }();
+  return target;
+}
+
+Frame frame_of(const cv::Mat& image, bool still, const std::string& name = "desk.mp4") {
+  Frame frame;
+  frame.image = image;
+  frame.still = still;
+  frame.name = name;
+  return frame;
+}
+
+TEST(TargetTracker, FindsATargetOfAFileAndItsPose) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "poster.target.json";
+  image_targets::write_target(path, poster());
+  TargetTrackerOptions options;
+  options.camera = video().camera();
+  const auto tracker = TargetTracker::load({path}, options);
+  EXPECT_EQ(tracker.targets().size(), 1U);
+  TargetState state;
+  auto result = tracker.process(frame_of(video().picture_at(0), true), state);
+  ASSERT_EQ(result.seen.size(), 1U);
+  EXPECT_EQ(result.target_of(result.seen[0]).name, "poster");
+  const auto truth = video().truth_at(0);
+  for (std::size_t k = 0; k < 4; ++k)
+    EXPECT_LT(cv::norm(result.seen[0].corners[k] - truth[0].corners[k]), 1);
+  ASSERT_TRUE(result.seen[0].pose);
+  EXPECT_LT(cv::norm(result.seen[0].pose->camera_from_plane.translation -
+                     truth[0].camera_from_print.translation),
+            0.01);
+  result.ms = 7.006;
+  const auto json = to_json(result);
+  std::string keys;
+  for (const auto& item : json["markers"][0].items()) keys += item.key() + " ";
+  EXPECT_EQ(keys, "id name corners homography confidence rvec tvec rms_px ");
+  EXPECT_EQ(json["ms"], 7.01);
+}
+
+TEST(TargetTracker, TracksAVideoUntilAnotherSourceBegins) {
+  const TargetTracker tracker({poster()});
+  TargetState state;
+  const auto clip = video();
+  const auto frames_of = [&](const std::string& name, double time, bool still = false) {
+    const auto result = tracker.process(frame_of(clip.picture_at(time), still, name), state);
+    return result.seen.empty() ? 0 : static_cast<int>(result.seen[0].frames);
+  };
+  EXPECT_EQ(frames_of("a.mp4", 0), 1);
+  EXPECT_EQ(frames_of("a.mp4", 0.04), 2);
+  EXPECT_EQ(frames_of("a.mp4", 0.08), 3);
+  redetect(state);
+  EXPECT_EQ(frames_of("a.mp4", 0.12), 1);
+  EXPECT_EQ(frames_of("a.mp4", 0.16), 2);
+  EXPECT_EQ(frames_of("b.mp4", 0.2), 1);
+  EXPECT_EQ(frames_of("b.mp4", 0.2, true), 1);  // a still, for itself
+  EXPECT_EQ(frames_of("c/1.png", 0.2), 1);
+  EXPECT_EQ(frames_of("c/2.png", 0.24), 2);  // a folder that is played as a video
+}
+
+TEST(TargetTracker, KnowsNoPoseWithoutACamera) {
+  const TargetTracker tracker({poster()});
+  TargetState state;
+  const auto result = tracker.process(frame_of(video().picture_at(0), true), state);
+  ASSERT_EQ(result.seen.size(), 1U);
+  EXPECT_FALSE(result.seen[0].pose);
+  EXPECT_FALSE(result.camera);
+  EXPECT_FALSE(to_json(result)["markers"][0].contains("tvec"));
+}
+
+TEST(TargetTracker, NamesWhatIsWrong) {
+  EXPECT_THROW((void)TargetTracker::load({"/nowhere/x.target.json"}), Error);
+  TargetTrackerOptions options;
+  options.track.good_part = 2;
+  EXPECT_THROW((void)TargetTracker({}, options), std::invalid_argument);
+  options = {};
+  options.camera = video().camera();
+  TargetState state;
+  const cv::Mat square(480, 480, CV_8UC3, cv::Scalar::all(9));
+  EXPECT_THROW((void)TargetTracker({}, options).process(frame_of(square, true), state), InputError);
+  EXPECT_THROW((void)TargetTracker({}).process(frame_of({}, true), state), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tarsier::planar
