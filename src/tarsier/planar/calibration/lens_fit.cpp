@@ -3,6 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/geometry/planar_pose.h"
 
 #include <Eigen/Cholesky>
 #include <opencv2/calib3d.hpp>
@@ -297,39 +298,23 @@ FitResult fit_lens(Camera& camera, std::vector<FitView>& views, const FitOptions
 }
 
 std::optional<Rigid> start_pose(const Camera& camera, const FitView& view) {
-  std::vector<cv::Point3d> board;
+  std::vector<cv::Point2d> board;
   std::vector<cv::Point2d> rays;
   for (std::size_t i = 0; i < view.board.size(); ++i) {
     const auto ray = camera.normalized_of(view.pixels[i]);
     // Rays far off the axis would outweigh all others on the plane.
     if (!ray || cv::norm(*ray) > 8) continue;
-    board.emplace_back(view.board[i].x, view.board[i].y, 0);
+    board.push_back(view.board[i]);
     rays.push_back(*ray);
   }
-  if (board.size() < 4) return std::nullopt;
-  cv::Vec3d turn;
-  cv::Vec3d translation;
-  try {
-    std::vector<cv::Mat> turns;
-    std::vector<cv::Mat> translations;
-    // IPPE gives both poses that a plane may have, the better one first.
-    if (cv::solvePnPGeneric(board, rays, cv::Matx33d::eye(), cv::noArray(), turns, translations,
-                            false, cv::SOLVEPNP_IPPE) < 1) {
-      return std::nullopt;
-    }
-    turn = cv::Vec3d(turns[0]);
-    translation = cv::Vec3d(translations[0]);
-  } catch (const cv::Exception&) {  // points on a line
-    return std::nullopt;
-  }
-  Rigid pose;
-  cv::Rodrigues(turn, pose.rotation);
-  pose.translation = translation;
-  if (!std::isfinite(cv::norm(pose.rotation)) || !std::isfinite(cv::norm(translation)))
-    return std::nullopt;
-  for (const cv::Point3d& p : board)
-    if (!((pose * cv::Vec3d(p.x, p.y, 0))[2] > 0)) return std::nullopt;
-  return pose;
+  Camera plain;  // whose pixels are the rays
+  plain.fx = plain.fy = 1;
+  plain.cx = plain.cy = 0;
+  geometry::PlanarPoseOptions closed_form;
+  closed_form.iterations = 0;
+  const auto poses = geometry::planar_poses(board, rays, plain, closed_form);
+  if (!poses) return std::nullopt;
+  return poses->best.camera_from_plane;
 }
 
 }  // namespace tarsier::planar::calibration
