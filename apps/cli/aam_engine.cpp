@@ -127,7 +127,7 @@ AamEngine make_aam_engine(const AamFlags& flags) {
   if (flags.start == "detector" && !knows_boxes) {
     throw ModelError(
         engine.path,
-        "was learnt of things that the face detector does not see; use --start search");
+        "was trained on objects that the face detector does not find; use --start search");
   }
   if (flags.start == "landmarks") {
     engine.find = from_landmarks(*engine.model, flags, engine.path);

@@ -6,7 +6,7 @@
 namespace tarsier::cli {
 
 void add_bench(Command& app, Context& context, const RunBench& run) {
-  Command& bench = app.add_subcommand("bench", "measures how fast things are on this machine");
+  Command& bench = app.add_subcommand("bench", "measures speed on this machine");
   bench.require_subcommand(1);
   const auto options = std::make_shared<BenchOptions>();
   for (const BenchInfo& info : kBenches) {

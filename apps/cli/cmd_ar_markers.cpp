@@ -23,7 +23,7 @@
 namespace tarsier::cli {
 namespace {
 
-// More triangles than this are no live picture, and no thing that stands on a marker needs them.
+// More triangles than this are no live picture, and no object that stands on a marker needs them.
 constexpr int kMaxTriangles = 500'000;
 
 struct MarkersFlags {
@@ -89,12 +89,12 @@ ArSessionOptions drawing_of(const MarkersFlags& flags) {
   options.outlines = flags.draw == "ids" && flags.mesh.empty();
   options.augment.scale = flags.scale;
   options.augment.shadow = !flags.no_shadow;
-  options.augment.thing =
-      planar::augment::thing_named(flags.draw).value_or(planar::augment::Thing::kNone);
+  options.augment.object =
+      planar::augment::object_named(flags.draw).value_or(planar::augment::Object::kNone);
   if (!flags.mesh.empty()) {
     options.augment.mesh =
         read_thing(flags.mesh, flags.up == "z" ? planar::augment::Up::kZ : planar::augment::Up::kY);
-    options.augment.thing = planar::augment::Thing::kMesh;
+    options.augment.object = planar::augment::Object::kMesh;
   }
   return options;
 }
@@ -204,7 +204,7 @@ void add_flags(Command& verb, MarkersFlags& flags) {
 void add_ar_markers(Command& ar, Context& context) {
   add_debug_flag(add_verb<MarkersFlags>(ar, "markers",
                                         "finds printed markers, where they are, and draws "
-                                        "things that stand on them",
+                                        "objects that stand on them",
                                         context, add_flags, run_markers),
                  context);
 }

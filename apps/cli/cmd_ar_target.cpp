@@ -175,7 +175,7 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
 void add_train_flags(Command& verb, TrainFlags& flags) {
   verb.add_option("picture", flags.picture, "the flat picture, seen squarely, without a margin")
       .required();
-  verb.add_option("-o,--output", flags.output, "the target file: thing.target.json").required();
+  verb.add_option("-o,--output", flags.output, "the target file: cover.target.json").required();
   verb.add_option("--width", flags.width, "of the print: 20cm, 0.2m, 200mm").show_default();
   verb.add_option("--name", flags.name, "what it is called [the picture's name]");
   verb.add_option("--draw", flags.draw, "picture to write: how trackable it is, and where weak");

@@ -69,7 +69,7 @@ ExitStatus run_help(const Command& root, const Context& context, const HelpOptio
 
 void add_help(Command& app, Context& context) {
   Command& verb = app.add_subcommand("help", "the help of a verb; all verbs for other programs");
-  verb.group("");  // `--help` after any verb is what people are told of
+  verb.group("");  // `--help` after any verb is what messages name
   const auto options = std::make_shared<HelpOptions>();
   verb.add_option("VERB", options->words, "area and verb, e.g. plate read");
   Flag& manual = verb.add_option("--man", options->manual, "folder to write manual pages into");

@@ -47,9 +47,9 @@ class Events {
       const bool video = !frame.still && face.face.id > 0;
       const std::string what = (face.name.known ? "+" : "-") + face.name.label;
       if (video) {
-        Told& told = told_[face.face.id];
-        told.time = frame.time;
-        if (std::exchange(told.what, what) == what) continue;
+        Reported& reported = reported_[face.face.id];
+        reported.time = frame.time;
+        if (std::exchange(reported.what, what) == what) continue;
       }
       if (gallery != nullptr && !flags_.keep.empty())
         gallery->add_sighting(now_ms(), frame.name, face.name.label, face.name.known,
@@ -66,18 +66,18 @@ class Events {
       on_event_.post(line);
     }
     // A face that is out of sight for so long does not come back under its number.
-    std::erase_if(told_, [&](const auto& told) { return frame.time - told.second.time > kLost_s; });
+    std::erase_if(reported_, [&](const auto& entry) { return frame.time - entry.second.time > kLost_s; });
   }
 
  private:
   static constexpr double kLost_s = 60;
-  struct Told {
+  struct Reported {
     std::string what;
     double time = 0;  // when it was last seen, s
   };
   const IdentifyFlags& flags_;
   OnEvent& on_event_;
-  std::map<int, Told> told_;
+  std::map<int, Reported> reported_;
   std::string source_;
 };
 

@@ -65,7 +65,7 @@ plate::PlateTruth read_truths(const std::vector<std::string>& paths) {
   for (const std::string& path : paths) {
     for (auto& [image, plates] : plate::read_plate_truth(path)) {
       if (!all.emplace(image, std::move(plates)).second) {
-        throw InputError(path, fmt::format("'{}' is in another truth too: images are told by "
+        throw InputError(path, fmt::format("'{}' is in another truth too: images are matched by "
                                            "their base names",
                                            printable(image)));
       }

@@ -41,13 +41,13 @@ PresenceEvents::PresenceEvents(OnEvent& on_event, std::string kind)
 void PresenceEvents::frame(const Frame& frame, const nlohmann::ordered_json& seen) {
   if (!on_event_) return;
   std::vector<std::int64_t> ids;
-  for (const nlohmann::ordered_json& thing : seen) {
-    ids.push_back(thing.at("id"));
-    if (thing.contains("name")) names_[ids.back()] = thing.at("name");
+  for (const nlohmann::ordered_json& object : seen) {
+    ids.push_back(object.at("id"));
+    if (object.contains("name")) names_[ids.back()] = object.at("name");
   }
   if (frame.still) {
     finish();
-    for (const nlohmann::ordered_json& thing : seen) post_appeared(frame, thing);
+    for (const nlohmann::ordered_json& object : seen) post_appeared(frame, object);
     return;
   }
   for (const PresenceChange& change : presence_.step(source_of(frame), frame.time, ids)) {
@@ -73,14 +73,14 @@ void PresenceEvents::post_lost(const std::vector<PresenceChange>& lost) {
   }
 }
 
-void PresenceEvents::post_appeared(const Frame& frame, const nlohmann::ordered_json& thing) {
+void PresenceEvents::post_appeared(const Frame& frame, const nlohmann::ordered_json& object) {
   nlohmann::ordered_json event{{"event", kind_}, {"state", "appeared"}};
   if (frame.still) {
     event["image"] = frame.name;
   } else {
     event.update({{"source", source_of(frame)}, {"frame", frame.index}, {"time", frame.time}});
   }
-  event.update(thing);
+  event.update(object);
   on_event_.post(event);
 }
 

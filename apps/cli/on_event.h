@@ -37,19 +37,19 @@ class OnEvent {
   std::optional<EventCommand> command_;
 };
 
-// Of stills each thing that is seen, of videos those that appear and are lost: {"event": `kind`,
+// Of stills each object that is seen, of videos those that appear and are lost: {"event": `kind`,
 // "state": "appeared" or "lost", ..}.
 class PresenceEvents {
  public:
   // `on_event` must outlive it.
   PresenceEvents(OnEvent& on_event, std::string kind);
-  // `seen`: a list of objects with "id", and "name" where the things have one.
+  // `seen`: a list of objects with "id", and "name" where the objects have one.
   void frame(const Frame& frame, const nlohmann::ordered_json& seen);
   void finish();
 
  private:
   void post_lost(const std::vector<PresenceChange>& lost);
-  void post_appeared(const Frame& frame, const nlohmann::ordered_json& thing);
+  void post_appeared(const Frame& frame, const nlohmann::ordered_json& object);
 
   OnEvent& on_event_;
   std::string kind_;

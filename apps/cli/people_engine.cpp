@@ -47,7 +47,7 @@ face::people::FaceReaderOptions reading_options(const PeopleFlags& flags) {
 
 face::people::FaceReader make_face_reader(const PeopleFlags& flags) {
   const face::people::FaceReaderOptions options = reading_options(flags);
-  // A wrong path is told before anything is written, also where the file is needed only at the end.
+  // A wrong path is reported before anything is written, also where the file is needed only at the end.
   if (!flags.background.empty()) static_cast<void>(find_background(flags));
   const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
   throw_if_stopped(stop_on_signals());

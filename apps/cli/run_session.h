@@ -59,7 +59,7 @@ struct RunHooks {
   std::string title;                               // of the window and the progress bar: "cartoon"
   std::function<void(const Frame&)> before_frame;  // just before the session gets it
   std::function<void(const Frame&)> after_frame;   // when the session has dealt with it
-  DebugFolder* debug = nullptr;                    // is told of each frame that begins
+  DebugFolder* debug = nullptr;                    // is called for each frame that begins
   bool quiet_frames = false;                       // no JSON line for each frame of a video
   // The area's part of a frame's JSON line.
   std::function<void(const View&, nlohmann::ordered_json& line)> describe;

@@ -93,11 +93,11 @@ void demo_markers(Context& context, DemoPage& page) {
   const auto tracker = planar::MarkerTracker::load(how);
   ArSessionOptions options;
   options.outlines = false;
-  options.augment.thing = planar::augment::Thing::kMesh;
+  options.augment.object = planar::augment::Object::kMesh;
   options.augment.mesh = box_and_ball();
   context.progress->begin("markers", kFrames, "frames");
   page.begin_area(
-      "Things on printed markers",
+      "Objects on printed markers",
       "A black square with a pattern tells where the camera is. What is drawn on it stays "
       "put, throws its shadow on the sheet and is hidden where it is behind.");
   ArSession session(tracker, options);
@@ -130,27 +130,27 @@ void demo_markers(Context& context, DemoPage& page) {
   poster = page.picture("markers-poster", drawn, "a video of a drawn desk");
   page.compare(page.picture("markers-plain", plain, "what the camera sees"),
                page.picture("markers-drawn", drawn, "with a painted box on each marker"));
-  page.command("tarsier ar markers 0 --size 50mm --camera camera.yaml --mesh thing.obj --window");
+  page.command("tarsier ar markers 0 --size 50mm --camera camera.yaml --mesh object.obj --window");
   if (write_demo_video(page.path_of("markers.mp4"), frames, kFps)) {
     DemoPicture moving = poster;
     moving.file = "img/markers.mp4";
     page.video(moving, poster);
   }
   add_table(page, tally);
-  // The other things, on one picture.
+  // The other objects, on one picture.
   Frame still;
   still.still = true;
   still.name = "still";
   still.image = plain;
-  for (const planar::augment::Thing thing :
-       {planar::augment::Thing::kNone, planar::augment::Thing::kAxes,
-        planar::augment::Thing::kCube}) {
-    options.augment.thing = thing;
-    options.outlines = thing == planar::augment::Thing::kNone;
+  for (const planar::augment::Object object :
+       {planar::augment::Object::kNone, planar::augment::Object::kAxes,
+        planar::augment::Object::kCube}) {
+    options.augment.object = object;
+    options.outlines = object == planar::augment::Object::kNone;
     ArSession other(tracker, options);
     const View view = other.on_frame(still, live);
     const std::string name(
-        thing == planar::augment::Thing::kNone ? "ids" : planar::augment::name_of(thing));
+        object == planar::augment::Object::kNone ? "ids" : planar::augment::name_of(object));
     shown.push_back(page.picture("markers-" + name, view.output, "--draw " + name));
   }
   page.grid(shown);

@@ -37,7 +37,7 @@ class DemoPage {
   void compare(const DemoPicture& before,
                const DemoPicture& after);                // with a line to drag between them
   void grid(const std::vector<DemoPicture>& pictures);   // as many beside each other as fit
-  void strip(const std::vector<DemoPicture>& pictures);  // numbered stages of one thing
+  void strip(const std::vector<DemoPicture>& pictures);  // numbered stages of one image
   void video(const DemoPicture& video, const DemoPicture& poster);
   // `bars` is the number of a column (from 0) that is also shown as bars, or -1.
   void table(const std::vector<std::string>& columns,

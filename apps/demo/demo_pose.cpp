@@ -206,7 +206,7 @@ DemoPicture learnt_head(DemoPage& page) {
 }  // namespace
 
 void demo_pose(Context& context, DemoPage& page) {
-  page.begin_area("Where things stand, where heads look",
+  page.begin_area("Head and object pose",
                   "The pose of a known object from one picture (POSIT and a few steps of "
                   "Levenberg-Marquardt), and of a head, whose 3D points were learnt from flat "
                   "pictures of a thousand faces.");

@@ -45,7 +45,7 @@ struct Polynomial {
   int degree = 0;
 };
 
-// Whether every value on [0, 1] is positive, told from Bernstein coefficients: the curve lies
+// Whether every value on [0, 1] is positive, decided by Bernstein coefficients: the curve lies
 // within their range and begins and ends in the first and the last; halves are looked at where the
 // range says nothing.
 bool is_positive(std::array<double, kMaxDegree + 1> b, int degree, int depth) {

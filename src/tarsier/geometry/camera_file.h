@@ -7,11 +7,11 @@
 
 namespace tarsier::geometry {
 
-// Reads one camera from a file of up to 1 MB, told by its content, not by its name:
+// Reads one camera from a file of up to 1 MB, recognised by its content, not by its name:
 // - our own camera.yaml (see write_camera_file);
 // - YAML or XML of OpenCV's FileStorage: camera_matrix, Camera_Matrix, cameraMatrix or K;
 //   distortion_coefficients, Distortion_Coefficients, distCoeffs or dist_coeffs (none, 4, 5
-//   or 8 numbers, more only if they are 0; 4 of a fisheye, which is told by "fisheye_model: 1", by
+//   or 8 numbers, more only if they are 0; 4 of a fisheye, which is marked by "fisheye_model: 1", by
 //   "distortion_model: equidistant" or fisheye, or by Options); image_width, image_height;
 //   avg_reprojection_error;
 // - COLMAP's cameras.txt with one camera (see colmap_camera.h), whose pixel middles at 0.5 become

@@ -10,7 +10,7 @@
 #include <span>
 #include <vector>
 
-// Where a flat thing of known size is, from one picture.
+// Where a planar object of known size is, from one picture.
 namespace tarsier::geometry {
 
 // The matrix H, with |H| = 1 and H(2, 2) >= 0, that minimises the algebraic error of to ~ H from,
@@ -38,7 +38,7 @@ struct PlanarPoses {
   PlanarPose best;                  // the one that explains the points better
   std::optional<PlanarPose> other;  // the second minimum, if it is one
   // How much worse the other is: its misfit over the best one's; infinite where there is no other.
-  // Near 1 the two cannot be told apart in this picture.
+  // Near 1 this image does not decide between the two.
   [[nodiscard]] double ambiguity_ratio() const;
 };
 

@@ -73,7 +73,7 @@ TEST(PlanarPose, BothSolutionsOfASmallTiltedSquareAreGiven) {
   EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 0.1);
   EXPECT_GT(degrees_between(found->other->camera_from_plane, truth), 20);
   EXPECT_LT(found->other->rms_px, 1.0);
-  EXPECT_GT(found->ambiguity_ratio(), 10);  // without noise they can be told apart
+  EXPECT_GT(found->ambiguity_ratio(), 10);  // without noise they are distinct
 }
 
 TEST(PlanarPose, IsAsGoodAsTheBestOfOpencvUnderNoise) {

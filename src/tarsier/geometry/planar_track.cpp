@@ -68,7 +68,7 @@ struct Choice {
 Choice assigned(const PlanarPoses& poses, const PlanarTrackState& state) {
   Choice choice{poses.best, poses.other};
   if (!poses.other) return choice;
-  // The thing turns on as it did, a little less: what was measured is noise in part.
+  // The object turns on as it did, a little less: what was measured is noise in part.
   const cv::Matx33d on = interpolate(cv::Matx33d::eye(), state.turn, 0.7);
   const cv::Matx33d kept = on * state.kept.rotation;
   const double best = angle_between(poses.best.camera_from_plane.rotation, kept);

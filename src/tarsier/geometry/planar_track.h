@@ -9,11 +9,11 @@
 #include <span>
 #include <vector>
 
-// The pose of a flat thing over a video: which of its two poses is the true one, and steady.
+// The pose of a planar object over a video: which of its two poses is the true one, and steady.
 namespace tarsier::geometry {
 
 struct PlanarTrackOptions {
-  // Standard deviation that a pixel is trusted to, px, > 0; or the share of the thing's size in the
+  // Standard deviation that a pixel is trusted to, px, > 0; or the share of the object's size in the
   // picture if that is more (a camera that is not exactly known errs in proportion).
   double noise_px = 0.3;
   double noise_share = 0.003;  // >= 0
@@ -53,10 +53,10 @@ struct TrackedPlane {
 // One frame. Both poses (planar_poses) are followed: each belongs to the nearer of those of the
 // last frame, turned on as before; the squared errors of the two in px over twice the noise squared
 // are summed over the frames as odds, and the pose is changed only against clear odds. So a still
-// thing near frontal, whose poses explain single pictures alike, does not flip; and a wrong choice
+// object near frontal, whose poses explain single pictures alike, does not flip; and a wrong choice
 // at the start is mended as soon as the pictures tell. Smoothing is a one-euro filter (Casiez et
 // al., CHI 2012) on rotation and translation alike, whose speed is that of the pixels: what moves
-// depth and tilt of a small thing moves its pixels little, so that their noise is smoothed as
+// depth and tilt of a small object moves its pixels little, so that their noise is smoothed as
 // noise; and the leash bounds the lag. Empty where there is no pose; the state is then as it was.
 // `time` (s) rises; otherwise, after a gap, or for another number of points it starts again.
 [[nodiscard]] std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,

@@ -292,7 +292,7 @@ LiveFailure ChildBackend::how_it_ended() {
     if (!tail.empty()) failure.reason += fmt::format(": {}", tail.substr(0, 300));
     failure.definite = WIFEXITED(status) && WEXITSTATUS(status) != 0;
   }
-  // Whether the thing is there at all decides if waiting means probing for it.
+  // Whether the device is there at all decides if waiting means probing for it.
   failure.unreachable = command_.reachable && !command_.reachable(milliseconds(100), {});
   return failure;
 }

@@ -70,7 +70,7 @@ class HttpSink final : public FrameSink {
             MHD_USE_ITC,
         0, nullptr, nullptr, &HttpSink::answer, this, MHD_OPTION_LISTEN_SOCKET,
         static_cast<MHD_socket>(fd), MHD_OPTION_NOTIFY_CONNECTION, &HttpSink::note_connection, this,
-        // Room beside the viewers, so that a full house can still be told so; and room beside one
+        // Room beside the viewers, so that further ones can still be refused with a reason; and room beside one
         // address, so that nobody shuts the others out. One address may be a proxy for all viewers.
         MHD_OPTION_CONNECTION_LIMIT, static_cast<unsigned>(options_.max_viewers) + 16U,
         MHD_OPTION_PER_IP_CONNECTION_LIMIT, static_cast<unsigned>(options_.max_viewers) + 4U,

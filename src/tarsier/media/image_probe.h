@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-// What can be told of a picture's bytes without decoding them; for image_file.cpp. Nothing here
+// What an image's bytes say without being decoded; for image_file.cpp. Nothing here
 // reads outside `bytes`.
 namespace tarsier {
 

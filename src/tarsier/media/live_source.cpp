@@ -203,7 +203,7 @@ void LiveSource::give_up(const std::string& reason) {
   wake_.notify_all();
 }
 
-// Whether the user's patience is over; then the consumer is told.
+// Whether the user's patience is over; then the consumer gets a status.
 bool LiveSource::out_of_time(const std::string& reason) {
   std::string message;
   {

@@ -26,7 +26,7 @@ namespace tarsier::render {
 // triangles.
 [[nodiscard]] Mesh make_sphere(int rings, const cv::Vec3f& color);
 
-// Things for a head of the frame of face::head::HeadModel: mm, origin midway between the outer eye
+// Meshes for a head of the frame of face::head::HeadModel: mm, origin midway between the outer eye
 // corners, x to image right, y down, z away from the camera; 89 mm between the eye corners.
 [[nodiscard]] Mesh make_glasses();
 [[nodiscard]] Mesh make_hat();

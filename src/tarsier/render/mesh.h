@@ -41,7 +41,7 @@ struct Mesh {
   std::vector<Material> materials;
   std::vector<Texture> textures;
 
-  // Throws std::invalid_argument that names the first thing wrong: an index out of range, a number
+  // Throws std::invalid_argument that names the first fault: an index out of range, a number
   // that is not finite, a texture without levels.
   void check() const;
 };

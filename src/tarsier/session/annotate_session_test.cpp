@@ -354,7 +354,7 @@ TEST_F(AnnotateSessionTest, ProposalsComeFromWhatIsDone) {
   AnnotateSession session(options_, propose);
   four_points(session);
   View view = press(session, '5');
-  EXPECT_TRUE(view.state.at("learning")) << "told before it is done";
+  EXPECT_TRUE(view.state.at("learning")) << "reported before it is done";
   EXPECT_EQ(calls, 0);
   view = session.on_idle({});
   EXPECT_EQ(calls, 1);

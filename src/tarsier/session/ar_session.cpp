@@ -21,7 +21,7 @@ namespace tarsier {
 namespace {
 
 using planar::TrackedMarker;
-using planar::augment::Thing;
+using planar::augment::Object;
 
 const cv::Scalar kFrame(60, 220, 60);
 const cv::Scalar kFirstCorner(40, 40, 240);
@@ -78,10 +78,10 @@ View ArSession::on_idle(const SourceStatus& source) {
 
 View ArSession::on_event(const Event& event) {
   const std::string name = action_of(event, actions());
-  const auto things = planar::augment::thing_named(name);
+  const auto objects = planar::augment::object_named(name);
   bool redraw = true;
-  if (things && (*things != Thing::kMesh || options_.augment.mesh != nullptr)) {
-    options_.augment.thing = *things;
+  if (objects && (*objects != Object::kMesh || options_.augment.mesh != nullptr)) {
+    options_.augment.object = *objects;
   } else if (name == "outlines") {
     options_.outlines = !options_.outlines;
   } else if (name == "shadow") {
@@ -183,7 +183,7 @@ void ArSession::draw() {
     sheets.push_back(
         {posed.marker.id + 100000 * copy, posed.pose->camera_from_marker, tracker_.options().side});
   }
-  // Under the things, which would be hard to see behind the letters.
+  // Under the objects, which would be hard to see behind the letters.
   if (options_.outlines) draw_outlines();
   planar::augment::augment(output_, result_.camera, sheets, options_.augment, augment_);
 }
@@ -221,7 +221,7 @@ View ArSession::view(bool fresh) {
   result.state = {{"markers", result_.markers.size()},
                   {"ids", std::move(ids)},
                   {"distance_m", std::move(distances)},
-                  {"draw", planar::augment::name_of(options_.augment.thing)},
+                  {"draw", planar::augment::name_of(options_.augment.object)},
                   {"outlines", options_.outlines},
                   {"shadow", options_.augment.shadow},
                   {"smooth", tracker_.options().track.smooth},

@@ -20,10 +20,10 @@ struct ArSessionOptions {
   void check() const;          // throws std::invalid_argument
 };
 
-// Draws things on the markers that a planar::MarkerTracker finds.
+// Draws objects on the markers that a planar::MarkerTracker finds.
 // Keys: a axes, c cube, m the mesh, n nothing; i outlines and ids; e shadows; s smoothing; l the
 // list of markers with their distances; f the next family; w saves the picture; space freezes, also
-// to look at one picture with other things on it; h help; q or Esc ends.
+// to look at one picture with other objects on it; h help; q or Esc ends.
 // State: {"markers": number, "ids": [..], "distance_m": [..], "draw", "outlines", "shadow",
 // "smooth", "list", "family", "saved", "paused"}.
 class ArSession final : public Session {

@@ -21,7 +21,7 @@ namespace {
 
 using planar::calibration::Verdict;
 
-constexpr int kFlash = 8;  // frames that a view taken is told of
+constexpr int kFlash = 8;  // frames that show that a view was taken
 constexpr double kCoverageTint = 0.22;
 const cv::Scalar kGood(90, 220, 90);
 const cv::Scalar kWait(60, 200, 255);

@@ -64,7 +64,7 @@ class PeopleSession final : public Session {
   [[nodiscard]] PeopleMode mode() const { return mode_; }
   [[nodiscard]] const std::vector<face::NamedFace>& faces() const { return faces_; }
   [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
-  // Where things are in the view, px: for tests and hosts.
+  // Where controls are in the view, px: for tests and hosts.
   [[nodiscard]] cv::Rect button_box(std::string_view name) const;  // "add", "delete", "debug"
   [[nodiscard]] cv::Rect strip_box(std::size_t person) const;
 

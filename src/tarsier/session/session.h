@@ -56,7 +56,7 @@ inline constexpr int kTab = 9;
 [[nodiscard]] Event action_event(std::string name);
 [[nodiscard]] Event slider_event(std::string name, double value);
 
-// A named thing the user can do: by key in a window, by button in a browser, by line on stdin.
+// A named action of the user: by key in a window, by button in a browser, by line on stdin.
 struct Action {
   std::string name;  // "sketch"
   std::string help;  // "pencil sketch"

@@ -18,7 +18,7 @@ namespace tarsier::synth {
 namespace {
 
 cv::Scalar random_color(Rng& rng, double least = 10, double most = 245) {
-  // Most things are rather grey; some are not.
+  // Most objects are rather grey; some are not.
   const double level = rng.uniform(least, most);
   const double spread = rng.uniform() < 0.7 ? 15 : 65;
   const auto channel = [&] {
@@ -140,7 +140,7 @@ void draw_surface(cv::Mat& picture, Rng& rng) {
   add_grain(picture, size / 3.0, 12, rng);
 }
 
-void draw_thing(cv::Mat& picture, Rng& rng) {
+void draw_object(cv::Mat& picture, Rng& rng) {
   const cv::Size size = picture.size();
   const double larger = size.width;
   const cv::Point at = random_point(rng, size);
@@ -285,8 +285,8 @@ cv::Mat clutter_picture(int size, std::uint64_t seed) {
   Rng rng(seed ^ 0xc1077e4ULL);
   cv::Mat picture(size, size, CV_8UC3);
   draw_surface(picture, rng);
-  const int things = rng.integer(25, 90);
-  for (int i = 0; i < things; ++i) draw_thing(picture, rng);
+  const int objects = rng.integer(25, 90);
+  for (int i = 0; i < objects; ++i) draw_object(picture, rng);
   add_grain(picture, size / 40.0, 5, rng);
   return picture;
 }

@@ -79,7 +79,7 @@ class PlanarScene {
   [[nodiscard]] const geometry::Camera& camera() const;
   [[nodiscard]] const std::vector<PlanarPrint>& prints() const;
 
-  // The mean of the pictures at `shots`: one of a thing at rest, several (in order of time) for
+  // The mean of the pictures at `shots`: one of a object at rest, several (in order of time) for
   // motion blur. Does not depend on the number of threads. Throws std::invalid_argument for no
   // shots, or poses that do not fit the prints.
   [[nodiscard]] cv::Mat render(std::span<const PlanarShot> shots, const PlanarLook& look) const;

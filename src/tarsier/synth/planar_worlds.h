@@ -42,7 +42,7 @@ struct StillOptions {
 [[nodiscard]] PlanarStill marker_still(const planar::markers::Dictionary& family, double side,
                                        const StillOptions& options, PlanarLevel level,
                                        std::uint64_t seed);
-// One of `prints` (each used as it is, its id is told), alone in the picture.
+// One of `prints` (each used as it is, its id is known), alone in the picture.
 [[nodiscard]] PlanarStill print_still(const std::vector<PlanarPrint>& prints,
                                       const StillOptions& options, PlanarLevel level,
                                       std::uint64_t seed);

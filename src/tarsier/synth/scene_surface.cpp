@@ -4,7 +4,7 @@
 namespace tarsier::synth::still_life {
 namespace {
 
-// Colours of things.
+// Colours of objects.
 const Vec kStraw = srgb(226, 158, 58);
 const Vec kNavel = srgb(98, 110, 40);
 const Vec kBloom = srgb(150, 140, 170);

@@ -297,7 +297,7 @@ cv::Mat draw_without_faces(Rng& rng) {
   cv::Mat sheet(kHigh, kWide, CV_8UC1, cv::Scalar(128));
   kKinds[rng.integer(0, 5)](sheet, rng);
   tilt(sheet, rng);
-  // Some have other things before them.
+  // Some are partly occluded by other objects.
   if (rng.uniform() < 0.3) {
     cv::Mat before(sheet.size(), CV_8UC1);
     kKinds[rng.integer(0, 5)](before, rng);

@@ -83,7 +83,7 @@ class HeadPoser {
   // no head (the iteration leaves the space before the camera).
   [[nodiscard]] HeadPoseResult pose(const Eigen::Matrix2Xd& points,
                                     const geometry::Camera& camera) const;
-  // The same with what earlier frames told of the person, and learns from this one. A frame without
+  // The same with what earlier frames showed of the person, and learns from this one. A frame without
   // an answer leaves `identity` as it was.
   [[nodiscard]] HeadPoseResult pose(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
                                     HeadIdentity& identity) const;

@@ -50,7 +50,7 @@ enum class Learn {
   kNow,      // another one
 };
 
-// The model of a gallery, in small steps, for callers that have other things to do meanwhile. Makes
+// The model of a gallery, in small steps, for callers that do other work meanwhile. Makes
 // templates that are missing, learns what is due, stores both as it goes (each some dozens of
 // templates for themselves: what was made before an interruption stays). Another program may change
 // the gallery meanwhile: see GalleryFollower.

@@ -64,7 +64,7 @@ class Annotator {
   Annotator(Annotator&&) noexcept;
   Annotator& operator=(Annotator&&) noexcept;
 
-  // Nothing where no point can be told. Throws std::invalid_argument for an image that is not
+  // Nothing where no point can be proposed. Throws std::invalid_argument for an image that is not
   // CV_8UC1 and a nearest sample that is not there.
   [[nodiscard]] std::optional<Proposal> propose(const ProposalRequest& request);
 

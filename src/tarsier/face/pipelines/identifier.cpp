@@ -52,7 +52,7 @@ std::optional<recognition::Background> load_background(const ModelStore& models,
                                                        const std::string& which) {
   if (which == kNoBackground) return std::nullopt;
   if (which.empty() && !models.has(kShippedBackground)) {
-    log_warning("{}: not there; one person alone cannot be told from strangers",
+    log_warning("{}: not there; one person alone cannot be distinguished from strangers",
                 models.place_of(kShippedBackground));
     return std::nullopt;
   }

@@ -66,7 +66,7 @@ TEST(AcceptRates, AgreeWithCountingByHand) {
   EXPECT_DOUBLE_EQ(rates.true_accepts, 0.75);
   EXPECT_NEAR(rates.area, (8 + 9 + 10 + 10) / 40.0, 1e-12);
   EXPECT_NEAR(rates.equal_error, (0.25 + 0.2) / 2, 1e-12);
-  // A known and a stranger's score that are equal are not told apart.
+  // A known and a stranger's score that are equal are not distinguished.
   EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).true_accepts, 0);
   EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).area, 0.5);
 }

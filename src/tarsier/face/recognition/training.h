@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-// Training in small steps, for callers that have other things to do meanwhile, and what it is
+// Training in small steps, for callers that do other work meanwhile, and what it is
 // learned from where there are very many faces.
 namespace tarsier::face::recognition {
 

@@ -31,7 +31,7 @@ struct LandmarkSet {
   std::vector<std::array<int, 2>> connections;  // lines to draw
 
   [[nodiscard]] int points() const;  // of each sample; 0 without samples
-  // Throws std::invalid_argument that names the first thing wrong: numbers of points that differ,
+  // Throws std::invalid_argument that names the first fault: numbers of points that differ,
   // infinite values, indices out of range, a mirror that is no involution.
   void check() const;
 };

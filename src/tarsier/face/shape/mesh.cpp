@@ -153,7 +153,7 @@ int folded(const std::vector<Triangle>& mesh, const Eigen::Matrix2Xd& points) {
     TARSIER_REQUIRE(
         a >= 0 && b >= 0 && c >= 0 && a < points.cols() && b < points.cols() && c < points.cols(),
         "a triangle of points {}, {}, {} of {}", a, b, c, points.cols());
-    // Not false for NaN: what cannot be told does not fold well either.
+    // Not false for NaN: what cannot be computed does not fold well either.
     if (!(cross(points.col(a), points.col(b), points.col(c)) > 0)) ++count;
   }
   return count;

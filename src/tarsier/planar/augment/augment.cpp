@@ -14,10 +14,10 @@ namespace {
 
 using render::Mesh;
 
-constexpr std::array<std::pair<std::string_view, Thing>, 4> kThings{{{"none", Thing::kNone},
-                                                                     {"axes", Thing::kAxes},
-                                                                     {"cube", Thing::kCube},
-                                                                     {"mesh", Thing::kMesh}}};
+constexpr std::array<std::pair<std::string_view, Object>, 4> kObjects{{{"none", Object::kNone},
+                                                                     {"axes", Object::kAxes},
+                                                                     {"cube", Object::kCube},
+                                                                     {"mesh", Object::kMesh}}};
 
 // The sheet itself, for what is below it: a little deeper than the shadow that lies on it.
 constexpr double kDeeper = 0.004;  // sides
@@ -25,19 +25,19 @@ constexpr double kRim = 0.2;       // sides, of the sheet around the print
 // Lights that graze the sheet cast no shadow that one would see.
 constexpr double kSteep = 0.1;
 
-std::shared_ptr<const Mesh> builtin(Thing thing) {
+std::shared_ptr<const Mesh> builtin(Object object) {
   static const auto axes = std::make_shared<const Mesh>(render::make_axes());
   static const auto cube = [] {
     Mesh mesh = render::make_cube();
     for (cv::Vec3f& p : mesh.positions) p[2] += 0.5F;
     return std::make_shared<const Mesh>(std::move(mesh));
   }();
-  return thing == Thing::kAxes ? axes : cube;
+  return object == Object::kAxes ? axes : cube;
 }
 
-// A rectangle under the sheet and the thing that stands on it.
-Mesh ground_of(const Mesh& thing, double scale) {
-  const render::Bounds box = render::bounds_of(thing);
+// A rectangle under the sheet and the object that stands on it.
+Mesh ground_of(const Mesh& object, double scale) {
+  const render::Bounds box = render::bounds_of(object);
   const auto size = static_cast<float>(scale);
   const auto rim = static_cast<float>(0.5 + kRim);
   const float left = std::min(-rim, box.low[0] * size);
@@ -78,15 +78,15 @@ cv::Vec3d light_of(std::span<const Sheet> sheets, AugmentState& state) {
 
 }  // namespace
 
-std::optional<Thing> thing_named(std::string_view name) {
-  for (const auto& [known, thing] : kThings)
-    if (known == name) return thing;
+std::optional<Object> object_named(std::string_view name) {
+  for (const auto& [known, object] : kObjects)
+    if (known == name) return object;
   return std::nullopt;
 }
 
-std::string_view name_of(Thing thing) {
-  for (const auto& [name, known] : kThings)
-    if (known == thing) return name;
+std::string_view name_of(Object object) {
+  for (const auto& [name, known] : kObjects)
+    if (known == object) return name;
   return "none";
 }
 
@@ -112,16 +112,16 @@ Mesh standing(const Mesh& mesh, Up up) {
 }
 
 void AugmentOptions::check() const {
-  TARSIER_REQUIRE(thing != Thing::kMesh || mesh != nullptr, "no mesh");
+  TARSIER_REQUIRE(object != Object::kMesh || mesh != nullptr, "no mesh");
   TARSIER_REQUIRE(scale > 0 && scale <= 100, "scale {}", scale);
 }
 
 void augment(cv::Mat& bgr, const geometry::Camera& camera, std::span<const Sheet> sheets,
              const AugmentOptions& options, AugmentState& state) {
   options.check();
-  if (sheets.empty() || options.thing == Thing::kNone) return;
+  if (sheets.empty() || options.object == Object::kNone) return;
   const std::shared_ptr<const Mesh> mesh =
-      options.thing == Thing::kMesh ? options.mesh : builtin(options.thing);
+      options.object == Object::kMesh ? options.mesh : builtin(options.object);
   const auto ground = std::make_shared<const Mesh>(ground_of(*mesh, options.scale));
   render::Scene scene;
   scene.antialias = options.antialias;

@@ -13,14 +13,14 @@
 #include <span>
 #include <string_view>
 
-// Things that stand on printed sheets: drawn over the picture, lit, with their shadow on the sheet,
+// Objects that stand on printed sheets: drawn over the picture, lit, with their shadow on the sheet,
 // hidden by the sheet and by each other where they are behind.
 namespace tarsier::planar::augment {
 
-enum class Thing { kNone, kAxes, kCube, kMesh };
+enum class Object { kNone, kAxes, kCube, kMesh };
 // "none", "axes", "cube", "mesh"; nothing for other names.
-[[nodiscard]] std::optional<Thing> thing_named(std::string_view name);
-[[nodiscard]] std::string_view name_of(Thing thing);
+[[nodiscard]] std::optional<Object> object_named(std::string_view name);
+[[nodiscard]] std::string_view name_of(Object object);
 
 enum class Up { kY, kZ };  // which axis of a mesh is its height; Wavefront files mostly mean y
 
@@ -31,9 +31,9 @@ enum class Up { kY, kZ };  // which axis of a mesh is its height; Wavefront file
 [[nodiscard]] render::Mesh standing(const render::Mesh& mesh, Up up = Up::kY);
 
 struct AugmentOptions {
-  Thing thing = Thing::kCube;
+  Object object = Object::kCube;
   std::shared_ptr<const render::Mesh> mesh;  // for kMesh, from standing()
-  double scale = 1;                          // of the thing, by the sheet's side, (0, 100]
+  double scale = 1;                          // of the object, by the sheet's side, (0, 100]
   bool shadow = true;
   bool antialias = true;
   void check() const;  // throws std::invalid_argument
@@ -54,8 +54,8 @@ struct AugmentState {
   cv::Vec3d light_in_camera{0, 0, 1};
 };
 
-// Draws the thing on every sheet over `bgr` (CV_8UC3, of the camera's size). Sheets are in any
-// order; the picture does not depend on it, but for things that touch.
+// Draws the object on every sheet over `bgr` (CV_8UC3, of the camera's size). Sheets are in any
+// order; the picture does not depend on it, but for objects that touch.
 void augment(cv::Mat& bgr, const geometry::Camera& camera, std::span<const Sheet> sheets,
              const AugmentOptions& options, AugmentState& state);
 

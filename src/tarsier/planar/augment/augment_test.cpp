@@ -62,7 +62,7 @@ TEST(Augment, WhatIsBelowTheSheetIsHidden) {
   render::Mesh ball = render::make_sphere(24, {0.1F, 0.1F, 0.9F});  // its middle on the sheet
   for (cv::Vec3f& p : ball.positions) p *= 0.4F;
   AugmentOptions options;
-  options.thing = Thing::kMesh;
+  options.object = Object::kMesh;
   options.mesh = std::make_shared<const render::Mesh>(ball);
   options.shadow = false;
   AugmentState state;
@@ -135,7 +135,7 @@ TEST(Standing, PutsAMeshUprightInTheMiddle) {
   EXPECT_NEAR(render::bounds_of(standing(tower, Up::kZ)).high[2], 0.25, 1e-5);
   EXPECT_THROW((void)standing(render::Mesh{}), std::invalid_argument);
   AugmentOptions options;
-  options.thing = Thing::kMesh;
+  options.object = Object::kMesh;
   EXPECT_THROW(options.check(), std::invalid_argument);
 }
 

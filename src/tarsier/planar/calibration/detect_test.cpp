@@ -25,7 +25,7 @@ Camera phone() {
   return {640, 480, 520.5, 518.25, 321, 238.5, {-0.28, 0.09, 1e-3, -2e-3, -0.01}, 0};
 }
 
-// Root mean square distance from the exact points, which are told by number (or, for a whole board
+// Root mean square distance from the exact points, which are identified by number (or, for a whole board
 // that looks the same upside down, in one of its two orders).
 double error_of(const BoardView& found, const BoardView& exact, bool may_be_turned) {
   double best = std::numeric_limits<double>::infinity();

@@ -19,7 +19,7 @@ namespace {
 
 constexpr int kCells = 6;     // of the picture's shorter side
 constexpr int kEnough = 120;  // features that make a good picture
-constexpr int kAlike = 3500;  // squared distance of descriptions that cannot be told apart in noise
+constexpr int kAlike = 3500;  // squared distance of descriptors that noise makes indistinguishable
 constexpr int kStood = 2;     // trials that a feature must stand
 
 cv::Size cells_of(cv::Size size) {

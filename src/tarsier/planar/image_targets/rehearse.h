@@ -17,7 +17,7 @@ struct TrialView {
 };
 [[nodiscard]] TrialView trial_view(const Target& target, int trial, std::uint64_t seed);
 
-// What trials told of each trained feature.
+// What trials showed of each trained feature.
 struct Rehearsal {
   std::vector<int> right;  // how often a feature of a view was rightly matched to it
   std::vector<int> wrong;  // how often wrongly

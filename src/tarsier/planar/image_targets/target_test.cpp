@@ -131,7 +131,7 @@ TEST(TargetQuality, TellsGoodPicturesFromPoorOnes) {
   const Target flat = train_target(cv::Mat(300, 400, CV_8UC1, cv::Scalar(128)), "flat", options);
   EXPECT_EQ(flat.quality.rating, 0);
   EXPECT_THAT(flat.quality.reasons, testing::Contains(testing::HasSubstr("few features")));
-  // The same tile over and over: features enough, but none is told from its copies.
+  // The same tile over and over: features enough, but none differs from its copies.
   cv::Mat tile;
   cv::resize(synth::poster_picture({120, 90}, 4), tile, {60, 45}, 0, 0, cv::INTER_AREA);
   cv::Mat wall;

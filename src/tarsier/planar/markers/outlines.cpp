@@ -13,7 +13,7 @@ namespace tarsier::planar::markers {
 namespace {
 
 constexpr int kTile = 4;
-constexpr int kMaxRuns = 7;  // in a row of a thing, on average: more is foliage
+constexpr int kMaxRuns = 7;  // in a row of a component, on average: more is foliage
 
 constexpr int kNoiseMargin = 3;
 constexpr int kMaxNoise = 64;  // grey levels: more is a picture without a flat place
@@ -87,7 +87,7 @@ void spread(const Bytes& from, const Tiles& tiles, Bytes& to, Better better) {
   }
 }
 
-// Below which difference of brightness nothing is told from noise: the spread of tiles where
+// Below which difference of brightness nothing is distinguished from noise: the spread of tiles where
 // nothing but noise is to be seen, as at least a fifth of most pictures have it, and some more.
 int noise_contrast(const Bytes& lows, const Bytes& highs) {
   std::array<std::size_t, 256> counts{};
@@ -128,21 +128,21 @@ void binarize(const cv::Mat& gray, int min_contrast, OutlineWorkspace& w) {
   }
 }
 
-int root_of(std::vector<OutlineWorkspace::Thing>& things, int thing) {
-  while (things[size(thing)].parent != thing) {
-    auto& t = things[size(thing)];
-    t.parent = things[size(t.parent)].parent;
-    thing = t.parent;
+int root_of(std::vector<OutlineWorkspace::Component>& components, int component) {
+  while (components[size(component)].parent != component) {
+    auto& t = components[size(component)];
+    t.parent = components[size(t.parent)].parent;
+    component = t.parent;
   }
-  return thing;
+  return component;
 }
 
-// Makes one of two things; the earlier one stands for both.
-int join(std::vector<OutlineWorkspace::Thing>& things, int a, int b) {
-  a = root_of(things, a);
-  b = root_of(things, b);
+// Makes one of two components; the earlier one stands for both.
+int join(std::vector<OutlineWorkspace::Component>& components, int a, int b) {
+  a = root_of(components, a);
+  b = root_of(components, b);
   if (b < a) std::swap(a, b);
-  things[size(b)].parent = a;
+  components[size(b)].parent = a;
   return a;
 }
 
@@ -174,10 +174,10 @@ int find_changes(const std::uint8_t* row, int columns, int* changes) {
   return count;
 }
 
-// Row by row: a run belongs to the thing of the run that it touches above, and joins the things of
-// all that it touches. What is told of a thing is gathered on the way.
+// Row by row: a run belongs to the component of the run that it touches above, and joins the components of
+// all that it touches. What is known of a component is gathered on the way.
 void find_things(int columns, int rows, OutlineWorkspace& w) {
-  w.things.clear();
+  w.components.clear();
   w.above.clear();
   w.changes.resize(size(columns) + 2);
   const std::size_t stride = size(columns) + 2;
@@ -191,33 +191,33 @@ void find_things(int columns, int rows, OutlineWorkspace& w) {
       const int first = w.changes[size(i)];
       const int last = w.changes[size(i) + 1] - 1;
       while (up < w.above.size() && w.above[up].last < first) ++up;
-      int thing = -1;
+      int component = -1;
       for (std::size_t k = up; k < w.above.size() && w.above[k].first <= last; ++k) {
-        const int other = w.above[k].thing;
-        if (thing < 0)
-          thing = other;
-        else if (thing != other)
-          thing = join(w.things, thing, other);
+        const int other = w.above[k].component;
+        if (component < 0)
+          component = other;
+        else if (component != other)
+          component = join(w.components, component, other);
       }
-      if (thing < 0) {
-        thing = static_cast<int>(w.things.size());
-        w.things.push_back({thing, first, y, first, last, y, 1});
+      if (component < 0) {
+        component = static_cast<int>(w.components.size());
+        w.components.push_back({component, first, y, first, last, y, 1});
       } else {
-        auto& t = w.things[size(thing)];
+        auto& t = w.components[size(component)];
         t.left = std::min(t.left, first);
         t.right = std::max(t.right, last);
         t.bottom = y;
         ++t.runs;
       }
-      w.here.push_back({first, last, thing});
+      w.here.push_back({first, last, component});
     }
     std::swap(w.above, w.here);
   }
-  // What was joined is told of the earliest: later ones hand on theirs first.
-  for (std::size_t i = w.things.size(); i-- > 0;) {
-    const auto& t = w.things[i];
+  // What was joined is merged into the earliest: later ones hand on theirs first.
+  for (std::size_t i = w.components.size(); i-- > 0;) {
+    const auto& t = w.components[i];
     if (t.parent == static_cast<int>(i)) continue;
-    auto& parent = w.things[size(t.parent)];
+    auto& parent = w.components[size(t.parent)];
     parent.left = std::min(parent.left, t.left);
     parent.right = std::max(parent.right, t.right);
     parent.bottom = std::max(parent.bottom, t.bottom);
@@ -243,17 +243,17 @@ constexpr std::array<std::array<std::uint8_t, 16>, 4> kTurns = [] {
 
 // Follows the outer border from the first pixel, the outside on the left hand; false where it is
 // longer than `longest`.
-bool trace(const OutlineWorkspace::Thing& thing, int columns, std::size_t longest,
+bool trace(const OutlineWorkspace::Component& component, int columns, std::size_t longest,
            OutlineWorkspace& w) {
   const std::ptrdiff_t stride = columns + 2;
   constexpr std::array<int, 4> kX{1, 0, -1, 0};
   constexpr std::array<int, 4> kY{0, 1, 0, -1};
   const std::array<std::ptrdiff_t, 4> step{1, stride, -1, -stride};
-  const std::uint8_t* const start = w.dark.data() + (thing.y + 1) * stride + thing.x + 1;
+  const std::uint8_t* const start = w.dark.data() + (component.y + 1) * stride + component.x + 1;
   const auto darkness = [stride](const std::uint8_t* p) {
     return static_cast<unsigned>((p[1] & 1) | (p[stride] & 2) | (p[-1] & 4) | (p[-stride] & 8));
   };
-  // Nothing of the thing lies above or to the left in this row: look on from the left, clockwise.
+  // Nothing of the component lies above or to the left in this row: look on from the left, clockwise.
   const std::size_t first_way = kTurns[2][darkness(start)];
   if (first_way == 4) return false;  // one pixel
   const std::size_t begin = w.points.size();
@@ -261,7 +261,7 @@ bool trace(const OutlineWorkspace::Thing& thing, int columns, std::size_t longes
   cv::Point* out = w.points.data() + begin;
   const cv::Point* const end = out + longest;
   const std::uint8_t* at = start;
-  cv::Point place(thing.x, thing.y);
+  cv::Point place(component.x, component.y);
   std::size_t way = first_way;
   do {
     if (out == end) return false;
@@ -279,7 +279,7 @@ bool trace(const OutlineWorkspace::Thing& thing, int columns, std::size_t longes
 
 void OutlineOptions::check() const {
   TARSIER_REQUIRE(min_contrast >= 2 && min_contrast <= 255, "a contrast of {}", min_contrast);
-  TARSIER_REQUIRE(min_size >= 3, "things of {} px", min_size);
+  TARSIER_REQUIRE(min_size >= 3, "components of {} px", min_size);
 }
 
 void find_dark_outlines(const cv::Mat& gray, const OutlineOptions& options, OutlineWorkspace& w) {
@@ -290,18 +290,18 @@ void find_dark_outlines(const cv::Mat& gray, const OutlineOptions& options, Outl
   if (gray.empty()) return;
   binarize(gray, options.min_contrast, w);
   find_things(gray.cols, gray.rows, w);
-  for (std::size_t i = 0; i < w.things.size(); ++i) {
-    const auto& thing = w.things[i];
-    if (thing.parent != static_cast<int>(i)) continue;
-    const int width = thing.right - thing.left + 1;
-    const int height = thing.bottom - thing.y + 1;
+  for (std::size_t i = 0; i < w.components.size(); ++i) {
+    const auto& component = w.components[i];
+    if (component.parent != static_cast<int>(i)) continue;
+    const int width = component.right - component.left + 1;
+    const int height = component.bottom - component.y + 1;
     if (std::max(width, height) < options.min_size) continue;
     if (3 * std::min(width, height) < options.min_size) continue;
-    if (thing.runs > kMaxRuns * height) continue;
-    // Around a convex thing it is at most twice that far; a little more for noise.
+    if (component.runs > kMaxRuns * height) continue;
+    // Around a convex component it is at most twice that far; a little more for noise.
     const std::size_t longest = 3 * size(width + height);
     const std::size_t begin = w.points.size();
-    if (trace(thing, gray.cols, longest, w))
+    if (trace(component, gray.cols, longest, w))
       w.outlines.push_back({begin, w.points.size() - begin});
     else
       w.points.resize(begin);

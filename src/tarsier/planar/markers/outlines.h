@@ -15,7 +15,7 @@ struct OutlineOptions {
   // levels, 2..255. Raised, up to 64, where the flattest fifth of the picture differs by more:
   // noise.
   int min_contrast = 20;
-  int min_size = 8;  // px; the longer side of a thing's bounding box, >= 3
+  int min_size = 8;  // px; the longer side of a component's bounding box, >= 3
   void check() const;
 };
 
@@ -24,10 +24,10 @@ struct OutlineWorkspace {
   struct Run {
     int first;  // x of a row's dark pixels that lie beside each other, last included
     int last;
-    int thing;
+    int component;
   };
-  struct Thing {
-    int parent;  // an earlier thing that this is a part of, or itself
+  struct Component {
+    int parent;  // an earlier component that this is a part of, or itself
     int x;       // of its topmost row's leftmost pixel
     int y;
     int left;
@@ -48,7 +48,7 @@ struct OutlineWorkspace {
   std::vector<int> changes;
   std::vector<Run> above;  // of a row, and of the next
   std::vector<Run> here;
-  std::vector<Thing> things;
+  std::vector<Component> components;
   std::vector<cv::Point> points;
   std::vector<Outline> outlines;
 
@@ -57,7 +57,7 @@ struct OutlineWorkspace {
   }
 };
 
-// Fills `workspace.outlines`: for each connected dark thing in `gray` (CV_8UC1) that is large
+// Fills `workspace.outlines`: for each connected dark component in `gray` (CV_8UC1) that is large
 // enough and not ragged, its outer border, clockwise as seen, pixel by pixel. Dark is what lies
 // below the middle between the darkest and the brightest pixel of the 3 x 3 tiles of 4 x 4 px
 // around (Wang & Olson, "AprilTag 2", IROS 2016): no window to choose, the same for a marker of 12

@@ -61,7 +61,7 @@ TEST(Outlines, JoinWhatGrowsTogetherFurtherDown) {
   gray(cv::Rect(10, 40, 36, 6)).setTo(30);
   OutlineWorkspace w;
   find_dark_outlines(gray, {}, w);
-  // Three bars deep the outline is too long for a convex thing of this size: it is left out.
+  // Three bars deep the outline is too long for a convex component of this size: it is left out.
   EXPECT_TRUE(w.outlines.empty());
   gray(cv::Rect(16, 10, 9, 30)).setTo(30);
   find_dark_outlines(gray, {}, w);
@@ -75,11 +75,11 @@ TEST(Outlines, NoiseIsNoThing) {
   for (int y = 0; y < gray.rows; ++y)
     for (int x = 0; x < gray.cols; ++x)
       gray.at<std::uint8_t>(y, x) = cv::saturate_cast<std::uint8_t>(150 + 8 * rng.normal());
-  cv::Mat thing = gray(cv::Rect(100, 80, 50, 40));
-  cv::subtract(thing, cv::Scalar(60), thing);
+  cv::Mat component = gray(cv::Rect(100, 80, 50, 40));
+  cv::subtract(component, cv::Scalar(60), component);
   OutlineWorkspace w;
   find_dark_outlines(gray, {}, w);
-  EXPECT_LE(w.things.size(), 1000U);  // of 8000 specks: to look at them all would take its time
+  EXPECT_LE(w.components.size(), 1000U);  // of 8000 specks: to look at them all would take its time
   cv::Rect largest;
   for (std::size_t i = 0; i < w.outlines.size(); ++i)
     if (bounds(w.outline(i)).area() > largest.area()) largest = bounds(w.outline(i));

@@ -32,7 +32,7 @@ struct PosedMarker {
 [[nodiscard]] std::vector<cv::Point2d> corners_on_marker(double size);
 
 // Of one picture: the pose with the smaller error, corners weighted by how surely they are known
-// where that is told. Throws std::invalid_argument unless size > 0.
+// where that is stated. Throws std::invalid_argument unless size > 0.
 [[nodiscard]] std::optional<MarkerPose> pose_of_marker(const Marker& marker, double size,
                                                        const geometry::Camera& camera);
 

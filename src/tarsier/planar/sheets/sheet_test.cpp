@@ -86,9 +86,9 @@ TEST(MarkerSheetTest, TheLineToCheckIsTenCentimetres) {
   double longest = 0;
   for (const Line& line : page.lines) longest = std::max(longest, cv::norm(line.to - line.from));
   EXPECT_DOUBLE_EQ(longest, 100);
-  bool told = false;
-  for (const Text& text : page.texts) told = told || text.text.find("10 cm") == 0;
-  EXPECT_TRUE(told);
+  bool found = false;
+  for (const Text& text : page.texts) found = found || text.text.find("10 cm") == 0;
+  EXPECT_TRUE(found);
 }
 
 TEST(MarkerSheetTest, WhatDoesNotFitIsRefusedWithWhatDoes) {

@@ -15,7 +15,7 @@ namespace tarsier::plate {
 namespace {
 
 constexpr float kSamePlate = 0.4F;  // share of the smaller box that two finds have in common
-constexpr float kRival = 0.6F;      // .. and from which only one of them is told
+constexpr float kRival = 0.6F;      // .. and from which only one of them is reported
 constexpr int kMaxRivals = 3;
 constexpr double kWordPenalty = 3;  // nats against a text without a digit: mostly it is a sign
 

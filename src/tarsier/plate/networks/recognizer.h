@@ -43,7 +43,7 @@ void write_reader_model(const std::string& path, const ReaderModel& model,
 struct RecognizerOptions {
   DetectorOptions detector;
   float min_plate = 0.9F;  // the aligner's score of what is taken for a plate, (0, 1)
-  // Least ln(confidence) + logit(plate) of what is told: a place that hardly looks like a plate is
+  // Least ln(confidence) + logit(plate) of what is reported: a place that hardly looks like a plate is
   // one only if it reads well, a sure plate also where it reads badly; -100..100.
   double min_evidence = -1.5;
   int refinements = 2;    // passes of the aligner, 1..5

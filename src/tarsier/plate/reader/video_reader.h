@@ -32,7 +32,7 @@ struct VideoReaderState {
 struct VideoReaderResult {
   std::vector<Reading> plates;     // within the region, surest first
   std::vector<LiveTrack> tracks;   // vehicles in sight, oldest first; of a still none
-  std::vector<PlateEvent> events;  // what this frame told of vehicles, in order
+  std::vector<PlateEvent> events;  // what this frame added about vehicles, in order
   double ms = 0;                   // spent finding and reading plates, milliseconds
 };
 

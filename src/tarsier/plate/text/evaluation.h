@@ -92,7 +92,7 @@ struct EvaluationOptions {
   void check() const;
 };
 
-// Images are told by their base names; readings of an image that the truth does not know are passed
+// Images are matched by their base names; readings of an image that the truth does not know are passed
 // over, and of two readings of one image the later counts. Plates are matched one to one by falling
 // intersection over union of the boxes; a plate is found at `iou`. Levenshtein distance (1966),
 // hidden characters free. AUC: chance that a right reading has more confidence than a wrong one

@@ -19,7 +19,7 @@ namespace tarsier::plate {
 // left out.
 [[nodiscard]] std::string plate_symbols(std::string_view text, bool keep_dash = false);
 
-// Characters that are told apart by the country's rules alone made one: O, Q and D become 0, I
+// Characters that only the country's rules distinguish are made one: O, Q and D become 0, I
 // becomes 1.
 [[nodiscard]] std::string fold_symbols(std::string_view text);
 

@@ -407,7 +407,7 @@ TEST_F(PlateLogTest, AClockThatIsWrongDeletesNothingFresh) {
     event.synchronized = false;
     return log.put(event, 0, run, {});
   };
-  // A machine that begins in the past, and is never told the time.
+  // A machine that begins in the past, and never gets the time.
   put("1111BBB", "2024-01-05T12:00");
   put("2222CCC", "2024-01-05T13:00");
   EXPECT_THROW(log.forget(at("1970-01-01"), month), InputError);

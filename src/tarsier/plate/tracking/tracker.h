@@ -26,7 +26,7 @@ struct TrackerOptions {
   Region region;            // a plate counts if the centre of its box is inside
   double lost_after = 1.5;  // s without a reading after which a vehicle is out of sight; 0.05..60
   // s after that in which a vehicle of the same text is taken for the same one, come back. Its
-  // event is only told when they are over. 0..3600
+  // event is only reported when they are over. 0..3600
   double return_within = 10;
   double parked_return_within = 120;  // the same of one that stood still, at its place; 0..86400
   int min_readings = 3;               // a vehicle read less often is none; 1..1000

@@ -81,7 +81,7 @@ TEST(TrackerTest, OneCarIsOneEventThoughFramesMissIt) {
   EXPECT_NEAR(live[0].box.x, 10 + 12 * 27, 12);  // goes on where it was heading
   EXPECT_TRUE(road.events().empty());
   road.wait(13);
-  ASSERT_EQ(road.events().size(), 1U);  // told without a flush
+  ASSERT_EQ(road.events().size(), 1U);  // reported without a flush
   EXPECT_TRUE(road.live().empty());
   const PlateEvent event = road.finish()[0];
   EXPECT_EQ(event.frames, 16);

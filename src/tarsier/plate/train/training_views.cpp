@@ -109,7 +109,7 @@ Quad around(const std::vector<cv::Rect2f>& boxes) {
   return quad_of(all);
 }
 
-// Something like a bumper or boot lid behind the plate, so that plates are not told by being
+// Something like a bumper or boot lid behind the plate, so that plates are not recognised by being
 // pasted.
 void draw_surroundings(cv::Mat& view, const Quad& quad, Rng& rng) {
   if (rng.uniform() < 0.35) return;

@@ -14,7 +14,7 @@
 #include <vector>
 
 // Incremental reconstruction: a first pair, then one image after the other (Schonberger and
-// Frahm, CVPR 2016, tell the order of things well).
+// Frahm, CVPR 2016, describe the order of the steps well).
 namespace tarsier::sfm {
 
 struct MapperOptions {

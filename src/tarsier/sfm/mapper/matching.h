@@ -7,7 +7,7 @@
 
 namespace tarsier::sfm {
 
-// Feature `first` of one image and `second` of another seem to show the same thing.
+// Feature `first` of one image and `second` of another seem to show the same point.
 struct Match {
   int first = 0;
   int second = 0;

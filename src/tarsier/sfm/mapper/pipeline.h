@@ -34,7 +34,7 @@ struct PipelineOptions {
   int overlap = 10;        // of kSequential; 1..1000
   int nearest = 12;        // of kRetrieval; 1..1000
   bool flow = false;       // follow points through a sequence instead of matching descriptors
-  // What the lens is. Given: used as it is unless the mapper is told to refine it. Not given: from
+  // What the lens is. Given: used as it is unless the mapper is set to refine it. Not given: from
   // EXIF, else 1.2 times the larger side, and refined.
   std::optional<geometry::Camera> camera;
   bool ignore_exif = false;

@@ -30,7 +30,7 @@ void write_undistorted(const std::string& folder, const Model& model,
                        const std::stop_token& stop);
 
 // Both images side by side: matches that were kept in green, removed ones in red. All as dots, as
-// many with lines as can be told apart. Throws InputError.
+// many with lines as can be distinguished. Throws InputError.
 [[nodiscard]] cv::Mat draw_matches(const ComparedPair& pair);
 
 }  // namespace tarsier::sfm

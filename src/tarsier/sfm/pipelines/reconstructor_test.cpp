@@ -75,16 +75,16 @@ TEST_F(Reconstructing, WritesAModelInItsPlaceAndWhatIsMadeOfIt) {
   options_.placement.alignment = Alignment::kPositions;
   options_.placement.positions_file = path("positions.csv");
   options_.turntable = options_.undistorted = options_.match_images = true;
-  int told = 0;
+  int calls = 0;
   ReconstructorHooks hooks;
   hooks.on_models = [&](const ReconstructorResult& result) {
-    ++told;
+    ++calls;
     EXPECT_EQ(result.models().size(), 1U);
     EXPECT_TRUE(has("model/view.html"));
     EXPECT_FALSE(has("model/turntable.gif")) << "comes later";
   };
   const ReconstructorResult result = run(hooks);
-  EXPECT_EQ(told, 1);
+  EXPECT_EQ(calls, 1);
   ASSERT_EQ(result.models().size(), 1U);
   EXPECT_EQ(result.not_placed, "");
   for (const char* name : {"cameras.txt", "images.txt", "points3D.txt", "points.ply", "cameras.ply",

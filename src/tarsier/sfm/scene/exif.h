@@ -32,7 +32,7 @@ struct Exif {
 // it was taken; 0: not known. focal_35mm / 36 * the larger side (the convention of cameras; the
 // standard's one by the diagonal differs for 4:3 by 4 %), else focal_mm * focal_plane_px_per_mm,
 // times larger side / larger side of taken_px. Needs no sensor data base, thus is 0 where the
-// camera told the focal length alone. Values outside 0.1 .. 20 larger sides are taken as not known.
+// camera gave the focal length alone. Values outside 0.1 .. 20 larger sides are taken as not known.
 // Throws std::invalid_argument for an empty size.
 [[nodiscard]] double focal_px_of(const Exif& exif, cv::Size size);
 
