@@ -2,8 +2,10 @@
 #include "tarsier/geometry/planar_pose.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
 
 #include <algorithm>
 #include <array>
@@ -57,10 +59,10 @@ std::optional<Eigen::Matrix3d> conditioned_homography(std::span<const cv::Point2
     row << x, y, 1, 0, 0, 0, -u * x, -u * y, -u, 0, 0, 0, x, y, 1, -v * x, -v * y, -v;
     normal.noalias() += row.transpose() * row;
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> solver(normal);
+  const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(normal);
   // Two directions without error: the points do not fix the map (too many on one line).
-  if (!(solver.eigenvalues()(1) > 1e-12 * solver.eigenvalues()(8))) return std::nullopt;
-  const Eigen::Matrix<double, 9, 1> h = solver.eigenvectors().col(0);
+  if (!(eigen.values(1) > 1e-12 * eigen.values(8))) return std::nullopt;
+  const auto h = eigen.vectors.col(0);
   Eigen::Matrix3d m;
   m << h(0), h(1), h(2), h(3), h(4), h(5), h(6), h(7), h(8);
   return m;
@@ -156,13 +158,17 @@ std::array<Eigen::Matrix3d, 2> rotations_of(const Eigen::Matrix3d& h) {
   Eigen::Matrix2d jacobian;  // of the map at the origin
   jacobian << h(0, 0) - h(2, 0) * p.x(), h(0, 1) - h(2, 1) * p.x(), h(1, 0) - h(2, 0) * p.y(),
       h(1, 1) - h(2, 1) * p.y();
-  // Turns the optical axis into the line of sight to the origin.
+  // Turns the optical axis into the line of sight to the origin. (Eigen's FromTwoVectors would do, but
+  // compiles an SVD for opposite directions, which do not occur.)
+  const Eigen::Vector3d ray = Eigen::Vector3d(p.x(), p.y(), 1).normalized();
+  const double twice = std::sqrt(2 * (1 + ray.z()));  // the cosine of half the angle, times 2
   const Eigen::Matrix3d sight =
-      Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), Eigen::Vector3d(p.x(), p.y(), 1))
-          .toRotationMatrix();
+      Eigen::Quaterniond(twice / 2, -ray.y() / twice, ray.x() / twice, 0).toRotationMatrix();
   const Eigen::Matrix2d b = sight.topLeftCorner<2, 2>() - p * sight.bottomLeftCorner<1, 2>();
   const Eigen::Matrix2d a = b.inverse() * jacobian;
-  const double gamma = Eigen::JacobiSVD<Eigen::Matrix2d>(a).singularValues()(0);
+  const double gamma = (std::hypot(a(0, 0) + a(1, 1), a(0, 1) - a(1, 0)) +
+                        std::hypot(a(0, 0) - a(1, 1), a(0, 1) + a(1, 0))) /
+                       2;                   // the larger singular value
   const Eigen::Matrix2d upper = a / gamma;  // the rotation's upper left part, seen along the sight
   const Eigen::Matrix2d rest = Eigen::Matrix2d::Identity() - upper.transpose() * upper;
   Eigen::Vector2d lower(std::sqrt(std::max(0.0, rest(0, 0))), std::sqrt(std::max(0.0, rest(1, 1))));
@@ -190,7 +196,7 @@ Eigen::Vector3d translation_of(const Problem& problem, const Eigen::Matrix3d& ro
     normal.noalias() += a.transpose() * a;
     right.noalias() -= a.transpose() * (a * x);
   }
-  return normal.ldlt().solve(right);
+  return linalg::solve_symmetric(normal, right);
 }
 
 struct Linear {
@@ -249,7 +255,7 @@ void refine(const Problem& problem, int iterations, Pose& pose) {
     Eigen::Matrix<double, 6, 6> damped = linear.normal;
     damped.diagonal() *= 1 + damping;
     damped.diagonal().array() += 1e-12 * linear.normal.diagonal().maxCoeff();
-    Pose next = moved(pose, -damped.ldlt().solve(linear.gradient));
+    Pose next = moved(pose, -linalg::solve_symmetric(damped, linear.gradient));
     next.cost = cost_of(problem, next);
     if (next.cost < pose.cost) {
       const bool done = pose.cost - next.cost < 1e-10 * pose.cost;

@@ -5,7 +5,8 @@
 
 #include <opencv2/core/mat.hpp>
 
-#include <dlib/image_processing.h>
+#include <dlib/image_processing/object_detector.h>
+#include <dlib/image_processing/scan_fhog_pyramid.h>
 #include <dlib/opencv/cv_image.h>
 #include <stop_token>
 

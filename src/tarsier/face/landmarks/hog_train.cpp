@@ -14,7 +14,8 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <dlib/svm_threaded.h>
+#include <dlib/optimization/optimization_oca.h>
+#include <dlib/svm/structural_svm_object_detection_problem.h>
 
 namespace tarsier::face::landmarks {
 

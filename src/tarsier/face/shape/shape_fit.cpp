@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/require.h"
 #include "tarsier/face/shape/shape_model.h"
-
-#include <Eigen/Cholesky>
+#include "tarsier/linalg/decompositions.h"
 
 #include <algorithm>
 #include <cmath>
@@ -250,7 +249,7 @@ class WeightedFit {
       normal_(k, k) = 1;
       right[k] = 0;
     }
-    const VectorXd change = solver_.compute(normal_).solve(right);
+    const VectorXd change = linalg::solve_symmetric(normal_, right);
     if (!change.allFinite()) return 0;
     c_.tail(m) += change;
     return change.cwiseAbs().maxCoeff();
@@ -275,7 +274,6 @@ class WeightedFit {
   VectorXd scaling_;  // modes^T W s and modes^T W J s, about the centre
   VectorXd turning_;
   MatrixXd normal_;
-  Eigen::LDLT<MatrixXd> solver_;
 };
 
 }  // namespace

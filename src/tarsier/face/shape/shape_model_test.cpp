@@ -3,10 +3,10 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/linalg/decompositions.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/testing_folder.h"
 
-#include <Eigen/QR>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -47,8 +47,7 @@ ShapeModel random_model(Rng& rng, int points, const std::vector<double>& deviati
   all.leftCols(4) = combined_basis(model).leftCols(4);
   for (Index c = 4; c < all.cols(); ++c)
     for (Index r = 0; r < all.rows(); ++r) all(r, c) = rng.normal();
-  const MatrixXd q = Eigen::HouseholderQR<MatrixXd>(all).householderQ() *
-                     MatrixXd::Identity(all.rows(), all.cols());
+  const MatrixXd q = linalg::orthonormal_basis(all);
   model.modes = q.rightCols(m);
   model.trained_on = 7;
   model.check();

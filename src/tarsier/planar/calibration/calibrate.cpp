@@ -3,10 +3,10 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/statistics.h"
+#include "tarsier/linalg/decompositions.h"
 #include "tarsier/planar/calibration/coverage.h"
 #include "tarsier/planar/calibration/lens_fit.h"
 
-#include <Eigen/Eigenvalues>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -272,12 +272,12 @@ Eigen::VectorXd variances_of(const Eigen::MatrixXd& information) {
   Eigen::MatrixXd scaled = scale.asDiagonal() * information * scale.asDiagonal();
   for (Eigen::Index k = 0; k < n; ++k)
     if (scale[k] == 0) scaled(k, k) = 1;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(scaled);
+  const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(scaled);
   Eigen::VectorXd variances = Eigen::VectorXd::Zero(n);
   for (Eigen::Index e = 0; e < n; ++e) {
-    const double value = std::max(solver.eigenvalues()[e], 1e-15);
+    const double value = std::max(eigen.values[e], 1e-15);
     for (Eigen::Index k = 0; k < n; ++k) {
-      const double part = solver.eigenvectors()(k, e) * scale[k];
+      const double part = eigen.vectors(k, e) * scale[k];
       variances[k] += part * part / value;
     }
   }

@@ -4,8 +4,8 @@
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/planar_pose.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Cholesky>
 #include <opencv2/calib3d.hpp>
 
 #include <algorithm>
@@ -201,9 +201,11 @@ Reduced reduce(const std::vector<ViewEquations>& all, Eigen::Index n, double dam
   }
   for (Eigen::Index k = 0; k < n; ++k) r.s(k, k) += damping * r.s(k, k);
   for (const ViewEquations& e : all) {
-    const Eigen::LDLT<Eigen::Matrix<double, 6, 6>> solver(damped(e.pose, damping));
-    r.s -= e.cross * solver.solve(e.cross.transpose());
-    r.right -= e.cross * solver.solve(e.right);
+    Eigen::MatrixXd sides(6, n + 1);  // of the lens, and of the gradient
+    sides << e.cross.transpose(), e.right;
+    const Eigen::MatrixXd solved = linalg::solve_symmetric(damped(e.pose, damping), sides);
+    r.s -= e.cross * solved.leftCols(n);
+    r.right -= e.cross * solved.col(n);
   }
   return r;
 }
@@ -258,7 +260,7 @@ FitResult fit_lens(Camera& camera, std::vector<FitView>& views, const FitOptions
     Block s = reduced.s;
     for (Eigen::Index k = 0; k < n; ++k)
       if (!moves[static_cast<std::size_t>(k)]) s(k, k) = 1;
-    const Eigen::VectorXd change = -s.ldlt().solve(reduced.right);
+    const Eigen::VectorXd change = -linalg::solve_symmetric(s, reduced.right);
     Camera next = camera;
     std::vector<FitView> next_views = views;
     bool is_finite = change.allFinite();
@@ -270,7 +272,7 @@ FitResult fit_lens(Camera& camera, std::vector<FitView>& views, const FitOptions
       if (!view.used) continue;
       const ViewEquations& e = equations[at++];
       const Eigen::Matrix<double, 6, 1> turn =
-          -damped(e.pose, damping).ldlt().solve(e.right + e.cross.transpose() * change);
+          -linalg::solve_symmetric(damped(e.pose, damping), e.right + e.cross.transpose() * change);
       is_finite = is_finite && turn.allFinite();
       if (is_finite) view.camera_from_board = moved(view.camera_from_board, turn);
     }

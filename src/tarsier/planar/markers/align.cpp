@@ -2,8 +2,8 @@
 #include "tarsier/planar/markers/align.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
@@ -169,7 +169,7 @@ Light fit_light(const MatrixXd& values, const Template& t, const Axis& u, const 
   }
   normal = normal.selfadjointView<Eigen::Lower>();
   normal.diagonal().tail<4>().array() += kStiffness * normal(1, 1);
-  return normal.ldlt().solve(right);
+  return linalg::solve_symmetric(normal, right);
 }
 
 double correlation_inside(const MatrixXd& values, const Template& t, const Axis& u, const Axis& v,
@@ -209,7 +209,8 @@ bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3
       normal.bottomRightCorner<kParameters - 8, kParameters - 8>();
   others.diagonal() *= 1 + 1e-9;
   others.diagonal().array() += 1e-9;
-  Eigen::Matrix<double, 8, 8> known = of_map - mixed * others.ldlt().solve(mixed.transpose());
+  Eigen::Matrix<double, 8, 8> known =
+      of_map - mixed * linalg::solve_symmetric(others, mixed.transpose());
   // Of the corners by the parameters of a small warp before the map.
   Eigen::Matrix<double, 8, 8> jacobian;
   const Eigen::Matrix<double, 4, 2> signs{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}};
@@ -229,10 +230,10 @@ bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3
   known.diagonal() *= 1 + 1e-9;
   known.diagonal().array() += 1e-9;
   const Eigen::Matrix<double, 8, 8> covariance =
-      std::max(noise, 1e-3) * jacobian * known.ldlt().solve(jacobian.transpose()) +
+      std::max(noise, 1e-3) * jacobian * linalg::solve_symmetric(known, jacobian.transpose()) +
       kModel * kModel * Eigen::Matrix<double, 8, 8>::Identity();
   const Eigen::Matrix<double, 8, 8> result =
-      covariance.ldlt().solve(Eigen::Matrix<double, 8, 8>::Identity());
+      linalg::solve_symmetric(covariance, Eigen::Matrix<double, 8, 8>::Identity());
   if (!result.allFinite()) return false;
   Eigen::Map<Eigen::Matrix<double, 8, 8>>(information.data()) = 0.5 * (result + result.transpose());
   return true;
@@ -274,7 +275,7 @@ class Fit {
     Normal damped = normal_;
     damped.diagonal() *= 1 + 1e-4;
     damped.diagonal().array() += 1e-9;
-    const Row step = damped.ldlt().solve(right_);
+    const Row step = linalg::solve_symmetric(damped, right_);
     if (!step.allFinite()) return std::nullopt;
     // The marker warped by W looks like the picture: the picture is looked at from W^-1 on.
     const double middle = 0.5 * size_;
