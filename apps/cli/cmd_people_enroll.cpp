@@ -95,9 +95,9 @@ class Enrolment {
       collector_.refuse(reason);
     } else {
       const face::people::Face& face =
-          *std::max_element(faces.begin(), faces.end(), [](const auto& a, const auto& b) {
-             return a.face.box.area() < b.face.box.area();
-           }).face;
+          std::max_element(faces.begin(), faces.end(), [](const auto& a, const auto& b) {
+            return a.face.box.area() < b.face.box.area();
+          })->face;
       reason = collector_.offer(face, frame.time, !frame.still);
       if (reason.empty()) {
         enroller_.enroll(flags_.name, flags_.note, face, frame.name, now_ms());
