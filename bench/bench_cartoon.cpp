@@ -327,14 +327,14 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
       for (const int threads : thread_counts) {
         const auto count = static_cast<double>(frames.size());
         // A pass-through takes less time than the clock can see.
-        constexpr double kLeast_ms = 0.001;
-        const double reference_ms = std::max(references[threads].wall_ms / count, kLeast_ms);
-        const double fast_ms = std::max(fasts[threads].wall_ms / count, kLeast_ms);
+        constexpr double kMin_ms = 0.001;
+        const double reference_ms = std::max(references[threads].wall_ms / count, kMin_ms);
+        const double fast_ms = std::max(fasts[threads].wall_ms / count, kMin_ms);
         const double cpu_ms = fasts[threads].cpu_ms / count;
         const double ratio = reference_ms / fast_ms;
         std::optional<double> scaling;
         if (threads > 1 && fasts.contains(1)) {
-          scaling = std::max(fasts[1].wall_ms / count, kLeast_ms) / fast_ms;
+          scaling = std::max(fasts[1].wall_ms / count, kMin_ms) / fast_ms;
         }
         if (context.json) {
           print_json(nlohmann::json{

@@ -119,11 +119,11 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   match(verb.add_option("--features", flags.features, "sift, orb, akaze")
             .check(one_of({"sift", "orb", "akaze"}))
             .show_default());
-  match(verb.add_option("--max-features", flags.options.pipeline.features.most,
+  match(verb.add_option("--max-features", flags.options.pipeline.features.max_count,
                         "features of an image, at most")
             .show_default());
   match(verb.add_option("--contrast", flags.options.pipeline.features.contrast,
-                        "least, of SIFT, share of the grey range")
+                        "min contrast of SIFT, share of the grey range")
             .show_default());
   match(verb.add_option("--downscale", flags.downscale, "look at images reduced by this")
             .show_default());
@@ -177,7 +177,8 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   video(verb.add_option("--key-motion", flags.options.keyframes.min_motion,
                         "of the picture's diagonal, between key frames")
             .show_default());
-  video(verb.add_option("--max-frames", flags.options.keyframes.most, "key frames").show_default());
+  video(verb.add_option("--max-frames", flags.options.keyframes.max_count, "key frames")
+            .show_default());
   add_online_flags(verb, flags.online);
 }
 

@@ -74,7 +74,7 @@ void demo_sfm(Context& context, DemoPage& page) {
 
   sfm::ReconstructorOptions how;
   how.pipeline.camera = scene.camera();
-  how.pipeline.features.most = 2500;
+  how.pipeline.features.max_count = 2500;
   const sfm::ReconstructorResult result =
       sfm::Reconstructor(how).run_images(inputs, *context.progress, context.stop);
   throw_if_stopped(context.stop);

@@ -69,7 +69,7 @@ class SfmSessionTest : public FolderTest {
   void SetUp() override {
     options_ = {};
     options_.mapper.pipeline.camera = *camera_;
-    options_.mapper.pipeline.features.most = 700;
+    options_.mapper.pipeline.features.max_count = 700;
     options_.mapper.overlap = 4;
     options_.frames_folder = folder_;
   }

@@ -56,14 +56,14 @@ std::vector<int> spread(const std::vector<cv::KeyPoint>& points, cv::Size size, 
 cv::Ptr<cv::Feature2D> detector_of(const FeatureOptions& options) {
   switch (options.kind) {
     case FeatureKind::kOrb:
-      return cv::ORB::create(options.most, 1.2F, 8, 31, 0, 2, cv::ORB::HARRIS_SCORE, 31, 10);
+      return cv::ORB::create(options.max_count, 1.2F, 8, 31, 0, 2, cv::ORB::HARRIS_SCORE, 31, 10);
     case FeatureKind::kAkaze:
       return cv::AKAZE::create(cv::AKAZE::DESCRIPTOR_MLDB, 0, 3, 0.0005F);
     case FeatureKind::kSift:
       break;
   }
   // More than wanted, so that there is a choice for every place.
-  return cv::SIFT::create(options.most * 4, 3, options.contrast, 10, 1.6);
+  return cv::SIFT::create(options.max_count * 4, 3, options.contrast, 10, 1.6);
 }
 
 // Square roots of the shares: distances between them are those of Hellinger.
@@ -83,7 +83,7 @@ cv::Mat root_sift(const cv::Mat& descriptors) {
 }  // namespace
 
 void FeatureOptions::check() const {
-  TARSIER_REQUIRE(most >= 100 && most <= 100'000, "{} features", most);
+  TARSIER_REQUIRE(max_count >= 100 && max_count <= 100'000, "{} features", max_count);
   TARSIER_REQUIRE(max_pixels >= 1e4 && max_pixels <= 1e9, "{} pixels", max_pixels);
   TARSIER_REQUIRE(contrast >= 0.001 && contrast <= 0.2, "contrast {}", contrast);
 }
@@ -125,7 +125,7 @@ Features find_features(const cv::Mat& image, const FeatureOptions& options) {
   Features features;
   std::vector<cv::KeyPoint> chosen;
   cv::Mat descriptors;
-  for (const int i : spread(sorted, gray.size(), options.most)) {
+  for (const int i : spread(sorted, gray.size(), options.max_count)) {
     chosen.push_back(sorted[static_cast<std::size_t>(i)]);
     descriptors.push_back(all_descriptors.row(order[static_cast<std::size_t>(i)]));
   }

@@ -18,7 +18,7 @@ enum class FeatureKind {
 
 struct FeatureOptions {
   FeatureKind kind = FeatureKind::kSift;
-  int most = 8000;          // of an image, the strongest of each place; 100..100000
+  int max_count = 8000;     // of an image, the strongest of each place; 100..100000
   double max_pixels = 4e6;  // larger images are reduced to so many before; 1e4..1e9
   double contrast = 0.02;   // of SIFT's extrema; lower: more and weaker ones; 0.001..0.2
   void check() const;

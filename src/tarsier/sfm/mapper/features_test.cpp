@@ -42,7 +42,7 @@ TEST(FindFeatures, AReducedImageGivesThePixelsOfTheWhole) {
   const cv::Mat image = scene.render(0);
   FeatureOptions half;
   half.max_pixels = static_cast<double>(image.total()) / 4;
-  half.most = 300;
+  half.max_count = 300;
   const Features features = find_features(image, half);
   ASSERT_GT(features.points.size(), 100U);
   float right = 0;
@@ -59,7 +59,7 @@ TEST(FindFeatures, AreTheStrongestOfEveryPlace) {
   cv::Mat left = image(cv::Rect(0, 0, image.cols / 2, image.rows));
   left.convertTo(left, -1, 0.45, 70);
   FeatureOptions options;
-  options.most = 400;
+  options.max_count = 400;
   options.contrast = 0.01;
   const Features features = find_features(image, options);
   EXPECT_LE(features.points.size(), 400U);

@@ -76,8 +76,8 @@ cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
   sum.add(bytes);
   const FeatureOptions& f = options.features;
   image_features.key =
-      cache_key(fmt::format("{} features {} {} {} {}", sum.hex(), static_cast<int>(f.kind), f.most,
-                            f.max_pixels, f.contrast));
+      cache_key(fmt::format("{} features {} {} {} {}", sum.hex(), static_cast<int>(f.kind),
+                            f.max_count, f.max_pixels, f.contrast));
   const Exif exif = parse_exif(bytes);
   const std::span<const std::uint8_t> data(reinterpret_cast<const std::uint8_t*>(bytes.data()),
                                            bytes.size());

@@ -427,7 +427,7 @@ class Mapping {
 void MapperOptions::check() const {
   TARSIER_REQUIRE(reprojection_px >= 0.1 && reprojection_px <= 50, "reprojection {} px",
                   reprojection_px);
-  TARSIER_REQUIRE(min_angle_deg >= 0.01 && min_angle_deg <= 30, "least angle {}", min_angle_deg);
+  TARSIER_REQUIRE(min_angle_deg >= 0.01 && min_angle_deg <= 30, "min angle {}", min_angle_deg);
   TARSIER_REQUIRE(first_angle_deg >= 0.1 && first_angle_deg <= 60, "first angle {}",
                   first_angle_deg);
   TARSIER_REQUIRE(first_inliers >= 16 && first_inliers <= 100'000, "{} first inliers",

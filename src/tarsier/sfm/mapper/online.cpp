@@ -16,7 +16,7 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kLeast = 3;            // images before a model is tried
+constexpr int kMinImages = 3;        // images before a model is tried
 constexpr double kMissing = 0.4;     // share of images that do not join: another start
 constexpr double kMoreTrials = 1.5;  // so many times the images of the trial before
 
@@ -176,7 +176,7 @@ void OnlineMapper::update(bool again, const std::stop_token& stop) {
   const Clock::time_point start = Clock::now();
   Parts& p = *parts_;
   p.keep();
-  if (count() < kLeast) return;
+  if (count() < kMinImages) return;
   const MapperOptions mapper = p.image_set.mapper_options();
   const auto input_of = [&p](const std::vector<Pair>& pairs) {
     return MapperInput{.cameras = p.image_set.cameras(),

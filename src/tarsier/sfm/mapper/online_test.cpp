@@ -41,7 +41,7 @@ class Online : public FolderTest {
   [[nodiscard]] OnlineOptions options() const {
     OnlineOptions options;
     options.pipeline.camera = camera_;
-    options.pipeline.features.most = 900;
+    options.pipeline.features.max_count = 900;
     return options;
   }
 

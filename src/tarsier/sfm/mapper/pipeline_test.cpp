@@ -48,7 +48,7 @@ class Images : public FolderTest {
   [[nodiscard]] PipelineOptions options() const {
     PipelineOptions options;
     options.camera = camera_;
-    options.features.most = 700;
+    options.features.max_count = 700;
     return options;
   }
 
@@ -71,7 +71,7 @@ synth::SceneOptions small_scene(int images = 5) {
 TEST_F(Images, BecomeTheirCameras) {
   const auto inputs = shoot(small_scene(6));
   PipelineOptions how = options();
-  how.features.most = 1500;
+  how.features.max_count = 1500;
   const PipelineResult result = run(inputs, how);
   ASSERT_EQ(result.reconstruction.models.size(), 1U);
   const PoseScores scores = evaluate_poses(result.reconstruction.models[0], truth_, "model");
@@ -190,7 +190,7 @@ TEST_F(Images, FollowedPointsDoAsWellAsDescriptors) {
 TEST_F(Images, WhatWasFollowedIsKept) {
   auto inputs = shoot(small_scene(5));
   PipelineOptions how = options();
-  how.features.most = 600;
+  how.features.max_count = 600;
   how.flow = true;
   const Model without = run(inputs, how).reconstruction.models.at(0);
   how.cache_folder = folder_ + "/cache";

@@ -37,7 +37,7 @@ class OnlineReconstructing : public FolderTest {
   }
   void SetUp() override {
     options_.mapper.pipeline.camera = *camera_;
-    options_.mapper.pipeline.features.most = 600;
+    options_.mapper.pipeline.features.max_count = 600;
     options_.mapper.overlap = 4;
     options_.frames_folder = path("frames");
   }

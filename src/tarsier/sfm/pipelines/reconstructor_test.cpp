@@ -50,7 +50,7 @@ class Reconstructing : public FolderTest {
     }
     write_file_atomically(path("positions.csv"), positions);
     options_.pipeline.camera = scene_->camera();
-    options_.pipeline.features.most = 450;
+    options_.pipeline.features.max_count = 450;
     options_.folder = path("model");
   }
 
@@ -170,7 +170,7 @@ TEST_F(Reconstructing, AnInterruptedRunKeepsAFinishedModel) {
   const std::string images = contents(path("model/images.txt"));
   const std::string written = contents(path("model/report.json"));
   // Again with another scale of the images, so that it is mapped again, and stopped on the way.
-  options_.pipeline.features.most = 400;
+  options_.pipeline.features.max_count = 400;
   std::stop_source stop;
   ReconstructorHooks hooks;
   hooks.watch = [&](const std::string& label, const Model&) {

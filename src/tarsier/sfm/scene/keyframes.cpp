@@ -67,7 +67,7 @@ void follow(const cv::Mat& from, const cv::Mat& to, const std::vector<cv::Point2
 void KeyframeOptions::check() const {
   TARSIER_REQUIRE(min_motion >= 0.001 && min_motion <= 0.5, "min_motion {}", min_motion);
   TARSIER_REQUIRE(window >= 1 && window <= 100, "window {}", window);
-  TARSIER_REQUIRE(most >= 1, "most {}", most);
+  TARSIER_REQUIRE(max_count >= 1, "{} key frames", max_count);
 }
 
 KeyframePicker::KeyframePicker(const KeyframeOptions& options) : options_(options) {
@@ -195,7 +195,7 @@ std::optional<Keyframe> KeyframePicker::offer(const cv::Mat& frame, std::int64_t
   const bool is_first = size_.empty();
   size_ = frame.size();
   last_index_ = index;
-  if (count_ >= options_.most) return std::nullopt;
+  if (count_ >= options_.max_count) return std::nullopt;
 
   Candidate candidate;
   candidate.gray = reduced_gray(frame);
@@ -220,7 +220,7 @@ std::optional<Keyframe> KeyframePicker::offer(const cv::Mat& frame, std::int64_t
 }
 
 std::optional<Keyframe> KeyframePicker::finish() {
-  if (waiting_.empty() || count_ >= options_.most) return std::nullopt;
+  if (waiting_.empty() || count_ >= options_.max_count) return std::nullopt;
   const std::size_t size = waiting_.size();
   const std::size_t window = std::min(size, static_cast<std::size_t>(options_.window));
   const Candidate& last = waiting_.back();

@@ -14,8 +14,8 @@ struct KeyframeOptions {
   // Of the picture's diagonal: median motion of tracked corners since the last key frame;
   // 0.001..0.5.
   double min_motion = 0.03;
-  int window = 8;  // frames; the sharpest of so many around is taken; 1..100
-  int most = 300;  // key frames; 1 or more
+  int window = 8;       // frames; the sharpest of so many around is taken; 1..100
+  int max_count = 300;  // key frames; 1 or more
 
   void check() const;  // throws std::invalid_argument that names the bad value
 };

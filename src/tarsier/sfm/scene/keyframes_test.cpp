@@ -152,7 +152,7 @@ TEST(Keyframes, OfBlackFramesAreOne) {
 
 TEST(Keyframes, EndAtTheMost) {
   const cv::Mat wall = texture(10);
-  const auto keys = pick(80, [&](int k) { return view(wall, 2 * k); }, {.most = 5});
+  const auto keys = pick(80, [&](int k) { return view(wall, 2 * k); }, {.max_count = 5});
   EXPECT_EQ(keys.size(), 5U);
 }
 
@@ -183,7 +183,7 @@ TEST(Keyframes, AreScaledToThePicture) {
 TEST(Keyframes, RefuseWhatIsNoVideo) {
   EXPECT_THROW(KeyframePicker({.min_motion = 0}), std::invalid_argument);
   EXPECT_THROW(KeyframePicker({.window = 0}), std::invalid_argument);
-  EXPECT_THROW(KeyframePicker({.most = 0}), std::invalid_argument);
+  EXPECT_THROW(KeyframePicker({.max_count = 0}), std::invalid_argument);
   KeyframePicker picker;
   const cv::Mat frame(kHeight, kWidth, CV_8UC3, cv::Scalar(1, 2, 3));
   EXPECT_THROW((void)picker.offer({}, 0, 0), std::invalid_argument);
