@@ -2,6 +2,7 @@
 #include "tarsier/geometry/planar_pose.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/geometry/refine_pose.h"
 #include "tarsier/linalg/decompositions.h"
 
 #include <Eigen/Geometry>
@@ -199,13 +200,8 @@ Eigen::Vector3d translation_of(const Problem& problem, const Eigen::Matrix3d& ro
   return linalg::solve_symmetric(normal, right);
 }
 
-struct Linear {
-  Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Zero();
-  Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
-};
-
 // Of the residuals by a small turn w (R <- exp([w]x) R) and a change of t.
-Linear linearized(const Problem& problem, const Pose& pose) {
+PoseEquations linearized(const Problem& problem, const Pose& pose) {
   const auto rows = static_cast<Eigen::Index>(2 * problem.rays.size());
   Eigen::Matrix<double, Eigen::Dynamic, 6> jacobian(rows, 6);
   Eigen::VectorXd error(rows);
@@ -224,7 +220,7 @@ Linear linearized(const Problem& problem, const Pose& pose) {
     error[at] = problem.fx * (x.x() * inverse - problem.rays[i].x());
     error[at + 1] = problem.fy * (x.y() * inverse - problem.rays[i].y());
   }
-  Linear linear;
+  PoseEquations linear;
   if (problem.information.size() > 0) {
     const Eigen::Matrix<double, Eigen::Dynamic, 6> weighted = problem.information * jacobian;
     linear.normal.noalias() = jacobian.transpose() * weighted;
@@ -236,38 +232,17 @@ Linear linearized(const Problem& problem, const Pose& pose) {
   return linear;
 }
 
-Pose moved(const Pose& pose, const Eigen::Matrix<double, 6, 1>& step) {
-  Pose next;
-  const double angle = step.head<3>().norm();
-  const Eigen::Matrix3d turn =
-      angle > 1e-15 ? Eigen::AngleAxisd(angle, step.head<3>() / angle).toRotationMatrix()
-                    : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
-  next.rotation = turn * pose.rotation;
-  next.translation = pose.translation + step.tail<3>();
-  return next;
-}
-
 void refine(const Problem& problem, int iterations, Pose& pose) {
-  pose.cost = cost_of(problem, pose);
-  double damping = 1e-4;
-  Linear linear = linearized(problem, pose);
-  for (int i = 0; i < iterations && std::isfinite(pose.cost); ++i) {
-    Eigen::Matrix<double, 6, 6> damped = linear.normal;
-    damped.diagonal() *= 1 + damping;
-    damped.diagonal().array() += 1e-12 * linear.normal.diagonal().maxCoeff();
-    Pose next = moved(pose, -linalg::solve_symmetric(damped, linear.gradient));
-    next.cost = cost_of(problem, next);
-    if (next.cost < pose.cost) {
-      const bool done = pose.cost - next.cost < 1e-10 * pose.cost;
-      pose = next;
-      if (done) return;
-      damping = std::max(1e-9, damping / 10);
-      linear = linearized(problem, pose);
-    } else {
-      damping *= 10;
-      if (damping > 1e8) return;
-    }
-  }
+  const auto cost = [&](const Eigen::Matrix3d& rotation, const Eigen::Vector3d& translation) {
+    return cost_of(problem, {rotation, translation});
+  };
+  const auto equations = [&](const Eigen::Matrix3d& rotation, const Eigen::Vector3d& translation) {
+    return linearized(problem, {rotation, translation});
+  };
+  // Damped from the start: a whole first step may leave for the other of the two minima.
+  const RefinePoseOptions how{
+      .max_steps = iterations, .max_trials = iterations, .damping = 1e-4, .tolerance = 1e-10};
+  pose.cost = refine_pose(pose.rotation, pose.translation, cost, equations, how).cost;
 }
 
 PlanarPose published(const Problem& problem, const Pose& pose) {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/head/posit_solver.h"
 
-#include <Eigen/Cholesky>
+#include "tarsier/geometry/refine_pose.h"
+
 #include <Eigen/Geometry>
 
 #include <algorithm>
@@ -17,9 +18,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 namespace {
-
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
-using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr const char* kBehind = "the points come out behind the camera";
 constexpr const char* kNoScale = "the points of the picture coincide";
@@ -134,17 +132,15 @@ double PositSolver::cost(const Matrix3d& rotation, const Vector3d& translation) 
 // Residual r = projection - measured; a small turn w moves q = R p by w x q:
 // du = ((w x q)_x + dt_x - u ((w x q)_z + dt_z)) / z, dv alike.
 void PositSolver::refine(State& state, int steps) const {
-  double present = cost(state.rotation, state.translation);
-  double damping = 0;
-  for (int step = 0; step < steps && std::isfinite(present); ++step) {
-    Matrix6d normal = Matrix6d::Zero();
-    Vector6d gradient = Vector6d::Zero();
+  const auto equations = [this](const Matrix3d& rotation, const Vector3d& translation) {
+    geometry::PoseEquations sums;
+    auto& [normal, gradient] = sums;
     // Sums over the rows of u: h(0..5), of v: the same with its own zero; only the lower triangle.
     for (Index i = 0; i < space.x.size(); ++i) {
-      const Vector3d q = state.rotation * model.from_centroid_.row(i).transpose();
-      const double inverse = 1 / (q[2] + state.translation[2]);
-      const double u = (q[0] + state.translation[0]) * inverse;
-      const double v = (q[1] + state.translation[1]) * inverse;
+      const Vector3d q = rotation * model.from_centroid_.row(i).transpose();
+      const double inverse = 1 / (q[2] + translation[2]);
+      const double u = (q[0] + translation[0]) * inverse;
+      const double v = (q[1] + translation[1]) * inverse;
       const double weight = model.weights_[i];
       const double scale = weight * inverse * inverse;
       const double a0 = -u * q[1], a1 = q[2] + u * q[0], a2 = -q[1];
@@ -178,39 +174,14 @@ void PositSolver::refine(State& state, int steps) const {
       gradient[5] -= u * ru + v * rv;
     }
     normal(4, 4) = normal(3, 3);
-    bool better = false;
-    double gain = 0;
-    for (int attempt = 0; attempt < 6 && !better; ++attempt) {
-      Matrix6d damped = normal;
-      damped.diagonal() *= 1 + damping;
-      const Eigen::LLT<Matrix6d> factor(damped);  // reads the lower triangle
-      if (factor.info() == Eigen::Success) {
-        const Vector6d update = factor.solve(-gradient);
-        const Vector3d spin = update.head<3>();
-        const double angle = spin.norm();
-        Matrix3d rotation = state.rotation;
-        if (angle > 0)
-          rotation = Eigen::AngleAxisd(angle, spin / angle).toRotationMatrix() * rotation;
-        const Vector3d translation = state.translation + update.tail<3>();
-        const double next = cost(rotation, translation);
-        if (next <= present) {
-          gain = present - next;
-          present = next;
-          state.rotation = rotation;
-          state.translation = translation;
-          better = true;
-          damping *= 0.1;
-          if (damping < 1e-6) damping = 0;
-          break;
-        }
-      }
-      damping = std::max(1e-4, 10 * damping);
-    }
-    if (!better || gain <= 1e-7 * present) {
-      state.converged = true;
-      break;
-    }
-  }
+    return sums;
+  };
+  const auto cost_of = [this](const Matrix3d& rotation, const Vector3d& translation) {
+    return cost(rotation, translation);
+  };
+  const geometry::RefinePoseOptions how{.max_steps = steps};
+  if (geometry::refine_pose(state.rotation, state.translation, cost_of, equations, how).converged)
+    state.converged = true;
 }
 
 PositResult PositSolver::finish(State& state, int refine_steps) const {

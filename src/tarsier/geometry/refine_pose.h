@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+#include <algorithm>
+#include <cmath>
+
+// A pose that minimises a sum of squares, whatever the squares are of: Levenberg-Marquardt
+// (Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", 1963) over a
+// small turn w and a shift t, R <- exp([w]x) R and T <- T + t. A template, as the sums over the
+// points are to be compiled into the loop.
+namespace tarsier::geometry {
+
+// Of the residuals r by (w, t): J' J, of which the lower triangle counts, and J' r.
+struct PoseEquations {
+  Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Zero();
+  Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
+};
+
+struct RefinePoseOptions {
+  int max_steps = 10;       // linearisations, >= 0
+  int max_trials = 1000;    // poses that are tried in all, >= 0
+  double damping = 0;       // of the first step, as a share of the diagonal, >= 0
+  double tolerance = 1e-7;  // done when a step lowers the cost by less than this share
+};
+
+struct RefinedPose {
+  double cost = 0;         // infinite where the start has none
+  bool converged = false;  // no step lowers the cost by more than the tolerance
+};
+
+// `cost(rotation, translation)`: the sum of squares, infinite for a pose that cannot be;
+// `equations(rotation, translation)`: PoseEquations there. The pose never becomes a worse one.
+template <class Cost, class Equations>
+RefinedPose refine_pose(Eigen::Matrix3d& rotation, Eigen::Vector3d& translation, const Cost& cost,
+                        const Equations& equations, const RefinePoseOptions& options) {
+  constexpr int kAttempts = 6;        // steps that are tried at one linearisation
+  constexpr double kDamped = 1e-4;    // the first damping after a step that failed
+  constexpr double kUndamped = 1e-6;  // below it is none
+  RefinedPose result;
+  result.cost = cost(rotation, translation);
+  double damping = options.damping;
+  int trials = options.max_trials;
+  for (int step = 0; step < options.max_steps && std::isfinite(result.cost); ++step) {
+    const PoseEquations at = equations(rotation, translation);
+    bool better = false;
+    double gain = 0;
+    for (int attempt = 0; attempt < kAttempts && trials > 0; ++attempt) {
+      --trials;
+      Eigen::Matrix<double, 6, 6> damped = at.normal;
+      damped.diagonal() *= 1 + damping;
+      const Eigen::LLT<Eigen::Matrix<double, 6, 6>> factor(damped);  // reads the lower triangle
+      if (factor.info() == Eigen::Success) {
+        const Eigen::Matrix<double, 6, 1> update = factor.solve(-at.gradient);
+        const Eigen::Vector3d spin = update.template head<3>();
+        const double angle = spin.norm();
+        Eigen::Matrix3d turned = rotation;
+        if (angle > 0) turned = Eigen::AngleAxisd(angle, spin / angle).toRotationMatrix() * turned;
+        const Eigen::Vector3d shifted = translation + update.template tail<3>();
+        const double next = cost(turned, shifted);
+        if (next <= result.cost) {
+          gain = result.cost - next;
+          result.cost = next;
+          rotation = turned;
+          translation = shifted;
+          better = true;
+          damping *= 0.1;
+          if (damping < kUndamped) damping = 0;
+          break;
+        }
+      }
+      damping = std::max(kDamped, 10 * damping);
+    }
+    if (!better || gain <= options.tolerance * result.cost) {
+      result.converged = true;
+      break;
+    }
+  }
+  return result;
+}
+
+}  // namespace tarsier::geometry
