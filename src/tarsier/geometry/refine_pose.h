@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <Eigen/Cholesky>
+#include "tarsier/linalg/decompositions.h"
+
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
@@ -52,8 +53,8 @@ RefinedPose refine_pose(Eigen::Matrix3d& rotation, Eigen::Vector3d& translation,
       --trials;
       Eigen::Matrix<double, 6, 6> damped = at.normal;
       damped.diagonal() *= 1 + damping;
-      const Eigen::LLT<Eigen::Matrix<double, 6, 6>> factor(damped);  // reads the lower triangle
-      if (factor.info() == Eigen::Success) {
+      const linalg::Cholesky factor(damped);  // reads the lower triangle
+      if (factor.ok()) {
         const Eigen::Matrix<double, 6, 1> update = factor.solve(-at.gradient);
         const Eigen::Vector3d spin = update.template head<3>();
         const double angle = spin.norm();
