@@ -40,7 +40,7 @@ class Events {
   void frame(const Frame& frame, const std::vector<face::NamedFace>& faces,
              face::people::Gallery* gallery) {
     const std::string source = source_of(frame);
-    if (frame.still || source != source_) told_.clear();
+    if (frame.still || source != source_) reported_.clear();
     source_ = source;
     for (const face::NamedFace& face : faces) {
       if (face.name.label.empty()) continue;
