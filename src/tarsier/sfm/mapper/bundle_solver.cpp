@@ -3,11 +3,12 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/linalg/decompositions.h"
+#include "tarsier/linalg/sparse_cholesky.h"
 #include "tarsier/sfm/mapper/bundle_residual.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
-#include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 
 #include <algorithm>
@@ -474,9 +475,8 @@ class Solver {
       dense_.block(offset_of(block.column), offset_of(block.row), columns, rows) =
           Eigen::Map<const MatrixXd>(reduced_.data() + block.offset, rows, columns).transpose();
     }
-    const Eigen::LLT<Eigen::Ref<MatrixXd>, Eigen::Lower> factor(dense_);
-    if (factor.info() != Eigen::Success) return false;
-    factor.solveInPlace(right);
+    if (!dense_factor_.compute(dense_)) return false;
+    right = dense_factor_.solve(right);
     return true;
   }
 
@@ -508,10 +508,9 @@ class Solver {
     }
     if (is_first) {
       sparse_.finalize();
-      sparse_factor_.analyzePattern(sparse_);
+      sparse_factor_.analyze(sparse_);
     }
-    sparse_factor_.factorize(sparse_);
-    if (sparse_factor_.info() != Eigen::Success) return false;
+    if (!sparse_factor_.factorize(sparse_)) return false;
     right = sparse_factor_.solve(right);
     return true;
   }
@@ -547,8 +546,9 @@ class Solver {
   std::vector<double> reduced_;  // numbers_ without points
   std::vector<Matrix3d> point_inverse_;
   MatrixXd dense_;
+  linalg::Cholesky dense_factor_;
   Eigen::SparseMatrix<double> sparse_;
-  Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> sparse_factor_;
+  linalg::SparseCholesky sparse_factor_;
 };
 
 }  // namespace

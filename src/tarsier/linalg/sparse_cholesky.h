@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/SparseCore>
+
+#include <memory>
+
+namespace tarsier::linalg {
+
+// P A P^T = L L^T of a sparse symmetric positive definite matrix, n x n, with an order of elimination P of least fill (Amestoy,
+// Davis and Duff, An approximate minimum degree ordering algorithm, 1996; Eigen's). Compiled once, as decompositions.h.
+class SparseCholesky {
+ public:
+  SparseCholesky();
+  ~SparseCholesky();
+  SparseCholesky(SparseCholesky&&) noexcept;
+  SparseCholesky& operator=(SparseCholesky&&) noexcept;
+
+  // The order of elimination for matrices with the nonzero elements of `a`, of which only the upper triangle is read.
+  void analyze(const Eigen::SparseMatrix<double>& a);
+  // False where `a`, with the nonzero elements that were analyzed, is not positive definite.
+  [[nodiscard]] bool factorize(const Eigen::SparseMatrix<double>& a);
+  // x with A x = b, after factorize() was true.
+  [[nodiscard]] Eigen::VectorXd solve(const Eigen::VectorXd& b) const;
+
+ private:
+  struct Factor;
+  std::unique_ptr<Factor> factor_;
+};
+
+}  // namespace tarsier::linalg

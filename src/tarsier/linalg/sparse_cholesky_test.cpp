@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/linalg/sparse_cholesky.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+namespace tarsier::linalg {
+namespace {
+
+// A chain of springs, each end held: the upper triangle.
+Eigen::SparseMatrix<double> chain(int n, double diagonal) {
+  std::vector<Eigen::Triplet<double>> numbers;
+  for (int i = 0; i < n; ++i) {
+    numbers.emplace_back(i, i, diagonal);
+    if (i > 0) numbers.emplace_back(i - 1, i, -1);
+  }
+  Eigen::SparseMatrix<double> result(n, n);
+  result.setFromTriplets(numbers.begin(), numbers.end());
+  return result;
+}
+
+TEST(SparseCholesky, SolvesAgainWithOtherNumbersInTheSamePlaces) {
+  constexpr int kSize = 200;
+  SparseCholesky cholesky;
+  cholesky.analyze(chain(kSize, 2));
+  for (const double diagonal : {2.0, 3.0}) {
+    const Eigen::SparseMatrix<double> a = chain(kSize, diagonal);
+    ASSERT_TRUE(cholesky.factorize(a));
+    const Eigen::VectorXd x = Eigen::VectorXd::LinSpaced(kSize, -1, 5);
+    const Eigen::VectorXd b = a.selfadjointView<Eigen::Upper>() * x;
+    EXPECT_LT((cholesky.solve(b) - x).norm(), 1e-8);
+  }
+}
+
+TEST(SparseCholesky, FindsAMatrixThatIsNotPositiveDefinite) {
+  SparseCholesky cholesky;
+  cholesky.analyze(chain(20, 1));
+  EXPECT_FALSE(cholesky.factorize(chain(20, 1)));
+  EXPECT_TRUE(cholesky.factorize(chain(20, 2)));
+}
+
+}  // namespace
+}  // namespace tarsier::linalg
