@@ -5,7 +5,6 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
-#include <Eigen/QR>
 
 namespace tarsier::linalg {
 
@@ -60,11 +59,6 @@ MatrixXd solve_symmetric(const ConstMatrix& a, const ConstMatrix& b) {
 MatrixXd solve_general(const ConstMatrix& a, const ConstMatrix& b) {
   require_square(a, b);
   return solved(Eigen::PartialPivLU<MatrixXd>(a), b);
-}
-
-MatrixXd orthonormal_basis(const ConstMatrix& a) {
-  TARSIER_REQUIRE(a.rows() >= a.cols(), "{} columns of {} numbers", a.cols(), a.rows());
-  return Eigen::HouseholderQR<MatrixXd>(a).householderQ() * MatrixXd::Identity(a.rows(), a.cols());
 }
 
 }  // namespace tarsier::linalg

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/core/require.h"
 #include "tarsier/linalg/decompositions.h"
 
-#include <Eigen/Geometry>
 #include <Eigen/SVD>
 
 namespace tarsier::linalg {
@@ -10,11 +8,6 @@ namespace tarsier::linalg {
 LeftSvd left_svd(const ConstMatrix& a) {
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(a, Eigen::ComputeThinU);
   return {svd.matrixU(), svd.singularValues()};
-}
-
-Eigen::Matrix4d align_similarity(const Eigen::Matrix3Xd& a, const Eigen::Matrix3Xd& b) {
-  TARSIER_REQUIRE(a.cols() == b.cols() && a.cols() >= 3, "{} and {} points", a.cols(), b.cols());
-  return Eigen::umeyama(a, b, true);
 }
 
 }  // namespace tarsier::linalg
