@@ -161,7 +161,7 @@ TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
   EXPECT_EQ(view.image.at<cv::Vec3b>(300, 200), cv::Vec3b(255, 255, 255));
   EXPECT_THAT(view.state["prompt"].get<std::string>(), HasSubstr("left"));
   // The same face again is refused; time passing alone does not change that.
-  for (int i = 2; i < 60; ++i) view = session.on_frame(frame(picture, i), live_);
+  for (int i = 2; i < 30; ++i) view = session.on_frame(frame(picture, i), live_);
   EXPECT_EQ(gallery.face_count(), 1);
   EXPECT_FALSE(view.state["flash"]);
   const cv::Rect strip = session.strip_box(0);
@@ -288,8 +288,8 @@ TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
   add("bbaf2n.mpg", 0, 38);
   add("brbk7n.mpg", 38, 75);
   add("bbaf2n.mpg", 38, 75);
-  add("lrwp9a.mpg", 0, 75);
-  add("lbbc2a.mpg", 0, 75);
+  add("lrwp9a.mpg", 0, 45);
+  add("lbbc2a.mpg", 0, 45);
   ScriptedHost host(session, clips);
   host.at(from[0] + 1, click(session.button_box("add")));
   host.at(from[1], action_event("add"));
