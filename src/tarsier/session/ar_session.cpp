@@ -54,34 +54,19 @@ double tilt_of(const TrackedMarker& marker) {
 void ArSessionOptions::check() const { augment.check(); }
 
 ArSession::ArSession(planar::MarkerTracker tracker, ArSessionOptions options)
-    : options_((options.check(), std::move(options))), tracker_(std::move(tracker)) {}
+    : FrameSession("Markers"),
+      options_((options.check(), std::move(options))),
+      tracker_(std::move(tracker)) {}
 
-void ArSession::find() {
-  timer_.start();
-  result_ = tracker_.process(frame_, state_, options_.debug);
-  timer_.stop();
-}
-
-View ArSession::on_frame(const Frame& frame, const SourceStatus& source) {
+void ArSession::process(const Frame& frame) {
   if (frame.still || source_of(frame) != state_.source) augment_ = {};
-  frame_ = frame;
-  source_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
-  find();
-  draw();
-  return view(true);
+  result_ = tracker_.process(frame, state_, options_.debug);
 }
 
-View ArSession::on_idle(const SourceStatus& source) {
-  source_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
-  return view(false);
-}
-
-View ArSession::on_event(const Event& event) {
-  const std::string name = action_of(event, actions());
-  const auto objects = planar::augment::object_named(name);
-  bool redraw = true;
-  if (objects && (*objects != Object::kMesh || options_.augment.mesh != nullptr)) {
-    options_.augment.object = *objects;
+bool ArSession::act(const std::string& name) {
+  const auto object = planar::augment::object_named(name);
+  if (object && (*object != Object::kMesh || options_.augment.mesh != nullptr)) {
+    options_.augment.object = *object;
   } else if (name == "outlines") {
     options_.outlines = !options_.outlines;
   } else if (name == "shadow") {
@@ -95,30 +80,24 @@ View ArSession::on_event(const Event& event) {
   } else if (name == "family") {
     next_family();
   } else {
-    redraw = false;
     if (name == "save") save();
-    if (name == "pause") paused_ = !paused_;
-    if (name == "help") help_ = !help_;
-    if (name == "quit") finished_ = true;
+    return false;
   }
-  if (redraw && !frame_.image.empty()) draw();
-  return view(redraw && frame_.still && !frame_.image.empty());
+  return true;
 }
 
-std::vector<Action> ArSession::actions() const {
-  std::vector<Action> actions{
-      {"axes", "axes", 'a'}, {"cube", "a cube", 'c'}, {"none", "nothing on them", 'n'}};
-  if (options_.augment.mesh != nullptr) actions.push_back({"mesh", "the mesh", 'm'});
-  const std::vector<Action> more{{"outlines", "outlines and ids", 'i'},
-                                 {"shadow", "shadows", 'e'},
-                                 {"smooth", "smoothing", 's'},
-                                 {"list", "list with distances", 'l'},
-                                 {"family", "next family", 'f'},
-                                 {"save", "save the picture", 'w'},
-                                 {"pause", "freeze and go on", key::kSpace},
-                                 {"help", "this list", 'h'},
-                                 {"quit", "end", 'q'}};
-  actions.insert(actions.end(), more.begin(), more.end());
+std::vector<Action> ArSession::own_actions() const {
+  std::vector<Action> actions{{"axes", "axes", 'a'},
+                              {"cube", "a cube", 'c'},
+                              {"none", "nothing on them", 'n'},
+                              {"outlines", "outlines and ids", 'i'},
+                              {"shadow", "shadows", 'e'},
+                              {"smooth", "smoothing", 's'},
+                              {"list", "list with distances", 'l'},
+                              {"family", "next family", 'f'},
+                              {"save", "save the picture", 'w'}};
+  if (options_.augment.mesh != nullptr)
+    actions.insert(actions.begin() + 3, {"mesh", "the mesh", 'm'});
   return actions;
 }
 
@@ -126,8 +105,7 @@ void ArSession::change(const planar::MarkerTrackerOptions& options, bool again) 
   tracker_ = planar::MarkerTracker::load(options);
   if (!again) return;
   state_ = {};
-  augment_ = {};
-  if (!frame_.image.empty()) find();
+  if (!frame().empty()) process(latest());
 }
 
 void ArSession::next_family() {
@@ -140,10 +118,10 @@ void ArSession::next_family() {
 }
 
 void ArSession::save() {
-  if (output_.empty()) return;
-  message_since_ = frame_.time;
+  if (drawing().empty()) return;
+  message_since_ = latest().time;
   try {
-    saved_ = save_numbered(options_.save_folder, output_);
+    saved_ = save_numbered(options_.save_folder, drawing());
     message_ = "saved " + saved_;
   } catch (const OutputError& error) {  // no reason to end a live picture
     log_warning("cannot save: {}", error.what());
@@ -151,7 +129,7 @@ void ArSession::save() {
   }
 }
 
-void ArSession::draw_outlines() {
+void ArSession::draw_outlines(cv::Mat& image) const {
   for (const TrackedMarker& posed : result_.markers) {
     const planar::markers::Quad& quad = posed.marker.corners;
     constexpr int kShift = 4;
@@ -159,22 +137,21 @@ void ArSession::draw_outlines() {
       return cv::Point(cvRound(p.x() * (1 << kShift)), cvRound(p.y() * (1 << kShift)));
     };
     for (std::size_t k = 0; k < 4; ++k) {
-      cv::line(output_, fixed(quad[k]), fixed(quad[(k + 1) % 4]), kFrame, 2, cv::LINE_AA, kShift);
+      cv::line(image, fixed(quad[k]), fixed(quad[(k + 1) % 4]), kFrame, 2, cv::LINE_AA, kShift);
     }
     const double side = (quad[1] - quad[0]).norm();
-    image::draw::point(output_, {quad[0].x(), quad[0].y()}, kFirstCorner,
+    image::draw::point(image, {quad[0].x(), quad[0].y()}, kFirstCorner,
                        std::clamp(side * 0.06, 2.0, 6.0));
     const Eigen::Vector2d middle = 0.25 * (quad[0] + quad[1] + quad[2] + quad[3]);
     image::draw::TextStyle style;
     style.height_px = std::clamp(side * 0.22, 8.0, 28.0);
-    image::draw::put_text(output_, std::to_string(posed.marker.id),
+    image::draw::put_text(image, std::to_string(posed.marker.id),
                           {cvRound(middle.x()), cvRound(middle.y())}, style,
                           image::draw::Anchor::kCenter);
   }
 }
 
-void ArSession::draw() {
-  frame_.image.copyTo(output_);
+void ArSession::draw(cv::Mat& image) {
   std::vector<planar::augment::Sheet> sheets;
   std::map<int, int> seen;  // of two markers with one id each has a key of its own
   for (const TrackedMarker& posed : result_.markers) {
@@ -184,11 +161,12 @@ void ArSession::draw() {
         {posed.marker.id + 100000 * copy, posed.pose->camera_from_marker, tracker_.options().side});
   }
   // Under the objects, which would be hard to see behind the letters.
-  if (options_.outlines) draw_outlines();
-  planar::augment::augment(output_, result_.camera, sheets, options_.augment, augment_);
+  if (options_.outlines) draw_outlines(image);
+  planar::augment::augment(image, result_.camera, sheets, options_.augment, augment_);
 }
 
-void ArSession::draw_list() {
+void ArSession::draw_shown(cv::Mat& image) {
+  if (!list_) return;
   std::string text;
   int listed = 0;
   for (const TrackedMarker& posed : result_.markers) {
@@ -204,47 +182,42 @@ void ArSession::draw_list() {
   if (text.back() == '\n') text.pop_back();
   image::draw::TextStyle style;
   style.backing = image::draw::Backing::kBox;
-  style.height_px = std::max(8.0, 0.7 * image::draw::fitting_text_height(shown_.size()));
-  image::draw::put_text(shown_, text, {6, 6}, style);
+  style.height_px = std::max(8.0, 0.7 * image::draw::fitting_text_height(image.size()));
+  image::draw::put_text(image, text, {6, 6}, style);
 }
 
-View ArSession::view(bool fresh) {
-  View result;
-  std::string family;
-  for (const auto* one : tracker_.families()) family += (family.empty() ? "" : ", ") + one->name();
+std::string ArSession::families() const {
+  std::string names;
+  for (const auto* one : tracker_.families()) names += (names.empty() ? "" : ", ") + one->name();
+  return names;
+}
+
+nlohmann::json ArSession::state() const {
   nlohmann::json ids = nlohmann::json::array();
   nlohmann::json distances = nlohmann::json::array();
   for (const TrackedMarker& posed : result_.markers) {
     ids.push_back(posed.marker.id);
     distances.push_back(posed.pose ? nlohmann::json(rounded(distance_of(posed), 1e4)) : nullptr);
   }
-  result.state = {{"markers", result_.markers.size()},
-                  {"ids", std::move(ids)},
-                  {"distance_m", std::move(distances)},
-                  {"draw", planar::augment::name_of(options_.augment.object)},
-                  {"outlines", options_.outlines},
-                  {"shadow", options_.augment.shadow},
-                  {"smooth", tracker_.options().track.smooth},
-                  {"list", list_},
-                  {"family", family},
-                  {"paused", paused_}};
-  if (!saved_.empty()) result.state["saved"] = saved_;
-  const bool speaks = !message_.empty() && frame_.time - message_since_ < kMessage_s;
-  result.status = fmt::format("{} {} of {}{}{}", result_.markers.size(),
-                              result_.markers.size() == 1 ? "marker" : "markers", family,
-                              source_.empty() ? "" : "  " + source_, paused_ ? "  frozen" : "");
-  if (fresh) result.output = output_;
-  if (!output_.empty()) {
-    output_.copyTo(shown_);
-    if (list_) draw_list();
-    const double ms = frame_.still ? timer_.last_ms() : timer_.usual_ms();
-    image::draw::status_bar(shown_, speaks ? message_ : result.status,
-                            fmt::format("{:.1f} ms   h: help", ms));
-    if (help_) draw_help(shown_, "Markers", actions());
-    result.image = shown_;
-  }
-  result.finished = finished_;
-  return result;
+  nlohmann::json state = {{"markers", result_.markers.size()},
+                          {"ids", std::move(ids)},
+                          {"distance_m", std::move(distances)},
+                          {"draw", planar::augment::name_of(options_.augment.object)},
+                          {"outlines", options_.outlines},
+                          {"shadow", options_.augment.shadow},
+                          {"smooth", tracker_.options().track.smooth},
+                          {"list", list_},
+                          {"family", families()}};
+  if (!saved_.empty()) state["saved"] = saved_;
+  return state;
+}
+
+std::string ArSession::status() const {
+  return fmt::format("{} of {}", counted(result_.markers.size(), "marker"), families());
+}
+
+std::string ArSession::message() const {
+  return latest().time - message_since_ < kMessage_s ? message_ : "";
 }
 
 }  // namespace tarsier

@@ -59,8 +59,8 @@ const planar::calibration::Coverage* CalibrateSession::coverage() const {
 }
 
 View CalibrateSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  if (paused_ && !frame_.image.empty()) return view(false);
+  source_ = trouble_of(source);
+  if (controls_.paused() && !frame_.image.empty()) return view(false);
   frame_ = frame;
   if (flash_ > 0) --flash_;
   apply(calibrator_.process(frame, state_));
@@ -94,15 +94,13 @@ void CalibrateSession::calibrate_now() {
 }
 
 View CalibrateSession::on_idle(const SourceStatus& source) {
-  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
+  source_ = trouble_of(source);
   return view(false);
 }
 
 View CalibrateSession::on_event(const Event& event) {
   const std::string name = action_of(event, actions());
-  if (name == "quit") finished_ = true;
-  if (name == "pause") paused_ = !paused_;
-  if (name == "help") help_ = !help_;
+  controls_.act(name);
   if (name == "take") apply(calibrator_.take(state_));
   if (name == "undo") forget(false);
   if (name == "restart") forget(true);
@@ -114,15 +112,12 @@ View CalibrateSession::on_event(const Event& event) {
 }
 
 std::vector<Action> CalibrateSession::actions() const {
-  return {{"take", "take this view now", key::kSpace},
-          {"undo", "forget the last view", 'z'},
-          {"restart", "forget all views", 'x'},
-          {"calibrate", "calibrate now", 'c'},
-          {"straight", "the straightened picture", 'u'},
-          {"coverage", "what is covered", 'm'},
-          {"pause", "pause and go on", 'p'},
-          {"help", "this list", 'h'},
-          {"quit", "end", 'q'}};
+  return controls_.after({{"take", "take this view now", key::kSpace},
+                          {"undo", "forget the last view", 'z'},
+                          {"restart", "forget all views", 'x'},
+                          {"calibrate", "calibrate now", 'c'},
+                          {"straight", "the straightened picture", 'u'},
+                          {"coverage", "what is covered", 'm'}});
 }
 
 // What to do next, in a line.
@@ -193,7 +188,7 @@ void CalibrateSession::draw_text() {
                           fmt::format("{} {}, {:.0f} % covered", state_.views.size(),
                                       state_.views.size() == 1 ? "view" : "views", 100 * share),
                           right);
-  if (help_) draw_help(shown_, "Calibrate", actions());
+  if (controls_.help()) draw_help(shown_, "Calibrate", actions());
 }
 
 View CalibrateSession::view(bool fresh) {
@@ -203,7 +198,7 @@ View CalibrateSession::view(bool fresh) {
   const double share = coverage() != nullptr ? coverage()->share() : 0;
   view.status =
       fmt::format("{} views, {:.0f} % covered, {}{}{}", state_.views.size(), 100 * share, verdict_,
-                  paused_ ? ", paused" : "", source_.empty() ? "" : ", " + source_);
+                  controls_.paused() ? ", paused" : "", source_.empty() ? "" : ", " + source_);
   nlohmann::json& state = view.state;
   state["views"] = state_.views.size();
   state["coverage"] = std::round(share * 1e3) / 1e3;
@@ -214,8 +209,8 @@ View CalibrateSession::view(bool fresh) {
   state["fx"] = ok() ? std::round(result_->calibration.camera.fx * 1e3) / 1e3 : 0.0;
   state["refusal"] = result_ ? result_->calibration.refusal : "";
   state["straight"] = straight_;
-  state["paused"] = paused_;
-  view.finished = finished_;
+  state["paused"] = controls_.paused();
+  view.finished = controls_.finished();
   return view;
 }
 

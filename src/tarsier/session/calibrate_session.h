@@ -3,6 +3,7 @@
 
 #include "tarsier/geometry/undistort.h"
 #include "tarsier/planar/pipelines/calibrator.h"
+#include "tarsier/session/controls.h"
 #include "tarsier/session/session.h"
 
 #include <opencv2/core/mat.hpp>
@@ -60,9 +61,7 @@ class CalibrateSession final : public Session {
   int flash_ = 0;                                       // frames that still tell of a view taken
   bool straight_ = false;
   bool shows_coverage_ = true;
-  bool paused_ = false;
-  bool help_ = false;
-  bool finished_ = false;
+  SessionControls controls_{true, 'p'};  // space takes a view
 };
 
 }  // namespace tarsier

@@ -10,6 +10,7 @@
 #include "tarsier/image/draw/tile.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/session/controls.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/save_picture.h"
 
@@ -106,10 +107,8 @@ struct CartoonSession::Impl {
   SourceStatus source;
   double age_ms = 0;
 
-  bool paused = false;
+  SessionControls controls{true};
   bool debug = false;
-  bool help = false;
-  bool finished = false;
   double interval_s = 0;                // smoothed time between frames
   std::optional<double> outline_since;  // frame time
   bool outline_wanted = false;          // from the next frame on
@@ -177,7 +176,7 @@ struct CartoonSession::Impl {
     if (source.state != SourceState::kLive && source.state != SourceState::kEnded) {
       text += fmt::format("  {}", name_of(source.state));
     }
-    if (paused) text += "  paused";
+    if (controls.paused()) text += "  paused";
     return text;
   }
 
@@ -204,10 +203,10 @@ struct CartoonSession::Impl {
     nlohmann::json json = {{"fps", std::round(fps() * 100) / 100},
                            {"age_ms", std::round(age_ms * 10) / 10},
                            {"source", name_of(source.state)},
-                           {"paused", paused},
+                           {"paused", controls.paused()},
                            {"debug", debug},
                            {"steady", settings.steady.on},
-                           {"help", help},
+                           {"help", controls.help()},
                            {"frame", has_frame ? frame.index : -1},
                            {"sketch_threshold", settings.sketch.threshold},
                            {"evil_threshold", settings.evil.threshold}};
@@ -230,7 +229,7 @@ struct CartoonSession::Impl {
       if (has_frame && debug_view.empty()) cartoon::draw_face_outline(shown, outline_opacity());
       draw_banner(shown);
       image::draw::status_bar(shown, status(), message.empty() ? "h: help" : message);
-      if (help) draw_help(shown, "Tarsier cartoon", actions);
+      if (controls.help()) draw_help(shown, "Tarsier cartoon", actions);
       result_view.image = shown;
     } else {
       result_view.image = result.image;
@@ -238,7 +237,7 @@ struct CartoonSession::Impl {
     result_view.status = status();
     if (!message.empty()) result_view.status += "  " + message;
     result_view.state = state_json();
-    result_view.finished = finished;
+    result_view.finished = controls.finished();
     return result_view;
   }
 
@@ -289,7 +288,8 @@ View CartoonSession::on_frame(const Frame& frame, const SourceStatus& source) {
   Impl& my = *impl_;
   require_bgr(frame.image);
   my.source = source;
-  if (my.paused && my.has_frame) return my.view(actions());  // the first one is shown all the same
+  if (my.controls.paused() && my.has_frame)
+    return my.view(actions());  // the first one is shown all the same
   const bool follows = my.has_frame && !frame.still;
   const double before = my.frame.time;
   my.frame = frame;
@@ -350,23 +350,17 @@ View CartoonSession::on_event(const Event& event) {
       my.change_threshold(-1);
     } else {
       redo = false;
-      if (name == "pause") {
-        my.paused = !my.paused;
-      } else if (name == "save") {
+      if (name == "save") {
         my.save();
-      } else if (name == "help") {
-        my.help = !my.help;
       } else if (name == "fullscreen") {
         toggle_fullscreen = true;
-      } else if (name == "quit") {
-        my.finished = true;
-      } else {
+      } else if (!my.controls.act(name)) {
         log_warning("no action '{}'", name);
       }
     }
   }
   // A moving picture changes with its next frame; one that stands has to be made again.
-  redo = redo && my.has_frame && (my.frame.still || my.paused);
+  redo = redo && my.has_frame && (my.frame.still || my.controls.paused());
   if (redo) {
     my.begin_outline();
     my.process();
@@ -388,12 +382,9 @@ std::vector<Action> CartoonSession::actions() const {
   result.push_back({"threshold-down", "more lines", '-'});
   result.push_back({"steady", "steady lines on, off", 't'});
   result.push_back({"debug", "all stages side by side", 'd'});
-  result.push_back({"pause", "pause", key::kSpace});
   result.push_back({"save", "save the picture", 'w'});
   result.push_back({"fullscreen", "full screen", 'f'});
-  result.push_back({"help", "this help", 'h'});
-  result.push_back({"quit", "end (also q)", key::kEscape});
-  return result;
+  return impl_->controls.after(std::move(result));
 }
 
 std::vector<Slider> CartoonSession::sliders() const {

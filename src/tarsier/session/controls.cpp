@@ -19,7 +19,7 @@ bool SessionControls::act(std::string_view name) {
 }
 
 std::vector<Action> SessionControls::after(std::vector<Action> actions) const {
-  if (pauses_) actions.push_back({"pause", "pause and go on", key::kSpace});
+  if (pauses_) actions.push_back({"pause", "pause and go on", pause_key_});
   actions.push_back({"help", "this list", 'h'});
   actions.push_back({"quit", "end", 'q'});
   return actions;

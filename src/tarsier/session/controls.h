@@ -14,7 +14,8 @@ namespace tarsier {
 // "pause".
 class SessionControls {
  public:
-  explicit SessionControls(bool pauses = false) : pauses_(pauses) {}
+  explicit SessionControls(bool pauses = false, int pause_key = key::kSpace)
+      : pauses_(pauses), pause_key_(pause_key) {}
   // Does the action of this name; false where it is none of these.
   bool act(std::string_view name);
   // `actions` and behind them these.
@@ -25,6 +26,7 @@ class SessionControls {
 
  private:
   bool pauses_;
+  int pause_key_;
   bool paused_ = false;
   bool help_ = false;
   bool finished_ = false;

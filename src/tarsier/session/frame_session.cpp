@@ -10,10 +10,8 @@
 namespace tarsier {
 
 View FrameSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (frame.still || frame.name != source_name_) restart();
-  frame_ = frame.image;
-  still_ = frame.still;
-  source_name_ = frame.name;
+  if (frame.still || frame.name != latest_.name) restart();
+  latest_ = frame;
   trouble_ = trouble_of(source);
   timer_.start();
   process(frame);
@@ -29,16 +27,21 @@ View FrameSession::on_idle(const SourceStatus& source) {
 }
 
 View FrameSession::on_event(const Event& event) {
-  const std::string name = action_of(event, actions());
-  const bool drawn = !controls_.act(name) && act(name) && draw_again();
-  return view(drawn && still_);
+  bool changed = false;
+  if (event.kind == Event::Kind::kMouse) {
+    changed = mouse(event);
+  } else {
+    const std::string name = action_of(event, actions());
+    changed = !controls_.act(name) && act(name);
+  }
+  return view(changed && draw_again() && still());
 }
 
 std::vector<Action> FrameSession::actions() const { return controls_.after(own_actions()); }
 
 bool FrameSession::draw_again() {
-  if (frame_.empty()) return false;
-  frame_.copyTo(output_);
+  if (frame().empty()) return false;
+  frame().copyTo(output_);
   draw(output_);
   return true;
 }
@@ -52,7 +55,10 @@ View FrameSession::view(bool fresh) {
   if (fresh) result.output = output_;
   if (!output_.empty()) {
     output_.copyTo(shown_);
-    image::draw::status_bar(shown_, result.status, timer_.words(still_) + "   h: help");
+    draw_shown(shown_);
+    const std::string said = message();
+    image::draw::status_bar(shown_, said.empty() ? result.status : said,
+                            timer_.words(still()) + "   h: help");
     if (controls_.help()) draw_help(shown_, title_, actions());
     result.image = shown_;
   }

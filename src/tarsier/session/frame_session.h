@@ -55,13 +55,26 @@ class FrameSession : public Session {
     static_cast<void>(name);
     return false;
   }
+  // What the mouse did; true: the frame is to be drawn again.
+  virtual bool mouse(const Event& event) {
+    static_cast<void>(event);
+    return false;
+  }
   // No frame came for a while; true: the frame is to be drawn again.
   virtual bool idle() { return false; }
 
-  // The latest frame; empty before the first.
-  [[nodiscard]] const cv::Mat& frame() const { return frame_; }
+  // On a copy of the drawing that is shown and does not go to the sink.
+  virtual void draw_shown(cv::Mat& image) { static_cast<void>(image); }
+  // What the bar says in place of the status; empty: nothing.
+  [[nodiscard]] virtual std::string message() const { return ""; }
+
+  // The latest frame; its image is empty before the first.
+  [[nodiscard]] const Frame& latest() const { return latest_; }
+  [[nodiscard]] const cv::Mat& frame() const { return latest_.image; }
   // Whether it stands for itself.
-  [[nodiscard]] bool still() const { return still_; }
+  [[nodiscard]] bool still() const { return latest_.still; }
+  // What draw() made of it; empty before the first.
+  [[nodiscard]] const cv::Mat& drawing() const { return output_; }
 
  private:
   bool draw_again();
@@ -70,10 +83,8 @@ class FrameSession : public Session {
   std::string title_;
   SessionControls controls_{true};
   FrameTimer timer_;
-  std::string source_name_;
   std::string trouble_;  // of the source
-  bool still_ = true;
-  cv::Mat frame_;
+  Frame latest_;
   cv::Mat output_;
   cv::Mat shown_;
 };

@@ -19,6 +19,8 @@ class Marks final : public FrameSession {
   int frames = 0;
   int drawings = 0;
   bool forgets = false;  // when idle
+  std::string says;
+  bool rim = false;
 
  private:
   void restart() override { ++restarts; }
@@ -41,7 +43,16 @@ class Marks final : public FrameSession {
     ++value_;
     return true;
   }
+  bool mouse(const Event& event) override {
+    if (event.mouse != Event::Mouse::kLeftDown) return false;
+    value_ = static_cast<std::uint8_t>(event.x);
+    return true;
+  }
   bool idle() override { return forgets; }
+  void draw_shown(cv::Mat& image) override {
+    if (rim) image.row(0).setTo(cv::Scalar::all(250));
+  }
+  [[nodiscard]] std::string message() const override { return says; }
 
   std::uint8_t value_ = 1;
 };
@@ -84,6 +95,13 @@ TEST(SessionControls, WhereNothingMovesThereIsNoPause) {
   EXPECT_FALSE(controls.paused());
 }
 
+TEST(SessionControls, PauseMayHaveAnotherKey) {
+  const SessionControls controls(true, 'p');
+  const std::vector<Action> actions = controls.after({{"take", "", key::kSpace}});
+  EXPECT_EQ(action_of(key_event('p'), actions), "pause");
+  EXPECT_EQ(action_of(key_event(key::kSpace), actions), "take");
+}
+
 TEST(FrameSession, DrawsOnACopyAndPutsTheBarOnWhatIsShownAlone) {
   Marks session;
   const Frame frame = frame_of("video", false);
@@ -119,6 +137,47 @@ TEST(FrameSession, AChangedDrawingOfAStillGoesToTheSinkThatOfAVideoDoesNot) {
     EXPECT_EQ(session.frames, 1) << "drawing is not processing";
     EXPECT_EQ(session.drawings, 2);
   }
+}
+
+TEST(FrameSession, WhatTheMouseChangesIsDrawnAsThatOfAnAction) {
+  Event press;
+  press.kind = Event::Kind::kMouse;
+  press.mouse = Event::Mouse::kLeftDown;
+  press.x = 7;
+  Event move = press;
+  move.mouse = Event::Mouse::kMove;
+  for (const bool still : {true, false}) {
+    Marks session;
+    EXPECT_TRUE(session.on_event(press).image.empty()) << "before the first frame";
+    (void)session.on_frame(frame_of("picture", still), live());
+    press.x = 9;
+    const View view = session.on_event(press);
+    EXPECT_EQ(view.output.empty(), !still);
+    EXPECT_EQ(view.image.at<cv::Vec3b>(0, 0), cv::Vec3b::all(9));
+    EXPECT_TRUE(session.on_event(move).output.empty()) << "nothing changed";
+    EXPECT_EQ(session.drawings, 2);
+  }
+}
+
+TEST(FrameSession, WhatIsDrawnOnTheShownImageAloneStaysOutOfTheOutput) {
+  Marks session;
+  session.rim = true;
+  View view = session.on_frame(frame_of("video", false), live());
+  EXPECT_EQ(view.image.at<cv::Vec3b>(0, 80), cv::Vec3b::all(250));
+  EXPECT_EQ(view.output.at<cv::Vec3b>(0, 80), cv::Vec3b::all(90));
+  session.rim = false;
+  view = session.on_idle(live());
+  EXPECT_EQ(view.image.at<cv::Vec3b>(0, 80), cv::Vec3b::all(90)) << "it is gone without a frame";
+}
+
+TEST(FrameSession, AMessageTakesThePlaceOfTheStatusInTheBarAlone) {
+  Marks session;
+  (void)session.on_frame(frame_of("picture", true), live());
+  const cv::Mat bar = session.on_idle(live()).image.clone();
+  session.says = "saved a.png";
+  const View view = session.on_idle(live());
+  EXPECT_EQ(view.status, "1 mark");
+  EXPECT_GT(cv::norm(view.image(cv::Rect(0, 60, 80, 60)), bar(cv::Rect(0, 60, 80, 60))), 0);
 }
 
 TEST(FrameSession, BeginsAgainWithEachStillAndEachSource) {

@@ -38,8 +38,8 @@ SfmSession::SfmSession(sfm::OnlineReconstructor& online, const std::stop_token& 
     : online_(online), stop_(stop) {}
 
 View SfmSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
-  if (paused_) return view(false);  // a camera goes on while nobody looks
+  source_ = trouble_of(source);
+  if (controls_.paused()) return view(false);  // a camera goes on while nobody looks
   latest_ = frame;
   update(online_.process(frame, stop_));
   draw();
@@ -47,15 +47,13 @@ View SfmSession::on_frame(const Frame& frame, const SourceStatus& source) {
 }
 
 View SfmSession::on_idle(const SourceStatus& source) {
-  source_ = source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
+  source_ = trouble_of(source);
   return view(false);
 }
 
 View SfmSession::on_event(const Event& event) {
   const std::string name = action_of(event, actions());
-  if (name == "quit") finished_ = true;
-  if (name == "pause") paused_ = !paused_;
-  if (name == "help") help_ = !help_;
+  controls_.act(name);
   if (name == "left") turn(-kTurnDeg, 0);
   if (name == "right") turn(kTurnDeg, 0);
   if (name == "up") turn(0, kTurnDeg);
@@ -99,17 +97,14 @@ View SfmSession::on_event(const Event& event) {
 }
 
 std::vector<Action> SfmSession::actions() const {
-  return {{"pause", "pause and go on", key::kSpace},
-          {"left", "turn left", key::kLeft},
-          {"right", "turn right", key::kRight},
-          {"up", "look from higher", key::kUp},
-          {"down", "look from lower", key::kDown},
-          {"nearer", "nearer", '+'},
-          {"farther", "farther", '-'},
-          {"reset", "the first view", '0'},
-          {"adjust", "adjust all of the model", 'r'},
-          {"help", "this list", 'h'},
-          {"quit", "end", 'q'}};
+  return controls_.after({{"left", "turn left", key::kLeft},
+                          {"right", "turn right", key::kRight},
+                          {"up", "look from higher", key::kUp},
+                          {"down", "look from lower", key::kDown},
+                          {"nearer", "nearer", '+'},
+                          {"farther", "farther", '-'},
+                          {"reset", "the first view", '0'},
+                          {"adjust", "adjust all of the model", 'r'}});
 }
 
 View SfmSession::finish() {
@@ -185,14 +180,14 @@ void SfmSession::draw() {
 View SfmSession::view(bool fresh) {
   View result;
   result.state = sfm::to_json(result_);
-  result.state["paused"] = paused_;
-  result.status =
-      fmt::format("{}, {:.0f} ms{}", counts(), result_.growth_ms, paused_ ? ", paused" : "");
-  result.finished = finished_;
+  result.state["paused"] = controls_.paused();
+  result.status = fmt::format("{}, {:.0f} ms{}", counts(), result_.growth_ms,
+                              controls_.paused() ? ", paused" : "");
+  result.finished = controls_.finished();
   if (output_.empty()) return result;
   output_.copyTo(shown_);
   image::draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
-  if (help_) {
+  if (controls_.help()) {
     draw_help(shown_, "Structure from motion", actions(),
               {{"arrows", "turn the cloud, as a dragged mouse does"}});
   }

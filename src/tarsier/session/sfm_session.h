@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/session/controls.h"
 #include "tarsier/session/session.h"
 #include "tarsier/sfm/pipelines/online_reconstructor.h"
 
@@ -57,9 +58,7 @@ class SfmSession final : public Session {
   cv::Mat output_;
   cv::Mat shown_;
   std::string source_;
-  bool paused_ = false;
-  bool help_ = false;
-  bool finished_ = false;
+  SessionControls controls_{true};
 };
 
 }  // namespace tarsier

@@ -54,24 +54,15 @@ void line(cv::Mat& image, const cv::Point2d& a, const cv::Point2d& b, const cv::
 void TargetSessionOptions::check() const { train.check(); }
 
 TargetSession::TargetSession(planar::TargetTracker tracker, TargetSessionOptions options)
-    : tracker_(std::move(tracker)),
+    : FrameSession("Pictures as targets"),
+      tracker_(std::move(tracker)),
       given_(tracker_.targets().size()),
       options_(std::move(options)) {
   options_.check();
 }
 
-View TargetSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  frame_ = frame;
-  trouble_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
-  find();
-  draw();
-  return view(true);
-}
-
-void TargetSession::find() {
-  timer_.start();
-  result_ = tracker_.process(frame_, state_, options_.debug);
-  timer_.stop();
+void TargetSession::process(const Frame& frame) {
+  result_ = tracker_.process(frame, state_, options_.debug);
 }
 
 void TargetSession::change(std::vector<planar::image_targets::Target> targets) {
@@ -79,97 +70,79 @@ void TargetSession::change(std::vector<planar::image_targets::Target> targets) {
   redetect(state_);
 }
 
-View TargetSession::on_idle(const SourceStatus& source) {
-  trouble_ = source.state == SourceState::kLive ? "" : std::string(tarsier::name_of(source.state));
-  return view(false);
-}
-
-View TargetSession::on_event(const Event& event) {
-  if (event.kind == Event::Kind::kMouse) {
-    on_mouse(event);
-    return view(false);
-  }
-  const std::string name = action_of(event, actions());
-  if (name == "quit") finished_ = true;
-  if (name == "pause") paused_ = !paused_;
-  if (name == "help") help_ = !help_;
+bool TargetSession::act(const std::string& name) {
   if (name == "redetect") redetect(state_);
-  const cv::Size size = frame_.image.size();
+  const cv::Size size = frame().size();
   if (name == "train" && !size.empty())
-    train({size.width / 4, size.height / 4, size.width / 2, size.height / 2});
+    return train({size.width / 4, size.height / 4, size.width / 2, size.height / 2});
   if (name == "forget") {
     std::vector<planar::image_targets::Target> targets = tracker_.targets();
     message_ = fmt::format("{} forgotten", targets.size() - given_);
     targets.resize(given_);
     change(std::move(targets));
     std::erase_if(result_.seen, [&](const auto& seen) { return seen.target >= given_; });
-    if (!size.empty()) draw();
+    return true;
   }
-  if (name == "overlay") {
-    options_.overlay = static_cast<TargetOverlay>((static_cast<int>(options_.overlay) + 1) % 4);
-    if (!size.empty()) draw();
-  }
-  return view(false);
+  if (name != "overlay") return false;
+  options_.overlay = static_cast<TargetOverlay>((static_cast<int>(options_.overlay) + 1) % 4);
+  return true;
 }
 
-void TargetSession::on_mouse(const Event& event) {
+bool TargetSession::mouse(const Event& event) {
   mouse_ = {cvRound(event.x), cvRound(event.y)};
   if (event.mouse == Event::Mouse::kLeftDown) drag_ = mouse_;
   if (event.mouse == Event::Mouse::kRightDown) drag_.reset();
-  if (event.mouse == Event::Mouse::kLeftUp && drag_) {
-    const cv::Rect box(*drag_, mouse_);
-    drag_.reset();
-    if (box.width >= 4 && box.height >= 4) train(box);
-  }
+  if (event.mouse != Event::Mouse::kLeftUp || !drag_) return false;
+  const cv::Rect box(*drag_, mouse_);
+  drag_.reset();
+  return box.width >= 4 && box.height >= 4 && train(box);
 }
 
-void TargetSession::train(cv::Rect box) {
-  box &= cv::Rect(0, 0, frame_.image.cols, frame_.image.rows);
+bool TargetSession::train(cv::Rect box) {
+  box &= cv::Rect(0, 0, frame().cols, frame().rows);
   if (std::min(box.width, box.height) < kMinSide ||
       std::min(box.width, box.height) * 8 < std::max(box.width, box.height)) {
     message_ = fmt::format("frame at least {0} x {0} px, and no thin strip", kMinSide);
-    return;
+    return false;
   }
   const std::string name = fmt::format("picture {}", tracker_.targets().size() - given_ + 1);
   planar::image_targets::Target trained =
-      planar::image_targets::train_target(frame_.image(box), name, options_.train);
+      planar::image_targets::train_target(frame()(box), name, options_.train);
   const planar::image_targets::Quality& quality = trained.quality;
   if (quality.rating < 0.15) {
     message_ = "not trained: " + (quality.reasons.empty() ? "a poor picture" : quality.reasons[0]);
-    return;
+    return false;
   }
   message_ = fmt::format("{} trained, rating {:.2f}", name, quality.rating);
   std::vector<planar::image_targets::Target> targets = tracker_.targets();
   targets.push_back(std::move(trained));
   change(std::move(targets));
-  find();
-  draw();
+  process(latest());
+  return true;
 }
 
-std::vector<Action> TargetSession::actions() const {
+std::vector<Action> TargetSession::own_actions() const {
   return {{"train", "train the middle of the picture (or draw a frame with the mouse)", 't'},
           {"redetect", "look for all again", 'd'},
           {"forget", "forget what was trained here", 'c'},
-          {"overlay", "what is drawn", 'v'},
-          {"pause", "pause and go on", key::kSpace},
-          {"help", "this list", 'h'},
-          {"quit", "end", 'q'}};
+          {"overlay", "what is drawn", 'v'}};
 }
 
-void TargetSession::draw_target(const planar::image_targets::TrackedTarget& seen) {
+void TargetSession::draw_target(cv::Mat& image,
+                                const planar::image_targets::TrackedTarget& seen) const {
   const planar::image_targets::Target& target = result_.target_of(seen);
   const cv::Scalar& color = kColors[seen.target % kColors.size()];
-  const int width = std::max(2, cvRound(std::min(output_.cols, output_.rows) / 240.0));
+  const int width = std::max(2, cvRound(std::min(image.cols, image.rows) / 240.0));
   for (std::size_t i = 0; i < 4; ++i)
-    line(output_, seen.corners[i], seen.corners[(i + 1) % 4], color, width);
-  image::draw::point(output_, seen.corners[0], color, width + 2.0);
+    line(image, seen.corners[i], seen.corners[(i + 1) % 4], color, width);
+  image::draw::point(image, seen.corners[0], color, width + 2.0);
   const bool in_space = seen.pose && result_.camera && options_.overlay != TargetOverlay::kOutline;
   if (in_space) {
     const geometry::Rigid& pose = seen.pose->camera_from_plane;
     const auto edge = [&](const cv::Vec3d& a, const cv::Vec3d& b, const cv::Scalar& c) {
       const auto p = result_.camera->project(pose * a);
       const auto q = result_.camera->project(pose * b);
-      if (p && q) line(output_, *p, *q, c, width);
+      if (p && q) line(image, *p, *q, c, width);
     };
     const double size = 0.5 * std::min(target.width, target.height);
     if (options_.overlay == TargetOverlay::kAxes) {
@@ -189,23 +162,27 @@ void TargetSession::draw_target(const planar::image_targets::TrackedTarget& seen
     }
   }
   image::draw::TextStyle style;
-  style.height_px = std::clamp(output_.rows * 0.022, 8.0, 24.0);
+  style.height_px = std::clamp(image.rows * 0.022, 8.0, 24.0);
   style.color = color;
   style.backing = image::draw::Backing::kBox;
-  const cv::Point at(std::clamp(cvRound(seen.corners[0].x), 0, output_.cols - 1),
-                     std::clamp(cvRound(seen.corners[0].y) - width - 4, 20, output_.rows - 1));
-  image::draw::put_text(output_, target.name.substr(0, 40), at, style,
+  const cv::Point at(std::clamp(cvRound(seen.corners[0].x), 0, image.cols - 1),
+                     std::clamp(cvRound(seen.corners[0].y) - width - 4, 20, image.rows - 1));
+  image::draw::put_text(image, target.name.substr(0, 40), at, style,
                         image::draw::Anchor::kBottomLeft);
 }
 
-void TargetSession::draw() {
-  frame_.image.copyTo(output_);
+void TargetSession::draw(cv::Mat& image) {
   if (options_.overlay == TargetOverlay::kNone) return;
-  for (const planar::image_targets::TrackedTarget& s : result_.seen) draw_target(s);
+  for (const planar::image_targets::TrackedTarget& s : result_.seen) draw_target(image, s);
 }
 
-View TargetSession::view(bool fresh) {
-  View result;
+void TargetSession::draw_shown(cv::Mat& image) {
+  if (!drag_) return;
+  cv::rectangle(image, cv::Rect(*drag_, mouse_) & cv::Rect(0, 0, image.cols, image.rows),
+                cv::Scalar(60, 200, 255), 2);
+}
+
+nlohmann::json TargetSession::state() const {
   auto list = nlohmann::json::array();
   for (const planar::image_targets::TrackedTarget& s : result_.seen) {
     auto corners = nlohmann::json::array();
@@ -213,26 +190,15 @@ View TargetSession::view(bool fresh) {
       corners.push_back({std::round(c.x * 10) / 10, std::round(c.y * 10) / 10});
     list.push_back({{"id", s.target}, {"name", result_.target_of(s).name}, {"corners", corners}});
   }
-  result.state = {{"targets", list},
-                  {"trained", tracker_.targets().size() - given_},
-                  {"message", message_},
-                  {"draw", name_of(options_.overlay)},
-                  {"paused", paused_}};
-  result.status =
-      fmt::format("{} of {} pictures{}{}", result_.seen.size(), tracker_.targets().size(),
-                  paused_ ? ", paused" : "", message_.empty() ? "" : ": " + message_);
-  result.finished = finished_;
-  if (output_.empty()) return result;
-  output_.copyTo(shown_);
-  if (drag_)
-    cv::rectangle(shown_, cv::Rect(*drag_, mouse_) & cv::Rect(0, 0, shown_.cols, shown_.rows),
-                  cv::Scalar(60, 200, 255), 2);
-  image::draw::status_bar(shown_, result.status,
-                          trouble_.empty() ? timer_.words(true) + "   h: help" : trouble_);
-  if (help_) draw_help(shown_, "Pictures as targets", actions());
-  result.image = shown_;
-  if (fresh) result.output = output_;
-  return result;
+  return {{"targets", list},
+          {"trained", tracker_.targets().size() - given_},
+          {"message", message_},
+          {"draw", name_of(options_.overlay)}};
+}
+
+std::string TargetSession::status() const {
+  return fmt::format("{} of {} pictures{}", result_.seen.size(), tracker_.targets().size(),
+                     message_.empty() ? "" : ": " + message_);
 }
 
 }  // namespace tarsier

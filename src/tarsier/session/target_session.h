@@ -4,8 +4,7 @@
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/planar/image_targets/train.h"
 #include "tarsier/planar/pipelines/target_tracker.h"
-#include "tarsier/session/overlay.h"
-#include "tarsier/session/session.h"
+#include "tarsier/session/frame_session.h"
 
 #include <optional>
 #include <string>
@@ -28,29 +27,28 @@ struct TargetSessionOptions {
 // picture, d looks for all again, c forgets what was trained on the spot, v what is drawn, space
 // pauses, h help, q or Esc ends.
 // State: {"targets": [{"id", "name", "corners"}], "trained": number, "message", "draw", "paused"}.
-class TargetSession final : public Session {
+class TargetSession final : public FrameSession {
  public:
+  // on_frame() throws InputError where the camera is that of images of another shape.
   explicit TargetSession(planar::TargetTracker tracker, TargetSessionOptions options = {});
-
-  // Throws InputError where the camera is that of pictures of another shape.
-  View on_frame(const Frame& frame, const SourceStatus& source) override;
-  View on_idle(const SourceStatus& source) override;
-  View on_event(const Event& event) override;
-  [[nodiscard]] std::vector<Action> actions() const override;
-  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
   // Of the latest frame.
   [[nodiscard]] const planar::TargetResult& result() const { return result_; }
 
  private:
-  void on_mouse(const Event& event);
-  void train(cv::Rect box);
-  void find();
+  void process(const Frame& frame) override;
+  void draw(cv::Mat& image) override;
+  void draw_shown(cv::Mat& image) override;
+  [[nodiscard]] nlohmann::json state() const override;
+  [[nodiscard]] std::string status() const override;
+  [[nodiscard]] std::vector<Action> own_actions() const override;
+  bool act(const std::string& name) override;
+  bool mouse(const Event& event) override;
+  // False where nothing can be trained on what is in the box.
+  bool train(cv::Rect box);
   // Goes on with other targets, which are searched in the next frame.
   void change(std::vector<planar::image_targets::Target> targets);
-  void draw();
-  void draw_target(const planar::image_targets::TrackedTarget& seen);
-  View view(bool fresh);
+  void draw_target(cv::Mat& image, const planar::image_targets::TrackedTarget& seen) const;
 
   planar::TargetTracker tracker_;
   std::size_t given_;  // the first so many were not trained here
@@ -59,15 +57,7 @@ class TargetSession final : public Session {
   planar::TargetResult result_;
   std::optional<cv::Point> drag_;  // where the rectangle began
   cv::Point mouse_;
-  std::string trouble_;
   std::string message_;
-  FrameTimer timer_;
-  Frame frame_;
-  cv::Mat output_;
-  cv::Mat shown_;
-  bool paused_ = false;
-  bool help_ = false;
-  bool finished_ = false;
 };
 
 }  // namespace tarsier

@@ -117,6 +117,25 @@ TEST(TargetSession, RefusesACameraOfAnotherShape) {
       InputError);
 }
 
+// What is drawn otherwise on a still is what goes to the sink, that of a video is written once.
+TEST(TargetSession, AStillThatIsDrawnOtherwiseGoesToTheSinkAgain) {
+  const auto f = video();
+  planar::TargetTrackerOptions options;
+  options.camera = f.camera();
+  for (const bool still : {true, false}) {
+    TargetSession session(planar::TargetTracker({trained(2)}, options));
+    const cv::Mat box = session.on_frame(frame_of(f.picture_at(0), still), kLive).output.clone();
+    ASSERT_EQ(session.result().seen.size(), 1U);
+    const View none = session.on_event(key_event('v'));
+    ASSERT_EQ(none.output.empty(), !still);
+    if (still) {
+      EXPECT_EQ(cv::norm(none.output, f.picture_at(0), cv::NORM_INF), 0);
+      EXPECT_GT(cv::norm(none.output, box, cv::NORM_INF), 60);
+    }
+    EXPECT_TRUE(session.on_event(key_event('d')).output.empty()) << "found in the next frame";
+  }
+}
+
 TEST(TargetSession, KeysDoWhatTheHelpSays) {
   TargetSession session(planar::TargetTracker({}));
   static_cast<void>(
