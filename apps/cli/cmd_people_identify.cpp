@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/core/stop.h"
 #include "tarsier/face/people/retention.h"
 #include "tarsier/media/still_source.h"
 #include "tarsier/plate/tracking/time_text.h"
@@ -66,7 +65,8 @@ class Events {
       on_event_.post(line);
     }
     // A face that is out of sight for so long does not come back under its number.
-    std::erase_if(reported_, [&](const auto& entry) { return frame.time - entry.second.time > kLost_s; });
+    std::erase_if(reported_,
+                  [&](const auto& entry) { return frame.time - entry.second.time > kLost_s; });
   }
 
  private:
@@ -81,23 +81,14 @@ class Events {
   std::string source_;
 };
 
-face::Identifier load_identifier(const face::IdentifierOptions& options) {
-  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
-  throw_if_stopped(stop_on_signals());
-  return face::Identifier::load(ModelStore::find(), options);
-}
-
 ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   default_to_headless(flags.run);
   if (flags.raw && flags.model.empty()) throw UsageError("--raw goes with --model");
   if (!flags.keep.empty() && !flags.model.empty())
     throw UsageError("--keep goes with a gallery, not with --model");
-  face::IdentifierOptions options;
-  options.gallery = flags.people.gallery;
+  face::IdentifierOptions options = identifier_options(flags.people);
   options.write_gallery = !flags.keep.empty();
   options.recognizer = flags.model;
-  options.background = flags.people.background;
-  options.reading = reading_options(flags.people);
   options.cropped = flags.raw;
   options.naming = flags.naming;
   std::optional<std::chrono::milliseconds> keep;

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/core/log.h"
 #include "tarsier/session/people_session.h"
 
 #include <fmt/format.h>
@@ -21,25 +20,19 @@ struct LiveFlags {
 };
 
 ExitStatus live(LiveFlags& flags, Context& context) {
-  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kCreate);
+  face::IdentifierOptions options = identifier_options(flags.people);
+  options.enroll = true;
   if (!flags.algorithm.empty()) {
     try {
-      gallery.set_algorithm(
-          face::recognition::name_of(face::recognition::parse_algorithm(flags.algorithm)));
+      options.algorithm = face::recognition::parse_algorithm(flags.algorithm);
     } catch (const std::invalid_argument& error) {
       throw UsageError(fmt::format("--algorithm: {}", error.what()));
     }
   }
-  const std::optional<face::recognition::Background> background = find_background(flags.people);
-  // What is due in a gallery that is there already is learned before the window opens.
-  try {
-    (void)load_model(gallery, background ? &*background : nullptr, context);
-  } catch (const InputError& error) {
-    log_warning("{}", error.what());  // Fisherfaces with one person
-  }
   flags.session.now = now_ms;
-  PeopleSession session(gallery, background ? &*background : nullptr,
-                        make_face_reader(flags.people), flags.session);
+  // What is due in a gallery that is there already is learned before the window opens.
+  PeopleSession session(load_identifier(options).open(*context.progress, context.stop),
+                        flags.session);
   RunHooks hooks;
   hooks.title = "people";
   hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {

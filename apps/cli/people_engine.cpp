@@ -45,6 +45,20 @@ face::people::FaceReaderOptions reading_options(const PeopleFlags& flags) {
   return options;
 }
 
+face::IdentifierOptions identifier_options(const PeopleFlags& flags) {
+  face::IdentifierOptions options;
+  options.gallery = flags.gallery;
+  options.background = flags.background;
+  options.reading = reading_options(flags);
+  return options;
+}
+
+face::Identifier load_identifier(const face::IdentifierOptions& options) {
+  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  throw_if_stopped(stop_on_signals());
+  return face::Identifier::load(ModelStore::find(), options);
+}
+
 face::people::FaceReader make_face_reader(const PeopleFlags& flags) {
   const face::people::FaceReaderOptions options = reading_options(flags);
   // A wrong path is reported before anything is written, also where the file is needed only at the end.

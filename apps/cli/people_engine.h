@@ -33,6 +33,10 @@ void add_face_flags(Command& verb, PeopleFlags& flags);
 
 // Throws UsageError for an unknown way to find eyes.
 [[nodiscard]] face::people::FaceReaderOptions reading_options(const PeopleFlags& flags);
+// All that the flags say.
+[[nodiscard]] face::IdentifierOptions identifier_options(const PeopleFlags& flags);
+// With the models that ship; a signal ends the program. Throws ModelError.
+[[nodiscard]] face::Identifier load_identifier(const face::IdentifierOptions& options);
 // With the models that ship. Throws UsageError, ModelError.
 [[nodiscard]] face::people::FaceReader make_face_reader(const PeopleFlags& flags);
 

@@ -22,6 +22,11 @@ constexpr int kFlashFrames = 3;
 constexpr double kFirstWork = 300;
 constexpr double kWork = 60;
 
+face::people::Gallery& gallery_of(const face::IdentifierState& state) {
+  TARSIER_REQUIRE(state.gallery() != nullptr, "a session enrols people into a gallery");
+  return *state.gallery();
+}
+
 }  // namespace
 
 std::string_view name_of(PeopleMode mode) {
@@ -49,16 +54,12 @@ void PeopleSessionOptions::check() const {
   face::people::check_note(note);
 }
 
-PeopleSession::PeopleSession(face::people::Gallery& gallery,
-                             const face::recognition::Background* background,
-                             face::people::FaceReader reader, PeopleSessionOptions options)
-    : gallery_(gallery),
-      background_(background),
+PeopleSession::PeopleSession(face::IdentifierState state, PeopleSessionOptions options)
+    : identity_(std::move(state)),
+      gallery_(gallery_of(identity_)),
       options_(std::move(options)),
-      enroller_(gallery, background),
-      follower_(gallery, background, std::nullopt),
+      enroller_(gallery_, identity_.background()),
       identifier_({options_.false_accepts, options_.max_pooled}),
-      identity_(std::move(reader), follower_),
       collector_(options_.collect) {
   options_.check();
   load_people();
@@ -81,8 +82,8 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   frame_ = frame.image;
   if (flash_ > 0) --flash_;
   if (mode_ == PeopleMode::kStart) {
-    mode_ = PeopleMode::kDetect;
-    if (gallery_.face_count_up_to(1) > 0) train();
+    mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kDetect;
+    if (mode_ == PeopleMode::kDetect && gallery_.face_count_up_to(1) > 0) train();
   } else if (training_) {
     learn();
   }
@@ -118,7 +119,7 @@ void PeopleSession::collect() {
 
 // Begins to learn. Whoever can be named already is named meanwhile.
 void PeopleSession::train() {
-  training_.emplace(gallery_, background_, true, face::people::Learn::kWhenDue);
+  training_.emplace(gallery_, identity_.background(), true, face::people::Learn::kWhenDue);
   mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kTrain;
 }
 

@@ -2,10 +2,9 @@
 #pragma once
 
 #include "tarsier/face/people/collector.h"
-#include "tarsier/face/people/face_reader.h"
 #include "tarsier/face/people/gallery.h"
 #include "tarsier/face/people/model.h"
-#include "tarsier/face/recognition/recognizer.h"
+#include "tarsier/face/pipelines/identifier.h"
 #include "tarsier/session/controls.h"
 #include "tarsier/session/overlay.h"
 #include "tarsier/session/recognize_session.h"
@@ -49,9 +48,9 @@ struct PeopleSessionOptions {
 // [{"label", "known", "confidence"}], "asking", "debug", "flash", "message", "prompt", "paused"}.
 class PeopleSession final : public Session {
  public:
-  // Gallery and background (may be null) must outlive the session.
-  PeopleSession(face::people::Gallery& gallery, const face::recognition::Background* background,
-                face::people::FaceReader reader, PeopleSessionOptions options);
+  // Of a gallery: what Identifier::open() gives with `enroll`. Throws std::invalid_argument for the
+  // state of a recogniser.
+  PeopleSession(face::IdentifierState state, PeopleSessionOptions options);
   PeopleSession(const PeopleSession&) = delete;
   PeopleSession& operator=(const PeopleSession&) = delete;
 
@@ -100,13 +99,11 @@ class PeopleSession final : public Session {
   [[nodiscard]] cv::Size picture_size() const;  // of the frame in the view
   [[nodiscard]] nlohmann::json state() const;
 
+  face::IdentifierState identity_;
   face::people::Gallery& gallery_;
-  const face::recognition::Background* background_;
   PeopleSessionOptions options_;
   face::Enroller enroller_;
-  face::people::GalleryFollower follower_;
   face::Identifier identifier_;
-  face::IdentifierState identity_;                         // refers to follower_
   std::optional<face::people::GalleryTraining> training_;  // of a model, on its way
   face::people::Collector collector_;
   PeopleMode mode_ = PeopleMode::kStart;

@@ -14,6 +14,8 @@
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
+#include <optional>
+#include <utility>
 
 namespace tarsier {
 namespace {
@@ -62,6 +64,13 @@ class PeopleSessionTest : public FolderTest {
     options.finder.thorough = false;
     return {options, nullptr};
   }
+  // Of a gallery that a test looks into; nothing is learned yet.
+  face::IdentifierState opened(face::people::Gallery& gallery,
+                               const face::recognition::Background* background = nullptr,
+                               face::people::FaceReader with = reader()) {
+    follower_.emplace(gallery, background, std::nullopt);
+    return {std::move(with), *follower_};
+  }
   static face::people::StoredFace face(int seed) {
     face::people::StoredFace out;
     out.crop.create(160, 128, CV_8UC1);
@@ -73,11 +82,12 @@ class PeopleSessionTest : public FolderTest {
   }
   const cv::Mat empty_ = cv::Mat(360, 480, CV_8UC3, cv::Scalar(120, 130, 140));
   const SourceStatus live_{SourceState::kLive, "", 0, 0, 0, 0};
+  std::optional<face::people::GalleryFollower> follower_;
 };
 
 TEST_F(PeopleSessionTest, StartsByLookingForFaces) {
   face::people::Gallery gallery(path("p.db"));
-  PeopleSession session(gallery, nullptr, reader(), {});
+  PeopleSession session(opened(gallery), {});
   EXPECT_EQ(session.mode(), PeopleMode::kStart);
   const View view = session.on_frame(frame(empty_, 0), live_);
   EXPECT_EQ(view.state["mode"], "detect");
@@ -86,11 +96,27 @@ TEST_F(PeopleSessionTest, StartsByLookingForFaces) {
   EXPECT_TRUE(session.on_event(key_event(key::kEscape)).finished);
 }
 
+TEST_F(PeopleSessionTest, WhoIsLearnedIsNamedFromTheFirstFrameOn) {
+  face::people::Gallery gallery(path("p.db"));
+  for (int i = 0; i < 3; ++i) {
+    gallery.enroll("Ann", "", face(i));
+    gallery.enroll("Ben", "", face(10 + i));
+  }
+  gallery.set_algorithm("lbph");
+  NoProgress quiet;
+  face::people::GalleryFollower follower(
+      gallery, nullptr,
+      face::learn_gallery(gallery, nullptr, face::people::Learn::kWhenDue, quiet, {}));
+  PeopleSession session(face::IdentifierState(reader(), follower), {});
+  EXPECT_EQ(session.on_frame(frame(empty_, 0), live_).state["mode"], "recognize");
+  EXPECT_THROW(PeopleSession(face::IdentifierState(reader(), nullptr), {}), std::invalid_argument);
+}
+
 TEST_F(PeopleSessionTest, AtMostOnePersonWithoutFaces) {
   face::people::Gallery gallery(path("p.db"));
   PeopleSessionOptions options;
   options.names = {"Ann"};
-  PeopleSession session(gallery, nullptr, reader(), options);
+  PeopleSession session(opened(gallery), options);
   (void)session.on_frame(frame(empty_, 0), live_);
   View view = session.on_event(click(session.button_box("add")));
   EXPECT_EQ(view.state["mode"], "collect");
@@ -108,7 +134,7 @@ TEST_F(PeopleSessionTest, DeleteAllAsksFirst) {
   face::people::Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   gallery.enroll("Ben", "", face(2));
-  PeopleSession session(gallery, nullptr, reader(), {});
+  PeopleSession session(opened(gallery), {});
   (void)session.on_frame(frame(empty_, 0), live_);
   View view = session.on_event(click(session.button_box("delete")));
   EXPECT_TRUE(view.state["asking"]);
@@ -129,7 +155,7 @@ TEST_F(PeopleSessionTest, FisherfacesWithOnePersonIsSaid) {
   face::people::Gallery gallery(path("p.db"));
   for (int i = 0; i < 3; ++i) gallery.enroll("Ann", "", face(i));
   gallery.set_algorithm("fisher");
-  PeopleSession session(gallery, nullptr, reader(), {});
+  PeopleSession session(opened(gallery), {});
   View view;
   for (int i = 0; i < 3; ++i) view = session.on_frame(frame(empty_, i), live_);
   EXPECT_EQ(view.state["mode"], "detect");
@@ -151,7 +177,7 @@ TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
   options.names = {"Leo"};
   options.collect.gate.min_eye_distance = 8;
   options.collect.gate.min_sharpness = 0.02;
-  PeopleSession session(gallery, nullptr, face::people::FaceReader({}, landmark_model()), options);
+  PeopleSession session(opened(gallery, nullptr, {{}, landmark_model()}), options);
   (void)session.on_frame(frame(picture, 0), live_);
   (void)session.on_event(key_event('a'));
   View view = session.on_frame(frame(picture, 1), live_);
@@ -178,7 +204,7 @@ TEST_F(PeopleSessionTest, LearningIsSpreadOverFrames) {
     stored.measures = "{}";
     gallery.enroll(set.labels[i], "", stored);
   }
-  PeopleSession session(gallery, nullptr, reader(), {});
+  PeopleSession session(opened(gallery), {});
   View view;
   int frames = 0;
   for (; frames < 100 && session.mode() != PeopleMode::kRecognize; ++frames)
@@ -277,7 +303,7 @@ TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
   face::people::Gallery gallery(path("p.db"));
   PeopleSessionOptions options;
   options.names = {"Ann", "Ben"};
-  PeopleSession session(gallery, &general, face::people::FaceReader({}, landmark_model()), options);
+  PeopleSession session(opened(gallery, &general, {{}, landmark_model()}), options);
   Clips clips;
   std::vector<std::int64_t> from;  // each clip's first frame
   const auto add = [&](const std::string& name, int first, int last) {

@@ -127,6 +127,8 @@ class GalleryFollower {
   [[nodiscard]] const recognition::Recognizer* recognizer() const {
     return model_ ? &model_->recognizer : nullptr;
   }
+  [[nodiscard]] Gallery& gallery() const { return gallery_; }
+  [[nodiscard]] const recognition::Background* background() const { return background_; }
   // The face of a template, by its index.
   [[nodiscard]] std::int64_t face(std::size_t index) const { return model_->faces[index]; }
 

@@ -143,6 +143,8 @@ void IdentifierOptions::check() const {
   TARSIER_REQUIRE(!gallery.empty() || !recognizer.empty(), "neither gallery nor recognizer");
   TARSIER_REQUIRE(!cropped || !recognizer.empty(), "cropped images go with a recognizer");
   TARSIER_REQUIRE(!write_gallery || recognizer.empty(), "write_gallery and a recognizer");
+  TARSIER_REQUIRE(!enroll || recognizer.empty(), "enroll and a recognizer");
+  TARSIER_REQUIRE(!algorithm || enroll, "an algorithm goes with enroll");
   reading.check();
   naming.check();
 }
@@ -175,7 +177,11 @@ const recognition::Recognizer* IdentifierState::recognizer() const {
 }
 
 people::Gallery* IdentifierState::gallery() const {
-  return gallery_ != nullptr ? &gallery_->gallery : nullptr;
+  return follower_ != nullptr ? &follower_->gallery() : nullptr;
+}
+
+const recognition::Background* IdentifierState::background() const {
+  return follower_ != nullptr ? follower_->background() : nullptr;
 }
 
 bool IdentifierState::follow() {
@@ -221,13 +227,22 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
   TARSIER_REQUIRE(reader_.has_value(), "an identifier of names alone opens nothing");
   if (model_ != nullptr) return {reader_->make_reader(), model_};
   auto opened = std::make_unique<IdentifierState::OpenGallery>(
-      options_.write_gallery ? people::Gallery(options_.gallery, DatabaseAccess::kWrite)
-                             : open_gallery(options_.gallery));
-  opened->background = background_for(opened->gallery, models_, options_.background);
+      options_.enroll          ? people::Gallery(options_.gallery, DatabaseAccess::kCreate)
+      : options_.write_gallery ? people::Gallery(options_.gallery, DatabaseAccess::kWrite)
+                               : open_gallery(options_.gallery));
+  if (options_.algorithm) opened->gallery.set_algorithm(recognition::name_of(*options_.algorithm));
+  opened->background = options_.enroll
+                           ? load_background(models_, options_.background)
+                           : background_for(opened->gallery, models_, options_.background);
   const recognition::Background* background = opened->background ? &*opened->background : nullptr;
-  opened->follower.emplace(
-      opened->gallery, background,
-      learn_gallery(opened->gallery, background, people::Learn::kWhenDue, progress, stop));
+  std::optional<people::GalleryModel> model;
+  try {
+    model = learn_gallery(opened->gallery, background, people::Learn::kWhenDue, progress, stop);
+  } catch (const InputError& error) {
+    if (!options_.enroll) throw;
+    log_warning("{}", error.what());  // Fisherfaces with one person
+  }
+  opened->follower.emplace(opened->gallery, background, std::move(model));
   IdentifierState state(reader_->make_reader(), *opened->follower);
   state.gallery_ = std::move(opened);
   return state;

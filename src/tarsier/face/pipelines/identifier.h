@@ -102,6 +102,10 @@ void name_faces(const recognition::Recognizer* model, bool cropped, const Naming
 struct IdentifierOptions {
   std::string gallery = "people.db";  // file of the people who are enrolled
   bool write_gallery = false;         // it must be writable
+  // People are added: a gallery that is missing is made, the background is loaded in any case, and
+  // that nothing can be learned yet is a warning.
+  bool enroll = false;
+  std::optional<recognition::Algorithm> algorithm;  // of the gallery from now on; with `enroll`
   std::string recognizer;  // file of `people train -o`, in place of the gallery; empty: none
   std::string background;  // see load_background()
   people::FaceReaderOptions reading;
@@ -133,8 +137,10 @@ class IdentifierState {
 
   // Null where nobody is enrolled.
   [[nodiscard]] const recognition::Recognizer* recognizer() const;
-  // That Identifier::open() opened; null without one.
+  // Null for the people of a recogniser.
   [[nodiscard]] people::Gallery* gallery() const;
+  // What is known of faces in general; null where nothing is, see background_for().
+  [[nodiscard]] const recognition::Background* background() const;
   // What finds the faces.
   [[nodiscard]] const people::FaceReader& reader() const { return reader_; }
   // Looks whether another program changed the gallery. Frames do it by themselves.

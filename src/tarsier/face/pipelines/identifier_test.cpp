@@ -74,7 +74,7 @@ TEST_F(Names, OfCutFacesFollowTheGallery) {
   ASSERT_EQ(first.faces.size(), 1U);
   EXPECT_EQ(first.faces[0].name.label, "p0");
   EXPECT_TRUE(first.faces[0].name.known);
-  EXPECT_EQ(state.gallery(), nullptr);  // it is the caller's
+  EXPECT_EQ(state.gallery(), &gallery);
   people::Gallery other(path("people.db"));
   ASSERT_TRUE(other.forget("p0", {}));
   EXPECT_NE(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].name.label, "p0");
@@ -205,12 +205,33 @@ TEST_F(Names, WhatIsMissingIsNamed) {
   EXPECT_THROW(static_cast<void>(Identifier({}, true).open()), std::invalid_argument);
 }
 
+TEST_F(Names, AGalleryForEnrollingIsMadeWithItsAlgorithmAndBackground) {
+  IdentifierOptions options;
+  options.gallery = path("nobody.db");
+  options.enroll = true;
+  options.algorithm = recognition::Algorithm::kFisher;
+  const IdentifierState state = Identifier::load(models(), options).open();
+  ASSERT_NE(state.gallery(), nullptr);
+  EXPECT_EQ(state.gallery()->algorithm(), "fisher");
+  EXPECT_NE(state.background(), nullptr) << "for those who are added, though nobody is there yet";
+  EXPECT_EQ(state.recognizer(), nullptr);
+  // Fisherfaces need two people: the second one may be added.
+  state.gallery()->enroll("Ann", "", stored(set_.faces[0]));
+  EXPECT_EQ(Identifier::load(models(), options).open().recognizer(), nullptr);
+  options.enroll = false;
+  options.algorithm.reset();
+  EXPECT_THROW(static_cast<void>(Identifier::load(models(), options).open()), InputError);
+}
+
 TEST_F(Names, BadOptionsAreRefused) {
   IdentifierOptions options;
   options.cropped = true;  // but no recognizer
   EXPECT_THROW(options.check(), std::invalid_argument);
   options = {};
   options.naming.false_accepts = 0;
+  EXPECT_THROW(options.check(), std::invalid_argument);
+  options = {};
+  options.algorithm = recognition::Algorithm::kLbph;  // but not to enroll
   EXPECT_THROW(options.check(), std::invalid_argument);
   options = {};
   options.naming.max_pooled = 0;
