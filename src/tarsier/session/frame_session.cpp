@@ -2,6 +2,7 @@
 #include "tarsier/session/frame_session.h"
 
 #include "tarsier/image/draw/text.h"
+#include "tarsier/media/still_source.h"
 
 #include <fmt/format.h>
 
@@ -10,7 +11,7 @@
 namespace tarsier {
 
 View FrameSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (frame.still || frame.name != latest_.name) restart();
+  if (frame.still || source_of(frame) != source_of(latest_)) restart();
   latest_ = frame;
   trouble_ = trouble_of(source);
   timer_.start();

@@ -186,6 +186,10 @@ TEST(FrameSession, BeginsAgainWithEachStillAndEachSource) {
   EXPECT_EQ(session.restarts, 2);
   for (int i = 0; i < 2; ++i) (void)session.on_frame(frame_of("b", true), live());
   EXPECT_EQ(session.restarts, 4);
+  // The images of a sequence are one source: that of their folder.
+  for (const char* name : {"walk/1.png", "walk/2.png", "run/1.png"})
+    (void)session.on_frame(frame_of(name, false), live());
+  EXPECT_EQ(session.restarts, 6);
 }
 
 TEST(FrameSession, SaysWhatTheSourceIsAndWhetherItIsPaused) {

@@ -5,6 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/people/name.h"
+#include "tarsier/media/still_source.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -76,7 +77,8 @@ void PeopleSession::load_people() {
 }
 
 View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (frame.name != source_name_) collector_.restart();
+  if (source_of(frame) != collected_from_) collector_.restart();
+  collected_from_ = source_of(frame);
   source_name_ = frame.name;
   source_ = trouble_of(source);
   frame_ = frame.image;

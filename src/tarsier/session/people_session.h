@@ -114,6 +114,7 @@ class PeopleSession final : public Session {
   std::string message_;
   std::string source_;
   std::string source_name_;
+  std::string collected_from_;  // source_of() the latest frame
   FrameTimer timer_;
   int flash_ = 0;  // frames it still lasts
   bool asking_ = false;
