@@ -38,11 +38,12 @@ run() {
   command_line="tarsier $*"
 }
 
-# wait_until_ready PID: until the program takes SIGINT as a wish to stop (which it then blocks), or has ended.
+# wait_until_ready PID: until the program takes SIGINT as a wish to stop (which it then blocks), or has ended. Before the
+# program begins, the shell blocks SIGINT too, together with SIGCHLD (0x10000).
 wait_until_ready() {
   local blocked
   while blocked=$(awk '/^State:/ && $2 == "Z" {exit} /^SigBlk/ {print $2}' "/proc/$1/status" 2>/dev/null) && [ -n "$blocked" ]; do
-    [ $((16#$blocked & 2)) -eq 0 ] || return 0
+    [ $((16#$blocked & 0x10002)) -ne 2 ] || return 0
     sleep 0.02
   done
 }
