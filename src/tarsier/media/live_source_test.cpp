@@ -132,16 +132,18 @@ TEST_F(LiveSourceTest, GivesTheNewestFrameAndCountsTheOthers) {
   server.period_ms = 5;
   const auto source = http_source(server);
   const Frame first = next_frame(*source);
-  EXPECT_EQ(first.index, 0);
-  EXPECT_EQ(first.time, 0);
+  // The frame that opened the source, or a later one where this thread came late.
+  EXPECT_GE(first.index, 0);
+  EXPECT_EQ(first.time == 0, first.index == 0);
   EXPECT_FALSE(first.still);
   EXPECT_EQ(first.name, server.url());
-  ASSERT_TRUE(eventually([&] { return source->status().received >= 20; }));
+  ASSERT_TRUE(eventually([&] { return source->status().received >= first.index + 20; }));
   const std::int64_t before = source->status().received;
   const Frame later = next_frame(*source);
   EXPECT_GE(later.index, before - 1);  // none of those that were passed over
-  EXPECT_EQ(testing::number_of(later.image), (testing::number_of(first.image) + later.index) % 32);
-  EXPECT_GT(later.time, 0);
+  EXPECT_EQ(testing::number_of(later.image),
+            (testing::number_of(first.image) + later.index - first.index) % 32);
+  EXPECT_GT(later.time, first.time);
   EXPECT_LE(later.captured, Clock::now());
   const SourceStatus status = source->status();
   EXPECT_EQ(status.state, SourceState::kLive);
