@@ -154,10 +154,12 @@ void add_flags(Command& verb, SynthFlags& flags) {
               .delimiter(',')
               .show_default());
   markers(verb.add_option("--side", flags.side, "of a marker over its black frame").show_default());
-  markers(verb.add_option("--min-markers", flags.still.least, "fewest markers in one image; their number is drawn at random")
+  markers(verb.add_option("--min-markers", flags.still.least,
+                          "fewest markers in one image; their number is drawn at random")
               .check(range(0, 16))
               .show_default());
-  markers(verb.add_option("--max-markers", flags.still.most, "most markers in one image; their number is drawn at random")
+  markers(verb.add_option("--max-markers", flags.still.most,
+                          "most markers in one image; their number is drawn at random")
               .check(range(0, 16))
               .show_default());
   const auto planar = [](Flag& flag) { flag.group("Pictures as targets"); };

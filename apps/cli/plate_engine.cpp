@@ -31,9 +31,10 @@ void add_plate_flags(Command& verb, PlateFlags& flags) {
                        "larger pictures are searched at this many; more: smaller plates, slower"));
   tune(verb.add_option("--plate-threshold", flags.recognizer.min_plate,
                        "of the aligner's plate score, (0, 1)"));
-  tune(verb.add_option("--evidence", flags.recognizer.min_evidence,
-                       "ln(confidence) + logit(plate) of what is reported; lower: more, of which more "
-                       "are none"));
+  tune(verb.add_option(
+      "--evidence", flags.recognizer.min_evidence,
+      "ln(confidence) + logit(plate) of what is reported; lower: more, of which more "
+      "are none"));
   tune(verb.add_option("--free-penalty", flags.decoding.free_penalty,
                        "nats against texts that fit no country's layout, 0..50"));
 }

@@ -15,9 +15,9 @@ namespace {
 using render::Mesh;
 
 constexpr std::array<std::pair<std::string_view, Object>, 4> kObjects{{{"none", Object::kNone},
-                                                                     {"axes", Object::kAxes},
-                                                                     {"cube", Object::kCube},
-                                                                     {"mesh", Object::kMesh}}};
+                                                                       {"axes", Object::kAxes},
+                                                                       {"cube", Object::kCube},
+                                                                       {"mesh", Object::kMesh}}};
 
 // The sheet itself, for what is below it: a little deeper than the shadow that lies on it.
 constexpr double kDeeper = 0.004;  // sides

@@ -16,7 +16,8 @@ constexpr std::size_t kMinCharacters = 4;
 constexpr std::size_t kMaxCharacters = 8;
 constexpr double kReward = 1.2;  // nats for each further character
 constexpr double kSameBox = 0.3;
-constexpr double kSurePlate = 0.5;  // the SVM's chance from which it is reported though nothing is read
+constexpr double kSurePlate =
+    0.5;  // the SVM's chance from which it is reported though nothing is read
 
 cv::Mat gray_of(const cv::Mat& image) {
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
