@@ -11,12 +11,14 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include <algorithm>
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <unistd.h>
 #include <vector>
 
@@ -214,6 +216,19 @@ TEST(ImageFile, HugeSizesAreRefusedBeforeDecoding) {
   limits = {};
   limits.max_bytes = 10;
   EXPECT_THAT(refusal(encoded(".png", picture()), limits), HasSubstr("bytes"));
+}
+
+// OpenCV's reader of DICOM ends the process for such a file, so it must never get one.
+TEST(ImageFile, AnImageThatIsADicomFileAsWellIsRefused) {
+  Data bytes = encoded(".webp", picture(), {cv::IMWRITE_WEBP_QUALITY, 101});
+  bytes.resize(std::max<std::size_t>(bytes.size(), 200));
+  constexpr std::string_view kMark = "DICM";
+  std::copy(kMark.begin(), kMark.end(), bytes.begin() + 128);
+  EXPECT_THAT(refusal(bytes), HasSubstr("DICOM"));
+  bytes[24] |= 0x20;  // a version that libwebp does not know
+  EXPECT_THAT(refusal(bytes), HasSubstr("WebP"));
+  std::string pnm = "P6#" + std::string(125, 'x') + "DICM\n1 1\n255\nabc";
+  EXPECT_THAT(refusal(Data(pnm.begin(), pnm.end())), HasSubstr("DICOM"));
 }
 
 TEST(ImageFile, APngThatClaimsMoreRowsThanItHasIsRefused) {

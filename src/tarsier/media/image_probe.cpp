@@ -219,7 +219,8 @@ std::optional<ImageHeader> probe_webp(Bytes bytes) {
     Cursor cursor(bytes, 20);
     const auto signature = cursor.little(1);
     const auto bits = cursor.little(4);
-    if (!bits || *signature != 0x2F) return std::nullopt;
+    constexpr unsigned kVersionAt = 29;  // three bits, 0: what libwebp reads
+    if (!bits || *signature != 0x2F || *bits >> kVersionAt != 0) return std::nullopt;
     header.width = static_cast<int>(*bits & 0x3FFFU) + 1;
     header.height = static_cast<int>(*bits >> 14U & 0x3FFFU) + 1;
     return header;
@@ -467,6 +468,12 @@ std::string find_image_damage(Bytes bytes, const ImageHeader& header,
                               std::vector<std::uint8_t>& kept) {
   const auto width = static_cast<std::uint64_t>(header.width);
   const auto height = static_cast<std::uint64_t>(header.height);
+  // OpenCV gives what libwebp or its PNM reader do not take to its other decoders, and the one for
+  // DICOM ends the process for a broken file.
+  if ((header.format == ImageFormat::kWebp || header.format == ImageFormat::kPnm) &&
+      starts_with(bytes, "DICM", 128)) {
+    return fmt::format("{} that is a DICOM file as well: refused", name_of(header.format));
+  }
   switch (header.format) {
     case ImageFormat::kJpeg: {
       const JpegWalk walk = walk_jpeg(bytes, true);
