@@ -249,6 +249,40 @@ TEST_F(SqliteTest, AFailedUpgradeChangesNothing) {
   EXPECT_THAT(notes(database), ElementsAre("old"));
 }
 
+TEST_F(SqliteTest, WritingItAfreshLeavesNothingOfWhatWasDeleted) {
+  Database database = create();
+  add(database, "stays");
+  add(database, std::string(20000, 'x') + "secret");
+  database.run(
+      "PRAGMA secure_delete = OFF; DELETE FROM note WHERE id = 2;"
+      "PRAGMA wal_checkpoint(TRUNCATE)");
+  ASSERT_THAT(contents(path("notes.db")), HasSubstr("secret"));
+  database.vacuum();
+  database.run("PRAGMA wal_checkpoint(TRUNCATE)");
+  EXPECT_THAT(contents(path("notes.db")), Not(HasSubstr("secret")));
+  EXPECT_LT(contents(path("notes.db")).size(), 20000U);
+  EXPECT_THAT(notes(database), ElementsAre("stays"));
+}
+
+TEST_F(SqliteTest, ALargeFileIsNotCopiedInMemory) {
+  Database database = create();
+  const auto copies_to = [&]() -> std::int64_t {
+    Statement statement(database, "PRAGMA temp_store");
+    return statement.step() ? statement.integer(0) : -1;
+  };
+  constexpr std::int64_t kFile = 1;
+  constexpr std::int64_t kMemory = 2;
+  database.vacuum();
+  EXPECT_EQ(copies_to(), kMemory);
+  database.run("INSERT INTO note(text) VALUES(zeroblob(65 * 1024 * 1024))");
+  database.vacuum();
+  EXPECT_EQ(copies_to(), kFile);
+  database.run("DELETE FROM note");
+  database.vacuum();
+  database.vacuum();
+  EXPECT_EQ(copies_to(), kMemory) << "small again";
+}
+
 TEST_F(SqliteTest, ADamagedFileIsAnError) {
   {
     Database database = create();
