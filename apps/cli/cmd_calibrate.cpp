@@ -172,6 +172,7 @@ void add_flags(Command& verb, CalibrateFlags& flags) {
   live(verb.add_option("--height", flags.run.source.height, "px").show_default());
   live(verb.add_option("--fps", flags.run.source.fps, "asked of a camera; 0: its own")
            .show_default());
+  for (Flag* flag : add_security_flags(verb, flags.run.source.security)) live(*flag);
   add_lens_flags(verb, flags);
 }
 
