@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "security_flags.h"
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
