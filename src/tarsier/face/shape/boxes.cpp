@@ -19,9 +19,12 @@ std::vector<BoxedPicture> boxes_from_landmarks(const LandmarkSet& set, double si
     const auto [found, is_new] = place.try_emplace(sample.image, pictures.size());
     if (is_new) pictures.push_back({sample.image, {}, {}, {}});
     BoxedPicture& picture = pictures[found->second];
-    const Eigen::Vector2d center = sample.points.rowwise().mean();
-    const double size =
-        std::sqrt((sample.points.colwise() - center).colwise().squaredNorm().mean());
+    Eigen::Vector2d center = Eigen::Vector2d::Zero();
+    double size = 0;  // a set may have no points yet
+    if (sample.points.cols() > 0) {
+      center = sample.points.rowwise().mean();
+      size = std::sqrt((sample.points.colwise() - center).colwise().squaredNorm().mean());
+    }
     if (!sample.is_complete() || !(size > 0)) {
       if (sample.box) {
         picture.ignored.push_back(*sample.box);
