@@ -102,7 +102,7 @@ AdaptedModel adapt_landmark_model(const LandmarkModel& base, const shape::Landma
   base.check();
   TARSIER_REQUIRE(base.trees || base.descent, "a model with neither trees nor sdm");
   if (!set.samples.empty() && set.points() != base.points()) {
-    throw InputError(set_path,
+    throw InputError(set_path.empty() ? "the set" : set_path,
                      fmt::format("has {} points, the model {}", set.points(), base.points()));
   }
   AdaptedModel result;

@@ -221,7 +221,7 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
     try {
       return shape::train_shape_model(shapes, options.shape);
     } catch (const std::invalid_argument& error) {
-      throw InputError(set_path, error.what());
+      throw InputError(set_path.empty() ? "the set" : set_path, error.what());
     }
   };
   LandmarkModel& model = result.model;

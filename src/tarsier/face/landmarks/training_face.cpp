@@ -54,8 +54,9 @@ std::vector<TrainingFace> load_training_faces(const shape::LandmarkSet& set,
   TARSIER_REQUIRE(std::abs(options.to_the_right) <= 100, "to the right {}", options.to_the_right);
   TARSIER_REQUIRE(options.largest >= 50 && options.largest <= 4000, "largest {}", options.largest);
   set.check();
+  const std::string name = set_path.empty() ? "the set" : set_path;
   if (options.mirror && set.mirror.empty()) {
-    throw InputError(set_path,
+    throw InputError(name,
                      "mirrored faces need the symmetry of the points, which this set "
                      "does not say; mark it with `landmarks annotate`");
   }
@@ -93,9 +94,9 @@ std::vector<TrainingFace> load_training_faces(const shape::LandmarkSet& set,
   }
   progress.end();
   if (faces.empty()) {
-    throw InputError(set_path, skipped.empty() ? std::string("holds no samples")
-                                               : fmt::format("no sample can be used; the first: {}",
-                                                             skipped.front()));
+    throw InputError(name, skipped.empty() ? std::string("holds no samples")
+                                           : fmt::format("no sample can be used; the first: {}",
+                                                         skipped.front()));
   }
   return faces;
 }

@@ -200,6 +200,18 @@ TEST_F(Import, BoxesAroundLandmarks) {
   EXPECT_THAT(pictures[1].ignored, ElementsAre(cv::Rect2d(130, 80, 40, 40)));
 }
 
+TEST_F(Import, AFaceWithoutPointsHasNoBox) {
+  LandmarkSet set;
+  set.samples.resize(2);
+  set.samples[0].image = "unclear.png";
+  set.samples[1].image = "boxed.png";
+  set.samples[1].box = cv::Rect2d(130, 80, 40, 40);
+  const std::vector<BoxedPicture> pictures = boxes_from_landmarks(set, 2);
+  ASSERT_EQ(pictures.size(), 1U);
+  EXPECT_THAT(pictures[0].boxes, ElementsAre());
+  EXPECT_THAT(pictures[0].ignored, ElementsAre(cv::Rect2d(130, 80, 40, 40)));
+}
+
 TEST_F(Import, MuctTable) {
   write("muct.csv",
         "name,tag,x00,y00,x01,y01\ni000qa-fn,0000,201,348,0,0\ni001qb-mn,0000,1.5,2,3,4\n"
