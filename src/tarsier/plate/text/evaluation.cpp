@@ -164,15 +164,20 @@ double area_under_curve(const std::vector<double>& high, std::vector<double> low
 }
 
 // Sets judged, calibration_error, sure and sure_wrong from the confidences of right and wrong
-// texts.
+// texts; leaves them where a confidence is not 0..1 (another program's percentages).
 void add_reliability(const std::vector<double>& right, const std::vector<double>& wrong,
                      PlateScores& scores) {
   constexpr int kBins = 10;
   constexpr double kSure = 0.9;
+  const auto is_probability = [](double value) { return value >= 0 && value <= 1; };
+  if (!std::all_of(right.begin(), right.end(), is_probability) ||
+      !std::all_of(wrong.begin(), wrong.end(), is_probability)) {
+    return;
+  }
   std::array<double, kBins> confidence{};
   std::array<int, kBins> correct{}, count{};
   const auto add = [&](double value, bool is_right) {
-    const auto bin = static_cast<std::size_t>(std::clamp(static_cast<int>(value * kBins), 0, 9));
+    const auto bin = static_cast<std::size_t>(std::min(static_cast<int>(value * kBins), kBins - 1));
     confidence[bin] += value;
     correct[bin] += is_right ? 1 : 0;
     ++count[bin];

@@ -78,6 +78,7 @@ struct PlateScores {
   // Reliability of the confidence over the plates that were found and have a text. Expected
   // calibration error (Naeini, Cooper and Hauskrecht, AAAI 2015): the mean of |share of right texts
   // - mean confidence| over ten equal intervals of the confidence, weighted by their counts.
+  // Not judged where a confidence is outside [0, 1], as another program's percentages are.
   int judged = 0;                 // found plates with a text
   double calibration_error = -1;  // [0, 1]
   int sure = 0, sure_wrong = 0;   // confidence above 0.9; of these, read with a mistake

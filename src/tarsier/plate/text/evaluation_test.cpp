@@ -116,6 +116,19 @@ TEST(EvaluationTest, ConfidenceAboveNineTenthsIsCountedWhereTheTextIsWrong) {
   EXPECT_NEAR(scores.calibration_error, 0.47, 1e-12);
 }
 
+TEST(EvaluationTest, CalibrationIsNotJudgedWhereConfidencesAreNoProbabilities) {
+  const PlateTruth truth{{"a.jpg", {{cv::Rect2d(0, 0, 100, 20), "1234BCD"}}}};
+  for (const double confidence : {94.2, -0.05, 9223372036854775807.0}) {
+    const std::vector<ImageReadings> readings{
+        {"a.jpg", -1, {reading("1234BCD", confidence, {0, 0, 100, 20})}, {}}};
+    const PlateScores scores = evaluate_plates(readings, truth, {});
+    EXPECT_EQ(scores.exact, 1);
+    EXPECT_EQ(scores.judged, 0) << confidence;
+    EXPECT_LT(scores.calibration_error, 0);
+    EXPECT_EQ(scores.sure, 0);
+  }
+}
+
 TEST(EvaluationTest, NothingToJudgeIsNull) {
   const PlateScores scores = evaluate_plates({}, {}, {});
   EXPECT_LT(scores.recall, 0);
