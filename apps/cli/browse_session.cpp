@@ -15,12 +15,17 @@ void print_event_line(const Event& event, const View& view) {
   print_json(line);
 }
 
-ExitStatus browse_session(Session& session, const View& first, const std::string& title,
-                          bool fullscreen, Context& context, const Between& between) {
+ExitStatus browse_session(Session& session, const std::string& title, bool fullscreen,
+                          Context& context, const Between& between) {
+  session.draw_status(!window::shows_status());
   const std::unique_ptr<window::Window> window =
-      window::open_window({title, fullscreen, session.sliders()});
-  window->show(first.image);
-  bool finished = first.finished;
+      window::open_window({title, fullscreen, session.sliders(), session.actions()});
+  bool finished = false;
+  {
+    const View first = session.on_idle({});
+    window->show(first, nullptr);
+    finished = first.finished;
+  }
   std::chrono::milliseconds wait(0);
   while (!finished && !context.stop.stop_requested()) {
     const std::vector<Event> events = window->poll(wait);
@@ -34,17 +39,17 @@ ExitStatus browse_session(Session& session, const View& first, const std::string
       finished = finished || last->finished;
       if (last->toggle_fullscreen) window->set_fullscreen(!window->fullscreen());
       if (event.kind == Event::Kind::kMouse) continue;
-      for (const Slider& slider : session.sliders()) window->set_slider(slider.name, slider.value);
+      window->offer(session.actions(), session.sliders());
     }
     if (finished) break;
-    if (last) window->show(last->image);
+    if (last) window->show(*last, nullptr);
     wait = std::chrono::milliseconds(50);
     if (!between) continue;
     last.reset();
     last = between(wait);
     if (!last) continue;
     finished = finished || last->finished;
-    if (!last->image.empty()) window->show(last->image);
+    window->show(*last, nullptr);
   }
   return context.stop.stop_requested() ? ExitStatus::kInterrupted : ExitStatus::kDone;
 }

@@ -15,12 +15,11 @@ namespace tarsier::cli {
 // view; `wait` is how long it may then take until the next call.
 using Between = std::function<std::optional<View>(std::chrono::milliseconds& wait)>;
 
-// A session in a window that lasts until the user ends it, whatever its frames do. With --json each
-// key, button and action gives a line {"event","state"}. Returns kInterrupted where a signal came,
-// else kDone. window::prepare() must have been called.
-[[nodiscard]] ExitStatus browse_session(Session& session, const View& first,
-                                        const std::string& title, bool fullscreen, Context& context,
-                                        const Between& between);
+// A session in a window that lasts until the user ends it, whatever its frames do; it shows what
+// on_idle() gives at first. With --json each key, button and action gives a line {"event","state"}.
+// Returns kInterrupted where a signal came, else kDone. window::prepare() must have been called.
+[[nodiscard]] ExitStatus browse_session(Session& session, const std::string& title, bool fullscreen,
+                                        Context& context, const Between& between);
 
 // {"event","state"} on stdout.
 void print_event_line(const Event& event, const View& view);

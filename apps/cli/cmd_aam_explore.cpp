@@ -88,7 +88,7 @@ ExitStatus show(Explored& session, const ExploreFlags& flags, const std::string&
     if (!flags.window) return ExitStatus::kDone;
   }
   window::prepare();
-  return browse_session(session, view, title, flags.fullscreen, context, {});
+  return browse_session(session, title, flags.fullscreen, context, {});
 }
 
 ExitStatus explore_points(const ExploreFlags& flags, Context& context) {

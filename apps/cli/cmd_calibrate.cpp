@@ -6,10 +6,10 @@
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/media/frame_source.h"
 #include "tarsier/session/calibrate_session.h"
-#include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
 
+#include "input_schemes.h"
 #include "security_flags.h"
 #include <algorithm>
 #include <nlohmann/json.hpp>
@@ -22,7 +22,7 @@ planar::CalibratorState search(const CalibrateFlags& flags, const planar::Calibr
                                Context& context) {
   planar::CalibratorState state;
   for (const std::string& input : flags.run.inputs) {
-    const auto source = open_source(input, flags.run.source, {synth::synth_scheme()});
+    const auto source = open_source(input, flags.run.source, input_schemes());
     if (source->is_live()) {
       throw UsageError(fmt::format("{}: is live, and others are not: give it alone", input));
     }
@@ -48,11 +48,12 @@ std::string hint_of(const planar::Calibrator& calibrator, const planar::Calibrat
 bool is_session(const CalibrateFlags& flags) {
   if (flags.run.window || flags.run.fullscreen || !flags.run.actions.empty()) return true;
   for (const std::string& input : flags.run.inputs) {
-    const SourceKind kind = classify_source(input, {synth::synth_scheme()});
-    const bool is_live_synth =
-        kind == SourceKind::kScheme && input.find("live=1") != std::string::npos;
+    const SourceKind kind = classify_source(input, input_schemes());
+    const bool is_live_scheme =
+        kind == SourceKind::kScheme &&
+        (input.starts_with("viewer:") || input.find("live=1") != std::string::npos);
     if (kind == SourceKind::kCamera || kind == SourceKind::kPiCamera || kind == SourceKind::kHttp ||
-        kind == SourceKind::kFfmpegUrl || is_live_synth) {
+        kind == SourceKind::kFfmpegUrl || is_live_scheme) {
       return true;
     }
   }

@@ -5,12 +5,12 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/still_source.h"
 #include "tarsier/session/annotate_session.h"
-#include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
 
 #include "browse_session.h"
 #include "cmd_landmarks.h"
+#include "input_schemes.h"
 #include "size_flag.h"
 #include "window.h"
 #include <algorithm>
@@ -90,7 +90,7 @@ std::unique_ptr<FrameSource> open_input(const std::string& input, AnnotateOption
     options.pictures = paths_of_list(input);
     return nullptr;
   }
-  const std::vector<Scheme> schemes{synth::synth_scheme()};
+  const std::vector<Scheme> schemes = input_schemes();
   switch (classify_source(input, schemes)) {
     case SourceKind::kImage:
       options.pictures = {input};
@@ -230,8 +230,7 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
         wait = video.wait();
         return view;
       };
-      status = browse_session(session, session.look(), "Tarsier annotate", flags.fullscreen,
-                              context, between);
+      status = browse_session(session, "Tarsier annotate", flags.fullscreen, context, between);
     }
   } catch (...) {  // the display has gone: what was done stays
     session.finish();

@@ -73,8 +73,7 @@ ExitStatus show_set(const ShowFlags& flags, Context& context) {
   if (flags.output.empty()) {
     window::prepare();
     SetSession session(set, flags.file, style, flags.mirrored);
-    return browse_session(session, session.on_idle({}), "Tarsier landmarks", flags.fullscreen,
-                          context, {});
+    return browse_session(session, "Tarsier landmarks", flags.fullscreen, context, {});
   }
   write_image(flags.output, face::shape::contact_sheet(set, flags.file, flags.cell, flags.columns,
                                                        flags.most, style));
@@ -95,8 +94,7 @@ ExitStatus show_shape_model(const ShowFlags& flags, Context& context) {
       wait = std::chrono::milliseconds(40);
       return session.on_idle({});
     };
-    return browse_session(session, session.on_idle({}), "Tarsier shape model", flags.fullscreen,
-                          context, between);
+    return browse_session(session, "Tarsier shape model", flags.fullscreen, context, between);
   }
   const int modes = std::min(flags.modes, model.mode_count());
   if (ends_with(flags.output, ".gif")) {
@@ -141,16 +139,14 @@ ExitStatus show_in_window(const ShowFlags& flags, const face::landmarks::Landmar
   window::prepare();
   if (model.patches) {
     PatchSession session(*model.patches, model.shape, std::move(picture));
-    return browse_session(session, session.on_idle({}), "Tarsier patches", flags.fullscreen,
-                          context, {});
+    return browse_session(session, "Tarsier patches", flags.fullscreen, context, {});
   }
   ShapeModelSession session(model.shape);
   const auto between = [&](std::chrono::milliseconds& wait) -> std::optional<View> {
     wait = std::chrono::milliseconds(40);
     return session.on_idle({});
   };
-  return browse_session(session, session.on_idle({}), "Tarsier shape model", flags.fullscreen,
-                        context, between);
+  return browse_session(session, "Tarsier shape model", flags.fullscreen, context, between);
 }
 
 ExitStatus show_responses(const ShowFlags& flags, const face::landmarks::LandmarkModel& model,

@@ -3,11 +3,11 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/face/people/collector.h"
 #include "tarsier/face/people/name.h"
-#include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
 
 #include "cmd_people.h"
+#include "input_schemes.h"
 #include "people_engine.h"
 #include "security_flags.h"
 #include <algorithm>
@@ -41,7 +41,7 @@ class Enrolment {
         enroller_(gallery_, background()) {}
 
   ExitStatus operator()() {
-    const auto source = open_sources(flags_.inputs, flags_.source, {synth::synth_scheme()});
+    const auto source = open_sources(flags_.inputs, flags_.source, input_schemes());
     // Before this person is there: whom the faces would be taken for. What is due is learned, so
     // that the new faces get their templates as they come.
     before_ = model();

@@ -6,11 +6,11 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/model_store.h"
 #include "tarsier/plate/classic/classic.h"
-#include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
 
 #include "cmd_plate.h"
+#include "input_schemes.h"
 #include <chrono>
 #include <filesystem>
 #include <memory>
@@ -97,7 +97,7 @@ struct Writer {
 ExitStatus run_segment(const SegmentFlags& flags, Context& context) {
   const auto model = plate::read_classic_model(shipped(flags.detector, "plate-svm.json"),
                                                shipped(flags.reader, "plate-hog.json"));
-  const auto source = open_sources(flags.inputs, {}, {synth::synth_scheme()});
+  const auto source = open_sources(flags.inputs, {}, input_schemes());
   make_folder(flags.output);
   plate::ClassicOptions options;
   options.seed = context.seed;

@@ -7,11 +7,11 @@
 #include "tarsier/plate/tracking/time_text.h"
 #include "tarsier/session/action_reader.h"
 #include "tarsier/session/scripted_host.h"
-#include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
 
 #include "framework/stopwatch.h"
+#include "input_schemes.h"
 #include "run_pipeline.h"
 #include "window.h"
 #include <algorithm>
@@ -38,11 +38,7 @@ constexpr double kMaxRepeats = 10;  // s that a live video is filled up with its
 // --- the window, where the program has one ---
 
 using WindowPointer = std::unique_ptr<window::Window>;
-void prepare_window() { window::prepare(); }
-WindowPointer open_window(const std::string& title, bool fullscreen,
-                          const std::vector<Slider>& sliders) {
-  return window::open_window({title, fullscreen, sliders});
-}
+constexpr const char* kNextPicture = "next-picture";
 
 // --- the loop ---
 
@@ -87,7 +83,7 @@ class Run {
   // --- opening ---
 
   void open() {
-    const std::vector<Scheme> schemes{synth::synth_scheme()};
+    const std::vector<Scheme> schemes = input_schemes();
     for (const std::string& input : flags_.inputs)
       static_cast<void>(classify_source(input, schemes));
     refuse_to_overwrite();
@@ -98,7 +94,10 @@ class Run {
           std::chrono::duration<double>(plate::parse_duration(flags_.segment, "--segment")).count();
       if (segment_s_ <= 0) throw UsageError("--segment: must be longer than nothing");
     }
-    if (opens_window(flags_)) prepare_window();  // before any thread starts
+    if (opens_window(flags_)) {
+      window::prepare();  // before any thread starts
+      session_.draw_status(!window::shows_status());
+    }
 
     source_ = open_sources(flags_.inputs, flags_.source, schemes);
     live_ = source_->is_live();
@@ -108,10 +107,10 @@ class Run {
 
     if (opens_window(flags_)) {
       std::string title = fmt::format("Tarsier {}", hooks_.title);
-      if (!live_ && source_->count() > 1 && source_->fps() <= 0)
-        title += " - right arrow: next picture";
-      window_ = open_window(title, flags_.fullscreen, session_.sliders());
-      if (live_) show(session_.on_idle(source_->status()));
+      has_next_ = !live_ && source_->count() > 1 && source_->fps() <= 0;
+      if (has_next_ && !window::shows_status()) title += " - right arrow: next picture";
+      window_ = window::open_window({title, flags_.fullscreen, session_.sliders(), actions()});
+      if (live_) idle(source_->status());
     }
     if (!flags_.actions.empty()) {
       actions_.emplace(STDIN_FILENO, session_.actions(), session_.sliders());
@@ -122,6 +121,13 @@ class Run {
       context_.progress->begin(hooks_.title, total, "pictures");
       progressing_ = true;
     }
+  }
+
+  // Those of the session, and the host's own.
+  [[nodiscard]] std::vector<Action> actions() const {
+    std::vector<Action> list = session_.actions();
+    if (has_next_) list.push_back({kNextPicture, "next picture (right arrow)", 0});
+    return list;
   }
 
   void refuse_to_overwrite() const {
@@ -177,7 +183,7 @@ class Run {
       } else if (source_->ended()) {
         break;
       } else if (live_ && Clock::now() - last_shown > kIdleInterval) {
-        show(session_.on_idle(source_->status()));
+        idle(source_->status());
         last_shown = Clock::now();
       }
     }
@@ -208,6 +214,11 @@ class Run {
     if (hooks_.before_frame) hooks_.before_frame(frame);
     if (hooks_.debug != nullptr) hooks_.debug->begin(frame);
     const SourceStatus status = source_->status();
+    look_at(status);
+    info_.index = frame.index;
+    info_.time = frame.time;
+    info_.name = frame.name;
+    if (live_) info_.captured = frame.captured;
     View view;
     try {
       view = session_.on_frame(frame, status);
@@ -289,7 +300,18 @@ class Run {
     if (status.state == last_state_) return;
     last_state_ = status.state;
     lines_.print({{"source", name_of(status.state)}, {"detail", status.detail}});
-    if (status.state != SourceState::kLive) show(session_.on_idle(status));
+    if (status.state != SourceState::kLive) idle(status);
+  }
+
+  // What is known of the source is shown with the view.
+  void look_at(const SourceStatus& status) {
+    info_.source = live_ ? name_of(status.state) : "file";
+    info_.detail = live_ ? status.detail : "";
+  }
+
+  void idle(const SourceStatus& status) {
+    look_at(status);
+    show(session_.on_idle(status));
   }
 
   // --- the user ---
@@ -309,8 +331,11 @@ class Run {
     }
     std::optional<View> last;
     for (const Event& event : events) {
-      if (still_ && event.kind == Event::Kind::kKey &&
-          (event.key == key::kRight || event.key == key::kEnter)) {
+      const bool is_next = event.kind == Event::Kind::kAction
+                               ? has_next_ && event.name == kNextPicture
+                               : event.kind == Event::Kind::kKey &&
+                                     (event.key == key::kRight || event.key == key::kEnter);
+      if (is_next && (still_ || event.kind == Event::Kind::kAction)) {
         next_picture();
         last.reset();
         continue;
@@ -323,7 +348,7 @@ class Run {
   }
 
   void next_picture() {
-    if (source_->ended()) return;
+    if (!still_ || source_->ended()) return;
     flush_still();
     paused_ = false;
   }
@@ -340,15 +365,12 @@ class Run {
     }
     if (window_ == nullptr) return;
     if (view.toggle_fullscreen) window_->set_fullscreen(!window_->fullscreen());
-    if (event.kind != Event::Kind::kMouse) {
-      for (const Slider& slider : session_.sliders())
-        window_->set_slider(slider.name, slider.value);
-    }
+    if (event.kind != Event::Kind::kMouse) window_->offer(actions(), session_.sliders());
   }
 
   void show(const View& view) {
     finished_ = finished_ || view.finished;
-    if (window_ != nullptr && !view.image.empty()) window_->show(view.image);
+    if (window_ != nullptr) window_->show(view, &info_);
   }
 
   // --- the end ---
@@ -388,6 +410,8 @@ class Run {
   bool paused_ = false;
   bool finished_ = false;
   bool window_closed_ = false;
+  bool has_next_ = false;  // several stills, which the user goes through
+  window::FrameInfo info_;
   double fps_ = 25;
   std::int64_t received_ = 0;
   std::int64_t taken_ = 0;

@@ -4,10 +4,10 @@
 #include "tarsier/core/log.h"
 #include "tarsier/session/sfm_session.h"
 #include "tarsier/sfm/pipelines/online_reconstructor.h"
-#include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
 
+#include "input_schemes.h"
 #include "run_session.h"
 #include "security_flags.h"
 #include <chrono>
@@ -48,7 +48,7 @@ void add_online_flags(Command& verb, OnlineFlags& flags) {
 }
 
 SourceKind kind_of_online_source(const std::string& text) {
-  return classify_source(text, {synth::synth_scheme()});
+  return classify_source(text, input_schemes());
 }
 
 OnlineRun run_online(const std::vector<std::string>& sources, const std::vector<sfm::Input>& images,

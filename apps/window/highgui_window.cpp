@@ -166,9 +166,10 @@ class HighguiWindow final : public Window {
   HighguiWindow(const HighguiWindow&) = delete;
   HighguiWindow& operator=(const HighguiWindow&) = delete;
 
-  void show(const cv::Mat& image) override {
+  void show(const View& view, const FrameInfo*) override {
+    const cv::Mat& image = view.image;
+    if (image.empty() || closed_) return;
     require_bgr(image);
-    if (closed_) return;
     const bool resized = image.size() != picture_.size();
     image.copyTo(picture_);
     if (name_.empty()) {
@@ -214,7 +215,12 @@ class HighguiWindow final : public Window {
     destroy(old);
   }
 
-  void set_slider(std::string_view name, double value) override {
+  void offer(const std::vector<Action>&, const std::vector<Slider>& sliders) override {
+    for (const Slider& slider : sliders) set_slider(slider.name, slider.value);
+  }
+
+ private:
+  void set_slider(const std::string& name, double value) {
     for (Bar& bar : bars_) {
       if (bar.slider.name != name) continue;
       const int position = bar.position_of(value);
@@ -228,7 +234,6 @@ class HighguiWindow final : public Window {
     }
   }
 
- private:
   [[nodiscard]] bool is_alive() const { return x11_ == nullptr || x11_->alive(); }
   void check_alive() const {
     if (!is_alive()) fail_gone();

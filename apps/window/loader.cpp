@@ -4,9 +4,11 @@
 #include <fmt/format.h>
 
 #include "module.h"
+#include "pipe_window.h"
 #include <cstdlib>
 #include <dlfcn.h>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -83,11 +85,31 @@ const Module& module() {
   return loaded;
 }
 
+// The pipe that the environment names, if it does. The variable is taken out of it: no other
+// program that this one starts has these descriptors.
+const std::optional<PipeEnds>& pipe() {
+  static const std::optional<PipeEnds> ends = []() -> std::optional<PipeEnds> {
+    if (!is_set(kPipeVariable)) return std::nullopt;
+    const PipeEnds found = parse_pipe_ends(std::getenv(kPipeVariable));
+    unsetenv(kPipeVariable);
+    return found;
+  }();
+  return ends;
+}
+
 }  // namespace
 
-void prepare() { static_cast<void>(module()); }
+void prepare() {
+  if (!pipe()) static_cast<void>(module());
+}
+
+bool shows_status() {
+  prepare();
+  return pipe().has_value();
+}
 
 std::unique_ptr<Window> open_window(const WindowOptions& options) {
+  if (pipe()) return make_pipe_window(*pipe(), options);
   return std::unique_ptr<Window>(module().open(&options));
 }
 

@@ -3,12 +3,11 @@
 
 #include "tarsier/session/session.h"
 
-#include <opencv2/core/mat.hpp>
-
 #include <chrono>
+#include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
-#include <string_view>
 #include <vector>
 
 namespace tarsier::window {
@@ -17,17 +16,30 @@ struct WindowOptions {
   std::string title;
   bool fullscreen = false;
   std::vector<Slider> sliders;  // shown below the picture; not in full screen
+  std::vector<Action> actions;  // buttons, where the window has such
 };
 
-// A window on the desktop. All calls from one thread, the one that opened it. Any call throws
+// What a view was made of.
+struct FrameInfo {
+  std::int64_t index = -1;  // Frame::index; -1: there was none yet
+  double time = 0;          // s, Frame::time
+  std::string name;         // Frame::name
+  // When its last byte came, of live sources; nothing for files.
+  std::optional<std::chrono::steady_clock::time_point> captured;
+  std::string source;  // "file", or the name_of() a live source's state
+  std::string detail;  // SourceStatus::detail of a live source
+};
+
+// A window on the desktop, or in a browser (pipe_window.h). All calls from one thread, the one that opened it. Any call throws
 // Error(kBadInput) when the display goes away.
 class Window {
  public:
   virtual ~Window() = default;
 
-  // Shows `image` (CV_8UC3), scaled to the window with its aspect kept. The first picture opens the
-  // window in the picture's size, or smaller where the screen is.
-  virtual void show(const cv::Mat& image) = 0;
+  // Shows the view's image, scaled to the window with its aspect kept; nothing where it is empty.
+  // The first one opens the window in the image's size, or smaller where the screen is. `frame` is
+  // the one that the view shows, null where a session shows none.
+  virtual void show(const View& view, const FrameInfo* frame) = 0;
 
   // What the user did since the last call, in order; waits at most `timeout` for something. Mouse
   // positions are pixels of the picture shown last (outside of 0..width-1, 0..height-1 beside it).
@@ -42,14 +54,23 @@ class Window {
   virtual void set_fullscreen(bool on) = 0;
   [[nodiscard]] virtual bool fullscreen() const = 0;
 
-  // Moves a slider of the options without an event. Unknown names are ignored.
-  virtual void set_slider(std::string_view name, double value) = 0;
+  // What the session offers now: moves sliders without an event. A window on the desktop keeps the
+  // sliders of its options, and ignores others.
+  virtual void offer(const std::vector<Action>& actions, const std::vector<Slider>& sliders) = 0;
 };
+
+// Where the environment has TARSIER_WINDOW=pipe:IN:OUT, all windows of this process are pipe windows
+// (pipe_window.h): they need no display, no toolkit and no module.
 
 // Loads the window module and looks whether there is a display, without opening anything. Call it
 // before other threads start (it prepares the environment of the toolkit). Throws Error(kBadInput):
-// no display, a display that does not answer, or no module (it is a package of its own).
+// no display, a display that does not answer, or no module (it is a package of its own); or
+// TARSIER_WINDOW is set and wrong.
 void prepare();
+
+// Whether windows show View::status and actions() in places of their own, so that images need
+// neither bar nor panel (Session::draw_status). Calls prepare() if need be.
+[[nodiscard]] bool shows_status();
 
 // Opens a window; it appears with its first picture. Calls prepare() if need be.
 [[nodiscard]] std::unique_ptr<Window> open_window(const WindowOptions& options);

@@ -92,7 +92,7 @@ struct SourceOptions {
 //   rtsp://..  rtsps://..
 //       through FFmpeg, in a child process
 //   synth:NAME?key=value&..
-//       opened by the caller's `schemes`
+//       opened by the caller's `schemes`, as viewer:NAME is
 // https and rtsps are verified (SourceOptions::security) and never redirected to anything else.
 // Anything else is refused. User text never reaches a GStreamer pipeline or an unnamed backend.
 enum class SourceKind {

@@ -286,7 +286,7 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
     }
     const double drop_s =
         allowed_s + (current_->may_wake_up() ? std::max(options_.stall_s, backoff_s_) : 0);
-    if (quiet_s >= drop_s) {
+    if (quiet_s >= drop_s && !current_->opens_once()) {
       LiveFailure failure;
       failure.reason = fmt::format("no picture for {}", in_seconds(quiet_s));
       // A frozen server that accepts one client only would be lost for good by hanging up on it, so
@@ -349,6 +349,10 @@ void LiveSource::supervise(const std::stop_token& stop) {
       if (is_open) failure = follow(stop);
       is_open = false;
       if (stop.stop_requested()) break;
+      if (current_ && current_->opens_once() && !ended()) {
+        give_up(failure.reason);
+        break;
+      }
       bool had_one = false;
       {
         const std::lock_guard lock(mutex_);

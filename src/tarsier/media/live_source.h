@@ -62,6 +62,9 @@ class LiveBackend {
   [[nodiscard]] virtual bool may_wake_up() const = 0;
   // Seconds it may take to its first frame if that is longer than SourceOptions::stall_s, else 0.
   [[nodiscard]] virtual double startup_s() const = 0;
+  // There is nothing to open again: a silent one is listened to for as long as it is there, and its
+  // end is the end of the source.
+  [[nodiscard]] virtual bool opens_once() const { return false; }
 };
 using LiveBackendFactory = std::function<std::unique_ptr<LiveBackend>()>;
 

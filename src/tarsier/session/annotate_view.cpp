@@ -312,7 +312,7 @@ void AnnotateSession::draw() {
   // The bar stands on its own ground: nothing of the picture is behind it.
   shown_(cv::Rect(0, shown_.rows - bar_, shown_.cols, bar_)).setTo(kGround);
   image::draw::status_bar(shown_, what_to_do(), where());
-  if (!controls_.help()) return;
+  if (!controls_.help() || !draws_status()) return;
   draw_help(shown_, "Annotation", actions(),
             {{"left mouse", "add, choose, drag; shift: drag all points"},
              {"right mouse", "move the picture; wheel: nearer, farther"},

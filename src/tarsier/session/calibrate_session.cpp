@@ -152,6 +152,11 @@ void CalibrateSession::draw() {
 
 void CalibrateSession::draw_text() {
   const bool took = flash_ > 0;
+  if (took && !straight_) {
+    cv::rectangle(shown_, cv::Rect(0, 0, shown_.cols, shown_.rows), kGood,
+                  std::max(2, shown_.cols / 160));
+  }
+  if (!draws_status()) return;
   std::string line = straight_ ? "straightened: lines of the world are straight" : verdict_;
   for (const Verdict verdict :
        {Verdict::kTaken, Verdict::kReplaced, Verdict::kNoBoard, Verdict::kMoving, Verdict::kBlurred,
@@ -170,10 +175,6 @@ void CalibrateSession::draw_text() {
   style.height_px = std::max(8.0, 0.75 * image::draw::fitting_text_height(shown_.size()));
   style.color = kPlain;
   image::draw::put_text(shown_, advice(), {margin, box.y + box.height + margin / 2}, style);
-  if (took && !straight_) {
-    cv::rectangle(shown_, cv::Rect(0, 0, shown_.cols, shown_.rows), kGood,
-                  std::max(2, shown_.cols / 160));
-  }
   std::string right;
   if (ok()) {
     const planar::calibration::Calibration& found = result_->calibration;

@@ -216,7 +216,7 @@ struct CartoonSession::Impl {
     return json;
   }
 
-  View view(const std::vector<Action>& actions) {
+  View view(const std::vector<Action>& actions, bool has_bar) {
     View result_view;
     if (options.overlay) {
       const cv::Mat& base = !has_frame ? cv::Mat() : debug_view.empty() ? result.image : debug_view;
@@ -227,9 +227,11 @@ struct CartoonSession::Impl {
         shown.setTo(cv::Scalar(48, 40, 32));
       }
       if (has_frame && debug_view.empty()) cartoon::draw_face_outline(shown, outline_opacity());
-      draw_banner(shown);
-      image::draw::status_bar(shown, status(), message.empty() ? "h: help" : message);
-      if (controls.help()) draw_help(shown, "Tarsier cartoon", actions);
+      if (has_bar) {
+        draw_banner(shown);
+        image::draw::status_bar(shown, status(), message.empty() ? "h: help" : message);
+        if (controls.help()) draw_help(shown, "Tarsier cartoon", actions);
+      }
       result_view.image = shown;
     } else {
       result_view.image = result.image;
@@ -289,7 +291,7 @@ View CartoonSession::on_frame(const Frame& frame, const SourceStatus& source) {
   require_bgr(frame.image);
   my.source = source;
   if (my.controls.paused() && my.has_frame)
-    return my.view(actions());  // the first one is shown all the same
+    return my.view(actions(), draws_status());  // the first one is shown all the same
   const bool follows = my.has_frame && !frame.still;
   const double before = my.frame.time;
   my.frame = frame;
@@ -301,7 +303,7 @@ View CartoonSession::on_frame(const Frame& frame, const SourceStatus& source) {
   my.age_ms = source.age_s > 0 ? source.age_s * 1000 + my.result.ms : 0;
   if (!my.message.empty() && std::abs(frame.time - my.message_since) > kMessageSeconds)
     my.message.clear();
-  View view = my.view(actions());
+  View view = my.view(actions(), draws_status());
   view.output = my.result.image;
   return view;
 }
@@ -310,7 +312,7 @@ View CartoonSession::on_idle(const SourceStatus& source) {
   Impl& my = *impl_;
   my.source = source;
   if (my.has_frame && source.age_s > 0) my.age_ms = source.age_s * 1000;
-  return my.view(actions());
+  return my.view(actions(), draws_status());
 }
 
 View CartoonSession::on_event(const Event& event) {
@@ -367,7 +369,7 @@ View CartoonSession::on_event(const Event& event) {
   } else if (!my.debug) {
     my.debug_view.release();
   }
-  View view = my.view(actions());
+  View view = my.view(actions(), draws_status());
   if (redo && my.frame.still) view.output = my.result.image;
   view.toggle_fullscreen = toggle_fullscreen;
   return view;

@@ -161,13 +161,15 @@ cv::Mat ExploreSession::picture() const {
 View ExploreSession::view() {
   View result;
   result.output = picture();
-  shown_ = framed(result.output);
+  shown_ = draws_status() ? framed(result.output) : result.output;
   const std::string name = mode_name();
   const double* value = value_of(name);
   result.status = fmt::format("{}: {:+.2f} deviations; {} shape modes, {} of the look", name,
                               value != nullptr ? *value : 0.0, shape_.size(), look_.size());
-  image::draw::status_bar(shown_, result.status, "h: help");
-  if (controls_.help()) draw_help(shown_, "Appearance model", actions());
+  if (draws_status()) {
+    image::draw::status_bar(shown_, result.status, "h: help");
+    if (controls_.help()) draw_help(shown_, "Appearance model", actions());
+  }
   result.image = shown_;
   result.finished = controls_.finished();
   result.state = {{"shape", numbers(shape_)},
@@ -276,11 +278,13 @@ cv::Mat ShapePlayground::picture() const {
 View ShapePlayground::view() {
   View result;
   result.output = picture();
-  shown_ = framed(result.output);
+  shown_ = draws_status() ? framed(result.output) : result.output;
   result.status = fmt::format("{} points, {} shapes, {} modes", model_.points(), aligned_.size(),
                               model_.mode_count());
-  image::draw::status_bar(shown_, result.status, "h: help");
-  if (controls_.help()) draw_help(shown_, "Shapes", actions());
+  if (draws_status()) {
+    image::draw::status_bar(shown_, result.status, "h: help");
+    if (controls_.help()) draw_help(shown_, "Shapes", actions());
+  }
   result.image = shown_;
   result.finished = controls_.finished();
   result.state = {

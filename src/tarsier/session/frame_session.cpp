@@ -58,9 +58,12 @@ View FrameSession::view(bool fresh) {
     output_.copyTo(shown_);
     draw_shown(shown_);
     const std::string said = message();
-    image::draw::status_bar(shown_, said.empty() ? result.status : said,
-                            timer_.words(still()) + "   h: help");
-    if (controls_.help()) draw_help(shown_, title_, actions());
+    if (!draws_status() && !said.empty()) result.status = said;
+    if (draws_status()) {
+      image::draw::status_bar(shown_, said.empty() ? result.status : said,
+                              timer_.words(still()) + "   h: help");
+      if (controls_.help()) draw_help(shown_, title_, actions());
+    }
     result.image = shown_;
   }
   result.finished = controls_.finished();

@@ -104,8 +104,10 @@ View SetSession::view() {
   result.status = fmt::format("{}/{} {}{}{}", current_ + 1, set_.samples.size(), sample.image,
                               missing > 0 ? fmt::format(", {} missing", missing) : std::string(),
                               mirrored_ ? ", mirrored" : "");
-  image::draw::status_bar(shown_, result.status, "h: help");
-  if (controls_.help()) draw_help(shown_, "Landmarks", actions());
+  if (draws_status()) {
+    image::draw::status_bar(shown_, result.status, "h: help");
+    if (controls_.help()) draw_help(shown_, "Landmarks", actions());
+  }
   result.image = shown_;
   result.finished = controls_.finished();
   result.state = {
@@ -187,15 +189,18 @@ View ShapeModelSession::view() {
                                               model_.mode_count(), sigmas_[mode_]);
   // The drawing has a bar of its own below: the status goes under it.
   const cv::Mat drawing = face::shape::draw_shape(model_, b, kModelView, title);
-  shown_.create(kModelView.height + kStatusRoom, kModelView.width, CV_8UC3);
+  const int room = draws_status() ? kStatusRoom : 0;
+  shown_.create(kModelView.height + room, kModelView.width, CV_8UC3);
   shown_.setTo(cv::Scalar(38, 34, 30));
   drawing.copyTo(shown_(cv::Rect({0, 0}, kModelView)));
   View result;
   result.status =
       fmt::format("{} points, {} modes, {:.1f} % of the variance, {} shapes", model_.points(),
                   model_.mode_count(), 100 * model_.variance_kept, model_.trained_on);
-  image::draw::status_bar(shown_, result.status, "h: help");
-  if (controls_.help()) draw_help(shown_, "Shape model", actions());
+  if (draws_status()) {
+    image::draw::status_bar(shown_, result.status, "h: help");
+    if (controls_.help()) draw_help(shown_, "Shape model", actions());
+  }
   result.image = shown_;
   result.finished = controls_.finished();
   result.state = {{"mode", mode_},

@@ -143,8 +143,10 @@ View PatchSession::view() {
   result.status = fmt::format("patch {} of {}, {}x{} px", current_ + 1, model_.points(),
                               model_.side(), model_.side());
   if (picture_) result.status += ", on " + picture_->name;
-  image::draw::status_bar(shown_, result.status, "h: help");
-  if (controls_.help()) draw_help(shown_, "Patches", actions());
+  if (draws_status()) {
+    image::draw::status_bar(shown_, result.status, "h: help");
+    if (controls_.help()) draw_help(shown_, "Patches", actions());
+  }
   result.image = shown_;
   result.finished = controls_.finished();
   result.state = {{"patch", current_},

@@ -252,7 +252,7 @@ View PeopleSession::view(bool fresh) {
   result.status = help_line();
   result.finished = controls_.finished();
   const cv::Size size = picture_size();
-  shown_.create(size.height + kBar, size.width + kStrip, CV_8UC3);
+  shown_.create(size.height + (draws_status() ? kBar : 0), size.width + kStrip, CV_8UC3);
   shown_.setTo(kGround);
   if (!frame_.empty()) {
     cv::Mat picture = shown_(cv::Rect({0, 0}, size));
@@ -283,11 +283,13 @@ View PeopleSession::view(bool fresh) {
     image::draw::put_text(shown_, text, {size.width / 2, size.height - 14},
                           {.height_px = 16, .backing = image::draw::Backing::kBox},
                           image::draw::Anchor::kBottom);
-  image::draw::status_bar(shown_, result.status,
-                          source_.empty() ? fmt::format("{}{}   h: help", name_of(mode_),
-                                                        controls_.paused() ? ", paused" : "")
-                                          : source_);
-  if (controls_.help()) draw_help(shown_, "People", actions());
+  if (draws_status()) {
+    image::draw::status_bar(shown_, result.status,
+                            source_.empty() ? fmt::format("{}{}   h: help", name_of(mode_),
+                                                          controls_.paused() ? ", paused" : "")
+                                            : source_);
+    if (controls_.help()) draw_help(shown_, "People", actions());
+  }
   result.image = shown_;
   return result;
 }

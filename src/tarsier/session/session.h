@@ -106,6 +106,16 @@ class Session {
   virtual View on_event(const Event& event) = 0;
   [[nodiscard]] virtual std::vector<Action> actions() const = 0;
   [[nodiscard]] virtual std::vector<Slider> sliders() const = 0;
+
+  // Whether View::image has the status and the panel of keys drawn on it; it has them at first. A
+  // host that shows View::status and actions() in a place of its own leaves them out.
+  void draw_status(bool on) { draws_status_ = on; }
+
+ protected:
+  [[nodiscard]] bool draws_status() const { return draws_status_; }
+
+ private:
+  bool draws_status_ = true;
 };
 
 }  // namespace tarsier

@@ -186,8 +186,9 @@ View SfmSession::view(bool fresh) {
   result.finished = controls_.finished();
   if (output_.empty()) return result;
   output_.copyTo(shown_);
-  image::draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
-  if (controls_.help()) {
+  if (draws_status())
+    image::draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
+  if (draws_status() && controls_.help()) {
     draw_help(shown_, "Structure from motion", actions(),
               {{"arrows", "turn the cloud, as a dragged mouse does"}});
   }
