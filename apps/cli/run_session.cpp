@@ -173,7 +173,13 @@ class Run {
         continue;
       }
       const milliseconds patience = window_ != nullptr ? kWindowPatience : kHeadlessPatience;
-      std::optional<Frame> frame = source_->next(patience, stop);
+      std::optional<Frame> frame;
+      try {
+        frame = source_->next(patience, stop);
+      } catch (const SourceLostError&) {
+        report_state();  // the last thing that is shown
+        throw;
+      }
       if (live_) report_state();
       if (frame) {
         if (received_++ % flags_.every != 0) continue;

@@ -259,7 +259,7 @@ class PipeWindow final : public Window {
   bool write_some() {
     const std::uint8_t* from = writing_.data() + written_;
     const std::size_t left = writing_.size() - written_;
-    // SIGPIPE is ignored by the program (cli.cpp), but not by others that have this library.
+    // A reader that went away is no signal: the program ignores SIGPIPE (cli.cpp).
     const ssize_t count =
         is_socket_ ? ::send(ends_.out, from, left, MSG_NOSIGNAL) : ::write(ends_.out, from, left);
     if (count < 0 && errno == EINTR) return true;

@@ -2,6 +2,7 @@
 #include "tarsier/session/calibrate_session.h"
 
 #include "tarsier/session/scripted_host.h"
+#include "tarsier/session/testing_plain.h"
 #include "tarsier/synth/boards.h"
 #include "tarsier/synth/sources.h"
 
@@ -170,6 +171,17 @@ TEST(CalibrateSessionTest, TheSameFramesGiveTheSameSteps) {
     if (run == 0) first = host.transcript();
     EXPECT_EQ(host.transcript(), first);
   }
+}
+
+TEST(CalibrateSessionTest, WithoutStatusNoTextIsOnTheImage) {
+  CalibrateSession session(calibrator());
+  session.draw_status(false);
+  Frame frame;
+  frame.image = cv::Mat(360, 480, CV_8UC3, cv::Scalar(90, 90, 90));
+  const View view = session.on_frame(frame, {SourceState::kLive, "", 0, 0, 0, 0});
+  EXPECT_EQ(view.state["verdict"], "no board");
+  EXPECT_EQ(cv::norm(view.image, view.output, cv::NORM_INF), 0);
+  testing::expect_plain_image(session, {SourceState::kLive, "", 0, 0, 0, 0});
 }
 
 }  // namespace

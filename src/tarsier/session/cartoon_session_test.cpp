@@ -2,6 +2,7 @@
 #include "tarsier/session/cartoon_session.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/session/testing_plain.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
@@ -346,6 +347,22 @@ TEST_F(CartoonSessionTest, RefusesWhatItCannotDraw) {
   EXPECT_THROW(session.on_frame(frame, {}), std::invalid_argument);
   options_.save_folder.clear();
   EXPECT_THROW((CartoonSession{cartoonizer_, options_}), std::invalid_argument);
+}
+
+TEST_F(CartoonSessionTest, WithoutStatusThereIsNeitherBarNorBanner) {
+  CartoonSession session(cartoonizer_, options_);
+  session.draw_status(false);
+  SourceStatus stale = live(4);
+  stale.state = SourceState::kStale;
+  const View view = session.on_frame(moving(0), stale);
+  EXPECT_EQ(difference(view.image, view.output), 0);
+  testing::expect_plain_image(session, stale);
+  // Paused, the image is the newest drawing.
+  session.on_event(key_event(key::kSpace));
+  const cv::Mat cartoon = session.on_idle(stale).image.clone();
+  const View sketch = session.on_event(key_event('s'));
+  EXPECT_TRUE(sketch.output.empty());
+  EXPECT_GT(difference(sketch.image, cartoon), 50);
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/progress.h"
 #include "tarsier/face/appearance/testing_portraits.h"
+#include "tarsier/session/testing_plain.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
@@ -110,7 +111,14 @@ TEST(ShapePlayground, SlidersMoveTheShapeAmongTheTrainingShapes) {
   const cv::Mat with = session.picture();
   (void)session.on_event(key_event('t'));
   EXPECT_GT(difference(session.picture(), with), 0.05) << "the training shapes were drawn";
+  testing::expect_plain_image(session);
   EXPECT_TRUE(session.on_event(key_event('q')).finished);
+}
+
+TEST(ExploreSession, WithoutStatusTheImageIsThePicture) {
+  ExploreSession session(model(), std::nullopt, 1);
+  testing::expect_plain_image(session);
+  EXPECT_EQ(difference(session.on_idle({}).image, session.picture()), 0);
 }
 
 }  // namespace

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/session/frame_session.h"
 
+#include "tarsier/session/testing_plain.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
@@ -216,6 +218,22 @@ TEST(FrameSession, HelpLiesOverWhatIsShownAndQuitEnds) {
   const View helped = session.on_event(key_event('h'));
   EXPECT_GT(cv::norm(before, helped.image, cv::NORM_INF), 0);
   EXPECT_TRUE(session.on_event(key_event('q')).finished);
+}
+
+TEST(FrameSession, WithoutStatusTheImageIsTheDrawing) {
+  Marks session;
+  const Frame frame = frame_of("video", false);
+  session.draw_status(false);
+  const View view = session.on_frame(frame, live());
+  EXPECT_EQ(cv::norm(view.image, view.output, cv::NORM_INF), 0);
+  testing::expect_plain_image(session, live());
+  // Paused, it is the newest drawing all the same, though there is nothing to write.
+  (void)session.on_event(action_event("pause"));
+  const View raised = session.on_event(action_event("raise"));
+  EXPECT_TRUE(raised.output.empty());
+  EXPECT_EQ(raised.image.at<cv::Vec3b>(0, 0), cv::Vec3b::all(2));
+  session.says = "look here";
+  EXPECT_EQ(session.on_idle(live()).status, "look here") << "what the bar would say";
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
+#include "tarsier/session/testing_plain.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
@@ -91,6 +92,8 @@ TEST(ShapeModelSession, SlidersAndAnimationMoveTheModes) {
   ASSERT_GE(session.sliders().size(), 2u);
   const cv::Mat before = session.on_event(action_event("mean")).image.clone();
   EXPECT_FALSE(session.on_idle({}).state.at("animated"));
+  testing::expect_plain_image(session);
+  session.draw_status(true);
   const View view = session.on_event(slider_event("mode 2", 2.5));
   EXPECT_EQ(view.state.at("values")[1], 2.5);
   EXPECT_GT(cv::norm(before, view.image, cv::NORM_INF), 20);
@@ -101,6 +104,11 @@ TEST(ShapeModelSession, SlidersAndAnimationMoveTheModes) {
   const auto first = session.on_idle({}).state;
   const auto second = session.on_idle({}).state;
   EXPECT_NE(first.at("values"), second.at("values"));
+}
+
+TEST_F(SetSessionTest, WithoutStatusThereIsNoBar) {
+  SetSession session = this->session();
+  testing::expect_plain_image(session);
 }
 
 }  // namespace

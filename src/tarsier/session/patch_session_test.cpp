@@ -2,6 +2,7 @@
 #include "tarsier/session/patch_session.h"
 
 #include "tarsier/session/scripted_host.h"
+#include "tarsier/session/testing_plain.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
@@ -128,6 +129,11 @@ TEST_F(PatchSessionTest, PartsThatDoNotFitAreRefused) {
   model_.patches.pop_back();
   model_.reference = Eigen::Matrix2Xd(model_.reference.leftCols(3));
   EXPECT_THROW(this->session(false), std::invalid_argument);
+}
+
+TEST_F(PatchSessionTest, WithoutStatusThereIsNoBar) {
+  PatchSession session = this->session(true);
+  testing::expect_plain_image(session);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/session/scripted_host.h"
+#include "tarsier/session/testing_plain.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -346,6 +347,16 @@ TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
       if (!step.image.empty())
         write_image(std::string(folder) + "/" + std::to_string(step.frame) + ".png", step.image);
   }
+}
+
+TEST_F(PeopleSessionTest, WithoutStatusThereIsNoRoomForIt) {
+  face::people::Gallery gallery(path("p.db"));
+  PeopleSession session(opened(gallery), {});
+  session.draw_status(false);
+  const View view =
+      session.on_frame(frame(cv::Mat(480, 640, CV_8UC3, cv::Scalar(120, 130, 140)), 0), live_);
+  EXPECT_EQ(view.image.rows, 480);
+  testing::expect_plain_image(session, live_);
 }
 
 }  // namespace

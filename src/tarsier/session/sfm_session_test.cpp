@@ -3,6 +3,7 @@
 
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/session/scripted_host.h"
+#include "tarsier/session/testing_plain.h"
 #include "tarsier/synth/relief.h"
 
 #include <gmock/gmock.h>
@@ -238,6 +239,18 @@ TEST_F(SfmSessionTest, SurvivesAStopAndAPlainVideo) {
   Walk nothing({grey, grey, grey});
   ScriptedHost(plain, nothing).run();
   EXPECT_EQ(plain.finish().state["points"], 0);
+}
+
+TEST_F(SfmSessionTest, WithoutStatusTheImageIsTheDrawing) {
+  SfmSession session = make();
+  session.draw_status(false);
+  Frame frame;
+  frame.image = video_->front();
+  SourceStatus live;
+  live.state = SourceState::kLive;
+  const View view = session.on_frame(frame, live);
+  EXPECT_EQ(cv::norm(view.image, view.output, cv::NORM_INF), 0);
+  testing::expect_plain_image(session, live);
 }
 
 }  // namespace
