@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace tarsier::web {
+
+// Who did what: a JSON line for each event ({"time","event","address",..}) in .studio/audit.log
+// (mode 0600). No pictures, no templates of faces, no secrets. At 4 MB the file becomes audit.log.1.
+// Thread-safe; trouble with the disk is warned of, never thrown.
+class AuditLog {
+ public:
+  explicit AuditLog(std::string path);
+  // `details` is an object; its strings are cut at 300 bytes.
+  void write(std::string_view event, std::string_view address,
+             const nlohmann::json& details = nlohmann::json::object());
+  [[nodiscard]] std::vector<nlohmann::json> last(std::size_t count) const;
+
+ private:
+  const std::string path_;
+  mutable std::mutex mutex_;
+};
+
+}  // namespace tarsier::web

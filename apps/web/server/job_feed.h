@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tarsier::web {
+
+// The newest state of every job, for those who watch: a job that changes faster than a viewer reads
+// is seen in fewer steps. Thread-safe.
+class JobFeed {
+ public:
+  // `json`: the Job as the API tells it; of a job that was deleted {"id","state":"deleted"}.
+  void publish(const std::string& id, std::string json);
+  // What was published after `last`, oldest first, at most `most`; moves `last` on.
+  [[nodiscard]] std::vector<std::pair<std::string, std::string>> since(std::uint64_t& last,
+                                                                       std::size_t most = 64) const;
+  [[nodiscard]] std::uint64_t newest() const;
+  // Called after each publish(), in its thread (live.cpp wakes its viewers).
+  void on_publish(std::function<void()> wake);
+
+ private:
+  struct Entry {
+    std::uint64_t number = 0;
+    std::string json;
+  };
+  mutable std::mutex mutex_;
+  std::map<std::string, Entry> entries_;
+  std::uint64_t newest_ = 0;
+  std::function<void()> wake_;
+};
+
+}  // namespace tarsier::web
