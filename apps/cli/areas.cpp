@@ -4,6 +4,7 @@
 #include "bench_flags.h"
 #include "companion.h"
 #include "demo_flags.h"
+#include "serve_flags.h"
 #include <span>
 
 namespace tarsier::cli {
@@ -35,6 +36,7 @@ Areas:
   models list|info|verify  the trained models that came with the program
   doctor                   what this machine has, and what to do about what it lacks
   demo                     runs every area once and makes a page of it
+  serve                    the studio: all of it in a browser, on this machine
   bench NAME               how fast it is here
 
 An input is a picture, a folder, a glob, @list.txt, a video, a camera number or a URL.
@@ -69,6 +71,9 @@ void add_areas(Command& app, Context& context) {
       [behind_area](std::string_view, const BenchOptions&, const Context& given) -> ExitStatus {
         become_companion("tarsier-bench", behind_area(given));
       });
+  add_serve(app, context, [behind_area](const ServeOptions&, const Context& given) -> ExitStatus {
+    become_companion("tarsier-serve", behind_area(given));
+  });
   add_help(app, context);
   add_examples(app);
 }

@@ -69,6 +69,7 @@ std::string example_of(const std::string& verb) {
       {"models verify", ""},
       {"doctor", ""},
       {"demo", "-o page --only cartoon,plate"},
+      {"serve", "--workspace studio --allow-source door=rtsp://192.168.1.20/stream"},
       {"bench aam", "--json"},
       {"bench cartoon", "--size 640x480 --only sketch,paint"},
       {"bench eyes", "--json"},

@@ -69,6 +69,8 @@ class BodyStream {
   // Writes the next bytes into `buffer`. 0: none yet (read() has waited up to about 0.5 s itself and
   // is called again); -1: the end. `socket` is the client's, for poll() alone.
   [[nodiscard]] virtual std::ptrdiff_t read(std::span<char> buffer, int socket) = 0;
+  // Without chunks, for the simplest clients.
+  [[nodiscard]] virtual bool is_plain() const { return false; }
 };
 
 struct Response {

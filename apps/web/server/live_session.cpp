@@ -1,0 +1,525 @@
+// SPDX-License-Identifier: MIT
+#include "live_session.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+
+#include <fmt/format.h>
+
+#include "router.h"
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+namespace tarsier::web {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr std::size_t kLogLines = 200;
+constexpr std::size_t kLogLine = 4096;
+constexpr std::size_t kMaxOutbox = 256 << 10;
+constexpr milliseconds kRateWindow{2000};
+constexpr milliseconds kPatience{300};  // between being asked to end and being killed
+
+std::uint32_t big_endian(const char* bytes) {
+  std::uint32_t value = 0;
+  for (int i = 0; i < 4; ++i) value = value << 8U | static_cast<unsigned char>(bytes[i]);
+  return value;
+}
+
+void close_fd(int& fd) {
+  if (fd >= 0) ::close(std::exchange(fd, -1));
+}
+
+// A finite number within the limits, or nothing.
+std::optional<double> number_in(const nlohmann::json& value, double low, double high) {
+  if (!value.is_number()) return std::nullopt;
+  const double number = value.get<double>();
+  return std::isfinite(number) && number >= low && number <= high ? std::optional(number)
+                                                                  : std::nullopt;
+}
+
+bool is_plain_name(const nlohmann::json& value) {
+  if (!value.is_string()) return false;
+  const auto& text = value.get_ref<const std::string&>();
+  return !text.empty() && text.size() <= 100 && std::none_of(text.begin(), text.end(), [](char c) {
+    return static_cast<unsigned char>(c) < 0x20;
+  });
+}
+
+}  // namespace
+
+void Waker::wake() {
+  {
+    const std::lock_guard lock(mutex_);
+    is_due_ = true;
+  }
+  changed_.notify_one();
+}
+
+void Waker::wait(std::chrono::milliseconds patience) {
+  std::unique_lock lock(mutex_);
+  changed_.wait_for(lock, patience, [&] { return is_due_; });
+  is_due_ = false;
+}
+
+bool WindowRecords::feed(std::string_view bytes) {
+  if (broken_) return false;
+  if (read_ > 0 && read_ == pending_.size()) {
+    pending_.clear();
+    read_ = 0;
+  } else if (read_ > (1U << 20U)) {
+    pending_.erase(0, read_);
+    read_ = 0;
+  }
+  pending_ += bytes;
+  return !broken_;
+}
+
+std::optional<WindowRecords::Record> WindowRecords::take() {
+  if (broken_ || pending_.size() - read_ < 4) return std::nullopt;
+  const std::uint32_t length = big_endian(pending_.data() + read_);
+  if (length == 0 || length > kMaxRecord) {
+    broken_ = true;
+    pending_.clear();
+    read_ = 0;
+    return std::nullopt;
+  }
+  if (pending_.size() - read_ - 4 < length) return std::nullopt;
+  Record record;
+  record.kind = pending_[read_ + 4];
+  record.payload = pending_.substr(read_ + 5, length - 1);
+  read_ += 4 + length;
+  return record;
+}
+
+std::optional<std::string> event_line(const nlohmann::json& event) {
+  if (!event.is_object()) return std::nullopt;
+  nlohmann::json line = nlohmann::json::object();
+  for (const char* name : {"shift", "control"}) {
+    const auto found = event.find(name);
+    if (found == event.end()) continue;
+    if (!found->is_boolean()) return std::nullopt;
+    line[name] = *found;
+  }
+  if (const auto key = event.find("key"); key != event.end()) {
+    const auto value = number_in(*key, 1, 0x10ffff);
+    if (!value || !key->is_number_integer()) return std::nullopt;
+    line["key"] = *key;
+  } else if (const auto mouse = event.find("mouse"); mouse != event.end()) {
+    static const std::vector<std::string> kKinds = {"move",        "left-down", "left-up",
+                                                    "right-down",  "right-up",  "wheel",
+                                                    "middle-down", "middle-up", "double"};
+    if (!mouse->is_string() ||
+        std::find(kKinds.begin(), kKinds.end(), mouse->get<std::string>()) == kKinds.end())
+      return std::nullopt;
+    line["mouse"] = *mouse;
+    for (const char* name : {"x", "y", "wheel"}) {
+      const auto found = event.find(name);
+      if (found == event.end()) {
+        if (*name != 'w') return std::nullopt;
+        continue;
+      }
+      if (!number_in(*found, -100'000, 100'000)) return std::nullopt;
+      line[name] = *found;
+    }
+  } else if (const auto action = event.find("action"); action != event.end()) {
+    if (!is_plain_name(*action)) return std::nullopt;
+    line = {{"action", *action}};
+  } else if (const auto slider = event.find("slider"); slider != event.end()) {
+    const auto value = event.find("value");
+    if (!is_plain_name(*slider) || value == event.end() || !number_in(*value, -1e9, 1e9))
+      return std::nullopt;
+    line = {{"slider", *slider}, {"value", *value}};
+  } else {
+    return std::nullopt;
+  }
+  return to_text(line) + "\n";
+}
+
+std::uint32_t LiveSession::Picture::age_now() const {
+  const auto since = std::chrono::duration_cast<milliseconds>(Clock::now() - received).count();
+  return age_ms + static_cast<std::uint32_t>(std::clamp<std::int64_t>(since, 0, 1'000'000'000));
+}
+
+LiveSession::LiveSession(Options options) : options_(std::move(options)) {
+  const PipeEnds events = make_pipe();
+  PipeEnds records{};
+  PipeEnds camera{};
+  const auto close_all = [&] {
+    for (int* fd : {&records.read_end, &records.write_end, &camera.read_end, &camera.write_end})
+      close_fd(*fd);
+    ::close(events.read_end);
+    ::close(events.write_end);
+  };
+  try {
+    records = make_pipe();
+    if (options_.has_camera) camera = make_pipe();
+    ChildOptions child;
+    child.arguments = options_.arguments;
+    child.environment = {{"TARSIER_WINDOW", "pipe:3:4"}};
+    child.pipes = {{3, events.read_end}, {4, records.write_end}};
+    if (options_.has_camera) {
+      child.environment.emplace_back("TARSIER_VIEWER", "5");
+      child.pipes.push_back({5, camera.read_end});
+    }
+    child.on_output = [this](std::string_view line) { note_line(output_, line); };
+    child.on_message = [this](std::string_view line) { note_line(log_, line); };
+    ::fcntl(records.read_end, F_SETPIPE_SZ, 1 << 20);  // a smaller one works too
+    ::fcntl(records.read_end, F_SETFL, O_NONBLOCK);
+    ::fcntl(events.write_end, F_SETFL, O_NONBLOCK);
+    if (options_.has_camera) ::fcntl(camera.write_end, F_SETFL, O_NONBLOCK);
+    wake_fd_ = ::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    child_ = std::make_unique<ChildProcess>(std::move(child),
+                                            [this](const ChildEnd& end) { note_end(end); });
+  } catch (...) {
+    close_all();
+    close_fd(wake_fd_);
+    throw;
+  }
+  ::close(events.read_end);
+  ::close(records.write_end);
+  close_fd(camera.read_end);
+  events_fd_ = events.write_end;
+  records_fd_ = records.read_end;
+  camera_fd_ = camera.write_end;
+  thread_ = std::thread([this] { work(); });
+}
+
+LiveSession::~LiveSession() {
+  close();
+  (void)child_->wait(kPatience + milliseconds(100));
+  child_.reset();  // kills
+  {
+    const std::lock_guard lock(mutex_);
+    is_over_ = true;
+  }
+  nudge();
+  thread_.join();
+  close_fd(records_fd_);
+  close_fd(events_fd_);
+  close_fd(camera_fd_);
+  close_fd(wake_fd_);
+}
+
+void LiveSession::nudge() const {
+  const std::uint64_t one = 1;
+  (void)!::write(wake_fd_, &one, sizeof one);
+}
+
+void LiveSession::close() {
+  {
+    const std::lock_guard lock(mutex_);
+    is_closing_ = true;
+  }
+  child_->interrupt(kPatience);
+  nudge();
+}
+
+bool LiveSession::is_running() const {
+  const std::lock_guard lock(mutex_);
+  return !end_;
+}
+
+// --- the pipes ---
+
+void LiveSession::work() {
+  WindowRecords records;
+  std::vector<char> buffer(256 << 10);
+  while (true) {
+    bool wants_events = false;
+    bool wants_camera = false;
+    {
+      const std::lock_guard lock(mutex_);
+      if (is_over_) return;
+      wants_events = !outbox_.empty() && events_fd_ >= 0;
+      if (is_closing_ && outbox_.empty()) close_fd(events_fd_);
+      if (camera_now_.empty() && camera_next_ != nullptr && camera_fd_ >= 0) {
+        const auto size = static_cast<std::uint32_t>(camera_next_->size());
+        for (int shift = 24; shift >= 0; shift -= 8)
+          camera_now_ += static_cast<char>(size >> static_cast<unsigned>(shift));
+        camera_now_ += *camera_next_;
+        camera_next_.reset();
+        camera_written_ = 0;
+      }
+      if (is_camera_over_ && camera_now_.empty()) close_fd(camera_fd_);
+      wants_camera = !camera_now_.empty() && camera_fd_ >= 0;
+    }
+    std::array<pollfd, 4> items{
+        pollfd{records_fd_, POLLIN, 0}, pollfd{wants_events ? events_fd_ : -1, POLLOUT, 0},
+        pollfd{wants_camera ? camera_fd_ : -1, POLLOUT, 0}, pollfd{wake_fd_, POLLIN, 0}};
+    if (::poll(items.data(), items.size(), -1) < 0 && errno != EINTR) return;
+    if (items[3].revents != 0) {
+      std::uint64_t count = 0;
+      (void)!::read(wake_fd_, &count, sizeof count);
+    }
+    if (items[1].revents != 0) write_events();
+    if (items[2].revents != 0) write_camera();
+    if (items[0].revents == 0) continue;
+    const ssize_t count = ::read(records_fd_, buffer.data(), buffer.size());
+    if (count < 0 && (errno == EINTR || errno == EAGAIN)) continue;
+    if (count <= 0) {
+      close_fd(records_fd_);
+      continue;
+    }
+    records.feed({buffer.data(), static_cast<std::size_t>(count)});
+    while (auto record = records.take()) take_record(record->kind, std::move(record->payload));
+    if (records.is_broken()) {
+      log_warning("session {}: its window sends something that is no record", options_.id);
+      close_fd(records_fd_);
+      child_->interrupt(kPatience);
+    }
+  }
+}
+
+void LiveSession::write_events() {
+  const std::lock_guard lock(mutex_);
+  while (!outbox_.empty() && events_fd_ >= 0) {
+    const ssize_t count = ::write(events_fd_, outbox_.data(), outbox_.size());
+    if (count > 0) {
+      outbox_.erase(0, static_cast<std::size_t>(count));
+    } else if (errno == EAGAIN) {
+      return;
+    } else if (errno != EINTR) {
+      outbox_.clear();
+      close_fd(events_fd_);  // EPIPE: its window is gone
+    }
+  }
+}
+
+void LiveSession::write_camera() {
+  while (camera_written_ < camera_now_.size()) {
+    const ssize_t count = ::write(camera_fd_, camera_now_.data() + camera_written_,
+                                  camera_now_.size() - camera_written_);
+    if (count > 0) {
+      camera_written_ += static_cast<std::size_t>(count);
+    } else if (errno == EAGAIN) {
+      return;
+    } else if (errno != EINTR) {
+      close_fd(camera_fd_);
+      break;
+    }
+  }
+  camera_now_.clear();
+  camera_written_ = 0;
+}
+
+void LiveSession::take_record(char kind, std::string payload) {
+  if (kind == 'J') {
+    if (payload.size() < 8) return;
+    Picture picture;
+    picture.frame = big_endian(payload.data());
+    picture.age_ms = big_endian(payload.data() + 4);
+    picture.received = Clock::now();
+    payload.erase(0, 8);
+    picture.jpeg = std::make_shared<const std::string>(std::move(payload));
+    const std::lock_guard lock(mutex_);
+    picture.number = picture_.number + 1;
+    picture_ = std::move(picture);
+    is_wanted_ = false;
+    wake_viewers();
+    return;
+  }
+  if (kind != 'H' && kind != 'S') return;  // of a later version
+  nlohmann::json value = nlohmann::json::parse(payload, nullptr, false);
+  if (!value.is_object()) {
+    log_warning("session {}: its window sends something that is no JSON", options_.id);
+    return;
+  }
+  auto text = std::make_shared<const std::string>(without_secrets(to_text(value)));
+  const std::lock_guard lock(mutex_);
+  News& news = kind == 'H' ? hello_ : state_;
+  ++news.number;
+  news.json = std::move(text);
+  if (kind == 'H') {
+    hello_json_ = std::move(value);
+  } else {
+    const auto frame = value.find("frame");
+    if (frame != value.end() && frame->is_object()) {
+      const std::int64_t index = frame->value("index", std::int64_t{-1});
+      if (index != last_index_) {
+        last_index_ = index;
+        ++frames_;
+        frame_times_.push_back(Clock::now());
+        while (frame_times_.back() - frame_times_.front() > kRateWindow) frame_times_.pop_front();
+      }
+    }
+    state_json_ = std::move(value);
+  }
+  wake_viewers();
+}
+
+// --- what is known ---
+
+std::string LiveSession::without_secrets(std::string text) const {
+  for (const auto& [secret, name] : options_.secrets) {
+    if (secret.empty()) continue;
+    for (std::size_t at = text.find(secret); at != std::string::npos;
+         at = text.find(secret, at + name.size()))
+      text.replace(at, secret.size(), name);
+  }
+  return text;
+}
+
+void LiveSession::note_line(std::deque<std::string>& lines, std::string_view line) {
+  std::string text = without_secrets(std::string(line.substr(0, kLogLine)));
+  const std::lock_guard lock(mutex_);
+  lines.push_back(std::move(text));
+  if (lines.size() > kLogLines) lines.pop_front();
+}
+
+void LiveSession::note_end(const ChildEnd& end) {
+  {
+    const std::lock_guard lock(mutex_);
+    end_ = end;
+    constexpr std::string_view kMark = "error: ";
+    // Stopped by us: whatever it says then is no error.
+    if (!is_closing_ && end.exit != 0) {
+      for (auto line = log_.rbegin(); line != log_.rend() && error_.empty(); ++line) {
+        const std::size_t at = line->find(kMark);
+        if (at != std::string::npos) error_ = line->substr(at + kMark.size());
+      }
+      if (end.signal != 0 || error_.empty())
+        error_ = error_.empty() ? "the session " + end.text()
+                                : fmt::format("the session {}; {}", end.text(), error_);
+    }
+    nlohmann::json value{{"exit", end.exit}, {"error", nullptr}};
+    if (!error_.empty()) value["error"] = error_;
+    ended_ = {1, std::make_shared<const std::string>(to_text(value))};
+    wake_viewers();
+  }
+  if (options_.on_end) options_.on_end();
+}
+
+void LiveSession::wake_viewers() {
+  for (const auto& viewer : viewers_) viewer->wake();
+}
+
+nlohmann::json LiveSession::describe() const {
+  const std::lock_guard lock(mutex_);
+  const auto member = [](const nlohmann::json& object, const char* name) {
+    const auto found = object.find(name);
+    return found == object.end() ? nlohmann::json() : *found;
+  };
+  nlohmann::json value{{"id", options_.id},
+                       {"verb", options_.verb},
+                       {"name", options_.name},
+                       {"inputs", options_.inputs},
+                       {"command", options_.shown},
+                       {"running", !end_},
+                       {"exit", nullptr},
+                       {"error", nullptr},
+                       {"title", member(hello_json_, "title")},
+                       {"actions", member(hello_json_, "actions")},
+                       {"sliders", member(hello_json_, "sliders")},
+                       {"status", member(state_json_, "status")},
+                       {"state", member(state_json_, "state")},
+                       {"width", member(state_json_, "width")},
+                       {"height", member(state_json_, "height")},
+                       {"frames", frames_},
+                       {"viewers", viewers_.size()},
+                       {"log", log_},
+                       {"output", output_}};
+  for (const char* name : {"actions", "sliders"}) {
+    if (!value[name].is_array()) value[name] = nlohmann::json::array();
+  }
+  if (end_) value["exit"] = end_->exit;
+  if (!error_.empty()) value["error"] = error_;
+  const Clock::time_point now = Clock::now();
+  double rate = 0;
+  if (frame_times_.size() > 1 && now - frame_times_.back() < kRateWindow) {
+    const double span =
+        std::chrono::duration<double>(frame_times_.back() - frame_times_.front()).count();
+    if (span > 0) rate = static_cast<double>(frame_times_.size() - 1) / span;
+  }
+  value["fps"] = std::round(rate * 10) / 10;
+  value["age_ms"] = nullptr;
+  const auto frame = state_json_.find("frame");
+  if (picture_.number > 0)
+    value["age_ms"] = picture_.age_now();
+  else if (frame != state_json_.end() && frame->is_object())
+    value["age_ms"] = member(*frame, "age_ms");
+  if (!options_.secrets.empty()) {
+    // Names of sources stand in states, too.
+    nlohmann::json cleaned = nlohmann::json::parse(without_secrets(to_text(value)), nullptr, false);
+    if (!cleaned.is_discarded()) return cleaned;
+  }
+  return value;
+}
+
+bool LiveSession::send(std::string_view lines) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (end_ || is_closing_ || outbox_.size() + lines.size() > kMaxOutbox) return false;
+    outbox_ += lines;
+  }
+  nudge();
+  return true;
+}
+
+LiveSession::Picture LiveSession::picture() const {
+  const std::lock_guard lock(mutex_);
+  return picture_;
+}
+
+void LiveSession::want_picture() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (is_wanted_ || end_) return;
+    is_wanted_ = true;
+    outbox_ += "{\"want\":1}\n";
+  }
+  nudge();
+}
+
+LiveSession::News LiveSession::hello() const {
+  const std::lock_guard lock(mutex_);
+  return hello_;
+}
+
+LiveSession::News LiveSession::state() const {
+  const std::lock_guard lock(mutex_);
+  return state_;
+}
+
+LiveSession::News LiveSession::ended() const {
+  const std::lock_guard lock(mutex_);
+  return ended_;
+}
+
+void LiveSession::add_viewer(const std::shared_ptr<Waker>& viewer) {
+  const std::lock_guard lock(mutex_);
+  viewers_.push_back(viewer);
+}
+
+void LiveSession::remove_viewer(const std::shared_ptr<Waker>& viewer) {
+  const std::lock_guard lock(mutex_);
+  std::erase(viewers_, viewer);
+}
+
+void LiveSession::offer_frame(std::shared_ptr<const std::string> jpeg) {
+  {
+    const std::lock_guard lock(mutex_);
+    camera_next_ = std::move(jpeg);
+  }
+  nudge();
+}
+
+void LiveSession::end_camera() {
+  {
+    const std::lock_guard lock(mutex_);
+    is_camera_over_ = true;
+  }
+  nudge();
+}
+
+ChildProcess::Use LiveSession::use() const { return child_->use(); }
+
+}  // namespace tarsier::web

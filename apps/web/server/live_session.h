@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "child_process.h"
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <utility>
+#include <vector>
+
+namespace tarsier::web {
+
+// Wakes one viewer, whatever happened to any of the sessions it watches.
+class Waker {
+ public:
+  void wake();
+  // Waits until wake() was called since the last time, or `patience` is over.
+  void wait(std::chrono::milliseconds patience);
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool is_due_ = false;
+};
+
+// Reads the records that a pipe window writes: u32 length, u8 kind, payload (STUDIO's protocol). In
+// pieces of any size; a record of more than 64 MB, or none at all, breaks the stream.
+class WindowRecords {
+ public:
+  struct Record {
+    char kind = 0;
+    std::string payload;
+  };
+  // False once the stream is broken.
+  bool feed(std::string_view bytes);
+  [[nodiscard]] std::optional<Record> take();
+  [[nodiscard]] bool is_broken() const { return broken_; }
+
+  static constexpr std::size_t kMaxRecord = 64 << 20;
+
+ private:
+  std::string pending_;
+  std::size_t read_ = 0;  // of pending_
+  bool broken_ = false;
+};
+
+// One event of POST /api/sessions/ID/events as the line that the pipe window reads; nothing for
+// anything that is no key, mouse, action or slider event, or has values out of range.
+[[nodiscard]] std::optional<std::string> event_line(const nlohmann::json& event);
+
+// A verb with a window, run as a child process whose window is a pair of pipes (TARSIER_WINDOW).
+// Keeps the newest picture and state; whatever a viewer missed in between is gone. Thread-safe.
+class LiveSession {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  struct Options {
+    std::string id;
+    std::string verb;                                          // "cartoon run"
+    std::string name;                                          // for people
+    std::vector<std::string> inputs;                           // as they were asked for
+    std::string shown;                                         // the command, for people
+    std::vector<std::string> arguments;                        // the program's path first
+    std::vector<std::pair<std::string, std::string>> secrets;  // replaced in all that is told
+    bool has_camera = false;       // a viewer's camera is its input: frames by offer_frame()
+    std::function<void()> on_end;  // in a thread of the session
+  };
+
+  // A picture as the child sent it. `number` counts those of this session.
+  struct Picture {
+    std::uint64_t number = 0;
+    std::uint32_t frame = 0;
+    std::uint32_t age_ms = 0;  // when it was received
+    Clock::time_point received;
+    std::shared_ptr<const std::string> jpeg;
+
+    [[nodiscard]] std::uint32_t age_now() const;
+  };
+
+  // What a viewer has not seen: everything whose number is greater than what it saw.
+  struct News {
+    std::uint64_t number = 0;
+    std::shared_ptr<const std::string> json;
+  };
+
+  // Throws InputError where the program cannot be started.
+  explicit LiveSession(Options options);
+  ~LiveSession();  // ends the child: SIGINT, 0.3 s later SIGKILL
+  LiveSession(const LiveSession&) = delete;
+  LiveSession& operator=(const LiveSession&) = delete;
+
+  [[nodiscard]] const std::string& id() const { return options_.id; }
+  [[nodiscard]] const std::vector<std::string>& inputs() const { return options_.inputs; }
+  [[nodiscard]] bool is_running() const;
+  // Tells the child that its window was closed and asks it to end; returns at once.
+  void close();
+  [[nodiscard]] nlohmann::json describe() const;
+
+  // The lines of events, to the child. False where it does not take them.
+  bool send(std::string_view lines);
+
+  [[nodiscard]] Picture picture() const;  // the newest; number 0: none yet
+  // Asks the child for a picture that is newer than the newest one here.
+  void want_picture();
+  [[nodiscard]] News hello() const;
+  [[nodiscard]] News state() const;
+  [[nodiscard]] News ended() const;  // json null while it runs
+
+  void add_viewer(const std::shared_ptr<Waker>& viewer);
+  void remove_viewer(const std::shared_ptr<Waker>& viewer);
+
+  // The newest frame of the viewer's camera; replaces one that has not been written yet.
+  void offer_frame(std::shared_ptr<const std::string> jpeg);
+  void end_camera();  // the source ends
+
+  [[nodiscard]] ChildProcess::Use use() const;
+
+ private:
+  void work();
+  void take_record(char kind, std::string payload);
+  void note_line(std::deque<std::string>& lines, std::string_view line);
+  void note_end(const ChildEnd& end);
+  void wake_viewers();  // with the mutex held
+  [[nodiscard]] std::string without_secrets(std::string text) const;
+  void nudge() const;
+  void write_events();
+  void write_camera();
+
+  const Options options_;
+  const Clock::time_point started_ = Clock::now();
+
+  mutable std::mutex mutex_;  // of what follows
+  News hello_;
+  News state_;
+  News ended_;
+  nlohmann::json hello_json_ = nlohmann::json::object();
+  nlohmann::json state_json_ = nlohmann::json::object();
+  Picture picture_;
+  bool is_wanted_ = false;  // a picture was asked for and has not come
+  bool is_closing_ = false;
+  bool is_over_ = false;
+  std::optional<ChildEnd> end_;
+  std::string error_;
+  std::int64_t frames_ = 0;
+  std::int64_t last_index_ = -1;
+  std::deque<Clock::time_point> frame_times_;  // of the last two seconds
+  std::deque<std::string> log_;
+  std::deque<std::string> output_;
+  std::vector<std::shared_ptr<Waker>> viewers_;
+  std::string outbox_;  // for the child's window, not written yet
+  std::shared_ptr<const std::string> camera_next_;
+  bool is_camera_over_ = false;
+
+  // Of work() alone.
+  int records_fd_ = -1;
+  int events_fd_ = -1;
+  int camera_fd_ = -1;
+  std::string camera_now_;
+  std::size_t camera_written_ = 0;
+  int wake_fd_ = -1;
+
+  std::unique_ptr<ChildProcess> child_;
+  std::thread thread_;
+};
+
+}  // namespace tarsier::web

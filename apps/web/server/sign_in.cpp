@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: MIT
+#include "sign_in.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/words.h"
+#include "tarsier/media/atomic_file.h"
+
+#include "secrets.h"
+#include <algorithm>
+#include <arpa/inet.h>
+#include <cerrno>
+#include <charconv>
+#include <cstdint>
+#include <fcntl.h>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <sys/stat.h>
+#include <system_error>
+#include <unistd.h>
+
+namespace tarsier::web {
+namespace {
+
+constexpr std::size_t kMaxAddresses = 4096;
+
+std::int64_t seconds_of(WallClock::time_point time) {
+  return std::chrono::duration_cast<std::chrono::seconds>(time.time_since_epoch()).count();
+}
+
+// A file of mode 0600 from its first byte on. Throws OutputError.
+void write_secret_file(const std::string& path, std::string_view text) {
+  const std::string temporary = path + ".new";
+  (void)::unlink(temporary.c_str());
+  const int fd =
+      ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);
+  if (fd < 0) throw OutputError(temporary, std::generic_category().message(errno));
+  try {
+    write_all(fd, text, temporary);
+  } catch (...) {
+    ::close(fd);
+    (void)::unlink(temporary.c_str());
+    throw;
+  }
+  const bool synced = ::fsync(fd) == 0;
+  ::close(fd);
+  if (!synced || ::rename(temporary.c_str(), path.c_str()) != 0)
+    throw OutputError(path, std::generic_category().message(errno));
+}
+
+void make_private_folder(const std::string& path) {
+  make_folder(path);
+  if (::chmod(path.c_str(), 0700) != 0)
+    throw OutputError(path, std::generic_category().message(errno));
+}
+
+// "1764000000" of a small file; nothing where it holds something else.
+std::optional<WallClock::time_point> read_time(const std::filesystem::path& path) {
+  std::ifstream file(path);
+  std::string text;
+  std::getline(file, text);
+  const auto seconds = to_integer(text, 0, std::int64_t{1} << 40);
+  if (!seconds) return std::nullopt;
+  return WallClock::time_point(std::chrono::seconds(*seconds));
+}
+
+std::string read_text(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::string text((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  while (!text.empty() && (text.back() == '\n' || text.back() == '\r')) text.pop_back();
+  return text;
+}
+
+// The name under which an address is counted.
+std::string counted_as(std::string_view address) {
+  in6_addr six{};
+  const std::string text(address);
+  if (::inet_pton(AF_INET6, text.c_str(), &six) != 1) return text;
+  // One customer has a whole /64; an IPv4 address in IPv6 is one machine.
+  if (IN6_IS_ADDR_V4MAPPED(&six)) return text;
+  return {reinterpret_cast<const char*>(six.s6_addr), 8};
+}
+
+}  // namespace
+
+std::optional<int> RateLimit::refused(std::string_view address, Clock::time_point now) {
+  const std::lock_guard lock(mutex_);
+  std::erase_if(windows_, [&](const auto& item) { return now - item.second.begin >= window_; });
+  const std::string name = counted_as(address);
+  auto found = windows_.find(name);
+  if (found == windows_.end()) {
+    if (windows_.size() >= kMaxAddresses) return static_cast<int>(window_.count());
+    found = windows_.emplace(name, Window{now, 0}).first;
+  }
+  if (found->second.tries >= tries_) {
+    const auto left = std::chrono::ceil<std::chrono::seconds>(found->second.begin + window_ - now);
+    return static_cast<int>(std::max<std::int64_t>(1, left.count()));
+  }
+  ++found->second.tries;
+  return std::nullopt;
+}
+
+std::string make_link_token(const std::string& folder) {
+  make_private_folder(folder + "/links");
+  const std::string token = new_secret();
+  write_secret_file(folder + "/links/" + hash_of(token),
+                    std::to_string(seconds_of(WallClock::now())) + "\n");
+  return token;
+}
+
+SignIns::SignIns(std::string folder, std::function<WallClock::time_point()> now)
+    : folder_(std::move(folder)), now_(std::move(now)) {
+  make_private_folder(folder_);
+  make_private_folder(folder_ + "/links");
+  make_private_folder(folder_ + "/sign-ins");
+  const std::string path = folder_ + "/api-token";
+  struct stat state {};
+  if (::lstat(path.c_str(), &state) == 0 && S_ISREG(state.st_mode)) {
+    if ((state.st_mode & 077U) != 0 && ::chmod(path.c_str(), 0600) != 0)
+      throw OutputError(path, std::generic_category().message(errno));
+    api_token_ = read_text(path);
+  }
+  if (!looks_like_secret(api_token_)) {
+    api_token_ = new_secret();
+    write_secret_file(path, api_token_ + "\n");
+  }
+  load();
+}
+
+void SignIns::load() {
+  const WallClock::time_point now = now_();
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator(folder_ + "/links", error)) {
+    const auto made = read_time(entry.path());
+    if (!made || now - *made > kLinkLife) (void)::unlink(entry.path().c_str());
+  }
+  for (const auto& entry : std::filesystem::directory_iterator(folder_ + "/sign-ins", error)) {
+    const auto begin = read_time(entry.path());
+    const std::string hash = entry.path().filename().string();
+    if (!begin || !looks_like_secret(hash) || now - *begin > kCookieLife) {
+      (void)::unlink(entry.path().c_str());
+    } else {
+      cookies_[hash] = *begin;
+    }
+  }
+}
+
+std::optional<std::string> SignIns::exchange(std::string_view token) {
+  if (!looks_like_secret(token)) return std::nullopt;
+  const std::lock_guard lock(mutex_);
+  const std::string link = folder_ + "/links/" + hash_of(token);
+  const auto made = read_time(link);
+  // Whoever takes the file away has used the token: that happens once, also for two at a time.
+  if (::unlink(link.c_str()) != 0) return std::nullopt;
+  const WallClock::time_point now = now_();
+  if (!made || now - *made > kLinkLife) return std::nullopt;
+  while (cookies_.size() >= kMost) {
+    const auto oldest =
+        std::min_element(cookies_.begin(), cookies_.end(),
+                         [](const auto& a, const auto& b) { return a.second < b.second; });
+    forget(oldest->first);
+  }
+  std::string cookie = new_secret();
+  const std::string hash = hash_of(cookie);
+  write_secret_file(folder_ + "/sign-ins/" + hash, std::to_string(seconds_of(now)) + "\n");
+  cookies_[hash] = now;
+  return cookie;
+}
+
+bool SignIns::is_signed_in(std::string_view cookie) {
+  if (!looks_like_secret(cookie)) return false;
+  const std::string hash = hash_of(cookie);
+  const std::lock_guard lock(mutex_);
+  const auto found = cookies_.find(hash);
+  if (found == cookies_.end()) return false;
+  if (now_() - found->second <= kCookieLife) return true;
+  forget(hash);
+  return false;
+}
+
+void SignIns::sign_out(std::string_view cookie) {
+  const std::lock_guard lock(mutex_);
+  forget(hash_of(cookie));
+}
+
+void SignIns::forget(const std::string& hash) {
+  const std::string gone = hash;  // may be the key itself
+  (void)::unlink((folder_ + "/sign-ins/" + gone).c_str());
+  cookies_.erase(gone);
+}
+
+bool SignIns::is_api_token(std::string_view token) const {
+  return equals_in_constant_time(token, api_token_);
+}
+
+std::string SignIns::csrf_of(std::string_view cookie) {
+  return hash_of("csrf of " + std::string(cookie));
+}
+
+std::size_t SignIns::count() const {
+  const std::lock_guard lock(mutex_);
+  return cookies_.size();
+}
+
+std::optional<std::string> cookie_value(std::string_view header, std::string_view name) {
+  while (!header.empty()) {
+    const std::size_t end = header.find(';');
+    const std::string_view item = trimmed(header.substr(0, end));
+    header.remove_prefix(end == std::string_view::npos ? header.size() : end + 1);
+    const std::size_t equals = item.find('=');
+    if (equals == std::string_view::npos || item.substr(0, equals) != name) continue;
+    return std::string(item.substr(equals + 1));
+  }
+  return std::nullopt;
+}
+
+}  // namespace tarsier::web
