@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: MIT
+#include "verb_policy.h"
+
+#include "tarsier/core/errors.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cstdio>
+#include <set>
+#include <string>
+
+namespace tarsier::web {
+namespace {
+
+using Json = nlohmann::json;
+using testing::Contains;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::Not;
+
+// The real program's own command line.
+const VerbTable& real_verbs() {
+  static const VerbTable verbs = [] {
+    std::string text;
+    std::FILE* pipe = ::popen("'" TARSIER_PROGRAM "' help --json", "r");
+    std::array<char, 65536> buffer{};
+    while (const std::size_t count = std::fread(buffer.data(), 1, buffer.size(), pipe)) {
+      text.append(buffer.data(), count);
+    }
+    ::pclose(pipe);
+    return VerbTable(text);
+  }();
+  return verbs;
+}
+
+References some_references(const std::string& outputs = "/w/jobs/j1/files") {
+  return {[](const std::string& reference, bool) {
+            return "/w/" + reference.substr(reference.find(':') + 1);
+          },
+          [](const std::string& reference) {
+            return reference.starts_with("camera:") ? reference.substr(7)
+                                                    : "http://user:secret@cam/" + reference;
+          },
+          outputs};
+}
+
+CommandLine line_of(const std::string& verb, const std::vector<std::string>& inputs,
+                    const Json& flags = Json::object(), Use use = Use::kRun) {
+  return command_line(real_verbs(), {verb, inputs, flags}, use, some_references());
+}
+
+std::string refusal(const std::string& verb, const std::vector<std::string>& inputs,
+                    const Json& flags = Json::object(), Use use = Use::kRun) {
+  try {
+    const CommandLine line = line_of(verb, inputs, flags, use);
+    return "taken: " + line.shown;
+  } catch (const UsageError& error) {
+    return error.what();
+  }
+}
+
+TEST(VerbPolicy, KnowsEachFlagOfEachVerb) {
+  ASSERT_GT(real_verbs().json()["verbs"].size(), 60U);
+  for (const Json& verb : real_verbs().json()["verbs"]) {
+    const std::string name = verb["verb"];
+    for (const Json& flag : verb["flags"]) {
+      EXPECT_NE(flag_kind(name, flag["names"][0].get<std::string>()), FlagKind::kUnknown)
+          << name << ' ' << flag["names"][0]
+          << ": say in the tables of verb_policy.cpp what its value is (" << flag["help"] << ")";
+    }
+    for (const Json& input : verb["inputs"]) {
+      EXPECT_NE(input_kind(name, input["names"][0].get<std::string>()), InputKind::kUnknown)
+          << name << ' ' << input["names"][0] << " (" << input["help"] << ")";
+    }
+  }
+}
+
+// A text that the help calls a file must not be in the table of plain values by mistake.
+TEST(VerbPolicy, TakesNoTextThatSpeaksOfFilesForAValue) {
+  const std::set<std::string> reviewed = {"--segment",  // names of the files come from -o
+                                          "--size",     // of pictures
+                                          "--keep",     // a time
+                                          "--stages",   // exceptions by verb
+                                          "--start",    // when a file begins
+                                          "--mode",    "--only", "--draw",  "--face", "--width",
+                                          "--side",    "--roi",  "--level", "--page", "--board"};
+  for (const Json& verb : real_verbs().json()["verbs"]) {
+    for (const Json& flag : verb["flags"]) {
+      const std::string name = flag["names"][0];
+      const std::string verb_name = verb["verb"];
+      if (flag["type"] != "text" || !flag["choices"].empty() || reviewed.contains(name)) continue;
+      if (flag_kind(verb_name, name) != FlagKind::kValue) continue;
+      const std::string help = flag["help"];
+      for (const char* word : {"file", "folder", "write", ".json", ".png", "list of", "path"}) {
+        EXPECT_THAT(help, Not(HasSubstr(word))) << verb_name << ' ' << name;
+      }
+    }
+  }
+}
+
+TEST(VerbPolicy, RefusesTheDangerousOnesByName) {
+  for (const char* flag :
+       {"--on-event", "--on-event-timeout", "--config", "--token-file", "--token", "--listen-all",
+        "--insecure", "--ca-file", "--models-dir", "--actions"}) {
+    bool is_anywhere = false;
+    for (const Json& verb : real_verbs().json()["verbs"]) {
+      if (VerbTable::find_flag(verb, flag) == nullptr) continue;
+      is_anywhere = true;
+      const std::string name = verb["verb"];
+      EXPECT_EQ(flag_kind(name, flag), FlagKind::kRefused) << name << ' ' << flag;
+      EXPECT_THAT(refusal(name, {}, {{flag, "/bin/sh"}}), HasSubstr("cannot be given")) << name;
+    }
+    EXPECT_TRUE(is_anywhere) << flag << " is no flag of any verb: take it out of the table";
+  }
+}
+
+TEST(VerbPolicy, HasNoFlagThatNoVerbHas) {
+  // A name that is gone stays in nobody's way; one that comes back must be looked at again.
+  EXPECT_EQ(flag_kind("plate read", "--exec"), FlagKind::kUnknown);
+  EXPECT_THAT(refusal("plate read", {"set:a/1.jpg"}, {{"--exec", "x"}}), HasSubstr("no flag"));
+  EXPECT_THAT(refusal("plate smash", {}), HasSubstr("no verb"));
+}
+
+TEST(VerbPolicy, WritesACommandLine) {
+  const CommandLine line =
+      line_of("cartoon run", {"set:trip/a b.jpg"},
+              {{"--mode", "sketch"}, {"-o", "out:drawn.png"}, {"--steady", true}});
+  EXPECT_THAT(line.words, ElementsAre("cartoon", "run", "--mode=sketch", "--steady",
+                                      "--output=/w/jobs/j1/files/drawn.png", "--json", "--",
+                                      "/w/trip/a b.jpg"));
+  EXPECT_THAT(line.shown, HasSubstr("tarsier cartoon run"));
+  EXPECT_THAT(line.shown, HasSubstr("'/w/trip/a b.jpg'"));
+  EXPECT_THAT(line.outputs, ElementsAre("drawn.png"));
+}
+
+TEST(VerbPolicy, AddsWhatTheServerDecides) {
+  EXPECT_THAT(line_of("people list", {}).words, Contains("--gallery=/w/gallery"));
+  EXPECT_THAT(line_of("people forget", {"Ann"}).words, Contains("--yes"));
+  EXPECT_THAT(line_of("cartoon run", {"synth:portrait?live=1"}, Json::object(), Use::kLive).words,
+              Contains("--window"));
+  EXPECT_THAT(line_of("sfm reconstruct", {"set:trip"}, {{"-o", "out:model"}}, Use::kJob).words,
+              Contains("--progress=json"));
+  // Without a place for pictures the verb would open a window.
+  EXPECT_THAT(line_of("landmarks fit", {"set:a/1.jpg"}).words, Contains("--output=none"));
+  EXPECT_THAT(refusal("models list", {}, Json::object(), Use::kLive), HasSubstr("no live form"));
+}
+
+TEST(VerbPolicy, TakesReferencesAlone) {
+  for (const char* input : {"/etc/passwd", "../x", "http://host/a.jpg", "rtsp://host/", "@list.txt",
+                            "*.jpg", "0", "/dev/video0", "picam:", "file:///etc/passwd", "a.jpg",
+                            "", "-", "gst:x", "synth:a b", "synth:../x", "~/.ssh/id_rsa"}) {
+    EXPECT_THAT(refusal("cartoon run", {input}), Not(HasSubstr("taken"))) << input;
+  }
+  for (const char* file : {"/etc/passwd", "../x", "http://h/", "plain.json", "@x", "out:x"}) {
+    EXPECT_THAT(refusal("landmarks fit", {"set:a"}, {{"--model", file}}), Not(HasSubstr("taken")))
+        << file;
+    EXPECT_THAT(refusal("ar markers", {"set:a"}, {{"--camera", file}}),
+                testing::AnyOf(Not(HasSubstr("taken")), HasSubstr("--camera=plain.json")))
+        << file;
+  }
+  EXPECT_THAT(line_of("ar markers", {"set:a"}, {{"--camera", "500,500,320,240"}}).words,
+              Contains("--camera=500,500,320,240"));
+  EXPECT_THAT(line_of("ar markers", {"set:a"}, {{"--camera", "ws:camera.yml"}}).words,
+              Contains("--camera=/w/camera.yml"));
+  // A camera is a source, never a file.
+  EXPECT_THAT(refusal("plate segment", {"camera:0"}, {{"-o", "out:x"}}), Not(HasSubstr("taken")));
+}
+
+TEST(VerbPolicy, PutsResultsBelowTheJobAlone) {
+  for (const char* place : {"/tmp/x", "../x", "out:../x", "out:a/b", "out:.hidden",
+                            "out:", "set:a/b.png", "http://127.0.0.1:8080/", "ws:gallery",
+                            "ws:plates.db", "ws:../x", "ws:.studio", "x.png", "out:a\nb", "-"}) {
+    EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--output", place}}), Not(HasSubstr("taken")))
+        << place;
+  }
+  EXPECT_THAT(refusal("cartoon run", {"synth:scene"}, {{"--output", "out:a.png"}}, Use::kLive),
+              HasSubstr("live session"));
+  EXPECT_THAT(line_of("landmarks annotate", {"set:a"}, {{"-o", "ws:faces.json"}}, Use::kLive).words,
+              Contains("--output=/w/faces.json"));
+  EXPECT_THAT(refusal("people list", {}, {{"--gallery", "out:g"}}), Not(HasSubstr("taken")));
+  EXPECT_THAT(refusal("plate log", {"set:a/plates.db"}), Not(HasSubstr("taken")));
+}
+
+TEST(VerbPolicy, ChecksValues) {
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--frames", "x"}}), HasSubstr("whole number"));
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--frames", 1.5}}), HasSubstr("whole number"));
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--frames", -1}}), HasSubstr("out of range"));
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--threads", 100000}}),
+              HasSubstr("out of range"));
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--skin-style", "nice"}}),
+              HasSubstr("not one of glow, tint"));
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--steady", "yes"}}), HasSubstr("true or false"));
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--mode", "/etc/passwd"}}),
+              HasSubstr("looks like a path"));
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--mode", ""}}), HasSubstr("empty"));
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--mode", Json::array()}}),
+              Not(HasSubstr("taken")));
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--mode", {"a", "b"}}}), Not(HasSubstr("taken")));
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--mode", Json::object()}}),
+              Not(HasSubstr("taken")));
+  EXPECT_THAT(refusal("cartoon run", {"set:a"}, {{"--output", "out:a.png"}, {"-o", "out:b.png"}}),
+              HasSubstr("given twice"));
+  EXPECT_THAT(refusal("cartoon run", {}), HasSubstr("needs INPUT"));
+  EXPECT_THAT(refusal("people forget", {"Ann", "Bob"}), HasSubstr("takes 1 input"));
+  EXPECT_THAT(line_of("cartoon run", {"set:a"}, {{"--pepper", false}}).words,
+              Contains("--no-pepper"));
+  EXPECT_THAT(line_of("cartoon run", {"set:a"}, {{"--fps", 12.5}}).words, Contains("--fps=12.5"));
+  EXPECT_THAT(line_of("landmarks eval", {"set:a"}, {{"--eyes", {36, 45}}}).words,
+              Contains("--eyes=36"));
+  EXPECT_THAT(refusal("landmarks eval", {"set:a"}, {{"--eyes", {36}}}), HasSubstr("2 values"));
+}
+
+TEST(VerbPolicy, TakesAnyNameOfAPerson) {
+  const CommandLine line =
+      line_of("people enroll", {"-x <img onerror=1>'é", "set:ann"}, {{"--note", "agreed / 2026"}});
+  EXPECT_EQ(*(line.words.end() - 3), "--");
+  EXPECT_EQ(*(line.words.end() - 2), "-x <img onerror=1>'é");
+  EXPECT_THAT(line.shown, HasSubstr("'-x <img onerror=1>'\\''é'"));
+  EXPECT_EQ(line.audit, "enrol");
+  for (const std::string& name :
+       {std::string("a\nb"), std::string("a\x01"), std::string("\xff"), std::string("\xe2\x80\xae"),
+        std::string(2000, 'x'), std::string()}) {
+    EXPECT_THAT(refusal("people forget", {name}), Not(HasSubstr("taken")));
+  }
+}
+
+TEST(VerbPolicy, HidesAddressesOfSources) {
+  const CommandLine line = line_of("cartoon run", {"allowed:door"}, Json::object(), Use::kLive);
+  EXPECT_THAT(line.words, Contains("http://user:secret@cam/allowed:door"));
+  EXPECT_THAT(line.shown, Not(HasSubstr("secret")));
+  EXPECT_THAT(line.shown, HasSubstr("allowed:door"));
+  ASSERT_EQ(line.secrets.size(), 1U);
+}
+
+TEST(VerbPolicy, ReadsRequests) {
+  EXPECT_THROW((void)verb_request(Json::array()), UsageError);
+  EXPECT_THROW((void)verb_request({{"verb", 3}}), UsageError);
+  EXPECT_THROW((void)verb_request({{"verb", "x"}, {"inputs", "a"}}), UsageError);
+  EXPECT_THROW((void)verb_request({{"verb", "x"}, {"inputs", {1}}}), UsageError);
+  EXPECT_THROW((void)verb_request({{"verb", "x"}, {"flags", {1}}}), UsageError);
+  EXPECT_EQ(verb_request({{"verb", "x"}}).verb, "x");
+}
+
+TEST(VerbPolicy, KnowsGoodNames) {
+  for (const char* name : {"a", "Grüße aus 東京.jpg", "IMG (1).jpg", "a-b_c.d", "it's"}) {
+    EXPECT_TRUE(is_good_name(name)) << name;
+  }
+  for (const std::string& name :
+       {std::string(), std::string("."), std::string(".."), std::string(".x"), std::string("a/b"),
+        std::string("a\\b"), std::string("a\0b", 3), std::string("a\n"), std::string("*"),
+        std::string("a?"), std::string("[a]"), std::string(121, 'a'), std::string(" a"),
+        std::string("a "), std::string("\xc0\xaf"), std::string("\xed\xa0\x80"),
+        std::string("\x7f"), std::string("\xe2\x80\xae")}) {
+    EXPECT_FALSE(is_good_name(name)) << name;
+  }
+}
+
+}  // namespace
+}  // namespace tarsier::web

@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace tarsier::web {
+
+struct WorkspaceLimits {
+  std::uint64_t file_bytes = 64ULL << 20U;           // of an upload
+  std::int64_t pixels = 100'000'000;                 // of an image
+  std::uint64_t quota_bytes = 20'000'000'000;        // of all that lies in the workspace
+  std::uint64_t disk_reserve_bytes = 1'000'000'000;  // of the disk, that stay free
+  std::size_t sets = 1000;
+  std::size_t files_of_set = 20'000;
+};
+
+enum class FileType { kImage, kVideo, kOther };
+[[nodiscard]] std::string_view name_of(FileType type);  // "image", "video", "other"
+
+struct FileInfo {
+  std::string name;  // or the path below the folder that was listed
+  std::uint64_t bytes = 0;
+  int width = 0;  // px; 0: no image
+  int height = 0;
+  FileType type = FileType::kOther;
+  double modified = 0;  // s since 1970
+};
+[[nodiscard]] nlohmann::json to_json(const FileInfo& file);
+
+struct SetInfo {
+  std::string name;
+  std::size_t files = 0;
+  std::uint64_t bytes = 0;
+};
+
+// The one folder that the studio writes to:
+//
+//   .studio/         the server's own: token, audit log, lock, uploads on their way, thumbnails
+//   sets/NAME/FILE   what was uploaded
+//   jobs/ID/         job.json, log.txt, lines.jsonl, files/
+//   NAME             state that verbs share: gallery, plates.db, camera.yml
+//
+// Everything is named by id, never by path. A name is one segment (is_good_name); a symbolic link
+// on the way is refused. Errors are HttpError in plain words: 400 for a bad name, 404, 409, 413,
+// 415, 507. Thread-safe.
+class Workspace {
+ public:
+  // Makes the folders (0700) and takes the lock. Throws OutputError where the folder cannot be
+  // written, or another server has it.
+  explicit Workspace(std::string folder, WorkspaceLimits limits = {});
+  ~Workspace();
+  Workspace(const Workspace&) = delete;
+  Workspace& operator=(const Workspace&) = delete;
+
+  [[nodiscard]] const std::string& folder() const { return folder_; }
+  [[nodiscard]] std::string studio_folder() const { return folder_ + "/.studio"; }
+  [[nodiscard]] std::string uploads_folder() const { return studio_folder() + "/uploads"; }
+  [[nodiscard]] const WorkspaceLimits& limits() const { return limits_; }
+
+  // ---- Sets
+  [[nodiscard]] std::vector<SetInfo> sets() const;
+  void make_set(const std::string& name);
+  void remove_set(const std::string& name);
+  [[nodiscard]] std::vector<FileInfo> files(const std::string& set) const;
+  // Moves the file `spooled`, which must lie on the same disk, to its place: it is looked at first
+  // (type by its bytes, size, damage), and on the disk when this returns. `replace`: a file of that
+  // name is replaced, else the new one is called "name (2).jpg".
+  FileInfo store(const std::string& set, const std::string& name, const std::string& spooled,
+                 bool replace);
+  void remove_file(const std::string& set, const std::string& name);
+  [[nodiscard]] FileInfo file_info(const std::string& set, const std::string& name) const;
+  [[nodiscard]] std::string file_path(const std::string& set, const std::string& name) const;
+  // A JPEG of the image, `width` px at most. Made by `program --thumbnail FILE OUT WIDTH`, so that
+  // a decoder that falls falls alone, and kept.
+  [[nodiscard]] std::string thumbnail(const std::string& path, int width,
+                                      const std::string& program);
+
+  // ---- State
+  [[nodiscard]] std::vector<FileInfo> states() const;
+  [[nodiscard]] std::string state_path(const std::string& name) const;  // 404 where it is missing
+  void remove_state(const std::string& name);
+
+  // ---- Jobs
+  [[nodiscard]] std::string jobs_folder() const { return folder_ + "/jobs"; }
+  [[nodiscard]] std::string job_folder(const std::string& id) const;  // 400, never 404
+  [[nodiscard]] std::string job_file(const std::string& id, const std::string& path) const;
+  [[nodiscard]] std::vector<FileInfo> job_files(const std::string& id) const;
+
+  // ---- References: "set:NAME", "set:NAME/FILE", "job:ID/PATH", "ws:NAME", "model:NAME".
+  // Throws UsageError.
+  [[nodiscard]] std::string resolve(const std::string& reference, bool must_exist) const;
+  // Paths of the workspace in `text` as references: what pages read instead of paths.
+  [[nodiscard]] std::string with_references(std::string text) const;
+
+  // ---- Space
+  struct Space {
+    std::uint64_t used = 0;  // by the workspace
+    std::uint64_t quota = 0;
+    std::uint64_t free = 0;  // of the disk
+    std::uint64_t total = 0;
+  };
+  [[nodiscard]] Space space() const;
+  // Throws HttpError 507 where `bytes` more would break the quota or touch the disk's reserve.
+  void check_space(std::uint64_t bytes) const;
+
+ private:
+  [[nodiscard]] std::string set_folder(const std::string& name) const;
+  [[nodiscard]] FileInfo look_at(const std::string& path, const std::string& name) const;
+
+  std::string folder_;
+  const WorkspaceLimits limits_;
+  int lock_ = -1;
+  mutable std::mutex mutex_;  // of what follows, and of changes to sets
+  mutable std::map<std::string, std::pair<std::string, FileInfo>> looked_at_;  // by path
+  mutable std::uint64_t used_ = 0;
+  mutable std::optional<std::chrono::steady_clock::time_point> measured_;
+  std::mutex thumbnails_;
+};
+
+// Why an uploaded file may not be taken, or "": of no known type, too many pixels, damaged; text
+// that names files by absolute paths or "..", which a verb would follow.
+[[nodiscard]] std::string find_upload_trouble(std::string_view name, std::string_view bytes,
+                                              std::int64_t max_pixels, FileType& type);
+
+// "image/jpeg" of what browsers may show; "application/octet-stream" of all else.
+[[nodiscard]] std::string media_type(std::string_view name);
+
+// `program --thumbnail FILE OUT WIDTH`; the exit status.
+[[nodiscard]] int make_thumbnail(const std::string& file, const std::string& out, int width);
+
+}  // namespace tarsier::web
