@@ -538,7 +538,8 @@ std::string Workspace::job_folder(const std::string& id) const {
   return jobs_folder() + '/' + id;
 }
 
-std::string Workspace::job_file(const std::string& id, const std::string& path) const {
+std::string Workspace::job_file(const std::string& id, const std::string& path,
+                                bool or_folder) const {
   std::string at = job_folder(id) + "/files";
   int depth = 0;
   for (std::size_t from = 0; from <= path.size(); ++depth) {
@@ -549,7 +550,8 @@ std::string Workspace::job_file(const std::string& id, const std::string& path) 
     if (is_link(at) || depth > kMaxDepth) throw HttpError(404, fmt::format("no file '{}'", path));
     from = end + 1;
   }
-  if (!is_file(at) && !is_folder(at)) throw HttpError(404, fmt::format("no file '{}'", path));
+  if (!is_file(at) && !(or_folder && is_folder(at)))
+    throw HttpError(404, fmt::format("no file '{}'", path));
   return at;
 }
 
@@ -593,7 +595,7 @@ std::string Workspace::resolve(const std::string& reference, bool must_exist) co
     if (kind == "job") {
       const std::size_t slash = rest.find('/');
       if (slash == std::string::npos) throw HttpError(400, "expected job:ID/FILE");
-      return job_file(rest.substr(0, slash), rest.substr(slash + 1));
+      return job_file(rest.substr(0, slash), rest.substr(slash + 1), true);
     }
     if (kind == "ws") {
       check_name("file", rest);

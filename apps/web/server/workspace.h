@@ -92,7 +92,8 @@ class Workspace {
   // ---- Jobs
   [[nodiscard]] std::string jobs_folder() const { return folder_ + "/jobs"; }
   [[nodiscard]] std::string job_folder(const std::string& id) const;  // 400, never 404
-  [[nodiscard]] std::string job_file(const std::string& id, const std::string& path) const;
+  [[nodiscard]] std::string job_file(const std::string& id, const std::string& path,
+                                     bool or_folder = false) const;
   [[nodiscard]] std::vector<FileInfo> job_files(const std::string& id) const;
 
   // ---- References: "set:NAME", "set:NAME/FILE", "job:ID/PATH", "ws:NAME", "model:NAME".
