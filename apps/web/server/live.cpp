@@ -40,9 +40,14 @@ struct Drawn {
   const char* name;
 };
 constexpr Drawn kDrawn[] = {
-    {"synth:portrait?live=1", "Drawn portrait"}, {"synth:scene?live=1", "Drawn scene"},
-    {"synth:face?live=1", "Drawn face"},         {"synth:plate?live=1", "Drawn number plate"},
+    {"synth:portrait?live=1", "Drawn portrait"},
+    {"synth:scene?live=1", "Drawn scene"},
+    {"synth:drive?live=1", "Drawn street with cars"},
+    {"synth:car?live=1", "Drawn car with a number plate"},
     {"synth:markers?live=1", "Drawn markers"},
+    {"synth:planar?live=1", "Drawn posters"},
+    {"synth:board?live=1", "Drawn calibration board"},
+    {"synth:clock?live=1", "Drawn clock"},
 };
 
 void put_u32(std::string& out, std::uint32_t value) {
@@ -684,14 +689,7 @@ void Live::add_routes(Router& router) {
     return no_content();
   });
   router.add("GET", "/api/sessions", [this](const Request&) {
-    std::vector<std::shared_ptr<LiveSession>> sessions;
-    {
-      const std::lock_guard lock(mutex_);
-      sessions = sessions_;
-    }
-    nlohmann::json list = nlohmann::json::array();
-    for (const auto& session : sessions) list.push_back(session->describe());
-    return json_response({{"sessions", list}});
+    return json_response({{"sessions", sessions()}});
   });
   router.add("POST", "/api/sessions", [this](const Request& request) { return start(request); });
   router.add("GET", "/api/sessions/{id}", [this](const Request& request) {
@@ -714,6 +712,17 @@ void Live::add_routes(Router& router) {
   router.add("GET", "/api/sessions/{id}/stream.mjpg",
              [this](const Request& request) { return send_mjpeg(request); });
   router.add("GET", "/api/live", [this](const Request& request) { return send_live(request); });
+}
+
+nlohmann::json Live::sessions() const {
+  std::vector<std::shared_ptr<LiveSession>> all;
+  {
+    const std::lock_guard lock(mutex_);
+    all = sessions_;
+  }
+  nlohmann::json list = nlohmann::json::array();
+  for (const auto& session : all) list.push_back(session->describe());
+  return list;
 }
 
 Live::Counts Live::counts() const {

@@ -83,6 +83,9 @@ class Live {
   // UsageError.
   [[nodiscard]] std::string source_word(const std::string& reference) const;
 
+  // The list of all Session objects.
+  [[nodiscard]] nlohmann::json sessions() const;
+
   struct Counts {
     std::size_t running = 0;
     std::size_t streams = 0;

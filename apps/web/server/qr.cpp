@@ -100,14 +100,22 @@ Bytes codewords_of(std::string_view text, int number) {
 
 bool is_masked(int mask, int row, int column) {
   switch (mask) {
-    case 0: return (row + column) % 2 == 0;
-    case 1: return row % 2 == 0;
-    case 2: return column % 3 == 0;
-    case 3: return (row + column) % 3 == 0;
-    case 4: return (row / 2 + column / 3) % 2 == 0;
-    case 5: return row * column % 2 + row * column % 3 == 0;
-    case 6: return (row * column % 2 + row * column % 3) % 2 == 0;
-    default: return ((row + column) % 2 + row * column % 3) % 2 == 0;
+    case 0:
+      return (row + column) % 2 == 0;
+    case 1:
+      return row % 2 == 0;
+    case 2:
+      return column % 3 == 0;
+    case 3:
+      return (row + column) % 3 == 0;
+    case 4:
+      return (row / 2 + column / 3) % 2 == 0;
+    case 5:
+      return row * column % 2 + row * column % 3 == 0;
+    case 6:
+      return (row * column % 2 + row * column % 3) % 2 == 0;
+    default:
+      return ((row + column) % 2 + row * column % 3) % 2 == 0;
   }
 }
 
@@ -221,7 +229,7 @@ class Drawing {
 int penalty_of(const QrCode& code) {
   int penalty = 0;
   int dark = 0;
-  constexpr std::array<bool, 11> kLikeFinder{true,  false, true,  true,  true, false,
+  constexpr std::array<bool, 11> kLikeFinder{true, false, true,  true,  true, false,
                                              true, false, false, false, false};
   for (const bool by_rows : {true, false}) {
     const auto at = [&](int line, int i) { return by_rows ? code.at(line, i) : code.at(i, line); };
@@ -302,8 +310,8 @@ QrCode make_qr_code(std::string_view bytes) {
     return kVersions[static_cast<std::size_t>(version - 1)].data - (version < 10 ? 2 : 3);
   };
   while (number < 10 && static_cast<std::size_t>(capacity(number)) < bytes.size()) ++number;
-  TARSIER_REQUIRE(bytes.size() <= static_cast<std::size_t>(capacity(number)), "{} bytes are too many",
-                  bytes.size());
+  TARSIER_REQUIRE(bytes.size() <= static_cast<std::size_t>(capacity(number)),
+                  "{} bytes are too many", bytes.size());
   Drawing drawing(number);
   drawing.put_data(codewords_of(bytes, number));
   QrCode best;

@@ -12,6 +12,7 @@
 
 #include <fmt/format.h>
 
+#include "about.h"
 #include "assets.h"
 #include "audit_log.h"
 #include "child_process.h"
@@ -20,6 +21,7 @@
 #include "job_feed.h"
 #include "jobs.h"
 #include "live.h"
+#include "metrics.h"
 #include "qr.h"
 #include "router.h"
 #include "runs.h"
@@ -83,26 +85,6 @@ std::vector<std::string> own_addresses() {
 
 bool is_ipv6(const std::string& address) { return address.find(':') != std::string::npos; }
 
-// The words of `tarsier help --json`, told by the program itself.
-VerbTable read_verbs(const std::string& program) {
-  ChildOptions options;
-  options.arguments = {program, "help", "--json"};
-  options.max_line = 64 << 20;
-  std::string text;
-  std::string messages;
-  options.on_output = [&](std::string_view line) {
-    text += line;
-    text += '\n';
-  };
-  options.on_message = [&](std::string_view line) { messages += line; };
-  std::mutex mutex;
-  ChildProcess child(std::move(options), [](const ChildEnd&) {});
-  const auto end = child.wait(milliseconds(30'000));
-  if (!end || end->exit != 0)
-    throw InputError(program, "`tarsier help --json` failed: " + (end ? end->text() : messages));
-  return VerbTable(text);
-}
-
 std::string server_file(const std::string& workspace) { return workspace + "/.studio/server.json"; }
 
 }  // namespace
@@ -162,7 +144,7 @@ struct Studio::Impl {
         workspace(options.workspace),
         audit(workspace.studio_folder() + "/audit.log"),
         sign_ins(workspace.studio_folder()),
-        verbs(read_verbs(options.program)) {
+        verbs(ask_for_help(options.program)) {
     listen();
     add_parts();
     start_server();
@@ -281,10 +263,25 @@ struct Studio::Impl {
     bind_files(router, workspace, audit, own);
     bind_jobs(router, *jobs, workspace, audit, own);
     bind_runs(router, *runs, workspace);
-    router.add("GET", "/api/audit", [this](const Request&) {
-      return json_response({{"events", audit.last(500)}});
-    });
     add_asset_routes(router, options.assets);
+    AboutOptions about;
+    about.version = options.version;
+    about.tls = secure;
+    about.metrics = {
+        [this](MetricsText& metrics) { add_job_metrics(metrics, *jobs); },
+        [this](MetricsText& metrics) { add_session_metrics(metrics, live->sessions()); },
+        [this](MetricsText& metrics) { add_http_metrics(metrics, http_figures()); }};
+    bind_about(router, verbs, workspace, audit, std::move(about));
+  }
+
+  [[nodiscard]] HttpFigures http_figures() const {
+    const HttpCounters& counters = server->counters();
+    const auto number = [](const auto& value) { return static_cast<double>(value.load()); };
+    return {.requests = number(counters.requests),
+            .refused = number(counters.refused),
+            .failed = number(counters.failed),
+            .connections = number(counters.open),
+            .sent_bytes = number(counters.bytes)};
   }
 
   nlohmann::json set_sources() const {
