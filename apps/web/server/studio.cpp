@@ -202,6 +202,8 @@ struct Studio::Impl {
       fingerprint = fingerprint_of(files.certificate);
     }
     open_sockets();
+    // A burst of clients shall not have to knock twice.
+    for (const int socket : http.sockets) (void)::listen(socket, 128);
     const std::string scheme = tls ? "https" : "http";
     url = http.rules.proxy_origin.empty()
               ? fmt::format("{}://{}:{}/", scheme, shown, http.rules.port)

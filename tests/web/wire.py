@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Starts the real server on a workspace of its own and talks to it: urllib and sockets alone.
 
-The program is $TARSIER; what is made lies below $WORK.
+The folder of the programs is $TARSIER_SERVE_BIN.
 """
 import http.client
 import json
@@ -16,7 +16,8 @@ import tempfile
 import threading
 import time
 
-TARSIER = os.environ.get("TARSIER", "tarsier")
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+TARSIER = os.path.join(os.environ.get("TARSIER_SERVE_BIN", os.path.join(ROOT, "build", "release", "bin")), "tarsier")
 PICTURE, STATE, HELLO, JOB, PING, ENDED = range(1, 7)
 
 
@@ -33,7 +34,7 @@ class Studio:
 
     def __init__(self, *flags, workspace=None, sign_in=True):
         self.own = workspace is None
-        self.workspace = workspace or tempfile.mkdtemp(prefix="studio-", dir=os.environ.get("WORK"))
+        self.workspace = workspace or tempfile.mkdtemp(prefix="tarsier-studio-")
         self.cookie = self.csrf = None
         self.errors = []
         environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
@@ -48,7 +49,8 @@ class Studio:
         self.link = self.about["link"]
         self.url = self.about["url"]
         self.host = re.match(r"https?://([^/]+)/", self.url).group(1)
-        self.port = int(self.host.rsplit(":", 1)[1])
+        port = self.host.rpartition(":")[2]
+        self.port = int(port) if port.isdigit() else None  # of a proxy: not told
         if sign_in:
             self.sign_in()
 
