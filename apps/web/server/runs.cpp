@@ -290,18 +290,29 @@ Runs::Result Runs::run(const Json& object, const std::string& address) {
   const CommandLine command = host_.command(request, Use::kRun, folder.path() + "/files");
   host_.tell_audit(command, request, address);
   Result result = execute(command, folder);
+  const std::string made = folder.path() + "/files";
   std::uint64_t sum = 0;
-  for (const std::string& name : command.outputs) {
-    const std::string path = folder.path() + "/files/" + name;
+  const auto take = [&](const std::string& path) {
     struct stat status {};
-    if (::lstat(path.c_str(), &status) != 0) continue;
-    if (!S_ISREG(status.st_mode))
-      throw HttpError(400, fmt::format("out:{} is a folder; start it as a job", name));
+    if (::lstat(path.c_str(), &status) != 0 || !S_ISREG(status.st_mode)) return;
     sum += static_cast<std::uint64_t>(status.st_size);
-    if (sum > options_.file_bytes)
-      throw HttpError(413, fmt::format("out:{} is large; start it as a job", name));
-    result.files.emplace_back(name,
+    if (sum > options_.file_bytes) {
+      throw HttpError(413, "the results are too large for an answer; start it as a job");
+    }
+    result.files.emplace_back(path.substr(made.size() + 1),
                               read_file(path, static_cast<std::int64_t>(options_.file_bytes)));
+  };
+  for (const std::string& name : command.outputs) {
+    const std::string path = made + '/' + name;
+    if (!fs::is_directory(path)) {
+      take(path);
+      continue;
+    }
+    std::vector<std::string> paths;
+    for (const auto& entry : fs::recursive_directory_iterator(path))
+      paths.push_back(entry.path().string());
+    std::sort(paths.begin(), paths.end());
+    for (const std::string& inner : paths) take(inner);
   }
   return result;
 }
