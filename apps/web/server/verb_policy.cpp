@@ -309,6 +309,12 @@ constexpr auto kRefusedFlags = std::to_array<std::string_view>({
     "--token-file",        // any file
 });
 
+// Verbs that no page starts, whatever their flags.
+constexpr auto kRefusedVerbs = std::to_array<std::string_view>({
+    "serve",  // this server
+    "demo",   // its page is made of files that a browser would run
+});
+
 // What the same name means elsewhere.
 struct FlagException {
   std::string_view verb;
@@ -744,6 +750,8 @@ class Builder {
 
 }  // namespace
 
+bool is_refused_verb(std::string_view verb) { return is_among(kRefusedVerbs, verb); }
+
 FlagKind flag_kind(std::string_view verb, std::string_view flag) {
   for (const FlagException& row : kFlagExceptions) {
     if (row.verb == verb && row.flag == flag) return row.kind;
@@ -824,6 +832,7 @@ CommandLine command_line(const VerbTable& verbs, const VerbRequest& request, Use
   if (verb == nullptr) {
     refuse("no verb '{}'; /api/help lists them all", request.verb.substr(0, 100));
   }
+  if (is_refused_verb(request.verb)) refuse("'{}' is not started from a page", request.verb);
   return Builder(*verb, request, use, references).build();
 }
 

@@ -29,6 +29,9 @@ enum class FlagKind {
 // What an input without a flag's name means to a page.
 enum class InputKind { kUnknown, kSource, kFile, kState, kValue, kFreeText };
 
+// Verbs that no page may start at all.
+[[nodiscard]] bool is_refused_verb(std::string_view verb);
+
 [[nodiscard]] FlagKind flag_kind(std::string_view verb, std::string_view flag);
 [[nodiscard]] InputKind input_kind(std::string_view verb, std::string_view input);
 
