@@ -248,8 +248,10 @@ int make_thumbnail(const std::string& file, const std::string& out, int width) {
 }
 
 Workspace::Workspace(std::string folder, WorkspaceLimits limits) : limits_(limits) {
-  make_folder(folder);
   std::error_code error;
+  const bool is_new = !fs::exists(folder, error);
+  make_folder(folder);
+  if (is_new) fs::permissions(folder, fs::perms::owner_all, error);
   folder_ = fs::canonical(folder, error).string();
   if (error) throw OutputError(folder, error.message());
   for (const char* part :
