@@ -1,0 +1,5 @@
+import { PageHead } from '../ui';
+
+export function Plates() {
+  return <PageHead title="Plates" text="This page is being built." />;
+}

@@ -1,0 +1,5 @@
+import { PageHead } from '../ui';
+
+export function Reconstruct() {
+  return <PageHead title="Reconstruct" text="This page is being built." />;
+}

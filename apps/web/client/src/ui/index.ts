@@ -1,0 +1,5 @@
+export * from './controls';
+export * from './job_card';
+export * from './live_view';
+export * from './toast';
+export * from './verb_form';

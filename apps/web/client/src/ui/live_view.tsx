@@ -1,0 +1,225 @@
+// The picture of a live session on a canvas, with its text beside it.
+import { useEffect, useRef, useState } from 'preact/hooks';
+import { useSignalValue } from '../hooks';
+import { api, type LiveState, type MouseKind, type SessionEvent } from '../api';
+import { sessionKey } from '../keys';
+import { liveSession, watchSession } from '../live';
+import { toastError } from './toast';
+
+// The pixel of the image under a point of the page; pixel centres are integers.
+export function imagePoint(
+  at: { clientX: number; clientY: number },
+  box: { left: number; top: number; width: number; height: number },
+  image: { width: number; height: number },
+): { x: number; y: number } {
+  const x = ((at.clientX - box.left) / Math.max(1, box.width)) * image.width - 0.5;
+  const y = ((at.clientY - box.top) / Math.max(1, box.height)) * image.height - 0.5;
+  return { x: Math.round(x * 10) / 10, y: Math.round(y * 10) / 10 };
+}
+
+const BUTTONS = ['left', 'middle', 'right'] as const;
+
+// Sends events in order; of mouse moves that wait only the newest is kept, at most 30 a second.
+class EventSender {
+  private waiting: SessionEvent[] = [];
+  private busy = false;
+  private last = 0;
+
+  constructor(private readonly id: string) {}
+
+  send(event: SessionEvent): void {
+    const before = this.waiting[this.waiting.length - 1];
+    const move = 'mouse' in event && event.mouse === 'move';
+    if (move && before && 'mouse' in before && before.mouse === 'move') this.waiting.pop();
+    this.waiting.push(event);
+    void this.flush(move);
+  }
+
+  private async flush(move: boolean): Promise<void> {
+    if (this.busy) return;
+    this.busy = true;
+    try {
+      const wait = move ? this.last + 33 - performance.now() : 0;
+      if (wait > 0) await new Promise((done) => setTimeout(done, wait));
+      while (this.waiting.length > 0) {
+        const events = this.waiting.splice(0, 64);
+        this.last = performance.now();
+        await api.sendEvents(this.id, events);
+        if (this.waiting.length === 1) {
+          const rest = this.last + 33 - performance.now();
+          if (rest > 0) await new Promise((done) => setTimeout(done, rest));
+        }
+      }
+    } catch (problem) {
+      this.waiting = [];
+      toastError(problem);
+    } finally {
+      this.busy = false;
+    }
+  }
+}
+
+const senders = new Map<string, EventSender>();
+
+// Sends an action, slider, key or mouse event to a session.
+export function sendEvent(id: string, event: SessionEvent): void {
+  let sender = senders.get(id);
+  if (!sender) senders.set(id, (sender = new EventSender(id)));
+  sender.send(event);
+}
+
+// The session's status line, read out at most once a second.
+export function LiveStatus({ id, quiet }: { id: string; quiet?: boolean }) {
+  const live = liveSession(id);
+  const [said, setSaid] = useState('');
+  const timer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
+  useEffect(() => {
+    const stop = live.state.subscribe((state) => {
+      if (!state || timer.current !== undefined) return;
+      setSaid(state.status);
+      timer.current = setTimeout(() => {
+        timer.current = undefined;
+        setSaid(live.state.peek()?.status ?? '');
+      }, 1000);
+    });
+    return () => {
+      stop();
+      clearTimeout(timer.current);
+      timer.current = undefined;
+    };
+  }, [id]);
+  return (
+    <p class="live-status" aria-live={quiet ? 'off' : 'polite'}>
+      {said || 'Waiting for the first picture.'}
+    </p>
+  );
+}
+
+export interface LiveViewProps {
+  id: string;
+  title: string; // for those who do not see the picture
+  interactive?: boolean; // mouse and keys go to the session
+  drag?: boolean; // a finger on the picture drags points instead of scrolling the page
+  moves?: boolean; // mouse moves without a button are sent too
+  onCanvas?: (canvas: HTMLCanvasElement | null) => void;
+  onMouse?: (kind: MouseKind, x: number, y: number) => void;
+  blockedKeys?: ReadonlySet<number>; // keys that stay with the page
+}
+
+export function LiveView(props: LiveViewProps) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const [has, setHas] = useState(false);
+  const live = liveSession(props.id);
+  const ended = useSignalValue(live.ended);
+
+  useEffect(() => {
+    setHas(false);
+    let first = true;
+    return watchSession(props.id, (bitmap) => {
+      const one = canvas.current;
+      if (!one) return;
+      if (one.width !== bitmap.width || one.height !== bitmap.height) {
+        one.width = bitmap.width;
+        one.height = bitmap.height;
+      }
+      one.getContext('2d', { alpha: false })?.drawImage(bitmap, 0, 0);
+      if (first) {
+        first = false;
+        setHas(true);
+      }
+    });
+  }, [props.id]);
+
+  useEffect(() => {
+    props.onCanvas?.(canvas.current);
+    return () => props.onCanvas?.(null);
+  }, []);
+
+  const interactive = props.interactive === true && ended === undefined;
+
+  const mouse = (kind: MouseKind, event: PointerEvent | WheelEvent | MouseEvent, wheel?: number) => {
+    const one = canvas.current;
+    if (!one || !has) return;
+    const state: LiveState | undefined = live.state.peek();
+    const image =
+      state && state.width > 0 && state.height > 0
+        ? { width: state.width, height: state.height }
+        : { width: one.width, height: one.height };
+    const { x, y } = imagePoint(event, one.getBoundingClientRect(), image);
+    const out: SessionEvent = { mouse: kind, x, y };
+    if (event.shiftKey) out.shift = true;
+    if (event.ctrlKey) out.control = true;
+    if (wheel !== undefined) out.wheel = wheel;
+    sendEvent(props.id, out);
+    props.onMouse?.(kind, x, y);
+  };
+
+  // The wheel is the session's only while the picture has the focus: else the page scrolls.
+  useEffect(() => {
+    const one = canvas.current;
+    if (!one || !interactive) return;
+    const onWheel = (event: WheelEvent) => {
+      if (document.activeElement !== one || event.deltaY === 0) return;
+      event.preventDefault();
+      mouse('wheel', event, event.deltaY < 0 ? 1 : -1);
+    };
+    one.addEventListener('wheel', onWheel, { passive: false });
+    return () => one.removeEventListener('wheel', onWheel);
+  }, [interactive, has, props.id]);
+
+  const handlers = interactive
+    ? {
+        onPointerDown: (event: PointerEvent) => {
+          const button = BUTTONS[event.button];
+          if (!button) return;
+          canvas.current?.focus({ preventScroll: true });
+          canvas.current?.setPointerCapture(event.pointerId);
+          mouse(`${button}-down`, event);
+        },
+        onPointerUp: (event: PointerEvent) => {
+          const button = BUTTONS[event.button];
+          if (button) mouse(`${button}-up`, event);
+        },
+        onPointerMove: (event: PointerEvent) => {
+          if (event.buttons !== 0 || props.moves !== false) mouse('move', event);
+        },
+        onDblClick: (event: MouseEvent) => mouse('double', event),
+        onContextMenu: (event: MouseEvent) => event.preventDefault(),
+        onKeyDown: (event: KeyboardEvent) => {
+          const code = sessionKey(event);
+          if (code === null || props.blockedKeys?.has(code)) return;
+          event.preventDefault();
+          const out: SessionEvent = { key: code };
+          if (event.shiftKey) out.shift = true;
+          if (event.ctrlKey) out.control = true;
+          sendEvent(props.id, out);
+        },
+      }
+    : {};
+
+  return (
+    <div class={`live-view${has ? '' : ' is-waiting'}${ended ? ' is-ended' : ''}`}>
+      <canvas
+        ref={canvas}
+        class={props.drag ? 'drags' : undefined}
+        width={640}
+        height={480}
+        role={interactive ? 'application' : 'img'}
+        aria-roledescription={interactive ? 'live picture' : undefined}
+        aria-label={
+          interactive
+            ? `${props.title}. Keys go to the session while this has the focus; Tab leaves it.`
+            : props.title
+        }
+        tabIndex={interactive ? 0 : undefined}
+        {...handlers}
+      />
+      {!has && !ended && (
+        <p class="live-wait" aria-hidden="true">
+          Waiting for the first picture
+        </p>
+      )}
+      {ended && <p class="live-wait">{ended.error ? `Ended: ${ended.error}` : 'Ended.'}</p>}
+    </div>
+  );
+}
