@@ -163,6 +163,8 @@ export interface Job {
   id: string;
   verb: string;
   name: string;
+  inputs?: string[];
+  flags?: Flags;
   command: string;
   state: JobState;
   progress: { label: string; done: number; total: number; unit: string } | null;
@@ -188,6 +190,13 @@ export interface SetFile {
   height: number;
   kind: 'image' | 'video' | 'other';
   modified: string | number;
+}
+
+export interface StateFile {
+  name: string;
+  bytes: number;
+  modified: string | number;
+  kind: string;
 }
 
 export interface RunResult {
@@ -347,6 +356,11 @@ export const api = {
     }),
   removeSetFile: (set: string, file: string) =>
     json<void>(`/api/sets/${part(set)}/files/${part(file)}`, { method: 'DELETE' }),
+
+  // Files of the workspace that verbs made: camera files, annotations, the gallery.
+  stateFiles: async () => (await json<{ files: StateFile[] }>('/api/state')).files,
+  stateAddress: (name: string) => `/api/state/${part(name)}`,
+  removeState: (name: string) => json<void>(`/api/state/${part(name)}`, { method: 'DELETE' }),
 
   run: (verb: string, inputs: string[] = [], flags: Flags = {}, signal_?: AbortSignal) =>
     json<RunResult>('/api/run', { method: 'POST', json: { verb, inputs, flags }, signal: signal_ }),

@@ -1,4 +1,4 @@
-// Keys of the browser as the program's sessions know them (session.h, namespace key).
+// Keys and mouse of the browser as the program's sessions know them (session.h, Event).
 
 const NAMED: Record<string, number> = {
   Escape: 27,
@@ -68,4 +68,18 @@ export function keyName(code: number): string {
     default:
       return code > 32 && code < 127 ? String.fromCharCode(code) : '';
   }
+}
+
+// The pixel of the image under a point of the page; pixel centres are integers. The image lies in the
+// middle of its box, as large as it fits (object-fit: contain).
+export function imagePoint(
+  at: { clientX: number; clientY: number },
+  box: { left: number; top: number; width: number; height: number },
+  image: { width: number; height: number },
+): { x: number; y: number } {
+  const scale = Math.min(box.width / image.width, box.height / image.height) || 1;
+  const left = box.left + (box.width - image.width * scale) / 2;
+  const top = box.top + (box.height - image.height * scale) / 2;
+  const round = (value: number) => Math.round(value * 10) / 10;
+  return { x: round((at.clientX - left) / scale - 0.5), y: round((at.clientY - top) / scale - 0.5) };
 }

@@ -5,6 +5,7 @@ import { useSignalValue } from './hooks';
 import { liveLink, startLive } from './live';
 import { route, startRouter } from './router';
 import { AreaIcon } from './ui/icons';
+import { CameraBar } from './ui/camera_bar';
 import { Button, Eyes, Notice } from './ui/controls';
 import { Toasts } from './ui/toast';
 import { Home } from './pages/home';
@@ -197,6 +198,7 @@ function Shell() {
           </nav>
         </header>
         <div class="content">
+          <CameraBar />
           {gone && (
             <Notice kind="problem">The server does not answer. Is tarsier serve still running?</Notice>
           )}

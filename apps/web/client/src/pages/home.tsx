@@ -1,5 +1,134 @@
-import { PageHead } from '../ui/controls';
+import { useState } from 'preact/hooks';
+import { api, type Json } from '../api';
+import { TRIALS, type Trial } from '../areas';
+import { useJobs, useLoad } from '../hooks';
+import { AsyncButton, Button, Eyes, Notice } from '../ui/controls';
+import { JobCard } from '../ui/job_card';
+import { OWN_CAMERA, startAndOpen } from '../ui/start_dialog';
+import { cameraTrouble } from '../viewer_camera';
+import { AreaPicture } from './area_picture';
+
+function TrialCard({ trial }: { trial: Trial }) {
+  const { verb } = trial;
+  return (
+    <article class="card area" aria-label={trial.title}>
+      <AreaPicture id={trial.id} />
+      <div class="area-body">
+        <h2>{trial.title}</h2>
+        <p>{trial.text}</p>
+        <div class="row">
+          {verb ? (
+            <AsyncButton
+              kind="main"
+              aria-label={`Try ${trial.title} with synthetic data`}
+              run={() => startAndOpen({ verb, inputs: trial.inputs, flags: trial.flags })}
+            >
+              Try it
+            </AsyncButton>
+          ) : (
+            <a class="button button-main" href={trial.page} aria-label={`Open ${trial.title}`}>
+              Open
+            </a>
+          )}
+          {verb && trial.camera && !cameraTrouble() && (
+            <AsyncButton
+              aria-label={`${trial.title} with my camera`}
+              run={() => startAndOpen({ verb, inputs: [OWN_CAMERA], flags: trial.flags })}
+            >
+              My camera
+            </AsyncButton>
+          )}
+          {verb && trial.page && (
+            <a href={trial.page} aria-label={`More of ${trial.title}`}>
+              More
+            </a>
+          )}
+        </div>
+      </div>
+    </article>
+  );
+}
+
+interface Finding {
+  area: string;
+  name: string;
+  finding: string;
+  value: string;
+  advice: string;
+}
+
+export function findingsOf(lines: Json[]): Finding[] {
+  const first = lines[0];
+  if (first === undefined || first === null || typeof first !== 'object' || Array.isArray(first)) return [];
+  const items = first['items'];
+  return Array.isArray(items) ? (items as unknown as Finding[]) : [];
+}
+
+// What the machine lacks, in one line; all of it on the System page.
+function FirstCheck() {
+  const doctor = useLoad(() => api.run('doctor'));
+  const findings = findingsOf(doctor.value?.lines ?? []);
+  const bad = findings.filter((one) => one.finding !== 'ok' && one.finding !== 'note');
+  const cameras = findings.find(
+    (one) => one.area === 'cameras' && one.finding === 'ok' && one.name === 'V4L2',
+  );
+  if (doctor.error) return <Notice kind="problem">{doctor.error}</Notice>;
+  if (findings.length === 0) return <p class="faint">The machine is being looked at.</p>;
+  return (
+    <Notice kind={bad.length > 0 ? 'problem' : 'good'}>
+      {bad.length === 0
+        ? `This machine has all it needs (${findings.length} checks).`
+        : bad.map((one) => `${one.name}: ${one.value}. ${one.advice}`).join(' ')}{' '}
+      {!cameras &&
+        'It has no camera of its own: synthetic data and the camera of your phone or computer work. '}
+      <a href="/system">All checks</a>
+    </Notice>
+  );
+}
 
 export function Home() {
-  return <PageHead title="Tarsier studio" text="This page is being built." />;
+  const jobs = useJobs();
+  const [all, setAll] = useState(false);
+  const shown = jobs.jobs.slice(0, all ? 50 : 3);
+  return (
+    <>
+      <div class="hero">
+        <Eyes />
+        <div>
+          <h1 tabIndex={-1}>What would you like to see?</h1>
+          <p class="lead">
+            Pick one. It starts at once, on a scene that the program draws. Pictures stay on the machine that
+            runs the studio.
+          </p>
+        </div>
+      </div>
+      <div class="areas">
+        {TRIALS.map((trial) => (
+          <TrialCard key={trial.id} trial={trial} />
+        ))}
+      </div>
+      {cameraTrouble() && <p class="faint camera-note">{cameraTrouble()}</p>}
+      <section class="section" aria-labelledby="recent">
+        <h2 id="recent">Recent jobs</h2>
+        {jobs.error && <Notice kind="problem">{jobs.error}</Notice>}
+        {shown.length === 0 && !jobs.error && (
+          <p class="faint">None yet. Long work, such as a reconstruction or a training, is listed here.</p>
+        )}
+        <div class="grid">
+          {shown.map((job) => (
+            <JobCard key={job.id} job={job} onChange={jobs.again} />
+          ))}
+        </div>
+        {jobs.jobs.length > 3 && (
+          <Button small onClick={() => setAll(!all)}>
+            {all ? 'Fewer' : `All ${jobs.jobs.length} jobs`}
+          </Button>
+        )}
+      </section>
+      <section class="section" aria-labelledby="check">
+        <h2 id="check">This machine</h2>
+        <FirstCheck />
+      </section>
+    </>
+  );
 }

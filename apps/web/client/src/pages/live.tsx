@@ -1,5 +1,114 @@
-import { PageHead } from '../ui';
+import { useEffect, useState } from 'preact/hooks';
+import { api, type Session } from '../api';
+import { useEvery, useLoad, useSignalValue } from '../hooks';
+import { liveSession } from '../live';
+import { startAndOpen } from '../ui';
+import {
+  AsyncButton,
+  attempt,
+  Button,
+  EmptyState,
+  LiveStatus,
+  LiveView,
+  Notice,
+  PageHead,
+  StartDialog,
+} from '../ui';
+
+export const WALL = 9;
+
+// How old the picture is and how many come, as text; changes once a second.
+export function LiveFigures({ id }: { id: string }) {
+  const live = liveSession(id);
+  const [text, setText] = useState('');
+  useEffect(() => {
+    const tell = () => {
+      const shown = live.shown.peek();
+      setText(shown.frame > 0 ? `${shown.fps.toFixed(0)} frames/s, ${Math.round(shown.ageMs)} ms old` : '');
+    };
+    const timer = setInterval(tell, 1000);
+    return () => clearInterval(timer);
+  }, [id]);
+  return (
+    <span class="figures faint" data-figures={id}>
+      {text}
+    </span>
+  );
+}
+
+function Tile({ session, onChange }: { session: Session; onChange: () => void }) {
+  const ended = useSignalValue(liveSession(session.id).ended);
+  const running = session.running && !ended;
+  const name = session.name || session.title || session.verb;
+  return (
+    <article class="card tile" aria-label={name}>
+      <a class="tile-picture" href={`/session/${session.id}`} aria-label={`Open ${name}`}>
+        <LiveView id={session.id} title={`Live picture of ${name}`} />
+      </a>
+      <div class="tile-head">
+        <h2>
+          <a href={`/session/${session.id}`}>{name}</a>
+        </h2>
+        <span class={`chip ${running ? 'chip-running' : 'chip-bad'}`}>{running ? 'live' : 'ended'}</span>
+      </div>
+      <p class="faint tile-source">{session.inputs.join(', ')}</p>
+      <LiveStatus id={session.id} quiet />
+      <div class="row tile-foot">
+        <LiveFigures id={session.id} />
+        <AsyncButton
+          small
+          kind="quiet"
+          aria-label={`${running ? 'End' : 'Remove'} ${name}`}
+          run={async () => {
+            await attempt(() => api.endSession(session.id));
+            onChange();
+          }}
+        >
+          {running ? 'End' : 'Remove'}
+        </AsyncButton>
+      </div>
+    </article>
+  );
+}
 
 export function Live() {
-  return <PageHead title="Live" text="This page is being built." />;
+  const sessions = useLoad(api.sessions);
+  const [start, setStart] = useState(false);
+  useEvery(3, sessions.again);
+  const all = sessions.value ?? [];
+  const shown = all.slice(0, WALL);
+  return (
+    <>
+      <PageHead title="Live" text="All that runs now. Each picture is the newest; a hidden tab gets none.">
+        <Button kind="main" onClick={() => setStart(true)}>
+          Start a session
+        </Button>
+      </PageHead>
+      {sessions.error && <Notice kind="problem">{sessions.error}</Notice>}
+      {sessions.value && all.length === 0 && (
+        <EmptyState
+          title="Nothing runs yet"
+          text="A session takes a camera, a video or a drawn scene and shows what the program sees in it."
+          onSynthetic={() =>
+            startAndOpen({ verb: 'cartoon run', inputs: ['synth:portrait?live=1'], flags: {} }).then(
+              () => undefined,
+            )
+          }
+        >
+          <Button onClick={() => setStart(true)}>Choose what to start</Button>
+        </EmptyState>
+      )}
+      {all.length > WALL && (
+        <Notice>
+          The wall shows {WALL} of {all.length} sessions.
+        </Notice>
+      )}
+      <div class="wall">
+        {shown.map((session) => (
+          <Tile key={session.id} session={session} onChange={sessions.again} />
+        ))}
+      </div>
+      <StartDialog open={start} onClose={() => setStart(false)} />
+    </>
+  );
 }

@@ -1,5 +1,251 @@
-import { PageHead } from '../ui';
+import { useState } from 'preact/hooks';
+import { api, type Json } from '../api';
+import { bytesText, cellText, durationText } from '../format';
+import { useEvery, useLoad } from '../hooks';
+import { AsyncButton, attempt, Button, Dialog, Notice, PageHead, Table, Tabs } from '../ui';
+import { findingsOf } from './home';
+
+interface Model {
+  name: string;
+  type: string;
+  version: number | string;
+  bytes: number;
+  terms: string;
+  used_by: string;
+  without_it: string;
+  problem: string | null;
+}
+
+type Row = { name: string; value: string };
+
+function rowsOf(value: unknown, name = ''): Row[] {
+  if (value !== null && typeof value === 'object' && !Array.isArray(value)) {
+    return Object.entries(value).flatMap(([key, one]) => rowsOf(one, name ? `${name}, ${key}` : key));
+  }
+  const last = name.split(', ').pop() ?? '';
+  if (typeof value === 'number') {
+    if (/bytes|disk|free|quota|memory|used/.test(last)) return [{ name, value: bytesText(value) }];
+    if (/uptime|seconds/.test(last)) return [{ name, value: durationText(value) }];
+  }
+  return [
+    {
+      name: name.replaceAll('_', ' '),
+      value: Array.isArray(value) ? value.map(cellText).join(', ') : cellText(value),
+    },
+  ];
+}
+
+function Machine() {
+  const info = useLoad(api.info);
+  useEvery(10, info.again);
+  if (info.error) return <Notice kind="problem">{info.error}</Notice>;
+  return (
+    <Table
+      caption="Server and machine"
+      columns={[
+        { name: 'What', show: (row: Row) => row.name },
+        { name: 'Value', show: (row: Row) => row.value },
+      ]}
+      rows={rowsOf(info.value ?? {})}
+      keyOf={(row) => row.name}
+      empty="Loading"
+    />
+  );
+}
+
+function Doctor() {
+  const doctor = useLoad(() => api.run('doctor'));
+  const findings = findingsOf(doctor.value?.lines ?? []);
+  return (
+    <>
+      {doctor.error && <Notice kind="problem">{doctor.error}</Notice>}
+      <Table
+        caption="What this machine has, and what to do about what it lacks"
+        columns={[
+          {
+            name: 'Finding',
+            show: (one) => (
+              <span
+                class={`chip ${one.finding === 'ok' ? 'chip-good' : one.finding === 'note' ? 'chip-info' : 'chip-bad'}`}
+              >
+                {one.finding}
+              </span>
+            ),
+          },
+          { name: 'Area', show: (one) => one.area },
+          { name: 'What', show: (one) => one.name },
+          {
+            name: 'Value',
+            show: (one) => (
+              <>
+                {one.value}
+                {one.advice && <div class="faint">{one.advice}</div>}
+              </>
+            ),
+          },
+        ]}
+        rows={findings}
+        keyOf={(one) => `${one.area} ${one.name}`}
+        empty={doctor.loading ? 'Loading' : 'No findings.'}
+      />
+      <Button small onClick={doctor.again} busy={doctor.loading}>
+        Check again
+      </Button>
+    </>
+  );
+}
+
+function Models() {
+  const models = useLoad(() => api.run('models list'));
+  const [shown, setShown] = useState<{ name: string; lines: Json[] } | null>(null);
+  const [verified, setVerified] = useState('');
+  const rows = (models.value?.lines ?? []).filter(
+    (line) => line !== null && typeof line === 'object' && 'name' in line,
+  ) as unknown as Model[];
+  return (
+    <>
+      {models.error && <Notice kind="problem">{models.error}</Notice>}
+      <Table
+        caption="Models"
+        columns={[
+          {
+            name: 'Name',
+            show: (model) => (
+              <AsyncButton
+                small
+                aria-label={`About ${model.name}`}
+                run={async () => {
+                  const answer = await attempt(() => api.run('models info', [model.name]));
+                  if (answer) setShown({ name: model.name, lines: answer.lines });
+                }}
+              >
+                {model.name}
+              </AsyncButton>
+            ),
+          },
+          { name: 'Type', show: (model) => model.type },
+          { name: 'Version', number: true, show: (model) => model.version },
+          { name: 'Size', number: true, show: (model) => bytesText(model.bytes) },
+          { name: 'Terms', show: (model) => model.terms },
+          { name: 'Used by', show: (model) => model.used_by },
+          {
+            name: 'State',
+            show: (model) => (model.problem ? <span class="problem-text">{model.problem}</span> : 'ok'),
+          },
+        ]}
+        rows={rows}
+        keyOf={(model) => model.name}
+        empty={models.loading ? 'Loading' : 'No models.'}
+      />
+      <div class="row section-row">
+        <AsyncButton
+          small
+          run={async () => {
+            const answer = await attempt(() => api.run('models verify'));
+            if (answer) {
+              setVerified(
+                answer.exit === 0
+                  ? 'All files are as they were shipped (SHA-256).'
+                  : answer.error || 'A file differs.',
+              );
+            }
+          }}
+        >
+          Check the files’ hashes
+        </AsyncButton>
+        <span aria-live="polite">{verified}</span>
+      </div>
+      <Dialog title={shown?.name ?? 'Model'} open={shown !== null} onClose={() => setShown(null)} wide>
+        {(shown?.lines ?? []).map((line, index) => (
+          <ModelFacts key={index} line={line} />
+        ))}
+      </Dialog>
+    </>
+  );
+}
+
+function ModelFacts({ line }: { line: Json }) {
+  if (line === null || typeof line !== 'object' || Array.isArray(line)) return <p>{cellText(line)}</p>;
+  const text = Object.entries(line).filter(([, value]) => typeof value === 'string' && value.includes('\n'));
+  const rest = Object.fromEntries(
+    Object.entries(line).filter(([key]) => !text.some(([name]) => name === key)),
+  );
+  return (
+    <>
+      <Table
+        caption="Facts"
+        hideCaption
+        columns={[
+          { name: 'What', show: (row: Row) => row.name },
+          { name: 'Value', show: (row: Row) => row.value },
+        ]}
+        rows={rowsOf(rest)}
+        keyOf={(row) => row.name}
+      />
+      {text.map(([key, value]) => (
+        <pre key={key} class="log" tabIndex={0} aria-label={key}>
+          {String(value)}
+        </pre>
+      ))}
+    </>
+  );
+}
+
+export function auditRows(answer: { [name: string]: Json }): { [name: string]: Json }[] {
+  const list = Object.values(answer).find(Array.isArray);
+  return (list ?? []).map((entry) =>
+    entry !== null && typeof entry === 'object' && !Array.isArray(entry) ? entry : { line: entry },
+  );
+}
+
+function Audit() {
+  const audit = useLoad(api.audit);
+  const rows = auditRows(audit.value ?? {}).reverse();
+  const names = [...new Set(rows.flatMap((row) => Object.keys(row)))];
+  return (
+    <>
+      {audit.error && <Notice kind="problem">{audit.error}</Notice>}
+      <Table
+        caption="Who signed in, enrolled, forgot, exported; newest first. It holds no pictures and no features of faces."
+        columns={
+          names.length > 0
+            ? names.map((name) => ({
+                name,
+                show: (row: { [name: string]: Json }) => cellText(row[name] ?? null),
+              }))
+            : [{ name: 'Event', show: () => '' }]
+        }
+        rows={rows}
+        keyOf={(_, index) => index}
+        empty={audit.loading ? 'Loading' : 'Nothing yet.'}
+      />
+    </>
+  );
+}
 
 export function System() {
-  return <PageHead title="System" text="This page is being built." />;
+  const [tab, setTab] = useState('machine');
+  return (
+    <>
+      <PageHead title="System" text="The machine, its models, and who did what.">
+        <AsyncButton run={() => attempt(api.signOut)}>Sign out</AsyncButton>
+      </PageHead>
+      <Tabs
+        label="System"
+        value={tab}
+        onChange={setTab}
+        tabs={[
+          { id: 'machine', label: 'Machine' },
+          { id: 'doctor', label: 'Checks' },
+          { id: 'models', label: 'Models' },
+          { id: 'audit', label: 'Audit log' },
+        ]}
+      >
+        {tab === 'machine' && <Machine />}
+        {tab === 'doctor' && <Doctor />}
+        {tab === 'models' && <Models />}
+        {tab === 'audit' && <Audit />}
+      </Tabs>
+    </>
+  );
 }

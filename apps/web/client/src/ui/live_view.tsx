@@ -1,21 +1,10 @@
 // The picture of a live session on a canvas, with its text beside it.
 import { useEffect, useRef, useState } from 'preact/hooks';
 import { useSignalValue } from '../hooks';
-import { api, type LiveState, type MouseKind, type SessionEvent } from '../api';
-import { sessionKey } from '../keys';
+import { api, type MouseKind, type SessionEvent } from '../api';
+import { imagePoint, sessionKey } from '../keys';
 import { liveSession, watchSession } from '../live';
 import { toastError } from './toast';
-
-// The pixel of the image under a point of the page; pixel centres are integers.
-export function imagePoint(
-  at: { clientX: number; clientY: number },
-  box: { left: number; top: number; width: number; height: number },
-  image: { width: number; height: number },
-): { x: number; y: number } {
-  const x = ((at.clientX - box.left) / Math.max(1, box.width)) * image.width - 0.5;
-  const y = ((at.clientY - box.top) / Math.max(1, box.height)) * image.height - 0.5;
-  return { x: Math.round(x * 10) / 10, y: Math.round(y * 10) / 10 };
-}
 
 const BUTTONS = ['left', 'middle', 'right'] as const;
 
@@ -140,12 +129,7 @@ export function LiveView(props: LiveViewProps) {
   const mouse = (kind: MouseKind, event: PointerEvent | WheelEvent | MouseEvent, wheel?: number) => {
     const one = canvas.current;
     if (!one || !has) return;
-    const state: LiveState | undefined = live.state.peek();
-    const image =
-      state && state.width > 0 && state.height > 0
-        ? { width: state.width, height: state.height }
-        : { width: one.width, height: one.height };
-    const { x, y } = imagePoint(event, one.getBoundingClientRect(), image);
+    const { x, y } = imagePoint(event, one.getBoundingClientRect(), one);
     const out: SessionEvent = { mouse: kind, x, y };
     if (event.shiftKey) out.shift = true;
     if (event.ctrlKey) out.control = true;

@@ -1,0 +1,101 @@
+// What a visitor can try, one entry an area: the verb, synthetic data that shows it, and whether a camera makes sense.
+import type { Flags } from './api';
+
+export interface Trial {
+  id: string;
+  title: string;
+  text: string;
+  verb?: string;
+  inputs: string[];
+  flags: Flags;
+  camera: boolean;
+  page?: string; // where more of it is
+}
+
+export const TRIALS: Trial[] = [
+  {
+    id: 'cartoon',
+    title: 'Cartoon',
+    text: 'Turns a live picture into a sketch, a painting or a cartoon.',
+    verb: 'cartoon run',
+    inputs: ['synth:portrait?live=1'],
+    flags: {},
+    camera: true,
+  },
+  {
+    id: 'plates',
+    title: 'Number plates',
+    text: 'Finds and reads the plates of passing cars.',
+    verb: 'plate read',
+    inputs: ['synth:drive?live=1&fps=5'],
+    flags: {},
+    camera: true,
+    page: '/plates',
+  },
+  {
+    id: 'landmarks',
+    title: 'Facial landmarks',
+    text: 'Finds the 68 points of each face and follows them.',
+    verb: 'landmarks track',
+    inputs: ['synth:portrait?live=1'],
+    flags: {},
+    camera: true,
+    page: '/annotate',
+  },
+  {
+    id: 'pose',
+    title: 'Head pose',
+    text: 'Tells where a head looks, and puts glasses on it.',
+    verb: 'pose track',
+    inputs: ['synth:portrait?live=1'],
+    flags: { '--draw': 'glasses' },
+    camera: true,
+  },
+  {
+    id: 'people',
+    title: 'People',
+    text: 'Enrols faces and recognises them later. Nothing leaves this machine.',
+    verb: 'people live',
+    inputs: ['synth:portrait?live=1'],
+    flags: {},
+    camera: true,
+    page: '/people',
+  },
+  {
+    id: 'markers',
+    title: 'Markers',
+    text: 'Finds printed markers and stands objects on them.',
+    verb: 'ar markers',
+    inputs: ['synth:markers?live=1'],
+    flags: { '--focal': 608, '--draw': 'cube' },
+    camera: true,
+  },
+  {
+    id: 'aam',
+    title: 'Appearance models',
+    text: 'Fits a whole face, shape and look, to the picture.',
+    verb: 'aam fit',
+    inputs: ['synth:portrait?live=1'],
+    flags: {},
+    camera: true,
+    page: '/explore',
+  },
+  {
+    id: 'reconstruct',
+    title: 'Structure from motion',
+    text: 'Makes a cloud of points and the cameras from photographs.',
+    inputs: [],
+    flags: {},
+    camera: false,
+    page: '/reconstruct',
+  },
+  {
+    id: 'calibrate',
+    title: 'Calibration',
+    text: 'Measures a camera with a printed board.',
+    inputs: [],
+    flags: {},
+    camera: false,
+    page: '/calibrate',
+  },
+];

@@ -1,0 +1,91 @@
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import { backOff, KIND, LiveParser, pictureOf, type LiveRecord } from '../src/live';
+
+function record(kind: number, id: string, payload: Uint8Array): Uint8Array {
+  const name = new TextEncoder().encode(id);
+  const bytes = new Uint8Array(4 + 2 + name.length + payload.length);
+  new DataView(bytes.buffer).setUint32(0, 2 + name.length + payload.length);
+  bytes[4] = kind;
+  bytes[5] = name.length;
+  bytes.set(name, 6);
+  bytes.set(payload, 6 + name.length);
+  return bytes;
+}
+
+function joined(pieces: Uint8Array[]): Uint8Array {
+  const bytes = new Uint8Array(pieces.reduce((sum, piece) => sum + piece.length, 0));
+  let at = 0;
+  for (const piece of pieces) {
+    bytes.set(piece, at);
+    at += piece.length;
+  }
+  return bytes;
+}
+
+const payload = (length: number, seed: number) =>
+  Uint8Array.from({ length }, (_, i) => (i * 31 + seed) & 255);
+
+const STREAM: [number, string, Uint8Array][] = [
+  [KIND.hello, 'a1', new TextEncoder().encode('{"title":"x"}')],
+  [KIND.image, 'a1', payload(5000, 1)],
+  [KIND.ping, '', new Uint8Array(0)],
+  [KIND.image, 'zwölf', payload(1, 2)],
+  [KIND.state, 'a1', new Uint8Array(0)],
+  [KIND.image, 'b', payload(70_000, 3)],
+];
+
+function same(records: LiveRecord[]): void {
+  assert.equal(records.length, STREAM.length);
+  records.forEach((one, index) => {
+    const [kind, id, bytes] = STREAM[index] as [number, string, Uint8Array];
+    assert.equal(one.kind, kind);
+    assert.equal(one.id, id);
+    assert.deepEqual(one.payload, bytes);
+  });
+}
+
+test('records come out whole, however the stream is cut', () => {
+  const bytes = joined(STREAM.map(([kind, id, body]) => record(kind, id, body)));
+  for (const size of [1, 2, 3, 4, 5, 7, 64, 1000, 4096, 65_536, bytes.length]) {
+    const parser = new LiveParser();
+    const records: LiveRecord[] = [];
+    for (let at = 0; at < bytes.length; at += size)
+      records.push(...parser.push(bytes.subarray(at, at + size)));
+    same(records);
+  }
+});
+
+test('cut at each single place of the first records', () => {
+  const bytes = joined(STREAM.map(([kind, id, body]) => record(kind, id, body)));
+  for (let cut = 0; cut < 60; cut += 1) {
+    const parser = new LiveParser();
+    same([...parser.push(bytes.subarray(0, cut)), ...parser.push(bytes.subarray(cut))]);
+  }
+});
+
+test('an empty piece changes nothing', () => {
+  const parser = new LiveParser();
+  assert.deepEqual(parser.push(new Uint8Array(0)), []);
+});
+
+test('records that cannot be are refused', () => {
+  const short = new Uint8Array([0, 0, 0, 1, 1]);
+  assert.throws(() => new LiveParser().push(short), /1 bytes/);
+  const huge = new Uint8Array([255, 255, 255, 255, 1, 0]);
+  assert.throws(() => new LiveParser().push(huge), /4294967295/);
+  const longId = new Uint8Array([0, 0, 0, 2, 1, 9]);
+  assert.throws(() => new LiveParser().push(longId), /id/);
+});
+
+test('a picture has its number, its age and its bytes', () => {
+  const picture = pictureOf(new Uint8Array([0, 0, 1, 2, 0, 0, 0, 40, 0xff, 0xd8]));
+  assert.equal(picture.frame, 258);
+  assert.equal(picture.ageMs, 40);
+  assert.deepEqual([...picture.jpeg], [0xff, 0xd8]);
+  assert.throws(() => pictureOf(new Uint8Array(7)));
+});
+
+test('tries to connect again wait longer each time, at most 8 s', () => {
+  assert.deepEqual([0, 1, 2, 3, 4, 5, 50].map(backOff), [0.5, 1, 2, 4, 8, 8, 8]);
+});

@@ -1,0 +1,51 @@
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import { bytesText, cellText, durationText, timeOf, timeText } from '../src/format';
+import { curlText, endpointsOf } from '../src/pages/api_page';
+import { findingsOf } from '../src/pages/home';
+import { tokenOf } from '../src/pages/sign_in';
+
+test('sizes, times, cells', () => {
+  assert.equal(bytesText(999), '999 B');
+  assert.equal(bytesText(1530546), '1.5 MB');
+  assert.equal(bytesText(-1), '');
+  assert.equal(durationText(3.21), '3.2 s');
+  assert.equal(durationText(125), '2 min 5 s');
+  assert.equal(durationText(7300), '2 h 1 min');
+  assert.equal(timeText(null), '');
+  assert.equal(timeOf('no time'), null);
+  assert.equal(timeOf(1_700_000_000)?.getTime(), 1_700_000_000_000);
+  assert.equal(cellText([1, 2.5]), '1, 2.50');
+  assert.equal(cellText({ a: 1 }), '1 fields');
+  assert.equal(cellText(0.01234), '0.0123');
+  assert.equal(cellText(null), '–');
+  assert.equal(cellText('<img onerror=x>'), '<img onerror=x>');
+});
+
+test('the token of a link', () => {
+  assert.equal(tokenOf(' http://127.0.0.1:8765/#t=ab%2Bc '), 'ab+c');
+  assert.equal(tokenOf('abc'), 'abc');
+});
+
+test('endpoints become curl calls', () => {
+  const endpoints = endpointsOf({
+    '/api/sets': {
+      get: { summary: 'sets' },
+      post: { requestBody: { content: { 'application/json': { example: { name: 'a' } } } } },
+    },
+    parameters: {},
+  });
+  assert.deepEqual(
+    endpoints.map((one) => `${one.method} ${one.path}`),
+    ['GET /api/sets', 'POST /api/sets'],
+  );
+  const post = endpoints[1];
+  assert.ok(post);
+  assert.match(curlText(post, 'http://h'), /-X POST .*-d '\{"name":"a"\}' http:\/\/h\/api\/sets$/);
+});
+
+test('findings of doctor', () => {
+  assert.deepEqual(findingsOf([]), []);
+  assert.deepEqual(findingsOf(['x']), []);
+  assert.equal(findingsOf([{ items: [{ name: 'a' }] }]).length, 1);
+});
