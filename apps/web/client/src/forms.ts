@@ -70,6 +70,12 @@ export function wordsOfHelp(help: string, preset: FieldDefault): string[] {
 
 type FieldDefault = FlagHelp['default'];
 
+// "--min-face": "Min face".
+export function labelOf(name: string): string {
+  const words = name.replace(/^--/, '').replaceAll('-', ' ');
+  return words.charAt(0).toUpperCase() + words.slice(1);
+}
+
 export function fieldOf(flag: FlagHelp): Field {
   const name =
     flag.names.find((one) => one.startsWith('--') && !one.startsWith('--no-')) ?? flag.names[0] ?? '';
@@ -83,7 +89,7 @@ export function fieldOf(flag: FlagHelp): Field {
   else if (flag.type === 'integer' || flag.type === 'number') control = flag.type;
   return {
     name,
-    label: name.replace(/^--/, '').replaceAll('-', ' '),
+    label: labelOf(name),
     control,
     choices: flag.choices,
     suggestions: control === 'text' ? wordsOfHelp(flag.help, flag.default) : [],

@@ -210,7 +210,7 @@ function update(): void {
 async function connect(address: string): Promise<void> {
   const own = new AbortController();
   controller = own;
-  liveLink.value = 'connecting';
+  if (liveLink.value !== 'waiting') liveLink.value = 'connecting';
   let heard = Date.now();
   // The server pings each 2 s. Silence means that the line is dead.
   const watchdog = setInterval(() => {
@@ -243,7 +243,8 @@ async function connect(address: string): Promise<void> {
     return;
   }
   wantedNow = next;
-  liveLink.value = 'waiting';
+  // One short break is not worth a word.
+  liveLink.value = tries > 0 ? 'waiting' : 'connecting';
   timer = setTimeout(() => void connect(next), backOff(tries) * 1000);
   tries += 1;
 }

@@ -206,3 +206,29 @@ export function AreaPicture({ id }: { id: string }) {
     </svg>
   );
 }
+
+// The animal itself; the same drawing as the icon.
+export function Tarsier() {
+  return (
+    <svg class="hero-picture" viewBox="0 0 96 96" aria-hidden="true">
+      <path
+        d="M13 30C2 16 10 3 20 9c7 4 11 10 12 16zM83 30c11-14 3-27-7-21-7 4-11 10-12 16z"
+        fill="#8a5a34"
+      />
+      <path d="M17 25c-5-8-2-14 3-11 4 2 6 6 7 9zM79 25c5-8 2-14-3-11-4 2-6 6-7 9z" fill="#d9a27c" />
+      <ellipse cx="48" cy="50" rx="38" ry="34" fill="#a9713f" />
+      <path d="M48 22c5 9 5 22 0 34-5-12-5-25 0-34z" fill="#e6c39b" />
+      <ellipse cx="48" cy="72" rx="15" ry="10" fill="#e6c39b" />
+      <circle cx="29" cy="47" r="19" fill="#3b2412" />
+      <circle cx="67" cy="47" r="19" fill="#3b2412" />
+      <circle cx="29" cy="47" r="17" fill="#e79a2c" />
+      <circle cx="67" cy="47" r="17" fill="#e79a2c" />
+      <circle cx="30" cy="47" r="8" fill="#14100c" />
+      <circle cx="66" cy="47" r="8" fill="#14100c" />
+      <circle cx="27" cy="43" r="3.2" fill="#fff" />
+      <circle cx="63" cy="43" r="3.2" fill="#fff" />
+      <path d="M44 67h8l-4 4z" fill="#3b2412" />
+      <path d="M38 75q10 6 20 0" fill="none" stroke="#3b2412" stroke-width="2" stroke-linecap="round" />
+    </svg>
+  );
+}

@@ -2,11 +2,11 @@ import { useState } from 'preact/hooks';
 import { api, type Json } from '../api';
 import { TRIALS, type Trial } from '../areas';
 import { useJobs, useLoad } from '../hooks';
-import { AsyncButton, Button, Eyes, Notice } from '../ui/controls';
+import { AsyncButton, Button, Notice } from '../ui/controls';
 import { JobCard } from '../ui/job_card';
 import { OWN_CAMERA, startAndOpen } from '../ui/start_dialog';
 import { cameraTrouble } from '../viewer_camera';
-import { AreaPicture } from './area_picture';
+import { AreaPicture, Tarsier } from './area_picture';
 
 function TrialCard({ trial }: { trial: Trial }) {
   const { verb } = trial;
@@ -20,7 +20,7 @@ function TrialCard({ trial }: { trial: Trial }) {
           {verb ? (
             <AsyncButton
               kind="main"
-              aria-label={`Try ${trial.title} with synthetic data`}
+              aria-label={`Try it: ${trial.title}, with synthetic data`}
               run={() => startAndOpen({ verb, inputs: trial.inputs, flags: trial.flags })}
             >
               Try it
@@ -32,14 +32,14 @@ function TrialCard({ trial }: { trial: Trial }) {
           )}
           {verb && trial.camera && !cameraTrouble() && (
             <AsyncButton
-              aria-label={`${trial.title} with my camera`}
+              aria-label={`My camera: ${trial.title}`}
               run={() => startAndOpen({ verb, inputs: [OWN_CAMERA], flags: trial.flags })}
             >
               My camera
             </AsyncButton>
           )}
           {verb && trial.page && (
-            <a href={trial.page} aria-label={`More of ${trial.title}`}>
+            <a href={trial.page} aria-label={`More: ${trial.title}`}>
               More
             </a>
           )}
@@ -93,7 +93,7 @@ export function Home() {
   return (
     <>
       <div class="hero">
-        <Eyes />
+        <Tarsier />
         <div>
           <h1 tabIndex={-1}>What would you like to see?</h1>
           <p class="lead">

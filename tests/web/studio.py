@@ -1,0 +1,206 @@
+"""The real server with a workspace of its own, for tests. The standard library is enough."""
+
+import json
+import os
+import queue
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import unittest
+import urllib.error
+import urllib.request
+
+import chromium
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+ROOT = os.path.dirname(os.path.dirname(HERE))
+CLIENT = os.path.join(ROOT, "apps", "web", "client")
+DIST = os.path.join(ROOT, "apps", "web", "dist")
+SKIPPED = 77  # what ctest counts as skipped
+
+BIN = os.environ.get("TARSIER_SERVE_BIN", os.path.join(ROOT, "build", "release", "bin"))
+OUT = os.environ.get("TARSIER_WEB_BUILD", os.path.join(ROOT, "build", "web"))
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Server:
+    """`tarsier serve` on a free port of 127.0.0.1."""
+
+    def __init__(self, *arguments, workspace=None, environment=None):
+        self._own = workspace is None
+        self.workspace = workspace or tempfile.mkdtemp(prefix="tarsier-studio-")
+        self.arguments = arguments
+        self._environment = environment or {}
+        self.start()
+
+    def start(self):
+        self.port = free_port()
+        self.origin = f"http://127.0.0.1:{self.port}"
+        self.log = []
+        self._links = queue.Queue()
+        command = [os.path.join(BIN, "tarsier"), "serve", "--workspace", self.workspace, "--port", str(self.port),
+                   "--no-browser", *self.arguments]
+        if os.environ.get("TARSIER_WEB_ASSETS"):  # pages from a folder instead of the program's own
+            command += ["--assets", os.environ["TARSIER_WEB_ASSETS"]]
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            env={**os.environ, **self._environment}, start_new_session=True,
+        )
+        threading.Thread(target=self._read, daemon=True).start()
+        try:
+            self.link = self._links.get(timeout=30)
+        except queue.Empty:
+            self.stop()
+            raise RuntimeError("the server printed no link:\n" + "\n".join(self.log)) from None
+
+    def _read(self):
+        for line in self.process.stdout:
+            self.log.append(line.rstrip())
+            found = re.search(r"https?://\S+#t=\S+", line)
+            if found:
+                self._links.put(found.group(0))
+        self._links.put(None)
+
+    def new_link(self):
+        """Another link, for another browser."""
+        made = subprocess.run(
+            [os.path.join(BIN, "tarsier"), "serve", "--workspace", self.workspace, "--link"],
+            capture_output=True, text=True, timeout=30, check=False,
+        )
+        found = re.search(r"https?://\S+#t=\S+", made.stdout + made.stderr)
+        if not found:
+            raise RuntimeError(f"no link: {made.stdout} {made.stderr}")
+        return found.group(0)
+
+    def call(self, path, data=None, method=None, kind="application/json"):
+        """A request as a program makes it: with the workspace's token. Status and decoded body."""
+        with open(os.path.join(self.workspace, ".studio", "api-token"), encoding="utf-8") as file:
+            token = file.read().strip()
+        body = json.dumps(data).encode() if isinstance(data, (dict, list)) else data
+        request = urllib.request.Request(self.origin + path, data=body, method=method)
+        request.add_header("Authorization", f"Bearer {token}")
+        if body is not None:
+            request.add_header("Content-Type", kind)
+        try:
+            with urllib.request.urlopen(request, timeout=60) as answer:
+                status, raw = answer.status, answer.read()
+        except urllib.error.HTTPError as error:
+            status, raw = error.code, error.read()
+        try:
+            return status, json.loads(raw) if raw else None
+        except ValueError:
+            return status, raw
+
+    def stop(self, how=signal.SIGTERM):
+        if self.process.poll() is None:
+            self.process.send_signal(how)
+            try:
+                self.process.wait(15)
+            except subprocess.TimeoutExpired:
+                os.killpg(self.process.pid, signal.SIGKILL)
+                self.process.wait()
+
+    def close(self):
+        self.stop()
+        if self._own:
+            shutil.rmtree(self.workspace, ignore_errors=True)
+
+
+def axe_source():
+    """axe-core of the client's packages, or None where they are not installed."""
+    path = os.path.join(CLIENT, "node_modules", "axe-core", "axe.min.js")
+    if not os.path.exists(path):
+        return None
+    with open(path, encoding="utf-8") as file:
+        return file.read()
+
+
+def shot(page, name):
+    """A screenshot for people: OUT/name.png."""
+    return page.screenshot(os.path.join(OUT, f"{name}.png"))
+
+
+class PageTest(unittest.TestCase):
+    """One server and one browser for all tests of a class; each page must end without complaint."""
+
+    server_arguments = ()
+    server = None
+    browser = None
+
+    @classmethod
+    def setUpClass(cls):
+        cls.server = Server(*cls.server_arguments)
+        try:
+            cls.browser = chromium.Browser()
+            cls.page = cls.browser.page(width=1440, height=900)
+            cls.sign_in(cls.page)
+        except BaseException:
+            cls.tearDownClass()
+            raise
+
+    @classmethod
+    def tearDownClass(cls):
+        if cls.browser:
+            cls.browser.close()
+            cls.browser = None
+        if cls.server:
+            cls.server.close()
+            cls.server = None
+
+    @classmethod
+    def sign_in(cls, page, link=None):
+        page.open(link or cls.server.link)
+        page.wait("document.querySelector('main[data-page=home][data-ready=yes]')", what="signed in")
+
+    def setUp(self):
+        self.page.resize(1440, 900)
+
+    def tearDown(self):
+        self.assertEqual(self.page.complaints(), [])
+
+    def go(self, path):
+        """Opens a page of the studio by its address."""
+        self.page.open(self.server.origin + path)
+        self.page.wait("document.querySelector('main[data-ready=yes]')", what=f"page {path}")
+
+    def judge(self, name, widths=(360, 800, 1440)):
+        """Screenshots at each width, dark once; no sideways scrolling, nothing serious for axe."""
+        source = axe_source()
+        for width in widths:
+            self.page.resize(width, 800)
+            self.page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            shot(self.page, f"{name}-{width}")
+            self.assertIsNone(self.page.overflow(), f"{name} at {width} px")
+            if source:
+                self.assertEqual(self.page.axe(source), [], f"{name} at {width} px")
+        for theme in ("dark", "light"):
+            self.page.evaluate(f"document.documentElement.dataset.theme = '{theme}'")
+            if theme == "dark":
+                shot(self.page, f"{name}-dark")
+                if source:
+                    self.assertEqual(self.page.axe(source), [], f"{name}, dark")
+        self.page.evaluate("delete document.documentElement.dataset.theme")
+        self.page.resize(1440, 800, zoom=2)
+        self.assertIsNone(self.page.overflow(), f"{name} at 200 %")
+        self.page.resize(1440, 900)
+
+
+def main():
+    """Runs the tests of the calling file; 77 and one line where there is nothing to run them with."""
+    if chromium.find_chromium() is None:
+        print("skipped: no chromium on this machine (apt-get install chromium)")
+        sys.exit(SKIPPED)
+    if not os.path.exists(os.path.join(BIN, "tarsier")):
+        print(f"skipped: no program in {BIN} (TARSIER_SERVE_BIN names its folder)")
+        sys.exit(SKIPPED)
+    unittest.main(verbosity=2)

@@ -1,0 +1,73 @@
+"""The committed pages are what their sources make; the client's own checks pass.
+
+Needs node and the client's packages (npm ci); else it is skipped: a build of the program needs neither.
+"""
+
+import filecmp
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import studio
+
+
+def packages():
+    """Whether the client's packages are there, or could be had."""
+    if not shutil.which("node") or not shutil.which("npm"):
+        return "no node and npm on this machine"
+    # What npm installed is described by its own lock file; it is there when the installation was whole.
+    if os.path.exists(os.path.join(studio.CLIENT, "node_modules", ".package-lock.json")):
+        return None
+    got = subprocess.run(["npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund"], cwd=studio.CLIENT,
+                         capture_output=True, text=True, timeout=300, check=False)
+    return None if got.returncode == 0 else "npm ci did not get the client's packages"
+
+
+def files_of(folder):
+    return sorted(
+        os.path.relpath(os.path.join(place, name), folder) for place, _, names in os.walk(folder) for name in names
+    )
+
+
+class BundleTest(unittest.TestCase):
+    def run_node(self, *words):
+        done = subprocess.run(words, cwd=studio.CLIENT, capture_output=True, text=True, timeout=300, check=False)
+        self.assertEqual(done.returncode, 0, f"{' '.join(words)}\n{done.stdout[-4000:]}{done.stderr[-4000:]}")
+        return done.stdout
+
+    def test_the_committed_bundle_is_what_the_sources_make(self):
+        with tempfile.TemporaryDirectory() as folder:
+            told = self.run_node("node", "build.mjs", folder)
+            self.assertIn("first load", told)
+            self.assertEqual(files_of(folder), files_of(studio.DIST))
+            _, different, broken = filecmp.cmpfiles(folder, studio.DIST, files_of(folder), shallow=False)
+            self.assertEqual(different + broken, [])
+
+    def test_pure_code(self):
+        self.run_node("node", "test/run.mjs")
+
+    def test_types(self):
+        self.run_node("node", "node_modules/typescript/bin/tsc", "--noEmit")
+
+    def test_lint(self):
+        self.run_node("node", "node_modules/eslint/bin/eslint.js", ".")
+
+    def test_format(self):
+        self.run_node("node", "node_modules/prettier/bin/prettier.cjs", "--check", ".")
+
+    def test_every_bundled_package_has_its_licence(self):
+        with open(os.path.join(studio.DIST, "LICENSES.txt"), encoding="utf-8") as file:
+            told = file.read()
+        for name in ("preact", "@preact/signals", "@preact/signals-core", "three", "uplot"):
+            self.assertIn(f"==== {name} ", told)
+
+
+if __name__ == "__main__":
+    trouble = packages()
+    if trouble:
+        print(f"skipped: {trouble}")
+        sys.exit(studio.SKIPPED)
+    unittest.main(verbosity=2)
