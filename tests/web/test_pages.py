@@ -1,0 +1,451 @@
+"""The studio's core pages in a real browser on the real server, on synthetic sources."""
+
+import json
+import os
+import re
+import subprocess
+import urllib.request
+
+import studio
+from studio import shot
+
+NAV = ["Home", "Live", "Plates", "People", "Reconstruct", "Annotate", "Calibrate", "Train", "Explore", "System", "API"]
+PICTURE = "document.querySelector('.live-view:not(.is-waiting) canvas')"
+
+
+def sum_of_canvas():
+    """A number that differs between two pictures, for all purposes of a test."""
+    return """(() => {
+      const canvas = document.querySelector('.live-view canvas');
+      const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+      let sum = 0;
+      for (let i = 0; i < data.length; i += 997) sum = (sum * 31 + data[i]) % 1000000007;
+      return sum;
+    })()"""
+
+
+class SignInTest(studio.PageTest):
+    def test_the_link_signs_in_once_and_leaves_the_address(self):
+        page = self.page
+        self.assertNotIn("#", page.evaluate("location.href"))
+        other = self.browser.page(width=360, height=800, context=self.browser.new_context())
+        other.open(self.server.link)
+        other.wait_text("tarsier serve --link")
+        self.assertNotIn("#", other.evaluate("location.href"))
+        # Why: the server's own words. The refusal itself is what the browser's log tells of.
+        self.assertTrue(other.evaluate("document.querySelector('.notice-problem')?.innerText.length > 10"))
+        other.complaints()
+        source = studio.axe_source()
+        if source:
+            self.assertEqual(other.axe(source), [])
+        for width in (360, 800, 1440):
+            other.resize(width, 800)
+            shot(other, f"sign-in-{width}")
+            self.assertIsNone(other.overflow())
+        # A new link, pasted by hand.
+        other.fill("textbox", "Link or token", self.server.new_link())
+        other.click("button", "Sign in")
+        other.wait("document.querySelector('main[data-page=home]')")
+        self.assertEqual(other.complaints(), [])
+        other.close()
+
+    def test_signing_out_shows_the_way_back(self):
+        other = self.browser.page(context=self.browser.new_context())
+        self.sign_in(other, self.server.new_link())
+        other.open(self.server.origin + "/system")
+        other.click("button", "Sign out")
+        other.wait_text("tarsier serve --link")
+        other.open(self.server.origin + "/live")
+        other.wait_text("tarsier serve --link")
+        other.close()
+
+
+class HomeTest(studio.PageTest):
+    def test_home(self):
+        self.go("/")
+        self.page.wait_text("This machine has")
+        for title in ("Cartoon", "Number plates", "Facial landmarks", "Head pose", "People", "Markers",
+                      "Appearance models", "Structure from motion", "Calibration"):
+            self.assertTrue(self.page.has("heading", title), title)
+        self.judge("home")
+
+    def test_every_page_opens_from_the_menu_by_keyboard(self):
+        self.go("/")
+        for name in NAV:
+            self.page.focus("link", name)
+            self.page.press("Enter")
+            path = "/" if name == "Home" else f"/{name.lower()}"
+            self.page.wait(f"location.pathname === {json.dumps(path)} && document.querySelector('main[data-ready=yes] h1')")
+            # The new page's heading has the focus.
+            self.assertEqual(self.page.evaluate("document.querySelectorAll('h1').length"), 1, name)
+        self.page.evaluate("history.back()")
+        self.page.wait("location.pathname === '/system'")
+
+    def test_on_a_phone_the_menu_opens(self):
+        self.page.resize(360, 740)
+        self.go("/")
+        self.assertFalse(self.page.has("link", "Plates"))
+        self.page.click("button", "Menu")
+        self.page.find("link", "Plates")
+        shot(self.page, "menu-360")
+        self.page.click("link", "System")
+        self.page.wait("document.querySelector('main[data-page=system][data-ready=yes]')")
+
+    def test_the_skip_link_comes_first(self):
+        self.go("/")
+        self.page.evaluate("document.activeElement.blur()")
+        self.page.press("Tab")
+        self.assertEqual(self.page.evaluate("document.activeElement.textContent"), "Skip to the page")
+
+    def test_colours_can_be_chosen_and_stay(self):
+        self.go("/")
+        self.page.click("button", contains="Colours: auto")
+        self.page.click("button", contains="Colours: light")
+        self.page.wait("document.documentElement.dataset.theme === 'dark'")
+        self.page.reload()
+        self.page.wait("document.documentElement.dataset.theme === 'dark'")
+        self.page.click("button", contains="Colours: dark")
+        self.page.wait("document.documentElement.dataset.theme === undefined")
+
+    def test_a_page_that_is_not_there(self):
+        self.go("/nothing-here")
+        self.assertTrue(self.page.has("heading", "There is no such page"))
+        self.page.click("link", "Go to the first page")
+        self.page.wait("document.querySelector('main[data-page=home]')")
+
+    def test_the_check_of_the_first_run_comes_from_doctor(self):
+        status, answer = self.server.call("/api/run", {"verb": "doctor", "inputs": [], "flags": {}})
+        self.assertEqual(status, 200)
+        count = len(answer["lines"][0]["items"])
+        self.go("/")
+        self.page.wait_text(f"{count} checks")
+
+
+class SessionTest(studio.PageTest):
+    def tearDown(self):
+        try:
+            super().tearDown()
+        finally:
+            for session in self.server.call("/api/sessions")[1]["sessions"]:
+                self.server.call(f"/api/sessions/{session['id']}", method="DELETE")
+
+    def start(self, verb, source, flags=None, name=None):
+        request = {"verb": verb, "inputs": [source], "flags": flags or {}}
+        if name:
+            request["name"] = name
+        status, answer = self.server.call("/api/sessions", request)
+        self.assertEqual(status, 201, answer)
+        return answer["id"]
+
+    def test_a_first_visitor_gets_a_live_picture_in_one_click(self):
+        self.go("/")
+        self.page.click("button", "Try it: Cartoon, with synthetic data")
+        self.page.wait(PICTURE, what="a live picture")
+        self.page.wait("document.querySelector('.live-status').innerText !== 'Waiting for the first picture.'")
+        self.page.wait("/frames\\/s/.test(document.querySelector('.figures').innerText)")
+        self.judge("session")
+
+    def test_actions_sliders_and_keys_change_the_picture(self):
+        id = self.start("cartoon run", "synth:portrait?live=1")
+        self.go(f"/session/{id}")
+        self.page.wait(PICTURE)
+        self.page.click("button", contains="pencil sketch")
+        mode = "document.querySelector('.live-status').innerText.toLowerCase()"
+        self.page.wait(f"{mode}.includes('sketch')", what="the sketch in the status")
+        # Each action that the session has is a button, and none of them breaks the session.
+        actions = self.server.call(f"/api/sessions/{id}")[1]["actions"]
+        shown = [one["name"] for one in actions if one["name"] not in ("quit", "help", "fullscreen", "save")]
+        for name in shown:
+            self.page.evaluate(f"document.querySelector('[data-action={json.dumps(name)}]').click()")
+        self.page.wait(PICTURE)
+        self.assertTrue(self.server.call(f"/api/sessions/{id}")[1]["running"])
+        # Keys: the picture gets the focus by Tab order, takes keys, and Tab leaves it.
+        self.page.on(self.page.find("application", contains="Live picture"), "function () { this.focus(); }")
+        self.page.press("s")
+        self.page.wait(f"{mode}.includes('sketch')")
+        self.page.press("p")
+        self.page.wait(f"!{mode}.includes('sketch')")
+        self.page.press("Tab")
+        self.assertNotEqual(self.page.evaluate("document.activeElement.tagName"), "CANVAS")
+        # q and Escape do not end a session by accident.
+        self.page.on(self.page.find("application", contains="Live picture"), "function () { this.focus(); }")
+        self.page.press("q")
+        self.page.press("Escape")
+        self.page.press("s")
+        self.page.wait(f"{mode}.includes('sketch')")
+        self.assertTrue(self.server.call(f"/api/sessions/{id}")[1]["running"])
+        sliders = self.server.call(f"/api/sessions/{id}")[1]["sliders"]
+        for slider in sliders:
+            label = slider["name"].replace("-", " ")
+            label = label[0].upper() + label[1:]
+            self.page.slide(label, slider["low"])
+            self.page.slide(label, slider["high"])
+
+    def test_state_log_command(self):
+        id = self.start("ar markers", "synth:markers?live=1", {"--focal": 608, "--draw": "cube"})
+        self.go(f"/session/{id}")
+        self.page.wait(PICTURE)
+        self.page.click("tab", "State")
+        self.page.wait("document.querySelectorAll('.session-side tbody tr').length > 1")
+        self.judge("session-state", widths=(360, 1440))
+        self.page.click("button", "JSON")
+        self.page.wait("JSON.parse(document.querySelector('.session-side pre').innerText)")
+        self.page.focus("tab", "State")
+        self.page.press("ArrowRight")
+        self.page.wait("document.querySelector('[role=tab][aria-selected=true]').innerText === 'Log'")
+        self.page.press("ArrowRight")
+        self.page.wait("document.querySelector('.command code')?.innerText.startsWith('tarsier ar markers')")
+
+    def test_settings_restart_the_session(self):
+        id = self.start("cartoon run", "synth:portrait?live=1", {"--mode": "sketch"})
+        self.go(f"/session/{id}")
+        self.page.wait(PICTURE)
+        self.page.click("button", "Settings")
+        self.page.wait("document.querySelector('dialog[open] .flag-groups')")
+        self.page.wait("[...document.querySelectorAll('dialog input')].some((one) => one.value === 'sketch')")
+        self.judge("settings", widths=(360, 1440))
+        self.page.fill("combobox", "Mode", "paint")
+        self.page.wait("document.querySelector('dialog .command code').innerText.includes('--mode paint')")
+        self.page.click("button", "Start again with these")
+        self.page.wait(f"location.pathname.startsWith('/session/') && !location.pathname.endsWith('/{id}')")
+        self.page.wait(PICTURE)
+        left = self.server.call("/api/sessions")[1]["sessions"]
+        self.assertEqual([one["flags"] for one in left if one["running"]], [{"--mode": "paint"}])
+
+    def test_pop_out_and_snapshot_and_record(self):
+        id = self.start("cartoon run", "synth:portrait?live=1")
+        self.go(f"/session/{id}")
+        self.page.wait(PICTURE)
+        folder = os.path.join(self.server.workspace, "downloads")
+        os.makedirs(folder, exist_ok=True)
+        self.browser.send("Browser.setDownloadBehavior",
+                          {"behavior": "allow", "downloadPath": folder, "eventsEnabled": False})
+        self.page.click("button", "Snapshot")
+        self.wait_file(folder, ".jpg", b"\xff\xd8")
+        self.page.click("button", "Record")
+        self.page.wait_text("Stop recording (1 s)")
+        self.page.click("button", contains="Stop recording")
+        self.wait_file(folder, ".webm", b"\x1a\x45\xdf\xa3")
+        self.page.click("button", "Pop out")
+        self.page.wait("true")
+        found = [one for one in self.browser.targets() if "only=picture" in one["url"]]
+        for _ in range(100):
+            if found:
+                break
+            self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
+            found = [one for one in self.browser.targets() if "only=picture" in one["url"]]
+        self.assertTrue(found, "no window popped out")
+        window = self.browser.attach(found[0]["targetId"])
+        window.wait(PICTURE)
+        shot(window, "popout")
+        self.assertEqual(window.complaints(), [])
+        window.close()
+
+    def wait_file(self, folder, ending, magic):
+        for _ in range(200):
+            names = [name for name in os.listdir(folder) if name.endswith(ending)]
+            if names:
+                with open(os.path.join(folder, names[0]), "rb") as file:
+                    if file.read(len(magic)) == magic:
+                        return
+            self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
+        self.fail(f"no {ending} in {os.listdir(folder)}")
+
+    def test_a_click_on_the_picture_reaches_the_session_at_the_right_pixel(self):
+        id = self.start("cartoon run", "synth:portrait?live=1")
+        self.go(f"/session/{id}")
+        self.page.wait(PICTURE)
+        self.page.evaluate("""(() => {
+          const real = window.fetch;
+          window.sent = [];
+          window.fetch = (path, options) => {
+            if (String(path).endsWith('/events')) window.sent.push(...JSON.parse(options.body));
+            return real(path, options);
+          };
+        })()""")
+        box = self.page.evaluate("""(() => {
+          const one = document.querySelector('.live-view canvas');
+          const box = one.getBoundingClientRect();
+          const scale = Math.min(box.width / one.width, box.height / one.height);
+          return {x: box.left + box.width / 2, y: box.top + box.height / 2, w: one.width, h: one.height, scale};
+        })()""")
+        self.page.click_at(box["x"] + 50 * box["scale"], box["y"] - 20 * box["scale"])
+        self.page.wait("window.sent.some((one) => one.mouse === 'left-up')")
+        down = self.page.evaluate("window.sent.find((one) => one.mouse === 'left-down')")
+        self.assertAlmostEqual(down["x"], box["w"] / 2 + 50 - 0.5, delta=1)
+        self.assertAlmostEqual(down["y"], box["h"] / 2 - 20 - 0.5, delta=1)
+        self.page.reload()
+        self.page.wait(PICTURE)
+
+    def test_a_session_that_ends_says_so_and_starts_again(self):
+        id = self.start("cartoon run", "synth:portrait?frames=5")
+        self.go(f"/session/{id}")
+        self.page.wait(PICTURE)
+        self.page.click("button", "End")
+        self.page.wait("location.pathname === '/live'")
+        self.go("/session/nothing")
+        self.page.wait("document.querySelector('.notice-problem')")
+        complaints = self.page.complaints()
+        self.assertTrue(all("404" in one for one in complaints), complaints)
+
+    def test_own_camera_becomes_a_source(self):
+        self.go("/")
+        self.page.click("button", "My camera: Cartoon")
+        self.page.wait(PICTURE, what="the cartoon of the browser's camera")
+        self.page.wait_text("Your camera is on")
+        self.page.wait("/frames\\/s/.test(document.querySelector('.camera-bar').innerText)")
+        first = self.page.evaluate(sum_of_canvas())
+        self.page.wait(f"({sum_of_canvas()}) !== {first}", what="a picture that moves")
+        shot(self.page, "own-camera")
+        self.page.click("button", "Stop it")
+        self.page.wait("!document.querySelector('.camera-bar')")
+
+    def test_start_dialog(self):
+        self.go("/live")
+        self.page.click("button", "Start a session")
+        self.page.wait("document.querySelector('dialog[open] select')")
+        self.page.choose("What", "ar markers")
+        self.page.wait("document.querySelector('dialog .command code').innerText.includes('synth:markers')")
+        self.judge("start", widths=(360, 800, 1440))
+        self.page.press("Escape")
+        self.page.wait("!document.querySelector('dialog[open]')")
+        self.page.click("button", "Start a session")
+        self.page.choose("What", "cartoon run")
+        self.page.click("button", "Start")
+        self.page.wait("location.pathname.startsWith('/session/')")
+        self.page.wait(PICTURE)
+
+    def test_wall(self):
+        self.go("/live")
+        self.page.wait_text("Nothing runs yet")
+        self.judge("live-empty", widths=(360, 1440))
+        for mode in ("sketch", "paint", "cartoon", "evil"):
+            self.start("cartoon run", f"synth:portrait?live=1&fps=5&size=320x240&seed={len(mode)}", {"--mode": mode},
+                       f"Portrait <b>{mode}</b>")
+        self.page.wait("document.querySelectorAll('.tile .live-view:not(.is-waiting) canvas').length === 4",
+                       what="four live pictures")
+        # Names are text.
+        self.page.wait_text("Portrait <b>sketch</b>")
+        self.assertFalse(self.page.evaluate("Boolean(document.querySelector('.tile b'))"))
+        self.page.wait("[...document.querySelectorAll('.figures')].every((one) => /frames/.test(one.innerText))")
+        self.judge("live")
+        # One line for all of them.
+        streams = [one for one in self.page.requests() if "/api/live" in one]
+        self.assertIn("%2C" if "%2C" in streams[-1] else ",", streams[-1])
+        self.page.click("button", "End Portrait <b>evil</b>")
+        self.page.wait("document.querySelectorAll('.tile').length === 3")
+
+    def test_a_hidden_tab_lets_go_of_its_line(self):
+        id = self.start("cartoon run", "synth:portrait?live=1&fps=10")
+        self.go(f"/session/{id}")
+        self.page.wait(PICTURE)
+        self.page.evaluate("""(() => {
+          Object.defineProperty(document, 'visibilityState', {value: 'hidden', configurable: true});
+          document.dispatchEvent(new Event('visibilitychange'));
+        })()""")
+        for _ in range(100):
+            if self.server.call(f"/api/sessions/{id}")[1]["viewers"] == 0:
+                break
+            self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
+        self.assertEqual(self.server.call(f"/api/sessions/{id}")[1]["viewers"], 0)
+        self.page.evaluate("""(() => {
+          delete document.visibilityState;
+          document.dispatchEvent(new Event('visibilitychange'));
+        })()""")
+        first = self.page.evaluate(sum_of_canvas())
+        self.page.wait(f"({sum_of_canvas()}) !== {first}", what="pictures again")
+
+
+class LostServerTest(studio.PageTest):
+    def test_the_page_says_so_and_comes_back(self):
+        self.go("/live")
+        self.page.wait_text("Nothing runs yet")
+        port = self.server.port
+        self.server.stop()
+        self.page.wait_text("The server does not answer", timeout=30)
+        self.page.complaints()  # refused connections
+        studio.free_port = lambda: port
+        self.server.start()
+        self.page.wait("!document.body.innerText.includes('The server does not answer')", timeout=60)
+        self.page.complaints()
+
+
+class SystemTest(studio.PageTest):
+    def test_system(self):
+        self.go("/system")
+        self.page.wait("document.querySelectorAll('tbody tr').length > 3")
+        self.judge("system")
+        self.page.click("tab", "Checks")
+        self.page.wait("document.querySelectorAll('.chip').length > 5")
+        self.judge("system-checks", widths=(360, 1440))
+        self.page.click("tab", "Models")
+        self.page.find("button", "face-detector")
+        self.judge("system-models", widths=(360, 1440))
+        self.page.click("button", "face-detector")
+        self.page.wait("document.querySelector('dialog[open] tbody tr')")
+        shot(self.page, "system-model")
+        self.page.press("Escape")
+        self.page.click("button", "Check the files’ hashes")
+        self.page.wait_text("All files are as they were shipped")
+        self.page.click("tab", "Audit log")
+        self.page.wait("document.querySelectorAll('tbody td').length > 1")
+        self.judge("system-audit", widths=(360, 1440))
+
+
+class ApiTest(studio.PageTest):
+    def test_endpoints(self):
+        self.go("/api")
+        self.page.wait("document.querySelectorAll('.endpoints details').length > 20")
+        self.judge("api")
+        self.page.fill("searchbox", "Find", "/api/sets")
+        self.page.wait("document.querySelectorAll('.endpoints details').length < 12")
+        self.page.evaluate("document.querySelectorAll('.endpoints details').forEach((one) => { one.open = true; })")
+        shot(self.page, "api-open")
+
+    def test_curl_examples_work(self):
+        self.go("/api")
+        self.page.wait("document.querySelectorAll('.endpoints details').length > 20")
+        texts = self.page.evaluate("[...document.querySelectorAll('.endpoints .command code')].map((one) => one.textContent)")
+        plain = [one for one in texts if "{" not in one.split("http")[-1] and " -X " not in one and "/api/live" not in one]
+        self.assertGreater(len(plain), 6)
+        for text in plain:
+            command = text.replace("WORKSPACE", self.server.workspace)
+            done = subprocess.run(["bash", "-c", command.replace("curl ", "curl -sS -f -m 20 -o /dev/null ", 1)],
+                                  capture_output=True, text=True, timeout=40, check=False)
+            self.assertEqual(done.returncode, 0, f"{text}: {done.stderr}")
+
+    def test_try_a_verb(self):
+        self.go("/api")
+        self.page.click("tab", "Try a verb")
+        self.page.choose("Verb", "models list")
+        self.page.click("button", "Run")
+        self.page.wait("document.querySelector('pre[aria-label=Answer]')?.innerText.includes('face-detector')")
+        self.judge("api-try", widths=(360, 1440))
+        self.page.choose("Verb", "cartoon run")
+        self.page.wait("document.querySelector('#try-inputs')")
+        # What is out of range cannot be sent.
+        self.page.fill("spinbutton", "Every", "0")
+        self.page.wait_text("Every is more than 0.")
+        self.assertTrue(self.page.evaluate("[...document.querySelectorAll('button')].find((b) => b.innerText === 'Run').disabled"))
+        shot(self.page, "api-form")
+
+
+class FirstLoadTest(studio.PageTest):
+    def test_policy_and_size(self):
+        with urllib.request.urlopen(self.server.origin + "/", timeout=10) as answer:
+            policy = answer.headers["Content-Security-Policy"]
+            html = answer.read().decode()
+        self.assertIn("default-src 'none'", policy)
+        self.assertNotIn("unsafe", policy)
+        self.assertNotIn("style=", html)
+        size = 0
+        for path in set(re.findall(r'(?:src|href)="(/assets/[^"]+)"', html)):
+            request = urllib.request.Request(self.server.origin + path, headers={"Accept-Encoding": "gzip"})
+            with urllib.request.urlopen(request, timeout=10) as answer:
+                size += len(answer.read())
+                self.assertIn("immutable", answer.headers["Cache-Control"])
+        self.assertLess(size, 120 * 1024)
+
+
+if __name__ == "__main__":
+    studio.main()
