@@ -1,6 +1,7 @@
 import { useState } from 'preact/hooks';
 import { api, type Job } from '../api';
 import { bytesText, durationText, timeOf, timeText } from '../format';
+import { useLoad } from '../hooks';
 import { AsyncButton, CommandLine, Dialog, Progress } from './controls';
 import { attempt, toast } from './toast';
 
@@ -25,7 +26,13 @@ export function JobCard(props: { job: Job; onChange?: () => void; files?: boolea
   const { job } = props;
   const [log, setLog] = useState<string | null>(null);
   const active = job.state === 'running' || job.state === 'queued';
-  const files = job.files ?? [];
+  // The list of jobs leaves their files out: they are asked for when somebody looks.
+  const [asked, setAsked] = useState(false);
+  const whole = useLoad<Job | null>(
+    async () => (asked && !active ? api.job(job.id) : null),
+    [asked, job.id, job.state],
+  );
+  const files = whole.value?.files ?? job.files ?? [];
   const act = async (run: () => Promise<unknown>, said: string) => {
     const answer = await attempt(async () => {
       await run();
@@ -54,11 +61,10 @@ export function JobCard(props: { job: Job; onChange?: () => void; files?: boolea
         />
       )}
       {job.error && <p class="problem-text">{job.error}</p>}
-      {props.files !== false && files.length > 0 && (
-        <details>
-          <summary>
-            {files.length} {files.length === 1 ? 'file' : 'files'}
-          </summary>
+      {props.files !== false && !active && (
+        <details onToggle={(event) => event.currentTarget.open && setAsked(true)}>
+          <summary>Files</summary>
+          {files.length === 0 && <p class="faint">{whole.loading || !asked ? 'Loading' : 'It made none.'}</p>}
           <ul class="file-list">
             {files.map((file) => (
               <li key={file.name}>

@@ -49,7 +49,7 @@ const KINDS: Record<Source['kind'], string> = {
   allowed: 'Sources allowed at its start',
   viewer: 'Cameras of viewers',
   synth: 'Synthetic',
-  file: 'Files',
+  file: 'Uploaded sets',
 };
 
 // A list of all sources, the viewer's own camera among them.
@@ -69,6 +69,7 @@ export function SourceSelect(props: {
   options.push({ value: OWN_CAMERA, label: 'My camera', group: 'This device' });
   options.push({ value: OWN_CAMERA_BACK, label: 'My camera, facing away', group: 'This device' });
   for (const set of sets.value ?? []) {
+    if (options.some((option) => option.value === `set:${set.name}`)) continue;
     options.push({
       value: `set:${set.name}`,
       label: `${set.name}, ${set.files} files`,
