@@ -1,0 +1,556 @@
+// Number plates: read a source into the log, look for what passed.
+import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
+import { api } from '../../api';
+import { timeText } from '../../format';
+import { useEvery, useLoad } from '../../hooks';
+import {
+  AsyncButton,
+  Button,
+  Checkbox,
+  Dialog,
+  Notice,
+  PageHead,
+  Progress,
+  Select,
+  Table,
+  TextField,
+} from '../../ui';
+import { attempt, toast } from '../../ui/toast';
+import { save } from '../shared/files';
+import { finishJob, jobBlob } from '../shared/jobs';
+import {
+  filled,
+  SessionActions,
+  SessionPanel,
+  SourceSelect,
+  StateList,
+  useSessionState,
+} from '../shared/parts';
+import { useAreaSession } from '../shared/sessions';
+import {
+  cleanText,
+  eventOf,
+  flagsOf,
+  histogram,
+  sinceChoices,
+  sureness,
+  type PlateEvent,
+  type Query,
+} from './model';
+
+const log = 'ws:plates.db';
+const street = { id: 'synth:drive?live=1&seconds=60&cars=6&fps=8', name: 'Synthetic street' };
+const dayHours = [1, 3, 6, 7, 8, 9, 12, 15, 17, 18, 21]; // hours before now of a drawn day
+const perPage = 500;
+
+interface Pictures {
+  job: string;
+  files: ReadonlyMap<number, string>; // event -> file of the job
+}
+
+async function search(query: Query): Promise<PlateEvent[]> {
+  const answer = await api.run('plate log', [log], flagsOf(query));
+  const events = answer.lines.map(eventOf).filter((one): one is PlateEvent => one !== null);
+  // Before anything was read there is no log: that is no error to show.
+  if (
+    answer.exit !== 0 &&
+    events.length === 0 &&
+    !/no such file|does not exist|not there/i.test(answer.error)
+  ) {
+    if (answer.exit !== 1) throw new Error(answer.error || `plate log ended with status ${answer.exit}`);
+  }
+  return events.sort((a, b) => b.last_time.localeCompare(a.last_time));
+}
+
+async function picturesOf(before: Pictures | null, query: Query): Promise<Pictures> {
+  const job = await finishJob({
+    verb: 'plate log',
+    inputs: [log],
+    flags: { ...flagsOf(query), '--crops': 'out:crops' },
+    name: 'Pictures of plates',
+  });
+  if (before) await api.removeJob(before.job).catch(() => undefined);
+  const files = new Map<number, string>();
+  for (const file of job.files) {
+    const found = /^crops\/(\d+)-[^/]*$/.exec(file.name);
+    if (found) files.set(Number(found[1]), file.name);
+  }
+  return { job: job.id, files };
+}
+
+export function Plates() {
+  const [source, setSource] = useState(street.id);
+  const [country, setCountry] = useState('');
+  const session = useAreaSession('plate read');
+  const state = useSessionState(session.id);
+  const [typed, setTyped] = useState<Query>({ text: '', near: false, since: '', limit: perPage });
+  const [query, setQuery] = useState<Query>(typed);
+  const events = useLoad(() => search(query), [query]);
+  const [pictures, setPictures] = useState<Pictures | null>(null);
+  const fetching = useRef(false);
+  const [open, setOpen] = useState<PlateEvent | null>(null);
+  const [day, setDay] = useState<{ done: number; total: number } | null>(null);
+  const corrections = useLoad(async () => {
+    const sets = await api.sets();
+    return sets.some((one) => one.name === 'corrections') ? api.setFiles('corrections') : [];
+  });
+
+  // While something is read, new events come in.
+  useEvery(
+    3,
+    () => {
+      if (session.id !== undefined) events.again();
+    },
+    [session.id, query],
+  );
+
+  // Pictures are cut out of the log by a job: one at a time, and again only for events without one.
+  useEffect(() => {
+    const wanted = (events.value ?? []).some((one) => one.crop && !pictures?.files.has(one.id));
+    if (!wanted || fetching.current) return;
+    fetching.current = true;
+    picturesOf(pictures, query)
+      .then(setPictures, () => undefined)
+      .finally(() => {
+        // Not oftener than each ten seconds.
+        setTimeout(() => (fetching.current = false), 10_000);
+      });
+  }, [events.value]);
+
+  const corrected = useMemo(() => {
+    const texts = new Map<number, string>();
+    for (const file of corrections.value ?? []) {
+      const found = /^event-(\d+)-([\p{L}\p{N}]+)\.json$/u.exec(file.name);
+      if (found) texts.set(Number(found[1]), found[2]!);
+    }
+    return texts;
+  }, [corrections.value]);
+
+  const drawnDay = async () => {
+    const now = Date.now();
+    for (let i = 0; i < dayHours.length; i++) {
+      setDay({ done: i, total: dayHours.length });
+      const start = new Date(now - dayHours[i]! * 3600_000).toISOString().slice(0, 19);
+      const done = await attempt(() =>
+        finishJob({
+          verb: 'plate read',
+          inputs: [`synth:drive?seconds=5&cars=${1 + (i % 3)}&fps=5&seed=${i + 1}`],
+          flags: { '--log': log, '--events': true, '--start': start },
+          name: 'A drawn street',
+        }),
+      );
+      if (!done) break;
+      void api.removeJob(done.id).catch(() => undefined);
+      events.again();
+    }
+    setDay(null);
+    events.again();
+  };
+
+  const list = events.value ?? [];
+  const isNarrow = query.text !== '' || query.since !== '';
+  return (
+    <>
+      <PageHead
+        title="Plates"
+        text="Reads the number plates of a camera or video, keeps who passed when, and finds it again."
+      />
+      <div class="split">
+        <section class="card stack" aria-labelledby="read">
+          <h2 id="read">Read</h2>
+          {session.id === undefined ? (
+            <>
+              <SourceSelect label="Source" value={source} own={street} onChange={setSource} />
+              <TextField
+                label="Countries"
+                value={country}
+                onInput={setCountry}
+                help="Empty: all that are known. Else codes like es or pt, or eu for all of that group."
+              />
+              <div class="row">
+                <AsyncButton
+                  kind="main"
+                  run={async () => {
+                    await session.start(
+                      [source],
+                      filled({ '--log': log, '--events': true, '--country': country.trim() }),
+                      'Plates',
+                    );
+                  }}
+                >
+                  Start reading
+                </AsyncButton>
+              </div>
+              <p class="field-help">
+                Vehicles go to the log of this workspace as they pass. Number plates are personal data in many
+                countries: keep no more than you need.
+              </p>
+            </>
+          ) : (
+            <>
+              <SessionPanel
+                id={session.id}
+                title="Plates that are read"
+                end="Stop reading"
+                onEnd={async () => {
+                  await session.end();
+                  events.again();
+                }}
+              />
+              <StateList
+                state={state}
+                names={{ plates: 'Plates in sight', events: 'Vehicles that have gone' }}
+              />
+              <SessionActions id={session.id} label="Actions" without={['quit', 'help']} />
+            </>
+          )}
+          <hr />
+          <h3>No camera at hand?</h3>
+          {day ? (
+            <Progress label="Drawing a day of traffic" done={day.done} total={day.total} unit="hours" />
+          ) : (
+            <Button onClick={() => void drawnDay()}>Try with synthetic data</Button>
+          )}
+          <p class="field-help">
+            Draws cars at several hours of the last day, reads them, and puts them into the log.
+          </p>
+        </section>
+        <section class="stack" aria-labelledby="events">
+          <h2 id="events">Events</h2>
+          <form
+            class="search"
+            role="search"
+            onSubmit={(event) => {
+              event.preventDefault();
+              setQuery({ ...typed });
+            }}
+          >
+            <TextField
+              label="Text of the plate"
+              type="search"
+              value={typed.text}
+              onInput={(text) => setTyped({ ...typed, text })}
+              help="A part will do. * stands for any characters, ? for one."
+            />
+            <Select
+              label="When"
+              value={typed.since}
+              options={[...sinceChoices]}
+              onChange={(since) => setTyped({ ...typed, since })}
+            />
+            <Checkbox
+              label="Nearly this text"
+              checked={typed.near}
+              onChange={(near) => setTyped({ ...typed, near })}
+              help="One character may be wrong; O is 0 and I is 1."
+            />
+            <div class="row">
+              <Button kind="main" type="submit">
+                Search
+              </Button>
+              {isNarrow && (
+                <Button
+                  onClick={() => {
+                    const all = { text: '', near: false, since: '', limit: perPage };
+                    setTyped(all);
+                    setQuery(all);
+                  }}
+                >
+                  Show all
+                </Button>
+              )}
+              <AsyncButton
+                disabled={list.length === 0}
+                run={async () => {
+                  await attempt(async () => {
+                    const job = await finishJob({
+                      verb: 'plate log',
+                      inputs: [log],
+                      flags: { ...flagsOf(query), '--csv': 'out:plates.csv' },
+                      name: 'Table of plates',
+                    });
+                    save('plates.csv', await jobBlob(job.id, 'plates.csv'));
+                  });
+                }}
+              >
+                Download as CSV
+              </AsyncButton>
+            </div>
+          </form>
+          {events.error && <Notice kind="problem">{events.error}</Notice>}
+          <p class="numbers" role="status">
+            {events.value === undefined
+              ? 'Looking into the log.'
+              : `${list.length} ${list.length === 1 ? 'event' : 'events'}${isNarrow ? ' found' : ''}${list.length >= perPage ? ', the newest; narrow the search for others' : ''}`}
+          </p>
+          {list.length > 0 && <When events={list} />}
+          {list.length > 0 && (
+            <Table
+              caption="Vehicles, newest first"
+              hideCaption
+              columns={[
+                {
+                  name: 'Plate',
+                  show: (one) => <Plate event={one} pictures={pictures} corrected={corrected.get(one.id)} />,
+                },
+                {
+                  name: 'Sure',
+                  show: (one) => `${(100 * one.confidence).toFixed(0)} %, ${sureness(one.confidence)}`,
+                },
+                { name: 'First seen', show: (one) => timeText(one.first_time) },
+                { name: 'Last seen', show: (one) => timeText(one.last_time) },
+                { name: 'Country', show: (one) => one.country },
+                { name: 'State', show: (one) => one.state },
+                {
+                  name: 'More',
+                  show: (one) => (
+                    <Button small aria-label={`More about ${one.text}`} onClick={() => setOpen(one)}>
+                      More
+                    </Button>
+                  ),
+                },
+              ]}
+              rows={list}
+              keyOf={(one) => one.id}
+            />
+          )}
+          {list.length === 0 && events.value !== undefined && !isNarrow && (
+            <p class="faint">Nothing was read yet. Start reading, or try with synthetic data.</p>
+          )}
+        </section>
+      </div>
+      <Dialog
+        title={open ? `Plate ${open.text}` : 'Plate'}
+        open={open !== null}
+        onClose={() => setOpen(null)}
+        wide
+      >
+        {open && (
+          <EventDetail
+            event={open}
+            pictures={pictures}
+            corrected={corrected.get(open.id)}
+            onCorrected={() => {
+              corrections.again();
+              setOpen(null);
+            }}
+          />
+        )}
+      </Dialog>
+    </>
+  );
+}
+
+function Plate(props: { event: PlateEvent; pictures: Pictures | null; corrected: string | undefined }) {
+  const file = props.pictures?.files.get(props.event.id);
+  return (
+    <span class="plate">
+      {file && props.pictures && (
+        <img
+          src={api.jobFileAddress(props.pictures.job, file)}
+          alt=""
+          width={104}
+          height={26}
+          loading="lazy"
+        />
+      )}
+      <strong class="plate-text">{props.corrected ?? props.event.text}</strong>
+      {props.corrected !== undefined && <span class="faint">read as {props.event.text}</span>}
+    </span>
+  );
+}
+
+// Events by hour or day, as bars and as a table.
+function When({ events }: { events: PlateEvent[] }) {
+  const zone = -new Date().getTimezoneOffset();
+  const { bars, step } = histogram(
+    events.map((one) => one.first_time),
+    zone,
+  );
+  const most = Math.max(1, ...bars.map((bar) => bar.count));
+  const isDay = step > 3600_000;
+  const label = (start: number) => {
+    const text = timeText(start);
+    return isDay ? text.slice(0, 10) : text.slice(11, 16);
+  };
+  const width = 600;
+  const height = 90;
+  const bar = width / bars.length;
+  const every = Math.ceil(bars.length / 8);
+  return (
+    <figure class="when">
+      <figcaption>Vehicles by {isDay ? 'day' : 'hour'}</figcaption>
+      <svg
+        viewBox={`0 0 ${width} ${height + 16}`}
+        role="img"
+        aria-label={`Vehicles by ${isDay ? 'day' : 'hour'}; the table below has the numbers`}
+      >
+        <line class="axis" x1={0} y1={height} x2={width} y2={height} />
+        {bars.map((one, i) => (
+          <g key={one.start}>
+            <rect
+              class="bar"
+              x={i * bar + 0.1 * bar}
+              y={height - (height * one.count) / most}
+              width={Math.min(0.8 * bar, 40)}
+              height={(height * one.count) / most}
+            >
+              <title>{`${label(one.start)}: ${one.count}`}</title>
+            </rect>
+            {i % every === 0 && (
+              <text class="tick" x={i * bar + 0.1 * bar} y={height + 13}>
+                {label(one.start)}
+              </text>
+            )}
+          </g>
+        ))}
+      </svg>
+      <details>
+        <summary>As a table</summary>
+        <Table
+          caption={`Vehicles by ${isDay ? 'day' : 'hour'}`}
+          hideCaption
+          columns={[
+            { name: isDay ? 'Day' : 'Hour', show: (one) => timeText(one.start).slice(0, isDay ? 10 : 16) },
+            { name: 'Vehicles', show: (one) => one.count, number: true },
+          ]}
+          rows={bars.filter((one) => one.count > 0)}
+          keyOf={(one) => one.start}
+        />
+      </details>
+    </figure>
+  );
+}
+
+interface Character {
+  text: string;
+  confidence: number;
+}
+
+function EventDetail(props: {
+  event: PlateEvent;
+  pictures: Pictures | null;
+  corrected: string | undefined;
+  onCorrected: () => void;
+}) {
+  const { event, pictures } = props;
+  const file = pictures?.files.get(event.id);
+  const [text, setText] = useState(props.corrected ?? event.text);
+  const clean = cleanText(text);
+  // What is sure of each character: the program reads the kept picture once more.
+  const read = useLoad(async () => {
+    if (!file || !pictures) return null;
+    const answer = await api.run('plate read', [`job:${pictures.job}/${file}`]);
+    const line = answer.lines[0] as { plates?: { text: string; characters?: Character[] }[] } | undefined;
+    return line?.plates?.[0] ?? null;
+  }, [event.id, file]);
+  const correct = async () => {
+    if (clean === null) return;
+    await attempt(async () => {
+      const sets = await api.sets();
+      if (!sets.some((one) => one.name === 'corrections')) await api.addSet('corrections');
+      const old = (await api.setFiles('corrections')).filter((one) =>
+        one.name.startsWith(`event-${event.id}-`),
+      );
+      for (const one of old) await api.removeSetFile('corrections', one.name);
+      const base = `event-${event.id}-${clean}`;
+      const record = {
+        event: event.id,
+        read: event.text,
+        text: clean,
+        confidence: event.confidence,
+        first_time: event.first_time,
+        image: file ? `${base}.jpg` : null,
+      };
+      await api.putSetFile(
+        'corrections',
+        `${base}.json`,
+        new Blob([JSON.stringify(record, null, 1)], { type: 'application/json' }),
+      );
+      if (file && pictures)
+        await api.putSetFile('corrections', `${base}.jpg`, await jobBlob(pictures.job, file));
+      toast(`Kept in the set "corrections" as ${clean}.`, 'good');
+      props.onCorrected();
+    });
+  };
+  return (
+    <div class="stack">
+      {file && pictures && (
+        <img
+          class="plate-large"
+          src={api.jobFileAddress(pictures.job, file)}
+          alt={`Picture of the plate ${event.text}`}
+        />
+      )}
+      {read.value?.characters && read.value.characters.length > 0 && (
+        <>
+          <h3>How sure of each character, in this picture</h3>
+          <ul class="characters">
+            {read.value.characters.map((one, i) => (
+              <li key={i} class={`character character-${sureness(one.confidence)}`}>
+                <span class="character-text">{one.text}</span>
+                <span class="character-sure">{(100 * one.confidence).toFixed(0)} %</span>
+              </li>
+            ))}
+          </ul>
+        </>
+      )}
+      {file && read.value === null && !read.loading && (
+        <p class="faint">
+          In this one picture no plate is found again; the text comes from all frames together.
+        </p>
+      )}
+      <Table
+        caption="Other texts that it could be"
+        columns={[
+          { name: 'Text', show: (one) => one.text },
+          { name: 'Sure', show: (one) => `${(100 * one.confidence).toFixed(1)} %`, number: true },
+          { name: 'Country', show: (one) => one.country ?? '' },
+        ]}
+        rows={event.candidates.slice(0, 5)}
+        keyOf={(one) => one.text}
+      />
+      <details>
+        <summary>{event.readings.length} readings, one a frame</summary>
+        <Table
+          caption="Readings"
+          hideCaption
+          columns={[
+            { name: 'Second', show: (one) => one.time.toFixed(1), number: true },
+            { name: 'Text', show: (one) => one.text },
+            { name: 'Sure', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
+          ]}
+          rows={event.readings.slice(0, 300)}
+          keyOf={(_, i) => i}
+        />
+      </details>
+      <p class="faint">
+        {event.frames} frames, from {timeText(event.first_time)} to {timeText(event.last_time)}, source{' '}
+        {event.source}
+      </p>
+      <form
+        class="stack"
+        onSubmit={(one) => {
+          one.preventDefault();
+        }}
+      >
+        <TextField
+          label="What the plate really says"
+          value={text}
+          onInput={setText}
+          problem={clean === null ? 'Letters and digits, 20 at most.' : ''}
+          help="Kept with its picture in the set corrections, to train and to judge with. The log itself stays as it was read."
+        />
+        <div class="row row-end">
+          <AsyncButton
+            kind="main"
+            disabled={clean === null || clean === (props.corrected ?? event.text)}
+            run={correct}
+          >
+            Correct
+          </AsyncButton>
+        </div>
+      </form>
+    </div>
+  );
+}

@@ -1,0 +1,163 @@
+// Photographs become cameras and a cloud of points.
+import { useEffect, useState } from 'preact/hooks';
+import { api, verbHelp, type Flags, type Job, type VerbHelp } from '../../api';
+import { useJobs, useSignalValue } from '../../hooks';
+import { navigate, route } from '../../router';
+import { AsyncButton, Button, JobCard, Notice, PageHead, Select } from '../../ui';
+import { attempt } from '../../ui/toast';
+import { FlagFields } from '../../ui/verb_form';
+import { finishJob, isOver, useJob } from '../shared/jobs';
+import { SetPictures, SetSource } from '../shared/parts';
+import { ModelView } from './model_view';
+
+const offered = [
+  '--features',
+  '--max-features',
+  '--pairs',
+  '--matches',
+  '--downscale',
+  '--camera',
+  '--refine',
+  '--ignore-exif',
+  '--min-views',
+  '--export',
+];
+
+async function reconstruct(input: string, flags: Flags, name: string): Promise<Job> {
+  return api.startJob({
+    verb: 'sfm reconstruct',
+    inputs: [input],
+    flags: { ...flags, '--output': 'out:model' },
+    name,
+  });
+}
+
+export function Reconstruct() {
+  const where = useSignalValue(route);
+  const chosen = where.query.get('job') ?? undefined;
+  const all = useJobs((job) => job.verb === 'sfm reconstruct');
+  const job = useJob(chosen);
+  const [set, setSet] = useState<{ name: string; files: number } | null>(null);
+  const [flags, setFlags] = useState<Flags>({});
+  const [valid, setValid] = useState(true);
+  const [verb, setVerb] = useState<VerbHelp>();
+  const [drawing, setDrawing] = useState(false);
+  const [picturesOf, setPicturesOf] = useState(11);
+  useEffect(() => {
+    verbHelp().then(
+      (help) => setVerb(help.verbs.find((one) => one.verb === 'sfm reconstruct')),
+      () => undefined,
+    );
+  }, []);
+  const open = (id: string) => navigate(`/reconstruct?job=${encodeURIComponent(id)}`, true);
+  const start = async (input: string, name: string) => {
+    const started = await attempt(() => reconstruct(input, flags, name));
+    if (started) {
+      all.again();
+      open(started.id);
+    }
+  };
+  const synthetic = async () => {
+    setDrawing(true);
+    await attempt(async () => {
+      const scene = await finishJob({
+        verb: 'sfm synth',
+        inputs: [],
+        flags: { '--output': 'out:scene', '--images': picturesOf, '--size': '640x480' },
+        name: 'Drawn photographs',
+      });
+      await start(`job:${scene.id}/scene/images`, `${picturesOf} drawn photographs`);
+    });
+    setDrawing(false);
+  };
+  const done =
+    job !== undefined &&
+    (job.state === 'done' || (isOver(job) && job.files.some((f) => f.name.endsWith('report.json'))));
+  return (
+    <>
+      <PageHead
+        title="Reconstruct"
+        text="Photographs of one thing or place, taken from several sides, become cameras and a cloud of points."
+      />
+      <div class="split">
+        <section class="card stack" aria-labelledby="new-model">
+          <h2 id="new-model">New model</h2>
+          <SetSource
+            kind="photos"
+            label="Drop photographs here"
+            help="8 to 60 photographs. Move between them, do not only turn; each should share most of its view with the next."
+            onSet={(name, files) => setSet({ name, files })}
+          />
+          {set && (
+            <>
+              <p>
+                <strong>{set.files} photographs</strong> in {set.name}
+              </p>
+              <SetPictures set={set.name} most={12} />
+            </>
+          )}
+          {verb && (
+            <details>
+              <summary>Options</summary>
+              <FlagFields
+                verb={verb}
+                options={{ only: offered }}
+                onChange={(next, good) => {
+                  setFlags(next);
+                  setValid(good);
+                }}
+              />
+            </details>
+          )}
+          <div class="row">
+            <AsyncButton
+              kind="main"
+              disabled={set === null || set.files < 2 || !valid}
+              run={async () => {
+                if (set) await start(`set:${set.name}`, `${set.files} photographs, ${set.name}`);
+              }}
+            >
+              Reconstruct
+            </AsyncButton>
+          </div>
+          <hr />
+          <h3>No photographs at hand?</h3>
+          <Select
+            label="Drawn photographs"
+            value={String(picturesOf)}
+            options={[8, 11, 20, 40].map((n) => ({
+              value: String(n),
+              label: `${n} photographs of a drawn scene`,
+            }))}
+            onChange={(value) => setPicturesOf(Number(value))}
+          />
+          <Button busy={drawing} onClick={() => void synthetic()}>
+            Try with synthetic data
+          </Button>
+        </section>
+        <section class="stack" aria-labelledby="models">
+          <h2 id="models">Models</h2>
+          {all.error && <Notice kind="problem">{all.error}</Notice>}
+          {all.jobs.length === 0 && !all.loading && <p class="faint">No model yet.</p>}
+          {job && <JobCard job={job} files={false} onChange={all.again} />}
+          {all.jobs.length > 0 && (
+            <ul class="plain-list" aria-label="All models">
+              {all.jobs.map((one) => (
+                <li key={one.id}>
+                  <a
+                    href={`/reconstruct?job=${encodeURIComponent(one.id)}`}
+                    aria-current={one.id === chosen ? 'true' : undefined}
+                  >
+                    {one.name || one.id}
+                  </a>{' '}
+                  <span class="faint">{one.state}</span>
+                </li>
+              ))}
+            </ul>
+          )}
+        </section>
+      </div>
+      {job && done && <ModelView key={job.id} job={job} />}
+    </>
+  );
+}
