@@ -1,0 +1,481 @@
+// What a camera does to light: print a board, show it to the camera, keep the camera file.
+import type { ComponentChildren } from 'preact';
+import { useEffect, useState } from 'preact/hooks';
+import { api, call, type Json } from '../../api';
+import { useLoad } from '../../hooks';
+import {
+  AsyncButton,
+  Button,
+  JobCard,
+  Notice,
+  PageHead,
+  Progress,
+  Select,
+  Table,
+  Tabs,
+  TextField,
+} from '../../ui';
+import { attempt } from '../../ui/toast';
+import { cleanName } from '../shared/files';
+import { isOver, jobText, lineWith, useJob } from '../shared/jobs';
+import {
+  SessionActions,
+  SessionPanel,
+  SetPictures,
+  SetSource,
+  SourceSelect,
+  StateList,
+  useSessionState,
+} from '../shared/parts';
+import { useAreaSession } from '../shared/sessions';
+import { parseCsv } from '../train/curves';
+import { boards, cameraRows, perViewOf, squareProblem, viewOf, type CameraLine, type View } from './model';
+
+const synthetic = { id: 'synth:board?live=1', name: 'Synthetic board' };
+const tabs = [
+  { id: 'print', label: '1. Print a board' },
+  { id: 'live', label: '2. Show it to the camera' },
+  { id: 'photos', label: 'Or: from photographs' },
+];
+
+export function Calibrate() {
+  const [tab, setTab] = useState('print');
+  const [board, setBoard] = useState('chess:9x6');
+  const [square, setSquare] = useState('25');
+  const session = useAreaSession('calibrate');
+  useEffect(() => {
+    if (session.id !== undefined) setTab('live');
+  }, [session.id]);
+  const problem = squareProblem(square);
+  const shared = (
+    <div class="fields">
+      <Select label="Board" value={board} options={[...boards]} onChange={setBoard} />
+      <TextField
+        label="Side of a square, mm"
+        type="number"
+        min={1}
+        max={1000}
+        step="any"
+        value={square}
+        onInput={setSquare}
+        problem={problem}
+        help="Of dots: from one to the next. It sets the unit of distances; the lens is the same for any."
+      />
+    </div>
+  );
+  return (
+    <>
+      <PageHead
+        title="Calibrate"
+        text="Finds focal length, middle and distortion of a camera from views of a printed board. Reconstruct, pose and markers use it."
+      />
+      <Tabs label="Calibrate" tabs={tabs} value={tab} onChange={setTab}>
+        {tab === 'print' && (
+          <Print board={board} square={square} good={problem === ''} onNext={() => setTab('live')}>
+            {shared}
+          </Print>
+        )}
+        {tab === 'live' && (
+          <Live board={board} square={square} good={problem === ''} session={session}>
+            {shared}
+          </Live>
+        )}
+        {tab === 'photos' && (
+          <Photos board={board} square={square} good={problem === ''}>
+            {shared}
+          </Photos>
+        )}
+      </Tabs>
+    </>
+  );
+}
+
+interface PartProps {
+  board: string;
+  square: string;
+  good: boolean;
+  children: ComponentChildren;
+}
+
+function Print(props: PartProps & { onNext: () => void }) {
+  const [page, setPage] = useState('a4');
+  const [format, setFormat] = useState('pdf');
+  const [started, setStarted] = useState<string>();
+  const job = useJob(started);
+  const file = job?.files.find((one) => one.name === `board.${format}`) ?? job?.files[0];
+  return (
+    <section class="card stack" aria-labelledby="print">
+      <h2 id="print">Print a board</h2>
+      {props.children}
+      <div class="fields">
+        <Select
+          label="Paper"
+          value={page}
+          options={[
+            { value: 'a4', label: 'A4' },
+            { value: 'a3', label: 'A3' },
+            { value: 'letter', label: 'Letter' },
+          ]}
+          onChange={setPage}
+        />
+        <Select
+          label="File"
+          value={format}
+          options={[
+            { value: 'pdf', label: 'PDF, to print' },
+            { value: 'svg', label: 'SVG' },
+            { value: 'png', label: 'PNG' },
+          ]}
+          onChange={setFormat}
+        />
+      </div>
+      <div class="row">
+        <AsyncButton
+          kind="main"
+          disabled={!props.good}
+          run={async () => {
+            const one = await attempt(() =>
+              api.startJob({
+                verb: 'ar marker-sheet',
+                inputs: [],
+                flags: {
+                  '--board': props.board,
+                  '--square': `${props.square}mm`,
+                  '--page': page,
+                  '--output': `out:board.${format}`,
+                },
+                name: `Board ${props.board}, ${props.square} mm`,
+              }),
+            );
+            if (one) setStarted(one.id);
+          }}
+        >
+          Make the sheet
+        </AsyncButton>
+        <Button onClick={props.onNext}>I have one: go on</Button>
+      </div>
+      {job && job.state !== 'done' && <JobCard job={job} />}
+      {job?.state === 'done' && file && (
+        <Notice kind="good">
+          <p>
+            <a href={api.jobFileAddress(job.id, file.name)} download={file.name}>
+              Download {file.name}
+            </a>
+          </p>
+          <p>
+            Print it at 100 %, without fitting to the page. The line of 10 cm on the sheet must measure 10 cm.
+            Glue it to something flat.
+          </p>
+        </Notice>
+      )}
+      <p class="field-help">Before a synthetic camera no print is needed: it holds the board 9 x 6 itself.</p>
+    </section>
+  );
+}
+
+function Live(props: PartProps & { session: ReturnType<typeof useAreaSession> }) {
+  const { session } = props;
+  const [source, setSource] = useState(synthetic.id);
+  const [name, setName] = useState('camera');
+  const [written, setWritten] = useState<string | null>(null);
+  const [file, setFile] = useState('');
+  const state = useSessionState(session.id);
+  const views = typeof state.views === 'number' ? state.views : 0;
+  const coverage = typeof state.coverage === 'number' ? state.coverage : 0;
+  const missing = Array.isArray(state.missing) ? state.missing.map(String) : [];
+  const perView = perViewOf(state.per_view);
+  const cameraFile = useLoad(
+    async () => (written === null ? null : (await call(`/api/state/${encodeURIComponent(written)}`)).text()),
+    [written],
+  );
+  const start = async (input: string) => {
+    const output = `${cleanName(name)}.yaml`;
+    setWritten(null);
+    setFile(output);
+    await session.start(
+      [input],
+      { '--board': props.board, '--square': `${props.square}mm`, '--output': `ws:${output}` },
+      output,
+    );
+  };
+  const finish = async () => {
+    if (session.id === undefined) return;
+    const output = file || (await api.sessionOf(session.id)).name;
+    await attempt(() => api.sendEvents(session.id!, [{ action: 'quit' }]));
+    await new Promise((done) => setTimeout(done, 800));
+    await session.end();
+    if (state.calibrated === true) setWritten(output);
+  };
+  if (session.id !== undefined) {
+    return (
+      <div class="split split-wide">
+        <SessionPanel
+          id={session.id}
+          title="The board before the camera"
+          end="Finish and keep the camera"
+          onEnd={finish}
+        />
+        <div class="stack">
+          <Progress
+            label="Covered"
+            done={Math.round(100 * coverage)}
+            total={100}
+            unit="hundredths of the picture"
+          />
+          <StateList
+            state={state}
+            names={{
+              views: 'Views taken',
+              verdict: 'Now',
+              rms: 'Error, px',
+              fx: 'Focal length, px',
+              refusal: 'Not yet because',
+            }}
+          />
+          {missing.length > 0 && (
+            <section aria-labelledby="missing">
+              <h3 id="missing">Show</h3>
+              <ul aria-live="polite">
+                {missing.slice(0, 5).map((one) => (
+                  <li key={one}>{one}</li>
+                ))}
+              </ul>
+            </section>
+          )}
+          <SessionActions id={session.id} label="Actions" without={['quit', 'help']} />
+          {perView.length > 0 && (
+            <Table
+              caption="Views"
+              columns={[
+                { name: 'View', show: (one) => one.n, number: true },
+                { name: 'Error, px', show: (one) => one.rms.toFixed(3), number: true },
+                { name: 'Tilt, degrees', show: (one) => one.tilt.toFixed(0), number: true },
+                { name: 'Points', show: (one) => one.points, number: true },
+              ]}
+              rows={perView.map((one, i) => ({ ...one, n: i + 1 }))}
+              keyOf={(one) => one.n}
+            />
+          )}
+          {views < 10 && (
+            <p class="field-help">Ten to twenty views, tilted to all sides, in all parts of the picture.</p>
+          )}
+        </div>
+      </div>
+    );
+  }
+  return (
+    <section class="card stack" aria-labelledby="live-calibration">
+      <h2 id="live-calibration">Show it to the camera</h2>
+      {written !== null && (
+        <Notice kind="good">
+          <p>
+            The camera is kept as{' '}
+            <a href={`/api/state/${encodeURIComponent(written)}`} download={written}>
+              {written}
+            </a>
+            .
+          </p>
+          {cameraFile.value && <pre class="log">{cameraFile.value}</pre>}
+        </Notice>
+      )}
+      {props.children}
+      <SourceSelect label="Camera" value={source} own={synthetic} onChange={setSource} />
+      <TextField label="Name of the camera file" value={name} onInput={setName} />
+      <p>
+        Move the board slowly; views are taken by themselves when it is still, sharp and shows something new.
+        Tilt it by 20 to 45 degrees, and show it in the corners, too.
+      </p>
+      <div class="row">
+        <AsyncButton kind="main" disabled={!props.good} run={() => start(source)}>
+          Start
+        </AsyncButton>
+        <AsyncButton run={() => start(synthetic.id)}>Try with synthetic data</AsyncButton>
+      </div>
+    </section>
+  );
+}
+
+function Photos(props: PartProps) {
+  const [set, setSet] = useState<{ name: string; files: number } | null>(null);
+  const [lens, setLens] = useState('pinhole');
+  const [started, setStarted] = useState<string>();
+  const job = useJob(started);
+  const start = async (input: string, name: string) => {
+    const one = await attempt(() =>
+      api.startJob({
+        verb: 'calibrate',
+        inputs: [input],
+        flags: {
+          '--board': props.board,
+          '--square': `${props.square}mm`,
+          '--output': 'out:camera.yaml',
+          '--csv': 'out:views.csv',
+          '--draw': 'out:drawn',
+          ...(lens === 'pinhole' ? {} : { '--lens': lens }),
+        },
+        name,
+      }),
+    );
+    if (one) setStarted(one.id);
+  };
+  return (
+    <div class="stack">
+      <section class="card stack" aria-labelledby="photos">
+        <h2 id="photos">From photographs of the board</h2>
+        {props.children}
+        <SetSource
+          kind="board"
+          label="Drop photographs of the board"
+          help="Ten to twenty, all from the same camera, with the same focus and zoom. A video will do, too."
+          accept="image/*,video/*"
+          onSet={(name, files) => setSet({ name, files })}
+        />
+        {set && <SetPictures set={set.name} most={12} />}
+        <Select
+          label="Lens"
+          value={lens}
+          options={[
+            { value: 'pinhole', label: 'Ordinary (pinhole)' },
+            { value: 'rational', label: 'Wide (rational)' },
+            { value: 'fisheye', label: 'Fisheye, more than 100 degrees' },
+          ]}
+          onChange={setLens}
+        />
+        <div class="row">
+          <AsyncButton
+            kind="main"
+            disabled={!props.good || set === null}
+            run={async () => {
+              if (set) await start(`set:${set.name}`, `Calibration, ${set.name}`);
+            }}
+          >
+            Calibrate
+          </AsyncButton>
+          <AsyncButton
+            disabled={!props.good}
+            run={() => start('synth:board?frames=400', 'Calibration of a drawn camera')}
+          >
+            Try with synthetic data
+          </AsyncButton>
+        </div>
+      </section>
+      {job && <JobCard job={job} files={false} onChange={() => setStarted(undefined)} />}
+      {job && isOver(job) && job.state === 'done' && (
+        <Result id={job.id} lines={job.lines} files={job.files.map((one) => one.name)} />
+      )}
+    </div>
+  );
+}
+
+function Result(props: { id: string; lines: Json[]; files: string[] }) {
+  const line = lineWith<CameraLine>(props.lines, 'camera');
+  const views = useLoad(async () => parseCsv(await jobText(props.id, 'views.csv')).map(viewOf), [props.id]);
+  const used = (views.value ?? []).filter((one) => one.used).sort((a, b) => b.rms - a.rms);
+  const left = (views.value ?? []).filter((one) => !one.used);
+  const worst = Math.max(1e-9, ...used.map((one) => one.rms));
+  const drawn = props.files.filter((one) => one.startsWith('drawn/') && !one.endsWith('coverage.png'));
+  return (
+    <section class="stack" aria-labelledby="camera">
+      <h2 id="camera">The camera</h2>
+      {line && (
+        <>
+          <p class="numbers">
+            Error {line.rms.toFixed(3)} px, {line.used} of {line.pictures} pictures used,{' '}
+            {Math.round(100 * line.coverage)} % of the picture covered
+          </p>
+          {[...(line.warnings ?? []), ...(line.missing ?? []).map((one) => `Still to be shown: ${one}`)]
+            .length > 0 && (
+            <Notice>
+              <ul>
+                {(line.warnings ?? []).map((one) => (
+                  <li key={one}>{one}</li>
+                ))}
+                {(line.missing ?? []).map((one) => (
+                  <li key={one}>Still to be shown: {one}</li>
+                ))}
+              </ul>
+            </Notice>
+          )}
+          <Table
+            caption="The camera in numbers"
+            columns={[
+              { name: 'What', show: (one) => one.name },
+              { name: 'Value', show: (one) => one.value, number: true },
+              { name: 'Standard deviation', show: (one) => one.deviation, number: true },
+            ]}
+            rows={cameraRows(line)}
+            keyOf={(one) => one.name}
+          />
+        </>
+      )}
+      <p>
+        <a href={api.jobFileAddress(props.id, 'camera.yaml')} download="camera.yaml">
+          Download camera.yaml
+        </a>
+      </p>
+      <Table
+        caption="Views, largest error first"
+        columns={[
+          { name: 'Picture', show: (one: View) => one.picture },
+          {
+            name: 'Error',
+            show: (one) => (
+              <span class="bar-cell">
+                <meter min={0} max={worst} value={one.rms} aria-label={`Error of ${one.picture}`} />
+                {one.rms.toFixed(3)} px
+              </span>
+            ),
+          },
+          { name: 'Tilt, degrees', show: (one) => one.tilt.toFixed(0), number: true },
+          { name: 'Points', show: (one) => one.points, number: true },
+        ]}
+        rows={used}
+        keyOf={(one) => one.picture}
+      />
+      {left.length > 0 && (
+        <details>
+          <summary>{left.length} pictures were not used</summary>
+          <Table
+            caption="Pictures that were not used"
+            hideCaption
+            columns={[
+              { name: 'Picture', show: (one: View) => one.picture },
+              { name: 'Reason', show: (one) => one.reason },
+            ]}
+            rows={left}
+            keyOf={(one) => one.picture}
+          />
+        </details>
+      )}
+      {props.files.includes('drawn/coverage.png') && (
+        <figure class="picture">
+          <img
+            src={api.jobFileAddress(props.id, 'drawn/coverage.png')}
+            alt="What the views cover of the picture"
+          />
+          <figcaption>What the views cover</figcaption>
+        </figure>
+      )}
+      {drawn.length > 0 && (
+        <details>
+          <summary>Views with their corners; in red what the camera leaves, 20 times enlarged</summary>
+          <ul class="thumbs">
+            {drawn.slice(0, 24).map((one) => (
+              <li key={one}>
+                <a href={api.jobFileAddress(props.id, one)}>
+                  <img
+                    src={api.jobFileAddress(props.id, one)}
+                    alt={`View ${one.split('/').pop()}`}
+                    width={160}
+                    height={120}
+                    loading="lazy"
+                  />
+                </a>
+              </li>
+            ))}
+          </ul>
+        </details>
+      )}
+    </section>
+  );
+}

@@ -1,0 +1,126 @@
+// Plays with models: what each mode of shape and look does, what a patch sees.
+import { useState } from 'preact/hooks';
+import { api } from '../../api';
+import { useJobs, useLoad } from '../../hooks';
+import { AsyncButton, PageHead, Select } from '../../ui';
+import { annotations } from '../annotate/files';
+import { SessionActions, SessionPanel, SessionSliders, SetSource, StateList, useSessionState } from '../shared/parts';
+import { useAreaSession } from '../shared/sessions';
+
+const ships = { appearance: '', points: 'model:landmarks68' };
+
+export function Explore() {
+  const aam = useAreaSession('aam explore');
+  const show = useAreaSession('landmarks show');
+  const session = aam.id !== undefined ? aam : show;
+  const [what, setWhat] = useState('appearance');
+  const [model, setModel] = useState('');
+  const [on, setOn] = useState('');
+  const pictures = useLoad(async () => {
+    const sets = (await api.sets()).filter((one) => one.files > 0).slice(0, 8);
+    const all = await Promise.all(
+      sets.map(async (set) =>
+        (await api.setFiles(set.name))
+          .filter((file) => file.kind === 'image')
+          .slice(0, 20)
+          .map((file) => `set:${set.name}/${file.name}`),
+      ),
+    );
+    return all.flat();
+  });
+  const trained = useJobs(
+    (job) => job.state === 'done' && ['aam train', 'landmarks train tracker', 'landmarks train shape'].includes(job.verb),
+  );
+  const files = useLoad(async () => {
+    const all = await Promise.all(trained.jobs.slice(0, 20).map((job) => ((job.files ?? []).length > 0 ? job : api.job(job.id))));
+    return all.flatMap((job) =>
+      (job.files ?? [])
+        .filter((file) => file.name.endsWith('.json') && !file.name.includes('/'))
+        .map((file) => ({ verb: job.verb, value: `job:${job.id}/${file.name}`, label: `${job.name || job.verb}, ${job.id}` })),
+    );
+  }, [trained.jobs.map((job) => job.id).join(' ')]);
+  const sets = useLoad(annotations);
+  const isAppearance = what === 'appearance';
+  const models = isAppearance
+    ? [{ value: '', label: 'The face model that ships' }, ...(files.value ?? []).filter((one) => one.verb === 'aam train')]
+    : [
+        { value: '', label: 'The tracker of 68 points that ships' },
+        ...(files.value ?? []).filter((one) => one.verb !== 'aam train'),
+        ...(sets.value ?? []).map((one) => ({ value: `ws:${one.name}`, label: `Annotation ${one.name}` })),
+      ];
+  const start = async (picture: string) => {
+    const flags = picture === '' ? {} : { '--on': picture };
+    if (isAppearance) await aam.start(model === '' ? [] : [model], flags, 'Explore: appearance');
+    else await show.start([model === '' ? ships.points : model], flags, 'Explore: points');
+  };
+  return (
+    <>
+      <PageHead title="Explore" text="Move the sliders of a model and see what each of them means." />
+      {session.id !== undefined ? (
+        <Exploring id={session.id} onEnd={session.end} />
+      ) : (
+        <section class="card stack" aria-labelledby="what-to-explore">
+          <h2 id="what-to-explore">What to explore</h2>
+          <Select
+            label="Model of"
+            value={what}
+            options={[
+              { value: 'appearance', label: 'appearance: how faces look and vary' },
+              { value: 'points', label: 'points: what the tracker sees around each' },
+            ]}
+            onChange={(value) => {
+              setWhat(value);
+              setModel('');
+            }}
+          />
+          <Select label="File" value={model} options={models} onChange={setModel} />
+          <Select
+            label="On a picture"
+            value={on}
+            options={[
+              { value: '', label: 'on none' },
+              ...(pictures.value ?? []).map((one) => ({ value: one, label: one.replace(/^set:/, '') })),
+            ]}
+            onChange={setOn}
+            help="The model is fitted to the face of the picture; sliders then change that face."
+          />
+          <SetSource
+            kind="explore"
+            label="Or drop a picture of a face"
+            onSet={async (set) => {
+              const first = (await api.setFiles(set)).find((file) => file.kind === 'image');
+              if (first) setOn(`set:${set}/${first.name}`);
+              pictures.again();
+            }}
+          />
+          <div class="row">
+            <AsyncButton kind="main" run={() => start(on)}>
+              Explore
+            </AsyncButton>
+            <AsyncButton run={() => start('')}>Try with synthetic data</AsyncButton>
+          </div>
+          <p class="field-help">Without a picture the model draws faces that nobody has.</p>
+        </section>
+      )}
+    </>
+  );
+}
+
+function Exploring(props: { id: string; onEnd: () => Promise<void> }) {
+  const state = useSessionState(props.id);
+  const response = typeof state.response === 'number' ? state.response : null;
+  return (
+    <div class="split split-wide">
+      <SessionPanel id={props.id} title="What the model draws" onEnd={props.onEnd} />
+      <div class="stack">
+        <SessionActions id={props.id} label="Actions" without={['quit', 'help', 'pause', 'fullscreen']} />
+        <SessionSliders id={props.id} />
+        <StateList
+          state={state}
+          names={{ mode: 'Mode', patch: 'Patch', patches: 'Patches', picture: 'Picture', shape: 'Shape', look: 'Look' }}
+        />
+        {response !== null && <p class="numbers">Response at the best place: {response.toFixed(3)}</p>}
+      </div>
+    </div>
+  );
+}

@@ -1,0 +1,344 @@
+// Adding a person, step by step: what was agreed, pictures, what became of each.
+import { useEffect, useRef, useState } from 'preact/hooks';
+import { api } from '../../api';
+import { AsyncButton, Button, Checkbox, FileDrop, Notice, Progress, Table, TextField } from '../../ui';
+import { attempt } from '../../ui/toast';
+import { setName, uploadAll } from '../shared/files';
+import { drawnNames, drawnPeople } from './drawn';
+import { nameProblem, shotOf, type Person, type Shot } from './model';
+
+type Step = 'who' | 'pictures' | 'done';
+
+// What the pictures of a person are: uploaded ones in a set, or files of a job.
+interface Source {
+  set: string | null;
+  references: { name: string; reference: string }[];
+}
+
+export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext: () => void }) {
+  const [step, setStep] = useState<Step>('who');
+  const [name, setName_] = useState('');
+  const [note, setNote] = useState('');
+  const [agreed, setAgreed] = useState(false);
+  const [anyQuality, setAnyQuality] = useState(false);
+  const [tidy, setTidy] = useState(true);
+  const [source, setSource] = useState<Source | null>(null);
+  const [uploading, setUploading] = useState<{ done: number; total: number } | null>(null);
+  const [shots, setShots] = useState<Shot[]>([]);
+  const [working, setWorking] = useState<{ done: number; total: number } | null>(null);
+  const [drawing, setDrawing] = useState(false);
+  const head = useRef<HTMLHeadingElement>(null);
+  useEffect(() => head.current?.focus(), [step]);
+
+  const problem = nameProblem(name);
+  const ready = name.trim() !== '' && problem === '' && agreed && note.trim() !== '';
+  const known = props.people.find((one) => one.name === name.trim());
+
+  const take = async (files: { name: string; body: Blob }[]) => {
+    await attempt(async () => {
+      const set = source?.set ?? setName('person');
+      if (source?.set === undefined || source.set === null) await api.addSet(set);
+      const state = await uploadAll(set, files, setUploading);
+      setUploading(null);
+      const now = await api.setFiles(set);
+      setSource({
+        set,
+        references: now.map((one) => ({ name: one.name, reference: `set:${set}/${one.name}` })),
+      });
+      if (state.refused.length > 0) {
+        throw new Error(state.refused.map((one) => `${one.name}: ${one.reason}`).join(' '));
+      }
+    });
+    setUploading(null);
+  };
+
+  const enrol = async () => {
+    if (!source) return;
+    const results: Shot[] = [];
+    setWorking({ done: 0, total: source.references.length });
+    // One picture at a time, so that each has its own answer.
+    for (const one of source.references) {
+      const answer = await attempt(() =>
+        api.run('people enroll', [name.trim(), one.reference], {
+          '--note': note.trim(),
+          '--largest': true,
+          ...(anyQuality ? { '--any-quality': true } : {}),
+        }),
+      );
+      results.push(
+        shotOf(
+          one.name,
+          answer?.lines[answer.lines.length - 1],
+          answer?.error ?? 'the server did not answer',
+        ),
+      );
+      setShots([...results]);
+      setWorking({ done: results.length, total: source.references.length });
+    }
+    setWorking(null);
+    if (tidy && source.set !== null && results.some((one) => one.taken)) {
+      await attempt(() => api.removeSet(source.set!));
+    }
+    props.onEnrolled();
+    setStep('done');
+  };
+
+  const drawn = async (person: 0 | 1) => {
+    setDrawing(true);
+    await attempt(async () => {
+      const two = await drawnPeople();
+      setName_(drawnNames[person]);
+      setNote('A drawn head: nobody has this face.');
+      setAgreed(true);
+      setSource({
+        set: null,
+        references: two.shots[person].map((file) => ({
+          name: file.split('/').pop() ?? file,
+          reference: `job:${two.job}/${file}`,
+        })),
+      });
+      setStep('pictures');
+    });
+    setDrawing(false);
+  };
+
+  const again = () => {
+    setName_('');
+    setNote('');
+    setAgreed(false);
+    setSource(null);
+    setShots([]);
+    setStep('who');
+  };
+
+  const taken = shots.filter((one) => one.taken).length;
+  return (
+    <div class="stack wizard">
+      <ol class="steps" aria-label="Steps">
+        {(['who', 'pictures', 'done'] as Step[]).map((one, i) => (
+          <li key={one} aria-current={one === step ? 'step' : undefined}>
+            {i + 1}. {['Who, and what was agreed', 'Pictures', 'Done'][i]}
+          </li>
+        ))}
+      </ol>
+      {step === 'who' && (
+        <section class="card stack" aria-labelledby="step-who">
+          <h2 id="step-who" tabIndex={-1} ref={head}>
+            Who, and what was agreed
+          </h2>
+          <Notice>
+            <p>
+              A template made of a face is biometric data. Ask the person first, say what it is for and how
+              long it is kept, and write down what was agreed. You can show people what you hold of them, and
+              forget them at any time.
+            </p>
+            <p>
+              This is no lock: a photograph held before the camera is the person to it, and it is wrong at a
+              rate.
+            </p>
+          </Notice>
+          <TextField label="Name" value={name} onInput={setName_} problem={problem} required />
+          {known && (
+            <p class="field-help">
+              {known.name} is enrolled with {known.faces} faces; further faces are added.
+            </p>
+          )}
+          <TextField
+            label="What was agreed"
+            value={note}
+            onInput={setNote}
+            placeholder="agreed on 1 May: door camera, until she moves out"
+            required
+          />
+          <Checkbox label="This person has agreed" checked={agreed} onChange={setAgreed} />
+          <div class="row row-end">
+            <Button kind="main" disabled={!ready} onClick={() => setStep('pictures')}>
+              Next: pictures
+            </Button>
+          </div>
+          <hr />
+          <h3>Nobody to ask?</h3>
+          <p class="field-help">Two drawn people, whom nobody is:</p>
+          <div class="row">
+            {drawnNames.map((one, i) => (
+              <Button key={one} busy={drawing} onClick={() => void drawn(i as 0 | 1)}>
+                Try with synthetic data: {one}
+              </Button>
+            ))}
+          </div>
+        </section>
+      )}
+      {step === 'pictures' && (
+        <section class="card stack" aria-labelledby="step-pictures">
+          <h2 id="step-pictures" tabIndex={-1} ref={head}>
+            Pictures of {name.trim()}
+          </h2>
+          <p>
+            Five to ten pictures: from the front, turned a little to each side, up and down, in the light in
+            which the person is to be known.
+          </p>
+          <FileDrop
+            label="Photographs"
+            help="JPEG or PNG. On a phone this opens the camera, too."
+            accept="image/*"
+            multiple
+            disabled={uploading !== null || working !== null}
+            onFiles={(files) => void take(files.map((file) => ({ name: file.name, body: file })))}
+          />
+          <Camera onShot={(body, n) => void take([{ name: `shot-${n}.jpg`, body }])} />
+          {uploading && (
+            <Progress label="Uploading" done={uploading.done} total={uploading.total} unit="pictures" />
+          )}
+          {source && source.references.length > 0 && (
+            <ul class="thumbs" aria-label="Pictures to enrol">
+              {source.references.map((one, i) => (
+                <li key={one.reference}>
+                  <img src={thumb(one.reference)} alt="" width={120} height={90} loading="lazy" />
+                  <span>{one.name}</span>
+                  {shots[i] && (
+                    <span class={shots[i].taken ? 'chip chip-good' : 'chip chip-bad'}>
+                      {shots[i].taken ? 'taken' : 'not taken'}
+                    </span>
+                  )}
+                </li>
+              ))}
+            </ul>
+          )}
+          <Checkbox
+            label="Take also faces of poor quality"
+            checked={anyQuality}
+            onChange={setAnyQuality}
+            help="Small, blurred, turned, dark. Better is one more good picture."
+          />
+          {source?.set && (
+            <Checkbox
+              label="Remove the photographs from the server afterwards"
+              checked={tidy}
+              onChange={setTidy}
+            />
+          )}
+          {working && (
+            <Progress label="Enrolling" done={working.done} total={working.total} unit="pictures" />
+          )}
+          <div class="row row-end">
+            <Button disabled={working !== null} onClick={() => setStep('who')}>
+              Back
+            </Button>
+            <AsyncButton
+              kind="main"
+              disabled={!source || source.references.length === 0 || uploading !== null}
+              run={enrol}
+            >
+              Enrol
+            </AsyncButton>
+          </div>
+        </section>
+      )}
+      {step === 'done' && (
+        <section class="card stack" aria-labelledby="step-done">
+          <h2 id="step-done" tabIndex={-1} ref={head}>
+            {name.trim()}: {taken} of {shots.length} pictures were taken
+          </h2>
+          {taken === 0 && (
+            <Notice kind="problem">No face was good enough. The table says why, and what helps.</Notice>
+          )}
+          {taken > 0 && taken < 5 && (
+            <Notice>Five or more make a better template. Add some when you can.</Notice>
+          )}
+          <Table
+            caption="What became of each picture"
+            columns={[
+              { name: 'Picture', show: (one) => one.name },
+              { name: 'Taken', show: (one) => (one.taken ? 'yes' : 'no') },
+              { name: 'Why not, and what helps', show: (one) => one.reason },
+            ]}
+            rows={shots}
+            keyOf={(_, i) => i}
+          />
+          <div class="row row-end">
+            <Button onClick={again}>Add another person</Button>
+            <Button kind="main" onClick={props.onNext}>
+              Try it: who is this?
+            </Button>
+          </div>
+        </section>
+      )}
+    </div>
+  );
+}
+
+function thumb(reference: string): string {
+  const found = /^(set|job):([^/]+)\/(.+)$/.exec(reference);
+  if (!found) return '';
+  return found[1] === 'set'
+    ? api.setFileAddress(found[2]!, found[3]!, 160)
+    : api.jobFileAddress(found[2]!, found[3]!);
+}
+
+// The viewer's own camera, one picture at a time. Browsers allow it on this machine and over https.
+function Camera(props: { onShot: (picture: Blob, n: number) => void }) {
+  const video = useRef<HTMLVideoElement>(null);
+  const stream = useRef<MediaStream | undefined>(undefined);
+  const [on, setOn] = useState(false);
+  const [problem, setProblem] = useState('');
+  const shots = useRef(0);
+  const stop = () => {
+    for (const track of stream.current?.getTracks() ?? []) track.stop();
+    stream.current = undefined;
+    setOn(false);
+  };
+  useEffect(() => stop, []);
+  const start = async () => {
+    setProblem('');
+    if (!navigator.mediaDevices) {
+      setProblem(
+        'The browser gives its camera only on this machine itself, or over https (tarsier serve --tls-self-signed).',
+      );
+      return;
+    }
+    try {
+      stream.current = await navigator.mediaDevices.getUserMedia({
+        video: { width: 1280, facingMode: 'user' },
+      });
+      setOn(true);
+      if (video.current) {
+        video.current.srcObject = stream.current;
+        await video.current.play();
+      }
+    } catch {
+      setProblem('The camera was not allowed, or there is none.');
+    }
+  };
+  const shoot = () => {
+    const one = video.current;
+    if (!one || one.videoWidth === 0) return;
+    const canvas = document.createElement('canvas');
+    canvas.width = one.videoWidth;
+    canvas.height = one.videoHeight;
+    canvas.getContext('2d')?.drawImage(one, 0, 0);
+    canvas.toBlob(
+      (blob) => {
+        if (blob) props.onShot(blob, ++shots.current);
+      },
+      'image/jpeg',
+      0.92,
+    );
+  };
+  return (
+    <div class="stack">
+      <video ref={video} class={on ? 'shot' : 'unseen'} muted playsInline aria-label="Your camera" />
+      <div class="row">
+        {!on && <AsyncButton run={start}>Use my camera</AsyncButton>}
+        {on && (
+          <>
+            <Button kind="main" onClick={shoot}>
+              Take a picture
+            </Button>
+            <Button onClick={stop}>Camera off</Button>
+          </>
+        )}
+      </div>
+      {problem && <Notice kind="problem">{problem}</Notice>}
+    </div>
+  );
+}

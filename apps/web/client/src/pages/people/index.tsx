@@ -1,0 +1,268 @@
+// The gallery: who is enrolled, adding people, naming them, forgetting them.
+import { useState } from 'preact/hooks';
+import { api } from '../../api';
+import { bytesText, timeText } from '../../format';
+import { useLoad } from '../../hooks';
+import {
+  AsyncButton,
+  Button,
+  Confirm,
+  Dialog,
+  JobCard,
+  Notice,
+  PageHead,
+  Select,
+  Table,
+  Tabs,
+} from '../../ui';
+import { attempt, toast } from '../../ui/toast';
+import { save } from '../shared/files';
+import { useJob } from '../shared/jobs';
+import { Enrol } from './enrol';
+import { Identify } from './identify';
+import { LivePeople } from './live_people';
+import { personOf, proofOf, sightingOf, type Person, type Proof } from './model';
+
+const tabs = [
+  { id: 'gallery', label: 'Gallery' },
+  { id: 'add', label: 'Add a person' },
+  { id: 'who', label: 'Who is this?' },
+  { id: 'live', label: 'Live' },
+];
+
+export function People() {
+  const [tab, setTab] = useState('gallery');
+  const people = useLoad(async () => {
+    const answer = await api.run('people list');
+    return answer.lines.map(personOf).filter((one): one is Person => one !== null);
+  });
+  return (
+    <>
+      <PageHead
+        title="People"
+        text="Enrols faces, names them again or says unknown, and forgets for good. All of it stays on this machine."
+      />
+      <Tabs label="People" tabs={tabs} value={tab} onChange={setTab}>
+        {tab === 'gallery' && (
+          <Gallery
+            people={people.value ?? []}
+            error={people.error}
+            again={people.again}
+            onAdd={() => setTab('add')}
+          />
+        )}
+        {tab === 'add' && (
+          <Enrol people={people.value ?? []} onEnrolled={people.again} onNext={() => setTab('who')} />
+        )}
+        {tab === 'who' && <Identify people={people.value ?? []} />}
+        {tab === 'live' && <LivePeople onChange={people.again} />}
+      </Tabs>
+    </>
+  );
+}
+
+function Gallery(props: { people: Person[]; error: string; again: () => void; onAdd: () => void }) {
+  const [forgetting, setForgetting] = useState<string | null>(null);
+  const [proof, setProof] = useState<Proof | null>(null);
+  const [exported, setExported] = useState<string>();
+  const job = useJob(exported);
+  const [keep, setKeep] = useState('30d');
+  const sightings = useLoad(async () => {
+    const answer = await api.run('people list', [], { '--sightings': true, '--limit': 100 });
+    return answer.lines.map(sightingOf).filter((one) => one !== null);
+  });
+  const forget = async (name: string) => {
+    setForgetting(null);
+    await attempt(async () => {
+      const answer = await api.run('people forget', [name]);
+      const found = answer.lines.map(proofOf).find((one) => one !== null);
+      if (!found) throw new Error(answer.error || `${name} could not be forgotten.`);
+      setProof(found);
+      props.again();
+      sightings.again();
+    });
+  };
+  return (
+    <div class="stack">
+      {props.error && <Notice kind="problem">{props.error}</Notice>}
+      <section class="stack" aria-labelledby="enrolled">
+        <h2 id="enrolled">Who is enrolled</h2>
+        <Table
+          caption="People of the gallery"
+          hideCaption
+          columns={[
+            { name: 'Name', show: (one) => <strong class="wrap">{one.name}</strong> },
+            { name: 'Faces', show: (one) => one.faces, number: true },
+            { name: 'What was agreed', show: (one) => one.note || 'no note' },
+            { name: 'Since', show: (one) => timeText(one.time) },
+            {
+              name: 'Forget',
+              show: (one) => (
+                <Button
+                  small
+                  kind="danger"
+                  aria-label={`Forget ${one.name}`}
+                  onClick={() => setForgetting(one.name)}
+                >
+                  Forget
+                </Button>
+              ),
+            },
+          ]}
+          rows={props.people}
+          keyOf={(one) => one.name}
+          empty="Nobody is enrolled."
+        />
+        <div class="row">
+          <Button kind="main" onClick={props.onAdd}>
+            Add a person
+          </Button>
+          <AsyncButton
+            disabled={props.people.length === 0}
+            run={async () => {
+              const started = await attempt(() =>
+                api.startJob({
+                  verb: 'people export',
+                  inputs: [],
+                  flags: { '--output': 'out:gallery' },
+                  name: 'Export of the gallery',
+                }),
+              );
+              if (started) setExported(started.id);
+            }}
+          >
+            Export all that is stored
+          </AsyncButton>
+        </div>
+        {job && (
+          <>
+            <JobCard job={job} onChange={() => setExported(undefined)} />
+            <p class="field-help">
+              Remove the export when you have it: a copy on the server is found, and named, when somebody is
+              forgotten.
+            </p>
+          </>
+        )}
+      </section>
+      <section class="stack" aria-labelledby="sightings">
+        <h2 id="sightings">Who was seen</h2>
+        <p class="field-help">
+          Live recognition can keep when it saw whom. Such a list is personal data, too: keep it no longer
+          than needed.
+        </p>
+        <Table
+          caption="The last sightings"
+          hideCaption
+          columns={[
+            { name: 'When', show: (one) => timeText(one!.time) },
+            { name: 'Who', show: (one) => (one!.known ? one!.label : 'unknown') },
+            { name: 'Sure', show: (one) => `${(100 * one!.confidence).toFixed(0)} %`, number: true },
+            { name: 'Source', show: (one) => one!.source },
+          ]}
+          rows={sightings.value ?? []}
+          keyOf={(_, i) => i}
+          empty="No sightings are kept."
+        />
+        <div class="row row-fields">
+          <Select
+            label="Keep sightings"
+            value={keep}
+            options={[
+              { value: '1d', label: 'for a day' },
+              { value: '7d', label: 'for a week' },
+              { value: '30d', label: 'for 30 days' },
+              { value: '90d', label: 'for 90 days' },
+            ]}
+            onChange={setKeep}
+          />
+          <AsyncButton
+            run={async () => {
+              await attempt(async () => {
+                const answer = await api.run('people list', [], { '--sightings': true, '--keep': keep });
+                if (answer.exit !== 0 && answer.error) throw new Error(answer.error);
+                toast('Older sightings were deleted.', 'good');
+                sightings.again();
+              });
+            }}
+          >
+            Delete what is older
+          </AsyncButton>
+        </div>
+      </section>
+      <Confirm
+        title={`Forget ${forgetting ?? ''}?`}
+        text="All faces, templates and sightings of this person are removed for good. Then all files of the workspace are searched for what was removed, and you see the proof."
+        yes="Forget"
+        open={forgetting !== null}
+        onYes={() => void (forgetting !== null && forget(forgetting))}
+        onClose={() => setForgetting(null)}
+      />
+      <Dialog title="Forgotten" open={proof !== null} onClose={() => setProof(null)} wide>
+        {proof && <ProofView proof={proof} />}
+      </Dialog>
+    </div>
+  );
+}
+
+function ProofView({ proof }: { proof: Proof }) {
+  return (
+    <div class="stack">
+      {proof.proven ? (
+        <Notice kind="good">
+          {proof.name}: {proof.faces} faces and {proof.sightings} sightings were removed. None of them is left
+          in the files of this workspace.
+        </Notice>
+      ) : (
+        <Notice kind="problem">
+          {proof.name} was removed from the gallery, but it is not proven that nothing is left.
+        </Notice>
+      )}
+      <dl class="state-list">
+        <div>
+          <dt>Pieces that were looked for</dt>
+          <dd>
+            {proof.pieces_searched} of {proof.pieces}
+          </dd>
+        </div>
+        <div>
+          <dt>Files that were searched</dt>
+          <dd>
+            {proof.searched.length}, {bytesText(proof.bytes)}
+          </dd>
+        </div>
+      </dl>
+      {proof.left_in.length > 0 && (
+        <>
+          <p>Pieces are still in these files. Delete them, then look again:</p>
+          <ul class="file-list">
+            {proof.left_in.map((one) => (
+              <li key={one}>{one}</li>
+            ))}
+          </ul>
+        </>
+      )}
+      {proof.unproven > 0 && (
+        <p>
+          {proof.unproven} faces or templates could not be looked for: somebody else has the same (
+          {proof.shared_with.join(', ')}).
+        </p>
+      )}
+      {[...proof.unread, ...proof.skipped].length > 0 && (
+        <p>Not looked into: {[...proof.unread, ...proof.skipped].slice(0, 20).join(', ')}</p>
+      )}
+      <p class="field-help">
+        Backups, other disks and photographs that were uploaded are not part of this: sets stay until you
+        remove them.
+      </p>
+      <div class="row row-end">
+        <Button
+          onClick={() =>
+            save('proof.json', new Blob([JSON.stringify(proof, null, 1)], { type: 'application/json' }))
+          }
+        >
+          Download the proof
+        </Button>
+      </div>
+    </div>
+  );
+}

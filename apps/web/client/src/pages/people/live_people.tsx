@@ -1,0 +1,148 @@
+// Recognising, and adding, people before a camera.
+import { useState } from 'preact/hooks';
+import type { Json } from '../../api';
+import { AsyncButton, Checkbox, Notice, Select, Table, TextField } from '../../ui';
+import {
+  filled,
+  SessionActions,
+  SessionPanel,
+  SourceSelect,
+  StateList,
+  useSessionState,
+} from '../shared/parts';
+import { useAreaSession } from '../shared/sessions';
+
+const portrait = { id: 'synth:portrait?live=1', name: 'Synthetic portrait' };
+
+interface Recognised {
+  label: string | null;
+  known: boolean;
+  confidence: number;
+}
+
+const recognisedOf = (value: Json | undefined): Recognised[] =>
+  Array.isArray(value) ? (value as unknown as Recognised[]) : [];
+
+export function LivePeople(props: { onChange: () => void }) {
+  const adding = useAreaSession('people live');
+  const naming = useAreaSession('people identify');
+  const session = adding.id !== undefined ? adding : naming;
+  const [mode, setMode] = useState<'identify' | 'live'>('identify');
+  const [source, setSource] = useState(portrait.id);
+  const [keep, setKeep] = useState('');
+  const [names, setNames] = useState('');
+  const [note, setNote] = useState('');
+  const [agreed, setAgreed] = useState(false);
+  const state = useSessionState(session.id);
+  const start = async () => {
+    if (mode === 'live') {
+      await adding.start(
+        [source],
+        filled({ '--names': names.trim(), '--note': note.trim() }),
+        'People, live',
+      );
+    } else {
+      await naming.start([source], filled({ '--keep': keep }), 'Who is there');
+    }
+  };
+  if (session.id !== undefined) {
+    const faces = recognisedOf(state.recognized);
+    const prompt = typeof state.prompt === 'string' ? state.prompt : '';
+    const message = typeof state.message === 'string' ? state.message : '';
+    return (
+      <div class="split">
+        <SessionPanel
+          id={session.id}
+          title="People before the camera"
+          onEnd={async () => {
+            await session.end();
+            props.onChange();
+          }}
+        />
+        <div class="stack">
+          {adding.id !== undefined && (
+            <SessionActions
+              id={session.id}
+              label="Actions"
+              names={['add', 'train', 'delete', 'confirm', 'cancel', 'debug', 'pause']}
+            />
+          )}
+          {adding.id === undefined && (
+            <SessionActions id={session.id} label="Actions" without={['quit', 'help']} />
+          )}
+          {(prompt || message) && (
+            <p class="numbers" role="status">
+              {[message, prompt].filter((one) => one !== '').join('. ')}
+            </p>
+          )}
+          <StateList
+            state={state}
+            names={{ mode: 'Mode', faces: 'Faces', known: 'Known', collecting: 'Collecting' }}
+          />
+          {faces.length > 0 && (
+            <Table
+              caption="Who is there"
+              columns={[
+                { name: 'Who', show: (one) => (one.known ? (one.label ?? 'unknown') : 'unknown') },
+                { name: 'Sure', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
+              ]}
+              rows={faces}
+              keyOf={(_, i) => i}
+            />
+          )}
+        </div>
+      </div>
+    );
+  }
+  const ready = mode === 'identify' || (agreed && note.trim() !== '');
+  return (
+    <section class="card stack" aria-labelledby="live-people">
+      <h2 id="live-people">Before a camera</h2>
+      <SourceSelect label="Source" value={source} own={portrait} onChange={setSource} />
+      <Select
+        label="What to do"
+        value={mode}
+        options={[
+          { value: 'identify', label: 'Say who is there' },
+          { value: 'live', label: 'Add people, then say who is there' },
+        ]}
+        onChange={(value) => setMode(value as 'identify' | 'live')}
+      />
+      {mode === 'identify' && (
+        <Select
+          label="Keep who was seen when"
+          value={keep}
+          options={[
+            { value: '', label: 'do not keep it' },
+            { value: '1d', label: 'for a day' },
+            { value: '7d', label: 'for a week' },
+            { value: '30d', label: 'for 30 days' },
+          ]}
+          onChange={setKeep}
+        />
+      )}
+      {mode === 'live' && (
+        <>
+          <Notice>
+            A template made of a face is biometric data. Ask each person first, and write down what was
+            agreed.
+          </Notice>
+          <TextField
+            label="Names, in the order in which they are added"
+            value={names}
+            onInput={setNames}
+            placeholder="Ann,Ben"
+            help="With commas. Without names they are Person 1, Person 2 ..."
+          />
+          <TextField label="What was agreed" value={note} onInput={setNote} required />
+          <Checkbox label="These people have agreed" checked={agreed} onChange={setAgreed} />
+        </>
+      )}
+      <div class="row">
+        <AsyncButton kind="main" disabled={!ready} run={start}>
+          Start
+        </AsyncButton>
+      </div>
+    </section>
+  );
+}

@@ -1,0 +1,148 @@
+// What the People page knows of the lines of `people ..`: pure.
+
+export interface Person {
+  name: string;
+  faces: number;
+  note: string;
+  time: string;
+}
+
+export interface Sighting {
+  time: string;
+  source: string;
+  label: string;
+  known: boolean;
+  confidence: number;
+}
+
+export interface Proof {
+  name: string;
+  faces: number;
+  sightings: number;
+  pieces: number;
+  pieces_searched: number;
+  searched: string[];
+  bytes: number;
+  left_in: string[];
+  unread: string[];
+  skipped: string[];
+  shared_with: string[];
+  unproven: number;
+  proven: boolean;
+}
+
+export interface Shot {
+  name: string;
+  taken: boolean;
+  reason: string;
+}
+
+type Fields = Record<string, unknown>;
+const fields = (line: unknown): Fields | null =>
+  typeof line === 'object' && line !== null && !Array.isArray(line) ? (line as Fields) : null;
+const word = (value: unknown) => (typeof value === 'string' ? value : '');
+const count = (value: unknown) => (typeof value === 'number' && Number.isFinite(value) ? value : 0);
+const list = (value: unknown) => (Array.isArray(value) ? value.map(String) : []);
+
+export function personOf(line: unknown): Person | null {
+  const v = fields(line);
+  if (!v || typeof v.name !== 'string' || typeof v.faces !== 'number') return null;
+  return { name: v.name, faces: v.faces, note: word(v.note), time: word(v.time) };
+}
+
+export function sightingOf(line: unknown): Sighting | null {
+  const v = fields(line);
+  if (!v || typeof v.time !== 'string' || !('known' in v)) return null;
+  return {
+    time: v.time,
+    source: word(v.source),
+    label: word(v.label),
+    known: v.known === true,
+    confidence: count(v.confidence),
+  };
+}
+
+export function proofOf(line: unknown): Proof | null {
+  const v = fields(line);
+  if (!v || !('proven' in v)) return null;
+  return {
+    name: word(v.name),
+    faces: count(v.faces),
+    sightings: count(v.sightings),
+    pieces: count(v.pieces),
+    pieces_searched: count(v.pieces_searched),
+    searched: list(v.searched),
+    bytes: count(v.bytes),
+    left_in: list(v.left_in),
+    unread: list(v.unread),
+    skipped: list(v.skipped),
+    shared_with: list(v.shared_with),
+    unproven: count(v.unproven),
+    proven: v.proven === true,
+  };
+}
+
+// What to do about a reason for which a face was not taken.
+const advice: readonly [RegExp, string][] = [
+  [/no face/, 'no face was found: look into the camera, face upright, nothing before it'],
+  [/several|more than one/, 'more than one face: take a picture of this person alone'],
+  [/small/, 'the face is too small: go nearer'],
+  [/blur|sharp/, 'blurred: hold still, more light'],
+  [/turn/, 'turned away: look more towards the camera'],
+  [/tilt/, 'tilted: hold the head upright'],
+  [/dark/, 'too dark: more light on the face'],
+  [/bright|light|grey/, 'the light is not right: neither very dark nor very bright'],
+  [/contrast/, 'too little contrast: more light from one side'],
+  [/clip/, 'parts are burnt out or black: softer light'],
+  [/uneven|side/, 'lit from one side: turn towards the light'],
+  [/alike|differ|same/, 'too much like one that was taken: turn the head a little'],
+  [/soon/, 'too soon after the last one'],
+];
+
+export function adviceFor(reason: string): string {
+  const found = advice.find(([pattern]) => pattern.test(reason.toLowerCase()));
+  return found ? found[1] : reason;
+}
+
+// What became of one picture, of the line of `people enroll` for it alone.
+export function shotOf(name: string, line: unknown, error: string): Shot {
+  const v = fields(line);
+  if (v && count(v.added) > 0) return { name, taken: true, reason: '' };
+  const refused = v ? fields(v.refused) : null;
+  const reasons = refused ? Object.keys(refused) : [];
+  return { name, taken: false, reason: reasons.map(adviceFor).join('; ') || error || 'no face was taken' };
+}
+
+export interface Named {
+  box: [number, number, number, number];
+  label: string | null;
+  known: boolean;
+  confidence: number;
+}
+
+export function namedOf(line: unknown): Named[] {
+  const v = fields(line);
+  if (!v || !Array.isArray(v.faces)) return [];
+  return v.faces.flatMap((face) => {
+    const f = fields(face);
+    if (!f || !Array.isArray(f.box) || f.box.length !== 4) return [];
+    return [
+      {
+        box: f.box.map(count) as Named['box'],
+        label: typeof f.label === 'string' ? f.label : null,
+        known: f.known === true,
+        confidence: count(f.confidence),
+      },
+    ];
+  });
+}
+
+// A name that the gallery takes: up to 200 bytes, one line.
+export function nameProblem(name: string): string {
+  const text = name.trim();
+  if (text === '') return '';
+  if (new TextEncoder().encode(text).length > 200) return 'A name has 200 bytes at most.';
+  // eslint-disable-next-line no-control-regex
+  if (/[\u0000-\u001f\u007f]/.test(text)) return 'A name is one line.';
+  return '';
+}

@@ -1,0 +1,234 @@
+// How good a model is: its figures beside those of what ships, worst cases first.
+import { useEffect, useState } from 'preact/hooks';
+import { api, verbHelp, type Flags, type Job, type VerbHelp } from '../../api';
+import { cellText } from '../../format';
+import { useJobs, useLoad } from '../../hooks';
+import { JobCard, Notice, Select, Table, VerbForm } from '../../ui';
+import { attempt } from '../../ui/toast';
+import { addressOf } from '../shared/files';
+import { isOver, jobText, useJob } from '../shared/jobs';
+import { compare, parseCsv, worstFirst, type Comparison } from './curves';
+import { DataSource } from './index';
+import { judgeRequest, judgeVerbs, wordFor } from './verbs';
+
+interface Running {
+  verb: number;
+  mine: string | null;
+  shipped: string | null;
+}
+
+export function Judge(props: { start: { model: string; verb: string; data: string } | null }) {
+  const first = Math.max(
+    0,
+    judgeVerbs.findIndex((one) => one.trains === props.start?.verb),
+  );
+  const [number, setNumber] = useState(first);
+  const [data, setData] = useState(props.start?.data ?? '');
+  const [model, setModel] = useState(props.start?.model ?? '');
+  const [withShipped, setWithShipped] = useState('yes');
+  const [verbs, setVerbs] = useState<VerbHelp[]>([]);
+  const [running, setRunning] = useState<Running | null>(null);
+  const trained = useJobs((job) => job.state === 'done');
+  useEffect(() => {
+    verbHelp().then(
+      (help) => setVerbs(help.verbs),
+      () => undefined,
+    );
+  }, []);
+  const chosen = judgeVerbs[number]!;
+  const verb = verbs.find((one) => one.verb === chosen.verb);
+  const models = useLoad(async () => {
+    const jobs = trained.jobs.filter((job) => job.verb === chosen.trains).slice(0, 20);
+    const all = await Promise.all(jobs.map(async (job) => ((job.files ?? []).length > 0 ? job : api.job(job.id))));
+    return all.flatMap((job) =>
+      (job.files ?? [])
+        .filter((file) => file.name.endsWith('.json') && !file.name.includes('/'))
+        .map((file) => ({ value: `job:${job.id}/${file.name}`, label: `${job.name || job.verb}, ${job.id}` })),
+    );
+  }, [trained.jobs.map((job) => job.id).join(' '), number]);
+  const options = [{ value: '', label: 'Only what ships' }, ...(models.value ?? [])];
+  if (model !== '' && !options.some((one) => one.value === model)) options.push({ value: model, label: model });
+
+  const judge = async (flags: Flags) => {
+    const start = async (which: string | null, name: string) => {
+      const request = judgeRequest(chosen, data, which, flags);
+      return (await api.startJob({ verb: chosen.verb, ...request, name })).id;
+    };
+    await attempt(async () => {
+      const mine = model === '' ? null : await start(model, `Judge: ${chosen.title}, mine`);
+      const shipped = model === '' || withShipped === 'yes' ? await start(null, `Judge: ${chosen.title}, what ships`) : null;
+      setRunning({ verb: number, mine, shipped });
+    });
+  };
+
+  return (
+    <div class="split">
+      <section class="card stack" aria-labelledby="what-to-judge">
+        <h2 id="what-to-judge">What to judge</h2>
+        <Select
+          label="Kind"
+          value={String(number)}
+          options={judgeVerbs.map((one, i) => ({ value: String(i), label: one.title }))}
+          onChange={(value) => {
+            const next = Number(value);
+            if (judgeVerbs[next]!.data !== chosen.data) setData('');
+            setModel('');
+            setNumber(next);
+          }}
+        />
+        <Select label="Model" value={model} options={options} onChange={setModel} />
+        {model !== '' && (
+          <Select
+            label="Compare"
+            value={withShipped}
+            options={[
+              { value: 'yes', label: 'with what ships' },
+              { value: 'no', label: 'with nothing' },
+            ]}
+            onChange={setWithShipped}
+          />
+        )}
+        {verb && (
+          <VerbForm
+            key={`${chosen.verb} ${chosen.model}`}
+            verb={{ ...verb, inputs: [] }}
+            inputs={data === '' ? [] : [data]}
+            options={{ only: [...chosen.only] }}
+            submit="Judge"
+            ready={data !== ''}
+            onSubmit={judge}
+          >
+            <DataSource kind={chosen.data} value={data} onChange={setData} />
+            <p class="field-help">
+              Judge on pictures that the model has not learnt from: with "hold out" 3 in training and "held out" 3 here, each
+              third picture.
+            </p>
+          </VerbForm>
+        )}
+      </section>
+      <section class="stack" aria-labelledby="judged">
+        <h2 id="judged">Figures</h2>
+        {running ? <Result key={`${running.mine} ${running.shipped}`} running={running} /> : <p class="faint">Nothing was judged yet.</p>}
+      </section>
+    </div>
+  );
+}
+
+// The object of figures that a job printed: the last line without a picture's name.
+function figuresOf(job: Job | undefined): unknown {
+  const lines = job?.lines ?? [];
+  for (let i = lines.length - 1; i >= 0; i--) {
+    const line = lines[i];
+    if (typeof line === 'object' && line !== null && !Array.isArray(line) && !('image' in line)) return line;
+  }
+  return undefined;
+}
+
+function Result({ running }: { running: Running }) {
+  const mine = useJob(running.mine ?? undefined);
+  const shipped = useJob(running.shipped ?? undefined);
+  const main = mine ?? shipped;
+  const ready =
+    (running.mine === null || isOver(mine)) && (running.shipped === null || isOver(shipped)) && main !== undefined;
+  const rows = ready ? compare(figuresOf(mine), figuresOf(shipped)) : [];
+  const word: Record<string, string> = { mine: 'mine', shipped: 'what ships', same: 'equal' };
+  const columns = [
+    { name: 'What', show: (one: Comparison) => wordFor(one.name) },
+    ...(running.mine !== null
+      ? [{ name: 'Mine', show: (one: Comparison) => (one.mine === null ? '' : cellText(one.mine)), number: true }]
+      : []),
+    ...(running.shipped !== null
+      ? [{ name: 'What ships', show: (one: Comparison) => (one.shipped === null ? '' : cellText(one.shipped)), number: true }]
+      : []),
+    ...(running.mine !== null && running.shipped !== null
+      ? [{ name: 'Better', show: (one: Comparison) => (one.better === null ? '' : word[one.better]) }]
+      : []),
+  ];
+  return (
+    <>
+      {mine && <JobCard job={mine} />}
+      {shipped && <JobCard job={shipped} />}
+      {rows.length > 0 && <Table caption="Figures" columns={columns} rows={rows} keyOf={(one) => one.name} />}
+      {ready && main && <Worst job={main} />}
+    </>
+  );
+}
+
+function Worst({ job }: { job: Job }) {
+  const has = (job.files ?? []).some((file) => file.name === 'cases.csv');
+  const cases = useLoad(async () => (has ? worstFirst(parseCsv(await jobText(job.id, 'cases.csv'))) : []), [job.id, has]);
+  const found = useLoad(async () => {
+    const points = new Map<string, [number, number][]>();
+    if (!(job.files ?? []).some((file) => file.name === 'found.jsonl')) return points;
+    for (const line of (await jobText(job.id, 'found.jsonl')).split('\n')) {
+      if (line.trim() === '') continue;
+      const one = JSON.parse(line) as { image?: string; points?: [number, number][] };
+      if (one.image && Array.isArray(one.points)) points.set(one.image, one.points);
+    }
+    return points;
+  }, [job.id]);
+  if (!has) return null;
+  const rows = cases.value ?? [];
+  const names = Object.keys(rows[0] ?? {});
+  return (
+    <>
+      <h3>Worst cases first</h3>
+      {cases.error && <Notice kind="problem">{cases.error}</Notice>}
+      <ul class="thumbs">
+        {rows.slice(0, 6).map((row) => (
+          <li key={row.image}>
+            <Case name={row.image ?? ''} data={job.inputs?.[0] ?? ''} points={found.value?.get(row.image ?? '')} />
+            <span class="wrap">
+              {(row.image ?? '').split('/').pop()}: {caseText(row)}
+            </span>
+          </li>
+        ))}
+      </ul>
+      <Table
+        caption="All cases"
+        hideCaption
+        columns={names.map((name) => ({
+          name: wordFor(name),
+          show: (row: Record<string, string>) => (name === 'image' ? (row[name]!.split('/').pop() ?? '') : row[name]),
+        }))}
+        rows={rows.slice(0, 200)}
+        keyOf={(_, i) => i}
+      />
+    </>
+  );
+}
+
+function caseText(row: Record<string, string>): string {
+  if (row.missed === '1') return 'not found';
+  if (row.wrong === '1') return 'another face';
+  if (row.nme !== undefined) return `${Number(row.nme).toFixed(1)} %`;
+  if (row.truth !== undefined) return `${row.truth} read as ${row.text || 'nothing'}`;
+  return '';
+}
+
+// The picture of a case with the points that were found.
+function Case(props: { name: string; data: string; points: [number, number][] | undefined }) {
+  const [size, setSize] = useState<{ w: number; h: number } | null>(null);
+  // Names in the table are paths, or names beside the data.
+  const base = props.data.replace(/\/[^/]*$/, '');
+  const address =
+    addressOf(props.name) ?? (props.data.startsWith('job:') || props.data.startsWith('set:') ? addressOf(`${base}/${props.name}`) : null);
+  if (!address) return <p class="faint">no picture</p>;
+  return (
+    <span class="boxed">
+      <img
+        src={address}
+        alt={`Picture ${props.name.split('/').pop()}`}
+        loading="lazy"
+        onLoad={(event) => setSize({ w: event.currentTarget.naturalWidth, h: event.currentTarget.naturalHeight })}
+      />
+      {size && props.points && (
+        <svg viewBox={`0 0 ${size.w} ${size.h}`} aria-hidden="true">
+          {props.points.map((point, i) => (
+            <circle key={i} class="found" cx={point[0]} cy={point[1]} r={size.w / 160} />
+          ))}
+        </svg>
+      )}
+    </span>
+  );
+}

@@ -1,0 +1,220 @@
+// The verbs that train and judge, and what they take: pure.
+import type { Flags } from '../../api';
+
+export type DataKind = 'points' | 'plates' | 'heads' | 'gallery';
+
+export interface TrainVerb {
+  verb: string;
+  title: string;
+  data: DataKind;
+  only: readonly string[];
+  output: string; // name of the model
+}
+
+export const trainVerbs: readonly TrainVerb[] = [
+  {
+    verb: 'landmarks train tracker',
+    title: 'Points: a tracker, all parts in one file',
+    data: 'points',
+    only: ['--hold-out', '--mirror', '--turned', '--trees', '--depth', '--levels', '--modes', '--patch', '--seed'],
+    output: 'tracker.json',
+  },
+  {
+    verb: 'landmarks train shape',
+    title: 'Points: the shape model alone',
+    data: 'points',
+    only: ['--hold-out', '--mirror', '--variance', '--modes'],
+    output: 'shape.json',
+  },
+  {
+    verb: 'landmarks train face-detector',
+    title: 'Points: a detector of what has them',
+    data: 'points',
+    only: ['--hold-out', '--window', '--c', '--epsilon', '--upsample', '--mirror'],
+    output: 'detector.json',
+  },
+  {
+    verb: 'aam train',
+    title: 'Appearance model',
+    data: 'points',
+    only: ['--hold-out', '--channels', '--width', '--levels', '--variance', '--modes', '--texture-modes', '--mirror'],
+    output: 'aam.json',
+  },
+  {
+    verb: 'pose train-head',
+    title: 'Head in 3D, of points of turned faces',
+    data: 'points',
+    only: ['--modes', '--iterations', '--outer-eye-mm', '--distance-mm'],
+    output: 'head.json',
+  },
+  {
+    verb: 'pose train-view',
+    title: 'Correction of head poses, of pictures with known poses',
+    data: 'heads',
+    only: ['--leave-out', '--components', '--angle-weight', '--ridge', '--focal'],
+    output: 'view.json',
+  },
+  {
+    verb: 'plate train-detector',
+    title: 'Plates: the detector',
+    data: 'plates',
+    only: ['--steps', '--aligner-steps', '--seed'],
+    output: 'detector.json',
+  },
+  {
+    verb: 'plate train-reader',
+    title: 'Plates: the reader of characters',
+    data: 'plates',
+    only: ['--steps', '--calibration', '--hold-out', '--seed'],
+    output: 'reader.json',
+  },
+  {
+    verb: 'people train',
+    title: 'People: learn the gallery anew',
+    data: 'gallery',
+    only: ['--algorithm'],
+    output: '',
+  },
+];
+
+export interface JudgeVerb {
+  verb: string;
+  title: string;
+  data: DataKind;
+  model: string; // the flag
+  trains: string; // the verb whose models it judges
+  only: readonly string[];
+}
+
+export const judgeVerbs: readonly JudgeVerb[] = [
+  {
+    verb: 'landmarks eval',
+    title: 'Points',
+    data: 'points',
+    model: '--model',
+    trains: 'landmarks train tracker',
+    only: ['--held-out', '--method', '--starts', '--min-face'],
+  },
+  {
+    verb: 'aam eval',
+    title: 'Appearance model',
+    data: 'points',
+    model: '--model',
+    trains: 'aam train',
+    only: ['--held-out', '--method', '--start', '--limit'],
+  },
+  {
+    verb: 'plate eval',
+    title: 'Plates, detector',
+    data: 'plates',
+    model: '--detector',
+    trains: 'plate train-detector',
+    only: ['--iou', '--country', '--min-confidence', '--fold'],
+  },
+  {
+    verb: 'plate eval',
+    title: 'Plates, reader',
+    data: 'plates',
+    model: '--reader',
+    trains: 'plate train-reader',
+    only: ['--iou', '--country', '--min-confidence', '--fold'],
+  },
+  {
+    verb: 'pose eval',
+    title: 'Head poses',
+    data: 'heads',
+    model: '--head',
+    trains: 'pose train-head',
+    only: ['--method', '--refine', '--focal'],
+  },
+];
+
+// What is asked of the program for data of a kind: inputs and flags.
+export function trainRequest(verb: TrainVerb, data: string, flags: Flags): { inputs: string[]; flags: Flags } {
+  const output: Flags = verb.output === '' ? {} : { '--output': `out:${verb.output}` };
+  if (verb.data === 'gallery') return { inputs: [], flags: { ...flags } };
+  if (verb.verb === 'pose train-view') return { inputs: [], flags: { ...flags, ...output, '--truth': data } };
+  if (verb.verb === 'plate train-reader') return { inputs: [], flags: { ...flags, ...output, '--scenes': data } };
+  return { inputs: [data], flags: { ...flags, ...output } };
+}
+
+export function judgeRequest(
+  verb: JudgeVerb,
+  data: string,
+  model: string | null,
+  flags: Flags,
+): { inputs: string[]; flags: Flags } {
+  const all: Flags = { ...flags };
+  if (model !== null) all[verb.model] = model;
+  if (verb.verb === 'pose eval') return { inputs: [], flags: { ...all, '--truth': data, '--output': 'out:found.jsonl' } };
+  if (verb.verb === 'plate eval') {
+    return {
+      inputs: [`${data}/images`],
+      flags: { ...all, '--truth': `${data}/truth.csv`, '--csv': 'out:cases.csv', '--errors': true },
+    };
+  }
+  return { inputs: [data], flags: { ...all, '--csv': 'out:cases.csv', '--output': 'out:found.jsonl' } };
+}
+
+// The job that draws data of a kind, and the reference of its result.
+export function drawRequest(kind: DataKind): { verb: string; inputs: string[]; flags: Flags; result: string } | null {
+  if (kind === 'points' || kind === 'heads') {
+    return {
+      verb: 'pose synth',
+      inputs: [],
+      flags: { '--output': 'out:heads', '--count': 60, '--size': '320x240', '--near': 450, '--far': 500 },
+      result: kind === 'points' ? 'heads/set.json' : 'heads/truth.jsonl',
+    };
+  }
+  if (kind === 'plates') {
+    return { verb: 'plate synth', inputs: [], flags: { '--output': 'out:cars', '--count': 20 }, result: 'cars' };
+  }
+  return null;
+}
+
+// Of the files of a job those that are data of a kind, as paths below it.
+export function dataOfJob(kind: DataKind, files: readonly string[]): string[] {
+  if (kind === 'points') return files.filter((name) => /(^|\/)set\.(json|yaml)$/.test(name));
+  if (kind === 'heads') return files.filter((name) => /(^|\/)truth\.jsonl$/.test(name) && files.some((one) => one.endsWith('set.json')));
+  if (kind === 'plates') {
+    return files.filter((name) => /\/truth\.csv$/.test(name)).map((name) => name.replace(/\/truth\.csv$/, ''));
+  }
+  return [];
+}
+
+// Units and words for the numbers that eval verbs print.
+const words: Record<string, string> = {
+  faces: 'Faces',
+  missed: 'Not found',
+  wrong: 'Another face',
+  nme_mean: 'Mean error, % of the eye distance',
+  nme_median: 'Median error, % of the eye distance',
+  nme_p90: 'Error that 90 % stay below, %',
+  failures: 'Share of failures',
+  auc_8: 'Area under the curve up to 8 %',
+  bias_x: 'Bias to the right, px',
+  bias_y: 'Bias downwards, px',
+  within: 'Share within the limit',
+  limit: 'Limit, %',
+  iterations: 'Steps of a fit',
+  ms: 'Milliseconds each',
+  images: 'Pictures',
+  truth: 'Plates of the truth',
+  recall: 'Share found',
+  prec: 'Share of finds that are plates',
+  exact: 'Share read exactly',
+  exact_o_as_0: 'Share read exactly, O as 0',
+  char: 'Share of characters right',
+  calibration_error: 'Error of the confidence',
+  median_ms: 'Milliseconds, median',
+  p90_ms: 'Milliseconds that 90 % stay below',
+  answered: 'Answered',
+  pitch_mae: 'Mean error up and down, degrees',
+  yaw_mae: 'Mean error sideways, degrees',
+  roll_mae: 'Mean error of the roll, degrees',
+  rotation_mean: 'Mean error of the direction, degrees',
+  rotation_median: 'Median error of the direction, degrees',
+  translation_percent: 'Error of the distance, %',
+};
+
+export const wordFor = (name: string): string => words[name] ?? name.replaceAll('_', ' ');
