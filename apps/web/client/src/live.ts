@@ -171,7 +171,7 @@ export function watchJobs(): () => void {
 function wanted(): string {
   if (document.visibilityState === 'hidden' || signedIn.value !== true) return '';
   const ids = [...sessions.entries()]
-    .filter(([, one]) => one.ended.value === undefined)
+    .filter(([, one]) => one.watchers > 0 && one.ended.value === undefined)
     .map(([id]) => encodeURIComponent(id))
     .sort();
   if (ids.length === 0 && jobWatchers === 0) return '';

@@ -2,7 +2,7 @@ import { useState } from 'preact/hooks';
 import { api, type Json } from '../api';
 import { bytesText, cellText, durationText } from '../format';
 import { useEvery, useLoad } from '../hooks';
-import { AsyncButton, attempt, Button, Dialog, Notice, PageHead, Table, Tabs } from '../ui';
+import { AsyncButton, attempt, Button, Confirm, Dialog, Notice, PageHead, Table, Tabs } from '../ui';
 import { findingsOf } from './home';
 
 interface Model {
@@ -223,6 +223,92 @@ function Audit() {
   );
 }
 
+interface Stored {
+  key: string;
+  kind: string;
+  name: string;
+  bytes: number;
+  address: string;
+  remove: () => Promise<void>;
+}
+
+// What the workspace holds, and how to be rid of it.
+function Disk() {
+  const sets = useLoad(api.sets);
+  const states = useLoad(api.stateFiles);
+  const [asked, setAsked] = useState<Stored | null>(null);
+  const rows: Stored[] = [
+    ...(sets.value ?? []).map((set) => ({
+      key: `set:${set.name}`,
+      kind: `set of ${set.files} ${set.files === 1 ? 'file' : 'files'}`,
+      name: set.name,
+      bytes: set.bytes,
+      address: '',
+      remove: () => api.removeSet(set.name),
+    })),
+    ...(states.value ?? []).map((state) => ({
+      key: `ws:${state.name}`,
+      kind: state.kind,
+      name: state.name,
+      bytes: state.bytes,
+      address: api.stateAddress(state.name),
+      remove: () => api.removeState(state.name),
+    })),
+  ];
+  const error = sets.error || states.error;
+  return (
+    <>
+      {error && <Notice kind="problem">{error}</Notice>}
+      <Table
+        caption="Sets of uploaded files, and files that stay between runs"
+        columns={[
+          {
+            name: 'Name',
+            show: (row) =>
+              row.address ? (
+                <a href={row.address} download={row.name}>
+                  {row.name}
+                </a>
+              ) : (
+                row.name
+              ),
+          },
+          { name: 'Kind', show: (row) => row.kind },
+          { name: 'Size', number: true, show: (row) => bytesText(row.bytes) },
+          {
+            name: 'Remove',
+            show: (row) => (
+              <Button small kind="danger" aria-label={`Remove ${row.name}`} onClick={() => setAsked(row)}>
+                Remove
+              </Button>
+            ),
+          },
+        ]}
+        rows={rows}
+        keyOf={(row) => row.key}
+        empty={sets.loading || states.loading ? 'Loading' : 'Nothing is kept yet.'}
+      />
+      <p class="faint">Jobs and their files are on the first page; removing a job removes its files.</p>
+      <Confirm
+        title={`Remove ${asked?.name ?? ''}?`}
+        text="It is deleted from the disk. This cannot be undone. People are forgotten on the page People, which proves it."
+        yes="Remove it"
+        open={asked !== null}
+        onClose={() => setAsked(null)}
+        onYes={() => {
+          const row = asked;
+          setAsked(null);
+          if (row)
+            void attempt(row.remove).then(() => {
+              sets.again();
+              states.again();
+            });
+        }}
+      />
+    </>
+  );
+}
+
 export function System() {
   const [tab, setTab] = useState('machine');
   return (
@@ -238,12 +324,14 @@ export function System() {
           { id: 'machine', label: 'Machine' },
           { id: 'doctor', label: 'Checks' },
           { id: 'models', label: 'Models' },
+          { id: 'disk', label: 'Disk' },
           { id: 'audit', label: 'Audit log' },
         ]}
       >
         {tab === 'machine' && <Machine />}
         {tab === 'doctor' && <Doctor />}
         {tab === 'models' && <Models />}
+        {tab === 'disk' && <Disk />}
         {tab === 'audit' && <Audit />}
       </Tabs>
     </>
