@@ -9,7 +9,7 @@ export interface Field {
   label: string; // "mode"
   control: Control;
   choices: string[];
-  suggestions: string[]; // words that the help names; others may be typed
+  suggestions: string[]; // words that the help lists
   min: number | null;
   minExcluded: boolean;
   max: number | null;
@@ -60,12 +60,19 @@ export function rangeOfHelp(help: string): { min: number; max: number } | null {
   return min < max ? { min, max } : null;
 }
 
-// "sketch paint cartoon evil": the words of a help text that is only a list of words with the default.
+// The words that a help text lists, where it does nothing else and the default is one of them:
+// "sketch paint cartoon evil", or "fast: the same picture; draft: for small machines".
 export function wordsOfHelp(help: string, preset: FieldDefault): string[] {
-  const head = (help.split(/[.;:]\s/)[0] ?? '').replaceAll(',', ' ');
-  const words = head.split(/\s+/).filter((word) => word !== '' && word !== 'or');
-  if (words.length < 2 || !words.every((word) => /^[a-z0-9][a-z0-9-]*$/.test(word))) return [];
-  return typeof preset === 'string' && words.includes(preset) ? words : [];
+  const explained = help.split(/;\s*/).map((part) => /^([a-z0-9][a-z0-9-]*): \S/.exec(part)?.[1] ?? '');
+  const listed = (help.split(/[.;:]\s/)[0] ?? '')
+    .replaceAll(',', ' ')
+    .split(/\s+/)
+    .filter((word) => word !== '' && word !== 'or');
+  for (const words of [explained, listed]) {
+    const good = words.length > 1 && words.every((word) => /^[a-z0-9][a-z0-9-]*$/.test(word));
+    if (good && typeof preset === 'string' && words.includes(preset)) return words;
+  }
+  return [];
 }
 
 type FieldDefault = FlagHelp['default'];

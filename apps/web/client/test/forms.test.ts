@@ -88,6 +88,11 @@ test('ranges and words are read from help texts only where they are', () => {
   assert.equal(rangeOfHelp('px'), null);
   assert.deepEqual(wordsOfHelp('a name, #rrggbb or r,g,b', 'green'), []);
   assert.deepEqual(wordsOfHelp('px', null), []);
+  assert.deepEqual(wordsOfHelp('reference: the definition; fast: the same picture', 'fast'), [
+    'reference',
+    'fast',
+  ]);
+  assert.deepEqual(wordsOfHelp('s without a frame: end; 0: never', '60'), []);
 });
 
 test('groups keep the order; what has no place in a browser is left out', () => {

@@ -135,8 +135,7 @@ export function TryVerb({ verb }: { verb: VerbHelp }) {
               onInput={(event) => setText(event.currentTarget.value)}
             />
             <p class="field-help" id="try-inputs-help">
-              {verb.inputs.map((input) => input.help).join('; ')}. One a line: set:NAME, set:NAME/FILE,
-              ws:FILE, job:ID/FILE, synth:portrait?frames=1
+              One a line: set:NAME, set:NAME/FILE, ws:FILE, job:ID/FILE, synth:portrait?frames=1
             </p>
           </div>
         )}

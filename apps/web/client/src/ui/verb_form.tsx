@@ -30,8 +30,10 @@ function FlagControl({
   if (field.control === 'switch') {
     return <Checkbox label={field.label} help={help} checked={value === true} onChange={onChange} />;
   }
-  if (field.control === 'choice') {
-    const options = field.choices.map((choice) => ({ value: choice, label: choice }));
+  if (field.control === 'choice' || field.suggestions.length > 0) {
+    const words =
+      field.control === 'choice' ? field.choices : [...new Set([...field.suggestions, String(value)])];
+    const options = words.map((choice) => ({ value: choice, label: choice }));
     if (!field.required && field.default === null) options.unshift({ value: '', label: '(as it is)' });
     return (
       <Select
@@ -91,7 +93,6 @@ function FlagControl({
       step={field.control === 'integer' ? 1 : number ? 'any' : undefined}
       min={field.min ?? undefined}
       max={field.max ?? undefined}
-      suggestions={field.suggestions}
       onInput={onChange}
     />
   );
