@@ -442,11 +442,17 @@ class Page:
 
     def choose(self, name, value):
         """An option of a select box."""
-        node = self.find("combobox", name)
+        end = time.monotonic() + TIMEOUT
+        while True:
+            node = self.find("combobox", name)
+            options = self.on(node, "function () { return [...this.options].map((one) => one.value); }")
+            if value in options:
+                break
+            if time.monotonic() > end:
+                raise BrowserError(f"{name}: no option {value!r} among {options}")
+            self.evaluate("new Promise((done) => setTimeout(done, 40))")
         self.on(node, f"""function () {{
           this.value = {json.dumps(value)};
-          if (this.value !== {json.dumps(value)}) throw new Error('no option ' + {json.dumps(value)} +
-            ' among ' + [...this.options].map((one) => one.value).join(', '));
           this.dispatchEvent(new Event('change', {{bubbles: true}}));
         }}""")
 

@@ -11,7 +11,7 @@ import sys
 import tempfile
 import unittest
 
-import studio
+import pages
 
 
 def packages():
@@ -19,9 +19,9 @@ def packages():
     if not shutil.which("node") or not shutil.which("npm"):
         return "no node and npm on this machine"
     # What npm installed is described by its own lock file; it is there when the installation was whole.
-    if os.path.exists(os.path.join(studio.CLIENT, "node_modules", ".package-lock.json")):
+    if os.path.exists(os.path.join(pages.CLIENT, "node_modules", ".package-lock.json")):
         return None
-    got = subprocess.run(["npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund"], cwd=studio.CLIENT,
+    got = subprocess.run(["npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund"], cwd=pages.CLIENT,
                          capture_output=True, text=True, timeout=300, check=False)
     return None if got.returncode == 0 else "npm ci did not get the client's packages"
 
@@ -34,7 +34,7 @@ def files_of(folder):
 
 class BundleTest(unittest.TestCase):
     def run_node(self, *words):
-        done = subprocess.run(words, cwd=studio.CLIENT, capture_output=True, text=True, timeout=300, check=False)
+        done = subprocess.run(words, cwd=pages.CLIENT, capture_output=True, text=True, timeout=300, check=False)
         self.assertEqual(done.returncode, 0, f"{' '.join(words)}\n{done.stdout[-4000:]}{done.stderr[-4000:]}")
         return done.stdout
 
@@ -42,8 +42,8 @@ class BundleTest(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             told = self.run_node("node", "build.mjs", folder)
             self.assertIn("first load", told)
-            self.assertEqual(files_of(folder), files_of(studio.DIST))
-            _, different, broken = filecmp.cmpfiles(folder, studio.DIST, files_of(folder), shallow=False)
+            self.assertEqual(files_of(folder), files_of(pages.DIST))
+            _, different, broken = filecmp.cmpfiles(folder, pages.DIST, files_of(folder), shallow=False)
             self.assertEqual(different + broken, [])
 
     def test_pure_code(self):
@@ -59,7 +59,7 @@ class BundleTest(unittest.TestCase):
         self.run_node("node", "node_modules/prettier/bin/prettier.cjs", "--check", ".")
 
     def test_every_bundled_package_has_its_licence(self):
-        with open(os.path.join(studio.DIST, "LICENSES.txt"), encoding="utf-8") as file:
+        with open(os.path.join(pages.DIST, "LICENSES.txt"), encoding="utf-8") as file:
             told = file.read()
         for name in ("preact", "@preact/signals", "@preact/signals-core", "three", "uplot"):
             self.assertIn(f"==== {name} ", told)
@@ -69,5 +69,5 @@ if __name__ == "__main__":
     trouble = packages()
     if trouble:
         print(f"skipped: {trouble}")
-        sys.exit(studio.SKIPPED)
+        sys.exit(pages.SKIPPED)
     unittest.main(verbosity=2)

@@ -6,8 +6,8 @@ import re
 import subprocess
 import urllib.request
 
-import studio
-from studio import shot
+import pages
+from pages import shot
 
 NAV = ["Home", "Live", "Plates", "People", "Reconstruct", "Annotate", "Calibrate", "Train", "Explore", "System", "API"]
 PICTURE = "document.querySelector('.live-view:not(.is-waiting) canvas')"
@@ -24,7 +24,7 @@ def sum_of_canvas():
     })()"""
 
 
-class SignInTest(studio.PageTest):
+class SignInTest(pages.PageTest):
     def test_the_link_signs_in_once_and_leaves_the_address(self):
         page = self.page
         self.assertNotIn("#", page.evaluate("location.href"))
@@ -35,7 +35,7 @@ class SignInTest(studio.PageTest):
         # Why: the server's own words. The refusal itself is what the browser's log tells of.
         self.assertTrue(other.evaluate("document.querySelector('.notice-problem')?.innerText.length > 10"))
         other.complaints()
-        source = studio.axe_source()
+        source = pages.axe_source()
         if source:
             self.assertEqual(other.axe(source), [])
         for width in (360, 800, 1440):
@@ -60,7 +60,7 @@ class SignInTest(studio.PageTest):
         other.close()
 
 
-class HomeTest(studio.PageTest):
+class HomeTest(pages.PageTest):
     def test_home(self):
         self.go("/")
         self.page.wait_text("This machine has")
@@ -121,7 +121,7 @@ class HomeTest(studio.PageTest):
         self.page.wait_text(f"{count} checks")
 
 
-class SessionTest(studio.PageTest):
+class SessionTest(pages.PageTest):
     def tearDown(self):
         try:
             super().tearDown()
@@ -356,7 +356,7 @@ class SessionTest(studio.PageTest):
         self.page.wait(f"({sum_of_canvas()}) !== {first}", what="pictures again")
 
 
-class LostServerTest(studio.PageTest):
+class LostServerTest(pages.PageTest):
     def test_the_page_says_so_and_comes_back(self):
         self.go("/live")
         self.page.wait_text("Nothing runs yet")
@@ -364,13 +364,13 @@ class LostServerTest(studio.PageTest):
         self.server.stop()
         self.page.wait_text("The server does not answer", timeout=30)
         self.page.complaints()  # refused connections
-        studio.free_port = lambda: port
+        pages.free_port = lambda: port
         self.server.start()
         self.page.wait("!document.body.innerText.includes('The server does not answer')", timeout=60)
         self.page.complaints()
 
 
-class SystemTest(studio.PageTest):
+class SystemTest(pages.PageTest):
     def test_system(self):
         self.go("/system")
         self.page.wait("document.querySelectorAll('tbody tr').length > 3")
@@ -400,7 +400,7 @@ class SystemTest(studio.PageTest):
         self.judge("system-audit", widths=(360, 1440))
 
 
-class ApiTest(studio.PageTest):
+class ApiTest(pages.PageTest):
     def test_endpoints(self):
         self.go("/api")
         self.page.wait("document.querySelectorAll('.endpoints details').length > 20")
@@ -438,7 +438,7 @@ class ApiTest(studio.PageTest):
         shot(self.page, "api-form")
 
 
-class FirstLoadTest(studio.PageTest):
+class FirstLoadTest(pages.PageTest):
     def test_policy_and_size(self):
         with urllib.request.urlopen(self.server.origin + "/", timeout=10) as answer:
             policy = answer.headers["Content-Security-Policy"]
@@ -456,4 +456,4 @@ class FirstLoadTest(studio.PageTest):
 
 
 if __name__ == "__main__":
-    studio.main()
+    pages.main()
