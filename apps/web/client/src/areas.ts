@@ -99,3 +99,9 @@ export const TRIALS: Trial[] = [
     page: '/calibrate',
   },
 ];
+
+// What people call a session: its own name, else its area's.
+export function sessionName(session: { name: string; title: string; verb: string }): string {
+  const trial = TRIALS.find((one) => one.verb === session.verb);
+  return session.name || trial?.title || session.title || session.verb;
+}

@@ -1,5 +1,6 @@
 import { useEffect, useState } from 'preact/hooks';
-import { api, type Session } from '../api';
+import { api, type Session, type Source } from '../api';
+import { sessionName } from '../areas';
 import { useEvery, useLoad, useSignalValue } from '../hooks';
 import { liveSession } from '../live';
 import { startAndOpen } from '../ui';
@@ -36,10 +37,11 @@ export function LiveFigures({ id }: { id: string }) {
   );
 }
 
-function Tile({ session, onChange }: { session: Session; onChange: () => void }) {
+function Tile({ session, sources, onChange }: { session: Session; sources: Source[]; onChange: () => void }) {
   const ended = useSignalValue(liveSession(session.id).ended);
   const running = session.running && !ended;
-  const name = session.name || session.title || session.verb;
+  const name = sessionName(session);
+  const inputs = session.inputs.map((input) => sources.find((one) => one.id === input)?.name ?? input);
   return (
     <article class="card tile" aria-label={name}>
       <a class="tile-picture" href={`/session/${session.id}`} aria-label={`Open ${name}`}>
@@ -51,7 +53,7 @@ function Tile({ session, onChange }: { session: Session; onChange: () => void })
         </h2>
         <span class={`chip ${running ? 'chip-running' : 'chip-bad'}`}>{running ? 'live' : 'ended'}</span>
       </div>
-      <p class="faint tile-source">{session.inputs.join(', ')}</p>
+      <p class="faint tile-source">{inputs.join(', ')}</p>
       <LiveStatus id={session.id} quiet />
       <div class="row tile-foot">
         <LiveFigures id={session.id} />
@@ -73,6 +75,7 @@ function Tile({ session, onChange }: { session: Session; onChange: () => void })
 
 export function Live() {
   const sessions = useLoad(api.sessions);
+  const sources = useLoad(api.sources);
   const [start, setStart] = useState(false);
   useEvery(3, sessions.again);
   const all = sessions.value ?? [];
@@ -105,7 +108,7 @@ export function Live() {
       )}
       <div class="wall">
         {shown.map((session) => (
-          <Tile key={session.id} session={session} onChange={sessions.again} />
+          <Tile key={session.id} session={session} sources={sources.value ?? []} onChange={sessions.again} />
         ))}
       </div>
       <StartDialog open={start} onClose={() => setStart(false)} />

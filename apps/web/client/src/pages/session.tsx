@@ -1,5 +1,6 @@
 import { useEffect, useRef, useState } from 'preact/hooks';
 import { api, verbHelp, type Action, type Flags, type Session, type SliderInfo } from '../api';
+import { sessionName } from '../areas';
 import { cellText } from '../format';
 import { commandText } from '../forms';
 import { useEvery, useLoad, useSignalValue } from '../hooks';
@@ -239,7 +240,7 @@ function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
   const [tab, setTab] = useState('controls');
   const [change, setChange] = useState(false);
   const session = loaded.value;
-  const name = session ? session.name || session.title || session.verb : 'Session';
+  const name = session ? sessionName(session) : 'Session';
   const recorder = useRecorder(canvas, session?.verb.replaceAll(' ', '-') ?? 'tarsier');
   const actions = hello?.actions ?? session?.actions ?? [];
   const sliders = hello?.sliders ?? session?.sliders ?? [];

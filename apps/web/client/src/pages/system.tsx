@@ -18,38 +18,53 @@ interface Model {
 
 type Row = { name: string; value: string };
 
+// "memory_free_bytes": "Memory free".
+function nameOf(key: string): string {
+  const words = key
+    .replace(/_(bytes|s)$/, '')
+    .replaceAll('_', ' ')
+    .replace('simd', 'vector instructions')
+    .replace('tls', 'TLS (https)');
+  return words.charAt(0).toUpperCase() + words.slice(1);
+}
+
 function rowsOf(value: unknown, name = ''): Row[] {
   if (value !== null && typeof value === 'object' && !Array.isArray(value)) {
-    return Object.entries(value).flatMap(([key, one]) => rowsOf(one, name ? `${name}, ${key}` : key));
+    return Object.entries(value).flatMap(([key, one]) => rowsOf(one, name ? `${name}_${key}` : key));
   }
-  const last = name.split(', ').pop() ?? '';
-  if (typeof value === 'number') {
-    if (/bytes|disk|free|quota|memory|used/.test(last)) return [{ name, value: bytesText(value) }];
-    if (/uptime|seconds/.test(last)) return [{ name, value: durationText(value) }];
-  }
-  return [
-    {
-      name: name.replaceAll('_', ' '),
-      value: Array.isArray(value) ? value.map(cellText).join(', ') : cellText(value),
-    },
-  ];
+  const row = (text: string) => [{ name: nameOf(name), value: text }];
+  if (typeof value === 'number' && name.endsWith('bytes')) return row(bytesText(value));
+  if (typeof value === 'number' && /(^|_)(uptime|seconds)(_s)?$/.test(name)) return row(durationText(value));
+  return row(Array.isArray(value) ? value.map(cellText).join(', ') : cellText(value));
 }
 
 function Machine() {
   const info = useLoad(api.info);
   useEvery(10, info.again);
   if (info.error) return <Notice kind="problem">{info.error}</Notice>;
+  const plain: { [name: string]: unknown } = {};
+  const groups: [string, unknown][] = [];
+  for (const [key, value] of Object.entries(info.value ?? {})) {
+    if (value !== null && typeof value === 'object' && !Array.isArray(value))
+      groups.push([nameOf(key), value]);
+    else plain[key] = value;
+  }
   return (
-    <Table
-      caption="Server and machine"
-      columns={[
-        { name: 'What', show: (row: Row) => row.name },
-        { name: 'Value', show: (row: Row) => row.value },
-      ]}
-      rows={rowsOf(info.value ?? {})}
-      keyOf={(row) => row.name}
-      empty="Loading"
-    />
+    <div class="grid grid-wide">
+      {[['Server', plain] as [string, unknown], ...groups].map(([caption, value]) => (
+        <Table
+          key={caption}
+          caption={caption}
+          columns={[
+            { name: 'What', show: (row: Row) => row.name },
+            { name: 'Value', show: (row: Row) => row.value },
+          ]}
+          rows={rowsOf(value)}
+          keyOf={(row) => row.name}
+          empty="Loading"
+        />
+      ))}
+    </div>
   );
 }
 
