@@ -1,10 +1,17 @@
 // Plays with models: what each mode of shape and look does, what a patch sees.
 import { useState } from 'preact/hooks';
-import { api } from '../../api';
+import { api, type Flags } from '../../api';
 import { useJobs, useLoad } from '../../hooks';
 import { AsyncButton, PageHead, Select } from '../../ui';
 import { annotations } from '../annotate/files';
-import { SessionActions, SessionPanel, SessionSliders, SetSource, StateList, useSessionState } from '../shared/parts';
+import {
+  SessionActions,
+  SessionPanel,
+  SessionSliders,
+  SetSource,
+  StateList,
+  useSessionState,
+} from '../shared/parts';
 import { useAreaSession } from '../shared/sessions';
 
 const ships = { appearance: '', points: 'model:landmarks68' };
@@ -29,27 +36,38 @@ export function Explore() {
     return all.flat();
   });
   const trained = useJobs(
-    (job) => job.state === 'done' && ['aam train', 'landmarks train tracker', 'landmarks train shape'].includes(job.verb),
+    (job) =>
+      job.state === 'done' &&
+      ['aam train', 'landmarks train tracker', 'landmarks train shape'].includes(job.verb),
   );
   const files = useLoad(async () => {
-    const all = await Promise.all(trained.jobs.slice(0, 20).map((job) => ((job.files ?? []).length > 0 ? job : api.job(job.id))));
+    const all = await Promise.all(
+      trained.jobs.slice(0, 20).map((job) => ((job.files ?? []).length > 0 ? job : api.job(job.id))),
+    );
     return all.flatMap((job) =>
       (job.files ?? [])
         .filter((file) => file.name.endsWith('.json') && !file.name.includes('/'))
-        .map((file) => ({ verb: job.verb, value: `job:${job.id}/${file.name}`, label: `${job.name || job.verb}, ${job.id}` })),
+        .map((file) => ({
+          verb: job.verb,
+          value: `job:${job.id}/${file.name}`,
+          label: `${job.name || job.verb}, ${job.id}`,
+        })),
     );
   }, [trained.jobs.map((job) => job.id).join(' ')]);
   const sets = useLoad(annotations);
   const isAppearance = what === 'appearance';
   const models = isAppearance
-    ? [{ value: '', label: 'The face model that ships' }, ...(files.value ?? []).filter((one) => one.verb === 'aam train')]
+    ? [
+        { value: '', label: 'The face model that ships' },
+        ...(files.value ?? []).filter((one) => one.verb === 'aam train'),
+      ]
     : [
         { value: '', label: 'The tracker of 68 points that ships' },
         ...(files.value ?? []).filter((one) => one.verb !== 'aam train'),
         ...(sets.value ?? []).map((one) => ({ value: `ws:${one.name}`, label: `Annotation ${one.name}` })),
       ];
   const start = async (picture: string) => {
-    const flags = picture === '' ? {} : { '--on': picture };
+    const flags: Flags = picture === '' ? {} : { '--on': picture };
     if (isAppearance) await aam.start(model === '' ? [] : [model], flags, 'Explore: appearance');
     else await show.start([model === '' ? ships.points : model], flags, 'Explore: points');
   };
@@ -117,7 +135,14 @@ function Exploring(props: { id: string; onEnd: () => Promise<void> }) {
         <SessionSliders id={props.id} />
         <StateList
           state={state}
-          names={{ mode: 'Mode', patch: 'Patch', patches: 'Patches', picture: 'Picture', shape: 'Shape', look: 'Look' }}
+          names={{
+            mode: 'Mode',
+            patch: 'Patch',
+            patches: 'Patches',
+            picture: 'Picture',
+            shape: 'Shape',
+            look: 'Look',
+          }}
         />
         {response !== null && <p class="numbers">Response at the best place: {response.toFixed(3)}</p>}
       </div>

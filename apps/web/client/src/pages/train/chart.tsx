@@ -36,7 +36,11 @@ export function Chart(props: { title: string; series: Series[]; x: string; y: st
           {cellText(x1)} {props.x}
         </text>
         {shown.map((one, i) => (
-          <polyline key={one.name} class={`curve curve-${i}`} points={polyline(one, width, height, low, high, x0, x1)} />
+          <polyline
+            key={one.name}
+            class={`curve curve-${i}`}
+            points={polyline(one, width, height, low, high, x0, x1)}
+          />
         ))}
       </svg>
       <Table

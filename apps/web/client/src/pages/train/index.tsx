@@ -20,7 +20,10 @@ export function Train() {
   const [made, setMade] = useState<{ model: string; verb: string; data: string } | null>(null);
   return (
     <>
-      <PageHead title="Train and judge" text="Models of your own data, how good they are, and how they compare with what ships." />
+      <PageHead
+        title="Train and judge"
+        text="Models of your own data, how good they are, and how they compare with what ships."
+      />
       <Tabs
         label="Train and judge"
         tabs={[
@@ -60,7 +63,8 @@ export function useData(kind: DataKind, round: unknown): DataChoice[] {
     return Promise.all(drawn.map(async (job) => ((job.files ?? []).length > 0 ? job : api.job(job.id))));
   }, [jobs.jobs.map((job) => job.id).join(' '), round]);
   const choices: DataChoice[] = [];
-  for (const file of points.value ?? []) choices.push({ value: `ws:${file.name}`, label: `Annotation ${file.name}` });
+  for (const file of points.value ?? [])
+    choices.push({ value: `ws:${file.name}`, label: `Annotation ${file.name}` });
   for (const job of detailed.value ?? []) {
     const files = (job.files ?? []).map((one) => one.name);
     for (const path of dataOfJob(kind, files)) {
@@ -98,7 +102,12 @@ export function DataSource(props: { kind: DataKind; value: string; onChange: (va
             onClick={() => {
               setDrawing(true);
               void attempt(async () => {
-                const job = await finishJob({ verb: draw.verb, inputs: draw.inputs, flags: draw.flags, name: 'Drawn data' });
+                const job = await finishJob({
+                  verb: draw.verb,
+                  inputs: draw.inputs,
+                  flags: draw.flags,
+                  name: 'Drawn data',
+                });
                 props.onChange(`job:${job.id}/${draw.result}`);
                 setRound(round + 1);
               }).finally(() => setDrawing(false));
@@ -153,7 +162,11 @@ function TrainPart(props: { given: string; onJudge: (model: string, verb: string
             onSubmit={async (flags: Flags) => {
               const request = trainRequest(chosen, data, flags);
               const job = await attempt(() =>
-                api.startJob({ verb: chosen.verb, ...request, name: `${chosen.title.split(':')[0]}: ${chosen.output || 'gallery'}` }),
+                api.startJob({
+                  verb: chosen.verb,
+                  ...request,
+                  name: `${chosen.title.split(':')[0]}: ${chosen.output || 'gallery'}`,
+                }),
               );
               if (job) {
                 setCurrent({ id: job.id, data });
@@ -176,7 +189,10 @@ function TrainPart(props: { given: string; onJudge: (model: string, verb: string
           <Select
             label="Earlier"
             value={shown ?? ''}
-            options={all.jobs.map((job) => ({ value: job.id, label: `${job.name || job.verb}, ${job.state}` }))}
+            options={all.jobs.map((job) => ({
+              value: job.id,
+              label: `${job.name || job.verb}, ${job.state}`,
+            }))}
             onChange={(id) => setCurrent({ id, data: '' })}
           />
         )}
@@ -190,18 +206,26 @@ function dataOf(job: Job): string {
   return inputs[0] ?? '';
 }
 
-function Training(props: { id: string; onChange: () => void; onJudge: (model: string, verb: string, data: string) => void }) {
+function Training(props: {
+  id: string;
+  onChange: () => void;
+  onJudge: (model: string, verb: string, data: string) => void;
+}) {
   const job = useJob(props.id);
   const [samples, setSamples] = useState<Sample[]>([]);
   useEffect(() => {
     const now = job?.progress;
     if (!now || now.total <= 0) return;
-    setSamples((before) => addSample(before, { label: now.label, share: now.done / now.total, at: Date.now() }));
+    setSamples((before) =>
+      addSample(before, { label: now.label, share: now.done / now.total, at: Date.now() }),
+    );
   }, [job]);
   if (!job) return <p class="faint">Loading</p>;
   const printed = seriesOf(job.lines ?? []);
   const model = (job.files ?? []).find((one) => one.name.endsWith('.json') && !one.name.includes('/'));
-  const last = [...(job.lines ?? [])].reverse().find((one) => typeof one === 'object' && one !== null && !Array.isArray(one));
+  const last = [...(job.lines ?? [])]
+    .reverse()
+    .find((one) => typeof one === 'object' && one !== null && !Array.isArray(one));
   const numbers = Object.entries((last ?? {}) as Record<string, unknown>).filter(
     (entry): entry is [string, number] => typeof entry[1] === 'number',
   );
@@ -211,7 +235,9 @@ function Training(props: { id: string; onChange: () => void; onJudge: (model: st
       {printed.length > 0 ? (
         <Chart title="What the program measured" series={printed} x="" y="Now" />
       ) : (
-        samples.length > 1 && <Chart title="How far, in % of each step" series={progressSeries(samples)} x="s" y="%" />
+        samples.length > 1 && (
+          <Chart title="How far, in % of each step" series={progressSeries(samples)} x="s" y="%" />
+        )
       )}
       {isOver(job) && numbers.length > 0 && (
         <dl class="state-list">
@@ -225,7 +251,10 @@ function Training(props: { id: string; onChange: () => void; onJudge: (model: st
       )}
       {job.state === 'done' && model && (
         <div class="row">
-          <Button kind="main" onClick={() => props.onJudge(`job:${job.id}/${model.name}`, job.verb, dataOf(job))}>
+          <Button
+            kind="main"
+            onClick={() => props.onJudge(`job:${job.id}/${model.name}`, job.verb, dataOf(job))}
+          >
             Judge it
           </Button>
           <a href={api.jobFileAddress(job.id, model.name)} download={model.name}>

@@ -39,15 +39,21 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
   const verb = verbs.find((one) => one.verb === chosen.verb);
   const models = useLoad(async () => {
     const jobs = trained.jobs.filter((job) => job.verb === chosen.trains).slice(0, 20);
-    const all = await Promise.all(jobs.map(async (job) => ((job.files ?? []).length > 0 ? job : api.job(job.id))));
+    const all = await Promise.all(
+      jobs.map(async (job) => ((job.files ?? []).length > 0 ? job : api.job(job.id))),
+    );
     return all.flatMap((job) =>
       (job.files ?? [])
         .filter((file) => file.name.endsWith('.json') && !file.name.includes('/'))
-        .map((file) => ({ value: `job:${job.id}/${file.name}`, label: `${job.name || job.verb}, ${job.id}` })),
+        .map((file) => ({
+          value: `job:${job.id}/${file.name}`,
+          label: `${job.name || job.verb}, ${job.id}`,
+        })),
     );
   }, [trained.jobs.map((job) => job.id).join(' '), number]);
   const options = [{ value: '', label: 'Only what ships' }, ...(models.value ?? [])];
-  if (model !== '' && !options.some((one) => one.value === model)) options.push({ value: model, label: model });
+  if (model !== '' && !options.some((one) => one.value === model))
+    options.push({ value: model, label: model });
 
   const judge = async (flags: Flags) => {
     const start = async (which: string | null, name: string) => {
@@ -56,7 +62,10 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
     };
     await attempt(async () => {
       const mine = model === '' ? null : await start(model, `Judge: ${chosen.title}, mine`);
-      const shipped = model === '' || withShipped === 'yes' ? await start(null, `Judge: ${chosen.title}, what ships`) : null;
+      const shipped =
+        model === '' || withShipped === 'yes'
+          ? await start(null, `Judge: ${chosen.title}, what ships`)
+          : null;
       setRunning({ verb: number, mine, shipped });
     });
   };
@@ -100,15 +109,19 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
           >
             <DataSource kind={chosen.data} value={data} onChange={setData} />
             <p class="field-help">
-              Judge on pictures that the model has not learnt from: with "hold out" 3 in training and "held out" 3 here, each
-              third picture.
+              Judge on pictures that the model has not learnt from: with "hold out" 3 in training and "held
+              out" 3 here, each third picture.
             </p>
           </VerbForm>
         )}
       </section>
       <section class="stack" aria-labelledby="judged">
         <h2 id="judged">Figures</h2>
-        {running ? <Result key={`${running.mine} ${running.shipped}`} running={running} /> : <p class="faint">Nothing was judged yet.</p>}
+        {running ? (
+          <Result key={`${running.mine} ${running.shipped}`} running={running} />
+        ) : (
+          <p class="faint">Nothing was judged yet.</p>
+        )}
       </section>
     </div>
   );
@@ -129,16 +142,30 @@ function Result({ running }: { running: Running }) {
   const shipped = useJob(running.shipped ?? undefined);
   const main = mine ?? shipped;
   const ready =
-    (running.mine === null || isOver(mine)) && (running.shipped === null || isOver(shipped)) && main !== undefined;
+    (running.mine === null || isOver(mine)) &&
+    (running.shipped === null || isOver(shipped)) &&
+    main !== undefined;
   const rows = ready ? compare(figuresOf(mine), figuresOf(shipped)) : [];
   const word: Record<string, string> = { mine: 'mine', shipped: 'what ships', same: 'equal' };
   const columns = [
     { name: 'What', show: (one: Comparison) => wordFor(one.name) },
     ...(running.mine !== null
-      ? [{ name: 'Mine', show: (one: Comparison) => (one.mine === null ? '' : cellText(one.mine)), number: true }]
+      ? [
+          {
+            name: 'Mine',
+            show: (one: Comparison) => (one.mine === null ? '' : cellText(one.mine)),
+            number: true,
+          },
+        ]
       : []),
     ...(running.shipped !== null
-      ? [{ name: 'What ships', show: (one: Comparison) => (one.shipped === null ? '' : cellText(one.shipped)), number: true }]
+      ? [
+          {
+            name: 'What ships',
+            show: (one: Comparison) => (one.shipped === null ? '' : cellText(one.shipped)),
+            number: true,
+          },
+        ]
       : []),
     ...(running.mine !== null && running.shipped !== null
       ? [{ name: 'Better', show: (one: Comparison) => (one.better === null ? '' : word[one.better]) }]
@@ -156,7 +183,10 @@ function Result({ running }: { running: Running }) {
 
 function Worst({ job }: { job: Job }) {
   const has = (job.files ?? []).some((file) => file.name === 'cases.csv');
-  const cases = useLoad(async () => (has ? worstFirst(parseCsv(await jobText(job.id, 'cases.csv'))) : []), [job.id, has]);
+  const cases = useLoad(
+    async () => (has ? worstFirst(parseCsv(await jobText(job.id, 'cases.csv'))) : []),
+    [job.id, has],
+  );
   const found = useLoad(async () => {
     const points = new Map<string, [number, number][]>();
     if (!(job.files ?? []).some((file) => file.name === 'found.jsonl')) return points;
@@ -177,7 +207,11 @@ function Worst({ job }: { job: Job }) {
       <ul class="thumbs">
         {rows.slice(0, 6).map((row) => (
           <li key={row.image}>
-            <Case name={row.image ?? ''} data={job.inputs?.[0] ?? ''} points={found.value?.get(row.image ?? '')} />
+            <Case
+              name={row.image ?? ''}
+              data={job.inputs?.[0] ?? ''}
+              points={found.value?.get(row.image ?? '')}
+            />
             <span class="wrap">
               {(row.image ?? '').split('/').pop()}: {caseText(row)}
             </span>
@@ -189,7 +223,8 @@ function Worst({ job }: { job: Job }) {
         hideCaption
         columns={names.map((name) => ({
           name: wordFor(name),
-          show: (row: Record<string, string>) => (name === 'image' ? (row[name]!.split('/').pop() ?? '') : row[name]),
+          show: (row: Record<string, string>) =>
+            name === 'image' ? (row[name]!.split('/').pop() ?? '') : row[name],
         }))}
         rows={rows.slice(0, 200)}
         keyOf={(_, i) => i}
@@ -212,7 +247,10 @@ function Case(props: { name: string; data: string; points: [number, number][] | 
   // Names in the table are paths, or names beside the data.
   const base = props.data.replace(/\/[^/]*$/, '');
   const address =
-    addressOf(props.name) ?? (props.data.startsWith('job:') || props.data.startsWith('set:') ? addressOf(`${base}/${props.name}`) : null);
+    addressOf(props.name) ??
+    (props.data.startsWith('job:') || props.data.startsWith('set:')
+      ? addressOf(`${base}/${props.name}`)
+      : null);
   if (!address) return <p class="faint">no picture</p>;
   return (
     <span class="boxed">
@@ -220,7 +258,9 @@ function Case(props: { name: string; data: string; points: [number, number][] | 
         src={address}
         alt={`Picture ${props.name.split('/').pop()}`}
         loading="lazy"
-        onLoad={(event) => setSize({ w: event.currentTarget.naturalWidth, h: event.currentTarget.naturalHeight })}
+        onLoad={(event) =>
+          setSize({ w: event.currentTarget.naturalWidth, h: event.currentTarget.naturalHeight })
+        }
       />
       {size && props.points && (
         <svg viewBox={`0 0 ${size.w} ${size.h}`} aria-hidden="true">

@@ -16,7 +16,17 @@ export const trainVerbs: readonly TrainVerb[] = [
     verb: 'landmarks train tracker',
     title: 'Points: a tracker, all parts in one file',
     data: 'points',
-    only: ['--hold-out', '--mirror', '--turned', '--trees', '--depth', '--levels', '--modes', '--patch', '--seed'],
+    only: [
+      '--hold-out',
+      '--mirror',
+      '--turned',
+      '--trees',
+      '--depth',
+      '--levels',
+      '--modes',
+      '--patch',
+      '--seed',
+    ],
     output: 'tracker.json',
   },
   {
@@ -37,7 +47,16 @@ export const trainVerbs: readonly TrainVerb[] = [
     verb: 'aam train',
     title: 'Appearance model',
     data: 'points',
-    only: ['--hold-out', '--channels', '--width', '--levels', '--variance', '--modes', '--texture-modes', '--mirror'],
+    only: [
+      '--hold-out',
+      '--channels',
+      '--width',
+      '--levels',
+      '--variance',
+      '--modes',
+      '--texture-modes',
+      '--mirror',
+    ],
     output: 'aam.json',
   },
   {
@@ -130,11 +149,16 @@ export const judgeVerbs: readonly JudgeVerb[] = [
 ];
 
 // What is asked of the program for data of a kind: inputs and flags.
-export function trainRequest(verb: TrainVerb, data: string, flags: Flags): { inputs: string[]; flags: Flags } {
+export function trainRequest(
+  verb: TrainVerb,
+  data: string,
+  flags: Flags,
+): { inputs: string[]; flags: Flags } {
   const output: Flags = verb.output === '' ? {} : { '--output': `out:${verb.output}` };
   if (verb.data === 'gallery') return { inputs: [], flags: { ...flags } };
   if (verb.verb === 'pose train-view') return { inputs: [], flags: { ...flags, ...output, '--truth': data } };
-  if (verb.verb === 'plate train-reader') return { inputs: [], flags: { ...flags, ...output, '--scenes': data } };
+  if (verb.verb === 'plate train-reader')
+    return { inputs: [], flags: { ...flags, ...output, '--scenes': data } };
   return { inputs: [data], flags: { ...flags, ...output } };
 }
 
@@ -146,7 +170,8 @@ export function judgeRequest(
 ): { inputs: string[]; flags: Flags } {
   const all: Flags = { ...flags };
   if (model !== null) all[verb.model] = model;
-  if (verb.verb === 'pose eval') return { inputs: [], flags: { ...all, '--truth': data, '--output': 'out:found.jsonl' } };
+  if (verb.verb === 'pose eval')
+    return { inputs: [], flags: { ...all, '--truth': data, '--output': 'out:found.jsonl' } };
   if (verb.verb === 'plate eval') {
     return {
       inputs: [`${data}/images`],
@@ -157,7 +182,9 @@ export function judgeRequest(
 }
 
 // The job that draws data of a kind, and the reference of its result.
-export function drawRequest(kind: DataKind): { verb: string; inputs: string[]; flags: Flags; result: string } | null {
+export function drawRequest(
+  kind: DataKind,
+): { verb: string; inputs: string[]; flags: Flags; result: string } | null {
   if (kind === 'points' || kind === 'heads') {
     return {
       verb: 'pose synth',
@@ -167,7 +194,12 @@ export function drawRequest(kind: DataKind): { verb: string; inputs: string[]; f
     };
   }
   if (kind === 'plates') {
-    return { verb: 'plate synth', inputs: [], flags: { '--output': 'out:cars', '--count': 20 }, result: 'cars' };
+    return {
+      verb: 'plate synth',
+      inputs: [],
+      flags: { '--output': 'out:cars', '--count': 20 },
+      result: 'cars',
+    };
   }
   return null;
 }
@@ -175,9 +207,14 @@ export function drawRequest(kind: DataKind): { verb: string; inputs: string[]; f
 // Of the files of a job those that are data of a kind, as paths below it.
 export function dataOfJob(kind: DataKind, files: readonly string[]): string[] {
   if (kind === 'points') return files.filter((name) => /(^|\/)set\.(json|yaml)$/.test(name));
-  if (kind === 'heads') return files.filter((name) => /(^|\/)truth\.jsonl$/.test(name) && files.some((one) => one.endsWith('set.json')));
+  if (kind === 'heads')
+    return files.filter(
+      (name) => /(^|\/)truth\.jsonl$/.test(name) && files.some((one) => one.endsWith('set.json')),
+    );
   if (kind === 'plates') {
-    return files.filter((name) => /\/truth\.csv$/.test(name)).map((name) => name.replace(/\/truth\.csv$/, ''));
+    return files
+      .filter((name) => /\/truth\.csv$/.test(name))
+      .map((name) => name.replace(/\/truth\.csv$/, ''));
   }
   return [];
 }
