@@ -192,8 +192,9 @@ function Worst({ job }: { job: Job }) {
     if (!(job.files ?? []).some((file) => file.name === 'found.jsonl')) return points;
     for (const line of (await jobText(job.id, 'found.jsonl')).split('\n')) {
       if (line.trim() === '') continue;
-      const one = JSON.parse(line) as { image?: string; points?: [number, number][] };
-      if (one.image && Array.isArray(one.points)) points.set(one.image, one.points);
+      const one = JSON.parse(line) as { image?: string; faces?: { points?: [number, number][] }[] };
+      const first = one.faces?.[0]?.points;
+      if (one.image && Array.isArray(first)) points.set(one.image, first);
     }
     return points;
   }, [job.id]);

@@ -112,7 +112,7 @@ export const judgeVerbs: readonly JudgeVerb[] = [
     data: 'points',
     model: '--model',
     trains: 'landmarks train tracker',
-    only: ['--held-out', '--method', '--starts', '--min-face'],
+    only: ['--held-out', '--eyes', '--method', '--starts', '--min-face'],
   },
   {
     verb: 'aam eval',
@@ -120,7 +120,7 @@ export const judgeVerbs: readonly JudgeVerb[] = [
     data: 'points',
     model: '--model',
     trains: 'aam train',
-    only: ['--held-out', '--method', '--start', '--limit'],
+    only: ['--held-out', '--eyes', '--method', '--start', '--limit'],
   },
   {
     verb: 'plate eval',

@@ -1,0 +1,420 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""The pages of the areas, and a whole path through each of them, as a user goes it: on the real server, with drawn
+people, streets, boards and scenes."""
+
+import glob
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+
+import studio  # noqa: E402
+
+PAGES = ["plates", "people", "reconstruct", "annotate", "calibrate", "train", "explore"]
+LONG = 240  # s, of work on a busy machine
+
+
+class AreaTest(studio.PageTest):
+    def path(self, name):
+        """A page of a path is looked at by people and judged like all others."""
+        self.judge(f"path-{name}")
+
+    def job_of(self, verb, timeout=LONG):
+        """The newest job of a verb, when it is over."""
+        for _ in range(timeout * 5):
+            jobs = [job for job in self.server.call("/api/jobs")[1]["jobs"] if job["verb"] == verb]
+            if jobs:
+                job = max(jobs, key=lambda one: str(one["created"]))
+                if job["state"] not in ("queued", "running"):
+                    return self.server.call(f"/api/jobs/{job['id']}")[1]
+            self.page.evaluate("new Promise((done) => setTimeout(done, 200))")
+        self.fail(f"no job of {verb} ended in {timeout} s")
+
+    def state(self, verb):
+        """The state of the running session of a verb."""
+        for one in self.server.call("/api/sessions")[1]["sessions"]:
+            if one["verb"] == verb and one["running"]:
+                return self.server.call(f"/api/sessions/{one['id']}")[1]
+        return None
+
+    def until(self, what, condition, timeout=60):
+        for _ in range(timeout * 10):
+            value = condition()
+            if value:
+                return value
+            self.page.evaluate("new Promise((done) => setTimeout(done, 100))")
+        self.fail(f"not in {timeout} s: {what}\n{self.page.text('main')[:600]}")
+
+
+class EmptyPages(AreaTest):
+    """Before anything was done: each page says what it is for, and what to do first."""
+
+    def test_each_page(self):
+        for name in PAGES:
+            with self.subTest(page=name):
+                self.go(f"/{name}")
+                self.page.find("heading", contains={"train": "Train and judge"}.get(name, name))
+                self.judge(f"empty-{name}")
+
+    def test_each_tab(self):
+        for name, tabs in {
+            "people": ["Add a person", "Who is this?", "Live"],
+            "calibrate": ["2. Show it to the camera", "Or: from photographs"],
+            "train": ["Judge"],
+        }.items():
+            self.go(f"/{name}")
+            for tab in tabs:
+                with self.subTest(page=name, tab=tab):
+                    self.page.click("tab", tab)
+                    self.judge(f"empty-{name}-{re.sub('[^a-z]+', '-', tab.lower()).strip('-')}")
+
+
+class ReconstructPath(AreaTest):
+    """Eleven photographs are dropped and become a cloud."""
+
+    def test_photographs_to_cloud(self):
+        with tempfile.TemporaryDirectory() as folder:
+            scene = os.path.join(folder, "scene")
+            subprocess.run(
+                [os.path.join(studio.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "11", "--size", "480x360"],
+                check=True, capture_output=True)
+            photographs = sorted(glob.glob(os.path.join(scene, "images", "*.jpg")))
+            self.assertEqual(len(photographs), 11)
+            self.go("/reconstruct")
+            self.page.upload(self.page.file_input(), photographs)
+            self.page.wait_text("11 photographs", 60)
+        self.page.click("button", "Reconstruct")
+        self.page.wait_text("reprojection error", LONG)
+        self.assertRegex(self.page.text("main"), r"11 of 11 photographs, \d+ points")
+        self.page.wait("Number(document.querySelector('.cloud canvas')?.dataset.drawn) > 1000", 60, "a drawn cloud")
+        self.path("reconstruct")
+
+        # By keys: the view turns, and a point is shown in its photographs.
+        self.page.focus("application", contains="Cloud of")
+        before = self.page.evaluate("document.querySelector('.cloud canvas').toDataURL().length")
+        for key in ("ArrowLeft", "ArrowUp", "0"):
+            self.page.press(key)
+        self.assertGreater(before, 1000)
+        self.page.fill("spinbutton", self.named("spinbutton", "point number"), "5")
+        self.page.click("button", "Choose")
+        self.page.wait_text("Point 5: seen in")
+        error = float(re.search(r"(\d+\.\d+) px off", self.page.text(".point-view")).group(1))
+        self.assertLess(error, 3)
+        self.path("reconstruct-point")
+
+        # Two points, a known length, and the scale.
+        self.page.choose("A click on a point", "measure")
+        for number in ("5", "50"):
+            self.page.fill("spinbutton", self.named("spinbutton", "point number"), number)
+            self.page.click("button", "Choose")
+        self.page.wait_text("units of the model")
+        self.page.fill("spinbutton", "It is in truth", "2.5")
+        self.page.click("button", "Use as scale")
+        self.page.wait_text("Distance: 2.500 m")
+        self.path("reconstruct-measure")
+
+    def test_drawn_photographs_and_cancel(self):
+        self.go("/reconstruct")
+        self.page.choose("Drawn photographs", "20")
+        self.page.click("button", "Try with synthetic data")
+        self.page.click("button", "Cancel", timeout=120)
+        job = self.job_of("sfm reconstruct")
+        self.assertEqual(job["state"], "cancelled")
+        self.page.wait_text("cancelled")
+
+    def named(self, role, part):
+        return next(name for _, name, _ in self.page.find_all(role) if part in name)
+
+
+class PeoplePath(AreaTest):
+    """Two drawn people are enrolled and recognised; one is forgotten, with its proof."""
+
+    def enrol(self, name):
+        self.page.click("tab", "Add a person")
+        self.page.click("button", contains=name, timeout=LONG)
+        self.page.click("button", "Enrol", timeout=LONG)
+        self.page.wait_text("pictures were taken", LONG)
+        taken, shots = map(int, re.search(r"(\d+) of (\d+) pictures were taken", self.page.text("main")).groups())
+        self.assertEqual(shots, 10)
+        self.assertGreaterEqual(taken, 3)
+
+    def test_enrol_recognise_forget(self):
+        self.go("/people")
+        self.enrol("Ann (drawn)")
+        self.path("people-enrolled")
+        self.page.click("button", "Add another person")
+        self.enrol("Ben (drawn)")
+        self.page.click("button", "Try it: who is this?")
+        seen = set()
+        for _ in range(6):
+            before = self.page.text(".boxed + *, section[aria-label='Who is on it']")
+            self.page.click("button", "Try with synthetic data")
+            self.page.wait(
+                "document.querySelector('section[aria-label=\"Who is on it\"]')?.innerText && "
+                f"document.querySelector('section[aria-label=\"Who is on it\"]').innerText !== {json.dumps(before)} && "
+                "!document.querySelector('.is-busy')", 60, "an answer")
+            seen.update(re.findall(r"Ann \(drawn\)|Ben \(drawn\)", self.page.text("section[aria-label='Who is on it'] h2")))
+        self.assertEqual(seen, {"Ann (drawn)", "Ben (drawn)"})
+        self.path("people-recognised")
+
+        self.page.click("tab", "Gallery")
+        self.page.find("button", "Forget Ann (drawn)")
+        self.path("people-gallery")
+        self.page.click("button", "Forget Ann (drawn)")
+        self.page.click("button", "Forget")
+        self.page.wait_text("Pieces that were looked for", 60)
+        self.assertIn("None of them is left", self.page.text("dialog"))
+        studio.shot(self.page, "path-people-forgotten")
+        self.page.click("button", "Close")
+        self.page.wait("!document.body.innerText.includes('Forget Ann')")
+
+    def test_name_with_markup_stays_text(self):
+        self.go("/people")
+        self.page.click("tab", "Add a person")
+        name = "<img src=x onerror=alert(1)>"
+        self.page.fill("textbox", "Name", name)
+        self.page.fill("textbox", "What was agreed", "<b>yes</b>")
+        self.page.click("checkbox", "This person has agreed")
+        self.page.click("button", "Next: pictures")
+        self.page.wait_text(f"Pictures of {name}")
+        self.assertEqual(self.page.evaluate("document.querySelectorAll('img[src=x]').length"), 0)
+
+    def test_live(self):
+        self.go("/people")
+        self.page.click("tab", "Live")
+        self.page.click("button", "Start")
+        self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live picture")
+        self.path("people-live")
+        self.page.click("button", "End")
+        self.page.find("button", "Start")
+
+
+class AnnotatePath(AreaTest):
+    """Five drawn faces are annotated, a tracker is trained of them, and its worst case is looked at."""
+
+    KEEP = [36, 39, 42, 45, 30, 48, 54, 8]  # of the 68 points of the truth
+    MIRROR = [(0, 3), (1, 2), (5, 6), (4, 4), (7, 7)]
+
+    def truth(self):
+        files = glob.glob(os.path.join(self.server.workspace, "jobs", "*", "files", "heads", "truth.jsonl"))
+        self.assertTrue(files)
+        with open(files[0], encoding="utf-8") as file:
+            lines = [json.loads(line) for line in file]
+        return {os.path.basename(one["image"]): [one["points"][i] for i in self.KEEP] for one in lines}
+
+    def click_picture(self, x, y):
+        """A click at a pixel of the picture."""
+        session = self.state("landmarks annotate")
+        x0, y0, scale = session["state"]["view"]
+        box = self.page.evaluate("""(() => { const c = document.querySelector('.annotate-picture canvas');
+          c.scrollIntoView({block: 'center'}); const b = c.getBoundingClientRect();
+          return [b.left, b.top, b.width, b.height]; })()""")
+        vx, vy = x0 + scale * x, y0 + scale * y
+        self.page.click_at(box[0] + (vx + 0.5) * box[2] / session["width"], box[1] + (vy + 0.5) * box[3] / session["height"])
+
+    def at(self, name, value, timeout=30):
+        self.until(f"{name} is {value}",
+                   lambda: (self.state("landmarks annotate") or {"state": {}})["state"].get(name) == value, timeout)
+
+    def test_annotate_train_judge(self):
+        self.go("/annotate")
+        self.page.click("button", "Try with synthetic data")
+        self.page.wait("document.querySelector('.annotate-picture .live-view:not(.is-waiting) canvas')", LONG, "the picture")
+        self.at("pictures", 5)
+        truth = self.truth()
+        points = truth[os.path.basename(self.state("landmarks annotate")["state"]["path"])]
+        for n, (x, y) in enumerate(points[:7]):
+            self.click_picture(x, y)
+            self.at("points", n + 1)
+        # One click is taken back and comes again.
+        self.page.click("button", "Undo")
+        self.at("points", 6)
+        self.page.click("button", "Redo")
+        self.at("points", 7)
+        # The last point by keys alone: the cross is moved to it, Enter clicks.
+        session = self.state("landmarks annotate")
+        x0, y0, scale = session["state"]["view"]
+        self.page.focus("application", contains="Cross at")
+        want = (x0 + scale * points[7][0], y0 + scale * points[7][1])
+        at = self.page.evaluate("document.querySelector('.pad').innerText.match(/[0-9]+/g).map(Number)")
+        for axis, keys in ((0, ("ArrowLeft", "ArrowRight")), (1, ("ArrowUp", "ArrowDown"))):
+            way = want[axis] - at[axis]
+            for _ in range(int(abs(way) // 20)):
+                self.page.press(keys[way > 0], shift=True)
+            for _ in range(round((abs(way) % 20) / 2)):
+                self.page.press(keys[way > 0])
+        self.page.press("Enter")
+        self.at("points", 8)
+        self.path("annotate-points")
+
+        # The kill of the program loses nothing: the journal has every click.
+        self.page.click("button", "Mirror images")
+        self.at("stage", "symmetry")
+        for a, b in self.MIRROR:
+            self.click_picture(*points[a])
+            self.click_picture(*points[b])
+        self.page.click("button", "All pictures")
+        self.at("stage", "pictures")
+        for _ in range(6):
+            state = self.state("landmarks annotate")["state"]
+            if state["done"] == 5:
+                break
+            self.until("it has learnt", lambda: not self.state("landmarks annotate")["state"]["learning"])
+            state = self.state("landmarks annotate")["state"]
+            if state["picture"] > 0 and not state["agreed"]:
+                self.drag_points(truth[os.path.basename(state["path"])])
+            self.page.click("button", "It is right, go on")
+            self.until("the next picture", lambda: (lambda now: now["picture"] != state["picture"] or now["done"] != state["done"])(
+                self.state("landmarks annotate")["state"]))
+        self.at("done", 5)
+        self.path("annotate-pictures")
+        self.page.click("button", "Save and end")
+        self.page.wait_text("Saved as", 60)
+        self.path("annotate-saved")
+
+        self.page.click("link", "Train with it")
+        self.page.wait("document.querySelector('main[data-page=train][data-ready=yes]')")
+        self.page.click("button", "Train", timeout=60)
+        self.page.click("button", "Judge it", timeout=LONG)
+        self.page.find("button", "Judge")
+        self.page.fill("textbox", "eyes", "0 3")
+        self.page.choose("Compare", "no")
+        self.page.click("button", "Judge")
+        self.page.wait_text("Worst cases first", LONG)
+        self.page.wait("document.querySelectorAll('.found').length >= 8", 60, "points on the worst picture")
+        self.assertIn("Mean error", self.page.text("main"))
+        self.path("train-worst")
+
+    def drag_points(self, truth):
+        """Proposals that are off are dragged to where they belong, by their places if the session tells them."""
+        session = self.state("landmarks annotate")
+        places = session["state"].get("places")
+        if not places:
+            return
+        box = self.page.evaluate("""(() => { const c = document.querySelector('.annotate-picture canvas');
+          c.scrollIntoView({block: 'center'}); const b = c.getBoundingClientRect();
+          return [b.left, b.top, b.width, b.height]; })()""")
+        x0, y0, scale = session["state"]["view"]
+
+        def shown(point):
+            return (box[0] + (x0 + scale * point[0] + 0.5) * box[2] / session["width"],
+                    box[1] + (y0 + scale * point[1] + 0.5) * box[3] / session["height"])
+        for n, place in enumerate(places):
+            if place and max(abs(place[0] - truth[n][0]), abs(place[1] - truth[n][1])) > 2:
+                self.page.drag(shown(place), shown(truth[n]))
+
+
+class CalibratePath(AreaTest):
+    """A board is printed, a drawn camera sees it, the camera file is kept; then from pictures."""
+
+    def test_print_show_keep(self):
+        self.go("/calibrate")
+        self.page.click("button", "Make the sheet")
+        self.page.wait_text("Download board.pdf", 60)
+        status, sheet = self.server.call(f"/api/jobs/{self.job_of('ar marker-sheet')['id']}/files/board.pdf")
+        self.assertEqual(status, 200)
+        self.assertTrue(sheet.startswith(b"%PDF"))
+        self.path("calibrate-print")
+
+        self.page.click("button", "I have one: go on")
+        self.page.click("button", "Try with synthetic data")
+        self.until("the camera is calibrated", lambda: (self.state("calibrate") or {"state": {}})["state"].get("calibrated"), LONG)
+        self.path("calibrate-live")
+        self.page.click("button", "Finish and keep the camera")
+        self.page.wait_text("The camera is kept as", 60)
+        self.page.wait_text("distortion:")
+        status, camera = self.server.call("/api/state/camera.yaml")
+        self.assertEqual(status, 200)
+        self.assertIn(b"fx:", camera)
+        self.path("calibrate-kept")
+
+    def test_from_pictures(self):
+        self.go("/calibrate")
+        self.page.click("tab", "Or: from photographs")
+        self.page.click("button", "Try with synthetic data")
+        self.page.wait_text("The camera in numbers", LONG)
+        self.assertRegex(self.page.text("main"), r"Error 0\.\d+ px, \d+ of \d+ pictures used")
+        self.page.wait_text("Views, largest error first")
+        self.path("calibrate-photos")
+
+
+class PlatesPath(AreaTest):
+    """A drawn day of traffic is read, searched, corrected and exported; a street is read live."""
+
+    def count(self):
+        return int(re.search(r"(\d+) events?", self.page.text("main p[role=status]")).group(1))
+
+    def test_a_day(self):
+        self.go("/plates")
+        self.page.click("button", "Try with synthetic data")
+        self.page.wait("document.querySelector('main p[role=status]')?.innerText.match(/[0-9]+ event/)", LONG)
+        self.page.find("button", "Try with synthetic data", timeout=LONG)  # the day is over
+        self.until("ten vehicles", lambda: self.count() >= 10, 60)
+        every = self.count()
+        self.page.wait("document.querySelectorAll('.plate img').length > 3", 60, "pictures of plates")
+        self.path("plates-day")
+
+        text = self.page.text(".plate-text")
+        self.assertRegex(text, r"^[A-Z0-9]{4,}$")
+        self.page.fill("searchbox", "Text of the plate", text[1:4])
+        self.page.click("button", "Search")
+        self.page.wait_text("found")
+        self.assertLess(self.count(), every)
+        self.assertIn(text, self.page.text("main table"))
+        wrong = ("X" if text[0] != "X" else "Y") + text[1:]
+        self.page.fill("searchbox", "Text of the plate", wrong)
+        self.page.click("checkbox", "Nearly this text")
+        self.page.click("button", "Search")
+        self.page.wait(f"document.querySelector('main table')?.innerText.includes({json.dumps(text)})", 30, "the near text")
+        self.page.click("button", "Show all")
+        self.page.choose("When", "12h")
+        self.page.click("button", "Search")
+        self.until("fewer in the last 12 hours", lambda: 0 < self.count() < every)
+        self.path("plates-search")
+
+        self.page.click("button", f"More about {text}")
+        self.page.wait_text("How sure of each character", 60)
+        studio.shot(self.page, "path-plates-detail")
+        self.page.fill("textbox", "What the plate really says", "ABC 123")
+        self.page.click("button", "Correct")
+        self.page.wait_text("read as", 30)
+        files = [one["name"] for one in self.server.call("/api/sets/corrections")[1]["files"]]
+        self.assertEqual(sorted(name.rsplit(".", 1)[1] for name in files), ["jpg", "json"])
+        self.assertTrue(all("ABC123" in name for name in files))
+        self.path("plates-corrected")
+
+    def test_live(self):
+        self.go("/plates")
+        self.page.click("button", "Start reading")
+        self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live picture")
+        self.path("plates-live")
+        self.page.click("button", "Stop reading")
+        self.page.find("button", "Start reading")
+
+
+class ExplorePath(AreaTest):
+    def test_sliders(self):
+        self.go("/explore")
+        self.page.click("button", "Try with synthetic data")
+        self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a face")
+        name = self.until("sliders", lambda: [one[1] for one in self.page.find_all("slider")])[0]
+        self.page.slide(name, 2)
+        self.until("the face has changed", lambda: any(
+            abs(value) > 1.5 for value in (self.state("aam explore") or {"state": {"shape": []}})["state"]["shape"]))
+        self.page.click("button", contains="random")
+        self.path("explore")
+        self.page.click("button", "End")
+        self.page.choose("Model of", "points")
+        self.page.click("button", "Explore")
+        self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a patch")
+        self.path("explore-points")
+        self.page.click("button", "End")
+
+
+if __name__ == "__main__":
+    studio.main()
