@@ -16,8 +16,8 @@ import {
   Tabs,
 } from '../../ui';
 import { attempt, toast } from '../../ui/toast';
-import { save } from '../shared/files';
-import { useJob } from '../shared/jobs';
+import { hasState, save } from '../shared/files';
+import { settleJob, useJob } from '../shared/jobs';
 import { Enrol } from './enrol';
 import { Identify } from './identify';
 import { LivePeople } from './live_people';
@@ -33,6 +33,7 @@ const tabs = [
 export function People() {
   const [tab, setTab] = useState('gallery');
   const people = useLoad(async () => {
+    if (!(await hasState('gallery'))) return [];
     const answer = await api.run('people list');
     return answer.lines.map(personOf).filter((one): one is Person => one !== null);
   });
@@ -68,15 +69,23 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
   const job = useJob(exported);
   const [keep, setKeep] = useState('30d');
   const sightings = useLoad(async () => {
+    if (!(await hasState('gallery'))) return [];
     const answer = await api.run('people list', [], { '--sightings': true, '--limit': 100 });
     return answer.lines.map(sightingOf).filter((one) => one !== null);
   });
   const forget = async (name: string) => {
     setForgetting(null);
     await attempt(async () => {
-      const answer = await api.run('people forget', [name]);
-      const found = answer.lines.map(proofOf).find((one) => one !== null);
-      if (!found) throw new Error(answer.error || `${name} could not be forgotten.`);
+      // As a job, as searching a large workspace takes its time; its record has the name and goes with it.
+      const job = await settleJob({
+        verb: 'people forget',
+        inputs: [name],
+        flags: {},
+        name: 'Forget a person',
+      });
+      const found = job.lines.map(proofOf).find((one) => one !== null);
+      await api.removeJob(job.id).catch(() => undefined);
+      if (!found) throw new Error(job.error ?? 'This person could not be forgotten.');
       setProof(found);
       props.again();
       sightings.again();
@@ -176,6 +185,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
             onChange={setKeep}
           />
           <AsyncButton
+            disabled={props.people.length === 0}
             run={async () => {
               await attempt(async () => {
                 const answer = await api.run('people list', [], { '--sightings': true, '--keep': keep });

@@ -142,7 +142,7 @@ export function nameProblem(name: string): string {
   const text = name.trim();
   if (text === '') return '';
   if (new TextEncoder().encode(text).length > 200) return 'A name has 200 bytes at most.';
-   
+
   if (/[\u0000-\u001f\u007f]/.test(text)) return 'A name is one line.';
   return '';
 }

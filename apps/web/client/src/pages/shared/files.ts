@@ -1,5 +1,5 @@
 // Files that go to the server and come from it.
-import { api } from '../../api';
+import { api, call } from '../../api';
 import { jobBlob } from './jobs';
 
 // A name for a set that the server takes: letters, digits, - and _; with the time, so that it is new.
@@ -101,4 +101,19 @@ export function addressOf(name: string, width?: number): string | null {
   if (!rest) return null;
   if (kind === 'job' || kind === 'jobs') return api.jobFileAddress(first!, rest);
   return api.setFileAddress(first!, rest, width);
+}
+
+export interface StateFile {
+  name: string;
+  bytes: number;
+}
+
+// Files of the workspace that verbs share: the gallery, the log of plates, annotations, cameras.
+export async function stateFiles(): Promise<StateFile[]> {
+  const answer = (await (await call('/api/state')).json()) as { files?: StateFile[] };
+  return answer.files ?? [];
+}
+
+export async function hasState(name: string): Promise<boolean> {
+  return (await stateFiles()).some((one) => one.name === name);
 }

@@ -49,8 +49,8 @@ export function useJob(id: string | undefined): Job | undefined {
   return job;
 }
 
-// Starts a job and waits for its end. Throws with its own words if it fails.
-export async function finishJob(
+// Starts a job and waits for its end, however it ends.
+export async function settleJob(
   request: StartRequest,
   onJob?: (job: Job) => void,
   stop?: AbortSignal,
@@ -69,6 +69,16 @@ export async function finishJob(
   } finally {
     release();
   }
+  return job;
+}
+
+// The same; throws with the job's own words if it fails.
+export async function finishJob(
+  request: StartRequest,
+  onJob?: (job: Job) => void,
+  stop?: AbortSignal,
+): Promise<Job> {
+  const job = await settleJob(request, onJob, stop);
   if (job.state !== 'done') throw new Error(problemOfJob(job));
   return job;
 }
