@@ -13,13 +13,13 @@ import tempfile
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 
-import studio  # noqa: E402
+import pages  # noqa: E402
 
-PAGES = ["plates", "people", "reconstruct", "annotate", "calibrate", "train", "explore"]
+AREAS = ["plates", "people", "reconstruct", "annotate", "calibrate", "train", "explore"]
 LONG = 240  # s, of work on a busy machine
 
 
-class AreaTest(studio.PageTest):
+class AreaTest(pages.PageTest):
     def path(self, name):
         """A page of a path is looked at by people and judged like all others."""
         self.judge(f"path-{name}")
@@ -55,7 +55,7 @@ class EmptyPages(AreaTest):
     """Before anything was done: each page says what it is for, and what to do first."""
 
     def test_each_page(self):
-        for name in PAGES:
+        for name in AREAS:
             with self.subTest(page=name):
                 self.go(f"/{name}")
                 self.page.find("heading", contains={"train": "Train and judge"}.get(name, name))
@@ -81,7 +81,7 @@ class ReconstructPath(AreaTest):
         with tempfile.TemporaryDirectory() as folder:
             scene = os.path.join(folder, "scene")
             subprocess.run(
-                [os.path.join(studio.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "11", "--size", "480x360"],
+                [os.path.join(pages.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "11", "--size", "480x360"],
                 check=True, capture_output=True)
             photographs = sorted(glob.glob(os.path.join(scene, "images", "*.jpg")))
             self.assertEqual(len(photographs), 11)
@@ -169,7 +169,7 @@ class PeoplePath(AreaTest):
         self.page.click("button", "Forget")
         self.page.wait_text("Pieces that were looked for", 60)
         self.assertIn("None of them is left", self.page.text("dialog"))
-        studio.shot(self.page, "path-people-forgotten")
+        pages.shot(self.page, "path-people-forgotten")
         self.page.click("button", "Close")
         self.page.wait("!document.body.innerText.includes('Forget Ann')")
 
@@ -379,7 +379,7 @@ class PlatesPath(AreaTest):
 
         self.page.click("button", f"More about {text}")
         self.page.wait_text("How sure of each character", 60)
-        studio.shot(self.page, "path-plates-detail")
+        pages.shot(self.page, "path-plates-detail")
         self.page.fill("textbox", "What the plate really says", "ABC 123")
         self.page.click("button", "Correct")
         self.page.wait_text("read as", 30)
@@ -417,4 +417,4 @@ class ExplorePath(AreaTest):
 
 
 if __name__ == "__main__":
-    studio.main()
+    pages.main()
