@@ -416,8 +416,20 @@ class ApiTest(pages.PageTest):
         texts = self.page.evaluate("[...document.querySelectorAll('.endpoints .command code')].map((one) => one.textContent)")
         plain = [one for one in texts if "{" not in one.split("http")[-1] and " -X " not in one and "/api/live" not in one]
         self.assertGreater(len(plain), 6)
+        photo = os.path.join(self.server.workspace, "photo.jpg")
+        started = self.server.call("/api/sessions", {"verb": "cartoon run", "inputs": ["synth:portrait?live=1"], "flags": {}})
+        for _ in range(100):  # until its first picture is there
+            status, jpeg = self.server.call(f"/api/sessions/{started[1]['id']}/snapshot.jpg")
+            if status == 200:
+                break
+            self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
+        with open(photo, "wb") as file:
+            file.write(jpeg)
+        starts = ("/api/sets", "/api/sessions", "/api/run", "/api/jobs", "/api/v1/cartoon/run", "/api/v1/landmarks/fit")
+        plain += [one for one in texts if " -X POST " in one and one.endswith(starts)]
+        self.assertGreaterEqual(len(plain), 6 + len(starts))
         for text in plain:
-            command = text.replace("WORKSPACE", self.server.workspace)
+            command = text.replace("WORKSPACE", self.server.workspace).replace("@photo.jpg", "@" + photo)
             done = subprocess.run(["bash", "-c", command.replace("curl ", "curl -sS -f -m 20 -o /dev/null ", 1)],
                                   capture_output=True, text=True, timeout=40, check=False)
             self.assertEqual(done.returncode, 0, f"{text}: {done.stderr}")

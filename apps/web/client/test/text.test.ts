@@ -41,7 +41,7 @@ test('endpoints become curl calls', () => {
   );
   const post = endpoints[1];
   assert.ok(post);
-  assert.match(curlText(post, 'http://h'), /-X POST .*-d '\{"name":"a"\}' http:\/\/h\/api\/sets$/);
+  assert.match(curlText(post, 'http://h'), /-X POST .*-d '\{"name":"holiday"\}' http:\/\/h\/api\/sets$/);
 });
 
 test('findings of doctor', () => {

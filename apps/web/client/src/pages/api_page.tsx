@@ -26,7 +26,12 @@ export function curlText(endpoint: Endpoint, origin: string): string {
   const content = Object.keys(endpoint.operation.requestBody?.content ?? {});
   if (endpoint.method !== 'GET') words.push('-X', endpoint.method);
   if (content.includes('application/json')) {
-    words.push('-H', "'Content-Type: application/json'", '-d', shellWord(bodyExample(endpoint.operation)));
+    words.push(
+      '-H',
+      "'Content-Type: application/json'",
+      '-d',
+      shellWord(bodyExample(endpoint.path, endpoint.operation)),
+    );
   } else if (content.includes('multipart/form-data')) words.push('-F', 'file=@photo.jpg');
   else if (content.some((type) => type.startsWith('image/')))
     words.push('-H', "'Content-Type: image/jpeg'", '--data-binary', '@photo.jpg');
@@ -35,7 +40,19 @@ export function curlText(endpoint: Endpoint, origin: string): string {
   return words.join(' ');
 }
 
-function bodyExample(operation: OpenApiOperation): string {
+// Bodies that do something on any studio.
+const BODIES: Record<string, Json> = {
+  '/api/sets': { name: 'holiday' },
+  '/api/sessions': { verb: 'cartoon run', inputs: ['synth:portrait?live=1'], flags: { '--mode': 'sketch' } },
+  '/api/sessions/{id}/events': [{ action: 'sketch' }],
+  '/api/jobs': { verb: 'sfm synth', inputs: [], flags: { '--output': 'out:scene' } },
+  '/api/run': { verb: 'doctor', inputs: [], flags: {} },
+  '/api/session': { token: 'TOKEN' },
+};
+
+function bodyExample(path: string, operation: OpenApiOperation): string {
+  const own = BODIES[path];
+  if (own !== undefined) return JSON.stringify(own);
   const body = operation.requestBody?.content?.['application/json'];
   if (body !== null && typeof body === 'object' && !Array.isArray(body) && body !== undefined) {
     const example = body['example'];

@@ -425,30 +425,45 @@ export function Table<Row>(props: {
   hideCaption?: boolean;
 }) {
   return (
-    <div class="table-box" tabIndex={0} role="group" aria-label={props.caption}>
-      <table>
+    <div
+      class={props.columns.length > 3 ? 'table-box stacks' : 'table-box'}
+      tabIndex={0}
+      role="group"
+      aria-label={props.caption}
+    >
+      <table role="table">
         <caption class={props.hideCaption ? 'unseen' : undefined}>{props.caption}</caption>
-        <thead>
-          <tr>
+        <thead role="rowgroup">
+          <tr role="row">
             {props.columns.map((column) => (
-              <th key={column.name} scope="col" class={column.number ? 'number' : undefined}>
+              <th
+                key={column.name}
+                scope="col"
+                role="columnheader"
+                class={column.number ? 'number' : undefined}
+              >
                 {column.name}
               </th>
             ))}
           </tr>
         </thead>
-        <tbody>
+        <tbody role="rowgroup">
           {props.rows.length === 0 && (
-            <tr>
-              <td colSpan={props.columns.length} class="faint">
+            <tr role="row">
+              <td role="cell" colSpan={props.columns.length} class="faint">
                 {props.empty ?? 'Nothing here yet.'}
               </td>
             </tr>
           )}
           {props.rows.map((row, index) => (
-            <tr key={props.keyOf(row, index)}>
+            <tr key={props.keyOf(row, index)} role="row">
               {props.columns.map((column) => (
-                <td key={column.name} class={column.number ? 'number' : undefined}>
+                <td
+                  key={column.name}
+                  role="cell"
+                  data-label={column.name}
+                  class={column.number ? 'number' : undefined}
+                >
                   {column.show(row)}
                 </td>
               ))}

@@ -1,1 +1,0 @@
-import{l as e}from"./chunk-OGVLQXYF.js";async function s(){return((await(await e("/api/state")).json()).files??[]).filter(n=>n.name.endsWith(".points.json"))}var i=t=>`/api/state/${encodeURIComponent(t)}`;export{s as a,i as b};
