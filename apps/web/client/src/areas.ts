@@ -100,8 +100,9 @@ export const TRIALS: Trial[] = [
   },
 ];
 
-// What people call a session: its own name, else its area's.
+// What people call a session: the name it was given, else its area's.
 export function sessionName(session: { name: string; title: string; verb: string }): string {
   const trial = TRIALS.find((one) => one.verb === session.verb);
-  return session.name || trial?.title || session.title || session.verb;
+  if (session.name && session.name !== session.verb) return session.name;
+  return trial?.title || session.title || session.verb;
 }

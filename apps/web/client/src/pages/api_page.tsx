@@ -161,7 +161,7 @@ export function TryVerb({ verb }: { verb: VerbHelp }) {
         {answer && (
           <>
             <p>
-              Exit status {answer.exit}, {answer.ms} ms.
+              Exit status {answer.exit}, {Math.round(answer.ms)} ms.
             </p>
             {answer.error && <Notice kind="problem">{answer.error}</Notice>}
             <pre class="log" tabIndex={0} aria-label="Answer">
