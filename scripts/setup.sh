@@ -7,7 +7,7 @@ build_packages=(
   g++ cmake ninja-build ccache pkg-config
   libopencv-dev libfmt-dev nlohmann-json3-dev libcli11-dev libmicrohttpd-dev libgnutls28-dev libx11-dev
   libavformat-dev libavcodec-dev libswscale-dev libavutil-dev
-  libjpeg-dev libpng-dev libfreetype-dev libsqlite3-dev libeigen3-dev
+  libjpeg-dev libpng-dev zlib1g-dev libfreetype-dev libsqlite3-dev libeigen3-dev
   libdlib-dev libblas-dev liblapack-dev
 )
 # Face cascades, and sample pictures and videos to show things on.
@@ -18,6 +18,8 @@ data_packages+=(fonts-opendin fonts-urw-base35 fonts-freefont-ttf fonts-roadgeek
 test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg openssl python3)
 # A peer that `tarsier bench markers` measures itself beside.
 test_packages+=(libapriltag-dev)
+# The browser that the pages of `tarsier serve` are driven in. Ubuntu has it as a snap only: the tests are skipped there.
+if grep -qsx 'ID=debian' /etc/os-release; then test_packages+=(chromium); fi
 
 # What scripts/fuzz.sh compiles with: clang 16 (C++20) or later with libFuzzer. Debian 12 has 16 beside an older `clang`.
 fuzz_packages() {

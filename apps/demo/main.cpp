@@ -17,6 +17,7 @@
 #include <ctime>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <string>
 #include <thread>
 
 namespace tarsier::cli {
@@ -41,6 +42,17 @@ constexpr auto kSteps = std::to_array<DemoStep>({
 });
 static_assert(std::ranges::equal(kSteps, kDemoAreas, {}, &DemoStep::name),
               "the areas are those of the command line");
+
+// How a user starts `tarsier` from here: by name where it is installed, else by its path.
+std::string program_for_a_shell() {
+  namespace fs = std::filesystem;
+  // Installed, this program lies in libexec/tarsier, and tarsier in bin, which is in PATH.
+  const fs::path beside = fs::path(program_folder()) / "tarsier";
+  std::error_code error;
+  if (!fs::exists(beside, error)) return "tarsier";
+  const fs::path path = fs::relative(beside, error);
+  return error || path.native().starts_with("..") ? beside.string() : path.string();
+}
 
 ExitStatus run_demo(const DemoOptions& options, Context& context) {
   const Stopwatch watch;
@@ -70,8 +82,10 @@ ExitStatus run_demo(const DemoOptions& options, Context& context) {
     print_json(nlohmann::json{{"page", path}, {"areas", done}, {"seconds", seconds}});
   } else {
     const std::string absolute = std::filesystem::absolute(path).lexically_normal().string();
-    print_text(fmt::format("The page is ready after {:.0f} s. Open it in a browser:\n  {}\n",
-                           seconds, printable(absolute)));
+    print_text(
+        fmt::format("The page is ready after {:.0f} s. Open it in a browser:\n  {}\n"
+                    "Live, with your own images and camera, in a browser too:\n  {} serve\n",
+                    seconds, printable(absolute), printable(program_for_a_shell())));
   }
   return ExitStatus::kDone;
 }
