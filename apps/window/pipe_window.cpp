@@ -301,7 +301,8 @@ class PipeWindow final : public Window {
          lines_.feed(std::string_view(buffer_.data(), static_cast<std::size_t>(count))))
       take(line);
     if (lines_.refused() != refused) warn("a line is passed over: " + lines_.trouble());
-    advance();
+    // What is wanted together with an event is what the event makes of the image.
+    if (events_.empty()) advance();
   }
 
   void take(WindowLine& line) {

@@ -307,6 +307,18 @@ TEST_F(PipeWindowTest, MousePositionsAreOfTheImageThatWasSent) {
   EXPECT_DOUBLE_EQ(mouse[0].x, 199);
 }
 
+TEST_F(PipeWindowTest, WhatIsWantedWithAnEventIsWhatTheEventMakes) {
+  open();
+  window_->show(view(10), nullptr);
+  say("{\"key\":97}\n{\"want\":1}\n");
+  EXPECT_EQ(events().size(), 1U);
+  EXPECT_EQ(kinds(records()), "HS");
+  window_->show(view(20), nullptr);
+  const std::vector<Record> got = records();
+  ASSERT_EQ(kinds(got), "SJ");
+  EXPECT_NEAR(value_of(got[1].image()), 20, 2);
+}
+
 TEST_F(PipeWindowTest, QualityIsThatOfTheJpeg) {
   open();
   View noise = view(0, {320, 240});
@@ -416,6 +428,7 @@ TEST_F(PipeWindowTest, OneSocketMayBeBothEnds) {
   window_->show(view(10), nullptr);
   say("{\"want\":1}\n{\"key\":97}\n");
   EXPECT_EQ(window_->poll(std::chrono::minutes(5)).size(), 1U);
+  EXPECT_THAT(events(), IsEmpty());
   EXPECT_EQ(kinds(records()), "HSJ");
   EXPECT_EQ(::fcntl(ends[0], F_GETFD), FD_CLOEXEC) << "programs that are started do not get it";
 }

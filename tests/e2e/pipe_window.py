@@ -16,7 +16,7 @@ import sys
 import time
 
 PROGRAM = os.environ["TARSIER"]
-PATIENCE = 300  # s; only a test that fails waits for so long
+PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "300"))  # s; only a test that fails waits for so long
 
 
 class Failed(Exception):
@@ -157,3 +157,335 @@ class Session:
         self.to = self.out = self.viewer = None
         self.stdout.close()
         self.stderr.close()
+
+
+# --- the checks of pipe_window.sh ---
+
+failures = []
+
+
+def expect(truth, text):
+    if not truth:
+        failures.append(text)
+        print("FAILED: " + text, flush=True)
+
+
+def started(arguments, **more):
+    """A session whose first frame or picture is there."""
+    session = Session(arguments, **more)
+    session.until("picture", lambda: session.state and session.state["width"] and
+                  (session.state["frame"] is None or session.state["frame"]["index"] >= 0))
+    names = [action["name"] for action in session.hello["actions"]]
+    expect(session.hello["title"].startswith("Tarsier "), "%s: title %s" % (session.name, session.hello["title"]))
+    expect("help" in names and "quit" in names, "%s: actions %s" % (session.name, names))
+    return session
+
+
+def act(session, name, what, condition):
+    session.say(action=name)
+    session.until("%s after action %s" % (what, name), lambda: condition(session.state["state"]))
+
+
+def changes(session, line, what):
+    """The image is another one after this event."""
+    before, asked = session.image, -1
+    session.say(**line)
+
+    def is_other():
+        nonlocal asked
+        if session.images > asked:
+            asked = session.images
+            session.say(want=1)
+        return session.image != before
+
+    session.until(what, is_other)
+
+
+def interrupted_quickly(arguments, session=None):
+    """SIGINT ends it within half a second, at best of a few times: the machine may be busy."""
+    best = None
+    for _ in range(5):
+        session = session or started(arguments)
+        took, session = session.interrupt(), None
+        best = took if best is None else min(best, took)
+        if best <= 0.5:
+            return
+    expect(False, "tarsier %s: SIGINT took %.2f s" % (" ".join(arguments), best))
+
+
+def cartoon():
+    arguments = ["cartoon", "run", "synth:portrait?live=1", "--json"]
+    s = started(arguments)
+    s.next_image("cartoon.jpg")
+    expect(s.state["frame"]["source"] == "live", "cartoon: source %s" % s.state["frame"])
+    first = s.frame
+    s.next_image()
+    expect(s.frame > first, "cartoon: frame %d after %d" % (s.frame, first))
+    expect(s.age < 60000, "cartoon: an age of %d ms" % s.age)
+    images = s.images
+    states = s.states
+    s.until("states", lambda: s.states > states + 5)
+    expect(s.images == images, "cartoon: an image that nobody wanted")
+    # Standing still: what is drawn again is shown, the panel of keys is not.
+    act(s, "pause", "paused", lambda state: state["paused"])
+    s.next_image()
+    frozen = s.next_image()
+    s.say(key=ord("h"))
+    s.until("help", lambda: s.state["state"]["help"])
+    expect(s.next_image() == frozen, "cartoon: the panel of keys is on the image")
+    changes(s, {"action": "sketch"}, "sketch while it is paused")
+    changes(s, {"slider": "sketch-threshold", "value": 240}, "other lines")
+    expect(s.state["sliders"]["sketch-threshold"] == 240, "cartoon: sliders %s" % s.state["sliders"])
+    s.say(max_width=320, quality=50)
+    small = s.next_image("cartoon-small.jpg")
+    expect(s.state["width"] in (320, 640) and len(small) < len(frozen), "cartoon: the small image is %d bytes" % len(small))
+    s.write(b"nonsense\n" + b"x" * 100000 + b"\n")
+    act(s, "pause", "going on", lambda state: not state["paused"])
+    expect("a line is passed over" in s.log(), "cartoon: no warning of a broken line: " + s.log())
+    s.close()
+    lines = [json.loads(line) for line in s_output()]
+    expect(any(line.get("event") == "action sketch" for line in lines), "cartoon: no line of the action")
+    interrupted_quickly(arguments)
+    # The other ways to end: q, the end of IN, the end of OUT.
+    s = started(arguments)
+    s.say(key=ord("q"))
+    s.until("finished", lambda: s.state["finished"])
+    s.ends(0)
+    s.away()
+    s = started(arguments)
+    os.close(s.to)
+    s.to = None
+    s.ends(0)
+    s.away()
+    s = started(arguments)
+    os.close(s.out)
+    s.out, s.ended = None, True
+    s.ends(0)
+    s.away()
+
+
+def s_output():
+    return open("stdout.txt").read().splitlines()
+
+
+def slow_reader():
+    """Nobody reads: the program goes on, and does not grow."""
+    s = started(["cartoon", "run", "synth:bars?live=1&size=1920x1080", "--json", "--mode", "none"])
+    s.say(want=1)
+    pid = s.program.pid
+
+    def pages():
+        return int(open("/proc/%d/statm" % pid).read().split()[1])
+
+    def frames():
+        return open("stdout.txt").read().count("\n")
+
+    end = time.monotonic() + PATIENCE
+    while s.states < 20 and time.monotonic() < end:
+        s.read()
+    held, seen = pages(), int(s.state["frame"]["index"])
+    time.sleep(2)  # in which some fifty frames come
+    expect(s.program.poll() is None, "slow reader: the program has ended")
+    expect(pages() - held < 16384, "slow reader: %d pages more" % (pages() - held))
+    s.until("newer state", lambda: s.state["frame"]["index"] > seen + 20)
+    s.next_image("bars.jpg")
+    s.close()
+
+
+def stills():
+    s = started(["cartoon", "run", "pictures", "--json"])
+    first = s.state["frame"]["name"]
+    s.next_image("stills.jpg")
+    s.say(key=0x10002)
+    s.until("next picture", lambda: s.state["frame"]["name"] != first)
+    second = s.state["frame"]["name"]
+    expect("next-picture" in [action["name"] for action in s.hello["actions"]], "stills: no action next-picture")
+    s.say(action="next-picture")
+    s.until("third picture", lambda: s.state["frame"]["name"] != second)
+    expect(s.state["frame"]["source"] == "file" and s.state["frame"]["age_ms"] == 0, "stills: %s" % s.state["frame"])
+    s.close()
+
+
+def landmarks():
+    arguments = ["landmarks", "track", "synth:portrait?live=1", "--window", "--json"]
+    s = started(arguments)
+    s.until("face", lambda: s.state["state"]["faces"] == 1)
+    s.next_image("landmarks.jpg")
+    changes(s, {"action": "numbers"}, "numbers")
+    act(s, "smooth", "no smoothing", lambda state: not state["smoothing"])
+    s.close()
+    interrupted_quickly(arguments)
+
+
+def annotate():
+    arguments = ["landmarks", "annotate", "pictures", "-o", "set.yaml", "--json", "--proposals", "off"]
+    s = started(arguments)
+    s.say(max_width=512)
+    s.next_image("annotate.jpg")
+    # Clicks on the small image are points of the picture.
+    left, top, scale = s.state["state"]["view"]
+    wanted = [(200, 150), (320, 240), (400, 300)]
+    for count, (x, y) in enumerate(wanted, 1):
+        at = {"x": (left + scale * x + 0.5) / 2 - 0.5, "y": (top + scale * y + 0.5) / 2 - 0.5}
+        s.say(mouse="left-down", **at)
+        s.say(mouse="left-up", **at)
+        s.until("point %d" % count, lambda: s.state["state"]["points"] == count)
+        s.next_image("annotate.jpg")
+    for stage in ("connections", "symmetry", "pictures"):
+        s.say(key=13)
+        s.until("stage " + stage, lambda: s.state["state"]["stage"] == stage)
+    s.say(action="go-on")
+    s.until("next picture", lambda: s.state["state"]["picture"] == 1)
+    s.next_image("annotate-next.jpg")
+    s.close()
+    points = json.load(open("set.yaml"))["payload"]["samples"][0]["points"]
+    expect(all(abs(p[0] - w[0]) < 0.01 and abs(p[1] - w[1]) < 0.01 for p, w in zip(points, wanted)),
+           "annotate: clicked %s, got %s" % (wanted, points))
+    s = started(["landmarks", "show", "set.yaml", "--json"])
+    s.next_image("show-set.jpg")
+    changes(s, {"action": "mirrored"}, "mirrored picture")
+    s.close()
+    interrupted_quickly(["landmarks", "show", "set.yaml", "--json"])
+
+
+def explore():
+    arguments = ["aam", "explore", "--json"]
+    s = started(arguments)
+    expect(len(s.hello["sliders"]) >= 4, "explore: sliders %s" % s.hello["sliders"])
+    s.next_image("explore.jpg")
+    changes(s, {"slider": "shape 1", "value": 2.5}, "another shape")
+    s.until("slider", lambda: s.state["sliders"]["shape 1"] == 2.5 and s.state["state"]["shape"][0] == 2.5)
+    changes(s, {"action": "mesh"}, "mesh")
+    s.close()
+    interrupted_quickly(arguments)
+    s = started(["landmarks", "show", os.path.join(os.environ["TARSIER_SOURCE"], "models/landmarks68.json"), "--json"])
+    s.next_image("show-model.jpg")
+    act(s, "next", "next patch", lambda state: state["patch"] == 1)
+    s.close()
+
+
+def calibrate():
+    arguments = ["calibrate", "synth:board?live=1", "--board", "chess:9x6", "--square", "25mm", "-o", "camera.yaml",
+                 "--window", "--json"]
+    s = started(arguments)
+    s.until("view", lambda: s.state["state"]["views"] >= 1)
+    s.next_image("calibrate.jpg")
+    views = s.state["state"]["views"]
+    act(s, "undo", "view forgotten", lambda state: state["views"] != views)
+    s.until("views again", lambda: s.state["state"]["views"] >= 4)
+    s.say(key=ord("q"))
+    s.ends(0)
+    s.away()
+    expect(os.path.exists("camera.yaml"), "calibrate: no camera.yaml")
+    interrupted_quickly(arguments)
+
+
+def plates():
+    arguments = ["plate", "read", "synth:drive", "--window", "--json"]
+    s = started(arguments)
+    begin = time.monotonic()
+    s.until("half a second of the video", lambda: s.state["frame"]["time"] >= 0.5)
+    expect(time.monotonic() - begin > 0.05 or s.states > 2, "plates: it does not play at its speed")
+    s.next_image("plates.jpg")
+    act(s, "pause", "paused", lambda state: state["paused"])
+    changes(s, {"action": "characters"}, "characters")
+    s.close()
+    interrupted_quickly(arguments)
+
+
+def markers():
+    arguments = ["ar", "markers", "synth:markers?live=1", "--window", "--json"]
+    s = started(arguments)
+    s.until("markers", lambda: s.state["state"]["markers"] >= 1)
+    act(s, "cube", "cubes", lambda state: state["draw"] == "cube")
+    s.next_image("markers.jpg")
+    s.close()
+    interrupted_quickly(arguments)
+
+
+def people():
+    arguments = ["people", "live", "synth:portrait?live=1", "--gallery", "people.db", "--json"]
+    s = started(arguments)
+    s.until("face", lambda: s.state["state"]["recognized"])
+    # The button in the picture, by the mouse.
+    s.next_image("people.jpg")
+    s.say(mouse="left-down", x=50, y=20)
+    s.until("collecting", lambda: s.state["state"]["mode"] == "collect")
+    s.until("faces", lambda: s.state["state"]["people"] and s.state["state"]["people"][0]["faces"] >= 2)
+    act(s, "train", "trained", lambda state: state["mode"] == "recognize")
+    s.until("known face", lambda: any(face["known"] for face in s.state["state"]["recognized"]))
+    s.next_image("people-known.jpg")
+    s.close()
+    interrupted_quickly(arguments)
+
+
+def pose():
+    arguments = ["pose", "track", "synth:portrait?live=1", "--window", "--json"]
+    s = started(arguments)
+    s.until("face", lambda: s.state["state"]["faces"] == 1)
+    s.next_image("pose.jpg")
+    s.say(key=ord("d"))
+    act(s, "draw", "another drawing", lambda state: state["draw"] != "axes")
+    s.close()
+    interrupted_quickly(arguments)
+
+
+def online():
+    s = started(["sfm", "reconstruct", "scene/images", "--camera-file", "scene/camera.yaml", "-o", "model",
+                 "--max-features", "500", "--pairs", "sequential", "--overlap", "4", "--online", "--window", "--json"])
+    s.until("model", lambda: s.state["state"]["points"] > 50)
+    s.next_image("sfm.jpg")
+    changes(s, {"key": 0x10001}, "turned cloud")
+    s.close()
+    expect(os.path.exists("model/points3D.txt"), "sfm: no model is written")
+
+
+def viewer():
+    """Frames of somebody's camera, as a server hands them over."""
+    good = open("face.jpg", "rb").read()
+
+    def record(picture):
+        return struct.pack(">I", len(picture)) + picture
+
+    s = Session(["landmarks", "track", "viewer:ab12", "--window", "--json"], viewer=True)
+    s.until("state", lambda: s.state)
+    expect(s.state["frame"]["source"] == "connecting", "viewer: %s" % s.state["frame"])
+    os.write(s.viewer, record(good))
+    s.until("face", lambda: s.state["state"].get("faces") == 1)
+    s.next_image("viewer.jpg")
+    os.write(s.viewer, record(b"no picture") + record(good[:1000]))
+    s.until("stale source", lambda: s.state["frame"]["source"] == "stale")
+    expect(s.log().count("is passed over") in (1, 2), "viewer: warnings: " + s.log())
+    os.write(s.viewer, record(good))
+    s.until("live source", lambda: s.state["frame"]["source"] == "live")
+    begin = time.monotonic()
+    s.interrupt()
+    print("viewer: SIGINT took %.2f s" % (time.monotonic() - begin))
+    for how in ("end", "nothing", "too long"):
+        s = Session(["cartoon", "run", "viewer:ab12", "--json"], viewer=True)
+        os.write(s.viewer, record(good))
+        s.until("frame", lambda: s.state and s.state["frame"]["index"] == 0)
+        if how == "end":
+            os.close(s.viewer)
+            s.viewer = None
+        else:
+            os.write(s.viewer, struct.pack(">I", 0 if how == "nothing" else (16 << 20) + 1))
+        s.ends(4)
+        expect(s.state["frame"]["source"] == "lost", "viewer: the last state is %s" % s.state["frame"])
+        s.away()
+
+
+if __name__ == "__main__":
+    checks = [cartoon, slow_reader, stills, landmarks, annotate, explore, calibrate, plates, markers, people, pose, online,
+              viewer]
+    wanted = sys.argv[1:]
+    for check in checks:
+        if wanted and check.__name__ not in wanted:
+            continue
+        begin = time.monotonic()
+        try:
+            check()
+        except Failed as trouble:
+            expect(False, "%s: %s" % (check.__name__, trouble))
+        print("%s: %.1f s" % (check.__name__, time.monotonic() - begin), flush=True)
+    sys.exit(1 if failures else 0)

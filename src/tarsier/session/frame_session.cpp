@@ -11,6 +11,10 @@
 namespace tarsier {
 
 View FrameSession::on_frame(const Frame& frame, const SourceStatus& source) {
+  if (controls_.paused() && !frame.still && !latest_.image.empty()) {
+    trouble_ = trouble_of(source);  // a camera goes on; what is shown stays
+    return view(false);
+  }
   if (frame.still || source_of(frame) != source_of(latest_)) restart();
   latest_ = frame;
   trouble_ = trouble_of(source);

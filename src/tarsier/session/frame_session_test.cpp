@@ -208,7 +208,23 @@ TEST(FrameSession, SaysWhatTheSourceIsAndWhetherItIsPaused) {
   EXPECT_THAT(view.status, Not(HasSubstr(std::string(name_of(SourceState::kStale)))));
   session.forgets = true;
   (void)session.on_idle(stale());
-  EXPECT_EQ(session.drawings, 3) << "what an idle session forgets leaves the picture";
+  EXPECT_EQ(session.drawings, 2) << "what an idle session forgets leaves the picture";
+}
+
+TEST(FrameSession, WhatIsPausedStaysThoughACameraGoesOn) {
+  Marks session;
+  (void)session.on_frame(frame_of("camera", false), live());
+  (void)session.on_event(action_event("pause"));
+  Frame later = frame_of("camera", false);
+  later.image.setTo(cv::Scalar::all(30));
+  View view = session.on_frame(later, live());
+  EXPECT_EQ(session.frames, 1);
+  EXPECT_TRUE(view.output.empty());
+  EXPECT_EQ(view.image.at<cv::Vec3b>(60, 80), cv::Vec3b::all(90));
+  (void)session.on_event(action_event("pause"));
+  view = session.on_frame(later, live());
+  EXPECT_EQ(session.frames, 2);
+  EXPECT_EQ(view.image.at<cv::Vec3b>(60, 80), cv::Vec3b::all(30));
 }
 
 TEST(FrameSession, HelpLiesOverWhatIsShownAndQuitEnds) {
