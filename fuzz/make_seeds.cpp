@@ -77,6 +77,14 @@ void pictures() {
       "\r\n\r\n" + picture + "\r\n";
   write_file_atomically(seed("mjpeg", "multipart"), part + part);
   write_file_atomically(seed("mjpeg", "pictures"), picture + picture);
+  // Records of a viewer's camera.
+  const auto record = [](const std::string& bytes) {
+    return std::string{'\0', '\0', static_cast<char>(bytes.size() >> 8U),
+                       static_cast<char>(bytes.size())} +
+           bytes;
+  };
+  write_file_atomically(seed("viewer", "pictures"), record(picture) + record(picture));
+  write_file_atomically(seed("viewer", "cut"), record("no") + record(picture.substr(0, 300)));
 }
 
 void capture() {

@@ -8,6 +8,7 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/mjpeg_parser.h"
 #include "tarsier/media/still_source.h"
+#include "tarsier/media/viewer_source.h"
 
 #include "fuzz.h"
 #include <algorithm>
@@ -85,6 +86,30 @@ TARSIER_FUZZ_TARGET(mjpeg, kBytes) {
   expect(frame.size() >= 4 && frame.size() <= kLimit, "a picture beyond the limit");
   expect(frame[0] == 0xff && frame[1] == 0xd8, "a picture that does not begin as one");
   expect(frame[frame.size() - 2] == 0xff && frame.back() == 0xd9, "a picture without its end");
+}
+
+TARSIER_FUZZ_TARGET(viewer, kBytes) {
+  ViewerParser whole;
+  const std::int64_t at_once = whole.feed(input);
+  ViewerParser parts;
+  std::int64_t in_pieces = 0;
+  Pieces pieces(input, 64);
+  for (Bytes piece = pieces.next(); !piece.empty(); piece = pieces.next()) {
+    in_pieces += parts.feed(piece);
+    expect(parts.held_bytes() <= 4 * input.size() + 64, "more bytes are held than came");
+  }
+  expect(at_once == in_pieces && whole.is_broken() == parts.is_broken(),
+         "pieces of other sizes give other pictures");
+  const std::vector<std::uint8_t> picture = whole.take();
+  expect(picture == parts.take(), "pieces of other sizes give another picture");
+  expect(picture.empty() == (at_once == 0), "a picture was counted and is not there");
+  if (picture.empty()) return;
+  const std::string trouble = trouble_of_viewer_picture(picture);
+  const std::optional<ImageHeader> header = probe_image(picture);
+  if (!trouble.empty() || std::int64_t{header->width} * header->height > kImageLimits.max_pixels)
+    return;
+  expect(header->format == ImageFormat::kJpeg, "something else than JPEG is let through");
+  (void)decode_image(picture, "picture", kImageLimits);
 }
 
 TARSIER_FUZZ_TARGET(http_response, kBytes) {

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: MIT
-// What sessions read while they run: the journal of an annotation, actions from a pipe.
+// What sessions read while they run: the journal of an annotation, actions and events from a pipe.
 #include "tarsier/media/image_file.h"
 #include "tarsier/session/action_reader.h"
 #include "tarsier/session/annotate_state.h"
+#include "tarsier/session/window_lines.h"
 
 #include "fuzz.h"
 #include <algorithm>
+#include <cmath>
 #include <fcntl.h>
 #include <nlohmann/json.hpp>
 #include <unistd.h>
@@ -43,6 +45,41 @@ TARSIER_FUZZ_TARGET(actions, kBytes) {
     }
   }
   ::close(fd);
+}
+
+TARSIER_FUZZ_TARGET(window_lines, kBytes) {
+  WindowLines whole;
+  const std::vector<WindowLine> at_once = whole.feed(text_of(input));
+  for (const WindowLine& line : at_once) {
+    const bool is_known = line.event || line.want || line.quality || line.max_width || line.close;
+    // {"close":false} asks for nothing.
+    if (!is_known) continue;
+    expect(!line.quality || (*line.quality >= 1 && *line.quality <= 100),
+           "a quality beyond 1..100");
+    expect(!line.max_width || *line.max_width == 0 ||
+               (*line.max_width >= 16 && *line.max_width <= 16384),
+           "a width beyond its limits");
+    if (!line.event) continue;
+    const Event& event = *line.event;
+    expect(std::isfinite(event.x) && std::isfinite(event.y) && std::isfinite(event.value),
+           "a number that is none");
+    expect(std::abs(event.x) <= 1e6 && std::abs(event.y) <= 1e6, "a mouse that is too far away");
+    expect(std::abs(event.wheel) <= 100, "a wheel that turned too far");
+    expect(event.kind != Event::Kind::kKey || event.key > 0, "a key that is none");
+    const bool has_name = event.kind == Event::Kind::kAction || event.kind == Event::Kind::kSlider;
+    expect(event.name.empty() != has_name && event.name.size() <= 200,
+           "a name too many or too few");
+  }
+  WindowLines parts;
+  std::size_t count = 0;
+  Pieces pieces(input, 64);
+  for (Bytes piece = pieces.next(); !piece.empty(); piece = pieces.next()) {
+    count += parts.feed(text_of(piece)).size();
+    expect(parts.held_bytes() <= 2 * WindowLines::kLongestLine, "more than a line is held");
+  }
+  expect(count == at_once.size(), "pieces of other sizes give other lines");
+  expect(parts.refused() == whole.refused() && parts.trouble() == whole.trouble(),
+         "pieces of other sizes are refused otherwise");
 }
 
 }  // namespace tarsier::fuzz

@@ -413,7 +413,8 @@ def people():
     s.until("collecting", lambda: s.state["state"]["mode"] == "collect")
     s.until("faces", lambda: s.state["state"]["people"] and s.state["state"]["people"][0]["faces"] >= 2)
     act(s, "train", "trained", lambda state: state["mode"] == "recognize")
-    s.until("known face", lambda: any(face["known"] for face in s.state["state"]["recognized"]))
+    s.until("known face", lambda: any(face["known"] for face in s.state["state"]["recognized"]) and
+            not s.state["state"]["flash"])
     s.next_image("people-known.jpg")
     s.close()
     interrupted_quickly(arguments)
