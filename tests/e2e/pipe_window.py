@@ -474,6 +474,18 @@ def viewer():
         s.ends(4)
         expect(s.state["frame"]["source"] == "lost", "viewer: the last state is %s" % s.state["frame"])
         s.away()
+    # A camera all the same where no window is: calibrate takes it for a session.
+    s = Session(["calibrate", "viewer:ab12", "--board", "chess:9x6", "--square", "25mm", "-o", "none.yaml", "--json"],
+                viewer=True)
+    os.write(s.viewer, record(good))
+    end = time.monotonic() + PATIENCE
+    while '"verdict":"no board"' not in s.output() and s.program.poll() is None and time.monotonic() < end:
+        time.sleep(0.02)
+    expect('"source":"live"' in s.output(), "viewer: calibrate says " + s.output() + s.log())
+    os.close(s.viewer)
+    s.viewer = None
+    s.ends(4)
+    s.away()
 
 
 if __name__ == "__main__":

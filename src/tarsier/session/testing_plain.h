@@ -8,7 +8,7 @@
 
 namespace tarsier::testing {
 
-// A session that has something to show, told that its host shows status and keys: no bar, no panel
+// A session that has something to show, and whose host shows status and keys: no bar, no panel
 // of keys on the image, and both again when they are wanted.
 inline void expect_plain_image(Session& session, const SourceStatus& source = {}) {
   session.draw_status(false);
