@@ -481,7 +481,7 @@ def viewer():
     end = time.monotonic() + PATIENCE
     while '"verdict":"no board"' not in s.output() and s.program.poll() is None and time.monotonic() < end:
         time.sleep(0.02)
-    expect('"source":"live"' in s.output(), "viewer: calibrate says " + s.output() + s.log())
+    expect('"verdict":"no board"' in s.output(), "viewer: calibrate says " + s.output() + s.log())
     os.close(s.viewer)
     s.viewer = None
     s.ends(4)
