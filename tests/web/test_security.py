@@ -296,7 +296,7 @@ def test_free_sources_and_dangerous_flags_are_refused():
             answer = studio.post("/api/sessions", {"verb": "cartoon run", "inputs": ["synth:portrait?live=1"], "flags": flags})
             assert answer.status == 400, (flags, answer.status, answer.body)
         # A value that looks like a flag is a value.
-        session = studio.start_session("cartoon run", ["synth:portrait?live=1"], {"--mode": "--debug-dir=/tmp/x"})
+        session = studio.start_session("cartoon run", ["synth:portrait?live=1"], {"--mode": "--json"})
         wait_until(lambda: studio.get("/api/sessions/" + session["id"]).json()["exit"] == 2, what="a usage error")
         assert studio.ask("DELETE", "/api/sessions/" + session["id"]).status == 204
         for verb in ("serve", "demo", "help", "bench cartoon", "rm", "cartoon", ""):

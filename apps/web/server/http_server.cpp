@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "request_target.h"
 #include "secrets.h"
 #include <algorithm>
 #include <arpa/inet.h>
@@ -37,7 +38,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kHeadBytes = 32768;         // of a request, with its own copies
 constexpr std::size_t kThreadStack = 512 << 10;   // as the parsers of small JSON need
-constexpr unsigned kStallSeconds = 20;            // a client that neither sends nor takes a byte
+constexpr unsigned kHandlerSeconds = 600;         // libmicrohttpd counts a handler's time, too
 constexpr unsigned kStreamStallSeconds = 90;      // of a stream; see BodyStream
 constexpr std::uint64_t kDrained = 64 << 10;      // a refused body of that size is read first
 constexpr double kSlowestBytesPerSecond = 16384;  // of a body; an answer may take twice as long
@@ -107,68 +108,6 @@ bool is_change(std::string_view method) { return method != "GET"; }
 
 }  // namespace
 
-std::optional<Target> parse_target(std::string_view text) {
-  if (!text.starts_with('/') || text.size() > 8192) return std::nullopt;
-  Target target;
-  const std::size_t question = text.find('?');
-  if (question != std::string_view::npos) target.query = text.substr(question + 1);
-  std::string_view rest =
-      text.substr(1, question == std::string_view::npos ? question : question - 1);
-  if (rest.empty()) {
-    target.path = "/";
-    return target;
-  }
-  while (true) {
-    const std::size_t slash = rest.find('/');
-    const auto segment = percent_decoded(rest.substr(0, slash), false);
-    if (!segment || segment->empty() || *segment == "." || *segment == "..") return std::nullopt;
-    for (const char c : *segment) {
-      if (c == '/' || c == '\\' || static_cast<unsigned char>(c) < 0x20 || c == 0x7f)
-        return std::nullopt;
-    }
-    target.path += '/';
-    target.path += *segment;
-    if (slash == std::string_view::npos) return target;
-    rest.remove_prefix(slash + 1);
-  }
-}
-
-std::optional<ByteRange> parse_range(std::string_view text, std::uint64_t size,
-                                     bool& unsatisfiable) {
-  unsatisfiable = false;
-  constexpr std::string_view kUnit = "bytes=";
-  constexpr std::int64_t kMost = std::int64_t{1} << 60;
-  if (!text.starts_with(kUnit)) return std::nullopt;
-  text.remove_prefix(kUnit.size());
-  const std::size_t dash = text.find('-');
-  if (dash == std::string_view::npos) return std::nullopt;
-  const std::string_view first = trimmed(text.substr(0, dash));
-  const std::string_view last = trimmed(text.substr(dash + 1));
-  const auto number = [&](std::string_view digits) -> std::optional<std::uint64_t> {
-    if (digits.empty() || digits.find_first_not_of("0123456789") != std::string_view::npos)
-      return std::nullopt;
-    const auto value = to_integer(digits, 0, kMost);
-    return value ? std::optional<std::uint64_t>(static_cast<std::uint64_t>(*value)) : std::nullopt;
-  };
-  ByteRange range;
-  if (first.empty()) {
-    const auto count = number(last);
-    if (!count) return std::nullopt;
-    unsatisfiable = *count == 0 || size == 0;
-    range.first = size - std::min(size, *count);
-    range.last = size - 1;
-  } else {
-    const auto begin = number(first);
-    const auto end = last.empty() ? std::optional<std::uint64_t>(size - 1) : number(last);
-    if (!begin || !end || (!last.empty() && *end < *begin)) return std::nullopt;
-    unsatisfiable = *begin >= size;
-    range.first = *begin;
-    range.last = std::min(*end, size - 1);
-  }
-  if (unsatisfiable) return std::nullopt;
-  return range;
-}
-
 struct HttpServer::Impl {
   Impl(HttpServerOptions given, const Router& table, SignIns& known, AuditLog& log)
       : options(std::move(given)), router(table), sign_ins(known), audit(log) {}
@@ -213,8 +152,8 @@ struct HttpServer::Impl {
   void end(Connection& connection) {
     if (connection.is_ended) return;
     connection.is_ended = true;
-    (void)::shutdown(connection.socket, SHUT_RDWR);
     ++counters.evicted;
+    (void)::shutdown(connection.socket, SHUT_RDWR);
   }
 
   // The oldest that may be closed, of `address` (all: nullptr); with the mutex held.
@@ -554,6 +493,7 @@ struct HttpServer::Impl {
   MHD_Result finish(MHD_Connection* handle, Connection& connection, Pending& pending) {
     if (pending.refusal) return send(handle, connection, std::move(*pending.refusal), "GET");
     enter(&connection, Phase::kHandler, 0);
+    (void)MHD_set_connection_option(handle, MHD_CONNECTION_OPTION_TIMEOUT, kHandlerSeconds);
     if (pending.spool >= 0) ::close(std::exchange(pending.spool, -1));
     Response response;
     try {
@@ -744,7 +684,7 @@ struct HttpServer::Impl {
           &Impl::keep_escapes, nullptr,
           // Room beside ours, in which a new connection waits for an old one to end.
           MHD_OPTION_CONNECTION_LIMIT, options.max_connections + 64U, MHD_OPTION_CONNECTION_TIMEOUT,
-          kStallSeconds, MHD_OPTION_CONNECTION_MEMORY_LIMIT, kHeadBytes,
+          options.stall_s, MHD_OPTION_CONNECTION_MEMORY_LIMIT, kHeadBytes,
           MHD_OPTION_THREAD_STACK_SIZE, kThreadStack, MHD_OPTION_STRICT_FOR_CLIENT, 1,
           MHD_OPTION_ARRAY, items.data(), MHD_OPTION_END);
       if (daemon == nullptr) {

@@ -26,6 +26,7 @@ struct HttpServerOptions {
   unsigned max_per_address = 64;  // behind a proxy, which is one address: max_connections
   double head_s = 10;             // for all of a request's head
   double idle_s = 60;             // of a connection without a request
+  unsigned stall_s = 60;          // of a client that neither sends nor takes a byte
   double body_s = 20;             // for a body, and 1 s more for each 16 kB of it
 };
 
@@ -74,22 +75,5 @@ class HttpServer {
 // to everybody.
 void add_session_routes(Router& router, SignIns& sign_ins, AuditLog& audit, bool secure_cookie,
                         std::string version);
-
-// A path as it stands in the request ("/a%20b?x=1"), decoded and checked: nothing for "..", ".",
-// empty segments, encoded '/', backslashes, control characters and broken escapes.
-struct Target {
-  std::string path;
-  std::string query;  // as it stands
-};
-[[nodiscard]] std::optional<Target> parse_target(std::string_view text);
-
-// "bytes=0-99", "bytes=100-" or "bytes=-5" of a file of `size` bytes as [first, last]; nothing for
-// several ranges or nonsense, which are answered with the whole file. `unsatisfiable`: 416.
-struct ByteRange {
-  std::uint64_t first = 0;
-  std::uint64_t last = 0;
-};
-[[nodiscard]] std::optional<ByteRange> parse_range(std::string_view text, std::uint64_t size,
-                                                   bool& unsatisfiable);
 
 }  // namespace tarsier::web

@@ -238,19 +238,22 @@ Jobs::Jobs(const VerbHost& host, JobFeed& feed, JobOptions options)
   scheduler_ = std::thread([this] { schedule(); });
 }
 
-Jobs::~Jobs() {
+Jobs::~Jobs() { stop(); }
+
+void Jobs::stop() {
   std::vector<std::shared_ptr<Job>> running;
   {
     const std::lock_guard lock(mutex_);
     ending_ = true;
     for (const auto& [id, job] : jobs_) {
       if (job->state == JobState::kRunning && job->child) {
-        job->child->interrupt(std::chrono::milliseconds(3000));
+        job->child->interrupt(std::chrono::milliseconds(400));
         running.push_back(job);
       }
     }
   }
   changed_.notify_all();
+  if (!scheduler_.joinable()) return;
   scheduler_.join();
   for (const auto& job : running) {
     if (job->child) (void)job->child->wait(std::chrono::seconds(5));

@@ -71,7 +71,9 @@ struct JobOptions {
 class Jobs {
  public:
   Jobs(const VerbHost& host, JobFeed& feed, JobOptions options = {});
-  ~Jobs();  // running jobs get SIGINT, then SIGKILL, and are "interrupted"
+  ~Jobs();  // stop()
+  // Running jobs get SIGINT, 0.4 s later SIGKILL, and are "interrupted"; none begins any more.
+  void stop();
   Jobs(const Jobs&) = delete;
   Jobs& operator=(const Jobs&) = delete;
 

@@ -50,11 +50,6 @@ constexpr Drawn kDrawn[] = {
     {"synth:clock?live=1", "Drawn clock"},
 };
 
-void put_u32(std::string& out, std::uint32_t value) {
-  for (int shift = 24; shift >= 0; shift -= 8)
-    out += static_cast<char>(value >> static_cast<unsigned>(shift));
-}
-
 // Waits until the client has nearly all that was written: a picture that is made later is newer.
 // False where it has not within `patience`.
 bool wait_until_taken(int socket, milliseconds patience) {
@@ -73,24 +68,6 @@ void prepare(int socket) {
 }
 
 }  // namespace
-
-std::string picture_head(std::uint32_t frame, std::uint32_t age_ms) {
-  std::string head;
-  put_u32(head, frame);
-  put_u32(head, age_ms);
-  return head;
-}
-
-void append_record(std::string& out, LiveRecord kind, std::string_view id,
-                   std::string_view payload) {
-  TARSIER_REQUIRE(id.size() <= 255 && payload.size() <= (1U << 30U), "a record of {} bytes",
-                  payload.size());
-  put_u32(out, static_cast<std::uint32_t>(2 + id.size() + payload.size()));
-  out += static_cast<char>(kind);
-  out += static_cast<char>(id.size());
-  out += id;
-  out += payload;
-}
 
 // --- cameras of viewers ---
 

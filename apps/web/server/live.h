@@ -125,19 +125,4 @@ class Live {
   std::thread keeper_;
 };
 
-// One record of /api/live: u32 length of what follows, u8 kind, u8 length of the id, id, payload.
-// All numbers big-endian. The id has at most 255 bytes.
-enum class LiveRecord : std::uint8_t {
-  kPicture = 1,
-  kState = 2,
-  kHello = 3,
-  kJob = 4,
-  kPing = 5,
-  kEnded = 6
-};
-void append_record(std::string& out, LiveRecord kind, std::string_view id,
-                   std::string_view payload);
-// The head of a picture's payload: u32 frame, u32 age in ms.
-[[nodiscard]] std::string picture_head(std::uint32_t frame, std::uint32_t age_ms);
-
 }  // namespace tarsier::web

@@ -28,30 +28,8 @@ constexpr std::size_t kMaxOutbox = 256 << 10;
 constexpr milliseconds kRateWindow{2000};
 constexpr milliseconds kPatience{300};  // between being asked to end and being killed
 
-std::uint32_t big_endian(const char* bytes) {
-  std::uint32_t value = 0;
-  for (int i = 0; i < 4; ++i) value = value << 8U | static_cast<unsigned char>(bytes[i]);
-  return value;
-}
-
 void close_fd(int& fd) {
   if (fd >= 0) ::close(std::exchange(fd, -1));
-}
-
-// A finite number within the limits, or nothing.
-std::optional<double> number_in(const nlohmann::json& value, double low, double high) {
-  if (!value.is_number()) return std::nullopt;
-  const double number = value.get<double>();
-  return std::isfinite(number) && number >= low && number <= high ? std::optional(number)
-                                                                  : std::nullopt;
-}
-
-bool is_plain_name(const nlohmann::json& value) {
-  if (!value.is_string()) return false;
-  const auto& text = value.get_ref<const std::string&>();
-  return !text.empty() && text.size() <= 100 && std::none_of(text.begin(), text.end(), [](char c) {
-    return static_cast<unsigned char>(c) < 0x20;
-  });
 }
 
 }  // namespace
@@ -68,80 +46,6 @@ void Waker::wait(std::chrono::milliseconds patience) {
   std::unique_lock lock(mutex_);
   changed_.wait_for(lock, patience, [&] { return is_due_; });
   is_due_ = false;
-}
-
-bool WindowRecords::feed(std::string_view bytes) {
-  if (broken_) return false;
-  if (read_ > 0 && read_ == pending_.size()) {
-    pending_.clear();
-    read_ = 0;
-  } else if (read_ > (1U << 20U)) {
-    pending_.erase(0, read_);
-    read_ = 0;
-  }
-  pending_ += bytes;
-  return !broken_;
-}
-
-std::optional<WindowRecords::Record> WindowRecords::take() {
-  if (broken_ || pending_.size() - read_ < 4) return std::nullopt;
-  const std::uint32_t length = big_endian(pending_.data() + read_);
-  if (length == 0 || length > kMaxRecord) {
-    broken_ = true;
-    pending_.clear();
-    read_ = 0;
-    return std::nullopt;
-  }
-  if (pending_.size() - read_ - 4 < length) return std::nullopt;
-  Record record;
-  record.kind = pending_[read_ + 4];
-  record.payload = pending_.substr(read_ + 5, length - 1);
-  read_ += 4 + length;
-  return record;
-}
-
-std::optional<std::string> event_line(const nlohmann::json& event) {
-  if (!event.is_object()) return std::nullopt;
-  nlohmann::json line = nlohmann::json::object();
-  for (const char* name : {"shift", "control"}) {
-    const auto found = event.find(name);
-    if (found == event.end()) continue;
-    if (!found->is_boolean()) return std::nullopt;
-    line[name] = *found;
-  }
-  if (const auto key = event.find("key"); key != event.end()) {
-    const auto value = number_in(*key, 1, 0x10ffff);
-    if (!value || !key->is_number_integer()) return std::nullopt;
-    line["key"] = *key;
-  } else if (const auto mouse = event.find("mouse"); mouse != event.end()) {
-    static const std::vector<std::string> kKinds = {"move",        "left-down", "left-up",
-                                                    "right-down",  "right-up",  "wheel",
-                                                    "middle-down", "middle-up", "double"};
-    if (!mouse->is_string() ||
-        std::find(kKinds.begin(), kKinds.end(), mouse->get<std::string>()) == kKinds.end())
-      return std::nullopt;
-    line["mouse"] = *mouse;
-    for (const char* name : {"x", "y", "wheel"}) {
-      const auto found = event.find(name);
-      if (found == event.end()) {
-        if (*name != 'w') return std::nullopt;
-        continue;
-      }
-      if (!number_in(*found, -100'000, 100'000)) return std::nullopt;
-      line[name] = *found;
-    }
-  } else if (const auto action = event.find("action"); action != event.end()) {
-    if (!is_plain_name(*action)) return std::nullopt;
-    line = {{"action", *action}};
-  } else if (const auto slider = event.find("slider"); slider != event.end()) {
-    const auto value = event.find("value");
-    if (!is_plain_name(*slider) || value == event.end() || !number_in(*value, -1e9, 1e9))
-      return std::nullopt;
-    line = {{"slider", *slider}, {"value", *value}};
-  } else {
-    return std::nullopt;
-  }
-  return to_text(line) + "\n";
 }
 
 std::uint32_t LiveSession::Picture::age_now() const {
@@ -315,8 +219,8 @@ void LiveSession::take_record(char kind, std::string payload) {
   if (kind == 'J') {
     if (payload.size() < 8) return;
     Picture picture;
-    picture.frame = big_endian(payload.data());
-    picture.age_ms = big_endian(payload.data() + 4);
+    picture.frame = read_u32(payload.data());
+    picture.age_ms = read_u32(payload.data() + 4);
     picture.received = Clock::now();
     payload.erase(0, 8);
     picture.jpeg = std::make_shared<const std::string>(std::move(payload));

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "child_process.h"
+#include "live_protocol.h"
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -31,31 +32,6 @@ class Waker {
   std::condition_variable changed_;
   bool is_due_ = false;
 };
-
-// Reads the records that a pipe window writes: u32 length, u8 kind, payload (STUDIO's protocol). In
-// pieces of any size; a record of more than 64 MB, or none at all, breaks the stream.
-class WindowRecords {
- public:
-  struct Record {
-    char kind = 0;
-    std::string payload;
-  };
-  // False once the stream is broken.
-  bool feed(std::string_view bytes);
-  [[nodiscard]] std::optional<Record> take();
-  [[nodiscard]] bool is_broken() const { return broken_; }
-
-  static constexpr std::size_t kMaxRecord = 64 << 20;
-
- private:
-  std::string pending_;
-  std::size_t read_ = 0;  // of pending_
-  bool broken_ = false;
-};
-
-// One event of POST /api/sessions/ID/events as the line that the pipe window reads; nothing for
-// anything that is no key, mouse, action or slider event, or has values out of range.
-[[nodiscard]] std::optional<std::string> event_line(const nlohmann::json& event);
 
 // A verb with a window, run as a child process whose window is a pair of pipes (TARSIER_WINDOW).
 // Keeps the newest picture and state; whatever a viewer missed in between is gone. Thread-safe.

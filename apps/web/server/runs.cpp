@@ -370,12 +370,22 @@ Runs::Result Runs::run_on(const std::string& verb, const std::vector<Image>& ima
   return result;
 }
 
+void Runs::stop() {
+  {
+    const std::lock_guard lock(mutex_);
+    is_stopping_ = true;
+  }
+  freed_.notify_all();
+}
+
 Runs::Result Runs::execute(const CommandLine& command, const Folder& folder) {
   {
     std::unique_lock lock(mutex_);
-    if (!freed_.wait_for(lock, options_.wait, [&] { return running_ < options_.parallel; })) {
+    if (!freed_.wait_for(lock, options_.wait,
+                         [&] { return is_stopping_ || running_ < options_.parallel; })) {
       throw HttpError(429, "too many runs at a time; come back in some seconds");
     }
+    if (is_stopping_) throw HttpError(503, "the server is ending");
     ++running_;
   }
   const auto free_place = [this](void*) {
@@ -409,7 +419,11 @@ Runs::Result Runs::execute(const CommandLine& command, const Folder& folder) {
   ChildProcess child(std::move(options), [](const ChildEnd&) {});
   std::optional<ChildEnd> end;
   while (!end && Clock::now() - begin < options_.limit) {
-    end = child.wait(std::chrono::milliseconds(250));
+    end = child.wait(std::chrono::milliseconds(50));
+    {
+      const std::lock_guard lock(mutex_);
+      if (is_stopping_) throw HttpError(503, "the server is ending");  // kills the child
+    }
     const std::lock_guard lock(mutex);
     if (is_large) break;
   }

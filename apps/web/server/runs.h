@@ -33,6 +33,9 @@ class Runs {
  public:
   Runs(const VerbHost& host, RunOptions options = {}) : host_(host), options_(options) {}
 
+  // Ends those that are under way, which then answer 503, and starts no others; returns at once.
+  void stop();
+
   struct Result {
     int exit = 0;
     std::vector<std::string> lines;  // of stdout, as pages may see them
@@ -73,6 +76,7 @@ class Runs {
   std::mutex mutex_;
   std::condition_variable freed_;
   int running_ = 0;
+  bool is_stopping_ = false;
 };
 
 // The HTTP status of a verb's exit status: 0, 1 -> 200; 2 -> 400; 3, 4 -> 422; 5 -> 500; 6 -> 507;

@@ -44,6 +44,7 @@
 #include <set>
 #include <sys/file.h>
 #include <sys/socket.h>
+#include <thread>
 #include <unistd.h>
 
 namespace tarsier::web {
@@ -155,10 +156,14 @@ struct Studio::Impl {
   ~Impl() {
     (void)::unlink(server_file(options.workspace).c_str());
     // Children first: handlers that wait for them come to their end.
-    live->stop();
-    jobs.reset();
+    runs->stop();
+    // Both take their time to end well, side by side.
+    std::thread sessions([this] { live->stop(); });
+    jobs->stop();
+    sessions.join();
     server->stop();
     server.reset();
+    jobs.reset();
     live.reset();
   }
 

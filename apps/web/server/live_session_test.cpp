@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: MIT
+#include "live_session.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "live.h"
+
+namespace tarsier::web {
+namespace {
+
+using nlohmann::json;
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+using namespace std::string_literals;
+
+std::string record(char kind, const std::string& payload) {
+  const auto size = static_cast<std::uint32_t>(payload.size() + 1);
+  std::string text;
+  for (int shift = 24; shift >= 0; shift -= 8) text += static_cast<char>(size >> shift);
+  return text + kind + payload;
+}
+
+TEST(WindowRecords, ComeInPiecesOfAnySize) {
+  const std::string stream =
+      record('H', "{}") + record('J', std::string(1000, 'x')) + record('S', "");
+  for (const std::size_t piece : {std::size_t{1}, std::size_t{3}, std::size_t{7}, stream.size()}) {
+    WindowRecords records;
+    std::string kinds;
+    std::size_t bytes = 0;
+    for (std::size_t at = 0; at < stream.size(); at += piece) {
+      EXPECT_TRUE(records.feed(std::string_view(stream).substr(at, piece)));
+      while (const auto found = records.take()) {
+        kinds += found->kind;
+        bytes += found->payload.size();
+      }
+    }
+    EXPECT_EQ(kinds, "HJS");
+    EXPECT_EQ(bytes, 1002U);
+  }
+}
+
+TEST(WindowRecords, RefuseWhatIsTooLargeOrEmpty) {
+  for (const std::string& head : {"\xff\xff\xff\xffJ"s, "\0\0\0\0J"s, "\x04\0\0\x01J"s}) {
+    WindowRecords records;
+    records.feed(head);
+    EXPECT_FALSE(records.take());
+    EXPECT_TRUE(records.is_broken());
+    EXPECT_FALSE(records.feed("x"));
+  }
+}
+
+TEST(Events, AreCheckedAndPassedOn) {
+  EXPECT_EQ(event_line(json::parse(R"({"key":115,"shift":true})")),
+            "{\"key\":115,\"shift\":true}\n");
+  EXPECT_EQ(event_line(json::parse(R"({"action":"sketch","close":true})")),
+            "{\"action\":\"sketch\"}\n");
+  EXPECT_EQ(event_line(json::parse(R"({"slider":"a","value":1.5})")),
+            "{\"slider\":\"a\",\"value\":1.5}\n");
+  EXPECT_EQ(event_line(json::parse(R"({"mouse":"move","x":1,"y":2})")),
+            "{\"mouse\":\"move\",\"x\":1,\"y\":2}\n");
+  EXPECT_EQ(event_line(json::parse(R"({"mouse":"wheel","x":1,"y":2,"wheel":-1,"control":false})")),
+            "{\"control\":false,\"mouse\":\"wheel\",\"wheel\":-1,\"x\":1,\"y\":2}\n");
+  for (const char* text : {"1",
+                           "[]",
+                           "{}",
+                           R"({"close":true})",
+                           R"({"want":1})",
+                           R"({"quality":1})",
+                           R"({"key":"a"})",
+                           R"({"key":0})",
+                           R"({"key":1.5})",
+                           R"({"key":1114112})",
+                           R"({"mouse":"move"})",
+                           R"({"mouse":"jump","x":1,"y":1})",
+                           R"({"mouse":"move","x":1e9,"y":1})",
+                           R"({"mouse":"move","x":"1","y":1})",
+                           R"({"slider":"a"})",
+                           R"({"slider":"","value":1})",
+                           R"({"slider":"a","value":"1"})",
+                           R"({"slider":"a","value":1e300})",
+                           R"({"action":1})",
+                           R"({"action":"a\nb"})",
+                           R"({"key":1,"shift":1})"})
+    EXPECT_EQ(event_line(json::parse(text)), std::nullopt) << text;
+  EXPECT_EQ(event_line(json{{"action", std::string(101, 'x')}}), std::nullopt);
+}
+
+TEST(LiveRecords, AreWritten) {
+  std::string out;
+  append_record(out, LiveRecord::kPicture, "ab", picture_head(258, 3) + "JPEG");
+  EXPECT_EQ(out, "\0\0\0\x10\x01\x02"s + "ab" + "\0\0\x01\x02\0\0\0\x03"s + "JPEG");
+  out.clear();
+  append_record(out, LiveRecord::kPing, "", "");
+  EXPECT_EQ(out, "\0\0\0\x02\x05\0"s);
+  EXPECT_THROW(append_record(out, LiveRecord::kState, std::string(256, 'x'), ""),
+               std::invalid_argument);
+}
+
+// A child that speaks the protocol of the pipe window.
+LiveSession::Options shell(const std::string& script) {
+  LiveSession::Options options;
+  options.id = "a1";
+  options.verb = "test";
+  options.name = "test";
+  options.shown = "sh";
+  options.arguments = {"/bin/sh", "-c", script};
+  return options;
+}
+
+void wait_for(LiveSession& session, const std::function<bool()>& condition) {
+  const auto waker = std::make_shared<Waker>();
+  session.add_viewer(waker);
+  for (int i = 0; i < 200 && !condition(); ++i) waker->wait(milliseconds(50));
+  session.remove_viewer(waker);
+  EXPECT_TRUE(condition());
+}
+
+constexpr const char* kHello = R"(printf '\000\000\000\016H{"title":"t"}' >&4;)";
+constexpr const char* kPicture =
+    R"(printf '\000\000\000\013J\000\000\000\007\000\000\000\005jp' >&4;)";
+
+TEST(LiveSession, SendsAPictureForEachCredit) {
+  LiveSession session(
+      shell(std::string(kHello) + "while read line <&3; do echo \"$line\"; " + kPicture + " done"));
+  wait_for(session, [&] { return session.hello().number == 1; });
+  EXPECT_EQ(*session.hello().json, "{\"title\":\"t\"}");
+  EXPECT_EQ(session.picture().number, 0U);
+  session.want_picture();
+  session.want_picture();  // one credit is under way: no second
+  wait_for(session, [&] { return session.picture().number == 1; });
+  EXPECT_EQ(session.picture().frame, 7U);
+  EXPECT_GE(session.picture().age_now(), 5U);
+  EXPECT_EQ(*session.picture().jpeg, "jp");
+  session.want_picture();
+  wait_for(session, [&] { return session.picture().number == 2; });
+  const json told = session.describe();
+  EXPECT_EQ(told["title"], "t");
+  EXPECT_EQ(told["output"].size(), 2U);
+  EXPECT_EQ(told["running"], true);
+}
+
+TEST(LiveSession, TellsWhyItEnded) {
+  LiveSession session(
+      shell("echo 'tarsier: a: warning' >&2; echo 'tarsier: error: no such camera' >&2; exit 3"));
+  wait_for(session, [&] { return session.ended().json != nullptr; });
+  EXPECT_EQ(json::parse(*session.ended().json), (json{{"exit", 3}, {"error", "no such camera"}}));
+  EXPECT_FALSE(session.is_running());
+  EXPECT_FALSE(session.send("{}\n"));
+  EXPECT_EQ(session.describe()["log"].size(), 2U);
+
+  LiveSession killed(shell("kill -9 $$"));
+  wait_for(killed, [&] { return killed.ended().json != nullptr; });
+  EXPECT_EQ(json::parse(*killed.ended().json)["exit"], 137);
+  EXPECT_THAT(json::parse(*killed.ended().json)["error"].get<std::string>(),
+              testing::HasSubstr("signal 9"));
+}
+
+TEST(LiveSession, EndsOfRequestAreNoErrors) {
+  LiveSession session(
+      shell("trap 'echo error: stopped >&2; exit 130' INT; while :; do sleep 0.01; done"));
+  session.close();
+  wait_for(session, [&] { return session.ended().json != nullptr; });
+  EXPECT_EQ(json::parse(*session.ended().json)["error"], nullptr);
+}
+
+TEST(LiveSession, MasksSecrets) {
+  LiveSession::Options options =
+      shell(R"(echo 'rtsp://u:p@h/x: 1' ; echo 'tarsier: error: rtsp://u:p@h/x: lost' >&2;)"
+            R"(printf '\000\000\000\034S{"status":"rtsp://u:p@h/x"}' >&4; exit 4)");
+  options.secrets = {{"rtsp://u:p@h/x", "allowed:door"}};
+  LiveSession session(std::move(options));
+  wait_for(session, [&] { return session.ended().json != nullptr && session.state().number == 1; });
+  const std::string told =
+      session.describe().dump() + *session.ended().json + *session.state().json;
+  EXPECT_EQ(told.find("u:p"), std::string::npos) << told;
+  EXPECT_NE(told.find("allowed:door"), std::string::npos) << told;
+}
+
+TEST(LiveSession, NonsenseEndsIt) {
+  LiveSession session(shell(R"(printf '\377\377\377\377xxx' >&4; exec sleep 60)"));
+  wait_for(session, [&] { return session.ended().json != nullptr; });
+  EXPECT_FALSE(session.is_running());
+}
+
+TEST(LiveSession, PassesTheFramesOfAViewersCamera) {
+  LiveSession::Options options = shell("[ \"$TARSIER_VIEWER\" = 5 ] && cat <&5 | od -An -c");
+  options.has_camera = true;
+  LiveSession session(std::move(options));
+  session.offer_frame(std::make_shared<const std::string>("abc"));
+  session.end_camera();
+  wait_for(session, [&] { return session.ended().json != nullptr; });
+  const json told = session.describe();
+  ASSERT_EQ(told["output"].size(), 1U);
+  EXPECT_THAT(told["output"][0].get<std::string>(),
+              testing::MatchesRegex(" *.0 +.0 +.0 +003 +a +b +c"));
+}
+
+TEST(LiveSession, AProgramThatIsMissing) {
+  LiveSession::Options options = shell("");
+  options.arguments = {"/nonexistent"};
+  EXPECT_ANY_THROW(LiveSession session(std::move(options)));
+}
+
+}  // namespace
+}  // namespace tarsier::web
