@@ -16,7 +16,7 @@ std::optional<Target> parse_target(std::string_view text) {
   std::string_view rest =
       text.substr(1, question == std::string_view::npos ? question : question - 1);
   if (rest.empty()) {
-    target.path = "/";
+    target.path += '/';
     return target;
   }
   while (true) {
