@@ -103,8 +103,12 @@ std::optional<int> RateLimit::refused(std::string_view address, Clock::time_poin
 std::string make_link_token(const std::string& folder) {
   make_private_folder(folder + "/links");
   const std::string token = new_secret();
-  write_secret_file(folder + "/links/" + hash_of(token),
-                    std::to_string(seconds_of(WallClock::now())) + "\n");
+  const std::string path = folder + "/links/" + hash_of(token);
+  write_secret_file(path, std::to_string(seconds_of(WallClock::now())) + "\n");
+  // A link that root makes for a service's own user must be that user's.
+  struct stat state {};
+  if (::geteuid() == 0 && ::stat(folder.c_str(), &state) == 0 && state.st_uid != 0)
+    (void)!::chown(path.c_str(), state.st_uid, state.st_gid);
   return token;
 }
 
