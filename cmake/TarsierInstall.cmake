@@ -22,6 +22,11 @@ file(GLOB programs CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/examples/*.cpp)
 install(FILES ${programs} DESTINATION share/doc/libtarsier-dev/examples COMPONENT dev)
 if(CMAKE_INSTALL_PREFIX STREQUAL "/usr")  # of packages only: elsewhere systemd does not look, and they name /usr/bin
   install(DIRECTORY packaging/systemd/ DESTINATION lib/systemd/system COMPONENT program)
+  install(DIRECTORY packaging/systemd-user/ DESTINATION lib/systemd/user COMPONENT program)
+  # The studio in the menu of a desktop: starts the user's unit and opens a browser.
+  install(FILES packaging/tarsier-studio.desktop DESTINATION share/applications COMPONENT program)
+  install(FILES packaging/tarsier.svg DESTINATION share/icons/hicolor/scalable/apps COMPONENT program)
+  install(PROGRAMS packaging/open-studio.sh DESTINATION libexec/tarsier RENAME open-studio COMPONENT program)
 endif()
 install(FILES packaging/tarsier-cartoon-mirror.desktop packaging/tarsier-cartoon-mirror.service
         DESTINATION share/doc/tarsier/examples COMPONENT program)

@@ -38,10 +38,32 @@ apt-get install -y -qq --no-install-recommends "$debs"/tarsier-gui_*.deb man-db 
 dpkg-deb --fsys-tarfile "$debs"/tarsier_*.deb | tar -x -C "$sample" ./usr/share/man
 man --warnings -l "$sample/usr/share/man/man1/tarsier-plate.1.gz" >man.txt 2>man.err </dev/null || fail "man"
 [ ! -s man.err ] || fail "man: $(cat man.err)"
-systemd-analyze verify --man=no tarsier-mirror.service tarsier-plates.service tarsier-plates-keep.service tarsier-plates-keep.timer ||
+systemd-analyze verify --man=no tarsier-mirror.service tarsier-plates.service tarsier-plates-keep.service tarsier-plates-keep.timer \
+  tarsier-studio.service ||
   fail "systemd-analyze verify"
-systemd-analyze security --offline=true tarsier-mirror.service tarsier-plates.service tarsier-plates-keep.service 2>/dev/null |
+systemd-analyze verify --man=no --user /usr/lib/systemd/user/tarsier-studio.service || fail "systemd-analyze verify --user"
+systemd-analyze security --offline=true tarsier-mirror.service tarsier-plates.service tarsier-plates-keep.service \
+  tarsier-studio.service 2>/dev/null |
   grep Overall || true
+# The studio as installed: it answers, starts a verb, and ends its children with itself.
+tarsier serve --workspace "$work/studio" --port 8765 --no-browser >studio.log 2>&1 &
+studio=$!
+for _ in $(seq 50); do
+  [ -e "$work/studio/.studio/server.json" ] && break
+  sleep 0.2
+done
+ask() { # python3 or curl need not be there: bash alone
+  exec 3<>/dev/tcp/127.0.0.1/8765
+  printf '%s\r\nHost: 127.0.0.1:8765\r\nAuthorization: Bearer %s\r\nContent-Type: application/json\r\nContent-Length: %d\r\nConnection: close\r\n\r\n%s' \
+    "$1" "$(cat "$work/studio/.studio/api-token")" "${#2}" "$2" >&3
+  cat <&3
+  exec 3>&-
+}
+[[ $(ask 'POST /api/run HTTP/1.1' '{"verb":"models list"}') == *'"exit":0'* ]] || fail "the studio: $(cat studio.log)"
+[[ $(ask 'GET / HTTP/1.1' '') == *'<!doctype html>'* ]] || fail "the studio has no pages"
+kill "$studio"
+wait "$studio" || true
+[ -x /usr/libexec/tarsier/open-studio ] && [ -s /usr/share/applications/tarsier-studio.desktop ] || fail "no studio in the menu"
 xvfb-run -a tarsier cartoon run synth:scene --frames 20 --window --quiet || fail "the window: exit status $?"
 
 apt-get install -y -qq --no-install-recommends "$debs"/libtarsier-dev_*.deb g++ cmake ninja-build >>install.log 2>&1 || fail "libtarsier-dev"
