@@ -78,7 +78,7 @@ Json store_form(Workspace& workspace, const std::string& set, const Request& req
   Json files = Json::array();
   std::unique_ptr<Upload> upload;
   std::string name;
-  // Nothing may be thrown through the parser: it is kept and told afterwards.
+  // Nothing may be thrown through the parser: it is kept, and thrown afterwards.
   std::exception_ptr trouble;
   const auto guarded = [&](const auto& work) {
     if (trouble) return;

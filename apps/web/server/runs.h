@@ -39,7 +39,7 @@ class Runs {
   struct Result {
     int exit = 0;
     std::vector<std::string> lines;  // of stdout, as pages may see them
-    std::string error;               // the last error that the verb told; "" if none
+    std::string error;               // the last error of the verb; "" if none
     double ms = 0;
     std::string command;
     std::vector<std::pair<std::string, std::string>> files;  // name, bytes: of out:NAME

@@ -271,7 +271,7 @@ Workspace::Workspace(std::string folder, WorkspaceLimits limits) : limits_(limit
                       "another server has this workspace; stop it, or give another "
                       "--workspace");
   }
-  // What a server that was killed was receiving, or asking, nobody was told is there.
+  // What a server that was killed was receiving, or asking, nobody counts on.
   for (const char* part : {"/uploads", "/runs"}) {
     for (const auto& entry : fs::directory_iterator(studio_folder() + part, error)) {
       fs::remove_all(entry.path(), error);
