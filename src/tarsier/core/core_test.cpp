@@ -5,6 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/markup.h"
 #include "tarsier/core/mat_info.h"
+#include "tarsier/core/measures.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
@@ -169,6 +170,27 @@ TEST(Progress, JsonLinesEndWithTheTotal) {
   EXPECT_THAT(text,
               StartsWith("{\"progress\":\"match\",\"done\":0,\"total\":4,\"unit\":\"pairs\""));
   EXPECT_THAT(text, HasSubstr("\"done\":4,\"total\":4"));
+}
+
+TEST(Progress, JsonLinesTellWhatIsMeasured) {
+  std::FILE* file = std::tmpfile();
+  {
+    const auto progress = make_progress(ProgressStyle::kJson, file);
+    progress->begin("reader", 300, "steps");
+    for (const double loss : {2.5, 0.125, std::numeric_limits<double>::quiet_NaN()}) {
+      tell_measure(*progress, "loss", loss);
+      progress->advance(100);
+    }
+    progress->end();
+  }
+  std::string text(4096, '\0');
+  std::rewind(file);
+  text.resize(std::fread(text.data(), 1, text.size(), file));
+  std::fclose(file);
+  EXPECT_THAT(text, HasSubstr("\"done\":100,\"total\":300,\"unit\":\"steps\""));
+  EXPECT_THAT(text, HasSubstr(",\"loss\":2.5}\n"));
+  EXPECT_THAT(text, HasSubstr(",\"loss\":0.125}\n"));
+  EXPECT_THAT(text, testing::Not(HasSubstr("nan")));
 }
 
 TEST(Progress, BarIsSilentWhereThereIsNoTerminal) {

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/progress.h"
 
+#include "tarsier/core/measures.h"
 #include "tarsier/core/require.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <map>
 #include <mutex>
 #include <unistd.h>
 
@@ -16,7 +19,7 @@ using Clock = std::chrono::steady_clock;
 constexpr auto kRedraw = std::chrono::milliseconds(100);
 constexpr int kBarWidth = 24;
 
-class PrintedProgress final : public Progress {
+class PrintedProgress final : public MeasuredProgress {
  public:
   PrintedProgress(std::FILE* out, bool json) : out_(out), json_(json) {}
   ~PrintedProgress() override { end(); }
@@ -30,6 +33,8 @@ class PrintedProgress final : public Progress {
     unit_ = unit;
     total_ = std::max<std::int64_t>(total, 0);
     done_ = 0;
+    measures_.clear();
+    is_measured_ = false;
     running_ = true;
     start_ = Clock::now();
     print(start_);
@@ -38,7 +43,15 @@ class PrintedProgress final : public Progress {
   void advance(std::int64_t count) override {
     const std::lock_guard lock(mutex_);
     done_ += count;
-    if (const auto now = Clock::now(); running_ && now - last_ >= kRedraw) print(now);
+    const auto now = Clock::now();
+    if (running_ && (is_measured_ || now - last_ >= kRedraw)) print(now);
+  }
+
+  void measure(std::string_view name, double value) override {
+    const std::lock_guard lock(mutex_);
+    if (!std::isfinite(value)) return;
+    measures_[std::string(name)] = value;
+    is_measured_ = true;
   }
 
   void end() override {
@@ -57,12 +70,16 @@ class PrintedProgress final : public Progress {
 
   void print(Clock::time_point now) {
     last_ = now;
+    is_measured_ = false;
     const double seconds = std::chrono::duration<double>(now - start_).count();
     std::string line;
     if (json_) {
       line = fmt::format(
-          "{{\"progress\":\"{}\",\"done\":{},\"total\":{},\"unit\":\"{}\",\"seconds\":{:.1f}}}\n",
+          "{{\"progress\":\"{}\",\"done\":{},\"total\":{},\"unit\":\"{}\",\"seconds\":{:.1f}",
           stage_, done_, total_ > 0 ? fmt::to_string(total_) : "null", unit_, seconds);
+      for (const auto& [name, value] : measures_)
+        line += fmt::format(",\"{}\":{:.6g}", name, value);
+      line += "}\n";
     } else if (total_ > 0) {
       const double share =
           std::clamp(static_cast<double>(done_) / static_cast<double>(total_), 0.0, 1.0);
@@ -84,6 +101,8 @@ class PrintedProgress final : public Progress {
   std::string unit_;
   std::int64_t total_ = 0;
   std::int64_t done_ = 0;
+  std::map<std::string, double> measures_;
+  bool is_measured_ = false;  // since the last line
   bool running_ = false;
   Clock::time_point start_;
   Clock::time_point last_;

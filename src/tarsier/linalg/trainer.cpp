@@ -2,6 +2,7 @@
 #include "tarsier/linalg/trainer.h"
 
 #include "tarsier/core/log.h"
+#include "tarsier/core/measures.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/linalg/gather.h"
@@ -350,6 +351,7 @@ void train(Network& network, const TrainOptions& options, std::string_view stage
       network, options, make, loss,
       [&](int step, double mean) {
         log_debug("{}: step {} of {}, loss {:.4f}", stage, step, options.steps, mean);
+        tell_measure(progress, "loss", mean);
         progress.advance(step - done);
         done = step;
       },
