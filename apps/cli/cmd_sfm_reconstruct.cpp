@@ -7,6 +7,7 @@
 #include "tarsier/sfm/mapper/report.h"
 #include "tarsier/sfm/pipelines/inputs.h"
 #include "tarsier/sfm/pipelines/reconstructor.h"
+#include "tarsier/sfm/scene/colmap.h"
 #include "tarsier/sfm/scene/ply.h"
 #include "tarsier/sfm/view/render.h"
 
@@ -56,6 +57,37 @@ void expect_files(const std::vector<std::string>& inputs) {
   }
 }
 
+// The model while it grows, in COLMAP's text form, for those who watch; gone when it is done.
+class GrowingFolder {
+ public:
+  explicit GrowingFolder(std::string folder) : folder_(std::move(folder)) {}
+  ~GrowingFolder() {
+    if (!written_) return;
+    for (const char* name : {"cameras.txt", "images.txt", "points3D.txt"})
+      fs::remove(fs::path(folder_) / name, ignored_);
+    fs::remove(folder_, ignored_);
+  }
+  GrowingFolder(const GrowingFolder&) = delete;
+  GrowingFolder& operator=(const GrowingFolder&) = delete;
+  // A full disk must not end the mapping.
+  void write(const sfm::Model& model) {
+    try {
+      make_folder(folder_);
+      written_ = true;
+      sfm::write_colmap(folder_, model);
+    } catch (const OutputError& error) {
+      if (!warned_) log_warning("the growing model: {}", error.what());
+      warned_ = true;
+    }
+  }
+
+ private:
+  const std::string folder_;
+  std::error_code ignored_;
+  bool written_ = false;
+  bool warned_ = false;
+};
+
 ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
   const sfm::Reconstructor reconstructor(options_of(flags, context));
   reconstructor.check_outputs();
@@ -67,6 +99,10 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
       sfm::write_points_ply(path + ".ply", model);
       write_image(path + ".png", sfm::render_model(model, {}));
     };
+  }
+  GrowingFolder growing((fs::path(reconstructor.options().folder) / "growing").string());
+  if (flags.growing) {
+    hooks.show = [&](const sfm::Model& model) { growing.write(model); };
   }
   hooks.on_models = [&](const sfm::ReconstructorResult& result) {
     if (context.json)

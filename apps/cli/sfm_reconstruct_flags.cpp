@@ -168,6 +168,8 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   out(verb.add_flag("--turntable", flags.options.turntable, "turntable.gif: the cloud, turning"));
   out(verb.add_flag("--match-pictures", flags.options.match_images,
                     "matches/: each pair, kept green, removed red"));
+  out(verb.add_flag("--growing", flags.growing,
+                    "growing/: the model so far, each second at most, until it is done"));
   out(verb.add_flag("--no-cache", flags.no_cache, "keep nothing for a second run"));
   out(verb.add_option("--checkpoint", flags.options.pipeline.checkpoint_s,
                       "seconds between checkpoints of the mapping; 0: at each step")

@@ -25,6 +25,7 @@ struct ReconstructFlags {
   std::vector<std::string> distance_between;
   std::vector<std::string> exports;
   bool no_cache = false;
+  bool growing = false;
   bool per_image_camera = false;
   OnlineFlags online;
   sfm::ReconstructorOptions options;

@@ -94,6 +94,12 @@ PY
 run "${scene[@]}" -o model --distance 2 --distance-between 0000.jpg 0001.jpg
 expect_status 0
 
+# --- what is shown while it grows changes nothing, and is gone at the end ---
+run "${scene[@]}" -o grown --no-cache --growing
+expect_status 0
+[ ! -e grown/growing ] || fail "--growing leaves its folder"
+cmp -s grown/images.txt first.txt || fail "--growing changes the model"
+
 # --- what cannot be reconstructed is told, never made up ---
 run sfm synth -o turned --images 3 --size 320x240 --pure-rotation
 run sfm reconstruct turned/images --camera-file turned/camera.yaml --max-features 800 -o none

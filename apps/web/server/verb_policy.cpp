@@ -94,6 +94,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--free-penalty",
     "--gamma",
     "--give-up",
+    "--growing",
     "--height",
     "--held-out",
     "--hidden",

@@ -290,9 +290,21 @@ class Mapping {
   // --- checkpoints ---
 
   void keep_sometimes() {
+    show_sometimes();
     const double since = seconds_since(kept_at_);
     if (since >= hooks_.keep_every_s && (hooks_.keep_every_s <= 0 || since >= 20 * keeping_s_))
       keep();
+  }
+
+  void show_sometimes() {
+    if (!hooks_.show || !mapper_) return;
+    const double since = seconds_since(shown_at_);
+    if (has_shown_ && (since < hooks_.show_every_s || since < 20 * showing_s_)) return;
+    const Clock::time_point start = Clock::now();
+    hooks_.show(mapper_->finished(colors_, 2));
+    shown_at_ = Clock::now();
+    showing_s_ = seconds_since(start);
+    has_shown_ = true;
   }
 
   void keep() {
@@ -420,6 +432,9 @@ class Mapping {
   int adjustments_ = 0;
   Clock::time_point kept_at_ = Clock::now();
   double keeping_s_ = 0;
+  Clock::time_point shown_at_ = Clock::now();
+  double showing_s_ = 0;
+  bool has_shown_ = false;
 };
 
 }  // namespace

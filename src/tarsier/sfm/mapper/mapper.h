@@ -65,6 +65,10 @@ struct MapperHooks {
   // than a twentieth of the time; 0: at every step. At the end and at an interruption in any case.
   std::function<void(const MapperState&)> keep;
   double keep_every_s = 30;
+  // Sees the model that grows, for people who wait; may be empty. Not more often than so, and so that
+  // this takes less than a twentieth of the time. Changes nothing in the result.
+  std::function<void(const Model&)> show;
+  double show_every_s = 1;
   // Goes on from there, with the same arguments otherwise: the result is the same, to the last bit.
   // One that does not fit them is ignored, and so is any where there is a `watch`.
   std::optional<MapperState> from;

@@ -328,6 +328,24 @@ TEST(Interrupted, LeavesTheModelSoFarAndACheckpoint) {
   EXPECT_EQ(partial, adjustments - 1);
 }
 
+// Who watches sees more and more images, and the result is the same.
+TEST(Mapper, ShowsTheModelThatGrows) {
+  const Described given = described(synth::make_point_problem(21, 9, 160, 0.4, 0.05));
+  std::vector<int> registered;
+  MapperHooks hooks;
+  hooks.show_every_s = 0;
+  hooks.show = [&](const Model& model) {
+    const ModelStatistics size = statistics_of(model);
+    EXPECT_GT(size.points, 0);
+    registered.push_back(size.registered);
+  };
+  const Reconstruction shown = run(given, hooks);
+  expect_same(shown, run(given, {}));
+  ASSERT_FALSE(registered.empty());
+  EXPECT_TRUE(std::is_sorted(registered.begin(), registered.end()));
+  EXPECT_LE(registered.back(), statistics_of(shown.models[0]).registered);
+}
+
 TEST(Interrupted, WithoutPartialThrows) {
   const Described given = described(synth::make_point_problem(21, 6, 160, 0.4, 0.05));
   std::stop_source stop;

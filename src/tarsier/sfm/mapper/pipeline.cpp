@@ -336,6 +336,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
   stages.start("reconstruct");
   MapperHooks mapping;
   mapping.watch = hooks.watch;
+  mapping.show = hooks.show;
   mapping.partial = hooks.partial;
   mapping.keep_every_s = options.checkpoint_s;
   if (!options.cache_folder.empty()) {

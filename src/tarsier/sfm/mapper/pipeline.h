@@ -88,7 +88,8 @@ struct ComparedPair {
 };
 
 struct PipelineHooks {
-  WatchModel watch;  // sees the growing model; may be empty
+  WatchModel watch;                        // sees the growing model; may be empty
+  std::function<void(const Model&)> show;  // from time to time (MapperHooks::show); may be empty
   // Sees each pair; from any thread, but never two at a time. May be empty; if not, matches are
   // worked out again even where they are in the cache.
   std::function<void(const ComparedPair&)> on_pair;

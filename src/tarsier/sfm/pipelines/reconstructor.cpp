@@ -126,6 +126,7 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
   PipelineHooks pipeline_hooks;
   pipeline_hooks.partial = true;
   pipeline_hooks.watch = hooks.watch;
+  pipeline_hooks.show = hooks.show;
   if (options_.match_images) {
     const fs::path folder = fs::path(options_.folder) / "matches";
     make_folder(folder.string());

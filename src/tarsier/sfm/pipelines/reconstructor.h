@@ -50,7 +50,8 @@ struct ReconstructorResult {
 [[nodiscard]] nlohmann::ordered_json to_json(const ReconstructorResult& result);
 
 struct ReconstructorHooks {
-  WatchModel watch;  // sees the growing model; may be empty
+  WatchModel watch;                        // sees the growing model; may be empty
+  std::function<void(const Model&)> show;  // from time to time (MapperHooks::show); may be empty
   // When the models and their views are written, before further files that take time; may be empty.
   std::function<void(const ReconstructorResult&)> on_models;
 };
