@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the studio's server reads: requests of pages, forms, and the records of the windows of its
+// How the studio's server reads requests, forms, events, and the records of the windows of its
 // children.
 #include "tarsier/core/errors.h"
 

@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: MIT
-// What browsers and programs send to the studio: requests for verbs, forms, addresses, files.
+// What browsers and programs ask of the studio: verbs, files; and what jobs tell it.
 #include "tarsier/core/errors.h"
 
 #include "fuzz.h"
-#include "http_server.h"
 #include "jobs.h"
-#include "multipart.h"
-#include "router.h"
 #include "verb_policy.h"
 #include "workspace.h"
 #include <algorithm>
@@ -72,35 +69,6 @@ TARSIER_FUZZ_TARGET(verb_request, kJson) {
              "a word of several lines");
     }
   }
-}
-
-TARSIER_FUZZ_TARGET(multipart, kBytes) {
-  const auto read = [&](std::size_t most) {
-    std::string seen;
-    web::MultipartParser parser(
-        "bound", {[&](const web::MultipartPart& part) {
-                    seen += "[" + part.name + "|" + part.file_name + "|" + part.content_type + "]";
-                  },
-                  [&](std::string_view bytes) { seen += bytes; }, [&] { seen += "]"; }});
-    Pieces pieces(input, most);
-    bool is_good = true;
-    for (Bytes piece = pieces.next(); is_good && !piece.empty(); piece = pieces.next()) {
-      is_good = parser.feed(text_of(piece));
-    }
-    return std::pair(seen, parser.is_complete());
-  };
-  const auto whole = read(1U << 20U);
-  if (!whole.second) throw UsageError("no whole form");
-  expect(read(7) == whole, "a form in pieces is another");
-}
-
-TARSIER_FUZZ_TARGET(web_address, kBytes) {
-  const auto target = web::parse_target(text_of(input));
-  (void)web::parse_query(text_of(input));
-  if (!target) throw UsageError("no address");
-  expect(target->path.starts_with('/'), "a path without its slash");
-  expect(target->path.find("/../") == std::string::npos && !target->path.ends_with("/.."),
-         "a path that leads out");
 }
 
 TARSIER_FUZZ_TARGET(upload, kBytes) {
