@@ -93,10 +93,21 @@ class FilesTest(unittest.TestCase):
         status, headers, body = self.raw("GET", f"/api/sets/{self.name}/files/a.png?width=100")
         self.assertEqual((status, headers["Content-Type"]), (200, "image/jpeg"))
         self.assertTrue(body.startswith(b"\xff\xd8"))
+        kept = os.path.join(self.server.workspace, ".studio", "thumbnails")
+        self.assertEqual(len(os.listdir(kept)), 1)
+        self.put("a.png", png(300, 300))
+        self.assertEqual(os.listdir(kept), [], "a thumbnail of what was replaced")
+        self.assertEqual(self.raw("GET", f"/api/sets/{self.name}/files/a.png?width=100")[0], 200)
+        self.put("b.png", png(300, 300))
+        self.assertEqual(self.raw("GET", f"/api/sets/{self.name}/files/b.png?width=100")[0], 200)
+        self.assertEqual(self.server.call(f"/api/sets/{self.name}/files/b.png", method="DELETE")[0], 204)
+        self.assertEqual(len(os.listdir(kept)), 1)
         for width in ("0", "x", "99999", "-1", "1e3"):
             self.assertEqual(self.server.call(f"/api/sets/{self.name}/files/a.png?width={width}")[0], 400, width)
         self.put("a.txt", b"a.png\n")
         self.assertEqual(self.server.call(f"/api/sets/{self.name}/files/a.txt?width=100")[0], 415)
+        self.assertEqual(self.server.call(f"/api/sets/{self.name}", method="DELETE")[0], 204)
+        self.assertEqual(os.listdir(kept), [], "a thumbnail of a set that was deleted")
 
     def test_forms(self):
         body, kind = form(("image.png", png(10, 10)), ("image.png", png(20, 10)), ("C:\\photos\\b.png", png(30, 10)))

@@ -184,6 +184,36 @@ class JobsTest(unittest.TestCase):
             self.assertIn(event, events)
         self.assertNotIn("Ann", json.dumps(self.server.call("/api/audit")[1]))
 
+    def test_a_model_that_grows(self):
+        scene = self.start({"verb": "sfm synth", "flags": {"--output": "out:scene", "--images": 6, "--size": "480x360"}})
+        self.assertEqual(self.wait(scene, "done", "failed")["state"], "done")
+        name = self.start({"verb": "sfm reconstruct", "inputs": [f"job:{scene}/scene/images"],
+                           "flags": {"--output": "out:model", "--growing": True}})
+        seen = set()
+
+        def look():
+            job = self.job(name)
+            seen.update(file["name"] for file in job["files"])
+            return job if job["state"] not in ("queued", "running") else None
+
+        job = until(look, 120)
+        self.assertEqual((job["state"], job["exit"]), ("done", 0), job)
+        self.assertIn("model/growing/points3D.txt", seen)
+        left = [file["name"] for file in job["files"]]
+        self.assertIn("model/points3D.txt", left)
+        self.assertFalse([file for file in left if "growing" in file])
+        self.assertEqual({one["registered"] for one in job["lines"][-1]["photographs"]}, {True})
+
+    def test_a_curve_of_training(self):
+        plates = self.start({"verb": "plate synth", "flags": {"--output": "out:plates", "--count": 6}})
+        self.assertEqual(self.wait(plates, "done", "failed")["state"], "done")
+        name = self.start({"verb": "plate train-detector", "inputs": [f"job:{plates}/plates"],
+                           "flags": {"--output": "out:detector.json", "--steps": 6, "--aligner-steps": 6}})
+        job = self.wait(name, "done", "failed")
+        self.assertEqual(job["state"], "done", job)
+        curve = [line for line in job["lines"] if "loss" in line]
+        self.assertEqual([line["progress"] for line in curve], ["detector", "aligner"], job["lines"])
+
     def test_the_feed_tells_of_jobs(self):
         import http.client
         import struct

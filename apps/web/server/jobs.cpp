@@ -32,7 +32,8 @@ using Json = nlohmann::json;
 
 constexpr auto kPublishEvery = std::chrono::milliseconds(400);
 constexpr auto kSpaceEvery = std::chrono::seconds(2);
-constexpr std::size_t kMaxTold = 64U << 10U;  // bytes of lines in one answer
+constexpr auto kCurveEvery = std::chrono::milliseconds(500);
+constexpr std::size_t kMaxShown = 64U << 10U;  // bytes of lines in one answer
 constexpr std::size_t kMaxStored = 1U << 20U;
 
 double now_seconds() {
@@ -125,6 +126,7 @@ std::deque<std::string> tail_of(const std::string& path, std::size_t lines) {
   return tail;
 }
 
+constexpr std::string_view kForgotten = "(forgotten)";
 constexpr std::string_view kErrorMark = "tarsier: error: ";
 
 }  // namespace
@@ -137,10 +139,15 @@ std::optional<Json> progress_of(std::string_view line) {
     return json.contains(name) && json[name].is_number() ? json[name] : Json(nullptr);
   };
   const bool has_unit = json.contains("unit") && json["unit"].is_string();
-  return Json{{"label", json["progress"]},
-              {"done", number("done")},
-              {"total", number("total")},
-              {"unit", has_unit ? json["unit"] : Json("")}};
+  Json progress = {{"label", json["progress"]},
+                   {"done", number("done")},
+                   {"total", number("total")},
+                   {"unit", has_unit ? json["unit"] : Json("")}};
+  for (const auto& [name, value] : json.items()) {
+    const bool is_ours = name == "done" || name == "total" || name == "seconds";
+    if (!is_ours && value.is_number()) progress["values"][name] = value;
+  }
+  return progress;
 }
 
 // ---- VerbHost
@@ -230,6 +237,7 @@ struct Jobs::Job {
   BoundedFile output, log;
   bool is_new = true;  // something to publish
   Clock::time_point published{};
+  Clock::time_point measured{};
 };
 
 Jobs::Jobs(const VerbHost& host, JobFeed& feed, JobOptions options)
@@ -336,10 +344,10 @@ Json Jobs::json_of(const Job& job, bool whole) const {
                {"lines", Json::array()},
                {"files", Json::array()}};
   if (!whole) return json;
-  std::size_t told = 0;
+  std::size_t bytes = 0;
   std::vector<Json> lines;
-  for (auto line = job.lines.rbegin(); line != job.lines.rend() && told < kMaxTold; ++line) {
-    told += line->size();
+  for (auto line = job.lines.rbegin(); line != job.lines.rend() && bytes < kMaxShown; ++line) {
+    bytes += line->size();
     Json value = Json::parse(*line, nullptr, false);
     if (value.is_object()) lines.push_back(std::move(value));
   }
@@ -428,6 +436,7 @@ void Jobs::remove(const std::string& id) {
   if (!is_over(job->state)) throw HttpError(409, "the job is not over; cancel it first");
   const std::string folder = host_.workspace.job_folder(id);
   ::unlink((folder + "/job.json").c_str());  // first: what is left of a kill here is no job
+  host_.workspace.forget_thumbnails(folder);
   std::error_code error;
   fs::remove_all(folder, error);
   if (error) throw HttpError(500, fmt::format("the job cannot be deleted: {}", error.message()));
@@ -481,7 +490,11 @@ void Jobs::take_output(Job& job, std::string_view line) {
   const std::string text = host_.public_line(line, job.command);
   const Lock lock(mutex_);
   job.output.add(text);
-  job.lines.push_back(text);
+  keep_line(job, text);
+}
+
+void Jobs::keep_line(Job& job, std::string line) const {
+  job.lines.push_back(std::move(line));
   if (job.lines.size() > options_.lines) job.lines.pop_front();
   job.is_new = true;
 }
@@ -491,6 +504,12 @@ void Jobs::take_message(Job& job, std::string_view line) {
     const Lock lock(mutex_);
     job.progress = std::move(*progress);
     job.is_new = true;
+    // What is measured makes a curve: these lines are kept, too.
+    if (job.progress.contains("values") && Clock::now() - job.measured >= kCurveEvery) {
+      job.measured = Clock::now();
+      job.output.add(line);
+      keep_line(job, std::string(line));
+    }
     return;
   }
   const std::string text = host_.public_line(line, job.command);
@@ -576,6 +595,40 @@ void Jobs::finish(const std::shared_ptr<Job>& job, Lock& lock) {
   }
   job->is_new = true;
   save(*job);
+  if (is_done && job->request.verb == "people forget") {
+    forget_name_now(std::string(job->request.inputs.front()));
+  }
+}
+
+void Jobs::forget_name(const std::string& name) {
+  const Lock lock(mutex_);
+  forget_name_now(name);
+}
+
+void Jobs::forget_name_now(const std::string& name) {
+  for (const auto& [id, job] : jobs_) {
+    std::vector<std::string>& inputs = job->request.inputs;
+    const bool is_theirs = job->request.verb.starts_with("people ") &&
+                           std::find(inputs.begin(), inputs.end(), name) != inputs.end();
+    if (!is_theirs || !is_over(job->state)) continue;
+    std::replace(inputs.begin(), inputs.end(), name, std::string(kForgotten));
+    if (job->name.find(name) != std::string::npos) job->name = kForgotten;
+    job->shown = "tarsier " + job->request.verb;
+    for (std::string& line : job->lines) {
+      Json object = Json::parse(line, nullptr, false);
+      if (object.is_object() && object.value("name", Json()) == Json(name))
+        object["name"] = kForgotten;
+      line = object.is_object() ? to_text(object) : "";
+    }
+    const std::string folder = host_.workspace.job_folder(id);
+    std::string lines;
+    for (const std::string& line : job->lines) lines += line + '\n';
+    write_file_atomically(folder + "/lines.jsonl", lines);
+    write_file_atomically(folder + "/log.txt", "");
+    job->error.clear();
+    job->is_new = true;
+    save(*job);
+  }
 }
 
 void Jobs::publish(Job& job) {

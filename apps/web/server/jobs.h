@@ -34,6 +34,8 @@ struct VerbHost {
   std::string program;  // path of `tarsier`
   // The word for "camera:0", "allowed:NAME"; throws UsageError. See References::source.
   std::function<std::string(const std::string& reference)> source;
+  // Called with the name when a run of `people forget` was done; may be empty.
+  std::function<void(const std::string& name)> forgotten = {};
 
   // Throws UsageError; `output_folder` as in References.
   [[nodiscard]] CommandLine command(const VerbRequest& request, Use use,
@@ -86,6 +88,9 @@ class Jobs {
   // Of a job that was cut short: the same job again, in its folder, so that verbs that keep
   // checkpoints go on. Of one that is done: a new one.
   nlohmann::json again(const std::string& id, const std::string& address);
+  // Takes the name of a person who was forgotten out of what jobs about people keep: their requests,
+  // lines and logs. `people forget` as a job does it by itself.
+  void forget_name(const std::string& name);
   [[nodiscard]] std::map<std::string, int> count_by_state() const;
 
  private:
@@ -96,8 +101,10 @@ class Jobs {
   void schedule();
   void begin(const std::shared_ptr<Job>& job, Lock& lock);
   void finish(const std::shared_ptr<Job>& job, Lock& lock);
+  void forget_name_now(const std::string& name);
   void take_output(Job& job, std::string_view line);
   void take_message(Job& job, std::string_view line);
+  void keep_line(Job& job, std::string line) const;
   void save(const Job& job) const;
   [[nodiscard]] nlohmann::json json_of(const Job& job, bool whole) const;
   [[nodiscard]] std::shared_ptr<Job> find(const std::string& id) const;  // HttpError 404
@@ -119,7 +126,8 @@ void bind_jobs(Router& router, Jobs& jobs, Workspace& workspace, AuditLog& audit
                const std::string& own_program);
 
 // The progress that a line of stderr tells ({"progress":"mapping","done":3,"total":11,..}), as
-// {"label","done","total","unit"}; nothing for any other line.
+// {"label","done","total","unit"}, with {"values": {"loss": 0.3}} where the stage measures something;
+// nothing for any other line.
 [[nodiscard]] std::optional<nlohmann::json> progress_of(std::string_view line);
 
 }  // namespace tarsier::web

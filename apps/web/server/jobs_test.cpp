@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 
 #include <gmock/gmock.h>
@@ -39,6 +40,7 @@ case "$last" in
   *bad*) echo 'tarsier: error: it is bad' >&2; exit 3 ;;
   *crash*) kill -SEGV $$ ;;
   *wait*) echo '{"pid":'$$'}'; [ -p wait.pipe ] || mkfifo wait.pipe; read line < wait.pipe ;;
+  *curve*) echo '{"progress":"reader","done":1,"total":2,"unit":"steps","seconds":0,"loss":0.5}' >&2 ;;
   *many*) n=0; while [ $n -lt 300 ]; do echo "{\"n\":$n}"; n=$((n+1)); done ;;
   *big*) while :; do echo '{"text":"0123456789012345678901234567890123456789012345678901234567890123456789"}'; done ;;
 esac
@@ -189,6 +191,12 @@ TEST_F(JobsTest, KeepsTheLastLines) {
   EXPECT_EQ(job["lines"].back()["n"], 299);
 }
 
+TEST_F(JobsTest, KeepsWhatIsMeasured) {
+  const Json job = over(start("curve"));
+  ASSERT_EQ(job["lines"].size(), 1U);
+  EXPECT_EQ(job["lines"][0]["loss"], 0.5);
+}
+
 TEST_F(JobsTest, RefusesWhatMayNotBeStarted) {
   EXPECT_THROW(jobs_->start({{"verb", "no such"}}, ""), UsageError);
   EXPECT_THROW(jobs_->start({{"verb", "models info"}, {"inputs", {"/etc/passwd"}}}, ""),
@@ -217,6 +225,26 @@ TEST_F(JobsTest, StopsWhereTheWorkspaceIsFull) {
   limits_.quota_bytes = 1;
   begin();
   EXPECT_THROW(start("good"), HttpError);
+}
+
+TEST_F(JobsTest, ForgetsNames) {
+  verbs_ = VerbTable(R"({"verbs":[{"verb":"people forget","path":["people","forget"],"inputs":)"
+                     R"([{"names":["NAME"],"required":true,"repeatable":false}],"flags":[]}]})");
+  const Json request = {
+      {"verb", "people forget"}, {"inputs", {"Ann good"}}, {"name", "Forget Ann good"}};
+  const std::string first = jobs_->start(request, "")["id"];
+  (void)over(first);
+  const Json bad = {{"verb", "people forget"}, {"inputs", {"Bob bad"}}};
+  const std::string kept = jobs_->start(bad, "")["id"];
+  EXPECT_THAT(over(kept).dump(), HasSubstr("Bob"));
+  EXPECT_THAT(jobs_->get(first).dump(), Not(HasSubstr("Ann")));
+  jobs_->forget_name("Bob bad");
+  for (const auto& entry : fs::recursive_directory_iterator(workspace_->jobs_folder())) {
+    if (!entry.is_regular_file() || entry.path().filename() == "made.txt") continue;
+    const std::string text = read_file(entry.path().string(), 1 << 20);
+    EXPECT_THAT(text, Not(HasSubstr("Ann"))) << entry.path();
+    EXPECT_THAT(text, Not(HasSubstr("Bob"))) << entry.path();
+  }
 }
 
 TEST_F(JobsTest, RunsAnswer) {
@@ -269,6 +297,11 @@ TEST_F(JobsTest, EachRouteIsDescribed) {
 }
 
 TEST(JobProgress, ReadsLines) {
+  EXPECT_EQ(
+      (*progress_of(
+          R"({"progress":"a","done":1,"total":3,"unit":"x","seconds":2,"loss":0.5})"))["values"],
+      Json::parse(R"({"loss":0.5})"));
+  EXPECT_FALSE(progress_of(R"({"progress":"a","done":1})")->contains("values"));
   EXPECT_EQ(
       (*progress_of(R"({"progress":"a","done":1,"total":null,"unit":"x","seconds":0})"))["total"],
       nullptr);

@@ -260,8 +260,9 @@ struct Studio::Impl {
         throw UsageError("a browser's camera is for live sessions alone");
       return live->source_word(reference);
     };
-    const VerbHost host{workspace, verbs, audit, options.program, source};
+    VerbHost host{workspace, verbs, audit, options.program, source};
     jobs = std::make_unique<Jobs>(host, feed);
+    host.forgotten = [this](const std::string& name) { jobs->forget_name(name); };
     runs = std::make_unique<Runs>(host);
     const std::string own = program_folder() + "/tarsier-serve";
 

@@ -23,6 +23,7 @@
 #include <cstring>
 #include <fcntl.h>
 #include <filesystem>
+#include <set>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
@@ -37,6 +38,7 @@ using Clock = std::chrono::steady_clock;
 constexpr std::size_t kMaxListed = 20'000;  // files of a job
 constexpr int kMaxDepth = 8;
 constexpr std::size_t kHeadBytes = 512U << 10U;  // of an image, to know its size
+constexpr std::size_t kMaxThumbnails = 20'000;
 constexpr auto kMeasureEvery = std::chrono::seconds(10);
 
 constexpr auto kVideoEndings =
@@ -147,6 +149,9 @@ std::string sum_of(std::string_view text) {
   sum.add(text);
   return sum.hex();
 }
+
+// By which all thumbnails of a file are known.
+std::string thumbnail_mark(const std::string& path) { return sum_of(path).substr(0, 24); }
 
 double seconds_of(const struct timespec& time) {
   return static_cast<double>(time.tv_sec) + static_cast<double>(time.tv_nsec) * 1e-9;
@@ -328,6 +333,7 @@ void Workspace::make_set(const std::string& name) {
 
 void Workspace::remove_set(const std::string& name) {
   const std::string path = set_folder(name);
+  forget_thumbnails(path);
   const std::lock_guard lock(mutex_);
   std::error_code error;
   fs::remove_all(path, error);  // removes links, never what they lead to
@@ -419,6 +425,7 @@ FileInfo Workspace::store(const std::string& set, const std::string& name,
   if (!synced)
     throw HttpError(507, fmt::format("'{}' cannot be written: {}", name, std::strerror(errno)));
 
+  if (replace) forget_thumbnails(folder + '/' + name);
   const std::lock_guard lock(mutex_);
   std::size_t there = 0;
   std::error_code error;
@@ -467,6 +474,7 @@ FileInfo Workspace::store(const std::string& set, const std::string& name,
 
 void Workspace::remove_file(const std::string& set, const std::string& name) {
   const std::string path = file_path(set, name);
+  forget_thumbnails(path);
   if (::unlink(path.c_str()) != 0) {
     throw HttpError(500, fmt::format("'{}' cannot be deleted: {}", name, std::strerror(errno)));
   }
@@ -478,12 +486,20 @@ void Workspace::remove_file(const std::string& set, const std::string& name) {
 std::string Workspace::thumbnail(const std::string& path, int width, const std::string& program) {
   const FileInfo info = look_at(path, fs::path(path).filename().string());
   if (info.type != FileType::kImage) throw HttpError(415, "only an image has a thumbnail");
-  const std::string key = fmt::format("{}\n{}\n{}\n{}", path, info.bytes, info.modified, width);
-  const std::string out =
-      fmt::format("{}/thumbnails/{}.jpg", studio_folder(), sum_of(key).substr(0, 32));
+  const std::string version =
+      sum_of(fmt::format("{}\n{}", info.bytes, info.modified)).substr(0, 16);
+  const std::string out = fmt::format("{}/thumbnails/{}-{}-{}.jpg", studio_folder(),
+                                      thumbnail_mark(path), version, width);
   const std::lock_guard lock(thumbnails_);  // one at a time: a decoder may take 300 MB
   if (is_file(out)) return out;
   check_space(100'000);
+  if (++thumbnail_count_ > kMaxThumbnails) {
+    std::error_code error;
+    for (const auto& entry : fs::directory_iterator(studio_folder() + "/thumbnails", error)) {
+      fs::remove(entry.path(), error);
+    }
+    thumbnail_count_ = 0;
+  }
   ChildOptions options;
   options.arguments = {program, "--thumbnail", path, out, std::to_string(width)};
   options.niceness = 5;
@@ -494,6 +510,23 @@ std::string Workspace::thumbnail(const std::string& path, int width, const std::
     throw HttpError(415, fmt::format("'{}' cannot be read as an image", info.name));
   }
   return out;
+}
+
+void Workspace::forget_thumbnails(const std::string& path) {
+  std::set<std::string> marks = {thumbnail_mark(path)};
+  std::error_code error;
+  for (fs::recursive_directory_iterator it(path, error);
+       !error && it != fs::recursive_directory_iterator(); it.increment(error)) {
+    marks.insert(thumbnail_mark(it->path().string()));
+  }
+  const std::lock_guard lock(thumbnails_);
+  std::error_code ignored;
+  for (const auto& entry : fs::directory_iterator(studio_folder() + "/thumbnails", ignored)) {
+    const std::string name = entry.path().filename().string();
+    if (marks.contains(name.substr(0, std::min(name.find('-'), name.size())))) {
+      fs::remove(entry.path(), ignored);
+    }
+  }
 }
 
 std::vector<FileInfo> Workspace::states() const {

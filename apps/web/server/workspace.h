@@ -84,6 +84,10 @@ class Workspace {
   [[nodiscard]] std::string thumbnail(const std::string& path, int width,
                                       const std::string& program);
 
+  // Removes the thumbnails of this file, or of all files below this folder: they show what was
+  // deleted.
+  void forget_thumbnails(const std::string& path);
+
   // ---- State
   [[nodiscard]] std::vector<FileInfo> states() const;
   [[nodiscard]] std::string state_path(const std::string& name) const;  // 404 where it is missing
@@ -125,6 +129,7 @@ class Workspace {
   mutable std::uint64_t used_ = 0;
   mutable std::optional<std::chrono::steady_clock::time_point> measured_;
   std::mutex thumbnails_;
+  std::size_t thumbnail_count_ = 0;
 };
 
 // Why an uploaded file may not be taken, or "": of no known type, too many pixels, damaged; text
