@@ -336,7 +336,7 @@ TEST(Mapper, ShowsTheModelThatGrows) {
   hooks.show_every_s = 0;
   hooks.show = [&](const Model& model) {
     const ModelStatistics size = statistics_of(model);
-    EXPECT_GT(size.points, 0);
+    EXPECT_GT(size.observations, 0);
     registered.push_back(size.registered);
   };
   const Reconstruction shown = run(given, hooks);
