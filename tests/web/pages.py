@@ -60,8 +60,10 @@ class Server:
         try:
             self.link = self._links.get(timeout=30)
         except queue.Empty:
+            self.link = None
+        if self.link is None:
             self.stop()
-            raise RuntimeError("the server printed no link:\n" + "\n".join(self.log)) from None
+            raise RuntimeError("the server printed no link:\n" + "\n".join(self.log))
 
     def _read(self):
         for line in self.process.stdout:

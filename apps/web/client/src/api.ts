@@ -221,6 +221,7 @@ export interface OpenApiOperation {
   parameters?: { name: string; in: string; required?: boolean; description?: string; schema?: Json }[];
   requestBody?: { content?: Record<string, Json>; required?: boolean };
   responses?: Record<string, Json>;
+  'x-codeSamples'?: { lang: string; label?: string; source: string }[];
 }
 
 // Whether the viewer is signed in: undefined until the server said so.

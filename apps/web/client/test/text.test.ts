@@ -41,7 +41,9 @@ test('endpoints become curl calls', () => {
   );
   const post = endpoints[1];
   assert.ok(post);
-  assert.match(curlText(post, 'http://h'), /-X POST .*-d '\{"name":"holiday"\}' http:\/\/h\/api\/sets$/);
+  assert.match(curlText(post), /-X POST .*-d '\{"name":"holiday"\}' "\$TARSIER_URL"\/api\/sets$/);
+  const own = { ...post, operation: { 'x-codeSamples': [{ lang: 'Shell', source: 'curl x' }] } };
+  assert.equal(curlText(own), 'curl x');
 });
 
 test('findings of doctor', () => {

@@ -20,9 +20,12 @@ export function endpointsOf(paths: Record<string, Record<string, OpenApiOperatio
   );
 }
 
-// A curl call that does the same; names in braces stay for the reader to fill in.
-export function curlText(endpoint: Endpoint, origin: string): string {
-  const words = ['curl', '-H', '"Authorization: Bearer $(cat WORKSPACE/.studio/api-token)"'];
+// A curl call of the endpoint: the server's own example, else one made of its description. It uses
+// $TARSIER_URL and $TARSIER_TOKEN; names in braces stay for the reader to fill in.
+export function curlText(endpoint: Endpoint): string {
+  const sample = endpoint.operation['x-codeSamples']?.[0]?.source;
+  if (sample) return sample;
+  const words = ['curl', '-H', '"Authorization: Bearer $TARSIER_TOKEN"'];
   const content = Object.keys(endpoint.operation.requestBody?.content ?? {});
   if (endpoint.method !== 'GET') words.push('-X', endpoint.method);
   if (content.includes('application/json')) {
@@ -36,7 +39,7 @@ export function curlText(endpoint: Endpoint, origin: string): string {
   else if (content.some((type) => type.startsWith('image/')))
     words.push('-H', "'Content-Type: image/jpeg'", '--data-binary', '@photo.jpg');
   else if (content.length > 0) words.push('--data-binary', '@FILE');
-  words.push(shellWord(origin + endpoint.path));
+  words.push(`"$TARSIER_URL"${shellWord(endpoint.path)}`);
   return words.join(' ');
 }
 
@@ -72,7 +75,11 @@ function bodyExample(path: string, operation: OpenApiOperation): string {
 
 function Endpoints() {
   const openapi = useLoad(api.openapi);
+  const info = useLoad(api.info);
   const [word, setWord] = useState('');
+  const place = info.value?.workspace;
+  const path = (typeof place === 'string' ? place : place?.path) ?? 'WORKSPACE';
+  const settings = `export TARSIER_URL=${location.origin} TARSIER_TOKEN="$(cat ${shellWord(`${path}/.studio/api-token`)})"`;
   const all = useMemo(() => endpointsOf(openapi.value?.paths ?? {}), [openapi.value]);
   const shown = all.filter((one) =>
     `${one.method} ${one.path} ${one.operation.summary ?? ''}`.toLowerCase().includes(word.toLowerCase()),
@@ -81,10 +88,11 @@ function Endpoints() {
     <>
       {openapi.error && <Notice kind="problem">{openapi.error}</Notice>}
       <p>
-        Programs use a token: the file <code>.studio/api-token</code> of the workspace. The whole description
-        is <a href="/api/openapi.json">openapi.json</a>; figures for Prometheus are at{' '}
-        <a href="/metrics">/metrics</a>.
+        Programs use a token: the file <code>.studio/api-token</code> of the workspace. The whole description is{' '}
+        <a href="/api/openapi.json">openapi.json</a>; figures for Prometheus are at <a href="/metrics">/metrics</a>.
+        The calls below expect:
       </p>
+      <CommandLine text={settings} label="Address and token" />
       <TextField
         label="Find"
         type="search"
@@ -100,7 +108,7 @@ function Endpoints() {
               <code>{one.path}</code> <span class="faint">{one.operation.summary}</span>
             </summary>
             {one.operation.description && <p>{one.operation.description}</p>}
-            <CommandLine text={curlText(one, location.origin)} label="curl" />
+            <CommandLine text={curlText(one)} label="curl" />
             {(one.operation.parameters ?? []).length > 0 && (
               <ul>
                 {(one.operation.parameters ?? []).map((parameter) => (
