@@ -79,6 +79,7 @@ export function Reconstruct() {
         title="Reconstruct"
         text="Photographs of one thing or place, taken from several sides, become cameras and a cloud of points."
       />
+      {job && done && <ModelView key={job.id} job={job} />}
       <div class="split">
         <section class="card stack" aria-labelledby="new-model">
           <h2 id="new-model">New model</h2>
@@ -157,7 +158,6 @@ export function Reconstruct() {
           )}
         </section>
       </div>
-      {job && done && <ModelView key={job.id} job={job} />}
     </>
   );
 }
