@@ -275,7 +275,11 @@ function Live(props: PartProps & { session: ReturnType<typeof useAreaSession> })
             </a>
             .
           </p>
-          {cameraFile.value && <pre class="log">{cameraFile.value}</pre>}
+          {cameraFile.value && (
+            <pre class="log" tabIndex={0} role="group" aria-label="The camera file">
+              {cameraFile.value}
+            </pre>
+          )}
         </Notice>
       )}
       {props.children}
