@@ -236,6 +236,7 @@ class Page:
         self.target = target
         self._complaints = []
         self._requests = []
+        self._posts = set()  # that wait for their answers
         self._own = None  # host of the page
         self._session = browser.send("Target.attachToTarget", {"targetId": target, "flatten": True})["sessionId"]
         browser._pages[self._session] = self
@@ -269,6 +270,7 @@ class Page:
 
     def open(self, address):
         self._own = urlsplit(address).netloc
+        self._posts.clear()  # of the page before
         result = self.send("Page.navigate", {"url": address})
         if "errorText" in result:
             raise BrowserError(f"{address}: {result['errorText']}")
@@ -329,6 +331,16 @@ class Page:
 
     def text(self, selector="body"):
         return self.evaluate(f"document.querySelector({json.dumps(selector)})?.innerText ?? ''")
+
+    def wait_posts(self, timeout=TIMEOUT):
+        """Until all that the page sent has been answered."""
+        end = time.monotonic() + timeout
+        while True:
+            self.evaluate("new Promise((done) => setTimeout(done, 100))")  # what the page still holds back
+            if not self._posts:
+                return
+            if time.monotonic() > end:
+                raise BrowserError(f"{len(self._posts)} requests without an answer in {timeout} s")
 
     # ---- Finding by role and name ----
 
@@ -551,7 +563,11 @@ class Page:
         elif method == "Runtime.bindingCalled" and parameters["name"] == "tarsierReport":
             report = json.loads(parameters["payload"])
             self._complaints.append(f"{report['kind']}: {report['text']}")
+        elif method in ("Network.loadingFinished", "Network.loadingFailed"):
+            self._posts.discard(parameters["requestId"])
         elif method == "Network.requestWillBeSent":
+            if parameters["request"]["method"] != "GET":
+                self._posts.add(parameters["requestId"])
             address = parameters["request"]["url"]
             parts = urlsplit(address)
             if parts.scheme in ("http", "https", "ws", "wss"):

@@ -88,9 +88,9 @@ function Endpoints() {
     <>
       {openapi.error && <Notice kind="problem">{openapi.error}</Notice>}
       <p>
-        Programs use a token: the file <code>.studio/api-token</code> of the workspace. The whole description is{' '}
-        <a href="/api/openapi.json">openapi.json</a>; figures for Prometheus are at <a href="/metrics">/metrics</a>.
-        The calls below expect:
+        Programs use a token: the file <code>.studio/api-token</code> of the workspace. The whole description
+        is <a href="/api/openapi.json">openapi.json</a>; figures for Prometheus are at{' '}
+        <a href="/metrics">/metrics</a>. The calls below expect:
       </p>
       <CommandLine text={settings} label="Address and token" />
       <TextField
