@@ -286,7 +286,7 @@ class AnnotatePath(AreaTest):
         self.page.click("button", "Train", timeout=60)
         self.page.click("button", "Judge it", timeout=LONG)
         self.page.find("button", "Judge")
-        self.page.fill("textbox", "eyes", "0 3")
+        self.page.fill("textbox", "Eyes", "0 3")
         self.page.choose("Compare", "no")
         self.page.click("button", "Judge")
         self.page.wait_text("Worst cases first", LONG)
@@ -351,14 +351,19 @@ class PlatesPath(AreaTest):
     """A drawn day of traffic is read, searched, corrected and exported; a street is read live."""
 
     def count(self):
-        return int(re.search(r"(\d+) events?", self.page.text("main p[role=status]")).group(1))
+        found = re.search(r"(\d+) events?", self.page.text("main p[role=status]"))
+        return int(found.group(1)) if found else -1
+
+    def stored(self):
+        answer = self.server.call("/api/run", {"verb": "plate log", "inputs": ["ws:plates.db"], "flags": {}})[1]
+        return len(answer["lines"])
 
     def test_a_day(self):
         self.go("/plates")
         self.page.click("button", "Try with synthetic data")
         self.page.wait("document.querySelector('main progress')")
         self.page.wait("!document.querySelector('main progress')", LONG, "the end of the day")
-        self.until("ten vehicles", lambda: self.count() >= 10, 60)
+        self.until("the events of the day", lambda: self.count() >= 10 and self.count() == self.stored(), 60)
         every = self.count()
         self.page.wait("document.querySelectorAll('.plate img').length > 3", 60, "pictures of plates")
         self.path("plates-day")
@@ -367,7 +372,7 @@ class PlatesPath(AreaTest):
         self.assertRegex(text, r"^[A-Z0-9]{4,}$")
         self.page.fill("searchbox", "Text of the plate", text[1:4])
         self.page.click("button", "Search")
-        self.page.wait_text("found")
+        self.page.wait("document.querySelector('main p[role=status]').innerText.endsWith('found')", 30, "what was found")
         self.assertLess(self.count(), every)
         self.assertIn(text, self.page.text("main table"))
         wrong = ("X" if text[0] != "X" else "Y") + text[1:]

@@ -230,11 +230,6 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
           )}
         </div>
         <LiveStatus id={props.id} />
-        {state.message !== '' && (
-          <p class="numbers" role="status">
-            {state.message}
-          </p>
-        )}
         {state.pictures > 0 && <Progress label="Pictures agreed" done={state.done} total={state.pictures} />}
         <div class="row">
           <Button kind="main" onClick={() => send('go-on')}>

@@ -216,12 +216,7 @@ function Live(props: PartProps & { session: ReturnType<typeof useAreaSession> })
           onEnd={finish}
         />
         <div class="stack">
-          <Progress
-            label="Covered"
-            done={Math.round(100 * coverage)}
-            total={100}
-            unit="hundredths of the picture"
-          />
+          <Progress label="Covered" done={Math.round(100 * coverage)} total={100} />
           <StateList
             state={state}
             names={{

@@ -79,7 +79,9 @@ export function Plates() {
   const state = useSessionState(session.id);
   const [typed, setTyped] = useState<Query>({ text: '', near: false, since: '', limit: perPage });
   const [query, setQuery] = useState<Query>(typed);
-  const events = useLoad(() => search(query), [query]);
+  const found = useLoad(async () => ({ query, list: await search(query) }), [query]);
+  // What was found for another question is not shown.
+  const events = { ...found, value: found.value?.query === query ? found.value.list : undefined };
   const [pictures, setPictures] = useState<Pictures | null>(null);
   const fetching = useRef(false);
   const [open, setOpen] = useState<PlateEvent | null>(null);

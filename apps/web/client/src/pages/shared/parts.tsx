@@ -258,7 +258,7 @@ export function StateList(props: { state: { [name: string]: Json }; names: Recor
   return (
     <dl class="state-list">
       {Object.entries(props.names)
-        .filter(([name]) => name in props.state)
+        .filter(([name]) => name in props.state && props.state[name] !== '' && props.state[name] !== null)
         .map(([name, label]) => (
           <div key={name}>
             <dt>{label}</dt>
