@@ -1,7 +1,7 @@
 // Number plates: read a source into the log, look for what passed.
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import { api } from '../../api';
-import { timeText } from '../../format';
+import { durationText, timeText } from '../../format';
 import { useEvery, useLoad } from '../../hooks';
 import {
   AsyncButton,
@@ -84,6 +84,7 @@ export function Plates() {
   const events = { ...found, value: found.value?.query === query ? found.value.list : undefined };
   const [pictures, setPictures] = useState<Pictures | null>(null);
   const fetching = useRef(false);
+  const [round, setRound] = useState(0);
   const [open, setOpen] = useState<PlateEvent | null>(null);
   const [day, setDay] = useState<{ done: number; total: number } | null>(null);
   const corrections = useLoad(async () => {
@@ -109,9 +110,12 @@ export function Plates() {
       .then(setPictures, () => undefined)
       .finally(() => {
         // Not oftener than each ten seconds.
-        setTimeout(() => (fetching.current = false), 10_000);
+        setTimeout(() => {
+          fetching.current = false;
+          setRound((one) => one + 1);
+        }, 10_000);
       });
-  }, [events.value]);
+  }, [events.value, round]);
 
   const corrected = useMemo(() => {
     const texts = new Map<number, string>();
@@ -289,14 +293,7 @@ export function Plates() {
                   name: 'Plate',
                   show: (one) => <Plate event={one} pictures={pictures} corrected={corrected.get(one.id)} />,
                 },
-                {
-                  name: 'Sure',
-                  show: (one) => `${(100 * one.confidence).toFixed(0)} %, ${sureness(one.confidence)}`,
-                },
-                { name: 'First seen', show: (one) => timeText(one.first_time) },
-                { name: 'Last seen', show: (one) => timeText(one.last_time) },
-                { name: 'Country', show: (one) => one.country },
-                { name: 'State', show: (one) => one.state },
+                { name: 'Seen', show: (one) => <Seen event={one} /> },
                 {
                   name: 'More',
                   show: (one) => (
@@ -350,8 +347,29 @@ function Plate(props: { event: PlateEvent; pictures: Pictures | null; corrected:
           loading="lazy"
         />
       )}
-      <strong class="plate-text">{props.corrected ?? props.event.text}</strong>
-      {props.corrected !== undefined && <span class="faint">read as {props.event.text}</span>}
+      <span class="plate-words">
+        <strong class="plate-text">{props.corrected ?? props.event.text}</strong>
+        {props.corrected !== undefined && <span class="faint">read as {props.event.text}</span>}
+        <span class="faint">
+          {(100 * props.event.confidence).toFixed(0)} %, {sureness(props.event.confidence)}
+          {props.event.country === '' ? '' : `, ${props.event.country}`}
+        </span>
+      </span>
+    </span>
+  );
+}
+
+function Seen({ event }: { event: PlateEvent }) {
+  const [day, time] = timeText(event.first_time).split(' ');
+  const stay = (Date.parse(event.last_time) - Date.parse(event.first_time)) / 1000;
+  return (
+    <span class="plate-words">
+      <span class="nowrap">{day}</span>
+      <span class="nowrap">{time}</span>
+      <span class="faint">
+        {stay >= 1 ? `for ${durationText(stay)}` : 'for a moment'}
+        {event.state === 'closed' ? '' : `, ${event.state}`}
+      </span>
     </span>
   );
 }

@@ -9,7 +9,7 @@ import { addressOf } from '../shared/files';
 import { isOver, jobText, useJob } from '../shared/jobs';
 import { compare, parseCsv, worstFirst, type Comparison } from './curves';
 import { DataSource } from './index';
-import { judgeRequest, judgeVerbs, wordFor } from './verbs';
+import { inOrder, judgeRequest, judgeVerbs, wordFor } from './verbs';
 
 interface Running {
   verb: number;
@@ -145,7 +145,7 @@ function Result({ running }: { running: Running }) {
     (running.mine === null || isOver(mine)) &&
     (running.shipped === null || isOver(shipped)) &&
     main !== undefined;
-  const rows = ready ? compare(figuresOf(mine), figuresOf(shipped)) : [];
+  const rows = ready ? inOrder(compare(figuresOf(mine), figuresOf(shipped))) : [];
   const word: Record<string, string> = { mine: 'mine', shipped: 'what ships', same: 'equal' };
   const columns = [
     { name: 'What', show: (one: Comparison) => wordFor(one.name) },
@@ -205,7 +205,7 @@ function Worst({ job }: { job: Job }) {
     <>
       <h3>Worst cases first</h3>
       {cases.error && <Notice kind="problem">{cases.error}</Notice>}
-      <ul class="thumbs">
+      <ul class="thumbs thumbs-large">
         {rows.slice(0, 6).map((row) => (
           <li key={row.image}>
             <Case

@@ -221,6 +221,15 @@ export function dataOfJob(kind: DataKind, files: readonly string[]): string[] {
 
 // Units and words for the numbers that eval verbs print.
 const words: Record<string, string> = {
+  image: 'Picture',
+  nme: 'Error, %',
+  dx: 'Off to the right, px',
+  dy: 'Off downwards, px',
+  error: 'Not explained',
+  text: 'Read',
+  found: 'Found',
+  confidence: 'Sure',
+  edits: 'Characters off',
   faces: 'Faces',
   missed: 'Not found',
   wrong: 'Another face',
@@ -255,3 +264,10 @@ const words: Record<string, string> = {
 };
 
 export const wordFor = (name: string): string => words[name] ?? name.replaceAll('_', ' ');
+
+// Figures in an order that people expect: what is known above, the others by name.
+export function inOrder<T extends { name: string }>(rows: readonly T[]): T[] {
+  const order = Object.keys(words);
+  const place = (name: string) => (order.includes(name) ? order.indexOf(name) : order.length);
+  return [...rows].sort((a, b) => place(a.name) - place(b.name) || a.name.localeCompare(b.name));
+}
