@@ -24,11 +24,15 @@ class AreaTest(pages.PageTest):
         """A page of a path is looked at by people and judged like all others."""
         self.judge(f"path-{name}")
 
-    def job_of(self, verb, timeout=LONG):
-        """The newest job of a verb, when it is over."""
+    def started(self, verb):
+        """How many jobs of a verb there will be with the next one."""
+        return 1 + sum(job["verb"] == verb for job in self.server.call("/api/jobs")[1]["jobs"])
+
+    def job_of(self, verb, timeout=LONG, at_least=1):
+        """The newest job of a verb, when it is over, and so many of them are there."""
         for _ in range(timeout * 5):
             jobs = [job for job in self.server.call("/api/jobs")[1]["jobs"] if job["verb"] == verb]
-            if jobs:
+            if len(jobs) >= at_least:
                 job = max(jobs, key=lambda one: str(one["created"]))
                 if job["state"] not in ("queued", "running"):
                     return self.server.call(f"/api/jobs/{job['id']}")[1]
@@ -130,6 +134,31 @@ class ReconstructPath(AreaTest):
         job = self.job_of("sfm reconstruct")
         self.assertEqual(job["state"], "cancelled")
         self.page.wait_text("cancelled")
+
+    def test_hundred_thousand_points(self):
+        """A cloud of 100 000 points is read beside the page and turns in software rendering."""
+        self.go("/reconstruct")
+        count = self.started("sfm reconstruct")
+        self.page.choose("Drawn photographs", "8")
+        self.page.click("button", "Try with synthetic data")
+        job = self.job_of("sfm reconstruct", at_least=count)
+        points = os.path.join(self.server.workspace, "jobs", job["id"], "files", "model", "points3D.txt")
+        with open(points, encoding="utf-8") as file:
+            lines = [line.split() for line in file if not line.startswith("#")]
+        with open(points, "w", encoding="utf-8") as file:
+            for n in range(100_000):
+                line = lines[n % len(lines)]
+                place = [f"{float(value) + 0.02 * ((n * 37 + k * 11) % 101 - 50) / 50:.5f}" for k, value in enumerate(line[1:4])]
+                file.write(" ".join([str(n + 1), *place, *line[4:]]) + "\n")
+        self.go(f"/reconstruct?job={job['id']}")
+        self.page.wait("Number(document.querySelector('.cloud canvas')?.dataset.drawn) === 100000", 60, "all points")
+        box = self.page.evaluate("(() => { const b = document.querySelector('.cloud canvas').getBoundingClientRect();"
+                                 " return [b.left + b.width / 2, b.top + b.height / 2]; })()")
+        self.page.drag(box, (box[0] + 160, box[1] + 40), steps=30)
+        moving = self.page.evaluate("(() => ({...document.querySelector('.cloud canvas').dataset}))()")
+        print(f"100 000 points: {moving['ms']} ms a frame while it turns, {moving['drawn']} points of it drawn")
+        self.assertLess(float(moving["ms"]), 500)
+        self.page.wait("Number(document.querySelector('.cloud canvas').dataset.drawn) === 100000", 20, "all points at rest")
 
     def named(self, role, part):
         return next(name for _, name, _ in self.page.find_all(role) if part in name)
@@ -311,6 +340,27 @@ class AnnotatePath(AreaTest):
         for n, place in enumerate(places):
             if place and max(abs(place[0] - truth[n][0]), abs(place[1] - truth[n][1])) > 2:
                 self.page.drag(shown(place), shown(truth[n]))
+
+
+class TrainPath(AreaTest):
+    """A tracker of drawn heads is trained with a third left out, and compared with the one that ships."""
+
+    def test_train_and_compare(self):
+        self.go("/train")
+        self.page.click("button", "Try with synthetic data")
+        self.page.wait("document.querySelector('main select option[value*=\"heads/set.json\"]')", LONG, "drawn heads")
+        self.page.fill("spinbutton", "Hold out", "3")
+        self.page.click("button", "Train")
+        self.page.find("progressbar", timeout=60)
+        self.path("train-running")
+        self.page.click("button", "Judge it", timeout=LONG)
+        self.page.fill("spinbutton", "Held out", "3")
+        self.page.click("button", "Judge")
+        self.page.wait_text("Worst cases first", LONG)
+        self.assertEqual(
+            self.page.evaluate("[...document.querySelectorAll('main table')[0].tHead.rows[0].cells].map((one) => one.innerText)"),
+            ["What", "Mine", "What ships", "Better"])
+        self.path("train-compare")
 
 
 class CalibratePath(AreaTest):

@@ -140,8 +140,6 @@ function Exploring(props: { id: string; onEnd: () => Promise<void> }) {
             patch: 'Patch',
             patches: 'Patches',
             picture: 'Picture',
-            shape: 'Shape',
-            look: 'Look',
           }}
         />
         {response !== null && <p class="numbers">Response at the best place: {response.toFixed(3)}</p>}

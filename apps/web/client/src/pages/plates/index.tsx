@@ -521,7 +521,7 @@ function EventDetail(props: {
           { name: 'Sure', show: (one) => `${(100 * one.confidence).toFixed(1)} %`, number: true },
           { name: 'Country', show: (one) => one.country ?? '' },
         ]}
-        rows={event.candidates.slice(0, 5)}
+        rows={event.candidates.filter((one) => one.text !== event.text).slice(0, 5)}
         keyOf={(one) => one.text}
       />
       <details>
