@@ -135,6 +135,22 @@ class ReconstructPath(AreaTest):
         self.assertEqual(job["state"], "cancelled")
         self.page.wait_text("cancelled")
 
+    def test_watch_it_grow(self):
+        """The model grows before the viewer's eyes."""
+        with tempfile.TemporaryDirectory() as folder:
+            scene = os.path.join(folder, "scene")
+            subprocess.run(
+                [os.path.join(pages.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "10", "--size", "480x360",
+                 "--trajectory", "line"], check=True, capture_output=True)
+            self.go("/reconstruct")
+            self.page.upload(self.page.file_input(), sorted(glob.glob(os.path.join(scene, "images", "*.jpg"))))
+            self.page.wait_text("10 photographs in ", 60)
+        self.page.click("button", "Watch it grow")
+        self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live picture")
+        self.page.wait("/[1-9][0-9]* points/.test(document.querySelector('.live-status')?.innerText)", 60, "points")
+        self.path("reconstruct-growing")
+        self.page.click("button", "End" if self.page.has("button", "End") else "Close")
+
     def test_hundred_thousand_points(self):
         """A cloud of 100 000 points is read beside the page and turns in software rendering."""
         self.go("/reconstruct")
@@ -351,7 +367,7 @@ class TrainPath(AreaTest):
         self.page.wait("document.querySelector('main select option[value*=\"heads/set.json\"]')", LONG, "drawn heads")
         self.page.fill("spinbutton", "Hold out", "3")
         self.page.click("button", "Train")
-        self.page.find("progressbar", timeout=60)
+        self.page.wait("document.querySelector('main progress')", 60, "progress")
         self.path("train-running")
         self.page.click("button", "Judge it", timeout=LONG)
         self.page.fill("spinbutton", "Held out", "3")

@@ -7,7 +7,8 @@ import { AsyncButton, Button, JobCard, Notice, PageHead, Select } from '../../ui
 import { attempt } from '../../ui/toast';
 import { FlagFields } from '../../ui/verb_form';
 import { finishJob, isOver, useJob } from '../shared/jobs';
-import { SetPictures, SetSource } from '../shared/parts';
+import { SessionActions, SessionPanel, SetPictures, SetSource } from '../shared/parts';
+import { useAreaSession } from '../shared/sessions';
 import { ModelView } from './model_view';
 
 const offered = [
@@ -42,6 +43,8 @@ export function Reconstruct() {
   const [valid, setValid] = useState(true);
   const [verb, setVerb] = useState<VerbHelp>();
   const [drawing, setDrawing] = useState(false);
+  const growing = useAreaSession('sfm reconstruct');
+  const [grown, setGrown] = useState<string | null>(null);
   const [picturesOf, setPicturesOf] = useState(11);
   useEffect(() => {
     verbHelp().then(
@@ -70,6 +73,11 @@ export function Reconstruct() {
     });
     setDrawing(false);
   };
+  // The model grows picture by picture in a live session; what it leaves is only to be looked at.
+  const watch = async (input: string) => {
+    setGrown(input);
+    await growing.start([input], { '--online': true, '--output': 'ws:growing' }, 'A model that grows');
+  };
   const done =
     job !== undefined &&
     (job.state === 'done' || (isOver(job) && job.files.some((f) => f.name.endsWith('report.json'))));
@@ -79,6 +87,29 @@ export function Reconstruct() {
         title="Reconstruct"
         text="Photographs of one thing or place, taken from several sides, become cameras and a cloud of points."
       />
+      {growing.id !== undefined && (
+        <section class="split split-wide" aria-label="A model that grows">
+          <SessionPanel id={growing.id} title="The model while it grows" onEnd={growing.end} />
+          <div class="stack">
+            <p>
+              At the left the photograph with the points of the model that are seen in it, at the right the
+              cloud and its cameras. Photographs should follow each other, like steps of a walk.
+            </p>
+            <SessionActions id={growing.id} label="View" without={['quit', 'help']} />
+            {grown !== null && (
+              <AsyncButton
+                kind="main"
+                run={async () => {
+                  await growing.end();
+                  await start(grown, 'The model that grew');
+                }}
+              >
+                Make the model of all photographs
+              </AsyncButton>
+            )}
+          </div>
+        </section>
+      )}
       {job && done && <ModelView key={job.id} job={job} />}
       <div class="split">
         <section class="card stack" aria-labelledby="new-model">
@@ -119,6 +150,14 @@ export function Reconstruct() {
               }}
             >
               Reconstruct
+            </AsyncButton>
+            <AsyncButton
+              disabled={set === null || set.files < 2 || !valid}
+              run={async () => {
+                if (set) await watch(`set:${set.name}`);
+              }}
+            >
+              Watch it grow
             </AsyncButton>
           </div>
           <hr />

@@ -18,6 +18,8 @@ import {
 } from '../../ui';
 import { sendEvent } from '../../ui/live_view';
 import { attempt } from '../../ui/toast';
+import { cameraTrouble } from '../../viewer_camera';
+import { ownCamera, ownCameraBack } from './sessions';
 import { cleanName, setName, uploadAll, type UploadState } from './files';
 
 const kindNames: Record<Source['kind'], string> = {
@@ -45,18 +47,24 @@ export function SourceSelect(props: {
     group: kindNames[one.kind] ?? 'Others',
   }));
   if (props.own) options.unshift({ value: props.own.id, label: props.own.name, group: kindNames.synth });
+  options.push({ value: ownCamera, label: 'My camera', group: 'This device' });
+  options.push({ value: ownCameraBack, label: 'My camera, facing away', group: 'This device' });
   if (props.value !== '' && !options.some((one) => one.value === props.value)) {
     options.push({ value: props.value, label: props.value, group: 'Others' });
   }
+  const trouble = props.value.startsWith(ownCamera) ? cameraTrouble() : '';
   return (
-    <Select
-      label={props.label}
-      value={props.value}
-      options={options}
-      onChange={props.onChange}
-      help={props.help}
-      problem={sources.error}
-    />
+    <>
+      <Select
+        label={props.label}
+        value={props.value}
+        options={options}
+        onChange={props.onChange}
+        help={props.help}
+        problem={sources.error}
+      />
+      {trouble && <Notice>{trouble}</Notice>}
+    </>
   );
 }
 

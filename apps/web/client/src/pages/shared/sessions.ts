@@ -2,6 +2,11 @@
 import { useEffect, useState } from 'preact/hooks';
 import { api, type Flags, type Session } from '../../api';
 import { attempt } from '../../ui/toast';
+import { startViewerCamera } from '../../viewer_camera';
+
+// Sources that stand for the viewer's own camera until the session begins.
+export const ownCamera = 'own-camera';
+export const ownCameraBack = 'own-camera-back';
 
 export interface AreaSession {
   id: string | undefined;
@@ -31,9 +36,15 @@ export function useAreaSession(verb: string): AreaSession {
     id,
     forget: () => setId(undefined),
     start: async (inputs, flags, name) => {
-      const session = await attempt(() =>
-        api.startSession({ verb, inputs, flags, ...(name ? { name } : {}) }),
-      );
+      const session = await attempt(async () => {
+        const sources: string[] = [];
+        for (const input of inputs) {
+          if (input === ownCamera) sources.push(await startViewerCamera('user'));
+          else if (input === ownCameraBack) sources.push(await startViewerCamera('environment'));
+          else sources.push(input);
+        }
+        return api.startSession({ verb, inputs: sources, flags, ...(name ? { name } : {}) });
+      });
       if (session) setId(session.id);
       return session;
     },
