@@ -316,9 +316,12 @@ class PipeWindow final : public Window {
     if (!line.event) return;
     Event& event = *line.event;
     if (event.kind == Event::Kind::kMouse) {
-      if (sent_.empty()) return;  // of no image
-      event.x = (event.x + 0.5) * shown_.width / sent_.width - 0.5;
-      event.y = (event.y + 0.5) * shown_.height / sent_.height - 0.5;
+      // Where no image was asked for yet, of the one that would be sent.
+      const cv::Size from = sent_.empty() ? sent_size() : sent_;
+      const cv::Size to = sent_.empty() ? picture_.size() : shown_;
+      if (from.empty()) return;
+      event.x = (event.x + 0.5) * to.width / from.width - 0.5;
+      event.y = (event.y + 0.5) * to.height / from.height - 0.5;
     } else if (event.kind == Event::Kind::kAction) {
       const bool is_known = std::any_of(actions_.begin(), actions_.end(),
                                         [&](const Action& a) { return a.name == event.name; });

@@ -279,6 +279,12 @@ TEST_F(PipeWindowTest, MousePositionsAreOfTheImageThatWasSent) {
   say("{\"mouse\":\"left-down\",\"x\":1,\"y\":2}\n");
   EXPECT_THAT(events(), IsEmpty()) << "there is no image to point at";
   window_->show(view(10, {800, 600}), nullptr);
+  // A program may know the state's size alone, and never ask for an image.
+  say("{\"max_width\":400}\n{\"mouse\":\"left-down\",\"x\":0,\"y\":299}\n");
+  const std::vector<Event> unseen = events();
+  ASSERT_EQ(unseen.size(), 1U);
+  EXPECT_DOUBLE_EQ(unseen[0].x, 0.5);
+  EXPECT_DOUBLE_EQ(unseen[0].y, 598.5);
   say("{\"max_width\":200,\"want\":1}\n");
   (void)events();
   const std::vector<Record> got = records();

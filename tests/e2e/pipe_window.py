@@ -331,6 +331,11 @@ def annotate():
         s.say(mouse="left-up", **at)
         s.until("point %d" % count, lambda: s.state["state"]["points"] == count)
         s.next_image("annotate.jpg")
+    expect(s.state["state"]["places"] == [[float(x), float(y)] for x, y in wanted], "annotate: %s" % s.state["state"]["places"])
+    s.say(action="hide")
+    s.until("hidden point", lambda: s.state["state"]["places"][2] is None)
+    s.say(action="undo")
+    s.until("point again", lambda: s.state["state"]["places"][2] is not None)
     for stage in ("connections", "symmetry", "pictures"):
         s.say(key=13)
         s.until("stage " + stage, lambda: s.state["state"]["stage"] == stage)

@@ -38,8 +38,8 @@ using Propose =
 //
 // Each edit is on the disk (the journal, <set>.journal) before it is seen; a new session goes on
 // where one that was killed stopped. The set itself is written every few edits and by finish().
-// State: {"stage", "picture", "pictures", "done", "points", "shown", "selected", "agreed",
-// "learning", "path", "zoom", "view": [x, y of the picture's first pixel, view pixels to one of
+// State: {"stage", "picture", "pictures", "done", "points", "shown", "places": [[x, y] px of the
+// picture, or null where a point is hidden or not placed], "selected", "agreed", "learning", "path", "zoom", "view": [x, y of the picture's first pixel, view pixels to one of
 // its], "frame", "paused", "help", "message"}.
 class AnnotateSession final : public Session {
  public:

@@ -328,9 +328,16 @@ View AnnotateSession::view() {
   int seen = 0;
   std::string path;
   bool agreed = false;
+  nlohmann::json places = nlohmann::json::array();
   if (state_.pictures() > 0) {
     const AnnotatedPicture& here = state_.picture(current_);
-    for (int i = 0; i < state_.points(); ++i) seen += here.is_shown(i) ? 1 : 0;
+    for (int i = 0; i < state_.points(); ++i) {
+      seen += here.is_shown(i) ? 1 : 0;
+      places.push_back(nullptr);
+      if (here.is_shown(i) && i < places_.cols() && !places_.col(i).hasNaN())
+        places.back() = {std::round(places_(0, i) * 100) / 100,
+                         std::round(places_(1, i) * 100) / 100};
+    }
     path = here.path;
     agreed = here.done;
   }
@@ -340,6 +347,7 @@ View AnnotateSession::view() {
                   {"done", state_.done()},
                   {"points", state_.points()},
                   {"shown", seen},
+                  {"places", std::move(places)},
                   {"selected", selected_},
                   {"agreed", agreed},
                   {"learning", is_learning_},

@@ -205,6 +205,22 @@ View CalibrateSession::view(bool fresh) {
   state["coverage"] = std::round(share * 1e3) / 1e3;
   state["verdict"] = verdict_;
   state["missing"] = coverage() != nullptr ? coverage()->missing() : std::vector<std::string>();
+  state["cells"] = nlohmann::json::array();
+  if (const auto* covered = coverage()) {
+    for (auto at = covered->cells.begin(); at < covered->cells.end();
+         at += planar::calibration::kCoverageColumns)
+      state["cells"].push_back(std::vector<int>(at, at + planar::calibration::kCoverageColumns));
+  }
+  state["per_view"] = nlohmann::json::array();
+  for (std::size_t k = 0; k < state_.views.size(); ++k) {
+    nlohmann::json line{{"points", state_.views[k].points.size()}};
+    if (result_ && k < result_->calibration.views.size()) {
+      const planar::calibration::ViewReport& report = result_->calibration.views[k];
+      line["rms"] = std::round(report.rms * 1e4) / 1e4;
+      line["tilt"] = std::round(report.tilt_deg * 10) / 10;
+    }
+    state["per_view"].push_back(std::move(line));
+  }
   state["calibrated"] = ok();
   state["rms"] = ok() ? std::round(result_->calibration.camera.rms * 1e4) / 1e4 : 0.0;
   state["fx"] = ok() ? std::round(result_->calibration.camera.fx * 1e3) / 1e3 : 0.0;

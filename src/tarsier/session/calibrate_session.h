@@ -19,8 +19,9 @@ namespace tarsier {
 // every view.
 // Keys: space takes the view now, whatever it is; z forgets the last one, x all; c calibrates now;
 // u shows the straightened picture; m what is covered; p pauses; h help; q or Esc ends. State:
-// {"views", "coverage", "verdict", "missing": [..], "calibrated", "rms", "fx", "refusal",
-// "straight", "paused"}.
+// {"views", "coverage", "verdict", "missing": [..], "cells": views that touch each cell, rows of
+// columns, "per_view": [{"points", "rms" px, "tilt" degrees; these two of the latest calibration}],
+// "calibrated", "rms", "fx", "refusal", "straight", "paused"}.
 class CalibrateSession final : public Session {
  public:
   // Throws std::invalid_argument unless the calibrator is a live one.

@@ -65,6 +65,20 @@ TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
   EXPECT_LT(session.result()->calibration.camera.rms, 0.1);
   EXPECT_EQ(steps.back().state["calibrated"], true);
   EXPECT_GT(steps.back().state["coverage"].get<double>(), 0.5);
+  const nlohmann::json& views = steps.back().state["per_view"];
+  ASSERT_EQ(views.size(), steps.back().state["views"]);
+  EXPECT_EQ(views[0]["points"], 54);
+  EXPECT_GT(views[0]["rms"], 0);
+  EXPECT_LT(views[0]["rms"], 0.3);
+  EXPECT_GT(views[0]["tilt"], 0);
+  const nlohmann::json& cells = steps.back().state["cells"];
+  ASSERT_EQ(cells.size(), 6U);
+  int covered = 0;
+  for (const nlohmann::json& row : cells) {
+    ASSERT_EQ(row.size(), 8U);
+    for (const int count : row) covered += count > 0 ? 1 : 0;
+  }
+  EXPECT_NEAR(covered / 48.0, steps.back().state["coverage"].get<double>(), 1e-3);
   // The straightened picture, then the help over it.
   for (const ScriptStep& step : steps)
     if (step.frame == 116 && step.cause == "frame") {

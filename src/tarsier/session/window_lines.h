@@ -16,7 +16,8 @@ namespace tarsier {
 //   {"key":115,"shift":false,"control":false}        an ASCII code, or one of key::
 //   {"mouse":"left-down","x":10,"y":20,"wheel":0,"shift":false,"control":false}
 //       move, left-down, left-up, right-down, right-up, middle-down, middle-up, wheel, double;
-//       pixels of the image that was sent last, centres at integers
+//       pixels of the image that was sent last (before the first: as large as it would be sent),
+//       centres at integers
 //   {"action":"sketch"}   {"slider":"threshold","value":60}
 //   {"want":1}                              one more image; 0: none
 //   {"quality":80,"max_width":1280}         of images: JPEG 1..100; px 16..16384, 0: no limit
