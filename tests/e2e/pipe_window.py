@@ -332,16 +332,16 @@ def annotate():
         s.until("point %d" % count, lambda: s.state["state"]["points"] == count)
         s.next_image("annotate.jpg")
     expect(s.state["state"]["places"] == [[float(x), float(y)] for x, y in wanted], "annotate: %s" % s.state["state"]["places"])
-    s.say(action="hide")
-    s.until("hidden point", lambda: s.state["state"]["places"][2] is None)
-    s.say(action="undo")
-    s.until("point again", lambda: s.state["state"]["places"][2] is not None)
     for stage in ("connections", "symmetry", "pictures"):
         s.say(key=13)
         s.until("stage " + stage, lambda: s.state["state"]["stage"] == stage)
     s.say(action="go-on")
     s.until("next picture", lambda: s.state["state"]["picture"] == 1)
     s.next_image("annotate-next.jpg")
+    s.say(key=9)
+    s.until("chosen point", lambda: s.state["state"]["selected"] == 0)
+    act(s, "hide", "hidden point", lambda state: state["places"][0] is None and state["places"][1] is not None)
+    act(s, "undo", "point again", lambda state: state["places"][0] is not None)
     s.close()
     points = json.load(open("set.yaml"))["payload"]["samples"][0]["points"]
     expect(all(abs(p[0] - w[0]) < 0.01 and abs(p[1] - w[1]) < 0.01 for p, w in zip(points, wanted)),
