@@ -18,7 +18,8 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr milliseconds kSlice{50};  // how long the supervisor may sit in one call
+constexpr std::chrono::seconds kQuiet{1};  // from one warning of a broken picture to the next
+constexpr milliseconds kSlice{50};         // how long the supervisor may sit in one call
 
 double seconds_between(Clock::time_point from, Clock::time_point to) {
   return std::chrono::duration<double>(to - from).count();
@@ -111,6 +112,8 @@ class LiveSource final : public FrameSource {
   bool gave_up_ = false;
   bool gave_up_before_first_ = false;
   std::string gave_up_reason_;
+  bool opens_once_ = false;
+  std::optional<Clock::time_point> warned_;
 
   std::jthread supervisor_;  // last: everything it uses is there before it starts and after it ends
 };
@@ -151,7 +154,15 @@ std::optional<Frame> LiveSource::next(milliseconds patience, const std::stop_tok
       last_decoded_ = picture.arrived;
       return frame;
     }
-    log_debug("{}", trouble);
+    // A camera that sends broken pictures now and then is none of the user's business; what another
+    // program hands over is.
+    const Clock::time_point now = Clock::now();
+    if (opens_once_ && (!warned_ || now - *warned_ >= kQuiet)) {
+      warned_ = now;
+      log_warning("{}; it is passed over", trouble);
+    } else {
+      log_debug("{}", trouble);
+    }
   }
 }
 
@@ -329,6 +340,10 @@ bool LiveSource::wait_to_reopen(const LiveFailure& failure, const std::stop_toke
 void LiveSource::supervise(const std::stop_token& stop) {
   try {
     current_ = make_backend_();
+    {
+      const std::lock_guard lock(mutex_);
+      opens_once_ = current_->opens_once();
+    }
     bool is_open = false;
     while (!stop.stop_requested()) {
       LiveFailure failure;

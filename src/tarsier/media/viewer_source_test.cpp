@@ -8,6 +8,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cstdlib>
 #include <fcntl.h>
@@ -155,10 +156,18 @@ TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
   // Header and end are right, what is between is not: found when it is decoded.
   Bytes hollow = jpeg(90, {256, 256});
   std::fill(hollow.begin() + 200, hollow.end() - 2, std::uint8_t{0});
-  send(record(hollow));
-  (void)source_->next(milliseconds(200), {});
+  set_log_level(LogLevel::kWarning);
+  ::testing::internal::CaptureStderr();
+  for (int i = 0; i < 20; ++i) {
+    send(record(hollow));
+    (void)source_->next(milliseconds(10), {});
+  }
   send(record(good));
   EXPECT_NEAR(value_of_next(), 50, 2);
+  const std::string said = ::testing::internal::GetCapturedStderr();
+  set_log_level(LogLevel::kOff);
+  EXPECT_THAT(said, HasSubstr("passed over"));
+  EXPECT_LE(std::count(said.begin(), said.end(), '\n'), 3) << said;
 }
 
 TEST_F(ViewerSourceTest, ItsEndIsTheEndOfTheSource) {
