@@ -10,6 +10,12 @@ void add_flags(Command& verb, ServeOptions& options) {
   verb.add_option("--port", options.port, "0: any that is free")
       .check(range(0, 65535))
       .show_default();
+  verb.add_option("--quota", options.quota_gb, "GB that the workspace may hold")
+      .check(range(0.001, 1e6))
+      .show_default();
+  verb.add_option("--jobs", options.jobs, "jobs at a time; the others wait")
+      .check(range(1, 16))
+      .show_default();
   verb.add_option("--allow-source", options.allowed_sources,
                   "NAME=SOURCE: a camera's URL or a file that pages may use by that name")
       .type_name("NAME=SOURCE");

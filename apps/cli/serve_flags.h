@@ -13,6 +13,8 @@ namespace tarsier::cli {
 struct ServeOptions {
   std::string workspace;                     // folder; empty: ~/.local/share/tarsier
   int port = 8765;                           // 0: any that is free
+  double quota_gb = 20;                      // of the workspace, 10^9 bytes
+  int jobs = 1;                              // at a time
   std::vector<std::string> allowed_sources;  // "NAME=SOURCE"
   bool listen_all = false;
   std::vector<std::string> host_names;  // by which other machines know this one

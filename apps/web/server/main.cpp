@@ -56,6 +56,8 @@ ExitStatus run_serve(const ServeOptions& options, Context& context) {
     return ExitStatus::kDone;
   }
   studio.port = options.port;
+  studio.quota_bytes = static_cast<std::uint64_t>(options.quota_gb * 1e9);
+  studio.jobs = options.jobs;
   studio.listen_all = options.listen_all;
   studio.host_names = options.host_names;
   studio.tls_certificate = options.tls_certificate;

@@ -86,6 +86,18 @@ std::vector<std::string> own_addresses() {
 
 bool is_ipv6(const std::string& address) { return address.find(':') != std::string::npos; }
 
+WorkspaceLimits limits_of(const StudioOptions& options) {
+  WorkspaceLimits limits;
+  limits.quota_bytes = options.quota_bytes;
+  return limits;
+}
+
+JobOptions jobs_of(const StudioOptions& options) {
+  JobOptions jobs;
+  jobs.parallel = options.jobs;
+  return jobs;
+}
+
 std::string server_file(const std::string& workspace) { return workspace + "/.studio/server.json"; }
 
 }  // namespace
@@ -142,7 +154,7 @@ struct Studio::Impl {
   Impl(const StudioOptions& given, std::stop_token token)
       : options(given),
         stop(std::move(token)),
-        workspace(options.workspace),
+        workspace(options.workspace, limits_of(options)),
         audit(workspace.studio_folder() + "/audit.log"),
         sign_ins(workspace.studio_folder()),
         verbs(ask_for_help(options.program)) {
@@ -261,7 +273,7 @@ struct Studio::Impl {
       return live->source_word(reference);
     };
     VerbHost host{workspace, verbs, audit, options.program, source};
-    jobs = std::make_unique<Jobs>(host, feed);
+    jobs = std::make_unique<Jobs>(host, feed, jobs_of(options));
     host.forgotten = [this](const std::string& name) { jobs->forget_name(name); };
     runs = std::make_unique<Runs>(host);
     const std::string own = program_folder() + "/tarsier-serve";

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <stop_token>
@@ -11,8 +12,10 @@
 namespace tarsier::web {
 
 struct StudioOptions {
-  std::string workspace;  // absolute path
-  int port = 8765;        // 0: any that is free
+  std::string workspace;                       // absolute path
+  int port = 8765;                             // 0: any that is free
+  std::uint64_t quota_bytes = 20'000'000'000;  // of the workspace
+  int jobs = 1;                                // at a time, 1..16
   bool listen_all = false;
   std::vector<std::string> host_names;
   std::string tls_certificate;
