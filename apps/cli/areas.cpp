@@ -19,7 +19,6 @@ See what it does, then use your own pictures, then your camera:
   tarsier demo                                   a page of pictures: demo-out/index.html
   tarsier cartoon run photo.jpg -o drawn.png     an image becomes a cartoon
   tarsier landmarks track 0 --window             68 points of each face, live
-  tarsier pose track 0 --window --draw glasses   where heads look, live
   tarsier plate read car.jpg                     a number plate
   tarsier sfm reconstruct photos/ -o model       cameras and a cloud of points
 

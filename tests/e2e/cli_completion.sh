@@ -56,7 +56,7 @@ completes "tarsier frobnicate pl" '!plate'
 run help --man pages
 expect_status 0
 expect_no_err
-for area in cartoon plate sfm landmarks aam pose people calibrate ar models doctor demo bench; do
+for area in cartoon plate sfm landmarks aam pose people calibrate ar models doctor demo serve bench; do
   [ -s "pages/tarsier-$area.1" ] || fail "no page for $area"
   grep -qF "tarsier\\-$area" pages/tarsier.1 || fail "tarsier.1 does not name $area"
 done

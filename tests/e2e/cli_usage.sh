@@ -29,7 +29,7 @@ expect_no_err
 [ "$(wc -l <stdout.txt)" -le 32 ] || fail "--help does not fit a screen: $(wc -l <stdout.txt) lines"
 [ "$(wc -L <stdout.txt)" -le 90 ] || fail "--help is wider than 90 characters"
 
-for verb in doctor demo "models list" "models info" "models verify" "landmarks fit" "landmarks track" "landmarks eval" \
+for verb in doctor demo serve "models list" "models info" "models verify" "landmarks fit" "landmarks track" "landmarks eval" \
   "landmarks train tracker" "landmarks annotate" calibrate "ar marker-sheet" "plate read" "sfm reconstruct" "cartoon run"; do
   # shellcheck disable=SC2086  # the words of a verb
   run $verb --help

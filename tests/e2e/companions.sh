@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# `tarsier bench` and `tarsier demo` are programs of their own, which tarsier becomes: beside it, or in ../libexec/tarsier.
+# `tarsier bench`, `tarsier demo` and `tarsier serve` are programs of their own, which tarsier becomes: beside it, or in ../libexec/tarsier.
 . "$(dirname "$0")/lib.sh"
 programs=$(dirname "$TARSIER")
 
@@ -11,17 +11,21 @@ needed "$TARSIER" | grep -i apriltag && fail "tarsier links a library of bench m
 grep -q 'What Tarsier sees' "$programs/tarsier-demo" || fail "cannot find the demo's text in tarsier-demo"
 grep -q 'What Tarsier sees' "$TARSIER" && fail "tarsier holds the demo's page"
 
+grep -q tarsier_session "$programs/tarsier-serve" || fail "cannot find the cookie of the studio in tarsier-serve"
+grep -q tarsier_session "$TARSIER" && fail "tarsier holds the studio's server"
+
 # Started by hand they are the same verbs.
 "$TARSIER" bench posit --help >by-tarsier.txt
 "$programs/tarsier-bench" posit --help >by-hand.txt
 cmp by-tarsier.txt by-hand.txt || fail "tarsier-bench posit --help differs"
+[ "$("$programs/tarsier-serve" --version)" = "$("$TARSIER" --version)" ] || fail "tarsier-serve --version"
 [ "$("$programs/tarsier-demo" --version)" = "$("$TARSIER" --version)" ] || fail "tarsier-demo --version"
 
 # Alone: described, refused with one line, and not started.
 mkdir -p alone/bin alone/libexec/tarsier
 cp "$TARSIER" alone/bin/tarsier
 TARSIER=$PWD/alone/bin/tarsier
-for words in "bench posit" "demo"; do
+for words in "bench posit" "demo" "serve"; do
   name=tarsier-${words%% *}
   # shellcheck disable=SC2086  # the words of a verb
   run $words --help

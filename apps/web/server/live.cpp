@@ -94,7 +94,7 @@ void ViewerCameras::put(const std::string& id, std::string jpeg) {
     const std::lock_guard lock(mutex_);
     const auto found = cameras_.find(id);
     if (found == cameras_.end())
-      throw HttpError(404, "this camera is over: begin anew (POST /api/viewer-cameras)");
+      throw HttpError(404, "this camera is over: make another (POST /api/viewer-cameras)");
     Camera& camera = found->second;
     camera.heard = Clock::now();
     camera.newest = frame;

@@ -46,7 +46,7 @@ class LiveSession {
     std::vector<std::string> inputs;                           // as they were asked for
     std::string shown;                                         // the command, for people
     std::vector<std::string> arguments;                        // the program's path first
-    std::vector<std::pair<std::string, std::string>> secrets;  // replaced in all that is told
+    std::vector<std::pair<std::string, std::string>> secrets;  // replaced in all that it shows
     bool has_camera = false;       // a viewer's camera is its input: frames by offer_frame()
     std::function<void()> on_end;  // in a thread of the session
   };

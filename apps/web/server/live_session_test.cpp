@@ -134,10 +134,10 @@ TEST(LiveSession, SendsAPictureForEachCredit) {
   EXPECT_EQ(*session.picture().jpeg, "jp");
   session.want_picture();
   wait_for(session, [&] { return session.picture().number == 2; });
-  const json told = session.describe();
-  EXPECT_EQ(told["title"], "t");
-  EXPECT_EQ(told["output"].size(), 2U);
-  EXPECT_EQ(told["running"], true);
+  const json seen = session.describe();
+  EXPECT_EQ(seen["title"], "t");
+  EXPECT_EQ(seen["output"].size(), 2U);
+  EXPECT_EQ(seen["running"], true);
 }
 
 TEST(LiveSession, TellsWhyItEnded) {
@@ -171,10 +171,10 @@ TEST(LiveSession, MasksSecrets) {
   options.secrets = {{"rtsp://u:p@h/x", "allowed:door"}};
   LiveSession session(std::move(options));
   wait_for(session, [&] { return session.ended().json != nullptr && session.state().number == 1; });
-  const std::string told =
+  const std::string seen =
       session.describe().dump() + *session.ended().json + *session.state().json;
-  EXPECT_EQ(told.find("u:p"), std::string::npos) << told;
-  EXPECT_NE(told.find("allowed:door"), std::string::npos) << told;
+  EXPECT_EQ(seen.find("u:p"), std::string::npos) << seen;
+  EXPECT_NE(seen.find("allowed:door"), std::string::npos) << seen;
 }
 
 TEST(LiveSession, NonsenseEndsIt) {
@@ -190,9 +190,9 @@ TEST(LiveSession, PassesTheFramesOfAViewersCamera) {
   session.offer_frame(std::make_shared<const std::string>("abc"));
   session.end_camera();
   wait_for(session, [&] { return session.ended().json != nullptr; });
-  const json told = session.describe();
-  ASSERT_EQ(told["output"].size(), 1U);
-  EXPECT_THAT(told["output"][0].get<std::string>(),
+  const json seen = session.describe();
+  ASSERT_EQ(seen["output"].size(), 1U);
+  EXPECT_THAT(seen["output"][0].get<std::string>(),
               testing::MatchesRegex(" *.0 +.0 +.0 +003 +a +b +c"));
 }
 

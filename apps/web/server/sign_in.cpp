@@ -112,8 +112,8 @@ std::string make_link_token(const std::string& folder) {
   return token;
 }
 
-SignIns::SignIns(std::string folder, std::function<WallClock::time_point()> now)
-    : folder_(std::move(folder)), now_(std::move(now)) {
+SignIns::SignIns(std::string folder, std::function<WallClock::time_point()> now, std::size_t most)
+    : folder_(std::move(folder)), now_(std::move(now)), most_(most) {
   make_private_folder(folder_);
   make_private_folder(folder_ + "/links");
   make_private_folder(folder_ + "/sign-ins");
@@ -158,7 +158,7 @@ std::optional<std::string> SignIns::exchange(std::string_view token) {
   if (::unlink(link.c_str()) != 0) return std::nullopt;
   const WallClock::time_point now = now_();
   if (!made || now - *made > kLinkLife) return std::nullopt;
-  while (cookies_.size() >= kMost) {
+  while (cookies_.size() >= most_) {
     const auto oldest =
         std::min_element(cookies_.begin(), cookies_.end(),
                          [](const auto& a, const auto& b) { return a.second < b.second; });

@@ -43,9 +43,13 @@ class RateLimit {
 // alone but for api-token (0600), so that sign-ins outlive a restart. Thread-safe.
 class SignIns {
  public:
+  static constexpr std::chrono::hours kLinkLife{24};
+  static constexpr std::chrono::hours kCookieLife{24 * 30};
+  static constexpr std::size_t kMost = 1000;  // sign-ins; the oldest one ends for a further one
+
   // Makes what is missing, and drops links and sign-ins that are over. Throws OutputError.
-  explicit SignIns(std::string folder,
-                   std::function<WallClock::time_point()> now = &WallClock::now);
+  explicit SignIns(std::string folder, std::function<WallClock::time_point()> now = &WallClock::now,
+                   std::size_t most = kMost);
 
   // The cookie's secret for the token of a link, which is then used up; nothing for any other.
   [[nodiscard]] std::optional<std::string> exchange(std::string_view token);
@@ -58,16 +62,13 @@ class SignIns {
   [[nodiscard]] static std::string csrf_of(std::string_view cookie);
   [[nodiscard]] std::size_t count() const;
 
-  static constexpr std::chrono::hours kLinkLife{24};
-  static constexpr std::chrono::hours kCookieLife{24 * 30};
-  static constexpr std::size_t kMost = 1000;  // sign-ins; the oldest one ends for a further one
-
  private:
   void load();
   void forget(const std::string& hash);
 
   const std::string folder_;
   const std::function<WallClock::time_point()> now_;
+  const std::size_t most_;
   std::string api_token_;
   mutable std::mutex mutex_;
   std::map<std::string, WallClock::time_point> cookies_;  // hash -> sign-in

@@ -82,15 +82,17 @@ TEST_F(SignInTest, SigningOutIsForGood) {
   EXPECT_FALSE(make().is_signed_in(first));
 }
 
-TEST_F(SignInTest, ThereAreAtMostAThousand) {
-  SignIns sign_ins = make();
+TEST_F(SignInTest, TheOldestEndsWhereThereAreTooMany) {
+  constexpr std::size_t kMost = 4;
+  SignIns sign_ins(
+      folder_, [this] { return now_; }, kMost);
   std::string first;
-  for (std::size_t i = 0; i <= SignIns::kMost; ++i) {
+  for (std::size_t i = 0; i <= kMost; ++i) {
     const std::string cookie = sign_ins.exchange(make_link_token(folder_)).value();
     if (i == 0) first = cookie;
     now_ += seconds(1);
   }
-  EXPECT_EQ(sign_ins.count(), SignIns::kMost);
+  EXPECT_EQ(sign_ins.count(), kMost);
   EXPECT_FALSE(sign_ins.is_signed_in(first));
 }
 
