@@ -62,7 +62,7 @@ class HttpServer {
   HttpServer& operator=(const HttpServer&) = delete;
 
   // Ends every connection within about 0.3 s; streams meet their end. Handlers that wait must have
-  // been told to end before.
+  // been asked to end before.
   void stop();
   [[nodiscard]] const HttpCounters& counters() const;
 
@@ -71,7 +71,7 @@ class HttpServer {
   std::unique_ptr<Impl> impl_;
 };
 
-// The routes GET, POST and DELETE /api/session, which need more than a Request. `version` is told
+// The routes GET, POST and DELETE /api/session, which need more than a Request. `version` is shown
 // to everybody.
 void add_session_routes(Router& router, SignIns& sign_ins, AuditLog& audit, bool secure_cookie,
                         std::string version);
