@@ -17,8 +17,7 @@ void add_flags(Command& verb, ServeOptions& options) {
       .check(range(1, 16))
       .show_default();
   verb.add_option("--allow-source", options.allowed_sources,
-                  "NAME=SOURCE: a camera's URL or a file that pages may use by that name")
-      .type_name("NAME=SOURCE");
+                  "NAME=SOURCE: a camera's URL or a file that pages may use by that name");
   verb.add_flag("--no-browser", options.no_browser, "do not open the link in a browser");
   verb.add_flag("--link", options.link, "print a new link for the server that runs, and end");
   const auto network = [](Flag& flag) { flag.group("Other machines"); };
