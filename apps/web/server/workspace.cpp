@@ -413,7 +413,7 @@ FileInfo Workspace::store(const std::string& set, const std::string& name,
     throw HttpError(413, fmt::format("'{}' has {} MB; at most {} are taken", name, bytes >> 20U,
                                      limits_.file_bytes >> 20U));
   }
-  check_space(0);  // it is on the disk already
+  check_space(bytes);
   FileType type = FileType::kOther;
   const std::string trouble = find_upload_trouble(
       name, head_of(spooled, static_cast<std::size_t>(bytes)), limits_.pixels, type);
@@ -685,7 +685,9 @@ Workspace::Space Workspace::space() const {
   {
     const std::lock_guard lock(mutex_);
     if (!measured_ || Clock::now() - *measured_ > kMeasureEvery) {
-      used_ = bytes_below(folder_);
+      // Uploads on their way are counted when they are stored.
+      const std::uint64_t all = bytes_below(folder_);
+      used_ = all - std::min(all, bytes_below(uploads_folder()));
       measured_ = Clock::now();
     }
     space.used = used_;
