@@ -56,7 +56,7 @@ class Server:
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
             env={**os.environ, **self._environment}, start_new_session=True,
         )
-        threading.Thread(target=self._read, daemon=True).start()
+        threading.Thread(target=self._read, args=(self.process.stdout, self._links), daemon=True).start()
         try:
             self.link = self._links.get(timeout=30)
         except queue.Empty:
@@ -65,13 +65,13 @@ class Server:
             self.stop()
             raise RuntimeError("the server printed no link:\n" + "\n".join(self.log))
 
-    def _read(self):
-        for line in self.process.stdout:
+    def _read(self, stream, links):  # its own: the server may have been started again meanwhile
+        for line in stream:
             self.log.append(line.rstrip())
             found = re.search(r"https?://\S+#t=\S+", line)
             if found:
-                self._links.put(found.group(0))
-        self._links.put(None)
+                links.put(found.group(0))
+        links.put(None)
 
     def new_link(self):
         """Another link, for another browser."""
