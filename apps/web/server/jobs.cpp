@@ -126,6 +126,22 @@ std::deque<std::string> tail_of(const std::string& path, std::size_t lines) {
   return tail;
 }
 
+// A line whose long lists (all files that were searched) are cut, with their lengths beside them:
+// lines.jsonl has it whole.
+std::string shortened(const std::string& line) {
+  constexpr std::size_t kMost = 500;
+  const Json whole = Json::parse(line, nullptr, false);
+  if (!whole.is_object()) return {};
+  Json object = whole;
+  for (const auto& [name, value] : whole.items()) {
+    if (!value.is_array() || value.size() <= kMost) continue;
+    object[name] = Json(std::vector<Json>(value.begin(), value.begin() + kMost));
+    object[name + "_count"] = value.size();
+  }
+  return to_text(object);
+}
+
+constexpr std::size_t kLongLine = 256U << 10U;
 constexpr std::string_view kForgotten = "(forgotten)";
 constexpr std::string_view kErrorMark = "tarsier: error: ";
 
@@ -494,6 +510,7 @@ void Jobs::take_output(Job& job, std::string_view line) {
 }
 
 void Jobs::keep_line(Job& job, std::string line) const {
+  if (line.size() > kLongLine) line = shortened(line);
   job.lines.push_back(std::move(line));
   if (job.lines.size() > options_.lines) job.lines.pop_front();
   job.is_new = true;
@@ -540,6 +557,7 @@ void Jobs::begin(const std::shared_ptr<Job>& job, Lock& lock) {
     job->log.open(folder + "/log.txt", options_.log_bytes, true);
     ChildOptions options = host_.child(job->command, folder + "/files");
     options.niceness = 10;  // live sessions go first
+    options.max_line = 16U << 20U;
     Job* const raw = job.get();
     options.on_output = [this, raw](std::string_view line) { take_output(*raw, line); };
     options.on_message = [this, raw](std::string_view line) { take_message(*raw, line); };

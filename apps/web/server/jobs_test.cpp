@@ -41,6 +41,8 @@ case "$last" in
   *crash*) kill -SEGV $$ ;;
   *wait*) echo '{"pid":'$$'}'; [ -p wait.pipe ] || mkfifo wait.pipe; read line < wait.pipe ;;
   *curve*) echo '{"progress":"reader","done":1,"total":2,"unit":"steps","seconds":0,"loss":0.5}' >&2 ;;
+  *long*) printf '{"proven":true,"searched":["a"'; n=0
+          while [ $n -lt 9999 ]; do printf ',"abcdefghijklmnopqrstuvwxyz-%d"' $n; n=$((n+1)); done; echo ']}' ;;
   *many*) n=0; while [ $n -lt 300 ]; do echo "{\"n\":$n}"; n=$((n+1)); done ;;
   *big*) while :; do echo '{"text":"0123456789012345678901234567890123456789012345678901234567890123456789"}'; done ;;
 esac
@@ -189,6 +191,15 @@ TEST_F(JobsTest, KeepsTheLastLines) {
   const Json job = over(start("many"));
   ASSERT_EQ(job["lines"].size(), 100U);
   EXPECT_EQ(job["lines"].back()["n"], 299);
+}
+
+TEST_F(JobsTest, ShortensLongLists) {
+  const Json job = over(start("long"));
+  ASSERT_EQ(job["lines"].size(), 1U);
+  EXPECT_EQ(job["lines"][0]["proven"], true);
+  EXPECT_EQ(job["lines"][0]["searched"].size(), 500U);
+  EXPECT_EQ(job["lines"][0]["searched_count"], 10'000);
+  EXPECT_GT(fs::file_size(workspace_->job_folder(job["id"]) + "/lines.jsonl"), 300'000U);
 }
 
 TEST_F(JobsTest, KeepsWhatIsMeasured) {

@@ -27,7 +27,7 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 using Json = nlohmann::json;
 
-constexpr std::uint64_t kMaxForm = 256ULL << 20U;
+constexpr std::uint64_t kMaxForm = 96ULL << 20U;
 constexpr std::size_t kMaxImages = 100;
 constexpr std::string_view kErrorMark = "tarsier: error: ";
 
