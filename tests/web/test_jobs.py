@@ -169,7 +169,7 @@ class JobsTest(unittest.TestCase):
         self.assertEqual(self.server.call(f"/api/jobs/{exported}", method="DELETE")[0], 204)
         status, gone = self.server.call("/api/run", {"verb": "people forget", "inputs": [person]})
         self.assertEqual((status, gone["lines"][0]["proven"]), (200, True), gone)
-        log = self.start({"verb": "plate read", "inputs": ["synth:drive?frames=30"], "flags": {"--log": "ws:plates.db", "--events": True}})
+        log = self.start({"verb": "plate read", "inputs": ["synth:drive?frames=12"], "flags": {"--log": "ws:plates.db", "--events": True}})
         self.assertEqual(self.wait(log, "done", "failed")["state"], "done")
         found = self.server.call("/api/run", {"verb": "plate log", "inputs": ["ws:plates.db"],
                                               "flags": {"--since": "12h", "--limit": 5, "--crops": "out:crops"}})[1]
@@ -185,7 +185,7 @@ class JobsTest(unittest.TestCase):
         self.assertNotIn("Ann", json.dumps(self.server.call("/api/audit")[1]))
 
     def test_a_model_that_grows(self):
-        scene = self.start({"verb": "sfm synth", "flags": {"--output": "out:scene", "--images": 6, "--size": "480x360"}})
+        scene = self.start({"verb": "sfm synth", "flags": {"--output": "out:scene", "--images": 5, "--size": "400x300"}})
         self.assertEqual(self.wait(scene, "done", "failed")["state"], "done")
         name = self.start({"verb": "sfm reconstruct", "inputs": [f"job:{scene}/scene/images"],
                            "flags": {"--output": "out:model", "--growing": True}})
@@ -208,7 +208,7 @@ class JobsTest(unittest.TestCase):
         plates = self.start({"verb": "plate synth", "flags": {"--output": "out:plates", "--count": 6}})
         self.assertEqual(self.wait(plates, "done", "failed")["state"], "done")
         name = self.start({"verb": "plate train-detector", "inputs": [f"job:{plates}/plates"],
-                           "flags": {"--output": "out:detector.json", "--steps": 6, "--aligner-steps": 6}})
+                           "flags": {"--output": "out:detector.json", "--steps": 2, "--aligner-steps": 2}})
         job = self.wait(name, "done", "failed")
         self.assertEqual(job["state"], "done", job)
         curve = [line for line in job["lines"] if "loss" in line]
