@@ -10,6 +10,7 @@ import pages
 from pages import shot
 
 NAV = ["Home", "Live", "Plates", "People", "Reconstruct", "Annotate", "Calibrate", "Train", "Explore", "System", "API"]
+SMALL = "synth:portrait?live=1&fps=8&size=320x240"  # leaves the processor to others
 PICTURE = "document.querySelector('.live-view:not(.is-waiting) canvas')"
 
 
@@ -146,7 +147,7 @@ class SessionTest(pages.PageTest):
         self.judge("session")
 
     def test_actions_sliders_and_keys_change_the_picture(self):
-        id = self.start("cartoon run", "synth:portrait?live=1")
+        id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
         self.page.wait(PICTURE)
         self.page.click("button", contains="pencil sketch")
@@ -183,7 +184,7 @@ class SessionTest(pages.PageTest):
             self.page.wait_posts()
 
     def test_state_log_command(self):
-        id = self.start("ar markers", "synth:markers?live=1", {"--focal": 608, "--draw": "cube"})
+        id = self.start("ar markers", "synth:markers?live=1&fps=4", {"--focal": 608, "--draw": "cube"})
         self.go(f"/session/{id}")
         self.page.wait(PICTURE)
         self.page.click("tab", "State")
@@ -198,7 +199,7 @@ class SessionTest(pages.PageTest):
         self.page.wait("document.querySelector('.command code')?.innerText.startsWith('tarsier ar markers')")
 
     def test_settings_restart_the_session(self):
-        id = self.start("cartoon run", "synth:portrait?live=1", {"--mode": "sketch"})
+        id = self.start("cartoon run", SMALL, {"--mode": "sketch"})
         self.go(f"/session/{id}")
         self.page.wait(PICTURE)
         self.page.click("button", "Settings")
@@ -214,13 +215,13 @@ class SessionTest(pages.PageTest):
         self.assertEqual([one["flags"] for one in left if one["running"]], [{"--mode": "paint"}])
 
     def test_pop_out_and_snapshot_and_record(self):
-        id = self.start("cartoon run", "synth:portrait?live=1")
+        id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
         self.page.wait(PICTURE)
         folder = os.path.join(self.server.workspace, "downloads")
         os.makedirs(folder, exist_ok=True)
         self.browser.send("Browser.setDownloadBehavior",
-                          {"behavior": "allow", "downloadPath": folder, "eventsEnabled": False})
+                          {"behavior": "allow", "downloadPath": folder, "browserContextId": self.context})
         self.page.click("button", "Snapshot")
         self.wait_file(folder, ".jpg", b"\xff\xd8")
         self.page.click("button", "Record")
@@ -253,7 +254,7 @@ class SessionTest(pages.PageTest):
         self.fail(f"no {ending} in {os.listdir(folder)}")
 
     def test_a_click_on_the_picture_reaches_the_session_at_the_right_pixel(self):
-        id = self.start("cartoon run", "synth:portrait?live=1")
+        id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
         self.page.wait(PICTURE)
         self.page.evaluate("""(() => {
@@ -321,7 +322,7 @@ class SessionTest(pages.PageTest):
         self.page.wait_text("Nothing runs yet")
         self.judge("live-empty", widths=(360, 1440))
         for mode in ("sketch", "paint", "cartoon", "evil"):
-            self.start("cartoon run", f"synth:portrait?live=1&fps=5&size=320x240&seed={len(mode)}", {"--mode": mode},
+            self.start("cartoon run", f"synth:portrait?live=1&fps=3&size=320x240&seed={len(mode)}", {"--mode": mode},
                        f"Portrait <b>{mode}</b>")
         self.page.wait("document.querySelectorAll('.tile .live-view:not(.is-waiting) canvas').length === 4",
                        what="four live pictures")
@@ -337,7 +338,7 @@ class SessionTest(pages.PageTest):
         self.page.wait("document.querySelectorAll('.tile').length === 3")
 
     def test_a_hidden_tab_lets_go_of_its_line(self):
-        id = self.start("cartoon run", "synth:portrait?live=1&fps=10")
+        id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
         self.page.wait(PICTURE)
         self.page.evaluate("""(() => {
@@ -358,6 +359,8 @@ class SessionTest(pages.PageTest):
 
 
 class LostServerTest(pages.PageTest):
+    own_server = True
+
     def test_the_page_says_so_and_comes_back(self):
         self.go("/live")
         self.page.wait_text("Nothing runs yet")

@@ -207,6 +207,14 @@ export function Checkbox(props: {
   );
 }
 
+// Digits behind the point that tell two steps apart; at most 3.
+export function decimalsOf(step: number): number {
+  for (let digits = 0; digits < 3; digits += 1) {
+    if (Math.abs(step * 10 ** digits - Math.round(step * 10 ** digits)) < 1e-9) return digits;
+  }
+  return 3;
+}
+
 // A number on a track and as text; onChange while it moves, at most 15 times a second.
 export function Slider(props: {
   label: string;
@@ -265,7 +273,7 @@ export function Slider(props: {
           min={props.low}
           max={props.high}
           step={step}
-          value={Number(shown.toFixed(4))}
+          value={shown.toFixed(decimalsOf(step))}
           onChange={(event) => {
             const value = Number(event.currentTarget.value);
             if (Number.isFinite(value)) send(Math.min(props.high, Math.max(props.low, value)));
