@@ -127,6 +127,7 @@ class SessionTest(pages.PageTest):
         try:
             super().tearDown()
         finally:
+            self.page.open("about:blank")  # a page must not ask for a session that is gone
             for session in self.server.call("/api/sessions")[1]["sessions"]:
                 self.server.call(f"/api/sessions/{session['id']}", method="DELETE")
 
@@ -199,20 +200,22 @@ class SessionTest(pages.PageTest):
         self.page.wait("document.querySelector('.command code')?.innerText.startsWith('tarsier ar markers')")
 
     def test_settings_restart_the_session(self):
-        id = self.start("cartoon run", SMALL, {"--mode": "sketch"})
-        self.go(f"/session/{id}")
+        self.go("/")
+        self.page.click("button", "Try it: Head pose, with synthetic data")
         self.page.wait(PICTURE)
+        id = self.page.evaluate("location.pathname.split('/').pop()")
         self.page.click("button", "Settings")
-        self.page.wait("document.querySelector('dialog[open] .flag-groups')")
-        self.page.wait("[...document.querySelectorAll('dialog select')].some((one) => one.value === 'sketch')")
+        self.page.wait("document.querySelector('dialog[open] .command code').innerText.includes('--draw glasses')")
+        self.page.wait("[...document.querySelectorAll('dialog select, dialog input')].some((one) => one.value === 'glasses')")
         self.judge("settings", widths=(360, 1440))
-        self.page.choose("Mode", "paint")
-        self.page.wait("document.querySelector('dialog .command code').innerText.includes('--mode paint')")
+        self.page.fill("textbox", "Draw", "box")
+        self.page.wait("document.querySelector('dialog .command code').innerText.includes('--draw box')")
         self.page.click("button", "Start again with these")
         self.page.wait(f"location.pathname.startsWith('/session/') && !location.pathname.endsWith('/{id}')")
         self.page.wait(PICTURE)
-        left = self.server.call("/api/sessions")[1]["sessions"]
-        self.assertEqual([one["flags"] for one in left if one["running"]], [{"--mode": "paint"}])
+        running = [one for one in self.server.call("/api/sessions")[1]["sessions"] if one["running"]]
+        self.assertEqual(len(running), 1)
+        self.assertIn("box", running[0]["command"])
 
     def test_pop_out_and_snapshot_and_record(self):
         id = self.start("cartoon run", SMALL)
