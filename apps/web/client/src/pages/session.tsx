@@ -46,7 +46,7 @@ export function ActionButtons({ id, actions }: { id: string; actions: Action[] }
   const shown = actions.filter((action) => !PAGE_ACTIONS.has(action.name));
   if (shown.length === 0) return null;
   return (
-    <div class="actions" role="group" aria-label="Actions">
+    <div class="actions action-grid" role="group" aria-label="Actions">
       {shown.map((action) => (
         <Button
           key={action.name}
