@@ -352,7 +352,7 @@ function Photos(props: PartProps) {
           </AsyncButton>
           <AsyncButton
             disabled={!props.good}
-            run={() => start('synth:board?frames=400', 'Calibration of a drawn camera')}
+            run={() => start('synth:board?frames=250', 'Calibration of a drawn camera')}
           >
             Try with synthetic data
           </AsyncButton>

@@ -40,7 +40,7 @@ import {
 
 const log = 'ws:plates.db';
 const street = { id: 'synth:drive?live=1&seconds=60&cars=6&fps=8', name: 'Synthetic street' };
-const dayHours = [1, 3, 6, 8, 9, 13, 17, 20]; // hours before now of a drawn day
+const dayHours = [1, 4, 7, 9, 14, 20]; // hours before now of a drawn day
 const perPage = 500;
 
 interface Pictures {
@@ -134,7 +134,7 @@ export function Plates() {
       const done = await attempt(() =>
         finishJob({
           verb: 'plate read',
-          inputs: [`synth:drive?seconds=5&cars=${2 + (i % 2)}&fps=5&seed=${i + 1}`],
+          inputs: [`synth:drive?seconds=4&cars=${2 + (i % 2)}&fps=4&seed=${i + 1}`],
           flags: { '--log': log, '--events': true, '--start': start },
           name: 'A drawn street',
         }),

@@ -125,7 +125,10 @@ export function Reconstruct() {
               <p>
                 <strong>{set.files} photographs</strong> in {set.name}
               </p>
-              <SetPictures set={set.name} most={12} />
+              <details>
+                <summary>Show them</summary>
+                <SetPictures set={set.name} most={60} />
+              </details>
             </>
           )}
           {verb && (

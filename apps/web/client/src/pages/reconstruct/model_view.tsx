@@ -282,7 +282,7 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
                 : `Distance: ${lengthText(length, scale, unit)}`}
             </p>
             {length !== null && (
-              <div class="fields">
+              <div class="row row-fields">
                 <TextField
                   label="It is in truth"
                   type="number"
