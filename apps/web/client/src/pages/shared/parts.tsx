@@ -117,20 +117,19 @@ export function SetSource(props: {
           </ul>
         </Notice>
       )}
-      {known.length > 0 && (
-        <Select
-          label="Or a set that is there"
-          value=""
-          options={[
-            { value: '', label: 'Choose a set' },
-            ...known.map((one) => ({ value: one.name, label: `${one.name} (${one.files} files)` })),
-          ]}
-          onChange={(name) => {
-            const set = known.find((one) => one.name === name);
-            if (set) props.onSet(set.name, set.files);
-          }}
-        />
-      )}
+      {/* Always there, so that nothing moves when the sets become known. */}
+      <Select
+        label="Or a set that is there"
+        value=""
+        options={[
+          { value: '', label: known.length > 0 ? 'Choose a set' : 'None is there yet' },
+          ...known.map((one) => ({ value: one.name, label: `${one.name} (${one.files} files)` })),
+        ]}
+        onChange={(name) => {
+          const set = known.find((one) => one.name === name);
+          if (set) props.onSet(set.name, set.files);
+        }}
+      />
     </div>
   );
 }
