@@ -118,13 +118,16 @@ class ViewerSourceTest : public ::testing::Test {
     const auto frame = source_->next(kPatience, {});
     return frame ? frame->image.at<cv::Vec3b>(5, 5)[1] : -1;
   }
-  bool reaches(SourceState state) {
+  static bool eventually(const std::function<bool()>& condition) {
     const auto end = Clock::now() + kPatience;
     while (Clock::now() < end) {
-      if (source_->status().state == state) return true;
-      std::this_thread::sleep_for(milliseconds(5));
+      if (condition()) return true;
+      std::this_thread::sleep_for(milliseconds(2));
     }
     return false;
+  }
+  bool reaches(SourceState state) {
+    return eventually([&] { return source_->status().state == state; });
   }
 
   int to_ = -1;
@@ -153,20 +156,26 @@ TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
   send(record(Bytes(good.begin(), good.end() - 60)));
   send(record(good));
   EXPECT_NEAR(value_of_next(), 50, 2);
-  // Header and end are right, what is between is not: found when it is decoded.
-  Bytes hollow = jpeg(90, {256, 256});
-  std::fill(hollow.begin() + 200, hollow.end() - 2, std::uint8_t{0});
+  // All segments are there, but a table of codes is none: found when it is decoded.
+  Bytes broken = jpeg(90);
+  const Bytes table{0xff, 0xc4};
+  const auto at = std::search(broken.begin(), broken.end(), table.begin(), table.end());
+  ASSERT_GT(broken.end() - at, 21);
+  std::fill(at + 5, at + 21, std::uint8_t{0xff});
+  ASSERT_EQ(trouble_of_viewer_picture(broken), "");
   set_log_level(LogLevel::kWarning);
   ::testing::internal::CaptureStderr();
   for (int i = 0; i < 20; ++i) {
-    send(record(hollow));
-    (void)source_->next(milliseconds(10), {});
+    const std::int64_t before = source_->status().received;
+    send(record(broken));
+    ASSERT_TRUE(eventually([&] { return source_->status().received > before; }));
+    EXPECT_FALSE(source_->next(milliseconds(0), {}));
   }
   send(record(good));
   EXPECT_NEAR(value_of_next(), 50, 2);
   const std::string said = ::testing::internal::GetCapturedStderr();
   set_log_level(LogLevel::kOff);
-  EXPECT_THAT(said, HasSubstr("passed over"));
+  EXPECT_THAT(said, HasSubstr("it is passed over"));
   EXPECT_LE(std::count(said.begin(), said.end(), '\n'), 3) << said;
 }
 
