@@ -198,7 +198,7 @@ struct ChildProcess::Impl {
     (void)!::write(wake.get(), &one, sizeof one);
   }
 
-  // The thread that forks must live as long as the child: its death is what the child is told of.
+  // The thread that forks must live as long as the child: its death is signalled to it.
   void run() {
     Fd output;
     Fd messages;
