@@ -39,7 +39,7 @@ using Clock = std::chrono::steady_clock;
 constexpr std::size_t kHeadBytes = 32768;         // of a request, with its own copies
 constexpr std::size_t kThreadStack = 512 << 10;   // as the parsers of small JSON need
 constexpr unsigned kHandlerSeconds = 600;         // libmicrohttpd counts a handler's time, too
-constexpr unsigned kStreamStallSeconds = 90;      // of a stream; see BodyStream
+constexpr unsigned kStreamStallSeconds = 330;     // of a stream; see BodyStream
 constexpr std::uint64_t kDrained = 64 << 10;      // a refused body of that size is read first
 constexpr double kSlowestBytesPerSecond = 16384;  // of a body; an answer may take twice as long
 

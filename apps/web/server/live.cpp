@@ -26,9 +26,9 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kPing{2000};
-constexpr milliseconds kWait{400};     // of a stream without news, before it looks around
-constexpr milliseconds kDeaf{60'000};  // a viewer that takes nothing for so long is let go
-constexpr milliseconds kFresh{60};     // an older picture is not sent before a newer was asked for
+constexpr milliseconds kWait{400};      // of a stream without news, before it looks around
+constexpr milliseconds kDeaf{300'000};  // a viewer that takes nothing for so long is let go
+constexpr milliseconds kFresh{60};      // an older picture is not sent before a newer was asked for
 constexpr milliseconds kFreshWait{50};
 constexpr std::size_t kMaxWatched = 16;  // sessions in one stream
 constexpr std::size_t kMaxEvents = 64;   // in one POST

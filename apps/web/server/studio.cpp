@@ -373,6 +373,10 @@ std::string new_link(const std::string& workspace) {
 
 std::string qr_text(const std::string& link, bool is_terminal) {
   if (!is_terminal || link.size() > 250) return {};
+  // Another device could not open it.
+  for (const std::string_view own : {"127.", "localhost", "[::1]"}) {
+    if (link.find(fmt::format("://{}", own)) != std::string::npos) return {};
+  }
   return draw_qr_code(make_qr_code(link)) + "\n";
 }
 

@@ -59,7 +59,8 @@ class Studio {
 
 // A link for the server that runs in this workspace. Throws InputError where none does.
 [[nodiscard]] std::string new_link(const std::string& workspace);
-// The link as a QR code of block characters, with a line end; "" where `is_terminal` is not set.
+// The link as a QR code of block characters, for phones; "" where `is_terminal` is not set, and for
+// a link that this machine alone can open.
 [[nodiscard]] std::string qr_text(const std::string& link, bool is_terminal);
 // Starts xdg-open, if it is there, without waiting for it.
 void open_browser(const std::string& link);
