@@ -400,7 +400,7 @@ function Result(props: { id: string; lines: Json[]; files: string[] }) {
             columns={[
               { name: 'What', show: (one) => one.name },
               { name: 'Value', show: (one) => one.value, number: true },
-              { name: 'Standard deviation', show: (one) => one.deviation, number: true },
+              { name: 'Deviation', show: (one) => one.deviation, number: true },
             ]}
             rows={cameraRows(line)}
             keyOf={(one) => one.name}

@@ -250,7 +250,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
             columns={[
               { name: 'Picture', show: (one) => one.name },
               { name: 'Taken', show: (one) => (one.taken ? 'yes' : 'no') },
-              { name: 'Why not, and what helps', show: (one) => one.reason },
+              { name: 'Why not', show: (one) => one.reason },
             ]}
             rows={shots}
             keyOf={(_, i) => i}

@@ -115,7 +115,7 @@ function Faces({ answer }: { answer: Answer }) {
         columns={[
           { name: 'Who', show: said },
           { name: 'Sure', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
-          { name: 'Nearest person', show: (one) => one.label ?? '' },
+          { name: 'Nearest', show: (one) => one.label ?? '' },
           { name: 'Where, px', show: (one) => one.box.join(', '), number: true },
         ]}
         rows={faces}

@@ -102,7 +102,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
           columns={[
             { name: 'Name', show: (one) => <strong class="wrap">{one.name}</strong> },
             { name: 'Faces', show: (one) => one.faces, number: true },
-            { name: 'What was agreed', show: (one) => one.note || 'no note' },
+            { name: 'Agreed', show: (one) => one.note || 'no note' },
             { name: 'Since', show: (one) => timeText(one.time) },
             {
               name: 'Forget',

@@ -211,7 +211,7 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
         {noCanvas && <p class="live-wait">{noCanvas}</p>}
       </div>
       <div class="cloud-side stack">
-        <div class="actions" role="group" aria-label="View">
+        <div class="view-buttons" role="group" aria-label="View">
           <Button small aria-label="Turn left" onClick={() => viewer.current?.turn(-Math.PI / 12, 0)}>
             ←
           </Button>

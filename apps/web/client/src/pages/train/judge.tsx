@@ -258,7 +258,6 @@ function Case(props: { name: string; data: string; points: [number, number][] | 
       <img
         src={address}
         alt={`Picture ${props.name.split('/').pop()}`}
-        loading="lazy"
         onLoad={(event) =>
           setSize({ w: event.currentTarget.naturalWidth, h: event.currentTarget.naturalHeight })
         }
