@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # scripts/lint.sh: checks what needs no build: the format of all C++ files (clang-format 14, as Debian 12 has it), the shell
-# scripts (shellcheck) and the words (tests/architecture/glossary.py). Exit status 1 where something is to be changed.
+# scripts (shellcheck), the words (tests/architecture/glossary.py), and, where npm is there, the types, rules and format
+# of the studio's pages (apps/web/client). Exit status 1 where something is to be changed.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/setup.sh
@@ -24,5 +25,15 @@ phase_done
 
 phase "glossary"
 tests/architecture/glossary.py . || failed=1
+phase_done
+
+phase "pages of the studio"
+if ! command -v npm >/dev/null; then
+  echo "   left out: there is no npm"
+elif (cd apps/web/client && { [ -e node_modules/.package-lock.json ] || npm ci --ignore-scripts --no-audit --no-fund >/dev/null 2>&1; }); then
+  (cd apps/web/client && npm run --silent types && npm run --silent lint && npm run --silent format) || failed=1
+else
+  echo "   left out: npm ci did not get the packages"
+fi
 phase_done
 exit "$failed"

@@ -1,4 +1,4 @@
-"""The committed pages are what their sources make; the client's own checks pass.
+"""The committed pages are what their sources make; the unit tests of the client pass (scripts/lint.sh has its other checks).
 
 Needs node and the client's packages (npm ci); else it is skipped: a build of the program needs neither.
 """
@@ -48,15 +48,6 @@ class BundleTest(unittest.TestCase):
 
     def test_pure_code(self):
         self.run_node("node", "test/run.mjs")
-
-    def test_types(self):
-        self.run_node("node", "node_modules/typescript/bin/tsc", "--noEmit")
-
-    def test_lint(self):
-        self.run_node("node", "node_modules/eslint/bin/eslint.js", ".")
-
-    def test_format(self):
-        self.run_node("node", "node_modules/prettier/bin/prettier.cjs", "--check", ".")
 
     def test_every_bundled_package_has_its_licence(self):
         with open(os.path.join(pages.DIST, "LICENSES.txt"), encoding="utf-8") as file:
