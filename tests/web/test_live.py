@@ -23,6 +23,7 @@ def test_pictures_states_and_events():
     with Studio() as studio:
         session = studio.start_session("cartoon run", [SOURCE], {"--mode": "sketch"})
         assert session["running"] and session["verb"] == "cartoon run" and session["inputs"] == [SOURCE], session
+        assert session["flags"] == {"--mode": "sketch"}, session
         assert "sketch" in session["command"] and "tarsier cartoon run" in session["command"]
         live = studio.live([session["id"]])
         assert live.status == 200

@@ -546,6 +546,7 @@ Response Live::start(const Request& request) {
     options.verb = wanted.verb;
     options.name = name.empty() ? wanted.verb : name;
     options.inputs = wanted.inputs;
+    options.flags = wanted.flags;
     options.shown = std::move(line.shown);
     options.arguments = {options_.program};
     for (std::string& word : line.words) options.arguments.push_back(std::move(word));

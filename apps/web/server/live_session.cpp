@@ -316,6 +316,7 @@ nlohmann::json LiveSession::describe() const {
                        {"verb", options_.verb},
                        {"name", options_.name},
                        {"inputs", options_.inputs},
+                       {"flags", options_.flags},
                        {"command", options_.shown},
                        {"running", !end_},
                        {"exit", nullptr},

@@ -44,6 +44,7 @@ class LiveSession {
     std::string verb;                                          // "cartoon run"
     std::string name;                                          // for people
     std::vector<std::string> inputs;                           // as they were asked for
+    nlohmann::json flags = nlohmann::json::object();           // the same
     std::string shown;                                         // the command, for people
     std::vector<std::string> arguments;                        // the program's path first
     std::vector<std::pair<std::string, std::string>> secrets;  // replaced in all that it shows

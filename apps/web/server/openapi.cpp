@@ -278,6 +278,7 @@ Json schemas() {
                               {"verb", text()},
                               {"name", text()},
                               {"inputs", list_of(text())},
+                              {"flags", {{"type", "object"}}},
                               {"command", text()},
                               {"running", {{"type", "boolean"}}},
                               {"error", {{"type", {"string", "null"}}}}},
