@@ -20,7 +20,7 @@ import threading
 import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "tests", "web"))
-from wire import PICTURE, STATE, Studio  # noqa: E402
+from wire import PICTURE, STATE, Studio, wait_until  # noqa: E402
 
 SOURCE = "synth:clock?live=1&size=640x480&fps=25"
 
@@ -123,7 +123,6 @@ def nine_sessions(results):
 def tabs(results, minutes):
     with Studio() as studio:
         session = studio.start_session("cartoon run", [SOURCE], {"--mode": "none"})["id"]
-        studio.live([session]).wait_for(PICTURE)
         memory = []
         opened = 0
         end = time.monotonic() + 60 * minutes
@@ -131,8 +130,10 @@ def tabs(results, minutes):
             lives = [studio.live([session]) for _ in range(6)]
             for live in lives:
                 live.wait_for(PICTURE)
+            for live in lives:
                 live.close()
             opened += len(lives)
+            wait_until(lambda: studio.get("/api/sessions/" + session).json()["viewers"] == 0, what="the tabs are closed")
             memory.append(memory_mb(studio.process.pid))
         tenth = max(1, len(memory) // 10)
         results[f"tabs that come and go for {minutes:g} min: memory of the server, MB"] = {
