@@ -254,6 +254,7 @@ struct Jobs::Job {
   bool is_new = true;  // something to publish
   Clock::time_point published{};
   Clock::time_point measured{};
+  std::string measured_stage;
 };
 
 Jobs::Jobs(const VerbHost& host, JobFeed& feed, JobOptions options)
@@ -521,9 +522,15 @@ void Jobs::take_message(Job& job, std::string_view line) {
     const Lock lock(mutex_);
     job.progress = std::move(*progress);
     job.is_new = true;
-    // What is measured makes a curve: these lines are kept, too.
-    if (job.progress.contains("values") && Clock::now() - job.measured >= kCurveEvery) {
+    // What is measured makes a curve: these lines are kept, too; of each stage the first and the
+    // last, and some between.
+    const auto stage = job.progress["label"].get<std::string>();
+    const bool is_due = stage != job.measured_stage ||
+                        job.progress["done"] == job.progress["total"] ||
+                        Clock::now() - job.measured >= kCurveEvery;
+    if (job.progress.contains("values") && is_due) {
       job.measured = Clock::now();
+      job.measured_stage = stage;
       job.output.add(line);
       keep_line(job, std::string(line));
     }
