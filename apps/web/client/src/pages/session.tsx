@@ -180,7 +180,12 @@ function useRecorder(canvas: { current: HTMLCanvasElement | null }, name: string
   return { seconds, begin, end };
 }
 
-function ChangeFlags(props: { session: Session; open: boolean; onClose: () => void }) {
+function ChangeFlags(props: {
+  session: Session;
+  open: boolean;
+  onClose: () => void;
+  end: () => Promise<void>;
+}) {
   const { session } = props;
   const help = useLoad(verbHelp);
   const [flags, setFlags] = useState<Flags>(session.flags ?? {});
@@ -207,7 +212,7 @@ function ChangeFlags(props: { session: Session; open: boolean; onClose: () => vo
           disabled={!valid || !verb}
           run={async () => {
             const next = await attempt(async () => {
-              await api.endSession(session.id);
+              await props.end();
               return api.startSession({ verb: session.verb, inputs: session.inputs, flags });
             });
             if (next) {
@@ -231,7 +236,20 @@ export function SessionPage() {
 
 function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
   const loaded = useLoad(() => api.sessionOf(id));
-  useEvery(2, loaded.again);
+  const leaving = useRef(false);
+  useEvery(2, () => {
+    if (!leaving.current) loaded.again();
+  });
+  // Nothing asks for a session that is gone.
+  const endSession = async () => {
+    leaving.current = true;
+    try {
+      await api.endSession(id);
+    } catch (error) {
+      leaving.current = false;
+      throw error;
+    }
+  };
   const live = liveSession(id);
   const hello = useSignalValue(live.hello);
   const ended = useSignalValue(live.ended);
@@ -349,7 +367,7 @@ function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
             kind="danger"
             run={async () => {
               const done = await attempt(async () => {
-                await api.endSession(id);
+                await endSession();
                 return true;
               });
               if (done) navigate('/live');
@@ -397,7 +415,9 @@ function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
           )}
         </Tabs>
       </div>
-      {change && <ChangeFlags session={session} open={change} onClose={() => setChange(false)} />}
+      {change && (
+        <ChangeFlags session={session} open={change} onClose={() => setChange(false)} end={endSession} />
+      )}
     </div>
   );
 }
