@@ -8,7 +8,7 @@
 # (Seconds by the clock would count the waiting on a busy machine.)
 # --budget S: no new target is begun after S seconds, so that a run of any length is of use.
 # --keep: afterwards what was come upon is reduced to what covers code that nothing in fuzz/corpus does, and goes there (at
-# most 90 kB a target). With SECONDS 0 nothing else is done.
+# most 90 kB a target, 40 files a run). With SECONDS 0 nothing else is done.
 # Exit status 1 where there are findings.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -117,7 +117,7 @@ keep_corpus() {
     "$all" "$out/corpus/$target" >"$out/finds/$target-merge.log" 2>&1 </dev/null || { echo "$target: not merged ($out/finds/$target-merge.log)"; return 1; }
   total=$(find "fuzz/corpus/$target" -type f -printf '%s\n' | awk '{n += $1} END {print n + 0}')
   while read -r size file; do
-    [ $((total + size)) -le 90000 ] || break
+    [ $((total + size)) -le 90000 ] && [ "$new" -lt 40 ] || break
     cp "$file" "fuzz/corpus/$target/$(basename "$file")"
     total=$((total + size)) new=$((new + 1))
   done < <(find "$all" -type f -newer "$TARSIER_FUZZ_TMP/before-$target" -printf '%s %p\n' | sort -n)
