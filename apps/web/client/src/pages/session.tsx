@@ -87,7 +87,7 @@ function flat(value: unknown, name = ''): { name: string; value: string }[] {
   return [{ name, value: cellText(value) }];
 }
 
-// The state as a table or as JSON; drawn anew at most twice a second.
+// The state as a table or as JSON; drawn again at most twice a second.
 export function StateView({ id }: { id: string }) {
   const live = liveSession(id);
   const [state, setState] = useState(live.state.peek());

@@ -16,7 +16,7 @@ export interface PlateEvent {
   readings: { text: string; confidence: number; time: number; frame: number }[];
 }
 
-/** An event of a line; null where the line is none. */
+/** The event that a line of JSON holds, or null. */
 export function eventOf(line: unknown): PlateEvent | null {
   if (typeof line !== 'object' || line === null) return null;
   const v = line as Record<string, unknown>;

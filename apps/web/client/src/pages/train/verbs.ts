@@ -89,7 +89,7 @@ export const trainVerbs: readonly TrainVerb[] = [
   },
   {
     verb: 'people train',
-    title: 'People: learn the gallery anew',
+    title: 'People: learn the gallery again',
     data: 'gallery',
     only: ['--algorithm'],
     output: '',
