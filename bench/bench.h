@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "bench_flags.h"
+#include "verbs/program/bench_flags.h"
 #include <algorithm>
 #include <string_view>
 

@@ -10,10 +10,10 @@
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
 
-#include "aam_engine.h"
 #include "bench.h"
 #include "framework/stopwatch.h"
-#include "pose_engine.h"
+#include "verbs/aam/engine.h"
+#include "verbs/pose/engine.h"
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>

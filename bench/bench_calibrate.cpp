@@ -11,8 +11,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "framework/size_flag.h"
 #include "framework/stopwatch.h"
-#include "size_flag.h"
 #include <algorithm>
 #include <chrono>
 #include <cmath>

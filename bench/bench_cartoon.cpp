@@ -14,10 +14,10 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "framework/size_flag.h"
 #include "framework/stopwatch.h"
 #include "measure.h"
-#include "sample_images.h"
-#include "size_flag.h"
+#include "verbs/program/sample_images.h"
 #include <algorithm>
 #include <cmath>
 #include <cstdio>

@@ -9,9 +9,9 @@
 
 #include "bench.h"
 #include "framework/stopwatch.h"
-#include "landmark_engine.h"
-#include "people_engine.h"
-#include "sample_images.h"
+#include "verbs/landmarks/engine.h"
+#include "verbs/people/engine.h"
+#include "verbs/program/sample_images.h"
 #include <chrono>
 #include <nlohmann/json.hpp>
 

@@ -10,8 +10,8 @@
 
 #include "bench.h"
 #include "framework/stopwatch.h"
-#include "landmark_engine.h"
-#include "sample_images.h"
+#include "verbs/landmarks/engine.h"
+#include "verbs/program/sample_images.h"
 #include <algorithm>
 #include <nlohmann/json.hpp>
 

@@ -10,8 +10,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
+#include "framework/size_flag.h"
 #include "measure.h"
-#include "size_flag.h"
 #include <algorithm>
 #include <functional>
 #include <memory>

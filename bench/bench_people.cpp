@@ -15,9 +15,9 @@
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "aam_engine.h"
 #include "bench.h"
-#include "people_engine.h"
+#include "verbs/aam/engine.h"
+#include "verbs/people/engine.h"
 #include <algorithm>
 #include <charconv>
 #include <chrono>

@@ -9,8 +9,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
-#include "plate_engine.h"
-#include "size_flag.h"
+#include "framework/size_flag.h"
+#include "verbs/plate/engine.h"
 #include <algorithm>
 #include <chrono>
 #include <cmath>

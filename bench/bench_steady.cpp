@@ -9,7 +9,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench.h"
-#include "sample_images.h"
+#include "verbs/program/sample_images.h"
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>

@@ -1,11 +1,12 @@
 # tarsier_module(<path> DEPENDS <paths of tarsier modules...> LIBS <targets...> PRIVATE_LIBS <targets...>
-#                HEADERS ... SOURCES ... TESTS ... TEST_LIBS ...)
+#                HEADERS ... SOURCES ... TESTS ... TEST_LIBS ... [APP])
 #
 # Declares the library of the folder src/tarsier/<path>: face/landmarks is the target tarsier::face_landmarks. DEPENDS
 # lists every other module that its files may include; the test architecture/layers checks it. The files of TESTS are
 # linked into one program, face_landmarks_test; CTest runs each file as a test of its own, face/landmarks/trees_test.
+# APP: the folder is apps/<path>, its headers are included as <path>/.., and it is not installed.
 function(tarsier_module path)
-  cmake_parse_arguments(arg "" "" "DEPENDS;LIBS;PRIVATE_LIBS;SOURCES;HEADERS;TESTS;TEST_LIBS" ${ARGN})
+  cmake_parse_arguments(arg "APP" "" "DEPENDS;LIBS;PRIVATE_LIBS;SOURCES;HEADERS;TESTS;TEST_LIBS" ${ARGN})
   string(REPLACE "/" "_" name ${path})
   list(TRANSFORM arg_DEPENDS REPLACE "/" "_" OUTPUT_VARIABLE modules)
   set(target tarsier_${name})
@@ -17,8 +18,12 @@ function(tarsier_module path)
     set(scope INTERFACE)
   endif()
   add_library(tarsier::${name} ALIAS ${target})
+  set(root src)
+  if(arg_APP)
+    set(root apps)
+  endif()
   target_sources(${target} ${scope} FILE_SET HEADERS
-                 BASE_DIRS ${PROJECT_SOURCE_DIR}/src FILES ${arg_HEADERS})
+                 BASE_DIRS ${PROJECT_SOURCE_DIR}/${root} FILES ${arg_HEADERS})
   set_target_properties(${target} PROPERTIES VERIFY_INTERFACE_HEADER_SETS ON EXPORT_NAME ${name})
   target_compile_features(${target} ${scope} cxx_std_20)
   list(TRANSFORM modules PREPEND tarsier::)
@@ -28,9 +33,11 @@ function(tarsier_module path)
     tarsier_strict(${target})
     tarsier_precompiled(${target})
   endif()
-  install(TARGETS ${target} EXPORT tarsierTargets
-          ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT dev
-          FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev)
+  if(NOT arg_APP)
+    install(TARGETS ${target} EXPORT tarsierTargets
+            ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT dev
+            FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev)
+  endif()
   list(JOIN arg_DEPENDS " " depends)
   file(APPEND ${PROJECT_BINARY_DIR}/layers.txt "${path}: ${depends}\n")
 
@@ -150,7 +157,7 @@ endif()
 function(tarsier_add_layer_test)
   if(TARSIER_BUILD_TESTS)
     add_test(NAME architecture/layers
-             COMMAND ${CMAKE_COMMAND} -DROOT=${PROJECT_SOURCE_DIR}/src/tarsier
+             COMMAND ${CMAKE_COMMAND} -DROOT=${PROJECT_SOURCE_DIR}/src/tarsier -DAPPS=${PROJECT_SOURCE_DIR}/apps
                      -DLAYERS=${PROJECT_BINARY_DIR}/layers.txt
                      -DTABLE=${PROJECT_SOURCE_DIR}/docs/architecture.md
                      -P ${PROJECT_SOURCE_DIR}/cmake/CheckLayers.cmake)

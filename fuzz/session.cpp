@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 // What sessions read while they run: the journal of an annotation, actions and events from a pipe.
 #include "tarsier/media/image_file.h"
-#include "tarsier/session/action_reader.h"
-#include "tarsier/session/annotate_state.h"
-#include "tarsier/session/window_lines.h"
 
 #include "fuzz.h"
+#include "ui/action_reader.h"
+#include "ui/face/annotate_state.h"
+#include "ui/window_lines.h"
 #include <algorithm>
 #include <cmath>
 #include <fcntl.h>

@@ -16,7 +16,7 @@ AREAS = {
     "structure from motion": ("#d5ead9", "sfm/scene sfm/view sfm/mapper sfm/pipelines"),
     "cameras, markers": ("#cfe6e6", "planar/markers planar/image_targets planar/calibration planar/sheets planar/augment planar/pipelines"),
     "cartoons": ("#efe0cf", "cartoon"),
-    "interaction": ("#e6e3dc", "session apps/cli apps/demo apps/window apps/capture bench"),
+    "interaction": ("#e6e3dc", "ui apps/tarsier apps/demo apps/window apps/capture bench"),
 }
 BOX, ROW, GAP, LEFT, TOP = 34, 54, 8, 64, 62
 FONT = 'font-family="ui-monospace,Menlo,DejaVu Sans Mono,monospace"'
@@ -47,10 +47,10 @@ def main():
         sys.exit(f"no area for {', '.join(sorted(unknown))}: add it to AREAS")
     top = max(map(layer, modules))
     rows = [[name for name in order if name in modules and layer(name) == k] for k in range(top + 1)]
-    if "session" in rows[top] and len(rows[top]) > 1:  # its own: it may use all
-        rows[top].remove("session")
-        rows.append(["session"])
-    rows.append(["apps/cli", "apps/demo", "bench", "apps/window", "apps/capture"])
+    if "ui" in rows[top] and len(rows[top]) > 1:  # its own: it may use all
+        rows[top].remove("ui")
+        rows.append(["ui"])
+    rows.append(["apps/tarsier", "apps/demo", "bench", "apps/window", "apps/capture"])
     width_of = lambda name: 22 + 8.45 * len(name)
     width = LEFT + max(sum(width_of(name) + GAP for name in row) for row in rows) + 34
     height = TOP + ROW * len(rows) + 8

@@ -20,7 +20,7 @@ threaded+='|core/core_test|cartoon/(cartoonize|kernels)_test|linalg/nn_test|rend
 threaded+='|sfm/mapper/(mapper|pairs|flow|pipeline|online|matching)_test'
 threaded+='|face/landmarks/(trees|descent|patches|train_model|adapt|hog_detector)_test'
 threaded+='|face/recognition/recognizer_test|face/head/train_head_test|face/appearance/model_test|face/shape/shape_model_test'
-threaded+='|plate/train/training_test|session/(people|sfm|calibrate)_session_test'
+threaded+='|plate/train/training_test|ui/(people|sfm|calibrate)_session_test'
 threaded+='|e2e/(cartoon_live|cartoon_serve|cartoon_interrupt|people|sfm_reconstruct))$'
 
 build_some() { # build_some PRESET REGEX: configures it, builds the program and the test programs of these names

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "cli.h"
 #include "demo_page.h"
+#include "framework/cli.h"
 
 namespace tarsier::cli {
 

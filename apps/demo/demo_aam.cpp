@@ -4,16 +4,16 @@
 #include "tarsier/face/head/draw_pose.h"
 #include "tarsier/face/head/head_pose.h"
 #include "tarsier/image/draw/text.h"
-#include "tarsier/session/pose_session.h"
 #include "tarsier/sfm/view/animation.h"
 #include "tarsier/synth/face/synth_face.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
-#include "aam_engine.h"
 #include "demo.h"
-#include "pose_engine.h"
+#include "ui/face/pose_session.h"
+#include "verbs/aam/engine.h"
+#include "verbs/pose/engine.h"
 #include <cmath>
 #include <numbers>
 

@@ -10,7 +10,7 @@
 #include <fmt/format.h>
 
 #include "demo.h"
-#include "sample_images.h"
+#include "verbs/program/sample_images.h"
 #include <filesystem>
 #include <vector>
 

@@ -18,7 +18,7 @@
 
 #include "demo.h"
 #include "framework/stopwatch.h"
-#include "sample_images.h"
+#include "verbs/program/sample_images.h"
 #include <algorithm>
 #include <chrono>
 #include <filesystem>

@@ -9,8 +9,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "demo.h"
-#include "landmark_engine.h"
-#include "sample_images.h"
+#include "verbs/landmarks/engine.h"
+#include "verbs/program/sample_images.h"
 #include <filesystem>
 
 namespace tarsier::cli {

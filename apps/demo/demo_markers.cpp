@@ -3,7 +3,6 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/planar/augment/augment.h"
 #include "tarsier/render/builtin.h"
-#include "tarsier/session/ar_session.h"
 #include "tarsier/synth/noise.h"
 #include "tarsier/synth/planar_pictures.h"
 #include "tarsier/synth/planar_source.h"
@@ -11,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "demo.h"
+#include "ui/planar/ar_session.h"
 #include <algorithm>
 #include <cmath>
 #include <memory>

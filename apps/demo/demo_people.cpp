@@ -7,9 +7,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "demo.h"
-#include "people_engine.h"
-#include "people_pictures.h"
-#include "sample_images.h"
+#include "verbs/people/engine.h"
+#include "verbs/people/images.h"
+#include "verbs/program/sample_images.h"
 #include <filesystem>
 
 namespace tarsier::cli {

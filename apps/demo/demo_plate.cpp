@@ -2,13 +2,13 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/plate/reader/video_reader.h"
-#include "tarsier/session/plate_session.h"
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
 
 #include "demo.h"
-#include "plate_engine.h"
+#include "ui/plate/plate_session.h"
+#include "verbs/plate/engine.h"
 #include <chrono>
 
 namespace tarsier::cli {

@@ -7,14 +7,14 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/render/builtin.h"
 #include "tarsier/render/render.h"
-#include "tarsier/session/pose_session.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
 #include "demo.h"
-#include "pose_engine.h"
-#include "sample_images.h"
+#include "ui/face/pose_session.h"
+#include "verbs/pose/engine.h"
+#include "verbs/program/sample_images.h"
 #include <array>
 #include <cmath>
 #include <filesystem>

@@ -3,14 +3,14 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/planar/image_targets/quality.h"
 #include "tarsier/planar/image_targets/train.h"
-#include "tarsier/session/target_session.h"
 #include "tarsier/synth/planar_source.h"
 #include "tarsier/synth/planar_worlds.h"
 
 #include <fmt/format.h>
 
 #include "demo.h"
-#include "sample_images.h"
+#include "ui/planar/target_session.h"
+#include "verbs/program/sample_images.h"
 #include <filesystem>
 #include <utility>
 #include <vector>

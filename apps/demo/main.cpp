@@ -10,8 +10,8 @@
 #include <opencv2/core/utility.hpp>
 
 #include "demo.h"
-#include "demo_flags.h"
 #include "framework/stopwatch.h"
+#include "verbs/program/demo_flags.h"
 #include <algorithm>
 #include <array>
 #include <ctime>

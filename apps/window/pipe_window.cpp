@@ -6,12 +6,12 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/session/window_lines.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/mat.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "ui/window_lines.h"
 #include <algorithm>
 #include <array>
 #include <cerrno>

@@ -4,12 +4,12 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/session/window_lines.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
 
+#include "ui/window_lines.h"
 #include <algorithm>
 #include <array>
 #include <cerrno>

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/session/session.h"
-
+#include "ui/session.h"
 #include <chrono>
 #include <cstdint>
 #include <memory>

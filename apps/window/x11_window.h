@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/session/session.h"
-
 #include <opencv2/core/types.hpp>
 
+#include "ui/session.h"
 #include <chrono>
 #include <memory>
 #include <optional>

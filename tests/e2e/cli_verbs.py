@@ -215,7 +215,7 @@ def check_example(verb):
     name = verb["verb"]
     words = shlex.split(verb["example"])
     if not words:
-        return fail(name, "no example: add one to apps/cli/examples.cpp")
+        return fail(name, "no example: add one to apps/tarsier/framework/examples.cpp")
     if words[: 1 + len(name.split())] != ["tarsier", *name.split()]:
         return fail(name, f"the example is of another verb: {verb['example']}")
     known = {n for flag in verb["flags"] for n in flag["names"]}

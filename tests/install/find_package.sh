@@ -47,7 +47,7 @@ cmake_minimum_required(VERSION 3.25)
 project(everything LANGUAGES CXX)
 find_package(tarsier 0.1 REQUIRED)
 add_executable(everything main.cpp)
-target_link_libraries(everything PRIVATE tarsier::session tarsier::planar_sheets tarsier::plate_train tarsier::plate_classic)
+target_link_libraries(everything PRIVATE tarsier::face_pipelines tarsier::planar_pipelines tarsier::sfm_pipelines tarsier::cartoon tarsier::planar_sheets tarsier::plate_train tarsier::plate_classic)
 target_compile_definitions(everything PRIVATE MODELS="${tarsier_MODELS_DIR}")
 foreach(bad "0.2" "1.0")  # before 1.0 each minor version is one of its own
   find_package(tarsier ${bad} QUIET)

@@ -7,8 +7,8 @@
 #include <fmt/format.h>
 
 #include "framework/output.h"
-#include "serve_flags.h"
 #include "studio.h"
+#include "verbs/program/serve_flags.h"
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>

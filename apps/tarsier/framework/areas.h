@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "framework/cli.h"
+#include <string_view>
+
+namespace tarsier::cli {
+
+// All areas of tarsier, with their verbs and examples.
+void add_areas(Command& app, Context& context);
+
+// `tarsier --help`
+[[nodiscard]] std::string_view main_help();
+
+}  // namespace tarsier::cli

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: MIT
+#include "framework/cli.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/model_store.h"
+
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+#include <opencv2/core/utils/logger.hpp>
+
+#include "framework/command_tree.h"
+#include "framework/parse.h"
+#include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <new>
+
+namespace tarsier::cli {
+namespace {
+
+std::string one_line(std::string_view text) {
+  std::string result;
+  for (const char c : text) {
+    if (c != '\n' && c != '\r' && c != '\t') {
+      result += c;
+    } else if (!result.empty() && result.back() != ' ') {
+      result += ' ';
+    }
+  }
+  while (!result.empty() && result.back() == ' ') result.pop_back();
+  return printable(result);
+}
+
+int fail(ExitStatus status, std::string_view message) {
+  const std::string line = fmt::format("tarsier: error: {}\n", one_line(message));
+  std::fwrite(line.data(), 1, line.size(), stderr);
+  std::fflush(stderr);
+  return static_cast<int>(status);
+}
+
+// TARSIER_REQUIRE writes "<function>: requires <expression>: <message>"; people want the message,
+// and what was said before it (the path of a file).
+std::string without_requirement(std::string_view what) {
+  constexpr std::string_view kMark = ": requires ";
+  const size_t mark = what.find(kMark);
+  if (mark == std::string_view::npos) return std::string(what);
+  const size_t before = mark == 0 ? std::string_view::npos : what.rfind(": ", mark - 1);
+  const std::string_view prefix =
+      before == std::string_view::npos ? std::string_view() : what.substr(0, before + 2);
+  for (size_t at = what.find(": ", mark + kMark.size()); at != std::string_view::npos;
+       at = what.find(": ", at + 1)) {
+    if (what[at - 1] != ' ') {  // not the ':' of "a ? b : c"
+      return fmt::format("{}{}", prefix, what.substr(at + 2));
+    }
+  }
+  return std::string(what);
+}
+
+// --- the program ---
+
+// The libraries below us write to stderr on their own; what matters comes back as an error of ours.
+void silence_libraries() {
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+  unsetenv("OPENCV_VIDEOIO_DEBUG");
+  unsetenv("OPENCV_FFMPEG_DEBUG");
+  setenv("QT_LOGGING_RULES", "*.debug=false;*.info=false;*.warning=false;qt.*=false", 0);
+}
+
+void complete(Context& context) {
+  const LogLevel level = parse_log_level(context.log_level);
+  set_log_level(context.quiet ? std::max(level, LogLevel::kWarning) : level);
+  context.progress = make_progress(
+      context.quiet ? ProgressStyle::kNone : parse_progress_style(context.progress_style), stderr);
+  // 0 would mean "none" to OpenCV; more threads than cores only make its scheduler complain on
+  // stderr.
+  if (context.threads > 0) cv::setNumThreads(std::min(context.threads, cv::getNumberOfCPUs()));
+}
+
+int run_checked(const CommandLine& program, const std::vector<std::string>& words) {
+  Context context;
+  context.words = words;
+  context.stop = stop_on_signals();
+  // A closed pipe and a limit of file sizes are errors of write(), and get their line.
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
+  silence_libraries();
+
+  Command app("tarsier", "classical computer vision on an ordinary CPU, offline");
+  program.add(app, context);
+
+  const Chosen chosen = chosen_command(app, words);
+  const auto help_of = [&](const Command& command) {
+    return &command == &app ? std::string(program.help) : help_text(command);
+  };
+  if (is_area(*chosen.command) && chosen.words == words.size()) {
+    const std::string help = help_of(*chosen.command);
+    std::fwrite(help.data(), 1, help.size(), stderr);
+    return static_cast<int>(ExitStatus::kUsage);
+  }
+  const Command::Parsed parsed = parse_command_line(app, words);
+  if (parsed.outcome == Command::Outcome::kHelp) {
+    print_text(help_of(*parsed.command));
+    return 0;
+  }
+  if (parsed.outcome == Command::Outcome::kVersion) {
+    print_text(fmt::format("tarsier {}\n", version()));
+    return 0;
+  }
+  complete(context);
+  const ExitStatus status = context.run();
+  context.progress.reset();
+  print_text("");  // tells of a full disk or a closed pipe behind stdout
+  return static_cast<int>(status);
+}
+
+}  // namespace
+
+void add_common_flags(Command& verb, Context& context) {
+  const auto common = [](Flag& flag) { flag.group("Common"); };
+  verb.add_version_flag("--version").group("");
+  common(verb.add_flag("--json", context.json, "JSON lines on stdout, logs on stderr"));
+  common(verb.add_flag("--quiet", context.quiet, "only warnings and errors on stderr"));
+  common(verb.add_option("--seed", context.seed, "of everything random")
+             .check(Check([](const std::string& text) {
+               return text.starts_with("-") ? "a seed is not negative" : std::string();
+             }))
+             .show_default());
+  common(verb.add_option("--threads", context.threads, "0: all cores")
+             .check(range(0, 1024))
+             .show_default());
+  common(verb.add_option("--log-level", context.log_level)
+             .check(one_of({"debug", "info", "warning", "error", "off"}))
+             .show_default());
+  common(verb.add_option("--progress", context.progress_style, "how long work tells how far it is")
+             .check(one_of({"auto", "bar", "json", "none"}))
+             .show_default());
+  // Read before the parser runs (parse_command_line); here so that the parser knows it and --help
+  // shows it.
+  common(verb.add_unbound_option("--config", "TOML or INI file with values for these flags")
+             .type_name("FILE"));
+}
+
+void add_debug_flag(Command& verb, Context& context) {
+  verb.add_option("--debug-dir", context.debug_dir, "folder for the pictures of each stage")
+      .group("Output");
+}
+
+void set_run(Command& verb, Context& context, std::function<ExitStatus()> run) {
+  verb.callback([&context, run = std::move(run)] { context.run = run; });
+}
+
+int run_program(const CommandLine& program, const std::vector<std::string>& words) {
+  try {
+    return run_checked(program, words);
+  } catch (const Error& error) {
+    return fail(error.status(), without_requirement(error.what()));
+  } catch (const std::invalid_argument& error) {
+    return fail(ExitStatus::kUsage, without_requirement(error.what()));
+  } catch (const cv::Exception& error) {
+    return fail(ExitStatus::kBadInput,
+                fmt::format("OpenCV cannot do this: {} ({})", error.err, error.func));
+  } catch (const std::bad_alloc&) {
+    return fail(ExitStatus::kBadInput, "out of memory: the input is too large for this machine");
+  } catch (const std::exception& error) {
+    return fail(ExitStatus::kBadInput, error.what());
+  }
+}
+
+std::string_view version() { return TARSIER_VERSION; }
+
+std::vector<std::string> words_of(int argc, const char* const* argv, std::string_view area) {
+  std::vector<std::string> words(argv + std::min(argc, 1), argv + argc);
+  if (!area.empty() && words != std::vector<std::string>{"--version"})
+    words.insert(words.begin(), std::string(area));
+  return words;
+}
+
+std::string program_folder() { return tarsier::program_folder(); }
+
+std::string find_models_folder(const std::string& given) {
+  return ModelStore::find(given).folder();
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/image/draw/tile.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+
+#include "framework/run_session.h"
+#include "framework/security_flags.h"
+#include <algorithm>
+#include <filesystem>
+
+namespace tarsier::cli {
+
+namespace fs = std::filesystem;
+
+std::vector<Flag*> add_security_flags(Command& verb, StreamSecurity& security) {
+  Flag& ca_file =
+      verb.add_option("--ca-file", security.ca_file,
+                      "https, rtsps: certificates (PEM) to trust instead of the system's");
+  Flag& insecure = verb.add_flag("--insecure", security.insecure,
+                                 "https, rtsps: trust whoever answers; passwords go there too");
+  insecure.excludes(ca_file);
+  return {&ca_file, &insecure};
+}
+
+void add_run_flags(Command& verb, RunFlags& flags) {
+  verb.add_option("INPUT", flags.inputs,
+                  "picture, folder, glob, @list.txt, video, camera number, URL, picam:, synth:NAME")
+      .required()
+      .type_name("");
+  verb.add_option(
+      "-o,--output", flags.output,
+      "picture, folder, .mp4 .avi .mkv, http://127.0.0.1:8080/, none; without it: the window");
+  verb.add_flag("--window", flags.window, "show it in a window (h: keys)");
+  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
+  verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
+      .check(one_of({"-"}));
+  verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
+      .check(not_negative())
+      .show_default();
+  verb.add_option("--every", flags.every, "take every N-th frame").check(positive()).show_default();
+
+  const auto source = [](Flag& flag) { flag.group("Source"); };
+  source(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")
+             .show_default());
+  source(verb.add_option("--height", flags.source.height, "px").show_default());
+  source(
+      verb.add_option("--fps", flags.source.fps, "asked of a camera; of a --sequence; 0: its own")
+          .show_default());
+  source(verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time"));
+  source(verb.add_flag("--wait", flags.source.wait,
+                       "wait for ever for a source that is not there yet"));
+  source(verb.add_option("--connect-timeout", flags.source.connect_timeout_s,
+                         "s until a live source must have given its first frame")
+             .show_default());
+  source(
+      verb.add_option("--stall", flags.source.stall_s, "s without a frame: reopen the live source")
+          .show_default());
+  source(verb.add_option("--give-up", flags.source.give_up_s, "s without a frame: end; 0: never")
+             .show_default());
+  for (Flag* flag : add_security_flags(verb, flags.source.security)) source(*flag);
+
+  const auto sink = [](Flag& flag) { flag.group("Output"); };
+  sink(
+      verb.add_option("--segment", flags.segment,
+                      "video output: a file for each 10m, 1h ..: NAME-0001.mp4, NAME-0002.mp4 .."));
+  sink(verb.add_option("--jpeg-quality", flags.sink.jpeg_quality, "1..100").show_default());
+  sink(verb.add_flag("--listen-all", flags.sink.listen_all,
+                     "http output: for other machines too; needs a token"));
+  Flag& token = verb.add_option("--token", flags.sink.token,
+                                "http output: viewers must give it; 16 characters or more");
+  sink(token);
+  Flag& token_file = verb.add_option("--token-file", flags.token_file, "file that holds the token");
+  sink(token_file);
+  token_file.excludes(token);
+}
+
+void default_to_headless(RunFlags& flags) {
+  if (flags.output.empty() && !flags.window && !flags.fullscreen) flags.output = "none";
+}
+
+bool opens_window(const RunFlags& flags) {
+  return flags.window || flags.fullscreen || flags.output.empty();
+}
+
+void DebugFolder::begin(const Frame& frame) {
+  std::string name = fmt::format("{:06}", frame.index);
+  if (frame.still) {
+    name = fmt::format("{:04}-{}", frame.index + 1,
+                       fs::path(frame.name).stem().string().substr(0, 180));
+  }
+  frame_folder_ = (fs::path(folder_) / name).string();
+  number_ = 0;
+}
+
+void DebugFolder::image(std::string_view name, const cv::Mat& image) {
+  if (image.empty()) return;
+  if (number_ == 0) make_folder(frame_folder_);
+  // Names of stages may hold words from files: of a target, say.
+  std::string file = fmt::format("{:02}-{}", ++number_, name.substr(0, 100));
+  const auto is_plain = [](char c) {
+    return (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z');
+  };
+  std::replace_if(
+      file.begin(), file.end(), [&](char c) { return !is_plain(c); }, '-');
+  file += ".png";
+  const std::string path = (fs::path(frame_folder_) / file).string();
+  const bool plain = image.depth() == CV_8U && (image.channels() == 1 || image.channels() == 3);
+  write_image(path, plain ? image : image::draw::letterbox(image, image.size()));
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,437 @@
+// SPDX-License-Identifier: MIT
+#include "framework/run_session.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/plate/tracking/time_text.h"
+
+#include <fmt/format.h>
+
+#include "framework/input_schemes.h"
+#include "framework/run_pipeline.h"
+#include "framework/stopwatch.h"
+#include "ui/action_reader.h"
+#include "ui/scripted_host.h"
+#include "window.h"
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <unistd.h>
+#include <utility>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+// Without frames the window's status is redrawn so often.
+constexpr milliseconds kIdleInterval{200};
+constexpr milliseconds kWindowPatience{12};     // keys wait at most so long for a frame
+constexpr milliseconds kHeadlessPatience{100};  // SIGINT wakes it earlier
+constexpr double kMaxRepeats = 10;  // s that a live video is filled up with its last picture
+
+// --- the window, where the program has one ---
+
+using WindowPointer = std::unique_ptr<window::Window>;
+constexpr const char* kNextPicture = "next-picture";
+
+// --- the loop ---
+
+class Run {
+ public:
+  Run(Session& session, const RunFlags& flags, Context& context, const RunHooks& hooks)
+      : session_(session), flags_(flags), context_(context), hooks_(hooks), lines_(context.json) {}
+
+  ExitStatus operator()() {
+    open();
+    const Stopwatch watch;
+    try {
+      loop();
+      flush_still();
+      if (writer_ != nullptr && !context_.stop.stop_requested()) writer_->complete();
+    } catch (const OutputError&) {
+      throw;  // nothing to finish: the unfinished output is removed, a recording stays
+    } catch (...) {
+      finish_quietly();
+      throw;
+    }
+    if (context_.stop.stop_requested()) {
+      finish_quietly();
+      return ExitStatus::kInterrupted;
+    }
+    if (sink_ != nullptr) sink_->finish();
+    if (progressing_) context_.progress->end();
+    if (taken_ == 0 && !window_closed_ && !finished_) {
+      throw InputError(flags_.inputs.front(), "no picture came from it");
+    }
+    if (!flags_.output.empty() && sink_ != nullptr) {
+      const double seconds = watch.seconds();
+      log_info(
+          "{} {} to {} in {:.1f} s", taken_, taken_ == 1 ? "picture" : "pictures",
+          classify_sink(flags_.output) == SinkKind::kHttp ? masked(flags_.output) : flags_.output,
+          seconds);
+    }
+    return ExitStatus::kDone;
+  }
+
+ private:
+  // --- opening ---
+
+  void open() {
+    const std::vector<Scheme> schemes = input_schemes();
+    for (const std::string& input : flags_.inputs)
+      static_cast<void>(classify_source(input, schemes));
+    refuse_to_overwrite();
+    const SinkKind kind = flags_.output.empty() ? SinkKind::kNone : classify_sink(flags_.output);
+    if (!flags_.segment.empty()) {
+      if (kind != SinkKind::kVideo) throw UsageError("--segment: needs -o with a video file");
+      segment_s_ =
+          std::chrono::duration<double>(plate::parse_duration(flags_.segment, "--segment")).count();
+      if (segment_s_ <= 0) throw UsageError("--segment: must be longer than nothing");
+    }
+    if (opens_window(flags_)) {
+      window::prepare();  // before any thread starts
+      session_.draw_status(!window::shows_status());
+    }
+
+    source_ = open_sources(flags_.inputs, flags_.source, schemes);
+    live_ = source_->is_live();
+    if (!live_) source_ = std::make_unique<ReadAhead>(std::move(source_), context_.stop);
+    live_video_ = live_ && kind == SinkKind::kVideo;
+    if (!live_video_) open_output();  // a camera's rate is known with its first frame
+
+    if (opens_window(flags_)) {
+      std::string title = fmt::format("Tarsier {}", hooks_.title);
+      has_next_ = !live_ && source_->count() > 1 && source_->fps() <= 0;
+      if (has_next_ && !window::shows_status()) title += " - right arrow: next picture";
+      window_ = window::open_window({title, flags_.fullscreen, session_.sliders(), actions()});
+      if (live_) idle(source_->status());
+    }
+    if (!flags_.actions.empty()) {
+      actions_.emplace(STDIN_FILENO, session_.actions(), session_.sliders());
+    }
+    if (!live_ && window_ == nullptr) {
+      std::int64_t total = (source_->count() + flags_.every - 1) / flags_.every;
+      if (flags_.frames > 0) total = total > 0 ? std::min(total, flags_.frames) : flags_.frames;
+      context_.progress->begin(hooks_.title, total, "pictures");
+      progressing_ = true;
+    }
+  }
+
+  // Those of the session, and the host's own.
+  [[nodiscard]] std::vector<Action> actions() const {
+    std::vector<Action> list = session_.actions();
+    if (has_next_) list.push_back({kNextPicture, "next picture (right arrow)", 0});
+    return list;
+  }
+
+  void refuse_to_overwrite() const {
+    if (flags_.output.empty()) return;
+    for (const std::string& input : flags_.inputs) {
+      std::error_code error;
+      if (fs::is_regular_file(input, error) && fs::equivalent(input, flags_.output, error)) {
+        throw UsageError(fmt::format("{}: is also an input; name another output", flags_.output));
+      }
+    }
+  }
+
+  void open_output() {
+    SinkOptions options = flags_.sink;
+    options.segment_s = segment_s_;
+    options.recording = live_video_;
+    if (!flags_.token_file.empty()) {
+      options.token = read_file(flags_.token_file, 4096);
+      while (!options.token.empty() &&
+             (options.token.back() == '\n' || options.token.back() == '\r')) {
+        options.token.pop_back();
+      }
+    }
+    fps_ = source_->fps() > 0 ? source_->fps() : options.fps;
+    if (!live_) fps_ /= flags_.every;
+    options.fps = std::clamp(fps_, 0.1, 1000.0);
+    options.many = source_->count() != 1 && flags_.frames != 1;
+    sink_ = open_sink(flags_.output.empty() ? "none" : flags_.output, options);
+    // A live picture should be out as soon as it is there; files may wait for each other.
+    writer_ = std::make_unique<Writer>(*sink_, lines_, !live_);
+  }
+
+  // --- running ---
+
+  void loop() {
+    const std::stop_token& stop = context_.stop;
+    Clock::time_point last_shown = Clock::now();
+    while (!stop.stop_requested() && !finished_) {
+      take_events(milliseconds(0));
+      if (finished_) break;
+      if (waits_for_user()) {
+        if (!wait_for_user()) break;
+        continue;
+      }
+      const milliseconds patience = window_ != nullptr ? kWindowPatience : kHeadlessPatience;
+      std::optional<Frame> frame;
+      try {
+        frame = source_->next(patience, stop);
+      } catch (const SourceLostError&) {
+        report_state();  // the last thing that is shown
+        throw;
+      }
+      if (live_) report_state();
+      if (frame) {
+        if (received_++ % flags_.every != 0) continue;
+        take_frame(*frame);
+        last_shown = Clock::now();
+        if (flags_.frames > 0 && taken_ >= flags_.frames) break;
+      } else if (source_->ended()) {
+        break;
+      } else if (live_ && Clock::now() - last_shown > kIdleInterval) {
+        idle(source_->status());
+        last_shown = Clock::now();
+      }
+    }
+  }
+
+  // A paused video, or a still picture in the window.
+  [[nodiscard]] bool waits_for_user() const {
+    return !live_ && ((paused_ && taken_ > 0) || (window_ != nullptr && still_.has_value()));
+  }
+
+  // False if nobody can ever go on.
+  bool wait_for_user() {
+    if (window_ == nullptr && (!actions_ || actions_->ended())) {
+      log_warning("paused, and no more actions can come: ending here");
+      return false;
+    }
+    paced_from_.reset();
+    if (window_ != nullptr) {
+      take_events(milliseconds(50));
+    } else {
+      sleep_unless_stopped(milliseconds(20), context_.stop);
+    }
+    return true;
+  }
+
+  void take_frame(Frame& frame) {
+    if (live_video_ && sink_ == nullptr) open_output();
+    if (hooks_.before_frame) hooks_.before_frame(frame);
+    if (hooks_.debug != nullptr) hooks_.debug->begin(frame);
+    const SourceStatus status = source_->status();
+    look_at(status);
+    info_.index = frame.index;
+    info_.time = frame.time;
+    info_.name = frame.name;
+    if (live_) info_.captured = frame.captured;
+    View view;
+    try {
+      view = session_.on_frame(frame, status);
+    } catch (const InputError& error) {  // a picture that can be read, but not used
+      if (!frame.still || source_->count() == 1) throw;
+      log_warning("{}", error.what());
+      return;
+    }
+    ++taken_;
+    if (hooks_.after_frame) hooks_.after_frame(frame);
+    if (progressing_) context_.progress->advance();
+    paused_ = view.state.value("paused", false);
+    if (!view.output.empty()) {
+      Job job = job_of(frame, view, status);
+      if (window_ != nullptr && frame.still) {
+        still_ = std::move(job);  // until the user goes on
+      } else {
+        writer_->write(std::move(job));
+      }
+    }
+    if (window_ != nullptr && !live_ && !frame.still) pace(frame.time);
+    show(view);
+  }
+
+  Job job_of(const Frame& frame, const View& view, const SourceStatus& status) {
+    Job job;
+    job.image = live_ && !live_video_ ? view.output : view.output.clone();
+    job.frame = frame;
+    job.frame.image.release();
+    job.live = live_;
+    if (live_video_) {
+      const auto due = static_cast<std::int64_t>(std::floor(frame.time * fps_)) + 1;
+      job.repeats = static_cast<int>(std::clamp<std::int64_t>(
+          due - video_frames_, 0, static_cast<std::int64_t>(fps_ * kMaxRepeats)));
+      video_frames_ = std::max(due, video_frames_);
+    }
+    job.silent = !lines_.wanted() || (hooks_.quiet_frames && !frame.still);
+    if (job.silent) return job;
+    describe(frame, view, job.line);
+    if (live_) job.line["source"] = name_of(status.state);
+    return job;
+  }
+
+  void describe(const Frame& frame, const View& view, nlohmann::ordered_json& line) const {
+    line = nlohmann::ordered_json::object();
+    if (frame.still) {
+      line["image"] = frame.name;
+    } else {
+      line["frame"] = frame.index;
+      line["time"] = rounded(frame.time, 6);
+    }
+    if (hooks_.describe) hooks_.describe(view, line);
+  }
+
+  // Videos play at their own speed.
+  void pace(double time) {
+    const auto at = [&](double seconds) {
+      return *paced_from_ +
+             std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+    };
+    const Clock::time_point now = Clock::now();
+    const bool late =
+        paced_from_ && now - at(time) > milliseconds(500);  // this machine is too slow for it
+    const bool early = paced_from_ && at(time) - now > std::chrono::seconds(5);  // another video
+    if (!paced_from_ || late || early) {
+      paced_from_ =
+          now - std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(time));
+    }
+    const Clock::time_point due = at(time);
+    while (!context_.stop.stop_requested() && !finished_) {
+      const auto left = std::chrono::duration_cast<milliseconds>(due - Clock::now());
+      if (left <= milliseconds(1)) break;
+      take_events(std::min(left, milliseconds(50)));
+    }
+  }
+
+  void report_state() {
+    const SourceStatus status = source_->status();
+    if (status.state == last_state_) return;
+    last_state_ = status.state;
+    lines_.print({{"source", name_of(status.state)}, {"detail", status.detail}});
+    if (status.state != SourceState::kLive) idle(status);
+  }
+
+  // What is known of the source is shown with the view.
+  void look_at(const SourceStatus& status) {
+    info_.source = live_ ? name_of(status.state) : "file";
+    info_.detail = live_ ? status.detail : "";
+  }
+
+  void idle(const SourceStatus& status) {
+    look_at(status);
+    show(session_.on_idle(status));
+  }
+
+  // --- the user ---
+
+  void take_events(milliseconds timeout) {
+    std::vector<Event> events;
+    if (window_ != nullptr) {
+      events = window_->poll(timeout);
+      if (window_->closed()) {
+        finished_ = window_closed_ = true;
+        return;
+      }
+    }
+    if (actions_) {
+      std::vector<Event> more = actions_->read();
+      std::move(more.begin(), more.end(), std::back_inserter(events));
+    }
+    std::optional<View> last;
+    for (const Event& event : events) {
+      const bool is_next = event.kind == Event::Kind::kAction
+                               ? has_next_ && event.name == kNextPicture
+                               : event.kind == Event::Kind::kKey &&
+                                     (event.key == key::kRight || event.key == key::kEnter);
+      if (is_next && (still_ || event.kind == Event::Kind::kAction)) {
+        next_picture();
+        last.reset();
+        continue;
+      }
+      last.reset();  // a view is valid until the next call
+      last = session_.on_event(event);
+      after_event(event, *last);
+    }
+    if (last) show(*last);
+  }
+
+  void next_picture() {
+    if (!still_ || source_->ended()) return;
+    flush_still();
+    paused_ = false;
+  }
+
+  void after_event(const Event& event, const View& view) {
+    paused_ = view.state.value("paused", false);
+    finished_ = finished_ || view.finished;
+    if (still_ && !view.output.empty()) {
+      still_->image = view.output.clone();
+      if (lines_.wanted() && hooks_.describe) hooks_.describe(view, still_->line);
+    }
+    if (event.kind == Event::Kind::kKey || event.kind == Event::Kind::kAction) {
+      lines_.print({{"event", tarsier::describe(event)}, {"state", view.state}});
+    }
+    if (window_ == nullptr) return;
+    if (view.toggle_fullscreen) window_->set_fullscreen(!window_->fullscreen());
+    if (event.kind != Event::Kind::kMouse) window_->offer(actions(), session_.sliders());
+  }
+
+  void show(const View& view) {
+    finished_ = finished_ || view.finished;
+    if (window_ != nullptr) window_->show(view, &info_);
+  }
+
+  // --- the end ---
+
+  void flush_still() {
+    if (!still_) return;
+    Job job = std::move(*still_);
+    still_.reset();
+    writer_->write(std::move(job));
+  }
+
+  // Keeps what was written, whatever else went wrong.
+  void finish_quietly() {
+    try {
+      if (writer_ == nullptr) return;
+      writer_->cancel();
+      if (writer_->written() > 0) sink_->finish();
+    } catch (const Error& error) {
+      log_warning("{}", error.what());
+    }
+  }
+
+  Session& session_;
+  const RunFlags& flags_;
+  Context& context_;
+  const RunHooks& hooks_;
+  Lines lines_;
+  std::unique_ptr<FrameSource> source_;
+  std::unique_ptr<FrameSink> sink_;
+  std::unique_ptr<Writer> writer_;
+  WindowPointer window_;
+  std::optional<ActionReader> actions_;
+  bool live_ = false;
+  bool live_video_ = false;  // a live source into a video file
+  double segment_s_ = 0;     // of its files
+  bool progressing_ = false;
+  bool paused_ = false;
+  bool finished_ = false;
+  bool window_closed_ = false;
+  bool has_next_ = false;  // several stills, which the user goes through
+  window::FrameInfo info_;
+  double fps_ = 25;
+  std::int64_t received_ = 0;
+  std::int64_t taken_ = 0;
+  std::int64_t video_frames_ = 0;
+  std::optional<Job> still_;                     // shown in the window, not yet written
+  std::optional<Clock::time_point> paced_from_;  // when the video's time was 0
+  std::optional<SourceState> last_state_;
+};
+
+}  // namespace
+
+ExitStatus run_session(Session& session, const RunFlags& flags, Context& context,
+                       const RunHooks& hooks) {
+  return Run(session, flags, context, hooks)();
+}
+
+}  // namespace tarsier::cli

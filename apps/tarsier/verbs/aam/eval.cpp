@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/appearance/study.h"
+#include "tarsier/face/landmarks/evaluation.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+
+#include "framework/stopwatch.h"
+#include "verbs/aam/aam.h"
+#include "verbs/landmarks/landmarks.h"
+#include <algorithm>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+struct EvalFlags {
+  SetFlags set;
+  AamFlags aam;
+  int held_out = 0;
+  double limit = 4;
+  std::string output;
+  std::string csv;
+  std::string convergence;
+  int tries = 5;
+  std::vector<int> eyes;
+};
+
+std::array<int, 2> eyes_of(const EvalFlags& flags, int points) {
+  if (!flags.eyes.empty()) {
+    for (const int eye : flags.eyes) {
+      if (eye < 0 || eye >= points)
+        throw UsageError(fmt::format("--eyes {}: the set has points 0..{}", eye, points - 1));
+    }
+    return {flags.eyes[0], flags.eyes[1]};
+  }
+  const auto markup = face::shape::known_markup(points);
+  if (!markup || markup->outer_eyes[0] < 0)
+    throw UsageError(fmt::format(
+        "--eyes A,B: a set of {} points is not known; name the two outer eye corners", points));
+  return markup->outer_eyes;
+}
+
+std::string line_of(const std::string& image, const std::optional<Eigen::Matrix2Xd>& points,
+                    double ms) {
+  nlohmann::ordered_json line{{"image", image}};
+  if (points) {
+    nlohmann::json list = nlohmann::json::array();
+    for (Eigen::Index i = 0; i < points->cols(); ++i)
+      list.push_back({rounded((*points)(0, i), 4), rounded((*points)(1, i), 4)});
+    line["points"] = std::move(list);
+  }
+  line["ms"] = rounded(ms, 2);
+  return json_text(line) + "\n";
+}
+
+// Of several objects the one whose points are nearest to the middle of the true ones: pictures may
+// show others.
+const face::appearance::TrackedObject* nearest(
+    const std::vector<face::appearance::TrackedObject>& objects, const Eigen::Matrix2Xd& truth) {
+  const face::appearance::TrackedObject* best = nullptr;
+  double least = 0;
+  for (const face::appearance::TrackedObject& object : objects) {
+    const double distance = (object.fit.points.rowwise().mean() - truth.rowwise().mean()).norm();
+    if (best != nullptr && distance >= least) continue;
+    best = &object;
+    least = distance;
+  }
+  return best;
+}
+
+ExitStatus convergence(const EvalFlags& flags, const face::shape::LandmarkSet& set,
+                       const AamEngine& engine, Context& context) {
+  face::appearance::LoadOptions load;
+  std::vector<std::string> skipped;
+  const auto pictures = face::appearance::load_training_pictures(set, "", load, *context.progress,
+                                                                 context.stop, skipped);
+  for (const std::string& one : skipped) log_warning("{}; left out", one);
+  face::appearance::ConvergenceOptions options;
+  options.tries = flags.tries;
+  options.limit = flags.limit / 100;
+  options.eyes = eyes_of(flags, set.points());
+  options.seed = context.seed;
+  std::vector<face::appearance::ConvergenceCurve> curves;
+  for (const auto& [name, method] :
+       {std::pair{"project-out", face::appearance::Method::kProjectOut},
+        std::pair{"alternating", face::appearance::Method::kAlternating}}) {
+    face::appearance::FitOptions fit = engine.fitter->options();
+    fit.method = method;
+    const face::appearance::Fitter fitter(*engine.model, fit);
+    curves.push_back({name, face::appearance::study_convergence(fitter, pictures, options,
+                                                                *context.progress, context.stop)});
+    for (const face::appearance::ConvergencePoint& point : curves.back().points) {
+      const double share = point.tries > 0 ? static_cast<double>(point.converged) / point.tries : 0;
+      if (context.json) {
+        print_json(nlohmann::ordered_json{{"method", name},
+                                          {"disturbance", point.disturbance},
+                                          {"tries", point.tries},
+                                          {"converged", rounded(share, 4)},
+                                          {"error", rounded(100 * point.mean_error, 4)}});
+      } else {
+        print_text(fmt::format("{:<12} disturbance {:.2f}: {:5.1f} % converge, to {:.2f} %\n", name,
+                               point.disturbance, 100 * share, 100 * point.mean_error));
+      }
+    }
+  }
+  write_image(flags.convergence, face::appearance::draw_convergence(curves, options));
+  return ExitStatus::kDone;
+}
+
+ExitStatus run_eval(EvalFlags& flags, Context& context) {
+  const face::shape::LandmarkSet set =
+      face::shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
+  if (set.samples.empty()) throw InputError(flags.set.input, "no complete sample is left to judge");
+  const AamEngine engine = make_aam_engine(flags.aam);
+  if (engine.model->points() != set.points())
+    throw InputError(flags.set.input, fmt::format("has {} points, the model {}", set.points(),
+                                                  engine.model->points()));
+  const std::array<int, 2> eyes = eyes_of(flags, set.points());
+  if (!flags.convergence.empty()) return convergence(flags, set, engine, context);
+
+  std::vector<face::landmarks::FitOutcome> outcomes;
+  std::string lines;
+  std::string table = "image,nme,missed,wrong,dx,dy,error,lost,iterations,ms\n";
+  face::appearance::FitWorkspace workspace;
+  double milliseconds = 0;
+  int iterations = 0;
+  int within = 0;
+  context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "pictures");
+  for (const face::shape::LandmarkSample& sample : set.samples) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    cv::Mat picture;
+    try {
+      picture = read_image(sample.image);
+    } catch (const InputError& error) {
+      log_warning("{}; left out", error.what());
+      continue;
+    }
+    const Stopwatch watch;
+    const std::vector<face::appearance::TrackedObject> objects =
+        face::appearance::find_objects(*engine.fitter, engine.find, picture, 4, workspace);
+    const double ms = watch.ms();
+    milliseconds += ms;
+    const face::appearance::TrackedObject* object = nearest(objects, sample.points);
+    std::optional<Eigen::Matrix2Xd> points;
+    if (object != nullptr) points = object->fit.points;
+    face::landmarks::FitOutcome outcome = face::landmarks::judge(points, sample.points, eyes);
+    outcome.image = sample.image;
+    outcome.ms = ms;
+    if (object != nullptr) iterations += object->fit.iterations;
+    within += !outcome.missed && !outcome.wrong && outcome.nme <= flags.limit ? 1 : 0;
+    lines += line_of(sample.image, points, ms);
+    table += fmt::format("{},{:.4f},{:d},{:d},{:.4f},{:.4f},{:.4f},{:d},{},{:.2f}\n", sample.image,
+                         outcome.nme, outcome.missed, outcome.wrong, outcome.dx, outcome.dy,
+                         object != nullptr ? object->fit.error : 1,
+                         object != nullptr && object->fit.lost,
+                         object != nullptr ? object->fit.iterations : 0, ms);
+    outcomes.push_back(std::move(outcome));
+  }
+  context.progress->end();
+  if (!flags.output.empty()) write_file_atomically(flags.output, lines);
+  if (!flags.csv.empty()) write_file_atomically(flags.csv, table);
+  const face::landmarks::LandmarkScore score = face::landmarks::score_of(outcomes);
+  const int fitted = std::max(1, score.faces - score.missed);
+  const double share = static_cast<double>(within) / std::max(1, score.faces);
+  if (context.json) {
+    nlohmann::ordered_json line = {
+        {"faces", score.faces},
+        {"missed", score.missed},
+        {"wrong", score.wrong},
+        {"nme_mean", rounded(score.mean, 4)},
+        {"nme_median", rounded(score.median, 4)},
+        {"limit", flags.limit},
+        {"within", rounded(share, 4)},
+        {"failures", rounded(score.failures, 4)},
+        {"auc_8", rounded(score.auc, 4)},
+        {"bias_x", rounded(score.dx, 4)},
+        {"bias_y", rounded(score.dy, 4)},
+        {"iterations", rounded(static_cast<double>(iterations) / fitted, 4)},
+        {"ms", rounded(milliseconds / std::max(1, score.faces), 4)}};
+    print_json(line);
+  } else {
+    print_text(fmt::format(
+        "{} faces, {} not found, {} another face; NME mean {:.2f} %, median {:.2f} %; within {:g} "
+        "%: {:.1f} %; above 8 % or not found {:.1f} %; bias x {:+.2f} %, y {:+.2f} %; {:.1f} "
+        "iterations, {:.1f} ms\n",
+        score.faces, score.missed, score.wrong, score.mean, score.median, flags.limit, 100 * share,
+        100 * score.failures, score.dx, score.dy, static_cast<double>(iterations) / fitted,
+        milliseconds / std::max(1, score.faces)));
+  }
+  return score.missed == score.faces ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, EvalFlags& flags) {
+  add_set_flags(verb, flags.set);
+  add_aam_flags(verb, flags.aam);
+  verb.add_option("--held-out", flags.held_out,
+                  "only every N-th sample (those that `train --hold-out N` left out); 0: all")
+      .check(range(0, 1000000))
+      .show_default();
+  verb.add_option("--limit", flags.limit, "an error that counts as good, % of the eye distance")
+      .check(range(0.01, 100.0))
+      .show_default();
+  verb.add_option("-o,--output", flags.output, "file for the fitted points, JSON lines");
+  verb.add_option("--csv", flags.csv, "table to write, one row an image");
+  verb.add_option("--convergence", flags.convergence,
+                  "study instead: how often fits converge from random starts; a picture to write");
+  verb.add_option("--tries", flags.tries, "of the study, for each picture and disturbance")
+      .check(range(1, 1000))
+      .show_default();
+  verb.add_option("--eyes", flags.eyes,
+                  "the two points whose distance is the unit [outer eye corners of known markups]")
+      .delimiter(',')
+      .expected(2);
+}
+
+}  // namespace
+
+void add_aam_eval(Command& area, Context& context) {
+  add_verb<EvalFlags>(area, "eval", "measures fits on annotated pictures", context, add_flags,
+                      run_eval);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+
+#include <fmt/format.h>
+
+#include "framework/run_session.h"
+#include "ui/face/appearance_session.h"
+#include "verbs/aam/aam.h"
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace tarsier::cli {
+namespace {
+
+using Drawn = AppearanceSession::Drawn;
+
+struct FitFlags {
+  RunFlags run;
+  AamFlags aam;
+  face::appearance::TrackOptions track;
+  std::string draw = "mesh";
+  bool parameters = false;
+};
+
+nlohmann::ordered_json json_of(const face::appearance::TrackedObject& object, bool with_id,
+                               bool with_parameters) {
+  const Eigen::Matrix2Xd& points = object.fit.points;
+  const Eigen::Vector2d low = points.rowwise().minCoeff();
+  const Eigen::Vector2d size = points.rowwise().maxCoeff() - low;
+  nlohmann::ordered_json face;
+  if (with_id) face["id"] = object.id;
+  face["box"] = {rounded(low.x(), 2), rounded(low.y(), 2), rounded(size.x(), 2),
+                 rounded(size.y(), 2)};
+  nlohmann::json list = nlohmann::json::array();
+  for (Eigen::Index i = 0; i < points.cols(); ++i)
+    list.push_back({rounded(points(0, i), 3), rounded(points(1, i), 3)});
+  face["points"] = std::move(list);
+  face["score"] = rounded(1 - object.fit.error, 4);
+  face["error"] = rounded(object.fit.error, 4);
+  face["iterations"] = object.fit.iterations;
+  face["status"] = face::appearance::name_of(object.fit.status);
+  if (with_parameters) {
+    const auto numbers = [](const Eigen::VectorXd& v) {
+      return std::vector<double>(v.data(), v.data() + v.size());
+    };
+    face["shape"] = numbers(object.fit.shape.b);
+    face["texture"] = numbers(object.fit.c);
+  }
+  return face;
+}
+
+Drawn parse_drawn(const std::string& name) {
+  for (const Drawn drawn : {Drawn::kMesh, Drawn::kFace, Drawn::kPoints, Drawn::kNothing})
+    if (name_of(drawn) == name) return drawn;
+  throw UsageError(fmt::format("--draw {}: mesh, face, points or nothing", name));
+}
+
+ExitStatus run_fit(FitFlags& flags, Context& context) {
+  flags.track.check();
+  default_to_headless(flags.run);
+  const Drawn drawn = parse_drawn(flags.draw);
+  AamEngine engine = make_aam_engine(flags.aam);
+  if (drawn == Drawn::kFace && !engine.model->colour &&
+      !face::appearance::has_offset(engine.model->levels.front().channels))
+    throw ModelError(engine.path, "has no colour texture for --draw face");
+  DebugFolder debug(context.debug_dir);
+  AppearanceSession session(*engine.fitter, engine.find, flags.track, drawn, debug.sink());
+  bool found = false;
+  RunHooks hooks;
+  hooks.title = "appearance";
+  hooks.debug = &debug;
+  hooks.after_frame = [&](const Frame& frame) {
+    found = found || !session.objects().empty();
+    if (!frame.still || context.json || context.quiet) return;
+    std::string line = fmt::format("{}: {} {}", frame.name, session.objects().size(),
+                                   session.objects().size() == 1 ? "face" : "faces");
+    for (const face::appearance::TrackedObject& object : session.objects()) {
+      line += fmt::format(" [error {:.3f}, {} iterations, {}]", object.fit.error,
+                          object.fit.iterations, face::appearance::name_of(object.fit.status));
+    }
+    print_text(line + "\n");
+  };
+  hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
+    nlohmann::ordered_json faces = nlohmann::ordered_json::array();
+    for (const face::appearance::TrackedObject& object : session.objects())
+      faces.push_back(json_of(object, session.follows(), flags.parameters));
+    line["faces"] = std::move(faces);
+    line["ms"] = rounded(session.milliseconds(), 2);
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
+}
+
+void add_flags(Command& verb, FitFlags& flags) {
+  add_run_flags(verb, flags.run);
+  add_aam_flags(verb, flags.aam);
+  verb.add_option("--draw", flags.draw,
+                  "mesh, face (the model's own, over the picture), points or nothing")
+      .show_default();
+  verb.add_flag("--parameters", flags.parameters,
+                "--json: the parameters of shape and texture as well");
+  const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
+  video(verb.add_option("--search-every", flags.track.search_every,
+                        "frames between searches for new faces")
+            .show_default());
+  video(verb.add_option("--max-faces", flags.track.max_objects, "objects followed at a time")
+            .show_default());
+}
+
+}  // namespace
+
+void add_aam_fit(Command& area, Context& context) {
+  add_debug_flag(
+      add_verb<FitFlags>(area, "fit", "fits a model to pictures, videos and cameras (followed)",
+                         context, add_flags, run_fit),
+      context);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/face/appearance/model.h"
+#include "tarsier/face/appearance/study.h"
+#include "tarsier/face/landmarks/face_finder.h"
+#include "tarsier/face/shape/text_files.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "framework/stopwatch.h"
+#include "verbs/aam/aam.h"
+#include "verbs/landmarks/engine.h"
+#include "verbs/landmarks/landmarks.h"
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+
+namespace tarsier::cli {
+namespace {
+
+using face::appearance::AppearanceModel;
+using face::appearance::TrainingPicture;
+
+struct TrainFlags {
+  SetFlags set;
+  std::string output;
+  std::string terms;
+  std::string channels = "oriented";
+  std::string mesh;
+  int hold_out = 0;
+  bool no_detector = false;
+  face::appearance::AppearanceOptions options{.frame_width = 64};  // features of 64 px see enough
+};
+
+// The box of the face that the points are of.
+face::appearance::Detect nearest_face() {
+  const auto finder = std::make_shared<face::landmarks::FaceFinder>(make_face_finder());
+  return [finder](const cv::Mat& picture) -> std::optional<cv::Rect2d> {
+    cv::Mat gray;
+    cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+    // Pictures are cut out around their points.
+    const cv::Point2d middle(0.5 * picture.cols, 0.5 * picture.rows);
+    std::optional<cv::Rect2d> best;
+    double least = 0;
+    for (const face::landmarks::Candidate& face : finder->find(gray)) {
+      const cv::Point2d off =
+          cv::Point2d(face.box.x + face.box.width / 2, face.box.y + face.box.height / 2) - middle;
+      const double distance = std::hypot(off.x, off.y) - 0.5 * face.box.width;
+      if (best && distance >= least) continue;
+      best = face.box;
+      least = distance;
+    }
+    return best;
+  };
+}
+
+ExitStatus train(TrainFlags& flags, Context& context) {
+  const Stopwatch watch;
+  face::appearance::AppearanceOptions& options = flags.options;
+  options.channels = face::appearance::parse_channels(flags.channels);
+  const face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
+  if (options.mirror && set.mirror.empty()) {
+    throw UsageError(
+        "--mirror: the set does not say which points are left and right of each "
+        "other; mark the symmetry with `landmarks annotate`");
+  }
+  if (!flags.mesh.empty()) options.mesh = face::shape::read_triangles(flags.mesh, set.points());
+  face::appearance::LoadOptions load;
+  load.largest = static_cast<int>(std::max(
+      160.0, 1.6 * std::max(options.frame_width, options.colour ? options.colour_width : 0)));
+  std::vector<std::string> skipped;
+  const std::vector<TrainingPicture> pictures = face::appearance::load_training_pictures(
+      set, "", load, *context.progress, context.stop, skipped);
+  for (const std::string& one : skipped) log_warning("{}; left out", one);
+
+  AppearanceModel model;
+  try {
+    model = face::appearance::train_appearance_model(pictures, set.mirror, options,
+                                                     *context.progress, context.stop);
+  } catch (const std::invalid_argument& error) {
+    throw InputError(flags.set.input, error.what());
+  }
+  int detected = 0;
+  if (!flags.no_detector) detected = face::appearance::learn_place(model, pictures, nearest_face());
+  // By chance a detector sees something anywhere.
+  if (detected * 4 < static_cast<int>(pictures.size())) model.place = {};
+  model.lost_error = face::appearance::learn_lost_error(pictures, set.mirror, options, context.seed,
+                                                        *context.progress, context.stop);
+
+  const nlohmann::json about = {
+      {"program", fmt::format("tarsier {}", version())},
+      {"seed", context.seed},
+      {"data",
+       std::filesystem::path(flags.set.input).lexically_normal().parent_path().filename().string() +
+           "/" + std::filesystem::path(flags.set.input).filename().string()},
+      {"samples", pictures.size()},
+      {"mirrored", options.mirror},
+      {"left_out", flags.hold_out > 0 ? fmt::format("every {}th", flags.hold_out) : "none"},
+      {"terms", flags.terms}};
+  face::appearance::write_appearance_model(flags.output, model, about);
+
+  const double seconds = rounded(watch.seconds(), 1);
+  const face::appearance::Texture& finest = model.levels.front();
+  if (context.json) {
+    nlohmann::ordered_json line = {{"output", flags.output},
+                                   {"samples", pictures.size()},
+                                   {"detected", detected},
+                                   {"points", model.points()},
+                                   {"triangles", model.mesh.size()},
+                                   {"shape_modes", model.shape.mode_count()},
+                                   {"shape_variance", model.shape.variance_kept},
+                                   {"texture_modes", finest.mode_count()},
+                                   {"texture_variance", finest.variance_kept},
+                                   {"pixels", finest.warp.pixels().size()},
+                                   {"lost_error", model.lost_error},
+                                   {"seconds", seconds}};
+    print_json(line);
+  } else if (!context.quiet) {
+    print_text(fmt::format(
+        "{}: {} pictures of {} points, {} shape modes ({:.1f} % of the variance), {} texture modes "
+        "({:.1f} %) of {} pixels, {} s\n",
+        flags.output, pictures.size(), model.points(), model.shape.mode_count(),
+        100 * model.shape.variance_kept, finest.mode_count(), 100 * finest.variance_kept,
+        finest.warp.pixels().size(), seconds));
+  }
+  return ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, TrainFlags& flags) {
+  add_set_flags(verb, flags.set);
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("--hold-out", flags.hold_out,
+                  "leave out every N-th sample, for `aam eval --held-out N`; 0: none")
+      .check(range(0, 1000000))
+      .show_default();
+  face::appearance::AppearanceOptions& options = flags.options;
+  verb.add_option(
+          "--channels", flags.channels,
+          "what the fit sees at a pixel: grey, colour, gradient (2 numbers) or oriented (8)")
+      .check(one_of({"grey", "colour", "gradient", "oriented"}))
+      .show_default();
+  verb.add_option("--width", options.frame_width, "px, of the mean frame in which the fit works")
+      .show_default();
+  verb.add_option("--levels", options.levels, "levels of resolution, each half of the one before")
+      .show_default();
+  verb.add_option("--variance", options.shape.variance, "share that the shape modes keep")
+      .show_default();
+  verb.add_option("--modes", options.shape.max_modes, "shape modes at most").show_default();
+  verb.add_option("--texture-variance", options.texture_variance,
+                  "share that the texture modes keep")
+      .show_default();
+  verb.add_option("--texture-modes", options.texture_modes, "texture modes at most").show_default();
+  verb.add_option("--colour-width", options.colour_width,
+                  "px, of the frame in which faces are drawn")
+      .show_default();
+  verb.add_option("--colour-modes", options.colour_modes, "colour modes at most").show_default();
+  verb.add_flag("!--no-colour", options.colour, "no colour texture: the model only fits");
+  verb.add_flag("--mirror", options.mirror, "learn from mirrored pictures too");
+  verb.add_option("--to-the-right", options.to_the_right,
+                  "how far the set's points lie to the right of where a symmetric annotation has "
+                  "them, px (1 where pixels are counted from 1, as in faces68)")
+      .show_default();
+  verb.add_option("--mesh", flags.mesh,
+                  "triangles, three point numbers (from 0) a line [Delaunay's of the mean shape]");
+  verb.add_flag("--no-detector", flags.no_detector,
+                "these are no faces: do not learn where they lie in a face detector's box");
+}
+
+}  // namespace
+
+void add_aam_train(Command& area, Context& context) {
+  add_verb<TrainFlags>(area, "train", "learns an appearance model from annotated pictures", context,
+                       add_flags, train);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/planar/image_targets/evaluate.h"
+#include "tarsier/planar/markers/evaluation.h"
+#include "tarsier/planar/pipelines/marker_tracker.h"
+
+#include <fmt/format.h>
+
+#include "verbs/ar/ar.h"
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+struct EvalFlags {
+  std::string truth;
+  std::string family;
+  std::string backend = "own";
+  std::string results;
+  std::string output;
+  double tolerance = 0.2;
+  planar::image_targets::PlanarOptions planar;
+};
+
+// What is found in the image of a line.
+planar::MarkerResult find_markers(const planar::markers::MarkerTruth& truth, const EvalFlags& flags,
+                                  planar::MarkerState& state) {
+  planar::MarkerTrackerOptions options;
+  options.families = {truth.family};
+  options.side = truth.size;
+  options.camera = truth.camera;
+  if (flags.backend == "opencv") options.detector = planar::MarkerDetector::kOpencv;
+  Frame frame;
+  frame.name = (fs::path(flags.truth).parent_path() / truth.image).string();
+  frame.image = read_gray_image(frame.name);
+  frame.still = true;
+  return planar::MarkerTracker::load(options).process(frame, state);
+}
+
+void print_score(const std::string& set, const planar::markers::MarkerScore& score,
+                 const Context& context) {
+  if (context.json) {
+    Json line{{"set", set}, {"images", score.images}, {"truth", score.truth}};
+    line["recall"] = rounded(score.recall(), 4);
+    line["precision"] = rounded(score.precision(), 4);
+    line["wrong"] = score.wrong;
+    line["wrong_order"] = score.turned;
+    const auto add = [&](const char* name, double value) {
+      line[name] = std::isfinite(value) ? Json(rounded(value, 4)) : Json(nullptr);
+    };
+    add("corner_rmse_median", score.corner_px);
+    add("corner_rmse_p95", score.corner_px_p95);
+    add("rot_deg_median", score.rotation_deg);
+    add("rot_deg_p95", score.rotation_deg_p95);
+    add("flips_pct", score.flips_percent);
+    add("t_pct_median", score.distance_percent);
+    add("ms_median", score.ms);
+    Json levels = Json::object();
+    for (const auto& [level, counts] : score.levels)
+      levels[level] = rounded(counts.second > 0 ? 1.0 * counts.first / counts.second : 1, 4);
+    line["recall_by_level"] = levels;
+    print_json(line);
+    return;
+  }
+  const auto number = [](double value, int digits) {
+    return std::isfinite(value) ? fmt::format("{:.{}f}", value, digits) : std::string("-");
+  };
+  print_text(fmt::format(
+      "{:16} {} pictures, {} there: recall {:.3f}, precision {:.3f} ({} wrong) | corners {} px, "
+      "p95 {} | rotation {} degrees, p95 {}, flips {} % | distance {} % | {} ms\n",
+      set, score.images, score.truth, score.recall(), score.precision(), score.wrong,
+      number(score.corner_px, 3), number(score.corner_px_p95, 2), number(score.rotation_deg, 2),
+      number(score.rotation_deg_p95, 1), number(score.flips_percent, 1),
+      number(score.distance_percent, 2), number(score.ms, 2)));
+}
+
+// The markers of lines whose truth names a picture to look for.
+std::map<std::string, planar::markers::FoundInImage> find_pictures(const EvalFlags& flags,
+                                                                   Context& context,
+                                                                   std::string& lines) {
+  std::map<std::string, planar::markers::FoundInImage> found;
+  planar::image_targets::evaluate_planar(
+      flags.truth, flags.planar,
+      [&](const planar::image_targets::PlanarResult& result) {
+        context.progress->advance();
+        planar::markers::FoundInImage& entry = found[result.image];
+        entry.ms = result.ms;
+        for (const planar::image_targets::FoundTarget& one : result.found) {
+          planar::markers::JudgedMarker& marker = entry.markers.emplace_back();
+          marker.corners = one.corners;
+          if (one.poses) marker.pose = one.poses->best.camera_from_plane;
+        }
+        lines +=
+            Json{
+                {"image", result.image}, {"markers", result.markers}, {"ms", rounded(result.ms, 2)}}
+                .dump() +
+            "\n";
+      },
+      context.stop);
+  return found;
+}
+
+std::map<std::string, planar::markers::FoundInImage> find_all(
+    const EvalFlags& flags, const std::vector<planar::markers::MarkerTruth>& truth,
+    Context& context, std::string& lines) {
+  if (!flags.results.empty()) return planar::markers::read_found_markers(flags.results);
+  context.progress->begin("pictures", static_cast<std::int64_t>(truth.size()), "pictures");
+  std::map<std::string, planar::markers::FoundInImage> found;
+  if (!truth.front().target.empty()) {
+    found = find_pictures(flags, context, lines);
+  } else {
+    planar::MarkerState state;
+    for (const planar::markers::MarkerTruth& line : truth) {
+      throw_if_stopped(context.stop);
+      const planar::MarkerResult result = find_markers(line, flags, state);
+      context.progress->advance();
+      Json json{{"image", line.image}};
+      json.update(to_json(result));
+      lines += json.dump() + "\n";
+      planar::markers::FoundInImage& entry = found[line.image];
+      entry = {{}, result.ms};
+      for (const planar::TrackedMarker& one : result.markers)
+        entry.markers.push_back(planar::markers::judged(one.marker, one.pose));
+    }
+  }
+  context.progress->end();
+  return found;
+}
+
+ExitStatus run_eval(const EvalFlags& flags, Context& context) {
+  std::vector<planar::markers::MarkerTruth> truth = planar::markers::read_marker_truth(flags.truth);
+  const bool has_pictures = !truth.front().target.empty();
+  for (const planar::markers::MarkerTruth& line : truth) {
+    if (line.target.empty() == has_pictures)
+      throw InputError(flags.truth, "has lines of markers and of pictures: one kind a file");
+    if (!has_pictures) (void)planar::markers::find_dictionary(line.family);
+  }
+  if (!flags.family.empty()) {
+    if (has_pictures) throw UsageError("--family is for truth with markers");
+    std::erase_if(truth, [&](const auto& line) {
+      return line.family != flags.family &&
+             planar::markers::find_dictionary(line.family).name() !=
+                 planar::markers::find_dictionary(flags.family).name();
+    });
+    if (truth.empty())
+      throw InputError(flags.truth, fmt::format("has no lines of the family {}", flags.family));
+  }
+  std::string lines;
+  const auto found = find_all(flags, truth, context, lines);
+  planar::markers::MarkerJudge all(flags.tolerance);
+  std::map<std::string, planar::markers::MarkerJudge> sets;
+  int answered = 0;
+  for (const planar::markers::MarkerTruth& line : truth) {
+    const auto one = found.find(line.image);
+    static const planar::markers::FoundInImage kNothing;
+    const planar::markers::FoundInImage& result = one == found.end() ? kNothing : one->second;
+    answered += static_cast<int>(result.markers.size());
+    sets.try_emplace(has_pictures ? "pictures" : line.family, flags.tolerance)
+        .first->second.add(line, result.markers, result.ms);
+    all.add(line, result.markers, result.ms);
+  }
+  for (const auto& [name, judge] : sets) print_score(name, judge.score(), context);
+  if (sets.size() > 1) print_score("all", all.score(), context);
+  if (!flags.output.empty()) write_file_atomically(flags.output, lines);
+  return answered > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+void add_flags(Command& verb, EvalFlags& flags) {
+  verb.add_option("truth", flags.truth,
+                  "JSON lines {\"image\", \"family\" or \"target\", \"K\", \"size\", \"markers\"}")
+      .required();
+  verb.add_option("--family", flags.family, "only lines of this family");
+  Flag& backend =
+      verb.add_option("--backend", flags.backend, "own, or opencv to compare with (markers)")
+          .check(one_of({"own", "opencv"}))
+          .show_default();
+  Flag& results = verb.add_option("--results", flags.results,
+                                  "judge these JSON lines {\"image\", \"markers\"} instead");
+  results.excludes(backend);
+  verb.add_option("--tolerance", flags.tolerance,
+                  "mean error of the corners up to which one is found, share of its side; at "
+                  "least 3 px")
+      .check(range(0.01, 1.0))
+      .show_default();
+  verb.add_option("-o,--output", flags.output, "file for what was found, JSON lines")
+      .excludes(results);
+}
+
+}  // namespace
+
+void add_ar_eval(Command& ar, Context& context) {
+  add_verb<EvalFlags>(ar, "eval",
+                      "measures detection and pose on pictures of known truth (of `ar synth`)",
+                      context, add_flags, run_eval);
+}
+
+}  // namespace tarsier::cli

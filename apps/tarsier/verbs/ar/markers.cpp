@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/length.h"
+#include "tarsier/core/log.h"
+#include "tarsier/geometry/rotation.h"
+#include "tarsier/render/obj_io.h"
+
+#include <fmt/format.h>
+
+#include "framework/csv_table.h"
+#include "framework/on_event.h"
+#include "framework/run_session.h"
+#include "ui/planar/ar_session.h"
+#include "verbs/ar/ar.h"
+#include "verbs/pose/pose.h"
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+// More triangles than this are no live picture, and no object that stands on a marker needs them.
+constexpr int kMaxTriangles = 500'000;
+
+struct MarkersFlags {
+  RunFlags run;
+  std::string family = "36h11";
+  std::string size = "50mm";
+  std::string camera;
+  std::string backend = "own";
+  std::string draw = "ids";
+  std::string mesh;
+  std::string up = "y";
+  double scale = 1;
+  bool no_shadow = false;
+  std::string smooth = "one-euro";
+  std::string csv;
+  OnEventFlags on_event;
+  planar::MarkerTrackerOptions tracker;
+};
+
+// Of --csv: one row a marker and frame.
+constexpr const char* kColumns =
+    "frame,time,image,id,x,y,z,rx,ry,rz,error_px,ambiguity,x0,y0,x1,y1,x2,y2,x3,y3";
+
+std::string row_of(const Frame& frame, const planar::TrackedMarker& posed) {
+  std::string row = fmt::format("{},{:.3f},{},{}", frame.index, frame.time,
+                                csv_value(frame.still ? frame.name : ""), posed.marker.id);
+  if (posed.pose) {
+    const geometry::Rigid& pose = posed.pose->camera_from_marker;
+    const cv::Vec3d r = geometry::rotation_vector(pose.rotation);
+    for (const cv::Vec3d& v : {pose.translation, r})
+      row += fmt::format(",{:.6f},{:.6f},{:.6f}", v[0], v[1], v[2]);
+    row += fmt::format(",{:.3f},{:.3f}", posed.pose->rms_px, posed.pose->ambiguity);
+  } else {
+    row += ",,,,,,,,";
+  }
+  for (const Eigen::Vector2d& p : posed.marker.corners)
+    row += fmt::format(",{:.3f},{:.3f}", p.x(), p.y());
+  return row;
+}
+
+std::shared_ptr<const render::Mesh> read_thing(const std::string& path, planar::augment::Up up) {
+  render::ObjLimits limits;
+  limits.max_faces = kMaxTriangles;
+  const render::ObjFile file = render::read_obj(path, limits);
+  for (const std::string& note : file.notes) log_warning("{}", note);
+  const render::Bounds box = render::bounds_of(file.mesh);
+  if (cv::norm(box.high - box.low) <= 0) throw InputError(path, "all its points are one");
+  return std::make_shared<const render::Mesh>(planar::augment::standing(file.mesh, up));
+}
+
+planar::MarkerTracker tracker_of(const MarkersFlags& flags) {
+  planar::MarkerTrackerOptions options = flags.tracker;
+  options.families = {flags.family};
+  options.side = parse_length(flags.size, "--size");
+  if (flags.backend == "opencv") options.detector = planar::MarkerDetector::kOpencv;
+  options.track.smooth = flags.smooth != "none";
+  if (!flags.camera.empty()) options.camera = camera_of(flags.camera);
+  return planar::MarkerTracker::load(options);
+}
+
+ArSessionOptions drawing_of(const MarkersFlags& flags) {
+  ArSessionOptions options;
+  options.outlines = flags.draw == "ids" && flags.mesh.empty();
+  options.augment.scale = flags.scale;
+  options.augment.shadow = !flags.no_shadow;
+  options.augment.object =
+      planar::augment::object_named(flags.draw).value_or(planar::augment::Object::kNone);
+  if (!flags.mesh.empty()) {
+    options.augment.mesh =
+        read_thing(flags.mesh, flags.up == "z" ? planar::augment::Up::kZ : planar::augment::Up::kY);
+    options.augment.object = planar::augment::Object::kMesh;
+  }
+  return options;
+}
+
+std::string line_of(const planar::TrackedMarker& posed) {
+  if (!posed.pose) return fmt::format(" [{}: no pose]", posed.marker.id);
+  const cv::Vec3d& t = posed.pose->camera_from_marker.translation;
+  return fmt::format(" [{}: {:.3f} m away, at {:+.3f} {:+.3f} {:+.3f}]", posed.marker.id,
+                     cv::norm(t), t[0], t[1], t[2]);
+}
+
+ExitStatus run_markers(MarkersFlags& flags, Context& context) {
+  default_to_headless(flags.run);
+  const planar::MarkerTracker tracker = tracker_of(flags);
+  ArSessionOptions options = drawing_of(flags);
+  const bool guesses = !tracker.options().camera && tracker.options().focal_px <= 0;
+  bool has_told = false;
+  DebugFolder debug(context.debug_dir);
+  options.debug = debug.sink();
+  ArSession session(tracker, std::move(options));
+  std::optional<CsvTable> table;
+  if (!flags.csv.empty()) table.emplace(flags.csv, kColumns);
+  bool found = false;
+  OnEvent on_event(flags.on_event, context);
+  PresenceEvents events(on_event, "marker");
+  RunHooks hooks;
+  hooks.title = "markers";
+  hooks.debug = &debug;
+  hooks.after_frame = [&](const Frame& frame) {
+    if (guesses && !has_told) {
+      log_warning("no --camera: a focal length of {:.0f} px is guessed, distances err as it does",
+                  session.result().camera.fx);
+      has_told = true;
+    }
+    if (on_event) events.frame(frame, to_json(session.result()).at("markers"));
+    for (const planar::TrackedMarker& posed : session.result().markers) {
+      found = true;
+      if (table) table->add(row_of(frame, posed));
+    }
+    if (frame.still && !context.json && !context.quiet) {
+      const std::size_t count = session.result().markers.size();
+      print_text(fmt::format("{}: {} {}", frame.name, count, count == 1 ? "marker" : "markers"));
+      for (const planar::TrackedMarker& posed : session.result().markers)
+        print_text(line_of(posed));
+      print_text("\n");
+    }
+  };
+  hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
+    line.update(to_json(session.result()));
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  events.finish();
+  on_event.finish();
+  return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
+}
+
+void add_flags(Command& verb, MarkersFlags& flags) {
+  add_run_flags(verb, flags.run);
+  verb.add_option("--family", flags.family,
+                  "aruco-original (orig), 4x4_50 .. 7x7_1000, 16h5, 25h9, 36h10, 36h11")
+      .show_default();
+  verb.add_option("--size", flags.size, "side of the markers over their black frame: 50mm, 0.05")
+      .show_default();
+  Flag& camera = verb.add_option("--camera", flags.camera,
+                                 "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
+  verb.add_option("--focal", flags.tracker.focal_px,
+                  "focal length in px [the picture's larger side]")
+      .check(positive())
+      .excludes(camera);
+  verb.add_option("--backend", flags.backend, "own, or opencv to compare with")
+      .check(one_of({"own", "opencv"}))
+      .show_default();
+  verb.add_option("--csv", flags.csv,
+                  "table to write: frame, time, id, place (m), rotation vector, error, corners");
+  add_on_event_flags(verb, flags.on_event, "when a marker appears or is lost");
+  const auto drawing = [](Flag& flag) { flag.group("What is drawn"); };
+  Flag& draw = verb.add_option("--draw", flags.draw, "none, ids, axes or cube");
+  drawing(draw.check(one_of({"none", "ids", "axes", "cube"})).show_default());
+  Flag& mesh =
+      verb.add_option("--mesh", flags.mesh, "Wavefront file (.obj) that stands on the markers");
+  drawing(mesh.excludes(draw));
+  drawing(verb.add_option("--mesh-up", flags.up, "which of its axes is its height: y or z")
+              .check(one_of({"y", "z"}))
+              .needs(mesh)
+              .show_default());
+  drawing(verb.add_option("--scale", flags.scale, "of cube, axes or mesh, by the marker's side")
+              .check(range(0.01, 100.0))
+              .show_default());
+  drawing(verb.add_flag("--no-shadow", flags.no_shadow, "without shadows"));
+  const auto finding = [](Flag& flag) { flag.group("Detection"); };
+  finding(verb.add_option("--smooth", flags.smooth,
+                          "of videos: none or one-euro (steady when still, quick when moving)")
+              .check(one_of({"none", "one-euro"}))
+              .show_default());
+  finding(verb.add_option("--min-side", flags.tracker.detect.quads.min_side_px,
+                          "px, of the shortest side of a marker")
+              .check(range(4.0, 1000.0))
+              .show_default());
+  finding(verb.add_option("--min-correlation", flags.tracker.detect.decode.min_correlation,
+                          "how well the picture of a small marker must agree with it, 0..1")
+              .check(range(0.0, 1.0))
+              .show_default());
+}
+
+}  // namespace
+
+void add_ar_markers(Command& ar, Context& context) {
+  add_debug_flag(add_verb<MarkersFlags>(ar, "markers",
+                                        "finds printed markers, where they are, and draws "
+                                        "objects that stand on them",
+                                        context, add_flags, run_markers),
+                 context);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/length.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/geometry/camera_file.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/synth/planar_source.h"
+#include "tarsier/synth/planar_worlds.h"
+
+#include <fmt/format.h>
+
+#include "framework/size_flag.h"
+#include "verbs/ar/ar.h"
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kMinTarget = 80;  // px: smaller pictures have nothing to be known by
+
+struct SynthFlags {
+  std::string what;
+  std::string output;
+  int count = 20;
+  std::string size = "640x480";
+  std::vector<std::string> families{"36h11"};
+  std::string side = "10cm";
+  std::vector<std::string> pictures;
+  int posters = 3;
+  std::string level = "all";
+  const Flag* min_side = nullptr;
+  synth::StillOptions still;
+};
+
+std::vector<synth::PlanarLevel> levels_of(const std::string& name) {
+  using synth::PlanarLevel;
+  const std::vector<PlanarLevel> all{PlanarLevel::kEasy, PlanarLevel::kMedium, PlanarLevel::kHard};
+  std::vector<PlanarLevel> some;
+  std::copy_if(all.begin(), all.end(), std::back_inserter(some),
+               [&](PlanarLevel level) { return name == "all" || name_of(level) == name; });
+  return some;
+}
+
+// Those given, or posters that nobody painted; all written to OUT/targets/.
+std::vector<synth::PlanarPrint> targets_of(const SynthFlags& flags, const Context& context) {
+  std::vector<synth::PlanarPrint> prints;
+  if (flags.pictures.empty()) {
+    for (int i = 0; i < flags.posters; ++i) prints.push_back(synth::poster_print(i, context.seed));
+  }
+  for (const std::string& path : flags.pictures) {
+    synth::PlanarPrint print;
+    print.id = static_cast<int>(prints.size());
+    print.picture = read_image(path);
+    if (std::max(print.picture.cols, print.picture.rows) > 8192)
+      throw InputError(path, "a target's picture has at most 8192 px a side");
+    print.width = 0.2;
+    prints.push_back(std::move(print));
+  }
+  const fs::path folder = fs::path(flags.output) / "targets";
+  make_folder(folder.string());
+  for (synth::PlanarPrint& print : prints) {
+    const std::string name = fmt::format("t{}.png", print.id);
+    write_image((folder / name).string(), print.picture);
+    print.name = "targets/" + name;
+  }
+  return prints;
+}
+
+ExitStatus make_pictures(SynthFlags& flags, Context& context) {
+  const bool is_planar = flags.what == "planar";
+  flags.still.size = parse_size(flags.size, 64, 8192);
+  if (is_planar && flags.min_side->count() == 0) flags.still.min_side_px = kMinTarget;
+  if (flags.still.least > flags.still.most)
+    throw UsageError(
+        fmt::format("--min-markers {}, --max-markers {}", flags.still.least, flags.still.most));
+  if (flags.still.min_side_px > flags.still.max_side_px)
+    throw UsageError(fmt::format("--min-side {} px, --max-side {}", flags.still.min_side_px,
+                                 flags.still.max_side_px));
+  const double side = parse_length(flags.side, "--side");
+  for (const std::string& family : flags.families) (void)planar::markers::find_dictionary(family);
+  const fs::path folder = flags.output;
+  make_folder((folder / "images").string());
+  const std::vector<synth::PlanarPrint> prints =
+      is_planar ? targets_of(flags, context) : std::vector<synth::PlanarPrint>();
+  const std::vector<synth::PlanarLevel> levels = levels_of(flags.level);
+  const Rng seeds(context.seed);
+  std::string lines;
+  std::size_t shown = 0;
+  context.progress->begin("drawing", flags.count, "pictures");
+  for (int i = 0; i < flags.count; ++i) {
+    throw_if_stopped(context.stop);
+    const auto n = static_cast<std::size_t>(i);
+    const synth::PlanarLevel level = levels[n % levels.size()];
+    const std::string& family = flags.families[n / levels.size() % flags.families.size()];
+    const std::uint64_t seed = seeds.fork(n)();
+    const synth::PlanarStill still =
+        is_planar ? synth::print_still(prints, flags.still, level, seed)
+                  : synth::marker_still(planar::markers::find_dictionary(family), side, flags.still,
+                                        level, seed);
+    synth::TruthLine line;
+    line.family = family;
+    line.targets = is_planar;
+    line.image = fmt::format("images/{}_{:05}.jpg", is_planar ? "planar" : family, i);
+    write_image((folder / line.image).string(), still.picture, 95);
+    const std::string text = truth_line(line, still, prints);
+    lines += text + "\n";
+    shown += still.truth.size();
+    if (context.json) print_text(text + '\n');
+    context.progress->advance();
+  }
+  context.progress->end();
+  write_file_atomically((folder / "truth.jsonl").string(), lines);
+  if (!context.json && !context.quiet)
+    print_text(fmt::format("{}: {} pictures, {} {}, truth.jsonl\n", flags.output, flags.count,
+                           shown, is_planar ? "targets" : "markers"));
+  return ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, SynthFlags& flags) {
+  verb.add_option("what", flags.what, "markers or planar (pictures as targets)")
+      .required()
+      .check(one_of({"markers", "planar"}));
+  verb.add_option("-o,--output,output", flags.output, "folder").required();
+  verb.add_option("--count", flags.count, "pictures").check(range(1, 100000)).show_default();
+  verb.add_option("--size", flags.size, "of the pictures, px").show_default();
+  verb.add_option("--level", flags.level, "of light, blur and noise: easy, medium, hard or all")
+      .check(one_of({"easy", "medium", "hard", "all"}))
+      .show_default();
+  verb.add_option("--tilt", flags.still.tilt_deg, "degrees, at most")
+      .check(range(0.0, 80.0))
+      .show_default();
+  flags.min_side = &verb.add_option("--min-side", flags.still.min_side_px,
+                                    "px, of a marker or target seen straight; of targets [80]")
+                        .check(range(4.0, 8192.0))
+                        .show_default();
+  verb.add_option("--max-side", flags.still.max_side_px, "px; at most 0.6 of the picture's height")
+      .check(range(4.0, 8192.0))
+      .show_default();
+  verb.add_option("--hidden", flags.still.part_hidden,
+                  "share of markers that a hand or a bar hides in part")
+      .check(range(0.0, 1.0))
+      .show_default();
+  const auto markers = [](Flag& flag) { flag.group("Markers"); };
+  markers(verb.add_option("--family", flags.families, "of markers, several allowed")
+              .delimiter(',')
+              .show_default());
+  markers(verb.add_option("--side", flags.side, "of a marker over its black frame").show_default());
+  markers(verb.add_option("--min-markers", flags.still.least,
+                          "fewest markers in one image; their number is drawn at random")
+              .check(range(0, 16))
+              .show_default());
+  markers(verb.add_option("--max-markers", flags.still.most,
+                          "most markers in one image; their number is drawn at random")
+              .check(range(0, 16))
+              .show_default());
+  const auto planar = [](Flag& flag) { flag.group("Pictures as targets"); };
+  planar(verb.add_option("--picture", flags.pictures, "target, several allowed [posters]")
+             .delimiter(','));
+  planar(verb.add_option("--posters", flags.posters, "how many are drawn where none is given")
+             .check(range(1, 50))
+             .show_default());
+}
+
+}  // namespace
+
+void add_ar_synth(Command& ar, Context& context) {
+  add_verb<SynthFlags>(ar, "synth",
+                       "draws pictures of markers or of picture targets: images/, truth.jsonl",
+                       context, add_flags, make_pictures);
+}
+
+}  // namespace tarsier::cli

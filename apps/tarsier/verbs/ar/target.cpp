@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/length.h"
+#include "tarsier/core/log.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/planar/image_targets/quality.h"
+#include "tarsier/planar/image_targets/target_io.h"
+#include "tarsier/planar/image_targets/train.h"
+
+#include <fmt/format.h>
+
+#include "framework/csv_table.h"
+#include "framework/on_event.h"
+#include "framework/run_session.h"
+#include "framework/stopwatch.h"
+#include "ui/planar/target_session.h"
+#include "verbs/ar/ar.h"
+#include "verbs/pose/pose.h"
+#include <algorithm>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct TrainFlags {
+  std::string picture;
+  std::string output;
+  std::string width = "20cm";
+  std::string name;
+  std::string draw;
+  planar::image_targets::TrainOptions options;
+};
+
+ExitStatus run_train(TrainFlags& flags, Context& context) {
+  flags.options.width = parse_length(flags.width, "--width");
+  flags.options.seed = context.seed;
+  flags.options.check();
+  const cv::Mat picture = read_image(flags.picture);
+  const int shorter = std::min(picture.cols, picture.rows);
+  if (shorter < 32 || shorter * 8 < std::max(picture.cols, picture.rows)) {
+    throw InputError(flags.picture,
+                     fmt::format("is {} x {} px: sides of at least 32 px are needed, none more "
+                                 "than 8 times the other",
+                                 picture.cols, picture.rows));
+  }
+  const std::string name =
+      flags.name.empty() ? std::filesystem::path(flags.picture).stem().string() : flags.name;
+  const Stopwatch watch;
+  const planar::image_targets::Target trained =
+      planar::image_targets::train_target(picture, name, flags.options, context.stop);
+  const double seconds = watch.seconds();
+  planar::image_targets::write_target(
+      flags.output, trained,
+      {{"picture", flags.picture},
+       {"program", std::string("tarsier ") + std::string(version())},
+       {"seed", flags.options.seed},
+       {"trials", flags.options.trials}});
+  if (!flags.draw.empty()) write_image(flags.draw, planar::image_targets::draw_quality(trained));
+  const planar::image_targets::Quality& q = trained.quality;
+  if (context.json) {
+    Json line;
+    line["image"] = flags.picture;
+    line["target"] = flags.output;
+    line["name"] = trained.name;
+    line["width"] = trained.width;
+    line["height"] = trained.height;
+    line["features"] = trained.features.size();
+    line["rating"] = q.rating;
+    line["quality"] = {{"found", q.repeatable},
+                       {"features", q.features},
+                       {"spread", q.spread},
+                       {"distinct", q.distinct}};
+    line["reasons"] = q.reasons;
+    line["seconds"] = rounded(seconds, 2);
+    print_json(line);
+  } else if (!context.quiet) {
+    print_text(fmt::format("{}: {} features, rating {:.2f} (1 is best), print {:g} x {:.4g} m\n",
+                           flags.output, trained.features.size(), q.rating, trained.width,
+                           trained.height));
+    for (const std::string& reason : q.reasons) print_text("  " + reason + "\n");
+  }
+  // The file is written either way; a picture that cannot be found is worth a status.
+  return q.rating < 0.05 ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+struct FollowFlags {
+  RunFlags run;
+  std::vector<std::string> targets;
+  std::string camera;
+  std::string csv;
+  std::string draw = "box";
+  OnEventFlags on_event;
+  planar::TargetTrackerOptions tracker;
+};
+
+// Of --csv: one row a target and frame.
+constexpr const char* kColumns = "frame,time,id,confidence,x0,y0,x1,y1,x2,y2,x3,y3,tx,ty,tz,rms_px";
+
+std::string row_of(const Frame& frame, const planar::image_targets::TrackedTarget& seen) {
+  std::string row =
+      fmt::format("{},{:.3f},{},{:.3f}", frame.index, frame.time, seen.target, seen.confidence);
+  for (const cv::Point2d& c : seen.corners) row += fmt::format(",{:.3f},{:.3f}", c.x, c.y);
+  if (seen.pose) {
+    const cv::Vec3d& t = seen.pose->camera_from_plane.translation;
+    row += fmt::format(",{:.5f},{:.5f},{:.5f}", t[0], t[1], t[2]);
+  } else {
+    row += ",,,";
+  }
+  return row + fmt::format(",{:.3f}", seen.rms_px);
+}
+
+TargetOverlay overlay_of(const std::string& name) {
+  if (name == "outline") return TargetOverlay::kOutline;
+  if (name == "axes") return TargetOverlay::kAxes;
+  return name == "none" ? TargetOverlay::kNone : TargetOverlay::kBox;
+}
+
+ExitStatus run_follow(FollowFlags& flags, Context& context) {
+  default_to_headless(flags.run);
+  if (flags.targets.empty() && !opens_window(flags.run) && flags.run.actions.empty())
+    throw UsageError(
+        "--target: which files of `ar target-train` to look for (or --window, to "
+        "train a picture on the spot)");
+  TargetSessionOptions options;
+  options.train.trials = 8;  // on the spot a person waits
+  options.train.seed = context.seed;
+  options.overlay = overlay_of(flags.draw);
+  if (!flags.camera.empty()) flags.tracker.camera = camera_of(flags.camera);
+  const auto tracker = planar::TargetTracker::load(flags.targets, flags.tracker);
+  for (std::size_t i = 0; i < flags.targets.size(); ++i) {
+    const double rating = tracker.targets()[i].quality.rating;
+    if (rating < 0.3)
+      log_warning("{}: a poor target (rating {:.2f}): see `ar target-train --draw`",
+                  flags.targets[i], rating);
+  }
+  std::optional<CsvTable> table;
+  if (!flags.csv.empty()) table.emplace(flags.csv, kColumns);
+  DebugFolder debug(context.debug_dir);
+  options.debug = debug.sink();
+  TargetSession session(tracker, options);
+  bool found = false;
+  OnEvent on_event(flags.on_event, context);
+  PresenceEvents events(on_event, "target");
+  RunHooks hooks;
+  hooks.title = "targets";
+  hooks.debug = &debug;
+  hooks.after_frame = [&](const Frame& frame) {
+    const planar::TargetResult& result = session.result();
+    found = found || !result.seen.empty();
+    if (on_event) events.frame(frame, to_json(result).at("markers"));
+    for (const planar::image_targets::TrackedTarget& seen : result.seen)
+      if (table) table->add(row_of(frame, seen));
+    if (frame.still && !context.json && !context.quiet) {
+      print_text(frame.name + ":");
+      for (const planar::image_targets::TrackedTarget& seen : result.seen) {
+        const cv::Point2d middle = (seen.corners[0] + seen.corners[2]) * 0.5;
+        print_text(
+            fmt::format(" [{} at {:.0f},{:.0f}]", result.target_of(seen).name, middle.x, middle.y));
+      }
+      print_text(result.seen.empty() ? " none\n" : "\n");
+    }
+  };
+  hooks.describe = [&](const View&, Json& line) { line.update(to_json(session.result())); };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  events.finish();
+  on_event.finish();
+  return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
+}
+
+void add_train_flags(Command& verb, TrainFlags& flags) {
+  verb.add_option("picture", flags.picture, "the flat picture, seen squarely, without a margin")
+      .required();
+  verb.add_option("-o,--output", flags.output, "the target file: cover.target.json").required();
+  verb.add_option("--width", flags.width, "of the print: 20cm, 0.2m, 200mm").show_default();
+  verb.add_option("--name", flags.name, "what it is called [the picture's name]");
+  verb.add_option("--draw", flags.draw, "picture to write: how trackable it is, and where weak");
+  verb.add_option("--side", flags.options.longer_side,
+                  "px that the picture's longer side is reduced to, 64..2000")
+      .show_default();
+  verb.add_option("--trials", flags.options.trials,
+                  "random views that choose the features and rate the picture, 0..500")
+      .show_default();
+}
+
+void add_track_flags(Command& verb, FollowFlags& flags) {
+  add_run_flags(verb, flags.run);
+  verb.add_option("--target", flags.targets,
+                  "file of `ar target-train`; several, each after its own --target or one after "
+                  "the other: they are numbered from 0");
+  verb.add_option("--camera", flags.camera,
+                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]; without one "
+                  "there are no poses");
+  verb.add_option("--draw", flags.draw, "box, axes, outline or none (box and axes need a camera)")
+      .check(one_of({"box", "axes", "outline", "none"}))
+      .show_default();
+  verb.add_option("--csv", flags.csv,
+                  "table to write: frame, time, id, confidence, corners, place (m), error");
+  add_on_event_flags(verb, flags.on_event, "when a target appears or is lost");
+  const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
+  video(verb.add_option("--smooth", flags.tracker.track.steady_px,
+                        "px: motion below about this is smoothed over time; 0: none")
+            .show_default());
+  video(verb.add_option("--search-every", flags.tracker.track.detect_every,
+                        "frames between searches for targets that are missing while others are "
+                        "followed")
+            .show_default());
+  video(verb.add_option("--search-px", flags.tracker.track.search_px,
+                        "px, how far from its predicted place a target is searched")
+            .show_default());
+}
+
+}  // namespace
+
+void add_ar_target_train(Command& ar, Context& context) {
+  add_verb<TrainFlags>(ar, "target-train",
+                       "makes a target file of a picture, to be found and followed in others",
+                       context, add_train_flags, run_train);
+}
+
+void add_ar_target_track(Command& ar, Context& context) {
+  add_debug_flag(add_verb<FollowFlags>(ar, "target-track",
+                                       "finds trained pictures in pictures, "
+                                       "videos and cameras, and their poses",
+                                       context, add_track_flags, run_follow),
+                 context);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: MIT
+#include "verbs/calibrate/calibrate.h"
+
+#include "tarsier/core/length.h"
+#include "tarsier/core/log.h"
+#include "tarsier/geometry/camera_file.h"
+#include "tarsier/media/frame_source.h"
+
+#include <fmt/format.h>
+
+#include "framework/input_schemes.h"
+#include "framework/security_flags.h"
+#include "ui/planar/calibrate_session.h"
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+// Looks at every still, and at some frames of videos.
+planar::CalibratorState search(const CalibrateFlags& flags, const planar::Calibrator& calibrator,
+                               Context& context) {
+  planar::CalibratorState state;
+  for (const std::string& input : flags.run.inputs) {
+    const auto source = open_source(input, flags.run.source, input_schemes());
+    if (source->is_live()) {
+      throw UsageError(fmt::format("{}: is live, and others are not: give it alone", input));
+    }
+    calibrator.search(*source, state, *context.progress, context.stop);
+  }
+  if (state.images.empty()) throw InputError(flags.run.inputs.front(), "no picture came from it");
+  return state;
+}
+
+// Where no picture shows the board: what to look at.
+std::string hint_of(const planar::Calibrator& calibrator, const planar::CalibratorState& state) {
+  if (const auto other = calibrator.other_board(state))
+    return fmt::format("; a board of {0} inner corners is there: --board chess:{0}", *other);
+  return calibrator.options().board.kind == planar::calibration::BoardKind::kChess
+             ? "; chess:9x6 means 9 x 6 inner corners, one less than squares each way, and the "
+               "whole board with its white rim must be in the picture"
+             : "; all of the board must be in the picture (of charuco boards a part)";
+}
+
+// --- the session ---
+
+// Whether it is a window's or a camera's: then a person moves the board.
+bool is_session(const CalibrateFlags& flags) {
+  if (flags.run.window || flags.run.fullscreen || !flags.run.actions.empty()) return true;
+  for (const std::string& input : flags.run.inputs) {
+    const SourceKind kind = classify_source(input, input_schemes());
+    const bool is_live_scheme =
+        kind == SourceKind::kScheme &&
+        (input.starts_with("viewer:") || input.find("live=1") != std::string::npos);
+    if (kind == SourceKind::kCamera || kind == SourceKind::kPiCamera || kind == SourceKind::kHttp ||
+        kind == SourceKind::kFfmpegUrl || is_live_scheme) {
+      return true;
+    }
+  }
+  return false;
+}
+
+ExitStatus run_live(CalibrateFlags& flags, const planar::Calibrator& calibrator, Context& context) {
+  CalibrateSession session(calibrator);
+  RunHooks hooks;
+  hooks.title = "calibrate";
+  hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
+    for (const char* key : {"views", "coverage", "verdict", "calibrated", "rms", "fx"})
+      line[key] = view.state[key];
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  if (status != ExitStatus::kDone) return status;
+  if (session.state().views.empty()) {
+    log_warning("no view of the board {} was taken: no camera is written",
+                calibrator.options().board.text());
+    return ExitStatus::kNothingFound;
+  }
+  return finish_calibration(flags, calibrator.calibrate(session.state(), {}, context.stop),
+                            context);
+}
+
+// --- the verb ---
+
+ExitStatus run_calibrate(CalibrateFlags& flags, Context& context) {
+  const bool live = is_session(flags);
+  planar::CalibratorOptions options =
+      live ? planar::live_calibrator_options() : planar::CalibratorOptions();
+  options.board =
+      planar::calibration::parse_board(flags.board, parse_length(flags.square, "--square"));
+  options.calibrate = flags.lens_options;
+  options.calibrate.lens = geometry::lens_named(flags.lens).value();
+  options.calibrate.tangential = !flags.no_tangential;
+  options.collect.most = flags.max_views;
+  options.every = flags.run.every;
+  options.keep_images = !flags.draw.empty() || !flags.undistorted.empty();
+  const auto calibrator = planar::Calibrator::load(options);
+  if (live) return run_live(flags, calibrator, context);
+  const planar::CalibratorState state = search(flags, calibrator, context);
+  const std::string board = options.board.text();
+  const auto stills = static_cast<std::size_t>(std::ranges::count_if(
+      state.images, [](const planar::CalibrationImage& image) { return image.still; }));
+  if (state.views.empty()) {
+    log_warning("no board {} in {} {}{}", board, state.images.size(),
+                state.images.size() == 1 ? "picture" : "pictures", hint_of(calibrator, state));
+  }
+  const planar::CalibrationResult result = calibrator.calibrate(state, {}, context.stop);
+  if (state.views.empty()) {
+    if (context.json) print_images(result);
+    return ExitStatus::kNothingFound;
+  }
+  const auto boards = static_cast<std::size_t>(std::ranges::count_if(
+      result.views, [](const planar::calibration::BoardView& view) { return !view.empty(); }));
+  if (4 * boards <= stills) {
+    log_warning("the board {} is in {} of {} pictures only{}", board, boards, stills,
+                hint_of(calibrator, state));
+  }
+  return finish_calibration(flags, result, context);
+}
+
+void add_lens_flags(Command& verb, CalibrateFlags& flags) {
+  const auto lens = [](Flag& flag) { flag.group("Lens"); };
+  lens(verb.add_option("--lens", flags.lens,
+                       "pinhole (k1 k2 p1 p2 k3), rational (k1..k6 p1 p2), fisheye (k1..k4)")
+           .check(one_of({"pinhole", "rational", "fisheye"}))
+           .show_default());
+  lens(verb.add_option("--radial", flags.lens_options.radial,
+                       "radial numbers of a pinhole: 0..3; fewer for few views")
+           .check(range(0, 3))
+           .show_default());
+  lens(verb.add_flag("--no-tangential", flags.no_tangential, "p1 and p2 are 0"));
+  lens(verb.add_flag("--square-pixels", flags.lens_options.square_pixels, "fy is fx"));
+  lens(verb.add_option("--outlier", flags.lens_options.outlier,
+                       "a view that fits so many times worse than most is left out")
+           .check(range(2.0, 1e6))
+           .show_default());
+}
+
+void add_flags(Command& verb, CalibrateFlags& flags) {
+  flags.run.output = "none";
+  verb.add_option("INPUT", flags.run.inputs,
+                  "pictures, folders, globs, @list.txt, videos; a camera or URL: a session")
+      .required()
+      .type_name("");
+  verb.add_option("--board", flags.board,
+                  "chess:9x6 (inner corners), charuco:5x7:6x6_250, circles:4x11, circles-grid:7x6")
+      .required();
+  verb.add_option("--square", flags.square,
+                  "side of a square, distance of dots: 25mm, 2.5cm, 0.025")
+      .required();
+  verb.add_option("-o,--output", flags.output, "camera file to write (camera.yaml)");
+  verb.add_option("--format", flags.format, "of the camera file: tarsier, opencv, colmap")
+      .check(one_of({"tarsier", "opencv", "colmap"}))
+      .show_default();
+  verb.add_option("--csv", flags.csv, "table to write: one row a picture");
+  verb.add_option("--draw", flags.draw, "folder for pictures with their corners, and coverage.png");
+  verb.add_option("--undistorted", flags.undistorted, "folder for the pictures, straightened");
+  verb.add_option("--views", flags.max_views, "so many pictures of a video, at most")
+      .check(range(3, 500))
+      .show_default();
+  verb.add_option("--every", flags.run.every, "of videos: look at fewer frames, N times")
+      .check(range(1, 100000))
+      .show_default();
+  const auto live = [](Flag& flag) { flag.group("Session"); };
+  live(verb.add_flag("--window", flags.run.window,
+                     "a session in a window, which takes views by itself (h: keys)"));
+  live(verb.add_flag("--fullscreen", flags.run.fullscreen, "the window fills the screen"));
+  live(verb.add_option("--actions", flags.run.actions, "-: actions by name on stdin, one a line")
+           .check(one_of({"-"})));
+  live(verb.add_option("--frames", flags.run.frames, "stop after so many frames; 0: all")
+           .check(not_negative())
+           .show_default());
+  live(verb.add_option("--width", flags.run.source.width, "asked of a camera, px; 0: its choice")
+           .show_default());
+  live(verb.add_option("--height", flags.run.source.height, "px").show_default());
+  live(verb.add_option("--fps", flags.run.source.fps, "asked of a camera; 0: its own")
+           .show_default());
+  for (Flag* flag : add_security_flags(verb, flags.run.source.security)) live(*flag);
+  add_lens_flags(verb, flags);
+}
+
+}  // namespace
+
+void add_calibrate(Command& app, Context& context) {
+  add_verb<CalibrateFlags>(
+      app, "calibrate", "a camera's focal length, centre and distortion from pictures of a board",
+      context, add_flags, run_calibrate);
+}
+
+}  // namespace tarsier::cli

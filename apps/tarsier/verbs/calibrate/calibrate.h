@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/planar/pipelines/calibrator.h"
+
+#include "framework/cli.h"
+#include "framework/run_session.h"
+#include <string>
+
+namespace tarsier::cli {
+
+struct CalibrateFlags {
+  RunFlags run;  // its output is "none": -o is the camera
+  std::string board;
+  std::string square;
+  std::string output;
+  std::string lens = "pinhole";
+  std::string format = "tarsier";
+  std::string csv;
+  std::string undistorted;
+  std::string draw;
+  bool no_tangential = false;
+  planar::calibration::CalibrateOptions lens_options;
+  int max_views = 40;  // of a video or a camera
+};
+
+// The JSON line of each picture.
+void print_images(const planar::CalibrationResult& result);
+// Writes what the flags ask for, and reports: JSON lines, or a table for people. Throws InputError
+// where there is no camera.
+[[nodiscard]] ExitStatus finish_calibration(const CalibrateFlags& flags,
+                                            const planar::CalibrationResult& result,
+                                            Context& context);
+
+}  // namespace tarsier::cli

@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/geometry/camera_file.h"
+#include "tarsier/geometry/undistort.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/planar/calibration/draw_board.h"
+
+#include <fmt/format.h>
+
+#include "framework/csv_table.h"
+#include "verbs/calibrate/calibrate.h"
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using geometry::Camera;
+using planar::CalibrationImage;
+using planar::CalibrationResult;
+using planar::calibration::ViewReport;
+using planar::calibration::ViewState;
+using Json = nlohmann::ordered_json;
+
+std::string join(const std::vector<std::string>& words, const char* between) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : between) + word;
+  return text;
+}
+
+std::string shown_name(const CalibrationImage& picture) {
+  return picture.still ? printable(picture.name)
+                       : fmt::format("frame {} ({:.2f} s)", picture.index, picture.time);
+}
+
+void print_table(const CalibrationResult& result) {
+  std::string text;
+  int dull = 0;  // frames of videos that brought nothing
+  for (const CalibrationImage& picture : result.images) {
+    if (!picture.found) {
+      if (picture.still) {
+        text += fmt::format("{}: {}\n", shown_name(picture), picture.reason);
+      } else {
+        ++dull;
+      }
+      continue;
+    }
+    const ViewReport& report = result.calibration.views[picture.view];
+    text +=
+        fmt::format("{}: {} points, {:.3f} px, tilted by {:.0f} degrees{}{}\n", shown_name(picture),
+                    result.views[picture.view].points.size(), report.rms, report.tilt_deg,
+                    report.dropped > 0 ? fmt::format(", {} left out", report.dropped) : "",
+                    picture.reason.empty() ? "" : ": LEFT OUT, it " + picture.reason);
+  }
+  if (dull > 0) text += fmt::format("{} more frames brought nothing new\n", dull);
+  const Camera& c = result.calibration.camera;
+  const planar::calibration::Deviations& d = result.calibration.deviations;
+  text += fmt::format(
+      "\n{} lens, {}x{} px, from {} views: rms {:.3f} px\n"
+      "  fx {:.2f} +- {:.2f}   fy {:.2f} +- {:.2f} px\n"
+      "  cx {:.2f} +- {:.2f}   cy {:.2f} +- {:.2f} px\n",
+      name_of(c.lens), c.width, c.height, result.calibration.used, c.rms, c.fx, d.fx, c.fy, d.fy,
+      c.cx, d.cx, c.cy, d.cy);
+  static const std::map<geometry::Lens, std::vector<const char*>> kNames{
+      {geometry::Lens::kPinhole, {"k1", "k2", "p1", "p2", "k3"}},
+      {geometry::Lens::kRational, {"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"}},
+      {geometry::Lens::kFisheye, {"k1", "k2", "k3", "k4"}}};
+  std::size_t k = 0;
+  for (const char* name : kNames.at(c.lens)) {
+    text += fmt::format("  {} {:.5f} +- {:.5f}", name, c.distortion[k], d.distortion[k]);
+    ++k;
+    if (k == c.coefficients().size() || k % 3 == 0) text += '\n';
+  }
+  text += fmt::format("{:.0f} % of the picture is covered", 100 * result.coverage.share());
+  const auto missing = result.coverage.missing();
+  text += missing.empty() ? "\n" : fmt::format("; better with: {}\n", join(missing, ", "));
+  print_text(text);
+}
+
+void write_csv(const std::string& path, const CalibrationResult& result) {
+  std::string text = "picture,time,found,used,points,dropped,rms_px,tilt_deg,reason\n";
+  for (const CalibrationImage& picture : result.images) {
+    const ViewReport none;
+    const ViewReport& report = picture.found ? result.calibration.views[picture.view] : none;
+    text += fmt::format("{},{:.3f},{:d},{:d},{},{},{:.4f},{:.1f},{}\n",
+                        csv_value(picture.still ? picture.name : std::to_string(picture.index)),
+                        picture.time, picture.found, picture.reason.empty(),
+                        picture.found ? result.views[picture.view].points.size() : std::size_t{0},
+                        report.dropped, report.rms, report.tilt_deg, csv_value(picture.reason));
+  }
+  write_file_atomically(path, text);
+}
+
+// Pictures of one folder of output: no two of the same name.
+class Folder {
+ public:
+  explicit Folder(std::string path) : path_(std::move(path)) { make_folder(path_); }
+  std::string file(const CalibrationImage& picture, const char* ending) {
+    const std::string stem = picture.still ? fs::path(picture.name).stem().string().substr(0, 150)
+                                           : fmt::format("frame-{:06}", picture.index);
+    std::string name = stem;
+    for (int k = 2; !names_.insert(name).second; ++k) name = fmt::format("{}-{}", stem, k);
+    return (fs::path(path_) / (name + ending)).string();
+  }
+  [[nodiscard]] std::string plain(const char* name) const {
+    return (fs::path(path_) / name).string();
+  }
+
+ private:
+  std::string path_;
+  std::set<std::string> names_;
+};
+
+cv::Mat image_of(const CalibrationImage& picture) {
+  return picture.still ? read_image(picture.name) : picture.image.clone();
+}
+
+void draw_pictures(const std::string& path, const CalibrationResult& result, Context& context) {
+  constexpr double kErrorScale = 20;
+  Folder folder(path);
+  for (const CalibrationImage& picture : result.images) {
+    throw_if_stopped(context.stop);
+    if (!picture.found || result.views[picture.view].empty()) continue;
+    cv::Mat image = image_of(picture);
+    const planar::calibration::BoardView& view = result.views[picture.view];
+    draw_view(image, view, result.board);
+    const ViewReport& report = result.calibration.views[picture.view];
+    if (report.state != ViewState::kNoPose) {
+      draw_errors(image, view, result.board, result.calibration.camera, report.camera_from_board,
+                  kErrorScale);
+    }
+    write_image(folder.file(picture, ".png"), image);
+  }
+  write_image(folder.plain("coverage.png"),
+              coverage_picture(result.used_views(), result.coverage, 960));
+}
+
+void straighten_pictures(const std::string& path, const CalibrationResult& result,
+                         Context& context) {
+  const Camera& camera = result.calibration.camera;
+  const Camera straight = geometry::undistorted_camera(camera);
+  const geometry::Straightener straighten(camera, straight);
+  Folder folder(path);
+  for (const CalibrationImage& picture : result.images) {
+    throw_if_stopped(context.stop);
+    if (picture.still ? !picture.found : picture.image.empty()) continue;
+    const cv::Mat image = image_of(picture);
+    if (image.size() != result.size) continue;
+    write_image(folder.file(picture, ".png"), straighten(image));
+  }
+  geometry::write_camera_file(folder.plain("camera.yaml"), straight);
+}
+
+}  // namespace
+
+void print_images(const CalibrationResult& result) {
+  for (const CalibrationImage& picture : result.images) print_json(to_json(result, picture));
+}
+
+ExitStatus finish_calibration(const CalibrateFlags& flags, const CalibrationResult& result,
+                              Context& context) {
+  if (context.json) print_images(result);
+  if (!result.ok()) throw InputError(flags.run.inputs.front(), result.calibration.refusal);
+  if (!flags.output.empty()) {
+    const auto format = flags.format == "opencv"   ? geometry::CameraFormat::kOpencv
+                        : flags.format == "colmap" ? geometry::CameraFormat::kColmap
+                                                   : geometry::CameraFormat::kTarsier;
+    geometry::write_camera_file(flags.output, result.calibration.camera, format);
+  }
+  if (!flags.csv.empty()) write_csv(flags.csv, result);
+  if (!flags.draw.empty()) draw_pictures(flags.draw, result, context);
+  for (const std::string& warning : result.calibration.warnings) log_warning("{}", warning);
+  if (context.json) {
+    Json line{{"camera", flags.output.empty() ? Json(nullptr) : Json(flags.output)}};
+    line.update(to_json(result));
+    print_json(line);
+  } else if (!context.quiet) {
+    print_table(result);
+  }
+  // Last: a lens that cannot be undone at the border is an error, of the pictures alone.
+  if (!flags.undistorted.empty()) straighten_pictures(flags.undistorted, result, context);
+  return ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/cartoon/cartoonizer.h"
+#include "tarsier/core/timer.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "framework/cli.h"
+#include "framework/run_session.h"
+#include "ui/cartoon/cartoon_session.h"
+#include <array>
+#include <charconv>
+#include <cstdio>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+using cartoon::CartoonOptions;
+
+struct NamedColor {
+  const char* name;
+  std::array<int, 3> rgb;
+};
+// About as strong as the default: they are added to the skin (glow), or give it their hue (tint).
+constexpr NamedColor kColors[] = {
+    {"green", {0, 70, 0}},   {"blue", {0, 0, 90}},    {"red", {80, 0, 0}},
+    {"yellow", {60, 60, 0}}, {"cyan", {0, 60, 60}},   {"magenta", {70, 0, 70}},
+    {"orange", {80, 40, 0}}, {"purple", {45, 0, 80}}, {"pink", {80, 20, 50}},
+    {"white", {60, 60, 60}},
+};
+
+struct CartoonFlags {
+  RunFlags run;
+  CartoonOptions options;
+  std::string save_folder = ".";
+  bool timings = false;
+  // As typed; parsed into `options` when the verb runs.
+  std::string mode{cartoon::name_of(CartoonOptions().mode)};
+  std::string quality{cartoon::name_of(CartoonOptions().quality)};
+  std::string evil_axes = CartoonOptions().evil.both_axes ? "xy" : "x";
+  std::string skin_color = "green";
+  std::string skin_style =
+      CartoonOptions().skin.style == cartoon::SkinStyle::kGlow ? "glow" : "tint";
+  std::string face = CartoonOptions().skin.face == cartoon::FaceMode::kOutline ? "outline" : "auto";
+  std::string skin_lower = fmt::format("{}", fmt::join(CartoonOptions().skin.lower, ","));
+  std::string skin_upper = fmt::format("{}", fmt::join(CartoonOptions().skin.upper, ","));
+};
+
+// Three numbers 0..255, "60,25,20".
+std::array<int, 3> parse_triple(std::string_view flag, std::string_view text) {
+  std::array<int, 3> numbers{};
+  const char* at = text.data();
+  const char* end = at + text.size();
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
+    const auto [after, error] = std::from_chars(at, end, numbers[i]);
+    const bool last = i + 1 == numbers.size();
+    if (error != std::errc() || numbers[i] < 0 || numbers[i] > 255 ||
+        (last ? after != end : after == end) || (!last && *after != ',')) {
+      throw UsageError(
+          fmt::format("{} '{}': three numbers 0..255 are expected, as in 60,25,20", flag, text));
+    }
+    at = after + 1;
+  }
+  return numbers;
+}
+
+// A name, #rrggbb or r,g,b.
+cv::Scalar parse_color(std::string_view flag, std::string_view text) {
+  std::vector<std::string_view> names;
+  for (const NamedColor& color : kColors) {
+    if (text == color.name) return {1.0 * color.rgb[2], 1.0 * color.rgb[1], 1.0 * color.rgb[0]};
+    names.emplace_back(color.name);
+  }
+  if (text.size() == 7 && text[0] == '#') {
+    unsigned value = 0;
+    const auto [after, error] = std::from_chars(text.data() + 1, text.data() + 7, value, 16);
+    if (error == std::errc() && after == text.data() + 7) {
+      return {1.0 * (value & 255), 1.0 * (value >> 8 & 255), 1.0 * (value >> 16 & 255)};
+    }
+  } else if (text.find(',') != std::string_view::npos) {
+    const std::array<int, 3> rgb = parse_triple(flag, text);
+    return {1.0 * rgb[2], 1.0 * rgb[1], 1.0 * rgb[0]};
+  }
+  throw UsageError(fmt::format("{} '{}': expected #rrggbb, r,g,b or one of {}", flag, text,
+                               fmt::join(names, ", ")));
+}
+
+void add_cartoon_flags(Command& verb, CartoonFlags& flags) {
+  add_run_flags(verb, flags.run);
+  CartoonOptions& options = flags.options;
+  std::vector<std::string_view> modes;
+  for (const cartoon::Mode mode : cartoon::all_modes()) modes.push_back(cartoon::name_of(mode));
+  verb.add_option("--mode", flags.mode, fmt::format("{}", fmt::join(modes, " "))).show_default();
+  verb.add_option("--quality", flags.quality,
+                  "reference: the definition; fast: the same picture; draft: for small machines")
+      .show_default();
+  verb.add_flag("--steady", options.steady.on, "fewer flickering lines in videos");
+  verb.add_option("--save-dir", flags.save_folder, "folder for pictures saved with w")
+      .show_default();
+  verb.add_flag("--timings", flags.timings, "table of the time of each stage on stderr at the end");
+
+  const auto lines = [](Flag& flag) { flag.show_default().group("Lines"); };
+  lines(verb.add_option("--sketch-threshold", options.sketch.threshold,
+                        "0..255, of the Laplacian; higher: fewer lines"));
+  lines(verb.add_option("--sketch-median", options.sketch.median_size, "px, odd, 3..7"));
+  lines(
+      verb.add_option("--sketch-laplacian", options.sketch.laplacian_size, "aperture: 1, 3, 5, 7"));
+  lines(verb.add_flag("--pepper,!--no-pepper", options.sketch.remove_pepper, "remove single dots")
+            .show_default(options.sketch.remove_pepper ? "on" : "off"));
+  lines(verb.add_option("--evil-axes", flags.evil_axes, "x or xy").check(one_of({"x", "xy"})));
+  lines(verb.add_option("--evil-threshold", options.evil.threshold,
+                        "0..255, of the Scharr gradient"));
+  lines(verb.add_option("--evil-median", options.evil.median_size, "px, odd, 1 (none)..7"));
+  lines(verb.add_option("--steady-hysteresis", options.steady.hysteresis,
+                        "share of a threshold either side of it, 0..0.9"));
+  lines(verb.add_option("--steady-motion", options.steady.motion,
+                        "grey levels that count as moved, 1..255"));
+  lines(verb.add_option("--steady-memory", options.steady.memory, "frames, 1..16"));
+
+  const auto paint = [](Flag& flag) { flag.show_default().group("Painting"); };
+  paint(verb.add_option("--paint-rounds", options.paint.rounds,
+                        "of two bilateral filters each, 0..50"));
+  paint(verb.add_option("--paint-diameter", options.paint.diameter, "px, odd, 3..15"));
+  paint(verb.add_option("--paint-sigma-color", options.paint.sigma_color, "grey levels, (0, 255]"));
+  paint(verb.add_option("--paint-sigma-space", options.paint.sigma_space, "px, (0, 100]"));
+
+  const auto skin = [](Flag& flag) { flag.show_default().group("Skin (alien, smooth)"); };
+  skin(verb.add_option("--skin-color", flags.skin_color, "a name, #rrggbb or r,g,b"));
+  skin(verb.add_option("--skin-style", flags.skin_style, "glow: added; tint: hue only")
+           .check(one_of({"glow", "tint"})));
+  skin(verb.add_option("--face", flags.face,
+                       "outline: the user puts the face there; auto: faces are found")
+           .check(one_of({"outline", "auto"})));
+  skin(verb.add_option("--skin-lower", flags.skin_lower, "Y',Cr,Cb below the seed, each 0..255"));
+  skin(verb.add_option("--skin-upper", flags.skin_upper, "Y',Cr,Cb above the seed, each 0..255"));
+  skin(verb.add_option("--skin-edge-threshold", options.skin.edge_threshold,
+                       "0..255, of the half-size Laplacian"));
+  skin(verb.add_option("--skin-distance", options.skin.learned_distance,
+                       "auto: Mahalanobis distance that is still skin, (0, 10]"));
+}
+
+CartoonOptions parsed_options(const CartoonFlags& flags) {
+  CartoonOptions options = flags.options;
+  options.mode = cartoon::parse_mode(flags.mode);
+  options.quality = cartoon::parse_quality(flags.quality);
+  options.evil.both_axes = flags.evil_axes == "xy";
+  options.skin.color = parse_color("--skin-color", flags.skin_color);
+  options.skin.style =
+      flags.skin_style == "tint" ? cartoon::SkinStyle::kTint : cartoon::SkinStyle::kGlow;
+  options.skin.face = flags.face == "auto" ? cartoon::FaceMode::kAuto : cartoon::FaceMode::kOutline;
+  options.skin.lower = parse_triple("--skin-lower", flags.skin_lower);
+  options.skin.upper = parse_triple("--skin-upper", flags.skin_upper);
+  return options;
+}
+
+ExitStatus run_cartoon(const CartoonFlags& flags, Context& context) {
+  Timers timers;
+  DebugFolder debug(context.debug_dir);
+  CartoonSessionOptions options;
+  options.save_folder = flags.save_folder;
+  options.overlay = opens_window(flags.run);
+  options.debug = debug.sink();
+  if (flags.timings) options.timers = &timers;
+  CartoonSession session(cartoon::Cartoonizer::load(ModelStore::find(), parsed_options(flags)),
+                         options);
+
+  RunHooks hooks;
+  hooks.title = "cartoon";
+  hooks.debug = &debug;
+  hooks.describe = [](const View& view, nlohmann::ordered_json& line) {
+    for (const char* key : {"mode", "ms", "faces"}) line[key] = view.state.at(key);
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  if (flags.timings) {
+    const std::string report = timers.report();
+    std::fwrite(report.data(), 1, report.size(), stderr);
+  }
+  return status;
+}
+
+}  // namespace
+
+void add_cartoon(Command& app, Context& context) {
+  Command& area = app.add_subcommand("cartoon", "cartoons of pictures, videos and live cameras");
+  area.require_subcommand(1);
+  add_debug_flag(add_verb<CartoonFlags>(area, "run", "draw each picture of INPUT", context,
+                                        add_cartoon_flags, run_cartoon),
+                 context);
+}
+
+}  // namespace tarsier::cli

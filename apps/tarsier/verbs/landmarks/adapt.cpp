@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/landmarks/adapt.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/media/model_store.h"
+
+#include <fmt/format.h>
+
+#include "framework/stopwatch.h"
+#include "verbs/landmarks/landmarks.h"
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace tarsier::cli {
+namespace {
+
+struct AdaptFlags {
+  SetFlags set;
+  std::string base;
+  std::string output;
+  std::string terms;
+  double ridge = 0;
+  int hold_out = 0;
+  face::landmarks::AdaptOptions options;
+};
+
+nlohmann::json provenance(const AdaptFlags& flags, const std::string& base,
+                          const face::landmarks::AdaptedModel& adapted, const Context& context) {
+  const std::string terms = "those of " + std::filesystem::path(base).filename().string();
+  return {{"program", fmt::format("tarsier {}", version())},
+          {"seed", context.seed},
+          {"adapted_from", std::filesystem::path(base).filename().string()},
+          {"data", std::filesystem::path(flags.set.input).filename().string()},
+          {"samples", adapted.faces},
+          {"ridge", adapted.ridge},
+          {"terms", flags.terms.empty() ? terms : terms + "; " + flags.terms}};
+}
+
+std::string text_of(const AdaptFlags& flags, const face::landmarks::AdaptedModel& adapted,
+                    double seconds) {
+  std::string text = fmt::format("{}: {} {}, ridge {:g}", flags.output, adapted.faces,
+                                 adapted.faces == 1 ? "picture" : "pictures", adapted.ridge);
+  if (adapted.before > 0) {
+    text += fmt::format("; on pictures left out {:.2f} % of the face's size, the base {:.2f} %",
+                        100 * adapted.after, 100 * adapted.before);
+  }
+  return text + fmt::format("; {} s\n", seconds);
+}
+
+ExitStatus adapt(AdaptFlags& flags, Context& context) {
+  const Stopwatch watch;
+  const std::string base = ModelStore::find().path_or(flags.base, "landmarks68.json");
+  const face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(base);
+  if (!model.trees && !model.descent) {
+    throw ModelError(base, "has neither trees nor sdm, which are what is adapted");
+  }
+  const face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
+  flags.options.seed = context.seed;
+  if (flags.ridge > 0) flags.options.ridge = flags.ridge;
+  const face::landmarks::AdaptedModel adapted = face::landmarks::adapt_landmark_model(
+      model, set, "", flags.options, *context.progress, context.stop);
+  for (const std::string& skipped : adapted.skipped) log_warning("{}; left out", skipped);
+  if (adapted.kept)
+    log_warning("{}: the base is as good on pictures left out: nothing was changed", base);
+  face::landmarks::write_landmark_model(flags.output, adapted.model,
+                                        provenance(flags, base, adapted, context));
+  const double seconds = rounded(watch.seconds(), 1);
+  if (context.json) {
+    nlohmann::ordered_json line = {{"output", flags.output},
+                                   {"faces", adapted.faces},
+                                   {"ridge", adapted.ridge},
+                                   {"chosen", adapted.chosen},
+                                   {"kept", adapted.kept}};
+    if (adapted.before > 0) {
+      line["before"] = rounded(adapted.before, 5);
+      line["after"] = rounded(adapted.after, 5);
+    }
+    line["seconds"] = seconds;
+    print_json(line);
+  } else if (!context.quiet) {
+    print_text(text_of(flags, adapted, seconds));
+  }
+  return ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, AdaptFlags& flags) {
+  add_set_flags(verb, flags.set);
+  verb.add_option("--model,--base", flags.base,
+                  "model to start from [landmarks68.json, which ships]");
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--ridge", flags.ridge,
+                  "how much the base is trusted, in pictures; 0: the best on pictures left out "
+                  "where there are three at least, else 0.3")
+      .check(range(0.0, 1e6))
+      .show_default();
+  verb.add_option("--starts", flags.options.starts, "scattered around each face")
+      .check(range(4, 200))
+      .show_default();
+  verb.add_option("--hold-out", flags.hold_out,
+                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
+      .check(range(0, 1000000))
+      .show_default();
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+}
+
+}  // namespace
+
+void add_landmarks_adapt(Command& area, Context& context) {
+  add_verb<AdaptFlags>(area, "adapt",
+                       "adapts a model to one person or camera, from a few annotated pictures",
+                       context, add_flags, adapt);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,259 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/landmarks/detection.h"
+#include "tarsier/face/landmarks/evaluation.h"
+#include "tarsier/face/landmarks/faces_json.h"
+#include "tarsier/face/landmarks/person_study.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+
+#include "framework/stopwatch.h"
+#include "verbs/landmarks/engine.h"
+#include "verbs/landmarks/landmarks.h"
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+struct EvalFlags {
+  SetFlags set;
+  LandmarkFlags landmarks;
+  int held_out = 0;
+  std::string results;
+  std::string output;
+  std::string csv;
+  std::vector<int> eyes;
+  bool by_person = false;
+  bool detection = false;
+  bool worst = false;
+};
+
+std::array<int, 2> eyes_of(const EvalFlags& flags, const face::shape::LandmarkSet& set) {
+  if (!flags.eyes.empty()) {
+    const std::array<int, 2> eyes{flags.eyes[0], flags.eyes[1]};
+    for (const int eye : eyes) {
+      if (eye < 0 || eye >= set.points()) {
+        throw UsageError(fmt::format("--eyes {}: the set has points 0..{}", eye, set.points() - 1));
+      }
+    }
+    return eyes;
+  }
+  const auto markup = face::shape::known_markup(set.points());
+  if (!markup || markup->outer_eyes[0] < 0) {
+    throw UsageError(
+        fmt::format("--eyes A,B: a set of {} points is not known; name the two outer "
+                    "eye corners",
+                    set.points()));
+  }
+  return markup->outer_eyes;
+}
+
+nlohmann::ordered_json json_of(const face::landmarks::LandmarkScore& score) {
+  return {{"faces", score.faces},
+          {"missed", score.missed},
+          {"wrong", score.wrong},
+          {"nme_mean", rounded(score.mean, 4)},
+          {"nme_median", rounded(score.median, 4)},
+          {"nme_p90", rounded(score.p90, 4)},
+          {"failures", rounded(score.failures, 4)},
+          {"auc_8", rounded(score.auc, 4)},
+          {"bias_x", rounded(score.dx, 4)},
+          {"bias_y", rounded(score.dy, 4)}};
+}
+
+std::string text_of(const face::landmarks::LandmarkScore& score) {
+  return fmt::format(
+      "{} faces, {} not found, {} another face; NME mean {:.2f} %, median {:.2f} %, p90 {:.2f} %; "
+      "above 8 % or not found {:.1f} %; AUC up to 8 % {:.3f}; bias x {:+.2f} %, y {:+.2f} %\n",
+      score.faces, score.missed, score.wrong, score.mean, score.median, score.p90,
+      100 * score.failures, score.auc, score.dx, score.dy);
+}
+
+ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet& set,
+                         Context& context) {
+  const face::landmarks::PersonStudy study = face::landmarks::study_persons(
+      set, eyes_of(flags, set), context.seed, *context.progress, context.stop);
+  for (const face::landmarks::PersonStudy::Row& row : study.rows) {
+    if (context.json) {
+      nlohmann::ordered_json line = {{"person", row.person},
+                                     {"trained", row.trained},
+                                     {"tested", row.tested},
+                                     {"generic", row.generic},
+                                     {"specific", row.specific}};
+      print_json(line);
+    } else {
+      print_text(
+          fmt::format("{}: generic {:.2f} %, person-specific {:.2f} % ({} pictures train, {} "
+                      "test)\n",
+                      row.person, row.generic, row.specific, row.trained, row.tested));
+    }
+  }
+  const double gain = 1 - study.specific / study.generic;
+  if (context.json) {
+    nlohmann::ordered_json line = {
+        {"generic", study.generic}, {"specific", study.specific}, {"gain", rounded(gain, 4)}};
+    print_json(line);
+  } else {
+    print_text(fmt::format("generic {:.2f} %, person-specific {:.2f} %: {:.0f} % less error\n",
+                           study.generic, study.specific, 100 * gain));
+  }
+  return ExitStatus::kDone;
+}
+
+// Boxes alone.
+ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
+  const std::vector<face::shape::BoxedPicture> pictures =
+      load_boxes(flags.set, flags.held_out, Part::kHeldOut);
+  const face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks);
+  face::landmarks::FaceFinder finder = tracker.detector().make_finder();
+  face::landmarks::DetectionJudge judge;
+  context.progress->begin("detecting", static_cast<std::int64_t>(pictures.size()), "pictures");
+  for (const face::shape::BoxedPicture& picture : pictures) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    try {
+      const cv::Mat gray = read_gray_image(picture.image);
+      const Stopwatch watch;
+      const std::vector<face::landmarks::Candidate> found = finder.find_sure(gray);
+      const double ms = watch.ms();
+      judge.add(tracker.model(), finder, found, picture, ms);
+    } catch (const InputError& error) {
+      log_warning("{}; left out", error.what());
+    }
+  }
+  context.progress->end();
+  const face::landmarks::DetectionScore score = judge.score();
+  const double rate = static_cast<double>(score.found) / std::max(1, score.objects);
+  if (context.json) {
+    const nlohmann::ordered_json line = {{"pictures", score.pictures},
+                                         {"objects", score.objects},
+                                         {"found", score.found},
+                                         {"rate", rounded(rate, 4)},
+                                         {"false_alarms", score.false_alarms},
+                                         {"off", rounded(score.off, 4)},
+                                         {"ms", rounded(score.ms, 2)}};
+    print_json(line);
+  } else {
+    print_text(fmt::format(
+        "{} of {} found ({:.1f} %), off by {:.1f} % of the box; {} false alarms in {} pictures\n",
+        score.found, score.objects, 100 * rate, 100 * score.off, score.false_alarms,
+        score.pictures));
+  }
+  return score.found == 0 ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+ExitStatus run_eval(EvalFlags& flags, Context& context) {
+  if (flags.detection) return judge_detection(flags, context);
+  const face::shape::LandmarkSet set =
+      face::shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
+  if (set.samples.empty()) throw InputError(flags.set.input, "no complete sample is left to judge");
+  if (flags.by_person) return study_persons(flags, set, context);
+  const std::array<int, 2> eyes = eyes_of(flags, set);
+
+  std::optional<face::LandmarkTracker> tracker;
+  face::LandmarkState state;
+  face::landmarks::FaceLines given;
+  if (flags.results.empty()) {
+    tracker.emplace(load_landmark_tracker(flags.landmarks));
+    if (tracker->model().points() != set.points()) {
+      throw InputError(flags.set.input, fmt::format("has {} points, the model {}", set.points(),
+                                                    tracker->model().points()));
+    }
+  } else {
+    given = face::landmarks::read_face_lines(flags.results);
+  }
+  std::vector<face::landmarks::FitOutcome> outcomes;
+  std::string lines;
+  double milliseconds = 0;
+  context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "faces");
+  for (const face::shape::LandmarkSample& sample : set.samples) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    std::optional<Eigen::Matrix2Xd> points;
+    double ms = 0;
+    if (tracker) {
+      Frame frame;
+      frame.still = true;
+      try {
+        frame.image = read_gray_image(sample.image);
+      } catch (const InputError& error) {
+        log_warning("{}; left out", error.what());
+        continue;
+      }
+      const face::LandmarkResult result = tracker->process(frame, state);
+      ms = result.ms;
+      milliseconds += ms;
+      if (!result.faces.empty()) points = result.faces.front().points;
+      nlohmann::ordered_json line{{"image", sample.image}};
+      line.update(to_json(result));
+      lines += json_text(line) + "\n";
+    } else {
+      points = given.find(sample.image, set.points());
+    }
+    face::landmarks::FitOutcome outcome = face::landmarks::judge(points, sample.points, eyes);
+    outcome.image = sample.image;
+    outcome.person = sample.person;
+    outcome.ms = ms;
+    outcomes.push_back(std::move(outcome));
+  }
+  context.progress->end();
+  if (!flags.output.empty()) write_file_atomically(flags.output, lines);
+  if (!flags.csv.empty()) {
+    std::string table = "image,nme,missed,wrong,dx,dy,ms\n";
+    for (const face::landmarks::FitOutcome& o : outcomes) {
+      table += fmt::format("{},{:.4f},{:d},{:d},{:.4f},{:.4f},{:.2f}\n", o.image, o.nme, o.missed,
+                           o.wrong, o.dx, o.dy, o.ms);
+    }
+    write_file_atomically(flags.csv, table);
+  }
+  const face::landmarks::LandmarkScore score = face::landmarks::score_of(outcomes);
+  if (context.json) {
+    nlohmann::ordered_json line = json_of(score);
+    if (tracker) line["ms"] = rounded(milliseconds / std::max(1, score.faces), 2);
+    print_json(line);
+  } else {
+    print_text(text_of(score));
+  }
+  return score.missed == score.faces ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, EvalFlags& flags) {
+  add_set_flags(verb, flags.set);
+  add_landmark_flags(verb, flags.landmarks);
+  verb.add_option("--held-out", flags.held_out,
+                  "only every N-th sample (those that `train --hold-out N` left out); 0: all")
+      .check(range(0, 1000000))
+      .show_default();
+  verb.add_option("--results", flags.results,
+                  "judge these JSON lines {\"image\",\"points\"} or {\"image\",\"faces\"} instead "
+                  "of running a model");
+  verb.add_option("-o,--output", flags.output, "file for the fitted points, JSON lines");
+  verb.add_option("--csv", flags.csv, "table to write, one row an image");
+  verb.add_option("--eyes", flags.eyes,
+                  "the two points whose distance is the unit [outer eye corners of known markups]")
+      .delimiter(',')
+      .expected(2);
+  verb.add_flag("--by-person", flags.by_person,
+                "study: descent trained on other people against descent trained on the first half "
+                "of the person's own pictures");
+  verb.add_flag("--detection", flags.detection,
+                "judge where faces are found, not their points; SET may be a dlib .xml of boxes");
+}
+
+}  // namespace
+
+void add_landmarks_eval(Command& area, Context& context) {
+  add_verb<EvalFlags>(area, "eval", "measures accuracy on annotated pictures", context, add_flags,
+                      run_eval);
+}
+
+}  // namespace tarsier::cli

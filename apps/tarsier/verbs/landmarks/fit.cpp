@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+
+#include <fmt/format.h>
+
+#include "framework/csv_table.h"
+#include "framework/run_session.h"
+#include "ui/face/landmark_session.h"
+#include "verbs/landmarks/engine.h"
+#include "verbs/landmarks/landmarks.h"
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <utility>
+
+namespace tarsier::cli {
+namespace {
+
+const double kUsualGain = face::landmarks::SteadyOptions{}.gain;
+
+struct FitFlags {
+  RunFlags run;
+  LandmarkFlags landmarks;
+  face::landmarks::TrackerOptions tracker;
+  std::string csv;
+  double smooth = -1;
+  bool follows = false;  // the verb is `track`
+};
+
+// Of --csv: one row a face and frame.
+std::string columns(int points) {
+  std::string names = "frame,time,face,score";
+  for (int p = 0; p < points; ++p) names += fmt::format(",x{0},y{0}", p);
+  return names;
+}
+
+std::string row_of(const Frame& frame, const face::landmarks::TrackedFace& face) {
+  std::string row =
+      fmt::format("{},{:.3f},{},{:.3f}", frame.index, frame.time, face.id, face.score);
+  for (Eigen::Index p = 0; p < face.points.cols(); ++p) {
+    row += fmt::format(",{:.2f},{:.2f}", face.points(0, p), face.points(1, p));
+  }
+  return row;
+}
+
+ExitStatus run_fit(FitFlags& flags, Context& context) {
+  if (flags.smooth >= 0) {
+    flags.tracker.smoothing = flags.smooth > 0;
+    if (flags.smooth > 0) flags.tracker.filter.gain = std::min(1.0, kUsualGain / flags.smooth);
+  }
+  flags.tracker.check();
+  default_to_headless(flags.run);
+  face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks, flags.tracker);
+  std::optional<CsvTable> csv;
+  if (!flags.csv.empty()) csv.emplace(flags.csv, columns(tracker.model().points()));
+  DebugFolder debug(context.debug_dir);
+  LandmarkSession session(std::move(tracker), debug.sink());
+  bool found = false;
+  RunHooks hooks;
+  hooks.title = "landmarks";
+  hooks.debug = &debug;
+  hooks.after_frame = [&](const Frame& frame) {
+    for (const face::landmarks::TrackedFace& face : session.result().faces) {
+      found = true;
+      if (csv) csv->add(row_of(frame, face));
+    }
+    if (frame.still && !context.json && !context.quiet) {
+      print_text(fmt::format("{}: {} {}", frame.name, session.result().faces.size(),
+                             session.result().faces.size() == 1 ? "face" : "faces"));
+      for (const face::landmarks::TrackedFace& face : session.result().faces) {
+        print_text(fmt::format(" [{:.0f},{:.0f} {:.0f}x{:.0f} {:.2f}]", face.box.x, face.box.y,
+                               face.box.width, face.box.height, face.score));
+      }
+      print_text("\n");
+    }
+  };
+  hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
+    line.update(to_json(session.result()));
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
+}
+
+void add_flags(Command& verb, FitFlags& flags) {
+  add_run_flags(verb, flags.run);
+  add_landmark_flags(verb, flags.landmarks);
+  verb.add_option("--csv", flags.csv, "table to write: frame, time, face, score, points");
+  const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
+  video(verb.add_option(
+      "--smooth", flags.smooth,
+      "how much points at rest are smoothed: 0 not at all, 1 as usual, 2 twice as much [1]"));
+  video(verb.add_option("--search-every", flags.tracker.search_every,
+                        "frames between searches for new faces")
+            .show_default());
+  video(verb.add_option("--min-score", flags.tracker.min_score,
+                        "a face whose fit is worth less is lost and looked for again")
+            .show_default());
+  video(verb.add_option("--max-faces", flags.tracker.max_faces, "faces followed at a time")
+            .show_default());
+}
+
+}  // namespace
+
+void add_landmarks_fit(Command& area, Context& context) {
+  add_debug_flag(add_verb<FitFlags>(area, "fit", "finds the points of the faces in pictures",
+                                    context, add_flags, run_fit),
+                 context);
+}
+
+void add_landmarks_track(Command& area, Context& context) {
+  const auto add_track_flags = [](Command& verb, FitFlags& flags) {
+    flags.follows = true;
+    add_flags(verb, flags);
+  };
+  add_debug_flag(
+      add_verb<FitFlags>(area, "track", "follows faces and their points through videos and cameras",
+                         context, add_track_flags, run_fit),
+      context);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,310 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/shape/show.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/face/landmarks/hog_detector.h"
+#include "tarsier/face/landmarks/model.h"
+#include "tarsier/face/shape/landmark_set.h"
+#include "tarsier/face/shape/shape_model.h"
+#include "tarsier/image/draw/tile.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/sfm/view/animation.h"
+
+#include <fmt/format.h>
+
+#include "framework/browse_session.h"
+#include "ui/face/landmark_show_session.h"
+#include "ui/face/patch_session.h"
+#include "verbs/landmarks/engine.h"
+#include "verbs/landmarks/landmarks.h"
+#include "window.h"
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+struct ShowFlags {
+  std::string file;
+  std::string output;
+  bool window = false;
+  bool fullscreen = false;
+  bool numbers = false;
+  bool mirrored = false;
+  bool plain = false;  // without the colours of the symmetry
+  int cell = 160;
+  int columns = 0;
+  int most = 100;
+  int modes = 4;
+  std::string on;   // a picture that patches are tried on
+  int search = 21;  // px
+};
+
+constexpr ArchiveLimits kLimits{512'000'000, 64, 50'000'000};
+constexpr double kGifRate = 20;
+constexpr int kGifFramesPerMode = 32;
+
+bool ends_with(const std::string& path, const char* ending) {
+  return std::filesystem::path(path).extension() == ending;
+}
+
+void say(const nlohmann::ordered_json& line, const std::string& text, const Context& context) {
+  if (context.json) {
+    print_json(line);
+  } else {
+    print_text(text);
+  }
+}
+
+ExitStatus show_set(const ShowFlags& flags, Context& context) {
+  face::shape::LandmarkSet set = face::shape::read_landmark_set(flags.file);
+  if (set.samples.empty()) throw InputError(flags.file, "holds no samples");
+  face::shape::LandmarkStyle style;
+  style.numbers = flags.numbers;
+  style.symmetry = !flags.plain && !set.mirror.empty();
+  if (flags.output.empty()) {
+    window::prepare();
+    SetSession session(set, flags.file, style, flags.mirrored);
+    return browse_session(session, "Tarsier landmarks", flags.fullscreen, context, {});
+  }
+  write_image(flags.output, face::shape::contact_sheet(set, flags.file, flags.cell, flags.columns,
+                                                       flags.most, style));
+  say({{"output", flags.output}, {"samples", set.samples.size()}, {"points", set.points()}},
+      fmt::format("{}: {} of {} samples\n", flags.output,
+                  std::min<std::size_t>(set.samples.size(), static_cast<std::size_t>(flags.most)),
+                  set.samples.size()),
+      context);
+  return ExitStatus::kDone;
+}
+
+ExitStatus show_shape_model(const ShowFlags& flags, Context& context) {
+  const face::shape::ShapeModel model = face::shape::read_shape_model(flags.file);
+  if (flags.output.empty()) {
+    window::prepare();
+    ShapeModelSession session(model);
+    const auto between = [&](std::chrono::milliseconds& wait) -> std::optional<View> {
+      wait = std::chrono::milliseconds(40);
+      return session.on_idle({});
+    };
+    return browse_session(session, "Tarsier shape model", flags.fullscreen, context, between);
+  }
+  const int modes = std::min(flags.modes, model.mode_count());
+  if (ends_with(flags.output, ".gif")) {
+    sfm::write_gif(flags.output,
+                   face::shape::animate_modes(model, modes, {flags.cell * 2, flags.cell * 2},
+                                              kGifFramesPerMode),
+                   kGifRate);
+  } else {
+    write_image(flags.output, face::shape::draw_modes(model, modes, flags.cell));
+  }
+  say({{"output", flags.output},
+       {"points", model.points()},
+       {"modes", model.mode_count()},
+       {"variance", model.variance_kept},
+       {"trained_on", model.trained_on}},
+      fmt::format("{}: {} of {} modes, {} points, {:.1f} % of the variance of {} shapes\n",
+                  flags.output, modes, model.mode_count(), model.points(),
+                  100 * model.variance_kept, model.trained_on),
+      context);
+  return ExitStatus::kDone;
+}
+
+// The points of the largest face that the model finds in a picture; none without a face.
+std::optional<PatchPicture> picture_with_points(const ShowFlags& flags) {
+  LandmarkFlags landmark_flags;
+  landmark_flags.model = flags.file;
+  const face::LandmarkTracker tracker = load_landmark_tracker(landmark_flags);
+  PatchPicture picture{
+      std::filesystem::path(flags.on).filename().string(), read_gray_image(flags.on), {}};
+  Frame frame;
+  frame.image = picture.gray;
+  frame.still = true;
+  face::LandmarkState state;
+  const face::LandmarkResult result = tracker.process(frame, state);
+  if (result.faces.empty()) return std::nullopt;
+  picture.points = result.faces.front().points;
+  return picture;
+}
+
+ExitStatus show_in_window(const ShowFlags& flags, const face::landmarks::LandmarkModel& model,
+                          std::optional<PatchPicture> picture, Context& context) {
+  window::prepare();
+  if (model.patches) {
+    PatchSession session(*model.patches, model.shape, std::move(picture));
+    return browse_session(session, "Tarsier patches", flags.fullscreen, context, {});
+  }
+  ShapeModelSession session(model.shape);
+  const auto between = [&](std::chrono::milliseconds& wait) -> std::optional<View> {
+    wait = std::chrono::milliseconds(40);
+    return session.on_idle({});
+  };
+  return browse_session(session, "Tarsier shape model", flags.fullscreen, context, between);
+}
+
+ExitStatus show_responses(const ShowFlags& flags, const face::landmarks::LandmarkModel& model,
+                          const PatchPicture& picture, Context& context) {
+  write_image(flags.output, face::landmarks::draw_responses(*model.patches, picture.gray,
+                                                            picture.points, flags.search));
+  double best = 0;
+  for (const face::landmarks::PointResponse& response : face::landmarks::point_responses(
+           *model.patches, picture.gray, picture.points, flags.search)) {
+    best += response.best / model.points();
+  }
+  say({{"output", flags.output}, {"points", model.points()}, {"response", best}},
+      fmt::format("{}: {} responses, at best {:.2f} on average\n", flags.output, model.points(),
+                  best),
+      context);
+  return ExitStatus::kDone;
+}
+
+// The parts of a tracker that can be seen: the shape's modes, and the patches on the mean face; in
+// a window patch by patch.
+ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
+  const face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(flags.file);
+  if (!flags.on.empty()) {
+    if (!model.patches) throw ModelError(flags.file, "has no patches that --on could show");
+    std::optional<PatchPicture> picture = picture_with_points(flags);
+    if (!picture) {
+      log_warning("{}: no face found", flags.on);
+      return ExitStatus::kNothingFound;
+    }
+    if (!flags.output.empty()) return show_responses(flags, model, *picture, context);
+    return show_in_window(flags, model, std::move(picture), context);
+  }
+  if (flags.output.empty()) return show_in_window(flags, model, std::nullopt, context);
+  const int modes = std::min(flags.modes, model.shape.mode_count());
+  if (ends_with(flags.output, ".gif")) {
+    sfm::write_gif(flags.output,
+                   face::shape::animate_modes(model.shape, modes, {flags.cell * 2, flags.cell * 2},
+                                              kGifFramesPerMode),
+                   kGifRate);
+  } else {
+    std::vector<cv::Mat> parts{face::shape::draw_modes(model.shape, modes, flags.cell)};
+    std::vector<std::string> names{"shape modes"};
+    if (model.patches) {
+      parts.push_back(face::landmarks::draw_patches(*model.patches, model.shape, -1, 4));
+      names.emplace_back("patches");
+    }
+    write_image(flags.output, image::draw::tile(parts, names, {1400, 700}));
+  }
+  nlohmann::ordered_json about = {{"output", flags.output}, {"points", model.points()}};
+  std::string has;
+  for (const face::landmarks::FitMethod method :
+       {face::landmarks::FitMethod::kTrees, face::landmarks::FitMethod::kDescent,
+        face::landmarks::FitMethod::kPatches}) {
+    if (model.has(method)) has += fmt::format("{}{}", has.empty() ? "" : ", ", name_of(method));
+  }
+  about["methods"] = has;
+  say(about, fmt::format("{}: {} points; methods: {}\n", flags.output, model.points(), has),
+      context);
+  return ExitStatus::kDone;
+}
+
+// The filter of a face detector.
+ExitStatus show_detector(const ShowFlags& flags, Context& context) {
+  const face::landmarks::HogDetector model = face::landmarks::read_hog_detector(flags.file);
+  if (flags.output.empty()) throw UsageError("-o: a face detector is shown as a picture (.png ..)");
+  const cv::Mat filter =
+      face::landmarks::draw_hog_detector(model, std::clamp(flags.cell / 5, 8, 100));
+  write_image(flags.output, filter);
+  say({{"output", flags.output},
+       {"window", {model.width, model.height}},
+       {"threshold", model.threshold},
+       {"knows_shapes", model.box.has_value()}},
+      fmt::format("{}: window of {}x{} px, {} weights\n", flags.output, model.width, model.height,
+                  model.weights.size()),
+      context);
+  return ExitStatus::kDone;
+}
+
+// What can be shown, by the type that its file states. Other models add a line.
+using Show = ExitStatus (*)(const ShowFlags&, Context&);
+const std::map<std::string, Show>& shows() {
+  static const std::map<std::string, Show> table{
+      {"face-detector", show_detector},
+      {"landmark-set", show_set},
+      {"landmark-tracker", show_tracker},
+      {"shape-model", show_shape_model},
+  };
+  return table;
+}
+
+ExitStatus show(const ShowFlags& flags, Context& context) {
+  if (flags.search % 2 == 0) {
+    throw UsageError(
+        fmt::format("--search {}: an odd number, so that it has a middle", flags.search));
+  }
+  std::string type;
+  try {
+    type = read_any_archive(flags.file, kLimits).type;
+  } catch (const ModelError& error) {  // most often a set; its own words are the same
+    const std::string prefix = flags.file + ": ";
+    std::string reason = error.what();
+    if (reason.starts_with(prefix)) reason.erase(0, prefix.size());
+    throw InputError(flags.file, reason);
+  }
+  const auto found = shows().find(type);
+  if (found == shows().end()) {
+    std::string known;
+    for (const auto& [name, unused] : shows()) known += (known.empty() ? "" : ", ") + name;
+    throw InputError(flags.file,
+                     fmt::format("is a '{}', which cannot be shown; known: {}", type, known));
+  }
+  if (!flags.on.empty() && type != "landmark-tracker") {
+    throw UsageError(
+        fmt::format("--on: patches are tried on a picture; {} is a '{}'", flags.file, type));
+  }
+  return found->second(flags, context);
+}
+
+void add_flags(Command& verb, ShowFlags& flags) {
+  verb.add_option("FILE", flags.file, "a set, a shape model, a tracker or a face detector")
+      .required()
+      .type_name("");
+  verb.add_option(
+      "-o,--output", flags.output,
+      "a set: contact sheet (.png ..); a model: its parts (.png ..) or its shape modes' "
+      "animation (.gif); without it: a window");
+  verb.add_flag("--window", flags.window, "in a window (as without -o)");
+  verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
+  const auto of_set = [](Flag& flag) { flag.group("Sets"); };
+  of_set(verb.add_flag("--numbers", flags.numbers, "numbers of the points"));
+  of_set(verb.add_flag("--mirrored", flags.mirrored, "window: begin with the mirrored view"));
+  of_set(verb.add_flag("--plain", flags.plain, "left and right points in one colour"));
+  of_set(verb.add_option("--columns", flags.columns, "of the sheet; 0: what fits")
+             .check(range(0, 100))
+             .show_default());
+  of_set(verb.add_option("--max-samples", flags.most, "samples on the sheet")
+             .check(range(1, 10000))
+             .show_default());
+  verb.add_option("--cell", flags.cell, "px, side of a cell of the sheet or strip")
+      .check(range(40, 1000))
+      .show_default();
+  verb.add_option("--modes", flags.modes, "shape model: modes to show")
+      .check(range(1, 1000))
+      .show_default();
+  const auto of_tracker = [](Flag& flag) { flag.group("Trackers"); };
+  of_tracker(verb.add_option("--on", flags.on,
+                             "picture of a face: how each patch responds around its point there"));
+  of_tracker(verb.add_option("--search", flags.search,
+                             "px, side of the region whose responses a sheet shows, odd")
+                 .check(range(3, 101))
+                 .show_default());
+}
+
+}  // namespace
+
+void add_landmarks_show(Command& area, Context& context) {
+  add_verb<ShowFlags>(area, "show", "looks into a set or a model", context, add_flags, show);
+}
+
+}  // namespace tarsier::cli

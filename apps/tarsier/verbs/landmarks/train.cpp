@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/train/face_turn.h"
+#include "tarsier/media/archive.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
+
+#include "framework/stopwatch.h"
+#include "verbs/landmarks/landmarks.h"
+#include "verbs/pose/engine.h"
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace tarsier::cli {
+namespace {
+
+struct TrainFlags {
+  SetFlags set;
+  std::string output;
+  std::string terms;
+  std::string method = "ridge";
+  int hold_out = 0;
+  bool mirror = false;
+  std::string without;
+  std::string head;
+  face::train::CopyOptions turned{.copies = 0};
+  face::landmarks::TrainModelOptions options;
+};
+
+// Makes `turned` copies of each face, by the head model given or the one that ships.
+void add_turned_faces(const TrainFlags& flags, const face::shape::LandmarkSet& set,
+                      face::landmarks::TrainModelOptions& options) {
+  const auto turner = std::make_shared<const face::train::FaceTurner>(read_head(flags.head));
+  if (turner->points() != set.points()) {
+    throw UsageError(
+        fmt::format("--turned: the head has {} points, the set {}; --head takes one "
+                    "that `pose train-head` learnt from such a set",
+                    turner->points(), set.points()));
+  }
+  options.extra = [turner, copies = flags.turned](const face::landmarks::TrainingFace& face,
+                                                  std::uint64_t seed) {
+    return face::train::turned_copies(*turner, face, copies, seed);
+  };
+  options.start_shapes = [turner](const face::landmarks::TrainingFace& face, int count,
+                                  std::uint64_t seed) {
+    return turner->shapes_near(face.points, count, seed);
+  };
+}
+
+enum class Kind { kShape, kPatches, kDetector, kTrees, kTracker };
+
+nlohmann::json provenance(const TrainFlags& flags, const Context& context, std::size_t samples) {
+  nlohmann::json about = {
+      {"program", fmt::format("tarsier {}", version())},
+      {"seed", context.seed},
+      {"data",
+       std::filesystem::path(flags.set.input).lexically_normal().parent_path().filename().string() +
+           "/" + std::filesystem::path(flags.set.input).filename().string()},
+      {"samples", samples},
+      {"mirrored", flags.mirror},
+      {"terms", flags.terms}};
+  if (flags.turned.copies > 0) about["turned"] = flags.turned.copies;
+  if (flags.hold_out > 0) about["left_out"] = fmt::format("every {}th", flags.hold_out);
+  return about;
+}
+
+ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
+  const Stopwatch watch;
+  const face::shape::LandmarkSet set = part_of(load_set(flags.set), flags.hold_out, Part::kOthers);
+  const nlohmann::json about = provenance(flags, context, set.samples.size());
+  if (flags.mirror && set.mirror.empty()) {
+    throw UsageError(
+        "--mirror: the set does not say which points are left and right of each "
+        "other; mark the symmetry with `landmarks annotate`");
+  }
+  nlohmann::ordered_json line;
+  line["output"] = flags.output;
+  line["samples"] = set.samples.size();
+  if (kind == Kind::kShape) {
+    flags.options.shape.mirror = flags.mirror;
+    face::shape::ShapeModel model;
+    try {
+      const EndOnSignals at_once;  // nothing is written yet
+      model = face::shape::train_shape_model(set, flags.options.shape);
+    } catch (const std::invalid_argument& error) {
+      throw InputError(flags.set.input, error.what());
+    }
+    face::shape::write_shape_model(flags.output, model, about);
+    line["modes"] = model.mode_count();
+    line["variance"] = model.variance_kept;
+  } else {
+    face::landmarks::TrainModelOptions& options = flags.options;
+    options.mirror = flags.mirror;
+    options.seed = context.seed;
+    if (flags.turned.copies > 0) add_turned_faces(flags, set, options);
+    options.trees = kind == Kind::kTrees || (kind == Kind::kTracker && flags.without != "trees");
+    options.descent = kind == Kind::kTracker && flags.without != "sdm";
+    options.patches =
+        kind == Kind::kPatches || (kind == Kind::kTracker && flags.without != "patch");
+    options.quality = kind == Kind::kTracker;
+    if (flags.method == "sgd") {
+      options.patch_options.method = face::landmarks::PatchMethod::kStochastic;
+    } else if (flags.method == "average") {
+      options.patch_options.method = face::landmarks::PatchMethod::kAverage;
+    } else if (flags.method != "ridge") {
+      throw UsageError(fmt::format("--patch-method {}: ridge, sgd or average", flags.method));
+    }
+    const face::landmarks::TrainedModel trained =
+        face::landmarks::train_landmark_model(set, "", options, *context.progress, context.stop);
+    for (const std::string& skipped : trained.skipped) log_warning("{}; left out", skipped);
+    if (kind == Kind::kDetector && trained.model.box.trained_on == 0) {
+      throw InputError(flags.set.input, "the face detector sees none of the objects");
+    }
+    face::landmarks::write_landmark_model(flags.output, trained.model, about);
+    line["faces"] = trained.faces;
+    if (trained.extra > 0) line["turned"] = trained.extra;
+    line["detected"] = trained.detected;
+    line["modes"] = trained.model.shape.mode_count();
+    line["to_the_right_px"] = trained.to_the_right;
+  }
+  line["seconds"] = rounded(watch.seconds(), 1);
+  if (context.json) {
+    print_json(line);
+  } else if (!context.quiet) {
+    print_text(fmt::format("{}: {} samples, {} s\n", flags.output, set.samples.size(),
+                           line["seconds"].get<double>()));
+  }
+  return ExitStatus::kDone;
+}
+
+void add_kind(Command& parent, Context& context, const char* name, const char* help, Kind kind) {
+  const auto add_flags = [kind](Command& verb, TrainFlags& flags) {
+    add_set_flags(verb, flags.set);
+    verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+    verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+    verb.add_option("--hold-out", flags.hold_out,
+                    "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
+        .check(range(0, 1000000))
+        .show_default();
+    verb.add_flag("--mirror", flags.mirror, "learn from mirrored pictures too");
+    face::landmarks::TrainModelOptions& options = flags.options;
+    verb.add_option("--variance", options.shape.variance, "share that the shape modes keep")
+        .show_default();
+    verb.add_option("--modes", options.shape.max_modes, "shape modes at most").show_default();
+    if (kind == Kind::kTrees || kind == Kind::kTracker) {
+      verb.add_option("--levels", options.tree_options.levels, "of the cascade of trees")
+          .show_default();
+      verb.add_option("--trees", options.tree_options.trees, "a level").show_default();
+      verb.add_option("--depth", options.tree_options.depth, "of a tree").show_default();
+      verb.add_option("--scatter", options.starts, "starts scattered around each face")
+          .show_default();
+    }
+    if (kind == Kind::kPatches || kind == Kind::kTracker) {
+      verb.add_option("--patch-method", flags.method,
+                      "ridge (closed form), sgd (stochastic gradient descent) or average")
+          .show_default();
+      verb.add_option("--patch", options.patch_options.patch, "side of a patch, px, odd")
+          .show_default();
+    }
+    if (kind == Kind::kTracker) {
+      verb.add_option("--turned", flags.turned.copies,
+                      "copies of each face, turned in 3D, to learn from beside it")
+          .check(range(0, 20))
+          .show_default();
+      verb.add_option("--head", flags.head, "head model that turns them (.json)");
+      verb.add_option("--without", flags.without, "leave out a part: trees, sdm or patch")
+          .check(one_of({"trees", "sdm", "patch"}));
+    }
+  };
+  const auto run = [kind](TrainFlags& flags, Context& the_context) {
+    return train(flags, the_context, kind);
+  };
+  add_verb<TrainFlags>(parent, name, help, context, add_flags, run);
+}
+
+}  // namespace
+
+void add_landmarks_train(Command& area, Context& context) {
+  Command& verb = area.add_subcommand("train", "learns the models from annotated pictures");
+  verb.require_subcommand(1);
+  add_kind(verb, context, "shape", "how the points vary together", Kind::kShape);
+  add_kind(verb, context, "patches", "what is around each point", Kind::kPatches);
+  add_kind(verb, context, "detector", "where the points lie in a detector's box", Kind::kDetector);
+  add_kind(verb, context, "trees", "regression trees", Kind::kTrees);
+  add_kind(verb, context, "tracker", "all parts in one file", Kind::kTracker);
+  add_landmarks_train_detector(verb, context);
+  add_landmarks_train_networks(verb, context);
+}
+
+}  // namespace tarsier::cli

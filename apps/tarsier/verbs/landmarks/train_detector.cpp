@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/face/landmarks/hog_detector.h"
+#include "tarsier/face/shape/import.h"
+
+#include <fmt/format.h>
+
+#include "framework/stopwatch.h"
+#include "verbs/landmarks/train_boxes.h"
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+
+std::vector<face::shape::BoxedPicture> load_boxes(const SetFlags& flags, int every, Part part) {
+  std::vector<face::shape::BoxedPicture> pictures;
+  if (flags.input.ends_with(".xml")) {
+    face::shape::ImportOptions options;
+    options.images = flags.images;
+    face::shape::BoxedPictures read = face::shape::read_dlib_boxes(flags.input, options);
+    for (const std::string& skipped : read.skipped) log_warning("{}; left out", skipped);
+    for (std::size_t i = 0; i < read.pictures.size(); ++i) {
+      const bool held_out = every > 0 && (i + 1) % static_cast<std::size_t>(every) == 0;
+      if (every <= 0 || held_out == (part == Part::kHeldOut)) {
+        pictures.push_back(std::move(read.pictures[i]));
+      }
+    }
+  } else {
+    pictures = face::shape::boxes_from_landmarks(part_of(load_set(flags), every, part));
+  }
+  if (pictures.empty()) throw InputError(flags.input, "no picture is left");
+  return pictures;
+}
+
+void add_pictures_without(const std::string& folder,
+                          std::vector<face::shape::BoxedPicture>& pictures) {
+  std::vector<std::string> paths;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
+    if (entry.is_regular_file(error)) paths.push_back(entry.path().string());
+  }
+  if (paths.empty()) throw InputError(folder, "is no folder of pictures");
+  std::sort(paths.begin(), paths.end());
+  for (std::string& path : paths) pictures.push_back({std::move(path), {}, {}, {}});
+}
+
+void add_box_training_flags(Command& verb, BoxTrainingFlags& flags) {
+  add_set_flags(verb, flags.set);
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_option("--hold-out", flags.hold_out,
+                  "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
+      .check(range(0, 1000000))
+      .show_default();
+}
+
+nlohmann::json box_training_provenance(const BoxTrainingFlags& flags, const Context& context) {
+  nlohmann::json about = {{"program", fmt::format("tarsier {}", version())},
+                          {"seed", context.seed},
+                          {"data", std::filesystem::path(flags.set.input).filename().string()},
+                          {"terms", flags.terms}};
+  if (flags.hold_out > 0) about["left_out"] = fmt::format("every {}th", flags.hold_out);
+  return about;
+}
+
+void warn_of_skipped(const std::vector<std::string>& skipped) {
+  for (const std::string& what : skipped) log_warning("{}; left out", what);
+}
+
+namespace {
+
+struct DetectorFlags : BoxTrainingFlags {
+  std::string without;
+  face::landmarks::HogOptions options;
+};
+
+ExitStatus train_detector(DetectorFlags& flags, Context& context) {
+  const Stopwatch watch;
+  flags.options.seed = context.seed;
+  std::vector<face::shape::BoxedPicture> pictures =
+      load_boxes(flags.set, flags.hold_out, Part::kOthers);
+  if (!flags.without.empty()) add_pictures_without(flags.without, pictures);
+  const face::landmarks::HogTraining trained = face::landmarks::train_hog_detector(
+      pictures, flags.set.input, flags.options, *context.progress, context.stop);
+  warn_of_skipped(trained.skipped);
+  if (trained.ignored > 0) {
+    log_warning(
+        "{} boxes are not learned from: smaller than the window (--upsample), cut off or of "
+        "another form",
+        trained.ignored);
+  }
+  const double seconds = rounded(watch.seconds(), 1);
+  const double rate = static_cast<double>(trained.found) / std::max(1, trained.boxes);
+  nlohmann::json about = box_training_provenance(flags, context);
+  about.update({{"pictures", trained.pictures},
+                {"boxes", trained.boxes},
+                {"c", flags.options.c},
+                {"mirrored", flags.options.mirror}});
+  face::landmarks::write_hog_detector(flags.output, trained.detector, about);
+  if (context.json) {
+    const nlohmann::ordered_json line = {{"output", flags.output},
+                                         {"pictures", trained.pictures},
+                                         {"boxes", trained.boxes},
+                                         {"ignored", trained.ignored},
+                                         {"rounds", trained.rounds},
+                                         {"found", rounded(rate, 4)},
+                                         {"knows_shapes", trained.detector.box.has_value()},
+                                         {"seconds", seconds}};
+    print_json(line);
+  } else if (!context.quiet) {
+    print_text(fmt::format(
+        "{}: {} boxes in {} pictures, window {}x{} px, {} rounds; finds {:.1f} % of them; {} s\n",
+        flags.output, trained.boxes, trained.pictures, trained.detector.width,
+        trained.detector.height, trained.rounds, 100 * rate, seconds));
+  }
+  return ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, DetectorFlags& flags) {
+  add_box_training_flags(verb, flags);
+  verb.add_option("--without", flags.without,
+                  "folder of pictures without the object: fewer false alarms");
+  face::landmarks::HogOptions& options = flags.options;
+  verb.add_option("--window", options.window,
+                  "px, detection window (square root of its area): the smallest object it sees")
+      .check(range(40, 200))
+      .show_default();
+  verb.add_option("--c", options.c, "weight of mistakes against a large margin")
+      .check(range(1e-6, 1e6))
+      .show_default();
+  verb.add_option("--epsilon", options.epsilon, "accuracy of the optimisation")
+      .check(range(1e-4, 1.0))
+      .show_default();
+  verb.add_option("--upsample", options.upsample,
+                  "times that pictures with objects smaller than the window are doubled")
+      .check(range(0, 3))
+      .show_default();
+  verb.add_flag("--mirror,!--no-mirror", options.mirror, "learn from mirrored pictures too [on]");
+}
+
+}  // namespace
+
+void add_landmarks_train_detector(Command& parent, Context& context) {
+  add_verb<DetectorFlags>(parent, "face-detector",
+                          "a detector of one's own, from boxes: of dlib's .xml or around landmarks",
+                          context, add_flags, train_detector);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/detect/face_training.h"
+#include "tarsier/face/landmarks/face_finder.h"
+#include "tarsier/face/train/face_turn.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "framework/stopwatch.h"
+#include "verbs/landmarks/train_boxes.h"
+#include "verbs/pose/pose.h"
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+struct NetworkFlags : BoxTrainingFlags {
+  std::vector<std::string> without;
+  std::string head;
+  int turned = 0;  // copies of each face
+  face::FaceTrainingOptions options;
+};
+
+// Boxes as the cascade draws them where the points of the face are known, else as they are given.
+face::FacePicture face_picture(face::shape::BoxedPicture picture) {
+  face::FacePicture result;
+  result.image = std::move(picture.image);
+  result.ignored = std::move(picture.ignored);
+  for (std::size_t i = 0; i < picture.boxes.size(); ++i) {
+    const bool known = i < picture.shapes.size() && picture.shapes[i].cols() == 68 &&
+                       picture.shapes[i].allFinite();
+    result.faces.push_back(
+        known ? face::landmarks::box_around(face::landmarks::cascade_box(), picture.shapes[i])
+              : picture.boxes[i]);
+  }
+  return result;
+}
+
+constexpr double kTurnedFace = 100;  // px, width of faces that are turned
+
+// Pictures of the faces with the head's points, turned in 3D. Only the face is cut out.
+std::vector<face::FacePicture> turned_faces(const NetworkFlags& flags,
+                                            const std::vector<face::shape::BoxedPicture>& pictures,
+                                            Context& context) {
+  const face::train::FaceTurner turner(read_head(flags.head));
+  const face::landmarks::BoxModel box = face::landmarks::cascade_box();
+  std::vector<std::vector<face::FacePicture>> found(pictures.size());
+  context.progress->begin("turning", static_cast<std::int64_t>(pictures.size()), "pictures");
+  const auto turn = [&](std::size_t number) {
+    const face::shape::BoxedPicture& picture = pictures[number];
+    for (std::size_t i = 0; i < picture.shapes.size(); ++i) {
+      const Eigen::Matrix2Xd& points = picture.shapes[i];
+      if (points.cols() != turner.points() || !points.allFinite()) continue;
+      const cv::Mat whole = read_gray_image(picture.image);
+      const cv::Rect2d around = face::landmarks::box_around(box, points);
+      const cv::Rect area = cv::Rect(cv::Rect2d(around.x - around.width, around.y - around.width,
+                                                3 * around.width, 3 * around.width)) &
+                            cv::Rect(0, 0, whole.cols, whole.rows);
+      if (area.empty()) continue;
+      face::landmarks::TrainingFace face;
+      const double scale = std::min(1.0, kTurnedFace / around.width);
+      cv::resize(whole(area), face.gray, cv::Size(), scale, scale, cv::INTER_AREA);
+      const Eigen::Vector2d corner(area.x - 0.5, area.y - 0.5);  // of its first pixel
+      face.points = ((points.colwise() - corner) * scale).array() - 0.5;
+      const std::uint64_t seed = Rng(context.seed).fork(number).fork(i)();
+      for (const face::landmarks::TrainingFace& copy : face::train::turned_copies(
+               turner, face, face::train::CopyOptions{.copies = flags.turned}, seed)) {
+        found[number].push_back({picture.image + ", turned",
+                                 {face::landmarks::box_around(box, copy.points)},
+                                 {},
+                                 copy.gray});
+      }
+    }
+  };
+  cv::parallel_for_(cv::Range(0, static_cast<int>(pictures.size())), [&](const cv::Range& range) {
+    for (int i = range.start; i < range.end && !context.stop.stop_requested(); ++i) {
+      try {
+        turn(static_cast<std::size_t>(i));
+      } catch (const InputError&) {  // the training names the pictures that cannot be read
+      }
+      context.progress->advance();
+    }
+  });
+  context.progress->end();
+  throw_if_stopped(context.stop);
+  std::vector<face::FacePicture> all;
+  for (std::vector<face::FacePicture>& part : found) {
+    std::move(part.begin(), part.end(), std::back_inserter(all));
+  }
+  return all;
+}
+
+ExitStatus train_networks(NetworkFlags& flags, Context& context) {
+  const Stopwatch watch;
+  flags.options.seed = context.seed;
+  std::vector<face::shape::BoxedPicture> boxed =
+      load_boxes(flags.set, flags.hold_out, Part::kOthers);
+  std::vector<face::FacePicture> pictures;
+  if (flags.turned > 0) pictures = turned_faces(flags, boxed, context);
+  const std::size_t turned = pictures.size();
+  if (flags.turned > 0 && turned == 0) {
+    throw UsageError(
+        "--turned: no face has the points of the head; --head takes one that `pose train-head` "
+        "learnt from such a set");
+  }
+  for (const std::string& folder : flags.without) add_pictures_without(folder, boxed);
+  for (face::shape::BoxedPicture& picture : boxed)
+    pictures.push_back(face_picture(std::move(picture)));
+  const face::FaceTraining trained = face::train_face_networks(
+      pictures, flags.set.input, flags.options, *context.progress, context.stop);
+  warn_of_skipped(trained.skipped);
+  const double seconds = rounded(watch.seconds(), 1);
+  nlohmann::json about = box_training_provenance(flags, context);
+  about.update({{"faces", trained.faces},
+                {"turned", turned},
+                {"without", trained.without},
+                {"drawings", flags.options.drawings},
+                {"held_out", trained.held_out},
+                {"held_out_likely", trained.held_out_likely},
+                {"held_out_alarms", trained.held_out_alarms}});
+  face::write_face_networks(flags.output, trained.networks, about);
+  if (context.json) {
+    const nlohmann::ordered_json line = {
+        {"output", flags.output},
+        {"faces", trained.faces},
+        {"turned", turned},
+        {"without", trained.without},
+        {"sure", trained.networks.sure},
+        {"held_out", trained.held_out},
+        {"held_out_likely", trained.held_out_likely},
+        {"held_out_alarms", trained.held_out_alarms},
+        {"mistakes", {trained.scan_mistakes, trained.judge_mistakes, trained.check_mistakes}},
+        {"seconds", seconds}};
+    print_json(line);
+  } else if (!context.quiet) {
+    print_text(fmt::format(
+        "{}: {} faces, {} pictures without; mistakes learned from: {}, {}, {}; {} s\n"
+        "a face is sure from a score of {:.3f} on: {} false in {} pictures that were held out\n",
+        flags.output, trained.faces, trained.without, trained.scan_mistakes, trained.judge_mistakes,
+        trained.check_mistakes, seconds, trained.networks.sure, trained.held_out_alarms,
+        trained.held_out));
+  }
+  return ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, NetworkFlags& flags) {
+  add_box_training_flags(verb, flags);
+  verb.add_option("--without", flags.without,
+                  "folders of pictures that show no face: what they learn not to find; every third "
+                  "decides what is sure")
+      .required();
+  verb.add_option("--false-alarms", flags.options.false_alarms,
+                  "how many there may be in 1000 of the pictures held out")
+      .check(range(0, 10000))
+      .show_default();
+  verb.add_option("--turned", flags.turned,
+                  "copies of each face with points, turned in 3D, to learn from beside it")
+      .check(range(0, 20))
+      .show_default();
+  verb.add_option("--head", flags.head, "head model that turns them (.json)");
+  verb.add_option("--drawings", flags.options.drawings,
+                  "pictures without faces that the program draws and learns from as well")
+      .check(range(0, 10000))
+      .show_default();
+  const auto add_steps = [&](const char* name, int& steps, const char* help) {
+    verb.add_option(name, steps, help).check(range(3, 1000000)).show_default();
+  };
+  add_steps("--scan-steps", flags.options.scan_steps, "batches that the first network learns from");
+  add_steps("--judge-steps", flags.options.judge_steps, "batches of the second");
+  add_steps("--check-steps", flags.options.check_steps, "batches of the third");
+}
+
+}  // namespace
+
+void add_landmarks_train_networks(Command& parent, Context& context) {
+  add_verb<NetworkFlags>(parent, "face-networks",
+                         "the networks that find faces of any size, from boxes or landmarks",
+                         context, add_flags, train_networks);
+}
+
+}  // namespace tarsier::cli

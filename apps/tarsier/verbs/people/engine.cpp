@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: MIT
+#include "verbs/people/engine.h"
+
+#include "tarsier/core/stop.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/plate/tracking/time_text.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "verbs/landmarks/engine.h"
+#include <algorithm>
+#include <chrono>
+#include <string_view>
+#include <utility>
+
+namespace tarsier::cli {
+namespace {
+
+constexpr std::string_view kNoBackground = "none";
+
+}  // namespace
+
+void add_gallery_flag(Command& verb, PeopleFlags& flags) {
+  verb.add_option("--gallery", flags.gallery, "file of the people who are enrolled").show_default();
+}
+
+void add_face_flags(Command& verb, PeopleFlags& flags) {
+  const auto group = [](Flag& flag) { flag.group("Faces"); };
+  group(verb.add_option("--eyes", flags.eyes, "how eyes are found: landmarks, cascades, 2splits")
+            .show_default());
+  group(add_min_face_flag(verb, flags.min_face));
+  group(verb.add_flag("!--strict", flags.thorough,
+                      "only faces that the frontal detector is sure of: faster"));
+  group(verb.add_option("--background", flags.background,
+                        "what is known of faces in general; none: nothing "
+                        "[people-background.json, which ships]"));
+}
+
+face::people::FaceReaderOptions reading_options(const PeopleFlags& flags) {
+  face::people::FaceReaderOptions options;
+  options.eyes = face::people::parse_eye_method(flags.eyes);
+  options.finder.detector.min_face = flags.min_face;
+  options.finder.thorough = flags.thorough;
+  return options;
+}
+
+face::IdentifierOptions identifier_options(const PeopleFlags& flags) {
+  face::IdentifierOptions options;
+  options.gallery = flags.gallery;
+  options.background = flags.background;
+  options.reading = reading_options(flags);
+  return options;
+}
+
+face::Identifier load_identifier(const face::IdentifierOptions& options) {
+  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  throw_if_stopped(stop_on_signals());
+  return face::Identifier::load(ModelStore::find(), options);
+}
+
+face::people::FaceReader make_face_reader(const PeopleFlags& flags) {
+  const face::people::FaceReaderOptions options = reading_options(flags);
+  // A wrong path is reported before anything is written, also where the file is needed only at the end.
+  if (!flags.background.empty()) static_cast<void>(find_background(flags));
+  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  throw_if_stopped(stop_on_signals());
+  return face::FaceReaderModel::load(ModelStore::find(), options).make_reader();
+}
+
+std::string background_path(const PeopleFlags& flags) {
+  if (flags.background == kNoBackground) return {};
+  return flags.background.empty() ? ModelStore::find().place_of("people-background.json")
+                                  : flags.background;
+}
+
+std::optional<face::recognition::Background> find_background(const PeopleFlags& flags) {
+  return face::load_background(ModelStore::find(), flags.background);
+}
+
+std::optional<face::people::GalleryModel> load_model(
+    face::people::Gallery& gallery, const face::recognition::Background* background,
+    Context& context, face::people::Learn learn) {
+  return face::learn_gallery(gallery, background, learn, *context.progress, context.stop);
+}
+
+std::optional<face::recognition::Recognizer> model_of_gallery(face::people::Gallery& gallery,
+                                                              const PeopleFlags& flags,
+                                                              Context& context,
+                                                              face::people::Learn learn) {
+  const auto background = learn == face::people::Learn::kNow
+                              ? find_background(flags)
+                              : face::background_for(gallery, ModelStore::find(), flags.background);
+  auto model = load_model(gallery, background ? &*background : nullptr, context, learn);
+  if (!model) return std::nullopt;
+  return std::move(model->recognizer);
+}
+
+ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, bool classical,
+                              face::people::FaceReader* reader, Context& context) {
+  ListedFaces out;
+  const auto faces = face::recognition::read_face_list(list);
+  context.progress->begin("faces", static_cast<std::int64_t>(faces.size()), "pictures");
+  for (const face::recognition::LabelledFace& entry : faces) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    cv::Mat gray = read_gray_image(entry.path);
+    if (!raw) {
+      std::optional<face::people::Face> face;
+      if (entry.left_eye && entry.right_eye) {
+        face = reader->at_eyes(gray, {*entry.left_eye, *entry.right_eye});
+      } else {
+        std::vector<face::people::Face> found = reader->read(gray);
+        if (!found.empty()) face = std::move(found.front());
+      }
+      if (!face) {
+        out.missed.push_back(entry.path);
+        out.missed_labels.push_back(entry.label);
+        continue;
+      }
+      gray = face::people::recognizer_input(
+          classical ? face::recognition::Algorithm::kEigen : face::recognition::Algorithm::kDefault,
+          face->crop);
+    }
+    if (size.area() > 0) cv::resize(gray, gray, size, 0, 0, cv::INTER_LINEAR);
+    out.faces.push_back(gray);
+    out.labels.push_back(entry.label);
+  }
+  context.progress->end();
+  if (out.faces.empty()) throw InputError(list, "no face was found in any of its pictures");
+  return out;
+}
+
+std::string time_text(std::int64_t ms) {
+  constexpr std::int64_t kEnd = 253'402'300'799'999;  // of the year 9999
+  return plate::moment_text(
+      plate::Moment(std::chrono::milliseconds(std::clamp<std::int64_t>(ms, 0, kEnd))));
+}
+
+std::int64_t now_ms() { return plate::moment_now().time_since_epoch().count(); }
+
+}  // namespace tarsier::cli

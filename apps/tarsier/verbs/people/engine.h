@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/people/face_reader.h"
+#include "tarsier/face/people/gallery.h"
+#include "tarsier/face/people/model.h"
+#include "tarsier/face/pipelines/identifier.h"
+#include "tarsier/face/recognition/evaluation.h"
+#include "tarsier/face/recognition/recognizer.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include "framework/cli.h"
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+
+// The flags of every verb that looks at faces.
+struct PeopleFlags {
+  std::string gallery = "people.db";
+  std::string eyes = "landmarks";
+  std::string background;  // empty: the one that ships; "none": nothing is known
+  double min_face = 0;     // px, smallest face that is looked for; 0: the usual
+  bool thorough = true;
+};
+
+void add_gallery_flag(Command& verb, PeopleFlags& flags);
+void add_face_flags(Command& verb, PeopleFlags& flags);
+
+// Throws UsageError for an unknown way to find eyes.
+[[nodiscard]] face::people::FaceReaderOptions reading_options(const PeopleFlags& flags);
+// All that the flags say.
+[[nodiscard]] face::IdentifierOptions identifier_options(const PeopleFlags& flags);
+// With the models that ship; a signal ends the program. Throws ModelError.
+[[nodiscard]] face::Identifier load_identifier(const face::IdentifierOptions& options);
+// With the models that ship. Throws UsageError, ModelError.
+[[nodiscard]] face::people::FaceReader make_face_reader(const PeopleFlags& flags);
+
+// face::load_background() of the flag.
+[[nodiscard]] std::optional<face::recognition::Background> find_background(
+    const PeopleFlags& flags);
+// Its file; empty for "none".
+[[nodiscard]] std::string background_path(const PeopleFlags& flags);
+
+// face::learn_gallery().
+[[nodiscard]] std::optional<face::people::GalleryModel> load_model(
+    face::people::Gallery& gallery, const face::recognition::Background* background,
+    Context& context, face::people::Learn learn = face::people::Learn::kWhenDue);
+// The recogniser alone.
+[[nodiscard]] std::optional<face::recognition::Recognizer> model_of_gallery(
+    face::people::Gallery& gallery, const PeopleFlags& flags, Context& context,
+    face::people::Learn learn = face::people::Learn::kWhenDue);
+// The faces of a list as a recogniser gets them; `raw`: whole pictures. Pictures without a face are
+// named in `missed`.
+struct ListedFaces {
+  std::vector<cv::Mat> faces;
+  std::vector<std::string> labels;
+  std::vector<std::string> missed;  // paths
+  std::vector<std::string> missed_labels;
+};
+[[nodiscard]] ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size,
+                                            bool classical, face::people::FaceReader* reader,
+                                            Context& context);
+
+// "2024-05-01T12:30:15.250Z"
+[[nodiscard]] std::string time_text(std::int64_t ms);
+[[nodiscard]] std::int64_t now_ms();
+
+}  // namespace tarsier::cli

@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/people/collector.h"
+#include "tarsier/face/people/name.h"
+
+#include <fmt/format.h>
+
+#include "framework/input_schemes.h"
+#include "framework/security_flags.h"
+#include "verbs/people/engine.h"
+#include "verbs/people/people.h"
+#include <algorithm>
+#include <memory>
+
+namespace tarsier::cli {
+namespace {
+
+struct EnrollFlags {
+  PeopleFlags people;
+  std::string name;
+  std::string note;
+  std::vector<std::string> inputs;
+  SourceOptions source;
+  std::int64_t most = 20;
+  bool largest = false;
+  bool any_quality = false;
+  face::people::CollectOptions collect;
+};
+
+// Reads faces from the inputs and enrols those that are good, each as it comes.
+class Enrolment {
+ public:
+  Enrolment(const EnrollFlags& flags, Context& context)
+      : flags_(flags),
+        context_(context),
+        faces_(make_face_reader(flags.people), nullptr),
+        collector_(flags.collect),
+        gallery_(flags.people.gallery, DatabaseAccess::kCreate),
+        background_(find_background(flags.people)),
+        enroller_(gallery_, background()) {}
+
+  ExitStatus operator()() {
+    const auto source = open_sources(flags_.inputs, flags_.source, input_schemes());
+    // Before this person is there: whom the faces would be taken for. What is due is learned, so
+    // that the new faces get their templates as they come.
+    before_ = model();
+    while (!source->ended() && taken() < flags_.most && !context_.stop.stop_requested()) {
+      const auto frame = source->next(std::chrono::milliseconds(200), context_.stop);
+      if (frame) take(*frame);
+    }
+    const std::vector<std::string> others =
+        before_ && !crops_.empty()
+            ? face::people::other_names(before_->recognizer, crops_, flags_.name)
+            : std::vector<std::string>();
+    for (const std::string& other : others)
+      log_warning("these faces look like '{}', who is enrolled already: one person, two names?",
+                  other);
+    report(others);
+    if (context_.stop.stop_requested()) return ExitStatus::kInterrupted;
+    // Ready for the next question. In a large gallery the templates are there already.
+    if (taken() > 0 && !(before_ && before_->space < 0)) (void)model();
+    return taken() > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+  }
+
+ private:
+  [[nodiscard]] std::int64_t taken() const { return collector_.taken(); }
+
+  [[nodiscard]] const face::recognition::Background* background() const {
+    return background_ ? &*background_ : nullptr;
+  }
+
+  std::optional<face::people::GalleryModel> model() {
+    try {
+      return load_model(gallery_, background(), context_);
+    } catch (const InputError& error) {
+      log_warning("{}", error.what());  // Fisherfaces with one person
+      return std::nullopt;
+    }
+  }
+
+  void take(const Frame& frame) {
+    if (frame.name != source_name_) {
+      source_name_ = frame.name;
+      if (!frame.still) collector_.restart();
+    }
+    const std::vector<face::NamedFace> faces = identifier_.find(frame, faces_);
+    std::string reason;
+    if (faces.empty()) {
+      reason = faces_.reader().without_eyes() > 0 ? "eyes not found" : "no face";
+    } else if (faces.size() > 1 && !flags_.largest) {
+      reason = "several faces";
+    }
+    if (!reason.empty()) {
+      collector_.refuse(reason);
+    } else {
+      const face::people::Face& face =
+          std::max_element(faces.begin(), faces.end(), [](const auto& a, const auto& b) {
+            return a.face.box.area() < b.face.box.area();
+          })->face;
+      reason = collector_.offer(face, frame.time, !frame.still);
+      if (reason.empty()) {
+        enroller_.enroll(flags_.name, flags_.note, face, frame.name, now_ms());
+        crops_.push_back(face.crop);
+      }
+    }
+    if (!reason.empty() && frame.still) {
+      log_warning("{}: {}{}", frame.name, reason,
+                  reason == "several faces" ? " (--largest takes the largest)" : "");
+    }
+  }
+
+  void report(const std::vector<std::string>& others) {
+    const auto person = gallery_.find(flags_.name);
+    const std::int64_t faces = person ? person->faces : 0;
+    if (context_.json) {
+      nlohmann::ordered_json refused = nlohmann::ordered_json::object();
+      for (const auto& [reason, count] : collector_.refused()) refused[reason] = count;
+      print_json({{"name", flags_.name},
+                  {"added", taken()},
+                  {"faces", faces},
+                  {"refused", std::move(refused)},
+                  {"same_as", others}});
+      return;
+    }
+    std::string text = fmt::format("{}: {} {} added, {} in all\n", printable(flags_.name), taken(),
+                                   taken() == 1 ? "face" : "faces", faces);
+    for (const auto& [reason, count] : collector_.refused())
+      text += fmt::format("  {:>5} refused: {}\n", count, reason);
+    print_text(text);
+  }
+
+  const EnrollFlags& flags_;
+  Context& context_;
+  const face::Identifier identifier_{face::NamingOptions()};  // finds; nobody is named
+  face::IdentifierState faces_;
+  face::people::Collector collector_;
+  face::people::Gallery gallery_;
+  std::optional<face::recognition::Background> background_;
+  face::Enroller enroller_;
+  std::optional<face::people::GalleryModel> before_;
+  std::vector<cv::Mat> crops_;
+  std::string source_name_;
+};
+
+ExitStatus enroll(EnrollFlags& flags, Context& context) {
+  face::people::check_name(flags.name);
+  face::people::check_note(flags.note);
+  flags.collect.check_quality = !flags.any_quality;
+  return Enrolment(flags, context)();
+}
+
+void add_flags(Command& verb, EnrollFlags& flags) {
+  verb.add_option("NAME", flags.name, "any UTF-8 up to 200 bytes").required();
+  verb.add_option("INPUT", flags.inputs, "picture, folder, glob, @list.txt, video, camera number")
+      .required();
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--note", flags.note, "of consent: who agreed to what, when");
+  verb.add_option("--faces", flags.most, "stop after so many faces")
+      .check(range(1, 100000))
+      .show_default();
+  verb.add_flag("--largest", flags.largest, "of several faces in a picture the largest");
+  verb.add_flag("--any-quality", flags.any_quality, "also small, blurred, turned, dark faces");
+  verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time");
+  (void)add_security_flags(verb, flags.source.security);
+  verb.add_option("--min-difference", flags.collect.min_difference,
+                  "videos: how far a face differs from the last that was taken")
+      .show_default();
+  verb.add_option("--min-seconds", flags.collect.min_seconds,
+                  "videos: and how many seconds later it is")
+      .show_default();
+  add_face_flags(verb, flags.people);
+}
+
+}  // namespace
+
+void add_people_enroll(Command& area, Context& context) {
+  add_verb<EnrollFlags>(area, "enroll",
+                        "adds faces of a person to the gallery: pictures, videos or a camera",
+                        context, add_flags, enroll);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,289 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/face/recognition/evaluation.h"
+#include "tarsier/face/recognition/same_camera.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+
+#include "framework/size_flag.h"
+#include "verbs/people/engine.h"
+#include "verbs/people/people.h"
+#include <algorithm>
+#include <memory>
+#include <optional>
+
+namespace tarsier::cli {
+namespace {
+
+using face::recognition::Algorithm;
+using face::recognition::EvaluationResult;
+using face::recognition::Rate;
+using face::recognition::SeedResult;
+
+const cv::Size kPlot{800, 560};
+
+struct EvalFlags {
+  PeopleFlags people;
+  std::string list;
+  bool raw = false;
+  std::string size;
+  int training = 5;
+  int seeds = 5;
+  int enrolled = 0;
+  double rate = 0.01;
+  bool fit_same_camera = false;
+  std::vector<std::string> algorithms;
+  std::string csv;
+  std::string cmc;
+  std::string roc;
+};
+
+nlohmann::ordered_json json_of(const Rate& rate) {
+  if (rate.value < 0) return nullptr;
+  return {{"rate", rounded(rate.value, 4)},       {"hits", rate.count.hits},
+          {"trials", rate.count.trials},          {"draws", rate.draws},
+          {"low", rounded(rate.interval.low, 4)}, {"high", rounded(rate.interval.high, 4)}};
+}
+
+// Pictures without a face count as wrong, as probes of every draw.
+Rate of_all(const Rate& found, std::size_t missed) {
+  Rate out = found;
+  if (missed == 0 || found.draws == 0) return out;
+  out.count.trials += static_cast<long>(missed) * found.draws;
+  const auto trials = static_cast<double>(out.count.trials);
+  out.value = static_cast<double>(out.count.hits) / trials;
+  out.interval = wilson_interval_of_rate(out.value, trials / out.draws);
+  return out;
+}
+
+nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces& listed,
+                               const std::string& background) {
+  const SeedResult m = result.mean();
+  const Rate identified = of_all(result.rate(&SeedResult::identified), listed.missed.size());
+  nlohmann::ordered_json line = {{"algorithm", face::recognition::name_of(result.algorithm)},
+                                 {"training", result.options.training},
+                                 {"seeds", result.seeds.size()},
+                                 {"people", m.people},
+                                 {"accuracy", rounded(m.accuracy, 4)},
+                                 {"accuracy_of_all", rounded(identified.value, 4)},
+                                 {"identified", json_of(identified)},
+                                 {"not_found", listed.missed.size()}};
+  line["background"] =
+      result.with_background ? nlohmann::ordered_json(background) : nlohmann::ordered_json(nullptr);
+  if (result.options.strangers) {
+    const auto or_null = [](double value) {
+      return value < 0 ? nlohmann::ordered_json(nullptr)
+                       : nlohmann::ordered_json(rounded(value, 4));
+    };
+    line["enrolled"] = result.options.enrolled > 0 ? result.options.enrolled : m.people / 2;
+    line["tar"] = or_null(m.true_accepts);
+    line["dir"] = or_null(m.right_accepts);
+    line["eer"] = or_null(m.equal_error);
+    line["auc"] = or_null(m.area);
+    line["chosen_true"] = json_of(result.rate(&SeedResult::true_count));
+    line["chosen_right"] = json_of(result.rate(&SeedResult::right_count));
+    line["stated_rate"] = result.options.stated_rate;
+    line["stated_tar"] = or_null(m.stated_true);
+    line["stated_dir"] = or_null(m.stated_right);
+    line["stated_far"] = or_null(m.stated_false);
+    line["stated_true"] = json_of(result.rate(&SeedResult::stated_true_count));
+    line["stated_right"] = json_of(result.rate(&SeedResult::stated_right_count));
+    line["stated_false"] = json_of(result.rate(&SeedResult::stated_false_count));
+  }
+  line["train_s"] = rounded(m.train_seconds, 4);
+  line["identify_ms"] = rounded(m.identify_ms, 4);
+  return line;
+}
+
+// "95.20 % (476 of 500; 89.1 to 98.0 %)"
+std::string text_of(const Rate& rate) {
+  if (rate.value < 0) return "-";
+  return fmt::format("{:.2f} % ({} of {}; {:.1f} to {:.1f} %)", 100 * rate.value, rate.count.hits,
+                     rate.count.trials, 100 * rate.interval.low, 100 * rate.interval.high);
+}
+
+std::string text_of(const EvaluationResult& result, std::size_t missed) {
+  const SeedResult m = result.mean();
+  std::string text =
+      fmt::format("{:<8} identified          {}\n", face::recognition::name_of(result.algorithm),
+                  text_of(of_all(result.rate(&SeedResult::identified), missed)));
+  if (result.options.strangers) {
+    if (m.calibrated) {
+      text += fmt::format(
+          "         at the stated rate of {:g} %, the threshold a user gets:\n"
+          "           true accepts      {}\n"
+          "           by the right name {}\n"
+          "           false accepts     {}\n",
+          100 * result.options.stated_rate, text_of(result.rate(&SeedResult::stated_true_count)),
+          text_of(result.rate(&SeedResult::stated_right_count)),
+          text_of(result.rate(&SeedResult::stated_false_count)));
+    } else {
+      text += "         no threshold of its own: too little is known to tell strangers\n";
+    }
+    text += fmt::format(
+        "         at a threshold chosen on these very scores for {:g} % false accepts:\n"
+        "           true accepts      {}\n"
+        "           by the right name {}\n"
+        "         equal error rate {:.2f} %, area under the curve {:.4f}\n",
+        100 * result.options.false_accepts, text_of(result.rate(&SeedResult::true_count)),
+        text_of(result.rate(&SeedResult::right_count)), 100 * m.equal_error, m.area);
+  }
+  return text + fmt::format("         training {:.2f} s, a probe {:.2f} ms\n", m.train_seconds,
+                            m.identify_ms);
+}
+
+ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
+                         const std::optional<face::recognition::Background>& background,
+                         Context& context) {
+  if (!background) throw UsageError("--fit-same-camera needs a background");
+  face::recognition::SameCameraFit fit;
+  try {
+    fit =
+        face::recognition::fit_same_camera(listed.faces, listed.labels, flags.training, flags.seeds,
+                                           *background, *context.progress, context.stop);
+  } catch (const std::invalid_argument& error) {
+    throw InputError(flags.list, error.what());
+  }
+  if (context.json) {
+    print_json({{"shift", rounded(fit.found.shift, 4)},
+                {"spread", rounded(fit.found.spread, 4)},
+                {"compiled_shift", face::recognition::kSameCameraFitted.shift},
+                {"compiled_spread", face::recognition::kSameCameraFitted.spread},
+                {"people", fit.people},
+                {"galleries", fit.galleries},
+                {"scores", fit.scores}});
+    return ExitStatus::kDone;
+  }
+  print_text(fmt::format(
+      "strangers before this camera score {:+.4f} above what the background expects, and spread "
+      "{:.3f} times as far\n  ({} scores against {} galleries of one, {} people; the program uses "
+      "{:g} and {:g})\n",
+      fit.found.shift, fit.found.spread, fit.scores, fit.galleries, fit.people,
+      face::recognition::kSameCameraFitted.shift, face::recognition::kSameCameraFitted.spread));
+  return ExitStatus::kDone;
+}
+
+void write_plot(const std::string& path, const cv::Mat& image, const std::string& svg) {
+  if (path.ends_with(".svg")) {
+    write_file_atomically(path, std::string_view(svg));
+  } else {
+    write_image(path, image);
+  }
+}
+
+ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
+  std::vector<Algorithm> algorithms;
+  for (const std::string& name : flags.algorithms) {
+    try {
+      algorithms.push_back(face::recognition::parse_algorithm(name));
+    } catch (const std::invalid_argument& error) {
+      throw UsageError(fmt::format("--algorithm: {}", error.what()));
+    }
+  }
+  if (algorithms.empty())
+    algorithms = {Algorithm::kEigen, Algorithm::kFisher, Algorithm::kLbph, Algorithm::kDefault};
+  // As a gallery is trained: with what ships, unless another or none was asked for. Pictures that
+  // were cut in another way are not like those that it was learnt from: like `people train --raw`,
+  // they go without unless one is named.
+  const bool named = !flags.people.background.empty();
+  const bool general = std::count(algorithms.begin(), algorithms.end(), Algorithm::kDefault) > 0;
+  std::optional<face::recognition::Background> background;
+  if (named || (general && !flags.raw)) background = find_background(flags.people);
+  const std::string path = background_path(flags.people);
+  const cv::Size size = flags.size.empty() ? cv::Size() : parse_size(flags.size, 8, 1024);
+  std::optional<face::people::FaceReader> reader;
+  if (!flags.raw) reader.emplace(make_face_reader(flags.people));
+  // The cut faces serve all; the classical preparation is made from them.
+  const ListedFaces listed =
+      read_listed_faces(flags.list, flags.raw, size, false, reader ? &*reader : nullptr, context);
+  for (const std::string& picture : listed.missed) log_warning("{}: no face", picture);
+  face::recognition::EvaluationOptions options;
+  options.training = flags.training;
+  options.seeds.clear();
+  for (int i = 0; i < flags.seeds; ++i) options.seeds.push_back(static_cast<std::uint64_t>(i));
+  options.stated_rate = flags.rate;
+  options.enrolled = flags.enrolled;
+  if (flags.fit_same_camera) return fit_constants(flags, listed, background, context);
+  std::vector<EvaluationResult> results;
+  if (!context.json) {
+    print_text(fmt::format(
+        "{} faces of {} people in {}, {} training pictures each, {} draws; {} not found\n"
+        "background of the default recogniser: {}\n"
+        "(in brackets: counts of all draws; the 95 % interval by the probes of one draw, as draws "
+        "share their pictures)\n",
+        listed.faces.size(), face::recognition::count_people(listed.labels), printable(flags.list),
+        flags.training, flags.seeds, listed.missed.size(),
+        background ? printable(path)
+        : flags.raw && !named
+            ? "none (--raw: the one that ships is for faces that the program cuts)"
+            : "none"));
+  }
+  for (const Algorithm algorithm : algorithms) {
+    std::vector<cv::Mat> faces = listed.faces;
+    if (!flags.raw && algorithm != Algorithm::kDefault)
+      for (cv::Mat& face : faces) face = face::people::recognizer_input(algorithm, face);
+    face::recognition::RecognizerOptions recognizer;
+    recognizer.algorithm = algorithm;
+    try {
+      results.push_back(face::recognition::evaluate(faces, listed.labels, recognizer, options,
+                                                    *context.progress, context.stop,
+                                                    background ? &*background : nullptr));
+    } catch (const std::invalid_argument& error) {
+      throw InputError(flags.list, error.what());
+    }
+    if (context.json) {
+      print_json(line_of(results.back(), listed, path));
+    } else {
+      print_text(text_of(results.back(), listed.missed.size()));
+    }
+  }
+  if (!flags.csv.empty())
+    write_file_atomically(flags.csv, std::string_view(face::recognition::evaluation_csv(results)));
+  if (!flags.cmc.empty())
+    write_plot(flags.cmc, face::recognition::match_plot(results, kPlot),
+               face::recognition::match_plot_svg(results, kPlot));
+  if (!flags.roc.empty())
+    write_plot(flags.roc, face::recognition::accept_plot(results, kPlot),
+               face::recognition::accept_plot_svg(results, kPlot));
+  return ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, EvalFlags& flags) {
+  verb.add_option("LIST", flags.list,
+                  "lines `path<TAB>label`, with four more fields the eyes x y x y as seen")
+      .required();
+  verb.add_flag("--raw", flags.raw, "pictures are cut faces already");
+  verb.add_option("--size", flags.size, "pictures are resized to, e.g. 42x48");
+  verb.add_option("-k,--training", flags.training, "pictures of each person that train")
+      .check(range(1, 10000))
+      .show_default();
+  verb.add_option("--seeds", flags.seeds, "random draws, with seeds 0, 1, 2 ..")
+      .check(range(1, 1000))
+      .show_default();
+  verb.add_option("--algorithm", flags.algorithms, "only these: eigen,fisher,lbph,default")
+      .delimiter(',');
+  verb.add_option("--enrolled", flags.enrolled,
+                  "people who are enrolled where the others are strangers [half of them]")
+      .check(range(1, 1000000));
+  verb.add_option("--far", flags.rate, "rate that each model's own threshold is asked for")
+      .check(range(1e-6, 0.5))
+      .show_default();
+  verb.add_option("--csv", flags.csv, "table to write, a line for each draw");
+  verb.add_option("--cmc", flags.cmc, "plot of ranks to write, .png or .svg");
+  verb.add_option("--roc", flags.roc, "plot of accepts to write, .png or .svg");
+  verb.add_flag("--fit-same-camera", flags.fit_same_camera,
+                "instead: how much more alike strangers in these pictures are than the background "
+                "expects");
+  add_face_flags(verb, flags.people);
+}
+
+}  // namespace
+
+void add_people_eval(Command& area, Context& context) {
+  add_verb<EvalFlags>(area, "eval", "how well the recognisers do, side by side", context, add_flags,
+                      evaluate_people);
+}
+
+}  // namespace tarsier::cli

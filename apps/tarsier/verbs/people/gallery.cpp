@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/face/people/export.h"
+#include "tarsier/plate/tracking/time_text.h"
+
+#include <fmt/format.h>
+
+#include "verbs/people/engine.h"
+#include "verbs/people/people.h"
+#include <cstdio>
+#include <memory>
+#include <unistd.h>
+
+namespace tarsier::cli {
+namespace {
+
+struct GalleryFlags {
+  PeopleFlags people;
+  bool sightings = false;
+  std::int64_t limit = 0;
+  std::string keep;
+  std::string name;
+  bool yes = false;
+  std::string output;
+};
+
+ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
+  if (!flags.keep.empty()) {
+    const auto age = plate::parse_duration(flags.keep, "--keep");
+    face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+    const std::int64_t deleted = gallery.forget_sightings_before(now_ms() - age.count());
+    const std::int64_t kept = gallery.sighting_count();
+    if (context.json) {
+      print_json({{"deleted", deleted}, {"kept", kept}});
+    } else {
+      print_text(fmt::format("{} sightings deleted, {} kept\n", deleted, kept));
+    }
+    return ExitStatus::kDone;
+  }
+  // To be written where it can be: an older gallery is brought up to date.
+  face::people::Gallery gallery = face::open_gallery(flags.people.gallery);
+  if (flags.sightings) {
+    const auto sightings = gallery.sightings(flags.limit);
+    for (const face::people::Sighting& s : sightings) {
+      if (context.json) {
+        print_json({{"time", time_text(s.time)},
+                    {"source", s.source},
+                    {"label", s.name},
+                    {"known", s.known},
+                    {"confidence", s.confidence}});
+      } else {
+        print_text(fmt::format("{}  {:<24} {:>3.0f} %  {}\n", time_text(s.time).substr(0, 19),
+                               s.known ? printable(s.name) : "unknown", 100 * s.confidence,
+                               printable(s.source)));
+      }
+    }
+    return sightings.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
+  }
+  const auto people = gallery.people();
+  for (const face::people::Person& person : people) {
+    if (context.json) {
+      print_json({{"name", person.name},
+                  {"faces", person.faces},
+                  {"note", person.note},
+                  {"time", time_text(person.time)}});
+    } else {
+      print_text(fmt::format("{:<24} {:>4} faces  since {}  {}\n", printable(person.name),
+                             person.faces, time_text(person.time).substr(0, 10),
+                             printable(person.note)));
+    }
+  }
+  if (people.empty()) log_info("{}: nobody is enrolled", flags.people.gallery);
+  return people.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+// Only a person at a terminal can be asked.
+bool agreed(const face::people::Person& person) {
+  if (isatty(STDIN_FILENO) == 0)
+    throw UsageError("forgetting cannot be undone: say --yes where nobody can be asked");
+  print_text(fmt::format("Forget '{}' with {} faces for good? [y/N] ", printable(person.name),
+                         person.faces));
+  const int answer = std::getchar();
+  return answer == 'y' || answer == 'Y';
+}
+
+// What was removed, what was looked for and where, and what was not proven.
+std::string forget_text(const std::string& name, const face::people::ForgetReport& report) {
+  const face::people::SearchReport& search = report.search;
+  std::string text = fmt::format(
+      "{} is forgotten: {} faces, {} sightings{}.\nSearched {} files in {} folders, {} bytes, for "
+      "{} "
+      "of {} pieces of 32 bytes of the removed crops and templates: {}\n",
+      printable(name), report.person.faces, report.sightings,
+      report.unlearned ? ", and what was learned from them" : "", search.files.size(),
+      search.folders, search.bytes, report.searched, report.pieces,
+      report.proven() ? "none is left." : "NOT PROVEN.");
+  if (report.shared > 0) {
+    std::string others;
+    for (const std::string& other : report.shared_with)
+      others += (others.empty() ? "'" : ", '") + printable(other) + "'";
+    text += fmt::format("{} pieces are also in faces of {}, who stay: they were not looked for.\n",
+                        report.shared, others);
+  }
+  if (report.unproven > 0) {
+    text += fmt::format(
+        "Of {} crops and templates most pieces could not be looked for: nothing is proven of "
+        "them{}.\n",
+        report.unproven,
+        report.shared > 0 ? " (the same picture is there under another name)" : "");
+  }
+  if (search.links > 0) text += fmt::format("{} links were not followed.\n", search.links);
+  for (const std::string& skipped : search.skipped)
+    text += fmt::format("not searched: {}\n", printable(skipped));
+  return text;
+}
+
+ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
+  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  const auto person = gallery.find(flags.name);
+  if (!person) {
+    log_warning("{}: nobody is enrolled as '{}'", flags.people.gallery, flags.name);
+    return ExitStatus::kNothingFound;
+  }
+  if (!flags.yes && !agreed(*person)) return ExitStatus::kNothingFound;
+  const auto report = gallery.forget(flags.name, context.stop);
+  if (!report) return ExitStatus::kNothingFound;
+  const face::people::SearchReport& search = report->search;
+  if (context.json) {
+    print_json({{"name", flags.name},
+                {"faces", report->person.faces},
+                {"sightings", report->sightings},
+                {"unlearned", report->unlearned},
+                {"pieces", report->pieces},
+                {"pieces_searched", report->searched},
+                {"pieces_shared", report->shared},
+                {"shared_with", report->shared_with},
+                {"unproven", report->unproven},
+                {"searched", search.files},
+                {"folders", search.folders},
+                {"bytes", search.bytes},
+                {"links", search.links},
+                {"left_in", search.found},
+                {"unread", search.unread},
+                {"skipped", search.skipped},
+                {"proven", report->proven()}});
+  } else {
+    print_text(forget_text(flags.name, *report));
+  }
+  if (!report->log_emptied) {
+    throw OutputError(gallery.path(),
+                      "another program still uses it: its log could not be emptied; end that "
+                      "program and open the gallery once more");
+  }
+  if (!search.found.empty()) {
+    throw OutputError(search.found.front(),
+                      "still holds pieces of the removed faces (a copy or export?): delete it");
+  }
+  if (!search.unread.empty()) throw OutputError(search.unread.front(), "could not be searched");
+  if (!search.skipped.empty()) {
+    throw OutputError(flags.people.gallery,
+                      "the person is removed, but not all below its folder could be searched: " +
+                          printable(search.skipped.front()));
+  }
+  return ExitStatus::kDone;
+}
+
+ExitStatus export_people(const GalleryFlags& flags, Context& context) {
+  face::people::Gallery gallery = face::open_gallery(flags.people.gallery);
+  const auto report = face::people::export_gallery(gallery, flags.output, time_text, context.stop);
+  if (context.json) {
+    print_json({{"output", flags.output}, {"people", report.people}, {"faces", report.faces}});
+  } else {
+    print_text(fmt::format("{} people, {} faces written to {}\n", report.people, report.faces,
+                           printable(flags.output)));
+  }
+  return report.people > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+void add_list_flags(Command& verb, GalleryFlags& flags) {
+  add_gallery_flag(verb, flags.people);
+  Flag& sightings = verb.add_flag("--sightings", flags.sightings, "who was seen, newest first");
+  verb.add_option("--limit", flags.limit, "of the sightings the newest so many; 0: all")
+      .check(not_negative())
+      .show_default();
+  verb.add_option("--keep", flags.keep, "delete sightings that are older: 30d, 12h, 90m ..")
+      .excludes(sightings);
+}
+
+void add_forget_flags(Command& verb, GalleryFlags& flags) {
+  verb.add_option("NAME", flags.name, "as `people list` shows it").required();
+  add_gallery_flag(verb, flags.people);
+  verb.add_flag("--yes", flags.yes, "do not ask");
+}
+
+void add_export_flags(Command& verb, GalleryFlags& flags) {
+  verb.add_option("-o,--output", flags.output, "a folder that is not there yet").required();
+  add_gallery_flag(verb, flags.people);
+}
+
+}  // namespace
+
+void add_people_gallery(Command& area, Context& context) {
+  add_verb<GalleryFlags>(area, "list", "who is enrolled, or who was seen", context, add_list_flags,
+                         list_people);
+  add_verb<GalleryFlags>(
+      area, "forget",
+      "removes a person for good and proves it by searching the files in and below the folder",
+      context, add_forget_flags, forget_person);
+  add_verb<GalleryFlags>(area, "export",
+                         "writes all that the gallery holds: faces, faces.lst, people.json",
+                         context, add_export_flags, export_people);
+}
+
+}  // namespace tarsier::cli

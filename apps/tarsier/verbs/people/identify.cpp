@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/face/people/retention.h"
+#include "tarsier/media/still_source.h"
+#include "tarsier/plate/tracking/time_text.h"
+
+#include <fmt/format.h>
+
+#include "framework/on_event.h"
+#include "framework/run_session.h"
+#include "ui/face/recognize_session.h"
+#include "verbs/people/engine.h"
+#include "verbs/people/people.h"
+#include <chrono>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+
+namespace tarsier::cli {
+namespace {
+
+struct IdentifyFlags {
+  RunFlags run;
+  PeopleFlags people;
+  face::NamingOptions naming;
+  std::string model;
+  bool raw = false;
+  OnEventFlags on_event;
+  std::string keep;
+};
+
+// Tells each new recognition once: of stills every known face, of videos a face when it is first
+// known, or known as somebody else.
+class Events {
+ public:
+  Events(const IdentifyFlags& flags, OnEvent& on_event) : flags_(flags), on_event_(on_event) {}
+
+  void frame(const Frame& frame, const std::vector<face::NamedFace>& faces,
+             face::people::Gallery* gallery) {
+    const std::string source = source_of(frame);
+    if (frame.still || source != source_) reported_.clear();
+    source_ = source;
+    for (const face::NamedFace& face : faces) {
+      if (face.name.label.empty()) continue;
+      const bool video = !frame.still && face.face.id > 0;
+      const std::string what = (face.name.known ? "+" : "-") + face.name.label;
+      if (video) {
+        Reported& reported = reported_[face.face.id];
+        reported.time = frame.time;
+        if (std::exchange(reported.what, what) == what) continue;
+      }
+      if (gallery != nullptr && !flags_.keep.empty())
+        gallery->add_sighting(now_ms(), frame.name, face.name.label, face.name.known,
+                              face.name.confidence);
+      if (!face.name.known || !on_event_) continue;
+      nlohmann::ordered_json line = to_json(face);
+      if (frame.still) {
+        line["image"] = frame.name;
+      } else {
+        line["frame"] = frame.index;
+        line["time"] = frame.time;
+        line["source"] = masked(frame.name);
+      }
+      on_event_.post(line);
+    }
+    // A face that is out of sight for so long does not come back under its number.
+    std::erase_if(reported_,
+                  [&](const auto& entry) { return frame.time - entry.second.time > kLost_s; });
+  }
+
+ private:
+  static constexpr double kLost_s = 60;
+  struct Reported {
+    std::string what;
+    double time = 0;  // when it was last seen, s
+  };
+  const IdentifyFlags& flags_;
+  OnEvent& on_event_;
+  std::map<int, Reported> reported_;
+  std::string source_;
+};
+
+ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
+  default_to_headless(flags.run);
+  if (flags.raw && flags.model.empty()) throw UsageError("--raw goes with --model");
+  if (!flags.keep.empty() && !flags.model.empty())
+    throw UsageError("--keep goes with a gallery, not with --model");
+  face::IdentifierOptions options = identifier_options(flags.people);
+  options.write_gallery = !flags.keep.empty();
+  options.recognizer = flags.model;
+  options.cropped = flags.raw;
+  options.naming = flags.naming;
+  std::optional<std::chrono::milliseconds> keep;
+  if (!flags.keep.empty()) keep = plate::parse_duration(flags.keep, "--keep");
+  const face::Identifier identifier = load_identifier(options);
+  face::IdentifierState state = identifier.open(*context.progress, context.stop);
+  if (state.recognizer() == nullptr) log_info("{}: nobody is enrolled", flags.people.gallery);
+  face::people::Gallery* const gallery = state.gallery();
+  std::optional<face::people::SightingRetention> retention;
+  if (keep) retention.emplace(*gallery, keep->count());
+  DebugFolder debug(context.debug_dir);
+  RecognizeSession session(identifier, std::move(state), debug.sink());
+  OnEvent on_event(flags.on_event, context);
+  Events events(flags, on_event);
+  bool known = false;
+  RunHooks hooks;
+  hooks.title = "people";
+  hooks.debug = &debug;
+  hooks.after_frame = [&](const Frame& frame) {
+    events.frame(frame, session.faces(), gallery);
+    if (retention) (void)retention->step(now_ms());
+    for (const face::NamedFace& face : session.faces()) known = known || face.name.known;
+    if (!frame.still || context.json || context.quiet) return;
+    std::string text = fmt::format("{}:", printable(frame.name));
+    for (const face::NamedFace& face : session.faces()) {
+      text += face.name.known ? fmt::format(" {} ({:.0f} %)", printable(face.name.label),
+                                            100 * face.name.confidence)
+              : face.name.label.empty()
+                  ? " unknown"
+                  : fmt::format(" unknown (nearest: {}, {:.0f} %)", printable(face.name.label),
+                                100 * face.name.confidence);
+    }
+    print_text(text + (session.faces().empty() ? " no face\n" : "\n"));
+  };
+  hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
+    line.update(to_json(session.result()));
+  };
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  on_event.finish();
+  return status == ExitStatus::kDone && !known ? ExitStatus::kNothingFound : status;
+}
+
+void add_flags(Command& verb, IdentifyFlags& flags) {
+  add_run_flags(verb, flags.run);
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--model", flags.model, "model of `people train -o` in place of the gallery");
+  verb.add_flag("--raw", flags.raw, "pictures are cut faces already");
+  verb.add_option("--far", flags.naming.false_accepts,
+                  "share of strangers who may be taken for somebody")
+      .show_default();
+  add_on_event_flags(verb, flags.on_event, "at each new recognition");
+  verb.add_option("--keep", flags.keep,
+                  "write into the gallery who was seen, and delete what is "
+                  "older: 30d, 12h ..");
+  add_face_flags(verb, flags.people);
+}
+
+}  // namespace
+
+void add_people_identify(Command& area, Context& context) {
+  add_debug_flag(
+      add_verb<IdentifyFlags>(area, "identify",
+                              "names the faces in pictures, videos and cameras, or says unknown",
+                              context, add_flags, identify_faces),
+      context);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: MIT
+#include "verbs/people/images.h"
+
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/face/recognition/normalize.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+
+namespace tarsier::cli {
+namespace {
+
+class Kept final : public DebugSink {
+ public:
+  void image(std::string_view name, const cv::Mat& image) override {
+    pictures.add(std::string(name), image);
+  }
+  NamedPictures pictures;
+};
+
+double score_of(const face::recognition::Recognizer& model, const cv::Mat& input, int person) {
+  for (const auto& one : face::recognition::identify(model, input))
+    if (one.person == person) return one.score;
+  return 0;
+}
+
+}  // namespace
+
+NamedPictures face_stages(face::people::FaceReader& reader, const cv::Mat& gray) {
+  Kept kept;
+  if (reader.read(gray, &kept).empty()) return {};
+  // The face in its picture, not all of a large one.
+  for (std::size_t i = 0; i < kept.pictures.names.size(); ++i) {
+    if (kept.pictures.names[i] != "found") continue;
+    const auto faces = reader.read(gray);
+    const cv::Rect2d& box = faces.front().box;
+    const cv::Rect around =
+        cv::Rect(cvRound(box.x - 0.5 * box.width), cvRound(box.y - 0.4 * box.height),
+                 cvRound(2 * box.width), cvRound(1.9 * box.height)) &
+        cv::Rect(0, 0, gray.cols, gray.rows);
+    cv::Mat part;
+    const double zoom = std::clamp(300.0 / std::max(1, around.width), 0.1, 4.0);
+    cv::resize(kept.pictures.images[i](around), part, {}, zoom, zoom,
+               zoom < 1 ? cv::INTER_AREA : cv::INTER_CUBIC);
+    kept.pictures.images[i] = part;
+  }
+  return kept.pictures;
+}
+
+cv::Mat evidence_picture(const face::recognition::Recognizer& model, const cv::Mat& input,
+                         int person) {
+  constexpr int kAcross = 8;
+  constexpr int kDown = 10;
+  const double whole = score_of(model, input, person);
+  cv::Mat blurred;
+  cv::GaussianBlur(input, blurred, {}, input.cols / 8.0);
+  cv::Mat loss(kDown, kAcross, CV_32FC1);
+  for (int y = 0; y < kDown; ++y) {
+    for (int x = 0; x < kAcross; ++x) {
+      // Soft edges: a hard one would be a feature of its own.
+      cv::Mat weight = cv::Mat::zeros(input.size(), CV_32FC1);
+      const cv::Point center(cvRound((x + 0.5) * input.cols / kAcross),
+                             cvRound((y + 0.5) * input.rows / kDown));
+      cv::circle(weight, center, input.cols / 8, cv::Scalar(1), cv::FILLED);
+      cv::GaussianBlur(weight, weight, {}, input.cols / 24.0);
+      cv::Mat mixed(input.size(), CV_8UC1);
+      for (int v = 0; v < input.rows; ++v) {
+        for (int u = 0; u < input.cols; ++u) {
+          const float w = weight.at<float>(v, u);
+          mixed.at<unsigned char>(v, u) = cv::saturate_cast<unsigned char>(
+              (1 - w) * static_cast<float>(input.at<unsigned char>(v, u)) +
+              w * static_cast<float>(blurred.at<unsigned char>(v, u)));
+        }
+      }
+      loss.at<float>(y, x) = static_cast<float>(whole - score_of(model, mixed, person));
+    }
+  }
+  double low = 0;
+  double high = 0;
+  cv::minMaxLoc(loss, &low, &high);
+  const double most = std::max({std::abs(low), std::abs(high), 1e-9});
+  cv::Mat smooth;
+  cv::resize(loss, smooth, input.size(), 0, 0, cv::INTER_CUBIC);
+  cv::Mat out(input.size(), CV_8UC3);
+  for (int v = 0; v < input.rows; ++v) {
+    for (int u = 0; u < input.cols; ++u) {
+      const double share = std::clamp(smooth.at<float>(v, u) / most, -1.0, 1.0);
+      const double gray = 0.55 * input.at<unsigned char>(v, u);
+      out.at<cv::Vec3b>(v, u) = {
+          cv::saturate_cast<unsigned char>(gray + 110 * std::max(0.0, -share)),
+          cv::saturate_cast<unsigned char>(gray),
+          cv::saturate_cast<unsigned char>(gray + 110 * std::max(0.0, share))};
+    }
+  }
+  return out;
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: MIT
+#include <fmt/format.h>
+
+#include "framework/run_session.h"
+#include "ui/face/people_session.h"
+#include "verbs/people/engine.h"
+#include "verbs/people/people.h"
+#include <cmath>
+#include <memory>
+
+namespace tarsier::cli {
+namespace {
+
+struct LiveFlags {
+  RunFlags run;
+  PeopleFlags people;
+  PeopleSessionOptions session;
+  std::string algorithm;
+};
+
+ExitStatus live(LiveFlags& flags, Context& context) {
+  face::IdentifierOptions options = identifier_options(flags.people);
+  options.enroll = true;
+  if (!flags.algorithm.empty()) {
+    try {
+      options.algorithm = face::recognition::parse_algorithm(flags.algorithm);
+    } catch (const std::invalid_argument& error) {
+      throw UsageError(fmt::format("--algorithm: {}", error.what()));
+    }
+  }
+  flags.session.now = now_ms;
+  // What is due in a gallery that is there already is learned before the window opens.
+  PeopleSession session(load_identifier(options).open(*context.progress, context.stop),
+                        flags.session);
+  RunHooks hooks;
+  hooks.title = "people";
+  hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
+    line["faces"] = nlohmann::ordered_json::array();
+    for (const face::NamedFace& face : session.faces()) {
+      nlohmann::ordered_json object = to_json(face);
+      object["id"] = face.face.id;
+      line["faces"].push_back(std::move(object));
+    }
+    line["mode"] = view.state["mode"];
+    line["people"] = view.state["people"];
+    line["message"] = view.state["message"];
+    line["ms"] = rounded(session.milliseconds(), 2);
+  };
+  return run_session(session, flags.run, context, hooks);
+}
+
+void add_flags(Command& verb, LiveFlags& flags) {
+  add_run_flags(verb, flags.run);
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--names", flags.session.names,
+                  "of the people who are added, in turn; then Person 1, Person 2 ..")
+      .delimiter(',');
+  verb.add_option("--note", flags.session.note, "of consent, for those who are added");
+  verb.add_option("--algorithm", flags.algorithm, "default, eigen, fisher or lbph");
+  verb.add_option("--faces", flags.session.max_faces,
+                  "faces collected of a person at a time, at most")
+      .show_default();
+  verb.add_option("--far", flags.session.false_accepts,
+                  "share of strangers who may be taken for somebody")
+      .show_default();
+  verb.add_option("--min-seconds", flags.session.collect.min_seconds,
+                  "s between two faces that are taken")
+      .show_default();
+  verb.add_option("--min-difference", flags.session.collect.min_difference,
+                  "from the face that was taken last")
+      .show_default();
+  add_face_flags(verb, flags.people);
+}
+
+}  // namespace
+
+void add_people_live(Command& area, Context& context) {
+  add_verb<LiveFlags>(area, "live",
+                      "enrols and recognises in a window: click Add Person, "
+                      "then elsewhere to train",
+                      context, add_flags, live);
+}
+
+}  // namespace tarsier::cli

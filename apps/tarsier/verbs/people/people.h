@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "framework/cli.h"
+
+namespace tarsier::cli {
+
+// The verbs of `people`, one file each (cmd_people_<verb>.cpp).
+void add_people_enroll(Command& area, Context& context);
+void add_people_gallery(Command& area, Context& context);  // list, forget, export
+void add_people_train(Command& area, Context& context);
+void add_people_identify(Command& area, Context& context);
+void add_people_verify(Command& area, Context& context);
+void add_people_show(Command& area, Context& context);
+void add_people_eval(Command& area, Context& context);
+void add_people_live(Command& area, Context& context);
+
+}  // namespace tarsier::cli

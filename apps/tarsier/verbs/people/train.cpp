@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/training.h"
+
+#include <fmt/format.h>
+
+#include "framework/size_flag.h"
+#include "verbs/people/engine.h"
+#include "verbs/people/people.h"
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+struct TrainFlags {
+  PeopleFlags people;
+  std::string list;
+  std::string background_list;
+  std::string terms;
+  std::string algorithm;
+  std::string size;
+  bool raw = false;
+  std::string output;
+};
+
+face::recognition::Algorithm algorithm_of(const std::string& name) {
+  try {
+    return face::recognition::parse_algorithm(name);
+  } catch (const std::invalid_argument& error) {
+    throw UsageError(fmt::format("--algorithm: {}", error.what()));
+  }
+}
+
+// Of very many faces an even choice.
+std::int64_t learned_from(const face::recognition::Recognizer& model) {
+  return std::min<std::int64_t>(model.templates.rows(), face::recognition::kMaxLearnedFaces);
+}
+
+void tell(const face::recognition::Recognizer& model, const Context& context,
+          const std::string& where) {
+  const auto& calibration = model.calibration;
+  if (context.json) {
+    nlohmann::ordered_json line = {
+        {"algorithm", face::recognition::name_of(model.options.algorithm)},
+        {"people", model.labels.size()},
+        {"faces", model.templates.rows()},
+        {"learned_from", learned_from(model)},
+        {"calibrated", calibration.has_value()}};
+    if (calibration) {
+      line["strangers"] = {{"scores", calibration->stranger_scores},
+                           {"people", calibration->stranger_people}};
+      line["genuine_scores"] = calibration->genuine_scores;
+      line["threshold_1_percent"] =
+          calibration->threshold(0.01, static_cast<int>(model.labels.size()));
+    }
+    line["output"] = where;
+    print_json(line);
+    return;
+  }
+  std::string text =
+      fmt::format("{}: {} people, {} faces, learned from {} -> {}\n",
+                  face::recognition::name_of(model.options.algorithm), model.labels.size(),
+                  model.templates.rows(), learned_from(model), printable(where));
+  if (calibration) {
+    text += fmt::format(
+        "  score for 1 false accept in 100: {:.3f}; from {} scores of {} left-out people as "
+        "strangers{} and {} of right ones\n",
+        calibration->threshold(0.01, static_cast<int>(model.labels.size())),
+        calibration->stranger_scores, calibration->stranger_people,
+        calibration->stranger_scores < 100 ? " (few: what is known of faces in general counts too)"
+                                           : "",
+        calibration->genuine_scores);
+  } else {
+    text += "  no threshold: too little is known to tell strangers\n";
+  }
+  print_text(text);
+}
+
+ExitStatus train_background(const TrainFlags& flags, Context& context) {
+  face::people::FaceReader reader = make_face_reader(flags.people);
+  const ListedFaces listed =
+      read_listed_faces(flags.background_list, flags.raw, {}, false, &reader, context);
+  face::recognition::BackgroundOptions options;
+  options.seed = context.seed;
+  face::recognition::Background background;
+  try {
+    background =
+        face::recognition::learn_background(listed.faces, options, *context.progress, context.stop);
+  } catch (const std::invalid_argument& error) {
+    throw InputError(flags.background_list, error.what());
+  }
+  const std::filesystem::path input =
+      std::filesystem::path(flags.background_list).lexically_normal();
+  face::recognition::write_background(
+      flags.output, background,
+      {{"program", fmt::format("tarsier {}", version())},
+       {"seed", context.seed},
+       {"data", input.parent_path().filename().string() + "/" + input.filename().string()},
+       {"faces", listed.faces.size()},
+       {"not_found", listed.missed.size()},
+       {"options",
+        {{"components", options.components},
+         {"variants", options.variants},
+         {"relight", options.relight},
+         {"moved_px", options.moved_px},
+         {"weight", options.weight},
+         {"within_weight", options.within_weight}}},
+       {"terms", flags.terms}});
+  print_text(fmt::format("{} people, {} directions -> {}\n", listed.faces.size(),
+                         background.basis.rows(), printable(flags.output)));
+  return ExitStatus::kDone;
+}
+
+ExitStatus train_list(const TrainFlags& flags, Context& context) {
+  face::recognition::RecognizerOptions options;
+  if (!flags.algorithm.empty()) options.algorithm = algorithm_of(flags.algorithm);
+  const bool classical = options.algorithm != face::recognition::Algorithm::kDefault;
+  std::optional<face::people::FaceReader> reader;
+  if (!flags.raw) reader.emplace(make_face_reader(flags.people));
+  const cv::Size size = flags.size.empty() ? cv::Size() : parse_size(flags.size, 8, 1024);
+  const ListedFaces listed = read_listed_faces(flags.list, flags.raw, size, classical,
+                                               reader ? &*reader : nullptr, context);
+  for (const std::string& path : listed.missed) log_warning("{}: no face", path);
+  std::optional<face::recognition::Background> background;
+  if (!flags.raw && !classical) background = find_background(flags.people);
+  face::recognition::Recognizer model;
+  try {
+    model = face::recognition::train(listed.faces, listed.labels, options, *context.progress,
+                                     context.stop, background ? &*background : nullptr);
+  } catch (const std::invalid_argument& error) {
+    throw InputError(flags.list, error.what());
+  }
+  face::recognition::write_recognizer(flags.output, model,
+                                      {{"program", fmt::format("tarsier {}", version())},
+                                       {"raw", flags.raw},
+                                       {"faces", listed.faces.size()}});
+  tell(model, context, flags.output);
+  return ExitStatus::kDone;
+}
+
+ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
+  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  if (!flags.algorithm.empty()) {
+    gallery.set_algorithm(face::recognition::name_of(algorithm_of(flags.algorithm)));
+  }
+  const auto model = model_of_gallery(gallery, flags.people, context, face::people::Learn::kNow);
+  if (!model) {
+    log_info("{}: nobody is enrolled", flags.people.gallery);
+    return ExitStatus::kNothingFound;
+  }
+  if (!flags.output.empty()) {
+    face::recognition::write_recognizer(flags.output, *model,
+                                        {{"program", fmt::format("tarsier {}", version())}});
+  }
+  tell(*model, context, flags.output.empty() ? flags.people.gallery : flags.output);
+  return ExitStatus::kDone;
+}
+
+ExitStatus train(const TrainFlags& flags, Context& context) {
+  if (!flags.list.empty() && !flags.background_list.empty())
+    throw UsageError("--list or --learn-background, not both");
+  const bool listed = !flags.list.empty() || !flags.background_list.empty();
+  if (listed && flags.output.empty()) throw UsageError("-o: where to write the model");
+  if (!listed && (flags.raw || !flags.size.empty()))
+    throw UsageError("--raw and --size go with --list");
+  if (!flags.background_list.empty()) return train_background(flags, context);
+  return listed ? train_list(flags, context) : train_gallery(flags, context);
+}
+
+void add_flags(Command& verb, TrainFlags& flags) {
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--list", flags.list,
+                  "lines `path<TAB>label`, with four more fields the eyes x y x y as seen");
+  verb.add_option("--algorithm", flags.algorithm,
+                  "default, eigen, fisher or lbph; the gallery remembers it");
+  verb.add_flag("--raw", flags.raw, "the list's pictures are cut faces already");
+  verb.add_option("--size", flags.size, "pictures of the list are resized to, e.g. 42x48");
+  verb.add_option("-o,--output", flags.output, "model file to write");
+  verb.add_option("--learn-background", flags.background_list,
+                  "list of many people, a picture each: what faces are like in general");
+  verb.add_option("--terms", flags.terms,
+                  "terms of the pictures of --learn-background, kept in the model");
+  add_face_flags(verb, flags.people);
+}
+
+}  // namespace
+
+void add_people_train(Command& area, Context& context) {
+  add_verb<TrainFlags>(area, "train", "learns from the gallery, or from a list into a file",
+                       context, add_flags, train);
+}
+
+}  // namespace tarsier::cli

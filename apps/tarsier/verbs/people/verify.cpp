@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/media/frame_source.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "verbs/people/engine.h"
+#include "verbs/people/people.h"
+#include <algorithm>
+#include <limits>
+#include <memory>
+
+namespace tarsier::cli {
+namespace {
+
+struct VerifyFlags {
+  PeopleFlags people;
+  std::string name;
+  std::vector<std::string> inputs;
+  double rate = 0.01;
+};
+
+struct Verdict {
+  bool same = false;
+  double score = 0;
+  double threshold = 0;
+  double confidence = 0;
+};
+
+// Against the claimed person only: a stranger has one chance, not one with everybody.
+Verdict verdict_of(const face::recognition::Recognizer& model, const face::people::Face& face,
+                   const std::string& name, double rate) {
+  Verdict out;
+  const auto features = face::recognition::template_of(
+      model, face::people::recognizer_input(model.options.algorithm, face.crop));
+  for (const auto& person : face::recognition::identify_template(model, features)) {
+    if (model.labels[static_cast<std::size_t>(person.person)] != name) continue;
+    out.score = person.score;
+    if (!model.calibration) break;
+    out.threshold = model.calibration->threshold(rate, 1);
+    out.same = out.score >= out.threshold;
+    out.confidence = model.calibration->probability(out.score);
+  }
+  return out;
+}
+
+ExitStatus verify(const VerifyFlags& flags, Context& context) {
+  face::people::Gallery gallery = face::open_gallery(flags.people.gallery);
+  if (!gallery.find(flags.name)) {
+    throw InputError(flags.people.gallery,
+                     fmt::format("nobody is enrolled as '{}'", printable(flags.name)));
+  }
+  const auto model = model_of_gallery(gallery, flags.people, context);
+  if (!model ||
+      std::find(model->labels.begin(), model->labels.end(), flags.name) == model->labels.end()) {
+    throw InputError(flags.people.gallery,
+                     fmt::format("'{}' has no faces yet", printable(flags.name)));
+  }
+  face::people::FaceReader reader = make_face_reader(flags.people);
+  bool all = true;
+  bool any = false;
+  const auto source = open_sources(flags.inputs);
+  while (!source->ended()) {
+    throw_if_stopped(context.stop);
+    const auto frame = source->next(std::chrono::milliseconds(200), context.stop);
+    if (!frame) continue;
+    cv::Mat gray;
+    cv::cvtColor(frame->image, gray, cv::COLOR_BGR2GRAY);
+    const auto faces = reader.read(gray);
+    std::optional<Verdict> verdict;
+    for (const face::people::Face& face :
+         faces) {  // of several the one that is most like the person
+      const Verdict one = verdict_of(*model, face, flags.name, flags.rate);
+      if (!verdict || one.score > verdict->score) verdict = one;
+    }
+    any = any || verdict;
+    all = all && verdict && verdict->same;
+    if (context.json) {
+      nlohmann::ordered_json line = {{"image", frame->name}, {"name", flags.name}};
+      line["same"] = verdict && verdict->same;
+      line["faces"] = faces.size();
+      if (verdict) {
+        line["confidence"] = rounded(verdict->confidence, 4);
+        line["score"] = verdict->score;
+        line["threshold"] = verdict->threshold;
+      }
+      print_json(line);
+    } else if (!verdict) {
+      print_text(fmt::format("{}: no face\n", printable(frame->name)));
+    } else {
+      print_text(fmt::format("{}: {} {} ({:.0f} %; score {:.3f}, threshold {:.3f})\n",
+                             printable(frame->name), verdict->same ? "is" : "is not",
+                             printable(flags.name), 100 * verdict->confidence, verdict->score,
+                             verdict->threshold));
+    }
+  }
+  return any && all ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+void add_flags(Command& verb, VerifyFlags& flags) {
+  verb.add_option("NAME", flags.name, "as `people list` shows it").required();
+  verb.add_option("INPUT", flags.inputs, "pictures").required();
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--far", flags.rate, "share of others who may pass")
+      .check(range(1e-9, 0.999))
+      .show_default();
+  add_face_flags(verb, flags.people);
+}
+
+}  // namespace
+
+void add_people_verify(Command& area, Context& context) {
+  add_verb<VerifyFlags>(area, "verify", "is it this person? Exit status 0: yes, 1: no", context,
+                        add_flags, verify);
+}
+
+}  // namespace tarsier::cli

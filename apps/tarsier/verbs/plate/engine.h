@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/plate/reader/reader.h"
+
+#include "framework/cli.h"
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+
+// The flags of every verb that reads plates.
+struct PlateFlags {
+  std::string pipeline = "default";
+  std::vector<std::string> countries;
+  std::string countries_folder;
+  std::string detector;  // model files; empty: what ships
+  std::string reader;
+  std::string classic_reader = "hog";
+  plate::RecognizerOptions recognizer;
+  plate::DecodeOptions decoding;
+  double min_confidence = 0;
+  int top = 10;
+};
+
+void add_plate_flags(Command& verb, PlateFlags& flags);
+
+[[nodiscard]] plate::ReaderOptions reader_options(const PlateFlags& flags, const Context& context);
+
+// With the models that ship. Throws as plate::Reader::load().
+[[nodiscard]] plate::Reader load_reader(const PlateFlags& flags, const Context& context);
+
+}  // namespace tarsier::cli

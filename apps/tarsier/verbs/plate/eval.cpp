@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: MIT
+#include "verbs/plate/eval.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/core/statistics.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/plate/text/csv.h"
+
+#include <fmt/format.h>
+
+#include "verbs/plate/plate.h"
+#include <chrono>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <utility>
+
+namespace tarsier::cli {
+namespace {
+
+using plate::ImageReadings;
+using plate::PlateOutcome;
+
+struct EvalFlags {
+  std::vector<std::string> inputs;
+  std::vector<std::string> truths;
+  plate::EvaluationOptions options;
+  bool errors = false;
+  std::string csv;
+};
+
+bool is_results(const std::string& input) { return input == "-" || input.ends_with(".jsonl"); }
+
+std::vector<ImageReadings> read_results(const std::string& input) {
+  if (input == "-") return plate::parse_readings(std::cin, "standard input");
+  std::ifstream stream(input, std::ios::binary);
+  if (!stream) throw InputError(input, "cannot be opened");
+  std::vector<ImageReadings> readings = plate::parse_readings(stream, input);
+  if (stream.bad()) throw InputError(input, "cannot be read");
+  return readings;
+}
+
+std::vector<ImageReadings> read_pictures(const std::vector<std::string>& inputs,
+                                         const PictureReader& reader, const Context& context) {
+  const std::unique_ptr<FrameSource> source = open_sources(inputs);
+  if (source->is_live()) throw UsageError("plate eval judges pictures, not live sources");
+  std::vector<ImageReadings> readings;
+  context.progress->begin("reading", source->count(), "images");
+  while (!source->ended()) {
+    throw_if_stopped(context.stop);
+    const std::optional<Frame> frame = source->next(std::chrono::milliseconds(200), context.stop);
+    if (!frame) continue;
+    readings.push_back(reader(*frame));
+    context.progress->advance();
+  }
+  context.progress->end();
+  throw_if_stopped(context.stop);
+  return readings;
+}
+
+plate::PlateTruth read_truths(const std::vector<std::string>& paths) {
+  plate::PlateTruth all;
+  for (const std::string& path : paths) {
+    for (auto& [image, plates] : plate::read_plate_truth(path)) {
+      if (!all.emplace(image, std::move(plates)).second) {
+        throw InputError(path, fmt::format("'{}' is in another truth too: images are matched by "
+                                           "their base names",
+                                           printable(image)));
+      }
+    }
+  }
+  return all;
+}
+
+std::vector<ImageReadings> gather(const EvalFlags& flags, const PictureReading& reading,
+                                  const Context& context) {
+  std::vector<ImageReadings> readings;
+  std::vector<std::string> pictures;
+  for (const std::string& input : flags.inputs) {
+    if (!is_results(input)) {
+      pictures.push_back(input);
+      continue;
+    }
+    for (ImageReadings& image : read_results(input)) readings.push_back(std::move(image));
+  }
+  if (pictures.empty()) return readings;
+  if (!reading.make) {
+    throw UsageError(fmt::format(
+        "'{}' is no file of results: the lines of `plate read --json` end in .jsonl, or are - for "
+        "standard input",
+        printable(pictures.front())));
+  }
+  for (ImageReadings& image : read_pictures(pictures, reading.make(), context)) {
+    readings.push_back(std::move(image));
+  }
+  return readings;
+}
+
+std::string percent(double share) {
+  return share < 0 ? std::string("    -  ") : fmt::format("{:5.1f} %", 100 * share);
+}
+
+// " 95 %: 79-97 %": the interval of a rate.
+std::string interval_text(int successes, int trials) {
+  if (trials == 0) return {};
+  const Interval interval = wilson_interval(successes, trials);
+  return fmt::format("95 %: {:.1f}-{:.1f} %", 100 * interval.low, 100 * interval.high);
+}
+
+std::string table(const plate::PlateScores& scores) {
+  const auto line = [](const char* name, double share, const std::string& of) {
+    return fmt::format("{:<22} {}  {}\n", name, percent(share), of);
+  };
+  std::string text = fmt::format("{} images, {} plates\n", scores.images, scores.truth);
+  text += line("found", scores.recall,
+               fmt::format("{}/{}  {}", scores.found, scores.boxes,
+                           interval_text(scores.found, scores.boxes)));
+  text += line("found at overlap 0.3", scores.recall_at_03, "");
+  text += line("precision", scores.precision, fmt::format("{} returned", scores.returned));
+  text += line("exact", scores.exact_rate,
+               fmt::format("{}/{}  {}", scores.exact, scores.texts,
+                           interval_text(scores.exact, scores.texts)));
+  text += line("exact, O is 0", scores.texts > 0 ? 1.0 * scores.exact_o_as_0 / scores.texts : -1,
+               fmt::format("{}/{}", scores.exact_o_as_0, scores.texts));
+  text += line("exact, any place", scores.exact_any_rate,
+               fmt::format("{}/{}", scores.exact_any, scores.texts));
+  text += line("among ten", scores.top10_rate, fmt::format("{}/{}", scores.top10, scores.texts));
+  text += line("characters", scores.character_rate, "");
+  text += line("characters of found", scores.found_character_rate, "");
+  text += scores.confidence_auc < 0
+              ? fmt::format("{:<22}     -\n", "confidence AUC")
+              : fmt::format("{:<22} {:6.3f}\n", "confidence AUC", scores.confidence_auc);
+  if (scores.judged > 0) {
+    text += fmt::format("{:<22} {:6.3f}  expected, of {} confidences\n", "calibration error",
+                        scores.calibration_error, scores.judged);
+    text += line("wrong above 0.9", scores.sure > 0 ? 1.0 * scores.sure_wrong / scores.sure : -1,
+                 fmt::format("{}/{}  {}", scores.sure_wrong, scores.sure,
+                             interval_text(scores.sure_wrong, scores.sure)));
+  }
+  if (scores.median_ms >= 0) {
+    text += fmt::format("{:<22} {:5.1f} ms median, {:.1f} ms of nine in ten\n", "time",
+                        scores.median_ms, scores.p90_ms);
+  }
+  return text;
+}
+
+nlohmann::ordered_json outcome_json(const PlateOutcome& outcome) {
+  return {{"image", outcome.image},
+          {"truth", outcome.truth.text},
+          {"found", outcome.found},
+          {"text", outcome.reading ? nlohmann::ordered_json(outcome.reading->text) : nullptr},
+          {"confidence",
+           outcome.reading ? nlohmann::ordered_json(outcome.reading->confidence) : nullptr},
+          {"edits", outcome.edits}};
+}
+
+std::string outcomes_csv(const plate::PlateScores& scores) {
+  std::string text =
+      plate::csv_line({"image", "truth", "found", "text", "confidence", "edits", "exact"});
+  for (const PlateOutcome& outcome : scores.outcomes) {
+    text +=
+        plate::csv_line({outcome.image, outcome.truth.text, outcome.found ? "1" : "0",
+                         outcome.reading ? outcome.reading->text : "",
+                         outcome.reading ? fmt::format("{:.4f}", outcome.reading->confidence) : "",
+                         fmt::format("{}", outcome.edits), outcome.exact ? "1" : "0"});
+  }
+  return text;
+}
+
+ExitStatus evaluate(const EvalFlags& flags, const PictureReading& reading, const Context& context) {
+  const plate::PlateTruth truth = read_truths(flags.truths);
+  const std::vector<ImageReadings> readings = gather(flags, reading, context);
+  const plate::PlateScores scores = plate::evaluate_plates(readings, truth, flags.options);
+  if (!flags.csv.empty() && flags.csv != "-") {
+    write_file_atomically(flags.csv, std::string_view(outcomes_csv(scores)));
+  }
+  if (flags.csv == "-") {
+    print_text(outcomes_csv(scores));
+    return ExitStatus::kDone;
+  }
+  if (context.json) {
+    print_json(plate::scores_json(scores));
+  } else {
+    print_text(table(scores));
+  }
+  if (!flags.errors) return ExitStatus::kDone;
+  for (const PlateOutcome& outcome : scores.outcomes) {
+    if (outcome.exact) continue;
+    if (context.json) {
+      print_json(outcome_json(outcome));
+    } else {
+      print_text(fmt::format("{}  {}  {}  {}\n", outcome.found ? "read  " : "missed",
+                             printable(outcome.image), outcome.truth.text,
+                             outcome.reading ? printable(outcome.reading->text) : ""));
+    }
+  }
+  return ExitStatus::kDone;
+}
+
+}  // namespace
+
+void add_plate_eval(Command& plate, Context& context, PictureReading reading) {
+  Command& verb =
+      plate.add_subcommand("eval", "how much of what was read is right, against a truth file");
+  const auto flags = std::make_shared<EvalFlags>();
+  verb.add_option("INPUT", flags->inputs,
+                  "results: a .jsonl file of `plate read --json`, - for standard input; or the "
+                  "pictures themselves")
+      .required();
+  verb.add_option("--truth", flags->truths,
+                  "CSV with the columns image,x,y,w,h,text; may be given several times")
+      .required();
+  verb.add_option("--iou", flags->options.iou,
+                  "least overlap of a found plate, intersection over union")
+      .check(range(0.01, 1.0))
+      .show_default();
+  verb.add_flag("--fold", flags->options.fold, "take 0, O, Q and D for one, and 1 and I");
+  verb.add_flag("--errors", flags->errors, "list what was missed or misread");
+  verb.add_option("--csv", flags->csv, "write each plate and what became of it; - for stdout");
+  if (reading.add_flags) reading.add_flags(verb);
+  add_common_flags(verb, context);
+  set_run(verb, context, [&context, flags, reading = std::move(reading)] {
+    return evaluate(*flags, reading, context);
+  });
+}
+
+void add_plate_eval(Command& plate, Context& context) { add_plate_eval(plate, context, {}); }
+
+}  // namespace tarsier::cli

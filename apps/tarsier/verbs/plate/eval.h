@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/media/frame.h"
+#include "tarsier/plate/text/evaluation.h"
+
+#include "framework/cli.h"
+#include <functional>
+
+namespace tarsier::cli {
+
+// Reads the plates of one picture; `image` of the result is the frame's name.
+using PictureReader = std::function<plate::ImageReadings(const Frame&)>;
+
+// How `plate eval` reads pictures itself.
+struct PictureReading {
+  std::function<void(Command& verb)> add_flags;  // of its own (models, countries ..); may be empty
+  std::function<PictureReader()> make;           // when the flags are known; throws as it must
+};
+
+// `plate eval`. With an empty `reading.make` it takes files of results only.
+void add_plate_eval(Command& plate, Context& context, PictureReading reading);
+
+}  // namespace tarsier::cli

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+
+#include "tarsier/core/stop.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/plate/text/text.h"
+#include "tarsier/plate/tracking/log.h"
+
+#include <fmt/format.h>
+
+#include "verbs/plate/plate.h"
+#include <fcntl.h>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <unistd.h>
+#include <utility>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+using plate::LoggedPlate;
+using plate::Moment;
+using plate::PlateLog;
+
+struct LogFlags {
+  std::string path;
+  std::string text;
+  bool near = false;
+  std::string since, until;
+  std::string source;
+  std::int64_t limit = 0;
+  std::string csv;
+  std::string crops;
+  std::string keep;
+  const Flag* keep_flag = nullptr;
+};
+
+plate::LogFilter filter_of(const LogFlags& flags) {
+  plate::LogFilter filter;
+  const Moment now = plate::moment_now();
+  if (!flags.text.empty()) filter.text = plate::plate_pattern(flags.text);
+  if (flags.near && flags.text.empty()) throw UsageError("--near needs --text");
+  filter.near = flags.near;
+  if (!flags.since.empty()) {
+    filter.since = plate::parse_moment(flags.since, now, false, "--since");
+  }
+  if (!flags.until.empty()) filter.until = plate::parse_moment(flags.until, now, true, "--until");
+  if (filter.since && filter.until && *filter.since > *filter.until) {
+    throw UsageError("--since is later than --until");
+  }
+  filter.source = flags.source;
+  filter.limit = flags.limit;
+  return filter;
+}
+
+std::string line_of(const LoggedPlate& plate) {
+  const auto seconds = std::chrono::round<std::chrono::seconds>(plate.last_time - plate.first_time);
+  return fmt::format("{}  {:<10} {:>4.0f} %  {:>6} s  {:>5} frames  {}\n",
+                     plate::moment_text(plate.first_time).substr(0, 19), printable(plate.text),
+                     100 * plate.confidence, seconds.count(), plate.frames,
+                     printable(plate.source));
+}
+
+// "12-1234BCD.jpg": nothing of what a hostile file holds can lead out of the folder.
+std::string crop_name(const LoggedPlate& plate) {
+  return fmt::format("{}-{}.jpg", plate.id, plate::plate_symbols(plate.text).substr(0, 20));
+}
+
+// CSV as it comes, some lines at a time: into a file that is whole or not there, or to stdout.
+class CsvOutput {
+ public:
+  explicit CsvOutput(const std::string& path) : path_(path) {
+    if (path == "-") return;
+    file_.emplace(path);
+    descriptor_ = ::open(file_->path().c_str(), O_WRONLY | O_CLOEXEC);
+    if (descriptor_ < 0) throw OutputError(path, "cannot be written");
+  }
+  ~CsvOutput() {
+    if (descriptor_ >= 0) ::close(descriptor_);
+  }
+  CsvOutput(const CsvOutput&) = delete;
+  CsvOutput& operator=(const CsvOutput&) = delete;
+
+  void add(const std::string& line) {
+    lines_ += line;
+    if (lines_.size() >= kChunk) flush();
+  }
+  void finish() {
+    flush();
+    if (!file_) return;
+    if (::close(std::exchange(descriptor_, -1)) != 0) throw OutputError(path_, "cannot be written");
+    file_->commit();
+  }
+
+ private:
+  static constexpr std::size_t kChunk = 1 << 16;  // bytes
+  void flush() {
+    if (file_) {
+      write_all(descriptor_, lines_, path_);
+    } else {
+      print_text(lines_);
+    }
+    lines_.clear();
+  }
+  std::string path_;
+  std::optional<AtomicFile> file_;
+  int descriptor_ = -1;
+  std::string lines_;
+};
+
+ExitStatus list_plates(const LogFlags& flags, const Context& context) {
+  const plate::LogFilter filter = filter_of(flags);
+  PlateLog log(flags.path, DatabaseAccess::kRead);
+  if (!flags.crops.empty()) make_folder(flags.crops);
+  std::optional<CsvOutput> csv;
+  if (!flags.csv.empty()) {
+    csv.emplace(flags.csv);
+    csv->add(plate::logged_csv_header());
+  }
+  std::int64_t crops = 0;
+  const std::int64_t found = log.query(filter, [&](const LoggedPlate& plate) {
+    throw_if_stopped(context.stop);
+    if (!flags.crops.empty() && plate.has_crop) {
+      const std::vector<std::uint8_t> bytes = log.crop(plate.id);
+      write_file_atomically(flags.crops + "/" + crop_name(plate),
+                            std::span<const std::uint8_t>(bytes));
+      ++crops;
+    }
+    if (csv) {
+      csv->add(plate::logged_csv_line(plate));
+    } else if (context.json) {
+      print_json(plate::logged_json(plate, flags.path));
+    } else if (flags.crops.empty()) {
+      print_text(line_of(plate));
+    }
+    return true;
+  });
+  if (csv) csv->finish();
+  if (!flags.csv.empty() && flags.csv != "-")
+    log_info("{} entries written to {}", found, flags.csv);
+  if (!flags.crops.empty()) log_info("{} pictures written to {}", crops, flags.crops);
+  return found > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+ExitStatus forget_plates(const LogFlags& flags, const Context& context) {
+  const std::chrono::milliseconds age = plate::parse_duration(flags.keep, "--keep");
+  PlateLog log(flags.path, DatabaseAccess::kWrite);
+  plate::ForgetOptions options;
+  // A program that waits to write looks every 25 to 100 ms whether it may.
+  options.between = [&](std::int64_t) {
+    throw_if_stopped(context.stop);
+    (void)sleep_unless_stopped(std::chrono::milliseconds(50), context.stop);
+  };
+  const std::int64_t deleted = log.forget(plate::moment_now(), age, options);
+  if (context.json) {
+    print_json({{"deleted", deleted}});
+  } else {
+    print_text(fmt::format("{} deleted\n", deleted));
+  }
+  return ExitStatus::kDone;
+}
+
+ExitStatus run_log(const LogFlags& flags, const Context& context) {
+  return flags.keep_flag->count() > 0 ? forget_plates(flags, context) : list_plates(flags, context);
+}
+
+void add_flags(Command& verb, LogFlags& flags) {
+  verb.add_option("LOG", flags.path, "the log's file").required();
+  std::vector<Flag*> listing;
+  listing.push_back(&verb.add_option("--text", flags.text,
+                                     "only this text; * stands for any characters, ? for any one"));
+  listing.push_back(&verb.add_flag("--near", flags.near,
+                                   "also texts with one wrong, missing or additional character"));
+  listing.push_back(&verb.add_option("--since", flags.since,
+                                     "in sight at or after: 2024-05-01, 2024-05-01T12:30 (UTC), or "
+                                     "12h for twelve hours ago"));
+  listing.push_back(
+      &verb.add_option("--until", flags.until, "in sight at or before; a day is whole"));
+  listing.push_back(
+      &verb.add_option("--source", flags.source, "only this source, as it was logged"));
+  listing.push_back(&verb.add_option("--limit", flags.limit, "the newest so many; 0: all")
+                         .check(not_negative())
+                         .show_default());
+  listing.push_back(&verb.add_option("--csv", flags.csv, "write CSV to this file; - for stdout"));
+  listing.push_back(
+      &verb.add_option("--crops", flags.crops, "write the pictures into this folder"));
+  Flag& keep = verb.add_option("--keep", flags.keep,
+                               "delete what was last in sight longer ago: 30d, 12h, 90m ..");
+  for (Flag* flag : listing) keep.excludes(*flag);
+  flags.keep_flag = &keep;
+}
+
+}  // namespace
+
+void add_plate_log(Command& plate, Context& context) {
+  add_verb<LogFlags>(plate, "log",
+                     "lists, searches, exports and deletes what `plate read "
+                     "--log` wrote, newest first",
+                     context, add_flags, run_log);
+}
+
+}  // namespace tarsier::cli

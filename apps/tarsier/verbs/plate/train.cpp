@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/media/model_store.h"
+#include "tarsier/plate/networks/recognizer.h"
+#include "tarsier/plate/text/country.h"
+#include "tarsier/plate/train/training.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <opencv2/core/utility.hpp>
+
+#include "verbs/plate/plate.h"
+#include "verbs/plate/train_classic.h"
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct TrainFlags {
+  std::vector<std::string> inputs;
+  std::vector<std::string> scenes;
+  std::string output;
+  std::string detector;
+  std::string countries;
+  std::string pipeline = "default";
+  std::string terms;
+  plate::TrainingOptions options;
+  int calibration = 3000;
+  double hold_out = 0;
+  ClassicTrainFlags classic;
+};
+
+plate::ViewMaker view_maker(const std::vector<std::string>& folders) {
+  plate::ViewMaker views;
+  for (const std::string& folder : folders) {
+    std::vector<plate::Scene> scenes = plate::read_scenes(folder, 1e6);
+    std::size_t plates = 0;
+    for (const plate::Scene& scene : scenes) plates += scene.plates.size();
+    log_info("{}: {} pictures, {} plates", folder, scenes.size(), plates);
+    std::move(scenes.begin(), scenes.end(), std::back_inserter(views.scenes));
+  }
+  views.glyphs = synth::load_glyphs();
+  return views;
+}
+
+nlohmann::json provenance(const TrainFlags& flags, const Context& context) {
+  const auto names = [](const std::vector<std::string>& paths) {
+    std::vector<std::string> result;
+    for (const std::string& path : paths) {
+      const fs::path clean = fs::path(path).lexically_normal();
+      const fs::path last = clean.has_filename() ? clean : clean.parent_path();
+      result.push_back((last.parent_path().filename() / last.filename()).string());
+    }
+    return result;
+  };
+  return {{"program", fmt::format("tarsier {}", version())},
+          {"seed", context.seed},
+          {"scenes", names(flags.scenes)},
+          {"inputs", names(flags.inputs)},
+          {"drawn_plates", true},
+          {"terms", flags.terms}};
+}
+
+ExitStatus train_detector(TrainFlags& flags, Context& context) {
+  if (flags.pipeline == "classic") {
+    flags.classic.inputs = flags.inputs;
+    flags.classic.output = flags.output;
+    flags.classic.terms = flags.terms;
+    return train_classic_detector(flags.classic, context);
+  }
+  flags.options.seed = context.seed;
+  flags.options.check();
+  flags.scenes = flags.inputs;
+  plate::ViewMaker views = view_maker(flags.inputs);
+  plate::DetectorModel model;
+  model.detector = plate::train_detector(views, flags.options, *context.progress, context.stop);
+  views.distractors = plate::find_distractors(views.scenes, model.detector);
+  log_info("{} places look like plates to it and are none", views.distractors.size());
+  model.aligner = plate::train_aligner(views, flags.options, *context.progress, context.stop);
+  flags.inputs.clear();
+  plate::write_detector_model(flags.output, model, provenance(flags, context));
+  return ExitStatus::kDone;
+}
+
+ExitStatus train_reader(TrainFlags& flags, Context& context) {
+  if (flags.pipeline == "classic") {
+    flags.classic.inputs = flags.inputs;
+    flags.classic.output = flags.output;
+    flags.classic.terms = flags.terms;
+    return train_classic_reader(flags.classic, context);
+  }
+  flags.options.seed = context.seed;
+  flags.options.check();
+  if (flags.scenes.empty())
+    throw UsageError("--scenes: images that the drawn plates are set into are needed");
+  const ModelStore models = ModelStore::find();
+  plate::DetectorModel detector_model;
+  if (flags.calibration > 0) {
+    detector_model =
+        plate::read_detector_model(models.path_or(flags.detector, "plate-detector.json"));
+  }
+  const plate::ViewMaker views = view_maker(flags.scenes);
+  std::vector<plate::LabelledCrop> crops;
+  for (const std::string& folder : flags.inputs) {
+    auto more = plate::read_labelled_crops(folder);
+    log_info("{}: {} labelled plates", folder, more.size());
+    std::move(more.begin(), more.end(), std::back_inserter(crops));
+  }
+  // The order of the crops matters to training: without --hold-out it is the folders'.
+  plate::CropSplit split;
+  if (flags.hold_out > 0) {
+    split = plate::split_crops(std::move(crops), flags.hold_out, Rng(context.seed).fork(7));
+  } else {
+    split.train = std::move(crops);
+  }
+  plate::ReaderModel model;
+  model.line =
+      plate::train_line_reader(views, split.train, flags.options, *context.progress, context.stop);
+  nlohmann::json learnt_from = provenance(flags, context);
+  if (!split.test.empty()) {
+    const plate::CharacterErrors errors = plate::test_line_reader(model.line, split.test);
+    log_info("{} plates held out: {} of {} characters read wrong ({:.2f} %)", split.test.size(),
+             errors.wrong, errors.characters, 100.0 * errors.wrong / errors.characters);
+    learnt_from["held_out"] = {
+        {"plates", split.test.size()}, {"characters", errors.characters}, {"wrong", errors.wrong}};
+  }
+  if (flags.calibration > 0) {
+    const plate::Recognizer recognizer(
+        std::move(detector_model), model,
+        plate::choose_countries(plate::read_countries(models.path("countries")), {}));
+    model.calibration = plate::fit_calibration(recognizer, views, flags.calibration,
+                                               context.seed + 99, *context.progress, context.stop);
+  }
+  plate::write_reader_model(flags.output, model, learnt_from);
+  return ExitStatus::kDone;
+}
+
+void add_shared(Command& verb, TrainFlags& flags) {
+  verb.add_option("-o,--output", flags.output, "the model file").required();
+  verb.add_option("--terms", flags.terms, "of the data, kept in the file");
+  verb.add_option("--pipeline", flags.pipeline, "default: networks; classic: the textbook's")
+      .check(one_of({"default", "classic"}))
+      .show_default();
+}
+
+void add_detector_flags(Command& verb, TrainFlags& flags) {
+  verb.add_option("INPUT", flags.inputs,
+                  "folders with truth.csv (image,x,y,w,h,text) or of pictures without plates; "
+                  "classic: SVM.xml, or a folder with plate/ and no-plate/")
+      .required()
+      .type_name("");
+  add_shared(verb, flags);
+  verb.add_option("--steps", flags.options.detector_steps, "batches of 32 for finding")
+      .show_default();
+  verb.add_option("--aligner-steps", flags.options.aligner_steps, "batches of 32 for corners")
+      .show_default();
+  add_classic_detector_flags(verb, flags.classic);
+}
+void add_reader_flags(Command& verb, TrainFlags& flags) {
+  verb.add_option("INPUT", flags.inputs,
+                  "folders of plates NUMBER_KIND-TEXT.jpg with .txt (class cx cy w h); classic: "
+                  "OCR.xml, or a folder with one folder a class")
+      .type_name("");
+  add_shared(verb, flags);
+  verb.add_option("--scenes", flags.scenes, "folders of images behind the drawn plates")
+      .type_name("");
+  verb.add_option("--detector", flags.detector,
+                  "model whose corners the confidence is fitted with; default: what ships");
+  verb.add_option("--steps", flags.options.line_steps, "batches of 32").show_default();
+  verb.add_option("--calibration", flags.calibration,
+                  "drawn plates that the confidence is fitted to; 0: not fitted")
+      .show_default();
+  verb.add_option("--hold-out", flags.hold_out,
+                  "share of the labelled plates that is not learnt but judged by, 0..0.9")
+      .check(range(0.0, 0.9))
+      .show_default();
+  add_classic_reader_flags(verb, flags.classic);
+}
+
+}  // namespace
+
+void add_plate_train(Command& plate, Context& context) {
+  add_verb<TrainFlags>(plate, "train-detector",
+                       "learns to find plates: from images with boxes and drawn plates", context,
+                       add_detector_flags, train_detector);
+  add_verb<TrainFlags>(plate, "train-reader",
+                       "learns to read characters: from labelled plates and drawn ones", context,
+                       add_reader_flags, train_reader);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: MIT
+#include "verbs/plate/train_classic.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/plate/classic/character_reader.h"
+#include "tarsier/plate/classic/plate_svm.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <numeric>
+
+namespace tarsier::cli {
+namespace {
+
+const std::string& only_input(const ClassicTrainFlags& flags) {
+  if (flags.inputs.size() != 1)
+    throw UsageError("--pipeline classic learns from one file or folder");
+  return flags.inputs.front();
+}
+
+nlohmann::json provenance(const ClassicTrainFlags& flags, const Context& context, std::size_t count,
+                          const char* what) {
+  return {{"program", fmt::format("tarsier {}", version())},
+          {"seed", context.seed},
+          {"data", std::filesystem::path(flags.inputs.front()).filename().string()},
+          {what, count},
+          {"terms", flags.terms}};
+}
+
+}  // namespace
+
+void add_classic_detector_flags(Command& verb, ClassicTrainFlags& flags) {
+  verb.add_option("--features", flags.features, "pixels, hog, pca or lbp")
+      .check(one_of({"pixels", "hog", "pca", "lbp"}))
+      .show_default()
+      .group("Classic");
+  verb.add_option("--cost", flags.cost, "of the SVM, > 0")
+      .check(positive())
+      .show_default()
+      .group("Classic");
+}
+
+void add_classic_reader_flags(Command& verb, ClassicTrainFlags& flags) {
+  verb.add_option("--reader", flags.reader, "hog: gradients, linear; mlp: the textbook's")
+      .check(one_of({"hog", "mlp"}))
+      .show_default()
+      .group("Classic");
+  verb.add_option("--low", flags.low, "px of the mlp's small picture, 1..20")
+      .check(range(1, 20))
+      .show_default()
+      .group("Classic");
+  verb.add_option("--neurons", flags.neurons, "hidden, of the mlp")
+      .check(range(1, 1000))
+      .show_default()
+      .group("Classic");
+}
+
+ExitStatus train_classic_detector(const ClassicTrainFlags& flags, Context& context) {
+  const plate::PlateSet set = plate::read_plate_set(only_input(flags));
+  plate::PlateSvmOptions options;
+  options.features = plate::parse_plate_features(flags.features);
+  options.cost = flags.cost;
+  const Rng rng(context.seed);
+  const double error = plate::cross_validated_error(set, options, rng.fork(7));
+  const plate::PlateSvm svm = plate::train_plate_svm(set, options, rng);
+  nlohmann::json about = provenance(flags, context, set.candidates.size(), "candidates");
+  about["error_of_unseen"] = error;
+  plate::write_plate_svm(flags.output, svm, about);
+  if (context.json)
+    print_json(about);
+  else
+    log_info("{}: {} candidates, {:.1f} % of unseen ones wrong", flags.output,
+             set.candidates.size(), 100 * error);
+  return ExitStatus::kDone;
+}
+
+ExitStatus train_classic_reader(const ClassicTrainFlags& flags, Context& context) {
+  const plate::CharacterSet set = plate::read_character_set(only_input(flags));
+  plate::CharacterReaderOptions options;
+  options.kind = flags.reader == "mlp" ? plate::ReaderKind::kMlp : plate::ReaderKind::kHog;
+  options.low = flags.low;
+  options.mlp.hidden = flags.neurons;
+  const Rng rng(context.seed);
+  const auto count = static_cast<int>(set.characters.size());
+  if (count < 100) throw InputError(flags.inputs.front(), "holds fewer than 100 characters");
+  // How good it is on characters that it did not see.
+  const plate::CharacterSplit split =
+      plate::split_characters(set, static_cast<int>(count * 0.85), rng.fork(1));
+  const double error = plate::character_error(
+      plate::train_character_reader(set, split.train, options, rng.fork(2), context.stop), set,
+      split.test);
+  std::vector<int> all(set.characters.size());
+  std::iota(all.begin(), all.end(), 0);
+  const plate::CharacterReader reader =
+      plate::train_character_reader(set, all, options, rng.fork(3), context.stop);
+  nlohmann::json about = provenance(flags, context, set.characters.size(), "characters");
+  about["error_of_unseen"] = error;
+  plate::write_character_reader(flags.output, reader, about);
+  if (context.json)
+    print_json(about);
+  else
+    log_info("{}: {} characters, {:.1f} % of unseen ones wrong", flags.output,
+             set.characters.size(), 100 * error);
+  return ExitStatus::kDone;
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: MIT
+#include "verbs/pose/engine.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/head/point_file.h"
+#include "tarsier/face/head/train_head.h"
+#include "tarsier/geometry/camera_file.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <numeric>
+#include <vector>
+
+namespace tarsier::cli {
+
+void add_pose_flags(Command& verb, PoseFlags& flags) {
+  add_landmark_flags(verb, flags.landmarks);
+  verb.add_option("--head", flags.head, "head model [head.json, which ships]");
+  verb.add_option("--mapping", flags.mapping,
+                  "which landmark each head point is: lines \"head_point landmark\", from 0");
+  Flag& camera = verb.add_option("--camera", flags.camera,
+                                 "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
+  verb.add_option("--focal", flags.focal,
+                  "focal length in px [1.3 times the picture's larger side]")
+      .check(positive())
+      .excludes(camera);
+  verb.add_option("--refine", flags.refine,
+                  "auto: the direction is corrected by what the whole head looks like; none: from "
+                  "the landmarks alone")
+      .check(one_of({"auto", "none"}))
+      .show_default();
+  verb.add_option("--view", flags.view,
+                  "what corrects it, a file of `pose train-view` [head-view.json among the models, "
+                  "if it is there]");
+}
+
+face::head::HeadModel read_head(const std::string& path) {
+  return face::head::read_head_model(ModelStore::find().path_or(path, "head.json"));
+}
+
+geometry::Camera camera_of(const std::string& text) {
+  std::error_code error;
+  if (text.find(',') != std::string::npos && !std::filesystem::exists(text, error)) {
+    return geometry::parse_camera(text);
+  }
+  return geometry::read_camera_file(text);
+}
+
+face::PoseTrackerOptions pose_options(const PoseFlags& flags) {
+  if (flags.refine == "none" && !flags.view.empty())
+    throw UsageError("--view and --refine none exclude each other");
+  face::PoseTrackerOptions options;
+  options.landmarks = landmark_options(flags.landmarks);
+  options.head = flags.head;
+  options.mapping = flags.mapping;
+  options.refine = flags.refine != "none";
+  options.view = flags.view;
+  options.focal_px = flags.focal;
+  if (!flags.camera.empty()) options.camera = camera_of(flags.camera);
+  return options;
+}
+
+face::PoseModels load_pose_models(const face::PoseTrackerOptions& options) {
+  options.check();
+  const EndOnSignals at_once;  // reading takes a moment, and nothing is written yet
+  throw_if_stopped(stop_on_signals());
+  return face::load_pose_models(ModelStore::find(), options);
+}
+
+HeadComparison compare_head(const face::head::HeadModel& head, const std::string& path) {
+  const Eigen::Matrix3Xd truth = face::head::read_landmarks3d(path);
+  if (truth.cols() != head.points()) {
+    throw InputError(path, fmt::format("has {} points, the head {}", truth.cols(), head.points()));
+  }
+  // In the head's mm: the truth may be in cm.
+  HeadComparison comparison;
+  comparison.all_mm = face::head::aligned_error(truth, head.mean);
+  if (head.points() == 68) {
+    std::vector<int> inner(51);
+    std::iota(inner.begin(), inner.end(), 17);
+    comparison.inner_mm = face::head::aligned_error(truth, head.mean, inner);
+  }
+  return comparison;
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/head/evaluation.h"
+#include "tarsier/face/head/head_model.h"
+#include "tarsier/face/pipelines/pose_tracker.h"
+
+#include "framework/cli.h"
+#include "verbs/landmarks/engine.h"
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tarsier::cli {
+
+// The flags of every verb that finds heads.
+struct PoseFlags {
+  LandmarkFlags landmarks;
+  std::string head;     // empty: the one that ships
+  std::string mapping;  // empty: the head's own
+  std::string camera;   // a file, or numbers
+  double focal = 0;     // px; 0: guessed
+  std::string view;     // empty: the one that ships
+  std::string refine = "auto";
+};
+void add_pose_flags(Command& verb, PoseFlags& flags);
+
+// Throws InputError (the camera's file), UsageError.
+[[nodiscard]] face::PoseTrackerOptions pose_options(const PoseFlags& flags);
+// With the models that ship. Throws as face::load_pose_models(), Interrupted.
+[[nodiscard]] face::PoseModels load_pose_models(const face::PoseTrackerOptions& options);
+
+[[nodiscard]] face::head::HeadModel read_head(
+    const std::string& path);  // empty: the one that ships
+// Pictures of a folder of Pointing'04 (and below it) whose names tell |pan| <= 45 and |tilt| <= 30
+// degrees, in order. Throws InputError where there are none.
+[[nodiscard]] std::vector<std::pair<std::string, face::head::PointingName>> pointing_pictures(
+    const std::string& folder);
+// The first face with a pose whose box has its middle inside the annotated head's.
+[[nodiscard]] const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& faces,
+                                                      const std::string& picture, cv::Size size);
+// The picture of a truth's line, from the current folder or from that of the file.
+[[nodiscard]] std::string picture_of_truth(const std::string& truth, const std::string& image);
+void print_pointing(const face::head::PointingScore& score, const Context& context,
+                    const std::string& title);
+
+// A file, or "fx,fy,cx,cy[,..]".
+[[nodiscard]] geometry::Camera camera_of(const std::string& text);
+
+// How far the mean head is from a file of 3D landmarks, after the best similarity: in the head's
+// mm.
+struct HeadComparison {
+  double all_mm = 0;
+  double inner_mm = 0;  // points 17..67 of the 68; 0 for other markups
+};
+// Throws InputError where the numbers of points differ.
+[[nodiscard]] HeadComparison compare_head(const face::head::HeadModel& head,
+                                          const std::string& path);
+
+}  // namespace tarsier::cli

@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/head/evaluation.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "verbs/pose/pose.h"
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct EvalFlags {
+  PoseFlags pose;
+  std::string pointing;
+  std::string truth;
+  std::string results;
+  std::string compare;
+  std::string output;
+  std::string csv;
+};
+
+// Poses of the faces of one picture, each as `pose track` finds them in stills.
+struct Finder {
+  face::PoseTracker tracker;
+  face::PoseState state;
+  face::landmarks::FaceFinder faces_only;
+  std::string lines;  // what was found, as `pose track --json` writes it
+
+  explicit Finder(const face::PoseTrackerOptions& options)
+      : tracker(load_pose_models(options), options),
+        faces_only(tracker.landmarks().detector().make_finder()) {}
+
+  std::vector<face::PosedFace> faces(const std::string& name, const cv::Mat& image) {
+    Frame frame;
+    frame.image = image;
+    frame.name = name;
+    frame.still = true;
+    face::PoseResult result = tracker.process(frame, state);
+    nlohmann::ordered_json line{{"image", name}};
+    line.update(to_json(result));
+    lines += line.dump() + "\n";
+    return std::move(result.faces);
+  }
+};
+
+// --- Pointing'04 ---
+
+face::head::PointingOutcome judge(Finder& finder, const std::string& path,
+                                  const face::head::PointingName& truth) {
+  face::head::PointingOutcome outcome;
+  outcome.image = path;
+  outcome.truth = truth;
+  const cv::Mat image = read_image(path);
+  const cv::Rect2d head_box =
+      face::head::pointing_box(path).value_or(cv::Rect2d(0, 0, image.cols, image.rows));
+  const std::vector<face::PosedFace> faces = finder.faces(path, image);
+  if (const face::PosedFace* face = face_in_head_box(faces, path, image.size())) {
+    outcome.rotation = face->pose->camera_from_head.rotation;
+  }
+  cv::Mat gray;
+  for (const face::landmarks::Candidate& candidate :
+       finder.faces_only.find_sure(face::gray_of(image, gray))) {
+    outcome.face_seen =
+        outcome.face_seen || head_box.contains((candidate.box.tl() + candidate.box.br()) / 2);
+  }
+  return outcome;
+}
+
+std::string table_of(const std::vector<face::head::PointingOutcome>& outcomes) {
+  std::string table = "image,tilt,pan,seen,found,pitch,yaw,roll\n";
+  for (const face::head::PointingOutcome& o : outcomes) {
+    const face::head::HeadAngles a =
+        o.rotation ? face::head::angles_of_rotation(*o.rotation) : face::head::HeadAngles{};
+    table += fmt::format("{},{:g},{:g},{:d},{:d},{:.2f},{:.2f},{:.2f}\n", o.image, o.truth.tilt_deg,
+                         o.truth.pan_deg, o.face_seen, o.rotation.has_value(), a.pitch_deg,
+                         a.yaw_deg, a.roll_deg);
+  }
+  return table;
+}
+
+bool evaluate_pointing(const EvalFlags& flags, Finder& finder, Context& context) {
+  const auto pictures = pointing_pictures(flags.pointing);
+  std::vector<face::head::PointingOutcome> outcomes;
+  context.progress->begin("poses", static_cast<std::int64_t>(pictures.size()), "pictures");
+  for (const auto& [path, name] : pictures) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    outcomes.push_back(judge(finder, path, name));
+  }
+  context.progress->end();
+  if (!flags.csv.empty()) write_file_atomically(flags.csv, table_of(outcomes));
+  const face::head::PointingScore score = face::head::score_pointing(outcomes);
+  print_pointing(score, context, "");
+  return score.found > 0;
+}
+
+// --- exact truth ---
+
+std::vector<face::head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
+                                         const std::vector<face::head::PoseLine>& truth,
+                                         Context& context) {
+  std::vector<face::head::PoseLine> found;
+  context.progress->begin("poses", static_cast<std::int64_t>(truth.size()), "pictures");
+  for (const face::head::PoseLine& line : truth) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    const std::vector<face::PosedFace> faces =
+        finder.faces(line.image, read_image(picture_of_truth(flags.truth, line.image)));
+    face::head::PoseLine result;
+    result.image = line.image;
+    if (!faces.empty() && faces.front().pose) {
+      result.rotation = faces.front().pose->camera_from_head.rotation;
+      result.translation = faces.front().pose->camera_from_head.translation;
+    }
+    found.push_back(result);
+  }
+  context.progress->end();
+  return found;
+}
+
+void print_score(const face::head::PoseScore& score, const Context& context) {
+  if (context.json) {
+    nlohmann::ordered_json line;
+    line["set"] = "truth";
+    line["images"] = score.truths;
+    line["answered"] = score.answered;
+    line["pitch_mae"] = rounded(score.pitch_mae_deg, 3);
+    line["yaw_mae"] = rounded(score.yaw_mae_deg, 3);
+    line["roll_mae"] = rounded(score.roll_mae_deg, 3);
+    line["rotation_mean"] = rounded(score.mean_deg, 3);
+    line["rotation_median"] = rounded(score.median_deg, 3);
+    line["rotation_p95"] = rounded(score.p95_deg, 3);
+    line["beyond10"] = rounded(score.beyond10, 3);
+    if (score.with_translation > 0) {
+      line["translation_mean"] = rounded(score.translation_mean_mm, 3);
+      line["translation_median"] = rounded(score.translation_median_mm, 3);
+      line["translation_percent"] = rounded(score.translation_percent, 3);
+    }
+    print_json(line);
+    return;
+  }
+  print_text(fmt::format(
+      "answered {}/{}  MAE pitch {:.2f} yaw {:.2f} roll {:.2f} mean {:.2f} degrees | rotation mean "
+      "{:.2f} median {:.2f} p95 {:.2f}, beyond 10 degrees {:.1f} %\n",
+      score.answered, score.truths, score.pitch_mae_deg, score.yaw_mae_deg, score.roll_mae_deg,
+      (score.pitch_mae_deg + score.yaw_mae_deg + score.roll_mae_deg) / 3, score.mean_deg,
+      score.median_deg, score.p95_deg, 100 * score.beyond10));
+  if (score.with_translation > 0) {
+    print_text(fmt::format("translation mean {:.2f} median {:.2f} ({:.2f} % of the distance)\n",
+                           score.translation_mean_mm, score.translation_median_mm,
+                           score.translation_percent));
+  }
+}
+
+ExitStatus run_eval(const EvalFlags& flags, Context& context) {
+  if (flags.pointing.empty() && flags.truth.empty() && flags.compare.empty()) {
+    throw UsageError("give --pointing DIR, --truth FILE or --compare FILE");
+  }
+  if (!flags.results.empty() && flags.truth.empty()) {
+    throw UsageError("--results needs --truth FILE");
+  }
+  bool any = false;
+  if (!flags.compare.empty()) {
+    const HeadComparison comparison = compare_head(read_head(flags.pose.head), flags.compare);
+    any = true;
+    if (context.json) {
+      nlohmann::ordered_json line{{"set", "compare"}, {"all_mm", rounded(comparison.all_mm, 3)}};
+      if (comparison.inner_mm > 0) line["inner51_mm"] = rounded(comparison.inner_mm, 3);
+      print_json(line);
+    } else {
+      print_text(fmt::format("mean head against {}: {:.2f} mm over all points", flags.compare,
+                             comparison.all_mm));
+      if (comparison.inner_mm > 0) {
+        print_text(fmt::format(", {:.2f} mm over the inner 51", comparison.inner_mm));
+      }
+      print_text("\n");
+    }
+  }
+  std::optional<Finder> finder;
+  if (!flags.pointing.empty() || (!flags.truth.empty() && flags.results.empty())) {
+    finder.emplace(pose_options(flags.pose));
+  }
+  if (!flags.pointing.empty()) any = evaluate_pointing(flags, *finder, context) || any;
+  if (!flags.truth.empty()) {
+    const std::vector<face::head::PoseLine> truth = face::head::read_pose_lines(flags.truth);
+    const std::vector<face::head::PoseLine> found =
+        flags.results.empty() ? run_on(flags, *finder, truth, context)
+                              : face::head::read_pose_lines(flags.results);
+    const face::head::PoseScore score = face::head::score_poses(
+        face::head::match_poses(found, truth), static_cast<int>(truth.size()));
+    print_score(score, context);
+    any = any || score.answered > 0;
+  }
+  if (finder && !flags.output.empty()) write_file_atomically(flags.output, finder->lines);
+  return any ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+void add_flags(Command& verb, EvalFlags& flags) {
+  add_pose_flags(verb, flags.pose);
+  verb.add_option("--pointing", flags.pointing,
+                  "folder of the Pointing'04 head pose set: names carry the angles");
+  verb.add_option("--truth", flags.truth,
+                  "JSON lines {\"image\", \"rotation\": [9 numbers]} (or \"R\", or "
+                  "\"euler\": "
+                  "[pitch, yaw, roll] as BIWI has them; \"translation\" in mm if known)");
+  verb.add_option("--results", flags.results,
+                  "judge these JSON lines (of `pose track --json`) instead of "
+                  "running the models");
+  verb.add_option("--compare", flags.compare,
+                  "file of 3D landmarks: how far the mean head is from it");
+  verb.add_option("-o,--output", flags.output, "file for the poses found, JSON lines");
+  verb.add_option("--csv", flags.csv, "table of --pointing to write, one row a picture");
+}
+
+}  // namespace
+
+void add_pose_eval(Command& area, Context& context) {
+  add_verb<EvalFlags>(area, "eval", "measures head poses on pictures of known truth", context,
+                      add_flags, run_eval);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+
+#include "verbs/pose/engine.h"
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+// Pictures of known poses, for `pose eval` and `pose train-view`.
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<std::string> pictures_below(const std::string& folder) {
+  std::error_code error;
+  if (!fs::is_directory(folder, error)) throw InputError(folder, "no such folder");
+  std::vector<std::string> paths;
+  for (const auto& entry :
+       fs::recursive_directory_iterator(folder, fs::directory_options::skip_permission_denied)) {
+    if (entry.is_regular_file() && is_image_path(entry.path().string())) {
+      paths.push_back(entry.path().string());
+    }
+  }
+  std::sort(paths.begin(), paths.end());
+  return paths;
+}
+
+std::string text_of(const face::head::PointingScore& score) {
+  std::string text = fmt::format(
+      "{} pictures with |pan| <= 45 and |tilt| <= 30: pose found in {}; of the {} where the strict "
+      "detector sees a face, in {:.1f} %\n"
+      "yaw   MAE {:.2f} degrees after the offset of {:+.2f}; {:.2f} without\n"
+      "pitch MAE {:.2f} degrees after the offset of {:+.2f}; {:.2f} without\n"
+      "direction: elevation MAE {:.2f}, azimuth {:.2f} degrees after their offsets\n"
+      "mean yaw {} with pan:",
+      score.images, score.found, score.seen, 100.0 * score.seen_found / std::max(1, score.seen),
+      score.yaw_mae_deg, score.yaw_offset_deg, score.yaw_mae_raw_deg, score.pitch_mae_deg,
+      score.pitch_offset_deg, score.pitch_mae_raw_deg, score.elevation_mae_deg,
+      score.azimuth_mae_deg, score.yaw_rises ? "rises strictly" : "does NOT rise strictly");
+  for (const auto& [pan, yaw] : score.yaw_of_pan) text += fmt::format("  {:+g}: {:+.1f}", pan, yaw);
+  text += "\nmean pitch by tilt:";
+  for (const auto& [tilt, pitch] : score.pitch_of_tilt) {
+    text += fmt::format("  {:+g}: {:+.1f}", tilt, pitch);
+  }
+  return text + "\n";
+}
+
+nlohmann::ordered_json json_of(const face::head::PointingScore& score) {
+  nlohmann::ordered_json line;
+  line["set"] = "pointing04";
+  line["images"] = score.images;
+  line["seen"] = score.seen;
+  line["seen_found"] = score.seen_found;
+  line["found"] = score.found;
+  line["yaw_mae"] = rounded(score.yaw_mae_deg, 3);
+  line["pitch_mae"] = rounded(score.pitch_mae_deg, 3);
+  line["yaw_offset"] = rounded(score.yaw_offset_deg, 3);
+  line["pitch_offset"] = rounded(score.pitch_offset_deg, 3);
+  line["yaw_mae_raw"] = rounded(score.yaw_mae_raw_deg, 3);
+  line["pitch_mae_raw"] = rounded(score.pitch_mae_raw_deg, 3);
+  line["elevation_mae"] = rounded(score.elevation_mae_deg, 3);
+  line["azimuth_mae"] = rounded(score.azimuth_mae_deg, 3);
+  line["yaw_rises"] = score.yaw_rises;
+  for (const auto& [pan, yaw] : score.yaw_of_pan) {
+    line["yaw_of_pan"][fmt::format("{:+g}", pan)] = rounded(yaw, 3);
+  }
+  for (const auto& [tilt, pitch] : score.pitch_of_tilt) {
+    line["pitch_of_tilt"][fmt::format("{:+g}", tilt)] = rounded(pitch, 3);
+  }
+  return line;
+}
+
+}  // namespace
+
+std::vector<std::pair<std::string, face::head::PointingName>> pointing_pictures(
+    const std::string& folder) {
+  std::vector<std::pair<std::string, face::head::PointingName>> pictures;
+  for (const std::string& path : pictures_below(folder)) {
+    const auto name = face::head::parse_pointing_name(path);
+    if (name && std::abs(name->pan_deg) <= 45 && std::abs(name->tilt_deg) <= 30) {
+      pictures.emplace_back(path, *name);
+    }
+  }
+  if (pictures.empty()) throw InputError(folder, "has no picture named as in Pointing'04");
+  return pictures;
+}
+
+const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& faces,
+                                        const std::string& picture, cv::Size size) {
+  const cv::Rect2d head_box =
+      face::head::pointing_box(picture).value_or(cv::Rect2d(0, 0, size.width, size.height));
+  for (const face::PosedFace& face : faces) {
+    const cv::Rect2d& box = face.face.box;
+    if (face.pose && head_box.contains((box.tl() + box.br()) / 2)) return &face;
+  }
+  return nullptr;
+}
+
+std::string picture_of_truth(const std::string& truth, const std::string& image) {
+  std::error_code error;
+  if (fs::exists(image, error)) return image;
+  return (fs::path(truth).parent_path() / image).string();
+}
+
+void print_pointing(const face::head::PointingScore& score, const Context& context,
+                    const std::string& title) {
+  if (!context.json) {
+    print_text((title.empty() ? "" : title + ": ") + text_of(score));
+    return;
+  }
+  nlohmann::ordered_json line = json_of(score);
+  if (!title.empty()) line["what"] = title;
+  print_json(line);
+}
+
+}  // namespace tarsier::cli

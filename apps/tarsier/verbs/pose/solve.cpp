@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/face/head/draw_pose.h"
+#include "tarsier/face/head/point_file.h"
+#include "tarsier/face/head/posit.h"
+#include "tarsier/geometry/camera_file.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+
+#include "verbs/pose/pose.h"
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+// Thinner than this share of its width, an object looks almost alike from two sides.
+constexpr double kNearlyFlat = 0.1;
+
+struct SolveFlags {
+  std::string object;
+  std::string points;
+  std::string camera;
+  double focal = 0;
+  std::string method = "auto";
+  std::string origin;  // empty: corner where a picture or camera is given
+  int reference = 0;
+  bool no_refine = false;
+  std::string image;
+  std::string output;
+  double axes = 0;
+};
+
+bool from_center(const SolveFlags& flags) {
+  if (flags.origin.empty()) return flags.camera.empty() && flags.image.empty();
+  return flags.origin == "center";
+}
+
+// The camera whose px the points are in.
+geometry::Camera solve_camera(const SolveFlags& flags, const cv::Mat& image) {
+  geometry::Camera camera;
+  if (!flags.camera.empty()) {
+    camera = camera_of(flags.camera);
+  } else if (flags.focal > 0) {
+    camera.fx = camera.fy = flags.focal;
+    if (!image.empty()) {
+      camera.cx = (image.cols - 1) / 2.0;
+      camera.cy = (image.rows - 1) / 2.0;
+    } else if (!from_center(flags)) {
+      throw UsageError("--origin corner needs --image or --camera, which tell where the middle is");
+    }
+  } else {
+    throw UsageError("give --focal PX or --camera FILE");
+  }
+  if (!image.empty()) {
+    if (camera.width > 0 && (camera.width != image.cols || camera.height != image.rows)) {
+      throw InputError(flags.image,
+                       fmt::format("is {} x {} px, the camera's pictures are {} x {}", image.cols,
+                                   image.rows, camera.width, camera.height));
+    }
+    camera.width = image.cols;
+    camera.height = image.rows;
+  }
+  // A size is only needed to draw.
+  if (camera.width <= 0) camera.width = static_cast<int>(std::ceil(2 * camera.cx)) + 1;
+  if (camera.height <= 0) camera.height = static_cast<int>(std::ceil(2 * camera.cy)) + 1;
+  camera.check();
+  return camera;
+}
+
+struct Solution {
+  std::string method;
+  std::vector<face::head::PositPose> poses;
+  std::string reason;
+};
+
+Solution solve(const SolveFlags& flags, const face::head::PositModel& model,
+               const Eigen::Matrix2Xd& image, const geometry::Camera& camera) {
+  face::head::PositOptions options;
+  options.refine_steps = flags.no_refine ? 0 : 20;
+  options.method = flags.method == "posit-classic" ? face::head::PositMethod::kClassic
+                                                   : face::head::PositMethod::kHomogeneous;
+  Solution solution;
+  solution.method = flags.method;
+  if (flags.method == "auto") {
+    solution.method = model.flatness() < kNearlyFlat ? "planar" : "posit";
+  }
+  const bool planar = solution.method == "planar";
+  // What is wrong with the object itself is the input's fault.
+  const std::string defect = planar ? model.planar_defect() : model.defect();
+  if (!defect.empty()) throw InputError(flags.object, defect);
+  face::head::PositWorkspace workspace;
+  if (!planar) {
+    const face::head::PositResult result =
+        face::head::posit(model, image, camera, options, workspace);
+    if (result.pose) solution.poses.push_back(*result.pose);
+    solution.reason = result.reason;
+    return solution;
+  }
+  Eigen::Matrix2Xd normalized(2, image.cols());
+  for (Eigen::Index i = 0; i < image.cols(); ++i) {
+    const auto x = camera.normalized_of({image(0, i), image(1, i)});
+    if (!x) {
+      solution.reason = "a point lies where the camera's distortion cannot be undone";
+      return solution;
+    }
+    normalized.col(i) << x->x, x->y;
+  }
+  const face::head::PlanarPoses both =
+      face::head::posit_planar(model, normalized, options, workspace);
+  for (const auto& pose : both.poses) {
+    if (!pose) continue;
+    solution.poses.push_back(*pose);
+    solution.poses.back().rms *= std::sqrt(camera.fx * camera.fy);
+  }
+  solution.reason = both.reason;
+  return solution;
+}
+
+void draw_solution(cv::Mat& image, const SolveFlags& flags, const Eigen::Matrix3Xd& object,
+                   const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
+                   const face::head::PositPose& pose) {
+  const Eigen::Vector3d extent = object.rowwise().maxCoeff() - object.rowwise().minCoeff();
+  const double length = flags.axes > 0 ? flags.axes : 0.6 * extent.maxCoeff();
+  face::head::draw_axes(image, camera, pose.camera_from_object, {length, length, length});
+  for (Eigen::Index i = 0; i < object.cols(); ++i) {
+    const cv::Vec3d x(object(0, i), object(1, i), object(2, i));
+    if (const auto pixel = camera.project(pose.camera_from_object * x)) {
+      image::draw::cross(image, *pixel, {0, 220, 255}, 6);
+    }
+    image::draw::point(image, {points(0, i), points(1, i)}, {255, 120, 40}, 2.5);
+  }
+}
+
+nlohmann::ordered_json json_of(const face::head::PositPose& pose) {
+  nlohmann::ordered_json object;
+  object["rotation"] = pose.camera_from_object.rotation.val;
+  object["translation"] = pose.camera_from_object.translation.val;
+  object["rms_px"] = pose.rms;
+  object["iterations"] = pose.iterations;
+  object["converged"] = pose.converged;
+  return object;
+}
+
+std::string text_of(const face::head::PositPose& pose) {
+  std::string text;
+  const cv::Matx33d& r = pose.camera_from_object.rotation;
+  for (int row = 0; row < 3; ++row) {
+    text += fmt::format("{:>12}  {:9.5f} {:9.5f} {:9.5f}\n", row == 0 ? "rotation" : "", r(row, 0),
+                        r(row, 1), r(row, 2));
+  }
+  const cv::Vec3d& t = pose.camera_from_object.translation;
+  text += fmt::format("{:>12}  {:9.3f} {:9.3f} {:9.3f}\n", "translation", t[0], t[1], t[2]);
+  return text + fmt::format("{:>12}  {:.3f} px, {} iterations{}\n", "rms", pose.rms,
+                            pose.iterations, pose.converged ? "" : ", not converged");
+}
+
+ExitStatus run_solve(const SolveFlags& flags, Context& context) {
+  if (!flags.output.empty() && flags.image.empty() && flags.camera.empty()) {
+    throw UsageError("-o needs --image, the picture to draw on, or --camera");
+  }
+  const Eigen::Matrix3Xd object = face::head::read_point_file(flags.object, 3);
+  Eigen::Matrix2Xd points = face::head::read_point_file(flags.points, 2);
+  if (points.cols() != object.cols()) {
+    throw InputError(flags.points,
+                     fmt::format("has {} points, the object {}", points.cols(), object.cols()));
+  }
+  if (flags.reference >= object.cols()) {
+    throw UsageError(fmt::format("--reference {}: the object has points 0..{}", flags.reference,
+                                 object.cols() - 1));
+  }
+  cv::Mat image;
+  if (!flags.image.empty()) image = read_image(flags.image);
+  const geometry::Camera camera = solve_camera(flags, image);
+  if (from_center(flags)) points.colwise() += Eigen::Vector2d(camera.cx, camera.cy);
+  const face::head::PositModel model(object, {}, flags.reference);
+  const Solution solution = solve(flags, model, points, camera);
+  if (!flags.output.empty() && !solution.poses.empty()) {
+    if (image.empty()) {
+      image = cv::Mat(camera.height, camera.width, CV_8UC3, cv::Scalar(250, 248, 246));
+    }
+    draw_solution(image, flags, object, points, camera, solution.poses.front());
+    write_image(flags.output, image);
+  }
+  if (context.json) {
+    nlohmann::ordered_json line;
+    line["points"] = object.cols();
+    line["method"] = solution.method;
+    line["flatness"] = model.flatness();
+    line["poses"] = nlohmann::ordered_json::array();
+    for (const face::head::PositPose& pose : solution.poses) line["poses"].push_back(json_of(pose));
+    if (solution.poses.empty()) line["reason"] = solution.reason;
+    print_json(line);
+  } else if (solution.poses.empty()) {
+    print_text(fmt::format("no pose: {}\n", solution.reason));
+  } else {
+    print_text(fmt::format("{} points, method {}{}\n", object.cols(), solution.method,
+                           solution.poses.size() > 1
+                               ? ": nearly flat, so there are two poses, the better one first"
+                               : ""));
+    for (const face::head::PositPose& pose : solution.poses) print_text(text_of(pose));
+  }
+  return solution.poses.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, SolveFlags& flags) {
+  verb.add_option("--object", flags.object, "its points: x y z a line, '#' begins a comment")
+      .required();
+  verb.add_option("--points", flags.points,
+                  "where they are seen, in the same order: x y a line, px, x right, y down")
+      .required();
+  Flag& camera = verb.add_option("--camera", flags.camera,
+                                 "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
+  verb.add_option("--focal", flags.focal,
+                  "focal length, px; the principal point is the middle [none: this or --camera]")
+      .check(positive())
+      .excludes(camera);
+  verb.add_option("--origin", flags.origin,
+                  "where 0 0 is: corner (the middle of the top left pixel) or center (the "
+                  "principal point) [corner with --image or --camera, else center]")
+      .check(one_of({"corner", "center"}));
+  verb.add_option("--method", flags.method,
+                  "posit (homogeneous), posit-classic, planar (both poses of a flat object), or "
+                  "auto: planar where the object is nearly flat, else posit")
+      .check(one_of({"auto", "posit", "posit-classic", "planar"}))
+      .show_default();
+  verb.add_option("--reference", flags.reference,
+                  "point whose projection posit-classic takes as exact")
+      .check(range(0, 1000000))
+      .show_default();
+  verb.add_flag("--no-refine", flags.no_refine,
+                "POSIT alone, without Levenberg-Marquardt (planar poses are always refined)");
+  verb.add_option("--image", flags.image, "picture to draw on");
+  verb.add_option("-o,--output", flags.output,
+                  "picture to write: the axes, the points (dots) and their projections (crosses)");
+  verb.add_option("--axes", flags.axes, "length of the axes, object units [0.6 of its extent]")
+      .check(positive());
+}
+
+}  // namespace
+
+void add_pose_solve(Command& area, Context& context) {
+  add_verb<SolveFlags>(area, "solve", "the pose of an object whose points are seen in one picture",
+                       context, add_flags, run_solve);
+}
+
+}  // namespace tarsier::cli

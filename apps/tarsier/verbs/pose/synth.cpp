@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/rng.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/head/angles.h"
+#include "tarsier/face/head/head_pose.h"
+#include "tarsier/face/shape/landmark_set.h"
+#include "tarsier/geometry/camera_file.h"
+#include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/synth/face/synth_face.h"
+
+#include <fmt/format.h>
+
+#include "framework/size_flag.h"
+#include "verbs/aam/engine.h"
+#include "verbs/pose/pose.h"
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <string>
+
+namespace tarsier::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct SynthFlags {
+  std::string output;
+  std::string appearance;
+  std::string head;
+  std::string size = "640x480";
+  int count = 20;
+  int people = 0;
+  bool video = false;
+  double yaw = 40;
+  double pitch = 20;
+  double roll = 15;
+  double near = 450;
+  double far = 800;
+  double spread = 0.7;
+  synth::FaceSceneOptions scene;
+};
+
+// Somewhere in the picture, the whole face inside.
+geometry::Rigid random_pose(const SynthFlags& flags, const geometry::Camera& camera, Rng& rng) {
+  constexpr double kRoom = 110;  // mm around the middle of a head
+  const face::head::HeadAngles angles{rng.uniform(-flags.yaw, flags.yaw),
+                                      rng.uniform(-flags.pitch, flags.pitch),
+                                      rng.uniform(-flags.roll, flags.roll)};
+  const double distance = rng.uniform(flags.near, flags.far);
+  const auto across = [&](double side, double focal) {
+    const double most = std::max(0.0, distance * side / (2 * focal) - kRoom);
+    return rng.uniform(-most, most);
+  };
+  return {face::head::rotation_of_angles(angles),
+          {across(camera.width, camera.fx), across(camera.height, camera.fy), distance}};
+}
+
+// A head that turns to and fro while it nods, more slowly.
+geometry::Rigid turning_pose(const SynthFlags& flags, double phase) {
+  constexpr double kTurn = 2 * std::numbers::pi;
+  const face::head::HeadAngles angles{flags.yaw * std::sin(kTurn * phase),
+                                      flags.pitch * std::sin(2 * kTurn * phase + 0.5),
+                                      flags.roll * std::sin(kTurn * phase + 1)};
+  const double middle = (flags.near + flags.far) / 2;
+  const double swing = (flags.far - flags.near) / 4;
+  return {face::head::rotation_of_angles(angles),
+          {0, 10, middle + swing * std::sin(kTurn * phase)}};
+}
+
+nlohmann::ordered_json truth_line(const std::string& image, const synth::FaceTruth& truth,
+                                  const geometry::Camera& camera) {
+  const face::head::HeadAngles angles =
+      face::head::angles_of_rotation(truth.camera_from_head.rotation);
+  nlohmann::ordered_json line{{"image", image}};
+  line["rotation"] = nlohmann::json::array();
+  for (const double value : truth.camera_from_head.rotation.val) line["rotation"].push_back(value);
+  const cv::Vec3d& t = truth.camera_from_head.translation;
+  line["translation"] = {t[0], t[1], t[2]};
+  line["yaw"] = angles.yaw_deg;
+  line["pitch"] = angles.pitch_deg;
+  line["roll"] = angles.roll_deg;
+  line["focal"] = camera.fx;
+  line["points"] = nlohmann::json::array();
+  for (Eigen::Index i = 0; i < truth.points.cols(); ++i)
+    line["points"].push_back({truth.points(0, i), truth.points(1, i)});
+  return line;
+}
+
+ExitStatus make_faces(SynthFlags& flags, Context& context) {
+  if (flags.near > flags.far)
+    throw UsageError(fmt::format("--near {} is beyond --far {}", flags.near, flags.far));
+  flags.scene.check();
+  const cv::Size size = parse_size(flags.size, 64, 4096);
+  geometry::Camera camera = face::head::guess_camera(size);
+  const std::string path = flags.appearance.empty() ? shipped_appearance_model() : flags.appearance;
+  const face::appearance::AppearanceModel model = face::appearance::read_appearance_model(path);
+  if (!model.colour) throw ModelError(path, "has no colour texture to draw faces with");
+  face::head::HeadModel head = read_head(flags.head);
+  if (head.points() != model.points())
+    throw ModelError(path,
+                     fmt::format("has {} points, the head {}", model.points(), head.points()));
+  const synth::FaceSynth faces(model, std::move(head));
+
+  const fs::path folder = flags.output;
+  make_folder((folder / "images").string());
+  geometry::write_camera_file((folder / "camera.yaml").string(), camera);
+  face::shape::LandmarkSet set;
+  if (const auto markup = face::shape::known_markup(model.points())) {
+    set.mirror = markup->mirror;
+    set.connections = markup->connections;
+  }
+  const int people = flags.people > 0 ? flags.people : flags.video ? 1 : flags.count;
+  const Rng seeds(context.seed);
+  std::string lines;
+  context.progress->begin("drawing", flags.count, "pictures");
+  for (int i = 0; i < flags.count; ++i) {
+    throw_if_stopped(context.stop);
+    Rng rng = seeds.fork(static_cast<std::uint64_t>(i));
+    const int who = i % people;
+    const geometry::Rigid pose = flags.video
+                                     ? turning_pose(flags, static_cast<double>(i) / flags.count)
+                                     : random_pose(flags, camera, rng);
+    // In a video only the noise changes.
+    cv::Mat picture;
+    const synth::FacePerson person =
+        faces.person(context.seed * 1000 + static_cast<std::uint64_t>(who), flags.spread);
+    const std::uint64_t ground = flags.video ? context.seed : rng();
+    const synth::FaceTruth truth = faces.draw(picture, person, camera, pose, flags.scene, ground);
+    const std::string name = fmt::format("images/{:04}.png", i);
+    write_image((folder / name).string(), picture);
+    const nlohmann::ordered_json line = truth_line(name, truth, camera);
+    lines += line.dump() + "\n";
+    if (context.json) print_json(line);
+    face::shape::LandmarkSample sample;
+    sample.image = name;
+    sample.points = truth.points;
+    sample.person = fmt::format("p{:03}", who);
+    set.samples.push_back(std::move(sample));
+    context.progress->advance();
+  }
+  context.progress->end();
+  write_file_atomically((folder / "truth.jsonl").string(), lines);
+  face::shape::write_landmark_set((folder / "set.json").string(), set, folder.string());
+  if (!context.json && !context.quiet)
+    print_text(fmt::format("{}: {} pictures of {} faces that nobody has\n", flags.output,
+                           flags.count, people));
+  return ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, SynthFlags& flags) {
+  verb.add_option("-o,--output", flags.output, "folder").required();
+  verb.add_option("--count", flags.count, "pictures").check(range(1, 100000)).show_default();
+  verb.add_option("--people", flags.people,
+                  "different ones, in turn; 0: one a picture, in a video one")
+      .check(range(0, 100000))
+      .show_default();
+  verb.add_flag("--video", flags.video, "one head that turns, frame by frame");
+  verb.add_option("--size", flags.size, "px").show_default();
+  verb.add_option("--yaw", flags.yaw, "degrees, at most, either way")
+      .check(range(0.0, 80.0))
+      .show_default();
+  verb.add_option("--pitch", flags.pitch, "degrees").check(range(0.0, 60.0)).show_default();
+  verb.add_option("--roll", flags.roll, "degrees").check(range(0.0, 180.0)).show_default();
+  verb.add_option("--near", flags.near, "distance, mm").check(range(200.0, 10000.0)).show_default();
+  verb.add_option("--far", flags.far, "distance, mm").check(range(200.0, 10000.0)).show_default();
+  verb.add_option("--spread", flags.spread, "how different people are; 1: as in life")
+      .check(range(0.0, 2.0))
+      .show_default();
+  verb.add_option("--noise", flags.scene.noise, "grey levels").show_default();
+  verb.add_option("--blur", flags.scene.blur_px, "px").show_default();
+  verb.add_option("--appearance", flags.appearance, "appearance model [aam68.json, which ships]");
+  verb.add_option("--head", flags.head, "head model [head.json, which ships]");
+}
+
+}  // namespace
+
+void add_pose_synth(Command& area, Context& context) {
+  add_verb<SynthFlags>(area, "synth",
+                       "draws heads that nobody has, with their truth: "
+                       "images/, truth.jsonl, set.json, camera.yaml",
+                       context, add_flags, make_faces);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+#include "tarsier/face/head/evaluation.h"
+#include "tarsier/face/head_view/view_train.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "verbs/pose/pose.h"
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+struct TrainViewFlags {
+  PoseFlags pose;
+  std::string pointing;
+  std::vector<std::string> truths;
+  std::string output;
+  std::string terms;
+  double tilt_share = 0.8;
+  bool leave_out = false;
+  face::head_view::TrainViewOptions options;
+};
+
+// Files of truth are cut into so many parts, each of which is left out in turn.
+constexpr int kParts = 7;
+
+// A picture: what landmarks make of it, and the truth.
+struct Seen {
+  std::optional<face::head_view::HeadView> view;
+  face::head::HeadPose pose;
+  Eigen::Matrix2Xd points;  // of the poser
+  geometry::Camera camera;
+};
+
+class Collector {
+ public:
+  explicit Collector(const PoseFlags& flags) : Collector(options_of(flags)) {}
+
+  [[nodiscard]] const face::head::HeadPoser& poser() const { return tracker_.finder().poser(); }
+
+  // `pointing`: the face in the annotated head's box; else the first.
+  [[nodiscard]] Seen see(const std::string& path, bool pointing) {
+    Frame frame;
+    frame.image = read_image(path);
+    frame.name = path;
+    frame.still = true;
+    const face::PoseResult result = tracker_.process(frame, state_);
+    Seen seen;
+    seen.camera = result.camera;
+    const face::PosedFace* face = nullptr;
+    if (pointing) {
+      face = face_in_head_box(result.faces, path, frame.image.size());
+    } else if (!result.faces.empty() && result.faces.front().pose) {
+      face = &result.faces.front();
+    }
+    if (face == nullptr) return seen;
+    seen.pose = *face->pose;
+    seen.points = face->face.points(Eigen::all, mapping_.landmarks);
+    cv::Mat gray;
+    seen.view = face::head_view::view_of_head(face::gray_of(frame.image, gray), seen.camera,
+                                              seen.pose.camera_from_head);
+    return seen;
+  }
+
+ private:
+  explicit Collector(const face::PoseTrackerOptions& options)
+      : Collector(load_pose_models(options), options) {}
+  Collector(const face::PoseModels& models, const face::PoseTrackerOptions& options)
+      : tracker_(models, options), mapping_(models.mapping) {}
+
+  // From the landmarks alone, by a guessed camera.
+  static face::PoseTrackerOptions options_of(const PoseFlags& flags) {
+    face::PoseTrackerOptions options = pose_options(flags);
+    options.refine = false;
+    options.view.clear();
+    options.camera.reset();
+    return options;
+  }
+
+  face::PoseTracker tracker_;
+  face::head::LandmarkMapping mapping_;
+  face::PoseState state_;
+};
+
+struct Data {
+  std::vector<Seen> seen;
+  std::vector<face::head_view::ViewSample> samples;  // of those with a view, in their order
+  std::vector<face::head::PointingOutcome> pointing;
+  std::vector<std::string> sources;
+  // Index into `seen` of each: -1 where nothing was found.
+  std::vector<int> of_pointing;
+  std::vector<std::pair<int, face::head::PosePair>> exact;
+};
+
+// Adds a picture; returns its index, -1 where no head was found.
+int add(Data& data, Seen seen, int group, const cv::Vec3d& forward, bool in_camera) {
+  if (!seen.view) return -1;
+  const cv::Vec3d in_view = in_camera ? seen.view->camera_from_view.t() * forward : forward;
+  data.samples.push_back({*seen.view, face::head_view::direction_of(*seen.view, in_view), group});
+  data.seen.push_back(std::move(seen));
+  return static_cast<int>(data.seen.size()) - 1;
+}
+
+void add_pointing(const TrainViewFlags& flags, Collector& collector, Data& data, Context& context) {
+  const auto pictures = pointing_pictures(flags.pointing);
+  context.progress->begin("Pointing'04", static_cast<std::int64_t>(pictures.size()), "pictures");
+  for (const auto& [path, name] : pictures) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    const cv::Vec3d forward =
+        face::head::forward_of_gaze({name.pan_deg, name.tilt_deg * flags.tilt_share});
+    data.of_pointing.push_back(add(data, collector.see(path, true), name.person, forward, false));
+    face::head::PointingOutcome outcome;
+    outcome.image = path;
+    outcome.truth = name;
+    data.pointing.push_back(std::move(outcome));
+  }
+  context.progress->end();
+  data.sources.emplace_back("Pointing'04");
+}
+
+void add_truth(const std::string& file, int number, Collector& collector, Data& data,
+               Context& context) {
+  const std::vector<face::head::PoseLine> lines = face::head::read_pose_lines(file);
+  context.progress->begin(file, static_cast<std::int64_t>(lines.size()), "pictures");
+  int count = 0;
+  for (const face::head::PoseLine& line : lines) {
+    throw_if_stopped(context.stop);
+    context.progress->advance();
+    if (!line.rotation) continue;
+    const int group = 1000 + kParts * number + count++ % kParts;
+    const cv::Vec3d forward = *line.rotation * cv::Vec3d(0, 0, -1);
+    const int at =
+        add(data, collector.see(picture_of_truth(file, line.image), false), group, forward, true);
+    if (at < 0) continue;
+    face::head::PosePair pair;
+    pair.image = line.image;
+    pair.truth = *line.rotation;
+    data.exact.emplace_back(at, pair);
+  }
+  context.progress->end();
+  data.sources.push_back(file);
+}
+
+// Scores of the rotations, one of each `seen`.
+void print_scores(Data& data, const std::vector<cv::Matx33d>& rotations, const Context& context,
+                  const std::string& what) {
+  if (!data.pointing.empty()) {
+    for (std::size_t i = 0; i < data.pointing.size(); ++i) {
+      const int at = data.of_pointing[i];
+      if (at >= 0) data.pointing[i].rotation = rotations[static_cast<std::size_t>(at)];
+    }
+    print_pointing(face::head::score_pointing(data.pointing), context, what);
+  }
+  if (data.exact.empty()) return;
+  std::vector<face::head::PosePair> pairs;
+  for (auto& [at, pair] : data.exact) {
+    pair.rotation = rotations[static_cast<std::size_t>(at)];
+    pairs.push_back(pair);
+  }
+  const face::head::PoseScore score =
+      face::head::score_poses(pairs, static_cast<int>(pairs.size()));
+  if (context.json) {
+    print_json(nlohmann::ordered_json{{"set", "truth"},
+                                      {"what", what},
+                                      {"images", score.truths},
+                                      {"pitch_mae", score.pitch_mae_deg},
+                                      {"yaw_mae", score.yaw_mae_deg},
+                                      {"roll_mae", score.roll_mae_deg},
+                                      {"rotation_mean", score.mean_deg}});
+  } else {
+    print_text(fmt::format(
+        "{}: {} pictures of exact truth: MAE pitch {:.2f} yaw {:.2f} roll {:.2f}, rotation mean "
+        "{:.2f} degrees\n",
+        what, score.truths, score.pitch_mae_deg, score.yaw_mae_deg, score.roll_mae_deg,
+        score.mean_deg));
+  }
+}
+
+void leave_out(Data& data, const Collector& collector, const TrainViewFlags& flags,
+               const Context& context) {
+  std::vector<cv::Matx33d> rotations;
+  for (const Seen& seen : data.seen) rotations.push_back(seen.pose.camera_from_head.rotation);
+  print_scores(data, rotations, context, "landmarks alone");
+  const std::vector<face::head_view::Direction> found =
+      face::head_view::leave_groups_out(data.samples, flags.options);
+  for (std::size_t i = 0; i < data.seen.size(); ++i) {
+    const Seen& seen = data.seen[i];
+    const face::head::HeadPoseResult result = collector.poser().pose_towards(
+        seen.points, seen.camera, face::head_view::rotation_towards(*seen.view, found[i]));
+    if (result.pose) rotations[i] = result.pose->camera_from_head.rotation;
+  }
+  print_scores(data, rotations, context, "refined, each person left out in turn");
+}
+
+nlohmann::json provenance(const TrainViewFlags& flags, const Data& data) {
+  const face::head_view::TrainViewOptions& o = flags.options;
+  nlohmann::json result{{"program", fmt::format("tarsier {}", version())},
+                        {"data", data.sources},
+                        {"views", data.samples.size()},
+                        {"options",
+                         {{"components", o.components},
+                          {"angle_weight", o.angle_weight},
+                          {"gamma", o.gamma},
+                          {"ridge", o.ridge},
+                          {"mirror", o.mirror},
+                          {"tilt_share", flags.tilt_share}}}};
+  if (!flags.terms.empty()) result["terms"] = flags.terms;
+  return result;
+}
+
+ExitStatus run_train(TrainViewFlags& flags, Context& context) {
+  if (flags.pointing.empty() && flags.truths.empty())
+    throw UsageError("give --pointing DIR or --truth FILE");
+  if (flags.output.empty() && !flags.leave_out) throw UsageError("give -o FILE or --leave-out");
+  flags.options.check();
+  flags.pose.refine = "none";
+  Collector collector(flags.pose);
+  Data data;
+  if (!flags.pointing.empty()) add_pointing(flags, collector, data, context);
+  for (std::size_t i = 0; i < flags.truths.size(); ++i)
+    add_truth(flags.truths[i], static_cast<int>(i), collector, data, context);
+  const std::string input = flags.pointing.empty() ? flags.truths.front() : flags.pointing;
+  try {
+    if (flags.leave_out) leave_out(data, collector, flags, context);
+    if (flags.output.empty()) return ExitStatus::kDone;
+    const face::head_view::ViewModel model =
+        face::head_view::train_view_model(data.samples, flags.options);
+    face::head_view::write_view_model(flags.output, model, provenance(flags, data));
+  } catch (const std::invalid_argument& error) {
+    throw InputError(input, error.what());  // too few heads, or all alike
+  }
+  if (context.json) {
+    print_json(nlohmann::ordered_json{{"output", flags.output}, {"views", data.samples.size()}});
+  } else {
+    print_text(fmt::format("{}: {} views\n", flags.output, data.samples.size()));
+  }
+  return ExitStatus::kDone;
+}
+
+void add_flags(Command& verb, TrainViewFlags& flags) {
+  add_landmark_flags(verb, flags.pose.landmarks);
+  verb.add_option("--head", flags.pose.head, "head model [head.json, which ships]");
+  verb.add_option("--mapping", flags.pose.mapping,
+                  "which landmark each head point is: lines \"head_point landmark\", from 0");
+  verb.add_option("--focal", flags.pose.focal,
+                  "focal length in px [1.3 times the picture's larger side]")
+      .check(positive());
+  verb.add_option("--pointing", flags.pointing,
+                  "folder of the Pointing'04 head pose set: names carry the angles");
+  verb.add_option("--tilt-share", flags.tilt_share,
+                  "how much of the tilts in Pointing'04's names heads really tilted")
+      .check(range(0.1, 1.5))
+      .show_default();
+  verb.add_option("--truth", flags.truths,
+                  "JSON lines {\"image\", \"rotation\": [9 numbers]}, as `pose synth` writes them; "
+                  "several may be given");
+  verb.add_option("-o,--output", flags.output, "model file to write (.json)");
+  verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
+  verb.add_flag("--leave-out", flags.leave_out,
+                "prints how good it is on people it has not seen: each is left out in turn "
+                "(of --truth, a seventh of the pictures)");
+  face::head_view::TrainViewOptions& options = flags.options;
+  verb.add_option("--components", options.components, "numbers that PCA leaves of the gradients")
+      .show_default();
+  verb.add_option("--angle-weight", options.angle_weight,
+                  "weight of the landmarks' angles beside the gradients")
+      .show_default();
+  verb.add_option("--gamma", options.gamma,
+                  "of the Gaussian kernel: the larger, the sooner likeness ends")
+      .show_default();
+  verb.add_option("--ridge", options.ridge, "weight of smoothness against the samples")
+      .show_default();
+}
+
+}  // namespace
+
+void add_pose_train_view(Command& area, Context& context) {
+  add_verb<TrainViewFlags>(area, "train-view",
+                           "learns from pictures of known poses how heads "
+                           "look, to correct poses (--view)",
+                           context, add_flags, run_train);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: MIT
+#include "verbs/sfm/online.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/sfm/pipelines/online_reconstructor.h"
+
+#include <fmt/format.h>
+
+#include "framework/input_schemes.h"
+#include "framework/run_session.h"
+#include "framework/security_flags.h"
+#include "ui/sfm/sfm_session.h"
+#include <chrono>
+
+namespace tarsier::cli {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+}  // namespace
+
+void add_online_flags(Command& verb, OnlineFlags& flags) {
+  Flag& online =
+      verb.add_flag("--online", flags.online,
+                    "the model grows with the frames of a video, camera or folder, and is shown")
+          .group("Online");
+  const auto needing = [&](Flag& flag) { flag.group("Online").needs(online); };
+  needing(verb.add_flag("--window", flags.window, "show it in a window (h: keys)"));
+  needing(verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen"));
+  needing(verb.add_option("--online-view", flags.view,
+                          "write what is shown: .mp4, folder, http://127.0.0.1:8080/"));
+  needing(verb.add_option("--online-every", flags.every,
+                          "key frames from one growth of the model to the next")
+              .check(range(1, 1000))
+              .show_default());
+  needing(verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
+              .check(one_of({"-"})));
+  needing(verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
+              .check(not_negative())
+              .show_default());
+  needing(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")
+              .show_default());
+  needing(verb.add_option("--height", flags.source.height, "px; 0: its own choice").show_default());
+  needing(verb.add_option("--fps", flags.source.fps,
+                          "asked of a camera; of a folder that is shown; 0: its own")
+              .show_default());
+  for (Flag* flag : add_security_flags(verb, flags.source.security)) needing(*flag);
+}
+
+SourceKind kind_of_online_source(const std::string& text) {
+  return classify_source(text, input_schemes());
+}
+
+OnlineRun run_online(const std::vector<std::string>& sources, const std::vector<sfm::Input>& images,
+                     const sfm::Reconstructor& reconstructor, const OnlineFlags& flags,
+                     Context& context) {
+  RunFlags run;
+  run.inputs = sources;
+  run.output = flags.view.empty() ? "none" : flags.view;
+  run.window = flags.window;
+  run.fullscreen = flags.fullscreen;
+  run.actions = flags.actions;
+  run.frames = flags.frames;
+  run.source = flags.source;
+  run.source.sequence = true;  // images follow each other
+  if (classify_sink(run.output) == SinkKind::kImage)
+    throw UsageError(
+        fmt::format("--online-view {}: expected a video, a folder or an address", flags.view));
+
+  sfm::OnlineReconstructorOptions options;
+  options.mapper.pipeline = reconstructor.pipeline();
+  options.keyframes = reconstructor.options().keyframes;
+  options.grow_every = flags.every;
+  options.frames_folder = reconstructor.frames_folder();
+  options.every_frame = !images.empty();
+  options.images = images;
+  sfm::OnlineReconstructor online(options);
+  SfmSession session(online, context.stop);
+
+  Clock::time_point start;
+  double milliseconds = 0;
+  RunHooks hooks;
+  hooks.title = "online";
+  hooks.before_frame = [&](const Frame&) { start = Clock::now(); };
+  hooks.after_frame = [&](const Frame&) {
+    milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  };
+  hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
+    for (const char* name : {"key_frames", "registered", "points", "followed"})
+      line[name] = view.state.at(name);
+    line["ms"] = rounded(milliseconds, 2);
+  };
+  OnlineRun result;
+  try {
+    result.status = run_session(session, run, context, hooks);
+  } catch (const OutputError&) {
+    throw;
+  } catch (const Error&) {
+    if (online.inputs().empty()) throw;
+    result.error = std::current_exception();
+  }
+  context.progress->end();
+  const View end = session.finish();
+  result.inputs = online.inputs();
+  log_info("online: {} key frames, {} in the model, {} points", result.inputs.size(),
+           end.state.at("registered").get<int>(), online.model().points.size());
+  return result;
+}
+
+}  // namespace tarsier::cli

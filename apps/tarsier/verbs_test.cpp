@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: MIT
+// The whole command line of the program, without running it.
+#include "tarsier/core/errors.h"
+#include "tarsier/face/landmarks/tracker.h"
+#include "tarsier/plate/tracking/tracker.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "framework/areas.h"
+#include "framework/cli.h"
+#include "framework/command_json.h"
+#include "framework/command_tree.h"
+#include "framework/manual.h"
+#include "framework/parse.h"
+#include "framework/run_session.h"
+#include <algorithm>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
+
+namespace tarsier::cli {
+namespace {
+
+struct Program {
+  Context context;
+  Command root{"tarsier", "classical computer vision"};
+  Program() { add_areas(root, context); }
+};
+
+std::string name_of(const VerbInfo& verb) {
+  std::string name;
+  for (const std::string& word : verb.path) name += (name.empty() ? "" : " ") + word;
+  return name;
+}
+
+// All verbs, by name.
+std::map<std::string, VerbInfo> all_verbs() {
+  const Program program;
+  std::map<std::string, VerbInfo> verbs;
+  for (const AreaInfo& area : command_tree(program.root)) {
+    for (const VerbInfo& verb : area.verbs) verbs[name_of(verb)] = verb;
+  }
+  return verbs;
+}
+
+const FlagInfo& flag_of(const VerbInfo& verb, const std::string& name) {
+  const auto at = std::find_if(verb.flags.begin(), verb.flags.end(), [&name](const FlagInfo& flag) {
+    return std::find(flag.names.begin(), flag.names.end(), name) != flag.names.end();
+  });
+  if (at == verb.flags.end()) throw std::invalid_argument(name_of(verb) + " has no " + name);
+  return *at;
+}
+
+TEST(Verbs, EachFlagIsDescribedAndItsDefaultIsAllowed) {
+  for (const auto& [name, verb] : all_verbs()) {
+    std::set<std::string> known;
+    for (const FlagInfo& flag : verb.flags) {
+      for (const std::string& called : flag.names) {
+        EXPECT_TRUE(known.insert(called).second) << name << ": " << called << " twice";
+      }
+    }
+    for (const FlagInfo& flag : verb.flags) {
+      const std::string called = name + ' ' + flag.names.front();
+      EXPECT_TRUE(!flag.description.empty() || !flag.choices.empty()) << called;
+      EXPECT_FALSE(flag.group.empty()) << called;
+      for (const std::string& other : flag.needs) EXPECT_TRUE(known.count(other)) << called;
+      for (const std::string& other : flag.excludes) EXPECT_TRUE(known.count(other)) << called;
+      const std::string& value = flag.default_value;
+      if (value.empty() || flag.many || flag.min_values > 1) continue;
+      if (!flag.choices.empty()) {
+        EXPECT_THAT(flag.choices, testing::Contains(value)) << called;
+      }
+      if (flag.type != FlagType::kInteger && flag.type != FlagType::kNumber) continue;
+      const double number = std::strtod(value.c_str(), nullptr);
+      EXPECT_GE(number, flag.min.value_or(number)) << called;
+      EXPECT_LE(number, flag.max.value_or(number)) << called;
+    }
+  }
+}
+
+TEST(Verbs, HelpJsonManualAndCompletionNameEveryFlag) {
+  Program program;
+  const std::vector<AreaInfo> areas = command_tree(program.root);
+  const auto json = nlohmann::json::parse(command_json(areas, version()));
+  std::size_t count = 0;
+  const std::string completion = bash_completion(areas);
+  for (const AreaInfo& area : areas) {
+    for (const VerbInfo& verb : area.verbs) {
+      const std::string name = name_of(verb);
+      const std::string help = help_text(*chosen_command(program.root, verb.path).command);
+      const nlohmann::json& described = json["verbs"].at(count++);
+      EXPECT_EQ(described["verb"], name);
+      EXPECT_EQ(described["inputs"].size() + described["flags"].size(), verb.flags.size()) << name;
+      EXPECT_THAT(help, testing::HasSubstr("Usage: tarsier " + name)) << name;
+      EXPECT_THAT(help, testing::HasSubstr("Example: tarsier " + name)) << name;
+      for (const FlagInfo& flag : verb.flags) {
+        EXPECT_THAT(help, testing::HasSubstr(flag.names.front())) << name;
+        if (flag.positional) continue;
+        EXPECT_THAT(completion, testing::HasSubstr(flag.names.front())) << name;
+      }
+    }
+  }
+  EXPECT_EQ(json["verbs"].size(), count);
+  EXPECT_GT(count, 50U);
+}
+
+TEST(Verbs, ExamplesCanBeParsed) {
+  for (const auto& [name, verb] : all_verbs()) {
+    std::vector<std::string> words;
+    std::istringstream line(verb.example);
+    for (std::string word; line >> word;) {
+      word.erase(
+          std::remove_if(word.begin(), word.end(), [](char c) { return c == '"' || c == '\''; }),
+          word.end());
+      words.push_back(word);
+    }
+    ASSERT_GE(words.size(), 2U) << name;
+    if (verb.example.find('"') != std::string::npos ||
+        verb.example.find('\'') != std::string::npos) {
+      continue;  // a word with spaces: what a shell would do is not done here
+    }
+    words.erase(words.begin());
+    Program program;
+    try {
+      const Command::Parsed parsed = parse_command_line(program.root, words);
+      EXPECT_EQ(verb_of(*parsed.command), name);
+      EXPECT_TRUE(program.context.run) << name;
+    } catch (const std::exception& error) {
+      ADD_FAILURE() << verb.example << ": " << error.what();
+    }
+  }
+}
+
+TEST(Verbs, FlagsBeginWithTheDefaultsOfTheLibrary) {
+  const std::map<std::string, VerbInfo> verbs = all_verbs();
+  const auto number = [&verbs](const std::string& verb, const std::string& flag) {
+    return std::stod(flag_of(verbs.at(verb), flag).default_value);
+  };
+  const plate::TrackerOptions plates;
+  EXPECT_EQ(number("plate read", "--lost-after"), plates.lost_after);
+  EXPECT_EQ(number("plate read", "--return-within"), plates.return_within);
+  EXPECT_EQ(number("plate read", "--parked-return-within"), plates.parked_return_within);
+  EXPECT_EQ(number("plate read", "--min-readings"), plates.min_readings);
+  const face::landmarks::TrackerOptions faces;
+  for (const char* verb : {"landmarks fit", "landmarks track"}) {
+    EXPECT_EQ(number(verb, "--search-every"), faces.search_every);
+    EXPECT_EQ(number(verb, "--min-score"), faces.min_score);
+    EXPECT_EQ(number(verb, "--max-faces"), faces.max_faces);
+  }
+  const RunFlags run;
+  for (const char* verb : {"cartoon run", "plate read", "pose track", "ar markers"}) {
+    EXPECT_EQ(number(verb, "--width"), run.source.width) << verb;
+    EXPECT_EQ(number(verb, "--every"), static_cast<double>(run.every)) << verb;
+    EXPECT_EQ(number(verb, "--stall"), run.source.stall_s) << verb;
+    EXPECT_EQ(number(verb, "--jpeg-quality"), run.sink.jpeg_quality) << verb;
+  }
+}
+
+TEST(Verbs, FlagsReachTheirVerb) {
+  Program program;
+  const Command::Parsed parsed = parse_command_line(
+      program.root, {"plate", "read", "a.png", "--seed", "7", "--threads", "2", "--json"});
+  EXPECT_EQ(verb_of(*parsed.command), "plate read");
+  EXPECT_EQ(program.context.seed, 7U);
+  EXPECT_EQ(program.context.threads, 2);
+  EXPECT_TRUE(program.context.json);
+  EXPECT_TRUE(program.context.run);
+}
+
+TEST(Verbs, CommonFlagsAreChecked) {
+  const auto error = [](const std::vector<std::string>& flags) -> std::string {
+    Program program;
+    std::vector<std::string> words = {"doctor"};
+    words.insert(words.end(), flags.begin(), flags.end());
+    try {
+      parse_command_line(program.root, words);
+    } catch (const UsageError& caught) {
+      return caught.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(error({"--seed", "7"}), "");
+  EXPECT_THAT(error({"--seed=-1"}), testing::HasSubstr("a seed is not negative"));
+  EXPECT_THAT(error({"--threads=2000"}), testing::HasSubstr("not in range 0 to 1024"));
+  EXPECT_THAT(error({"--log-level=loud"}), testing::HasSubstr("--log-level"));
+}
+
+TEST(RunFlags, WithoutAnOutputAVerbIsHeadless) {
+  RunFlags run;
+  default_to_headless(run);
+  EXPECT_EQ(run.output, "none");
+  EXPECT_FALSE(opens_window(run));
+  RunFlags window;
+  window.window = true;
+  default_to_headless(window);
+  EXPECT_EQ(window.output, "");
+  RunFlags file;
+  file.output = "a.png";
+  default_to_headless(file);
+  EXPECT_EQ(file.output, "a.png");
+}
+
+}  // namespace
+}  // namespace tarsier::cli

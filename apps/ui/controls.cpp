@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: MIT
+#include "ui/controls.h"
+
+#include <fmt/format.h>
+
+namespace tarsier {
+
+bool SessionControls::act(std::string_view name) {
+  if (name == "quit") {
+    finished_ = true;
+  } else if (name == "help") {
+    help_ = !help_;
+  } else if (name == "pause" && pauses_) {
+    paused_ = !paused_;
+  } else {
+    return false;
+  }
+  return true;
+}
+
+std::vector<Action> SessionControls::after(std::vector<Action> actions) const {
+  if (pauses_) actions.push_back({"pause", "pause and go on", pause_key_});
+  actions.push_back({"help", "this list", 'h'});
+  actions.push_back({"quit", "end", 'q'});
+  return actions;
+}
+
+std::string trouble_of(const SourceStatus& source) {
+  return source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
+}
+
+std::string counted(std::size_t count, std::string_view one) {
+  return fmt::format("{} {}{}", count, one, count == 1 ? "" : "s");
+}
+
+}  // namespace tarsier

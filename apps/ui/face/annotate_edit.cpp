@@ -1,0 +1,536 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/face/shape/similarity.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "ui/face/annotate_session.h"
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <system_error>
+
+namespace tarsier {
+namespace {
+
+namespace fs = std::filesystem;
+using Eigen::Matrix2Xd;
+
+constexpr std::size_t kMaxUndo = 1000;
+
+std::string absolute(const std::string& path) {
+  std::error_code error;
+  const fs::path result = fs::absolute(path, error);
+  return error ? path : result.lexically_normal().string();
+}
+
+int known_points(const Matrix2Xd& points) {
+  int count = 0;
+  for (Eigen::Index i = 0; i < points.cols(); ++i) count += points.col(i).hasNaN() ? 0 : 1;
+  return count;
+}
+
+}  // namespace
+
+std::string AnnotateSession::frames_folder() const {
+  const fs::path set(options_.set_path);
+  return (set.parent_path() / (set.stem().string() + "-frames")).string();
+}
+
+void AnnotateSession::load() {
+  options_.set_path = absolute(options_.set_path);
+  const std::vector<nlohmann::json> records = journal_.open();
+  std::error_code error;
+  const bool is_new = !fs::exists(options_.set_path, error);
+  for (const std::string& picture : options_.pictures) state_.add_picture(absolute(picture));
+  if (options_.video && fs::is_directory(frames_folder(), error)) {
+    std::vector<std::string> picked;
+    for (const auto& entry : fs::directory_iterator(frames_folder(), error))
+      if (entry.path().extension() == ".png") picked.push_back(entry.path().string());
+    std::sort(picked.begin(), picked.end());
+    for (const std::string& picture : picked) state_.add_picture(picture);
+  }
+  if (!is_new) {
+    state_.load(face::shape::read_landmark_set(options_.set_path), options_.set_path);
+  }
+  const std::string journal_path = options_.set_path + ".journal";
+  const bool has_symmetry =
+      std::any_of(state_.mirror().begin(), state_.mirror().end(), [](int m) { return m >= 0; });
+  if (options_.video && records.empty() && state_.pictures() == 0) {
+    state_.set_stage(AnnotateStage::kPick);
+  } else {
+    state_.set_stage(state_.done() > 1 || has_symmetry || !state_.connections().empty()
+                         ? AnnotateStage::kPictures
+                         : AnnotateStage::kPoints);
+  }
+  for (const nlohmann::json& record : records) state_.apply(record, journal_path);
+  if (!records.empty())
+    message_ = fmt::format("Went on where the last run stopped ({} {})", records.size(),
+                           records.size() == 1 ? "step" : "steps");
+  unsaved_ = static_cast<int>(records.size());
+  int first = std::max(0, reference());
+  if (state_.stage() == AnnotateStage::kPictures) {
+    for (int k = 0; k < state_.pictures(); ++k) {
+      if (state_.picture(k).done) continue;
+      first = k;
+      break;
+    }
+  }
+  current_ = std::min(first, std::max(0, state_.pictures() - 1));
+  open(current_);
+}
+
+// False: the edit could not be kept, and did not happen.
+bool AnnotateSession::journal(const AnnotateState& before, const std::string& why) {
+  try {
+    journal_.append(state_.difference(before, why));
+  } catch (const OutputError& error) {
+    message_ = fmt::format("Cannot save: {}", error.what());
+    return false;
+  }
+  ++unsaved_;
+  return true;
+}
+
+template <typename Change>
+bool AnnotateSession::edit(const std::string& why, Change change, bool undoable) {
+  AnnotateState before = state_;
+  change(state_);
+  if (!journal(before, why)) {
+    state_ = std::move(before);
+    find_places();
+    return false;
+  }
+  if (undoable) {
+    before_.push_back(std::move(before));
+    if (before_.size() > kMaxUndo) before_.erase(before_.begin());
+    undone_.clear();
+  }
+  if (unsaved_ >= options_.save_every) {
+    try {
+      save();
+    } catch (const OutputError& error) {  // the journal has it all
+      message_ = fmt::format("Cannot write the set: {}", error.what());
+    }
+  }
+  find_places();
+  return true;
+}
+
+void AnnotateSession::undo(std::vector<AnnotateState>& from, std::vector<AnnotateState>& to,
+                           const char* what) {
+  if (from.empty()) {
+    message_ = fmt::format("Nothing to {}", what);
+    return;
+  }
+  AnnotateState before = state_;
+  AnnotateState after = from.back();
+  // Pictures that came since then stay: their files are there.
+  for (int k = after.pictures(); k < before.pictures(); ++k)
+    after.add_picture(before.picture(k).path);
+  int changed = -1;
+  for (int k = 0; k < before.pictures(); ++k) {
+    const AnnotatedPicture& a = before.picture(k);
+    const AnnotatedPicture& b = after.picture(k);
+    if (&a == &b) continue;
+    // A proposal is no edit: it stays where the edit was elsewhere.
+    if (!a.done && !b.has_points() && a.points.cols() == after.points() && a.points.cols() > 0 &&
+        !a.points.hasNaN()) {
+      after.set_points(k, a.points);
+      continue;
+    }
+    if (changed < 0 || k == current_) changed = k;
+  }
+  state_ = std::move(after);
+  if (!journal(before, what)) {
+    state_ = std::move(before);
+    find_places();
+    return;
+  }
+  from.pop_back();
+  to.push_back(std::move(before));
+  selected_ = -1;
+  if (state_.stage() == AnnotateStage::kPick) return;
+  open(changed >= 0 ? changed : current_);
+}
+
+void AnnotateSession::save() {
+  if (unsaved_ == 0) return;
+  const face::shape::LandmarkSet set = state_.finished();
+  if (!set.samples.empty()) face::shape::write_landmark_set(options_.set_path, set, "");
+  journal_.restart(state_.unfinished());
+  unsaved_ = 0;
+}
+
+void AnnotateSession::finish() {
+  save();
+  const nlohmann::json rest = state_.unfinished();
+  const bool is_all_in_set = rest.at("pictures").empty() && !rest.contains("mirror") &&
+                             (state_.stage() == AnnotateStage::kPictures || state_.done() == 0);
+  if (is_all_in_set) journal_.restart(std::nullopt);
+}
+
+int AnnotateSession::nearest_done(int picture) const {
+  int best = -1;
+  for (int k = 0; k < state_.pictures(); ++k) {
+    if (!state_.picture(k).done || k == picture) continue;
+    if (best < 0 || std::abs(k - picture) <= std::abs(best - picture)) best = k;
+  }
+  return best;
+}
+
+int AnnotateSession::reference() const {
+  for (int k = 0; k < state_.pictures(); ++k)
+    if (state_.picture(k).done) return k;
+  return state_.pictures() > 0 ? 0 : -1;
+}
+
+void AnnotateSession::open(int picture) {
+  is_learning_ = false;
+  drag_ = Drag::kNone;
+  if (state_.pictures() == 0) {
+    picture_.release();
+    places_.resize(2, 0);
+    return;
+  }
+  current_ = std::clamp(picture, 0, state_.pictures() - 1);
+  unreadable_.clear();
+  const AnnotatedPicture& here = state_.picture(current_);
+  try {
+    picture_ = read_image(here.path);
+  } catch (const InputError& error) {
+    picture_.release();
+    unreadable_ = error.what();
+  }
+  find_places();
+  // A proposal that nobody touched gives way to a better one.
+  const auto learned = learned_from_.find(here.path);
+  const bool is_stale =
+      !here.done && !here.touched &&
+      (!here.has_points() || learned == learned_from_.end() || learned->second != state_.done());
+  is_learning_ = state_.stage() == AnnotateStage::kPictures && is_stale && !picture_.empty() &&
+                 state_.points() > 0 && nearest_done(current_) >= 0;
+}
+
+std::optional<Matrix2Xd> AnnotateSession::proposal() {
+  if (!propose_ || !is_proposing_) return std::nullopt;
+  face::ProposalRequest request;
+  cv::cvtColor(picture_, request.gray, cv::COLOR_BGR2GRAY);
+  const int near = nearest_done(current_);
+  for (int k = 0; k < state_.pictures(); ++k) {
+    if (!state_.picture(k).done || k == current_) continue;
+    if (k == near) request.nearest = static_cast<int>(request.so_far.samples.size());
+    face::shape::LandmarkSample sample;
+    sample.image = state_.picture(k).path;
+    sample.points = state_.picture(k).points;
+    for (int i = 0; i < state_.points(); ++i)
+      if (!state_.picture(k).is_shown(i)) sample.points.col(i).setConstant(std::nan(""));
+    request.so_far.samples.push_back(std::move(sample));
+  }
+  std::optional<Matrix2Xd> points = propose_(request);
+  if (points && (points->cols() != state_.points() || !points->allFinite())) points.reset();
+  return points;
+}
+
+void AnnotateSession::propose_now() {
+  is_learning_ = false;
+  const int near = nearest_done(current_);
+  if (picture_.empty() || near < 0) return;
+  learned_from_[state_.picture(current_).path] = state_.done();
+  std::optional<Matrix2Xd> points;
+  try {
+    points = proposal();
+  } catch (const Error& error) {
+    log_debug("no proposal: {}", error.what());
+  }
+  const bool is_guess = points.has_value();
+  if (!points) {
+    // Something to drag: where they were in the nearest picture, within this one.
+    points = state_.picture(near).points;
+    for (Eigen::Index i = 0; i < points->cols(); ++i) {
+      if (points->col(i).hasNaN()) points->col(i) << 0.5 * picture_.cols, 0.5 * picture_.rows;
+    }
+    const Eigen::Vector2d most = points->rowwise().maxCoeff();
+    const double shrink = std::min({1.0, (picture_.cols - 1) / std::max(1.0, most.x()),
+                                    (picture_.rows - 1) / std::max(1.0, most.y())});
+    *points *= shrink;
+    if (message_.empty())
+      message_ = "Drag the points to their places (shift: all; [ ] < > size and turn)";
+  }
+  // What is found outside would be out of reach.
+  points->row(0) = points->row(0).cwiseMax(0).cwiseMin(picture_.cols - 1);
+  points->row(1) = points->row(1).cwiseMax(0).cwiseMin(picture_.rows - 1);
+  (void)edit(
+      is_guess ? "proposal" : "start",
+      [&](AnnotateState& state) { state.set_points(current_, *points); }, false);
+}
+
+void AnnotateSession::find_places() {
+  if (state_.pictures() == 0) {
+    places_.resize(2, 0);
+    return;
+  }
+  current_ = std::min(current_, state_.pictures() - 1);
+  const AnnotatedPicture& here = state_.picture(current_);
+  places_ = here.points;
+  if (selected_ >= state_.points()) selected_ = -1;
+  if (!here.has_points() || known_points(places_) < 2 ||
+      known_points(places_) == static_cast<int>(places_.cols()))
+    return;
+  const int near = nearest_done(current_);
+  if (near < 0) return;
+  const Matrix2Xd& other = state_.picture(near).points;
+  try {
+    const Matrix2Xd guess = face::shape::fit_similarity(other, places_)(other);
+    for (Eigen::Index i = 0; i < places_.cols(); ++i)
+      if (places_.col(i).hasNaN()) places_.col(i) = guess.col(i);
+  } catch (const std::invalid_argument&) {  // too few in common
+  }
+}
+
+// --- edits that a person makes ---
+
+void AnnotateSession::pick() {
+  if (frame_.image.empty()) {
+    message_ = "There is no frame yet";
+    return;
+  }
+  const std::string path =
+      (fs::path(frames_folder()) / fmt::format("frame-{:06}.png", frame_.index)).string();
+  if (state_.find(path) >= 0) {
+    message_ = "This frame is picked already";
+    return;
+  }
+  std::error_code error;
+  fs::create_directories(frames_folder(), error);
+  try {
+    write_image(path, frame_.image);
+  } catch (const OutputError& trouble) {
+    message_ = fmt::format("Cannot save: {}", trouble.what());
+    return;
+  }
+  if (edit(
+          "pick", [&](AnnotateState& state) { state.add_picture(path); }, false))
+    message_ = fmt::format("Picked: {} {}", state_.pictures(),
+                           state_.pictures() == 1 ? "picture" : "pictures");
+}
+
+void AnnotateSession::accept() {
+  if (state_.pictures() == 0 || state_.points() == 0) return;
+  const AnnotatedPicture& here = state_.picture(current_);
+  if (!here.done && here.has_points()) {
+    if (!edit("agree", [&](AnnotateState& state) { state.set_done(current_, true); })) return;
+  }
+  selected_ = -1;
+  for (int k = 1; k <= state_.pictures(); ++k) {
+    const int next = (current_ + k) % state_.pictures();
+    if (state_.picture(next).done) continue;
+    open(next);
+    return;
+  }
+  message_ = "All pictures are done. q: end";
+}
+
+void AnnotateSession::turn_page(int direction) {
+  if (state_.pictures() == 0 || state_.stage() == AnnotateStage::kPick) return;
+  const AnnotatedPicture& here = state_.picture(current_);
+  if (state_.stage() == AnnotateStage::kPictures && !here.done && here.touched) {
+    // Who has put points right has looked at them.
+    if (!edit("agree", [&](AnnotateState& state) { state.set_done(current_, true); })) return;
+  }
+  if (state_.stage() != AnnotateStage::kPictures) {
+    message_ = "The other pictures come after points, lines and symmetry (5: now)";
+    return;
+  }
+  selected_ = -1;
+  open((current_ + direction + state_.pictures()) % state_.pictures());
+}
+
+void AnnotateSession::on_left_up() {
+  is_left_down_ = false;
+  const Drag drag = std::exchange(drag_, Drag::kNone);
+  if (drag != Drag::kPoint && drag != Drag::kAll) return;
+  if (state_.pictures() == 0 || places_.cols() != drag_start_.cols()) return;
+  const Matrix2Xd now = places_;
+  if (drag == Drag::kPoint) {
+    if (selected_ < 0 || now.col(selected_) == drag_start_.col(selected_)) return;
+    (void)edit(fmt::format("move {}", selected_), [&](AnnotateState& state) {
+      state.move_point(current_, selected_, now.col(selected_));
+    });
+    return;
+  }
+  Matrix2Xd points = state_.picture(current_).points;
+  for (Eigen::Index i = 0; i < points.cols(); ++i)
+    if (!points.col(i).hasNaN()) points.col(i) = now.col(i);
+  if (now == drag_start_ || points.hasNaN()) {
+    find_places();
+    return;
+  }
+  (void)edit("move all", [&](AnnotateState& state) { state.set_points(current_, points, true); });
+}
+
+void AnnotateSession::transform_all(double factor, double angle) {
+  if (state_.pictures() == 0 || state_.points() == 0) return;
+  Matrix2Xd points = state_.picture(current_).points;
+  if (points.hasNaN() || state_.stage() != AnnotateStage::kPictures) return;
+  const Eigen::Vector2d middle = points.rowwise().mean();
+  const double sign = mirrored_ ? -1 : 1;
+  const face::shape::Similarity2d turn{factor * std::cos(angle), sign * factor * std::sin(angle), 0,
+                                       0};
+  points = turn(Matrix2Xd(points.colwise() - middle)).colwise() + middle;
+  (void)edit("size and turn",
+             [&](AnnotateState& state) { state.set_points(current_, points, true); });
+}
+
+void AnnotateSession::nudge(double dx, double dy) {
+  if (selected_ < 0 || selected_ >= places_.cols() || places_.col(selected_).hasNaN()) return;
+  const Eigen::Vector2d place = places_.col(selected_) + Eigen::Vector2d(mirrored_ ? -dx : dx, dy);
+  (void)edit(fmt::format("nudge {}", selected_),
+             [&](AnnotateState& state) { state.move_point(current_, selected_, place); });
+}
+
+void AnnotateSession::remove_selected() {
+  if (selected_ < 0) {
+    message_ = "Choose a point first: click it";
+    return;
+  }
+  if (state_.stage() == AnnotateStage::kPictures && current_ != reference()) {
+    hide_selected();
+    return;
+  }
+  const int point = selected_;
+  selected_ = -1;
+  if (edit(fmt::format("delete {}", point),
+           [&](AnnotateState& state) { state.remove_point(point); }))
+    message_ = fmt::format("Point {} is gone from all pictures (u: undo)", point);
+}
+
+void AnnotateSession::hide_selected() {
+  if (selected_ < 0) {
+    message_ = "Choose a point first: click it";
+    return;
+  }
+  const bool hide = state_.picture(current_).is_shown(selected_);
+  const Eigen::Vector2d place = places_.col(selected_);
+  (void)edit(fmt::format("{} {}", hide ? "hide" : "show", selected_), [&](AnnotateState& state) {
+    if (hide || place.hasNaN()) {
+      state.hide_point(current_, selected_, hide);
+    } else {
+      state.move_point(current_, selected_, place);
+    }
+  });
+}
+
+void AnnotateSession::on_left_down(cv::Point2d in_view, bool shift) {
+  if (is_left_down_ || state_.stage() == AnnotateStage::kPick || picture_.empty()) return;
+  is_left_down_ = true;
+  const cv::Point2d place = to_picture(in_view);
+  const int near = point_near(in_view);
+  if (state_.stage() == AnnotateStage::kConnections || state_.stage() == AnnotateStage::kSymmetry) {
+    click_pair(near, shift);
+    return;
+  }
+  drag_from_ = place;
+  drag_start_ = places_;
+  if (shift && state_.stage() == AnnotateStage::kPictures && places_.cols() > 0) {
+    drag_ = Drag::kAll;
+    return;
+  }
+  if (near >= 0) {
+    selected_ = near;
+    drag_ = Drag::kPoint;
+    return;
+  }
+  selected_ = -1;
+  const bool is_inside = place.x >= -0.5 && place.y >= -0.5 && place.x <= picture_.cols - 0.5 &&
+                         place.y <= picture_.rows - 0.5;
+  if (state_.stage() != AnnotateStage::kPoints || !is_inside) return;
+  if (edit("add", [&](AnnotateState& state) { state.add_point(current_, {place.x, place.y}); }))
+    selected_ = -1;
+}
+
+void AnnotateSession::click_pair(int point, bool chain) {
+  if (point < 0) {
+    selected_ = -1;
+    return;
+  }
+  if (selected_ < 0) {
+    selected_ = point;
+    return;
+  }
+  const int first = selected_;
+  selected_ = chain ? point : -1;
+  if (state_.stage() == AnnotateStage::kSymmetry) {
+    (void)edit(fmt::format("mirror {} {}", first, point),
+               [&](AnnotateState& state) { state.toggle_mirror(first, point); });
+  } else if (first != point) {
+    (void)edit(fmt::format("connect {} {}", first, point),
+               [&](AnnotateState& state) { state.toggle_connection(first, point); });
+  }
+}
+
+void AnnotateSession::set_stage(AnnotateStage stage) {
+  if (stage == state_.stage()) return;
+  if (stage == AnnotateStage::kPick && !options_.video) {
+    message_ = "Frames are picked from videos only";
+    return;
+  }
+  if (stage != AnnotateStage::kPick && state_.pictures() == 0) {
+    message_ = "Pick a frame first (s)";
+    return;
+  }
+  if (stage > AnnotateStage::kPoints && state_.points() == 0) {
+    message_ = "Click the points first";
+    return;
+  }
+  selected_ = -1;
+  (void)edit(
+      fmt::format("stage {}", name_of(stage)),
+      [&](AnnotateState& state) { state.set_stage(stage); }, false);
+  if (stage == AnnotateStage::kPick) return;
+  open(stage == AnnotateStage::kPictures ? current_ : std::max(0, reference()));
+  if (stage == AnnotateStage::kPictures && state_.done() < state_.pictures() &&
+      state_.picture(current_).done)
+    accept();
+}
+
+void AnnotateSession::act(const std::string& name) {
+  const AnnotateStage stage = state_.stage();
+  if (name == "pick" && stage == AnnotateStage::kPick) pick();
+  if (name == "go-on") {
+    if (stage == AnnotateStage::kPictures) {
+      accept();
+    } else {
+      set_stage(static_cast<AnnotateStage>(static_cast<int>(stage) + 1));
+    }
+  }
+  if (name == "next") turn_page(1);
+  if (name == "previous") turn_page(-1);
+  if (name == "undo") undo(before_, undone_, "undo");
+  if (name == "redo") undo(undone_, before_, "redo");
+  if (name == "delete") remove_selected();
+  if (name == "hide") hide_selected();
+  if (name == "larger") transform_all(1.02, 0);
+  if (name == "smaller") transform_all(1 / 1.02, 0);
+  if (name == "turn-left") transform_all(1, -0.02);
+  if (name == "turn-right") transform_all(1, 0.02);
+  if (name == "stage-pick") set_stage(AnnotateStage::kPick);
+  if (name == "stage-points") set_stage(AnnotateStage::kPoints);
+  if (name == "stage-connections") set_stage(AnnotateStage::kConnections);
+  if (name == "stage-symmetry") set_stage(AnnotateStage::kSymmetry);
+  if (name == "stage-pictures") set_stage(AnnotateStage::kPictures);
+  if (name == "propose" && stage == AnnotateStage::kPictures && state_.pictures() > 0 &&
+      state_.done() - (state_.picture(current_).done ? 1 : 0) > 0) {
+    if (edit("propose again", [&](AnnotateState& state) { state.clear_points(current_); })) {
+      selected_ = -1;
+      open(current_);
+    }
+  }
+}
+
+}  // namespace tarsier

@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: MIT
+#include "ui/face/annotate_session.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/image/draw/text.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+constexpr double kZoom = 1.25;                     // of a key or a notch
+constexpr std::size_t kRecentBytes = 150'000'000;  // frames kept for stepping back
+constexpr double kSkip = 1.0;                      // s, of the up arrow
+constexpr double kMinNudge = 0.25;                 // px of the picture
+
+}  // namespace
+
+void AnnotateOptions::check() const {
+  TARSIER_REQUIRE(!set_path.empty(), "the set's file has no name");
+  TARSIER_REQUIRE(
+      canvas.width >= 320 && canvas.height >= 320 && canvas.width <= 4096 && canvas.height <= 4096,
+      "a view of {} x {}", canvas.width, canvas.height);
+  TARSIER_REQUIRE(save_every >= 1 && save_every <= 10000, "save_every {}", save_every);
+}
+
+AnnotateSession::AnnotateSession(const AnnotateOptions& options, Propose propose)
+    : options_(options), propose_(std::move(propose)), journal_(options.set_path + ".journal") {
+  options_.check();
+  is_proposing_ = propose_ != nullptr;
+  cv::Mat scratch(options_.canvas, CV_8UC3, cv::Scalar(0, 0, 0));
+  bar_ = image::draw::status_bar(scratch, "?").height;
+  load();
+}
+
+bool AnnotateSession::wants_frame() const {
+  if (state_.stage() != AnnotateStage::kPick || is_video_over_ || controls_.finished())
+    return false;
+  return !paused_ || steps_ > 0 || skip_to_ >= 0 || frame_.image.empty();
+}
+
+View AnnotateSession::on_frame(const Frame& frame, const SourceStatus&) {
+  if (state_.stage() != AnnotateStage::kPick) return view();
+  if (paused_ && steps_ == 0 && skip_to_ < 0 && !frame_.image.empty())
+    return view();  // the host goes on without being asked
+  frame_ = frame;
+  frame_.image = frame.image.clone();
+  recent_.push_back(frame_);
+  back_ = 0;
+  const std::size_t bytes = std::max<std::size_t>(1, frame_.image.total() * 3);
+  while (recent_.size() > std::max<std::size_t>(2, kRecentBytes / bytes)) recent_.pop_front();
+  if (steps_ > 0) --steps_;
+  if (skip_to_ >= 0 && frame.time >= skip_to_) skip_to_ = -1;
+  return view();
+}
+
+View AnnotateSession::on_idle(const SourceStatus&) {
+  if (is_learning_) propose_now();
+  return view();
+}
+
+void AnnotateSession::video_ended() {
+  is_video_over_ = true;
+  steps_ = 0;
+  skip_to_ = -1;
+}
+
+void AnnotateSession::step_back() {
+  if (back_ + 1 >= recent_.size()) {
+    message_ = "No earlier frame is kept";
+    return;
+  }
+  ++back_;
+  frame_ = recent_[recent_.size() - 1 - back_];
+}
+
+View AnnotateSession::on_event(const Event& event) {
+  const bool is_move = event.kind == Event::Kind::kMouse && event.mouse == Event::Mouse::kMove;
+  if (!is_move) message_.clear();
+  if (is_learning_ && !is_move) propose_now();
+  if (event.kind == Event::Kind::kMouse) {
+    on_mouse(event);
+    return view();
+  }
+  std::string name = event.kind == Event::Kind::kAction ? event.name : std::string();
+  if (event.kind == Event::Kind::kKey) {
+    const int pressed = event.key;
+    const double step = std::clamp(1 / scale(), kMinNudge, 1.0) * (event.shift ? 4 : 1);
+    const bool is_picking = state_.stage() == AnnotateStage::kPick;
+    const bool is_chosen = selected_ >= 0 && !is_picking;
+    if (event.control) {
+      name = pressed == 'z' || pressed == 'Z' ? (event.shift ? "redo" : "undo")
+             : pressed == 'y'                 ? "redo"
+                                              : "";
+    } else if (pressed == key::kEscape) {
+      name = "quit";
+    } else if (pressed == key::kDelete || pressed == key::kBackspace) {
+      name = "delete";
+    } else if (pressed == '=') {
+      name = "nearer";
+    } else if (pressed == key::kTab) {
+      // The next point, so that hands may stay on the keys.
+      if (state_.points() > 0) selected_ = (selected_ + 1) % state_.points();
+    } else if (is_chosen && (pressed == key::kLeft || pressed == key::kRight)) {
+      nudge(pressed == key::kLeft ? -step : step, 0);
+    } else if (is_chosen && (pressed == key::kUp || pressed == key::kDown)) {
+      nudge(0, pressed == key::kUp ? -step : step);
+    } else if (is_picking && pressed == key::kLeft) {
+      paused_ = true;
+      step_back();
+    } else if (is_picking && pressed == key::kRight) {
+      paused_ = true;
+      if (back_ > 0) {
+        --back_;
+        frame_ = recent_[recent_.size() - 1 - back_];
+      } else {
+        ++steps_;
+      }
+    } else if (is_picking && pressed == key::kUp) {
+      skip_to_ = frame_.time + kSkip;
+    } else if (pressed == key::kLeft || pressed == key::kRight) {
+      name = pressed == key::kLeft ? "previous" : "next";
+    } else {
+      for (const Action& action : actions())
+        if (action.key == pressed) name = action.name;
+    }
+  }
+  act_on_view(name);
+  act(name);
+  return view();
+}
+
+void AnnotateSession::act_on_view(const std::string& name) {
+  const cv::Point2d middle(0.5 * options_.canvas.width, 0.5 * options_.canvas.height);
+  // Nearer to what is being worked on.
+  cv::Point2d around = mouse_.x >= 0 ? mouse_ : middle;
+  if (selected_ >= 0 && selected_ < places_.cols() && !places_.col(selected_).hasNaN())
+    around = to_view({places_(0, selected_), places_(1, selected_)});
+  controls_.act(name);
+  if (name == "numbers") numbers_ = !numbers_;
+  if (name == "lines") lines_ = !lines_;
+  if (name == "mirror") mirrored_ = !mirrored_;
+  if (name == "magnifier") magnifier_ = !magnifier_;
+  if (name == "nearer") zoom(kZoom, around);
+  if (name == "farther") zoom(1 / kZoom, around);
+  if (name == "whole") zoom(0, middle);
+  if (name == "fit") zoom_to_points();
+  if (name == "pause" && state_.stage() == AnnotateStage::kPick) paused_ = !paused_;
+}
+
+std::vector<Action> AnnotateSession::actions() const {
+  return {{"pick", "take this frame of the video", 's'},
+          {"pause", "pause and play the video", key::kSpace},
+          {"go-on", "it is right: the next step, or the next picture", key::kEnter},
+          {"next", "next picture", 'n'},
+          {"previous", "previous picture", 'p'},
+          {"undo", "undo (Ctrl-Z too)", 'u'},
+          {"redo", "redo (Ctrl-Y too)", 'r'},
+          {"delete", "delete the point; but for the first picture: hide it", 'd'},
+          {"hide", "hide and show the point in this picture", 'h'},
+          {"propose", "propose the points again", 'a'},
+          {"larger", "all points larger", ']'},
+          {"smaller", "all points smaller", '['},
+          {"turn-left", "turn all points to the left", '<'},
+          {"turn-right", "turn all points to the right", '>'},
+          {"numbers", "numbers", 'i'},
+          {"lines", "lines", 'l'},
+          {"mirror", "see it mirrored", 'm'},
+          {"magnifier", "magnifier", 'g'},
+          {"nearer", "nearer", '+'},
+          {"farther", "farther", '-'},
+          {"whole", "all of the picture", '0'},
+          {"fit", "all points, as near as they fit", 'f'},
+          {"stage-pick", "pick frames", '1'},
+          {"stage-points", "points on the first picture", '2'},
+          {"stage-connections", "lines between points", '3'},
+          {"stage-symmetry", "mirror images", '4'},
+          {"stage-pictures", "all pictures", '5'},
+          {"help", "this list", '?'},
+          {"quit", "end", 'q'}};
+}
+
+void AnnotateSession::on_mouse(const Event& event) {
+  const cv::Point2d place(event.x, event.y);
+  mouse_ = place;
+  switch (event.mouse) {
+    case Event::Mouse::kMove:
+      on_move(place);
+      break;
+    case Event::Mouse::kLeftDown:
+    case Event::Mouse::kDouble:  // some toolkits tell the second click of two only so
+      on_left_down(place, event.shift);
+      break;
+    case Event::Mouse::kLeftUp:
+      on_move(place);
+      on_left_up();
+      break;
+    case Event::Mouse::kRightDown:
+    case Event::Mouse::kMiddleDown:
+      drag_ = Drag::kPan;
+      drag_from_ = place;
+      center_from_ = center_;
+      break;
+    case Event::Mouse::kRightUp:
+    case Event::Mouse::kMiddleUp:
+      if (drag_ == Drag::kPan) drag_ = Drag::kNone;
+      break;
+    case Event::Mouse::kWheel:
+      zoom(std::pow(kZoom, std::clamp(event.wheel, -20, 20)), place);
+      break;
+  }
+}
+
+void AnnotateSession::on_move(cv::Point2d in_view) {
+  if (drag_ == Drag::kNone) return;
+  if (drag_ == Drag::kPan) {
+    cv::Point2d by = (in_view - drag_from_) / scale();
+    if (mirrored_) by.x = -by.x;
+    center_ = center_from_ - by;
+    const cv::Mat& picture = shown_picture();
+    center_.x = std::clamp(center_.x, 0.0, std::max(0.0, picture.cols - 1.0));
+    center_.y = std::clamp(center_.y, 0.0, std::max(0.0, picture.rows - 1.0));
+    return;
+  }
+  if (places_.cols() != drag_start_.cols()) return;
+  const cv::Point2d by = to_picture(in_view) - drag_from_;
+  const Eigen::Vector2d step(by.x, by.y);
+  if (drag_ == Drag::kAll) {
+    places_ = drag_start_.colwise() + step;
+    return;
+  }
+  if (selected_ < 0) return;
+  // A click that shakes is no drag.
+  if (cv::norm(by) * scale() < 1.5 && places_.col(selected_) == drag_start_.col(selected_)) return;
+  Eigen::Vector2d place = drag_start_.col(selected_) + step;
+  place.x() = std::clamp(place.x(), 0.0, std::max(0.0, picture_.cols - 1.0));
+  place.y() = std::clamp(place.y(), 0.0, std::max(0.0, picture_.rows - 1.0));
+  places_.col(selected_) = place;
+}
+
+}  // namespace tarsier

@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/pipelines/annotator.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+
+#include "ui/controls.h"
+#include "ui/face/annotate_state.h"
+#include "ui/session.h"
+#include <deque>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier {
+
+struct AnnotateOptions {
+  std::string set_path;               // file of type landmark-set; may exist
+  std::vector<std::string> pictures;  // to annotate, in this order, besides those of the set
+  bool video = false;          // frames come through on_frame; the ones picked become pictures:
+                               // PNG files in <set's name without ending>-frames
+  cv::Size canvas{1024, 700};  // px, of the view; 320..4096 a side
+  int save_every = 50;         // edits from one writing of the set to the next, 1..10000
+  void check() const;
+};
+
+// Where the points of a picture may be (2 x n, px, all finite), or nothing: face::Annotator's.
+using Propose =
+    std::function<std::optional<Eigen::Matrix2Xd>(const face::ProposalRequest& request)>;
+
+// Marks points on pictures: pick frames (video), click the points on the first picture, lines
+// between them, which are mirror images of each other, then put them on all other pictures, where
+// they are proposed by what was learned so far.
+//
+// Each edit is on the disk (the journal, <set>.journal) before it is seen; a new session goes on
+// where one that was killed stopped. The set itself is written every few edits and by finish().
+// State: {"stage", "picture", "pictures", "done", "points", "shown", "places": [[x, y] px of the
+// picture, or null where a point is hidden or not placed], "selected", "agreed", "learning", "path", "zoom", "view": [x, y of the picture's first pixel, view pixels to one of
+// its], "frame", "paused", "help", "message"}.
+class AnnotateSession final : public Session {
+ public:
+  // `propose` may be empty. Throws InputError where set or journal are broken or another program
+  // has the set, OutputError where nothing can be written beside it.
+  AnnotateSession(const AnnotateOptions& options, Propose propose);
+
+  View on_frame(const Frame& frame, const SourceStatus& source) override;
+  View on_idle(const SourceStatus& source) override;
+  View on_event(const Event& event) override;
+  [[nodiscard]] std::vector<Action> actions() const override;
+  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
+
+  // What there is to see now, without anything done.
+  View look() { return view(); }
+
+  // The host is asked for the video's next frame; `at_once`: without keeping to its speed.
+  [[nodiscard]] bool wants_frame() const;
+  [[nodiscard]] bool at_once() const { return steps_ > 0 || skip_to_ >= 0; }
+  // No more frames.
+  void video_ended();
+  // A proposal is about to be made, which may take seconds: by the next on_idle or on_event.
+  [[nodiscard]] bool is_learning() const { return is_learning_; }
+
+  // Writes the set; what it cannot hold stays in the journal. Throws OutputError.
+  void finish();
+
+  [[nodiscard]] const AnnotateState& state() const { return state_; }
+  [[nodiscard]] int current() const { return current_; }
+  // From a picture's pixel to the view's.
+  [[nodiscard]] cv::Point2d to_view(cv::Point2d in_picture) const;
+
+ private:
+  enum class Drag { kNone, kPoint, kAll, kPan };
+
+  // annotate_session.cpp
+  void act(const std::string& name);
+  void act_on_view(const std::string& name);
+  void on_mouse(const Event& event);
+  void on_left_down(cv::Point2d at, bool shift);
+  void on_left_up();
+  void on_move(cv::Point2d at);
+  void click_pair(int point, bool chain);
+  void nudge(double dx, double dy);
+  void pick();
+  void step_back();
+  void accept();
+  void remove_selected();
+  void hide_selected();
+  void transform_all(double scale, double angle);
+  void turn_page(int direction);
+  void set_stage(AnnotateStage stage);
+  // annotate_edit.cpp
+  void load();
+  template <typename Change>
+  bool edit(const std::string& why, Change change, bool undoable = true);
+  bool journal(const AnnotateState& before, const std::string& why);
+  void undo(std::vector<AnnotateState>& from, std::vector<AnnotateState>& to, const char* what);
+  void save();
+  void open(int picture);
+  void propose_now();
+  [[nodiscard]] std::optional<Eigen::Matrix2Xd> proposal();
+  [[nodiscard]] int nearest_done(int picture) const;  // -1: none
+  [[nodiscard]] int reference() const;                // where points are defined; -1: none
+  void find_places();  // of points without one, in the current picture
+  [[nodiscard]] std::string frames_folder() const;
+  // annotate_view.cpp
+  [[nodiscard]] const cv::Mat& shown_picture() const;
+  [[nodiscard]] double scale() const;  // view pixels to a pixel of the picture
+  [[nodiscard]] cv::Point2d to_picture(cv::Point2d in_view) const;
+  [[nodiscard]] int point_near(cv::Point2d in_view) const;  // -1: none
+  void zoom(double factor, cv::Point2d around);
+  void zoom_to_points();
+  void draw();
+  void draw_points();
+  void draw_magnifier();
+  [[nodiscard]] std::string what_to_do() const;
+  [[nodiscard]] std::string where() const;
+  View view();
+
+  AnnotateOptions options_;
+  Propose propose_;
+  AnnotateState state_;
+  AnnotateJournal journal_;
+  std::vector<AnnotateState> undone_;
+  std::vector<AnnotateState> before_;
+  int unsaved_ = 0;
+
+  int current_ = 0;
+  cv::Mat picture_;          // current, BGR; empty: cannot be read
+  std::string unreadable_;   // why
+  Eigen::Matrix2Xd places_;  // of the current picture, with guesses for hidden points
+  std::map<std::string, int> learned_from_;  // by path: pictures done when it was proposed
+  bool is_learning_ = false;
+  bool is_proposing_ = true;
+  int selected_ = -1;
+
+  Frame frame_;  // of the video
+  std::deque<Frame> recent_;
+  std::size_t back_ = 0;  // steps back in `recent_`
+  bool is_video_over_ = false;
+  bool paused_ = false;
+  int steps_ = 0;
+  double skip_to_ = -1;  // s
+
+  Drag drag_ = Drag::kNone;
+  bool is_left_down_ = false;
+  cv::Point2d drag_from_;  // picture px (kPan: view px)
+  Eigen::Matrix2Xd drag_start_;
+  cv::Point2d center_from_;
+  cv::Point2d mouse_{-1, -1};  // view px
+
+  double zoom_ = 1;     // 1: all of the picture
+  cv::Point2d center_;  // picture px in the middle of the view
+  cv::Size fitted_;     // picture that center_ was made for
+  bool numbers_ = true;
+  bool lines_ = true;
+  bool mirrored_ = false;
+  bool magnifier_ = true;
+  SessionControls controls_;
+  std::string message_;  // shown until the next event
+  int bar_ = 0;          // px, height of the bar with the status
+  cv::Mat reduced_from_;
+  cv::Mat reduced_;  // what is drawn where the view is smaller than the picture
+  int reduced_by_ = 0;
+  cv::Mat shown_;
+};
+
+}  // namespace tarsier

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: MIT
+#include "ui/face/appearance_session.h"
+
+#include "tarsier/core/progress.h"
+#include "tarsier/face/appearance/testing_portraits.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+
+namespace tarsier {
+namespace {
+
+class AppearanceSessionTest : public ::testing::Test {
+ protected:
+  AppearanceSessionTest() : fitter_(model(), {}) {
+    frame_.image = unseen_.picture;
+    frame_.name = "picture";
+    frame_.still = true;
+  }
+  static const face::appearance::AppearanceModel& model() {
+    static const face::appearance::AppearanceModel result = [] {
+      NoProgress silent;
+      return face::appearance::train_appearance_model(face::appearance::testing::portraits(30, 1),
+                                                      {}, {}, silent, {});
+    }();
+    return result;
+  }
+  AppearanceSession session() {
+    const auto find = [this](const cv::Mat&) {
+      return std::vector<std::vector<Eigen::Matrix2Xd>>{
+          {face::shape::fit_similarity(model().shape.mean, unseen_.points)(model().shape.mean)}};
+    };
+    return {fitter_, find, {}, AppearanceSession::Drawn::kMesh};
+  }
+
+  face::appearance::Fitter fitter_;
+  face::appearance::TrainingPicture unseen_ = face::appearance::testing::portraits(1, 33)[0];
+  Frame frame_;
+};
+
+TEST_F(AppearanceSessionTest, FitsAndDraws) {
+  AppearanceSession session = this->session();
+  const View view = session.on_frame(frame_, {});
+  ASSERT_EQ(session.objects().size(), 1U);
+  EXPECT_LT((session.objects()[0].fit.points - unseen_.points).colwise().norm().mean(), 1.0);
+  EXPECT_EQ(view.state["faces"], 1);
+  EXPECT_GT(cv::norm(view.output, unseen_.picture, cv::NORM_L1), 0);
+}
+
+TEST_F(AppearanceSessionTest, ViewsFollowOneAnother) {
+  AppearanceSession session = this->session();
+  (void)session.on_frame(frame_, {});
+  std::vector<std::string> drawn;
+  for (int i = 0; i < 4; ++i) {
+    const View view = session.on_event(key_event('v'));
+    drawn.push_back(view.state["drawn"]);
+    if (drawn.back() == "nothing") {
+      EXPECT_EQ(cv::norm(view.output, unseen_.picture, cv::NORM_INF), 0);
+    }
+  }
+  EXPECT_EQ(drawn, (std::vector<std::string>{"face", "points", "nothing", "mesh"}));
+}
+
+TEST_F(AppearanceSessionTest, AVideoIsFollowedAndNumbered) {
+  AppearanceSession session = this->session();
+  frame_.still = false;
+  (void)session.on_frame(frame_, {});
+  frame_.time = 0.04;
+  const View view = session.on_frame(frame_, {});
+  EXPECT_TRUE(session.follows());
+  EXPECT_EQ(view.state["ids"], nlohmann::json::array({1}));
+  EXPECT_FALSE(session.on_event(key_event('h')).finished);
+  EXPECT_TRUE(session.on_event(key_event(key::kEscape)).finished);
+}
+
+}  // namespace
+}  // namespace tarsier

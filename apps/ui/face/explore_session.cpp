@@ -1,0 +1,295 @@
+// SPDX-License-Identifier: MIT
+#include "ui/face/explore_session.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "ui/overlay.h"
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+constexpr double kMaxSigmas = 3;
+constexpr double kStep = 0.1;      // of a slider
+constexpr double kKeyStep = 0.25;  // of a key
+constexpr int kSliders = 4;        // of the shape, and of the look
+constexpr double kRandomSpread = 0.7;
+const cv::Size kPortrait(560, 560);
+constexpr int kLongest = 900;  // px, larger pictures are shown reduced
+constexpr int kBarRoom = 40;   // px, for the status
+const cv::Scalar kGround(38, 34, 30);
+
+// With room below for the status.
+cv::Mat framed(const cv::Mat& picture) {
+  cv::Mat whole(picture.rows + kBarRoom, picture.cols, CV_8UC3, kGround);
+  picture.copyTo(whole(cv::Rect(0, 0, picture.cols, picture.rows)));
+  return whole;
+}
+
+std::vector<double> numbers(const Eigen::VectorXd& v) { return {v.data(), v.data() + v.size()}; }
+
+}  // namespace
+
+ExploreSession::ExploreSession(const face::appearance::AppearanceModel& model,
+                               std::optional<ExploredPicture> picture, std::uint64_t seed)
+    : model_(model),
+      synthesis_(model),
+      base_(std::move(picture)),
+      shape_(Eigen::VectorXd::Zero(model.shape.mode_count())),
+      look_(Eigen::VectorXd::Zero(synthesis_.texture().mode_count())),
+      seed_(seed) {
+  if (!base_) return;
+  TARSIER_REQUIRE(base_->points.cols() == model.points(), "{} points, the model has {}",
+                  base_->points.cols(), model.points());
+  const int longest = std::max(base_->picture.cols, base_->picture.rows);
+  if (longest > kLongest) {
+    const double scale = static_cast<double>(kLongest) / longest;
+    cv::Mat reduced;
+    cv::resize(base_->picture, reduced, {}, scale, scale, cv::INTER_AREA);
+    base_->picture = reduced;
+    base_->points = ((base_->points.array() + 0.5) * scale - 0.5).matrix();
+  }
+  placed_ = face::shape::fit_shape(model.shape, base_->points);
+  seen_ = synthesis_.explain(base_->picture, base_->points);
+  over_ = true;
+  take_from_picture();
+}
+
+void ExploreSession::take_from_picture() {
+  shape_ = placed_.b.cwiseQuotient(model_.shape.deviation);
+  look_ = seen_.c.cwiseQuotient(synthesis_.texture().deviation);
+}
+
+double* ExploreSession::value_of(const std::string& name) {
+  const std::size_t space = name.find(' ');
+  if (space == std::string::npos) return nullptr;
+  int number = 0;
+  const char* end = name.data() + name.size();
+  if (std::from_chars(name.data() + space + 1, end, number).ptr != end) return nullptr;
+  const std::string kind = name.substr(0, space);
+  Eigen::VectorXd* values = kind == "shape" ? &shape_ : kind == "look" ? &look_ : nullptr;
+  if (values == nullptr || number < 1 || number > values->size()) return nullptr;
+  return values->data() + (number - 1);
+}
+
+std::string ExploreSession::mode_name() const {
+  const int shapes = static_cast<int>(shape_.size());
+  return mode_ < shapes ? fmt::format("shape {}", mode_ + 1)
+                        : fmt::format("look {}", mode_ - shapes + 1);
+}
+
+View ExploreSession::on_event(const Event& event) {
+  if (event.kind == Event::Kind::kSlider) {
+    if (double* value = value_of(event.name); value != nullptr)
+      *value = std::clamp(event.value, -kMaxSigmas, kMaxSigmas);
+    return view();
+  }
+  const std::string name = action_of(event, actions());
+  const int modes = static_cast<int>(shape_.size() + look_.size());
+  if (name == "mean") {
+    shape_.setZero();
+    look_.setZero();
+  }
+  if (name == "random") {
+    const face::appearance::RandomFace face =
+        face::appearance::random_face(model_, synthesis_.texture(), seed_++, kRandomSpread);
+    shape_ = face.b.cwiseQuotient(model_.shape.deviation);
+    look_ = face.c.cwiseQuotient(synthesis_.texture().deviation);
+  }
+  if (name == "picture" && base_) take_from_picture();
+  if (name == "over" && base_) over_ = !over_;
+  if (name == "mesh") mesh_ = !mesh_;
+  if ((name == "next" || name == "previous") && modes > 0)
+    mode_ = (mode_ + (name == "next" ? 1 : modes - 1)) % modes;
+  if (name == "more" || name == "less") {
+    if (double* value = value_of(mode_name()); value != nullptr)
+      *value =
+          std::clamp(*value + (name == "more" ? kKeyStep : -kKeyStep), -kMaxSigmas, kMaxSigmas);
+  }
+  controls_.act(name);
+  return view();
+}
+
+std::vector<Action> ExploreSession::actions() const {
+  std::vector<Action> list{{"mean", "the mean face", '0'}, {"random", "a random face", 'r'}};
+  if (base_) {
+    list.push_back({"picture", "the picture's own face", 'f'});
+    list.push_back({"over", "over the picture, or by itself", 'o'});
+  }
+  list.push_back({"mesh", "the mesh", 'm'});
+  list.push_back({"next", "the next mode", 'n'});
+  list.push_back({"previous", "the mode before", 'p'});
+  list.push_back({"more", "a quarter of a deviation more of it", '+'});
+  list.push_back({"less", "less", '-'});
+  return controls_.after(std::move(list));
+}
+
+std::vector<Slider> ExploreSession::sliders() const {
+  std::vector<Slider> list;
+  for (const auto& [kind, values] : {std::pair{"shape", &shape_}, std::pair{"look", &look_}}) {
+    for (int k = 0; k < std::min(kSliders, static_cast<int>(values->size())); ++k)
+      list.push_back(
+          {fmt::format("{} {}", kind, k + 1), -kMaxSigmas, kMaxSigmas, kStep, (*values)[k]});
+  }
+  return list;
+}
+
+cv::Mat ExploreSession::picture() const {
+  const Eigen::VectorXd b = shape_.cwiseProduct(model_.shape.deviation);
+  const Eigen::VectorXd c = look_.cwiseProduct(synthesis_.texture().deviation);
+  cv::Mat image;
+  Eigen::Matrix2Xd points;
+  if (over_) {
+    image = base_->picture.clone();
+    points = placed_.image_from_model(face::shape::shape_of(model_.shape, b));
+    synthesis_.draw(c, seen_.offset, seen_.gain, points, image);
+  } else {
+    image = synthesis_.portrait(b, c, kPortrait, &points);
+  }
+  if (mesh_) face::appearance::draw_mesh(model_, points, image);
+  return image;
+}
+
+View ExploreSession::view() {
+  View result;
+  result.output = picture();
+  shown_ = draws_status() ? framed(result.output) : result.output;
+  const std::string name = mode_name();
+  const double* value = value_of(name);
+  result.status = fmt::format("{}: {:+.2f} deviations; {} shape modes, {} of the look", name,
+                              value != nullptr ? *value : 0.0, shape_.size(), look_.size());
+  if (draws_status()) {
+    image::draw::status_bar(shown_, result.status, "h: help");
+    if (controls_.help()) draw_help(shown_, "Appearance model", actions());
+  }
+  result.image = shown_;
+  result.finished = controls_.finished();
+  result.state = {{"shape", numbers(shape_)},
+                  {"look", numbers(look_)},
+                  {"mode", name},
+                  {"over", over_},
+                  {"mesh", mesh_},
+                  {"help", controls_.help()}};
+  return result;
+}
+
+ShapePlayground::ShapePlayground(face::shape::ShapeModel model,
+                                 const std::vector<Eigen::Matrix2Xd>& shapes)
+    : model_(std::move(model)), sigmas_(Eigen::VectorXd::Zero(model_.mode_count())) {
+  for (const Eigen::Matrix2Xd& points : shapes) {
+    aligned_.push_back(face::shape::fit_similarity(points, model_.mean)(points));
+    scores_.push_back(
+        face::shape::fit_shape(model_, points, {}, 10).b.cwiseQuotient(model_.deviation));
+  }
+}
+
+View ShapePlayground::on_event(const Event& event) {
+  if (event.kind == Event::Kind::kSlider) {
+    for (Eigen::Index k = 0; k < std::min<Eigen::Index>(2, sigmas_.size()); ++k) {
+      if (event.name == fmt::format("mode {}", k + 1))
+        sigmas_[k] = std::clamp(event.value, -kMaxSigmas, kMaxSigmas);
+    }
+    return view();
+  }
+  const std::string name = action_of(event, actions());
+  if (name == "mean") sigmas_.setZero();
+  if (name == "training") training_ = !training_;
+  controls_.act(name);
+  return view();
+}
+
+std::vector<Action> ShapePlayground::actions() const {
+  return controls_.after(
+      {{"mean", "the mean shape", '0'}, {"training", "the shapes that were learnt from", 't'}});
+}
+
+std::vector<Slider> ShapePlayground::sliders() const {
+  std::vector<Slider> list;
+  for (Eigen::Index k = 0; k < std::min<Eigen::Index>(2, sigmas_.size()); ++k)
+    list.push_back({fmt::format("mode {}", k + 1), -kMaxSigmas, kMaxSigmas, kStep, sigmas_[k]});
+  return list;
+}
+
+cv::Mat ShapePlayground::picture() const {
+  const cv::Size size(760, 560);
+  cv::Mat image(size, CV_8UC3, kGround);
+  // The shapes to the left, their places in the plane of the two modes to the right.
+  const double left = 540;
+  Eigen::Array2d low = model_.mean.rowwise().minCoeff().array();
+  Eigen::Array2d high = model_.mean.rowwise().maxCoeff().array();
+  for (const Eigen::Matrix2Xd& points : aligned_) {
+    low = low.min(points.rowwise().minCoeff().array());
+    high = high.max(points.rowwise().maxCoeff().array());
+  }
+  const double scale = 0.8 * std::min(left, static_cast<double>(size.height)) /
+                       std::max(1e-9, (high - low).maxCoeff());
+  const Eigen::Array2d middle = (low + high) / 2;
+  const auto place = [&](const Eigen::Vector2d& p) {
+    const Eigen::Array2d at =
+        scale * (p.array() - middle) + Eigen::Array2d(left / 2, size.height / 2.0);
+    return cv::Point2d(at.x(), at.y());
+  };
+  if (training_) {
+    for (const Eigen::Matrix2Xd& points : aligned_)
+      for (Eigen::Index i = 0; i < points.cols(); ++i)
+        image::draw::point(image, place(points.col(i)), {120, 110, 100}, 1.5);
+  }
+  const Eigen::Matrix2Xd made =
+      face::shape::shape_of(model_, sigmas_.cwiseProduct(model_.deviation));
+  for (const auto& line : model_.connections) {
+    cv::line(image, place(made.col(line[0])), place(made.col(line[1])), {230, 200, 90}, 1,
+             cv::LINE_AA);
+  }
+  for (Eigen::Index i = 0; i < made.cols(); ++i)
+    image::draw::point(image, place(made.col(i)), {80, 220, 255}, 3.5);
+
+  const cv::Rect plane(555, 180, 190, 190);
+  cv::rectangle(image, plane, {90, 84, 78}, 1);
+  const auto in_plane = [&](double a, double b) {
+    const auto share = [](double v) {
+      return (std::clamp(v, -kMaxSigmas, kMaxSigmas) + kMaxSigmas) / (2 * kMaxSigmas);
+    };
+    return cv::Point2d(plane.x + share(a) * plane.width, plane.y + (1 - share(b)) * plane.height);
+  };
+  const auto second = [](const Eigen::VectorXd& v) { return v.size() > 1 ? v[1] : 0.0; };
+  if (training_) {
+    for (const Eigen::VectorXd& score : scores_)
+      if (score.size() > 0)
+        image::draw::point(image, in_plane(score[0], second(score)), {150, 140, 130}, 2);
+  }
+  if (sigmas_.size() > 0)
+    image::draw::point(image, in_plane(sigmas_[0], second(sigmas_)), {80, 220, 255}, 5);
+  image::draw::TextStyle style;
+  style.height_px = 9;
+  style.backing = image::draw::Backing::kNone;
+  image::draw::put_text(image, "mode 1 and mode 2", {plane.x + plane.width / 2, plane.y - 16},
+                        style, image::draw::Anchor::kCenter);
+  return image;
+}
+
+View ShapePlayground::view() {
+  View result;
+  result.output = picture();
+  shown_ = draws_status() ? framed(result.output) : result.output;
+  result.status = fmt::format("{} points, {} shapes, {} modes", model_.points(), aligned_.size(),
+                              model_.mode_count());
+  if (draws_status()) {
+    image::draw::status_bar(shown_, result.status, "h: help");
+    if (controls_.help()) draw_help(shown_, "Shapes", actions());
+  }
+  result.image = shown_;
+  result.finished = controls_.finished();
+  result.state = {
+      {"values", numbers(sigmas_)}, {"training", training_}, {"help", controls_.help()}};
+  return result;
+}
+
+}  // namespace tarsier

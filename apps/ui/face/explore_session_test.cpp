@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: MIT
+#include "ui/face/explore_session.h"
+
+#include "tarsier/core/progress.h"
+#include "tarsier/face/appearance/testing_portraits.h"
+
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+
+#include "ui/testing_plain.h"
+
+namespace tarsier {
+namespace {
+
+const face::appearance::AppearanceModel& model() {
+  static const face::appearance::AppearanceModel result = [] {
+    NoProgress silent;
+    return face::appearance::train_appearance_model(face::appearance::testing::portraits(30, 1), {},
+                                                    {}, silent, {});
+  }();
+  return result;
+}
+
+double difference(const cv::Mat& a, const cv::Mat& b) {
+  return a.size() == b.size() ? cv::norm(a, b, cv::NORM_L1) / static_cast<double>(a.total()) : 1e9;
+}
+
+TEST(ExploreSession, SlidersChangeTheFace) {
+  ExploreSession session(model(), std::nullopt, 1);
+  const cv::Mat mean = session.picture();
+  for (const Slider& slider : session.sliders()) {
+    const View view = session.on_event(slider_event(slider.name, 2.5));
+    EXPECT_GT(difference(session.picture(), mean), 0.3) << slider.name;
+    EXPECT_FALSE(view.image.empty());
+    (void)session.on_event(slider_event(slider.name, 0));
+    EXPECT_EQ(difference(session.picture(), mean), 0) << slider.name;
+  }
+}
+
+TEST(ExploreSession, ValuesAreHeldWithinThreeDeviations) {
+  ExploreSession session(model(), std::nullopt, 1);
+  const View view = session.on_event(slider_event("shape 1", 50));
+  EXPECT_EQ(view.state["shape"][0], 3);
+  const nlohmann::json before = view.state;
+  for (const char* name : {"shape 0", "shape 99", "nose 1", "shape", "look x"})
+    EXPECT_EQ(session.on_event(slider_event(name, 1)).state, before) << name;
+}
+
+TEST(ExploreSession, KeysReachTheModesWithoutASlider) {
+  ExploreSession session(model(), std::nullopt, 1);
+  const cv::Mat mean = session.picture();
+  EXPECT_EQ(session.on_idle({}).state["mode"], "shape 1");
+  (void)session.on_event(key_event('p'));  // round to the last one
+  const View view = session.on_event(key_event('+'));
+  const auto last = view.state["look"].size() - 1;
+  EXPECT_EQ(view.state["mode"], "look " + std::to_string(last + 1));
+  EXPECT_EQ(view.state["look"][last], 0.25);
+  (void)session.on_event(key_event('-'));
+  EXPECT_EQ(difference(session.picture(), mean), 0);
+  EXPECT_EQ(session.on_event(key_event('n')).state["mode"], "shape 1");
+}
+
+TEST(ExploreSession, RandomFacesDifferAndTheSeedRepeatsThem) {
+  ExploreSession first(model(), std::nullopt, 4);
+  ExploreSession second(model(), std::nullopt, 4);
+  (void)first.on_event(key_event('r'));
+  (void)second.on_event(key_event('r'));
+  EXPECT_EQ(difference(first.picture(), second.picture()), 0);
+  (void)second.on_event(key_event('r'));
+  EXPECT_GT(difference(first.picture(), second.picture()), 0.3);
+  (void)second.on_event(key_event('0'));
+  EXPECT_EQ(second.on_idle({}).state["shape"][0], 0);
+}
+
+TEST(ExploreSession, OverAPictureItBeginsWithThePicturesFace) {
+  const face::appearance::TrainingPicture unseen = face::appearance::testing::portraits(1, 33)[0];
+  ExploreSession session(model(), ExploredPicture{unseen.picture, unseen.points}, 1);
+  const cv::Mat own = session.picture();
+  EXPECT_EQ(own.size(), unseen.picture.size());
+  EXPECT_LT(difference(own, unseen.picture), 12) << "the model explains what it is drawn over";
+  (void)session.on_event(slider_event("shape 1", 3));
+  EXPECT_GT(difference(session.picture(), own), 0.3);
+  // Far from the face nothing changes.
+  EXPECT_EQ(cv::norm(session.picture().row(0), unseen.picture.row(0), cv::NORM_INF), 0);
+  (void)session.on_event(key_event('f'));
+  EXPECT_EQ(difference(session.picture(), own), 0);
+  (void)session.on_event(key_event('o'));
+  EXPECT_NE(session.picture().size(), unseen.picture.size());
+}
+
+TEST(ExploreSession, RefusesPointsOfAnotherModel) {
+  const face::appearance::TrainingPicture unseen = face::appearance::testing::portraits(1, 33)[0];
+  EXPECT_THROW(
+      ExploreSession(model(), ExploredPicture{unseen.picture, unseen.points.leftCols(5)}, 1),
+      std::invalid_argument);
+}
+
+TEST(ShapePlayground, SlidersMoveTheShapeAmongTheTrainingShapes) {
+  std::vector<Eigen::Matrix2Xd> shapes;
+  face::shape::LandmarkSet set;
+  for (const face::appearance::TrainingPicture& picture :
+       face::appearance::testing::portraits(20, 1)) {
+    shapes.push_back(picture.points);
+    set.samples.emplace_back();
+    set.samples.back().points = picture.points;
+  }
+  ShapePlayground session(face::shape::train_shape_model(set, {}), shapes);
+  ASSERT_EQ(session.sliders().size(), 2U);
+  const cv::Mat mean = session.picture();
+  (void)session.on_event(slider_event("mode 1", 2));
+  EXPECT_GT(difference(session.picture(), mean), 0.05);
+  const cv::Mat with = session.picture();
+  (void)session.on_event(key_event('t'));
+  EXPECT_GT(difference(session.picture(), with), 0.05) << "the training shapes were drawn";
+  testing::expect_plain_image(session);
+  EXPECT_TRUE(session.on_event(key_event('q')).finished);
+}
+
+TEST(ExploreSession, WithoutStatusTheImageIsThePicture) {
+  ExploreSession session(model(), std::nullopt, 1);
+  testing::expect_plain_image(session);
+  EXPECT_EQ(difference(session.on_idle({}).image, session.picture()), 0);
+}
+
+}  // namespace
+}  // namespace tarsier

@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: MIT
+#include "ui/face/patch_session.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
+#include "tarsier/image/draw/tile.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "ui/overlay.h"
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace tarsier {
+
+namespace {
+
+const cv::Size kView(1000, 620);
+const cv::Rect kFacePlace(12, 12, 480, 522);
+const cv::Rect kPatchPlace(508, 34, 480, 228);
+const cv::Rect kPicturePlace(508, 300, 480, 240);
+const cv::Rect kPrevious(12, 544, 110, 28);
+const cv::Rect kNext(130, 544, 110, 28);
+const cv::Scalar kGround(38, 34, 30);
+constexpr int kSearches[] = {11, 21, 31, 41};
+
+void label(cv::Mat& image, const std::string& text, cv::Point at) {
+  image::draw::TextStyle style;
+  style.height_px = 9;
+  style.backing = image::draw::Backing::kNone;
+  image::draw::put_text(image, text, at, style);
+}
+
+}  // namespace
+
+PatchSession::PatchSession(face::landmarks::PatchModels model, face::shape::ShapeModel shape,
+                           std::optional<PatchPicture> picture)
+    : model_(std::move(model)), shape_(std::move(shape)), picture_(std::move(picture)) {
+  model_.check();
+  TARSIER_REQUIRE(shape_.points() == model_.points(), "{} patches, a shape of {} points",
+                  model_.points(), shape_.points());
+  respond();
+  (void)view();  // clicks are read by what was drawn
+}
+
+void PatchSession::respond() {
+  if (!picture_) return;
+  responses_ = face::landmarks::point_responses(model_, picture_->gray, picture_->points, search_);
+}
+
+std::vector<Action> PatchSession::actions() const {
+  std::vector<Action> actions = {{"next", "next patch (right arrow, space)", 'n'},
+                                 {"previous", "previous patch (left arrow)", 'p'}};
+  if (picture_) actions.push_back({"search", "a wider search region, then the narrowest", 'w'});
+  return controls_.after(std::move(actions));
+}
+
+int PatchSession::patch_at(double x, double y) const {
+  if (!face_.contains(cv::Point(static_cast<int>(x), static_cast<int>(y)))) return -1;
+  const double margin = model_.side() / 2 + 3;
+  const Eigen::Vector2d low = model_.reference.rowwise().minCoeff().array() - margin;
+  const Eigen::Vector2d at(low.x() + (x - face_.x) / face_scale_,
+                           low.y() + (y - face_.y) / face_scale_);
+  Eigen::Index nearest = 0;
+  (model_.reference.colwise() - at).colwise().squaredNorm().minCoeff(&nearest);
+  return static_cast<int>(nearest);
+}
+
+void PatchSession::click(double x, double y) {
+  const cv::Point at(static_cast<int>(x), static_cast<int>(y));
+  const int count = model_.points();
+  if (kNext.contains(at)) current_ = (current_ + 1) % count;
+  if (kPrevious.contains(at)) current_ = (current_ + count - 1) % count;
+  const int hit = patch_at(x, y);
+  if (hit >= 0) current_ = hit;
+}
+
+View PatchSession::on_event(const Event& event) {
+  if (event.kind == Event::Kind::kMouse) {
+    if (event.mouse == Event::Mouse::kLeftDown) click(event.x, event.y);
+    return view();
+  }
+  const std::string name = action_of(event, actions());
+  const int count = model_.points();
+  if (name == "next") current_ = (current_ + 1) % count;
+  if (name == "previous") current_ = (current_ + count - 1) % count;
+  if (name == "search" && picture_) {
+    const auto* wider = std::upper_bound(std::begin(kSearches), std::end(kSearches), search_);
+    search_ = wider == std::end(kSearches) ? kSearches[0] : *wider;
+    respond();
+  }
+  controls_.act(name);
+  return view();
+}
+
+void PatchSession::draw_face() {
+  constexpr int kZoom = 4;
+  const cv::Mat face = face::landmarks::draw_patches(model_, shape_, current_, kZoom);
+  const double scale = std::min(static_cast<double>(kFacePlace.width) / face.cols,
+                                static_cast<double>(kFacePlace.height) / face.rows);
+  const cv::Size size(cvRound(face.cols * scale), cvRound(face.rows * scale));
+  face_ = {kFacePlace.x + (kFacePlace.width - size.width) / 2,
+           kFacePlace.y + (kFacePlace.height - size.height) / 2, size.width, size.height};
+  face_scale_ = scale * kZoom;
+  cv::Mat to = shown_(face_);
+  cv::resize(face, to, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+}
+
+void PatchSession::draw_patch() {
+  const cv::Mat patch = face::landmarks::draw_patch(model_, current_, kPatchPlace.height);
+  image::draw::letterbox(patch, kPatchPlace.size(), kGround).copyTo(shown_(kPatchPlace));
+  label(shown_, fmt::format("weights of patch {}", current_), {kPatchPlace.x, 14});
+  label(shown_, "their gradient", {kPatchPlace.x + kPatchPlace.width / 2 + 14, 14});
+}
+
+void PatchSession::draw_picture() {
+  if (!picture_) {
+    label(shown_, "--on PICTURE shows how it responds there",
+          {kPicturePlace.x, kPicturePlace.y - 20});
+    return;
+  }
+  const face::landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
+  const cv::Mat drawn = face::landmarks::draw_response(response, kPicturePlace.height);
+  drawn.copyTo(shown_(cv::Rect(kPicturePlace.tl(), drawn.size())));
+  label(shown_, fmt::format("the picture, {0}x{0} px", search_),
+        {kPicturePlace.x, kPicturePlace.y - 20});
+  label(shown_, fmt::format("response, at best {:.2f}", response.best),
+        {kPicturePlace.x + drawn.cols / 2 + 4, kPicturePlace.y - 20});
+}
+
+View PatchSession::view() {
+  shown_.create(kView, CV_8UC3);
+  shown_.setTo(kGround);
+  draw_face();
+  draw_patch();
+  draw_picture();
+  image::draw::button(shown_, kPrevious, "previous");
+  image::draw::button(shown_, kNext, "next");
+  View result;
+  result.status = fmt::format("patch {} of {}, {}x{} px", current_ + 1, model_.points(),
+                              model_.side(), model_.side());
+  if (picture_) result.status += ", on " + picture_->name;
+  if (draws_status()) {
+    image::draw::status_bar(shown_, result.status, "h: help");
+    if (controls_.help()) draw_help(shown_, "Patches", actions());
+  }
+  result.image = shown_;
+  result.finished = controls_.finished();
+  result.state = {{"patch", current_},
+                  {"patches", model_.points()},
+                  {"picture", picture_ ? nlohmann::json(picture_->name) : nlohmann::json()},
+                  {"search", search_},
+                  {"response", nullptr},
+                  {"peak", nullptr},
+                  {"help", controls_.help()}};
+  if (picture_) {
+    const face::landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
+    result.state["response"] = response.best;
+    result.state["peak"] = {response.peak.x - search_ / 2, response.peak.y - search_ / 2};
+  }
+  return result;
+}
+
+}  // namespace tarsier

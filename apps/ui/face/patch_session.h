@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/landmarks/patches.h"
+#include "tarsier/face/shape/shape_model.h"
+
+#include <Eigen/Core>
+#include <opencv2/core/mat.hpp>
+
+#include "ui/controls.h"
+#include "ui/session.h"
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier {
+
+// A picture on which patches are tried.
+struct PatchPicture {
+  std::string name;
+  cv::Mat gray;             // CV_8UC1
+  Eigen::Matrix2Xd points;  // px, where the patches are tried
+};
+
+// Looks through the patches of a model, one after the other: where it lies on the mean face, its
+// weights and their gradient and, given a picture, what it sees there and how it responds. A click
+// on the mean face takes the patch that is nearest. State: {"patch", "patches", "picture",
+// "search", "response", "peak": [dx, dy] of the patches' px from the point, or null, "help"}.
+class PatchSession final : public Session {
+ public:
+  // Throws std::invalid_argument where patches, shape and points disagree.
+  PatchSession(face::landmarks::PatchModels model, face::shape::ShapeModel shape,
+               std::optional<PatchPicture> picture);
+
+  View on_frame(const Frame&, const SourceStatus&) override { return view(); }
+  View on_idle(const SourceStatus&) override { return view(); }
+  View on_event(const Event& event) override;
+  [[nodiscard]] std::vector<Action> actions() const override;
+  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
+
+ private:
+  void respond();
+  [[nodiscard]] int patch_at(double x, double y) const;
+  void click(double x, double y);
+  void draw_face();
+  void draw_patch();
+  void draw_picture();
+  View view();
+
+  face::landmarks::PatchModels model_;
+  face::shape::ShapeModel shape_;
+  std::optional<PatchPicture> picture_;
+  std::vector<face::landmarks::PointResponse> responses_;
+  int current_ = 0;
+  int search_ = 21;
+  SessionControls controls_;
+  cv::Rect face_;          // of the view, the mean face
+  double face_scale_ = 1;  // px of the view to a px of the patches' frame
+  cv::Mat shown_;
+};
+
+}  // namespace tarsier

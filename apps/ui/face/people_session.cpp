@@ -1,0 +1,281 @@
+// SPDX-License-Identifier: MIT
+#include "ui/face/people_session.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
+#include "tarsier/core/require.h"
+#include "tarsier/face/people/name.h"
+#include "tarsier/media/still_source.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <set>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+constexpr int kFlashFrames = 3;
+// What is learned in one frame, in the units of GalleryTraining::work(): while there is nobody to
+// name yet, and beside naming.
+constexpr double kFirstWork = 300;
+constexpr double kWork = 60;
+
+face::people::Gallery& gallery_of(const face::IdentifierState& state) {
+  TARSIER_REQUIRE(state.gallery() != nullptr, "a session enrols people into a gallery");
+  return *state.gallery();
+}
+
+}  // namespace
+
+std::string_view name_of(PeopleMode mode) {
+  switch (mode) {
+    case PeopleMode::kStart:
+      return "start";
+    case PeopleMode::kDetect:
+      return "detect";
+    case PeopleMode::kCollect:
+      return "collect";
+    case PeopleMode::kTrain:
+      return "train";
+    case PeopleMode::kRecognize:
+      break;
+  }
+  return "recognize";
+}
+
+void PeopleSessionOptions::check() const {
+  TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "a rate of {}", false_accepts);
+  TARSIER_REQUIRE(max_faces >= 1 && max_faces <= 100'000, "{} faces", max_faces);
+  TARSIER_REQUIRE(max_pooled >= 1 && max_pooled <= 1000, "{} frames", max_pooled);
+  collect.check();
+  for (const std::string& name : names) face::people::check_name(name);
+  face::people::check_note(note);
+}
+
+PeopleSession::PeopleSession(face::IdentifierState state, PeopleSessionOptions options)
+    : identity_(std::move(state)),
+      gallery_(gallery_of(identity_)),
+      options_(std::move(options)),
+      enroller_(gallery_, identity_.background()),
+      identifier_({options_.false_accepts, options_.max_pooled}),
+      collector_(options_.collect) {
+  options_.check();
+  load_people();
+}
+
+void PeopleSession::load_people() {
+  people_.clear();
+  for (const face::people::Person& person : gallery_.people()) {
+    Enrolled entry{person.name, person.faces, {}};
+    if (const auto face = gallery_.latest_face(person.id)) entry.latest = face->crop;
+    people_.push_back(std::move(entry));
+  }
+  if (!pending_.empty()) people_.push_back({pending_, 0, {}});
+}
+
+View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
+  if (source_of(frame) != collected_from_) collector_.restart();
+  collected_from_ = source_of(frame);
+  source_name_ = frame.name;
+  source_ = trouble_of(source);
+  frame_ = frame.image;
+  if (flash_ > 0) --flash_;
+  if (mode_ == PeopleMode::kStart) {
+    mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kDetect;
+    if (mode_ == PeopleMode::kDetect && gallery_.face_count_up_to(1) > 0) train();
+  } else if (training_) {
+    learn();
+  }
+  follow();
+  timer_.start();
+  faces_ = identifier_.find(frame, identity_);
+  std::stable_sort(faces_.begin(), faces_.end(),
+                   [](const face::NamedFace& a, const face::NamedFace& b) {
+                     return a.face.box.area() > b.face.box.area();
+                   });
+  if (mode_ == PeopleMode::kCollect && !faces_.empty() &&
+      collector_.offer(faces_.front().face, frame.time, !frame.still).empty()) {
+    collect();
+  }
+  if (mode_ == PeopleMode::kRecognize) identifier_.name(faces_, identity_);
+  timer_.stop();
+  return view(true);
+}
+
+// The face is stored at once: a crash loses nothing that flashed.
+void PeopleSession::collect() {
+  Enrolled& person = people_[static_cast<std::size_t>(collecting_)];
+  const face::people::Face& face = faces_.front().face;
+  enroller_.enroll(person.name, options_.note, face, source_name_,
+                   options_.now ? options_.now() : 0);
+  if (person.name == pending_) pending_.clear();
+  ++person.faces;
+  person.latest = face.crop;
+  flash_ = kFlashFrames;
+  message_.clear();
+  if (collector_.taken() >= options_.max_faces) end_collecting();
+}
+
+// Begins to learn. Whoever can be named already is named meanwhile.
+void PeopleSession::train() {
+  training_.emplace(gallery_, identity_.background(), true, face::people::Learn::kWhenDue);
+  mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kTrain;
+}
+
+// A piece of what is to be learned: a frame never waits for all of it.
+void PeopleSession::learn() {
+  NoProgress progress;
+  const bool first = identity_.recognizer() == nullptr;
+  try {
+    for (double work = 0; work < (first ? kFirstWork : kWork); work += training_->work()) {
+      if (training_->step(progress, {})) continue;
+      identity_.replace(training_->take());
+      training_.reset();
+      break;
+    }
+  } catch (const std::invalid_argument& error) {
+    // "Fisherfaces needs faces of at least two people, there is one": said, and one goes on.
+    training_.reset();
+    identity_.replace(std::nullopt);
+    message_ = error.what();
+  }
+  if (training_ || mode_ == PeopleMode::kCollect) return;
+  mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kDetect;
+}
+
+// Who was enrolled here or anywhere, and who was forgotten.
+void PeopleSession::follow() {
+  if (identity_.recognizer() == nullptr || !identity_.follow()) return;
+  std::set<std::string> there;
+  for (const face::people::Person& person : gallery_.people()) there.insert(person.name);
+  std::set<std::string> shown;
+  for (const Enrolled& person : people_)
+    if (person.name != pending_) shown.insert(person.name);
+  if (there != shown) {
+    const std::string collecting =
+        collecting_ >= 0 ? people_[static_cast<std::size_t>(collecting_)].name : "";
+    load_people();
+    collecting_ = -1;
+    for (std::size_t i = 0; i < people_.size(); ++i)
+      if (people_[i].name == collecting) collecting_ = static_cast<int>(i);
+    if (mode_ == PeopleMode::kCollect && collecting_ < 0) mode_ = PeopleMode::kDetect;
+  }
+  if (mode_ == PeopleMode::kRecognize && identity_.recognizer() == nullptr)
+    mode_ = PeopleMode::kDetect;
+  if (mode_ == PeopleMode::kDetect && identity_.recognizer() != nullptr)
+    mode_ = PeopleMode::kRecognize;
+}
+
+View PeopleSession::on_idle(const SourceStatus& source) {
+  source_ = trouble_of(source);
+  return view(false);
+}
+
+View PeopleSession::on_event(const Event& event) {
+  if (event.kind == Event::Kind::kMouse) {
+    if (event.mouse == Event::Mouse::kLeftDown) click({cvRound(event.x), cvRound(event.y)});
+    return view(false);
+  }
+  act(action_of(event, actions()));
+  return view(false);
+}
+
+std::vector<Action> PeopleSession::actions() const {
+  return controls_.after({{"add", "add a person", 'a'},
+                          {"delete", "delete all (asks)", 'd'},
+                          {"confirm", "yes, delete all", 'y'},
+                          {"cancel", "no, keep them", 'n'},
+                          {"debug", "debug view", 'b'},
+                          {"train", "end collecting and train", 't'}});
+}
+
+void PeopleSession::act(const std::string& name) {
+  if (name.empty()) return;
+  const bool was_asked = std::exchange(asking_, false);
+  if (name == "confirm" && was_asked) delete_all();
+  if (name == "cancel" && was_asked) message_ = "nobody was deleted";
+  if (name == "add") add_person();
+  if (name == "delete") {
+    asking_ = !people_.empty();
+    message_ = people_.empty() ? "nobody is enrolled" : "";
+  }
+  if (name == "debug") debug_ = !debug_;
+  if (name == "train") end_collecting();
+  controls_.act(name);
+}
+
+void PeopleSession::click(cv::Point at) {
+  if (asking_) {  // the question is answered by its own buttons
+    if (button_box("confirm").contains(at)) return act("confirm");
+    return act("cancel");
+  }
+  for (const char* button : {"add", "delete", "debug"})
+    if (button_box(button).contains(at)) return act(button);
+  for (std::size_t i = 0; i < people_.size(); ++i)
+    if (strip_box(i).contains(at)) return collect_for(static_cast<int>(i));
+  end_collecting();
+}
+
+void PeopleSession::add_person() {
+  // At most one person without faces: the same one again.
+  if (pending_.empty()) {
+    std::set<std::string> taken;
+    for (const Enrolled& person : people_) taken.insert(person.name);
+    for (const std::string& name : options_.names) {
+      if (taken.contains(name)) continue;
+      pending_ = name;
+      break;
+    }
+    for (int number = 1; pending_.empty(); ++number) {
+      const std::string name = fmt::format("Person {}", number);
+      if (!taken.contains(name)) pending_ = name;
+    }
+    people_.push_back({pending_, 0, {}});
+  }
+  collect_for(static_cast<int>(people_.size()) - 1);
+}
+
+void PeopleSession::collect_for(int person) {
+  collecting_ = person;
+  collector_ = face::people::Collector(options_.collect);
+  mode_ = PeopleMode::kCollect;
+  message_.clear();
+  faces_.clear();
+}
+
+void PeopleSession::end_collecting() {
+  if (mode_ != PeopleMode::kCollect) return;
+  collecting_ = -1;
+  mode_ = PeopleMode::kDetect;
+  if (gallery_.face_count_up_to(1) == 0) {
+    message_ = "no face was taken yet";
+    return;
+  }
+  train();
+}
+
+void PeopleSession::delete_all() {
+  training_.reset();
+  const auto report = gallery_.forget_all({});
+  pending_.clear();
+  collecting_ = -1;
+  identity_.replace(std::nullopt);
+  load_people();
+  mode_ = PeopleMode::kDetect;
+  if (!report) {
+    message_ = "nobody is enrolled";
+  } else if (report->proven()) {
+    message_ = fmt::format("all are deleted; {} files searched, nothing is left",
+                           report->search.files.size());
+  } else if (!report->search.found.empty()) {
+    message_ =
+        "all are deleted, but copies of faces are left: " + printable(report->search.found.front());
+  } else {
+    message_ = "all are deleted; that no copy is left could not be proven";
+  }
+}
+
+}  // namespace tarsier

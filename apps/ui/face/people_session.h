@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/people/collector.h"
+#include "tarsier/face/people/gallery.h"
+#include "tarsier/face/people/model.h"
+#include "tarsier/face/pipelines/identifier.h"
+
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+
+#include "ui/controls.h"
+#include "ui/face/recognize_session.h"
+#include "ui/overlay.h"
+#include "ui/session.h"
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace tarsier {
+
+enum class PeopleMode { kStart, kDetect, kCollect, kTrain, kRecognize };
+[[nodiscard]] std::string_view name_of(PeopleMode mode);  // "start", "detect", "collect" ..
+
+struct PeopleSessionOptions {
+  double false_accepts = 0.01;  // rate at which strangers may be taken for somebody, (0, 1)
+  face::people::CollectOptions collect;
+  int max_faces = 30;                 // of a person, collected at a time, >= 1
+  std::vector<std::string> names;     // of people who are added, in turn; then "Person 1" ..
+  std::string note;                   // of consent, for those who are added
+  int max_pooled = 10;                // frames of a followed face that count together, >= 1
+  std::function<std::int64_t()> now;  // ms since 1970-01-01 UTC; empty: 0
+  void check() const;                 // throws std::invalid_argument, UsageError for names
+};
+
+// Enrols and recognises people live. Five modes: start; detect (nobody is enrolled); collect (the
+// faces of one person are taken); train (until there is a first model); recognise. Once there is a
+// model new faces are known by it at once; what is to be learned of them is learned a little in
+// each frame, meanwhile. Mouse: the buttons at the left; a face of the strip at the right collects
+// more of that person; a click elsewhere ends collecting and trains. Keys: a adds a person, d
+// deletes all (y confirms), b debug view, t trains, space pauses, h help, q or Esc ends. State:
+// {"mode", "people": [{"name", "faces"}], "collecting": name or null, "recognized":
+// [{"label", "known", "confidence"}], "asking", "debug", "flash", "message", "prompt", "paused"}.
+class PeopleSession final : public Session {
+ public:
+  // Of a gallery: what Identifier::open() gives with `enroll`. Throws std::invalid_argument for the
+  // state of a recogniser.
+  PeopleSession(face::IdentifierState state, PeopleSessionOptions options);
+  PeopleSession(const PeopleSession&) = delete;
+  PeopleSession& operator=(const PeopleSession&) = delete;
+
+  View on_frame(const Frame& frame, const SourceStatus& source) override;
+  View on_idle(const SourceStatus& source) override;
+  View on_event(const Event& event) override;
+  [[nodiscard]] std::vector<Action> actions() const override;
+  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
+
+  [[nodiscard]] PeopleMode mode() const { return mode_; }
+  [[nodiscard]] const std::vector<face::NamedFace>& faces() const { return faces_; }
+  [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
+  // Where controls are in the view, px: for tests and hosts.
+  [[nodiscard]] cv::Rect button_box(std::string_view name) const;  // "add", "delete", "debug"
+  [[nodiscard]] cv::Rect strip_box(std::size_t person) const;
+
+ private:
+  struct Enrolled {
+    std::string name;
+    std::int64_t faces = 0;
+    cv::Mat latest;  // crop
+  };
+
+  // people_session.cpp
+  void act(const std::string& name);
+  void click(cv::Point at);
+  void load_people();
+  void add_person();
+  void collect_for(int person);
+  void end_collecting();
+  void delete_all();
+  void train();
+  void learn();
+  void follow();
+  void collect();
+  // people_draw.cpp
+  View view(bool fresh);
+  void draw_strip();
+  void draw_buttons();
+  void draw_preprocessed();
+  void draw_confidence();
+  void draw_debug();
+  [[nodiscard]] std::string prompt() const;
+  [[nodiscard]] std::string help_line() const;
+  [[nodiscard]] double scale() const;
+  [[nodiscard]] cv::Size picture_size() const;  // of the frame in the view
+  [[nodiscard]] nlohmann::json state() const;
+
+  face::IdentifierState identity_;
+  face::people::Gallery& gallery_;
+  PeopleSessionOptions options_;
+  face::Enroller enroller_;
+  face::Identifier identifier_;
+  std::optional<face::people::GalleryTraining> training_;  // of a model, on its way
+  face::people::Collector collector_;
+  PeopleMode mode_ = PeopleMode::kStart;
+  std::vector<Enrolled> people_;
+  std::vector<face::NamedFace> faces_;
+  int collecting_ = -1;  // index into people_
+  std::string pending_;  // name of a person who has no face yet; the last of people_ then
+  std::string message_;
+  std::string source_;
+  std::string source_name_;
+  std::string collected_from_;  // source_of() the latest frame
+  FrameTimer timer_;
+  int flash_ = 0;  // frames it still lasts
+  bool asking_ = false;
+  bool debug_ = false;
+  SessionControls controls_{true};
+  cv::Mat frame_;
+  cv::Mat output_;
+  cv::Mat shown_;
+};
+
+}  // namespace tarsier

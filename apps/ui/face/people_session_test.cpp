@@ -1,0 +1,363 @@
+// SPDX-License-Identifier: MIT
+#include "ui/face/people_session.h"
+
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/testing_faces.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include "ui/scripted_host.h"
+#include "ui/testing_plain.h"
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+
+// The models that ship, of the source tree.
+std::string models_folder() { return TARSIER_SOURCE_MODELS; }
+
+std::shared_ptr<const face::landmarks::LandmarkModel> landmark_model() {
+  static const auto model = [] {
+    const std::string path = models_folder() + "/landmarks68.json";
+    return std::filesystem::exists(path) ? std::make_shared<const face::landmarks::LandmarkModel>(
+                                               face::landmarks::read_landmark_model(path))
+                                         : nullptr;
+  }();
+  return model;
+}
+
+Event click(const cv::Rect& box) {
+  Event event;
+  event.kind = Event::Kind::kMouse;
+  event.mouse = Event::Mouse::kLeftDown;
+  event.x = box.x + box.width / 2.0;
+  event.y = box.y + box.height / 2.0;
+  return event;
+}
+
+Frame frame(const cv::Mat& image, int index) {
+  Frame out;
+  out.image = image;
+  out.index = index;
+  out.time = index / 25.0;
+  out.name = "camera";
+  return out;
+}
+
+class PeopleSessionTest : public FolderTest {
+ protected:
+  // Cascades find no face in plain pictures: enough for everything but faces.
+  static face::people::FaceReader reader() {
+    face::people::FaceReaderOptions options;
+    options.eyes = face::people::EyeMethod::kSplits;
+    options.finder.thorough = false;
+    return {options, nullptr};
+  }
+  // Of a gallery that a test looks into; nothing is learned yet.
+  face::IdentifierState opened(face::people::Gallery& gallery,
+                               const face::recognition::Background* background = nullptr,
+                               face::people::FaceReader with = reader()) {
+    follower_.emplace(gallery, background, std::nullopt);
+    return {std::move(with), *follower_};
+  }
+  static face::people::StoredFace face(int seed) {
+    face::people::StoredFace out;
+    out.crop.create(160, 128, CV_8UC1);
+    cv::RNG rng(static_cast<std::uint64_t>(seed) + 3);
+    rng.fill(out.crop, cv::RNG::UNIFORM, 0, 256);
+    cv::GaussianBlur(out.crop, out.crop, {}, 3);
+    out.measures = "{}";
+    return out;
+  }
+  const cv::Mat empty_ = cv::Mat(360, 480, CV_8UC3, cv::Scalar(120, 130, 140));
+  const SourceStatus live_{SourceState::kLive, "", 0, 0, 0, 0};
+  std::optional<face::people::GalleryFollower> follower_;
+};
+
+TEST_F(PeopleSessionTest, StartsByLookingForFaces) {
+  face::people::Gallery gallery(path("p.db"));
+  PeopleSession session(opened(gallery), {});
+  EXPECT_EQ(session.mode(), PeopleMode::kStart);
+  const View view = session.on_frame(frame(empty_, 0), live_);
+  EXPECT_EQ(view.state["mode"], "detect");
+  EXPECT_EQ(view.image.type(), CV_8UC3);
+  EXPECT_GT(view.image.cols, view.image.rows);
+  EXPECT_TRUE(session.on_event(key_event(key::kEscape)).finished);
+}
+
+TEST_F(PeopleSessionTest, WhoIsLearnedIsNamedFromTheFirstFrameOn) {
+  face::people::Gallery gallery(path("p.db"));
+  for (int i = 0; i < 3; ++i) {
+    gallery.enroll("Ann", "", face(i));
+    gallery.enroll("Ben", "", face(10 + i));
+  }
+  gallery.set_algorithm("lbph");
+  NoProgress quiet;
+  face::people::GalleryFollower follower(
+      gallery, nullptr,
+      face::learn_gallery(gallery, nullptr, face::people::Learn::kWhenDue, quiet, {}));
+  PeopleSession session(face::IdentifierState(reader(), follower), {});
+  EXPECT_EQ(session.on_frame(frame(empty_, 0), live_).state["mode"], "recognize");
+  EXPECT_THROW(PeopleSession(face::IdentifierState(reader(), nullptr), {}), std::invalid_argument);
+}
+
+TEST_F(PeopleSessionTest, AtMostOnePersonWithoutFaces) {
+  face::people::Gallery gallery(path("p.db"));
+  PeopleSessionOptions options;
+  options.names = {"Ann"};
+  PeopleSession session(opened(gallery), options);
+  (void)session.on_frame(frame(empty_, 0), live_);
+  View view = session.on_event(click(session.button_box("add")));
+  EXPECT_EQ(view.state["mode"], "collect");
+  EXPECT_EQ(view.state["collecting"], "Ann");
+  view = session.on_event(key_event('a'));
+  EXPECT_EQ(view.state["people"].size(), 1U);
+  EXPECT_EQ(gallery.people().size(), 0U);  // nobody is enrolled without a face
+  // A click elsewhere ends it; nothing to train on is said.
+  view = session.on_event(click({200, 300, 2, 2}));
+  EXPECT_EQ(view.state["mode"], "detect");
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("no face"));
+}
+
+TEST_F(PeopleSessionTest, DeleteAllAsksFirst) {
+  face::people::Gallery gallery(path("p.db"));
+  gallery.enroll("Ann", "", face(1));
+  gallery.enroll("Ben", "", face(2));
+  PeopleSession session(opened(gallery), {});
+  (void)session.on_frame(frame(empty_, 0), live_);
+  View view = session.on_event(click(session.button_box("delete")));
+  EXPECT_TRUE(view.state["asking"]);
+  view = session.on_event(click(session.button_box("cancel")));
+  EXPECT_FALSE(view.state["asking"]);
+  EXPECT_EQ(gallery.people().size(), 2U);
+  // A stray "y" is no answer to a question that nobody asked.
+  (void)session.on_event(key_event('y'));
+  EXPECT_EQ(gallery.people().size(), 2U);
+  (void)session.on_event(key_event('d'));
+  view = session.on_event(click(session.button_box("confirm")));
+  EXPECT_EQ(gallery.people().size(), 0U);
+  EXPECT_EQ(view.state["people"].size(), 0U);
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("nothing is left"));
+}
+
+TEST_F(PeopleSessionTest, FisherfacesWithOnePersonIsSaid) {
+  face::people::Gallery gallery(path("p.db"));
+  for (int i = 0; i < 3; ++i) gallery.enroll("Ann", "", face(i));
+  gallery.set_algorithm("fisher");
+  PeopleSession session(opened(gallery), {});
+  View view;
+  for (int i = 0; i < 3; ++i) view = session.on_frame(frame(empty_, i), live_);
+  EXPECT_EQ(view.state["mode"], "detect");
+  EXPECT_THAT(view.status, HasSubstr("two people"));
+  for (int i = 0; i < 3; ++i) gallery.enroll("Ben", "", face(10 + i));
+  (void)session.on_event(click(session.strip_box(0)));
+  EXPECT_EQ(session.mode(), PeopleMode::kCollect);
+  (void)session.on_event(key_event('t'));
+  view = session.on_frame(frame(empty_, 4), live_);
+  EXPECT_EQ(view.state["mode"], "recognize");
+}
+
+TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
+  if (landmark_model() == nullptr || !std::filesystem::exists(kPicture))
+    GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
+  const cv::Mat picture = read_image(kPicture);
+  face::people::Gallery gallery(path("p.db"));
+  PeopleSessionOptions options;
+  options.names = {"Leo"};
+  options.collect.gate.min_eye_distance = 8;
+  options.collect.gate.min_sharpness = 0.02;
+  PeopleSession session(opened(gallery, nullptr, {{}, landmark_model()}), options);
+  (void)session.on_frame(frame(picture, 0), live_);
+  (void)session.on_event(key_event('a'));
+  View view = session.on_frame(frame(picture, 1), live_);
+  ASSERT_EQ(session.faces().size(), 1U);
+  EXPECT_TRUE(view.state["flash"]);
+  EXPECT_EQ(gallery.face_count(), 1);
+  EXPECT_EQ(view.image.at<cv::Vec3b>(300, 200), cv::Vec3b(255, 255, 255));
+  EXPECT_THAT(view.state["prompt"].get<std::string>(), HasSubstr("left"));
+  // The same face again is refused; time passing alone does not change that.
+  for (int i = 2; i < 30; ++i) view = session.on_frame(frame(picture, i), live_);
+  EXPECT_EQ(gallery.face_count(), 1);
+  EXPECT_FALSE(view.state["flash"]);
+  const cv::Rect strip = session.strip_box(0);
+  EXPECT_GT(view.image.at<cv::Vec3b>(strip.y - 2, strip.x + 5)[2], 200);  // red: being collected
+}
+
+// What is learned is learned a piece in each frame: none waits for all of it.
+TEST_F(PeopleSessionTest, LearningIsSpreadOverFrames) {
+  const auto set = face::recognition::synthetic_faces(20, 2, 0.3, 5, 0, {128, 160});
+  face::people::Gallery gallery(path("p.db"));
+  for (std::size_t i = 0; i < set.faces.size(); ++i) {
+    face::people::StoredFace stored;
+    stored.crop = set.faces[i];
+    stored.measures = "{}";
+    gallery.enroll(set.labels[i], "", stored);
+  }
+  PeopleSession session(opened(gallery), {});
+  View view;
+  int frames = 0;
+  for (; frames < 100 && session.mode() != PeopleMode::kRecognize; ++frames)
+    view = session.on_frame(frame(empty_, frames), live_);
+  EXPECT_EQ(view.state["mode"], "recognize");
+  EXPECT_GE(frames, 3);
+  // Another one comes: the others are named all the while.
+  gallery.enroll("Ann", "", face(7));
+  (void)session.on_event(key_event('a'));
+  (void)session.on_event(key_event('t'));
+  for (int i = 0; i < 60; ++i) {
+    view = session.on_frame(frame(empty_, 200 + i), live_);
+    EXPECT_EQ(view.state["mode"], "recognize");
+  }
+  EXPECT_EQ(gallery.model_generation(), gallery.generation());
+  EXPECT_EQ(view.state["people"].size(), 22U);  // Ann, and the one without faces yet
+}
+
+TEST_F(PeopleSessionTest, WhoIsForgottenByAnotherProgramIsNamedNoMore) {
+  const auto set = face::recognition::synthetic_faces(3, 3, 0.3, 5, 0, {128, 160});
+  face::people::Gallery gallery(path("p.db"));
+  for (std::size_t i = 0; i < set.faces.size(); ++i) {
+    face::people::StoredFace stored;
+    stored.crop = set.faces[i];
+    stored.measures = "{}";
+    gallery.enroll(set.labels[i], "", stored);
+  }
+  NoProgress quiet;
+  face::people::GalleryFollower follower(
+      gallery, nullptr,
+      face::people::load_gallery_model(gallery, nullptr, true, face::people::Learn::kWhenDue, quiet,
+                                       {}));
+  RecognizeSession session(face::Identifier({}, true), face::IdentifierState(reader(), follower));
+  const auto see = [&](std::size_t face) {
+    Frame shown = frame({}, 0);
+    cv::cvtColor(set.faces[face], shown.image, cv::COLOR_GRAY2BGR);
+    (void)session.on_frame(shown, live_);
+    return session.faces().at(0).name;
+  };
+  EXPECT_EQ(see(0).label, "p0");
+  EXPECT_TRUE(see(0).known);
+  face::people::Gallery other(path("p.db"));
+  ASSERT_TRUE(other.forget("p0", {}));
+  EXPECT_NE(see(0).label, "p0");
+  EXPECT_EQ(see(4).label, "p1");
+  // Also while the source stalls and its last frame is shown.
+  ASSERT_TRUE(other.forget("p1", {}));
+  (void)session.on_idle(live_);
+  EXPECT_EQ(session.faces().at(0).name.label, "");
+  ASSERT_TRUE(other.forget_all({}));
+  EXPECT_EQ(see(8).label, "");
+}
+
+// Clips one after the other, each with its own part of the frames.
+class Clips final : public FrameSource {
+ public:
+  void add(const std::string& path, int first, int last) {
+    const auto source = open_source(path);
+    while (!source->ended()) {
+      auto next = source->next(std::chrono::milliseconds(1000), {});
+      if (!next || next->index < first || next->index >= last) continue;
+      next->image = next->image.clone();
+      next->time += offset_;
+      frames_.push_back(std::move(*next));
+    }
+    offset_ += 100;
+  }
+  [[nodiscard]] std::int64_t size() const { return static_cast<std::int64_t>(frames_.size()); }
+  std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
+    if (ended()) return std::nullopt;
+    return frames_[at_++];
+  }
+  [[nodiscard]] bool ended() const override { return at_ >= frames_.size(); }
+  [[nodiscard]] bool is_live() const override { return false; }
+  [[nodiscard]] SourceStatus status() const override {
+    return {SourceState::kLive, "", 0, 0, 0, 0};
+  }
+  [[nodiscard]] double fps() const override { return 25; }
+  [[nodiscard]] std::int64_t count() const override { return size(); }
+  [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
+
+ private:
+  std::vector<Frame> frames_;
+  std::size_t at_ = 0;
+  double offset_ = 0;
+  std::vector<std::string> skipped_;
+};
+
+TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
+  const char* data = std::getenv("TARSIER_DATA");
+  const std::string grid = std::string(data != nullptr ? data : "") + "/face-videos/grid/";
+  if (landmark_model() == nullptr || !std::filesystem::exists(grid))
+    GTEST_SKIP() << "needs $TARSIER_DATA/face-videos and the models that ship";
+  const face::recognition::Background general =
+      face::recognition::read_background(models_folder() + "/people-background.json");
+  face::people::Gallery gallery(path("p.db"));
+  PeopleSessionOptions options;
+  options.names = {"Ann", "Ben"};
+  PeopleSession session(opened(gallery, &general, {{}, landmark_model()}), options);
+  Clips clips;
+  std::vector<std::int64_t> from;  // each clip's first frame
+  const auto add = [&](const std::string& name, int first, int last) {
+    from.push_back(clips.size());
+    clips.add(grid + name, first, last);
+  };
+  add("brbk7n.mpg", 0, 38);
+  add("bbaf2n.mpg", 0, 38);
+  add("brbk7n.mpg", 38, 75);
+  add("bbaf2n.mpg", 38, 75);
+  add("lrwp9a.mpg", 0, 45);
+  add("lbbc2a.mpg", 0, 45);
+  ScriptedHost host(session, clips);
+  host.at(from[0] + 1, click(session.button_box("add")));
+  host.at(from[1], action_event("add"));
+  host.at(from[2], action_event("train"));
+  for (const std::int64_t frame : from) host.keep(frame + 30);
+  const auto& steps = host.run();
+  EXPECT_EQ(gallery.people().size(), 2U);
+  EXPECT_GE(gallery.face_count(), 4);
+  const auto share = [&](std::size_t clip, const std::string& label, bool known) {
+    const std::int64_t end = clip + 1 < from.size() ? from[clip + 1] : clips.size();
+    double right = 0;
+    for (const ScriptStep& step : steps) {
+      if (step.cause != "frame" || step.frame < from[clip] || step.frame >= end) continue;
+      const auto& seen = step.state["recognized"];
+      if (seen.size() == 1 && seen[0]["known"] == known &&
+          (label.empty() || seen[0]["label"] == label)) {
+        ++right;
+      }
+    }
+    return right / static_cast<double>(end - from[clip]);
+  };
+  EXPECT_GE(share(2, "Ann", true), 0.9);
+  EXPECT_GE(share(3, "Ben", true), 0.9);
+  EXPECT_GE(share(4, "", false), 0.95);
+  EXPECT_GE(share(5, "", false), 0.95);
+  if (const char* folder = std::getenv("PEOPLE_PICTURES")) {  // to look at
+    for (const ScriptStep& step : steps)
+      if (!step.image.empty())
+        write_image(std::string(folder) + "/" + std::to_string(step.frame) + ".png", step.image);
+  }
+}
+
+TEST_F(PeopleSessionTest, WithoutStatusThereIsNoRoomForIt) {
+  face::people::Gallery gallery(path("p.db"));
+  PeopleSession session(opened(gallery), {});
+  session.draw_status(false);
+  const View view =
+      session.on_frame(frame(cv::Mat(480, 640, CV_8UC3, cv::Scalar(120, 130, 140)), 0), live_);
+  EXPECT_EQ(view.image.rows, 480);
+  testing::expect_plain_image(session, live_);
+}
+
+}  // namespace
+}  // namespace tarsier

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/face/appearance/edit.h"
+#include "tarsier/face/pipelines/pose_tracker.h"
+#include "tarsier/render/mesh.h"
+
+#include "ui/frame_session.h"
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tarsier {
+
+enum class PoseOverlay { kNone, kAxes, kBox, kHead, kObject };
+
+// What is drawn.
+struct PoseSessionOptions {
+  PoseOverlay overlay = PoseOverlay::kAxes;
+  // Of kObject: in the head's frame, mm; a head hides what is behind it.
+  std::shared_ptr<const render::Mesh> object;
+  // What is done to the faces, through an appearance model of 68 points that can be drawn.
+  std::vector<face::appearance::FaceEdit> edits;
+  std::shared_ptr<const face::appearance::AppearanceModel> appearance;
+  double edit_amount = 1;  // 0..2
+  void check() const;      // throws std::invalid_argument
+};
+
+// Shows the poses of heads that a face::PoseTracker finds. on_frame() throws InputError where the
+// camera is that of pictures of another shape.
+// Keys: d looks for faces again, v what is drawn, space pauses, h help, q or Esc ends.
+// State: {"faces": number, "ids": [..], "yaw": [..], "draw", "paused"}.
+class PoseSession final : public FrameSession {
+ public:
+  // Throws std::invalid_argument for bad options, and an appearance model of other points.
+  PoseSession(face::PoseTracker tracker, PoseSessionOptions options);
+
+  // Of the latest frame.
+  [[nodiscard]] const face::PoseResult& result() const { return result_; }
+  [[nodiscard]] const std::vector<face::PosedFace>& faces() const { return result_.faces; }
+  [[nodiscard]] const geometry::Camera& camera() const { return result_.camera; }
+
+ private:
+  [[nodiscard]] const face::head::HeadModel& head_model() const;
+  void process(const Frame& frame) override;
+  void draw(cv::Mat& image) override;
+  void draw_object(cv::Mat& image, const face::PosedFace& face) const;
+  void edit_face(cv::Mat& image, const face::PosedFace& face) const;
+  [[nodiscard]] nlohmann::json state() const override;
+  [[nodiscard]] std::string status() const override;
+  [[nodiscard]] std::vector<Action> own_actions() const override;
+  bool act(const std::string& name) override;
+
+  face::PoseTracker tracker_;
+  PoseSessionOptions options_;
+  std::optional<face::appearance::Synthesis> synthesis_;  // where faces are edited
+  face::PoseState state_;
+  face::PoseResult result_;
+};
+
+}  // namespace tarsier

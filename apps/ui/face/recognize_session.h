@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/debug_sink.h"
+#include "tarsier/face/pipelines/identifier.h"
+
+#include "ui/frame_session.h"
+#include <cstddef>
+#include <string>
+#include <vector>
+
+namespace tarsier {
+
+// Shows the names that a face::Identifier finds.
+// Keys: space pauses, h help, q or Esc ends. State: {"faces", "known", "paused"}.
+class RecognizeSession final : public FrameSession {
+ public:
+  // `debug`, which may be null and must outlive the session, takes the stages of a still's first
+  // face.
+  RecognizeSession(face::Identifier identifier, face::IdentifierState state,
+                   DebugSink* debug = nullptr);
+
+  // Of the latest frame.
+  [[nodiscard]] const face::IdentifierResult& result() const { return result_; }
+  [[nodiscard]] const std::vector<face::NamedFace>& faces() const { return result_.faces; }
+  [[nodiscard]] face::people::Gallery* gallery() const { return state_.gallery(); }
+
+ private:
+  void process(const Frame& frame) override;
+  void draw(cv::Mat& image) override;
+  [[nodiscard]] nlohmann::json state() const override;
+  [[nodiscard]] std::string status() const override;
+  bool idle() override;
+  [[nodiscard]] std::ptrdiff_t known() const;  // faces
+
+  face::Identifier identifier_;
+  face::IdentifierState state_;
+  DebugSink* debug_;
+  face::IdentifierResult result_;
+};
+
+// A frame round a face and its name: green and "Ann 97 %" for who is known, grey and "unknown (Ann
+// 12 %)" else.
+void draw_named_face(cv::Mat& image, const face::NamedFace& face);
+
+}  // namespace tarsier

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: MIT
+#include "ui/frame_session.h"
+
+#include "tarsier/image/draw/text.h"
+#include "tarsier/media/still_source.h"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+namespace tarsier {
+
+View FrameSession::on_frame(const Frame& frame, const SourceStatus& source) {
+  if (controls_.paused() && !frame.still && !latest_.image.empty()) {
+    trouble_ = trouble_of(source);  // a camera goes on; what is shown stays
+    return view(false);
+  }
+  if (frame.still || source_of(frame) != source_of(latest_)) restart();
+  latest_ = frame;
+  trouble_ = trouble_of(source);
+  timer_.start();
+  process(frame);
+  timer_.stop();
+  processed();
+  return view(draw_again());
+}
+
+View FrameSession::on_idle(const SourceStatus& source) {
+  if (idle()) draw_again();
+  trouble_ = trouble_of(source);
+  return view(false);
+}
+
+View FrameSession::on_event(const Event& event) {
+  bool changed = false;
+  if (event.kind == Event::Kind::kMouse) {
+    changed = mouse(event);
+  } else {
+    const std::string name = action_of(event, actions());
+    changed = !controls_.act(name) && act(name);
+  }
+  return view(changed && draw_again() && still());
+}
+
+std::vector<Action> FrameSession::actions() const { return controls_.after(own_actions()); }
+
+bool FrameSession::draw_again() {
+  if (frame().empty()) return false;
+  frame().copyTo(output_);
+  draw(output_);
+  return true;
+}
+
+View FrameSession::view(bool fresh) {
+  View result;
+  result.state = state();
+  result.state["paused"] = controls_.paused();
+  result.status = fmt::format("{}{}{}", status(), trouble_.empty() ? "" : "  " + trouble_,
+                              controls_.paused() ? "  paused" : "");
+  if (fresh) result.output = output_;
+  if (!output_.empty()) {
+    output_.copyTo(shown_);
+    draw_shown(shown_);
+    const std::string said = message();
+    if (!draws_status() && !said.empty()) result.status = said;
+    if (draws_status()) {
+      image::draw::status_bar(shown_, said.empty() ? result.status : said,
+                              timer_.words(still()) + "   h: help");
+      if (controls_.help()) draw_help(shown_, title_, actions());
+    }
+    result.image = shown_;
+  }
+  result.finished = controls_.finished();
+  return result;
+}
+
+}  // namespace tarsier

@@ -1,0 +1,234 @@
+// SPDX-License-Identifier: MIT
+#include "ui/planar/calibrate_session.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+#include "tarsier/image/draw/shapes.h"
+#include "tarsier/image/draw/text.h"
+#include "tarsier/planar/calibration/coverage.h"
+#include "tarsier/planar/calibration/draw_board.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "ui/overlay.h"
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+using planar::calibration::Verdict;
+
+constexpr int kFlash = 8;  // frames that show that a view was taken
+constexpr double kCoverageTint = 0.22;
+const cv::Scalar kGood(90, 220, 90);
+const cv::Scalar kWait(60, 200, 255);
+const cv::Scalar kPlain(235, 235, 235);
+
+std::string words_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::kTaken:
+      return "taken";
+    case Verdict::kReplaced:
+      return "taken: sharper than before";
+    case Verdict::kNoBoard:
+      return "no board seen";
+    case Verdict::kMoving:
+      return "hold the board still";
+    case Verdict::kBlurred:
+      return "blurred: more light, or hold still";
+    case Verdict::kAlike:
+      return "seen before: move on";
+    case Verdict::kFull:
+      break;
+  }
+  return "that is enough: q ends";
+}
+
+}  // namespace
+
+CalibrateSession::CalibrateSession(planar::Calibrator calibrator)
+    : calibrator_(std::move(calibrator)) {
+  TARSIER_REQUIRE(calibrator_.options().live, "a session needs a live calibrator");
+}
+
+const planar::calibration::Coverage* CalibrateSession::coverage() const {
+  return state_.collector ? &state_.collector->coverage() : nullptr;
+}
+
+View CalibrateSession::on_frame(const Frame& frame, const SourceStatus& source) {
+  source_ = trouble_of(source);
+  if (controls_.paused() && !frame_.image.empty()) return view(false);
+  frame_ = frame;
+  if (flash_ > 0) --flash_;
+  apply(calibrator_.process(frame, state_));
+  draw();
+  return view(true);
+}
+
+void CalibrateSession::apply(const planar::CalibratorAnswer& answer) {
+  verdict_ = answer.verdict ? std::string(name_of(*answer.verdict)) : "another size";
+  if (!answer.is_taken()) return;
+  flash_ = kFlash;
+  calibrate_now();
+}
+
+void CalibrateSession::forget(bool all) {
+  do {
+    calibrator_.forget_last(state_);
+  } while (all && !state_.views.empty());
+  flash_ = 0;
+  result_.reset();
+  if (!state_.views.empty()) calibrate_now();
+  if (!result_) straight_ = false;
+}
+
+void CalibrateSession::calibrate_now() {
+  std::optional<geometry::Camera> start;
+  if (ok()) start = result_->calibration.camera;
+  result_ = calibrator_.calibrate(state_, start);
+  straightener_.reset();
+  if (!ok()) straight_ = false;
+}
+
+View CalibrateSession::on_idle(const SourceStatus& source) {
+  source_ = trouble_of(source);
+  return view(false);
+}
+
+View CalibrateSession::on_event(const Event& event) {
+  const std::string name = action_of(event, actions());
+  controls_.act(name);
+  if (name == "take") apply(calibrator_.take(state_));
+  if (name == "undo") forget(false);
+  if (name == "restart") forget(true);
+  if (name == "calibrate" && coverage() != nullptr) calibrate_now();
+  if (name == "straight") straight_ = !straight_ && ok();
+  if (name == "coverage") shows_coverage_ = !shows_coverage_;
+  if (!frame_.image.empty()) draw();
+  return view(false);
+}
+
+std::vector<Action> CalibrateSession::actions() const {
+  return controls_.after({{"take", "take this view now", key::kSpace},
+                          {"undo", "forget the last view", 'z'},
+                          {"restart", "forget all views", 'x'},
+                          {"calibrate", "calibrate now", 'c'},
+                          {"straight", "the straightened picture", 'u'},
+                          {"coverage", "what is covered", 'm'}});
+}
+
+// What to do next, in a line.
+std::string CalibrateSession::advice() const {
+  if (coverage() == nullptr) return "";
+  const std::vector<std::string> missing = coverage()->missing();
+  if (!missing.empty()) return "show: " + missing.front();
+  return "enough: q ends";
+}
+
+void CalibrateSession::draw() {
+  frame_.image.copyTo(output_);
+  if (straight_ && ok() && frame_.image.size() == state_.size) {
+    try {
+      if (!straightener_) {
+        const geometry::Camera& from = result_->calibration.camera;
+        straightener_.emplace(from, geometry::undistorted_camera(from));
+      }
+      output_ = (*straightener_)(frame_.image);
+    } catch (const Error&) {  // a distortion that cannot be undone at the border
+      straight_ = false;
+      verdict_ = "cannot be straightened";
+    }
+  } else {
+    if (shows_coverage_ && coverage() != nullptr)
+      draw_coverage(output_, *coverage(), kCoverageTint);
+    if (!state_.board.empty()) draw_view(output_, state_.board, calibrator_.options().board);
+  }
+  output_.copyTo(shown_);
+  draw_text();
+}
+
+void CalibrateSession::draw_text() {
+  const bool took = flash_ > 0;
+  if (took && !straight_) {
+    cv::rectangle(shown_, cv::Rect(0, 0, shown_.cols, shown_.rows), kGood,
+                  std::max(2, shown_.cols / 160));
+  }
+  if (!draws_status()) return;
+  std::string line = straight_ ? "straightened: lines of the world are straight" : verdict_;
+  for (const Verdict verdict :
+       {Verdict::kTaken, Verdict::kReplaced, Verdict::kNoBoard, Verdict::kMoving, Verdict::kBlurred,
+        Verdict::kAlike, Verdict::kFull}) {
+    if (line == name_of(verdict)) {
+      line = words_of(verdict);
+      break;
+    }
+  }
+  if (took && !straight_) line = fmt::format("view {} taken", state_.views.size());
+  image::draw::TextStyle style;
+  style.color = straight_ ? kPlain : took ? kGood : state_.board.empty() ? kPlain : kWait;
+  style.backing = image::draw::Backing::kBox;
+  const int margin = std::max(4, shown_.cols / 100);
+  const cv::Rect box = image::draw::put_text(shown_, line, {margin, margin}, style);
+  style.height_px = std::max(8.0, 0.75 * image::draw::fitting_text_height(shown_.size()));
+  style.color = kPlain;
+  image::draw::put_text(shown_, advice(), {margin, box.y + box.height + margin / 2}, style);
+  std::string right;
+  if (ok()) {
+    const planar::calibration::Calibration& found = result_->calibration;
+    // Short: the bar gives its right half at most.
+    right = fmt::format("fx {:.1f}+-{:.1f} rms {:.2f}", found.camera.fx, found.deviations.fx,
+                        found.camera.rms);
+  } else if (!state_.views.empty()) {
+    right = "not yet calibrated";
+  }
+  const double share = coverage() != nullptr ? coverage()->share() : 0;
+  image::draw::status_bar(shown_,
+                          fmt::format("{} {}, {:.0f} % covered", state_.views.size(),
+                                      state_.views.size() == 1 ? "view" : "views", 100 * share),
+                          right);
+  if (controls_.help()) draw_help(shown_, "Calibrate", actions());
+}
+
+View CalibrateSession::view(bool fresh) {
+  View view;
+  view.image = shown_;
+  if (fresh) view.output = output_;
+  const double share = coverage() != nullptr ? coverage()->share() : 0;
+  view.status =
+      fmt::format("{} views, {:.0f} % covered, {}{}{}", state_.views.size(), 100 * share, verdict_,
+                  controls_.paused() ? ", paused" : "", source_.empty() ? "" : ", " + source_);
+  nlohmann::json& state = view.state;
+  state["views"] = state_.views.size();
+  state["coverage"] = std::round(share * 1e3) / 1e3;
+  state["verdict"] = verdict_;
+  state["missing"] = coverage() != nullptr ? coverage()->missing() : std::vector<std::string>();
+  state["cells"] = nlohmann::json::array();
+  if (const auto* covered = coverage()) {
+    for (auto at = covered->cells.begin(); at < covered->cells.end();
+         at += planar::calibration::kCoverageColumns)
+      state["cells"].push_back(std::vector<int>(at, at + planar::calibration::kCoverageColumns));
+  }
+  state["per_view"] = nlohmann::json::array();
+  for (std::size_t k = 0; k < state_.views.size(); ++k) {
+    nlohmann::json line{{"points", state_.views[k].points.size()}};
+    if (result_ && k < result_->calibration.views.size()) {
+      const planar::calibration::ViewReport& report = result_->calibration.views[k];
+      line["rms"] = std::round(report.rms * 1e4) / 1e4;
+      line["tilt"] = std::round(report.tilt_deg * 10) / 10;
+    }
+    state["per_view"].push_back(std::move(line));
+  }
+  state["calibrated"] = ok();
+  state["rms"] = ok() ? std::round(result_->calibration.camera.rms * 1e4) / 1e4 : 0.0;
+  state["fx"] = ok() ? std::round(result_->calibration.camera.fx * 1e3) / 1e3 : 0.0;
+  state["refusal"] = result_ ? result_->calibration.refusal : "";
+  state["straight"] = straight_;
+  state["paused"] = controls_.paused();
+  view.finished = controls_.finished();
+  return view;
+}
+
+}  // namespace tarsier

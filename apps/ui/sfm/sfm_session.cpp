@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: MIT
+#include "ui/sfm/sfm_session.h"
+
+#include "tarsier/image/draw/text.h"
+#include "tarsier/sfm/view/render.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include "ui/overlay.h"
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace tarsier {
+namespace {
+
+const cv::Scalar kGreen{60, 210, 60};
+const cv::Scalar kRim{0, 40, 0};
+const cv::Scalar kInk{70, 60, 50};
+constexpr double kWidest = 1680;   // px, of both panels
+constexpr double kTurnDeg = 10;    // of an arrow key
+constexpr double kDragDeg = 0.35;  // of a pixel
+constexpr double kZoom = 1.2;      // of a key or a notch
+
+// Height of both panels: the frame's own where there is room; even, as videos need it.
+int panel_height(cv::Size frame) {
+  const double aspect = static_cast<double>(frame.width) / frame.height;
+  const double most = std::min(720.0, kWidest / (aspect + 4.0 / 3));
+  return std::max(2, static_cast<int>(std::clamp(static_cast<double>(frame.height), 240.0,
+                                                 std::max(most, 120.0))) /
+                         2 * 2);
+}
+
+}  // namespace
+
+SfmSession::SfmSession(sfm::OnlineReconstructor& online, const std::stop_token& stop)
+    : online_(online), stop_(stop) {}
+
+View SfmSession::on_frame(const Frame& frame, const SourceStatus& source) {
+  source_ = trouble_of(source);
+  if (controls_.paused()) return view(false);  // a camera goes on while nobody looks
+  latest_ = frame;
+  update(online_.process(frame, stop_));
+  draw();
+  return view(true);
+}
+
+View SfmSession::on_idle(const SourceStatus& source) {
+  source_ = trouble_of(source);
+  return view(false);
+}
+
+View SfmSession::on_event(const Event& event) {
+  const std::string name = action_of(event, actions());
+  controls_.act(name);
+  if (name == "left") turn(-kTurnDeg, 0);
+  if (name == "right") turn(kTurnDeg, 0);
+  if (name == "up") turn(0, kTurnDeg);
+  if (name == "down") turn(0, -kTurnDeg);
+  if (name == "nearer") zoom(kZoom);
+  if (name == "farther") zoom(1 / kZoom);
+  if (name == "reset") {
+    yaw_ = 0;
+    pitch_ = 15;
+    zoom_ = 1;
+    cloud_is_old_ = true;
+  }
+  if (name == "adjust" && !latest_.image.empty()) update(online_.refine(stop_));
+  if (event.kind == Event::Kind::kMouse) {
+    const cv::Point2d where(event.x, event.y);
+    switch (event.mouse) {
+      case Event::Mouse::kLeftDown:
+        drag_ = where;
+        break;
+      case Event::Mouse::kLeftUp:
+        drag_.reset();
+        break;
+      case Event::Mouse::kMove:
+        if (drag_) {
+          turn(-kDragDeg * (where.x - drag_->x), kDragDeg * (where.y - drag_->y));
+          drag_ = where;
+        }
+        break;
+      case Event::Mouse::kWheel:
+        zoom(std::pow(kZoom, event.wheel));
+        break;
+      case Event::Mouse::kDouble:
+        drag_.reset();
+        break;
+      default:
+        break;
+    }
+  }
+  if (!latest_.image.empty()) draw();
+  return view(false);
+}
+
+std::vector<Action> SfmSession::actions() const {
+  return controls_.after({{"left", "turn left", key::kLeft},
+                          {"right", "turn right", key::kRight},
+                          {"up", "look from higher", key::kUp},
+                          {"down", "look from lower", key::kDown},
+                          {"nearer", "nearer", '+'},
+                          {"farther", "farther", '-'},
+                          {"reset", "the first view", '0'},
+                          {"adjust", "adjust all of the model", 'r'}});
+}
+
+View SfmSession::finish() {
+  update(online_.finish(stop_));
+  if (!latest_.image.empty()) draw();
+  return view(!latest_.image.empty());
+}
+
+void SfmSession::update(sfm::OnlineResult result) {
+  result_ = std::move(result);
+  cloud_is_old_ = cloud_is_old_ || result_.model_changed;
+}
+
+void SfmSession::turn(double yaw, double pitch) {
+  yaw_ = std::remainder(yaw_ + yaw, 360);
+  pitch_ = std::clamp(pitch_ + pitch, -89.0, 89.0);
+  cloud_is_old_ = true;
+}
+
+void SfmSession::zoom(double factor) {
+  zoom_ = std::clamp(zoom_ * factor, 0.1, 20.0);
+  cloud_is_old_ = true;
+}
+
+std::string SfmSession::counts() const {
+  return fmt::format("{} key frame{}, {} in the model, {} points", result_.key_frames,
+                     result_.key_frames == 1 ? "" : "s", result_.registered, result_.points);
+}
+
+void SfmSession::draw() {
+  const int height = panel_height(latest_.image.size());
+  const double scale = static_cast<double>(height) / latest_.image.rows;
+  const int left = std::max(2, cvRound(latest_.image.cols * scale) / 2 * 2);
+  const int right = height * 4 / 3 / 2 * 2;
+  output_.create(height, left + right, CV_8UC3);
+  cv::Mat shown = output_(cv::Rect(0, 0, left, height));
+  cv::resize(latest_.image, shown, shown.size(), 0, 0,
+             scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+  const int radius = std::max(2, height / 200);
+  for (const cv::Point2f& tracked : result_.tracked) {
+    const cv::Point2d p = cv::Point2d(tracked) * scale;
+    const cv::Point where(cvRound(p.x * 16), cvRound(p.y * 16));
+    cv::circle(shown, where, (radius + 1) * 16, kRim, cv::FILLED, cv::LINE_AA, 4);
+    cv::circle(shown, where, radius * 16, kGreen, cv::FILLED, cv::LINE_AA, 4);
+  }
+
+  const sfm::Model& model = online_.model();
+  const cv::Size size(right, height);
+  if (cloud_is_old_ || cloud_.size() != size) {
+    sfm::ViewOptions view;
+    view.size = size;
+    view.yaw_deg = yaw_;
+    view.pitch_deg = pitch_;
+    if (zoom_ != 1 && !model.points.empty())
+      view.distance = sfm::viewpoint_of(model, view).distance / zoom_;
+    cloud_ = sfm::render_model(model, view);
+    cloud_is_old_ = false;
+  }
+  cv::Mat panel = output_(cv::Rect(left, 0, right, height));
+  cloud_.copyTo(panel);
+  image::draw::TextStyle style;
+  style.height_px = std::max(8.0, height / 45.0);
+  style.color = kInk;
+  style.backing = image::draw::Backing::kOutline;
+  style.backing_color = cv::Scalar(250, 248, 246);
+  image::draw::put_text(panel, counts(), {8, 8}, style);
+  if (model.images.empty()) {
+    image::draw::put_text(panel, "no model yet: move the camera sideways", {right / 2, height / 2},
+                          style, image::draw::Anchor::kCenter);
+  }
+}
+
+View SfmSession::view(bool fresh) {
+  View result;
+  result.state = sfm::to_json(result_);
+  result.state["paused"] = controls_.paused();
+  result.status = fmt::format("{}, {:.0f} ms{}", counts(), result_.growth_ms,
+                              controls_.paused() ? ", paused" : "");
+  result.finished = controls_.finished();
+  if (output_.empty()) return result;
+  output_.copyTo(shown_);
+  if (draws_status())
+    image::draw::status_bar(shown_, result.status, source_.empty() ? "h: help" : source_);
+  if (draws_status() && controls_.help()) {
+    draw_help(shown_, "Structure from motion", actions(),
+              {{"arrows", "turn the cloud, as a dragged mouse does"}});
+  }
+  result.image = shown_;
+  if (fresh) result.output = output_;
+  return result;
+}
+
+}  // namespace tarsier

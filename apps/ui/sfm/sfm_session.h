@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/sfm/pipelines/online_reconstructor.h"
+
+#include <opencv2/core.hpp>
+
+#include "ui/controls.h"
+#include "ui/session.h"
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+namespace tarsier {
+
+// A model that grows while its video is shown: at the left the frame, with the points of the model
+// that are seen in it; at the right the cloud and its cameras. While the model grows, the host
+// waits.
+// Keys: space pauses, arrows or a dragged mouse turn the cloud, + - and the wheel zoom, 0 is the
+// first view again, r adjusts all of the model, h help, q or Esc ends.
+// State: {"key_frames", "registered", "points", "followed": points of the model in the frame,
+// "paused"}.
+class SfmSession final : public Session {
+ public:
+  // `online` must outlive the session. When `stop` fires, growing ends early. on_frame throws what
+  // OnlineReconstructor::process() throws.
+  explicit SfmSession(sfm::OnlineReconstructor& online, const std::stop_token& stop = {});
+
+  View on_frame(const Frame& frame, const SourceStatus& source) override;
+  View on_idle(const SourceStatus& source) override;
+  View on_event(const Event& event) override;
+  [[nodiscard]] std::vector<Action> actions() const override;
+  [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
+
+  // No more frames: the video's last key frame; the model grows by what is waiting.
+  View finish();
+
+ private:
+  void turn(double yaw, double pitch);
+  void zoom(double factor);
+  void draw();
+  View view(bool fresh);
+  [[nodiscard]] std::string counts() const;
+
+  void update(sfm::OnlineResult result);
+
+  sfm::OnlineReconstructor& online_;
+  std::stop_token stop_;
+  sfm::OnlineResult result_;  // of the latest call
+  Frame latest_;
+  cv::Mat cloud_;
+  bool cloud_is_old_ = true;
+  double yaw_ = 0;
+  double pitch_ = 15;
+  double zoom_ = 1;
+  std::optional<cv::Point2d> drag_;  // where the mouse was
+  cv::Mat output_;
+  cv::Mat shown_;
+  std::string source_;
+  SessionControls controls_{true};
+};
+
+}  // namespace tarsier
