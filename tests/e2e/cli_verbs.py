@@ -379,7 +379,7 @@ SHORT = {"landmarks annotate", "landmarks import", "landmarks show", "landmarks 
 # user waits. A slower machine, or one whose cores and memory others use too, may take as much longer as it takes for VERIFY_CPU.
 # Sanitized code is several times slower.
 STOP_CPU = float(os.environ.get("TARSIER_STOP_CPU", "5" if os.environ.get("TARSIER_SANITIZED") else "0.5"))  # s
-VERIFY_CPU = 0.4  # s of `tarsier models verify --threads 1` where that limit was set
+VERIFY_CPU = 0.2  # s of `tarsier models verify --threads 1` where that limit was set
 STOP_WALL = 60  # s; on a loaded machine. A program that sleeps on would not be seen in its processor time.
 MOMENTS = (0.05, 0.5)  # CPU s after the program is ready for signals
 MORE_MOMENTS = (0.05, 0.2, 0.5, 1.0)

@@ -138,6 +138,36 @@ TEST_F(ArchiveTest, BracketsInTextsAreNoNesting) {
   EXPECT_EQ(value["a"].get<std::string>().size(), 1001U);
 }
 
+TEST_F(ArchiveTest, LongTextsComeBackInTheirPlaces) {
+  const std::string data(3000, 'A');
+  const std::string other(257, '/');
+  const json value = {{"names", {{data, 1}, {"b", data}}},
+                      {"escaped", data + "\n\"" + data},
+                      {"list", {other, "short", data, json::object(), other}},
+                      {"letters", data + "\xC3\xBC"},
+                      {"z", other}};
+  for (const int indent : {-1, 1}) EXPECT_EQ(parse_json(value.dump(indent), "x"), value);
+  EXPECT_EQ(parse_json('"' + data + '"', "x"), json(data));
+  for (std::size_t size = 250; size < 400; ++size) {  // around what is long, and its blocks
+    const json text = {std::string(size, 'x'), "y"};
+    EXPECT_EQ(parse_json(text.dump(), "x"), text);
+  }
+  // Of the same name: the last one.
+  EXPECT_EQ(parse_json(R"({"a": ")" + data + R"(", "a": ")" + other + R"("})", "x")["a"], other);
+}
+
+TEST_F(ArchiveTest, TroubleBehindLongTextsIsFoundWhereItIs) {
+  const std::string data(3000, 'A');
+  const std::string start = "{\"type\": \"test\", \"data\": \"" + data + "\"";
+  EXPECT_THAT(refusal(start), HasSubstr("ends too early"));
+  EXPECT_THAT(refusal(start + " ]"), HasSubstr("line 1, column 3029: not JSON at \"]\""));
+  EXPECT_THAT(refusal(start + ",\n \"b\": ]}"), HasSubstr("line 2, column 7: not JSON at \"]}\""));
+  EXPECT_THAT(refusal(start + ": 1}"), HasSubstr("line 1, column 3028: not JSON at \": 1}"));
+  EXPECT_THAT(refusal("{\"type\": \"" + data), HasSubstr("ends too early"));
+  EXPECT_THAT(refusal("{\"type\": \"" + data + "\x01\"}"), HasSubstr("column 3011: not JSON"));
+  EXPECT_THAT(refusal("{\"type\": \"" + data + "\xFF\"}"), HasSubstr("column 3011: not UTF-8"));
+}
+
 TEST_F(ArchiveTest, TextMustBeUtf8) {
   for (const char* bad : {"\"\xFF\"", "\"\xC0\xAF\"", "\"\xED\xA0\x80\"", "\"\xF5\x80\x80\x80\"",
                           "\"\xE2\x82\"", "\"\\\xC3\""}) {
@@ -219,6 +249,9 @@ TEST(Pack, HostileArraysAreRefused) {
   EXPECT_THAT(with("data", "AAA"), HasSubstr("base64"));
   EXPECT_THAT(with("data", "===="), HasSubstr("base64"));
   EXPECT_THAT(with("data", "AA*A"), HasSubstr("base64"));
+  EXPECT_THAT(with("data", "AAAAAAAA8D8AAAAAAAAA*A=="), HasSubstr("base64"));
+  EXPECT_THAT(with("data", "AAAAAAAA8D8AAAAAAAAAQ==="), HasSubstr("base64"));
+  EXPECT_THAT(with("data", "AAAAAAAA8D8AAA=AAAAAQA=="), HasSubstr("base64"));
   EXPECT_THAT(with("data", "AAAAAAAA+H8AAAAAAADwPw=="), HasSubstr("not finite"));
   EXPECT_THAT(reason(json(3)), HasSubstr("no packed array"));
   EXPECT_THROW((void)pack(PackedArray<double>{{3}, {1}}), std::invalid_argument);
