@@ -26,8 +26,18 @@ namespace {
 struct Program {
   Context context;
   Command root{"tarsier", "classical computer vision"};
-  Program() { add_areas(root, context); }
+  explicit Program(const std::vector<std::string>& words = {}) {
+    context.words = words;
+    add_areas(root, context);
+  }
 };
+
+std::vector<std::string> areas_for(const std::vector<std::string>& words) {
+  const Program program(words);
+  std::vector<std::string> names;
+  for (const Command* area : program.root.subcommands()) names.push_back(area->name());
+  return names;
+}
 
 std::string name_of(const VerbInfo& verb) {
   std::string name;
@@ -51,6 +61,31 @@ const FlagInfo& flag_of(const VerbInfo& verb, const std::string& name) {
   });
   if (at == verb.flags.end()) throw std::invalid_argument(name_of(verb) + " has no " + name);
   return *at;
+}
+
+TEST(Areas, ALineThatNamesOneGetsThatOneAsItAlwaysIs) {
+  const Program all;
+  for (const Command* area : all.root.subcommands()) {
+    if (area->name() == "help") continue;
+    const Program one({area->name()});
+    EXPECT_THAT(areas_for({area->name()}), testing::ElementsAre(area->name()));
+    const Command& same = *one.root.find(area->name());
+    EXPECT_EQ(help_text(same), help_text(*area));
+    ASSERT_EQ(same.subcommands().size(), area->subcommands().size()) << area->name();
+    for (size_t i = 0; i < same.subcommands().size(); ++i) {
+      EXPECT_EQ(help_text(*same.subcommands()[i]), help_text(*area->subcommands()[i]));
+    }
+  }
+}
+
+TEST(Areas, AllAreThereForHelpUnknownWordsAndConfigurations) {
+  const std::vector<std::string> all = areas_for({});
+  EXPECT_GE(all.size(), 15u);
+  EXPECT_EQ(areas_for({"help", "--json"}), all);
+  EXPECT_EQ(areas_for({"--version"}), all);
+  EXPECT_EQ(areas_for({"plates"}), all);
+  EXPECT_EQ(areas_for({"plate", "read", "--config", "sections.toml"}), all);
+  EXPECT_EQ(areas_for({"plate", "read", "--config=sections.toml"}), all);
 }
 
 TEST(Verbs, EachFlagIsDescribedAndItsDefaultIsAllowed) {

@@ -5,7 +5,11 @@
 #include "verbs/program/bench_flags.h"
 #include "verbs/program/demo_flags.h"
 #include "verbs/program/serve_flags.h"
+#include <algorithm>
+#include <iterator>
 #include <span>
+#include <string>
+#include <vector>
 
 namespace tarsier::cli {
 namespace {
@@ -44,36 +48,74 @@ Exit status: 0 done, 1 nothing found, 2 usage, 3 bad input, 4 source lost, 5 bad
 6 cannot write, 130 interrupted. `tarsier --version` tells the version.
 )";
 
+// Programs of their own: what only they need is neither linked nor loaded here.
+std::span<const std::string> behind_area(const Context& given) {
+  return std::span(given.words).subspan(1);
+}
+
+void add_companion_demo(Command& app, Context& context) {
+  add_demo(app, context, [](const DemoOptions&, const Context& given) -> ExitStatus {
+    become_companion("tarsier-demo", behind_area(given));
+  });
+}
+
+void add_companion_bench(Command& app, Context& context) {
+  add_bench(app, context,
+            [](std::string_view, const BenchOptions&, const Context& given) -> ExitStatus {
+              become_companion("tarsier-bench", behind_area(given));
+            });
+}
+
+void add_companion_serve(Command& app, Context& context) {
+  add_serve(app, context, [](const ServeOptions&, const Context& given) -> ExitStatus {
+    become_companion("tarsier-serve", behind_area(given));
+  });
+}
+
+struct Area {
+  std::string_view name;  // of the sub-command that it adds
+  void (*add)(Command& app, Context& context);
+};
+
+constexpr Area kAreas[] = {
+    {"cartoon", add_cartoon},
+    {"plate", add_plate},
+    {"sfm", add_sfm},
+    {"calibrate", add_calibrate},
+    {"ar", add_ar},
+    {"landmarks", add_landmarks},
+    {"aam", add_aam},
+    {"pose", add_pose},
+    {"people", add_people},
+    {"models", add_models},
+    {"doctor", add_doctor},
+    {"demo", add_companion_demo},
+    {"bench", add_companion_bench},
+    {"serve", add_companion_serve},
+    {"help", add_help},
+};
+
+// The one area that a command line is about, whose flags are all that its parser has to know; empty
+// if it needs all areas: those that help lists, or whose sections a file of --config may have.
+std::string only_area(const std::vector<std::string>& words) {
+  if (words.empty() || words[0] == "help") return {};
+  const bool known = std::any_of(std::begin(kAreas), std::end(kAreas),
+                                 [&](const Area& area) { return area.name == words[0]; });
+  const bool configured = std::any_of(words.begin(), words.end(), [](const std::string& word) {
+    return word.starts_with("--config");
+  });
+  return known && !configured ? words[0] : std::string();
+}
+
 }  // namespace
 
 void add_areas(Command& app, Context& context) {
   app.add_version_flag("--version");
   app.require_subcommand(0, 1);
-  add_cartoon(app, context);
-  add_plate(app, context);
-  add_sfm(app, context);
-  add_calibrate(app, context);
-  add_ar(app, context);
-  add_landmarks(app, context);
-  add_aam(app, context);
-  add_pose(app, context);
-  add_people(app, context);
-  add_models(app, context);
-  add_doctor(app, context);
-  // Programs of their own: what only they need is neither linked nor loaded here.
-  const auto behind_area = [](const Context& given) { return std::span(given.words).subspan(1); };
-  add_demo(app, context, [behind_area](const DemoOptions&, const Context& given) -> ExitStatus {
-    become_companion("tarsier-demo", behind_area(given));
-  });
-  add_bench(
-      app, context,
-      [behind_area](std::string_view, const BenchOptions&, const Context& given) -> ExitStatus {
-        become_companion("tarsier-bench", behind_area(given));
-      });
-  add_serve(app, context, [behind_area](const ServeOptions&, const Context& given) -> ExitStatus {
-    become_companion("tarsier-serve", behind_area(given));
-  });
-  add_help(app, context);
+  const std::string wanted = only_area(context.words);
+  for (const Area& area : kAreas) {
+    if (wanted.empty() || wanted == area.name) area.add(app, context);
+  }
   add_examples(app);
 }
 

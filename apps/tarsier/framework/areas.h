@@ -6,7 +6,8 @@
 
 namespace tarsier::cli {
 
-// All areas of tarsier, with their verbs and examples.
+// The areas of tarsier, with their verbs and examples: the one that context.words begin with, where
+// they need no other; else all.
 void add_areas(Command& app, Context& context);
 
 // `tarsier --help`
