@@ -522,14 +522,15 @@ class Page:
           return `${wide} px: ${out.join(' | ')}`;
         })()""")
 
-    def axe(self, source):
-        """Findings of axe-core that are serious or critical, one line each."""
+    def axe(self, source, rules=None):
+        """Findings of axe-core that are serious or critical, one line each; of these rules alone, if given."""
         if not self.evaluate("typeof axe !== 'undefined'"):
             self.send("Runtime.evaluate", {"expression": source})
+        tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
+        only = {"type": "rule", "values": rules} if rules else {"type": "tag", "values": tags}
         answer = self.evaluate(
-            """axe.run(document, {resultTypes: ['violations'], runOnly: {type: 'tag',
-               values: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice']}})
-               .then((result) => JSON.stringify(result.violations.map((one) => ({id: one.id, impact: one.impact,
+            f"axe.run(document, {{resultTypes: ['violations'], runOnly: {json.dumps(only)}}})"
+            """.then((result) => JSON.stringify(result.violations.map((one) => ({id: one.id, impact: one.impact,
                  help: one.help, nodes: one.nodes.slice(0, 3).map((node) => node.html.slice(0, 160) + ' # ' +
                  (node.any[0]?.message ?? node.all[0]?.message ?? ''))}))))""",
             timeout=120,
