@@ -158,6 +158,7 @@ class PipeWindow final : public Window {
       if (left <= milliseconds(0)) break;
       wait(left);
     }
+    handed_out_ = received_;
     return std::exchange(events_, {});
   }
 
@@ -196,7 +197,8 @@ class PipeWindow final : public Window {
                       {"finished", view.finished},
                       {"fullscreen", fullscreen_},
                       {"width", size.width},
-                      {"height", size.height}};
+                      {"height", size.height},
+                      {"events", handed_out_}};
     if (frame != nullptr) {
       json["frame"] = {{"index", frame->index},   {"time", std::round(frame->time * 1e6) / 1e6},
                        {"name", frame->name},     {"age_ms", milliseconds_since(frame->captured)},
@@ -314,6 +316,7 @@ class PipeWindow final : public Window {
     max_width_ = line.max_width.value_or(max_width_);
     if (changes) is_new_ = true;  // the same picture is another image now
     if (!line.event) return;
+    ++received_;
     Event& event = *line.event;
     if (event.kind == Event::Kind::kMouse) {
       // Where no image was asked for yet, of the one that would be sent.
@@ -375,8 +378,10 @@ class PipeWindow final : public Window {
   WindowLines lines_;
   std::vector<char> buffer_;
   std::vector<Event> events_;
-  cv::Size shown_;  // of the picture that was sent last
-  cv::Size sent_;   // in this size
+  std::uint64_t received_ = 0;    // events, also those that were passed over
+  std::uint64_t handed_out_ = 0;  // of them; the next view is what the session made of these
+  cv::Size shown_;                // of the picture that was sent last
+  cv::Size sent_;                 // in this size
   std::optional<Clock::time_point> warned_;
 };
 

@@ -16,9 +16,9 @@ namespace tarsier::window {
 //      {"title","actions":[{"name","help","key"}],"sliders":[{"name","low","high","step","value"}]}
 //   S  JSON, after every frame and every event:
 //      {"status","state":{..},"frame":{"index","time","name","age_ms","source","detail"}|null,
-//       "sliders":{name:value},"finished","fullscreen","width","height"}
+//       "sliders":{name:value},"finished","fullscreen","width","height","events"}
 //      "width" and "height" are those of the images that are sent; 0 before the first. "source" is
-//      "file", or the state of a live source.
+//      "file", or the state of a live source. "events": how many of the lines so far were handled.
 //   J  an image: frame number and age in ms (32 bits each, big-endian; since the frame's last byte
 //      came; 0 for files), then a JPEG
 // Into IN go lines (tarsier/session/window_lines.h): events, {"want":1}, {"quality"},

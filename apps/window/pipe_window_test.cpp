@@ -158,7 +158,8 @@ TEST_F(PipeWindowTest, AStateComesWithEachView) {
   ASSERT_EQ(kinds(got), "HS");
   EXPECT_EQ(got[1].parsed(), json::parse(R"({"status":"value 10","state":{"value":10},
       "frame":{"index":7,"time":0.5,"name":"video","age_ms":0,"source":"file","detail":""},
-      "sliders":{"threshold":60.0},"finished":false,"fullscreen":false,"width":64,"height":48})"));
+      "sliders":{"threshold":60.0},"finished":false,"fullscreen":false,"width":64,"height":48,
+      "events":0})"));
   window_->set_fullscreen(true);
   View last = view(11);
   last.finished = true;
@@ -171,6 +172,19 @@ TEST_F(PipeWindowTest, AStateComesWithEachView) {
   EXPECT_EQ(got[0].parsed()["fullscreen"], true);
   window_->show(View(), nullptr);  // nothing to show yet
   EXPECT_EQ(kinds(records()), "S");
+}
+
+TEST_F(PipeWindowTest, AStateTellsHowManyEventsWereHandled) {
+  open({"", false, {}, {{"sketch", "", 's'}}});
+  window_->show(view(10), nullptr);
+  (void)records();
+  say("{\"key\":115}\n{\"action\":\"sketch\"}\n{\"action\":\"unknown\"}\n{\"want\":0}\n");
+  EXPECT_EQ(window_->poll(milliseconds(1000)).size(), 2U);
+  EXPECT_EQ(kinds(records()), "") << "the session has not handled them yet";
+  window_->show(view(11), nullptr);
+  const std::vector<Record> got = records();
+  ASSERT_EQ(kinds(got), "S");
+  EXPECT_EQ(got[0].parsed()["events"], 3) << "what is passed over counts, too";
 }
 
 TEST_F(PipeWindowTest, AnImageForEachThatIsWantedAndNoneTwice) {

@@ -32,6 +32,7 @@ constexpr milliseconds kFresh{60};      // an older picture is not sent before a
 constexpr milliseconds kFreshWait{50};
 constexpr std::size_t kMaxWatched = 16;  // sessions in one stream
 constexpr std::size_t kMaxEvents = 64;   // in one POST
+constexpr milliseconds kHandled{1000};   // for a session to handle them
 constexpr int kUnsent = 16 << 10;        // bytes that may wait in the socket when more is written
 
 // What is drawn by the program itself, for those without a camera.
@@ -568,17 +569,24 @@ Response Live::take_events(const Request& request) {
   if (!events.is_array() || events.size() > kMaxEvents)
     throw HttpError(400, fmt::format("the body must be a list of at most {} events", kMaxEvents));
   std::string lines;
+  bool is_move = true;  // of the mouse alone: nothing waits for it
   for (const auto& event : events) {
     const auto text = event_line(event);
     if (!text)
       throw HttpError(
           400, "an event is none of key, mouse, action, slider: " + to_text(event).substr(0, 200));
     lines += *text;
+    is_move = is_move && event.value("mouse", "") == "move";
   }
   if (!session->is_running()) throw HttpError(409, "this session has ended");
-  if (!lines.empty() && !session->send(lines))
+  if (lines.empty()) return no_content();
+  const auto number = session->send(lines);
+  if (!number)
     throw HttpError(409, "this session takes no events now: it is ending, or busy for long");
-  return no_content();
+  // 204: the session has handled them, and a click of an annotation is in its journal.
+  if (is_move || session->wait_until_handled(*number, kHandled)) return no_content();
+  if (!session->is_running()) throw HttpError(409, "this session ended before it handled them");
+  return json_response({{"handled", false}}, 202);
 }
 
 Response Live::send_snapshot(const Request& request) {

@@ -28,6 +28,12 @@ constexpr std::size_t kMaxOutbox = 256 << 10;
 constexpr milliseconds kRateWindow{2000};
 constexpr milliseconds kPatience{300};  // between being asked to end and being killed
 
+// Of what a child says; -1 for anything else.
+std::int64_t whole_number(const nlohmann::json& object, const char* name) {
+  const auto found = object.find(name);
+  return found != object.end() && found->is_number_integer() ? found->get<std::int64_t>() : -1;
+}
+
 void close_fd(int& fd) {
   if (fd >= 0) ::close(std::exchange(fd, -1));
 }
@@ -123,6 +129,7 @@ void LiveSession::close() {
     const std::lock_guard lock(mutex_);
     is_closing_ = true;
   }
+  handled_.notify_all();
   child_->interrupt(kPatience);
   nudge();
 }
@@ -247,7 +254,7 @@ void LiveSession::take_record(char kind, std::string payload) {
   } else {
     const auto frame = value.find("frame");
     if (frame != value.end() && frame->is_object()) {
-      const std::int64_t index = frame->value("index", std::int64_t{-1});
+      const std::int64_t index = whole_number(*frame, "index");
       if (index != last_index_) {
         last_index_ = index;
         ++frames_;
@@ -255,6 +262,8 @@ void LiveSession::take_record(char kind, std::string payload) {
         while (frame_times_.back() - frame_times_.front() > kRateWindow) frame_times_.pop_front();
       }
     }
+    events_handled_ = std::max(events_handled_, whole_number(value, "events"));
+    handled_.notify_all();
     state_json_ = std::move(value);
   }
   wake_viewers();
@@ -297,6 +306,7 @@ void LiveSession::note_end(const ChildEnd& end) {
     nlohmann::json value{{"exit", end.exit}, {"error", nullptr}};
     if (!error_.empty()) value["error"] = error_;
     ended_ = {1, std::make_shared<const std::string>(to_text(value))};
+    handled_.notify_all();
     wake_viewers();
   }
   if (options_.on_end) options_.on_end();
@@ -359,14 +369,24 @@ nlohmann::json LiveSession::describe() const {
   return value;
 }
 
-bool LiveSession::send(std::string_view lines) {
+std::optional<std::int64_t> LiveSession::send(std::string_view lines) {
+  std::int64_t events = 0;
   {
     const std::lock_guard lock(mutex_);
-    if (end_ || is_closing_ || outbox_.size() + lines.size() > kMaxOutbox) return false;
+    if (end_ || is_closing_ || outbox_.size() + lines.size() > kMaxOutbox) return std::nullopt;
     outbox_ += lines;
+    events_sent_ += std::count(lines.begin(), lines.end(), '\n');
+    events = events_sent_;
   }
   nudge();
-  return true;
+  return events;
+}
+
+bool LiveSession::wait_until_handled(std::int64_t events, milliseconds patience) {
+  std::unique_lock lock(mutex_);
+  (void)handled_.wait_for(lock, patience,
+                          [&] { return events_handled_ >= events || end_ || is_closing_; });
+  return events_handled_ >= events || (end_ && end_->exit == 0);
 }
 
 LiveSession::Picture LiveSession::picture() const {

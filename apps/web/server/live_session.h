@@ -82,8 +82,12 @@ class LiveSession {
   void close();
   [[nodiscard]] nlohmann::json describe() const;
 
-  // The lines of events, to the child. False where it does not take them.
-  bool send(std::string_view lines);
+  // The lines of events, to the child. The number of all events so far, for wait_until_handled();
+  // nothing where it does not take them.
+  std::optional<std::int64_t> send(std::string_view lines);
+  // Until the session has handled so many events: what it keeps of them is on the disk then. False
+  // where it did not within `patience`, or ended by an error before.
+  bool wait_until_handled(std::int64_t events, std::chrono::milliseconds patience);
 
   [[nodiscard]] Picture picture() const;  // the newest; number 0: none yet
   // Asks the child for a picture that is newer than the newest one here.
@@ -134,6 +138,9 @@ class LiveSession {
   std::deque<std::string> output_;
   std::vector<std::shared_ptr<Waker>> viewers_;
   std::string outbox_;  // for the child's window, not written yet
+  std::int64_t events_sent_ = 0;
+  std::int64_t events_handled_ = 0;
+  std::condition_variable handled_;
   std::shared_ptr<const std::string> camera_next_;
   bool is_camera_over_ = false;
 

@@ -140,6 +140,22 @@ TEST(LiveSession, SendsAPictureForEachCredit) {
   EXPECT_EQ(seen["running"], true);
 }
 
+TEST(LiveSession, TellsWhenEventsAreHandled) {
+  // It handles the first two events, passes over what is no state, and ends at the third.
+  LiveSession session(
+      shell(R"(read a <&3; read b <&3; printf '\000\000\000\015S{"events":2}' >&4; read c <&3;)"
+            R"(printf '\000\000\000\017S{"events":"x"}' >&4; exit $c)"));
+  const auto two = session.send("{}\n{}\n");
+  ASSERT_EQ(two, 2);
+  EXPECT_TRUE(session.wait_until_handled(*two, seconds(10)));
+  EXPECT_FALSE(session.wait_until_handled(3, milliseconds(0)));
+  const auto third = session.send("1\n");
+  ASSERT_EQ(third, 3);
+  EXPECT_FALSE(session.wait_until_handled(*third, seconds(10))) << "it failed before it had";
+  LiveSession quits(shell("read a <&3; exit $a"));
+  EXPECT_TRUE(quits.wait_until_handled(quits.send("0\n").value_or(0), seconds(10)));
+}
+
 TEST(LiveSession, TellsWhyItEnded) {
   LiveSession session(
       shell("echo 'tarsier: a: warning' >&2; echo 'tarsier: error: no such camera' >&2; exit 3"));
