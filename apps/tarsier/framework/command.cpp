@@ -38,30 +38,6 @@ struct Check::Rule {
 namespace {
 
 template <class T>
-std::string range_text(T min, T max) {
-  std::ostringstream text;  // six digits, as the parser's own messages
-  text << min << ".." << max;
-  return text.str();
-}
-
-template <class T>
-FlagInfo range_info(T min, T max) {
-  FlagInfo info;
-  info.range = range_text(min, max);
-  info.min = min;
-  info.max = max;
-  return info;
-}
-
-FlagInfo above_info(const char* text, bool above) {
-  FlagInfo info;
-  info.range = text;
-  info.min = 0;
-  info.above_min = above;
-  return info;
-}
-
-template <class T>
 constexpr FlagType type_of() {
   if constexpr (std::is_integral_v<T>) {
     return FlagType::kInteger;
@@ -84,14 +60,15 @@ Check::Check(std::function<std::string(const std::string&)> problem)
 
 Check::~Check() = default;
 
-Check range(int min, int max) {
-  return Check(
-      std::make_shared<const Check::Rule>(Check::Rule{CLI::Range(min, max), range_info(min, max)}));
-}
-
-Check range(double min, double max) {
-  return Check(
-      std::make_shared<const Check::Rule>(Check::Rule{CLI::Range(min, max), range_info(min, max)}));
+Check::Check(const Range& range)
+    : Check([range](const std::string& text) {
+        double value = 0;
+        const bool good = CLI::detail::lexical_cast(text, value) && range.contains(value);
+        return good ? std::string() : "expected " + range.text() + ", got " + text;
+      }) {
+  auto rule = std::make_shared<Rule>(*rule_);
+  rule->info.range = range;
+  rule_ = std::move(rule);
 }
 
 Check one_of(const std::vector<std::string>& choices) {
@@ -110,16 +87,6 @@ Check one_of(std::initializer_list<int> choices) {
   return Check(std::make_shared<const Check::Rule>(std::move(rule)));
 }
 
-Check positive() {
-  return Check(std::make_shared<const Check::Rule>(
-      Check::Rule{CLI::PositiveNumber, above_info("> 0", true)}));
-}
-
-Check not_negative() {
-  return Check(std::make_shared<const Check::Rule>(
-      Check::Rule{CLI::NonNegativeNumber, above_info(">= 0", false)}));
-}
-
 // --- flags ---
 
 struct Flag::Parts {
@@ -135,12 +102,7 @@ Flag& Flag::check(const Check& check) {
   const Check::Rule& rule = *check.rule_;
   parts_->option->check(rule.validator);
   if (!rule.info.choices.empty()) parts_->rules.choices = rule.info.choices;
-  if (!rule.info.range.empty()) {
-    parts_->rules.range = rule.info.range;
-    parts_->rules.min = rule.info.min;
-    parts_->rules.max = rule.info.max;
-    parts_->rules.above_min = rule.info.above_min;
-  }
+  if (rule.info.range) parts_->rules.range = rule.info.range;
   return *this;
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <cstdint>
 #include <functional>
 #include <initializer_list>
@@ -27,31 +29,23 @@ class Check {
  public:
   // `problem` gets the value as it was typed and returns what is wrong with it, or an empty string.
   explicit Check(std::function<std::string(const std::string&)> problem);
+  // A number of this range.
+  Check(const Range& range);
   ~Check();
 
  private:
   friend class Flag;
-  friend Check range(int min, int max);
-  friend Check range(double min, double max);
   friend Check one_of(const std::vector<std::string>& choices);
   friend Check one_of(std::initializer_list<int> choices);
-  friend Check positive();
-  friend Check not_negative();
   struct Rule;
   explicit Check(std::shared_ptr<const Rule> rule);
   std::shared_ptr<const Rule> rule_;
 };
 
-// min <= value <= max
-[[nodiscard]] Check range(int min, int max);
-[[nodiscard]] Check range(double min, double max);
 // One of these words or numbers.
 [[nodiscard]] Check one_of(const std::vector<std::string>& choices);
 [[nodiscard]] Check one_of(std::initializer_list<std::string_view> choices);
 [[nodiscard]] Check one_of(std::initializer_list<int> choices);
-// value > 0, value >= 0
-[[nodiscard]] Check positive();
-[[nodiscard]] Check not_negative();
 
 // One flag or positional input of a Command, which owns it.
 class Flag {

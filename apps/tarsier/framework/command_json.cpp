@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "command_json.h"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
@@ -33,26 +34,36 @@ Json default_of(const FlagInfo& flag) {
   return values;
 }
 
-Json number_or_null(const std::optional<double>& number) {
-  if (!number) return nullptr;
-  const auto whole = static_cast<std::int64_t>(*number);
-  return static_cast<double>(whole) == *number ? Json(whole) : Json(*number);
+Json number_or_null(double number) {
+  if (!std::isfinite(number)) return nullptr;
+  const auto whole = static_cast<std::int64_t>(number);
+  return static_cast<double>(whole) == number ? Json(whole) : Json(number);
+}
+
+Json range_of(const std::optional<Range>& range) {
+  if (!range) return nullptr;
+  return {{"min", number_or_null(range->min)},
+          {"max", number_or_null(range->max)},
+          {"min_excluded", range->above_min},
+          {"max_excluded", range->below_max},
+          {"odd", range->odd}};
+}
+
+Json unit_or_null(const FlagInfo& flag) {
+  const bool number = flag.type == FlagType::kInteger || flag.type == FlagType::kNumber;
+  const std::string_view unit = number ? unit_of(flag.description) : std::string_view();
+  return unit.empty() ? Json(nullptr) : Json(unit);
 }
 
 Json flag_json(const FlagInfo& flag) {
-  Json range;
-  if (flag.min || flag.max) {
-    range = {{"min", number_or_null(flag.min)},
-             {"max", number_or_null(flag.max)},
-             {"min_excluded", flag.above_min}};
-  }
   return {
       {"names", flag.names},
       {"positional", flag.positional || flag.positional_name.empty() ? Json(nullptr)
                                                                      : Json(flag.positional_name)},
       {"type", name_of(flag.type)},
       {"choices", flag.choices},
-      {"range", std::move(range)},
+      {"range", range_of(flag.range)},
+      {"unit", unit_or_null(flag)},
       {"default", default_of(flag)},
       {"values", flag.min_values},
       {"repeatable", flag.many},

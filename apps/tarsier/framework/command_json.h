@@ -19,7 +19,9 @@ namespace tarsier::cli {
 //   positional   of a flag that may also be given by its place: its name there, else null
 //   type         "switch", "integer", "number" or "text"
 //   choices      all that the value may be, if they are few, else empty
-//   range        null, or {"min", "max", "min_excluded"}, each end a number or null
+//   range        null, or {"min", "max", "min_excluded", "max_excluded", "odd"}: each end a number
+//                or null, whether it is itself outside, whether the number must be odd
+//   unit         of a number: what its help begins with, as "px", or null
 //   default      by `type`, a list of them where several are taken; null: none, or as `help` says
 //   values       how many values it takes at least; repeatable: any number of them
 //   required, help, group, needs, excludes

@@ -105,7 +105,7 @@ std::string relations(const char* word, const std::vector<std::string>& others) 
 std::string value_in_help(const FlagInfo& flag) {
   std::string text = flag.value.empty() ? "" : ' ' + flag.value;
   if (!flag.choices.empty()) text = " {" + joined(flag.choices, ",") + '}';
-  if (!flag.range.empty()) text += " (" + flag.range + ')';
+  if (flag.range) text += " (" + flag.range->text() + ')';
   if (!flag.default_value.empty()) text += '=' + flag.default_value;
   if (flag.many) text += " ...";
   if (!flag.many && flag.min_values > 1) text += " x " + std::to_string(flag.min_values);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <optional>
 #include <string>
 #include <vector>
@@ -27,12 +29,8 @@ struct FlagInfo {
   std::string value;
   // All that the value may be, if they are few.
   std::vector<std::string> choices;
-  // "0..100", "> 0", ">= 0", or empty.
-  std::string range;
-  // The same as numbers; whether `min` itself is too small.
-  std::optional<double> min;
-  std::optional<double> max;
-  bool above_min = false;
+  // Of a number, if it has one.
+  std::optional<Range> range;
   // As --help shows it, or empty.
   std::string default_value;
   std::string description;

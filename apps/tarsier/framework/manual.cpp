@@ -121,7 +121,7 @@ std::string flag_text(const FlagInfo& flag) {
   const std::string value = flag.positional ? std::string() : value_text(flag);
   std::string notes;
   if (flag.required) notes += "; required";
-  if (!flag.range.empty()) notes += "; " + roff(flag.range);
+  if (flag.range) notes += "; " + roff(flag.range->text());
   if (!flag.default_value.empty()) notes += "; default " + bold(flag.default_value);
   std::string body = roff(flag.description);
   if (!notes.empty()) body += (body.empty() ? "(" : " (") + notes.substr(2) + ')';

@@ -37,9 +37,9 @@ void add_run_flags(Command& verb, RunFlags& flags) {
   verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
       .check(one_of({"-"}));
   verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
-      .check(not_negative())
+      .check(at_least(0))
       .show_default();
-  verb.add_option("--every", flags.every, "take every N-th frame").check(positive()).show_default();
+  verb.add_option("--every", flags.every, "take every N-th frame").check(above(0)).show_default();
 
   const auto source = [](Flag& flag) { flag.group("Source"); };
   source(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")

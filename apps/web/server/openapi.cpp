@@ -330,9 +330,11 @@ Json flag_schema(const nlohmann::json& flag) {
   if (!flag.at("choices").empty()) schema["enum"] = flag.at("choices");
   if (const nlohmann::json& range = flag.at("range"); range.is_object()) {
     const bool above = range.value("min_excluded", false);
+    const bool below = range.value("max_excluded", false);
     if (range.at("min").is_number())
       schema[above ? "exclusiveMinimum" : "minimum"] = range.at("min");
-    if (range.at("max").is_number()) schema["maximum"] = range.at("max");
+    if (range.at("max").is_number())
+      schema[below ? "exclusiveMaximum" : "maximum"] = range.at("max");
   }
   if (!flag.at("default").is_null()) schema["default"] = flag.at("default");
   const std::size_t least = flag.at("values");

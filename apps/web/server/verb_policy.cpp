@@ -466,11 +466,14 @@ void check_range(std::string_view name, const Json& range, double number) {
   const bool above = range.value("min_excluded", false);
   const bool is_low =
       low.is_number() && (above ? number <= low.get<double>() : number < low.get<double>());
-  const bool is_high = high.is_number() && number > high.get<double>();
+  const bool below = range.value("max_excluded", false);
+  const bool is_high =
+      high.is_number() && (below ? number >= high.get<double>() : number > high.get<double>());
   if (!is_low && !is_high) return;
   const std::string from =
       low.is_number() ? fmt::format("{} {}", above ? "above" : "at least", low.dump()) : "";
-  const std::string to = high.is_number() ? fmt::format("at most {}", high.dump()) : "";
+  const std::string to =
+      high.is_number() ? fmt::format("{} {}", below ? "below" : "at most", high.dump()) : "";
   refuse("{}: {} is out of range; expected {}{}{}", name, number, from,
          from.empty() || to.empty() ? "" : ", ", to);
 }

@@ -162,7 +162,7 @@ void add_flags(Command& verb, MarkersFlags& flags) {
                                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
   verb.add_option("--focal", flags.tracker.focal_px,
                   "focal length in px [the picture's larger side]")
-      .check(positive())
+      .check(above(0))
       .excludes(camera);
   verb.add_option("--backend", flags.backend, "own, or opencv to compare with")
       .check(one_of({"own", "opencv"}))

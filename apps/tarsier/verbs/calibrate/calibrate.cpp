@@ -167,7 +167,7 @@ void add_flags(Command& verb, CalibrateFlags& flags) {
   live(verb.add_option("--actions", flags.run.actions, "-: actions by name on stdin, one a line")
            .check(one_of({"-"})));
   live(verb.add_option("--frames", flags.run.frames, "stop after so many frames; 0: all")
-           .check(not_negative())
+           .check(at_least(0))
            .show_default());
   live(verb.add_option("--width", flags.run.source.width, "asked of a camera, px; 0: its choice")
            .show_default());

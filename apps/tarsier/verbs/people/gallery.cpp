@@ -180,7 +180,7 @@ void add_list_flags(Command& verb, GalleryFlags& flags) {
   add_gallery_flag(verb, flags.people);
   Flag& sightings = verb.add_flag("--sightings", flags.sightings, "who was seen, newest first");
   verb.add_option("--limit", flags.limit, "of the sightings the newest so many; 0: all")
-      .check(not_negative())
+      .check(at_least(0))
       .show_default();
   verb.add_option("--keep", flags.keep, "delete sightings that are older: 30d, 12h, 90m ..")
       .excludes(sightings);

@@ -182,7 +182,7 @@ void add_flags(Command& verb, LogFlags& flags) {
   listing.push_back(
       &verb.add_option("--source", flags.source, "only this source, as it was logged"));
   listing.push_back(&verb.add_option("--limit", flags.limit, "the newest so many; 0: all")
-                         .check(not_negative())
+                         .check(at_least(0))
                          .show_default());
   listing.push_back(&verb.add_option("--csv", flags.csv, "write CSV to this file; - for stdout"));
   listing.push_back(

@@ -37,7 +37,7 @@ void add_classic_detector_flags(Command& verb, ClassicTrainFlags& flags) {
       .show_default()
       .group("Classic");
   verb.add_option("--cost", flags.cost, "of the SVM, > 0")
-      .check(positive())
+      .check(above(0))
       .show_default()
       .group("Classic");
 }

@@ -24,7 +24,7 @@ void add_pose_flags(Command& verb, PoseFlags& flags) {
                                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
   verb.add_option("--focal", flags.focal,
                   "focal length in px [1.3 times the picture's larger side]")
-      .check(positive())
+      .check(above(0))
       .excludes(camera);
   verb.add_option("--refine", flags.refine,
                   "auto: the direction is corrected by what the whole head looks like; none: from "

@@ -219,7 +219,7 @@ void add_flags(Command& verb, SolveFlags& flags) {
                                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
   verb.add_option("--focal", flags.focal,
                   "focal length, px; the principal point is the middle [none: this or --camera]")
-      .check(positive())
+      .check(above(0))
       .excludes(camera);
   verb.add_option("--origin", flags.origin,
                   "where 0 0 is: corner (the middle of the top left pixel) or center (the "
@@ -240,7 +240,7 @@ void add_flags(Command& verb, SolveFlags& flags) {
   verb.add_option("-o,--output", flags.output,
                   "picture to write: the axes, the points (dots) and their projections (crosses)");
   verb.add_option("--axes", flags.axes, "length of the axes, object units [0.6 of its extent]")
-      .check(positive());
+      .check(above(0));
 }
 
 }  // namespace

@@ -253,7 +253,7 @@ void add_flags(Command& verb, TrainViewFlags& flags) {
                   "which landmark each head point is: lines \"head_point landmark\", from 0");
   verb.add_option("--focal", flags.pose.focal,
                   "focal length in px [1.3 times the picture's larger side]")
-      .check(positive());
+      .check(above(0));
   verb.add_option("--pointing", flags.pointing,
                   "folder of the Pointing'04 head pose set: names carry the angles");
   verb.add_option("--tilt-share", flags.tilt_share,

@@ -36,7 +36,7 @@ void add_online_flags(Command& verb, OnlineFlags& flags) {
   needing(verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")
               .check(one_of({"-"})));
   needing(verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
-              .check(not_negative())
+              .check(at_least(0))
               .show_default());
   needing(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")
               .show_default());
