@@ -266,4 +266,13 @@ const std::vector<float>& run(const Network& network, const float* input, Shape 
   return workspace.maps.back();
 }
 
+void run_layer(const Layer& layer, const float* input, Shape from, Workspace& workspace,
+               std::vector<float>& output, bool parallel) {
+  TARSIER_REQUIRE(layer.kind == Layer::Kind::kConvolution, "a maximum is no convolution");
+  const Shape to = layer.output(from);
+  if (workspace.padded.empty()) workspace.padded.resize(1);
+  output.resize(to.size());
+  convolve(layer, input, from, to, workspace, workspace.padded.front(), output, parallel);
+}
+
 }  // namespace tarsier::linalg

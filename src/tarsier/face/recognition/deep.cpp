@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/deep.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <map>
+#include <stdexcept>
+#include <string_view>
+
+namespace tarsier::face::recognition {
+namespace {
+
+// Of the faces that the network was trained on, red, green, blue.
+constexpr std::array<float, 3> kMeanRgb{122.782F, 117.001F, 104.298F};
+constexpr int kMaxOutputs = 1024;
+
+class Tensors {
+ public:
+  Tensors(const DeepWeights& weights, std::string path) : path_(std::move(path)) {
+    for (const DeepTensor& tensor : weights) by_name_.emplace(tensor.name, &tensor);
+    if (by_name_.size() != weights.size())
+      throw ModelError(path_, "two tensors have the same name");
+  }
+
+  // Its numbers and shape; `dimensions` of them.
+  [[nodiscard]] std::vector<float> take(const std::string& name, std::size_t dimensions,
+                                        std::vector<std::int64_t>& shape) {
+    const auto found = by_name_.find(name);
+    if (found == by_name_.end()) throw ModelError(path_, fmt::format("'{}' is missing", name));
+    const DeepTensor& tensor = *found->second;
+    shape = tensor.shape;
+    if (shape.size() != dimensions)
+      throw ModelError(
+          path_, fmt::format("'{}' has {} dimensions, not {}", name, shape.size(), dimensions));
+    std::size_t count = 1;
+    for (const std::int64_t size : shape) {
+      if (size < 1 || size > 4096) throw ModelError(path_, fmt::format("'{}': its size", name));
+      count *= static_cast<std::size_t>(size);
+      if (count > 100'000'000) throw ModelError(path_, fmt::format("'{}' is too large", name));
+    }
+    std::vector<float> out = tensor.values;
+    if (!tensor.levels.empty()) {
+      out.resize(tensor.levels.size());
+      for (std::size_t i = 0; i < out.size(); ++i)
+        out[i] = static_cast<float>(tensor.scale * tensor.levels[i] + tensor.min);
+    }
+    if (out.size() != count)
+      throw ModelError(path_, fmt::format("'{}' has {} numbers, not {}", name, out.size(), count));
+    for (const float value : out)
+      if (!std::isfinite(value)) throw ModelError(path_, fmt::format("'{}' is not finite", name));
+    ++taken_;
+    return out;
+  }
+
+  [[nodiscard]] bool has(const std::string& name) const { return by_name_.contains(name); }
+  [[nodiscard]] bool all_taken() const { return taken_ == by_name_.size(); }
+  [[nodiscard]] const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+  std::map<std::string, const DeepTensor*> by_name_;
+  std::size_t taken_ = 0;
+};
+
+std::vector<float> vector_of(Tensors& tensors, const std::string& name, int length) {
+  std::vector<std::int64_t> shape;
+  std::vector<float> values = tensors.take(name, 1, shape);
+  if (shape[0] != length)
+    throw ModelError(tensors.path(),
+                     fmt::format("'{}' has {} numbers, not {}", name, shape[0], length));
+  return values;
+}
+
+// The convolution and the scale after it as one: s (w x + b) + t = (s w) x + (s b + t).
+linalg::Layer layer_of(Tensors& tensors, const std::string& prefix, int stride, bool relu) {
+  std::vector<std::int64_t> shape;
+  const std::vector<float> filters = tensors.take(prefix + "/conv/filters", 4, shape);
+  if (shape[0] != shape[1] || shape[0] > 7 || shape[0] % 2 == 0)
+    throw ModelError(tensors.path(),
+                     fmt::format("'{}': filters of {} x {}", prefix, shape[0], shape[1]));
+  const int kernel = static_cast<int>(shape[0]);
+  linalg::Layer layer = linalg::convolution(static_cast<int>(shape[2]), static_cast<int>(shape[3]),
+                                            kernel, kernel, relu);
+  layer.stride = stride;
+  if (stride > 1) layer.pad_x = layer.pad_y = 0;
+  const std::vector<float> bias = vector_of(tensors, prefix + "/conv/bias", layer.out);
+  const std::vector<float> scale = vector_of(tensors, prefix + "/scale/weights", layer.out);
+  const std::vector<float> shift = vector_of(tensors, prefix + "/scale/biases", layer.out);
+  const auto out = static_cast<std::size_t>(layer.out);
+  const auto in = static_cast<std::size_t>(layer.in);
+  const auto window = static_cast<std::size_t>(kernel) * static_cast<std::size_t>(kernel);
+  for (std::size_t place = 0; place < window; ++place)
+    for (std::size_t i = 0; i < in; ++i)
+      for (std::size_t o = 0; o < out; ++o)
+        layer.weights[(o * in + i) * window + place] =
+            scale[o] * filters[(place * in + i) * out + o];
+  for (std::size_t o = 0; o < out; ++o) layer.bias[o] = scale[o] * bias[o] + shift[o];
+  return layer;
+}
+
+std::int64_t fingerprint_of(const linalg::ResidualNetwork& network) {
+  std::uint64_t hash = 0xCBF29CE484222325ULL;  // FNV-1a, of whole words
+  const auto add = [&](const linalg::Layer& layer) {
+    for (const std::vector<float>* numbers : {&layer.weights, &layer.bias})
+      for (const float number : *numbers) {
+        hash ^= std::bit_cast<std::uint32_t>(number);
+        hash *= 0x100000001B3ULL;
+      }
+  };
+  add(network.stem);
+  for (const linalg::ResidualBlock& block : network.blocks) {
+    add(block.first);
+    add(block.second);
+  }
+  add(network.head);
+  return static_cast<std::int64_t>(std::max<std::uint64_t>(1, hash >> 1));
+}
+
+}  // namespace
+
+DeepNetwork build_deep_network(const DeepWeights& weights, const std::string& path) {
+  constexpr std::string_view kStem = "/conv/filters";
+  constexpr std::string_view kBlock = "/conv1/conv/filters";
+  Tensors tensors(weights, path);
+  DeepNetwork out;
+  bool stem = false;
+  for (const DeepTensor& tensor : weights) {
+    const std::string& name = tensor.name;
+    if (name.ends_with(kBlock)) {
+      const std::string block = name.substr(0, name.size() - kBlock.size());
+      const int stride = block.find("_down") == std::string::npos ? 1 : 2;
+      linalg::ResidualBlock layers;
+      layers.first = layer_of(tensors, block + "/conv1", stride, true);
+      layers.second = layer_of(tensors, block + "/conv2", 1, false);
+      out.network.blocks.push_back(std::move(layers));
+    } else if (name.ends_with(kStem) && std::count(name.begin(), name.end(), '/') == 2) {
+      if (stem) throw ModelError(path, fmt::format("'{}': a second first layer", name));
+      stem = true;
+      out.network.stem = layer_of(tensors, name.substr(0, name.size() - kStem.size()), 2, true);
+    }
+  }
+  if (!stem) throw ModelError(path, "the first layer is missing");
+  std::vector<std::int64_t> shape;
+  const std::vector<float> matrix = tensors.take("fc", 2, shape);
+  if (shape[1] > kMaxOutputs) throw ModelError(path, fmt::format("{} outputs", shape[1]));
+  linalg::Layer head =
+      linalg::convolution(static_cast<int>(shape[0]), static_cast<int>(shape[1]), 1, 1, false);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(head.in); ++i)
+    for (std::size_t o = 0; o < static_cast<std::size_t>(head.out); ++o)
+      head.weights[o * static_cast<std::size_t>(head.in) + i] =
+          matrix[i * static_cast<std::size_t>(head.out) + o];
+  out.network.head = std::move(head);
+  if (!tensors.all_taken()) throw ModelError(path, "holds tensors that belong to no layer");
+  try {
+    out.network.check();
+    TARSIER_REQUIRE(out.network.stem.in == 3, "{} channels in place of three colours",
+                    out.network.stem.in);
+    (void)out.network.cost({3, kChipSize, kChipSize});
+  } catch (const std::invalid_argument& error) {
+    throw ModelError(path, error.what());
+  }
+  out.fingerprint = fingerprint_of(out.network);
+  return out;
+}
+
+std::vector<float> embed(const DeepNetwork& network, const cv::Mat& chip) {
+  TARSIER_REQUIRE(chip.type() == CV_8UC3 && chip.cols == kChipSize && chip.rows == kChipSize,
+                  "a chip is CV_8UC3 of {} x {} px", kChipSize, kChipSize);
+  constexpr std::size_t kPlane = static_cast<std::size_t>(kChipSize) * kChipSize;
+  thread_local std::vector<float> planes;  // megabytes that each face would ask for
+  thread_local linalg::ResidualWorkspace workspace;
+  planes.resize(3 * kPlane);
+  for (int y = 0; y < kChipSize; ++y) {
+    const auto* row = chip.ptr<unsigned char>(y);
+    float* out = planes.data() + static_cast<std::ptrdiff_t>(y) * kChipSize;
+    for (int x = 0; x < kChipSize; ++x)
+      for (std::size_t c = 0; c < 3; ++c)
+        out[c * kPlane + static_cast<std::size_t>(x)] =
+            (static_cast<float>(row[3 * x + 2 - static_cast<int>(c)]) - kMeanRgb[c]) / 255.0F;
+  }
+  return linalg::run(network.network, planes.data(), {3, kChipSize, kChipSize}, workspace);
+}
+
+}  // namespace tarsier::face::recognition

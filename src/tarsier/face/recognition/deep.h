@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/linalg/residual.h"
+
+#include <opencv2/core/mat.hpp>
+
+#include <cstdint>
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <vector>
+
+// A face as the numbers that a deep residual network makes of it: near each other for images of one
+// person, whatever the light, the pose and the age. The network is dlib's (King, "High quality face
+// recognition with deep metric learning", 2017; 99.38 % of the pairs of LFW), as the npm package
+// @vladmandic/face-api carries it. It does not come with the program: see scripts/get-model.sh.
+namespace tarsier::face::recognition {
+
+// Side of the image that the network sees, px: a chip (people/chip.h).
+inline constexpr int kChipSize = 150;
+
+// Weights as the files hold them: `shape` with the last index fastest; one byte a number, each
+// scale * level + min, or numbers as they are.
+struct DeepTensor {
+  std::string name;
+  std::vector<std::int64_t> shape;
+  std::vector<std::uint8_t> levels;  // or
+  std::vector<float> values;
+  double scale = 1;
+  double min = 0;
+};
+using DeepWeights = std::vector<DeepTensor>;
+
+struct DeepNetwork {
+  linalg::ResidualNetwork network;
+  std::int64_t fingerprint = 0;  // > 0; of the weights: what two networks make does not compare
+  [[nodiscard]] int outputs() const { return network.outputs(); }
+};
+
+// Builds the network from tensors named as face-api does, in their order:
+//   S/conv/filters (7 x 7 x 3 x n), S/conv/bias, S/scale/weights, S/scale/biases: the stem
+//   B/conv1/.., B/conv2/.. (3 x 3): a block, of stride 2 where B holds "_down"
+//   fc (channels x outputs)
+// conv, then y = weight * x + bias for each channel. Throws ModelError(path) for what does not make
+// a network that takes a chip.
+[[nodiscard]] DeepNetwork build_deep_network(const DeepWeights& weights, const std::string& path);
+
+// Reads a weights manifest of tensorflow.js and its shards, which lie beside it. Throws
+// ModelError, InputError.
+[[nodiscard]] DeepWeights read_weights_manifest(const std::string& manifest);
+// The shards that a manifest names: file names, no paths. Throws ModelError.
+[[nodiscard]] std::vector<std::string> shards_of_manifest(const std::string& manifest);
+
+// Files of type "face-embedding". Throw ModelError(path), OutputError.
+void write_deep_weights(const std::string& path, const DeepWeights& weights,
+                        const nlohmann::json& provenance);
+[[nodiscard]] DeepNetwork read_deep_network(const std::string& path);
+
+// The network's numbers for a chip, CV_8UC3 (BGR) of kChipSize x kChipSize. Not of a stated length.
+// Any number of threads may call it. Throws std::invalid_argument.
+[[nodiscard]] std::vector<float> embed(const DeepNetwork& network, const cv::Mat& chip);
+
+}  // namespace tarsier::face::recognition

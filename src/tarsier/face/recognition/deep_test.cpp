@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/recognition/deep.h"
+
+#include "tarsier/core/errors.h"
+#include "tarsier/face/recognition/testing_deep.h"
+#include "tarsier/media/archive.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <fstream>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+namespace tarsier::face::recognition {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+
+cv::Mat noise_chip(std::uint64_t seed) {
+  Rng rng(seed);
+  cv::Mat chip(kChipSize, kChipSize, CV_8UC3);
+  for (int y = 0; y < kChipSize; ++y)
+    for (int x = 0; x < 3 * kChipSize; ++x)
+      chip.ptr<unsigned char>(y)[x] = static_cast<unsigned char>(rng.uniform(0, 255.99));
+  return chip;
+}
+
+class DeepFile : public FolderTest {
+ protected:
+  void SetUp() override { write_manifest_of(tiny_deep_weights(1), folder_); }
+  [[nodiscard]] std::string manifest() const { return path("tiny-weights_manifest.json"); }
+
+  // What reading says after `change` was done to the manifest.
+  std::string refusal(const std::function<void(json&)>& change) {
+    json value = json::parse(contents(manifest()));
+    change(value);
+    std::ofstream(path("bad.json")) << value.dump();
+    return refusal_of(path("bad.json"));
+  }
+  static std::string refusal_of(const std::string& file) {
+    try {
+      (void)build_deep_network(read_weights_manifest(file), file);
+    } catch (const ModelError& error) {
+      EXPECT_THAT(error.what(), HasSubstr(file));
+      return error.what();
+    }
+    return "taken";
+  }
+};
+
+TEST_F(DeepFile, OfAManifestIsTheNetworkOfItsWeights) {
+  const DeepWeights weights = tiny_deep_weights(1);
+  const DeepNetwork expected = build_deep_network(weights, "made up");
+  const DeepNetwork read = build_deep_network(read_weights_manifest(manifest()), manifest());
+  EXPECT_EQ(read.fingerprint, expected.fingerprint);
+  EXPECT_EQ(read.outputs(), kTinyOutputs);
+  const cv::Mat chip = noise_chip(2);
+  EXPECT_EQ(embed(read, chip), embed(expected, chip));
+  EXPECT_THAT(shards_of_manifest(manifest()), testing::ElementsAre("tiny.bin"));
+}
+
+TEST_F(DeepFile, WrittenAndReadIsTheSameNetwork) {
+  const DeepWeights weights = read_weights_manifest(manifest());
+  write_deep_weights(path("model.json"), weights, {{"terms", "none"}});
+  const DeepNetwork read = read_deep_network(path("model.json"));
+  const DeepNetwork expected = build_deep_network(weights, manifest());
+  EXPECT_EQ(read.fingerprint, expected.fingerprint);
+  const cv::Mat chip = noise_chip(3);
+  EXPECT_EQ(embed(read, chip), embed(expected, chip));
+}
+
+TEST_F(DeepFile, AShardThatEndsTooSoonIsRefused) {
+  const std::string bytes = contents(path("tiny.bin"));
+  std::ofstream(path("tiny.bin"), std::ios::binary) << bytes.substr(0, bytes.size() - 1);
+  EXPECT_THAT(refusal_of(manifest()), HasSubstr("its shards end within 'fc'"));
+  std::ofstream(path("tiny.bin"), std::ios::binary) << bytes << 'x';
+  EXPECT_THAT(refusal_of(manifest()), HasSubstr("1 bytes too many"));
+  std::filesystem::remove(path("tiny.bin"));
+  EXPECT_THROW((void)read_weights_manifest(manifest()), InputError);
+}
+
+TEST_F(DeepFile, AHostileManifestIsRefused) {
+  EXPECT_THAT(refusal([](json& m) { m = json::object(); }), HasSubstr("a list is expected"));
+  EXPECT_THAT(refusal([](json& m) { m[0].erase("paths"); }), HasSubstr("'paths'"));
+  for (const char* name : {"../tiny.bin", "/etc/passwd", ".hidden", "", "a/b"})
+    EXPECT_THAT(refusal([&](json& m) { m[0]["paths"][0] = name; }), HasSubstr("no file name"));
+  const auto first = [](json& m) -> json& { return m[0]["weights"][0]; };
+  EXPECT_THAT(refusal([&](json& m) { first(m)["shape"] = {-1, 7, 3, 4}; }), HasSubstr("a size"));
+  EXPECT_THAT(refusal([&](json& m) {
+                first(m)["shape"] = {4096, 4096, 4096, 4096};
+              }),
+              HasSubstr("too large"));
+  EXPECT_THAT(refusal([&](json& m) { first(m)["shape"] = {1.5}; }), HasSubstr("a size"));
+  EXPECT_THAT(refusal([&](json& m) { first(m)["dtype"] = "int32"; }), HasSubstr("float32"));
+  EXPECT_THAT(refusal([&](json& m) { first(m)["quantization"]["dtype"] = "uint16"; }),
+              HasSubstr("uint8"));
+  EXPECT_THAT(refusal([&](json& m) { first(m)["quantization"]["scale"] = 1e30; }),
+              HasSubstr("'scale'"));
+  EXPECT_THAT(refusal([&](json& m) { first(m)["name"] = "conv4_down/conv/bias"; }),
+              HasSubstr("the same name"));
+  EXPECT_THAT(refusal([&](json& m) { first(m)["name"] = "other/conv/filters"; }),
+              HasSubstr("'other/conv/bias' is missing"));
+  // Other weights of as many numbers: the layers do not fit together any more.
+  EXPECT_THAT(refusal([&](json& m) { first(m)["shape"] = {7, 7, 4, 3}; }), HasSubstr("bad.json"));
+}
+
+TEST_F(DeepFile, AFileOfAnotherTypeOrTruncatedIsRefused) {
+  write_deep_weights(path("model.json"), tiny_deep_weights(1), json::object());
+  const std::string text = contents(path("model.json"));
+  std::ofstream(path("half.json")) << text.substr(0, text.size() / 2);
+  EXPECT_THROW((void)read_deep_network(path("half.json")), ModelError);
+  Archive archive = read_archive(path("model.json"), "face-embedding", 1);
+  archive.payload["tensors"][0]["levels"]["shape"] = {7, 7, 3, 5};
+  write_archive(path("short.json"), archive);
+  EXPECT_THROW((void)read_deep_network(path("short.json")), ModelError);
+  archive.type = "face-background";
+  write_archive(path("other.json"), archive);
+  EXPECT_THROW((void)read_deep_network(path("other.json")), ModelError);
+}
+
+TEST(Deep, ScaleLayersAreFoldedIntoTheConvolutions) {
+  DeepWeights weights = tiny_deep_weights(4);
+  const cv::Mat chip = noise_chip(5);
+  const std::vector<float> before = embed(build_deep_network(weights, "made up"), chip);
+  // Filters and bias doubled, the scale halved: the same network.
+  for (DeepTensor& tensor : weights) {
+    const bool doubled =
+        tensor.name.ends_with("conv/filters") || tensor.name.ends_with("conv/bias");
+    const double factor = doubled ? 2 : tensor.name.ends_with("scale/weights") ? 0.5 : 1;
+    tensor.scale *= factor;
+    tensor.min *= factor;
+    for (float& value : tensor.values) value *= static_cast<float>(factor);
+  }
+  const std::vector<float> after = embed(build_deep_network(weights, "made up"), chip);
+  ASSERT_EQ(after.size(), before.size());
+  for (std::size_t i = 0; i < after.size(); ++i) EXPECT_NEAR(after[i], before[i], 1e-4);
+}
+
+TEST(Deep, ColoursAndPlacesMatter) {
+  const DeepNetwork network = build_deep_network(tiny_deep_weights(6), "made up");
+  const cv::Mat chip = noise_chip(7);
+  const std::vector<float> plain = embed(network, chip);
+  cv::Mat swapped(chip.size(), chip.type());
+  for (int y = 0; y < chip.rows; ++y)
+    for (int x = 0; x < chip.cols; ++x) {
+      const auto bgr = chip.at<cv::Vec3b>(y, x);
+      swapped.at<cv::Vec3b>(y, x) = {bgr[2], bgr[1], bgr[0]};
+    }
+  EXPECT_NE(embed(network, swapped), plain);
+  EXPECT_NE(embed(network, chip.t()), plain);
+  EXPECT_THROW((void)embed(network, chip(cv::Rect(0, 0, 149, 150))), std::invalid_argument);
+  EXPECT_THROW((void)embed(network, cv::Mat(150, 150, CV_8UC1, cv::Scalar(0))),
+               std::invalid_argument);
+}
+
+TEST(Deep, ThreadsChangeNothing) {
+  const DeepNetwork network = build_deep_network(tiny_deep_weights(8), "made up");
+  const cv::Mat chip = noise_chip(9);
+  const std::vector<float> here = embed(network, chip);
+  std::vector<float> there;
+  std::thread([&] { there = embed(network, chip); }).join();
+  EXPECT_EQ(there, here);
+}
+
+}  // namespace
+}  // namespace tarsier::face::recognition
