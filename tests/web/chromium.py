@@ -24,7 +24,7 @@ import threading
 import time
 from urllib.parse import urlsplit
 
-TIMEOUT = float(os.environ.get("TARSIER_WEB_TIMEOUT", "30"))
+TIMEOUT = float(os.environ.get("TARSIER_WEB_TIMEOUT", "120"))  # s; only a test that fails waits for so long
 
 
 class BrowserError(Exception):

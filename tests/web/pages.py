@@ -60,7 +60,7 @@ class Server:
         )
         threading.Thread(target=self._read, args=(self.process.stdout, self._links), daemon=True).start()
         try:
-            self.link = self._links.get(timeout=30)
+            self.link = self._links.get(timeout=chromium.TIMEOUT)
         except queue.Empty:
             self.link = None
         if self.link is None:
@@ -79,7 +79,7 @@ class Server:
         """Another link, for another browser."""
         made = subprocess.run(
             [os.path.join(BIN, "tarsier"), "serve", "--workspace", self.workspace, "--link"],
-            capture_output=True, text=True, timeout=30, check=False,
+            capture_output=True, text=True, timeout=chromium.TIMEOUT, check=False,
         )
         found = re.search(r"https?://\S+#t=\S+", made.stdout + made.stderr)
         if not found:
@@ -96,7 +96,7 @@ class Server:
         if body is not None:
             request.add_header("Content-Type", kind)
         try:
-            with urllib.request.urlopen(request, timeout=60) as answer:
+            with urllib.request.urlopen(request, timeout=chromium.TIMEOUT) as answer:
                 status, raw = answer.status, answer.read()
         except urllib.error.HTTPError as error:
             status, raw = error.code, error.read()
