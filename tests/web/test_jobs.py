@@ -31,7 +31,7 @@ def children_of(server):
     return found
 
 
-def until(what, patience=60):
+def until(what, patience=300):
     """Waits until what() is something; the last of it."""
     end = time.monotonic() + patience
     while True:
