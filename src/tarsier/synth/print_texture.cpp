@@ -97,7 +97,8 @@ PrintTexture::PrintTexture(const cv::Mat& picture, bool mirrored)
     next.scale_y = static_cast<float>(next.pixels.rows / height_);
     levels_.push_back(std::move(next));
   }
-  find_flat_blocks();
+  // What goes on for ever is a ground: one sample in each pixel, wherever it is flat.
+  if (!mirrored_) find_flat_blocks();
 }
 
 void PrintTexture::find_flat_blocks() {

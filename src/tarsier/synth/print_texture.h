@@ -23,7 +23,8 @@ class PrintTexture {
   [[nodiscard]] int levels() const { return static_cast<int>(levels_.size()); }
   // Bilinear, of a level; (u, v) in px of the picture, its corner is (0, 0).
   [[nodiscard]] Pixel4 sample(int level, float u, float v) const;
-  // Whether all within `reach` px of (u, v) is of nearly one colour. May say no where it is.
+  // Whether all within `reach` px of (u, v) is of nearly one colour. May say no where it is, and does
+  // of a mirrored one.
   [[nodiscard]] bool is_flat(float u, float v, float reach) const;
 
  private:
