@@ -465,10 +465,6 @@ def slowness():
     return max(1.0, (children_cpu() - begin) / VERIFY_CPU)
 
 
-# A server that is stopped has done its work.
-STOPPED = {"serve": 0}
-
-
 def check_interruption(name, words, moments=MOMENTS):
     """Stopped at several moments: 130 (or the end was reached), soon, and nothing half-written."""
     stops = []
@@ -480,17 +476,16 @@ def check_interruption(name, words, moments=MOMENTS):
         where = f"SIGINT after {moment} CPU s"
         if stop.hung:
             fail(name, f"{where} did not end it within {STOP_WALL} s")
-        stopped = STOPPED.get(name, 130)
         if stop.status not in (0, 130):
             fail(name, f"{where}: exit status {stop.status}: {stop.error[:300]!r}")
-        if stop.status == stopped and stop.cpu > STOP_CPU and stop.cpu > (limit := STOP_CPU * slowness()):
+        if stop.status == 130 and stop.cpu > STOP_CPU and stop.cpu > (limit := STOP_CPU * slowness()):
             fail(name, f"{where}: it computed for {stop.cpu:.2f} s until it ended, of {limit:.2f} s that it may take here")
         if left_behind() != before:
             fail(name, f"{where} left {set(left_behind()) - set(before)}")
         for path in ("stopped.json", "stopped.yaml", "stopped.pdf", "stopped.png"):
-            if stop.status == stopped and os.path.exists(path):
+            if stop.status == 130 and os.path.exists(path):
                 fail(name, f"{where}: {path} was written")
-        if stop.status != stopped:
+        if stop.status != 130:
             break
         stops.append(stop)
     if not stops:

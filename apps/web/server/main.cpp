@@ -2,6 +2,7 @@
 // tarsier-serve: what `tarsier serve` starts.
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/core/stop_signal.h"
 #include "tarsier/media/atomic_file.h"
 
 #include <fmt/format.h>
@@ -9,6 +10,7 @@
 #include "framework/output.h"
 #include "studio.h"
 #include "verbs/program/serve_flags.h"
+#include <csignal>
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -91,7 +93,8 @@ ExitStatus run_serve(const ServeOptions& options, Context& context) {
   if (!options.no_browser && !context.json && has_display && ::isatty(STDOUT_FILENO) == 1)
     web::open_browser(link);
   server.run();
-  return ExitStatus::kDone;
+  // SIGTERM is how a service ends, and no interruption.
+  return stop_signal() == SIGINT ? ExitStatus::kInterrupted : ExitStatus::kDone;
 }
 
 void add(Command& app, Context& context) {

@@ -2,6 +2,7 @@
 #include "tarsier/core/stop.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/stop_signal.h"
 
 #include <atomic>
 #include <condition_variable>
@@ -14,10 +15,13 @@ namespace tarsier {
 namespace {
 
 std::atomic<int> ends_at_once = 0;
+std::atomic<int> first_signal = 0;
 
 void wait_for_signals(std::stop_source source, sigset_t signals) {
   int signal_number = 0;
   while (sigwait(&signals, &signal_number) == 0) {
+    int none = 0;
+    first_signal.compare_exchange_strong(none, signal_number);
     if (ends_at_once > 0 || !source.request_stop())
       _exit(static_cast<int>(ExitStatus::kInterrupted));
   }
@@ -40,6 +44,8 @@ std::stop_token stop_on_signals() {
   static const std::stop_source source = start_signal_thread();
   return source.get_token();
 }
+
+int stop_signal() { return first_signal; }
 
 EndOnSignals::EndOnSignals() { ++ends_at_once; }
 
