@@ -302,6 +302,7 @@ class PipeWindow final : public Window {
     for (WindowLine& line :
          lines_.feed(std::string_view(buffer_.data(), static_cast<std::size_t>(count))))
       take(line);
+    received_ += lines_.refused() - refused;
     if (lines_.refused() != refused) warn("a line is passed over: " + lines_.trouble());
     // What is wanted together with an event is what the event makes of the image.
     if (events_.empty()) advance();
@@ -378,7 +379,7 @@ class PipeWindow final : public Window {
   WindowLines lines_;
   std::vector<char> buffer_;
   std::vector<Event> events_;
-  std::uint64_t received_ = 0;    // events, also those that were passed over
+  std::uint64_t received_ = 0;    // events, and lines that were passed over
   std::uint64_t handed_out_ = 0;  // of them; the next view is what the session made of these
   cv::Size shown_;                // of the picture that was sent last
   cv::Size sent_;                 // in this size

@@ -18,7 +18,8 @@ namespace tarsier::window {
 //      {"status","state":{..},"frame":{"index","time","name","age_ms","source","detail"}|null,
 //       "sliders":{name:value},"finished","fullscreen","width","height","events"}
 //      "width" and "height" are those of the images that are sent; 0 before the first. "source" is
-//      "file", or the state of a live source. "events": how many of the lines so far were handled.
+//      "file", or the state of a live source. "events": how many events, and lines that
+//      were passed over, the session has behind it.
 //   J  an image: frame number and age in ms (32 bits each, big-endian; since the frame's last byte
 //      came; 0 for files), then a JPEG
 // Into IN go lines (tarsier/session/window_lines.h): events, {"want":1}, {"quality"},

@@ -178,13 +178,14 @@ TEST_F(PipeWindowTest, AStateTellsHowManyEventsWereHandled) {
   open({"", false, {}, {{"sketch", "", 's'}}});
   window_->show(view(10), nullptr);
   (void)records();
-  say("{\"key\":115}\n{\"action\":\"sketch\"}\n{\"action\":\"unknown\"}\n{\"want\":0}\n");
+  say("{\"key\":115}\n{\"action\":\"sketch\"}\n{\"action\":\"unknown\"}\n{\"want\":0}\n{\"key\":-1}"
+      "\n");
   EXPECT_EQ(window_->poll(milliseconds(1000)).size(), 2U);
   EXPECT_EQ(kinds(records()), "") << "the session has not handled them yet";
   window_->show(view(11), nullptr);
   const std::vector<Record> got = records();
   ASSERT_EQ(kinds(got), "S");
-  EXPECT_EQ(got[0].parsed()["events"], 3) << "what is passed over counts, too";
+  EXPECT_EQ(got[0].parsed()["events"], 4) << "what is passed over counts, too";
 }
 
 TEST_F(PipeWindowTest, AnImageForEachThatIsWantedAndNoneTwice) {

@@ -179,8 +179,11 @@ class Browser:
         return answer.get("result", {})
 
     def page(self, address="about:blank", width=1280, height=800, **options):
-        """A new page in a window of its own cookies only if `context` is given."""
+        """A new page; with cookies of its own only if `context` is given. With `window` it stays visible beside others;
+        window=False makes it a tab before those of the last window, which are hidden then."""
         parameters = {"url": "about:blank"}
+        if "window" in options:
+            parameters["newWindow"] = options.pop("window")
         context = options.pop("context", None)
         if context:
             parameters["browserContextId"] = context

@@ -361,6 +361,60 @@ class SessionTest(pages.PageTest):
         self.page.wait(f"({sum_of_canvas()}) !== {first}", what="pictures again")
 
 
+class TabsTest(pages.PageTest):
+    """A browser opens six connections to a server, for all its tabs; each visible one has a live stream."""
+
+    own_server = True
+
+    def figure(self, name):
+        found = re.findall(rf"^{name}(?:{{[^}}]*}})? (\S+)$", self.server.call("/metrics")[1].decode(), re.M)
+        return sum(map(float, found))
+
+    def until(self, what, condition):
+        for _ in range(600):
+            if condition():
+                return
+            self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
+        self.fail(f"not in 30 s: {what}")
+
+    def test_six_tabs_move_on_and_a_hidden_one_costs_nothing(self):
+        ids = [self.server.call("/api/sessions", {"verb": "cartoon run", "flags": {"--mode": "none"},
+                                                  "inputs": [f"synth:portrait?live=1&fps=3&size=160x120&seed={n}"]})[1]["id"] for n in range(6)]
+        self.page.open("about:blank")
+        tabs = [self.browser.page(width=480, height=400, context=self.context, window=True) for _ in ids]
+        for tab, id in zip(tabs, ids):
+            tab.open(self.server.origin + f"/session/{id}")
+            tab.wait(PICTURE)
+        for tab in tabs:
+            self.assertEqual(tab.evaluate("document.visibilityState"), "visible")
+            first = tab.evaluate(sum_of_canvas())
+            tab.wait(f"({sum_of_canvas()}) !== {first}", what="a picture that moves")
+        # What a page asks for meanwhile is answered, too.
+        for tab in (tabs[0], tabs[5]):
+            tab.click("button", contains="pencil sketch")
+            tab.wait("document.querySelector('.live-status').innerText.toLowerCase().includes('sketch')")
+            self.assertEqual(tab.complaints(), [])
+        for tab in tabs[:5]:
+            tab.close()
+        # A tab before it hides the last one: the browser's own doing, not a page's.
+        front = self.browser.page(width=480, height=400, context=self.context, window=False)
+        tabs[5].wait("document.visibilityState === 'hidden'")
+        self.until("no viewer is left", lambda: self.figure("tarsier_session_viewers") == 0)
+        frames, sent = self.figure("tarsier_session_frames_total"), self.figure("tarsier_http_sent_bytes_total")
+        asked = 0
+        while self.figure("tarsier_session_frames_total") < frames + 30:  # five of each session
+            asked += 1
+            self.assertEqual(self.figure("tarsier_session_viewers"), 0)
+            front.evaluate("new Promise((done) => setTimeout(done, 200))")
+        each = len(self.server.call("/metrics")[1])
+        used = self.figure("tarsier_http_sent_bytes_total") - sent
+        self.assertLess(used, (2 * asked + 4) * (each + 200), "more than the figures themselves was sent")
+        front.close()
+        first = tabs[5].evaluate(sum_of_canvas())
+        tabs[5].wait(f"({sum_of_canvas()}) !== {first}", what="pictures again")
+        tabs[5].close()
+
+
 class LostServerTest(pages.PageTest):
     own_server = True
 

@@ -41,9 +41,6 @@ struct HttpCounters {
   std::atomic<std::uint64_t> bytes{0};    // of bodies that were sent
 };
 
-// The name of the cookie that a browser is signed in by.
-inline constexpr std::string_view kCookieName = "tarsier_session";
-
 // HTTP/1.1 over libmicrohttpd, a thread for each connection. Every request is checked, in this
 // order, before a handler sees it: the shape of its path, Host, Origin and Sec-Fetch-Site
 // (OriginRules), the route (404, 405), the sign-in (401), for changes the CSRF header (403), the

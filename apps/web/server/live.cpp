@@ -2,22 +2,15 @@
 #include "live.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/log.h"
-#include "tarsier/core/require.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/cameras.h"
-#include "tarsier/media/image_probe.h"
 
 #include <fmt/format.h>
 
 #include "secrets.h"
+#include "sign_in.h"
 #include <algorithm>
-#include <cstring>
-#include <netinet/in.h>
-#include <netinet/tcp.h>
-#include <poll.h>
 #include <set>
-#include <sys/socket.h>
 
 namespace tarsier::web {
 namespace {
@@ -25,15 +18,9 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr milliseconds kPing{2000};
-constexpr milliseconds kWait{400};      // of a stream without news, before it looks around
-constexpr milliseconds kDeaf{300'000};  // a viewer that takes nothing for so long is let go
-constexpr milliseconds kFresh{60};      // an older picture is not sent before a newer was asked for
-constexpr milliseconds kFreshWait{50};
 constexpr std::size_t kMaxWatched = 16;  // sessions in one stream
 constexpr std::size_t kMaxEvents = 64;   // in one POST
 constexpr milliseconds kHandled{1000};   // for a session to handle them
-constexpr int kUnsent = 16 << 10;        // bytes that may wait in the socket when more is written
 
 // What is drawn by the program itself, for those without a camera.
 struct Drawn {
@@ -51,350 +38,7 @@ constexpr Drawn kDrawn[] = {
     {"synth:clock?live=1", "Drawn clock"},
 };
 
-// Waits until the client has nearly all that was written: a picture that is made later is newer.
-// False where it has not within `patience`.
-bool wait_until_taken(int socket, milliseconds patience) {
-  pollfd item{socket, POLLOUT, 0};
-  return ::poll(&item, 1, static_cast<int>(patience.count())) > 0;
-}
-
-bool is_gone(int socket) {
-  pollfd item{socket, POLLRDHUP, 0};
-  return ::poll(&item, 1, 0) > 0 && item.revents != 0;
-}
-
-void prepare(int socket) {
-  const int unsent = kUnsent;
-  (void)::setsockopt(socket, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &unsent, sizeof unsent);
-}
-
 }  // namespace
-
-// --- cameras of viewers ---
-
-std::string ViewerCameras::add() {
-  forget_silent();
-  const std::lock_guard lock(mutex_);
-  if (cameras_.size() >= kMost)
-    throw HttpError(409, fmt::format("{} cameras of browsers are the limit; end one first", kMost));
-  std::string id = new_secret().substr(0, 12);
-  cameras_[id].heard = Clock::now();
-  return id;
-}
-
-void ViewerCameras::put(const std::string& id, std::string jpeg) {
-  const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(jpeg.data()),
-                                            jpeg.size());
-  const auto header = probe_image(bytes);
-  if (!header || jpeg.compare(0, 2, "\xff\xd8") != 0) throw HttpError(415, "the frame is no JPEG");
-  if (static_cast<std::int64_t>(header->width) * header->height > 100'000'000)
-    throw HttpError(415, "the frame has more than 100 million pixels");
-  auto frame = std::make_shared<const std::string>(std::move(jpeg));
-  std::vector<std::shared_ptr<LiveSession>> sessions;
-  {
-    const std::lock_guard lock(mutex_);
-    const auto found = cameras_.find(id);
-    if (found == cameras_.end())
-      throw HttpError(404, "this camera is over: make another (POST /api/viewer-cameras)");
-    Camera& camera = found->second;
-    camera.heard = Clock::now();
-    camera.newest = frame;
-    std::erase_if(camera.sessions, [](const auto& session) { return session.expired(); });
-    for (const auto& session : camera.sessions) {
-      if (auto alive = session.lock()) sessions.push_back(std::move(alive));
-    }
-  }
-  for (const auto& session : sessions) session->offer_frame(frame);
-}
-
-void ViewerCameras::end(Camera& camera) {
-  for (const auto& session : camera.sessions) {
-    if (const auto alive = session.lock()) alive->end_camera();
-  }
-}
-
-void ViewerCameras::remove(const std::string& id) {
-  Camera camera;
-  {
-    const std::lock_guard lock(mutex_);
-    const auto found = cameras_.find(id);
-    if (found == cameras_.end()) throw HttpError(404, "there is no such camera");
-    camera = std::move(found->second);
-    cameras_.erase(found);
-  }
-  end(camera);
-}
-
-bool ViewerCameras::has(const std::string& id) const {
-  const std::lock_guard lock(mutex_);
-  return cameras_.contains(id);
-}
-
-std::vector<std::string> ViewerCameras::ids() const {
-  const std::lock_guard lock(mutex_);
-  std::vector<std::string> result;
-  for (const auto& [id, camera] : cameras_) result.push_back(id);
-  return result;
-}
-
-void ViewerCameras::attach(const std::string& id, const std::shared_ptr<LiveSession>& session) {
-  std::shared_ptr<const std::string> newest;
-  {
-    const std::lock_guard lock(mutex_);
-    const auto found = cameras_.find(id);
-    if (found == cameras_.end()) {
-      session->end_camera();
-      return;
-    }
-    found->second.sessions.push_back(session);
-    newest = found->second.newest;
-  }
-  if (newest != nullptr) session->offer_frame(std::move(newest));
-}
-
-void ViewerCameras::forget_silent() {
-  std::vector<Camera> silent;
-  {
-    const std::lock_guard lock(mutex_);
-    for (auto camera = cameras_.begin(); camera != cameras_.end();) {
-      if (Clock::now() - camera->second.heard < kSilence) {
-        ++camera;
-        continue;
-      }
-      silent.push_back(std::move(camera->second));
-      camera = cameras_.erase(camera);
-    }
-  }
-  for (Camera& camera : silent) end(camera);
-}
-
-// --- streams ---
-
-// Counts a stream while it lives.
-struct Live::StreamSlot {
-  explicit StreamSlot(Live& owner) : live(owner) {}
-  ~StreamSlot() {
-    {
-      const std::lock_guard lock(live.mutex_);
-      --live.streams_;
-    }
-    live.changed_.notify_all();
-  }
-  StreamSlot(const StreamSlot&) = delete;
-  StreamSlot& operator=(const StreamSlot&) = delete;
-  Live& live;
-};
-
-// Gives a viewer pictures that are new when they leave: it asks the child only when the client has
-// taken what went before.
-class PictureFollower {
- public:
-  explicit PictureFollower(std::shared_ptr<LiveSession> session) : session_(std::move(session)) {}
-
-  // The next picture; nothing if it has to be waited for.
-  std::optional<LiveSession::Picture> next() {
-    LiveSession::Picture picture = session_->picture();
-    const Clock::time_point now = Clock::now();
-    if (picture.number <= last_) {
-      session_->want_picture();
-      asked_.reset();
-      return std::nullopt;
-    }
-    const bool is_fresh = now - picture.received <= kFresh;
-    if (!is_fresh && session_->is_running()) {
-      // An old one that nobody took: the child may have a newer one at once.
-      if (!asked_) {
-        asked_ = now;
-        session_->want_picture();
-        return std::nullopt;
-      }
-      if (now - *asked_ < kFreshWait) return std::nullopt;
-    }
-    asked_.reset();
-    last_ = picture.number;
-    return picture;
-  }
-  // How long next() wants to be left alone at most.
-  [[nodiscard]] milliseconds patience() const { return asked_ ? kFreshWait : kWait; }
-  [[nodiscard]] LiveSession& session() const { return *session_; }
-
- private:
-  std::shared_ptr<LiveSession> session_;
-  std::uint64_t last_ = 0;
-  std::optional<Clock::time_point> asked_;
-};
-
-// Bytes that are handed out in pieces.
-class Outgoing {
- public:
-  [[nodiscard]] bool is_empty() const { return sent_ == text_.size(); }
-  std::string& fresh() {
-    text_.clear();
-    sent_ = 0;
-    return text_;
-  }
-  std::ptrdiff_t take(std::span<char> buffer) {
-    const std::size_t count = std::min(buffer.size(), text_.size() - sent_);
-    std::memcpy(buffer.data(), text_.data() + sent_, count);
-    sent_ += count;
-    return static_cast<std::ptrdiff_t>(count);
-  }
-
- private:
-  std::string text_;
-  std::size_t sent_ = 0;
-};
-
-// GET /api/live
-class LiveStream final : public BodyStream {
- public:
-  LiveStream(Live& live, std::shared_ptr<Live::StreamSlot> slot, std::vector<std::string> unknown,
-             const std::vector<std::shared_ptr<LiveSession>>& sessions, bool with_jobs)
-      : live_(live), slot_(std::move(slot)), unknown_(std::move(unknown)), with_jobs_(with_jobs) {
-    for (const auto& session : sessions) {
-      watched_.emplace_back(session);
-      session->add_viewer(waker_);
-    }
-    if (with_jobs_) {
-      jobs_seen_ = live_.jobs_.newest();
-      const std::lock_guard lock(live_.mutex_);
-      live_.job_viewers_.push_back(waker_);
-    }
-  }
-  ~LiveStream() override {
-    for (Watched& watched : watched_) watched.pictures.session().remove_viewer(waker_);
-  }
-
-  std::ptrdiff_t read(std::span<char> buffer, int socket) override {
-    if (!out_.is_empty()) return out_.take(buffer);
-    if (!is_prepared_) {
-      prepare(socket);
-      is_prepared_ = true;
-    }
-    const Clock::time_point now = Clock::now();
-    if (!wait_until_taken(socket, kWait)) return now - taken_ > kDeaf ? -1 : 0;
-    taken_ = now;
-    if (is_gone(socket)) return -1;
-    if (compose()) return out_.take(buffer);
-    milliseconds patience = kWait;
-    for (const Watched& watched : watched_)
-      patience = std::min(patience, watched.pictures.patience());
-    waker_->wait(patience);
-    return compose() ? out_.take(buffer) : 0;
-  }
-
- private:
-  struct Watched {
-    explicit Watched(std::shared_ptr<LiveSession> session) : pictures(std::move(session)) {}
-    PictureFollower pictures;
-    std::uint64_t hello = 0;
-    std::uint64_t state = 0;
-    std::uint64_t ended = 0;
-  };
-
-  void add_news(std::string& out, LiveRecord kind, const std::string& id,
-                const LiveSession::News& news, std::uint64_t& seen) {
-    if (news.number <= seen || news.json == nullptr) return;
-    seen = news.number;
-    append_record(out, kind, id, *news.json);
-  }
-
-  // All that is new, and one picture. False where nothing is.
-  bool compose() {
-    std::string& out = out_.fresh();
-    const Clock::time_point now = Clock::now();
-    for (const std::string& id : unknown_)
-      append_record(out, LiveRecord::kEnded, id,
-                    R"({"exit":null,"error":"there is no such session"})");
-    unknown_.clear();
-    for (Watched& watched : watched_) {
-      LiveSession& session = watched.pictures.session();
-      add_news(out, LiveRecord::kHello, session.id(), session.hello(), watched.hello);
-      add_news(out, LiveRecord::kState, session.id(), session.state(), watched.state);
-    }
-    if (with_jobs_) {
-      for (const auto& [id, json] : live_.jobs_.since(jobs_seen_))
-        append_record(out, LiveRecord::kJob, id, json);
-    }
-    // Sessions take turns, so that a fast one does not shut out the others.
-    for (std::size_t i = 0; i < watched_.size(); ++i) {
-      Watched& watched = watched_[(turn_ + i) % watched_.size()];
-      const auto picture = watched.pictures.next();
-      if (!picture) continue;
-      std::string payload = picture_head(picture->frame, picture->age_now());
-      payload += *picture->jpeg;
-      append_record(out, LiveRecord::kPicture, watched.pictures.session().id(), payload);
-      turn_ = (turn_ + i + 1) % watched_.size();
-      break;
-    }
-    for (Watched& watched : watched_) {
-      LiveSession& session = watched.pictures.session();
-      add_news(out, LiveRecord::kEnded, session.id(), session.ended(), watched.ended);
-    }
-    if (out.empty() && now - pinged_ >= kPing) append_record(out, LiveRecord::kPing, "", "");
-    if (!out.empty()) pinged_ = now;
-    return !out.empty();
-  }
-
-  Live& live_;
-  const std::shared_ptr<Live::StreamSlot> slot_;
-  std::vector<std::string> unknown_;
-  const bool with_jobs_;
-  const std::shared_ptr<Waker> waker_ = std::make_shared<Waker>();
-  std::vector<Watched> watched_;
-  std::uint64_t jobs_seen_ = 0;
-  std::size_t turn_ = 0;
-  Outgoing out_;
-  bool is_prepared_ = false;
-  Clock::time_point taken_ = Clock::now();
-  Clock::time_point pinged_;  // something was sent; long ago at first: the first ping is at once
-};
-
-// GET /api/sessions/ID/stream.mjpg
-class MjpegStream final : public BodyStream {
- public:
-  MjpegStream(std::shared_ptr<Live::StreamSlot> slot, std::shared_ptr<LiveSession> session)
-      : slot_(std::move(slot)), pictures_(std::move(session)) {
-    pictures_.session().add_viewer(waker_);
-    out_.fresh() = "--tarsier-frame\r\n";
-  }
-  ~MjpegStream() override { pictures_.session().remove_viewer(waker_); }
-  [[nodiscard]] bool is_plain() const override { return true; }
-
-  std::ptrdiff_t read(std::span<char> buffer, int socket) override {
-    if (!out_.is_empty()) return out_.take(buffer);
-    if (!is_prepared_) {
-      prepare(socket);
-      is_prepared_ = true;
-    }
-    const Clock::time_point now = Clock::now();
-    if (!wait_until_taken(socket, kWait)) return now - taken_ > kDeaf ? -1 : 0;
-    taken_ = now;
-    if (is_gone(socket)) return -1;
-    auto picture = pictures_.next();
-    if (!picture) {
-      if (!pictures_.session().is_running()) return -1;
-      waker_->wait(pictures_.patience());
-      picture = pictures_.next();
-    }
-    if (!picture) return 0;
-    // The boundary follows its part at once: browsers show a picture only when they have seen it.
-    out_.fresh() = fmt::format(
-        "Content-Type: image/jpeg\r\nContent-Length: {}\r\n\r\n{}\r\n--tarsier-frame\r\n",
-        picture->jpeg->size(), *picture->jpeg);
-    return out_.take(buffer);
-  }
-
- private:
-  const std::shared_ptr<Live::StreamSlot> slot_;
-  const std::shared_ptr<Waker> waker_ = std::make_shared<Waker>();
-  PictureFollower pictures_;
-  Outgoing out_;
-  bool is_prepared_ = false;
-  Clock::time_point taken_ = Clock::now();
-};
-
-// --- sessions ---
 
 Live::Live(LiveOptions options, JobFeed& jobs, AuditLog& audit)
     : options_(std::move(options)), jobs_(jobs), audit_(audit) {
@@ -449,15 +93,13 @@ std::shared_ptr<LiveSession> Live::session_of(const Request& request) const {
   return session;
 }
 
-std::shared_ptr<Live::StreamSlot> Live::new_slot() {
-  const std::lock_guard lock(mutex_);
-  if (is_stopping_) throw HttpError(503, "the server is ending");
-  if (streams_ >= options_.max_streams)
-    throw HttpError(503, fmt::format("{} live streams are the limit: close a page elsewhere",
-                                     options_.max_streams));
-  auto slot = std::make_shared<StreamSlot>(*this);
-  ++streams_;
-  return slot;
+std::shared_ptr<StreamSlots::Slot> Live::new_slot(const Request& request) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (is_stopping_) throw HttpError(503, "the server is ending");
+  }
+  const auto cookie = cookie_value(request.header("cookie"), kCookieName);
+  return streams_.take(cookie && !request.by_api_token ? hash_of(*cookie) : "");
 }
 
 std::string Live::source_word(const std::string& reference) const {
@@ -635,10 +277,16 @@ Response Live::send_live(const Request& request) {
     }
   }
   const bool with_jobs = request.query_value("jobs") == "1";
+  auto slot = new_slot(request);
+  auto waker = std::make_shared<Waker>();
+  if (with_jobs) {
+    const std::lock_guard lock(mutex_);
+    job_viewers_.push_back(waker);
+  }
   Response response;
   response.type = "application/octet-stream";
-  response.stream =
-      std::make_unique<LiveStream>(*this, new_slot(), std::move(unknown), sessions, with_jobs);
+  response.stream = make_live_stream(std::move(slot), std::move(waker), std::move(unknown),
+                                     sessions, with_jobs ? &jobs_ : nullptr);
   // Proxies that hold answers back would turn it into a slide show.
   response.headers.emplace_back("X-Accel-Buffering", "no");
   return response;
@@ -648,7 +296,7 @@ Response Live::send_mjpeg(const Request& request) {
   const auto session = session_of(request);
   Response response;
   response.type = "multipart/x-mixed-replace; boundary=tarsier-frame";
-  response.stream = std::make_unique<MjpegStream>(new_slot(), session);
+  response.stream = make_mjpeg_stream(new_slot(request), session);
   response.headers.emplace_back("X-Accel-Buffering", "no");
   return response;
 }
@@ -714,7 +362,7 @@ nlohmann::json Live::sessions() const {
 Live::Counts Live::counts() const {
   const std::lock_guard lock(mutex_);
   Counts counts;
-  counts.streams = streams_;
+  counts.streams = streams_.count();
   for (const auto& session : sessions_) {
     if (!session->is_running()) continue;
     ++counts.running;

@@ -4,8 +4,10 @@
 #include "audit_log.h"
 #include "job_feed.h"
 #include "live_session.h"
+#include "live_stream.h"
 #include "router.h"
 #include "verb_policy.h"
+#include "viewer_cameras.h"
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -22,35 +24,6 @@
 #include <vector>
 
 namespace tarsier::web {
-
-// A camera of somebody's browser, which sends its pictures one by one (POST
-// /api/viewer-cameras/ID/frame). Sessions that have it as their input get the newest. Thread-safe.
-class ViewerCameras {
- public:
-  static constexpr std::size_t kMost = 16;
-  static constexpr std::uint64_t kMaxFrame = 16 << 20;  // bytes of a JPEG
-  static constexpr std::chrono::seconds kSilence{60};   // then it is forgotten
-
-  // "ab12.." of a new one. HttpError 409 where there are too many.
-  [[nodiscard]] std::string add();
-  // HttpError 404; 415 where it is no JPEG or has more than 100 MP.
-  void put(const std::string& id, std::string jpeg);
-  void remove(const std::string& id);  // HttpError 404
-  [[nodiscard]] bool has(const std::string& id) const;
-  [[nodiscard]] std::vector<std::string> ids() const;
-  void attach(const std::string& id, const std::shared_ptr<LiveSession>& session);
-  void forget_silent();
-
- private:
-  struct Camera {
-    std::chrono::steady_clock::time_point heard;
-    std::shared_ptr<const std::string> newest;
-    std::vector<std::weak_ptr<LiveSession>> sessions;
-  };
-  static void end(Camera& camera);
-  mutable std::mutex mutex_;
-  std::map<std::string, Camera> cameras_;
-};
 
 struct LiveOptions {
   std::string program;  // the path of tarsier
@@ -95,10 +68,6 @@ class Live {
   [[nodiscard]] Counts counts() const;
 
  private:
-  friend class LiveStream;
-  friend class MjpegStream;
-  struct StreamSlot;
-
   [[nodiscard]] Response list_sources() const;
   [[nodiscard]] Response start(const Request& request);
   [[nodiscard]] Response take_events(const Request& request);
@@ -107,20 +76,19 @@ class Live {
   [[nodiscard]] Response send_mjpeg(const Request& request);
   [[nodiscard]] std::shared_ptr<LiveSession> find(const std::string& id) const;         // or null
   [[nodiscard]] std::shared_ptr<LiveSession> session_of(const Request& request) const;  // or 404
-  [[nodiscard]] std::shared_ptr<StreamSlot> new_slot();
-  void remove_streams();
+  [[nodiscard]] std::shared_ptr<StreamSlots::Slot> new_slot(const Request& request);
   void keep();
 
   LiveOptions options_;
   JobFeed& jobs_;
   AuditLog& audit_;
   ViewerCameras cameras_;
+  StreamSlots streams_{options_.max_streams};
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::vector<std::shared_ptr<LiveSession>> sessions_;  // in the order of their start
   std::vector<std::weak_ptr<Waker>> job_viewers_;
-  std::size_t streams_ = 0;
   bool is_stopping_ = false;
   std::thread keeper_;
 };

@@ -140,6 +140,25 @@ TEST(LiveSession, SendsAPictureForEachCredit) {
   EXPECT_EQ(seen["running"], true);
 }
 
+TEST(StreamSlots, TakeTurnsWhereABrowserHasManyStreams) {
+  StreamSlots slots(8);
+  const auto program = slots.take("");
+  std::vector<std::shared_ptr<StreamSlots::Slot>> own;
+  for (std::size_t i = 0; i < StreamSlots::kAtOnce; ++i) own.push_back(slots.take("browser"));
+  const auto other = slots.take("another");
+  EXPECT_FALSE(own[0]->takes_turns());
+  own.push_back(slots.take("browser"));
+  for (const auto& slot : own) EXPECT_TRUE(slot->takes_turns());
+  EXPECT_FALSE(other->takes_turns());
+  EXPECT_FALSE(program->takes_turns());
+  EXPECT_EQ(slots.count(), 7U);
+  const auto last = slots.take("");
+  EXPECT_THROW((void)slots.take(""), HttpError);
+  own.pop_back();
+  EXPECT_FALSE(own[0]->takes_turns());
+  EXPECT_NO_THROW((void)slots.take(""));
+}
+
 TEST(LiveSession, TellsWhenEventsAreHandled) {
   // It handles the first two events, passes over what is no state, and ends at the third.
   LiveSession session(

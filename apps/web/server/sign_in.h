@@ -74,6 +74,9 @@ class SignIns {
   std::map<std::string, WallClock::time_point> cookies_;  // hash -> sign-in
 };
 
+// The name of the cookie that a browser is signed in by.
+inline constexpr std::string_view kCookieName = "tarsier_session";
+
 // The first value of the cookie `name` in a Cookie header.
 [[nodiscard]] std::optional<std::string> cookie_value(std::string_view header,
                                                       std::string_view name);

@@ -1,0 +1,300 @@
+// SPDX-License-Identifier: MIT
+#include "live_stream.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstring>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <optional>
+#include <poll.h>
+#include <sys/socket.h>
+#include <utility>
+
+namespace tarsier::web {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr milliseconds kPing{2000};
+constexpr milliseconds kWait{400};      // of a stream without news, before it looks around
+constexpr milliseconds kDeaf{300'000};  // a viewer that takes nothing for so long is let go
+constexpr milliseconds kFresh{60};      // an older picture is not sent before a newer was asked for
+constexpr milliseconds kFreshWait{50};
+constexpr int kUnsent = 16 << 10;  // bytes that may wait in the socket when more is written
+
+// Waits until the client has nearly all that was written: a picture that is made later is newer.
+// False where it has not within `patience`.
+bool wait_until_taken(int socket, milliseconds patience) {
+  pollfd item{socket, POLLOUT, 0};
+  return ::poll(&item, 1, static_cast<int>(patience.count())) > 0;
+}
+
+bool is_gone(int socket) {
+  pollfd item{socket, POLLRDHUP, 0};
+  return ::poll(&item, 1, 0) > 0 && item.revents != 0;
+}
+
+void prepare(int socket) {
+  const int unsent = kUnsent;
+  (void)::setsockopt(socket, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &unsent, sizeof unsent);
+}
+
+// Gives a viewer pictures that are new when they leave: it asks the child only when the client has
+// taken what went before.
+class PictureFollower {
+ public:
+  explicit PictureFollower(std::shared_ptr<LiveSession> session) : session_(std::move(session)) {}
+
+  // The next picture; nothing if it has to be waited for.
+  std::optional<LiveSession::Picture> next() {
+    LiveSession::Picture picture = session_->picture();
+    const Clock::time_point now = Clock::now();
+    if (picture.number <= last_) {
+      session_->want_picture();
+      asked_.reset();
+      return std::nullopt;
+    }
+    const bool is_fresh = now - picture.received <= kFresh;
+    if (!is_fresh && session_->is_running()) {
+      // An old one that nobody took: the child may have a newer one at once.
+      if (!asked_) {
+        asked_ = now;
+        session_->want_picture();
+        return std::nullopt;
+      }
+      if (now - *asked_ < kFreshWait) return std::nullopt;
+    }
+    asked_.reset();
+    last_ = picture.number;
+    return picture;
+  }
+  // How long next() wants to be left alone at most.
+  [[nodiscard]] milliseconds patience() const { return asked_ ? kFreshWait : kWait; }
+  [[nodiscard]] LiveSession& session() const { return *session_; }
+
+ private:
+  std::shared_ptr<LiveSession> session_;
+  std::uint64_t last_ = 0;
+  std::optional<Clock::time_point> asked_;
+};
+
+// Bytes that are handed out in pieces.
+class Outgoing {
+ public:
+  [[nodiscard]] bool is_empty() const { return sent_ == text_.size(); }
+  std::string& fresh() {
+    text_.clear();
+    sent_ = 0;
+    return text_;
+  }
+  std::ptrdiff_t take(std::span<char> buffer) {
+    const std::size_t count = std::min(buffer.size(), text_.size() - sent_);
+    std::memcpy(buffer.data(), text_.data() + sent_, count);
+    sent_ += count;
+    return static_cast<std::ptrdiff_t>(count);
+  }
+
+ private:
+  std::string text_;
+  std::size_t sent_ = 0;
+};
+
+// GET /api/live
+class LiveStream final : public BodyStream {
+ public:
+  LiveStream(std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,
+             std::vector<std::string> unknown,
+             const std::vector<std::shared_ptr<LiveSession>>& sessions, const JobFeed* jobs)
+      : slot_(std::move(slot)),
+        waker_(std::move(waker)),
+        unknown_(std::move(unknown)),
+        jobs_(jobs),
+        jobs_seen_(jobs == nullptr ? 0 : jobs->newest()) {
+    for (const auto& session : sessions) {
+      watched_.emplace_back(session);
+      session->add_viewer(waker_);
+    }
+  }
+  ~LiveStream() override {
+    for (Watched& watched : watched_) watched.pictures.session().remove_viewer(waker_);
+  }
+
+  std::ptrdiff_t read(std::span<char> buffer, int socket) override {
+    if (!out_.is_empty()) return out_.take(buffer);
+    if (!is_prepared_) {
+      prepare(socket);
+      is_prepared_ = true;
+    }
+    const Clock::time_point now = Clock::now();
+    if (now - begun_ > StreamSlots::kTurn && slot_->takes_turns()) return -1;
+    if (!wait_until_taken(socket, kWait)) return now - taken_ > kDeaf ? -1 : 0;
+    taken_ = now;
+    if (is_gone(socket)) return -1;
+    if (compose()) return out_.take(buffer);
+    milliseconds patience = kWait;
+    for (const Watched& watched : watched_)
+      patience = std::min(patience, watched.pictures.patience());
+    waker_->wait(patience);
+    return compose() ? out_.take(buffer) : 0;
+  }
+
+ private:
+  struct Watched {
+    explicit Watched(std::shared_ptr<LiveSession> session) : pictures(std::move(session)) {}
+    PictureFollower pictures;
+    std::uint64_t hello = 0;
+    std::uint64_t state = 0;
+    std::uint64_t ended = 0;
+  };
+
+  void add_news(std::string& out, LiveRecord kind, const std::string& id,
+                const LiveSession::News& news, std::uint64_t& seen) {
+    if (news.number <= seen || news.json == nullptr) return;
+    seen = news.number;
+    append_record(out, kind, id, *news.json);
+  }
+
+  // All that is new, and one picture. False where nothing is.
+  bool compose() {
+    std::string& out = out_.fresh();
+    const Clock::time_point now = Clock::now();
+    for (const std::string& id : unknown_)
+      append_record(out, LiveRecord::kEnded, id,
+                    R"({"exit":null,"error":"there is no such session"})");
+    unknown_.clear();
+    for (Watched& watched : watched_) {
+      LiveSession& session = watched.pictures.session();
+      add_news(out, LiveRecord::kHello, session.id(), session.hello(), watched.hello);
+      add_news(out, LiveRecord::kState, session.id(), session.state(), watched.state);
+    }
+    if (jobs_ != nullptr) {
+      for (const auto& [id, json] : jobs_->since(jobs_seen_))
+        append_record(out, LiveRecord::kJob, id, json);
+    }
+    // Sessions take turns, so that a fast one does not shut out the others.
+    for (std::size_t i = 0; i < watched_.size(); ++i) {
+      Watched& watched = watched_[(turn_ + i) % watched_.size()];
+      const auto picture = watched.pictures.next();
+      if (!picture) continue;
+      std::string payload = picture_head(picture->frame, picture->age_now());
+      payload += *picture->jpeg;
+      append_record(out, LiveRecord::kPicture, watched.pictures.session().id(), payload);
+      turn_ = (turn_ + i + 1) % watched_.size();
+      break;
+    }
+    for (Watched& watched : watched_) {
+      LiveSession& session = watched.pictures.session();
+      add_news(out, LiveRecord::kEnded, session.id(), session.ended(), watched.ended);
+    }
+    if (out.empty() && now - pinged_ >= kPing) append_record(out, LiveRecord::kPing, "", "");
+    if (!out.empty()) pinged_ = now;
+    return !out.empty();
+  }
+
+  const std::shared_ptr<StreamSlots::Slot> slot_;
+  const std::shared_ptr<Waker> waker_;
+  std::vector<std::string> unknown_;
+  const JobFeed* jobs_;
+  std::vector<Watched> watched_;
+  std::uint64_t jobs_seen_;
+  std::size_t turn_ = 0;
+  Outgoing out_;
+  bool is_prepared_ = false;
+  const Clock::time_point begun_ = Clock::now();
+  Clock::time_point taken_ = Clock::now();
+  Clock::time_point pinged_;  // something was sent; long ago at first: the first ping is at once
+};
+
+// GET /api/sessions/ID/stream.mjpg
+class MjpegStream final : public BodyStream {
+ public:
+  MjpegStream(std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<LiveSession> session)
+      : slot_(std::move(slot)), pictures_(std::move(session)) {
+    pictures_.session().add_viewer(waker_);
+    out_.fresh() = "--tarsier-frame\r\n";
+  }
+  ~MjpegStream() override { pictures_.session().remove_viewer(waker_); }
+  [[nodiscard]] bool is_plain() const override { return true; }
+
+  std::ptrdiff_t read(std::span<char> buffer, int socket) override {
+    if (!out_.is_empty()) return out_.take(buffer);
+    if (!is_prepared_) {
+      prepare(socket);
+      is_prepared_ = true;
+    }
+    const Clock::time_point now = Clock::now();
+    if (!wait_until_taken(socket, kWait)) return now - taken_ > kDeaf ? -1 : 0;
+    taken_ = now;
+    if (is_gone(socket)) return -1;
+    auto picture = pictures_.next();
+    if (!picture) {
+      if (!pictures_.session().is_running()) return -1;
+      waker_->wait(pictures_.patience());
+      picture = pictures_.next();
+    }
+    if (!picture) return 0;
+    // The boundary follows its part at once: browsers show a picture only when they have seen it.
+    out_.fresh() = fmt::format(
+        "Content-Type: image/jpeg\r\nContent-Length: {}\r\n\r\n{}\r\n--tarsier-frame\r\n",
+        picture->jpeg->size(), *picture->jpeg);
+    return out_.take(buffer);
+  }
+
+ private:
+  const std::shared_ptr<StreamSlots::Slot> slot_;
+  const std::shared_ptr<Waker> waker_ = std::make_shared<Waker>();
+  PictureFollower pictures_;
+  Outgoing out_;
+  bool is_prepared_ = false;
+  Clock::time_point taken_ = Clock::now();
+};
+
+}  // namespace
+
+StreamSlots::Slot::~Slot() {
+  const std::lock_guard lock(owner_.mutex_);
+  --owner_.count_;
+  const auto own = owner_.of_viewer_.find(viewer_);
+  if (own != owner_.of_viewer_.end() && --own->second == 0) owner_.of_viewer_.erase(own);
+}
+
+bool StreamSlots::Slot::takes_turns() const {
+  if (viewer_.empty()) return false;
+  const std::lock_guard lock(owner_.mutex_);
+  return owner_.of_viewer_.at(viewer_) > kAtOnce;
+}
+
+std::shared_ptr<StreamSlots::Slot> StreamSlots::take(const std::string& viewer) {
+  const std::lock_guard lock(mutex_);
+  if (count_ >= most_)
+    throw HttpError(503,
+                    fmt::format("{} live streams are the limit: close a page elsewhere", most_));
+  auto slot = std::make_shared<Slot>(*this, viewer);
+  ++count_;
+  ++of_viewer_[viewer];
+  return slot;
+}
+
+std::size_t StreamSlots::count() const {
+  const std::lock_guard lock(mutex_);
+  return count_;
+}
+
+std::unique_ptr<BodyStream> make_live_stream(
+    std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,
+    std::vector<std::string> unknown, const std::vector<std::shared_ptr<LiveSession>>& sessions,
+    const JobFeed* jobs) {
+  return std::make_unique<LiveStream>(std::move(slot), std::move(waker), std::move(unknown),
+                                      sessions, jobs);
+}
+
+std::unique_ptr<BodyStream> make_mjpeg_stream(std::shared_ptr<StreamSlots::Slot> slot,
+                                              std::shared_ptr<LiveSession> session) {
+  return std::make_unique<MjpegStream>(std::move(slot), std::move(session));
+}
+
+}  // namespace tarsier::web

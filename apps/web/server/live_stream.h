@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "job_feed.h"
+#include "live_session.h"
+#include "router.h"
+#include <cstddef>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+namespace tarsier::web {
+
+// Who has how many live streams. Thread-safe.
+//
+// A browser opens six connections to a server, for all its tabs. A stream keeps one busy: six of
+// them, in six windows side by side, would leave none for anything else. So the streams of a
+// browser that has more than kAtOnce take turns: each ends after kTurn, and the page asks again.
+class StreamSlots {
+ public:
+  static constexpr std::size_t kAtOnce = 4;
+  static constexpr std::chrono::milliseconds kTurn{2000};
+
+  explicit StreamSlots(std::size_t most) : most_(most) {}
+
+  // Counts a stream while it lives. Must not outlive its StreamSlots.
+  class Slot {
+   public:
+    Slot(StreamSlots& owner, std::string viewer) : owner_(owner), viewer_(std::move(viewer)) {}
+    ~Slot();
+    Slot(const Slot&) = delete;
+    Slot& operator=(const Slot&) = delete;
+    // Whether the viewer's streams have to take turns.
+    [[nodiscard]] bool takes_turns() const;
+
+   private:
+    StreamSlots& owner_;
+    const std::string viewer_;
+  };
+
+  // `viewer`: the sign-in of a browser; "" is a program, whose streams take no turns. HttpError 503
+  // where there are too many.
+  [[nodiscard]] std::shared_ptr<Slot> take(const std::string& viewer);
+  [[nodiscard]] std::size_t count() const;
+
+ private:
+  const std::size_t most_;
+  mutable std::mutex mutex_;
+  std::size_t count_ = 0;
+  std::map<std::string, std::size_t> of_viewer_;
+};
+
+// GET /api/live: hello, states and images of `sessions`, the end of each, "there is no such
+// session" for `unknown`, and the news of `jobs` (null: none). `waker` is woken by all of them.
+[[nodiscard]] std::unique_ptr<BodyStream> make_live_stream(
+    std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,
+    std::vector<std::string> unknown, const std::vector<std::shared_ptr<LiveSession>>& sessions,
+    const JobFeed* jobs);
+
+// GET /api/sessions/ID/stream.mjpg
+[[nodiscard]] std::unique_ptr<BodyStream> make_mjpeg_stream(std::shared_ptr<StreamSlots::Slot> slot,
+                                                            std::shared_ptr<LiveSession> session);
+
+}  // namespace tarsier::web

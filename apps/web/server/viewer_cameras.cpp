@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: MIT
+#include "viewer_cameras.h"
+
+#include "tarsier/media/image_probe.h"
+
+#include <fmt/format.h>
+
+#include "router.h"
+#include "secrets.h"
+#include <span>
+
+namespace tarsier::web {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+}  // namespace
+
+std::string ViewerCameras::add() {
+  forget_silent();
+  const std::lock_guard lock(mutex_);
+  if (cameras_.size() >= kMost)
+    throw HttpError(409, fmt::format("{} cameras of browsers are the limit; end one first", kMost));
+  std::string id = new_secret().substr(0, 12);
+  cameras_[id].heard = Clock::now();
+  return id;
+}
+
+void ViewerCameras::put(const std::string& id, std::string jpeg) {
+  const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(jpeg.data()),
+                                            jpeg.size());
+  const auto header = probe_image(bytes);
+  if (!header || jpeg.compare(0, 2, "\xff\xd8") != 0) throw HttpError(415, "the frame is no JPEG");
+  if (static_cast<std::int64_t>(header->width) * header->height > 100'000'000)
+    throw HttpError(415, "the frame has more than 100 million pixels");
+  auto frame = std::make_shared<const std::string>(std::move(jpeg));
+  std::vector<std::shared_ptr<LiveSession>> sessions;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = cameras_.find(id);
+    if (found == cameras_.end())
+      throw HttpError(404, "this camera is over: make another (POST /api/viewer-cameras)");
+    Camera& camera = found->second;
+    camera.heard = Clock::now();
+    camera.newest = frame;
+    std::erase_if(camera.sessions, [](const auto& session) { return session.expired(); });
+    for (const auto& session : camera.sessions) {
+      if (auto alive = session.lock()) sessions.push_back(std::move(alive));
+    }
+  }
+  for (const auto& session : sessions) session->offer_frame(frame);
+}
+
+void ViewerCameras::end(Camera& camera) {
+  for (const auto& session : camera.sessions) {
+    if (const auto alive = session.lock()) alive->end_camera();
+  }
+}
+
+void ViewerCameras::remove(const std::string& id) {
+  Camera camera;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = cameras_.find(id);
+    if (found == cameras_.end()) throw HttpError(404, "there is no such camera");
+    camera = std::move(found->second);
+    cameras_.erase(found);
+  }
+  end(camera);
+}
+
+bool ViewerCameras::has(const std::string& id) const {
+  const std::lock_guard lock(mutex_);
+  return cameras_.contains(id);
+}
+
+std::vector<std::string> ViewerCameras::ids() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::string> result;
+  for (const auto& [id, camera] : cameras_) result.push_back(id);
+  return result;
+}
+
+void ViewerCameras::attach(const std::string& id, const std::shared_ptr<LiveSession>& session) {
+  std::shared_ptr<const std::string> newest;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = cameras_.find(id);
+    if (found == cameras_.end()) {
+      session->end_camera();
+      return;
+    }
+    found->second.sessions.push_back(session);
+    newest = found->second.newest;
+  }
+  if (newest != nullptr) session->offer_frame(std::move(newest));
+}
+
+void ViewerCameras::forget_silent() {
+  std::vector<Camera> silent;
+  {
+    const std::lock_guard lock(mutex_);
+    for (auto camera = cameras_.begin(); camera != cameras_.end();) {
+      if (Clock::now() - camera->second.heard < kSilence) {
+        ++camera;
+        continue;
+      }
+      silent.push_back(std::move(camera->second));
+      camera = cameras_.erase(camera);
+    }
+  }
+  for (Camera& camera : silent) end(camera);
+}
+
+}  // namespace tarsier::web

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "live_session.h"
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+namespace tarsier::web {
+
+// A camera of somebody's browser, which sends its pictures one by one (POST
+// /api/viewer-cameras/ID/frame). Sessions that have it as their input get the newest. Thread-safe.
+class ViewerCameras {
+ public:
+  static constexpr std::size_t kMost = 16;
+  static constexpr std::uint64_t kMaxFrame = 16 << 20;  // bytes of a JPEG
+  static constexpr std::chrono::seconds kSilence{60};   // then it is forgotten
+
+  // "ab12.." of a new one. HttpError 409 where there are too many.
+  [[nodiscard]] std::string add();
+  // HttpError 404; 415 where it is no JPEG or has more than 100 MP.
+  void put(const std::string& id, std::string jpeg);
+  void remove(const std::string& id);  // HttpError 404
+  [[nodiscard]] bool has(const std::string& id) const;
+  [[nodiscard]] std::vector<std::string> ids() const;
+  void attach(const std::string& id, const std::shared_ptr<LiveSession>& session);
+  void forget_silent();
+
+ private:
+  struct Camera {
+    std::chrono::steady_clock::time_point heard;
+    std::shared_ptr<const std::string> newest;
+    std::vector<std::weak_ptr<LiveSession>> sessions;
+  };
+  static void end(Camera& camera);
+  mutable std::mutex mutex_;
+  std::map<std::string, Camera> cameras_;
+};
+
+}  // namespace tarsier::web
