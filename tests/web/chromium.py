@@ -402,7 +402,12 @@ class Page:
           const box = this.getBoundingClientRect();
           const x = box.left + box.width / 2, y = box.top + box.height / 2;
           const top = document.elementFromPoint(x, y);
-          const own = top && (this.contains(top) || top.contains(this) || top.closest('label')?.control === this);
+          const inside = (one) => this.contains(one) || one.closest?.('label')?.control === this;
+          const own = top && (inside(top) || top.contains(this));
+          window.tarsierMissed = false;
+          if (top && inside(top)) {
+            addEventListener('click', (event) => { window.tarsierMissed = !inside(event.target); }, {capture: true, once: true});
+          }
           return {x, y, width: box.width, height: box.height, own: Boolean(own), top: top ? top.outerHTML.slice(0, 120) : ''};
         }""")
         if at["width"] == 0 or at["height"] == 0:
@@ -435,11 +440,19 @@ class Page:
             try:
                 x, y = self.middle(node)
                 self.click_at(x, y)
-                return
+                if not self.missed():
+                    return
             except BrowserError:
                 if time.monotonic() > end:
                     raise
-                self.evaluate("new Promise((done) => setTimeout(done, 50))")
+            self.evaluate("new Promise((done) => setTimeout(done, 50))")
+
+    def missed(self):
+        """Whether the last click met something else, as the page moved before it came."""
+        try:
+            return self.evaluate("window.tarsierMissed")
+        except BrowserError:  # it led to another page
+            return False
 
     def focus(self, role, name=None, contains=None):
         node = self.find(role, name, contains)
