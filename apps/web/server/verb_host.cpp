@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+#include "tarsier/media/sha256.h"
+
+#include "audit_log.h"
+#include "jobs.h"
+#include "router.h"
+
+namespace tarsier::web {
+
+namespace {
+
+using Json = nlohmann::json;
+
+}  // namespace
+
+CommandLine VerbHost::command(const VerbRequest& request, Use use,
+                              const std::string& output_folder) const {
+  return command_line(verbs, request, use,
+                      {[this](const std::string& reference, bool must_exist) {
+                         return workspace.resolve(reference, must_exist);
+                       },
+                       source, output_folder});
+}
+
+void VerbHost::tell_audit(const CommandLine& line, const VerbRequest& request,
+                          const std::string& address) const {
+  if (line.audit.empty()) return;
+  Json details = {{"verb", request.verb}};
+  const bool has_person = request.verb == "people enroll" || request.verb == "people forget";
+  if (has_person && !request.inputs.empty()) {
+    Sha256 sum;
+    sum.add(request.inputs.front());
+    details["person_sha256"] = sum.hex();
+  }
+  audit.write(line.audit, address, details);
+}
+
+ChildOptions VerbHost::child(const CommandLine& line, const std::string& folder) const {
+  ChildOptions options;
+  options.arguments.push_back(program);
+  options.arguments.insert(options.arguments.end(), line.words.begin(), line.words.end());
+  // No window on the desktop of the server's machine.
+  options.environment = {{"DISPLAY", ""}, {"WAYLAND_DISPLAY", ""}};
+  options.folder = folder;
+  return options;
+}
+
+std::string VerbHost::public_line(std::string_view line, const CommandLine& command) const {
+  std::string text(line);
+  for (const auto& [secret, shown] : command.secrets) {
+    if (secret.empty()) continue;
+    for (std::size_t at = text.find(secret); at != std::string::npos; at = text.find(secret, at)) {
+      text.replace(at, secret.size(), shown);
+      at += shown.size();
+    }
+  }
+  return workspace.with_references(std::move(text));
+}
+
+}  // namespace tarsier::web
