@@ -41,7 +41,7 @@ SECURITY, FILES, JOBS, LIVE, UNIT = "test_security.py", "test_files.py", "test_j
 
 def header(name, rule, what):
     """A header field of every answer."""
-    return (rule, what, [(f'    header("{name}",', f'    if (!rule_is_out("{rule}")) header("{name}",')], SECURITY,
+    return (rule, what, [(f'  header("{name}",', f'  if (!rule_is_out("{rule}")) header("{name}",')], SECURITY,
             "test_answers_carry_the_policy")
 
 
@@ -102,8 +102,8 @@ RULES = [
        '               if (wait && !rule_is_out("tries")) {')],
      SECURITY, "test_guessing_is_slowed_down"),
     ("bearer-tries", "10 tries a minute with an API token",
-     [("if (const auto wait = bearer_tries.refused(request.address, RateLimit::Clock::now()))",
-       'if (const auto wait = bearer_tries.refused(request.address, RateLimit::Clock::now()); wait && !rule_is_out("bearer-tries"))')],
+     [("if (const auto wait = bearer_tries_.refused(request.address, RateLimit::Clock::now()))",
+       'if (const auto wait = bearer_tries_.refused(request.address, RateLimit::Clock::now()); wait && !rule_is_out("bearer-tries"))')],
      SECURITY, "test_guessing_is_slowed_down"),
     ("forwarded", "X-Forwarded-For counts behind a proxy alone",
      [("if (behind_proxy()) request.address", 'if (behind_proxy() || rule_is_out("forwarded")) request.address')],
@@ -114,8 +114,8 @@ RULES = [
        '  if (rule_is_out("constant-time")) return given == secret;\n')],
      UNIT, "SecretsDeathTest.AreComparedToTheirEndWhateverIsGiven"),
     ("sign-in", "the API needs a sign-in",
-     [("if (!cookie || !sign_ins.is_signed_in(*cookie))",
-       'if (rule_is_out("sign-in")) return std::nullopt;\n    if (!cookie || !sign_ins.is_signed_in(*cookie))')],
+     [("if (!cookie || !sign_ins_.is_signed_in(*cookie))",
+       'if (rule_is_out("sign-in")) return std::nullopt;\n  if (!cookie || !sign_ins_.is_signed_in(*cookie))')],
      SECURITY, "test_api_needs_a_sign_in"),
     ("sign-out", "signing out ends the sign-in",
      [("if (cookie) sign_ins.sign_out(*cookie);", 'if (cookie && !rule_is_out("sign-out")) sign_ins.sign_out(*cookie);')],
@@ -157,8 +157,8 @@ RULES = [
        'router.add(rule_is_out("methods") ? "GET" : "DELETE", "/api/viewer-cameras/{id}",')],
      SECURITY, "test_reading_changes_nothing"),
     ("get-body", "a GET has no body",
-     [('if (request.method == "GET") return refused(400, "a GET has no body");',
-       'if (request.method == "GET" && !rule_is_out("get-body")) return refused(400, "a GET has no body");')],
+     [('if (request.method == "GET") return error_response(400, "a GET has no body");',
+       'if (request.method == "GET" && !rule_is_out("get-body")) return error_response(400, "a GET has no body");')],
      SECURITY, "test_changes_need_the_csrf_header_and_json"),
     # What a page may do.
     ("policy", "Content-Security-Policy of every answer",
@@ -176,7 +176,7 @@ RULES = [
     header("Cross-Origin-Resource-Policy", "resource", "Cross-Origin-Resource-Policy: same-origin"),
     header("X-Frame-Options", "frame-options", "X-Frame-Options: DENY"),
     ("permissions", "Permissions-Policy: the own camera alone",
-     [('    header("Permissions-Policy",\n', '    if (!rule_is_out("permissions")) header("Permissions-Policy",\n')],
+     [('  header("Permissions-Policy",\n', '  if (!rule_is_out("permissions")) header("Permissions-Policy",\n')],
      SECURITY, "test_answers_carry_the_policy"),
     ("no-store", "answers of the API are stored nowhere",
      [('if (!has("Cache-Control")) header(', 'if (!has("Cache-Control") && !rule_is_out("no-store")) header(')],
@@ -208,8 +208,8 @@ RULES = [
      [("if (pending.expected > wanted.max_body)", 'if (pending.expected > wanted.max_body && !rule_is_out("body-bytes"))')],
      SECURITY, "test_malformed_paths_and_bodies"),
     ("chunked", "a body says its length before it comes",
-     [('if (!request.header("transfer-encoding").empty())\n      return refused(411',
-       'if (!request.header("transfer-encoding").empty() && !rule_is_out("chunked"))\n      return refused(411')],
+     [('if (!request.header("transfer-encoding").empty())\n    return error_response(411',
+       'if (!request.header("transfer-encoding").empty() && !rule_is_out("chunked"))\n    return error_response(411')],
      SECURITY, "test_malformed_paths_and_bodies"),
     ("nesting", "JSON is nested 32 deep at most",
      [("too_deep = too_deep || depth > 32;", 'too_deep = too_deep || (depth > 32 && !rule_is_out("nesting"));')],
@@ -281,10 +281,10 @@ RULES = [
      UNIT, "LiveSession.MasksSecrets"),
     # Caps.
     ("per-address", "64 connections of one address",
-     [("if (same > options.max_per_address) {", 'if (same > options.max_per_address && !rule_is_out("per-address")) {')],
+     [("if (same > options_.max_per_address) {", 'if (same > options_.max_per_address && !rule_is_out("per-address")) {')],
      SECURITY, "test_200_clients_take_nothing_from_others"),
     ("connections", "256 connections in all",
-     [("} else if (all > options.max_connections) {", '} else if (all > options.max_connections && !rule_is_out("connections")) {')],
+     [("} else if (all > options_.max_connections) {", '} else if (all > options_.max_connections && !rule_is_out("connections")) {')],
      SECURITY, "test_200_clients_take_nothing_from_others"),
     ("patience", "slow heads are closed (slow loris)",
      [("if (now >= connection->deadline) end(*connection);", 'if (now >= connection->deadline && !rule_is_out("patience")) end(*connection);')],

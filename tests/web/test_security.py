@@ -516,7 +516,7 @@ def test_uploads_stay_in_their_place():
 
 
 def refuses(flags, *words, status=2):
-    done = subprocess.run([TARSIER, "serve", "--port", "0", "--workspace", "/nonexistent/x", *flags], capture_output=True,
+    done = subprocess.run([TARSIER, "serve", "--port", "0", "--workspace", "/dev/null/x", *flags], capture_output=True,
                           text=True, timeout=30, check=False)
     assert done.returncode == status, (flags, done.returncode, done.stderr)
     for word in words:

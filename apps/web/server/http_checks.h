@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "http_server.h"
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <unistd.h>
+
+namespace tarsier::web {
+
+// One request on its way.
+struct Pending {
+  std::string target;  // as it stands in the request line
+  bool has_begun = false;
+  Request request;
+  const Router::Route* route = nullptr;
+  std::optional<Response> refusal;  // once the body was read
+  std::uint64_t expected = 0;       // bytes of the body
+  int spool = -1;
+  std::string spool_path;
+
+  Pending() = default;
+  Pending(const Pending&) = delete;
+  Pending& operator=(const Pending&) = delete;
+  ~Pending() {
+    if (spool >= 0) ::close(spool);
+    if (!spool_path.empty()) (void)::unlink(spool_path.c_str());
+  }
+};
+
+// What is decided by the head of a request, in the order that http_server.h tells. Thread-safe.
+class HttpChecks {
+ public:
+  HttpChecks(const HttpServerOptions& options, const Router& router, SignIns& sign_ins,
+             AuditLog& audit)
+      : options_(options), router_(router), sign_ins_(sign_ins), audit_(audit) {}
+
+  // Why the request is refused, or nothing; fills `pending`.
+  [[nodiscard]] std::optional<Response> refusal(Pending& pending);
+
+ private:
+  [[nodiscard]] bool behind_proxy() const { return !options_.rules.proxy_origin.empty(); }
+  std::optional<Response> check_access(Request& request, const Router::Route& route);
+  std::optional<Response> check_body(Pending& pending, bool has_length) const;
+
+  const HttpServerOptions& options_;
+  const Router& router_;
+  SignIns& sign_ins_;
+  AuditLog& audit_;
+  RateLimit bearer_tries_{10, std::chrono::seconds(60)};
+};
+
+}  // namespace tarsier::web
