@@ -9,6 +9,8 @@
 #include "origin_rules.h"
 #include "request_target.h"
 #include "router.h"
+#include "secrets.h"
+#include "sign_in.h"
 #include <nlohmann/json.hpp>
 
 namespace tarsier::fuzz {
@@ -58,6 +60,18 @@ TARSIER_FUZZ_TARGET(web_head, kBytes) {
     const auto range = web::parse_range(parts[3], size, unsatisfiable);
     if (range) expect(range->first <= range->last && range->last < size, "a range beyond the file");
   }
+}
+
+TARSIER_FUZZ_TARGET(web_cookie, kBytes) {
+  const std::string_view text = line_of(text_of(input));
+  const auto cookie = web::cookie_value(text, web::kCookieName);
+  if (!cookie) throw InputError("cookie", "absent");
+  expect(cookie->find(';') == std::string::npos, "a cookie that holds another");
+  expect(text.find(*cookie) != std::string_view::npos, "a cookie that was not sent");
+  // What looks like a secret goes into the names of files.
+  if (web::looks_like_secret(*cookie))
+    expect(cookie->find_first_not_of("0123456789abcdef") == std::string::npos, "a path");
+  expect(web::equals_in_constant_time(*cookie, *cookie), "it is not equal to itself");
 }
 
 TARSIER_FUZZ_TARGET(web_events, kJson) {

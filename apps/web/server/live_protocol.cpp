@@ -80,7 +80,7 @@ std::optional<std::string> event_line(const nlohmann::json& event) {
     line[name] = *found;
   }
   if (const auto key = event.find("key"); key != event.end()) {
-    const auto value = number_in(*key, 1, 0x10ffff);
+    const auto value = number_in(*key, 1, 0x1ffff);
     if (!value || !key->is_number_integer()) return std::nullopt;
     line["key"] = *key;
   } else if (const auto mouse = event.find("mouse"); mouse != event.end()) {
@@ -97,7 +97,10 @@ std::optional<std::string> event_line(const nlohmann::json& event) {
         if (*name != 'w') return std::nullopt;
         continue;
       }
-      if (!number_in(*found, -100'000, 100'000)) return std::nullopt;
+      const bool is_notches = *name == 'w';
+      if (!number_in(*found, is_notches ? -100 : -100'000, is_notches ? 100 : 100'000) ||
+          (is_notches && !found->is_number_integer()))
+        return std::nullopt;
       line[name] = *found;
     }
   } else if (const auto action = event.find("action"); action != event.end()) {
