@@ -142,7 +142,7 @@ class Studio:
 
 
 class Live:
-    """GET /api/live: records, one by one."""
+    """GET /api/live as a program reads it: records, one by one."""
 
     def __init__(self, studio, sessions, source, receive_buffer, jobs):
         self.socket = socket.socket()
@@ -152,7 +152,8 @@ class Live:
         self.socket.bind((source, 0))
         self.socket.connect(("127.0.0.1", studio.port))
         lines = [f"GET /api/live?s={','.join(sessions)}{'&jobs=1' if jobs else ''} HTTP/1.1", f"Host: {studio.host}"]
-        lines += [f"{name}: {value}" for name, value in studio.headers().items()]
+        # Each of them is a viewer of its own: streams of one browser would take turns.
+        lines.append(f"Authorization: Bearer {studio.api_token()}")
         self.socket.sendall("\r\n".join(lines + ["", ""]).encode())
         self.file = self.socket.makefile("rb", buffering=1 << 16 if not receive_buffer else 512)
         self.status = int(self.file.readline().split()[1])
