@@ -122,6 +122,7 @@ VALID = {
     "models list": dict(words=""),
     "models info": dict(words="landmarks68"),
     "models verify": dict(words=""),
+    "models import": dict(words="tiny/tiny-weights_manifest.json -o tiny.json --any-weights"),
     "doctor": dict(words=""),
 }
 # With --debug-dir these write what they go through: at least so many pictures or clouds of the run above.
@@ -378,7 +379,7 @@ INTERRUPTED = {
 # These end by themselves within a moment: nothing in them grows with what they are given, or as fast as files are read.
 SHORT = {"landmarks annotate", "landmarks import", "landmarks show", "landmarks train shape", "aam explore", "pose solve", "people list",
          "people show", "people forget", "people export", "plate log", "sfm eval", "ar marker-sheet", "models list", "models info",
-         "models verify", "doctor"}
+         "models verify", "models import", "doctor"}
 # What may pass from SIGINT to the end: processor time. Each runs with one thread, so on an idle machine it is the time that a
 # user waits. A slower machine, or one whose cores and memory others use too, may take as much longer as it takes for VERIFY_CPU.
 # Sanitized code is several times slower.
@@ -526,6 +527,7 @@ def make_inputs_here():
     made("pose", "synth", "-o", "other", "--count", "6", "--size", "320x240", "--near", "450", "--far", "500",
          "--seed", "7", "--quiet")
     made("plate", "synth", "-o", "cars", "--count", "2", "--size", "640x360", "--quiet")
+    subprocess.run([sys.executable, os.path.join(os.path.dirname(os.path.abspath(__file__)), "tiny_face_network.py"), "tiny"], check=True)
     made("ar", "synth", "markers", "-o", "markers", "--count", "2", "--size", "320x240", "--quiet")
     made("ar", "synth", "planar", "-o", "many", "--count", "12", "--size", "480x360", "--quiet")
     made("ar", "target-train", "scene.png", "-o", "first.target.json", "--trials", "2", "--quiet")

@@ -67,6 +67,7 @@ std::string example_of(const std::string& verb) {
       {"models list", ""},
       {"models info", "landmarks68"},
       {"models verify", ""},
+      {"models import", "face_recognition_model-weights_manifest.json"},
       {"doctor", ""},
       {"demo", "-o page --only cartoon,plate"},
       {"serve", "--workspace studio --allow-source door=rtsp://192.168.1.20/stream"},

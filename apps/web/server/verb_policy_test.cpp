@@ -121,6 +121,7 @@ TEST(VerbPolicy, RefusesTheDangerousOnesByName) {
 TEST(VerbPolicy, StartsNoOtherServer) {
   EXPECT_THAT(refusal("serve", {}), HasSubstr("not started from a page"));
   EXPECT_THAT(refusal("demo", {}), HasSubstr("not started from a page"));
+  EXPECT_THAT(refusal("models import", {}), HasSubstr("not started from a page"));
 }
 
 TEST(VerbPolicy, HasNoFlagThatNoVerbHas) {

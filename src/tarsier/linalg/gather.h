@@ -25,6 +25,11 @@ Padded pad(const Layer& layer, const float* input, Shape from, std::vector<float
 // rows of the padded map, and nothing needs to be gathered; those between the rows mean nothing.
 void window_offsets(const Layer& layer, const Padded& source, std::vector<std::ptrdiff_t>& offsets);
 
+// One convolution, for networks that are no chains (residual.h): `output` gets the map, of shape
+// layer.output(from). Throws std::invalid_argument for a maximum.
+void run_layer(const Layer& layer, const float* input, Shape from, Workspace& workspace,
+               std::vector<float>& output, bool parallel = false);
+
 // Columns begin .. begin + count of the patch matrix (depth x output pixels), written with row
 // stride `stride`; columns count .. stride are set to zero.
 void gather(const Layer& layer, const Padded& source, Shape to, int begin, int count, int stride,

@@ -83,11 +83,6 @@ struct Workspace {
 const std::vector<float>& run(const Network& network, const float* input, Shape shape,
                               Workspace& workspace, bool parallel = false);
 
-// One convolution, for networks that are no chains (residual.h): `output` gets the map, of shape
-// layer.output(from). Throws std::invalid_argument for a maximum.
-void run_layer(const Layer& layer, const float* input, Shape from, Workspace& workspace,
-               std::vector<float>& output, bool parallel = false);
-
 // For model files. network_from_json throws ModelError(path) for anything malformed, oversized or
 // not finite.
 [[nodiscard]] nlohmann::json network_to_json(const Network& network);

@@ -2,6 +2,7 @@
 #include "tarsier/linalg/residual.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/linalg/gather.h"
 
 #include <algorithm>
 #include <cstddef>

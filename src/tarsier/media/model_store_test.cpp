@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/media/testing_folder.h"
+#include "tarsier/media/user_models.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -59,6 +60,31 @@ TEST_F(Models, AreFoundByName) {
   EXPECT_EQ(store.path_or("", "head.json"), store.path("head.json"));
   EXPECT_EQ(store.path_or("mine.json", "head.json"), "mine.json");
   EXPECT_EQ(store.place_of("other.json"), (fs::path(folder()) / "other.json").string());
+}
+
+// What a user installed counts beside the folder of the program, and only there.
+TEST_F(Models, OfTheUserAreFoundWhereTheProgramsOwnAre) {
+  const std::optional<std::string> before =
+      std::getenv("XDG_DATA_HOME") ? std::optional(std::string(std::getenv("XDG_DATA_HOME")))
+                                   : std::nullopt;
+  ::setenv("XDG_DATA_HOME", folder().c_str(), 1);
+  EXPECT_EQ(user_models_folder(), folder() + "/tarsier/models");
+  fs::create_directories(user_models_folder());
+  std::ofstream(user_models_folder() + "/installed.json") << "{}";
+  EXPECT_FALSE(ModelStore(folder()).has("installed.json"));
+  const ModelStore store = ModelStore::find();
+  if (!store.folder().empty()) {
+    EXPECT_TRUE(store.has("installed.json"));
+    EXPECT_EQ(store.path("installed.json"), user_models_folder() + "/installed.json");
+    EXPECT_EQ(store.place_of("landmarks68.json"), store.folder() + "/landmarks68.json");
+    EXPECT_FALSE(store.has("neither.json"));
+  }
+  ::setenv("XDG_DATA_HOME", "not absolute", 1);
+  EXPECT_THAT(user_models_folder(), testing::Not(HasSubstr("not absolute")));
+  if (before)
+    ::setenv("XDG_DATA_HOME", before->c_str(), 1);
+  else
+    ::unsetenv("XDG_DATA_HOME");
 }
 
 TEST_F(Models, OneThatIsMissingIsNamedWithWhatToDo) {

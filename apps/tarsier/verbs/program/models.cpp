@@ -1,15 +1,20 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/face/recognition/deep.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/media/model_store.h"
 #include "tarsier/media/sha256.h"
+#include "tarsier/media/user_models.h"
 
 #include <fmt/format.h>
 
 #include "framework/cli.h"
 #include "framework/parse.h"
 #include <algorithm>
+#include <array>
+#include <cstdlib>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -39,6 +44,7 @@ struct ModelFile {
   std::string expected;  // its sum in the index; empty: not there
   std::string card;      // path of NAME.md; empty: none
   bool exists = false;
+  bool installed = false;  // by the user, in user_models_folder(): in no index
 };
 
 std::string sum_line_error(int number) {
@@ -97,6 +103,22 @@ std::vector<ModelFile> find_models(const std::string& folder) {
   return models;
 }
 
+// Those of the folder, and where that is the program's own those that the user installed beside it.
+std::vector<ModelFile> all_models(const ModelsOptions& options, const std::string& folder) {
+  std::vector<ModelFile> models = find_models(folder);
+  const char* other = std::getenv("TARSIER_MODELS");
+  std::error_code error;
+  const std::string own = user_models_folder();
+  if (!options.folder.empty() || (other != nullptr && *other != '\0') || folder.empty() ||
+      own.empty() || !fs::is_directory(own, error))
+    return models;
+  for (ModelFile& model : find_models(own)) {
+    model.installed = true;
+    models.push_back(std::move(model));
+  }
+  return models;
+}
+
 // What is wrong with a model, or an empty string. `archive` takes what was read.
 std::string problem_of(const ModelFile& model, std::optional<Archive>& archive) {
   if (!model.exists) return "is in the index but missing";
@@ -148,7 +170,7 @@ void say_none(const std::string& folder, const Context& context) {
 
 ExitStatus list_models(const Context& context, const ModelsOptions& options) {
   const std::string folder = find_models_folder(options.folder);
-  const std::vector<ModelFile> models = find_models(folder);
+  const std::vector<ModelFile> models = all_models(options, folder);
   if (models.empty()) {
     say_none(folder, context);
     return ExitStatus::kDone;
@@ -187,6 +209,11 @@ ExitStatus list_models(const Context& context, const ModelsOptions& options) {
       print_text(fmt::format("{:<24} unusable: {}\n", printable(model.name), printable(problem)));
     }
   }
+  if (!context.json && options.folder.empty() && !ModelStore::find().has("face-embedding.json")) {
+    print_text(
+        "face-embedding           not installed: the network of deep face templates (people "
+        "--template deep)\n    to get it: scripts/get-model.sh face-embedding (6 MB, MIT)\n");
+  }
   return sound ? ExitStatus::kDone : ExitStatus::kBadModel;
 }
 
@@ -206,7 +233,7 @@ const ModelFile& model_named(const std::vector<ModelFile>& models, const std::st
 
 ExitStatus show_model(const Context& context, const ModelsOptions& options) {
   const std::string folder = find_models_folder(options.folder);
-  const std::vector<ModelFile> models = find_models(folder);
+  const std::vector<ModelFile> models = all_models(options, folder);
   const ModelFile& model = model_named(models, options.name, folder);
   std::optional<Archive> archive;
   if (const std::string problem = problem_of(model, archive); !problem.empty()) {
@@ -226,9 +253,10 @@ ExitStatus show_model(const Context& context, const ModelsOptions& options) {
   std::string text = fmt::format("{}: {}, version {}, {}\n  file    {}\n  sha256  {}{}\n",
                                  printable(model.name), printable(archive->type), archive->version,
                                  size_text(model.bytes), printable(model.path), sum,
-                                 model.expected.empty()  ? "  (not in the index)"
-                                 : model.expected == sum ? "  (as in the index)"
-                                                         : "  (NOT as in the index)");
+                                 model.installed          ? "  (installed by the user)"
+                                 : model.expected.empty() ? "  (not in the index)"
+                                 : model.expected == sum  ? "  (as in the index)"
+                                                          : "  (NOT as in the index)");
   for (const auto& [key, value] : archive->provenance.items()) {
     text += fmt::format("  {:<7} {}\n", printable(key),
                         printable(value.is_string() ? value.get<std::string>() : value.dump()));
@@ -244,7 +272,7 @@ ExitStatus show_model(const Context& context, const ModelsOptions& options) {
 
 ExitStatus verify_models(Context& context, const ModelsOptions& options) {
   const std::string folder = find_models_folder(options.folder);
-  std::vector<ModelFile> models = find_models(folder);
+  std::vector<ModelFile> models = all_models(options, folder);
   if (!options.name.empty()) models = {model_named(models, options.name, folder)};
   if (models.empty()) {
     say_none(folder, context);
@@ -257,9 +285,9 @@ ExitStatus verify_models(Context& context, const ModelsOptions& options) {
     std::string problem;
     std::string sum;
     if (model.exists) sum = sha256_of_file(model.path);
-    if (model.exists && model.expected.empty()) {
+    if (model.exists && model.expected.empty() && !model.installed) {
       problem = fmt::format("is not in {}", kIndex);
-    } else if (model.exists && model.expected != sum) {
+    } else if (model.exists && !model.installed && model.expected != sum) {
       problem =
           fmt::format("has changed: its SHA-256 is {}, the index says {}", sum, model.expected);
     } else {
@@ -279,6 +307,85 @@ ExitStatus verify_models(Context& context, const ModelsOptions& options) {
     }
   }
   return sound ? ExitStatus::kDone : ExitStatus::kBadModel;
+}
+
+// --- import ---
+
+struct ImportOptions {
+  std::string manifest;
+  std::string output;
+  bool any_weights = false;
+};
+
+// The files of the npm package @vladmandic/face-api that hold the face recognition network. Its
+// versions since 2020 carry the same bytes.
+constexpr std::array<std::pair<std::string_view, std::string_view>, 2> kKnownWeights{{
+    {"face_recognition_model-weights_manifest.json",
+     "cbaffa501b0b9275a12b63357a6843e7e30c054e1c9151e1a5f879b26e32986b"},
+    {"face_recognition_model.bin",
+     "b413e420d6840b2775fba32008db6f3cddb07d485967fb42cfcf379c16a8c589"},
+}};
+
+// Throws ModelError for a file that is not one of those.
+std::string checked_sum(const fs::path& path, bool any) {
+  const std::string sum = sha256_of_file(path.string());
+  const std::string name = path.filename().string();
+  const auto known = std::find_if(kKnownWeights.begin(), kKnownWeights.end(),
+                                  [&](const auto& entry) { return entry.first == name; });
+  if (any || (known != kKnownWeights.end() && known->second == sum)) return sum;
+  throw ModelError(
+      path.string(),
+      known == kKnownWeights.end()
+          ? "is no file of the face network that is known here (--any-weights takes others)"
+          : fmt::format("its SHA-256 is {}, not {}: damaged, or other weights "
+                        "(--any-weights takes them)",
+                        sum, known->second));
+}
+
+ExitStatus import_model(const Context& context, const ImportOptions& options) {
+  using namespace face::recognition;
+  const fs::path manifest = options.manifest;
+  std::string output = options.output;
+  if (output.empty()) {
+    const std::string folder = user_models_folder();
+    if (folder.empty()) throw UsageError("-o: where to write the model (there is no $HOME)");
+    output = (fs::path(folder) / "face-embedding.json").string();
+  }
+  json sums = {{manifest.filename().string(), checked_sum(manifest, options.any_weights)}};
+  for (const std::string& shard : shards_of_manifest(options.manifest))
+    sums[shard] = checked_sum(manifest.parent_path() / shard, options.any_weights);
+  const DeepWeights weights = read_weights_manifest(options.manifest);
+  const DeepNetwork network = build_deep_network(weights, options.manifest);
+  if (options.output.empty()) {
+    std::error_code error;
+    fs::create_directories(fs::path(output).parent_path(), error);
+    if (error) throw OutputError(fs::path(output).parent_path().string(), error.message());
+  }
+  const std::string terms =
+      options.any_weights ? "not stated" : "MIT (npm package @vladmandic/face-api)";
+  write_deep_weights(output, weights,
+                     {{"program", fmt::format("tarsier {}", version())},
+                      {"data", options.any_weights
+                                   ? manifest.filename().string()
+                                   : "face_recognition_model of the npm package "
+                                     "@vladmandic/face-api: the face network of dlib (Davis King)"},
+                      {"terms", terms},
+                      {"sha256", sums}});
+  const double millions = network.network.cost({3, kChipSize, kChipSize}) / 1e6;
+  if (context.json) {
+    print_json(json{{"output", output},
+                    {"type", "face-embedding"},
+                    {"numbers", network.outputs()},
+                    {"multiplications", millions * 1e6},
+                    {"terms", terms},
+                    {"sha256", sums}});
+  } else {
+    print_text(
+        fmt::format("face-embedding: {} numbers a face, {:.0f} million multiplications; "
+                    "terms: {} -> {}\n",
+                    network.outputs(), millions, terms, printable(output)));
+  }
+  return ExitStatus::kDone;
 }
 
 }  // namespace
@@ -303,6 +410,25 @@ void add_models(Command& app, Context& context) {
       .required();
   add("verify", "checks the files against models/SHA256SUMS", verify_models)
       .add_option("NAME", options->name, "only this one");
+  add_verb<ImportOptions>(
+      models, "import",
+      "makes the network of deep face templates from another program's file "
+      "(scripts/get-model.sh fetches it)",
+      context,
+      [](Command& verb, ImportOptions& flags) {
+        verb.add_option("MANIFEST", flags.manifest,
+                        "face_recognition_model-weights_manifest.json of the npm package "
+                        "@vladmandic/face-api; its shard lies beside it")
+            .required();
+        verb.add_option("-o,--output", flags.output,
+                        "model file (default: face-embedding.json in the user's models folder, "
+                        "~/.local/share/tarsier/models)");
+        verb.add_flag("--any-weights", flags.any_weights,
+                      "other weights of this form than those whose SHA-256 is known");
+      },
+      [](const ImportOptions& flags, Context& run_context) {
+        return import_model(run_context, flags);
+      });
 }
 
 }  // namespace tarsier::cli

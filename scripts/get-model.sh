@@ -1,0 +1,96 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# get-model.sh face-embedding [--from FILE.tgz|FOLDER] [-o FILE]
+#
+# Installs the network of deep face templates (`tarsier people --template deep`) for this user. It is no part of
+# Tarsier: its 6 MB are face_recognition_model of the npm package @vladmandic/face-api (MIT), the face network of dlib.
+# The package comes from the npm registry that this user has set (by npm, else by curl), or from FILE.tgz or FOLDER, the
+# package as it was fetched before. SHA-256 is checked; `tarsier models import` writes the model file, by default
+# ~/.local/share/tarsier/models/face-embedding.json ($XDG_DATA_HOME). $TARSIER names the program, if it is elsewhere
+# than in build/release or on the PATH. Exit status 0 done, 2 usage, 3 not fetched, 5 not the known weights.
+set -euo pipefail
+
+package=@vladmandic/face-api
+version=1.7.15
+manifest=model/face_recognition_model-weights_manifest.json
+
+say() { printf 'get-model.sh: %s\n' "$*"; }
+die() { # die STATUS TEXT
+  local status=$1
+  shift
+  printf 'get-model.sh: error: %s\n' "$*" >&2
+  exit "$status"
+}
+usage() { sed -n 's/^# \{0,1\}//; 3,10p' "${BASH_SOURCE[0]}"; }
+
+case ${1:-} in
+  face-embedding) shift ;;
+  -h | --help)
+    usage
+    exit 0
+    ;;
+  '')
+    usage >&2
+    exit 2
+    ;;
+  *) die 2 "no model called $1; the names: face-embedding" ;;
+esac
+from='' output=()
+while [ $# -gt 0 ]; do
+  case $1 in
+    --from) from=${2:?--from needs a file or folder} && shift 2 ;;
+    -o | --output) output=(-o "${2:?-o needs a file}") && shift 2 ;;
+    *) die 2 "unknown word $1" ;;
+  esac
+done
+
+program=${TARSIER:-}
+if [ -z "$program" ]; then
+  program=$(dirname "${BASH_SOURCE[0]}")/../build/release/bin/tarsier
+  [ -x "$program" ] || program=$(command -v tarsier) || die 2 "no program tarsier: build it, or set TARSIER to it"
+fi
+
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+# The registry that npm would ask: from the environment, ~/.npmrc, or the usual one.
+registry() {
+  local set=${NPM_CONFIG_REGISTRY:-${npm_config_registry:-}}
+  [ -n "$set" ] || set=$(sed -n 's/^registry *= *//p' "${HOME:-/nowhere}/.npmrc" 2>/dev/null | tail -n 1)
+  printf '%s' "${set:-https://registry.npmjs.org/}"
+}
+
+fetch() { # leaves $work/package.tgz
+  if command -v npm >/dev/null; then
+    say "fetching $package $version by npm"
+    if (cd "$work" && npm pack --silent "$package@$version" >names 2>npm.log); then
+      mv "$work/$(tail -n 1 "$work/names")" "$work/package.tgz" && return
+    fi
+    die 3 "npm pack $package@$version: $(grep -m 1 -E 'code|network|reason' "$work/npm.log" || tail -n 1 "$work/npm.log"); with the package at hand: --from FILE.tgz"
+  fi
+  command -v curl >/dev/null || die 3 "neither npm nor curl is there; with the package at hand: --from FILE.tgz"
+  local address
+  address=$(registry)
+  address=${address%/}/$package/-/${package##*/}-$version.tgz
+  say "fetching $address"
+  curl --fail --silent --show-error --location --max-time 600 -o "$work/package.tgz" "$address" 2>"$work/curl.log" ||
+    die 3 "$(tail -n 1 "$work/curl.log"); with the package at hand: --from FILE.tgz"
+}
+
+if [ -d "$from" ]; then
+  folder=$from
+else
+  if [ -n "$from" ]; then
+    [ -f "$from" ] || die 3 "$from: no such file or folder"
+    cp "$from" "$work/package.tgz"
+  else
+    fetch
+  fi
+  # Only these two: nothing else of the package is looked at, let alone run.
+  tar -xzf "$work/package.tgz" -C "$work" "package/$manifest" package/model/face_recognition_model.bin 2>"$work/tar.log" ||
+    die 5 "${from:-the package} is no package $package with the face network: $(tail -n 1 "$work/tar.log")"
+  folder=$work/package
+fi
+[ -f "$folder/$manifest" ] || die 5 "$folder: there is no $manifest"
+"$program" models import "$folder/$manifest" "${output[@]}" || exit $?
+say "terms: MIT, as the package states; people.md tells how to use it: people enroll --template deep, people train --template deep"
