@@ -13,7 +13,9 @@
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/people/gallery.h"
 #include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/recognizer.h"
+#include "tarsier/face/recognition/testing_deep.h"
 #include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/face/shape/shape_model.h"
 #include "tarsier/media/archive.h"
@@ -260,6 +262,13 @@ void people_models() {
   general.descriptor = options.descriptor;
   general.components = 3;
   const SyntheticFaces others = synthetic_faces(6, 1, 0.2, 1, 10, {16, 20});
+  write_deep_weights(seed("face_embedding", "tiny.json"), tiny_deep_weights(1), kNothing);
+  write_file_atomically(
+      seed("weights_manifest", "one.json"),
+      std::string_view(
+          R"([{"weights": [{"name": "fc", "shape": [16, 64], "dtype": "float32"}, {"name": "s",
+"shape": [16], "dtype": "float32", "quantization": {"dtype": "uint8", "scale": 0.1, "min": -1}}],
+"paths": ["shard.bin"]}])"));
   write_background(seed("background", "small.json"),
                    learn_background(others.faces, general, quiet, kGoOn), kNothing);
 

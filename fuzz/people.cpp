@@ -3,12 +3,15 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/face/people/gallery.h"
 #include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/evaluation.h"
 #include "tarsier/face/recognition/recognizer.h"
 
 #include <opencv2/core.hpp>
 
 #include "fuzz.h"
+#include <filesystem>
+#include <fstream>
 
 namespace tarsier::fuzz {
 
@@ -18,11 +21,26 @@ TARSIER_FUZZ_TARGET(recognizer, kJson) {
   const Recognizer model = read_recognizer(file_of(input, "model.json"));
   model.check();
   if (model.templates.size() > 1'000'000) return;
+  if (model.options.algorithm == Algorithm::kDeep) return;  // its network is no part of the file
   (void)identify(model, cv::Mat(16, 12, CV_8UC1, cv::Scalar(7)));
   if (model.calibration) (void)model.calibration->threshold(0.01, 3);
 }
 
 TARSIER_FUZZ_TARGET(background, kJson) { read_background(file_of(input, "model.json")).check(); }
+
+TARSIER_FUZZ_TARGET(face_embedding, kJson) {
+  (void)read_deep_network(file_of(input, "face-embedding.json"));
+}
+
+// The manifest; its shard is a page of zeros.
+TARSIER_FUZZ_TARGET(weights_manifest, kJson) {
+  const std::string manifest = file_of(input, "manifest.json");
+  for (const std::string& name : shards_of_manifest(manifest)) {
+    if (name == "manifest.json") return;
+    std::ofstream(std::filesystem::path(manifest).parent_path() / name) << std::string(4096, '\0');
+  }
+  (void)build_deep_network(read_weights_manifest(manifest), manifest);
+}
 
 TARSIER_FUZZ_TARGET(face_list, kBytes) { (void)read_face_list(file_of(input, "faces.lst")); }
 

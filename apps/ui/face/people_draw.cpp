@@ -160,8 +160,7 @@ void PeopleSession::draw_preprocessed() {
   if (faces_.empty()) return;
   const cv::Mat& crop = faces_.front().face.crop;
   const face::recognition::Recognizer* model = identity_.recognizer();
-  const bool general =
-      model == nullptr || model->options.algorithm == face::recognition::Algorithm::kDefault;
+  const bool general = model == nullptr || face::recognition::is_whitened(model->options.algorithm);
   cv::Mat seen = general ? face::recognition::light_picture(face::recognition::tan_triggs(crop))
                          : face::people::classical_face(crop);
   const int height = 84;

@@ -32,6 +32,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--aligner-steps",
     "--angle-weight",
     "--any-quality",
+    "--any-weights",
     "--axes",
     "--backend",
     "--blur",
@@ -242,6 +243,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--steady-motion",
     "--steps",
     "--strict",
+    "--template",
     "--texture-modes",
     "--texture-variance",
     "--threads",
@@ -312,8 +314,9 @@ constexpr auto kRefusedFlags = std::to_array<std::string_view>({
 
 // Verbs that no page starts, whatever their flags.
 constexpr auto kRefusedVerbs = std::to_array<std::string_view>({
-    "serve",  // this server
-    "demo",   // its page is made of files that a browser would run
+    "serve",          // this server
+    "demo",           // its page is made of files that a browser would run
+    "models import",  // writes where all programs of this user look for models
 });
 
 // What the same name means elsewhere.

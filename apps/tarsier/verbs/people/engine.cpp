@@ -32,6 +32,11 @@ void add_face_flags(Command& verb, PeopleFlags& flags) {
   group(add_min_face_flag(verb, flags.min_face));
   group(verb.add_flag("!--strict", flags.thorough,
                       "only faces that the frontal detector is sure of: faster"));
+  group(verb.add_option("--template", flags.templates,
+                        "what faces are compared by: classic, deep (scripts/get-model.sh "
+                        "face-embedding), auto: what the gallery has, of a new one deep where it "
+                        "is installed")
+            .show_default());
   group(verb.add_option("--background", flags.background,
                         "what is known of faces in general; none: nothing "
                         "[people-background.json, which ships]"));
@@ -49,6 +54,7 @@ face::IdentifierOptions identifier_options(const PeopleFlags& flags) {
   face::IdentifierOptions options;
   options.gallery = flags.gallery;
   options.background = flags.background;
+  options.templates = face::parse_template_kind(flags.templates);
   options.reading = reading_options(flags);
   return options;
 }
@@ -78,6 +84,20 @@ std::optional<face::recognition::Background> find_background(const PeopleFlags& 
   return face::load_background(ModelStore::find(), flags.background);
 }
 
+face::recognition::Background find_deep_background(const PeopleFlags& flags) {
+  if (flags.background == kNoBackground)
+    throw UsageError("--background none: deep templates need their background");
+  return face::load_deep_background(ModelStore::find(), flags.background);
+}
+
+std::optional<face::recognition::Background> background_to_enroll(face::people::Gallery& gallery,
+                                                                  const PeopleFlags& flags) {
+  face::settle_templates(gallery, face::parse_template_kind(flags.templates), ModelStore::find(),
+                         true);
+  if (face::has_deep_templates(gallery)) return find_deep_background(flags);
+  return find_background(flags);
+}
+
 std::optional<face::people::GalleryModel> load_model(
     face::people::Gallery& gallery, const face::recognition::Background* background,
     Context& context, face::people::Learn learn) {
@@ -88,7 +108,9 @@ std::optional<face::recognition::Recognizer> model_of_gallery(face::people::Gall
                                                               const PeopleFlags& flags,
                                                               Context& context,
                                                               face::people::Learn learn) {
-  const auto background = learn == face::people::Learn::kNow
+  face::settle_templates(gallery, face::parse_template_kind(flags.templates), ModelStore::find(),
+                         false);
+  const auto background = learn == face::people::Learn::kNow && !face::has_deep_templates(gallery)
                               ? find_background(flags)
                               : face::background_for(gallery, ModelStore::find(), flags.background);
   auto model = load_model(gallery, background ? &*background : nullptr, context, learn);

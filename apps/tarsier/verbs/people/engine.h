@@ -23,8 +23,9 @@ namespace tarsier::cli {
 struct PeopleFlags {
   std::string gallery = "people.db";
   std::string eyes = "landmarks";
-  std::string background;  // empty: the one that ships; "none": nothing is known
-  double min_face = 0;     // px, smallest face that is looked for; 0: the usual
+  std::string templates = "auto";  // classic, deep
+  std::string background;          // empty: the one that ships; "none": nothing is known
+  double min_face = 0;             // px, smallest face that is looked for; 0: the usual
   bool thorough = true;
 };
 
@@ -43,6 +44,11 @@ void add_face_flags(Command& verb, PeopleFlags& flags);
 // face::load_background() of the flag.
 [[nodiscard]] std::optional<face::recognition::Background> find_background(
     const PeopleFlags& flags);
+// face::load_deep_background() of the flag.
+[[nodiscard]] face::recognition::Background find_deep_background(const PeopleFlags& flags);
+// What new faces of a gallery need: settles its templates first.
+[[nodiscard]] std::optional<face::recognition::Background> background_to_enroll(
+    face::people::Gallery& gallery, const PeopleFlags& flags);
 // Its file; empty for "none".
 [[nodiscard]] std::string background_path(const PeopleFlags& flags);
 

@@ -37,7 +37,7 @@ class Enrolment {
         faces_(make_face_reader(flags.people), nullptr),
         collector_(flags.collect),
         gallery_(flags.people.gallery, DatabaseAccess::kCreate),
-        background_(find_background(flags.people)),
+        background_(background_to_enroll(gallery_, flags.people)),
         enroller_(gallery_, background()) {}
 
   ExitStatus operator()() {
@@ -59,7 +59,8 @@ class Enrolment {
     report(others);
     if (context_.stop.stop_requested()) return ExitStatus::kInterrupted;
     // Ready for the next question. In a large gallery the templates are there already.
-    if (taken() > 0 && !(before_ && before_->space < 0)) (void)model();
+    const bool fixed = before_ && before_->space < 0 && !face::has_deep_templates(gallery_);
+    if (taken() > 0 && !fixed) (void)model();
     return taken() > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
   }
 
@@ -146,6 +147,9 @@ class Enrolment {
 ExitStatus enroll(EnrollFlags& flags, Context& context) {
   face::people::check_name(flags.name);
   face::people::check_note(flags.note);
+  // Nothing is written where what is asked for is not there.
+  if (face::parse_template_kind(flags.people.templates) == face::TemplateKind::kDeep)
+    static_cast<void>(face::load_deep_network(ModelStore::find()));
   flags.collect.check_quality = !flags.any_quality;
   return Enrolment(flags, context)();
 }

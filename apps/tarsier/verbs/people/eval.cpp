@@ -138,6 +138,8 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
                          const std::optional<face::recognition::Background>& background,
                          Context& context) {
   if (!background) throw UsageError("--fit-same-camera needs a background");
+  const face::recognition::SameCamera compiled = face::recognition::same_camera_of(
+      background->network ? Algorithm::kDeep : Algorithm::kDefault);
   face::recognition::SameCameraFit fit;
   try {
     fit =
@@ -149,8 +151,8 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
   if (context.json) {
     print_json({{"shift", rounded(fit.found.shift, 4)},
                 {"spread", rounded(fit.found.spread, 4)},
-                {"compiled_shift", face::recognition::kSameCameraFitted.shift},
-                {"compiled_spread", face::recognition::kSameCameraFitted.spread},
+                {"compiled_shift", compiled.shift},
+                {"compiled_spread", compiled.spread},
                 {"people", fit.people},
                 {"galleries", fit.galleries},
                 {"scores", fit.scores}});
@@ -160,8 +162,8 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
       "strangers before this camera score {:+.4f} above what the background expects, and spread "
       "{:.3f} times as far\n  ({} scores against {} galleries of one, {} people; the program uses "
       "{:g} and {:g})\n",
-      fit.found.shift, fit.found.spread, fit.scores, fit.galleries, fit.people,
-      face::recognition::kSameCameraFitted.shift, face::recognition::kSameCameraFitted.spread));
+      fit.found.shift, fit.found.spread, fit.scores, fit.galleries, fit.people, compiled.shift,
+      compiled.spread));
   return ExitStatus::kDone;
 }
 
@@ -182,16 +184,32 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
       throw UsageError(fmt::format("--algorithm: {}", error.what()));
     }
   }
-  if (algorithms.empty())
+  const face::TemplateKind kind = face::parse_template_kind(flags.people.templates);
+  if (algorithms.empty() && kind != face::TemplateKind::kDeep)
     algorithms = {Algorithm::kEigen, Algorithm::kFisher, Algorithm::kLbph, Algorithm::kDefault};
+  if (flags.algorithms.empty() &&
+      (kind == face::TemplateKind::kDeep || (kind == face::TemplateKind::kAuto && !flags.raw &&
+                                             face::has_deep_templates(ModelStore::find()))))
+    algorithms.push_back(Algorithm::kDeep);
+  const bool deep = std::count(algorithms.begin(), algorithms.end(), Algorithm::kDeep) > 0;
+  // Deep templates have a background of their own; one that is named is theirs only if they are
+  // alone.
+  std::optional<face::recognition::Background> deep_background;
+  if (deep)
+    deep_background = algorithms.size() == 1 ? find_deep_background(flags.people)
+                                             : face::load_deep_background(ModelStore::find());
   // As a gallery is trained: with what ships, unless another or none was asked for. Pictures that
   // were cut in another way are not like those that it was learnt from: like `people train --raw`,
   // they go without unless one is named.
   const bool named = !flags.people.background.empty();
   const bool general = std::count(algorithms.begin(), algorithms.end(), Algorithm::kDefault) > 0;
   std::optional<face::recognition::Background> background;
-  if (named || (general && !flags.raw)) background = find_background(flags.people);
+  const bool only_deep = deep && algorithms.size() == 1;
+  if (!only_deep && (named || (general && !flags.raw))) background = find_background(flags.people);
   const std::string path = background_path(flags.people);
+  const std::string deep_path = only_deep && named
+                                    ? flags.people.background
+                                    : ModelStore::find().place_of("people-deep.json");
   const cv::Size size = flags.size.empty() ? cv::Size() : parse_size(flags.size, 8, 1024);
   std::optional<face::people::FaceReader> reader;
   if (!flags.raw) reader.emplace(make_face_reader(flags.people));
@@ -205,36 +223,40 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   for (int i = 0; i < flags.seeds; ++i) options.seeds.push_back(static_cast<std::uint64_t>(i));
   options.stated_rate = flags.rate;
   options.enrolled = flags.enrolled;
-  if (flags.fit_same_camera) return fit_constants(flags, listed, background, context);
+  if (flags.fit_same_camera)
+    return fit_constants(flags, listed, only_deep ? deep_background : background, context);
   std::vector<EvaluationResult> results;
   if (!context.json) {
     print_text(fmt::format(
         "{} faces of {} people in {}, {} training pictures each, {} draws; {} not found\n"
-        "background of the default recogniser: {}\n"
+        "background of the {} recogniser: {}\n"
         "(in brackets: counts of all draws; the 95 % interval by the probes of one draw, as draws "
         "share their pictures)\n",
         listed.faces.size(), face::recognition::count_people(listed.labels), printable(flags.list),
-        flags.training, flags.seeds, listed.missed.size(),
-        background ? printable(path)
+        flags.training, flags.seeds, listed.missed.size(), only_deep ? "deep" : "default",
+        only_deep    ? printable(deep_path)
+        : background ? printable(path)
         : flags.raw && !named
             ? "none (--raw: the one that ships is for faces that the program cuts)"
             : "none"));
   }
   for (const Algorithm algorithm : algorithms) {
     std::vector<cv::Mat> faces = listed.faces;
-    if (!flags.raw && algorithm != Algorithm::kDefault)
+    if (!flags.raw && !face::recognition::is_whitened(algorithm))
       for (cv::Mat& face : faces) face = face::people::recognizer_input(algorithm, face);
     face::recognition::RecognizerOptions recognizer;
     recognizer.algorithm = algorithm;
     try {
-      results.push_back(face::recognition::evaluate(faces, listed.labels, recognizer, options,
-                                                    *context.progress, context.stop,
-                                                    background ? &*background : nullptr));
+      results.push_back(face::recognition::evaluate(
+          faces, listed.labels, recognizer, options, *context.progress, context.stop,
+          algorithm == Algorithm::kDeep ? &*deep_background
+          : background                  ? &*background
+                                        : nullptr));
     } catch (const std::invalid_argument& error) {
       throw InputError(flags.list, error.what());
     }
     if (context.json) {
-      print_json(line_of(results.back(), listed, path));
+      print_json(line_of(results.back(), listed, algorithm == Algorithm::kDeep ? deep_path : path));
     } else {
       print_text(text_of(results.back(), listed.missed.size()));
     }
@@ -262,7 +284,7 @@ void add_flags(Command& verb, EvalFlags& flags) {
   verb.add_option("--seeds", flags.seeds, "random draws, with seeds 0, 1, 2 ..")
       .check(range(1, 1000))
       .show_default();
-  verb.add_option("--algorithm", flags.algorithms, "only these: eigen,fisher,lbph,default")
+  verb.add_option("--algorithm", flags.algorithms, "only these: eigen,fisher,lbph,default,deep")
       .delimiter(',');
   verb.add_option("--enrolled", flags.enrolled,
                   "people who are enrolled where the others are strangers [half of them]")

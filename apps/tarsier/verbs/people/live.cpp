@@ -56,7 +56,7 @@ void add_flags(Command& verb, LiveFlags& flags) {
                   "of the people who are added, in turn; then Person 1, Person 2 ..")
       .delimiter(',');
   verb.add_option("--note", flags.session.note, "of consent, for those who are added");
-  verb.add_option("--algorithm", flags.algorithm, "default, eigen, fisher or lbph");
+  verb.add_option("--algorithm", flags.algorithm, "default, eigen, fisher, lbph or deep");
   verb.add_option("--faces", flags.session.max_faces,
                   "faces collected of a person at a time, at most")
       .show_default();

@@ -130,6 +130,8 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
     std::unique_ptr<face::people::Gallery> gallery;
     if (!flags.model.empty()) {
       model = face::recognition::read_recognizer(flags.model);
+      if (model->options.algorithm == Algorithm::kDeep)
+        model->network = face::load_deep_network(ModelStore::find());
     } else {
       gallery = std::make_unique<face::people::Gallery>(face::open_gallery(flags.people.gallery));
       model = model_of_gallery(*gallery, flags.people, context);

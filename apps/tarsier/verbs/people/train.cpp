@@ -80,12 +80,20 @@ void tell(const face::recognition::Recognizer& model, const Context& context,
   print_text(text);
 }
 
+bool deep(const TrainFlags& flags) {
+  return face::parse_template_kind(flags.people.templates) == face::TemplateKind::kDeep;
+}
+
 ExitStatus train_background(const TrainFlags& flags, Context& context) {
   face::people::FaceReader reader = make_face_reader(flags.people);
   const ListedFaces listed =
       read_listed_faces(flags.background_list, flags.raw, {}, false, &reader, context);
   face::recognition::BackgroundOptions options;
   options.seed = context.seed;
+  if (deep(flags)) {
+    options.network = face::load_deep_network(ModelStore::find());
+    options.within_weight = 200;  // a gallery's own scatter says less than the network's training
+  }
   face::recognition::Background background;
   try {
     background =
@@ -116,9 +124,11 @@ ExitStatus train_background(const TrainFlags& flags, Context& context) {
 }
 
 ExitStatus train_list(const TrainFlags& flags, Context& context) {
+  using face::recognition::Algorithm;
   face::recognition::RecognizerOptions options;
   if (!flags.algorithm.empty()) options.algorithm = algorithm_of(flags.algorithm);
-  const bool classical = options.algorithm != face::recognition::Algorithm::kDefault;
+  if (deep(flags)) options.algorithm = Algorithm::kDeep;
+  const bool classical = !face::recognition::is_whitened(options.algorithm);
   std::optional<face::people::FaceReader> reader;
   if (!flags.raw) reader.emplace(make_face_reader(flags.people));
   const cv::Size size = flags.size.empty() ? cv::Size() : parse_size(flags.size, 8, 1024);
@@ -126,7 +136,10 @@ ExitStatus train_list(const TrainFlags& flags, Context& context) {
                                                reader ? &*reader : nullptr, context);
   for (const std::string& path : listed.missed) log_warning("{}: no face", path);
   std::optional<face::recognition::Background> background;
-  if (!flags.raw && !classical) background = find_background(flags.people);
+  if (options.algorithm == Algorithm::kDeep)
+    background = find_deep_background(flags.people);
+  else if (!flags.raw && !classical)
+    background = find_background(flags.people);
   face::recognition::Recognizer model;
   try {
     model = face::recognition::train(listed.faces, listed.labels, options, *context.progress,
@@ -146,6 +159,12 @@ ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
   face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   if (!flags.algorithm.empty()) {
     gallery.set_algorithm(face::recognition::name_of(algorithm_of(flags.algorithm)));
+  } else if (deep(flags)) {
+    static_cast<void>(face::load_deep_network(ModelStore::find()));
+    gallery.set_algorithm("deep");
+  } else if (face::parse_template_kind(flags.people.templates) == face::TemplateKind::kClassic &&
+             face::has_deep_templates(gallery)) {
+    gallery.set_algorithm("default");
   }
   const auto model = model_of_gallery(gallery, flags.people, context, face::people::Learn::kNow);
   if (!model) {
@@ -161,6 +180,8 @@ ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
 }
 
 ExitStatus train(const TrainFlags& flags, Context& context) {
+  if (deep(flags) && !flags.algorithm.empty() && flags.algorithm != "deep")
+    throw UsageError("--template deep or --algorithm, not both");
   if (!flags.list.empty() && !flags.background_list.empty())
     throw UsageError("--list or --learn-background, not both");
   const bool listed = !flags.list.empty() || !flags.background_list.empty();
@@ -176,7 +197,7 @@ void add_flags(Command& verb, TrainFlags& flags) {
   verb.add_option("--list", flags.list,
                   "lines `path<TAB>label`, with four more fields the eyes x y x y as seen");
   verb.add_option("--algorithm", flags.algorithm,
-                  "default, eigen, fisher or lbph; the gallery remembers it");
+                  "default, eigen, fisher, lbph or deep; the gallery remembers it");
   verb.add_flag("--raw", flags.raw, "the list's pictures are cut faces already");
   verb.add_option("--size", flags.size, "pictures of the list are resized to, e.g. 42x48");
   verb.add_option("-o,--output", flags.output, "model file to write");

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/cpu.h"
 #include "tarsier/core/log.h"
+#include "tarsier/face/pipelines/identifier.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/cameras.h"
+#include "tarsier/media/model_store.h"
 #include "tarsier/media/tls.h"
 
 #include <fmt/format.h>
@@ -376,6 +378,14 @@ void look_at_data(std::vector<Item>& items) {
                                     : fmt::format("{} in {}", models, folder),
                      models > 0 ? "tarsier models list" : ""});
     look_at_terms(items, folder);
+    const ModelStore store = ModelStore::find();
+    const bool deep = face::has_deep_templates(store);
+    items.push_back({"data", "face network", deep ? Finding::kOk : Finding::kNote,
+                     deep ? store.place_of("face-embedding.json")
+                          : "not installed: people are compared by classic templates",
+                     deep ? "people train --template deep makes a gallery's templates of it"
+                          : "deep templates know many more faces in the wild: "
+                            "scripts/get-model.sh face-embedding (6 MB, MIT)"});
   } catch (const Error& error) {
     items.push_back(
         {"data", "models", Finding::kProblem, error.what(), "mend or unset TARSIER_MODELS"});

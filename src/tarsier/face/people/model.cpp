@@ -42,9 +42,20 @@ bool has_directions(const Background* background) {
   return background != nullptr && background->basis.rows() > 0;
 }
 
-// Whether faces are kept as coordinates.
+// Whether faces are kept as coordinates. Throws std::invalid_argument for deep templates without
+// their network.
 bool uses_coordinates(Algorithm algorithm, const Background* background, std::int64_t faces) {
-  return algorithm == Algorithm::kDefault && has_directions(background) && faces > kLearnedWhole;
+  const bool deep = background != nullptr && background->network;
+  if (algorithm == Algorithm::kDeep) {
+    if (!deep)
+      throw std::invalid_argument(
+          "its templates are deep, and the network that makes them is not there: "
+          "scripts/get-model.sh face-embedding gets it, `people train --template classic` goes "
+          "without");
+    return true;
+  }
+  return !deep && algorithm == Algorithm::kDefault && has_directions(background) &&
+         faces > kLearnedWhole;
 }
 
 std::int64_t space_of(const Background& background) {
@@ -130,12 +141,14 @@ std::optional<GalleryModel> stored_model(Gallery& gallery, const Background* bac
   model.space = stored.space;
   if (stored.space < 0) {
     if (!has_directions(background) || stored.space != space_of(*background) ||
-        model.recognizer.options.algorithm != Algorithm::kDefault ||
+        model.recognizer.options.algorithm !=
+            (background->network ? Algorithm::kDeep : Algorithm::kDefault) ||
         model.recognizer.mean.size() != background->mean.size())
       return std::nullopt;
     const auto rows =
         stored_rows(gallery, stored.space, refs, recognition::coordinate_count(*background), own);
     if (!rows) return std::nullopt;
+    model.recognizer.network = background->network;
     model.recognizer.templates =
         recognition::templates_of_coordinates(model.recognizer, *background, *rows);
   } else {
@@ -169,7 +182,7 @@ std::vector<float> row_of(const Rows& rows, Eigen::Index i) {
 }  // namespace
 
 cv::Mat recognizer_input(Algorithm algorithm, const cv::Mat& crop) {
-  return algorithm == Algorithm::kDefault ? crop : classical_face(crop);
+  return recognition::is_whitened(algorithm) ? crop : classical_face(crop);
 }
 
 struct GalleryTraining::Impl {
@@ -217,7 +230,7 @@ void GalleryTraining::Impl::look() {
     return;
   }
   const auto count = static_cast<std::int64_t>(refs.size());
-  if (algorithm != Algorithm::kDefault && count > kMaxClassical) {
+  if (!recognition::is_whitened(algorithm) && count > kMaxClassical) {
     throw std::invalid_argument(fmt::format(
         "'{}' compares each face with each: at most {} faces, there are {} (people train "
         "--algorithm default)",
@@ -228,6 +241,9 @@ void GalleryTraining::Impl::look() {
   bool due = learn == Learn::kNow || !stored;
   if (coordinates) {
     due = due || stored->space != space_of(*background);
+    // Of a small gallery of deep templates: once more after each change, it takes moments.
+    due = due || (algorithm == Algorithm::kDeep && count <= kLearnedWhole &&
+                  stored->generation != generation);
   } else {
     // A model in coordinates that nobody can read here, and one of fewer faces than there are.
     due = due || stored->space < 0 ||
@@ -352,7 +368,7 @@ void GalleryTraining::Impl::read() {
   if (at < learned.size()) return;
   at = 0;
   for (const std::int64_t face : learned) labels.push_back(label_of(face));
-  const bool general = algorithm == Algorithm::kDefault;
+  const bool general = recognition::is_whitened(algorithm);
   if (!general) {
     // A classical recogniser has no other defence against faces that look the other way.
     for (std::size_t i = 0, n = inputs.size(); i < n; ++i) {

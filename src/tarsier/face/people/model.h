@@ -24,14 +24,18 @@
 // background (recognition/background_space.h), made once, when they are enrolled. What is learned
 // within these directions is learned from at most recognition::kMaxLearnedFaces faces, when there
 // is nothing learned yet or when it is asked for. Enrolling never takes away what is there.
+//
+// Deep templates are such coordinates in a gallery of any size: the network's numbers of a face, in
+// the place of a background's directions. Up to kLearnedWhole faces, what is learned within them is
+// learned again after each change, too.
 namespace tarsier::face::people {
 
 inline constexpr int kLearnedWhole = 500;
 // The classical recognisers compare each picture with each: no larger galleries for them.
 inline constexpr int kMaxClassical = 1000;
 
-// What a recogniser of this kind gets of a face that cut_face() made: the default one the face as
-// it is (it normalises light itself), the classical ones classical_face().
+// What a recogniser of this kind gets of a face that cut_face() made: the default and the deep one
+// the face as it is, the classical ones classical_face().
 [[nodiscard]] cv::Mat recognizer_input(recognition::Algorithm algorithm, const cv::Mat& crop);
 
 // A recogniser with the gallery's people.

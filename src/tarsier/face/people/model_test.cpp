@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/background_space.h"
+#include "tarsier/face/recognition/testing_deep.h"
 #include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/media/testing_folder.h"
 
@@ -53,6 +54,84 @@ class GalleryModelTest : public FolderTest {
 TEST_F(GalleryModelTest, AnEmptyGalleryHasNoModel) {
   Gallery gallery(path("p.db"));
   EXPECT_FALSE(gallery_model(gallery, nullptr, true, progress_, {}));
+}
+
+// Of a network that nobody trained.
+recognition::Background deep_background(std::uint64_t seed) {
+  const auto many = synthetic_faces(12, 1, 0.3, 3, 1000, {128, 160});
+  recognition::BackgroundOptions options;
+  options.components = 10;
+  options.network = std::make_shared<const recognition::DeepNetwork>(
+      recognition::build_deep_network(recognition::tiny_deep_weights(seed), "made up"));
+  NoProgress progress;
+  return recognition::learn_background(many.faces, options, progress, {});
+}
+
+TEST_F(GalleryModelTest, DeepTemplatesAreMadeOnceAndDependOnNobody) {
+  Gallery gallery(path("p.db"));
+  gallery.set_algorithm("deep");
+  const auto general = deep_background(1);
+  TemplateMaker maker(gallery, &general);
+  enroll(gallery, 2, 1, 0, &maker);
+  const std::int64_t space = -recognition::fingerprint(general);
+  EXPECT_THAT(gallery.without_template(space), IsEmpty());
+  const std::vector<float> first = gallery.template_of(gallery.face_refs().front().id, space);
+  const auto model = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  ASSERT_TRUE(model);
+  EXPECT_EQ(model->recognizer.options.algorithm, recognition::Algorithm::kDeep);
+  EXPECT_EQ(named(model->recognizer, 1, 5).label, "p1");
+  enroll(gallery, 1, 2, 7, &maker);
+  ASSERT_TRUE(gallery.forget("p1", {}));
+  EXPECT_EQ(gallery.template_of(gallery.face_refs().front().id, space), first);
+}
+
+TEST_F(GalleryModelTest, OfDeepTemplatesIsLearnedAgainWhenSomebodyIsEnrolled) {
+  Gallery gallery(path("p.db"));
+  gallery.set_algorithm("deep");
+  const auto general = deep_background(1);
+  enroll(gallery, 1, 1);
+  const auto one = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  const auto same = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  enroll(gallery, 3, 1, 7);
+  const auto four = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  ASSERT_TRUE(one && same && four);
+  EXPECT_EQ(same->id, one->id);
+  EXPECT_NE(four->id, one->id);
+  EXPECT_EQ(four->recognizer.calibration->stranger_people, 4);
+}
+
+TEST_F(GalleryModelTest, TemplatesOfAnotherKindAreMadeAgainFromTheCrops) {
+  Gallery gallery(path("p.db"));
+  const auto general = background();
+  const auto deep = deep_background(1);
+  enroll(gallery, 3, 1);
+  const auto classic = gallery_model(gallery, &general, true, progress_, {}, Learn::kNow);
+  ASSERT_TRUE(classic);
+  gallery.set_algorithm("deep");
+  const auto made = gallery_model(gallery, &deep, true, progress_, {}, Learn::kNow);
+  ASSERT_TRUE(made);
+  EXPECT_EQ(made->options.algorithm, recognition::Algorithm::kDeep);
+  EXPECT_NE(made->template_length(), classic->template_length());
+  EXPECT_EQ(named(*made, 2, 5).label, "p2");
+  gallery.set_algorithm("default");
+  const auto back = gallery_model(gallery, &general, true, progress_, {}, Learn::kNow);
+  ASSERT_TRUE(back);
+  EXPECT_LT((back->templates - classic->templates).cwiseAbs().maxCoeff(), 1e-6);
+}
+
+TEST_F(GalleryModelTest, DeepTemplatesWithoutTheirNetworkAreRefused) {
+  Gallery gallery(path("p.db"));
+  enroll(gallery, 2, 1);
+  gallery.set_algorithm("deep");
+  const auto general = background();
+  EXPECT_THROW((void)gallery_model(gallery, &general, true, progress_, {}), std::invalid_argument);
+  EXPECT_THROW((void)gallery_model(gallery, nullptr, true, progress_, {}), std::invalid_argument);
+  const auto one = deep_background(1);
+  const auto other = deep_background(2);
+  const auto first = gallery_model(gallery, &one, true, progress_, {});
+  const auto second = gallery_model(gallery, &other, true, progress_, {});
+  ASSERT_TRUE(first && second);
+  EXPECT_NE(first->templates, second->templates);  // made again, not mixed
 }
 
 TEST_F(GalleryModelTest, NamesThoseEnrolledAndNobodyElse) {

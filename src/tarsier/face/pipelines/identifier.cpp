@@ -6,6 +6,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/face/pipelines/landmark_tracker.h"
 #include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/deep.h"
 #include "tarsier/media/still_source.h"
 
 #include <chrono>
@@ -20,6 +21,9 @@ namespace {
 
 constexpr const char* kShippedLandmarks = "landmarks68.json";
 constexpr const char* kShippedBackground = "people-background.json";
+constexpr const char* kDeepBackground = "people-deep.json";
+constexpr const char* kDeepNetwork = "face-embedding.json";
+constexpr std::string_view kDeepAlgorithm = "deep";
 constexpr std::string_view kNoBackground = "none";
 
 }  // namespace
@@ -48,6 +52,63 @@ people::FaceReader FaceReaderModel::make_reader() const {
   return {options_, landmarks_, detector_.networks()};
 }
 
+TemplateKind parse_template_kind(std::string_view name) {
+  if (name == "auto") return TemplateKind::kAuto;
+  if (name == "classic") return TemplateKind::kClassic;
+  if (name == "deep") return TemplateKind::kDeep;
+  throw UsageError("--template: '" + std::string(name) + "' is not auto, classic or deep");
+}
+
+bool has_deep_templates(const ModelStore& models) { return models.has(kDeepNetwork); }
+
+bool has_deep_templates(people::Gallery& gallery) { return gallery.algorithm() == kDeepAlgorithm; }
+
+std::shared_ptr<const recognition::DeepNetwork> load_deep_network(const ModelStore& models) {
+  if (!models.has(kDeepNetwork)) {
+    throw ModelError(kDeepNetwork,
+                     "is not installed: scripts/get-model.sh face-embedding gets it (6 MB, MIT), "
+                     "--template classic goes without");
+  }
+  return std::make_shared<const recognition::DeepNetwork>(
+      recognition::read_deep_network(models.path(kDeepNetwork)));
+}
+
+recognition::Background load_deep_background(const ModelStore& models, const std::string& which) {
+  std::shared_ptr<const recognition::DeepNetwork> network = load_deep_network(models);
+  const std::string path = models.path_or(which, kDeepBackground);
+  recognition::Background background = recognition::read_background(path);
+  if (background.of_network != network->fingerprint ||
+      background.mean.size() != network->outputs()) {
+    throw ModelError(path, background.of_network == 0
+                               ? "is not of deep templates"
+                               : "is of another network than " + models.place_of(kDeepNetwork));
+  }
+  background.network = std::move(network);
+  return background;
+}
+
+void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelStore& models,
+                      bool choose) {
+  const bool deep = has_deep_templates(gallery);
+  if (gallery.face_count_up_to(1) > 0) {
+    if (kind == TemplateKind::kDeep && !deep)
+      throw InputError(gallery.path(),
+                       "its templates are classic, and one gallery keeps one kind: `people train "
+                       "--template deep` makes them again");
+    if (kind == TemplateKind::kClassic && deep)
+      throw InputError(gallery.path(),
+                       "its templates are deep, and one gallery keeps one kind: `people train "
+                       "--template classic` makes them again");
+    return;
+  }
+  if (!choose) return;
+  const bool wanted =
+      kind == TemplateKind::kDeep || (kind == TemplateKind::kAuto && has_deep_templates(models));
+  if (wanted != deep)
+    gallery.set_algorithm(wanted ? kDeepAlgorithm
+                                 : recognition::name_of(recognition::Algorithm::kDefault));
+}
+
 std::optional<recognition::Background> load_background(const ModelStore& models,
                                                        const std::string& which) {
   if (which == kNoBackground) return std::nullopt;
@@ -63,6 +124,10 @@ std::optional<recognition::Background> background_for(people::Gallery& gallery,
                                                       const ModelStore& models,
                                                       const std::string& which) {
   const std::int64_t faces = gallery.face_count_up_to(people::kLearnedWhole + 1);
+  if (has_deep_templates(gallery)) {
+    if (faces == 0) return std::nullopt;
+    return load_deep_background(models, which);
+  }
   const bool learned = gallery.model_generation() == gallery.generation();
   if (which.empty() && (faces == 0 || (faces <= people::kLearnedWhole && learned)))
     return std::nullopt;
@@ -210,9 +275,12 @@ Identifier Identifier::load(const ModelStore& models, const IdentifierOptions& o
   // A wrong path is reported before anything is written, also where the file is needed only at the
   // end.
   if (!options.background.empty()) static_cast<void>(load_background(models, options.background));
+  if (options.templates == TemplateKind::kDeep) static_cast<void>(load_deep_network(models));
   if (!options.recognizer.empty()) {
-    identifier.model_ = std::make_shared<const recognition::Recognizer>(
-        recognition::read_recognizer(options.recognizer));
+    recognition::Recognizer model = recognition::read_recognizer(options.recognizer);
+    if (model.options.algorithm == recognition::Algorithm::kDeep)
+      model.network = load_deep_network(models);
+    identifier.model_ = std::make_shared<const recognition::Recognizer>(std::move(model));
   }
   identifier.reader_.emplace(FaceReaderModel::load(models, options.reading));
   return identifier;
@@ -230,8 +298,13 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
       options_.enroll          ? people::Gallery(options_.gallery, DatabaseAccess::kCreate)
       : options_.write_gallery ? people::Gallery(options_.gallery, DatabaseAccess::kWrite)
                                : open_gallery(options_.gallery));
-  if (options_.algorithm) opened->gallery.set_algorithm(recognition::name_of(*options_.algorithm));
-  opened->background = options_.enroll
+  if (options_.algorithm)
+    opened->gallery.set_algorithm(recognition::name_of(*options_.algorithm));
+  else
+    settle_templates(opened->gallery, options_.templates, models_, options_.enroll);
+  opened->background = options_.enroll && has_deep_templates(opened->gallery)
+                           ? load_deep_background(models_, options_.background)
+                       : options_.enroll
                            ? load_background(models_, options_.background)
                            : background_for(opened->gallery, models_, options_.background);
   const recognition::Background* background = opened->background ? &*opened->background : nullptr;

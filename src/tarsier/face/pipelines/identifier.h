@@ -48,13 +48,35 @@ class FaceReaderModel {
 
 // --- galleries ---
 
+// What the templates of a gallery are made of.
+enum class TemplateKind {
+  kAuto,     // of a gallery with faces: what it has; of a new one: deep where that is installed
+  kClassic,  // gradients' directions, or what the classical recognisers use
+  kDeep,     // the numbers of a deep network (recognition/deep.h)
+};
+[[nodiscard]] TemplateKind parse_template_kind(std::string_view name);  // throws UsageError
+// Whether the network of deep templates is there: face-embedding.json of the store.
+[[nodiscard]] bool has_deep_templates(const ModelStore& models);
+// It, and its background: `which` or people-deep.json of the store. Throws ModelError, which says
+// how to get what is missing.
+[[nodiscard]] std::shared_ptr<const recognition::DeepNetwork> load_deep_network(
+    const ModelStore& models);
+[[nodiscard]] recognition::Background load_deep_background(const ModelStore& models,
+                                                           const std::string& which = {});
+[[nodiscard]] bool has_deep_templates(people::Gallery& gallery);
+// A gallery keeps templates of one kind. Throws InputError where `kind` is another than it has and
+// there are faces. With `choose` the kind of one without faces is set.
+void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelStore& models,
+                      bool choose);
+
 // What is known of faces in general. `which`: a file; "none": nothing; empty:
 // people-background.json of the store, and nothing, with a warning, where that is missing. Throws
 // ModelError.
 [[nodiscard]] std::optional<recognition::Background> load_background(const ModelStore& models,
                                                                      const std::string& which = {});
 // The same where a model of the gallery needs it: nothing is learned yet, or it changed, or it is
-// a large one. A file that is named is read in any case: it must be right.
+// a large one. A file that is named is read in any case: it must be right. Deep templates always
+// need theirs.
 [[nodiscard]] std::optional<recognition::Background> background_for(people::Gallery& gallery,
                                                                     const ModelStore& models,
                                                                     const std::string& which = {});
@@ -106,6 +128,7 @@ struct IdentifierOptions {
   // that nothing can be learned yet is a warning.
   bool enroll = false;
   std::optional<recognition::Algorithm> algorithm;  // of the gallery from now on; with `enroll`
+  TemplateKind templates = TemplateKind::kAuto;     // see settle_templates(); without `algorithm`
   std::string recognizer;  // file of `people train -o`, in place of the gallery; empty: none
   std::string background;  // see load_background()
   people::FaceReaderOptions reading;

@@ -6,6 +6,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/packed_rows.h"
 #include "tarsier/media/archive.h"
 
@@ -14,6 +15,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <vector>
@@ -27,8 +29,9 @@ constexpr const char* kType = "face-background";
 constexpr int kVersion = 1;
 constexpr std::int64_t kMaxNumbers = 20'000;
 
-Eigen::RowVectorXf described(const cv::Mat& face, const DescriptorOptions& options) {
-  const std::vector<float> values = describe(face, options);
+Eigen::RowVectorXf described(const cv::Mat& face, const BackgroundOptions& options) {
+  const std::vector<float> values = options.network ? embed(*options.network, chip_of_crop(face))
+                                                    : describe(face, options.descriptor);
   return Eigen::Map<const Eigen::RowVectorXf>(values.data(),
                                               static_cast<Eigen::Index>(values.size()));
 }
@@ -74,22 +77,22 @@ Background learn_background(std::span<const cv::Mat> faces, const BackgroundOpti
   for (const cv::Mat& face : faces) require_gray(face);
   const auto count = static_cast<Eigen::Index>(faces.size());
   const int pictures = options.variants + 1;
-  Rows rows(count * pictures, descriptor_length(options.descriptor));
+  Rows rows(count * pictures,
+            options.network ? options.network->outputs() : descriptor_length(options.descriptor));
   progress.begin("describing", count, "faces");
   for (Eigen::Index i = 0; i < count; ++i) {
     throw_if_stopped(stop);
     const cv::Mat& face = faces[static_cast<std::size_t>(i)];
     Rng rng = Rng(options.seed).fork(static_cast<std::uint64_t>(i));
-    rows.row(i * pictures) = described(face, options.descriptor);
+    rows.row(i * pictures) = described(face, options);
     const double px = options.moved_px * face.cols / 64;
     for (int k = 1; k < pictures; ++k) {
       const double dx = px * rng.normal();
       const double dy = px * rng.normal();
       const double degrees = 2 * options.moved_px * rng.normal();
       const double scale = 1 + 0.02 * options.moved_px * rng.normal();
-      rows.row(i * pictures + k) =
-          described(relit_face(moved_face(face, dx, dy, degrees, scale), options.relight, rng()),
-                    options.descriptor);
+      rows.row(i * pictures + k) = described(
+          relit_face(moved_face(face, dx, dy, degrees, scale), options.relight, rng()), options);
     }
     progress.advance();
   }
@@ -125,6 +128,15 @@ Background learn_background(std::span<const cv::Mat> faces, const BackgroundOpti
   }
   out.outside = std::max(0.0, out.outside / static_cast<double>(count));
   out.within_rest = std::max(0.0, out.within_rest / static_cast<double>(count * options.variants));
+  out.network = options.network;
+  if (out.network) {
+    out.of_network = out.network->fingerprint;
+    // Such images differ less, and otherwise, than images of one person in life do; the network
+    // was trained to leave little to choose between directions. So: the same in all of them.
+    const auto directions = static_cast<double>(out.within.rows());
+    out.within = Eigen::MatrixXd::Identity(out.within.rows(), out.within.cols()) *
+                 (out.within.trace() / directions);
+  }
   out.check();
   return out;
 }
@@ -143,6 +155,7 @@ void write_background(const std::string& path, const Background& background,
                   {"within_rest", background.within_rest},
                   {"within_weight", background.within_weight},
                   {"genuine", background.prior.genuine}};
+  if (background.of_network != 0) payload["network"] = background.of_network;
   write_archive(path, {kType, kVersion, provenance, std::move(payload)});
 }
 
@@ -162,6 +175,9 @@ Background read_background(const std::string& path) {
   out.within_rest = number_member(payload, "within_rest", path, 0, 1e6);
   out.within_weight = number_member(payload, "within_weight", path, 1e-6, 1e6);
   out.prior.genuine = number_member(payload, "genuine", path, -1, 1);
+  if (payload.contains("network"))
+    out.of_network =
+        integer_member(payload, "network", path, 1, std::numeric_limits<std::int64_t>::max());
   const Eigen::MatrixXd& within = out.within;
   if ((within - within.transpose()).cwiseAbs().maxCoeff() >
       1e-4 * (1e-9 + within.cwiseAbs().maxCoeff()))

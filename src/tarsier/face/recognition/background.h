@@ -7,6 +7,7 @@
 #include <opencv2/core/mat.hpp>
 
 #include <cstdint>
+#include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <span>
 #include <stop_token>
@@ -26,6 +27,8 @@ struct BackgroundOptions {
   double weight = 20;     // Background::weight
   double within_weight = 60;
   std::uint64_t seed = 1;
+  // Its numbers in the place of descriptors: the background of deep templates; or null.
+  std::shared_ptr<const DeepNetwork> network;
   void check() const;
 };
 

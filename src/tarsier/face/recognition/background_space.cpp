@@ -2,6 +2,7 @@
 #include "tarsier/face/recognition/background_space.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/features.h"
 
 #include <algorithm>
@@ -39,17 +40,28 @@ void require_directions(const Background& background) {
 std::vector<float> coordinates_of(const Background& background, const cv::Mat& face,
                                   const DescriptorOptions& descriptor) {
   require_directions(background);
-  const std::vector<float> values = describe(face, descriptor);
-  TARSIER_REQUIRE(static_cast<Eigen::Index>(values.size()) == background.mean.size(),
+  const std::vector<float> values = background.network
+                                        ? embed(*background.network, chip_of_crop(face))
+                                        : describe(face, descriptor);
+  const Rows out = coordinates_of_rows(
+      background,
+      Eigen::Map<const Rows>(values.data(), 1, static_cast<Eigen::Index>(values.size())));
+  return {out.data(), out.data() + out.size()};
+}
+
+Rows coordinates_of_rows(const Background& background, const Rows& described) {
+  require_directions(background);
+  TARSIER_REQUIRE(described.cols() == background.mean.size(),
                   "a background of {} numbers for descriptors of {}", background.mean.size(),
-                  values.size());
-  const Rows off =
-      Eigen::Map<const Rows>(values.data(), 1, static_cast<Eigen::Index>(values.size())) -
-      background.mean;
-  const Rows inside = products(off, background.basis);
-  std::vector<float> out(inside.data(), inside.data() + inside.size());
-  const double rest = off.cast<double>().squaredNorm() - inside.cast<double>().squaredNorm();
-  out.push_back(static_cast<float>(std::max(0.0, rest)));
+                  described.cols());
+  const Rows off = described.rowwise() - background.mean;
+  const Eigen::Index m = background.basis.rows();
+  Rows out(off.rows(), m + 1);
+  out.leftCols(m) = products(off, background.basis);
+  for (Eigen::Index i = 0; i < off.rows(); ++i)
+    out(i, m) =
+        static_cast<float>(std::max(0.0, off.row(i).cast<double>().squaredNorm() -
+                                             out.row(i).head(m).cast<double>().squaredNorm()));
   return out;
 }
 
@@ -67,6 +79,11 @@ std::int64_t fingerprint(const Background& background, const DescriptorOptions& 
     print.add(channel.cell);
     print.add(channel.directions);
     print.add(channel.full_circle ? 1 : 0);
+  }
+  if (background.network) {
+    const auto network = static_cast<std::uint64_t>(background.network->fingerprint);
+    print.add(static_cast<std::uint32_t>(network));
+    print.add(static_cast<std::uint32_t>(network >> 32));
   }
   print.add(static_cast<int>(background.basis.rows()));
   for (Eigen::Index i = 0; i < background.mean.size(); ++i)

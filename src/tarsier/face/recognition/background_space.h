@@ -18,11 +18,13 @@
 // directions, and turns the numbers into templates by one small matrix.
 namespace tarsier::face::recognition {
 
-// B (x - m) for the descriptor x of a face, mean m and directions B of the background; then the
+// B (x - m) for the descriptor x of a face (with a network: its numbers), mean m and directions B of the background; then the
 // squared length of what B does not hold, |x - m|^2 - |B (x - m)|^2. Throws std::invalid_argument
 // for a background without directions or of other descriptors.
 [[nodiscard]] std::vector<float> coordinates_of(const Background& background, const cv::Mat& face,
                                                 const DescriptorOptions& descriptor = {});
+// The same of descriptors, a row each.
+[[nodiscard]] Rows coordinates_of_rows(const Background& background, const Rows& described);
 [[nodiscard]] int coordinate_count(const Background& background);  // directions + 1
 
 // A number > 0 that tells backgrounds (mean and directions) and descriptors apart: coordinates of
@@ -30,7 +32,7 @@ namespace tarsier::face::recognition {
 [[nodiscard]] std::int64_t fingerprint(const Background& background,
                                        const DescriptorOptions& descriptor = {});
 
-// The default recogniser learned from coordinates (a row each), within the background's directions
+// The default or deep recogniser learned from coordinates (a row each), within the background's directions
 // alone. Its templates are those of these rows. At most a few thousand: time and memory grow with
 // the square of their number in the calibration. Throws std::invalid_argument, Interrupted.
 [[nodiscard]] Recognizer train_coordinates(const Rows& coordinates,

@@ -2,9 +2,11 @@
 #include "tarsier/face/recognition/deep.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
 
 #include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <array>
@@ -168,6 +170,28 @@ DeepNetwork build_deep_network(const DeepWeights& weights, const std::string& pa
   }
   out.fingerprint = fingerprint_of(out.network);
   return out;
+}
+
+cv::Mat chip_of_crop(const cv::Mat& crop) {
+  require_gray(crop);
+  constexpr double kEyeLine = 46.3;  // px below the upper edge of a chip
+  constexpr double kEyeX = 0.27;     // where the cut has them
+  constexpr double kEyeY = 0.34;
+  constexpr double kAspect = 1.25;  // height / width of the cut
+  cv::Mat source = crop;
+  const double scale = kChipEyes / ((1 - 2 * kEyeX) * crop.cols);
+  const double scale_y = scale * kAspect * crop.cols / crop.rows;  // heads that were cut otherwise
+  if (scale < 0.6) cv::GaussianBlur(crop, source, {}, 0.4 / scale, 0.4 / scale_y);
+  // Centres of pixels at integers.
+  const double left = kEyeX * crop.cols - 0.5;
+  const double line = kEyeY * crop.rows - 0.5;
+  const cv::Mat map =
+      (cv::Mat_<double>(2, 3) << scale, 0, (kChipSize - kChipEyes) / 2 - 0.5 - scale * left, 0,
+       scale_y, kEyeLine - 0.5 - scale_y * line);
+  cv::Mat chip;
+  cv::warpAffine(source, chip, map, {kChipSize, kChipSize}, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  cv::cvtColor(chip, chip, cv::COLOR_GRAY2BGR);
+  return chip;
 }
 
 std::vector<float> embed(const DeepNetwork& network, const cv::Mat& chip) {

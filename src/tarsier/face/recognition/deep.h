@@ -16,8 +16,9 @@
 // @vladmandic/face-api carries it. It does not come with the program: see scripts/get-model.sh.
 namespace tarsier::face::recognition {
 
-// Side of the image that the network sees, px: a chip (people/chip.h).
+// Side of the image that the network sees, px: a chip.
 inline constexpr int kChipSize = 150;
+inline constexpr double kChipEyes = 53;  // px between the centres of the eyes
 
 // Weights as the files hold them: `shape` with the last index fastest; one byte a number, each
 // scale * level + min, or numbers as they are.
@@ -55,6 +56,11 @@ struct DeepNetwork {
 void write_deep_weights(const std::string& path, const DeepWeights& weights,
                         const nlohmann::json& provenance);
 [[nodiscard]] DeepNetwork read_deep_network(const std::string& path);
+
+// The chip of a face that is cut as people/eyes.h cuts it (CV_8UC1 of any size, the eyes at 0.27 and
+// 0.73 of the width, 0.34 of the height): CV_8UC3, the eyes kChipEyes px apart as dlib's network
+// learned them; what the cut lacks at the sides is its edge repeated.
+[[nodiscard]] cv::Mat chip_of_crop(const cv::Mat& crop);
 
 // The network's numbers for a chip, CV_8UC3 (BGR) of kChipSize x kChipSize. Not of a stated length.
 // Any number of threads may call it. Throws std::invalid_argument.

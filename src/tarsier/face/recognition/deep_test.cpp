@@ -2,12 +2,16 @@
 #include "tarsier/face/recognition/deep.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/background_space.h"
 #include "tarsier/face/recognition/testing_deep.h"
+#include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/testing_folder.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <fstream>
@@ -165,6 +169,113 @@ TEST(Deep, ThreadsChangeNothing) {
   std::vector<float> there;
   std::thread([&] { there = embed(network, chip); }).join();
   EXPECT_EQ(there, here);
+}
+
+// A background of a network that nobody trained, of drawn faces.
+Background tiny_background(std::uint64_t seed) {
+  const SyntheticFaces others = synthetic_faces(12, 1, 0.2, 3, 100, {128, 160});
+  BackgroundOptions options;
+  options.components = 10;
+  options.network =
+      std::make_shared<const DeepNetwork>(build_deep_network(tiny_deep_weights(seed), "made up"));
+  NoProgress quiet;
+  return learn_background(others.faces, options, quiet, {});
+}
+
+RecognizerOptions deep_options() {
+  RecognizerOptions options;
+  options.algorithm = Algorithm::kDeep;
+  return options;
+}
+
+TEST(DeepRecognizer, NamesTheFacesThatItWasTrainedOn) {
+  const Background background = tiny_background(1);
+  const SyntheticFaces set = synthetic_faces(3, 3, 0.2, 1, 0, {128, 160});
+  NoProgress quiet;
+  RecognizerOptions options = deep_options();
+  options.mean_weight = 0;  // each is most like itself, whatever the network makes of faces
+  const Recognizer model = train(set.faces, set.labels, options, quiet, {}, &background);
+  EXPECT_NO_THROW(model.check());
+  EXPECT_EQ(model.labels.size(), 3U);
+  ASSERT_TRUE(model.calibration.has_value());
+  for (std::size_t i = 0; i < set.faces.size(); ++i) {
+    const auto people = identify(model, set.faces[i]);
+    EXPECT_EQ(model.labels[static_cast<std::size_t>(people.front().person)], set.labels[i]);
+  }
+}
+
+TEST(DeepRecognizer, OfFacesAndOfTheirCoordinatesIsTheSame) {
+  const Background background = tiny_background(1);
+  const SyntheticFaces set = synthetic_faces(3, 2, 0.2, 1, 0, {128, 160});
+  Rows coordinates(static_cast<Eigen::Index>(set.faces.size()), coordinate_count(background));
+  for (std::size_t i = 0; i < set.faces.size(); ++i) {
+    const std::vector<float> row = coordinates_of(background, set.faces[i]);
+    coordinates.row(static_cast<Eigen::Index>(i)) =
+        Eigen::Map<const Eigen::RowVectorXf>(row.data(), coordinates.cols());
+  }
+  NoProgress quiet;
+  const Recognizer a = train(set.faces, set.labels, deep_options(), quiet, {}, &background);
+  const Recognizer b =
+      train_coordinates(coordinates, set.labels, deep_options(), quiet, {}, background);
+  EXPECT_LT((a.templates - b.templates).cwiseAbs().maxCoeff(), 1e-4);
+  const Rows made = templates_of_coordinates(b, background, coordinates);
+  const std::vector<float> probe = template_of(b, set.faces[3]);
+  for (Eigen::Index k = 0; k < made.cols(); ++k)
+    EXPECT_NEAR(made(3, k), probe[static_cast<std::size_t>(k)], 1e-4);
+}
+
+TEST(DeepRecognizer, NeedsItsNetworkWhereAFaceIsSeen) {
+  Background background = tiny_background(1);
+  const SyntheticFaces set = synthetic_faces(2, 2, 0.2, 1, 0, {128, 160});
+  NoProgress quiet;
+  const Recognizer model = train(set.faces, set.labels, deep_options(), quiet, {}, &background);
+  Recognizer read = recognizer_from_text(recognizer_text(model), "made up");
+  EXPECT_THROW((void)identify(read, set.faces[0]), std::invalid_argument);
+  read.network = model.network;
+  EXPECT_EQ(template_of(read, set.faces[0]), template_of(model, set.faces[0]));
+  background.network = nullptr;
+  EXPECT_THROW((void)train(set.faces, set.labels, deep_options(), quiet, {}, &background),
+               std::invalid_argument);
+  EXPECT_THROW((void)train(set.faces, set.labels, deep_options(), quiet, {}, nullptr),
+               std::invalid_argument);
+}
+
+TEST(DeepRecognizer, CoordinatesOfTwoNetworksDiffer) {
+  const Background background = tiny_background(1);
+  Background other = background;
+  other.network =
+      std::make_shared<const DeepNetwork>(build_deep_network(tiny_deep_weights(2), "made up"));
+  EXPECT_NE(fingerprint(background), fingerprint(other));
+}
+
+TEST_F(DeepFile, ABackgroundRemembersItsNetwork) {
+  const Background background = tiny_background(1);
+  write_background(path("background.json"), background, json::object());
+  EXPECT_EQ(read_background(path("background.json")).of_network, background.network->fingerprint);
+}
+
+TEST(Deep, TheChipOfACutHasItsEyesWhereTheNetworkLearnedThem) {
+  for (const cv::Size size : {cv::Size(128, 160), cv::Size(64, 80), cv::Size(400, 500)}) {
+    cv::Mat crop(size, CV_8UC1, cv::Scalar(200));
+    for (const double x : {0.27, 0.73}) {
+      const cv::Point center(cvRound(x * size.width - 0.5), cvRound(0.34 * size.height - 0.5));
+      cv::circle(crop, center, size.width / 25, cv::Scalar(0), cv::FILLED);
+    }
+    const cv::Mat chip = chip_of_crop(crop);
+    ASSERT_EQ(chip.type(), CV_8UC3);
+    for (const double x : {75 - kChipEyes / 2, 75 + kChipEyes / 2}) {
+      cv::Point2d sum;
+      double weight = 0;
+      for (int row = 30; row < 62; ++row)
+        for (int column = cvRound(x) - 20; column < cvRound(x) + 20; ++column) {
+          const double dark = 200 - chip.at<cv::Vec3b>(row, column)[0];
+          sum += dark * cv::Point2d(column, row);
+          weight += dark;
+        }
+      EXPECT_NEAR(sum.x / weight, x - 0.5, 0.7) << size;
+      EXPECT_NEAR(sum.y / weight, 46.3 - 0.5, 0.7) << size;
+    }
+  }
 }
 
 }  // namespace

@@ -4,6 +4,8 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/face/recognition/background_space.h"
+#include "tarsier/face/recognition/deep.h"
 #include "tarsier/media/image_file.h"
 
 #include <algorithm>
@@ -53,24 +55,39 @@ struct Run {
   double identify_ms = 0;
 };
 
-Run run(const std::vector<cv::Mat>& faces, const std::vector<std::string>& labels,
-        const Split& split, const RecognizerOptions& options, const Background* background,
+// `coordinates`: of all faces, in the directions of the background; empty: the faces count.
+Run run(const std::vector<cv::Mat>& faces, const Rows& coordinates,
+        const std::vector<std::string>& labels, const Split& split,
+        const RecognizerOptions& options, const Background* background,
         const std::stop_token& stop) {
   std::vector<cv::Mat> training;
   std::vector<std::string> names;
+  Rows training_rows(static_cast<Eigen::Index>(split.training.size()), coordinates.cols());
   for (const int i : split.training) {
-    training.push_back(faces[static_cast<std::size_t>(i)]);
+    if (coordinates.size() > 0)
+      training_rows.row(static_cast<Eigen::Index>(names.size())) = coordinates.row(i);
+    else
+      training.push_back(faces[static_cast<std::size_t>(i)]);
     names.push_back(labels[static_cast<std::size_t>(i)]);
   }
   Run out;
   NoProgress quiet;
   auto start = std::chrono::steady_clock::now();
-  out.model = train(training, names, options, quiet, stop, background);
+  out.model = coordinates.size() > 0
+                  ? train_coordinates(training_rows, names, options, quiet, stop, *background)
+                  : train(training, names, options, quiet, stop, background);
   out.train_seconds = seconds_since(start);
   start = std::chrono::steady_clock::now();
   for (const int i : split.probes) {
     throw_if_stopped(stop);
-    const auto people = identify(out.model, faces[static_cast<std::size_t>(i)]);
+    std::vector<float> probe;
+    if (coordinates.size() > 0) {
+      const Rows row = templates_of_coordinates(out.model, *background, coordinates.row(i));
+      probe.assign(row.data(), row.data() + row.size());
+    } else {
+      probe = template_of(out.model, faces[static_cast<std::size_t>(i)]);
+    }
+    const auto people = identify_template(out.model, probe);
     ProbeResult result;
     result.face = i;
     result.score = people.front().score;
@@ -259,7 +276,26 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
   EvaluationResult out;
   out.algorithm = recognizer.algorithm;
   out.options = options;
-  out.with_background = background != nullptr && recognizer.algorithm == Algorithm::kDefault;
+  out.with_background = background != nullptr && is_whitened(recognizer.algorithm);
+  // What a network makes of a face does not depend on who is enrolled: made once.
+  Rows coordinates;
+  double describe_ms = 0;
+  if (recognizer.algorithm == Algorithm::kDeep) {
+    if (background == nullptr || !background->network)
+      throw std::invalid_argument("deep templates need their network and its background");
+    const auto start = std::chrono::steady_clock::now();
+    coordinates.resize(static_cast<Eigen::Index>(faces.size()), coordinate_count(*background));
+    progress.begin("describing", static_cast<std::int64_t>(faces.size()), "faces");
+    for (std::size_t i = 0; i < faces.size(); ++i) {
+      throw_if_stopped(stop);
+      const std::vector<float> row = coordinates_of(*background, faces[i]);
+      coordinates.row(static_cast<Eigen::Index>(i)) =
+          Eigen::Map<const Eigen::RowVectorXf>(row.data(), coordinates.cols());
+      progress.advance();
+    }
+    progress.end();
+    describe_ms = 1000 * seconds_since(start) / static_cast<double>(faces.size());
+  }
   progress.begin("evaluating " + std::string(name_of(recognizer.algorithm)),
                  static_cast<std::int64_t>(options.seeds.size()), "splits");
   const auto any = [](const ProbeResult&) { return true; };
@@ -272,19 +308,20 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
                                   std::to_string(options.training) + ")");
     SeedResult result;
     result.seed = seed;
-    Run first = run(faces, labels, closed, recognizer, background, stop);
+    Run first = run(faces, coordinates, labels, closed, recognizer, background, stop);
     result.people = static_cast<int>(first.model.labels.size());
     result.training = static_cast<int>(closed.training.size());
     result.probes = static_cast<int>(closed.probes.size());
     result.train_seconds = first.train_seconds;
-    result.identify_ms = first.identify_ms;
+    result.identify_ms = first.identify_ms + describe_ms;
     result.closed = std::move(first.results);
     result.identified = count_of(result.closed, any, [](const ProbeResult& r) { return r.right; });
     result.accuracy = share(result.identified);
     if (options.strangers) {
       const int enrolled = options.enrolled > 0 ? options.enrolled : people / 2;
-      Run second = run(faces, labels, split_of(labels, options.training, seed, enrolled),
-                       recognizer, background, stop);
+      Run second =
+          run(faces, coordinates, labels, split_of(labels, options.training, seed, enrolled),
+              recognizer, background, stop);
       result.open = std::move(second.results);
       auto [of_known, of_strangers] = open_scores(result.open);
       result.known_probes = static_cast<int>(of_known.size());

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
+#include "tarsier/face/recognition/deep.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -11,9 +12,14 @@
 
 namespace tarsier::face::recognition {
 
-std::vector<float> features_of(const cv::Mat& face, const RecognizerOptions& options) {
+std::vector<float> features_of(const cv::Mat& face, const RecognizerOptions& options,
+                               const DeepNetwork* network) {
   require_gray(face);
   if (options.algorithm == Algorithm::kDefault) return describe(face, options.descriptor);
+  if (options.algorithm == Algorithm::kDeep) {
+    TARSIER_REQUIRE(network != nullptr, "no network for deep templates");
+    return embed(*network, chip_of_crop(face));
+  }
   cv::Mat sized = face;
   if (options.size.area() > 0 && face.size() != options.size)
     cv::resize(face, sized, options.size, 0, 0,
@@ -34,7 +40,7 @@ std::vector<float> project(const Recognizer& model, const std::vector<float>& in
   Rows x =
       Eigen::Map<const Rows>(input.data(), 1, static_cast<Eigen::Index>(input.size())) - model.mean;
   Rows out = products(x, model.components);
-  if (model.options.algorithm == Algorithm::kDefault)
+  if (is_whitened(model.options.algorithm))
     scale_rows(out, x.cast<double>().rowwise().squaredNorm(), model.importance, model.rest);
   return {out.data(), out.data() + out.size()};
 }

@@ -6,10 +6,12 @@
 // What training and use of the recognisers share.
 namespace tarsier::face::recognition {
 
-// Pixels (eigen, fisher), histograms (lbph), descriptor (default). Throws std::invalid_argument.
-[[nodiscard]] std::vector<float> features_of(const cv::Mat& face, const RecognizerOptions& options);
+// Pixels (eigen, fisher), histograms (lbph), descriptor (default), the network's numbers (deep).
+// Throws std::invalid_argument, also where kDeep has no network.
+[[nodiscard]] std::vector<float> features_of(const cv::Mat& face, const RecognizerOptions& options,
+                                             const DeepNetwork* network = nullptr);
 
-// components (input - mean); default: to length 1.
+// components (input - mean); default, deep: to length 1.
 [[nodiscard]] std::vector<float> project(const Recognizer& model, const std::vector<float>& input);
 
 // Whitened rows to length 1, but for what lies outside the subspace: what training never saw varies

@@ -19,11 +19,12 @@
 namespace tarsier::face::recognition {
 namespace {
 
-constexpr std::array<std::pair<Algorithm, std::string_view>, 4> kAlgorithms{{
+constexpr std::array<std::pair<Algorithm, std::string_view>, 5> kAlgorithms{{
     {Algorithm::kDefault, "default"},
     {Algorithm::kEigen, "eigen"},
     {Algorithm::kFisher, "fisher"},
     {Algorithm::kLbph, "lbph"},
+    {Algorithm::kDeep, "deep"},
 }};
 
 std::span<const float> row_of(const Rows& rows, Eigen::Index i) {
@@ -41,7 +42,7 @@ std::vector<double> scores_of(const Recognizer& model, std::span<const float> pr
   require_template(model, probe);
   const auto n = static_cast<std::size_t>(model.templates.rows());
   std::vector<double> scores(n);
-  if (model.options.algorithm == Algorithm::kDefault) {
+  if (is_whitened(model.options.algorithm)) {
     std::vector<float> products(n, 0.0F);
     const auto length = static_cast<std::ptrdiff_t>(probe.size());
     const auto dots = [&](std::size_t first, std::size_t last) {
@@ -104,7 +105,7 @@ Algorithm parse_algorithm(std::string_view name) {
   for (const auto& [value, text] : kAlgorithms)
     if (text == name) return value;
   throw std::invalid_argument("'" + std::string(name) +
-                              "' is no recogniser: default, eigen, fisher or lbph");
+                              "' is no recogniser: default, eigen, fisher, lbph or deep");
 }
 
 void RecognizerOptions::check() const {
@@ -147,7 +148,8 @@ void Recognizer::check() const {
   } else {
     const Eigen::Index length = options.algorithm == Algorithm::kDefault
                                     ? descriptor_length(options.descriptor)
-                                    : options.size.area();
+                                : options.algorithm == Algorithm::kDeep ? mean.size()
+                                                                        : options.size.area();
     TARSIER_REQUIRE(length > 0 && mean.size() == length && components.cols() == length,
                     "{} inputs, mean of {}, components of {}", length, mean.size(),
                     components.cols());
@@ -155,9 +157,9 @@ void Recognizer::check() const {
                     "{} components, {} values", components.rows(), importance.size());
     TARSIER_REQUIRE(mean.allFinite() && components.allFinite() && importance.allFinite(),
                     "numbers of the subspace are not finite");
-    TARSIER_REQUIRE(options.algorithm != Algorithm::kDefault ||
-                        (importance.minCoeff() >= 0 && rest > 0 && rest < 1e30),
-                    "scatter {}, rest {}", importance.minCoeff(), rest);
+    TARSIER_REQUIRE(
+        !is_whitened(options.algorithm) || (importance.minCoeff() >= 0 && rest > 0 && rest < 1e30),
+        "scatter {}, rest {}", importance.minCoeff(), rest);
   }
   TARSIER_REQUIRE(templates.rows() == static_cast<Eigen::Index>(people.size()),
                   "{} templates, {} people", templates.rows(), people.size());
@@ -180,7 +182,7 @@ void Recognizer::check() const {
 }
 
 std::vector<float> template_of(const Recognizer& model, const cv::Mat& face) {
-  const auto input = features_of(face, model.options);
+  const auto input = features_of(face, model.options, model.network.get());
   if (model.options.algorithm == Algorithm::kLbph) return input;
   return project(model, input);
 }
@@ -199,7 +201,7 @@ std::vector<float> pooled(const Recognizer& model, std::span<const std::vector<f
     lengths += std::sqrt(square);
   }
   double scale = 1 / static_cast<double>(templates.size());
-  if (model.options.algorithm == Algorithm::kDefault) {
+  if (is_whitened(model.options.algorithm)) {
     // What differs between the pictures cancels; that must not look like a lack of likeness.
     double square = 0;
     for (const double value : sum) square += value * value;
@@ -214,7 +216,8 @@ double compare(const Recognizer& model, std::span<const float> a, std::span<cons
   require_template(model, a);
   require_template(model, b);
   switch (model.options.algorithm) {
-    case Algorithm::kDefault: {
+    case Algorithm::kDefault:
+    case Algorithm::kDeep: {
       double sum = 0;
       for (std::size_t i = 0; i < a.size(); ++i) sum += static_cast<double>(a[i]) * b[i];
       return sum;
@@ -259,7 +262,7 @@ std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const 
       entry.nearest = static_cast<int>(i);
     }
   }
-  if (model.options.algorithm == Algorithm::kDefault && model.options.mean_weight > 0) {
+  if (is_whitened(model.options.algorithm) && model.options.mean_weight > 0) {
     // The cosine to a person's mean is the sum of the cosines over the length of the sum.
     TARSIER_REQUIRE(model.mean_scale.size() == out.size(), "the model was changed: refresh() it");
     std::vector<double> totals(out.size(), 0.0);

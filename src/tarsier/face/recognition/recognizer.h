@@ -10,6 +10,7 @@
 #include <opencv2/core/mat.hpp>
 
 #include <cstdint>
+#include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <span>
@@ -18,20 +19,27 @@
 #include <string_view>
 #include <vector>
 
-// Who a face is: four recognisers behind one set of functions. Faces are CV_8UC1 crops of any size,
+// Who a face is: five recognisers behind one set of functions. Faces are CV_8UC1 crops of any size,
 // all cut alike.
 namespace tarsier::face::recognition {
+
+struct DeepNetwork;  // deep.h
 
 enum class Algorithm {
   kDefault,  // edge directions in normalised light, whitened by how pictures of one person differ
   kEigen,    // Eigenfaces: nearest training picture in the principal components of the pixels
   kFisher,   // Fisherfaces: the same in the linear discriminants of the people
   kLbph,     // histograms of local binary patterns, nearest by chi-square
+  kDeep,     // what a deep network makes of the face (deep.h), whitened and compared as kDefault
 };
 
-// "default", "eigen", "fisher", "lbph".
+// "default", "eigen", "fisher", "lbph", "deep".
 [[nodiscard]] std::string_view name_of(Algorithm algorithm);
 [[nodiscard]] Algorithm parse_algorithm(std::string_view name);  // throws std::invalid_argument
+// Whether templates are whitened and compared by the cosine, and a background helps: kDefault, kDeep.
+[[nodiscard]] constexpr bool is_whitened(Algorithm algorithm) {
+  return algorithm == Algorithm::kDefault || algorithm == Algorithm::kDeep;
+}
 
 struct RecognizerOptions {
   Algorithm algorithm = Algorithm::kDefault;
@@ -64,6 +72,9 @@ struct Recognizer {
   Rows templates;           // one a row
   std::vector<int> people;  // of each template, index into labels
   std::optional<Calibration> calibration;  // none: too little was known (one person; Fisher, two)
+  // kDeep: makes the numbers of a face. It is no part of files: whoever reads one puts it here.
+  // Functions that take a face throw std::invalid_argument without it.
+  std::shared_ptr<const DeepNetwork> network;
   // Derived, see refresh(): 1 / length of the sum of each person's templates (0: of no length).
   std::vector<double> mean_scale;
 
@@ -85,13 +96,17 @@ struct Background {
   Eigen::MatrixXd within;    // m x m, scatter between pictures of one person
   double within_rest = 0;    // mean square of such differences outside the basis
   double within_weight = 1;  // counts as so many differences between pictures, (0, 1e6]
-  void check() const;        // throws std::invalid_argument
+  // Of kDeep: the numbers above are those of the network of this fingerprint; 0: of kDefault.
+  std::int64_t of_network = 0;
+  std::shared_ptr<const DeepNetwork> network;  // this one; no part of files
+  void check() const;                          // throws std::invalid_argument
 };
 [[nodiscard]] Background background_of(std::span<const cv::Mat> faces,
                                        const DescriptorOptions& options);
 
 // `labels[i]` is who faces[i] shows. The default recogniser works from one picture of one person;
-// Fisherfaces needs two people and two pictures of one of them. Throws std::invalid_argument for
+// Fisherfaces needs two people and two pictures of one of them, kDeep a
+// background with its network. Throws std::invalid_argument for
 // what cannot be trained on and Interrupted. `background` (default recogniser; of the same
 // descriptor options) may be null; with one person alone there is then no telling from strangers.
 // Of more than kMaxLearnedFaces (training.h) faces an even choice is learned from.
@@ -100,16 +115,16 @@ struct Background {
                                const RecognizerOptions& options, Progress& progress,
                                const std::stop_token& stop, const Background* background = nullptr);
 
-// What a face is compared by. default: length at most 1, less for what the subspace holds less of,
+// What a face is compared by. default, deep: length at most 1, less for what the subspace holds less of,
 // 0 for a flat picture.
 [[nodiscard]] std::vector<float> template_of(const Recognizer& model, const cv::Mat& face);
 
 // One template for several pictures of one person (frames of a video): their mean;
-// default: at their mean length. Not empty.
+// default, deep: at their mean length. Not empty.
 [[nodiscard]] std::vector<float> pooled(const Recognizer& model,
                                         std::span<const std::vector<float>> templates);
 
-// Greater is more alike. default: cosine, -1..1 (of whitened faces, in all directions); the others:
+// Greater is more alike. default, deep: cosine, -1..1 (of whitened faces, in all directions); the others:
 // minus the distance (Euclidean in the subspace; chi-square), 0 at best.
 [[nodiscard]] double compare(const Recognizer& model, std::span<const float> a,
                              std::span<const float> b);

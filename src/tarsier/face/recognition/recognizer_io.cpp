@@ -110,7 +110,7 @@ Recognizer from_payload(const json& payload, const std::string& path) {
     model.importance = Eigen::Map<const Eigen::VectorXd>(
         importance.values.data(), static_cast<Eigen::Index>(importance.values.size()));
   }
-  if (model.options.algorithm == Algorithm::kDefault)
+  if (is_whitened(model.options.algorithm))
     model.rest = number_member(payload, "rest", path, 1e-30, 1e30);
   model.templates = unpacked(payload, "templates", path, -1, model.template_length());
   const auto people = unpack<std::int32_t>(member(payload, "people", path), path, "people",
@@ -133,7 +133,7 @@ json to_payload(const Recognizer& model) {
         {model.importance.size()},
         {model.importance.data(), model.importance.data() + model.importance.size()}});
   }
-  if (model.options.algorithm == Algorithm::kDefault) payload["rest"] = model.rest;
+  if (is_whitened(model.options.algorithm)) payload["rest"] = model.rest;
   payload["templates"] =
       packed(model.templates.rows() > 0 ? model.templates : Rows(0, model.template_length()));
   payload["people"] =

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/face/recognition/background_space.h"
 #include "tarsier/face/recognition/evaluation.h"
 
 #include <algorithm>
@@ -21,8 +22,8 @@ struct Expected {
 };
 Expected expected_by(const Recognizer& model) {
   if (!model.calibration) throw std::invalid_argument("a gallery of one has no calibration");
-  return {model.calibration->location - kSameCameraFitted.shift,
-          model.calibration->scale / kSameCameraFitted.spread};
+  return {model.calibration->location - same_camera_of(model.options.algorithm).shift,
+          model.calibration->scale / same_camera_of(model.options.algorithm).spread};
 }
 
 struct Gallery {
@@ -44,8 +45,21 @@ SameCameraFit fit_same_camera(const std::vector<cv::Mat>& faces,
     throw std::invalid_argument("needs a background that was learnt (people train)");
   const std::set<std::string> people(labels.begin(), labels.end());
   if (people.size() < 3) throw std::invalid_argument("needs at least three people");
+  RecognizerOptions options;
+  if (background.network) options.algorithm = Algorithm::kDeep;
   SameCameraFit out;
   out.people = static_cast<int>(people.size());
+  // What a network makes of a face does not depend on the gallery: made once.
+  Rows coordinates;
+  if (background.network) {
+    coordinates.resize(static_cast<Eigen::Index>(faces.size()), coordinate_count(background));
+    for (std::size_t i = 0; i < faces.size(); ++i) {
+      throw_if_stopped(stop);
+      const std::vector<float> row = coordinates_of(background, faces[i]);
+      coordinates.row(static_cast<Eigen::Index>(i)) =
+          Eigen::Map<const Eigen::RowVectorXf>(row.data(), coordinates.cols());
+    }
+  }
   std::vector<Gallery> galleries;
   NoProgress quiet;
   progress.begin("galleries of one", static_cast<std::int64_t>(people.size()) * draws, "galleries");
@@ -55,15 +69,31 @@ SameCameraFit fit_same_camera(const std::vector<cv::Mat>& faces,
       throw_if_stopped(stop);
       progress.advance();
       std::vector<cv::Mat> own;
+      Rows own_rows(static_cast<Eigen::Index>(split.training.size()), coordinates.cols());
       for (const int i : split.training)
-        if (labels[static_cast<std::size_t>(i)] == name)
+        if (labels[static_cast<std::size_t>(i)] == name) {
+          if (background.network)
+            own_rows.row(static_cast<Eigen::Index>(own.size())) = coordinates.row(i);
           own.push_back(faces[static_cast<std::size_t>(i)]);
+        }
       if (static_cast<int>(own.size()) < training) continue;  // somebody with fewer pictures
       const std::vector<std::string> names(own.size(), name);
-      const Recognizer model = train(own, names, {}, quiet, stop, &background);
+      const Recognizer model =
+          background.network
+              ? train_coordinates(own_rows.topRows(static_cast<Eigen::Index>(own.size())), names,
+                                  options, quiet, stop, background)
+              : train(own, names, options, quiet, stop, &background);
+      const auto best = [&](std::size_t i) {
+        if (!background.network) return identify(model, faces[i]).front().score;
+        const Rows row = templates_of_coordinates(model, background,
+                                                  coordinates.row(static_cast<Eigen::Index>(i)));
+        return identify_template(model, {row.data(), static_cast<std::size_t>(row.size())})
+            .front()
+            .score;
+      };
       Gallery gallery{expected_by(model), {}};
       for (std::size_t i = 0; i < faces.size(); ++i)
-        if (labels[i] != name) gallery.scores.push_back(identify(model, faces[i]).front().score);
+        if (labels[i] != name) gallery.scores.push_back(best(i));
       out.scores += static_cast<long>(gallery.scores.size());
       galleries.push_back(std::move(gallery));
     }

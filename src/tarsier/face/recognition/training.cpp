@@ -6,6 +6,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/recognition/background_space.h"
+#include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/features.h"
 #include "tarsier/face/recognition/folds.h"
 #include "tarsier/face/recognition/recognizer.h"
@@ -31,9 +32,6 @@ constexpr std::size_t kBasisRows = 480;
 constexpr CalibrationPrior kPrior{0, 0.15, 0.5, 2};
 // Of what a gallery adds to a background's components.
 constexpr int kMaxOwnComponents = 200;
-// Strangers before one camera are more alike than the people of a background: fitted there.
-constexpr double kSameCamera = kSameCameraFitted.shift;
-constexpr double kSpread = kSameCameraFitted.spread;
 // What this counts for beside strangers' scores in the gallery itself.
 constexpr double kPriorPeople = 6;
 
@@ -50,14 +48,14 @@ constexpr std::array<Move, 7> kMoves{{{0, 0, 0, 0},
                                       {0, 0, -3, -0.03}}};
 
 // The rows of one face: as it is, then moved.
-void describe_face(const cv::Mat& face, const RecognizerOptions& options, std::size_t moves,
-                   Eigen::Ref<Rows> rows) {
+void describe_face(const cv::Mat& face, const RecognizerOptions& options,
+                   const DeepNetwork* network, std::size_t moves, Eigen::Ref<Rows> rows) {
   const auto put = [&](std::size_t row, const std::vector<float>& values) {
     rows.row(static_cast<Eigen::Index>(row)) = Eigen::Map<const Eigen::RowVectorXf>(
         values.data(), static_cast<Eigen::Index>(values.size()));
   };
   if (moves == 1) {
-    put(0, features_of(face, options));
+    put(0, features_of(face, options, network));
     return;
   }
   cv::Mat sized;
@@ -74,10 +72,12 @@ void describe_face(const cv::Mat& face, const RecognizerOptions& options, std::s
   }
 }
 
-int feature_count(const RecognizerOptions& options) {
+int feature_count(const RecognizerOptions& options, const DeepNetwork* network) {
   switch (options.algorithm) {
     case Algorithm::kDefault:
       return descriptor_length(options.descriptor);
+    case Algorithm::kDeep:
+      return network->outputs();
     case Algorithm::kLbph:
       return lbp_length(options.lbp);
     case Algorithm::kEigen:
@@ -160,8 +160,10 @@ CalibrationPrior prior_of(const Recognizer& model, const Background& background)
     }
   }
   const double mean = sum / count;
-  prior.location = mean + kSameCamera;
-  prior.scale = std::max(0.02, kSpread * std::sqrt(std::max(0.0, square / count - mean * mean)));
+  const SameCamera& camera = same_camera_of(model.options.algorithm);
+  prior.location = mean + camera.shift;
+  prior.scale =
+      std::max(0.02, camera.spread * std::sqrt(std::max(0.0, square / count - mean * mean)));
   prior.weight = kPriorPeople;
   return prior;
 }
@@ -192,6 +194,13 @@ void check_background(const Background& background, Eigen::Index length) {
   TARSIER_REQUIRE(background.mean.size() == length,
                   "a background of {} numbers for descriptors of {}", background.mean.size(),
                   length);
+}
+
+void require_network(const Background* background) {
+  if (background == nullptr || !background->network)
+    throw std::invalid_argument("deep templates need their network and its background");
+  check_background(*background, background->network->outputs());
+  TARSIER_REQUIRE(background->basis.rows() > 0, "a background of a mean alone");
 }
 
 // Eigenfaces and Fisherfaces: distances have no scale of their own, so no prior.
@@ -329,7 +338,7 @@ struct Training::Impl {
       people.push_back(entry->second);
     }
   }
-  [[nodiscard]] bool classical() const { return model.options.algorithm != Algorithm::kDefault; }
+  [[nodiscard]] bool classical() const { return !is_whitened(model.options.algorithm); }
   [[nodiscard]] int learned_people() const { return static_cast<int>(model.labels.size()); }
   void next(Stage following) {
     stage = following;
@@ -352,12 +361,14 @@ void Training::Impl::describe(Progress& progress, const std::stop_token& stop) {
   constexpr std::size_t kChunk = 16;  // between looks at the stop token
   if (at == 0) {
     progress.begin("describing", static_cast<std::int64_t>(learned.size()), "faces");
-    rows.resize(static_cast<Eigen::Index>(learned.size() * moves), feature_count(model.options));
+    rows.resize(static_cast<Eigen::Index>(learned.size() * moves),
+                feature_count(model.options, model.network.get()));
   }
   const std::size_t last = std::min(learned.size(), at + kChunk);
   cv::parallel_for_({static_cast<int>(at), static_cast<int>(last)}, [&](const cv::Range& range) {
     for (int i = range.start; i < range.end; ++i)
-      describe_face(faces[learned[static_cast<std::size_t>(i)]], model.options, moves,
+      describe_face(faces[learned[static_cast<std::size_t>(i)]], model.options, model.network.get(),
+                    moves,
                     rows.middleRows(static_cast<Eigen::Index>(i) * static_cast<int>(moves),
                                     static_cast<Eigen::Index>(moves)));
   });
@@ -367,8 +378,12 @@ void Training::Impl::describe(Progress& progress, const std::stop_token& stop) {
   if (at < learned.size()) return;
   progress.end();
   throw_if_stopped(stop);
-  progress.begin("training", 0, "steps");
   next(Stage::kLearn);
+  if (model.options.algorithm == Algorithm::kDeep) {
+    coordinates = coordinates_of_rows(*background, rows);
+    return;
+  }
+  progress.begin("training", 0, "steps");
 }
 
 void Training::Impl::learn_classical(const std::stop_token& stop) {
@@ -565,6 +580,8 @@ Training::Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
   for (const auto& face : faces) require_gray(face);
   if (options.algorithm == Algorithm::kDefault)
     model.options.size = options.descriptor.size;
+  else if (options.algorithm == Algorithm::kDeep)
+    model.options.size = {kChipSize, kChipSize};
   else if (options.size.area() == 0)
     model.options.size = faces.front().size();
   model.options.check();
@@ -579,7 +596,12 @@ Training::Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
     model.people.push_back(entry->second);
   }
   impl_->faces = std::move(faces);
-  impl_->background = options.algorithm == Algorithm::kDefault ? background : nullptr;
+  impl_->background = is_whitened(options.algorithm) ? background : nullptr;
+  if (options.algorithm == Algorithm::kDeep) {
+    require_network(background);
+    model.network = background->network;
+    impl_->informed = true;
+  }
   impl_->moves =
       options.algorithm == Algorithm::kDefault && options.variants > 0 ? kMoves.size() : 1;
 }
@@ -588,9 +610,13 @@ Training::Training(const Rows& coordinates, std::vector<std::string> labels,
                    const RecognizerOptions& options, const Background& background)
     : impl_(std::make_unique<Impl>()) {
   options.check();
-  TARSIER_REQUIRE(options.algorithm == Algorithm::kDefault, "coordinates are for 'default', not {}",
-                  name_of(options.algorithm));
-  check_background(background, descriptor_length(options.descriptor));
+  TARSIER_REQUIRE(is_whitened(options.algorithm),
+                  "coordinates are for 'default' and 'deep', not {}", name_of(options.algorithm));
+  if (options.algorithm == Algorithm::kDeep) {
+    require_network(&background);
+  } else {
+    check_background(background, descriptor_length(options.descriptor));
+  }
   const Eigen::Index m = background.basis.rows();
   TARSIER_REQUIRE(m > 0, "a background of a mean alone");
   TARSIER_REQUIRE(coordinates.rows() > 0 && coordinates.cols() == m + 1,
@@ -600,7 +626,9 @@ Training::Training(const Rows& coordinates, std::vector<std::string> labels,
                   "{} faces, {} labels", coordinates.rows(), labels.size());
   impl_->number_people(labels);
   impl_->model.options = options;
-  impl_->model.options.size = options.descriptor.size;
+  impl_->model.options.size = options.algorithm == Algorithm::kDeep ? cv::Size(kChipSize, kChipSize)
+                                                                    : options.descriptor.size;
+  impl_->model.network = background.network;
   impl_->model.labels = impl_->labels;
   impl_->model.people = impl_->people;
   impl_->coordinates = coordinates;
