@@ -6,6 +6,8 @@ set(TARSIER_CMAKE_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/tarsier)
 set(TARSIER_MODELS_DESTINATION share/tarsier/models)  # ModelStore::find() looks there
 
 install(DIRECTORY models/ DESTINATION ${TARSIER_MODELS_DESTINATION} COMPONENT models)
+# What fetches models that are not ours to hand on.
+install(PROGRAMS scripts/get-model.sh DESTINATION share/tarsier/scripts COMPONENT program)
 
 configure_package_config_file(cmake/tarsierConfig.cmake.in ${PROJECT_BINARY_DIR}/tarsierConfig.cmake
   INSTALL_DESTINATION ${TARSIER_CMAKE_DESTINATION} PATH_VARS TARSIER_MODELS_DESTINATION)

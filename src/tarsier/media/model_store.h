@@ -23,7 +23,9 @@ class ModelStore {
   // In this order: `folder`, the environment variable TARSIER_MODELS, the folder that comes with
   // the program that runs (../../../models from it in a build tree, share/tarsier/models where it
   // is installed in bin or libexec/tarsier); a store without a folder where there is none of these. A program that links
-  // the installed library gets the folder as `tarsier_MODELS_DIR` from find_package(tarsier).
+  // the installed library gets the folder as `tarsier_MODELS_DIR` from find_package(tarsier). What
+  // the folder that comes with the program lacks is looked for in user_models_folder()
+  // (user_models.h).
   // Throws InputError where `folder` or TARSIER_MODELS is not a folder.
   [[nodiscard]] static ModelStore find(const std::string& folder = {});
 
