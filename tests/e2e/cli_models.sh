@@ -106,6 +106,84 @@ assert len(models) >= 10
 for model in models:
     assert model["terms"] and model["card"] and model["used_by"] and model["without_it"], model["name"]
 PY
+
+# A model of one's own takes the place of the one that ships, for every verb, until it is removed.
+shipped="$TARSIER_SOURCE/models"
+python3 - "$shipped/head.json" <<'PY'
+import json, sys
+head = json.load(open(sys.argv[1]))
+head["provenance"]["data"] = "drawn for the test"
+json.dump(head, open("mine.json", "w"))
+head["version"] = 99
+json.dump(head, open("newer.json", "w"))
+head["version"] = 1
+del head["payload"]["mean"]
+json.dump(head, open("cut.json", "w"))
+json.dump({"type": "shape-model", "version": 1, "provenance": {}, "payload": {}}, open("stranger.json", "w"))
+PY
+sum=$(sha256sum <mine.json | cut -d' ' -f1)
+run models install mine.json
+expect_status 2
+expect_error 'TARSIER_OWN_MODELS'
+export TARSIER_OWN_MODELS=$PWD/own/models
+run models install mine.json --json
+expect_status 0
+expect_out "\"sha256\":\"$sum\"" '"name":"head"' 'pose track'
+cmp mine.json own/models/head.json || fail "the installed file is another one"
+run models list --json
+expect_status 0
+python3 - "$sum" <<'PY' || fail "models list does not tell which models are the user's own"
+import json, sys
+models = {model["name"]: model for model in map(json.loads, open("stdout.txt"))}
+assert models["head"]["own"] and models["head"]["sha256"] == sys.argv[1] and models["head"]["card"] is None
+assert models["head"]["used_by"] and not models["landmarks68"]["own"]
+PY
+run models list
+expect_out 'head .*your own'
+run models info head
+expect_out 'drawn for the test' 'as in the index'
+run models verify head
+expect_status 0
+expect_out 'ok +head .your own.'
+# Verbs take it: one that is damaged afterwards is what they stumble over.
+printf '{}' >own/models/head.json
+run pose solve --help
+run models verify
+expect_status 5
+expect_out 'PROBLEM +head has changed'
+run pose synth -o heads --count 1 --size 160x120
+expect_status 5
+expect_error 'own/models/head.json'
+# What is refused leaves the one before in its place.
+run models install mine.json
+expect_status 0
+for file in newer cut stranger; do
+  run models install $file.json
+  expect_status 5
+  expect_error "$file.json"
+done
+run models install stranger.json --as head
+expect_status 5
+run models install mine.json --as landmarks68
+expect_status 2
+expect_error 'takes the place of head'
+run models install "$shipped/plate-hog.json"
+expect_status 2
+expect_error 'plate-hog, plate-mlp'
+run models install "$shipped/plate-mlp.json" --as plate-hog
+expect_status 0
+cmp mine.json own/models/head.json || fail "a refused model changed the one before"
+run models remove ../models/head
+expect_status 2
+run models remove head
+expect_status 0
+run models remove head
+expect_status 1
+run models verify head
+expect_status 0
+expect_out '^ok +head$'
+unset TARSIER_OWN_MODELS
+
 run doctor --json
 expect_out 'non-commercial research only: aam68, .*landmarks68'
 finish

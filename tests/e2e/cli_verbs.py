@@ -65,6 +65,7 @@ def expect_error(verb, result, status, name=""):
 # (at least one unless given). `head`, `cars` .. are made first, by the program.
 FACE = "head/images/0000.png"
 BOARD = "'synth:board?size=320x240&fps=5&frames=%s' --board chess:9x6 --square 25mm"
+SHIPPED = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../models/head.json")
 VALID = {
     "cartoon run": dict(words="scene.png -o drawn.png"),
     "landmarks annotate": dict(words="head/images -o own.json --actions -", stdin="frames 1\nclick 20 20\n"),
@@ -123,6 +124,8 @@ VALID = {
     "models info": dict(words="landmarks68"),
     "models verify": dict(words=""),
     "models import": dict(words="tiny/tiny-weights_manifest.json -o tiny.json --any-weights"),
+    "models install": dict(words=f"{SHIPPED} --own-dir own"),
+    "models remove": dict(words="head --own-dir none-of-them", status=1),
     "doctor": dict(words=""),
 }
 # With --debug-dir these write what they go through: at least so many pictures or clouds of the run above.
@@ -136,7 +139,7 @@ LONG = {"demo": "-o page", "serve": "--workspace studio --port 0 --no-browser", 
 EXAMPLE_STATUS = {
     "aam explore": 0, "pose synth": 0, "plate synth": 0, "sfm synth": 0, "ar marker-sheet": 0, "ar synth": 0, "models list": 0,
     "models info": 0, "people list": 1, "people forget": 1, "people export": 1, "people train": 1, "people show": 1,
-    "models verify": 0, "doctor": 0,
+    "models verify": 0, "models remove": 1, "doctor": 0,
 }
 
 # These work without any file: what they draw is small here, where the example does not say how large.
@@ -379,7 +382,7 @@ INTERRUPTED = {
 # These end by themselves within a moment: nothing in them grows with what they are given, or as fast as files are read.
 SHORT = {"landmarks annotate", "landmarks import", "landmarks show", "landmarks train shape", "aam explore", "pose solve", "people list",
          "people show", "people forget", "people export", "plate log", "sfm eval", "ar marker-sheet", "models list", "models info",
-         "models verify", "models import", "doctor"}
+         "models verify", "models import", "models install", "models remove", "doctor"}
 # What may pass from SIGINT to the end: processor time. Each runs with one thread, so on an idle machine it is the time that a
 # user waits. A slower machine, or one whose cores and memory others use too, may take as much longer as it takes for VERIFY_CPU.
 # Sanitized code is several times slower.

@@ -68,6 +68,8 @@ std::string example_of(const std::string& verb) {
       {"models info", "landmarks68"},
       {"models verify", ""},
       {"models import", "face_recognition_model-weights_manifest.json"},
+      {"models install", "head.json --own-dir models"},
+      {"models remove", "head --own-dir models"},
       {"doctor", ""},
       {"demo", "-o page --only cartoon,plate"},
       {"serve", "--workspace studio --allow-source door=rtsp://192.168.1.20/stream"},

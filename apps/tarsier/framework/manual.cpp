@@ -46,6 +46,9 @@ constexpr const char* kEnvironment = R"(.TP
 .B TARSIER_MODELS
 folder of the models, in place of the one that came with the program
 .TP
+.B TARSIER_OWN_MODELS
+folder of models of your own, each taken in place of the one of its name (tarsier models install)
+.TP
 .B TARSIER_CASCADES
 folder of OpenCV's cascade files, searched first
 .TP

@@ -28,6 +28,7 @@ constexpr std::size_t kMaxReference = 1000;  // bytes
 
 // Numbers, switches, choices, words that the verb never takes for a path.
 constexpr auto kValueFlags = std::to_array<std::string_view>({
+    "--as",
     "--algorithm",
     "--aligner-steps",
     "--angle-weight",
@@ -306,6 +307,7 @@ constexpr auto kRefusedFlags = std::to_array<std::string_view>({
     "--insecure",          // as --ca-file
     "--listen-all",        // opens the network
     "--models-dir",        // any folder
+    "--own-dir",           // as --models-dir
     "--on-event",          // runs a program
     "--on-event-timeout",  // of that
     "--token",             // of a server that is not started
@@ -366,6 +368,7 @@ constexpr auto kInputExceptions = std::to_array<InputException>({
     {"people forget", "NAME", InputKind::kFreeText},
     {"people verify", "NAME", InputKind::kFreeText},
     {"models info", "NAME", InputKind::kValue},
+    {"models remove", "NAME", InputKind::kValue},
     {"models verify", "NAME", InputKind::kValue},
     {"ar synth", "what", InputKind::kValue},
     {"plate log", "LOG", InputKind::kState},
@@ -396,6 +399,8 @@ constexpr auto kAudited = std::to_array<Audited>({
     {"people export", "", "export"},
     {"people list", "--keep", "delete"},
     {"plate log", "--keep", "delete"},
+    {"models install", "", "model install"},
+    {"models remove", "", "model remove"},
     {"plate log", "--csv", "export"},
     {"plate log", "--crops", "export"},
 });

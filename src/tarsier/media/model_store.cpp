@@ -26,16 +26,6 @@ std::string folder_of_program() {
   return {};
 }
 
-// Where `name` is in a folder of models, or would be.
-fs::path place_in(const std::string& folder, std::string_view name) {
-  const fs::path place = fs::path(folder) / name;
-  std::error_code error;
-  if (fs::exists(place, error) || folder != folder_of_program()) return place;
-  const std::string own = user_models_folder();
-  if (own.empty() || !fs::exists(fs::path(own) / name, error)) return place;
-  return fs::path(own) / name;
-}
-
 }  // namespace
 
 std::string user_models_folder() {
@@ -59,23 +49,51 @@ ModelStore::ModelStore(std::string folder) : folder_(std::move(folder)) {
 
 ModelStore ModelStore::find(const std::string& folder) {
   if (!folder.empty()) return ModelStore(folder);
+  ModelStore store = find_shipped();
+  const char* own = std::getenv("TARSIER_OWN_MODELS");
+  if (own != nullptr) store.own_folder_ = own;
+  return store;
+}
+
+ModelStore ModelStore::find_shipped() {
   const char* environment = std::getenv("TARSIER_MODELS");
   if (environment != nullptr && *environment != '\0') return ModelStore(environment);
-  const std::string own = folder_of_program();
-  return own.empty() ? ModelStore() : ModelStore(own);
+  const std::string with_program = folder_of_program();
+  if (with_program.empty()) return {};
+  ModelStore store(with_program);
+  store.user_folder_ = user_models_folder();
+  return store;
+}
+
+ModelStore ModelStore::shipped() const {
+  ModelStore store = *this;
+  store.own_folder_.clear();
+  return store;
+}
+
+bool ModelStore::is_own(std::string_view name) const {
+  std::error_code error;
+  return !own_folder_.empty() && fs::exists(fs::path(own_folder_) / name, error);
 }
 
 bool ModelStore::has(std::string_view name) const {
   std::error_code error;
-  return !folder_.empty() && fs::exists(place_in(folder_, name), error);
+  if (is_own(name)) return true;
+  return !folder_.empty() && fs::exists(place_of(name), error);
 }
 
 std::string ModelStore::place_of(std::string_view name) const {
-  return folder_.empty() ? std::string(name) : place_in(folder_, name).string();
+  if (is_own(name)) return (fs::path(own_folder_) / name).string();
+  if (folder_.empty()) return std::string(name);
+  const fs::path shipped = fs::path(folder_) / name;
+  std::error_code error;
+  if (user_folder_.empty() || fs::exists(shipped, error)) return shipped.string();
+  const fs::path added = fs::path(user_folder_) / name;
+  return fs::exists(added, error) ? added.string() : shipped.string();
 }
 
 std::string ModelStore::path(std::string_view name) const {
-  if (folder_.empty()) {
+  if (folder_.empty() && !is_own(name)) {
     throw ModelError(std::string(name), "no folder of models was found: set TARSIER_MODELS to it");
   }
   if (!has(name)) {

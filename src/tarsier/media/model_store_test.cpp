@@ -26,6 +26,7 @@ class Models : public testing::Test {
   Models() {
     if (const char* value = std::getenv("TARSIER_MODELS")) before_ = value;
     ::unsetenv("TARSIER_MODELS");
+    ::unsetenv("TARSIER_OWN_MODELS");
     std::ofstream(folder_ / "head.json") << "{}";
   }
   ~Models() override {
@@ -115,6 +116,27 @@ TEST_F(Models, TheNamedFolderGoesBeforeTheEnvironmentsAndThatBeforeWhatShips) {
   EXPECT_NE(ModelStore::find().folder(), folder());
   EXPECT_THAT(failure_of<InputError>([] { static_cast<void>(ModelStore::find("/nowhere")); }),
               HasSubstr("/nowhere: no such folder of models"));
+}
+
+TEST_F(Models, OfTheUsersOwnAreTakenInPlaceOfThoseThatShip) {
+  const TemporaryFolder own;
+  const std::string mine = (fs::path(own.path()) / "head.json").string();
+  ::setenv("TARSIER_MODELS", folder().c_str(), 1);
+  ::setenv("TARSIER_OWN_MODELS", own.path().c_str(), 1);
+  const ModelStore store = ModelStore::find();
+  EXPECT_FALSE(store.is_own("head.json"));
+  EXPECT_EQ(store.path("head.json"), (fs::path(folder()) / "head.json").string());
+  std::ofstream(mine) << "{}";
+  EXPECT_TRUE(store.is_own("head.json"));
+  EXPECT_EQ(store.path("head.json"), mine);
+  EXPECT_EQ(store.place_of("head.json"), mine);
+  EXPECT_EQ(store.shipped().path("head.json"), (fs::path(folder()) / "head.json").string());
+  EXPECT_FALSE(store.shipped().is_own("head.json"));
+  // A folder that was named is that folder alone, and one that is not there holds nothing.
+  EXPECT_FALSE(ModelStore::find(folder()).is_own("head.json"));
+  ::setenv("TARSIER_OWN_MODELS", "/nowhere", 1);
+  EXPECT_FALSE(ModelStore::find().is_own("head.json"));
+  ::unsetenv("TARSIER_OWN_MODELS");
 }
 
 }  // namespace

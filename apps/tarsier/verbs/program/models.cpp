@@ -12,6 +12,8 @@
 
 #include "framework/cli.h"
 #include "framework/parse.h"
+#include "verbs/program/model_folder.h"
+#include "verbs/program/models_install.h"
 #include <algorithm>
 #include <array>
 #include <cstdlib>
@@ -29,127 +31,15 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr const char* kIndex = "SHA256SUMS";
-
 struct ModelsOptions {
   std::string folder;  // --models-dir
   std::string name;    // info, verify
 };
 
-// One model file, or a line of the index without its file.
-struct ModelFile {
-  std::string name;  // of the file, without its ending
-  std::string path;
-  std::int64_t bytes = 0;
-  std::string expected;  // its sum in the index; empty: not there
-  std::string card;      // path of NAME.md; empty: none
-  bool exists = false;
-  bool installed = false;  // by the user, in user_models_folder(): in no index
-};
-
-std::string sum_line_error(int number) {
-  return fmt::format("line {} is not '<64 hexadecimal digits>  <file name>' (made by sha256sum)",
-                     number);
-}
-
-// The lines of `sha256sum`: digits, a space, a space or '*', the name.
-std::map<std::string, std::string> read_index(const fs::path& path) {
-  std::map<std::string, std::string> sums;
-  std::error_code error;
-  if (!fs::exists(path, error)) return sums;
-  std::istringstream text(read_file(path.string(), 1'000'000));
-  int number = 0;
-  for (std::string line; std::getline(text, line);) {
-    ++number;
-    if (line.empty() || line.front() == '#') continue;
-    const bool is_sum = line.size() > 66 && line.find_first_not_of("0123456789abcdef") == 64 &&
-                        line[64] == ' ' && (line[65] == ' ' || line[65] == '*');
-    const std::string name = is_sum ? line.substr(66) : "";
-    // A name is a file of this very folder: an index must not send us elsewhere.
-    if (name.empty() || name.front() == '.' || name.find('/') != std::string::npos) {
-      throw ModelError(path.string(), sum_line_error(number));
-    }
-    sums[name] = line.substr(0, 64);
-  }
-  return sums;
-}
-
-std::vector<ModelFile> find_models(const std::string& folder) {
-  std::map<std::string, ModelFile> files;
-  if (folder.empty()) return {};
-  for (const auto& [file, sum] : read_index(fs::path(folder) / kIndex)) {
-    if (fs::path(file).extension() == ".md") continue;
-    ModelFile& model = files[file];
-    model.expected = sum;
-  }
-  std::error_code error;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder, error)) {
-    const std::string file = entry.path().filename().string();
-    if (file.front() == '.' || file == kIndex || entry.path().extension() == ".md") continue;
-    if (!entry.is_regular_file(error)) continue;
-    ModelFile& model = files[file];
-    model.exists = true;
-    model.bytes = static_cast<std::int64_t>(entry.file_size(error));
-  }
-  if (error) throw ModelError(folder, error.message());
-  std::vector<ModelFile> models;
-  for (auto& [file, model] : files) {
-    model.name = fs::path(file).stem().string();
-    model.path = (fs::path(folder) / file).string();
-    const fs::path card = fs::path(folder) / (model.name + ".md");
-    if (fs::exists(card, error)) model.card = card.string();
-    models.push_back(std::move(model));
-  }
-  return models;
-}
-
-// Those of the folder, and where that is the program's own those that the user installed beside it.
-std::vector<ModelFile> all_models(const ModelsOptions& options, const std::string& folder) {
-  std::vector<ModelFile> models = find_models(folder);
-  const char* other = std::getenv("TARSIER_MODELS");
-  std::error_code error;
-  const std::string own = user_models_folder();
-  if (!options.folder.empty() || (other != nullptr && *other != '\0') || folder.empty() ||
-      own.empty() || !fs::is_directory(own, error))
-    return models;
-  for (ModelFile& model : find_models(own)) {
-    model.installed = true;
-    models.push_back(std::move(model));
-  }
-  return models;
-}
-
-// What is wrong with a model, or an empty string. `archive` takes what was read.
-std::string problem_of(const ModelFile& model, std::optional<Archive>& archive) {
-  if (!model.exists) return "is in the index but missing";
-  try {
-    archive = read_any_archive(model.path);
-  } catch (const Error& error) {
-    const std::string what = error.what();
-    const std::string prefix = model.path + ": ";
-    return what.starts_with(prefix) ? what.substr(prefix.size()) : what;
-  }
-  return {};
-}
-
 std::string provenance_text(const Archive& archive, const char* key) {
   const auto found = archive.provenance.find(key);
   if (found == archive.provenance.end()) return {};
   return found->is_string() ? found->get<std::string>() : found->dump();
-}
-
-// The text of the row "| KEY | TEXT |" of a model's card, without backquotes; empty: there is none.
-std::string card_text(const ModelFile& model, const std::string& key) {
-  if (model.card.empty()) return {};
-  std::istringstream card(read_file(model.card, 1'000'000));
-  const std::string start = "| " + key + " | ";
-  for (std::string line; std::getline(card, line);) {
-    if (!line.starts_with(start) || !line.ends_with(" |")) continue;
-    std::string text = line.substr(start.size(), line.size() - start.size() - 2);
-    std::erase(text, '`');
-    return text;
-  }
-  return {};
 }
 
 std::string size_text(std::int64_t bytes) {
@@ -169,8 +59,9 @@ void say_none(const std::string& folder, const Context& context) {
 }
 
 ExitStatus list_models(const Context& context, const ModelsOptions& options) {
-  const std::string folder = find_models_folder(options.folder);
-  const std::vector<ModelFile> models = all_models(options, folder);
+  const ModelStore store = ModelStore::find(options.folder);
+  const std::string& folder = store.folder();
+  const std::vector<ModelFile> models = find_models(store);
   if (models.empty()) {
     say_none(folder, context);
     return ExitStatus::kDone;
@@ -195,12 +86,15 @@ ExitStatus list_models(const Context& context, const ModelsOptions& options) {
                       {"terms", terms},
                       {"used_by", card_text(model, "Used by")},
                       {"without_it", card_text(model, "Without it")},
-                      {"card", model.card.empty() ? json() : json(model.card)},
+                      {"card", model.card.empty() || model.is_own ? json() : json(model.card)},
+                      {"own", model.is_own},
+                      {"sha256", model.is_own ? json(sha256_of_file(model.path)) : json()},
                       {"problem", problem.empty() ? json() : json(problem)}});
     } else if (archive) {
-      print_text(fmt::format("{:<24} {:<20} {:>7} {:>10}  {}\n", printable(model.name),
+      print_text(fmt::format("{:<24} {:<20} {:>7} {:>10}  {}{}\n", printable(model.name),
                              printable(archive->type), archive->version, size_text(model.bytes),
-                             printable(terms.empty() ? "not stated" : terms)));
+                             printable(terms.empty() ? "not stated" : terms),
+                             model.is_own ? "  (your own)" : ""));
       const std::string used = card_text(model, "Used by");
       const std::string without = card_text(model, "Without it");
       if (!used.empty()) print_text(fmt::format("    used by: {}\n", printable(used)));
@@ -232,8 +126,9 @@ const ModelFile& model_named(const std::vector<ModelFile>& models, const std::st
 }
 
 ExitStatus show_model(const Context& context, const ModelsOptions& options) {
-  const std::string folder = find_models_folder(options.folder);
-  const std::vector<ModelFile> models = all_models(options, folder);
+  const ModelStore store = ModelStore::find(options.folder);
+  const std::string& folder = store.folder();
+  const std::vector<ModelFile> models = find_models(store);
   const ModelFile& model = model_named(models, options.name, folder);
   std::optional<Archive> archive;
   if (const std::string problem = problem_of(model, archive); !problem.empty()) {
@@ -247,13 +142,14 @@ ExitStatus show_model(const Context& context, const ModelsOptions& options) {
                     {"version", archive->version},
                     {"bytes", model.bytes},
                     {"sha256", sum},
+                    {"own", model.is_own},
                     {"provenance", archive->provenance}});
     return ExitStatus::kDone;
   }
   std::string text = fmt::format("{}: {}, version {}, {}\n  file    {}\n  sha256  {}{}\n",
                                  printable(model.name), printable(archive->type), archive->version,
                                  size_text(model.bytes), printable(model.path), sum,
-                                 model.installed          ? "  (installed by the user)"
+                                 model.is_added           ? "  (installed by the user)"
                                  : model.expected.empty() ? "  (not in the index)"
                                  : model.expected == sum  ? "  (as in the index)"
                                                           : "  (NOT as in the index)");
@@ -262,7 +158,7 @@ ExitStatus show_model(const Context& context, const ModelsOptions& options) {
                         printable(value.is_string() ? value.get<std::string>() : value.dump()));
   }
   print_text(text);
-  if (model.card.empty()) return ExitStatus::kDone;
+  if (model.card.empty() || model.is_own) return ExitStatus::kDone;
   std::istringstream card(read_file(model.card, 1'000'000));
   for (std::string line; std::getline(card, line);)
     print_text(fmt::format("\n{}", printable(line)));
@@ -271,8 +167,9 @@ ExitStatus show_model(const Context& context, const ModelsOptions& options) {
 }
 
 ExitStatus verify_models(Context& context, const ModelsOptions& options) {
-  const std::string folder = find_models_folder(options.folder);
-  std::vector<ModelFile> models = all_models(options, folder);
+  const ModelStore store = ModelStore::find(options.folder);
+  const std::string& folder = store.folder();
+  std::vector<ModelFile> models = find_models(store);
   if (!options.name.empty()) models = {model_named(models, options.name, folder)};
   if (models.empty()) {
     say_none(folder, context);
@@ -285,9 +182,9 @@ ExitStatus verify_models(Context& context, const ModelsOptions& options) {
     std::string problem;
     std::string sum;
     if (model.exists) sum = sha256_of_file(model.path);
-    if (model.exists && model.expected.empty() && !model.installed) {
-      problem = fmt::format("is not in {}", kIndex);
-    } else if (model.exists && !model.installed && model.expected != sum) {
+    if (model.exists && model.expected.empty() && !model.is_added) {
+      problem = fmt::format("is not in {}", kModelIndex);
+    } else if (model.exists && !model.is_added && model.expected != sum) {
       problem =
           fmt::format("has changed: its SHA-256 is {}, the index says {}", sum, model.expected);
     } else {
@@ -298,11 +195,13 @@ ExitStatus verify_models(Context& context, const ModelsOptions& options) {
       print_json(json{{"name", model.name},
                       {"file", model.path},
                       {"sha256", sum.empty() ? json() : json(sum)},
+                      {"own", model.is_own},
                       {"ok", problem.empty()},
                       {"problem", problem.empty() ? json() : json(problem)}});
     } else {
       print_text(problem.empty()
-                     ? fmt::format("ok       {}\n", printable(model.name))
+                     ? fmt::format("ok       {}{}\n", printable(model.name),
+                                   model.is_own ? " (your own)" : "")
                      : fmt::format("PROBLEM  {} {}\n", printable(model.name), printable(problem)));
     }
   }
@@ -391,7 +290,8 @@ ExitStatus import_model(const Context& context, const ImportOptions& options) {
 }  // namespace
 
 void add_models(Command& app, Context& context) {
-  Command& models = app.add_subcommand("models", "the trained models that came with the program");
+  Command& models = app.add_subcommand(
+      "models", "the trained models: those that came with the program, and your own");
   models.require_subcommand(1);
   const auto options = std::make_shared<ModelsOptions>();
   const auto add = [&](const char* name, const char* help, auto run) -> Command& {
@@ -429,6 +329,7 @@ void add_models(Command& app, Context& context) {
       [](const ImportOptions& flags, Context& run_context) {
         return import_model(run_context, flags);
       });
+  add_models_install(models, context);
 }
 
 }  // namespace tarsier::cli
