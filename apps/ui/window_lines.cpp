@@ -112,6 +112,9 @@ WindowLine parse_window_line(std::string_view line) {
   require(object.is_object(), "no JSON object");
   WindowLine result;
   result.event = event_in(object);
+  if (result.event && result.event->kind == Event::Kind::kMouse && object.contains("width"))
+    result.image_width = whole_number(object, "width", 1, 16384);
+  if (object.contains("stages")) result.stages = whole_number(object, "stages", 0, 1'000'000) > 0;
   if (object.contains("want")) result.want = whole_number(object, "want", 0, 1'000'000) > 0;
   if (object.contains("quality")) result.quality = whole_number(object, "quality", 1, 100);
   if (object.contains("max_width")) {
@@ -120,8 +123,8 @@ WindowLine parse_window_line(std::string_view line) {
     result.max_width = width;
   }
   result.close = is_on(object, "close");
-  const bool is_known =
-      result.event || result.want || result.quality || result.max_width || object.contains("close");
+  const bool is_known = result.event || result.want || result.stages || result.quality ||
+                        result.max_width || object.contains("close");
   require(is_known, "neither an event nor a request");
   return result;
 }

@@ -15,15 +15,19 @@ namespace tarsier {
 //   {"key":115,"shift":false,"control":false}        an ASCII code, or one of key::
 //   {"mouse":"left-down","x":10,"y":20,"wheel":0,"shift":false,"control":false}
 //       move, left-down, left-up, right-down, right-up, middle-down, middle-up, wheel, double;
-//       pixels of the image that was sent last (before the first: as large as it would be sent),
-//       centres at integers
+//       pixels, centres at integers, of the image that was sent last (before the first: as large as
+//       it would be sent), or with "width":640 of an image of that width
+//       (px, 1..16384): sizes change on the way
 //   {"action":"sketch"}   {"slider":"threshold","value":60}
 //   {"want":1}                              one more image; 0: none
+//   {"stages":1}                            the images of the stages of the next frame; 0: none
 //   {"quality":80,"max_width":1280}         of images: JPEG 1..100; px 16..16384, 0: no limit
 //   {"close":true}                          the user closed the window
 struct WindowLine {
   std::optional<Event> event;
+  std::optional<int> image_width;  // of a mouse event
   std::optional<bool> want;
+  std::optional<bool> stages;
   std::optional<int> quality;
   std::optional<int> max_width;
   bool close = false;

@@ -49,6 +49,10 @@ TEST(WindowLine, Requests) {
   EXPECT_FALSE(line.close);
   EXPECT_EQ(parse_window_line(R"({"want":0})").want, false);
   EXPECT_EQ(parse_window_line(R"({"max_width":0})").max_width, 0);
+  EXPECT_EQ(parse_window_line(R"({"stages":1})").stages, true);
+  EXPECT_EQ(parse_window_line(R"({"stages":0})").stages, false);
+  line = parse_window_line(R"({"mouse":"move","x":1,"y":2,"width":640})");
+  EXPECT_EQ(line.image_width, 640);
   EXPECT_TRUE(parse_window_line(R"({"close":true})").close);
   EXPECT_FALSE(parse_window_line(R"({"close":false})").close);
 }
@@ -80,6 +84,9 @@ TEST(WindowLine, WhatIsWrongIsRefused) {
            std::string(R"({"slider":"threshold","value":1e300})"),
            std::string(R"({"want":-1})"),
            std::string(R"({"want":true})"),
+           std::string(R"({"stages":true})"),
+           std::string(R"({"mouse":"move","x":1,"y":1,"width":0})"),
+           std::string(R"({"mouse":"move","x":1,"y":1,"width":"640"})"),
            std::string(R"({"quality":0})"),
            std::string(R"({"quality":101})"),
            std::string(R"({"max_width":15})"),

@@ -108,6 +108,11 @@ bool shows_status() {
   return pipe().has_value();
 }
 
+bool takes_stages() {
+  // The variable is there until prepare() has read it.
+  return is_set(kPipeVariable) || pipe().has_value();
+}
+
 std::unique_ptr<Window> open_window(const WindowOptions& options) {
   if (pipe()) return make_pipe_window(*pipe(), options);
   return std::unique_ptr<Window>(module().open(&options));

@@ -36,7 +36,9 @@ using nlohmann::ordered_json;
 using std::chrono::milliseconds;
 
 constexpr int kQuality = 80;
-constexpr int kMaxSide = 16384;                 // px, of images that are sent
+constexpr int kMaxSide = 16384;  // px, of images that are sent
+constexpr int kStageSide = 480;  // px, of stages
+constexpr std::size_t kMaxStages = 32;
 constexpr int kPipeBytes = 1 << 20;             // asked of the system: most images at once
 constexpr milliseconds kFarewell{200};          // for the last state, when the window is closed
 constexpr std::chrono::seconds kQuiet{1};       // from one warning to the next
@@ -61,9 +63,11 @@ std::vector<std::uint8_t> record(char kind, const ordered_json& json) {
 }
 
 ordered_json hello_json(const std::string& title, const std::vector<Action>& actions,
-                        const std::vector<Slider>& sliders) {
-  ordered_json json{
-      {"title", title}, {"actions", ordered_json::array()}, {"sliders", ordered_json::array()}};
+                        const std::vector<Slider>& sliders, bool stages) {
+  ordered_json json{{"title", title},
+                    {"actions", ordered_json::array()},
+                    {"sliders", ordered_json::array()},
+                    {"stages", stages}};
   for (const Action& action : actions)
     json["actions"].push_back({{"name", action.name}, {"help", action.help}, {"key", action.key}});
   for (const Slider& slider : sliders) {
@@ -107,6 +111,7 @@ class PipeWindow final : public Window {
   PipeWindow(const PipeEnds& ends, const WindowOptions& options)
       : ends_(ends),
         title_(options.title),
+        has_stages_(options.stages),
         actions_(options.actions),
         sliders_(options.sliders),
         fullscreen_(options.fullscreen) {
@@ -117,7 +122,7 @@ class PipeWindow final : public Window {
     struct stat what {};
     is_socket_ = ::fstat(ends_.out, &what) == 0 && S_ISSOCK(what.st_mode);
     if (!is_socket_) ::fcntl(ends_.out, F_SETPIPE_SZ, kPipeBytes);  // a smaller one works, too
-    hello_ = record('H', hello_json(title_, actions_, sliders_));
+    hello_ = record('H', hello_json(title_, actions_, sliders_, has_stages_));
     advance();
   }
 
@@ -171,7 +176,30 @@ class PipeWindow final : public Window {
     actions_ = actions;
     sliders_ = sliders;
     if (is_same || closed_) return;
-    hello_ = record('H', hello_json(title_, actions_, sliders_));
+    hello_ = record('H', hello_json(title_, actions_, sliders_, has_stages_));
+    advance();
+  }
+
+  [[nodiscard]] bool wants_stages() const override { return wants_stages_ && !closed_; }
+
+  void show_stages(const std::vector<Stage>& stages) override {
+    stages_.clear();
+    for (const Stage& stage : stages) {
+      if (stages_.size() == kMaxStages) break;
+      if (stage.image.empty()) continue;
+      const int side = std::max(stage.image.cols, stage.image.rows);
+      Stage small{stage.name, {}};
+      if (side > kStageSide) {
+        const double scale = static_cast<double>(kStageSide) / side;
+        cv::resize(stage.image, small.image,
+                   {std::max(1, cvRound(stage.image.cols * scale)),
+                    std::max(1, cvRound(stage.image.rows * scale))},
+                   0, 0, cv::INTER_AREA);
+      } else {
+        small.image = stage.image.clone();
+      }
+      stages_.push_back(std::move(small));
+    }
     advance();
   }
 
@@ -233,9 +261,39 @@ class PipeWindow final : public Window {
     return bytes;
   }
 
+  std::vector<std::uint8_t> stages_record() {
+    ordered_json list = ordered_json::array();
+    std::vector<std::uint8_t> images;
+    for (const Stage& stage : stages_) {
+      try {
+        const std::vector<std::uint8_t> jpeg =
+            encode_image(".jpg", stage.image, "a stage's image", kQuality);
+        list.push_back({{"name", stage.name},
+                        {"width", stage.image.cols},
+                        {"height", stage.image.rows},
+                        {"bytes", jpeg.size()}});
+        images.insert(images.end(), jpeg.begin(), jpeg.end());
+      } catch (const OutputError& error) {
+        warn(error.what());
+      }
+    }
+    const std::string text = list.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
+    std::vector<std::uint8_t> bytes;
+    bytes.reserve(text.size() + images.size() + 13);
+    put_u32(bytes, text.size() + images.size() + 9);
+    bytes.push_back('D');
+    put_u32(bytes, frame_number_);
+    put_u32(bytes, text.size());
+    bytes.insert(bytes.end(), text.begin(), text.end());
+    bytes.insert(bytes.end(), images.begin(), images.end());
+    return bytes;
+  }
+
+  [[nodiscard]] bool are_stages_due() const { return wants_stages_ && !stages_.empty(); }
   [[nodiscard]] bool is_image_due() const { return wanted_ && is_new_ && !picture_.empty(); }
   [[nodiscard]] bool has_something() const {
-    return !writing_.empty() || !hello_.empty() || !state_.empty() || is_image_due();
+    return !writing_.empty() || !hello_.empty() || !state_.empty() || is_image_due() ||
+           are_stages_due();
   }
 
   // Writes as much as the other side takes now.
@@ -247,6 +305,10 @@ class PipeWindow final : public Window {
           writing_ = std::exchange(hello_, {});
         } else if (!state_.empty()) {
           writing_ = std::exchange(state_, {});
+        } else if (are_stages_due()) {
+          writing_ = stages_record();
+          wants_stages_ = false;
+          stages_.clear();
         } else {
           wanted_ = is_new_ = false;
           writing_ = image_record();
@@ -311,6 +373,7 @@ class PipeWindow final : public Window {
   void take(WindowLine& line) {
     if (line.close) closed_ = true;
     if (line.want) wanted_ = *line.want;
+    if (line.stages) wants_stages_ = *line.stages && has_stages_;
     const bool changes = (line.quality && *line.quality != quality_) ||
                          (line.max_width && *line.max_width != max_width_);
     quality_ = line.quality.value_or(quality_);
@@ -321,8 +384,12 @@ class PipeWindow final : public Window {
     Event& event = *line.event;
     if (event.kind == Event::Kind::kMouse) {
       // Where no image was asked for yet, of the one that would be sent.
-      const cv::Size from = sent_.empty() ? sent_size() : sent_;
+      cv::Size from = sent_.empty() ? sent_size() : sent_;
       const cv::Size to = sent_.empty() ? picture_.size() : shown_;
+      if (line.image_width && !from.empty()) {
+        const double ratio = static_cast<double>(*line.image_width) / to.width;
+        from = {*line.image_width, std::max(1, cvRound(to.height * ratio))};
+      }
       if (from.empty()) return;
       event.x = (event.x + 0.5) * to.width / from.width - 0.5;
       event.y = (event.y + 0.5) * to.height / from.height - 0.5;
@@ -353,6 +420,7 @@ class PipeWindow final : public Window {
 
   const PipeEnds ends_;
   const std::string title_;
+  const bool has_stages_;
   bool is_socket_ = false;
   bool closed_ = false;
 
@@ -370,6 +438,8 @@ class PipeWindow final : public Window {
   cv::Mat scaled_;
   bool is_new_ = false;  // and not sent yet
   bool wanted_ = false;
+  std::vector<Stage> stages_;  // of the newest frame, not sent yet
+  bool wants_stages_ = false;
   std::uint32_t frame_number_ = 0;
   std::optional<Clock::time_point> captured_;
   int quality_ = kQuality;

@@ -13,7 +13,8 @@ namespace tarsier::window {
 //
 // From OUT come records: length of what follows (32 bits, big-endian), one byte of kind, payload.
 //   H  JSON, first, and again when sliders or actions change:
-//      {"title","actions":[{"name","help","key"}],"sliders":[{"name","low","high","step","value"}]}
+//      {"title","actions":[{"name","help","key"}],"sliders":[{"name","low","high","step","value"}],
+//       "stages": true where the session gives images of its stages}
 //   S  JSON, after every frame and every event:
 //      {"status","state":{..},"frame":{"index","time","name","age_ms","source","detail"}|null,
 //       "sliders":{name:value},"finished","fullscreen","width","height","events"}
@@ -22,11 +23,15 @@ namespace tarsier::window {
 //      were passed over, the session has behind it.
 //   J  an image: frame number and age in ms (32 bits each, big-endian; since the frame's last byte
 //      came; 0 for files), then a JPEG
+//   D  the stages of a frame: frame number, length of what follows (32 bits each), a JSON list
+//      [{"name","width","height","bytes"}], and the JPEGs, one behind the other; at most 32 stages,
+//      480 px wide and high
 // Into IN go lines (tarsier/session/window_lines.h): events, {"want":1}, {"quality"},
-// {"max_width"}, {"close"}. Its end, and the end of OUT's reader, mean that the window was closed.
+// {"stages"}, {"max_width"}, {"close"}. Its end, and the end of OUT's reader, mean that the window was closed.
 //
 // An image is sent where one is wanted and newer than the last; each "want" is for one, and they do
-// not add up. Without one nothing is encoded. The session never waits for a reader: one record is
+// not add up. Without one nothing is encoded. "stages" is the same for the images of stages: a
+// session makes none that nobody wants. The session never waits for a reader: one record is
 // on its way, and of what waits behind it only the newest state and the newest image are kept.
 // Action and slider names that were not offered, and lines that are broken or too long, are passed
 // over with a warning once a second at most.

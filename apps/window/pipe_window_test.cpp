@@ -139,7 +139,7 @@ TEST_F(PipeWindowTest, BeginsWithWhatCanBeDone) {
   ASSERT_EQ(kinds(first), "H");
   EXPECT_EQ(first[0].parsed(), json::parse(R"({"title":"Tarsier test",
       "actions":[{"name":"sketch","help":"pencil","key":115}],
-      "sliders":[{"name":"threshold","low":0,"high":255,"step":1,"value":60}]})"));
+      "sliders":[{"name":"threshold","low":0,"high":255,"step":1,"value":60}],"stages":false})"));
   // Values alone come with the state; other names and limits are another hello.
   window_->offer({{"sketch", "pencil", 's'}}, {{"threshold", 0, 255, 1, 61}});
   EXPECT_EQ(kinds(records()), "");
@@ -326,6 +326,64 @@ TEST_F(PipeWindowTest, MousePositionsAreOfTheImageThatWasSent) {
   mouse = events();
   ASSERT_EQ(mouse.size(), 1U);
   EXPECT_DOUBLE_EQ(mouse[0].x, 199);
+}
+
+TEST_F(PipeWindowTest, AMousePositionMayTellTheSizeOfItsImage) {
+  open();
+  window_->show(view(10, {800, 600}), nullptr);
+  say("{\"max_width\":200,\"want\":1}\n");
+  (void)events();
+  // An image of 400 px was clicked on while one of 200 px was on its way.
+  say("{\"mouse\":\"left-down\",\"x\":399,\"y\":299,\"width\":400}\n");
+  const std::vector<Event> mouse = events();
+  ASSERT_EQ(mouse.size(), 1U);
+  EXPECT_DOUBLE_EQ(mouse[0].x, 798.5);
+  EXPECT_DOUBLE_EQ(mouse[0].y, 598.5);
+}
+
+TEST_F(PipeWindowTest, StagesComeWhereTheyAreWanted) {
+  WindowOptions options;
+  options.stages = true;
+  open(options);
+  EXPECT_EQ(records().at(0).parsed()["stages"], true);
+  EXPECT_FALSE(window_->wants_stages());
+  say("{\"stages\":1}\n{\"stages\":1}\n");
+  (void)events();
+  EXPECT_TRUE(window_->wants_stages());
+  EXPECT_EQ(kinds(records()), "") << "the next frame has them";
+  const FrameInfo info = frame(7);
+  window_->show(view(10), &info);
+  const cv::Mat wide(300, 1200, CV_8UC3, cv::Scalar::all(90));
+  const cv::Mat gray(20, 30, CV_8UC1, cv::Scalar::all(200));
+  window_->show_stages({{"edges", wide}, {"nothing", cv::Mat()}, {"mask", gray}});
+  const std::vector<Record> got = records();
+  ASSERT_EQ(kinds(got), "SD");
+  EXPECT_EQ(got[1].number(0), 7U);
+  const std::size_t length = got[1].number(4);
+  const json list = json::parse(got[1].payload.substr(8, length));
+  ASSERT_EQ(list.size(), 2U);
+  EXPECT_EQ(list[0]["name"], "edges");
+  EXPECT_EQ(list[0]["width"], 480) << "reduced";
+  EXPECT_EQ(list[0]["height"], 120);
+  EXPECT_EQ(list[1]["name"], "mask");
+  const std::size_t first = list[0]["bytes"];
+  const auto* bytes = reinterpret_cast<const std::uint8_t*>(got[1].payload.data()) + 8 + length;
+  const cv::Mat mask = decode_image({bytes + first, list[1]["bytes"].get<std::size_t>()}, "mask");
+  EXPECT_EQ(mask.size(), cv::Size(30, 20));
+  EXPECT_NEAR(value_of(mask), 200, 2);
+  EXPECT_FALSE(window_->wants_stages()) << "they do not add up";
+  window_->show_stages({{"edges", wide}});
+  EXPECT_EQ(kinds(records()), "") << "nobody wants them";
+  say("{\"stages\":1}\n");  // those of a still that stays
+  (void)events();
+  EXPECT_EQ(kinds(records()), "D");
+}
+
+TEST_F(PipeWindowTest, ASessionWithoutStagesIsNotAskedForThem) {
+  open();
+  say("{\"stages\":1}\n");
+  (void)events();
+  EXPECT_FALSE(window_->wants_stages());
 }
 
 TEST_F(PipeWindowTest, WhatIsWantedWithAnEventIsWhatTheEventMakes) {

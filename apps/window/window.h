@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <opencv2/core/mat.hpp>
+
 #include "ui/session.h"
 #include <chrono>
 #include <cstdint>
@@ -16,6 +18,13 @@ struct WindowOptions {
   bool fullscreen = false;
   std::vector<Slider> sliders;  // shown below the picture; not in full screen
   std::vector<Action> actions;  // buttons, where the window has such
+  bool stages = false;          // show_stages() will be called where they are wanted
+};
+
+// What a stage of the work left (DebugSink): CV_8UC1 or CV_8UC3.
+struct Stage {
+  std::string name;
+  cv::Mat image;
 };
 
 // What a view was made of.
@@ -56,6 +65,12 @@ class Window {
   // What the session offers now: moves sliders without an event. A window on the desktop keeps the
   // sliders of its options, and ignores others.
   virtual void offer(const std::vector<Action>& actions, const std::vector<Slider>& sliders) = 0;
+
+  // Whether the user looks at the stages, so that those of the next frame are wanted.
+  [[nodiscard]] virtual bool wants_stages() const { return false; }
+  // Those of the frame that show() was called with last. A window without a place for them
+  // ignores them.
+  virtual void show_stages(const std::vector<Stage>& stages) { static_cast<void>(stages); }
 };
 
 // Where the environment has TARSIER_WINDOW=pipe:IN:OUT, all windows of this process are pipe windows
@@ -70,6 +85,9 @@ void prepare();
 // Whether windows show View::status and actions() in places of their own, so that images need
 // neither bar nor panel (Session::draw_status). Calls prepare() if need be.
 [[nodiscard]] bool shows_status();
+
+// Whether windows have a place for stages. Needs no prepare(), and does nothing.
+[[nodiscard]] bool takes_stages();
 
 // Opens a window; it appears with its first picture. Calls prepare() if need be.
 [[nodiscard]] std::unique_ptr<Window> open_window(const WindowOptions& options);

@@ -92,10 +92,24 @@ void DebugFolder::begin(const Frame& frame) {
   }
   frame_folder_ = (fs::path(folder_) / name).string();
   number_ = 0;
+  is_still_ = frame.still;
+  stages_.clear();
+}
+
+void DebugFolder::end() {
+  if (stages_.empty() || window_ == nullptr) return;
+  window_->show_stages(stages_);
+  stages_.clear();
 }
 
 void DebugFolder::image(std::string_view name, const cv::Mat& image) {
   if (image.empty()) return;
+  const bool plain = image.depth() == CV_8U && (image.channels() == 1 || image.channels() == 3);
+  if (is_shown()) {
+    stages_.push_back({std::string(name.substr(0, 100)),
+                       plain ? image.clone() : image::draw::letterbox(image, image.size())});
+  }
+  if (folder_.empty()) return;
   if (number_ == 0) make_folder(frame_folder_);
   // Names of stages may hold words from files: of a target, say.
   std::string file = fmt::format("{:02}-{}", ++number_, name.substr(0, 100));
@@ -106,7 +120,6 @@ void DebugFolder::image(std::string_view name, const cv::Mat& image) {
       file.begin(), file.end(), [&](char c) { return !is_plain(c); }, '-');
   file += ".png";
   const std::string path = (fs::path(frame_folder_) / file).string();
-  const bool plain = image.depth() == CV_8U && (image.channels() == 1 || image.channels() == 3);
   write_image(path, plain ? image : image::draw::letterbox(image, image.size()));
 }
 

@@ -109,7 +109,10 @@ class Run {
       std::string title = fmt::format("Tarsier {}", hooks_.title);
       has_next_ = !live_ && source_->count() > 1 && source_->fps() <= 0;
       if (has_next_ && !window::shows_status()) title += " - right arrow: next picture";
-      window_ = window::open_window({title, flags_.fullscreen, session_.sliders(), actions()});
+      const bool has_stages = hooks_.debug != nullptr && hooks_.debug->may_show();
+      window_ = window::open_window(
+          {title, flags_.fullscreen, session_.sliders(), actions(), has_stages});
+      if (has_stages) hooks_.debug->show_in(window_.get());
       if (live_) idle(source_->status());
     }
     if (!flags_.actions.empty()) {
@@ -247,6 +250,7 @@ class Run {
     }
     if (window_ != nullptr && !live_ && !frame.still) pace(frame.time);
     show(view);
+    if (hooks_.debug != nullptr) hooks_.debug->end();
   }
 
   Job job_of(const Frame& frame, const View& view, const SourceStatus& status) {
@@ -350,7 +354,10 @@ class Run {
       last = session_.on_event(event);
       after_event(event, *last);
     }
-    if (last) show(*last);
+    if (last) {
+      show(*last);
+      if (hooks_.debug != nullptr) hooks_.debug->end();
+    }
   }
 
   void next_picture() {

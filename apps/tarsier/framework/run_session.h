@@ -8,6 +8,7 @@
 
 #include "framework/cli.h"
 #include "ui/session.h"
+#include "window.h"
 #include <cstdint>
 #include <functional>
 #include <nlohmann/json.hpp>
@@ -40,18 +41,34 @@ void default_to_headless(RunFlags& flags);
 // Whether the run shows a window: asked for, or nowhere else to go.
 [[nodiscard]] bool opens_window(const RunFlags& flags);
 
-// --debug-dir: DIR/<frame number or picture name>/NN-<stage>.png.
+// The stages of each frame. --debug-dir: DIR/<frame number or picture name>/NN-<stage>.png; and
+// in a window that has a place for them (the studio's), of frames of which they are wanted.
 class DebugFolder final : public DebugSink {
  public:
-  explicit DebugFolder(std::string folder) : folder_(std::move(folder)) {}
-  [[nodiscard]] DebugSink* sink() { return folder_.empty() ? nullptr : this; }
-  void begin(const Frame& frame);  // what follows belongs to this frame
+  explicit DebugFolder(std::string folder)
+      : folder_(std::move(folder)), may_show_(window::takes_stages()) {}
+  // Null where nobody can look at them.
+  [[nodiscard]] DebugSink* sink() { return folder_.empty() && !may_show_ ? nullptr : this; }
+  [[nodiscard]] bool may_show() const { return may_show_; }
+  void show_in(window::Window* window) { window_ = window; }  // must outlive the session's work
+  void begin(const Frame& frame);                             // what follows belongs to this frame
   void image(std::string_view name, const cv::Mat& image) override;  // throws OutputError
+  void end();  // gives the window what it wants
+  [[nodiscard]] bool is_watched() const override { return !folder_.empty() || is_shown(); }
 
  private:
+  // A still is worked on once: somebody may look later.
+  [[nodiscard]] bool is_shown() const {
+    return window_ != nullptr && (is_still_ || window_->wants_stages());
+  }
+
   std::string folder_;
   std::string frame_folder_;
   int number_ = 0;
+  bool may_show_;
+  bool is_still_ = false;
+  window::Window* window_ = nullptr;
+  std::vector<window::Stage> stages_;
 };
 
 // What an area adds to the loop. All may be empty.

@@ -122,7 +122,7 @@ struct CartoonSession::Impl {
   void process() {
     result = {};  // its buffer is used again if nobody else holds it
     stages.begin(debug);
-    DebugSink* sink = debug || options.debug != nullptr ? &stages : nullptr;
+    DebugSink* sink = debug || watched(options.debug) != nullptr ? &stages : nullptr;
     cartoonizer.set_options(settings);
     // The time it takes is only reported, never acted on: what a session shows does not depend on a
     // clock.

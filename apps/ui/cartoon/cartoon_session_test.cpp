@@ -245,6 +245,22 @@ TEST_F(CartoonSessionTest, DebugViewShowsAllStages) {
   EXPECT_FALSE(session.on_frame(moving(1), live()).state.at("debug"));
 }
 
+TEST_F(CartoonSessionTest, StagesThatNobodyWatchesAreNotMade) {
+  struct Sometimes final : DebugSink {
+    void image(std::string_view, const cv::Mat&) override { ++count; }
+    [[nodiscard]] bool is_watched() const override { return watched; }
+    bool watched = false;
+    int count = 0;
+  } sink;
+  options_.debug = &sink;
+  CartoonSession session(cartoonizer_, options_);
+  (void)session.on_frame(moving(0), live());
+  EXPECT_EQ(sink.count, 0);
+  sink.watched = true;
+  (void)session.on_frame(moving(1), live());
+  EXPECT_GE(sink.count, 4);
+}
+
 TEST_F(CartoonSessionTest, MeasuresFpsByFrameTimes) {
   CartoonSession session(cartoonizer_, options_);
   EXPECT_EQ(session.on_frame(moving(0, 25), live()).state.at("fps"), 0.0);

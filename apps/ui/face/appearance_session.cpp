@@ -92,7 +92,7 @@ void AppearanceSession::draw_object(const Eigen::Matrix2Xd& points, Drawn drawn,
 }
 
 void AppearanceSession::processed() {
-  if (debug_ == nullptr) return;
+  if (watched(debug_) == nullptr) return;
   for (const Drawn drawn : {Drawn::kMesh, Drawn::kFace}) {
     if (drawn == Drawn::kFace && !synthesis_) continue;
     cv::Mat shown = frame().clone();

@@ -20,7 +20,7 @@ namespace {
 constexpr double kMaxSigmas = 3;
 constexpr double kStep = 0.1;      // of a slider
 constexpr double kKeyStep = 0.25;  // of a key
-constexpr int kSliders = 4;        // of the shape, and of the look
+constexpr int kSliders = 4;        // of the shape, and of the look, where they lie below the image
 constexpr double kRandomSpread = 0.7;
 const cv::Size kPortrait(560, 560);
 constexpr int kLongest = 900;  // px, larger pictures are shown reduced
@@ -135,7 +135,8 @@ std::vector<Action> ExploreSession::actions() const {
 std::vector<Slider> ExploreSession::sliders() const {
   std::vector<Slider> list;
   for (const auto& [kind, values] : {std::pair{"shape", &shape_}, std::pair{"look", &look_}}) {
-    for (int k = 0; k < std::min(kSliders, static_cast<int>(values->size())); ++k)
+    const int all = static_cast<int>(values->size());
+    for (int k = 0; k < (draws_status() ? std::min(kSliders, all) : all); ++k)
       list.push_back(
           {fmt::format("{} {}", kind, k + 1), -kMaxSigmas, kMaxSigmas, kStep, (*values)[k]});
   }

@@ -24,7 +24,8 @@ struct ExploredPicture {
 
 // Plays with an appearance model: a slider for each of the first modes of its shape and of its
 // look, in standard deviations; the face that they make, by itself or over a picture.
-// Sliders "shape 1" .., "look 1" ..; keys: 0 the mean, r a random face, f the face of the picture,
+// Sliders "shape 1" .., "look 1" ..: the first four of each in a window, all of them where the host has room for them
+// (draw_status(false)); keys: 0 the mean, r a random face, f the face of the picture,
 // o over the picture or by itself, m mesh; n and p choose a mode, + and - move it, also those
 // without a slider; h help, q or Esc ends.
 // State: {"shape": [..], "look": [..] (deviations), "mode", "over", "mesh"}.

@@ -25,6 +25,23 @@ double difference(const cv::Mat& a, const cv::Mat& b) {
   return a.size() == b.size() ? cv::norm(a, b, cv::NORM_L1) / static_cast<double>(a.total()) : 1e9;
 }
 
+TEST(ExploreSession, WhereThereIsRoomEachModeHasASlider) {
+  ExploreSession session(model(), std::nullopt, 1);
+  const View view = session.on_idle({});
+  const std::size_t all = view.state.at("shape").size() + view.state.at("look").size();
+  const std::size_t few = std::min<std::size_t>(4, view.state.at("shape").size()) +
+                          std::min<std::size_t>(4, view.state.at("look").size());
+  ASSERT_GT(all, few);
+  EXPECT_EQ(session.sliders().size(), few);
+  session.draw_status(false);
+  ASSERT_EQ(session.sliders().size(), all);
+  const cv::Mat mean = session.picture();
+  const Slider last = session.sliders().back();
+  (void)session.on_event(slider_event(last.name, 3));
+  EXPECT_EQ(session.sliders().back().value, 3);
+  EXPECT_GT(difference(session.picture(), mean), 0) << last.name;
+}
+
 TEST(ExploreSession, SlidersChangeTheFace) {
   ExploreSession session(model(), std::nullopt, 1);
   const cv::Mat mean = session.picture();

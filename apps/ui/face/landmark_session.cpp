@@ -15,7 +15,7 @@ LandmarkSession::LandmarkSession(face::LandmarkTracker tracker, DebugSink* debug
     : FrameSession("Landmarks"), tracker_(std::move(tracker)), debug_(debug) {}
 
 void LandmarkSession::process(const Frame& frame) {
-  result_ = tracker_.process(frame, state_, debug_);
+  result_ = tracker_.process(frame, state_, watched(debug_));
 }
 
 bool LandmarkSession::act(const std::string& name) {

@@ -52,7 +52,7 @@ RecognizeSession::RecognizeSession(face::Identifier identifier, face::Identifier
       debug_(debug) {}
 
 void RecognizeSession::process(const Frame& frame) {
-  result_ = identifier_.process(frame, state_, debug_);
+  result_ = identifier_.process(frame, state_, watched(debug_));
 }
 
 bool RecognizeSession::idle() {

@@ -60,7 +60,7 @@ ArSession::ArSession(planar::MarkerTracker tracker, ArSessionOptions options)
 
 void ArSession::process(const Frame& frame) {
   if (frame.still || source_of(frame) != state_.source) augment_ = {};
-  result_ = tracker_.process(frame, state_, options_.debug);
+  result_ = tracker_.process(frame, state_, watched(options_.debug));
 }
 
 bool ArSession::act(const std::string& name) {

@@ -62,7 +62,7 @@ TargetSession::TargetSession(planar::TargetTracker tracker, TargetSessionOptions
 }
 
 void TargetSession::process(const Frame& frame) {
-  result_ = tracker_.process(frame, state_, options_.debug);
+  result_ = tracker_.process(frame, state_, watched(options_.debug));
 }
 
 void TargetSession::change(std::vector<planar::image_targets::Target> targets) {

@@ -56,7 +56,7 @@ void PlateSession::process(const Frame& frame) {
   if (!plate::VideoReader::continues(frame, state_)) finish();
   const plate::FrameMoment seen =
       moment_of_ && !frame.still ? moment_of_(frame) : plate::FrameMoment{};
-  result_ = reader_.process(frame, state_, seen, debug_);
+  result_ = reader_.process(frame, state_, seen, watched(debug_));
 }
 
 void PlateSession::processed() { tell(result_.events); }

@@ -14,6 +14,13 @@ class DebugSink {
   virtual ~DebugSink() = default;
   // `image` is only valid during the call (its buffer may be reused): clone it to keep it.
   virtual void image(std::string_view name, const cv::Mat& image) = 0;
+  // Whether somebody looks now. Viewers of a session come and go.
+  [[nodiscard]] virtual bool is_watched() const { return true; }
 };
+
+// `sink` where somebody looks, else null: stages that nobody sees are not made.
+[[nodiscard]] inline DebugSink* watched(DebugSink* sink) {
+  return sink != nullptr && sink->is_watched() ? sink : nullptr;
+}
 
 }  // namespace tarsier
