@@ -104,7 +104,7 @@ std::optional<Response> HttpChecks::check_access(Request& request, const Router:
   if (route.access == Access::kPublic) return std::nullopt;
   if (request.by_api_token) return std::nullopt;
   const auto cookie = cookie_value(request.header("cookie"), kCookieName);
-  if (!cookie || !sign_ins_.is_signed_in(*cookie))
+  if (!cookie || !sign_ins_.is_signed_in(*cookie, request.address))
     return unauthorized("you are not signed in: open the link that `tarsier serve --link` prints");
   if (is_change(request.method) &&
       !equals_in_constant_time(request.header("x-tarsier-csrf"), SignIns::csrf_of(*cookie)))

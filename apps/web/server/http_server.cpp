@@ -10,6 +10,7 @@
 #include "http_answer.h"
 #include "http_checks.h"
 #include "http_connections.h"
+#include "sign_ins_api.h"
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
@@ -190,6 +191,8 @@ struct HttpServer::Impl {
     Response response;
     try {
       response = pending.route->handler(pending.request);
+      if (response.stream != nullptr && pending.route->access == Access::kSignedIn)
+        response.stream = while_signed_in(std::move(response.stream), sign_ins, pending.request);
     } catch (const HttpError& error) {
       response = error_response(error.status(), error.what());
     } catch (const UsageError& error) {

@@ -38,6 +38,15 @@ constexpr Drawn kDrawn[] = {
     {"synth:clock?live=1", "Drawn clock"},
 };
 
+// "ID" or "ID:WIDTH", the px that the viewer shows it in; 0: as it is.
+std::pair<std::string, int> watched_word(std::string_view word) {
+  const std::size_t colon = word.find(':');
+  if (colon == std::string_view::npos) return {std::string(word), 0};
+  const auto width = to_integer(word.substr(colon + 1), 16, 16384);
+  if (!width) throw HttpError(400, "\"s\": expected ID or ID:WIDTH, with a width of 16..16384 px");
+  return {std::string(word.substr(0, colon)), static_cast<int>(*width)};
+}
+
 }  // namespace
 
 Live::Live(LiveOptions options, JobFeed& jobs, AuditLog& audit)
@@ -194,6 +203,7 @@ Response Live::start(const Request& request) {
     options.arguments = {options_.program};
     for (std::string& word : line.words) options.arguments.push_back(std::move(word));
     options.secrets = std::move(line.secrets);
+    options.environment = options_.environment;
     options.has_camera = !cameras.empty();
     session = std::make_shared<LiveSession>(std::move(options));
     sessions_.push_back(session);
@@ -234,11 +244,16 @@ Response Live::take_events(const Request& request) {
 Response Live::send_snapshot(const Request& request) {
   const auto session = session_of(request);
   const auto waker = std::make_shared<Waker>();
+  // In its full size: others may watch a small one.
   session->add_viewer(waker);
   const std::uint64_t before = session->picture().number;
-  const Clock::time_point until = Clock::now() + milliseconds(before == 0 ? 5000 : 500);
-  session->want_picture();
-  while (session->picture().number == before && session->is_running() && Clock::now() < until) {
+  const std::uint64_t wanted = std::max(before + 1, session->fitting());
+  // Of a session that is paused no newer one comes.
+  const Clock::time_point until = Clock::now() + milliseconds(before == 0                   ? 5000
+                                                              : session->fitting() > before ? 2000
+                                                                                            : 500);
+  while (session->picture().number < wanted && session->is_running() && Clock::now() < until) {
+    session->want_picture();
     waker->wait(milliseconds(50));
     const std::lock_guard lock(mutex_);
     if (is_stopping_) break;
@@ -260,18 +275,18 @@ Response Live::send_snapshot(const Request& request) {
 
 Response Live::send_live(const Request& request) {
   std::vector<std::string> unknown;
-  std::vector<std::shared_ptr<LiveSession>> sessions;
+  std::vector<std::pair<std::shared_ptr<LiveSession>, int>> sessions;
   const std::string wanted = request.query_value("s").value_or("");
   std::set<std::string> seen;
   for (std::string_view rest = wanted; !rest.empty();) {
     const std::size_t comma = rest.find(',');
-    const std::string id(rest.substr(0, comma));
+    const auto [id, width] = watched_word(rest.substr(0, comma));
     rest.remove_prefix(comma == std::string_view::npos ? rest.size() : comma + 1);
     if (id.empty() || !seen.insert(id).second) continue;
     if (seen.size() > kMaxWatched || id.size() > 64)
       throw HttpError(400, fmt::format("\"s\" takes at most {} sessions", kMaxWatched));
     if (auto session = find(id)) {
-      sessions.push_back(std::move(session));
+      sessions.emplace_back(std::move(session), width);
     } else {
       unknown.push_back(id);
     }

@@ -29,6 +29,7 @@ struct LiveOptions {
   std::string program;  // the path of tarsier
   const VerbTable* verbs = nullptr;
   References references;
+  std::vector<std::pair<std::string, std::string>> environment;  // of the children
   // --allow-source: the name and what it stands for, which may hold a password.
   std::vector<std::pair<std::string, std::string>> allowed;
   std::size_t max_sessions = 9;  // that run
@@ -56,6 +57,8 @@ class Live {
   // UsageError.
   [[nodiscard]] std::string source_word(const std::string& reference) const;
 
+  [[nodiscard]] std::shared_ptr<LiveSession> find(const std::string& id) const;  // or null
+
   // The list of all Session objects.
   [[nodiscard]] nlohmann::json sessions() const;
 
@@ -74,7 +77,6 @@ class Live {
   [[nodiscard]] Response send_snapshot(const Request& request);
   [[nodiscard]] Response send_live(const Request& request);
   [[nodiscard]] Response send_mjpeg(const Request& request);
-  [[nodiscard]] std::shared_ptr<LiveSession> find(const std::string& id) const;         // or null
   [[nodiscard]] std::shared_ptr<LiveSession> session_of(const Request& request) const;  // or 404
   [[nodiscard]] std::shared_ptr<StreamSlots::Slot> new_slot(const Request& request);
   void keep();

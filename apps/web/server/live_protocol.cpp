@@ -103,6 +103,11 @@ std::optional<std::string> event_line(const nlohmann::json& event) {
         return std::nullopt;
       line[name] = *found;
     }
+    // Of the image that was clicked on: another size may be on its way.
+    if (const auto width = event.find("width"); width != event.end()) {
+      if (!width->is_number_integer() || !number_in(*width, 1, 16384)) return std::nullopt;
+      line["width"] = *width;
+    }
   } else if (const auto action = event.find("action"); action != event.end()) {
     if (!is_plain_name(*action)) return std::nullopt;
     line = {{"action", *action}};

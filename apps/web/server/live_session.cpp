@@ -74,7 +74,8 @@ LiveSession::LiveSession(Options options) : options_(std::move(options)) {
     if (options_.has_camera) camera = make_pipe();
     ChildOptions child;
     child.arguments = options_.arguments;
-    child.environment = {{"TARSIER_WINDOW", "pipe:3:4"}};
+    child.environment = options_.environment;
+    child.environment.emplace_back("TARSIER_WINDOW", "pipe:3:4");
     child.pipes = {{3, events.read_end}, {4, records.write_end}};
     if (options_.has_camera) {
       child.environment.emplace_back("TARSIER_VIEWER", "5");
@@ -238,6 +239,14 @@ void LiveSession::take_record(char kind, std::string payload) {
     wake_viewers();
     return;
   }
+  if (kind == 'D') {
+    auto record = std::make_shared<const std::string>(std::move(payload));
+    const std::lock_guard lock(mutex_);
+    stages_ = {stages_.number + 1, std::move(record)};
+    are_stages_wanted_ = false;
+    wake_viewers();
+    return;
+  }
   if (kind != 'H' && kind != 'S') return;  // of a later version
   nlohmann::json value = nlohmann::json::parse(payload, nullptr, false);
   if (!value.is_object()) {
@@ -313,7 +322,23 @@ void LiveSession::note_end(const ChildEnd& end) {
 }
 
 void LiveSession::wake_viewers() {
-  for (const auto& viewer : viewers_) viewer->wake();
+  for (const Viewer& viewer : viewers_) viewer.waker->wake();
+}
+
+void LiveSession::fit_viewers() {
+  int widest = kNoPictures;
+  for (const Viewer& viewer : viewers_) {
+    const bool is_whole = viewer.max_width == 0;
+    if (is_whole) widest = 0;
+    if (is_whole) break;
+    widest = std::max(widest, viewer.max_width);
+  }
+  // Nobody watches: it stays as it is, so that a page that is loaded again changes nothing.
+  if (widest == kNoPictures || widest == max_width_ || end_) return;
+  max_width_ = widest;
+  // One that was asked for before may be on its way.
+  fitting_ = picture_.number + (is_wanted_ ? 2 : 1);
+  outbox_ += fmt::format("{{\"max_width\":{}}}\n", widest);
 }
 
 nlohmann::json LiveSession::describe() const {
@@ -334,6 +359,7 @@ nlohmann::json LiveSession::describe() const {
                        {"title", member(hello_json_, "title")},
                        {"actions", member(hello_json_, "actions")},
                        {"sliders", member(hello_json_, "sliders")},
+                       {"stages", member(hello_json_, "stages") == true},
                        {"status", member(state_json_, "status")},
                        {"state", member(state_json_, "state")},
                        {"width", member(state_json_, "width")},
@@ -419,14 +445,45 @@ LiveSession::News LiveSession::ended() const {
   return ended_;
 }
 
-void LiveSession::add_viewer(const std::shared_ptr<Waker>& viewer) {
+std::uint64_t LiveSession::fitting() const {
   const std::lock_guard lock(mutex_);
-  viewers_.push_back(viewer);
+  return fitting_;
+}
+
+LiveSession::Stages LiveSession::stages() const {
+  const std::lock_guard lock(mutex_);
+  return stages_;
+}
+
+bool LiveSession::want_stages() {
+  {
+    const std::lock_guard lock(mutex_);
+    const auto gives = hello_json_.find("stages");
+    if (end_ || gives == hello_json_.end() || *gives != true) return false;
+    if (are_stages_wanted_) return true;
+    are_stages_wanted_ = true;
+    outbox_ += "{\"stages\":1}\n";
+  }
+  nudge();
+  return true;
+}
+
+void LiveSession::add_viewer(const std::shared_ptr<Waker>& viewer, int max_width) {
+  {
+    const std::lock_guard lock(mutex_);
+    viewers_.push_back({viewer, max_width});
+    fit_viewers();
+  }
+  nudge();
 }
 
 void LiveSession::remove_viewer(const std::shared_ptr<Waker>& viewer) {
-  const std::lock_guard lock(mutex_);
-  std::erase(viewers_, viewer);
+  {
+    const std::lock_guard lock(mutex_);
+    std::erase_if(viewers_, [&](const Viewer& one) { return one.waker == viewer; });
+    fit_viewers();
+  }
+  nudge();
 }
 
 void LiveSession::offer_frame(std::shared_ptr<const std::string> jpeg) {

@@ -48,6 +48,8 @@ class LiveSession {
     std::string shown;                                         // the command, for people
     std::vector<std::string> arguments;                        // the program's path first
     std::vector<std::pair<std::string, std::string>> secrets;  // replaced in all that it shows
+    // Added to that of the server.
+    std::vector<std::pair<std::string, std::string>> environment;
     bool has_camera = false;       // a viewer's camera is its input: frames by offer_frame()
     std::function<void()> on_end;  // in a thread of the session
   };
@@ -92,12 +94,26 @@ class LiveSession {
   [[nodiscard]] Picture picture() const;  // the newest; number 0: none yet
   // Asks the child for a picture that is newer than the newest one here.
   void want_picture();
+
+  // The images of the stages of a frame: record D of pipe_window.h.
+  struct Stages {
+    std::uint64_t number = 0;  // 0: none yet
+    std::shared_ptr<const std::string> record;
+  };
+  [[nodiscard]] Stages stages() const;
+  // Asks the child for those of its next frame. False where it gives none.
+  bool want_stages();
   [[nodiscard]] News hello() const;
   [[nodiscard]] News state() const;
   [[nodiscard]] News ended() const;  // json null while it runs
 
-  void add_viewer(const std::shared_ptr<Waker>& viewer);
+  // `max_width`: as wide as the viewer shows pictures, px; 0: as they are; kNoPictures. The child
+  // sends them as the viewer wants them that wants most.
+  static constexpr int kNoPictures = -1;
+  void add_viewer(const std::shared_ptr<Waker>& viewer, int max_width = 0);
   void remove_viewer(const std::shared_ptr<Waker>& viewer);
+  // The number of the first picture that surely has the size that viewers want now.
+  [[nodiscard]] std::uint64_t fitting() const;
 
   // The newest frame of the viewer's camera; replaces one that has not been written yet.
   void offer_frame(std::shared_ptr<const std::string> jpeg);
@@ -111,6 +127,7 @@ class LiveSession {
   void note_line(std::deque<std::string>& lines, std::string_view line);
   void note_end(const ChildEnd& end);
   void wake_viewers();  // with the mutex held
+  void fit_viewers();   // likewise
   [[nodiscard]] std::string without_secrets(std::string text) const;
   void nudge() const;
   void write_events();
@@ -136,7 +153,15 @@ class LiveSession {
   std::deque<Clock::time_point> frame_times_;  // of the last two seconds
   std::deque<std::string> log_;
   std::deque<std::string> output_;
-  std::vector<std::shared_ptr<Waker>> viewers_;
+  struct Viewer {
+    std::shared_ptr<Waker> waker;
+    int max_width = 0;
+  };
+  std::vector<Viewer> viewers_;
+  int max_width_ = 0;          // what the child was asked for
+  std::uint64_t fitting_ = 1;  // see fitting()
+  Stages stages_;
+  bool are_stages_wanted_ = false;
   std::string outbox_;  // for the child's window, not written yet
   std::int64_t events_sent_ = 0;
   std::int64_t events_handled_ = 0;

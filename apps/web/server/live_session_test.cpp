@@ -59,6 +59,8 @@ TEST(Events, AreCheckedAndPassedOn) {
             "{\"slider\":\"a\",\"value\":1.5}\n");
   EXPECT_EQ(event_line(json::parse(R"({"mouse":"move","x":1,"y":2})")),
             "{\"mouse\":\"move\",\"x\":1,\"y\":2}\n");
+  EXPECT_EQ(event_line(json::parse(R"({"mouse":"move","x":1,"y":2,"width":640})")),
+            "{\"mouse\":\"move\",\"width\":640,\"x\":1,\"y\":2}\n");
   EXPECT_EQ(event_line(json::parse(R"({"mouse":"wheel","x":1,"y":2,"wheel":-1,"control":false})")),
             "{\"control\":false,\"mouse\":\"wheel\",\"wheel\":-1,\"x\":1,\"y\":2}\n");
   for (const char* text : {"1",
@@ -76,6 +78,8 @@ TEST(Events, AreCheckedAndPassedOn) {
                            R"({"mouse":"move"})",
                            R"({"mouse":"jump","x":1,"y":1})",
                            R"({"mouse":"move","x":1e9,"y":1})",
+                           R"({"mouse":"move","x":1,"y":1,"width":0})",
+                           R"({"mouse":"move","x":1,"y":1,"width":1.5})",
                            R"({"mouse":"move","x":"1","y":1})",
                            R"({"slider":"a"})",
                            R"({"slider":"","value":1})",
@@ -175,6 +179,56 @@ TEST(LiveSession, TellsWhenEventsAreHandled) {
   EXPECT_FALSE(session.wait_until_handled(*third, seconds(10))) << "it failed before it had";
   LiveSession quits(shell("read a <&3; exit $a"));
   EXPECT_TRUE(quits.wait_until_handled(quits.send("0\n").value_or(0), seconds(10)));
+}
+
+// What the child was asked for, line by line.
+std::string asked(LiveSession& session) {
+  std::string lines;
+  const json seen = session.describe();
+  for (const json& line : seen["output"]) lines += line.get<std::string>() + ' ';
+  return lines;
+}
+
+TEST(LiveSession, PicturesAreAsLargeAsTheLargestViewerShowsThem) {
+  LiveSession session(shell("while read line <&3; do echo \"$line\"; done; exec sleep 60"));
+  const auto small = std::make_shared<Waker>();
+  const auto large = std::make_shared<Waker>();
+  const auto whole = std::make_shared<Waker>();
+  const auto blind = std::make_shared<Waker>();
+  session.add_viewer(small, 320);
+  session.add_viewer(blind, LiveSession::kNoPictures);  // changes nothing
+  session.add_viewer(large, 640);
+  session.add_viewer(whole);
+  session.remove_viewer(whole);
+  session.remove_viewer(large);
+  session.remove_viewer(small);  // nobody is left: as it is
+  session.add_viewer(small, 320);
+  EXPECT_TRUE(session.send("{\"action\":\"last\"}\n"));
+  const std::string wanted =
+      "{\"max_width\":320} {\"max_width\":640} {\"max_width\":0} {\"max_width\":640} "
+      "{\"max_width\":320} {\"action\":\"last\"} ";
+  for (int i = 0; i < 200 && asked(session) != wanted; ++i) small->wait(milliseconds(20));
+  EXPECT_EQ(asked(session), wanted);
+}
+
+TEST(LiveSession, StagesComeOnRequest) {
+  LiveSession session(shell(R"(printf '\000\000\000\020H{"stages":true}' >&4;)"
+                            R"(while read line <&3; do case $line in *stages*))"
+                            R"( echo "$line"; printf '\000\000\000\003Dxy' >&4;; esac; done)"));
+  wait_for(session, [&] { return session.hello().number == 1; });
+  EXPECT_EQ(session.describe()["stages"], true);
+  EXPECT_EQ(session.stages().number, 0U);
+  EXPECT_TRUE(session.want_stages());
+  wait_for(session, [&] { return session.stages().number == 1; });
+  EXPECT_EQ(*session.stages().record, "xy");
+  EXPECT_TRUE(session.want_stages());
+  wait_for(session, [&] { return session.stages().number == 2; });
+  EXPECT_EQ(asked(session), "{\"stages\":1} {\"stages\":1} ");
+
+  LiveSession without(shell(std::string(kHello) + "exec sleep 60"));
+  wait_for(without, [&] { return without.hello().number == 1; });
+  EXPECT_FALSE(without.want_stages());
+  EXPECT_EQ(without.describe()["stages"], false);
 }
 
 TEST(LiveSession, TellsWhyItEnded) {

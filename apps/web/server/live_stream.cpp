@@ -108,15 +108,16 @@ class LiveStream final : public BodyStream {
  public:
   LiveStream(std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,
              std::vector<std::string> unknown,
-             const std::vector<std::shared_ptr<LiveSession>>& sessions, const JobFeed* jobs)
+             const std::vector<std::pair<std::shared_ptr<LiveSession>, int>>& sessions,
+             const JobFeed* jobs)
       : slot_(std::move(slot)),
         waker_(std::move(waker)),
         unknown_(std::move(unknown)),
         jobs_(jobs),
         jobs_seen_(jobs == nullptr ? 0 : jobs->newest()) {
-    for (const auto& session : sessions) {
+    for (const auto& [session, width] : sessions) {
       watched_.emplace_back(session);
-      session->add_viewer(waker_);
+      session->add_viewer(waker_, width);
     }
   }
   ~LiveStream() override {
@@ -286,7 +287,8 @@ std::size_t StreamSlots::count() const {
 
 std::unique_ptr<BodyStream> make_live_stream(
     std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,
-    std::vector<std::string> unknown, const std::vector<std::shared_ptr<LiveSession>>& sessions,
+    std::vector<std::string> unknown,
+    const std::vector<std::pair<std::shared_ptr<LiveSession>, int>>& sessions,
     const JobFeed* jobs) {
   return std::make_unique<LiveStream>(std::move(slot), std::move(waker), std::move(unknown),
                                       sessions, jobs);

@@ -9,6 +9,7 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace tarsier::web {
@@ -52,12 +53,13 @@ class StreamSlots {
   std::map<std::string, std::size_t> of_viewer_;
 };
 
-// GET /api/live: hello, states and images of `sessions`, the end of each, "there is no such
+// GET /api/live: hello, states and images of `sessions` (each with the width that the viewer shows
+// it in, px; 0: as it is), the end of each, "there is no such
 // session" for `unknown`, and the news of `jobs` (null: none). `waker` is woken by all of them.
 [[nodiscard]] std::unique_ptr<BodyStream> make_live_stream(
     std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,
-    std::vector<std::string> unknown, const std::vector<std::shared_ptr<LiveSession>>& sessions,
-    const JobFeed* jobs);
+    std::vector<std::string> unknown,
+    const std::vector<std::pair<std::shared_ptr<LiveSession>, int>>& sessions, const JobFeed* jobs);
 
 // GET /api/sessions/ID/stream.mjpg
 [[nodiscard]] std::unique_ptr<BodyStream> make_mjpeg_stream(std::shared_ptr<StreamSlots::Slot> slot,

@@ -38,7 +38,8 @@ void add_session_routes(Router& router, SignIns& sign_ins, AuditLog& audit, bool
                  return response;
                }
                const std::string token = text_member(request.json(), "token");
-               const auto cookie = sign_ins.exchange(token);
+               const std::string agent(request.header("user-agent"));
+               const auto cookie = sign_ins.exchange(token, request.address, agent);
                if (!cookie) {
                  audit.write("sign-in refused", request.address, {{"reason", "no such link"}});
                  throw HttpError(
@@ -47,7 +48,7 @@ void add_session_routes(Router& router, SignIns& sign_ins, AuditLog& audit, bool
                      "one");
                }
                audit.write("sign-in", request.address,
-                           {{"browser", std::string(request.header("user-agent"))}});
+                           {{"browser", agent}, {"sign_in", SignIns::id_of(*cookie)}});
                Response response = json_response({{"csrf", SignIns::csrf_of(*cookie)}});
                const std::int64_t life =
                    std::chrono::duration_cast<std::chrono::seconds>(SignIns::kCookieLife).count();

@@ -2,9 +2,11 @@
 #include "sign_in.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/atomic_file.h"
 
+#include "router.h"
 #include "secrets.h"
 #include <algorithm>
 #include <arpa/inet.h>
@@ -15,6 +17,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <nlohmann/json.hpp>
 #include <sys/stat.h>
 #include <system_error>
 #include <unistd.h>
@@ -23,6 +26,7 @@ namespace tarsier::web {
 namespace {
 
 constexpr std::size_t kMaxAddresses = 4096;
+constexpr std::size_t kIdDigits = 16;
 
 std::int64_t seconds_of(WallClock::time_point time) {
   return std::chrono::duration_cast<std::chrono::seconds>(time.time_since_epoch()).count();
@@ -62,6 +66,30 @@ std::optional<WallClock::time_point> read_time(const std::filesystem::path& path
   const auto seconds = to_integer(text, 0, std::int64_t{1} << 40);
   if (!seconds) return std::nullopt;
   return WallClock::time_point(std::chrono::seconds(*seconds));
+}
+
+// What follows the time in the file of a sign-in, an object; earlier versions wrote none.
+nlohmann::json read_details(const std::filesystem::path& path) {
+  std::ifstream file(path);
+  std::string text;
+  std::getline(file, text);
+  text.clear();
+  std::getline(file, text);
+  nlohmann::json value = nlohmann::json::parse(text, nullptr, false);
+  return value.is_object() ? value : nlohmann::json::object();
+}
+
+std::string text_of(const nlohmann::json& object, const char* name) {
+  const auto found = object.find(name);
+  return found != object.end() && found->is_string() ? found->get<std::string>() : std::string();
+}
+
+// One line of at most 200 bytes of what a browser calls itself.
+std::string plain_line(std::string_view text) {
+  std::string line(text.substr(0, 200));
+  std::replace_if(
+      line.begin(), line.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+  return line;
 }
 
 std::string read_text(const std::string& path) {
@@ -143,13 +171,34 @@ void SignIns::load() {
     const std::string hash = entry.path().filename().string();
     if (!begin || !looks_like_secret(hash) || now - *begin > kCookieLife) {
       (void)::unlink(entry.path().c_str());
-    } else {
-      cookies_[hash] = *begin;
+      continue;
     }
+    const nlohmann::json details = read_details(entry.path());
+    Kept& kept = cookies_[hash];
+    kept.began = kept.used = *begin;
+    const auto used = details.find("used");
+    if (used != details.end() && used->is_number_integer() && *used >= seconds_of(*begin) &&
+        *used <= seconds_of(now))
+      kept.used = WallClock::time_point(std::chrono::seconds(used->get<std::int64_t>()));
+    kept.written = kept.used;
+    kept.address = text_of(details, "address");
+    kept.used_from = text_of(details, "used_from");
+    kept.agent = text_of(details, "agent");
   }
 }
 
-std::optional<std::string> SignIns::exchange(std::string_view token) {
+void SignIns::write(const std::string& hash, Kept& kept) const {
+  const nlohmann::json details{{"used", seconds_of(kept.used)},
+                               {"address", kept.address},
+                               {"used_from", kept.used_from},
+                               {"agent", kept.agent}};
+  write_secret_file(folder_ + "/sign-ins/" + hash,
+                    std::to_string(seconds_of(kept.began)) + "\n" + to_text(details) + "\n");
+  kept.written = kept.used;
+}
+
+std::optional<std::string> SignIns::exchange(std::string_view token, std::string_view address,
+                                             std::string_view agent) {
   if (!looks_like_secret(token)) return std::nullopt;
   const std::lock_guard lock(mutex_);
   const std::string link = folder_ + "/links/" + hash_of(token);
@@ -159,27 +208,101 @@ std::optional<std::string> SignIns::exchange(std::string_view token) {
   const WallClock::time_point now = now_();
   if (!made || now - *made > kLinkLife) return std::nullopt;
   while (cookies_.size() >= most_) {
-    const auto oldest =
-        std::min_element(cookies_.begin(), cookies_.end(),
-                         [](const auto& a, const auto& b) { return a.second < b.second; });
+    const auto oldest = std::min_element(
+        cookies_.begin(), cookies_.end(),
+        [](const auto& a, const auto& b) { return a.second.began < b.second.began; });
     forget(oldest->first);
   }
   std::string cookie = new_secret();
   const std::string hash = hash_of(cookie);
-  write_secret_file(folder_ + "/sign-ins/" + hash, std::to_string(seconds_of(now)) + "\n");
-  cookies_[hash] = now;
+  Kept kept{now, now, now, plain_line(address), plain_line(address), plain_line(agent)};
+  write(hash, kept);
+  cookies_[hash] = std::move(kept);
   return cookie;
 }
 
-bool SignIns::is_signed_in(std::string_view cookie) {
+bool SignIns::is_signed_in(std::string_view cookie, std::string_view address) {
   if (!looks_like_secret(cookie)) return false;
   const std::string hash = hash_of(cookie);
   const std::lock_guard lock(mutex_);
   const auto found = cookies_.find(hash);
   if (found == cookies_.end()) return false;
-  if (now_() - found->second <= kCookieLife) return true;
-  forget(hash);
-  return false;
+  const WallClock::time_point now = now_();
+  Kept& kept = found->second;
+  if (now - kept.began > kCookieLife) {
+    forget(hash);
+    return false;
+  }
+  kept.used = std::max(kept.used, now);
+  const bool has_moved = !address.empty() && address != kept.used_from;
+  if (has_moved) kept.used_from = plain_line(address);
+  if (has_moved || kept.used - kept.written > kUsedEvery) {
+    try {
+      write(hash, kept);
+    } catch (const OutputError& error) {
+      kept.written = kept.used;  // the next try comes later
+      log_warning("{}", error.what());
+    }
+  }
+  return true;
+}
+
+std::string SignIns::id_of(std::string_view cookie) { return hash_of(cookie).substr(0, kIdDigits); }
+
+std::vector<SignIns::SignIn> SignIns::list() const {
+  const WallClock::time_point now = now_();
+  std::vector<SignIn> result;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [hash, kept] : cookies_) {
+      if (now - kept.began > kCookieLife) continue;
+      result.push_back({hash.substr(0, kIdDigits), kept.began, kept.used, kept.address,
+                        kept.used_from, kept.agent});
+    }
+  }
+  std::sort(result.begin(), result.end(), [](const SignIn& a, const SignIn& b) {
+    return a.used != b.used ? a.used > b.used : a.id < b.id;
+  });
+  return result;
+}
+
+bool SignIns::revoke(std::string_view id) {
+  if (id.size() != kIdDigits) return false;
+  const std::lock_guard lock(mutex_);
+  const auto found = cookies_.lower_bound(std::string(id));
+  if (found == cookies_.end() || !found->first.starts_with(id)) return false;
+  forget(found->first);
+  return true;
+}
+
+std::size_t SignIns::revoke_others(std::string_view cookie) {
+  const std::string own = hash_of(cookie);
+  std::size_t count = 0;
+  const std::lock_guard lock(mutex_);
+  for (auto item = cookies_.begin(); item != cookies_.end();) {
+    const std::string hash = (item++)->first;
+    if (hash == own) continue;
+    forget(hash);
+    ++count;
+  }
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator(folder_ + "/links", error))
+    (void)::unlink(entry.path().c_str());
+  return count;
+}
+
+std::string SignIns::renew_api_token() {
+  std::string token = new_secret();
+  const std::lock_guard lock(mutex_);
+  write_secret_file(folder_ + "/api-token", token + "\n");
+  api_token_ = token;
+  return token;
+}
+
+WallClock::time_point SignIns::api_token_made() const {
+  struct stat state {};
+  if (::stat((folder_ + "/api-token").c_str(), &state) != 0) return {};
+  return WallClock::from_time_t(state.st_mtime);
 }
 
 void SignIns::sign_out(std::string_view cookie) {
@@ -194,6 +317,7 @@ void SignIns::forget(const std::string& hash) {
 }
 
 bool SignIns::is_api_token(std::string_view token) const {
+  const std::lock_guard lock(mutex_);
   return equals_in_constant_time(token, api_token_);
 }
 

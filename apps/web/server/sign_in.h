@@ -9,6 +9,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace tarsier::web {
 
@@ -52,26 +53,60 @@ class SignIns {
                    std::size_t most = kMost);
 
   // The cookie's secret for the token of a link, which is then used up; nothing for any other.
-  [[nodiscard]] std::optional<std::string> exchange(std::string_view token);
-  // Of a cookie. Signed in for 30 days since the sign-in.
-  [[nodiscard]] bool is_signed_in(std::string_view cookie);
+  // `address` and `agent`, the browser's name for itself, are kept for list().
+  [[nodiscard]] std::optional<std::string> exchange(std::string_view token,
+                                                    std::string_view address = {},
+                                                    std::string_view agent = {});
+  // Of a cookie. Signed in for 30 days since the sign-in. Notes the use, from `address` if it is
+  // not empty.
+  [[nodiscard]] bool is_signed_in(std::string_view cookie, std::string_view address = {});
   void sign_out(std::string_view cookie);
   [[nodiscard]] bool is_api_token(std::string_view token) const;
+
+  struct SignIn {
+    std::string id;  // 16 digits; nobody signs in by it
+    WallClock::time_point began;
+    WallClock::time_point used;  // after a restart it may be too early by kUsedEvery
+    std::string address;         // of the sign-in
+    std::string used_from;       // of the last use
+    std::string agent;           // one line, 200 bytes at most
+  };
+  static constexpr std::chrono::minutes kUsedEvery{10};  // between two writes of the last use
+  // Those that hold now, the one that was used last first.
+  [[nodiscard]] std::vector<SignIn> list() const;
+  [[nodiscard]] static std::string id_of(std::string_view cookie);
+  // Ends one of list(); false where there is none of this id.
+  bool revoke(std::string_view id);
+  // Ends all but that of `cookie`, which may be empty; how many. Links that nobody used end, too.
+  std::size_t revoke_others(std::string_view cookie);
+  // A new token for programs, which is returned; the one before is refused from now on. Throws
+  // OutputError, and the one before holds.
+  std::string renew_api_token();
+  [[nodiscard]] WallClock::time_point api_token_made() const;
   // What a page sends back with every change: it follows from the cookie, which no other site can
   // read.
   [[nodiscard]] static std::string csrf_of(std::string_view cookie);
   [[nodiscard]] std::size_t count() const;
 
  private:
+  struct Kept {
+    WallClock::time_point began;
+    WallClock::time_point used;
+    WallClock::time_point written;  // what the file says of `used`
+    std::string address;
+    std::string used_from;
+    std::string agent;
+  };
   void load();
   void forget(const std::string& hash);
+  void write(const std::string& hash, Kept& kept) const;
 
   const std::string folder_;
   const std::function<WallClock::time_point()> now_;
   const std::size_t most_;
+  mutable std::mutex mutex_;  // of what follows
   std::string api_token_;
-  mutable std::mutex mutex_;
-  std::map<std::string, WallClock::time_point> cookies_;  // hash -> sign-in
+  std::map<std::string, Kept> cookies_;  // by hash
 };
 
 // The name of the cookie that a browser is signed in by.

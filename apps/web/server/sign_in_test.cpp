@@ -6,7 +6,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "router.h"
 #include "secrets.h"
+#include "sign_ins_api.h"
 #include <filesystem>
 #include <fstream>
 #include <sys/stat.h>
@@ -15,6 +17,7 @@ namespace tarsier::web {
 namespace {
 
 using std::chrono::hours;
+using std::chrono::milliseconds;
 using std::chrono::seconds;
 
 class SignInTest : public testing::Test {
@@ -80,6 +83,104 @@ TEST_F(SignInTest, SigningOutIsForGood) {
   EXPECT_FALSE(sign_ins.is_signed_in(first));
   EXPECT_TRUE(sign_ins.is_signed_in(second));
   EXPECT_FALSE(make().is_signed_in(first));
+}
+
+TEST_F(SignInTest, AreListedAndRevoked) {
+  std::string first;
+  std::string second;
+  std::string third;
+  {
+    SignIns sign_ins = make();
+    first = sign_ins.exchange(make_link_token(folder_), "192.0.2.7", "Mozilla/5.0\n(x)").value();
+    now_ += seconds(5);
+    second = sign_ins.exchange(make_link_token(folder_)).value();
+    third = sign_ins.exchange(make_link_token(folder_)).value();
+    const auto began = now_;
+    now_ += seconds(60);
+    EXPECT_TRUE(sign_ins.is_signed_in(first, "192.0.2.8"));
+    const auto list = sign_ins.list();
+    ASSERT_EQ(list.size(), 3U);
+    EXPECT_EQ(list[0].id, SignIns::id_of(first));  // used last
+    EXPECT_EQ(list[0].address, "192.0.2.7");
+    EXPECT_EQ(list[0].used_from, "192.0.2.8");
+    EXPECT_EQ(list[0].agent, "Mozilla/5.0?(x)");
+    EXPECT_EQ(list[0].used, now_);
+    EXPECT_EQ(list[0].began, began - seconds(5));
+    EXPECT_EQ(list[1].used, began);
+  }
+  SignIns sign_ins = make();  // another address was worth a write, so that it is known
+  EXPECT_EQ(sign_ins.list()[0].used_from, "192.0.2.8");
+  EXPECT_TRUE(sign_ins.revoke(SignIns::id_of(first)));
+  EXPECT_FALSE(sign_ins.revoke(SignIns::id_of(first)));
+  EXPECT_FALSE(sign_ins.revoke(""));
+  EXPECT_FALSE(sign_ins.is_signed_in(first));
+  EXPECT_FALSE(make().is_signed_in(first));
+  const std::string link = make_link_token(folder_);
+  EXPECT_EQ(sign_ins.revoke_others(second), 1U);
+  EXPECT_TRUE(sign_ins.is_signed_in(second));
+  EXPECT_FALSE(sign_ins.is_signed_in(third));
+  EXPECT_EQ(sign_ins.exchange(link), std::nullopt);
+  EXPECT_EQ(make().list().size(), 1U);
+}
+
+TEST_F(SignInTest, OfEarlierVersionsHoldToo) {
+  const std::string cookie = make().exchange(make_link_token(folder_)).value();
+  for (const auto& entry : std::filesystem::directory_iterator(folder_ + "/sign-ins")) {
+    std::string time;
+    std::ifstream file(entry.path());
+    std::getline(file, time);
+    file.close();
+    std::ofstream(entry.path()) << time << '\n';
+  }
+  SignIns sign_ins = make();
+  EXPECT_TRUE(sign_ins.is_signed_in(cookie));
+  EXPECT_EQ(sign_ins.list().at(0).address, "");
+}
+
+TEST_F(SignInTest, ANewApiTokenEndsTheOldOne) {
+  SignIns sign_ins = make();
+  std::string old;
+  std::ifstream file(folder_ + "/api-token");
+  std::getline(file, old);
+  const std::string token = sign_ins.renew_api_token();
+  EXPECT_NE(token, old);
+  EXPECT_TRUE(sign_ins.is_api_token(token));
+  EXPECT_FALSE(sign_ins.is_api_token(old));
+  EXPECT_TRUE(make().is_api_token(token));
+}
+
+TEST(Agents, AreShortened) {
+  EXPECT_EQ(short_agent("Mozilla/5.0 (X11; Linux x86_64; rv:140.0) Gecko/20100101 Firefox/140.0"),
+            "Firefox on Linux");
+  EXPECT_EQ(short_agent("Mozilla/5.0 (Linux; Android 14; Pixel 8) AppleWebKit/537.36 (KHTML, like "
+                        "Gecko) Chrome/130.0.0.0 Mobile Safari/537.36"),
+            "Chrome on Android");
+  EXPECT_EQ(short_agent("Mozilla/5.0 (iPhone; CPU iPhone OS 18_0 like Mac OS X) AppleWebKit/605 "
+                        "(KHTML, like Gecko) Version/18.0 Mobile Safari/604.1"),
+            "Safari on iPhone");
+  EXPECT_EQ(short_agent("curl/8.1"), "curl");
+  EXPECT_EQ(short_agent(""), "");
+}
+
+class Endless final : public BodyStream {
+ public:
+  std::ptrdiff_t read(std::span<char> buffer, int) override {
+    buffer[0] = 'x';
+    return 1;
+  }
+};
+
+TEST_F(SignInTest, AStreamEndsWithItsSignIn) {
+  SignIns sign_ins = make();
+  const std::string cookie = sign_ins.exchange(make_link_token(folder_)).value();
+  Request request;
+  request.headers = {{"cookie", "tarsier_session=" + cookie}};
+  const auto stream =
+      while_signed_in(std::make_unique<Endless>(), sign_ins, request, milliseconds(0));
+  char byte = 0;
+  EXPECT_EQ(stream->read({&byte, 1}, -1), 1);
+  sign_ins.sign_out(cookie);
+  EXPECT_EQ(stream->read({&byte, 1}, -1), -1);
 }
 
 TEST_F(SignInTest, TheOldestEndsWhereThereAreTooMany) {

@@ -26,6 +26,8 @@
 #include "router.h"
 #include "runs.h"
 #include "sign_in.h"
+#include "sign_ins_api.h"
+#include "stages_api.h"
 #include "tls_certificate.h"
 #include "verb_policy.h"
 #include "workspace.h"
@@ -265,6 +267,7 @@ struct Studio::Impl {
     live_options.references.file = [this](const std::string& reference, bool must_exist) {
       return workspace.resolve(reference, must_exist);
     };
+    live_options.environment = {{"TARSIER_OWN_MODELS", workspace.models_folder()}};
     live_options.more_sources = [this] { return set_sources(); };
     live = std::make_unique<Live>(std::move(live_options), feed, audit);
     const auto source = [this](const std::string& reference) {
@@ -279,7 +282,9 @@ struct Studio::Impl {
     const std::string own = program_folder() + "/tarsier-serve";
 
     add_session_routes(router, sign_ins, audit, secure, options.version);
+    bind_sign_ins(router, sign_ins, audit);
     live->add_routes(router);
+    bind_stages(router, *live);
     bind_files(router, workspace, audit, own);
     bind_jobs(router, *jobs, workspace, audit, own);
     bind_runs(router, *runs, workspace);

@@ -41,7 +41,8 @@ ChildOptions VerbHost::child(const CommandLine& line, const std::string& folder)
   options.arguments.push_back(program);
   options.arguments.insert(options.arguments.end(), line.words.begin(), line.words.end());
   // No window on the desktop of the server's machine.
-  options.environment = {{"DISPLAY", ""}, {"WAYLAND_DISPLAY", ""}};
+  options.environment = {
+      {"DISPLAY", ""}, {"WAYLAND_DISPLAY", ""}, {"TARSIER_OWN_MODELS", workspace.models_folder()}};
   options.folder = folder;
   return options;
 }

@@ -56,8 +56,8 @@ Workspace::Workspace(std::string folder, WorkspaceLimits limits) : limits_(limit
   if (is_new) fs::permissions(folder, fs::perms::owner_all, error);
   folder_ = fs::canonical(folder, error).string();
   if (error) throw OutputError(folder, error.message());
-  for (const char* part :
-       {"/.studio", "/.studio/uploads", "/.studio/thumbnails", "/.studio/runs", "/sets", "/jobs"}) {
+  for (const char* part : {"/.studio", "/.studio/uploads", "/.studio/thumbnails", "/.studio/runs",
+                           "/sets", "/jobs", "/models"}) {
     const std::string path = folder_ + part;
     if (::mkdir(path.c_str(), 0700) != 0 && errno != EEXIST) {
       throw OutputError(path, std::strerror(errno));
@@ -285,7 +285,7 @@ std::vector<FileInfo> Workspace::states() const {
   std::error_code error;
   for (const auto& entry : fs::directory_iterator(folder_, error)) {
     const std::string name = entry.path().filename().string();
-    if (!is_good_name(name) || name == "sets" || name == "jobs") continue;
+    if (!is_good_name(name) || is_folder_name(name)) continue;
     if (is_file(entry.path().string())) files.push_back(look_at(entry.path().string(), name));
   }
   std::sort(files.begin(), files.end(),
@@ -296,7 +296,7 @@ std::vector<FileInfo> Workspace::states() const {
 std::string Workspace::state_path(const std::string& name) const {
   check_name("file", name);
   const std::string path = folder_ + '/' + name;
-  if (name == "sets" || name == "jobs" || !is_file(path)) {
+  if (is_folder_name(name) || !is_file(path)) {
     throw HttpError(404, fmt::format("no file '{}' in the workspace", name));
   }
   return path;

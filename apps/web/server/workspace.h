@@ -46,6 +46,7 @@ struct SetInfo {
 //
 //   .studio/         the server's own: token, audit log, lock, uploads on their way, thumbnails
 //   sets/NAME/FILE   what was uploaded
+//   models/          models of the user's own
 //   jobs/ID/         job.json, log.txt, lines.jsonl, files/
 //   NAME             state that verbs share: gallery, plates.db, camera.yml
 //
@@ -92,6 +93,10 @@ class Workspace {
   [[nodiscard]] std::vector<FileInfo> states() const;
   [[nodiscard]] std::string state_path(const std::string& name) const;  // 404 where it is missing
   void remove_state(const std::string& name);
+
+  // Models of the user's own, which all verbs take in place of those that ship; `tarsier models
+  // install` writes there.
+  [[nodiscard]] std::string models_folder() const { return folder_ + "/models"; }
 
   // ---- Jobs
   [[nodiscard]] std::string jobs_folder() const { return folder_ + "/jobs"; }

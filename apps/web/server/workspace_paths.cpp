@@ -24,6 +24,10 @@ void check_name(std::string_view what, const std::string& name) {
                                    printable(name.substr(0, 100)), what));
 }
 
+bool is_folder_name(std::string_view name) {
+  return name == "sets" || name == "jobs" || name == "models";
+}
+
 bool is_link(const std::string& path) {
   struct stat status {};
   return ::lstat(path.c_str(), &status) == 0 && S_ISLNK(status.st_mode);

@@ -12,6 +12,8 @@ namespace tarsier::web {
 
 // HttpError 400 for a name that is_good_name() refuses; `what` is "set", "file" ..
 void check_name(std::string_view what, const std::string& name);
+// Folders of the workspace with a meaning of their own, which are no state of verbs.
+[[nodiscard]] bool is_folder_name(std::string_view name);
 [[nodiscard]] bool is_link(const std::string& path);
 [[nodiscard]] bool is_folder(const std::string& path);
 [[nodiscard]] bool is_file(const std::string& path);  // a regular one

@@ -95,7 +95,7 @@ std::string Workspace::resolve(const std::string& reference, bool must_exist) co
     if (kind == "ws") {
       check_name("file", rest);
       const std::string path = folder_ + '/' + rest;
-      if (rest == "sets" || rest == "jobs" || is_link(path)) {
+      if (is_folder_name(rest) || is_link(path)) {
         throw HttpError(400, fmt::format("ws:{} is no file", rest));
       }
       // gallery and plates.db are made by the verbs that use them.
@@ -106,7 +106,7 @@ std::string Workspace::resolve(const std::string& reference, bool must_exist) co
     }
     if (kind == "model") {
       check_name("model", rest);
-      const ModelStore models = ModelStore::find();
+      const ModelStore models = ModelStore::find().shipped();
       const std::string name = rest.find('.') == std::string::npos ? rest + ".json" : rest;
       if (!models.has(name)) throw HttpError(404, fmt::format("no model '{}'", rest));
       return models.path(name);
