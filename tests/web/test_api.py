@@ -146,9 +146,10 @@ class ApiTest(unittest.TestCase):
         while not self.server.call(f"/api/sessions/{session}")[1]["frames"] and time.monotonic() < end:
             threading.Event().wait(0.1)
         run("get", "/api/sessions/{id}/snapshot.jpg", SESSION=session)
+        run("get", "/api/sessions/{id}/stages", SESSION=session)
         run("get", "/api/sessions/{id}/stream.mjpg", 28, SESSION=session)  # it has no end: curl's time is over
         run("get", "/api/live", 28, SESSION=session)
-        for name in ("snapshot.jpg", "stream.mjpg", "live.bin"):
+        for name in ("snapshot.jpg", "stream.mjpg", "live.bin", "stages.bin"):
             self.assertGreater(os.path.getsize(os.path.join(self.folder, name)), 1000, name)
         run("delete", "/api/sessions/{id}", SESSION=session)
         run("post", "/api/viewer-cameras")
@@ -163,6 +164,14 @@ class ApiTest(unittest.TestCase):
         run("delete", state)
         run("delete", file)
         run("delete", sets)
+        run("get", "/api/sign-ins")
+        run("post", "/api/api-token", 22)  # refused to a program
+        for _ in range(2):
+            self.server.call("/api/session", {"token": self.server.new_link().split("#t=")[1]})
+        signed_in = self.server.call("/api/sign-ins")[1]["sign_ins"]
+        self.assertEqual(len(signed_in), 2)
+        run("delete", "/api/sign-ins/{id}", SIGN_IN=signed_in[0]["id"])
+        run("delete", "/api/sign-ins")
         run("post", "/api/session", 22)  # the token of the example is none
         done.add(("delete", "/api/session"))  # of a browser's cookie
         self.assertEqual(set(everything) - done, set(), "examples that nobody ran")

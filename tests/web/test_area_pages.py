@@ -121,7 +121,47 @@ class AreaPages(pages.PageTest):
         self.page.click("button", "Use as scale")
         self.page.wait_text("Distance: 2.500 m")
         self.path("reconstruct-measure")
+        self.cut_box()
         self.large_cloud(self.job_of("sfm reconstruct"))
+
+    def cut_box(self):
+        """A part of the cloud, by keys and by numbers; the file has what the page counts."""
+        inside = "Number(document.querySelector('.cut-box [data-inside]').dataset.inside)"
+        drawn = "Number(document.querySelector('.cloud canvas').dataset.drawn)"
+        every = self.page.evaluate(drawn)
+        self.page.click("checkbox", "Cut box")
+        self.page.wait("document.querySelector('.cut-box')")
+        first = self.page.evaluate(inside)
+        self.assertTrue(0 < first < every, first)
+        self.page.evaluate("document.querySelector('[data-face=x-low]').focus()")
+        for _ in range(20):
+            self.page.press("ArrowRight")
+        self.page.wait(f"{inside} < {first}", what="fewer points")
+        # The scale of before makes them metres.
+        self.page.evaluate("""(() => { const one = document.querySelector('[data-number=y-high]');
+          one.value = String(Number(document.querySelector('[data-number=y-low]').value) - 1);
+          one.dispatchEvent(new Event('change', {bubbles: true})); })()""")
+        self.page.wait("document.querySelector('[data-number=y-high]').value === document.querySelector('[data-number=y-low]').value",
+                       what="faces do not pass each other")
+        self.page.click("button", "The whole cloud")
+        self.page.wait(f"{inside} === {every}")
+        self.page.evaluate("document.querySelector('[data-face=z-high]').focus()")
+        for _ in range(30):
+            self.page.press("ArrowLeft")
+        self.page.press("PageDown")
+        self.page.wait(f"{inside} < {every}")
+        left = self.page.evaluate(inside)
+        self.page.click("checkbox", "Show the points in the box alone")
+        self.page.wait(f"{drawn} === {left}", what="the points in the box alone")
+        folder = os.path.join(self.server.workspace, "downloads")
+        os.makedirs(folder, exist_ok=True)
+        self.browser.send("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": folder, "browserContextId": self.context})
+        self.page.click("button", "Download the points in the box (PLY)")
+        name = os.path.join(folder, "points-in-box.ply")
+        self.until("the file", lambda: os.path.exists(name) and os.path.getsize(name) > 100)
+        with open(name, "rb") as file:
+            self.assertIn(f"element vertex {left}\n".encode(), file.read(400))
+        self.path("reconstruct-cut")
 
     def test_reconstruct_drawn_and_cancel(self):
         self.go("/reconstruct")
@@ -358,6 +398,44 @@ class AreaPages(pages.PageTest):
             ["What", "Mine", "What ships", "Better"])
         self.path("train-compare")
 
+        # The new model takes the place of the one that ships, for what starts from now on.
+        self.page.wait_text("Of ")
+        self.page.click("button", "Install")
+        self.page.click("button", "Install it")
+        self.page.wait_text("Installed as aam68", 60)
+        self.path("train-installed")
+        own = os.path.join(self.server.workspace, "models", "aam68.json")
+        self.assertTrue(os.path.getsize(own) > 1000)
+        fit = {"verb": "aam fit", "inputs": ["synth:portrait?frames=1"], "flags": {"-o": "none"}}
+        self.assertEqual(self.server.call("/api/run", fit)[1]["exit"], 0)
+        kept = os.path.join(self.server.workspace, "kept.json")
+        os.rename(own, kept)
+        with open(own, "w", encoding="utf-8") as file:
+            file.write("{}")
+        status, answer = self.server.call("/api/run", fit)
+        self.assertEqual((status, answer["exit"]), (500, 5), "a run takes the model that is installed")
+        status, session = self.server.call("/api/sessions", {"verb": "aam fit", "inputs": ["synth:portrait?live=1"]})
+        self.until("the session falls over it, too", lambda: self.server.call(f"/api/sessions/{session['id']}")[1]["exit"] == 5)
+        os.rename(kept, own)
+        # A file that is no such model is refused, and leaves what is installed.
+        reference = [one for one in self.server.call("/api/jobs")[1]["jobs"] if one["verb"] == "pose synth"][0]["id"]
+        answer = self.server.call("/api/run", {"verb": "models install", "inputs": [f"job:{reference}/heads/set.json"]})[1]
+        self.assertEqual(answer["exit"], 5, answer)
+        self.assertEqual(self.server.call("/api/run", {"verb": "models install", "inputs": ["/etc/passwd"]})[0], 400)
+        self.assertEqual(self.server.call("/api/run", {"verb": "models install", "inputs": ["model:head"], "flags": {"--own-dir": "/tmp"}})[0], 400)
+
+        self.go("/system")
+        self.page.click("tab", "Models")
+        self.page.wait_text("your own", 60)
+        self.path("system-own-model")
+        self.page.click("button", "Back to what ships for aam68")
+        self.page.click("button", "Remove my model")
+        self.page.wait("!document.querySelector('main').innerText.includes('your own')", 60, "what ships again")
+        self.assertFalse(os.path.exists(own))
+        events = [one["event"] for one in self.server.call("/api/audit")[1]["lines"]]
+        self.assertIn("model install", events)
+        self.assertIn("model remove", events)
+
     def test_calibrate_print_show_keep(self):
         self.go("/calibrate")
         self.page.click("button", "Make the sheet")
@@ -454,6 +532,18 @@ class AreaPages(pages.PageTest):
         self.page.slide(name, 2)
         self.until("the face has changed", lambda: any(
             abs(value) > 1.5 for value in self.values("aam explore").get("shape", [])))
+        # All modes have a slider, the further ones on request.
+        every = len(self.server.call(f"/api/sessions/{self.state('aam explore')['id']}")[1]["sliders"])
+        self.assertGreater(every, 8)
+        self.assertEqual(len(self.page.find_all("slider")), 8)
+        for kind in ("shape", "look"):
+            self.page.click("button", contains=f"modes of {kind}")
+        self.until("a slider for each mode", lambda: len(self.page.find_all("slider")) == every)
+        self.page.slide("Look 7", -2)
+        self.until("the look has changed", lambda: self.values("aam explore").get("look", [0] * 7)[6] < -1.5)
+        self.path("explore-all")
+        self.page.click("button", "Look to the middle")
+        self.until("the look is the mean", lambda: not any(self.values("aam explore").get("look", [1])))
         self.page.click("button", contains="random")
         self.path("explore")
         self.page.click("button", "End")

@@ -14,6 +14,14 @@ SMALL = "synth:portrait?live=1&fps=8&size=320x240"  # leaves the processor to ot
 PICTURE = "document.querySelector('.live-view:not(.is-waiting) canvas')"
 
 
+def width_of(jpeg):
+    """Of a JPEG, by its frame header."""
+    at = 2
+    while jpeg[at + 1] not in (0xC0, 0xC1, 0xC2):
+        at += 2 + int.from_bytes(jpeg[at + 2:at + 4], "big")
+    return int.from_bytes(jpeg[at + 7:at + 9], "big")
+
+
 def sum_of_canvas():
     """A number that differs between two pictures, for all purposes of a test."""
     return """(() => {
@@ -69,6 +77,30 @@ class HomeTest(pages.PageTest):
                       "Appearance models", "Structure from motion", "Calibration"):
             self.assertTrue(self.page.has("heading", title), title)
         self.judge("home")
+
+    def test_each_card_starts_at_once(self):
+        self.go("/")
+        cards = self.page.evaluate("[...document.querySelectorAll('.area .button-main')].map((one) => one.getAttribute('aria-label'))")
+        self.assertEqual(len(cards), 9)
+        for card in cards:
+            self.assertRegex(card, "^Try it: .*, with synthetic data$")
+        # Those that begin no session of an area page are tried elsewhere; these two have a path of their own.
+        self.page.click("button", "Try it: Calibration, with synthetic data")
+        self.page.wait("location.pathname.startsWith('/session/')")
+        self.page.wait(PICTURE, what="the board")
+        self.page.click("button", "End")
+        self.page.wait("location.pathname === '/live'")
+        self.go("/")
+        self.page.click("link", "Try it: Structure from motion, with synthetic data")
+        self.page.wait("location.pathname === '/reconstruct' && !location.search.includes('try')")
+        self.page.wait_text("photographs of a scene are being drawn")
+        for _ in range(600):
+            jobs = [one for one in self.server.call("/api/jobs")[1]["jobs"] if one["verb"] == "sfm reconstruct"]
+            if jobs:
+                break
+            self.page.evaluate("new Promise((done) => setTimeout(done, 100))")
+        self.assertEqual(len(jobs), 1, "one click, one model")
+        self.server.call(f"/api/jobs/{jobs[0]['id']}/cancel", {})
 
     def test_every_page_opens_from_the_menu_by_keyboard(self):
         self.go("/")
@@ -256,6 +288,74 @@ class SessionTest(pages.PageTest):
             self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
         self.fail(f"no {ending} in {os.listdir(folder)}")
 
+    def test_stages_are_shown_on_request(self):
+        id = self.start("cartoon run", SMALL, {"--mode": "cartoon"})
+        self.go(f"/session/{id}")
+        self.page.wait(PICTURE)
+        self.assertFalse(self.page.evaluate("Boolean(document.querySelector('.stages'))"))
+        self.page.click("button", "Stages")
+        self.page.wait("document.querySelectorAll('.stage-row img').length >= 4", what="the stages")
+        self.page.wait("[...document.querySelectorAll('.stage-row img')].every((one) => one.complete && one.naturalWidth > 50)")
+        frame = int(self.page.evaluate("document.querySelector('.stage-row').dataset.frame"))
+        self.page.wait(f"Number(document.querySelector('.stage-row').dataset.frame) > {frame}", what="stages of a later frame")
+        self.judge("session-stages")
+        self.page.evaluate("document.querySelector('.stage-row button').focus()")
+        self.page.press("Enter")
+        self.page.wait("document.querySelector('dialog[open] .stage-large')?.naturalWidth > 50")
+        self.page.press("Escape")
+        self.page.wait("!document.querySelector('dialog[open]')")
+        self.page.click("button", "Stages")
+        self.page.wait("!document.querySelector('.stages')")
+        # A session without stages has no such button, and says so to programs.
+        other = self.start("people live", SMALL)
+        self.assertEqual(self.server.call(f"/api/sessions/{other}/stages")[0], 409)
+        self.assertEqual(self.server.call("/api/sessions/none/stages")[0], 404)
+
+    def test_keys_are_the_viewers(self):
+        id = self.start("cartoon run", SMALL)
+        self.go(f"/session/{id}")
+        self.page.wait(PICTURE)
+        mode = "document.querySelector('.live-status').innerText.toLowerCase()"
+        key = "document.querySelector('[data-key-of=sketch]').innerText"
+        self.page.click("tab", "Keys")
+        self.page.evaluate("document.querySelector('[data-key-of=sketch]').click()")
+        self.page.wait(f"{key} === 'Press a key'")
+        self.page.press("p")  # that of the oil paint
+        self.page.wait("document.querySelector('.keys .notice-problem')?.innerText.includes('is the key of')")
+        self.page.press("x")
+        self.page.wait(f"{key} === 'x'")
+        self.judge("session-keys", widths=(360, 1440))
+        # It is kept in this browser.
+        self.page.reload()
+        self.page.wait(PICTURE)
+        self.page.wait("document.querySelector('[data-action=sketch] kbd')?.innerText === 'x'")
+        focus = "function () { this.focus(); }"
+        self.page.on(self.page.find("application", contains="Live picture"), focus)
+        self.page.press("p")
+        self.page.wait(f"{mode}.includes('paint')")
+        self.page.press("s")  # does nothing now
+        self.page.press("x")
+        self.page.wait(f"{mode}.includes('sketch')")
+        self.page.click("tab", "Keys")
+        self.page.click("button", "Reset all keys")
+        self.page.wait(f"{key} === 's'")
+        self.assertEqual(self.page.evaluate("localStorage.getItem('tarsier.keys')"), "{}")
+
+    def test_pictures_are_as_large_as_they_are_shown(self):
+        id = self.start("cartoon run", "synth:portrait?live=1&fps=4&size=1280x960", {"--mode": "none"})
+        self.go("/live")
+        width = "document.querySelector('.live-view:not(.is-waiting) canvas')?.width"
+        self.page.wait(f"{width} > 100 && {width} <= 640", what="a small picture on the wall")
+        sent = self.page.evaluate(width)
+        # Whoever wants the whole gets it, and the wall goes back to less.
+        self.assertEqual(width_of(self.server.call(f"/api/sessions/{id}/snapshot.jpg")[1]), 1280)
+        self.page.wait(f"{width} === {sent}")
+        # On its own page, and in a recording, it is larger.
+        self.go(f"/session/{id}")
+        self.page.wait(f"{width} > {sent}", what="a larger one on its own page")
+        self.page.click("button", "Record")
+        self.page.wait(f"{width} === 1280", what="the whole picture while it is recorded")
+
     def test_a_click_on_the_picture_reaches_the_session_at_the_right_pixel(self):
         id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
@@ -432,6 +532,10 @@ class LostServerTest(pages.PageTest):
 
 
 class SystemTest(pages.PageTest):
+    def token(self):
+        with open(os.path.join(self.server.workspace, ".studio", "api-token"), encoding="utf-8") as file:
+            return file.read()
+
     def test_system(self):
         self.go("/system")
         self.page.wait("document.querySelectorAll('tbody tr').length > 3")
@@ -456,7 +560,41 @@ class SystemTest(pages.PageTest):
         self.page.click("button", "Remove holiday")
         self.page.click("button", "Remove it")
         self.page.wait_text("Nothing is kept yet.")
+        # A bench is a job; its lines are a table.
+        self.page.click("tab", "Bench")
+        self.page.choose("What", "bench posit")
+        self.page.click("button", "Start the bench")
+        self.page.wait("document.querySelector('main table caption')?.innerText.includes('posit: ')", timeout=120, what="its figures")
+        self.page.wait("document.querySelectorAll('main tbody tr').length > 1", timeout=120)
+        self.page.wait_text("done", timeout=120)
+        self.judge("system-bench")
+        # Whoever is signed out sees nothing more, in pages that are open too.
+        other = self.browser.page(context=self.browser.new_context())
+        self.sign_in(other, self.server.new_link())
+        self.page.click("tab", "Sign-ins")
+        self.page.wait("document.querySelectorAll('main tbody tr').length >= 2")
+        self.page.wait_text("this one")
+        self.assertIn("Chrome on Linux", self.page.text("main tbody"))
+        self.assertIn("127.0.0.1", self.page.text("main tbody"))
+        self.judge("system-sign-ins")
+        other.open(self.server.origin + "/live")
+        other.wait_text("Nothing runs yet")
+        self.page.click("button", contains="Sign all others out")
+        self.page.click("button", "Sign them out")
+        self.page.wait("document.querySelectorAll('main tbody tr').length === 1")
+        other.wait_text("tarsier serve --link", timeout=30)
+        other.complaints()
+        other.close()
+        token = self.token()
+        self.page.click("button", "Make a new token")
+        self.page.wait("document.querySelector('dialog[open]')")
+        self.page.evaluate(
+            "[...document.querySelectorAll('dialog[open] button')].find((one) => one.innerText === 'Make a new token').click()")
+        self.page.wait_text("The new token, shown once")
+        self.assertNotEqual(token, self.token())
         self.page.click("tab", "Audit log")
+        self.page.wait_text("other sign-ins revoked")
+        self.page.wait_text("api token renewed")
         self.page.wait("document.querySelectorAll('tbody td').length > 1")
         self.judge("system-audit", widths=(360, 1440))
 
@@ -478,7 +616,7 @@ class ApiTest(pages.PageTest):
         settings = self.page.text(".command code")
         self.assertIn(self.server.workspace, settings)
         # Those that need nothing but a photograph. The others name a session, a job or a set of the reader's.
-        named = ("$", "{", "-X DELETE", "FROM_THE_LINK", "holiday", "viewer-cameras", "/api/live", "/people/", "/api/state/", "/calibrate", "/v1/ar/", "/v1/plate/")
+        named = ("$", "{", "-X DELETE", "FROM_THE_LINK", "holiday", "viewer-cameras", "/api/live", "/api/api-token", "/people/", "/api/state/", "/calibrate", "/v1/ar/", "/v1/plate/")
         plain = [one for one in texts
                  if not any(word in one.replace("$TARSIER_", "") for word in named) or "POST" in one and one.endswith("/api/sets")]
         self.assertGreater(len(plain), 12, texts)

@@ -89,6 +89,7 @@ export interface SliderInfo {
 
 export interface Hello {
   title: string;
+  stages?: boolean; // images of its stages can be asked for
   actions: Action[];
   sliders: SliderInfo[];
 }
@@ -124,6 +125,7 @@ export interface Session {
   fps: number;
   age_ms: number;
   viewers: number;
+  stages?: boolean;
   log: string[];
 }
 
@@ -136,7 +138,15 @@ export interface StartRequest {
 
 export type SessionEvent =
   | { key: number; shift?: boolean; control?: boolean }
-  | { mouse: MouseKind; x: number; y: number; wheel?: number; shift?: boolean; control?: boolean }
+  | {
+      mouse: MouseKind;
+      x: number;
+      y: number;
+      width?: number;
+      wheel?: number;
+      shift?: boolean;
+      control?: boolean;
+    }
   | { action: string }
   | { slider: string; value: number };
 
@@ -197,6 +207,18 @@ export interface StateFile {
   bytes: number;
   modified: string | number;
   kind: string;
+}
+
+export interface SignIn {
+  id: string;
+  began: number;
+  used: number;
+  ends: number;
+  address: string;
+  used_from: string;
+  browser: string;
+  agent: string;
+  own: boolean;
 }
 
 export interface RunResult {
@@ -339,6 +361,11 @@ export const api = {
   sources: async () => (await json<{ sources: Source[] }>('/api/sources')).sources,
   audit: () => json<{ [name: string]: Json }>('/api/audit'),
 
+  signIns: () => json<{ sign_ins: SignIn[]; api_token: { made: number } }>('/api/sign-ins'),
+  revokeSignIn: (id: string) => json<void>(`/api/sign-ins/${part(id)}`, { method: 'DELETE' }),
+  revokeOtherSignIns: () => json<{ revoked: number }>('/api/sign-ins', { method: 'DELETE' }),
+  renewApiToken: () => json<{ token: string; made: number }>('/api/api-token', { method: 'POST', json: {} }),
+
   addViewerCamera: async () =>
     (await json<{ id: string }>('/api/viewer-cameras', { method: 'POST', json: {} })).id,
   sendViewerFrame: (id: string, frame: Blob) =>
@@ -363,6 +390,13 @@ export const api = {
   endSession: (id: string) => json<void>(`/api/sessions/${part(id)}`, { method: 'DELETE' }),
   sendEvents: (id: string, events: SessionEvent[]) =>
     json<void>(`/api/sessions/${part(id)}/events`, { method: 'POST', json: events }),
+  // The stages of a frame that is newer than number `after`; null where none came.
+  stages: async (id: string, after: number, signal_?: AbortSignal) => {
+    const response = await call(`/api/sessions/${part(id)}/stages?after=${after}`, { signal: signal_ });
+    if (response.status === 204) return null;
+    const number = Number(response.headers.get('X-Tarsier-Stages') ?? '0');
+    return { number, bytes: new Uint8Array(await response.arrayBuffer()) };
+  },
   snapshotAddress: (id: string) => `/api/sessions/${part(id)}/snapshot.jpg`,
 
   sets: async () => (await json<{ sets: SetInfo[] }>('/api/sets')).sets,

@@ -10,6 +10,7 @@ export interface Trial {
   flags: Flags;
   camera: boolean;
   page?: string; // where more of it is
+  start?: string; // a page that begins by itself, where no session is the first result
 }
 
 export const TRIALS: Trial[] = [
@@ -88,13 +89,15 @@ export const TRIALS: Trial[] = [
     flags: {},
     camera: false,
     page: '/reconstruct',
+    start: '/reconstruct?try=synthetic',
   },
   {
     id: 'calibrate',
     title: 'Calibration',
     text: 'Measures a camera with a printed board.',
-    inputs: [],
-    flags: {},
+    verb: 'calibrate',
+    inputs: ['synth:board?live=1'],
+    flags: { '--board': 'chess:9x6', '--square': '25mm', '--output': 'ws:camera-drawn.yaml' },
     camera: false,
     page: '/calibrate',
   },

@@ -1,6 +1,7 @@
 // The one long-lived response of a visible tab: pictures, states and jobs.
 import { signal, type Signal } from '@preact/signals';
 import { call, signedIn, type Hello, type Job, type LiveState } from './api';
+import { WHOLE, widest } from './picture_size';
 
 export const KIND = { image: 1, state: 2, hello: 3, job: 4, ping: 5, ended: 6 } as const;
 
@@ -103,11 +104,13 @@ export interface LiveSession {
 
 interface Watched extends LiveSession {
   watchers: number;
-  painters: Set<(bitmap: ImageBitmap) => void>;
+  painters: Map<Paint, number>; // each with the width that it wants
   decoding: boolean;
   next: LivePicture | undefined;
   times: number[];
 }
+
+export type Paint = (bitmap: ImageBitmap) => void;
 
 export type LiveLink = 'idle' | 'connecting' | 'open' | 'waiting';
 
@@ -131,7 +134,7 @@ function sessionOf(id: string): Watched {
       ended: signal(undefined),
       shown: signal({ frame: 0, ageMs: 0, fps: 0 }),
       watchers: 0,
-      painters: new Set(),
+      painters: new Map(),
       decoding: false,
       next: undefined,
       times: [],
@@ -145,11 +148,11 @@ export function liveSession(id: string): LiveSession {
   return sessionOf(id);
 }
 
-// Follows a session until the function returned is called.
-export function watchSession(id: string, paint?: (bitmap: ImageBitmap) => void): () => void {
+// Follows a session until the function returned is called. `width`: px, as wide as pictures are shown.
+export function watchSession(id: string, paint?: Paint, width = WHOLE): () => void {
   const one = sessionOf(id);
   one.watchers += 1;
-  if (paint) one.painters.add(paint);
+  if (paint) one.painters.set(paint, width);
   soon();
   return () => {
     one.watchers -= 1;
@@ -157,6 +160,14 @@ export function watchSession(id: string, paint?: (bitmap: ImageBitmap) => void):
     if (one.watchers === 0) sessions.delete(id);
     soon();
   };
+}
+
+// The place of these pictures has another size now.
+export function setPictureWidth(id: string, paint: Paint, width: number): void {
+  const one = sessions.get(id);
+  if (!one || !one.painters.has(paint) || one.painters.get(paint) === width) return;
+  one.painters.set(paint, width);
+  soon();
 }
 
 export function watchJobs(): () => void {
@@ -172,7 +183,10 @@ function wanted(): string {
   if (document.visibilityState === 'hidden' || signedIn.value !== true) return '';
   const ids = [...sessions.entries()]
     .filter(([, one]) => one.watchers > 0 && one.ended.value === undefined)
-    .map(([id]) => encodeURIComponent(id))
+    .map(([id, one]) => {
+      const width = widest(one.painters.values());
+      return encodeURIComponent(id) + (width === WHOLE ? '' : `:${width}`);
+    })
     .sort();
   if (ids.length === 0 && jobWatchers === 0) return '';
   const words = [];
@@ -286,7 +300,7 @@ async function decode(one: Watched): Promise<void> {
     const came = performance.now();
     try {
       const bitmap = await createImageBitmap(new Blob([picture.jpeg as BlobPart], { type: 'image/jpeg' }));
-      for (const paint of one.painters) paint(bitmap);
+      for (const paint of one.painters.keys()) paint(bitmap);
       bitmap.close();
       const now = performance.now();
       one.times = one.times.filter((time) => now - time < 2000);

@@ -2,6 +2,7 @@ import { render, type ComponentType } from 'preact';
 import { useEffect, useRef, useState } from 'preact/hooks';
 import { api, offline, serverInfo, signedIn } from './api';
 import { useSignalValue } from './hooks';
+import { startKeys } from './key_map';
 import { liveLink, startLive } from './live';
 import { route, startRouter } from './router';
 import { AreaIcon } from './ui/icons';
@@ -220,6 +221,7 @@ function App() {
 }
 
 startRouter();
+startKeys();
 startLive();
 const root = document.getElementById('studio');
 if (root) render(<App />, root);

@@ -364,6 +364,8 @@ test('what is asked of the program to train and to judge', () => {
     '--csv': 'out:cases.csv',
     '--errors': true,
   });
+  // What ships is named, so that a model of the user's own is not taken for it.
+  assert.equal(judgeRequest(plates, 'job:1/cars', null, {}).flags['--reader'], 'model:plate-reader');
   assert.equal(drawRequest('gallery'), null);
   assert.deepEqual(dataOfJob('points', ['heads/set.json', 'heads/truth.jsonl']), ['heads/set.json']);
   assert.deepEqual(dataOfJob('plates', ['cars/truth.csv']), ['cars']);

@@ -26,8 +26,12 @@ function TrialCard({ trial }: { trial: Trial }) {
               Try it
             </AsyncButton>
           ) : (
-            <a class="button button-main" href={trial.page} aria-label={`Open ${trial.title}`}>
-              Open
+            <a
+              class="button button-main"
+              href={trial.start ?? trial.page}
+              aria-label={`Try it: ${trial.title}, with synthetic data`}
+            >
+              Try it
             </a>
           )}
           {verb && trial.camera && !cameraTrouble() && (
@@ -38,7 +42,7 @@ function TrialCard({ trial }: { trial: Trial }) {
               My camera
             </AsyncButton>
           )}
-          {verb && trial.page && (
+          {trial.page && (
             <a href={trial.page} aria-label={`More: ${trial.title}`}>
               More
             </a>

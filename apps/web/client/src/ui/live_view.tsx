@@ -3,7 +3,9 @@ import { useEffect, useRef, useState } from 'preact/hooks';
 import { useSignalValue } from '../hooks';
 import { api, type MouseKind, type SessionEvent } from '../api';
 import { imagePoint, sessionKey } from '../keys';
-import { liveSession, watchSession } from '../live';
+import { meaningOf, ownKeys } from '../key_map';
+import { liveSession, setPictureWidth, watchSession, type Paint } from '../live';
+import { WHOLE, widthFor } from '../picture_size';
 import { toastError } from './toast';
 
 const BUTTONS = ['left', 'middle', 'right'] as const;
@@ -93,18 +95,23 @@ export interface LiveViewProps {
   onCanvas?: (canvas: HTMLCanvasElement | null) => void;
   onMouse?: (kind: MouseKind, x: number, y: number) => void;
   blockedKeys?: ReadonlySet<number>; // keys that stay with the page
+  verb?: string; // of the session, for keys that the viewer changed
+  whole?: boolean; // pictures in their full size, however small they are shown
 }
 
 export function LiveView(props: LiveViewProps) {
   const canvas = useRef<HTMLCanvasElement>(null);
+  const box = useRef<HTMLDivElement>(null);
   const [has, setHas] = useState(false);
   const live = liveSession(props.id);
   const ended = useSignalValue(live.ended);
 
+  useEffect(() => setHas(false), [props.id]);
+
   useEffect(() => {
-    setHas(false);
     let first = true;
-    return watchSession(props.id, (bitmap) => {
+    const need = () => (props.whole ? WHOLE : widthFor(box.current?.clientWidth ?? 0, devicePixelRatio));
+    const paint: Paint = (bitmap) => {
       const one = canvas.current;
       if (!one) return;
       if (one.width !== bitmap.width || one.height !== bitmap.height) {
@@ -116,8 +123,15 @@ export function LiveView(props: LiveViewProps) {
         first = false;
         setHas(true);
       }
-    });
-  }, [props.id]);
+    };
+    const stop = watchSession(props.id, paint, need());
+    const observer = new ResizeObserver(() => setPictureWidth(props.id, paint, need()));
+    if (box.current) observer.observe(box.current);
+    return () => {
+      observer.disconnect();
+      stop();
+    };
+  }, [props.id, props.whole]);
 
   useEffect(() => {
     props.onCanvas?.(canvas.current);
@@ -130,7 +144,8 @@ export function LiveView(props: LiveViewProps) {
     const one = canvas.current;
     if (!one || !has) return;
     const { x, y } = imagePoint(event, one.getBoundingClientRect(), one);
-    const out: SessionEvent = { mouse: kind, x, y };
+    // The size is told too: one of another size may be on its way.
+    const out: SessionEvent = { mouse: kind, x, y, width: one.width };
     if (event.shiftKey) out.shift = true;
     if (event.ctrlKey) out.control = true;
     if (wheel !== undefined) out.wheel = wheel;
@@ -173,6 +188,13 @@ export function LiveView(props: LiveViewProps) {
           const code = sessionKey(event);
           if (code === null || props.blockedKeys?.has(code)) return;
           event.preventDefault();
+          const actions = live.hello.peek()?.actions ?? [];
+          const meaning = meaningOf(code, actions, ownKeys.peek()[props.verb ?? ''] ?? {});
+          if (meaning === 'nothing') return;
+          if (meaning !== 'key') {
+            sendEvent(props.id, meaning);
+            return;
+          }
           const out: SessionEvent = { key: code };
           if (event.shiftKey) out.shift = true;
           if (event.ctrlKey) out.control = true;
@@ -182,7 +204,7 @@ export function LiveView(props: LiveViewProps) {
     : {};
 
   return (
-    <div class={`live-view${has ? '' : ' is-waiting'}${ended ? ' is-ended' : ''}`}>
+    <div ref={box} class={`live-view${has ? '' : ' is-waiting'}${ended ? ' is-ended' : ''}`}>
       <canvas
         ref={canvas}
         class={props.drag ? 'drags' : undefined}

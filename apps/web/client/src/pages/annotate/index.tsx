@@ -220,6 +220,7 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
             title="The picture with its points"
             interactive
             drag
+            whole
             moves={false}
             blockedKeys={blockedKeys}
           />

@@ -1,5 +1,5 @@
 // Photographs become cameras and a cloud of points.
-import { useEffect, useState } from 'preact/hooks';
+import { useEffect, useRef, useState } from 'preact/hooks';
 import { api, verbHelp, type Flags, type Job, type VerbHelp } from '../../api';
 import { useJobs, useSignalValue } from '../../hooks';
 import { navigate, route } from '../../router';
@@ -52,7 +52,10 @@ export function Reconstruct() {
       () => undefined,
     );
   }, []);
-  const open = (id: string) => navigate(`/reconstruct?job=${encodeURIComponent(id)}`, true);
+  // Whoever went to another page meanwhile stays there.
+  const open = (id: string) => {
+    if (route.peek().page === 'reconstruct') navigate(`/reconstruct?job=${encodeURIComponent(id)}`, true);
+  };
   const start = async (input: string, name: string) => {
     const started = await attempt(() => reconstruct(input, flags, name));
     if (started) {
@@ -78,6 +81,14 @@ export function Reconstruct() {
     setGrown(input);
     await growing.start([input], { '--online': true, '--output': 'ws:growing' }, 'A model that grows');
   };
+  // The card of the first page: one click to a first model. Once, also where the page is loaded again.
+  const begun = useRef(false);
+  useEffect(() => {
+    if (where.query.get('try') !== 'synthetic' || begun.current) return;
+    begun.current = true;
+    navigate('/reconstruct', true);
+    void synthetic();
+  }, [where]);
   const done =
     job !== undefined &&
     (job.state === 'done' || (isOver(job) && job.files.some((f) => f.name.endsWith('report.json'))));
@@ -109,6 +120,11 @@ export function Reconstruct() {
             )}
           </div>
         </section>
+      )}
+      {drawing && job === undefined && (
+        <Notice>
+          {picturesOf} photographs of a scene are being drawn. Their model is made next, and shown here.
+        </Notice>
       )}
       {job && done && <ModelView key={job.id} job={job} />}
       <div class="split">

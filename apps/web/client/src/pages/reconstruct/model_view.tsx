@@ -1,5 +1,5 @@
 // One model: its cloud, its photographs with reasons, measures, downloads.
-import { useEffect, useRef, useState } from 'preact/hooks';
+import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import { api, errorText, type Job } from '../../api';
 import { bytesText } from '../../format';
 import { useLoad } from '../../hooks';
@@ -7,6 +7,8 @@ import { Button, Checkbox, Notice, Progress, Select, Slider, Table, TextField } 
 import { save } from '../shared/files';
 import { jobJson } from '../shared/jobs';
 import { observationsOf, type Observation } from './colmap';
+import { countInside, firstBox, isInside, uprightPositions, wholeBox, type Box } from './cut_box';
+import { CutPanel } from './cut_panel';
 import { boxText, type Model } from './model';
 import { lengthText } from './orbit';
 import { writePly } from './ply';
@@ -159,6 +161,12 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
   const [scale, setScale] = useState<number | null>(null);
   const [known, setKnown] = useState('');
   const [unit, setUnit] = useState('m');
+  const positions = useMemo(() => uprightPositions(model), [model]);
+  const whole = useMemo(() => wholeBox(positions), [positions]);
+  const [box, setBox] = useState<Box | null>(null);
+  const [only, setOnly] = useState(false);
+  const inside = useMemo(() => (box ? countInside(positions, box) : 0), [box, positions]);
+  useEffect(() => viewer.current?.cut(box ?? undefined, only), [box, only]);
   const modeNow = useRef(mode);
   modeNow.current = mode;
 
@@ -178,7 +186,7 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
             canvas.current.dataset['drawn'] = String(drawn);
             canvas.current.dataset['ms'] = ms.toFixed(0);
           };
-          one.show(model, 3);
+          one.show(model, positions, 3);
           viewer.current = one;
         } catch {
           setNoCanvas('This browser cannot draw in 3D (no WebGL). The tables below have the same content.');
@@ -325,6 +333,32 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
           keyOf={(row) => row[0]!}
           hideCaption
         />
+        <Checkbox
+          label="Cut box"
+          checked={box !== null}
+          onChange={(on) => setBox(on ? firstBox(positions) : null)}
+          help="A part of the cloud, to look at by itself and to download."
+        />
+        {box && (
+          <CutPanel
+            box={box}
+            whole={whole}
+            inside={inside}
+            count={model.cloud.count}
+            only={only}
+            unit={scale === null ? null : unit}
+            scale={scale ?? 1}
+            onBox={setBox}
+            onOnly={setOnly}
+            onReset={() => setBox(whole)}
+            onSave={() =>
+              save(
+                'points-in-box.ply',
+                new Blob([writePly(model.cloud, (i) => isInside(positions, box, i), scale ?? 1) as BlobPart]),
+              )
+            }
+          />
+        )}
         <Button
           onClick={() =>
             save('points.ply', new Blob([writePly(model.cloud, () => true, scale ?? 1) as BlobPart]))

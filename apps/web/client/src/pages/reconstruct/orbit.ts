@@ -100,7 +100,8 @@ export function rotate(r: readonly number[], [x, y, z]: Vector): Vector {
 }
 
 // The number of the point that a click at (x, y) means: of those within `reach` px the nearest to the eye.
-// `matrix` takes a point to clip space (column by column, as WebGL has it). -1: none.
+// `matrix` takes a point to clip space (column by column, as WebGL has it); points for which `keep` is false are
+// passed over. -1: none.
 export function pick(
   positions: Float32Array,
   matrix: readonly number[],
@@ -109,6 +110,7 @@ export function pick(
   x: number,
   y: number,
   reach: number,
+  keep: (index: number) => boolean = () => true,
 ): number {
   let best = -1;
   let bestScore = Infinity;
@@ -125,7 +127,7 @@ export function pick(
     if (away > reach) continue;
     // A pixel off counts as a hundredth of the distance: near points before far ones.
     const score = w * (1 + 0.01 * away);
-    if (score < bestScore) {
+    if (score < bestScore && keep(i)) {
       bestScore = score;
       best = i;
     }

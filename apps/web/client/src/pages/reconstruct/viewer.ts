@@ -13,6 +13,7 @@ import {
   WebGLRenderer,
 } from 'three';
 import { boundsOf } from './colmap';
+import { edgesOf, isInside, type Box } from './cut_box';
 import { frusta, upOf, type Model } from './model';
 import { eyeOf, keyed, moved, nearer, pick, rotate, turned, upright, type Orbit, type Vector } from './orbit';
 
@@ -32,6 +33,10 @@ export class CloudViewer {
   private cameras: LineSegments<BufferGeometry, LineBasicMaterial> | undefined;
   private marks: LineSegments<BufferGeometry, LineBasicMaterial> | undefined;
   private positions = new Float32Array(0); // upright
+  private order = new Uint32Array(0); // in which points are drawn
+  private shown = 0; // of them
+  private box: Box | undefined;
+  private frame: LineSegments<BufferGeometry, LineBasicMaterial> | undefined;
   private rotation: number[] = [1, 0, 0, 0, 1, 0, 0, 0, 1];
   private radius = 1;
   private orbit: Orbit = { target: [0, 0, 0], distance: 3, yaw: 0, pitch: 0 };
@@ -90,21 +95,12 @@ export class CloudViewer {
     this.resize();
   }
 
-  show(model: Model, pointSize: number): void {
+  // `positions`: uprightPositions(model).
+  show(model: Model, positions: Float32Array<ArrayBuffer>, pointSize: number): void {
     this.clear();
     const { cloud } = model;
     this.rotation = upright(upOf(model.photographs.values()));
-    this.positions = new Float32Array(cloud.positions.length);
-    for (let i = 0; i < cloud.count; i++) {
-      const [x, y, z] = rotate(this.rotation, [
-        cloud.positions[3 * i]!,
-        cloud.positions[3 * i + 1]!,
-        cloud.positions[3 * i + 2]!,
-      ]);
-      this.positions[3 * i] = x;
-      this.positions[3 * i + 1] = y;
-      this.positions[3 * i + 2] = z;
-    }
+    this.positions = positions;
     const bounds = boundsOf(this.positions);
     this.radius = bounds.radius;
     this.camera.near = bounds.radius / 1000;
@@ -134,7 +130,9 @@ export class CloudViewer {
       colours.set([colour.r, colour.g, colour.b], 3 * i);
     }
     geometry.setAttribute('color', new BufferAttribute(colours, 3));
-    geometry.setIndex(new BufferAttribute(order, 1));
+    this.order = order;
+    this.shown = cloud.count;
+    geometry.setIndex(new BufferAttribute(order.slice(), 1));
     this.points = new Points(
       geometry,
       new PointsMaterial({ size: pointSize, sizeAttenuation: false, vertexColors: true }),
@@ -175,6 +173,34 @@ export class CloudViewer {
 
   showCameras(shown: boolean): void {
     if (this.cameras) this.cameras.visible = shown;
+    this.ask();
+  }
+
+  // The edges of a box, and, with `only`, no other points than those in it.
+  cut(box: Box | undefined, only: boolean): void {
+    if (this.frame) {
+      this.scene.remove(this.frame);
+      this.frame.geometry.dispose();
+      this.frame.material.dispose();
+      this.frame = undefined;
+    }
+    this.box = only ? box : undefined;
+    if (box) {
+      const geometry = new BufferGeometry();
+      geometry.setAttribute('position', new BufferAttribute(edgesOf(box), 3));
+      this.frame = new LineSegments(geometry, new LineBasicMaterial({ color: 0x1f7a8c }));
+      this.frame.frustumCulled = false;
+      this.scene.add(this.frame);
+    }
+    const index = this.points?.geometry.getIndex();
+    if (index) {
+      const all = index.array as Uint32Array;
+      this.shown = 0;
+      for (const i of this.order) {
+        if (!this.box || isInside(this.positions, this.box, i)) all[this.shown++] = i;
+      }
+      index.needsUpdate = true;
+    }
     this.ask();
   }
 
@@ -231,6 +257,7 @@ export class CloudViewer {
 
   private clear(): void {
     this.mark([]);
+    this.cut(undefined, false);
     for (const one of [this.points, this.cameras]) {
       if (!one) continue;
       this.scene.remove(one);
@@ -270,7 +297,7 @@ export class CloudViewer {
       if (took < 1000) this.frameMs = this.frameMs === 0 ? took : 0.5 * (this.frameMs + took);
     }
     this.lastFrame = now;
-    const all = (this.positions.length / 3) | 0;
+    const all = this.shown;
     let drawn = all;
     if (isMoving && this.frameMs > slow)
       drawn = Math.max(Math.min(all, 15000), Math.round((all * slow) / this.frameMs / 2));
@@ -337,6 +364,7 @@ export class CloudViewer {
       event.clientX - box.left,
       event.clientY - box.top,
       reach,
+      (i) => !this.box || isInside(this.positions, this.box, i),
     );
     if (index >= 0) this.onPick(index);
   }

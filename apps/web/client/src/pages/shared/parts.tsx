@@ -3,23 +3,15 @@ import { useEffect, useState } from 'preact/hooks';
 import { api, type Flags, type Json, type SetInfo, type Source } from '../../api';
 import { cellText } from '../../format';
 import { useLoad, useSignalValue } from '../../hooks';
+import { keyOf, ownKeys } from '../../key_map';
 import { keyName } from '../../keys';
 import { liveSession } from '../../live';
-import {
-  Button,
-  CommandLine,
-  FileDrop,
-  LiveStatus,
-  LiveView,
-  Notice,
-  Progress,
-  Select,
-  Slider,
-} from '../../ui';
+import { Button, CommandLine, FileDrop, LiveStatus, LiveView, Notice, Progress, Select } from '../../ui';
 import { sendEvent } from '../../ui/live_view';
 import { attempt } from '../../ui/toast';
 import { cameraTrouble } from '../../viewer_camera';
 import { ownCamera, ownCameraBack } from './sessions';
+import { GroupedSliders } from './sliders';
 import { cleanName, setName, uploadAll, type UploadState } from './files';
 
 const kindNames: Record<Source['kind'], string> = {
@@ -203,6 +195,28 @@ export function useSessionState(id: string | undefined): { [name: string]: Json 
   return state;
 }
 
+// What does not change of a session: asked once for all parts of a page.
+const asked = new Map<string, Promise<{ command: string; verb: string }>>();
+function useSession(id: string): { command: string; verb: string } {
+  const [known, setKnown] = useState({ command: '', verb: '' });
+  useEffect(() => {
+    let alive = true;
+    let answer = asked.get(id);
+    if (!answer) asked.set(id, (answer = api.sessionOf(id)));
+    answer.then(
+      ({ command, verb }) => {
+        if (alive) setKnown({ command, verb });
+      },
+      () => asked.delete(id),
+    );
+    return () => {
+      alive = false;
+    };
+  }, [id]);
+  return known;
+}
+const useVerb = (id: string) => useSession(id).verb;
+
 // The actions of a session as buttons with their keys. `names` chooses and orders them.
 export function SessionActions(props: {
   id: string;
@@ -211,6 +225,7 @@ export function SessionActions(props: {
   label: string;
 }) {
   const hello = useSignalValue(liveSession(props.id).hello);
+  const own = useSignalValue(ownKeys)[useVerb(props.id)] ?? {};
   const all = hello?.actions ?? [];
   const actions = props.names
     ? props.names.flatMap((name) => all.filter((one) => one.name === name))
@@ -219,7 +234,7 @@ export function SessionActions(props: {
   return (
     <div class="actions" role="group" aria-label={props.label}>
       {actions.map((action) => {
-        const key = keyName(action.key);
+        const key = keyName(keyOf(action, own));
         return (
           <Button
             key={action.name}
@@ -238,26 +253,9 @@ export function SessionActions(props: {
 }
 
 export function SessionSliders(props: { id: string; names?: (name: string) => boolean }) {
-  const live = liveSession(props.id);
-  const hello = useSignalValue(live.hello);
-  const state = useSignalValue(live.state);
+  const hello = useSignalValue(liveSession(props.id).hello);
   const sliders = (hello?.sliders ?? []).filter((one) => props.names?.(one.name) ?? true);
-  if (sliders.length === 0) return null;
-  return (
-    <div class="sliders">
-      {sliders.map((slider) => (
-        <Slider
-          key={slider.name}
-          label={slider.name}
-          low={slider.low}
-          high={slider.high}
-          step={slider.step}
-          value={state?.sliders?.[slider.name] ?? slider.value}
-          onChange={(value) => sendEvent(props.id, { slider: slider.name, value })}
-        />
-      ))}
-    </div>
-  );
+  return <GroupedSliders id={props.id} sliders={sliders} />;
 }
 
 // Simple values of a state as a list of terms.
@@ -286,16 +284,16 @@ export function SessionPanel(props: {
   end?: string;
 }) {
   const ended = useSignalValue(liveSession(props.id).ended);
-  const [command, setCommand] = useState('');
-  useEffect(() => {
-    api.sessionOf(props.id).then(
-      (session) => setCommand(session.command),
-      () => undefined,
-    );
-  }, [props.id]);
+  const { command, verb } = useSession(props.id);
   return (
     <div class="session-panel">
-      <LiveView id={props.id} title={props.title} interactive={props.interactive ?? true} drag={props.drag} />
+      <LiveView
+        id={props.id}
+        title={props.title}
+        interactive={props.interactive ?? true}
+        drag={props.drag}
+        verb={verb}
+      />
       <LiveStatus id={props.id} />
       <div class="row">
         <Button kind={ended ? 'main' : 'plain'} onClick={() => void props.onEnd()}>

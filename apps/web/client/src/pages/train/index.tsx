@@ -11,7 +11,8 @@ import { SetSource } from '../shared/parts';
 import { Chart } from './chart';
 import { addSample, progressSeries, seriesOf, type Sample } from './curves';
 import { Judge } from './judge';
-import { dataOfJob, drawRequest, trainRequest, trainVerbs, wordFor, type DataKind } from './verbs';
+import { InstallModel } from './install';
+import { dataOfJob, drawRequest, placeOf, trainRequest, trainVerbs, wordFor, type DataKind } from './verbs';
 
 export function Train() {
   const where = useSignalValue(route);
@@ -261,6 +262,12 @@ function Training(props: {
             Download {model.name}
           </a>
         </div>
+      )}
+      {job.state === 'done' && model && placeOf(job.verb) !== undefined && (
+        <details>
+          <summary>Install it without judging</summary>
+          <InstallModel model={`job:${job.id}/${model.name}`} place={placeOf(job.verb)!} verdict="" />
+        </details>
       )}
     </>
   );

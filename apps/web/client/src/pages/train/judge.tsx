@@ -7,12 +7,14 @@ import { JobCard, Notice, Select, Table, VerbForm } from '../../ui';
 import { attempt } from '../../ui/toast';
 import { addressOf } from '../shared/files';
 import { isOver, jobText, useJob } from '../shared/jobs';
-import { compare, parseCsv, worstFirst, type Comparison } from './curves';
+import { compare, parseCsv, verdictOf, worstFirst, type Comparison } from './curves';
 import { DataSource } from './index';
-import { inOrder, judgeRequest, judgeVerbs, wordFor } from './verbs';
+import { InstallModel } from './install';
+import { inOrder, judgeRequest, judgeVerbs, placeOf, wordFor } from './verbs';
 
 interface Running {
   verb: number;
+  model: string;
   mine: string | null;
   shipped: string | null;
 }
@@ -66,7 +68,7 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
         model === '' || withShipped === 'yes'
           ? await start(null, `Judge: ${chosen.title}, what ships`)
           : null;
-      setRunning({ verb: number, mine, shipped });
+      setRunning({ verb: number, model, mine, shipped });
     });
   };
 
@@ -146,6 +148,7 @@ function Result({ running }: { running: Running }) {
     (running.shipped === null || isOver(shipped)) &&
     main !== undefined;
   const rows = ready ? inOrder(compare(figuresOf(mine), figuresOf(shipped))) : [];
+  const place = placeOf(judgeVerbs[running.verb]!.trains);
   const word: Record<string, string> = { mine: 'mine', shipped: 'what ships', same: 'equal' };
   const columns = [
     { name: 'What', show: (one: Comparison) => wordFor(one.name) },
@@ -176,6 +179,9 @@ function Result({ running }: { running: Running }) {
       {mine && <JobCard job={mine} />}
       {shipped && <JobCard job={shipped} />}
       {rows.length > 0 && <Table caption="Figures" columns={columns} rows={rows} keyOf={(one) => one.name} />}
+      {ready && mine?.state === 'done' && place !== undefined && (
+        <InstallModel model={running.model} place={place} verdict={verdictOf(rows)} />
+      )}
       {ready && main && <Worst job={main} />}
     </>
   );

@@ -9,6 +9,7 @@ export interface TrainVerb {
   data: DataKind;
   only: readonly string[];
   output: string; // name of the model
+  place?: string; // the model that ships and whose place it can take
 }
 
 export const trainVerbs: readonly TrainVerb[] = [
@@ -28,6 +29,7 @@ export const trainVerbs: readonly TrainVerb[] = [
       '--seed',
     ],
     output: 'tracker.json',
+    place: 'landmarks68',
   },
   {
     verb: 'landmarks train shape',
@@ -58,6 +60,7 @@ export const trainVerbs: readonly TrainVerb[] = [
       '--mirror',
     ],
     output: 'aam.json',
+    place: 'aam68',
   },
   {
     verb: 'pose train-head',
@@ -65,6 +68,7 @@ export const trainVerbs: readonly TrainVerb[] = [
     data: 'points',
     only: ['--modes', '--iterations', '--outer-eye-mm', '--distance-mm'],
     output: 'head.json',
+    place: 'head',
   },
   {
     verb: 'pose train-view',
@@ -72,6 +76,7 @@ export const trainVerbs: readonly TrainVerb[] = [
     data: 'heads',
     only: ['--leave-out', '--components', '--angle-weight', '--ridge', '--focal'],
     output: 'view.json',
+    place: 'head-view',
   },
   {
     verb: 'plate train-detector',
@@ -79,6 +84,7 @@ export const trainVerbs: readonly TrainVerb[] = [
     data: 'plates',
     only: ['--steps', '--aligner-steps', '--seed'],
     output: 'detector.json',
+    place: 'plate-detector',
   },
   {
     verb: 'plate train-reader',
@@ -86,6 +92,7 @@ export const trainVerbs: readonly TrainVerb[] = [
     data: 'plates',
     only: ['--steps', '--calibration', '--hold-out', '--seed'],
     output: 'reader.json',
+    place: 'plate-reader',
   },
   {
     verb: 'people train',
@@ -162,6 +169,11 @@ export function trainRequest(
   return { inputs: [data], flags: { ...flags, ...output } };
 }
 
+// The name of the model that ships whose place a model of this training verb takes, or undefined.
+export const placeOf = (verb: string): string | undefined =>
+  trainVerbs.find((one) => one.verb === verb)?.place;
+
+// `model`: a reference; null for the one that ships, by its name, so that no model of the user's own is taken for it.
 export function judgeRequest(
   verb: JudgeVerb,
   data: string,
@@ -169,7 +181,9 @@ export function judgeRequest(
   flags: Flags,
 ): { inputs: string[]; flags: Flags } {
   const all: Flags = { ...flags };
+  const place = placeOf(verb.trains);
   if (model !== null) all[verb.model] = model;
+  else if (place !== undefined) all[verb.model] = `model:${place}`;
   if (verb.verb === 'pose eval')
     return { inputs: [], flags: { ...all, '--truth': data, '--output': 'out:found.jsonl' } };
   if (verb.verb === 'plate eval') {

@@ -1,0 +1,113 @@
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import {
+  countInside,
+  edgesOf,
+  firstBox,
+  isInside,
+  moveFace,
+  stepOf,
+  wholeBox,
+  type Box,
+} from '../src/pages/reconstruct/cut_box';
+import { readPly, writePly } from '../src/pages/reconstruct/ply';
+import { benchColumns, benchRows } from '../src/pages/system/bench_table';
+import { compare, verdictOf } from '../src/pages/train/curves';
+
+const positions = new Float32Array([0, 0, 0, 1, 2, 3, -1, 5, 0.5, NaN, 0, 0]);
+const box: Box = { low: [-0.5, 0, 0], high: [1, 2, 3] };
+
+test('a box counts what lies in it, its faces with it', () => {
+  assert.equal(isInside(positions, box, 0), true);
+  assert.equal(isInside(positions, box, 1), true);
+  assert.equal(isInside(positions, box, 2), false);
+  assert.equal(isInside(positions, box, 3), false, 'not a number is nowhere');
+  assert.equal(countInside(positions, box), 2);
+  assert.deepEqual(wholeBox(positions), { low: [-1, 0, 0], high: [1, 5, 3] });
+  assert.deepEqual(wholeBox(new Float32Array(0)), { low: [0, 0, 0], high: [0, 0, 0] });
+  assert.equal(countInside(positions, wholeBox(positions)), 3);
+});
+
+test('the first box leaves out what lies far away', () => {
+  const many = new Float32Array(300);
+  for (let i = 0; i < 100; i++) many.set([i / 100, 0, 0], 3 * i);
+  many[0] = -1000;
+  const first = firstBox(many);
+  assert.ok(first.low[0] > 0 && first.high[0] < 1);
+  assert.deepEqual(firstBox(positions), wholeBox(positions), 'of a few points the whole');
+});
+
+test('faces stay within the whole box and do not pass each other', () => {
+  const whole: Box = { low: [-1, 0, 0], high: [1, 5, 3] };
+  assert.deepEqual(moveFace(box, whole, 0, 'low', 0.25).low, [0.25, 0, 0]);
+  assert.deepEqual(moveFace(box, whole, 0, 'low', -7).low, [-1, 0, 0]);
+  assert.deepEqual(moveFace(box, whole, 0, 'low', 7).low, [1, 0, 0]);
+  assert.deepEqual(moveFace(box, whole, 1, 'high', -1).high, [1, 0, 3]);
+  assert.equal(moveFace(box, whole, 0, 'low', NaN), box);
+  assert.deepEqual(box, { low: [-0.5, 0, 0], high: [1, 2, 3] }, 'the old one is not changed');
+});
+
+test('a box has twelve edges', () => {
+  const edges = edgesOf(box);
+  assert.equal(edges.length, 12 * 2 * 3);
+  let sum = 0;
+  for (let i = 0; i < edges.length; i += 6)
+    sum += Math.hypot(
+      edges[i]! - edges[i + 3]!,
+      edges[i + 1]! - edges[i + 4]!,
+      edges[i + 2]! - edges[i + 5]!,
+    );
+  assert.ok(Math.abs(sum - 4 * (1.5 + 2 + 3)) < 1e-5);
+  assert.equal(stepOf(10), 0.1);
+  assert.ok(stepOf(0) > 0);
+});
+
+test('what is in the box is what the file has', () => {
+  const cloud = {
+    count: 4,
+    positions,
+    colours: new Uint8Array(12).fill(9),
+    ids: new Uint32Array(4),
+    errors: new Float32Array(4),
+    trackStart: new Uint32Array(5),
+    tracks: new Uint32Array(0),
+  };
+  const back = readPly(writePly(cloud, (i) => isInside(positions, box, i), 2));
+  assert.equal(back.count, 2);
+  assert.deepEqual([...back.positions], [0, 0, 0, 2, 4, 6]);
+});
+
+test('the lines of a bench become a table', () => {
+  const rows = benchRows([
+    { bench: 'x', case: 'a', median_ms: 1.23456, us: 3, runs: 10, error: { mean_px: 0.5, note: '' } },
+    'no object',
+    { case: 'b', median_ms: 20, sizes: [1, 2], flag: true },
+    {},
+  ]);
+  assert.equal(rows.length, 2);
+  assert.equal(rows[0]!['median_ms'], 1.235);
+  const columns = benchColumns(rows);
+  assert.deepEqual(
+    columns.map((one) => [one.label, one.number]),
+    [
+      ['Case', false],
+      ['Median, ms', true],
+      ['Time, µs', true],
+      ['Runs', true],
+      ['Error mean, px', true],
+      ['Sizes', false],
+      ['Flag', false],
+    ],
+  );
+  assert.deepEqual(benchColumns([]), []);
+});
+
+test('a verdict counts who is better', () => {
+  const rows = compare({ nme_mean: 3, auc_8: 0.5, faces: 4 }, { nme_mean: 4, auc_8: 0.6, faces: 5 });
+  assert.equal(verdictOf(rows), 'Of 2 figures the new model is better in 1, what ships in 1.');
+  assert.equal(
+    verdictOf(compare({ nme_mean: 3, failures: 0 }, { nme_mean: 4, failures: 0 })),
+    'Of 2 figures the new model is better in 1, what ships in 0, equal in 1.',
+  );
+  assert.equal(verdictOf(compare({ faces: 1 }, { faces: 2 })), '');
+});
