@@ -148,7 +148,6 @@ class AreaPages(pages.PageTest):
         self.page.evaluate("document.querySelector('[data-face=z-high]').focus()")
         for _ in range(30):
             self.page.press("ArrowLeft")
-        self.page.press("PageDown")
         self.page.wait(f"{inside} < {every}")
         left = self.page.evaluate(inside)
         self.page.click("checkbox", "Show the points in the box alone")

@@ -14,7 +14,7 @@ class AuditLog;
 
 // GET /api/sign-ins: who is signed in. DELETE /api/sign-ins/{id}: one no longer; DELETE
 // /api/sign-ins: nobody but who asks. POST /api/api-token: a new token for programs. All of them
-// are told to the audit log.
+// are in the audit log.
 void bind_sign_ins(Router& router, SignIns& sign_ins, AuditLog& audit);
 
 // "Firefox on Linux" of what a browser calls itself; its first word where it is no known browser,
