@@ -8,6 +8,7 @@
 #include <opencv2/core.hpp>
 
 #include "ui/testing_plain.h"
+#include <algorithm>
 
 namespace tarsier {
 namespace {
@@ -26,7 +27,15 @@ double difference(const cv::Mat& a, const cv::Mat& b) {
 }
 
 TEST(ExploreSession, WhereThereIsRoomEachModeHasASlider) {
-  ExploreSession session(model(), std::nullopt, 1);
+  face::appearance::AppearanceOptions options;
+  options.shape.variance = 0.999999;
+  options.texture_variance = options.colour_variance = 0.999999;
+  options.frame_width = options.colour_width = 32;
+  options.levels = 1;
+  NoProgress silent;
+  const face::appearance::AppearanceModel many = face::appearance::train_appearance_model(
+      face::appearance::testing::portraits(30, 1), {}, options, silent, {});
+  ExploreSession session(many, std::nullopt, 1);
   const View view = session.on_idle({});
   const std::size_t all = view.state.at("shape").size() + view.state.at("look").size();
   const std::size_t few = std::min<std::size_t>(4, view.state.at("shape").size()) +
