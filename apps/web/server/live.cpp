@@ -11,6 +11,7 @@
 #include "sign_in.h"
 #include <algorithm>
 #include <set>
+#include <utility>
 
 namespace tarsier::web {
 namespace {
