@@ -5,8 +5,17 @@
 #include <stdexcept>
 #include <string>
 #include <type_traits>
+#include <vector>
 
 namespace tarsier::cli {
+namespace {
+
+template <class T>
+constexpr bool is_list = false;
+template <class T>
+constexpr bool is_list<std::vector<T>> = true;
+
+}  // namespace
 
 Flag& add_field(Command& verb, const OptionField& field) {
   if (field.flag.empty()) throw std::invalid_argument(std::string(field.name) + " has no flag");
@@ -16,6 +25,7 @@ Flag& add_field(Command& verb, const OptionField& field) {
           return verb.add_flag(field.flag, *value, field.help);
         } else {
           Flag& flag = verb.add_option(field.flag, *value, field.help).show_default();
+          if constexpr (is_list<std::remove_pointer_t<decltype(value)>>) flag.delimiter(',');
           return field.range.text().empty() ? flag : flag.check(field.range);
         }
       },

@@ -10,12 +10,13 @@
 // the values that the options have now.
 //
 //   bind_all(verb, flags.matching, "Features and matches");  // every field that has a flag
-//   bind(verb, flags.matching, flags.matching.ratio);        // one of them
-//   bind(verb, flags.training, flags.training.line_steps, "--steps", "batches of 32");
+//   bind_field(verb, flags.matching, flags.matching.ratio);  // one of them
+//   bind_field(verb, flags.training, flags.training.line_steps, "--steps", "batches of 32");
 
 namespace tarsier::cli {
 
-// Adds the flag of one field. Throws std::invalid_argument for a field without a flag.
+// Adds the flag of one field; the values of a list may be one word, "1,2,3". Throws
+// std::invalid_argument for a field without a flag.
 Flag& add_field(Command& verb, const OptionField& field);
 
 // Adds the flags of all fields that have one, under a heading in --help.
@@ -31,8 +32,8 @@ void bind_all(Command& verb, Options& options, std::string_view group = "Options
 
 // With another name and help than the field's, where they are given.
 template <class Options, class Value>
-Flag& bind(Command& verb, Options& options, const Value& value, std::string_view flag = {},
-           std::string_view help = {}) {
+Flag& bind_field(Command& verb, Options& options, const Value& value, std::string_view flag = {},
+                 std::string_view help = {}) {
   const OptionFields fields = options.fields();
   OptionField field = field_of(fields, &value);
   if (!flag.empty()) field.flag = flag;

@@ -71,8 +71,8 @@ TEST(Bind, GivesEveryFieldThatHasAFlagItsFlag) {
   EXPECT_EQ(count.range->text(), "6..1000");
   EXPECT_EQ(program.flag("--fast").type, FlagType::kSwitch);
   EXPECT_FALSE(program.flag("--name").range);
-  EXPECT_EQ(program.error({"--count=8", "--share=0.25", "--fast", "--name=b", "--focal=900",
-                           "--sizes", "3", "7"}),
+  EXPECT_EQ(program.error(
+                {"--count=8", "--share=0.25", "--fast", "--name=b", "--focal=900", "--sizes=3,7"}),
             "");
   EXPECT_EQ(program.options.count, 8);
   EXPECT_EQ(program.options.share, 0.25);
@@ -96,12 +96,14 @@ TEST(Bind, RefusesWhatIsOutOfRange) {
   EXPECT_EQ(error({"--share=half"}), "--share: expected > 0, < 1, got half");
   EXPECT_EQ(error({"--focal=0"}), "--focal: expected > 0, got 0");
   EXPECT_EQ(error({"--sizes", "3", "4"}), "--sizes: expected 3..7, odd, got 4");
+  EXPECT_EQ(error({"--sizes=3,4"}), "--sizes: expected 3..7, odd, got 4");
 }
 
 TEST(Bind, OneFieldMayHaveAnotherNameAndHelp) {
   Program program;
-  bind(program.verb, program.options, program.options.share);
-  bind(program.verb, program.options, program.options.inner, "--depth", "of it").group("Tuning");
+  bind_field(program.verb, program.options, program.options.share);
+  bind_field(program.verb, program.options, program.options.inner, "--depth", "of it")
+      .group("Tuning");
   EXPECT_EQ(program.flag("--share").description, "px, of the side");
   EXPECT_EQ(program.flag("--depth").description, "of it");
   EXPECT_EQ(program.flag("--depth").range->text(), "0..1");
@@ -111,8 +113,9 @@ TEST(Bind, OneFieldMayHaveAnotherNameAndHelp) {
 TEST(Bind, NeedsAFieldWithAFlag) {
   Program program;
   const int other = 0;
-  EXPECT_THROW(bind(program.verb, program.options, program.options.inner), std::invalid_argument);
-  EXPECT_THROW(bind(program.verb, program.options, other), std::invalid_argument);
+  EXPECT_THROW(bind_field(program.verb, program.options, program.options.inner),
+               std::invalid_argument);
+  EXPECT_THROW(bind_field(program.verb, program.options, other), std::invalid_argument);
 }
 
 }  // namespace
