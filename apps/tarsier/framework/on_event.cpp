@@ -3,6 +3,7 @@
 
 #include "tarsier/media/still_source.h"
 
+#include "framework/bind.h"
 #include <algorithm>
 #include <utility>
 
@@ -12,12 +13,7 @@ void add_on_event_flags(Command& verb, OnEventFlags& flags, const std::string& w
   Flag& command = verb.add_option("--on-event", flags.command,
                                   "program to run " + when + ", with its JSON on stdin");
   command.group("Events");
-  verb.add_option("--on-event-timeout", flags.options.timeout_s,
-                  "s after which it is killed; at the end events get as long in all")
-      .check(range(0.01, 3600.0))
-      .needs(command)
-      .show_default()
-      .group("Events");
+  bind_field(verb, flags.options, flags.options.timeout_s).needs(command).group("Events");
 }
 
 OnEvent::OnEvent(const OnEventFlags& flags, const Context& context) {

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/run_session.h"
 #include "framework/security_flags.h"
 #include <algorithm>
@@ -41,35 +42,17 @@ void add_run_flags(Command& verb, RunFlags& flags) {
       .show_default();
   verb.add_option("--every", flags.every, "take every N-th frame").check(above(0)).show_default();
 
-  const auto source = [](Flag& flag) { flag.group("Source"); };
-  source(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")
-             .show_default());
-  source(verb.add_option("--height", flags.source.height, "px").show_default());
-  source(
-      verb.add_option("--fps", flags.source.fps, "asked of a camera; of a --sequence; 0: its own")
-          .show_default());
-  source(verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time"));
-  source(verb.add_flag("--wait", flags.source.wait,
-                       "wait for ever for a source that is not there yet"));
-  source(verb.add_option("--connect-timeout", flags.source.connect_timeout_s,
-                         "s until a live source must have given its first frame")
-             .show_default());
-  source(
-      verb.add_option("--stall", flags.source.stall_s, "s without a frame: reopen the live source")
-          .show_default());
-  source(verb.add_option("--give-up", flags.source.give_up_s, "s without a frame: end; 0: never")
-             .show_default());
-  for (Flag* flag : add_security_flags(verb, flags.source.security)) source(*flag);
+  constexpr const char* kSource = "Source";
+  bind_all(verb, flags.source, kSource);
+  for (Flag* flag : add_security_flags(verb, flags.source.security)) flag->group(kSource);
 
   const auto sink = [](Flag& flag) { flag.group("Output"); };
   sink(
       verb.add_option("--segment", flags.segment,
                       "video output: a file for each 10m, 1h ..: NAME-0001.mp4, NAME-0002.mp4 .."));
-  sink(verb.add_option("--jpeg-quality", flags.sink.jpeg_quality, "1..100").show_default());
-  sink(verb.add_flag("--listen-all", flags.sink.listen_all,
-                     "http output: for other machines too; needs a token"));
-  Flag& token = verb.add_option("--token", flags.sink.token,
-                                "http output: viewers must give it; 16 characters or more");
+  sink(bind_field(verb, flags.sink, flags.sink.jpeg_quality));
+  sink(bind_field(verb, flags.sink, flags.sink.listen_all));
+  Flag& token = bind_field(verb, flags.sink, flags.sink.token);
   sink(token);
   Flag& token_file = verb.add_option("--token-file", flags.token_file, "file that holds the token");
   sink(token_file);

@@ -267,14 +267,9 @@ void backward(const Network& network, const Workspace& forward,
 }
 
 void TrainOptions::check() const {
-  TARSIER_REQUIRE(steps >= 1 && steps <= 10'000'000, "{} steps", steps);
+  check_fields(*this);
   TARSIER_REQUIRE(batch >= kShards && batch % kShards == 0 && batch <= 4096,
                   "a batch of {} is no multiple of {}", batch, kShards);
-  TARSIER_REQUIRE(rate > 0 && rate <= 1, "a rate of {}", rate);
-  TARSIER_REQUIRE(warm_up >= 0 && warm_up < 1, "warm_up {}", warm_up);
-  TARSIER_REQUIRE(weight_decay >= 0 && weight_decay <= 1, "weight_decay {}", weight_decay);
-  TARSIER_REQUIRE(clip > 0, "clip {}", clip);
-  TARSIER_REQUIRE(threads >= 0, "{} threads", threads);
 }
 
 void train(Network& network, const TrainOptions& options, const MakeExample& make, const Loss& loss,

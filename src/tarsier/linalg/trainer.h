@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/linalg/network.h"
 
@@ -56,6 +57,15 @@ struct TrainOptions {
   double clip = 5;             // norm of the gradient at most
   std::uint64_t seed = 1;
   int threads = 0;  // 0: all cores; changes nothing in the result
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"steps", steps, range(1, 10'000'000)},
+            {"rate", rate, above(0, 1)},
+            {"warm_up", warm_up, range_below(0, 1)},
+            {"weight_decay", weight_decay, range(0, 1)},
+            {"clip", clip, above(0)},
+            {"threads", threads, at_least(0)}};
+  }
   void check() const;
 };
 

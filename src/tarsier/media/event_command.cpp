@@ -106,13 +106,6 @@ void feed(Child& child, std::string_view& rest) {
 
 }  // namespace
 
-void EventCommandOptions::check() const {
-  TARSIER_REQUIRE(timeout_s > 0 && timeout_s <= 3600, "timeout_s {}", timeout_s);
-  TARSIER_REQUIRE(max_waiting >= 1 && max_waiting <= 100'000, "max_waiting {}", max_waiting);
-  TARSIER_REQUIRE(finish_s >= 0 && finish_s <= 3600, "finish_s {}", finish_s);
-  TARSIER_REQUIRE(interrupted_s >= 0 && interrupted_s <= 60, "interrupted_s {}", interrupted_s);
-}
-
 class EventCommand::Runner {
  public:
   Runner(std::string command, const EventCommandOptions& options, std::stop_token stop)

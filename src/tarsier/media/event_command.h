@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -11,13 +13,21 @@
 namespace tarsier {
 
 struct EventCommandOptions {
-  double timeout_s = 10;          // of one run of the command, (0, 3600]
-  std::size_t max_waiting = 100;  // events; where more come, the oldest are dropped; 1..100000
+  double timeout_s = 10;          // of one run of the command
+  std::size_t max_waiting = 100;  // events; where more come, the oldest are dropped
   // finish() gives the events that wait so long in all; after an interruption, `interrupted_s`.
-  double finish_s = 10;             // 0..3600
-  double interrupted_s = 1;         // 0..60
+  double finish_s = 10;
+  double interrupted_s = 1;
   std::string flag = "--on-event";  // how warnings call it
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"timeout_s", timeout_s, range(0.01, 3600), "--on-event-timeout",
+             "s after which it is killed; at the end events get as long in all"},
+            {"max_waiting", max_waiting, range(1, 100'000)},
+            {"finish_s", finish_s, range(0, 3600)},
+            {"interrupted_s", interrupted_s, range(0, 60)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Runs a command for each event, one after the other, beside what else the program does. The

@@ -312,11 +312,7 @@ class VideoSink final : public FrameSink {
 }  // namespace
 
 void SinkOptions::check() const {
-  TARSIER_REQUIRE(fps > 0 && fps <= 1000, "fps {} outside (0, 1000]", fps);
-  TARSIER_REQUIRE(jpeg_quality >= 1 && jpeg_quality <= 100, "JPEG quality {} outside 1..100",
-                  jpeg_quality);
-  TARSIER_REQUIRE(segment_s >= 0 && std::isfinite(segment_s), "segment_s {}", segment_s);
-  TARSIER_REQUIRE(max_viewers >= 1 && max_viewers <= 64, "{} viewers outside 1..64", max_viewers);
+  check_fields(*this);
   TARSIER_REQUIRE(folder_extension.empty() || (folder_extension.find('/') == std::string::npos &&
                                                is_image_path("x" + folder_extension)),
                   "'{}' is no ending for pictures", folder_extension);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/media/frame.h"
 
 #include <memory>
@@ -30,22 +31,32 @@ class FrameSink {
 enum class SinkKind { kNone, kImage, kFolder, kVideo, kHttp };
 
 struct SinkOptions {
-  double fps = 25;               // of a video file, (0, 1000]
-  int jpeg_quality = 90;         // 1..100, of JPEG files and MJPEG streams
+  double fps = 25;               // of a video file
+  int jpeg_quality = 90;         // of JPEG files and MJPEG streams
   std::string folder_extension;  // pictures in folders: ".png", ".jpg" ..; empty: that of the
                                  // source, .png for video frames
   // More than one picture is to come: an image path is then refused (UsageError).
   bool many = false;
   bool listen_all = false;  // MJPEG: listen on every interface, not on loopback only; needs a token
-  std::string token;  // MJPEG: viewers must give it (?token=.. or Authorization: Bearer ..), >= 16
-                      // characters
-  int max_viewers = 8;  // MJPEG: 1..64
+  std::string token;        // MJPEG: viewers must give it (?token=.. or Authorization: Bearer ..);
+                            // 16 characters or more
+  int max_viewers = 8;      // of MJPEG
   // A video that cannot be made a second time (of a camera): what was written until a crash or a
   // power cut plays, and is never removed (see part_file.h). A second of video may be missing.
   bool recording = false;
-  double segment_s = 0;  // >= 0; a video is cut into files of so many seconds: v-0001.mp4,
+  double segment_s = 0;  // a video is cut into files of so many seconds: v-0001.mp4,
                          // v-0002.mp4 ..; numbers go on after those that are there; 0: one file
 
+  [[nodiscard]] OptionFields fields() {
+    return {{"fps", fps, above(0, 1000)},
+            {"jpeg_quality", jpeg_quality, range(1, 100), "--jpeg-quality",
+             "of JPEG files and streams"},
+            {"listen_all", listen_all, "--listen-all",
+             "http output: for other machines too; needs a token"},
+            {"token", token, "--token", "http output: viewers must give it; 16 characters or more"},
+            {"max_viewers", max_viewers, range(1, 64)},
+            {"segment_s", segment_s, at_least(0)}};
+  }
   void check() const;
 };
 

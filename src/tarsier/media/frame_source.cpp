@@ -303,16 +303,6 @@ std::string_view name_of(SourceState state) {
   return "unknown";
 }
 
-void SourceOptions::check() const {
-  TARSIER_REQUIRE(width >= 0 && width <= 32768, "width {}", width);
-  TARSIER_REQUIRE(height >= 0 && height <= 32768, "height {}", height);
-  TARSIER_REQUIRE(fps >= 0 && fps <= 1000, "fps {}", fps);
-  TARSIER_REQUIRE(connect_timeout_s > 0 && connect_timeout_s <= 3600, "connect_timeout_s {}",
-                  connect_timeout_s);
-  TARSIER_REQUIRE(stall_s > 0 && stall_s <= 3600, "stall_s {}", stall_s);
-  TARSIER_REQUIRE(give_up_s >= 0 && std::isfinite(give_up_s), "give_up_s {}", give_up_s);
-}
-
 SourceKind classify_source(const std::string& text, const std::vector<Scheme>& schemes) {
   if (text.empty()) throw InputError("input", fmt::format("is empty; {}", kExpected));
   if (text.find('\0') != std::string::npos) throw InputError("input", "has a zero byte");

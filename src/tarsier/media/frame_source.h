@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/media/frame.h"
 #include "tarsier/media/stream_security.h"
 
@@ -63,20 +64,33 @@ struct SourceOptions {
   double fps = 0;
   // Stills follow each other in time (see Frame::still).
   bool sequence = false;
-  // s, (0, 3600]. A live source without a first frame by then throws InputError ...
+  // s. A live source without a first frame by then throws InputError ...
   double connect_timeout_s = 10;
   // ... unless this is set: then it is waited for without a limit.
   bool wait = false;
-  // s, (0, 3600]. A live source without a frame for so long is stale, and reopened.
+  // s. A live source without a frame for so long is stale, and reopened.
   double stall_s = 2.5;
-  // s, >= 0. A live source without a frame for so long after its first: SourceLostError; 0: never.
+  // s. A live source without a frame for so long after its first: SourceLostError; 0: never.
   double give_up_s = 60;
   // Of https:// and rtsps://.
   StreamSecurity security;
   // The helper that holds cameras; empty: `tarsier-capture` beside this program.
   std::string capture_program;
 
-  void check() const;  // throws std::invalid_argument
+  [[nodiscard]] OptionFields fields() {
+    return {
+        {"width", width, range(0, 32768), "--width", "asked of a camera, px; 0: its own choice"},
+        {"height", height, range(0, 32768), "--height", "px"},
+        {"fps", fps, range(0, 1000), "--fps", "asked of a camera; of a --sequence; 0: its own"},
+        {"sequence", sequence, "--sequence", "stills follow each other in time"},
+        {"wait", wait, "--wait", "wait for ever for a source that is not there yet"},
+        {"connect_timeout_s", connect_timeout_s, above(0, 3600), "--connect-timeout",
+         "s until a live source must have given its first frame"},
+        {"stall_s", stall_s, above(0, 3600), "--stall",
+         "s without a frame: reopen the live source"},
+        {"give_up_s", give_up_s, at_least(0), "--give-up", "s without a frame: end; 0: never"}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // The kinds of source text (INPUT on the command line):
