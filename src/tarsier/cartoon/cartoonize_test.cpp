@@ -274,7 +274,7 @@ TEST(Options, OutOfRangeIsNamed) {
     options.check();
     FAIL();
   } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), HasSubstr("painting diameter is odd, 3..15 px, got 8"));
+    EXPECT_THAT(error.what(), HasSubstr("paint.diameter 8: expected 3..15, odd"));
   }
   EXPECT_THROW((void)parse_mode("crayon"), std::invalid_argument);
   for (const Mode mode : all_modes()) EXPECT_EQ(parse_mode(name_of(mode)), mode);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <opencv2/core/types.hpp>
 
 #include <array>
@@ -26,26 +28,49 @@ enum class Quality {
 
 // Pencil lines: grey, median, Laplacian (8-bit, so only its positive side), inverse threshold.
 struct SketchOptions {
-  int median_size = 7;     // px, odd, 3..7
-  int laplacian_size = 5;  // aperture, 1, 3, 5 or 7
-  int threshold = 80;      // of the Laplacian response, 0..255; a line where it is above
+  int median_size = 7;     // px
+  int laplacian_size = 5;  // aperture
+  int threshold = 80;      // of the Laplacian response; a line where it is above
   // A black pixel whose 5x5 border is all white has its 3x3 centre whitened.
   bool remove_pepper = true;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"sketch.threshold", threshold, range(0, 255), "--sketch-threshold",
+             "of the Laplacian; higher: fewer lines"},
+            {"sketch.median_size", median_size, odd_range(3, 7), "--sketch-median", "px"},
+            {"sketch.laplacian_size", laplacian_size, odd_range(1, 7), "--sketch-laplacian",
+             "aperture"},
+            {"sketch.remove_pepper", remove_pepper, "--pepper,!--no-pepper", "remove single dots"}};
+  }
 };
 
 // Oil painting: bilateral filters on the half-size picture.
 struct PaintOptions {
-  int rounds = 7;          // of two bilateral filters each, 0..50
-  int diameter = 9;        // px, odd, 3..15
-  double sigma_color = 9;  // grey levels, (0, 255]
-  double sigma_space = 7;  // px, (0, 100]
+  int rounds = 7;          // of two bilateral filters each
+  int diameter = 9;        // px
+  double sigma_color = 9;  // grey levels
+  double sigma_space = 7;  // px
+
+  [[nodiscard]] OptionFields fields() {
+    return {
+        {"paint.rounds", rounds, range(0, 50), "--paint-rounds", "of two bilateral filters each"},
+        {"paint.diameter", diameter, odd_range(3, 15), "--paint-diameter", "px"},
+        {"paint.sigma_color", sigma_color, above(0, 255), "--paint-sigma-color", "grey levels"},
+        {"paint.sigma_space", sigma_space, above(0, 100), "--paint-sigma-space", "px"}};
+  }
 };
 
 // Thick dark lines: 3x3 Scharr in +x and -x added (and +y, -y), inverse threshold, median.
 struct EvilOptions {
   bool both_axes = false;  // --evil-axes xy
-  int threshold = 12;      // 0..255
-  int median_size = 3;     // px, odd, 1 (none)..7
+  int threshold = 12;
+  int median_size = 3;  // px; 1: none
+
+  [[nodiscard]] OptionFields fields() {
+    return {
+        {"evil.threshold", threshold, range(0, 255), "--evil-threshold", "of the Scharr gradient"},
+        {"evil.median_size", median_size, odd_range(1, 7), "--evil-median", "px; 1: none"}};
+  }
 };
 
 enum class SkinStyle {
@@ -62,12 +87,19 @@ struct SkinOptions {
   FaceMode face = FaceMode::kOutline;
   SkinStyle style = SkinStyle::kGlow;
   cv::Scalar color{0, 70, 0};            // BGR, each 0..255
-  int edge_threshold = 80;               // of the half-size Laplacian response, 0..255
+  int edge_threshold = 80;               // of the half-size Laplacian response
   std::array<int, 3> lower{60, 25, 20};  // Y', Cr, Cb below the seed, 0..255
   std::array<int, 3> upper{80, 15, 15};  // above the seed
-  double learned_distance = 2.6;  // kAuto: Mahalanobis distance in CrCb that is still skin, (0, 10]
+  double learned_distance = 2.6;         // kAuto: Mahalanobis distance in CrCb that is still skin
   // kAuto: the cascade file that finds faces; empty: OpenCV's, see face::find_cascade().
   std::string cascade;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"skin.edge_threshold", edge_threshold, range(0, 255), "--skin-edge-threshold",
+             "of the half-size Laplacian"},
+            {"skin.learned_distance", learned_distance, above(0, 10), "--skin-distance",
+             "auto: Mahalanobis distance that is still skin"}};
+  }
 };
 
 // Whether the skin of a mode is looked for.
@@ -76,10 +108,18 @@ struct SkinOptions {
 // Fewer flickering lines in video. See stabilize.h.
 struct SteadyOptions {
   bool on = false;
-  // Share of the threshold either side of it in which a line keeps its state, 0..0.9.
+  // Share of the threshold either side of it in which a line keeps its state.
   double hysteresis = 0.3;
-  int motion = 10;  // change of the median grey above which a pixel counts as moved, 1..255
-  int memory = 6;   // frames that a still pixel is averaged over, 1..16
+  int motion = 10;  // change of the median grey above which a pixel counts as moved
+  int memory = 6;   // frames that a still pixel is averaged over
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"steady.hysteresis", hysteresis, range(0, 0.9), "--steady-hysteresis",
+             "share of a threshold either side of it"},
+            {"steady.motion", motion, range(1, 255), "--steady-motion",
+             "grey levels that count as moved"},
+            {"steady.memory", memory, range(1, 16), "--steady-memory", "frames"}};
+  }
 };
 
 struct CartoonOptions {

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "framework/bind.h"
 #include "framework/cli.h"
 #include "framework/run_session.h"
 #include "ui/cartoon/cartoon_session.h"
@@ -103,30 +104,20 @@ void add_cartoon_flags(Command& verb, CartoonFlags& flags) {
       .show_default();
   verb.add_flag("--timings", flags.timings, "table of the time of each stage on stderr at the end");
 
-  const auto lines = [](Flag& flag) { flag.show_default().group("Lines"); };
-  lines(verb.add_option("--sketch-threshold", options.sketch.threshold,
-                        "0..255, of the Laplacian; higher: fewer lines"));
-  lines(verb.add_option("--sketch-median", options.sketch.median_size, "px, odd, 3..7"));
-  lines(
-      verb.add_option("--sketch-laplacian", options.sketch.laplacian_size, "aperture: 1, 3, 5, 7"));
-  lines(verb.add_flag("--pepper,!--no-pepper", options.sketch.remove_pepper, "remove single dots")
-            .show_default(options.sketch.remove_pepper ? "on" : "off"));
-  lines(verb.add_option("--evil-axes", flags.evil_axes, "x or xy").check(one_of({"x", "xy"})));
-  lines(verb.add_option("--evil-threshold", options.evil.threshold,
-                        "0..255, of the Scharr gradient"));
-  lines(verb.add_option("--evil-median", options.evil.median_size, "px, odd, 1 (none)..7"));
-  lines(verb.add_option("--steady-hysteresis", options.steady.hysteresis,
-                        "share of a threshold either side of it, 0..0.9"));
-  lines(verb.add_option("--steady-motion", options.steady.motion,
-                        "grey levels that count as moved, 1..255"));
-  lines(verb.add_option("--steady-memory", options.steady.memory, "frames, 1..16"));
-
-  const auto paint = [](Flag& flag) { flag.show_default().group("Painting"); };
-  paint(verb.add_option("--paint-rounds", options.paint.rounds,
-                        "of two bilateral filters each, 0..50"));
-  paint(verb.add_option("--paint-diameter", options.paint.diameter, "px, odd, 3..15"));
-  paint(verb.add_option("--paint-sigma-color", options.paint.sigma_color, "grey levels, (0, 255]"));
-  paint(verb.add_option("--paint-sigma-space", options.paint.sigma_space, "px, (0, 100]"));
+  constexpr const char* kLines = "Lines";
+  bind_field(verb, options.sketch, options.sketch.threshold).group(kLines);
+  bind_field(verb, options.sketch, options.sketch.median_size).group(kLines);
+  bind_field(verb, options.sketch, options.sketch.laplacian_size).group(kLines);
+  bind_field(verb, options.sketch, options.sketch.remove_pepper)
+      .show_default(options.sketch.remove_pepper ? "on" : "off")
+      .group(kLines);
+  verb.add_option("--evil-axes", flags.evil_axes, "x or xy")
+      .check(one_of({"x", "xy"}))
+      .show_default()
+      .group(kLines);
+  bind_all(verb, options.evil, kLines);
+  bind_all(verb, options.steady, kLines);
+  bind_all(verb, options.paint, "Painting");
 
   const auto skin = [](Flag& flag) { flag.show_default().group("Skin (alien, smooth)"); };
   skin(verb.add_option("--skin-color", flags.skin_color, "a name, #rrggbb or r,g,b"));
@@ -137,10 +128,7 @@ void add_cartoon_flags(Command& verb, CartoonFlags& flags) {
            .check(one_of({"outline", "auto"})));
   skin(verb.add_option("--skin-lower", flags.skin_lower, "Y',Cr,Cb below the seed, each 0..255"));
   skin(verb.add_option("--skin-upper", flags.skin_upper, "Y',Cr,Cb above the seed, each 0..255"));
-  skin(verb.add_option("--skin-edge-threshold", options.skin.edge_threshold,
-                       "0..255, of the half-size Laplacian"));
-  skin(verb.add_option("--skin-distance", options.skin.learned_distance,
-                       "auto: Mahalanobis distance that is still skin, (0, 10]"));
+  bind_all(verb, options.skin, "Skin (alien, smooth)");
 }
 
 CartoonOptions parsed_options(const CartoonFlags& flags) {
