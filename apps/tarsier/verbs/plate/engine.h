@@ -12,15 +12,8 @@ namespace tarsier::cli {
 // The flags of every verb that reads plates.
 struct PlateFlags {
   std::string pipeline = "default";
-  std::vector<std::string> countries;
-  std::string countries_folder;
-  std::string detector;  // model files; empty: what ships
-  std::string reader;
   std::string classic_reader = "hog";
-  plate::RecognizerOptions recognizer;
-  plate::DecodeOptions decoding;
-  double min_confidence = 0;
-  int top = 10;
+  plate::ReaderOptions reader;
 };
 
 void add_plate_flags(Command& verb, PlateFlags& flags);

@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "verbs/plate/plate.h"
 #include <chrono>
 #include <fstream>
@@ -212,11 +213,7 @@ void add_plate_eval(Command& plate, Context& context, PictureReading reading) {
   verb.add_option("--truth", flags->truths,
                   "CSV with the columns image,x,y,w,h,text; may be given several times")
       .required();
-  verb.add_option("--iou", flags->options.iou,
-                  "least overlap of a found plate, intersection over union")
-      .check(range(0.01, 1.0))
-      .show_default();
-  verb.add_flag("--fold", flags->options.fold, "take 0, O, Q and D for one, and 1 and I");
+  bind_all(verb, flags->options);
   verb.add_flag("--errors", flags->errors, "list what was missed or misread");
   verb.add_option("--csv", flags->csv, "write each plate and what became of it; - for stdout");
   if (reading.add_flags) reading.add_flags(verb);

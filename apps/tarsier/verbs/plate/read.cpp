@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/on_event.h"
 #include "framework/run_session.h"
 #include "ui/plate/plate_session.h"
@@ -241,20 +242,7 @@ void add_flags(Command& verb, ReadFlags& flags) {
                         "only plates whose centre is in x,y,w,h or a polygon 'x,y x,y x,y'; px, or "
                         "shares of the picture where no number is above 1"));
   video(verb.add_flag("--events", flags.events_only, "JSON: only events, no line for each frame"));
-  video(verb.add_option("--lost-after", flags.tracker.lost_after,
-                        "s without a reading after which a vehicle is out of sight")
-            .show_default());
-  video(verb.add_option("--return-within", flags.tracker.return_within,
-                        "s in which the same text is the same vehicle, come back")
-            .show_default());
-  video(verb.add_option("--parked-return-within", flags.tracker.parked_return_within,
-                        "s, the same of one that stood still")
-            .show_default());
-  video(verb.add_option("--min-readings", flags.tracker.min_readings,
-                        "frames in which a vehicle must be read")
-            .show_default());
-  video(verb.add_flag("--words", flags.tracker.words,
-                      "texts without a digit are vehicles too (a few plates; many signs)"));
+  bind_all(verb, flags.tracker, "Videos and cameras");
   video(verb.add_option("--log", flags.log, "SQLite file that every vehicle is written to"));
   video(
       verb.add_option("--start", flags.start,

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "verbs/plate/plate.h"
 #include <algorithm>
 #include <cmath>
@@ -97,14 +98,7 @@ void add_flags(Command& verb, SweepFlags& flags) {
   verb.add_option("--reader", flags.reader, "mlp, or hog: the default reader on the same splits")
       .check(one_of({"mlp", "hog"}))
       .show_default();
-  verb.add_option("--features", flags.options.lows, "px of the small picture")
-      .delimiter(',')
-      .show_default();
-  verb.add_option("--neurons", flags.options.neurons, "hidden").delimiter(',').show_default();
-  verb.add_option("--splits,--seeds", flags.options.seeds, "random splits of each").show_default();
-  verb.add_option("--train", flags.options.train, "characters to learn from; the rest judges")
-      .show_default();
-  verb.add_option("--iterations", flags.options.iterations, "of the training").show_default();
+  bind_all(verb, flags.options);
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include <fmt/ranges.h>
 #include <opencv2/core/utility.hpp>
 
+#include "framework/bind.h"
 #include "verbs/plate/plate.h"
 #include "verbs/plate/train_classic.h"
 #include <filesystem>
@@ -156,10 +157,8 @@ void add_detector_flags(Command& verb, TrainFlags& flags) {
       .required()
       .type_name("");
   add_shared(verb, flags);
-  verb.add_option("--steps", flags.options.detector_steps, "batches of 32 for finding")
-      .show_default();
-  verb.add_option("--aligner-steps", flags.options.aligner_steps, "batches of 32 for corners")
-      .show_default();
+  bind_field(verb, flags.options, flags.options.detector_steps);
+  bind_field(verb, flags.options, flags.options.aligner_steps);
   add_classic_detector_flags(verb, flags.classic);
 }
 void add_reader_flags(Command& verb, TrainFlags& flags) {
@@ -172,7 +171,7 @@ void add_reader_flags(Command& verb, TrainFlags& flags) {
       .type_name("");
   verb.add_option("--detector", flags.detector,
                   "model whose corners the confidence is fitted with; default: what ships");
-  verb.add_option("--steps", flags.options.line_steps, "batches of 32").show_default();
+  bind_field(verb, flags.options, flags.options.line_steps);
   verb.add_option("--calibration", flags.calibration,
                   "drawn plates that the confidence is fitted to; 0: not fitted")
       .show_default();

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <numeric>
@@ -36,10 +37,7 @@ void add_classic_detector_flags(Command& verb, ClassicTrainFlags& flags) {
       .check(one_of({"pixels", "hog", "pca", "lbp"}))
       .show_default()
       .group("Classic");
-  verb.add_option("--cost", flags.cost, "of the SVM, > 0")
-      .check(above(0))
-      .show_default()
-      .group("Classic");
+  bind_all(verb, flags.svm, "Classic");
 }
 
 void add_classic_reader_flags(Command& verb, ClassicTrainFlags& flags) {
@@ -47,21 +45,14 @@ void add_classic_reader_flags(Command& verb, ClassicTrainFlags& flags) {
       .check(one_of({"hog", "mlp"}))
       .show_default()
       .group("Classic");
-  verb.add_option("--low", flags.low, "px of the mlp's small picture, 1..20")
-      .check(range(1, 20))
-      .show_default()
-      .group("Classic");
-  verb.add_option("--neurons", flags.neurons, "hidden, of the mlp")
-      .check(range(1, 1000))
-      .show_default()
-      .group("Classic");
+  bind_all(verb, flags.characters, "Classic");
+  bind_all(verb, flags.characters.mlp, "Classic");
 }
 
 ExitStatus train_classic_detector(const ClassicTrainFlags& flags, Context& context) {
   const plate::PlateSet set = plate::read_plate_set(only_input(flags));
-  plate::PlateSvmOptions options;
+  plate::PlateSvmOptions options = flags.svm;
   options.features = plate::parse_plate_features(flags.features);
-  options.cost = flags.cost;
   const Rng rng(context.seed);
   const double error = plate::cross_validated_error(set, options, rng.fork(7));
   const plate::PlateSvm svm = plate::train_plate_svm(set, options, rng);
@@ -78,10 +69,8 @@ ExitStatus train_classic_detector(const ClassicTrainFlags& flags, Context& conte
 
 ExitStatus train_classic_reader(const ClassicTrainFlags& flags, Context& context) {
   const plate::CharacterSet set = plate::read_character_set(only_input(flags));
-  plate::CharacterReaderOptions options;
+  plate::CharacterReaderOptions options = flags.characters;
   options.kind = flags.reader == "mlp" ? plate::ReaderKind::kMlp : plate::ReaderKind::kHog;
-  options.low = flags.low;
-  options.mlp.hidden = flags.neurons;
   const Rng rng(context.seed);
   const auto count = static_cast<int>(set.characters.size());
   if (count < 100) throw InputError(flags.inputs.front(), "holds fewer than 100 characters");

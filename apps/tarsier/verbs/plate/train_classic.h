@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/plate/classic/character_reader.h"
+#include "tarsier/plate/classic/plate_svm.h"
+
 #include "framework/cli.h"
 #include <string>
 #include <vector>
@@ -12,10 +15,9 @@ struct ClassicTrainFlags {
   std::string output;
   std::string terms;
   std::string features = "pixels";  // of the detector
-  double cost = 0.1;
+  plate::PlateSvmOptions svm;
   std::string reader = "hog";
-  int low = 10;
-  int neurons = 20;
+  plate::CharacterReaderOptions characters;
 };
 
 void add_classic_detector_flags(Command& verb, ClassicTrainFlags& flags);

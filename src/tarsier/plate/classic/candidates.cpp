@@ -71,12 +71,8 @@ bool flooded_box(const cv::Mat& gray, const Quad& around, const CandidateOptions
 }  // namespace
 
 void CandidateOptions::check() const {
-  TARSIER_REQUIRE(aspect > 1 && aspect < 20, "aspect {}", aspect);
-  TARSIER_REQUIRE(aspect_error > 0 && aspect_error < 1, "aspect_error {}", aspect_error);
-  TARSIER_REQUIRE(min_height > 1 && min_height < max_height, "heights {}..{}", min_height,
-                  max_height);
-  TARSIER_REQUIRE(seeds >= 1 && seeds <= 1000, "{} seeds", seeds);
-  TARSIER_REQUIRE(flood_range >= 0 && flood_range <= 255, "flood_range {}", flood_range);
+  check_fields(*this);
+  TARSIER_REQUIRE(min_height < max_height, "heights {}..{}", min_height, max_height);
 }
 
 Quad upright_corners(const cv::RotatedRect& box) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/plate/text/reading.h"
 
@@ -25,6 +26,12 @@ struct CandidateOptions {
   double max_height = 125;
   int seeds = 10;        // of the flood fill
   int flood_range = 30;  // grey levels
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"aspect", aspect, inside(1, 20)},    {"aspect_error", aspect_error, inside(0, 1)},
+            {"min_height", min_height, above(1)}, {"max_height", max_height, above(1)},
+            {"seeds", seeds, range(1, 1000)},     {"flood_range", flood_range, range(0, 255)}};
+  }
   void check() const;
 };
 

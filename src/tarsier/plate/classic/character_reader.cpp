@@ -45,9 +45,8 @@ std::vector<cv::Mat> views_of(const cv::Mat& character, ReaderKind kind) {
 }  // namespace
 
 void CharacterReaderOptions::check() const {
+  check_fields(*this);
   mlp.check();
-  TARSIER_REQUIRE(low >= 1 && low <= kCharacterSize, "{} px", low);
-  TARSIER_REQUIRE(cost > 0, "cost {}", cost);
 }
 
 std::vector<double> CharacterReader::chances(const cv::Mat& character) const {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/plate/classic/features.h"
 #include "tarsier/plate/classic/linear.h"
 #include "tarsier/plate/classic/mlp.h"
@@ -38,6 +39,11 @@ struct CharacterReaderOptions {
   int low = 10;     // of the MLP's pixels: low x low
   MlpOptions mlp;   // 20 hidden
   double cost = 5;  // of the linear machines on gradients
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"low", low, range(1, kCharacterSize), "--low", "px of the mlp's small picture"},
+            {"cost", cost, above(0)}};
+  }
   void check() const;
 };
 

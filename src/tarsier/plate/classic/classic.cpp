@@ -106,10 +106,8 @@ void keep_the_spanish_seven(ClassicText& row, const std::string& symbols) {
 }  // namespace
 
 void ClassicOptions::check() const {
+  check_fields(*this);
   TARSIER_REQUIRE(!scales.empty() && scales.size() <= 8, "{} scales", scales.size());
-  for (const double scale : scales)
-    TARSIER_REQUIRE(scale >= 0.05 && scale <= 4, "a scale of {}", scale);
-  TARSIER_REQUIRE(min_plate >= 0 && min_plate <= 1, "min_plate {}", min_plate);
   candidates.check();
   segments.check();
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/plate/classic/candidates.h"
 #include "tarsier/plate/classic/character_reader.h"
 #include "tarsier/plate/classic/plate_svm.h"
@@ -19,10 +20,14 @@ namespace tarsier::plate {
 
 struct ClassicOptions {
   std::uint64_t seed = 1;
-  std::vector<double> scales{1.0, 0.5};  // of the picture; 1..8 of them, each 0.05..4
-  double min_plate = 0.02;  // the SVM's chance below which a candidate is not read; 0..1
+  std::vector<double> scales{1.0, 0.5};  // of the picture, at most 8
+  double min_plate = 0.02;               // the SVM's chance below which a candidate is not read
   CandidateOptions candidates;
   SegmentOptions segments;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"scales", scales, range(0.05, 4)}, {"min_plate", min_plate, range(0, 1)}};
+  }
   void check() const;
 };
 

@@ -75,11 +75,6 @@ std::vector<float> Mlp::run(const float* x) const {
   return out;
 }
 
-void MlpOptions::check() const {
-  TARSIER_REQUIRE(hidden >= 1 && hidden <= 1000, "{} hidden neurons", hidden);
-  TARSIER_REQUIRE(iterations >= 1 && iterations <= 100000, "{} iterations", iterations);
-}
-
 Mlp train_mlp(const cv::Mat& rows, const std::vector<int>& labels, int outputs,
               const MlpOptions& options, Rng rng, const std::stop_token& stop) {
   options.check();

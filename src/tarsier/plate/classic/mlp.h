@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/rng.h"
 
 #include <opencv2/core/mat.hpp>
@@ -24,9 +25,14 @@ struct Mlp {
 };
 
 struct MlpOptions {
-  int hidden = 20;       // 1..1000
-  int iterations = 100;  // 1..100000
-  void check() const;
+  int hidden = 20;
+  int iterations = 100;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"hidden", hidden, range(1, 1000), "--neurons", "hidden, of the mlp"},
+            {"iterations", iterations, range(1, 100000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Least squares against targets of +-1 by resilient backpropagation (Riedmiller and Braun, ICNN

@@ -135,12 +135,6 @@ PlateSet read_plate_set(const std::string& path) {
   return set;
 }
 
-void PlateSvmOptions::check() const {
-  TARSIER_REQUIRE(cost > 0 && cost <= 1e6, "cost {}", cost);
-  TARSIER_REQUIRE(iterations >= 1 && iterations <= 1'000'000, "{} iterations", iterations);
-  TARSIER_REQUIRE(components >= 1 && components <= 500, "{} components", components);
-}
-
 double PlateSvm::margin(const cv::Mat& candidate) const {
   const std::vector<float> values = plate_features(candidate, features);
   if (features != PlateFeatures::kPca) return machine.margin(values.data());

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/plate/classic/features.h"
 #include "tarsier/plate/classic/linear.h"
@@ -27,8 +28,14 @@ struct PlateSvmOptions {
   PlateFeatures features = PlateFeatures::kPixels;
   double cost = 0.1;
   int iterations = 1000;
-  int components = 40;  // of kPca at most; 1..500
-  void check() const;
+  int components = 40;  // of kPca at most
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"cost", cost, above(0, 1e6), "--cost", "of the SVM"},
+            {"iterations", iterations, range(1, 1'000'000)},
+            {"components", components, range(1, 500)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Says whether a candidate is a plate.

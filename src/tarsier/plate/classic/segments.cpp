@@ -11,12 +11,8 @@
 namespace tarsier::plate {
 
 void SegmentOptions::check() const {
-  TARSIER_REQUIRE(aspect > 0 && aspect_error > 0 && aspect_error < 1, "aspect {} +- {}", aspect,
-                  aspect_error);
-  TARSIER_REQUIRE(min_aspect > 0 && max_fill > 0 && max_fill <= 1, "aspect {}, fill {}", min_aspect,
-                  max_fill);
-  TARSIER_REQUIRE(min_height > 0 && min_height < max_height && max_height <= 1, "heights {}..{}",
-                  min_height, max_height);
+  check_fields(*this);
+  TARSIER_REQUIRE(min_height < max_height, "heights {}..{}", min_height, max_height);
 }
 
 std::vector<Segment> find_segments(const cv::Mat& plate, int threshold,

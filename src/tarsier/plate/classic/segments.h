@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <opencv2/core/mat.hpp>
 
 #include <vector>
@@ -20,6 +22,15 @@ struct SegmentOptions {
   double max_fill = 0.8;          // share of ink in the box
   double min_height = 15.0 / 33;  // of the plate's
   double max_height = 28.0 / 33;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"aspect", aspect, above(0)},
+            {"aspect_error", aspect_error, inside(0, 1)},
+            {"min_aspect", min_aspect, above(0)},
+            {"max_fill", max_fill, above(0, 1)},
+            {"min_height", min_height, inside(0, 1)},
+            {"max_height", max_height, above(0, 1)}};
+  }
   void check() const;
 };
 

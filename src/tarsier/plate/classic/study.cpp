@@ -16,12 +16,8 @@
 namespace tarsier::plate {
 
 void StudyOptions::check() const {
+  check_fields(*this);
   TARSIER_REQUIRE(!lows.empty() && !neurons.empty(), "nothing to study");
-  for (const int low : lows) TARSIER_REQUIRE(low >= 1 && low <= 20, "features of {}x{}", low, low);
-  for (const int count : neurons) TARSIER_REQUIRE(count >= 1 && count <= 1000, "{} neurons", count);
-  TARSIER_REQUIRE(seeds >= 1 && seeds <= 1000, "{} splits", seeds);
-  TARSIER_REQUIRE(train >= 30, "{} characters are too few to learn from", train);
-  TARSIER_REQUIRE(iterations >= 1 && iterations <= 100000, "{} iterations", iterations);
 }
 
 double StudyCell::mean() const {

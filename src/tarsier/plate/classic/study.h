@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/plate/classic/character_reader.h"
 
@@ -16,10 +17,18 @@ struct StudyOptions {
   ReaderKind kind = ReaderKind::kMlp;
   std::vector<int> lows{5, 10, 15, 20};  // low-resolution pixels: low x low
   std::vector<int> neurons{10, 20, 30, 40, 60, 80, 100, 150, 200, 300, 400, 500};
-  int seeds = 10;        // splits, 1..1000
+  int seeds = 10;        // splits
   int train = 571;       // characters to learn from
   int iterations = 100;  // of the MLP's training
   std::uint64_t seed = 1;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"lows", lows, range(1, 20), "--features", "px of the small picture"},
+            {"neurons", neurons, range(1, 1000), "--neurons", "hidden"},
+            {"seeds", seeds, range(1, 1000), "--splits,--seeds", "random splits of each"},
+            {"train", train, at_least(30), "--train", "characters to learn from; the rest judges"},
+            {"iterations", iterations, range(1, 100000), "--iterations", "of the training"}};
+  }
   void check() const;
 };
 

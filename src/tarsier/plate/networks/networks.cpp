@@ -60,13 +60,6 @@ void detect_level(const cv::Mat& gray, double scale_x, double scale_y,
 
 }  // namespace
 
-void DetectorOptions::check() const {
-  TARSIER_REQUIRE(threshold > 0 && threshold < 1, "threshold {}", threshold);
-  TARSIER_REQUIRE(max_pixels >= 1e4 && max_pixels <= 1e8, "max_pixels {}", max_pixels);
-  TARSIER_REQUIRE(overlap > 0 && overlap < 1, "overlap {}", overlap);
-  TARSIER_REQUIRE(most >= 1 && most <= 10000, "most {}", most);
-}
-
 linalg::Network detector_network() {
   linalg::Network network;
   network.layers = {linalg::convolution(1, 10, 5, 5),  linalg::convolution(10, 20, 3, 3),

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/linalg/network.h"
 #include "tarsier/plate/networks/quad.h"
 
@@ -29,12 +30,21 @@ struct Detection {
 };
 
 struct DetectorOptions {
-  float threshold = 0.6F;     // (0, 1)
+  float threshold = 0.6F;
   double max_pixels = 0.6e6;  // of the finest level; larger pictures are reduced to it
-  float overlap = 0.3F;       // of boxes of the same plate, (0, 1)
+  float overlap = 0.3F;       // of boxes of the same plate
   int most = 120;             // plates of one picture
   bool parallel = false;      // use OpenCV's threads
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"threshold", threshold, inside(0, 1), "--find-threshold",
+             "of the detector; lower: more, slower"},
+            {"max_pixels", max_pixels, range(1e4, 1e8), "--find-pixels",
+             "larger pictures are searched at this many; more: smaller plates, slower"},
+            {"overlap", overlap, inside(0, 1)},
+            {"most", most, range(1, 10000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 [[nodiscard]] linalg::Network detector_network();

@@ -173,10 +173,8 @@ std::vector<Reading> without_rivals(std::vector<Reading> readings) {
 }  // namespace
 
 void RecognizerOptions::check() const {
+  check_fields(*this);
   detector.check();
-  TARSIER_REQUIRE(min_plate > 0 && min_plate < 1, "min_plate {}", min_plate);
-  TARSIER_REQUIRE(min_evidence >= -100 && min_evidence <= 100, "min_evidence {}", min_evidence);
-  TARSIER_REQUIRE(refinements >= 1 && refinements <= 5, "refinements {}", refinements);
 }
 
 std::array<double, 5> calibration_features(double posterior, double min_character,

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/timer.h"
 #include "tarsier/plate/networks/networks.h"
 #include "tarsier/plate/text/decode.h"
@@ -42,12 +43,20 @@ void write_reader_model(const std::string& path, const ReaderModel& model,
 
 struct RecognizerOptions {
   DetectorOptions detector;
-  float min_plate = 0.9F;  // the aligner's score of what is taken for a plate, (0, 1)
+  float min_plate = 0.9F;  // the aligner's score of what is taken for a plate
   // Least ln(confidence) + logit(plate) of what is reported: a place that hardly looks like a plate is
-  // one only if it reads well, a sure plate also where it reads badly; -100..100.
+  // one only if it reads well, a sure plate also where it reads badly.
   double min_evidence = -1.5;
-  int refinements = 2;    // passes of the aligner, 1..5
+  int refinements = 2;    // passes of the aligner
   bool parallel = false;  // plates and large maps on OpenCV's threads; changes no result
+
+  [[nodiscard]] OptionFields fields() {
+    return {
+        {"min_plate", min_plate, inside(0, 1), "--plate-threshold", "of the aligner's plate score"},
+        {"min_evidence", min_evidence, range(-100, 100), "--evidence",
+         "ln(confidence) + logit(plate) of what is reported; lower: more, of which more are none"},
+        {"refinements", refinements, range(1, 5)}};
+  }
   void check() const;
 };
 

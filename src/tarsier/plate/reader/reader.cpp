@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/reader/reader.h"
 
-#include "tarsier/core/require.h"
 #include "tarsier/plate/networks/reading_json.h"
 #include "tarsier/plate/text/country.h"
 
@@ -15,9 +14,7 @@
 namespace tarsier::plate {
 
 void ReaderOptions::check() const {
-  TARSIER_REQUIRE(min_confidence >= 0 && min_confidence <= 1, "min_confidence {}", min_confidence);
-  TARSIER_REQUIRE(max_candidates >= 1 && max_candidates <= 100, "max_candidates {}",
-                  max_candidates);
+  check_fields(*this);
   recognizer.check();
   decoding.check();
   textbook.check();

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/timer.h"
 #include "tarsier/media/frame.h"
 #include "tarsier/media/model_store.h"
@@ -27,8 +28,8 @@ struct ReaderOptions {
   Pipeline pipeline = Pipeline::kNetworks;
   // Codes ("es", "sk") or groups ("eu"); "any" or none: all that are known, and texts of no layout.
   std::vector<std::string> countries;
-  double min_confidence = 0;  // of the whole text; plates below are left out, 0..1
-  int max_candidates = 10;    // of each plate, 1..100
+  double min_confidence = 0;  // of the whole text; plates below are left out
+  int max_candidates = 10;    // of each plate
 
   // Files in place of the models that ship; empty: those of the ModelStore.
   std::string countries_folder;  // of layouts (*.txt)
@@ -43,6 +44,11 @@ struct ReaderOptions {
   ReaderKind textbook_reader = ReaderKind::kHog;
   ClassicOptions textbook;
 
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_confidence", min_confidence, range(0, 1), "--min-confidence",
+             "leave out plates below"},
+            {"max_candidates", max_candidates, range(1, 100), "--top", "candidates of each plate"}};
+  }
   void check() const;  // throws std::invalid_argument that names the value
 };
 

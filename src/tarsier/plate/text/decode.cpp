@@ -14,15 +14,9 @@
 
 namespace tarsier::plate {
 void DecodeOptions::check() const {
-  TARSIER_REQUIRE(candidates >= 1 && candidates <= 100, "candidates {}", candidates);
-  TARSIER_REQUIRE(beam >= 4 && beam <= 1000, "beam {}", beam);
-  TARSIER_REQUIRE(free_penalty >= 0 && free_penalty <= 50, "free_penalty {}", free_penalty);
-  TARSIER_REQUIRE(layout_strength >= 0 && layout_strength <= 10, "layout_strength {}",
-                  layout_strength);
-  TARSIER_REQUIRE(specificity >= 0 && specificity <= 1, "specificity {}", specificity);
-  TARSIER_REQUIRE(
-      min_length >= 1 && min_length <= max_length && max_length <= static_cast<int>(kMaxPlaces),
-      "lengths {}..{}", min_length, max_length);
+  check_fields(*this);
+  static_assert(kMaxPlaces == 12);  // the longest that fields() allows
+  TARSIER_REQUIRE(min_length <= max_length, "lengths {}..{}", min_length, max_length);
 }
 
 namespace {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/plate/text/country.h"
 #include "tarsier/plate/text/reading.h"
 
@@ -14,16 +15,27 @@
 namespace tarsier::plate {
 
 struct DecodeOptions {
-  int candidates = 10;         // 1..100: how many texts are returned at most
-  int beam = 48;               // 4..1000
-  double free_penalty = 6;     // nats by which a text of no layout is less likely; 0..50
-  double layout_strength = 1;  // how much the layouts' weights count; 0..10
+  int candidates = 10;  // how many texts are returned at most
+  int beam = 48;
+  double free_penalty = 6;     // nats by which a text of no layout is less likely
+  double layout_strength = 1;  // how much the layouts' weights count
   // How much it speaks for a text that its layout leaves little choice (a digit is one of 10, not
   // of 36): 0 nothing, 1 as much as it would if plates were drawn from their layouts and the
-  // classifier had learnt from random symbols; 0..1.
+  // classifier had learnt from random symbols.
   double specificity = 0.75;
-  int min_length = 4;  // of free texts; 1..12
+  int min_length = 4;  // of free texts
   int max_length = 10;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"candidates", candidates, range(1, 100)},
+            {"beam", beam, range(4, 1000)},
+            {"free_penalty", free_penalty, range(0, 50), "--free-penalty",
+             "nats against texts that fit no country's layout"},
+            {"layout_strength", layout_strength, range(0, 10)},
+            {"specificity", specificity, range(0, 1)},
+            {"min_length", min_length, range(1, 12)},
+            {"max_length", max_length, range(1, 12)}};
+  }
   void check() const;
 };
 

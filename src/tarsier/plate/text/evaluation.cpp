@@ -216,8 +216,6 @@ nlohmann::ordered_json interval_json(int successes, int trials) {
 
 }  // namespace
 
-void EvaluationOptions::check() const { TARSIER_REQUIRE(iou > 0 && iou <= 1, "iou {}", iou); }
-
 PlateScores evaluate_plates(const std::vector<ImageReadings>& readings, const PlateTruth& truth,
                             const EvaluationOptions& options) {
   options.check();

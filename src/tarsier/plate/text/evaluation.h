@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/plate/text/reading.h"
 
 #include <iosfwd>
@@ -88,9 +89,15 @@ struct PlateScores {
 };
 
 struct EvaluationOptions {
-  double iou = 0.5;   // (0, 1]
-  bool fold = false;  // 0/O/Q/D are one, and 1/I
-  void check() const;
+  double iou = 0.5;   // of the boxes, at least
+  bool fold = false;  // 0, O, Q and D are one character, and 1 and I
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"iou", iou, range(0.01, 1), "--iou",
+             "least overlap of a found plate, intersection over union"},
+            {"fold", fold, "--fold", "take 0, O, Q and D for one, and 1 and I"}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Images are matched by their base names; readings of an image that the truth does not know are passed

@@ -3,7 +3,6 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/core/require.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/plate/tracking/log.h"
 
@@ -71,13 +70,6 @@ struct Task {
 };
 
 }  // namespace
-
-void RecorderOptions::check() const {
-  TARSIER_REQUIRE(max_lock >= 0 && max_lock <= 3600, "max_lock {}", max_lock);
-  TARSIER_REQUIRE(max_wait >= 0 && max_wait <= 60, "max_wait {}", max_wait);
-  TARSIER_REQUIRE(max_waiting >= 1 && max_waiting <= 100'000, "max_waiting {}", max_waiting);
-  TARSIER_REQUIRE(attempt_ms >= 1 && attempt_ms <= 5000, "attempt_ms {}", attempt_ms);
-}
 
 std::string process_name() {
   const std::string number = std::to_string(::getpid());

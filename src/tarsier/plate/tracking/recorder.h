@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/plate/tracking/event.h"
 
 #include <chrono>
@@ -13,13 +14,20 @@
 namespace tarsier::plate {
 
 struct RecorderOptions {
-  // s that a log which another program has locked is waited for, while reading goes on; 0..3600
+  // s that a log which another program has locked is waited for, while reading goes on
   double max_lock = 60;
-  // s that record() waits for the disk where nothing is locked; 0..60
+  // s that record() waits for the disk where nothing is locked
   double max_wait = 3;
-  std::size_t max_waiting = 2000;  // vehicles that wait to be written; 1..100000
-  int attempt_ms = 100;            // how long one attempt waits for a lock; 1..5000
-  void check() const;
+  std::size_t max_waiting = 2000;  // vehicles that wait to be written
+  int attempt_ms = 100;            // how long one attempt waits for a lock
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"max_lock", max_lock, range(0, 3600)},
+            {"max_wait", max_wait, range(0, 60)},
+            {"max_waiting", max_waiting, range(1, 100'000)},
+            {"attempt_ms", attempt_ms, range(1, 5000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // This process, by a name that no other one has or will have: the system's start, the space of

@@ -132,15 +132,7 @@ TrackerState::TrackerState(TrackerState&&) noexcept = default;
 TrackerState& TrackerState::operator=(TrackerState&&) noexcept = default;
 
 void TrackerOptions::check() const {
-  TARSIER_REQUIRE(lost_after >= 0.05 && lost_after <= 60, "lost_after {}", lost_after);
-  TARSIER_REQUIRE(return_within >= 0 && return_within <= 3600, "return_within {}", return_within);
-  TARSIER_REQUIRE(parked_return_within >= 0 && parked_return_within <= 86400,
-                  "parked_return_within {}", parked_return_within);
-  TARSIER_REQUIRE(min_readings >= 1 && min_readings <= 1000, "min_readings {}", min_readings);
-  TARSIER_REQUIRE(min_confidence >= 0 && min_confidence <= 1, "min_confidence {}", min_confidence);
-  TARSIER_REQUIRE(min_standing >= 0 && min_standing <= 1, "min_standing {}", min_standing);
-  TARSIER_REQUIRE(min_single >= 0 && min_single <= 1, "min_single {}", min_single);
-  TARSIER_REQUIRE(max_readings >= 10 && max_readings <= 100'000, "max_readings {}", max_readings);
+  check_fields(*this);
   voting.check();
 }
 

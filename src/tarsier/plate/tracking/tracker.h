@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/plate/tracking/event.h"
 #include "tarsier/plate/tracking/region.h"
 #include "tarsier/plate/tracking/vote.h"
@@ -24,20 +25,37 @@ namespace tarsier::plate {
 
 struct TrackerOptions {
   Region region;            // a plate counts if the centre of its box is inside
-  double lost_after = 1.5;  // s without a reading after which a vehicle is out of sight; 0.05..60
+  double lost_after = 1.5;  // s without a reading after which a vehicle is out of sight
   // s after that in which a vehicle of the same text is taken for the same one, come back. Its
-  // event is only reported when they are over. 0..3600
+  // event is only reported when they are over.
   double return_within = 10;
-  double parked_return_within = 120;  // the same of one that stood still, at its place; 0..86400
-  int min_readings = 3;               // a vehicle read less often is none; 1..1000
-  // Of the voted text: below it is no vehicle, unless ten readings or more resemble it; 0..1
+  double parked_return_within = 120;  // the same of one that stood still, at its place
+  int min_readings = 3;               // a vehicle read less often is none
+  // Of the voted text: below it is no vehicle, unless ten readings or more resemble it
   double min_confidence = 0.5;
   double min_standing = 0.8;  // the same of what never moved: it may be a sign
-  double min_single = 0.05;   // of the surest single reading: what never reads well is none; 0..1
+  double min_single = 0.05;   // of the surest single reading: what never reads well is none
   // Texts without a digit are vehicles too. Few plates are such, and many signs.
   bool words = false;
-  int max_readings = 500;  // that an event lists; 10..100000
+  int max_readings = 500;  // that an event lists
   VoteOptions voting;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"lost_after", lost_after, range(0.05, 60), "--lost-after",
+             "s without a reading after which a vehicle is out of sight"},
+            {"return_within", return_within, range(0, 3600), "--return-within",
+             "s in which the same text is the same vehicle, come back"},
+            {"parked_return_within", parked_return_within, range(0, 86400),
+             "--parked-return-within", "s, the same of one that stood still"},
+            {"min_readings", min_readings, range(1, 1000), "--min-readings",
+             "frames in which a vehicle must be read"},
+            {"min_confidence", min_confidence, range(0, 1)},
+            {"min_standing", min_standing, range(0, 1)},
+            {"min_single", min_single, range(0, 1)},
+            {"words", words, "--words",
+             "texts without a digit are vehicles too (a few plates; many signs)"},
+            {"max_readings", max_readings, range(10, 100'000)}};
+  }
   void check() const;
 };
 

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/tracking/vote.h"
 
-#include "tarsier/core/require.h"
-
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -159,12 +157,6 @@ std::vector<Nominee> nominees_of(const std::vector<Voter>& voters) {
 }
 
 }  // namespace
-
-void VoteOptions::check() const {
-  TARSIER_REQUIRE(layout_bonus >= 0 && layout_bonus <= 20, "layout_bonus {}", layout_bonus);
-  TARSIER_REQUIRE(independent >= 1 && independent <= 100, "independent {}", independent);
-  TARSIER_REQUIRE(candidates >= 1 && candidates <= 100, "candidates {}", candidates);
-}
 
 Ballot ballot_of(const Reading& reading) {
   Ballot ballot;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/plate/text/reading.h"
 
 #include <string>
@@ -20,13 +21,19 @@ struct Ballot {
 [[nodiscard]] Ballot ballot_of(const Reading& reading);
 
 struct VoteOptions {
-  // By how many nats a text of some country's layout is preferred to one of none; 0..20.
+  // By how many nats a text of some country's layout is preferred to one of none.
   double layout_bonus = 1;
   // Frames of one vehicle fail together: however many there are, they count as this many
-  // independent ones in the confidence; 1..100.
+  // independent ones in the confidence.
   double independent = 3;
-  int candidates = 5;  // how many texts are returned; 1..100
-  void check() const;
+  int candidates = 5;  // how many texts are returned
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"layout_bonus", layout_bonus, range(0, 20)},
+            {"independent", independent, range(1, 100)},
+            {"candidates", candidates, range(1, 100)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // How much a ballot counts, before others are known: by its confidence and the height relative to

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/train/training.h"
 
-#include "tarsier/core/require.h"
 #include "tarsier/linalg/losses.h"
 #include "tarsier/linalg/trainer.h"
 
@@ -285,11 +284,6 @@ void run_training(linalg::Network& network, int steps, double rate, std::uint64_
 }
 
 }  // namespace
-
-void TrainingOptions::check() const {
-  for (const int steps : {detector_steps, aligner_steps, line_steps})
-    TARSIER_REQUIRE(steps >= 1 && steps <= 1'000'000, "{} steps", steps);
-}
 
 void make_detector_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,
                            std::vector<float>& input, std::vector<float>& target) {

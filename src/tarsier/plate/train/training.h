@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/plate/networks/networks.h"
 #include "tarsier/plate/networks/recognizer.h"
@@ -18,7 +19,15 @@ struct TrainingOptions {
   int detector_steps = 3000;  // batches of 32
   int aligner_steps = 2500;
   int line_steps = 6000;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"detector_steps", detector_steps, range(1, 1'000'000), "--steps",
+             "batches of 32 for finding"},
+            {"aligner_steps", aligner_steps, range(1, 1'000'000), "--aligner-steps",
+             "batches of 32 for corners"},
+            {"line_steps", line_steps, range(1, 1'000'000), "--steps", "batches of 32"}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Learns to find plates. Prints nothing; reports through `progress`.
