@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/input_schemes.h"
 #include "framework/run_session.h"
 #include "framework/security_flags.h"
@@ -38,12 +39,10 @@ void add_online_flags(Command& verb, OnlineFlags& flags) {
   needing(verb.add_option("--frames", flags.frames, "stop after so many frames; 0: all")
               .check(at_least(0))
               .show_default());
-  needing(verb.add_option("--width", flags.source.width, "asked of a camera, px; 0: its own choice")
-              .show_default());
-  needing(verb.add_option("--height", flags.source.height, "px; 0: its own choice").show_default());
-  needing(verb.add_option("--fps", flags.source.fps,
-                          "asked of a camera; of a folder that is shown; 0: its own")
-              .show_default());
+  needing(bind_field(verb, flags.source, flags.source.width));
+  needing(bind_field(verb, flags.source, flags.source.height, {}, "px; 0: its own choice"));
+  needing(bind_field(verb, flags.source, flags.source.fps, {},
+                     "asked of a camera; of a folder that is shown; 0: its own"));
   for (Flag* flag : add_security_flags(verb, flags.source.security)) needing(*flag);
 }
 

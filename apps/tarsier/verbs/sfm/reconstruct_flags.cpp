@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -99,6 +100,7 @@ sfm::ReconstructorOptions options_of(const ReconstructFlags& flags, const Contex
 }
 
 void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
+  sfm::PipelineOptions& pipeline = flags.options.pipeline;
   verb.add_option("PHOTOS", flags.inputs,
                   "folder, images, glob, @list.txt, or a video; with --online also a camera")
       .required()
@@ -111,51 +113,28 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   lens(verb.add_option("--refine", flags.refine, "focal, center, distortion; or none")
            .delimiter(',')
            .check(one_of({"focal", "center", "distortion", "none"})));
-  lens(verb.add_flag("--ignore-exif", flags.options.pipeline.ignore_exif,
-                     "guess the focal length even where EXIF tells it"));
+  lens(bind_field(verb, pipeline, pipeline.ignore_exif));
   lens(verb.add_flag("--per-image-camera", flags.per_image_camera,
                      "a camera for each image, not one for all of a size"));
   const auto match = [](Flag& flag) { flag.group("Features and matches"); };
   match(verb.add_option("--features", flags.features, "sift, orb, akaze")
             .check(one_of({"sift", "orb", "akaze"}))
             .show_default());
-  match(verb.add_option("--max-features", flags.options.pipeline.features.max_count,
-                        "features of an image, at most")
-            .show_default());
-  match(verb.add_option("--contrast", flags.options.pipeline.features.contrast,
-                        "min contrast of SIFT, share of the grey range")
-            .show_default());
+  bind_all(verb, pipeline.features, "Features and matches");
   match(verb.add_option("--downscale", flags.downscale, "look at images reduced by this")
             .show_default());
   match(verb.add_option("--pairs", flags.pairs,
                         "auto, exhaustive, sequential, retrieval, or a file with two names a line")
             .show_default());
-  match(verb.add_option("--overlap", flags.options.pipeline.overlap,
-                        "images that each is matched with, of --pairs sequential")
-            .show_default());
-  match(verb.add_option("--nearest", flags.options.pipeline.nearest,
-                        "images that each is matched with, of --pairs retrieval")
-            .show_default());
+  match(bind_field(verb, pipeline, pipeline.overlap));
+  match(bind_field(verb, pipeline, pipeline.nearest));
   match(verb.add_option("--matches", flags.matches,
                         "sift: descriptors; flow: follow points from frame to frame")
             .check(one_of({"sift", "flow"}))
             .show_default());
-  match(
-      verb.add_option("--ratio", flags.options.pipeline.matching.ratio, "of the two best distances")
-          .show_default());
-  match(
-      verb.add_option("--epipolar-px", flags.options.pipeline.two_view.threshold_px, "of an inlier")
-          .show_default());
-  const auto map = [](Flag& flag) { flag.group("Mapping"); };
-  map(verb.add_option("--reprojection-px", flags.options.pipeline.mapper.reprojection_px,
-                      "px; an observation farther off is dropped")
-          .show_default());
-  map(verb.add_option("--min-angle", flags.options.pipeline.mapper.min_angle_deg,
-                      "between a point's rays, degrees")
-          .show_default());
-  map(verb.add_option("--min-views", flags.options.pipeline.mapper.min_views,
-                      "images that show a point of the result")
-          .show_default());
+  bind_all(verb, pipeline.matching, "Features and matches");
+  bind_all(verb, pipeline.two_view, "Features and matches");
+  bind_all(verb, pipeline.mapper, "Mapping");
   const auto out = [](Flag& flag) { flag.group("Result"); };
   out(verb.add_option("--align", flags.align,
                       "name,x,y,z lines with where images were taken; or gps: from EXIF"));
@@ -171,16 +150,8 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   out(verb.add_flag("--growing", flags.growing,
                     "growing/: the model so far, each second at most, until it is done"));
   out(verb.add_flag("--no-cache", flags.no_cache, "keep nothing for a second run"));
-  out(verb.add_option("--checkpoint", flags.options.pipeline.checkpoint_s,
-                      "seconds between checkpoints of the mapping; 0: at each step")
-          .check(range(0.0, 1e6))
-          .show_default());
-  const auto video = [](Flag& flag) { flag.group("Videos"); };
-  video(verb.add_option("--key-motion", flags.options.keyframes.min_motion,
-                        "of the picture's diagonal, between key frames")
-            .show_default());
-  video(verb.add_option("--max-frames", flags.options.keyframes.max_count, "key frames")
-            .show_default());
+  out(bind_field(verb, pipeline, pipeline.checkpoint_s));
+  bind_all(verb, flags.options.keyframes, "Videos");
   add_online_flags(verb, flags.online);
 }
 

@@ -82,12 +82,6 @@ cv::Mat root_sift(const cv::Mat& descriptors) {
 
 }  // namespace
 
-void FeatureOptions::check() const {
-  TARSIER_REQUIRE(max_count >= 100 && max_count <= 100'000, "{} features", max_count);
-  TARSIER_REQUIRE(max_pixels >= 1e4 && max_pixels <= 1e9, "{} pixels", max_pixels);
-  TARSIER_REQUIRE(contrast >= 0.001 && contrast <= 0.2, "contrast {}", contrast);
-}
-
 Features find_features(const cv::Mat& image, const FeatureOptions& options) {
   options.check();
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),

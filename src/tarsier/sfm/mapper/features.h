@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <opencv2/core.hpp>
 
 #include <cstdint>
@@ -18,10 +20,18 @@ enum class FeatureKind {
 
 struct FeatureOptions {
   FeatureKind kind = FeatureKind::kSift;
-  int max_count = 8000;     // of an image, the strongest of each place; 100..100000
-  double max_pixels = 4e6;  // larger images are reduced to so many before; 1e4..1e9
-  double contrast = 0.02;   // of SIFT's extrema; lower: more and weaker ones; 0.001..0.2
-  void check() const;
+  int max_count = 8000;     // of an image, the strongest of each place
+  double max_pixels = 4e6;  // larger images are reduced to so many before
+  double contrast = 0.02;   // of SIFT's extrema; lower: more and weaker ones
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"max_count", max_count, range(100, 100'000), "--max-features",
+             "features of an image, at most"},
+            {"max_pixels", max_pixels, range(1e4, 1e9)},
+            {"contrast", contrast, range(0.001, 0.2), "--contrast",
+             "min contrast of SIFT, share of the grey range"}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct Features {

@@ -199,14 +199,6 @@ struct FlowTracker::Live {
   std::vector<float> patch;                 // kStored x kStored, smoothed
 };
 
-void FlowOptions::check() const {
-  TARSIER_REQUIRE(max_points >= 10 && max_points <= 1'000'000, "{} points", max_points);
-  TARSIER_REQUIRE(grid >= 1 && grid <= 200, "grid {}", grid);
-  TARSIER_REQUIRE(reach >= 2 && reach <= 100, "reach {}", reach);
-  TARSIER_REQUIRE(back_px >= 0.01 && back_px <= 10, "back_px {}", back_px);
-  TARSIER_REQUIRE(alike >= 0 && alike <= 0.999, "alike {}", alike);
-}
-
 FlowTracker::FlowTracker(const FlowOptions& options) : options_(options) { options.check(); }
 
 FlowTracker::~FlowTracker() = default;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/sfm/mapper/features.h"
 #include "tarsier/sfm/mapper/matching.h"
 
@@ -11,12 +12,20 @@
 namespace tarsier::sfm {
 
 struct FlowOptions {
-  int max_points = 4000;  // that are followed at a time; 10..1000000
-  int grid = 16;          // cells along the larger side, each gets its share of them; 1..200
-  int reach = 6;          // images that a point is followed over at most; 2..100
-  double back_px = 0.7;   // followed back, a point must come this near to its start; 0.01..10
-  double alike = 0.85;    // least correlation with the patch of the first image; 0..0.999
-  void check() const;
+  int max_points = 4000;  // that are followed at a time
+  int grid = 16;          // cells along the larger side, each gets its share of them
+  int reach = 6;          // images that a point is followed over at most
+  double back_px = 0.7;   // followed back, a point must come this near to its start
+  double alike = 0.85;    // least correlation with the patch of the first image
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"max_points", max_points, range(10, 1'000'000)},
+            {"grid", grid, range(1, 200)},
+            {"reach", reach, range(2, 100)},
+            {"back_px", back_px, range(0.01, 10)},
+            {"alike", alike, range(0, 0.999)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // What two images have in common, first < second.

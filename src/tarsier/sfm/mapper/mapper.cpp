@@ -439,22 +439,6 @@ class Mapping {
 
 }  // namespace
 
-void MapperOptions::check() const {
-  TARSIER_REQUIRE(reprojection_px >= 0.1 && reprojection_px <= 50, "reprojection {} px",
-                  reprojection_px);
-  TARSIER_REQUIRE(min_angle_deg >= 0.01 && min_angle_deg <= 30, "min angle {}", min_angle_deg);
-  TARSIER_REQUIRE(first_angle_deg >= 0.1 && first_angle_deg <= 60, "first angle {}",
-                  first_angle_deg);
-  TARSIER_REQUIRE(first_inliers >= 16 && first_inliers <= 100'000, "{} first inliers",
-                  first_inliers);
-  TARSIER_REQUIRE(pose_inliers >= 6 && pose_inliers <= 100'000, "{} pose inliers", pose_inliers);
-  TARSIER_REQUIRE(pose_inlier_share >= 0 && pose_inlier_share <= 1, "pose inlier share {}",
-                  pose_inlier_share);
-  TARSIER_REQUIRE(pose_px >= 0.1 && pose_px <= 50, "pose threshold {}", pose_px);
-  TARSIER_REQUIRE(min_views >= 2 && min_views <= 100, "{} views", min_views);
-  TARSIER_REQUIRE(min_images >= 2 && min_images <= 1000, "{} images", min_images);
-}
-
 int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images) {
   std::vector<bool> looked(model.images.size(), images.empty());
   for (const int image : images) looked[at(image)] = true;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/sfm/mapper/checkpoint.h"
 #include "tarsier/sfm/mapper/tracks.h"
@@ -18,24 +19,41 @@
 namespace tarsier::sfm {
 
 struct MapperOptions {
-  double reprojection_px = 2.0;    // an observation farther off is dropped; 0.1..50
-  double min_angle_deg = 1.5;      // a point needs two rays that differ by this; 0.01..30
-  double first_angle_deg = 4;      // of the first pair, at the median; 0.1..60
-  int first_inliers = 60;          // of the first pair; 16..100000
-  int pose_inliers = 16;           // of an image that is added; 6..100000
-  double pose_inlier_share = 0.2;  // of the points it should see; 0..1
+  double reprojection_px = 2.0;    // an observation farther off is dropped
+  double min_angle_deg = 1.5;      // a point needs two rays that differ by this
+  double first_angle_deg = 4;      // of the first pair, at the median
+  int first_inliers = 60;          // of the first pair
+  int pose_inliers = 16;           // of an image that is added
+  double pose_inlier_share = 0.2;  // of the points it should see
   double pose_px = 4;              // of an inlier to a new pose
   // Images that must show a point of the result: one of two has nothing that it could be
-  // checked against. Models of fewer than four images keep theirs. 2..100
+  // checked against. Models of fewer than four images keep theirs.
   int min_views = 3;
-  int min_images = 2;               // of a model that is kept; 2..1000
+  int min_images = 2;               // of a model that is kept
   double extend_px = 3;             // how near a known point's place a feature is looked for; 0: no
-  double extend_similarity = 0.75;  // .. and how like the point's others it must be; 0..1
+  double extend_similarity = 0.75;  // .. and how like the point's others it must be
   bool refine_focal = false;
   bool refine_center = false;
   bool refine_distortion = false;
   std::uint64_t seed = 1;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"reprojection_px", reprojection_px, range(0.1, 50), "--reprojection-px",
+             "px; an observation farther off is dropped"},
+            {"min_angle_deg", min_angle_deg, range(0.01, 30), "--min-angle",
+             "between a point's rays, degrees"},
+            {"first_angle_deg", first_angle_deg, range(0.1, 60)},
+            {"first_inliers", first_inliers, range(16, 100'000)},
+            {"pose_inliers", pose_inliers, range(6, 100'000)},
+            {"pose_inlier_share", pose_inlier_share, range(0, 1)},
+            {"pose_px", pose_px, range(0.1, 50)},
+            {"min_views", min_views, range(2, 100), "--min-views",
+             "images that show a point of the result"},
+            {"min_images", min_images, range(2, 1000)},
+            {"extend_px", extend_px, at_least(0)},
+            {"extend_similarity", extend_similarity, range(0, 1)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // What became of an image.

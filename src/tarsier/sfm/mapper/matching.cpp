@@ -73,8 +73,6 @@ double norm_of(const cv::Mat& descriptors, int row) {
 
 }  // namespace
 
-void MatchOptions::check() const { TARSIER_REQUIRE(ratio >= 0.1 && ratio <= 1, "ratio {}", ratio); }
-
 std::vector<double> norms_of(const cv::Mat& descriptors, FeatureKind kind) {
   std::vector<double> norms(static_cast<std::size_t>(descriptors.rows), 1);
   if (kind == FeatureKind::kSift)

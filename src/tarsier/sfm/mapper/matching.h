@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/sfm/mapper/features.h"
 
 #include <vector>
@@ -16,8 +17,12 @@ struct Match {
 
 struct MatchOptions {
   double ratio = 0.8;  // a nearest neighbour counts if its distance is below this times the second
-                       // nearest's (Lowe, IJCV 2004); 0.1..1
-  void check() const;
+                       // nearest's (Lowe, IJCV 2004)
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"ratio", ratio, range(0.1, 1), "--ratio", "of the two best distances"}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // How like each other two descriptors are: cosine of their angle, or the share of bits that agree

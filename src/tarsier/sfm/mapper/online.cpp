@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/online.h"
 
-#include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/mapper/image_features.h"
 
@@ -30,9 +29,8 @@ double seconds_since(Clock::time_point start) {
 }  // namespace
 
 void OnlineOptions::check() const {
+  check_fields(*this);
   pipeline.check();
-  TARSIER_REQUIRE(overlap >= 1 && overlap <= 1000, "overlap {}", overlap);
-  TARSIER_REQUIRE(neighbours >= 0 && neighbours <= 1000, "{} neighbours", neighbours);
 }
 
 struct OnlineMapper::Parts {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/sfm/mapper/pipeline.h"
 
 #include <memory>
@@ -12,8 +13,12 @@ namespace tarsier::sfm {
 
 struct OnlineOptions {
   PipelineOptions pipeline;  // pairs, overlap and flow are not used
-  int overlap = 5;           // images before it that each one is compared with; 1..1000
-  int neighbours = 3;        // of those that share most points with the latest one; 0..1000
+  int overlap = 5;           // images before it that each one is compared with
+  int neighbours = 3;        // of those that share most points with the latest one
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"overlap", overlap, range(1, 1000)}, {"neighbours", neighbours, range(0, 1000)}};
+  }
   void check() const;
 };
 

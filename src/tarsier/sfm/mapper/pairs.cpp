@@ -332,12 +332,6 @@ std::vector<ImagePair> read_pairs_list(const std::string& path,
   return pairs;
 }
 
-void RetrievalOptions::check() const {
-  TARSIER_REQUIRE(words >= 1 && words <= 1024, "{} words", words);
-  TARSIER_REQUIRE(nearest >= 1 && nearest <= 10'000, "{} nearest", nearest);
-  TARSIER_REQUIRE(sampled >= 1 && sampled <= 100'000, "{} sampled", sampled);
-}
-
 Retrieval::Retrieval(int count, const DescriptorSource& source, FeatureKind kind,
                      const RetrievalOptions& options)
     : options_(options) {

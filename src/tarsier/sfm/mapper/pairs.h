@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/sfm/mapper/features.h"
 
 #include <opencv2/core.hpp>
@@ -33,11 +34,17 @@ using ImagePair = std::pair<int, int>;
                                                      const std::vector<std::string>& names);
 
 struct RetrievalOptions {
-  int words = 64;     // of the vocabulary; 1..1024
-  int nearest = 12;   // images to compare each one with; 1..10000
-  int sampled = 200;  // at most so many descriptors of an image make the vocabulary; 1..100000
+  int words = 64;     // of the vocabulary
+  int nearest = 12;   // images to compare each one with
+  int sampled = 200;  // at most so many descriptors of an image make the vocabulary
   std::uint64_t seed = 1;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"words", words, range(1, 1024)},
+            {"nearest", nearest, range(1, 10'000)},
+            {"sampled", sampled, range(1, 100'000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Gives the descriptors of an image, as Features has them.

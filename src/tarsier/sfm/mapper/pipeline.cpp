@@ -209,14 +209,11 @@ std::string mapper_key(const std::vector<ImageFeatures>& images,
 }  // namespace
 
 void PipelineOptions::check() const {
+  check_fields(*this);
   features.check();
   matching.check();
   two_view.check();
   mapper.check();
-  TARSIER_REQUIRE(overlap >= 1 && overlap <= 1000, "overlap {}", overlap);
-  TARSIER_REQUIRE(nearest >= 1 && nearest <= 1000, "nearest {}", nearest);
-  TARSIER_REQUIRE(checkpoint_s >= 0 && checkpoint_s <= 1e6, "{} s between checkpoints",
-                  checkpoint_s);
   TARSIER_REQUIRE(pairs != PairChoice::kList || !pairs_file.empty(), "no list of pairs");
   if (camera) {
     geometry::Camera sized = *camera;

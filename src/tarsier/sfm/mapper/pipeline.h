@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/sfm/mapper/features.h"
 #include "tarsier/sfm/mapper/mapper.h"
@@ -31,8 +32,8 @@ struct PipelineOptions {
   MapperOptions mapper;
   PairChoice pairs = PairChoice::kAuto;
   std::string pairs_file;  // of kList: two names a line
-  int overlap = 10;        // of kSequential; 1..1000
-  int nearest = 12;        // of kRetrieval; 1..1000
+  int overlap = 10;        // of kSequential
+  int nearest = 12;        // of kRetrieval
   bool flow = false;       // follow points through a sequence instead of matching descriptors
   // What the lens is. Given: used as it is unless the mapper is set to refine it. Not given: from
   // EXIF, else 1.2 times the larger side, and refined.
@@ -41,8 +42,19 @@ struct PipelineOptions {
   bool shared_camera = true;  // images of one size and lens have one camera; false: each its own
   bool fixed_camera = false;  // do not refine a guess either
   std::string cache_folder;   // "": nothing is kept
-  double checkpoint_s = 30;   // from one checkpoint of the mapper to the next; 0: each step; 0..1e6
+  double checkpoint_s = 30;   // from one checkpoint of the mapper to the next; 0: each step
   std::uint64_t seed = 1;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"overlap", overlap, range(1, 1000), "--overlap",
+             "images that each is matched with, of --pairs sequential"},
+            {"nearest", nearest, range(1, 1000), "--nearest",
+             "images that each is matched with, of --pairs retrieval"},
+            {"ignore_exif", ignore_exif, "--ignore-exif",
+             "guess the focal length even where EXIF tells it"},
+            {"checkpoint_s", checkpoint_s, range(0, 1e6), "--checkpoint",
+             "seconds between checkpoints of the mapping; 0: at each step"}};
+  }
   void check() const;
 };
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/two_view.h"
 
-#include "tarsier/core/require.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/sfm/mapper/triangulation.h"
 
@@ -48,11 +47,6 @@ TwoView of_one_place(const std::vector<Match>& matches, const std::vector<cv::Po
 }
 
 }  // namespace
-
-void TwoViewOptions::check() const {
-  TARSIER_REQUIRE(threshold_px >= 0.1 && threshold_px <= 20, "threshold {}", threshold_px);
-  TARSIER_REQUIRE(min_inliers >= 8 && min_inliers <= 10000, "{} inliers", min_inliers);
-}
 
 std::vector<cv::Point2d> undistorted(const std::vector<cv::Point2f>& pixels,
                                      const geometry::Camera& camera) {

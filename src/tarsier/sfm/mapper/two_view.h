@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid.h"
 #include "tarsier/sfm/mapper/features.h"
@@ -13,11 +14,16 @@
 namespace tarsier::sfm {
 
 struct TwoViewOptions {
-  double threshold_px = 1.5;  // of an inlier; 0.1..20
-  int min_inliers = 20;       // below it the images have nothing in common; 8..10000
+  double threshold_px = 1.5;  // of an inlier
+  int min_inliers = 20;       // below it the images have nothing in common
   bool known_focal = true;    // false: the fundamental matrix decides what is an inlier
   std::uint64_t seed = 1;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"threshold_px", threshold_px, range(0.1, 20), "--epipolar-px", "of an inlier"},
+            {"min_inliers", min_inliers, range(8, 10000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct TwoView {

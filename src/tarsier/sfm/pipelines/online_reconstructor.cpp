@@ -45,9 +45,9 @@ cv::Mat reduced_gray(const cv::Mat& image) {
 }  // namespace
 
 void OnlineReconstructorOptions::check() const {
+  check_fields(*this);
   mapper.check();
   keyframes.check();
-  TARSIER_REQUIRE(grow_every >= 1 && grow_every <= 1000, "{} key frames", grow_every);
   TARSIER_REQUIRE(images.empty() || every_frame, "images are given, each must be a key frame");
   TARSIER_REQUIRE(!frames_folder.empty() || !images.empty(),
                   "key frames must be kept: no folder for them");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/media/frame.h"
 #include "tarsier/sfm/mapper/online.h"
 #include "tarsier/sfm/scene/keyframes.h"
@@ -20,7 +21,7 @@ namespace tarsier::sfm {
 struct OnlineReconstructorOptions {
   OnlineOptions mapper;
   KeyframeOptions keyframes;
-  int grow_every = 3;  // key frames from one growth of the model to the next; 1..1000
+  int grow_every = 3;  // key frames from one growth of the model to the next
   // That key frames are written to, see key_frame_path().
   std::string frames_folder;
   // Each frame is a key frame: those of a folder of images.
@@ -28,6 +29,8 @@ struct OnlineReconstructorOptions {
   // With every_frame: files that are there already. A frame whose name is such a path is that image,
   // and is not written.
   std::vector<Input> images;
+
+  [[nodiscard]] OptionFields fields() { return {{"grow_every", grow_every, range(1, 1000)}}; }
   void check() const;  // throws std::invalid_argument that names the value
 };
 

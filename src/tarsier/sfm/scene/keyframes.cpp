@@ -64,12 +64,6 @@ void follow(const cv::Mat& from, const cv::Mat& to, const std::vector<cv::Point2
 
 }  // namespace
 
-void KeyframeOptions::check() const {
-  TARSIER_REQUIRE(min_motion >= 0.001 && min_motion <= 0.5, "min_motion {}", min_motion);
-  TARSIER_REQUIRE(window >= 1 && window <= 100, "window {}", window);
-  TARSIER_REQUIRE(max_count >= 1, "{} key frames", max_count);
-}
-
 KeyframePicker::KeyframePicker(const KeyframeOptions& options) : options_(options) {
   options_.check();
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <opencv2/core.hpp>
 
 #include <cstdint>
@@ -11,13 +13,18 @@
 namespace tarsier::sfm {
 
 struct KeyframeOptions {
-  // Of the picture's diagonal: median motion of tracked corners since the last key frame;
-  // 0.001..0.5.
+  // Of the picture's diagonal: median motion of tracked corners since the last key frame.
   double min_motion = 0.03;
-  int window = 8;       // frames; the sharpest of so many around is taken; 1..100
-  int max_count = 300;  // key frames; 1 or more
+  int window = 8;       // frames; the sharpest of so many around is taken
+  int max_count = 300;  // key frames
 
-  void check() const;  // throws std::invalid_argument that names the bad value
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_motion", min_motion, range(0.001, 0.5), "--key-motion",
+             "of the picture's diagonal, between key frames"},
+            {"window", window, range(1, 100)},
+            {"max_count", max_count, at_least(1), "--max-frames", "key frames"}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct Keyframe {

@@ -252,13 +252,8 @@ void draw(const Scene& scene, const ViewOptions& options, cv::Mat& image, cv::Ma
 }  // namespace
 
 void ViewOptions::check() const {
-  TARSIER_REQUIRE(
-      size.width >= 16 && size.height >= 16 && size.width <= 16384 && size.height <= 16384,
-      "{} x {}", size.width, size.height);
+  check_fields(*this);
   TARSIER_REQUIRE(std::isfinite(yaw_deg), "{}", yaw_deg);
-  TARSIER_REQUIRE(std::abs(pitch_deg) <= 89, "{}", pitch_deg);
-  TARSIER_REQUIRE(distance >= 0 && std::isfinite(distance), "{}", distance);
-  TARSIER_REQUIRE(point_px >= 0 && point_px <= 64, "{}", point_px);
 }
 
 Viewpoint viewpoint_of(const Model& model, const ViewOptions& options) {

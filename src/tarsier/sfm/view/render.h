@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid.h"
 #include "tarsier/sfm/scene/model.h"
@@ -14,14 +15,22 @@
 namespace tarsier::sfm {
 
 struct ViewOptions {
-  cv::Size size{960, 720};              // px, each side 16..16384
+  cv::Size size{960, 720};              // px, each side
   double yaw_deg = 0;                   // to the right around the cloud; 0: where the cameras stood
-  double pitch_deg = 15;                // above the horizon, -89..89
+  double pitch_deg = 15;                // above the horizon
   double distance = 0;                  // world units from the cloud's middle; 0: so that it fits
-  int point_px = 0;                     // 0..64, at the cloud's middle; 0: so that gaps close
+  int point_px = 0;                     // at the cloud's middle; 0: so that gaps close
   bool cameras = true;                  // draws the registered ones
   cv::Vec3b background{250, 248, 246};  // BGR
-  void check() const;                   // throws std::invalid_argument
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"size.width", size.width, range(16, 16384)},
+            {"size.height", size.height, range(16, 16384)},
+            {"pitch_deg", pitch_deg, range(-89, 89)},
+            {"distance", distance, at_least(0)},
+            {"point_px", point_px, range(0, 64)}};
+  }
+  void check() const;  // throws std::invalid_argument
 };
 
 // The pinhole that render_model looks through.
