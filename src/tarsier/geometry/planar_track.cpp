@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/geometry/planar_track.h"
 
-#include "tarsier/core/require.h"
 #include "tarsier/geometry/rotation.h"
 
 #include <algorithm>
@@ -103,19 +102,6 @@ void smooth(std::span<const cv::Point2d> on_plane, std::span<const cv::Point2d> 
 }
 
 }  // namespace
-
-void PlanarTrackOptions::check() const {
-  TARSIER_REQUIRE(noise_px > 0, "noise_px {}", noise_px);
-  TARSIER_REQUIRE(noise_share >= 0, "noise_share {}", noise_share);
-  TARSIER_REQUIRE(switch_evidence >= 0, "switch_evidence {}", switch_evidence);
-  TARSIER_REQUIRE(max_evidence > 0, "max_evidence {}", max_evidence);
-  TARSIER_REQUIRE(gap_s > 0, "gap_s {}", gap_s);
-  TARSIER_REQUIRE(cutoff_hz > 0, "cutoff_hz {}", cutoff_hz);
-  TARSIER_REQUIRE(still_px_s >= 0, "still_px_s {}", still_px_s);
-  TARSIER_REQUIRE(beta >= 0, "beta {}", beta);
-  TARSIER_REQUIRE(speed_cutoff_hz > 0, "speed_cutoff_hz {}", speed_cutoff_hz);
-  TARSIER_REQUIRE(leash_px > 0, "leash_px {}", leash_px);
-}
 
 std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
                                         std::span<const cv::Point2d> pixels, const Camera& camera,

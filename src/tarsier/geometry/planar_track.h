@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/planar_pose.h"
 
 #include <opencv2/core.hpp>
@@ -13,20 +14,33 @@
 namespace tarsier::geometry {
 
 struct PlanarTrackOptions {
-  // Standard deviation that a pixel is trusted to, px, > 0; or the share of the object's size in the
+  // Standard deviation that a pixel is trusted to, px; or the share of the object's size in the
   // picture if that is more (a camera that is not exactly known errs in proportion).
   double noise_px = 0.3;
-  double noise_share = 0.003;  // >= 0
+  double noise_share = 0.003;
   double switch_evidence = 8;  // in which natural logarithm of odds the other pose must lead
   double max_evidence = 40;    // odds are not remembered beyond, so that errors can be mended
-  double gap_s = 0.5;          // unseen for longer, it starts again; > 0
+  double gap_s = 0.5;          // unseen for longer, it starts again
   bool smooth = true;          // false: `steady` is the measured pose
-  double cutoff_hz = 0.5;      // of the low pass when still, > 0
-  double still_px_s = 5;       // px/s that noise alone gives, >= 0
+  double cutoff_hz = 0.5;      // of the low pass when still
+  double still_px_s = 5;       // px/s that noise alone gives
   double beta = 0.3;           // by which the cut-off grows, Hz for each px/s beyond
-  double speed_cutoff_hz = 3;  // of that speed itself, > 0
-  double leash_px = 0.6;       // no pixel of the steady pose is farther from its place; > 0
-  void check() const;          // throws std::invalid_argument
+  double speed_cutoff_hz = 3;  // of that speed itself
+  double leash_px = 0.6;       // no pixel of the steady pose is farther from its place
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"noise_px", noise_px, above(0)},
+            {"noise_share", noise_share, at_least(0)},
+            {"switch_evidence", switch_evidence, at_least(0)},
+            {"max_evidence", max_evidence, above(0)},
+            {"gap_s", gap_s, above(0)},
+            {"cutoff_hz", cutoff_hz, above(0)},
+            {"still_px_s", still_px_s, at_least(0)},
+            {"beta", beta, at_least(0)},
+            {"speed_cutoff_hz", speed_cutoff_hz, above(0)},
+            {"leash_px", leash_px, above(0)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // What is remembered between frames.

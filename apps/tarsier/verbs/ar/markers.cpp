@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/csv_table.h"
 #include "framework/on_event.h"
 #include "framework/run_session.h"
@@ -35,7 +36,7 @@ struct MarkersFlags {
   std::string draw = "ids";
   std::string mesh;
   std::string up = "y";
-  double scale = 1;
+  planar::augment::AugmentOptions augment;
   bool no_shadow = false;
   std::string smooth = "one-euro";
   std::string csv;
@@ -87,7 +88,7 @@ planar::MarkerTracker tracker_of(const MarkersFlags& flags) {
 ArSessionOptions drawing_of(const MarkersFlags& flags) {
   ArSessionOptions options;
   options.outlines = flags.draw == "ids" && flags.mesh.empty();
-  options.augment.scale = flags.scale;
+  options.augment = flags.augment;
   options.augment.shadow = !flags.no_shadow;
   options.augment.object =
       planar::augment::object_named(flags.draw).value_or(planar::augment::Object::kNone);
@@ -180,23 +181,16 @@ void add_flags(Command& verb, MarkersFlags& flags) {
               .check(one_of({"y", "z"}))
               .needs(mesh)
               .show_default());
-  drawing(verb.add_option("--scale", flags.scale, "of cube, axes or mesh, by the marker's side")
-              .check(range(0.01, 100.0))
-              .show_default());
+  drawing(bind_field(verb, flags.augment, flags.augment.scale));
   drawing(verb.add_flag("--no-shadow", flags.no_shadow, "without shadows"));
   const auto finding = [](Flag& flag) { flag.group("Detection"); };
   finding(verb.add_option("--smooth", flags.smooth,
                           "of videos: none or one-euro (steady when still, quick when moving)")
               .check(one_of({"none", "one-euro"}))
               .show_default());
-  finding(verb.add_option("--min-side", flags.tracker.detect.quads.min_side_px,
-                          "px, of the shortest side of a marker")
-              .check(range(4.0, 1000.0))
-              .show_default());
-  finding(verb.add_option("--min-correlation", flags.tracker.detect.decode.min_correlation,
-                          "how well the picture of a small marker must agree with it, 0..1")
-              .check(range(0.0, 1.0))
-              .show_default());
+  finding(bind_field(verb, flags.tracker.detect.quads, flags.tracker.detect.quads.min_side_px));
+  finding(
+      bind_field(verb, flags.tracker.detect.decode, flags.tracker.detect.decode.min_correlation));
 }
 
 }  // namespace

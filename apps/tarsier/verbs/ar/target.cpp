@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/csv_table.h"
 #include "framework/on_event.h"
 #include "framework/run_session.h"
@@ -179,12 +180,7 @@ void add_train_flags(Command& verb, TrainFlags& flags) {
   verb.add_option("--width", flags.width, "of the print: 20cm, 0.2m, 200mm").show_default();
   verb.add_option("--name", flags.name, "what it is called [the picture's name]");
   verb.add_option("--draw", flags.draw, "picture to write: how trackable it is, and where weak");
-  verb.add_option("--side", flags.options.longer_side,
-                  "px that the picture's longer side is reduced to, 64..2000")
-      .show_default();
-  verb.add_option("--trials", flags.options.trials,
-                  "random views that choose the features and rate the picture, 0..500")
-      .show_default();
+  bind_all(verb, flags.options);
 }
 
 void add_track_flags(Command& verb, FollowFlags& flags) {
@@ -201,17 +197,7 @@ void add_track_flags(Command& verb, FollowFlags& flags) {
   verb.add_option("--csv", flags.csv,
                   "table to write: frame, time, id, confidence, corners, place (m), error");
   add_on_event_flags(verb, flags.on_event, "when a target appears or is lost");
-  const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
-  video(verb.add_option("--smooth", flags.tracker.track.steady_px,
-                        "px: motion below about this is smoothed over time; 0: none")
-            .show_default());
-  video(verb.add_option("--search-every", flags.tracker.track.detect_every,
-                        "frames between searches for targets that are missing while others are "
-                        "followed")
-            .show_default());
-  video(verb.add_option("--search-px", flags.tracker.track.search_px,
-                        "px, how far from its predicted place a target is searched")
-            .show_default());
+  bind_all(verb, flags.tracker.track, "Videos and cameras");
 }
 
 }  // namespace

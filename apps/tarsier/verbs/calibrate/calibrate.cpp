@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/input_schemes.h"
 #include "framework/security_flags.h"
 #include "ui/planar/calibrate_session.h"
@@ -123,16 +124,10 @@ void add_lens_flags(Command& verb, CalibrateFlags& flags) {
                        "pinhole (k1 k2 p1 p2 k3), rational (k1..k6 p1 p2), fisheye (k1..k4)")
            .check(one_of({"pinhole", "rational", "fisheye"}))
            .show_default());
-  lens(verb.add_option("--radial", flags.lens_options.radial,
-                       "radial numbers of a pinhole: 0..3; fewer for few views")
-           .check(range(0, 3))
-           .show_default());
+  lens(bind_field(verb, flags.lens_options, flags.lens_options.radial));
   lens(verb.add_flag("--no-tangential", flags.no_tangential, "p1 and p2 are 0"));
   lens(verb.add_flag("--square-pixels", flags.lens_options.square_pixels, "fy is fx"));
-  lens(verb.add_option("--outlier", flags.lens_options.outlier,
-                       "a view that fits so many times worse than most is left out")
-           .check(range(2.0, 1e6))
-           .show_default());
+  lens(bind_field(verb, flags.lens_options, flags.lens_options.outlier));
 }
 
 void add_flags(Command& verb, CalibrateFlags& flags) {
@@ -169,11 +164,10 @@ void add_flags(Command& verb, CalibrateFlags& flags) {
   live(verb.add_option("--frames", flags.run.frames, "stop after so many frames; 0: all")
            .check(at_least(0))
            .show_default());
-  live(verb.add_option("--width", flags.run.source.width, "asked of a camera, px; 0: its choice")
-           .show_default());
-  live(verb.add_option("--height", flags.run.source.height, "px").show_default());
-  live(verb.add_option("--fps", flags.run.source.fps, "asked of a camera; 0: its own")
-           .show_default());
+  SourceOptions& source = flags.run.source;
+  live(bind_field(verb, source, source.width, {}, "asked of a camera, px; 0: its choice"));
+  live(bind_field(verb, source, source.height));
+  live(bind_field(verb, source, source.fps, {}, "asked of a camera; 0: its own"));
   for (Flag* flag : add_security_flags(verb, flags.run.source.security)) live(*flag);
   add_lens_flags(verb, flags);
 }

@@ -112,8 +112,8 @@ Mesh standing(const Mesh& mesh, Up up) {
 }
 
 void AugmentOptions::check() const {
+  check_fields(*this);
   TARSIER_REQUIRE(object != Object::kMesh || mesh != nullptr, "no mesh");
-  TARSIER_REQUIRE(scale > 0 && scale <= 100, "scale {}", scale);
 }
 
 void augment(cv::Mat& bgr, const geometry::Camera& camera, std::span<const Sheet> sheets,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid.h"
 #include "tarsier/render/mesh.h"
@@ -33,9 +34,14 @@ enum class Up { kY, kZ };  // which axis of a mesh is its height; Wavefront file
 struct AugmentOptions {
   Object object = Object::kCube;
   std::shared_ptr<const render::Mesh> mesh;  // for kMesh, from standing()
-  double scale = 1;                          // of the object, by the sheet's side, (0, 100]
+  double scale = 1;                          // of the object, by the sheet's side
   bool shadow = true;
   bool antialias = true;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"scale", scale, range(0.01, 100), "--scale",
+             "of cube, axes or mesh, by the marker's side"}};
+  }
   void check() const;  // throws std::invalid_argument
 };
 

@@ -394,13 +394,6 @@ void report_views(Calibration& result, const std::vector<BoardView>& given,
 
 }  // namespace
 
-void CalibrateOptions::check() const {
-  TARSIER_REQUIRE(radial >= 0 && radial <= 3, "radial {}", radial);
-  TARSIER_REQUIRE(outlier >= 2, "outlier {}", outlier);
-  TARSIER_REQUIRE(outlier_px >= 0, "outlier_px {}", outlier_px);
-  TARSIER_REQUIRE(min_views >= 2, "min_views {}", min_views);
-}
-
 Calibration calibrate(const std::vector<BoardView>& given, const BoardSpec& spec, cv::Size size,
                       const CalibrateOptions& options, const std::stop_token& stop) {
   spec.check();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid.h"
 #include "tarsier/planar/calibration/board.h"
@@ -16,18 +17,27 @@ namespace tarsier::planar::calibration {
 
 struct CalibrateOptions {
   geometry::Lens lens = geometry::Lens::kPinhole;
-  int radial = 3;              // radial numbers of a pinhole that are looked for, 0..3
+  int radial = 3;              // radial numbers of a pinhole that are looked for
   bool tangential = true;      // p1, p2, of pinhole and rational
   bool square_pixels = false;  // fy = fx
   // A view whose RMS is more than this many times the median of all views', and at least
-  // outlier_px, does not fit and is left out. >= 2.
+  // outlier_px, does not fit and is left out.
   double outlier = 3;
   double outlier_px = 0.5;  // px
-  int min_views = 3;        // that differ; >= 2
+  int min_views = 3;        // that differ
   // Where to begin, of the same lens: a session that gains a view need not search again. Where the
   // views do not fit it (rms above 2 px), it is searched for all the same.
   std::optional<geometry::Camera> start;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"radial", radial, range(0, 3), "--radial",
+             "radial numbers of a pinhole; fewer for few views"},
+            {"outlier", outlier, range(2, 1e6), "--outlier",
+             "a view that fits so many times worse than most is left out"},
+            {"outlier_px", outlier_px, at_least(0)},
+            {"min_views", min_views, at_least(2)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 enum class ViewState { kUsed, kNoPose, kOutlier };

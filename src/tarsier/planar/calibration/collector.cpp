@@ -19,14 +19,6 @@ constexpr std::array<std::string_view, 7> kNames{"taken",   "replaced", "no boar
 
 std::string_view name_of(Verdict verdict) { return kNames[static_cast<std::size_t>(verdict)]; }
 
-void CollectorOptions::check() const {
-  TARSIER_REQUIRE(min_sharpness >= 0 && min_sharpness < 1, "min_sharpness {}", min_sharpness);
-  TARSIER_REQUIRE(still_px >= 0, "still_px {}", still_px);
-  TARSIER_REQUIRE(min_move >= 0 && min_move < 1, "min_move {}", min_move);
-  TARSIER_REQUIRE(min_turn_deg >= 0, "min_turn_deg {}", min_turn_deg);
-  TARSIER_REQUIRE(most >= 3 && most <= 500, "most {}", most);
-}
-
 ViewCollector::ViewCollector(const BoardSpec& spec, cv::Size size, const CollectorOptions& options)
     : spec_(spec), options_(options) {
   spec.check();

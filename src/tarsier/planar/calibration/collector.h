@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/planar/calibration/coverage.h"
 #include "tarsier/planar/calibration/detect.h"
 
@@ -19,8 +20,16 @@ struct CollectorOptions {
   // side, or the tilt.
   double min_move = 0.05;
   double min_turn_deg = 12;
-  int most = 40;  // views, 3..500
-  void check() const;
+  int most = 40;  // views
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_sharpness", min_sharpness, range_below(0, 1)},
+            {"still_px", still_px, at_least(0)},
+            {"min_move", min_move, range_below(0, 1)},
+            {"min_turn_deg", min_turn_deg, at_least(0)},
+            {"most", most, range(3, 500)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 enum class Verdict {

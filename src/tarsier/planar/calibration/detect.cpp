@@ -332,11 +332,6 @@ BoardView find_dots(const cv::Mat& full, const BoardSpec& spec, const FindOption
 
 }  // namespace
 
-void FindOptions::check() const {
-  TARSIER_REQUIRE(search_px >= 160 && search_px <= 4000, "search_px {}", search_px);
-  TARSIER_REQUIRE(min_corners >= 4, "min_corners {}", min_corners);
-}
-
 BoardView find_board(const cv::Mat& picture, const BoardSpec& spec, const FindOptions& options) {
   spec.check();
   options.check();

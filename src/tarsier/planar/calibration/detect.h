@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/planar/calibration/board.h"
 
 #include <opencv2/core/mat.hpp>
@@ -20,16 +21,20 @@ struct BoardView {
 
 struct FindOptions {
   // px, the picture's larger side for the first look: in a large picture without a board a search
-  // takes seconds, in a small one it is bounded. 160..4000.
+  // takes seconds, in a small one it is bounded.
   int search_px = 800;
   // Further looks where the first one finds nothing: as if the picture were evenly lit, and by
   // another method.
   bool patient = true;
   // The first look is as if the picture were evenly lit (local means and deviations taken out).
   bool even_light = false;
-  // Charuco: fewer corners than this are no view; >= 4.
+  // Charuco: fewer corners than this are no view.
   int min_corners = 6;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"search_px", search_px, range(160, 4000)}, {"min_corners", min_corners, at_least(4)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Chess boards: the detector of Duda and Frese (BMVC 2018, cv::findChessboardCornersSB) on the

@@ -52,17 +52,8 @@ void show_sightings(DebugSink& debug, const Target& target, const cv::Mat& frame
 }  // namespace
 
 void DetectOptions::check() const {
+  check_fields(*this);
   features.check();
-  TARSIER_REQUIRE(match.candidates >= 2 && match.candidates <= 64, "candidates = {}: 2..64",
-                  match.candidates);
-  TARSIER_REQUIRE(tries >= 1 && tries <= 50, "tries = {}: 1..50", tries);
-  TARSIER_REQUIRE(min_side_px >= 8 && min_side_px <= 10000, "min_side_px = {}: 8..10000",
-                  min_side_px);
-  TARSIER_REQUIRE(good_part >= 0 && good_part <= 1, "good_part = {}: 0..1", good_part);
-  TARSIER_REQUIRE(good_patches >= 4 && good_patches <= 100, "good_patches = {}: 4..100",
-                  good_patches);
-  TARSIER_REQUIRE(min_covered >= 0 && min_covered <= 1, "min_covered = {}: 0..1", min_covered);
-  TARSIER_REQUIRE(max_deviation > 0, "max_deviation = {}: above 0", max_deviation);
 }
 
 bool is_convincing(const Alignment& alignment, const DetectOptions& options) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/planar_pose.h"
 #include "tarsier/planar/image_targets/align.h"
@@ -17,12 +18,22 @@ namespace tarsier::planar::image_targets {
 struct DetectOptions {
   FeatureOptions features{.most = 900, .contrast = 4, .second_directions = true};
   MatchOptions match;
-  int tries = 6;                // guesses that are aligned before a target counts as absent; 1..50
-  double min_side_px = 24;      // of the target in the frame: root of its area; 8..10000
-  double good_part = 0.3;       // of the visible patches that must fit; 0..1
-  int good_patches = 10;        // at least; 4..100
-  double min_covered = 0.1;     // of the picture, by the patches that fit; 0..1
-  double max_deviation = 0.03;  // of the least certain corner, as a part of the target's side; > 0
+  int tries = 6;                // guesses that are aligned before a target counts as absent
+  double min_side_px = 24;      // of the target in the frame: root of its area
+  double good_part = 0.3;       // of the visible patches that must fit
+  int good_patches = 10;        // at least
+  double min_covered = 0.1;     // of the picture, by the patches that fit
+  double max_deviation = 0.03;  // of the least certain corner, as a part of the target's side
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"match.candidates", match.candidates, range(2, 64)},
+            {"tries", tries, range(1, 50)},
+            {"min_side_px", min_side_px, range(8, 10000)},
+            {"good_part", good_part, range(0, 1)},
+            {"good_patches", good_patches, range(4, 100)},
+            {"min_covered", min_covered, range(0, 1)},
+            {"max_deviation", max_deviation, above(0)}};
+  }
   void check() const;
 };
 

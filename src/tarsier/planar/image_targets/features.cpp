@@ -191,11 +191,6 @@ void describe(const Level& level, const Candidate& c, float angle, Description& 
 
 }  // namespace
 
-void FeatureOptions::check() const {
-  TARSIER_REQUIRE(most >= 10 && most <= 100'000, "most = {}: 10..100000", most);
-  TARSIER_REQUIRE(contrast >= 1 && contrast <= 255, "contrast = {}: 1..255", contrast);
-}
-
 Pyramid make_pyramid(const cv::Mat& gray, bool half_steps, int min_side, int max_levels) {
   require_gray(gray);
   TARSIER_REQUIRE(gray.cols >= 8 && gray.rows >= 8, "{}x{}: at least 8x8", gray.cols, gray.rows);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/planar/image_targets/kernels.h"
 
 #include <opencv2/core.hpp>
@@ -66,7 +67,11 @@ struct FeatureOptions {
   int most = 1000;       // points; a few have two directions
   double contrast = 12;  // grey steps: least square root of the Hessian's determinant
   bool second_directions = true;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"most", most, range(10, 100'000)}, {"contrast", contrast, range(1, 255)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct FeatureSet {

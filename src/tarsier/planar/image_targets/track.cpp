@@ -223,14 +223,8 @@ double fitting_part(const Alignment& alignment) {
 }  // namespace
 
 void TrackOptions::check() const {
+  check_fields(*this);
   detect.check();
-  TARSIER_REQUIRE(search_px >= 0 && search_px <= 400, "search_px = {}: 0..400", search_px);
-  TARSIER_REQUIRE(good_part >= 0 && good_part <= 1, "good_part = {}: 0..1", good_part);
-  TARSIER_REQUIRE(good_patches >= 4 && good_patches <= 100, "good_patches = {}: 4..100",
-                  good_patches);
-  TARSIER_REQUIRE(detect_every >= 1 && detect_every <= 1000, "detect_every = {}: 1..1000",
-                  detect_every);
-  TARSIER_REQUIRE(steady_px >= 0 && steady_px <= 5, "steady_px = {}: 0..5", steady_px);
 }
 
 std::vector<TrackedTarget> track(const std::vector<Target>& targets, const TrackOptions& options,

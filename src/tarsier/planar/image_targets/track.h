@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/planar_pose.h"
 #include "tarsier/planar/image_targets/detect.h"
@@ -18,11 +19,22 @@ namespace tarsier::planar::image_targets {
 struct TrackOptions {
   DetectOptions detect;
   AlignOptions align;
-  double search_px = 40;   // how far from its predicted place a target is searched; 0..400
-  double good_part = 0.2;  // of the visible patches that must fit for it to be still there; 0..1
-  int good_patches = 8;    // at least; 4..100
-  int detect_every = 8;  // frames between looks for the missing while others are followed; 1..1000
-  double steady_px = 0.4;  // motion below about this is smoothed over time; 0: nothing is; 0..5
+  double search_px = 40;   // how far from its predicted place a target is searched
+  double good_part = 0.2;  // of the visible patches that must fit for it to be still there
+  int good_patches = 8;    // at least
+  int detect_every = 8;    // frames between looks for the missing while others are followed
+  double steady_px = 0.4;  // motion below about this is smoothed over time; 0: nothing is
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"steady_px", steady_px, range(0, 5), "--smooth",
+             "px: motion below about this is smoothed over time; 0: none"},
+            {"detect_every", detect_every, range(1, 1000), "--search-every",
+             "frames between searches for targets that are missing while others are followed"},
+            {"search_px", search_px, range(0, 400), "--search-px",
+             "px, how far from its predicted place a target is searched"},
+            {"good_part", good_part, range(0, 1)},
+            {"good_patches", good_patches, range(4, 100)}};
+  }
   void check() const;
 };
 

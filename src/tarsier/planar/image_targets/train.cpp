@@ -96,19 +96,6 @@ cv::Mat working_picture(const cv::Mat& picture, int longer_side) {
 
 }  // namespace
 
-void TrainOptions::check() const {
-  TARSIER_REQUIRE(width > 0 && width <= 100, "width = {} m: above 0, up to 100", width);
-  TARSIER_REQUIRE(longer_side >= 64 && longer_side <= 2000, "longer_side = {}: 64..2000",
-                  longer_side);
-  TARSIER_REQUIRE(frontal_features >= 50 && frontal_features <= 5000,
-                  "frontal_features = {}: 50..5000", frontal_features);
-  TARSIER_REQUIRE(tilted_features >= 0 && tilted_features <= 5000, "tilted_features = {}: 0..5000",
-                  tilted_features);
-  TARSIER_REQUIRE(max_features >= 50 && max_features <= 20'000, "max_features = {}: 50..20000",
-                  max_features);
-  TARSIER_REQUIRE(trials >= 0 && trials <= 500, "trials = {}: 0..500", trials);
-}
-
 Target train_target(const cv::Mat& picture, const std::string& name, const TrainOptions& options,
                     const std::stop_token& stop) {
   options.check();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/planar/image_targets/target.h"
 
 #include <cstdint>
@@ -10,14 +11,25 @@
 namespace tarsier::planar::image_targets {
 
 struct TrainOptions {
-  double width = 0.2;          // metres of the print, (0, 100]
-  int longer_side = 480;       // px that larger pictures are reduced to; 64..2000
-  int frontal_features = 700;  // of the picture as it is, 50..5000
-  int tilted_features = 350;   // of each tilted view, 0..5000
-  int max_features = 3000;     // that are kept, 50..20000
-  int trials = 24;  // warped, blurred and noisy views that tell which features last; 0..500
+  double width = 0.2;          // metres of the print
+  int longer_side = 480;       // px that larger pictures are reduced to
+  int frontal_features = 700;  // of the picture as it is
+  int tilted_features = 350;   // of each tilted view
+  int max_features = 3000;     // that are kept
+  int trials = 24;             // warped, blurred and noisy views that tell which features last
   std::uint64_t seed = 1;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"width", width, above(0, 100)},
+            {"longer_side", longer_side, range(64, 2000), "--side",
+             "px that the picture's longer side is reduced to"},
+            {"frontal_features", frontal_features, range(50, 5000)},
+            {"tilted_features", tilted_features, range(0, 5000)},
+            {"max_features", max_features, range(50, 20'000)},
+            {"trials", trials, range(0, 500), "--trials",
+             "random views that choose the features and rate the picture"}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // `picture`: CV_8UC3 or CV_8UC1, sides of 32..100000 px, the shorter at least an eighth of the

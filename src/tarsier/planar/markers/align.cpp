@@ -438,12 +438,6 @@ class Fit {
 
 }  // namespace
 
-void AlignOptions::check() const {
-  TARSIER_REQUIRE(iterations >= 1 && iterations <= 100, "{} iterations", iterations);
-  TARSIER_REQUIRE(max_samples >= 8 && max_samples <= 200, "{} samples", max_samples);
-  TARSIER_REQUIRE(margin >= 0 && margin <= 1, "a margin of {} cells", margin);
-}
-
 std::optional<Alignment> align_marker(const cv::Mat& gray, Code seen, int cells, const Quad& start,
                                       const AlignOptions& options) {
   options.check();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/planar/markers/decode.h"
 #include "tarsier/planar/markers/dictionary.h"
 #include "tarsier/planar/markers/quads.h"
@@ -13,10 +14,16 @@
 namespace tarsier::planar::markers {
 
 struct AlignOptions {
-  int iterations = 4;    // at most, 1..100
-  int max_samples = 36;  // in each direction over the marker, 8..200
-  double margin = 0.8;   // of white paper that counts too, cells, 0..1
-  void check() const;
+  int iterations = 4;    // at most
+  int max_samples = 36;  // in each direction over the marker
+  double margin = 0.8;   // of white paper that counts too, cells
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"iterations", iterations, range(1, 100)},
+            {"max_samples", max_samples, range(8, 200)},
+            {"margin", margin, range(0, 1)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct Alignment {

@@ -79,13 +79,6 @@ class Sampler {
 
 }  // namespace
 
-void DecodeOptions::check() const {
-  TARSIER_REQUIRE(max_errors >= -1 && max_errors <= 32, "{} errors", max_errors);
-  TARSIER_REQUIRE(min_contrast >= 1 && min_contrast <= 255, "a contrast of {}", min_contrast);
-  TARSIER_REQUIRE(frame_errors >= 0 && frame_errors < 0.5, "{} of the frame", frame_errors);
-  TARSIER_REQUIRE(min_blurred_correlation >= 0, "a correlation of {}", min_blurred_correlation);
-}
-
 Eigen::Matrix3d picture_from_cells(const Quad& quad, int cells) {
   // The unit square's homography in closed form (Heckbert 1989), then scaled to cells.
   const Eigen::Vector2d d1 = quad[1] - quad[2];

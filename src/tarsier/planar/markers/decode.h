@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/planar/markers/dictionary.h"
 #include "tarsier/planar/markers/quads.h"
 
@@ -38,12 +39,21 @@ struct DecodeOptions {
   double min_contrast = 8;    // grey levels
   double frame_errors = 0.1;  // share of the frame's cells that may look bright
   // How well a small marker, or one with wrong cells, must agree with the picture, see
-  // Alignment::correlation; 0..1.
+  // Alignment::correlation.
   double min_correlation = 0.8;
   // Where the cells are too blurred to be read one by one: how well the whole marker must agree
-  // with the picture, see Alignment::correlation; 0..1, above 1: such markers are left out.
+  // with the picture, see Alignment::correlation; above 1: such markers are left out.
   double min_blurred_correlation = 0.9;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"max_errors", max_errors, range(-1, 32)},
+            {"min_contrast", min_contrast, range(1, 255)},
+            {"frame_errors", frame_errors, range_below(0, 0.5)},
+            {"min_correlation", min_correlation, range(0, 1), "--min-correlation",
+             "how well the picture of a small marker must agree with it"},
+            {"min_blurred_correlation", min_blurred_correlation, at_least(0)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Black and white are not two numbers but two planes over the marker, fitted to its frame and to

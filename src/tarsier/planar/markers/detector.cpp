@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/planar/markers/detector.h"
 
-#include "tarsier/core/require.h"
-
 #include <fmt/format.h>
 #include <opencv2/core/eigen.hpp>
 #include <opencv2/imgproc.hpp>
@@ -206,11 +204,11 @@ void show_stages(DebugSink& debug, const cv::Mat& gray, const std::vector<Quad>&
 }  // namespace
 
 void DetectOptions::check() const {
+  check_fields(*this);
   quads.check();
   refine.check();
   decode.check();
   align.check();
-  TARSIER_REQUIRE(align_below_px >= 0, "sides of {} px", align_below_px);
 }
 
 std::vector<Marker> detect_markers(const cv::Mat& gray, const Dictionary& dictionary,

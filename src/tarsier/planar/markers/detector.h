@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/planar/markers/align.h"
 #include "tarsier/planar/markers/decode.h"
 #include "tarsier/planar/markers/quads.h"
@@ -17,8 +18,10 @@ struct DetectOptions {
   DecodeOptions decode;
   AlignOptions align;
   // Markers with shorter sides are laid onto the picture as a whole (align_marker), larger ones are
-  // where their four sides are: long sides are exact by themselves. px, >= 0
+  // where their four sides are: long sides are exact by themselves. px
   double align_below_px = 60;
+
+  [[nodiscard]] OptionFields fields() { return {{"align_below_px", align_below_px, at_least(0)}}; }
   void check() const;
 };
 

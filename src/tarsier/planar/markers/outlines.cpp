@@ -277,11 +277,6 @@ bool trace(const OutlineWorkspace::Component& component, int columns, std::size_
 
 }  // namespace
 
-void OutlineOptions::check() const {
-  TARSIER_REQUIRE(min_contrast >= 2 && min_contrast <= 255, "a contrast of {}", min_contrast);
-  TARSIER_REQUIRE(min_size >= 3, "components of {} px", min_size);
-}
-
 void find_dark_outlines(const cv::Mat& gray, const OutlineOptions& options, OutlineWorkspace& w) {
   options.check();
   TARSIER_REQUIRE(gray.type() == CV_8UC1, "a picture that is not grey");

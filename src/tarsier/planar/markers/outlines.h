@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <opencv2/core/mat.hpp>
 
 #include <cstdint>
@@ -12,11 +14,15 @@ namespace tarsier::planar::markers {
 
 struct OutlineOptions {
   // A place is flat where brightness differs by less over 12 x 12 px: nothing there is dark. Grey
-  // levels, 2..255. Raised, up to 64, where the flattest fifth of the picture differs by more:
+  // levels. Raised, up to 64, where the flattest fifth of the picture differs by more:
   // noise.
   int min_contrast = 20;
-  int min_size = 8;  // px; the longer side of a component's bounding box, >= 3
-  void check() const;
+  int min_size = 8;  // px; the longer side of a component's bounding box
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_contrast", min_contrast, range(2, 255)}, {"min_size", min_size, at_least(3)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Buffers that a video reuses, and the answer.

@@ -220,13 +220,6 @@ std::optional<std::pair<double, double>> edge_along(const cv::Mat& gray, const V
 
 }  // namespace
 
-void QuadOptions::check() const {
-  TARSIER_REQUIRE(min_side_px > 0 && std::isfinite(min_side_px), "sides of {} px", min_side_px);
-  TARSIER_REQUIRE(min_contrast >= 2 && min_contrast <= 255, "a contrast of {}", min_contrast);
-  TARSIER_REQUIRE(halvings >= 0 && halvings <= 6, "{} halvings", halvings);
-  TARSIER_REQUIRE(straight > 0 && straight < 0.5, "straight within {}", straight);
-}
-
 std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options, QuadWorkspace& w,
                              DebugSink* debug) {
   options.check();
@@ -268,11 +261,6 @@ std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options, Qu
     }
   }
   return quads;
-}
-
-void RefineOptions::check() const {
-  TARSIER_REQUIRE(reach_px > 0 && reach_px <= 50, "a reach of {} px", reach_px);
-  TARSIER_REQUIRE(samples >= 4 && samples <= 1000, "{} samples", samples);
 }
 
 bool refine_quad(const cv::Mat& gray, const RefineOptions& options, Quad& quad) {

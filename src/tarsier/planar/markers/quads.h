@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/planar/markers/outlines.h"
 
 #include <Eigen/Core>
@@ -16,14 +17,22 @@ namespace tarsier::planar::markers {
 using Quad = std::array<Eigen::Vector2d, 4>;  // px, clockwise as seen (x right, y down)
 
 struct QuadOptions {
-  double min_side_px = 9;  // of the shortest side, > 0
+  double min_side_px = 9;  // of the shortest side
   // Grey levels that black and white differ by at least, see OutlineOptions.
   int min_contrast = 20;
   // How often the picture is halved, each size searched too: a blurred or noisy edge is a clear one
-  // in a smaller picture. 0..6
+  // in a smaller picture.
   int halvings = 1;
   double straight = 0.035;  // how far a contour may leave the quadrilateral, share of its length
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_side_px", min_side_px, range(4, 1000), "--min-side",
+             "px, of the shortest side of a marker"},
+            {"min_contrast", min_contrast, range(2, 255)},
+            {"halvings", halvings, range(0, 6)},
+            {"straight", straight, inside(0, 0.5)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Buffers that a video reuses.
@@ -44,9 +53,13 @@ struct QuadWorkspace {
 // a line by robust least squares, sides that bend are refused (nothing). `dark_inside`: only edges
 // from dark (inside) to bright (outside) count.
 struct RefineOptions {
-  double reach_px = 3;  // largest distance that an edge may be off, (0, 50]
-  int samples = 64;     // on each side at most, 4..1000
-  void check() const;
+  double reach_px = 3;  // largest distance that an edge may be off
+  int samples = 64;     // on each side at most
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"reach_px", reach_px, above(0, 50)}, {"samples", samples, range(4, 1000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 [[nodiscard]] bool refine_quad(const cv::Mat& gray, const RefineOptions& options, Quad& quad);
 

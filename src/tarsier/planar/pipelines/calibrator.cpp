@@ -66,13 +66,10 @@ const char* reason_of(ViewState state) {
 }  // namespace
 
 void CalibratorOptions::check() const {
+  check_fields(*this);
   board.check();
   calibrate.check();
   collect.check();
-  TARSIER_REQUIRE(search_px >= 160 && search_px <= 4000, "search_px {}", search_px);
-  TARSIER_REQUIRE(look_every_s >= 0 && std::isfinite(look_every_s), "look_every_s {}",
-                  look_every_s);
-  TARSIER_REQUIRE(every >= 1, "every {}", every);
 }
 
 CalibratorOptions live_calibrator_options() {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/media/frame.h"
 #include "tarsier/media/frame_source.h"
@@ -24,16 +25,22 @@ struct CalibratorOptions {
   // Which views of a video are worth taking. still_px is that of an image whose larger side is 640
   // px, and grows with larger ones.
   calibration::CollectorOptions collect;
-  int search_px = 800;  // the image's larger side when the board is searched, 160..4000
+  int search_px = 800;  // the image's larger side when the board is searched
   // A person moves the board in front of a camera and waits for the answer: the first search that
   // fails is not repeated in other ways; after 15 frames without a board only every third one is
   // searched, in turns as it is and as if it were evenly lit; images of their own are judged as the
   // frames of a video are, and only those with a view are remembered.
   bool live = false;
   double look_every_s = 0.2;  // search(): time between the frames of a video that are looked at, s
-  int every = 1;              // search(): so many times fewer of them; >= 1
+  int every = 1;              // search(): so many times fewer of them
   bool keep_images = false;   // the frames of videos whose views were taken
-  void check() const;         // throws std::invalid_argument that names the value
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"search_px", search_px, range(160, 4000)},
+            {"look_every_s", look_every_s, at_least(0)},
+            {"every", every, at_least(1)}};
+  }
+  void check() const;  // throws std::invalid_argument that names the value
 };
 
 // Those that suit a person who moves the board: quick searches (480 px), views of a still board.

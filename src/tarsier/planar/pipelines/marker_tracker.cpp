@@ -54,10 +54,9 @@ geometry::Camera camera_for(const MarkerTrackerOptions& options, const Frame& fr
 }  // namespace
 
 void MarkerTrackerOptions::check() const {
+  check_fields(*this);
   TARSIER_REQUIRE(!families.empty(), "at least one family of markers is needed");
   for (const std::string& family : families) (void)markers::find_dictionary(family);
-  TARSIER_REQUIRE(side >= 0 && std::isfinite(side), "markers {} m wide", side);
-  TARSIER_REQUIRE(focal_px >= 0 && std::isfinite(focal_px), "focal length of {}", focal_px);
   detect.check();
   track.check();
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/media/frame.h"
 #include "tarsier/planar/markers/pose.h"
@@ -29,6 +30,10 @@ struct MarkerTrackerOptions {
   geometry::PlanarTrackOptions track;      // of videos
   std::optional<geometry::Camera> camera;  // width 0: of any size. Empty: guessed from the image
   double focal_px = 0;                     // of the guessed camera; 0: the image's larger side
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"side", side, at_least(0)}, {"focal_px", focal_px, at_least(0)}};
+  }
   // Throws std::invalid_argument that names the value, UsageError for an unknown family.
   void check() const;
 };

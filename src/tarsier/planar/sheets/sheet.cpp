@@ -140,13 +140,6 @@ cv::Size2d board_size(const BoardSpec& spec, double pitch) {
 
 }  // namespace
 
-void SheetOptions::check() const {
-  TARSIER_REQUIRE(
-      paper.width >= 30 && paper.width <= 2000 && paper.height >= 30 && paper.height <= 2000,
-      "a page of {}x{} mm", paper.width, paper.height);
-  TARSIER_REQUIRE(margin >= 0 && margin <= 200, "a margin of {} mm", margin);
-}
-
 cv::Size2d parse_paper(std::string_view text) {
   for (const Paper& paper : kPapers)
     if (paper.name == text) return {paper.width, paper.height};

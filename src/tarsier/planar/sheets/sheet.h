@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/planar/calibration/board.h"
 #include "tarsier/planar/sheets/page.h"
 
@@ -12,8 +13,14 @@ namespace tarsier::planar::sheets {
 
 struct SheetOptions {
   cv::Size2d paper{210, 297};  // mm
-  double margin = 10;          // mm, that printers leave white, 0..200
-  void check() const;
+  double margin = 10;          // mm, that printers leave white
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"paper.width", paper.width, range(30, 2000)},
+            {"paper.height", paper.height, range(30, 2000)},
+            {"margin", margin, range(0, 200)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // "a3", "a4", "a5", "letter", "legal" or "200x300mm", upright. Throws UsageError.
