@@ -19,11 +19,8 @@ constexpr double kMinNudge = 0.25;                 // px of the picture
 }  // namespace
 
 void AnnotateOptions::check() const {
+  check_fields(*this);
   TARSIER_REQUIRE(!set_path.empty(), "the set's file has no name");
-  TARSIER_REQUIRE(
-      canvas.width >= 320 && canvas.height >= 320 && canvas.width <= 4096 && canvas.height <= 4096,
-      "a view of {} x {}", canvas.width, canvas.height);
-  TARSIER_REQUIRE(save_every >= 1 && save_every <= 10000, "save_every {}", save_every);
 }
 
 AnnotateSession::AnnotateSession(const AnnotateOptions& options, Propose propose)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/pipelines/annotator.h"
 
 #include <Eigen/Core>
@@ -23,8 +24,14 @@ struct AnnotateOptions {
   std::vector<std::string> pictures;  // to annotate, in this order, besides those of the set
   bool video = false;          // frames come through on_frame; the ones picked become pictures:
                                // PNG files in <set's name without ending>-frames
-  cv::Size canvas{1024, 700};  // px, of the view; 320..4096 a side
-  int save_every = 50;         // edits from one writing of the set to the next, 1..10000
+  cv::Size canvas{1024, 700};  // px, of the view
+  int save_every = 50;         // edits from one writing of the set to the next
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"canvas.width", canvas.width, range(320, 4096)},
+            {"canvas.height", canvas.height, range(320, 4096)},
+            {"save_every", save_every, range(1, 10000)}};
+  }
   void check() const;
 };
 

@@ -47,9 +47,7 @@ std::string_view name_of(PeopleMode mode) {
 }
 
 void PeopleSessionOptions::check() const {
-  TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "a rate of {}", false_accepts);
-  TARSIER_REQUIRE(max_faces >= 1 && max_faces <= 100'000, "{} faces", max_faces);
-  TARSIER_REQUIRE(max_pooled >= 1 && max_pooled <= 1000, "{} frames", max_pooled);
+  check_fields(*this);
   collect.check();
   for (const std::string& name : names) face::people::check_name(name);
   face::people::check_note(note);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/people/collector.h"
 #include "tarsier/face/people/gallery.h"
 #include "tarsier/face/people/model.h"
@@ -28,14 +29,22 @@ enum class PeopleMode { kStart, kDetect, kCollect, kTrain, kRecognize };
 [[nodiscard]] std::string_view name_of(PeopleMode mode);  // "start", "detect", "collect" ..
 
 struct PeopleSessionOptions {
-  double false_accepts = 0.01;  // rate at which strangers may be taken for somebody, (0, 1)
+  double false_accepts = 0.01;  // rate at which strangers may be taken for somebody
   face::people::CollectOptions collect;
-  int max_faces = 30;                 // of a person, collected at a time, >= 1
+  int max_faces = 30;                 // of a person, collected at a time
   std::vector<std::string> names;     // of people who are added, in turn; then "Person 1" ..
   std::string note;                   // of consent, for those who are added
-  int max_pooled = 10;                // frames of a followed face that count together, >= 1
+  int max_pooled = 10;                // frames of a followed face that count together
   std::function<std::int64_t()> now;  // ms since 1970-01-01 UTC; empty: 0
-  void check() const;                 // throws std::invalid_argument, UsageError for names
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"false_accepts", false_accepts, inside(0, 1), "--far",
+             "share of strangers who may be taken for somebody"},
+            {"max_faces", max_faces, range(1, 100'000), "--faces",
+             "faces collected of a person at a time, at most"},
+            {"max_pooled", max_pooled, range(1, 1000)}};
+  }
+  void check() const;  // throws std::invalid_argument, UsageError for names
 };
 
 // Enrols and recognises people live. Five modes: start; detect (nobody is enrolled); collect (the

@@ -29,9 +29,9 @@ double rounded(double value, double digits) { return std::round(value * digits) 
 }  // namespace
 
 void PoseSessionOptions::check() const {
+  check_fields(*this);
   TARSIER_REQUIRE(overlay != PoseOverlay::kObject || object != nullptr, "no object to draw");
   TARSIER_REQUIRE(edits.empty() || appearance != nullptr, "no appearance model to edit with");
-  TARSIER_REQUIRE(edit_amount >= 0 && edit_amount <= 2, "an edit of {}", edit_amount);
 }
 
 PoseSession::PoseSession(face::PoseTracker tracker, PoseSessionOptions options)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/appearance/edit.h"
 #include "tarsier/face/pipelines/pose_tracker.h"
 #include "tarsier/render/mesh.h"
@@ -23,8 +24,10 @@ struct PoseSessionOptions {
   // What is done to the faces, through an appearance model of 68 points that can be drawn.
   std::vector<face::appearance::FaceEdit> edits;
   std::shared_ptr<const face::appearance::AppearanceModel> appearance;
-  double edit_amount = 1;  // 0..2
-  void check() const;      // throws std::invalid_argument
+  double edit_amount = 1;
+
+  [[nodiscard]] OptionFields fields() { return {{"edit_amount", edit_amount, range(0, 2)}}; }
+  void check() const;  // throws std::invalid_argument
 };
 
 // Shows the poses of heads that a face::PoseTracker finds. on_frame() throws InputError where the

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "framework/bind.h"
 #include "verbs/landmarks/engine.h"
 #include <utility>
 
@@ -91,23 +92,11 @@ void add_aam_flags(Command& verb, AamFlags& flags) {
       .check(range(1, 100))
       .show_default();
   add_min_face_flag(verb, flags.min_face);
-  Flag& iterations =
-      verb.add_option("--iterations", flags.fit.iterations, "at most, for each level")
-          .show_default();
-  Flag& prior =
-      verb.add_option("--shape-prior", flags.fit.shape_prior,
-                      "pull towards the mean shape, in units of the texture's noise; 0: none")
-          .show_default();
-  Flag& sigmas = verb.add_option("--sigmas", flags.fit.sigmas,
-                                 "how far a shape mode may go, standard deviations")
-                     .show_default();
-  Flag& refresh =
-      verb.add_option(
-              "--refresh", flags.fit.refresh,
-              "alternating: share of change of the texture at which its images are made again")
-          .show_default();
-  Flag& robust =
-      verb.add_flag("--robust", flags.fit.robust, "pixels that fit badly (hidden) count less");
+  Flag& iterations = bind_field(verb, flags.fit, flags.fit.iterations);
+  Flag& prior = bind_field(verb, flags.fit, flags.fit.shape_prior);
+  Flag& sigmas = bind_field(verb, flags.fit, flags.fit.sigmas);
+  Flag& refresh = bind_field(verb, flags.fit, flags.fit.refresh);
+  Flag& robust = bind_field(verb, flags.fit, flags.fit.robust);
   for (Flag* flag : {&iterations, &prior, &sigmas, &refresh, &robust}) flag->group("The fit");
 }
 

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/run_session.h"
 #include "ui/face/appearance_session.h"
 #include "verbs/aam/aam.h"
@@ -100,12 +101,7 @@ void add_flags(Command& verb, FitFlags& flags) {
       .show_default();
   verb.add_flag("--parameters", flags.parameters,
                 "--json: the parameters of shape and texture as well");
-  const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
-  video(verb.add_option("--search-every", flags.track.search_every,
-                        "frames between searches for new faces")
-            .show_default());
-  video(verb.add_option("--max-faces", flags.track.max_objects, "objects followed at a time")
-            .show_default());
+  bind_all(verb, flags.track, "Videos and cameras");
 }
 
 }  // namespace

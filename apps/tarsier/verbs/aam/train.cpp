@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "framework/bind.h"
 #include "framework/stopwatch.h"
 #include "verbs/aam/aam.h"
 #include "verbs/landmarks/engine.h"
@@ -146,27 +147,16 @@ void add_flags(Command& verb, TrainFlags& flags) {
           "what the fit sees at a pixel: grey, colour, gradient (2 numbers) or oriented (8)")
       .check(one_of({"grey", "colour", "gradient", "oriented"}))
       .show_default();
-  verb.add_option("--width", options.frame_width, "px, of the mean frame in which the fit works")
-      .show_default();
-  verb.add_option("--levels", options.levels, "levels of resolution, each half of the one before")
-      .show_default();
-  verb.add_option("--variance", options.shape.variance, "share that the shape modes keep")
-      .show_default();
-  verb.add_option("--modes", options.shape.max_modes, "shape modes at most").show_default();
-  verb.add_option("--texture-variance", options.texture_variance,
-                  "share that the texture modes keep")
-      .show_default();
-  verb.add_option("--texture-modes", options.texture_modes, "texture modes at most").show_default();
-  verb.add_option("--colour-width", options.colour_width,
-                  "px, of the frame in which faces are drawn")
-      .show_default();
-  verb.add_option("--colour-modes", options.colour_modes, "colour modes at most").show_default();
+  bind_field(verb, options, options.frame_width);
+  bind_field(verb, options, options.levels);
+  bind_all(verb, options.shape);
+  bind_field(verb, options, options.texture_variance);
+  bind_field(verb, options, options.texture_modes);
+  bind_field(verb, options, options.colour_width);
+  bind_field(verb, options, options.colour_modes);
   verb.add_flag("!--no-colour", options.colour, "no colour texture: the model only fits");
-  verb.add_flag("--mirror", options.mirror, "learn from mirrored pictures too");
-  verb.add_option("--to-the-right", options.to_the_right,
-                  "how far the set's points lie to the right of where a symmetric annotation has "
-                  "them, px (1 where pixels are counted from 1, as in faces68)")
-      .show_default();
+  bind_field(verb, options, options.mirror);
+  bind_field(verb, options, options.to_the_right);
   verb.add_option("--mesh", flags.mesh,
                   "triangles, three point numbers (from 0) a line [Delaunay's of the mean shape]");
   verb.add_flag("--no-detector", flags.no_detector,

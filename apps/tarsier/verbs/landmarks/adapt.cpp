@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/stopwatch.h"
 #include "verbs/landmarks/landmarks.h"
 #include <memory>
@@ -95,9 +96,7 @@ void add_flags(Command& verb, AdaptFlags& flags) {
                   "where there are three at least, else 0.3")
       .check(range(0.0, 1e6))
       .show_default();
-  verb.add_option("--starts", flags.options.starts, "scattered around each face")
-      .check(range(4, 200))
-      .show_default();
+  bind_field(verb, flags.options, flags.options.starts);
   verb.add_option("--hold-out", flags.hold_out,
                   "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
       .check(range(0, 1000000))

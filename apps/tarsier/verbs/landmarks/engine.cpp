@@ -3,6 +3,8 @@
 
 #include "tarsier/core/stop.h"
 
+#include "framework/bind.h"
+
 namespace tarsier::cli {
 
 void add_landmark_flags(Command& verb, LandmarkFlags& flags) {
@@ -10,8 +12,7 @@ void add_landmark_flags(Command& verb, LandmarkFlags& flags) {
   verb.add_option(
       "--method", flags.method,
       "both (mean of trees and sdm), trees, sdm or patch [the best that the model has]");
-  verb.add_option("--starts", flags.fit.starts, "fits of the trees that are averaged")
-      .show_default();
+  bind_field(verb, flags.fit, flags.fit.starts);
   add_min_face_flag(verb, flags.min_face);
   verb.add_option("--face-detector", flags.detector,
                   "detector of `landmarks train` that finds the faces, or `cascades`: those of "

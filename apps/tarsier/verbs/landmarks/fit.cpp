@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/csv_table.h"
 #include "framework/run_session.h"
 #include "ui/face/landmark_session.h"
@@ -92,14 +93,7 @@ void add_flags(Command& verb, FitFlags& flags) {
   video(verb.add_option(
       "--smooth", flags.smooth,
       "how much points at rest are smoothed: 0 not at all, 1 as usual, 2 twice as much [1]"));
-  video(verb.add_option("--search-every", flags.tracker.search_every,
-                        "frames between searches for new faces")
-            .show_default());
-  video(verb.add_option("--min-score", flags.tracker.min_score,
-                        "a face whose fit is worth less is lost and looked for again")
-            .show_default());
-  video(verb.add_option("--max-faces", flags.tracker.max_faces, "faces followed at a time")
-            .show_default());
+  bind_all(verb, flags.tracker, "Videos and cameras");
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
 
+#include "framework/bind.h"
 #include "framework/stopwatch.h"
 #include "verbs/landmarks/landmarks.h"
 #include "verbs/pose/engine.h"
@@ -146,29 +147,19 @@ void add_kind(Command& parent, Context& context, const char* name, const char* h
         .show_default();
     verb.add_flag("--mirror", flags.mirror, "learn from mirrored pictures too");
     face::landmarks::TrainModelOptions& options = flags.options;
-    verb.add_option("--variance", options.shape.variance, "share that the shape modes keep")
-        .show_default();
-    verb.add_option("--modes", options.shape.max_modes, "shape modes at most").show_default();
+    bind_all(verb, options.shape);
     if (kind == Kind::kTrees || kind == Kind::kTracker) {
-      verb.add_option("--levels", options.tree_options.levels, "of the cascade of trees")
-          .show_default();
-      verb.add_option("--trees", options.tree_options.trees, "a level").show_default();
-      verb.add_option("--depth", options.tree_options.depth, "of a tree").show_default();
-      verb.add_option("--scatter", options.starts, "starts scattered around each face")
-          .show_default();
+      bind_all(verb, options.tree_options);
+      bind_field(verb, options, options.starts);
     }
     if (kind == Kind::kPatches || kind == Kind::kTracker) {
       verb.add_option("--patch-method", flags.method,
                       "ridge (closed form), sgd (stochastic gradient descent) or average")
           .show_default();
-      verb.add_option("--patch", options.patch_options.patch, "side of a patch, px, odd")
-          .show_default();
+      bind_field(verb, options.patch_options, options.patch_options.patch);
     }
     if (kind == Kind::kTracker) {
-      verb.add_option("--turned", flags.turned.copies,
-                      "copies of each face, turned in 3D, to learn from beside it")
-          .check(range(0, 20))
-          .show_default();
+      bind_field(verb, flags.turned, flags.turned.copies);
       verb.add_option("--head", flags.head, "head model that turns them (.json)");
       verb.add_option("--without", flags.without, "leave out a part: trees, sdm or patch")
           .check(one_of({"trees", "sdm", "patch"}));

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/stopwatch.h"
 #include "verbs/landmarks/train_boxes.h"
 #include <filesystem>
@@ -125,20 +126,7 @@ void add_flags(Command& verb, DetectorFlags& flags) {
   verb.add_option("--without", flags.without,
                   "folder of pictures without the object: fewer false alarms");
   face::landmarks::HogOptions& options = flags.options;
-  verb.add_option("--window", options.window,
-                  "px, detection window (square root of its area): the smallest object it sees")
-      .check(range(40, 200))
-      .show_default();
-  verb.add_option("--c", options.c, "weight of mistakes against a large margin")
-      .check(range(1e-6, 1e6))
-      .show_default();
-  verb.add_option("--epsilon", options.epsilon, "accuracy of the optimisation")
-      .check(range(1e-4, 1.0))
-      .show_default();
-  verb.add_option("--upsample", options.upsample,
-                  "times that pictures with objects smaller than the window are doubled")
-      .check(range(0, 3))
-      .show_default();
+  bind_all(verb, options);
   verb.add_flag("--mirror,!--no-mirror", options.mirror, "learn from mirrored pictures too [on]");
 }
 

@@ -10,6 +10,7 @@
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "framework/bind.h"
 #include "framework/stopwatch.h"
 #include "verbs/landmarks/train_boxes.h"
 #include "verbs/pose/pose.h"
@@ -25,7 +26,7 @@ namespace {
 struct NetworkFlags : BoxTrainingFlags {
   std::vector<std::string> without;
   std::string head;
-  int turned = 0;  // copies of each face
+  face::train::CopyOptions turned{.copies = 0};
   face::FaceTrainingOptions options;
 };
 
@@ -71,8 +72,8 @@ std::vector<face::FacePicture> turned_faces(const NetworkFlags& flags,
       const Eigen::Vector2d corner(area.x - 0.5, area.y - 0.5);  // of its first pixel
       face.points = ((points.colwise() - corner) * scale).array() - 0.5;
       const std::uint64_t seed = Rng(context.seed).fork(number).fork(i)();
-      for (const face::landmarks::TrainingFace& copy : face::train::turned_copies(
-               turner, face, face::train::CopyOptions{.copies = flags.turned}, seed)) {
+      for (const face::landmarks::TrainingFace& copy :
+           face::train::turned_copies(turner, face, flags.turned, seed)) {
         found[number].push_back({picture.image + ", turned",
                                  {face::landmarks::box_around(box, copy.points)},
                                  {},
@@ -104,9 +105,9 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
   std::vector<face::shape::BoxedPicture> boxed =
       load_boxes(flags.set, flags.hold_out, Part::kOthers);
   std::vector<face::FacePicture> pictures;
-  if (flags.turned > 0) pictures = turned_faces(flags, boxed, context);
+  if (flags.turned.copies > 0) pictures = turned_faces(flags, boxed, context);
   const std::size_t turned = pictures.size();
-  if (flags.turned > 0 && turned == 0) {
+  if (flags.turned.copies > 0 && turned == 0) {
     throw UsageError(
         "--turned: no face has the points of the head; --head takes one that `pose train-head` "
         "learnt from such a set");
@@ -157,25 +158,14 @@ void add_flags(Command& verb, NetworkFlags& flags) {
                   "folders of pictures that show no face: what they learn not to find; every third "
                   "decides what is sure")
       .required();
-  verb.add_option("--false-alarms", flags.options.false_alarms,
-                  "how many there may be in 1000 of the pictures held out")
-      .check(range(0, 10000))
-      .show_default();
-  verb.add_option("--turned", flags.turned,
-                  "copies of each face with points, turned in 3D, to learn from beside it")
-      .check(range(0, 20))
-      .show_default();
+  bind_field(verb, flags.options, flags.options.false_alarms);
+  bind_field(verb, flags.turned, flags.turned.copies, {},
+             "copies of each face with points, turned in 3D, to learn from beside it");
   verb.add_option("--head", flags.head, "head model that turns them (.json)");
-  verb.add_option("--drawings", flags.options.drawings,
-                  "pictures without faces that the program draws and learns from as well")
-      .check(range(0, 10000))
-      .show_default();
-  const auto add_steps = [&](const char* name, int& steps, const char* help) {
-    verb.add_option(name, steps, help).check(range(3, 1000000)).show_default();
-  };
-  add_steps("--scan-steps", flags.options.scan_steps, "batches that the first network learns from");
-  add_steps("--judge-steps", flags.options.judge_steps, "batches of the second");
-  add_steps("--check-steps", flags.options.check_steps, "batches of the third");
+  bind_field(verb, flags.options, flags.options.drawings);
+  bind_field(verb, flags.options, flags.options.scan_steps);
+  bind_field(verb, flags.options, flags.options.judge_steps);
+  bind_field(verb, flags.options, flags.options.check_steps);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/input_schemes.h"
 #include "framework/security_flags.h"
 #include "verbs/people/engine.h"
@@ -167,12 +168,7 @@ void add_flags(Command& verb, EnrollFlags& flags) {
   verb.add_flag("--any-quality", flags.any_quality, "also small, blurred, turned, dark faces");
   verb.add_flag("--sequence", flags.source.sequence, "stills follow each other in time");
   (void)add_security_flags(verb, flags.source.security);
-  verb.add_option("--min-difference", flags.collect.min_difference,
-                  "videos: how far a face differs from the last that was taken")
-      .show_default();
-  verb.add_option("--min-seconds", flags.collect.min_seconds,
-                  "videos: and how many seconds later it is")
-      .show_default();
+  bind_all(verb, flags.collect);
   add_face_flags(verb, flags.people);
 }
 

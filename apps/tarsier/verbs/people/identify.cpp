@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/on_event.h"
 #include "framework/run_session.h"
 #include "ui/face/recognize_session.h"
@@ -136,9 +137,7 @@ void add_flags(Command& verb, IdentifyFlags& flags) {
   add_gallery_flag(verb, flags.people);
   verb.add_option("--model", flags.model, "model of `people train -o` in place of the gallery");
   verb.add_flag("--raw", flags.raw, "pictures are cut faces already");
-  verb.add_option("--far", flags.naming.false_accepts,
-                  "share of strangers who may be taken for somebody")
-      .show_default();
+  bind_field(verb, flags.naming, flags.naming.false_accepts);
   add_on_event_flags(verb, flags.on_event, "at each new recognition");
   verb.add_option("--keep", flags.keep,
                   "write into the gallery who was seen, and delete what is "

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/run_session.h"
 #include "ui/face/people_session.h"
 #include "verbs/people/engine.h"
@@ -57,18 +58,11 @@ void add_flags(Command& verb, LiveFlags& flags) {
       .delimiter(',');
   verb.add_option("--note", flags.session.note, "of consent, for those who are added");
   verb.add_option("--algorithm", flags.algorithm, "default, eigen, fisher, lbph or deep");
-  verb.add_option("--faces", flags.session.max_faces,
-                  "faces collected of a person at a time, at most")
-      .show_default();
-  verb.add_option("--far", flags.session.false_accepts,
-                  "share of strangers who may be taken for somebody")
-      .show_default();
-  verb.add_option("--min-seconds", flags.session.collect.min_seconds,
-                  "s between two faces that are taken")
-      .show_default();
-  verb.add_option("--min-difference", flags.session.collect.min_difference,
-                  "from the face that was taken last")
-      .show_default();
+  bind_field(verb, flags.session, flags.session.max_faces);
+  bind_field(verb, flags.session, flags.session.false_accepts);
+  face::people::CollectOptions& collect = flags.session.collect;
+  bind_field(verb, collect, collect.min_seconds, {}, "s between two faces that are taken");
+  bind_field(verb, collect, collect.min_difference, {}, "from the face that was taken last");
   add_face_flags(verb, flags.people);
 }
 

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/csv_table.h"
 #include "framework/run_session.h"
 #include "ui/face/pose_session.h"
@@ -159,14 +160,7 @@ void add_flags(Command& verb, TrackFlags& flags) {
                       "none, mean (of 5 frames) or one-euro (steady when still, quick when moving)")
           .check(one_of({"none", "mean", "one-euro"}))
           .show_default());
-  video(verb.add_option("--search-every", flags.tracker.search_every,
-                        "frames between searches for new faces")
-            .show_default());
-  video(verb.add_option("--min-score", flags.tracker.min_score,
-                        "a face whose fit is worth less is lost and looked for again")
-            .show_default());
-  video(verb.add_option("--max-faces", flags.tracker.max_faces, "faces followed at a time")
-            .show_default());
+  bind_all(verb, flags.tracker, "Videos and cameras");
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/stopwatch.h"
 #include "verbs/landmarks/landmarks.h"
 #include "verbs/pose/pose.h"
@@ -135,14 +136,7 @@ void add_flags(Command& verb, TrainHeadFlags& flags) {
   verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
   verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
   face::head::TrainHeadOptions& options = flags.options;
-  verb.add_option("--modes", options.modes, "how many ways to deform are learnt").show_default();
-  verb.add_option("--iterations", options.iterations, "iterations of expectation maximisation")
-      .show_default();
-  verb.add_option("--outer-eye-mm", options.outer_eye_mm,
-                  "between the outer eye corners: pictures alone have no scale")
-      .show_default();
-  verb.add_option("--distance-mm", options.distance_mm, "from the camera to the heads, typically")
-      .show_default();
+  bind_all(verb, options);
   verb.add_option("--outline", options.outline,
                   "points of the face's outline, which slide [0..16 of 68]")
       .delimiter(',');

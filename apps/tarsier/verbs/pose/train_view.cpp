@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "framework/bind.h"
 #include "verbs/pose/pose.h"
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -269,16 +270,7 @@ void add_flags(Command& verb, TrainViewFlags& flags) {
                 "prints how good it is on people it has not seen: each is left out in turn "
                 "(of --truth, a seventh of the pictures)");
   face::head_view::TrainViewOptions& options = flags.options;
-  verb.add_option("--components", options.components, "numbers that PCA leaves of the gradients")
-      .show_default();
-  verb.add_option("--angle-weight", options.angle_weight,
-                  "weight of the landmarks' angles beside the gradients")
-      .show_default();
-  verb.add_option("--gamma", options.gamma,
-                  "of the Gaussian kernel: the larger, the sooner likeness ends")
-      .show_default();
-  verb.add_option("--ridge", options.ridge, "weight of smoothness against the samples")
-      .show_default();
+  bind_all(verb, options);
 }
 
 }  // namespace

@@ -51,15 +51,7 @@ std::string_view name_of(FitStatus status) {
 }
 
 void FitOptions::check() const {
-  TARSIER_REQUIRE(iterations >= 1 && iterations <= 10000, "{} iterations", iterations);
-  TARSIER_REQUIRE(tolerance > 0 && std::isfinite(tolerance), "tolerance {}", tolerance);
-  TARSIER_REQUIRE(error_tolerance >= 0 && std::isfinite(error_tolerance), "error tolerance {}",
-                  error_tolerance);
-  TARSIER_REQUIRE(sigmas > 0 && std::isfinite(sigmas), "sigmas {}", sigmas);
-  TARSIER_REQUIRE(shape_prior >= 0 && std::isfinite(shape_prior), "shape prior {}", shape_prior);
-  TARSIER_REQUIRE(texture_prior >= 0 && std::isfinite(texture_prior), "texture prior {}",
-                  texture_prior);
-  TARSIER_REQUIRE(coarse_modes > 0 && coarse_modes <= 1, "coarse modes {}", coarse_modes);
+  check_fields(*this);
   TARSIER_REQUIRE(finest >= 0 && (coarsest == -1 || coarsest >= finest), "levels {} to {}",
                   coarsest, finest);
 }

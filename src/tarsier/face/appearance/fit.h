@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/appearance/frame_sampler.h"
 #include "tarsier/face/appearance/model.h"
 #include "tarsier/linalg/decompositions.h"
@@ -34,27 +35,27 @@ enum class FitStatus {
 
 struct FitOptions {
   Method method = Method::kProjectOut;
-  // Per level at most, 1..10000.
+  // Per level at most.
   int iterations = 50;
-  // Mean step of the points below which a fit has converged, px of the frame, > 0.
+  // Mean step of the points below which a fit has converged, px of the frame.
   double tolerance = 0.02;
-  // Change of the error below which a fit has converged, >= 0; 0: the steps decide.
+  // Change of the error below which a fit has converged; 0: the steps decide.
   double error_tolerance = 0;
-  // |b_i| <= sigmas * deviation_i for each mode, > 0.
+  // |b_i| <= sigmas * deviation_i for each mode.
   double sigmas = 3;
   // Pull of b towards 0: its variance against the texture noise, times this (neighbouring pixels
-  // err alike, so well above 1 is right); >= 0.
+  // err alike, so well above 1 is right).
   double shape_prior = 50;
-  // The same for c; 0: modes are projected out entirely; >= 0.
+  // The same for c; 0: modes are projected out entirely.
   double texture_prior = 0;
   // Alternating: the steepest-descent images are computed again where the texture has changed by
-  // more than this share since; >= 0, 0: always.
+  // more than this share since; 0: always.
   double refresh = 0.1;
   // Pixels that the model does not explain count less (Huber, "Robust statistics", 1981); the
   // Hessian is computed again each time.
   bool robust = false;
   // Share of the shape's variance whose modes take part at the coarsest level; all do at the
-  // finest; (0, 1].
+  // finest.
   double coarse_modes = 1;
   // Level to begin at; -1: the last. Level 0 is the finest.
   int coarsest = -1;
@@ -63,6 +64,20 @@ struct FitOptions {
   // Keep the points of each iteration.
   bool trace = false;
 
+  [[nodiscard]] OptionFields fields() {
+    return {{"iterations", iterations, range(1, 10000), "--iterations", "at most, for each level"},
+            {"tolerance", tolerance, above(0)},
+            {"error_tolerance", error_tolerance, at_least(0)},
+            {"sigmas", sigmas, above(0), "--sigmas",
+             "how far a shape mode may go, standard deviations"},
+            {"shape_prior", shape_prior, at_least(0), "--shape-prior",
+             "pull towards the mean shape, in units of the texture's noise; 0: none"},
+            {"texture_prior", texture_prior, at_least(0)},
+            {"refresh", refresh, at_least(0), "--refresh",
+             "alternating: share of change of the texture at which its images are made again"},
+            {"robust", robust, "--robust", "pixels that fit badly (hidden) count less"},
+            {"coarse_modes", coarse_modes, above(0, 1)}};
+  }
   void check() const;
 };
 

@@ -16,19 +16,10 @@ using Eigen::MatrixXf;
 using Eigen::VectorXf;
 
 void AppearanceOptions::check() const {
+  check_fields(*this);
   shape.check();
-  TARSIER_REQUIRE(frame_width >= 16 && frame_width <= 1000, "frame width {}", frame_width);
-  TARSIER_REQUIRE(levels >= 1 && levels <= 5 && (frame_width >> (levels - 1)) >= 8,
-                  "{} levels of a frame {} px wide", levels, frame_width);
-  TARSIER_REQUIRE(margin >= 0 && margin <= 1, "margin {}", margin);
-  TARSIER_REQUIRE(texture_variance > 0 && texture_variance <= 1, "texture variance {}",
-                  texture_variance);
-  TARSIER_REQUIRE(texture_modes >= 0 && texture_modes <= 1000, "{} texture modes", texture_modes);
-  TARSIER_REQUIRE(std::abs(to_the_right) <= 100, "to the right {}", to_the_right);
-  TARSIER_REQUIRE(colour_width >= 16 && colour_width <= 1000, "colour width {}", colour_width);
-  TARSIER_REQUIRE(colour_variance > 0 && colour_variance <= 1, "colour variance {}",
-                  colour_variance);
-  TARSIER_REQUIRE(colour_modes >= 0 && colour_modes <= 1000, "{} colour modes", colour_modes);
+  TARSIER_REQUIRE((frame_width >> (levels - 1)) >= 8, "{} levels of a frame {} px wide", levels,
+                  frame_width);
   TARSIER_REQUIRE(mesh.empty() || margin == 0, "a given mesh goes without a margin");
 }
 

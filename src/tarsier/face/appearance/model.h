@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/appearance/channels.h"
 #include "tarsier/face/appearance/training_picture.h"
@@ -25,19 +26,40 @@ namespace tarsier::face::appearance {
 struct AppearanceOptions {
   shape::ShapeModelOptions shape{.variance = 0.97, .max_modes = 30};
   Channels channels = Channels::kGrey;  // of the fit
-  int frame_width = 100;                // px of the finest mean frame, 16..1000
-  int levels = 2;                       // of resolution, halved from one to the next, 1..5
+  int frame_width = 100;                // px of the finest mean frame
+  int levels = 2;                       // of resolution, halved from one to the next
   double margin = 0;  // how far the frame reaches beyond the points' hull, share of their distance
-                      // from their centre, 0..1: lets the fit see the outline from outside
-  double texture_variance = 0.95;  // share that the modes keep, (0, 1]
-  int texture_modes = 100;         // at most, 0..1000
+                      // from their centre: lets the fit see the outline from outside
+  double texture_variance = 0.95;  // share that the modes keep
+  int texture_modes = 100;         // at most
   bool mirror = false;             // mirrored pictures train too; needs the symmetry
-  double to_the_right = 0;         // see mirrored(), px, -100..100
+  double to_the_right = 0;         // see mirrored(), px
   bool colour = true;              // a colour texture as well, for synthesis
-  int colour_width = 100;          // px, 16..1000
+  int colour_width = 100;          // px
   double colour_variance = 0.97;
   int colour_modes = 60;
   std::vector<shape::Triangle> mesh{};  // of the points; empty: Delaunay. Not with a margin
+
+  [[nodiscard]] OptionFields fields() {
+    return {
+        {"frame_width", frame_width, range(16, 1000), "--width",
+         "px, of the mean frame in which the fit works"},
+        {"levels", levels, range(1, 5), "--levels",
+         "levels of resolution, each half of the one before"},
+        {"margin", margin, range(0, 1)},
+        {"texture_variance", texture_variance, above(0, 1), "--texture-variance",
+         "share that the texture modes keep"},
+        {"texture_modes", texture_modes, range(0, 1000), "--texture-modes",
+         "texture modes at most"},
+        {"mirror", mirror, "--mirror", "learn from mirrored pictures too"},
+        {"to_the_right", to_the_right, range(-100, 100), "--to-the-right",
+         "how far the set's points lie to the right of where a symmetric annotation has them, px "
+         "(1 where pixels are counted from 1, as in faces68)"},
+        {"colour_width", colour_width, range(16, 1000), "--colour-width",
+         "px, of the frame in which faces are drawn"},
+        {"colour_variance", colour_variance, above(0, 1)},
+        {"colour_modes", colour_modes, range(0, 1000), "--colour-modes", "colour modes at most"}};
+  }
   void check() const;
 };
 

@@ -94,11 +94,8 @@ Matrix2Xd disturbed(const Matrix2Xd& points, const Disturbance& disturbance, std
 }
 
 void SearchOptions::check() const {
-  TARSIER_REQUIRE(smallest > 0 && smallest <= largest && largest <= 4, "sizes {} to {}", smallest,
-                  largest);
-  TARSIER_REQUIRE(scale_step >= 1.02 && scale_step <= 4, "scale step {}", scale_step);
-  TARSIER_REQUIRE(place_step >= 0.02 && place_step <= 1, "place step {}", place_step);
-  TARSIER_REQUIRE(best >= 1 && best <= 100, "best {}", best);
+  check_fields(*this);
+  TARSIER_REQUIRE(smallest <= largest, "sizes {} to {}", smallest, largest);
 }
 
 std::optional<Matrix2Xd> search_start(const Fitter& fitter, const cv::Mat& picture,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/appearance/fit.h"
 #include "tarsier/face/appearance/model.h"
 
@@ -43,9 +44,17 @@ struct Disturbance {
 struct SearchOptions {
   double smallest = 0.15;  // width of the object, share of the picture's smaller side
   double largest = 0.9;
-  double scale_step = 1.2;   // > 1
+  double scale_step = 1.2;
   double place_step = 0.12;  // of the width
   int best = 5;              // places fitted at the coarsest level
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"scale_step", scale_step, range(1.02, 4)},
+            {"smallest", smallest, above(0, 4)},
+            {"largest", largest, above(0, 4)},
+            {"place_step", place_step, range(0.02, 1)},
+            {"best", best, range(1, 100)}};
+  }
   void check() const;
 };
 // Exhaustive search of the picture for the mean shape, upright: the coarsest texture's error at all

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/appearance/tracker.h"
 
-#include "tarsier/core/require.h"
-
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -55,13 +53,6 @@ Track::Object& place_for(Track& track, const FitResult& fit, double time,
 }
 
 }  // namespace
-
-void TrackOptions::check() const {
-  TARSIER_REQUIRE(search_every >= 1, "a search every {} frames", search_every);
-  TARSIER_REQUIRE(max_objects >= 1 && max_objects <= 100, "{} objects", max_objects);
-  TARSIER_REQUIRE(remember_s >= 0 && std::isfinite(remember_s), "remember {} s", remember_s);
-  TARSIER_REQUIRE(worse >= 1 && hold_error >= 1, "worse {}, hold {}", worse, hold_error);
-}
 
 std::vector<TrackedObject> find_objects(const Fitter& fitter, const FindStarts& find,
                                         const cv::Mat& picture, int most, FitWorkspace& workspace) {

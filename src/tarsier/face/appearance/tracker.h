@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/appearance/fit.h"
 
 #include <Eigen/Core>
@@ -16,14 +17,24 @@ namespace tarsier::face::appearance {
 using FindStarts = std::function<std::vector<std::vector<Eigen::Matrix2Xd>>(const cv::Mat&)>;
 
 struct TrackOptions {
-  int search_every = 10;    // frames between searches for further objects, >= 1
-  int max_objects = 4;      // 1..100
-  double remember_s = 3;    // in which a lost one that appears near its place keeps its id, >= 0
+  int search_every = 10;  // frames between searches for further objects
+  int max_objects = 4;
+  double remember_s = 3;    // in which a lost one that appears near its place keeps its id
   double worse = 1.25;      // a fit at the finest level alone whose error rose by this factor is
-                            // done again at all levels, >= 1
+                            // done again at all levels
   double hold_error = 1.3;  // an object that is followed is lost only above this times the
-                            // model's lost_error, >= 1
-  void check() const;
+                            // model's lost_error
+
+  [[nodiscard]] OptionFields fields() {
+    return {
+        {"search_every", search_every, at_least(1), "--search-every",
+         "frames between searches for new faces"},
+        {"max_objects", max_objects, range(1, 100), "--max-faces", "objects followed at a time"},
+        {"remember_s", remember_s, at_least(0)},
+        {"worse", worse, at_least(1)},
+        {"hold_error", hold_error, at_least(1)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct TrackedObject {

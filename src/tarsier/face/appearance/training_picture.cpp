@@ -2,18 +2,12 @@
 #include "tarsier/face/appearance/training_picture.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
 
 namespace tarsier::face::appearance {
-
-void LoadOptions::check() const {
-  TARSIER_REQUIRE(margin >= 0 && margin <= 4, "margin {}", margin);
-  TARSIER_REQUIRE(largest >= 50 && largest <= 4000, "largest {}", largest);
-}
 
 std::vector<TrainingPicture> load_training_pictures(const shape::LandmarkSet& set,
                                                     const std::string& set_path,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/shape/cut_out.h"
 #include "tarsier/face/shape/landmark_set.h"
@@ -18,9 +19,13 @@ struct TrainingPicture : shape::CutOut {  // its picture: CV_8UC3
 };
 
 struct LoadOptions {
-  double margin = 0.6;  // around the points' box that stays, share of its larger side, 0..4
-  int largest = 250;    // px; the points' box is reduced to this at most, 50..4000
-  void check() const;
+  double margin = 0.6;  // around the points' box that stays, share of its larger side
+  int largest = 250;    // px; the points' box is reduced to this at most
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"margin", margin, range(0, 4)}, {"largest", largest, range(50, 4000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Reads the pictures of a set. Samples that are not complete and pictures that cannot be read are

@@ -47,12 +47,11 @@ double usual_min_face(cv::Size picture) {
 }
 
 void FaceDetectorOptions::check() const {
+  check_fields(*this);
   TARSIER_REQUIRE(min_face == 0 || (min_face >= 16 && min_face <= 8192),
                   "the smallest face is of 16..8192 px, got {}", min_face);
   TARSIER_REQUIRE(max_width == 0 || (max_width >= 80 && max_width <= 4096),
                   "working width is 80..4096 px, got {}", max_width);
-  TARSIER_REQUIRE(step >= 1.01 && step <= 2, "steps between sizes are 1.01..2, got {}", step);
-  TARSIER_REQUIRE(neighbors >= 1 && neighbors <= 20, "neighbours are 1..20, got {}", neighbors);
 }
 
 struct FaceDetector::Impl {

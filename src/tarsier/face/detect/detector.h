@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
 
@@ -21,14 +23,17 @@ namespace tarsier::face {
 [[nodiscard]] double usual_min_face(cv::Size picture);
 
 struct FaceDetectorOptions {
-  double min_face = 0;  // px of the picture, width of the smallest box, 16..8192; 0: the usual
-  // px; wider pictures are searched at this width, whatever min_face says, 80..4096; 0: at the
+  double min_face = 0;  // px of the picture, width of the smallest box; 0: the usual
+  // px; wider pictures are searched at this width, whatever min_face says; 0: at the
   // width that min_face needs.
   int max_width = 0;
-  int neighbors = 3;  // rectangles that must agree, 1..20
-  double step = 1.1;  // from one size of face that is looked for to the next, 1.01..2
+  int neighbors = 3;  // rectangles that must agree
+  double step = 1.1;  // from one size of face that is looked for to the next
   std::string cascade = "haarcascade_frontalface_alt2.xml";
 
+  [[nodiscard]] OptionFields fields() {
+    return {{"neighbors", neighbors, range(1, 20)}, {"step", step, range(1.01, 2)}};
+  }
   void check() const;
 };
 

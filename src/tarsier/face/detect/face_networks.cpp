@@ -293,12 +293,9 @@ void FaceNetworks::require() const {
 }
 
 void FaceSearchOptions::check() const {
-  TARSIER_REQUIRE(min_face >= kScanFace && std::isfinite(min_face),
-                  "the smallest face is of {} px at least, got {}", kScanFace, min_face);
+  check_fields(*this);
   TARSIER_REQUIRE(max_face == 0 || (max_face >= min_face && std::isfinite(max_face)),
                   "the largest face of {} px is below the smallest, {} px", max_face, min_face);
-  TARSIER_REQUIRE(threshold >= 0 && threshold < 1, "threshold {}", threshold);
-  TARSIER_REQUIRE(max_places >= 1 && max_places <= 10000, "{} places", max_places);
 }
 
 void make_halves(const cv::Mat& gray, double smallest_scale, std::vector<cv::Mat>& halves) {

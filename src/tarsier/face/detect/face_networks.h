@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/linalg/network_stack.h"
 
 #include <opencv2/core/mat.hpp>
@@ -60,11 +61,17 @@ struct ScoredFace {
 };
 
 struct FaceSearchOptions {
-  double min_face = 40;  // px, width of the smallest box, >= 16
+  double min_face = 40;  // px, width of the smallest box
   double max_face = 0;   // px, of the largest; 0: as large as the picture
-  double threshold = 0;  // score of a face, [0, 1); 0: the networks' `likely`
-  int max_places = 200;  // that the second network looks at, the best of the first, 1..10000
+  double threshold = 0;  // score of a face; 0: the networks' `likely`
+  int max_places = 200;  // that the second network looks at, the best of the first
   bool checked = true;   // false: without the third network
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_face", min_face, at_least(kScanFace)},
+            {"threshold", threshold, range_below(0, 1)},
+            {"max_places", max_places, range(1, 10000)}};
+  }
   void check() const;
 };
 

@@ -445,14 +445,6 @@ HeldOutScores score_held_out(const Material& material, const FaceNetworks& netwo
 
 }  // namespace
 
-void FaceTrainingOptions::check() const {
-  TARSIER_REQUIRE(scan_steps >= 2 && scan_steps <= 1'000'000, "{} steps", scan_steps);
-  TARSIER_REQUIRE(judge_steps >= 2 && judge_steps <= 1'000'000, "{} steps", judge_steps);
-  TARSIER_REQUIRE(check_steps >= 3 && check_steps <= 1'000'000, "{} steps", check_steps);
-  TARSIER_REQUIRE(drawings >= 0 && drawings <= 10'000, "{} drawings", drawings);
-  TARSIER_REQUIRE(false_alarms >= 0 && false_alarms <= 10'000, "{} false alarms", false_alarms);
-}
-
 double sure_score(const std::vector<double>& scores, double lowest, double allowed) {
   TARSIER_REQUIRE(lowest > 0 && lowest < kHighestSure, "the lowest score is {}", lowest);
   TARSIER_REQUIRE(allowed >= 0, "{} alarms", allowed);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/detect/face_networks.h"
 
@@ -35,7 +36,19 @@ struct FaceTrainingOptions {
   // the scores in every third of those pictures, which is not learned from, let no more expect.
   double false_alarms = 100;
   std::uint64_t seed = 1;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {
+        {"scan_steps", scan_steps, range(3, 1'000'000), "--scan-steps",
+         "batches that the first network learns from"},
+        {"judge_steps", judge_steps, range(3, 1'000'000), "--judge-steps", "batches of the second"},
+        {"check_steps", check_steps, range(3, 1'000'000), "--check-steps", "batches of the third"},
+        {"drawings", drawings, range(0, 10'000), "--drawings",
+         "pictures without faces that the program draws and learns from as well"},
+        {"false_alarms", false_alarms, range(0, 10'000), "--false-alarms",
+         "how many there may be in 1000 of the pictures held out"}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct FaceTraining {

@@ -64,16 +64,6 @@ geometry::Camera guess_camera(cv::Size picture) {
   return camera;
 }
 
-void HeadPoseOptions::check() const {
-  TARSIER_REQUIRE(noise_px >= 0 && noise_px <= 100, "noise_px {}", noise_px);
-  TARSIER_REQUIRE(iterations >= 1 && iterations <= 100, "iterations {}", iterations);
-  TARSIER_REQUIRE(robust_sigmas > 0, "robust_sigmas {}", robust_sigmas);
-  TARSIER_REQUIRE(outline_yaw_deg > 0, "outline_yaw_deg {}", outline_yaw_deg);
-  TARSIER_REQUIRE(expression_share >= 0 && expression_share <= 1, "expression_share {}",
-                  expression_share);
-  TARSIER_REQUIRE(memory > 0 && memory <= 1, "memory {}", memory);
-}
-
 VectorXd HeadIdentity::shape(const HeadModel& model) const {
   const Index m = model.mode_count();
   if (frames == 0) return VectorXd::Zero(m);

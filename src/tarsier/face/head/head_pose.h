@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/head/angles.h"
 #include "tarsier/face/head/head_model.h"
 #include "tarsier/face/head/posit.h"
@@ -29,18 +30,27 @@ namespace tarsier::face::head {
 [[nodiscard]] geometry::Camera guess_camera(cv::Size picture);
 
 struct HeadPoseOptions {
-  double noise_px = 1;          // of a landmark's coordinate, beside the model's; [0, 100]
+  double noise_px = 1;          // of a landmark's coordinate, beside the model's
   bool fit_shape = true;        // false: the mean head (or the identity's) as it is
-  int iterations = 8;           // of Gauss-Newton, 1..100
-  double robust_sigmas = 4;     // residuals beyond count less, > 0
+  int iterations = 8;           // of Gauss-Newton
+  double robust_sigmas = 4;     // residuals beyond count less
   std::vector<int> outline;     // model points, beside those of the model
-  double outline_yaw_deg = 10;  // weight exp(-(yaw / this)^2 / 2) of the outline's far side, > 0
+  double outline_yaw_deg = 10;  // weight exp(-(yaw / this)^2 / 2) of the outline's far side
   // Of the variance of each mode: what changes from frame to frame (expression) in one person, the
-  // rest is identity; [0, 1].
+  // rest is identity.
   double expression_share = 0.05;
-  // How much of what was learnt about the identity is kept per frame, (0, 1].
+  // How much of what was learnt about the identity is kept per frame.
   double memory = 0.995;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"noise_px", noise_px, range(0, 100)},
+            {"iterations", iterations, range(1, 100)},
+            {"robust_sigmas", robust_sigmas, above(0)},
+            {"outline_yaw_deg", outline_yaw_deg, above(0)},
+            {"expression_share", expression_share, range(0, 1)},
+            {"memory", memory, above(0, 1)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // What is known of one person's shape, from frames seen so far: a Gaussian of c = b / deviation in

@@ -22,13 +22,6 @@ constexpr double kFlattest = 1e-3;
 
 }  // namespace
 
-void PositOptions::check() const {
-  TARSIER_REQUIRE(max_iterations >= 1 && max_iterations <= 1000, "max_iterations {}",
-                  max_iterations);
-  TARSIER_REQUIRE(tolerance >= 1e-12 && tolerance <= 1e-2, "tolerance {}", tolerance);
-  TARSIER_REQUIRE(refine_steps >= 0 && refine_steps <= 50, "refine_steps {}", refine_steps);
-}
-
 PositModel::PositModel(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& weights,
                        int reference)
     : reference_(reference) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid.h"
 
@@ -26,12 +27,18 @@ enum class PositMethod { kClassic, kHomogeneous };
 
 struct PositOptions {
   PositMethod method = PositMethod::kHomogeneous;
-  int max_iterations = 50;  // 1..1000
-  // Stops when no w changes by more: 1e-12..1e-2.
+  int max_iterations = 50;
+  // Stops when no w changes by more.
   double tolerance = 1e-6;
-  // Steps of Levenberg-Marquardt on the weighted reprojection error afterwards, 0..50.
+  // Steps of Levenberg-Marquardt on the weighted reprojection error afterwards.
   int refine_steps = 0;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"max_iterations", max_iterations, range(1, 1000)},
+            {"tolerance", tolerance, range(1e-12, 1e-2)},
+            {"refine_steps", refine_steps, range(0, 50)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct PositPose {

@@ -46,14 +46,6 @@ geometry::Rigid MeanFilter::operator()(const geometry::Rigid& pose) {
   return mean_pose({last_.begin(), last_.end()});
 }
 
-void OneEuroOptions::check() const {
-  TARSIER_REQUIRE(rotation_cutoff_hz > 0, "rotation_cutoff_hz {}", rotation_cutoff_hz);
-  TARSIER_REQUIRE(rotation_beta >= 0, "rotation_beta {}", rotation_beta);
-  TARSIER_REQUIRE(translation_cutoff_hz > 0, "translation_cutoff_hz {}", translation_cutoff_hz);
-  TARSIER_REQUIRE(translation_beta >= 0, "translation_beta {}", translation_beta);
-  TARSIER_REQUIRE(speed_cutoff_hz > 0, "speed_cutoff_hz {}", speed_cutoff_hz);
-}
-
 OneEuroFilter::OneEuroFilter(const OneEuroOptions& options) : options_(options) {
   options_.check();
 }

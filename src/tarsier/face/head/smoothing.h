@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/rigid.h"
 
 #include <deque>
@@ -30,12 +31,20 @@ class MeanFilter {
 // Casiez, Roussel and Vogel, "1 euro filter", CHI 2012: a low pass whose cut-off rises with speed:
 // steady when still, without lag when moving. Rotation and translation each have their own.
 struct OneEuroOptions {
-  double rotation_cutoff_hz = 1;     // when still, > 0
-  double rotation_beta = 0.05;       // cut-off in Hz per degree/s, >= 0
-  double translation_cutoff_hz = 1;  // > 0
-  double translation_beta = 0.02;    // cut-off in Hz per mm/s, >= 0
-  double speed_cutoff_hz = 1;        // of the speed itself, > 0
-  void check() const;
+  double rotation_cutoff_hz = 1;  // when still
+  double rotation_beta = 0.05;    // cut-off in Hz per degree/s
+  double translation_cutoff_hz = 1;
+  double translation_beta = 0.02;  // cut-off in Hz per mm/s
+  double speed_cutoff_hz = 1;      // of the speed itself
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"rotation_cutoff_hz", rotation_cutoff_hz, above(0)},
+            {"rotation_beta", rotation_beta, at_least(0)},
+            {"translation_cutoff_hz", translation_cutoff_hz, above(0)},
+            {"translation_beta", translation_beta, at_least(0)},
+            {"speed_cutoff_hz", speed_cutoff_hz, above(0)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 class OneEuroFilter {

@@ -317,15 +317,6 @@ void settle_pitch(Trainer& trainer) {
 
 }  // namespace
 
-void TrainHeadOptions::check() const {
-  TARSIER_REQUIRE(modes >= 0 && modes <= 40, "modes {}", modes);
-  TARSIER_REQUIRE(iterations >= 1 && iterations <= 10000, "iterations {}", iterations);
-  TARSIER_REQUIRE(outer_eye_mm >= 10 && outer_eye_mm <= 1000, "outer_eye_mm {}", outer_eye_mm);
-  TARSIER_REQUIRE(distance_mm >= 300, "distance_mm {}", distance_mm);
-  TARSIER_REQUIRE(outline_yaw_deg > 0, "outline_yaw_deg {}", outline_yaw_deg);
-  TARSIER_REQUIRE(robust_sigmas > 0, "robust_sigmas {}", robust_sigmas);
-}
-
 TrainedHead train_head(const std::vector<Matrix2Xd>& faces, const shape::Markup& markup,
                        const TrainHeadOptions& options, Progress* progress, std::stop_token stop) {
   options.check();

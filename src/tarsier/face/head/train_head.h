@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/head/angles.h"
 #include "tarsier/face/head/head_model.h"
@@ -27,20 +28,32 @@
 namespace tarsier::face::head {
 
 struct TrainHeadOptions {
-  int modes = 12;        // 0..40
-  int iterations = 100;  // of expectation maximisation, 1..10000
-  // Between the outer eye corners, mm: pictures alone have no scale. 10..1000
+  int modes = 12;
+  int iterations = 100;  // of expectation maximisation
+  // Between the outer eye corners, mm: pictures alone have no scale.
   double outer_eye_mm = 89;
-  // Typical distance from the camera to the head, mm; >= 300. How strong perspective is (pictures
+  // Typical distance from the camera to the head, mm. How strong perspective is (pictures
   // of a single face cannot tell).
   double distance_mm = 1500;
   // Points of the outline, of which the far side does not count in turned faces; for 68 points
   // 0..16 (the default when empty and there are 68 points).
   std::vector<int> outline;
-  double outline_yaw_deg = 10;  // their weight is exp(-(yaw / this)^2 / 2), > 0
-  double robust_sigmas = 3;     // residuals beyond count less (Geman-McClure), > 0
+  double outline_yaw_deg = 10;  // their weight is exp(-(yaw / this)^2 / 2)
+  double robust_sigmas = 3;     // residuals beyond count less (Geman-McClure)
   std::uint64_t seed = 1;       // of the first modes
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"modes", modes, range(0, 40), "--modes", "how many ways to deform are learnt"},
+            {"iterations", iterations, range(1, 10000), "--iterations",
+             "iterations of expectation maximisation"},
+            {"outer_eye_mm", outer_eye_mm, range(10, 1000), "--outer-eye-mm",
+             "between the outer eye corners: pictures alone have no scale"},
+            {"distance_mm", distance_mm, at_least(300), "--distance-mm",
+             "from the camera to the heads, typically"},
+            {"outline_yaw_deg", outline_yaw_deg, above(0)},
+            {"robust_sigmas", robust_sigmas, above(0)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct TrainedHead {

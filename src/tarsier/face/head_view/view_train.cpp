@@ -59,13 +59,6 @@ void set_angle_scale(const std::vector<ViewSample>& samples, double weight, View
 
 }  // namespace
 
-void TrainViewOptions::check() const {
-  TARSIER_REQUIRE(components >= 1 && components <= 500, "components {}", components);
-  TARSIER_REQUIRE(angle_weight > 0 && angle_weight <= 1000, "angle_weight {}", angle_weight);
-  TARSIER_REQUIRE(gamma > 0 && gamma <= 1000, "gamma {}", gamma);
-  TARSIER_REQUIRE(ridge > 0 && ridge <= 1e6, "ridge {}", ridge);
-}
-
 ViewModel train_view_model(const std::vector<ViewSample>& samples,
                            const TrainViewOptions& options) {
   options.check();

@@ -87,12 +87,8 @@ std::vector<double> errors_left_out(const LandmarkModel& base,
 }  // namespace
 
 void AdaptOptions::check() const {
-  const auto good = [](double value) { return value > 0 && value <= 1e6; };
-  TARSIER_REQUIRE(!ridge || good(*ridge), "ridge is in (0, 1e6], got {}", ridge.value_or(0));
-  TARSIER_REQUIRE(
-      good(usual) && !choices.empty() && std::all_of(choices.begin(), choices.end(), good),
-      "ridges to choose from are in (0, 1e6]");
-  TARSIER_REQUIRE(starts >= 4 && starts <= 200, "starts are 4..200, got {}", starts);
+  check_fields(*this);
+  TARSIER_REQUIRE(!choices.empty(), "no ridges to choose from");
 }
 
 AdaptedModel adapt_landmark_model(const LandmarkModel& base, const shape::LandmarkSet& set,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/landmarks/training_face.h"
@@ -23,12 +24,19 @@ namespace tarsier::face::landmarks {
 struct AdaptOptions {
   // lambda in units of (starts of a picture) x (mean squared norm of a row of Phi): 1 weighs the
   // prior like one picture. Nothing: the best of `choices` on pictures left out, where there are 3
-  // at least, else `usual`. (0, 1e6]
+  // at least, else `usual`.
   std::optional<double> ridge;
   double usual = 0.3;
   std::vector<double> choices = {0.03, 0.1, 0.3, 1, 3, 10};
-  int starts = 24;  // of each picture, 4..200; fewer where there are many pictures
+  int starts = 24;  // of each picture; fewer where there are many pictures
   std::uint64_t seed = 1;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"ridge", ridge, above(0, 1e6)},
+            {"usual", usual, above(0, 1e6)},
+            {"choices", choices, above(0, 1e6)},
+            {"starts", starts, range(4, 200), "--starts", "scattered around each face"}};
+  }
   void check() const;
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/landmarks/face_finder.h"
 #include "tarsier/face/shape/import.h"
@@ -44,15 +45,26 @@ struct HogDetector {
 };
 
 struct HogOptions {
-  int window = 80;        // px, square root of the window's area, 40..200
-  double c = 5;           // weight of the losses against that of a large margin, (0, 1e6]
-  double epsilon = 0.02;  // stop when the risk is this near its least value, [1e-4, 1]
-  int rounds = 500;       // at most, of the optimisation, 1..100000
+  int window = 80;        // px, square root of the window's area
+  double c = 5;           // weight of the losses against that of a large margin
+  double epsilon = 0.02;  // stop when the risk is this near its least value
+  int rounds = 500;       // at most, of the optimisation
   bool mirror = true;     // learn from mirrored pictures too
-  int upsample = 0;       // times that a picture with a small object is doubled, 0..3
-  int largest = 640;      // px, longer pictures are reduced, 100..4000
+  int upsample = 0;       // times that a picture with a small object is doubled
+  int largest = 640;      // px, longer pictures are reduced
   std::uint64_t seed = 1;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"window", window, range(40, 200), "--window",
+             "px, detection window (square root of its area): the smallest object it sees"},
+            {"c", c, range(1e-6, 1e6), "--c", "weight of mistakes against a large margin"},
+            {"epsilon", epsilon, range(1e-4, 1), "--epsilon", "accuracy of the optimisation"},
+            {"rounds", rounds, range(1, 100000)},
+            {"upsample", upsample, range(0, 3), "--upsample",
+             "times that pictures with objects smaller than the window are doubled"},
+            {"largest", largest, range(100, 4000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct HogTraining {

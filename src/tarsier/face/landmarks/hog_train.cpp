@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/boxes.h"
 #include "tarsier/core/errors.h"
-#include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/landmarks/hog_scanner.h"
@@ -219,16 +218,6 @@ void look_back(const std::vector<Picture>& pictures, HogTraining& result, Progre
 }
 
 }  // namespace
-
-void HogOptions::check() const {
-  TARSIER_REQUIRE(window >= 40 && window <= 200, "a window of {} px, not 40..200", window);
-  TARSIER_REQUIRE(c > 0 && c <= 1e6, "c is in (0, 1e6], got {}", c);
-  TARSIER_REQUIRE(epsilon >= 1e-4 && epsilon <= 1, "epsilon is 1e-4..1, got {}", epsilon);
-  TARSIER_REQUIRE(rounds >= 1 && rounds <= 100000, "rounds are 1..100000, got {}", rounds);
-  TARSIER_REQUIRE(upsample >= 0 && upsample <= 3, "pictures are doubled 0..3 times, got {}",
-                  upsample);
-  TARSIER_REQUIRE(largest >= 100 && largest <= 4000, "largest is 100..4000 px, got {}", largest);
-}
 
 HogTraining train_hog_detector(const std::vector<shape::BoxedPicture>& pictures,
                                const std::string& set_path, const HogOptions& options,

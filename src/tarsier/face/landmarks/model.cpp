@@ -23,7 +23,7 @@ constexpr double kJitter[][3] = {{0, 0, 1},
                                  {-0.03, 0.02, 0.97},
                                  {0.01, 0.035, 0.99},
                                  {-0.015, -0.03, 1.02}};
-constexpr int kMaxStarts = static_cast<int>(std::size(kJitter));
+static_assert(std::size(kJitter) == 5);  // the most that FitOptions::fields() allows
 
 Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& gray,
                                 const Eigen::Matrix2Xd& start) {
@@ -119,8 +119,7 @@ void LandmarkModel::check() const {
 }
 
 void FitOptions::check() const {
-  TARSIER_REQUIRE(starts >= 1 && starts <= kMaxStarts, "starts are 1..{}, got {}", kMaxStarts,
-                  starts);
+  check_fields(*this);
   patches.check();
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/face_finder.h"
 #include "tarsier/face/landmarks/patches.h"
@@ -59,6 +60,10 @@ struct FitOptions {
   std::optional<FitMethod> method;  // nothing: the model's best
   int starts = 3;                   // of the trees: fits from slightly different places, averaged
   PatchFitOptions patches;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"starts", starts, range(1, 5), "--starts", "fits of the trees that are averaged"}};
+  }
   void check() const;
 };
 

@@ -20,7 +20,7 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-constexpr int kLargestSide = 51;
+constexpr int kLargestSide = 51;  // as in PatchOptions::fields()
 // Share of the first step that the last one is.
 constexpr double kLastStep = 1e-3;
 
@@ -221,19 +221,6 @@ void in_parallel(int count, const std::stop_token& stop, const Work& work) {
 }
 
 }  // namespace
-
-void PatchOptions::check() const {
-  TARSIER_REQUIRE(patch >= 3 && patch <= kLargestSide && patch % 2 == 1,
-                  "patch is {}, not odd and in 3..{}", patch, kLargestSide);
-  TARSIER_REQUIRE(search >= 3 && search <= kLargestSide && search % 2 == 1,
-                  "search is {}, not odd and in 3..{}", search, kLargestSide);
-  TARSIER_REQUIRE(face_width >= 30 && face_width <= 400, "face width is {}, not 30..400",
-                  face_width);
-  TARSIER_REQUIRE(variance > 0 && variance <= 1000, "variance is {}, not in (0, 1000]", variance);
-  TARSIER_REQUIRE(lambda >= 0 && lambda <= 10, "lambda is {}, not 0..10", lambda);
-  TARSIER_REQUIRE(first_step > 0 && first_step <= 1, "first step is {}, not in (0, 1]", first_step);
-  TARSIER_REQUIRE(samples >= 1 && samples <= 10'000'000, "samples are {}", samples);
-}
 
 void PatchModels::check() const {
   TARSIER_REQUIRE(!patches.empty() && reference.cols() == points(),

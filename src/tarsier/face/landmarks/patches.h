@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/landmarks/training_face.h"
 #include "tarsier/face/shape/shape_model.h"
@@ -33,16 +34,26 @@ enum class PatchMethod {
 // `energy` being the mean square of a pixel, summed over all windows.
 struct PatchOptions {
   PatchMethod method = PatchMethod::kRidge;
-  int patch = 11;           // px, side of a patch, odd, 3..51
-  int search = 21;          // px, side of the window of responses in training, odd, 3..51
-  double face_width = 70;   // px, width of the mean shape at which patches work, 30..400
+  int patch = 11;           // px, side of a patch, odd
+  int search = 21;          // px, side of the window of responses in training, odd
+  double face_width = 70;   // px, width of the mean shape at which patches work
   double variance = 0.7;    // px^2, of the wished Gaussian response
-  double lambda = 0.1;      // weight of the regularisation, 0..10
-  double first_step = 0.5;  // of the descent, share of the largest that cannot diverge, (0, 1]; it
+  double lambda = 0.1;      // weight of the regularisation
+  double first_step = 0.5;  // of the descent, share of the largest that cannot diverge; it
                             // falls to a thousandth of it
   int samples = 1000;       // steps of the descent for each point
   std::uint64_t seed = 1;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"patch", patch, odd_range(3, 51), "--patch", "side of a patch, px"},
+            {"search", search, odd_range(3, 51)},
+            {"face_width", face_width, range(30, 400)},
+            {"variance", variance, above(0, 1000)},
+            {"lambda", lambda, range(0, 10)},
+            {"first_step", first_step, above(0, 1)},
+            {"samples", samples, range(1, 10'000'000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct PatchModels {
@@ -80,9 +91,16 @@ struct PatchFitOptions {
   double tolerance = 1e-3;  // stop a level when no point moves more than this share of face width
   bool robust = true;       // points weighted by how well they agree with the shape
   double sigmas = 3;        // clamping of the shape
-  double sharpness = 40;    // kMeanShift: a place counts by exp(sharpness * response), (0, 100]
-  double spread = 0.3;      // kMeanShift: deviation of the kernel, share of the window, [0.05, 2]
-  double noise = 10;        // px^2, of a point, against the shape's variance, [0, 1000]
+  double sharpness = 40;    // kMeanShift: a place counts by exp(sharpness * response)
+  double spread = 0.3;      // kMeanShift: deviation of the kernel, share of the window
+  double noise = 10;        // px^2, of a point, against the shape's variance
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"search", search, odd_range(3, 101)},   {"iterations", iterations, range(1, 1000)},
+            {"tolerance", tolerance, range(0, 1)},   {"sigmas", sigmas, above(0, 100)},
+            {"sharpness", sharpness, above(0, 100)}, {"spread", spread, range(0.05, 2)},
+            {"noise", noise, range(0, 1000)}};
+  }
   void check() const;
 };
 

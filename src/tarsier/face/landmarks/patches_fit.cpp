@@ -375,17 +375,8 @@ void weigh(const Eigen::Matrix2Xd& targets, const Eigen::Matrix2Xd& points, doub
 }  // namespace
 
 void PatchFitOptions::check() const {
+  check_fields(*this);
   TARSIER_REQUIRE(!search.empty() && search.size() <= 20, "{} levels", search.size());
-  for (const int side : search)
-    TARSIER_REQUIRE(side >= 3 && side <= 101 && side % 2 == 1,
-                    "a search window is {}, not odd and in 3..101", side);
-  TARSIER_REQUIRE(iterations >= 1 && iterations <= 1000, "iterations are {}, not 1..1000",
-                  iterations);
-  TARSIER_REQUIRE(tolerance >= 0 && tolerance <= 1, "tolerance is {}, not 0..1", tolerance);
-  TARSIER_REQUIRE(sigmas > 0 && sigmas <= 100, "sigmas are {}, not in (0, 100]", sigmas);
-  TARSIER_REQUIRE(sharpness > 0 && sharpness <= 100, "sharpness is {}, not in (0, 100]", sharpness);
-  TARSIER_REQUIRE(spread >= 0.05 && spread <= 2, "spread is {}, not 0.05..2", spread);
-  TARSIER_REQUIRE(noise >= 0 && noise <= 1000, "noise is {}, not 0..1000", noise);
 }
 
 cv::Mat patch_response(const cv::Mat& patch, const cv::Mat& window) {

@@ -15,12 +15,6 @@ constexpr double kSpeedShare = 0.2;  // of the critically damped beta: calm
 constexpr double kMaxGain = 0.9;
 }  // namespace
 
-void SteadyOptions::check() const {
-  TARSIER_REQUIRE(gain > 0 && gain <= 1, "gain {}", gain);
-  TARSIER_REQUIRE(face_gain >= 0 && point_gain >= 0, "gains {}, {}", face_gain, point_gain);
-  TARSIER_REQUIRE(face_still >= 0 && point_still >= 0, "rest {}, {}", face_still, point_still);
-}
-
 Eigen::Matrix2Xd Steady::next(const SteadyOptions& options, const Eigen::Matrix2Xd& points,
                               double dt, double unit) {
   TARSIER_REQUIRE(dt > 0 && unit > 0, "dt {}, unit {}", dt, unit);

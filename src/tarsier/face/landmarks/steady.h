@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <Eigen/Core>
 
 namespace tarsier::face::landmarks {
@@ -10,12 +12,20 @@ namespace tarsier::face::landmarks {
 // it starts to move, of a point by itself as lips part. (An exponential mean as steady as this lags
 // nearly twice as far behind a moving head: docs/landmarks.md.)
 struct SteadyOptions {
-  double gain = 0.12;         // alpha of 1/25 s at rest, (0, 1]
-  double face_gain = 12;      // more for each unit that the face is off persistently, >= 0
+  double gain = 0.12;         // alpha of 1/25 s at rest
+  double face_gain = 12;      // more for each unit that the face is off persistently
   double face_still = 0.025;  // units that count as rest
   double point_gain = 10;     // the same of a point against its face
   double point_still = 0.06;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"gain", gain, above(0, 1)},
+            {"face_gain", face_gain, at_least(0)},
+            {"face_still", face_still, at_least(0)},
+            {"point_gain", point_gain, at_least(0)},
+            {"point_still", point_still, at_least(0)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 class Steady {

@@ -3,7 +3,6 @@
 
 #include "tarsier/core/boxes.h"
 #include "tarsier/core/image.h"
-#include "tarsier/core/require.h"
 
 #include <algorithm>
 #include <cmath>
@@ -196,11 +195,7 @@ class Step {
 }  // namespace
 
 void TrackerOptions::check() const {
-  TARSIER_REQUIRE(search_every >= 1 && search_every <= 100000, "search every {}", search_every);
-  TARSIER_REQUIRE(min_score >= 0 && min_score <= 1, "least score {}", min_score);
-  TARSIER_REQUIRE(min_new >= 0 && min_new <= 1, "least score of a new face {}", min_new);
-  TARSIER_REQUIRE(remember_s >= 0 && std::isfinite(remember_s), "remember {} s", remember_s);
-  TARSIER_REQUIRE(max_faces >= 1 && max_faces <= 100, "{} faces", max_faces);
+  check_fields(*this);
   filter.check();
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/landmarks/steady.h"
 
@@ -13,13 +14,23 @@
 namespace tarsier::face::landmarks {
 
 struct TrackerOptions {
-  int search_every = 10;    // frames between two looks at the whole picture for large faces, >= 1
-  double min_score = 0.35;  // a face whose fit is worth less is lost, 0..1
-  double min_new = 0.5;     // what the fit of a new face must be worth, 0..1
+  int search_every = 10;    // frames between two looks at the whole picture for large faces
+  double min_score = 0.35;  // a face whose fit is worth less is lost
+  double min_new = 0.5;     // what the fit of a new face must be worth
   double remember_s = 3;    // s in which a lost face that appears near its place keeps its id
-  int max_faces = 8;        // 1..100
+  int max_faces = 8;
   bool smoothing = true;
   SteadyOptions filter;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"search_every", search_every, range(1, 100000), "--search-every",
+             "frames between searches for new faces"},
+            {"min_score", min_score, range(0, 1), "--min-score",
+             "a face whose fit is worth less is lost and looked for again"},
+            {"min_new", min_new, range(0, 1)},
+            {"remember_s", remember_s, at_least(0)},
+            {"max_faces", max_faces, range(1, 100), "--max-faces", "faces followed at a time"}};
+  }
   void check() const;
 };
 

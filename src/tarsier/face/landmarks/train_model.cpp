@@ -162,9 +162,7 @@ std::vector<RatedFit> rated_fits(const std::vector<TrainingFace>& faces, const L
 }  // namespace
 
 void TrainModelOptions::check() const {
-  TARSIER_REQUIRE(starts >= 1 && starts <= 200, "starts are 1..200, got {}", starts);
-  TARSIER_REQUIRE(shaped_starts >= 1 && shaped_starts <= 200, "shaped starts are 1..200, got {}",
-                  shaped_starts);
+  check_fields(*this);
   TARSIER_REQUIRE(std::isnan(to_the_right) || std::abs(to_the_right) <= 100, "to the right {}",
                   to_the_right);
   shape.check();

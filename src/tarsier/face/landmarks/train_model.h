@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/landmarks/training_face.h"
@@ -27,18 +28,23 @@ struct TrainModelOptions {
   bool quality = true;
   // px; NaN: measured (see DescentReport::to_the_right) where mirrored faces take part.
   double to_the_right = std::numeric_limits<double>::quiet_NaN();
-  int starts = 12;  // of each face, 1..200
+  int starts = 12;  // of each face
   // More faces to learn from, for trees, descent and quality; empty: none.
   ExtraFaces extra;
   // Fits that begin again from a better start than the mean shape must learn from such starts too;
   // empty: none.
   StartShapes start_shapes;
-  int shaped_starts = 4;  // of each face, if there are start_shapes, 1..200
+  int shaped_starts = 4;  // of each face, if there are start_shapes
   shape::ShapeModelOptions shape;
   TreesOptions tree_options;
   DescentOptions descent_options;
   PatchOptions patch_options;
   std::uint64_t seed = 1;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"starts", starts, range(1, 200), "--scatter", "starts scattered around each face"},
+            {"shaped_starts", shaped_starts, range(1, 200)}};
+  }
   void check() const;
 };
 

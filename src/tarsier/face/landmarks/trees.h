@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/landmarks/training_face.h"
 
@@ -19,19 +20,31 @@
 namespace tarsier::face::landmarks {
 
 struct TreesOptions {
-  int levels = 10;          // of the cascade, 1..30
-  int trees = 250;          // a level, 1..2000
-  int depth = 4;            // splits from root to leaf, 1..8
-  double shrinkage = 0.1;   // nu, (0, 1]
-  int features = 400;       // pixels a level that can be compared, 10..4000
-  int tests = 24;           // random splits tried at a node, 1..1000
+  int levels = 10;          // of the cascade
+  int trees = 250;          // a level
+  int depth = 4;            // splits from root to leaf
+  double shrinkage = 0.1;   // nu
+  int features = 400;       // pixels a level that can be compared
+  int tests = 24;           // random splits tried at a node
   double nearness = 0.12;   // lambda of the exponential prior on the distance of compared pixels,
-                            // in units of the mean shape's size, (0, 100]
-  double padding = 0.03;    // pixels are drawn from the mean shape's box grown by this share, 0..4
+                            // in units of the mean shape's size
+  double padding = 0.03;    // pixels are drawn from the mean shape's box grown by this share
   double smoothing = 0.03;  // distance of the 3 x 3 samples that a pixel's value is the mean of, in
-                            // sizes of the current shape (at least 1 px); 0..1, 0: one sample
+                            // sizes of the current shape (at least 1 px); 0: one sample
   std::uint64_t seed = 1;
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"levels", levels, range(1, 30), "--levels", "of the cascade of trees"},
+            {"trees", trees, range(1, 2000), "--trees", "a level"},
+            {"depth", depth, range(1, 8), "--depth", "of a tree"},
+            {"shrinkage", shrinkage, above(0, 1)},
+            {"features", features, range(10, 4000)},
+            {"tests", tests, range(1, 1000)},
+            {"nearness", nearness, above(0, 100)},
+            {"padding", padding, range(0, 4)},
+            {"smoothing", smoothing, range(0, 1)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct Trees {

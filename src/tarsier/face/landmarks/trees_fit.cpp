@@ -10,19 +10,6 @@
 
 namespace tarsier::face::landmarks {
 
-void TreesOptions::check() const {
-  TARSIER_REQUIRE(levels >= 1 && levels <= 30, "{} levels, 1..30 are possible", levels);
-  TARSIER_REQUIRE(trees >= 1 && trees <= 2000, "{} trees a level, 1..2000 are possible", trees);
-  TARSIER_REQUIRE(depth >= 1 && depth <= 8, "depth {}, 1..8 is possible", depth);
-  TARSIER_REQUIRE(shrinkage > 0 && shrinkage <= 1, "shrinkage {} is not in (0, 1]", shrinkage);
-  TARSIER_REQUIRE(features >= 10 && features <= 4000, "{} features, 10..4000 are possible",
-                  features);
-  TARSIER_REQUIRE(tests >= 1 && tests <= 1000, "{} tests, 1..1000 are possible", tests);
-  TARSIER_REQUIRE(nearness > 0 && nearness <= 100, "nearness {} is not in (0, 100]", nearness);
-  TARSIER_REQUIRE(smoothing >= 0 && smoothing <= 1, "smoothing {} is not in 0..1", smoothing);
-  TARSIER_REQUIRE(padding >= 0 && padding <= 4, "padding {} is not in 0..4", padding);
-}
-
 void Trees::check() const {
   const auto n = static_cast<std::size_t>(mean.cols());
   TARSIER_REQUIRE(n >= 2 && n <= 1000, "mean: {} points, 2..1000 are possible", n);

@@ -10,15 +10,6 @@
 
 namespace tarsier::face::people {
 
-void ClassicalOptions::check() const {
-  TARSIER_REQUIRE(size >= 32 && size <= 256, "size {}", size);
-  TARSIER_REQUIRE(eye_x > 0 && eye_x < 0.5 && eye_y > 0 && eye_y < 1, "eyes at {}, {}", eye_x,
-                  eye_y);
-  TARSIER_REQUIRE(
-      smooth_color >= 0 && smooth_color <= 255 && smooth_space > 0 && smooth_space <= 20,
-      "smoothing of {}, {}", smooth_color, smooth_space);
-}
-
 cv::Mat equalize_halves(const cv::Mat& gray) {
   require_gray(gray);
   TARSIER_REQUIRE(gray.cols >= 8, "{} px wide", gray.cols);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/people/eyes.h"
 
 #include <opencv2/core/mat.hpp>
@@ -11,14 +12,22 @@
 namespace tarsier::face::people {
 
 struct ClassicalOptions {
-  int size = 70;        // px, square, 32..256
+  int size = 70;        // px, square
   double eye_x = 0.16;  // of the left eye, share of the size
   double eye_y = 0.14;
   bool halves = true;  // equalise the left half, the right half and the whole apart, and blend
   double smooth_color = 20;  // of the bilateral filter, grey levels; 0: none
   double smooth_space = 2;   // px
   bool mask = true;          // outside an ellipse round (0.5, 0.4), half axes (0.5, 0.8): grey
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"size", size, range(32, 256)},
+            {"eye_x", eye_x, inside(0, 0.5)},
+            {"eye_y", eye_y, inside(0, 1)},
+            {"smooth_color", smooth_color, range(0, 255)},
+            {"smooth_space", smooth_space, above(0, 20)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // From a picture (CV_8UC1) and the eyes in it. `debug` gets "cut", "equalised", "smoothed",

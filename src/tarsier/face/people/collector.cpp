@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/people/collector.h"
 
-#include "tarsier/core/require.h"
 #include "tarsier/face/people/classical.h"
 
 #include <vector>
@@ -9,9 +8,8 @@
 namespace tarsier::face::people {
 
 void CollectOptions::check() const {
+  check_fields(*this);
   gate.check();
-  TARSIER_REQUIRE(min_difference >= 0 && min_difference <= 4, "difference {}", min_difference);
-  TARSIER_REQUIRE(min_seconds >= 0 && min_seconds <= 3600, "{} s", min_seconds);
 }
 
 Collector::Collector(const CollectOptions& options) : options_(options) { options_.check(); }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/people/face_reader.h"
 
 #include <opencv2/core/mat.hpp>
@@ -13,9 +14,16 @@ namespace tarsier::face::people {
 
 struct CollectOptions {
   QualityGate gate;
-  double min_difference = 0.3;  // face_difference() to the face taken last, videos; >= 0
-  double min_seconds = 1;       // since then, videos; >= 0
+  double min_difference = 0.3;  // face_difference() to the face taken last, videos
+  double min_seconds = 1;       // since then, videos
   bool check_quality = true;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_difference", min_difference, range(0, 4), "--min-difference",
+             "videos: how far a face differs from the last that was taken"},
+            {"min_seconds", min_seconds, range(0, 3600), "--min-seconds",
+             "videos: and how many seconds later it is"}};
+  }
   void check() const;
 };
 

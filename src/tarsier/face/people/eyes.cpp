@@ -140,13 +140,6 @@ std::optional<Eyes> EyeDetector::find(const cv::Mat& gray, const cv::Rect& face)
   return eyes;
 }
 
-void CutOptions::check() const {
-  TARSIER_REQUIRE(size.width >= 32 && size.width <= 512 && size.height >= 32 && size.height <= 512,
-                  "size {}x{}", size.width, size.height);
-  TARSIER_REQUIRE(eye_x > 0 && eye_x < 0.5, "eye_x {}", eye_x);
-  TARSIER_REQUIRE(eye_y > 0 && eye_y < 1, "eye_y {}", eye_y);
-}
-
 cv::Mat cut_face(const cv::Mat& gray, const Eyes& eyes, const CutOptions& options) {
   require_gray(gray);
   options.check();

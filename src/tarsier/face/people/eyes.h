@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
@@ -53,10 +55,17 @@ class EyeDetector {
 
 // The cut: rotation, scale and shift only.
 struct CutOptions {
-  cv::Size size{128, 160};  // px, 32..512 each
-  double eye_x = 0.27;      // of the left eye, share of the width, (0, 0.5); the right mirrored
-  double eye_y = 0.34;      // share of the height, (0, 1)
-  void check() const;
+  cv::Size size{128, 160};  // px
+  double eye_x = 0.27;      // of the left eye, share of the width; the right mirrored
+  double eye_y = 0.34;      // share of the height
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"size.width", size.width, range(32, 512)},
+            {"size.height", size.height, range(32, 512)},
+            {"eye_x", eye_x, inside(0, 0.5)},
+            {"eye_y", eye_y, inside(0, 1)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // CV_8UC1 of options.size, as bright as it was; what is outside the picture is its edge repeated.

@@ -36,10 +36,9 @@ void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face) {
 }  // namespace
 
 void FaceReaderOptions::check() const {
+  check_fields(*this);
   cut.check();
   tracker.check();
-  TARSIER_REQUIRE(min_score >= 0 && min_score <= 1 && min_sure >= 0 && min_sure <= 1,
-                  "scores {}, {}", min_score, min_sure);
 }
 
 struct FaceReader::Impl {

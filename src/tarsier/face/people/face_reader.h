@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/landmarks/tracker.h"
 #include "tarsier/face/people/eyes.h"
 #include "tarsier/face/people/quality.h"
@@ -32,9 +33,13 @@ struct FaceReaderOptions {
   EyeMethod eyes = EyeMethod::kLandmarks;
   CutOptions cut;
   landmarks::FaceFinderOptions finder;
-  double min_score = 0.5;  // of the points of a face that only the less strict search saw, 0..1
-  double min_sure = 0.4;   // of the points of any face, 0..1
+  double min_score = 0.5;  // of the points of a face that only the less strict search saw
+  double min_sure = 0.4;   // of the points of any face
   landmarks::TrackerOptions tracker;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_score", min_score, range(0, 1)}, {"min_sure", min_sure, range(0, 1)}};
+  }
   void check() const;
 };
 

@@ -45,12 +45,8 @@ double Quality::score() const {
 }
 
 void QualityGate::check() const {
-  TARSIER_REQUIRE(min_eye_distance >= 2 && min_eye_distance <= 1000, "eye distance {}",
-                  min_eye_distance);
-  for (const double share : {min_sharpness, max_turn, max_tilt, max_clipped, max_uneven})
-    TARSIER_REQUIRE(share >= 0 && share <= 2, "a limit of {}", share);
-  TARSIER_REQUIRE(min_light >= 0 && max_light <= 255 && min_light < max_light && min_contrast >= 0,
-                  "light {}..{}, contrast {}", min_light, max_light, min_contrast);
+  check_fields(*this);
+  TARSIER_REQUIRE(min_light < max_light, "light {}..{}", min_light, max_light);
 }
 
 Quality measure_quality(const cv::Mat& crop, const Eyes& eyes, const Eigen::Matrix2Xd& points) {

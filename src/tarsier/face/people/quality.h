@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/people/eyes.h"
 
 #include <Eigen/Core>
@@ -38,6 +39,18 @@ struct QualityGate {
   double min_contrast = 12;
   double max_clipped = 0.3;
   double max_uneven = 0.6;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_eye_distance", min_eye_distance, range(2, 1000)},
+            {"min_sharpness", min_sharpness, range(0, 2)},
+            {"max_turn", max_turn, range(0, 2)},
+            {"max_tilt", max_tilt, range(0, 2)},
+            {"min_light", min_light, range(0, 255)},
+            {"max_light", max_light, range(0, 255)},
+            {"min_contrast", min_contrast, at_least(0)},
+            {"max_clipped", max_clipped, range(0, 2)},
+            {"max_uneven", max_uneven, range(0, 2)}};
+  }
   void check() const;
 };
 

@@ -87,12 +87,6 @@ bool same(const shape::LandmarkSet& a, const shape::LandmarkSet& b) {
 
 }  // namespace
 
-void AnnotatorOptions::check() const {
-  TARSIER_REQUIRE(min_faces >= 2, "min_faces {}", min_faces);
-  TARSIER_REQUIRE(max_faces >= 3 && max_faces <= 1000, "max_faces {}", max_faces);
-  TARSIER_REQUIRE(starts >= 1 && starts <= 200, "starts {}", starts);
-}
-
 struct Annotator::Impl {
   AnnotatorOptions options;
   std::optional<FaceDetector> detector;

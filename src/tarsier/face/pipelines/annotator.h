@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/shape/landmark_set.h"
 
 #include <Eigen/Core>
@@ -32,11 +33,17 @@ struct Proposal {
 
 struct AnnotatorOptions {
   std::uint64_t seed = 1;
-  int min_faces = 3;       // finished pictures from which a model is trained, >= 2
-  int max_faces = 60;      // newest ones that it is trained on: keeps it quick, 3..1000
-  int starts = 12;         // of a picture in training, 1..200
+  int min_faces = 3;       // finished pictures from which a model is trained
+  int max_faces = 60;      // newest ones that it is trained on: keeps it quick
+  int starts = 12;         // of a picture in training
   bool find_faces = true;  // try the face detector
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"min_faces", min_faces, at_least(2)},
+            {"max_faces", max_faces, range(3, 1000)},
+            {"starts", starts, range(1, 200)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // Learns while a person annotates images:

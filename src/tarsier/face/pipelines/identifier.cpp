@@ -163,11 +163,6 @@ std::optional<people::GalleryModel> learn_gallery(people::Gallery& gallery,
   }
 }
 
-void NamingOptions::check() const {
-  TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "a rate of {}", false_accepts);
-  TARSIER_REQUIRE(max_pooled >= 1 && max_pooled <= 1000, "{} frames", max_pooled);
-}
-
 nlohmann::ordered_json to_json(const NamedFace& face) {
   const cv::Rect2d& box = face.face.box;
   nlohmann::ordered_json object = {

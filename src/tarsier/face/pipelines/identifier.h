@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/debug_sink.h"
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/people/face_reader.h"
@@ -92,9 +93,15 @@ void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelSt
 // --- names ---
 
 struct NamingOptions {
-  double false_accepts = 0.01;  // rate at which strangers may be taken for somebody, (0, 1)
-  int max_pooled = 10;          // of a tracked face so many last frames count together, 1..1000
-  void check() const;           // throws std::invalid_argument that names the value
+  double false_accepts = 0.01;  // rate at which strangers may be taken for somebody
+  int max_pooled = 10;          // of a tracked face so many last frames count together
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"false_accepts", false_accepts, inside(0, 1), "--far",
+             "share of strangers who may be taken for somebody"},
+            {"max_pooled", max_pooled, range(1, 1000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // A face that is tracked has many chances to be taken for somebody: in each frame it gets this

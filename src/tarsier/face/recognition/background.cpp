@@ -39,13 +39,8 @@ Eigen::RowVectorXf described(const cv::Mat& face, const BackgroundOptions& optio
 }  // namespace
 
 void BackgroundOptions::check() const {
+  check_fields(*this);
   descriptor.check();
-  TARSIER_REQUIRE(components >= 1 && components <= 2000, "{} components", components);
-  TARSIER_REQUIRE(variants >= 1 && variants <= 20, "{} variants", variants);
-  TARSIER_REQUIRE(relight >= 0 && relight <= 3, "relight {}", relight);
-  TARSIER_REQUIRE(moved_px >= 0 && moved_px <= 8, "moved by {} px", moved_px);
-  TARSIER_REQUIRE(weight > 0 && weight <= 1000 && within_weight > 0 && within_weight <= 1e6,
-                  "weights {}, {}", weight, within_weight);
 }
 
 cv::Mat relit_face(const cv::Mat& gray, double strength, std::uint64_t seed) {

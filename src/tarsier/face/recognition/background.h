@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/recognition/recognizer.h"
 
@@ -18,17 +19,26 @@ namespace tarsier::face::recognition {
 
 struct BackgroundOptions {
   DescriptorOptions descriptor;
-  int components = 256;  // of the people, 1..2000
+  int components = 256;  // of the people
   // A person of whom there is one picture also counts under other light, slightly moved: so many
-  // such pictures, 1..20, from which the scatter within people is taken.
+  // such pictures, from which the scatter within people is taken.
   int variants = 2;
-  double relight = 1.2;   // how far the light goes, 0..3; 1: an e-fold from cheek to cheek
-  double moved_px = 1.5;  // of a face 64 px wide, standard deviation, 0..8
+  double relight = 1.2;   // how far the light goes; 1: an e-fold from cheek to cheek
+  double moved_px = 1.5;  // of a face 64 px wide, standard deviation
   double weight = 20;     // Background::weight
   double within_weight = 60;
   std::uint64_t seed = 1;
   // Its numbers in the place of descriptors: the background of deep templates; or null.
   std::shared_ptr<const DeepNetwork> network;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"components", components, range(1, 2000)},
+            {"variants", variants, range(1, 20)},
+            {"relight", relight, range(0, 3)},
+            {"moved_px", moved_px, range(0, 8)},
+            {"weight", weight, above(0, 1000)},
+            {"within_weight", within_weight, above(0, 1e6)}};
+  }
   void check() const;
 };
 

@@ -182,11 +182,8 @@ std::vector<LabelledFace> read_face_list(const std::string& path) {
 }
 
 void EvaluationOptions::check() const {
-  TARSIER_REQUIRE(training >= 1 && training <= 10'000, "{} training pictures", training);
+  check_fields(*this);
   TARSIER_REQUIRE(!seeds.empty() && seeds.size() <= 1000, "{} seeds", seeds.size());
-  TARSIER_REQUIRE(enrolled >= 0 && enrolled <= 1'000'000, "{} enrolled", enrolled);
-  TARSIER_REQUIRE(false_accepts > 0 && false_accepts < 1, "false_accepts {}", false_accepts);
-  TARSIER_REQUIRE(stated_rate > 0 && stated_rate < 1, "stated_rate {}", stated_rate);
 }
 
 int count_people(const std::vector<std::string>& labels) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/face/recognition/recognizer.h"
@@ -29,15 +30,22 @@ struct LabelledFace {
 [[nodiscard]] std::vector<LabelledFace> read_face_list(const std::string& path);
 
 struct EvaluationOptions {
-  int training = 5;                                 // pictures of each person that train, 1..10000
+  int training = 5;                                 // pictures of each person that train
   std::vector<std::uint64_t> seeds{0, 1, 2, 3, 4};  // 1..1000 of them, one random choice each
   bool strangers = true;  // once more with some of the people enrolled only
   int enrolled = 0;       // so many of them; 0: half, rounded down
   // Rate at which true accepts are counted with a threshold chosen on the very scores that are
-  // judged, (0, 1): how well the scores tell people apart. Nobody has that threshold beforehand.
+  // judged: how well the scores tell people apart. Nobody has that threshold beforehand.
   double false_accepts = 0.01;
-  // The rate that each model's own calibration is asked for, (0, 1): what a user gets.
+  // The rate that each model's own calibration is asked for: what a user gets.
   double stated_rate = 0.01;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"training", training, range(1, 10'000)},
+            {"enrolled", enrolled, range(0, 1'000'000)},
+            {"false_accepts", false_accepts, inside(0, 1)},
+            {"stated_rate", stated_rate, inside(0, 1)}};
+  }
   void check() const;
 };
 

@@ -12,12 +12,6 @@ namespace tarsier::face::recognition {
 
 constexpr float kEpsilon = std::numeric_limits<float>::epsilon();
 
-void LbpOptions::check() const {
-  TARSIER_REQUIRE(radius >= 1 && radius <= 20, "radius {}", radius);
-  TARSIER_REQUIRE(neighbours >= 4 && neighbours <= 10, "{} neighbours", neighbours);
-  TARSIER_REQUIRE(grid >= 1 && grid <= 32, "grid {}", grid);
-}
-
 int lbp_length(const LbpOptions& options) {
   options.check();
   return options.grid * options.grid * (1 << options.neighbours);

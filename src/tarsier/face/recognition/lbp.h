@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <opencv2/core/mat.hpp>
 
 #include <span>
@@ -11,10 +13,16 @@
 namespace tarsier::face::recognition {
 
 struct LbpOptions {
-  int radius = 1;      // of the circle, px, 1..20
-  int neighbours = 8;  // points on it, 4..10
-  int grid = 8;        // cells across and down, 1..32
-  void check() const;
+  int radius = 1;      // of the circle, px
+  int neighbours = 8;  // points on it
+  int grid = 8;        // cells across and down
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"radius", radius, range(1, 20)},
+            {"neighbours", neighbours, range(4, 10)},
+            {"grid", grid, range(1, 32)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // grid * grid * 2^neighbours.

@@ -173,10 +173,8 @@ Light parse_light(std::string_view name) {
 }
 
 void TanTriggsOptions::check() const {
-  TARSIER_REQUIRE(gamma > 0 && gamma <= 1, "gamma {}", gamma);
+  check_fields(*this);
   TARSIER_REQUIRE(inner > 0 && inner < outer && outer <= 50, "inner {}, outer {}", inner, outer);
-  TARSIER_REQUIRE(alpha > 0 && alpha <= 1, "alpha {}", alpha);
-  TARSIER_REQUIRE(limit > 0, "limit {}", limit);
 }
 
 cv::Mat tan_triggs(const cv::Mat& gray, const TanTriggsOptions& options) {
@@ -269,8 +267,7 @@ cv::Mat light_picture(const cv::Mat& normalized) {
 }
 
 void DescriptorOptions::check() const {
-  TARSIER_REQUIRE(size.width >= 16 && size.width <= 512 && size.height >= 16 && size.height <= 512,
-                  "size {}x{}", size.width, size.height);
+  check_fields(*this);
   TARSIER_REQUIRE(!channels.empty() && channels.size() <= 8, "{} channels", channels.size());
   for (const auto& channel : channels) {
     TARSIER_REQUIRE(channel.cell >= 4 && channel.cell <= 64, "cell {}", channel.cell);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
+
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
 
@@ -27,11 +29,16 @@ enum class Light {
 // Tan and Triggs, "Enhanced local texture feature sets for face recognition under difficult
 // lighting conditions", IEEE TIP 2010.
 struct TanTriggsOptions {
-  double gamma = 0.2;  // grey^gamma, (0, 1]
+  double gamma = 0.2;  // grey^gamma
   double inner = 1;    // sigma of the Gaussians, px, 0 < inner < outer <= 50
   double outer = 2;
-  double alpha = 0.1;  // of the contrast equalisation, (0, 1]
-  double limit = 10;   // tau: large values are pressed to it by tanh, > 0
+  double alpha = 0.1;  // of the contrast equalisation
+  double limit = 10;   // tau: large values are pressed to it by tanh
+
+  [[nodiscard]] OptionFields fields() {
+    return {
+        {"gamma", gamma, above(0, 1)}, {"alpha", alpha, above(0, 1)}, {"limit", limit, above(0)}};
+  }
   void check() const;
 };
 
@@ -56,13 +63,18 @@ struct HogChannel {
 };
 
 struct DescriptorOptions {
-  cv::Size size{64, 80};  // px, faces are resized to it, 16..512 each
+  cv::Size size{64, 80};  // px, faces are resized to it
   std::vector<HogChannel> channels{{Light::kTanTriggs, 8, 9, false},
                                    {Light::kLog, 6, 9, false},
-                                   {Light::kTanTriggs, 8, 16, true}};  // 1..8
+                                   {Light::kTanTriggs, 8, 16, true}};
   // Average the descriptor with that of the mirrored face: light from the left and from the right
   // then look alike. Half as many numbers.
   bool symmetric = true;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"size.width", size.width, range(16, 512)},
+            {"size.height", size.height, range(16, 512)}};
+  }
   void check() const;
 };
 

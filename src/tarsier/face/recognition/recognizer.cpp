@@ -109,14 +109,11 @@ Algorithm parse_algorithm(std::string_view name) {
 }
 
 void RecognizerOptions::check() const {
+  check_fields(*this);
   TARSIER_REQUIRE(
       (size.width == 0 && size.height == 0) ||
           (size.width >= 8 && size.width <= 1024 && size.height >= 8 && size.height <= 1024),
       "size {}x{}", size.width, size.height);
-  TARSIER_REQUIRE(components >= 0 && components <= 4096, "{} components", components);
-  TARSIER_REQUIRE(variants >= 0 && variants <= 4, "variants {}", variants);
-  TARSIER_REQUIRE(ridge > 0 && ridge <= 100, "ridge {}", ridge);
-  TARSIER_REQUIRE(mean_weight >= 0 && mean_weight <= 1, "mean_weight {}", mean_weight);
   lbp.check();
   descriptor.check();
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/recognition/calibration.h"
 #include "tarsier/face/recognition/lbp.h"
@@ -50,10 +51,17 @@ struct RecognizerOptions {
   // Of the default recogniser:
   DescriptorOptions descriptor;
   // Training faces also count slightly shifted, turned and scaled: what differs between those is
-  // not the person. 0: no; else how far, 1 is 1.5 px of 64 and 3 degrees, 0..4.
+  // not the person. 0: no; else how far, 1 is 1.5 px of 64 and 3 degrees.
   double variants = 1;
-  double ridge = 0.3;        // added to the scatter within people, in units of its mean, (0, 100]
-  double mean_weight = 0.5;  // of a person's mean template against the best single one, 0..1
+  double ridge = 0.3;        // added to the scatter within people, in units of its mean
+  double mean_weight = 0.5;  // of a person's mean template against the best single one
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"components", components, range(0, 4096)},
+            {"variants", variants, range(0, 4)},
+            {"ridge", ridge, above(0, 100)},
+            {"mean_weight", mean_weight, range(0, 1)}};
+  }
   void check() const;
 };
 

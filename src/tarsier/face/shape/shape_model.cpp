@@ -147,12 +147,6 @@ void take_modes(ShapeModel& model, const Spectrum& spectrum, const MatrixXd& dir
 
 }  // namespace
 
-void ShapeModelOptions::check() const {
-  TARSIER_REQUIRE(variance > 0 && variance <= 1, "variance {}", variance);
-  TARSIER_REQUIRE(max_modes >= 1 && max_modes <= 1000, "max_modes {}", max_modes);
-  TARSIER_REQUIRE(iterations >= 1 && iterations <= 1000, "iterations {}", iterations);
-}
-
 void ShapeModel::check() const {
   const Index n = mean.cols();
   TARSIER_REQUIRE(n >= 2 && n <= kMaxPoints, "{} points", n);

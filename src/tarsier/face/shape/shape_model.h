@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/shape/landmark_set.h"
 #include "tarsier/face/shape/similarity.h"
 
@@ -14,11 +15,17 @@
 namespace tarsier::face::shape {
 
 struct ShapeModelOptions {
-  double variance = 0.95;  // share of the variance that the modes keep, (0, 1]
-  int max_modes = 20;      // 1..1000
-  int iterations = 20;     // of Procrustes alignment, 1..1000
-  bool mirror = false;     // train on mirrored shapes too; needs the symmetry
-  void check() const;
+  double variance = 0.95;  // share of the variance that the modes keep
+  int max_modes = 20;
+  int iterations = 20;  // of Procrustes alignment
+  bool mirror = false;  // train on mirrored shapes too; needs the symmetry
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"variance", variance, above(0, 1), "--variance", "share that the shape modes keep"},
+            {"max_modes", max_modes, range(1, 1000), "--modes", "shape modes at most"},
+            {"iterations", iterations, range(1, 1000)}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 // A linear point distribution model (Cootes et al., "Active shape models", CVIU 1995):

@@ -263,16 +263,9 @@ std::vector<Matrix2Xd> FaceTurner::shapes_near(const Matrix2Xd& points, int coun
 }
 
 void CopyOptions::check() const {
-  TARSIER_REQUIRE(copies >= 0 && copies <= 20, "copies are 0..20, got {}", copies);
-  TARSIER_REQUIRE(min_pitch_deg >= 0 && min_pitch_deg <= max_pitch_deg && max_pitch_deg <= 45,
-                  "pitch from {} to {}", min_pitch_deg, max_pitch_deg);
-  TARSIER_REQUIRE(max_yaw_deg >= 0 && max_yaw_deg <= 45, "yaw up to {}", max_yaw_deg);
-  TARSIER_REQUIRE(farthest_yaw_deg >= 0 && farthest_yaw_deg <= 80, "farthest yaw {}",
-                  farthest_yaw_deg);
-  TARSIER_REQUIRE(farthest_pitch_deg >= 0 && farthest_pitch_deg <= 80, "farthest pitch {}",
-                  farthest_pitch_deg);
-  TARSIER_REQUIRE(max_back_deg >= 0 && max_back_deg <= 90, "back by {}", max_back_deg);
-  TARSIER_REQUIRE(attempts >= 1 && attempts <= 100, "attempts are 1..100, got {}", attempts);
+  check_fields(*this);
+  TARSIER_REQUIRE(min_pitch_deg <= max_pitch_deg, "pitch from {} to {}", min_pitch_deg,
+                  max_pitch_deg);
 }
 
 namespace {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/head/angles.h"
 #include "tarsier/face/head/head_pose.h"
 #include "tarsier/face/landmarks/training_face.h"
@@ -68,15 +69,27 @@ class FaceTurner {
 };
 
 struct CopyOptions {
-  int copies = 1;            // of each face, 0..20
-  double min_pitch_deg = 5;  // turned up or down by least .. most; 0 <= least <= most <= 45
+  int copies = 1;            // of each face
+  double min_pitch_deg = 5;  // turned up or down by least .. most
   double max_pitch_deg = 30;
-  double max_yaw_deg = 30;       // turned sideways by up to this, either way, 0..45
-  double farthest_yaw_deg = 50;  // no copy is turned further, either way, 0..80
+  double max_yaw_deg = 30;       // turned sideways by up to this, either way
+  double farthest_yaw_deg = 50;  // no copy is turned further, either way
   double farthest_pitch_deg = 40;
-  // A yaw that turns the face back by more than this shows what no camera saw; 0..90.
+  // A yaw that turns the face back by more than this shows what no camera saw.
   double max_back_deg = 10;
-  int attempts = 5;  // angles that are tried for a copy before it is left out, 1..100
+  int attempts = 5;  // angles that are tried for a copy before it is left out
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"copies", copies, range(0, 20), "--turned",
+             "copies of each face, turned in 3D, to learn from beside it"},
+            {"min_pitch_deg", min_pitch_deg, range(0, 45)},
+            {"max_pitch_deg", max_pitch_deg, range(0, 45)},
+            {"max_yaw_deg", max_yaw_deg, range(0, 45)},
+            {"farthest_yaw_deg", farthest_yaw_deg, range(0, 80)},
+            {"farthest_pitch_deg", farthest_pitch_deg, range(0, 80)},
+            {"max_back_deg", max_back_deg, range(0, 90)},
+            {"attempts", attempts, range(1, 100)}};
+  }
   void check() const;
 };
 
