@@ -45,14 +45,7 @@ double path_time(double time_s) {
 }  // namespace
 
 void VideoOptions::check() const {
-  TARSIER_REQUIRE(
-      size.width >= 64 && size.height >= 64 && size.width <= 8192 && size.height <= 8192,
-      "{}x{} px", size.width, size.height);
-  TARSIER_REQUIRE(fps > 0 && fps <= 1000, "fps {}", fps);
-  TARSIER_REQUIRE(speed_px >= 0 && speed_px <= 100, "speed_px {}", speed_px);
-  TARSIER_REQUIRE(tilt_deg >= 0 && tilt_deg <= 75, "tilt_deg {}", tilt_deg);
-  TARSIER_REQUIRE(shutter >= 0 && shutter <= 1, "shutter {}", shutter);
-  TARSIER_REQUIRE(exposure >= 0 && exposure <= 0.8, "exposure {}", exposure);
+  check_fields(*this);
   look.check();
 }
 

@@ -190,14 +190,9 @@ std::string_view name_of(PlanarLevel level) {
 }
 
 void StillOptions::check() const {
-  TARSIER_REQUIRE(
-      size.width >= 64 && size.height >= 64 && size.width <= 8192 && size.height <= 8192,
-      "{}x{} px", size.width, size.height);
-  TARSIER_REQUIRE(least >= 0 && least <= most && most <= 16, "{}..{} prints", least, most);
-  TARSIER_REQUIRE(min_side_px >= 4 && max_side_px >= min_side_px, "sides of {}..{} px", min_side_px,
-                  max_side_px);
-  TARSIER_REQUIRE(tilt_deg >= 0 && tilt_deg <= 80, "tilt {}", tilt_deg);
-  TARSIER_REQUIRE(part_hidden >= 0 && part_hidden <= 1, "part_hidden {}", part_hidden);
+  check_fields(*this);
+  TARSIER_REQUIRE(least <= most, "{}..{} prints", least, most);
+  TARSIER_REQUIRE(max_side_px >= min_side_px, "sides of {}..{} px", min_side_px, max_side_px);
 }
 
 PlanarStill marker_still(const planar::markers::Dictionary& family, double side,

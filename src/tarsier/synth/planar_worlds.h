@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/rotation.h"
 #include "tarsier/planar/markers/dictionary.h"
 #include "tarsier/synth/planar_scene.h"
@@ -28,13 +29,29 @@ struct PlanarStill {
 };
 
 struct StillOptions {
-  cv::Size size{640, 480};  // px, 64..8192
-  int least = 1;            // prints, 0..16
+  cv::Size size{640, 480};  // px
+  int least = 1;            // prints
   int most = 8;
   double min_side_px = 12;   // of a print's part, before it is tilted
   double max_side_px = 300;  // at most 0.6 of the picture's smaller side
-  double tilt_deg = 60;      // at most, 0..80
-  double part_hidden = 0;    // share of prints that a hand or a bar hides in part, 0..1
+  double tilt_deg = 60;      // at most
+  double part_hidden = 0;    // share of prints that a hand or a bar hides in part
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"size.width", size.width, range(64, 8192)},
+            {"size.height", size.height, range(64, 8192)},
+            {"least", least, range(0, 16), "--min-markers",
+             "fewest markers in one image; their number is drawn at random"},
+            {"most", most, range(0, 16), "--max-markers",
+             "most markers in one image; their number is drawn at random"},
+            {"min_side_px", min_side_px, range(4, 8192), "--min-side",
+             "px, of a marker or target seen straight; of targets [80]"},
+            {"max_side_px", max_side_px, range(4, 8192), "--max-side",
+             "px; at most 0.6 of the picture's height"},
+            {"tilt_deg", tilt_deg, range(0, 80), "--tilt", "degrees, at most"},
+            {"part_hidden", part_hidden, range(0, 1), "--hidden",
+             "share of markers that a hand or a bar hides in part"}};
+  }
   void check() const;
 };
 
@@ -48,16 +65,26 @@ struct StillOptions {
                                       std::uint64_t seed);
 
 struct VideoOptions {
-  cv::Size size{640, 480};  // px, 64..8192
-  double fps = 25;          // > 0
-  double speed_px = 25;     // fastest motion of a print's corner between two frames, 0..100
-  double tilt_deg = 50;     // of the camera, at most, 0..75
-  double shutter = 0.25;    // share of a frame's time that is exposed, 0..1
-  double exposure = 0.2;    // by which share the exposure swings, 0..0.8
-  bool cover = true;        // a hand passes over the prints now and then
-  bool distorted = false;   // a lens with k1 = -0.25
-  PlanarLook look;          // its gain times the swing; the seed is of the first frame's noise
-  std::uint64_t seed = 1;   // of ground and path
+  cv::Size size{640, 480};  // px
+  double fps = 25;
+  double speed_px = 25;    // fastest motion of a print's corner between two frames
+  double tilt_deg = 50;    // of the camera, at most
+  double shutter = 0.25;   // share of a frame's time that is exposed
+  double exposure = 0.2;   // by which share the exposure swings
+  bool cover = true;       // a hand passes over the prints now and then
+  bool distorted = false;  // a lens with k1 = -0.25
+  PlanarLook look;         // its gain times the swing; the seed is of the first frame's noise
+  std::uint64_t seed = 1;  // of ground and path
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"size.width", size.width, range(64, 8192)},
+            {"size.height", size.height, range(64, 8192)},
+            {"fps", fps, above(0, 1000)},
+            {"speed_px", speed_px, range(0, 100)},
+            {"tilt_deg", tilt_deg, range(0, 75)},
+            {"shutter", shutter, range(0, 1)},
+            {"exposure", exposure, range(0, 0.8)}};
+  }
   void check() const;
 };
 

@@ -180,14 +180,10 @@ geometry::Rigid make_pose(Trajectory trajectory, bool pure_rotation, int index, 
 }  // namespace
 
 void SceneOptions::check() const {
-  TARSIER_REQUIRE(
-      size.width >= 32 && size.width <= 8192 && size.height >= 32 && size.height <= 8192,
-      "size {}x{}", size.width, size.height);
+  check_fields(*this);
   const int side = std::max(size.width, size.height);
   TARSIER_REQUIRE(focal_px == 0 || (focal_px >= 0.5 * side && focal_px <= 20.0 * side),
                   "focal length {} px of a picture of {} px", focal_px, side);
-  TARSIER_REQUIRE(images >= 1 && images <= 1000, "{} images", images);
-  TARSIER_REQUIRE(noise >= 0 && noise <= 64, "noise {}", noise);
   TARSIER_REQUIRE(trajectory >= Trajectory::kArc && trajectory <= Trajectory::kLine,
                   "trajectory {}", static_cast<int>(trajectory));
   TARSIER_REQUIRE(content >= Content::kRelief && content <= Content::kNothing, "content {}",

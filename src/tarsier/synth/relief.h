@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid.h"
 
@@ -34,14 +35,21 @@ enum class Content {
 
 struct SceneOptions {
   std::uint64_t seed = 1;   // of surface, texture, cameras and noise
-  cv::Size size{640, 480};  // px, each 32..8192
+  cv::Size size{640, 480};  // px, each
   double focal_px = 0;      // 0: the larger side; else 0.5..20 times the larger side
-  int images = 8;           // 1..1000
+  int images = 8;
   Trajectory trajectory = Trajectory::kArc;
   Content content = Content::kRelief;
-  double noise = 2;            // grey levels, standard deviation, 0..64
+  double noise = 2;            // grey levels, standard deviation
   bool pure_rotation = false;  // all from one place, turned by steps of 7 degrees; no trajectory
 
+  [[nodiscard]] OptionFields fields() {
+    return {{"size.width", size.width, range(32, 8192)},
+            {"size.height", size.height, range(32, 8192)},
+            {"images", images, range(1, 1000), "--images", "images to render"},
+            {"noise", noise, range(0, 64), "--noise", "grey levels"},
+            {"pure_rotation", pure_rotation, "--pure-rotation", "the camera only turns"}};
+  }
   void check() const;  // throws std::invalid_argument naming the bad value
 };
 

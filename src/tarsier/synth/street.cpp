@@ -297,11 +297,8 @@ StreetPicture compose(const cv::Mat& background, const Camera& camera, StreetLig
 }  // namespace
 
 void StreetOptions::check() const {
-  TARSIER_REQUIRE(
-      size.width >= 64 && size.height >= 48 && size.width <= 8192 && size.height <= 8192,
-      "a size of {}x{}", size.width, size.height);
+  check_fields(*this);
   TARSIER_REQUIRE(!kinds.empty(), "no kind of plate");
-  TARSIER_REQUIRE(seconds > 0 && seconds <= 86400, "{} seconds", seconds);
   TARSIER_REQUIRE(cars >= 1 && cars <= 60 && parked >= 0 && far >= 0 && parked <= 3 && far <= 3 &&
                       parked + far <= cars,
                   "{} cars, {} parked, {} far", cars, parked, far);

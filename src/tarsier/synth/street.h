@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/synth/plates.h"
 
 #include <opencv2/core.hpp>
@@ -24,10 +25,16 @@ struct StreetOptions {
   StreetLight light = StreetLight::kDay;
   std::vector<PlateKind> kinds{PlateKind::kSpain};
   std::uint64_t seed = 1;
-  double seconds = 60;  // of a drive, > 0
-  int cars = 6;         // of a drive in all, 1..60
+  double seconds = 60;  // of a drive
+  int cars = 6;         // of a drive in all
   int parked = 1;       // of them, in view all the time
   int far = 1;          // of them, never near
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"size.width", size.width, range(64, 8192)},
+            {"size.height", size.height, range(48, 8192)},
+            {"seconds", seconds, above(0, 86400)}};
+  }
   void check() const;
 };
 

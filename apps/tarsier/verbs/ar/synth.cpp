@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/size_flag.h"
 #include "verbs/ar/ar.h"
 #include <algorithm>
@@ -135,33 +136,17 @@ void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("--level", flags.level, "of light, blur and noise: easy, medium, hard or all")
       .check(one_of({"easy", "medium", "hard", "all"}))
       .show_default();
-  verb.add_option("--tilt", flags.still.tilt_deg, "degrees, at most")
-      .check(range(0.0, 80.0))
-      .show_default();
-  flags.min_side = &verb.add_option("--min-side", flags.still.min_side_px,
-                                    "px, of a marker or target seen straight; of targets [80]")
-                        .check(range(4.0, 8192.0))
-                        .show_default();
-  verb.add_option("--max-side", flags.still.max_side_px, "px; at most 0.6 of the picture's height")
-      .check(range(4.0, 8192.0))
-      .show_default();
-  verb.add_option("--hidden", flags.still.part_hidden,
-                  "share of markers that a hand or a bar hides in part")
-      .check(range(0.0, 1.0))
-      .show_default();
+  bind_field(verb, flags.still, flags.still.tilt_deg);
+  flags.min_side = &bind_field(verb, flags.still, flags.still.min_side_px);
+  bind_field(verb, flags.still, flags.still.max_side_px);
+  bind_field(verb, flags.still, flags.still.part_hidden);
   const auto markers = [](Flag& flag) { flag.group("Markers"); };
   markers(verb.add_option("--family", flags.families, "of markers, several allowed")
               .delimiter(',')
               .show_default());
   markers(verb.add_option("--side", flags.side, "of a marker over its black frame").show_default());
-  markers(verb.add_option("--min-markers", flags.still.least,
-                          "fewest markers in one image; their number is drawn at random")
-              .check(range(0, 16))
-              .show_default());
-  markers(verb.add_option("--max-markers", flags.still.most,
-                          "most markers in one image; their number is drawn at random")
-              .check(range(0, 16))
-              .show_default());
+  markers(bind_field(verb, flags.still, flags.still.least));
+  markers(bind_field(verb, flags.still, flags.still.most));
   const auto planar = [](Flag& flag) { flag.group("Pictures as targets"); };
   planar(verb.add_option("--picture", flags.pictures, "target, several allowed [posters]")
              .delimiter(','));

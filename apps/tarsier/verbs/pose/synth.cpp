@@ -12,6 +12,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/size_flag.h"
 #include "verbs/aam/engine.h"
 #include "verbs/pose/pose.h"
@@ -170,8 +171,8 @@ void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("--spread", flags.spread, "how different people are; 1: as in life")
       .check(range(0.0, 2.0))
       .show_default();
-  verb.add_option("--noise", flags.scene.noise, "grey levels").show_default();
-  verb.add_option("--blur", flags.scene.blur_px, "px").show_default();
+  bind_field(verb, flags.scene, flags.scene.noise);
+  bind_field(verb, flags.scene, flags.scene.blur_px);
   verb.add_option("--appearance", flags.appearance, "appearance model [aam68.json, which ships]");
   verb.add_option("--head", flags.head, "head model [head.json, which ships]");
 }

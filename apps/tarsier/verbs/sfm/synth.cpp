@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "framework/bind.h"
 #include "framework/size_flag.h"
 #include "verbs/sfm/sfm.h"
 #include <filesystem>
@@ -79,9 +80,7 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
 
 void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("-o,--output", flags.output, "folder").required();
-  verb.add_option("--images", flags.scene.images, "images to render")
-      .check(range(1, 1000))
-      .show_default();
+  bind_field(verb, flags.scene, flags.scene.images);
   verb.add_option("--size", flags.size, "px").show_default();
   verb.add_option("--trajectory", flags.trajectory, "of the camera")
       .check(one_of(names_of(kTrajectories)))
@@ -89,11 +88,9 @@ void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("--content", flags.content, "what there is to see")
       .check(one_of(names_of(kContents)))
       .show_default();
-  verb.add_option("--noise", flags.scene.noise, "grey levels")
-      .check(range(0.0, 64.0))
-      .show_default();
+  bind_field(verb, flags.scene, flags.scene.noise);
   verb.add_option("--focal", flags.scene.focal_px, "px; 0: the larger side").show_default();
-  verb.add_flag("--pure-rotation", flags.scene.pure_rotation, "the camera only turns");
+  bind_field(verb, flags.scene, flags.scene.pure_rotation);
 }
 
 }  // namespace

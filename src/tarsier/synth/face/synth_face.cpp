@@ -48,14 +48,6 @@ void add_noise(cv::Mat& picture, double sigma, Rng& rng) {
 
 }  // namespace
 
-void FaceSceneOptions::check() const {
-  TARSIER_REQUIRE(ambient >= 0 && ambient <= 2 && diffuse >= 0 && diffuse <= 2, "light {} and {}",
-                  ambient, diffuse);
-  TARSIER_REQUIRE(std::abs(light_yaw) <= 90, "light from {} degrees", light_yaw);
-  TARSIER_REQUIRE(noise >= 0 && noise <= 50, "noise {}", noise);
-  TARSIER_REQUIRE(blur_px >= 0 && blur_px <= 20, "blur {} px", blur_px);
-}
-
 FaceSynth::FaceSynth(const face::appearance::AppearanceModel& appearance,
                      face::head::HeadModel head)
     : appearance_(appearance), synthesis_(appearance), head_(std::move(head)) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/option_fields.h"
 #include "tarsier/face/appearance/model.h"
 #include "tarsier/face/appearance/synthesis.h"
 #include "tarsier/face/head/head_model.h"
@@ -26,13 +27,21 @@ struct FacePerson {
 };
 
 struct FaceSceneOptions {
-  double ambient = 0.75;    // light from everywhere, 0..2
-  double diffuse = 0.35;    // light from one side, 0..2
+  double ambient = 0.75;    // light from everywhere
+  double diffuse = 0.35;    // light from one side
   double light_yaw = -30;   // degrees, where it comes from; + image right
-  double noise = 2;         // standard deviation, grey levels, 0..50
-  double blur_px = 0.6;     // standard deviation, 0..20
+  double noise = 2;         // standard deviation, grey levels
+  double blur_px = 0.6;     // standard deviation
   bool with_ground = true;  // a smooth random background; else the picture's own
-  void check() const;
+
+  [[nodiscard]] OptionFields fields() {
+    return {{"ambient", ambient, range(0, 2)},
+            {"diffuse", diffuse, range(0, 2)},
+            {"light_yaw", light_yaw, range(-90, 90)},
+            {"noise", noise, range(0, 50), "--noise", "grey levels"},
+            {"blur_px", blur_px, range(0, 20), "--blur", "px"}};
+  }
+  void check() const { check_fields(*this); }
 };
 
 struct FaceTruth {
