@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/appearance/fit.h"
+#include "tarsier/face/appearance/model.h"
+#include "tarsier/face/appearance/start.h"
+#include "tarsier/face/appearance/tracker.h"
+#include "tarsier/face/appearance/training_picture.h"
+#include "tarsier/face/detect/detector.h"
+#include "tarsier/face/detect/face_networks.h"
+#include "tarsier/face/detect/face_training.h"
+#include "tarsier/face/head/head_pose.h"
+#include "tarsier/face/head/posit.h"
+#include "tarsier/face/head/smoothing.h"
+#include "tarsier/face/head/train_head.h"
+#include "tarsier/face/head_view/view_train.h"
+#include "tarsier/face/landmarks/adapt.h"
+#include "tarsier/face/landmarks/hog_detector.h"
+#include "tarsier/face/landmarks/model.h"
+#include "tarsier/face/landmarks/patches.h"
+#include "tarsier/face/landmarks/steady.h"
+#include "tarsier/face/landmarks/tracker.h"
+#include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/landmarks/trees.h"
+#include "tarsier/face/people/classical.h"
+#include "tarsier/face/people/collector.h"
+#include "tarsier/face/people/eyes.h"
+#include "tarsier/face/people/face_reader.h"
+#include "tarsier/face/people/quality.h"
+#include "tarsier/face/pipelines/annotator.h"
+#include "tarsier/face/pipelines/identifier.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/evaluation.h"
+#include "tarsier/face/recognition/lbp.h"
+#include "tarsier/face/recognition/normalize.h"
+#include "tarsier/face/recognition/recognizer.h"
+#include "tarsier/face/shape/shape_model.h"
+#include "tarsier/face/train/face_turn.h"
+
+#include "options_cases.h"
+
+namespace tarsier::cli {
+
+std::vector<OptionsCase> face_options() {
+  return {
+      options_case<face::appearance::FitOptions>("face::appearance::FitOptions"),
+      options_case<face::appearance::AppearanceOptions>("face::appearance::AppearanceOptions"),
+      options_case<face::appearance::SearchOptions>("face::appearance::SearchOptions"),
+      options_case<face::appearance::TrackOptions>("face::appearance::TrackOptions"),
+      options_case<face::appearance::LoadOptions>("face::appearance::LoadOptions"),
+      options_case<face::FaceDetectorOptions>("face::FaceDetectorOptions"),
+      options_case<face::FaceSearchOptions>("face::FaceSearchOptions"),
+      options_case<face::FaceTrainingOptions>("face::FaceTrainingOptions"),
+      options_case<face::head::HeadPoseOptions>("face::head::HeadPoseOptions"),
+      options_case<face::head::PositOptions>("face::head::PositOptions"),
+      options_case<face::head::OneEuroOptions>("face::head::OneEuroOptions"),
+      options_case<face::head::TrainHeadOptions>("face::head::TrainHeadOptions"),
+      options_case<face::head_view::TrainViewOptions>("face::head_view::TrainViewOptions"),
+      options_case<face::landmarks::AdaptOptions>("face::landmarks::AdaptOptions"),
+      options_case<face::landmarks::HogOptions>("face::landmarks::HogOptions"),
+      options_case<face::landmarks::FitOptions>("face::landmarks::FitOptions"),
+      options_case<face::landmarks::PatchOptions>("face::landmarks::PatchOptions"),
+      options_case<face::landmarks::PatchFitOptions>("face::landmarks::PatchFitOptions"),
+      options_case<face::landmarks::SteadyOptions>("face::landmarks::SteadyOptions"),
+      options_case<face::landmarks::TrackerOptions>("face::landmarks::TrackerOptions"),
+      options_case<face::landmarks::TrainModelOptions>("face::landmarks::TrainModelOptions"),
+      options_case<face::landmarks::TreesOptions>("face::landmarks::TreesOptions"),
+      options_case<face::people::ClassicalOptions>("face::people::ClassicalOptions"),
+      options_case<face::people::CollectOptions>("face::people::CollectOptions"),
+      options_case<face::people::CutOptions>("face::people::CutOptions"),
+      options_case<face::people::FaceReaderOptions>("face::people::FaceReaderOptions"),
+      options_case<face::people::QualityGate>("face::people::QualityGate"),
+      options_case<face::AnnotatorOptions>("face::AnnotatorOptions"),
+      options_case<face::NamingOptions>("face::NamingOptions"),
+      options_case<face::recognition::BackgroundOptions>("face::recognition::BackgroundOptions"),
+      options_case<face::recognition::EvaluationOptions>("face::recognition::EvaluationOptions"),
+      options_case<face::recognition::LbpOptions>("face::recognition::LbpOptions"),
+      options_case<face::recognition::TanTriggsOptions>("face::recognition::TanTriggsOptions"),
+      options_case<face::recognition::DescriptorOptions>("face::recognition::DescriptorOptions"),
+      options_case<face::recognition::RecognizerOptions>("face::recognition::RecognizerOptions"),
+      options_case<face::shape::ShapeModelOptions>("face::shape::ShapeModelOptions"),
+      options_case<face::train::CopyOptions>("face::train::CopyOptions"),
+  };
+}
+
+}  // namespace tarsier::cli
