@@ -20,11 +20,11 @@
 #include "tarsier/plate/tracking/tracker.h"
 #include "tarsier/plate/tracking/vote.h"
 #include "tarsier/plate/train/training.h"
-#include "tarsier/session/annotate_session.h"
-#include "tarsier/session/people_session.h"
-#include "tarsier/session/pose_session.h"
 
 #include "options_cases.h"
+#include "ui/face/annotate_session.h"
+#include "ui/face/people_session.h"
+#include "ui/face/pose_session.h"
 
 namespace tarsier::cli {
 
