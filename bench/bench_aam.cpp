@@ -25,7 +25,7 @@ using face::appearance::AppearanceModel;
 using face::appearance::FitOptions;
 using face::appearance::Method;
 
-geometry::Rigid pose_at(double yaw, double distance) {
+geometry::Rigid3 pose_at(double yaw, double distance) {
   return {face::head::rotation_of_angles({yaw, 3, 2}), {0, 10, distance}};
 }
 

@@ -82,7 +82,7 @@ void measure_board(Context& context, const char* board, cv::Size size) {
   double points = 0;
   int found = 0;
   std::uint64_t seed = context.seed;
-  for (const geometry::Rigid& pose : synth::board_poses(truth, spec, kViews, context.seed)) {
+  for (const geometry::Rigid3& pose : synth::board_poses(truth, spec, kViews, context.seed)) {
     throw_if_stopped(context.stop);
     synth::BoardLook look;
     look.seed = ++seed;

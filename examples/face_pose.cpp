@@ -28,7 +28,7 @@ int main(int argc, char** argv) {
         if (!pose) continue;
         std::printf("face %d: yaw %.1f, pitch %.1f, roll %.1f, %.0f mm away\n", face.id,
                     pose->angles.yaw_deg, pose->angles.pitch_deg, pose->angles.roll_deg,
-                    cv::norm(pose->camera_from_head.translation));
+                    pose->camera_from_head.translation.norm());
       }
     }
     return 0;

@@ -30,7 +30,7 @@ int main(int argc, char** argv) try {
     for (const auto& [family, marker, pose] : tracker.process(*frame, state).markers)
       if (pose)
         std::printf("%.2f s: %s %d, %.3f m away\n", frame->time, family.c_str(), marker.id,
-                    cv::norm(pose->camera_from_marker.translation));
+                    pose->camera_from_marker.translation.norm());
   }
   return 0;
 } catch (const std::exception& error) {

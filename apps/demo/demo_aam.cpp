@@ -117,7 +117,7 @@ void demo_turning_head(Context& context, DemoPage& page) {
   for (int i = 0; i < kFrames; ++i) {
     throw_if_stopped(context.stop);
     const double phase = 2 * std::numbers::pi * i / kFrames;
-    const geometry::Rigid truth{
+    const geometry::Rigid3 truth{
         face::head::rotation_of_angles(
             {32 * std::sin(phase), 10 * std::sin(2 * phase), 6 * std::cos(phase)}),
         {0, 10, 520}};
@@ -128,8 +128,8 @@ void demo_turning_head(Context& context, DemoPage& page) {
     faces.draw(frame.image, faces.person(21), camera, truth, {}, 5);
     frames.push_back(session.on_frame(frame, {}).output.clone());
     if (session.faces().empty() || !session.faces().front().pose) continue;
-    const cv::Matx33d found = session.faces().front().pose->camera_from_head.rotation;
-    error += geometry::angle_of(found * truth.rotation.t()) * 180 / std::numbers::pi;
+    const Eigen::Matrix3d found = session.faces().front().pose->camera_from_head.rotation;
+    error += geometry::angle_of(found * truth.rotation.transpose()) * 180 / std::numbers::pi;
     ++posed;
   }
   const std::string file = page.path_of("pose-turning.gif");

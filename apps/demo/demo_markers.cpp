@@ -66,7 +66,7 @@ void count(const std::vector<planar::TrackedMarker>& found,
                         at->marker.corners[k].y() - print.corners[k].y);
     tally.corner_px.push_back(sum / 4);
     const double turned = geometry::angle_of(at->pose->camera_from_marker.rotation *
-                                             print.camera_from_print.rotation.t());
+                                             print.camera_from_print.rotation.transpose());
     if (turned > 15 * CV_PI / 180) ++tally.flips;
   }
 }

@@ -39,7 +39,7 @@ geometry::Camera demo_camera(int width, int height) {
 }
 
 // A cube of 100 mm that stands on a table, drawn with its true pose.
-cv::Mat cube_picture(const geometry::Camera& camera, const geometry::Rigid& camera_from_cube) {
+cv::Mat cube_picture(const geometry::Camera& camera, const geometry::Rigid3& camera_from_cube) {
   cv::Mat image(camera.height, camera.width, CV_8UC3, cv::Scalar(222, 226, 230));
   render::Scene scene;
   scene.antialias = true;
@@ -47,9 +47,9 @@ cv::Mat cube_picture(const geometry::Camera& camera, const geometry::Rigid& came
   cube.mesh = std::make_shared<const render::Mesh>(render::make_cube());
   cube.scale = 100;
   cube.camera_from_mesh = camera_from_cube;
-  const geometry::Rigid cube_on_table{cv::Matx33d::eye(), {0, 0, 50}};
+  const geometry::Rigid3 cube_on_table{Eigen::Matrix3d::Identity(), {0, 0, 50}};
   render::Item shadow = cube;
-  const cv::Vec3d light(0.9, 0.5, -1.2);
+  const Eigen::Vector3d light(0.9, 0.5, -1.2);
   shadow.mesh = std::make_shared<const render::Mesh>(
       render::planar_shadow(*cube.mesh, cube_on_table, cube.scale, light));
   shadow.scale = 1;
@@ -64,13 +64,13 @@ cv::Mat cube_picture(const geometry::Camera& camera, const geometry::Rigid& came
 // Its corners seen with 0.5 px of noise, and the pose from them.
 DemoPicture cube_with_axes(DemoPage& page, Context& context) {
   const geometry::Camera camera = demo_camera(480, 360);
-  const cv::Matx33d upright(1, 0, 0, 0, 0, -1, 0, 1, 0);  // z up, y away from the camera
+  const Eigen::Matrix3d upright{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}};  // z up, y away from the camera
   const face::head::HeadAngles tilt{0, -28, 0};
   const double turn = 0.6;
-  const cv::Matx33d about_z(std::cos(turn), -std::sin(turn), 0, std::sin(turn), std::cos(turn), 0,
-                            0, 0, 1);
-  const geometry::Rigid truth{face::head::rotation_of_angles(tilt) * upright * about_z,
-                              {-12, 14, 430}};
+  const Eigen::Matrix3d about_z{
+      {std::cos(turn), -std::sin(turn), 0}, {std::sin(turn), std::cos(turn), 0}, {0, 0, 1}};
+  const geometry::Rigid3 truth{face::head::rotation_of_angles(tilt) * upright * about_z,
+                               {-12, 14, 430}};
   cv::Mat image = cube_picture(camera, truth);
   Eigen::Matrix3Xd object(3, 8);
   Eigen::Matrix2Xd seen(2, 8);
@@ -78,7 +78,7 @@ DemoPicture cube_with_axes(DemoPage& page, Context& context) {
   for (int i = 0; i < 8; ++i) {
     object.col(i) << ((i & 1) != 0 ? 50 : -50), ((i & 2) != 0 ? 50 : -50),
         ((i & 4) != 0 ? 50 : -50);
-    const auto pixel = camera.project(truth * cv::Vec3d(object(0, i), object(1, i), object(2, i)));
+    const auto pixel = camera.project(truth * object.col(i));
     seen.col(i) << pixel->x + 0.5 * rng.normal(), pixel->y + 0.5 * rng.normal();
   }
   face::head::PositOptions options;
@@ -88,14 +88,14 @@ DemoPicture cube_with_axes(DemoPage& page, Context& context) {
       face::head::posit(face::head::PositModel(object), seen, camera, options, workspace);
   std::string text = "no pose";
   if (result.pose) {
-    const geometry::Rigid& pose = result.pose->camera_from_object;
+    const geometry::Rigid3& pose = result.pose->camera_from_object;
     face::head::draw_axes(image, camera, pose, {90, 90, 90});
     text = fmt::format(
         "a cube of 100 mm, its corners seen with 0.5 px of noise: {} iterations, {:.2f} degrees "
         "and {:.1f} mm from the truth",
         result.pose->iterations,
-        geometry::angle_of(pose.rotation * truth.rotation.t()) * 180 / CV_PI,
-        cv::norm(pose.translation - truth.translation));
+        geometry::angle_of(pose.rotation * truth.rotation.transpose()) * 180 / CV_PI,
+        (pose.translation - truth.translation).norm());
   }
   return page.drawing("pose-cube", image, text);
 }
@@ -181,10 +181,10 @@ DemoPicture learnt_head(DemoPage& page) {
   scene.antialias = true;
   scene.shading = render::Shading::kPhong;
   scene.light.specular = 0.15;
-  std::vector<geometry::Rigid> poses;
+  std::vector<geometry::Rigid3> poses;
   for (int i = 0; i < 3; ++i) {
-    const geometry::Rigid pose{face::head::rotation_of_angles({35.0 - 35 * i, 5.0 * i, 0}),
-                               {250.0 * (i - 1), 25, 860}};
+    const geometry::Rigid3 pose{face::head::rotation_of_angles({35.0 - 35 * i, 5.0 * i, 0}),
+                                {250.0 * (i - 1), 25, 860}};
     render::Item item;
     item.mesh = skin;
     item.camera_from_mesh = pose;

@@ -36,9 +36,9 @@ sfm::Model true_model(const synth::ReliefScene& scene, const sfm::Model& found) 
         const auto depth = scene.depth(view, cv::Point2d(u, v));
         if (!depth) continue;
         sfm::Point point;
-        point.position =
-            scene.pose(view).inverse() * cv::Vec3d((u - camera.cx) / camera.fx * *depth,
-                                                   (v - camera.cy) / camera.fy * *depth, *depth);
+        point.position = scene.pose(view).inverse() *
+                         Eigen::Vector3d((u - camera.cx) / camera.fx * *depth,
+                                         (v - camera.cy) / camera.fy * *depth, *depth);
         point.color = picture.at<cv::Vec3b>(v, u);
         model.points.push_back(point);
       }

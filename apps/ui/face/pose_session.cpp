@@ -118,7 +118,7 @@ void PoseSession::draw(cv::Mat& image) {
       });
   for (const face::PosedFace* face : order) {
     const face::head::HeadPose& pose = *face->pose;
-    const geometry::Rigid& place = pose.camera_from_head;
+    const geometry::Rigid3& place = pose.camera_from_head;
     if (options_.overlay == PoseOverlay::kAxes) {
       // Letters would hide a small face.
       face::head::draw_axes(image, camera(), place, {60, 60, -100}, face->face.box.width > 120);

@@ -2,6 +2,7 @@
 #include "ui/face/pose_session.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/render/builtin.h"
 
@@ -60,7 +61,7 @@ TEST_F(Pose, AStillFaceHasAPoseAndItsMirrorImageTheMirroredOne) {
   EXPECT_NEAR(angles.yaw_deg, -33, 15);
   EXPECT_NEAR(angles.pitch_deg, -20, 12);
   EXPECT_GT(cv::norm(view.output, image_, cv::NORM_INF), 50);  // axes are drawn
-  const cv::Vec3d place = poser.faces()[0].pose->camera_from_head.translation;
+  const Eigen::Vector3d place = poser.faces()[0].pose->camera_from_head.translation;
   // The face is left of the picture's middle.
   EXPECT_LT(place[0], 0);
   EXPECT_GT(place[2], 1000);
@@ -85,11 +86,11 @@ TEST_F(Pose, JsonIsAsDocumented) {
   }
   ASSERT_EQ(list[0]["rotation"].size(), 9U);
   // R = Rz(roll) Rx(-pitch) Ry(yaw), row-major.
-  const cv::Matx33d r =
+  const auto r = geometry::row_major(
       face::head::rotation_of_angles({list[0]["yaw"].get<double>(), list[0]["pitch"].get<double>(),
-                                      list[0]["roll"].get<double>()});
+                                      list[0]["roll"].get<double>()}));
   for (std::size_t k = 0; k < 9; ++k) {
-    EXPECT_NEAR(list[0]["rotation"][k].get<double>(), r.val[k], 1e-3) << k;
+    EXPECT_NEAR(list[0]["rotation"][k].get<double>(), r[k], 1e-3) << k;
   }
 }
 

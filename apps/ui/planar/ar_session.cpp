@@ -38,14 +38,14 @@ const std::vector<std::string>& common_families() {
 double rounded(double value, double digits) { return std::round(value * digits) / digits; }
 
 double distance_of(const TrackedMarker& marker) {
-  return cv::norm(marker.pose->camera_from_marker.translation);
+  return marker.pose->camera_from_marker.translation.norm();
 }
 
 // Degrees between the sheet's normal and the line of sight.
 double tilt_of(const TrackedMarker& marker) {
-  const geometry::Rigid& pose = marker.pose->camera_from_marker;
-  const cv::Vec3d normal = pose.rotation * cv::Vec3d(0, 0, 1);
-  const double cosine = -normal.dot(cv::normalize(pose.translation));
+  const geometry::Rigid3& pose = marker.pose->camera_from_marker;
+  const Eigen::Vector3d normal = pose.rotation * Eigen::Vector3d(0, 0, 1);
+  const double cosine = -normal.dot(pose.translation.normalized());
   return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / CV_PI;
 }
 

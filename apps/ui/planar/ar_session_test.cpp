@@ -68,7 +68,7 @@ TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
     for (std::size_t i = 0; i < step.state["ids"].size(); ++i) {
       for (const auto& print : video.truth_at(static_cast<double>(step.frame) / 10)) {
         if (print.id != step.state["ids"][i]) continue;
-        const double away = cv::norm(print.camera_from_print.translation);
+        const double away = print.camera_from_print.translation.norm();
         EXPECT_NEAR(step.state["distance_m"][i].get<double>(), away, 0.02 * away) << step.frame;
       }
     }

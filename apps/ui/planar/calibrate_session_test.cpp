@@ -55,7 +55,7 @@ TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
     const auto now = truth.pose_at(view.time);
     const auto before = truth.pose_at(view.time - 0.1);
     ASSERT_TRUE(now && before);
-    if (cv::norm(now->translation - before->translation) > 0.004) ++taken_moving;
+    if ((now->translation - before->translation).norm() > 0.004) ++taken_moving;
   }
   EXPECT_EQ(taken_moving, 0);
   EXPECT_GE(session.state().images.size(), 8U);

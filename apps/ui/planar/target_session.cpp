@@ -138,8 +138,8 @@ void TargetSession::draw_target(cv::Mat& image,
   image::draw::point(image, seen.corners[0], color, width + 2.0);
   const bool in_space = seen.pose && result_.camera && options_.overlay != TargetOverlay::kOutline;
   if (in_space) {
-    const geometry::Rigid& pose = seen.pose->camera_from_plane;
-    const auto edge = [&](const cv::Vec3d& a, const cv::Vec3d& b, const cv::Scalar& c) {
+    const geometry::Rigid3& pose = seen.pose->camera_from_plane;
+    const auto edge = [&](const Eigen::Vector3d& a, const Eigen::Vector3d& b, const cv::Scalar& c) {
       const auto p = result_.camera->project(pose * a);
       const auto q = result_.camera->project(pose * b);
       if (p && q) line(image, *p, *q, c, width);

@@ -230,7 +230,7 @@ std::optional<cv::Point2d> Camera::normalized_of(const cv::Point2d& pixel) const
   return found;
 }
 
-std::optional<cv::Point2d> Camera::project(const cv::Vec3d& in_camera) const {
+std::optional<cv::Point2d> Camera::project(const Eigen::Vector3d& in_camera) const {
   if (!(in_camera[2] > 0)) return std::nullopt;
   return pixel_of({in_camera[0] / in_camera[2], in_camera[1] / in_camera[2]});
 }

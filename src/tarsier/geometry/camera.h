@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include <array>
@@ -64,7 +65,7 @@ struct Camera {
   [[nodiscard]] std::optional<cv::Point2d> normalized_of(const cv::Point2d& pixel) const;
 
   // Pixel of a point in the camera's frame; empty behind it (z <= 0).
-  [[nodiscard]] std::optional<cv::Point2d> project(const cv::Vec3d& in_camera) const;
+  [[nodiscard]] std::optional<cv::Point2d> project(const Eigen::Vector3d& in_camera) const;
 
   // The normalised radius up to which the radial part grows, so that it can be inverted; `most`
   // (> 0) where it grows that far. Behind it the equation folds the picture back.

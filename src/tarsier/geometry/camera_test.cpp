@@ -54,7 +54,7 @@ TEST(CameraTest, RationalAndFisheyeProjectAsOpenCvDoes) {
   cv::fisheye::projectPoints(points, bent, cv::Vec3d(), cv::Vec3d(), fisheye.matrix(),
                              cv::Vec4d(fisheye.distortion.data()));
   for (std::size_t k = 0; k < points.size(); ++k) {
-    const cv::Vec3d p(points[k].x, points[k].y, points[k].z);
+    const Eigen::Vector3d p(points[k].x, points[k].y, points[k].z);
     EXPECT_LT(cv::norm(rational.project(p).value() - expected[k]), 1e-9);
     EXPECT_LT(cv::norm(fisheye.project(p).value() - bent[k]), 1e-9);
   }

@@ -2,6 +2,7 @@
 #include "tarsier/geometry/planar_pose.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/geometry/opencv_types.h"
 #include "tarsier/geometry/refine_pose.h"
 #include "tarsier/linalg/decompositions.h"
 
@@ -247,11 +248,8 @@ void refine(const Problem& problem, int iterations, Pose& pose) {
 
 PlanarPose published(const Problem& problem, const Pose& pose) {
   PlanarPose result;
-  const Eigen::Vector3d origin = pose.translation - pose.rotation.leftCols<2>() * problem.center;
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) result.camera_from_plane.rotation(r, c) = pose.rotation(r, c);
-    result.camera_from_plane.translation[r] = origin(r);
-  }
+  result.camera_from_plane = {pose.rotation,
+                              pose.translation - pose.rotation.leftCols<2>() * problem.center};
   const auto points = static_cast<double>(problem.rays.size());
   result.misfit = std::sqrt(pose.cost / points);
   result.rms_px = result.misfit;
@@ -283,10 +281,7 @@ std::optional<cv::Matx33d> homography_of(std::span<const cv::Point2d> from,
   TARSIER_REQUIRE(from.size() == to.size(), "as many points on both sides");
   const auto h = homography(from, to);
   if (!h) return std::nullopt;
-  cv::Matx33d result;
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) result(r, c) = (*h)(r, c);
-  return result;
+  return to_cv(*h);
 }
 
 std::optional<PlanarPoses> planar_poses(std::span<const cv::Point2d> on_plane,
@@ -322,7 +317,7 @@ std::optional<PlanarPoses> planar_poses(std::span<const cv::Point2d> on_plane,
   return result;
 }
 
-std::optional<PlanarPose> refine_planar_pose(const Rigid& start,
+std::optional<PlanarPose> refine_planar_pose(const Rigid3& start,
                                              std::span<const cv::Point2d> on_plane,
                                              std::span<const cv::Point2d> pixels,
                                              const Camera& camera,
@@ -330,12 +325,7 @@ std::optional<PlanarPose> refine_planar_pose(const Rigid& start,
   options.check();
   const auto problem = problem_of(on_plane, pixels, camera, options);
   if (!problem) return std::nullopt;
-  Pose pose;
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) pose.rotation(r, c) = start.rotation(r, c);
-    pose.translation(r) = start.translation[r];
-  }
-  pose.translation += pose.rotation.leftCols<2>() * problem->center;
+  Pose pose{start.rotation, start.translation + start.rotation.leftCols<2>() * problem->center};
   refine(*problem, options.iterations, pose);
   if (!std::isfinite(pose.cost)) return std::nullopt;
   return published(*problem, pose);

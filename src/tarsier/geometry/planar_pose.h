@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 
 #include <opencv2/core.hpp>
 
@@ -27,9 +27,9 @@ namespace tarsier::geometry {
 }
 
 struct PlanarPose {
-  Rigid camera_from_plane;  // unit of the points on the plane
-  double rms_px = 0;        // root of the mean squared distance of the projected points
-  double misfit = 0;        // what is minimised: rms_px, or with `information` in its unit
+  Rigid3 camera_from_plane;  // unit of the points on the plane
+  double rms_px = 0;         // root of the mean squared distance of the projected points
+  double misfit = 0;         // what is minimised: rms_px, or with `information` in its unit
 };
 
 // A plane seen with little perspective has two poses that explain it nearly alike, mirrored about
@@ -64,7 +64,7 @@ struct PlanarPoseOptions {
                                                       const PlanarPoseOptions& options = {});
 
 // Refines a pose that is nearly right, e.g. that of the last frame; empty as above.
-[[nodiscard]] std::optional<PlanarPose> refine_planar_pose(const Rigid& start,
+[[nodiscard]] std::optional<PlanarPose> refine_planar_pose(const Rigid3& start,
                                                            std::span<const cv::Point2d> on_plane,
                                                            std::span<const cv::Point2d> pixels,
                                                            const Camera& camera,

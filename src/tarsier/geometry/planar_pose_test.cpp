@@ -2,6 +2,7 @@
 #include "tarsier/geometry/planar_pose.h"
 
 #include "tarsier/core/rng.h"
+#include "tarsier/geometry/opencv_types.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/calib3d.hpp>
@@ -26,26 +27,25 @@ Camera test_camera() {
 
 const std::vector<cv::Point2d> kSquare{{-0.03, 0.03}, {0.03, 0.03}, {0.03, -0.03}, {-0.03, -0.03}};
 
-Rigid pose_of(double tilt, double about, double roll, const cv::Vec3d& translation) {
-  const cv::Vec3d axis(std::cos(about), std::sin(about), 0);
-  cv::Matx33d turned;
-  cv::Matx33d rolled;
-  cv::Rodrigues(axis * tilt, turned);
-  cv::Rodrigues(cv::Vec3d(0, 0, roll), rolled);
-  const cv::Matx33d facing(1, 0, 0, 0, -1, 0, 0, 0, -1);  // the plane's z comes to the camera
+Rigid3 pose_of(double tilt, double about, double roll, const Eigen::Vector3d& translation) {
+  const Eigen::Vector3d axis(std::cos(about), std::sin(about), 0);
+  const Eigen::Matrix3d turned = rotation_by(axis * tilt);
+  const Eigen::Matrix3d rolled = rotation_by({0, 0, roll});
+  const Eigen::Matrix3d facing{
+      {1, 0, 0}, {0, -1, 0}, {0, 0, -1}};  // the plane's z comes to the camera
   return {turned * rolled * facing, translation};
 }
 
-std::vector<cv::Point2d> seen(const Camera& camera, const Rigid& pose,
+std::vector<cv::Point2d> seen(const Camera& camera, const Rigid3& pose,
                               const std::vector<cv::Point2d>& points) {
   std::vector<cv::Point2d> pixels;
   for (const cv::Point2d& p : points)
-    pixels.push_back(camera.project(pose * cv::Vec3d(p.x, p.y, 0)).value());
+    pixels.push_back(camera.project(pose * Eigen::Vector3d(p.x, p.y, 0)).value());
   return pixels;
 }
 
-double degrees_between(const Rigid& a, const Rigid& b) {
-  return angle_of(a.rotation.t() * b.rotation) * 180 / CV_PI;
+double degrees_between(const Rigid3& a, const Rigid3& b) {
+  return angle_of(a.rotation.transpose() * b.rotation) * 180 / CV_PI;
 }
 
 TEST(PlanarPose, RecoversExactlyWithoutNoise) {
@@ -53,20 +53,20 @@ TEST(PlanarPose, RecoversExactlyWithoutNoise) {
   camera.distortion = {-0.2, 0.05, 0.001, -0.002, 0};
   Rng rng(1);
   for (int i = 0; i < 200; ++i) {
-    const Rigid truth =
+    const Rigid3 truth =
         pose_of(rng.uniform(0.0, 1.1), rng.uniform(0.0, 6.28), rng.uniform(0.0, 6.28),
                 {rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), rng.uniform(0.3, 1.0)});
     const auto found = planar_poses(kSquare, seen(camera, truth, kSquare), camera);
     ASSERT_TRUE(found) << i;
     EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 0.01) << i;
-    EXPECT_LT(cv::norm(found->best.camera_from_plane.translation - truth.translation), 1e-5);
+    EXPECT_LT((found->best.camera_from_plane.translation - truth.translation).norm(), 1e-5);
     EXPECT_LT(found->best.rms_px, 1e-4);
   }
 }
 
 TEST(PlanarPose, BothSolutionsOfASmallTiltedSquareAreGiven) {
   const Camera camera = test_camera();
-  const Rigid truth = pose_of(0.6, 0.3, 0.2, {0.02, 0.01, 2.0});  // 18 px: hardly any perspective
+  const Rigid3 truth = pose_of(0.6, 0.3, 0.2, {0.02, 0.01, 2.0});  // 18 px: hardly any perspective
   const auto found = planar_poses(kSquare, seen(camera, truth, kSquare), camera);
   ASSERT_TRUE(found);
   ASSERT_TRUE(found->other);
@@ -86,8 +86,8 @@ TEST(PlanarPose, IsAsGoodAsTheBestOfOpencvUnderNoise) {
   int flips = 0;
   const int trials = 300;
   for (int i = 0; i < trials; ++i) {
-    const Rigid truth = pose_of(rng.uniform(0.3, 1.0), rng.uniform(0.0, 6.28),
-                                rng.uniform(0.0, 6.28), {0.02, -0.03, rng.uniform(0.3, 0.6)});
+    const Rigid3 truth = pose_of(rng.uniform(0.3, 1.0), rng.uniform(0.0, 6.28),
+                                 rng.uniform(0.0, 6.28), {0.02, -0.03, rng.uniform(0.3, 0.6)});
     std::vector<cv::Point2d> pixels = seen(camera, truth, kSquare);
     for (cv::Point2d& p : pixels) p += cv::Point2d(rng.normal(0, 0.1), rng.normal(0, 0.1));
     const auto found = planar_poses(kSquare, pixels, camera);
@@ -98,8 +98,7 @@ TEST(PlanarPose, IsAsGoodAsTheBestOfOpencvUnderNoise) {
     std::vector<cv::Mat> tvecs;
     cv::solvePnPGeneric(object, pixels, camera.matrix(), cv::noArray(), rvecs, tvecs, false,
                         cv::SOLVEPNP_IPPE_SQUARE);
-    Rigid peer;
-    cv::Rodrigues(rvecs[0], peer.rotation);
+    const Rigid3 peer{rotation_by(to_eigen(cv::Vec3d(rvecs[0])))};
     ours += std::min(error, 15.0);
     theirs += std::min(degrees_between(peer, truth), 15.0);
   }
@@ -112,7 +111,7 @@ TEST(PlanarPose, ManyPointsOffTheCentre) {
   std::vector<cv::Point2d> grid;
   for (int y = 0; y < 6; ++y)
     for (int x = 0; x < 9; ++x) grid.emplace_back(0.1 + 0.02 * x, -0.3 + 0.02 * y);
-  const Rigid truth = pose_of(0.5, 1.0, 0.4, {-0.1, 0.05, 0.9});
+  const Rigid3 truth = pose_of(0.5, 1.0, 0.4, {-0.1, 0.05, 0.9});
   const auto found = planar_poses(grid, seen(camera, truth, grid), camera);
   ASSERT_TRUE(found);
   EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 1e-3);
@@ -120,8 +119,8 @@ TEST(PlanarPose, ManyPointsOffTheCentre) {
 
 TEST(PlanarPose, RefinesFromThePoseBefore) {
   const Camera camera = test_camera();
-  const Rigid truth = pose_of(0.5, 1.0, 0.4, {-0.1, 0.05, 0.6});
-  const Rigid before = pose_of(0.55, 1.1, 0.35, {-0.08, 0.04, 0.63});
+  const Rigid3 truth = pose_of(0.5, 1.0, 0.4, {-0.1, 0.05, 0.6});
+  const Rigid3 before = pose_of(0.55, 1.1, 0.35, {-0.08, 0.04, 0.63});
   const auto found = refine_planar_pose(before, kSquare, seen(camera, truth, kSquare), camera);
   ASSERT_TRUE(found);
   EXPECT_LT(degrees_between(found->camera_from_plane, truth), 0.01);
@@ -164,10 +163,11 @@ TEST(PlanarPose, PixelsCountAsSurelyAsTheyAreKnown) {
   const Camera camera = test_camera();
   const std::vector<cv::Point2d> plane{
       {-0.05, 0.05}, {0.05, 0.05}, {0.05, -0.05}, {-0.05, -0.05}, {0.0, 0.05}};
-  const Rigid truth{cv::Matx33d(1, 0, 0, 0, -0.8, -0.6, 0, 0.6, -0.8), {0.02, 0.01, 0.7}};
+  const Rigid3 truth{Eigen::Matrix3d{{1, 0, 0}, {0, -0.8, -0.6}, {0, 0.6, -0.8}},
+                     {0.02, 0.01, 0.7}};
   std::vector<cv::Point2d> pixels;
   for (const cv::Point2d& p : plane)
-    pixels.push_back(camera.project(truth * cv::Vec3d(p.x, p.y, 0)).value());
+    pixels.push_back(camera.project(truth * Eigen::Vector3d(p.x, p.y, 0)).value());
   pixels[4] += {3, -4};  // known to be bad
   PlanarPoseOptions options;
   options.information.assign(100, 0);
@@ -175,8 +175,8 @@ TEST(PlanarPose, PixelsCountAsSurelyAsTheyAreKnown) {
   const auto plain = planar_poses(plane, pixels, camera);
   const auto weighted = planar_poses(plane, pixels, camera, options);
   ASSERT_TRUE(plain && weighted);
-  EXPECT_GT(cv::norm(plain->best.camera_from_plane.rotation - truth.rotation), 0.02);
-  EXPECT_LT(cv::norm(weighted->best.camera_from_plane.rotation - truth.rotation), 1e-5);
+  EXPECT_GT((plain->best.camera_from_plane.rotation - truth.rotation).norm(), 0.02);
+  EXPECT_LT((weighted->best.camera_from_plane.rotation - truth.rotation).norm(), 1e-5);
   EXPECT_NEAR(weighted->best.rms_px, std::sqrt(5.0), 1e-3);  // px: 5 px in one of five
   EXPECT_LT(weighted->best.misfit, 1e-3);
   options.information.pop_back();

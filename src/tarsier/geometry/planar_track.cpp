@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/geometry/planar_track.h"
 
+#include "tarsier/core/require.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/geometry/rotation.h"
 
 #include <algorithm>
@@ -16,7 +18,9 @@ constexpr double kMaxOfOneFrame = 3;
 // Poses nearer than this are one.
 constexpr double kSame = 2 * CV_PI / 180;
 
-double angle_between(const cv::Matx33d& a, const cv::Matx33d& b) { return angle_of(a * b.t()); }
+double angle_between(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
+  return angle_of(a * b.transpose());
+}
 
 double low_pass_share(double cutoff_hz, double seconds) {
   const double r = 2 * CV_PI * cutoff_hz * seconds;
@@ -41,18 +45,18 @@ double evidence_of(const PlanarPose& first, const PlanarPose& second, std::size_
                     kMaxOfOneFrame);
 }
 
-double farthest_px(const Rigid& pose, std::span<const cv::Point2d> on_plane,
+double farthest_px(const Rigid3& pose, std::span<const cv::Point2d> on_plane,
                    std::span<const cv::Point2d> pixels, const Camera& camera) {
   double farthest = 0;
   for (std::size_t i = 0; i < pixels.size(); ++i) {
-    const auto at = camera.project(pose * cv::Vec3d(on_plane[i].x, on_plane[i].y, 0));
+    const auto at = camera.project(pose * Eigen::Vector3d(on_plane[i].x, on_plane[i].y, 0));
     if (!at) return std::numeric_limits<double>::infinity();
     farthest = std::max(farthest, cv::norm(*at - pixels[i]));
   }
   return farthest;
 }
 
-Rigid between(const Rigid& a, const Rigid& b, double part) {
+Rigid3 between(const Rigid3& a, const Rigid3& b, double part) {
   return {interpolate(a.rotation, b.rotation, part),
           a.translation + part * (b.translation - a.translation)};
 }
@@ -68,8 +72,8 @@ Choice assigned(const PlanarPoses& poses, const PlanarTrackState& state) {
   Choice choice{poses.best, poses.other};
   if (!poses.other) return choice;
   // The object turns on as it did, a little less: what was measured is noise in part.
-  const cv::Matx33d on = interpolate(cv::Matx33d::eye(), state.turn, 0.7);
-  const cv::Matx33d kept = on * state.kept.rotation;
+  const Eigen::Matrix3d on = interpolate(Eigen::Matrix3d::Identity(), state.turn, 0.7);
+  const Eigen::Matrix3d kept = on * state.kept.rotation;
   const double best = angle_between(poses.best.camera_from_plane.rotation, kept);
   const double other = angle_between(poses.other->camera_from_plane.rotation, kept);
   if (other < best) std::swap(choice.first, *choice.second);
@@ -78,7 +82,7 @@ Choice assigned(const PlanarPoses& poses, const PlanarTrackState& state) {
 
 void smooth(std::span<const cv::Point2d> on_plane, std::span<const cv::Point2d> pixels,
             const Camera& camera, double seconds, const PlanarTrackOptions& options,
-            const Rigid& measured, PlanarTrackState& state) {
+            const Rigid3& measured, PlanarTrackState& state) {
   const double of_speed = low_pass_share(options.speed_cutoff_hz, seconds);
   double fastest = 0;
   for (std::size_t i = 0; i < pixels.size(); ++i) {
@@ -139,12 +143,14 @@ std::optional<TrackedPlane> track_plane(std::span<const cv::Point2d> on_plane,
       state.evidence = 0;
     }
     // Turns are noisy near frontal: half of each is new.
-    const cv::Matx33d turn = choice.first.camera_from_plane.rotation * state.kept.rotation.t();
-    state.turn = tracked.is_switched ? cv::Matx33d::eye() : interpolate(state.turn, turn, 0.5);
+    const Eigen::Matrix3d turn =
+        choice.first.camera_from_plane.rotation * state.kept.rotation.transpose();
+    state.turn =
+        tracked.is_switched ? Eigen::Matrix3d::Identity() : interpolate(state.turn, turn, 0.5);
   }
   tracked.pose = choice.first;
   tracked.other = choice.second;
-  const Rigid& measured = tracked.pose.camera_from_plane;
+  const Rigid3& measured = tracked.pose.camera_from_plane;
   if (tracked.is_new || tracked.is_switched || !options.smooth) {
     state.steady = measured;
     state.speed.assign(pixels.size(), {});

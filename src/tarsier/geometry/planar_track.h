@@ -4,6 +4,7 @@
 #include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/planar_pose.h"
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include <optional>
@@ -46,12 +47,12 @@ struct PlanarTrackOptions {
 // What is remembered between frames.
 struct PlanarTrackState {
   bool is_started = false;
-  double time = 0;                        // s
-  Rigid kept;                             // the last pose, as measured
-  std::optional<cv::Matx33d> other;       // the other pose's rotation
-  double evidence = 0;                    // logarithm of the odds for `kept`, against the other
-  cv::Matx33d turn = cv::Matx33d::eye();  // from the last frame to this one
-  Rigid steady;
+  double time = 0;                       // s
+  Rigid3 kept;                           // the last pose, as measured
+  std::optional<Eigen::Matrix3d> other;  // the other pose's rotation
+  double evidence = 0;                   // logarithm of the odds for `kept`, against the other
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // from the last frame to this one
+  Rigid3 steady;
   std::vector<cv::Point2d> pixels;
   std::vector<cv::Point2d> speed;  // px/s, low-passed
 };
@@ -59,7 +60,7 @@ struct PlanarTrackState {
 struct TrackedPlane {
   PlanarPose pose;                  // as measured
   std::optional<PlanarPose> other;  // the one that was not chosen
-  Rigid steady;                     // smoothed; the measured pose where that was not asked for
+  Rigid3 steady;                    // smoothed; the measured pose where that was not asked for
   bool is_new = false;              // no frame before this one
   bool is_switched = false;  // the other pose of the last frames turned out to be the true one
 };

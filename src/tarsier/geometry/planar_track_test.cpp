@@ -31,32 +31,32 @@ Camera test_camera() {
   return camera;
 }
 
-Rigid pose_of(double tilt_deg, double about, const cv::Vec3d& at) {
-  cv::Matx33d turned;
-  cv::Rodrigues(cv::Vec3d(std::cos(about), std::sin(about), 0) * (tilt_deg * CV_PI / 180), turned);
-  return {turned * cv::Matx33d(1, 0, 0, 0, -1, 0, 0, 0, -1), at};
+Rigid3 pose_of(double tilt_deg, double about, const Eigen::Vector3d& at) {
+  const Eigen::Matrix3d turned =
+      rotation_by(Eigen::Vector3d(std::cos(about), std::sin(about), 0) * (tilt_deg * CV_PI / 180));
+  return {turned * Eigen::Matrix3d{{1, 0, 0}, {0, -1, 0}, {0, 0, -1}}, at};
 }
 
 struct Video {
-  std::vector<Rigid> truth;
+  std::vector<Rigid3> truth;
   std::vector<TrackedPlane> tracked;
   [[nodiscard]] double error_deg(std::size_t i, bool steady) const {
-    const Rigid& pose = steady ? tracked[i].steady : tracked[i].pose.camera_from_plane;
-    return angle_of(pose.rotation * truth[i].rotation.t()) * 180 / CV_PI;
+    const Rigid3& pose = steady ? tracked[i].steady : tracked[i].pose.camera_from_plane;
+    return angle_of(pose.rotation * truth[i].rotation.transpose()) * 180 / CV_PI;
   }
 };
 
-Video recorded(int frames, double noise_px, const std::function<Rigid(double)>& path,
+Video recorded(int frames, double noise_px, const std::function<Rigid3(double)>& path,
                const PlanarTrackOptions& options = {}, std::uint64_t seed = 1) {
   Video video;
   Rng rng(seed);
   PlanarTrackState state;
   const Camera camera = test_camera();
   for (int i = 0; i < frames; ++i) {
-    const Rigid truth = path(i / kFps);
+    const Rigid3 truth = path(i / kFps);
     std::vector<cv::Point2d> pixels;
     for (const cv::Point2d& p : kSquare) {
-      const cv::Point2d at = camera.project(truth * cv::Vec3d(p.x, p.y, 0)).value();
+      const cv::Point2d at = camera.project(truth * Eigen::Vector3d(p.x, p.y, 0)).value();
       const double x = rng.normal(0, noise_px);
       pixels.emplace_back(at.x + x, at.y + rng.normal(0, noise_px));
     }
@@ -82,9 +82,9 @@ TEST(PlanarTrack, StillNearFrontalDoesNotFlip) {
         {}, seed);
     double farthest = 0;
     for (std::size_t i = 25; i < video.tracked.size(); ++i) {  // once it has settled
-      const double turned =
-          angle_of(video.tracked[i].steady.rotation * video.tracked[i - 1].steady.rotation.t()) *
-          180 / CV_PI;
+      const double turned = angle_of(video.tracked[i].steady.rotation *
+                                     video.tracked[i - 1].steady.rotation.transpose()) *
+                            180 / CV_PI;
       farthest = std::max(farthest, turned);
     }
     EXPECT_LT(farthest, 2.5) << seed;
@@ -108,8 +108,9 @@ TEST(PlanarTrack, MovingVideosRarelyFlip) {
       // The better of the two alone.
       const TrackedPlane& t = video.tracked[i];
       const bool is_best = !t.other || t.pose.rms_px <= t.other->rms_px;
-      const Rigid& best = is_best ? t.pose.camera_from_plane : t.other->camera_from_plane;
-      if (angle_of(best.rotation * video.truth[i].rotation.t()) > 15 * CV_PI / 180) ++single;
+      const Rigid3& best = is_best ? t.pose.camera_from_plane : t.other->camera_from_plane;
+      if (angle_of(best.rotation * video.truth[i].rotation.transpose()) > 15 * CV_PI / 180)
+        ++single;
     }
   }
   EXPECT_LT(flips, 0.005 * frames) << "of single pictures: " << single;
@@ -118,10 +119,10 @@ TEST(PlanarTrack, MovingVideosRarelyFlip) {
 
 TEST(PlanarTrack, AWrongStartIsMended) {
   const Camera camera = test_camera();
-  const Rigid truth = pose_of(40, 0.4, {0, 0, 0.5});
+  const Rigid3 truth = pose_of(40, 0.4, {0, 0, 0.5});
   std::vector<cv::Point2d> pixels;
   for (const cv::Point2d& p : kSquare)
-    pixels.push_back(camera.project(truth * cv::Vec3d(p.x, p.y, 0)).value());
+    pixels.push_back(camera.project(truth * Eigen::Vector3d(p.x, p.y, 0)).value());
   PlanarTrackState state;
   auto tracked = track_plane(kSquare, pixels, camera, 0, {}, state);
   ASSERT_TRUE(tracked && tracked->other);
@@ -133,7 +134,7 @@ TEST(PlanarTrack, AWrongStartIsMended) {
     is_switched = tracked.has_value() && tracked->is_switched;
   }
   EXPECT_TRUE(is_switched);
-  EXPECT_LT(angle_of(tracked->steady.rotation * truth.rotation.t()), 0.01);
+  EXPECT_LT(angle_of(tracked->steady.rotation * truth.rotation.transpose()), 0.01);
 }
 
 TEST(PlanarTrack, SteadiesWhatIsStillAndFollowsWhatMoves) {
@@ -160,19 +161,19 @@ TEST(PlanarTrack, SteadiesWhatIsStillAndFollowsWhatMoves) {
 TEST(PlanarTrack, StartsAnewAfterAGap) {
   PlanarTrackState state;
   const Camera camera = test_camera();
-  const auto seen = [&](const Rigid& pose) {
+  const auto seen = [&](const Rigid3& pose) {
     std::vector<cv::Point2d> pixels;
     for (const cv::Point2d& p : kSquare)
-      pixels.push_back(camera.project(pose * cv::Vec3d(p.x, p.y, 0)).value());
+      pixels.push_back(camera.project(pose * Eigen::Vector3d(p.x, p.y, 0)).value());
     return pixels;
   };
-  const Rigid here = pose_of(30, 0, {0, 0, 0.5});
-  const Rigid there = pose_of(30, 2, {0.1, 0.1, 0.6});
+  const Rigid3 here = pose_of(30, 0, {0, 0, 0.5});
+  const Rigid3 there = pose_of(30, 2, {0.1, 0.1, 0.6});
   EXPECT_TRUE(track_plane(kSquare, seen(here), camera, 0, {}, state)->is_new);
   EXPECT_FALSE(track_plane(kSquare, seen(here), camera, 0.04, {}, state)->is_new);
   const auto after = track_plane(kSquare, seen(there), camera, 3, {}, state);
   EXPECT_TRUE(after->is_new);
-  EXPECT_LT(cv::norm(after->steady.translation - there.translation), 1e-6);
+  EXPECT_LT((after->steady.translation - there.translation).norm(), 1e-6);
   PlanarTrackOptions bad;
   bad.leash_px = 0;
   EXPECT_THROW((void)track_plane(kSquare, seen(here), camera, 4, bad, state),

@@ -14,7 +14,7 @@ TEST(ScaledCamera, SeesTheSameThroughAPictureOfHalfTheSize) {
   camera.distortion = {-0.2, 0.1, 0, 0, 0};
   const auto half = scaled_camera(camera, {320, 240});
   ASSERT_TRUE(half);
-  const cv::Vec3d x(0.2, -0.1, 1);
+  const Eigen::Vector3d x(0.2, -0.1, 1);
   const cv::Point2d p = *camera.project(x);
   const cv::Point2d q = *half->project(x);
   EXPECT_NEAR((q.x + 0.5) * 2, p.x + 0.5, 1e-9);

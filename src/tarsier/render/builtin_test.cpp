@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/render/builtin.h"
 
+#include "tarsier/geometry/opencv_types.h"
 #include "tarsier/render/testing_scene.h"
 
+#include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
 namespace tarsier::render {
@@ -13,7 +15,7 @@ double volume(const Mesh& mesh) {
   double sum = 0;
   for (const Triangle& t : mesh.triangles) {
     const auto p = [&](std::size_t k) {
-      return cv::Vec3d(mesh.positions[static_cast<std::size_t>(t.position[k])]);
+      return geometry::to_eigen(mesh.positions[static_cast<std::size_t>(t.position[k])]);
     };
     sum += p(0).dot(p(1).cross(p(2))) / 6;
   }
@@ -61,10 +63,11 @@ TEST(Builtin, AllSixFacesOfTheCubeShowTheTextureUpright) {
   const Mesh cube = make_cube(make_texture(picture));
   const geometry::Camera camera = testing_camera();
   // Looking at the front, -y, with z up: camera x = x, camera y = -z, camera z = y.
-  const cv::Matx33d front(1, 0, 0, 0, 0, -1, 0, 1, 0);
+  const Eigen::Matrix3d front{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}};
   for (int quarter = 0; quarter < 4; ++quarter) {
     const double a = quarter * CV_PI / 2;
-    const cv::Matx33d turn(std::cos(a), -std::sin(a), 0, std::sin(a), std::cos(a), 0, 0, 0, 1);
+    const Eigen::Matrix3d turn{
+        {std::cos(a), -std::sin(a), 0}, {std::sin(a), std::cos(a), 0}, {0, 0, 1}};
     cv::Mat image = gray_ground(camera);
     Scene scene = plain_scene();
     scene.items = {item_of(cube, {0, 0, 3}, front * turn)};

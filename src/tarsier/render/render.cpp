@@ -3,6 +3,7 @@
 
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
+#include "tarsier/geometry/opencv_types.h"
 #include "tarsier/render/screen_triangles.h"
 
 #include <opencv2/core/utility.hpp>
@@ -27,7 +28,7 @@ struct Frame {
   cv::Mat& bgr;
   const Scene& scene;
   const geometry::Camera& camera;
-  cv::Vec3d to_light;
+  Eigen::Vector3d to_light = Eigen::Vector3d::Zero();
   int per_px;  // samples a pixel and axis: 1 or 2
   int tiles_x;
   int tiles_y;
@@ -232,16 +233,16 @@ cv::Vec3b Tile::shade(const ScreenTriangle& t, double x, double y, float z) cons
   float highlight = 0;
   if (frame_.scene.shading == Shading::kPhong) {
     const Light& lamp = frame_.scene.light;
-    cv::Vec3d normal(attribute(0), attribute(1), attribute(2));
-    const double length = cv::norm(normal);
+    Eigen::Vector3d normal(attribute(0), attribute(1), attribute(2));
+    const double length = normal.norm();
     if (length > 0) normal /= length;
     light = static_cast<float>(lamp.ambient +
                                lamp.diffuse * std::max(0.0, normal.dot(frame_.to_light)));
     if (lamp.specular > 0) {
       const geometry::Camera& camera = frame_.camera;
-      const cv::Vec3d ray((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1);
-      const cv::Vec3d half = frame_.to_light - ray / cv::norm(ray);
-      const double half_length = cv::norm(half);
+      const Eigen::Vector3d ray((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1);
+      const Eigen::Vector3d half = frame_.to_light - ray.normalized();
+      const double half_length = half.norm();
       if (half_length > 0) {
         highlight = static_cast<float>(
             lamp.specular *
@@ -318,21 +319,17 @@ void Scene::check() const {
   for (const double value : {light.ambient, light.diffuse, light.specular, light.shininess}) {
     TARSIER_REQUIRE(value >= 0 && value < 1e6, "a number {} of the light", value);
   }
-  const double length = cv::norm(light.direction);
+  const double length = light.direction.norm();
   TARSIER_REQUIRE(length > 0 && std::isfinite(length), "light of no direction");
   TARSIER_REQUIRE(near > 0 && std::isfinite(near), "near of {}", near);
   TARSIER_REQUIRE(darkness >= 0 && darkness <= 1, "darkness of {}: 0..1", darkness);
   for (const Item& item : items) {
     TARSIER_REQUIRE(item.mesh != nullptr, "an item without a mesh");
     TARSIER_REQUIRE(item.scale > 0 && std::isfinite(item.scale), "scale of {}", item.scale);
-    for (int k = 0; k < 9; ++k) {
-      TARSIER_REQUIRE(std::isfinite(item.camera_from_mesh.rotation.val[k]),
-                      "the rotation of an item is not finite");
-    }
-    for (int k = 0; k < 3; ++k) {
-      TARSIER_REQUIRE(std::isfinite(item.camera_from_mesh.translation[k]),
-                      "the translation of an item is not finite");
-    }
+    TARSIER_REQUIRE(item.camera_from_mesh.rotation.allFinite(),
+                    "the rotation of an item is not finite");
+    TARSIER_REQUIRE(item.camera_from_mesh.translation.allFinite(),
+                    "the translation of an item is not finite");
     item.mesh->check();
   }
 }
@@ -346,7 +343,7 @@ void render(cv::Mat& bgr, const Scene& scene, const geometry::Camera& camera) {
   const Frame frame{bgr,
                     scene,
                     camera,
-                    -scene.light.direction / cv::norm(scene.light.direction),
+                    -scene.light.direction.normalized(),
                     scene.antialias ? 2 : 1,
                     (bgr.cols + kTile - 1) / kTile,
                     (bgr.rows + kTile - 1) / kTile};
@@ -356,26 +353,26 @@ void render(cv::Mat& bgr, const Scene& scene, const geometry::Camera& camera) {
   });
 }
 
-Mesh planar_shadow(const Mesh& mesh, const geometry::Rigid& plane_from_mesh, double scale,
-                   const cv::Vec3d& light_in_plane) {
-  TARSIER_REQUIRE(light_in_plane[2] < 0 && std::isfinite(cv::norm(light_in_plane)),
+Mesh planar_shadow(const Mesh& mesh, const geometry::Rigid3& plane_from_mesh, double scale,
+                   const Eigen::Vector3d& light_in_plane) {
+  TARSIER_REQUIRE(light_in_plane[2] < 0 && light_in_plane.allFinite(),
                   "the light of a shadow must come from above: z < 0");
   TARSIER_REQUIRE(scale > 0 && std::isfinite(scale), "scale of {}", scale);
   mesh.check();
   Mesh shadow;
-  const auto flat = [&](const cv::Vec3d& x) {
-    const cv::Vec3d moved = x - light_in_plane * (x[2] / light_in_plane[2]);
+  const auto flat = [&](const Eigen::Vector3d& x) {
+    const Eigen::Vector3d moved = x - light_in_plane * (x[2] / light_in_plane[2]);
     return cv::Vec3f(static_cast<float>(moved[0]), static_cast<float>(moved[1]), 0.0F);
   };
   for (const Triangle& triangle : mesh.triangles) {
-    std::vector<cv::Vec3d> above;
+    std::vector<Eigen::Vector3d> above;
     for (std::size_t k = 0; k < 3; ++k) {
       const auto in_plane = [&](std::size_t corner) {
         const std::size_t p = static_cast<std::size_t>(triangle.position[corner % 3]);
-        return plane_from_mesh * (cv::Vec3d(mesh.positions[p]) * scale);
+        return plane_from_mesh * (geometry::to_eigen(mesh.positions[p]) * scale);
       };
-      const cv::Vec3d from = in_plane(k);
-      const cv::Vec3d to = in_plane(k + 1);
+      const Eigen::Vector3d from = in_plane(k);
+      const Eigen::Vector3d to = in_plane(k + 1);
       if (from[2] >= 0) above.push_back(from);
       if ((from[2] >= 0) != (to[2] >= 0)) {
         above.push_back(from + (to - from) * (from[2] / (from[2] - to[2])));
@@ -383,7 +380,7 @@ Mesh planar_shadow(const Mesh& mesh, const geometry::Rigid& plane_from_mesh, dou
     }
     const int first = static_cast<int>(shadow.positions.size());
     if (above.size() < 3) continue;
-    for (const cv::Vec3d& x : above) shadow.positions.push_back(flat(x));
+    for (const Eigen::Vector3d& x : above) shadow.positions.push_back(flat(x));
     for (int i = 2; i < static_cast<int>(above.size()); ++i) {
       Triangle part;
       part.position = {first, first + i - 1, first + i};

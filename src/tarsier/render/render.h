@@ -2,9 +2,10 @@
 #pragma once
 
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/render/mesh.h"
 
+#include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/matx.hpp>
 
@@ -23,9 +24,10 @@ namespace tarsier::render {
 // n the normal, l towards the light, h halfway between l and the eye (Blinn 1977), in the picture's
 // own (not linear) values; clipped at 255.
 struct Light {
-  cv::Vec3d direction{0.3, 0.5, 1};  // in which the light flies, in the camera's frame (x right, y
-                                     // down, z forward), of any length > 0
-  double ambient = 0.4;              // all >= 0
+  Eigen::Vector3d direction{0.3, 0.5,
+                            1};  // in which the light flies, in the camera's frame (x right, y
+                                 // down, z forward), of any length > 0
+  double ambient = 0.4;          // all >= 0
   double diffuse = 0.65;
   double specular = 0;
   double shininess = 30;
@@ -44,7 +46,7 @@ enum class Role {
 
 struct Item {
   std::shared_ptr<const Mesh> mesh;
-  geometry::Rigid camera_from_mesh;
+  geometry::Rigid3 camera_from_mesh;
   double scale = 1;  // of the mesh's positions, before the rigid motion; > 0
   Role role = Role::kSolid;
   bool back_faces = true;  // false: triangles seen from behind are left out; true: they are lit
@@ -70,7 +72,7 @@ void render(cv::Mat& bgr, const Scene& scene, const geometry::Camera& camera);
 // parts with z > 0: each point moved along `light_in_plane` (in which the light flies, z < 0) to
 // z = 0. Draw it with Role::kShadow and the pose camera_from_plane. Throws std::invalid_argument
 // for light that does not come from above.
-[[nodiscard]] Mesh planar_shadow(const Mesh& mesh, const geometry::Rigid& plane_from_mesh,
-                                 double scale, const cv::Vec3d& light_in_plane);
+[[nodiscard]] Mesh planar_shadow(const Mesh& mesh, const geometry::Rigid3& plane_from_mesh,
+                                 double scale, const Eigen::Vector3d& light_in_plane);
 
 }  // namespace tarsier::render

@@ -2,6 +2,7 @@
 #include "tarsier/render/render.h"
 
 #include "tarsier/core/rng.h"
+#include "tarsier/geometry/opencv_types.h"
 #include "tarsier/render/builtin.h"
 #include "tarsier/render/testing_scene.h"
 
@@ -21,10 +22,13 @@ const cv::Vec3b kRedPixel{0, 0, 255};
 const cv::Vec3b kGreenPixel{0, 255, 0};
 const cv::Vec3b kGround{100, 100, 100};
 
-cv::Matx33d turned(double x, double y, double z) {
-  const cv::Matx33d rx(1, 0, 0, 0, std::cos(x), -std::sin(x), 0, std::sin(x), std::cos(x));
-  const cv::Matx33d ry(std::cos(y), 0, std::sin(y), 0, 1, 0, -std::sin(y), 0, std::cos(y));
-  const cv::Matx33d rz(std::cos(z), -std::sin(z), 0, std::sin(z), std::cos(z), 0, 0, 0, 1);
+Eigen::Matrix3d turned(double x, double y, double z) {
+  const Eigen::Matrix3d rx{
+      {1, 0, 0}, {0, std::cos(x), -std::sin(x)}, {0, std::sin(x), std::cos(x)}};
+  const Eigen::Matrix3d ry{
+      {std::cos(y), 0, std::sin(y)}, {0, 1, 0}, {-std::sin(y), 0, std::cos(y)}};
+  const Eigen::Matrix3d rz{
+      {std::cos(z), -std::sin(z), 0}, {std::sin(z), std::cos(z), 0}, {0, 0, 1}};
   return rz * ry * rx;
 }
 
@@ -68,12 +72,12 @@ TEST(Render, ACubeCoversTheHullOfItsCornersExactly) {
   Rng rng(5);
   for (int trial = 0; trial < 20; ++trial) {
     Scene scene = plain_scene();
-    const cv::Matx33d r = turned(rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-3, 3));
+    const Eigen::Matrix3d r = turned(rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-3, 3));
     scene.items = {item_of(make_cube(), {rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), 3}, r)};
     const cv::Mat image = drawn(scene, camera);
     std::vector<cv::Point2f> corners;
     for (const cv::Vec3f& p : scene.items[0].mesh->positions) {
-      const auto pixel = camera.project(scene.items[0].camera_from_mesh * cv::Vec3d(p));
+      const auto pixel = camera.project(scene.items[0].camera_from_mesh * geometry::to_eigen(p));
       ASSERT_TRUE(pixel);
       corners.emplace_back(*pixel);
     }
@@ -145,12 +149,12 @@ TEST(Render, TexturesAreCorrectInPerspective) {
   mesh.textures.push_back(make_texture(ramp));
   mesh.materials[0].texture = 0;
   Scene scene = plain_scene();
-  const cv::Matx33d r = turned(0, 1.0, 0);
+  const Eigen::Matrix3d r = turned(0, 1.0, 0);
   scene.items = {item_of(mesh, {0, 0, 3}, r)};
   const cv::Mat image = drawn(scene, camera);
   for (double x = -0.9; x < 0.9; x += 0.05) {
     for (double y : {-0.5, 0.0, 0.6}) {
-      const auto pixel = camera.project(r * cv::Vec3d(x, y, 0) + cv::Vec3d(0, 0, 3));
+      const auto pixel = camera.project(r * Eigen::Vector3d(x, y, 0) + Eigen::Vector3d(0, 0, 3));
       const int got = at(image, cvRound(pixel->x), cvRound(pixel->y))[0];
       EXPECT_NEAR(got, 256 * (x + 1) / 2 - 0.5, 3) << x << ' ' << y;
     }
@@ -207,7 +211,7 @@ TEST(Render, BackFacesAreLeftOutWhereAsked) {
   EXPECT_EQ(at(drawn(scene, camera), 160, 120), kRedPixel);
   scene.items[0].back_faces = false;
   EXPECT_EQ(at(drawn(scene, camera), 160, 120), kGround);
-  scene.items[0].camera_from_mesh.rotation = cv::Matx33d::eye();
+  scene.items[0].camera_from_mesh.rotation = Eigen::Matrix3d::Identity();
   EXPECT_EQ(at(drawn(scene, camera), 160, 120), kRedPixel);
 }
 
@@ -242,12 +246,13 @@ TEST(Render, AntialiasedEdgesTakeTheirShare) {
 TEST(Render, TheShadowLiesWhereTheLightThrowsItAndDarkensOnce) {
   const geometry::Camera camera = testing_camera();
   // A cube of edge 1 on the plane z = 0 (z up to the viewer) seen from above.
-  const geometry::Rigid camera_from_plane{cv::Matx33d(1, 0, 0, 0, -1, 0, 0, 0, -1), {0, 0, 10}};
-  const geometry::Rigid plane_from_cube{cv::Matx33d::eye(), {0, 0, 0.5}};
-  const cv::Vec3d light(1, 0, -1);  // 45 degrees towards +x
+  const geometry::Rigid3 camera_from_plane{Eigen::Matrix3d{{1, 0, 0}, {0, -1, 0}, {0, 0, -1}},
+                                           {0, 0, 10}};
+  const geometry::Rigid3 plane_from_cube{Eigen::Matrix3d::Identity(), {0, 0, 0.5}};
+  const Eigen::Vector3d light(1, 0, -1);  // 45 degrees towards +x
   Scene scene = plain_scene();
   scene.darkness = 0.5;
-  Item item = item_of(planar_shadow(make_cube(), plane_from_cube, 1, light), {});
+  Item item = item_of(planar_shadow(make_cube(), plane_from_cube, 1, light), {0, 0, 0});
   item.role = Role::kShadow;
   item.camera_from_mesh = camera_from_plane;
   scene.items = {item};
@@ -261,8 +266,8 @@ TEST(Render, TheShadowLiesWhereTheLightThrowsItAndDarkensOnce) {
   EXPECT_EQ(at(image, column(1.6), 120), kGround);
   EXPECT_EQ(at(image, column(0), cvRound(camera.cy - 30 * 0.6)), kGround);
   // What stands below the plane throws none.
-  EXPECT_TRUE(
-      planar_shadow(make_cube(), {cv::Matx33d::eye(), {0, 0, -2}}, 1, light).triangles.empty());
+  EXPECT_TRUE(planar_shadow(make_cube(), {Eigen::Matrix3d::Identity(), {0, 0, -2}}, 1, light)
+                  .triangles.empty());
   EXPECT_THROW((void)planar_shadow(make_cube(), plane_from_cube, 1, {0, 0, 1}),
                std::invalid_argument);
 }
@@ -285,7 +290,8 @@ TEST(Render, VerticesAreDistortedAsTheCameraDistorts) {
   Mesh dot = square(kRed);
   for (cv::Vec3f& p : dot.positions) p *= 0.02F;
   Scene scene = plain_scene();
-  for (const cv::Vec3d& at_point : {cv::Vec3d(1.2, 0.9, 3), cv::Vec3d(-1, -0.5, 3)}) {
+  for (const Eigen::Vector3d& at_point :
+       {Eigen::Vector3d(1.2, 0.9, 3), Eigen::Vector3d(-1, -0.5, 3)}) {
     scene.items = {item_of(dot, at_point)};
     const cv::Mat image = drawn(scene, camera);
     cv::Mat mask;

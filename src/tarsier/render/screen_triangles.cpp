@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/render/screen_triangles.h"
 
+#include "tarsier/geometry/opencv_types.h"
+
+#include <Eigen/Geometry>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
@@ -17,7 +20,7 @@ constexpr int kChunk = 4096;           // triangles that one thread sets up at a
 using Attributes = std::array<double, kAttributes>;
 
 struct Corner {
-  cv::Vec3d in_camera;
+  Eigen::Vector3d in_camera = Eigen::Vector3d::Zero();
   Attributes attributes{};
 };
 
@@ -75,15 +78,16 @@ void cut(Polygon<Point>& polygon, const Inside& inside) {
   polygon = kept;
 }
 
-double light_of(const Light& light, const cv::Vec3d& to_light, const cv::Vec3d& normal) {
+double light_of(const Light& light, const Eigen::Vector3d& to_light,
+                const Eigen::Vector3d& normal) {
   return light.ambient + light.diffuse * std::max(0.0, normal.dot(to_light));
 }
 
-double highlight_of(const Light& light, const cv::Vec3d& to_light, const cv::Vec3d& normal,
-                    const cv::Vec3d& in_camera) {
+double highlight_of(const Light& light, const Eigen::Vector3d& to_light,
+                    const Eigen::Vector3d& normal, const Eigen::Vector3d& in_camera) {
   if (light.specular <= 0) return 0;
-  const cv::Vec3d half = to_light - in_camera / cv::norm(in_camera);
-  const double length = cv::norm(half);
+  const Eigen::Vector3d half = to_light - in_camera.normalized();
+  const double length = half.norm();
   if (length <= 0) return 0;
   return light.specular * std::pow(std::max(0.0, normal.dot(half) / length), light.shininess);
 }
@@ -94,22 +98,22 @@ struct Setup {
   const Scene& scene;
   const Projector& project;
   cv::Size picture;
-  cv::Vec3d to_light;
+  Eigen::Vector3d to_light = Eigen::Vector3d::Zero();
   double step;   // px from sample to sample
   double first;  // px, of the first sample
 
-  [[nodiscard]] cv::Vec3d in_camera(const cv::Vec3f& position) const {
-    return item.camera_from_mesh * (cv::Vec3d(position) * item.scale);
+  [[nodiscard]] Eigen::Vector3d in_camera(const cv::Vec3f& position) const {
+    return item.camera_from_mesh * (geometry::to_eigen(position) * item.scale);
   }
   [[nodiscard]] bool corners_of(const Triangle& triangle, Polygon<Corner>& polygon) const;
-  [[nodiscard]] Attributes lit(const Corner& corner, const cv::Vec3d& normal) const;
+  [[nodiscard]] Attributes lit(const Corner& corner, const Eigen::Vector3d& normal) const;
   void add(const Triangle& triangle, std::vector<ScreenTriangle>& out) const;
   void finish(const Triangle& triangle, const Projected& a, const Projected& b, const Projected& c,
               std::vector<ScreenTriangle>& out) const;
   void set_surface(const Triangle& triangle, ScreenTriangle& screen) const;
 };
 
-Attributes Setup::lit(const Corner& corner, const cv::Vec3d& normal) const {
+Attributes Setup::lit(const Corner& corner, const Eigen::Vector3d& normal) const {
   Attributes attributes{};
   if (scene.shading == Shading::kPhong) {
     for (std::size_t k = 0; k < 3; ++k) attributes[k] = normal[static_cast<int>(k)];
@@ -127,9 +131,9 @@ bool Setup::corners_of(const Triangle& triangle, Polygon<Corner>& polygon) const
     corners[k].in_camera =
         in_camera(mesh.positions[static_cast<std::size_t>(triangle.position[k])]);
   }
-  cv::Vec3d face = (corners[1].in_camera - corners[0].in_camera)
-                       .cross(corners[2].in_camera - corners[0].in_camera);
-  const double area = cv::norm(face);
+  Eigen::Vector3d face = (corners[1].in_camera - corners[0].in_camera)
+                             .cross(corners[2].in_camera - corners[0].in_camera);
+  const double area = face.norm();
   if (!(area > 0) || !std::isfinite(area)) return false;
   const bool from_behind = face.dot(corners[0].in_camera) > 0;
   if (from_behind && !item.back_faces) return false;
@@ -138,10 +142,11 @@ bool Setup::corners_of(const Triangle& triangle, Polygon<Corner>& polygon) const
   for (std::size_t k = 0; k < 3; ++k) {
     Corner& corner = corners[k];
     if (item.role == Role::kSolid) {
-      cv::Vec3d normal = face;
+      Eigen::Vector3d normal = face;
       if (triangle.normal[k] >= 0) {
         normal = item.camera_from_mesh.rotation *
-                 cv::Vec3d(mesh.normals[static_cast<std::size_t>(triangle.normal[k])]) * side;
+                 geometry::to_eigen(mesh.normals[static_cast<std::size_t>(triangle.normal[k])]) *
+                 side;
       }
       corner.attributes = lit(corner, normal);
       if (triangle.uv[k] >= 0) {
@@ -258,7 +263,8 @@ void Setup::set_surface(const Triangle& triangle, ScreenTriangle& screen) const 
   for (std::size_t k = 0; k < 3; ++k) {
     uv[k] = {mesh.uvs[static_cast<std::size_t>(triangle.uv[k])][0],
              mesh.uvs[static_cast<std::size_t>(triangle.uv[k])][1]};
-    const cv::Vec3d x = in_camera(mesh.positions[static_cast<std::size_t>(triangle.position[k])]);
+    const Eigen::Vector3d x =
+        in_camera(mesh.positions[static_cast<std::size_t>(triangle.position[k])]);
     if (x[2] < scene.near) return;  // cut off at the camera: near enough for the finest
     pixel[k] = project(x);
   }
@@ -279,7 +285,7 @@ Projector::Projector(const geometry::Camera& camera) : camera_(camera) {
                                           : std::numeric_limits<double>::infinity();
 }
 
-cv::Point2d Projector::operator()(const cv::Vec3d& in_camera) const {
+cv::Point2d Projector::operator()(const Eigen::Vector3d& in_camera) const {
   const cv::Point2d normalized(in_camera[0] / in_camera[2], in_camera[1] / in_camera[2]);
   const double radius = std::hypot(normalized.x, normalized.y);
   if (radius <= largest_radius_ || !camera_.is_distorted()) return camera_.pixel_of(normalized);
@@ -290,7 +296,7 @@ cv::Point2d Projector::operator()(const cv::Vec3d& in_camera) const {
 
 std::vector<ScreenTriangle> screen_triangles(const Item& item, const Scene& scene,
                                              const Projector& project, const cv::Size& picture) {
-  const cv::Vec3d to_light = -scene.light.direction / cv::norm(scene.light.direction);
+  const Eigen::Vector3d to_light = -scene.light.direction.normalized();
   const Setup setup{item,
                     scene,
                     project,

@@ -4,6 +4,8 @@
 #include "tarsier/geometry/camera.h"
 #include "tarsier/render/render.h"
 
+#include <Eigen/Core>
+
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -40,7 +42,7 @@ struct ScreenTriangle {
 class Projector {
  public:
   explicit Projector(const geometry::Camera& camera);
-  [[nodiscard]] cv::Point2d operator()(const cv::Vec3d& in_camera) const;  // z > 0
+  [[nodiscard]] cv::Point2d operator()(const Eigen::Vector3d& in_camera) const;  // z > 0
 
  private:
   geometry::Camera camera_;

@@ -3,6 +3,7 @@
 
 #include "tarsier/render/render.h"
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include <memory>
@@ -42,8 +43,8 @@ inline Mesh square(const cv::Vec3f& color) {
   return mesh;
 }
 
-inline Item item_of(const Mesh& mesh, const cv::Vec3d& at,
-                    const cv::Matx33d& rotation = cv::Matx33d::eye()) {
+inline Item item_of(const Mesh& mesh, const Eigen::Vector3d& at,
+                    const Eigen::Matrix3d& rotation = Eigen::Matrix3d::Identity()) {
   Item item;
   item.mesh = std::make_shared<const Mesh>(mesh);
   item.camera_from_mesh = {rotation, at};

@@ -41,9 +41,9 @@ cv::Mat rays_of(const geometry::Camera& camera) {
 }
 
 // Where rays meet the sheet; NaN where they do not.
-cv::Mat sheet_map(const cv::Mat& rays, const geometry::Rigid& camera_from_board) {
-  const cv::Matx33d back = camera_from_board.rotation.t();
-  const cv::Vec3d center = camera_from_board.center();
+cv::Mat sheet_map(const cv::Mat& rays, const geometry::Rigid3& camera_from_board) {
+  const Eigen::Matrix3d back = camera_from_board.rotation.transpose();
+  const Eigen::Vector3d center = camera_from_board.center();
   cv::Mat map(rays.size(), CV_64FC2);
   cv::parallel_for_(cv::Range(0, map.rows), [&](const cv::Range& range) {
     for (int y = range.start; y < range.end; ++y) {
@@ -52,7 +52,7 @@ cv::Mat sheet_map(const cv::Mat& rays, const geometry::Rigid& camera_from_board)
       for (int x = 0; x < map.cols; ++x) {
         constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
         row[x] = {kNone, kNone};
-        const cv::Vec3d direction = back * cv::Vec3d(ray[x][0], ray[x][1], 1);
+        const Eigen::Vector3d direction = back * Eigen::Vector3d(ray[x][0], ray[x][1], 1);
         const double along = -center[2] / direction[2];
         if (!(along > 0) || !std::isfinite(along)) continue;
         row[x] = {center[0] + along * direction[0], center[1] + along * direction[1]};
@@ -184,12 +184,12 @@ BoardRenderer::BoardRenderer(const geometry::Camera& camera, const BoardSpec& sp
   rays_ = rays_of(camera);
 }
 
-cv::Mat render_board(const geometry::Camera& camera, const geometry::Rigid& camera_from_board,
+cv::Mat render_board(const geometry::Camera& camera, const geometry::Rigid3& camera_from_board,
                      const BoardSpec& spec, const BoardLook& look) {
   return BoardRenderer(camera, spec).render(camera_from_board, look);
 }
 
-cv::Mat BoardRenderer::render(const geometry::Rigid& camera_from_board,
+cv::Mat BoardRenderer::render(const geometry::Rigid3& camera_from_board,
                               const BoardLook& look) const {
   TARSIER_REQUIRE(look.blur_px >= 0 && look.blur_px <= 50, "blur {} px", look.blur_px);
   const cv::Mat map = sheet_map(rays_, camera_from_board);
@@ -260,12 +260,12 @@ cv::Mat BoardRenderer::render(const geometry::Rigid& camera_from_board,
 }
 
 planar::calibration::BoardView exact_view(const geometry::Camera& camera,
-                                          const geometry::Rigid& camera_from_board,
+                                          const geometry::Rigid3& camera_from_board,
                                           const BoardSpec& spec, double margin_px) {
   planar::calibration::BoardView view;
   for (int i = 0; i < spec.points(); ++i) {
     const cv::Point2d p = spec.point(i);
-    const auto pixel = camera.project(camera_from_board * cv::Vec3d(p.x, p.y, 0));
+    const auto pixel = camera.project(camera_from_board * Eigen::Vector3d(p.x, p.y, 0));
     if (!pixel) continue;
     const bool inside = pixel->x >= margin_px && pixel->y >= margin_px &&
                         pixel->x <= camera.width - 1 - margin_px &&
@@ -277,19 +277,13 @@ planar::calibration::BoardView exact_view(const geometry::Camera& camera,
   return view;
 }
 
-geometry::Rigid board_pose(const geometry::Camera& camera, const BoardSpec& spec,
-                           const cv::Point2d& at, const cv::Vec3d& angles_deg, double share) {
+geometry::Rigid3 board_pose(const geometry::Camera& camera, const BoardSpec& spec,
+                            const cv::Point2d& at, const Eigen::Vector3d& angles_deg,
+                            double share) {
   const BoardPrint print(spec);
   const cv::Rect2d sheet = print.sheet();
   const auto turn = [](int axis, double degrees) {
-    const double a = degrees * CV_PI / 180;
-    cv::Matx33d m = cv::Matx33d::eye();
-    const int i = (axis + 1) % 3;
-    const int j = (axis + 2) % 3;
-    m(i, i) = m(j, j) = std::cos(a);
-    m(i, j) = -std::sin(a);
-    m(j, i) = std::sin(a);
-    return m;
+    return geometry::rotation_by(degrees * CV_PI / 180 * Eigen::Vector3d::Unit(axis));
   };
   const auto ray = camera.normalized_of({at.x * (camera.width - 1), at.y * (camera.height - 1)});
   TARSIER_REQUIRE(ray.has_value(), "no ray through ({}, {})", at.x, at.y);
@@ -297,21 +291,21 @@ geometry::Rigid board_pose(const geometry::Camera& camera, const BoardSpec& spec
   const double smaller = std::min(camera.width, camera.height);
   const double far =
       0.5 * (camera.fx + camera.fy) * std::max(sheet.width, sheet.height) / (share * smaller);
-  geometry::Rigid pose;
+  geometry::Rigid3 pose;
   pose.rotation = turn(2, angles_deg[2]) * turn(1, angles_deg[0]) * turn(0, angles_deg[1]);
-  const cv::Vec3d middle(sheet.x + 0.5 * sheet.width, sheet.y + 0.5 * sheet.height, 0);
-  const cv::Vec3d direction = cv::normalize(cv::Vec3d(ray->x, ray->y, 1));
+  const Eigen::Vector3d middle(sheet.x + 0.5 * sheet.width, sheet.y + 0.5 * sheet.height, 0);
+  const Eigen::Vector3d direction = Eigen::Vector3d(ray->x, ray->y, 1).normalized();
   pose.translation = far * direction - pose.rotation * middle;
   return pose;
 }
 
-std::vector<geometry::Rigid> board_poses(const geometry::Camera& camera, const BoardSpec& spec,
-                                         int count, std::uint64_t seed) {
+std::vector<geometry::Rigid3> board_poses(const geometry::Camera& camera, const BoardSpec& spec,
+                                          int count, std::uint64_t seed) {
   Rng rng(seed);
   // A dot has to be whole.
   const bool is_dots = spec.kind == BoardKind::kCircles || spec.kind == BoardKind::kCirclesGrid;
   const double margin = is_dots ? std::max(6.0, 0.035 * std::max(camera.width, camera.height)) : 6;
-  std::vector<geometry::Rigid> poses;
+  std::vector<geometry::Rigid3> poses;
   for (int tries = 0; static_cast<int>(poses.size()) < count; ++tries) {
     TARSIER_REQUIRE(tries < 2000 * (count + 1), "the camera sees no whole board");
     const double side = 15 + 25 * rng.uniform();
@@ -322,7 +316,7 @@ std::vector<geometry::Rigid> board_poses(const geometry::Camera& camera, const B
     const double a = k == 0 ? side : k == 1 ? -side : rng.uniform(-12, 12);
     const double fill = rng.uniform(0.6, 1.1);
     const cv::Point2d at{rng.uniform(0.15, 0.85), rng.uniform(0.15, 0.85)};
-    const geometry::Rigid pose = board_pose(camera, spec, at, {a, b, turn}, fill);
+    const geometry::Rigid3 pose = board_pose(camera, spec, at, {a, b, turn}, fill);
     if (static_cast<int>(exact_view(camera, pose, spec, margin).points.size()) == spec.points())
       poses.push_back(pose);
   }
@@ -348,11 +342,8 @@ geometry::Camera video_camera(cv::Size size) {
   return camera;
 }
 
-geometry::Rigid between(const geometry::Rigid& a, const geometry::Rigid& b, double share) {
-  const cv::Vec4d from = geometry::quaternion_of(a.rotation);
-  cv::Vec4d to = geometry::quaternion_of(b.rotation);
-  if (from.dot(to) < 0) to = -to;
-  return {geometry::rotation_of(cv::normalize((1 - share) * from + share * to)),
+geometry::Rigid3 between(const geometry::Rigid3& a, const geometry::Rigid3& b, double share) {
+  return {geometry::interpolate(a.rotation, b.rotation, share),
           (1 - share) * a.translation + share * b.translation};
 }
 
@@ -365,7 +356,7 @@ BoardVideo::BoardVideo(cv::Size size, const BoardSpec& spec, std::uint64_t seed)
       renderer_(camera_, spec),
       seed_(seed) {}
 
-std::optional<geometry::Rigid> BoardVideo::pose_at(double time_s) const {
+std::optional<geometry::Rigid3> BoardVideo::pose_at(double time_s) const {
   const double round = kAway_s + kPlaces * (kHold_s + kMove_s);
   const double time = std::fmod(std::max(0.0, time_s), round) - kAway_s;
   if (time < 0) return std::nullopt;
@@ -383,7 +374,7 @@ cv::Mat BoardVideo::picture_at(double time_s) const {
   look.seed = seed_;
   look.noise = 0;
   look.clutter = 12;
-  geometry::Rigid away;  // far behind the camera
+  geometry::Rigid3 away;  // far behind the camera
   away.translation = {0, 0, -100};
   return renderer_.render(pose_at(time_s).value_or(away), look);
 }

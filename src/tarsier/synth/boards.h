@@ -2,10 +2,11 @@
 #pragma once
 
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/planar/calibration/board.h"
 #include "tarsier/planar/calibration/detect.h"
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include <cstdint>
@@ -48,7 +49,7 @@ struct BoardPrint {
 class BoardRenderer {
  public:
   BoardRenderer(const geometry::Camera& camera, const planar::calibration::BoardSpec& spec);
-  [[nodiscard]] cv::Mat render(const geometry::Rigid& camera_from_board,
+  [[nodiscard]] cv::Mat render(const geometry::Rigid3& camera_from_board,
                                const BoardLook& look) const;
 
  private:
@@ -60,31 +61,31 @@ class BoardRenderer {
 // What `camera` sees: each pixel is the mean of 8 x 8 places of the sheet, found through the exact
 // lens; then blur, light, noise. The same arguments give the same picture.
 [[nodiscard]] cv::Mat render_board(const geometry::Camera& camera,
-                                   const geometry::Rigid& camera_from_board,
+                                   const geometry::Rigid3& camera_from_board,
                                    const planar::calibration::BoardSpec& spec,
                                    const BoardLook& look = {});
 
 // Where the board's points are exactly, those inside the picture by `margin_px`. Of dots: the
 // projections of their centres (which are not the centres of their pictures).
 [[nodiscard]] planar::calibration::BoardView exact_view(const geometry::Camera& camera,
-                                                        const geometry::Rigid& camera_from_board,
+                                                        const geometry::Rigid3& camera_from_board,
                                                         const planar::calibration::BoardSpec& spec,
                                                         double margin_px = 0);
 
 // A pose with the board's middle at `at` of the picture (0..1 each way), turned by the angles
 // (degrees: about the vertical, the horizontal and the line of sight), so far away that the board
 // takes `share` of the picture's smaller side (of its larger extent, for a frontal board).
-[[nodiscard]] geometry::Rigid board_pose(const geometry::Camera& camera,
-                                         const planar::calibration::BoardSpec& spec,
-                                         const cv::Point2d& at, const cv::Vec3d& angles_deg,
-                                         double share);
+[[nodiscard]] geometry::Rigid3 board_pose(const geometry::Camera& camera,
+                                          const planar::calibration::BoardSpec& spec,
+                                          const cv::Point2d& at, const Eigen::Vector3d& angles_deg,
+                                          double share);
 
 // `count` poses that together cover the picture and tilt the board every way, all points (whole
 // dots) of the board inside the picture. Throws std::invalid_argument where the camera can not see
 // it whole.
-[[nodiscard]] std::vector<geometry::Rigid> board_poses(const geometry::Camera& camera,
-                                                       const planar::calibration::BoardSpec& spec,
-                                                       int count, std::uint64_t seed);
+[[nodiscard]] std::vector<geometry::Rigid3> board_poses(const geometry::Camera& camera,
+                                                        const planar::calibration::BoardSpec& spec,
+                                                        int count, std::uint64_t seed);
 
 // A hand that shows a board to a camera: holds it still in one place, moves it to the next, now and
 // then takes it away.
@@ -95,13 +96,13 @@ class BoardVideo {
   BoardVideo(cv::Size size, const planar::calibration::BoardSpec& spec, std::uint64_t seed);
   [[nodiscard]] const geometry::Camera& camera() const { return camera_; }
   // Nothing while the board is away.
-  [[nodiscard]] std::optional<geometry::Rigid> pose_at(double time_s) const;
+  [[nodiscard]] std::optional<geometry::Rigid3> pose_at(double time_s) const;
   [[nodiscard]] cv::Mat picture_at(double time_s) const;
 
  private:
   geometry::Camera camera_;
   planar::calibration::BoardSpec spec_;
-  std::vector<geometry::Rigid> poses_;
+  std::vector<geometry::Rigid3> poses_;
   BoardRenderer renderer_;
   std::uint64_t seed_;
 };

@@ -17,7 +17,7 @@ using planar::calibration::parse_board;
 TEST(SynthBoardsTest, PixelsAreMeansOverTheirArea) {
   const auto spec = parse_board("circles-grid:3x3:0.5", 0.1);
   const geometry::Camera camera{200, 200, 200, 200, 99.5, 99.5};
-  geometry::Rigid pose;
+  geometry::Rigid3 pose;
   pose.translation = {-0.1, -0.1, 1};  // 20 px a pitch, the middle dot in the picture's middle
   BoardLook look;
   look.blur_px = 0;
@@ -69,7 +69,7 @@ TEST(SynthBoardsTest, WhereInkIsUniformEachPlaceHasIt) {
 TEST(SynthBoardsTest, PosesShowTheWholeBoardWhereAsked) {
   const auto spec = parse_board("chess:9x6", 0.025);
   const geometry::Camera camera{640, 480, 520, 520, 320, 240, {-0.3, 0.1, 0, 0, 0}};
-  for (const geometry::Rigid& pose : board_poses(camera, spec, 20, 1))
+  for (const geometry::Rigid3& pose : board_poses(camera, spec, 20, 1))
     EXPECT_EQ(exact_view(camera, pose, spec).points.size(), 54U);
   const auto view = exact_view(camera, board_pose(camera, spec, {0.4, 0.6}, {0, 0, 0}, 0.5), spec);
   cv::Point2f middle;
@@ -86,10 +86,10 @@ TEST(SynthBoardsTest, AVideoHoldsTheBoardStillAndMovesIt) {
   const auto moving = video.pose_at(1.4);
   const auto next = video.pose_at(1.8);
   ASSERT_TRUE(first && still && moving && next);
-  EXPECT_EQ(cv::norm(first->translation - still->translation), 0);
-  EXPECT_GT(cv::norm(first->translation - next->translation), 0.02);
-  EXPECT_GT(cv::norm(moving->translation - first->translation), 1e-3);
-  EXPECT_NEAR(cv::determinant(moving->rotation), 1, 1e-9);
+  EXPECT_EQ((first->translation - still->translation).norm(), 0);
+  EXPECT_GT((first->translation - next->translation).norm(), 0.02);
+  EXPECT_GT((moving->translation - first->translation).norm(), 1e-3);
+  EXPECT_NEAR(moving->rotation.determinant(), 1, 1e-9);
   EXPECT_EQ(cv::norm(video.picture_at(0.7), video.picture_at(0.8), cv::NORM_INF), 0);
   EXPECT_GT(cv::norm(video.picture_at(0.2), video.picture_at(0.7), cv::NORM_INF), 50);
 }

@@ -47,7 +47,7 @@ HeightField::HeightField(const Rng& base) : values_(kRows, kCols, 0.0) {
   steepest_ = std::hypot(slope_x, slope_y) / kSpacing;
 }
 
-double HeightField::first_hit(const cv::Vec3d& origin, const cv::Vec3d& direction,
+double HeightField::first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                               double limit) const {
   if (direction[2] >= 0) return limit;
   double t = (top_ - origin[2]) / direction[2];
@@ -75,8 +75,8 @@ double HeightField::first_hit(const cv::Vec3d& origin, const cv::Vec3d& directio
 
 // Newton's steps from close above the surface; negative if they lead away, as they do where the
 // ray only just passes.
-double HeightField::refined(const cv::Vec3d& origin, const cv::Vec3d& direction, double start,
-                            double gap) const {
+double HeightField::refined(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                            double start, double gap) const {
   double t = start;
   for (int i = 0; i < 6; ++i) {
     const double x = origin[0] + t * direction[0];

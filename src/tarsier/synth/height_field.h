@@ -4,6 +4,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/synth/relief_texture.h"
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 // The surface of relief.h.
@@ -51,7 +52,7 @@ class HeightField {
   }
 
   // The first t < limit where origin + t * direction meets the surface from above; `limit` if none.
-  [[nodiscard]] double first_hit(const cv::Vec3d& origin, const cv::Vec3d& direction,
+  [[nodiscard]] double first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                  double limit) const;
 
  private:
@@ -77,8 +78,8 @@ class HeightField {
     double value[3] = {};
   };
 
-  [[nodiscard]] double refined(const cv::Vec3d& origin, const cv::Vec3d& direction, double start,
-                               double gap) const;
+  [[nodiscard]] double refined(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                               double start, double gap) const;
 
   cv::Mat1d values_;  // control points; empty: flat
   double top_ = 0;

@@ -5,6 +5,7 @@
 #include "tarsier/synth/noise.h"
 #include "tarsier/synth/print_texture.h"
 
+#include <Eigen/LU>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -20,7 +21,8 @@ constexpr int kMaxSamples = 8;  // a pixel, each way
 
 struct Sheet {
   PrintTexture texture;
-  cv::Matx33d pixel_from_plane;  // px of the picture from m in the print's frame
+  Eigen::Matrix3d pixel_from_plane =
+      Eigen::Matrix3d::Zero();  // px of the picture from m in the print's frame
 };
 
 cv::Rect2d part_of(const PlanarPrint& print) {
@@ -30,25 +32,21 @@ cv::Rect2d part_of(const PlanarPrint& print) {
 // One sheet at one moment.
 struct Layer {
   const Sheet* sheet = nullptr;
-  cv::Matx33d pixel_from_ray;  // its third row is 1 / depth
-  cv::Rect bounds;             // px of the frame
+  Eigen::Matrix3d pixel_from_ray = Eigen::Matrix3d::Zero();  // its third row is 1 / depth
+  cv::Rect bounds;                                           // px of the frame
   bool is_ground = false;
 };
 
 // The plane's points (x, y) lie at R (x, y, 0) + t, on the rays that go through them.
-cv::Matx33d pixel_from_ray(const Sheet& sheet, const geometry::Rigid& camera_from_print) {
-  const cv::Matx33d& r = camera_from_print.rotation;
-  const cv::Vec3d& t = camera_from_print.translation;
-  const cv::Matx33d ray_from_plane(r(0, 0), r(0, 1), t[0], r(1, 0), r(1, 1), t[1], r(2, 0), r(2, 1),
-                                   t[2]);
-  return sheet.pixel_from_plane * ray_from_plane.inv();
+Eigen::Matrix3d pixel_from_ray(const Sheet& sheet, const geometry::Rigid3& camera_from_print) {
+  Eigen::Matrix3d ray_from_plane = camera_from_print.rotation;
+  ray_from_plane.col(2) = camera_from_print.translation;
+  return sheet.pixel_from_plane * ray_from_plane.inverse();
 }
 
-double facing_of(const geometry::Rigid& camera_from_print) {
-  const cv::Vec3d normal(camera_from_print.rotation(0, 2), camera_from_print.rotation(1, 2),
-                         camera_from_print.rotation(2, 2));
-  const cv::Vec3d& t = camera_from_print.translation;
-  return -normal.dot(t) / std::max(1e-12, cv::norm(t));
+double facing_of(const geometry::Rigid3& camera_from_print) {
+  const Eigen::Vector3d& t = camera_from_print.translation;
+  return -camera_from_print.rotation.col(2).dot(t) / std::max(1e-12, t.norm());
 }
 
 // Sums of what the frame's pixels of one row see.
@@ -85,7 +83,7 @@ class RowPainter {
     const auto count = static_cast<std::size_t>(end - begin + 1);
     top_.resize(count);
     bottom_.resize(count);
-    const cv::Matx33d& m = layer.pixel_from_ray;
+    const Eigen::Matrix3d& m = layer.pixel_from_ray;
     const auto column = [&](int k) {
       return Pixel4{static_cast<float>(m(0, k)), static_cast<float>(m(1, k)),
                     static_cast<float>(m(2, k)), 0};
@@ -272,7 +270,8 @@ struct PlanarScene::Parts {
   cv::Mat rays;  // CV_32FC2, through the corners of all pixels; NaN where there is none
 
   [[nodiscard]] std::vector<Layer> layers(const PlanarShot& shot) const;
-  [[nodiscard]] cv::Rect bounds(const Sheet& sheet, const geometry::Rigid& camera_from_print) const;
+  [[nodiscard]] cv::Rect bounds(const Sheet& sheet,
+                                const geometry::Rigid3& camera_from_print) const;
   [[nodiscard]] double visible(std::size_t index, const PlanarShot& shot,
                                const std::vector<Layer>& order) const;
 };
@@ -280,9 +279,9 @@ struct PlanarScene::Parts {
 // The box of the sheet's outline (its bent edges too); all of the frame where part of it is behind
 // the camera.
 cv::Rect PlanarScene::Parts::bounds(const Sheet& sheet,
-                                    const geometry::Rigid& camera_from_print) const {
+                                    const geometry::Rigid3& camera_from_print) const {
   const cv::Rect all(0, 0, camera.width, camera.height);
-  const cv::Matx33d plane_from_pixel = sheet.pixel_from_plane.inv();
+  const Eigen::Matrix3d plane_from_pixel = sheet.pixel_from_plane.inverse();
   const double w = sheet.texture.width();
   const double h = sheet.texture.height();
   double left = 1e9;
@@ -293,17 +292,17 @@ cv::Rect PlanarScene::Parts::bounds(const Sheet& sheet,
   for (int k = 0; k < 4 * kSteps; ++k) {
     const double s = static_cast<double>(k % kSteps) / kSteps;
     const int side = k / kSteps;
-    const cv::Vec3d pixel(side == 0   ? s * w
-                          : side == 1 ? w
-                          : side == 2 ? (1 - s) * w
-                                      : 0,
-                          side == 0   ? 0
-                          : side == 1 ? s * h
-                          : side == 2 ? h
-                                      : (1 - s) * h,
-                          1);
-    const cv::Vec3d plane = plane_from_pixel * pixel;
-    const cv::Vec3d at = camera_from_print * cv::Vec3d(plane[0], plane[1], 0);
+    const Eigen::Vector3d pixel(side == 0   ? s * w
+                                : side == 1 ? w
+                                : side == 2 ? (1 - s) * w
+                                            : 0,
+                                side == 0   ? 0
+                                : side == 1 ? s * h
+                                : side == 2 ? h
+                                            : (1 - s) * h,
+                                1);
+    const Eigen::Vector3d plane = plane_from_pixel * pixel;
+    const Eigen::Vector3d at = camera_from_print * Eigen::Vector3d(plane[0], plane[1], 0);
     // Behind the camera, or where the lens's equation folds back.
     if (at[2] < 1e-6 || std::hypot(at[0], at[1]) > largest_radius * at[2]) return all;
     const cv::Point2d p = camera.pixel_of({at[0] / at[2], at[1] / at[2]});
@@ -331,13 +330,13 @@ std::vector<Layer> PlanarScene::Parts::layers(const PlanarShot& shot) const {
   std::vector<std::pair<double, std::size_t>> by_distance;
   constexpr double kCover = 1e6;
   for (std::size_t i = 0; i < sheets.size(); ++i) {
-    const geometry::Rigid pose = shot.camera_from_world * shot.world_from_print[i];
+    const geometry::Rigid3 pose = shot.camera_from_world * shot.world_from_print[i];
     const double nearer = prints[i].id < 0 ? kCover : 0;
-    if (facing_of(pose) > 1e-6) by_distance.emplace_back(nearer - cv::norm(pose.translation), i);
+    if (facing_of(pose) > 1e-6) by_distance.emplace_back(nearer - pose.translation.norm(), i);
   }
   std::sort(by_distance.begin(), by_distance.end());
   for (const auto& [distance, i] : by_distance) {
-    const geometry::Rigid pose = shot.camera_from_world * shot.world_from_print[i];
+    const geometry::Rigid3 pose = shot.camera_from_world * shot.world_from_print[i];
     Layer layer;
     layer.sheet = &sheets[i];
     layer.pixel_from_ray = pixel_from_ray(sheets[i], pose);
@@ -351,14 +350,14 @@ double PlanarScene::Parts::visible(std::size_t index, const PlanarShot& shot,
                                    const std::vector<Layer>& order) const {
   constexpr int kGrid = 32;
   const cv::Rect2d part = part_of(prints[index]);
-  const geometry::Rigid pose = shot.camera_from_world * shot.world_from_print[index];
-  const cv::Matx33d back = sheets[index].pixel_from_plane.inv();
+  const geometry::Rigid3 pose = shot.camera_from_world * shot.world_from_print[index];
+  const Eigen::Matrix3d back = sheets[index].pixel_from_plane.inverse();
   int seen = 0;
   for (int k = 0; k < kGrid * kGrid; ++k) {
     const double u = part.x + (k % kGrid + 0.5) / kGrid * part.width;
     const double v = part.y + (k / kGrid + 0.5) / kGrid * part.height;
-    const cv::Vec3d plane = back * cv::Vec3d(u, v, 1);
-    const cv::Vec3d at = pose * cv::Vec3d(plane[0], plane[1], 0);
+    const Eigen::Vector3d plane = back * Eigen::Vector3d(u, v, 1);
+    const Eigen::Vector3d at = pose * Eigen::Vector3d(plane[0], plane[1], 0);
     const auto pixel = camera.project(at);
     if (!pixel || pixel->x < -0.5 || pixel->y < -0.5 || pixel->x > camera.width - 0.5 ||
         pixel->y > camera.height - 0.5)
@@ -367,7 +366,8 @@ double PlanarScene::Parts::visible(std::size_t index, const PlanarShot& shot,
     bool is_nearer = false;
     for (const Layer& layer : order) {
       if (is_nearer) {
-        const cv::Vec3d q = layer.pixel_from_ray * cv::Vec3d(at[0] / at[2], at[1] / at[2], 1);
+        const Eigen::Vector3d q =
+            layer.pixel_from_ray * Eigen::Vector3d(at[0] / at[2], at[1] / at[2], 1);
         const double x = q[0] / q[2];
         const double y = q[1] / q[2];
         const PrintTexture& texture = layer.sheet->texture;
@@ -394,10 +394,10 @@ PlanarScene::PlanarScene(const geometry::Camera& camera, std::vector<PlanarPrint
   const auto sheet_of = [](const cv::Mat& picture, const cv::Rect2d& part, double width,
                            bool mirrored) {
     const double scale = part.width / width;  // px per m
-    Sheet sheet{PrintTexture(picture, mirrored), cv::Matx33d::eye()};
-    sheet.pixel_from_plane = {
-        scale, 0, part.x + 0.5 * part.width, 0, -scale, part.y + 0.5 * part.height, 0, 0, 1};
-    return sheet;
+    return Sheet{PrintTexture(picture, mirrored),
+                 Eigen::Matrix3d{{scale, 0, part.x + 0.5 * part.width},
+                                 {0, -scale, part.y + 0.5 * part.height},
+                                 {0, 0, 1}}};
   };
   for (const PlanarPrint& print : prints) {
     print.check();
@@ -485,8 +485,9 @@ std::vector<PrintTruth> PlanarScene::truth(const PlanarShot& shot) const {
     const cv::Rect2d part = part_of(print);
     const double x = 0.5 * print.width;
     const double y = x * part.height / part.width;
-    const std::array<cv::Vec3d, 4> corners{cv::Vec3d(-x, y, 0), cv::Vec3d(x, y, 0),
-                                           cv::Vec3d(x, -y, 0), cv::Vec3d(-x, -y, 0)};
+    const std::array<Eigen::Vector3d, 4> corners{
+        Eigen::Vector3d(-x, y, 0), Eigen::Vector3d(x, y, 0), Eigen::Vector3d(x, -y, 0),
+        Eigen::Vector3d(-x, -y, 0)};
     bool is_before = truth.facing > 0;
     for (std::size_t k = 0; k < 4; ++k) {
       const auto pixel = parts_->camera.project(truth.camera_from_print * corners[k]);

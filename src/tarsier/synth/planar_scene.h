@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 
 #include <opencv2/core.hpp>
 
@@ -31,8 +31,8 @@ struct PlanarPrint {
 
 // What is in front of the camera at one moment.
 struct PlanarShot {
-  geometry::Rigid camera_from_world;
-  std::vector<geometry::Rigid> world_from_print;  // one for each print
+  geometry::Rigid3 camera_from_world;
+  std::vector<geometry::Rigid3> world_from_print;  // one for each print
 };
 
 // How the picture is taken. A pixel's value is gain * light * reflectance + haze.
@@ -56,7 +56,7 @@ struct PlanarLook {
 struct PrintTruth {
   int id = 0;
   std::string name;
-  geometry::Rigid camera_from_print;
+  geometry::Rigid3 camera_from_print;
   // px of the part's corners, as printed: top left, then clockwise. Outside the picture too.
   std::array<cv::Point2d, 4> corners;
   double side_px = 0;  // mean of its four sides

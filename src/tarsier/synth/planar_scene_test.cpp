@@ -30,8 +30,8 @@ PlanarShot above(double height, double tilt = 0) {
   PlanarShot shot;
   const double c = std::cos(tilt);
   const double s = std::sin(tilt);
-  shot.camera_from_world.rotation =
-      cv::Matx33d(1, 0, 0, 0, c, -s, 0, s, c) * cv::Matx33d(1, 0, 0, 0, -1, 0, 0, 0, -1);
+  shot.camera_from_world.rotation = Eigen::Matrix3d{{1, 0, 0}, {0, c, -s}, {0, s, c}} *
+                                    Eigen::Matrix3d{{1, 0, 0}, {0, -1, 0}, {0, 0, -1}};
   shot.camera_from_world.translation = {0, 0, height};
   return shot;
 }
@@ -76,7 +76,7 @@ TEST(PlanarScene, EdgesLieWhereTheTruthSays) {
   for (const double height : {0.4, 1.1, 3.7}) {
     const PlanarScene scene(camera_of(), {square_print(0.1)}, gray_ground(), 1);
     PlanarShot shot = above(height);
-    geometry::Rigid pose;
+    geometry::Rigid3 pose;
     pose.translation = {0.0031, -0.0017, 0};
     shot.world_from_print = {pose};
     const cv::Mat picture = scene.render(std::vector{shot}, clean());
@@ -94,7 +94,7 @@ TEST(PlanarScene, EdgesLieWhereTheTruthSays) {
 TEST(PlanarScene, MotionBlurShiftsNothing) {
   const PlanarScene scene(camera_of(), {square_print(0.1)}, gray_ground(), 1);
   PlanarShot middle = above(0.5);
-  middle.world_from_print = {geometry::Rigid{}};
+  middle.world_from_print = {geometry::Rigid3{}};
   std::vector<PlanarShot> shots;
   for (int k = 0; k < 6; ++k) {
     PlanarShot shot = middle;
@@ -124,7 +124,7 @@ TEST(PlanarScene, FineLinesAverageFromAfar) {
   const PlanarScene scene(camera_of(), {print}, gray_ground(), 3);
   for (const double tilt : {0.0, 0.9}) {
     PlanarShot shot = above(8, tilt);
-    shot.world_from_print = {geometry::Rigid{}};
+    shot.world_from_print = {geometry::Rigid3{}};
     const cv::Mat picture = scene.render(std::vector{shot}, clean());
     double low = 0;
     double high = 0;
@@ -141,9 +141,9 @@ TEST(PlanarScene, CoversHideAndLightDims) {
   cover.width = 0.05;
   const PlanarScene scene(camera_of(), {square_print(0.1), cover}, gray_ground(), 1);
   PlanarShot shot = above(0.5);
-  geometry::Rigid over;
+  geometry::Rigid3 over;
   over.translation = {0.05, 0.05, 0.001};  // over a quarter of a quarter
-  shot.world_from_print = {geometry::Rigid{}, over};
+  shot.world_from_print = {geometry::Rigid3{}, over};
   const auto truth = scene.truth(shot);
   ASSERT_EQ(truth.size(), 1U);  // the cover has none
   EXPECT_NEAR(truth[0].visible, 1 - 1.0 / 16, 0.02);
@@ -162,7 +162,7 @@ TEST(PlanarScene, DistortionIsTheCameras) {
   camera.distortion = {-0.25, 0.08, 0, 0, 0};
   const PlanarScene scene(camera, {square_print(0.05)}, gray_ground(), 1);
   PlanarShot shot = above(0.5);
-  geometry::Rigid pose;
+  geometry::Rigid3 pose;
   pose.translation = {0.2, 0, 0};
   shot.world_from_print = {pose};
   const cv::Mat picture = scene.render(std::vector{shot}, clean());
@@ -197,7 +197,7 @@ TEST(PlanarWorlds, StillsAreReproducible) {
     EXPECT_GT(truth.facing, std::cos(64 * CV_PI / 180));
     EXPECT_GT(truth.visible, 0.99);
     // Its corners are those of the pose.
-    const auto corner = a.camera.project(truth.camera_from_print * cv::Vec3d(-0.05, 0.05, 0));
+    const auto corner = a.camera.project(truth.camera_from_print * Eigen::Vector3d(-0.05, 0.05, 0));
     EXPECT_NEAR(cv::norm(*corner - truth.corners[0]), 0, 1e-9);
   }
   const PlanarStill other = marker_still(family, 0.1, options, PlanarLevel::kHard, 6);

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/geometry/opencv_types.h"
 #include "tarsier/synth/planar_worlds.h"
 
 #include <algorithm>
@@ -11,18 +12,17 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 // From the picture's pixels (middles at integers) to the frame's; of a camera without distortion.
-cv::Matx33d homography_of(const PlanarPrint& print, const PrintTruth& truth,
-                          const geometry::Camera& camera) {
+Eigen::Matrix3d homography_of(const PlanarPrint& print, const PrintTruth& truth,
+                              const geometry::Camera& camera) {
   const cv::Rect2d part =
       print.part.empty() ? cv::Rect2d(0, 0, print.picture.cols, print.picture.rows) : print.part;
   const double scale = truth.width / part.width;  // m per px
-  const cv::Matx33d plane_from_pixel(scale, 0, scale * (0.5 - part.x - 0.5 * part.width), 0, -scale,
-                                     -scale * (0.5 - part.y - 0.5 * part.height), 0, 0, 1);
-  const cv::Matx33d& r = truth.camera_from_print.rotation;
-  const cv::Vec3d& t = truth.camera_from_print.translation;
-  const cv::Matx33d ray_from_plane(r(0, 0), r(0, 1), t[0], r(1, 0), r(1, 1), t[1], r(2, 0), r(2, 1),
-                                   t[2]);
-  const cv::Matx33d h = camera.matrix() * ray_from_plane * plane_from_pixel;
+  const Eigen::Matrix3d plane_from_pixel{{scale, 0, scale * (0.5 - part.x - 0.5 * part.width)},
+                                         {0, -scale, -scale * (0.5 - part.y - 0.5 * part.height)},
+                                         {0, 0, 1}};
+  Eigen::Matrix3d ray_from_plane = truth.camera_from_print.rotation;
+  ray_from_plane.col(2) = truth.camera_from_print.translation;
+  const Eigen::Matrix3d h = geometry::to_eigen(camera.matrix()) * ray_from_plane * plane_from_pixel;
   return h * (1 / h(2, 2));
 }
 
@@ -30,8 +30,8 @@ Json marker_json(const PrintTruth& truth) {
   Json marker{{"id", truth.id}};
   marker["corners"] = Json::array();
   for (const cv::Point2d& p : truth.corners) marker["corners"].push_back({p.x, p.y});
-  const cv::Vec3d r = rotation_vector(truth.camera_from_print.rotation);
-  const cv::Vec3d& t = truth.camera_from_print.translation;
+  const Eigen::Vector3d r = rotation_vector(truth.camera_from_print.rotation);
+  const Eigen::Vector3d& t = truth.camera_from_print.translation;
   marker["rvec"] = {r[0], r[1], r[2]};
   marker["tvec"] = {t[0], t[1], t[2]};
   marker["side_px"] = truth.side_px;
@@ -72,8 +72,7 @@ std::string truth_line(const TruthLine& line, const PlanarStill& still,
       const auto print = std::find_if(prints.begin(), prints.end(),
                                       [&](const PlanarPrint& p) { return p.id == truth.id; });
       if (print != prints.end()) {
-        const cv::Matx33d h = homography_of(*print, truth, still.camera);
-        marker["H"] = std::vector<double>(h.val, h.val + 9);
+        marker["H"] = geometry::row_major(homography_of(*print, truth, still.camera));
       }
       marker["occlusion"] = 1 - truth.visible;
     }

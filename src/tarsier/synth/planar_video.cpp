@@ -4,6 +4,8 @@
 #include "tarsier/synth/planar_pictures.h"
 #include "tarsier/synth/planar_worlds.h"
 
+#include <Eigen/Geometry>
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -50,7 +52,7 @@ void VideoOptions::check() const {
 }
 
 PlanarVideo::PlanarVideo(std::vector<PlanarPrint> prints,
-                         std::vector<geometry::Rigid> world_from_print, double radius,
+                         std::vector<geometry::Rigid3> world_from_print, double radius,
                          const VideoOptions& options)
     : options_(options),
       radius_(radius),
@@ -70,7 +72,7 @@ bool PlanarVideo::is_at_rest(double time_s) {
 }
 
 // The camera looks at a point that wanders, from a direction that tilts and turns.
-geometry::Rigid PlanarVideo::camera_at(double path) const {
+geometry::Rigid3 PlanarVideo::camera_at(double path) const {
   Rng rng(options_.seed ^ 0xf117ULL);
   const auto swing = [&](double period_s) {
     const double phase = rng.uniform();
@@ -84,17 +86,16 @@ geometry::Rigid PlanarVideo::camera_at(double path) const {
   const double smaller = std::min(options_.size.width, options_.size.height);
   const double distance = 2.2 * radius_ * scene_.camera().fx / smaller * (1.15 + 0.3 * swing(13));
   const double aside = 0.2 * radius_ * swing(5);
-  const cv::Vec3d target(aside, 0.2 * radius_ * swing(6), 0);
-  const cv::Vec3d back(std::sin(tilt) * std::cos(azimuth), std::sin(tilt) * std::sin(azimuth),
-                       std::cos(tilt));  // from the target to the camera
-  const cv::Vec3d forward = -back;
+  const Eigen::Vector3d target(aside, 0.2 * radius_ * swing(6), 0);
+  const Eigen::Vector3d back(std::sin(tilt) * std::cos(azimuth), std::sin(tilt) * std::sin(azimuth),
+                             std::cos(tilt));  // from the target to the camera
+  const Eigen::Vector3d forward = -back;
   // Upright means along the desk's y axis, turned by `roll`.
-  const cv::Vec3d up(-std::sin(roll), std::cos(roll), 0);
-  const cv::Vec3d right = cv::normalize(forward.cross(up));
-  const cv::Vec3d down = forward.cross(right);
-  geometry::Rigid pose;
-  pose.rotation = {right[0], right[1],   right[2],   down[0],   down[1],
-                   down[2],  forward[0], forward[1], forward[2]};
+  const Eigen::Vector3d up(-std::sin(roll), std::cos(roll), 0);
+  const Eigen::Vector3d right = forward.cross(up).normalized();
+  const Eigen::Vector3d down = forward.cross(right);
+  geometry::Rigid3 pose;
+  pose.rotation << right.transpose(), down.transpose(), forward.transpose();
   pose.translation = -(pose.rotation * (target + distance * back));
   return pose;
 }
@@ -104,8 +105,9 @@ double PlanarVideo::motion_px(const PlanarShot& from, const PlanarShot& to) cons
   for (std::size_t i = 0; i < world_from_print_.size(); ++i) {
     const double half = 0.5 * scene_.prints()[i].width;
     for (int k = 0; k < 4; ++k) {
-      const cv::Vec3d corner =
-          world_from_print_[i] * cv::Vec3d(k % 2 == 0 ? -half : half, k < 2 ? -half : half, 0);
+      const Eigen::Vector3d corner =
+          world_from_print_[i] *
+          Eigen::Vector3d(k % 2 == 0 ? -half : half, k < 2 ? -half : half, 0);
       const auto a = camera().project(from.camera_from_world * corner);
       const auto b = camera().project(to.camera_from_world * corner);
       if (a && b) most = std::max(most, cv::norm(*a - *b));
@@ -136,13 +138,14 @@ PlanarShot PlanarVideo::shot_at(double time_s) const {
   const double since = time_s - pass * kPass_s - (kPass_s - kPassing_s);
   const double share = since > 0 ? std::sin(CV_PI * since / kPassing_s) : 0;
   const auto which = static_cast<std::size_t>(std::max(0.0, pass)) % world_from_print_.size();
-  const cv::Vec3d over = world_from_print_[which].translation;
+  const Eigen::Vector3d over = world_from_print_[which].translation;
   const double size = scene_.prints().front().width;
-  geometry::Rigid hand;
+  geometry::Rigid3 hand;
   // Its fingers, which point up in its picture, point to the print.
-  hand.rotation = {0, 1, 0, -1, 0, 0, 0, 0, 1};
-  if (since <= 0) hand.rotation = {0, 1, 0, 1, 0, 0, 0, 0, -1};  // its back: is not drawn
-  hand.translation = over + cv::Vec3d(-5 * radius_ * (1 - share) - 0.6 * size, 0, 0.35 * size);
+  hand.rotation << 0, 1, 0, -1, 0, 0, 0, 0, 1;
+  if (since <= 0) hand.rotation << 0, 1, 0, 1, 0, 0, 0, 0, -1;  // its back: is not drawn
+  hand.translation =
+      over + Eigen::Vector3d(-5 * radius_ * (1 - share) - 0.6 * size, 0, 0.35 * size);
   shot.world_from_print.push_back(hand);
   return shot;
 }
@@ -168,7 +171,7 @@ PlanarVideo marker_video(const planar::markers::Dictionary& family, int count, d
                          const VideoOptions& options) {
   TARSIER_REQUIRE(count >= 1 && count <= 12 && count <= family.size(), "{} markers", count);
   std::vector<PlanarPrint> prints;
-  std::vector<geometry::Rigid> poses;
+  std::vector<geometry::Rigid3> poses;
   Rng rng(options.seed ^ 0xde5cULL);
   const int columns = cvCeil(std::sqrt(count));
   const int rows = (count + columns - 1) / columns;
@@ -177,12 +180,9 @@ PlanarVideo marker_video(const planar::markers::Dictionary& family, int count, d
     const double turn = rng.uniform(-0.6, 0.6);
     // The last of several stands on a slope of 30 degrees.
     const double slope = count > 1 && i == count - 1 ? CV_PI / 6 : 0;
-    const cv::Matx33d upright(1, 0, 0, 0, std::cos(slope), -std::sin(slope), 0, std::sin(slope),
-                              std::cos(slope));
-    geometry::Rigid pose;
-    pose.rotation = cv::Matx33d(std::cos(turn), -std::sin(turn), 0, std::sin(turn), std::cos(turn),
-                                0, 0, 0, 1) *
-                    upright;
+    const Eigen::Matrix3d upright = geometry::rotation_by({slope, 0, 0});
+    geometry::Rigid3 pose;
+    pose.rotation = geometry::rotation_by({0, 0, turn}) * upright;
     pose.translation = {1.9 * side * (i % columns - 0.5 * (columns - 1)),
                         1.9 * side * (0.5 * (rows - 1) - i / columns),
                         0.7 * side * std::sin(slope)};
@@ -193,7 +193,7 @@ PlanarVideo marker_video(const planar::markers::Dictionary& family, int count, d
 
 PlanarVideo print_video(std::vector<PlanarPrint> prints, const VideoOptions& options) {
   TARSIER_REQUIRE(!prints.empty(), "no prints");
-  std::vector<geometry::Rigid> poses;
+  std::vector<geometry::Rigid3> poses;
   double width = 0;
   double height = 0;
   for (const PlanarPrint& print : prints) {
@@ -204,7 +204,7 @@ PlanarVideo print_video(std::vector<PlanarPrint> prints, const VideoOptions& opt
   }
   double at = -0.5 * width;
   for (const PlanarPrint& print : prints) {
-    poses.push_back({cv::Matx33d::eye(), {at + 0.575 * print.width, 0, 0}});
+    poses.push_back({Eigen::Matrix3d::Identity(), {at + 0.575 * print.width, 0, 0}});
     at += 1.15 * print.width;
   }
   return {std::move(prints), std::move(poses), 0.62 * std::max(width, height), options};

@@ -16,14 +16,12 @@ namespace {
 constexpr double kTurn = 2 * CV_PI;
 constexpr int kGroundPx = 1280;
 
-cv::Matx33d rotation_about(const cv::Vec3d& axis, double angle) {
-  const double half = 0.5 * angle;
-  const cv::Vec3d a = cv::normalize(axis) * std::sin(half);
-  return geometry::rotation_of({std::cos(half), a[0], a[1], a[2]});
+Eigen::Matrix3d rotation_about(const Eigen::Vector3d& axis, double angle) {
+  return geometry::rotation_by(axis.normalized() * angle);
 }
 
 // A camera frame's axes as those of a print seen from the front: x right, y up, z out of it.
-const cv::Matx33d kFrontal(1, 0, 0, 0, -1, 0, 0, 0, -1);
+const Eigen::Matrix3d kFrontal{{1, 0, 0}, {0, -1, 0}, {0, 0, -1}};
 
 geometry::Camera plain_camera(cv::Size size, double focal) {
   geometry::Camera camera;
@@ -60,12 +58,12 @@ PlanarLook random_look(PlanarLevel level, cv::Size size, Rng& rng) {
 std::vector<PlanarShot> smeared(const PlanarShot& shot, double px, double angle, double focal) {
   if (px < 0.4) return {shot};
   const int count = std::clamp(cvCeil(px) + 2, 4, 16);
-  const cv::Vec3d axis(-std::sin(angle), std::cos(angle), 0);
+  const Eigen::Vector3d axis(-std::sin(angle), std::cos(angle), 0);
   std::vector<PlanarShot> shots;
   for (int k = 0; k < count; ++k) {
     const double share = (k + 0.5) / count - 0.5;
     PlanarShot moved = shot;
-    const geometry::Rigid turn{rotation_about(axis, share * px / focal), {}};
+    const geometry::Rigid3 turn{rotation_about(axis, share * px / focal)};
     moved.camera_from_world = turn * shot.camera_from_world;
     shots.push_back(std::move(moved));
   }
@@ -86,7 +84,7 @@ class Placer {
       : camera_(camera), options_(options), rng_(rng) {}
 
   // A pose that leaves the print's part inside the picture and off the others.
-  std::optional<geometry::Rigid> place(const PlanarPrint& print) {
+  std::optional<geometry::Rigid3> place(const PlanarPrint& print) {
     const cv::Size size(camera_.width, camera_.height);
     const double most = std::min(options_.max_side_px, 0.6 * std::min(size.width, size.height));
     for (int tries = 0; tries < 60; ++tries) {
@@ -96,7 +94,7 @@ class Placer {
       const double tilt = options_.tilt_deg * CV_PI / 180 * std::sqrt(rng_.uniform());
       const double around = rng_.uniform(0, kTurn);
       const double roll = rng_.uniform(0, kTurn);
-      geometry::Rigid pose;
+      geometry::Rigid3 pose;
       pose.rotation = rotation_about({std::cos(around), std::sin(around), 0}, tilt) * kFrontal *
                       rotation_about({0, 0, 1}, roll);
       const double far = camera_.fx * print.width / side;
@@ -107,9 +105,10 @@ class Placer {
                                   ? cv::Rect2d(0, 0, print.picture.cols, print.picture.rows)
                                   : print.part;
       const double reach = 0.75 * side * std::max(1.0, part.height / part.width);
-      const bool is_free = std::none_of(taken_.begin(), taken_.end(), [&](const cv::Vec3d& t) {
-        return std::hypot(t[0] - at.x, t[1] - at.y) < t[2] + reach;
-      });
+      const bool is_free =
+          std::none_of(taken_.begin(), taken_.end(), [&](const Eigen::Vector3d& t) {
+            return std::hypot(t[0] - at.x, t[1] - at.y) < t[2] + reach;
+          });
       if (!is_free || !is_whole(print, part, pose, size)) continue;
       taken_.emplace_back(at.x, at.y, reach);
       return pose;
@@ -118,44 +117,44 @@ class Placer {
   }
 
  private:
-  bool is_whole(const PlanarPrint& print, const cv::Rect2d& part, const geometry::Rigid& pose,
+  bool is_whole(const PlanarPrint& print, const cv::Rect2d& part, const geometry::Rigid3& pose,
                 cv::Size size) const {
     const double x = 0.5 * print.width;
     const double y = x * part.height / part.width;
     for (int k = 0; k < 4; ++k) {
       const auto p =
-          camera_.project(pose * cv::Vec3d(k == 0 || k == 3 ? -x : x, k < 2 ? y : -y, 0));
+          camera_.project(pose * Eigen::Vector3d(k == 0 || k == 3 ? -x : x, k < 2 ? y : -y, 0));
       if (!p || p->x < 3 || p->y < 3 || p->x > size.width - 4 || p->y > size.height - 4)
         return false;
     }
     // Seen from the front by a degree or more of what the tilt allows.
-    const cv::Vec3d normal = pose.rotation * cv::Vec3d(0, 0, 1);
-    return -normal.dot(cv::normalize(pose.translation)) >
+    const Eigen::Vector3d normal = pose.rotation * Eigen::Vector3d(0, 0, 1);
+    return -normal.dot(pose.translation.normalized()) >
            std::cos(std::min(85.0, options_.tilt_deg + 3) * CV_PI / 180);
   }
 
   const geometry::Camera& camera_;
   const StillOptions& options_;
   Rng& rng_;
-  std::vector<cv::Vec3d> taken_;  // x, y, radius, px
+  std::vector<Eigen::Vector3d> taken_;  // x, y, radius, px
 };
 
 // A hand or bar that comes from outside over a part of the print, a little nearer to the camera.
-std::pair<PlanarPrint, geometry::Rigid> cover_over(const PlanarPrint& print,
-                                                   const geometry::Rigid& camera_from_print,
-                                                   Rng& rng) {
+std::pair<PlanarPrint, geometry::Rigid3> cover_over(const PlanarPrint& print,
+                                                    const geometry::Rigid3& camera_from_print,
+                                                    Rng& rng) {
   const bool is_hand = rng.uniform() < 0.5;
   const double width = print.width * (is_hand ? rng.uniform(1.0, 1.6) : rng.uniform(0.5, 1.2));
   PlanarPrint cover = cover_print(is_hand, width, rng());
   const double angle = rng.uniform(0, kTurn);
   const double away = print.width * rng.uniform(0.35, 0.75);
-  geometry::Rigid above;
+  geometry::Rigid3 above;
   above.rotation = rotation_about({0, 0, 1}, rng.uniform(0, kTurn));
   above.translation = {away * std::cos(angle), away * std::sin(angle), 0.02 * print.width};
   return {std::move(cover), camera_from_print * above};
 }
 
-PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigid> poses,
+PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigid3> poses,
                      const geometry::Camera& camera, PlanarLevel level, Rng& rng) {
   PlanarStill still;
   still.camera = camera;
@@ -172,8 +171,8 @@ PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigi
   shot.camera_from_world.rotation =
       rotation_about({std::cos(around), std::sin(around), 0}, rng.uniform(0, 0.4)) * kFrontal;
   shot.camera_from_world.translation = {rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), height};
-  const geometry::Rigid world_from_camera = shot.camera_from_world.inverse();
-  for (const geometry::Rigid& pose : poses)
+  const geometry::Rigid3 world_from_camera = shot.camera_from_world.inverse();
+  for (const geometry::Rigid3& pose : poses)
     shot.world_from_print.push_back(world_from_camera * pose);
   const PlanarScene scene(camera, std::move(prints), clutter_picture(kGroundPx, rng()), 3.6);
   const auto shots = smeared(shot, still.motion_px, still.motion_angle, camera.fx);
@@ -202,7 +201,7 @@ PlanarStill marker_still(const planar::markers::Dictionary& family, double side,
   const geometry::Camera camera =
       plain_camera(options.size, options.size.width * rng.uniform(0.9, 1.2));
   std::vector<PlanarPrint> prints;
-  std::vector<geometry::Rigid> poses;
+  std::vector<geometry::Rigid3> poses;
   Placer placer(camera, options, rng);
   const int count = rng.integer(options.least, options.most);
   for (int i = 0; i < count; ++i) {
@@ -229,7 +228,7 @@ PlanarStill print_still(const std::vector<PlanarPrint>& prints, const StillOptio
   const geometry::Camera camera =
       plain_camera(options.size, options.size.width * rng.uniform(0.9, 1.2));
   std::vector<PlanarPrint> shown;
-  std::vector<geometry::Rigid> poses;
+  std::vector<geometry::Rigid3> poses;
   Placer placer(camera, options, rng);
   const PlanarPrint& print =
       prints[static_cast<std::size_t>(rng.integer(0, static_cast<int>(prints.size()) - 1))];

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tarsier/core/option_fields.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/geometry/rotation.h"
 #include "tarsier/planar/markers/dictionary.h"
 #include "tarsier/synth/planar_scene.h"
@@ -93,7 +94,7 @@ struct VideoOptions {
 class PlanarVideo {
  public:
   // `world_from_print`: where they lie; `radius` (m): of the part of the desk that stays in view.
-  PlanarVideo(std::vector<PlanarPrint> prints, std::vector<geometry::Rigid> world_from_print,
+  PlanarVideo(std::vector<PlanarPrint> prints, std::vector<geometry::Rigid3> world_from_print,
               double radius, const VideoOptions& options);
 
   [[nodiscard]] const geometry::Camera& camera() const { return scene_.camera(); }
@@ -105,14 +106,14 @@ class PlanarVideo {
   [[nodiscard]] static bool is_at_rest(double time_s);
 
  private:
-  [[nodiscard]] geometry::Rigid camera_at(double path) const;
+  [[nodiscard]] geometry::Rigid3 camera_at(double path) const;
   // The largest distance that a corner moves in the picture.
   [[nodiscard]] double motion_px(const PlanarShot& from, const PlanarShot& to) const;
   void set_rate();
 
   VideoOptions options_;
   double radius_;
-  std::vector<geometry::Rigid> world_from_print_;
+  std::vector<geometry::Rigid3> world_from_print_;
   PlanarScene scene_;
   double rate_ = 1;  // of the path's time to the video's
 };

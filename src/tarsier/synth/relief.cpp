@@ -8,6 +8,7 @@
 #include "tarsier/synth/noise.h"
 #include "tarsier/synth/relief_texture.h"
 
+#include <Eigen/Geometry>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -27,8 +28,8 @@ constexpr double kRingDeg = 42;  // above the ground
 constexpr double kLineStep = 0.9;
 constexpr double kLineSpan = 12;
 
-const cv::Vec3d kMiddle{0, 0, 0.8};  // what arc and ring look at
-const cv::Vec3d kSun{-0.46, 0.55, 0.697};
+const Eigen::Vector3d kMiddle{0, 0, 0.8};  // what arc and ring look at
+const Eigen::Vector3d kSun{-0.46, 0.55, 0.697};
 constexpr double kAmbient = 0.45;
 constexpr double kDirect = 0.75;
 const cv::Vec3f kSky{214, 198, 180};
@@ -60,10 +61,10 @@ struct Box {
   double sine = 0;
   cv::Vec3f tint;
 
-  [[nodiscard]] cv::Vec3d to_own(const cv::Vec3d& v) const {
+  [[nodiscard]] Eigen::Vector3d to_own(const Eigen::Vector3d& v) const {
     return {cosine * v[0] + sine * v[1], -sine * v[0] + cosine * v[1], v[2]};
   }
-  [[nodiscard]] cv::Vec3d from_own(const cv::Vec3d& v) const {
+  [[nodiscard]] Eigen::Vector3d from_own(const Eigen::Vector3d& v) const {
     return {cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], v[2]};
   }
 };
@@ -76,8 +77,8 @@ struct Hit {
 };
 
 // Moves `hit` to the box if it is met earlier. Origin and direction are in the box's own axes.
-void meet_box(const Box& box, int number, const cv::Vec3d& origin, const cv::Vec3d& direction,
-              Hit& hit) {
+void meet_box(const Box& box, int number, const Eigen::Vector3d& origin,
+              const Eigen::Vector3d& direction, Hit& hit) {
   const double low[3] = {-box.half[0], -box.half[1], 0};
   const double high[3] = {box.half[0], box.half[1], box.top};
   double enter = 0;
@@ -115,21 +116,17 @@ geometry::Camera make_camera(const cv::Size& size, double focal) {
 }
 
 // A camera at `center`, `up` above in its picture but for `roll` degrees.
-geometry::Rigid look_along(const cv::Vec3d& center, const cv::Vec3d& direction, const cv::Vec3d& up,
-                           double roll) {
-  const cv::Vec3d forward = cv::normalize(direction);
-  const cv::Vec3d level = cv::normalize(forward.cross(up));
-  const cv::Vec3d plumb = forward.cross(level);
-  const cv::Vec3d right = std::cos(roll * kRadians) * level + std::sin(roll * kRadians) * plumb;
-  const cv::Vec3d down = forward.cross(right);
-  geometry::Rigid pose;
-  for (int c = 0; c < 3; ++c) {
-    pose.rotation(0, c) = right[c];
-    pose.rotation(1, c) = down[c];
-    pose.rotation(2, c) = forward[c];
-  }
-  pose.translation = -(pose.rotation * center);
-  return pose;
+geometry::Rigid3 look_along(const Eigen::Vector3d& center, const Eigen::Vector3d& direction,
+                            const Eigen::Vector3d& up, double roll) {
+  const Eigen::Vector3d forward = direction.normalized();
+  const Eigen::Vector3d level = forward.cross(up).normalized();
+  const Eigen::Vector3d plumb = forward.cross(level);
+  const Eigen::Vector3d right =
+      std::cos(roll * kRadians) * level + std::sin(roll * kRadians) * plumb;
+  const Eigen::Vector3d down = forward.cross(right);
+  Eigen::Matrix3d rotation;
+  rotation << right.transpose(), down.transpose(), forward.transpose();
+  return {rotation, -(rotation * center)};
 }
 
 // Steps of `step` with all of them no longer than `span`, even about 0.
@@ -139,13 +136,13 @@ double spread(int index, int count, double step, double span) {
 }
 
 // Held by hand: each camera is a little off its place and aim.
-geometry::Rigid make_pose(Trajectory trajectory, bool pure_rotation, int index, int count,
-                          const Rng& base) {
+geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, int index, int count,
+                           const Rng& base) {
   Rng rng = base.fork(static_cast<std::uint64_t>(index));
-  const cv::Vec3d y_up{0, 1, 0};
-  const cv::Vec3d shake{rng.uniform(-0.08, 0.08), rng.uniform(-0.35, 0.35),
-                        rng.uniform(-0.15, 0.15)};
-  const cv::Vec3d aim{rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), 0};
+  const Eigen::Vector3d y_up{0, 1, 0};
+  const Eigen::Vector3d shake{rng.uniform(-0.08, 0.08), rng.uniform(-0.35, 0.35),
+                              rng.uniform(-0.15, 0.15)};
+  const Eigen::Vector3d aim{rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), 0};
   const double roll = rng.uniform(-2, 2);
   if (pure_rotation) {
     const double yaw = spread(index, count, kStepDeg, kSpanDeg) * kRadians;
@@ -158,23 +155,23 @@ geometry::Rigid make_pose(Trajectory trajectory, bool pure_rotation, int index, 
   switch (trajectory) {
     case Trajectory::kArc: {
       const double angle = spread(index, count, kStepDeg, kSpanDeg) * kRadians;
-      const cv::Vec3d center =
-          kMiddle + kDistance * cv::Vec3d(std::sin(angle), 0, std::cos(angle)) + shake;
+      const Eigen::Vector3d center =
+          kMiddle + kDistance * Eigen::Vector3d(std::sin(angle), 0, std::cos(angle)) + shake;
       return look_along(center, kMiddle + aim - center, y_up, roll);
     }
     case Trajectory::kRing: {
       const double angle = 360.0 * index / count * kRadians;
       const double rise = (kRingDeg + rng.uniform(-2, 2)) * kRadians;
-      const cv::Vec3d center =
-          kMiddle + kDistance * cv::Vec3d(std::cos(rise) * std::cos(angle),
-                                          std::cos(rise) * std::sin(angle), std::sin(rise));
+      const Eigen::Vector3d center =
+          kMiddle + kDistance * Eigen::Vector3d(std::cos(rise) * std::cos(angle),
+                                                std::cos(rise) * std::sin(angle), std::sin(rise));
       return look_along(center, kMiddle + aim - center, {0, 0, 1}, roll);
     }
     case Trajectory::kLine:
       break;
   }
-  const cv::Vec3d center{spread(index, count, kLineStep, kLineSpan), 0, kDistance};
-  return look_along(center + shake, cv::Vec3d(0, 0, -kDistance) + aim, y_up, roll);
+  const Eigen::Vector3d center{spread(index, count, kLineStep, kLineSpan), 0, kDistance};
+  return look_along(center + shake, Eigen::Vector3d(0, 0, -kDistance) + aim, y_up, roll);
 }
 
 }  // namespace
@@ -193,7 +190,7 @@ void SceneOptions::check() const {
 struct ReliefScene::Parts {
   SceneOptions options;
   geometry::Camera camera;
-  std::vector<geometry::Rigid> poses;
+  std::vector<geometry::Rigid3> poses;
   HeightField field;
   std::vector<Box> boxes;
   Texture wall;   // not for kNothing
@@ -246,32 +243,32 @@ struct ReliefScene::Parts {
     }
   }
 
-  [[nodiscard]] const geometry::Rigid& pose_of(int index) const {
+  [[nodiscard]] const geometry::Rigid3& pose_of(int index) const {
     TARSIER_REQUIRE(index >= 0 && index < options.images, "image {} of {}", index, options.images);
     return poses[static_cast<std::size_t>(index)];
   }
 
   // What one camera needs for its rays.
   struct View {
-    cv::Matx33d to_world;
-    cv::Vec3d center;
-    std::vector<cv::Vec3d> in_box;   // the centre, in each box's own axes
-    std::vector<cv::Rect2d> around;  // each box in the picture, px
+    Eigen::Matrix3d to_world = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d center = Eigen::Vector3d::Zero();
+    std::vector<Eigen::Vector3d> in_box;  // the centre, in each box's own axes
+    std::vector<cv::Rect2d> around;       // each box in the picture, px
   };
 
-  [[nodiscard]] View view_of(const geometry::Rigid& pose) const {
-    View view{pose.rotation.t(), pose.center(), {}, {}};
+  [[nodiscard]] View view_of(const geometry::Rigid3& pose) const {
+    View view{pose.rotation.transpose(), pose.center(), {}, {}};
     for (const Box& box : boxes) {
-      view.in_box.push_back(box.to_own(view.center - cv::Vec3d(box.x, box.y, 0)));
+      view.in_box.push_back(box.to_own(view.center - Eigen::Vector3d(box.x, box.y, 0)));
       double left = 1e9;
       double right = -1e9;
       double upper = 1e9;
       double lower = -1e9;
       for (unsigned k = 0; k < 8; ++k) {
-        const cv::Vec3d corner{(k & 1U) != 0 ? box.half[0] : -box.half[0],
-                               (k & 2U) != 0 ? box.half[1] : -box.half[1],
-                               (k & 4U) != 0 ? box.top : 0};
-        const cv::Vec3d at = pose * (box.from_own(corner) + cv::Vec3d(box.x, box.y, 0));
+        const Eigen::Vector3d corner{(k & 1U) != 0 ? box.half[0] : -box.half[0],
+                                     (k & 2U) != 0 ? box.half[1] : -box.half[1],
+                                     (k & 4U) != 0 ? box.top : 0};
+        const Eigen::Vector3d at = pose * (box.from_own(corner) + Eigen::Vector3d(box.x, box.y, 0));
         if (at[2] < 0.1) {  // beside or behind the camera: look everywhere
           left = upper = -1e9;
           right = lower = 1e9;
@@ -290,11 +287,13 @@ struct ReliefScene::Parts {
   }
 
   // Of length 1 along the camera's axis, so that t of a hit is its depth.
-  [[nodiscard]] cv::Vec3d ray(const View& view, double u, double v) const {
-    return view.to_world * cv::Vec3d((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1);
+  [[nodiscard]] Eigen::Vector3d ray(const View& view, double u, double v) const {
+    return view.to_world *
+           Eigen::Vector3d((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1);
   }
 
-  [[nodiscard]] Hit trace(const View& view, const cv::Vec3d& direction, double u, double v) const {
+  [[nodiscard]] Hit trace(const View& view, const Eigen::Vector3d& direction, double u,
+                          double v) const {
     Hit hit;
     for (std::size_t i = 0; i < boxes.size(); ++i) {
       if (!view.around[i].contains(cv::Point2d(u, v))) continue;
@@ -305,32 +304,32 @@ struct ReliefScene::Parts {
     return hit;
   }
 
-  [[nodiscard]] cv::Vec3f colour(const View& view, const cv::Vec3d& direction,
+  [[nodiscard]] cv::Vec3f colour(const View& view, const Eigen::Vector3d& direction,
                                  const Hit& hit) const {
     if (!hit.is_any) return kSky;
     // Two samples in a pixel's width.
     const double reach = std::sqrt(direction.dot(direction));
-    const auto footprint = [&](const cv::Vec3d& normal) {
+    const auto footprint = [&](const Eigen::Vector3d& normal) {
       const double cosine = std::max(0.05, -normal.dot(direction) / reach);
       return 0.5 * hit.t / camera.fx / std::sqrt(cosine);
     };
-    const auto light = [](const cv::Vec3d& normal) {
+    const auto light = [](const Eigen::Vector3d& normal) {
       return static_cast<float>(kAmbient + kDirect * std::max(0.0, normal.dot(kSun)));
     };
     if (hit.box < 0) {
-      const cv::Vec3d at = view.center + hit.t * direction;
+      const Eigen::Vector3d at = view.center + hit.t * direction;
       const cv::Vec2d slope = field.slope(at[0], at[1]);
-      const cv::Vec3d normal = cv::normalize(cv::Vec3d(-slope[0], -slope[1], 1));
+      const Eigen::Vector3d normal = Eigen::Vector3d(-slope[0], -slope[1], 1).normalized();
       if (options.content == Content::kNothing) return light(normal) * kBare;
       return light(normal) *
              wall.at(at[0] + kWallWidth / 2, at[1] + kWallHeight / 2, footprint(normal));
     }
     const auto number = static_cast<std::size_t>(hit.box);
     const Box& box = boxes[number];
-    const cv::Vec3d at = view.in_box[number] + hit.t * box.to_own(direction);
-    cv::Vec3d own{0, 0, 0};
+    const Eigen::Vector3d at = view.in_box[number] + hit.t * box.to_own(direction);
+    Eigen::Vector3d own{0, 0, 0};
     own[hit.face / 2] = hit.face == 4 || hit.face % 2 == 1 ? 1 : -1;
-    const cv::Vec3d normal = box.from_own(own);
+    const Eigen::Vector3d normal = box.from_own(own);
     const int cell = hit.box * 5 + hit.face;
     const double u = (hit.face < 2 ? at[1] : at[0]) + kFaceCell * (cell % kFaceCells + 0.5);
     const double v =
@@ -348,7 +347,7 @@ int ReliefScene::count() const { return parts_->options.images; }
 
 geometry::Camera ReliefScene::camera() const { return parts_->camera; }
 
-geometry::Rigid ReliefScene::pose(int index) const { return parts_->pose_of(index); }
+geometry::Rigid3 ReliefScene::pose(int index) const { return parts_->pose_of(index); }
 
 cv::Mat ReliefScene::render(int index, const std::stop_token& stop) const {
   const Parts& parts = *parts_;
@@ -362,7 +361,7 @@ cv::Mat ReliefScene::render(int index, const std::stop_token& stop) const {
         for (int k = 0; k < 4; ++k) {
           const double u = x + (k % 2 == 0 ? -0.25 : 0.25);
           const double v = y + (k / 2 == 0 ? -0.25 : 0.25);
-          const cv::Vec3d direction = parts.ray(view, u, v);
+          const Eigen::Vector3d direction = parts.ray(view, u, v);
           sum += parts.colour(view, direction, parts.trace(view, direction, u, v));
         }
         for (int c = 0; c < 3; ++c) out[x][c] = cv::saturate_cast<std::uint8_t>(sum[c] / 4);
@@ -398,14 +397,14 @@ PointProblem make_point_problem(std::uint64_t seed, int images, int points, doub
   for (int i = 0; i < points; ++i) {
     const double x = places.uniform(-3, 3);
     const double y = places.uniform(-2, 2);
-    problem.points.push_back(kMiddle + cv::Vec3d(x, y, places.uniform(-1.5, 1.5)));
+    problem.points.push_back(kMiddle + Eigen::Vector3d(x, y, places.uniform(-1.5, 1.5)));
   }
   const cv::Rect2d picture(-0.5, -0.5, size.width, size.height);
   for (int i = 0; i < images; ++i) {
     problem.poses.push_back(make_pose(Trajectory::kArc, false, i, images, base.fork(2)));
     Rng rng = base.fork(100 + static_cast<std::uint64_t>(i));
     for (int k = 0; k < points; ++k) {
-      const cv::Vec3d at = problem.poses.back() * problem.points[static_cast<std::size_t>(k)];
+      const Eigen::Vector3d at = problem.poses.back() * problem.points[static_cast<std::size_t>(k)];
       if (at[2] <= 0) continue;
       const cv::Point2d exact(camera.fx * at[0] / at[2] + camera.cx,
                               camera.fy * at[1] / at[2] + camera.cy);

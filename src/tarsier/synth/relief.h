@@ -3,8 +3,9 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include <cstdint>
@@ -64,7 +65,7 @@ class ReliefScene {
   [[nodiscard]] geometry::Camera camera() const;  // of all images, not distorted
 
   // The members below throw std::invalid_argument unless 0 <= index < count().
-  [[nodiscard]] geometry::Rigid pose(int index) const;  // camera from world
+  [[nodiscard]] geometry::Rigid3 pose(int index) const;  // camera from world
   // CV_8UC3 of the size of the options. Does not depend on the number of threads. Throws
   // Interrupted.
   [[nodiscard]] cv::Mat render(int index, const std::stop_token& stop = {}) const;
@@ -86,10 +87,10 @@ struct PointProblem {
     cv::Point2d pixel;
     bool outlier = false;  // anywhere in the picture, more than 10 px from the truth
   };
-  geometry::Camera camera;             // 640 x 480, not distorted
-  std::vector<geometry::Rigid> poses;  // camera from world
-  std::vector<cv::Vec3d> points;       // world
-  std::vector<Seen> seen;              // by image, then by point
+  geometry::Camera camera;              // 640 x 480, not distorted
+  std::vector<geometry::Rigid3> poses;  // camera from world
+  std::vector<Eigen::Vector3d> points;  // world
+  std::vector<Seen> seen;               // by image, then by point
 };
 
 // Cameras on an arc as in Trajectory::kArc, points evenly in a volume of 6 x 4 x 3 units, and where

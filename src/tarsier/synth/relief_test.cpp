@@ -37,9 +37,9 @@ TEST(ReliefScene, DepthAndPosesFitThePictures) {
         for (int u = 10; u < a.cols - 10; u += 7) {
           const auto depth = scene.depth(0, cv::Point2d(u, v));
           if (!depth) continue;
-          const cv::Vec3d in_a((u - camera.cx) / camera.fx * *depth,
-                               (v - camera.cy) / camera.fy * *depth, *depth);
-          const cv::Vec3d in_b = scene.pose(1) * (scene.pose(0).inverse() * in_a);
+          const Eigen::Vector3d in_a((u - camera.cx) / camera.fx * *depth,
+                                     (v - camera.cy) / camera.fy * *depth, *depth);
+          const Eigen::Vector3d in_b = scene.pose(1) * (scene.pose(0).inverse() * in_a);
           const cv::Point2d at(camera.fx * in_b[0] / in_b[2] + camera.cx,
                                camera.fy * in_b[1] / in_b[2] + camera.cy);
           if (at.x < 2 || at.y < 2 || at.x > b.cols - 3 || at.y > b.rows - 3) continue;
@@ -76,8 +76,9 @@ TEST(ReliefScene, ACameraThatOnlyTurnsStaysAtItsPlace) {
   options.pure_rotation = true;
   const ReliefScene scene(options);
   for (int i = 1; i < scene.count(); ++i) {
-    EXPECT_LT(cv::norm(scene.pose(i).center() - scene.pose(0).center()), 1e-9);
-    EXPECT_GT(geometry::angle_of(scene.pose(i).rotation * scene.pose(0).rotation.t()), 0.05);
+    EXPECT_LT((scene.pose(i).center() - scene.pose(0).center()).norm(), 1e-9);
+    EXPECT_GT(geometry::angle_of(scene.pose(i).rotation * scene.pose(0).rotation.transpose()),
+              0.05);
   }
 }
 

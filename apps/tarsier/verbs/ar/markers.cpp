@@ -2,7 +2,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/length.h"
 #include "tarsier/core/log.h"
-#include "tarsier/geometry/rotation.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/render/obj_io.h"
 
 #include <fmt/format.h>
@@ -52,9 +52,9 @@ std::string row_of(const Frame& frame, const planar::TrackedMarker& posed) {
   std::string row = fmt::format("{},{:.3f},{},{}", frame.index, frame.time,
                                 csv_value(frame.still ? frame.name : ""), posed.marker.id);
   if (posed.pose) {
-    const geometry::Rigid& pose = posed.pose->camera_from_marker;
-    const cv::Vec3d r = geometry::rotation_vector(pose.rotation);
-    for (const cv::Vec3d& v : {pose.translation, r})
+    const geometry::Rigid3& pose = posed.pose->camera_from_marker;
+    const Eigen::Vector3d r = geometry::rotation_vector(pose.rotation);
+    for (const Eigen::Vector3d& v : {pose.translation, r})
       row += fmt::format(",{:.6f},{:.6f},{:.6f}", v[0], v[1], v[2]);
     row += fmt::format(",{:.3f},{:.3f}", posed.pose->rms_px, posed.pose->ambiguity);
   } else {
@@ -102,9 +102,9 @@ ArSessionOptions drawing_of(const MarkersFlags& flags) {
 
 std::string line_of(const planar::TrackedMarker& posed) {
   if (!posed.pose) return fmt::format(" [{}: no pose]", posed.marker.id);
-  const cv::Vec3d& t = posed.pose->camera_from_marker.translation;
-  return fmt::format(" [{}: {:.3f} m away, at {:+.3f} {:+.3f} {:+.3f}]", posed.marker.id,
-                     cv::norm(t), t[0], t[1], t[2]);
+  const Eigen::Vector3d& t = posed.pose->camera_from_marker.translation;
+  return fmt::format(" [{}: {:.3f} m away, at {:+.3f} {:+.3f} {:+.3f}]", posed.marker.id, t.norm(),
+                     t[0], t[1], t[2]);
 }
 
 ExitStatus run_markers(MarkersFlags& flags, Context& context) {

@@ -107,7 +107,7 @@ std::string row_of(const Frame& frame, const planar::image_targets::TrackedTarge
       fmt::format("{},{:.3f},{},{:.3f}", frame.index, frame.time, seen.target, seen.confidence);
   for (const cv::Point2d& c : seen.corners) row += fmt::format(",{:.3f},{:.3f}", c.x, c.y);
   if (seen.pose) {
-    const cv::Vec3d& t = seen.pose->camera_from_plane.translation;
+    const Eigen::Vector3d& t = seen.pose->camera_from_plane.translation;
     row += fmt::format(",{:.5f},{:.5f},{:.5f}", t[0], t[1], t[2]);
   } else {
     row += ",,,";

@@ -130,8 +130,7 @@ void draw_solution(cv::Mat& image, const SolveFlags& flags, const Eigen::Matrix3
   const double length = flags.axes > 0 ? flags.axes : 0.6 * extent.maxCoeff();
   face::head::draw_axes(image, camera, pose.camera_from_object, {length, length, length});
   for (Eigen::Index i = 0; i < object.cols(); ++i) {
-    const cv::Vec3d x(object(0, i), object(1, i), object(2, i));
-    if (const auto pixel = camera.project(pose.camera_from_object * x)) {
+    if (const auto pixel = camera.project(pose.camera_from_object * object.col(i))) {
       image::draw::cross(image, *pixel, {0, 220, 255}, 6);
     }
     image::draw::point(image, {points(0, i), points(1, i)}, {255, 120, 40}, 2.5);
@@ -140,8 +139,9 @@ void draw_solution(cv::Mat& image, const SolveFlags& flags, const Eigen::Matrix3
 
 nlohmann::ordered_json json_of(const face::head::PositPose& pose) {
   nlohmann::ordered_json object;
-  object["rotation"] = pose.camera_from_object.rotation.val;
-  object["translation"] = pose.camera_from_object.translation.val;
+  object["rotation"] = geometry::row_major(pose.camera_from_object.rotation);
+  const Eigen::Vector3d& t = pose.camera_from_object.translation;
+  object["translation"] = {t[0], t[1], t[2]};
   object["rms_px"] = pose.rms;
   object["iterations"] = pose.iterations;
   object["converged"] = pose.converged;
@@ -150,12 +150,12 @@ nlohmann::ordered_json json_of(const face::head::PositPose& pose) {
 
 std::string text_of(const face::head::PositPose& pose) {
   std::string text;
-  const cv::Matx33d& r = pose.camera_from_object.rotation;
+  const Eigen::Matrix3d& r = pose.camera_from_object.rotation;
   for (int row = 0; row < 3; ++row) {
     text += fmt::format("{:>12}  {:9.5f} {:9.5f} {:9.5f}\n", row == 0 ? "rotation" : "", r(row, 0),
                         r(row, 1), r(row, 2));
   }
-  const cv::Vec3d& t = pose.camera_from_object.translation;
+  const Eigen::Vector3d& t = pose.camera_from_object.translation;
   text += fmt::format("{:>12}  {:9.3f} {:9.3f} {:9.3f}\n", "translation", t[0], t[1], t[2]);
   return text + fmt::format("{:>12}  {:.3f} px, {} iterations{}\n", "rms", pose.rms,
                             pose.iterations, pose.converged ? "" : ", not converged");

@@ -46,7 +46,7 @@ struct SynthFlags {
 };
 
 // Somewhere in the picture, the whole face inside.
-geometry::Rigid random_pose(const SynthFlags& flags, const geometry::Camera& camera, Rng& rng) {
+geometry::Rigid3 random_pose(const SynthFlags& flags, const geometry::Camera& camera, Rng& rng) {
   constexpr double kRoom = 110;  // mm around the middle of a head
   const face::head::HeadAngles angles{rng.uniform(-flags.yaw, flags.yaw),
                                       rng.uniform(-flags.pitch, flags.pitch),
@@ -61,7 +61,7 @@ geometry::Rigid random_pose(const SynthFlags& flags, const geometry::Camera& cam
 }
 
 // A head that turns to and fro while it nods, more slowly.
-geometry::Rigid turning_pose(const SynthFlags& flags, double phase) {
+geometry::Rigid3 turning_pose(const SynthFlags& flags, double phase) {
   constexpr double kTurn = 2 * std::numbers::pi;
   const face::head::HeadAngles angles{flags.yaw * std::sin(kTurn * phase),
                                       flags.pitch * std::sin(2 * kTurn * phase + 0.5),
@@ -77,9 +77,8 @@ nlohmann::ordered_json truth_line(const std::string& image, const synth::FaceTru
   const face::head::HeadAngles angles =
       face::head::angles_of_rotation(truth.camera_from_head.rotation);
   nlohmann::ordered_json line{{"image", image}};
-  line["rotation"] = nlohmann::json::array();
-  for (const double value : truth.camera_from_head.rotation.val) line["rotation"].push_back(value);
-  const cv::Vec3d& t = truth.camera_from_head.translation;
+  line["rotation"] = geometry::row_major(truth.camera_from_head.rotation);
+  const Eigen::Vector3d& t = truth.camera_from_head.translation;
   line["translation"] = {t[0], t[1], t[2]};
   line["yaw"] = angles.yaw_deg;
   line["pitch"] = angles.pitch_deg;
@@ -122,9 +121,9 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
     throw_if_stopped(context.stop);
     Rng rng = seeds.fork(static_cast<std::uint64_t>(i));
     const int who = i % people;
-    const geometry::Rigid pose = flags.video
-                                     ? turning_pose(flags, static_cast<double>(i) / flags.count)
-                                     : random_pose(flags, camera, rng);
+    const geometry::Rigid3 pose = flags.video
+                                      ? turning_pose(flags, static_cast<double>(i) / flags.count)
+                                      : random_pose(flags, camera, rng);
     // In a video only the noise changes.
     cv::Mat picture;
     const synth::FacePerson person =

@@ -42,7 +42,7 @@ constexpr const char* kColumns = "frame,time,face,score,yaw,pitch,roll,x,y,z,rms
 
 std::string row_of(const Frame& frame, const face::PosedFace& face) {
   const face::head::HeadPose& pose = *face.pose;
-  const cv::Vec3d& t = pose.camera_from_head.translation;
+  const Eigen::Vector3d& t = pose.camera_from_head.translation;
   return fmt::format("{},{:.3f},{},{:.3f},{:.2f},{:.2f},{:.2f},{:.1f},{:.1f},{:.1f},{:.2f}",
                      frame.index, frame.time, face.face.id, face.face.score, pose.angles.yaw_deg,
                      pose.angles.pitch_deg, pose.angles.roll_deg, t[0], t[1], t[2], pose.rms_px);
@@ -93,7 +93,7 @@ std::string line_of(const face::PosedFace& face) {
   const face::head::HeadAngles& angles = face.pose->angles;
   return fmt::format(" [yaw {:+.1f} pitch {:+.1f} roll {:+.1f}, {:.0f} mm away]", angles.yaw_deg,
                      angles.pitch_deg, angles.roll_deg,
-                     cv::norm(face.pose->camera_from_head.translation));
+                     face.pose->camera_from_head.translation.norm());
 }
 
 ExitStatus run_track(TrackFlags& flags, Context& context) {

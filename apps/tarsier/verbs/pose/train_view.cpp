@@ -102,9 +102,10 @@ struct Data {
 };
 
 // Adds a picture; returns its index, -1 where no head was found.
-int add(Data& data, Seen seen, int group, const cv::Vec3d& forward, bool in_camera) {
+int add(Data& data, Seen seen, int group, const Eigen::Vector3d& forward, bool in_camera) {
   if (!seen.view) return -1;
-  const cv::Vec3d in_view = in_camera ? seen.view->camera_from_view.t() * forward : forward;
+  const Eigen::Vector3d in_view =
+      in_camera ? seen.view->camera_from_view.transpose() * forward : forward;
   data.samples.push_back({*seen.view, face::head_view::direction_of(*seen.view, in_view), group});
   data.seen.push_back(std::move(seen));
   return static_cast<int>(data.seen.size()) - 1;
@@ -116,7 +117,7 @@ void add_pointing(const TrainViewFlags& flags, Collector& collector, Data& data,
   for (const auto& [path, name] : pictures) {
     throw_if_stopped(context.stop);
     context.progress->advance();
-    const cv::Vec3d forward =
+    const Eigen::Vector3d forward =
         face::head::forward_of_gaze({name.pan_deg, name.tilt_deg * flags.tilt_share});
     data.of_pointing.push_back(add(data, collector.see(path, true), name.person, forward, false));
     face::head::PointingOutcome outcome;
@@ -138,7 +139,7 @@ void add_truth(const std::string& file, int number, Collector& collector, Data& 
     context.progress->advance();
     if (!line.rotation) continue;
     const int group = 1000 + kParts * number + count++ % kParts;
-    const cv::Vec3d forward = *line.rotation * cv::Vec3d(0, 0, -1);
+    const Eigen::Vector3d forward = *line.rotation * Eigen::Vector3d(0, 0, -1);
     const int at =
         add(data, collector.see(picture_of_truth(file, line.image), false), group, forward, true);
     if (at < 0) continue;
@@ -152,7 +153,7 @@ void add_truth(const std::string& file, int number, Collector& collector, Data& 
 }
 
 // Scores of the rotations, one of each `seen`.
-void print_scores(Data& data, const std::vector<cv::Matx33d>& rotations, const Context& context,
+void print_scores(Data& data, const std::vector<Eigen::Matrix3d>& rotations, const Context& context,
                   const std::string& what) {
   if (!data.pointing.empty()) {
     for (std::size_t i = 0; i < data.pointing.size(); ++i) {
@@ -188,7 +189,7 @@ void print_scores(Data& data, const std::vector<cv::Matx33d>& rotations, const C
 
 void leave_out(Data& data, const Collector& collector, const TrainViewFlags& flags,
                const Context& context) {
-  std::vector<cv::Matx33d> rotations;
+  std::vector<Eigen::Matrix3d> rotations;
   for (const Seen& seen : data.seen) rotations.push_back(seen.pose.camera_from_head.rotation);
   print_scores(data, rotations, context, "landmarks alone");
   const std::vector<face::head_view::Direction> found =

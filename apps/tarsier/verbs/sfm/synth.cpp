@@ -64,10 +64,9 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
     throw_if_stopped(context.stop);
     const std::string name = fmt::format("{:04}.jpg", i);
     write_image((folder / "images" / name).string(), scene.render(i, context.stop), 95);
-    const geometry::Rigid pose = scene.pose(i);
-    nlohmann::ordered_json line{{"name", name}, {"R", nlohmann::ordered_json::array()}};
-    for (const double value : pose.rotation.val) line["R"].push_back(value);
-    const cv::Vec3d center = pose.center();
+    const geometry::Rigid3 pose = scene.pose(i);
+    nlohmann::ordered_json line{{"name", name}, {"R", geometry::row_major(pose.rotation)}};
+    const Eigen::Vector3d center = pose.center();
     line["C"] = {center[0], center[1], center[2]};
     truth += line.dump() + "\n";
     if (context.json) print_json(line);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <opencv2/core.hpp>
+#include <Eigen/Core>
 
 // Yaw, pitch and roll of a head. Camera: x right, y down, z forward. The head's own axes are the
 // camera's when it looks straight into the camera (so the nose points along -z):
@@ -17,9 +17,9 @@ struct HeadAngles {
   double roll_deg = 0;   // (-180, 180]
 };
 
-[[nodiscard]] cv::Matx33d rotation_of_angles(const HeadAngles& angles);
+[[nodiscard]] Eigen::Matrix3d rotation_of_angles(const HeadAngles& angles);
 
 // The inverse. Where pitch is +-90 degrees only yaw -+ roll is determined: roll comes out as 0.
-[[nodiscard]] HeadAngles angles_of_rotation(const cv::Matx33d& camera_from_head);
+[[nodiscard]] HeadAngles angles_of_rotation(const Eigen::Matrix3d& camera_from_head);
 
 }  // namespace tarsier::face::head

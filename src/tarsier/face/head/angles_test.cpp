@@ -12,15 +12,15 @@ namespace tarsier::face::head {
 namespace {
 
 // Where the nose of a head looks, and its top, in the camera's frame (x right, y down, z forward).
-cv::Vec3d nose(const HeadAngles& angles) {
-  return rotation_of_angles(angles) * cv::Vec3d(0, 0, -1);
+Eigen::Vector3d nose(const HeadAngles& angles) {
+  return rotation_of_angles(angles) * Eigen::Vector3d(0, 0, -1);
 }
-cv::Vec3d crown(const HeadAngles& angles) {
-  return rotation_of_angles(angles) * cv::Vec3d(0, -1, 0);
+Eigen::Vector3d crown(const HeadAngles& angles) {
+  return rotation_of_angles(angles) * Eigen::Vector3d(0, -1, 0);
 }
 
 TEST(Angles, LookIntoTheCameraAtZero) {
-  EXPECT_LT(cv::norm(rotation_of_angles({}) - cv::Matx33d::eye()), 1e-15);
+  EXPECT_LT((rotation_of_angles({}) - Eigen::Matrix3d::Identity()).norm(), 1e-15);
 }
 
 TEST(Angles, SignsAreAsDefined) {
@@ -34,14 +34,15 @@ TEST(Angles, SignsAreAsDefined) {
 
 TEST(Angles, AreThoseOfTheProductInItsOrder) {
   const double yaw = 0.5, pitch = 0.3, roll = -0.2;
-  const cv::Matx33d rz(std::cos(roll), -std::sin(roll), 0, std::sin(roll), std::cos(roll), 0, 0, 0,
-                       1);
-  const cv::Matx33d rx(1, 0, 0, 0, std::cos(-pitch), -std::sin(-pitch), 0, std::sin(-pitch),
-                       std::cos(-pitch));
-  const cv::Matx33d ry(std::cos(yaw), 0, std::sin(yaw), 0, 1, 0, -std::sin(yaw), 0, std::cos(yaw));
+  const Eigen::Matrix3d rz{
+      {std::cos(roll), -std::sin(roll), 0}, {std::sin(roll), std::cos(roll), 0}, {0, 0, 1}};
+  const Eigen::Matrix3d rx{
+      {1, 0, 0}, {0, std::cos(-pitch), -std::sin(-pitch)}, {0, std::sin(-pitch), std::cos(-pitch)}};
+  const Eigen::Matrix3d ry{
+      {std::cos(yaw), 0, std::sin(yaw)}, {0, 1, 0}, {-std::sin(yaw), 0, std::cos(yaw)}};
   const double degrees = 180 / std::numbers::pi;
   EXPECT_LT(
-      cv::norm(rotation_of_angles({yaw * degrees, pitch * degrees, roll * degrees}) - rz * rx * ry),
+      (rotation_of_angles({yaw * degrees, pitch * degrees, roll * degrees}) - rz * rx * ry).norm(),
       1e-14);
 }
 
@@ -60,10 +61,10 @@ TEST(Angles, GoThereAndBack) {
 
 TEST(Angles, OfAHeadThatLooksStraightUpStillGiveItsRotation) {
   for (const double pitch : {90.0, -90.0}) {
-    const cv::Matx33d rotation = rotation_of_angles({25, pitch, 40});
+    const Eigen::Matrix3d rotation = rotation_of_angles({25, pitch, 40});
     const HeadAngles angles = angles_of_rotation(rotation);
     EXPECT_NEAR(angles.pitch_deg, pitch, 1e-6);
-    EXPECT_LT(cv::norm(rotation_of_angles(angles) - rotation), 1e-9);
+    EXPECT_LT((rotation_of_angles(angles) - rotation).norm(), 1e-9);
   }
 }
 

@@ -23,9 +23,9 @@ int line_width(const cv::Mat& image) {
 
 // The part of a segment before the camera, in px; empty if there is none. Far beyond the picture it
 // is cut too: drawing counts in whole numbers.
-std::optional<std::array<cv::Point2d, 2>> visible_part(const geometry::Camera& camera, cv::Vec3d a,
-                                                       cv::Vec3d b) {
-  const double near = 1e-3 * std::max(cv::norm(a), cv::norm(b));
+std::optional<std::array<cv::Point2d, 2>> visible_part(const geometry::Camera& camera,
+                                                       Eigen::Vector3d a, Eigen::Vector3d b) {
+  const double near = 1e-3 * std::max(a.norm(), b.norm());
   if (a[2] < near && b[2] < near) return std::nullopt;
   if (a[2] < near) a = b + (a - b) * ((b[2] - near) / (b[2] - a[2]));
   if (b[2] < near) b = a + (b - a) * ((a[2] - near) / (a[2] - b[2]));
@@ -63,21 +63,20 @@ void draw_line(cv::Mat& image, const std::array<cv::Point2d, 2>& ends, const cv:
 }  // namespace
 
 void draw_axes(cv::Mat& image, const geometry::Camera& camera,
-               const geometry::Rigid& camera_from_object, const cv::Vec3d& lengths,
+               const geometry::Rigid3& camera_from_object, const Eigen::Vector3d& lengths,
                bool with_names) {
   image::draw::require_canvas(image);
   camera.check();
   struct Axis {
     const char* name;
     cv::Scalar color;
-    cv::Vec3d end;
+    Eigen::Vector3d end = Eigen::Vector3d::Zero();
   };
-  std::array<Axis, 3> axes = {
-      {{"x", {60, 60, 255}, {}}, {"y", {70, 220, 70}, {}}, {"z", {255, 120, 60}, {}}}};
-  const cv::Vec3d origin = camera_from_object * cv::Vec3d();
+  std::array<Axis, 3> axes = {{{"x", {60, 60, 255}}, {"y", {70, 220, 70}}, {"z", {255, 120, 60}}}};
+  const Eigen::Vector3d& origin = camera_from_object.translation;
   for (int k = 0; k < 3; ++k) {
     TARSIER_REQUIRE(std::isfinite(lengths[k]), "length {}", lengths[k]);
-    cv::Vec3d end;
+    Eigen::Vector3d end = Eigen::Vector3d::Zero();
     end[k] = lengths[k];
     axes[static_cast<std::size_t>(k)].end = camera_from_object * end;
   }
@@ -85,7 +84,7 @@ void draw_axes(cv::Mat& image, const geometry::Camera& camera,
                    [](const Axis& a, const Axis& b) { return a.end[2] > b.end[2]; });
   const int width = line_width(image);
   for (const Axis& axis : axes) {
-    if (cv::norm(axis.end - origin) == 0) continue;
+    if ((axis.end - origin).norm() == 0) continue;
     const auto ends = visible_part(camera, origin, axis.end);
     if (!ends) continue;
     draw_line(image, *ends, {0, 0, 0}, width + 2);
@@ -107,18 +106,18 @@ void draw_axes(cv::Mat& image, const geometry::Camera& camera,
 }
 
 void draw_box(cv::Mat& image, const geometry::Camera& camera,
-              const geometry::Rigid& camera_from_object, const cv::Vec3d& low,
-              const cv::Vec3d& high, const cv::Scalar& color) {
+              const geometry::Rigid3& camera_from_object, const Eigen::Vector3d& low,
+              const Eigen::Vector3d& high, const cv::Scalar& color) {
   image::draw::require_canvas(image);
   camera.check();
   const auto corner = [&](int code) {
-    return camera_from_object * cv::Vec3d((code & 1) != 0 ? high[0] : low[0],
-                                          (code & 2) != 0 ? high[1] : low[1],
-                                          (code & 4) != 0 ? high[2] : low[2]);
+    return camera_from_object * Eigen::Vector3d((code & 1) != 0 ? high[0] : low[0],
+                                                (code & 2) != 0 ? high[1] : low[1],
+                                                (code & 4) != 0 ? high[2] : low[2]);
   };
   // A face is seen where the camera lies on its outer side. Face 2 k + s: coordinate k at low (s =
   // 0) or high.
-  const cv::Vec3d eye = camera_from_object.inverse() * cv::Vec3d();
+  const Eigen::Vector3d eye = camera_from_object.center();
   std::array<bool, 6> is_seen{};
   for (int k = 0; k < 3; ++k) {
     const double lower = std::min(low[k], high[k]);
@@ -152,15 +151,13 @@ void draw_box(cv::Mat& image, const geometry::Camera& camera,
 }
 
 void draw_head(cv::Mat& image, const geometry::Camera& camera,
-               const geometry::Rigid& camera_from_head, const HeadModel& model,
+               const geometry::Rigid3& camera_from_head, const HeadModel& model,
                const Eigen::Matrix3Xd& shape, const cv::Scalar& color) {
   image::draw::require_canvas(image);
   camera.check();
   TARSIER_REQUIRE(shape.cols() == model.points(), "a shape of {} points for a model of {}",
                   shape.cols(), model.points());
-  const auto placed = [&](int i) {
-    return camera_from_head * cv::Vec3d(shape(0, i), shape(1, i), shape(2, i));
-  };
+  const auto placed = [&](int i) { return camera_from_head * shape.col(i); };
   const int width = std::max(1, line_width(image) / 2);
   for (const auto& [a, b] : model.connections) {
     if (const auto ends = visible_part(camera, placed(a), placed(b)))

@@ -3,8 +3,9 @@
 
 #include "tarsier/face/head/head_model.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 
+#include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 
 // Poses on pictures (CV_8UC3 BGR or CV_8UC1, of the camera's size or a crop that begins at its
@@ -16,18 +17,18 @@ namespace tarsier::face::head {
 // ends. A length may be negative (a head is clearer with z = -80: the line leaves the nose); 0
 // leaves the axis out. Throws std::invalid_argument unless all are finite.
 void draw_axes(cv::Mat& image, const geometry::Camera& camera,
-               const geometry::Rigid& camera_from_object, const cv::Vec3d& lengths,
+               const geometry::Rigid3& camera_from_object, const Eigen::Vector3d& lengths,
                bool with_names = true);
 
 // The edges of a box whose corners in the object's frame are `low` and `high`; edges that the box
 // itself hides are thin and dark.
 void draw_box(cv::Mat& image, const geometry::Camera& camera,
-              const geometry::Rigid& camera_from_object, const cv::Vec3d& low,
-              const cv::Vec3d& high, const cv::Scalar& color = {0, 220, 255});
+              const geometry::Rigid3& camera_from_object, const Eigen::Vector3d& low,
+              const Eigen::Vector3d& high, const cv::Scalar& color = {0, 220, 255});
 
 // The head's lines and points (shape: 3 x n, shape_of(model, b)).
 void draw_head(cv::Mat& image, const geometry::Camera& camera,
-               const geometry::Rigid& camera_from_head, const HeadModel& model,
+               const geometry::Rigid3& camera_from_head, const HeadModel& model,
                const Eigen::Matrix3Xd& shape, const cv::Scalar& color = {0, 220, 255});
 
 }  // namespace tarsier::face::head

@@ -26,7 +26,8 @@ int changed(const cv::Mat& image) {
 TEST(DrawAxes, PutsEachColourWhereItsAxisIs) {
   cv::Mat image = canvas();
   // x to the right in red, y down in green.
-  draw_axes(image, testing_camera(), {cv::Matx33d::eye(), {0, 0, 500}}, {60, 60, 0}, false);
+  draw_axes(image, testing_camera(), {Eigen::Matrix3d::Identity(), {0, 0, 500}}, {60, 60, 0},
+            false);
   const cv::Vec3b right = image.at<cv::Vec3b>(240, 320 + 48);
   EXPECT_GT(right[2], 200);
   EXPECT_LT(right[0], 120);
@@ -38,19 +39,21 @@ TEST(DrawAxes, PutsEachColourWhereItsAxisIs) {
 
 TEST(DrawPose, CutsOffWhatIsBehindTheCamera) {
   cv::Mat image = canvas();
-  draw_axes(image, testing_camera(), {cv::Matx33d::eye(), {0, 0, -500}}, {60, 60, 60});
-  draw_box(image, testing_camera(), {cv::Matx33d::eye(), {0, 0, -500}}, {-9, -9, -9}, {9, 9, 9});
+  draw_axes(image, testing_camera(), {Eigen::Matrix3d::Identity(), {0, 0, -500}}, {60, 60, 60});
+  draw_box(image, testing_camera(), {Eigen::Matrix3d::Identity(), {0, 0, -500}}, {-9, -9, -9},
+           {9, 9, 9});
   const HeadModel model = testing_head(0);
-  draw_head(image, testing_camera(), {cv::Matx33d::eye(), {0, 0, -500}}, model, model.mean);
+  draw_head(image, testing_camera(), {Eigen::Matrix3d::Identity(), {0, 0, -500}}, model,
+            model.mean);
   EXPECT_EQ(changed(image), 0);
   // Around the camera: parts of it, no trouble.
-  draw_box(image, testing_camera(), {cv::Matx33d::eye(), {1, 2, 0}}, {-90, -90, -90},
+  draw_box(image, testing_camera(), {Eigen::Matrix3d::Identity(), {1, 2, 0}}, {-90, -90, -90},
            {90, 90, 900});
-  draw_axes(image, testing_camera(), {cv::Matx33d::eye(), {1, 2, 3}}, {1e6, 10, -50});
+  draw_axes(image, testing_camera(), {Eigen::Matrix3d::Identity(), {1, 2, 3}}, {1e6, 10, -50});
   EXPECT_GT(changed(image), 0);
   cv::Mat none;
   EXPECT_THROW(draw_axes(none, testing_camera(), {}, {1, 1, 1}), std::invalid_argument);
-  EXPECT_THROW(draw_axes(image, testing_camera(), {cv::Matx33d::eye(), {0, 0, 9}},
+  EXPECT_THROW(draw_axes(image, testing_camera(), {Eigen::Matrix3d::Identity(), {0, 0, 9}},
                          {std::numeric_limits<double>::quiet_NaN(), 1, 1}),
                std::invalid_argument);
 }
@@ -58,7 +61,7 @@ TEST(DrawPose, CutsOffWhatIsBehindTheCamera) {
 TEST(DrawBox, ShowsHiddenEdgesDarker) {
   cv::Mat image = canvas();
   // Seen from the front, a little from above and left: the corner (low, high, high) is hidden.
-  const geometry::Rigid pose{rotation_of_angles({30, -25, 0}), {0, 0, 600}};
+  const geometry::Rigid3 pose{rotation_of_angles({30, -25, 0}), {0, 0, 600}};
   draw_box(image, testing_camera(), pose, {-60, -60, -60}, {60, 60, 60}, {0, 220, 255});
   if (const char* folder = std::getenv("TARSIER_TEST_PICTURES"))
     cv::imwrite(std::string(folder) + "/box.png", image);
@@ -84,12 +87,11 @@ TEST(DrawHead, IsWhereTheHeadIs) {
   for (const HeadAngles& angles : {HeadAngles{30, 0, 0}, HeadAngles{0, 20, 15}}) {
     cv::Mat image = sheet(cv::Rect(640 * at++, 0, 640, 480));
     canvas().copyTo(image);
-    const geometry::Rigid pose{rotation_of_angles(angles), {0, -40, 600}};
+    const geometry::Rigid3 pose{rotation_of_angles(angles), {0, -40, 600}};
     draw_head(image, testing_camera(), pose, model, model.mean);
     draw_axes(image, testing_camera(), pose, {60, 60, -90});
     EXPECT_GT(changed(image), 2000);
-    const auto eye = testing_camera().project(
-        pose * cv::Vec3d(model.mean(0, 36), model.mean(1, 36), model.mean(2, 36)));
+    const auto eye = testing_camera().project(pose * model.mean.col(36));
     const cv::Vec3b pixel = image.at<cv::Vec3b>(cvRound(eye->y), cvRound(eye->x));
     EXPECT_GT(pixel[2], 200);
   }

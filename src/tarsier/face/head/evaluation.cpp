@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/core/words.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
 
@@ -22,17 +23,15 @@ namespace {
 constexpr double kDegree = CV_PI / 180;
 
 // R = Rz(roll) Rx(pitch) Ry(yaw), degrees: pitch, yaw, roll.
-cv::Vec3d biwi_of(const cv::Matx33d& r) {
+Eigen::Vector3d biwi_of(const Eigen::Matrix3d& r) {
   const HeadAngles angles = angles_of_rotation(r);
   return {-angles.pitch_deg, angles.yaw_deg, angles.roll_deg};
 }
 
 double wrapped(double degrees) { return std::remainder(degrees, 360.0); }
 
-double angle_between(const cv::Matx33d& a, const cv::Matx33d& b) {
-  const cv::Matx33d difference = a * b.t();
-  const double cosine = (cv::trace(difference) - 1) / 2;
-  return std::acos(std::clamp(cosine, -1.0, 1.0)) / kDegree;
+double angle_between(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
+  return geometry::angle_of(a * b.transpose()) / kDegree;
 }
 
 double mean(const std::vector<double>& values) {
@@ -67,12 +66,12 @@ double number_of(const nlohmann::json& object, const char* name, const std::stri
   return numbers<1>(nlohmann::json::array({object[name]}), where)[0];
 }
 
-std::optional<cv::Matx33d> rotation_in(const nlohmann::json& face, const std::string& where) {
+std::optional<Eigen::Matrix3d> rotation_in(const nlohmann::json& face, const std::string& where) {
   for (const char* name : {"rotation", "R"}) {
     if (!face.contains(name) || face[name].is_null()) continue;
     const std::array<double, 9> values = numbers<9>(face[name], where);
-    const cv::Matx33d r(values.data());
-    if (cv::norm(r * r.t() - cv::Matx33d::eye(), cv::NORM_INF) > 1e-3 || cv::determinant(r) < 0) {
+    const Eigen::Matrix3d r = geometry::from_row_major(values);
+    if (!geometry::is_rotation(r, 1e-3)) {
       throw InputError(where, fmt::format("\"{}\" is no rotation", name));
     }
     return r;
@@ -105,7 +104,7 @@ PoseLine line_of(const nlohmann::json& value, const std::string& where) {
   for (const char* name : {"translation", "t"}) {
     if (!face->contains(name) || (*face)[name].is_null() || line.translation) continue;
     const std::array<double, 3> t = numbers<3>((*face)[name], where);
-    line.translation = cv::Vec3d(t[0], t[1], t[2]);
+    line.translation = Eigen::Vector3d(t[0], t[1], t[2]);
   }
   return line;
 }
@@ -123,14 +122,14 @@ PoseScore score_poses(const std::vector<PosePair>& pairs, int truths) {
   std::vector<double> away;
   std::vector<double> share;
   for (const PosePair& pair : pairs) {
-    const cv::Vec3d difference = biwi_of(pair.rotation) - biwi_of(pair.truth);
+    const Eigen::Vector3d difference = biwi_of(pair.rotation) - biwi_of(pair.truth);
     pitch.push_back(std::abs(wrapped(difference[0])));
     yaw.push_back(std::abs(wrapped(difference[1])));
     roll.push_back(std::abs(wrapped(difference[2])));
     angles.push_back(angle_between(pair.rotation, pair.truth));
     if (!pair.translation || !pair.true_translation) continue;
-    away.push_back(cv::norm(*pair.translation - *pair.true_translation));
-    const double distance = cv::norm(*pair.true_translation);
+    away.push_back((*pair.translation - *pair.true_translation).norm());
+    const double distance = (*pair.true_translation).norm();
     if (distance > 0) share.push_back(100 * away.back() / distance);
   }
   if (angles.empty()) return score;
@@ -204,13 +203,13 @@ std::optional<PointingName> parse_pointing_name(const std::string& path) {
   return std::nullopt;
 }
 
-Gaze gaze_of_rotation(const cv::Matx33d& r) {
+Gaze gaze_of_rotation(const Eigen::Matrix3d& r) {
   constexpr double kDegree = std::numbers::pi / 180;
   return {std::atan2(r(0, 2), r(2, 2)) / kDegree,
           std::asin(std::clamp(r(1, 2), -1.0, 1.0)) / kDegree};
 }
 
-cv::Vec3d forward_of_gaze(const Gaze& gaze) {
+Eigen::Vector3d forward_of_gaze(const Gaze& gaze) {
   constexpr double kDegree = std::numbers::pi / 180;
   const double across = std::cos(gaze.elevation_deg * kDegree);
   return {-std::sin(gaze.azimuth_deg * kDegree) * across, -std::sin(gaze.elevation_deg * kDegree),

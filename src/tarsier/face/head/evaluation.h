@@ -3,7 +3,7 @@
 
 #include "tarsier/face/head/angles.h"
 
-#include <opencv2/core/matx.hpp>
+#include <Eigen/Core>
 #include <opencv2/core/types.hpp>
 
 #include <map>
@@ -18,10 +18,10 @@ namespace tarsier::face::head {
 
 struct PosePair {
   std::string image;
-  cv::Matx33d rotation;  // camera_from_head as found
-  cv::Matx33d truth;
-  std::optional<cv::Vec3d> translation;  // mm, both or none
-  std::optional<cv::Vec3d> true_translation;
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Zero();  // camera_from_head as found
+  Eigen::Matrix3d truth = Eigen::Matrix3d::Zero();
+  std::optional<Eigen::Vector3d> translation;  // mm, both or none
+  std::optional<Eigen::Vector3d> true_translation;
 };
 
 // Angles for comparison with others (BIWI): R = Rz(roll) Rx(pitch) Ry(yaw); their pitch is minus
@@ -48,8 +48,8 @@ struct PoseScore {
 // {"image", "faces": [..]} the first face. A line without a pose: no face was found.
 struct PoseLine {
   std::string image;
-  std::optional<cv::Matx33d> rotation;
-  std::optional<cv::Vec3d> translation;
+  std::optional<Eigen::Matrix3d> rotation;
+  std::optional<Eigen::Vector3d> translation;
 };
 // Throws InputError with path and line: no JSON, no "image", a matrix that is no rotation (1e-3),
 // numbers that are not finite.
@@ -72,8 +72,8 @@ struct PointingName {
 struct PointingOutcome {
   std::string image;
   PointingName truth;
-  bool face_seen = false;               // the strict face detector sees a face in the head's box
-  std::optional<cv::Matx33d> rotation;  // camera_from_head of the pose that was found there
+  bool face_seen = false;  // the strict face detector sees a face in the head's box
+  std::optional<Eigen::Matrix3d> rotation;  // camera_from_head of the pose that was found there
 };
 
 // Where a head looks: the azimuth (+ to image left) and the elevation (+ up) of its forward
@@ -84,8 +84,8 @@ struct Gaze {
   double azimuth_deg = 0;
   double elevation_deg = 0;
 };
-[[nodiscard]] Gaze gaze_of_rotation(const cv::Matx33d& camera_from_head);
-[[nodiscard]] cv::Vec3d forward_of_gaze(const Gaze& gaze);
+[[nodiscard]] Gaze gaze_of_rotation(const Eigen::Matrix3d& camera_from_head);
+[[nodiscard]] Eigen::Vector3d forward_of_gaze(const Gaze& gaze);
 
 struct PointingScore {
   int images = 0;      // |pan| <= 45, |tilt| <= 30

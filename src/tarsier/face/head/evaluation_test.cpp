@@ -2,6 +2,7 @@
 #include "tarsier/face/head/evaluation.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/media/testing_folder.h"
 
 #include <gmock/gmock.h>
@@ -21,8 +22,8 @@ PosePair pair_of(const HeadAngles& found, const HeadAngles& truth) {
 TEST(PoseEvaluation, ErrorsAreThoseOfTheAngles) {
   std::vector<PosePair> pairs = {pair_of({4, 0, 0}, {0, 0, 0}), pair_of({0, -20, 0}, {0, 0, 0}),
                                  pair_of({0, 0, 179}, {0, 0, -179})};
-  pairs[0].translation = cv::Vec3d(0, 3, 500);
-  pairs[0].true_translation = cv::Vec3d(0, 0, 500);
+  pairs[0].translation = Eigen::Vector3d(0, 3, 500);
+  pairs[0].true_translation = Eigen::Vector3d(0, 0, 500);
   const PoseScore score = score_poses(pairs, 4);
   EXPECT_EQ(score.truths, 4);
   EXPECT_EQ(score.answered, 3);
@@ -52,9 +53,10 @@ class PoseLines : public FolderTest {
 };
 
 TEST_F(PoseLines, AllFormsTellTheSameRotation) {
-  const cv::Matx33d r = rotation_of_angles({10, 20, 30});
+  const Eigen::Matrix3d r = rotation_of_angles({10, 20, 30});
   std::string nine;
-  for (const double v : r.val) nine += (nine.empty() ? "" : ",") + std::to_string(v);
+  for (const double v : geometry::row_major(r))
+    nine += (nine.empty() ? "" : ",") + std::to_string(v);
   const auto lines = read("{\"image\":\"a\",\"rotation\":[" + nine +
                           "]}\n\n"
                           "{\"image\":\"b\",\"R\":[" +
@@ -67,9 +69,9 @@ TEST_F(PoseLines, AllFormsTellTheSameRotation) {
   for (int i = 0; i < 4; ++i) {
     const auto& rotation = lines[static_cast<std::size_t>(i)].rotation;
     ASSERT_TRUE(rotation) << i;
-    EXPECT_LT(cv::norm(*rotation - r), 1e-5) << i;
+    EXPECT_LT((*rotation - r).norm(), 1e-5) << i;
   }
-  EXPECT_EQ(lines[1].translation.value(), cv::Vec3d(1, 2, 3));
+  EXPECT_EQ(lines[1].translation.value(), Eigen::Vector3d(1, 2, 3));
   EXPECT_FALSE(lines[4].rotation);
   EXPECT_EQ(match_poses(lines, lines).size(), 4U);
 }
@@ -133,12 +135,12 @@ TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
   for (const double pan : {-45.0, 0.0, 45.0}) {
     for (const double tilt : {-30.0, 0.0, 30.0}) {
       // The nod is about the panned head's own axis.
-      const cv::Matx33d r = rotation_of_angles({pan, 0, 0}) * rotation_of_angles({0, tilt, 0});
+      const Eigen::Matrix3d r = rotation_of_angles({pan, 0, 0}) * rotation_of_angles({0, tilt, 0});
       outcomes.push_back({"", {1, tilt, pan}, true, r});
       const Gaze gaze = gaze_of_rotation(r);
       EXPECT_NEAR(gaze.azimuth_deg, pan, 1e-9);
       EXPECT_NEAR(gaze.elevation_deg, tilt, 1e-9);
-      EXPECT_LT(cv::norm(forward_of_gaze(gaze) - r * cv::Vec3d(0, 0, -1)), 1e-12);
+      EXPECT_LT((forward_of_gaze(gaze) - r * Eigen::Vector3d(0, 0, -1)).norm(), 1e-12);
     }
   }
   const PointingScore score = score_pointing(outcomes);

@@ -25,17 +25,6 @@ using Eigen::VectorXd;
 
 constexpr int kFewest = 6;
 
-Matrix3d to_eigen(const cv::Matx33d& r) {
-  Matrix3d result;
-  for (int a = 0; a < 3; ++a)
-    for (int b = 0; b < 3; ++b) result(a, b) = r(a, b);
-  return result;
-}
-
-cv::Matx33d to_cv(const Matrix3d& r) {
-  return {r(0, 0), r(0, 1), r(0, 2), r(1, 0), r(1, 1), r(1, 2), r(2, 0), r(2, 1), r(2, 2)};
-}
-
 // Of the normal equations' turns (the first three unknowns) only that about the unit vector `axis`
 // is left free; those across it come out as 0.
 void only_about(const Vector3d& axis, MatrixXd& normal, VectorXd& right) {
@@ -100,21 +89,19 @@ HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& 
 }
 
 HeadPoseResult HeadPoser::pose_towards(const Matrix2Xd& points, const geometry::Camera& camera,
-                                       const cv::Matx33d& camera_from_head,
+                                       const Eigen::Matrix3d& camera_from_head,
                                        const HeadIdentity* identity) const {
   TARSIER_REQUIRE(identity == nullptr || identity->frames == 0 ||
                       identity->vector.size() == model_.mode_count(),
                   "an identity of {} modes for a model of {}", identity->vector.size(),
                   model_.mode_count());
-  const double off =
-      cv::norm(camera_from_head * camera_from_head.t() - cv::Matx33d::eye(), cv::NORM_INF);
-  TARSIER_REQUIRE(off < 1e-3 && cv::determinant(camera_from_head) > 0, "not a rotation");
+  TARSIER_REQUIRE(geometry::is_rotation(camera_from_head, 1e-3), "not a rotation");
   return solve(points, camera, identity, nullptr, &camera_from_head);
 }
 
 HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera& camera,
                                 const HeadIdentity* known, HeadIdentity* learning,
-                                const cv::Matx33d* towards) const {
+                                const Eigen::Matrix3d* towards) const {
   camera.check();
   const Index n = model_.points();
   if (points.cols() != n)
@@ -161,8 +148,8 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
     }
   }
   const double focal = std::sqrt(camera.fx * camera.fy);
-  Matrix3d rotation = to_eigen(towards ? *towards : start.pose->camera_from_object.rotation);
-  Vector3d translation(start.pose->camera_from_object.translation.val);
+  auto [rotation, translation] = start.pose->camera_from_object;
+  if (towards) rotation = *towards;
   VectorXd c = expected;
   const Index size = 6 + m;
   MatrixXd normal(size, size);
@@ -178,7 +165,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
   for (int iteration = 0; iteration <= options_.iterations; ++iteration) {
     shape = model_.mean;
     if (all_modes > 0) Eigen::Map<VectorXd>(shape.data(), 3 * n) += scaled_.transpose() * c;
-    const double yaw = angles_of_rotation(to_cv(rotation)).yaw_deg;
+    const double yaw = angles_of_rotation(rotation).yaw_deg;
     const double far = std::exp(-0.5 * std::pow(yaw / options_.outline_yaw_deg, 2));
     sum = weight_sum = 0;
     Index row = 0;
@@ -260,8 +247,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const geometry::Camera&
     }
   }
   HeadPose found;
-  found.camera_from_head.rotation = to_cv(rotation);
-  found.camera_from_head.translation = {translation[0], translation[1], translation[2]};
+  found.camera_from_head = {rotation, translation};
   found.angles = angles_of_rotation(found.camera_from_head.rotation);
   found.b = c.cwiseProduct(model_.deviation);
   found.rms_px = focal * std::sqrt(sum / std::max(weight_sum, 1e-12));
@@ -273,8 +259,7 @@ Matrix2Xd HeadPoser::project(const HeadPose& pose, const geometry::Camera& camer
   Matrix2Xd pixels(2, shape.cols());
   pixels.setConstant(std::numeric_limits<double>::quiet_NaN());
   for (Index i = 0; i < shape.cols(); ++i) {
-    const cv::Vec3d point(shape(0, i), shape(1, i), shape(2, i));
-    if (const auto pixel = camera.project(pose.camera_from_head * point))
+    if (const auto pixel = camera.project(pose.camera_from_head * shape.col(i)))
       pixels.col(i) << pixel->x, pixel->y;
   }
   return pixels;

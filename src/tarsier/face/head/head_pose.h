@@ -6,7 +6,7 @@
 #include "tarsier/face/head/head_model.h"
 #include "tarsier/face/head/posit.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 
 #include <Eigen/Core>
 #include <opencv2/core/types.hpp>
@@ -66,7 +66,7 @@ struct HeadIdentity {
 };
 
 struct HeadPose {
-  geometry::Rigid camera_from_head;  // mm
+  geometry::Rigid3 camera_from_head;  // mm
   HeadAngles angles;
   Eigen::VectorXd b;  // of this frame
   double rms_px = 0;  // weighted
@@ -103,7 +103,7 @@ class HeadPoser {
   // may be null; it is not changed. The result's angles are those of the rotation found.
   [[nodiscard]] HeadPoseResult pose_towards(const Eigen::Matrix2Xd& points,
                                             const geometry::Camera& camera,
-                                            const cv::Matx33d& camera_from_head,
+                                            const Eigen::Matrix3d& camera_from_head,
                                             const HeadIdentity* identity = nullptr) const;
 
   // Where the head's points are in the picture, 2 x n px; NaN behind the camera.
@@ -113,7 +113,7 @@ class HeadPoser {
  private:
   [[nodiscard]] HeadPoseResult solve(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
                                      const HeadIdentity* known, HeadIdentity* learning,
-                                     const cv::Matx33d* towards) const;
+                                     const Eigen::Matrix3d* towards) const;
 
   HeadModel model_;
   HeadPoseOptions options_;

@@ -2,6 +2,7 @@
 #include "tarsier/face/head/head_pose.h"
 
 #include "tarsier/face/head/testing_head.h"
+#include "tarsier/geometry/sim3.h"
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
@@ -24,8 +25,8 @@ using Eigen::VectorXd;
 constexpr double kDegrees = 180 / std::numbers::pi;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-double degrees_between(const geometry::Rigid& a, const geometry::Rigid& b) {
-  return geometry::angle_of(a.rotation * b.rotation.t()) * kDegrees;
+double degrees_between(const geometry::Rigid3& a, const geometry::Rigid3& b) {
+  return geometry::angle_of(a.rotation * b.rotation.transpose()) * kDegrees;
 }
 
 VectorXd random_b(const HeadModel& model, Rng& rng) {
@@ -39,7 +40,7 @@ TEST(HeadPose, OfTheMeanHeadIsExact) {
   const geometry::Camera camera = testing_camera();
   Rng rng(1);
   for (int k = 0; k < 100; ++k) {
-    const geometry::Rigid truth = random_pose(rng);
+    const geometry::Rigid3 truth = random_pose(rng);
     const Matrix2Xd points = picture_of(poser.model().mean, truth, camera, 0, rng);
     const HeadPoseResult result = poser.pose(points, camera);
     ASSERT_TRUE(result.pose) << result.reason;
@@ -88,7 +89,7 @@ TEST(HeadPose, WithShapeIsBetterThanWithTheMeanHeadAndWithIdentityBetterStill) {
     const Matrix3Xd shape = shape_of(model, b);
     HeadIdentity identity;
     for (int frame = 0; frame < 30; ++frame) {
-      const geometry::Rigid truth = random_pose(rng);
+      const geometry::Rigid3 truth = random_pose(rng);
       const Matrix2Xd points = picture_of(shape, truth, camera, 1, rng);
       const auto error = [&](const HeadPoseResult& result) {
         return degrees_between(result.pose.value().camera_from_head, truth);
@@ -144,7 +145,7 @@ TEST(HeadPose, BearsMissingPointsAndOutliers) {
   Rng rng(5);
   double worst = 0;
   for (int k = 0; k < 50; ++k) {
-    const geometry::Rigid truth = random_pose(rng);
+    const geometry::Rigid3 truth = random_pose(rng);
     Matrix2Xd points = picture_of(poser.model().mean, truth, camera, 0, rng);
     for (int hole = 0; hole < 8; ++hole) points.col(rng.integer(0, 24)).setConstant(kNan);
     points.col(rng.integer(0, 24)) += Eigen::Vector2d(40, -30);
@@ -200,7 +201,7 @@ TEST(HeadPose, DoesNotTrustTheFarOutlineOfATurnedHead) {
   const geometry::Camera camera = testing_camera();
   Rng rng(7);
   // yaw > 0: the head turns to image left, whose side is the far one.
-  const geometry::Rigid truth{rotation_of_angles({35, 0, 0}), {0, 0, 600}};
+  const geometry::Rigid3 truth{rotation_of_angles({35, 0, 0}), {0, 0, 600}};
   Matrix2Xd points = picture_of(model.mean, truth, camera, 0, rng);
   for (const int i : {16, 18, 20}) points(0, i) -= 8;
   const double error =
@@ -233,11 +234,7 @@ TEST(HeadPoseData, GainsFromTheIdentityOfUnknownPeople) {
   ASSERT_TRUE(file.good());
   const HeadModel model = read_head_model(TARSIER_SOURCE_MODELS "/head.json");
   const Matrix3Xd mean = Eigen::Map<const Matrix3Xd>(columns.data(), 3, points);
-  const Eigen::Matrix4d align = Eigen::umeyama(model.mean, mean, true);
-  const Eigen::Matrix3d turn = align.topLeftCorner<3, 3>() / align.col(0).head<3>().norm();
-  cv::Matx33d ict_from_model;
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) ict_from_model(r, c) = turn(r, c);
+  const Eigen::Matrix3d ict_from_model = geometry::similarity_between(model.mean, mean)->rotation;
 
   HeadPoseOptions rigid;
   rigid.fit_shape = false;
@@ -255,11 +252,11 @@ TEST(HeadPoseData, GainsFromTheIdentityOfUnknownPeople) {
     const Matrix3Xd shape = Eigen::Map<const Matrix3Xd>(flat.data(), 3, points);
     HeadIdentity identity;
     for (int frame = 0; frame < 35; ++frame) {
-      const geometry::Rigid truth = random_pose(rng);
+      const geometry::Rigid3 truth = random_pose(rng);
       const Matrix2Xd pixels = picture_of(shape, truth, camera, 1, rng);
       const auto error = [&](const HeadPoseResult& result) {
-        geometry::Rigid found = result.pose.value().camera_from_head;
-        found.rotation = found.rotation * ict_from_model.t();
+        geometry::Rigid3 found = result.pose.value().camera_from_head;
+        found.rotation = found.rotation * ict_from_model.transpose();
         return degrees_between(found, truth) / (5 * people);
       };
       const double with_identity = error(poser.pose(pixels, camera, identity));

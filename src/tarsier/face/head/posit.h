@@ -3,7 +3,7 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 
 #include <Eigen/Core>
 
@@ -42,7 +42,7 @@ struct PositOptions {
 };
 
 struct PositPose {
-  geometry::Rigid camera_from_object;
+  geometry::Rigid3 camera_from_object;
   double rms = 0;  // sqrt of the mean squared distance of a point from its projection, in the unit
                    // of the image points
   int iterations = 0;

@@ -268,11 +268,8 @@ PlanarPoses PositSolver::planar() {
   };
   // From far away a plane looks the same mirrored in depth: where both branches came to one pose,
   // that is where the other lies. R' = (I - 2 v v') R (I - 2 u u'), v the view, u the normal.
-  const geometry::Rigid& known = best_of()->camera_from_object;
-  State state{Matrix3d::Identity(), Vector3d::Zero()};
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) state.rotation(r, c) = known.rotation(r, c);
-  state.translation = Vector3d(known.translation.val) + state.rotation * model.centroid_;
+  const geometry::Rigid3& known = best_of()->camera_from_object;
+  State state{known.rotation, known * model.centroid_};
   const Vector3d view = state.translation.normalized();
   const Matrix3d in_depth = Matrix3d::Identity() - 2 * view * view.transpose();
   const Matrix3d of_plane = Matrix3d::Identity() - 2 * model.normal_ * model.normal_.transpose();
@@ -282,8 +279,8 @@ PlanarPoses PositSolver::planar() {
   result.poses[0] = *best_of();
   for (PositResult& one : found) {
     if (!one.pose) continue;
-    const cv::Matx33d between =
-        result.poses[0]->camera_from_object.rotation * one.pose->camera_from_object.rotation.t();
+    const Eigen::Matrix3d between = result.poses[0]->camera_from_object.rotation *
+                                    one.pose->camera_from_object.rotation.transpose();
     if (geometry::angle_of(between) < 1e-3) one.pose.reset();
   }
   if (const PositPose* second = best_of()) result.poses[1] = *second;

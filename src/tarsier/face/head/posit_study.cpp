@@ -6,6 +6,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/face/head/angles.h"
 #include "tarsier/face/head/posit.h"
+#include "tarsier/geometry/opencv_types.h"
 
 #include <opencv2/calib3d.hpp>
 
@@ -20,7 +21,7 @@ namespace {
 constexpr double kFocal = 800;
 
 struct Scene {
-  geometry::Rigid truth;
+  geometry::Rigid3 truth;
   Eigen::Matrix2Xd pixels;
 };
 
@@ -34,7 +35,7 @@ Scene random_scene(const Eigen::Matrix3Xd& points, double noise_px, Rng rng) {
                              away * rng.uniform(-80, 80) / kFocal, away};
   scene.pixels.resize(2, points.cols());
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
-    const cv::Vec3d x = scene.truth * cv::Vec3d(points(0, i), points(1, i), points(2, i));
+    const Eigen::Vector3d x = scene.truth * points.col(i);
     scene.pixels(0, i) = 320 + kFocal * x[0] / x[2] + noise_px * rng.normal();
     scene.pixels(1, i) = 240 + kFocal * x[1] / x[2] + noise_px * rng.normal();
   }
@@ -86,7 +87,7 @@ std::vector<PositStudyRow> run_posit_study(const Eigen::Matrix3Xd& points,
         throw_if_stopped(stop);
         const Scene scene =
             random_scene(centred, noise, Rng(options.seed).fork(static_cast<std::uint64_t>(pose)));
-        geometry::Rigid found;
+        geometry::Rigid3 found;
         bool is_found = false;
         const auto start = std::chrono::steady_clock::now();
         if (method < 3) {
@@ -99,9 +100,10 @@ std::vector<PositStudyRow> run_posit_study(const Eigen::Matrix3Xd& points,
             image[i] = {scene.pixels(0, k), scene.pixels(1, k)};
           }
           cv::Vec3d turn;
-          is_found = cv::solvePnP(object, image, matrix, cv::noArray(), turn, found.translation,
-                                  false, cv::SOLVEPNP_SQPNP);
-          cv::Rodrigues(turn, found.rotation);
+          cv::Vec3d shift;
+          is_found = cv::solvePnP(object, image, matrix, cv::noArray(), turn, shift, false,
+                                  cv::SOLVEPNP_SQPNP);
+          found = {geometry::rotation_by(geometry::to_eigen(turn)), geometry::to_eigen(shift)};
         }
         times.push_back(
             std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - start)
@@ -110,9 +112,9 @@ std::vector<PositStudyRow> run_posit_study(const Eigen::Matrix3Xd& points,
           ++row.failures;
           continue;
         }
-        row.rotation_deg +=
-            geometry::angle_of(found.rotation * scene.truth.rotation.t()) * 180 / std::numbers::pi;
-        row.translation_mm += cv::norm(found.translation - scene.truth.translation);
+        row.rotation_deg += geometry::angle_of(found.rotation * scene.truth.rotation.transpose()) *
+                            180 / std::numbers::pi;
+        row.translation_mm += (found.translation - scene.truth.translation).norm();
       }
       const int answered = std::max(1, options.poses - row.failures);
       row.rotation_deg /= answered;

@@ -5,6 +5,7 @@
 #include "tarsier/face/head/posit_study.h"
 #include "tarsier/face/head/testing_head.h"
 
+#include <Eigen/LU>
 #include <gtest/gtest.h>
 #include <opencv2/imgcodecs.hpp>
 
@@ -23,17 +24,17 @@ using Eigen::VectorXd;
 
 constexpr double kDegrees = 180 / std::numbers::pi;
 
-Matrix2Xd normalized_picture(const Matrix3Xd& shape, const geometry::Rigid& pose) {
+Matrix2Xd normalized_picture(const Matrix3Xd& shape, const geometry::Rigid3& pose) {
   Matrix2Xd image(2, shape.cols());
   for (Eigen::Index i = 0; i < shape.cols(); ++i) {
-    const cv::Vec3d x = pose * cv::Vec3d(shape(0, i), shape(1, i), shape(2, i));
+    const Eigen::Vector3d x = pose * shape.col(i);
     image.col(i) << x[0] / x[2], x[1] / x[2];
   }
   return image;
 }
 
-double degrees_between(const geometry::Rigid& a, const geometry::Rigid& b) {
-  return geometry::angle_of(a.rotation * b.rotation.t()) * kDegrees;
+double degrees_between(const geometry::Rigid3& a, const geometry::Rigid3& b) {
+  return geometry::angle_of(a.rotation * b.rotation.transpose()) * kDegrees;
 }
 
 PositOptions options_of(PositMethod method, int refine_steps = 0) {
@@ -52,7 +53,7 @@ TEST(Posit, IsExactWithoutNoise) {
   for (const int reference : {0, 22}) {
     const PositModel model(shape, {}, reference);
     for (int k = 0; k < 200; ++k) {
-      const geometry::Rigid truth = random_pose(rng);
+      const geometry::Rigid3 truth = random_pose(rng);
       const Matrix2Xd image = normalized_picture(shape, truth);
       for (const PositOptions& options :
            {options_of(PositMethod::kClassic), options_of(PositMethod::kHomogeneous),
@@ -61,7 +62,7 @@ TEST(Posit, IsExactWithoutNoise) {
         ASSERT_TRUE(result.pose) << result.reason;
         EXPECT_TRUE(result.pose->converged);
         EXPECT_LT(degrees_between(result.pose->camera_from_object, truth), 1e-5);
-        EXPECT_LT(cv::norm(result.pose->camera_from_object.translation - truth.translation), 1e-4);
+        EXPECT_LT((result.pose->camera_from_object.translation - truth.translation).norm(), 1e-4);
         EXPECT_LT(result.pose->rms, 1e-8);
       }
     }
@@ -76,7 +77,7 @@ TEST(Posit, InPixelsOfALensIsThatOfTheUndistortedPicture) {
   camera.fy = 780;
   camera.distortion = {-0.2, 0.05, 0.001, -0.002, 0};
   PositWorkspace workspace;
-  const geometry::Rigid truth = random_pose(rng);
+  const geometry::Rigid3 truth = random_pose(rng);
   const Matrix2Xd pixels = picture_of(shape, truth, camera, 0, rng);
   const PositResult result =
       posit(model, pixels, camera, options_of(PositMethod::kHomogeneous), workspace);
@@ -90,7 +91,7 @@ TEST(Posit, RefinementFindsTheLeastReprojectionError) {
   const PositModel model(shape);
   PositWorkspace workspace;
   for (int k = 0; k < 50; ++k) {
-    const geometry::Rigid truth = random_pose(rng);
+    const geometry::Rigid3 truth = random_pose(rng);
     Matrix2Xd image = normalized_picture(shape, truth);
     for (Eigen::Index i = 0; i < image.size(); ++i) image.data()[i] += 0.005 * rng.normal();
     const auto rough = posit(model, image, options_of(PositMethod::kHomogeneous), workspace).pose;
@@ -101,13 +102,13 @@ TEST(Posit, RefinementFindsTheLeastReprojectionError) {
     // No pose nearby is better.
     for (int axis = 0; axis < 6; ++axis) {
       for (const double sign : {-1.0, 1.0}) {
-        geometry::Rigid moved = fine->camera_from_object;
+        geometry::Rigid3 moved = fine->camera_from_object;
         if (axis < 3) {
           moved.translation[axis] += sign * 0.3;
         } else {
-          cv::Vec4d turn(1, 0, 0, 0);
+          Eigen::Vector4d turn(1, 0, 0, 0);
           turn[axis - 2] = sign * 5e-4;
-          moved.rotation = geometry::rotation_of(turn * (1 / cv::norm(turn))) * moved.rotation;
+          moved.rotation = geometry::rotation_of(turn) * moved.rotation;
         }
         const double rms = std::sqrt((normalized_picture(shape, moved) - image).squaredNorm() /
                                      static_cast<double>(shape.cols()));
@@ -123,7 +124,7 @@ TEST(Posit, CountsPointsByTheirWeight) {
   VectorXd weights = VectorXd::Ones(shape.cols());
   weights[5] = 0;
   const PositModel model(shape, weights);
-  const geometry::Rigid truth = random_pose(rng);
+  const geometry::Rigid3 truth = random_pose(rng);
   Matrix2Xd image = normalized_picture(shape, truth);
   image.col(5) << 3, -2;
   PositWorkspace workspace;
@@ -153,9 +154,10 @@ TEST(Posit, SolvesTheCube) {
   for (const PositMethod method : {PositMethod::kClassic, PositMethod::kHomogeneous}) {
     const PositResult result = posit(model, placed, camera, options_of(method), workspace);
     ASSERT_TRUE(result.pose) << result.reason;
-    const geometry::Rigid& pose = result.pose->camera_from_object;
-    EXPECT_LT(cv::norm(pose.rotation.t() * pose.rotation - cv::Matx33d::eye()), 1e-9);
-    EXPECT_NEAR(cv::determinant(pose.rotation), 1, 1e-9);
+    const geometry::Rigid3& pose = result.pose->camera_from_object;
+    EXPECT_LT((pose.rotation.transpose() * pose.rotation - Eigen::Matrix3d::Identity()).norm(),
+              1e-9);
+    EXPECT_NEAR(pose.rotation.determinant(), 1, 1e-9);
     EXPECT_LT(result.pose->rms, 1.5);  // the numbers are whole px
     EXPECT_NEAR(pose.translation[2], 27, 0.5);
     EXPECT_GT(pose.rotation(0, 0), 0.5);
@@ -168,7 +170,7 @@ TEST(Posit, SolvesTheCube) {
       if (const char* folder = std::getenv("TARSIER_TEST_PICTURES"))
         cv::imwrite(std::string(folder) + "/cube.png", picture);
       // The box's own corners lie on the points that were given.
-      const auto corner = camera.project(pose * cv::Vec3d(0, 10, 0));
+      const auto corner = camera.project(pose * Eigen::Vector3d(0, 10, 0));
       ASSERT_TRUE(corner);
       EXPECT_LT(std::hypot(corner->x - placed(0, 3), corner->y - placed(1, 3)), 4);
     }
@@ -177,7 +179,7 @@ TEST(Posit, SolvesTheCube) {
 
 TEST(Posit, RefusesWhatHasNoPoseWithAReason) {
   const Matrix3Xd shape = testing_head(0).mean;
-  const Matrix2Xd image = normalized_picture(shape, {cv::Matx33d::eye(), {0, 0, 600}});
+  const Matrix2Xd image = normalized_picture(shape, {Eigen::Matrix3d::Identity(), {0, 0, 600}});
   PositWorkspace workspace;
   const PositOptions options;
   const auto reason_of = [&](const Matrix3Xd& points, const Matrix2Xd& picture) {
@@ -222,12 +224,12 @@ TEST(Posit, NeverAnswersWithAPoseBehindTheCameraOrNan) {
         EXPECT_STRNE(result.reason, "");
         continue;
       }
-      const geometry::Rigid& pose = result.pose->camera_from_object;
+      const geometry::Rigid3& pose = result.pose->camera_from_object;
       EXPECT_TRUE(std::isfinite(result.pose->rms));
-      EXPECT_NEAR(cv::determinant(pose.rotation), 1, 1e-6);
+      EXPECT_NEAR(pose.rotation.determinant(), 1, 1e-6);
       for (Eigen::Index i = 0; i < 25; ++i) {
         const Eigen::Vector3d p = testing_head(0).mean.col(i);
-        EXPECT_GT((pose * cv::Vec3d(p[0], p[1], p[2]))[2], 0);
+        EXPECT_GT((pose * Eigen::Vector3d(p[0], p[1], p[2]))[2], 0);
       }
     }
   }
@@ -243,7 +245,7 @@ TEST(PositPlanar, FindsBothPosesOfAPlane) {
   PositWorkspace workspace;
   int both = 0;
   for (int k = 0; k < 200; ++k) {
-    const geometry::Rigid truth = random_pose(rng);
+    const geometry::Rigid3 truth = random_pose(rng);
     const Matrix2Xd image = normalized_picture(plane, truth);
     const PlanarPoses found = posit_planar(model, image, {}, workspace);
     ASSERT_TRUE(found.poses[0]) << found.reason;
@@ -265,7 +267,7 @@ TEST(PositPlanar, OfANearlyFlatObjectHasTheTruthAmongThem) {
   const PositModel model(thin);
   PositWorkspace workspace;
   for (int k = 0; k < 100; ++k) {
-    const geometry::Rigid truth = random_pose(rng);
+    const geometry::Rigid3 truth = random_pose(rng);
     const PlanarPoses found = posit_planar(model, normalized_picture(thin, truth), {}, workspace);
     ASSERT_TRUE(found.poses[0]) << found.reason;
     EXPECT_LT(degrees_between(found.poses[0]->camera_from_object, truth), 1e-2) << k;

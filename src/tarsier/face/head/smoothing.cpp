@@ -2,7 +2,7 @@
 #include "tarsier/face/head/smoothing.h"
 
 #include "tarsier/core/require.h"
-#include "tarsier/geometry/rotation.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/linalg/decompositions.h"
 
 #include <Eigen/Core>
@@ -21,18 +21,16 @@ double share(double cutoff_hz, double seconds) {
 
 }  // namespace
 
-geometry::Rigid mean_pose(const std::vector<geometry::Rigid>& poses) {
+geometry::Rigid3 mean_pose(const std::vector<geometry::Rigid3>& poses) {
   TARSIER_REQUIRE(!poses.empty(), "no poses");
   Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
-  geometry::Rigid mean;
-  for (const geometry::Rigid& pose : poses) {
-    const cv::Vec4d q = geometry::quaternion_of(pose.rotation);
-    const Eigen::Vector4d v(q[0], q[1], q[2], q[3]);
-    sum += v * v.transpose();
+  geometry::Rigid3 mean;
+  for (const geometry::Rigid3& pose : poses) {
+    const Eigen::Vector4d q = geometry::quaternion_of(pose.rotation);
+    sum += q * q.transpose();
     mean.translation += pose.translation * (1.0 / static_cast<double>(poses.size()));
   }
-  const Eigen::Vector4d q = linalg::symmetric_eigen(sum).vectors.col(3);
-  mean.rotation = geometry::rotation_of({q[0], q[1], q[2], q[3]});
+  mean.rotation = geometry::rotation_of(linalg::symmetric_eigen(sum).vectors.col(3));
   return mean;
 }
 
@@ -40,7 +38,7 @@ MeanFilter::MeanFilter(int length) : length_(static_cast<std::size_t>(length)) {
   TARSIER_REQUIRE(length >= 1 && length <= 1000, "length {}", length);
 }
 
-geometry::Rigid MeanFilter::operator()(const geometry::Rigid& pose) {
+geometry::Rigid3 MeanFilter::operator()(const geometry::Rigid3& pose) {
   last_.push_back(pose);
   if (last_.size() > length_) last_.pop_front();
   return mean_pose({last_.begin(), last_.end()});
@@ -50,25 +48,25 @@ OneEuroFilter::OneEuroFilter(const OneEuroOptions& options) : options_(options) 
   options_.check();
 }
 
-geometry::Rigid OneEuroFilter::operator()(const geometry::Rigid& pose, double time) {
+geometry::Rigid3 OneEuroFilter::operator()(const geometry::Rigid3& pose, double time) {
   const double seconds = time - time_;
   if (!is_started_ || !(seconds > 0)) {
     is_started_ = true;
     time_ = time;
     raw_ = smooth_ = pose;
     turn_speed_ = 0;
-    velocity_ = {};
+    velocity_.setZero();
     return pose;
   }
   const double of_speed = share(options_.speed_cutoff_hz, seconds);
   const double turned =
-      geometry::angle_of(pose.rotation * raw_.rotation.t()) * 180 / std::numbers::pi;
+      geometry::angle_of(pose.rotation * raw_.rotation.transpose()) * 180 / std::numbers::pi;
   turn_speed_ += of_speed * (turned / seconds - turn_speed_);
   velocity_ += of_speed * ((pose.translation - raw_.translation) * (1 / seconds) - velocity_);
   const double of_turn =
       share(options_.rotation_cutoff_hz + options_.rotation_beta * turn_speed_, seconds);
-  const double of_shift = share(
-      options_.translation_cutoff_hz + options_.translation_beta * cv::norm(velocity_), seconds);
+  const double of_shift =
+      share(options_.translation_cutoff_hz + options_.translation_beta * velocity_.norm(), seconds);
   smooth_.rotation = geometry::interpolate(smooth_.rotation, pose.rotation, of_turn);
   smooth_.translation += of_shift * (pose.translation - smooth_.translation);
   raw_ = pose;

@@ -3,6 +3,9 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
+
+#include <Eigen/Core>
 
 #include <deque>
 #include <optional>
@@ -14,18 +17,18 @@ namespace tarsier::face::head {
 
 // The chordal mean of rotations (Markley et al., "Averaging quaternions", 2007) and the mean of
 // translations. Throws std::invalid_argument for none.
-[[nodiscard]] geometry::Rigid mean_pose(const std::vector<geometry::Rigid>& poses);
+[[nodiscard]] geometry::Rigid3 mean_pose(const std::vector<geometry::Rigid3>& poses);
 
 // Mean of the last `length` poses.
 class MeanFilter {
  public:
   explicit MeanFilter(int length = 5);  // 1..1000
-  [[nodiscard]] geometry::Rigid operator()(const geometry::Rigid& pose);
+  [[nodiscard]] geometry::Rigid3 operator()(const geometry::Rigid3& pose);
   void reset() { last_.clear(); }
 
  private:
   std::size_t length_;
-  std::deque<geometry::Rigid> last_;
+  std::deque<geometry::Rigid3> last_;
 };
 
 // Casiez, Roussel and Vogel, "1 euro filter", CHI 2012: a low pass whose cut-off rises with speed:
@@ -51,17 +54,17 @@ class OneEuroFilter {
  public:
   explicit OneEuroFilter(const OneEuroOptions& options = {});
   // `time` in s, rising. A pose at or before the last one's time starts again.
-  [[nodiscard]] geometry::Rigid operator()(const geometry::Rigid& pose, double time);
+  [[nodiscard]] geometry::Rigid3 operator()(const geometry::Rigid3& pose, double time);
   void reset() { is_started_ = false; }
 
  private:
   OneEuroOptions options_;
   bool is_started_ = false;
   double time_ = 0;
-  geometry::Rigid raw_;
-  geometry::Rigid smooth_;
-  double turn_speed_ = 0;  // degrees/s
-  cv::Vec3d velocity_{};   // mm/s
+  geometry::Rigid3 raw_;
+  geometry::Rigid3 smooth_;
+  double turn_speed_ = 0;                               // degrees/s
+  Eigen::Vector3d velocity_ = Eigen::Vector3d::Zero();  // mm/s
 };
 
 }  // namespace tarsier::face::head

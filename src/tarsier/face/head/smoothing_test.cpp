@@ -15,12 +15,12 @@ namespace {
 
 constexpr double kDegrees = 180 / std::numbers::pi;
 
-geometry::Rigid pose_of(double yaw, double roll = 0, double x = 0) {
+geometry::Rigid3 pose_of(double yaw, double roll = 0, double x = 0) {
   return {rotation_of_angles({yaw, 0, roll}), {x, 0, 600}};
 }
 
-double degrees_between(const geometry::Rigid& a, const geometry::Rigid& b) {
-  return geometry::angle_of(a.rotation * b.rotation.t()) * kDegrees;
+double degrees_between(const geometry::Rigid3& a, const geometry::Rigid3& b) {
+  return geometry::angle_of(a.rotation * b.rotation.transpose()) * kDegrees;
 }
 
 TEST(MeanPose, IsInTheMiddleAlsoAcross180Degrees) {
@@ -48,8 +48,8 @@ TEST(OneEuro, SteadiesAHeadThatIsStill) {
   double raw = 0;
   double smooth = 0;
   for (int k = 0; k < 300; ++k) {
-    const geometry::Rigid noisy = pose_of(20 + rng.normal(), rng.normal(), 2 * rng.normal());
-    const geometry::Rigid out = filter(noisy, k / 30.0);
+    const geometry::Rigid3 noisy = pose_of(20 + rng.normal(), rng.normal(), 2 * rng.normal());
+    const geometry::Rigid3 out = filter(noisy, k / 30.0);
     if (k < 60) continue;
     raw += degrees_between(noisy, pose_of(20));
     smooth += degrees_between(out, pose_of(20));
@@ -62,8 +62,8 @@ TEST(OneEuro, FollowsAHeadThatTurnsFast) {
   double lag = 0;
   for (int k = 0; k < 60; ++k) {
     // 90 degrees a second, through 180 degrees of roll.
-    const geometry::Rigid pose = pose_of(0, 120 + 3.0 * k, 3.0 * k);
-    const geometry::Rigid out = filter(pose, k / 30.0);
+    const geometry::Rigid3 pose = pose_of(0, 120 + 3.0 * k, 3.0 * k);
+    const geometry::Rigid3 out = filter(pose, k / 30.0);
     if (k > 30) lag = std::max(lag, degrees_between(out, pose));
   }
   EXPECT_LT(lag, 6);

@@ -5,7 +5,7 @@
 #include "tarsier/face/head/angles.h"
 #include "tarsier/face/head/head_model.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/linalg/decompositions.h"
 
 #include <Eigen/Core>
@@ -79,8 +79,8 @@ inline HeadModel testing_head(int modes, std::uint64_t seed = 3) {
   return model;
 }
 
-inline geometry::Rigid random_pose(Rng& rng) {
-  geometry::Rigid pose;
+inline geometry::Rigid3 random_pose(Rng& rng) {
+  geometry::Rigid3 pose;
   const double yaw = rng.uniform(-45, 45);
   const double pitch = rng.uniform(-30, 30);
   pose.rotation = rotation_of_angles({yaw, pitch, rng.uniform(-20, 20)});
@@ -91,11 +91,11 @@ inline geometry::Rigid random_pose(Rng& rng) {
 }
 
 // 2 x n px, with Gaussian noise.
-inline Eigen::Matrix2Xd picture_of(const Eigen::Matrix3Xd& shape, const geometry::Rigid& pose,
+inline Eigen::Matrix2Xd picture_of(const Eigen::Matrix3Xd& shape, const geometry::Rigid3& pose,
                                    const geometry::Camera& camera, double noise_px, Rng& rng) {
   Eigen::Matrix2Xd pixels(2, shape.cols());
   for (Eigen::Index i = 0; i < shape.cols(); ++i) {
-    const auto pixel = camera.project(pose * cv::Vec3d(shape(0, i), shape(1, i), shape(2, i)));
+    const auto pixel = camera.project(pose * shape.col(i));
     const double x = noise_px * rng.normal();
     pixels.col(i) << pixel.value().x + x, pixel.value().y + noise_px * rng.normal();
   }

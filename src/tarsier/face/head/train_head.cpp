@@ -6,6 +6,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/face/head/factorization.h"
 #include "tarsier/face/shape/landmark_set.h"
+#include "tarsier/geometry/sim3.h"
 #include "tarsier/linalg/decompositions.h"
 
 #include <Eigen/Geometry>
@@ -59,10 +60,6 @@ struct Trainer {
   void update_noise();
 };
 
-cv::Matx33d to_cv(const Matrix3d& r) {
-  return {r(0, 0), r(0, 1), r(0, 2), r(1, 0), r(1, 1), r(1, 2), r(2, 0), r(2, 1), r(2, 2)};
-}
-
 void Trainer::start() {
   std::vector<Matrix2Xd> faces;
   faces.reserve(views.size());
@@ -82,7 +79,7 @@ void Trainer::start() {
 // Visibility of the outline by the present yaw: with yaw > 0 the head turns to image left, and the
 // outline at image left (x < 0) is the edge of the cheek, not the jaw.
 void Trainer::see(View& view) const {
-  const double yaw = angles_of_rotation(to_cv(view.camera.rotation)).yaw_deg;
+  const double yaw = angles_of_rotation(view.camera.rotation).yaw_deg;
   const double far = std::exp(-0.5 * std::pow(yaw / options.outline_yaw_deg, 2));
   for (Index i = 0; i < n; ++i) {
     const bool hidden = is_outline[static_cast<std::size_t>(i)] != 0 && mean(0, i) * yaw < 0;
@@ -302,13 +299,10 @@ HeadModel model_of(const Trainer& trainer) {
 void settle_pitch(Trainer& trainer) {
   std::vector<double> pitches;
   for (const View& view : trainer.views)
-    pitches.push_back(angles_of_rotation(to_cv(view.camera.rotation)).pitch_deg);
+    pitches.push_back(angles_of_rotation(view.camera.rotation).pitch_deg);
   const auto middle = pitches.begin() + static_cast<std::ptrdiff_t>(pitches.size() / 2);
   std::nth_element(pitches.begin(), middle, pitches.end());
-  const cv::Matx33d tilt = rotation_of_angles({0, *middle, 0});
-  Matrix3d turn;
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) turn(r, c) = tilt(r, c);
+  const Matrix3d turn = rotation_of_angles({0, *middle, 0});
   trainer.mean = turn * trainer.mean;
   for (Index i = 0; i < trainer.n; ++i)
     trainer.modes.middleRows(3 * i, 3) = turn * trainer.modes.middleRows(3 * i, 3).eval();
@@ -411,7 +405,7 @@ TrainedHead train_head(const std::vector<Matrix2Xd>& faces, const shape::Markup&
   double scale = 0;
   for (std::size_t f = 0; f < used.size(); ++f) {
     const View& view = trainer.views[f];
-    result.angles[used[f]] = angles_of_rotation(to_cv(view.camera.rotation));
+    result.angles[used[f]] = angles_of_rotation(view.camera.rotation);
     scale += view.camera.scale / static_cast<double>(used.size());
     sum += view.weight.dot(view.squared) / (view.camera.scale * view.camera.scale);
     weight += 2 * view.weight.sum();
@@ -426,7 +420,8 @@ double aligned_error(const Matrix3Xd& shape, const Matrix3Xd& truth,
                      const std::vector<int>& points) {
   TARSIER_REQUIRE(shape.cols() == truth.cols() && shape.cols() >= 3, "shapes of {} and {} points",
                   shape.cols(), truth.cols());
-  const Eigen::Matrix4d align = linalg::align_similarity(shape, truth);
+  const auto truth_from_shape = geometry::similarity_between(shape, truth);
+  TARSIER_REQUIRE(truth_from_shape, "points on a line");
   std::vector<int> all = points;
   if (all.empty()) {
     all.resize(static_cast<std::size_t>(shape.cols()));
@@ -435,9 +430,7 @@ double aligned_error(const Matrix3Xd& shape, const Matrix3Xd& truth,
   double sum = 0;
   for (const int i : all) {
     TARSIER_REQUIRE(i >= 0 && i < shape.cols(), "point {} of {}", i, shape.cols());
-    const Vector3d moved =
-        align.topLeftCorner<3, 3>() * shape.col(i) + align.topRightCorner<3, 1>();
-    sum += (moved - truth.col(i)).norm();
+    sum += (*truth_from_shape * shape.col(i) - truth.col(i)).norm();
   }
   return sum / static_cast<double>(all.size());
 }

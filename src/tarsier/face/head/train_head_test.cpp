@@ -43,7 +43,7 @@ Pictures image(const HeadModel& model, int count, double noise_px, std::uint64_t
     angles.yaw_deg = rng.normal(0, 20);
     angles.pitch_deg = rng.normal(0, 8);
     angles.roll_deg = rng.normal(0, 8);
-    const geometry::Rigid pose{rotation_of_angles(angles), {0, 0, 1500}};
+    const geometry::Rigid3 pose{rotation_of_angles(angles), {0, 0, 1500}};
     result.faces.push_back(picture_of(shape_of(model, b), pose, camera, noise_px, rng));
     result.angles.push_back(angles);
   }
@@ -69,13 +69,14 @@ TEST(Factorization, IsExactForARigidSymmetricObjectInScaledOrthography) {
   const HeadModel model = testing_head(0);
   Rng rng(1);
   std::vector<Matrix2Xd> faces;
-  std::vector<cv::Matx33d> rotations;
+  std::vector<Eigen::Matrix3d> rotations;
   for (int k = 0; k < 40; ++k) {
     const double yaw = rng.uniform(-40, 40);
-    const cv::Matx33d r = rotation_of_angles({yaw, (k % 2 == 0 ? 1 : -1) * 5.0 * (k / 2 % 4), 7});
+    const Eigen::Matrix3d r =
+        rotation_of_angles({yaw, (k % 2 == 0 ? 1 : -1) * 5.0 * (k / 2 % 4), 7});
     Matrix2Xd face(2, 25);
     for (Eigen::Index i = 0; i < 25; ++i) {
-      const cv::Vec3d x = r * cv::Vec3d(model.mean(0, i), model.mean(1, i), model.mean(2, i));
+      const Eigen::Vector3d x = r * model.mean.col(i);
       face.col(i) << 3 + 0.02 * x[0], 5 + 0.02 * x[1];
     }
     faces.push_back(face);
@@ -88,9 +89,8 @@ TEST(Factorization, IsExactForARigidSymmetricObjectInScaledOrthography) {
   EXPECT_LT(found->shape(2, 22), found->shape(2, 0));
   // Rotations between views are true ones.
   const Eigen::Matrix3d turn = found->cameras[5].rotation * found->cameras[0].rotation.transpose();
-  const cv::Matx33d truth = rotations[5] * rotations[0].t();
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) EXPECT_NEAR(turn(r, c), truth(r, c), 1e-6);
+  const Eigen::Matrix3d truth = rotations[5] * rotations[0].transpose();
+  EXPECT_LT((turn - truth).norm(), 1e-6);
 }
 
 TEST(TrainHead, FindsTheHeadThatWasPhotographed) {
@@ -161,7 +161,7 @@ TEST(TrainHead, RefusesWhatTeachesNothing) {
   EXPECT_THROW((void)train_head(few, markup), std::invalid_argument);
   // All look the same way: depth cannot be seen.
   const std::vector<Matrix2Xd> still(20, picture_of(
-                                             truth.mean, {cv::Matx33d::eye(), {0, 0, 1e7}},
+                                             truth.mean, {Eigen::Matrix3d::Identity(), {0, 0, 1e7}},
                                              [] {
                                                geometry::Camera camera = testing_camera();
                                                camera.fx = camera.fy = 1e7;

@@ -15,14 +15,14 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 // The middle of what is seen of a head, in its frame, mm: between nose and ears.
-const cv::Vec3d kMiddle(0, 30, 40);
+const Eigen::Vector3d kMiddle(0, 30, 40);
 constexpr double kMinPx = 16;
 constexpr float kMaxPart = 0.2F;
 
 // The smallest rotation that takes z to the unit vector d, d z > 0.
-cv::Matx33d rotation_from_z(const cv::Vec3d& d) {
-  const cv::Matx33d cross(0, 0, d[0], 0, 0, d[1], -d[0], -d[1], 0);
-  return cv::Matx33d::eye() + cross + cross * cross * (1 / (1 + d[2]));
+Eigen::Matrix3d rotation_from_z(const Eigen::Vector3d& d) {
+  const Eigen::Matrix3d cross{{0, 0, d[0]}, {0, 0, d[1]}, {-d[0], -d[1], 0}};
+  return Eigen::Matrix3d::Identity() + cross + cross * cross * (1 / (1 + d[2]));
 }
 
 // The crop, of less noise and aliasing where it reduces: drawn some powers of two too large first.
@@ -145,10 +145,10 @@ Eigen::VectorXf gradients_of(const cv::Mat& crop) {
 }
 
 std::optional<HeadView> view_of_head(const cv::Mat& gray, const geometry::Camera& camera,
-                                     const geometry::Rigid& camera_from_head) {
+                                     const geometry::Rigid3& camera_from_head) {
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "a picture of type {}", gray.type());
-  const cv::Vec3d middle = camera_from_head * kMiddle;
-  const double distance = cv::norm(middle);
+  const Eigen::Vector3d middle = camera_from_head * kMiddle;
+  const double distance = middle.norm();
   if (!(middle[2] > 1) || !std::isfinite(distance)) return std::nullopt;
   const auto pixel = camera.project(middle);
   if (!pixel) return std::nullopt;
@@ -156,7 +156,8 @@ std::optional<HeadView> view_of_head(const cv::Mat& gray, const geometry::Camera
   if (kSideMm * px_per_mm < kMinPx) return std::nullopt;
   HeadView view;
   view.camera_from_view = rotation_from_z(middle * (1 / distance));
-  view.angles = head::angles_of_rotation(view.camera_from_view.t() * camera_from_head.rotation);
+  view.angles =
+      head::angles_of_rotation(view.camera_from_view.transpose() * camera_from_head.rotation);
   view.gradients = gradients_of(upright_crop(gray, *pixel, px_per_mm, view.angles.roll_deg));
   return view;
 }
@@ -165,7 +166,7 @@ HeadView mirrored(const HeadView& view) {
   HeadView result = view;
   result.angles.yaw_deg = -view.angles.yaw_deg;
   result.angles.roll_deg = -view.angles.roll_deg;
-  const cv::Matx33d flip(-1, 0, 0, 0, 1, 0, 0, 0, 1);
+  const Eigen::Matrix3d flip{{-1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   result.camera_from_view = flip * view.camera_from_view * flip;
   for (int r = 0; r < kCells; ++r)
     for (int c = 0; c < kCells; ++c)
@@ -176,7 +177,7 @@ HeadView mirrored(const HeadView& view) {
   return result;
 }
 
-Direction direction_of(const HeadView& view, const cv::Vec3d& forward_in_view) {
+Direction direction_of(const HeadView& view, const Eigen::Vector3d& forward_in_view) {
   const double c = std::cos(view.angles.roll_deg * kDegree);
   const double s = std::sin(view.angles.roll_deg * kDegree);
   const double x = c * forward_in_view[0] + s * forward_in_view[1];
@@ -185,7 +186,7 @@ Direction direction_of(const HeadView& view, const cv::Vec3d& forward_in_view) {
           std::asin(std::clamp(-x, -1.0, 1.0)) / kDegree};
 }
 
-cv::Matx33d rotation_towards(const HeadView& view, const Direction& direction) {
+Eigen::Matrix3d rotation_towards(const HeadView& view, const Direction& direction) {
   return view.camera_from_view *
          head::rotation_of_angles({direction.yaw_deg, direction.pitch_deg, view.angles.roll_deg});
 }

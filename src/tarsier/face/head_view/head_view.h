@@ -3,7 +3,7 @@
 
 #include "tarsier/face/head/angles.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
@@ -35,8 +35,8 @@ struct Direction {
 };
 
 struct HeadView {
-  head::HeadAngles angles;       // of the rough pose in the view's frame
-  cv::Matx33d camera_from_view;  // rotation
+  head::HeadAngles angles;  // of the rough pose in the view's frame
+  Eigen::Matrix3d camera_from_view = Eigen::Matrix3d::Zero();  // rotation
   // By row, column, orientation: line directions 180 / kOrientations degrees apart, the first that
   // of a vertical edge.
   Eigen::VectorXf gradients;
@@ -46,16 +46,16 @@ struct HeadView {
 // or the head is smaller than 16 px. Throws std::invalid_argument for another type.
 [[nodiscard]] std::optional<HeadView> view_of_head(const cv::Mat& gray,
                                                    const geometry::Camera& camera,
-                                                   const geometry::Rigid& camera_from_head);
+                                                   const geometry::Rigid3& camera_from_head);
 
 // As a mirror shows it.
 [[nodiscard]] HeadView mirrored(const HeadView& view);
 
 // Of a unit vector in the view's frame, with the view's roll.
-[[nodiscard]] Direction direction_of(const HeadView& view, const cv::Vec3d& forward_in_view);
+[[nodiscard]] Direction direction_of(const HeadView& view, const Eigen::Vector3d& forward_in_view);
 
 // The rotation camera_from_head of the head that looks there, with the view's roll.
-[[nodiscard]] cv::Matx33d rotation_towards(const HeadView& view, const Direction& direction);
+[[nodiscard]] Eigen::Matrix3d rotation_towards(const HeadView& view, const Direction& direction);
 
 // The histograms of an upright crop (CV_8UC1, kSide x kSide): gradients of the root of the
 // brightness, each shared between the two next orientations and the four next cells; each cell

@@ -13,8 +13,8 @@ namespace {
 
 TEST(HeadView, AHeadAtTheRimThatLooksIntoTheCameraIsSeenStraight) {
   const geometry::Camera camera = testing_camera();
-  geometry::Rigid pose{cv::Matx33d::eye(), {150, 0, 700}};
-  const cv::Vec3d middle = pose * cv::Vec3d(0, 30, 40);
+  geometry::Rigid3 pose{Eigen::Matrix3d::Identity(), {150, 0, 700}};
+  const Eigen::Vector3d middle = pose * Eigen::Vector3d(0, 30, 40);
   const double aside = std::atan2(middle[0], middle[2]) * 180 / CV_PI;
   // Turned towards the camera: it stands at image right, so it turns to image left.
   pose.rotation = head::rotation_of_angles({aside, 0, 0});
@@ -27,11 +27,11 @@ TEST(HeadView, AHeadAtTheRimThatLooksIntoTheCameraIsSeenStraight) {
 TEST(HeadView, RollAndDistanceAreTakenOut) {
   const geometry::Camera camera = testing_camera();
   const auto seen = [&](double roll, double distance) {
-    const geometry::Rigid pose{head::rotation_of_angles({15, -10, roll}), {0, -20, distance}};
+    const geometry::Rigid3 pose{head::rotation_of_angles({15, -10, roll}), {0, -20, distance}};
     return view_of_head(painted_head(pose, camera), camera, pose)->gradients;
   };
   const Eigen::VectorXf upright = seen(0, 500);
-  const geometry::Rigid other{head::rotation_of_angles({-25, 15, 0}), {0, -20, 500}};
+  const geometry::Rigid3 other{head::rotation_of_angles({-25, 15, 0}), {0, -20, 500}};
   const float unlike =
       (view_of_head(painted_head(other, camera), camera, other)->gradients - upright).norm();
   EXPECT_LT((seen(25, 500) - upright).norm(), 0.4F * unlike);
@@ -40,33 +40,33 @@ TEST(HeadView, RollAndDistanceAreTakenOut) {
 
 TEST(HeadView, TheMirrorsViewIsThatOfTheMirroredPicture) {
   const geometry::Camera camera = testing_camera();
-  const geometry::Rigid pose{head::rotation_of_angles({20, 8, 12}), {30, -20, 550}};
+  const geometry::Rigid3 pose{head::rotation_of_angles({20, 8, 12}), {30, -20, 550}};
   const cv::Mat picture = painted_head(pose, camera);
   const HeadView view = mirrored(*view_of_head(picture, camera, pose));
   cv::Mat flipped;
   cv::flip(picture, flipped, 1);
-  const geometry::Rigid mirror{head::rotation_of_angles({-20, 8, -12}), {-30, -20, 550}};
+  const geometry::Rigid3 mirror{head::rotation_of_angles({-20, 8, -12}), {-30, -20, 550}};
   const HeadView truth = *view_of_head(flipped, camera, mirror);
   EXPECT_NEAR(view.angles.yaw_deg, truth.angles.yaw_deg, 1e-6);
   EXPECT_NEAR(view.angles.roll_deg, truth.angles.roll_deg, 1e-6);
-  EXPECT_LT(cv::norm(view.camera_from_view - truth.camera_from_view), 1e-9);
+  EXPECT_LT((view.camera_from_view - truth.camera_from_view).norm(), 1e-9);
   EXPECT_LT((view.gradients - truth.gradients).norm(), 0.05F * truth.gradients.norm());
 }
 
 TEST(HeadView, DirectionsGoThereAndBack) {
   const geometry::Camera camera = testing_camera();
-  const geometry::Rigid pose{head::rotation_of_angles({20, 8, 30}), {60, -20, 550}};
+  const geometry::Rigid3 pose{head::rotation_of_angles({20, 8, 30}), {60, -20, 550}};
   const HeadView view = *view_of_head(painted_head(pose, camera), camera, pose);
   // The pose's own direction is that of its angles, and gives its rotation.
-  const cv::Vec3d forward = pose.rotation * cv::Vec3d(0, 0, -1);
-  const Direction own = direction_of(view, view.camera_from_view.t() * forward);
+  const Eigen::Vector3d forward = pose.rotation * Eigen::Vector3d(0, 0, -1);
+  const Direction own = direction_of(view, view.camera_from_view.transpose() * forward);
   EXPECT_NEAR(own.pitch_deg, view.angles.pitch_deg, 1e-9);
   EXPECT_NEAR(own.yaw_deg, view.angles.yaw_deg, 1e-9);
-  EXPECT_LT(cv::norm(rotation_towards(view, own) - pose.rotation), 1e-9);
+  EXPECT_LT((rotation_towards(view, own) - pose.rotation).norm(), 1e-9);
   // Any other: the rotation looks there.
   const Direction other{-17, 40};
-  const cv::Vec3d there =
-      view.camera_from_view.t() * (rotation_towards(view, other) * cv::Vec3d(0, 0, -1));
+  const Eigen::Vector3d there = view.camera_from_view.transpose() *
+                                (rotation_towards(view, other) * Eigen::Vector3d(0, 0, -1));
   EXPECT_NEAR(direction_of(view, there).pitch_deg, -17, 1e-9);
   EXPECT_NEAR(direction_of(view, there).yaw_deg, 40, 1e-9);
 }
@@ -88,8 +88,9 @@ TEST(HeadView, GradientsTellTheDirectionOfLines) {
 TEST(HeadView, HeadsThatCannotBeSeenAndWrongPictures) {
   const geometry::Camera camera = testing_camera();
   const cv::Mat gray(camera.height, camera.width, CV_8UC1, cv::Scalar(0));
-  EXPECT_FALSE(view_of_head(gray, camera, {cv::Matx33d::eye(), {0, 0, -500}}));
-  EXPECT_FALSE(view_of_head(gray, camera, {cv::Matx33d::eye(), {0, 0, 50'000}}));  // too small
+  EXPECT_FALSE(view_of_head(gray, camera, {Eigen::Matrix3d::Identity(), {0, 0, -500}}));
+  EXPECT_FALSE(
+      view_of_head(gray, camera, {Eigen::Matrix3d::Identity(), {0, 0, 50'000}}));  // too small
   EXPECT_THROW((void)view_of_head(cv::Mat(9, 9, CV_8UC3), camera, {}), std::invalid_argument);
   EXPECT_THROW((void)gradients_of(cv::Mat(9, 9, CV_8UC1)), std::invalid_argument);
 }

@@ -4,7 +4,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/face/head/head_model.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 
 #include <Eigen/Core>
 #include <opencv2/imgproc.hpp>
@@ -26,17 +26,17 @@ inline geometry::Camera testing_camera() {
 }
 
 // Spots at fixed places of a ball around the middle of the head, symmetric left and right.
-inline cv::Mat painted_head(const geometry::Rigid& camera_from_head,
+inline cv::Mat painted_head(const geometry::Rigid3& camera_from_head,
                             const geometry::Camera& camera) {
   cv::Mat gray(camera.height, camera.width, CV_8UC1, cv::Scalar(70));
-  const cv::Vec3d middle(0, 30, 40);
+  const Eigen::Vector3d middle(0, 30, 40);
   const double radius = 80;
   const double px_per_mm = camera.fx / (camera_from_head * middle)[2];
-  const auto at = [&](const cv::Vec3d& point) {
+  const auto at = [&](const Eigen::Vector3d& point) {
     const cv::Point2d p = *camera.project(camera_from_head * point);
     return cv::Point(cvRound(p.x * 16), cvRound(p.y * 16));
   };
-  const auto disc = [&](const cv::Vec3d& point, double mm, int brightness) {
+  const auto disc = [&](const Eigen::Vector3d& point, double mm, int brightness) {
     cv::circle(gray, at(point), cvRound(mm * px_per_mm * 16), cv::Scalar(brightness), cv::FILLED,
                cv::LINE_AA, 4);
   };
@@ -46,8 +46,8 @@ inline cv::Mat painted_head(const geometry::Rigid& camera_from_head,
   for (const auto& place : places) {
     const double yaw = place[0] * CV_PI / 180;
     const double pitch = place[1] * CV_PI / 180;
-    const cv::Vec3d out(std::sin(yaw) * std::cos(pitch), -std::sin(pitch),
-                        -std::cos(yaw) * std::cos(pitch));
+    const Eigen::Vector3d out(std::sin(yaw) * std::cos(pitch), -std::sin(pitch),
+                              -std::cos(yaw) * std::cos(pitch));
     if ((camera_from_head.rotation * out)[2] > -0.2) continue;  // on the far side
     disc(middle + radius * out, 9, 40);
   }

@@ -21,15 +21,15 @@ namespace {
 // Heads whose rough pitch is half of the true one, and their yaw four fifths.
 struct Slipped {
   cv::Mat picture;
-  geometry::Rigid rough;
-  geometry::Rigid truth;
+  geometry::Rigid3 rough;
+  geometry::Rigid3 truth;
 };
 
 Slipped slipped(Rng& rng) {
   const double yaw = rng.uniform(-40, 40);
   const double pitch = rng.uniform(-30, 30);
   const double roll = rng.uniform(-10, 10);
-  const cv::Vec3d place(rng.uniform(-40, 40), rng.uniform(-50, 10), rng.uniform(480, 620));
+  const Eigen::Vector3d place(rng.uniform(-40, 40), rng.uniform(-50, 10), rng.uniform(480, 620));
   Slipped result;
   result.truth = {head::rotation_of_angles({yaw, pitch, roll}), place};
   result.rough = {head::rotation_of_angles(
@@ -41,8 +41,8 @@ Slipped slipped(Rng& rng) {
 
 ViewSample sample_of(const Slipped& head, int group) {
   const HeadView view = *view_of_head(head.picture, testing_camera(), head.rough);
-  const cv::Vec3d forward = head.truth.rotation * cv::Vec3d(0, 0, -1);
-  return {view, direction_of(view, view.camera_from_view.t() * forward), group};
+  const Eigen::Vector3d forward = head.truth.rotation * Eigen::Vector3d(0, 0, -1);
+  return {view, direction_of(view, view.camera_from_view.transpose() * forward), group};
 }
 
 std::vector<ViewSample> samples(int count, std::uint64_t seed) {

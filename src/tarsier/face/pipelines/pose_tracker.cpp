@@ -86,11 +86,11 @@ nlohmann::ordered_json posed_faces_json(const std::vector<PosedFace>& faces, boo
     }
     const head::HeadPose& pose = *faces[i].pose;
     object["rotation"] = nlohmann::ordered_json::array();
-    for (const double value : pose.camera_from_head.rotation.val) {
+    for (const double value : geometry::row_major(pose.camera_from_head.rotation)) {
       object["rotation"].push_back(rounded(value, 1e7));
     }
     object["translation"] = nlohmann::ordered_json::array();
-    for (const double value : pose.camera_from_head.translation.val) {
+    for (const double value : pose.camera_from_head.translation) {
       object["translation"].push_back(rounded(value, 100));
     }
     object["yaw"] = rounded(pose.angles.yaw_deg, 100);
@@ -153,7 +153,7 @@ PoseResult PoseTracker::process(const Frame& frame, PoseState& state) const {
       PosedFace posed = finder_.pose_of(std::move(face), gray, result.camera, &person.identity,
                                         learn, seen.workspace);
       if (posed.pose) {
-        geometry::Rigid& pose = posed.pose->camera_from_head;
+        geometry::Rigid3& pose = posed.pose->camera_from_head;
         if (options_.smoothing == PoseSmoothing::kMean) pose = person.mean(pose);
         if (options_.smoothing == PoseSmoothing::kOneEuro) pose = person.one_euro(pose, frame.time);
         posed.pose->angles = head::angles_of_rotation(pose.rotation);

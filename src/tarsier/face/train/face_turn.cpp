@@ -48,13 +48,6 @@ geometry::Camera camera_of(const Matrix2Xd& points) {
   return camera;
 }
 
-Matrix3d to_eigen(const cv::Matx33d& r) {
-  Matrix3d result;
-  for (int a = 0; a < 3; ++a)
-    for (int b = 0; b < 3; ++b) result(a, b) = r(a, b);
-  return result;
-}
-
 // The forehead above the brows: an arc from temple to temple, which leans back a little. Shares of
 // the half width of an adult's head, about 74 mm.
 Matrix3Xd forehead_of(const Matrix3Xd& shape) {
@@ -188,9 +181,7 @@ std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& poi
   const geometry::Camera camera = camera_of(points);
   const auto found = poser_.pose(points, camera);
   if (!found.pose) return std::nullopt;
-  const Matrix3d rotation = to_eigen(found.pose->camera_from_head.rotation);
-  const cv::Vec3d& t = found.pose->camera_from_head.translation;
-  const Vector3d translation(t[0], t[1], t[2]);
+  const auto& [rotation, translation] = found.pose->camera_from_head;
 
   Turned result;
   result.before = found.pose->angles;
@@ -199,7 +190,7 @@ std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& poi
   result.after.yaw_deg += yaw_deg;
   if (std::abs(result.after.pitch_deg) > 80 || std::abs(result.after.yaw_deg) > 80)
     return std::nullopt;
-  const Matrix3d turned = to_eigen(head::rotation_of_angles(result.after));
+  const Matrix3d turned = head::rotation_of_angles(result.after);
 
   const Matrix3Xd shape = head::shape_of(model, found.pose->b);
   const Matrix3Xd marked = marked_points(model, shape, result.before.yaw_deg);

@@ -56,7 +56,7 @@ Mesh ground_of(const Mesh& object, double scale) {
 }
 
 // In the camera's frame.
-cv::Vec3d light_of(std::span<const Sheet> sheets, AugmentState& state) {
+Eigen::Vector3d light_of(std::span<const Sheet> sheets, AugmentState& state) {
   const auto anchor = std::find_if(sheets.begin(), sheets.end(), [&](const Sheet& sheet) {
     return state.anchor && sheet.key == *state.anchor;
   });
@@ -65,8 +65,9 @@ cv::Vec3d light_of(std::span<const Sheet> sheets, AugmentState& state) {
         sheets.begin(), sheets.end(), [](const Sheet& a, const Sheet& b) { return a.key < b.key; });
     // As it last flew before the camera, where that comes from above this sheet.
     if (state.anchor) {
-      const cv::Vec3d light = sheet.camera_from_sheet.rotation.t() * state.light_in_camera;
-      if (light[2] < -0.5 * cv::norm(light)) state.light_in_anchor = light;
+      const Eigen::Vector3d light =
+          sheet.camera_from_sheet.rotation.transpose() * state.light_in_camera;
+      if (light[2] < -0.5 * light.norm()) state.light_in_anchor = light;
     }
     state.anchor = sheet.key;
     state.light_in_camera = sheet.camera_from_sheet.rotation * state.light_in_anchor;
@@ -140,8 +141,9 @@ void augment(cv::Mat& bgr, const geometry::Camera& camera, std::span<const Sheet
     item.role = render::Role::kOccluder;
     scene.items.push_back(item);
     if (!options.shadow) continue;
-    const cv::Vec3d light = sheet.camera_from_sheet.rotation.t() * scene.light.direction;
-    if (light[2] > -kSteep * cv::norm(light)) continue;
+    const Eigen::Vector3d light =
+        sheet.camera_from_sheet.rotation.transpose() * scene.light.direction;
+    if (light[2] > -kSteep * light.norm()) continue;
     Mesh shadow = render::planar_shadow(*mesh, {}, scale, light);
     if (shadow.triangles.empty()) continue;
     item.mesh = std::make_shared<const Mesh>(std::move(shadow));

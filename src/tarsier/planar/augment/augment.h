@@ -3,10 +3,11 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/render/mesh.h"
 #include "tarsier/render/render.h"
 
+#include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 
 #include <memory>
@@ -48,7 +49,7 @@ struct AugmentOptions {
 // A sheet that is seen: origin in its middle, x right, y up, z out of it.
 struct Sheet {
   int key = 0;  // tells sheets apart from frame to frame
-  geometry::Rigid camera_from_sheet;
+  geometry::Rigid3 camera_from_sheet;
   double side = 0;  // m, > 0
 };
 
@@ -56,8 +57,8 @@ struct Sheet {
 // and goes over to another when that is out of sight.
 struct AugmentState {
   std::optional<int> anchor;
-  cv::Vec3d light_in_anchor{0.45, -0.6, -1};  // in which it flies
-  cv::Vec3d light_in_camera{0, 0, 1};
+  Eigen::Vector3d light_in_anchor{0.45, -0.6, -1};  // in which it flies
+  Eigen::Vector3d light_in_camera{0, 0, 1};
 };
 
 // Draws the object on every sheet over `bgr` (CV_8UC3, of the camera's size). Sheets are in any

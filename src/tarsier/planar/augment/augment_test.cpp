@@ -26,15 +26,15 @@ geometry::Camera test_camera() {
 cv::Mat paper() { return {240, 320, CV_8UC3, cv::Scalar::all(200)}; }
 
 // Seen from 50 degrees off its normal, the far edge up in the picture.
-Sheet sheet_at(const cv::Vec3d& at, int key = 0, double tilt_deg = 50) {
+Sheet sheet_at(const Eigen::Vector3d& at, int key = 0, double tilt_deg = 50) {
   const double c = std::cos(tilt_deg * CV_PI / 180);
   const double s = std::sin(tilt_deg * CV_PI / 180);
   // The sheet's y goes away from the camera.
-  return {key, {cv::Matx33d(1, 0, 0, 0, -c, -s, 0, s, -c), at}, 0.05};
+  return {key, {Eigen::Matrix3d{{1, 0, 0}, {0, -c, -s}, {0, s, -c}}, at}, 0.05};
 }
 
 cv::Vec3b at(const cv::Mat& picture, const geometry::Camera& camera, const Sheet& sheet,
-             const cv::Vec3d& on_sheet) {
+             const Eigen::Vector3d& on_sheet) {
   const auto p = camera.project(sheet.camera_from_sheet * on_sheet).value();
   return picture.at<cv::Vec3b>(cvRound(p.y), cvRound(p.x));
 }
@@ -70,7 +70,8 @@ TEST(Augment, WhatIsBelowTheSheetIsHidden) {
   augment(picture, camera, std::vector{sheet}, options, state);
   EXPECT_NE(at(picture, camera, sheet, {0, 0, 0.018}), kPaper);
   // The ball's lower half, seen through the sheet, would be here.
-  const auto low = camera.project(sheet.camera_from_sheet * cv::Vec3d(0, -0.004, -0.016)).value();
+  const auto low =
+      camera.project(sheet.camera_from_sheet * Eigen::Vector3d(0, -0.004, -0.016)).value();
   EXPECT_EQ(picture.at<cv::Vec3b>(cvRound(low.y), cvRound(low.x)), kPaper);
 }
 
@@ -113,14 +114,14 @@ TEST(Augment, TheLightStaysInTheWorldWhenItsSheetIsLost) {
   Sheet b = sheet_at({0.05, 0, 0.3}, 2);
   // Turned on the same desk.
   b.camera_from_sheet.rotation =
-      b.camera_from_sheet.rotation * cv::Matx33d(0, -1, 0, 1, 0, 0, 0, 0, 1);
+      b.camera_from_sheet.rotation * Eigen::Matrix3d{{0, -1, 0}, {1, 0, 0}, {0, 0, 1}};
   AugmentState state;
   cv::Mat picture = paper();
   augment(picture, camera, std::vector{a, b}, {}, state);
-  const cv::Vec3d before = state.light_in_camera;
+  const Eigen::Vector3d before = state.light_in_camera;
   augment(picture, camera, std::vector{b}, {}, state);
   EXPECT_EQ(state.anchor, 2);
-  EXPECT_LT(cv::norm(state.light_in_camera - before), 1e-9);
+  EXPECT_LT((state.light_in_camera - before).norm(), 1e-9);
 }
 
 TEST(Standing, PutsAMeshUprightInTheMiddle) {

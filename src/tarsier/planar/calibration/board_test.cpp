@@ -72,7 +72,7 @@ TEST(BoardSpecTest, PointsLieWhereTheyArePrinted) {
 TEST(CoverageTest, SaysWhatIsMissing) {
   const BoardSpec spec = parse_board("chess:9x6", 0.025);
   const geometry::Camera camera{640, 480, 600, 600, 319.5, 239.5};
-  const auto view = [&](cv::Point2d at, cv::Vec3d angles) {
+  const auto view = [&](cv::Point2d at, Eigen::Vector3d angles) {
     return synth::exact_view(camera, synth::board_pose(camera, spec, at, angles, 0.5), spec);
   };
   Coverage coverage = coverage_of({view({0.2, 0.2}, {0, 0, 0})}, spec, {640, 480});
@@ -102,8 +102,8 @@ TEST(CoverageTest, TheNearerEdgeIsNamed) {
   const BoardSpec spec = parse_board("chess:9x6", 0.025);
   const geometry::Camera camera{640, 480, 704, 704, 319.5, 239.5};
   for (const double angle : {-30.0, 30.0}) {
-    const geometry::Rigid pose = synth::board_pose(camera, spec, {0.5, 0.5}, {angle, 0, 0}, 0.6);
-    const auto depth = [&](double x) { return (pose * cv::Vec3d(x, 0, 0))[2]; };
+    const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.5, 0.5}, {angle, 0, 0}, 0.6);
+    const auto depth = [&](double x) { return (pose * Eigen::Vector3d(x, 0, 0))[2]; };
     const cv::Point2d tilt = tilt_of(synth::exact_view(camera, pose, spec), spec, {640, 480});
     EXPECT_NEAR(std::abs(tilt.x), 30, 1);
     EXPECT_EQ(tilt.x > 0, depth(0.2) < depth(0));  // the right edge nearer

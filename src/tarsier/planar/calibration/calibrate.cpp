@@ -19,7 +19,7 @@ namespace {
 
 using geometry::Camera;
 using geometry::Lens;
-using geometry::Rigid;
+using geometry::Rigid3;
 
 constexpr std::size_t kStartViews = 24;  // that choose the first focal length
 constexpr double kAlike_px = 4;          // views closer than this are one
@@ -174,7 +174,7 @@ void fit_robustly(Camera& camera, std::vector<FitView>& views, const CalibrateOp
 
 // The middle of a dot's picture is not the picture of its middle. How far it is off, px: the
 // centroid of the pictured rim less the pictured centre.
-cv::Point2d dot_bias(const Camera& camera, const Rigid& pose, const cv::Point2d& center,
+cv::Point2d dot_bias(const Camera& camera, const Rigid3& pose, const cv::Point2d& center,
                      double radius) {
   constexpr int kRim = 24;
   std::array<cv::Point2d, kRim> rim;
@@ -292,12 +292,10 @@ Deviations deviations_of(const Eigen::VectorXd& variances, double sigma) {
   return d;
 }
 
-cv::Vec3d normal_of(const Rigid& pose) {
-  return {pose.rotation(0, 2), pose.rotation(1, 2), pose.rotation(2, 2)};
-}
+Eigen::Vector3d normal_of(const Rigid3& pose) { return pose.rotation.col(2); }
 
-double angle_deg(const cv::Vec3d& a, const cv::Vec3d& b) {
-  return std::acos(std::clamp(a.dot(b) / (cv::norm(a) * cv::norm(b)), -1.0, 1.0)) * 180 / CV_PI;
+double angle_deg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return std::acos(std::clamp(a.dot(b) / (a.norm() * b.norm()), -1.0, 1.0)) * 180 / CV_PI;
 }
 
 // The largest angle between the boards of two used views.
@@ -375,9 +373,9 @@ void report_views(Calibration& result, const std::vector<BoardView>& given,
   for (std::size_t i = 0; i < views.size(); ++i) {
     ViewReport& report = result.views[i];
     const auto pose = views[i].used || !views[i].board.empty()
-                          ? std::optional<Rigid>(views[i].camera_from_board)
+                          ? std::optional<Rigid3>(views[i].camera_from_board)
                           : std::nullopt;
-    if (!pose || cv::norm(pose->translation) == 0) {
+    if (!pose || pose->translation.norm() == 0) {
       report.state = ViewState::kNoPose;
       continue;
     }
@@ -388,7 +386,7 @@ void report_views(Calibration& result, const std::vector<BoardView>& given,
     cv::Point2d middle;
     for (const cv::Point2d& p : views[i].board)
       middle += p * (1 / static_cast<double>(views[i].board.size()));
-    report.tilt_deg = angle_deg(normal_of(*pose), *pose * cv::Vec3d(middle.x, middle.y, 0));
+    report.tilt_deg = angle_deg(normal_of(*pose), *pose * Eigen::Vector3d(middle.x, middle.y, 0));
   }
 }
 

@@ -3,7 +3,7 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/planar/calibration/board.h"
 #include "tarsier/planar/calibration/detect.h"
 
@@ -44,7 +44,7 @@ enum class ViewState { kUsed, kNoPose, kOutlier };
 
 struct ViewReport {
   ViewState state = ViewState::kUsed;
-  geometry::Rigid camera_from_board;  // m; of kNoPose: the identity
+  geometry::Rigid3 camera_from_board;  // m; of kNoPose: the identity
   double rms = 0;       // px, of the points that count; also of views that were left out
   int dropped = 0;      // points that do not fit, of a view whose others do
   double tilt_deg = 0;  // between the board's normal and the line of sight to it

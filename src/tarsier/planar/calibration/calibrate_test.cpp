@@ -29,11 +29,11 @@ Camera wide() {
   return {640, 480, 250, 251, 318, 242, {0.03, -0.01, 2e-3, -5e-4}, 0, Lens::kFisheye};
 }
 
-std::vector<BoardView> seen_by(const Camera& camera, const std::vector<geometry::Rigid>& poses,
+std::vector<BoardView> seen_by(const Camera& camera, const std::vector<geometry::Rigid3>& poses,
                                double sigma, std::uint64_t seed, const BoardSpec& spec = kChess) {
   Rng rng(seed);
   std::vector<BoardView> views;
-  for (const geometry::Rigid& pose : poses) {
+  for (const geometry::Rigid3& pose : poses) {
     BoardView view = synth::exact_view(camera, pose, spec);
     for (cv::Point2f& p : view.pixels) {
       p.x += static_cast<float>(rng.normal(0, sigma));
@@ -211,7 +211,7 @@ TEST(CalibrateTest, SetsThatFixNoCameraAreRefusedWithWhatToDo) {
               HasSubstr("1 different views among the 12"));
   // Always frontal, in different places; with and without noise.
   for (const double sigma : {0.0, 0.2}) {
-    std::vector<geometry::Rigid> flat;
+    std::vector<geometry::Rigid3> flat;
     for (const double x : {0.35, 0.5, 0.65})
       for (const double y : {0.4, 0.5, 0.6})
         flat.push_back(synth::board_pose(truth, kChess, {x, y}, {0, 0, 10 * x}, 0.7));

@@ -50,7 +50,7 @@ TEST_P(BoardsTest, AreFoundWhereTheyAre) {
   const Camera camera = phone();
   const synth::BoardRenderer renderer(camera, spec);
   int number = 0;
-  for (const geometry::Rigid& pose : synth::board_poses(camera, spec, 4, 31)) {
+  for (const geometry::Rigid3& pose : synth::board_poses(camera, spec, 4, 31)) {
     synth::BoardLook look;
     look.seed = static_cast<std::uint64_t>(++number);
     look.clutter = 20;
@@ -80,7 +80,7 @@ INSTANTIATE_TEST_SUITE_P(All, BoardsTest,
 TEST(FindBoardTest, ALargePictureIsSearchedSmallAndMeasuredLarge) {
   const BoardSpec spec = parse_board("chess:9x6", 0.03);
   Camera camera{2560, 1920, 2100, 2100, 1280, 960};
-  const geometry::Rigid pose = synth::board_pose(camera, spec, {0.45, 0.55}, {25, 10, 5}, 0.6);
+  const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.45, 0.55}, {25, 10, 5}, 0.6);
   synth::BoardLook look;
   look.blur_px = 1.2;
   const BoardView view = find_board(synth::render_board(camera, pose, spec, look), spec);
@@ -116,7 +116,7 @@ TEST(FindBoardTest, PicturesWithoutTheBoardAreNoViews) {
 TEST(FindBoardTest, ACharucoBoardMayBePartlyHidden) {
   const BoardSpec spec = parse_board("charuco:7x5:6x6_250", 0.03);
   const Camera camera = phone();
-  const geometry::Rigid pose = synth::board_pose(camera, spec, {0.5, 0.5}, {25, 0, 0}, 0.9);
+  const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.5, 0.5}, {25, 0, 0}, 0.9);
   cv::Mat picture = synth::render_board(camera, pose, spec);
   cv::rectangle(picture, {0, 0, 250, 480}, cv::Scalar(90, 90, 90), cv::FILLED);
   const BoardView view = find_board(picture, spec);
@@ -131,7 +131,7 @@ TEST(FindBoardTest, UnevenAndDimLightDoesNoHarm) {
        {"chess:9x6", "charuco:7x5:5x5_100", "circles:4x11", "circles-grid:7x6"}) {
     const BoardSpec spec = parse_board(text, 0.03);
     const synth::BoardRenderer renderer(camera, spec);
-    const geometry::Rigid pose = synth::board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8);
+    const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8);
     synth::BoardLook shaded;
     shaded.fall_off = 0.8;
     EXPECT_FALSE(find_board(renderer.render(pose, shaded), spec).empty()) << text;
@@ -146,7 +146,7 @@ TEST(FindBoardTest, UnevenAndDimLightDoesNoHarm) {
 TEST(FindBoardTest, SharpnessFallsWithBlur) {
   const BoardSpec spec = parse_board("chess:9x6", 0.03);
   const Camera camera = phone();
-  const geometry::Rigid pose = synth::board_pose(camera, spec, {0.5, 0.5}, {15, 10, 0}, 0.9);
+  const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.5, 0.5}, {15, 10, 0}, 0.9);
   double last = 1;
   for (const double blur : {0.5, 1.0, 2.0, 3.0}) {
     synth::BoardLook look;
@@ -169,7 +169,7 @@ TEST_P(RenderedTest, PicturesGiveTheCamera) {
   const synth::BoardRenderer renderer(truth, spec);
   std::vector<BoardView> views;
   int number = 0;
-  for (const geometry::Rigid& pose : synth::board_poses(truth, spec, 9, 37)) {
+  for (const geometry::Rigid3& pose : synth::board_poses(truth, spec, 9, 37)) {
     synth::BoardLook look;
     look.seed = static_cast<std::uint64_t>(++number);
     views.push_back(find_board(renderer.render(pose, look), spec));
@@ -202,7 +202,7 @@ TEST(FindBoardTest, RenderedPicturesGiveFisheyesAndRationalLensesToo) {
     std::vector<BoardView> views;
     int number = 0;
     const synth::BoardRenderer renderer(truth, spec);
-    for (const geometry::Rigid& pose : synth::board_poses(truth, spec, 12, 41)) {
+    for (const geometry::Rigid3& pose : synth::board_poses(truth, spec, 12, 41)) {
       synth::BoardLook look;
       look.seed = static_cast<std::uint64_t>(++number);
       views.push_back(find_board(renderer.render(pose, look), spec));

@@ -54,7 +54,7 @@ void draw_view(cv::Mat& picture, const BoardView& view, const BoardSpec& spec) {
 }
 
 void draw_errors(cv::Mat& picture, const BoardView& view, const BoardSpec& spec,
-                 const geometry::Camera& camera, const geometry::Rigid& camera_from_board,
+                 const geometry::Camera& camera, const geometry::Rigid3& camera_from_board,
                  double scale) {
   image::draw::require_canvas(picture);
   const int width = std::max(1, cvRound(line_width(picture)));

@@ -15,7 +15,7 @@ void draw_view(cv::Mat& picture, const BoardView& view, const BoardSpec& spec);
 // Where `camera` says the points are, and `scale` times the way to where they were found: what
 // is left of each point.
 void draw_errors(cv::Mat& picture, const BoardView& view, const BoardSpec& spec,
-                 const geometry::Camera& camera, const geometry::Rigid& camera_from_board,
+                 const geometry::Camera& camera, const geometry::Rigid3& camera_from_board,
                  double scale);
 
 // Tints the cells of the picture that views touched (green, stronger for more), and leaves the

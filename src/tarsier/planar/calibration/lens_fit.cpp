@@ -6,8 +6,6 @@
 #include "tarsier/geometry/planar_pose.h"
 #include "tarsier/linalg/decompositions.h"
 
-#include <opencv2/calib3d.hpp>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -18,7 +16,7 @@ namespace {
 
 using geometry::Camera;
 using geometry::Lens;
-using geometry::Rigid;
+using geometry::Rigid3;
 using Block = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic>;
 
 constexpr double kBehind = 1e3;  // px, the residual of a point behind the camera
@@ -58,13 +56,11 @@ std::vector<bool> moving(const Camera& camera, const FitOptions& options) {
 }
 
 // The pose turned by the rotation vector and moved.
-Rigid moved(const Rigid& pose, const Eigen::Matrix<double, 6, 1>& step) {
-  cv::Matx33d turn;
-  cv::Rodrigues(cv::Vec3d(step[0], step[1], step[2]), turn);
-  return {turn * pose.rotation, pose.translation + cv::Vec3d(step[3], step[4], step[5])};
+Rigid3 moved(const Rigid3& pose, const Eigen::Matrix<double, 6, 1>& step) {
+  return {geometry::rotation_by(step.head<3>()) * pose.rotation, pose.translation + step.tail<3>()};
 }
 
-cv::Point2d residual(const Camera& camera, const Rigid& pose, const cv::Point2d& board,
+cv::Point2d residual(const Camera& camera, const Rigid3& pose, const cv::Point2d& board,
                      const cv::Point2d& pixel) {
   const auto seen = board_pixel(camera, pose, board);
   if (!seen || !std::isfinite(seen->x) || !std::isfinite(seen->y)) return {kBehind, kBehind};
@@ -130,9 +126,9 @@ class Derivatives {
     const auto n = static_cast<Eigen::Index>(moves_.size());
     ViewEquations e{Block::Zero(n, n), Block::Zero(n, 6), Eigen::Matrix<double, 6, 6>::Zero(),
                     Eigen::VectorXd::Zero(n), Eigen::Matrix<double, 6, 1>::Zero()};
-    const Rigid& pose = view.camera_from_board;
-    const double length = 1e-6 * cv::norm(pose.translation);
-    std::array<Rigid, 12> around;
+    const Rigid3& pose = view.camera_from_board;
+    const double length = 1e-6 * pose.translation.norm();
+    std::array<Rigid3, 12> around;
     for (int k = 0; k < 6; ++k) {
       Eigen::Matrix<double, 6, 1> step = Eigen::Matrix<double, 6, 1>::Zero();
       step[k] = k < 3 ? 1e-6 : length;
@@ -223,9 +219,9 @@ int number_count(const Camera& camera) {
   return 4 + static_cast<int>(camera.coefficients().size());
 }
 
-std::optional<cv::Point2d> board_pixel(const Camera& camera, const Rigid& camera_from_board,
+std::optional<cv::Point2d> board_pixel(const Camera& camera, const Rigid3& camera_from_board,
                                        const cv::Point2d& point) {
-  return camera.project(camera_from_board * cv::Vec3d(point.x, point.y, 0));
+  return camera.project(camera_from_board * Eigen::Vector3d(point.x, point.y, 0));
 }
 
 double rms_of(const Camera& camera, const FitView& view) {
@@ -299,7 +295,7 @@ FitResult fit_lens(Camera& camera, std::vector<FitView>& views, const FitOptions
   return result;
 }
 
-std::optional<Rigid> start_pose(const Camera& camera, const FitView& view) {
+std::optional<Rigid3> start_pose(const Camera& camera, const FitView& view) {
   std::vector<cv::Point2d> board;
   std::vector<cv::Point2d> rays;
   for (std::size_t i = 0; i < view.board.size(); ++i) {

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/planar/calibration/board.h"
 
 #include <Eigen/Core>
@@ -19,7 +19,7 @@ namespace tarsier::planar::calibration {
 struct FitView {
   std::vector<cv::Point2d> board;
   std::vector<cv::Point2d> pixels;
-  geometry::Rigid camera_from_board;
+  geometry::Rigid3 camera_from_board;
   bool used = true;
 };
 
@@ -50,12 +50,12 @@ struct FitResult {
 
 // The pose of a board seen by a known camera; nothing where the points fix none (all on a line,
 // outside of what the lens can see).
-[[nodiscard]] std::optional<geometry::Rigid> start_pose(const geometry::Camera& camera,
-                                                        const FitView& view);
+[[nodiscard]] std::optional<geometry::Rigid3> start_pose(const geometry::Camera& camera,
+                                                         const FitView& view);
 
 // Pixel of a point of the board; nothing behind the camera.
 [[nodiscard]] std::optional<cv::Point2d> board_pixel(const geometry::Camera& camera,
-                                                     const geometry::Rigid& camera_from_board,
+                                                     const geometry::Rigid3& camera_from_board,
                                                      const cv::Point2d& point);
 
 // Root of the mean squared distance (px) of a view's points from where they should be.

@@ -6,7 +6,6 @@
 #include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
-#include <opencv2/calib3d.hpp>
 
 #include <chrono>
 #include <cmath>
@@ -64,9 +63,8 @@ nlohmann::ordered_json target_json(const Target& target, std::size_t id,
   out["homography"] = std::vector<double>(h.val, h.val + 9);
   out["confidence"] = rounded(confidence, 1e3);
   if (pose != nullptr) {
-    cv::Vec3d turn;
-    cv::Rodrigues(pose->camera_from_plane.rotation, turn);
-    const cv::Vec3d& t = pose->camera_from_plane.translation;
+    const Eigen::Vector3d turn = geometry::rotation_vector(pose->camera_from_plane.rotation);
+    const Eigen::Vector3d& t = pose->camera_from_plane.translation;
     out["rvec"] = {turn[0], turn[1], turn[2]};
     out["tvec"] = {t[0], t[1], t[2]};
     out["rms_px"] = rounded(pose->rms_px, 1e4);

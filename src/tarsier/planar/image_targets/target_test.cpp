@@ -65,11 +65,12 @@ TEST(Target, IsFoundTurnedTiltedAndNoisyToAFractionOfAPixel) {
     errors.push_back(error);
     ++found;
     ASSERT_TRUE(seen[0].poses.has_value());
-    const geometry::Rigid& pose = seen[0].poses->best.camera_from_plane;
-    EXPECT_LT(geometry::angle_of(pose.rotation * s.truth[0].camera_from_print.rotation.t()), 0.05)
+    const geometry::Rigid3& pose = seen[0].poses->best.camera_from_plane;
+    EXPECT_LT(geometry::angle_of(pose.rotation * s.truth[0].camera_from_print.rotation.transpose()),
+              0.05)
         << "seed " << seed;
-    EXPECT_LT(cv::norm(pose.translation - s.truth[0].camera_from_print.translation),
-              0.02 * cv::norm(s.truth[0].camera_from_print.translation))
+    EXPECT_LT((pose.translation - s.truth[0].camera_from_print.translation).norm(),
+              0.02 * s.truth[0].camera_from_print.translation.norm())
         << "seed " << seed;
   }
   ASSERT_GE(shown, 8);

@@ -177,7 +177,7 @@ void update_pose(const Target& target, const geometry::Camera& camera, const cv:
   if (one.pose && poses->other && poses->ambiguity_ratio() < 3) {
     // Two poses explain the picture nearly alike: the one that goes on from the last frame.
     const auto turn = [&](const geometry::PlanarPose& p) {
-      return geometry::angle_of(p.camera_from_plane.rotation * one.pose->rotation.t());
+      return geometry::angle_of(p.camera_from_plane.rotation * one.pose->rotation.transpose());
     };
     if (turn(*poses->other) < 0.5 * turn(poses->best)) out.pose = *poses->other;
   }

@@ -57,7 +57,7 @@ struct TrackState {
     std::array<cv::Point2d, 4> corners;   // as measured in the last frame
     std::array<cv::Point2d, 4> velocity;  // px a frame
     std::array<cv::Point2d, 4> steady;    // smoothed
-    std::optional<geometry::Rigid> pose;
+    std::optional<geometry::Rigid3> pose;
     std::int64_t frames = 0;
   };
   std::vector<One> targets;

@@ -65,7 +65,7 @@ TEST(TargetTracking, FollowsAMovingCameraWithoutDrift) {
     if (i >= 90) late = std::max(late, error);
     ASSERT_TRUE(seen[0].pose.has_value());
     EXPECT_LT(geometry::angle_of(seen[0].pose->camera_from_plane.rotation *
-                                 truth[0].camera_from_print.rotation.t()),
+                                 truth[0].camera_from_print.rotation.transpose()),
               0.06)
         << i;
   }

@@ -80,10 +80,7 @@ JudgedMarker marker_of(const json& object) {
   if (rvec != object.end() && tvec != object.end() && !rvec->is_null() && !tvec->is_null()) {
     const auto r = numbers_of(*rvec, 3, 3, "rvec");
     const auto t = numbers_of(*tvec, 3, 3, "tvec");
-    geometry::Rigid pose;
-    cv::Rodrigues(cv::Vec3d(r[0], r[1], r[2]), pose.rotation);
-    pose.translation = {t[0], t[1], t[2]};
-    marker.pose = pose;
+    marker.pose = geometry::Rigid3{geometry::rotation_by({r[0], r[1], r[2]}), {t[0], t[1], t[2]}};
   }
   return marker;
 }
@@ -152,9 +149,8 @@ double mean_distance(const JudgedMarker& found, const JudgedMarker& truth, std::
   return sum / 4;
 }
 
-double degrees_between(const cv::Matx33d& a, const cv::Matx33d& b) {
-  const double cosine = (cv::trace(a * b.t()) - 1) / 2;
-  return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / CV_PI;
+double degrees_between(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
+  return geometry::angle_of(a * b.transpose()) * 180 / CV_PI;
 }
 
 }  // namespace
@@ -223,8 +219,8 @@ void MarkerJudge::add(const MarkerTruth& truth, std::span<const JudgedMarker> fo
     if (marker.pose && right->pose) {
       rotation_deg_.push_back(degrees_between(marker.pose->rotation, right->pose->rotation));
       distance_percent_.push_back(100 *
-                                  cv::norm(marker.pose->translation - right->pose->translation) /
-                                  std::max(1e-12, cv::norm(right->pose->translation)));
+                                  (marker.pose->translation - right->pose->translation).norm() /
+                                  std::max(1e-12, right->pose->translation.norm()));
     }
   }
 }

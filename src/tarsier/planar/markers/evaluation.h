@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/planar/markers/pose.h"
 
 #include <opencv2/core.hpp>
@@ -24,7 +24,7 @@ namespace tarsier::planar::markers {
 struct JudgedMarker {
   int id = 0;
   std::array<cv::Point2d, 4> corners;
-  std::optional<geometry::Rigid> pose;
+  std::optional<geometry::Rigid3> pose;
   double side_px = 50;  // of a true one
 };
 // As it was found; without a pose where none is given.

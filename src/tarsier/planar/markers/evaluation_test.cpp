@@ -17,7 +17,7 @@ JudgedMarker marker_at(int id, double x, double y, double side) {
   marker.id = id;
   marker.corners = {cv::Point2d(x, y), {x + side, y}, {x + side, y + side}, {x, y + side}};
   marker.side_px = side;
-  geometry::Rigid pose;
+  geometry::Rigid3 pose;
   pose.translation = {0, 0, 2};
   marker.pose = pose;
   return marker;

@@ -3,8 +3,10 @@
 
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/planar_track.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/planar/markers/detector.h"
+
+#include <Eigen/Core>
 
 #include <optional>
 #include <span>
@@ -15,7 +17,7 @@
 namespace tarsier::planar::markers {
 
 struct MarkerPose {
-  geometry::Rigid camera_from_marker;         // in a video: smoothed, if that is asked for
+  geometry::Rigid3 camera_from_marker;        // in a video: smoothed, if that is asked for
   double rms_px = 0;                          // of the pose as measured, at the corners
   std::optional<geometry::PlanarPose> other;  // the second pose that explains the corners
   // The smaller of the two errors over the larger, 0..1: near 1 one picture can not tell the poses

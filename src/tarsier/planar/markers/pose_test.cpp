@@ -15,8 +15,11 @@
 namespace tarsier::planar::markers {
 namespace {
 
-double degrees_between(const geometry::Rigid& a, const geometry::Rigid& b) {
-  return geometry::angle_of(a.rotation * b.rotation.t()) * 180 / CV_PI;
+// The marker's z comes to the camera.
+const Eigen::Matrix3d kFacing = Eigen::Vector3d(1, -1, -1).asDiagonal();
+
+double degrees_between(const geometry::Rigid3& a, const geometry::Rigid3& b) {
+  return geometry::angle_of(a.rotation * b.rotation.transpose()) * 180 / CV_PI;
 }
 
 geometry::Camera test_camera() {
@@ -29,11 +32,11 @@ geometry::Camera test_camera() {
   return camera;
 }
 
-Quad seen(const geometry::Rigid& pose, double size, const geometry::Camera& camera) {
+Quad seen(const geometry::Rigid3& pose, double size, const geometry::Camera& camera) {
   Quad quad;
   const auto corners = corners_on_marker(size);
   for (std::size_t k = 0; k < 4; ++k) {
-    const auto p = camera.project(pose * cv::Vec3d(corners[k].x, corners[k].y, 0)).value();
+    const auto p = camera.project(pose * Eigen::Vector3d(corners[k].x, corners[k].y, 0)).value();
     quad[k] = {p.x, p.y};
   }
   return quad;
@@ -47,16 +50,17 @@ TEST(MarkerPose, FrameIsUprightAndOutOfTheSheet) {
   marker.corners = quad;
   const auto pose = pose_of_marker(marker, 0.05, test_camera());
   ASSERT_TRUE(pose);
-  const geometry::Rigid truth{{1, 0, 0, 0, -1, 0, 0, 0, -1}, {0, 0, 0.5}};
+  const geometry::Rigid3 truth{kFacing, {0, 0, 0.5}};
   EXPECT_LT(degrees_between(pose->camera_from_marker, truth), 1e-3);
-  EXPECT_LT(cv::norm(pose->camera_from_marker.translation - truth.translation), 1e-9);
+  EXPECT_LT((pose->camera_from_marker.translation - truth.translation).norm(), 1e-9);
   EXPECT_THROW((void)pose_of_marker(marker, 0, test_camera()), std::invalid_argument);
 }
 
 TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
   const geometry::Camera camera = test_camera();
-  const geometry::Rigid truth{
-      cv::Matx33d(1, 0, 0, 0, -std::cos(0.5), -std::sin(0.5), 0, std::sin(0.5), -std::cos(0.5)),
+  const geometry::Rigid3 truth{
+      Eigen::Matrix3d{
+          {1, 0, 0}, {0, -std::cos(0.5), -std::sin(0.5)}, {0, std::sin(0.5), -std::cos(0.5)}},
       {0.01, 0.02, 0.6}};
   std::vector<BoardMarker> board;
   std::vector<Marker> markers;
@@ -64,9 +68,8 @@ TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
     const BoardMarker place{
         id, {0.05 * (id % 3) - 0.05, 0.05 * (id / 3)}, id == 2 ? 1.0 : 0.0, 0.04};
     board.push_back(place);
-    const geometry::Rigid on_board{{std::cos(place.turn), -std::sin(place.turn), 0,
-                                    std::sin(place.turn), std::cos(place.turn), 0, 0, 0, 1},
-                                   {place.middle.x, place.middle.y, 0}};
+    const geometry::Rigid3 on_board{geometry::rotation_by({0, 0, place.turn}),
+                                    {place.middle.x, place.middle.y, 0}};
     Marker marker;
     marker.id = id;
     marker.corners = seen(truth * on_board, 0.04, camera);
@@ -92,8 +95,8 @@ TEST(PoseTracks, TwoOfOneIdKeepTheirOwnTracks) {
   const geometry::Camera camera = test_camera();
   PoseTracks tracks;
   for (int i = 0; i < 10; ++i) {
-    const geometry::Rigid left{{1, 0, 0, 0, -1, 0, 0, 0, -1}, {-0.1 + 0.002 * i, 0, 0.5}};
-    const geometry::Rigid right{{1, 0, 0, 0, -1, 0, 0, 0, -1}, {0.1 - 0.002 * i, 0, 0.5}};
+    const geometry::Rigid3 left{kFacing, {-0.1 + 0.002 * i, 0, 0.5}};
+    const geometry::Rigid3 right{kFacing, {0.1 - 0.002 * i, 0, 0.5}};
     Marker a;
     a.id = 3;
     a.corners = seen(left, 0.05, camera);
@@ -104,8 +107,8 @@ TEST(PoseTracks, TwoOfOneIdKeepTheirOwnTracks) {
     ASSERT_EQ(posed.size(), 2U);
     for (const PosedMarker& marker : posed) {
       const bool is_left = marker.marker.corners[0].x() < 319;
-      EXPECT_LT(cv::norm(marker.pose->camera_from_marker.translation -
-                         (is_left ? left : right).translation),
+      EXPECT_LT((marker.pose->camera_from_marker.translation - (is_left ? left : right).translation)
+                    .norm(),
                 0.002)
           << i;
     }
@@ -125,7 +128,7 @@ TEST(PoseTracks, VideosHaveFewFlipsAndStayPutAtRest) {
   DetectWorkspace workspace;
   int seen_markers = 0;
   int flips = 0;
-  std::map<int, geometry::Rigid> last;
+  std::map<int, geometry::Rigid3> last;
   double max_step = 0;
   for (int i = 0; i < 150; ++i) {
     const double time = i / 25.0;
@@ -139,7 +142,7 @@ TEST(PoseTracks, VideosHaveFewFlipsAndStayPutAtRest) {
       });
       if (found == posed.end() || !found->pose) continue;
       ++seen_markers;
-      const geometry::Rigid& pose = found->pose->camera_from_marker;
+      const geometry::Rigid3& pose = found->pose->camera_from_marker;
       if (degrees_between(pose, truth.camera_from_print) > 15) ++flips;
       if (synth::PlanarVideo::is_at_rest(time) && synth::PlanarVideo::is_at_rest(time - 0.5) &&
           last.contains(truth.id))

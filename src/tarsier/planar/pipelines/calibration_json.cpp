@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/geometry/rotation.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/planar/pipelines/calibrator.h"
 
 #include <cmath>
@@ -39,8 +39,10 @@ nlohmann::ordered_json to_json(const CalibrationResult& result, const Calibratio
       line["dropped"] = report.dropped;
       line["rms"] = rounded(report.rms, 1e4);
       line["tilt"] = rounded(report.tilt_deg, 10);
-      line["rvec"] = list_of(geometry::rotation_vector(report.camera_from_board.rotation).val);
-      line["tvec"] = list_of(report.camera_from_board.translation.val);
+      const Eigen::Vector3d rotation = geometry::rotation_vector(report.camera_from_board.rotation);
+      const Eigen::Vector3d& t = report.camera_from_board.translation;
+      line["rvec"] = {rotation[0], rotation[1], rotation[2]};
+      line["tvec"] = {t[0], t[1], t[2]};
     }
   }
   line["ms"] = rounded(image.ms, 100);

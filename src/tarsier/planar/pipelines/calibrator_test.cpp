@@ -45,7 +45,7 @@ const std::vector<cv::Mat>& stills() {
     std::vector<cv::Mat> list;
     const geometry::Camera camera = video().camera();
     const synth::BoardRenderer renderer(camera, board());
-    for (const geometry::Rigid& pose : synth::board_poses(camera, board(), 8, 3))
+    for (const geometry::Rigid3& pose : synth::board_poses(camera, board(), 8, 3))
       list.push_back(renderer.render(pose, {}));
     return list;
   }();

@@ -3,7 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/geometry/frame_camera.h"
-#include "tarsier/geometry/rotation.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/geometry/scaled_camera.h"
 #include "tarsier/media/still_source.h"
 #include "tarsier/planar/markers/predefined.h"
@@ -22,7 +22,7 @@ using Json = nlohmann::ordered_json;
 
 double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 
-Json list_of(const cv::Vec3d& v) {
+Json list_of(const Eigen::Vector3d& v) {
   return {rounded(v[0], 1e7), rounded(v[1], 1e7), rounded(v[2], 1e7)};
 }
 
@@ -33,7 +33,7 @@ Json marker_json(const TrackedMarker& tracked, bool names_family) {
   for (const Eigen::Vector2d& p : tracked.marker.corners)
     object["corners"].push_back({rounded(p.x(), 1e4), rounded(p.y(), 1e4)});
   if (tracked.pose) {
-    const geometry::Rigid& pose = tracked.pose->camera_from_marker;
+    const geometry::Rigid3& pose = tracked.pose->camera_from_marker;
     object["rvec"] = list_of(geometry::rotation_vector(pose.rotation));
     object["tvec"] = list_of(pose.translation);
     object["errors"] = {rounded(tracked.pose->rms_px, 1e4)};

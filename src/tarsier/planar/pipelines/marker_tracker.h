@@ -79,7 +79,7 @@ struct MarkerState {
 //     for (const planar::TrackedMarker& m : tracker.process(*frame, state).markers)
 //       if (m.pose)
 //         fmt::print("{}: {:.3f} m away\n", m.marker.id,
-//                    cv::norm(m.pose->camera_from_marker.translation));
+//                    m.pose->camera_from_marker.translation.norm());
 //
 // Const: any number of threads may use it, each with a state of its own.
 class MarkerTracker {

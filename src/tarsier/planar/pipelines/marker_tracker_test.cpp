@@ -46,7 +46,7 @@ MarkerTrackerOptions options_with_camera() {
 }
 
 double away(const TrackedMarker& marker) {
-  return cv::norm(marker.pose->camera_from_marker.translation);
+  return marker.pose->camera_from_marker.translation.norm();
 }
 
 TEST(MarkerTracker, FindsMarkersAndTheirPoses) {
@@ -64,7 +64,7 @@ TEST(MarkerTracker, FindsMarkersAndTheirPoses) {
       EXPECT_NEAR(marker.marker.corners[k].x(), print.corners[k].x, 0.5);
       EXPECT_NEAR(marker.marker.corners[k].y(), print.corners[k].y, 0.5);
     }
-    const double distance = cv::norm(print.camera_from_print.translation);
+    const double distance = print.camera_from_print.translation.norm();
     EXPECT_NEAR(away(marker), distance, 0.02 * distance);
   }
 }
@@ -99,9 +99,9 @@ TEST(MarkerTracker, SmoothsVideosUntilAnotherSourceBegins) {
     (void)tracker.process(frame_of(clip.picture_at(i / 25.0), false, i / 25.0), state);
   const cv::Mat last = clip.picture_at(0.2);
   const auto tracked = pose_of(tracker.process(frame_of(last, false, 0.2), state));
-  EXPECT_GT(cv::norm(tracked - exactly(0.2)), 0);  // between this frame and those before
+  EXPECT_GT((tracked - exactly(0.2)).norm(), 0);  // between this frame and those before
   const auto other = pose_of(tracker.process(frame_of(last, false, 0.2, "other.mp4"), state));
-  EXPECT_EQ(cv::norm(other - exactly(0.2)), 0);
+  EXPECT_EQ((other - exactly(0.2)).norm(), 0);
   // Frames of a folder that is played as a video are one source.
   for (int i = 0; i < 5; ++i)
     (void)tracker.process(

@@ -98,7 +98,7 @@ bool is_lens(const geometry::Camera& after, const geometry::Camera& before) {
 }
 
 // Without what products of many rotations have gathered.
-geometry::Rigid clean(const geometry::Rigid& pose) {
+geometry::Rigid3 clean(const geometry::Rigid3& pose) {
   return {geometry::rotation_of(geometry::quaternion_of(pose.rotation)), pose.translation};
 }
 
@@ -182,18 +182,18 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
     // is zero whatever the others want.
     const std::size_t first = 0;
     problem.pose_moves[first] = 0;
-    const cv::Vec3d origin = problem.poses[first].center();
+    const Eigen::Vector3d origin = problem.poses[first].center();
     std::size_t far = first;
     double longest = 0;
     for (std::size_t i = 0; i < images.size(); ++i) {
-      const double distance = cv::norm(problem.poses[i].center() - origin);
+      const double distance = (problem.poses[i].center() - origin).norm();
       if (distance > longest) {
         longest = distance;
         far = i;
       }
     }
     if (far != first) {
-      const cv::Vec3d& t = problem.poses[far].translation;
+      const Eigen::Vector3d& t = problem.poses[far].translation;
       int axis = 0;
       for (int k = 1; k < 3; ++k)
         if (std::abs(t[k]) > std::abs(t[axis])) axis = k;
@@ -239,7 +239,7 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
   return report;
 }
 
-void adjust_pose(geometry::Rigid& pose, const geometry::Camera& camera,
+void adjust_pose(geometry::Rigid3& pose, const geometry::Camera& camera,
                  const std::vector<Correspondence2D3D>& seen, double loss_px) {
   if (seen.size() < 3) return;
   BundleProblem problem;

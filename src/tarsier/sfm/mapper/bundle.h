@@ -3,6 +3,8 @@
 
 #include "tarsier/sfm/scene/model.h"
 
+#include <Eigen/Core>
+
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -48,9 +50,9 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
 // The same for one image's pose alone, its points fixed; `seen`: pairs of pixel and point.
 struct Correspondence2D3D {
   cv::Point2d pixel;
-  cv::Vec3d position;
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
 };
-void adjust_pose(geometry::Rigid& pose, const geometry::Camera& camera,
+void adjust_pose(geometry::Rigid3& pose, const geometry::Camera& camera,
                  const std::vector<Correspondence2D3D>& seen, double loss_px);
 
 }  // namespace tarsier::sfm

@@ -15,7 +15,7 @@ constexpr double kMinDepth = 1e-6;  // of a point before a camera
 // The residual of an observation; false: it lies behind the camera. With derivatives, where asked
 // for, by the place in the camera's frame and by all numbers of the lens.
 inline bool residual_of(const BundleProblem::Seen& seen, const LensNumbers& lens,
-                        const cv::Vec3d& place, Eigen::Vector2d& residual,
+                        const Eigen::Vector3d& place, Eigen::Vector2d& residual,
                         Eigen::Matrix<double, 2, 3>* by_place,
                         Eigen::Matrix<double, 2, 9>* by_lens) {
   if (!(place[2] >= kMinDepth)) return false;
@@ -55,21 +55,6 @@ inline bool residual_of(const BundleProblem::Seen& seen, const LensNumbers& lens
         fy * y * r2 * r4;
   }
   return true;
-}
-
-// The rotation by a vector's length about it (Rodrigues).
-inline cv::Matx33d rotation_by(const Eigen::Vector3d& turn) {
-  const double angle2 = turn.squaredNorm();
-  const double angle = std::sqrt(angle2);
-  const double a = angle > 1e-4 ? std::sin(angle) / angle : 1 - angle2 / 6;
-  const double b = angle > 1e-4 ? (1 - std::cos(angle)) / angle2 : 0.5 - angle2 / 24;
-  Eigen::Matrix3d cross;
-  cross << 0, -turn[2], turn[1], turn[2], 0, -turn[0], -turn[1], turn[0], 0;
-  const Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity() + a * cross + b * cross * cross;
-  cv::Matx33d result;
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) result(r, c) = rotation(r, c);
-  return result;
 }
 
 }  // namespace tarsier::sfm

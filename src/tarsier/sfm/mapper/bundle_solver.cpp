@@ -45,9 +45,9 @@ std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // What moves.
 struct State {
-  std::vector<geometry::Rigid> poses;
+  std::vector<geometry::Rigid3> poses;
   std::vector<LensNumbers> lenses;
-  std::vector<cv::Vec3d> points;
+  std::vector<Eigen::Vector3d> points;
 };
 
 class Solver {
@@ -310,17 +310,14 @@ class Solver {
       const bool moves = problem_.point_moves[p] != 0;
       for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
         const BundleProblem::Seen& seen = problem_.seen[k];
-        const geometry::Rigid& pose = state.poses[at(seen.pose)];
-        const cv::Vec3d turned = pose.rotation * state.points[p];
+        const geometry::Rigid3& pose = state.poses[at(seen.pose)];
+        const Eigen::Vector3d turned = pose.rotation * state.points[p];
         (void)residual_of(seen, state.lenses[at(seen.lens)], turned + pose.translation, residual,
                           &by_place, free > 0 ? &by_lens : nullptr);
         weigh(residual, factor);
         by_place = (factor * by_place).eval();
         if (moves) {
-          for (int c = 0; c < 3; ++c)
-            by_point.col(c) = by_place.col(0) * pose.rotation(0, c) +
-                              by_place.col(1) * pose.rotation(1, c) +
-                              by_place.col(2) * pose.rotation(2, c);
+          by_point.noalias() = by_place * pose.rotation;
           point_hessian_[p].noalias() += by_point.transpose() * by_point;
           point_gradient_[p].noalias() += by_point.transpose() * residual;
         }
@@ -400,9 +397,9 @@ class Solver {
     for (std::size_t i = 0; i < next.poses.size(); ++i) {
       if (pose_variable_[i] < 0) continue;
       const Eigen::Index offset = offset_of(pose_variable_[i]);
-      const Vector3d turn = moved.segment<3>(offset);
-      next.poses[i].rotation = rotation_by(turn) * now.poses[i].rotation;
-      for (int k = 0; k < 3; ++k) next.poses[i].translation[k] += moved[offset + 3 + k];
+      next.poses[i].rotation =
+          geometry::rotation_by(moved.segment<3>(offset)) * now.poses[i].rotation;
+      next.poses[i].translation += moved.segment<3>(offset + 3);
     }
     for (std::size_t i = 0; i < next.lenses.size(); ++i) {
       if (lens_variable_[i] < 0) continue;
@@ -420,8 +417,8 @@ class Solver {
                  moved.segment(offset_of(v), size_of(v));
       }
       const Vector3d by = point_inverse_[p] * right;
+      next.points[p] += by;
       for (int k = 0; k < 3; ++k) {
-        next.points[p][k] += by[k];
         promised +=
             by[k] * (damped(damping, point_hessian_[p](k, k)) * by[k] - point_gradient_[p][k]);
       }

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include <array>
@@ -39,12 +40,12 @@ struct BundleProblem {
     double value = 0;
     double weight = 1;
   };
-  std::vector<geometry::Rigid> poses;  // camera_from_world
-  std::vector<char> pose_moves;        // of each pose
+  std::vector<geometry::Rigid3> poses;  // camera_from_world
+  std::vector<char> pose_moves;         // of each pose
   std::vector<LensNumbers> lenses;
-  std::vector<int> free_numbers;  // of every lens, ascending; empty: lenses stay
-  std::vector<cv::Vec3d> points;  // world
-  std::vector<char> point_moves;  // of each point
+  std::vector<int> free_numbers;        // of every lens, ascending; empty: lenses stay
+  std::vector<Eigen::Vector3d> points;  // world
+  std::vector<char> point_moves;        // of each point
   // The observations point by point: those of point p are seen[first[p]] to seen[first[p + 1] - 1].
   std::vector<std::size_t> first;
   std::vector<Seen> seen;

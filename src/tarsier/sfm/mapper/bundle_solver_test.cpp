@@ -15,8 +15,8 @@ namespace {
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-geometry::Rigid turned(const geometry::Rigid& pose, int axis, double angle) {
-  cv::Matx33d turn = cv::Matx33d::eye();
+geometry::Rigid3 turned(const geometry::Rigid3& pose, int axis, double angle) {
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
   const int a = (axis + 1) % 3;
   const int b = (axis + 2) % 3;
   turn(a, a) = turn(b, b) = std::cos(angle);
@@ -70,9 +70,9 @@ BundleProblem some_problem(int cameras, int points, double noise, bool free_lens
   problem.lenses = {{500, 1.01, 320, 240, -0.1, 0.02, 0.001, -0.002, 0.003},
                     {520, 0.99, 318, 242, 0.05, -0.01, 0, 0.001, 0}};
   const std::vector<LensNumbers> truth = problem.lenses;
-  std::vector<geometry::Rigid> poses;
+  std::vector<geometry::Rigid3> poses;
   for (int i = 0; i < cameras; ++i) {
-    geometry::Rigid pose;
+    geometry::Rigid3 pose;
     pose.translation = {-0.5 * i, 0.1 * (i % 3), 5};
     poses.push_back(turned(pose, i % 3, 0.05));
   }
@@ -80,7 +80,7 @@ BundleProblem some_problem(int cameras, int points, double noise, bool free_lens
     const double x = 0.5 * (cameras - 1) * rng.uniform();
     const double y = rng.uniform() - 0.5;
     const double z = rng.uniform() - 0.5;
-    const cv::Vec3d place(x, 2 * y, 2 * z);
+    const Eigen::Vector3d place(x, 2 * y, 2 * z);
     problem.first.push_back(problem.seen.size());
     for (int i = 0; i < cameras; ++i) {
       if (std::abs(0.5 * i - x) > 1.5) continue;
@@ -90,7 +90,7 @@ BundleProblem some_problem(int cameras, int points, double noise, bool free_lens
       const double v = pixel->y + rng.normal(0, off);
       problem.seen.push_back({i, i % 2, u, v, 1 - 0.1 * (i % 4)});
     }
-    cv::Vec3d start = place;
+    Eigen::Vector3d start = place;
     for (int k = 0; k < 3; ++k) start[k] += rng.normal(0, 0.01);
     problem.points.push_back(start);
   }
@@ -182,7 +182,7 @@ TEST(BundleSolver, ADenseAndASparseSystemGiveTheSame) {
     const BundleSolution other = solve(sparse, options);
     EXPECT_NEAR(one.cost_after, other.cost_after, 1e-8 * one.cost_after);
     for (std::size_t i = 0; i < dense.poses.size(); ++i)
-      EXPECT_LT(cv::norm(dense.poses[i].translation - sparse.poses[i].translation), 1e-3);
+      EXPECT_LT((dense.poses[i].translation - sparse.poses[i].translation).norm(), 1e-3);
   }
 }
 

@@ -81,8 +81,7 @@ Cache::Pairs Cache::pairs(const std::string& key) const {
       entry.matches = reader.get<std::int32_t>();
       entry.view.inliers = reader.get_all<Match>();
       entry.view.homography_inliers = reader.get<std::int32_t>();
-      entry.view.second_from_first.rotation = reader.get<cv::Matx33d>();
-      entry.view.second_from_first.translation = reader.get<cv::Vec3d>();
+      entry.view.second_from_first = geometry::unpacked(reader.get<std::array<double, 12>>());
       entry.view.in_front = reader.get<std::int32_t>();
       entry.view.median_angle = reader.get<double>();
     }
@@ -102,8 +101,7 @@ void Cache::store(const std::string& key, const Pairs& pairs) const {
     writer.put(static_cast<std::int32_t>(entry.matches));
     writer.put(entry.view.inliers);
     writer.put(static_cast<std::int32_t>(entry.view.homography_inliers));
-    writer.put(entry.view.second_from_first.rotation);
-    writer.put(entry.view.second_from_first.translation);
+    writer.put(geometry::packed(entry.view.second_from_first));
     writer.put(static_cast<std::int32_t>(entry.view.in_front));
     writer.put(entry.view.median_angle);
   }

@@ -53,10 +53,7 @@ std::vector<geometry::Camera> get_cameras(PackedReader& reader) {
 void put(PackedWriter& writer, const PackedModel& model) {
   put(writer, model.cameras);
   writer.put(model.registered);
-  for (const geometry::Rigid& pose : model.poses) {
-    writer.put(pose.rotation);
-    writer.put(pose.translation);
-  }
+  for (const geometry::Rigid3& pose : model.poses) writer.put(geometry::packed(pose));
   writer.put(model.points);
   writer.put(model.places);
   writer.put(model.positions);
@@ -70,15 +67,11 @@ PackedModel get_model(PackedReader& reader) {
   PackedModel model;
   model.cameras = get_cameras(reader);
   model.registered = reader.get_all<int>();
-  for (std::size_t k = 0; k < model.registered.size(); ++k) {
-    geometry::Rigid pose;
-    pose.rotation = reader.get<cv::Matx33d>();
-    pose.translation = reader.get<cv::Vec3d>();
-    model.poses.push_back(pose);
-  }
+  for (std::size_t k = 0; k < model.registered.size(); ++k)
+    model.poses.push_back(geometry::unpacked(reader.get<std::array<double, 12>>()));
   model.points = reader.get<std::int64_t>();
   model.places = reader.get_all<int>();
-  model.positions = reader.get_all<cv::Vec3d>();
+  model.positions = reader.get_all<Eigen::Vector3d>();
   model.colors = reader.get_all<cv::Vec3b>();
   model.errors = reader.get_all<double>();
   model.views = reader.get_all<int>();

@@ -3,6 +3,8 @@
 
 #include "tarsier/sfm/scene/model.h"
 
+#include <Eigen/Core>
+
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -18,10 +20,10 @@ namespace tarsier::sfm {
 struct PackedModel {
   std::vector<geometry::Camera> cameras;
   std::vector<int> registered;  // images, ascending
-  std::vector<geometry::Rigid> poses;
+  std::vector<geometry::Rigid3> poses;
   std::vector<int> places;  // of each point with observations, in Model::points
   std::int64_t points = 0;  // Model::points.size()
-  std::vector<cv::Vec3d> positions;
+  std::vector<Eigen::Vector3d> positions;
   std::vector<cv::Vec3b> colors;
   std::vector<double> errors;
   std::vector<int> views;                 // observations of each point

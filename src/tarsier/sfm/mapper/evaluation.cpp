@@ -8,6 +8,8 @@
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/colmap.h"
 
+#include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -35,16 +37,16 @@ std::vector<double> numbers(const nlohmann::json& line, const char* key, std::si
   return result;
 }
 
-double angle_between(const cv::Vec3d& a, const cv::Vec3d& b) {
-  return std::atan2(cv::norm(a.cross(b)), a.dot(b));
+double angle_between(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return std::atan2(a.cross(b).norm(), a.dot(b));
 }
 
 // Largest of the errors of rotation and direction between two images, degrees.
-double pair_error(const geometry::Rigid& a, const geometry::Rigid& b, const geometry::Rigid& true_a,
-                  const geometry::Rigid& true_b) {
-  const geometry::Rigid relative = b * a.inverse();
-  const geometry::Rigid expected = true_b * true_a.inverse();
-  const double rotation = geometry::angle_of(relative.rotation * expected.rotation.t());
+double pair_error(const geometry::Rigid3& a, const geometry::Rigid3& b,
+                  const geometry::Rigid3& true_a, const geometry::Rigid3& true_b) {
+  const geometry::Rigid3 relative = b * a.inverse();
+  const geometry::Rigid3 expected = true_b * true_a.inverse();
+  const double rotation = geometry::angle_of(relative.rotation * expected.rotation.transpose());
   const double direction = angle_between(relative.translation, expected.translation);
   return std::max(rotation, direction) * kDegrees;
 }
@@ -95,10 +97,11 @@ PoseTruth read_pose_truth(const std::string& path) {
     const std::vector<double> c = numbers(line, "C", 3);
     const std::vector<double> t = numbers(line, "t", 3);
     if (r.empty() || (c.empty() && t.empty())) fail("\"R\" has 9 numbers, \"C\" or \"t\" 3");
-    geometry::Rigid pose;
-    pose.rotation = cv::Matx33d(r.data());
-    if (std::abs(cv::determinant(pose.rotation) - 1) > 0.01) fail("\"R\" is no rotation");
-    pose.translation = c.empty() ? cv::Vec3d(t.data()) : -(pose.rotation * cv::Vec3d(c.data()));
+    geometry::Rigid3 pose;
+    pose.rotation = geometry::from_row_major(std::span(r).first<9>());
+    if (std::abs(pose.rotation.determinant() - 1) > 0.01) fail("\"R\" is no rotation");
+    pose.translation = Eigen::Vector3d((c.empty() ? t : c).data());
+    if (!c.empty()) pose.translation = -(pose.rotation * pose.translation);
     truth[line["name"].get<std::string>()] = pose;
   }
   if (truth.empty()) throw InputError(path, "holds no poses");
@@ -108,19 +111,20 @@ PoseTruth read_pose_truth(const std::string& path) {
 PoseScores evaluate_poses(const Model& model, const PoseTruth& truth, const std::string& name) {
   PoseScores scores;
   scores.total = static_cast<int>(truth.size());
-  std::map<std::string, geometry::Rigid> found;
+  std::map<std::string, geometry::Rigid3> found;
   for (const Image& image : model.images)
     if (image.registered && truth.contains(image.name)) found[image.name] = image.pose;
   scores.registered = static_cast<int>(found.size());
-  std::vector<cv::Vec3d> from;
-  std::vector<cv::Vec3d> to;
+  std::vector<Eigen::Vector3d> from;
+  std::vector<Eigen::Vector3d> to;
   std::vector<std::string> names;
   for (const auto& [image, pose] : found) {
     from.push_back(pose.center());
     to.push_back(truth.at(image).center());
     names.push_back(image);
   }
-  const auto similarity = similarity_between(from, to);
+  const auto similarity =
+      geometry::similarity_between(geometry::columns_of(from), geometry::columns_of(to));
   if (!similarity) {
     throw InputError(name, fmt::format("{} images are in the truth too; three that do not "
                                        "stand in a line are needed",
@@ -129,27 +133,19 @@ PoseScores evaluate_poses(const Model& model, const PoseTruth& truth, const std:
   std::vector<double> errors;
   // The one rotation between the two worlds that fits all orientations best; that of the centres
   // says little where they stand in a line.
-  cv::Matx33d sum = cv::Matx33d::zeros();
+  Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
   for (const std::string& image : names)
-    sum += truth.at(image).rotation.t() * found.at(image).rotation;
-  cv::Matx33d u;
-  cv::Matx33d vt;
-  cv::Vec3d singular;
-  cv::SVD::compute(sum, singular, u, vt);
-  if (cv::determinant(u * vt) < 0)
-    for (int k = 0; k < 3; ++k) u(k, 2) = -u(k, 2);
-  const cv::Matx33d true_from_found = u * vt;
+    sum += truth.at(image).rotation.transpose() * found.at(image).rotation;
+  const Eigen::Matrix3d true_from_found = geometry::nearest_rotation(sum);
   double rotations = 0;
   for (std::size_t i = 0; i < from.size(); ++i) {
-    const cv::Vec3d moved =
-        similarity->scale * (similarity->rotation * from[i]) + similarity->translation;
-    errors.push_back(cv::norm(moved - to[i]));
+    errors.push_back((*similarity * from[i] - to[i]).norm());
     if (errors.back() > scores.center_max) {
       scores.center_max = errors.back();
       scores.center_worst = names[i];
     }
-    const cv::Matx33d rotation = found.at(names[i]).rotation * true_from_found.t();
-    rotations += geometry::angle_of(rotation * truth.at(names[i]).rotation.t()) * kDegrees;
+    const Eigen::Matrix3d rotation = found.at(names[i]).rotation * true_from_found.transpose();
+    rotations += geometry::angle_of(rotation * truth.at(names[i]).rotation.transpose()) * kDegrees;
   }
   const auto count = static_cast<double>(errors.size());
   scores.center_mean = std::accumulate(errors.begin(), errors.end(), 0.0) / count;
@@ -157,15 +153,13 @@ PoseScores evaluate_poses(const Model& model, const PoseTruth& truth, const std:
   std::sort(errors.begin(), errors.end());
   scores.center_median = (errors[(errors.size() - 1) / 2] + errors[errors.size() / 2]) / 2;
 
-  cv::Vec3d low(1e300, 1e300, 1e300);
-  cv::Vec3d high = -low;
+  Eigen::Vector3d low(1e300, 1e300, 1e300);
+  Eigen::Vector3d high = -low;
   std::vector<double> pairs;
   for (auto a = truth.begin(); a != truth.end(); ++a) {
-    const cv::Vec3d center = a->second.center();
-    for (int k = 0; k < 3; ++k) {
-      low[k] = std::min(low[k], center[k]);
-      high[k] = std::max(high[k], center[k]);
-    }
+    const Eigen::Vector3d center = a->second.center();
+    low = low.cwiseMin(center);
+    high = high.cwiseMax(center);
     for (auto b = std::next(a); b != truth.end(); ++b) {
       const auto x = found.find(a->first);
       const auto y = found.find(b->first);
@@ -174,7 +168,7 @@ PoseScores evaluate_poses(const Model& model, const PoseTruth& truth, const std:
                           : pair_error(x->second, y->second, a->second, b->second));
     }
   }
-  scores.extent = cv::norm(high - low);
+  scores.extent = (high - low).norm();
   for (const double threshold : kThresholds) scores.auc[threshold] = area(pairs, threshold);
   return scores;
 }

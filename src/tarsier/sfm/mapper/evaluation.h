@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <map>
@@ -12,7 +12,7 @@
 namespace tarsier::sfm {
 
 // What is known of where images were taken: camera_from_world by name.
-using PoseTruth = std::map<std::string, geometry::Rigid>;
+using PoseTruth = std::map<std::string, geometry::Rigid3>;
 
 // Lines of JSON {"name", "R": 9 numbers row by row, world to camera, "C": 3 numbers or "t"}, or a
 // folder with a COLMAP text model. Throws InputError with the line.

@@ -38,8 +38,8 @@ constexpr const char* kLines = R"({"name":"a.jpg","R":[0,-1,0,1,0,0,0,0,1],"C":[
 TEST_F(PoseTruthFile, CentresBecomeTranslations) {
   const PoseTruth truth = read(kLines);
   ASSERT_EQ(truth.size(), 2U);
-  EXPECT_EQ(truth.at("a.jpg").translation, cv::Vec3d(2, -1, -3));
-  EXPECT_EQ(truth.at("b.jpg").translation, cv::Vec3d(4, 5, 6));
+  EXPECT_EQ(truth.at("a.jpg").translation, Eigen::Vector3d(2, -1, -3));
+  EXPECT_EQ(truth.at("b.jpg").translation, Eigen::Vector3d(4, 5, 6));
 }
 
 TEST_F(PoseTruthFile, BadLinesAreNamed) {

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/geometry/opencv_types.h"
 
 #include <fmt/format.h>
 #include <opencv2/calib3d.hpp>
@@ -200,7 +201,7 @@ bool IncrementalMapper::add(int image, const std::stop_token& stop, std::string&
   std::vector<cv::Point2d> pixels;
   for (const auto& [feature, track] : seen) {
     const cv::Point2d& ray = rays_[at(image)][at(feature)];
-    positions.emplace_back(model_.points[at(track)].position);
+    positions.emplace_back(geometry::to_cv(model_.points[at(track)].position));
     pixels.emplace_back(camera.fx * ray.x + camera.cx, camera.fy * ray.y + camera.cy);
   }
   const auto pose = pose_of(positions, pixels, camera);
@@ -309,7 +310,7 @@ Model IncrementalMapper::finished(const std::vector<std::vector<cv::Vec3b>>& col
 }
 
 std::optional<double> IncrementalMapper::error_of(const Model& model, const Observation& seen,
-                                                  const cv::Vec3d& position) {
+                                                  const Eigen::Vector3d& position) {
   const Image& image = model.images[at(seen.image)];
   const auto pixel = model.cameras[at(image.camera)].project(image.pose * position);
   if (!pixel) return std::nullopt;
@@ -333,9 +334,9 @@ void IncrementalMapper::measure_rays() {
   }
 }
 
-std::optional<geometry::Rigid> IncrementalMapper::pose_of(const std::vector<cv::Point3d>& positions,
-                                                          const std::vector<cv::Point2d>& pixels,
-                                                          const geometry::Camera& camera) const {
+std::optional<geometry::Rigid3> IncrementalMapper::pose_of(
+    const std::vector<cv::Point3d>& positions, const std::vector<cv::Point2d>& pixels,
+    const geometry::Camera& camera) const {
   cv::UsacParams params;
   params.confidence = 0.9999;
   params.isParallel = false;
@@ -349,8 +350,8 @@ std::optional<geometry::Rigid> IncrementalMapper::pose_of(const std::vector<cv::
   params.score = cv::SCORE_METHOD_MSAC;
   params.threshold = options_.pose_px;
   cv::Mat matrix(camera.matrix());
-  cv::Mat rotation_vector;
-  cv::Mat translation;
+  cv::Vec3d rotation_vector;
+  cv::Vec3d translation;
   cv::Mat inliers;
   try {
     if (!cv::solvePnPRansac(positions, pixels, matrix, cv::noArray(), rotation_vector, translation,
@@ -360,17 +361,9 @@ std::optional<geometry::Rigid> IncrementalMapper::pose_of(const std::vector<cv::
   } catch (const cv::Exception&) {
     return std::nullopt;
   }
-  cv::Mat rotation;
-  cv::Rodrigues(rotation_vector, rotation);
-  geometry::Rigid pose;
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) pose.rotation(r, c) = rotation.at<double>(r, c);
-    pose.translation[r] = translation.at<double>(r);
-  }
-  if (!std::isfinite(pose.translation.dot(pose.translation)) ||
-      std::abs(cv::determinant(pose.rotation) - 1) > 1e-3) {
-    return std::nullopt;
-  }
+  const geometry::Rigid3 pose{geometry::rotation_by(geometry::to_eigen(rotation_vector)),
+                              geometry::to_eigen(translation)};
+  if (!pose.translation.allFinite() || !geometry::is_rotation(pose.rotation)) return std::nullopt;
   return pose;
 }
 
@@ -378,7 +371,7 @@ std::vector<Correspondence2D3D> IncrementalMapper::inliers_of(
     int image, const std::vector<std::pair<int, int>>& seen, double threshold) const {
   std::vector<Correspondence2D3D> result;
   for (const auto& [feature, track] : seen) {
-    const cv::Vec3d& position = model_.points[at(track)].position;
+    const Eigen::Vector3d& position = model_.points[at(track)].position;
     const auto error = error_of(model_, {image, feature}, position);
     if (error && *error <= threshold)
       result.push_back({cv::Point2d(model_.images[at(image)].features[at(feature)]), position});
@@ -441,7 +434,7 @@ int IncrementalMapper::triangulate_track(int track, double min_angle) {
   }
   // The pair of rays that most others agree with.
   std::vector<Observation> best;
-  cv::Vec3d position;
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
   int tried = 0;
   const auto count = static_cast<int>(there.size());
   for (int apart = count - 1; apart >= 1 && tried < kMaxPairsOfATrack; --apart) {
@@ -474,7 +467,7 @@ ObservationRay IncrementalMapper::ray_of(const Observation& seen) const {
 }
 
 std::vector<Observation> IncrementalMapper::within(const std::vector<Observation>& all,
-                                                   const cv::Vec3d& position) const {
+                                                   const Eigen::Vector3d& position) const {
   std::vector<Observation> result;
   for (const Observation& seen : all) {
     const auto error = error_of(model_, seen, position);
@@ -484,9 +477,9 @@ std::vector<Observation> IncrementalMapper::within(const std::vector<Observation
 }
 
 bool IncrementalMapper::has_angle(const Model& model, const std::vector<Observation>& track,
-                                  const cv::Vec3d& position, double least) {
+                                  const Eigen::Vector3d& position, double least) {
   // The first and the last are often the widest apart.
-  std::vector<cv::Vec3d> centers;
+  std::vector<Eigen::Vector3d> centers;
   centers.reserve(track.size());
   for (const Observation& seen : track)
     centers.push_back(model.images[at(seen.image)].pose.center());

@@ -7,6 +7,7 @@
 #include "tarsier/sfm/mapper/tracks.h"
 #include "tarsier/sfm/mapper/triangulation.h"
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include <cstdint>
@@ -68,10 +69,10 @@ class IncrementalMapper {
   // What went wrong in adjustments since the last call, a line each.
   [[nodiscard]] std::vector<std::string> take_troubles() { return std::exchange(troubles_, {}); }
   static std::optional<double> error_of(const Model& model, const Observation& seen,
-                                        const cv::Vec3d& position);
+                                        const Eigen::Vector3d& position);
   // Whether two rays to the point differ by `least` radians or more.
   static bool has_angle(const Model& model, const std::vector<Observation>& track,
-                        const cv::Vec3d& position, double least);
+                        const Eigen::Vector3d& position, double least);
 
  private:
   // What an image sees of the model: cells of all five grids, each with how many features of
@@ -99,9 +100,9 @@ class IncrementalMapper {
   int merge(int track, const Observation& seen);
   // Normalised coordinates of all features.
   void measure_rays();
-  [[nodiscard]] std::optional<geometry::Rigid> pose_of(const std::vector<cv::Point3d>& positions,
-                                                       const std::vector<cv::Point2d>& pixels,
-                                                       const geometry::Camera& camera) const;
+  [[nodiscard]] std::optional<geometry::Rigid3> pose_of(const std::vector<cv::Point3d>& positions,
+                                                        const std::vector<cv::Point2d>& pixels,
+                                                        const geometry::Camera& camera) const;
   [[nodiscard]] std::vector<Correspondence2D3D> inliers_of(
       int image, const std::vector<std::pair<int, int>>& seen, double threshold) const;
   // The images that share most points with a new one move with it, the others hold them.
@@ -112,7 +113,7 @@ class IncrementalMapper {
   int triangulate_track(int track, double min_angle);
   [[nodiscard]] ObservationRay ray_of(const Observation& seen) const;
   [[nodiscard]] std::vector<Observation> within(const std::vector<Observation>& all,
-                                                const cv::Vec3d& position) const;
+                                                const Eigen::Vector3d& position) const;
 
   Model model_;
   std::vector<std::vector<Observation>> tracks_;

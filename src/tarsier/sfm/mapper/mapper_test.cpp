@@ -162,21 +162,21 @@ Problem two_scenes(int first, int second) {
 
 // Largest distance of a centre from the truth after the best similarity, by the truth's extent.
 double worst_center(const Model& model, const synth::PointProblem& truth) {
-  std::vector<cv::Vec3d> from;
-  std::vector<cv::Vec3d> to;
+  std::vector<Eigen::Vector3d> from;
+  std::vector<Eigen::Vector3d> to;
   for (std::size_t i = 0; i < model.images.size(); ++i) {
     if (!model.images[i].registered) continue;
     from.push_back(model.images[i].pose.center());
     to.push_back(truth.poses[i].center());
   }
-  const auto similarity = similarity_between(from, to);
+  const auto similarity =
+      geometry::similarity_between(geometry::columns_of(from), geometry::columns_of(to));
   if (!similarity) return 1e9;
   double worst = 0;
   double extent = 0;
   for (std::size_t i = 0; i < from.size(); ++i) {
-    worst = std::max(worst, cv::norm(similarity->scale * (similarity->rotation * from[i]) +
-                                     similarity->translation - to[i]));
-    extent = std::max(extent, cv::norm(to[i] - to[0]));
+    worst = std::max(worst, (*similarity * from[i] - to[i]).norm());
+    extent = std::max(extent, (to[i] - to[0]).norm());
   }
   return worst / extent;
 }
@@ -430,14 +430,15 @@ TEST(Reconstruct, ACameraThatOnlyTurnsGivesNoModelButAReason) {
   synth::PointProblem truth = synth::make_point_problem(7, 3, 300, 0, 0);
   truth.seen.clear();
   // All cameras at the place of the first.
-  const cv::Vec3d center = truth.poses[0].center();
+  const Eigen::Vector3d center = truth.poses[0].center();
   for (int i = 0; i < 3; ++i) {
     auto& pose = truth.poses[static_cast<std::size_t>(i)];
     pose.rotation = truth.poses[0].rotation;
     const double turn = 0.03 * i;
-    pose.rotation = cv::Matx33d(std::cos(turn), 0, std::sin(turn), 0, 1, 0, -std::sin(turn), 0,
-                                std::cos(turn)) *
-                    pose.rotation;
+    pose.rotation =
+        Eigen::Matrix3d{
+            {std::cos(turn), 0, std::sin(turn)}, {0, 1, 0}, {-std::sin(turn), 0, std::cos(turn)}} *
+        pose.rotation;
     pose.translation = -(pose.rotation * center);
     for (std::size_t p = 0; p < truth.points.size(); ++p) {
       const auto pixel = truth.camera.project(pose * truth.points[p]);
@@ -528,7 +529,8 @@ TEST(Adjust, ALensDoesNotRunOffAndThatIsSaid) {
 TEST(Adjust, WhatCannotBeSolvedIsSaidAndChangesNothing) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.1, 0));
   Model model = run(problem).models.at(0);
-  model.points[0].position = model.images[0].pose.inverse() * cv::Vec3d(0, 0, -5);  // behind it
+  model.points[0].position =
+      model.images[0].pose.inverse() * Eigen::Vector3d(0, 0, -5);  // behind it
   const Model before = model;
   const BundleReport report = adjust(model, {});
   EXPECT_FALSE(report.trouble.empty());

@@ -78,13 +78,13 @@ TEST_F(Online, KeepsThePlacesOfImagesWhileOthersJoin) {
   for (std::size_t i = 0; i < 7; ++i) mapper.add(inputs[i], {});
   mapper.grow({});
   ASSERT_EQ(mapper.registered(), 7);
-  const cv::Vec3d before = mapper.model().images[3].pose.center();
+  const Eigen::Vector3d before = mapper.model().images[3].pose.center();
   const double extent =
-      cv::norm(mapper.model().images[0].pose.center() - mapper.model().images[6].pose.center());
+      (mapper.model().images[0].pose.center() - mapper.model().images[6].pose.center()).norm();
   for (std::size_t i = 7; i < 9; ++i) mapper.add(inputs[i], {});
   mapper.grow({});
   EXPECT_EQ(mapper.registered(), 9);
-  EXPECT_LT(cv::norm(mapper.model().images[3].pose.center() - before), 0.01 * extent)
+  EXPECT_LT((mapper.model().images[3].pose.center() - before).norm(), 0.01 * extent)
       << "the model on show jumped";
 }
 

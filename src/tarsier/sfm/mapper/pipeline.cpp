@@ -196,9 +196,7 @@ std::string mapper_key(const std::vector<ImageFeatures>& images,
   for (const Pair& pair : pairs) {
     sum.add(fmt::format("\n{} {} {} {} {} {}", pair.first, pair.second, pair.matches,
                         pair.view.homography_inliers, pair.view.in_front, pair.view.median_angle));
-    for (const double number : pair.view.second_from_first.rotation.val)
-      sum.add(fmt::format(" {}", number));
-    for (const double number : pair.view.second_from_first.translation.val)
+    for (const double number : geometry::packed(pair.view.second_from_first))
       sum.add(fmt::format(" {}", number));
     sum.add(std::span(reinterpret_cast<const std::uint8_t*>(pair.view.inliers.data()),
                       pair.view.inliers.size() * sizeof(Match)));

@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/two_view.h"
 
 #include "tarsier/core/statistics.h"
+#include "tarsier/geometry/opencv_types.h"
 #include "tarsier/sfm/mapper/triangulation.h"
 
 #include <opencv2/calib3d.hpp>
@@ -124,15 +125,11 @@ TwoView verify_pair(const std::vector<cv::Point2f>& first, const std::vector<cv:
     (void)cv::findHomography(in_a, in_b, homography_mask, plane);
     result.homography_inliers = homography_mask.empty() ? 0 : cv::countNonZero(homography_mask);
     if (essential.rows == 3 && essential.cols == 3) {
-      cv::Mat rotation;
-      cv::Mat translation;
+      cv::Matx33d rotation;
+      cv::Vec3d translation;
       (void)cv::recoverPose(essential, rays_a, rays_b, cv::Mat::eye(3, 3, CV_64F), rotation,
                             translation, 1e6);
-      for (int r = 0; r < 3; ++r) {
-        for (int c = 0; c < 3; ++c)
-          result.second_from_first.rotation(r, c) = rotation.at<double>(r, c);
-        result.second_from_first.translation[r] = translation.at<double>(r);
-      }
+      result.second_from_first = {geometry::to_eigen(rotation), geometry::to_eigen(translation)};
     }
   } catch (const cv::Exception&) {
     return result;
@@ -142,7 +139,7 @@ TwoView verify_pair(const std::vector<cv::Point2f>& first, const std::vector<cv:
     const auto point = triangulate({{{}, rays_a[i]}, {result.second_from_first, rays_b[i]}});
     if (!point) continue;
     ++result.in_front;
-    angles.push_back(ray_angle(*point, {}, result.second_from_first.center()));
+    angles.push_back(ray_angle(*point, Eigen::Vector3d::Zero(), result.second_from_first.center()));
   }
   result.median_angle = upper_median(angles);
   return result;

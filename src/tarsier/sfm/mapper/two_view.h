@@ -3,7 +3,7 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/sfm/mapper/features.h"
 #include "tarsier/sfm/mapper/matching.h"
 
@@ -27,11 +27,11 @@ struct TwoViewOptions {
 };
 
 struct TwoView {
-  std::vector<Match> inliers;         // of the epipolar geometry; empty: the pair failed
-  int homography_inliers = 0;         // how many of these one plane (or a mere rotation) explains
-  geometry::Rigid second_from_first;  // translation of length 1; of the essential matrix
-  int in_front = 0;                   // inliers in front of both cameras
-  double median_angle = 0;            // radians, between the rays of those
+  std::vector<Match> inliers;          // of the epipolar geometry; empty: the pair failed
+  int homography_inliers = 0;          // how many of these one plane (or a mere rotation) explains
+  geometry::Rigid3 second_from_first;  // translation of length 1; of the essential matrix
+  int in_front = 0;                    // inliers in front of both cameras
+  double median_angle = 0;             // radians, between the rays of those
 };
 
 // Essential matrix by the five-point method (Nister, PAMI 2004) and homography, both by MAGSAC++

@@ -24,17 +24,15 @@ namespace fs = std::filesystem;
 
 // How large the pyramids of cameras.ply are, world units.
 double camera_size(const Model& model) {
-  cv::Vec3d low(1e300, 1e300, 1e300);
-  cv::Vec3d high = -low;
+  Eigen::Vector3d low(1e300, 1e300, 1e300);
+  Eigen::Vector3d high = -low;
   for (const Image& image : model.images) {
     if (!image.registered) continue;
-    const cv::Vec3d center = image.pose.center();
-    for (int k = 0; k < 3; ++k) {
-      low[k] = std::min(low[k], center[k]);
-      high[k] = std::max(high[k], center[k]);
-    }
+    const Eigen::Vector3d center = image.pose.center();
+    low = low.cwiseMin(center);
+    high = high.cwiseMax(center);
   }
-  return std::max(1e-6, 0.05 * cv::norm(high - low));
+  return std::max(1e-6, 0.05 * (high - low).norm());
 }
 
 }  // namespace

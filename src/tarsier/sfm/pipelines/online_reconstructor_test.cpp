@@ -116,7 +116,7 @@ TEST_F(OnlineReconstructing, TracksThePointsOfTheModelInTheFrame) {
   };
   EXPECT_LT(mean_x(next), mean_x(now) - 2);
   // All of it adjusted: the model is another one, of the same images.
-  const cv::Vec3d before = online.model().images.back().pose.center();
+  const Eigen::Vector3d before = online.model().images.back().pose.center();
   const OnlineResult refined = online.refine();
   EXPECT_TRUE(refined.model_changed);
   EXPECT_GE(refined.registered, 6);

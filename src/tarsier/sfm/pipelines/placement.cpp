@@ -40,7 +40,7 @@ std::vector<const Image*> ends_of(const Model& model, const KnownDistance& known
     }
     ends.push_back(&*image);
   }
-  if (!(cv::norm(ends[0]->pose.center() - ends[1]->pose.center()) > 0)) {
+  if (!((ends[0]->pose.center() - ends[1]->pose.center()).norm() > 0)) {
     throw Error(ExitStatus::kBadInput,
                 fmt::format("{}both cameras are at one place in the model, which is written as it "
                             "is",
@@ -51,8 +51,8 @@ std::vector<const Image*> ends_of(const Model& model, const KnownDistance& known
 
 Placement::Aligned align(Model& model, const PlacementOptions& options, const Positions& known,
                          std::uint64_t seed) {
-  std::vector<cv::Vec3d> from;
-  std::vector<cv::Vec3d> to;
+  std::vector<Eigen::Vector3d> from;
+  std::vector<Eigen::Vector3d> to;
   for (const Image& image : model.images) {
     const auto position = known.find(image.name);
     if (!image.registered || position == known.end()) continue;
@@ -68,9 +68,7 @@ Placement::Aligned align(Model& model, const PlacementOptions& options, const Po
   }
   transform(model, *similarity);
   double sum = 0;
-  for (std::size_t i = 0; i < from.size(); ++i)
-    sum += cv::norm(similarity->scale * (similarity->rotation * from[i]) + similarity->translation -
-                    to[i]);
+  for (std::size_t i = 0; i < from.size(); ++i) sum += (*similarity * from[i] - to[i]).norm();
   return {static_cast<int>(from.size()), similarity->scale, sum / static_cast<double>(from.size())};
 }
 
@@ -99,7 +97,7 @@ nlohmann::ordered_json to_json(const Placement& placement) {
 
 Positions gps_positions(const std::vector<Input>& inputs, const std::stop_token& stop) {
   std::vector<std::string> names;
-  std::vector<cv::Vec3d> positions;
+  std::vector<Eigen::Vector3d> positions;
   for (const Input& input : inputs) {
     throw_if_stopped(stop);
     try {
@@ -111,7 +109,7 @@ Positions gps_positions(const std::vector<Input>& inputs, const std::stop_token&
       continue;  // is left out of the model with a warning
     }
   }
-  const std::vector<cv::Vec3d> metres = local_metres(positions);
+  const std::vector<Eigen::Vector3d> metres = local_metres(positions);
   Positions known;
   for (std::size_t i = 0; i < names.size(); ++i) known[names[i]] = metres[i];
   return known;
@@ -133,7 +131,7 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
   const bool gps = options.alignment == Alignment::kGps;
   const Positions all = gps ? gps_positions(inputs, stop) : known;
   Positions result;
-  std::vector<cv::Vec3d> places;
+  std::vector<Eigen::Vector3d> places;
   for (const Input& input : inputs) {
     const auto position = all.find(input.name);
     if (position == all.end()) continue;
@@ -148,7 +146,7 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
                           inputs.empty() ? "" : printable(inputs.front().name));
     throw InputError(source_of(options), what + "; three that are not in a line are needed");
   }
-  if (!similarity_between(places, places)) {
+  if (!geometry::similarity_between(geometry::columns_of(places), geometry::columns_of(places))) {
     throw InputError(source_of(options),
                      fmt::format("the {} positions of images are in a line; three that are not "
                                  "are needed",
@@ -169,9 +167,9 @@ Placement place(Model& model, const PlacementOptions& options, const Positions& 
   if (options.distance) ends = ends_of(model, *options.distance);
   if (options.alignment != Alignment::kNone) placement.aligned = align(model, options, known, seed);
   if (options.distance) {
-    Similarity similarity;
+    geometry::Sim3 similarity;
     similarity.scale =
-        options.distance->distance / cv::norm(ends[0]->pose.center() - ends[1]->pose.center());
+        options.distance->distance / (ends[0]->pose.center() - ends[1]->pose.center()).norm();
     transform(model, similarity);
     placement.scale = similarity.scale;
   }

@@ -4,6 +4,7 @@
 #include "tarsier/sfm/mapper/pipeline.h"
 #include "tarsier/sfm/scene/model.h"
 
+#include <Eigen/Core>
 #include <opencv2/core/matx.hpp>
 
 #include <cstdint>
@@ -18,7 +19,7 @@
 namespace tarsier::sfm {
 
 // Where images were taken, by name; any unit, or metres (GPS).
-using Positions = std::map<std::string, cv::Vec3d>;
+using Positions = std::map<std::string, Eigen::Vector3d>;
 
 enum class Alignment {
   kNone,

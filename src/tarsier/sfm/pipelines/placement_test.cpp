@@ -22,17 +22,17 @@ namespace tarsier::sfm {
 namespace {
 
 // Of the registered images of the synthetic model (0, 2, 3, 4), moved by a similarity.
-Positions moved_positions(const Model& model, const Similarity& by) {
+Positions moved_positions(const Model& model, const geometry::Sim3& by) {
   Positions known;
   for (const Image& image : model.images)
     if (image.registered) known[image.name] = by * image.pose.center();
   return known;
 }
 
-Similarity some_similarity() {
-  Similarity result;
+geometry::Sim3 some_similarity() {
+  geometry::Sim3 result;
   result.scale = 3.5;
-  result.rotation = geometry::rotation_of(cv::Vec4d(1, 0.2, -0.3, 0.1));
+  result.rotation = geometry::rotation_of(Eigen::Vector4d(1, 0.2, -0.3, 0.1));
   result.translation = {10, -4, 2};
   return result;
 }
@@ -62,7 +62,7 @@ std::string error_of(const std::function<void()>& work) {
 TEST(Placement, BringsCamerasToTheirPositions) {
   Model model = synthetic_model();
   const Positions known = moved_positions(model, some_similarity());
-  const cv::Vec3d point = some_similarity() * model.points[7].position;
+  const Eigen::Vector3d point = some_similarity() * model.points[7].position;
   const Placement placement = place(model, by_positions(), known, 1);
   ASSERT_TRUE(placement.aligned);
   EXPECT_EQ(placement.aligned->images, 4);
@@ -72,10 +72,10 @@ TEST(Placement, BringsCamerasToTheirPositions) {
   for (const auto& [name, position] : known) {
     for (const Image& image : model.images) {
       if (image.name != name) continue;
-      EXPECT_LT(cv::norm(image.pose.center() - position), 1e-9);
+      EXPECT_LT((image.pose.center() - position).norm(), 1e-9);
     }
   }
-  EXPECT_LT(cv::norm(model.points[7].position - point), 1e-9);
+  EXPECT_LT((model.points[7].position - point).norm(), 1e-9);
   const auto json = to_json(placement);
   EXPECT_EQ(json["aligned"]["photographs"], 4);
   EXPECT_FALSE(json.contains("scale"));
@@ -86,7 +86,7 @@ TEST(Placement, GivesTheModelAKnownDistance) {
   PlacementOptions options;
   options.distance = KnownDistance{model.images[0].name, model.images[3].name, 12.5};
   const Placement placement = place(model, options, {}, 1);
-  EXPECT_NEAR(cv::norm(model.images[0].pose.center() - model.images[3].pose.center()), 12.5, 1e-9);
+  EXPECT_NEAR((model.images[0].pose.center() - model.images[3].pose.center()).norm(), 12.5, 1e-9);
   ASSERT_TRUE(placement.scale);
   EXPECT_EQ(to_json(placement)["scale"], *placement.scale);
 }
@@ -123,11 +123,12 @@ TEST(Placement, IsCheckedBeforeTheWork) {
   const auto error = [&](const PlacementOptions& options, const Positions& given) {
     return error_of([&] { (void)positions_of(options, given, inputs, {}); });
   };
-  EXPECT_EQ(error(by_positions(), {{inputs[0].name, {1, 2, 3}}, {"x", {}}}),
+  EXPECT_EQ(error(by_positions(), {{inputs[0].name, {1, 2, 3}}, {"x", {0, 0, 0}}}),
             "positions.csv: 1 of 2 names are images here (these are called 'folder/photo 0.jpg' "
             "..); three that are not in a line are needed");
   Positions line;
-  for (std::size_t i = 0; i < 4; ++i) line[inputs[i].name] = cv::Vec3d::all(static_cast<double>(i));
+  for (std::size_t i = 0; i < 4; ++i)
+    line[inputs[i].name] = Eigen::Vector3d::Constant(static_cast<double>(i));
   EXPECT_NE(error(by_positions(), line).find("the 4 positions of images are in a line"),
             std::string::npos);
   PlacementOptions gps;
@@ -209,7 +210,7 @@ TEST_F(Gps, PositionsAreInMetres) {
   const Positions found = gps_positions(inputs, {});
   ASSERT_EQ(found.size(), 3U);
   // A minute of latitude is a nautical mile; one of longitude is cos(47 degrees) of it.
-  const cv::Vec3d north = found.at("1.jpg") - found.at("0.jpg");
+  const Eigen::Vector3d north = found.at("1.jpg") - found.at("0.jpg");
   EXPECT_NEAR(north[1], 1852, 5);
   EXPECT_NEAR(north[0], 0, 1);
   EXPECT_NEAR((found.at("2.jpg") - found.at("0.jpg"))[0], 1267, 5);

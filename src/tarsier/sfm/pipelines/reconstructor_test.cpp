@@ -45,7 +45,7 @@ class Reconstructing : public FolderTest {
     for (int i = 0; i < kImages; ++i) {
       const std::string name = std::to_string(i) + ".png";
       write_image(path("images/" + name), (*images_)[static_cast<std::size_t>(i)]);
-      const cv::Vec3d center = scene_->pose(i).center();
+      const Eigen::Vector3d center = scene_->pose(i).center();
       positions += fmt::format("{},{},{},{}\n", name, center[0], center[1], center[2]);
     }
     write_file_atomically(path("positions.csv"), positions);
@@ -104,7 +104,7 @@ TEST_F(Reconstructing, WritesAModelInItsPlaceAndWhatIsMadeOfIt) {
   ASSERT_EQ(read.images.size(), static_cast<std::size_t>(kImages));
   for (int i = 0; i < kImages; ++i) {
     EXPECT_LT(
-        cv::norm(read.images[static_cast<std::size_t>(i)].pose.center() - scene_->pose(i).center()),
+        (read.images[static_cast<std::size_t>(i)].pose.center() - scene_->pose(i).center()).norm(),
         0.1)
         << i;
   }

@@ -20,40 +20,8 @@ namespace {
 
 constexpr std::int64_t kMaxFileBytes = 100'000'000;
 constexpr double kMaxCoordinate = 1e12;
-constexpr double kMinFlatness = 1e-6;  // second extent of the points by the first
 constexpr std::size_t kMaxTriples = 1000;
 constexpr int kMaxRefits = 20;
-
-bool is_finite(const cv::Vec3d& v) {
-  return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]);
-}
-
-void check_pairs(const std::vector<cv::Vec3d>& from, const std::vector<cv::Vec3d>& to) {
-  TARSIER_REQUIRE(from.size() == to.size(), "{} and {} points", from.size(), to.size());
-  TARSIER_REQUIRE(std::all_of(from.begin(), from.end(), is_finite), "a point is not finite");
-  TARSIER_REQUIRE(std::all_of(to.begin(), to.end(), is_finite), "a point is not finite");
-}
-
-cv::Vec3d mean_of(const std::vector<cv::Vec3d>& points) {
-  cv::Vec3d sum;
-  for (const cv::Vec3d& x : points) sum += x;
-  return sum * (1 / static_cast<double>(points.size()));
-}
-
-// Mean of (a - mean a) (b - mean b)^T.
-cv::Matx33d covariance(const std::vector<cv::Vec3d>& a, const cv::Vec3d& mean_a,
-                       const std::vector<cv::Vec3d>& b, const cv::Vec3d& mean_b) {
-  cv::Matx33d sum = cv::Matx33d::zeros();
-  for (std::size_t k = 0; k < a.size(); ++k) sum += (a[k] - mean_a) * (b[k] - mean_b).t();
-  return sum * (1 / static_cast<double>(a.size()));
-}
-
-// Whether a covariance has two directions of extent at least. Extents are roots of its values.
-bool is_spread(const cv::Matx33d& own_covariance) {
-  cv::Vec3d w;
-  cv::SVD::compute(own_covariance, w);
-  return w[0] > 0 && std::isfinite(w[0]) && w[1] > kMinFlatness * kMinFlatness * w[0];
-}
 
 // The upper median, but never of the three pairs alone that fit by construction.
 double score_of(std::vector<double> residuals) {
@@ -91,7 +59,7 @@ class PositionsParser {
  public:
   explicit PositionsParser(const std::string& path) : path_(path) {}
 
-  std::map<std::string, cv::Vec3d> parse(std::string_view text) {
+  std::map<std::string, Eigen::Vector3d> parse(std::string_view text) {
     if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);  // what spreadsheets begin with
     bool is_first = true;
     while (!text.empty()) {
@@ -124,7 +92,7 @@ class PositionsParser {
     }
     if (!rest.empty()) fail("more than the four fields name,x,y,z");
     if (is_first && !numbers[0] && !numbers[1] && !numbers[2]) return;  // a header
-    cv::Vec3d position;
+    Eigen::Vector3d position = Eigen::Vector3d::Zero();
     for (std::size_t k = 0; k < 3; ++k) {
       if (!numbers[k] || std::abs(*numbers[k]) > kMaxCoordinate)
         fail(fmt::format("'{}' is no coordinate", printable(words[k].substr(0, 80))));
@@ -160,42 +128,22 @@ class PositionsParser {
   }
 
   const std::string& path_;
-  std::map<std::string, cv::Vec3d> positions_;
+  std::map<std::string, Eigen::Vector3d> positions_;
   std::int64_t line_ = 0;
 };
 
 }  // namespace
 
-std::optional<Similarity> similarity_between(const std::vector<cv::Vec3d>& from,
-                                             const std::vector<cv::Vec3d>& to) {
-  check_pairs(from, to);
-  if (from.size() < 3) return std::nullopt;
-  const cv::Vec3d mean_from = mean_of(from);
-  const cv::Vec3d mean_to = mean_of(to);
-  const cv::Matx33d own = covariance(from, mean_from, from, mean_from);
-  if (!is_spread(own) || !is_spread(covariance(to, mean_to, to, mean_to))) return std::nullopt;
-  cv::Vec3d w;
-  cv::Matx33d u;
-  cv::Matx33d vt;
-  cv::SVD::compute(covariance(to, mean_to, from, mean_from), w, u, vt);
-  if (!(w[0] > 0) || !std::isfinite(w[0]) || w[1] <= kMinFlatness * kMinFlatness * w[0])
-    return std::nullopt;
-  const double sign = cv::determinant(u) * cv::determinant(vt) < 0 ? -1 : 1;
-  Similarity result;
-  result.rotation = u * cv::Matx33d::diag({1, 1, sign}) * vt;
-  result.scale = (w[0] + w[1] + sign * w[2]) / cv::trace(own);
-  if (!(result.scale > 0) || !std::isfinite(result.scale)) return std::nullopt;
-  result.translation = mean_to - result.scale * (result.rotation * mean_from);
-  return result;
-}
-
-std::optional<Similarity> robust_similarity(const std::vector<cv::Vec3d>& from,
-                                            const std::vector<cv::Vec3d>& to, double tolerance,
-                                            std::uint64_t seed) {
+std::optional<geometry::Sim3> robust_similarity(const std::vector<Eigen::Vector3d>& from,
+                                                const std::vector<Eigen::Vector3d>& to,
+                                                double tolerance, std::uint64_t seed) {
   TARSIER_REQUIRE(tolerance >= 0 && std::isfinite(tolerance), "tolerance {}", tolerance);
-  check_pairs(from, to);
+  const auto all_from = geometry::columns_of(from);
+  const auto all_to = geometry::columns_of(to);
+  TARSIER_REQUIRE(from.size() == to.size(), "{} and {} points", from.size(), to.size());
+  TARSIER_REQUIRE(all_from.allFinite() && all_to.allFinite(), "a point is not finite");
   if (from.size() < 3) return std::nullopt;
-  const auto cost_of = [&](const Similarity& similarity) {
+  const auto cost_of = [&](const geometry::Sim3& similarity) {
     const std::vector<double> residuals = residuals_of(similarity, from, to);
     if (tolerance == 0) return score_of(residuals);
     double cost = 0;  // truncated, so that of two with as many pairs the closer wins
@@ -203,16 +151,11 @@ std::optional<Similarity> robust_similarity(const std::vector<cv::Vec3d>& from,
     return cost;
   };
 
-  std::optional<Similarity> best;
+  std::optional<geometry::Sim3> best;
   double least = 0;
   for (const Triple& triple : triples_of(from.size(), seed)) {
-    std::vector<cv::Vec3d> a;
-    std::vector<cv::Vec3d> b;
-    for (const std::size_t k : triple) {
-      a.push_back(from[k]);
-      b.push_back(to[k]);
-    }
-    const std::optional<Similarity> similarity = similarity_between(a, b);
+    const auto similarity =
+        geometry::similarity_between(all_from(Eigen::all, triple), all_to(Eigen::all, triple));
     if (!similarity) continue;
     const double cost = cost_of(*similarity);
     if (!best || cost < least) {
@@ -223,9 +166,9 @@ std::optional<Similarity> robust_similarity(const std::vector<cv::Vec3d>& from,
   if (!best) return std::nullopt;
 
   // Rounding alone must not make pairs wrong where all fit exactly.
-  const cv::Vec3d mean_to = mean_of(to);
-  double extent = cv::norm(mean_to);
-  for (const cv::Vec3d& x : to) extent = std::max(extent, cv::norm(x - mean_to));
+  const Eigen::Vector3d mean_to = all_to.rowwise().mean();
+  const double extent =
+      std::max(mean_to.norm(), (all_to.colwise() - mean_to).colwise().norm().maxCoeff());
   // The least median of few pairs is too small (Rousseeuw and Leroy 1987, 5.1).
   const double spread = 3 * (1 + 5.0 / (static_cast<double>(from.size()) - 2));
   std::vector<std::size_t> agreed;
@@ -234,17 +177,12 @@ std::optional<Similarity> robust_similarity(const std::vector<cv::Vec3d>& from,
     const double limit =
         tolerance > 0 ? tolerance : std::max(spread * score_of(residuals), 1e-12 * extent);
     std::vector<std::size_t> now;
-    std::vector<cv::Vec3d> a;
-    std::vector<cv::Vec3d> b;
-    for (std::size_t i = 0; i < from.size(); ++i) {
-      if (!(residuals[i] <= limit)) continue;
-      now.push_back(i);
-      a.push_back(from[i]);
-      b.push_back(to[i]);
-    }
+    for (std::size_t i = 0; i < from.size(); ++i)
+      if (residuals[i] <= limit) now.push_back(i);
     if (k == 0 && now.size() < 3) return std::nullopt;
     if (now == agreed) break;
-    const std::optional<Similarity> refit = similarity_between(a, b);
+    const auto refit =
+        geometry::similarity_between(all_from(Eigen::all, now), all_to(Eigen::all, now));
     if (!refit) break;
     best = refit;
     agreed = now;
@@ -252,16 +190,17 @@ std::optional<Similarity> robust_similarity(const std::vector<cv::Vec3d>& from,
   return best;
 }
 
-std::vector<double> residuals_of(const Similarity& similarity, const std::vector<cv::Vec3d>& from,
-                                 const std::vector<cv::Vec3d>& to) {
+std::vector<double> residuals_of(const geometry::Sim3& similarity,
+                                 const std::vector<Eigen::Vector3d>& from,
+                                 const std::vector<Eigen::Vector3d>& to) {
   TARSIER_REQUIRE(from.size() == to.size(), "{} and {} points", from.size(), to.size());
   std::vector<double> result(from.size());
-  for (std::size_t k = 0; k < from.size(); ++k) result[k] = cv::norm(similarity * from[k] - to[k]);
+  for (std::size_t k = 0; k < from.size(); ++k) result[k] = (similarity * from[k] - to[k]).norm();
   return result;
 }
 
-double median_residual(const Similarity& similarity, const std::vector<cv::Vec3d>& from,
-                       const std::vector<cv::Vec3d>& to) {
+double median_residual(const geometry::Sim3& similarity, const std::vector<Eigen::Vector3d>& from,
+                       const std::vector<Eigen::Vector3d>& to) {
   std::vector<double> residuals = residuals_of(similarity, from, to);
   if (residuals.empty()) return 0;
   const auto middle = residuals.begin() + static_cast<std::ptrdiff_t>(residuals.size() / 2);
@@ -269,24 +208,14 @@ double median_residual(const Similarity& similarity, const std::vector<cv::Vec3d
   return *middle;
 }
 
-// In the camera x_c = R x + t. With x = Q^T (x' - u) / s this is R Q^T x' + (s t - R Q^T u), up to
-// the factor 1 / s, which no pixel shows.
-void transform(Model& model, const Similarity& similarity) {
-  const auto& [scale, rotation, translation] = similarity;
-  TARSIER_REQUIRE(scale > 0 && std::isfinite(scale), "scale {}", scale);
-  const bool is_rotation = cv::norm(rotation * rotation.t() - cv::Matx33d::eye()) < 1e-6 &&
-                           cv::determinant(rotation) > 0;
-  TARSIER_REQUIRE(is_rotation, "the rotation is none");
-  TARSIER_REQUIRE(is_finite(translation), "the translation is not finite");
+void transform(Model& model, const geometry::Sim3& similarity) {
+  similarity.check();
   for (Point& point : model.points) point.position = similarity * point.position;
-  for (Image& image : model.images) {
-    if (!image.registered) continue;
-    image.pose.rotation = image.pose.rotation * rotation.t();
-    image.pose.translation = scale * image.pose.translation - image.pose.rotation * translation;
-  }
+  for (Image& image : model.images)
+    if (image.registered) image.pose = geometry::moved_camera(image.pose, similarity);
 }
 
-std::map<std::string, cv::Vec3d> read_positions_csv(const std::string& path) {
+std::map<std::string, Eigen::Vector3d> read_positions_csv(const std::string& path) {
   const std::string text = read_file(path, kMaxFileBytes);
   return PositionsParser(path).parse(text);
 }

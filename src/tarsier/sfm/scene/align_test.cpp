@@ -7,6 +7,7 @@
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/sfm/scene/testing_model.h"
 
+#include <Eigen/LU>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -18,40 +19,47 @@
 namespace tarsier::sfm {
 namespace {
 
+std::optional<geometry::Sim3> similarity_between(const std::vector<Eigen::Vector3d>& from,
+                                                 const std::vector<Eigen::Vector3d>& to) {
+  return geometry::similarity_between(geometry::columns_of(from), geometry::columns_of(to));
+}
+
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-std::vector<cv::Vec3d> cloud(std::uint64_t seed, int count, const cv::Vec3d& center = {},
-                             const cv::Vec3d& extent = {1, 1, 1}) {
+std::vector<Eigen::Vector3d> cloud(std::uint64_t seed, int count,
+                                   const Eigen::Vector3d& center = {0, 0, 0},
+                                   const Eigen::Vector3d& extent = {1, 1, 1}) {
   Rng rng(seed);
-  std::vector<cv::Vec3d> points;
+  std::vector<Eigen::Vector3d> points;
   for (int k = 0; k < count; ++k) {
-    cv::Vec3d x = center;
+    Eigen::Vector3d x = center;
     for (int i = 0; i < 3; ++i) x[i] += extent[i] * rng.uniform(-1, 1);
     points.push_back(x);
   }
   return points;
 }
 
-Similarity some_similarity() {
+geometry::Sim3 some_similarity() {
   return {12.5, geometry::rotation_of({0.3, -0.5, 0.7, 0.2}), {100, -20, 3}};
 }
 
-std::vector<cv::Vec3d> moved(const Similarity& similarity, const std::vector<cv::Vec3d>& points) {
-  std::vector<cv::Vec3d> result;
-  for (const cv::Vec3d& x : points) result.push_back(similarity * x);
+std::vector<Eigen::Vector3d> moved(const geometry::Sim3& similarity,
+                                   const std::vector<Eigen::Vector3d>& points) {
+  std::vector<Eigen::Vector3d> result;
+  for (const Eigen::Vector3d& x : points) result.push_back(similarity * x);
   return result;
 }
 
-void expect_near(const Similarity& a, const Similarity& b, double tolerance) {
+void expect_near(const geometry::Sim3& a, const geometry::Sim3& b, double tolerance) {
   EXPECT_NEAR(a.scale / b.scale, 1, tolerance);
-  EXPECT_LT(cv::norm(a.rotation - b.rotation), tolerance);
-  EXPECT_LT(cv::norm(a.translation - b.translation), tolerance * (1 + cv::norm(b.translation)));
+  EXPECT_LT((a.rotation - b.rotation).norm(), tolerance);
+  EXPECT_LT((a.translation - b.translation).norm(), tolerance * (1 + b.translation.norm()));
 }
 
 TEST(Similarity, IsFoundExactly) {
   for (const int count : {3, 4, 50}) {
-    const std::vector<cv::Vec3d> from = cloud(3, count);
+    const std::vector<Eigen::Vector3d> from = cloud(3, count);
     const auto found = similarity_between(from, moved(some_similarity(), from));
     ASSERT_TRUE(found);
     expect_near(*found, some_similarity(), 1e-9);
@@ -60,43 +68,43 @@ TEST(Similarity, IsFoundExactly) {
 }
 
 TEST(Similarity, OfPointsInAPlaneIsARotation) {
-  const std::vector<cv::Vec3d> from = cloud(4, 20, {5, 5, 7}, {1, 1, 0});
+  const std::vector<Eigen::Vector3d> from = cloud(4, 20, {5, 5, 7}, {1, 1, 0});
   const auto found = similarity_between(from, moved(some_similarity(), from));
   ASSERT_TRUE(found);
-  EXPECT_NEAR(cv::determinant(found->rotation), 1, 1e-9);
+  EXPECT_NEAR(found->rotation.determinant(), 1, 1e-9);
   expect_near(*found, some_similarity(), 1e-8);
 }
 
 TEST(Similarity, OfMirroredPointsIsNoReflection) {
-  const std::vector<cv::Vec3d> from = cloud(5, 30, {}, {3, 2, 1});
-  std::vector<cv::Vec3d> to = from;
-  for (cv::Vec3d& x : to) x[2] = -x[2];
+  const std::vector<Eigen::Vector3d> from = cloud(5, 30, {0, 0, 0}, {3, 2, 1});
+  std::vector<Eigen::Vector3d> to = from;
+  for (Eigen::Vector3d& x : to) x[2] = -x[2];
   const auto found = similarity_between(from, to);
   ASSERT_TRUE(found);
-  EXPECT_NEAR(cv::determinant(found->rotation), 1, 1e-9);
+  EXPECT_NEAR(found->rotation.determinant(), 1, 1e-9);
   EXPECT_GT(found->scale, 0);
   EXPECT_LT(found->scale, 1);
 }
 
 TEST(Similarity, InverseTakesBack) {
-  const Similarity s = some_similarity();
-  const cv::Vec3d x(1, 2, 3);
-  EXPECT_LT(cv::norm(s.inverse() * (s * x) - x), 1e-12);
+  const geometry::Sim3 s = some_similarity();
+  const Eigen::Vector3d x(1, 2, 3);
+  EXPECT_LT((s.inverse() * (s * x) - x).norm(), 1e-12);
 }
 
 TEST(Similarity, IsNotDeterminedByTooLittle) {
-  const std::vector<cv::Vec3d> line{{0, 0, 0}, {1, 2, 3}, {2, 4, 6}, {-3, -6, -9}};
-  const std::vector<cv::Vec3d> spread = cloud(6, 4);
+  const std::vector<Eigen::Vector3d> line{{0, 0, 0}, {1, 2, 3}, {2, 4, 6}, {-3, -6, -9}};
+  const std::vector<Eigen::Vector3d> spread = cloud(6, 4);
   EXPECT_FALSE(similarity_between({}, {}));
   EXPECT_FALSE(similarity_between(cloud(1, 2), cloud(2, 2)));
   EXPECT_FALSE(similarity_between(line, moved(some_similarity(), line)));
   EXPECT_FALSE(similarity_between(line, spread));
   EXPECT_FALSE(similarity_between(spread, line));
-  EXPECT_FALSE(similarity_between(spread, std::vector<cv::Vec3d>(4, {1, 2, 3})));
+  EXPECT_FALSE(similarity_between(spread, std::vector<Eigen::Vector3d>(4, {1, 2, 3})));
   EXPECT_FALSE(robust_similarity(line, spread, 0, 1));
   EXPECT_FALSE(robust_similarity(line, moved(some_similarity(), line), 0.1, 1));
   EXPECT_THROW((void)similarity_between(spread, cloud(1, 5)), std::invalid_argument);
-  std::vector<cv::Vec3d> bad = spread;
+  std::vector<Eigen::Vector3d> bad = spread;
   bad[2][1] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW((void)similarity_between(bad, spread), std::invalid_argument);
   EXPECT_THROW((void)robust_similarity(spread, bad, 0, 1), std::invalid_argument);
@@ -107,10 +115,10 @@ TEST(Similarity, IsNotDeterminedByTooLittle) {
 TEST(RobustSimilarity, IgnoresOutliers) {
   for (const double tolerance : {0.0, 0.3}) {
     for (const int count : {10, 15, 100}) {
-      const std::vector<cv::Vec3d> from = cloud(7, count);
-      std::vector<cv::Vec3d> to = moved(some_similarity(), from);
-      std::vector<cv::Vec3d> good_from;
-      std::vector<cv::Vec3d> good_to;
+      const std::vector<Eigen::Vector3d> from = cloud(7, count);
+      std::vector<Eigen::Vector3d> to = moved(some_similarity(), from);
+      std::vector<Eigen::Vector3d> good_from;
+      std::vector<Eigen::Vector3d> good_to;
       Rng rng(8);
       for (std::size_t k = 0; k < to.size(); ++k) {
         const double sigma = k % 5 < 2 ? 40 : 0.05;
@@ -132,8 +140,8 @@ TEST(RobustSimilarity, IgnoresOutliers) {
 }
 
 TEST(RobustSimilarity, FindsOneWrongOfFive) {
-  const std::vector<cv::Vec3d> from = cloud(10, 5);
-  std::vector<cv::Vec3d> to = moved(some_similarity(), from);
+  const std::vector<Eigen::Vector3d> from = cloud(10, 5);
+  std::vector<Eigen::Vector3d> to = moved(some_similarity(), from);
   to[1][2] += 30;
   const auto found = robust_similarity(from, to, 0, 1);
   ASSERT_TRUE(found);
@@ -146,22 +154,22 @@ TEST(RobustSimilarity, FindsOneWrongOfFive) {
 TEST(RobustSimilarity, WastesFewGoodPairs) {
   int close = 0;
   for (std::uint64_t seed = 20; seed < 40; ++seed) {
-    const std::vector<cv::Vec3d> from = cloud(seed, 8);
-    std::vector<cv::Vec3d> to = moved(some_similarity(), from);
+    const std::vector<Eigen::Vector3d> from = cloud(seed, 8);
+    std::vector<Eigen::Vector3d> to = moved(some_similarity(), from);
     Rng rng(seed);
-    for (cv::Vec3d& x : to) {
+    for (Eigen::Vector3d& x : to) {
       for (int i = 0; i < 3; ++i) x[i] += rng.normal(0, 0.05);
     }
     const auto plain = similarity_between(from, to);
     const auto robust = robust_similarity(from, to, 0, seed);
     ASSERT_TRUE(plain && robust);
-    if (cv::norm(plain->translation - robust->translation) < 0.01) ++close;
+    if ((plain->translation - robust->translation).norm() < 0.01) ++close;
   }
   EXPECT_GE(close, 15);
 }
 
 TEST(RobustSimilarity, KeepsAllWhereAllAreExact) {
-  const std::vector<cv::Vec3d> from = cloud(11, 30, {1e6, 2e6, 3e6});
+  const std::vector<Eigen::Vector3d> from = cloud(11, 30, {1e6, 2e6, 3e6});
   const auto found = robust_similarity(from, moved(some_similarity(), from), 0, 1);
   ASSERT_TRUE(found);
   EXPECT_LT(median_residual(*found, from, moved(some_similarity(), from)), 1e-5);
@@ -173,7 +181,7 @@ TEST(TransformModel, KeepsWhatTheImagesSee) {
   transform(after, some_similarity());
   int checked = 0;
   for (std::size_t p = 0; p < before.points.size(); ++p) {
-    EXPECT_LT(cv::norm(after.points[p].position - some_similarity() * before.points[p].position),
+    EXPECT_LT((after.points[p].position - some_similarity() * before.points[p].position).norm(),
               1e-9);
     for (const auto& [i, f] : before.points[p].track) {
       const Image& image = after.images[static_cast<std::size_t>(i)];
@@ -189,23 +197,26 @@ TEST(TransformModel, KeepsWhatTheImagesSee) {
   EXPECT_GT(checked, 200);
   for (std::size_t i = 0; i < before.images.size(); ++i) {
     if (!before.images[i].registered) continue;
-    const cv::Vec3d expected = some_similarity() * before.images[i].pose.center();
-    EXPECT_LT(cv::norm(after.images[i].pose.center() - expected), 1e-9);
+    const Eigen::Vector3d expected = some_similarity() * before.images[i].pose.center();
+    EXPECT_LT((after.images[i].pose.center() - expected).norm(), 1e-9);
   }
   transform(after, some_similarity().inverse());
-  EXPECT_LT(cv::norm(after.points[0].position - before.points[0].position), 1e-9);
+  EXPECT_LT((after.points[0].position - before.points[0].position).norm(), 1e-9);
 }
 
 TEST(TransformModel, RefusesWhatIsNoSimilarity) {
   Model model = synthetic_model();
-  EXPECT_THROW(transform(model, {0, cv::Matx33d::eye(), {}}), std::invalid_argument);
-  EXPECT_THROW(transform(model, {1, cv::Matx33d::diag({1, 1, -1}), {}}), std::invalid_argument);
-  EXPECT_THROW(transform(model, {1, cv::Matx33d::eye(), {0, 0, 1 / 0.0}}), std::invalid_argument);
+  EXPECT_THROW(transform(model, {0, Eigen::Matrix3d::Identity(), {0, 0, 0}}),
+               std::invalid_argument);
+  EXPECT_THROW(transform(model, {1, Eigen::Vector3d(1, 1, -1).asDiagonal(), {0, 0, 0}}),
+               std::invalid_argument);
+  EXPECT_THROW(transform(model, {1, Eigen::Matrix3d::Identity(), {0, 0, 1 / 0.0}}),
+               std::invalid_argument);
 }
 
 class PositionsTest : public FolderTest {
  protected:
-  std::map<std::string, cv::Vec3d> read(const std::string& text) {
+  std::map<std::string, Eigen::Vector3d> read(const std::string& text) {
     write_file_atomically(path("positions.csv"), text);
     return read_positions_csv(path("positions.csv"));
   }
@@ -220,8 +231,8 @@ class PositionsTest : public FolderTest {
 };
 
 TEST_F(PositionsTest, AreReadWithAndWithoutHeader) {
-  const std::map<std::string, cv::Vec3d> expected{{"a b.jpg", {1, -2.5, 3e2}},
-                                                  {"c,\"d\".jpg", {0, 0, 1}}};
+  const std::map<std::string, Eigen::Vector3d> expected{{"a b.jpg", {1, -2.5, 3e2}},
+                                                        {"c,\"d\".jpg", {0, 0, 1}}};
   const std::string lines = " a b.jpg , 1,\t-2.5,3e2\r\n\n\"c,\"\"d\"\".jpg\" ,0,+0,1";
   EXPECT_EQ(read(lines), expected);
   EXPECT_EQ(read("\xEF\xBB\xBFname, x, y, z\r\n" + lines + "\n\n"), expected);

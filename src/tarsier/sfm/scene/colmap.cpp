@@ -75,10 +75,6 @@ bool is_index(int index, std::size_t size) {
   return index >= 0 && static_cast<std::size_t>(index) < size;
 }
 
-bool is_finite(const cv::Vec3d& v) {
-  return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]);
-}
-
 void check_image(const Image& image, const Model& model) {
   TARSIER_REQUIRE(is_index(image.camera, model.cameras.size()), "camera {} of '{}'", image.camera,
                   image.name);
@@ -92,11 +88,9 @@ void check_image(const Image& image, const Model& model) {
     TARSIER_REQUIRE(image.points[f] == -1 || is_index(image.points[f], model.points.size()),
                     "point {} of feature {} of '{}'", image.points[f], f, image.name);
   }
-  const cv::Matx33d& rotation = image.pose.rotation;
-  const bool is_rotation = cv::norm(rotation * rotation.t() - cv::Matx33d::eye()) < 1e-6 &&
-                           cv::determinant(rotation) > 0;
-  TARSIER_REQUIRE(is_rotation, "the rotation of '{}' is none", image.name);
-  TARSIER_REQUIRE(is_finite(image.pose.translation), "the translation of '{}'", image.name);
+  TARSIER_REQUIRE(geometry::is_rotation(image.pose.rotation), "the rotation of '{}' is none",
+                  image.name);
+  TARSIER_REQUIRE(image.pose.translation.allFinite(), "the translation of '{}'", image.name);
 }
 
 void check_model(const Model& model) {
@@ -112,7 +106,7 @@ void check_model(const Model& model) {
   std::size_t tracked = 0;
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     const Point& point = model.points[p];
-    TARSIER_REQUIRE(is_finite(point.position) && std::isfinite(point.error), "point {}", p);
+    TARSIER_REQUIRE(point.position.allFinite() && std::isfinite(point.error), "point {}", p);
     TARSIER_REQUIRE(point.track.size() >= 2, "point {} is seen {} times", p, point.track.size());
     for (const auto& [i, f] : point.track) {
       TARSIER_REQUIRE(is_index(i, model.images.size()), "image {} of point {}", i, p);
@@ -135,8 +129,8 @@ void write_images(const std::string& path, const Model& model, const std::vector
   int id = 0;
   for (const Image& image : model.images) {
     if (!image.registered) continue;
-    const cv::Vec4d q = geometry::quaternion_of(image.pose.rotation);
-    const cv::Vec3d& t = image.pose.translation;
+    const Eigen::Vector4d q = geometry::quaternion_of(image.pose.rotation);
+    const Eigen::Vector3d& t = image.pose.translation;
     file.add("{} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {} {}\n", ++id, q[0], q[1],
              q[2], q[3], t[0], t[1], t[2], camera_ids[static_cast<std::size_t>(image.camera)],
              image.name);
@@ -160,7 +154,7 @@ void write_points(const std::string& path, const Model& model) {
   file.add("# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n");
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     const Point& point = model.points[p];
-    const cv::Vec3d& x = point.position;
+    const Eigen::Vector3d& x = point.position;
     file.add("{} {:.17g} {:.17g} {:.17g} {} {} {} {:.17g}", p + 1, x[0], x[1], x[2], point.color[2],
              point.color[1], point.color[0], point.error);
     for (const auto& [i, f] : point.track)
@@ -328,9 +322,9 @@ class ModelReader {
     const std::int64_t id = reader.integer(rest, "the image's id", 0, kMaxId);
     if (!images_.emplace(id, static_cast<int>(model_.images.size())).second)
       reader.fail(fmt::format("image {} is there twice", id));
-    cv::Vec4d q;
+    Eigen::Vector4d q;
     for (int k = 0; k < 4; ++k) q[k] = reader.number(rest, "the rotation");
-    const double length = cv::norm(q);
+    const double length = q.norm();
     if (!(length > 0.9 && length < 1.1))
       reader.fail(fmt::format("the rotation's quaternion has length {}, not 1", length));
     image.pose.rotation = geometry::rotation_of(q);

@@ -109,7 +109,7 @@ TEST_F(ColmapTest, AModelComesBackWithoutWhatIsNotRegistered) {
     EXPECT_TRUE(image.registered);
     EXPECT_EQ(image.name, given.name);
     EXPECT_EQ(image.camera, given.camera);
-    EXPECT_LT(cv::norm(image.pose.rotation - given.pose.rotation), 1e-14);
+    EXPECT_LT((image.pose.rotation - given.pose.rotation).norm(), 1e-14);
     EXPECT_EQ(image.pose.translation, given.pose.translation);
     EXPECT_EQ(image.points, given.points);
     ASSERT_EQ(image.features.size(), given.features.size());
@@ -173,7 +173,8 @@ TEST_F(ColmapTest, ColmapsOwnFilesAreRead) {
   EXPECT_TRUE(model.images[2].features.empty());
   EXPECT_EQ(model.images[0].features[0], cv::Point2f(10, 20));
   // The quaternion (1 1 1 1)/2 turns x to y.
-  EXPECT_LT(cv::norm(model.images[0].pose * cv::Vec3d(1, 0, 0) - cv::Vec3d(1, 3, 3)), 1e-12);
+  EXPECT_LT((model.images[0].pose * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(1, 3, 3)).norm(),
+            1e-12);
   // Point 63 has two features in one image: the first stays. Point 11 is in one only.
   ASSERT_EQ(model.points.size(), 2U);
   EXPECT_THAT(model.points[0].track, ElementsAre(Observation{0, 0}, Observation{1, 1}));
@@ -275,7 +276,7 @@ TEST_F(ColmapTest, AModelWhosePartsDoNotFitIsNotWritten) {
   refused([](Model& m) { m.images[0].points.pop_back(); });
   refused([](Model& m) { m.images[1].registered = m.images[0].registered = false; });
   refused([](Model& m) { m.images[2].name = m.images[0].name; });
-  refused([](Model& m) { m.images[2].pose.rotation = 2 * cv::Matx33d::eye(); });
+  refused([](Model& m) { m.images[2].pose.rotation = 2 * Eigen::Matrix3d::Identity(); });
   refused([](Model& m) { m.points[0].track.resize(1); });
   refused([](Model& m) { m.points[0].track[0].feature = 1000; });
   refused([](Model& m) { m.points[0].track[1].image = -1; });

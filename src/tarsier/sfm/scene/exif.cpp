@@ -186,21 +186,21 @@ std::optional<double> angle_of(const Tiff& tiff, std::size_t directory, int tag,
   return ref == negative ? -angle : angle;
 }
 
-std::optional<cv::Vec3d> gps_of(const Tiff& tiff, std::size_t directory) {
+std::optional<Eigen::Vector3d> gps_of(const Tiff& tiff, std::size_t directory) {
   if (tiff.text(directory, kGpsStatus) == "V") return std::nullopt;
   const auto latitude = angle_of(tiff, directory, kLatitude, kLatitudeRef, "N", "S", 90);
   const auto longitude = angle_of(tiff, directory, kLongitude, kLongitudeRef, "E", "W", 180);
   if (!latitude || !longitude || (*latitude == 0 && *longitude == 0)) return std::nullopt;
   const double height = tiff.number_in(directory, kAltitude, -1e5, 1e5, 0);
   const bool is_below = tiff.number_in(directory, kAltitudeRef, 0, 1, 0) == 1;
-  return cv::Vec3d(*latitude, *longitude, is_below ? -height : height);
+  return Eigen::Vector3d(*latitude, *longitude, is_below ? -height : height);
 }
 
 constexpr double kEarthRadius = 6'378'137;                          // m, WGS84's semi-major axis
 constexpr double kFlattening = 1 / 298.257223563;                   // WGS84
 constexpr double kEccentricity2 = kFlattening * (2 - kFlattening);  // squared, first
 
-cv::Vec3d earth_centred(const cv::Vec3d& gps) {
+Eigen::Vector3d earth_centred(const Eigen::Vector3d& gps) {
   const double sine = std::sin(gps[0] * kDeg);
   const double cosine = std::cos(gps[0] * kDeg);
   const double normal = kEarthRadius / std::sqrt(1 - kEccentricity2 * sine * sine);
@@ -211,7 +211,7 @@ cv::Vec3d earth_centred(const cv::Vec3d& gps) {
 
 // Geodetic latitude, rad, by Bowring's formula (Survey Review 1976): near the ground exact to 1e-9
 // degrees.
-double latitude_of(const cv::Vec3d& x) {
+double latitude_of(const Eigen::Vector3d& x) {
   constexpr double kMinor = kEarthRadius * (1 - kFlattening);
   constexpr double kSecond2 = kEccentricity2 / (1 - kEccentricity2);
   const double axis = std::hypot(x[0], x[1]);
@@ -271,10 +271,10 @@ double focal_px_of(const Exif& exif, cv::Size size) {
   return focal >= 0.1 * side && focal <= 20 * side ? focal : 0;
 }
 
-std::vector<cv::Vec3d> local_metres(const std::vector<cv::Vec3d>& gps) {
-  std::vector<cv::Vec3d> result;
-  cv::Vec3d mean;
-  for (const cv::Vec3d& place : gps) {
+std::vector<Eigen::Vector3d> local_metres(const std::vector<Eigen::Vector3d>& gps) {
+  std::vector<Eigen::Vector3d> result;
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& place : gps) {
     TARSIER_REQUIRE(
         std::abs(place[0]) <= 90 && std::abs(place[1]) <= 360 && std::isfinite(place[2]),
         "{}, {} deg, {} m is no place", place[0], place[1], place[2]);
@@ -289,10 +289,9 @@ std::vector<cv::Vec3d> local_metres(const std::vector<cv::Vec3d>& gps) {
   const double cp = std::cos(latitude);
   const double sl = std::sin(longitude);
   const double cl = std::cos(longitude);
-  const cv::Matx33d east_north_up(-sl, cl, 0,              //
-                                  -sp * cl, -sp * sl, cp,  //
-                                  cp * cl, cp * sl, sp);
-  for (cv::Vec3d& x : result) x = east_north_up * (x - mean);
+  const Eigen::Matrix3d east_north_up{
+      {-sl, cl, 0}, {-sp * cl, -sp * sl, cp}, {cp * cl, cp * sl, sp}};
+  for (Eigen::Vector3d& x : result) x = east_north_up * (x - mean);
   return result;
 }
 

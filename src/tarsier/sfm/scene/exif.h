@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include <optional>
@@ -12,13 +13,13 @@ namespace tarsier::sfm {
 
 // What a camera wrote about an image (Exif 2.32, CIPA DC-008), where it did; 0: not known.
 struct Exif {
-  double focal_mm = 0;               // FocalLength
-  double focal_35mm = 0;             // FocalLengthIn35mmFilm: mm, on video 36 mm wide
-  double focal_plane_px_per_mm = 0;  // FocalPlaneXResolution, of the picture as it was taken
-  cv::Size taken_px;                 // PixelXDimension, PixelYDimension; 0x0: not known
-  int orientation = 1;               // 1..8; 5..8: the picture is turned by a quarter
-  std::optional<cv::Vec3d> gps;      // latitude deg, longitude deg, altitude m (0: not known)
-  std::string camera;                // make and model, printable ASCII; empty: not known
+  double focal_mm = 0;                 // FocalLength
+  double focal_35mm = 0;               // FocalLengthIn35mmFilm: mm, on video 36 mm wide
+  double focal_plane_px_per_mm = 0;    // FocalPlaneXResolution, of the picture as it was taken
+  cv::Size taken_px;                   // PixelXDimension, PixelYDimension; 0x0: not known
+  int orientation = 1;                 // 1..8; 5..8: the picture is turned by a quarter
+  std::optional<Eigen::Vector3d> gps;  // latitude deg, longitude deg, altitude m (0: not known)
+  std::string camera;                  // make and model, printable ASCII; empty: not known
 };
 
 // Reads it from the bytes of a JPEG file (the start of the file is enough: the segments before the
@@ -41,6 +42,6 @@ struct Exif {
 // tangential frame of the mean. Right over the date line and the poles too. Altitudes above sea
 // level are taken as above the ellipsoid: the difference is the same for neighbours. Throws
 // std::invalid_argument unless all are finite, |latitude| <= 90 and |longitude| <= 360 deg.
-[[nodiscard]] std::vector<cv::Vec3d> local_metres(const std::vector<cv::Vec3d>& gps);
+[[nodiscard]] std::vector<Eigen::Vector3d> local_metres(const std::vector<Eigen::Vector3d>& gps);
 
 }  // namespace tarsier::sfm

@@ -228,7 +228,7 @@ TEST(Exif, SurvivesMutations) {
     if (exif.gps) {
       EXPECT_LE(std::abs((*exif.gps)[0]), 90);
       EXPECT_LE(std::abs((*exif.gps)[1]), 180);
-      EXPECT_LT(cv::norm(local_metres({*exif.gps})[0]), 1e-6);
+      EXPECT_LT(local_metres({*exif.gps})[0].norm(), 1e-6);
     }
     for (const char c : exif.camera) EXPECT_TRUE(c >= 0x20 && c < 0x7F);
     if (focal > 0) ++readable;
@@ -257,27 +257,27 @@ TEST(FocalPx, ComesFromVideoOrSensor) {
 // Lengths of a degree at 45 N on WGS84: 111131.7 m of latitude (mean over the degree), 78846.8 m of
 // longitude.
 TEST(LocalMetres, AreEastNorthUp) {
-  const std::vector<cv::Vec3d> metres = local_metres(
+  const std::vector<Eigen::Vector3d> metres = local_metres(
       {{45.001, 7, 100}, {44.999, 7, 100}, {45, 7.001, 100}, {45, 6.999, 100}, {45, 7, 120}});
   ASSERT_EQ(metres.size(), 5U);
-  const cv::Vec3d north = metres[0] - metres[1];
+  const Eigen::Vector3d north = metres[0] - metres[1];
   EXPECT_NEAR(north[1], 222.2634 * (1 + 100 / 6.37e6), 0.005);
   EXPECT_NEAR(north[0], 0, 1e-6);
-  const cv::Vec3d east = metres[2] - metres[3];
+  const Eigen::Vector3d east = metres[2] - metres[3];
   EXPECT_NEAR(east[0], 157.6936 * (1 + 100 / 6.38e6), 0.005);
   EXPECT_NEAR(east[1], 0, 1e-6);
-  const cv::Vec3d up = metres[4] - 0.5 * (metres[2] + metres[3]);
+  const Eigen::Vector3d up = metres[4] - 0.5 * (metres[2] + metres[3]);
   EXPECT_NEAR(up[2], 20, 0.005);
-  cv::Vec3d sum;
-  for (const cv::Vec3d& x : metres) sum += x;
-  EXPECT_LT(cv::norm(sum), 1e-6);
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& x : metres) sum += x;
+  EXPECT_LT(sum.norm(), 1e-6);
 }
 
 TEST(LocalMetres, CrossTheDateLineAndThePole) {
-  const std::vector<cv::Vec3d> date = local_metres({{0, 179.9995, 0}, {0, -179.9995, 0}});
+  const std::vector<Eigen::Vector3d> date = local_metres({{0, 179.9995, 0}, {0, -179.9995, 0}});
   EXPECT_NEAR(date[1][0] - date[0][0], 111.319, 0.01);
-  const std::vector<cv::Vec3d> pole = local_metres({{89.999, 0, 0}, {89.999, 180, 0}});
-  EXPECT_NEAR(cv::norm(pole[0] - pole[1]), 223.39, 0.01);
+  const std::vector<Eigen::Vector3d> pole = local_metres({{89.999, 0, 0}, {89.999, 180, 0}});
+  EXPECT_NEAR((pole[0] - pole[1]).norm(), 223.39, 0.01);
   EXPECT_NEAR(pole[0][2], pole[1][2], 1e-6);
   EXPECT_TRUE(local_metres({}).empty());
   EXPECT_THROW((void)local_metres({{91, 0, 0}}), std::invalid_argument);

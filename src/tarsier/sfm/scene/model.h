@@ -2,8 +2,9 @@
 #pragma once
 
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include <cstdint>
@@ -20,17 +21,17 @@ struct Observation {
 };
 
 struct Point {
-  cv::Vec3d position;              // world
-  cv::Vec3b color;                 // BGR
-  double error = 0;                // px, root mean square of its observations
-  std::vector<Observation> track;  // two or more, of different images
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // world
+  cv::Vec3b color;                                     // BGR
+  double error = 0;                                    // px, root mean square of its observations
+  std::vector<Observation> track;                      // two or more, of different images
 };
 
 struct Image {
   std::string name;  // relative to the folder of images
   int camera = 0;    // index into Model::cameras
   bool registered = false;
-  geometry::Rigid pose;               // camera_from_world, where registered
+  geometry::Rigid3 pose;              // camera_from_world, where registered
   std::vector<cv::Point2f> features;  // px, pixel centres at integers
   std::vector<float> sizes;           // px, diameter of each feature; empty: all alike
   std::vector<int> points;            // of each feature: index into Model::points, or -1

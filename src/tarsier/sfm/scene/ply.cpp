@@ -35,7 +35,7 @@ void put_color(std::string& bytes, const cv::Vec3b& bgr) {
   for (int k = 2; k >= 0; --k) bytes.push_back(static_cast<char>(bgr[k]));
 }
 
-void put_vertex(std::string& bytes, const cv::Vec3d& position, const cv::Vec3b& bgr) {
+void put_vertex(std::string& bytes, const Eigen::Vector3d& position, const cv::Vec3b& bgr) {
   for (int k = 0; k < 3; ++k) {
     const auto value = static_cast<float>(position[k]);
     TARSIER_REQUIRE(std::isfinite(value), "position {}", position[k]);
@@ -76,10 +76,11 @@ void write_cameras_ply(const std::string& path, const Model& model, double size)
     const double right = (camera.width - 0.5 - camera.cx) / camera.fx;
     const double top = (-0.5 - camera.cy) / camera.fy;
     const double bottom = (camera.height - 0.5 - camera.cy) / camera.fy;
-    const geometry::Rigid world_from_camera = image.pose.inverse();
+    const geometry::Rigid3 world_from_camera = image.pose.inverse();
     put_vertex(vertices, world_from_camera.translation, kCenterColor);
-    for (const cv::Vec3d& corner : {cv::Vec3d(left, top, 1), cv::Vec3d(right, top, 1),
-                                    cv::Vec3d(right, bottom, 1), cv::Vec3d(left, bottom, 1)}) {
+    for (const Eigen::Vector3d& corner :
+         {Eigen::Vector3d(left, top, 1), Eigen::Vector3d(right, top, 1),
+          Eigen::Vector3d(right, bottom, 1), Eigen::Vector3d(left, bottom, 1)}) {
       put_vertex(vertices, world_from_camera * (size * corner), kCornerColor);
     }
     const std::size_t first = 5 * count++;

@@ -5,6 +5,7 @@
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/sfm/scene/testing_model.h"
 
+#include <Eigen/Geometry>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -123,13 +124,13 @@ TEST_F(PlyTest, CamerasArePyramidsThatLookAtWhatTheySee) {
   for (const Element& element : elements) counts.emplace_back(element.name, element.count);
   EXPECT_THAT(counts, ElementsAre(Pair("vertex", 20U), Pair("face", 24U), Pair("edge", 32U)));
 
-  std::vector<cv::Vec3d> vertices;
+  std::vector<Eigen::Vector3d> vertices;
   for (const std::vector<double>& row : elements[0].rows)
     vertices.emplace_back(row[0], row[1], row[2]);
   std::size_t first = 0;
   for (const Image& image : model_.images) {
     if (!image.registered) continue;
-    EXPECT_LT(cv::norm(vertices[first] - image.pose.center()), 1e-6);
+    EXPECT_LT((vertices[first] - image.pose.center()).norm(), 1e-6);
     const geometry::Camera& camera = model_.cameras[static_cast<std::size_t>(image.camera)];
     geometry::Camera pinhole = camera;
     pinhole.distortion = {};
@@ -138,7 +139,7 @@ TEST_F(PlyTest, CamerasArePyramidsThatLookAtWhatTheySee) {
                                            {camera.width - 0.5, camera.height - 0.5},
                                            {-0.5, camera.height - 0.5}};
     for (std::size_t k = 0; k < 4; ++k) {
-      const cv::Vec3d seen = image.pose * vertices[first + 1 + k];
+      const Eigen::Vector3d seen = image.pose * vertices[first + 1 + k];
       EXPECT_NEAR(seen[2], 0.25, 1e-6);
       EXPECT_LT(cv::norm(pinhole.project(seen).value() - corners[k]), 2e-3);
     }
@@ -149,9 +150,9 @@ TEST_F(PlyTest, CamerasArePyramidsThatLookAtWhatTheySee) {
     ASSERT_EQ(row.size(), 3U);
     std::vector<std::size_t> at;
     for (const double index : row) at.push_back(static_cast<std::size_t>(index));
-    cv::Vec3d middle;
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
     for (std::size_t k = 0; k < 5; ++k) middle += 0.2 * vertices[at[0] / 5 * 5 + k];
-    const cv::Vec3d& a = vertices[at[0]];
+    const Eigen::Vector3d& a = vertices[at[0]];
     EXPECT_GT((vertices[at[1]] - a).cross(vertices[at[2]] - a).dot(a - middle), 0);
   }
   for (const std::vector<double>& row : elements[2].rows)

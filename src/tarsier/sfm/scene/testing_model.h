@@ -4,6 +4,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/sfm/scene/model.h"
 
+#include <Eigen/Core>
 #include <fmt/format.h>
 
 #include <cmath>
@@ -24,7 +25,8 @@ namespace tarsier::sfm {
     image.name = fmt::format("folder/photo {}.jpg", i);
     image.camera = i % 3;
     image.registered = i != 1;
-    const cv::Vec4d q(1, rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1));
+    const Eigen::Vector4d q(1, rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1),
+                            rng.uniform(-0.1, 0.1));
     image.pose = {geometry::rotation_of(q), {rng.uniform(-1, 1), rng.uniform(-1, 1), 0.1 * i}};
     model.images.push_back(image);
   }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "framing.h"
 
+#include <Eigen/Geometry>
+
 #include <algorithm>
 #include <cmath>
 
@@ -11,14 +13,8 @@ constexpr double kWithin = 0.95;          // of the points
 constexpr double kMoreForCameras = 1.35;  // times the points' own size, at most
 constexpr double kMargin = 1.08;
 
-bool finite(const cv::Vec3d& x) {
-  return std::isfinite(x[0]) && std::isfinite(x[1]) && std::isfinite(x[2]);
-}
-
-bool finite(const geometry::Rigid& pose) {
-  for (const double x : pose.rotation.val)
-    if (!std::isfinite(x)) return false;
-  return finite(pose.translation);
+bool finite(const geometry::Rigid3& pose) {
+  return pose.rotation.allFinite() && pose.translation.allFinite();
 }
 
 // Changes the order of `values`. 0 where there are none.
@@ -30,12 +26,8 @@ double quantile(std::vector<double>& values, double share) {
   return values[static_cast<std::size_t>(at)];
 }
 
-cv::Vec3d axis_of(const geometry::Rigid& pose, int row) {
-  return {pose.rotation(row, 0), pose.rotation(row, 1), pose.rotation(row, 2)};
-}
-
-cv::Vec3d median_of(const std::vector<cv::Vec3d>& all) {
-  cv::Vec3d result;
+Eigen::Vector3d median_of(const std::vector<Eigen::Vector3d>& all) {
+  Eigen::Vector3d result = Eigen::Vector3d::Zero();
   std::vector<double> values(all.size());
   for (int k = 0; k < 3; ++k) {
     std::transform(all.begin(), all.end(), values.begin(), [k](const auto& x) { return x[k]; });
@@ -49,13 +41,13 @@ struct Extent {
   double upright = 0;
 };
 
-Extent extent_of(const std::vector<cv::Vec3d>& all, const Framing& framing, double share) {
+Extent extent_of(const std::vector<Eigen::Vector3d>& all, const Framing& framing, double share) {
   std::vector<double> across;
   std::vector<double> upright;
   across.reserve(all.size());
   upright.reserve(all.size());
-  for (const cv::Vec3d& x : all) {
-    const cv::Vec3d framed = framing.framed(x);
+  for (const Eigen::Vector3d& x : all) {
+    const Eigen::Vector3d framed = framing.framed(x);
     across.push_back(std::hypot(framed[0], framed[2]));
     upright.push_back(framed[1]);
   }
@@ -69,10 +61,10 @@ Extent extent_of(const std::vector<cv::Vec3d>& all, const Framing& framing, doub
 
 // Images are in the order in which they were taken, more or less: the median step says how
 // large cameras may be drawn without standing in each other.
-double camera_size_of(const std::vector<cv::Vec3d>& centers, double scale) {
+double camera_size_of(const std::vector<Eigen::Vector3d>& centers, double scale) {
   std::vector<double> steps;
   for (std::size_t i = 1; i < centers.size(); ++i)
-    steps.push_back(cv::norm(centers[i] - centers[i - 1]));
+    steps.push_back((centers[i] - centers[i - 1]).norm());
   const double step = steps.empty() ? scale : quantile(steps, 0.5);
   return std::clamp(0.4 * step, 0.03 * scale, 0.1 * scale);
 }
@@ -80,36 +72,36 @@ double camera_size_of(const std::vector<cv::Vec3d>& centers, double scale) {
 }  // namespace
 
 Framing frame_model(const Model& model, bool with_cameras) {
-  std::vector<cv::Vec3d> points;
+  std::vector<Eigen::Vector3d> points;
   points.reserve(model.points.size());
   for (const Point& point : model.points)
-    if (finite(point.position)) points.push_back(point.position);
-  std::vector<cv::Vec3d> centers;
-  cv::Vec3d down;
-  cv::Vec3d ahead;
-  cv::Vec3d first_ahead;
+    if (point.position.allFinite()) points.push_back(point.position);
+  std::vector<Eigen::Vector3d> centers;
+  Eigen::Vector3d down = Eigen::Vector3d::Zero();
+  Eigen::Vector3d ahead = Eigen::Vector3d::Zero();
+  Eigen::Vector3d first_ahead = Eigen::Vector3d::Zero();
   for (const Image& image : model.images) {
     if (!image.registered || !finite(image.pose)) continue;
-    if (centers.empty()) first_ahead = axis_of(image.pose, 2);
+    const Eigen::Matrix3d axes = image.pose.rotation.transpose();
+    if (centers.empty()) first_ahead = axes.col(2);
     centers.push_back(image.pose.center());
-    down += axis_of(image.pose, 1);
-    ahead += axis_of(image.pose, 2);
+    down += axes.col(1);
+    ahead += axes.col(2);
   }
 
   Framing framing;
   const auto count = static_cast<double>(centers.size());
-  const cv::Vec3d up = cv::norm(down) > 1e-3 * count ? -down / cv::norm(down) : cv::Vec3d(0, -1, 0);
+  Eigen::Vector3d up(0, -1, 0);
+  if (down.norm() > 1e-3 * count) up = -down.normalized();
   // Cameras all around cancel out: then the first one is as good as any.
-  cv::Vec3d front;
-  for (const cv::Vec3d& candidate : {ahead / std::max(count, 1.0), first_ahead, cv::Vec3d(0, 0, 1),
-                                     cv::Vec3d(1, 0, 0), cv::Vec3d(0, 1, 0)}) {
+  Eigen::Vector3d front = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& candidate : std::initializer_list<Eigen::Vector3d>{
+           ahead / std::max(count, 1.0), first_ahead, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}}) {
     front = candidate - up * candidate.dot(up);
-    if (cv::norm(front) > 0.2) break;
+    if (front.norm() > 0.2) break;
   }
-  front /= cv::norm(front);
-  const cv::Vec3d right = front.cross(up);
-  framing.base = {right[0], right[1],  right[2],  up[0],    up[1],
-                  up[2],    -front[0], -front[1], -front[2]};
+  front.normalize();
+  framing.base << front.cross(up).transpose(), up.transpose(), -front.transpose();
 
   framing.center = median_of(points.empty() ? centers : points);
   Extent extent = extent_of(points, framing, kWithin);
@@ -144,14 +136,14 @@ std::vector<Pyramid> camera_pyramids(const Model& model, const Framing& framing)
         upright = std::min(0.5 * camera.height / camera.fy, 2.0);
       }
     }
-    const geometry::Rigid world = image.pose.inverse();
+    const geometry::Rigid3 world = image.pose.inverse();
     const double depth = framing.camera_size;
     Pyramid pyramid;
     pyramid.image = static_cast<int>(i);
-    pyramid.vertices = {world.translation, world * (depth * cv::Vec3d(-across, -upright, 1)),
-                        world * (depth * cv::Vec3d(across, -upright, 1)),
-                        world * (depth * cv::Vec3d(across, upright, 1)),
-                        world * (depth * cv::Vec3d(-across, upright, 1))};
+    pyramid.vertices = {world.translation, world * (depth * Eigen::Vector3d(-across, -upright, 1)),
+                        world * (depth * Eigen::Vector3d(across, -upright, 1)),
+                        world * (depth * Eigen::Vector3d(across, upright, 1)),
+                        world * (depth * Eigen::Vector3d(-across, upright, 1))};
     result.push_back(pyramid);
   }
   return result;

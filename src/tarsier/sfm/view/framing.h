@@ -3,6 +3,7 @@
 
 #include "tarsier/sfm/scene/model.h"
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include <algorithm>
@@ -14,23 +15,26 @@ namespace tarsier::sfm {
 
 // The frame of a cloud: x right, y up, z towards who looks at it from where the cameras stood.
 struct Framing {
-  cv::Vec3d center;         // world; median of the points
-  cv::Matx33d base;         // its rows are right, up and back as unit vectors of the world
-  double radius = 1;        // world units > 0, across: 95 % of the points lie within
-  double half_height = 0;   // world units, upright, alike
-  double cloud = 1;         // world units > 0, the larger of the two, without room for cameras
-  double camera_size = .1;  // world units, depth of a drawn camera
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();  // world; median of the points
+  Eigen::Matrix3d base =
+      Eigen::Matrix3d::Zero();  // its rows are right, up and back as unit vectors of the world
+  double radius = 1;            // world units > 0, across: 95 % of the points lie within
+  double half_height = 0;       // world units, upright, alike
+  double cloud = 1;             // world units > 0, the larger of the two, without room for cameras
+  double camera_size = .1;      // world units, depth of a drawn camera
 
   // World units; the larger of the two.
   [[nodiscard]] double scale() const { return std::max(radius, half_height); }
   // Coordinates in the frame, in world units.
-  [[nodiscard]] cv::Vec3d framed(const cv::Vec3d& world) const { return base * (world - center); }
+  [[nodiscard]] Eigen::Vector3d framed(const Eigen::Vector3d& world) const {
+    return base * (world - center);
+  }
 };
 
 // A camera as drawn: its centre and the four corners of its picture, from the top left clockwise.
 struct Pyramid {
-  int image = 0;                      // index into Model::images
-  std::array<cv::Vec3d, 5> vertices;  // world; the centre first
+  int image = 0;                            // index into Model::images
+  std::array<Eigen::Vector3d, 5> vertices;  // world; the centre first
 };
 // Pairs of indices into Pyramid::vertices.
 inline constexpr std::array<std::array<int, 2>, 8> kPyramidEdges{

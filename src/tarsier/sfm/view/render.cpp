@@ -2,6 +2,7 @@
 #include "render.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/geometry/opencv_types.h"
 
 #include "framing.h"
 #include <algorithm>
@@ -42,9 +43,8 @@ Scene scene_of(const Model& model, const ViewOptions& options) {
   scene.framing = frame_model(model, options.cameras);
   scene.dots.reserve(model.points.size());
   for (const Point& point : model.points) {
-    const cv::Vec3d framed = scene.framing.framed(point.position);
-    if (std::isfinite(framed[0]) && std::isfinite(framed[1]) && std::isfinite(framed[2]))
-      scene.dots.push_back({cv::Vec3f(framed), point.color});
+    const Eigen::Vector3d framed = scene.framing.framed(point.position);
+    if (framed.allFinite()) scene.dots.push_back({cv::Vec3f(geometry::to_cv(framed)), point.color});
   }
   if (options.cameras) scene.pyramids = camera_pyramids(model, scene.framing);
   return scene;
@@ -72,9 +72,10 @@ Viewpoint viewpoint_of(const Framing& framing, const ViewOptions& options) {
   const double st = std::sin(pitch);
   const double ct = std::cos(pitch);
   // Rows: right, down and ahead in the frame of the cloud.
-  const cv::Matx33d turn(c, 0, -s, st * s, -ct, st * c, -ct * s, -st, -ct * c);
+  const Eigen::Matrix3d turn{{c, 0, -s}, {st * s, -ct, st * c}, {-ct * s, -st, -ct * c}};
   view.pose.rotation = turn * framing.base;
-  view.pose.translation = -(view.pose.rotation * framing.center) + cv::Vec3d(0, 0, view.distance);
+  view.pose.translation =
+      -(view.pose.rotation * framing.center) + Eigen::Vector3d(0, 0, view.distance);
   return view;
 }
 
@@ -120,7 +121,8 @@ void draw_dots(const Scene& scene, const Viewpoint& view, const ViewOptions& opt
   const double px = options.point_px > 0
                         ? options.point_px
                         : std::clamp(1.25 * spacing, std::max(1.0, 2 * unit), 2 + 5 * unit);
-  const cv::Matx33f turn(view.pose.rotation * scene.framing.base.t());
+  const cv::Matx33f turn(
+      geometry::to_cv(Eigen::Matrix3d(view.pose.rotation * scene.framing.base.transpose())));
   const auto distance = static_cast<float>(view.distance);
   const auto near_z = static_cast<float>(kNear * view.distance);
   const auto focal = static_cast<float>(view.camera.fx);
@@ -182,13 +184,13 @@ void shade_edges(const cv::Mat1f& depth, float scale, cv::Mat& image) {
 }
 
 // A smooth line between two points in front of the camera. Its depth is compared in each pixel.
-void draw_line(const Viewpoint& view, cv::Vec3d a, cv::Vec3d b, const cv::Vec3b& color,
+void draw_line(const Viewpoint& view, Eigen::Vector3d a, Eigen::Vector3d b, const cv::Vec3b& color,
                const cv::Mat1f& depth, cv::Mat& image) {
   const double near_z = kNear * view.distance;
   if (!(a[2] > near_z) && !(b[2] > near_z)) return;
   if (a[2] < near_z) a += (b - a) * ((near_z - a[2]) / (b[2] - a[2]));
   if (b[2] < near_z) b += (a - b) * ((near_z - b[2]) / (a[2] - b[2]));
-  const auto pixel = [&](const cv::Vec3d& p) {
+  const auto pixel = [&](const Eigen::Vector3d& p) {
     return cv::Point2d(view.camera.cx + view.camera.fx * p[0] / p[2],
                        view.camera.cy + view.camera.fy * p[1] / p[2]);
   };

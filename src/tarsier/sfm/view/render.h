@@ -3,7 +3,7 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <opencv2/core.hpp>
@@ -36,8 +36,8 @@ struct ViewOptions {
 // The pinhole that render_model looks through.
 struct Viewpoint {
   geometry::Camera camera;
-  geometry::Rigid pose;  // camera_from_world
-  double distance = 0;   // world units, to the middle of the cloud
+  geometry::Rigid3 pose;  // camera_from_world
+  double distance = 0;    // world units, to the middle of the cloud
 };
 [[nodiscard]] Viewpoint viewpoint_of(const Model& model, const ViewOptions& options);
 

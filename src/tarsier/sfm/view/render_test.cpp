@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "render.h"
 
+#include <Eigen/LU>
 #include <gtest/gtest.h>
 
 #include "framing.h"
@@ -15,7 +16,7 @@ namespace {
 const cv::Vec3b kRed(20, 30, 220);
 const cv::Vec3b kBlue(220, 60, 20);
 
-void add_point(Model& model, const cv::Vec3d& position, const cv::Vec3b& color) {
+void add_point(Model& model, const Eigen::Vector3d& position, const cv::Vec3b& color) {
   model.points.push_back({position, color, 0.5, {}});
 }
 
@@ -82,13 +83,13 @@ TEST(Render, ViewStartsWhereTheCamerasStoodAndUpIsUp) {
   ViewOptions options;
   options.pitch_deg = 0;
   const Viewpoint view = viewpoint_of(model, options);
-  const cv::Vec3d eye = view.pose.center();
+  const Eigen::Vector3d eye = view.pose.center();
   EXPECT_LT(eye[2], -1);
   EXPECT_NEAR(eye[0], 0, 1e-9);
   EXPECT_NEAR(eye[1], 0, 1e-9);
   // Image y goes down as in the camera.
-  const auto low = view.camera.project(view.pose * cv::Vec3d(0, 1, 0));
-  const auto right = view.camera.project(view.pose * cv::Vec3d(1, 0, 0));
+  const auto low = view.camera.project(view.pose * Eigen::Vector3d(0, 1, 0));
+  const auto right = view.camera.project(view.pose * Eigen::Vector3d(1, 0, 0));
   ASSERT_TRUE(low && right);
   EXPECT_GT(low->y, view.camera.cy + 50);
   EXPECT_GT(right->x, view.camera.cx + 50);
@@ -119,13 +120,13 @@ TEST(Render, StrayPointsDoNotChangeTheFraming) {
     add_point(model, {std::sin(0.7 * i), std::cos(1.3 * i), std::sin(2.1 * i)}, kBlue);
   const ViewOptions options;
   const double clean = viewpoint_of(model, options).distance;
-  const cv::Vec3d center = frame_model(model).center;
+  const Eigen::Vector3d center = frame_model(model).center;
   for (int i = 0; i < 20; ++i) add_point(model, {1000.0 + 50 * i, -700, 4000}, kRed);
   const double nan = std::numeric_limits<double>::quiet_NaN();
   add_point(model, {nan, 0, 0}, kRed);
   add_point(model, {std::numeric_limits<double>::infinity(), 0, 0}, kRed);
   EXPECT_NEAR(viewpoint_of(model, options).distance, clean, 0.03 * clean);
-  EXPECT_LT(cv::norm(frame_model(model).center - center), 0.05);
+  EXPECT_LT((frame_model(model).center - center).norm(), 0.05);
   EXPECT_NO_THROW((void)render_model(model, options));
 }
 
@@ -179,14 +180,15 @@ TEST(Render, CamerasAllAroundStillGiveAFrame) {
     Image view;
     view.registered = true;
     view.camera = 7;  // not there
-    view.pose.rotation = {std::cos(a), 0, std::sin(a), 0, 1, 0, -std::sin(a), 0, std::cos(a)};
+    view.pose.rotation = geometry::rotation_by({0, a, 0});
     view.pose.translation = {0, 0, 5};
     model.images.push_back(view);
   }
   add_plate(model, 0, kRed);
   const Framing framing = frame_model(model);
-  EXPECT_NEAR(cv::norm(framing.base * framing.base.t() - cv::Matx33d::eye()), 0, 1e-9);
-  EXPECT_NEAR(cv::determinant(framing.base), 1, 1e-9);
+  EXPECT_NEAR((framing.base * framing.base.transpose() - Eigen::Matrix3d::Identity()).norm(), 0,
+              1e-9);
+  EXPECT_NEAR(framing.base.determinant(), 1, 1e-9);
   EXPECT_NEAR(framing.base(1, 1), -1, 1e-9);
   EXPECT_EQ(camera_pyramids(model, framing).size(), 8U);
   EXPECT_NO_THROW((void)render_model(model, {}));

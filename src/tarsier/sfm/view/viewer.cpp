@@ -74,9 +74,9 @@ std::string viewer(const Model& model, const std::string& title, int max_points,
   std::vector<std::size_t> order;
   double range = 1;
   for (std::size_t i = 0; i < model.points.size(); ++i) {
-    const cv::Vec3d framed = framing.framed(model.points[i].position) / scale;
-    const double widest = std::max({std::abs(framed[0]), std::abs(framed[1]), std::abs(framed[2])});
-    if (!(widest <= kWidest) || !std::isfinite(cv::norm(framed))) continue;
+    const Eigen::Vector3d framed = framing.framed(model.points[i].position) / scale;
+    const double widest = framed.cwiseAbs().maxCoeff();
+    if (!(widest <= kWidest) || !framed.allFinite()) continue;
     range = std::max(range, widest);
     order.push_back(i);
   }
@@ -90,7 +90,7 @@ std::string viewer(const Model& model, const std::string& title, int max_points,
   std::vector<std::uint8_t> colors;
   for (const std::size_t i : order) {
     const Point& point = model.points[i];
-    const cv::Vec3d framed = framing.framed(point.position) / scale;
+    const Eigen::Vector3d framed = framing.framed(point.position) / scale;
     for (int k = 0; k < 3; ++k) {
       positions.push_back(
           static_cast<std::uint16_t>(std::lround((framed[k] / range + 1) * 32767.5)));
@@ -100,8 +100,8 @@ std::string viewer(const Model& model, const std::string& title, int max_points,
   std::vector<float> cameras;
   nlohmann::json names = nlohmann::json::array();
   for (const Pyramid& pyramid : camera_pyramids(model, framing)) {
-    for (const cv::Vec3d& vertex : pyramid.vertices) {
-      const cv::Vec3d framed = framing.framed(vertex) / scale;
+    for (const Eigen::Vector3d& vertex : pyramid.vertices) {
+      const Eigen::Vector3d framed = framing.framed(vertex) / scale;
       for (int k = 0; k < 3; ++k) cameras.push_back(static_cast<float>(framed[k]));
     }
     names.push_back(model.images[static_cast<std::size_t>(pyramid.image)].name);

@@ -124,7 +124,7 @@ cv::Mat FaceSynth::texture(const FacePerson& person) const {
 }
 
 FaceTruth FaceSynth::draw(cv::Mat& picture, const FacePerson& person,
-                          const geometry::Camera& camera, const geometry::Rigid& camera_from_head,
+                          const geometry::Camera& camera, const geometry::Rigid3& camera_from_head,
                           const FaceSceneOptions& options, std::uint64_t seed) const {
   options.check();
   camera.check();
@@ -159,8 +159,7 @@ FaceTruth FaceSynth::draw(cv::Mat& picture, const FacePerson& person,
   }());
   truth.points.resize(2, shape.cols());
   for (Eigen::Index i = 0; i < shape.cols(); ++i) {
-    const auto at =
-        camera.project(camera_from_head * cv::Vec3d(shape(0, i), shape(1, i), shape(2, i)));
+    const auto at = camera.project(camera_from_head * shape.col(i));
     TARSIER_REQUIRE(at.has_value(), "a head behind the camera");
     truth.points.col(i) = Eigen::Vector2d(at->x, at->y);
   }

@@ -6,7 +6,7 @@
 #include "tarsier/face/appearance/synthesis.h"
 #include "tarsier/face/head/head_model.h"
 #include "tarsier/geometry/camera.h"
-#include "tarsier/geometry/rigid.h"
+#include "tarsier/geometry/rigid3.h"
 #include "tarsier/render/mesh.h"
 
 #include <Eigen/Core>
@@ -45,8 +45,8 @@ struct FaceSceneOptions {
 };
 
 struct FaceTruth {
-  Eigen::Matrix2Xd points;           // 2 x n, px
-  geometry::Rigid camera_from_head;  // mm
+  Eigen::Matrix2Xd points;            // 2 x n, px
+  geometry::Rigid3 camera_from_head;  // mm
 };
 
 class FaceSynth {
@@ -63,7 +63,7 @@ class FaceSynth {
   // Draws the person into `picture` (CV_8UC3, of the camera's size). `seed` of ground and noise.
   // Same picture for any number of threads.
   FaceTruth draw(cv::Mat& picture, const FacePerson& person, const geometry::Camera& camera,
-                 const geometry::Rigid& camera_from_head, const FaceSceneOptions& options,
+                 const geometry::Rigid3& camera_from_head, const FaceSceneOptions& options,
                  std::uint64_t seed) const;
 
   // The head's surface, mm, in the head's frame, with its texture.

@@ -35,7 +35,7 @@ class SynthFaceTest : public ::testing::Test {
     camera.cy = 119.5;
     return camera;
   }
-  static geometry::Rigid pose(double yaw, double pitch = 0, double roll = 0) {
+  static geometry::Rigid3 pose(double yaw, double pitch = 0, double roll = 0) {
     return {face::head::rotation_of_angles({yaw, pitch, roll}), {10, -20, 600}};
   }
 
@@ -51,7 +51,7 @@ TEST_F(SynthFaceTest, TheTruthIsTheProjectionOfTheHeadsPoints) {
   cv::Mat picture;
   const FaceTruth truth = synth_->draw(picture, mean, camera(), pose(20, 5), {}, 1);
   const Eigen::Vector3d nose = synth_->head().mean.col(30);
-  const cv::Vec3d at = pose(20, 5) * cv::Vec3d(nose.x(), nose.y(), nose.z());
+  const Eigen::Vector3d at = pose(20, 5) * Eigen::Vector3d(nose.x(), nose.y(), nose.z());
   EXPECT_NEAR(truth.points(0, 30), 159.5 + 400 * at[0] / at[2], 1e-9);
   EXPECT_NEAR(truth.points(1, 30), 119.5 + 400 * at[1] / at[2], 1e-9);
   // Turned to image left, the nose is nearer to the eye corner on that side.

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/geometry/sim3.h"
+
+#include "tarsier/core/require.h"
+#include "tarsier/linalg/decompositions.h"
+
+#include <Eigen/LU>
+
+#include <cmath>
+
+namespace tarsier::geometry {
+namespace {
+
+constexpr double kMinFlatness = 1e-6;  // second extent of the points by the first
+
+// Whether a covariance has two directions of extent at least. Extents are roots of its singular values.
+bool is_spread(const Eigen::Matrix3d& covariance) {
+  const Eigen::VectorXd w = linalg::left_svd(covariance).values;
+  return w[0] > 0 && std::isfinite(w[0]) && w[1] > kMinFlatness * kMinFlatness * w[0];
+}
+
+}  // namespace
+
+void Sim3::check() const {
+  TARSIER_REQUIRE(scale > 0 && std::isfinite(scale), "scale {}", scale);
+  Rigid3{rotation, translation}.check();
+}
+
+Rigid3 moved_camera(const Rigid3& camera_from_a, const Sim3& b_from_a) {
+  const Eigen::Matrix3d rotation = camera_from_a.rotation * b_from_a.rotation.transpose();
+  return {rotation, b_from_a.scale * camera_from_a.translation - rotation * b_from_a.translation};
+}
+
+std::optional<Sim3> similarity_between(const PointsRef& from, const PointsRef& to) {
+  TARSIER_REQUIRE(from.cols() == to.cols(), "{} and {} points", from.cols(), to.cols());
+  TARSIER_REQUIRE(from.allFinite() && to.allFinite(), "a point is not finite");
+  if (from.cols() < 3) return std::nullopt;
+  const auto count = static_cast<double>(from.cols());
+  const Eigen::Vector3d mean_from = from.rowwise().mean();
+  const Eigen::Vector3d mean_to = to.rowwise().mean();
+  const Eigen::Matrix3Xd a = from.colwise() - mean_from;
+  const Eigen::Matrix3Xd b = to.colwise() - mean_to;
+  const Eigen::Matrix3d own = a * a.transpose() / count;
+  const Eigen::Matrix3d other = b * b.transpose() / count;
+  const Eigen::Matrix3d both = b * a.transpose() / count;
+  if (!is_spread(own) || !is_spread(other) || !is_spread(both)) return std::nullopt;
+  Sim3 result;
+  result.rotation = nearest_rotation(both);
+  result.scale = (result.rotation.transpose() * both).trace() / own.trace();
+  if (!(result.scale > 0) || !std::isfinite(result.scale)) return std::nullopt;
+  result.translation = mean_to - result.scale * (result.rotation * mean_from);
+  return result;
+}
+
+}  // namespace tarsier::geometry
