@@ -3,8 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "areas.h"
-#include "cli.h"
+#include "framework/areas.h"
+#include "framework/cli.h"
 #include "framework/command_json.h"
 #include "framework/command_tree.h"
 #include "options_cases.h"

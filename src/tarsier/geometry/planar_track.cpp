@@ -3,7 +3,6 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/geometry/rigid3.h"
-#include "tarsier/geometry/rotation.h"
 
 #include <algorithm>
 #include <cmath>

@@ -3,7 +3,6 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/rigid3.h"
-#include "tarsier/geometry/rotation.h"
 #include "tarsier/planar/markers/dictionary.h"
 #include "tarsier/synth/planar_scene.h"
 

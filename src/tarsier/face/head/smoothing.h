@@ -2,7 +2,6 @@
 #pragma once
 
 #include "tarsier/core/option_fields.h"
-#include "tarsier/geometry/rigid.h"
 #include "tarsier/geometry/rigid3.h"
 
 #include <Eigen/Core>
