@@ -56,10 +56,4 @@ struct LeftSvd {
 // An orthonormal basis of the columns of A, rows x columns (rows >= columns, full rank), by Householder reflections.
 [[nodiscard]] Eigen::MatrixXd orthonormal_basis(const ConstMatrix& a);
 
-// The similarity T (4 x 4, homogeneous: scale, rotation, translation) with least sum |T a_i - b_i|^2 over the columns of
-// two 3 x n matrices, n >= 3. Umeyama, Least-squares estimation of transformation parameters between two point patterns,
-// PAMI 1991.
-[[nodiscard]] Eigen::Matrix4d align_similarity(const Eigen::Matrix3Xd& a,
-                                               const Eigen::Matrix3Xd& b);
-
 }  // namespace tarsier::linalg

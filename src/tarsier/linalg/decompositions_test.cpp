@@ -87,16 +87,5 @@ TEST(Decompositions, LeftSvdAndBasisSpanTheColumns) {
   EXPECT_LT((q * (q.transpose() * a) - a).norm(), 1e-10);
 }
 
-TEST(Decompositions, ASimilarityIsFoundFromPoints) {
-  const Eigen::Matrix3Xd a = drawn(3, 7, 10);
-  Eigen::Matrix4d truth = Eigen::Matrix4d::Identity();
-  truth.topLeftCorner<3, 3>() << 0, -2, 0, 2, 0, 0, 0, 0, 2;
-  truth.topRightCorner<3, 1>() << 1, -3, 5;
-  const Eigen::Matrix3Xd b =
-      (truth.topLeftCorner<3, 3>() * a).colwise() + truth.topRightCorner<3, 1>();
-  EXPECT_LT((align_similarity(a, b) - truth).norm(), 1e-10);
-  EXPECT_THROW((void)align_similarity(a.leftCols(2), b.leftCols(2)), std::invalid_argument);
-}
-
 }  // namespace
 }  // namespace tarsier::linalg
