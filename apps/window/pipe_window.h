@@ -26,7 +26,7 @@ namespace tarsier::window {
 //   D  the stages of a frame: frame number, length of what follows (32 bits each), a JSON list
 //      [{"name","width","height","bytes"}], and the JPEGs, one behind the other; at most 32 stages,
 //      480 px wide and high
-// Into IN go lines (tarsier/session/window_lines.h): events, {"want":1}, {"quality"},
+// Into IN go lines (ui/window_lines.h): events, {"want":1}, {"quality"},
 // {"stages"}, {"max_width"}, {"close"}. Its end, and the end of OUT's reader, mean that the window was closed.
 //
 // An image is sent where one is wanted and newer than the last; each "want" is for one, and they do

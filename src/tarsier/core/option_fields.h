@@ -21,7 +21,7 @@
 //     void check() const { check_fields(*this); }
 //   };
 //
-// check(), the flags of the program (apps/cli/framework/bind.h), their help, the manual pages and
+// check(), the flags of the program (apps/tarsier/framework/bind.h), their help, the manual pages and
 // `tarsier help --json` are made of this list. Rules between fields stay in check().
 
 namespace tarsier {
