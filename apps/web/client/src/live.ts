@@ -304,9 +304,10 @@ async function decode(one: Watched): Promise<void> {
       bitmap.close();
       const now = performance.now();
       one.times = one.times.filter((time) => now - time < 2000);
-      one.times.push(now);
-      const span = now - (one.times[0] as number);
-      const fps = one.times.length > 1 ? ((one.times.length - 1) * 1000) / span : 0;
+      // A paused session, or one that is drawn again, shows the same frame: no frame rate.
+      if (picture.frame !== one.shown.peek().frame) one.times.push(now);
+      const span = now - (one.times[0] ?? now);
+      const fps = one.times.length > 1 && span > 0 ? ((one.times.length - 1) * 1000) / span : 0;
       one.shown.value = { frame: picture.frame, ageMs: picture.ageMs + (now - came), fps };
     } catch {
       // A picture that cannot be decoded is left out; the next one comes.

@@ -387,10 +387,11 @@ function When({ events }: { events: PlateEvent[] }) {
     const text = timeText(start);
     return isDay ? text.slice(0, 10) : text.slice(11, 16);
   };
-  const width = 600;
+  // A phone shows it 1:1, so that its labels can be read.
+  const width = window.innerWidth < 600 ? 320 : 600;
   const height = 90;
   const bar = width / bars.length;
-  const every = Math.ceil(bars.length / 8);
+  const every = Math.ceil(bars.length / (width / 75));
   return (
     <figure class="when">
       <figcaption>Vehicles by {isDay ? 'day' : 'hour'}</figcaption>

@@ -161,7 +161,9 @@ export class CloudViewer {
       }
       yaw = Math.atan2(x, z);
     }
-    this.home = { target: bounds.centre, distance: 2.6 * bounds.radius, yaw, pitch: 0.3 };
+    // All of it is seen in a narrow picture, too.
+    const distance = (2.6 * bounds.radius) / Math.min(1, this.camera.aspect);
+    this.home = { target: bounds.centre, distance, yaw, pitch: 0.3 };
     this.look(this.home);
   }
 
