@@ -2,6 +2,7 @@
 #include "tarsier/synth/boards.h"
 
 #include "tarsier/core/rng.h"
+#include "tarsier/geometry/rigid3.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
@@ -89,7 +90,7 @@ TEST(SynthBoardsTest, AVideoHoldsTheBoardStillAndMovesIt) {
   EXPECT_EQ((first->translation - still->translation).norm(), 0);
   EXPECT_GT((first->translation - next->translation).norm(), 0.02);
   EXPECT_GT((moving->translation - first->translation).norm(), 1e-3);
-  EXPECT_NEAR(moving->rotation.determinant(), 1, 1e-9);
+  EXPECT_TRUE(geometry::is_rotation(moving->rotation, 1e-9));
   EXPECT_EQ(cv::norm(video.picture_at(0.7), video.picture_at(0.8), cv::NORM_INF), 0);
   EXPECT_GT(cv::norm(video.picture_at(0.2), video.picture_at(0.7), cv::NORM_INF), 50);
 }
