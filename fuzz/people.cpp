@@ -32,14 +32,18 @@ TARSIER_FUZZ_TARGET(face_embedding, kJson) {
   (void)read_deep_network(file_of(input, "face-embedding.json"));
 }
 
-// The manifest; its shard is a page of zeros.
+// The manifest; its shards are 8 kB of zeros.
 TARSIER_FUZZ_TARGET(weights_manifest, kJson) {
   const std::string manifest = file_of(input, "manifest.json");
   for (const std::string& name : shards_of_manifest(manifest)) {
     if (name == "manifest.json") return;
-    std::ofstream(std::filesystem::path(manifest).parent_path() / name) << std::string(4096, '\0');
+    std::ofstream(std::filesystem::path(manifest).parent_path() / name) << std::string(8192, '\0');
   }
-  (void)build_deep_network(read_weights_manifest(manifest), manifest);
+  const DeepWeights weights = read_weights_manifest(manifest);
+  try {
+    (void)build_deep_network(weights, manifest);
+  } catch (const Error&) {  // tensors that are read need not make a network
+  }
 }
 
 TARSIER_FUZZ_TARGET(face_list, kBytes) { (void)read_face_list(file_of(input, "faces.lst")); }

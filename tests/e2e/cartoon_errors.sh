@@ -55,7 +55,7 @@ wrong 2 'skin-color.*#rrggbb' $good --skin-color '#12345' -o out.png
 wrong 2 'skin-lower.*three numbers' $good --skin-lower 1,2,300 -o out.png
 wrong 2 'skin-style' $good --skin-style shiny -o out.png
 wrong 2 'actions' $good --actions file -o out.png
-wrong 2 'JPEG' $good --jpeg-quality 0 -o out.jpg
+wrong 2 '--jpeg-quality: expected 1..100' $good --jpeg-quality 0 -o out.jpg
 wrong 2 'folder' $good $samples/box.png -o out.png
 wrong 2 'folder' $samples/vtest.avi -o out.png
 wrong 2 'INPUT' -o out.png

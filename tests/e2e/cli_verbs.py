@@ -214,8 +214,8 @@ def check_flags(verb):
         if flag["type"] in ("integer", "number") and called.startswith("-"):
             if flag["default"] is None and not flag["required"] and "[" not in text and "default" not in text:
                 fail(name, f"{called}: --help does not tell its default")
-            if flag["group"] != "Common" and not UNITS.search(text):
-                fail(name, f"{called}: --help tells no unit and no meaning: {text!r}")
+            if flag["group"] != "Common" and not flag.get("range") and not UNITS.search(text):
+                fail(name, f"{called}: --help tells no unit, no range and no meaning: {text!r}")
 
 
 def check_example(verb):

@@ -307,7 +307,7 @@ class SessionTest(pages.PageTest):
         self.page.click("button", "Stages")
         self.page.wait("!document.querySelector('.stages')")
         # A session without stages has no such button, and says so to programs.
-        other = self.start("people live", SMALL)
+        other = self.start("pose track", SMALL)
         self.assertEqual(self.server.call(f"/api/sessions/{other}/stages")[0], 409)
         self.assertEqual(self.server.call("/api/sessions/none/stages")[0], 404)
 

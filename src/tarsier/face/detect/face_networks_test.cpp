@@ -221,7 +221,7 @@ class FaceTrainingTest : public FolderTest {
 
 TEST_F(FaceTrainingTest, IsTheSameForAnyNumberOfThreads) {
   const FaceTrainingOptions options{
-      .scan_steps = 4, .judge_steps = 2, .check_steps = 3, .drawings = 0};
+      .scan_steps = 4, .judge_steps = 3, .check_steps = 3, .drawings = 0};
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
   const FaceTraining one = train_face_networks(pictures_, "set", options, silent_, {});
@@ -243,7 +243,7 @@ TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByPicturesThatWereHeldOut) {
     pictures_.push_back({name, {}, {}});
   }
   // Hardly trained networks take anything for a face.
-  FaceTrainingOptions options{.scan_steps = 2, .judge_steps = 2, .check_steps = 3, .drawings = 0};
+  FaceTrainingOptions options{.scan_steps = 3, .judge_steps = 3, .check_steps = 3, .drawings = 0};
   options.false_alarms = 0;
   const FaceTraining strict = train_face_networks(pictures_, "set", options, silent_, {});
   EXPECT_EQ(strict.without, 6);
@@ -267,7 +267,7 @@ TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByPicturesThatWereHeldOut) {
 
 TEST_F(FaceTrainingTest, TakesPixelsInPlaceOfAFile) {
   const FaceTrainingOptions options{
-      .scan_steps = 2, .judge_steps = 2, .check_steps = 3, .drawings = 0};
+      .scan_steps = 3, .judge_steps = 3, .check_steps = 3, .drawings = 0};
   const FaceTraining files = train_face_networks(pictures_, "set", options, silent_, {});
   for (FacePicture& picture : pictures_) {
     picture.gray = read_gray_image(picture.image);

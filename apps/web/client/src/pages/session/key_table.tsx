@@ -1,5 +1,5 @@
 // The keys of a session's actions, which the viewer may change.
-import { useEffect, useRef, useState } from 'preact/hooks';
+import { useLayoutEffect, useRef, useState } from 'preact/hooks';
 import type { Action } from '../../api';
 import { useSignalValue } from '../../hooks';
 import { keyOf, ownKeys, problemOfKey, setKeys, withKey, type OwnKeys } from '../../key_map';
@@ -18,7 +18,8 @@ export function KeyTable(props: { verb: string; actions: Action[]; reserved: Rea
   const [problem, setProblem] = useState('');
   const button = useRef<HTMLButtonElement | null>(null);
   // Where the focus goes elsewhere nobody is going to press a key.
-  useEffect(() => {
+  // At once, so that no key is pressed before it.
+  useLayoutEffect(() => {
     if (waiting !== null) button.current?.focus();
   }, [waiting]);
   const keep = (next: OwnKeys, what: string) => {
