@@ -266,8 +266,8 @@ void people_models() {
   write_file_atomically(
       seed("weights_manifest", "one.json"),
       std::string_view(
-          R"([{"weights": [{"name": "fc", "shape": [16, 64], "dtype": "float32"}, {"name": "s",
-"shape": [16], "dtype": "float32", "quantization": {"dtype": "uint8", "scale": 0.1, "min": -1}}],
+          R"([{"weights": [{"name": "fc", "shape": [16, 60], "dtype": "float32"}, {"name": "s",
+"shape": [256], "dtype": "float32", "quantization": {"dtype": "uint8", "scale": 0.1, "min": -1}}],
 "paths": ["shard.bin"]}])"));
   write_background(seed("background", "small.json"),
                    learn_background(others.faces, general, quiet, kGoOn), kNothing);
