@@ -2,7 +2,6 @@
 #include "tarsier/cartoon/cartoonizer.h"
 #include "tarsier/cartoon/reference.h"
 #include "tarsier/core/cpu.h"
-#include "tarsier/core/require.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/core/timer.h"

@@ -22,7 +22,7 @@ Flag& add_field(Command& verb, const OptionField& field);
 // Adds the flags of all fields that have one, under a heading in --help.
 void add_fields(Command& verb, const OptionFields& fields, std::string_view group);
 
-// The field whose value is `value`. Throws std::invalid_argument if there is none.
+// The field whose value is `value`. Throws std::invalid_argument if no field has it.
 [[nodiscard]] const OptionField& field_of(const OptionFields& fields, const void* value);
 
 template <class Options>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/core/require.h"
 #include "tarsier/face/shape/similarity.h"
 #include "tarsier/media/image_file.h"
 

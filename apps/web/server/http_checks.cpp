@@ -98,7 +98,7 @@ std::optional<Response> HttpChecks::check_access(Request& request, const Router:
       if (const auto wait = bearer_tries_.refused(request.address, RateLimit::Clock::now()))
         return too_many(*wait);
       audit_.write("api token refused", request.address, {{"path", request.path}});
-      return unauthorized("this token is none: see .studio/api-token of the workspace");
+      return unauthorized("this is not the API token: see .studio/api-token in the workspace");
     }
   }
   if (route.access == Access::kPublic) return std::nullopt;

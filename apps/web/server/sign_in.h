@@ -75,7 +75,7 @@ class SignIns {
   // Those that hold now, the one that was used last first.
   [[nodiscard]] std::vector<SignIn> list() const;
   [[nodiscard]] static std::string id_of(std::string_view cookie);
-  // Ends one of list(); false where there is none of this id.
+  // Ends one of list(); false for an unknown id.
   bool revoke(std::string_view id);
   // Ends all but that of `cookie`, which may be empty; how many. Links that nobody used end, too.
   std::size_t revoke_others(std::string_view cookie);

@@ -116,7 +116,7 @@ std::string find_upload_trouble(std::string_view name, std::string_view bytes,
   }
   if (has_ending(name, kVideoEndings)) {
     type = FileType::kVideo;
-    return is_video_head(bytes) ? "" : "the file is named like a video and is none";
+    return is_video_head(bytes) ? "" : "the file has the name of a video, but not its content";
   }
   if (has_ending(name, kDataEndings)) {
     if (!names_foreign_files(bytes)) return {};

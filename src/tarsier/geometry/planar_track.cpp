@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/geometry/planar_track.h"
 
-#include "tarsier/core/require.h"
 #include "tarsier/geometry/rigid3.h"
 
 #include <algorithm>

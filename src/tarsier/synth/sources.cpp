@@ -2,7 +2,6 @@
 #include "tarsier/synth/sources.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/synth/boards.h"
 #include "tarsier/synth/clock.h"

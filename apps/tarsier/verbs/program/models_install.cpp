@@ -235,8 +235,9 @@ ExitStatus remove(const Context& context, const InstallOptions& options) {
   if (context.json) {
     print_json(json{{"name", name}, {"removed", found}});
   } else if (!context.quiet) {
-    print_text(found ? fmt::format("{}: the one that ships is used again\n", printable(name))
-                     : fmt::format("{}: there is none of your own\n", printable(name)));
+    print_text(
+        found ? fmt::format("{}: the one that ships is used again\n", printable(name))
+              : fmt::format("{}: you have not installed a model of this name\n", printable(name)));
   }
   return found ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/pipelines/annotator_match.h"
 
-#include "tarsier/core/require.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/face/shape/similarity.h"
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/planar/calibration/lens_fit.h"
 
-#include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/planar_pose.h"
 #include "tarsier/linalg/decompositions.h"
