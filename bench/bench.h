@@ -24,16 +24,16 @@ namespace tarsier::cli {
 [[nodiscard]] ExitStatus bench_plate(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_landmarks(Context& context,
                                          const BenchOptions& options);  // INPUT: a face
-// INPUT: pictures without a board
+// INPUT: images without a board
 [[nodiscard]] ExitStatus bench_calibrate(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_markers(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_render(Context& context, const BenchOptions& options);
-// INPUT: pictures to find
+// INPUT: images to find
 [[nodiscard]] ExitStatus bench_targets(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_posit(Context& context,
                                      const BenchOptions& options);  // INPUT: another head model
 
-// INPUT: pictures or videos with faces
+// INPUT: images or videos with faces
 [[nodiscard]] ExitStatus bench_eyes(Context& context, const BenchOptions& options);
 [[nodiscard]] ExitStatus bench_people(Context& context, const BenchOptions& options);
 

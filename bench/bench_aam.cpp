@@ -32,15 +32,15 @@ geometry::Rigid3 pose_at(double yaw, double distance) {
 // Heads that nobody has, to learn a small grey model from.
 AppearanceModel small_model(const synth::FaceSynth& faces, int width, int modes) {
   geometry::Camera camera = face::head::guess_camera({240, 240});
-  std::vector<face::appearance::TrainingPicture> pictures;
+  std::vector<face::appearance::TrainingImage> images;
   Rng rng(1);
   for (std::uint64_t i = 0; i < 60; ++i) {
-    face::appearance::TrainingPicture picture;
-    picture.points = faces
-                         .draw(picture.picture, faces.person(i, 1), camera,
-                               pose_at(rng.uniform(-20, 20), 450), {}, i)
-                         .points;
-    pictures.push_back(std::move(picture));
+    face::appearance::TrainingImage image;
+    image.points = faces
+                       .draw(image.image, faces.person(i, 1), camera,
+                             pose_at(rng.uniform(-20, 20), 450), {}, i)
+                       .points;
+    images.push_back(std::move(image));
   }
   face::appearance::AppearanceOptions options;
   options.frame_width = width;
@@ -49,7 +49,7 @@ AppearanceModel small_model(const synth::FaceSynth& faces, int width, int modes)
   options.shape.variance = 1;
   options.shape.max_modes = modes;
   NoProgress silent;
-  return face::appearance::train_appearance_model(pictures, {}, options, silent, {});
+  return face::appearance::train_appearance_model(images, {}, options, silent, {});
 }
 
 void report(const Context& context, const char* name, double ms, const std::string& about) {
@@ -62,7 +62,7 @@ void report(const Context& context, const char* name, double ms, const std::stri
 }
 
 // One iteration at the finest level: the difference of many and few.
-double iteration_ms(const AppearanceModel& model, Method method, const cv::Mat& picture,
+double iteration_ms(const AppearanceModel& model, Method method, const cv::Mat& image,
                     const Eigen::Matrix2Xd& start, int repeats) {
   const auto time_of = [&](int iterations) {
     FitOptions options;
@@ -72,7 +72,7 @@ double iteration_ms(const AppearanceModel& model, Method method, const cv::Mat& 
     options.coarsest = 0;
     const face::appearance::Fitter fitter(model, options);
     face::appearance::FitWorkspace workspace;
-    return median_ms(repeats, [&] { (void)fitter.fit(picture, start, workspace); });
+    return median_ms(repeats, [&] { (void)fitter.fit(image, start, workspace); });
   };
   constexpr int kFew = 5;
   constexpr int kMany = 45;
@@ -88,9 +88,9 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
   geometry::Camera camera = face::head::guess_camera({640, 480});
-  cv::Mat picture;
+  cv::Mat image;
   const Eigen::Matrix2Xd truth =
-      faces.draw(picture, faces.person(100), camera, pose_at(5, 600), {}, 1).points;
+      faces.draw(image, faces.person(100), camera, pose_at(5, 600), {}, 1).points;
   const auto start_of = [&](const AppearanceModel& any) {
     return Eigen::Matrix2Xd(
         face::shape::fit_similarity(any.shape.mean, truth)(any.shape.mean).colwise() +
@@ -105,11 +105,11 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
         grey.levels[0].warp.pixels().size(), grey.shape.mode_count(), grey.levels[0].mode_count());
     if (is_chosen(options, "project-out-iteration"))
       report(context, "project-out-iteration",
-             iteration_ms(grey, Method::kProjectOut, picture, start_of(grey), options.repeats),
+             iteration_ms(grey, Method::kProjectOut, image, start_of(grey), options.repeats),
              about);
     if (is_chosen(options, "alternating-iteration"))
       report(context, "alternating-iteration",
-             iteration_ms(grey, Method::kAlternating, picture, start_of(grey), options.repeats),
+             iteration_ms(grey, Method::kAlternating, image, start_of(grey), options.repeats),
              about);
   }
   const std::string about =
@@ -125,7 +125,7 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
     face::appearance::FitWorkspace workspace;
     const Eigen::Matrix2Xd start = start_of(model);
     report(context, name,
-           median_ms(options.repeats, [&] { (void)fitter.fit(picture, start, workspace); }), about);
+           median_ms(options.repeats, [&] { (void)fitter.fit(image, start, workspace); }), about);
   }
   if (is_chosen(options, "track")) {
     // A head that turns: fit from frame to frame, and the pose of the head.

@@ -87,9 +87,9 @@ void measure_board(Context& context, const char* board, cv::Size size) {
     synth::BoardLook look;
     look.seed = ++seed;
     look.clutter = 12;
-    const cv::Mat picture = renderer.render(pose, look);
+    const cv::Mat image = renderer.render(pose, look);
     const Stopwatch watch;
-    views.push_back(planar::calibration::find_board(picture, spec));
+    views.push_back(planar::calibration::find_board(image, spec));
     times.push_back(watch.ms());
     if (views.back().empty()) continue;
     ++found;
@@ -114,8 +114,8 @@ void measure_board(Context& context, const char* board, cv::Size size) {
                                          3)}});
 }
 
-// Pictures without a board: how long a search may take, at once and in a session.
-void measure_nothing(Context& context, const std::vector<cv::Mat>& pictures, const char* board) {
+// Images without a board: how long a search may take, at once and in a session.
+void measure_nothing(Context& context, const std::vector<cv::Mat>& images, const char* board) {
   const BoardSpec spec = planar::calibration::parse_board(board, 0.025);
   for (const bool live : {false, true}) {
     planar::calibration::FindOptions options;
@@ -124,17 +124,17 @@ void measure_nothing(Context& context, const std::vector<cv::Mat>& pictures, con
       options.patient = false;
     }
     std::vector<double> times;
-    for (const cv::Mat& picture : pictures) {
+    for (const cv::Mat& image : images) {
       throw_if_stopped(context.stop);
       const Stopwatch watch;
-      (void)planar::calibration::find_board(picture, spec, options);
+      (void)planar::calibration::find_board(image, spec, options);
       times.push_back(watch.ms());
     }
     print_row(context,
               {{"bench", "calibrate"},
                {"case", fmt::format("{} {}", board,
                                     live ? "nothing there, as a session looks" : "nothing there")},
-               {"pictures", pictures.size()},
+               {"images", images.size()},
                {"find_ms", rounded(upper_median(times), 1)},
                {"max_ms", rounded(*std::max_element(times.begin(), times.end()), 1)}});
   }
@@ -152,20 +152,20 @@ ExitStatus bench_calibrate(Context& context, const BenchOptions& options) {
     if (!is_chosen(options, board)) continue;
     for (const cv::Size& size : sizes) measure_board(context, board, size);
   }
-  std::vector<cv::Mat> pictures;
+  std::vector<cv::Mat> images;
   if (options.inputs.empty()) {
     for (std::uint64_t seed = 1; seed <= 8; ++seed)
-      pictures.push_back(synth::render_scene({1280, 720}, 0, seed));
+      images.push_back(synth::render_scene({1280, 720}, 0, seed));
   } else {
     const auto source = open_sources(options.inputs);
-    while (!source->ended() && pictures.size() < 200) {
+    while (!source->ended() && images.size() < 200) {
       throw_if_stopped(context.stop);
       if (auto frame = source->next(std::chrono::milliseconds(200), context.stop))
-        pictures.push_back(frame->image.clone());
+        images.push_back(frame->image.clone());
     }
   }
   for (const char* board : boards)
-    if (!pictures.empty()) measure_nothing(context, pictures, board);
+    if (!images.empty()) measure_nothing(context, images, board);
   return ExitStatus::kDone;
 }
 

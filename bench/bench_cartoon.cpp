@@ -39,12 +39,12 @@ using cartoon::Mode;
 
 constexpr double kIdenticalPsnr = 99;  // dB, stands for infinity
 
-// How alike two pictures of any size and kind are.
+// How alike two images of any size and kind are.
 struct Likeness {
-  std::optional<double> psnr;            // of the painting, dB
-  std::optional<double> ssim;            // of the painting
-  std::optional<double> iou;             // of the line pixels
-  double picture_psnr = kIdenticalPsnr;  // of the finished picture, dB
+  std::optional<double> psnr;          // of the painting, dB
+  std::optional<double> ssim;          // of the painting
+  std::optional<double> iou;           // of the line pixels
+  double image_psnr = kIdenticalPsnr;  // of the finished image, dB
 };
 
 double psnr(const cv::Mat& a, const cv::Mat& b) { return std::min(kIdenticalPsnr, cv::PSNR(a, b)); }
@@ -126,7 +126,7 @@ Likeness likeness(const cv::Mat& frame, Mode mode) {
     result.iou = line_iou(fast, reference);
   }
   const auto [fast, reference] = fast_and_reference(mode);
-  result.picture_psnr = psnr(fast, reference);
+  result.image_psnr = psnr(fast, reference);
   return result;
 }
 
@@ -184,12 +184,12 @@ std::optional<double> load_average() {
   return load;
 }
 
-std::vector<cv::Mat> pictures(const std::vector<std::string>& inputs, cv::Size size) {
+std::vector<cv::Mat> images(const std::vector<std::string>& inputs, cv::Size size) {
   std::vector<cv::Mat> result;
-  const auto add = [&](const cv::Mat& picture) {
+  const auto add = [&](const cv::Mat& image) {
     cv::Mat frame;
-    cv::resize(picture, frame, size, 0, 0,
-               picture.cols > size.width ? cv::INTER_AREA : cv::INTER_CUBIC);
+    cv::resize(image, frame, size, 0, 0,
+               image.cols > size.width ? cv::INTER_AREA : cv::INTER_CUBIC);
     result.push_back(frame);
   };
   for (const std::string& input : inputs) add(read_image(input));
@@ -210,7 +210,7 @@ std::string cell(const std::optional<double>& value, int digits) {
 }
 
 // Where the time of a frame goes, in ms of the wall clock: for each stage the fastest of the runs,
-// averaged over the pictures.
+// averaged over the images.
 void print_stages(Context& context, const BenchOptions& options, const std::vector<cv::Mat>& frames,
                   Mode mode, const std::string& size_name, const std::set<int>& thread_counts) {
   CartoonOptions cartoon_options;
@@ -272,7 +272,7 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
   if (!context.json) {
     fmt::print(
         "{}, {} processors, {}, load {}; times in ms, {} of {} runs, averaged over the "
-        "pictures{}.\n\n",
+        "images{}.\n\n",
         processor, cv::getNumberOfCPUs(), name_of(simd_level()), cell(load, 2),
         options.stages ? "the fastest" : "the median", options.repeats,
         options.stages ? "" : "; cpu: of all threads; likeness: the worst");
@@ -287,7 +287,7 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
   }
   const int threads_before = cv::getNumThreads();
   for (const cv::Size& size : sizes) {
-    const std::vector<cv::Mat> frames = pictures(options.inputs, size);
+    const std::vector<cv::Mat> frames = images(options.inputs, size);
     const std::string size_name = fmt::format("{}x{}", size.width, size.height);
     for (const Mode mode : modes) {
       if (options.stages) {
@@ -303,7 +303,7 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
         keep_worst(worst.psnr, one.psnr);
         keep_worst(worst.ssim, one.ssim);
         keep_worst(worst.iou, one.iou);
-        worst.picture_psnr = std::min(worst.picture_psnr, one.picture_psnr);
+        worst.image_psnr = std::min(worst.image_psnr, one.image_psnr);
       }
       std::map<int, Cost> references;
       std::map<int, Cost> fasts;
@@ -351,7 +351,7 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
               {"psnr", optional_number(worst.psnr)},
               {"ssim", optional_number(worst.ssim)},
               {"iou", optional_number(worst.iou)},
-              {"picture_psnr", worst.picture_psnr},
+              {"image_psnr", worst.image_psnr},
               {"simd", name_of(simd_level())},
               {"processor", processor},
               {"processors", cv::getNumberOfCPUs()},

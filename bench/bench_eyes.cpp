@@ -16,14 +16,14 @@
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
-// How often each way finds both eyes, of all pictures and of those with a face, and how long the
+// How often each way finds both eyes, of all images and of those with a face, and how long the
 // eyes take (the faces found before). One thread.
 ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
   cv::setNumThreads(1);
   const std::vector<std::string> inputs = options.inputs.empty()
                                               ? std::vector<std::string>{sample_image("messi5.jpg")}
                                               : options.inputs;
-  std::vector<cv::Mat> pictures;
+  std::vector<cv::Mat> images;
   const auto source = open_sources(inputs);
   while (!source->ended()) {
     throw_if_stopped(context.stop);
@@ -31,11 +31,11 @@ ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
     if (!frame) continue;
     cv::Mat gray;
     cv::cvtColor(frame->image, gray, cv::COLOR_BGR2GRAY);
-    pictures.push_back(gray);
+    images.push_back(gray);
   }
-  if (pictures.empty()) throw InputError(inputs.front(), "no picture came from it");
+  if (images.empty()) throw InputError(inputs.front(), "no image came from it");
   if (!context.json)
-    print_text(fmt::format("{:<11}{:>9}{:>14}{:>16}{:>12}\n", "eyes by", "pictures", "face found",
+    print_text(fmt::format("{:<11}{:>9}{:>14}{:>16}{:>12}\n", "eyes by", "images", "face found",
                            "both eyes found", "ms a face"));
   for (const char* name : {"landmarks", "cascades", "2splits"}) {
     PeopleFlags flags;
@@ -45,7 +45,7 @@ ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
     int found = 0;
     int both = 0;
     double spent = 0;
-    for (const cv::Mat& gray : pictures) {
+    for (const cv::Mat& gray : images) {
       throw_if_stopped(context.stop);
       const Stopwatch watch;
       const bool face = !finder.find(gray).empty();
@@ -56,18 +56,15 @@ ExitStatus bench_eyes(Context& context, const BenchOptions& options) {
       const double all = all_watch.ms();
       if (face) spent += std::max(0.0, all - finding);
     }
-    const auto count = static_cast<double>(pictures.size());
+    const auto count = static_cast<double>(images.size());
     const double ms = found > 0 ? spent / found : 0;
     if (context.json) {
-      const nlohmann::ordered_json line = {{"bench", "eyes"},
-                                           {"case", name},
-                                           {"pictures", pictures.size()},
-                                           {"faces", found / count},
-                                           {"both_eyes", both / count},
-                                           {"ms", rounded(ms, 3)}};
+      const nlohmann::ordered_json line = {{"bench", "eyes"},           {"case", name},
+                                           {"images", images.size()},   {"faces", found / count},
+                                           {"both_eyes", both / count}, {"ms", rounded(ms, 3)}};
       print_json(line);
     } else {
-      print_text(fmt::format("{:<11}{:>9}{:>12.1f} %{:>14.1f} %{:>12.2f}\n", name, pictures.size(),
+      print_text(fmt::format("{:<11}{:>9}{:>12.1f} %{:>14.1f} %{:>12.2f}\n", name, images.size(),
                              100 * found / count, 100 * both / count, ms));
     }
   }

@@ -16,7 +16,7 @@
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
-// Fits on one thread; tracking is of a face at rest in a picture of 640x480, searches included.
+// Fits on one thread; tracking is of a face at rest in an image of 640x480, searches included.
 ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   cv::setNumThreads(1);
   const face::LandmarkTracker tracker = load_landmark_tracker({});
@@ -52,7 +52,7 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
            }));
   }
   report("detect", median_ms(options.repeats, [&] { (void)finder.find_sure(gray); }));
-  // Faces from the usual 40 px on; the picture fills the frame.
+  // Faces from the usual 40 px on; the image fills the frame.
   cv::Mat wide;
   cv::resize(gray, wide, cv::Size(1920, 1080), 0, 0, cv::INTER_LINEAR);
   report("detect-1080p", median_ms(options.repeats, [&] { (void)finder.find_sure(wide); }));

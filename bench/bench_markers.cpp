@@ -65,9 +65,9 @@ Detector apriltag_detector(float decimate) {
   parts->detector->nthreads = 1;
   return [parts](const cv::Mat& gray) {
     // The library only reads the pixels; its type has no const.
-    image_u8_t picture{gray.cols, gray.rows, static_cast<std::int32_t>(gray.step[0]),
-                       const_cast<std::uint8_t*>(gray.ptr<std::uint8_t>())};
-    zarray_t* found = apriltag_detector_detect(parts->detector, &picture);
+    image_u8_t image{gray.cols, gray.rows, static_cast<std::int32_t>(gray.step[0]),
+                     const_cast<std::uint8_t*>(gray.ptr<std::uint8_t>())};
+    zarray_t* found = apriltag_detector_detect(parts->detector, &image);
     std::vector<planar::markers::Marker> markers;
     for (int i = 0; i < zarray_size(found); ++i) {
       apriltag_detection_t* tag = nullptr;
@@ -88,7 +88,7 @@ Detector apriltag_detector(float decimate) {
 
 // Scenes are drawn once and shared by the methods.
 struct Scenes {
-  std::vector<cv::Mat> pictures;
+  std::vector<cv::Mat> images;
   std::vector<planar::markers::MarkerTruth> truth;
 };
 
@@ -116,9 +116,9 @@ Scenes scenes_of(const planar::markers::Dictionary& family, cv::Size size, std::
         one.pose = print.camera_from_print;
         truth.markers.push_back(one);
       }
-      cv::Mat gray = still.picture;
-      if (gray.channels() == 3) cv::cvtColor(still.picture, gray, cv::COLOR_BGR2GRAY);
-      scenes.pictures.push_back(gray);
+      cv::Mat gray = still.image;
+      if (gray.channels() == 3) cv::cvtColor(still.image, gray, cv::COLOR_BGR2GRAY);
+      scenes.images.push_back(gray);
       scenes.truth.push_back(std::move(truth));
     }
   }
@@ -128,13 +128,13 @@ Scenes scenes_of(const planar::markers::Dictionary& family, cv::Size size, std::
 planar::markers::MarkerScore measure(const Detector& detector, const Scenes& scenes, int repeats,
                                      Context& context) {
   planar::markers::MarkerJudge judge;
-  for (std::size_t i = 0; i < scenes.pictures.size(); ++i) {
+  for (std::size_t i = 0; i < scenes.images.size(); ++i) {
     throw_if_stopped(context.stop);
     std::vector<planar::markers::Marker> found;
     double best = 1e9;
     for (int repeat = 0; repeat < repeats; ++repeat) {
       const double start = thread_cpu_ms();
-      found = detector(scenes.pictures[i]);
+      found = detector(scenes.images[i]);
       best = std::min(best, thread_cpu_ms() - start);
     }
     std::vector<planar::markers::JudgedMarker> judged;

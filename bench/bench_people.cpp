@@ -34,7 +34,7 @@ namespace {
 using face::recognition::Recognizer;
 using Clock = std::chrono::steady_clock;
 
-constexpr int kPictures = 5;           // of a person
+constexpr int kImages = 5;             // of a person
 constexpr std::int64_t kSize = 5000;   // faces of the gallery, unless asked otherwise
 constexpr int kStranger = 10'000'000;  // number of the first person who is not enrolled
 
@@ -57,14 +57,14 @@ class Watch {
 };
 
 // Faces that nobody has: of the appearance model that ships, parameters by chance, a person for
-// each number. Cut as cut_face() does it; pictures of one person under other light, moved and
+// each number. Cut as cut_face() does it; images of one person under other light, moved and
 // noisy.
 class DrawnPeople {
  public:
   explicit DrawnPeople(const face::appearance::AppearanceModel& model)
       : model_(&model), synthesis_(model) {}
 
-  [[nodiscard]] std::vector<cv::Mat> pictures(int person, int first, int count) const {
+  [[nodiscard]] std::vector<cv::Mat> images(int person, int first, int count) const {
     const auto seed = static_cast<std::uint64_t>(person);
     const auto face = face::appearance::random_face(*model_, synthesis_.texture(), seed + 1);
     Eigen::Matrix2Xd points;
@@ -133,7 +133,7 @@ class PeopleBench {
     std::vector<cv::Mat> faces;
     std::vector<std::string> labels;
     for (int p = 0; p < 20; ++p) {
-      for (cv::Mat& face : drawn_.pictures(kStranger + p, 0, 10)) {
+      for (cv::Mat& face : drawn_.images(kStranger + p, 0, 10)) {
         faces.push_back(std::move(face));
         labels.push_back(fmt::format("p{}", p));
       }
@@ -160,7 +160,7 @@ class PeopleBench {
     const std::int64_t alone = std::min<std::int64_t>(1000, std::max<std::int64_t>(1, size / 5));
     fill(gallery, size - alone);
     // The last ones as a user enrols them: one after the other, each safe on the disk before the
-    // next. Finding the face in a picture is not counted: the faces are aligned already.
+    // next. Finding the face in an image is not counted: the faces are aligned already.
     std::vector<Took> each;
     context_.progress->begin("one by one", alone, "faces");
     each_face(size - alone, size, [&](face::people::NewFace&& entry) {
@@ -187,7 +187,7 @@ class PeopleBench {
     const Recognizer& recognizer = model->recognizer;
     std::vector<cv::Mat> probes;
     for (int k = 0; k < std::max(2, options_.repeats); ++k)
-      probes.push_back(drawn_.pictures(person_of(size, k), kPictures, 1).front());
+      probes.push_back(drawn_.images(person_of(size, k), kImages, 1).front());
     std::vector<Took> named;
     for (const cv::Mat& probe : probes) {
       watch = {};
@@ -202,8 +202,7 @@ class PeopleBench {
     (void)follower.update();
     report(name + "look whether the gallery changed",
            times(options_.repeats, [&] { (void)follower.update(); }));
-    const std::string someone =
-        gallery.people()[static_cast<std::size_t>(size / kPictures / 2)].name;
+    const std::string someone = gallery.people()[static_cast<std::size_t>(size / kImages / 2)].name;
     watch = {};
     const auto forgotten = gallery.forget(someone, context_.stop);
     report(name + "forget a person, with the proof", {watch.took()});
@@ -256,19 +255,19 @@ class PeopleBench {
   }
 
   static int person_of(std::int64_t size, int k) {
-    return static_cast<int>((k * 7919LL) % (size / kPictures));
+    return static_cast<int>((k * 7919LL) % (size / kImages));
   }
 
   template <typename Take>
   void each_face(std::int64_t from, std::int64_t to, const Take& take) const {
     for (std::int64_t i = from; i < to;) {
-      const auto person = static_cast<int>(i / kPictures);
-      const auto first = static_cast<int>(i % kPictures);
-      const auto count = static_cast<int>(std::min<std::int64_t>(kPictures - first, to - i));
-      for (cv::Mat& picture : drawn_.pictures(person, first, count)) {
+      const auto person = static_cast<int>(i / kImages);
+      const auto first = static_cast<int>(i % kImages);
+      const auto count = static_cast<int>(std::min<std::int64_t>(kImages - first, to - i));
+      for (cv::Mat& image : drawn_.images(person, first, count)) {
         face::people::NewFace entry;
         entry.name = fmt::format("p{}", person);
-        entry.face.crop = std::move(picture);
+        entry.face.crop = std::move(image);
         entry.face.quality = 0.5;
         entry.face.measures = "{}";
         entry.face.source = "drawn";
@@ -282,19 +281,18 @@ class PeopleBench {
   // The first `count` faces, some hundreds in a transaction, in coordinates from the beginning: so
   // that the last ones can be measured without waiting for days.
   void fill(face::people::Gallery& gallery, std::int64_t count) const {
-    constexpr std::int64_t kBatch = 50LL * kPictures;
+    constexpr std::int64_t kBatch = 50LL * kImages;
     const std::int64_t space = -face::recognition::fingerprint(background_);
     context_.progress->begin("enrolling", count, "faces");
     for (std::int64_t first = 0; first < count; first += kBatch) {
       throw_if_stopped(context_.stop);
       const std::int64_t last = std::min(count, first + kBatch);
       std::vector<face::people::NewFace> batch(static_cast<std::size_t>(last - first));
-      const auto people = static_cast<int>((last - first + kPictures - 1) / kPictures);
+      const auto people = static_cast<int>((last - first + kImages - 1) / kImages);
       cv::parallel_for_({0, people}, [&](const cv::Range& range) {
         for (int p = range.start; p < range.end; ++p) {
-          auto at = static_cast<std::size_t>(p) * kPictures;
-          each_face(first + p * kPictures,
-                    std::min<std::int64_t>(last, first + (p + 1) * kPictures),
+          auto at = static_cast<std::size_t>(p) * kImages;
+          each_face(first + p * kImages, std::min<std::int64_t>(last, first + (p + 1) * kImages),
                     [&](face::people::NewFace&& entry) {
                       entry.face.features =
                           face::recognition::coordinates_of(background_, entry.face.crop);
@@ -309,7 +307,7 @@ class PeopleBench {
     context_.progress->end();
   }
 
-  // Other pictures of people who are enrolled, and pictures of people who are not.
+  // Other images of people who are enrolled, and images of people who are not.
   void judge(const std::string& name, std::int64_t size, const Recognizer& recognizer) const {
     constexpr int kProbes = 200;
     int right = 0;
@@ -320,14 +318,14 @@ class PeopleBench {
       const int person = person_of(size, k);
       const auto seen = face::people::recognize(
           recognizer,
-          face::recognition::template_of(recognizer, drawn_.pictures(person, kPictures, 1).front()),
+          face::recognition::template_of(recognizer, drawn_.images(person, kImages, 1).front()),
           0.01);
       const bool same = seen.label == fmt::format("p{}", person);
       if (same) ++right;
       if (same && seen.known) ++known;
       const auto stranger = face::people::recognize(
           recognizer,
-          face::recognition::template_of(recognizer, drawn_.pictures(kStranger + k, 0, 1).front()),
+          face::recognition::template_of(recognizer, drawn_.images(kStranger + k, 0, 1).front()),
           0.01);
       if (stranger.known) ++accepted;
     }

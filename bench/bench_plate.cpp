@@ -19,8 +19,8 @@
 namespace tarsier::cli {
 namespace {
 
-// A few pictures, all of this size.
-std::vector<cv::Mat> pictures(const BenchOptions& options, cv::Size size, std::uint64_t seed) {
+// A few images, all of this size.
+std::vector<cv::Mat> plate_images(const BenchOptions& options, cv::Size size, std::uint64_t seed) {
   std::vector<cv::Mat> result;
   for (const std::string& path : options.inputs) {
     cv::Mat image;
@@ -46,7 +46,7 @@ ExitStatus bench_plate(Context& context, const BenchOptions& options) {
                            "align ms", "read ms", "all ms", "frames/s", "plates"));
   for (const std::string& text : sizes) {
     const std::vector<cv::Mat> images =
-        pictures(options, parse_size(text, 16, 10000), context.seed);
+        plate_images(options, parse_size(text, 16, 10000), context.seed);
     Timers timers;
     std::vector<double> times;
     std::size_t plates = 0;

@@ -13,18 +13,18 @@
 namespace tarsier::cli {
 namespace {
 
-// A ball of 10 200 triangles that fills most of the picture, with or without a texture.
+// A ball of 10 200 triangles that fills most of the image, with or without a texture.
 std::shared_ptr<const render::Mesh> ball(bool textured, std::uint64_t seed) {
   render::Mesh mesh = render::make_sphere(51, {0.9F, 0.8F, 0.7F});
   if (textured) {
-    cv::Mat picture(256, 256, CV_8UC3);
+    cv::Mat image(256, 256, CV_8UC3);
     Rng rng(seed);
-    for (int y = 0; y < picture.rows; ++y) {
-      for (int x = 0; x < 3 * picture.cols; ++x) {
-        picture.ptr<std::uint8_t>(y)[x] = static_cast<std::uint8_t>(rng.integer(0, 255));
+    for (int y = 0; y < image.rows; ++y) {
+      for (int x = 0; x < 3 * image.cols; ++x) {
+        image.ptr<std::uint8_t>(y)[x] = static_cast<std::uint8_t>(rng.integer(0, 255));
       }
     }
-    mesh.textures.push_back(render::make_texture(picture));
+    mesh.textures.push_back(render::make_texture(image));
     mesh.materials[0].texture = 0;
     for (const cv::Vec3f& p : mesh.positions) mesh.uvs.emplace_back(p[0], p[2]);
     for (render::Triangle& triangle : mesh.triangles) triangle.uv = triangle.position;

@@ -32,7 +32,7 @@ std::string default_video() {
   return std::filesystem::exists(video) ? video : "synth:portrait?size=640x480&noise=3";
 }
 
-// Where the picture stands still from one smoothed grey frame to the next: 255, well away from what
+// Where the image stands still from one smoothed grey frame to the next: 255, well away from what
 // moves.
 cv::Mat still_regions(const cv::Mat& gray, const cv::Mat& earlier) {
   constexpr int kMoved = 5;  // grey levels
@@ -75,7 +75,7 @@ struct Drawing {
 ExitStatus bench_steady(Context& context, const BenchOptions& options) {
   const std::string input = options.inputs.empty() ? default_video() : options.inputs.front();
   if (!context.json) {
-    fmt::print("{}: line pixels that flip from frame to frame where the picture stands still\n\n",
+    fmt::print("{}: line pixels that flip from frame to frame where the image stands still\n\n",
                input);
     fmt::print("{:<12} {:>8} {:>10} {:>10} {:>8}\n", "mode", "frames", "plain", "--steady",
                "ratio");

@@ -50,9 +50,9 @@ double rms_of(const Corners& a, const Corners& b) {
 class TextbookFinder {
  public:
   TextbookFinder(cv::Ptr<cv::Feature2D> features, cv::NormTypes norm, double ratio,
-                 const cv::Mat& picture)
-      : features_(std::move(features)), matcher_(norm), ratio_(ratio), size_(picture.size()) {
-    features_->detectAndCompute(picture, cv::noArray(), points_, descriptors_);
+                 const cv::Mat& image)
+      : features_(std::move(features)), matcher_(norm), ratio_(ratio), size_(image.size()) {
+    features_->detectAndCompute(image, cv::noArray(), points_, descriptors_);
   }
 
   [[nodiscard]] std::optional<Corners> find(const cv::Mat& gray) const {
@@ -90,7 +90,7 @@ class TextbookFinder {
   cv::Mat descriptors_;
 };
 
-// What one method made of the pictures.
+// What one method made of the images.
 struct Tally {
   int shown = 0;
   int right = 0;
@@ -118,7 +118,7 @@ void print_row(Context& context, const char* what, const char* method, const Tal
   row["bench"] = "targets";
   row["case"] = fmt::format("{} {}", what, method);
   row["method"] = method;
-  row["pictures"] = tally.times.size();
+  row["images"] = tally.times.size();
   row["recall"] = rounded(tally.shown > 0 ? static_cast<double>(tally.right) / tally.shown : 0, 3);
   row["wrong"] = tally.wrong;
   row["corner_px"] = rounded(quantile(tally.errors, 0.5), 3);
@@ -152,8 +152,8 @@ Contenders train_all(const std::vector<synth::PlanarPrint>& prints, std::uint64_
     planar::image_targets::TrainOptions options;
     options.width = print.width;
     options.seed = seed;
-    all.own.push_back(planar::image_targets::train_target(print.picture, print.name, options));
-    cv::Mat gray = print.picture;
+    all.own.push_back(planar::image_targets::train_target(print.image, print.name, options));
+    cv::Mat gray = print.image;
     if (gray.channels() == 3) cv::cvtColor(gray, gray, cv::COLOR_BGR2GRAY);
     all.orb.emplace_back(cv::ORB::create(1500), cv::NORM_HAMMING, 0.8, gray);
     all.sift.emplace_back(cv::SIFT::create(1500), cv::NORM_L2, 0.75, gray);
@@ -162,8 +162,8 @@ Contenders train_all(const std::vector<synth::PlanarPrint>& prints, std::uint64_
 }
 
 std::optional<Corners> find_own(const std::vector<planar::image_targets::Target>& targets,
-                                std::size_t which, const cv::Mat& picture) {
-  const auto found = planar::image_targets::detect_targets({targets[which]}, picture);
+                                std::size_t which, const cv::Mat& image) {
+  const auto found = planar::image_targets::detect_targets({targets[which]}, image);
   if (found.empty()) return std::nullopt;
   return found[0].corners;
 }
@@ -188,9 +188,9 @@ void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& pri
           {prints[which]}, options, level, context.seed * 1000 + static_cast<std::uint64_t>(k));
       const synth::PrintTruth* truth = still.truth.empty() ? nullptr : &still.truth[0];
       cv::Mat gray;
-      cv::cvtColor(still.picture, gray, cv::COLOR_BGR2GRAY);
+      cv::cvtColor(still.image, gray, cv::COLOR_BGR2GRAY);
       double start = thread_cpu_ms();
-      const auto a = find_own(all.own, which, still.picture);
+      const auto a = find_own(all.own, which, still.image);
       own.add(truth, a, thread_cpu_ms() - start);
       start = thread_cpu_ms();
       const auto b = all.orb[which].find(gray);
@@ -225,12 +225,12 @@ void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& pri
     for (int i = 0; i < kVideoSeconds * kFps; ++i) {
       throw_if_stopped(context.stop);
       const double time = i / kFps;
-      const cv::Mat picture = video.picture_at(time);
+      const cv::Mat image = video.image_at(time);
       const auto shown = video.truth_at(time);
-      // A print that is hidden for the most part, or has left the picture, counts for nobody.
+      // A print that is hidden for the most part, or has left the image, counts for nobody.
       const bool counts = !shown.empty() && shown[0].visible >= 0.5;
       double start = thread_cpu_ms();
-      const auto seen = planar::image_targets::track(targets, {}, state, picture);
+      const auto seen = planar::image_targets::track(targets, {}, state, image);
       const double ms = thread_cpu_ms() - start;
       if (!counts) continue;
       std::optional<Corners> corners;
@@ -242,7 +242,7 @@ void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& pri
       last = corners ? std::optional((*corners)[0]) : std::nullopt;
       if (i % 10 != 0) continue;  // these know no video: a sample of the frames tells as much
       cv::Mat gray;
-      cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+      cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
       start = thread_cpu_ms();
       const auto b = all.orb[which].find(gray);
       orb.add(&shown[0], b, thread_cpu_ms() - start);
@@ -264,7 +264,7 @@ ExitStatus bench_targets(Context& context, const BenchOptions& options) {
   for (const std::string& path : options.inputs) {
     synth::PlanarPrint print;
     print.name = path;
-    print.picture = read_image(path);
+    print.image = read_image(path);
     print.width = kWidth;
     prints.push_back(std::move(print));
   }

@@ -20,7 +20,7 @@ namespace {
 constexpr int kWidth = 640;
 constexpr int kHeight = 480;
 
-cv::Mat picture(int channels) {
+cv::Mat image(int channels) {
   Rng rng(1);
   cv::Mat noise(kHeight, kWidth, CV_8UC(channels));
   for (int y = 0; y < kHeight; ++y) {
@@ -36,7 +36,7 @@ cv::Mat picture(int channels) {
 Plane plane_with_margin() {
   Plane plane;
   plane.resize(kWidth, kHeight);
-  picture(1).copyTo(plane.view());
+  image(1).copyTo(plane.view());
   for (int y = 0; y < kHeight; ++y) plane.extend_row_by_copies(y, 3);
   plane.extend_height_by_copies(3);
   return plane;
@@ -72,7 +72,7 @@ void laplacian5(benchmark::State& state, const Kernels* kernels) {
 void bilateral14(benchmark::State& state, const Kernels* kernels) {
   cv::setNumThreads(1);
   cv::Mat small;
-  cv::resize(picture(3), small, {kWidth / 2, kHeight / 2});
+  cv::resize(image(3), small, {kWidth / 2, kHeight / 2});
   BilateralPainter painter;
   for (auto _ : state) {
     cv::Mat work = small.clone();
@@ -82,14 +82,14 @@ void bilateral14(benchmark::State& state, const Kernels* kernels) {
 
 void opencv_median7(benchmark::State& state) {
   cv::setNumThreads(1);
-  const cv::Mat in = picture(1);
+  const cv::Mat in = image(1);
   cv::Mat out;
   for (auto _ : state) cv::medianBlur(in, out, 7);
 }
 
 void opencv_laplacian5(benchmark::State& state) {
   cv::setNumThreads(1);
-  const cv::Mat in = picture(1);
+  const cv::Mat in = image(1);
   cv::Mat out;
   for (auto _ : state) cv::Laplacian(in, out, CV_8U, 5);
 }
@@ -97,7 +97,7 @@ void opencv_laplacian5(benchmark::State& state) {
 void opencv_bilateral14(benchmark::State& state) {
   cv::setNumThreads(1);
   cv::Mat small;
-  cv::resize(picture(3), small, {kWidth / 2, kHeight / 2});
+  cv::resize(image(3), small, {kWidth / 2, kHeight / 2});
   cv::Mat other;
   for (auto _ : state) {
     for (int i = 0; i < 14; ++i) {

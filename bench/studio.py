@@ -20,7 +20,7 @@ import threading
 import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "tests", "web"))
-from wire import PICTURE, STATE, Studio, wait_until  # noqa: E402
+from wire import IMAGE, STATE, Studio, wait_until  # noqa: E402
 
 SOURCE = "synth:clock?live=1&size=640x480&fps=25"
 
@@ -48,7 +48,7 @@ def watch(live, seconds, counts=None, index=0):
         record = live.record()
         if record is None:
             break
-        if record[0] == PICTURE:
+        if record[0] == IMAGE:
             ages.append(age_of(record))
             if counts is not None:
                 counts[index] += 1
@@ -59,7 +59,7 @@ def frame_age_and_clicks(results):
     with Studio() as studio:
         session = studio.start_session("cartoon run", [SOURCE], {"--mode": "sketch"})["id"]
         live = studio.live([session])
-        live.wait_for(PICTURE)
+        live.wait_for(IMAGE)
         before, begin = processor_seconds(studio.process.pid), time.monotonic()
         ages = watch(live, 10)
         share = (processor_seconds(studio.process.pid) - before) / (time.monotonic() - begin)
@@ -71,7 +71,7 @@ def frame_age_and_clicks(results):
             begin = time.monotonic()
             studio.post(f"/api/sessions/{session}/events", [{"action": mode}])
             live.wait_for(STATE, lambda text, mode=mode: json.loads(text)["state"]["mode"] == mode)
-            live.wait_for(PICTURE)
+            live.wait_for(IMAGE)
             delays.append(1000 * (time.monotonic() - begin))
         results["event to image, ms"] = {"median": round(statistics.median(delays)), "max": round(max(delays)),
                                          "events": len(delays)}
@@ -83,7 +83,7 @@ def twenty_viewers(results):
         session = studio.start_session("cartoon run", [SOURCE], {"--mode": "sketch"})["id"]
         fast = [studio.live([session]) for _ in range(19)]
         slow = studio.live([session], receive_buffer=2048)
-        fast[0].wait_for(PICTURE)
+        fast[0].wait_for(IMAGE)
         counts = [0] * len(fast)
         end = time.monotonic() + 10
 
@@ -114,7 +114,7 @@ def nine_sessions(results):
         end = time.monotonic() + 10
         while time.monotonic() < end:
             record = live.record()
-            if record and record[0] == PICTURE:
+            if record and record[0] == IMAGE:
                 counts[record[1]] += 1
         results["9 sessions of 10 frames/s in one stream: images a second of each"] = {
             "min": min(counts.values()) / 10, "max": max(counts.values()) / 10}
@@ -129,7 +129,7 @@ def tabs(results, minutes):
         while time.monotonic() < end:
             lives = [studio.live([session]) for _ in range(6)]
             for live in lives:
-                live.wait_for(PICTURE)
+                live.wait_for(IMAGE)
             for live in lives:
                 live.close()
             opened += len(lives)

@@ -26,7 +26,7 @@ set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 set(CPACK_DEBIAN_COMPRESSION_TYPE xz)
 set(version "${PROJECT_VERSION}-${release}")
 
-# The models were learnt from pictures that are for research only: what holds and needs them is outside Debian's main.
+# The models were learnt from images that are for research only: what holds and needs them is outside Debian's main.
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME tarsier)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION contrib/graphics)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
@@ -34,7 +34,7 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_DEPENDS "tarsier-models (>= ${PROJECT_VERSION})
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "ca-certificates, fonts-dejavu-core, fonts-opendin, fonts-urw-base35, fonts-freefont-ttf")
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "tarsier-gui (= ${version}), opencv-doc, bash-completion")
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "classical computer vision on an ordinary CPU, offline
-Tarsier turns pictures and live cameras into cartoons, rebuilds scenes in 3D
+Tarsier turns images and live cameras into cartoons, rebuilds scenes in 3D
 from images, reads number plates, tracks the points of faces, fits
 appearance models, tells where heads look, recognises people, calibrates
 cameras and prints markers. It needs no GPU and no network.
@@ -68,7 +68,7 @@ Models that find the points of faces, faces' appearance, heads in 3D, people
 and number plates, each with a card that tells its data, terms and accuracy,
 and the layouts of number plates of 49 countries.
 .
-Some were learnt from pictures that are for non-commercial research only;
+Some were learnt from images that are for non-commercial research only;
 their cards and the copyright file say which.")
 
 include(CPack)

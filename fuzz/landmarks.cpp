@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Models that find and fit landmarks: what was read is also used once, on a small picture.
+// Models that find and fit landmarks: what was read is also used once, on a small image.
 #include "tarsier/face/appearance/fit.h"
 #include "tarsier/face/appearance/model.h"
 #include "tarsier/face/appearance/synthesis.h"
@@ -16,7 +16,7 @@
 namespace tarsier::fuzz {
 namespace {
 
-cv::Mat picture() {
+cv::Mat image() {
   cv::Mat gray(96, 96, CV_8UC1);
   for (int y = 0; y < gray.rows; ++y)
     for (int x = 0; x < gray.cols; ++x)
@@ -31,7 +31,7 @@ TARSIER_FUZZ_TARGET(landmark_model, kJson) {
       face::landmarks::read_landmark_model(file_of(input, "model.json"));
   model.check();
   if (model.points() > 100) return;
-  const cv::Mat gray = picture();
+  const cv::Mat gray = image();
   const Eigen::Matrix2Xd start = (model.shape.mean * 25).array() + 48;
   for (const auto method :
        {face::landmarks::FitMethod::kTrees, face::landmarks::FitMethod::kDescent,
@@ -51,13 +51,13 @@ TARSIER_FUZZ_TARGET(hog_detector, kJson) {
       face::landmarks::read_hog_detector(file_of(input, "model.json"));
   model.check();
   face::landmarks::FaceFinder finder(model, {});
-  (void)finder.find(picture());
+  (void)finder.find(image());
 }
 
 TARSIER_FUZZ_TARGET(face_networks, kJson) {
   const face::FaceNetworks networks = face::read_face_networks(file_of(input, "model.json"));
   face::FaceSearchWorkspace workspace;
-  (void)face::search_faces(picture(), networks, {.min_face = 16, .max_places = 20}, workspace);
+  (void)face::search_faces(image(), networks, {.min_face = 16, .max_places = 20}, workspace);
 }
 
 TARSIER_FUZZ_TARGET(face_lines, kJson) {
@@ -74,7 +74,7 @@ TARSIER_FUZZ_TARGET(appearance_model, kJson) {
   const Eigen::Matrix2Xd start = (model.shape.mean * 25).array() + 48;
   for (const face::appearance::Texture& texture : model.levels) {
     if (texture.size() > 100'000 || texture.mode_count() > 50) return;
-    (void)face::appearance::explain(model, texture, texture.modes(), picture(), start);
+    (void)face::appearance::explain(model, texture, texture.modes(), image(), start);
   }
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // fuzz_seeds FOLDER: writes the inputs to begin with that are no text (FOLDER/TARGET/good-*): tiny
-// models of each kind, pictures, streams and databases. The same bytes each time, but for the
+// models of each kind, images, streams and databases. The same bytes each time, but for the
 // databases.
 #include "tarsier/core/progress.h"
 #include "tarsier/core/rng.h"
@@ -64,7 +64,7 @@ cv::Mat texture(cv::Size size) {
   return gray;
 }
 
-void pictures() {
+void images() {
   cv::Mat colour;
   cv::cvtColor(texture({20, 12}), colour, cv::COLOR_GRAY2BGR);
   for (const char* ending : {".png", ".jpg", ".webp", ".bmp", ".ppm"})
@@ -72,21 +72,21 @@ void pictures() {
   for (const char* ending : {".png", ".jpg", ".pgm"})
     write_image(seed("image", std::string("gray") + ending), texture({12, 20}));
   const std::vector<std::uint8_t> jpeg = encode_image(".jpg", colour, "seed", 40);
-  // A part of multipart/x-mixed-replace, and pictures one after the other.
-  const std::string picture(jpeg.begin(), jpeg.end());
+  // A part of multipart/x-mixed-replace, and images one after the other.
+  const std::string image(jpeg.begin(), jpeg.end());
   const std::string part =
-      "--b\r\nContent-Type: image/jpeg\r\nContent-Length: " + std::to_string(picture.size()) +
-      "\r\n\r\n" + picture + "\r\n";
+      "--b\r\nContent-Type: image/jpeg\r\nContent-Length: " + std::to_string(image.size()) +
+      "\r\n\r\n" + image + "\r\n";
   write_file_atomically(seed("mjpeg", "multipart"), part + part);
-  write_file_atomically(seed("mjpeg", "pictures"), picture + picture);
+  write_file_atomically(seed("mjpeg", "images"), image + image);
   // Records of a viewer's camera.
   const auto record = [](const std::string& bytes) {
     return std::string{'\0', '\0', static_cast<char>(bytes.size() >> 8U),
                        static_cast<char>(bytes.size())} +
            bytes;
   };
-  write_file_atomically(seed("viewer", "pictures"), record(picture) + record(picture));
-  write_file_atomically(seed("viewer", "cut"), record("no") + record(picture.substr(0, 300)));
+  write_file_atomically(seed("viewer", "images"), record(image) + record(image));
+  write_file_atomically(seed("viewer", "cut"), record("no") + record(image.substr(0, 300)));
 }
 
 void capture() {
@@ -318,14 +318,13 @@ void targets() {
   options.longer_side = 64;
   options.trials = 0;
   Rng rng(3);
-  cv::Mat picture(64, 64, CV_8UC1, cv::Scalar(128));
+  cv::Mat image(64, 64, CV_8UC1, cv::Scalar(128));
   for (int k = 0; k < 25; ++k) {
     const cv::Scalar tone(rng.integer(0, 255));
-    cv::rectangle(picture, {rng.integer(0, 55), rng.integer(0, 55), 9, 8}, tone, cv::FILLED);
+    cv::rectangle(image, {rng.integer(0, 55), rng.integer(0, 55), 9, 8}, tone, cv::FILLED);
   }
   planar::image_targets::write_target(
-      seed("target", "blocks.json"),
-      planar::image_targets::train_target(picture, "blocks", options));
+      seed("target", "blocks.json"), planar::image_targets::train_target(image, "blocks", options));
 }
 
 }  // namespace
@@ -338,7 +337,7 @@ int main(int argc, char** argv) {
   }
   tarsier::root = argv[1];
   try {
-    tarsier::pictures();
+    tarsier::images();
     tarsier::capture();
     tarsier::landmark_models();
     tarsier::plate_models();

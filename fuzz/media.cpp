@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Pictures, model files as such, streams and words that name sources.
+// Images, model files as such, streams and words that name sources.
 #include "tarsier/core/errors.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/capture_protocol.h"
@@ -16,7 +16,7 @@
 namespace tarsier::fuzz {
 namespace {
 
-// Much less than the program's limits: those are for memory, and a picture of 100 MP only takes
+// Much less than the program's limits: those are for memory, and an image of 100 MP only takes
 // time here.
 constexpr ImageLimits kImageLimits{.max_pixels = 2'000'000, .max_bytes = 1'000'000};
 
@@ -41,12 +41,12 @@ void unpack_any(const nlohmann::json& value) {
 
 TARSIER_FUZZ_TARGET(image, kBytes) {
   const std::optional<ImageHeader> header = probe_image(input);
-  const cv::Mat image = decode_image(input, "picture", kImageLimits);
-  expect(header.has_value(), "a picture without a header was decoded");
-  expect(image.type() == CV_8UC3 && !image.empty(), "a decoded picture of another type");
+  const cv::Mat image = decode_image(input, "image", kImageLimits);
+  expect(header.has_value(), "an image without a header was decoded");
+  expect(image.type() == CV_8UC3 && !image.empty(), "a decoded image of another type");
   const bool same = image.cols == header->width && image.rows == header->height;
   const bool turned = image.cols == header->height && image.rows == header->width;
-  expect(same || turned, "the decoded picture is of another size than its header says");
+  expect(same || turned, "the decoded image is of another size than its header says");
 }
 
 TARSIER_FUZZ_TARGET(archive, kJson) {
@@ -77,15 +77,15 @@ TARSIER_FUZZ_TARGET(mjpeg, kBytes) {
   // At most kMaxSegments steps for each start of six bytes, and each byte is copied a few times.
   expect(parts.work() <= 16 * input.size() + 64 && whole.work() <= 16 * input.size() + 64,
          "more steps than the bytes allow");
-  expect(at_once == in_pieces, "pieces of other sizes give other pictures");
+  expect(at_once == in_pieces, "pieces of other sizes give other images");
   expect(whole.skipped_bytes() == parts.skipped_bytes(), "other bytes are passed over in pieces");
   const std::vector<std::uint8_t> frame = whole.take();
-  expect(frame == parts.take(), "pieces of other sizes give another picture");
-  expect(frame.empty() == (at_once == 0), "a picture was counted and is not there");
+  expect(frame == parts.take(), "pieces of other sizes give another image");
+  expect(frame.empty() == (at_once == 0), "an image was counted and is not there");
   if (frame.empty()) return;
-  expect(frame.size() >= 4 && frame.size() <= kLimit, "a picture beyond the limit");
-  expect(frame[0] == 0xff && frame[1] == 0xd8, "a picture that does not begin as one");
-  expect(frame[frame.size() - 2] == 0xff && frame.back() == 0xd9, "a picture without its end");
+  expect(frame.size() >= 4 && frame.size() <= kLimit, "an image beyond the limit");
+  expect(frame[0] == 0xff && frame[1] == 0xd8, "an image that does not begin as one");
+  expect(frame[frame.size() - 2] == 0xff && frame.back() == 0xd9, "an image without its end");
 }
 
 TARSIER_FUZZ_TARGET(viewer, kBytes) {
@@ -99,17 +99,17 @@ TARSIER_FUZZ_TARGET(viewer, kBytes) {
     expect(parts.held_bytes() <= 4 * input.size() + 64, "more bytes are held than came");
   }
   expect(at_once == in_pieces && whole.is_broken() == parts.is_broken(),
-         "pieces of other sizes give other pictures");
-  const std::vector<std::uint8_t> picture = whole.take();
-  expect(picture == parts.take(), "pieces of other sizes give another picture");
-  expect(picture.empty() == (at_once == 0), "a picture was counted and is not there");
-  if (picture.empty()) return;
-  const std::string trouble = trouble_of_viewer_picture(picture);
-  const std::optional<ImageHeader> header = probe_image(picture);
+         "pieces of other sizes give other images");
+  const std::vector<std::uint8_t> image = whole.take();
+  expect(image == parts.take(), "pieces of other sizes give another image");
+  expect(image.empty() == (at_once == 0), "an image was counted and is not there");
+  if (image.empty()) return;
+  const std::string trouble = trouble_of_viewer_image(image);
+  const std::optional<ImageHeader> header = probe_image(image);
   if (!trouble.empty() || std::int64_t{header->width} * header->height > kImageLimits.max_pixels)
     return;
   expect(header->format == ImageFormat::kJpeg, "something else than JPEG is let through");
-  (void)decode_image(picture, "picture", kImageLimits);
+  (void)decode_image(image, "image", kImageLimits);
 }
 
 TARSIER_FUZZ_TARGET(http_response, kBytes) {

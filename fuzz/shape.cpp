@@ -15,8 +15,8 @@ namespace {
 
 using namespace tarsier::face::shape;
 
-// The pictures that the annotations of the corpus name.
-void make_pictures() {
+// The images that the annotations of the corpus name.
+void make_images() {
   static const bool made = [] {
     const cv::Mat gray(24, 32, CV_8UC3, cv::Scalar(90, 90, 90));
     for (const char* name : {"a.png", "b.png", "i000qa-fn.png", "c.png"})
@@ -28,7 +28,7 @@ void make_pictures() {
 }
 
 void import(Bytes input, const char* name) {
-  make_pictures();
+  make_images();
   const Imported imported = import_landmarks(file_of(input, name));
   imported.set.check();
   (void)boxes_from_landmarks(imported.set);
@@ -42,7 +42,7 @@ TARSIER_FUZZ_TARGET(muct, kBytes) { import(input, "m.csv"); }
 TARSIER_FUZZ_TARGET(annotation_list, kBytes) { import(input, "list.txt"); }
 
 TARSIER_FUZZ_TARGET(dlib_xml, kBytes) {
-  make_pictures();
+  make_images();
   (void)read_dlib_boxes(file_of(input, "d.xml"));
   import(input, "d.xml");
 }

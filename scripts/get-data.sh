@@ -10,12 +10,12 @@ set -euo pipefail
 # name|what|terms|home|how: package:NAME, or by-hand
 sets() {
   cat <<'TABLE'
-opencv-samples|pictures and videos of OpenCV's documentation|Apache 2.0 and others, see the package's copyright file|Debian and Ubuntu, package opencv-doc|package:opencv-doc
+opencv-samples|images and videos of OpenCV's documentation|Apache 2.0 and others, see the package's copyright file|Debian and Ubuntu, package opencv-doc|package:opencv-doc
 opencv-cascades|trained face and eye detectors|BSD and Apache 2.0|Debian and Ubuntu, package opencv-data|package:opencv-data
 lfpw-helen-afw|faces with 68 points (300-W: LFPW, HELEN, AFW)|non-commercial research; trained weights likewise|Intelligent Behaviour Understanding Group, Imperial College London: the 300-W challenge|by-hand
 imm|studio faces with points (IMM)|research, cite the Technical University of Denmark (2005)|Technical University of Denmark, the IMM face databases|by-hand
 pointing04|heads in 93 poses, 15 people|any purpose, cite Gourier and others (2004)|INRIA, the Head Pose Image Database of Pointing'04|by-hand
-orl|40 people, 10 pictures each|research, credit Olivetti Research Laboratory|AT&T Laboratories Cambridge, the Database of Faces|by-hand
+orl|40 people, 10 images each|research, credit Olivetti Research Laboratory|AT&T Laboratories Cambridge, the Database of Faces|by-hand
 yale|15 people under 11 conditions|non-commercial research|Yale University, the Yale Face Database|by-hand
 yale-b-cropped|38 people under 64 lights|research, cite Georghiades and others (2001) and Lee and others (2005)|Yale University, the Extended Yale Face Database B|by-hand
 grid|talking faces|CC BY 4.0|the GRID audiovisual sentence corpus, University of Sheffield|by-hand

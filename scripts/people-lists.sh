@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 # people-lists.sh DATA OUT: lists path<TAB>person of the sets of faces in DATA (scripts/get-data.sh list), for
 # `tarsier people eval` and `people train`, into the folder OUT: orl.lst, yale.lst, yale-b.lst, pointing04.lst (heads that
-# are turned and tilted by at most 15 degrees), faces-wild.lst, faces68.lst (one picture each: for --learn-background).
+# are turned and tilted by at most 15 degrees), faces-wild.lst, faces68.lst (one image each: for --learn-background).
 # A set that is not there is said to be so.
 set -euo pipefail
 data=$(realpath "${1:?the folder of the data}")
@@ -14,7 +14,7 @@ list() { # list NAME: stdin into NAME.lst
   lines=$(cat)
   if [ -n "$lines" ]; then
     printf '%s\n' "$lines" >"$out/$1.lst"
-    printf '%s: %d pictures of %d people\n' "$out/$1.lst" "$(wc -l <"$out/$1.lst")" "$(cut -f2 "$out/$1.lst" | sort -u | wc -l)"
+    printf '%s: %d images of %d people\n' "$out/$1.lst" "$(wc -l <"$out/$1.lst")" "$(cut -f2 "$out/$1.lst" | sort -u | wc -l)"
   else
     printf '%s: not in %s\n' "$1" "$data"
   fi

@@ -10,7 +10,7 @@ build_packages=(
   libjpeg-dev libpng-dev zlib1g-dev libfreetype-dev libsqlite3-dev libeigen3-dev
   libdlib-dev libblas-dev liblapack-dev
 )
-# Face cascades, and sample pictures and videos to show things on.
+# Face cascades, and sample images and videos to show things on.
 data_packages=(opencv-data opencv-doc)
 # The typefaces that drawn number plates are lettered with.
 data_packages+=(fonts-opendin fonts-urw-base35 fonts-freefont-ttf fonts-roadgeek fonts-dejavu-core fonts-dejavu-extra)

@@ -6,7 +6,7 @@
 
 namespace tarsier::cli {
 
-// Each runs one area on pictures of this machine and adds its part to the page. Long work asks
+// Each runs one area on images of this machine and adds its part to the page. Long work asks
 // context.stop.
 void demo_cartoon(Context& context, DemoPage& page);
 void demo_plate(Context& context, DemoPage& page);

@@ -22,27 +22,26 @@ namespace {
 
 constexpr int kFrames = 36;  // of the turning head
 
-cv::Mat cropped(const cv::Mat& picture, const Eigen::Matrix2Xd& points) {
+cv::Mat cropped(const cv::Mat& image, const Eigen::Matrix2Xd& points) {
   const Eigen::Vector2d low = points.rowwise().minCoeff();
   const Eigen::Vector2d high = points.rowwise().maxCoeff();
   const double size = 1.7 * (high - low).maxCoeff();
   const Eigen::Vector2d middle = (low + high) / 2;
   const cv::Rect box = cv::Rect(cvRound(middle.x() - size / 2), cvRound(middle.y() - size / 2),
                                 cvRound(size), cvRound(size)) &
-                       cv::Rect(0, 0, picture.cols, picture.rows);
+                       cv::Rect(0, 0, image.cols, image.rows);
   cv::Mat large;
-  cv::resize(picture(box), large, {300, 300}, 0, 0, cv::INTER_AREA);
+  cv::resize(image(box), large, {300, 300}, 0, 0, cv::INTER_AREA);
   return large;
 }
 
 // Start, some iterations, the end, and what the model draws there.
-std::vector<DemoPicture> fit_sequence(DemoPage& page,
-                                      const face::appearance::AppearanceModel& model,
-                                      const synth::FaceSynth& faces) {
+std::vector<DemoImage> fit_sequence(DemoPage& page, const face::appearance::AppearanceModel& model,
+                                    const synth::FaceSynth& faces) {
   const geometry::Camera camera = face::head::guess_camera({800, 800});
-  cv::Mat picture;
+  cv::Mat image;
   const synth::FaceTruth truth =
-      faces.draw(picture, faces.person(11), camera,
+      faces.draw(image, faces.person(11), camera,
                  {face::head::rotation_of_angles({12, -4, 6}), {0, 10, 620}}, {}, 11);
   face::shape::Similarity2d off = face::shape::fit_similarity(model.shape.mean, truth.points);
   off.tx += 22;
@@ -52,29 +51,29 @@ std::vector<DemoPicture> fit_sequence(DemoPage& page,
   options.trace = true;
   const face::appearance::Fitter fitter(model, options);
   face::appearance::FitWorkspace workspace;
-  const face::appearance::FitResult fit = fitter.fit(picture, off(model.shape.mean), workspace);
-  std::vector<DemoPicture> strip;
+  const face::appearance::FitResult fit = fitter.fit(image, off(model.shape.mean), workspace);
+  std::vector<DemoImage> strip;
   const std::size_t last = fit.trace.size() - 1;
   const double eyes = (truth.points.col(36) - truth.points.col(45)).norm();
   for (const std::size_t step :
        {std::size_t{0}, std::size_t{1}, std::size_t{2}, std::min<std::size_t>(4, last), last}) {
-    cv::Mat drawn = picture.clone();
+    cv::Mat drawn = image.clone();
     const Eigen::Matrix2Xd& points = fit.trace[step].points;
     face::appearance::draw_mesh(model, points, drawn);
     const double error = 100 * (points - truth.points).colwise().norm().mean() / eyes;
     const std::string name = step == 0      ? "start"
                              : step == last ? "end"
                                             : fmt::format("step {}", step);
-    strip.push_back(page.picture(fmt::format("aam-fit-{}", strip.size()),
-                                 cropped(drawn, truth.points),
-                                 fmt::format("{}: {:.1f} % of the eye distance", name, error)));
+    strip.push_back(page.image(fmt::format("aam-fit-{}", strip.size()),
+                               cropped(drawn, truth.points),
+                               fmt::format("{}: {:.1f} % of the eye distance", name, error)));
   }
-  cv::Mat made = picture.clone();
+  cv::Mat made = image.clone();
   const face::appearance::Synthesis synthesis(model);
-  const face::appearance::Explained seen = synthesis.explain(picture, fit.points);
+  const face::appearance::Explained seen = synthesis.explain(image, fit.points);
   synthesis.draw(seen.c, seen.offset, seen.gain, fit.points, made);
   strip.push_back(
-      page.picture("aam-fit-made", cropped(made, truth.points), "what the model makes of it"));
+      page.image("aam-fit-made", cropped(made, truth.points), "what the model makes of it"));
   return strip;
 }
 
@@ -88,12 +87,12 @@ void demo_aam(Context& context, DemoPage& page) {
                   "An active appearance model, learnt from a thousand faces: shape and look, each "
                   "by its modes. Every face here is the model's own: nobody has it.");
   page.command("tarsier aam explore --grid modes.png");
-  page.grid({page.picture("aam-grid", face::appearance::draw_mode_grid(model, 3, 120, context.seed),
-                          "three modes of shape and three of look, at -3 .. 3 standard deviations; "
-                          "below, random faces")});
+  page.grid({page.image("aam-grid", face::appearance::draw_mode_grid(model, 3, 120, context.seed),
+                        "three modes of shape and three of look, at -3 .. 3 standard deviations; "
+                        "below, random faces")});
   throw_if_stopped(context.stop);
   page.heading("Fitting it",
-               "From a start that is off: each step warps the picture back to the mean face and "
+               "From a start that is off: each step warps the image back to the mean face and "
                "asks which parameters explain what is left. A drawn head, whose true points are "
                "known.");
   page.command(
@@ -103,7 +102,7 @@ void demo_aam(Context& context, DemoPage& page) {
 }
 
 // One drawn head that turns, with the axes of the pose that is found: what `pose track` does, from
-// the picture alone.
+// the image alone.
 void demo_turning_head(Context& context, DemoPage& page) {
   const face::appearance::AppearanceModel model =
       face::appearance::read_appearance_model(shipped_appearance_model());
@@ -135,16 +134,16 @@ void demo_turning_head(Context& context, DemoPage& page) {
   const std::string file = page.path_of("pose-turning.gif");
   sfm::write_gif(file, frames, 12);
   page.heading("A head that turns",
-               "Drawn with a known pose; the axes are what is found from the picture alone.");
+               "Drawn with a known pose; the axes are what is found from the image alone.");
   page.command(
       "tarsier pose synth --video --count 36 -o head && tarsier pose track head/images "
       "--sequence -o posed");
-  page.grid({DemoPicture{"img/pose-turning.gif",
-                         posed > 0 ? fmt::format("found in {} of {} frames, {:.1f} degrees from "
-                                                 "the truth on average",
-                                                 posed, kFrames, error / posed)
-                                   : std::string("not found"),
-                         360, 360}});
+  page.grid({DemoImage{"img/pose-turning.gif",
+                       posed > 0 ? fmt::format("found in {} of {} frames, {:.1f} degrees from "
+                                               "the truth on average",
+                                               posed, kFrames, error / posed)
+                                 : std::string("not found"),
+                       360, 360}});
 }
 
 }  // namespace tarsier::cli

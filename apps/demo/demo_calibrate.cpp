@@ -20,14 +20,14 @@ namespace {
 namespace fs = std::filesystem;
 using planar::calibration::Calibration;
 
-constexpr int kDrawn = 12;  // pictures, where there are no others
+constexpr int kDrawn = 12;  // images, where there are no others
 
 struct Shot {
   std::string name;
   cv::Mat image;
 };
 
-// The left pictures of OpenCV's stereo pair, or drawn ones.
+// The left images of OpenCV's stereo pair, or drawn ones.
 std::vector<Shot> shots(const planar::calibration::BoardSpec& spec) {
   std::vector<Shot> result;
   for (int k = 1; k <= 14; ++k) {
@@ -38,11 +38,11 @@ std::vector<Shot> shots(const planar::calibration::BoardSpec& spec) {
   if (!result.empty()) return result;
   const synth::BoardVideo video({640, 480}, spec, 1);
   for (int k = 0; k < kDrawn; ++k)
-    result.push_back({fmt::format("drawn{:02}", k), video.picture_at(0.8 + 1.2 * k)});
+    result.push_back({fmt::format("drawn{:02}", k), video.image_at(0.8 + 1.2 * k)});
   return result;
 }
 
-void add_table(DemoPage& page, const Calibration& calibration, const std::vector<Shot>& pictures) {
+void add_table(DemoPage& page, const Calibration& calibration, const std::vector<Shot>& images) {
   const geometry::Camera& c = calibration.camera;
   const planar::calibration::Deviations& d = calibration.deviations;
   const auto row = [](const char* what, double value, double deviation, int digits) {
@@ -57,25 +57,25 @@ void add_table(DemoPage& page, const Calibration& calibration, const std::vector
        row("p1", c.distortion[2], d.distortion[2], 5),
        row("p2", c.distortion[3], d.distortion[3], 5),
        row("k3", c.distortion[4], d.distortion[4], 4)},
-      fmt::format("The camera, from {} of {} pictures: corners are {:.2f} px (rms) from where "
+      fmt::format("The camera, from {} of {} images: corners are {:.2f} px (rms) from where "
                   "it says they are.",
-                  calibration.used, pictures.size(), c.rms));
+                  calibration.used, images.size(), c.rms));
 }
 
 }  // namespace
 
 void demo_calibrate(Context& context, DemoPage& page) {
   const planar::calibration::BoardSpec spec = planar::calibration::parse_board("chess:9x6", 0.025);
-  const std::vector<Shot> pictures = shots(spec);
-  context.progress->begin("calibrate", static_cast<std::int64_t>(pictures.size()), "pictures");
+  const std::vector<Shot> images = shots(spec);
+  context.progress->begin("calibrate", static_cast<std::int64_t>(images.size()), "images");
   page.begin_area("Calibrating a camera",
-                  "Pictures of a printed board tell what a camera does to light: its focal length, "
+                  "Images of a printed board tell what a camera does to light: its focal length, "
                   "its middle, and how its lens bends straight lines.");
   planar::CalibratorOptions options;
   options.board = spec;
   const auto calibrator = planar::Calibrator::load(options);
   planar::CalibratorState state;
-  for (const Shot& shot : pictures) {
+  for (const Shot& shot : images) {
     throw_if_stopped(context.stop);
     Frame frame;
     frame.image = shot.image;
@@ -95,7 +95,7 @@ void demo_calibrate(Context& context, DemoPage& page) {
   // The view that shows the bend best: the one with the most tilt is as good as any.
   std::size_t shown = 0;
   double tilt = -1;
-  for (std::size_t i = 0; i < pictures.size(); ++i) {
+  for (std::size_t i = 0; i < images.size(); ++i) {
     if (!result.images[i].reason.empty()) continue;
     const double tilt_deg = calibration.views[result.images[i].view].tilt_deg;
     if (tilt_deg <= tilt) continue;
@@ -103,13 +103,13 @@ void demo_calibrate(Context& context, DemoPage& page) {
     shown = i;
   }
   const std::size_t view = result.images[shown].view;
-  const cv::Mat& image = pictures[shown].image;
+  const cv::Mat& image = images[shown].image;
   page.compare(
-      page.picture("calibrate-bent", image, "as the camera took it"),
-      page.picture("calibrate-straight",
-                   geometry::undistort_image(image, calibration.camera, straight), "straightened"));
+      page.image("calibrate-bent", image, "as the camera took it"),
+      page.image("calibrate-straight",
+                 geometry::undistort_image(image, calibration.camera, straight), "straightened"));
   page.command(
-      "tarsier calibrate pictures/ --board chess:9x6 --square 25mm -o camera.yaml "
+      "tarsier calibrate images/ --board chess:9x6 --square 25mm -o camera.yaml "
       "--undistorted straight");
   cv::Mat corners = image.clone();
   draw_view(corners, result.views[view], spec);
@@ -119,11 +119,11 @@ void demo_calibrate(Context& context, DemoPage& page) {
                "Corners are found to a tenth of a pixel. Red lines: what the camera does not "
                "explain, 20 times enlarged. The map shows where the board was seen; a calibration "
                "says what is still missing.");
-  page.grid({page.picture("calibrate-corners", corners, pictures[shown].name),
-             page.drawing("calibrate-coverage",
-                          coverage_picture(result.used_views(), result.coverage, 640),
-                          "where the board was seen")});
-  add_table(page, calibration, pictures);
+  page.grid(
+      {page.image("calibrate-corners", corners, images[shown].name),
+       page.drawing("calibrate-coverage", coverage_image(result.used_views(), result.coverage, 640),
+                    "where the board was seen")});
+  add_table(page, calibration, images);
   page.heading("A board to print", "True to scale, as PDF, SVG or PNG.");
   const auto charuco = planar::calibration::parse_board("charuco:5x7:6x6_250", 0.035);
   page.grid(

@@ -39,7 +39,7 @@ struct Sample {
   cv::Mat image;     // CV_8UC3
 };
 
-// Sample pictures of the package opencv-doc where it is installed, else drawn ones.
+// Sample images of the package opencv-doc where it is installed, else drawn ones.
 std::vector<Sample> samples() {
   std::vector<Sample> result;
   for (const char* name : {"home", "baboon", "squirrel_cls", "messi5"}) {
@@ -92,26 +92,26 @@ constexpr ModeText kModes[] = {
     {Mode::kEvilSketch, "evil-sketch: heavy ink alone"},
 };
 
-void add_samples(Context& context, DemoPage& page, const std::vector<Sample>& pictures) {
-  const Sample& first = pictures.front();
+void add_samples(Context& context, DemoPage& page, const std::vector<Sample>& images) {
+  const Sample& first = images.front();
   const cv::Mat first_drawn = drawn(first.image, options_for(Mode::kCartoon));
-  page.compare(page.picture(fmt::format("{}-original", first.name), first.image, "the image"),
-               page.picture(fmt::format("{}-cartoon", first.name), first_drawn, "the cartoon"));
+  page.compare(page.image(fmt::format("{}-original", first.name), first.image, "the image"),
+               page.image(fmt::format("{}-cartoon", first.name), first_drawn, "the cartoon"));
   page.command(fmt::format("tarsier cartoon run {} -o cartoon.png", first.path));
 
   page.heading("Every mode",
                "The same filters on different subjects. The two sketches keep the lines and drop "
                "the colour; the "
                "painting keeps the colour and drops the texture.");
-  for (const Sample& sample : pictures) {
+  for (const Sample& sample : images) {
     throw_if_stopped(context.stop);
-    std::vector<DemoPicture> row{page.picture(sample.name + "-original", sample.image, "original")};
+    std::vector<DemoImage> row{page.image(sample.name + "-original", sample.image, "original")};
     for (const ModeText& mode : kModes) {
       const cv::Mat image = drawn(sample.image, options_for(mode.mode));
       const std::string name = fmt::format("{}-{}", sample.name, cartoon::name_of(mode.mode));
       const bool lines = mode.mode == Mode::kSketch || mode.mode == Mode::kEvilSketch;
       row.push_back(lines ? page.drawing(name, image, mode.text)
-                          : page.picture(name, image, mode.text));
+                          : page.image(name, image, mode.text));
       context.progress->advance();
     }
     page.grid(row);
@@ -141,30 +141,30 @@ void add_faces(Context& context, DemoPage& page) {
                "tinted. Live, an outline shows for two seconds where to put the face; --face auto "
                "finds it. This "
                "face is drawn by the program, so that nobody's portrait is needed.");
-  page.grid({page.picture("face-original", portrait, "original"),
-             page.picture("face-outline", outline, "put your face here"),
-             page.picture("face-cartoon", drawn(portrait, options_for(Mode::kCartoon)), "cartoon"),
-             page.picture("face-alien", green, "alien"),
-             page.picture("face-alien-blue", blue, "alien, tinted blue"),
-             page.picture("face-smooth", smooth, "smooth: skin only")});
+  page.grid({page.image("face-original", portrait, "original"),
+             page.image("face-outline", outline, "put your face here"),
+             page.image("face-cartoon", drawn(portrait, options_for(Mode::kCartoon)), "cartoon"),
+             page.image("face-alien", green, "alien"),
+             page.image("face-alien-blue", blue, "alien, tinted blue"),
+             page.image("face-smooth", smooth, "smooth: skin only")});
   page.command("tarsier cartoon run 0 --mode alien --window");
 }
 
-// Keeps the stages of one run as pictures of the page.
+// Keeps the stages of one run as images of the page.
 class StageStrip final : public DebugSink {
  public:
   StageStrip(DemoPage& page, std::string prefix) : page_(page), prefix_(std::move(prefix)) {}
   void image(std::string_view name, const cv::Mat& image) override {
-    std::string file = fmt::format("{}-{}-{}", prefix_, pictures_.size() + 1, name);
+    std::string file = fmt::format("{}-{}-{}", prefix_, images_.size() + 1, name);
     std::replace(file.begin(), file.end(), ' ', '-');
-    pictures_.push_back(page_.drawing(file, image, std::string(name)));
+    images_.push_back(page_.drawing(file, image, std::string(name)));
   }
-  [[nodiscard]] const std::vector<DemoPicture>& pictures() const { return pictures_; }
+  [[nodiscard]] const std::vector<DemoImage>& images() const { return images_; }
 
  private:
   DemoPage& page_;
   std::string prefix_;
-  std::vector<DemoPicture> pictures_;
+  std::vector<DemoImage> images_;
 };
 
 void add_stages(Context& context, DemoPage& page, const Sample& sample) {
@@ -178,7 +178,7 @@ void add_stages(Context& context, DemoPage& page, const Sample& sample) {
                "edges, a threshold, single dots removed. Colour: half the size, fourteen bilateral "
                "filters, back to "
                "full size. The lines go on top.");
-  page.strip(strip.pictures());
+  page.strip(strip.images());
   page.command(
       fmt::format("tarsier cartoon run {} -o cartoon.png --debug-dir stages", sample.path));
 }
@@ -229,17 +229,17 @@ void add_video(Context& context, DemoPage& page) {
                "lines of what does not "
                "move from flickering.");
   const cv::Mat& middle = images[images.size() / 2];
-  const DemoPicture poster = page.picture("video-poster", middle, "a frame of the video");
+  const DemoImage poster = page.image("video-poster", middle, "a frame of the video");
   if (write_demo_video(page.path_of("video.mp4"), images, fps > 0 ? fps : 10)) {
     page.video({"img/video.mp4",
                 fmt::format("{} frames of {}", images.size(), fs::path(path).filename().string()),
                 middle.cols, middle.rows},
                poster);
   } else {
-    std::vector<DemoPicture> stills;
+    std::vector<DemoImage> stills;
     for (size_t i = 0; i < images.size(); i += images.size() / 3) {
       stills.push_back(
-          page.picture(fmt::format("video-{}", i), images[i], fmt::format("frame {}", i)));
+          page.image(fmt::format("video-{}", i), images[i], fmt::format("frame {}", i)));
     }
     page.grid(stills);
   }
@@ -297,17 +297,17 @@ bool write_demo_video(const std::string& path, const std::vector<cv::Mat>& frame
 }
 
 void demo_cartoon(Context& context, DemoPage& page) {
-  const std::vector<Sample> pictures = samples();
-  const auto drawings = static_cast<std::int64_t>(pictures.size() * std::size(kModes));
-  context.progress->begin("cartoon", drawings + 3 + kVideoFrames + 7, "pictures");
+  const std::vector<Sample> images = samples();
+  const auto drawings = static_cast<std::int64_t>(images.size() * std::size(kModes));
+  context.progress->begin("cartoon", drawings + 3 + kVideoFrames + 7, "images");
   page.begin_area(
       "Cartoon",
       "Images, videos and live cameras become drawings, on a small machine in real time.");
-  add_samples(context, page, pictures);
+  add_samples(context, page, images);
   add_faces(context, page);
-  add_stages(context, page, pictures.front());
+  add_stages(context, page, images.front());
   add_video(context, page);
-  add_speed(context, page, pictures.front());
+  add_speed(context, page, images.front());
   context.progress->end();
 }
 

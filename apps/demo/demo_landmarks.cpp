@@ -28,7 +28,7 @@ void demo_landmarks(Context& context, DemoPage& page) {
                   "68 points of each face, by regression trees and a cascade of linear regressions "
                   "that were learnt by this program. Real images, of Debian's opencv-doc.");
   page.command(fmt::format("tarsier landmarks fit {} -o points.png", sample_image("messi5.jpg")));
-  std::vector<DemoPicture> faces;
+  std::vector<DemoImage> faces;
   for (const char* name : kFaces) {
     throw_if_stopped(context.stop);
     const std::filesystem::path path = sample_image(name);
@@ -54,9 +54,9 @@ void demo_landmarks(Context& context, DemoPage& page) {
     face::shape::LandmarkStyle style;
     style.radius_px = 2.5;
     face::shape::draw_landmarks(shown, points, shape_model.connections, shape_model.mirror, style);
-    faces.push_back(page.picture("landmarks-" + path.stem().string(), shown,
-                                 fmt::format("{}: a face {:.0f} px wide, score {:.2f}", name,
-                                             box.width, found.front().score)));
+    faces.push_back(page.image("landmarks-" + path.stem().string(), shown,
+                               fmt::format("{}: a face {:.0f} px wide, score {:.2f}", name,
+                                           box.width, found.front().score)));
   }
   if (faces.empty()) {
     page.note("The package opencv-doc is not installed; its images would be here.");
@@ -72,8 +72,8 @@ void demo_landmarks(Context& context, DemoPage& page) {
       face::shape::animate_modes(shape_model, 4, cv::Size(360, 360), 24);
   const std::string file = page.path_of("landmarks-modes.gif");
   sfm::write_gif(file, frames, 12);
-  page.grid({DemoPicture{"img/landmarks-modes.gif", "four modes, 3 standard deviations either way",
-                         360, 360},
+  page.grid({DemoImage{"img/landmarks-modes.gif", "four modes, 3 standard deviations either way",
+                       360, 360},
              page.drawing("landmarks-modes", face::shape::draw_modes(shape_model, 4, 150),
                           "each row a mode")});
 }

@@ -4,7 +4,7 @@
 #include "tarsier/planar/augment/augment.h"
 #include "tarsier/render/builtin.h"
 #include "tarsier/synth/noise.h"
-#include "tarsier/synth/planar_pictures.h"
+#include "tarsier/synth/planar_images.h"
 #include "tarsier/synth/planar_source.h"
 
 #include <fmt/format.h>
@@ -34,7 +34,7 @@ synth::PlanarVideo desk() {
 
 // A painted box with a ball on it, z up.
 std::shared_ptr<const render::Mesh> box_and_ball() {
-  render::Mesh mesh = render::make_cube(render::make_texture(synth::poster_picture({256, 256}, 7)));
+  render::Mesh mesh = render::make_cube(render::make_texture(synth::poster_image({256, 256}, 7)));
   render::Mesh ball = render::make_sphere(24, {0.2F, 0.35F, 0.9F});
   for (cv::Vec3f& p : ball.positions) p = 0.4F * p + cv::Vec3f(0, 0, 0.9F);
   append(mesh, ball);
@@ -105,8 +105,8 @@ void demo_markers(Context& context, DemoPage& page) {
   live.state = SourceState::kLive;
   std::vector<cv::Mat> frames;
   Tally tally;
-  std::vector<DemoPicture> shown;
-  DemoPicture poster;
+  std::vector<DemoImage> shown;
+  DemoImage poster;
   cv::Mat plain;
   cv::Mat drawn;
   for (int i = 0; i < kFrames; ++i) {
@@ -115,7 +115,7 @@ void demo_markers(Context& context, DemoPage& page) {
     frame.index = i;
     frame.time = i / kFps;
     frame.name = "video";
-    frame.image = video.picture_at(frame.time);
+    frame.image = video.image_at(frame.time);
     synth::add_noise(frame.image, 2, static_cast<std::uint64_t>(i));
     const View view = session.on_frame(frame, live);
     frames.push_back(view.output.clone());
@@ -127,17 +127,17 @@ void demo_markers(Context& context, DemoPage& page) {
     }
     context.progress->advance();
   }
-  poster = page.picture("markers-poster", drawn, "a video of a drawn desk");
-  page.compare(page.picture("markers-plain", plain, "what the camera sees"),
-               page.picture("markers-drawn", drawn, "with a painted box on each marker"));
+  poster = page.image("markers-poster", drawn, "a video of a drawn desk");
+  page.compare(page.image("markers-plain", plain, "what the camera sees"),
+               page.image("markers-drawn", drawn, "with a painted box on each marker"));
   page.command("tarsier ar markers 0 --size 50mm --camera camera.yaml --mesh object.obj --window");
   if (write_demo_video(page.path_of("markers.mp4"), frames, kFps)) {
-    DemoPicture moving = poster;
+    DemoImage moving = poster;
     moving.file = "img/markers.mp4";
     page.video(moving, poster);
   }
   add_table(page, tally);
-  // The other objects, on one picture.
+  // The other objects, on one image.
   Frame still;
   still.still = true;
   still.name = "still";
@@ -151,7 +151,7 @@ void demo_markers(Context& context, DemoPage& page) {
     const View view = other.on_frame(still, live);
     const std::string name(
         object == planar::augment::Object::kNone ? "ids" : planar::augment::name_of(object));
-    shown.push_back(page.picture("markers-" + name, view.output, "--draw " + name));
+    shown.push_back(page.image("markers-" + name, view.output, "--draw " + name));
   }
   page.grid(shown);
   context.progress->end();

@@ -17,11 +17,11 @@ namespace tarsier::cli {
 namespace {
 
 // A tarsier: a very small animal with very large eyes.
-std::string figure(const DemoPicture& picture) {
-  const std::string alt = escaped_markup(picture.caption);
+std::string figure(const DemoImage& image) {
+  const std::string alt = escaped_markup(image.caption);
   return fmt::format(
              R"(<figure><img src="{}" width="{}" height="{}" alt="{}" loading="lazy">{}</figure>)",
-             escaped_markup(picture.file), picture.width, picture.height, alt,
+             escaped_markup(image.file), image.width, image.height, alt,
              alt.empty() ? "" : fmt::format("<figcaption>{}</figcaption>", alt)) +
          '\n';
 }
@@ -40,18 +40,17 @@ std::string DemoPage::path_of(std::string_view file) const {
   return (std::filesystem::path(folder_) / "img" / file).string();
 }
 
-DemoPicture DemoPage::write_picture(std::string_view file, const cv::Mat& image,
-                                    std::string caption) {
+DemoImage DemoPage::write_image(std::string_view file, const cv::Mat& image, std::string caption) {
   write_image(path_of(file), image, 88);
   return {fmt::format("img/{}", file), std::move(caption), image.cols, image.rows};
 }
 
-DemoPicture DemoPage::picture(std::string_view name, const cv::Mat& image, std::string caption) {
-  return write_picture(fmt::format("{}.jpg", name), image, std::move(caption));
+DemoImage DemoPage::image(std::string_view name, const cv::Mat& image, std::string caption) {
+  return save_image(fmt::format("{}.jpg", name), image, std::move(caption));
 }
 
-DemoPicture DemoPage::drawing(std::string_view name, const cv::Mat& image, std::string caption) {
-  return write_picture(fmt::format("{}.png", name), image, std::move(caption));
+DemoImage DemoPage::drawing(std::string_view name, const cv::Mat& image, std::string caption) {
+  return save_image(fmt::format("{}.png", name), image, std::move(caption));
 }
 
 void DemoPage::begin_area(std::string_view title, std::string_view text) {
@@ -69,9 +68,9 @@ void DemoPage::command(std::string_view line) {
   body_ += fmt::format("<pre>{}</pre>\n", escaped_markup(line));
 }
 
-void DemoPage::compare(const DemoPicture& before, const DemoPicture& after) {
+void DemoPage::compare(const DemoImage& before, const DemoImage& after) {
   TARSIER_REQUIRE(before.width == after.width && before.height == after.height,
-                  "pictures of two sizes");
+                  "images of two sizes");
   body_ += fmt::format(
       R"html(<figure class="compare"><div class="pair"><img src="{}" width="{}" height="{}" alt="{}">)html"
       R"html(<img class="after" src="{}" width="{}" height="{}" alt="{}"><div class="edge"></div>)html"
@@ -84,15 +83,15 @@ void DemoPage::compare(const DemoPicture& before, const DemoPicture& after) {
   body_ += '\n';
 }
 
-void DemoPage::grid(const std::vector<DemoPicture>& pictures) {
+void DemoPage::grid(const std::vector<DemoImage>& images) {
   body_ += "<div class=\"grid\">\n";
-  for (const DemoPicture& picture : pictures) body_ += figure(picture);
+  for (const DemoImage& image : images) body_ += figure(image);
   body_ += "</div>\n";
 }
 
-void DemoPage::strip(const std::vector<DemoPicture>& pictures) {
+void DemoPage::strip(const std::vector<DemoImage>& images) {
   body_ += "<div class=\"strip\">\n";
-  for (const DemoPicture& picture : pictures) body_ += figure(picture);
+  for (const DemoImage& image : images) body_ += figure(image);
   body_ += "</div>\n";
 }
 
@@ -103,7 +102,7 @@ void DemoPage::inner_page(std::string_view html, std::string_view title, int hei
       escaped_markup(html), escaped_markup(title), height_px);
 }
 
-void DemoPage::video(const DemoPicture& video, const DemoPicture& poster) {
+void DemoPage::video(const DemoImage& video, const DemoImage& poster) {
   body_ += fmt::format(
       R"(<figure class="video"><video src="{}" poster="{}" width="{}" height="{}" autoplay muted loop playsinline controls></video>)"
       R"(<figcaption>{}</figcaption></figure>)",

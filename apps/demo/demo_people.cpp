@@ -20,17 +20,17 @@ void demo_people(Context& context, DemoPage& page) {
                   "unknown. Nothing leaves this machine, and everyone can be forgotten for good.");
   page.command(
       fmt::format("tarsier people show --stages {} -o stages.png", sample_image("messi5.jpg")));
-  std::vector<DemoPicture> shown;
+  std::vector<DemoImage> shown;
   face::people::FaceReader reader = make_face_reader({});
   for (const char* name : {"messi5.jpg"}) {
     throw_if_stopped(context.stop);
     const std::filesystem::path path = sample_image(name);
     if (!std::filesystem::exists(path)) continue;
-    const NamedPictures stages = face_stages(reader, read_gray_image(path.string()));
+    const NamedImages stages = face_stages(reader, read_gray_image(path.string()));
     if (stages.images.empty()) continue;
-    shown.push_back(page.picture("people-" + path.stem().string(),
-                                 image::draw::tile(stages.images, stages.names, {960, 560}),
-                                 fmt::format("{}: the stages of preparation", name)));
+    shown.push_back(page.image("people-" + path.stem().string(),
+                               image::draw::tile(stages.images, stages.names, {960, 560}),
+                               fmt::format("{}: the stages of preparation", name)));
   }
   if (shown.empty()) {
     page.note("The package opencv-doc is not installed; its images would be here.");

@@ -14,7 +14,7 @@
 namespace tarsier::cli {
 namespace {
 
-// Keeps the stages of one picture.
+// Keeps the stages of one image.
 class Kept final : public DebugSink {
  public:
   void image(std::string_view name, const cv::Mat& image) override {
@@ -42,7 +42,7 @@ plate::VideoReader of_frames(const plate::Reader& reader) {
 }
 
 void show_stills(Context& context, DemoPage& page, const plate::Reader& reader) {
-  std::vector<DemoPicture> pictures;
+  std::vector<DemoImage> images;
   for (const Scene& scene : kScenes) {
     throw_if_stopped(context.stop);
     const auto source = synth::open_synth_source(std::string_view(scene.source).substr(6));
@@ -50,7 +50,7 @@ void show_stills(Context& context, DemoPage& page, const plate::Reader& reader) 
     if (!frame) continue;
     frame->still = true;
     Kept stages;
-    PlateSession session(of_frames(reader), {}, {}, pictures.empty() ? &stages : nullptr);
+    PlateSession session(of_frames(reader), {}, {}, images.empty() ? &stages : nullptr);
     const View view = session.on_frame(*frame, source->status());
     std::string texts;
     for (const plate::Reading& reading : session.readings()) {
@@ -58,23 +58,23 @@ void show_stills(Context& context, DemoPage& page, const plate::Reader& reader) 
       texts += fmt::format("{}{} ({:.0f} %)", texts.empty() ? "" : ", ", reading.text,
                            100 * reading.confidence);
     }
-    if (pictures.empty()) {
+    if (images.empty()) {
       page.heading("A plate, stage by stage",
                    "Found, aligned, straightened; then the line is read as a whole and decoded "
                    "with the layouts of the countries' plates.");
       page.command(
           fmt::format("tarsier plate read '{}' -o read.png --debug-dir stages", scene.source));
-      std::vector<DemoPicture> strip;
+      std::vector<DemoImage> strip;
       for (std::size_t i = 0; i < stages.images.size() && i < 3; ++i)
         strip.push_back(
-            page.picture("plate-stage-" + stages.names[i], stages.images[i], stages.names[i]));
+            page.image("plate-stage-" + stages.names[i], stages.images[i], stages.names[i]));
       page.strip(strip);
     }
-    pictures.push_back(page.picture(fmt::format("plate-{}", pictures.size()), view.output,
-                                    fmt::format("{}: {}", scene.title, texts)));
+    images.push_back(page.image(fmt::format("plate-{}", images.size()), view.output,
+                                fmt::format("{}: {}", scene.title, texts)));
   }
   page.heading("Drawn cars, read");
-  page.grid(pictures);
+  page.grid(images);
 }
 
 void show_drive(Context& context, DemoPage& page, const plate::Reader& reader) {
@@ -90,16 +90,16 @@ void show_drive(Context& context, DemoPage& page, const plate::Reader& reader) {
                     std::to_string(event.frames)});
   });
   const auto source = synth::open_synth_source(kDrive);
-  std::vector<DemoPicture> pictures;
+  std::vector<DemoImage> images;
   while (auto frame = source->next(std::chrono::milliseconds(1000), context.stop)) {
     throw_if_stopped(context.stop);
     const View view = session.on_frame(*frame, source->status());
     if (frame->index % 40 == 36)
-      pictures.push_back(page.picture(fmt::format("plate-drive-{}", frame->index), view.output,
-                                      fmt::format("{:.1f} s", frame->time)));
+      images.push_back(page.image(fmt::format("plate-drive-{}", frame->index), view.output,
+                                  fmt::format("{:.1f} s", frame->time)));
   }
   session.finish();
-  page.grid(pictures);
+  page.grid(images);
   page.table({"vehicle", "confidence", "seen", "frames"}, rows, "One line for each vehicle");
 }
 

@@ -39,7 +39,7 @@ geometry::Camera demo_camera(int width, int height) {
 }
 
 // A cube of 100 mm that stands on a table, drawn with its true pose.
-cv::Mat cube_picture(const geometry::Camera& camera, const geometry::Rigid3& camera_from_cube) {
+cv::Mat cube_image(const geometry::Camera& camera, const geometry::Rigid3& camera_from_cube) {
   cv::Mat image(camera.height, camera.width, CV_8UC3, cv::Scalar(222, 226, 230));
   render::Scene scene;
   scene.antialias = true;
@@ -62,7 +62,7 @@ cv::Mat cube_picture(const geometry::Camera& camera, const geometry::Rigid3& cam
 }
 
 // Its corners seen with 0.5 px of noise, and the pose from them.
-DemoPicture cube_with_axes(DemoPage& page, Context& context) {
+DemoImage cube_with_axes(DemoPage& page, Context& context) {
   const geometry::Camera camera = demo_camera(480, 360);
   const Eigen::Matrix3d upright{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}};  // z up, y away from the camera
   const face::head::HeadAngles tilt{0, -28, 0};
@@ -71,7 +71,7 @@ DemoPicture cube_with_axes(DemoPage& page, Context& context) {
       {std::cos(turn), -std::sin(turn), 0}, {std::sin(turn), std::cos(turn), 0}, {0, 0, 1}};
   const geometry::Rigid3 truth{face::head::rotation_of_angles(tilt) * upright * about_z,
                                {-12, 14, 430}};
-  cv::Mat image = cube_picture(camera, truth);
+  cv::Mat image = cube_image(camera, truth);
   Eigen::Matrix3Xd object(3, 8);
   Eigen::Matrix2Xd seen(2, 8);
   Rng rng(context.seed);
@@ -100,7 +100,7 @@ DemoPicture cube_with_axes(DemoPage& page, Context& context) {
   return page.drawing("pose-cube", image, text);
 }
 
-// The face, enlarged, with what `pose track --draw` draws; the camera is that of the whole picture.
+// The face, enlarged, with what `pose track --draw` draws; the camera is that of the whole image.
 struct Portrait {
   cv::Mat image;
   geometry::Camera camera;
@@ -132,8 +132,8 @@ std::optional<Portrait> portrait_of(const cv::Mat& image, const face::LandmarkTr
   return portrait;
 }
 
-DemoPicture posed_picture(DemoPage& page, const Portrait& portrait, const std::string& name,
-                          PoseOverlay overlay, const std::string& caption) {
+DemoImage posed_image(DemoPage& page, const Portrait& portrait, const std::string& name,
+                      PoseOverlay overlay, const std::string& caption) {
   face::PoseTrackerOptions options = pose_options({});
   options.camera = portrait.camera;
   PoseSessionOptions drawing;
@@ -153,11 +153,11 @@ DemoPicture posed_picture(DemoPage& page, const Portrait& portrait, const std::s
     text += fmt::format(": yaw {:+.0f}, pitch {:+.0f}, roll {:+.0f} degrees", angles.yaw_deg,
                         angles.pitch_deg, angles.roll_deg);
   }
-  return page.picture(name, view.output.clone(), text);
+  return page.image(name, view.output.clone(), text);
 }
 
-// The head that ships, as learnt from flat pictures, in three poses; two wear what can be drawn.
-DemoPicture learnt_head(DemoPage& page) {
+// The head that ships, as learnt from flat images, in three poses; two wear what can be drawn.
+DemoImage learnt_head(DemoPage& page) {
   const face::head::HeadModel model = read_head("");
   const face::head::HeadSurface surface = face::head::head_surface(model, model.mean);
   auto skin = std::make_shared<render::Mesh>();
@@ -207,9 +207,9 @@ DemoPicture learnt_head(DemoPage& page) {
 
 void demo_pose(Context& context, DemoPage& page) {
   page.begin_area("Head and object pose",
-                  "The pose of a known object from one picture (POSIT and a few steps of "
+                  "The pose of a known object from one image (POSIT and a few steps of "
                   "Levenberg-Marquardt), and of a head, whose 3D points were learnt from flat "
-                  "pictures of a thousand faces.");
+                  "images of a thousand faces.");
   page.command("tarsier pose solve --object cube.txt --points seen.txt --focal 760");
   page.grid({cube_with_axes(page, context)});
   page.grid({learnt_head(page)});
@@ -224,13 +224,12 @@ void demo_pose(Context& context, DemoPage& page) {
   const std::optional<Portrait> portrait =
       portrait_of(read_image(kMessi), load_landmark_tracker({}));
   if (!portrait) return;
-  std::vector<DemoPicture> pictures;
-  pictures.push_back(
-      posed_picture(page, *portrait, "pose-messi", PoseOverlay::kAxes, "--draw axes"));
+  std::vector<DemoImage> images;
+  images.push_back(posed_image(page, *portrait, "pose-messi", PoseOverlay::kAxes, "--draw axes"));
   throw_if_stopped(context.stop);
-  pictures.push_back(posed_picture(page, *portrait, "pose-glasses", PoseOverlay::kObject,
-                                   "--draw glasses: the head hides what is behind it"));
-  page.grid(pictures);
+  images.push_back(posed_image(page, *portrait, "pose-glasses", PoseOverlay::kObject,
+                               "--draw glasses: the head hides what is behind it"));
+  page.grid(images);
   demo_turning_head(context, page);
 }
 

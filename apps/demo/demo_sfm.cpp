@@ -30,16 +30,16 @@ sfm::Model true_model(const synth::ReliefScene& scene, const sfm::Model& found) 
   }
   const geometry::Camera camera = scene.camera();
   for (const int view : {1, scene.count() / 2, scene.count() - 2}) {
-    const cv::Mat picture = scene.render(view);
-    for (int v = 2; v < picture.rows; v += 5) {
-      for (int u = 2; u < picture.cols; u += 5) {
+    const cv::Mat rendered = scene.render(view);
+    for (int v = 2; v < rendered.rows; v += 5) {
+      for (int u = 2; u < rendered.cols; u += 5) {
         const auto depth = scene.depth(view, cv::Point2d(u, v));
         if (!depth) continue;
         sfm::Point point;
         point.position = scene.pose(view).inverse() *
                          Eigen::Vector3d((u - camera.cx) / camera.fx * *depth,
                                          (v - camera.cy) / camera.fy * *depth, *depth);
-        point.color = picture.at<cv::Vec3b>(v, u);
+        point.color = rendered.at<cv::Vec3b>(v, u);
         model.points.push_back(point);
       }
     }
@@ -58,19 +58,19 @@ void demo_sfm(Context& context, DemoPage& page) {
   options.images = kImages;
   const synth::ReliefScene scene(options);
   std::vector<sfm::Input> inputs;
-  std::vector<DemoPicture> pictures;
+  std::vector<DemoImage> images;
   sfm::PoseTruth truth;
   for (int i = 0; i < scene.count(); ++i) {
     throw_if_stopped(context.stop);
-    const DemoPicture picture = page.picture(fmt::format("sfm-{}", i), scene.render(i));
-    const std::string name = std::filesystem::path(picture.file).filename().string();
+    const DemoImage rendered = page.image(fmt::format("sfm-{}", i), scene.render(i));
+    const std::string name = std::filesystem::path(rendered.file).filename().string();
     inputs.push_back({name, page.path_of(name)});
     truth[name] = scene.pose(i);
-    pictures.push_back(picture);
+    images.push_back(rendered);
   }
   page.command("tarsier sfm synth -o scene");
   page.heading("The images");
-  page.grid(pictures);
+  page.grid(images);
 
   sfm::ReconstructorOptions how;
   how.pipeline.camera = scene.camera();
@@ -90,8 +90,8 @@ void demo_sfm(Context& context, DemoPage& page) {
   sfm::ViewOptions view;
   view.size = {720, 480};
   page.grid(
-      {page.picture("sfm-found", sfm::render_model(model, view), "found"),
-       page.picture("sfm-true", sfm::render_model(true_model(scene, model), view), "the truth")});
+      {page.image("sfm-found", sfm::render_model(model, view), "found"),
+       page.image("sfm-true", sfm::render_model(true_model(scene, model), view), "the truth")});
   const sfm::PoseScores scores = sfm::evaluate_poses(model, truth, "model");
   const sfm::ModelStatistics statistics = sfm::statistics_of(model);
   page.table({"what", "value"},

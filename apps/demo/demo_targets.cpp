@@ -20,10 +20,10 @@ namespace {
 
 constexpr double kVideoSeconds = 6;
 
-// What the session draws on a picture.
-cv::Mat seen_in(TargetSession& session, const cv::Mat& picture, bool still) {
+// What the session draws on an image.
+cv::Mat seen_in(TargetSession& session, const cv::Mat& image, bool still) {
   Frame frame;
-  frame.image = picture;
+  frame.image = image;
   frame.name = "demo";
   frame.still = still;
   const SourceStatus live{.state = SourceState::kLive, .detail = "", .age_s = 0};
@@ -41,18 +41,18 @@ void show_box(DemoPage& page) {
   }
   const planar::image_targets::Target trained =
       planar::image_targets::train_target(read_image(box), "biscuits");
-  const cv::Mat picture = read_image(scene);
+  const cv::Mat image = read_image(scene);
   planar::TargetTrackerOptions options;
   geometry::Camera camera;  // nobody knows what took it: a usual field of view
-  camera.fx = camera.fy = 1.2 * picture.cols;
-  camera.cx = picture.cols / 2.0 - 0.5;
-  camera.cy = picture.rows / 2.0 - 0.5;
+  camera.fx = camera.fy = 1.2 * image.cols;
+  camera.cx = image.cols / 2.0 - 0.5;
+  camera.cy = image.rows / 2.0 - 0.5;
   options.camera = camera;
   TargetSession session(planar::TargetTracker({trained}, options));
   page.grid({page.drawing("target-quality", planar::image_targets::draw_quality(trained),
-                          "how trackable the picture is: points that last, and its rating"),
-             page.picture("target-box", seen_in(session, picture, true),
-                          "found small, turned and in part hidden")});
+                          "how trackable the image is: points that last, and its rating"),
+             page.image("target-box", seen_in(session, image, true),
+                        "found small, turned and in part hidden")});
   page.command(
       "tarsier ar target-train box.png -o box.target.json --width 20cm --draw quality.png");
   page.command(
@@ -65,8 +65,8 @@ void show_box(DemoPage& page) {
 void demo_targets(Context& context, DemoPage& page) {
   const auto frames = static_cast<int>(kVideoSeconds * 25);
   context.progress->begin("targets", frames, "frames");
-  page.begin_area("Pictures as targets",
-                  "Any flat picture with detail can take a marker's place: it is learnt from one "
+  page.begin_area("Images as targets",
+                  "Any flat image with detail can take a marker's place: it is learnt from one "
                   "image, found in others, and followed through a video.");
   show_box(page);
   synth::VideoOptions look;
@@ -77,17 +77,17 @@ void demo_targets(Context& context, DemoPage& page) {
   planar::TargetTrackerOptions options;
   options.camera = video.camera();
   TargetSession session(planar::TargetTracker(
-      {planar::image_targets::train_target(poster.picture, "poster")}, options));
-  std::vector<DemoPicture> strip;
+      {planar::image_targets::train_target(poster.image, "poster")}, options));
+  std::vector<DemoImage> strip;
   int seen = 0;
   for (int i = 0; i < frames; ++i) {
     throw_if_stopped(context.stop);
-    const cv::Mat drawn = seen_in(session, video.picture_at(i / 25.0), false);
+    const cv::Mat drawn = seen_in(session, video.image_at(i / 25.0), false);
     seen += session.result().seen.empty() ? 0 : 1;
     if (i % (frames / 5) == frames / 10)
       strip.push_back(
-          page.picture(fmt::format("target-video-{}", strip.size() + 1), drawn,
-                       fmt::format("{:.1f} s, {:.1f} ms", i / 25.0, session.result().ms)));
+          page.image(fmt::format("target-video-{}", strip.size() + 1), drawn,
+                     fmt::format("{:.1f} s, {:.1f} ms", i / 25.0, session.result().ms)));
     context.progress->advance();
   }
   page.heading("Followed",
@@ -95,7 +95,7 @@ void demo_targets(Context& context, DemoPage& page) {
                            "swings, a hand passes. Seen in {} of {} frames.",
                            seen, frames));
   page.grid(strip);
-  page.command("tarsier ar target-track 0 --window  # frame a picture with the mouse");
+  page.command("tarsier ar target-track 0 --window  # frame an image with the mouse");
   context.progress->end();
 }
 

@@ -3,7 +3,7 @@
 #include "tarsier/face/appearance/model.h"
 #include "tarsier/face/appearance/start.h"
 #include "tarsier/face/appearance/tracker.h"
-#include "tarsier/face/appearance/training_picture.h"
+#include "tarsier/face/appearance/training_image.h"
 #include "tarsier/face/detect/detector.h"
 #include "tarsier/face/detect/face_networks.h"
 #include "tarsier/face/detect/face_training.h"

@@ -130,7 +130,7 @@ TEST(FrameSession, BeforeTheFirstFrameThereIsNothingToShow) {
 TEST(FrameSession, AChangedDrawingOfAStillGoesToTheSinkThatOfAVideoDoesNot) {
   for (const bool still : {true, false}) {
     Marks session;
-    (void)session.on_frame(frame_of("picture", still), live());
+    (void)session.on_frame(frame_of("image", still), live());
     View view = session.on_event(key_event('r'));
     EXPECT_EQ(view.output.empty(), !still);
     EXPECT_EQ(view.image.at<cv::Vec3b>(0, 0), cv::Vec3b::all(2)) << "shown at once";
@@ -151,7 +151,7 @@ TEST(FrameSession, WhatTheMouseChangesIsDrawnAsThatOfAnAction) {
   for (const bool still : {true, false}) {
     Marks session;
     EXPECT_TRUE(session.on_event(press).image.empty()) << "before the first frame";
-    (void)session.on_frame(frame_of("picture", still), live());
+    (void)session.on_frame(frame_of("image", still), live());
     press.x = 9;
     const View view = session.on_event(press);
     EXPECT_EQ(view.output.empty(), !still);
@@ -174,7 +174,7 @@ TEST(FrameSession, WhatIsDrawnOnTheShownImageAloneStaysOutOfTheOutput) {
 
 TEST(FrameSession, AMessageTakesThePlaceOfTheStatusInTheBarAlone) {
   Marks session;
-  (void)session.on_frame(frame_of("picture", true), live());
+  (void)session.on_frame(frame_of("image", true), live());
   const cv::Mat bar = session.on_idle(live()).image.clone();
   session.says = "saved a.png";
   const View view = session.on_idle(live());
@@ -208,7 +208,7 @@ TEST(FrameSession, SaysWhatTheSourceIsAndWhetherItIsPaused) {
   EXPECT_THAT(view.status, Not(HasSubstr(std::string(name_of(SourceState::kStale)))));
   session.forgets = true;
   (void)session.on_idle(stale());
-  EXPECT_EQ(session.drawings, 2) << "what an idle session forgets leaves the picture";
+  EXPECT_EQ(session.drawings, 2) << "what an idle session forgets leaves the image";
 }
 
 TEST(FrameSession, WhatIsPausedStaysThoughACameraGoesOn) {

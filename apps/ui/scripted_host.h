@@ -42,9 +42,9 @@ class ScriptedHost {
   // events that were added earlier for the same frame. Events beyond the last frame are sent after
   // it.
   void at(std::int64_t frame, Event event);
-  // Keeps copies of the pictures of all steps with this frame number.
+  // Keeps copies of the images of all steps with this frame number.
   void keep(std::int64_t frame);
-  // New output pictures go here; null: nowhere. finish() is the caller's.
+  // New output images go here; null: nowhere. finish() is the caller's.
   void write_to(FrameSink* sink) { sink_ = sink; }
 
   // Feeds at most `max_frames` (0: all) until the source ends, the session has finished, or `stop`
@@ -67,7 +67,7 @@ class ScriptedHost {
   std::map<std::int64_t, std::vector<Event>> events_;
   std::set<std::int64_t> kept_;
   std::vector<ScriptStep> steps_;
-  Frame last_;            // what a picture made by an event belongs to
+  Frame last_;            // what an image made by an event belongs to
   std::int64_t fed_ = 0;  // frames
 };
 

@@ -44,7 +44,7 @@ class Counting final : public FrameSource {
   std::vector<std::string> skipped_;
 };
 
-// Adds what sliders say to the picture; one buffer for all views, as sessions may.
+// Adds what sliders say to the image; one buffer for all views, as sessions may.
 class Adding final : public Session {
  public:
   View on_frame(const Frame& frame, const SourceStatus&) override {

@@ -170,8 +170,8 @@ class HighguiWindow final : public Window {
     const cv::Mat& image = view.image;
     if (image.empty() || closed_) return;
     require_bgr(image);
-    const bool resized = image.size() != picture_.size();
-    image.copyTo(picture_);
+    const bool resized = image.size() != image_.size();
+    image.copyTo(image_);
     if (name_.empty()) {
       create();
     } else if (resized && !fullscreen_ && view_size() == natural_size_) {
@@ -246,7 +246,7 @@ class HighguiWindow final : public Window {
     cv::waitKeyEx(1);
   }
 
-  // The area that pictures are shown in: the window without its sliders.
+  // The area that images are shown in: the window without its sliders.
   [[nodiscard]] cv::Size view_size() const {
     check_alive();
     cv::Rect shown;
@@ -254,9 +254,9 @@ class HighguiWindow final : public Window {
       const InToolkit guard;
       shown = cv::getWindowImageRect(name_);
     }
-    if (shown.width <= 0 || shown.height <= 0) return picture_.size();
+    if (shown.width <= 0 || shown.height <= 0) return image_.size();
 #if CV_VERSION_MAJOR > 4 || (CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR > 6)
-    // This toolkit tells where the picture is instead. One that is smaller than the area stands in
+    // This toolkit tells where the image is instead. One that is smaller than the area stands in
     // its middle.
     const std::optional<cv::Point> origin = x11_ != nullptr ? x11_->origin() : std::nullopt;
     if (origin && shown.x >= origin->x && shown.y >= origin->y) {
@@ -334,7 +334,7 @@ class HighguiWindow final : public Window {
   // The toolkit asks the window manager for full screen. Where none runs (a kiosk), nobody answers.
   void cover_screen() { x11_->place({{0, 0}, x11_->screen_size()}); }
 
-  // The size arrives as an event; a picture drawn before would be stretched for a moment.
+  // The size arrives as an event; an image drawn before would be stretched for a moment.
   void wait_for_size(cv::Size size) {
     const Clock::time_point deadline = Clock::now() + milliseconds(300);
     while (view_size() != size && Clock::now() < deadline) run_toolkit();
@@ -342,7 +342,7 @@ class HighguiWindow final : public Window {
 
   void set_natural_size() {
     const cv::Size screen = x11_ != nullptr ? x11_->screen_size() : cv::Size(1920, 1080);
-    natural_size_ = initial_size(picture_.size(), screen);
+    natural_size_ = initial_size(image_.size(), screen);
     cv::Size window = natural_size_;
     for (int attempt = 0; attempt < 3; ++attempt) {  // sliders take some of the window
       {
@@ -359,9 +359,9 @@ class HighguiWindow final : public Window {
   }
 
   void draw() {
-    if (picture_.empty()) return;
+    if (image_.empty()) return;
     shown_size_ = view_size();
-    compose(picture_, shown_size_, canvas_);
+    compose(image_, shown_size_, canvas_);
     const InToolkit guard;
     cv::imshow(name_, canvas_);
   }
@@ -405,7 +405,7 @@ class HighguiWindow final : public Window {
   }
 
   void take_mouse(int kind, int x, int y, int flags) {
-    if (picture_.empty() || shown_size_.empty()) return;
+    if (image_.empty() || shown_size_.empty()) return;
     Event event;
     event.kind = Event::Kind::kMouse;
     switch (kind) {
@@ -442,7 +442,7 @@ class HighguiWindow final : public Window {
       default:
         return;
     }
-    const cv::Point2d at = fit(picture_.size(), shown_size_).to_picture(cv::Point2d(x, y));
+    const cv::Point2d at = fit(image_.size(), shown_size_).to_image(cv::Point2d(x, y));
     event.x = at.x;
     event.y = at.y;
     event.shift = (flags & cv::EVENT_FLAG_SHIFTKEY) != 0;
@@ -465,8 +465,8 @@ class HighguiWindow final : public Window {
   bool has_bars_ = false;
   bool on_bare_screen_ = false;  // full screen without a window manager
   bool closed_ = false;
-  cv::Mat picture_;  // as given
-  cv::Mat canvas_;   // as shown
+  cv::Mat image_;   // as given
+  cv::Mat canvas_;  // as shown
   cv::Size shown_size_;
   cv::Size natural_size_;
   std::deque<Event> events_;

@@ -143,7 +143,7 @@ class PipeWindow final : public Window {
     if (closed_) return;
     if (!view.image.empty()) {
       require_bgr(view.image);
-      view.image.copyTo(picture_);
+      view.image.copyTo(image_);
       is_new_ = true;
       frame_number_ =
           frame != nullptr ? static_cast<std::uint32_t>(frame->index) : frame_number_ + 1;
@@ -207,13 +207,12 @@ class PipeWindow final : public Window {
   // --- out ---
 
   [[nodiscard]] cv::Size sent_size() const {
-    if (picture_.empty()) return {};
+    if (image_.empty()) return {};
     double scale = 1;
-    if (max_width_ > 0) scale = std::min(scale, static_cast<double>(max_width_) / picture_.cols);
-    scale = std::min(scale, static_cast<double>(kMaxSide) / std::max(picture_.cols, picture_.rows));
-    if (scale >= 1) return picture_.size();
-    return {std::max(1, cvRound(picture_.cols * scale)),
-            std::max(1, cvRound(picture_.rows * scale))};
+    if (max_width_ > 0) scale = std::min(scale, static_cast<double>(max_width_) / image_.cols);
+    scale = std::min(scale, static_cast<double>(kMaxSide) / std::max(image_.cols, image_.rows));
+    if (scale >= 1) return image_.size();
+    return {std::max(1, cvRound(image_.cols * scale)), std::max(1, cvRound(image_.rows * scale))};
   }
 
   [[nodiscard]] ordered_json state_json(const View& view, const FrameInfo* frame) const {
@@ -242,10 +241,10 @@ class PipeWindow final : public Window {
     const std::uint32_t age = milliseconds_since(captured_);
     std::vector<std::uint8_t> bytes;
     try {
-      const bool is_scaled = size != picture_.size();
-      if (is_scaled) cv::resize(picture_, scaled_, size, 0, 0, cv::INTER_AREA);
+      const bool is_scaled = size != image_.size();
+      if (is_scaled) cv::resize(image_, scaled_, size, 0, 0, cv::INTER_AREA);
       const std::vector<std::uint8_t> jpeg =
-          encode_image(".jpg", is_scaled ? scaled_ : picture_, "the window's image", quality_);
+          encode_image(".jpg", is_scaled ? scaled_ : image_, "the window's image", quality_);
       bytes.reserve(jpeg.size() + 13);
       put_u32(bytes, jpeg.size() + 9);
       bytes.push_back('J');
@@ -256,7 +255,7 @@ class PipeWindow final : public Window {
       warn(error.what());
       return {};
     }
-    shown_ = picture_.size();
+    shown_ = image_.size();
     sent_ = size;
     return bytes;
   }
@@ -290,7 +289,7 @@ class PipeWindow final : public Window {
   }
 
   [[nodiscard]] bool are_stages_due() const { return wants_stages_ && !stages_.empty(); }
-  [[nodiscard]] bool is_image_due() const { return wanted_ && is_new_ && !picture_.empty(); }
+  [[nodiscard]] bool is_image_due() const { return wanted_ && is_new_ && !image_.empty(); }
   [[nodiscard]] bool has_something() const {
     return !writing_.empty() || !hello_.empty() || !state_.empty() || is_image_due() ||
            are_stages_due();
@@ -378,14 +377,14 @@ class PipeWindow final : public Window {
                          (line.max_width && *line.max_width != max_width_);
     quality_ = line.quality.value_or(quality_);
     max_width_ = line.max_width.value_or(max_width_);
-    if (changes) is_new_ = true;  // the same picture is another image now
+    if (changes) is_new_ = true;  // the same image is another image now
     if (!line.event) return;
     ++received_;
     Event& event = *line.event;
     if (event.kind == Event::Kind::kMouse) {
       // Where no image was asked for yet, of the one that would be sent.
       cv::Size from = sent_.empty() ? sent_size() : sent_;
-      const cv::Size to = sent_.empty() ? picture_.size() : shown_;
+      const cv::Size to = sent_.empty() ? image_.size() : shown_;
       if (line.image_width && !from.empty()) {
         const double ratio = static_cast<double>(*line.image_width) / to.width;
         from = {*line.image_width, std::max(1, cvRound(to.height * ratio))};
@@ -434,7 +433,7 @@ class PipeWindow final : public Window {
   std::size_t written_ = 0;
   std::vector<std::uint8_t> hello_;
   std::vector<std::uint8_t> state_;
-  cv::Mat picture_;  // the newest
+  cv::Mat image_;  // the newest
   cv::Mat scaled_;
   bool is_new_ = false;  // and not sent yet
   bool wanted_ = false;
@@ -451,7 +450,7 @@ class PipeWindow final : public Window {
   std::vector<Event> events_;
   std::uint64_t received_ = 0;    // events, and lines that were passed over
   std::uint64_t handed_out_ = 0;  // of them; the next view is what the session made of these
-  cv::Size shown_;                // of the picture that was sent last
+  cv::Size shown_;                // of the image that was sent last
   cv::Size sent_;                 // in this size
   std::optional<Clock::time_point> warned_;
 };

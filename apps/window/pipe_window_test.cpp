@@ -320,7 +320,7 @@ TEST_F(PipeWindowTest, MousePositionsAreOfTheImageThatWasSent) {
   say("{\"want\":1}\n");
   (void)events();
   const std::vector<Record> whole = records();
-  ASSERT_EQ(kinds(whole), "J") << "the same picture in another size is another image";
+  ASSERT_EQ(kinds(whole), "J") << "the same image in another size is another image";
   EXPECT_EQ(whole[0].image().size(), cv::Size(800, 600));
   say("{\"mouse\":\"left-down\",\"x\":199,\"y\":149}\n");
   mouse = events();

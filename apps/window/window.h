@@ -16,7 +16,7 @@ namespace tarsier::window {
 struct WindowOptions {
   std::string title;
   bool fullscreen = false;
-  std::vector<Slider> sliders;  // shown below the picture; not in full screen
+  std::vector<Slider> sliders;  // shown below the image; not in full screen
   std::vector<Action> actions;  // buttons, where the window has such
   bool stages = false;          // show_stages() will be called where they are wanted
 };
@@ -50,7 +50,7 @@ class Window {
   virtual void show(const View& view, const FrameInfo* frame) = 0;
 
   // What the user did since the last call, in order; waits at most `timeout` for something. Mouse
-  // positions are pixels of the picture shown last (outside of 0..width-1, 0..height-1 beside it).
+  // positions are pixels of the image shown last (outside of 0..width-1, 0..height-1 beside it).
   // Held keys repeat only where that is of use (arrows, + -, delete, backspace): holding a switch
   // must not flicker it.
   [[nodiscard]] virtual std::vector<Event> poll(std::chrono::milliseconds timeout) = 0;
@@ -58,7 +58,7 @@ class Window {
   // The user closed the window.
   [[nodiscard]] virtual bool closed() const = 0;
 
-  // In full screen the pointer is hidden and the picture fills the screen with its aspect kept.
+  // In full screen the pointer is hidden and the image fills the screen with its aspect kept.
   virtual void set_fullscreen(bool on) = 0;
   [[nodiscard]] virtual bool fullscreen() const = 0;
 
@@ -89,7 +89,7 @@ void prepare();
 // Whether windows have a place for stages. Needs no prepare(), and does nothing.
 [[nodiscard]] bool takes_stages();
 
-// Opens a window; it appears with its first picture. Calls prepare() if need be.
+// Opens a window; it appears with its first image. Calls prepare() if need be.
 [[nodiscard]] std::unique_ptr<Window> open_window(const WindowOptions& options);
 
 }  // namespace tarsier::window

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // tarsier_peer_apriltag TRUTH.jsonl [DECIMATE]
-// Runs the AprilTag library (family 36h11, one thread) on the pictures of a truth file of `ar synth
+// Runs the AprilTag library (family 36h11, one thread) on the images of a truth file of `ar synth
 // markers` and prints the lines that `ar eval --results` judges: corners and the library's own
 // pose. "ms" is processor time of one thread, detection and poses together.
 #include <opencv2/calib3d.hpp>
@@ -86,8 +86,8 @@ int run(const std::string& path, float decimate) {
       return 3;
     }
     const double start = cpu_ms();
-    image_u8_t picture{gray.cols, gray.rows, static_cast<std::int32_t>(gray.step[0]), gray.data};
-    zarray_t* found = apriltag_detector_detect(detector, &picture);
+    image_u8_t pixels{gray.cols, gray.rows, static_cast<std::int32_t>(gray.step[0]), gray.data};
+    zarray_t* found = apriltag_detector_detect(detector, &pixels);
     json markers = json::array();
     for (int i = 0; i < zarray_size(found); ++i) {
       apriltag_detection_t* tag = nullptr;

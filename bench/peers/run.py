@@ -9,7 +9,7 @@ peers.json). Each row names its version; a peer that is not installed is one lin
 Debian: apt-get install python3-opencv python3-numpy colmap libapriltag-dev libdlib-dev libdlib-data
         cmake --build build/release --target tarsier_peers     (the programs that run AprilTag and dlib)
 Data:   scripts/get-data.sh list names the public sets; DIR holds them as they are named in `needs` below. Nothing of
-        them is copied into the source tree. Markers, pictures as targets, landmarks, models of sfm and poses are judged
+        them is copied into the source tree. Markers, images as targets, landmarks, models of sfm and poses are judged
         by Tarsier's own `eval`, for all methods alike.
 Times are processor time, so other work on the machine counts little, but not nothing: caches are shared.
 """
@@ -205,14 +205,14 @@ class Bench:
         self.sfm_row(name, f"COLMAP {debian_version('colmap')} (Debian), CPU, camera known", model,
                      os.path.join(folder, "gt.jsonl"), seconds, memory)
 
-    # --- markers, and pictures as targets ---
+    # --- markers, and images as targets ---
 
     def ar_row(self, area, files, method, lines, seconds=None):
         images = sum(line["images"] for line in lines if line["set"] != "all")
         for line in lines:
             if line["set"] == "all":
                 continue
-            cost = f"{number(line['ms_median'], 1)} ms" if seconds is None else f"{1e3 * seconds / images:.1f} ms a picture, reading it included"
+            cost = f"{number(line['ms_median'], 1)} ms" if seconds is None else f"{1e3 * seconds / images:.1f} ms an image, reading it included"
             found = round(line["recall"] * line["truth"])
             self.add(area, f"{files}, {line['set']}" if area == "markers" else files, method,
                      f"recall {share_text(found, line['truth'])}, {line['wrong']} wrong, corners {number(line['corner_rmse_median'], 3)} px "
@@ -310,8 +310,8 @@ class Bench:
         results = []
         for line, gray in self.truth_lines(truth):
             if line["target"] not in targets:
-                picture = cv2.imread(os.path.join(os.path.dirname(truth), line["target"]), cv2.IMREAD_GRAYSCALE)
-                targets[line["target"]] = (picture.shape, *features.detectAndCompute(picture, None))
+                image = cv2.imread(os.path.join(os.path.dirname(truth), line["target"]), cv2.IMREAD_GRAYSCALE)
+                targets[line["target"]] = (image.shape, *features.detectAndCompute(image, None))
             (height, width), points, descriptors = targets[line["target"]]
             start = time.thread_time()
             seen, found = features.detectAndCompute(gray, None)
@@ -342,7 +342,7 @@ class Bench:
                 self.skipped("people", name, why)
                 continue
             for training in trainings:
-                files = f"{name}, {training} pictures of each person train" + (f", {size[0]}x{size[1]}" if size else "")
+                files = f"{name}, {training} images of each person train" + (f", {size[0]}x{size[1]}" if size else "")
                 self.attempt("people", "tarsier", self.people_tarsier, files, faces, size, training)
                 self.attempt("people", "cv::face", self.people_opencv, files, faces, size, training)
 
@@ -354,7 +354,7 @@ class Bench:
             if os.path.isdir(inside):
                 out += [(os.path.join(inside, name), person) for name in sorted(os.listdir(inside)) if name.endswith((".pgm", ".png", ".jpg"))]
         if not out:
-            raise Skip(f"no pictures in folders of people in {folder}")
+            raise Skip(f"no images in folders of people in {folder}")
         return out
 
     def people_tarsier(self, files, faces, size, training):
@@ -374,10 +374,10 @@ class Bench:
         version = self.opencv("face")
         cv2.setNumThreads(1)
         people = sorted({person for _, person in faces})
-        pictures = []
+        images = []
         for path, _ in faces:
             gray = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
-            pictures.append(cv2.resize(gray, size, interpolation=cv2.INTER_LINEAR) if size else gray)
+            images.append(cv2.resize(gray, size, interpolation=cv2.INTER_LINEAR) if size else gray)
         labels = [people.index(person) for _, person in faces]
         of_person = {p: [i for i, label in enumerate(labels) if label == p] for p in range(len(people))}
 
@@ -388,7 +388,7 @@ class Bench:
                 order = draw.permutation(len(of_person[p]))
                 if p in enrolled:
                     train += [of_person[p][i] for i in order[:training]]
-            return train, sorted(set(range(len(pictures))) - set(train))
+            return train, sorted(set(range(len(images))) - set(train))
 
         for name, make in (("Eigenfaces", cv2.face.EigenFaceRecognizer_create), ("Fisherfaces", cv2.face.FisherFaceRecognizer_create),
                            ("LBPH", cv2.face.LBPHFaceRecognizer_create)):
@@ -397,16 +397,16 @@ class Bench:
             for seed in range(5):
                 train, probes = split(seed, set(range(len(people))))
                 model = make()
-                model.train([pictures[i] for i in train], np.array([labels[i] for i in train]))
+                model.train([images[i] for i in train], np.array([labels[i] for i in train]))
                 start = time.thread_time()
-                right += sum(model.predict(pictures[i])[0] == labels[i] for i in probes)
+                right += sum(model.predict(images[i])[0] == labels[i] for i in probes)
                 ms.append(1e3 * (time.thread_time() - start) / len(probes))
                 asked += len(probes)
                 enrolled = set(np.random.RandomState(seed + 1000).permutation(len(people))[: len(people) // 2].tolist())
                 train, probes = split(seed, enrolled)
                 model = make()
-                model.train([pictures[i] for i in train], np.array([labels[i] for i in train]))
-                scores = [(labels[i] in enrolled, -model.predict(pictures[i])[1]) for i in probes]
+                model.train([images[i] for i in train], np.array([labels[i] for i in train]))
+                scores = [(labels[i] in enrolled, -model.predict(images[i])[1]) for i in probes]
                 known = np.array([s for inside, s in scores if inside])
                 strangers = np.array([s for inside, s in scores if not inside])
                 thresholds = [*np.unique(np.concatenate([known, strangers])), np.inf]
@@ -426,7 +426,7 @@ class Bench:
         self.attempt("landmarks", "imm-frontal", self.landmarks_imm)
 
     def boxes_of(self, images):
-        """Where `landmarks fit` begins: the box of the widest face in each picture, for all methods alike."""
+        """Where `landmarks fit` begins: the box of the widest face in each image, for all methods alike."""
         listed = os.path.join(self.work, "images.txt")
         with open(listed, "w", encoding="utf-8") as file:
             file.writelines(os.path.abspath(image) + "\n" for image in images)
@@ -475,7 +475,7 @@ class Bench:
         offset = np.median([value[0] for value in right.values()], axis=0)
         width = float(np.median([value[1] for value in right.values()]))
         training, tests = os.path.join(self.work, "train.jsonl"), os.path.join(self.work, "test.jsonl")
-        pictures = self.folder("mirrored")
+        images = self.folder("mirrored")
         with open(training, "w", encoding="utf-8") as train, open(tests, "w", encoding="utf-8") as test:
             for k, name in enumerate(names, 1):
                 image, points = os.path.abspath(os.path.join(folder, name)), truth[name]
@@ -489,7 +489,7 @@ class Bench:
                     box = [float(corner[0]), float(corner[1]), width * size, width * size]
                 train.write(json.dumps({"image": image, "box": box, "points": points.tolist()}) + "\n")
                 gray = cv2.imread(image, cv2.IMREAD_GRAYSCALE)
-                turned = os.path.join(pictures, os.path.basename(name).rsplit(".", 1)[0] + ".png")
+                turned = os.path.join(images, os.path.basename(name).rsplit(".", 1)[0] + ".png")
                 cv2.imwrite(turned, cv2.flip(gray, 1))
                 flipped = points[mirror].copy()
                 flipped[:, 0] = gray.shape[1] - 1 - flipped[:, 0]
@@ -529,7 +529,7 @@ class Bench:
             with open(os.path.join(folder, name), encoding="latin-1") as file:
                 rows = [line.split() for line in file if line.strip() and line[0] != "#"]
             truth[os.path.realpath(image)] = np.array([[float(r[2]) * shape[1], float(r[3]) * shape[0]] for r in rows if len(r) >= 7])
-        files = f"imm-frontal ({len(truth)} pictures of 6 people), the {len(pairs)} points that both markups have"
+        files = f"imm-frontal ({len(truth)} images of 6 people), the {len(pairs)} points that both markups have"
 
         def judge(method, lines, version_cost):
             errors, offsets, missed = [], [], 0
@@ -554,7 +554,7 @@ class Bench:
                 part.append(f"{name} {errors[:, at:at + len(of)].mean():.2f}")
                 at += len(of)
             self.add("landmarks", files, method,
-                     f"error mean {errors.mean():.2f} %, median over pictures {np.median(errors.mean(1)):.2f} % ({', '.join(part)}); about each point's own "
+                     f"error mean {errors.mean():.2f} %, median over images {np.median(errors.mean(1)):.2f} % ({', '.join(part)}); about each point's own "
                      f"mean offset, which the two markups differ by, {steady.mean():.2f} %; {missed} not found", version_cost,
                      {"faces": len(truth), "missed": missed, "nme_mean": float(errors.mean()), "nme_steady": float(steady.mean())})
 

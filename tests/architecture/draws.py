@@ -2,7 +2,7 @@
 """No two random numbers are drawn within one list of arguments.
 
 The order in which a compiler works out the arguments of a call is its own: GCC for x86-64 begins with the last, GCC for
-arm64 and clang with the first. The same seed would give other pictures there. Names for the numbers, or braces (whose
+arm64 and clang with the first. The same seed would give other images there. Names for the numbers, or braces (whose
 order is fixed), give one result everywhere.     draws.py ROOT FOLDER..
 """
 import os

@@ -257,13 +257,13 @@ def poses():
 
 
 def cartoon():
-    """What runs by default against the definition of the filters, on a sample picture of opencv-doc."""
-    picture = os.path.join(SAMPLES, "messi5.jpg")
-    if not os.path.exists(picture):
-        skip("no sample pictures (package opencv-doc)")
+    """What runs by default against the definition of the filters, on a sample image of opencv-doc."""
+    image = os.path.join(SAMPLES, "messi5.jpg")
+    if not os.path.exists(image):
+        skip("no sample images (package opencv-doc)")
 
     def pixels(name, *words):
-        made("cartoon", "run", picture, "-o", f"{name}.ppm", *words)
+        made("cartoon", "run", image, "-o", f"{name}.ppm", *words)
         with open(f"{name}.ppm", "rb") as file:
             kind, width, height, _ = (file.readline() + file.readline() + file.readline()).split()
             assert kind == b"P6"

@@ -8,7 +8,7 @@ source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 run pose synth -o heads --count 36 --people 12 --size 320x320 --yaw 15 --pitch 8 --roll 8 --near 420 --far 480 --quiet
 expect_status 0
 run pose synth -o again --count 2 --people 12 --size 320x320 --yaw 15 --pitch 8 --roll 8 --near 420 --far 480 --quiet
-cmp heads/images/0001.png again/images/0001.png || fail "the seed does not repeat the picture"
+cmp heads/images/0001.png again/images/0001.png || fail "the seed does not repeat the image"
 [ "$(wc -l <heads/truth.jsonl)" -eq 36 ] || fail "truth.jsonl has $(wc -l <heads/truth.jsonl) lines"
 python3 - heads/truth.jsonl <<'END' || fail "the truth does not hold together"
 import json, math, sys
@@ -38,7 +38,7 @@ expect_out '"faces":12'
 python3 - stdout.txt <<'END' || fail "fits are worse than they were: $(cat stdout.txt)"
 import json, sys
 score = json.loads(open(sys.argv[1]).readline())
-# Two dozen pictures are few: a third may be missed.
+# Two dozen images are few: a third may be missed.
 assert score["missed"] + score["wrong"] <= 4 and score["nme_median"] < 6, score
 END
 run aam eval heads/set.json --held-out 3 --model model.json --convergence curve.png --tries 1 --json --quiet
@@ -50,7 +50,7 @@ expect_out '"method":"project-out","disturbance":0' '"method":"alternating"'
 run aam fit heads/images/0000.png --json --parameters -o fitted.png --draw face
 expect_status 0
 expect_out '"faces":\[\{"box":' '"status":"' '"shape":\[' '"texture":\['
-[ -s fitted.png ] || fail "no picture"
+[ -s fitted.png ] || fail "no image"
 run aam fit heads/images/0000.png --method project-out --json
 expect_status 0
 run pose synth -o video --video --count 10 --size 320x240 --yaw 12 --pitch 5 --roll 5 --quiet

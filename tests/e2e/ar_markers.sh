@@ -1,21 +1,21 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Markers: drawn pictures with their truth, found, posed, drawn on, as JSON and tables; videos; what cannot be used.
+# Markers: drawn images with their truth, found, posed, drawn on, as JSON and tables; videos; what cannot be used.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
-# Pictures with their truth; the same seed gives the same ones.
+# Images with their truth; the same seed gives the same ones.
 run ar synth markers set --count 6 --level easy --min-markers 2 --max-markers 4 --min-side 40 --side 10cm --seed 5
 expect_status 0
-[ "$(ls set/images | wc -l)" -eq 6 ] || fail "not 6 pictures"
+[ "$(ls set/images | wc -l)" -eq 6 ] || fail "not 6 images"
 run ar synth markers again --count 6 --level easy --min-markers 2 --max-markers 4 --min-side 40 --side 10cm --seed 5 --quiet
 cmp -s set/truth.jsonl again/truth.jsonl && cmp -s set/images/36h11_00003.jpg again/images/36h11_00003.jpg ||
-  fail "another run of the same seed drew other pictures"
+  fail "another run of the same seed drew other images"
 run ar synth planar targets --count 2 --hidden 1
 expect_status 0
 [ -s targets/targets/t0.png ] && grep -q '"H":' targets/truth.jsonl || fail "no targets, or no homography"
 
-# Found where they are, to the truth of the first picture's own camera.
+# Found where they are, to the truth of the first image's own camera.
 python3 - <<'END' >camera.txt
 import json
 k = json.loads(open("set/truth.jsonl").readline())["K"]
@@ -79,7 +79,7 @@ run ar markers $first --mesh thing.obj --mesh-up y --scale 1.5 --quiet -o mesh.p
 expect_status 0
 run ar markers $first --mesh thing.obj --no-shadow --scale 1.5 --quiet -o light.png
 for one in ids none axes cube mesh; do
-  [ -s $one.png ] || fail "no picture $one.png"
+  [ -s $one.png ] || fail "no image $one.png"
   for other in ids none axes cube mesh light; do
     [ $one = $other ] || ! cmp -s $one.png $other.png || fail "$one.png is $other.png"
   done
@@ -145,7 +145,7 @@ fy: 900
 cx: 640
 cy: 360
 END
-refused 3 '640 x 480 px, the camera.s pictures are 1280 x 720' --camera wide.yaml
+refused 3 '640 x 480 px, the camera.s images are 1280 x 720' --camera wide.yaml
 sed 's/height: 720/height: 960/' wide.yaml >large.yaml
 run ar markers $first --camera large.yaml --json --quiet
 expect_status 0
@@ -154,10 +154,10 @@ expect_status 2
 expect_error '--min-markers 5'
 run ar synth markers x --family 9x9
 expect_status 2
-run ar synth planar x --picture gone.png
+run ar synth planar x --image gone.png
 expect_status 3
 expect_error 'gone.png'
-# Judged against the truth: the own detector, OpenCV's, results of an earlier run, a family, pictures as targets.
+# Judged against the truth: the own detector, OpenCV's, results of an earlier run, a family, images as targets.
 run ar eval set/truth.jsonl -o found.jsonl --json
 expect_status 0
 cat >score.py <<'END'
@@ -167,7 +167,7 @@ least = float(sys.argv[1])
 assert line["images"] == int(sys.argv[2]) and line["recall"] >= least and line["precision"] >= 0.99, line
 assert line["corner_rmse_median"] < 0.3 and line["rot_deg_median"] < 3 and line["ms_median"] > 0, line
 END
-python3 score.py 0.9 6 || fail "the score of easy pictures: $out"
+python3 score.py 0.9 6 || fail "the score of easy images: $out"
 [ "$(wc -l <found.jsonl)" -eq 6 ] || fail "found.jsonl has $(wc -l <found.jsonl) lines"
 own=$out
 run ar eval set/truth.jsonl --results found.jsonl --json
@@ -176,12 +176,12 @@ expect_status 0
   fail "the same results were judged otherwise: $out"
 run ar eval set/truth.jsonl --backend opencv
 expect_status 0
-expect_out '36h11 +6 pictures'
+expect_out '36h11 +6 images'
 run ar eval set/truth.jsonl --family 6x6
 expect_status 3
 run ar eval targets/truth.jsonl --json
 expect_status 0
-expect_out '"set":"pictures"'
+expect_out '"set":"images"'
 head -c 300 set/truth.jsonl >cut.jsonl
 run ar eval cut.jsonl
 expect_status 3

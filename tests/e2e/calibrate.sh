@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# A camera from pictures of a board, from a video, and every way to have none; sheets that print true to scale.
+# A camera from images of a board, from a video, and every way to have none; sheets that print true to scale.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
-pictures=/usr/share/doc/opencv-doc/examples/data
+images=/usr/share/doc/opencv-doc/examples/data
 board=(--board chess:9x6 --square 25mm)
 
 # --- sheets ---
@@ -108,10 +108,10 @@ run calibrate noise.jpg "${board[@]}"
 expect_status 3
 expect_error 'noise.jpg'
 
-# --- the pictures of OpenCV ---
+# --- the images of OpenCV ---
 
-[ -f "$pictures/left01.jpg" ] || { echo "note: no package opencv-doc: its pictures are left out"; finish; }
-left=("$pictures"/left[01]?.jpg)
+[ -f "$images/left01.jpg" ] || { echo "note: no package opencv-doc: its images are left out"; finish; }
+left=("$images"/left[01]?.jpg)
 run calibrate "${left[@]}" "${board[@]}" -o camera.yaml --csv views.csv --draw drawn --undistorted straight --json
 expect_status 0
 python3 - stdout.txt <<'END' || fail "the camera of left*.jpg is not what it should be"
@@ -131,7 +131,7 @@ for file in drawn/left01.png drawn/coverage.png straight/left14.png straight/cam
   [ -s $file ] || fail "no $file"
 done
 grep -q '^model: pinhole' camera.yaml || fail "camera.yaml"
-run calibrate "$pictures"/right[01]?.jpg "${board[@]}" -o right.yml --format opencv
+run calibrate "$images"/right[01]?.jpg "${board[@]}" -o right.yml --format opencv
 expect_status 0
 expect_out '13 views' 'fx 53'
 grep -q '!!opencv-matrix' right.yml || fail "right.yml is not OpenCV's"
@@ -157,7 +157,7 @@ expect_error 'stands still'
 run calibrate "${left[@]:0:4}" --board chess:8x5 --square 25mm
 expect_status 1
 grep -q 'chess:9x6' stderr.txt || fail "the size that is there is not told: $err"
-run calibrate "$pictures/graf1.png" "$pictures/home.jpg" "$pictures/box.png" "${board[@]}" --json
+run calibrate "$images/graf1.png" "$images/home.jpg" "$images/box.png" "${board[@]}" --json
 expect_status 1
 run calibrate "${left[@]}" "${board[@]}" -o /proc/nowhere/c.yaml
 expect_status 6

@@ -5,7 +5,7 @@
 . "$(dirname "$0")/lib.sh"
 unset DISPLAY WAYLAND_DISPLAY
 samples=/usr/share/doc/opencv-doc/examples/data
-[ -r $samples/home.jpg ] || skip "no sample pictures (package opencv-doc)"
+[ -r $samples/home.jpg ] || skip "no sample images (package opencv-doc)"
 good=$samples/home.jpg
 
 wrong() { # wrong STATUS PATTERN ARGUMENTS..
@@ -20,7 +20,7 @@ wrong() { # wrong STATUS PATTERN ARGUMENTS..
 
 # Inputs.
 mkdir empty
-echo "no picture at all" >text.jpg
+echo "no image at all" >text.jpg
 head -c 4000 $good >truncated.jpg
 printf '\211PNG\r\n\032\n\0\0\0\rIHDR\0\0\352\140\0\0\352\140\10\2\0\0\0\0\0\0\0' >huge.png # 60000x60000
 : >nothing.png

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Pictures, folders and videos through `cartoon run`: the right files, and JSON that says so.
+# Images, folders and videos through `cartoon run`: the right files, and JSON that says so.
 . "$(dirname "$0")/lib.sh"
 samples=/usr/share/doc/opencv-doc/examples/data
-[ -r $samples/home.jpg ] || skip "no sample pictures (package opencv-doc)"
+[ -r $samples/home.jpg ] || skip "no sample images (package opencv-doc)"
 
 # json EXPRESSION: Python over stdout.txt; `lines` are its objects. True, or the test fails.
 have_python=1
@@ -20,7 +20,7 @@ PY
 }
 probe() { ffprobe -v error -select_streams v -count_frames -show_entries "stream=$2" -of csv=p=0 "$1"; }
 
-# A picture to a picture, in every mode.
+# An image to an image, in every mode.
 for mode in sketch paint cartoon evil evil-sketch alien smooth none; do
   run cartoon run $samples/home.jpg --mode $mode -o $mode.png --json
   expect_status 0
@@ -28,7 +28,7 @@ for mode in sketch paint cartoon evil evil-sketch alien smooth none; do
   json "lines[0]['ms'] >= 0 and lines[0]['faces'] == []"
   [ "$(head -c 4 $mode.png | tail -c 3)" = PNG ] || fail "$mode.png is no PNG"
 done
-cmp -s sketch.png paint.png && fail "two modes draw the same picture"
+cmp -s sketch.png paint.png && fail "two modes draw the same image"
 run cartoon run $samples/home.jpg -o quiet.jpg --quiet
 expect_status 0
 expect_no_out
@@ -40,18 +40,18 @@ run cartoon run $samples/home.jpg --mode sketch --quality reference -o reference
 expect_status 0
 cmp -s sketch.png reference.png || fail "sketch differs from its reference"
 
-# Several inputs, a folder with broken pictures, a list, a glob.
+# Several inputs, a folder with broken images, a list, a glob.
 mkdir in
 cp $samples/home.jpg in/a.jpg
 cp $samples/box.png in/b.png
 head -c 3000 $samples/home.jpg >in/c.jpg
-echo "no picture" >in/d.jpg
+echo "no image" >in/d.jpg
 run cartoon run in -o out --json
 expect_status 0
 json "[line['image'] for line in lines] == ['in/a.jpg', 'in/b.png']"
 json "[line['output'] for line in lines] == ['out/a.jpg', 'out/b.png']"
 [ "$(ls out)" = $'a.jpg\nb.png' ] || fail "files of the folder: $(ls out)"
-[ "$(grep -c 'warning: in/' stderr.txt)" -eq 2 ] || fail "two broken pictures, but: $err"
+[ "$(grep -c 'warning: in/' stderr.txt)" -eq 2 ] || fail "two broken images, but: $err"
 printf '# two\nin/a.jpg\n\nin/b.png\n' >list.txt
 run cartoon run @list.txt -o listed/ --json
 expect_status 0

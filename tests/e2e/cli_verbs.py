@@ -128,7 +128,7 @@ VALID = {
     "models remove": dict(words="head --own-dir none-of-them", status=1),
     "doctor": dict(words=""),
 }
-# With --debug-dir these write what they go through: at least so many pictures or clouds of the run above.
+# With --debug-dir these write what they go through: at least so many images or clouds of the run above.
 STAGES = {"cartoon run": 5, "plate read": 3, "landmarks fit": 4, "landmarks track": 4, "aam fit": 2, "people identify": 4,
           "sfm reconstruct": 4, "ar markers": 3, "ar target-track": 3}
 # These are only interrupted here: they are long; demo_page and the figures of docs/results.md run them.
@@ -194,7 +194,7 @@ def check_help(verb):
         fail(name, "--debug-dir is of the verbs in STAGES, and of no other")
 
 
-UNITS = re.compile(r"""\b(px|mm|s|degrees|seconds|frames?|share|times|pictures?|features|points?|modes?|views?|images|grey\ levels
+UNITS = re.compile(r"""\b(px|mm|s|degrees|seconds|frames?|share|times|images?|features|points?|modes?|views?|images|grey\ levels
     |standard\ deviations?|nats|%|batches|digits|pages?|characters?|candidates|plates?|faces?|people|samples?|threads|cores
     |iterations?|rounds|runs|draws|splits|levels?|trees?|starts?|eigenfaces|sightings|fits|sides?|pixels|hidden|rate
     |neurons|width|aperture|aligner's|rays|diagonal|fps|newest|numbers?|mistakes|accuracy|deviations|distances|inlier
@@ -335,7 +335,7 @@ def left_behind():
                   if name.startswith(".") or name.endswith((".tmp", ".part")))
 
 
-# `faces.txt`, `cars.txt`, `crowd.lst`, `head/crowd.json` .. name the same few pictures many times.
+# `faces.txt`, `cars.txt`, `crowd.lst`, `head/crowd.json` .. name the same few images many times.
 INTERRUPTED = {
     **LONG,
     "cartoon run": "synth:scene -o stopped.mp4 --quality reference",
@@ -563,7 +563,7 @@ def make_inputs_here():
 
 
 def make_crowds():
-    """The same few pictures many times over, for runs that have to last."""
+    """The same few images many times over, for runs that have to last."""
     faces = [f"{folder}/images/{name}" for folder in ("head", "other") for name in sorted(os.listdir(f"{folder}/images"))]
     cars = [f"cars/images/{name}" for name in sorted(os.listdir("cars/images"))]
     for path, names in (("faces.txt", faces * 30), ("cars.txt", cars * 100)):

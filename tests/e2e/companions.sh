@@ -50,10 +50,10 @@ fake() { # fake FILE STATUS
 fake alone/libexec/tarsier/tarsier-bench 5
 echo 'repeats = 3' >bench.toml
 status=0
-echo input | sh -c 'echo "$$" >pid.txt; exec "$@"' sh "$TARSIER" bench posit --config bench.toml 'a picture.png' --quiet >stdout.txt 2>stderr.txt || status=$?
+echo input | sh -c 'echo "$$" >pid.txt; exec "$@"' sh "$TARSIER" bench posit --config bench.toml 'an image.png' --quiet >stdout.txt 2>stderr.txt || status=$?
 out=$(cat stdout.txt) err=$(cat stderr.txt) command_line="tarsier bench posit, a script"
 expect_status 5
-expect_out 'libexec/tarsier/tarsier-bench' '<posit><--config><bench.toml><a picture.png><--quiet>' " as $(cat pid.txt)$" '^input$'
+expect_out 'libexec/tarsier/tarsier-bench' '<posit><--config><bench.toml><an image.png><--quiet>' " as $(cat pid.txt)$" '^input$'
 [ "$err" = "on stderr" ] || fail "stderr: $err"
 fake alone/bin/tarsier-bench 4
 run bench posit

@@ -44,7 +44,7 @@ points() { for i in 0 1 2 3 4 5 6 7 8 9; do echo "click $((200 + 25 * i)).5 $((1
 } >lines.txt
 annotate video.avi -o set.yaml --actions - --proposals off <lines.txt
 expect_status 0
-expect_out '^set.yaml: 3 of 3 pictures done, 10 points$'
+expect_out '^set.yaml: 3 of 3 images done, 10 points$'
 check_set set.yaml 'len(s) == 3 and all(len(k["points"]) == 10 for k in s)'
 check_set set.yaml 's[0]["image"] == "set-frames/frame-000000.png" and s[2]["image"] == "set-frames/frame-000018.png"'
 check_set set.yaml 'abs(s[0]["points"][3][0] - 275.5) < 1e-6 and abs(s[0]["points"][3][1] - 303.25) < 1e-6'
@@ -61,10 +61,10 @@ expect_status 0
 cmp -s set.yaml before.yaml || fail "looking changed the set"
 
 # --- killed in the middle: nothing is lost ---
-mkdir pictures
-cp set-frames/*.png pictures/
+mkdir images
+cp set-frames/*.png images/
 mkfifo pipe
-"$TARSIER" landmarks annotate pictures -o killed.yaml --actions - --json <pipe >steps.txt 2>stderr.txt &
+"$TARSIER" landmarks annotate images -o killed.yaml --actions - --json <pipe >steps.txt 2>stderr.txt &
 program=$!
 exec 7>pipe
 points | head -6 >&7
@@ -73,31 +73,31 @@ kill -KILL $program
 wait $program 2>/dev/null
 exec 7>&-
 [ ! -e killed.yaml ] || fail "the set is written too early for this test"
-{ points | tail -4; echo stage-pictures; echo go-on; } >lines.txt
-annotate pictures -o killed.yaml --actions - <lines.txt
+{ points | tail -4; echo stage-images; echo go-on; } >lines.txt
+annotate images -o killed.yaml --actions - <lines.txt
 expect_status 0
 check_set killed.yaml 'len(s) == 2 and len(s[0]["points"]) == 10 and abs(s[0]["points"][5][1] - 235.25) < 1e-6'
-check_set killed.yaml 's[0]["image"] == "pictures/frame-000000.png"'
+check_set killed.yaml 's[0]["image"] == "images/frame-000000.png"'
 printf '{"why":"to' >>killed.yaml.journal
 echo 'key n' >lines.txt
-annotate pictures -o killed.yaml --actions - <lines.txt
+annotate images -o killed.yaml --actions - <lines.txt
 expect_status 0
 echo 'nonsense' >>killed.yaml.journal
 echo '{}' >>killed.yaml.journal
-annotate pictures -o killed.yaml --actions - </dev/null
+annotate images -o killed.yaml --actions - </dev/null
 expect_status 3
 expect_error 'killed.yaml.journal: line [0-9]+ is broken'
 rm killed.yaml.journal
 
 # --- two at once, no display, nothing to annotate ---
 mkfifo other
-"$TARSIER" landmarks annotate pictures -o busy.yaml --actions - <other >/dev/null 2>&1 &
+"$TARSIER" landmarks annotate images -o busy.yaml --actions - <other >/dev/null 2>&1 &
 program=$!
 exec 8>other
 until [ -e busy.yaml.journal ]; do sleep 0.05; kill -0 $program || break; done
 # Until it is locked, too.
 until grep -q ":$(stat -c %i busy.yaml.journal) " /proc/locks; do sleep 0.05; kill -0 $program || break; done
-annotate pictures -o busy.yaml --actions - </dev/null
+annotate images -o busy.yaml --actions - </dev/null
 expect_status 3
 expect_error 'busy.yaml.journal: another program'
 exec 8>&-
@@ -105,7 +105,7 @@ wait $program
 [ $? -eq 1 ] || fail "a set without points is nothing found"
 [ ! -e busy.yaml ] || fail "a set of nothing was written"
 status=0
-(unset DISPLAY WAYLAND_DISPLAY; timeout 900 "$TARSIER" landmarks annotate pictures -o window.yaml) >stdout.txt 2>stderr.txt || status=$?
+(unset DISPLAY WAYLAND_DISPLAY; timeout 900 "$TARSIER" landmarks annotate images -o window.yaml) >stdout.txt 2>stderr.txt || status=$?
 command_line="landmarks annotate without a display" err=$(cat stderr.txt)
 expect_status 3
 expect_error
@@ -119,10 +119,10 @@ mkdir empty
 run landmarks annotate empty -o nothing.yaml --actions -
 expect_status 3
 echo '{"type": "shape-model", "version": 1, "provenance": {}, "payload": {}}' >wrong.yaml
-run landmarks annotate pictures -o wrong.yaml --actions -
+run landmarks annotate images -o wrong.yaml --actions -
 expect_status 3
 expect_error 'wrong.yaml: '
-run landmarks annotate pictures -o no/such/folder/set.yaml --actions -
+run landmarks annotate images -o no/such/folder/set.yaml --actions -
 expect_status 6
 expect_error
 # A video that breaks off.
@@ -136,8 +136,8 @@ run landmarks show set.yaml -o sheet.png --numbers
 expect_status 0
 expect_out '^sheet.png: 3 of 3 samples'
 [ -s sheet.png ] || fail "no sheet"
-rm pictures/frame-000009.png
-run landmarks show killed.yaml -o sheet.png # a picture that is gone is a dark cell
+rm images/frame-000009.png
+run landmarks show killed.yaml -o sheet.png # an image that is gone is a dark cell
 expect_status 0
 run landmarks show missing.yaml -o sheet.png
 expect_status 3

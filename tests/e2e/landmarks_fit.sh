@@ -3,11 +3,11 @@
 # Points of faces: fitting and following with the model that ships, training from a set, measuring.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
-pictures=/usr/share/doc/opencv-doc/examples/data
-[ -f "$pictures/messi5.jpg" ] || skip "needs the package opencv-doc"
+images=/usr/share/doc/opencv-doc/examples/data
+[ -f "$images/messi5.jpg" ] || skip "needs the package opencv-doc"
 
-# One face, 68 points, inside the picture, JSON as documented.
-run landmarks fit "$pictures/messi5.jpg" --json -o points.png
+# One face, 68 points, inside the image, JSON as documented.
+run landmarks fit "$images/messi5.jpg" --json -o points.png
 expect_status 0
 expect_out '^\{"image":"/usr/share/doc/opencv-doc/examples/data/messi5.jpg"' '"faces":\[\{"box":\[' '"score":' '"ms":'
 python3 - stdout.txt <<'END' || fail "the points of messi5 are not where his face is"
@@ -20,22 +20,22 @@ assert 215 < left[0] < right[0] < 275 and abs(left[1] - right[1]) < 12, (left, r
 assert 90 < left[1] < 115 and 12 < right[0] - left[0] < 40, (left, right)
 assert faces[0]["score"] > 0.5, faces[0]["score"]
 END
-[ -s points.png ] || fail "no picture with the points"
+[ -s points.png ] || fail "no image with the points"
 
-# Each method; a picture without a face.
+# Each method; an image without a face.
 for method in both trees sdm patch; do
-  run landmarks fit "$pictures/messi5.jpg" --method $method --json
+  run landmarks fit "$images/messi5.jpg" --method $method --json
   expect_status 0
 done
-run landmarks fit "$pictures/messi5.jpg" --method forest
+run landmarks fit "$images/messi5.jpg" --method forest
 expect_status 2
 expect_error 'both, trees, sdm, patch'
-run landmarks fit "$pictures/graf1.png"
+run landmarks fit "$images/graf1.png"
 expect_status 1
 
 # Following: one face keeps its id; the table has a row a frame.
 mkdir video
-for i in 01 02 03 04 05 06; do cp "$pictures/messi5.jpg" "video/$i.jpg"; done
+for i in 01 02 03 04 05 06; do cp "$images/messi5.jpg" "video/$i.jpg"; done
 run landmarks track video --sequence --csv points.csv --json
 expect_status 0
 [ "$(grep -c '"id":1,' stdout.txt)" -eq 6 ] || fail "not the same id in all frames"
@@ -67,7 +67,7 @@ expect_status 0
 expect_out '"modes":' '"samples":4'
 run landmarks show shape.json -o modes.png
 expect_status 0
-[ -s modes.png ] || fail "no picture of the modes"
+[ -s modes.png ] || fail "no image of the modes"
 run landmarks train tracker set.yaml -o own.json --mirror --levels 1 --trees 4 --quiet
 expect_status 0
 # Faces are turned by a head model of the same points.

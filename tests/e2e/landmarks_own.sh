@@ -3,10 +3,10 @@
 # Models of one's own: a face detector from boxes, a tracker adapted to one person; looking into both.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
-pictures=/usr/share/doc/opencv-doc/examples/data
-[ -f "$pictures/messi5.jpg" ] || skip "needs the package opencv-doc"
+images=/usr/share/doc/opencv-doc/examples/data
+[ -f "$images/messi5.jpg" ] || skip "needs the package opencv-doc"
 
-# "Faces" on noise: bright squares with a dark cross; two pictures show none.
+# "Faces" on noise: bright squares with a dark cross; two images show none.
 python3 - <<'END'
 import random
 random.seed(3)
@@ -38,14 +38,14 @@ open("cut.xml", "w").write(text[:200])
 END
 run landmarks train face-detector boxes.xml -o own.json --window 48 --epsilon 0.1 --json
 expect_status 0
-expect_out '"pictures":10,"boxes":8,"ignored":0' '"knows_shapes":false'
+expect_out '"images":10,"boxes":8,"ignored":0' '"knows_shapes":false'
 run landmarks eval boxes.xml --detection --face-detector own.json --json
 expect_status 0
-expect_out '"pictures":10,"objects":8'
+expect_out '"images":10,"objects":8'
 run landmarks show own.json -o own.png
 expect_status 0
-[ -s own.png ] || fail "no picture of the filter"
-run landmarks fit "$pictures/graf1.png" --face-detector own.json --strict --min-face 64
+[ -s own.png ] || fail "no image of the filter"
+run landmarks fit "$images/graf1.png" --face-detector own.json --strict --min-face 64
 expect_status 1
 
 # What cannot be learned from says so, and leaves no file.
@@ -60,14 +60,14 @@ done
 run landmarks train face-detector boxes.xml -o x.json --window 7
 expect_status 2
 [ ! -e x.json ] || fail "a model was written without data"
-run landmarks fit "$pictures/messi5.jpg" --face-detector boxes.xml
+run landmarks fit "$images/messi5.jpg" --face-detector boxes.xml
 expect_status 5
 expect_error 'boxes.xml'
 python3 - <<'END'
 text = open("own.json").read()
 open("small.json", "w").write(text.replace('"width":48', '"width":96').replace('"width": 48', '"width": 96'))
 END
-run landmarks fit "$pictures/messi5.jpg" --face-detector small.json
+run landmarks fit "$images/messi5.jpg" --face-detector small.json
 expect_status 5
 expect_error 'small.json'
 
@@ -81,11 +81,11 @@ wait $program || status=$?
 [ $status -eq 130 ] || [ $status -eq 0 ] || fail "interrupted training ended with $status"
 [ $status -eq 0 ] || [ ! -e x.json ] || fail "an interrupted training wrote a model"
 
-# One picture whose points lie 3 px lower than the model puts them: adapted, it puts them there.
-run landmarks fit "$pictures/messi5.jpg" --json
+# One image whose points lie 3 px lower than the model puts them: adapted, it puts them there.
+run landmarks fit "$images/messi5.jpg" --json
 expect_status 0
 cp stdout.txt before.txt
-python3 - "$pictures/messi5.jpg" <<'END'
+python3 - "$images/messi5.jpg" <<'END'
 import json, sys
 points = json.loads(open("before.txt").readline())["faces"][0]["points"]
 def write(name, points):
@@ -98,7 +98,7 @@ END
 run landmarks adapt person.yaml -o person.json --json
 expect_status 0
 expect_out '"faces":1' '"chosen":false'
-run landmarks fit "$pictures/messi5.jpg" --model person.json --json
+run landmarks fit "$images/messi5.jpg" --model person.json --json
 expect_status 0
 python3 - <<'END' || fail "the adapted model did not move its points"
 import json
@@ -114,16 +114,16 @@ run landmarks adapt person.yaml --model own.json -o x.json
 expect_status 5
 expect_error 'own.json'
 
-# The patches on a picture.
-run landmarks show person.json --on "$pictures/messi5.jpg" -o responses.png --json
+# The patches on an image.
+run landmarks show person.json --on "$images/messi5.jpg" -o responses.png --json
 expect_status 0
 expect_out '"points":68' '"response":0'
 [ -s responses.png ] || fail "no sheet of responses"
-run landmarks show person.json --on "$pictures/graf1.png" -o x.png
+run landmarks show person.json --on "$images/graf1.png" -o x.png
 expect_status 1
 [ ! -e x.png ] || fail "a sheet without a face"
 run landmarks show person.json --on nowhere.png -o x.png
 expect_status 3
-run landmarks show person.json --on "$pictures/messi5.jpg" --search 20 -o x.png
+run landmarks show person.json --on "$images/messi5.jpg" --search 20 -o x.png
 expect_status 2
 finish

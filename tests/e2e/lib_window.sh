@@ -24,11 +24,11 @@ launch() { # launch ARGUMENTS..: the program, in the background
   program=$!
   command_line="tarsier cartoon run $*"
 }
-start() { # start ARGUMENTS..: the program with a window that shows its first picture
+start() { # start ARGUMENTS..: the program with a window that shows its first image
   launch "$@"
   wait_for_window "Tarsier cartoon"
   xdotool mousemove 300 200 # without a window manager, keys go to where the pointer is
-  wait_for_picture
+  wait_for_image
 }
 
 patience=${TARSIER_TEST_TIMEOUT:-300} # s; a machine may do much else
@@ -44,11 +44,11 @@ wait_for() { # wait_for DESCRIPTION COMMAND..: until it succeeds
 wait_for_window() { # wait_for_window TITLE: until it is there
   x11 wait-window "$patience" "$program" "$1" || fail "$command_line: no window '$1' $(cat stderr.txt)"
 }
-wait_for_picture() { # until the corner of the screen is not black
-  x11 wait-picture "$patience" "$program" 0 0 200 200 || fail "$command_line: no picture $(cat stderr.txt)"
+wait_for_image() { # until the corner of the screen is not black
+  x11 wait-image "$patience" "$program" 0 0 200 200 || fail "$command_line: no image $(cat stderr.txt)"
 }
 keep() { # keep FILE: the screen, for people to look at
-  [ -z "${KEEP_PICTURES:-}" ] || x11 save "$KEEP_PICTURES/$1"
+  [ -z "${KEEP_IMAGES:-}" ] || x11 save "$KEEP_IMAGES/$1"
 }
 events() { grep -c '"event"' stdout.txt; }
 more_events_than() { [ "$(events)" -gt "$1" ]; }

@@ -5,12 +5,12 @@ geometry TITLE   x y width height of the top-level window of that title; exit st
 cursor           how many pixels of the pointer can be seen where it is now
 mean             mean of red, green, blue of the whole screen
 mean X Y W H     the same of a part
-hash X Y W H     a number that changes with the picture
+hash X Y W H     a number that changes with the image
 stable SECONDS PID X Y W H HASH..
                  the hash, once three looks agree on one that is none of those; exit status 1 if PID ends or time is up before
 wait-window SECONDS PID TITLE
                  until there is that window; the same exit status
-wait-picture SECONDS PID X Y W H
+wait-image SECONDS PID X Y W H
                  until that part is not black
 save FILE        the screen as PPM
 close TITLE      asks the window to close, as its close button does
@@ -103,7 +103,7 @@ if command == "stable":
     print(wait(stable()))
 elif command == "wait-window":
     wait(lambda: next((window for window in children(root) if sys.argv[4] in title(window)), None))
-elif command == "wait-picture":
+elif command == "wait-image":
     def lit():
         raw = pixels(*(int(word) for word in sys.argv[4:8]))
         return any(raw[0::4]) or any(raw[1::4]) or any(raw[2::4]) or None

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""A camera that speaks TLS, for live_secure.sh: live_secure.py CERTIFICATE KEY STREAM.ts PICTURE.jpg LOG
+"""A camera that speaks TLS, for live_secure.sh: live_secure.py CERTIFICATE KEY STREAM.ts IMAGE.jpg LOG
 
 Prints its port. https://../cam.mjpg is MJPEG, /video.ts the stream, /away redirects to http; rtsps://../cam is the
 stream over RTSP, interleaved. LOG gets the first line of each request.
@@ -12,9 +12,9 @@ import sys
 import threading
 import time
 
-certificate, key, stream_file, picture_file, log_file = sys.argv[1:]
+certificate, key, stream_file, image_file, log_file = sys.argv[1:]
 stream = open(stream_file, "rb").read()
-picture = open(picture_file, "rb").read()
+image = open(image_file, "rb").read()
 context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
 context.load_cert_chain(certificate, key)
 server = socket.socket()
@@ -72,7 +72,7 @@ def serve(plain):
             else:
                 client.sendall(b"HTTP/1.1 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=x\r\n\r\n")
                 while True:
-                    client.sendall(b"--x\r\nContent-Type: image/jpeg\r\n\r\n" + picture + b"\r\n")
+                    client.sendall(b"--x\r\nContent-Type: image/jpeg\r\n\r\n" + image + b"\r\n")
                     time.sleep(0.02)
     except (OSError, IndexError):
         pass

@@ -13,13 +13,13 @@ certificate() { # certificate FILE NAMES
 }
 authority ca && certificate camera DNS:localhost,IP:127.0.0.1 && certificate other DNS:camera.example || skip "openssl makes no certificates"
 ffmpeg -v error -f lavfi -i testsrc=size=320x240:rate=10 -t 4 -c:v mpeg2video -g 5 -f mpegts video.ts &&
-  ffmpeg -v error -f lavfi -i testsrc=size=320x240:rate=10 -frames:v 1 picture.jpg || skip "ffmpeg makes no video"
+  ffmpeg -v error -f lavfi -i testsrc=size=320x240:rate=10 -frames:v 1 image.jpg || skip "ffmpeg makes no video"
 
 servers=()
 stop_all() { kill -KILL "${servers[@]}" 2>/dev/null; }
 trap stop_all EXIT
 start() { # start CERTIFICATE: leaves $port
-  python3 "$here/live_secure.py" "$1.pem" "$1.key" video.ts picture.jpg "$1.log" >"$1.port" &
+  python3 "$here/live_secure.py" "$1.pem" "$1.key" video.ts image.jpg "$1.log" >"$1.port" &
   servers+=($!)
   local deadline=$((SECONDS + 300))
   until port=$(cat "$1.port") && [ -n "$port" ]; do

@@ -3,13 +3,13 @@
 # People: enrolling, naming, forgetting with proof, exporting, sightings, events, and what is refused.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
-pictures=/usr/share/doc/opencv-doc/examples/data
-[ -f "$pictures/messi5.jpg" ] || skip "needs the package opencv-doc"
-[ -f "$pictures/ml.png" ] || skip "needs the package opencv-doc"
+images=/usr/share/doc/opencv-doc/examples/data
+[ -f "$images/messi5.jpg" ] || skip "needs the package opencv-doc"
+[ -f "$images/ml.png" ] || skip "needs the package opencv-doc"
 python=python3
 $python -c 'import sqlite3' || skip "needs python3"
-leo="$pictures/messi5.jpg"
-lena="$pictures/ml.png" # a drawn face
+leo="$images/messi5.jpg"
+lena="$images/ml.png" # a drawn face
 
 # Nobody is there yet.
 run people list
@@ -29,14 +29,14 @@ expect_out '"added":1' '"faces":1' '"same_as":\[\]'
 [ "$(stat -c %a people.db)" = 600 ] || fail "the gallery can be read by others: $(stat -c %a people.db)"
 name=$($python -c 'import json; print(json.load(open("stdout.txt"))["name"])')
 
-# The same picture is known; another person is not, but has a nearest label.
+# The same image is known; another person is not, but has a nearest label.
 run people identify "$leo" --json
 expect_status 0
 expect_out '"image":"/usr/share/doc/opencv-doc/examples/data/messi5.jpg"' '"known":true' '"ms":'
 run people identify "$lena" --json -o lena.png
 expect_status 1
 expect_out '"known":false' '"label":"../O'
-[ -s lena.png ] || fail "no picture"
+[ -s lena.png ] || fail "no image"
 run people verify "$name" "$leo"
 expect_status 0
 run people verify "$name" "$lena"
@@ -55,7 +55,7 @@ run people enroll "Second name" "$leo" --any-quality --json
 expect_status 0
 expect_out '"same_as":\["../O'
 grep -q 'one person, two names' stderr.txt || fail "two names for one face: no warning"
-# One picture under two names: what the other name keeps is no trace, and nothing is called proven.
+# One image under two names: what the other name keeps is no trace, and nothing is called proven.
 run people forget "Second name" --yes --json
 expect_status 0
 expect_out '"proven":false' '"shared_with":\["../O' '"unproven":[1-9]'
@@ -66,13 +66,13 @@ run people identify "$lena" --json
 expect_status 0
 expect_out '"label":"Lena"'
 
-# A picture without a face, one with several.
-run people enroll Nobody "$pictures/graf1.png"
+# An image without a face, one with several.
+run people enroll Nobody "$images/graf1.png"
 expect_status 1
 grep -q 'no face' stderr.txt || fail "no word about the missing face: $err"
 run cartoon run "$leo" --mode none -o one.ppm --quiet
 expect_status 0
-$python - <<'END' || fail "no picture of five faces"
+$python - <<'END' || fail "no image of five faces"
 with open("one.ppm", "rb") as file:
     assert file.readline() == b"P6\n"
     width, _ = map(int, file.readline().split())
@@ -117,7 +117,7 @@ expect_out '"deleted":1,"kept":1'
 run people identify "$leo" --keep nonsense
 expect_status 2
 
-# Export: pictures, a list that trains, JSON.
+# Export: images, a list that trains, JSON.
 run people export -o out --json
 expect_status 0
 expect_out '"people":2'
@@ -134,7 +134,7 @@ rm -rf out
 # Looking inside.
 run people show --face "$leo" -o inside.png
 expect_status 0
-[ -s inside.png ] || fail "no picture of the inside"
+[ -s inside.png ] || fail "no image of the inside"
 run people show --stages "$leo" -o stages.png
 expect_status 0
 

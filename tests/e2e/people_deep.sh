@@ -21,7 +21,7 @@ expect_status 5
 expect_error 'get-model.sh face-embedding'
 run people enroll Ann heads/images/0000.png --any-quality --template shallow
 expect_status 2
-expect_error "'shallow' is not auto, classic or deep"
+expect_error "unknown template 'shallow': auto, classic or deep"
 run doctor --json
 expect_out 'scripts/get-model.sh face-embedding'
 

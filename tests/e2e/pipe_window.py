@@ -173,9 +173,9 @@ def expect(truth, text):
 
 
 def started(arguments, **more):
-    """A session whose first frame or picture is there."""
+    """A session whose first frame or image is there."""
     session = Session(arguments, **more)
-    session.until("picture", lambda: session.state and session.state["width"] and
+    session.until("image", lambda: session.state and session.state["width"] and
                   (session.state["frame"] is None or session.state["frame"]["index"] >= 0))
     names = [action["name"] for action in session.hello["actions"]]
     expect(session.hello["title"].startswith("Tarsier "), "%s: title %s" % (session.name, session.hello["title"]))
@@ -295,15 +295,15 @@ def slow_reader():
 
 
 def stills():
-    s = started(["cartoon", "run", "pictures", "--json"])
+    s = started(["cartoon", "run", "images", "--json"])
     first = s.state["frame"]["name"]
     s.next_image("stills.jpg")
     s.say(key=0x10002)
-    s.until("next picture", lambda: s.state["frame"]["name"] != first)
+    s.until("next image", lambda: s.state["frame"]["name"] != first)
     second = s.state["frame"]["name"]
-    expect("next-picture" in [action["name"] for action in s.hello["actions"]], "stills: no action next-picture")
-    s.say(action="next-picture")
-    s.until("third picture", lambda: s.state["frame"]["name"] != second)
+    expect("next-image" in [action["name"] for action in s.hello["actions"]], "stills: no action next-image")
+    s.say(action="next-image")
+    s.until("third image", lambda: s.state["frame"]["name"] != second)
     expect(s.state["frame"]["source"] == "file" and s.state["frame"]["age_ms"] == 0, "stills: %s" % s.state["frame"])
     s.close()
 
@@ -320,11 +320,11 @@ def landmarks():
 
 
 def annotate():
-    arguments = ["landmarks", "annotate", "pictures", "-o", "set.yaml", "--json", "--proposals", "off"]
+    arguments = ["landmarks", "annotate", "images", "-o", "set.yaml", "--json", "--proposals", "off"]
     s = started(arguments)
     s.say(max_width=512)
     s.next_image("annotate.jpg")
-    # Clicks on the small image are points of the picture.
+    # Clicks on the small image are points of the image.
     left, top, scale = s.state["state"]["view"]
     wanted = [(200, 150), (320, 240), (400, 300)]
     for count, (x, y) in enumerate(wanted, 1):
@@ -334,11 +334,11 @@ def annotate():
         s.until("point %d" % count, lambda: s.state["state"]["points"] == count)
         s.next_image("annotate.jpg")
     expect(s.state["state"]["places"] == [[float(x), float(y)] for x, y in wanted], "annotate: %s" % s.state["state"]["places"])
-    for stage in ("connections", "symmetry", "pictures"):
+    for stage in ("connections", "symmetry", "images"):
         s.say(key=13)
         s.until("stage " + stage, lambda: s.state["state"]["stage"] == stage)
     s.say(action="go-on")
-    s.until("next picture", lambda: s.state["state"]["picture"] == 1)
+    s.until("next image", lambda: s.state["state"]["image"] == 1)
     s.next_image("annotate-next.jpg")
     s.say(key=9)
     s.until("chosen point", lambda: s.state["state"]["selected"] == 0)
@@ -350,7 +350,7 @@ def annotate():
            "annotate: clicked %s, got %s" % (wanted, points))
     s = started(["landmarks", "show", "set.yaml", "--json"])
     s.next_image("show-set.jpg")
-    changes(s, {"action": "mirrored"}, "mirrored picture")
+    changes(s, {"action": "mirrored"}, "mirrored image")
     s.close()
     interrupted_quickly(["landmarks", "show", "set.yaml", "--json"])
 
@@ -414,7 +414,7 @@ def people():
     arguments = ["people", "live", "synth:portrait?live=1", "--gallery", "people.db", "--json"]
     s = started(arguments)
     s.until("face", lambda: s.state["state"]["recognized"])
-    # The button in the picture, by the mouse.
+    # The button in the image, by the mouse.
     s.next_image("people.jpg")
     s.say(mouse="left-down", x=50, y=20)
     s.until("collecting", lambda: s.state["state"]["mode"] == "collect")
@@ -452,8 +452,8 @@ def viewer():
     """Frames of somebody's camera, as a server hands them over."""
     good = open("face.jpg", "rb").read()
 
-    def record(picture):
-        return struct.pack(">I", len(picture)) + picture
+    def record(image):
+        return struct.pack(">I", len(image)) + image
 
     s = Session(["landmarks", "track", "viewer:ab12", "--window", "--json"], viewer=True)
     s.until("state", lambda: s.state)
@@ -461,7 +461,7 @@ def viewer():
     os.write(s.viewer, record(good))
     s.until("face", lambda: s.state["state"].get("faces") == 1)
     s.next_image("viewer.jpg")
-    os.write(s.viewer, record(b"no picture") + record(good[:1000]))
+    os.write(s.viewer, record(b"no image") + record(good[:1000]))
     s.until("stale source", lambda: s.state["frame"]["source"] == "stale")
     expect(s.log().count("is passed over") in (1, 2), "viewer: warnings: " + s.log())
     os.write(s.viewer, record(good))

@@ -4,7 +4,7 @@
 . "$(dirname "$0")/lib.sh"
 command -v python3 >/dev/null || skip "no python3 to be the other side of the pipes"
 
-run cartoon run 'synth:portrait?size=640x480&frames=3' --mode none -o pictures --quiet
+run cartoon run 'synth:portrait?size=640x480&frames=3' --mode none -o images --quiet
 expect_status 0
 run cartoon run 'synth:portrait?size=640x480&frames=1' --mode none -o face.jpg --quiet
 expect_status 0

@@ -49,7 +49,7 @@ if [ -e "$samples/board.jpg" ]; then
   [ "$status" -le 1 ] || fail "segment: status $status: $err"
   if [ "$status" -eq 0 ]; then
     [ -s candidates/sheet.png ] || fail "no contact sheet"
-    [ "$(find candidates -mindepth 2 -name '*.png' | wc -l)" -eq "$(wc -l <stdout.txt)" ] || fail "lines and pictures differ"
+    [ "$(find candidates -mindepth 2 -name '*.png' | wc -l)" -eq "$(wc -l <stdout.txt)" ] || fail "lines and images differ"
   fi
 fi
 

@@ -22,7 +22,7 @@ rows = [(now - 40 * day, "old, gate", "1234BCD"), (now - 20 * day, "cam", "1254B
 for first, source, text in rows:
     db.execute("INSERT INTO plate(first_time,last_time,source,text,confidence,country,frames,x,y,w,h,candidates,readings,crop) "
                "VALUES(?,?,?,?,0.9,'es',5,1,2,3,4,'[{\"text\":\"X\",\"confidence\":0.1}]','[]',?)",
-               (first, first + 5000, source, text, None if text == "9999ZZZ" else b"\xff\xd8 picture of " + text.encode()))
+               (first, first + 5000, source, text, None if text == "9999ZZZ" else b"\xff\xd8 image of " + text.encode()))
 db.commit()
 db.close()
 PY
@@ -64,10 +64,10 @@ assert rows[3]["source"] == "old, gate" and rows[3]["confidence"] == "0.9000" an
 PY
 run plate log plates.db --csv -
 expect_out '^id,first_time,.*,state$' '^1,.*,"old, gate",1234BCD,'
-run plate log plates.db --crops pictures --text '*BC*'
+run plate log plates.db --crops images --text '*BC*'
 expect_status 0
-[ "$(ls pictures)" = "$(printf '1-1234BCD.jpg\n2-1254BCF.jpg')" ] || fail "pictures: $(ls pictures)"
-grep -q 'picture of 1234BCD' pictures/1-1234BCD.jpg || fail 'a picture holds something else'
+[ "$(ls images)" = "$(printf '1-1234BCD.jpg\n2-1254BCF.jpg')" ] || fail "images: $(ls images)"
+grep -q 'image of 1234BCD' images/1-1234BCD.jpg || fail 'an image holds something else'
 
 # A reader while another program writes; a writer has to wait, and says so.
 python3 - <<'PY' &

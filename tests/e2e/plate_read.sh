@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# plate read: drawn cars and drives, JSON, pictures, logs, regions, and what it must refuse.
+# plate read: drawn cars and drives, JSON, images, logs, regions, and what it must refuse.
 . "$TARSIER_SOURCE/tests/e2e/lib.sh"
 
 run plate synth -o none --count 1 --kind nowhere
@@ -8,12 +8,12 @@ expect_status 2
 run plate synth -o cars --count 6 --size 1024x768 --seed 4
 [ "$status" -eq 3 ] && grep -q typefaces stderr.txt && skip "no typefaces to draw plates with"
 expect_status 0
-[ "$(ls cars/images | wc -l)" -eq 6 ] || fail "6 pictures expected"
+[ "$(ls cars/images | wc -l)" -eq 6 ] || fail "6 images expected"
 head -1 cars/truth.csv | grep -q '^image,x,y,w,h,text$' || fail "truth.csv has no header"
 run plate synth -o again --count 6 --size 1024x768 --seed 4
 cmp -s cars/truth.csv again/truth.csv || fail "the same seed draws other cars"
 
-# --- pictures ---
+# --- images ---
 run plate read cars/images --json
 expect_status 0
 cp stdout.txt read.jsonl
@@ -33,7 +33,7 @@ expect_status 0
 expect_out '^cars/images/car-00000.jpg: [A-Z0-9]+ [01]\.[0-9]+'
 run plate read cars/images/car-00000.jpg -o drawn.png --debug-dir stages --json
 expect_status 0
-[ -s drawn.png ] || fail "no picture was drawn"
+[ -s drawn.png ] || fail "no image was drawn"
 ls stages/*/*detected.png stages/*/*aligned.png >/dev/null || fail "stages are missing"
 run plate read cars/images/car-00000.jpg --pipeline classic --json --debug-dir classic
 [ "$status" -le 1 ] || fail "classic pipeline: status $status"

@@ -39,7 +39,7 @@ assert max(abs(a - b) for a, b in zip(pose["translation"], truth[9:])) < float(s
 END
 exact() { python3 check.py "$@" 2>python.txt || fail "$command_line: not the true pose: $(tail -1 python.txt)"; }
 
-# Each method finds the true pose of the cube; from the picture's corner as from its middle.
+# Each method finds the true pose of the cube; from the image's corner as from its middle.
 for method in auto posit posit-classic; do
   run pose solve --object cube.txt --points seen.txt --focal 760 --method $method --json
   expect_status 0
@@ -51,7 +51,7 @@ exact 1e-3 0.5
 run pose solve --object cube.txt --points corner.txt --camera 760,760,319.5,239.5 --json -o axes.png
 expect_status 0
 exact 1e-4 0.05
-[ -s axes.png ] || fail "no picture with the axes"
+[ -s axes.png ] || fail "no image with the axes"
 run pose solve --object cube.txt --points seen.txt --camera 760,760,319.5,239.5 --origin center --json
 expect_status 0
 exact 1e-4 0.05

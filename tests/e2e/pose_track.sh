@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Head poses: pictures and videos with the models that ship, drawn objects, training, measuring, hostile files.
+# Head poses: images and videos with the models that ship, drawn objects, training, measuring, hostile files.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
-pictures=/usr/share/doc/opencv-doc/examples/data
-[ -f "$pictures/messi5.jpg" ] || skip "needs the package opencv-doc"
-messi=$pictures/messi5.jpg
+images=/usr/share/doc/opencv-doc/examples/data
+[ -f "$images/messi5.jpg" ] || skip "needs the package opencv-doc"
+messi=$images/messi5.jpg
 
 # One head, JSON as documented, drawn.
 run pose track "$messi" --json -o posed.png
@@ -28,7 +28,7 @@ assert abs(math.degrees(math.asin(r[2][1])) + face["pitch"]) < 0.02
 assert -50 < face["yaw"] < -15 and -35 < face["pitch"] < -5 and abs(face["roll"]) < 15
 assert face["translation"][2] > 500
 END
-[ -s posed.png ] || fail "no picture with the axes"
+[ -s posed.png ] || fail "no image with the axes"
 
 # A focal length twice as long: twice as far.
 run pose track "$messi" --json --focal 500
@@ -94,10 +94,10 @@ head -4 heads/truth.jsonl >heads/few.jsonl
 run pose train-view --truth heads/few.jsonl -o none.json
 expect_status 3
 expect_error 'few.jsonl' 'at least 8'
-[ ! -e none.json ] || fail "a model was written of four pictures"
+[ ! -e none.json ] || fail "a model was written of four images"
 
 # Nothing found.
-run pose track "$pictures/graf1.png"
+run pose track "$images/graf1.png"
 expect_status 1
 
 # The inner points only, through a mapping.

@@ -71,12 +71,12 @@ with open('positions.csv', 'w') as f:
         d = json.loads(line)
         f.write('%s,%.9f,%.9f,%.9f\n' % (d['name'], *d['C']))
 PY
-run "${scene[@]}" -o model --align positions.csv --export undistorted --turntable --match-pictures
+run "${scene[@]}" -o model --align positions.csv --export undistorted --turntable --match-images
 expect_status 0
 [ "$(head -c 6 model/turntable.gif)" = GIF89a ] || fail "no turntable.gif"
 [ "$(ls model/undistorted/images | wc -l)" -eq 6 ] || fail "undistorted images are missing"
 [ -s model/undistorted/sparse/points3D.txt ] || fail "no undistorted model"
-[ "$(ls model/matches | wc -l)" -ge 5 ] || fail "no pictures of matches"
+[ "$(ls model/matches | wc -l)" -ge 5 ] || fail "no images of matches"
 python3 - <<'PY' || fail "--align did not bring the cameras to their places"
 import json, re
 truth = {json.loads(l)['name']: json.loads(l)['C'] for l in open('scene/truth.jsonl')}

@@ -14,11 +14,11 @@ start_annotate() { # start_annotate ARGUMENTS..
   program=$!
   wait_for_window "Tarsier annotate"
   xdotool mousemove 300 200
-  wait_for_picture
+  wait_for_image
   read -r left top width height <<<"$(x11 geometry "Tarsier annotate")"
   [ "$width" -eq 800 ] && [ "$height" -eq 560 ] || fail "the window is $width x $height"
 }
-# screen X Y: where that pixel of the picture is on the screen, by the last state.
+# screen X Y: where that pixel of the image is on the screen, by the last state.
 screen() {
   state | python3 -c 'import json, sys
 x, y, left, top = map(float, sys.argv[1:])
@@ -59,7 +59,7 @@ picked() { # picked NUMBER: the frame on show, unless it is still the one before
   wait_for "key s" more_events_than "$before" && state | grep -q "\"message\":\"Picked: $1 "
 }
 for number in 1 2 3; do
-  wait_for "picture $number is picked" picked $number
+  wait_for "image $number is picked" picked $number
   press Right '"paused":true' # the next frame
 done
 [ "$(ls set-frames/*.png | wc -l)" -eq 3 ] || fail "three frames should be picked: $(ls set-frames)"
@@ -87,17 +87,17 @@ keep symmetry.ppm
 for pair in 0:4 1:3 2:2 5:9 6:8 7:7; do
   for i in ${pair%:*} ${pair#*:}; do click "$(point_x "$i")" "$(point_y "$i")"; done
 done
-press Return '"stage":"pictures"'
-ready() { # the proposal is there when the picture's points are
+press Return '"stage":"images"'
+ready() { # the proposal is there when the image's points are
   xdotool key i
   sleep 0.2
   state | grep -q '"shown":10'
 }
 wait_for "a proposal" ready
-press '0' '"picture":1'
+press '0' '"image":1'
 
 keep proposal.ppm
-press Return '"picture":2'
+press Return '"image":2'
 wait_for "a proposal" ready
 press Tab '"selected":0'
 press Right '"selected":0'
@@ -123,9 +123,9 @@ assert p["mirror"] == [4, 3, 2, 1, 0, 9, 8, 7, 6, 5], p["mirror"]
 assert p["connections"] == [[0, 1]], p["connections"]
 PY
 
-# The last picture again, with the mouse.
+# The last image again, with the mouse.
 start_annotate -o set.yaml --window
-press g '"picture":'
+press g '"image":'
 x=$(python3 -c 'import json; print(round(json.load(open("set.yaml"))["payload"]["samples"][0]["points"][7][0]))')
 y=$(python3 -c 'import json; print(round(json.load(open("set.yaml"))["payload"]["samples"][0]["points"][7][1]))')
 drag "$x" "$y" $((x + 20)) $((y + 30))
@@ -144,8 +144,8 @@ program=$!
 command_line="tarsier landmarks show"
 wait_for_window "Tarsier landmarks"
 xdotool mousemove 300 200
-wait_for_picture
-press n '"picture":1'
+wait_for_image
+press n '"image":1'
 press m '"mirrored":true'
 press i '"numbers":true'
 keep show.ppm

@@ -23,7 +23,7 @@ press c '"draw":"cube"'
 press i '"outlines":true'
 keep frozen.ppm
 press w '"saved":"./tarsier-0001.png"'
-[ -s tarsier-0001.png ] || fail "no saved picture"
+[ -s tarsier-0001.png ] || fail "no saved image"
 press e '"shadow":false'
 press s '"smooth":false'
 press space '"paused":false'

@@ -21,7 +21,7 @@ keep help.ppm
 press h '"paused":true'
 press p '"paused":false'
 press m '"coverage"'
-# Three views of the middle can be explained by a lens that no picture can be straightened with.
+# Three views of the middle can be explained by a lens that no image can be straightened with.
 calibrated() { tail -1 stdout.txt | grep -q '"calibrated":true' && views_are '([6-9]|[1-9][0-9])'; }
 wait_for "a camera" calibrated
 press u '"straight":true'

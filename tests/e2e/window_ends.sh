@@ -1,19 +1,19 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Ways a window opens and ends: pictures one by one, q, the close button, SIGINT, the display gone, no display.
+# Ways a window opens and ends: images one by one, q, the close button, SIGINT, the display gone, no display.
 . "$(dirname "$0")/lib_window.sh"
 samples=/usr/share/doc/opencv-doc/examples/data
-[ -r $samples/home.jpg ] || skip "no sample pictures (package opencv-doc)"
+[ -r $samples/home.jpg ] || skip "no sample images (package opencv-doc)"
 
-# A picture waits; the next comes with the right arrow; what was shown is written.
+# An image waits; the next comes with the right arrow; what was shown is written.
 start $samples/home.jpg $samples/box.png --window -o shown
 sleep 0.5
-ended && fail "a still picture did not wait"
+ended && fail "a still image did not wait"
 press s '"mode":"sketch"'
 [ -z "$(ls shown 2>/dev/null)" ] || fail "written before the user went on"
 xdotool key Right
 second() { grep -q 'home.jpg' stdout.txt; }
-wait_for "the next picture" second
+wait_for "the next image" second
 press q '"event":"key '
 expect_end 0
 [ "$(ls shown)" = $'box.png\nhome.jpg' ] || fail "files: $(ls shown)"

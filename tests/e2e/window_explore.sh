@@ -8,7 +8,7 @@ command_line="tarsier aam explore --window"
 program=$!
 wait_for_window "Tarsier appearance"
 xdotool mousemove 300 400
-wait_for_picture
+wait_for_image
 # The window takes its size in steps, and is looked for again each time.
 place() { read -r left top width height <<<"$(x11 geometry "Tarsier appearance")"; }
 face() { place && x11 mean $((left + width / 2 - 60)) $((top + height / 2 - 20)) 120 120; }
@@ -25,7 +25,7 @@ settled() {
   if [ "$last" = "$before" ]; then looks=$((looks + 1)); else looks=0; fi
   [ "$looks" -ge 5 ]
 }
-wait_for "a still picture" settled
+wait_for "a still image" settled
 before=$(face)
 press r '"mode":"shape 1"'
 wait_for "a random face on the screen" is_other_face

@@ -9,9 +9,9 @@ start $video $video --window --save-dir saved # twice: it plays in real time, an
 read -r x y width height <<<"$(x11 geometry "Tarsier cartoon")"
 [ "$width" -le 1024 ] && [ "$height" -le 768 ] || fail "larger than the screen: $width x $height"
 
-# Modes, on a frozen frame. The picture without the status line below it.
+# Modes, on a frozen frame. The image without the status line below it.
 press space '"paused":true'
-picture() { x11 "$1" "$x" "$y" 640 400; }
+image() { x11 "$1" "$x" "$y" 640 400; }
 another() { # another: the hash of the screen once it shows what was not seen before
   x11 stable "$patience" "$program" "$x" "$y" 640 400 "${!seen[@]}"
 }
@@ -21,7 +21,7 @@ for step in s:sketch p:paint c:cartoon e:evil e:evil-sketch a:alien m:smooth n:n
   hash=$(another) || { fail "${step##*:} looks like one of ${seen[*]}"; break; }
   seen[$hash]=${step##*:}
   if [ "${step##*:}" = sketch ]; then
-    read -r red green blue <<<"$(picture mean)"
+    read -r red green blue <<<"$(image mean)"
     [ "$red" -gt 180 ] && [ "$red" = "$green" ] && [ "$green" = "$blue" ] || fail "a sketch is white with grey lines: $red $green $blue"
   fi
 done
@@ -30,13 +30,13 @@ press d '"debug":true'
 another >/dev/null || fail "no debug view"
 keep debug.ppm
 press d '"debug":false'
-is_none() { [ "${seen[$(picture hash)]:-}" = none ]; }
-wait_for "the picture is back" is_none
+is_none() { [ "${seen[$(image hash)]:-}" = none ]; }
+wait_for "the image is back" is_none
 press h '"help":true'
 another >/dev/null || fail "no help"
 keep help.ppm
 press h '"help":false'
-wait_for "the picture is back" is_none
+wait_for "the image is back" is_none
 press c '"mode":"cartoon"'
 press plus '"sketch_threshold":85'
 press minus '"sketch_threshold":80'
@@ -45,10 +45,10 @@ press t '"steady":true'
 press t '"steady":false'
 press w '"saved":"saved/tarsier-0001.png"'
 press w '"saved":"saved/tarsier-0002.png"'
-cmp -s saved/tarsier-0001.png saved/tarsier-0002.png || fail "the frozen picture was saved twice, differently"
+cmp -s saved/tarsier-0001.png saved/tarsier-0002.png || fail "the frozen image was saved twice, differently"
 press space '"paused":false'
-first=$(picture hash)
-changed() { [ "$(picture hash)" != "$first" ]; }
+first=$(image hash)
+changed() { [ "$(image hash)" != "$first" ]; }
 wait_for "the video goes on" changed
 
 # Keys that come faster than frames all count.

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# landmarks show MODEL in a window: the patches one by one, by key and by button, on a picture.
+# landmarks show MODEL in a window: the patches one by one, by key and by button, on an image.
 . "$(dirname "$0")/lib_window.sh"
-picture=/usr/share/doc/opencv-doc/examples/data/messi5.jpg
-[ -f "$picture" ] || skip "needs the package opencv-doc"
+image=/usr/share/doc/opencv-doc/examples/data/messi5.jpg
+[ -f "$image" ] || skip "needs the package opencv-doc"
 
 show() { # show ARGUMENTS..
   command_line="tarsier landmarks show $*"
@@ -11,15 +11,15 @@ show() { # show ARGUMENTS..
   program=$!
   wait_for_window "Tarsier patches"
   xdotool mousemove 300 200
-  wait_for_picture
+  wait_for_image
 }
 
-show "$TARSIER_SOURCE/models/landmarks68.json" --on "$picture"
+show "$TARSIER_SOURCE/models/landmarks68.json" --on "$image"
 press n '"patch":1,.*"patches":68'
 press Right '"patch":2,'
 press p '"patch":1,'
 press w '"search":31'
-grep '"event"' stdout.txt | tail -1 | grep -q '"picture":"messi5.jpg"' || fail "$command_line: not on the picture"
+grep '"event"' stdout.txt | tail -1 | grep -q '"image":"messi5.jpg"' || fail "$command_line: not on the image"
 read -r left top width _ <<<"$(x11 geometry "Tarsier patches")"
 before=$(x11 stable "$patience" "$program" "$left" "$top" 900 500)
 xdotool mousemove $((left + 185 * width / 1000)) $((top + 558 * width / 1000)) # the button "next"

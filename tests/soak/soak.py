@@ -30,9 +30,9 @@ TICK_S = 0.2
 
 FAKE_RPICAM = """#!{python}
 import sys, time
-picture = open({picture!r}, "rb").read()
+image = open({image!r}, "rb").read()
 while True:
-    sys.stdout.buffer.write(picture)
+    sys.stdout.buffer.write(image)
     sys.stdout.buffer.flush()
     time.sleep(0.2)
 """
@@ -72,7 +72,7 @@ class Reader:
         os.set_blocking(self.process.stdout.fileno(), False)
         self.frames = 0
         self.rest = b""
-        self.waiting_since = None  # the camera is back, its pictures are not yet
+        self.waiting_since = None  # the camera is back, its images are not yet
         self.delays = []
         self.newest = self.longest_silence = 0.0  # s, the time of the last frame; of the longest time without one
         self.samples = []
@@ -234,7 +234,7 @@ def main():
                     "--quiet"], check=True)
     os.makedirs("path", exist_ok=True)
     with open("path/rpicam-vid", "w") as file:
-        file.write(FAKE_RPICAM.format(python=sys.executable, picture=os.path.abspath("frame.jpg")))
+        file.write(FAKE_RPICAM.format(python=sys.executable, image=os.path.abspath("frame.jpg")))
     os.chmod("path/rpicam-vid", 0o755)
     with_child = {**os.environ, "PATH": os.path.abspath("path") + ":" + os.environ["PATH"]}
 

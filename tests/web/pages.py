@@ -129,7 +129,7 @@ def axe_source():
         return file.read()
 
 
-# Pictures of every screen, for people who look at them, take a quarter of a browser's time: TARSIER_WEB_LOOK=1.
+# Images of every screen, for people who look at them, take a quarter of a browser's time: TARSIER_WEB_LOOK=1.
 LOOK = bool(os.environ.get("TARSIER_WEB_LOOK"))
 
 

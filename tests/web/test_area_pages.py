@@ -51,7 +51,7 @@ class AreaPages(pages.PageTest):
         return None
 
     def values(self, verb):
-        """What that session says of itself; empty before its first picture."""
+        """What that session says of itself; empty before its first image."""
         return (self.state(verb) or {}).get("state") or {}
 
     def until(self, what, condition, timeout=60):
@@ -182,7 +182,7 @@ class AreaPages(pages.PageTest):
             self.page.upload(self.page.file_input(), sorted(glob.glob(os.path.join(scene, "images", "*.jpg"))))
             self.page.wait_text("6 photographs in ", 60)
         self.page.click("button", "Watch it grow")
-        self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live picture")
+        self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live image")
         self.page.wait("/[1-9][0-9]* points/.test(document.querySelector('.live-status')?.innerText)", 60, "points")
         self.path("reconstruct-growing")
         self.page.click("button", "End" if self.page.has("button", "End") else "Close")
@@ -214,8 +214,8 @@ class AreaPages(pages.PageTest):
         self.page.click("tab", "Add a person")
         self.page.click("button", contains=name, timeout=LONG)
         self.page.click("button", "Enrol", timeout=LONG)
-        self.page.wait_text("pictures were taken", LONG)
-        taken, shots = map(int, re.search(r"(\d+) of (\d+) pictures were taken", self.page.text("main")).groups())
+        self.page.wait_text("images were taken", LONG)
+        taken, shots = map(int, re.search(r"(\d+) of (\d+) images were taken", self.page.text("main")).groups())
         self.assertEqual(shots, 10)
         self.assertGreaterEqual(taken, 3)
 
@@ -256,15 +256,15 @@ class AreaPages(pages.PageTest):
         self.page.fill("textbox", "Name", name)
         self.page.fill("textbox", "What was agreed", "<b>yes</b>")
         self.page.click("checkbox", "This person has agreed")
-        self.page.click("button", "Next: pictures")
-        self.page.wait_text(f"Pictures of {name}")
+        self.page.click("button", "Next: images")
+        self.page.wait_text(f"Images of {name}")
         self.assertEqual(self.page.evaluate("document.querySelectorAll('img[src=x]').length"), 0)
 
     def test_people_live(self):
         self.go("/people")
         self.page.click("tab", "Live")
         self.page.click("button", "Start")
-        self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live picture")
+        self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live image")
         self.path("people-live")
         self.page.click("button", "End")
         self.page.find("button", "Start")
@@ -279,11 +279,11 @@ class AreaPages(pages.PageTest):
             lines = [json.loads(line) for line in file]
         return {os.path.basename(one["image"]): [one["points"][i] for i in self.KEEP] for one in lines}
 
-    def click_picture(self, x, y):
-        """A click at a pixel of the picture."""
+    def click_image(self, x, y):
+        """A click at a pixel of the image."""
         session = self.state("landmarks annotate")
         x0, y0, scale = session["state"]["view"]
-        box = self.page.evaluate("""(() => { const c = document.querySelector('.annotate-picture canvas');
+        box = self.page.evaluate("""(() => { const c = document.querySelector('.annotate-image canvas');
           c.scrollIntoView({block: 'center'}); const b = c.getBoundingClientRect();
           return [b.left, b.top, b.width, b.height]; })()""")
         vx, vy = x0 + scale * x, y0 + scale * y
@@ -296,12 +296,12 @@ class AreaPages(pages.PageTest):
     def test_annotate_train_judge(self):
         self.go("/annotate")
         self.page.click("button", "Try with synthetic data")
-        self.page.wait("document.querySelector('.annotate-picture .live-view:not(.is-waiting) canvas')", LONG, "the picture")
-        self.at("pictures", 5)
+        self.page.wait("document.querySelector('.annotate-image .live-view:not(.is-waiting) canvas')", LONG, "the image")
+        self.at("images", 5)
         truth = self.truth()
         points = truth[os.path.basename(self.state("landmarks annotate")["state"]["path"])]
         for n, (x, y) in enumerate(points[:7]):
-            self.click_picture(x, y)
+            self.click_image(x, y)
             self.at("points", n + 1)
         # One click is taken back and comes again.
         self.page.click("button", "Undo")
@@ -328,23 +328,23 @@ class AreaPages(pages.PageTest):
         self.page.click("button", "Mirror images")
         self.at("stage", "symmetry")
         for a, b in self.MIRROR:
-            self.click_picture(*points[a])
-            self.click_picture(*points[b])
-        self.page.click("button", "All pictures")
-        self.at("stage", "pictures")
+            self.click_image(*points[a])
+            self.click_image(*points[b])
+        self.page.click("button", "All images")
+        self.at("stage", "images")
         for _ in range(6):
             state = self.state("landmarks annotate")["state"]
             if state["done"] == 5:
                 break
             self.until("it has learnt", lambda: not self.state("landmarks annotate")["state"]["learning"])
             state = self.state("landmarks annotate")["state"]
-            if state["picture"] > 0 and not state["agreed"]:
+            if state["image"] > 0 and not state["agreed"]:
                 self.drag_points(truth[os.path.basename(state["path"])])
             self.page.click("button", "It is right, go on")
-            self.until("the next picture", lambda: (lambda now: now["picture"] != state["picture"] or now["done"] != state["done"])(
+            self.until("the next image", lambda: (lambda now: now["image"] != state["image"] or now["done"] != state["done"])(
                 self.state("landmarks annotate")["state"]))
         self.at("done", 5)
-        self.path("annotate-pictures")
+        self.path("annotate-images")
         self.page.click("button", "Save and end")
         self.page.wait_text("Saved as", 60)
         self.path("annotate-saved")
@@ -358,7 +358,7 @@ class AreaPages(pages.PageTest):
         self.page.choose("Compare", "no")
         self.page.click("button", "Judge")
         self.page.wait_text("Worst cases first", LONG)
-        self.page.wait("document.querySelectorAll('.found').length >= 8", 60, "points on the worst picture")
+        self.page.wait("document.querySelectorAll('.found').length >= 8", 60, "points on the worst image")
         self.assertIn("Mean error", self.page.text("main"))
         self.path("train-worst")
 
@@ -368,7 +368,7 @@ class AreaPages(pages.PageTest):
         places = session["state"].get("places")
         if not places:
             return
-        box = self.page.evaluate("""(() => { const c = document.querySelector('.annotate-picture canvas');
+        box = self.page.evaluate("""(() => { const c = document.querySelector('.annotate-image canvas');
           c.scrollIntoView({block: 'center'}); const b = c.getBoundingClientRect();
           return [b.left, b.top, b.width, b.height]; })()""")
         x0, y0, scale = session["state"]["view"]
@@ -456,12 +456,12 @@ class AreaPages(pages.PageTest):
         self.assertIn(b"fx:", camera)
         self.path("calibrate-kept")
 
-    def test_calibrate_from_pictures(self):
+    def test_calibrate_from_images(self):
         self.go("/calibrate")
         self.page.click("tab", "Or: from photographs")
         self.page.click("button", "Try with synthetic data")
         self.page.wait_text("The camera in numbers", LONG)
-        self.assertRegex(self.page.text("main"), r"Error 0\.\d+ px, \d+ of \d+ pictures used")
+        self.assertRegex(self.page.text("main"), r"Error 0\.\d+ px, \d+ of \d+ images used")
         self.page.wait_text("Views, largest error first")
         self.path("calibrate-photos")
 
@@ -483,7 +483,7 @@ class AreaPages(pages.PageTest):
         self.page.wait("!document.querySelector('main progress')", LONG, "the end of the day")
         self.until("the events of the day", lambda: self.count() >= 10 and self.count() == self.stored(), 60)
         every = self.count()
-        self.page.wait("document.querySelectorAll('.plate img').length > 3", 60, "pictures of plates")
+        self.page.wait("document.querySelectorAll('.plate img').length > 3", 60, "images of plates")
         self.path("plates-day")
 
         text = self.page.text(".plate-text")
@@ -518,7 +518,7 @@ class AreaPages(pages.PageTest):
     def test_plates_live(self):
         self.go("/plates")
         self.page.click("button", "Start reading")
-        self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live picture")
+        self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live image")
         self.path("plates-live")
         self.page.click("button", "Stop reading")
         self.page.find("button", "Start reading")

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Live sessions over the real server: pictures, states and events, slow viewers, cameras of viewers, and their end."""
+"""Live sessions over the real server: images, states and events, slow viewers, cameras of viewers, and their end."""
 import json
 import os
 import signal
@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 
-from wire import ENDED, HELLO, PICTURE, PING, STATE, Studio, run_tests, wait_until
+from wire import ENDED, HELLO, IMAGE, PING, STATE, Studio, run_tests, wait_until
 
 SOURCE = "synth:portrait?live=1&size=320x240"
 
@@ -19,7 +19,7 @@ def expect(answer, status, what):
     assert answer.status == status, f"{what}: {answer.status} {answer.body[:200]!r}, expected {status}"
 
 
-def test_pictures_states_and_events():
+def test_images_states_and_events():
     with Studio() as studio:
         session = studio.start_session("cartoon run", [SOURCE], {"--mode": "sketch"})
         assert session["running"] and session["verb"] == "cartoon run" and session["inputs"] == [SOURCE], session
@@ -29,13 +29,13 @@ def test_pictures_states_and_events():
         assert live.status == 200
         hello = json.loads(live.wait_for(HELLO)[2])
         assert {"title", "actions", "sliders"} <= set(hello) and hello["actions"], hello
-        kind, name, payload = live.wait_for(PICTURE)
+        kind, name, payload = live.wait_for(IMAGE)
         assert name == session["id"]
         frame, age = struct.unpack(">II", payload[:8])
         assert payload[8:10] == b"\xff\xd8" and payload.endswith(b"\xff\xd9") and age < 5000, (frame, age)
-        # Newer pictures follow, each a later one.
+        # Newer images follow, each a later one.
         for _ in range(5):
-            later = struct.unpack(">I", live.wait_for(PICTURE)[2][:4])[0]
+            later = struct.unpack(">I", live.wait_for(IMAGE)[2][:4])[0]
             assert later > frame or frame == 0xffffffff, (frame, later)
             frame = later
         state = json.loads(live.wait_for(STATE)[2])
@@ -89,10 +89,10 @@ def test_without_viewers_nothing_is_encoded():
     with Studio() as studio:
         session = studio.start_session("cartoon run", [SOURCE])
         wait_until(lambda: studio.get("/api/sessions/" + session["id"]).json()["frames"] > 5, what="frames")
-        # No viewer has asked: frames are processed, no picture came.
+        # No viewer has asked: frames are processed, no image came.
         assert studio.get("/api/sessions/" + session["id"]).json()["viewers"] == 0
         live = studio.live([session["id"]])
-        live.wait_for(PICTURE)
+        live.wait_for(IMAGE)
         live.close()
         wait_until(lambda: studio.get("/api/sessions/" + session["id"]).json()["viewers"] == 0, what="the viewer is gone")
 
@@ -103,7 +103,7 @@ def test_one_slow_viewer_of_twenty():
         fast = [studio.live([session["id"]]) for _ in range(19)]
         # A small window of TCP, and 1 kB a second out of it.
         slow = studio.live([session["id"]], receive_buffer=2048)
-        fast[0].wait_for(PICTURE)
+        fast[0].wait_for(IMAGE)
         counts = [0] * len(fast)
         worst = [0] * len(fast)
         end = time.monotonic() + 6
@@ -111,7 +111,7 @@ def test_one_slow_viewer_of_twenty():
         def watch(i):
             while time.monotonic() < end:
                 record = fast[i].record()
-                if record and record[0] == PICTURE:
+                if record and record[0] == IMAGE:
                     counts[i] += 1
                     worst[i] = max(worst[i], struct.unpack(">II", record[2][:8])[1])
 
@@ -131,7 +131,7 @@ def test_one_slow_viewer_of_twenty():
             thread.join()
         frames = studio.get("/api/sessions/" + session["id"]).json()
         grown = memory_of(studio.process.pid) - rss
-        print(f"      pictures of each fast viewer: {min(counts)}..{max(counts)} in 6 s, oldest {max(worst)} ms; "
+        print(f"      images of each fast viewer: {min(counts)}..{max(counts)} in 6 s, oldest {max(worst)} ms; "
               f"{frames['fps']} fps; memory {rss >> 20} MB, +{grown >> 20} MB")
         # All of the fast ones see nearly the same: none waits for the slow one.
         assert min(counts) >= 6 and min(counts) >= 0.7 * max(counts), counts
@@ -158,7 +158,7 @@ def test_limits_of_sessions_and_streams():
         end = time.monotonic() + 30
         while len(seen) < 9 and time.monotonic() < end:
             record = live.record()
-            if record[0] == PICTURE:
+            if record[0] == IMAGE:
                 seen.add(record[1])
         assert seen == set(ids), (seen, ids)
         streams = [studio.live(ids[:1]) for _ in range(31)]
@@ -189,7 +189,7 @@ def test_sessions_that_end_say_why():
         before = set(studio.children())
         second = studio.start_session("cartoon run", [SOURCE])
         watching = studio.live([second["id"]])
-        watching.wait_for(PICTURE)
+        watching.wait_for(IMAGE)
         victim = (set(studio.children()) - before).pop()
         os.kill(victim, signal.SIGKILL)
         ended = json.loads(watching.wait_for(ENDED)[2])
@@ -203,10 +203,10 @@ def test_sessions_that_end_say_why():
 
 def test_camera_of_a_viewer():
     with Studio() as studio:
-        # A picture to send: what a session shows.
+        # An image to send: what a session shows.
         session = studio.start_session("cartoon run", ["synth:portrait?live=1&size=320x240"])
-        watching = studio.live([session["id"]])  # the first picture says that it connects
-        jpeg = watching.wait_for(PICTURE, lambda payload: payload[:4] != b"\xff\xff\xff\xff")[2][8:]
+        watching = studio.live([session["id"]])  # the first image says that it connects
+        jpeg = watching.wait_for(IMAGE, lambda payload: payload[:4] != b"\xff\xff\xff\xff")[2][8:]
         watching.close()
         studio.ask("DELETE", "/api/sessions/" + session["id"])
         answer = studio.post("/api/viewer-cameras", {})
@@ -218,7 +218,7 @@ def test_camera_of_a_viewer():
         own = {**studio.headers(), "Content-Type": "image/jpeg"}
         expect(studio.ask("POST", path, jpeg, own), 204, "a frame")
         expect(studio.ask("POST", path, jpeg, {**own, "Content-Type": "image/png"}), 415, "another type")
-        expect(studio.ask("POST", path, b"no picture", own), 415, "no JPEG")
+        expect(studio.ask("POST", path, b"no image", own), 415, "no JPEG")
         expect(studio.ask("POST", path, b"\x89PNG\r\n\x1a\n" + b"\0" * 100, own), 415, "a PNG that says it is none")
         expect(studio.ask("POST", "/api/viewer-cameras/none/frame", jpeg, own), 404, "no camera")
         session = studio.start_session("cartoon run", [camera])
@@ -234,7 +234,7 @@ def test_camera_of_a_viewer():
         feeder.start()
         live = studio.live([session["id"]])
         for _ in range(4):
-            live.wait_for(PICTURE)
+            live.wait_for(IMAGE)
         state = json.loads(live.wait_for(STATE)[2])
         assert state["width"] == 320, state
         expect(studio.ask("DELETE", f"/api/viewer-cameras/{camera.split(':')[1]}"), 204, "the camera's end")
@@ -250,7 +250,7 @@ def test_interrupt_ends_all_at_once():
         with Studio() as studio:
             ids = [studio.start_session("cartoon run", [SOURCE])["id"] for _ in range(3)]
             live = studio.live(ids)
-            live.wait_for(PICTURE)
+            live.wait_for(IMAGE)
             children = studio.children()
             assert len(children) >= 3
             seconds, status = studio.interrupt(number)
@@ -280,24 +280,24 @@ def is_alive(pid):
         return False
 
 
-def test_click_to_picture():
-    """The time from an event to the picture that shows it, on a source of 25 frames a second."""
+def test_click_to_image():
+    """The time from an event to the image that shows it, on a source of 25 frames a second."""
     with Studio() as studio:
         session = studio.start_session("cartoon run", ["synth:portrait?live=1&size=640x480"])
         live = studio.live([session["id"]])
-        live.wait_for(PICTURE)
+        live.wait_for(IMAGE)
         delays, ages = [], []
         for i in range(12):
             mode = ("sketch", "paint")[i % 2]
             begin = time.monotonic()
             expect(studio.post(f"/api/sessions/{session['id']}/events", [{"action": mode}]), 204, mode)
             live.wait_for(STATE, lambda text: json.loads(text)["state"]["mode"] == mode)
-            record = live.wait_for(PICTURE)
+            record = live.wait_for(IMAGE)
             delays.append(time.monotonic() - begin)
             ages.append(struct.unpack(">II", record[2][:8])[1])
         delays.sort()
         ages.sort()
-        print(f"      event to picture: median {1000 * delays[6]:.0f} ms, longest {1000 * delays[-1]:.0f} ms; "
+        print(f"      event to image: median {1000 * delays[6]:.0f} ms, longest {1000 * delays[-1]:.0f} ms; "
               f"frame age: median {ages[6]} ms, oldest {ages[-1]} ms")
         assert delays[6] < 1.5, delays  # 0.1 s where nothing else runs
 

@@ -11,7 +11,7 @@ from pages import shot
 
 NAV = ["Home", "Live", "Plates", "People", "Reconstruct", "Annotate", "Calibrate", "Train", "Explore", "System", "API"]
 SMALL = "synth:portrait?live=1&fps=8&size=320x240"  # leaves the processor to others
-PICTURE = "document.querySelector('.live-view:not(.is-waiting) canvas')"
+IMAGE = "document.querySelector('.live-view:not(.is-waiting) canvas')"
 
 
 def width_of(jpeg):
@@ -23,7 +23,7 @@ def width_of(jpeg):
 
 
 def sum_of_canvas():
-    """A number that differs between two pictures, for all purposes of a test."""
+    """A number that differs between two images, for all purposes of a test."""
     return """(() => {
       const canvas = document.querySelector('.live-view canvas');
       const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
@@ -87,7 +87,7 @@ class HomeTest(pages.PageTest):
         # Those that begin no session of an area page are tried elsewhere; these two have a path of their own.
         self.page.click("button", "Try it: Calibration, with synthetic data")
         self.page.wait("location.pathname.startsWith('/session/')")
-        self.page.wait(PICTURE, what="the board")
+        self.page.wait(IMAGE, what="the board")
         self.page.click("button", "End")
         self.page.wait("location.pathname === '/live'")
         self.go("/")
@@ -171,18 +171,18 @@ class SessionTest(pages.PageTest):
         self.assertEqual(status, 201, answer)
         return answer["id"]
 
-    def test_a_first_visitor_gets_a_live_picture_in_one_click(self):
+    def test_a_first_visitor_gets_a_live_image_in_one_click(self):
         self.go("/")
         self.page.click("button", "Try it: Cartoon, with synthetic data")
-        self.page.wait(PICTURE, what="a live picture")
-        self.page.wait("document.querySelector('.live-status').innerText !== 'Waiting for the first picture.'")
+        self.page.wait(IMAGE, what="a live image")
+        self.page.wait("document.querySelector('.live-status').innerText !== 'Waiting for the first image.'")
         self.page.wait("/frames\\/s/.test(document.querySelector('.figures').innerText)")
         self.judge("session")
 
-    def test_actions_sliders_and_keys_change_the_picture(self):
+    def test_actions_sliders_and_keys_change_the_image(self):
         id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         self.page.click("button", contains="pencil sketch")
         mode = "document.querySelector('.live-status').innerText.toLowerCase()"
         self.page.wait(f"{mode}.includes('sketch')", what="the sketch in the status")
@@ -191,10 +191,10 @@ class SessionTest(pages.PageTest):
         shown = [one["name"] for one in actions if one["name"] not in ("quit", "help", "fullscreen", "save")]
         for name in shown:
             self.page.evaluate(f"document.querySelector('[data-action={json.dumps(name)}]').click()")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         self.assertTrue(self.server.call(f"/api/sessions/{id}")[1]["running"])
-        # Keys: the picture gets the focus by Tab order, takes keys, and Tab leaves it.
-        self.page.on(self.page.find("application", contains="Live picture"), "function () { this.focus(); }")
+        # Keys: the image gets the focus by Tab order, takes keys, and Tab leaves it.
+        self.page.on(self.page.find("application", contains="Live image"), "function () { this.focus(); }")
         self.page.press("s")
         self.page.wait(f"{mode}.includes('sketch')")
         self.page.press("p")
@@ -202,7 +202,7 @@ class SessionTest(pages.PageTest):
         self.page.press("Tab")
         self.assertNotEqual(self.page.evaluate("document.activeElement.tagName"), "CANVAS")
         # q and Escape do not end a session by accident.
-        self.page.on(self.page.find("application", contains="Live picture"), "function () { this.focus(); }")
+        self.page.on(self.page.find("application", contains="Live image"), "function () { this.focus(); }")
         self.page.press("q")
         self.page.press("Escape")
         self.page.press("s")
@@ -219,7 +219,7 @@ class SessionTest(pages.PageTest):
     def test_state_log_command(self):
         id = self.start("ar markers", "synth:markers?live=1&fps=4", {"--focal": 608, "--draw": "cube"})
         self.go(f"/session/{id}")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         self.page.click("tab", "State")
         self.page.wait("document.querySelectorAll('.session-side tbody tr').length > 1")
         self.judge("session-state", widths=(360, 1440))
@@ -234,7 +234,7 @@ class SessionTest(pages.PageTest):
     def test_settings_restart_the_session(self):
         self.go("/")
         self.page.click("button", "Try it: Head pose, with synthetic data")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         id = self.page.evaluate("location.pathname.split('/').pop()")
         self.page.click("button", "Settings")
         self.page.wait("document.querySelector('dialog[open] .command code').innerText.includes('--draw glasses')")
@@ -244,7 +244,7 @@ class SessionTest(pages.PageTest):
         self.page.wait("document.querySelector('dialog .command code').innerText.includes('--draw box')")
         self.page.click("button", "Start again with these")
         self.page.wait(f"location.pathname.startsWith('/session/') && !location.pathname.endsWith('/{id}')")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         running = [one for one in self.server.call("/api/sessions")[1]["sessions"] if one["running"]]
         self.assertEqual(len(running), 1)
         self.assertIn("box", running[0]["command"])
@@ -252,7 +252,7 @@ class SessionTest(pages.PageTest):
     def test_pop_out_and_snapshot_and_record(self):
         id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         folder = os.path.join(self.server.workspace, "downloads")
         os.makedirs(folder, exist_ok=True)
         self.browser.send("Browser.setDownloadBehavior",
@@ -265,15 +265,15 @@ class SessionTest(pages.PageTest):
         self.wait_file(folder, ".webm", b"\x1a\x45\xdf\xa3")
         self.page.click("button", "Pop out")
         self.page.wait("true")
-        found = [one for one in self.browser.targets() if "only=picture" in one["url"]]
+        found = [one for one in self.browser.targets() if "only=image" in one["url"]]
         for _ in range(100):
             if found:
                 break
             self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
-            found = [one for one in self.browser.targets() if "only=picture" in one["url"]]
+            found = [one for one in self.browser.targets() if "only=image" in one["url"]]
         self.assertTrue(found, "no window popped out")
         window = self.browser.attach(found[0]["targetId"])
-        window.wait(PICTURE)
+        window.wait(IMAGE)
         shot(window, "popout")
         self.assertEqual(window.complaints(), [])
         window.close()
@@ -291,7 +291,7 @@ class SessionTest(pages.PageTest):
     def test_stages_are_shown_on_request(self):
         id = self.start("cartoon run", SMALL, {"--mode": "cartoon"})
         self.go(f"/session/{id}")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         self.assertFalse(self.page.evaluate("Boolean(document.querySelector('.stages'))"))
         self.page.click("button", "Stages")
         self.page.wait("document.querySelectorAll('.stage-row img').length >= 4", what="the stages")
@@ -314,7 +314,7 @@ class SessionTest(pages.PageTest):
     def test_keys_are_the_viewers(self):
         id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         mode = "document.querySelector('.live-status').innerText.toLowerCase()"
         key = "document.querySelector('[data-key-of=sketch]').innerText"
         self.page.click("tab", "Keys")
@@ -327,10 +327,10 @@ class SessionTest(pages.PageTest):
         self.judge("session-keys", widths=(360, 1440))
         # It is kept in this browser.
         self.page.reload()
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         self.page.wait("document.querySelector('[data-action=sketch] kbd')?.innerText === 'x'")
         focus = "function () { this.focus(); }"
-        self.page.on(self.page.find("application", contains="Live picture"), focus)
+        self.page.on(self.page.find("application", contains="Live image"), focus)
         self.page.press("p")
         self.page.wait(f"{mode}.includes('paint')")
         self.page.press("s")  # does nothing now
@@ -341,11 +341,11 @@ class SessionTest(pages.PageTest):
         self.page.wait(f"{key} === 's'")
         self.assertEqual(self.page.evaluate("localStorage.getItem('tarsier.keys')"), "{}")
 
-    def test_pictures_are_as_large_as_they_are_shown(self):
+    def test_images_are_as_large_as_they_are_shown(self):
         id = self.start("cartoon run", "synth:portrait?live=1&fps=4&size=1280x960", {"--mode": "none"})
         self.go("/live")
         width = "document.querySelector('.live-view:not(.is-waiting) canvas')?.width"
-        self.page.wait(f"{width} > 100 && {width} <= 640", what="a small picture on the wall")
+        self.page.wait(f"{width} > 100 && {width} <= 640", what="a small image on the wall")
         sent = self.page.evaluate(width)
         # Whoever wants the whole gets it, and the wall goes back to less.
         self.assertEqual(width_of(self.server.call(f"/api/sessions/{id}/snapshot.jpg")[1]), 1280)
@@ -354,12 +354,12 @@ class SessionTest(pages.PageTest):
         self.go(f"/session/{id}")
         self.page.wait(f"{width} > {sent}", what="a larger one on its own page")
         self.page.click("button", "Record")
-        self.page.wait(f"{width} === 1280", what="the whole picture while it is recorded")
+        self.page.wait(f"{width} === 1280", what="the whole image while it is recorded")
 
-    def test_a_click_on_the_picture_reaches_the_session_at_the_right_pixel(self):
+    def test_a_click_on_the_image_reaches_the_session_at_the_right_pixel(self):
         id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         self.page.evaluate("""(() => {
           const real = window.fetch;
           window.sent = [];
@@ -380,12 +380,12 @@ class SessionTest(pages.PageTest):
         self.assertAlmostEqual(down["x"], box["w"] / 2 + 50 - 0.5, delta=1)
         self.assertAlmostEqual(down["y"], box["h"] / 2 - 20 - 0.5, delta=1)
         self.page.reload()
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
 
     def test_a_session_that_ends_says_so_and_starts_again(self):
         id = self.start("cartoon run", "synth:portrait?frames=5")
         self.go(f"/session/{id}")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         self.page.click("button", "End")
         self.page.wait("location.pathname === '/live'")
         self.go("/session/nothing")
@@ -396,11 +396,11 @@ class SessionTest(pages.PageTest):
     def test_own_camera_becomes_a_source(self):
         self.go("/")
         self.page.click("button", "My camera: Cartoon")
-        self.page.wait(PICTURE, what="the cartoon of the browser's camera")
+        self.page.wait(IMAGE, what="the cartoon of the browser's camera")
         self.page.wait_text("Your camera is on")
         self.page.wait("/frames\\/s/.test(document.querySelector('.camera-bar').innerText)")
         first = self.page.evaluate(sum_of_canvas())
-        self.page.wait(f"({sum_of_canvas()}) !== {first}", what="a picture that moves")
+        self.page.wait(f"({sum_of_canvas()}) !== {first}", what="an image that moves")
         shot(self.page, "own-camera")
         self.page.click("button", "Stop it")
         self.page.wait("!document.querySelector('.camera-bar')")
@@ -418,7 +418,7 @@ class SessionTest(pages.PageTest):
         self.page.choose("What", "cartoon run")
         self.page.click("button", "Start")
         self.page.wait("location.pathname.startsWith('/session/')")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
 
     def test_wall(self):
         self.go("/live")
@@ -428,7 +428,7 @@ class SessionTest(pages.PageTest):
             self.start("cartoon run", f"synth:portrait?live=1&fps=3&size=320x240&seed={len(mode)}", {"--mode": mode},
                        f"Portrait <b>{mode}</b>")
         self.page.wait("document.querySelectorAll('.tile .live-view:not(.is-waiting) canvas').length === 4",
-                       what="four live pictures")
+                       what="four live images")
         # Names are text.
         self.page.wait_text("Portrait <b>sketch</b>")
         self.assertFalse(self.page.evaluate("Boolean(document.querySelector('.tile b'))"))
@@ -443,7 +443,7 @@ class SessionTest(pages.PageTest):
     def test_a_hidden_tab_lets_go_of_its_line(self):
         id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
-        self.page.wait(PICTURE)
+        self.page.wait(IMAGE)
         self.page.evaluate("""(() => {
           Object.defineProperty(document, 'visibilityState', {value: 'hidden', configurable: true});
           document.dispatchEvent(new Event('visibilitychange'));
@@ -458,7 +458,7 @@ class SessionTest(pages.PageTest):
           document.dispatchEvent(new Event('visibilitychange'));
         })()""")
         first = self.page.evaluate(sum_of_canvas())
-        self.page.wait(f"({sum_of_canvas()}) !== {first}", what="pictures again")
+        self.page.wait(f"({sum_of_canvas()}) !== {first}", what="images again")
 
 
 class TabsTest(pages.PageTest):
@@ -484,11 +484,11 @@ class TabsTest(pages.PageTest):
         tabs = [self.browser.page(width=480, height=400, context=self.context, window=True) for _ in ids]
         for tab, id in zip(tabs, ids):
             tab.open(self.server.origin + f"/session/{id}")
-            tab.wait(PICTURE)
+            tab.wait(IMAGE)
         for tab in tabs:
             self.assertEqual(tab.evaluate("document.visibilityState"), "visible")
             first = tab.evaluate(sum_of_canvas())
-            tab.wait(f"({sum_of_canvas()}) !== {first}", what="a picture that moves")
+            tab.wait(f"({sum_of_canvas()}) !== {first}", what="an image that moves")
         # What a page asks for meanwhile is answered, too.
         for tab in (tabs[0], tabs[5]):
             tab.click("button", contains="pencil sketch")
@@ -511,7 +511,7 @@ class TabsTest(pages.PageTest):
         self.assertLess(used, (2 * asked + 4) * (each + 200), "more than the figures themselves was sent")
         front.close()
         first = tabs[5].evaluate(sum_of_canvas())
-        tabs[5].wait(f"({sum_of_canvas()}) !== {first}", what="pictures again")
+        tabs[5].wait(f"({sum_of_canvas()}) !== {first}", what="images again")
         tabs[5].close()
 
 
@@ -625,7 +625,7 @@ class ApiTest(pages.PageTest):
         os.makedirs(folder)
         _, session = self.server.call(
             "/api/sessions", {"verb": "cartoon run", "inputs": ["synth:portrait?live=1"], "flags": {}})
-        for _ in range(200):  # until its first picture is there
+        for _ in range(200):  # until its first image is there
             status, jpeg = self.server.call(f"/api/sessions/{session['id']}/snapshot.jpg")
             if status == 200:
                 break

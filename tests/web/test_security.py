@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 
-from wire import PICTURE, TARSIER, Studio, run_tests, wait_until
+from wire import IMAGE, TARSIER, Studio, run_tests, wait_until
 
 POLICY = ("default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
           "worker-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'")
@@ -208,7 +208,7 @@ def test_other_sites_are_refused():
         for site in ("cross-site", "same-site", "anything"):
             expect(studio.get("/api/info", headers={**own, "Sec-Fetch-Site": site}), 403, site)
             expect(studio.post("/api/sets", {"name": "a"}, headers={**own, "Sec-Fetch-Site": site}), 403, site)
-            # A picture or a frame of another page.
+            # An image or a frame of another page.
             expect(studio.get("/", headers={"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "no-cors",
                                             "Sec-Fetch-Dest": "image"}), 403, site)
             expect(studio.get("/", headers={"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "navigate",
@@ -426,12 +426,12 @@ def test_browsers_have_sixteen_cameras():
         assert studio.post("/api/viewer-cameras", {}).status == 201
 
 
-def test_a_viewer_that_stops_reading_finds_new_pictures():
+def test_a_viewer_that_stops_reading_finds_new_images():
     """What a slow viewer missed is not kept for it, neither in the server nor in the socket."""
     with Studio() as studio:
         session = studio.start_session("cartoon run", ["synth:portrait?live=1&size=320x240&fps=20"], {"--mode": "none"})
         live = studio.live([session["id"]], receive_buffer=2048)
-        live.wait_for(PICTURE)
+        live.wait_for(IMAGE)
 
         def frames():
             return studio.get("/api/sessions/" + session["id"]).json()["frames"]
@@ -439,9 +439,9 @@ def test_a_viewer_that_stops_reading_finds_new_pictures():
         begin = frames()
         wait_until(lambda: frames() > begin + 40, 20, "40 frames that nobody reads")
         newest, old = frames(), 0
-        while struct.unpack(">I", live.wait_for(PICTURE)[2][:4])[0] < newest - 1:
+        while struct.unpack(">I", live.wait_for(IMAGE)[2][:4])[0] < newest - 1:
             old += 1
-        assert old <= 4, f"{old} old pictures were kept for a viewer that did not read"
+        assert old <= 4, f"{old} old images were kept for a viewer that did not read"
         live.close()
 
 
@@ -449,7 +449,7 @@ def test_200_clients_take_nothing_from_others():
     with Studio() as studio:
         session = studio.start_session("cartoon run", ["synth:portrait?live=1&size=320x240"])
         live = studio.live([session["id"]])
-        live.wait_for(PICTURE)
+        live.wait_for(IMAGE)
         hostile = []
 
         def open_some(count, source):
@@ -470,13 +470,13 @@ def test_200_clients_take_nothing_from_others():
         open_some(100, "127.0.2.1")
         for k in range(4):
             open_some(40, f"127.0.3.{k + 1}")
-        # The page is answered, of the same address as the hostile ones too, and the pictures go on.
+        # The page is answered, of the same address as the hostile ones too, and the images go on.
         for source in ("127.0.0.1", "127.0.2.1"):
             begin = time.monotonic()
             assert studio.get("/api/info", source=source).status == 200
             assert time.monotonic() - begin < 5
         for _ in range(5):
-            live.wait_for(PICTURE, seconds=5)
+            live.wait_for(IMAGE, seconds=5)
         # 64 of one address, 256 in all, each with its thread.
         def connections():
             return float(re.search(r"^tarsier_http_connections (\S+)$", studio.get("/metrics").body.decode(), re.M).group(1))
@@ -495,15 +495,15 @@ def test_200_clients_take_nothing_from_others():
 def test_uploads_stay_in_their_place():
     with Studio() as studio:
         assert studio.post("/api/sets", {"name": "a"}).status == 201
-        picture = bytes.fromhex("89504e470d0a1a0a0000000d4948445200000001000000010806000000"
+        image = bytes.fromhex("89504e470d0a1a0a0000000d4948445200000001000000010806000000"
                                 "1f15c4890000000d49444154789c6360606060000000050001a5f645400000000049454e44ae426082")
         own = {**studio.headers(), "Content-Type": "image/png"}
         for name in ("..%2f..%2fx.png", "%2e%2e", ".hidden.png", "a%5cb.png", "a%00.png", "%2fetc%2fx.png"):
-            answer = studio.ask("PUT", f"/api/sets/a/files/{name}", picture, own)
+            answer = studio.ask("PUT", f"/api/sets/a/files/{name}", image, own)
             assert answer.status in (400, 404), (name, answer.status)
         for name in ("..", ".studio", "a/b", ""):
             expect(studio.post("/api/sets", {"name": name}), 400, name)
-        assert studio.ask("PUT", "/api/sets/a/files/%3Cimg%20src=x%20onerror=alert(1)%3E.png", picture, own).status == 201
+        assert studio.ask("PUT", "/api/sets/a/files/%3Cimg%20src=x%20onerror=alert(1)%3E.png", image, own).status == 201
         assert sorted(os.listdir(os.path.join(studio.workspace, "sets"))) == ["a"]
         # A file of the user is no page of ours, whatever it holds: it runs nothing and asks for nothing.
         answer = studio.get("/api/sets/a/files/%3Cimg%20src=x%20onerror=alert(1)%3E.png")

@@ -20,7 +20,7 @@ import time
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 TARSIER = os.path.join(os.environ.get("TARSIER_SERVE_BIN", os.path.join(ROOT, "build", "release", "bin")), "tarsier")
 PATIENCE = float(os.environ.get("TARSIER_WEB_TIMEOUT", "120"))  # s; only a test that fails waits for so long
-PICTURE, STATE, HELLO, JOB, PING, ENDED = range(1, 7)
+IMAGE, STATE, HELLO, JOB, PING, ENDED = range(1, 7)
 
 
 class Answer:

@@ -18,23 +18,23 @@ constexpr const char* kHelp = R"(tarsier - classical computer vision on an ordin
 
   tarsier <area> <verb> [inputs] [flags]
 
-See what it does, then use your own pictures, then your camera:
+See what it does, then use your own images, then your camera:
 
-  tarsier demo                                   a page of pictures: demo-out/index.html
+  tarsier demo                                   a page of images: demo-out/index.html
   tarsier cartoon run photo.jpg -o drawn.png     an image becomes a cartoon
   tarsier landmarks track 0 --window             68 points of each face, live
   tarsier plate read car.jpg                     a number plate
   tarsier sfm reconstruct photos/ -o model       cameras and a cloud of points
 
 Areas:
-  cartoon run              cartoons of pictures, videos and live cameras
+  cartoon run              cartoons of images, videos and live cameras
   landmarks fit|track|..   points of faces: annotate, train, fit, follow, judge
   aam explore|fit|..       appearance models: train, play with, fit
   pose track|solve|..      where heads look; the pose of a known object; a head in 3D
   people enroll|live|..    who is it, or unknown: enrol, identify, forget, judge
   plate read|train-..|..   number plates: read, train, judge, log
   sfm reconstruct|eval|..  images to camera poses and a point cloud
-  calibrate                a camera's lens from pictures of a printed board
+  calibrate                a camera's lens from images of a printed board
   ar marker-sheet|..       printed markers: sheets of them, and boards for calibrate
   models list|info|verify  the trained models that came with the program
   doctor                   what this machine has, and what to do about what it lacks
@@ -42,7 +42,7 @@ Areas:
   serve                    the studio: all of it in a browser, on this machine
   bench NAME               how fast it is here
 
-An input is a picture, a folder, a glob, @list.txt, a video, a camera number or a URL.
+An input is an image, a folder, a glob, @list.txt, a video, a camera number or a URL.
 Everywhere: -o OUT, --json, --quiet, --threads N, --config FILE; `--help` after any verb.
 Exit status: 0 done, 1 nothing found, 2 usage, 3 bad input, 4 source lost, 5 bad model,
 6 cannot write, 130 interrupted. `tarsier --version` tells the version.

@@ -159,7 +159,7 @@ void add_common_flags(Command& verb, Context& context) {
 }
 
 void add_debug_flag(Command& verb, Context& context) {
-  verb.add_option("--debug-dir", context.debug_dir, "folder for the pictures of each stage")
+  verb.add_option("--debug-dir", context.debug_dir, "folder for the images of each stage")
       .group("Output");
 }
 

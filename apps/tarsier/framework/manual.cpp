@@ -10,9 +10,9 @@ namespace tarsier::cli {
 namespace {
 
 constexpr const char* kInputs =
-    R"(An input is a picture, a folder, a glob (quoted), \fB@list.txt\fR (one path a line), a video, a camera number or
+    R"(An input is an image, a folder, a glob (quoted), \fB@list.txt\fR (one path a line), a video, a camera number or
 path, \fBpicam:\fR (a Raspberry Pi's camera module), an http(s) or rtsp URL, or \fBsynth:scene\fR (drawn by the
-program). Several may follow each other. Still pictures are independent of each other unless \fB\-\-sequence\fR
+program). Several may follow each other. Still images are independent of each other unless \fB\-\-sequence\fR
 is given.
 )";
 

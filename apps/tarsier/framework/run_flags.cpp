@@ -27,12 +27,12 @@ std::vector<Flag*> add_security_flags(Command& verb, StreamSecurity& security) {
 
 void add_run_flags(Command& verb, RunFlags& flags) {
   verb.add_option("INPUT", flags.inputs,
-                  "picture, folder, glob, @list.txt, video, camera number, URL, picam:, synth:NAME")
+                  "image, folder, glob, @list.txt, video, camera number, URL, picam:, synth:NAME")
       .required()
       .type_name("");
   verb.add_option(
       "-o,--output", flags.output,
-      "picture, folder, .mp4 .avi .mkv, http://127.0.0.1:8080/, none; without it: the window");
+      "image, folder, .mp4 .avi .mkv, http://127.0.0.1:8080/, none; without it: the window");
   verb.add_flag("--window", flags.window, "show it in a window (h: keys)");
   verb.add_flag("--fullscreen", flags.fullscreen, "the window fills the screen");
   verb.add_option("--actions", flags.actions, "-: actions by name on stdin, one a line")

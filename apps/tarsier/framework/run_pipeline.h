@@ -120,7 +120,7 @@ class Lines {
   std::mutex mutex_;
 };
 
-// A finished picture on its way to the output.
+// A finished image on its way to the output.
 struct Job {
   cv::Mat image;
   Frame frame;  // without its image
@@ -130,7 +130,7 @@ struct Job {
   int repeats = 1;      // 0: only the line
 };
 
-// Writes pictures and their lines, in a thread of its own if that helps.
+// Writes images and their lines, in a thread of its own if that helps.
 class Writer {
  public:
   Writer(FrameSink& sink, Lines& lines, bool threaded);

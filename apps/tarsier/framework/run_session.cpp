@@ -33,12 +33,12 @@ using std::chrono::milliseconds;
 constexpr milliseconds kIdleInterval{200};
 constexpr milliseconds kWindowPatience{12};     // keys wait at most so long for a frame
 constexpr milliseconds kHeadlessPatience{100};  // SIGINT wakes it earlier
-constexpr double kMaxRepeats = 10;  // s that a live video is filled up with its last picture
+constexpr double kMaxRepeats = 10;  // s that a live video is filled up with its last image
 
 // --- the window, where the program has one ---
 
 using WindowPointer = std::unique_ptr<window::Window>;
-constexpr const char* kNextPicture = "next-picture";
+constexpr const char* kNextImage = "next-image";
 
 // --- the loop ---
 
@@ -67,12 +67,12 @@ class Run {
     if (sink_ != nullptr) sink_->finish();
     if (progressing_) context_.progress->end();
     if (taken_ == 0 && !window_closed_ && !finished_) {
-      throw InputError(flags_.inputs.front(), "no picture came from it");
+      throw InputError(flags_.inputs.front(), "no image came from it");
     }
     if (!flags_.output.empty() && sink_ != nullptr) {
       const double seconds = watch.seconds();
       log_info(
-          "{} {} to {} in {:.1f} s", taken_, taken_ == 1 ? "picture" : "pictures",
+          "{} {} to {} in {:.1f} s", taken_, taken_ == 1 ? "image" : "images",
           classify_sink(flags_.output) == SinkKind::kHttp ? masked(flags_.output) : flags_.output,
           seconds);
     }
@@ -108,7 +108,7 @@ class Run {
     if (opens_window(flags_)) {
       std::string title = fmt::format("Tarsier {}", hooks_.title);
       has_next_ = !live_ && source_->count() > 1 && source_->fps() <= 0;
-      if (has_next_ && !window::shows_status()) title += " - right arrow: next picture";
+      if (has_next_ && !window::shows_status()) title += " - right arrow: next image";
       const bool has_stages = hooks_.debug != nullptr && hooks_.debug->may_show();
       window_ = window::open_window(
           {title, flags_.fullscreen, session_.sliders(), actions(), has_stages});
@@ -121,7 +121,7 @@ class Run {
     if (!live_ && window_ == nullptr) {
       std::int64_t total = (source_->count() + flags_.every - 1) / flags_.every;
       if (flags_.frames > 0) total = total > 0 ? std::min(total, flags_.frames) : flags_.frames;
-      context_.progress->begin(hooks_.title, total, "pictures");
+      context_.progress->begin(hooks_.title, total, "images");
       progressing_ = true;
     }
   }
@@ -129,7 +129,7 @@ class Run {
   // Those of the session, and the host's own.
   [[nodiscard]] std::vector<Action> actions() const {
     std::vector<Action> list = session_.actions();
-    if (has_next_) list.push_back({kNextPicture, "next picture (right arrow)", 0});
+    if (has_next_) list.push_back({kNextImage, "next image (right arrow)", 0});
     return list;
   }
 
@@ -159,7 +159,7 @@ class Run {
     options.fps = std::clamp(fps_, 0.1, 1000.0);
     options.many = source_->count() != 1 && flags_.frames != 1;
     sink_ = open_sink(flags_.output.empty() ? "none" : flags_.output, options);
-    // A live picture should be out as soon as it is there; files may wait for each other.
+    // A live image should be out as soon as it is there; files may wait for each other.
     writer_ = std::make_unique<Writer>(*sink_, lines_, !live_);
   }
 
@@ -198,7 +198,7 @@ class Run {
     }
   }
 
-  // A paused video, or a still picture in the window.
+  // A paused video, or a still image in the window.
   [[nodiscard]] bool waits_for_user() const {
     return !live_ && ((paused_ && taken_ > 0) || (window_ != nullptr && still_.has_value()));
   }
@@ -231,7 +231,7 @@ class Run {
     View view;
     try {
       view = session_.on_frame(frame, status);
-    } catch (const InputError& error) {  // a picture that can be read, but not used
+    } catch (const InputError& error) {  // an image that can be read, but not used
       if (!frame.still || source_->count() == 1) throw;
       log_warning("{}", error.what());
       return;
@@ -342,11 +342,11 @@ class Run {
     std::optional<View> last;
     for (const Event& event : events) {
       const bool is_next = event.kind == Event::Kind::kAction
-                               ? has_next_ && event.name == kNextPicture
+                               ? has_next_ && event.name == kNextImage
                                : event.kind == Event::Kind::kKey &&
                                      (event.key == key::kRight || event.key == key::kEnter);
       if (is_next && (still_ || event.kind == Event::Kind::kAction)) {
-        next_picture();
+        next_image();
         last.reset();
         continue;
       }
@@ -360,7 +360,7 @@ class Run {
     }
   }
 
-  void next_picture() {
+  void next_image() {
     if (!still_ || source_->ended()) return;
     flush_still();
     paused_ = false;

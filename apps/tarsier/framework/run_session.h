@@ -41,7 +41,7 @@ void default_to_headless(RunFlags& flags);
 // Whether the run shows a window: asked for, or nowhere else to go.
 [[nodiscard]] bool opens_window(const RunFlags& flags);
 
-// The stages of each frame. --debug-dir: DIR/<frame number or picture name>/NN-<stage>.png; and
+// The stages of each frame. --debug-dir: DIR/<frame number or image name>/NN-<stage>.png; and
 // in a window that has a place for them (the studio's), of frames of which they are wanted.
 class DebugFolder final : public DebugSink {
  public:

@@ -16,7 +16,7 @@
 
 #include "ui/controls.h"
 #include "ui/overlay.h"
-#include "ui/save_picture.h"
+#include "ui/save_image.h"
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -51,7 +51,7 @@ constexpr ModeAction kModeActions[] = {
     {Mode::kEvilSketch, "heavy ink alone", 0},
     {Mode::kAlien, "alien: another skin colour", 'a'},
     {Mode::kSmooth, "smooth skin", 'm'},
-    {Mode::kNone, "the picture as it is", 'n'},
+    {Mode::kNone, "the image as it is", 'n'},
 };
 
 // Keeps the stages of a frame for the debug view, and hands them on.
@@ -86,7 +86,7 @@ bool draws_evil_lines(Mode mode) { return mode == Mode::kEvil || mode == Mode::k
 }  // namespace
 
 void CartoonSessionOptions::check() const {
-  TARSIER_REQUIRE(!save_folder.empty(), "the folder for saved pictures has no name");
+  TARSIER_REQUIRE(!save_folder.empty(), "the folder for saved images has no name");
 }
 
 struct CartoonSession::Impl {
@@ -116,7 +116,7 @@ struct CartoonSession::Impl {
   double message_since = 0;
   std::string saved;
 
-  // --- the picture
+  // --- the image
   // ----------------------------------------------------------------------------------------
 
   void process() {
@@ -184,7 +184,7 @@ struct CartoonSession::Impl {
     const bool away = source.state == SourceState::kConnecting ||
                       source.state == SourceState::kStale || source.state == SourceState::kLost;
     if (!away) return;
-    std::string text(source.state == SourceState::kStale  ? "no new picture"
+    std::string text(source.state == SourceState::kStale  ? "no new image"
                      : source.state == SourceState::kLost ? "camera lost"
                                                           : "connecting ...");
     if (!source.detail.empty()) text += '\n' + source.detail;
@@ -211,7 +211,7 @@ struct CartoonSession::Impl {
                            {"sketch_threshold", settings.sketch.threshold},
                            {"evil_threshold", settings.evil.threshold}};
     json.update(nlohmann::json(cartoon::to_json(has_frame ? result : cartoon::CartoonResult())));
-    json["mode"] = cartoon::name_of(settings.mode);  // that the next picture is drawn in
+    json["mode"] = cartoon::name_of(settings.mode);  // that the next image is drawn in
     if (!saved.empty()) json["saved"] = saved;
     return json;
   }
@@ -259,7 +259,7 @@ struct CartoonSession::Impl {
     try {
       saved = save_numbered(options.save_folder, result.image);
       say(fmt::format("saved {}", saved));
-    } catch (const OutputError& error) {  // no reason to end a live picture
+    } catch (const OutputError& error) {  // no reason to end a live image
       log_warning("cannot save: {}", error.what());
       say("cannot save: see the log");
     }
@@ -322,7 +322,7 @@ View CartoonSession::on_event(const Event& event) {
     name = "evil-sketch";
 
   bool toggle_fullscreen = false;
-  bool redo = false;  // the picture would now be another
+  bool redo = false;  // the image would now be another
   if (event.kind == Event::Kind::kSlider) {
     const int value = static_cast<int>(std::lround(std::clamp(event.value, 0.0, 255.0)));
     redo = true;
@@ -361,7 +361,7 @@ View CartoonSession::on_event(const Event& event) {
       }
     }
   }
-  // A moving picture changes with its next frame; one that stands has to be made again.
+  // A moving image changes with its next frame; one that stands has to be made again.
   redo = redo && my.has_frame && (my.frame.still || my.controls.paused());
   if (redo) {
     my.begin_outline();
@@ -384,7 +384,7 @@ std::vector<Action> CartoonSession::actions() const {
   result.push_back({"threshold-down", "more lines", '-'});
   result.push_back({"steady", "steady lines on, off", 't'});
   result.push_back({"debug", "all stages side by side", 'd'});
-  result.push_back({"save", "save the picture", 'w'});
+  result.push_back({"save", "save the image", 'w'});
   result.push_back({"fullscreen", "full screen", 'f'});
   return impl_->controls.after(std::move(result));
 }

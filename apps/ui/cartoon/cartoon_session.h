@@ -14,7 +14,7 @@ namespace tarsier {
 
 struct CartoonSessionOptions {
   std::string save_folder = ".";  // where "save" puts tarsier-0001.png, tarsier-0002.png ..
-  bool overlay = true;  // status, banners and help on the shown picture; off where nobody looks
+  bool overlay = true;  // status, banners and help on the shown image; off where nobody looks
   DebugSink* debug = nullptr;  // also takes each stage (--debug-dir); must outlive the session
   Timers* timers = nullptr;    // also takes the times; must outlive the session
 
@@ -34,11 +34,11 @@ struct CartoonSessionOptions {
 // View.state: "mode"; "fps" of the frames' times, smoothed; "age_ms" of a live frame when it was
 // shown; "source", see name_of(SourceState); "paused", "debug", "steady", "help": booleans;
 // "faces": [[x,y,w,h]..] px in the frame; "frame": Frame::index, -1 before the first; "ms": what
-// the last picture took, without decoding and overlay; "sketch_threshold", "evil_threshold";
+// the last image took, without decoding and overlay; "sketch_threshold", "evil_threshold";
 // "saved": the file last saved, if any.
 //
-// View.output is the clean picture of each new frame; empty for idle and while paused. For a still
-// picture, events that change the picture give a new output, too.
+// View.output is the clean image of each new frame; empty for idle and while paused. For a still
+// image, events that change the image give a new output, too.
 class CartoonSession final : public Session {
  public:
   // The options of `cartoonizer` are those to begin with.

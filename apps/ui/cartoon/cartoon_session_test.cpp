@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // A scene with edges and texture, the same for the same number.
-cv::Mat picture(int number = 0) {
+cv::Mat test_image(int number = 0) {
   cv::Mat image(120, 160, CV_8UC3);
   for (int y = 0; y < image.rows; ++y) {
     for (int x = 0; x < image.cols; ++x) {
@@ -36,7 +36,7 @@ cv::Mat picture(int number = 0) {
 
 Frame moving(int index, double fps = 10) {
   Frame frame;
-  frame.image = picture(index);
+  frame.image = test_image(index);
   frame.index = index;
   frame.time = index / fps;
   frame.name = "synthetic";
@@ -45,7 +45,7 @@ Frame moving(int index, double fps = 10) {
 
 Frame still(const std::string& name = "a.png") {
   Frame frame;
-  frame.image = picture();
+  frame.image = test_image();
   frame.name = name;
   frame.still = true;
   return frame;
@@ -117,14 +117,14 @@ TEST_F(CartoonSessionTest, ActionsHaveDifferentNamesAndKeys) {
   }
 }
 
-TEST_F(CartoonSessionTest, ModesDrawDifferentPictures) {
+TEST_F(CartoonSessionTest, ModesDrawDifferentImages) {
   CartoonSession session(cartoonizer_, options_);
   const cv::Mat cartoon = session.on_frame(still(), {}).output.clone();
   const cv::Mat sketch = session.on_event(key_event('s')).output.clone();
   const cv::Mat none = session.on_event(key_event('n')).output.clone();
   ASSERT_FALSE(sketch.empty()) << "a still is drawn again at once";
   EXPECT_GT(difference(cartoon, sketch), 50);
-  EXPECT_EQ(difference(none, picture()), 0);
+  EXPECT_EQ(difference(none, test_image()), 0);
 }
 
 TEST_F(CartoonSessionTest, TheOutputIsClean) {
@@ -140,7 +140,7 @@ TEST_F(CartoonSessionTest, TheOutputIsClean) {
   const View without = bare.on_frame(moving(0), stale);
   EXPECT_EQ(difference(with.output, without.output), 0);
   EXPECT_GT(difference(with.image, with.output), 50)
-      << "status, banner and help are on the shown picture";
+      << "status, banner and help are on the shown image";
   EXPECT_EQ(difference(without.image, without.output), 0);
 }
 
@@ -152,7 +152,7 @@ TEST_F(CartoonSessionTest, PauseFreezesAndResumes) {
   EXPECT_TRUE(view.output.empty());
   EXPECT_EQ(view.state.at("frame"), 0);
   EXPECT_NE(view.status.find("paused"), std::string::npos);
-  // Another mode shows on the frozen picture.
+  // Another mode shows on the frozen image.
   view = session.on_event(key_event('s'));
   EXPECT_TRUE(view.output.empty());
   EXPECT_GT(cv::mean(view.image)[0], cv::mean(before)[0]) << "a sketch is mostly white";
@@ -345,7 +345,7 @@ TEST_F(CartoonSessionTest, QuitAndFullScreenAreAskedOfTheHost) {
   EXPECT_FALSE(session.on_frame(moving(0), live()).finished);
 }
 
-TEST_F(CartoonSessionTest, PicturesOfAnotherSizeMayFollow) {
+TEST_F(CartoonSessionTest, ImagesOfAnotherSizeMayFollow) {
   CartoonSession session(cartoonizer_, options_);
   session.on_frame(moving(0), live());
   Frame frame = moving(1);

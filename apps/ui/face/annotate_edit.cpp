@@ -47,13 +47,13 @@ void AnnotateSession::load() {
   const std::vector<nlohmann::json> records = journal_.open();
   std::error_code error;
   const bool is_new = !fs::exists(options_.set_path, error);
-  for (const std::string& picture : options_.pictures) state_.add_picture(absolute(picture));
+  for (const std::string& image : options_.images) state_.add_image(absolute(image));
   if (options_.video && fs::is_directory(frames_folder(), error)) {
     std::vector<std::string> picked;
     for (const auto& entry : fs::directory_iterator(frames_folder(), error))
       if (entry.path().extension() == ".png") picked.push_back(entry.path().string());
     std::sort(picked.begin(), picked.end());
-    for (const std::string& picture : picked) state_.add_picture(picture);
+    for (const std::string& image : picked) state_.add_image(image);
   }
   if (!is_new) {
     state_.load(face::shape::read_landmark_set(options_.set_path), options_.set_path);
@@ -61,11 +61,11 @@ void AnnotateSession::load() {
   const std::string journal_path = options_.set_path + ".journal";
   const bool has_symmetry =
       std::any_of(state_.mirror().begin(), state_.mirror().end(), [](int m) { return m >= 0; });
-  if (options_.video && records.empty() && state_.pictures() == 0) {
+  if (options_.video && records.empty() && state_.images() == 0) {
     state_.set_stage(AnnotateStage::kPick);
   } else {
     state_.set_stage(state_.done() > 1 || has_symmetry || !state_.connections().empty()
-                         ? AnnotateStage::kPictures
+                         ? AnnotateStage::kImages
                          : AnnotateStage::kPoints);
   }
   for (const nlohmann::json& record : records) state_.apply(record, journal_path);
@@ -74,14 +74,14 @@ void AnnotateSession::load() {
                            records.size() == 1 ? "step" : "steps");
   unsaved_ = static_cast<int>(records.size());
   int first = std::max(0, reference());
-  if (state_.stage() == AnnotateStage::kPictures) {
-    for (int k = 0; k < state_.pictures(); ++k) {
-      if (state_.picture(k).done) continue;
+  if (state_.stage() == AnnotateStage::kImages) {
+    for (int k = 0; k < state_.images(); ++k) {
+      if (state_.image(k).done) continue;
       first = k;
       break;
     }
   }
-  current_ = std::min(first, std::max(0, state_.pictures() - 1));
+  current_ = std::min(first, std::max(0, state_.images() - 1));
   open(current_);
 }
 
@@ -130,13 +130,12 @@ void AnnotateSession::undo(std::vector<AnnotateState>& from, std::vector<Annotat
   }
   AnnotateState before = state_;
   AnnotateState after = from.back();
-  // Pictures that came since then stay: their files are there.
-  for (int k = after.pictures(); k < before.pictures(); ++k)
-    after.add_picture(before.picture(k).path);
+  // Images that came since then stay: their files are there.
+  for (int k = after.images(); k < before.images(); ++k) after.add_image(before.image(k).path);
   int changed = -1;
-  for (int k = 0; k < before.pictures(); ++k) {
-    const AnnotatedPicture& a = before.picture(k);
-    const AnnotatedPicture& b = after.picture(k);
+  for (int k = 0; k < before.images(); ++k) {
+    const AnnotatedImage& a = before.image(k);
+    const AnnotatedImage& b = after.image(k);
     if (&a == &b) continue;
     // A proposal is no edit: it stays where the edit was elsewhere.
     if (!a.done && !b.has_points() && a.points.cols() == after.points() && a.points.cols() > 0 &&
@@ -170,41 +169,41 @@ void AnnotateSession::save() {
 void AnnotateSession::finish() {
   save();
   const nlohmann::json rest = state_.unfinished();
-  const bool is_all_in_set = rest.at("pictures").empty() && !rest.contains("mirror") &&
-                             (state_.stage() == AnnotateStage::kPictures || state_.done() == 0);
+  const bool is_all_in_set = rest.at("images").empty() && !rest.contains("mirror") &&
+                             (state_.stage() == AnnotateStage::kImages || state_.done() == 0);
   if (is_all_in_set) journal_.restart(std::nullopt);
 }
 
-int AnnotateSession::nearest_done(int picture) const {
+int AnnotateSession::nearest_done(int image) const {
   int best = -1;
-  for (int k = 0; k < state_.pictures(); ++k) {
-    if (!state_.picture(k).done || k == picture) continue;
-    if (best < 0 || std::abs(k - picture) <= std::abs(best - picture)) best = k;
+  for (int k = 0; k < state_.images(); ++k) {
+    if (!state_.image(k).done || k == image) continue;
+    if (best < 0 || std::abs(k - image) <= std::abs(best - image)) best = k;
   }
   return best;
 }
 
 int AnnotateSession::reference() const {
-  for (int k = 0; k < state_.pictures(); ++k)
-    if (state_.picture(k).done) return k;
-  return state_.pictures() > 0 ? 0 : -1;
+  for (int k = 0; k < state_.images(); ++k)
+    if (state_.image(k).done) return k;
+  return state_.images() > 0 ? 0 : -1;
 }
 
-void AnnotateSession::open(int picture) {
+void AnnotateSession::open(int image) {
   is_learning_ = false;
   drag_ = Drag::kNone;
-  if (state_.pictures() == 0) {
-    picture_.release();
+  if (state_.images() == 0) {
+    image_.release();
     places_.resize(2, 0);
     return;
   }
-  current_ = std::clamp(picture, 0, state_.pictures() - 1);
+  current_ = std::clamp(image, 0, state_.images() - 1);
   unreadable_.clear();
-  const AnnotatedPicture& here = state_.picture(current_);
+  const AnnotatedImage& here = state_.image(current_);
   try {
-    picture_ = read_image(here.path);
+    image_ = read_image(here.path);
   } catch (const InputError& error) {
-    picture_.release();
+    image_.release();
     unreadable_ = error.what();
   }
   find_places();
@@ -213,23 +212,23 @@ void AnnotateSession::open(int picture) {
   const bool is_stale =
       !here.done && !here.touched &&
       (!here.has_points() || learned == learned_from_.end() || learned->second != state_.done());
-  is_learning_ = state_.stage() == AnnotateStage::kPictures && is_stale && !picture_.empty() &&
+  is_learning_ = state_.stage() == AnnotateStage::kImages && is_stale && !image_.empty() &&
                  state_.points() > 0 && nearest_done(current_) >= 0;
 }
 
 std::optional<Matrix2Xd> AnnotateSession::proposal() {
   if (!propose_ || !is_proposing_) return std::nullopt;
   face::ProposalRequest request;
-  cv::cvtColor(picture_, request.gray, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(image_, request.gray, cv::COLOR_BGR2GRAY);
   const int near = nearest_done(current_);
-  for (int k = 0; k < state_.pictures(); ++k) {
-    if (!state_.picture(k).done || k == current_) continue;
+  for (int k = 0; k < state_.images(); ++k) {
+    if (!state_.image(k).done || k == current_) continue;
     if (k == near) request.nearest = static_cast<int>(request.so_far.samples.size());
     face::shape::LandmarkSample sample;
-    sample.image = state_.picture(k).path;
-    sample.points = state_.picture(k).points;
+    sample.image = state_.image(k).path;
+    sample.points = state_.image(k).points;
     for (int i = 0; i < state_.points(); ++i)
-      if (!state_.picture(k).is_shown(i)) sample.points.col(i).setConstant(std::nan(""));
+      if (!state_.image(k).is_shown(i)) sample.points.col(i).setConstant(std::nan(""));
     request.so_far.samples.push_back(std::move(sample));
   }
   std::optional<Matrix2Xd> points = propose_(request);
@@ -240,8 +239,8 @@ std::optional<Matrix2Xd> AnnotateSession::proposal() {
 void AnnotateSession::propose_now() {
   is_learning_ = false;
   const int near = nearest_done(current_);
-  if (picture_.empty() || near < 0) return;
-  learned_from_[state_.picture(current_).path] = state_.done();
+  if (image_.empty() || near < 0) return;
+  learned_from_[state_.image(current_).path] = state_.done();
   std::optional<Matrix2Xd> points;
   try {
     points = proposal();
@@ -250,33 +249,33 @@ void AnnotateSession::propose_now() {
   }
   const bool is_guess = points.has_value();
   if (!points) {
-    // Something to drag: where they were in the nearest picture, within this one.
-    points = state_.picture(near).points;
+    // Something to drag: where they were in the nearest image, within this one.
+    points = state_.image(near).points;
     for (Eigen::Index i = 0; i < points->cols(); ++i) {
-      if (points->col(i).hasNaN()) points->col(i) << 0.5 * picture_.cols, 0.5 * picture_.rows;
+      if (points->col(i).hasNaN()) points->col(i) << 0.5 * image_.cols, 0.5 * image_.rows;
     }
     const Eigen::Vector2d most = points->rowwise().maxCoeff();
-    const double shrink = std::min({1.0, (picture_.cols - 1) / std::max(1.0, most.x()),
-                                    (picture_.rows - 1) / std::max(1.0, most.y())});
+    const double shrink = std::min({1.0, (image_.cols - 1) / std::max(1.0, most.x()),
+                                    (image_.rows - 1) / std::max(1.0, most.y())});
     *points *= shrink;
     if (message_.empty())
       message_ = "Drag the points to their places (shift: all; [ ] < > size and turn)";
   }
   // What is found outside would be out of reach.
-  points->row(0) = points->row(0).cwiseMax(0).cwiseMin(picture_.cols - 1);
-  points->row(1) = points->row(1).cwiseMax(0).cwiseMin(picture_.rows - 1);
+  points->row(0) = points->row(0).cwiseMax(0).cwiseMin(image_.cols - 1);
+  points->row(1) = points->row(1).cwiseMax(0).cwiseMin(image_.rows - 1);
   (void)edit(
       is_guess ? "proposal" : "start",
       [&](AnnotateState& state) { state.set_points(current_, *points); }, false);
 }
 
 void AnnotateSession::find_places() {
-  if (state_.pictures() == 0) {
+  if (state_.images() == 0) {
     places_.resize(2, 0);
     return;
   }
-  current_ = std::min(current_, state_.pictures() - 1);
-  const AnnotatedPicture& here = state_.picture(current_);
+  current_ = std::min(current_, state_.images() - 1);
+  const AnnotatedImage& here = state_.image(current_);
   places_ = here.points;
   if (selected_ >= state_.points()) selected_ = -1;
   if (!here.has_points() || known_points(places_) < 2 ||
@@ -284,7 +283,7 @@ void AnnotateSession::find_places() {
     return;
   const int near = nearest_done(current_);
   if (near < 0) return;
-  const Matrix2Xd& other = state_.picture(near).points;
+  const Matrix2Xd& other = state_.image(near).points;
   try {
     const Matrix2Xd guess = face::shape::fit_similarity(other, places_)(other);
     for (Eigen::Index i = 0; i < places_.cols(); ++i)
@@ -315,47 +314,47 @@ void AnnotateSession::pick() {
     return;
   }
   if (edit(
-          "pick", [&](AnnotateState& state) { state.add_picture(path); }, false))
-    message_ = fmt::format("Picked: {} {}", state_.pictures(),
-                           state_.pictures() == 1 ? "picture" : "pictures");
+          "pick", [&](AnnotateState& state) { state.add_image(path); }, false))
+    message_ =
+        fmt::format("Picked: {} {}", state_.images(), state_.images() == 1 ? "image" : "images");
 }
 
 void AnnotateSession::accept() {
-  if (state_.pictures() == 0 || state_.points() == 0) return;
-  const AnnotatedPicture& here = state_.picture(current_);
+  if (state_.images() == 0 || state_.points() == 0) return;
+  const AnnotatedImage& here = state_.image(current_);
   if (!here.done && here.has_points()) {
     if (!edit("agree", [&](AnnotateState& state) { state.set_done(current_, true); })) return;
   }
   selected_ = -1;
-  for (int k = 1; k <= state_.pictures(); ++k) {
-    const int next = (current_ + k) % state_.pictures();
-    if (state_.picture(next).done) continue;
+  for (int k = 1; k <= state_.images(); ++k) {
+    const int next = (current_ + k) % state_.images();
+    if (state_.image(next).done) continue;
     open(next);
     return;
   }
-  message_ = "All pictures are done. q: end";
+  message_ = "All images are done. q: end";
 }
 
 void AnnotateSession::turn_page(int direction) {
-  if (state_.pictures() == 0 || state_.stage() == AnnotateStage::kPick) return;
-  const AnnotatedPicture& here = state_.picture(current_);
-  if (state_.stage() == AnnotateStage::kPictures && !here.done && here.touched) {
+  if (state_.images() == 0 || state_.stage() == AnnotateStage::kPick) return;
+  const AnnotatedImage& here = state_.image(current_);
+  if (state_.stage() == AnnotateStage::kImages && !here.done && here.touched) {
     // Who has put points right has looked at them.
     if (!edit("agree", [&](AnnotateState& state) { state.set_done(current_, true); })) return;
   }
-  if (state_.stage() != AnnotateStage::kPictures) {
-    message_ = "The other pictures come after points, lines and symmetry (5: now)";
+  if (state_.stage() != AnnotateStage::kImages) {
+    message_ = "The other images come after points, lines and symmetry (5: now)";
     return;
   }
   selected_ = -1;
-  open((current_ + direction + state_.pictures()) % state_.pictures());
+  open((current_ + direction + state_.images()) % state_.images());
 }
 
 void AnnotateSession::on_left_up() {
   is_left_down_ = false;
   const Drag drag = std::exchange(drag_, Drag::kNone);
   if (drag != Drag::kPoint && drag != Drag::kAll) return;
-  if (state_.pictures() == 0 || places_.cols() != drag_start_.cols()) return;
+  if (state_.images() == 0 || places_.cols() != drag_start_.cols()) return;
   const Matrix2Xd now = places_;
   if (drag == Drag::kPoint) {
     if (selected_ < 0 || now.col(selected_) == drag_start_.col(selected_)) return;
@@ -364,7 +363,7 @@ void AnnotateSession::on_left_up() {
     });
     return;
   }
-  Matrix2Xd points = state_.picture(current_).points;
+  Matrix2Xd points = state_.image(current_).points;
   for (Eigen::Index i = 0; i < points.cols(); ++i)
     if (!points.col(i).hasNaN()) points.col(i) = now.col(i);
   if (now == drag_start_ || points.hasNaN()) {
@@ -375,9 +374,9 @@ void AnnotateSession::on_left_up() {
 }
 
 void AnnotateSession::transform_all(double factor, double angle) {
-  if (state_.pictures() == 0 || state_.points() == 0) return;
-  Matrix2Xd points = state_.picture(current_).points;
-  if (points.hasNaN() || state_.stage() != AnnotateStage::kPictures) return;
+  if (state_.images() == 0 || state_.points() == 0) return;
+  Matrix2Xd points = state_.image(current_).points;
+  if (points.hasNaN() || state_.stage() != AnnotateStage::kImages) return;
   const Eigen::Vector2d middle = points.rowwise().mean();
   const double sign = mirrored_ ? -1 : 1;
   const face::shape::Similarity2d turn{factor * std::cos(angle), sign * factor * std::sin(angle), 0,
@@ -399,7 +398,7 @@ void AnnotateSession::remove_selected() {
     message_ = "Choose a point first: click it";
     return;
   }
-  if (state_.stage() == AnnotateStage::kPictures && current_ != reference()) {
+  if (state_.stage() == AnnotateStage::kImages && current_ != reference()) {
     hide_selected();
     return;
   }
@@ -407,7 +406,7 @@ void AnnotateSession::remove_selected() {
   selected_ = -1;
   if (edit(fmt::format("delete {}", point),
            [&](AnnotateState& state) { state.remove_point(point); }))
-    message_ = fmt::format("Point {} is gone from all pictures (u: undo)", point);
+    message_ = fmt::format("Point {} is gone from all images (u: undo)", point);
 }
 
 void AnnotateSession::hide_selected() {
@@ -415,7 +414,7 @@ void AnnotateSession::hide_selected() {
     message_ = "Choose a point first: click it";
     return;
   }
-  const bool hide = state_.picture(current_).is_shown(selected_);
+  const bool hide = state_.image(current_).is_shown(selected_);
   const Eigen::Vector2d place = places_.col(selected_);
   (void)edit(fmt::format("{} {}", hide ? "hide" : "show", selected_), [&](AnnotateState& state) {
     if (hide || place.hasNaN()) {
@@ -427,9 +426,9 @@ void AnnotateSession::hide_selected() {
 }
 
 void AnnotateSession::on_left_down(cv::Point2d in_view, bool shift) {
-  if (is_left_down_ || state_.stage() == AnnotateStage::kPick || picture_.empty()) return;
+  if (is_left_down_ || state_.stage() == AnnotateStage::kPick || image_.empty()) return;
   is_left_down_ = true;
-  const cv::Point2d place = to_picture(in_view);
+  const cv::Point2d place = to_image(in_view);
   const int near = point_near(in_view);
   if (state_.stage() == AnnotateStage::kConnections || state_.stage() == AnnotateStage::kSymmetry) {
     click_pair(near, shift);
@@ -437,7 +436,7 @@ void AnnotateSession::on_left_down(cv::Point2d in_view, bool shift) {
   }
   drag_from_ = place;
   drag_start_ = places_;
-  if (shift && state_.stage() == AnnotateStage::kPictures && places_.cols() > 0) {
+  if (shift && state_.stage() == AnnotateStage::kImages && places_.cols() > 0) {
     drag_ = Drag::kAll;
     return;
   }
@@ -447,8 +446,8 @@ void AnnotateSession::on_left_down(cv::Point2d in_view, bool shift) {
     return;
   }
   selected_ = -1;
-  const bool is_inside = place.x >= -0.5 && place.y >= -0.5 && place.x <= picture_.cols - 0.5 &&
-                         place.y <= picture_.rows - 0.5;
+  const bool is_inside = place.x >= -0.5 && place.y >= -0.5 && place.x <= image_.cols - 0.5 &&
+                         place.y <= image_.rows - 0.5;
   if (state_.stage() != AnnotateStage::kPoints || !is_inside) return;
   if (edit("add", [&](AnnotateState& state) { state.add_point(current_, {place.x, place.y}); }))
     selected_ = -1;
@@ -480,7 +479,7 @@ void AnnotateSession::set_stage(AnnotateStage stage) {
     message_ = "Frames are picked from videos only";
     return;
   }
-  if (stage != AnnotateStage::kPick && state_.pictures() == 0) {
+  if (stage != AnnotateStage::kPick && state_.images() == 0) {
     message_ = "Pick a frame first (s)";
     return;
   }
@@ -493,9 +492,9 @@ void AnnotateSession::set_stage(AnnotateStage stage) {
       fmt::format("stage {}", name_of(stage)),
       [&](AnnotateState& state) { state.set_stage(stage); }, false);
   if (stage == AnnotateStage::kPick) return;
-  open(stage == AnnotateStage::kPictures ? current_ : std::max(0, reference()));
-  if (stage == AnnotateStage::kPictures && state_.done() < state_.pictures() &&
-      state_.picture(current_).done)
+  open(stage == AnnotateStage::kImages ? current_ : std::max(0, reference()));
+  if (stage == AnnotateStage::kImages && state_.done() < state_.images() &&
+      state_.image(current_).done)
     accept();
 }
 
@@ -503,7 +502,7 @@ void AnnotateSession::act(const std::string& name) {
   const AnnotateStage stage = state_.stage();
   if (name == "pick" && stage == AnnotateStage::kPick) pick();
   if (name == "go-on") {
-    if (stage == AnnotateStage::kPictures) {
+    if (stage == AnnotateStage::kImages) {
       accept();
     } else {
       set_stage(static_cast<AnnotateStage>(static_cast<int>(stage) + 1));
@@ -523,9 +522,9 @@ void AnnotateSession::act(const std::string& name) {
   if (name == "stage-points") set_stage(AnnotateStage::kPoints);
   if (name == "stage-connections") set_stage(AnnotateStage::kConnections);
   if (name == "stage-symmetry") set_stage(AnnotateStage::kSymmetry);
-  if (name == "stage-pictures") set_stage(AnnotateStage::kPictures);
-  if (name == "propose" && stage == AnnotateStage::kPictures && state_.pictures() > 0 &&
-      state_.done() - (state_.picture(current_).done ? 1 : 0) > 0) {
+  if (name == "stage-images") set_stage(AnnotateStage::kImages);
+  if (name == "propose" && stage == AnnotateStage::kImages && state_.images() > 0 &&
+      state_.done() - (state_.image(current_).done ? 1 : 0) > 0) {
     if (edit("propose again", [&](AnnotateState& state) { state.clear_points(current_); })) {
       selected_ = -1;
       open(current_);

@@ -14,7 +14,7 @@ namespace {
 constexpr double kZoom = 1.25;                     // of a key or a notch
 constexpr std::size_t kRecentBytes = 150'000'000;  // frames kept for stepping back
 constexpr double kSkip = 1.0;                      // s, of the up arrow
-constexpr double kMinNudge = 0.25;                 // px of the picture
+constexpr double kMinNudge = 0.25;                 // px of the image
 
 }  // namespace
 
@@ -150,13 +150,13 @@ void AnnotateSession::act_on_view(const std::string& name) {
 std::vector<Action> AnnotateSession::actions() const {
   return {{"pick", "take this frame of the video", 's'},
           {"pause", "pause and play the video", key::kSpace},
-          {"go-on", "it is right: the next step, or the next picture", key::kEnter},
-          {"next", "next picture", 'n'},
-          {"previous", "previous picture", 'p'},
+          {"go-on", "it is right: the next step, or the next image", key::kEnter},
+          {"next", "next image", 'n'},
+          {"previous", "previous image", 'p'},
           {"undo", "undo (Ctrl-Z too)", 'u'},
           {"redo", "redo (Ctrl-Y too)", 'r'},
-          {"delete", "delete the point; but for the first picture: hide it", 'd'},
-          {"hide", "hide and show the point in this picture", 'h'},
+          {"delete", "delete the point; but for the first image: hide it", 'd'},
+          {"hide", "hide and show the point in this image", 'h'},
           {"propose", "propose the points again", 'a'},
           {"larger", "all points larger", ']'},
           {"smaller", "all points smaller", '['},
@@ -168,13 +168,13 @@ std::vector<Action> AnnotateSession::actions() const {
           {"magnifier", "magnifier", 'g'},
           {"nearer", "nearer", '+'},
           {"farther", "farther", '-'},
-          {"whole", "all of the picture", '0'},
+          {"whole", "all of the image", '0'},
           {"fit", "all points, as near as they fit", 'f'},
           {"stage-pick", "pick frames", '1'},
-          {"stage-points", "points on the first picture", '2'},
+          {"stage-points", "points on the first image", '2'},
           {"stage-connections", "lines between points", '3'},
           {"stage-symmetry", "mirror images", '4'},
-          {"stage-pictures", "all pictures", '5'},
+          {"stage-images", "all images", '5'},
           {"help", "this list", '?'},
           {"quit", "end", 'q'}};
 }
@@ -216,13 +216,13 @@ void AnnotateSession::on_move(cv::Point2d in_view) {
     cv::Point2d by = (in_view - drag_from_) / scale();
     if (mirrored_) by.x = -by.x;
     center_ = center_from_ - by;
-    const cv::Mat& picture = shown_picture();
-    center_.x = std::clamp(center_.x, 0.0, std::max(0.0, picture.cols - 1.0));
-    center_.y = std::clamp(center_.y, 0.0, std::max(0.0, picture.rows - 1.0));
+    const cv::Mat& image = shown_image();
+    center_.x = std::clamp(center_.x, 0.0, std::max(0.0, image.cols - 1.0));
+    center_.y = std::clamp(center_.y, 0.0, std::max(0.0, image.rows - 1.0));
     return;
   }
   if (places_.cols() != drag_start_.cols()) return;
-  const cv::Point2d by = to_picture(in_view) - drag_from_;
+  const cv::Point2d by = to_image(in_view) - drag_from_;
   const Eigen::Vector2d step(by.x, by.y);
   if (drag_ == Drag::kAll) {
     places_ = drag_start_.colwise() + step;
@@ -232,8 +232,8 @@ void AnnotateSession::on_move(cv::Point2d in_view) {
   // A click that shakes is no drag.
   if (cv::norm(by) * scale() < 1.5 && places_.col(selected_) == drag_start_.col(selected_)) return;
   Eigen::Vector2d place = drag_start_.col(selected_) + step;
-  place.x() = std::clamp(place.x(), 0.0, std::max(0.0, picture_.cols - 1.0));
-  place.y() = std::clamp(place.y(), 0.0, std::max(0.0, picture_.rows - 1.0));
+  place.x() = std::clamp(place.x(), 0.0, std::max(0.0, image_.cols - 1.0));
+  place.y() = std::clamp(place.y(), 0.0, std::max(0.0, image_.rows - 1.0));
   places_.col(selected_) = place;
 }
 

@@ -20,12 +20,12 @@
 namespace tarsier {
 
 struct AnnotateOptions {
-  std::string set_path;               // file of type landmark-set; may exist
-  std::vector<std::string> pictures;  // to annotate, in this order, besides those of the set
-  bool video = false;          // frames come through on_frame; the ones picked become pictures:
-                               // PNG files in <set's name without ending>-frames
-  cv::Size canvas{1024, 700};  // px, of the view
-  int save_every = 50;         // edits from one writing of the set to the next
+  std::string set_path;             // file of type landmark-set; may exist
+  std::vector<std::string> images;  // to annotate, in this order, besides those of the set
+  bool video = false;               // frames come through on_frame; the ones picked become images:
+                                    // PNG files in <set's name without ending>-frames
+  cv::Size canvas{1024, 700};       // px, of the view
+  int save_every = 50;              // edits from one writing of the set to the next
 
   [[nodiscard]] OptionFields fields() {
     return {{"canvas.width", canvas.width, range(320, 4096)},
@@ -35,18 +35,18 @@ struct AnnotateOptions {
   void check() const;
 };
 
-// Where the points of a picture may be (2 x n, px, all finite), or nothing: face::Annotator's.
+// Where the points of an image may be (2 x n, px, all finite), or nothing: face::Annotator's.
 using Propose =
     std::function<std::optional<Eigen::Matrix2Xd>(const face::ProposalRequest& request)>;
 
-// Marks points on pictures: pick frames (video), click the points on the first picture, lines
-// between them, which are mirror images of each other, then put them on all other pictures, where
+// Marks points on images: pick frames (video), click the points on the first image, lines
+// between them, which are mirror images of each other, then put them on all other images, where
 // they are proposed by what was learned so far.
 //
 // Each edit is on the disk (the journal, <set>.journal) before it is seen; a new session goes on
 // where one that was killed stopped. The set itself is written every few edits and by finish().
-// State: {"stage", "picture", "pictures", "done", "points", "shown", "places": [[x, y] px of the
-// picture, or null where a point is hidden or not placed], "selected", "agreed", "learning", "path", "zoom", "view": [x, y of the picture's first pixel, view pixels to one of
+// State: {"stage", "image", "images", "done", "points", "shown", "places": [[x, y] px of the
+// image, or null where a point is hidden or not placed], "selected", "agreed", "learning", "path", "zoom", "view": [x, y of the image's first pixel, view pixels to one of
 // its], "frame", "paused", "help", "message"}.
 class AnnotateSession final : public Session {
  public:
@@ -76,8 +76,8 @@ class AnnotateSession final : public Session {
 
   [[nodiscard]] const AnnotateState& state() const { return state_; }
   [[nodiscard]] int current() const { return current_; }
-  // From a picture's pixel to the view's.
-  [[nodiscard]] cv::Point2d to_view(cv::Point2d in_picture) const;
+  // From an image's pixel to the view's.
+  [[nodiscard]] cv::Point2d to_view(cv::Point2d in_image) const;
 
  private:
   enum class Drag { kNone, kPoint, kAll, kPan };
@@ -106,17 +106,17 @@ class AnnotateSession final : public Session {
   bool journal(const AnnotateState& before, const std::string& why);
   void undo(std::vector<AnnotateState>& from, std::vector<AnnotateState>& to, const char* what);
   void save();
-  void open(int picture);
+  void open(int image);
   void propose_now();
   [[nodiscard]] std::optional<Eigen::Matrix2Xd> proposal();
-  [[nodiscard]] int nearest_done(int picture) const;  // -1: none
-  [[nodiscard]] int reference() const;                // where points are defined; -1: none
-  void find_places();  // of points without one, in the current picture
+  [[nodiscard]] int nearest_done(int image) const;  // -1: none
+  [[nodiscard]] int reference() const;              // where points are defined; -1: none
+  void find_places();                               // of points without one, in the current image
   [[nodiscard]] std::string frames_folder() const;
   // annotate_view.cpp
-  [[nodiscard]] const cv::Mat& shown_picture() const;
-  [[nodiscard]] double scale() const;  // view pixels to a pixel of the picture
-  [[nodiscard]] cv::Point2d to_picture(cv::Point2d in_view) const;
+  [[nodiscard]] const cv::Mat& shown_image() const;
+  [[nodiscard]] double scale() const;  // view pixels to a pixel of the image
+  [[nodiscard]] cv::Point2d to_image(cv::Point2d in_view) const;
   [[nodiscard]] int point_near(cv::Point2d in_view) const;  // -1: none
   void zoom(double factor, cv::Point2d around);
   void zoom_to_points();
@@ -136,10 +136,10 @@ class AnnotateSession final : public Session {
   int unsaved_ = 0;
 
   int current_ = 0;
-  cv::Mat picture_;          // current, BGR; empty: cannot be read
-  std::string unreadable_;   // why
-  Eigen::Matrix2Xd places_;  // of the current picture, with guesses for hidden points
-  std::map<std::string, int> learned_from_;  // by path: pictures done when it was proposed
+  cv::Mat image_;                            // current, BGR; empty: cannot be read
+  std::string unreadable_;                   // why
+  Eigen::Matrix2Xd places_;                  // of the current image, with guesses for hidden points
+  std::map<std::string, int> learned_from_;  // by path: images done when it was proposed
   bool is_learning_ = false;
   bool is_proposing_ = true;
   int selected_ = -1;
@@ -154,14 +154,14 @@ class AnnotateSession final : public Session {
 
   Drag drag_ = Drag::kNone;
   bool is_left_down_ = false;
-  cv::Point2d drag_from_;  // picture px (kPan: view px)
+  cv::Point2d drag_from_;  // image px (kPan: view px)
   Eigen::Matrix2Xd drag_start_;
   cv::Point2d center_from_;
   cv::Point2d mouse_{-1, -1};  // view px
 
-  double zoom_ = 1;     // 1: all of the picture
-  cv::Point2d center_;  // picture px in the middle of the view
-  cv::Size fitted_;     // picture that center_ was made for
+  double zoom_ = 1;     // 1: all of the image
+  cv::Point2d center_;  // image px in the middle of the view
+  cv::Size fitted_;     // image that center_ was made for
   bool numbers_ = true;
   bool lines_ = true;
   bool mirrored_ = false;
@@ -170,7 +170,7 @@ class AnnotateSession final : public Session {
   std::string message_;  // shown until the next event
   int bar_ = 0;          // px, height of the bar with the status
   cv::Mat reduced_from_;
-  cv::Mat reduced_;  // what is drawn where the view is smaller than the picture
+  cv::Mat reduced_;  // what is drawn where the view is smaller than the image
   int reduced_by_ = 0;
   cv::Mat shown_;
 };

@@ -22,7 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 using Mouse = Event::Mouse;
 
-cv::Mat picture(int number, cv::Size size = {200, 150}) {
+cv::Mat test_image(int number, cv::Size size = {200, 150}) {
   cv::Mat image(size, CV_8UC3);
   for (int y = 0; y < image.rows; ++y)
     for (int x = 0; x < image.cols; ++x)
@@ -38,7 +38,7 @@ class Video final : public FrameSource {
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
     if (at_ >= count_) return std::nullopt;
     Frame frame;
-    frame.image = picture(at_);
+    frame.image = test_image(at_);
     frame.index = at_;
     frame.time = at_ / 10.0;
     frame.name = "video.avi";
@@ -73,12 +73,12 @@ class AnnotateSessionTest : public ::testing::Test {
   void SetUp() override {
     for (int i = 0; i < 3; ++i) {
       const std::string path = folder_ / ("pic" + std::to_string(i) + ".png");
-      write_image(path, picture(i));
-      options_.pictures.push_back(path);
+      write_image(path, test_image(i));
+      options_.images.push_back(path);
     }
     options_.set_path = folder_ / "set.yaml";
   }
-  // Clicks and drags in pixels of the picture.
+  // Clicks and drags in pixels of the image.
   static void click(AnnotateSession& session, cv::Point2d at, bool shift = false) {
     session.on_event(mouse_event(Mouse::kLeftDown, session.to_view(at), shift));
     session.on_event(mouse_event(Mouse::kLeftUp, session.to_view(at), shift));
@@ -98,8 +98,8 @@ class AnnotateSessionTest : public ::testing::Test {
   [[nodiscard]] face::shape::LandmarkSet set() const {
     return face::shape::read_landmark_set(options_.set_path);
   }
-  static Eigen::Vector2d point(const AnnotateSession& session, int picture, int index) {
-    return session.state().picture(picture).points.col(index);
+  static Eigen::Vector2d point(const AnnotateSession& session, int test_image, int index) {
+    return session.state().image(test_image).points.col(index);
   }
 
   TemporaryFolder folder_;
@@ -123,8 +123,8 @@ TEST_F(AnnotateSessionTest, FromNothingToASet) {
   click(session, {80.5, 110.25});
   click(session, {80.5, 110.25});
   View view = press(session, key::kEnter);
-  EXPECT_EQ(view.state.at("stage"), "pictures");
-  EXPECT_EQ(view.state.at("picture"), 1) << "the first is done";
+  EXPECT_EQ(view.state.at("stage"), "images");
+  EXPECT_EQ(view.state.at("image"), 1) << "the first is done";
   view = session.on_idle({});
   EXPECT_EQ(view.state.at("shown"), 4) << "something to drag";
   drag(session, {40, 40}, {55.5, 47.25});
@@ -166,8 +166,8 @@ TEST_F(AnnotateSessionTest, NothingIsLostWithoutAnEnd) {
   std::ofstream(options_.set_path + ".journal", std::ios::app) << "{\"why\":\"mo";
   AnnotateSession session(options_, {});
   EXPECT_NEAR(point(session, 1, 1).x(), 100, 1e-6);
-  EXPECT_FALSE(session.state().picture(1).done) << "nobody agreed";
-  EXPECT_EQ(session.state().stage(), AnnotateStage::kPictures);
+  EXPECT_FALSE(session.state().image(1).done) << "nobody agreed";
+  EXPECT_EQ(session.state().stage(), AnnotateStage::kImages);
 }
 
 TEST_F(AnnotateSessionTest, TheSetIsWrittenNowAndThen) {
@@ -214,25 +214,25 @@ TEST_F(AnnotateSessionTest, UndoAndRedoByKeysAndControl) {
   EXPECT_NEAR(set().samples[0].points(0, 0), 40, 1e-6);
 }
 
-TEST_F(AnnotateSessionTest, UndoShowsThePictureThatItChanges) {
+TEST_F(AnnotateSessionTest, UndoShowsTheImageThatItChanges) {
   AnnotateSession session(options_, {});
   four_points(session);
   press(session, '5');
   session.on_idle({});
   drag(session, {40, 40}, {60, 60});
   press(session, 'n');  // touched: agreed
-  EXPECT_TRUE(session.state().picture(1).done);
+  EXPECT_TRUE(session.state().image(1).done);
   session.on_idle({});
   EXPECT_EQ(session.current(), 2);
   press(session, 'u');
   EXPECT_EQ(session.current(), 1);
-  EXPECT_FALSE(session.state().picture(1).done);
-  EXPECT_TRUE(session.state().picture(2).has_points()) << "a proposal elsewhere stays";
+  EXPECT_FALSE(session.state().image(1).done);
+  EXPECT_TRUE(session.state().image(2).has_points()) << "a proposal elsewhere stays";
   press(session, 'u');
   EXPECT_NEAR(point(session, 1, 0).x(), 40, 1e-6);
 }
 
-TEST_F(AnnotateSessionTest, DeletingOnTheFirstPictureAndHidingElsewhere) {
+TEST_F(AnnotateSessionTest, DeletingOnTheFirstImageAndHidingElsewhere) {
   AnnotateSession session(options_, {});
   four_points(session);
   click(session, {120, 40});
@@ -244,7 +244,7 @@ TEST_F(AnnotateSessionTest, DeletingOnTheFirstPictureAndHidingElsewhere) {
   click(session, {80, 70});
   press(session, 'd');
   EXPECT_EQ(session.state().points(), 3);
-  EXPECT_FALSE(session.state().picture(1).is_shown(1));
+  EXPECT_FALSE(session.state().image(1).is_shown(1));
   press(session, key::kEnter);
   session.finish();
   EXPECT_TRUE(set().samples.at(1).is_missing(1));
@@ -253,7 +253,7 @@ TEST_F(AnnotateSessionTest, DeletingOnTheFirstPictureAndHidingElsewhere) {
   press(session, 'p');
   click(session, {80, 70});
   press(session, 'h');
-  EXPECT_TRUE(session.state().picture(session.current()).is_shown(1));
+  EXPECT_TRUE(session.state().image(session.current()).is_shown(1));
 }
 
 TEST_F(AnnotateSessionTest, AHiddenPointOfAFileComesBackWhereTheOthersSay) {
@@ -270,12 +270,12 @@ TEST_F(AnnotateSessionTest, AHiddenPointOfAFileComesBackWhereTheOthersSay) {
   }
   fs::remove(options_.set_path + ".journal");
   AnnotateSession session(options_, {});
-  ASSERT_FALSE(session.state().picture(1).is_shown(2));
+  ASSERT_FALSE(session.state().image(1).is_shown(2));
   press(session, 'p');
   while (session.current() != 1) press(session, 'n');
   click(session, {90, 75});
   press(session, 'h');
-  ASSERT_TRUE(session.state().picture(1).is_shown(2));
+  ASSERT_TRUE(session.state().image(1).is_shown(2));
   EXPECT_NEAR(point(session, 1, 2).x(), 90, 0.01);
   EXPECT_NEAR(point(session, 1, 2).y(), 75, 0.01);
 }
@@ -294,7 +294,7 @@ TEST_F(AnnotateSessionTest, ArrowsNudgeByAQuarterPixelWhenNear) {
   EXPECT_NEAR(point(session, 0, 2).x(), 80, 1e-6) << "mirrored: right on the screen";
 }
 
-TEST_F(AnnotateSessionTest, ViewAndPictureAgreeAtAnyZoomAndMirrored) {
+TEST_F(AnnotateSessionTest, ViewAndImageAgreeAtAnyZoomAndMirrored) {
   AnnotateSession session(options_, {});
   four_points(session);
   press(session, 'i');  // no numbers
@@ -316,7 +316,7 @@ TEST_F(AnnotateSessionTest, ViewAndPictureAgreeAtAnyZoomAndMirrored) {
   session.on_event(mouse_event(Mouse::kRightDown, {500, 300}));
   session.on_event(mouse_event(Mouse::kMove, {540, 310}));
   session.on_event(mouse_event(Mouse::kRightUp, {540, 310}));
-  EXPECT_NEAR(session.to_view({90, 80}).x, before.x + 40, 1e-6) << "the picture comes along";
+  EXPECT_NEAR(session.to_view({90, 80}).x, before.x + 40, 1e-6) << "the image comes along";
   look("moved");
   press(session, 'm');
   look("mirrored");
@@ -430,8 +430,8 @@ TEST_F(AnnotateSessionTest, AProposerThatFailsOrTalksNonsenseDoesNotEndTheWork) 
   }
 }
 
-TEST_F(AnnotateSessionTest, PicturesThatAreMissingOrBrokenAreSaid) {
-  std::ofstream(options_.pictures[1]) << "no picture";
+TEST_F(AnnotateSessionTest, ImagesThatAreMissingOrBrokenAreSaid) {
+  std::ofstream(options_.images[1]) << "no image";
   AnnotateSession session(options_, {});
   four_points(session);
   View view = press(session, '5');
@@ -439,12 +439,12 @@ TEST_F(AnnotateSessionTest, PicturesThatAreMissingOrBrokenAreSaid) {
   click(session, {40, 40});
   view = press(session, 'n');
   session.on_idle({});
-  EXPECT_EQ(session.state().picture(2).has_points(), true);
-  EXPECT_FALSE(session.state().picture(1).has_points());
+  EXPECT_EQ(session.state().image(2).has_points(), true);
+  EXPECT_FALSE(session.state().image(1).has_points());
 }
 
 TEST_F(AnnotateSessionTest, FramesOfAVideoArePickedBesideTheSet) {
-  options_.pictures.clear();
+  options_.images.clear();
   options_.video = true;
   AnnotateSession session(options_, {});
   Video video(6);
@@ -457,11 +457,11 @@ TEST_F(AnnotateSessionTest, FramesOfAVideoArePickedBesideTheSet) {
   EXPECT_TRUE(session.wants_frame());
   session.video_ended();
   EXPECT_FALSE(session.wants_frame());
-  EXPECT_EQ(session.state().pictures(), 3);
+  EXPECT_EQ(session.state().images(), 3);
   EXPECT_EQ(steps.back().state.at("frame"), 5);
   const std::string path = folder_ / "set-frames/frame-000002.png";
   ASSERT_TRUE(fs::exists(path));
-  EXPECT_EQ(cv::norm(read_image(path), picture(2), cv::NORM_INF), 0) << "as it was in the video";
+  EXPECT_EQ(cv::norm(read_image(path), test_image(2), cv::NORM_INF), 0) << "as it was in the video";
   press(session, key::kEnter);
   four_points(session);
   session.finish();
@@ -469,7 +469,7 @@ TEST_F(AnnotateSessionTest, FramesOfAVideoArePickedBesideTheSet) {
 }
 
 TEST_F(AnnotateSessionTest, PickedFramesAreThereAgain) {
-  options_.pictures.clear();
+  options_.images.clear();
   options_.video = true;
   {
     AnnotateSession session(options_, {});
@@ -480,12 +480,12 @@ TEST_F(AnnotateSessionTest, PickedFramesAreThereAgain) {
     host.run();
   }
   AnnotateSession session(options_, {});
-  EXPECT_EQ(session.state().pictures(), 2);
+  EXPECT_EQ(session.state().images(), 2);
   EXPECT_EQ(session.state().stage(), AnnotateStage::kPick) << "where it stopped";
 }
 
 TEST_F(AnnotateSessionTest, APausedVideoStepsBothWays) {
-  options_.pictures.clear();
+  options_.images.clear();
   options_.video = true;
   AnnotateSession session(options_, {});
   Video video(9);

@@ -26,15 +26,15 @@ constexpr double kMaxPx = 1e7;
 constexpr int kMaxPoints = 10000;  // as in files
 constexpr std::array kStages{AnnotateStage::kPick, AnnotateStage::kPoints,
                              AnnotateStage::kConnections, AnnotateStage::kSymmetry,
-                             AnnotateStage::kPictures};
+                             AnnotateStage::kImages};
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-void resize(AnnotatedPicture& picture, int count) {
-  const Eigen::Index before = picture.points.cols();
-  picture.points.conservativeResize(2, count);
-  for (Eigen::Index i = before; i < count; ++i) picture.points.col(i).setConstant(kNaN);
-  picture.is_hidden.resize(at(count), 0);
+void resize(AnnotatedImage& image, int count) {
+  const Eigen::Index before = image.points.cols();
+  image.points.conservativeResize(2, count);
+  for (Eigen::Index i = before; i < count; ++i) image.points.col(i).setConstant(kNaN);
+  image.is_hidden.resize(at(count), 0);
 }
 
 void require_place(const Vector2d& place) {
@@ -42,19 +42,19 @@ void require_place(const Vector2d& place) {
                   place.y());
 }
 
-json json_of(const AnnotatedPicture& picture) {
+json json_of(const AnnotatedImage& image) {
   json value;
-  value["path"] = picture.path;
-  value["done"] = picture.done;
-  value["touched"] = picture.touched;
+  value["path"] = image.path;
+  value["done"] = image.done;
+  value["touched"] = image.touched;
   json& points = value["points"] = json::array();
-  for (Eigen::Index i = 0; i < picture.points.cols(); ++i) {
-    points.push_back(
-        picture.points.col(i).hasNaN() ? json() : json{picture.points(0, i), picture.points(1, i)});
+  for (Eigen::Index i = 0; i < image.points.cols(); ++i) {
+    points.push_back(image.points.col(i).hasNaN() ? json()
+                                                  : json{image.points(0, i), image.points(1, i)});
   }
   json& hidden = value["hidden"] = json::array();
-  for (std::size_t i = 0; i < picture.is_hidden.size(); ++i)
-    if (picture.is_hidden[i] != 0) hidden.push_back(i);
+  for (std::size_t i = 0; i < image.is_hidden.size(); ++i)
+    if (image.is_hidden[i] != 0) hidden.push_back(i);
   return value;
 }
 
@@ -73,11 +73,11 @@ int index_of(const json& value, int low, int high, const std::string& path) {
   return value.get<int>();
 }
 
-void take_points(AnnotatedPicture& picture, const json& value, int count, const std::string& path) {
+void take_points(AnnotatedImage& image, const json& value, int count, const std::string& path) {
   const json& points = part(value, "points", json::value_t::array, path);
   if (points.size() > at(count)) throw InputError(path, "a line has too many points");
-  picture.points = Matrix2Xd::Constant(2, count, kNaN);
-  picture.is_hidden.assign(at(count), 0);
+  image.points = Matrix2Xd::Constant(2, count, kNaN);
+  image.is_hidden.assign(at(count), 0);
   Eigen::Index i = 0;
   for (const json& point : points) {
     if (!point.is_null()) {
@@ -85,12 +85,12 @@ void take_points(AnnotatedPicture& picture, const json& value, int count, const 
           !point[1].is_number() || !(std::abs(point[0].get<double>()) <= kMaxPx) ||
           !(std::abs(point[1].get<double>()) <= kMaxPx))
         throw InputError(path, "a point of a line is neither [x, y] nor null, or out of range");
-      picture.points.col(i) << point[0].get<double>(), point[1].get<double>();
+      image.points.col(i) << point[0].get<double>(), point[1].get<double>();
     }
     ++i;
   }
   for (const json& hidden : part(value, "hidden", json::value_t::array, path))
-    picture.is_hidden[at(index_of(hidden, 0, count, path))] = 1;
+    image.is_hidden[at(index_of(hidden, 0, count, path))] = 1;
 }
 
 std::string path_in(const std::string& set_path, const face::shape::LandmarkSample& sample) {
@@ -111,62 +111,62 @@ const char* name_of(AnnotateStage stage) {
       return "connections";
     case AnnotateStage::kSymmetry:
       return "symmetry";
-    case AnnotateStage::kPictures:
-      return "pictures";
+    case AnnotateStage::kImages:
+      return "images";
   }
   return "unknown";
 }
 
-bool AnnotatedPicture::is_shown(int point) const {
+bool AnnotatedImage::is_shown(int point) const {
   return point >= 0 && point < points.cols() && is_hidden[at(point)] == 0 &&
          !points.col(point).hasNaN();
 }
 
-bool AnnotatedPicture::has_points() const {
+bool AnnotatedImage::has_points() const {
   for (Eigen::Index i = 0; i < points.cols(); ++i)
     if (is_hidden[static_cast<std::size_t>(i)] != 0 || !points.col(i).hasNaN()) return true;
   return false;
 }
 
-const AnnotatedPicture& AnnotateState::picture(int index) const {
-  TARSIER_REQUIRE(index >= 0 && index < pictures(), "picture {} of {}", index, pictures());
-  return *pictures_[at(index)];
+const AnnotatedImage& AnnotateState::image(int index) const {
+  TARSIER_REQUIRE(index >= 0 && index < images(), "image {} of {}", index, images());
+  return *images_[at(index)];
 }
 
 int AnnotateState::find(const std::string& path) const {
-  for (int i = 0; i < pictures(); ++i)
-    if (pictures_[at(i)]->path == path) return i;
+  for (int i = 0; i < images(); ++i)
+    if (images_[at(i)]->path == path) return i;
   return -1;
 }
 
 int AnnotateState::done() const {
   return static_cast<int>(
-      std::count_if(pictures_.begin(), pictures_.end(), [](const auto& p) { return p->done; }));
+      std::count_if(images_.begin(), images_.end(), [](const auto& p) { return p->done; }));
 }
 
-AnnotatedPicture& AnnotateState::change(int index) {
-  auto copy = std::make_shared<AnnotatedPicture>(picture(index));
-  AnnotatedPicture& result = *copy;
-  pictures_[at(index)] = std::move(copy);
+AnnotatedImage& AnnotateState::change(int index) {
+  auto copy = std::make_shared<AnnotatedImage>(image(index));
+  AnnotatedImage& result = *copy;
+  images_[at(index)] = std::move(copy);
   return result;
 }
 
-int AnnotateState::add_picture(const std::string& path) {
+int AnnotateState::add_image(const std::string& path) {
   if (const int index = find(path); index >= 0) return index;
-  AnnotatedPicture picture;
-  picture.path = path;
-  resize(picture, points_);
-  pictures_.push_back(std::make_shared<const AnnotatedPicture>(std::move(picture)));
-  return pictures() - 1;
+  AnnotatedImage image;
+  image.path = path;
+  resize(image, points_);
+  images_.push_back(std::make_shared<const AnnotatedImage>(std::move(image)));
+  return images() - 1;
 }
 
-int AnnotateState::add_point(int picture, Vector2d place) {
+int AnnotateState::add_point(int image, Vector2d place) {
   require_place(place);
   TARSIER_REQUIRE(points_ < kMaxPoints, "{} points are the most", points_);
   ++points_;
-  for (int k = 0; k < pictures(); ++k) resize(change(k), points_);
+  for (int k = 0; k < images(); ++k) resize(change(k), points_);
   mirror_.push_back(-1);
-  AnnotatedPicture& here = change(picture);
+  AnnotatedImage& here = change(image);
   here.points.col(points_ - 1) = place;
   here.done = true;
   return points_ - 1;
@@ -174,8 +174,8 @@ int AnnotateState::add_point(int picture, Vector2d place) {
 
 void AnnotateState::remove_point(int point) {
   TARSIER_REQUIRE(point >= 0 && point < points_, "point {} of {}", point, points_);
-  for (int k = 0; k < pictures(); ++k) {
-    AnnotatedPicture& here = change(k);
+  for (int k = 0; k < images(); ++k) {
+    AnnotatedImage& here = change(k);
     Matrix2Xd kept(2, points_ - 1);
     kept << here.points.leftCols(point), here.points.rightCols(points_ - 1 - point);
     here.points = kept;
@@ -197,41 +197,41 @@ void AnnotateState::remove_point(int point) {
   --points_;
 }
 
-void AnnotateState::move_point(int picture, int point, Vector2d place) {
+void AnnotateState::move_point(int image, int point, Vector2d place) {
   require_place(place);
   TARSIER_REQUIRE(point >= 0 && point < points_, "point {} of {}", point, points_);
-  AnnotatedPicture& here = change(picture);
+  AnnotatedImage& here = change(image);
   here.points.col(point) = place;
   here.is_hidden[at(point)] = 0;
   here.touched = true;
 }
 
-void AnnotateState::hide_point(int picture, int point, bool hidden) {
+void AnnotateState::hide_point(int image, int point, bool hidden) {
   TARSIER_REQUIRE(point >= 0 && point < points_, "point {} of {}", point, points_);
-  AnnotatedPicture& here = change(picture);
+  AnnotatedImage& here = change(image);
   here.is_hidden[at(point)] = hidden ? 1 : 0;
   here.touched = true;
 }
 
-void AnnotateState::set_points(int picture, const Matrix2Xd& points, bool touched) {
+void AnnotateState::set_points(int image, const Matrix2Xd& points, bool touched) {
   TARSIER_REQUIRE(points.cols() == points_, "{} points of {}", points.cols(), points_);
   TARSIER_REQUIRE(points.allFinite() && (points_ == 0 || points.cwiseAbs().maxCoeff() <= kMaxPx),
                   "points must be finite");
-  AnnotatedPicture& here = change(picture);
+  AnnotatedImage& here = change(image);
   here.points = points;
   here.touched = touched;
 }
 
-void AnnotateState::clear_points(int picture) {
-  AnnotatedPicture& here = change(picture);
+void AnnotateState::clear_points(int image) {
+  AnnotatedImage& here = change(image);
   here.points.setConstant(kNaN);
   std::fill(here.is_hidden.begin(), here.is_hidden.end(), 0);
   here.done = false;
   here.touched = false;
 }
 
-void AnnotateState::set_done(int picture, bool done) {
-  AnnotatedPicture& here = change(picture);
+void AnnotateState::set_done(int image, bool done) {
+  AnnotatedImage& here = change(image);
   here.done = done && points_ > 0;
   if (!here.done) return;
   for (Eigen::Index i = 0; i < here.points.cols(); ++i)
@@ -281,15 +281,15 @@ void AnnotateState::set_connections(std::vector<std::array<int, 2>> connections)
 
 face::shape::LandmarkSet AnnotateState::finished() const {
   face::shape::LandmarkSet set;
-  for (const auto& picture : pictures_) {
-    if (!picture->done) continue;
+  for (const auto& image : images_) {
+    if (!image->done) continue;
     face::shape::LandmarkSample sample;
-    sample.image = picture->path;
-    sample.points = picture->points;
+    sample.image = image->path;
+    sample.points = image->points;
     for (int i = 0; i < points_; ++i)
-      if (picture->is_hidden[at(i)] != 0) sample.points.col(i).setConstant(kNaN);
-    sample.box = picture->box;
-    sample.person = picture->person;
+      if (image->is_hidden[at(i)] != 0) sample.points.col(i).setConstant(kNaN);
+    sample.box = image->box;
+    sample.person = image->person;
     set.samples.push_back(std::move(sample));
   }
   if (set.samples.empty()) return set;
@@ -304,9 +304,9 @@ void AnnotateState::load(const face::shape::LandmarkSet& set, const std::string&
   if (points_ != 0 && points_ != set.points())
     throw InputError(set_path, fmt::format("has {} points, expected {}", set.points(), points_));
   points_ = set.points();
-  for (int k = 0; k < pictures(); ++k) resize(change(k), points_);
+  for (int k = 0; k < images(); ++k) resize(change(k), points_);
   for (const face::shape::LandmarkSample& sample : set.samples) {
-    AnnotatedPicture& here = change(add_picture(path_in(set_path, sample)));
+    AnnotatedImage& here = change(add_image(path_in(set_path, sample)));
     here.points = sample.points;
     here.box = sample.box;
     here.person = sample.person;
@@ -324,14 +324,13 @@ json AnnotateState::difference(const AnnotateState& before, const std::string& w
   record["stage"] = name_of(stage_);
   if (mirror_ != before.mirror_) record["mirror"] = mirror_;
   if (connections_ != before.connections_) record["connections"] = connections_;
-  json& changed = record["pictures"] = json::array();
-  for (int k = 0; k < pictures(); ++k) {
-    const bool is_new = k >= before.pictures();
-    if (!is_new && before.pictures_[at(k)] == pictures_[at(k)]) continue;
-    // A picture that only got longer needs no words: "points" says it.
-    if (!pictures_[at(k)]->has_points() && !is_new && !before.pictures_[at(k)]->has_points())
-      continue;
-    changed.push_back(json_of(*pictures_[at(k)]));
+  json& changed = record["images"] = json::array();
+  for (int k = 0; k < images(); ++k) {
+    const bool is_new = k >= before.images();
+    if (!is_new && before.images_[at(k)] == images_[at(k)]) continue;
+    // An image that only got longer needs no words: "points" says it.
+    if (!images_[at(k)]->has_points() && !is_new && !before.images_[at(k)]->has_points()) continue;
+    changed.push_back(json_of(*images_[at(k)]));
   }
   return record;
 }
@@ -344,13 +343,12 @@ json AnnotateState::unfinished() const {
   const bool is_half = std::find(mirror_.begin(), mirror_.end(), -1) != mirror_.end() &&
                        std::any_of(mirror_.begin(), mirror_.end(), [](int m) { return m >= 0; });
   if (is_half) record["mirror"] = mirror_;
-  json& rest = record["pictures"] = json::array();
-  for (const auto& picture : pictures_) {
+  json& rest = record["images"] = json::array();
+  for (const auto& image : images_) {
     bool has_places = false;  // of hidden points
     for (int i = 0; i < points_; ++i)
-      has_places =
-          has_places || (picture->is_hidden[at(i)] != 0 && !picture->points.col(i).hasNaN());
-    if (picture->done ? has_places : picture->touched) rest.push_back(json_of(*picture));
+      has_places = has_places || (image->is_hidden[at(i)] != 0 && !image->points.col(i).hasNaN());
+    if (image->done ? has_places : image->touched) rest.push_back(json_of(*image));
   }
   return record;
 }
@@ -361,31 +359,34 @@ void AnnotateState::apply(const json& record, const std::string& path) {
   if (!record.contains("points")) throw InputError(path, "a line's 'points' is missing");
   const int count = index_of(record.at("points"), 0, kMaxPoints + 1, path);
   const json& stage = part(record, "stage", json::value_t::string, path);
-  const auto known = std::find_if(kStages.begin(), kStages.end(),
-                                  [&](AnnotateStage s) { return stage == name_of(s); });
+  // Older journals call the images "pictures".
+  const char* const images_key = record.contains("pictures") ? "pictures" : "images";
+  const auto known = std::find_if(kStages.begin(), kStages.end(), [&](AnnotateStage s) {
+    return stage == name_of(s) || (s == AnnotateStage::kImages && stage == "pictures");
+  });
   if (known == kStages.end()) throw InputError(path, "a line has an unknown 'stage'");
   next.stage_ = *known;
   const bool is_other_count = count != points_;
   next.points_ = count;
   next.mirror_.resize(at(count), -1);
-  for (const json& value : part(record, "pictures", json::value_t::array, path)) {
-    if (!value.is_object()) throw InputError(path, "a line's picture is no object");
+  for (const json& value : part(record, images_key, json::value_t::array, path)) {
+    if (!value.is_object()) throw InputError(path, "a line's image is no object");
     const std::string& name =
         part(value, "path", json::value_t::string, path).get_ref<const std::string&>();
     if (name.empty() || name.find('\0') != std::string::npos || name.size() > 4096)
-      throw InputError(path, "a line's picture has no usable path");
-    AnnotatedPicture& here = next.change(next.add_picture(name));
+      throw InputError(path, "a line's image has no usable path");
+    AnnotatedImage& here = next.change(next.add_image(name));
     take_points(here, value, count, path);
     here.touched = part(value, "touched", json::value_t::boolean, path).get<bool>();
     here.done = part(value, "done", json::value_t::boolean, path).get<bool>() && count > 0;
   }
-  for (int k = 0; k < next.pictures(); ++k) {
-    if (next.picture(k).points.cols() == count) continue;
-    // When a point comes or goes, each picture that has points is in the record, or only got
+  for (int k = 0; k < next.images(); ++k) {
+    if (next.image(k).points.cols() == count) continue;
+    // When a point comes or goes, each image that has points is in the record, or only got
     // longer.
-    if (next.picture(k).has_points() && next.picture(k).points.cols() > count)
+    if (next.image(k).has_points() && next.image(k).points.cols() > count)
       throw InputError(path, fmt::format("does not belong to the set: {} has more points than {}",
-                                         next.picture(k).path, count));
+                                         next.image(k).path, count));
     resize(next.change(k), count);
   }
   try {

@@ -17,15 +17,15 @@ namespace tarsier {
 // What there is to do, in this order.
 enum class AnnotateStage {
   kPick,         // frames of a video
-  kPoints,       // on the first picture
+  kPoints,       // on the first image
   kConnections,  // pairs of points to draw lines between
   kSymmetry,     // pairs of points that are each other's mirror image
-  kPictures,     // all others
+  kImages,       // all others
 };
 [[nodiscard]] const char* name_of(AnnotateStage stage);  // "pick", "points", ..
 
-// One picture and what was said about it.
-struct AnnotatedPicture {
+// One image and what was said about it.
+struct AnnotatedImage {
   std::string path;               // opens from the current folder
   Eigen::Matrix2Xd points;        // px; NaN: not placed. A hidden point keeps its last place
   std::vector<char> is_hidden;    // of each point
@@ -38,31 +38,31 @@ struct AnnotatedPicture {
   [[nodiscard]] bool has_points() const;         // any placed or hidden
 };
 
-// The editing model of `landmarks annotate`: a value. Pictures are shared between copies until they
-// change, so that a copy before each edit, for undo, costs little. All pictures have as many points
+// The editing model of `landmarks annotate`: a value. Images are shared between copies until they
+// change, so that a copy before each edit, for undo, costs little. All images have as many points
 // as the first.
 class AnnotateState {
  public:
-  [[nodiscard]] int pictures() const { return static_cast<int>(pictures_.size()); }
-  [[nodiscard]] const AnnotatedPicture& picture(int index) const;
+  [[nodiscard]] int images() const { return static_cast<int>(images_.size()); }
+  [[nodiscard]] const AnnotatedImage& image(int index) const;
   [[nodiscard]] int find(const std::string& path) const;  // -1: not there
   [[nodiscard]] int points() const { return points_; }
-  [[nodiscard]] int done() const;  // pictures
+  [[nodiscard]] int done() const;  // images
   [[nodiscard]] const std::vector<int>& mirror() const { return mirror_; }
   [[nodiscard]] const std::vector<std::array<int, 2>>& connections() const { return connections_; }
   [[nodiscard]] AnnotateStage stage() const { return stage_; }
 
   // Edits. Indices out of range and values that are not finite throw std::invalid_argument.
-  int add_picture(const std::string& path);        // its index, also where it was there
-  int add_point(int picture, Eigen::Vector2d at);  // not placed in the others
-  void remove_point(int point);                    // from all pictures
-  void move_point(int picture, int point, Eigen::Vector2d at);  // shows it, too
-  void hide_point(int picture, int point, bool hidden);
+  int add_image(const std::string& path);                     // its index, also where it was there
+  int add_point(int image, Eigen::Vector2d at);               // not placed in the others
+  void remove_point(int point);                               // from all images
+  void move_point(int image, int point, Eigen::Vector2d at);  // shows it, too
+  void hide_point(int image, int point, bool hidden);
   // A proposal, or (`touched`) all points moved by a person.
-  void set_points(int picture, const Eigen::Matrix2Xd& points, bool touched = false);
-  void clear_points(int picture);
-  void set_done(int picture, bool done);  // unplaced points count as hidden
-  void toggle_connection(int a, int b);   // a != b
+  void set_points(int image, const Eigen::Matrix2Xd& points, bool touched = false);
+  void clear_points(int image);
+  void set_done(int image, bool done);   // unplaced points count as hidden
+  void toggle_connection(int a, int b);  // a != b
   // a and b are each other's mirror image (a == b: on the axis); once more: no longer.
   void toggle_mirror(int a, int b);
   void set_stage(AnnotateStage stage) { stage_ = stage; }
@@ -72,25 +72,25 @@ class AnnotateState {
   // The mirror index of each point, -1 where nothing was said yet.
   [[nodiscard]] const std::vector<int>& mirror_so_far() const { return mirror_; }
 
-  // The finished pictures; the mirror only when it is complete.
+  // The finished images; the mirror only when it is complete.
   [[nodiscard]] face::shape::LandmarkSet finished() const;
-  // Finished pictures of the file; paths open from the current folder. Adds to what is there.
+  // Finished images of the file; paths open from the current folder. Adds to what is there.
   void load(const face::shape::LandmarkSet& set, const std::string& set_path);
 
   // A record of what differs from `before`, as whole values: applying it twice does no harm.
   // `why` is for people.
   [[nodiscard]] nlohmann::json difference(const AnnotateState& before,
                                           const std::string& why) const;
-  // Everything that a person did and the set's file does not hold (pictures not yet agreed to,
+  // Everything that a person did and the set's file does not hold (images not yet agreed to,
   // places of hidden points, half a symmetry, the stage).
   [[nodiscard]] nlohmann::json unfinished() const;
   // Throws InputError(path, reason) for what no such record can hold; then nothing has changed.
   void apply(const nlohmann::json& record, const std::string& path);
 
  private:
-  AnnotatedPicture& change(int index);  // a copy of its own
+  AnnotatedImage& change(int index);  // a copy of its own
 
-  std::vector<std::shared_ptr<const AnnotatedPicture>> pictures_;
+  std::vector<std::shared_ptr<const AnnotatedImage>> images_;
   int points_ = 0;
   std::vector<int> mirror_;  // -1: not said
   std::vector<std::array<int, 2>> connections_;

@@ -16,14 +16,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-AnnotateState three_pictures() {
+AnnotateState three_images() {
   AnnotateState state;
-  for (const char* path : {"/p/a.png", "/p/b.png", "/p/c.png"}) state.add_picture(path);
+  for (const char* path : {"/p/a.png", "/p/b.png", "/p/c.png"}) state.add_image(path);
   return state;
 }
 
 AnnotateState four_points() {
-  AnnotateState state = three_pictures();
+  AnnotateState state = three_images();
   for (int i = 0; i < 4; ++i) state.add_point(0, {10.25 * i, 5.5});
   return state;
 }
@@ -39,15 +39,15 @@ std::string text_of(const AnnotateState& state) {
   return state.difference(AnnotateState(), "").dump();
 }
 
-TEST(AnnotateState, PointsOfTheFirstPictureAreOpenInTheOthers) {
+TEST(AnnotateState, PointsOfTheFirstImageAreOpenInTheOthers) {
   AnnotateState state = four_points();
   EXPECT_EQ(state.points(), 4);
-  EXPECT_TRUE(state.picture(0).done);
-  EXPECT_TRUE(state.picture(0).is_shown(3));
-  EXPECT_EQ(state.picture(0).points(0, 3), 30.75);
-  EXPECT_FALSE(state.picture(1).has_points());
+  EXPECT_TRUE(state.image(0).done);
+  EXPECT_TRUE(state.image(0).is_shown(3));
+  EXPECT_EQ(state.image(0).points(0, 3), 30.75);
+  EXPECT_FALSE(state.image(1).has_points());
   EXPECT_EQ(state.finished().samples.size(), 1u);
-  EXPECT_EQ(state.add_picture("/p/b.png"), 1) << "a picture is there once";
+  EXPECT_EQ(state.add_image("/p/b.png"), 1) << "an image is there once";
 }
 
 TEST(AnnotateState, RemovingAPointRenumbersLinesAndSymmetry) {
@@ -60,7 +60,7 @@ TEST(AnnotateState, RemovingAPointRenumbersLinesAndSymmetry) {
   state.toggle_mirror(2, 2);
   state.remove_point(1);
   EXPECT_EQ(state.points(), 3);
-  EXPECT_EQ(state.picture(1).points.col(1), square(20).col(2));
+  EXPECT_EQ(state.image(1).points.col(1), square(20).col(2));
   ASSERT_EQ(state.connections().size(), 1u);
   EXPECT_EQ(state.connections()[0], (std::array<int, 2>{1, 2}));
   EXPECT_EQ(state.mirror(), (std::vector<int>{2, 1, 0}));
@@ -97,7 +97,7 @@ TEST(AnnotateState, HiddenPointsAreMissingInTheSetAndKeepTheirPlace) {
   EXPECT_EQ(state.finished().samples.size(), 1u) << "a proposal is not finished";
   state.set_done(1, true);
   EXPECT_TRUE(state.finished().samples.at(1).is_missing(2));
-  EXPECT_EQ(state.picture(1).points.col(2), square(3).col(2));
+  EXPECT_EQ(state.image(1).points.col(2), square(3).col(2));
   state.hide_point(1, 2, false);
   EXPECT_TRUE(state.finished().samples.at(1).is_complete());
 }
@@ -106,14 +106,14 @@ TEST(AnnotateState, CopiesDoNotChangeWithTheirOriginal) {
   AnnotateState state = four_points();
   const AnnotateState before = state;
   state.move_point(0, 1, {99, 98});
-  EXPECT_EQ(before.picture(0).points(0, 1), 10.25);
-  EXPECT_EQ(&before.picture(1), &state.picture(1)) << "what is the same is shared";
+  EXPECT_EQ(before.image(0).points(0, 1), 10.25);
+  EXPECT_EQ(&before.image(1), &state.image(1)) << "what is the same is shared";
 }
 
 // Every kind of edit, as the journal records it, and again: the same state.
 TEST(AnnotateState, RecordsRestoreEveryEditAndDoNoHarmTwice) {
-  AnnotateState state = three_pictures();
-  AnnotateState replayed = three_pictures();
+  AnnotateState state = three_images();
+  AnnotateState replayed = three_images();
   std::vector<nlohmann::json> records;
   const auto edit = [&](const std::string& why, auto change) {
     const AnnotateState before = state;
@@ -130,14 +130,14 @@ TEST(AnnotateState, RecordsRestoreEveryEditAndDoNoHarmTwice) {
   edit("delete", [](AnnotateState& s) { s.remove_point(2); });
   edit("connect", [](AnnotateState& s) { s.toggle_connection(0, 3); });
   edit("mirror", [](AnnotateState& s) { s.toggle_mirror(1, 2); });
-  edit("stage", [](AnnotateState& s) { s.set_stage(AnnotateStage::kPictures); });
+  edit("stage", [](AnnotateState& s) { s.set_stage(AnnotateStage::kImages); });
   edit("proposal", [](AnnotateState& s) { s.set_points(2, square(40)); });
   edit("move", [](AnnotateState& s) { s.move_point(2, 1, {0.1, 0.7}); });
   edit("hide", [](AnnotateState& s) { s.hide_point(2, 0, true); });
   edit("agree", [](AnnotateState& s) { s.set_done(2, true); });
   edit("delete", [](AnnotateState& s) { s.remove_point(3); });
   edit("add late", [](AnnotateState& s) { s.add_point(0, {8, 9}); });
-  edit("picture", [](AnnotateState& s) { s.add_picture("/p/d.png"); });
+  edit("image", [](AnnotateState& s) { s.add_image("/p/d.png"); });
   edit("clear", [](AnnotateState& s) { s.clear_points(2); });
   // All of the old journal over a set that was written in between.
   for (const nlohmann::json& record : records) replayed.apply(record, "journal");
@@ -151,10 +151,21 @@ TEST(AnnotateState, WhatTheSetCannotHoldIsInTheRest) {
   state.set_done(1, true);
   state.set_points(2, square(50), true);  // not agreed
   state.toggle_mirror(0, 1);              // half a symmetry
-  AnnotateState other = three_pictures();
+  AnnotateState other = three_images();
   other.load(state.finished(), "/p/set.yaml");
   other.apply(state.unfinished(), "journal");
   EXPECT_EQ(text_of(other), text_of(state));
+}
+
+TEST(AnnotateState, OlderJournalsNameTheImagesPictures) {
+  AnnotateState state = four_points();
+  state.apply(
+      nlohmann::json::parse(
+          R"({"points":2,"stage":"pictures","pictures":[{"path":"/p/old.png","done":true,"touched":true,"points":[[1,2],[3,4]],"hidden":[]}]})"),
+      "journal");
+  EXPECT_EQ(state.stage(), AnnotateStage::kImages);
+  EXPECT_EQ(state.image(state.images() - 1).path, "/p/old.png");
+  EXPECT_TRUE(state.image(state.images() - 1).done);
 }
 
 TEST(AnnotateState, BrokenRecordsAreRefusedWhole) {
@@ -164,17 +175,17 @@ TEST(AnnotateState, BrokenRecordsAreRefusedWhole) {
       const char* text : {
           "[]",
           "{}",
-          R"({"points":4,"stage":"fly","pictures":[]})",
-          R"({"points":-1,"stage":"points","pictures":[]})",
-          R"({"points":99999999,"stage":"points","pictures":[]})",
-          R"({"points":4,"stage":"points","pictures":[{"path":"","done":true,"touched":true,"points":[],"hidden":[]}]})",
-          R"({"points":4,"stage":"points","pictures":[{"path":"x","done":true,"touched":true,"points":[[1]],"hidden":[]}]})",
-          R"({"points":4,"stage":"points","pictures":[{"path":"x","done":true,"touched":true,"points":[[1,1e300]],"hidden":[]}]})",
-          R"({"points":4,"stage":"points","pictures":[{"path":"x","done":true,"touched":true,"points":[],"hidden":[4]}]})",
-          R"({"points":2,"stage":"points","pictures":[]})",
-          R"({"points":4,"stage":"points","mirror":[1,1,1,1],"pictures":[]})",
-          R"({"points":4,"stage":"points","mirror":[9,1,2,3],"pictures":[]})",
-          R"({"points":4,"stage":"points","connections":[[0,4]],"pictures":[]})",
+          R"({"points":4,"stage":"fly","images":[]})",
+          R"({"points":-1,"stage":"points","images":[]})",
+          R"({"points":99999999,"stage":"points","images":[]})",
+          R"({"points":4,"stage":"points","images":[{"path":"","done":true,"touched":true,"points":[],"hidden":[]}]})",
+          R"({"points":4,"stage":"points","images":[{"path":"x","done":true,"touched":true,"points":[[1]],"hidden":[]}]})",
+          R"({"points":4,"stage":"points","images":[{"path":"x","done":true,"touched":true,"points":[[1,1e300]],"hidden":[]}]})",
+          R"({"points":4,"stage":"points","images":[{"path":"x","done":true,"touched":true,"points":[],"hidden":[4]}]})",
+          R"({"points":2,"stage":"points","images":[]})",
+          R"({"points":4,"stage":"points","mirror":[1,1,1,1],"images":[]})",
+          R"({"points":4,"stage":"points","mirror":[9,1,2,3],"images":[]})",
+          R"({"points":4,"stage":"points","connections":[[0,4]],"images":[]})",
       }) {
     AnnotateState changed = state;
     EXPECT_THROW(changed.apply(nlohmann::json::parse(text), "journal"), InputError) << text;

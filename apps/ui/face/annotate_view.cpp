@@ -26,7 +26,7 @@ const cv::Scalar kAxis{240, 240, 240};
 const cv::Scalar kUnsaid{200, 60, 220};
 constexpr double kNearPx = 14;         // of the view: a click so near to a point means it
 constexpr double kRoomForNumber = 15;  // px, to the next point
-constexpr double kMargin = 6;          // px around a picture that is seen whole
+constexpr double kMargin = 6;          // px around an image that is seen whole
 constexpr double kMaxZoom = 64;
 constexpr int kMagnified = 176;       // px, side of the magnifier
 constexpr double kMagnification = 3;  // times the view's scale, at least 6 px to a pixel
@@ -38,16 +38,16 @@ cv::Point fixed(cv::Point2d p) {
 
 }  // namespace
 
-const cv::Mat& AnnotateSession::shown_picture() const {
-  return state_.stage() == AnnotateStage::kPick ? frame_.image : picture_;
+const cv::Mat& AnnotateSession::shown_image() const {
+  return state_.stage() == AnnotateStage::kPick ? frame_.image : image_;
 }
 
 double AnnotateSession::scale() const {
-  const cv::Mat& picture = shown_picture();
-  if (picture.empty()) return 1;
+  const cv::Mat& image = shown_image();
+  if (image.empty()) return 1;
   const double width = options_.canvas.width - 2 * kMargin;
   const double height = options_.canvas.height - 2 * kMargin - bar_;
-  return zoom_ * std::min(width / picture.cols, height / picture.rows);
+  return zoom_ * std::min(width / image.cols, height / image.rows);
 }
 
 cv::Point2d AnnotateSession::to_view(cv::Point2d p) const {
@@ -58,7 +58,7 @@ cv::Point2d AnnotateSession::to_view(cv::Point2d p) const {
   return {middle.x + (mirrored_ ? -x : x), middle.y + s * (p.y - center_.y)};
 }
 
-cv::Point2d AnnotateSession::to_picture(cv::Point2d v) const {
+cv::Point2d AnnotateSession::to_image(cv::Point2d v) const {
   const double s = scale();
   const cv::Point2d middle(0.5 * (options_.canvas.width - 1),
                            0.5 * (options_.canvas.height - bar_ - 1));
@@ -80,20 +80,18 @@ int AnnotateSession::point_near(cv::Point2d in_view) const {
 }
 
 void AnnotateSession::zoom(double factor, cv::Point2d around) {
-  const cv::Point2d before = to_picture(around);
+  const cv::Point2d before = to_image(around);
   zoom_ = std::clamp(zoom_ * factor, 1.0, kMaxZoom);
-  center_ += before - to_picture(around);
-  const cv::Mat& picture = shown_picture();
-  if (zoom_ <= 1 && !picture.empty())
-    center_ = {0.5 * (picture.cols - 1), 0.5 * (picture.rows - 1)};
+  center_ += before - to_image(around);
+  const cv::Mat& image = shown_image();
+  if (zoom_ <= 1 && !image.empty()) center_ = {0.5 * (image.cols - 1), 0.5 * (image.rows - 1)};
 }
 
 std::string AnnotateSession::where() const {
   if (state_.stage() == AnnotateStage::kPick)
-    return fmt::format("{:.1f} s, {} picked  ?: help", frame_.time, state_.pictures());
-  if (state_.pictures() == 0) return "?: help";
-  return fmt::format("picture {}/{}, {} done  ?: help", current_ + 1, state_.pictures(),
-                     state_.done());
+    return fmt::format("{:.1f} s, {} picked  ?: help", frame_.time, state_.images());
+  if (state_.images() == 0) return "?: help";
+  return fmt::format("image {}/{}, {} done  ?: help", current_ + 1, state_.images(), state_.done());
 }
 
 // All points, with some room around.
@@ -105,7 +103,7 @@ void AnnotateSession::zoom_to_points() {
     least = {std::min(least.x, places_(0, i)), std::min(least.y, places_(1, i))};
     most = {std::max(most.x, places_(0, i)), std::max(most.y, places_(1, i))};
   }
-  if (most.x < least.x || state_.stage() == AnnotateStage::kPick || picture_.empty()) return;
+  if (most.x < least.x || state_.stage() == AnnotateStage::kPick || image_.empty()) return;
   const double whole = scale() / zoom_;
   const double wanted = std::min(options_.canvas.width / (1.3 * (most.x - least.x) + 20),
                                  (options_.canvas.height - bar_) / (1.3 * (most.y - least.y) + 20));
@@ -118,14 +116,14 @@ std::string AnnotateSession::what_to_do() const {
   if (!message_.empty()) return message_;
   if (is_learning_)
     return state_.done() < 3 ? "Looking for the points..."
-                             : fmt::format("Learning from {} pictures...", state_.done());
+                             : fmt::format("Learning from {} images...", state_.done());
   if (!unreadable_.empty() && state_.stage() != AnnotateStage::kPick)
     return unreadable_ + " (n: the next)";
   switch (state_.stage()) {
     case AnnotateStage::kPick:
       if (is_video_over_)
-        return state_.pictures() > 0 ? "The video is over. Enter: mark the points"
-                                     : "The video is over, and no frame was picked";
+        return state_.images() > 0 ? "The video is over. Enter: mark the points"
+                                   : "The video is over, and no frame was picked";
       return paused_ ? "s: pick this frame. Arrows: step. Space: play. Enter: mark the points"
                      : "s: pick a frame. Space: pause. Enter: enough, mark the points";
     case AnnotateStage::kPoints:
@@ -146,23 +144,23 @@ std::string AnnotateSession::what_to_do() const {
                  : fmt::format("Click two points that mirror each other; {} left. Enter: go on",
                                open);
     }
-    case AnnotateStage::kPictures: {
-      if (state_.pictures() == 0 || state_.points() == 0)
-        return "There are no points yet. 2: mark them on the first picture";
-      const AnnotatedPicture& here = state_.picture(current_);
+    case AnnotateStage::kImages: {
+      if (state_.images() == 0 || state_.points() == 0)
+        return "There are no points yet. 2: mark them on the first image";
+      const AnnotatedImage& here = state_.image(current_);
       if (selected_ >= 0)
         return fmt::format("Point {}: drag it, arrows nudge it, h {} it", selected_,
                            here.is_shown(selected_) ? "hides" : "shows");
-      if (!here.done) return "Drag what is wrong. Enter: all is right, next picture";
-      if (state_.done() == state_.pictures()) return "All pictures are done. q: end";
-      return "Done. Enter: the next picture that is not";
+      if (!here.done) return "Drag what is wrong. Enter: all is right, next image";
+      if (state_.done() == state_.images()) return "All images are done. q: end";
+      return "Done. Enter: the next image that is not";
     }
   }
   return "";
 }
 
 void AnnotateSession::draw_points() {
-  const AnnotatedPicture& here = state_.picture(current_);
+  const AnnotatedImage& here = state_.image(current_);
   const bool is_symmetry = state_.stage() == AnnotateStage::kSymmetry;
   const auto count = static_cast<int>(places_.cols());
   const auto place = [&](int i) { return to_view({places_(0, i), places_(1, i)}); };
@@ -227,15 +225,15 @@ void AnnotateSession::draw_points() {
 
 // What is under the pointer (or the chosen point while arrows move it), larger.
 void AnnotateSession::draw_magnifier() {
-  const cv::Mat& picture = shown_picture();
-  cv::Point2d middle = to_picture(mouse_);
+  const cv::Mat& image = shown_image();
+  cv::Point2d middle = to_image(mouse_);
   cv::Point2d in_view = mouse_;
   if (drag_ == Drag::kPoint || (mouse_.x < 0 && selected_ >= 0)) {
     if (selected_ < 0 || places_.col(selected_).hasNaN()) return;
     middle = {places_(0, selected_), places_(1, selected_)};
     in_view = to_view(middle);
   }
-  if (middle.x < 0 || middle.y < 0 || middle.x > picture.cols - 1 || middle.y > picture.rows - 1)
+  if (middle.x < 0 || middle.y < 0 || middle.x > image.cols - 1 || middle.y > image.rows - 1)
     return;
   const double times = std::max(6.0, kMagnification * scale());
   const double half = 0.5 * (kMagnified - 1);
@@ -243,8 +241,8 @@ void AnnotateSession::draw_magnifier() {
   const cv::Mat map = (cv::Mat_<double>(2, 3) << sign * times, 0, half - sign * times * middle.x, 0,
                        times, half - times * middle.y);
   cv::Mat large;
-  cv::warpAffine(picture, large, map, {kMagnified, kMagnified}, cv::INTER_LINEAR,
-                 cv::BORDER_CONSTANT, kGround);
+  cv::warpAffine(image, large, map, {kMagnified, kMagnified}, cv::INTER_LINEAR, cv::BORDER_CONSTANT,
+                 kGround);
   for (int i = 0; i < static_cast<int>(places_.cols()); ++i) {
     if (state_.stage() == AnnotateStage::kPick || places_.col(i).hasNaN()) continue;
     const cv::Point2d at(half + sign * times * (places_(0, i) - middle.x),
@@ -272,25 +270,25 @@ void AnnotateSession::draw_magnifier() {
 void AnnotateSession::draw() {
   shown_.create(options_.canvas, CV_8UC3);
   shown_.setTo(kGround);
-  const cv::Mat& picture = shown_picture();
-  if (!picture.empty()) {
-    if (picture.size() != fitted_) {
-      fitted_ = picture.size();
+  const cv::Mat& image = shown_image();
+  if (!image.empty()) {
+    if (image.size() != fitted_) {
+      fitted_ = image.size();
       zoom_ = 1;
-      center_ = {0.5 * (picture.cols - 1), 0.5 * (picture.rows - 1)};
+      center_ = {0.5 * (image.cols - 1), 0.5 * (image.rows - 1)};
     }
     const double s = scale();
     // Where pixels become fewer they are averaged first, k x k at a time.
-    const int k = std::clamp(static_cast<int>(1 / s), 1, std::min(picture.cols, picture.rows));
-    if (k != reduced_by_ || picture.data != reduced_from_.data) {
-      reduced_from_ = picture;
+    const int k = std::clamp(static_cast<int>(1 / s), 1, std::min(image.cols, image.rows));
+    if (k != reduced_by_ || image.data != reduced_from_.data) {
+      reduced_from_ = image;
       reduced_by_ = k;
-      const cv::Size size(picture.cols / k, picture.rows / k);
+      const cv::Size size(image.cols / k, image.rows / k);
       if (k == 1) {
-        reduced_ = picture;
+        reduced_ = image;
       } else {
         reduced_ = cv::Mat();
-        cv::resize(picture(cv::Rect({0, 0}, size * k)), reduced_, size, 0, 0, cv::INTER_AREA);
+        cv::resize(image(cv::Rect({0, 0}, size * k)), reduced_, size, 0, 0, cv::INTER_AREA);
       }
     }
     const cv::Point2d middle = to_view({0.5 * (k - 1), 0.5 * (k - 1)});  // of a reduced pixel
@@ -298,24 +296,24 @@ void AnnotateSession::draw() {
         (cv::Mat_<double>(2, 3) << (mirrored_ ? -s : s) * k, 0, middle.x, 0, s * k, middle.y);
     cv::warpAffine(reduced_, shown_, map, shown_.size(),
                    s > 12 ? cv::INTER_NEAREST : cv::INTER_LINEAR, cv::BORDER_TRANSPARENT);
-    if (state_.stage() != AnnotateStage::kPick && state_.pictures() > 0) draw_points();
+    if (state_.stage() != AnnotateStage::kPick && state_.images() > 0) draw_points();
     if (magnifier_ && !is_learning_ && state_.stage() != AnnotateStage::kPick) draw_magnifier();
   }
   image::draw::TextStyle title;
   title.height_px = 9;
   std::string name = state_.stage() == AnnotateStage::kPick ? frame_.name
-                     : state_.pictures() > 0
-                         ? std::filesystem::path(state_.picture(current_).path).filename().string()
+                     : state_.images() > 0
+                         ? std::filesystem::path(state_.image(current_).path).filename().string()
                          : std::string();
   if (mirrored_) name += " (mirrored)";
   if (!name.empty()) image::draw::put_text(shown_, name, {8, 8}, title);
-  // The bar stands on its own ground: nothing of the picture is behind it.
+  // The bar stands on its own ground: nothing of the image is behind it.
   shown_(cv::Rect(0, shown_.rows - bar_, shown_.cols, bar_)).setTo(kGround);
   image::draw::status_bar(shown_, what_to_do(), where());
   if (!controls_.help() || !draws_status()) return;
   draw_help(shown_, "Annotation", actions(),
             {{"left mouse", "add, choose, drag; shift: drag all points"},
-             {"right mouse", "move the picture; wheel: nearer, farther"},
+             {"right mouse", "move the image; wheel: nearer, farther"},
              {"arrows", "nudge the chosen point; else previous, next"}});
 }
 
@@ -329,8 +327,8 @@ View AnnotateSession::view() {
   std::string path;
   bool agreed = false;
   nlohmann::json places = nlohmann::json::array();
-  if (state_.pictures() > 0) {
-    const AnnotatedPicture& here = state_.picture(current_);
+  if (state_.images() > 0) {
+    const AnnotatedImage& here = state_.image(current_);
     for (int i = 0; i < state_.points(); ++i) {
       seen += here.is_shown(i) ? 1 : 0;
       places.push_back(nullptr);
@@ -342,8 +340,8 @@ View AnnotateSession::view() {
     agreed = here.done;
   }
   result.state = {{"stage", name_of(state_.stage())},
-                  {"picture", current_},
-                  {"pictures", state_.pictures()},
+                  {"image", current_},
+                  {"images", state_.images()},
                   {"done", state_.done()},
                   {"points", state_.points()},
                   {"shown", seen},

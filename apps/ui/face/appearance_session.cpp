@@ -14,7 +14,7 @@ namespace tarsier {
 
 namespace {
 
-constexpr double kErrorShare = 0.5;  // of the picture's width that the error picture may take
+constexpr double kErrorShare = 0.5;  // of the image's width that the error image may take
 
 double width_of(const Eigen::Matrix2Xd& points) {
   return points.row(0).maxCoeff() - points.row(0).minCoeff();

@@ -13,15 +13,15 @@
 namespace tarsier {
 
 // Fits an appearance model to what it is shown. Objects of a still are found again; those of a
-// video or camera are followed. Keys: v what is drawn (mesh, the model's face over the picture,
-// points, nothing), e the error picture, d looks for objects again, space pauses, h help, q or Esc
+// video or camera are followed. Keys: v what is drawn (mesh, the model's face over the image,
+// points, nothing), e the error image, d looks for objects again, space pauses, h help, q or Esc
 // ends. State: {"faces": number, "ids": [..], "error", "drawn", "paused"}.
 class AppearanceSession final : public FrameSession {
  public:
   enum class Drawn { kMesh, kFace, kPoints, kNothing };
 
   // `fitter` must outlive the session, and so must `debug`, which takes the meshes, the model's
-  // faces over the picture, and of each object its texture, the model's and the difference. Throws
+  // faces over the image, and of each object its texture, the model's and the difference. Throws
   // std::invalid_argument for bad options.
   AppearanceSession(const face::appearance::Fitter& fitter, face::appearance::FindStarts find,
                     const face::appearance::TrackOptions& options, Drawn drawn,

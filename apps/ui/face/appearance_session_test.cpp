@@ -13,8 +13,8 @@ namespace {
 class AppearanceSessionTest : public ::testing::Test {
  protected:
   AppearanceSessionTest() : fitter_(model(), {}) {
-    frame_.image = unseen_.picture;
-    frame_.name = "picture";
+    frame_.image = unseen_.image;
+    frame_.name = "image";
     frame_.still = true;
   }
   static const face::appearance::AppearanceModel& model() {
@@ -34,7 +34,7 @@ class AppearanceSessionTest : public ::testing::Test {
   }
 
   face::appearance::Fitter fitter_;
-  face::appearance::TrainingPicture unseen_ = face::appearance::testing::portraits(1, 33)[0];
+  face::appearance::TrainingImage unseen_ = face::appearance::testing::portraits(1, 33)[0];
   Frame frame_;
 };
 
@@ -44,7 +44,7 @@ TEST_F(AppearanceSessionTest, FitsAndDraws) {
   ASSERT_EQ(session.objects().size(), 1U);
   EXPECT_LT((session.objects()[0].fit.points - unseen_.points).colwise().norm().mean(), 1.0);
   EXPECT_EQ(view.state["faces"], 1);
-  EXPECT_GT(cv::norm(view.output, unseen_.picture, cv::NORM_L1), 0);
+  EXPECT_GT(cv::norm(view.output, unseen_.image, cv::NORM_L1), 0);
 }
 
 TEST_F(AppearanceSessionTest, ViewsFollowOneAnother) {
@@ -55,7 +55,7 @@ TEST_F(AppearanceSessionTest, ViewsFollowOneAnother) {
     const View view = session.on_event(key_event('v'));
     drawn.push_back(view.state["drawn"]);
     if (drawn.back() == "nothing") {
-      EXPECT_EQ(cv::norm(view.output, unseen_.picture, cv::NORM_INF), 0);
+      EXPECT_EQ(cv::norm(view.output, unseen_.image, cv::NORM_INF), 0);
     }
   }
   EXPECT_EQ(drawn, (std::vector<std::string>{"face", "points", "nothing", "mesh"}));

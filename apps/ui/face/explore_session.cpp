@@ -23,14 +23,14 @@ constexpr double kKeyStep = 0.25;  // of a key
 constexpr int kSliders = 4;        // of the shape, and of the look, where they lie below the image
 constexpr double kRandomSpread = 0.7;
 const cv::Size kPortrait(560, 560);
-constexpr int kLongest = 900;  // px, larger pictures are shown reduced
+constexpr int kLongest = 900;  // px, larger images are shown reduced
 constexpr int kBarRoom = 40;   // px, for the status
 const cv::Scalar kGround(38, 34, 30);
 
 // With room below for the status.
-cv::Mat framed(const cv::Mat& picture) {
-  cv::Mat whole(picture.rows + kBarRoom, picture.cols, CV_8UC3, kGround);
-  picture.copyTo(whole(cv::Rect(0, 0, picture.cols, picture.rows)));
+cv::Mat framed(const cv::Mat& image) {
+  cv::Mat whole(image.rows + kBarRoom, image.cols, CV_8UC3, kGround);
+  image.copyTo(whole(cv::Rect(0, 0, image.cols, image.rows)));
   return whole;
 }
 
@@ -39,31 +39,31 @@ std::vector<double> numbers(const Eigen::VectorXd& v) { return {v.data(), v.data
 }  // namespace
 
 ExploreSession::ExploreSession(const face::appearance::AppearanceModel& model,
-                               std::optional<ExploredPicture> picture, std::uint64_t seed)
+                               std::optional<ExploredImage> image, std::uint64_t seed)
     : model_(model),
       synthesis_(model),
-      base_(std::move(picture)),
+      base_(std::move(image)),
       shape_(Eigen::VectorXd::Zero(model.shape.mode_count())),
       look_(Eigen::VectorXd::Zero(synthesis_.texture().mode_count())),
       seed_(seed) {
   if (!base_) return;
   TARSIER_REQUIRE(base_->points.cols() == model.points(), "{} points, the model has {}",
                   base_->points.cols(), model.points());
-  const int longest = std::max(base_->picture.cols, base_->picture.rows);
+  const int longest = std::max(base_->image.cols, base_->image.rows);
   if (longest > kLongest) {
     const double scale = static_cast<double>(kLongest) / longest;
     cv::Mat reduced;
-    cv::resize(base_->picture, reduced, {}, scale, scale, cv::INTER_AREA);
-    base_->picture = reduced;
+    cv::resize(base_->image, reduced, {}, scale, scale, cv::INTER_AREA);
+    base_->image = reduced;
     base_->points = ((base_->points.array() + 0.5) * scale - 0.5).matrix();
   }
   placed_ = face::shape::fit_shape(model.shape, base_->points);
-  seen_ = synthesis_.explain(base_->picture, base_->points);
+  seen_ = synthesis_.explain(base_->image, base_->points);
   over_ = true;
-  take_from_picture();
+  take_from_image();
 }
 
-void ExploreSession::take_from_picture() {
+void ExploreSession::take_from_image() {
   shape_ = placed_.b.cwiseQuotient(model_.shape.deviation);
   look_ = seen_.c.cwiseQuotient(synthesis_.texture().deviation);
 }
@@ -104,7 +104,7 @@ View ExploreSession::on_event(const Event& event) {
     shape_ = face.b.cwiseQuotient(model_.shape.deviation);
     look_ = face.c.cwiseQuotient(synthesis_.texture().deviation);
   }
-  if (name == "picture" && base_) take_from_picture();
+  if (name == "image" && base_) take_from_image();
   if (name == "over" && base_) over_ = !over_;
   if (name == "mesh") mesh_ = !mesh_;
   if ((name == "next" || name == "previous") && modes > 0)
@@ -121,8 +121,8 @@ View ExploreSession::on_event(const Event& event) {
 std::vector<Action> ExploreSession::actions() const {
   std::vector<Action> list{{"mean", "the mean face", '0'}, {"random", "a random face", 'r'}};
   if (base_) {
-    list.push_back({"picture", "the picture's own face", 'f'});
-    list.push_back({"over", "over the picture, or by itself", 'o'});
+    list.push_back({"image", "the image's own face", 'f'});
+    list.push_back({"over", "over the image, or by itself", 'o'});
   }
   list.push_back({"mesh", "the mesh", 'm'});
   list.push_back({"next", "the next mode", 'n'});
@@ -143,13 +143,13 @@ std::vector<Slider> ExploreSession::sliders() const {
   return list;
 }
 
-cv::Mat ExploreSession::picture() const {
+cv::Mat ExploreSession::image() const {
   const Eigen::VectorXd b = shape_.cwiseProduct(model_.shape.deviation);
   const Eigen::VectorXd c = look_.cwiseProduct(synthesis_.texture().deviation);
   cv::Mat image;
   Eigen::Matrix2Xd points;
   if (over_) {
-    image = base_->picture.clone();
+    image = base_->image.clone();
     points = placed_.image_from_model(face::shape::shape_of(model_.shape, b));
     synthesis_.draw(c, seen_.offset, seen_.gain, points, image);
   } else {
@@ -161,7 +161,7 @@ cv::Mat ExploreSession::picture() const {
 
 View ExploreSession::view() {
   View result;
-  result.output = picture();
+  result.output = image();
   shown_ = draws_status() ? framed(result.output) : result.output;
   const std::string name = mode_name();
   const double* value = value_of(name);
@@ -219,7 +219,7 @@ std::vector<Slider> ShapePlayground::sliders() const {
   return list;
 }
 
-cv::Mat ShapePlayground::picture() const {
+cv::Mat ShapePlayground::image() const {
   const cv::Size size(760, 560);
   cv::Mat image(size, CV_8UC3, kGround);
   // The shapes to the left, their places in the plane of the two modes to the right.
@@ -278,7 +278,7 @@ cv::Mat ShapePlayground::picture() const {
 
 View ShapePlayground::view() {
   View result;
-  result.output = picture();
+  result.output = image();
   shown_ = draws_status() ? framed(result.output) : result.output;
   result.status = fmt::format("{} points, {} shapes, {} modes", model_.points(), aligned_.size(),
                               model_.mode_count());

@@ -44,22 +44,22 @@ TEST(ExploreSession, WhereThereIsRoomEachModeHasASlider) {
   EXPECT_EQ(session.sliders().size(), few);
   session.draw_status(false);
   ASSERT_EQ(session.sliders().size(), all);
-  const cv::Mat mean = session.picture();
+  const cv::Mat mean = session.image();
   const Slider last = session.sliders().back();
   (void)session.on_event(slider_event(last.name, 3));
   EXPECT_EQ(session.sliders().back().value, 3);
-  EXPECT_GT(difference(session.picture(), mean), 0) << last.name;
+  EXPECT_GT(difference(session.image(), mean), 0) << last.name;
 }
 
 TEST(ExploreSession, SlidersChangeTheFace) {
   ExploreSession session(model(), std::nullopt, 1);
-  const cv::Mat mean = session.picture();
+  const cv::Mat mean = session.image();
   for (const Slider& slider : session.sliders()) {
     const View view = session.on_event(slider_event(slider.name, 2.5));
-    EXPECT_GT(difference(session.picture(), mean), 0.3) << slider.name;
+    EXPECT_GT(difference(session.image(), mean), 0.3) << slider.name;
     EXPECT_FALSE(view.image.empty());
     (void)session.on_event(slider_event(slider.name, 0));
-    EXPECT_EQ(difference(session.picture(), mean), 0) << slider.name;
+    EXPECT_EQ(difference(session.image(), mean), 0) << slider.name;
   }
 }
 
@@ -74,7 +74,7 @@ TEST(ExploreSession, ValuesAreHeldWithinThreeDeviations) {
 
 TEST(ExploreSession, KeysReachTheModesWithoutASlider) {
   ExploreSession session(model(), std::nullopt, 1);
-  const cv::Mat mean = session.picture();
+  const cv::Mat mean = session.image();
   EXPECT_EQ(session.on_idle({}).state["mode"], "shape 1");
   (void)session.on_event(key_event('p'));  // round to the last one
   const View view = session.on_event(key_event('+'));
@@ -82,7 +82,7 @@ TEST(ExploreSession, KeysReachTheModesWithoutASlider) {
   EXPECT_EQ(view.state["mode"], "look " + std::to_string(last + 1));
   EXPECT_EQ(view.state["look"][last], 0.25);
   (void)session.on_event(key_event('-'));
-  EXPECT_EQ(difference(session.picture(), mean), 0);
+  EXPECT_EQ(difference(session.image(), mean), 0);
   EXPECT_EQ(session.on_event(key_event('n')).state["mode"], "shape 1");
 }
 
@@ -91,61 +91,59 @@ TEST(ExploreSession, RandomFacesDifferAndTheSeedRepeatsThem) {
   ExploreSession second(model(), std::nullopt, 4);
   (void)first.on_event(key_event('r'));
   (void)second.on_event(key_event('r'));
-  EXPECT_EQ(difference(first.picture(), second.picture()), 0);
+  EXPECT_EQ(difference(first.image(), second.image()), 0);
   (void)second.on_event(key_event('r'));
-  EXPECT_GT(difference(first.picture(), second.picture()), 0.3);
+  EXPECT_GT(difference(first.image(), second.image()), 0.3);
   (void)second.on_event(key_event('0'));
   EXPECT_EQ(second.on_idle({}).state["shape"][0], 0);
 }
 
-TEST(ExploreSession, OverAPictureItBeginsWithThePicturesFace) {
-  const face::appearance::TrainingPicture unseen = face::appearance::testing::portraits(1, 33)[0];
-  ExploreSession session(model(), ExploredPicture{unseen.picture, unseen.points}, 1);
-  const cv::Mat own = session.picture();
-  EXPECT_EQ(own.size(), unseen.picture.size());
-  EXPECT_LT(difference(own, unseen.picture), 12) << "the model explains what it is drawn over";
+TEST(ExploreSession, OverAnImageItBeginsWithTheImagesFace) {
+  const face::appearance::TrainingImage unseen = face::appearance::testing::portraits(1, 33)[0];
+  ExploreSession session(model(), ExploredImage{unseen.image, unseen.points}, 1);
+  const cv::Mat own = session.image();
+  EXPECT_EQ(own.size(), unseen.image.size());
+  EXPECT_LT(difference(own, unseen.image), 12) << "the model explains what it is drawn over";
   (void)session.on_event(slider_event("shape 1", 3));
-  EXPECT_GT(difference(session.picture(), own), 0.3);
+  EXPECT_GT(difference(session.image(), own), 0.3);
   // Far from the face nothing changes.
-  EXPECT_EQ(cv::norm(session.picture().row(0), unseen.picture.row(0), cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(session.image().row(0), unseen.image.row(0), cv::NORM_INF), 0);
   (void)session.on_event(key_event('f'));
-  EXPECT_EQ(difference(session.picture(), own), 0);
+  EXPECT_EQ(difference(session.image(), own), 0);
   (void)session.on_event(key_event('o'));
-  EXPECT_NE(session.picture().size(), unseen.picture.size());
+  EXPECT_NE(session.image().size(), unseen.image.size());
 }
 
 TEST(ExploreSession, RefusesPointsOfAnotherModel) {
-  const face::appearance::TrainingPicture unseen = face::appearance::testing::portraits(1, 33)[0];
-  EXPECT_THROW(
-      ExploreSession(model(), ExploredPicture{unseen.picture, unseen.points.leftCols(5)}, 1),
-      std::invalid_argument);
+  const face::appearance::TrainingImage unseen = face::appearance::testing::portraits(1, 33)[0];
+  EXPECT_THROW(ExploreSession(model(), ExploredImage{unseen.image, unseen.points.leftCols(5)}, 1),
+               std::invalid_argument);
 }
 
 TEST(ShapePlayground, SlidersMoveTheShapeAmongTheTrainingShapes) {
   std::vector<Eigen::Matrix2Xd> shapes;
   face::shape::LandmarkSet set;
-  for (const face::appearance::TrainingPicture& picture :
-       face::appearance::testing::portraits(20, 1)) {
-    shapes.push_back(picture.points);
+  for (const face::appearance::TrainingImage& image : face::appearance::testing::portraits(20, 1)) {
+    shapes.push_back(image.points);
     set.samples.emplace_back();
-    set.samples.back().points = picture.points;
+    set.samples.back().points = image.points;
   }
   ShapePlayground session(face::shape::train_shape_model(set, {}), shapes);
   ASSERT_EQ(session.sliders().size(), 2U);
-  const cv::Mat mean = session.picture();
+  const cv::Mat mean = session.image();
   (void)session.on_event(slider_event("mode 1", 2));
-  EXPECT_GT(difference(session.picture(), mean), 0.05);
-  const cv::Mat with = session.picture();
+  EXPECT_GT(difference(session.image(), mean), 0.05);
+  const cv::Mat with = session.image();
   (void)session.on_event(key_event('t'));
-  EXPECT_GT(difference(session.picture(), with), 0.05) << "the training shapes were drawn";
+  EXPECT_GT(difference(session.image(), with), 0.05) << "the training shapes were drawn";
   testing::expect_plain_image(session);
   EXPECT_TRUE(session.on_event(key_event('q')).finished);
 }
 
-TEST(ExploreSession, WithoutStatusTheImageIsThePicture) {
+TEST(ExploreSession, WithoutStatusTheImageIsTheImage) {
   ExploreSession session(model(), std::nullopt, 1);
   testing::expect_plain_image(session);
-  EXPECT_EQ(difference(session.on_idle({}).image, session.picture()), 0);
+  EXPECT_EQ(difference(session.on_idle({}).image, session.image()), 0);
 }
 
 }  // namespace

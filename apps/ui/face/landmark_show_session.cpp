@@ -18,7 +18,7 @@
 namespace tarsier {
 namespace {
 
-constexpr int kLongest = 1000;  // px, larger pictures are shown reduced
+constexpr int kLongest = 1000;  // px, larger images are shown reduced
 constexpr int kSmallest = 600;  // px, smaller ones enlarged
 constexpr int kPhases = 60;     // steps of a mode's animation
 constexpr int kMaxSliders = 6;
@@ -39,11 +39,11 @@ SetSession::SetSession(face::shape::LandmarkSet set, std::string set_path,
 void SetSession::open() {
   trouble_.clear();
   try {
-    picture_ = read_image(
+    image_ = read_image(
         face::shape::image_path(set_path_, set_.samples[static_cast<std::size_t>(current_)]));
   } catch (const InputError& error) {
     trouble_ = error.what();
-    picture_ = cv::Mat(480, 640, CV_8UC3, cv::Scalar(50, 45, 40));
+    image_ = cv::Mat(480, 640, CV_8UC3, cv::Scalar(50, 45, 40));
   }
 }
 
@@ -63,8 +63,8 @@ View SetSession::on_event(const Event& event) {
 }
 
 std::vector<Action> SetSession::actions() const {
-  return controls_.after({{"next", "next picture (right arrow, space)", 'n'},
-                          {"previous", "previous picture (left arrow)", 'p'},
+  return controls_.after({{"next", "next image (right arrow, space)", 'n'},
+                          {"previous", "previous image (left arrow)", 'p'},
                           {"mirrored", "mirrored, as training may see it", 'm'},
                           {"numbers", "numbers", 'i'},
                           {"symmetry", "left and right in different colours", 'y'},
@@ -73,14 +73,14 @@ std::vector<Action> SetSession::actions() const {
 
 View SetSession::view() {
   face::shape::LandmarkSample sample = set_.samples[static_cast<std::size_t>(current_)];
-  cv::Mat source = picture_;
+  cv::Mat source = image_;
   if (mirrored_) {
     // Without a symmetry the points keep their numbers.
     std::vector<int> same(static_cast<std::size_t>(sample.points.cols()));
     for (std::size_t i = 0; i < same.size(); ++i) same[i] = static_cast<int>(i);
-    sample = face::shape::mirrored(sample, set_.mirror.empty() ? same : set_.mirror, picture_.cols);
-    cv::Mat turned;  // never into picture_
-    cv::flip(picture_, turned, 1);
+    sample = face::shape::mirrored(sample, set_.mirror.empty() ? same : set_.mirror, image_.cols);
+    cv::Mat turned;  // never into image_
+    cv::flip(image_, turned, 1);
     source = turned;
   }
   const int longest = std::max(source.cols, source.rows);
@@ -111,9 +111,9 @@ View SetSession::view() {
   result.image = shown_;
   result.finished = controls_.finished();
   result.state = {
-      {"picture", current_},         {"pictures", set_.samples.size()}, {"path", sample.image},
-      {"missing", missing},          {"mirrored", mirrored_},           {"numbers", style_.numbers},
-      {"symmetry", style_.symmetry}, {"lines", style_.connections},     {"help", controls_.help()}};
+      {"image", current_},           {"images", set_.samples.size()}, {"path", sample.image},
+      {"missing", missing},          {"mirrored", mirrored_},         {"numbers", style_.numbers},
+      {"symmetry", style_.symmetry}, {"lines", style_.connections},   {"help", controls_.help()}};
   return result;
 }
 

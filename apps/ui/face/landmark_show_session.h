@@ -15,8 +15,8 @@
 
 namespace tarsier {
 
-// Looks through a set, picture by picture.
-// State: {"picture", "pictures", "path", "missing", "mirrored", "numbers", "symmetry", "lines",
+// Looks through a set, image by image.
+// State: {"image", "images", "path", "missing", "mirrored", "numbers", "symmetry", "lines",
 // "help"}.
 class SetSession final : public Session {
  public:
@@ -40,7 +40,7 @@ class SetSession final : public Session {
   bool mirrored_ = false;
   SessionControls controls_;
   int current_ = 0;
-  cv::Mat picture_;
+  cv::Mat image_;
   std::string trouble_;
   cv::Mat shown_;
 };

@@ -39,19 +39,19 @@ class SetSessionTest : public ::testing::Test {
   face::shape::LandmarkSet set_;
 };
 
-TEST_F(SetSessionTest, GoesRoundThroughAllPictures) {
+TEST_F(SetSessionTest, GoesRoundThroughAllImages) {
   SetSession session = this->session();
-  EXPECT_EQ(session.on_event(key_event('n')).state.at("picture"), 1);
-  EXPECT_EQ(session.on_event(key_event(key::kRight)).state.at("picture"), 2);
-  EXPECT_EQ(session.on_event(key_event(key::kSpace)).state.at("picture"), 0);
+  EXPECT_EQ(session.on_event(key_event('n')).state.at("image"), 1);
+  EXPECT_EQ(session.on_event(key_event(key::kRight)).state.at("image"), 2);
+  EXPECT_EQ(session.on_event(key_event(key::kSpace)).state.at("image"), 0);
   View view = session.on_event(key_event(key::kLeft));
-  EXPECT_EQ(view.state.at("path"), "gone.png") << "a picture that is gone is passed, too";
+  EXPECT_EQ(view.state.at("path"), "gone.png") << "an image that is gone is passed, too";
   view = session.on_event(key_event('p'));
   EXPECT_EQ(view.state.at("missing"), 1);
   EXPECT_TRUE(session.on_event(key_event('q')).finished);
 }
 
-TEST_F(SetSessionTest, MirroredPictureAndPointsAgree) {
+TEST_F(SetSessionTest, MirroredImageAndPointsAgree) {
   SetSession session = this->session();
   const cv::Mat plain = session.on_idle({}).image.clone();
   const cv::Mat turned = session.on_event(key_event('m')).image.clone();
@@ -66,7 +66,7 @@ TEST_F(SetSessionTest, MirroredPictureAndPointsAgree) {
   EXPECT_LT(cv::mean(difference)[0], 3);
 }
 
-TEST_F(SetSessionTest, EachSwitchChangesThePicture) {
+TEST_F(SetSessionTest, EachSwitchChangesTheImage) {
   set_.connections = {{0, 1}};
   SetSession session = this->session();
   for (const char key : std::string("iylm?")) {

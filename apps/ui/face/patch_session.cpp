@@ -21,7 +21,7 @@ namespace {
 const cv::Size kView(1000, 620);
 const cv::Rect kFacePlace(12, 12, 480, 522);
 const cv::Rect kPatchPlace(508, 34, 480, 228);
-const cv::Rect kPicturePlace(508, 300, 480, 240);
+const cv::Rect kImagePlace(508, 300, 480, 240);
 const cv::Rect kPrevious(12, 544, 110, 28);
 const cv::Rect kNext(130, 544, 110, 28);
 const cv::Scalar kGround(38, 34, 30);
@@ -37,8 +37,8 @@ void label(cv::Mat& image, const std::string& text, cv::Point at) {
 }  // namespace
 
 PatchSession::PatchSession(face::landmarks::PatchModels model, face::shape::ShapeModel shape,
-                           std::optional<PatchPicture> picture)
-    : model_(std::move(model)), shape_(std::move(shape)), picture_(std::move(picture)) {
+                           std::optional<PatchImage> image)
+    : model_(std::move(model)), shape_(std::move(shape)), image_(std::move(image)) {
   model_.check();
   TARSIER_REQUIRE(shape_.points() == model_.points(), "{} patches, a shape of {} points",
                   model_.points(), shape_.points());
@@ -47,14 +47,14 @@ PatchSession::PatchSession(face::landmarks::PatchModels model, face::shape::Shap
 }
 
 void PatchSession::respond() {
-  if (!picture_) return;
-  responses_ = face::landmarks::point_responses(model_, picture_->gray, picture_->points, search_);
+  if (!image_) return;
+  responses_ = face::landmarks::point_responses(model_, image_->gray, image_->points, search_);
 }
 
 std::vector<Action> PatchSession::actions() const {
   std::vector<Action> actions = {{"next", "next patch (right arrow, space)", 'n'},
                                  {"previous", "previous patch (left arrow)", 'p'}};
-  if (picture_) actions.push_back({"search", "a wider search region, then the narrowest", 'w'});
+  if (image_) actions.push_back({"search", "a wider search region, then the narrowest", 'w'});
   return controls_.after(std::move(actions));
 }
 
@@ -87,7 +87,7 @@ View PatchSession::on_event(const Event& event) {
   const int count = model_.points();
   if (name == "next") current_ = (current_ + 1) % count;
   if (name == "previous") current_ = (current_ + count - 1) % count;
-  if (name == "search" && picture_) {
+  if (name == "search" && image_) {
     const auto* wider = std::upper_bound(std::begin(kSearches), std::end(kSearches), search_);
     search_ = wider == std::end(kSearches) ? kSearches[0] : *wider;
     respond();
@@ -116,19 +116,17 @@ void PatchSession::draw_patch() {
   label(shown_, "their gradient", {kPatchPlace.x + kPatchPlace.width / 2 + 14, 14});
 }
 
-void PatchSession::draw_picture() {
-  if (!picture_) {
-    label(shown_, "--on PICTURE shows how it responds there",
-          {kPicturePlace.x, kPicturePlace.y - 20});
+void PatchSession::draw_image() {
+  if (!image_) {
+    label(shown_, "--on IMAGE shows how it responds there", {kImagePlace.x, kImagePlace.y - 20});
     return;
   }
   const face::landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
-  const cv::Mat drawn = face::landmarks::draw_response(response, kPicturePlace.height);
-  drawn.copyTo(shown_(cv::Rect(kPicturePlace.tl(), drawn.size())));
-  label(shown_, fmt::format("the picture, {0}x{0} px", search_),
-        {kPicturePlace.x, kPicturePlace.y - 20});
+  const cv::Mat drawn = face::landmarks::draw_response(response, kImagePlace.height);
+  drawn.copyTo(shown_(cv::Rect(kImagePlace.tl(), drawn.size())));
+  label(shown_, fmt::format("the image, {0}x{0} px", search_), {kImagePlace.x, kImagePlace.y - 20});
   label(shown_, fmt::format("response, at best {:.2f}", response.best),
-        {kPicturePlace.x + drawn.cols / 2 + 4, kPicturePlace.y - 20});
+        {kImagePlace.x + drawn.cols / 2 + 4, kImagePlace.y - 20});
 }
 
 View PatchSession::view() {
@@ -136,13 +134,13 @@ View PatchSession::view() {
   shown_.setTo(kGround);
   draw_face();
   draw_patch();
-  draw_picture();
+  draw_image();
   image::draw::button(shown_, kPrevious, "previous");
   image::draw::button(shown_, kNext, "next");
   View result;
   result.status = fmt::format("patch {} of {}, {}x{} px", current_ + 1, model_.points(),
                               model_.side(), model_.side());
-  if (picture_) result.status += ", on " + picture_->name;
+  if (image_) result.status += ", on " + image_->name;
   if (draws_status()) {
     image::draw::status_bar(shown_, result.status, "h: help");
     if (controls_.help()) draw_help(shown_, "Patches", actions());
@@ -151,12 +149,12 @@ View PatchSession::view() {
   result.finished = controls_.finished();
   result.state = {{"patch", current_},
                   {"patches", model_.points()},
-                  {"picture", picture_ ? nlohmann::json(picture_->name) : nlohmann::json()},
+                  {"image", image_ ? nlohmann::json(image_->name) : nlohmann::json()},
                   {"search", search_},
                   {"response", nullptr},
                   {"peak", nullptr},
                   {"help", controls_.help()}};
-  if (picture_) {
+  if (image_) {
     const face::landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
     result.state["response"] = response.best;
     result.state["peak"] = {response.peak.x - search_ / 2, response.peak.y - search_ / 2};

@@ -15,22 +15,22 @@
 
 namespace tarsier {
 
-// A picture on which patches are tried.
-struct PatchPicture {
+// An image on which patches are tried.
+struct PatchImage {
   std::string name;
   cv::Mat gray;             // CV_8UC1
   Eigen::Matrix2Xd points;  // px, where the patches are tried
 };
 
 // Looks through the patches of a model, one after the other: where it lies on the mean face, its
-// weights and their gradient and, given a picture, what it sees there and how it responds. A click
-// on the mean face takes the patch that is nearest. State: {"patch", "patches", "picture",
+// weights and their gradient and, given an image, what it sees there and how it responds. A click
+// on the mean face takes the patch that is nearest. State: {"patch", "patches", "image",
 // "search", "response", "peak": [dx, dy] of the patches' px from the point, or null, "help"}.
 class PatchSession final : public Session {
  public:
   // Throws std::invalid_argument where patches, shape and points disagree.
   PatchSession(face::landmarks::PatchModels model, face::shape::ShapeModel shape,
-               std::optional<PatchPicture> picture);
+               std::optional<PatchImage> image);
 
   View on_frame(const Frame&, const SourceStatus&) override { return view(); }
   View on_idle(const SourceStatus&) override { return view(); }
@@ -44,12 +44,12 @@ class PatchSession final : public Session {
   void click(double x, double y);
   void draw_face();
   void draw_patch();
-  void draw_picture();
+  void draw_image();
   View view();
 
   face::landmarks::PatchModels model_;
   face::shape::ShapeModel shape_;
-  std::optional<PatchPicture> picture_;
+  std::optional<PatchImage> image_;
   std::vector<face::landmarks::PointResponse> responses_;
   int current_ = 0;
   int search_ = 21;

@@ -18,7 +18,7 @@ namespace {
 
 constexpr int kSide = 11;
 
-// Four patches that are bright disks, at the corners of a square of 60 px; the picture shows such
+// Four patches that are bright disks, at the corners of a square of 60 px; the image shows such
 // disks where its points are, but for the last, which is off by (3, -2) px.
 class PatchSessionTest : public ::testing::Test {
  protected:
@@ -34,25 +34,25 @@ class PatchSessionTest : public ::testing::Test {
     std::vector<Eigen::Matrix2Xd> shapes{square, square * 1.1};
     shape_ = face::shape::train_shape_model(shapes);
 
-    picture_.name = "disks.png";
-    picture_.points = square.array() + 80;
-    picture_.gray = cv::Mat(160, 160, CV_8UC1, cv::Scalar(60));
+    image_.name = "disks.png";
+    image_.points = square.array() + 80;
+    image_.gray = cv::Mat(160, 160, CV_8UC1, cv::Scalar(60));
     for (Eigen::Index i = 0; i < 4; ++i) {
       const cv::Point off = i == 3 ? cv::Point(3, -2) : cv::Point();
-      cv::circle(picture_.gray,
-                 cv::Point(static_cast<int>(picture_.points(0, i)),
-                           static_cast<int>(picture_.points(1, i))) +
-                     off,
-                 3, cv::Scalar(220), cv::FILLED);
+      cv::circle(
+          image_.gray,
+          cv::Point(static_cast<int>(image_.points(0, i)), static_cast<int>(image_.points(1, i))) +
+              off,
+          3, cv::Scalar(220), cv::FILLED);
     }
   }
-  PatchSession session(bool with_picture) {
-    return {model_, shape_, with_picture ? std::optional(picture_) : std::nullopt};
+  PatchSession session(bool with_image) {
+    return {model_, shape_, with_image ? std::optional(image_) : std::nullopt};
   }
 
   face::landmarks::PatchModels model_;
   face::shape::ShapeModel shape_;
-  PatchPicture picture_;
+  PatchImage image_;
 };
 
 // No frames: a session of events alone.
@@ -82,7 +82,7 @@ TEST_F(PatchSessionTest, KeysGoRoundThroughAllPatches) {
   for (const ScriptStep& step : host.run()) patches.push_back(step.state.at("patch"));
   EXPECT_EQ(patches, (std::vector<int>{1, 2, 3, 0, 3, 2, 2}));
   EXPECT_TRUE(host.steps().back().finished);
-  EXPECT_TRUE(host.steps().back().state.at("peak").is_null()) << "there is no picture";
+  EXPECT_TRUE(host.steps().back().state.at("peak").is_null()) << "there is no image";
 }
 
 TEST_F(PatchSessionTest, ResponseTellsHowFarThePeakIsFromThePoint) {

@@ -43,9 +43,9 @@ cv::Mat thumbnail(const cv::Mat& crop) {
   return small;
 }
 
-void put(cv::Mat& canvas, const cv::Mat& picture, cv::Point at) {
-  const cv::Rect box = cv::Rect(at, picture.size()) & cv::Rect({0, 0}, canvas.size());
-  if (!box.empty()) picture(cv::Rect(box.tl() - at, box.size())).copyTo(canvas(box));
+void put(cv::Mat& canvas, const cv::Mat& image, cv::Point at) {
+  const cv::Rect box = cv::Rect(at, image.size()) & cv::Rect({0, 0}, canvas.size());
+  if (!box.empty()) image(cv::Rect(box.tl() - at, box.size())).copyTo(canvas(box));
 }
 
 }  // namespace
@@ -57,13 +57,13 @@ double PeopleSession::scale() const {
          frame_.rows;
 }
 
-cv::Size PeopleSession::picture_size() const {
+cv::Size PeopleSession::image_size() const {
   if (frame_.empty()) return {640, 480};
   return {std::max(1, cvRound(frame_.cols * scale())), std::max(1, cvRound(frame_.rows * scale()))};
 }
 
 cv::Rect PeopleSession::button_box(std::string_view name) const {
-  const cv::Size size = picture_size();
+  const cv::Size size = image_size();
   const auto left = [&](int row) {
     return cv::Rect(10, 10 + row * (kButtonHeight + 8), kButtonWidth, kButtonHeight);
   };
@@ -78,7 +78,7 @@ cv::Rect PeopleSession::button_box(std::string_view name) const {
 }
 
 cv::Rect PeopleSession::strip_box(std::size_t person) const {
-  const cv::Size size = picture_size();
+  const cv::Size size = image_size();
   // The newest are seen where there is no room for all.
   const auto room = static_cast<std::size_t>(std::max(1, size.height / kCell));
   const std::size_t first = people_.size() > room ? people_.size() - room : 0;
@@ -113,7 +113,7 @@ std::string PeopleSession::help_line() const {
 }
 
 void PeopleSession::draw_strip() {
-  const int x = picture_size().width;
+  const int x = image_size().width;
   shown_.colRange(x, shown_.cols).setTo(kGround);
   for (std::size_t i = 0; i < people_.size(); ++i) {
     const Enrolled& person = people_[i];
@@ -146,7 +146,7 @@ void PeopleSession::draw_buttons() {
   image::draw::button(shown_, button_box("delete"), "Delete All", asking_);
   image::draw::button(shown_, button_box("debug"), "Debug", debug_);
   if (!asking_) return;
-  const cv::Point middle(picture_size().width / 2, picture_size().height / 2);
+  const cv::Point middle(image_size().width / 2, image_size().height / 2);
   image::draw::fill_rounded(shown_, {middle.x - 210, middle.y - 50, 420, 110}, 10, kGround, 0.9);
   image::draw::put_text(shown_,
                         fmt::format("Delete {} people and all their faces?", people_.size()),
@@ -161,13 +161,13 @@ void PeopleSession::draw_preprocessed() {
   const cv::Mat& crop = faces_.front().face.crop;
   const face::recognition::Recognizer* model = identity_.recognizer();
   const bool general = model == nullptr || face::recognition::is_whitened(model->options.algorithm);
-  cv::Mat seen = general ? face::recognition::light_picture(face::recognition::tan_triggs(crop))
+  cv::Mat seen = general ? face::recognition::light_image(face::recognition::tan_triggs(crop))
                          : face::people::classical_face(crop);
   const int height = 84;
   cv::resize(seen, seen, {cvRound(height * static_cast<double>(seen.cols) / seen.rows), height}, 0,
              0, cv::INTER_AREA);
   cv::cvtColor(seen, seen, cv::COLOR_GRAY2BGR);
-  const cv::Point at(picture_size().width / 2 - seen.cols / 2, 8);
+  const cv::Point at(image_size().width / 2 - seen.cols / 2, 8);
   cv::rectangle(shown_, cv::Rect(at.x - 2, at.y - 2, seen.cols + 4, seen.rows + 4), kGrey, 2);
   put(shown_, seen, at);
 }
@@ -177,7 +177,7 @@ void PeopleSession::draw_confidence() {
   if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().name.label.empty())
     return;
   const face::people::Recognition& name = faces_.front().name;
-  const cv::Size size = picture_size();
+  const cv::Size size = image_size();
   const cv::Rect box(size.width - 30, size.height / 2 - 90, 16, 180);
   image::draw::fill_rounded(shown_, box, 4, kGround, 0.8);
   const int filled = cvRound(std::clamp(name.confidence, 0.0, 1.0) * box.height);
@@ -204,8 +204,8 @@ void PeopleSession::draw_debug() {
   kept.image("aligned", face.crop);
   (void)face::people::classical_face(face.crop, face::people::CutOptions(), {}, &kept);
   kept.image("light taken out",
-             face::recognition::light_picture(face::recognition::tan_triggs(face.crop)));
-  const cv::Size size = picture_size();
+             face::recognition::light_image(face::recognition::tan_triggs(face.crop)));
+  const cv::Size size = image_size();
   const cv::Mat stages = image::draw::tile(kept.images, kept.names, {size.width - 20, 132});
   put(shown_, stages, {10, size.height - 142});
   std::string text =
@@ -250,11 +250,11 @@ View PeopleSession::view(bool fresh) {
   result.state = state();
   result.status = help_line();
   result.finished = controls_.finished();
-  const cv::Size size = picture_size();
+  const cv::Size size = image_size();
   shown_.create(size.height + (draws_status() ? kBar : 0), size.width + kStrip, CV_8UC3);
   shown_.setTo(kGround);
   if (!frame_.empty()) {
-    cv::Mat picture = shown_(cv::Rect({0, 0}, size));
+    cv::Mat image = shown_(cv::Rect({0, 0}, size));
     if (fresh) {
       frame_.copyTo(output_);
       for (const face::NamedFace& face : faces_) draw_named_face(output_, face);
@@ -270,8 +270,8 @@ View PeopleSession::view(bool fresh) {
       result.output = output_;
     }
     if (!output_.empty())
-      cv::resize(output_, picture, size, 0, 0, scale() < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
-    if (flash_ > 0) picture.setTo(cv::Scalar::all(255));
+      cv::resize(output_, image, size, 0, 0, scale() < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+    if (flash_ > 0) image.setTo(cv::Scalar::all(255));
   }
   draw_preprocessed();
   draw_confidence();

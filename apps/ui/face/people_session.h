@@ -105,7 +105,7 @@ class PeopleSession final : public Session {
   [[nodiscard]] std::string prompt() const;
   [[nodiscard]] std::string help_line() const;
   [[nodiscard]] double scale() const;
-  [[nodiscard]] cv::Size picture_size() const;  // of the frame in the view
+  [[nodiscard]] cv::Size image_size() const;  // of the frame in the view
   [[nodiscard]] nlohmann::json state() const;
 
   face::IdentifierState identity_;

@@ -23,7 +23,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+constexpr const char* kImage = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
 
 // The models that ship, of the source tree.
 std::string models_folder() { return TARSIER_SOURCE_MODELS; }
@@ -58,7 +58,7 @@ Frame frame(const cv::Mat& image, int index) {
 
 class PeopleSessionTest : public FolderTest {
  protected:
-  // Cascades find no face in plain pictures: enough for everything but faces.
+  // Cascades find no face in plain images: enough for everything but faces.
   static face::people::FaceReader reader() {
     face::people::FaceReaderOptions options;
     options.eyes = face::people::EyeMethod::kSplits;
@@ -170,25 +170,25 @@ TEST_F(PeopleSessionTest, FisherfacesWithOnePersonIsSaid) {
 }
 
 TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
-  if (landmark_model() == nullptr || !std::filesystem::exists(kPicture))
+  if (landmark_model() == nullptr || !std::filesystem::exists(kImage))
     GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
-  const cv::Mat picture = read_image(kPicture);
+  const cv::Mat image = read_image(kImage);
   face::people::Gallery gallery(path("p.db"));
   PeopleSessionOptions options;
   options.names = {"Leo"};
   options.collect.gate.min_eye_distance = 8;
   options.collect.gate.min_sharpness = 0.02;
   PeopleSession session(opened(gallery, nullptr, {{}, landmark_model()}), options);
-  (void)session.on_frame(frame(picture, 0), live_);
+  (void)session.on_frame(frame(image, 0), live_);
   (void)session.on_event(key_event('a'));
-  View view = session.on_frame(frame(picture, 1), live_);
+  View view = session.on_frame(frame(image, 1), live_);
   ASSERT_EQ(session.faces().size(), 1U);
   EXPECT_TRUE(view.state["flash"]);
   EXPECT_EQ(gallery.face_count(), 1);
   EXPECT_EQ(view.image.at<cv::Vec3b>(300, 200), cv::Vec3b(255, 255, 255));
   EXPECT_THAT(view.state["prompt"].get<std::string>(), HasSubstr("left"));
   // The same face again is refused; time passing alone does not change that.
-  for (int i = 2; i < 30; ++i) view = session.on_frame(frame(picture, i), live_);
+  for (int i = 2; i < 30; ++i) view = session.on_frame(frame(image, i), live_);
   EXPECT_EQ(gallery.face_count(), 1);
   EXPECT_FALSE(view.state["flash"]);
   const cv::Rect strip = session.strip_box(0);
@@ -342,7 +342,7 @@ TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
   EXPECT_GE(share(3, "Ben", true), 0.9);
   EXPECT_GE(share(4, "", false), 0.95);
   EXPECT_GE(share(5, "", false), 0.95);
-  if (const char* folder = std::getenv("PEOPLE_PICTURES")) {  // to look at
+  if (const char* folder = std::getenv("PEOPLE_IMAGES")) {  // to look at
     for (const ScriptStep& step : steps)
       if (!step.image.empty())
         write_image(std::string(folder) + "/" + std::to_string(step.frame) + ".png", step.image);

@@ -31,7 +31,7 @@ struct PoseSessionOptions {
 };
 
 // Shows the poses of heads that a face::PoseTracker finds. on_frame() throws InputError where the
-// camera is that of pictures of another shape.
+// camera is that of images of another shape.
 // Keys: d looks for faces again, v what is drawn, space pauses, h help, q or Esc ends.
 // State: {"faces": number, "ids": [..], "yaw": [..], "draw", "paused"}.
 class PoseSession final : public FrameSession {

@@ -62,7 +62,7 @@ TEST_F(Pose, AStillFaceHasAPoseAndItsMirrorImageTheMirroredOne) {
   EXPECT_NEAR(angles.pitch_deg, -20, 12);
   EXPECT_GT(cv::norm(view.output, image_, cv::NORM_INF), 50);  // axes are drawn
   const Eigen::Vector3d place = poser.faces()[0].pose->camera_from_head.translation;
-  // The face is left of the picture's middle.
+  // The face is left of the image's middle.
   EXPECT_LT(place[0], 0);
   EXPECT_GT(place[2], 1000);
 
@@ -136,7 +136,7 @@ TEST_F(Pose, ADrawnObjectIsHiddenBehindTheHead) {
   EXPECT_EQ(cv::norm(hidden.output, image_, cv::NORM_INF), 0);
 }
 
-TEST_F(Pose, ACameraIsMadeToFitSmallerPicturesButNotOthers) {
+TEST_F(Pose, ACameraIsMadeToFitSmallerImagesButNotOthers) {
   face::PoseTrackerOptions options;
   options.camera = face::head::guess_camera(image_.size());
   options.camera->width *= 2;

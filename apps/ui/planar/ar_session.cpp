@@ -10,7 +10,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
-#include "ui/save_picture.h"
+#include "ui/save_image.h"
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -95,7 +95,7 @@ std::vector<Action> ArSession::own_actions() const {
                               {"smooth", "smoothing", 's'},
                               {"list", "list with distances", 'l'},
                               {"family", "next family", 'f'},
-                              {"save", "save the picture", 'w'}};
+                              {"save", "save the image", 'w'}};
   if (options_.augment.mesh != nullptr)
     actions.insert(actions.begin() + 3, {"mesh", "the mesh", 'm'});
   return actions;
@@ -123,7 +123,7 @@ void ArSession::save() {
   try {
     saved_ = save_numbered(options_.save_folder, drawing());
     message_ = "saved " + saved_;
-  } catch (const OutputError& error) {  // no reason to end a live picture
+  } catch (const OutputError& error) {  // no reason to end a live image
     log_warning("cannot save: {}", error.what());
     message_ = "cannot save: see the log";
   }

@@ -21,7 +21,7 @@ struct ArSessionOptions {
 
 // Draws objects on the markers that a planar::MarkerTracker finds.
 // Keys: a axes, c cube, m the mesh, n nothing; i outlines and ids; e shadows; s smoothing; l the
-// list of markers with their distances; f the next family; w saves the picture; space pauses, also
+// list of markers with their distances; f the next family; w saves the image; space pauses, also
 // to look at one image with other objects on it; h help; q or Esc ends.
 // State: {"markers": number, "ids": [..], "distance_m": [..], "draw", "outlines", "shadow",
 // "smooth", "list", "family", "saved", "paused"}.

@@ -43,7 +43,7 @@ ArSessionOptions options() {
   return options;
 }
 
-void keep_picture(const cv::Mat& image, const std::string& name) {
+void keep_image(const cv::Mat& image, const std::string& name) {
   if (const char* folder = std::getenv("TARSIER_KEEP"))
     cv::imwrite(std::string(folder) + "/ar-" + name + ".png", image);
 }
@@ -62,7 +62,7 @@ TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
   const auto& steps = host.run();
   const auto video = truth();
   for (const ScriptStep& step : steps) {
-    if (!step.image.empty()) keep_picture(step.image, std::to_string(step.frame));
+    if (!step.image.empty()) keep_image(step.image, std::to_string(step.frame));
     if (step.cause != "frame") continue;
     EXPECT_GE(step.state["markers"], 3) << step.frame;
     for (std::size_t i = 0; i < step.state["ids"].size(); ++i) {
@@ -78,10 +78,10 @@ TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
     if (step.frame == 7) {
       EXPECT_EQ(step.state["draw"], "axes");
     }
-    if (step.frame == 15) {  // nothing at all: the picture as it came
+    if (step.frame == 15) {  // nothing at all: the image as it came
       const cv::Mat plain = step.output;
-      const cv::Mat video_picture = video.picture_at(1.5);
-      EXPECT_LT(cv::norm(plain, video_picture, cv::NORM_INF), 15);  // noise
+      const cv::Mat video_image = video.image_at(1.5);
+      EXPECT_LT(cv::norm(plain, video_image, cv::NORM_INF), 15);  // noise
     }
   }
 }
@@ -102,7 +102,7 @@ TEST(ArSessionTest, FreezesSavesAndChangesTheFamily) {
   EXPECT_EQ(session.on_event(key_event(key::kSpace)).state["paused"], true);
   const cv::Mat cube = session.on_event(key_event('c')).image.clone();
   const cv::Mat axes = session.on_event(key_event('a')).image.clone();
-  EXPECT_GT(cv::norm(cube, axes, cv::NORM_INF), 60);  // drawn again on the frozen picture
+  EXPECT_GT(cv::norm(cube, axes, cv::NORM_INF), 60);  // drawn again on the frozen image
   view = session.on_event(key_event('w'));
   EXPECT_TRUE(std::filesystem::exists(view.state["saved"].get<std::string>()));
   EXPECT_EQ(session.on_event(key_event('s')).state["smooth"], false);

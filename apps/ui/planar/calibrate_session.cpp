@@ -116,7 +116,7 @@ std::vector<Action> CalibrateSession::actions() const {
                           {"undo", "forget the last view", 'z'},
                           {"restart", "forget all views", 'x'},
                           {"calibrate", "calibrate now", 'c'},
-                          {"straight", "the straightened picture", 'u'},
+                          {"straight", "the straightened image", 'u'},
                           {"coverage", "what is covered", 'm'}});
 }
 

@@ -18,7 +18,7 @@ namespace tarsier {
 // planar::Calibrator takes and where the board was not yet seen, and computes the camera again with
 // every view.
 // Keys: space takes the view now, whatever it is; z forgets the last one, x all; c calibrates now;
-// u shows the straightened picture; m what is covered; p pauses; h help; q or Esc ends. State:
+// u shows the straightened image; m what is covered; p pauses; h help; q or Esc ends. State:
 // {"views", "coverage", "verdict", "missing": [..], "cells": views that touch each cell, rows of
 // columns, "per_view": [{"points", "rms" px, "tilt" degrees; these two of the latest calibration}],
 // "calibrated", "rms", "fx", "refusal", "straight", "paused"}.

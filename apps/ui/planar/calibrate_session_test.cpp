@@ -31,7 +31,7 @@ std::unique_ptr<FrameSource> video(int frames) {
   return synth::open_synth_source("board?size=480x360&fps=10&frames=" + std::to_string(frames));
 }
 
-void keep_picture(const cv::Mat& image, const char* name) {
+void keep_image(const cv::Mat& image, const char* name) {
   if (const char* folder = std::getenv("TARSIER_KEEP"))
     cv::imwrite(std::string(folder) + "/session-" + name + ".png", image);
 }
@@ -45,7 +45,7 @@ TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
   for (const int frame : {2, 12, 20, 100, 113, 116, 120}) host.keep(frame);
   const auto& steps = host.run();
   for (const ScriptStep& step : steps)
-    if (!step.image.empty()) keep_picture(step.image, std::to_string(step.frame).c_str());
+    if (!step.image.empty()) keep_image(step.image, std::to_string(step.frame).c_str());
   // Nothing without a board, nothing while it moves.
   EXPECT_EQ(steps[2].state["verdict"], "no board");
   EXPECT_EQ(steps[2].state["views"], 0);
@@ -79,11 +79,11 @@ TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
     for (const int count : row) covered += count > 0 ? 1 : 0;
   }
   EXPECT_NEAR(covered / 48.0, steps.back().state["coverage"].get<double>(), 1e-3);
-  // The straightened picture, then the help over it.
+  // The straightened image, then the help over it.
   for (const ScriptStep& step : steps)
     if (step.frame == 116 && step.cause == "frame") {
       EXPECT_EQ(step.state["straight"], true);
-      EXPECT_GT(cv::norm(step.output, truth.picture_at(11.6), cv::NORM_INF), 60);
+      EXPECT_GT(cv::norm(step.output, truth.image_at(11.6), cv::NORM_INF), 60);
     }
 }
 
@@ -134,14 +134,14 @@ TEST(CalibrateSessionTest, APersonMayTakeAViewAndIsToldWhyThereIsNoCamera) {
   EXPECT_TRUE(last.finished);
 }
 
-TEST(CalibrateSessionTest, StillPicturesAreViewsOfTheirOwn) {
+TEST(CalibrateSessionTest, StillImagesAreViewsOfTheirOwn) {
   CalibrateSession session(calibrator());
   const synth::BoardVideo truth({480, 360}, calibrator().options().board, 1);
   for (int k = 0; k < 5; ++k) {
     Frame frame;
-    frame.image = truth.picture_at(0.6 + 1.2 * k);
+    frame.image = truth.image_at(0.6 + 1.2 * k);
     frame.index = k;
-    frame.name = "picture";
+    frame.name = "image";
     frame.still = true;
     const View view = session.on_frame(frame, {});
     EXPECT_EQ(view.state["verdict"], "taken") << k;
@@ -159,13 +159,13 @@ TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
   const auto spec = calibrator().options().board;
   synth::BoardLook look;
   look.fall_off = 0.8;
-  const cv::Mat picture = synth::render_board(
+  const cv::Mat image = synth::render_board(
       camera, synth::board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8), spec, look);
   CalibrateSession session(calibrator());
   int seen = 0;
   for (int k = 0; k < 12; ++k) {
     Frame frame;
-    frame.image = picture;
+    frame.image = image;
     frame.index = k;
     frame.time = 0.1 * k;
     frame.name = "video";

@@ -54,7 +54,7 @@ void line(cv::Mat& image, const cv::Point2d& a, const cv::Point2d& b, const cv::
 void TargetSessionOptions::check() const { train.check(); }
 
 TargetSession::TargetSession(planar::TargetTracker tracker, TargetSessionOptions options)
-    : FrameSession("Pictures as targets"),
+    : FrameSession("Images as targets"),
       tracker_(std::move(tracker)),
       given_(tracker_.targets().size()),
       options_(std::move(options)) {
@@ -105,12 +105,12 @@ bool TargetSession::train(cv::Rect box) {
     message_ = fmt::format("frame at least {0} x {0} px, and no thin strip", kMinSide);
     return false;
   }
-  const std::string name = fmt::format("picture {}", tracker_.targets().size() - given_ + 1);
+  const std::string name = fmt::format("image {}", tracker_.targets().size() - given_ + 1);
   planar::image_targets::Target trained =
       planar::image_targets::train_target(frame()(box), name, options_.train);
   const planar::image_targets::Quality& quality = trained.quality;
   if (quality.rating < 0.15) {
-    message_ = "not trained: " + (quality.reasons.empty() ? "a poor picture" : quality.reasons[0]);
+    message_ = "not trained: " + (quality.reasons.empty() ? "a poor image" : quality.reasons[0]);
     return false;
   }
   message_ = fmt::format("{} trained, rating {:.2f}", name, quality.rating);
@@ -122,7 +122,7 @@ bool TargetSession::train(cv::Rect box) {
 }
 
 std::vector<Action> TargetSession::own_actions() const {
-  return {{"train", "train the middle of the picture (or draw a frame with the mouse)", 't'},
+  return {{"train", "train the middle of the image (or draw a frame with the mouse)", 't'},
           {"redetect", "look for all again", 'd'},
           {"forget", "forget what was trained here", 'c'},
           {"overlay", "what is drawn", 'v'}};
@@ -197,7 +197,7 @@ nlohmann::json TargetSession::state() const {
 }
 
 std::string TargetSession::status() const {
-  return fmt::format("{} of {} pictures{}", result_.seen.size(), tracker_.targets().size(),
+  return fmt::format("{} of {} images{}", result_.seen.size(), tracker_.targets().size(),
                      message_.empty() ? "" : ": " + message_);
 }
 

@@ -15,16 +15,16 @@ namespace tarsier {
 enum class TargetOverlay { kOutline, kAxes, kBox, kNone };
 
 struct TargetSessionOptions {
-  planar::image_targets::TrainOptions train;    // of pictures framed on the spot
+  planar::image_targets::TrainOptions train;    // of images framed on the spot
   TargetOverlay overlay = TargetOverlay::kBox;  // axes and box need a camera: else the outline
   DebugSink* debug = nullptr;                   // takes each stage; must outlive the session
   void check() const;                           // throws std::invalid_argument
 };
 
 // Shows the targets that a planar::TargetTracker finds.
-// With the left button a rectangle is drawn over a print that stands squarely in the picture: what
+// With the left button a rectangle is drawn over a print that stands squarely in the image: what
 // is inside is trained on the spot and followed from then on. Keys: t trains the middle half of the
-// picture, d looks for all again, c forgets what was trained on the spot, v what is drawn, space
+// image, d looks for all again, c forgets what was trained on the spot, v what is drawn, space
 // pauses, h help, q or Esc ends.
 // State: {"targets": [{"id", "name", "corners"}], "trained": number, "message", "draw", "paused"}.
 class TargetSession final : public FrameSession {

@@ -2,7 +2,7 @@
 #include "ui/planar/target_session.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/synth/planar_pictures.h"
+#include "tarsier/synth/planar_images.h"
 #include "tarsier/synth/planar_source.h"
 #include "tarsier/synth/planar_worlds.h"
 
@@ -27,7 +27,7 @@ Frame frame_of(const cv::Mat& image, bool still) {
 planar::image_targets::Target trained(int trials = 4) {
   planar::image_targets::TrainOptions options;
   options.trials = trials;
-  return planar::image_targets::train_target(synth::poster_print(0, 5).picture, "poster", options);
+  return planar::image_targets::train_target(synth::poster_print(0, 5).image, "poster", options);
 }
 
 const SourceStatus kLive = {.state = SourceState::kLive, .detail = "", .age_s = 0};
@@ -36,13 +36,13 @@ double distance(const nlohmann::ordered_json& corner, const cv::Point2d& truth) 
   return std::hypot(corner[0].get<double>() - truth.x, corner[1].get<double>() - truth.y);
 }
 
-TEST(TargetSession, TellsWhereAPictureIsAndDrawsThere) {
+TEST(TargetSession, TellsWhereAnImageIsAndDrawsThere) {
   const auto f = video();
   planar::TargetTrackerOptions options;
   options.camera = f.camera();
   TargetSession session(planar::TargetTracker({trained()}, options));
-  const cv::Mat picture = f.picture_at(0);
-  const View view = session.on_frame(frame_of(picture, false), kLive);
+  const cv::Mat image = f.image_at(0);
+  const View view = session.on_frame(frame_of(image, false), kLive);
   const auto truth = f.truth_at(0);
   const auto markers = to_json(session.result()).at("markers");
   ASSERT_EQ(markers.size(), 1U);
@@ -51,7 +51,7 @@ TEST(TargetSession, TellsWhereAPictureIsAndDrawsThere) {
   for (std::size_t i = 0; i < 4; ++i)
     EXPECT_LT(distance(markers[0]["corners"][i], truth[0].corners[i]), 1);
   EXPECT_EQ(markers[0]["tvec"].size(), 3U);
-  // The homography is that of the picture as it was given, 600 x 450 px.
+  // The homography is that of the image as it was given, 600 x 450 px.
   const auto& h = markers[0]["homography"];
   const auto at = [&](double x, double y) {
     const double w = h[6].get<double>() * x + h[7].get<double>() * y + h[8].get<double>();
@@ -59,14 +59,14 @@ TEST(TargetSession, TellsWhereAPictureIsAndDrawsThere) {
                        (h[3].get<double>() * x + h[4].get<double>() * y + h[5].get<double>()) / w);
   };
   EXPECT_LT(cv::norm(at(599.5, 449.5) - truth[0].corners[2]), 1);
-  EXPECT_NE(cv::norm(view.output, picture), 0);
+  EXPECT_NE(cv::norm(view.output, image), 0);
   EXPECT_EQ(view.state["targets"].size(), 1U);
 }
 
 TEST(TargetSession, TrainsWhatTheMouseFrames) {
-  // A print that fills the middle of the picture, seen squarely.
+  // A print that fills the middle of the image, seen squarely.
   cv::Mat scene(480, 640, CV_8UC3, cv::Scalar(120, 130, 140));
-  const cv::Mat poster = synth::poster_picture({320, 240}, 3);
+  const cv::Mat poster = synth::poster_image({320, 240}, 3);
   poster.copyTo(scene(cv::Rect(160, 120, 320, 240)));
   TargetSessionOptions options;
   options.train.trials = 4;
@@ -124,12 +124,12 @@ TEST(TargetSession, AStillThatIsDrawnOtherwiseGoesToTheSinkAgain) {
   options.camera = f.camera();
   for (const bool still : {true, false}) {
     TargetSession session(planar::TargetTracker({trained(2)}, options));
-    const cv::Mat box = session.on_frame(frame_of(f.picture_at(0), still), kLive).output.clone();
+    const cv::Mat box = session.on_frame(frame_of(f.image_at(0), still), kLive).output.clone();
     ASSERT_EQ(session.result().seen.size(), 1U);
     const View none = session.on_event(key_event('v'));
     ASSERT_EQ(none.output.empty(), !still);
     if (still) {
-      EXPECT_EQ(cv::norm(none.output, f.picture_at(0), cv::NORM_INF), 0);
+      EXPECT_EQ(cv::norm(none.output, f.image_at(0), cv::NORM_INF), 0);
       EXPECT_GT(cv::norm(none.output, box, cv::NORM_INF), 60);
     }
     EXPECT_TRUE(session.on_event(key_event('d')).output.empty()) << "found in the next frame";

@@ -127,7 +127,7 @@ TEST_F(Plates, AnotherSourceHasVehiclesOfItsOwn) {
   }
 }
 
-TEST_F(Plates, PicturesInSequenceAreOneVideo) {
+TEST_F(Plates, ImagesInSequenceAreOneVideo) {
   PlateSession session = make();
   for (int k = 0; k < 12; ++k) {
     seen_ = {reading_at({60 + 4 * k, 100, 90, 20})};

@@ -20,18 +20,18 @@ namespace {
 // A drawn video: the camera goes along a wall.
 class Walk final : public FrameSource {
  public:
-  explicit Walk(std::vector<cv::Mat> pictures) : pictures_(std::move(pictures)) {}
+  explicit Walk(std::vector<cv::Mat> images) : images_(std::move(images)) {}
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
     if (ended()) return std::nullopt;
     Frame frame;
-    frame.image = pictures_[at_];
+    frame.image = images_[at_];
     frame.index = static_cast<std::int64_t>(at_);
     frame.time = static_cast<double>(at_) / 10;
     frame.name = "walk";
     ++at_;
     return frame;
   }
-  [[nodiscard]] bool ended() const override { return at_ == pictures_.size(); }
+  [[nodiscard]] bool ended() const override { return at_ == images_.size(); }
   [[nodiscard]] bool is_live() const override { return false; }
   [[nodiscard]] SourceStatus status() const override {
     SourceStatus status;
@@ -40,12 +40,12 @@ class Walk final : public FrameSource {
   }
   [[nodiscard]] double fps() const override { return 10; }
   [[nodiscard]] std::int64_t count() const override {
-    return static_cast<std::int64_t>(pictures_.size());
+    return static_cast<std::int64_t>(images_.size());
   }
   [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
 
  private:
-  std::vector<cv::Mat> pictures_;
+  std::vector<cv::Mat> images_;
   std::size_t at_ = 0;
   std::vector<std::string> skipped_;
 };

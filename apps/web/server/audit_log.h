@@ -10,7 +10,7 @@
 namespace tarsier::web {
 
 // Who did what: a JSON line for each event ({"time","event","address",..}) in .studio/audit.log
-// (mode 0600). No pictures, no templates of faces, no secrets. At 4 MB the file becomes audit.log.1.
+// (mode 0600). No images, no templates of faces, no secrets. At 4 MB the file becomes audit.log.1.
 // Thread-safe; trouble with the disk is warned of, never thrown.
 class AuditLog {
  public:

@@ -247,30 +247,30 @@ Response Live::send_snapshot(const Request& request) {
   const auto waker = std::make_shared<Waker>();
   // In its full size: others may watch a small one.
   session->add_viewer(waker);
-  const std::uint64_t before = session->picture().number;
+  const std::uint64_t before = session->image().number;
   const std::uint64_t wanted = std::max(before + 1, session->fitting());
   // Of a session that is paused no newer one comes.
   const Clock::time_point until = Clock::now() + milliseconds(before == 0                   ? 5000
                                                               : session->fitting() > before ? 2000
                                                                                             : 500);
-  while (session->picture().number < wanted && session->is_running() && Clock::now() < until) {
-    session->want_picture();
+  while (session->image().number < wanted && session->is_running() && Clock::now() < until) {
+    session->want_image();
     waker->wait(milliseconds(50));
     const std::lock_guard lock(mutex_);
     if (is_stopping_) break;
   }
   session->remove_viewer(waker);
-  const LiveSession::Picture picture = session->picture();
-  if (picture.number == 0) {
-    Response response = error_response(503, "there is no picture yet; try again in a moment");
+  const LiveSession::Image image = session->image();
+  if (image.number == 0) {
+    Response response = error_response(503, "there is no image yet; try again in a moment");
     response.headers.emplace_back("Retry-After", "1");
     return response;
   }
   Response response;
   response.type = "image/jpeg";
-  response.body = *picture.jpeg;
-  response.headers.emplace_back("X-Tarsier-Frame", std::to_string(picture.frame));
-  response.headers.emplace_back("X-Tarsier-Age", std::to_string(picture.age_now()));
+  response.body = *image.jpeg;
+  response.headers.emplace_back("X-Tarsier-Frame", std::to_string(image.frame));
+  response.headers.emplace_back("X-Tarsier-Age", std::to_string(image.age_now()));
   return response;
 }
 

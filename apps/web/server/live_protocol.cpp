@@ -122,7 +122,7 @@ std::optional<std::string> event_line(const nlohmann::json& event) {
   return to_text(line) + "\n";
 }
 
-std::string picture_head(std::uint32_t frame, std::uint32_t age_ms) {
+std::string image_head(std::uint32_t frame, std::uint32_t age_ms) {
   std::string head;
   put_u32(head, frame);
   put_u32(head, age_ms);

@@ -42,7 +42,7 @@ class WindowRecords {
 // One record of /api/live: u32 length of what follows, u8 kind, u8 length of the id, id, payload.
 // All numbers big-endian. The id has at most 255 bytes.
 enum class LiveRecord : std::uint8_t {
-  kPicture = 1,
+  kImage = 1,
   kState = 2,
   kHello = 3,
   kJob = 4,
@@ -51,7 +51,7 @@ enum class LiveRecord : std::uint8_t {
 };
 void append_record(std::string& out, LiveRecord kind, std::string_view id,
                    std::string_view payload);
-// The head of a picture's payload: u32 frame, u32 age in ms.
-[[nodiscard]] std::string picture_head(std::uint32_t frame, std::uint32_t age_ms);
+// The head of an image's payload: u32 frame, u32 age in ms.
+[[nodiscard]] std::string image_head(std::uint32_t frame, std::uint32_t age_ms);
 
 }  // namespace tarsier::web

@@ -54,7 +54,7 @@ void Waker::wait(std::chrono::milliseconds patience) {
   is_due_ = false;
 }
 
-std::uint32_t LiveSession::Picture::age_now() const {
+std::uint32_t LiveSession::Image::age_now() const {
   const auto since = std::chrono::duration_cast<milliseconds>(Clock::now() - received).count();
   return age_ms + static_cast<std::uint32_t>(std::clamp<std::int64_t>(since, 0, 1'000'000'000));
 }
@@ -226,15 +226,15 @@ void LiveSession::write_camera() {
 void LiveSession::take_record(char kind, std::string payload) {
   if (kind == 'J') {
     if (payload.size() < 8) return;
-    Picture picture;
-    picture.frame = read_u32(payload.data());
-    picture.age_ms = read_u32(payload.data() + 4);
-    picture.received = Clock::now();
+    Image image;
+    image.frame = read_u32(payload.data());
+    image.age_ms = read_u32(payload.data() + 4);
+    image.received = Clock::now();
     payload.erase(0, 8);
-    picture.jpeg = std::make_shared<const std::string>(std::move(payload));
+    image.jpeg = std::make_shared<const std::string>(std::move(payload));
     const std::lock_guard lock(mutex_);
-    picture.number = picture_.number + 1;
-    picture_ = std::move(picture);
+    image.number = image_.number + 1;
+    image_ = std::move(image);
     is_wanted_ = false;
     wake_viewers();
     return;
@@ -326,7 +326,7 @@ void LiveSession::wake_viewers() {
 }
 
 void LiveSession::fit_viewers() {
-  int widest = kNoPictures;
+  int widest = kNoImages;
   for (const Viewer& viewer : viewers_) {
     const bool is_whole = viewer.max_width == 0;
     if (is_whole) widest = 0;
@@ -334,10 +334,10 @@ void LiveSession::fit_viewers() {
     widest = std::max(widest, viewer.max_width);
   }
   // Nobody watches: it stays as it is, so that a page that is loaded again changes nothing.
-  if (widest == kNoPictures || widest == max_width_ || end_) return;
+  if (widest == kNoImages || widest == max_width_ || end_) return;
   max_width_ = widest;
   // One that was asked for before may be on its way.
-  fitting_ = picture_.number + (is_wanted_ ? 2 : 1);
+  fitting_ = image_.number + (is_wanted_ ? 2 : 1);
   outbox_ += fmt::format("{{\"max_width\":{}}}\n", widest);
 }
 
@@ -383,8 +383,8 @@ nlohmann::json LiveSession::describe() const {
   value["fps"] = std::round(rate * 10) / 10;
   value["age_ms"] = nullptr;
   const auto frame = state_json_.find("frame");
-  if (picture_.number > 0)
-    value["age_ms"] = picture_.age_now();
+  if (image_.number > 0)
+    value["age_ms"] = image_.age_now();
   else if (frame != state_json_.end() && frame->is_object())
     value["age_ms"] = member(*frame, "age_ms");
   if (!options_.secrets.empty()) {
@@ -415,12 +415,12 @@ bool LiveSession::wait_until_handled(std::int64_t events, milliseconds patience)
   return events_handled_ >= events || (end_ && end_->exit == 0);
 }
 
-LiveSession::Picture LiveSession::picture() const {
+LiveSession::Image LiveSession::image() const {
   const std::lock_guard lock(mutex_);
-  return picture_;
+  return image_;
 }
 
-void LiveSession::want_picture() {
+void LiveSession::want_image() {
   {
     const std::lock_guard lock(mutex_);
     if (is_wanted_ || end_) return;

@@ -34,7 +34,7 @@ class Waker {
 };
 
 // A verb with a window, run as a child process whose window is a pair of pipes (TARSIER_WINDOW).
-// Keeps the newest picture and state; whatever a viewer missed in between is gone. Thread-safe.
+// Keeps the newest image and state; whatever a viewer missed in between is gone. Thread-safe.
 class LiveSession {
  public:
   using Clock = std::chrono::steady_clock;
@@ -54,8 +54,8 @@ class LiveSession {
     std::function<void()> on_end;  // in a thread of the session
   };
 
-  // A picture as the child sent it. `number` counts those of this session.
-  struct Picture {
+  // An image as the child sent it. `number` counts those of this session.
+  struct Image {
     std::uint64_t number = 0;
     std::uint32_t frame = 0;
     std::uint32_t age_ms = 0;  // when it was received
@@ -91,9 +91,9 @@ class LiveSession {
   // where it did not within `patience`, or ended by an error before.
   bool wait_until_handled(std::int64_t events, std::chrono::milliseconds patience);
 
-  [[nodiscard]] Picture picture() const;  // the newest; number 0: none yet
-  // Asks the child for a picture that is newer than the newest one here.
-  void want_picture();
+  [[nodiscard]] Image image() const;  // the newest; number 0: none yet
+  // Asks the child for an image that is newer than the newest one here.
+  void want_image();
 
   // The images of the stages of a frame: record D of pipe_window.h.
   struct Stages {
@@ -107,12 +107,12 @@ class LiveSession {
   [[nodiscard]] News state() const;
   [[nodiscard]] News ended() const;  // json null while it runs
 
-  // `max_width`: as wide as the viewer shows pictures, px; 0: as they are; kNoPictures. The child
+  // `max_width`: as wide as the viewer shows images, px; 0: as they are; kNoImages. The child
   // sends them as the viewer wants them that wants most.
-  static constexpr int kNoPictures = -1;
+  static constexpr int kNoImages = -1;
   void add_viewer(const std::shared_ptr<Waker>& viewer, int max_width = 0);
   void remove_viewer(const std::shared_ptr<Waker>& viewer);
-  // The number of the first picture that surely has the size that viewers want now.
+  // The number of the first image that surely has the size that viewers want now.
   [[nodiscard]] std::uint64_t fitting() const;
 
   // The newest frame of the viewer's camera; replaces one that has not been written yet.
@@ -142,8 +142,8 @@ class LiveSession {
   News ended_;
   nlohmann::json hello_json_ = nlohmann::json::object();
   nlohmann::json state_json_ = nlohmann::json::object();
-  Picture picture_;
-  bool is_wanted_ = false;  // a picture was asked for and has not come
+  Image image_;
+  bool is_wanted_ = false;  // an image was asked for and has not come
   bool is_closing_ = false;
   bool is_over_ = false;
   std::optional<ChildEnd> end_;

@@ -94,7 +94,7 @@ TEST(Events, AreCheckedAndPassedOn) {
 
 TEST(LiveRecords, AreWritten) {
   std::string out;
-  append_record(out, LiveRecord::kPicture, "ab", picture_head(258, 3) + "JPEG");
+  append_record(out, LiveRecord::kImage, "ab", image_head(258, 3) + "JPEG");
   EXPECT_EQ(out, "\0\0\0\x10\x01\x02"s + "ab" + "\0\0\x01\x02\0\0\0\x03"s + "JPEG");
   out.clear();
   append_record(out, LiveRecord::kPing, "", "");
@@ -123,26 +123,25 @@ void wait_for(LiveSession& session, const std::function<bool()>& condition) {
 }
 
 constexpr const char* kHello = R"(printf '\000\000\000\016H{"title":"t"}' >&4;)";
-constexpr const char* kPicture =
+constexpr const char* kImage =
     R"(printf '\000\000\000\013J\000\000\000\007\000\000\000\005jp' >&4;)";
 
-TEST(LiveSession, SendsAPictureForEachCredit) {
+TEST(LiveSession, SendsAnImageForEachCredit) {
   LiveSession session(
-      shell(std::string(kHello) + "while read line <&3; do echo \"$line\"; " + kPicture + " done"));
+      shell(std::string(kHello) + "while read line <&3; do echo \"$line\"; " + kImage + " done"));
   wait_for(session, [&] { return session.hello().number == 1; });
   EXPECT_EQ(*session.hello().json, "{\"title\":\"t\"}");
-  EXPECT_EQ(session.picture().number, 0U);
-  session.want_picture();
-  session.want_picture();  // one credit is under way: no second
-  wait_for(session, [&] { return session.picture().number == 1; });
-  EXPECT_EQ(session.picture().frame, 7U);
-  EXPECT_GE(session.picture().age_now(), 5U);
-  EXPECT_EQ(*session.picture().jpeg, "jp");
-  session.want_picture();
+  EXPECT_EQ(session.image().number, 0U);
+  session.want_image();
+  session.want_image();  // one credit is under way: no second
+  wait_for(session, [&] { return session.image().number == 1; });
+  EXPECT_EQ(session.image().frame, 7U);
+  EXPECT_GE(session.image().age_now(), 5U);
+  EXPECT_EQ(*session.image().jpeg, "jp");
+  session.want_image();
   // The lines come by another pipe.
-  wait_for(session, [&] {
-    return session.picture().number == 2 && session.describe()["output"].size() == 2;
-  });
+  wait_for(session,
+           [&] { return session.image().number == 2 && session.describe()["output"].size() == 2; });
   const json seen = session.describe();
   EXPECT_EQ(seen["title"], "t");
   EXPECT_EQ(seen["output"].size(), 2U);
@@ -192,14 +191,14 @@ std::string asked(LiveSession& session) {
   return lines;
 }
 
-TEST(LiveSession, PicturesAreAsLargeAsTheLargestViewerShowsThem) {
+TEST(LiveSession, ImagesAreAsLargeAsTheLargestViewerShowsThem) {
   LiveSession session(shell("while read line <&3; do echo \"$line\"; done; exec sleep 60"));
   const auto small = std::make_shared<Waker>();
   const auto large = std::make_shared<Waker>();
   const auto whole = std::make_shared<Waker>();
   const auto blind = std::make_shared<Waker>();
   session.add_viewer(small, 320);
-  session.add_viewer(blind, LiveSession::kNoPictures);  // changes nothing
+  session.add_viewer(blind, LiveSession::kNoImages);  // changes nothing
   session.add_viewer(large, 640);
   session.add_viewer(whole);
   session.remove_viewer(whole);

@@ -22,11 +22,11 @@ using std::chrono::milliseconds;
 constexpr milliseconds kPing{2000};
 constexpr milliseconds kWait{400};      // of a stream without news, before it looks around
 constexpr milliseconds kDeaf{300'000};  // a viewer that takes nothing for so long is let go
-constexpr milliseconds kFresh{60};      // an older picture is not sent before a newer was asked for
+constexpr milliseconds kFresh{60};      // an older image is not sent before a newer was asked for
 constexpr milliseconds kFreshWait{50};
 constexpr int kUnsent = 16 << 10;  // bytes that may wait in the socket when more is written
 
-// Waits until the client has nearly all that was written: a picture that is made later is newer.
+// Waits until the client has nearly all that was written: an image that is made later is newer.
 // False where it has not within `patience`.
 bool wait_until_taken(int socket, milliseconds patience) {
   pollfd item{socket, POLLOUT, 0};
@@ -43,34 +43,34 @@ void prepare(int socket) {
   (void)::setsockopt(socket, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &unsent, sizeof unsent);
 }
 
-// Gives a viewer pictures that are new when they leave: it asks the child only when the client has
+// Gives a viewer images that are new when they leave: it asks the child only when the client has
 // taken what went before.
-class PictureFollower {
+class ImageFollower {
  public:
-  explicit PictureFollower(std::shared_ptr<LiveSession> session) : session_(std::move(session)) {}
+  explicit ImageFollower(std::shared_ptr<LiveSession> session) : session_(std::move(session)) {}
 
-  // The next picture; nothing if it has to be waited for.
-  std::optional<LiveSession::Picture> next() {
-    LiveSession::Picture picture = session_->picture();
+  // The next image; nothing if it has to be waited for.
+  std::optional<LiveSession::Image> next() {
+    LiveSession::Image image = session_->image();
     const Clock::time_point now = Clock::now();
-    if (picture.number <= last_) {
-      session_->want_picture();
+    if (image.number <= last_) {
+      session_->want_image();
       asked_.reset();
       return std::nullopt;
     }
-    const bool is_fresh = now - picture.received <= kFresh;
+    const bool is_fresh = now - image.received <= kFresh;
     if (!is_fresh && session_->is_running()) {
       // An old one that nobody took: the child may have a newer one at once.
       if (!asked_) {
         asked_ = now;
-        session_->want_picture();
+        session_->want_image();
         return std::nullopt;
       }
       if (now - *asked_ < kFreshWait) return std::nullopt;
     }
     asked_.reset();
-    last_ = picture.number;
-    return picture;
+    last_ = image.number;
+    return image;
   }
   // How long next() wants to be left alone at most.
   [[nodiscard]] milliseconds patience() const { return asked_ ? kFreshWait : kWait; }
@@ -121,7 +121,7 @@ class LiveStream final : public BodyStream {
     }
   }
   ~LiveStream() override {
-    for (Watched& watched : watched_) watched.pictures.session().remove_viewer(waker_);
+    for (Watched& watched : watched_) watched.images.session().remove_viewer(waker_);
   }
 
   std::ptrdiff_t read(std::span<char> buffer, int socket) override {
@@ -138,15 +138,15 @@ class LiveStream final : public BodyStream {
     if (compose()) return out_.take(buffer);
     milliseconds patience = kWait;
     for (const Watched& watched : watched_)
-      patience = std::min(patience, watched.pictures.patience());
+      patience = std::min(patience, watched.images.patience());
     waker_->wait(patience);
     return compose() ? out_.take(buffer) : 0;
   }
 
  private:
   struct Watched {
-    explicit Watched(std::shared_ptr<LiveSession> session) : pictures(std::move(session)) {}
-    PictureFollower pictures;
+    explicit Watched(std::shared_ptr<LiveSession> session) : images(std::move(session)) {}
+    ImageFollower images;
     std::uint64_t hello = 0;
     std::uint64_t state = 0;
     std::uint64_t ended = 0;
@@ -159,7 +159,7 @@ class LiveStream final : public BodyStream {
     append_record(out, kind, id, *news.json);
   }
 
-  // All that is new, and one picture. False where nothing is.
+  // All that is new, and one image. False where nothing is.
   bool compose() {
     std::string& out = out_.fresh();
     const Clock::time_point now = Clock::now();
@@ -168,7 +168,7 @@ class LiveStream final : public BodyStream {
                     R"({"exit":null,"error":"there is no such session"})");
     unknown_.clear();
     for (Watched& watched : watched_) {
-      LiveSession& session = watched.pictures.session();
+      LiveSession& session = watched.images.session();
       add_news(out, LiveRecord::kHello, session.id(), session.hello(), watched.hello);
       add_news(out, LiveRecord::kState, session.id(), session.state(), watched.state);
     }
@@ -179,16 +179,16 @@ class LiveStream final : public BodyStream {
     // Sessions take turns, so that a fast one does not shut out the others.
     for (std::size_t i = 0; i < watched_.size(); ++i) {
       Watched& watched = watched_[(turn_ + i) % watched_.size()];
-      const auto picture = watched.pictures.next();
-      if (!picture) continue;
-      std::string payload = picture_head(picture->frame, picture->age_now());
-      payload += *picture->jpeg;
-      append_record(out, LiveRecord::kPicture, watched.pictures.session().id(), payload);
+      const auto image = watched.images.next();
+      if (!image) continue;
+      std::string payload = image_head(image->frame, image->age_now());
+      payload += *image->jpeg;
+      append_record(out, LiveRecord::kImage, watched.images.session().id(), payload);
       turn_ = (turn_ + i + 1) % watched_.size();
       break;
     }
     for (Watched& watched : watched_) {
-      LiveSession& session = watched.pictures.session();
+      LiveSession& session = watched.images.session();
       add_news(out, LiveRecord::kEnded, session.id(), session.ended(), watched.ended);
     }
     if (out.empty() && now - pinged_ >= kPing) append_record(out, LiveRecord::kPing, "", "");
@@ -214,11 +214,11 @@ class LiveStream final : public BodyStream {
 class MjpegStream final : public BodyStream {
  public:
   MjpegStream(std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<LiveSession> session)
-      : slot_(std::move(slot)), pictures_(std::move(session)) {
-    pictures_.session().add_viewer(waker_);
+      : slot_(std::move(slot)), images_(std::move(session)) {
+    images_.session().add_viewer(waker_);
     out_.fresh() = "--tarsier-frame\r\n";
   }
-  ~MjpegStream() override { pictures_.session().remove_viewer(waker_); }
+  ~MjpegStream() override { images_.session().remove_viewer(waker_); }
   [[nodiscard]] bool is_plain() const override { return true; }
 
   std::ptrdiff_t read(std::span<char> buffer, int socket) override {
@@ -231,24 +231,24 @@ class MjpegStream final : public BodyStream {
     if (!wait_until_taken(socket, kWait)) return now - taken_ > kDeaf ? -1 : 0;
     taken_ = now;
     if (is_gone(socket)) return -1;
-    auto picture = pictures_.next();
-    if (!picture) {
-      if (!pictures_.session().is_running()) return -1;
-      waker_->wait(pictures_.patience());
-      picture = pictures_.next();
+    auto image = images_.next();
+    if (!image) {
+      if (!images_.session().is_running()) return -1;
+      waker_->wait(images_.patience());
+      image = images_.next();
     }
-    if (!picture) return 0;
-    // The boundary follows its part at once: browsers show a picture only when they have seen it.
+    if (!image) return 0;
+    // The boundary follows its part at once: browsers show an image only when they have seen it.
     out_.fresh() = fmt::format(
         "Content-Type: image/jpeg\r\nContent-Length: {}\r\n\r\n{}\r\n--tarsier-frame\r\n",
-        picture->jpeg->size(), *picture->jpeg);
+        image->jpeg->size(), *image->jpeg);
     return out_.take(buffer);
   }
 
  private:
   const std::shared_ptr<StreamSlots::Slot> slot_;
   const std::shared_ptr<Waker> waker_ = std::make_shared<Waker>();
-  PictureFollower pictures_;
+  ImageFollower images_;
   Outgoing out_;
   bool is_prepared_ = false;
   Clock::time_point taken_ = Clock::now();

@@ -67,15 +67,14 @@ constexpr auto kRoutes = std::to_array<RouteText>({
     {"POST /api/sessions/{id}/events", "live", "Keys, mouse, actions, sliders",
      R"(-X POST --json '[{"action":"help"}]' $TARSIER_URL/api/sessions/$SESSION/events)", "events",
      "", 204},
-    {"GET /api/sessions/{id}/snapshot.jpg", "live", "The newest picture",
+    {"GET /api/sessions/{id}/snapshot.jpg", "live", "The newest image",
      "-o snapshot.jpg $TARSIER_URL/api/sessions/$SESSION/snapshot.jpg", "", "binary"},
-    {"GET /api/sessions/{id}/stream.mjpg", "live",
-     "The pictures as motion JPEG, for other programs",
+    {"GET /api/sessions/{id}/stream.mjpg", "live", "The images as motion JPEG, for other programs",
      "-m 2 -o stream.mjpg $TARSIER_URL/api/sessions/$SESSION/stream.mjpg", "", "binary"},
     {"GET /api/sessions/{id}/stages", "live",
      "The images of a frame's stages: its number, the length of a list, the list, the JPEGs",
      "-o stages.bin $TARSIER_URL/api/sessions/$SESSION/stages", "", "binary"},
-    {"GET /api/live", "live", "Pictures, states and jobs as one stream of records",
+    {"GET /api/live", "live", "Images, states and jobs as one stream of records",
      "-m 2 -o live.bin \"$TARSIER_URL/api/live?s=$SESSION:640&jobs=1\"", "", "binary"},
     {"POST /api/viewer-cameras", "live", "Make the viewer's own camera a source",
      "-X POST --json '{}' $TARSIER_URL/api/viewer-cameras", "object", "object", 201},
@@ -364,7 +363,7 @@ std::string_view example_query(std::string_view verb) {
   return "";
 }
 
-// A file of the example: calibration wants several of a board, targets a picture of theirs.
+// A file of the example: calibration wants several of a board, targets an image of theirs.
 std::string_view example_body(std::string_view verb) {
   if (verb == "calibrate")
     return "-F file=@board1.jpg -F file=@board2.jpg -F file=@board3.jpg -F file=@board4.jpg";
@@ -406,7 +405,7 @@ void add_verb(Json& paths, const nlohmann::json& verb) {
                       {"content", content_of(schema_of(name))}};
   const nlohmann::json* output = VerbTable::find_flag(verb, "--output");
   const bool draws =
-      output != nullptr && output->at("help").get<std::string>().starts_with("picture");
+      output != nullptr && output->at("help").get<std::string>().starts_with("image");
   if (draws) {
     responses["200"]["content"]["image/png"] = {{"schema", Json::object()}};
     responses["200"]["content"]["image/jpeg"] = {{"schema", Json::object()}};

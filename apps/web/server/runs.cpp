@@ -33,7 +33,7 @@ constexpr std::string_view kErrorMark = "tarsier: error: ";
 
 struct ImageVerb {
   std::string_view verb;
-  bool draws;  // -o takes a picture
+  bool draws;  // -o takes an image
 };
 constexpr auto kImageVerbs = std::to_array<ImageVerb>({
     {"aam fit", true},

@@ -21,7 +21,7 @@ constexpr milliseconds kPatience{2000};
 class Watching {
  public:
   explicit Watching(LiveSession& session) : session_(session) {
-    session_.add_viewer(waker_, LiveSession::kNoPictures);
+    session_.add_viewer(waker_, LiveSession::kNoImages);
   }
   ~Watching() { session_.remove_viewer(waker_); }
   Watching(const Watching&) = delete;

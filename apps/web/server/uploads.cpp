@@ -126,7 +126,7 @@ std::string find_upload_trouble(std::string_view name, std::string_view bytes,
   return fmt::format(
       "{}; taken are images (JPEG, PNG, WebP, BMP, PNM), videos (MP4, AVI, MKV) and "
       "data (.txt .csv .json .jsonl .yaml .xml .pts .asf .obj .ply)",
-      describe_not_a_picture(bytes_of(bytes)));
+      describe_not_an_image(bytes_of(bytes)));
 }
 
 std::string media_type(std::string_view name) {

@@ -121,7 +121,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--lost-after",
     "--low",
     "--margin",
-    "--match-pictures",
+    "--match-images",
     "--matches",
     "--max-faces",
     "--max-features",
@@ -283,7 +283,7 @@ constexpr auto kInputFlags =
                                      "--image",         "--images",      "--learn-background",
                                      "--list",          "--mapping",     "--mesh",
                                      "--model",         "--object",      "--on",
-                                     "--picture",       "--pointing",    "--points",
+                                     "--image",         "--pointing",    "--points",
                                      "--reader",        "--results",     "--scenes",
                                      "--target",        "--truth",       "--view",
                                      "--without"});
@@ -374,7 +374,7 @@ constexpr auto kInputExceptions = std::to_array<InputException>({
     {"plate log", "LOG", InputKind::kState},
 });
 constexpr auto kFileInputs = std::to_array<std::string_view>(
-    {"INPUT", "SET", "DATA", "MODEL", "FILE", "LIST", "truth", "picture"});
+    {"INPUT", "SET", "DATA", "MODEL", "FILE", "LIST", "truth", "image"});
 
 // Added where a page leaves them out: their own default lies outside the workspace.
 struct DefaultState {
@@ -682,7 +682,7 @@ class Builder {
       if (!has_window(verb_)) refuse("'{}' has no live form; start it as a job", request_.verb);
       add("--window");
     }
-    // Without a place for its pictures such a verb opens a window.
+    // Without a place for its images such a verb opens a window.
     const Json* output = VerbTable::find_flag(verb_, "--output");
     if (use_ != Use::kLive && output != nullptr && !has("--output") &&
         output->at("help").get_ref<const std::string&>().find("none; without it: the window") !=

@@ -81,7 +81,7 @@ TEST(VerbPolicy, KnowsEachFlagOfEachVerb) {
 // A text that the help calls a file must not be in the table of plain values by mistake.
 TEST(VerbPolicy, TakesNoTextThatSpeaksOfFilesForAValue) {
   const std::set<std::string> reviewed = {"--segment",  // names of the files come from -o
-                                          "--size",     // of pictures
+                                          "--size",     // of images
                                           "--keep",     // a time
                                           "--stages",   // exceptions by verb
                                           "--start",    // when a file begins
@@ -150,7 +150,7 @@ TEST(VerbPolicy, AddsWhatTheServerDecides) {
               Contains("--window"));
   EXPECT_THAT(line_of("sfm reconstruct", {"set:trip"}, {{"-o", "out:model"}}, Use::kJob).words,
               Contains("--progress=json"));
-  // Without a place for pictures the verb would open a window.
+  // Without a place for images the verb would open a window.
   EXPECT_THAT(line_of("landmarks fit", {"set:a/1.jpg"}).words, Contains("--output=none"));
   EXPECT_THAT(refusal("models list", {}, Json::object(), Use::kLive), HasSubstr("no live form"));
 }

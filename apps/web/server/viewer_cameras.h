@@ -12,7 +12,7 @@
 
 namespace tarsier::web {
 
-// A camera of somebody's browser, which sends its pictures one by one (POST
+// A camera of somebody's browser, which sends its images one by one (POST
 // /api/viewer-cameras/ID/frame). Sessions that have it as their input get the newest. Thread-safe.
 class ViewerCameras {
  public:

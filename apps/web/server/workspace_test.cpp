@@ -35,7 +35,7 @@ class WorkspaceTest : public testing::Test {
     write_file_atomically(path, bytes);
     return path;
   }
-  static std::string picture(int width = 40, int height = 30) {
+  static std::string image(int width = 40, int height = 30) {
     const auto bytes =
         encode_image(".png", cv::Mat(height, width, CV_8UC3, cv::Scalar(10, 200, 30)), "test");
     return {bytes.begin(), bytes.end()};
@@ -71,7 +71,7 @@ TEST_F(WorkspaceTest, KeepsOthersOut) {
 
 TEST_F(WorkspaceTest, StoresAndListsFiles) {
   workspace_->make_set("Grüße");
-  const FileInfo stored = workspace_->store("Grüße", "a b.png", spool(picture()), true);
+  const FileInfo stored = workspace_->store("Grüße", "a b.png", spool(image()), true);
   EXPECT_EQ(stored.width, 40);
   EXPECT_EQ(stored.height, 30);
   EXPECT_EQ(stored.type, FileType::kImage);
@@ -91,11 +91,11 @@ TEST_F(WorkspaceTest, StoresAndListsFiles) {
 
 TEST_F(WorkspaceTest, FormsReplaceNothing) {
   workspace_->make_set("a");
-  EXPECT_EQ(workspace_->store("a", "image.jpg", spool(picture()), false).name, "image.jpg");
-  EXPECT_EQ(workspace_->store("a", "image.jpg", spool(picture(50)), false).name, "image (2).jpg");
-  EXPECT_EQ(workspace_->store("a", "image.jpg", spool(picture(60)), false).name, "image (3).jpg");
+  EXPECT_EQ(workspace_->store("a", "image.jpg", spool(image()), false).name, "image.jpg");
+  EXPECT_EQ(workspace_->store("a", "image.jpg", spool(image(50)), false).name, "image (2).jpg");
+  EXPECT_EQ(workspace_->store("a", "image.jpg", spool(image(60)), false).name, "image (3).jpg");
   EXPECT_EQ(workspace_->file_info("a", "image.jpg").width, 40);
-  workspace_->store("a", "image.jpg", spool(picture(70)), true);
+  workspace_->store("a", "image.jpg", spool(image(70)), true);
   EXPECT_EQ(workspace_->file_info("a", "image.jpg").width, 70);
 }
 
@@ -105,7 +105,7 @@ TEST_F(WorkspaceTest, RefusesHostileNames) {
        {"", ".", "..", ".studio", "a/b", "../a", "/etc", "a\\b", "a\n", "x*", "[a]"}) {
     EXPECT_EQ(status_of([&] { workspace_->make_set(name); }), 400) << name;
     EXPECT_EQ(status_of([&] { (void)workspace_->files(name); }), 400) << name;
-    EXPECT_EQ(status_of([&] { (void)workspace_->store("a", name, spool(picture()), true); }), 400)
+    EXPECT_EQ(status_of([&] { (void)workspace_->store("a", name, spool(image()), true); }), 400)
         << name;
     EXPECT_EQ(status_of([&] { (void)workspace_->file_path("a", name); }), 400) << name;
     EXPECT_EQ(status_of([&] { (void)workspace_->state_path(name); }), 400) << name;
@@ -142,7 +142,7 @@ TEST_F(WorkspaceTest, FollowsNoLinks) {
 
 TEST_F(WorkspaceTest, ResolvesReferences) {
   workspace_->make_set("a");
-  workspace_->store("a", "1.png", spool(picture()), true);
+  workspace_->store("a", "1.png", spool(image()), true);
   fs::create_directories(folder_.path() + "/ws/jobs/j1/files/model");
   write_file_atomically(folder_.path() + "/ws/jobs/j1/files/model/points.ply", "ply");
   const std::string root = workspace_->folder();
@@ -172,9 +172,9 @@ TEST_F(WorkspaceTest, LooksAtUploads) {
     return status_of([&] { (void)workspace_->store("a", name, spool(bytes), true); });
   };
   EXPECT_EQ(store("empty.png", ""), 415);
-  EXPECT_EQ(store("large.png", picture(200, 100)), 415);  // more pixels than are taken
+  EXPECT_EQ(store("large.png", image(200, 100)), 415);  // more pixels than are taken
   EXPECT_THAT(said_, HasSubstr("200x100"));
-  EXPECT_EQ(store("cut.png", picture().substr(0, 60)), 415);
+  EXPECT_EQ(store("cut.png", image().substr(0, 60)), 415);
   EXPECT_EQ(store("page.html", "<script>alert(1)</script>"), 415);
   EXPECT_EQ(store("page.png", "<script>alert(1)</script>"), 415);
   EXPECT_EQ(store("drawing.svg", "<svg onload='alert(1)'/>"), 415);

@@ -57,7 +57,7 @@ int center_weight(const PaintOptions& options) {
 }  // namespace
 
 bool BilateralPainter::supports(const PaintOptions& options) {
-  constexpr int kCoarsest = 48;  // weights in fewer steps do not give the same picture
+  constexpr int kCoarsest = 48;  // weights in fewer steps do not give the same image
   const int center = center_weight(options);
   return center >= kCoarsest &&
          quantized(center * gaussian(kBilateralTable * kBilateralTable, options.sigma_color)) == 0;
@@ -125,8 +125,8 @@ void BilateralPainter::prepare_quads() {
   for (int dx = 0; dx <= 3; ++dx) add({{dx, 2}, {dx, 1}});
 }
 
-void BilateralPainter::filter_row(const Kernels& kernels, const Picture& from, int y_from,
-                                  Picture& to, int y_to) const {
+void BilateralPainter::filter_row(const Kernels& kernels, const Image& from, int y_from, Image& to,
+                                  int y_to) const {
   const std::uint8_t* const src[3] = {from[0].row(y_from), from[1].row(y_from),
                                       from[2].row(y_from)};
   std::uint8_t* const dst[3] = {to[0].row(y_to), to[1].row(y_to), to[2].row(y_to)};
@@ -134,52 +134,52 @@ void BilateralPainter::filter_row(const Kernels& kernels, const Picture& from, i
   for (Plane& plane : to) plane.extend_row_by_reflection(y_to, radius_);
 }
 
-void BilateralPainter::filter(const Kernels& kernels, const Picture& from, Picture& to) {
+void BilateralPainter::filter(const Kernels& kernels, const Image& from, Image& to) {
   for_row_bands(from[0].height(), [&](int first, int last) {
     for (int y = first; y < last; ++y) filter_row(kernels, from, y, to, y);
   });
   for (Plane& plane : to) plane.extend_height_by_reflection(radius_);
 }
 
-// Two passes with one hand-over to the threads, which on small pictures costs as much as some rows:
-// each band also computes the few rows beyond it that its second pass reads, in a picture of its
+// Two passes with one hand-over to the threads, which on small images costs as much as some rows:
+// each band also computes the few rows beyond it that its second pass reads, in an image of its
 // own.
-void BilateralPainter::filter_twice(const Kernels& kernels, const Picture& from, Picture& to) {
+void BilateralPainter::filter_twice(const Kernels& kernels, const Image& from, Image& to) {
   const int width = from[0].width();
   const int height = from[0].height();
   between_.resize(std::max(between_.size(), static_cast<size_t>(number_of_bands(height))));
   for_row_bands(height, [&](int band, int first, int last) {
-    Picture& between = between_[static_cast<size_t>(band)];
+    Image& between = between_[static_cast<size_t>(band)];
     const int top = std::max(0, first - radius_);
     const int bottom = std::min(height, last + radius_);
     for (Plane& plane : between) plane.resize(width, bottom - top);
     for (int y = top; y < bottom; ++y) filter_row(kernels, from, y, between, y - top);
-    // Matters only where the band ends with the picture: elsewhere nothing reads that far.
+    // Matters only where the band ends with the image: elsewhere nothing reads that far.
     for (Plane& plane : between) plane.extend_height_by_reflection(radius_);
     for (int y = first; y < last; ++y) filter_row(kernels, between, y - top, to, y);
   });
   for (Plane& plane : to) plane.extend_height_by_reflection(radius_);
 }
 
-void BilateralPainter::paint(cv::Mat& picture, const PaintOptions& options, int passes) {
-  paint_with(kernels(), picture, options, passes);
+void BilateralPainter::paint(cv::Mat& image, const PaintOptions& options, int passes) {
+  paint_with(kernels(), image, options, passes);
 }
 
-void BilateralPainter::paint_with(const Kernels& kernels, cv::Mat& picture,
+void BilateralPainter::paint_with(const Kernels& kernels, cv::Mat& image,
                                   const PaintOptions& options, int passes) {
-  require_bgr(picture);
+  require_bgr(image);
   TARSIER_REQUIRE(supports(options), "sigma_color {} is too large", options.sigma_color);
   if (passes <= 0) return;
   for (int c = 0; c < 3; ++c) {
-    front_.at(static_cast<size_t>(c)).resize(picture.cols, picture.rows);
-    back_.at(static_cast<size_t>(c)).resize(picture.cols, picture.rows);
+    front_.at(static_cast<size_t>(c)).resize(image.cols, image.rows);
+    back_.at(static_cast<size_t>(c)).resize(image.cols, image.rows);
   }
   prepare(options, front_[0].stride());
 
-  for_row_bands(picture.rows, [&](int first, int last) {
+  for_row_bands(image.rows, [&](int first, int last) {
     for (int y = first; y < last; ++y) {
       std::uint8_t* const planes[3] = {front_[0].row(y), front_[1].row(y), front_[2].row(y)};
-      kernels.split_row(picture.ptr(y), planes, picture.cols);
+      kernels.split_row(image.ptr(y), planes, image.cols);
       for (Plane& plane : front_) plane.extend_row_by_reflection(y, radius_);
     }
   });
@@ -190,10 +190,10 @@ void BilateralPainter::paint_with(const Kernels& kernels, cv::Mat& picture,
     std::swap(front_, back_);
   }
 
-  for_row_bands(picture.rows, [&](int first, int last) {
+  for_row_bands(image.rows, [&](int first, int last) {
     for (int y = first; y < last; ++y) {
       const std::uint8_t* const planes[3] = {front_[0].row(y), front_[1].row(y), front_[2].row(y)};
-      kernels.join_row(planes, picture.ptr(y), picture.cols);
+      kernels.join_row(planes, image.ptr(y), image.cols);
     }
   });
 }

@@ -14,7 +14,7 @@
 
 namespace tarsier::cartoon {
 
-// Repeated bilateral filtering of a colour picture in 7-bit weights and 16-bit sums.
+// Repeated bilateral filtering of a colour image in 7-bit weights and 16-bit sums.
 //
 // The filter is cv::bilateralFilter's: weight exp(-|v - c|_1^2 / 2 sigma_color^2 - r^2 / 2
 // sigma_space^2) in a disc of the given diameter, border mirrored without repeating the border
@@ -25,14 +25,13 @@ class BilateralPainter {
   // False where the weights do not fit (sigma_color too large for 32 distances).
   [[nodiscard]] static bool supports(const PaintOptions& options);
 
-  // Filters `picture` (CV_8UC3) in place, `passes` times.
-  void paint(cv::Mat& picture, const PaintOptions& options, int passes);
+  // Filters `image` (CV_8UC3) in place, `passes` times.
+  void paint(cv::Mat& image, const PaintOptions& options, int passes);
   // The same with the kernels of one instruction set (tests, benchmarks).
-  void paint_with(const Kernels& kernels, cv::Mat& picture, const PaintOptions& options,
-                  int passes);
+  void paint_with(const Kernels& kernels, cv::Mat& image, const PaintOptions& options, int passes);
 
  private:
-  using Picture = std::array<Plane, 3>;
+  using Image = std::array<Plane, 3>;
 
   struct Prepared {
     int diameter = 0;
@@ -44,15 +43,14 @@ class BilateralPainter {
 
   void prepare(const PaintOptions& options, std::ptrdiff_t stride);
   void prepare_quads();
-  void filter_row(const Kernels& kernels, const Picture& from, int y_from, Picture& to,
-                  int y_to) const;
-  void filter(const Kernels& kernels, const Picture& from, Picture& to);
-  void filter_twice(const Kernels& kernels, const Picture& from, Picture& to);
+  void filter_row(const Kernels& kernels, const Image& from, int y_from, Image& to, int y_to) const;
+  void filter(const Kernels& kernels, const Image& from, Image& to);
+  void filter_twice(const Kernels& kernels, const Image& from, Image& to);
 
   Prepared prepared_;  // what the tables below were made for
-  Picture front_;
-  Picture back_;
-  std::vector<Picture> between_;  // one for each band: what lies between the passes of filter_twice
+  Image front_;
+  Image back_;
+  std::vector<Image> between_;  // one for each band: what lies between the passes of filter_twice
   std::vector<std::uint8_t> weights_;
   std::vector<int> ring_end_;
   std::vector<std::ptrdiff_t> offsets_;

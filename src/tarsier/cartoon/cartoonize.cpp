@@ -34,7 +34,7 @@ struct CartoonState::Impl {
   Enlarger enlarger;
   cv::Mat small;
   cv::Mat small_other;
-  cv::Mat large;  // the painting at full size, where the output is another picture
+  cv::Mat large;  // the painting at full size, where the output is another image
   cv::Mat output;
   SkinBuffers skin;
   Stabilizer lines;
@@ -391,7 +391,7 @@ const cv::Mat& cartoonize(const cv::Mat& frame, const CartoonOptions& options, C
   require_bgr(frame);
   constexpr int kMinSize = 16;
   TARSIER_REQUIRE(frame.cols >= kMinSize && frame.rows >= kMinSize,
-                  "the picture is {}x{}, smaller than {}x{}", frame.cols, frame.rows, kMinSize,
+                  "the image is {}x{}, smaller than {}x{}", frame.cols, frame.rows, kMinSize,
                   kMinSize);
   options.check();
   const Watch watch(debug, timers);

@@ -35,7 +35,7 @@ class CartoonState {
   std::unique_ptr<Impl> impl_;
 };
 
-// One frame, CV_8UC3 BGR at least 16x16, to the picture of options.mode, CV_8UC3 of the same size.
+// One frame, CV_8UC3 BGR at least 16x16, to the image of options.mode, CV_8UC3 of the same size.
 // The result stays valid until the next call with the same state. For kNone it is the frame itself.
 // In steady state (same size, same options) nothing is allocated. Uses cv::getNumThreads() threads;
 // the result does not depend on their number. `debug` takes each stage; `timers`, if given, the

@@ -258,7 +258,7 @@ TEST(Buffers, StayWhereTheyAreFromFrameToFrame) {
   EXPECT_EQ(first, second);
 }
 
-TEST(Buffers, APictureThatTheCallerKeepsIsNotOverwritten) {
+TEST(Buffers, AnImageThatTheCallerKeepsIsNotOverwritten) {
   CartoonOptions options;
   CartoonState state;
   const cv::Mat kept = cartoonize(test_frame({64, 64}, 1), options, state);

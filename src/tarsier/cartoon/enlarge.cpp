@@ -14,12 +14,12 @@ namespace tarsier::cartoon {
 namespace {
 
 // Lines are few: whole words without any are passed over.
-void draw_lines(const Plane& mask, cv::Mat& picture) {
-  const int width = picture.cols;
-  for_row_bands(picture.rows, [&](int first, int last) {
+void draw_lines(const Plane& mask, cv::Mat& image) {
+  const int width = image.cols;
+  for_row_bands(image.rows, [&](int first, int last) {
     for (int y = first; y < last; ++y) {
       const std::uint8_t* lines = mask.row(y);
-      auto* out = picture.ptr<cv::Vec3b>(y);
+      auto* out = image.ptr<cv::Vec3b>(y);
       int x = 0;
       for (; x + 8 <= width; x += 8) {
         std::uint64_t word = 0;
@@ -42,7 +42,7 @@ void Enlarger::enlarge(const cv::Mat& small, const Plane* mask, cv::Mat& large) 
   require_bgr(small);
   require_bgr(large);
   TARSIER_REQUIRE(mask == nullptr || (mask->width() == large.cols && mask->height() == large.rows),
-                  "the mask is not of the size of the picture, {}x{}", large.cols, large.rows);
+                  "the mask is not of the size of the image, {}x{}", large.cols, large.rows);
   if (large.cols != 2 * small.cols || large.rows != 2 * small.rows || !kernels().vectorized) {
     cv::resize(small, large, large.size(), 0, 0, cv::INTER_LINEAR);
     if (mask != nullptr) draw_lines(*mask, large);
@@ -54,7 +54,7 @@ void Enlarger::enlarge(const cv::Mat& small, const Plane* mask, cv::Mat& large) 
   for_row_bands(small.rows, [&](int band, int first, int last) {
     std::array<Plane, 3>& planes = scratch_[static_cast<size_t>(band)];
     for (Plane& plane : planes) plane.resize(width, 3);
-    // Rows beyond the picture repeat its border, as columns do.
+    // Rows beyond the image repeat its border, as columns do.
     const auto within = [&](int y) { return std::clamp(y, 0, small.rows - 1); };
     const auto split = [&](int y) {
       const int turn = (y + 3) % 3;

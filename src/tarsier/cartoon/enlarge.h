@@ -10,7 +10,7 @@
 
 namespace tarsier::cartoon {
 
-// The picture of twice the size by bilinear interpolation, with lines drawn on it in the same pass:
+// The image of twice the size by bilinear interpolation, with lines drawn on it in the same pass:
 // the bytes of cv::resize with INTER_LINEAR, then black where `mask` is 0.
 class Enlarger {
  public:
@@ -19,7 +19,7 @@ class Enlarger {
   void enlarge(const cv::Mat& small, const Plane* mask, cv::Mat& large);
 
  private:
-  // Three rows of the small picture in planes, in turn; one for each band of rows.
+  // Three rows of the small image in planes, in turn; one for each band of rows.
   std::vector<std::array<Plane, 3>> scratch_;
 };
 

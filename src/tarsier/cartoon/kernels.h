@@ -77,7 +77,7 @@ struct Kernels {
   void (*split_row)(const std::uint8_t* bgr, std::uint8_t* const dst[3], int width);
   void (*join_row)(const std::uint8_t* const src[3], std::uint8_t* bgr, int width);
 
-  // One row of the picture twice as large, 2 width pixels of three bytes, as cv::resize has it with
+  // One row of the image twice as large, 2 width pixels of three bytes, as cv::resize has it with
   // INTER_LINEAR: 3/4 of the nearer pixel and 1/4 of the other, in either direction. The planes
   // hold value - 128; rows readable from -1 to width. Where `mask` (2 width bytes; may be null) is
   // 0, the result is black; elsewhere it has to be 255.

@@ -21,17 +21,17 @@ namespace {
 
 // Flat areas, edges and noise: ties and extremes for medians, all distances for the bilateral
 // weights.
-cv::Mat test_picture(cv::Size size, int channels, std::uint64_t seed) {
+cv::Mat test_image(cv::Size size, int channels, std::uint64_t seed) {
   Rng rng(seed);
-  cv::Mat picture(size, CV_8UC(channels));
+  cv::Mat image(size, CV_8UC(channels));
   for (int y = 0; y < size.height; ++y) {
     for (int x = 0; x < size.width * channels; ++x) {
       const int area = ((x / channels / 7 + y / 5) % 3) * 90;
-      picture.ptr(y)[x] =
+      image.ptr(y)[x] =
           cv::saturate_cast<std::uint8_t>(area + rng.normal(20, x % 11 == 0 ? 90 : 8));
     }
   }
-  return picture;
+  return image;
 }
 
 const Kernels* kernels_of(SimdLevel level) {
@@ -48,10 +48,10 @@ const Kernels* kernels_of(SimdLevel level) {
   return nullptr;
 }
 
-Plane plane_of(const cv::Mat& picture) {
+Plane plane_of(const cv::Mat& image) {
   Plane plane;
-  plane.resize(picture.cols, picture.rows);
-  picture.copyTo(plane.view());
+  plane.resize(image.cols, image.rows);
+  image.copyTo(plane.view());
   return plane;
 }
 
@@ -64,8 +64,8 @@ class KernelTest : public testing::TestWithParam<std::tuple<SimdLevel, std::pair
       GTEST_SKIP() << "this processor has no " << name_of(std::get<0>(GetParam()));
     }
     const auto [width, height] = std::get<1>(GetParam());
-    picture_ = test_picture({width, height}, 1, 7);
-    input_ = plane_of(picture_);
+    image_ = test_image({width, height}, 1, 7);
+    input_ = plane_of(image_);
     output_.resize(width, height);
   }
 
@@ -73,11 +73,11 @@ class KernelTest : public testing::TestWithParam<std::tuple<SimdLevel, std::pair
   template <int kRows, typename Row>
   void run(bool copies, const Row& row) {
     constexpr int kReach = kRows / 2;
-    for (int y = 0; y < picture_.rows; ++y) {
+    for (int y = 0; y < image_.rows; ++y) {
       copies ? input_.extend_row_by_copies(y, kReach) : input_.extend_row_by_reflection(y, kReach);
     }
     copies ? input_.extend_height_by_copies(kReach) : input_.extend_height_by_reflection(kReach);
-    for (int y = 0; y < picture_.rows; ++y) {
+    for (int y = 0; y < image_.rows; ++y) {
       const std::uint8_t* rows[kRows];
       for (int i = 0; i < kRows; ++i) rows[i] = input_.row(y - kReach + i);
       row(rows, output_.row(y));
@@ -89,7 +89,7 @@ class KernelTest : public testing::TestWithParam<std::tuple<SimdLevel, std::pair
   }
 
   const Kernels* kernels_ = nullptr;
-  cv::Mat picture_;
+  cv::Mat image_;
   Plane input_;
   Plane output_;
 };
@@ -103,43 +103,43 @@ INSTANTIATE_TEST_SUITE_P(All, KernelTest,
 TEST_P(KernelTest, Median7IsExact) {
   std::vector<std::uint8_t> scratch(static_cast<size_t>(7 * input_.stride()));
   run<7>(true, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
-    kernels_->median7_row(rows, out, picture_.cols, scratch.data(), input_.stride());
+    kernels_->median7_row(rows, out, image_.cols, scratch.data(), input_.stride());
   });
   cv::Mat wanted;
-  cv::medianBlur(picture_, wanted, 7);
+  cv::medianBlur(image_, wanted, 7);
   expect_output(wanted);
 }
 
 TEST_P(KernelTest, Median3IsExact) {
   run<3>(true, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
-    kernels_->median3_row(rows, out, picture_.cols);
+    kernels_->median3_row(rows, out, image_.cols);
   });
   cv::Mat wanted;
-  cv::medianBlur(picture_, wanted, 3);
+  cv::medianBlur(image_, wanted, 3);
   expect_output(wanted);
 }
 
 TEST_P(KernelTest, LaplacianIsExact) {
   run<5>(false, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
-    kernels_->laplacian5_row(rows, out, picture_.cols);
+    kernels_->laplacian5_row(rows, out, image_.cols);
   });
   cv::Mat wanted;
-  cv::Laplacian(picture_, wanted, CV_8U, 5);
+  cv::Laplacian(image_, wanted, CV_8U, 5);
   expect_output(wanted);
 }
 
 TEST_P(KernelTest, ScharrIsTheSumOfBothDirections) {
   for (const bool both_axes : {false, true}) {
     run<3>(false, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
-      kernels_->scharr_row(rows, out, picture_.cols, both_axes);
+      kernels_->scharr_row(rows, out, image_.cols, both_axes);
     });
     cv::Mat wanted;
-    cv::Scharr(picture_, wanted, CV_8U, 1, 0);
+    cv::Scharr(image_, wanted, CV_8U, 1, 0);
     for (const auto& [dx, dy, scale] :
          {std::tuple(1, 0, -1.0), std::tuple(0, 1, 1.0), std::tuple(0, 1, -1.0)}) {
       if (dy == 1 && !both_axes) continue;
       cv::Mat part;
-      cv::Scharr(picture_, part, CV_8U, dx, dy, scale);
+      cv::Scharr(image_, part, CV_8U, dx, dy, scale);
       wanted += part;
     }
     expect_output(wanted);
@@ -148,46 +148,46 @@ TEST_P(KernelTest, ScharrIsTheSumOfBothDirections) {
 
 TEST_P(KernelTest, ThresholdCountsEqualAsBelow) {
   for (const int threshold : {0, 80, 254, 255}) {
-    for (int y = 0; y < picture_.rows; ++y) {
-      kernels_->threshold_inverse_row(input_.row(y), output_.row(y), picture_.cols, threshold);
+    for (int y = 0; y < image_.rows; ++y) {
+      kernels_->threshold_inverse_row(input_.row(y), output_.row(y), image_.cols, threshold);
     }
     cv::Mat wanted;
-    cv::threshold(picture_, wanted, threshold, 255, cv::THRESH_BINARY_INV);
+    cv::threshold(image_, wanted, threshold, 255, cv::THRESH_BINARY_INV);
     expect_output(wanted);
   }
 }
 
 // Pixels of three bytes on any width, with nothing written behind the row.
 TEST_P(KernelTest, PixelsAreSplitAndJoined) {
-  const cv::Mat picture = test_picture(picture_.size(), 3, 11);
-  const int width = picture.cols;
+  const cv::Mat image = test_image(image_.size(), 3, 11);
+  const int width = image.cols;
   std::vector<Plane> planes(3);
   for (Plane& plane : planes) plane.resize(width, 1);
-  for (int y = 0; y < picture.rows; ++y) {
+  for (int y = 0; y < image.rows; ++y) {
     std::uint8_t* const rows[3] = {planes[0].row(0), planes[1].row(0), planes[2].row(0)};
-    kernels_->split_row(picture.ptr(y), rows, width);
+    kernels_->split_row(image.ptr(y), rows, width);
     for (int x = 0; x < width; ++x) {
-      for (int c = 0; c < 3; ++c) ASSERT_EQ(rows[c][x], picture.at<cv::Vec3b>(y, x)[c] ^ 128U);
+      for (int c = 0; c < 3; ++c) ASSERT_EQ(rows[c][x], image.at<cv::Vec3b>(y, x)[c] ^ 128U);
     }
     std::vector<std::uint8_t> joined(static_cast<size_t>(3 * width + 1), 77);
     kernels_->join_row(rows, joined.data(), width);
-    EXPECT_EQ(std::memcmp(joined.data(), picture.ptr(y), static_cast<size_t>(3 * width)), 0);
+    EXPECT_EQ(std::memcmp(joined.data(), image.ptr(y), static_cast<size_t>(3 * width)), 0);
     EXPECT_EQ(joined.back(), 77) << "written behind the row";
   }
 }
 
 TEST_P(KernelTest, BlendIsTheFormula) {
-  const cv::Mat sharp = test_picture(picture_.size(), 3, 12);
-  const cv::Mat soft = test_picture(picture_.size(), 3, 13);
-  const int width = picture_.cols;
+  const cv::Mat sharp = test_image(image_.size(), 3, 12);
+  const cv::Mat soft = test_image(image_.size(), 3, 13);
+  const int width = image_.cols;
   std::vector<std::uint8_t> weight(static_cast<size_t>(width));
   std::vector<std::uint8_t> out(static_cast<size_t>(3 * width + 1), 77);
-  for (int y = 0; y < picture_.rows; ++y) {
+  for (int y = 0; y < image_.rows; ++y) {
     // None for some groups of pixels, all, and what is between.
     for (int x = 0; x < width; ++x) {
       weight[static_cast<size_t>(x)] = x / 20 % 3 == 0 ? 0
                                        : x % 5 == 0    ? 255
-                                                       : picture_.at<std::uint8_t>(y, x);
+                                                       : image_.at<std::uint8_t>(y, x);
     }
     kernels_->blend_row(sharp.ptr(y), soft.ptr(y), weight.data(), out.data(), width);
     for (int i = 0; i < 3 * width; ++i) {
@@ -201,7 +201,7 @@ TEST_P(KernelTest, BlendIsTheFormula) {
 }
 
 TEST_P(KernelTest, EnlargedRowsAreThoseOfOpenCv) {
-  const cv::Mat small = test_picture(picture_.size(), 3, 14);
+  const cv::Mat small = test_image(image_.size(), 3, 14);
   cv::Mat wanted;
   cv::resize(small, wanted, {2 * small.cols, 2 * small.rows}, 0, 0, cv::INTER_LINEAR);
   const int width = small.cols;
@@ -238,27 +238,27 @@ TEST_P(KernelTest, EnlargedRowsAreThoseOfOpenCv) {
 
 TEST_P(KernelTest, EnlargedPlanesAreThoseOfOpenCv) {
   cv::Mat wanted;
-  cv::resize(picture_, wanted, {2 * picture_.cols, 2 * picture_.rows}, 0, 0, cv::INTER_LINEAR);
-  for (int y = 0; y < picture_.rows; ++y) input_.extend_row_by_copies(y, 1);
+  cv::resize(image_, wanted, {2 * image_.cols, 2 * image_.rows}, 0, 0, cv::INTER_LINEAR);
+  for (int y = 0; y < image_.rows; ++y) input_.extend_row_by_copies(y, 1);
   input_.extend_height_by_copies(1);
-  std::vector<std::uint8_t> out(static_cast<size_t>(2 * (picture_.cols + kRowSlack)));
+  std::vector<std::uint8_t> out(static_cast<size_t>(2 * (image_.cols + kRowSlack)));
   for (int y = 0; y < wanted.rows; ++y) {
     kernels_->enlarge_plane_row(input_.row(y / 2), input_.row(y % 2 == 0 ? y / 2 - 1 : y / 2 + 1),
-                                out.data(), picture_.cols);
+                                out.data(), image_.cols);
     EXPECT_EQ(std::memcmp(out.data(), wanted.ptr(y), static_cast<size_t>(wanted.cols)), 0) << y;
   }
 }
 
 TEST(Enlarger, IsTheResizeOfOpenCvWithLines) {
   for (const cv::Size size : {cv::Size(130, 66), cv::Size(131, 67), cv::Size(16, 16)}) {
-    const cv::Mat small = test_picture({size.width / 2, size.height / 2}, 3, 15);
+    const cv::Mat small = test_image({size.width / 2, size.height / 2}, 3, 15);
     cv::Mat wanted;
     cv::resize(small, wanted, size, 0, 0, cv::INTER_LINEAR);
     Enlarger enlarger;
     cv::Mat large(size, CV_8UC3);
     enlarger.enlarge(small, nullptr, large);
     EXPECT_EQ(cv::norm(large, wanted, cv::NORM_INF), 0) << size;
-    Plane mask = plane_of(test_picture(size, 1, 16) > 128);
+    Plane mask = plane_of(test_image(size, 1, 16) > 128);
     wanted.setTo(cv::Scalar::all(0), mask.view() == 0);
     enlarger.enlarge(small, &mask, large);
     EXPECT_EQ(cv::norm(large, wanted, cv::NORM_INF), 0) << size;
@@ -274,14 +274,14 @@ TEST(BilateralPainter, AllInstructionSetsGiveTheSameBytes) {
         std::pair(cv::Size(513, 5), PaintOptions{.sigma_space = 2}),
         std::pair(cv::Size(131, 37), PaintOptions{.sigma_color = 9.6}),
         std::pair(cv::Size(131, 37), PaintOptions{.diameter = 7})}) {
-    const cv::Mat picture = test_picture(size, 3, 3);
+    const cv::Mat image = test_image(size, 3, 3);
     cv::Mat first;
     for (const SimdLevel level :
          {SimdLevel::kBaseline, SimdLevel::kSse41, SimdLevel::kAvx2, SimdLevel::kAvx512}) {
       if (level > hardware_simd_level()) continue;
       // limit_simd_level only lowers: one process for each level would be the alternative.
       BilateralPainter painter;
-      cv::Mat painted = picture.clone();
+      cv::Mat painted = image.clone();
       painter.paint_with(*kernels_of(level), painted, options, 4);
       if (first.empty()) first = painted;
       EXPECT_EQ(cv::norm(painted, first, cv::NORM_INF), 0)
@@ -292,16 +292,15 @@ TEST(BilateralPainter, AllInstructionSetsGiveTheSameBytes) {
 }
 
 TEST(BilateralPainter, IsTheBilateralFilterOfOpenCv) {
-  cv::Mat picture = test_picture({320, 240}, 3, 5);
-  cv::GaussianBlur(picture, picture, {5, 5}, 1.2);
+  cv::Mat image = test_image({320, 240}, 3, 5);
+  cv::GaussianBlur(image, image, {5, 5}, 1.2);
   for (const PaintOptions& options :
        {PaintOptions{}, PaintOptions{.diameter = 5, .sigma_color = 4, .sigma_space = 2},
         PaintOptions{.diameter = 13, .sigma_color = 3, .sigma_space = 5}}) {
     ASSERT_TRUE(BilateralPainter::supports(options));
     cv::Mat wanted;
-    cv::bilateralFilter(picture, wanted, options.diameter, options.sigma_color,
-                        options.sigma_space);
-    cv::Mat painted = picture.clone();
+    cv::bilateralFilter(image, wanted, options.diameter, options.sigma_color, options.sigma_space);
+    cv::Mat painted = image.clone();
     BilateralPainter().paint(painted, options, 1);
     // One pass: weights in 127 steps may round a value to its neighbour, no more.
     EXPECT_LE(cv::norm(painted, wanted, cv::NORM_INF), 1) << options.diameter;
@@ -311,20 +310,20 @@ TEST(BilateralPainter, IsTheBilateralFilterOfOpenCv) {
 
 TEST(BilateralPainter, WeightsThatDoNotFitAreRefused) {
   EXPECT_FALSE(BilateralPainter::supports({.sigma_color = 25}));
-  cv::Mat picture(20, 20, CV_8UC3, cv::Scalar::all(9));
-  EXPECT_THROW(BilateralPainter().paint(picture, {.sigma_color = 25}, 1), std::invalid_argument);
+  cv::Mat image(20, 20, CV_8UC3, cv::Scalar::all(9));
+  EXPECT_THROW(BilateralPainter().paint(image, {.sigma_color = 25}, 1), std::invalid_argument);
 }
 
 TEST(BilateralPainter, SumsCannotOverflow) {
   // One pixel that differs from all its neighbours by the worst amount in every channel.
   for (const int step : {3, 9, 12, 31}) {
-    cv::Mat picture(33, 33, CV_8UC3, cv::Scalar::all(100));
-    picture.at<cv::Vec3b>(16, 16) = {static_cast<std::uint8_t>(100 + step), 100, 100};
+    cv::Mat image(33, 33, CV_8UC3, cv::Scalar::all(100));
+    image.at<cv::Vec3b>(16, 16) = {static_cast<std::uint8_t>(100 + step), 100, 100};
     cv::Mat wanted;
-    cv::bilateralFilter(picture, wanted, 9, 9, 7);
-    BilateralPainter().paint(picture, {}, 1);
+    cv::bilateralFilter(image, wanted, 9, 9, 7);
+    BilateralPainter().paint(image, {}, 1);
     // 48 weights below half a step are rounded away: at most 4 levels. An overflow is off by tens.
-    EXPECT_LE(cv::norm(picture, wanted, cv::NORM_INF), 4) << step;
+    EXPECT_LE(cv::norm(image, wanted, cv::NORM_INF), 4) << step;
   }
 }
 

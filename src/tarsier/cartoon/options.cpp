@@ -1,60 +1,37 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/cartoon/options.h"
 
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
-
-#include <fmt/ranges.h>
-
-#include <array>
-#include <string>
-#include <utility>
 
 namespace tarsier::cartoon {
 namespace {
 
-constexpr std::array<std::pair<Mode, std::string_view>, 8> kModeNames{
-    {{Mode::kSketch, "sketch"},
-     {Mode::kPaint, "paint"},
-     {Mode::kCartoon, "cartoon"},
-     {Mode::kEvil, "evil"},
-     {Mode::kEvilSketch, "evil-sketch"},
-     {Mode::kAlien, "alien"},
-     {Mode::kSmooth, "smooth"},
-     {Mode::kNone, "none"}}};
+constexpr NameTable<Mode, 8> kModes{"mode",
+                                    {{{Mode::kSketch, "sketch"},
+                                      {Mode::kPaint, "paint"},
+                                      {Mode::kCartoon, "cartoon"},
+                                      {Mode::kEvil, "evil"},
+                                      {Mode::kEvilSketch, "evil-sketch"},
+                                      {Mode::kAlien, "alien"},
+                                      {Mode::kSmooth, "smooth"},
+                                      {Mode::kNone, "none"}}}};
 
-constexpr std::array<std::pair<Quality, std::string_view>, 3> kQualityNames{
-    {{Quality::kReference, "reference"}, {Quality::kFast, "fast"}, {Quality::kDraft, "draft"}}};
-
-template <typename Table, typename Value>
-std::string_view find_name(const Table& table, Value value) {
-  for (const auto& [candidate, name] : table) {
-    if (candidate == value) return name;
-  }
-  return "?";
-}
-
-template <typename Table>
-auto find_value(const Table& table, std::string_view wanted, std::string_view what) {
-  std::vector<std::string_view> names;
-  for (const auto& [value, name] : table) {
-    if (name == wanted) return value;
-    names.push_back(name);
-  }
-  TARSIER_REQUIRE(false, "unknown {} '{}' ({})", what, wanted, fmt::join(names, ", "));
-  return table.front().first;
-}
+constexpr NameTable<Quality, 3> kQualities{
+    "quality",
+    {{{Quality::kReference, "reference"}, {Quality::kFast, "fast"}, {Quality::kDraft, "draft"}}}};
 
 bool is_byte(int value) { return value >= 0 && value <= 255; }
 
 }  // namespace
 
-std::string_view name_of(Mode mode) { return find_name(kModeNames, mode); }
-Mode parse_mode(std::string_view name) { return find_value(kModeNames, name, "mode"); }
+std::string_view name_of(Mode mode) { return kModes.name(mode); }
+Mode parse_mode(std::string_view name) { return kModes.parse(name); }
 
 const std::vector<Mode>& all_modes() {
   static const std::vector<Mode> modes = [] {
     std::vector<Mode> list;
-    for (const auto& entry : kModeNames) list.push_back(entry.first);
+    for (const auto& entry : kModes.names) list.push_back(entry.first);
     return list;
   }();
   return modes;
@@ -62,8 +39,8 @@ const std::vector<Mode>& all_modes() {
 
 bool uses_skin(Mode mode) { return mode == Mode::kAlien || mode == Mode::kSmooth; }
 
-std::string_view name_of(Quality quality) { return find_name(kQualityNames, quality); }
-Quality parse_quality(std::string_view name) { return find_value(kQualityNames, name, "quality"); }
+std::string_view name_of(Quality quality) { return kQualities.name(quality); }
+Quality parse_quality(std::string_view name) { return kQualities.parse(name); }
 
 void CartoonOptions::check() const {
   check_fields(sketch);

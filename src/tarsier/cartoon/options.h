@@ -20,7 +20,7 @@ enum class Mode { kNone, kSketch, kPaint, kCartoon, kEvil, kEvilSketch, kAlien, 
 
 enum class Quality {
   kReference,  // the definition, in plain OpenCV calls
-  kFast,       // the same picture (bit-exact masks, painting >= 45 dB) from vector kernels
+  kFast,       // the same image (bit-exact masks, painting >= 45 dB) from vector kernels
   kDraft,      // fewer painting rounds: for small machines
 };
 [[nodiscard]] std::string_view name_of(Quality quality);
@@ -44,7 +44,7 @@ struct SketchOptions {
   }
 };
 
-// Oil painting: bilateral filters on the half-size picture.
+// Oil painting: bilateral filters on the half-size image.
 struct PaintOptions {
   int rounds = 7;          // of two bilateral filters each
   int diameter = 9;        // px
@@ -78,7 +78,7 @@ enum class SkinStyle {
   kTint,  // the skin keeps its brightness and takes the hue and saturation of `color`
 };
 enum class FaceMode {
-  kOutline,  // the user puts the face into the outline; six seeds in the middle of the picture
+  kOutline,  // the user puts the face into the outline; six seeds in the middle of the image
   kAuto,     // faces are found, and each one's skin colour learned
 };
 

@@ -17,9 +17,9 @@
 namespace tarsier::cartoon {
 namespace {
 
-// A picture of integers alone: shaded areas with edges, thin lines, noise, and a patch of skin
+// An image of integers alone: shaded areas with edges, thin lines, noise, and a patch of skin
 // colour in the middle, where the seeds of alien and smooth lie.
-cv::Mat picture(int width, int height, std::uint64_t seed) {
+cv::Mat image(int width, int height, std::uint64_t seed) {
   Rng rng(seed);
   cv::Mat result(height, width, CV_8UC3);
   for (int y = 0; y < height; ++y) {
@@ -106,7 +106,7 @@ TEST(PixelsTest, AreTheSameOnEveryProcessor) {
           CartoonState state;
           std::uint64_t sum = 0;
           for (std::uint64_t frame = 0; frame < 3; ++frame) {  // --steady remembers
-            sum = sum * 31 + sum_of(cartoonize(picture(width, height, frame), options, state));
+            sum = sum * 31 + sum_of(cartoonize(image(width, height, frame), options, state));
           }
           const std::string name =
               fmt::format("{} {}x{}{}", name_of(mode), width, height, steady ? " steady" : "");

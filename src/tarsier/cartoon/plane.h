@@ -29,7 +29,7 @@ struct AlignedAllocator {
 };
 using AlignedBytes = std::vector<std::uint8_t, AlignedAllocator<std::uint8_t>>;
 
-// A grey picture with room around it, as the kernels want it: kMargin pixels on every side, rows 64
+// A grey image with room around it, as the kernels want it: kMargin pixels on every side, rows 64
 // bytes apart at least. Keeps its memory when the size stays.
 class Plane {
  public:
@@ -56,12 +56,12 @@ class Plane {
     return bytes_.data() + (y + kMargin) * stride_ + kRowSlack;
   }
 
-  // The picture without its margin; shares the memory.
+  // The image without its margin; shares the memory.
   [[nodiscard]] cv::Mat view() {
     return {height_, width_, CV_8UC1, row(0), static_cast<size_t>(stride_)};
   }
 
-  // Fill the margin of one row, or of the rows above and below, from the picture (at most kMargin
+  // Fill the margin of one row, or of the rows above and below, from the image (at most kMargin
   // wide).
   void extend_row_by_copies(int y, int margin) {  // aaa|abc|ccc
     std::uint8_t* r = row(y);

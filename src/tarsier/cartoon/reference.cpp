@@ -22,9 +22,9 @@ bool border_is_white(const cv::Mat& mask, int x, int y) {
   return true;
 }
 
-cv::Mat masked(const cv::Mat& picture, const cv::Mat& mask) {
-  cv::Mat result(picture.size(), CV_8UC3, cv::Scalar::all(0));
-  picture.copyTo(result, mask);
+cv::Mat masked(const cv::Mat& image, const cv::Mat& mask) {
+  cv::Mat result(image.size(), CV_8UC3, cv::Scalar::all(0));
+  image.copyTo(result, mask);
   return result;
 }
 

@@ -32,7 +32,7 @@ void remove_pepper(cv::Mat& mask);
 // The painting at half size (w/2 x h/2, rounded down).
 [[nodiscard]] cv::Mat paint_small(const cv::Mat& frame, const PaintOptions& options);
 
-// The picture of options.mode. Quality, steady and the automatic face finder are not looked at.
+// The image of options.mode. Quality, steady and the automatic face finder are not looked at.
 [[nodiscard]] cv::Mat cartoonize(const cv::Mat& frame, const CartoonOptions& options);
 
 }  // namespace tarsier::cartoon::reference

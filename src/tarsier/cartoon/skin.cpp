@@ -76,7 +76,7 @@ SkinColor learn_skin_color(const cv::Mat& ycrcb, const cv::Rect& face) {
   const cv::Rect middle = clipped({face.x + face.width / 5, face.y + face.height * 45 / 100,
                                    face.width * 3 / 5, std::max(1, face.height / 4)},
                                   ycrcb.size());
-  TARSIER_REQUIRE(!middle.empty(), "face {}x{} at {},{} is outside the picture", face.width,
+  TARSIER_REQUIRE(!middle.empty(), "face {}x{} at {},{} is outside the image", face.width,
                   face.height, face.x, face.y);
   std::vector<std::uint8_t> cr;
   std::vector<std::uint8_t> cb;

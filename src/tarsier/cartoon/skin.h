@@ -13,13 +13,13 @@
 // Where skin is, and how its colour is changed; all at half size.
 namespace tarsier::cartoon {
 
-// Six points of a face that fills the outline, in a picture of this size: forehead and cheeks.
+// Six points of a face that fills the outline, in an image of this size: forehead and cheeks.
 [[nodiscard]] std::array<cv::Point, 6> skin_seeds(cv::Size size);
 
 // Buffers of find_skin, reused between frames.
 struct SkinBuffers {
   cv::Mat ycrcb;
-  cv::Mat flood_mask;  // two larger than the picture
+  cv::Mat flood_mask;  // two larger than the image
   cv::Mat edges;
   cv::Mat weight;  // of smooth_skin
   cv::Mat large_weight;
@@ -53,7 +53,7 @@ struct SkinColor {
 // Changes the skin of `painting` in place, as options.style and options.color say.
 void color_skin(cv::Mat& painting, const cv::Mat& skin, const SkinOptions& options);
 
-// The part of the half-size picture in which smooth_skin may change anything: around the skin, with
+// The part of the half-size image in which smooth_skin may change anything: around the skin, with
 // room for the feather. Empty where there is no skin.
 [[nodiscard]] cv::Rect smoothed_area(const cv::Mat& skin);
 

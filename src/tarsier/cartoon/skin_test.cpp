@@ -45,7 +45,7 @@ TEST(Skin, LearnedColourFollowsThePersonNotTheWall) {
   EXPECT_EQ(skin.at<std::uint8_t>(20, 40), 0) << "the wall beside the face is no skin";
 }
 
-TEST(Skin, AFaceOutsideThePictureIsACallersMistake) {
+TEST(Skin, AFaceOutsideTheImageIsACallersMistake) {
   const cv::Mat ycrcb(50, 50, CV_8UC3, cv::Scalar::all(128));
   EXPECT_THROW((void)learn_skin_color(ycrcb, {60, 60, 20, 20}), std::invalid_argument);
 }
@@ -73,9 +73,9 @@ TEST(Skin, TintKeepsTheBrightness) {
   EXPECT_GT(after[1], after[2]) << "green now";
 }
 
-// Only a part of the picture is worked on; nothing may show where it ends, at borders neither, and
+// Only a part of the image is worked on; nothing may show where it ends, at borders neither, and
 // the painting outside it is not looked at.
-TEST(Skin, SmoothingIsTheFormulaOverTheWholePicture) {
+TEST(Skin, SmoothingIsTheFormulaOverTheWholeImage) {
   Rng rng(3);
   const cv::Size small(97, 61);
   cv::Mat frame(2 * small.height, 2 * small.width, CV_8UC3);

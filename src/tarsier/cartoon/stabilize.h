@@ -10,11 +10,11 @@
 namespace tarsier::cartoon {
 
 // Keeps lines from flickering in video. Two memories for each pixel:
-//   grey    where the picture stands still, the grey level that lines are found on is averaged over
+//   grey    where the image stands still, the grey level that lines are found on is averaged over
 //   a few
 //           frames (g += (new - g) / memory); where it moves, it is the new one at once, so that
 //           nothing trails;
-//   line    where the picture stands still, a line needs (1 + hysteresis) threshold to appear and
+//   line    where the image stands still, a line needs (1 + hysteresis) threshold to appear and
 //   stays above
 //           (1 - hysteresis) threshold.
 // A pixel moves when the mean of the change around it (5x5) or its own change is large.
@@ -22,7 +22,7 @@ class Stabilizer {
  public:
   void reset() { width_ = 0; }
 
-  // Replaces the picture of `gray` by its steady version.
+  // Replaces the image of `gray` by its steady version.
   void smooth(Plane& gray, const SteadyOptions& options);
 
   // mask = 0 on lines, 255 elsewhere, of `response` > threshold with the hysteresis above; follows

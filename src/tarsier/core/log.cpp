@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
 
-#include "tarsier/core/require.h"
+#include "tarsier/core/name_table.h"
 
 #include <atomic>
 #include <cstdio>
@@ -16,14 +16,13 @@ std::mutex g_mutex;
 }  // namespace
 
 LogLevel parse_log_level(std::string_view name) {
-  if (name == "debug") return LogLevel::kDebug;
-  if (name == "info") return LogLevel::kInfo;
-  if (name == "warning") return LogLevel::kWarning;
-  if (name == "error") return LogLevel::kError;
-  if (name == "off") return LogLevel::kOff;
-  TARSIER_REQUIRE(false, "unknown log level '{}' (debug, info, warning, error, off)",
-                  printable(name));
-  return LogLevel::kInfo;
+  constexpr NameTable<LogLevel, 5> kLevels{"log level",
+                                           {{{LogLevel::kDebug, "debug"},
+                                             {LogLevel::kInfo, "info"},
+                                             {LogLevel::kWarning, "warning"},
+                                             {LogLevel::kError, "error"},
+                                             {LogLevel::kOff, "off"}}}};
+  return kLevels.parse(name);
 }
 
 void set_log_level(LogLevel level) { g_level = level; }

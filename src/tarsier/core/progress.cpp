@@ -2,6 +2,7 @@
 #include "tarsier/core/progress.h"
 
 #include "tarsier/core/measures.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 
 #include <fmt/format.h>
@@ -111,12 +112,12 @@ class PrintedProgress final : public MeasuredProgress {
 }  // namespace
 
 ProgressStyle parse_progress_style(std::string_view name) {
-  if (name == "auto") return ProgressStyle::kAuto;
-  if (name == "bar") return ProgressStyle::kBar;
-  if (name == "json") return ProgressStyle::kJson;
-  if (name == "none") return ProgressStyle::kNone;
-  TARSIER_REQUIRE(false, "unknown progress style '{}' (auto, bar, json, none)", name);
-  return ProgressStyle::kNone;
+  constexpr NameTable<ProgressStyle, 4> kStyles{"progress style",
+                                                {{{ProgressStyle::kAuto, "auto"},
+                                                  {ProgressStyle::kBar, "bar"},
+                                                  {ProgressStyle::kJson, "json"},
+                                                  {ProgressStyle::kNone, "none"}}}};
+  return kStyles.parse(name);
 }
 
 std::unique_ptr<Progress> make_progress(ProgressStyle style, std::FILE* out) {

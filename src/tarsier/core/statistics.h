@@ -29,7 +29,7 @@ struct Interval {
 [[nodiscard]] Interval wilson_interval(long successes, long trials, double confidence = 0.95);
 
 // The same for a rate in 0..1 that is the mean over several counts of the same cases, such as
-// random draws from one set of pictures: `trials` >= 0 are then those of one count, as repeating it
+// random draws from one set of images: `trials` >= 0 are then those of one count, as repeating it
 // on the same cases adds little.
 [[nodiscard]] Interval wilson_interval_of_rate(double rate, double trials,
                                                double confidence = 0.95);

@@ -60,7 +60,7 @@ struct Camera {
   [[nodiscard]] cv::Point2d pixel_of(const cv::Point2d& normalized) const;
 
   // The inverse, by Newton's method from the undistorted point; exact to 1e-10 where the model can
-  // be inverted. Empty where it cannot (a strong distortion far outside the picture; 90 degrees
+  // be inverted. Empty where it cannot (a strong distortion far outside the image; 90 degrees
   // and more off the axis of a fisheye).
   [[nodiscard]] std::optional<cv::Point2d> normalized_of(const cv::Point2d& pixel) const;
 
@@ -68,7 +68,7 @@ struct Camera {
   [[nodiscard]] std::optional<cv::Point2d> project(const Eigen::Vector3d& in_camera) const;
 
   // The normalised radius up to which the radial part grows, so that it can be inverted; `most`
-  // (> 0) where it grows that far. Behind it the equation folds the picture back.
+  // (> 0) where it grows that far. Behind it the equation folds the image back.
   [[nodiscard]] double largest_radius(double most) const;
 };
 

@@ -385,7 +385,7 @@ std::string opencv_text(const Camera& camera) {
 }
 
 std::string colmap_text(const Camera& camera) {
-  TARSIER_REQUIRE(camera.width > 0, "the size of the picture is not known");
+  TARSIER_REQUIRE(camera.width > 0, "the size of the image is not known");
   return fmt::format(
       "# Camera list with one line of data per camera:\n"
       "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n{}\n",

@@ -110,7 +110,7 @@ TEST(CameraTest, TheInverseIsExactUpToWhereTheDistortionTurns) {
       EXPECT_FALSE(camera.normalized_of(pixel)) << r;
     }
   }
-  // With k2 it turns, and turns again: the second rise is no picture either.
+  // With k2 it turns, and turns again: the second rise is no image either.
   camera.distortion = {-1, 0.25, 0, 0, 0};
   const cv::Point2d far(3, 0);
   EXPECT_FALSE(camera.normalized_of(camera.pixel_of(far)));

@@ -12,8 +12,8 @@ geometry::Camera camera_of_frame(const geometry::Camera& given, const Frame& fra
   const auto camera = geometry::scaled_camera(given, frame.image.size());
   if (!camera) {
     throw InputError(frame.name,
-                     fmt::format("is {} x {} px, the camera's pictures are {} x {}",
-                                 frame.image.cols, frame.image.rows, given.width, given.height));
+                     fmt::format("is {} x {} px, the camera's images are {} x {}", frame.image.cols,
+                                 frame.image.rows, given.width, given.height));
   }
   return *camera;
 }

@@ -85,7 +85,7 @@ std::optional<Eigen::Matrix3d> homography(std::span<const cv::Point2d> from,
   return h;
 }
 
-// --- One picture's points, ready for the pose ---
+// --- One image's points, ready for the pose ---
 
 struct Problem {
   std::vector<Eigen::Vector2d> on_plane;  // about `center`

@@ -10,7 +10,7 @@
 #include <span>
 #include <vector>
 
-// Where a planar object of known size is, from one picture.
+// Where a planar object of known size is, from one image.
 namespace tarsier::geometry {
 
 // The matrix H, with |H| = 1 and H(2, 2) >= 0, that minimises the algebraic error of to ~ H from,
@@ -54,7 +54,7 @@ struct PlanarPoseOptions {
 // Both poses from at least 4 points (x, y, z = 0) and their pixels: the local affinity of the
 // homography gives two rotations in closed form (IPPE: Collins & Bartoli, "Infinitesimal
 // plane-based pose estimation", IJCV 2014), a linear system each translation; then each is refined
-// to the least squared distance in pixels, in the picture that the camera would take without
+// to the least squared distance in pixels, in the image that the camera would take without
 // distortion. The points lie before the camera in both. Empty where the points or pixels have no
 // homography, a pixel has no ray, or no pose puts all points before the camera. Throws
 // std::invalid_argument for lists of different lengths.

@@ -11,7 +11,7 @@
 namespace tarsier::geometry {
 namespace {
 
-// What one frame may add to the odds: a single bad picture proves little.
+// What one frame may add to the odds: a single bad image proves little.
 constexpr double kMaxOfOneFrame = 3;
 // Poses nearer than this are one.
 constexpr double kSame = 2 * CV_PI / 180;

@@ -16,7 +16,7 @@ namespace tarsier::geometry {
 
 struct PlanarTrackOptions {
   // Standard deviation that a pixel is trusted to, px; or the share of the object's size in the
-  // picture if that is more (a camera that is not exactly known errs in proportion).
+  // image if that is more (a camera that is not exactly known errs in proportion).
   double noise_px = 0.3;
   double noise_share = 0.003;
   double switch_evidence = 8;  // in which natural logarithm of odds the other pose must lead
@@ -68,8 +68,8 @@ struct TrackedPlane {
 // One frame. Both poses (planar_poses) are followed: each belongs to the nearer of those of the
 // last frame, turned on as before; the squared errors of the two in px over twice the noise squared
 // are summed over the frames as odds, and the pose is changed only against clear odds. So a still
-// object near frontal, whose poses explain single pictures alike, does not flip; and a wrong choice
-// at the start is mended as soon as the pictures tell. Smoothing is a one-euro filter (Casiez et
+// object near frontal, whose poses explain single images alike, does not flip; and a wrong choice
+// at the start is mended as soon as the images tell. Smoothing is a one-euro filter (Casiez et
 // al., CHI 2012) on rotation and translation alike, whose speed is that of the pixels: what moves
 // depth and tilt of a small object moves its pixels little, so that their noise is smoothed as
 // noise; and the leash bounds the lag. Empty where there is no pose; the state is then as it was.

@@ -72,7 +72,7 @@ Video recorded(int frames, double noise_px, const std::function<Rigid3(double)>&
 }
 
 TEST(PlanarTrack, StillNearFrontalDoesNotFlip) {
-  // 50 px wide, tilted by 8 degrees: single pictures choose wrongly now and then.
+  // 50 px wide, tilted by 8 degrees: single images choose wrongly now and then.
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
     const Video video = recorded(
         300, 0.15,
@@ -113,7 +113,7 @@ TEST(PlanarTrack, MovingVideosRarelyFlip) {
         ++single;
     }
   }
-  EXPECT_LT(flips, 0.005 * frames) << "of single pictures: " << single;
+  EXPECT_LT(flips, 0.005 * frames) << "of single images: " << single;
   EXPECT_GT(single, 3 * flips);
 }
 
@@ -126,7 +126,7 @@ TEST(PlanarTrack, AWrongStartIsMended) {
   PlanarTrackState state;
   auto tracked = track_plane(kSquare, pixels, camera, 0, {}, state);
   ASSERT_TRUE(tracked && tracked->other);
-  state.kept = tracked->other->camera_from_plane;  // as if the first picture had lied
+  state.kept = tracked->other->camera_from_plane;  // as if the first image had lied
   state.evidence = 2;
   bool is_switched = false;
   for (int i = 1; i < 6 && !is_switched; ++i) {

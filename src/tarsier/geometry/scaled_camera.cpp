@@ -8,15 +8,15 @@
 
 namespace tarsier::geometry {
 
-std::optional<Camera> scaled_camera(const Camera& camera, cv::Size picture) {
-  TARSIER_REQUIRE(picture.width > 0 && picture.height > 0, "a picture of {}x{}", picture.width,
-                  picture.height);
+std::optional<Camera> scaled_camera(const Camera& camera, cv::Size image) {
+  TARSIER_REQUIRE(image.width > 0 && image.height > 0, "an image of {}x{}", image.width,
+                  image.height);
   Camera scaled = camera;
-  scaled.width = picture.width;
-  scaled.height = picture.height;
+  scaled.width = image.width;
+  scaled.height = image.height;
   if (camera.width <= 0 || camera.height <= 0) return scaled;
-  const double x = static_cast<double>(picture.width) / camera.width;
-  const double y = static_cast<double>(picture.height) / camera.height;
+  const double x = static_cast<double>(image.width) / camera.width;
+  const double y = static_cast<double>(image.height) / camera.height;
   if (std::abs(x / y - 1) > 0.01) return std::nullopt;
   // The middles of pixels are at integers, their edges half a pixel off.
   scaled.fx *= x;
@@ -26,16 +26,16 @@ std::optional<Camera> scaled_camera(const Camera& camera, cv::Size picture) {
   return scaled;
 }
 
-Camera guessed_camera(cv::Size picture, double focal) {
-  TARSIER_REQUIRE(picture.width > 0 && picture.height > 0, "a picture of {}x{}", picture.width,
-                  picture.height);
+Camera guessed_camera(cv::Size image, double focal) {
+  TARSIER_REQUIRE(image.width > 0 && image.height > 0, "an image of {}x{}", image.width,
+                  image.height);
   TARSIER_REQUIRE(focal > 0 && std::isfinite(focal), "focal {}", focal);
   Camera camera;
-  camera.width = picture.width;
-  camera.height = picture.height;
-  camera.fx = camera.fy = focal * std::max(picture.width, picture.height);
-  camera.cx = (picture.width - 1) / 2.0;
-  camera.cy = (picture.height - 1) / 2.0;
+  camera.width = image.width;
+  camera.height = image.height;
+  camera.fx = camera.fy = focal * std::max(image.width, image.height);
+  camera.cx = (image.width - 1) / 2.0;
+  camera.cy = (image.height - 1) / 2.0;
   return camera;
 }
 

@@ -8,7 +8,7 @@
 namespace tarsier::geometry {
 namespace {
 
-TEST(ScaledCamera, SeesTheSameThroughAPictureOfHalfTheSize) {
+TEST(ScaledCamera, SeesTheSameThroughAnImageOfHalfTheSize) {
   Camera camera = guessed_camera({640, 480});
   camera.cx = 300;
   camera.distortion = {-0.2, 0.1, 0, 0, 0};

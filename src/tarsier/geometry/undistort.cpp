@@ -14,7 +14,7 @@
 namespace tarsier::geometry {
 namespace {
 
-constexpr int kMaxPlaces = 1000;  // on each side of a picture
+constexpr int kMaxPlaces = 1000;  // on each side of an image
 constexpr double kWidest = 1.8;   // tangent, of what is kept of a fisheye
 
 cv::Point2d ray_of_border(const Camera& camera, double x, double y) {
@@ -26,7 +26,7 @@ cv::Point2d ray_of_border(const Camera& camera, double x, double y) {
   if (!point) {
     throw Error(ExitStatus::kBadInput,
                 fmt::format("the distortion of a camera ({}x{} px, k1 {:.4g}) cannot be undone at "
-                            "the border of its picture",
+                            "the border of its image",
                             camera.width, camera.height, camera.distortion[0]));
   }
   return *point;
@@ -57,7 +57,7 @@ Camera undistorted_camera(const Camera& camera) {
   }
   if (!(right > left && bottom > top)) {
     throw Error(ExitStatus::kBadInput,
-                fmt::format("nothing remains of a picture of {}x{} px when its distortion (k1 "
+                fmt::format("nothing remains of an image of {}x{} px when its distortion (k1 "
                             "{:.4g}) is undone",
                             camera.width, camera.height, camera.distortion[0]));
   }
@@ -94,7 +94,7 @@ Straightener::Straightener(const Camera& from, const Camera& to) : from_(from.wi
 
 cv::Mat Straightener::operator()(const cv::Mat& image) const {
   TARSIER_REQUIRE(image.dims == 2 && image.size() == from_,
-                  "a picture of {}x{} px of a camera of {}x{} px", image.cols, image.rows,
+                  "an image of {}x{} px of a camera of {}x{} px", image.cols, image.rows,
                   from_.width, from_.height);
   if (is_same_) return image.clone();
   cv::Mat result;

@@ -7,22 +7,22 @@
 
 namespace tarsier::geometry {
 
-// A pinhole without distortion, of the same size, whose whole picture lies inside that of `camera`:
-// no empty borders. The outer pixel middles of its picture are the largest upright rectangle
+// A pinhole without distortion, of the same size, whose whole image lies inside that of `camera`:
+// no empty borders. The outer pixel middles of its image are the largest upright rectangle
 // between the four bent borders of `camera`'s (what cv::getOptimalNewCameraMatrix does for alpha
 // 0, but with up to 1000 places on each side instead of 9), so fx, fy, cx and cy all change. Of a
 // fisheye, whose border no plane may reach, it takes what lies within tan = 1.8 (61 degrees) of the
 // axis, with equal focal lengths. A camera that has no distortion comes back as it is. Throws
 // std::invalid_argument for no camera and Error (kBadInput) where the distortion cannot be undone
-// everywhere in the picture, or where nothing remains between the borders.
+// everywhere in the image, or where nothing remains between the borders.
 [[nodiscard]] Camera undistorted_camera(const Camera& camera);
 
-// The picture that `to` would have taken in the place of `from`: 8 or 16 bit, any channels,
+// The image that `to` would have taken in the place of `from`: 8 or 16 bit, any channels,
 // bicubic; outside of the source its border goes on. Throws std::invalid_argument unless `image`
 // has the size of `from`, `to` has no distortion, and no side has more than 32766 px.
 [[nodiscard]] cv::Mat undistort_image(const cv::Mat& image, const Camera& from, const Camera& to);
 
-// The same for many pictures of one camera: where each pixel comes from is computed once.
+// The same for many images of one camera: where each pixel comes from is computed once.
 class Straightener {
  public:
   // Throws as undistort_image().

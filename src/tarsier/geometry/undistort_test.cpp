@@ -11,31 +11,31 @@ namespace {
 
 // A straight dark line of the world, y = 0.2 + 0.1 x, as the camera sees it.
 cv::Mat line_through(const Camera& camera) {
-  cv::Mat picture(camera.height, camera.width, CV_8UC1);
-  for (int v = 0; v < picture.rows; ++v) {
-    for (int u = 0; u < picture.cols; ++u) {
+  cv::Mat image(camera.height, camera.width, CV_8UC1);
+  for (int v = 0; v < image.rows; ++v) {
+    for (int u = 0; u < image.cols; ++u) {
       const auto ray = camera.normalized_of(cv::Point2d(u, v));
       const double off = ray ? std::abs(ray->y - 0.2 - 0.1 * ray->x) : 1;
-      picture.at<uchar>(v, u) = off < 0.02 ? 0 : 255;
+      image.at<uchar>(v, u) = off < 0.02 ? 0 : 255;
     }
   }
-  return picture;
+  return image;
 }
 
 // Largest distance of the line's middle from the straight one, px.
-double bend_of_line(const cv::Mat& picture, const Camera& camera) {
+double bend_of_line(const cv::Mat& image, const Camera& camera) {
   double worst = 0;
-  for (int u = 0; u < picture.cols; u += 7) {
+  for (int u = 0; u < image.cols; u += 7) {
     double sum = 0;
     double weight = 0;
-    for (int v = 0; v < picture.rows; ++v) {
-      const double dark = 255.0 - picture.at<uchar>(v, u);
+    for (int v = 0; v < image.rows; ++v) {
+      const double dark = 255.0 - image.at<uchar>(v, u);
       sum += dark * v;
       weight += dark;
     }
     const double x = (u - camera.cx) / camera.fx;
     const double expected = camera.fy * (0.2 + 0.1 * x) + camera.cy;
-    if (expected > 12 && expected < picture.rows - 12)
+    if (expected > 12 && expected < image.rows - 12)
       worst = std::max(worst, std::abs(sum / weight - expected));
   }
   return worst;
@@ -57,8 +57,8 @@ TEST(UndistortTest, LinesOfEveryLensBecomeStraight) {
     EXPECT_FALSE(straight.is_distorted());
     EXPECT_NO_THROW(straight.check());
     const cv::Mat bent = line_through(camera);
-    const cv::Mat picture = undistort_image(bent, camera, straight);
-    EXPECT_LT(bend_of_line(picture, straight), 1.0) << name_of(camera.lens);
+    const cv::Mat image = undistort_image(bent, camera, straight);
+    EXPECT_LT(bend_of_line(image, straight), 1.0) << name_of(camera.lens);
     EXPECT_GT(bend_of_line(bent, straight), 3.0) << name_of(camera.lens);
   }
 }

@@ -224,7 +224,7 @@ TEST_P(Backward, AgreesWithFiniteDifferences) {
   }
 }
 
-// Which of two stripes of a noisy picture is the brighter.
+// Which of two stripes of a noisy image is the brighter.
 void make_stripes(std::int64_t, Rng& rng, Example& example) {
   example.shape = {1, 8, 8};
   example.input.assign(64, 0);

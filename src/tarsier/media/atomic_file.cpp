@@ -84,7 +84,7 @@ std::uintmax_t size_of(const fs::path& path, const struct ::stat& info) {
 
 // Removes the temporary files and folders of programs that were killed: nobody locks them, and they
 // are ours. Large ones may be hours of work and are left to the user. Each folder is looked through
-// once in the life of a program: one that fills a folder with thousands of pictures is not slowed
+// once in the life of a program: one that fills a folder with thousands of images is not slowed
 // down.
 void remove_abandoned(const fs::path& folder) {
   static std::mutex mutex;

@@ -216,16 +216,16 @@ bool ChildBackend::drain_output(LiveRead& result) {
   const Clock::time_point now = Clock::now();
   if (jpegs_.has_frame()) {
     result.kind = LiveRead::Kind::kFrame;
-    result.picture.encoded = jpegs_.take();
-    result.picture.arrived = now;
+    result.image.encoded = jpegs_.take();
+    result.image.arrived = now;
   } else if (records_.has_frame()) {
     result.kind = LiveRead::Kind::kFrame;
-    result.picture.image = records_.take();
+    result.image.image = records_.take();
     // The child notes when it got the frame from the driver; the clock is the same for all
     // processes.
     const Clock::time_point captured{std::chrono::nanoseconds(records_.time_ns())};
     const bool is_plausible = captured <= now && now - captured < std::chrono::seconds(60);
-    result.picture.arrived = is_plausible ? captured : now;
+    result.image.arrived = is_plausible ? captured : now;
   }
   if (!records_.info().empty()) detail_ = records_.info();
   return is_open;
@@ -278,7 +278,7 @@ LiveFailure ChildBackend::how_it_ended() {
     failure.reason = records_.error();
     failure.definite = true;
   } else if (is_broken) {
-    failure.reason = fmt::format("{} sends something that is not a picture", command_.arguments[0]);
+    failure.reason = fmt::format("{} sends something that is not an image", command_.arguments[0]);
     failure.definite = true;
   } else {
     std::string_view tail = message_tail_;

@@ -64,7 +64,7 @@ class ImageSink final : public FrameSink {
       : path_(std::move(path)), options_(options) {
     if (options.many) {
       throw UsageError(
-          path_ + ": is one picture, and more are to come: name a folder instead (ending in '/')");
+          path_ + ": is one image, and more are to come: name a folder instead (ending in '/')");
     }
     // Found out now, not after the work.
     const AtomicFile probe(path_);
@@ -74,7 +74,7 @@ class ImageSink final : public FrameSink {
     require_writable_image(image);
     if (written_) {
       throw UsageError(
-          path_ + ": is one picture, and a second has come: name a folder instead (ending in '/')");
+          path_ + ": is one image, and a second has come: name a folder instead (ending in '/')");
     }
     // A device or pipe has no ending that could name a format.
     const std::string ending = is_image_path(path_) ? lower_ending(path_) : ".png";
@@ -117,7 +117,7 @@ class FolderSink final : public FrameSink {
   }
   void finish() override {}
   [[nodiscard]] std::string description() const override {
-    return fmt::format("{} ({} {})", path_, count_, count_ == 1 ? "picture" : "pictures");
+    return fmt::format("{} ({} {})", path_, count_, count_ == 1 ? "image" : "images");
   }
 
  private:
@@ -132,7 +132,7 @@ class FolderSink final : public FrameSink {
     } else {
       stem = fmt::format("frame_{:06d}", source.index);
     }
-    if (stem.empty()) stem = "picture";
+    if (stem.empty()) stem = "image";
     if (ending.empty()) ending = ".png";
     std::string name = stem + ending;
     for (int number = 2; !used_.insert(name).second; ++number)
@@ -222,11 +222,11 @@ class VideoSink final : public FrameSink {
     }
     check_disk();
     if (!encoder_) open(image.size());
-    cv::Mat frame = fitted(image, picture_);
-    if (coded_ != picture_) {
+    cv::Mat frame = fitted(image, image_);
+    if (coded_ != image_) {
       // The codecs halve the colour planes: an odd side would lose its last line.
-      cv::copyMakeBorder(frame, frame, 0, coded_.height - picture_.height, 0,
-                         coded_.width - picture_.width, cv::BORDER_REPLICATE);
+      cv::copyMakeBorder(frame, frame, 0, coded_.height - image_.height, 0,
+                         coded_.width - image_.width, cv::BORDER_REPLICATE);
     }
     encoder_->write(frame);
     ++written_;
@@ -272,7 +272,7 @@ class VideoSink final : public FrameSink {
 
   void open(cv::Size size) {
     if (count_ == 0) {
-      picture_ = size;
+      image_ = size;
       coded_ = {(size.width + 1) / 2 * 2, (size.height + 1) / 2 * 2};
     }
     VideoEncoderOptions options;
@@ -302,7 +302,7 @@ class VideoSink final : public FrameSink {
   std::unique_ptr<VideoEncoder> encoder_;
   int segment_ = 0;
   std::int64_t segment_frames_ = 0;  // 0: one file
-  cv::Size picture_;                 // of the first frame
+  cv::Size image_;                   // of the first frame
   cv::Size coded_;                   // the same, made even
   std::int64_t written_ = 0;         // into the present file
   std::int64_t count_ = 0;
@@ -315,7 +315,7 @@ void SinkOptions::check() const {
   check_fields(*this);
   TARSIER_REQUIRE(folder_extension.empty() || (folder_extension.find('/') == std::string::npos &&
                                                is_image_path("x" + folder_extension)),
-                  "'{}' is no ending for pictures", folder_extension);
+                  "'{}' is no ending for images", folder_extension);
 }
 
 SinkKind classify_sink(const std::string& text) {
@@ -326,7 +326,7 @@ SinkKind classify_sink(const std::string& text) {
   if (text.find("://") != std::string::npos) {
     throw UsageError(text + ": only http:// can be served; put a proxy in front for anything else");
   }
-  if (text == "-") throw UsageError("-: name /dev/stdout to write one picture (PNG) to stdout");
+  if (text == "-") throw UsageError("-: name /dev/stdout to write one image (PNG) to stdout");
   if (text.back() == '/') return SinkKind::kFolder;
   std::error_code error;
   const fs::file_status status = fs::status(text, error);

@@ -11,7 +11,7 @@
 
 namespace tarsier {
 
-// Where finished pictures go. Not thread-safe: one producer.
+// Where finished images go. Not thread-safe: one producer.
 class FrameSink {
  public:
   // An unfinished sink leaves no half-written file behind, but for recordings (SinkOptions).
@@ -33,9 +33,9 @@ enum class SinkKind { kNone, kImage, kFolder, kVideo, kHttp };
 struct SinkOptions {
   double fps = 25;               // of a video file
   int jpeg_quality = 90;         // of JPEG files and MJPEG streams
-  std::string folder_extension;  // pictures in folders: ".png", ".jpg" ..; empty: that of the
+  std::string folder_extension;  // images in folders: ".png", ".jpg" ..; empty: that of the
                                  // source, .png for video frames
-  // More than one picture is to come: an image path is then refused (UsageError).
+  // More than one image is to come: an image path is then refused (UsageError).
   bool many = false;
   bool listen_all = false;  // MJPEG: listen on every interface, not on loopback only; needs a token
   std::string token;        // MJPEG: viewers must give it (?token=.. or Authorization: Bearer ..);
@@ -61,7 +61,7 @@ struct SinkOptions {
 };
 
 //   none                       nothing
-//   file.png .jpg .webp .bmp   one picture
+//   file.png .jpg .webp .bmp   one image
 //   file.mp4 .avi .mkv         a video
 //   http://127.0.0.1:8080/     MJPEG over HTTP for browsers and other programs
 //   anything else              a folder (made if missing); ending in '/' or without an extension

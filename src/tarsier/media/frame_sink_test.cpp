@@ -74,7 +74,7 @@ TEST_F(FrameSinkTest, NoneTakesEverything) {
   sink->finish();
 }
 
-TEST_F(FrameSinkTest, OnePictureGoesToAFile) {
+TEST_F(FrameSinkTest, OneImageGoesToAFile) {
   const auto sink = open_sink(path("a.png"));
   EXPECT_EQ(files(), 0U);
   EXPECT_EQ(sink->write(filled(5, 4, 77), still("x.jpg")), path("a.png"));

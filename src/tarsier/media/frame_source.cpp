@@ -34,7 +34,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view kExpected =
-    "expected a picture, folder, glob, @list.txt, video, camera number, picam:, http://, https://, "
+    "expected an image, folder, glob, @list.txt, video, camera number, picam:, http://, https://, "
     "rtsp://, rtsps://";
 
 // "http" of "HTTP://.."; empty if the text does not begin with a word and a colon.
@@ -88,16 +88,16 @@ SourceKind classify_file(const std::string& path) {
   const std::span<const std::uint8_t> head(reinterpret_cast<const std::uint8_t*>(bytes.data()),
                                            static_cast<std::size_t>(file.gcount()));
   const bool is_mjpeg = lower_case(fs::path(path).extension().string()).starts_with(".mjp");
-  if (!is_mjpeg && (probe_image(head) || has_picture_ending(path))) return SourceKind::kImage;
+  if (!is_mjpeg && (probe_image(head) || has_image_ending(path))) return SourceKind::kImage;
   if (looks_like_video(head)) {
-    // A JPEG whose header is longer than what was read (large thumbnails) is a picture all the
+    // A JPEG whose header is longer than what was read (large thumbnails) is an image all the
     // same.
     const bool is_jpeg = head.size() > 2 && head[0] == 0xff && head[1] == 0xd8;
     return is_jpeg && !is_mjpeg && !has_video_ending(path) ? SourceKind::kImage
                                                            : SourceKind::kVideo;
   }
   if (has_video_ending(path)) throw InputError(path, head.empty() ? "is empty" : "is not a video");
-  throw InputError(path, head.empty() ? "is empty" : "is neither a picture nor a video");
+  throw InputError(path, head.empty() ? "is empty" : "is neither an image nor a video");
 }
 
 SourceKind classify_on_disk(const std::string& path, const fs::file_status& status) {
@@ -112,7 +112,7 @@ SourceKind classify_on_disk(const std::string& path, const fs::file_status& stat
 }
 
 // Reads several sources in turn. Those that fail to open or give nothing are skipped like
-// unreadable pictures.
+// unreadable images.
 class ChainSource final : public FrameSource {
  public:
   struct Part {
@@ -132,7 +132,7 @@ class ChainSource final : public FrameSource {
         frame = current_->next(patience, stop);
       } catch (const InputError& error) {
         if (current_ && current_->is_live()) throw;
-        if (!current_ || current_->skipped().empty()) {  // else it was said for each picture
+        if (!current_ || current_->skipped().empty()) {  // else it was said for each image
           log_warning("{}; skipped", error.what());
           skipped_.emplace_back(error.what());
         }
@@ -229,7 +229,7 @@ int pi_camera_index(const std::string& text) {
   return *index;
 }
 
-// Files of a glob or list: pictures in one run become one source, so that unreadable ones are
+// Files of a glob or list: images in one run become one source, so that unreadable ones are
 // skipped.
 std::vector<ChainSource::Part> parts_of_files(const std::vector<std::string>& paths,
                                               const SourceOptions& options) {
@@ -245,7 +245,7 @@ std::vector<ChainSource::Part> parts_of_files(const std::vector<std::string>& pa
   for (const std::string& path : paths) {
     std::error_code ignored;
     bool is_video = false;
-    if (!has_picture_ending(path) && fs::is_regular_file(path, ignored)) {
+    if (!has_image_ending(path) && fs::is_regular_file(path, ignored)) {
       try {
         is_video = classify_file(path) == SourceKind::kVideo;
       } catch (const InputError&) {  // said when its turn comes
@@ -268,7 +268,7 @@ std::vector<ChainSource::Part> parts_of(const std::string& text, const SourceOpt
     case SourceKind::kImage:
       return parts_of_files({text}, options);
     case SourceKind::kFolder:
-      return parts_of_files(pictures_in_folder(text), options);
+      return parts_of_files(images_in_folder(text), options);
     case SourceKind::kGlob:
       return parts_of_files(files_of_glob(text), options);
     case SourceKind::kList:
@@ -393,7 +393,7 @@ std::unique_ptr<FrameSource> open_sources(const std::vector<std::string>& texts,
     files.clear();
   };
   for (const std::string& text : texts) {
-    // Pictures named one by one are one run.
+    // Images named one by one are one run.
     if (classify_source(text, schemes) == SourceKind::kImage) {
       files.push_back(text);
       continue;

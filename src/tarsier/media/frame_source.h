@@ -136,7 +136,7 @@ struct Scheme {
                                          const std::vector<Scheme>& schemes = {});
 
 // Opens one input. Files are looked at before this returns; live sources are not waited for (next()
-// is). Throws InputError (missing, empty folder, not a picture or video, no such camera).
+// is). Throws InputError (missing, empty folder, not an image or video, no such camera).
 [[nodiscard]] std::unique_ptr<FrameSource> open_source(const std::string& text,
                                                        const SourceOptions& options = {},
                                                        const std::vector<Scheme>& schemes = {});

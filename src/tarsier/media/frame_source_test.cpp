@@ -46,7 +46,7 @@ class FrameSourceTest : public ::testing::Test {
     std::ofstream(folder_ / name, std::ios::binary) << bytes;
     return path(name);
   }
-  std::string picture(const std::string& name, int number) const {
+  std::string image(const std::string& name, int number) const {
     return write(name, testing::jpeg_of(number));
   }
   std::string video(const std::string& name, int frames, double fps) const {
@@ -111,8 +111,8 @@ TEST_F(FrameSourceTest, KindsAreToldApart) {
   EXPECT_EQ(kind(folder_.string()), SourceKind::kFolder);
   EXPECT_EQ(kind(path("*.jpg")), SourceKind::kGlob);
   EXPECT_EQ(kind("@" + write("list.txt", "x")), SourceKind::kList);
-  EXPECT_EQ(kind(picture("a picture ! [1] pipeline.jpg", 1)), SourceKind::kImage);
-  EXPECT_EQ(kind(picture("no-ending", 1)), SourceKind::kImage);
+  EXPECT_EQ(kind(image("an image ! [1] pipeline.jpg", 1)), SourceKind::kImage);
+  EXPECT_EQ(kind(image("no-ending", 1)), SourceKind::kImage);
   EXPECT_EQ(kind(video("v.avi", 2, 10)), SourceKind::kVideo);
   EXPECT_EQ(kind(write("stream.mjpeg", testing::jpeg_of(1) + testing::jpeg_of(2))),
             SourceKind::kVideo);
@@ -135,8 +135,8 @@ TEST_F(FrameSourceTest, NothingElseGetsThrough) {
   EXPECT_THAT(open_error("ftp://me:secret@h/x"), ::testing::Not(HasSubstr("secret")));
 }
 
-TEST_F(FrameSourceTest, APictureIsOneStillFrame) {
-  const std::string name = picture("one.jpg", 3);
+TEST_F(FrameSourceTest, AnImageIsOneStillFrame) {
+  const std::string name = image("one.jpg", 3);
   const auto source = open_source(name);
   EXPECT_EQ(source->count(), 1);
   EXPECT_FALSE(source->is_live());
@@ -147,12 +147,12 @@ TEST_F(FrameSourceTest, APictureIsOneStillFrame) {
   EXPECT_EQ(source->fps(), 0);
 }
 
-TEST_F(FrameSourceTest, AFolderIsReadInNaturalOrderPicturesOnly) {
-  picture("img10.jpg", 10);
-  picture("img2.JPG", 2);
-  picture("img1.jpeg", 1);
-  picture(".hidden.jpg", 20);
-  picture("sub/below.jpg", 21);
+TEST_F(FrameSourceTest, AFolderIsReadInNaturalOrderImagesOnly) {
+  image("img10.jpg", 10);
+  image("img2.JPG", 2);
+  image("img1.jpeg", 1);
+  image(".hidden.jpg", 20);
+  image("sub/below.jpg", 21);
   write("notes.txt", "x");
   const auto source = open_source(folder_.string());
   EXPECT_EQ(source->count(), 3);
@@ -160,7 +160,7 @@ TEST_F(FrameSourceTest, AFolderIsReadInNaturalOrderPicturesOnly) {
 }
 
 TEST_F(FrameSourceTest, ASequenceHasTimes) {
-  for (int i = 0; i < 3; ++i) picture("f" + std::to_string(i) + ".jpg", i);
+  for (int i = 0; i < 3; ++i) image("f" + std::to_string(i) + ".jpg", i);
   SourceOptions options;
   options.sequence = true;
   options.fps = 10;
@@ -173,12 +173,12 @@ TEST_F(FrameSourceTest, ASequenceHasTimes) {
 }
 
 TEST_F(FrameSourceTest, GlobsAndListsAndSeveralInputsFollowEachOther) {
-  picture("a1.jpg", 1);
-  picture("a2.jpg", 2);
-  picture("sub/b.jpg", 3);
+  image("a1.jpg", 1);
+  image("a2.jpg", 2);
+  image("sub/b.jpg", 3);
   video("v.avi", 2, 10);
   const std::string list =
-      write("list.txt", "# pictures\n\n  a2.jpg\r\nsub/b.jpg\nv.avi\n" + path("a1.jpg"));
+      write("list.txt", "# images\n\n  a2.jpg\r\nsub/b.jpg\nv.avi\n" + path("a1.jpg"));
   EXPECT_THAT(read_all(*open_source(path("a*.jpg"))).numbers, ElementsAre(1, 2));
   EXPECT_THAT(read_all(*open_source("@" + list)).numbers, ElementsAre(2, 3, 0, 1, 1));
   const auto source =
@@ -190,10 +190,10 @@ TEST_F(FrameSourceTest, GlobsAndListsAndSeveralInputsFollowEachOther) {
   EXPECT_LT(read.frames[2].time, read.frames[4].time);  // the second video comes after the first
 }
 
-TEST_F(FrameSourceTest, UnreadablePicturesAmongSeveralAreSkippedAndTold) {
-  picture("1.jpg", 1);
-  write("2.jpg", "this is no picture");
-  picture("3.jpg", 3);
+TEST_F(FrameSourceTest, UnreadableImagesAmongSeveralAreSkippedAndTold) {
+  image("1.jpg", 1);
+  write("2.jpg", "this is no image");
+  image("3.jpg", 3);
   write("4.png", testing::jpeg_of(4).substr(0, 200));
   const auto source = open_source(folder_.string());
   EXPECT_THAT(read_all(*source).numbers, ElementsAre(1, 3));
@@ -215,8 +215,8 @@ TEST_F(FrameSourceTest, NothingReadableIsAnError) {
   write("1.jpg", "no");
   EXPECT_THAT(open_error(path("1.jpg")), HasSubstr("1.jpg: "));
   write("2.jpg", "no");
-  EXPECT_THAT(open_error(folder_.string()), HasSubstr("none of the 2 pictures could be read"));
-  EXPECT_THAT(open_error(path("*.jpg")), HasSubstr("none of the 2 pictures"));
+  EXPECT_THAT(open_error(folder_.string()), HasSubstr("none of the 2 images could be read"));
+  EXPECT_THAT(open_error(path("*.jpg")), HasSubstr("none of the 2 images"));
   EXPECT_THAT(error_of([&] {
                 const auto source = open_sources(
                     {path("1.jpg"), write("v.avi", "RIFF0000AVI broken"), path("2.jpg")});
@@ -225,9 +225,9 @@ TEST_F(FrameSourceTest, NothingReadableIsAnError) {
               }),
               HasSubstr("none of the inputs could be read"));
   fs::create_directories(folder_ / "empty");
-  EXPECT_THAT(open_error(path("empty")), HasSubstr("no pictures"));
+  EXPECT_THAT(open_error(path("empty")), HasSubstr("no images"));
   EXPECT_THAT(open_error(path("x*.jpg")), HasSubstr("no file matches"));
-  EXPECT_THAT(open_error("@" + write("list.txt", "# nothing\n")), HasSubstr("lists no pictures"));
+  EXPECT_THAT(open_error("@" + write("list.txt", "# nothing\n")), HasSubstr("lists no images"));
   EXPECT_THROW((void)open_sources({path("1.jpg"), path("mistyped.jpg")}), InputError);
 }
 
@@ -256,8 +256,8 @@ TEST_F(FrameSourceTest, WhatIsNoVideoIsRefusedBeforeFfmpegSeesIt) {
 }
 
 TEST_F(FrameSourceTest, AStopEndsReading) {
-  picture("a.jpg", 1);
-  picture("b.jpg", 2);
+  image("a.jpg", 1);
+  image("b.jpg", 2);
   const auto source = open_source(folder_.string());
   std::stop_source stopper;
   EXPECT_TRUE(source->next(milliseconds(0), stopper.get_token()).has_value());
@@ -304,7 +304,7 @@ TEST(Masked, HidesNamesAndPasswords) {
             "http://host/x?user=***&pwd=***&size=3");
   EXPECT_EQ(masked("http://host:80/me@home"), "http://host:80/me@home");
   EXPECT_THAT(masked("http://me:p/w@host/x"), ::testing::Not(HasSubstr("p/w")));
-  EXPECT_EQ(masked("picture.jpg"), "picture.jpg");
+  EXPECT_EQ(masked("image.jpg"), "image.jpg");
 }
 
 TEST(SourceOptionsTest, AreChecked) {

@@ -89,13 +89,13 @@ class HttpSink final : public FrameSink {
         image.dims == 2 && !image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
         "{}x{}, type {}: sinks take 8-bit grey or BGR", image.cols, image.rows, image.type());
     TARSIER_REQUIRE(daemon_ != nullptr, "{} is finished", url_);
-    Picture* free = nullptr;
+    Image* free = nullptr;
     {
       const std::lock_guard lock(mutex_);
-      for (const auto& picture : pictures_) {
-        if (picture.get() != newest_ && !picture->encoding) free = picture.get();
+      for (const auto& slot : images_) {
+        if (slot.get() != newest_ && !slot->encoding) free = slot.get();
       }
-      if (free == nullptr) free = pictures_.emplace_back(std::make_unique<Picture>()).get();
+      if (free == nullptr) free = images_.emplace_back(std::make_unique<Image>()).get();
       // Tells those who waited for its encoding that it is gone.
       free->number = 0;
       free->jpeg.reset();
@@ -130,7 +130,7 @@ class HttpSink final : public FrameSink {
   static constexpr unsigned kRequestSeconds = 5;  // without a byte of a request
   static constexpr unsigned kViewerSeconds = 60;  // a viewer that takes nothing
 
-  struct Picture {
+  struct Image {
     cv::Mat raw;
     std::int64_t number = 0;
     bool encoding = false;
@@ -141,7 +141,7 @@ class HttpSink final : public FrameSink {
   struct Viewer {
     HttpSink* sink = nullptr;
     int socket = -1;
-    std::int64_t last = 0;  // number of the picture that was sent
+    std::int64_t last = 0;  // number of the image that was sent
     std::string head;       // of the part
     std::shared_ptr<const Bytes> jpeg;
     std::size_t sent = 0;  // of head, jpeg and tail together
@@ -178,7 +178,7 @@ class HttpSink final : public FrameSink {
       std::unique_lock lock(mutex_);
       closing_ = true;
       changed_.notify_all();
-      // Viewers that keep up get the last picture whole; those that do not are cut off.
+      // Viewers that keep up get the last image whole; those that do not are cut off.
       (void)changed_.wait_for(lock, std::chrono::milliseconds(300), [&] { return viewers_ == 0; });
     }
     // libmicrohttpd 0.9.75 reads through a null pointer when it refuses a malformed request while
@@ -214,55 +214,55 @@ class HttpSink final : public FrameSink {
     sink.changed_.notify_all();
   }
 
-  // The newest picture that is newer than `last`, encoded; nothing if none came in time or the sink
+  // The newest image that is newer than `last`, encoded; nothing if none came in time or the sink
   // closes.
-  std::shared_ptr<const Bytes> wait_for_picture(std::int64_t& last,
-                                                std::chrono::milliseconds patience) {
+  std::shared_ptr<const Bytes> wait_for_image(std::int64_t& last,
+                                              std::chrono::milliseconds patience) {
     std::unique_lock lock(mutex_);
     const auto is_new = [&] { return closing_ || (newest_ != nullptr && newest_->number > last); };
     if (!changed_.wait_for(lock, patience, is_new) || newest_ == nullptr || newest_->number <= last)
       return nullptr;
-    Picture* const picture = newest_;
-    const std::int64_t number = picture->number;
-    if (picture->encoding) {
-      // Somebody else is at it. The picture may be replaced meanwhile, and is then not waited for.
-      encoded_.wait(lock, [&] { return picture->number != number || !picture->encoding; });
-      if (picture->number != number || picture->jpeg == nullptr) return nullptr;
+    Image* const slot = newest_;
+    const std::int64_t number = slot->number;
+    if (slot->encoding) {
+      // Somebody else is at it. The image may be replaced meanwhile, and is then not waited for.
+      encoded_.wait(lock, [&] { return slot->number != number || !slot->encoding; });
+      if (slot->number != number || slot->jpeg == nullptr) return nullptr;
       last = number;
-      return picture->jpeg;
+      return slot->jpeg;
     }
-    if (picture->jpeg == nullptr) {
-      picture->encoding = true;
+    if (slot->jpeg == nullptr) {
+      slot->encoding = true;
       lock.unlock();
       std::shared_ptr<const Bytes> jpeg;
       try {
         jpeg = std::make_shared<const Bytes>(
-            encode_image(".jpg", picture->raw, url_, options_.jpeg_quality));
+            encode_image(".jpg", slot->raw, url_, options_.jpeg_quality));
       } catch (const std::exception& error) {
         log_warning("{}", error.what());
       }
       lock.lock();
-      picture->encoding = false;
-      picture->jpeg = jpeg;
+      slot->encoding = false;
+      slot->jpeg = jpeg;
       encoded_.notify_all();
       last = number;
       return jpeg;
     }
     last = number;
-    return picture->jpeg;
+    return slot->jpeg;
   }
 
   // Fills `buffer` with the next bytes of the stream. Runs in the connection's own thread, so it
   // may wait.
   static ssize_t read_stream(void* cls, std::uint64_t, char* buffer, std::size_t most) {
     auto& viewer = *static_cast<Viewer*>(cls);
-    // The boundary follows its part at once: browsers show a picture only when they have seen the
+    // The boundary follows its part at once: browsers show an image only when they have seen the
     // next boundary.
     static const std::string kTail = fmt::format("\r\n--{}\r\n", kBoundary);
     if (viewer.jpeg == nullptr) {
-      viewer.jpeg = viewer.sink->wait_for_picture(viewer.last, std::chrono::milliseconds(500));
+      viewer.jpeg = viewer.sink->wait_for_image(viewer.last, std::chrono::milliseconds(500));
       if (viewer.jpeg == nullptr) {
-        // Without pictures nothing is sent, and nobody else would notice that the viewer has left.
+        // Without images nothing is sent, and nobody else would notice that the viewer has left.
         ::pollfd state{viewer.socket, POLLRDHUP, 0};
         const bool gone = ::poll(&state, 1, 0) > 0 && state.revents != 0;
         return gone || viewer.sink->is_closing() ? MHD_CONTENT_READER_END_OF_STREAM : 0;
@@ -453,16 +453,16 @@ class HttpSink final : public FrameSink {
   }
 
   MHD_Result send_snapshot(MHD_Connection* connection) {
-    // A picture that is replaced while it is encoded for somebody else is tried again.
+    // An image that is replaced while it is encoded for somebody else is tried again.
     for (int attempt = 0; attempt < 10; ++attempt) {
       std::int64_t last = 0;
-      if (const auto jpeg = wait_for_picture(last, std::chrono::milliseconds(0))) {
+      if (const auto jpeg = wait_for_image(last, std::chrono::milliseconds(0))) {
         return send(
             connection, MHD_HTTP_OK,
             response_of({reinterpret_cast<const char*>(jpeg->data()), jpeg->size()}, "image/jpeg"));
       }
     }
-    return refuse(connection, MHD_HTTP_SERVICE_UNAVAILABLE, "no picture yet", "Retry-After", "1");
+    return refuse(connection, MHD_HTTP_SERVICE_UNAVAILABLE, "no image yet", "Retry-After", "1");
   }
 
   [[nodiscard]] std::string health() const {
@@ -480,11 +480,10 @@ class HttpSink final : public FrameSink {
   MHD_Daemon* daemon_ = nullptr;
 
   mutable std::mutex mutex_;         // of all below
-  std::condition_variable changed_;  // a new picture, a viewer gone, or closing
+  std::condition_variable changed_;  // a new image, a viewer gone, or closing
   std::condition_variable encoded_;
-  std::vector<std::unique_ptr<Picture>>
-      pictures_;  // as many as are encoded at the same time, and two
-  Picture* newest_ = nullptr;
+  std::vector<std::unique_ptr<Image>> images_;  // as many as are encoded at the same time, and two
+  Image* newest_ = nullptr;
   Clock::time_point newest_at_;
   std::int64_t frames_ = 0;
   int viewers_ = 0;

@@ -204,7 +204,7 @@ std::unique_ptr<FrameSink> open_local(const SinkOptions& options = {}) {
   return open_http_sink("http://127.0.0.1:0/", options);
 }
 
-TEST(HttpSink, StreamsEachPictureAsAPartWithItsLength) {
+TEST(HttpSink, StreamsEachImageAsAPartWithItsLength) {
   const auto sink = open_local();
   EXPECT_THAT(sink->description(), HasSubstr("(0 viewers)"));
   (void)sink->write(filled(40), {});
@@ -222,7 +222,7 @@ TEST(HttpSink, StreamsEachPictureAsAPartWithItsLength) {
   EXPECT_THROW((void)sink->write(filled(1), {}), std::invalid_argument);
 }
 
-TEST(HttpSink, AViewerThatComesBeforeTheFirstPictureWaitsForIt) {
+TEST(HttpSink, AViewerThatComesBeforeTheFirstImageWaitsForIt) {
   const auto sink = open_local();
   Client client(port_of(*sink));
   auto first = std::async(std::launch::async, [&] {
@@ -244,7 +244,7 @@ TEST(HttpSink, ASlowViewerNeitherStopsTheProducerNorTheOthers) {
   Client slow(port);
   slow.get("/stream.mjpg");
   wait_until([&] { return health(port)["viewers"] == 1; });
-  // A hundred pictures, each of which the other viewer has seen before the next comes.
+  // A hundred images, each of which the other viewer has seen before the next comes.
   Client quick(port);
   const std::string boundary = start_stream(quick);
   (void)read_part(quick, boundary);
@@ -269,7 +269,7 @@ TEST(HttpSink, ASlowViewerNeitherStopsTheProducerNorTheOthers) {
   EXPECT_LT(parts, 30);
 }
 
-TEST(HttpSink, AViewerThatLeavesIsNoticedWithoutPictures) {
+TEST(HttpSink, AViewerThatLeavesIsNoticedWithoutImages) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   (void)sink->write(filled(1), {});
@@ -299,7 +299,7 @@ TEST(HttpSink, EndsAtOnceWithViewersThatDoNotRead) {
   EXPECT_THROW(Client{port}, std::runtime_error);
 }
 
-TEST(HttpSink, SnapshotIsTheNewestPicture) {
+TEST(HttpSink, SnapshotIsTheNewestImage) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   EXPECT_EQ(ask(port, "/snapshot.jpg").status, 503);

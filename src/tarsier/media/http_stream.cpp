@@ -251,7 +251,7 @@ std::optional<LiveFailure> HttpBackend::judge_header(const std::stop_token& stop
   const std::string type = lower_case(response_.content_type());
   if (type.starts_with("text/") || type.starts_with("application/json")) {
     return LiveFailure{
-        .reason = fmt::format("the server sends {}, not pictures; is this the address of the "
+        .reason = fmt::format("the server sends {}, not images; is this the address of the "
                               "stream itself?",
                               response_.content_type()),
         .definite = true};
@@ -369,9 +369,9 @@ LiveRead HttpBackend::read(milliseconds patience, const std::stop_token& stop) {
     if (asked_frames_ > before) {
       result.kind = LiveRead::Kind::kFrame;
       result.frames = asked_frames_ - before;
-      result.picture.encoded = parser_.take();
-      result.picture.arrived = Clock::now();
-      if (const auto header = probe_image(result.picture.encoded)) {
+      result.image.encoded = parser_.take();
+      result.image.arrived = Clock::now();
+      if (const auto header = probe_image(result.image.encoded)) {
         detail_ = fmt::format("{}x{} {}", header->width, header->height, kind());
       }
     }

@@ -153,7 +153,7 @@ Outcome read_frames(LiveBackend& backend, std::size_t count) {
   for (int i = 0; i < 200 && outcome.numbers.size() < count && !outcome.ended; ++i) {
     LiveRead read = backend.read(milliseconds(100), never);
     if (read.kind == LiveRead::Kind::kFrame) {
-      outcome.numbers.push_back(testing::number_of(decode_image(read.picture.encoded, "frame")));
+      outcome.numbers.push_back(testing::number_of(decode_image(read.image.encoded, "frame")));
     } else if (read.kind == LiveRead::Kind::kEnded) {
       outcome.failure = read.failure;
       outcome.ended = true;

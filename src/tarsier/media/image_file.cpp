@@ -45,9 +45,9 @@ cv::Mat decode(Bytes bytes, const std::string& name, const ImageLimits& limits, 
                                        std::min<std::int64_t>(limits.max_bytes, INT_MAX)));
   }
   const auto format = image_format_of(bytes);
-  if (!format) throw InputError(name, describe_not_a_picture(bytes));
+  if (!format) throw InputError(name, describe_not_an_image(bytes));
   if (*format == ImageFormat::kTiff && !limits.allow_tiff) {
-    throw InputError(name, "TIFF pictures are not read: convert it to PNG");
+    throw InputError(name, "TIFF images are not read: convert it to PNG");
   }
   const auto header = probe_image(bytes);
   if (!header) throw InputError(name, fmt::format("truncated {}: no size in it", name_of(*format)));
@@ -137,22 +137,21 @@ bool is_image_path(std::string_view path) {
 
 std::vector<std::uint8_t> encode_image(std::string_view ending, const cv::Mat& image,
                                        const std::string& name, int jpeg_quality) {
-  TARSIER_REQUIRE(!image.empty() && image.dims == 2, "{}x{} is no picture to write to {}",
-                  image.cols, image.rows, name);
+  TARSIER_REQUIRE(!image.empty() && image.dims == 2, "{}x{} is no image to write to {}", image.cols,
+                  image.rows, name);
   TARSIER_REQUIRE(jpeg_quality >= 1 && jpeg_quality <= 100, "JPEG quality {} outside 1..100",
                   jpeg_quality);
   const std::string kind = lower_ending(fmt::format("x{}", ending));
   if (!is_image_path("x" + kind)) {
     throw UsageError(
-        name +
-        ": unknown ending for a picture: .png, .jpg, .webp, .bmp, .ppm and .pgm are written");
+        name + ": unknown ending for an image: .png, .jpg, .webp, .bmp, .ppm and .pgm are written");
   }
   const int depth = image.depth();
   const int channels = image.channels();
   TARSIER_REQUIRE(channels == 1 || channels == 3 || channels == 4,
                   "{} channels cannot be written to {}", channels, name);
   TARSIER_REQUIRE(depth == CV_8U || (depth == CV_16U && kind == ".png"),
-                  "{}: only 8-bit pictures (16-bit in .png) can be written", name);
+                  "{}: only 8-bit images (16-bit in .png) can be written", name);
   std::vector<std::uint8_t> bytes;
   bool encoded = false;
   try {

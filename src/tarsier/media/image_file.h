@@ -12,7 +12,7 @@
 
 namespace tarsier {
 
-// Pictures are read only through here. The first bytes must be those of an allowed format and the
+// Images are read only through here. The first bytes must be those of an allowed format and the
 // size in the header within the limit before any decoder sees the data.
 
 enum class ImageFormat { kJpeg, kPng, kWebp, kBmp, kPnm, kTiff };
@@ -30,12 +30,12 @@ struct ImageHeader {
   int height = 0;  // px
 };
 
-// Reads format and size from the first bytes of a file; nothing if they are of no known picture or
+// Reads format and size from the first bytes of a file; nothing if they are of no known image or
 // cut short. Never reads outside `bytes`.
 [[nodiscard]] std::optional<ImageHeader> probe_image(std::span<const std::uint8_t> bytes);
 
 // Decodes to 8-bit BGR (CV_8UC3; EXIF rotation applied). Throws InputError naming `name` and the
-// reason: not a picture, too large, truncated or broken data.
+// reason: not an image, too large, truncated or broken data.
 [[nodiscard]] cv::Mat decode_image(std::span<const std::uint8_t> bytes, const std::string& name,
                                    const ImageLimits& limits = {});
 [[nodiscard]] cv::Mat read_image(const std::string& path, const ImageLimits& limits = {});
@@ -46,8 +46,8 @@ struct ImageHeader {
 // atomically. Throws OutputError; UsageError for another ending.
 void write_image(const std::string& path, const cv::Mat& image, int jpeg_quality = 90);
 
-// The encoded bytes of a picture; `ending` with its dot. Throws UsageError for an unknown ending
-// and OutputError(name) where the format cannot hold the picture (size).
+// The encoded bytes of an image; `ending` with its dot. Throws UsageError for an unknown ending
+// and OutputError(name) where the format cannot hold the image (size).
 [[nodiscard]] std::vector<std::uint8_t> encode_image(std::string_view ending, const cv::Mat& image,
                                                      const std::string& name,
                                                      int jpeg_quality = 90);

@@ -29,7 +29,7 @@ using ::testing::HasSubstr;
 using Data = std::vector<std::uint8_t>;
 
 // Smooth, so that lossy formats come close, and different at every corner.
-cv::Mat picture(int width = 64, int height = 48) {
+cv::Mat test_image(int width = 64, int height = 48) {
   cv::Mat image(height, width, CV_8UC3);
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
@@ -79,7 +79,7 @@ std::uint32_t crc(const std::uint8_t* bytes, std::size_t count) {
 
 // With a right checksum: only the size is a lie.
 Data png_of_claimed_size(std::uint32_t width, std::uint32_t height) {
-  Data bytes = encoded(".png", picture());
+  Data bytes = encoded(".png", test_image());
   put_big(bytes, 16, width);
   put_big(bytes, 20, height);
   put_big(bytes, 29, crc(&bytes[12], 17));
@@ -115,7 +115,7 @@ const std::vector<Format>& formats() {
 
 TEST(ImageFile, EveryFormatComesBack) {
   for (const Format& f : formats()) {
-    const Data bytes = encoded(f.ending, picture(), f.parameters);
+    const Data bytes = encoded(f.ending, test_image(), f.parameters);
     const auto header = probe_image(bytes);
     ASSERT_TRUE(header) << f.ending;
     EXPECT_EQ(header->format, f.format);
@@ -123,14 +123,14 @@ TEST(ImageFile, EveryFormatComesBack) {
     EXPECT_EQ(header->height, 48);
     const cv::Mat image = decode_image(bytes, "x");
     ASSERT_EQ(image.type(), CV_8UC3);
-    EXPECT_LE(cv::norm(image, picture(), cv::NORM_L1) / (64 * 48 * 3), f.error) << f.ending;
+    EXPECT_LE(cv::norm(image, test_image(), cv::NORM_L1) / (64 * 48 * 3), f.error) << f.ending;
   }
 }
 
 TEST(ImageFile, CutAnywhereIsRefused) {
   for (const Format& f : formats()) {
-    const Data whole = encoded(f.ending, picture(), f.parameters);
-    // A WebP file may have one byte of padding, and an ASCII picture a last line break.
+    const Data whole = encoded(f.ending, test_image(), f.parameters);
+    // A WebP file may have one byte of padding, and an ASCII image a last line break.
     for (std::size_t size = 0; size + 2 < whole.size(); size += size < 64 ? 1 : 37) {
       const Data cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
       EXPECT_NE(refusal(cut), "accepted")
@@ -141,7 +141,7 @@ TEST(ImageFile, CutAnywhereIsRefused) {
 
 TEST(ImageFile, TheReasonOfTruncationIsNamed) {
   for (const char* ending : {".jpg", ".png", ".bmp", ".webp", ".ppm"}) {
-    Data bytes = encoded(ending, picture());
+    Data bytes = encoded(ending, test_image());
     bytes.resize(bytes.size() * 2 / 3);
     EXPECT_THAT(refusal(bytes), HasSubstr("truncated")) << ending;
   }
@@ -150,7 +150,7 @@ TEST(ImageFile, TheReasonOfTruncationIsNamed) {
 TEST(ImageFile, DamagedBytesNeverCrash) {
   Rng rng(3);
   for (const Format& f : formats()) {
-    const Data whole = encoded(f.ending, picture(), f.parameters);
+    const Data whole = encoded(f.ending, test_image(), f.parameters);
     for (int round = 0; round < 150; ++round) {
       Data bytes = whole;
       for (int i = rng.integer(1, 6); i > 0; --i) {
@@ -171,22 +171,22 @@ TEST(ImageFile, DamagedBytesNeverCrash) {
 }
 
 TEST(ImageFile, BytesAfterTheEndOfAJpegDoNotMatter) {
-  Data bytes = encoded(".jpg", picture());
+  Data bytes = encoded(".jpg", test_image());
   bytes.insert(bytes.end(), 100, 0);
   EXPECT_EQ(refusal(bytes), "accepted");
 }
 
-TEST(ImageFile, WhatIsNoPictureSaysHowItStarts) {
+TEST(ImageFile, WhatIsNoImageSaysHowItStarts) {
   const std::string text = "hello, I am a text file";
   EXPECT_THAT(refusal(Data(text.begin(), text.end())),
-              HasSubstr("not a picture: starts with \"hello, I am "));
+              HasSubstr("not an image: starts with \"hello, I am "));
   EXPECT_THAT(refusal({}), HasSubstr("empty file"));
-  EXPECT_THAT(refusal({0xFF}), HasSubstr("not a picture"));
+  EXPECT_THAT(refusal({0xFF}), HasSubstr("not an image"));
   EXPECT_THAT(refusal({0x1B, '[', '2', 'J'}), HasSubstr("\\x1b"))
       << "no escape sequence reaches the terminal";
   const std::string gif = "GIF89a.......";
   EXPECT_THAT(refusal(Data(gif.begin(), gif.end())), HasSubstr("is a GIF"));
-  const Data tiff = encoded(".tiff", picture());
+  const Data tiff = encoded(".tiff", test_image());
   ASSERT_FALSE(tiff.empty());
   EXPECT_THAT(refusal(tiff), HasSubstr("TIFF"));
   ImageLimits limits;
@@ -198,7 +198,7 @@ TEST(ImageFile, HugeSizesAreRefusedBeforeDecoding) {
   EXPECT_THAT(refusal(png_of_claimed_size(60000, 60000)), HasSubstr("60000x60000"));
   EXPECT_THAT(refusal(png_of_claimed_size(0xFFFFFFFFU, 0xFFFFFFFFU)), HasSubstr("limit"));
   EXPECT_THAT(refusal(png_of_claimed_size(0, 10)), HasSubstr("0x10"));
-  Data bmp = encoded(".bmp", picture());
+  Data bmp = encoded(".bmp", test_image());
   put_little(bmp, 18, 60000);
   put_little(bmp, 22, 60000);
   EXPECT_THAT(refusal(bmp), HasSubstr("60000x60000"));
@@ -212,15 +212,15 @@ TEST(ImageFile, HugeSizesAreRefusedBeforeDecoding) {
   EXPECT_THAT(refusal(Data(overflow.begin(), overflow.end())), HasSubstr("limit"));
   ImageLimits limits;
   limits.max_pixels = 64 * 48 - 1;
-  EXPECT_THAT(refusal(encoded(".png", picture()), limits), HasSubstr("limit"));
+  EXPECT_THAT(refusal(encoded(".png", test_image()), limits), HasSubstr("limit"));
   limits = {};
   limits.max_bytes = 10;
-  EXPECT_THAT(refusal(encoded(".png", picture()), limits), HasSubstr("bytes"));
+  EXPECT_THAT(refusal(encoded(".png", test_image()), limits), HasSubstr("bytes"));
 }
 
 // OpenCV's reader of DICOM ends the process for such a file, so it must never get one.
 TEST(ImageFile, AnImageThatIsADicomFileAsWellIsRefused) {
-  Data bytes = encoded(".webp", picture(), {cv::IMWRITE_WEBP_QUALITY, 101});
+  Data bytes = encoded(".webp", test_image(), {cv::IMWRITE_WEBP_QUALITY, 101});
   bytes.resize(std::max<std::size_t>(bytes.size(), 200));
   constexpr std::string_view kMark = "DICM";
   std::copy(kMark.begin(), kMark.end(), bytes.begin() + 128);
@@ -236,13 +236,13 @@ TEST(ImageFile, APngThatClaimsMoreRowsThanItHasIsRefused) {
 }
 
 TEST(ImageFile, AWrongChecksumInAPngIsNamed) {
-  Data bytes = encoded(".png", picture());
+  Data bytes = encoded(".png", test_image());
   bytes[bytes.size() / 2] ^= 1;
   EXPECT_THAT(refusal(bytes), HasSubstr("checksum"));
 }
 
 TEST(ImageFile, TextAndProfilesInAPngAreLeftOut) {
-  Data bytes = encoded(".png", picture());
+  Data bytes = encoded(".png", test_image());
   // A text chunk that claims to be compressed and is not: libpng would complain on stderr.
   Data chunk{0, 0, 0, 5, 'z', 'T', 'X', 't', 'a', 0, 0, 9, 9, 0, 0, 0, 0};
   put_big(chunk, 13, crc(&chunk[4], 9));
@@ -253,7 +253,7 @@ TEST(ImageFile, TextAndProfilesInAPngAreLeftOut) {
 }
 
 TEST(ImageFile, AJpegOfThousandsOfScansIsRefused) {
-  const Data whole = encoded(".jpg", picture(), {cv::IMWRITE_JPEG_PROGRESSIVE, 1});
+  const Data whole = encoded(".jpg", test_image(), {cv::IMWRITE_JPEG_PROGRESSIVE, 1});
   // The last scan again and again, before the end marker.
   std::size_t at = whole.size() - 3;
   while (!(whole[at] == 0xFF && whole[at + 1] == 0xDA)) --at;
@@ -266,13 +266,13 @@ TEST(ImageFile, AJpegOfThousandsOfScansIsRefused) {
 
 TEST(ImageFile, OtherDepthsAndChannelsBecomeEightBitBgr) {
   cv::Mat deep;
-  picture().convertTo(deep, CV_16U, 257);
-  EXPECT_LE(cv::norm(decode_image(encoded(".png", deep), "x"), picture(), cv::NORM_INF), 1);
+  test_image().convertTo(deep, CV_16U, 257);
+  EXPECT_LE(cv::norm(decode_image(encoded(".png", deep), "x"), test_image(), cv::NORM_INF), 1);
   cv::Mat alpha;
-  cv::cvtColor(picture(), alpha, cv::COLOR_BGR2BGRA);
+  cv::cvtColor(test_image(), alpha, cv::COLOR_BGR2BGRA);
   EXPECT_EQ(decode_image(encoded(".png", alpha), "x").type(), CV_8UC3);
   cv::Mat gray;
-  cv::cvtColor(picture(), gray, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(test_image(), gray, cv::COLOR_BGR2GRAY);
   for (const char* ending : {".png", ".jpg", ".pgm", ".bmp"}) {
     const cv::Mat image = decode_image(encoded(ending, gray), "x");
     ASSERT_EQ(image.type(), CV_8UC3);
@@ -293,18 +293,18 @@ TEST(ImageFile, AsciiAndBitmapPnmWithComments) {
 }
 
 TEST(ImageFile, BmpFromTheTopDown) {
-  Data bytes = encoded(".bmp", picture());
+  Data bytes = encoded(".bmp", test_image());
   put_little(bytes, 22, static_cast<std::uint32_t>(-48));
   const auto header = probe_image(bytes);
   ASSERT_TRUE(header);
   EXPECT_EQ(header->height, 48);
   cv::Mat flipped;
-  cv::flip(picture(), flipped, 0);
+  cv::flip(test_image(), flipped, 0);
   EXPECT_EQ(cv::norm(decode_image(bytes, "x"), flipped, cv::NORM_INF), 0);
 }
 
 TEST(ImageFile, ExifRotationIsApplied) {
-  Data bytes = encoded(".jpg", picture());
+  Data bytes = encoded(".jpg", test_image());
   // Orientation 6: turn by 90 degrees clockwise to show.
   const Data exif{0xFF, 0xE1, 0,    34,   'E', 'x', 'i', 'f', 0, 0, 'I', 'I', 42, 0, 8, 0, 0, 0,
                   1,    0,    0x12, 0x01, 3,   0,   1,   0,   0, 0, 6,   0,   0,  0, 0, 0, 0, 0};
@@ -329,7 +329,7 @@ TEST(ImageFile, FilesFoldersAndMissingOnesHaveTheirOwnWords) {
   EXPECT_THAT(reason(folder / "."), HasSubstr("is a folder"));
   std::ofstream(folder / "empty.png").flush();
   EXPECT_THAT(reason(folder / "empty.png"), HasSubstr("empty file"));
-  write_image(folder / "good.png", picture());
+  write_image(folder / "good.png", test_image());
   EXPECT_EQ(reason(folder / "good.png"), "read");
   EXPECT_EQ(read_gray_image(folder / "good.png").type(), CV_8UC1);
   std::ofstream(folder / "big") << std::string(100, 'x');
@@ -343,15 +343,15 @@ TEST(ImageFile, WritesByEndingAndLeavesNothingBehindOnFailure) {
   const TemporaryFolder folder;
   for (const char* name : {"a.png", "b.JPG", "c.jpeg", "d.webp", "e.bmp", "f.ppm", "g.pgm"}) {
     EXPECT_TRUE(is_image_path(name));
-    write_image(folder / name, picture());
+    write_image(folder / name, test_image());
     EXPECT_EQ(read_image(folder / name).size(), cv::Size(64, 48)) << name;
   }
   EXPECT_FALSE(is_image_path("x.gif"));
   EXPECT_FALSE(is_image_path("png"));
-  EXPECT_THROW(write_image(folder / "x.gif", picture()), UsageError);
-  EXPECT_THROW(write_image(folder / "no/such/x.png", picture()), OutputError);
+  EXPECT_THROW(write_image(folder / "x.gif", test_image()), UsageError);
+  EXPECT_THROW(write_image(folder / "no/such/x.png", test_image()), OutputError);
   EXPECT_THROW(write_image(folder / "x.png", cv::Mat()), std::invalid_argument);
-  EXPECT_THROW(write_image(folder / "x.jpg", picture(), 0), std::invalid_argument);
+  EXPECT_THROW(write_image(folder / "x.jpg", test_image(), 0), std::invalid_argument);
   EXPECT_THROW(write_image(folder / "wide.webp", cv::Mat(1, 20000, CV_8UC3, cv::Scalar())),
                OutputError);
   EXPECT_FALSE(std::filesystem::exists(folder / "wide.webp"));

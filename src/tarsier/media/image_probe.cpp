@@ -75,7 +75,7 @@ constexpr bool is_frame_header(std::uint8_t marker) {
   return marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
 }
 
-// Walks over the segments: to the frame header only, or to the end of the picture.
+// Walks over the segments: to the frame header only, or to the end of the image.
 JpegWalk walk_jpeg(Bytes bytes, bool whole) {
   JpegWalk walk;
   std::size_t at = 2;
@@ -93,7 +93,7 @@ JpegWalk walk_jpeg(Bytes bytes, bool whole) {
       return walk;
     }
     if (marker == 0xD8) {
-      walk.broken = "a second picture starts inside the first";
+      walk.broken = "a second image starts inside the first";
       return walk;
     }
     Cursor segment(bytes, at);
@@ -187,7 +187,7 @@ std::string check_png(Bytes bytes, std::vector<std::uint8_t>& kept) {
     }
     has_data = has_data || type == "IDAT";
     at += chunk.size();
-    if (type == "IEND") return has_data ? "" : "broken PNG: no picture data";
+    if (type == "IEND") return has_data ? "" : "broken PNG: no image data";
   }
 }
 
@@ -328,7 +328,7 @@ std::optional<PnmHeader> parse_pnm(Bytes bytes) {
   return pnm;
 }
 
-// Counts the numbers of a picture written in digits. Returns what is wrong.
+// Counts the numbers of an image written in digits. Returns what is wrong.
 std::string check_ascii_pnm(Bytes bytes, const PnmHeader& pnm, std::uint64_t numbers) {
   const bool bitmap = pnm.kind == '1';  // its digits need no space between them
   std::uint64_t found = 0;
@@ -441,7 +441,7 @@ std::optional<ImageHeader> probe_image(std::span<const std::uint8_t> bytes) {
   return std::nullopt;
 }
 
-std::string describe_not_a_picture(Bytes bytes) {
+std::string describe_not_an_image(Bytes bytes) {
   struct Other {
     std::size_t at;
     std::string_view magic;
@@ -449,19 +449,19 @@ std::string describe_not_a_picture(Bytes bytes) {
   };
   static constexpr std::array<Other, 9> kOthers{{{0, "GIF8", "a GIF"},
                                                  {0, "%PDF", "a PDF"},
-                                                 {4, "ftypheic", "a HEIC picture"},
-                                                 {4, "ftypmif1", "a HEIF picture"},
-                                                 {4, "ftypavif", "an AVIF picture"},
+                                                 {4, "ftypheic", "a HEIC image"},
+                                                 {4, "ftypmif1", "a HEIF image"},
+                                                 {4, "ftypavif", "an AVIF image"},
                                                  {4, "ftyp", "an MP4 video"},
                                                  {0, "<svg", "an SVG drawing"},
-                                                 {4, "jP  ", "a JPEG 2000 picture"},
+                                                 {4, "jP  ", "a JPEG 2000 image"},
                                                  {0, "RIFF", "a RIFF file (a video?)"}}};
   constexpr std::string_view kAllowed = "JPEG, PNG, WebP, BMP and PNM are read";
   for (const Other& other : kOthers) {
     if (starts_with(bytes, other.magic, other.at))
       return fmt::format("is {}: {}", other.name, kAllowed);
   }
-  return fmt::format("not a picture: starts with {}; {}", describe_start(bytes), kAllowed);
+  return fmt::format("not an image: starts with {}; {}", describe_start(bytes), kAllowed);
 }
 
 std::string find_image_damage(Bytes bytes, const ImageHeader& header,
@@ -479,7 +479,7 @@ std::string find_image_damage(Bytes bytes, const ImageHeader& header,
       const JpegWalk walk = walk_jpeg(bytes, true);
       if (!walk.broken.empty()) return "broken JPEG: " + walk.broken;
       if (!walk.complete) return "truncated JPEG: the end-of-image marker is missing";
-      // Each scan of a progressive picture passes over all of it: a few bytes can buy minutes.
+      // Each scan of a progressive image passes over all of it: a few bytes can buy minutes.
       constexpr std::int64_t kMaxScans = 500;
       constexpr std::int64_t kMaxScanPixels = 2'000'000'000;
       const auto pixels = static_cast<std::int64_t>(width * height);

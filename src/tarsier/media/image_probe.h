@@ -17,10 +17,10 @@ namespace tarsier {
 [[nodiscard]] std::optional<ImageFormat> image_format_of(std::span<const std::uint8_t> bytes);
 
 // Why bytes of no known format are refused, one line.
-[[nodiscard]] std::string describe_not_a_picture(std::span<const std::uint8_t> bytes);
+[[nodiscard]] std::string describe_not_an_image(std::span<const std::uint8_t> bytes);
 
 // What is wrong with the bytes behind the header, empty if nothing is: cut short, wrong checksums,
-// more work than a picture can need. For PNG, `kept` takes the chunks that the decoder needs; else
+// more work than an image can need. For PNG, `kept` takes the chunks that the decoder needs; else
 // it stays empty.
 [[nodiscard]] std::string find_image_damage(std::span<const std::uint8_t> bytes,
                                             const ImageHeader& header,

@@ -18,7 +18,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr std::chrono::seconds kQuiet{1};  // from one warning of a broken picture to the next
+constexpr std::chrono::seconds kQuiet{1};  // from one warning of a broken image to the next
 constexpr milliseconds kSlice{50};         // how long the supervisor may sit in one call
 
 double seconds_between(Clock::time_point from, Clock::time_point to) {
@@ -95,7 +95,7 @@ class LiveSource final : public FrameSource {
 
   mutable std::mutex mutex_;
   std::condition_variable_any wake_;  // the slot was filled, or gave_up_
-  std::optional<LivePicture> slot_;
+  std::optional<LiveImage> slot_;
   std::int64_t slot_index_ = 0;
   Clock::time_point first_;
   Clock::time_point newest_;
@@ -129,21 +129,21 @@ std::optional<Frame> LiveSource::next(milliseconds patience, const std::stop_tok
       if (gave_up_before_first_) throw InputError(label_, gave_up_reason_);
       throw SourceLostError(label_, gave_up_reason_);
     }
-    LivePicture picture = std::move(*slot_);
+    LiveImage image = std::move(*slot_);
     slot_.reset();
     Frame frame;
     frame.index = slot_index_;
-    frame.time = seconds_between(first_, picture.arrived);
+    frame.time = seconds_between(first_, image.arrived);
     frame.name = name_;
-    frame.captured = picture.arrived;
-    if (picture.encoded.empty()) {
-      frame.image = std::move(picture.image);
+    frame.captured = image.arrived;
+    if (image.encoded.empty()) {
+      frame.image = std::move(image.image);
       return frame;
     }
     lock.unlock();
     std::string trouble;
     try {
-      frame.image = decode_image(picture.encoded, label_);
+      frame.image = decode_image(image.encoded, label_);
     } catch (const InputError& error) {
       trouble = error.what();
     }
@@ -151,10 +151,10 @@ std::optional<Frame> LiveSource::next(milliseconds patience, const std::stop_tok
     decode_fails_ = frame.image.empty();
     if (!decode_fails_) {
       decoded_any_ = true;
-      last_decoded_ = picture.arrived;
+      last_decoded_ = image.arrived;
       return frame;
     }
-    // A camera that sends broken pictures now and then is none of the user's business; what another
+    // A camera that sends broken images now and then is none of the user's business; what another
     // program hands over is.
     const Clock::time_point now = Clock::now();
     if (opens_once_ && (!warned_ || now - *warned_ >= kQuiet)) {
@@ -191,12 +191,12 @@ void LiveSource::enter(SourceState state, std::string detail) {
 void LiveSource::deliver(LiveRead&& read) {
   {
     const std::lock_guard lock(mutex_);
-    if (received_ == 0) first_ = read.picture.arrived;
+    if (received_ == 0) first_ = read.image.arrived;
     received_ += read.frames;
     dropped_ += read.frames - 1 + (slot_ ? 1 : 0);
-    newest_ = read.picture.arrived;
+    newest_ = read.image.arrived;
     slot_index_ = received_ - 1;
-    slot_ = std::move(read.picture);
+    slot_ = std::move(read.image);
     if (current_->fps() > 0) fps_ = current_->fps();
   }
   wake_.notify_all();
@@ -223,13 +223,13 @@ bool LiveSource::out_of_time(const std::string& reason) {
     if (!had_frame()) {
       if (options_.wait || seconds_between(started_, now) < options_.connect_timeout_s)
         return false;
-      message = fmt::format("no picture within {}{}{}", in_seconds(options_.connect_timeout_s),
+      message = fmt::format("no image within {}{}{}", in_seconds(options_.connect_timeout_s),
                             reason.empty() ? "" : ": ", reason);
     } else {
       if (options_.give_up_s <= 0 || seconds_between(last_good(), now) < options_.give_up_s) {
         return false;
       }
-      message = fmt::format("no picture for {}{}{}", in_seconds(options_.give_up_s),
+      message = fmt::format("no image for {}{}{}", in_seconds(options_.give_up_s),
                             reason.empty() ? "" : ": ", reason);
     }
   }
@@ -291,7 +291,7 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
         has_frame ? options_.stall_s : std::max(options_.stall_s, current_->startup_s());
     if (quiet_s >= allowed_s && state != SourceState::kStale) {
       state = SourceState::kStale;
-      last_reason_ = fmt::format("no picture for {}", in_seconds(allowed_s));
+      last_reason_ = fmt::format("no image for {}", in_seconds(allowed_s));
       enter(state, last_reason_);
       if (current_->may_wake_up()) log_warning("{}: {}; still listening", label_, last_reason_);
     }
@@ -299,7 +299,7 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
         allowed_s + (current_->may_wake_up() ? std::max(options_.stall_s, backoff_s_) : 0);
     if (quiet_s >= drop_s && !current_->opens_once()) {
       LiveFailure failure;
-      failure.reason = fmt::format("no picture for {}", in_seconds(quiet_s));
+      failure.reason = fmt::format("no image for {}", in_seconds(quiet_s));
       // A frozen server that accepts one client only would be lost for good by hanging up on it, so
       // the old connection stays open until the new one speaks.
       if (current_->may_wake_up() && !silent_) silent_ = std::move(current_);

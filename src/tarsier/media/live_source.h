@@ -25,8 +25,8 @@ struct LiveFailure {
   bool denied = false;       // it answers and says no: not asked more often than the back-off says
 };
 
-// A picture as it came in: a JPEG not decoded yet, or (encoded is empty) a decoded one, CV_8UC3.
-struct LivePicture {
+// An image as it came in: a JPEG not decoded yet, or (encoded is empty) a decoded one, CV_8UC3.
+struct LiveImage {
   std::vector<std::uint8_t> encoded;
   cv::Mat image;
   std::chrono::steady_clock::time_point arrived;  // when its last byte did
@@ -35,7 +35,7 @@ struct LivePicture {
 struct LiveRead {
   enum class Kind { kNothing, kFrame, kEnded };
   Kind kind = Kind::kNothing;
-  LivePicture picture;      // kFrame: the newest of those that arrived
+  LiveImage image;          // kFrame: the newest of those that arrived
   std::int64_t frames = 0;  // kFrame: how many arrived, >= 1
   LiveFailure failure;      // kEnded
 };

@@ -269,7 +269,7 @@ TEST_F(LiveSourceTest, ASilentServerIsGivenUpAfterTheConnectTimeout) {
     (void)source->next(kPatience, {});
     FAIL();
   } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("no picture within 0.3 s"), std::string::npos)
+    EXPECT_NE(std::string(error.what()).find("no image within 0.3 s"), std::string::npos)
         << error.what();
   }
 }
@@ -396,7 +396,7 @@ TEST_F(LiveSourceTest, AChildsErrorIsTheUsersError) {
                    ChildCommand::Format::kMjpeg),
             "child: sh ended with status 7: no cameras available");
   EXPECT_NE(reason("head -c 100000 /dev/zero; sleep 1000", ChildCommand::Format::kRecords)
-                .find("not a picture"),
+                .find("not an image"),
             std::string::npos);
   ChildCommand missing;
   missing.arguments = {"/nowhere/program"};

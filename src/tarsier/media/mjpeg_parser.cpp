@@ -14,7 +14,7 @@ constexpr std::uint8_t kStartOfImage = 0xd8;
 constexpr std::uint8_t kEndOfImage = 0xd9;
 constexpr std::uint8_t kStartOfScan = 0xda;
 constexpr std::size_t kPiece = 256U << 10U;
-// Before the first scan; cameras write about ten. What begins like a picture
+// Before the first scan; cameras write about ten. What begins like an image
 // and is none is looked through up to here, and again from each start inside it.
 constexpr int kMaxSegments = 32;
 
@@ -66,7 +66,7 @@ MjpegParser::Step MjpegParser::step() {
   return read_entropy();
 }
 
-// A picture that goes on beyond the limit is dropped up to there, whatever follows in the buffer:
+// An image that goes on beyond the limit is dropped up to there, whatever follows in the buffer:
 // what is found does not depend on the pieces in which the bytes came.
 bool MjpegParser::is_too_large() {
   if (place_ == Place::kBetween || buffer_.size() - begin_ <= frame_limit_) return false;
@@ -88,7 +88,7 @@ void MjpegParser::reset() {
   place_ = Place::kBetween;
 }
 
-// What began at begin_ is no picture; look for the next one from `resume` on.
+// What began at begin_ is no image; look for the next one from `resume` on.
 void MjpegParser::give_up_from(std::size_t resume) {
   skipped_ += resume - begin_;
   begin_ = resume;
@@ -107,7 +107,7 @@ std::size_t MjpegParser::find_ff(std::size_t from, std::size_t end) {
   return at;
 }
 
-// FF D8 FF: the start of a picture and the first byte of its first segment.
+// FF D8 FF: the start of an image and the first byte of its first segment.
 MjpegParser::Step MjpegParser::find_start() {
   std::size_t at = begin_;
   const std::size_t size = buffer_.size();
@@ -155,11 +155,11 @@ MjpegParser::Step MjpegParser::read_marker() {
     if (at_ + 1 >= size) return Step::kMoreBytes;
     const std::size_t at = at_ + 1;
     const std::uint8_t marker = bytes[at];
-    if (marker == kStartOfImage) {  // a new picture: the old one was cut short
+    if (marker == kStartOfImage) {  // a new image: the old one was cut short
       give_up_from(at_);
       return Step::kDone;
     }
-    if (marker == kEndOfImage) return end_picture(at + 1);
+    if (marker == kEndOfImage) return end_image(at + 1);
     if (marker < 0xc0 || (marker >= 0xd0 && marker <= 0xd7)) return give_up(at);
     if (!has_scan_ && segments_ == kMaxSegments) return give_up(at);
     if (size - at < 3) return Step::kMoreBytes;
@@ -177,7 +177,7 @@ MjpegParser::Step MjpegParser::read_marker() {
   }
 }
 
-MjpegParser::Step MjpegParser::end_picture(std::size_t end) {
+MjpegParser::Step MjpegParser::end_image(std::size_t end) {
   if (!has_size_ || !has_scan_) {
     give_up_from(end);
     return Step::kDone;

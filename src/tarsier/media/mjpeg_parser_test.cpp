@@ -18,7 +18,7 @@ std::span<const std::uint8_t> bytes_of(std::string_view text) {
 
 std::string text_of(const std::vector<std::uint8_t>& bytes) { return {bytes.begin(), bytes.end()}; }
 
-// Pictures with rich content, so that coded data holds FF 00.
+// Images with rich content, so that coded data holds FF 00.
 std::string textured_jpeg(int number) {
   cv::Mat image(48, 64, CV_8UC3);
   cv::RNG rng(static_cast<std::uint64_t>(number) + 1);
@@ -29,11 +29,11 @@ std::string textured_jpeg(int number) {
   return text_of(bytes);
 }
 
-// Feeds in pieces of random size and returns every picture.
-std::vector<std::string> pictures_in(std::string_view stream, std::uint64_t seed, int largest) {
+// Feeds in pieces of random size and returns every image.
+std::vector<std::string> images_in(std::string_view stream, std::uint64_t seed, int largest) {
   MjpegParser parser;
   Rng rng(seed);
-  std::vector<std::string> pictures;
+  std::vector<std::string> images;
   std::size_t at = 0;
   while (at < stream.size()) {
     const auto size = std::min<std::size_t>(static_cast<std::size_t>(rng.integer(1, largest)),
@@ -41,12 +41,12 @@ std::vector<std::string> pictures_in(std::string_view stream, std::uint64_t seed
     const int completed = parser.feed(bytes_of(stream.substr(at, size)));
     at += size;
     EXPECT_LE(completed, largest);
-    if (parser.has_frame()) pictures.push_back(text_of(parser.take()));
+    if (parser.has_frame()) images.push_back(text_of(parser.take()));
   }
-  return pictures;
+  return images;
 }
 
-TEST(MjpegParser, FindsEachPictureWhateverTheFramingAndTheSplits) {
+TEST(MjpegParser, FindsEachImageWhateverTheFramingAndTheSplits) {
   std::vector<std::string> sent;
   for (int i = 0; i < 4; ++i) sent.push_back(textured_jpeg(i));
   std::string bare;
@@ -61,13 +61,13 @@ TEST(MjpegParser, FindsEachPictureWhateverTheFramingAndTheSplits) {
   }
   for (const std::string& stream : {bare, with_length, without_length, wrong_length}) {
     for (std::uint64_t seed = 0; seed < 20; ++seed) {
-      EXPECT_EQ(pictures_in(stream, seed, 300), sent);
+      EXPECT_EQ(images_in(stream, seed, 300), sent);
     }
-    EXPECT_EQ(pictures_in(stream, 1, 1), sent);
+    EXPECT_EQ(images_in(stream, 1, 1), sent);
   }
 }
 
-TEST(MjpegParser, KeepsOnlyTheNewestPicture) {
+TEST(MjpegParser, KeepsOnlyTheNewestImage) {
   MjpegParser parser;
   const std::string newest = testing::jpeg_of(3);
   EXPECT_EQ(parser.feed(bytes_of(testing::jpeg_of(1) + testing::jpeg_of(2) + newest)), 3);
@@ -75,7 +75,7 @@ TEST(MjpegParser, KeepsOnlyTheNewestPicture) {
   EXPECT_FALSE(parser.has_frame());
 }
 
-TEST(MjpegParser, AThumbnailInsideASegmentIsNotAPicture) {
+TEST(MjpegParser, AThumbnailInsideASegmentIsNotAnImage) {
   const std::string jpeg = testing::jpeg_of(5);
   const std::string thumbnail = testing::jpeg_of(6, {16, 16});
   const std::size_t length = thumbnail.size() + 2;
@@ -87,7 +87,7 @@ TEST(MjpegParser, AThumbnailInsideASegmentIsNotAPicture) {
   EXPECT_EQ(text_of(parser.take()), with_thumbnail);
 }
 
-TEST(MjpegParser, PicturesMayHaveManySegments) {
+TEST(MjpegParser, ImagesMayHaveManySegments) {
   const std::string jpeg = testing::jpeg_of(5);
   std::string comments;
   for (int i = 0; i < 20; ++i)
@@ -95,15 +95,15 @@ TEST(MjpegParser, PicturesMayHaveManySegments) {
         "\xff\xfe\x00\x05"
         "abc",
         7);
-  const std::string picture = jpeg.substr(0, 2) + comments + jpeg.substr(2);
+  const std::string image = jpeg.substr(0, 2) + comments + jpeg.substr(2);
   MjpegParser parser;
-  EXPECT_EQ(parser.feed(bytes_of(picture + jpeg)), 2);
+  EXPECT_EQ(parser.feed(bytes_of(image + jpeg)), 2);
   EXPECT_EQ(text_of(parser.take()), jpeg);
-  EXPECT_EQ(parser.feed(bytes_of(picture)), 1);
-  EXPECT_EQ(text_of(parser.take()), picture);
+  EXPECT_EQ(parser.feed(bytes_of(image)), 1);
+  EXPECT_EQ(text_of(parser.take()), image);
 }
 
-TEST(MjpegParser, ResumesAfterGarbageAndCutPictures) {
+TEST(MjpegParser, ResumesAfterGarbageAndCutImages) {
   const std::string jpeg = textured_jpeg(1);
   Rng rng(7);
   for (int round = 0; round < 100; ++round) {
@@ -126,7 +126,7 @@ TEST(MjpegParser, ResumesAfterGarbageAndCutPictures) {
 TEST(MjpegParser, MemoryIsBounded) {
   constexpr std::size_t kLimit = 100'000;
   MjpegParser parser(kLimit);
-  // A picture whose coded data never end, then one that is fine.
+  // An image whose coded data never end, then one that is fine.
   std::string endless = testing::jpeg_of(1);
   endless.resize(endless.size() - 2);
   parser.feed(bytes_of(endless));
@@ -140,8 +140,8 @@ TEST(MjpegParser, MemoryIsBounded) {
   EXPECT_GT(parser.skipped_bytes(), 9'900'000U);
 }
 
-// What follows a picture that is too large is found, however much of it came in one piece.
-TEST(MjpegParser, PicturesBeyondTheLimitAreTheSameInPiecesOfAnySize) {
+// What follows an image that is too large is found, however much of it came in one piece.
+TEST(MjpegParser, ImagesBeyondTheLimitAreTheSameInPiecesOfAnySize) {
   constexpr std::size_t kLimit = 2048;
   const std::string good = testing::jpeg_of(2);
   ASSERT_LT(good.size(), kLimit);
@@ -217,10 +217,10 @@ TEST(MjpegParser, AnyBytesAreSurvived) {
     }
     MjpegParser parser(2048);
     parser.feed(bytes_of(bytes));
-    const auto picture = parser.take();
-    if (!picture.empty()) {
-      EXPECT_EQ(picture[1], 0xd8);
-      EXPECT_EQ(picture.back(), 0xd9);
+    const auto image = parser.take();
+    if (!image.empty()) {
+      EXPECT_EQ(image[1], 0xd8);
+      EXPECT_EQ(image.back(), 0xd9);
     }
   }
 }

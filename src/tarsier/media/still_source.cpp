@@ -43,7 +43,7 @@ class StillSource final : public FrameSource {
         skipped_.emplace_back(error.what());
         if (at_ == paths_.size() && read_ == 0) {
           throw InputError(paths_.front(),
-                           fmt::format("none of the {} pictures could be read", paths_.size()));
+                           fmt::format("none of the {} images could be read", paths_.size()));
         }
         continue;
       }
@@ -52,7 +52,7 @@ class StillSource final : public FrameSource {
       frame.name = path;
       frame.still = !sequence_;
       frame.captured = std::chrono::steady_clock::now();
-      detail_ = fmt::format("{}x{} picture", frame.image.cols, frame.image.rows);
+      detail_ = fmt::format("{}x{} image", frame.image.cols, frame.image.rows);
       return frame;
     }
     return std::nullopt;
@@ -79,7 +79,7 @@ class StillSource final : public FrameSource {
   const double fps_;
   std::size_t at_ = 0;
   std::int64_t read_ = 0;
-  std::string detail_ = "pictures";
+  std::string detail_ = "images";
   std::vector<std::string> skipped_;
 };
 
@@ -90,7 +90,7 @@ void sort_naturally(std::vector<std::string>& paths) {
 
 }  // namespace
 
-bool has_picture_ending(std::string_view path) {
+bool has_image_ending(std::string_view path) {
   static constexpr std::array<std::string_view, 10> kEndings = {
       ".jpg", ".jpeg", ".jpe", ".png", ".webp", ".bmp", ".ppm", ".pgm", ".pbm", ".pnm"};
   return std::any_of(kEndings.begin(), kEndings.end(), [&](std::string_view ending) {
@@ -102,7 +102,7 @@ bool has_picture_ending(std::string_view path) {
 }
 
 std::string source_of(const Frame& frame) {
-  if (frame.still || !has_picture_ending(frame.name)) return frame.name;
+  if (frame.still || !has_image_ending(frame.name)) return frame.name;
   const fs::path folder = fs::path(frame.name).parent_path();
   return folder.empty() ? "." : folder.string();
 }
@@ -132,7 +132,7 @@ bool natural_less(std::string_view a, std::string_view b) {
   return a < b;
 }
 
-std::vector<std::string> pictures_in_folder(const std::string& folder) {
+std::vector<std::string> images_in_folder(const std::string& folder) {
   std::vector<std::string> paths;
   std::error_code error;
   fs::directory_iterator entries(folder, error);
@@ -141,12 +141,12 @@ std::vector<std::string> pictures_in_folder(const std::string& folder) {
     if (error) throw InputError(folder, fmt::format("cannot be read: {}", error.message()));
     const std::string name = entries->path().filename().string();
     std::error_code ignored;
-    if (name.starts_with(".") || !has_picture_ending(name)) continue;
+    if (name.starts_with(".") || !has_image_ending(name)) continue;
     if (!entries->is_regular_file(ignored)) continue;
     paths.push_back((folder.ends_with("/") ? folder : folder + "/") + name);
   }
   if (paths.empty())
-    throw InputError(folder, "no pictures in this folder (.jpg .png .webp .bmp .ppm)");
+    throw InputError(folder, "no images in this folder (.jpg .png .webp .bmp .ppm)");
   sort_naturally(paths);
   return paths;
 }
@@ -188,7 +188,7 @@ std::vector<std::string> paths_of_list(const std::string& list) {
         path.is_relative() && !fs::exists(path, ignored) && fs::exists(beside, ignored);
     paths.push_back(is_beside ? beside.string() : path.string());
   }
-  if (paths.empty()) throw InputError(list, "lists no pictures");
+  if (paths.empty()) throw InputError(list, "lists no images");
   return paths;
 }
 

@@ -10,9 +10,9 @@
 
 namespace tarsier {
 
-// Whether `path` ends like a picture that can be read (.jpg .jpeg .jpe .png .webp .bmp .ppm .pgm
+// Whether `path` ends like an image that can be read (.jpg .jpeg .jpe .png .webp .bmp .ppm .pgm
 // .pbm .pnm, in any case).
-[[nodiscard]] bool has_picture_ending(std::string_view path);
+[[nodiscard]] bool has_image_ending(std::string_view path);
 
 // What a frame belongs to: the frame's name; of an image that is shown in sequence its folder.
 [[nodiscard]] std::string source_of(const Frame& frame);
@@ -20,9 +20,9 @@ namespace tarsier {
 // Orders as people do: "img2" before "img10". Upper and lower case are equal at first.
 [[nodiscard]] bool natural_less(std::string_view a, std::string_view b);
 
-// The pictures of a folder, not those of its sub-folders, sorted naturally; hidden files are passed
-// over. Throws InputError: not readable, no pictures in it.
-[[nodiscard]] std::vector<std::string> pictures_in_folder(const std::string& folder);
+// The images of a folder, not those of its sub-folders, sorted naturally; hidden files are passed
+// over. Throws InputError: not readable, no images in it.
+[[nodiscard]] std::vector<std::string> images_in_folder(const std::string& folder);
 
 // What a pattern of the shell matches, folders left out, sorted naturally. Throws InputError if
 // nothing.
@@ -33,7 +33,7 @@ namespace tarsier {
 // text.
 [[nodiscard]] std::vector<std::string> paths_of_list(const std::string& list);
 
-// Pictures one after the other. One alone throws InputError when it cannot be read; of several,
+// Images one after the other. One alone throws InputError when it cannot be read; of several,
 // those that cannot are skipped, and only if none could be read the last next() throws.
 [[nodiscard]] std::unique_ptr<FrameSource> make_still_source(std::vector<std::string> paths,
                                                              const SourceOptions& options);

@@ -74,8 +74,8 @@ Outcome open_and_read(LiveBackend& backend) {
       return outcome;
     }
     if (read.kind == LiveRead::Kind::kNothing) continue;
-    outcome.image = read.picture.encoded.empty() ? read.picture.image
-                                                 : decode_image(read.picture.encoded, "frame");
+    outcome.image =
+        read.image.encoded.empty() ? read.image.image : decode_image(read.image.encoded, "frame");
     outcome.detail = backend.detail();
     return outcome;
   }

@@ -136,7 +136,7 @@ struct VideoEncoder::Impl {
   Impl& operator=(const Impl&) = delete;
 
   void open(const std::string& path, cv::Size size, const VideoEncoderOptions& options);
-  void encode(const AVFrame* picture);
+  void encode(const AVFrame* image);
   void check(int code, std::string_view doing) const {
     if (code < 0) throw OutputError(shown, fmt::format("{}: {}", doing, error_text(code)));
   }
@@ -220,8 +220,8 @@ void VideoEncoder::Impl::open(const std::string& path, cv::Size size,
 }
 
 // Nothing: what the encoder still holds.
-void VideoEncoder::Impl::encode(const AVFrame* picture) {
-  check(ffmpeg().avcodec_send_frame(codec, picture), "cannot encode");
+void VideoEncoder::Impl::encode(const AVFrame* image) {
+  check(ffmpeg().avcodec_send_frame(codec, image), "cannot encode");
   while (true) {
     const int code = ffmpeg().avcodec_receive_packet(codec, packet);
     if (code == AVERROR(EAGAIN) || code == AVERROR_EOF) break;

@@ -80,7 +80,7 @@ void ViewerBackend::warn(const std::string& trouble) {
     ++not_warned_of_;
     return;
   }
-  log_warning("{}: a picture is passed over: {}{}", label_, trouble,
+  log_warning("{}: an image is passed over: {}{}", label_, trouble,
               not_warned_of_ > 0 ? fmt::format(" ({} more before)", not_warned_of_) : "");
   warned_ = now;
   not_warned_of_ = 0;
@@ -95,13 +95,13 @@ LiveRead ViewerBackend::read(milliseconds patience, const std::stop_token& stop)
     pollfd item{fd_, POLLIN, 0};
     if (records_.is_broken() || ::poll(&item, 1, static_cast<int>(slice.count())) > 0) {
       const bool is_open = drain(result);
-      if (records_.has_picture()) {
+      if (records_.has_image()) {
         const std::vector<std::uint8_t> bytes = records_.take();
-        const std::string trouble = trouble_of_viewer_picture(bytes);
+        const std::string trouble = trouble_of_viewer_image(bytes);
         if (trouble.empty()) {
           result.kind = LiveRead::Kind::kFrame;
-          result.picture.encoded = bytes;
-          result.picture.arrived = Clock::now();
+          result.image.encoded = bytes;
+          result.image.arrived = Clock::now();
           return result;
         }
         warn(trouble);
@@ -178,9 +178,9 @@ std::int64_t ViewerParser::feed(std::span<const std::uint8_t> bytes) {
 
 std::vector<std::uint8_t> ViewerParser::take() { return std::exchange(newest_, {}); }
 
-std::string trouble_of_viewer_picture(std::span<const std::uint8_t> bytes) {
+std::string trouble_of_viewer_image(std::span<const std::uint8_t> bytes) {
   const std::optional<ImageFormat> format = image_format_of(bytes);
-  if (!format) return describe_not_a_picture(bytes);
+  if (!format) return describe_not_an_image(bytes);
   if (*format != ImageFormat::kJpeg) return fmt::format("is {}, not JPEG", name_of(*format));
   const std::optional<ImageHeader> header = probe_image(bytes);
   if (!header) return "broken JPEG: no size in it";

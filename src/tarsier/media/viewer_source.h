@@ -14,24 +14,24 @@
 
 namespace tarsier {
 
-// Pictures that another program of this machine hands over, as a server does with the camera of
+// Images that another program of this machine hands over, as a server does with the camera of
 // someone who looks at its page: records of a length (32 bits, big-endian) and so many bytes of a
 // JPEG, through an inherited file descriptor.
 
-// Reads records as they come, trusting nothing. Only the newest picture is kept. Pure.
+// Reads records as they come, trusting nothing. Only the newest image is kept. Pure.
 class ViewerParser {
  public:
-  static constexpr std::size_t kMaxBytes = 16U << 20U;  // of one picture
+  static constexpr std::size_t kMaxBytes = 16U << 20U;  // of one image
 
   // Takes the next bytes; returns how many records they completed. After a length of 0 or beyond
   // kMaxBytes is_broken(), and bytes are ignored.
   std::int64_t feed(std::span<const std::uint8_t> bytes);
 
   [[nodiscard]] bool is_broken() const { return broken_; }
-  [[nodiscard]] bool has_picture() const { return !newest_.empty(); }
+  [[nodiscard]] bool has_image() const { return !newest_.empty(); }
   // The newest record's bytes, whatever they are; empty if there is none.
   [[nodiscard]] std::vector<std::uint8_t> take();
-  // Bytes held, for tests: at most about two pictures, and never more than twice what came.
+  // Bytes held, for tests: at most about two images, and never more than twice what came.
   [[nodiscard]] std::size_t held_bytes() const { return partial_.capacity() + newest_.capacity(); }
 
  private:
@@ -45,9 +45,9 @@ class ViewerParser {
 
 // What is wrong with a record: no JPEG, cut short, too many pixels; empty if nothing is seen
 // without decoding.
-[[nodiscard]] std::string trouble_of_viewer_picture(std::span<const std::uint8_t> bytes);
+[[nodiscard]] std::string trouble_of_viewer_image(std::span<const std::uint8_t> bytes);
 
-// One connection over `fd`, which it closes. Pictures that are none are passed over, with a warning
+// One connection over `fd`, which it closes. Images that are none are passed over, with a warning
 // once a second at most; the end of the records is the end of the source.
 [[nodiscard]] std::unique_ptr<LiveBackend> make_viewer_backend(int fd, const std::string& label);
 

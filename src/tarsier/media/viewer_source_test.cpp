@@ -55,9 +55,9 @@ TEST(ViewerParser, PiecesOfAnySizeGiveTheNewestRecord) {
       count += parser.feed(
           std::span<const std::uint8_t>(stream).subspan(at, std::min(size, stream.size() - at)));
     EXPECT_EQ(count, 2);
-    EXPECT_TRUE(parser.has_picture());
+    EXPECT_TRUE(parser.has_image());
     EXPECT_EQ(parser.take(), (Bytes{1, 2, 3}));
-    EXPECT_FALSE(parser.has_picture());
+    EXPECT_FALSE(parser.has_image());
     EXPECT_FALSE(parser.is_broken());
   }
 }
@@ -78,15 +78,15 @@ TEST(ViewerParser, ALengthOfNothingOrTooMuchEndsIt) {
   EXPECT_LE(parser.held_bytes(), 4096U) << "a length alone takes no memory";
 }
 
-TEST(ViewerPicture, OnlyWholeJpegsWillDo) {
+TEST(ViewerImage, OnlyWholeJpegsWillDo) {
   const Bytes good = jpeg(80);
-  EXPECT_EQ(trouble_of_viewer_picture(good), "");
-  EXPECT_NE(trouble_of_viewer_picture(Bytes(good.begin(), good.begin() + 100)), "");
-  EXPECT_NE(trouble_of_viewer_picture(Bytes(good.begin(), good.end() - 40)), "");
-  EXPECT_NE(trouble_of_viewer_picture(Bytes{'h', 'e', 'l', 'l', 'o'}), "");
-  EXPECT_NE(trouble_of_viewer_picture({}), "");
+  EXPECT_EQ(trouble_of_viewer_image(good), "");
+  EXPECT_NE(trouble_of_viewer_image(Bytes(good.begin(), good.begin() + 100)), "");
+  EXPECT_NE(trouble_of_viewer_image(Bytes(good.begin(), good.end() - 40)), "");
+  EXPECT_NE(trouble_of_viewer_image(Bytes{'h', 'e', 'l', 'l', 'o'}), "");
+  EXPECT_NE(trouble_of_viewer_image({}), "");
   const Bytes png = encode_image(".png", cv::Mat(8, 8, CV_8UC3, cv::Scalar(0)), "test");
-  EXPECT_EQ(trouble_of_viewer_picture(png), "is PNG, not JPEG");
+  EXPECT_EQ(trouble_of_viewer_image(png), "is PNG, not JPEG");
 }
 
 class ViewerSourceTest : public ::testing::Test {
@@ -162,7 +162,7 @@ TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
   const auto at = std::search(broken.begin(), broken.end(), table.begin(), table.end());
   ASSERT_GT(broken.end() - at, 21);
   std::fill(at + 5, at + 21, std::uint8_t{0xff});
-  ASSERT_EQ(trouble_of_viewer_picture(broken), "");
+  ASSERT_EQ(trouble_of_viewer_image(broken), "");
   set_log_level(LogLevel::kWarning);
   ::testing::internal::CaptureStderr();
   for (int i = 0; i < 20; ++i) {
@@ -200,7 +200,7 @@ TEST_F(ViewerSourceTest, ABadLengthIsTheEndOfTheSource) {
   }
 }
 
-TEST_F(ViewerSourceTest, AnEndBeforeTheFirstPictureIsABadInput) {
+TEST_F(ViewerSourceTest, AnEndBeforeTheFirstImageIsABadInput) {
   hang_up();
   EXPECT_THROW(value_of_next(), InputError);
 }

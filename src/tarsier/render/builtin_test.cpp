@@ -58,9 +58,9 @@ TEST(Builtin, SizesAreAsTold) {
 }
 
 TEST(Builtin, AllSixFacesOfTheCubeShowTheTextureUpright) {
-  cv::Mat picture(64, 64, CV_8UC3, cv::Scalar(0, 0, 255));       // red,
-  picture(cv::Rect(0, 0, 32, 32)).setTo(cv::Scalar(255, 0, 0));  // its top left quarter blue
-  const Mesh cube = make_cube(make_texture(picture));
+  cv::Mat pixels(64, 64, CV_8UC3, cv::Scalar(0, 0, 255));       // red,
+  pixels(cv::Rect(0, 0, 32, 32)).setTo(cv::Scalar(255, 0, 0));  // its top left quarter blue
+  const Mesh cube = make_cube(make_texture(pixels));
   const geometry::Camera camera = testing_camera();
   // Looking at the front, -y, with z up: camera x = x, camera y = -z, camera z = y.
   const Eigen::Matrix3d front{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}};

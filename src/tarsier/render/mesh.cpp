@@ -105,7 +105,7 @@ void Mesh::check() const {
                     textures.size());
   }
   for (const Texture& texture : textures) {
-    TARSIER_REQUIRE(!texture.levels.empty(), "a texture of the mesh has no picture");
+    TARSIER_REQUIRE(!texture.levels.empty(), "a texture of the mesh has no image");
     for (const cv::Mat& level : texture.levels) require_bgr(level);
   }
 }

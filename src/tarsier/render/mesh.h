@@ -10,7 +10,7 @@
 
 namespace tarsier::render {
 
-// A picture and its halvings down to 1 x 1, so that a texture that is seen from afar is averaged.
+// An image and its halvings down to 1 x 1, so that a texture that is seen from afar is averaged.
 struct Texture {
   std::vector<cv::Mat> levels;  // CV_8UC3 BGR, each half the size of the one before
 };

@@ -303,7 +303,7 @@ class Reader {
       result_.mesh.materials[static_cast<std::size_t>(material)].color = {rgb[2], rgb[1], rgb[0]};
     } else if (key == "map_Kd") {
       const std::string name(words.rest());
-      if (name.starts_with("-")) fail("options of map_Kd are not known: name the picture alone");
+      if (name.starts_with("-")) fail("options of map_Kd are not known: name the image alone");
       result_.mesh.materials[static_cast<std::size_t>(material)].texture = texture(name);
     }
   }

@@ -67,10 +67,9 @@ TEST_F(Obj, PolygonsBecomeFansAndNegativeIndicesCountFromTheLastSoFar) {
 }
 
 TEST_F(Obj, ReadsColoursAndTextures) {
-  write("a.mtl",
-        "newmtl red paint\nKd 1 0.25 0\nnewmtl pic\nKd 1 1 1\nmap_Kd sub/picture one.png\n");
+  write("a.mtl", "newmtl red paint\nKd 1 0.25 0\nnewmtl pic\nKd 1 1 1\nmap_Kd sub/image one.png\n");
   std::filesystem::create_directory(path("sub"));
-  write_image(path("sub/picture one.png"), cv::Mat(2, 3, CV_8UC3, cv::Scalar(1, 2, 3)));
+  write_image(path("sub/image one.png"), cv::Mat(2, 3, CV_8UC3, cv::Scalar(1, 2, 3)));
   const ObjFile file = read(std::string("mtllib a.mtl\ng box\n") + kSquare +
                             "vt 0 0\nusemtl red paint\nf 1 2 3\nusemtl pic\nf 1/1 2/1 3/1\n"
                             "usemtl unknown\nf 1 3 4\n");
@@ -154,7 +153,7 @@ TEST_F(Obj, ReadsNothingOutsideItsFolder) {
   EXPECT_THAT(refusal("mtllib link.mtl" + rest), HasSubstr("outside the folder"));
   write("d.mtl", "newmtl m\nmap_Kd ../../etc/passwd\n");
   EXPECT_THAT(refusal("mtllib d.mtl" + rest), HasSubstr("outside the folder"));
-  // A texture that is no picture.
+  // A texture that is no image.
   write("e.mtl", "newmtl m\nmap_Kd e.mtl\n");
   EXPECT_THAT(refusal("mtllib e.mtl" + rest), HasSubstr("e.mtl"));
   // A library that names itself is read once a line, not for ever.

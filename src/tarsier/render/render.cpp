@@ -15,7 +15,7 @@ namespace tarsier::render {
 namespace {
 
 constexpr int kTile = 64;        // px
-constexpr int kLargest = 16384;  // px, side of a picture
+constexpr int kLargest = 16384;  // px, side of an image
 
 // What a tile draws, in order.
 struct Layer {
@@ -336,7 +336,7 @@ void Scene::check() const {
 
 void render(cv::Mat& bgr, const Scene& scene, const geometry::Camera& camera) {
   require_bgr(bgr);
-  TARSIER_REQUIRE(bgr.cols <= kLargest && bgr.rows <= kLargest, "a picture of {} x {} px", bgr.cols,
+  TARSIER_REQUIRE(bgr.cols <= kLargest && bgr.rows <= kLargest, "an image of {} x {} px", bgr.cols,
                   bgr.rows);
   camera.check();
   scene.check();

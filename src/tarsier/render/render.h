@@ -12,7 +12,7 @@
 #include <memory>
 #include <vector>
 
-// Draws meshes into a picture, without a graphics card: z-buffer over triangles,
+// Draws meshes into an image, without a graphics card: z-buffer over triangles,
 // perspective-correct (Blinn, "Hyperbolic interpolation", 1992), rasterised with half-plane
 // functions (Pineda 1988) on a grid of 1/256 px with the top-left rule, so that triangles which
 // share an edge neither overlap nor leave gaps. The camera's distortion is applied to the vertices;
@@ -21,7 +21,7 @@ namespace tarsier::render {
 
 // One light that comes from far away, and light from everywhere:
 //   colour = base * (ambient + diffuse max(0, n . l)) + specular max(0, n . h)^shininess * 255,
-// n the normal, l towards the light, h halfway between l and the eye (Blinn 1977), in the picture's
+// n the normal, l towards the light, h halfway between l and the eye (Blinn 1977), in the image's
 // own (not linear) values; clipped at 255.
 struct Light {
   Eigen::Vector3d direction{0.3, 0.5,
@@ -41,7 +41,7 @@ enum class Shading {
 enum class Role {
   kSolid,     // is seen
   kOccluder,  // is not seen itself but hides what is behind it: the real head or table
-  kShadow,    // darkens the picture once where it lies, behind all solids (see planar_shadow)
+  kShadow,    // darkens the image once where it lies, behind all solids (see planar_shadow)
 };
 
 struct Item {

@@ -121,13 +121,13 @@ TEST(Render, TrianglesThatShareAnEdgeThroughPixelCentresDoNotOverlap) {
 
 TEST(Render, TexturesStandUpright) {
   const geometry::Camera camera = testing_camera();
-  cv::Mat picture(2, 2, CV_8UC3);
-  picture.at<cv::Vec3b>(0, 0) = {255, 0, 0};  // top left blue
-  picture.at<cv::Vec3b>(0, 1) = {0, 255, 0};  // top right green
-  picture.at<cv::Vec3b>(1, 0) = {0, 0, 255};  // bottom left red
-  picture.at<cv::Vec3b>(1, 1) = {255, 255, 255};
+  cv::Mat pixels(2, 2, CV_8UC3);
+  pixels.at<cv::Vec3b>(0, 0) = {255, 0, 0};  // top left blue
+  pixels.at<cv::Vec3b>(0, 1) = {0, 255, 0};  // top right green
+  pixels.at<cv::Vec3b>(1, 0) = {0, 0, 255};  // bottom left red
+  pixels.at<cv::Vec3b>(1, 1) = {255, 255, 255};
   Mesh mesh = square({1, 1, 1});
-  mesh.textures.push_back(make_texture(picture));
+  mesh.textures.push_back(make_texture(pixels));
   mesh.materials[0].texture = 0;
   Scene scene = plain_scene();
   scene.items = {item_of(mesh, {0, 0, 5})};  // covers 99.5 .. 219.5 by 59.5 .. 179.5
@@ -161,7 +161,7 @@ TEST(Render, TexturesAreCorrectInPerspective) {
   }
 }
 
-TEST(Render, AnOccluderHidesAndShowsThePicture) {
+TEST(Render, AnOccluderHidesAndShowsTheImage) {
   const geometry::Camera camera = testing_camera();
   Scene scene = plain_scene();
   scene.items = {item_of(square(kRed), {0, 0, 5}), item_of(square(kGreen), {1, 0, 4})};
@@ -301,7 +301,7 @@ TEST(Render, VerticesAreDistortedAsTheCameraDistorts) {
     EXPECT_NEAR(moments.m10 / moments.m00, camera.project(at_point)->x, 0.4);
     EXPECT_NEAR(moments.m01 / moments.m00, camera.project(at_point)->y, 0.4);
   }
-  // Far outside the view the polynomial would fold back into the picture.
+  // Far outside the view the polynomial would fold back into the image.
   scene.items = {item_of(dot, {30, 0, 3})};
   EXPECT_EQ(cv::norm(drawn(scene, camera), gray_ground(camera), cv::NORM_INF), 0);
 }

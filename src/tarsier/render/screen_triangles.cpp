@@ -13,7 +13,7 @@
 namespace tarsier::render {
 namespace {
 
-constexpr double kGuard = 1024;        // px around the picture, where triangles are cut off
+constexpr double kGuard = 1024;        // px around the image, where triangles are cut off
 constexpr double kMinInverse = 1e-30;  // 1 / z of what counts as infinitely far
 constexpr int kChunk = 4096;           // triangles that one thread sets up at a time
 
@@ -97,7 +97,7 @@ struct Setup {
   const Item& item;
   const Scene& scene;
   const Projector& project;
-  cv::Size picture;
+  cv::Size image;
   Eigen::Vector3d to_light = Eigen::Vector3d::Zero();
   double step;   // px from sample to sample
   double first;  // px, of the first sample
@@ -177,15 +177,15 @@ void Setup::add(const Triangle& triangle, std::vector<ScreenTriangle>& out) cons
     for (std::size_t k = 0; k < kAttributes; ++k) {
       p.over_depth[k] = corners[i].attributes[k] * p.inverse;
     }
-    far_out = far_out || p.x < -kGuard || p.y < -kGuard || p.x > picture.width + kGuard ||
-              p.y > picture.height + kGuard;
+    far_out = far_out || p.x < -kGuard || p.y < -kGuard || p.x > image.width + kGuard ||
+              p.y > image.height + kGuard;
     polygon.add(p);
   }
   if (far_out) {
     cut(polygon, [](const Projected& p) { return p.x + kGuard; });
     cut(polygon, [](const Projected& p) { return p.y + kGuard; });
-    cut(polygon, [this](const Projected& p) { return picture.width + kGuard - p.x; });
-    cut(polygon, [this](const Projected& p) { return picture.height + kGuard - p.y; });
+    cut(polygon, [this](const Projected& p) { return image.width + kGuard - p.x; });
+    cut(polygon, [this](const Projected& p) { return image.height + kGuard - p.y; });
   }
   for (int i = 2; i < polygon.count; ++i) {
     finish(triangle, polygon[0], polygon[i - 1], polygon[i], out);
@@ -210,8 +210,8 @@ void Setup::finish(const Triangle& triangle, const Projected& a, const Projected
   }
   const auto [left, right] = std::minmax_element(screen.x.begin(), screen.x.end());
   const auto [top, bottom] = std::minmax_element(screen.y.begin(), screen.y.end());
-  if (!holds_sample(*left, *right, first, step, picture.width) ||
-      !holds_sample(*top, *bottom, first, step, picture.height)) {
+  if (!holds_sample(*left, *right, first, step, image.width) ||
+      !holds_sample(*top, *bottom, first, step, image.height)) {
     return;
   }
   const auto difference = [&](const std::array<int, 3>& v, std::size_t i) {
@@ -295,12 +295,12 @@ cv::Point2d Projector::operator()(const Eigen::Vector3d& in_camera) const {
 }
 
 std::vector<ScreenTriangle> screen_triangles(const Item& item, const Scene& scene,
-                                             const Projector& project, const cv::Size& picture) {
+                                             const Projector& project, const cv::Size& image) {
   const Eigen::Vector3d to_light = -scene.light.direction.normalized();
   const Setup setup{item,
                     scene,
                     project,
-                    picture,
+                    image,
                     to_light,
                     scene.antialias ? 0.5 : 1.0,
                     scene.antialias ? -0.25 : 0.0};

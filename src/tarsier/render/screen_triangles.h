@@ -10,7 +10,7 @@
 #include <cstdint>
 #include <vector>
 
-// The inside of render(): from meshes to triangles on the picture's grid.
+// The inside of render(): from meshes to triangles on the image's grid.
 namespace tarsier::render {
 
 inline constexpr int kGrid = 256;      // steps of the grid to 1 px
@@ -28,7 +28,7 @@ struct ScreenTriangle {
   std::array<int, 3> y{};
   double origin_x = 0;  // px, of the planes: the first corner
   double origin_y = 0;
-  double inverse_depth = 0;  // 1 / z is linear on the picture, as are attributes / z
+  double inverse_depth = 0;  // 1 / z is linear on the image, as are attributes / z
   double inverse_along_x = 0;
   double inverse_along_y = 0;
   std::array<Plane, kAttributes> attributes;
@@ -38,7 +38,7 @@ struct ScreenTriangle {
 };
 
 // Pixels of points in the camera's frame. Beyond the angle up to which the distortion can be
-// inverted (where the polynomial would fold the picture back) it goes on in a straight line.
+// inverted (where the polynomial would fold the image back) it goes on in a straight line.
 class Projector {
  public:
   explicit Projector(const geometry::Camera& camera);
@@ -49,9 +49,9 @@ class Projector {
   double largest_radius_ = 0;  // of normalised points
 };
 
-// The triangles of an item that can be seen in a picture of this size, in the mesh's order.
+// The triangles of an item that can be seen in an image of this size, in the mesh's order.
 [[nodiscard]] std::vector<ScreenTriangle> screen_triangles(const Item& item, const Scene& scene,
                                                            const Projector& project,
-                                                           const cv::Size& picture);
+                                                           const cv::Size& image);
 
 }  // namespace tarsier::render

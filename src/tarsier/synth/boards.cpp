@@ -252,11 +252,11 @@ cv::Mat BoardRenderer::render(const geometry::Rigid3& camera_from_board,
     }
   });
   if (look.blur_px > 0) cv::GaussianBlur(gray, gray, {}, look.blur_px, look.blur_px);
-  cv::Mat picture;
-  gray.convertTo(picture, CV_8U);
-  if (look.color) cv::cvtColor(picture, picture, cv::COLOR_GRAY2BGR);
-  if (look.noise > 0) add_noise(picture, look.noise, look.seed);
-  return picture;
+  cv::Mat image;
+  gray.convertTo(image, CV_8U);
+  if (look.color) cv::cvtColor(image, image, cv::COLOR_GRAY2BGR);
+  if (look.noise > 0) add_noise(image, look.noise, look.seed);
+  return image;
 }
 
 planar::calibration::BoardView exact_view(const geometry::Camera& camera,
@@ -369,7 +369,7 @@ std::optional<geometry::Rigid3> BoardVideo::pose_at(double time_s) const {
   return between(poses_[place], poses_[(place + 1) % kPlaces], eased);
 }
 
-cv::Mat BoardVideo::picture_at(double time_s) const {
+cv::Mat BoardVideo::image_at(double time_s) const {
   BoardLook look;
   look.seed = seed_;
   look.noise = 0;

@@ -44,7 +44,7 @@ struct BoardPrint {
   std::vector<cv::Mat> markers_;  // charuco: cells with their frame, 1 = white, by number
 };
 
-// A camera before a board that moves; knows its rays. Each picture depends on the pose and the
+// A camera before a board that moves; knows its rays. Each image depends on the pose and the
 // look alone.
 class BoardRenderer {
  public:
@@ -59,29 +59,29 @@ class BoardRenderer {
 };
 
 // What `camera` sees: each pixel is the mean of 8 x 8 places of the sheet, found through the exact
-// lens; then blur, light, noise. The same arguments give the same picture.
+// lens; then blur, light, noise. The same arguments give the same image.
 [[nodiscard]] cv::Mat render_board(const geometry::Camera& camera,
                                    const geometry::Rigid3& camera_from_board,
                                    const planar::calibration::BoardSpec& spec,
                                    const BoardLook& look = {});
 
-// Where the board's points are exactly, those inside the picture by `margin_px`. Of dots: the
-// projections of their centres (which are not the centres of their pictures).
+// Where the board's points are exactly, those inside the image by `margin_px`. Of dots: the
+// projections of their centres (which are not the centres of their images).
 [[nodiscard]] planar::calibration::BoardView exact_view(const geometry::Camera& camera,
                                                         const geometry::Rigid3& camera_from_board,
                                                         const planar::calibration::BoardSpec& spec,
                                                         double margin_px = 0);
 
-// A pose with the board's middle at `at` of the picture (0..1 each way), turned by the angles
+// A pose with the board's middle at `at` of the image (0..1 each way), turned by the angles
 // (degrees: about the vertical, the horizontal and the line of sight), so far away that the board
-// takes `share` of the picture's smaller side (of its larger extent, for a frontal board).
+// takes `share` of the image's smaller side (of its larger extent, for a frontal board).
 [[nodiscard]] geometry::Rigid3 board_pose(const geometry::Camera& camera,
                                           const planar::calibration::BoardSpec& spec,
                                           const cv::Point2d& at, const Eigen::Vector3d& angles_deg,
                                           double share);
 
-// `count` poses that together cover the picture and tilt the board every way, all points (whole
-// dots) of the board inside the picture. Throws std::invalid_argument where the camera can not see
+// `count` poses that together cover the image and tilt the board every way, all points (whole
+// dots) of the board inside the image. Throws std::invalid_argument where the camera can not see
 // it whole.
 [[nodiscard]] std::vector<geometry::Rigid3> board_poses(const geometry::Camera& camera,
                                                         const planar::calibration::BoardSpec& spec,
@@ -97,7 +97,7 @@ class BoardVideo {
   [[nodiscard]] const geometry::Camera& camera() const { return camera_; }
   // Nothing while the board is away.
   [[nodiscard]] std::optional<geometry::Rigid3> pose_at(double time_s) const;
-  [[nodiscard]] cv::Mat picture_at(double time_s) const;
+  [[nodiscard]] cv::Mat image_at(double time_s) const;
 
  private:
   geometry::Camera camera_;

@@ -19,18 +19,18 @@ TEST(SynthBoardsTest, PixelsAreMeansOverTheirArea) {
   const auto spec = parse_board("circles-grid:3x3:0.5", 0.1);
   const geometry::Camera camera{200, 200, 200, 200, 99.5, 99.5};
   geometry::Rigid3 pose;
-  pose.translation = {-0.1, -0.1, 1};  // 20 px a pitch, the middle dot in the picture's middle
+  pose.translation = {-0.1, -0.1, 1};  // 20 px a pitch, the middle dot in the image's middle
   BoardLook look;
   look.blur_px = 0;
   look.noise = 0;
   look.fall_off = 0;
   look.color = false;
-  const cv::Mat picture = render_board(camera, pose, spec, look);
+  const cv::Mat image = render_board(camera, pose, spec, look);
   double dark = 0;
   cv::Point2d sum;
   for (int y = 90; y < 110; ++y) {
     for (int x = 90; x < 110; ++x) {
-      const double d = (look.paper - picture.at<uchar>(y, x)) / (look.paper - look.ink);
+      const double d = (look.paper - image.at<uchar>(y, x)) / (look.paper - look.ink);
       dark += d;
       sum += d * cv::Point2d(x, y);
     }
@@ -91,8 +91,8 @@ TEST(SynthBoardsTest, AVideoHoldsTheBoardStillAndMovesIt) {
   EXPECT_GT((first->translation - next->translation).norm(), 0.02);
   EXPECT_GT((moving->translation - first->translation).norm(), 1e-3);
   EXPECT_TRUE(geometry::is_rotation(moving->rotation, 1e-9));
-  EXPECT_EQ(cv::norm(video.picture_at(0.7), video.picture_at(0.8), cv::NORM_INF), 0);
-  EXPECT_GT(cv::norm(video.picture_at(0.2), video.picture_at(0.7), cv::NORM_INF), 50);
+  EXPECT_EQ(cv::norm(video.image_at(0.7), video.image_at(0.8), cv::NORM_INF), 0);
+  EXPECT_GT(cv::norm(video.image_at(0.2), video.image_at(0.7), cv::NORM_INF), 50);
 }
 
 }  // namespace

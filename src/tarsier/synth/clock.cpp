@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kColumns = 16;
 constexpr int kRows = 6;
-constexpr double kCellsHeight = 0.6;  // of the picture; the digits are below
+constexpr double kCellsHeight = 0.6;  // of the image; the digits are below
 constexpr double kMargin = 0.03;      // of the width and height
 constexpr double kDark = 40;
 constexpr double kBright = 215;

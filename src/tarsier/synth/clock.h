@@ -9,7 +9,7 @@
 
 namespace tarsier::synth {
 
-// A picture that says when it was made: how old a frame is after a camera, a network and a decoder
+// An image that says when it was made: how old a frame is after a camera, a network and a decoder
 // is measured by reading it. Frame number (32 bits), time (48 bits) and check sum (16 bits) are a
 // field of 16x6 black and white cells in the upper part; digits for people are below.
 struct ClockReading {
@@ -24,7 +24,7 @@ struct ClockReading {
 // CV_8UC3; at least 64x48 px.
 [[nodiscard]] cv::Mat render_clock(cv::Size size, const ClockReading& reading);
 
-// Reads a picture (CV_8UC3 or CV_8UC1) made by render_clock, also when it was compressed, resized
+// Reads an image (CV_8UC3 or CV_8UC1) made by render_clock, also when it was compressed, resized
 // or filtered moderately; nothing if it is none or the check sum fails.
 [[nodiscard]] std::optional<ClockReading> decode_clock(const cv::Mat& image);
 

@@ -16,7 +16,7 @@ namespace {
 constexpr std::size_t kLevels = 4096;
 
 // Quantiles of the normal distribution at the middles of 4096 equal shares: a table look-up per
-// sample is many times faster than drawing, and as good for 8-bit pictures.
+// sample is many times faster than drawing, and as good for 8-bit images.
 double normal_quantile(double p) {
   double low = -8;
   double high = 8;

@@ -22,11 +22,11 @@ constexpr int kMaxSamples = 8;  // a pixel, each way
 struct Sheet {
   PrintTexture texture;
   Eigen::Matrix3d pixel_from_plane =
-      Eigen::Matrix3d::Zero();  // px of the picture from m in the print's frame
+      Eigen::Matrix3d::Zero();  // px of the image from m in the print's frame
 };
 
 cv::Rect2d part_of(const PlanarPrint& print) {
-  return print.part.empty() ? cv::Rect2d(0, 0, print.picture.cols, print.picture.rows) : print.part;
+  return print.part.empty() ? cv::Rect2d(0, 0, print.image.cols, print.image.rows) : print.part;
 }
 
 // One sheet at one moment.
@@ -78,7 +78,7 @@ class RowPainter {
   }
 
  private:
-  // Where the corners of the row's pixels lie in the sheet's picture; third: 1 / depth.
+  // Where the corners of the row's pixels lie in the sheet's image; third: 1 / depth.
   void corners(const Layer& layer, int begin, int end) {
     const auto count = static_cast<std::size_t>(end - begin + 1);
     top_.resize(count);
@@ -111,7 +111,7 @@ class RowPainter {
   }
 
   struct Footprint {
-    float length = 0;  // px of the picture, of its longer side
+    float length = 0;  // px of the image, of its longer side
     float width = 0;   // of the parallelogram, across its longer side
     float reach = 0;   // from its middle, either way
   };
@@ -124,7 +124,7 @@ class RowPainter {
                                         std::abs(across[1]) + std::abs(down[1]));
     return {length, area / length, reach};
   }
-  // The level whose pixels are as large as `size` px of the picture, or smaller.
+  // The level whose pixels are as large as `size` px of the image, or smaller.
   static int level_for(const Layer& layer, float size) {
     const int level = size > 1 ? std::ilogb(size) : 0;
     return std::min(level, layer.sheet->texture.levels() - 1);
@@ -236,8 +236,8 @@ cv::Mat light_of(const PlanarLook& look, cv::Size size) {
 }  // namespace
 
 void PlanarPrint::check() const {
-  TARSIER_REQUIRE(!picture.empty() && picture.depth() == CV_8U && picture.channels() != 2,
-                  "picture of type {}", picture.type());
+  TARSIER_REQUIRE(!image.empty() && image.depth() == CV_8U && image.channels() != 2,
+                  "image of type {}", image.type());
   TARSIER_REQUIRE(width > 0 && std::isfinite(width), "width {}", width);
   TARSIER_REQUIRE(part.width >= 0 && part.height >= 0, "part of {}x{} px", part.width, part.height);
 }
@@ -391,17 +391,17 @@ PlanarScene::PlanarScene(const geometry::Camera& camera, std::vector<PlanarPrint
   auto parts = std::make_shared<Parts>();
   parts->camera = camera;
   parts->largest_radius = camera.is_distorted() ? camera.largest_radius(100) : 1e9;
-  const auto sheet_of = [](const cv::Mat& picture, const cv::Rect2d& part, double width,
+  const auto sheet_of = [](const cv::Mat& image, const cv::Rect2d& part, double width,
                            bool mirrored) {
     const double scale = part.width / width;  // px per m
-    return Sheet{PrintTexture(picture, mirrored),
+    return Sheet{PrintTexture(image, mirrored),
                  Eigen::Matrix3d{{scale, 0, part.x + 0.5 * part.width},
                                  {0, -scale, part.y + 0.5 * part.height},
                                  {0, 0, 1}}};
   };
   for (const PlanarPrint& print : prints) {
     print.check();
-    parts->sheets.push_back(sheet_of(print.picture, part_of(print), print.width, false));
+    parts->sheets.push_back(sheet_of(print.image, part_of(print), print.width, false));
   }
   parts->ground = sheet_of(ground, cv::Rect2d(0, 0, ground.cols, ground.rows), ground_width, true);
   parts->far = parts->ground.texture.sample(parts->ground.texture.levels() - 1, 0, 0);
@@ -438,7 +438,7 @@ cv::Mat PlanarScene::render(std::span<const PlanarShot> shots, const PlanarLook&
   const auto haze = static_cast<float>(look.haze);
   const int count = static_cast<int>(moments.size());
   const std::vector<std::optional<cv::Vec2f>> places = places_of(count);
-  cv::Mat picture(size, CV_8UC3);
+  cv::Mat image(size, CV_8UC3);
   cv::parallel_for_(cv::Range(0, size.height), [&](const cv::Range& range) {
     std::vector<Pixel4> row(static_cast<std::size_t>(size.width));
     std::vector<Pixel4> sum(row.size());
@@ -452,7 +452,7 @@ cv::Mat PlanarScene::render(std::span<const PlanarShot> shots, const PlanarLook&
         for (std::size_t x = 0; x < row.size(); ++x) sum[x] += row[x];
       }
       const auto* bright = light.ptr<float>(y);
-      auto* out = picture.ptr<cv::Vec3b>(y);
+      auto* out = image.ptr<cv::Vec3b>(y);
       for (int x = 0; x < size.width; ++x) {
         const Pixel4 value =
             sum[static_cast<std::size_t>(x)] * (bright[x] / static_cast<float>(count)) +
@@ -462,10 +462,10 @@ cv::Mat PlanarScene::render(std::span<const PlanarShot> shots, const PlanarLook&
       }
     }
   });
-  if (look.defocus_px > 0.05) cv::GaussianBlur(picture, picture, {}, look.defocus_px);
-  if (!look.color) cv::cvtColor(picture, picture, cv::COLOR_BGR2GRAY);
-  add_noise(picture, look.noise, look.seed);
-  return picture;
+  if (look.defocus_px > 0.05) cv::GaussianBlur(image, image, {}, look.defocus_px);
+  if (!look.color) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
+  add_noise(image, look.noise, look.seed);
+  return image;
 }
 
 std::vector<PrintTruth> PlanarScene::truth(const PlanarShot& shot) const {

@@ -22,8 +22,8 @@ namespace tarsier::synth {
 struct PlanarPrint {
   int id = 0;  // in the truth; negative: a cover, which hides others and has no truth
   std::string name;
-  cv::Mat picture;   // CV_8UC1, BGR or BGRA (not premultiplied); at most 8192 px a side
-  cv::Rect2d part;   // px of the picture, edges at integers: what the truth is about (a marker
+  cv::Mat image;     // CV_8UC1, BGR or BGRA (not premultiplied); at most 8192 px a side
+  cv::Rect2d part;   // px of the image, edges at integers: what the truth is about (a marker
                      // without its white margin); empty: all of it
   double width = 0;  // m, of the part, > 0; its pixels are square
   void check() const;
@@ -35,15 +35,15 @@ struct PlanarShot {
   std::vector<geometry::Rigid3> world_from_print;  // one for each print
 };
 
-// How the picture is taken. A pixel's value is gain * light * reflectance + haze.
+// How the image is taken. A pixel's value is gain * light * reflectance + haze.
 struct PlanarLook {
   double gain = 1;           // exposure, 0..4
-  double slope = 0;          // share by which light differs between the picture's sides, 0..1
-  double slope_angle = 0;    // radians, in the picture: towards the bright side
+  double slope = 0;          // share by which light differs between the image's sides, 0..1
+  double slope_angle = 0;    // radians, in the image: towards the bright side
   double vignette = 0;       // share of light that the corners lack, 0..1
   double shadow = 0;         // share of light that a shadow takes on one side of a line, 0..1
   double shadow_angle = 0;   // radians, of the line's normal
-  double shadow_offset = 0;  // px, of the line from the picture's middle
+  double shadow_offset = 0;  // px, of the line from the image's middle
   double shadow_width = 10;  // px, of its soft edge, > 0
   double haze = 0;           // grey levels, 0..255
   double defocus_px = 0.5;   // standard deviation, 0..20
@@ -57,16 +57,16 @@ struct PrintTruth {
   int id = 0;
   std::string name;
   geometry::Rigid3 camera_from_print;
-  // px of the part's corners, as printed: top left, then clockwise. Outside the picture too.
+  // px of the part's corners, as printed: top left, then clockwise. Outside the image too.
   std::array<cv::Point2d, 4> corners;
   double side_px = 0;  // mean of its four sides
   double width = 0;    // m
-  double visible = 0;  // share of the part inside the picture and not hidden, 0..1
+  double visible = 0;  // share of the part inside the image and not hidden, 0..1
   double facing = 0;   // cosine of the angle between the print's normal and the line of sight
 };
 
 // A scene's prints and ground seen by one camera. Const after construction; copies share the
-// pictures. All that is drawn is filtered by the pixel's own footprint on the print: between 1 and
+// images. All that is drawn is filtered by the pixel's own footprint on the print: between 1 and
 // 64 samples of a pyramid whose pixels are no larger than half the footprint, so that nothing
 // aliases from afar and edges lie where the truth says.
 class PlanarScene {
@@ -79,7 +79,7 @@ class PlanarScene {
   [[nodiscard]] const geometry::Camera& camera() const;
   [[nodiscard]] const std::vector<PlanarPrint>& prints() const;
 
-  // The mean of the pictures at `shots`: one of a object at rest, several (in order of time) for
+  // The mean of the images at `shots`: one of a object at rest, several (in order of time) for
   // motion blur. Does not depend on the number of threads. Throws std::invalid_argument for no
   // shots, or poses that do not fit the prints.
   [[nodiscard]] cv::Mat render(std::span<const PlanarShot> shots, const PlanarLook& look) const;

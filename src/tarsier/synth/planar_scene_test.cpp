@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/synth/planar_scene.h"
 
-#include "tarsier/synth/planar_pictures.h"
+#include "tarsier/synth/planar_images.h"
 #include "tarsier/synth/planar_worlds.h"
 
 #include <gtest/gtest.h>
@@ -38,9 +38,9 @@ PlanarShot above(double height, double tilt = 0) {
 
 PlanarPrint square_print(double width) {
   PlanarPrint print;
-  print.picture = cv::Mat(200, 200, CV_8UC1, cv::Scalar(200));
+  print.image = cv::Mat(200, 200, CV_8UC1, cv::Scalar(200));
   print.part = {50, 50, 100, 100};
-  print.picture(cv::Rect(50, 50, 100, 100)).setTo(20);
+  print.image(cv::Rect(50, 50, 100, 100)).setTo(20);
   print.width = width;
   return print;
 }
@@ -58,7 +58,7 @@ const cv::Mat& gray_ground() {
   return ground;
 }
 
-// Where a dark square begins and ends along a line of the picture, from its darkness's sum and
+// Where a dark square begins and ends along a line of the image, from its darkness's sum and
 // centroid: exact for any symmetric blur.
 cv::Vec2d extent(const cv::Mat& gray, int row) {
   double sum = 0;
@@ -79,10 +79,10 @@ TEST(PlanarScene, EdgesLieWhereTheTruthSays) {
     geometry::Rigid3 pose;
     pose.translation = {0.0031, -0.0017, 0};
     shot.world_from_print = {pose};
-    const cv::Mat picture = scene.render(std::vector{shot}, clean());
+    const cv::Mat image = scene.render(std::vector{shot}, clean());
     const auto truth = scene.truth(shot);
     ASSERT_EQ(truth.size(), 1U);
-    const auto edges = extent(picture, 120);
+    const auto edges = extent(image, 120);
     EXPECT_NEAR(edges[0], truth[0].corners[0].x, 0.05) << height;
     EXPECT_NEAR(edges[1], truth[0].corners[1].x, 0.05) << height;
     EXPECT_NEAR(truth[0].side_px, 500 * 0.1 / height, 1e-9);
@@ -101,34 +101,34 @@ TEST(PlanarScene, MotionBlurShiftsNothing) {
     shot.camera_from_world.translation[1] += ((k + 0.5) / 6 - 0.5) * 8 * 0.5 / 500;  // 8 px
     shots.push_back(shot);
   }
-  const cv::Mat picture = scene.render(shots, clean());
+  const cv::Mat image = scene.render(shots, clean());
   const auto truth = scene.truth(middle);
   // Along the edges that it does not smear, and across those that it does.
-  const auto edges = extent(picture, 120);
+  const auto edges = extent(image, 120);
   EXPECT_NEAR(edges[0], truth[0].corners[0].x, 0.15);
   EXPECT_NEAR(edges[1], truth[0].corners[1].x, 0.15);
-  const auto down = extent(picture.t(), 160);
+  const auto down = extent(image.t(), 160);
   EXPECT_NEAR(0.5 * (down[0] + down[1]), 0.5 * (truth[0].corners[0].y + truth[0].corners[3].y),
               0.1);
   // Smeared over 8 px.
   const int y = cvRound(truth[0].corners[0].y);
-  EXPECT_GT(picture.at<uchar>(y + 3, 160), 25);
-  EXPECT_LT(picture.at<uchar>(y - 3, 160), 198);
+  EXPECT_GT(image.at<uchar>(y + 3, 160), 25);
+  EXPECT_LT(image.at<uchar>(y - 3, 160), 198);
 }
 
 TEST(PlanarScene, FineLinesAverageFromAfar) {
   PlanarPrint print;
-  print.picture = cv::Mat(1024, 1024, CV_8UC1);
-  for (int x = 0; x < 1024; ++x) print.picture.col(x).setTo(x / 4 % 2 == 0 ? 0 : 200);
+  print.image = cv::Mat(1024, 1024, CV_8UC1);
+  for (int x = 0; x < 1024; ++x) print.image.col(x).setTo(x / 4 % 2 == 0 ? 0 : 200);
   print.width = 1;
   const PlanarScene scene(camera_of(), {print}, gray_ground(), 3);
   for (const double tilt : {0.0, 0.9}) {
     PlanarShot shot = above(8, tilt);
     shot.world_from_print = {geometry::Rigid3{}};
-    const cv::Mat picture = scene.render(std::vector{shot}, clean());
+    const cv::Mat image = scene.render(std::vector{shot}, clean());
     double low = 0;
     double high = 0;
-    cv::minMaxLoc(picture(cv::Rect(140, 110, 40, 20)), &low, &high);
+    cv::minMaxLoc(image(cv::Rect(140, 110, 40, 20)), &low, &high);
     EXPECT_GT(low, 88) << tilt;
     EXPECT_LT(high, 112) << tilt;
   }
@@ -137,7 +137,7 @@ TEST(PlanarScene, FineLinesAverageFromAfar) {
 TEST(PlanarScene, CoversHideAndLightDims) {
   PlanarPrint cover;
   cover.id = -1;
-  cover.picture = cv::Mat(16, 16, CV_8UC4, cv::Scalar(120, 120, 120, 255));
+  cover.image = cv::Mat(16, 16, CV_8UC4, cv::Scalar(120, 120, 120, 255));
   cover.width = 0.05;
   const PlanarScene scene(camera_of(), {square_print(0.1), cover}, gray_ground(), 1);
   PlanarShot shot = above(0.5);
@@ -165,9 +165,9 @@ TEST(PlanarScene, DistortionIsTheCameras) {
   geometry::Rigid3 pose;
   pose.translation = {0.2, 0, 0};
   shot.world_from_print = {pose};
-  const cv::Mat picture = scene.render(std::vector{shot}, clean());
+  const cv::Mat image = scene.render(std::vector{shot}, clean());
   const auto truth = scene.truth(shot);
-  const auto edges = extent(picture, 120);
+  const auto edges = extent(image, 120);
   // At the height of the middle the edge lies less far in than at its corners.
   const auto left = camera.project({0.175, 0, 0.5});
   EXPECT_NEAR(edges[0], left->x, 0.1);
@@ -191,7 +191,7 @@ TEST(PlanarWorlds, StillsAreReproducible) {
   cv::setNumThreads(1);
   const PlanarStill b = marker_still(family, 0.1, options, PlanarLevel::kHard, 5);
   cv::setNumThreads(-1);
-  EXPECT_EQ(cv::norm(a.picture, b.picture, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(a.image, b.image, cv::NORM_INF), 0);
   ASSERT_GE(a.truth.size(), 2U);
   for (const PrintTruth& truth : a.truth) {
     EXPECT_GT(truth.facing, std::cos(64 * CV_PI / 180));
@@ -201,7 +201,7 @@ TEST(PlanarWorlds, StillsAreReproducible) {
     EXPECT_NEAR(cv::norm(*corner - truth.corners[0]), 0, 1e-9);
   }
   const PlanarStill other = marker_still(family, 0.1, options, PlanarLevel::kHard, 6);
-  EXPECT_GT(cv::norm(a.picture, other.picture, cv::NORM_INF), 20);
+  EXPECT_GT(cv::norm(a.image, other.image, cv::NORM_INF), 20);
 }
 
 TEST(PlanarWorlds, VideosMoveAsFastAsAskedAndRest) {
@@ -228,14 +228,14 @@ TEST(PlanarWorlds, VideosMoveAsFastAsAskedAndRest) {
   EXPECT_GT(most, 3);
   EXPECT_LE(most, 12.01);
   EXPECT_GT(tilt, 30 * CV_PI / 180);
-  EXPECT_EQ(video.picture_at(1).size(), options.size);
+  EXPECT_EQ(video.image_at(1).size(), options.size);
 }
 
 TEST(PlanarWorlds, TruthLinesHaveTheirHomography) {
   PlanarPrint poster;
   poster.id = 7;
   poster.name = "poster";
-  poster.picture = poster_picture({300, 200}, 3);
+  poster.image = poster_image({300, 200}, 3);
   poster.width = 0.3;
   const std::vector<PlanarPrint> prints{poster};
   const PlanarStill still = print_still(prints, {}, PlanarLevel::kEasy, 4);
@@ -246,7 +246,7 @@ TEST(PlanarWorlds, TruthLinesHaveTheirHomography) {
   ASSERT_EQ(json["markers"].size(), 1U);
   const auto& marker = json["markers"][0];
   const auto h = marker["H"].get<std::vector<double>>();
-  // The picture's corner is half a pixel outside the middle of its first pixel.
+  // The image's corner is half a pixel outside the middle of its first pixel.
   const double w = h[6] * -0.5 + h[7] * -0.5 + h[8];
   EXPECT_NEAR((h[0] * -0.5 + h[1] * -0.5 + h[2]) / w, marker["corners"][0][0].get<double>(), 1e-6);
   EXPECT_NEAR((h[3] * -0.5 + h[4] * -0.5 + h[5]) / w, marker["corners"][0][1].get<double>(), 1e-6);

@@ -2,7 +2,7 @@
 #include "tarsier/synth/planar_source.h"
 
 #include "tarsier/planar/markers/dictionary.h"
-#include "tarsier/synth/planar_pictures.h"
+#include "tarsier/synth/planar_images.h"
 
 #include <fmt/format.h>
 
@@ -62,7 +62,7 @@ PlanarPrint poster_print(int id, std::uint64_t seed) {
   PlanarPrint print;
   print.id = id;
   print.name = fmt::format("poster-{}", id);
-  print.picture = poster_picture({600, 450}, seed * 1000003 + static_cast<std::uint64_t>(id));
+  print.image = poster_image({600, 450}, seed * 1000003 + static_cast<std::uint64_t>(id));
   print.width = 0.2;
   return print;
 }

@@ -11,7 +11,7 @@
 namespace tarsier::synth {
 
 struct PlanarSourceOptions {
-  bool posters = false;  // pictures, 0.2 m wide, instead of markers
+  bool posters = false;  // images, 0.2 m wide, instead of markers
   std::string family = "36h11";
   int prints = 0;      // 0: 4 markers or 1 poster
   double side = 0.05;  // m, of a marker

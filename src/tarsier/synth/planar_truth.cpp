@@ -11,11 +11,11 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// From the picture's pixels (middles at integers) to the frame's; of a camera without distortion.
+// From the image's pixels (middles at integers) to the frame's; of a camera without distortion.
 Eigen::Matrix3d homography_of(const PlanarPrint& print, const PrintTruth& truth,
                               const geometry::Camera& camera) {
   const cv::Rect2d part =
-      print.part.empty() ? cv::Rect2d(0, 0, print.picture.cols, print.picture.rows) : print.part;
+      print.part.empty() ? cv::Rect2d(0, 0, print.image.cols, print.image.rows) : print.part;
   const double scale = truth.width / part.width;  // m per px
   const Eigen::Matrix3d plane_from_pixel{{scale, 0, scale * (0.5 - part.x - 0.5 * part.width)},
                                          {0, -scale, -scale * (0.5 - part.y - 0.5 * part.height)},

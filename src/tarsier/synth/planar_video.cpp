@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
-#include "tarsier/synth/planar_pictures.h"
+#include "tarsier/synth/planar_images.h"
 #include "tarsier/synth/planar_worlds.h"
 
 #include <Eigen/Geometry>
@@ -58,7 +58,7 @@ PlanarVideo::PlanarVideo(std::vector<PlanarPrint> prints,
       radius_(radius),
       world_from_print_(std::move(world_from_print)),
       scene_(video_camera(options), with_cover(std::move(prints), options),
-             clutter_picture(1024, options.seed), 8 * radius) {
+             clutter_image(1024, options.seed), 8 * radius) {
   TARSIER_REQUIRE(radius > 0, "radius {}", radius);
   const std::size_t covers = options.cover && !world_from_print_.empty() ? 1 : 0;
   TARSIER_REQUIRE(world_from_print_.size() + covers == scene_.prints().size(),
@@ -80,7 +80,7 @@ geometry::Rigid3 PlanarVideo::camera_at(double path) const {
     return std::sin(kTurn * (path / own + phase));
   };
   const double tilt = options_.tilt_deg * CV_PI / 180 * (0.5 + 0.5 * swing(7));
-  // Round the near side of the desk, as a person sits: what stands on it stands up in the picture.
+  // Round the near side of the desk, as a person sits: what stands on it stands up in the image.
   const double azimuth = -0.25 * kTurn + 0.9 * swing(11) + 0.5 * swing(23);
   const double roll = 0.5 * swing(9);
   const double smaller = std::min(options_.size.width, options_.size.height);
@@ -141,7 +141,7 @@ PlanarShot PlanarVideo::shot_at(double time_s) const {
   const Eigen::Vector3d over = world_from_print_[which].translation;
   const double size = scene_.prints().front().width;
   geometry::Rigid3 hand;
-  // Its fingers, which point up in its picture, point to the print.
+  // Its fingers, which point up in its image, point to the print.
   hand.rotation << 0, 1, 0, -1, 0, 0, 0, 0, 1;
   if (since <= 0) hand.rotation << 0, 1, 0, 1, 0, 0, 0, 0, -1;  // its back: is not drawn
   hand.translation =
@@ -150,7 +150,7 @@ PlanarShot PlanarVideo::shot_at(double time_s) const {
   return shot;
 }
 
-cv::Mat PlanarVideo::picture_at(double time_s) const {
+cv::Mat PlanarVideo::image_at(double time_s) const {
   PlanarLook look = options_.look;
   look.gain *= 1 + options_.exposure * std::sin(kTurn * time_s / 5);
   look.seed += static_cast<std::uint64_t>(std::llround(std::max(0.0, time_s) * 1e4));
@@ -198,7 +198,7 @@ PlanarVideo print_video(std::vector<PlanarPrint> prints, const VideoOptions& opt
   double height = 0;
   for (const PlanarPrint& print : prints) {
     const cv::Rect2d part =
-        print.part.empty() ? cv::Rect2d(0, 0, print.picture.cols, print.picture.rows) : print.part;
+        print.part.empty() ? cv::Rect2d(0, 0, print.image.cols, print.image.rows) : print.part;
     width += 1.15 * print.width;
     height = std::max(height, print.width * part.height / part.width);
   }

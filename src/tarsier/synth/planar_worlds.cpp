@@ -3,7 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
-#include "tarsier/synth/planar_pictures.h"
+#include "tarsier/synth/planar_images.h"
 
 #include <algorithm>
 #include <cmath>
@@ -54,7 +54,7 @@ PlanarLook random_look(PlanarLevel level, cv::Size size, Rng& rng) {
   return look;
 }
 
-// Small turns of the camera that smear the picture by `px` along `angle`, about the middle moment.
+// Small turns of the camera that smear the image by `px` along `angle`, about the middle moment.
 std::vector<PlanarShot> smeared(const PlanarShot& shot, double px, double angle, double focal) {
   if (px < 0.4) return {shot};
   const int count = std::clamp(cvCeil(px) + 2, 4, 16);
@@ -83,7 +83,7 @@ class Placer {
   Placer(const geometry::Camera& camera, const StillOptions& options, Rng& rng)
       : camera_(camera), options_(options), rng_(rng) {}
 
-  // A pose that leaves the print's part inside the picture and off the others.
+  // A pose that leaves the print's part inside the image and off the others.
   std::optional<geometry::Rigid3> place(const PlanarPrint& print) {
     const cv::Size size(camera_.width, camera_.height);
     const double most = std::min(options_.max_side_px, 0.6 * std::min(size.width, size.height));
@@ -101,9 +101,8 @@ class Placer {
       pose.translation = {(at.x - camera_.cx) / camera_.fx * far,
                           (at.y - camera_.cy) / camera_.fy * far, far};
       // A margin's room around the part.
-      const cv::Rect2d part = print.part.empty()
-                                  ? cv::Rect2d(0, 0, print.picture.cols, print.picture.rows)
-                                  : print.part;
+      const cv::Rect2d part =
+          print.part.empty() ? cv::Rect2d(0, 0, print.image.cols, print.image.rows) : print.part;
       const double reach = 0.75 * side * std::max(1.0, part.height / part.width);
       const bool is_free =
           std::none_of(taken_.begin(), taken_.end(), [&](const Eigen::Vector3d& t) {
@@ -164,7 +163,7 @@ PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigi
   const bool moves = level != PlanarLevel::kEasy && rng.uniform() < 0.6;
   still.motion_px = moves ? rng.uniform(0, level == PlanarLevel::kHard ? 9 : 4) : 0;
   still.motion_angle = rng.uniform(0, kTurn);
-  // The ground: 3 m of it fill the picture, behind all.
+  // The ground: 3 m of it fill the image, behind all.
   const double height = 1.5 * camera.fx / std::min(size.width, size.height);
   const double around = rng.uniform(0, kTurn);
   PlanarShot shot;
@@ -174,9 +173,9 @@ PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigi
   const geometry::Rigid3 world_from_camera = shot.camera_from_world.inverse();
   for (const geometry::Rigid3& pose : poses)
     shot.world_from_print.push_back(world_from_camera * pose);
-  const PlanarScene scene(camera, std::move(prints), clutter_picture(kGroundPx, rng()), 3.6);
+  const PlanarScene scene(camera, std::move(prints), clutter_image(kGroundPx, rng()), 3.6);
   const auto shots = smeared(shot, still.motion_px, still.motion_angle, camera.fx);
-  still.picture = scene.render(shots, still.look);
+  still.image = scene.render(shots, still.look);
   for (PrintTruth& truth : scene.truth(shot))
     if (is_inside(truth, size, 0)) still.truth.push_back(std::move(truth));
   return still;

@@ -11,21 +11,21 @@
 #include <string_view>
 #include <vector>
 
-// Ready scenes of prints: still pictures by seed, and videos.
+// Ready scenes of prints: still images by seed, and videos.
 namespace tarsier::synth {
 
 enum class PlanarLevel { kEasy, kMedium, kHard };  // of light, blur and noise
 [[nodiscard]] std::string_view name_of(PlanarLevel level);
 
-// One picture with its truth.
+// One image with its truth.
 struct PlanarStill {
-  cv::Mat picture;
+  cv::Mat image;
   geometry::Camera camera;
   PlanarLevel level = PlanarLevel::kEasy;
   PlanarLook look;
   double motion_px = 0;  // blur of the moving camera
   double motion_angle = 0;
-  std::vector<PrintTruth> truth;  // only prints that are wholly inside the picture
+  std::vector<PrintTruth> truth;  // only prints that are wholly inside the image
 };
 
 struct StillOptions {
@@ -33,7 +33,7 @@ struct StillOptions {
   int least = 1;            // prints
   int most = 8;
   double min_side_px = 12;   // of a print's part, before it is tilted
-  double max_side_px = 300;  // at most 0.6 of the picture's smaller side
+  double max_side_px = 300;  // at most 0.6 of the image's smaller side
   double tilt_deg = 60;      // at most
   double part_hidden = 0;    // share of prints that a hand or a bar hides in part
 
@@ -47,7 +47,7 @@ struct StillOptions {
             {"min_side_px", min_side_px, range(4, 8192), "--min-side",
              "px, of a marker or target seen straight; of targets [80]"},
             {"max_side_px", max_side_px, range(4, 8192), "--max-side",
-             "px; at most 0.6 of the picture's height"},
+             "px; at most 0.6 of the image's height"},
             {"tilt_deg", tilt_deg, range(0, 80), "--tilt", "degrees, at most"},
             {"part_hidden", part_hidden, range(0, 1), "--hidden",
              "share of markers that a hand or a bar hides in part"}};
@@ -59,7 +59,7 @@ struct StillOptions {
 [[nodiscard]] PlanarStill marker_still(const planar::markers::Dictionary& family, double side,
                                        const StillOptions& options, PlanarLevel level,
                                        std::uint64_t seed);
-// One of `prints` (each used as it is, its id is known), alone in the picture.
+// One of `prints` (each used as it is, its id is known), alone in the image.
 [[nodiscard]] PlanarStill print_still(const std::vector<PlanarPrint>& prints,
                                       const StillOptions& options, PlanarLevel level,
                                       std::uint64_t seed);
@@ -99,14 +99,14 @@ class PlanarVideo {
   [[nodiscard]] const geometry::Camera& camera() const { return scene_.camera(); }
   [[nodiscard]] const std::vector<PlanarPrint>& prints() const { return scene_.prints(); }
   [[nodiscard]] PlanarShot shot_at(double time_s) const;
-  [[nodiscard]] cv::Mat picture_at(double time_s) const;
+  [[nodiscard]] cv::Mat image_at(double time_s) const;
   [[nodiscard]] std::vector<PrintTruth> truth_at(double time_s) const;
   // Whether the camera rests.
   [[nodiscard]] static bool is_at_rest(double time_s);
 
  private:
   [[nodiscard]] geometry::Rigid3 camera_at(double path) const;
-  // The largest distance that a corner moves in the picture.
+  // The largest distance that a corner moves in the image.
   [[nodiscard]] double motion_px(const PlanarShot& from, const PlanarShot& to) const;
   void set_rate();
 
@@ -125,7 +125,7 @@ class PlanarVideo {
 
 // One line of truth: {"image", "family" or "target", "K", "dist", "size", "level", "params",
 // "markers": [{"id", "corners", "rvec", "tvec", "side_px", "visible", and with `targets` the
-// homography "H" from the picture's pixels}]}. `prints`: of which `truth` tells.
+// homography "H" from the image's pixels}]}. `prints`: of which `truth` tells.
 struct TruthLine {
   std::string image;
   std::string family;

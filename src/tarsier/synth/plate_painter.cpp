@@ -254,7 +254,7 @@ void dealer_frame(const PlatePainter& p, const PlateLook& look) {
 }
 
 void us_ornaments(const PlatePainter& p, const PlateLook& look) {
-  if (p.chance(0.3)) {  // a picture in the background
+  if (p.chance(0.3)) {  // an image in the background
     for (int i = p.rng.integer(1, 6); i > 0; --i) {
       cv::Mat mask(p.px(60) + 1, p.px(90) + 1, CV_8UC1, Color(0));
       const Color strength(p.rng.uniform(20, 110));

@@ -59,7 +59,7 @@ struct PlatePainter {
   [[nodiscard]] bool chance(double p) const { return rng.uniform() < p; }
 };
 
-// Blends `color` over the picture where `mask` covers it.
+// Blends `color` over the image where `mask` covers it.
 void blend(cv::Mat& image, const cv::Mat& mask, cv::Point corner, const Color& color);
 
 // The symbol as this plate letters it: a mask, 8 bits.

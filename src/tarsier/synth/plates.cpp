@@ -298,7 +298,7 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
       y = look.height * (row == 0 ? 0.26 : 0.74);
       if (row == 1) from = margin;
     }
-    // A shield or picture that stands before or behind the text, now and then.
+    // A shield or image that stands before or behind the text, now and then.
     double until = to;
     if (random && rows.size() == 1 && rng.uniform() < 0.22) {
       const double room = rng.uniform(22, 42) * look.width / 520 + 8;

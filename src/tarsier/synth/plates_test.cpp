@@ -147,14 +147,14 @@ TEST_F(Streets, TruthIsWhereThePlateIsDrawn) {
   StreetOptions options;
   options.seed = 4;
   for (std::uint64_t number = 0; number < 6; ++number) {
-    const StreetPicture picture = render_car(options, number);
-    ASSERT_EQ(picture.image.size(), options.size);
-    for (const StreetPlate& plate : picture.plates) {
+    const StreetImage image = render_car(options, number);
+    ASSERT_EQ(image.image.size(), options.size);
+    for (const StreetPlate& plate : image.plates) {
       if (!plate.visible) continue;
       cv::Mat face;
       const std::vector<cv::Point2f> corners(plate.corners.begin(), plate.corners.end());
       const std::vector<cv::Point2f> to{{0, 0}, {208, 0}, {208, 44}, {0, 44}};
-      cv::warpPerspective(picture.image, face, cv::getPerspectiveTransform(corners, to), {208, 44},
+      cv::warpPerspective(image.image, face, cv::getPerspectiveTransform(corners, to), {208, 44},
                           cv::INTER_AREA);
       cv::cvtColor(face, face, cv::COLOR_BGR2GRAY);
       cv::Scalar mean;
@@ -195,9 +195,9 @@ TEST_F(Streets, TimeAndSeedDecide) {
 TEST_F(Streets, InfraredIsGreyAndDarkAroundThePlate) {
   StreetOptions options = small_drive();
   options.light = StreetLight::kInfrared;
-  const StreetPicture picture = render_car(options, 1);
+  const StreetImage image = render_car(options, 1);
   std::vector<cv::Mat> channels;
-  cv::split(picture.image, channels);
+  cv::split(image.image, channels);
   EXPECT_EQ(cv::norm(channels[0], channels[2], cv::NORM_INF), 0);
   EXPECT_LT(cv::mean(channels[0])[0], 80);
 }

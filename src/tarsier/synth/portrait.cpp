@@ -13,7 +13,7 @@
 namespace tarsier::synth {
 namespace {
 
-// Face coordinates: unit = the height of the picture, origin in the middle of the face, x right, y
+// Face coordinates: unit = the height of the image, origin in the middle of the face, x right, y
 // down. The face is an ellipse 0.70 high and 0.504 wide.
 using Color = cv::Vec3f;  // BGR, 0..1, as displayed
 
@@ -136,7 +136,7 @@ class Painter {
   Painter(std::uint64_t seed, float pixel, float blink)
       : palette_(choose_palette(seed)), pixel_(pixel), blink_(blink) {}
 
-  // (x, y) in face coordinates of the head, which moves; (bx, by) in those of the picture.
+  // (x, y) in face coordinates of the head, which moves; (bx, by) in those of the image.
   [[nodiscard]] Sample at(float x, float y, float bx, float by) const;
 
  private:
@@ -383,7 +383,7 @@ Portrait render_portrait(cv::Size size, double time_s, std::uint64_t seed) {
       size.width >= 16 && size.height >= 16 && size.width <= 16384 && size.height <= 16384,
       "{}x{} px", size.width, size.height);
   TARSIER_REQUIRE(std::isfinite(time_s), "time {}", time_s);
-  // Narrow pictures are filled by their width.
+  // Narrow images are filled by their width.
   const double unit = std::min<double>(size.height, size.width / 0.62);
   const double shift_x = 0.014 * std::sin(0.9 * time_s);
   const double shift_y = 0.008 * std::sin(1.3 * time_s);

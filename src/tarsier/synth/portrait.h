@@ -9,7 +9,7 @@
 namespace tarsier::synth {
 
 // A drawn, shaded head and shoulders, no person's. It fills an ellipse of 70 % of the height in the
-// middle of the picture and moves a little with `time_s`. The seed chooses skin, hair, eyes,
+// middle of the image and moves a little with `time_s`. The seed chooses skin, hair, eyes,
 // clothes and background.
 struct PortraitTruth {
   cv::Rect2d box;        // of the face, hairline to chin, px

@@ -22,14 +22,14 @@ int floor_of(float value) {
 }
 
 // As floats with alpha, colours times alpha.
-cv::Mat premultiplied(const cv::Mat& picture) {
+cv::Mat premultiplied(const cv::Mat& image) {
   cv::Mat bgra;
-  if (picture.channels() == 1)
-    cv::cvtColor(picture, bgra, cv::COLOR_GRAY2BGRA);
-  else if (picture.channels() == 3)
-    cv::cvtColor(picture, bgra, cv::COLOR_BGR2BGRA);
+  if (image.channels() == 1)
+    cv::cvtColor(image, bgra, cv::COLOR_GRAY2BGRA);
+  else if (image.channels() == 3)
+    cv::cvtColor(image, bgra, cv::COLOR_BGR2BGRA);
   else
-    bgra = picture;
+    bgra = image;
   cv::Mat pixels;
   bgra.convertTo(pixels, CV_32F);
   for (int y = 0; y < pixels.rows; ++y) {
@@ -82,13 +82,12 @@ cv::Mat flat_blocks(const cv::Mat& low, const cv::Mat& high) {
 
 }  // namespace
 
-PrintTexture::PrintTexture(const cv::Mat& picture, bool mirrored)
-    : width_(picture.cols), height_(picture.rows), mirrored_(mirrored) {
-  TARSIER_REQUIRE(!picture.empty() && picture.depth() == CV_8U && picture.channels() != 2,
-                  "type {}", picture.type());
-  TARSIER_REQUIRE(picture.cols <= 8192 && picture.rows <= 8192, "{}x{} px", picture.cols,
-                  picture.rows);
-  levels_.push_back({premultiplied(picture), 1, 1});
+PrintTexture::PrintTexture(const cv::Mat& image, bool mirrored)
+    : width_(image.cols), height_(image.rows), mirrored_(mirrored) {
+  TARSIER_REQUIRE(!image.empty() && image.depth() == CV_8U && image.channels() != 2, "type {}",
+                  image.type());
+  TARSIER_REQUIRE(image.cols <= 8192 && image.rows <= 8192, "{}x{} px", image.cols, image.rows);
+  levels_.push_back({premultiplied(image), 1, 1});
   while (levels_.back().pixels.cols > 1 || levels_.back().pixels.rows > 1) {
     const cv::Mat& last = levels_.back().pixels;
     Level next;

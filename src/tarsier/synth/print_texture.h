@@ -5,23 +5,23 @@
 
 #include <vector>
 
-// A picture to be sampled at any scale.
+// An image to be sampled at any scale.
 namespace tarsier::synth {
 
 // Four floats: blue, green, red, all times alpha, and alpha (0..1).
 using Pixel4 = float __attribute__((vector_size(16)));
 
-// Averages of the picture over ever larger pixels, and where it is of one colour.
+// Averages of the image over ever larger pixels, and where it is of one colour.
 class PrintTexture {
  public:
   PrintTexture() = default;
   // CV_8UC1, BGR or BGRA. `mirrored`: goes on beyond its borders, mirrored; else it is clamped.
-  PrintTexture(const cv::Mat& picture, bool mirrored);
+  PrintTexture(const cv::Mat& image, bool mirrored);
 
   [[nodiscard]] double width() const { return width_; }  // px
   [[nodiscard]] double height() const { return height_; }
   [[nodiscard]] int levels() const { return static_cast<int>(levels_.size()); }
-  // Bilinear, of a level; (u, v) in px of the picture, its corner is (0, 0).
+  // Bilinear, of a level; (u, v) in px of the image, its corner is (0, 0).
   [[nodiscard]] Pixel4 sample(int level, float u, float v) const;
   // Whether all within `reach` px of (u, v) is of nearly one colour. May say no where it is, and does
   // of a mirrored one.

@@ -115,7 +115,7 @@ geometry::Camera make_camera(const cv::Size& size, double focal) {
   return camera;
 }
 
-// A camera at `center`, `up` above in its picture but for `roll` degrees.
+// A camera at `center`, `up` above in its image but for `roll` degrees.
 geometry::Rigid3 look_along(const Eigen::Vector3d& center, const Eigen::Vector3d& direction,
                             const Eigen::Vector3d& up, double roll) {
   const Eigen::Vector3d forward = direction.normalized();
@@ -180,7 +180,7 @@ void SceneOptions::check() const {
   check_fields(*this);
   const int side = std::max(size.width, size.height);
   TARSIER_REQUIRE(focal_px == 0 || (focal_px >= 0.5 * side && focal_px <= 20.0 * side),
-                  "focal length {} px of a picture of {} px", focal_px, side);
+                  "focal length {} px of an image of {} px", focal_px, side);
   TARSIER_REQUIRE(trajectory >= Trajectory::kArc && trajectory <= Trajectory::kLine,
                   "trajectory {}", static_cast<int>(trajectory));
   TARSIER_REQUIRE(content >= Content::kRelief && content <= Content::kNothing, "content {}",
@@ -253,7 +253,7 @@ struct ReliefScene::Parts {
     Eigen::Matrix3d to_world = Eigen::Matrix3d::Zero();
     Eigen::Vector3d center = Eigen::Vector3d::Zero();
     std::vector<Eigen::Vector3d> in_box;  // the centre, in each box's own axes
-    std::vector<cv::Rect2d> around;       // each box in the picture, px
+    std::vector<cv::Rect2d> around;       // each box in the image, px
   };
 
   [[nodiscard]] View view_of(const geometry::Rigid3& pose) const {
@@ -399,7 +399,7 @@ PointProblem make_point_problem(std::uint64_t seed, int images, int points, doub
     const double y = places.uniform(-2, 2);
     problem.points.push_back(kMiddle + Eigen::Vector3d(x, y, places.uniform(-1.5, 1.5)));
   }
-  const cv::Rect2d picture(-0.5, -0.5, size.width, size.height);
+  const cv::Rect2d image(-0.5, -0.5, size.width, size.height);
   for (int i = 0; i < images; ++i) {
     problem.poses.push_back(make_pose(Trajectory::kArc, false, i, images, base.fork(2)));
     Rng rng = base.fork(100 + static_cast<std::uint64_t>(i));
@@ -408,7 +408,7 @@ PointProblem make_point_problem(std::uint64_t seed, int images, int points, doub
       if (at[2] <= 0) continue;
       const cv::Point2d exact(camera.fx * at[0] / at[2] + camera.cx,
                               camera.fy * at[1] / at[2] + camera.cy);
-      if (!picture.contains(exact)) continue;
+      if (!image.contains(exact)) continue;
       PointProblem::Seen seen{i, k, exact, rng.uniform() < outlier_share};
       if (seen.outlier) {
         do {

@@ -70,7 +70,7 @@ class ReliefScene {
   // Interrupted.
   [[nodiscard]] cv::Mat render(int index, const std::stop_token& stop = {}) const;
   // z in the camera of what `pixel` sees, from the exact surface, to 1e-8 units; also outside the
-  // picture. Empty where nothing is within 100 units.
+  // image. Empty where nothing is within 100 units.
   [[nodiscard]] std::optional<double> depth(int index, cv::Point2d pixel) const;
 
   struct Parts;
@@ -79,13 +79,13 @@ class ReliefScene {
   std::shared_ptr<const Parts> parts_;
 };
 
-// Points seen by cameras, without pictures.
+// Points seen by cameras, without images.
 struct PointProblem {
   struct Seen {
     int image = 0;
     int point = 0;
     cv::Point2d pixel;
-    bool outlier = false;  // anywhere in the picture, more than 10 px from the truth
+    bool outlier = false;  // anywhere in the image, more than 10 px from the truth
   };
   geometry::Camera camera;              // 640 x 480, not distorted
   std::vector<geometry::Rigid3> poses;  // camera from world
@@ -94,7 +94,7 @@ struct PointProblem {
 };
 
 // Cameras on an arc as in Trajectory::kArc, points evenly in a volume of 6 x 4 x 3 units, and where
-// each lies in every picture that has it: with normal noise of `noise_px` (0..100) px, and with
+// each lies in every image that has it: with normal noise of `noise_px` (0..100) px, and with
 // probability `outlier_share` (0..1) an outlier. Throws std::invalid_argument for these and unless
 // images is 1..1000 and points 1..1000000.
 [[nodiscard]] PointProblem make_point_problem(std::uint64_t seed, int images, int points,

@@ -23,7 +23,7 @@ SceneOptions small(Content content = Content::kRelief, Trajectory trajectory = T
 
 bool is_same(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
 
-TEST(ReliefScene, DepthAndPosesFitThePictures) {
+TEST(ReliefScene, DepthAndPosesFitTheImages) {
   for (const Content content : {Content::kRelief, Content::kBoxes, Content::kPlane}) {
     for (const Trajectory trajectory : {Trajectory::kArc, Trajectory::kRing, Trajectory::kLine}) {
       const ReliefScene scene(small(content, trajectory));

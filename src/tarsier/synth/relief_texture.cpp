@@ -45,7 +45,7 @@ void add_octave(cv::Mat1f& plane, const cv::Mat1f& grid, double cell, float ampl
 }
 
 // Random values for cells of `cell` units. As many for each resolution, so that the scene is the
-// same at every size of the pictures.
+// same at every size of the images.
 cv::Mat1f random_grid(double width, double height, double cell, Rng rng) {
   cv::Mat1f grid(static_cast<int>(std::ceil(height / cell - 1e-9)) + 1,
                  static_cast<int>(std::ceil(width / cell - 1e-9)) + 1);
@@ -61,7 +61,7 @@ cv::Scalar random_colour(Rng& rng) {
   return colour;
 }
 
-// One small shape at a random place of a picture with `scale` texels for each unit.
+// One small shape at a random place of an image with `scale` texels for each unit.
 void draw_shape(cv::Mat& image, double width, double height, double scale, Rng& rng) {
   constexpr int kBits = 4;  // of the fractions of texels in OpenCV's drawing
   const auto fixed = [&](double x, double y) {

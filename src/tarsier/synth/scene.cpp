@@ -58,7 +58,7 @@ cv::Mat render_scene(cv::Size size, double time_s, std::uint64_t seed) {
   const Vec forward = unit(target - eye);
   const Vec right = unit(cross({0, 1, 0}, forward));
   const Vec up = cross(forward, right);
-  // 4:3 and wider show the same height; narrower pictures the same width.
+  // 4:3 and wider show the same height; narrower images the same width.
   const float half_height = 0.262F * std::max(1.0F, 1.25F * static_cast<float>(size.height) /
                                                         static_cast<float>(size.width));
   const float scale = 2 * half_height / static_cast<float>(size.height);
@@ -148,7 +148,7 @@ cv::Mat render_bars(cv::Size size, std::int64_t frame) {
   const cv::Point center(size.width / 2, size.height * 3 / 10);
   const int radius = std::max(4, size.height / 5);
   cv::circle(image, center, radius, {255, 255, 255}, std::max(1, size.height / 160), cv::LINE_AA);
-  // A hand that turns once in a hundred frames shows that the picture moves.
+  // A hand that turns once in a hundred frames shows that the image moves.
   const double angle = 2 * CV_PI * static_cast<double>(frame % 100) / 100;
   cv::line(
       image, center,

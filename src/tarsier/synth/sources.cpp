@@ -28,12 +28,12 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-enum class Picture { kScene, kPortrait, kClock, kBars, kCar, kDrive, kBoard, kPlanar };
+enum class Image { kScene, kPortrait, kClock, kBars, kCar, kDrive, kBoard, kPlanar };
 
 struct Settings {
   std::string text;  // as given, with "synth:"
   std::string name;
-  Picture picture = Picture::kScene;
+  Image image = Image::kScene;
   cv::Size size{640, 480};
   double fps = 25;
   std::int64_t frames = 100;
@@ -62,7 +62,7 @@ bool parse_number(std::string_view text, Number& value) {
 // Keys that only streets have. False if `key` is none of them.
 bool parse_street(std::string_view key, std::string_view value, Settings& settings, bool& is_good) {
   synth::StreetOptions& street = settings.street;
-  if (settings.picture != Picture::kCar && settings.picture != Picture::kDrive) return false;
+  if (settings.image != Image::kCar && settings.image != Image::kDrive) return false;
   using synth::PlateKind;
   using synth::StreetLight;
   if (key == "light") {
@@ -85,13 +85,13 @@ bool parse_street(std::string_view key, std::string_view value, Settings& settin
                       PlateKind::kUs, PlateKind::kBrazil};
     else
       is_good = false;
-  } else if (settings.picture == Picture::kDrive && key == "seconds") {
+  } else if (settings.image == Image::kDrive && key == "seconds") {
     is_good = parse_number(value, street.seconds) && street.seconds > 0 && street.seconds <= 86400;
-  } else if (settings.picture == Picture::kDrive && key == "cars") {
+  } else if (settings.image == Image::kDrive && key == "cars") {
     is_good = parse_number(value, street.cars) && street.cars >= 1 && street.cars <= 60;
-  } else if (settings.picture == Picture::kDrive && key == "parked") {
+  } else if (settings.image == Image::kDrive && key == "parked") {
     is_good = parse_number(value, street.parked) && street.parked >= 0 && street.parked <= 3;
-  } else if (settings.picture == Picture::kDrive && key == "far") {
+  } else if (settings.image == Image::kDrive && key == "far") {
     is_good = parse_number(value, street.far) && street.far >= 0 && street.far <= 3;
   } else {
     return false;
@@ -106,36 +106,35 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
   const std::size_t question = std::min(text.find('?'), text.size());
   settings.name = text.substr(0, question);
   if (settings.name == "scene") {
-    settings.picture = Picture::kScene;
+    settings.image = Image::kScene;
     settings.noise = 2;
   } else if (settings.name == "portrait") {
-    settings.picture = Picture::kPortrait;
+    settings.image = Image::kPortrait;
     settings.noise = 2;
   } else if (settings.name == "clock") {
-    settings.picture = Picture::kClock;
+    settings.image = Image::kClock;
   } else if (settings.name == "board") {
-    settings.picture = Picture::kBoard;
+    settings.image = Image::kBoard;
     settings.noise = 1.5;
   } else if (settings.name == "markers" || settings.name == "planar") {
-    settings.picture = Picture::kPlanar;
+    settings.image = Image::kPlanar;
     settings.planar.posters = settings.name == "planar";
     settings.noise = 2;
   } else if (settings.name == "bars") {
-    settings.picture = Picture::kBars;
+    settings.image = Image::kBars;
   } else if (settings.name == "car" || settings.name == "drive") {
-    settings.picture = settings.name == "car" ? Picture::kCar : Picture::kDrive;
+    settings.image = settings.name == "car" ? Image::kCar : Image::kDrive;
     settings.size = {1280, 720};
     settings.noise = 2;
   } else {
     refuse(fmt::format("no synthetic source '{}'; there are: {}", settings.name, kNames));
   }
-  const bool is_street = settings.picture == Picture::kCar || settings.picture == Picture::kDrive;
-  const std::string keys = is_street ? fmt::format("{}, {}", kKeys, kStreetKeys)
-                           : settings.picture == Picture::kBoard
-                               ? fmt::format("{}, board=chess:9x6", kKeys)
-                           : settings.picture == Picture::kPlanar
-                               ? fmt::format("{}, {}", kKeys, synth::kPlanarSourceKeys)
-                               : std::string(kKeys);
+  const bool is_street = settings.image == Image::kCar || settings.image == Image::kDrive;
+  const std::string keys =
+      is_street                          ? fmt::format("{}, {}", kKeys, kStreetKeys)
+      : settings.image == Image::kBoard  ? fmt::format("{}, board=chess:9x6", kKeys)
+      : settings.image == Image::kPlanar ? fmt::format("{}, {}", kKeys, synth::kPlanarSourceKeys)
+                                         : std::string(kKeys);
   if (options.width > 0) settings.size.width = options.width;
   if (options.height > 0) settings.size.height = options.height;
   if (options.fps > 0) settings.fps = options.fps;
@@ -166,10 +165,10 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
       settings.live = value == "1";
     } else if (key == "noise") {
       is_good = parse_number(value, settings.noise) && settings.noise >= 0 && settings.noise <= 64;
-    } else if (key == "board" && settings.picture == Picture::kBoard) {
+    } else if (key == "board" && settings.image == Image::kBoard) {
       settings.board = value;
       is_good = true;  // parse_board() says what is wrong
-    } else if (settings.picture == Picture::kPlanar &&
+    } else if (settings.image == Image::kPlanar &&
                synth::set_planar_source(key, value, settings.planar, is_good)) {
     } else if (!parse_street(key, value, settings, is_good)) {
       refuse(fmt::format("unknown key '{}'; there are: {}", key, keys));
@@ -177,19 +176,19 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
     if (!is_good)
       refuse(fmt::format("bad value '{}' of {}; expected for example {}", value, key, keys));
   }
-  if ((settings.picture == Picture::kBoard || settings.picture == Picture::kPlanar) &&
+  if ((settings.image == Image::kBoard || settings.image == Image::kPlanar) &&
       (settings.size.width < 160 || settings.size.height < 120 || settings.size.width > 4096 ||
        settings.size.height > 4096)) {
     refuse(fmt::format("a size of {}x{} is not between 160x120 and 4096x4096", settings.size.width,
                        settings.size.height));
   }
-  const int least = settings.picture == Picture::kClock || is_street ? 64 : 16;
+  const int least = settings.image == Image::kClock || is_street ? 64 : 16;
   if (settings.size.width < least || settings.size.height < (least == 64 ? 48 : 16) ||
       settings.size.width > 8192 || settings.size.height > 8192) {
     refuse(fmt::format("a size of {}x{} is not between {}x{} and 8192x8192", settings.size.width,
                        settings.size.height, least, least == 64 ? 48 : 16));
   }
-  if (!has_frames && settings.picture == Picture::kDrive)
+  if (!has_frames && settings.image == Image::kDrive)
     settings.frames =
         std::max<std::int64_t>(1, std::llround(settings.street.seconds * settings.fps));
   if (!has_frames && settings.live) settings.frames = 0;
@@ -229,16 +228,16 @@ nlohmann::json plates_json(const std::vector<synth::StreetPlate>& plates) {
 class SynthSource final : public FrameSource {
  public:
   explicit SynthSource(Settings settings) : settings_(std::move(settings)) {
-    if (settings_.picture == Picture::kDrive) drive_.emplace(settings_.street);
-    if (settings_.picture == Picture::kBoard) {
+    if (settings_.image == Image::kDrive) drive_.emplace(settings_.street);
+    if (settings_.image == Image::kBoard) {
       video_.emplace(settings_.size, planar::calibration::parse_board(settings_.board, kBoardPitch),
                      settings_.seed);
     }
-    if (settings_.picture == Picture::kPlanar) {
+    if (settings_.image == Image::kPlanar) {
       planar_.emplace(synth::planar_source_video(settings_.planar, settings_.size, settings_.fps,
                                                  settings_.seed));
     }
-    if (settings_.picture == Picture::kCar) (void)synth::load_glyphs();  // or say what is missing
+    if (settings_.image == Image::kCar) (void)synth::load_glyphs();  // or say what is missing
   }
 
   std::optional<Frame> next(std::chrono::milliseconds patience,
@@ -304,12 +303,12 @@ class SynthSource final : public FrameSource {
 
   void draw(Frame& frame) const {
     nlohmann::json truth = {{"source", settings_.name}, {"frame", frame.index}};
-    switch (settings_.picture) {
-      case Picture::kScene:
+    switch (settings_.image) {
+      case Image::kScene:
         frame.image = render_scene(settings_.size, frame.time, settings_.seed);
         truth["time"] = frame.time;
         break;
-      case Picture::kPortrait: {
+      case Image::kPortrait: {
         Portrait portrait = render_portrait(settings_.size, frame.time, settings_.seed);
         frame.image = std::move(portrait.image);
         const auto point = [](const cv::Point2d& p) { return nlohmann::json::array({p.x, p.y}); };
@@ -320,7 +319,7 @@ class SynthSource final : public FrameSource {
         truth["mouth"] = {point(t.mouth[0]), point(t.mouth[1])};
         break;
       }
-      case Picture::kClock: {
+      case Image::kClock: {
         ClockReading reading;
         reading.frame = static_cast<std::uint32_t>(frame.index);
         // Live: the moment it is sent; else the same time for the same frame.
@@ -331,9 +330,9 @@ class SynthSource final : public FrameSource {
         truth["time_us"] = reading.time_us;
         break;
       }
-      case Picture::kCar:
-      case Picture::kDrive: {
-        synth::StreetPicture street =
+      case Image::kCar:
+      case Image::kDrive: {
+        synth::StreetImage street =
             drive_ ? drive_->at(frame.time)
                    : synth::render_car(settings_.street, static_cast<std::uint64_t>(frame.index));
         frame.image = std::move(street.image);
@@ -344,8 +343,8 @@ class SynthSource final : public FrameSource {
         }
         break;
       }
-      case Picture::kBoard: {
-        frame.image = video_->picture_at(frame.time);
+      case Image::kBoard: {
+        frame.image = video_->image_at(frame.time);
         const geometry::Camera& camera = video_->camera();
         truth["camera"] = {{"fx", camera.fx},
                            {"fy", camera.fy},
@@ -354,11 +353,11 @@ class SynthSource final : public FrameSource {
                            {"distortion", camera.distortion}};
         break;
       }
-      case Picture::kPlanar:
-        frame.image = planar_->picture_at(frame.time);
+      case Image::kPlanar:
+        frame.image = planar_->image_at(frame.time);
         truth.update(nlohmann::json::parse(synth::planar_source_truth(*planar_, frame.time)));
         break;
-      case Picture::kBars:
+      case Image::kBars:
         frame.image = render_bars(settings_.size, frame.index);
         break;
     }

@@ -8,7 +8,7 @@
 
 namespace tarsier::synth {
 
-// Sources whose truth is known exactly; the same text gives the same pictures (but live clocks):
+// Sources whose truth is known exactly; the same text gives the same images (but live clocks):
 //   NAME?size=640x480&fps=25&frames=100&seed=1&live=0&noise=2
 //   scene      a still life like an image, under a slowly moving camera
 //   portrait   a drawn face that moves a little; truth: "box" [x,y,w,h], "eyes", "mouth" (left in

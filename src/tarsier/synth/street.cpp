@@ -35,7 +35,7 @@ struct Camera {
 struct Pose {
   double x = 0;    // m
   double z = 10;   // m
-  double yaw = 0;  // rad; positive: its right side (in the picture) is farther away
+  double yaw = 0;  // rad; positive: its right side (in the image) is farther away
 };
 
 // Where a point of the sprite (px of its first level) appears.
@@ -66,13 +66,13 @@ cv::Rect2f upright_box(const Quad& quad) {
   return {low, high};
 }
 
-void put_car(cv::Mat& picture, const Camera& camera, const Pose& pose, const CarSprite& car) {
+void put_car(cv::Mat& image, const Camera& camera, const Pose& pose, const CarSprite& car) {
   const Quad corners = seen(camera, pose, {0, 0, kSpriteWidth, kSpriteHeight});
   const cv::Rect2f box = upright_box(corners);
   const cv::Rect window =
       cv::Rect(static_cast<int>(box.x) - 1, static_cast<int>(box.y) - 1,
                static_cast<int>(box.width) + 3, static_cast<int>(box.height) + 3) &
-      cv::Rect({0, 0}, picture.size());
+      cv::Rect({0, 0}, image.size());
   if (window.empty()) return;
   const double scale = static_cast<double>(box.width) / kSpriteWidth;
   const int level = std::clamp(static_cast<int>(std::floor(std::log2(1 / std::max(scale, 1e-3)))),
@@ -95,7 +95,7 @@ void put_car(cv::Mat& picture, const Camera& camera, const Pose& pose, const Car
   cv::warpPerspective(car.alpha[static_cast<std::size_t>(level)], cover, map, window.size(),
                       cv::INTER_LINEAR, cv::BORDER_CONSTANT);
   for (int y = 0; y < window.height; ++y) {
-    auto* out = picture.ptr<cv::Vec3b>(window.y + y) + window.x;
+    auto* out = image.ptr<cv::Vec3b>(window.y + y) + window.x;
     const auto* in = paint.ptr<cv::Vec3b>(y);
     const std::uint8_t* a = cover.ptr(y);
     for (int x = 0; x < window.width; ++x) {
@@ -106,37 +106,37 @@ void put_car(cv::Mat& picture, const Camera& camera, const Pose& pose, const Car
   }
 }
 
-void put_shadow(cv::Mat& picture, const Camera& camera, const Pose& pose) {
+void put_shadow(cv::Mat& image, const Camera& camera, const Pose& pose) {
   const cv::Point2f middle = camera.project(pose.x, kEyeHeight, pose.z + 0.3);
   const cv::Size axes(std::max(1, cvRound(camera.focal * 1.05 / pose.z)),
                       std::max(1, cvRound(camera.focal * kEyeHeight * 0.9 / pose.z / pose.z)));
   cv::Rect window(cv::Point(middle) - cv::Point(axes.width, axes.height),
                   cv::Size(2 * axes.width + 1, 2 * axes.height + 1));
-  const cv::Rect inside = window & cv::Rect({0, 0}, picture.size());
+  const cv::Rect inside = window & cv::Rect({0, 0}, image.size());
   if (inside.empty()) return;
   for (int y = inside.y; y < inside.br().y; ++y) {
     for (int x = inside.x; x < inside.br().x; ++x) {
       const double u = (x - static_cast<double>(middle.x)) / axes.width;
       const double v = (y - static_cast<double>(middle.y)) / axes.height;
       const double depth = 1 - u * u - v * v;
-      if (depth > 0) picture.at<cv::Vec3b>(y, x) *= 1 - 0.55 * std::min(1.0, 2 * depth);
+      if (depth > 0) image.at<cv::Vec3b>(y, x) *= 1 - 0.55 * std::min(1.0, 2 * depth);
     }
   }
 }
 
 // The halo of a lamp.
-void put_glow(cv::Mat& picture, cv::Point2f at, double radius, const cv::Scalar& color) {
+void put_glow(cv::Mat& image, cv::Point2f at, double radius, const cv::Scalar& color) {
   const int reach = std::max(2, cvRound(radius * 3));
   const cv::Rect inside =
       cv::Rect(cvRound(at.x) - reach, cvRound(at.y) - reach, 2 * reach + 1, 2 * reach + 1) &
-      cv::Rect({0, 0}, picture.size());
+      cv::Rect({0, 0}, image.size());
   for (int y = inside.y; y < inside.br().y; ++y) {
     for (int x = inside.x; x < inside.br().x; ++x) {
       const double d2 = (std::pow(x - static_cast<double>(at.x), 2) +
                          std::pow(y - static_cast<double>(at.y), 2)) /
                         (radius * radius);
       const double w = std::exp(-d2) + 0.12 * std::exp(-d2 / 5);
-      auto& pixel = picture.at<cv::Vec3b>(y, x);
+      auto& pixel = image.at<cv::Vec3b>(y, x);
       for (int c = 0; c < 3; ++c)
         pixel[c] = cv::saturate_cast<std::uint8_t>(pixel[c] + w * color[c]);
     }
@@ -145,42 +145,42 @@ void put_glow(cv::Mat& picture, cv::Point2f at, double radius, const cv::Scalar&
 
 // --- what does not move ---
 
-void draw_house(cv::Mat& picture, const cv::Rect& wall, bool night, Rng& rng) {
+void draw_house(cv::Mat& image, const cv::Rect& wall, bool night, Rng& rng) {
   const double tone = rng.uniform(110, 215);
   const double green = tone * rng.uniform(0.8, 1);
   const cv::Scalar color(tone * rng.uniform(0.7, 0.95), green, tone);
-  cv::rectangle(picture, wall, color, cv::FILLED);
+  cv::rectangle(image, wall, color, cv::FILLED);
   const int storey = std::max(12, wall.height / rng.integer(3, 5));
   const int bay = std::max(12, wall.width / rng.integer(3, 6));
   for (int y = wall.y + storey / 4; y + storey / 2 < wall.br().y - storey; y += storey) {
     for (int x = wall.x + bay / 4; x + bay / 2 < wall.br().x; x += bay) {
       const bool lamp = night && rng.uniform() < 0.3;
-      cv::rectangle(picture, {x, y, bay / 2, storey / 2},
+      cv::rectangle(image, {x, y, bay / 2, storey / 2},
                     lamp ? cv::Scalar(400, 600, 700) : cv::Scalar(90, 80, 70), cv::FILLED);
-      cv::rectangle(picture, {x, y, bay / 2, storey / 2}, color * 0.75, 1);
+      cv::rectangle(image, {x, y, bay / 2, storey / 2}, color * 0.75, 1);
     }
   }
   if (rng.uniform() < 0.7) {  // a shop's sign: letters that are no plate
     const cv::Rect sign(wall.x + wall.width / 8, wall.br().y - storey, wall.width * 3 / 4,
                         std::max(8, storey / 3));
-    cv::rectangle(picture, sign, {rng.uniform(0, 160), rng.uniform(0, 120), rng.uniform(0, 160)},
+    cv::rectangle(image, sign, {rng.uniform(0, 160), rng.uniform(0, 120), rng.uniform(0, 160)},
                   cv::FILLED);
     std::string name;
     for (int i = rng.integer(4, 9); i > 0; --i)
       name += kPlateSymbols[static_cast<std::size_t>(rng.integer(10, 35))];
-    cv::putText(picture, name, {sign.x + 4, sign.br().y - sign.height / 5}, cv::FONT_HERSHEY_DUPLEX,
+    cv::putText(image, name, {sign.x + 4, sign.br().y - sign.height / 5}, cv::FONT_HERSHEY_DUPLEX,
                 sign.height / 34.0, {235, 235, 235}, 1, cv::LINE_AA);
   }
 }
 
 cv::Mat draw_background(const Camera& camera, StreetLight light, Rng& rng) {
-  cv::Mat picture(camera.size, CV_8UC3);
+  cv::Mat image(camera.size, CV_8UC3);
   const int horizon = cvRound(camera.centre.y);
-  for (int y = 0; y < picture.rows; ++y) {
+  for (int y = 0; y < image.rows; ++y) {
     const double t = static_cast<double>(y) / std::max(1, horizon);
     const cv::Scalar sky(235 - 20 * t, 205 + 25 * t, 170 + 50 * t);
-    const double grey = 96 + 34.0 * (y - horizon) / std::max(1, picture.rows - horizon);
-    picture.row(y).setTo(y < horizon ? sky : cv::Scalar(grey, grey, grey - 3));
+    const double grey = 96 + 34.0 * (y - horizon) / std::max(1, image.rows - horizon);
+    image.row(y).setTo(y < horizon ? sky : cv::Scalar(grey, grey, grey - 3));
   }
   const bool night = light != StreetLight::kDay;
   for (const bool left : {true, false}) {  // a row of houses on each side, nearer ones larger
@@ -189,7 +189,7 @@ cv::Mat draw_background(const Camera& camera, StreetLight light, Rng& rng) {
       const cv::Point2f base = camera.project(x, kEyeHeight, z);
       const int height = cvRound(camera.focal * rng.uniform(7, 12) / z);
       const int width = cvRound(camera.focal * rng.uniform(6, 9) / z);
-      draw_house(picture,
+      draw_house(image,
                  {left ? cvRound(base.x) - width : cvRound(base.x), cvRound(base.y) - height, width,
                   height},
                  night, rng);
@@ -201,38 +201,37 @@ cv::Mat draw_background(const Camera& camera, StreetLight light, Rng& rng) {
   for (const double side : {-1.0, 1.0}) {  // pavement and kerb
     const std::vector<cv::Point> pavement{ground(side * 5.6, 60), ground(side * 12, 60),
                                           ground(side * 12, 2), ground(side * 5.6, 2)};
-    cv::fillConvexPoly(picture, pavement, {150, 152, 155}, cv::LINE_AA);
-    cv::line(picture, ground(side * 5.6, 60), ground(side * 5.6, 2), {190, 190, 190}, 2,
-             cv::LINE_AA);
+    cv::fillConvexPoly(image, pavement, {150, 152, 155}, cv::LINE_AA);
+    cv::line(image, ground(side * 5.6, 60), ground(side * 5.6, 2), {190, 190, 190}, 2, cv::LINE_AA);
   }
   for (double z = 2.2; z < 60; z += 3.4) {  // the line between the lanes
     const std::vector<cv::Point> dash{ground(-0.27, z), ground(-0.13, z), ground(-0.13, z + 1.6),
                                       ground(-0.27, z + 1.6)};
-    cv::fillConvexPoly(picture, dash, {225, 225, 225}, cv::LINE_AA);
+    cv::fillConvexPoly(image, dash, {225, 225, 225}, cv::LINE_AA);
   }
   // Grain, so that flat areas are not flat.
-  for (int y = 0; y < picture.rows; ++y) {
-    auto* row = picture.ptr<cv::Vec3b>(y);
-    for (int x = 0; x < picture.cols; ++x) {
+  for (int y = 0; y < image.rows; ++y) {
+    auto* row = image.ptr<cv::Vec3b>(y);
+    for (int x = 0; x < image.cols; ++x) {
       const double grain = rng.normal(0, 3.5);
       for (int c = 0; c < 3; ++c) row[x][c] = cv::saturate_cast<std::uint8_t>(row[x][c] + grain);
     }
   }
-  cv::GaussianBlur(picture, picture, {}, 0.8);
-  if (light == StreetLight::kDay) return picture;
+  cv::GaussianBlur(image, image, {}, 0.8);
+  if (light == StreetLight::kDay) return image;
   if (light == StreetLight::kNight) {
-    picture.convertTo(picture, -1, 0.2, 0);
+    image.convertTo(image, -1, 0.2, 0);
     for (double z = 34; z > 8; z -= 8)
       for (const double x : {-6.5, 6.5})
-        put_glow(picture, camera.project(x, kEyeHeight - 5, z), camera.focal * 0.22 / z,
+        put_glow(image, camera.project(x, kEyeHeight - 5, z), camera.focal * 0.22 / z,
                  {110, 190, 230});
-    return picture;
+    return image;
   }
   cv::Mat gray;
-  cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
   gray.convertTo(gray, -1, 0.14, 3);
-  cv::cvtColor(gray, picture, cv::COLOR_GRAY2BGR);
-  return picture;
+  cv::cvtColor(gray, image, cv::COLOR_GRAY2BGR);
+  return image;
 }
 
 std::string any_text(PlateKind kind, Rng& rng) {
@@ -245,12 +244,12 @@ std::string any_text(PlateKind kind, Rng& rng) {
   return text;
 }
 
-StreetPicture compose(const cv::Mat& background, const Camera& camera, StreetLight light,
-                      std::vector<std::pair<const CarSprite*, std::pair<int, Pose>>> cars) {
+StreetImage compose(const cv::Mat& background, const Camera& camera, StreetLight light,
+                    std::vector<std::pair<const CarSprite*, std::pair<int, Pose>>> cars) {
   std::stable_sort(cars.begin(), cars.end(), [](const auto& a, const auto& b) {
     return a.second.second.z > b.second.second.z;
   });
-  StreetPicture result;
+  StreetImage result;
   result.image = background.clone();
   for (std::size_t i = 0; i < cars.size(); ++i) {
     const CarSprite& car = *cars[i].first;
@@ -392,7 +391,7 @@ Drive::~Drive() = default;
 Drive::Drive(Drive&&) noexcept = default;
 Drive& Drive::operator=(Drive&&) noexcept = default;
 
-StreetPicture Drive::at(double time) const {
+StreetImage Drive::at(double time) const {
   std::vector<std::pair<const CarSprite*, std::pair<int, Pose>>> there;
   for (std::size_t i = 0; i < parts_->cars.size(); ++i) {
     Pose pose;
@@ -410,7 +409,7 @@ std::vector<std::string> Drive::texts() const {
 
 // --- single scenes ---
 
-StreetPicture render_car(const StreetOptions& options, std::uint64_t number) {
+StreetImage render_car(const StreetOptions& options, std::uint64_t number) {
   options.check();
   static const std::shared_ptr<const GlyphSet> glyphs = load_glyphs();
   Rng rng = Rng(options.seed).fork(number + 1000);
@@ -419,7 +418,7 @@ StreetPicture render_car(const StreetOptions& options, std::uint64_t number) {
   std::vector<CarSprite> sprites;
   std::vector<Pose> poses;
   const int count = rng.uniform() < 0.35 ? 2 : 1;
-  // Nearer than that, a plate 1.45 m below the eye would be below the picture.
+  // Nearer than that, a plate 1.45 m below the eye would be below the image.
   const double nearest = camera.focal * 1.5 / (options.size.height - camera.centre.y);
   for (int i = 0; i < count; ++i) {
     const PlateKind kind = options.kinds[static_cast<std::size_t>(

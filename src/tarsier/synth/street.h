@@ -42,10 +42,10 @@ struct StreetPlate {
   int id = 0;  // of the car, from 1
   std::string text;
   std::array<cv::Point2f, 4> corners{};  // px, from the plate's top left, clockwise
-  bool visible = false;                  // wholly in the picture, and no other car before it
+  bool visible = false;                  // wholly in the image, and no other car before it
 };
 
-struct StreetPicture {
+struct StreetImage {
   cv::Mat image;  // CV_8UC3
   std::vector<StreetPlate> plates;
 };
@@ -60,7 +60,7 @@ class Drive {
   Drive& operator=(Drive&&) noexcept;
 
   // The street at `time` s. The same for the same options and time.
-  [[nodiscard]] StreetPicture at(double time) const;
+  [[nodiscard]] StreetImage at(double time) const;
   // Texts of all cars, by id.
   [[nodiscard]] std::vector<std::string> texts() const;
 
@@ -71,6 +71,6 @@ class Drive {
 };
 
 // One or two cars near by, another scene for each `number`.
-[[nodiscard]] StreetPicture render_car(const StreetOptions& options, std::uint64_t number);
+[[nodiscard]] StreetImage render_car(const StreetOptions& options, std::uint64_t number);
 
 }  // namespace tarsier::synth

@@ -48,7 +48,7 @@ TEST(SynthClock, IsReadThroughJpegNoiseAndResizing) {
   }
 }
 
-TEST(SynthClock, OtherPicturesAreNone) {
+TEST(SynthClock, OtherImagesAreNone) {
   EXPECT_FALSE(decode_clock(render_bars({320, 240})).has_value());
   EXPECT_FALSE(decode_clock(cv::Mat(240, 320, CV_8UC3, cv::Scalar::all(255))).has_value());
   EXPECT_FALSE(decode_clock(cv::Mat()).has_value());

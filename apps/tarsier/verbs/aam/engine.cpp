@@ -19,9 +19,9 @@ namespace {
 using Eigen::Matrix2Xd;
 using Starts = std::vector<std::vector<Matrix2Xd>>;
 
-cv::Mat gray_of(const cv::Mat& picture) {
+cv::Mat gray_of(const cv::Mat& image) {
   cv::Mat gray;
-  cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
   return gray;
 }
 
@@ -31,9 +31,9 @@ face::appearance::FindStarts from_detector(const face::appearance::AppearanceMod
   options.detector.min_face = flags.min_face;
   options.detector.check();
   const auto finder = std::make_shared<face::landmarks::FaceFinder>(make_face_finder(options));
-  return [finder, &model, count = flags.starts](const cv::Mat& picture) {
+  return [finder, &model, count = flags.starts](const cv::Mat& image) {
     Starts starts;
-    for (const face::landmarks::Candidate& candidate : finder->find(gray_of(picture)))
+    for (const face::landmarks::Candidate& candidate : finder->find(gray_of(image)))
       starts.push_back(face::appearance::starts_around(
           face::appearance::start_in_box(model, candidate.box), count));
     return starts;
@@ -53,10 +53,10 @@ face::appearance::FindStarts from_landmarks(const face::appearance::AppearanceMo
                                        model.points(), points));
   }
   const auto state = std::make_shared<face::LandmarkState>();
-  return [tracker, state, count = flags.starts](const cv::Mat& picture) {
+  return [tracker, state, count = flags.starts](const cv::Mat& image) {
     Starts starts;
     Frame frame;
-    frame.image = picture;
+    frame.image = image;
     frame.still = true;
     for (const face::landmarks::TrackedFace& face : tracker->process(frame, *state).faces)
       starts.push_back(face::appearance::starts_around(face.points, count));
@@ -66,9 +66,9 @@ face::appearance::FindStarts from_landmarks(const face::appearance::AppearanceMo
 
 face::appearance::FindStarts from_search(const face::appearance::Fitter& fitter) {
   const auto workspace = std::make_shared<face::appearance::FitWorkspace>();
-  return [&fitter, workspace](const cv::Mat& picture) {
+  return [&fitter, workspace](const cv::Mat& image) {
     Starts starts;
-    const auto start = face::appearance::search_start(fitter, picture, {}, *workspace);
+    const auto start = face::appearance::search_start(fitter, image, {}, *workspace);
     if (start) starts.push_back({*start});
     return starts;
   };
@@ -86,7 +86,7 @@ void add_aam_flags(Command& verb, AamFlags& flags) {
       .check(one_of({"auto", "project-out", "alternating"}));
   verb.add_option("--start", flags.start,
                   "where fits begin: detector (faces), landmarks (the tracker of 68 points), "
-                  "search (the whole picture) [detector where the model was learnt with one]")
+                  "search (the whole image) [detector where the model was learnt with one]")
       .check(one_of({"auto", "detector", "landmarks", "search"}));
   verb.add_option("--starts", flags.starts, "fits around each start, of which the best stays")
       .check(range(1, 100))

@@ -62,7 +62,7 @@ std::string line_of(const std::string& image, const std::optional<Eigen::Matrix2
   return json_text(line) + "\n";
 }
 
-// Of several objects the one whose points are nearest to the middle of the true ones: pictures may
+// Of several objects the one whose points are nearest to the middle of the true ones: images may
 // show others.
 const face::appearance::TrackedObject* nearest(
     const std::vector<face::appearance::TrackedObject>& objects, const Eigen::Matrix2Xd& truth) {
@@ -81,8 +81,8 @@ ExitStatus convergence(const EvalFlags& flags, const face::shape::LandmarkSet& s
                        const AamEngine& engine, Context& context) {
   face::appearance::LoadOptions load;
   std::vector<std::string> skipped;
-  const auto pictures = face::appearance::load_training_pictures(set, "", load, *context.progress,
-                                                                 context.stop, skipped);
+  const auto images = face::appearance::load_training_images(set, "", load, *context.progress,
+                                                             context.stop, skipped);
   for (const std::string& one : skipped) log_warning("{}; left out", one);
   face::appearance::ConvergenceOptions options;
   options.tries = flags.tries;
@@ -96,7 +96,7 @@ ExitStatus convergence(const EvalFlags& flags, const face::shape::LandmarkSet& s
     face::appearance::FitOptions fit = engine.fitter->options();
     fit.method = method;
     const face::appearance::Fitter fitter(*engine.model, fit);
-    curves.push_back({name, face::appearance::study_convergence(fitter, pictures, options,
+    curves.push_back({name, face::appearance::study_convergence(fitter, images, options,
                                                                 *context.progress, context.stop)});
     for (const face::appearance::ConvergencePoint& point : curves.back().points) {
       const double share = point.tries > 0 ? static_cast<double>(point.converged) / point.tries : 0;
@@ -134,20 +134,20 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   double milliseconds = 0;
   int iterations = 0;
   int within = 0;
-  context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "pictures");
+  context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "images");
   for (const face::shape::LandmarkSample& sample : set.samples) {
     throw_if_stopped(context.stop);
     context.progress->advance();
-    cv::Mat picture;
+    cv::Mat image;
     try {
-      picture = read_image(sample.image);
+      image = read_image(sample.image);
     } catch (const InputError& error) {
       log_warning("{}; left out", error.what());
       continue;
     }
     const Stopwatch watch;
     const std::vector<face::appearance::TrackedObject> objects =
-        face::appearance::find_objects(*engine.fitter, engine.find, picture, 4, workspace);
+        face::appearance::find_objects(*engine.fitter, engine.find, image, 4, workspace);
     const double ms = watch.ms();
     milliseconds += ms;
     const face::appearance::TrackedObject* object = nearest(objects, sample.points);
@@ -213,8 +213,8 @@ void add_flags(Command& verb, EvalFlags& flags) {
   verb.add_option("-o,--output", flags.output, "file for the fitted points, JSON lines");
   verb.add_option("--csv", flags.csv, "table to write, one row an image");
   verb.add_option("--convergence", flags.convergence,
-                  "study instead: how often fits converge from random starts; a picture to write");
-  verb.add_option("--tries", flags.tries, "of the study, for each picture and disturbance")
+                  "study instead: how often fits converge from random starts; an image to write");
+  verb.add_option("--tries", flags.tries, "of the study, for each image and disturbance")
       .check(range(1, 1000))
       .show_default();
   verb.add_option("--eyes", flags.eyes,
@@ -226,7 +226,7 @@ void add_flags(Command& verb, EvalFlags& flags) {
 }  // namespace
 
 void add_aam_eval(Command& area, Context& context) {
-  add_verb<EvalFlags>(area, "eval", "measures fits on annotated pictures", context, add_flags,
+  add_verb<EvalFlags>(area, "eval", "measures fits on annotated images", context, add_flags,
                       run_eval);
 }
 

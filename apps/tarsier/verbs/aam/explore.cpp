@@ -22,7 +22,7 @@ namespace {
 
 struct ExploreFlags {
   std::string model;
-  std::string picture;
+  std::string image;
   std::string output;
   std::string grid;
   std::vector<std::string> set;
@@ -65,7 +65,7 @@ void say(const std::string& output, const Session& session, const View& view,
   }
 }
 
-// The session's picture into a file, or its window.
+// The session's image into a file, or its window.
 template <class Explored>
 ExitStatus show(Explored& session, const ExploreFlags& flags, const std::string& title,
                 Context& context) {
@@ -83,7 +83,7 @@ ExitStatus show(Explored& session, const ExploreFlags& flags, const std::string&
   if (flags.random) view = session.on_event(action_event("random"));
   if (flags.mesh) view = session.on_event(action_event("mesh"));
   if (!flags.output.empty()) {
-    write_image(flags.output, session.picture());
+    write_image(flags.output, session.image());
     say(flags.output, session, view, context);
     if (!flags.window) return ExitStatus::kDone;
   }
@@ -106,22 +106,22 @@ ExitStatus explore_points(const ExploreFlags& flags, Context& context) {
   } catch (const std::invalid_argument& error) {
     throw InputError(flags.model, error.what());
   }
-  if (!flags.grid.empty() || !flags.picture.empty())
+  if (!flags.grid.empty() || !flags.image.empty())
     throw UsageError("--grid and --on need an appearance model, not shapes");
   ShapePlayground session(std::move(model), shapes);
   return show(session, flags, "Tarsier shapes", context);
 }
 
-// The picture's best object, fitted.
-ExploredPicture fitted(const ExploreFlags& flags) {
+// The image's best object, fitted.
+ExploredImage fitted(const ExploreFlags& flags) {
   AamFlags aam = flags.aam;
   aam.model = flags.model;
   const AamEngine engine = make_aam_engine(aam);
-  ExploredPicture result{read_image(flags.picture), {}};
+  ExploredImage result{read_image(flags.image), {}};
   face::appearance::FitWorkspace workspace;
   const auto found =
-      face::appearance::find_objects(*engine.fitter, engine.find, result.picture, 1, workspace);
-  if (found.empty()) throw InputError(flags.picture, "the model finds nothing of its kind in it");
+      face::appearance::find_objects(*engine.fitter, engine.find, result.image, 1, workspace);
+  if (found.empty()) throw InputError(flags.image, "the model finds nothing of its kind in it");
   result.points = found.front().fit.points;
   return result;
 }
@@ -142,9 +142,9 @@ ExitStatus explore(ExploreFlags& flags, Context& context) {
       print_text(fmt::format("{}: {} modes of shape and of look\n", flags.grid, flags.modes));
     if (flags.output.empty() && !flags.window) return ExitStatus::kDone;
   }
-  std::optional<ExploredPicture> picture;
-  if (!flags.picture.empty()) picture = fitted(flags);
-  ExploreSession session(model, std::move(picture), context.seed);
+  std::optional<ExploredImage> image;
+  if (!flags.image.empty()) image = fitted(flags);
+  ExploreSession session(model, std::move(image), context.seed);
   return show(session, flags, "Tarsier appearance model", context);
 }
 
@@ -153,15 +153,15 @@ void add_flags(Command& verb, ExploreFlags& flags) {
                   "an appearance model, or shapes as text (.txt: 'N 2k', then N lines x1 y1 ..) "
                   "[aam68.json, which ships]")
       .type_name("");
-  verb.add_option("--on", flags.picture, "a picture that the face is drawn over");
+  verb.add_option("--on", flags.image, "an image that the face is drawn over");
   verb.add_option("--set", flags.set,
                   "a mode, in standard deviations: 'shape 1=2', 'look 3=-1'; of text: 'mode 1=2'")
       .one_value_each();
   verb.add_flag("--random", flags.random, "begin with a random face (--seed)");
   verb.add_flag("--mesh", flags.mesh, "begin with the mesh");
-  verb.add_option("-o,--output", flags.output, "picture to write instead of a window");
+  verb.add_option("-o,--output", flags.output, "image to write instead of a window");
   verb.add_option("--grid", flags.grid,
-                  "picture of the modes at -3 .. 3 standard deviations, and of random faces");
+                  "image of the modes at -3 .. 3 standard deviations, and of random faces");
   verb.add_option("--modes", flags.modes, "--grid: modes of the shape, and of the look")
       .check(range(1, 50))
       .show_default();

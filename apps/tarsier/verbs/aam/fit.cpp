@@ -97,7 +97,7 @@ void add_flags(Command& verb, FitFlags& flags) {
   add_run_flags(verb, flags.run);
   add_aam_flags(verb, flags.aam);
   verb.add_option("--draw", flags.draw,
-                  "mesh, face (the model's own, over the picture), points or nothing")
+                  "mesh, face (the model's own, over the image), points or nothing")
       .show_default();
   verb.add_flag("--parameters", flags.parameters,
                 "--json: the parameters of shape and texture as well");
@@ -108,7 +108,7 @@ void add_flags(Command& verb, FitFlags& flags) {
 
 void add_aam_fit(Command& area, Context& context) {
   add_debug_flag(
-      add_verb<FitFlags>(area, "fit", "fits a model to pictures, videos and cameras (followed)",
+      add_verb<FitFlags>(area, "fit", "fits a model to images, videos and cameras (followed)",
                          context, add_flags, run_fit),
       context);
 }

@@ -26,7 +26,7 @@ namespace tarsier::cli {
 namespace {
 
 using face::appearance::AppearanceModel;
-using face::appearance::TrainingPicture;
+using face::appearance::TrainingImage;
 
 struct TrainFlags {
   SetFlags set;
@@ -42,11 +42,11 @@ struct TrainFlags {
 // The box of the face that the points are of.
 face::appearance::Detect nearest_face() {
   const auto finder = std::make_shared<face::landmarks::FaceFinder>(make_face_finder());
-  return [finder](const cv::Mat& picture) -> std::optional<cv::Rect2d> {
+  return [finder](const cv::Mat& image) -> std::optional<cv::Rect2d> {
     cv::Mat gray;
-    cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
-    // Pictures are cut out around their points.
-    const cv::Point2d middle(0.5 * picture.cols, 0.5 * picture.rows);
+    cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+    // Images are cut out around their points.
+    const cv::Point2d middle(0.5 * image.cols, 0.5 * image.rows);
     std::optional<cv::Rect2d> best;
     double least = 0;
     for (const face::landmarks::Candidate& face : finder->find(gray)) {
@@ -76,22 +76,22 @@ ExitStatus train(TrainFlags& flags, Context& context) {
   load.largest = static_cast<int>(std::max(
       160.0, 1.6 * std::max(options.frame_width, options.colour ? options.colour_width : 0)));
   std::vector<std::string> skipped;
-  const std::vector<TrainingPicture> pictures = face::appearance::load_training_pictures(
+  const std::vector<TrainingImage> images = face::appearance::load_training_images(
       set, "", load, *context.progress, context.stop, skipped);
   for (const std::string& one : skipped) log_warning("{}; left out", one);
 
   AppearanceModel model;
   try {
-    model = face::appearance::train_appearance_model(pictures, set.mirror, options,
-                                                     *context.progress, context.stop);
+    model = face::appearance::train_appearance_model(images, set.mirror, options, *context.progress,
+                                                     context.stop);
   } catch (const std::invalid_argument& error) {
     throw InputError(flags.set.input, error.what());
   }
   int detected = 0;
-  if (!flags.no_detector) detected = face::appearance::learn_place(model, pictures, nearest_face());
+  if (!flags.no_detector) detected = face::appearance::learn_place(model, images, nearest_face());
   // By chance a detector sees something anywhere.
-  if (detected * 4 < static_cast<int>(pictures.size())) model.place = {};
-  model.lost_error = face::appearance::learn_lost_error(pictures, set.mirror, options, context.seed,
+  if (detected * 4 < static_cast<int>(images.size())) model.place = {};
+  model.lost_error = face::appearance::learn_lost_error(images, set.mirror, options, context.seed,
                                                         *context.progress, context.stop);
 
   const nlohmann::json about = {
@@ -100,7 +100,7 @@ ExitStatus train(TrainFlags& flags, Context& context) {
       {"data",
        std::filesystem::path(flags.set.input).lexically_normal().parent_path().filename().string() +
            "/" + std::filesystem::path(flags.set.input).filename().string()},
-      {"samples", pictures.size()},
+      {"samples", images.size()},
       {"mirrored", options.mirror},
       {"left_out", flags.hold_out > 0 ? fmt::format("every {}th", flags.hold_out) : "none"},
       {"terms", flags.terms}};
@@ -110,7 +110,7 @@ ExitStatus train(TrainFlags& flags, Context& context) {
   const face::appearance::Texture& finest = model.levels.front();
   if (context.json) {
     nlohmann::ordered_json line = {{"output", flags.output},
-                                   {"samples", pictures.size()},
+                                   {"samples", images.size()},
                                    {"detected", detected},
                                    {"points", model.points()},
                                    {"triangles", model.mesh.size()},
@@ -124,9 +124,9 @@ ExitStatus train(TrainFlags& flags, Context& context) {
     print_json(line);
   } else if (!context.quiet) {
     print_text(fmt::format(
-        "{}: {} pictures of {} points, {} shape modes ({:.1f} % of the variance), {} texture modes "
+        "{}: {} images of {} points, {} shape modes ({:.1f} % of the variance), {} texture modes "
         "({:.1f} %) of {} pixels, {} s\n",
-        flags.output, pictures.size(), model.points(), model.shape.mode_count(),
+        flags.output, images.size(), model.points(), model.shape.mode_count(),
         100 * model.shape.variance_kept, finest.mode_count(), 100 * finest.variance_kept,
         finest.warp.pixels().size(), seconds));
   }
@@ -166,7 +166,7 @@ void add_flags(Command& verb, TrainFlags& flags) {
 }  // namespace
 
 void add_aam_train(Command& area, Context& context) {
-  add_verb<TrainFlags>(area, "train", "learns an appearance model from annotated pictures", context,
+  add_verb<TrainFlags>(area, "train", "learns an appearance model from annotated images", context,
                        add_flags, train);
 }
 

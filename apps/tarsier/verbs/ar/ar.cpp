@@ -4,7 +4,7 @@
 namespace tarsier::cli {
 
 void add_ar(Command& app, Context& context) {
-  Command& area = app.add_subcommand("ar", "printed markers, boards and pictures");
+  Command& area = app.add_subcommand("ar", "printed markers, boards and images");
   area.require_subcommand(1);
   add_ar_eval(area, context);
   add_ar_marker_sheet(area, context);

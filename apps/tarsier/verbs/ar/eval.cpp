@@ -77,7 +77,7 @@ void print_score(const std::string& set, const planar::markers::MarkerScore& sco
     return std::isfinite(value) ? fmt::format("{:.{}f}", value, digits) : std::string("-");
   };
   print_text(fmt::format(
-      "{:16} {} pictures, {} there: recall {:.3f}, precision {:.3f} ({} wrong) | corners {} px, "
+      "{:16} {} images, {} there: recall {:.3f}, precision {:.3f} ({} wrong) | corners {} px, "
       "p95 {} | rotation {} degrees, p95 {}, flips {} % | distance {} % | {} ms\n",
       set, score.images, score.truth, score.recall(), score.precision(), score.wrong,
       number(score.corner_px, 3), number(score.corner_px_p95, 2), number(score.rotation_deg, 2),
@@ -85,10 +85,10 @@ void print_score(const std::string& set, const planar::markers::MarkerScore& sco
       number(score.distance_percent, 2), number(score.ms, 2)));
 }
 
-// The markers of lines whose truth names a picture to look for.
-std::map<std::string, planar::markers::FoundInImage> find_pictures(const EvalFlags& flags,
-                                                                   Context& context,
-                                                                   std::string& lines) {
+// The markers of lines whose truth names an image to look for.
+std::map<std::string, planar::markers::FoundInImage> find_images(const EvalFlags& flags,
+                                                                 Context& context,
+                                                                 std::string& lines) {
   std::map<std::string, planar::markers::FoundInImage> found;
   planar::image_targets::evaluate_planar(
       flags.truth, flags.planar,
@@ -115,10 +115,10 @@ std::map<std::string, planar::markers::FoundInImage> find_all(
     const EvalFlags& flags, const std::vector<planar::markers::MarkerTruth>& truth,
     Context& context, std::string& lines) {
   if (!flags.results.empty()) return planar::markers::read_found_markers(flags.results);
-  context.progress->begin("pictures", static_cast<std::int64_t>(truth.size()), "pictures");
+  context.progress->begin("images", static_cast<std::int64_t>(truth.size()), "images");
   std::map<std::string, planar::markers::FoundInImage> found;
   if (!truth.front().target.empty()) {
-    found = find_pictures(flags, context, lines);
+    found = find_images(flags, context, lines);
   } else {
     planar::MarkerState state;
     for (const planar::markers::MarkerTruth& line : truth) {
@@ -140,14 +140,14 @@ std::map<std::string, planar::markers::FoundInImage> find_all(
 
 ExitStatus run_eval(const EvalFlags& flags, Context& context) {
   std::vector<planar::markers::MarkerTruth> truth = planar::markers::read_marker_truth(flags.truth);
-  const bool has_pictures = !truth.front().target.empty();
+  const bool has_images = !truth.front().target.empty();
   for (const planar::markers::MarkerTruth& line : truth) {
-    if (line.target.empty() == has_pictures)
-      throw InputError(flags.truth, "has lines of markers and of pictures: one kind a file");
-    if (!has_pictures) (void)planar::markers::find_dictionary(line.family);
+    if (line.target.empty() == has_images)
+      throw InputError(flags.truth, "has lines of markers and of images: one kind a file");
+    if (!has_images) (void)planar::markers::find_dictionary(line.family);
   }
   if (!flags.family.empty()) {
-    if (has_pictures) throw UsageError("--family is for truth with markers");
+    if (has_images) throw UsageError("--family is for truth with markers");
     std::erase_if(truth, [&](const auto& line) {
       return line.family != flags.family &&
              planar::markers::find_dictionary(line.family).name() !=
@@ -166,7 +166,7 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
     static const planar::markers::FoundInImage kNothing;
     const planar::markers::FoundInImage& result = one == found.end() ? kNothing : one->second;
     answered += static_cast<int>(result.markers.size());
-    sets.try_emplace(has_pictures ? "pictures" : line.family, flags.tolerance)
+    sets.try_emplace(has_images ? "images" : line.family, flags.tolerance)
         .first->second.add(line, result.markers, result.ms);
     all.add(line, result.markers, result.ms);
   }
@@ -201,7 +201,7 @@ void add_flags(Command& verb, EvalFlags& flags) {
 
 void add_ar_eval(Command& ar, Context& context) {
   add_verb<EvalFlags>(ar, "eval",
-                      "measures detection and pose on pictures of known truth (of `ar synth`)",
+                      "measures detection and pose on images of known truth (of `ar synth`)",
                       context, add_flags, run_eval);
 }
 

@@ -24,7 +24,7 @@
 namespace tarsier::cli {
 namespace {
 
-// More triangles than this are no live picture, and no object that stands on a marker needs them.
+// More triangles than this are no live image, and no object that stands on a marker needs them.
 constexpr int kMaxTriangles = 500'000;
 
 struct MarkersFlags {
@@ -161,8 +161,7 @@ void add_flags(Command& verb, MarkersFlags& flags) {
       .show_default();
   Flag& camera = verb.add_option("--camera", flags.camera,
                                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
-  verb.add_option("--focal", flags.tracker.focal_px,
-                  "focal length in px [the picture's larger side]")
+  verb.add_option("--focal", flags.tracker.focal_px, "focal length in px [the image's larger side]")
       .check(above(0))
       .excludes(camera);
   verb.add_option("--backend", flags.backend, "own, or opencv to compare with")

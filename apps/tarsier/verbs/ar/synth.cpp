@@ -26,7 +26,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kMinTarget = 80;  // px: smaller pictures have nothing to be known by
+constexpr double kMinTarget = 80;  // px: smaller images have nothing to be known by
 
 struct SynthFlags {
   std::string what;
@@ -35,7 +35,7 @@ struct SynthFlags {
   std::string size = "640x480";
   std::vector<std::string> families{"36h11"};
   std::string side = "10cm";
-  std::vector<std::string> pictures;
+  std::vector<std::string> images;
   int posters = 3;
   std::string level = "all";
   const Flag* min_side = nullptr;
@@ -54,15 +54,15 @@ std::vector<synth::PlanarLevel> levels_of(const std::string& name) {
 // Those given, or posters that nobody painted; all written to OUT/targets/.
 std::vector<synth::PlanarPrint> targets_of(const SynthFlags& flags, const Context& context) {
   std::vector<synth::PlanarPrint> prints;
-  if (flags.pictures.empty()) {
+  if (flags.images.empty()) {
     for (int i = 0; i < flags.posters; ++i) prints.push_back(synth::poster_print(i, context.seed));
   }
-  for (const std::string& path : flags.pictures) {
+  for (const std::string& path : flags.images) {
     synth::PlanarPrint print;
     print.id = static_cast<int>(prints.size());
-    print.picture = read_image(path);
-    if (std::max(print.picture.cols, print.picture.rows) > 8192)
-      throw InputError(path, "a target's picture has at most 8192 px a side");
+    print.image = read_image(path);
+    if (std::max(print.image.cols, print.image.rows) > 8192)
+      throw InputError(path, "a target's image has at most 8192 px a side");
     print.width = 0.2;
     prints.push_back(std::move(print));
   }
@@ -70,13 +70,13 @@ std::vector<synth::PlanarPrint> targets_of(const SynthFlags& flags, const Contex
   make_folder(folder.string());
   for (synth::PlanarPrint& print : prints) {
     const std::string name = fmt::format("t{}.png", print.id);
-    write_image((folder / name).string(), print.picture);
+    write_image((folder / name).string(), print.image);
     print.name = "targets/" + name;
   }
   return prints;
 }
 
-ExitStatus make_pictures(SynthFlags& flags, Context& context) {
+ExitStatus make_images(SynthFlags& flags, Context& context) {
   const bool is_planar = flags.what == "planar";
   flags.still.size = parse_size(flags.size, 64, 8192);
   if (is_planar && flags.min_side->count() == 0) flags.still.min_side_px = kMinTarget;
@@ -96,7 +96,7 @@ ExitStatus make_pictures(SynthFlags& flags, Context& context) {
   const Rng seeds(context.seed);
   std::string lines;
   std::size_t shown = 0;
-  context.progress->begin("drawing", flags.count, "pictures");
+  context.progress->begin("drawing", flags.count, "images");
   for (int i = 0; i < flags.count; ++i) {
     throw_if_stopped(context.stop);
     const auto n = static_cast<std::size_t>(i);
@@ -111,7 +111,7 @@ ExitStatus make_pictures(SynthFlags& flags, Context& context) {
     line.family = family;
     line.targets = is_planar;
     line.image = fmt::format("images/{}_{:05}.jpg", is_planar ? "planar" : family, i);
-    write_image((folder / line.image).string(), still.picture, 95);
+    write_image((folder / line.image).string(), still.image, 95);
     const std::string text = truth_line(line, still, prints);
     lines += text + "\n";
     shown += still.truth.size();
@@ -121,18 +121,18 @@ ExitStatus make_pictures(SynthFlags& flags, Context& context) {
   context.progress->end();
   write_file_atomically((folder / "truth.jsonl").string(), lines);
   if (!context.json && !context.quiet)
-    print_text(fmt::format("{}: {} pictures, {} {}, truth.jsonl\n", flags.output, flags.count,
-                           shown, is_planar ? "targets" : "markers"));
+    print_text(fmt::format("{}: {} images, {} {}, truth.jsonl\n", flags.output, flags.count, shown,
+                           is_planar ? "targets" : "markers"));
   return ExitStatus::kDone;
 }
 
 void add_flags(Command& verb, SynthFlags& flags) {
-  verb.add_option("what", flags.what, "markers or planar (pictures as targets)")
+  verb.add_option("what", flags.what, "markers or planar (images as targets)")
       .required()
       .check(one_of({"markers", "planar"}));
   verb.add_option("-o,--output,output", flags.output, "folder").required();
-  verb.add_option("--count", flags.count, "pictures").check(range(1, 100000)).show_default();
-  verb.add_option("--size", flags.size, "of the pictures, px").show_default();
+  verb.add_option("--count", flags.count, "images").check(range(1, 100000)).show_default();
+  verb.add_option("--size", flags.size, "of the images, px").show_default();
   verb.add_option("--level", flags.level, "of light, blur and noise: easy, medium, hard or all")
       .check(one_of({"easy", "medium", "hard", "all"}))
       .show_default();
@@ -147,9 +147,9 @@ void add_flags(Command& verb, SynthFlags& flags) {
   markers(verb.add_option("--side", flags.side, "of a marker over its black frame").show_default());
   markers(bind_field(verb, flags.still, flags.still.least));
   markers(bind_field(verb, flags.still, flags.still.most));
-  const auto planar = [](Flag& flag) { flag.group("Pictures as targets"); };
-  planar(verb.add_option("--picture", flags.pictures, "target, several allowed [posters]")
-             .delimiter(','));
+  const auto planar = [](Flag& flag) { flag.group("Images as targets"); };
+  planar(
+      verb.add_option("--image", flags.images, "target, several allowed [posters]").delimiter(','));
   planar(verb.add_option("--posters", flags.posters, "how many are drawn where none is given")
              .check(range(1, 50))
              .show_default());
@@ -159,8 +159,8 @@ void add_flags(Command& verb, SynthFlags& flags) {
 
 void add_ar_synth(Command& ar, Context& context) {
   add_verb<SynthFlags>(ar, "synth",
-                       "draws pictures of markers or of picture targets: images/, truth.jsonl",
-                       context, add_flags, make_pictures);
+                       "draws images of markers or of image targets: images/, truth.jsonl", context,
+                       add_flags, make_images);
 }
 
 }  // namespace tarsier::cli

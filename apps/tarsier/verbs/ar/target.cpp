@@ -29,7 +29,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct TrainFlags {
-  std::string picture;
+  std::string image;
   std::string output;
   std::string width = "20cm";
   std::string name;
@@ -41,23 +41,23 @@ ExitStatus run_train(TrainFlags& flags, Context& context) {
   flags.options.width = parse_length(flags.width, "--width");
   flags.options.seed = context.seed;
   flags.options.check();
-  const cv::Mat picture = read_image(flags.picture);
-  const int shorter = std::min(picture.cols, picture.rows);
-  if (shorter < 32 || shorter * 8 < std::max(picture.cols, picture.rows)) {
-    throw InputError(flags.picture,
+  const cv::Mat image = read_image(flags.image);
+  const int shorter = std::min(image.cols, image.rows);
+  if (shorter < 32 || shorter * 8 < std::max(image.cols, image.rows)) {
+    throw InputError(flags.image,
                      fmt::format("is {} x {} px: sides of at least 32 px are needed, none more "
                                  "than 8 times the other",
-                                 picture.cols, picture.rows));
+                                 image.cols, image.rows));
   }
   const std::string name =
-      flags.name.empty() ? std::filesystem::path(flags.picture).stem().string() : flags.name;
+      flags.name.empty() ? std::filesystem::path(flags.image).stem().string() : flags.name;
   const Stopwatch watch;
   const planar::image_targets::Target trained =
-      planar::image_targets::train_target(picture, name, flags.options, context.stop);
+      planar::image_targets::train_target(image, name, flags.options, context.stop);
   const double seconds = watch.seconds();
   planar::image_targets::write_target(
       flags.output, trained,
-      {{"picture", flags.picture},
+      {{"image", flags.image},
        {"program", std::string("tarsier ") + std::string(version())},
        {"seed", flags.options.seed},
        {"trials", flags.options.trials}});
@@ -65,7 +65,7 @@ ExitStatus run_train(TrainFlags& flags, Context& context) {
   const planar::image_targets::Quality& q = trained.quality;
   if (context.json) {
     Json line;
-    line["image"] = flags.picture;
+    line["image"] = flags.image;
     line["target"] = flags.output;
     line["name"] = trained.name;
     line["width"] = trained.width;
@@ -85,7 +85,7 @@ ExitStatus run_train(TrainFlags& flags, Context& context) {
                            trained.height));
     for (const std::string& reason : q.reasons) print_text("  " + reason + "\n");
   }
-  // The file is written either way; a picture that cannot be found is worth a status.
+  // The file is written either way; an image that cannot be found is worth a status.
   return q.rating < 0.05 ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
@@ -126,7 +126,7 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
   if (flags.targets.empty() && !opens_window(flags.run) && flags.run.actions.empty())
     throw UsageError(
         "--target: which files of `ar target-train` to look for (or --window, to "
-        "train a picture on the spot)");
+        "train an image on the spot)");
   TargetSessionOptions options;
   options.train.trials = 8;  // on the spot a person waits
   options.train.seed = context.seed;
@@ -174,12 +174,12 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
 }
 
 void add_train_flags(Command& verb, TrainFlags& flags) {
-  verb.add_option("picture", flags.picture, "the flat picture, seen squarely, without a margin")
+  verb.add_option("image", flags.image, "the flat image, seen squarely, without a margin")
       .required();
   verb.add_option("-o,--output", flags.output, "the target file: cover.target.json").required();
   verb.add_option("--width", flags.width, "of the print: 20cm, 0.2m, 200mm").show_default();
-  verb.add_option("--name", flags.name, "what it is called [the picture's name]");
-  verb.add_option("--draw", flags.draw, "picture to write: how trackable it is, and where weak");
+  verb.add_option("--name", flags.name, "what it is called [the image's name]");
+  verb.add_option("--draw", flags.draw, "image to write: how trackable it is, and where weak");
   bind_all(verb, flags.options);
 }
 
@@ -204,13 +204,13 @@ void add_track_flags(Command& verb, FollowFlags& flags) {
 
 void add_ar_target_train(Command& ar, Context& context) {
   add_verb<TrainFlags>(ar, "target-train",
-                       "makes a target file of a picture, to be found and followed in others",
+                       "makes a target file of an image, to be found and followed in others",
                        context, add_train_flags, run_train);
 }
 
 void add_ar_target_track(Command& ar, Context& context) {
   add_debug_flag(add_verb<FollowFlags>(ar, "target-track",
-                                       "finds trained pictures in pictures, "
+                                       "finds trained images in images, "
                                        "videos and cameras, and their poses",
                                        context, add_track_flags, run_follow),
                  context);

@@ -29,18 +29,18 @@ planar::CalibratorState search(const CalibrateFlags& flags, const planar::Calibr
     }
     calibrator.search(*source, state, *context.progress, context.stop);
   }
-  if (state.images.empty()) throw InputError(flags.run.inputs.front(), "no picture came from it");
+  if (state.images.empty()) throw InputError(flags.run.inputs.front(), "no image came from it");
   return state;
 }
 
-// Where no picture shows the board: what to look at.
+// Where no image shows the board: what to look at.
 std::string hint_of(const planar::Calibrator& calibrator, const planar::CalibratorState& state) {
   if (const auto other = calibrator.other_board(state))
     return fmt::format("; a board of {0} inner corners is there: --board chess:{0}", *other);
   return calibrator.options().board.kind == planar::calibration::BoardKind::kChess
              ? "; chess:9x6 means 9 x 6 inner corners, one less than squares each way, and the "
-               "whole board with its white rim must be in the picture"
-             : "; all of the board must be in the picture (of charuco boards a part)";
+               "whole board with its white rim must be in the image"
+             : "; all of the board must be in the image (of charuco boards a part)";
 }
 
 // --- the session ---
@@ -102,7 +102,7 @@ ExitStatus run_calibrate(CalibrateFlags& flags, Context& context) {
       state.images, [](const planar::CalibrationImage& image) { return image.still; }));
   if (state.views.empty()) {
     log_warning("no board {} in {} {}{}", board, state.images.size(),
-                state.images.size() == 1 ? "picture" : "pictures", hint_of(calibrator, state));
+                state.images.size() == 1 ? "image" : "images", hint_of(calibrator, state));
   }
   const planar::CalibrationResult result = calibrator.calibrate(state, {}, context.stop);
   if (state.views.empty()) {
@@ -112,7 +112,7 @@ ExitStatus run_calibrate(CalibrateFlags& flags, Context& context) {
   const auto boards = static_cast<std::size_t>(std::ranges::count_if(
       result.views, [](const planar::calibration::BoardView& view) { return !view.empty(); }));
   if (4 * boards <= stills) {
-    log_warning("the board {} is in {} of {} pictures only{}", board, boards, stills,
+    log_warning("the board {} is in {} of {} images only{}", board, boards, stills,
                 hint_of(calibrator, state));
   }
   return finish_calibration(flags, result, context);
@@ -133,7 +133,7 @@ void add_lens_flags(Command& verb, CalibrateFlags& flags) {
 void add_flags(Command& verb, CalibrateFlags& flags) {
   flags.run.output = "none";
   verb.add_option("INPUT", flags.run.inputs,
-                  "pictures, folders, globs, @list.txt, videos; a camera or URL: a session")
+                  "images, folders, globs, @list.txt, videos; a camera or URL: a session")
       .required()
       .type_name("");
   verb.add_option("--board", flags.board,
@@ -146,10 +146,10 @@ void add_flags(Command& verb, CalibrateFlags& flags) {
   verb.add_option("--format", flags.format, "of the camera file: tarsier, opencv, colmap")
       .check(one_of({"tarsier", "opencv", "colmap"}))
       .show_default();
-  verb.add_option("--csv", flags.csv, "table to write: one row a picture");
-  verb.add_option("--draw", flags.draw, "folder for pictures with their corners, and coverage.png");
-  verb.add_option("--undistorted", flags.undistorted, "folder for the pictures, straightened");
-  verb.add_option("--views", flags.max_views, "so many pictures of a video, at most")
+  verb.add_option("--csv", flags.csv, "table to write: one row an image");
+  verb.add_option("--draw", flags.draw, "folder for images with their corners, and coverage.png");
+  verb.add_option("--undistorted", flags.undistorted, "folder for the images, straightened");
+  verb.add_option("--views", flags.max_views, "so many images of a video, at most")
       .check(range(3, 500))
       .show_default();
   verb.add_option("--every", flags.run.every, "of videos: look at fewer frames, N times")
@@ -175,9 +175,9 @@ void add_flags(Command& verb, CalibrateFlags& flags) {
 }  // namespace
 
 void add_calibrate(Command& app, Context& context) {
-  add_verb<CalibrateFlags>(
-      app, "calibrate", "a camera's focal length, centre and distortion from pictures of a board",
-      context, add_flags, run_calibrate);
+  add_verb<CalibrateFlags>(app, "calibrate",
+                           "a camera's focal length, centre and distortion from images of a board",
+                           context, add_flags, run_calibrate);
 }
 
 }  // namespace tarsier::cli

@@ -24,7 +24,7 @@ struct CalibrateFlags {
   int max_views = 40;  // of a video or a camera
 };
 
-// The JSON line of each picture.
+// The JSON line of each image.
 void print_images(const planar::CalibrationResult& result);
 // Writes what the flags ask for, and reports: JSON lines, or a table for people. Throws InputError
 // where there is no camera.

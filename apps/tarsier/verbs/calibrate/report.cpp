@@ -33,29 +33,29 @@ std::string join(const std::vector<std::string>& words, const char* between) {
   return text;
 }
 
-std::string shown_name(const CalibrationImage& picture) {
-  return picture.still ? printable(picture.name)
-                       : fmt::format("frame {} ({:.2f} s)", picture.index, picture.time);
+std::string shown_name(const CalibrationImage& entry) {
+  return entry.still ? printable(entry.name)
+                     : fmt::format("frame {} ({:.2f} s)", entry.index, entry.time);
 }
 
 void print_table(const CalibrationResult& result) {
   std::string text;
   int dull = 0;  // frames of videos that brought nothing
-  for (const CalibrationImage& picture : result.images) {
-    if (!picture.found) {
-      if (picture.still) {
-        text += fmt::format("{}: {}\n", shown_name(picture), picture.reason);
+  for (const CalibrationImage& entry : result.images) {
+    if (!entry.found) {
+      if (entry.still) {
+        text += fmt::format("{}: {}\n", shown_name(entry), entry.reason);
       } else {
         ++dull;
       }
       continue;
     }
-    const ViewReport& report = result.calibration.views[picture.view];
+    const ViewReport& report = result.calibration.views[entry.view];
     text +=
-        fmt::format("{}: {} points, {:.3f} px, tilted by {:.0f} degrees{}{}\n", shown_name(picture),
-                    result.views[picture.view].points.size(), report.rms, report.tilt_deg,
+        fmt::format("{}: {} points, {:.3f} px, tilted by {:.0f} degrees{}{}\n", shown_name(entry),
+                    result.views[entry.view].points.size(), report.rms, report.tilt_deg,
                     report.dropped > 0 ? fmt::format(", {} left out", report.dropped) : "",
-                    picture.reason.empty() ? "" : ": LEFT OUT, it " + picture.reason);
+                    entry.reason.empty() ? "" : ": LEFT OUT, it " + entry.reason);
   }
   if (dull > 0) text += fmt::format("{} more frames brought nothing new\n", dull);
   const Camera& c = result.calibration.camera;
@@ -76,33 +76,33 @@ void print_table(const CalibrationResult& result) {
     ++k;
     if (k == c.coefficients().size() || k % 3 == 0) text += '\n';
   }
-  text += fmt::format("{:.0f} % of the picture is covered", 100 * result.coverage.share());
+  text += fmt::format("{:.0f} % of the image is covered", 100 * result.coverage.share());
   const auto missing = result.coverage.missing();
   text += missing.empty() ? "\n" : fmt::format("; better with: {}\n", join(missing, ", "));
   print_text(text);
 }
 
 void write_csv(const std::string& path, const CalibrationResult& result) {
-  std::string text = "picture,time,found,used,points,dropped,rms_px,tilt_deg,reason\n";
-  for (const CalibrationImage& picture : result.images) {
+  std::string text = "image,time,found,used,points,dropped,rms_px,tilt_deg,reason\n";
+  for (const CalibrationImage& entry : result.images) {
     const ViewReport none;
-    const ViewReport& report = picture.found ? result.calibration.views[picture.view] : none;
+    const ViewReport& report = entry.found ? result.calibration.views[entry.view] : none;
     text += fmt::format("{},{:.3f},{:d},{:d},{},{},{:.4f},{:.1f},{}\n",
-                        csv_value(picture.still ? picture.name : std::to_string(picture.index)),
-                        picture.time, picture.found, picture.reason.empty(),
-                        picture.found ? result.views[picture.view].points.size() : std::size_t{0},
-                        report.dropped, report.rms, report.tilt_deg, csv_value(picture.reason));
+                        csv_value(entry.still ? entry.name : std::to_string(entry.index)),
+                        entry.time, entry.found, entry.reason.empty(),
+                        entry.found ? result.views[entry.view].points.size() : std::size_t{0},
+                        report.dropped, report.rms, report.tilt_deg, csv_value(entry.reason));
   }
   write_file_atomically(path, text);
 }
 
-// Pictures of one folder of output: no two of the same name.
+// Images of one folder of output: no two of the same name.
 class Folder {
  public:
   explicit Folder(std::string path) : path_(std::move(path)) { make_folder(path_); }
-  std::string file(const CalibrationImage& picture, const char* ending) {
-    const std::string stem = picture.still ? fs::path(picture.name).stem().string().substr(0, 150)
-                                           : fmt::format("frame-{:06}", picture.index);
+  std::string file(const CalibrationImage& entry, const char* ending) {
+    const std::string stem = entry.still ? fs::path(entry.name).stem().string().substr(0, 150)
+                                         : fmt::format("frame-{:06}", entry.index);
     std::string name = stem;
     for (int k = 2; !names_.insert(name).second; ++k) name = fmt::format("{}-{}", stem, k);
     return (fs::path(path_) / (name + ending)).string();
@@ -116,42 +116,41 @@ class Folder {
   std::set<std::string> names_;
 };
 
-cv::Mat image_of(const CalibrationImage& picture) {
-  return picture.still ? read_image(picture.name) : picture.image.clone();
+cv::Mat image_of(const CalibrationImage& entry) {
+  return entry.still ? read_image(entry.name) : entry.image.clone();
 }
 
-void draw_pictures(const std::string& path, const CalibrationResult& result, Context& context) {
+void draw_images(const std::string& path, const CalibrationResult& result, Context& context) {
   constexpr double kErrorScale = 20;
   Folder folder(path);
-  for (const CalibrationImage& picture : result.images) {
+  for (const CalibrationImage& entry : result.images) {
     throw_if_stopped(context.stop);
-    if (!picture.found || result.views[picture.view].empty()) continue;
-    cv::Mat image = image_of(picture);
-    const planar::calibration::BoardView& view = result.views[picture.view];
+    if (!entry.found || result.views[entry.view].empty()) continue;
+    cv::Mat image = image_of(entry);
+    const planar::calibration::BoardView& view = result.views[entry.view];
     draw_view(image, view, result.board);
-    const ViewReport& report = result.calibration.views[picture.view];
+    const ViewReport& report = result.calibration.views[entry.view];
     if (report.state != ViewState::kNoPose) {
       draw_errors(image, view, result.board, result.calibration.camera, report.camera_from_board,
                   kErrorScale);
     }
-    write_image(folder.file(picture, ".png"), image);
+    write_image(folder.file(entry, ".png"), image);
   }
   write_image(folder.plain("coverage.png"),
-              coverage_picture(result.used_views(), result.coverage, 960));
+              coverage_image(result.used_views(), result.coverage, 960));
 }
 
-void straighten_pictures(const std::string& path, const CalibrationResult& result,
-                         Context& context) {
+void straighten_images(const std::string& path, const CalibrationResult& result, Context& context) {
   const Camera& camera = result.calibration.camera;
   const Camera straight = geometry::undistorted_camera(camera);
   const geometry::Straightener straighten(camera, straight);
   Folder folder(path);
-  for (const CalibrationImage& picture : result.images) {
+  for (const CalibrationImage& entry : result.images) {
     throw_if_stopped(context.stop);
-    if (picture.still ? !picture.found : picture.image.empty()) continue;
-    const cv::Mat image = image_of(picture);
+    if (entry.still ? !entry.found : entry.image.empty()) continue;
+    const cv::Mat image = image_of(entry);
     if (image.size() != result.size) continue;
-    write_image(folder.file(picture, ".png"), straighten(image));
+    write_image(folder.file(entry, ".png"), straighten(image));
   }
   geometry::write_camera_file(folder.plain("camera.yaml"), straight);
 }
@@ -159,7 +158,7 @@ void straighten_pictures(const std::string& path, const CalibrationResult& resul
 }  // namespace
 
 void print_images(const CalibrationResult& result) {
-  for (const CalibrationImage& picture : result.images) print_json(to_json(result, picture));
+  for (const CalibrationImage& entry : result.images) print_json(to_json(result, entry));
 }
 
 ExitStatus finish_calibration(const CalibrateFlags& flags, const CalibrationResult& result,
@@ -173,7 +172,7 @@ ExitStatus finish_calibration(const CalibrateFlags& flags, const CalibrationResu
     geometry::write_camera_file(flags.output, result.calibration.camera, format);
   }
   if (!flags.csv.empty()) write_csv(flags.csv, result);
-  if (!flags.draw.empty()) draw_pictures(flags.draw, result, context);
+  if (!flags.draw.empty()) draw_images(flags.draw, result, context);
   for (const std::string& warning : result.calibration.warnings) log_warning("{}", warning);
   if (context.json) {
     Json line{{"camera", flags.output.empty() ? Json(nullptr) : Json(flags.output)}};
@@ -182,8 +181,8 @@ ExitStatus finish_calibration(const CalibrateFlags& flags, const CalibrationResu
   } else if (!context.quiet) {
     print_table(result);
   }
-  // Last: a lens that cannot be undone at the border is an error, of the pictures alone.
-  if (!flags.undistorted.empty()) straighten_pictures(flags.undistorted, result, context);
+  // Last: a lens that cannot be undone at the border is an error, of the images alone.
+  if (!flags.undistorted.empty()) straighten_images(flags.undistorted, result, context);
   return ExitStatus::kDone;
 }
 

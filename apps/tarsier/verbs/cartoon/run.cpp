@@ -97,11 +97,10 @@ void add_cartoon_flags(Command& verb, CartoonFlags& flags) {
   for (const cartoon::Mode mode : cartoon::all_modes()) modes.push_back(cartoon::name_of(mode));
   verb.add_option("--mode", flags.mode, fmt::format("{}", fmt::join(modes, " "))).show_default();
   verb.add_option("--quality", flags.quality,
-                  "reference: the definition; fast: the same picture; draft: for small machines")
+                  "reference: the definition; fast: the same image; draft: for small machines")
       .show_default();
   verb.add_flag("--steady", options.steady.on, "fewer flickering lines in videos");
-  verb.add_option("--save-dir", flags.save_folder, "folder for pictures saved with w")
-      .show_default();
+  verb.add_option("--save-dir", flags.save_folder, "folder for images saved with w").show_default();
   verb.add_flag("--timings", flags.timings, "table of the time of each stage on stderr at the end");
 
   constexpr const char* kLines = "Lines";
@@ -173,9 +172,9 @@ ExitStatus run_cartoon(const CartoonFlags& flags, Context& context) {
 }  // namespace
 
 void add_cartoon(Command& app, Context& context) {
-  Command& area = app.add_subcommand("cartoon", "cartoons of pictures, videos and live cameras");
+  Command& area = app.add_subcommand("cartoon", "cartoons of images, videos and live cameras");
   area.require_subcommand(1);
-  add_debug_flag(add_verb<CartoonFlags>(area, "run", "draw each picture of INPUT", context,
+  add_debug_flag(add_verb<CartoonFlags>(area, "run", "draw each image of INPUT", context,
                                         add_cartoon_flags, run_cartoon),
                  context);
 }

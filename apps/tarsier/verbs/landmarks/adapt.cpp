@@ -42,9 +42,9 @@ nlohmann::json provenance(const AdaptFlags& flags, const std::string& base,
 std::string text_of(const AdaptFlags& flags, const face::landmarks::AdaptedModel& adapted,
                     double seconds) {
   std::string text = fmt::format("{}: {} {}, ridge {:g}", flags.output, adapted.faces,
-                                 adapted.faces == 1 ? "picture" : "pictures", adapted.ridge);
+                                 adapted.faces == 1 ? "image" : "images", adapted.ridge);
   if (adapted.before > 0) {
-    text += fmt::format("; on pictures left out {:.2f} % of the face's size, the base {:.2f} %",
+    text += fmt::format("; on images left out {:.2f} % of the face's size, the base {:.2f} %",
                         100 * adapted.after, 100 * adapted.before);
   }
   return text + fmt::format("; {} s\n", seconds);
@@ -64,7 +64,7 @@ ExitStatus adapt(AdaptFlags& flags, Context& context) {
       model, set, "", flags.options, *context.progress, context.stop);
   for (const std::string& skipped : adapted.skipped) log_warning("{}; left out", skipped);
   if (adapted.kept)
-    log_warning("{}: the base is as good on pictures left out: nothing was changed", base);
+    log_warning("{}: the base is as good on images left out: nothing was changed", base);
   face::landmarks::write_landmark_model(flags.output, adapted.model,
                                         provenance(flags, base, adapted, context));
   const double seconds = rounded(watch.seconds(), 1);
@@ -92,7 +92,7 @@ void add_flags(Command& verb, AdaptFlags& flags) {
                   "model to start from [landmarks68.json, which ships]");
   verb.add_option("-o,--output", flags.output, "model file to write (.json)").required();
   verb.add_option("--ridge", flags.ridge,
-                  "how much the base is trusted, in pictures; 0: the best on pictures left out "
+                  "how much the base is trusted, in images; 0: the best on images left out "
                   "where there are three at least, else 0.3")
       .check(range(0.0, 1e6))
       .show_default();
@@ -108,7 +108,7 @@ void add_flags(Command& verb, AdaptFlags& flags) {
 
 void add_landmarks_adapt(Command& area, Context& context) {
   add_verb<AdaptFlags>(area, "adapt",
-                       "adapts a model to one person or camera, from a few annotated pictures",
+                       "adapts a model to one person or camera, from a few annotated images",
                        context, add_flags, adapt);
 }
 

@@ -81,28 +81,28 @@ class Video {
   Clock::time_point due_;
 };
 
-// Pictures, or a video.
+// Images, or a video.
 std::unique_ptr<FrameSource> open_input(const std::string& input, AnnotateOptions& options) {
   if (input.empty()) return nullptr;
   std::error_code error;
   // A list may be named without its '@': nothing else ends so.
   if (fs::path(input).extension() == ".txt" && fs::is_regular_file(input, error)) {
-    options.pictures = paths_of_list(input);
+    options.images = paths_of_list(input);
     return nullptr;
   }
   const std::vector<Scheme> schemes = input_schemes();
   switch (classify_source(input, schemes)) {
     case SourceKind::kImage:
-      options.pictures = {input};
+      options.images = {input};
       return nullptr;
     case SourceKind::kFolder:
-      options.pictures = pictures_in_folder(input);
+      options.images = images_in_folder(input);
       return nullptr;
     case SourceKind::kGlob:
-      options.pictures = files_of_glob(input);
+      options.images = files_of_glob(input);
       return nullptr;
     case SourceKind::kList:
-      options.pictures = paths_of_list(input.substr(1));
+      options.images = paths_of_list(input.substr(1));
       return nullptr;
     default:
       options.video = true;
@@ -200,7 +200,7 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
   options.canvas = parse_size(flags.size, 320, 4096);
   std::error_code ignored;
   if (flags.input.empty() && !fs::exists(flags.output, ignored))
-    throw UsageError("name the pictures or the video: there is no set " + flags.output + " yet");
+    throw UsageError("name the images or the video: there is no set " + flags.output + " yet");
   std::unique_ptr<FrameSource> source = open_input(flags.input, options);
   if (!is_headless) window::prepare();  // before a journal is begun
 
@@ -243,11 +243,11 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
     const nlohmann::ordered_json line{{"output", flags.output},
                                       {"samples", set.samples.size()},
                                       {"points", set.points()},
-                                      {"pictures", session.state().pictures()}};
+                                      {"images", session.state().images()}};
     print_json(line);
   } else {
-    print_text(fmt::format("{}: {} of {} pictures done, {} points\n", flags.output,
-                           set.samples.size(), session.state().pictures(), set.points()));
+    print_text(fmt::format("{}: {} of {} images done, {} points\n", flags.output,
+                           set.samples.size(), session.state().images(), set.points()));
   }
   if (status != ExitStatus::kDone) return status;
   return set.samples.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
@@ -255,12 +255,12 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
 
 void add_flags(Command& verb, AnnotateFlags& flags) {
   verb.add_option("INPUT", flags.input,
-                  "video, folder, glob, list (.txt), picture; without it: the set's own pictures")
+                  "video, folder, glob, list (.txt), image; without it: the set's own images")
       .type_name("");
   verb.add_option("-o,--output", flags.output, "the set's file; one that exists is gone on with")
       .required();
   verb.add_option("--proposals", flags.proposals,
-                  "propose the points of the next picture, by what was learned so far")
+                  "propose the points of the next image, by what was learned so far")
       .check(one_of({"on", "off"}))
       .show_default();
   verb.add_flag("--window", flags.window, "in a window (it always is, without --actions)");
@@ -268,15 +268,15 @@ void add_flags(Command& verb, AnnotateFlags& flags) {
   verb.add_option("--size", flags.size, "of the view, px").show_default();
   verb.add_option("--actions", flags.actions,
                   "-: no window; lines on stdin: an action, 'key K', 'click X Y', 'drag X Y X Y', "
-                  "'drag-all X Y X Y' (px of the picture), 'frames N', 'look FILE.png'")
+                  "'drag-all X Y X Y' (px of the image), 'frames N', 'look FILE.png'")
       .check(one_of({"-"}));
 }
 
 }  // namespace
 
 void add_landmarks_annotate(Command& area, Context& context) {
-  add_verb<AnnotateFlags>(area, "annotate", "marks points on pictures or frames of a video",
-                          context, add_flags, annotate);
+  add_verb<AnnotateFlags>(area, "annotate", "marks points on images or frames of a video", context,
+                          add_flags, annotate);
 }
 
 }  // namespace tarsier::cli

@@ -24,7 +24,7 @@ void add_landmark_flags(Command& verb, LandmarkFlags& flags) {
 Flag& add_min_face_flag(Command& verb, double& min_face) {
   return verb
       .add_option("--min-face", min_face,
-                  "px, width of the smallest face that is looked for [40; 24 in pictures of up to "
+                  "px, width of the smallest face that is looked for [40; 24 in images of up to "
                   "half a megapixel]")
       .check(range(16, 4096));
 }

@@ -92,7 +92,7 @@ ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet&
       print_json(line);
     } else {
       print_text(
-          fmt::format("{}: generic {:.2f} %, person-specific {:.2f} % ({} pictures train, {} "
+          fmt::format("{}: generic {:.2f} %, person-specific {:.2f} % ({} images train, {} "
                       "test)\n",
                       row.person, row.generic, row.specific, row.trained, row.tested));
     }
@@ -111,21 +111,21 @@ ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet&
 
 // Boxes alone.
 ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
-  const std::vector<face::shape::BoxedPicture> pictures =
+  const std::vector<face::shape::BoxedImage> images =
       load_boxes(flags.set, flags.held_out, Part::kHeldOut);
   const face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks);
   face::landmarks::FaceFinder finder = tracker.detector().make_finder();
   face::landmarks::DetectionJudge judge;
-  context.progress->begin("detecting", static_cast<std::int64_t>(pictures.size()), "pictures");
-  for (const face::shape::BoxedPicture& picture : pictures) {
+  context.progress->begin("detecting", static_cast<std::int64_t>(images.size()), "images");
+  for (const face::shape::BoxedImage& image : images) {
     throw_if_stopped(context.stop);
     context.progress->advance();
     try {
-      const cv::Mat gray = read_gray_image(picture.image);
+      const cv::Mat gray = read_gray_image(image.image);
       const Stopwatch watch;
       const std::vector<face::landmarks::Candidate> found = finder.find_sure(gray);
       const double ms = watch.ms();
-      judge.add(tracker.model(), finder, found, picture, ms);
+      judge.add(tracker.model(), finder, found, image, ms);
     } catch (const InputError& error) {
       log_warning("{}; left out", error.what());
     }
@@ -134,7 +134,7 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
   const face::landmarks::DetectionScore score = judge.score();
   const double rate = static_cast<double>(score.found) / std::max(1, score.objects);
   if (context.json) {
-    const nlohmann::ordered_json line = {{"pictures", score.pictures},
+    const nlohmann::ordered_json line = {{"images", score.images},
                                          {"objects", score.objects},
                                          {"found", score.found},
                                          {"rate", rounded(rate, 4)},
@@ -144,9 +144,8 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
     print_json(line);
   } else {
     print_text(fmt::format(
-        "{} of {} found ({:.1f} %), off by {:.1f} % of the box; {} false alarms in {} pictures\n",
-        score.found, score.objects, 100 * rate, 100 * score.off, score.false_alarms,
-        score.pictures));
+        "{} of {} found ({:.1f} %), off by {:.1f} % of the box; {} false alarms in {} images\n",
+        score.found, score.objects, 100 * rate, 100 * score.off, score.false_alarms, score.images));
   }
   return score.found == 0 ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
@@ -244,7 +243,7 @@ void add_flags(Command& verb, EvalFlags& flags) {
       .expected(2);
   verb.add_flag("--by-person", flags.by_person,
                 "study: descent trained on other people against descent trained on the first half "
-                "of the person's own pictures");
+                "of the person's own images");
   verb.add_flag("--detection", flags.detection,
                 "judge where faces are found, not their points; SET may be a dlib .xml of boxes");
 }
@@ -252,7 +251,7 @@ void add_flags(Command& verb, EvalFlags& flags) {
 }  // namespace
 
 void add_landmarks_eval(Command& area, Context& context) {
-  add_verb<EvalFlags>(area, "eval", "measures accuracy on annotated pictures", context, add_flags,
+  add_verb<EvalFlags>(area, "eval", "measures accuracy on annotated images", context, add_flags,
                       run_eval);
 }
 

@@ -99,8 +99,8 @@ void add_flags(Command& verb, FitFlags& flags) {
 }  // namespace
 
 void add_landmarks_fit(Command& area, Context& context) {
-  add_debug_flag(add_verb<FitFlags>(area, "fit", "finds the points of the faces in pictures",
-                                    context, add_flags, run_fit),
+  add_debug_flag(add_verb<FitFlags>(area, "fit", "finds the points of the faces in images", context,
+                                    add_flags, run_fit),
                  context);
 }
 

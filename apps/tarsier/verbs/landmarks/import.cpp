@@ -86,7 +86,7 @@ void add_flags(Command& verb, ImportFlags& flags) {
       .check(one_of({0, 1}))
       .show_default();
   verb.add_option("--images", flags.options.images,
-                  "folder of the pictures, where it is another (MUCT)");
+                  "folder of the images, where it is another (MUCT)");
 }
 
 }  // namespace

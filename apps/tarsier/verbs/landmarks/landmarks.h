@@ -40,11 +40,10 @@ enum class Part { kHeldOut, kOthers };
                                                Part part);
 
 // The boxes of a dlib .xml file, or those around the landmarks of a set.
-[[nodiscard]] std::vector<face::shape::BoxedPicture> load_boxes(const SetFlags& flags, int every,
-                                                                Part part);
+[[nodiscard]] std::vector<face::shape::BoxedImage> load_boxes(const SetFlags& flags, int every,
+                                                              Part part);
 
-// Pictures without the object, in the order of their names. Throws InputError for an empty folder.
-void add_pictures_without(const std::string& folder,
-                          std::vector<face::shape::BoxedPicture>& pictures);
+// Images without the object, in the order of their names. Throws InputError for an empty folder.
+void add_images_without(const std::string& folder, std::vector<face::shape::BoxedImage>& images);
 
 }  // namespace tarsier::cli

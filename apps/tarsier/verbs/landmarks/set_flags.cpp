@@ -10,12 +10,12 @@ namespace tarsier::cli {
 
 void add_set_flags(Command& verb, SetFlags& flags) {
   verb.add_option("SET", flags.input,
-                  "annotated pictures: a set of `landmarks annotate` (.yaml, .json), or what "
+                  "annotated images: a set of `landmarks annotate` (.yaml, .json), or what "
                   "`landmarks import` takes: a folder, list, .pts, .asf, .csv or .xml")
       .required();
   verb.add_option("--offset", flags.offset, "subtracted from the numbers of .pts files, px")
       .show_default();
-  verb.add_option("--images", flags.images, "folder of the pictures, where it is another one");
+  verb.add_option("--images", flags.images, "folder of the images, where it is another one");
 }
 
 face::shape::LandmarkSet load_set(const SetFlags& flags) {

@@ -45,7 +45,7 @@ struct ShowFlags {
   int columns = 0;
   int most = 100;
   int modes = 4;
-  std::string on;   // a picture that patches are tried on
+  std::string on;   // an image that patches are tried on
   int search = 21;  // px
 };
 
@@ -118,28 +118,28 @@ ExitStatus show_shape_model(const ShowFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-// The points of the largest face that the model finds in a picture; none without a face.
-std::optional<PatchPicture> picture_with_points(const ShowFlags& flags) {
+// The points of the largest face that the model finds in an image; none without a face.
+std::optional<PatchImage> image_with_points(const ShowFlags& flags) {
   LandmarkFlags landmark_flags;
   landmark_flags.model = flags.file;
   const face::LandmarkTracker tracker = load_landmark_tracker(landmark_flags);
-  PatchPicture picture{
+  PatchImage image{
       std::filesystem::path(flags.on).filename().string(), read_gray_image(flags.on), {}};
   Frame frame;
-  frame.image = picture.gray;
+  frame.image = image.gray;
   frame.still = true;
   face::LandmarkState state;
   const face::LandmarkResult result = tracker.process(frame, state);
   if (result.faces.empty()) return std::nullopt;
-  picture.points = result.faces.front().points;
-  return picture;
+  image.points = result.faces.front().points;
+  return image;
 }
 
 ExitStatus show_in_window(const ShowFlags& flags, const face::landmarks::LandmarkModel& model,
-                          std::optional<PatchPicture> picture, Context& context) {
+                          std::optional<PatchImage> image, Context& context) {
   window::prepare();
   if (model.patches) {
-    PatchSession session(*model.patches, model.shape, std::move(picture));
+    PatchSession session(*model.patches, model.shape, std::move(image));
     return browse_session(session, "Tarsier patches", flags.fullscreen, context, {});
   }
   ShapeModelSession session(model.shape);
@@ -151,12 +151,12 @@ ExitStatus show_in_window(const ShowFlags& flags, const face::landmarks::Landmar
 }
 
 ExitStatus show_responses(const ShowFlags& flags, const face::landmarks::LandmarkModel& model,
-                          const PatchPicture& picture, Context& context) {
-  write_image(flags.output, face::landmarks::draw_responses(*model.patches, picture.gray,
-                                                            picture.points, flags.search));
+                          const PatchImage& image, Context& context) {
+  write_image(flags.output, face::landmarks::draw_responses(*model.patches, image.gray,
+                                                            image.points, flags.search));
   double best = 0;
-  for (const face::landmarks::PointResponse& response : face::landmarks::point_responses(
-           *model.patches, picture.gray, picture.points, flags.search)) {
+  for (const face::landmarks::PointResponse& response :
+       face::landmarks::point_responses(*model.patches, image.gray, image.points, flags.search)) {
     best += response.best / model.points();
   }
   say({{"output", flags.output}, {"points", model.points()}, {"response", best}},
@@ -172,13 +172,13 @@ ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
   const face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(flags.file);
   if (!flags.on.empty()) {
     if (!model.patches) throw ModelError(flags.file, "has no patches that --on could show");
-    std::optional<PatchPicture> picture = picture_with_points(flags);
-    if (!picture) {
+    std::optional<PatchImage> image = image_with_points(flags);
+    if (!image) {
       log_warning("{}: no face found", flags.on);
       return ExitStatus::kNothingFound;
     }
-    if (!flags.output.empty()) return show_responses(flags, model, *picture, context);
-    return show_in_window(flags, model, std::move(picture), context);
+    if (!flags.output.empty()) return show_responses(flags, model, *image, context);
+    return show_in_window(flags, model, std::move(image), context);
   }
   if (flags.output.empty()) return show_in_window(flags, model, std::nullopt, context);
   const int modes = std::min(flags.modes, model.shape.mode_count());
@@ -212,7 +212,7 @@ ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
 // The filter of a face detector.
 ExitStatus show_detector(const ShowFlags& flags, Context& context) {
   const face::landmarks::HogDetector model = face::landmarks::read_hog_detector(flags.file);
-  if (flags.output.empty()) throw UsageError("-o: a face detector is shown as a picture (.png ..)");
+  if (flags.output.empty()) throw UsageError("-o: a face detector is shown as an image (.png ..)");
   const cv::Mat filter =
       face::landmarks::draw_hog_detector(model, std::clamp(flags.cell / 5, 8, 100));
   write_image(flags.output, filter);
@@ -261,7 +261,7 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
   }
   if (!flags.on.empty() && type != "landmark-tracker") {
     throw UsageError(
-        fmt::format("--on: patches are tried on a picture; {} is a '{}'", flags.file, type));
+        fmt::format("--on: patches are tried on an image; {} is a '{}'", flags.file, type));
   }
   return found->second(flags, context);
 }
@@ -294,7 +294,7 @@ void add_flags(Command& verb, ShowFlags& flags) {
       .show_default();
   const auto of_tracker = [](Flag& flag) { flag.group("Trackers"); };
   of_tracker(verb.add_option("--on", flags.on,
-                             "picture of a face: how each patch responds around its point there"));
+                             "image of a face: how each patch responds around its point there"));
   of_tracker(verb.add_option("--search", flags.search,
                              "px, side of the region whose responses a sheet shows, odd")
                  .check(range(3, 101))

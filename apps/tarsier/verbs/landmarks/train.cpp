@@ -145,7 +145,7 @@ void add_kind(Command& parent, Context& context, const char* name, const char* h
                     "leave out every N-th sample, for `landmarks eval --held-out N`; 0: none")
         .check(range(0, 1000000))
         .show_default();
-    verb.add_flag("--mirror", flags.mirror, "learn from mirrored pictures too");
+    verb.add_flag("--mirror", flags.mirror, "learn from mirrored images too");
     face::landmarks::TrainModelOptions& options = flags.options;
     bind_all(verb, options.shape);
     if (kind == Kind::kTrees || kind == Kind::kTracker) {
@@ -174,7 +174,7 @@ void add_kind(Command& parent, Context& context, const char* name, const char* h
 }  // namespace
 
 void add_landmarks_train(Command& area, Context& context) {
-  Command& verb = area.add_subcommand("train", "learns the models from annotated pictures");
+  Command& verb = area.add_subcommand("train", "learns the models from annotated images");
   verb.require_subcommand(1);
   add_kind(verb, context, "shape", "how the points vary together", Kind::kShape);
   add_kind(verb, context, "patches", "what is around each point", Kind::kPatches);

@@ -17,36 +17,35 @@
 
 namespace tarsier::cli {
 
-std::vector<face::shape::BoxedPicture> load_boxes(const SetFlags& flags, int every, Part part) {
-  std::vector<face::shape::BoxedPicture> pictures;
+std::vector<face::shape::BoxedImage> load_boxes(const SetFlags& flags, int every, Part part) {
+  std::vector<face::shape::BoxedImage> images;
   if (flags.input.ends_with(".xml")) {
     face::shape::ImportOptions options;
     options.images = flags.images;
-    face::shape::BoxedPictures read = face::shape::read_dlib_boxes(flags.input, options);
+    face::shape::BoxedImages read = face::shape::read_dlib_boxes(flags.input, options);
     for (const std::string& skipped : read.skipped) log_warning("{}; left out", skipped);
-    for (std::size_t i = 0; i < read.pictures.size(); ++i) {
+    for (std::size_t i = 0; i < read.images.size(); ++i) {
       const bool held_out = every > 0 && (i + 1) % static_cast<std::size_t>(every) == 0;
       if (every <= 0 || held_out == (part == Part::kHeldOut)) {
-        pictures.push_back(std::move(read.pictures[i]));
+        images.push_back(std::move(read.images[i]));
       }
     }
   } else {
-    pictures = face::shape::boxes_from_landmarks(part_of(load_set(flags), every, part));
+    images = face::shape::boxes_from_landmarks(part_of(load_set(flags), every, part));
   }
-  if (pictures.empty()) throw InputError(flags.input, "no picture is left");
-  return pictures;
+  if (images.empty()) throw InputError(flags.input, "no image is left");
+  return images;
 }
 
-void add_pictures_without(const std::string& folder,
-                          std::vector<face::shape::BoxedPicture>& pictures) {
+void add_images_without(const std::string& folder, std::vector<face::shape::BoxedImage>& images) {
   std::vector<std::string> paths;
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
     if (entry.is_regular_file(error)) paths.push_back(entry.path().string());
   }
-  if (paths.empty()) throw InputError(folder, "is no folder of pictures");
+  if (paths.empty()) throw InputError(folder, "is no folder of images");
   std::sort(paths.begin(), paths.end());
-  for (std::string& path : paths) pictures.push_back({std::move(path), {}, {}, {}});
+  for (std::string& path : paths) images.push_back({std::move(path), {}, {}, {}});
 }
 
 void add_box_training_flags(Command& verb, BoxTrainingFlags& flags) {
@@ -82,11 +81,11 @@ struct DetectorFlags : BoxTrainingFlags {
 ExitStatus train_detector(DetectorFlags& flags, Context& context) {
   const Stopwatch watch;
   flags.options.seed = context.seed;
-  std::vector<face::shape::BoxedPicture> pictures =
+  std::vector<face::shape::BoxedImage> images =
       load_boxes(flags.set, flags.hold_out, Part::kOthers);
-  if (!flags.without.empty()) add_pictures_without(flags.without, pictures);
+  if (!flags.without.empty()) add_images_without(flags.without, images);
   const face::landmarks::HogTraining trained = face::landmarks::train_hog_detector(
-      pictures, flags.set.input, flags.options, *context.progress, context.stop);
+      images, flags.set.input, flags.options, *context.progress, context.stop);
   warn_of_skipped(trained.skipped);
   if (trained.ignored > 0) {
     log_warning(
@@ -97,14 +96,14 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
   const double seconds = rounded(watch.seconds(), 1);
   const double rate = static_cast<double>(trained.found) / std::max(1, trained.boxes);
   nlohmann::json about = box_training_provenance(flags, context);
-  about.update({{"pictures", trained.pictures},
+  about.update({{"images", trained.images},
                 {"boxes", trained.boxes},
                 {"c", flags.options.c},
                 {"mirrored", flags.options.mirror}});
   face::landmarks::write_hog_detector(flags.output, trained.detector, about);
   if (context.json) {
     const nlohmann::ordered_json line = {{"output", flags.output},
-                                         {"pictures", trained.pictures},
+                                         {"images", trained.images},
                                          {"boxes", trained.boxes},
                                          {"ignored", trained.ignored},
                                          {"rounds", trained.rounds},
@@ -114,8 +113,8 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
     print_json(line);
   } else if (!context.quiet) {
     print_text(fmt::format(
-        "{}: {} boxes in {} pictures, window {}x{} px, {} rounds; finds {:.1f} % of them; {} s\n",
-        flags.output, trained.boxes, trained.pictures, trained.detector.width,
+        "{}: {} boxes in {} images, window {}x{} px, {} rounds; finds {:.1f} % of them; {} s\n",
+        flags.output, trained.boxes, trained.images, trained.detector.width,
         trained.detector.height, trained.rounds, 100 * rate, seconds));
   }
   return ExitStatus::kDone;
@@ -124,10 +123,10 @@ ExitStatus train_detector(DetectorFlags& flags, Context& context) {
 void add_flags(Command& verb, DetectorFlags& flags) {
   add_box_training_flags(verb, flags);
   verb.add_option("--without", flags.without,
-                  "folder of pictures without the object: fewer false alarms");
+                  "folder of images without the object: fewer false alarms");
   face::landmarks::HogOptions& options = flags.options;
   bind_all(verb, options);
-  verb.add_flag("--mirror,!--no-mirror", options.mirror, "learn from mirrored pictures too [on]");
+  verb.add_flag("--mirror,!--no-mirror", options.mirror, "learn from mirrored images too [on]");
 }
 
 }  // namespace

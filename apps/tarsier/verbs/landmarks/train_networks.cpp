@@ -31,36 +31,36 @@ struct NetworkFlags : BoxTrainingFlags {
 };
 
 // Boxes as the cascade draws them where the points of the face are known, else as they are given.
-face::FacePicture face_picture(face::shape::BoxedPicture picture) {
-  face::FacePicture result;
-  result.image = std::move(picture.image);
-  result.ignored = std::move(picture.ignored);
-  for (std::size_t i = 0; i < picture.boxes.size(); ++i) {
-    const bool known = i < picture.shapes.size() && picture.shapes[i].cols() == 68 &&
-                       picture.shapes[i].allFinite();
+face::FaceImage face_image(face::shape::BoxedImage image) {
+  face::FaceImage result;
+  result.image = std::move(image.image);
+  result.ignored = std::move(image.ignored);
+  for (std::size_t i = 0; i < image.boxes.size(); ++i) {
+    const bool known =
+        i < image.shapes.size() && image.shapes[i].cols() == 68 && image.shapes[i].allFinite();
     result.faces.push_back(
-        known ? face::landmarks::box_around(face::landmarks::cascade_box(), picture.shapes[i])
-              : picture.boxes[i]);
+        known ? face::landmarks::box_around(face::landmarks::cascade_box(), image.shapes[i])
+              : image.boxes[i]);
   }
   return result;
 }
 
 constexpr double kTurnedFace = 100;  // px, width of faces that are turned
 
-// Pictures of the faces with the head's points, turned in 3D. Only the face is cut out.
-std::vector<face::FacePicture> turned_faces(const NetworkFlags& flags,
-                                            const std::vector<face::shape::BoxedPicture>& pictures,
-                                            Context& context) {
+// Images of the faces with the head's points, turned in 3D. Only the face is cut out.
+std::vector<face::FaceImage> turned_faces(const NetworkFlags& flags,
+                                          const std::vector<face::shape::BoxedImage>& images,
+                                          Context& context) {
   const face::train::FaceTurner turner(read_head(flags.head));
   const face::landmarks::BoxModel box = face::landmarks::cascade_box();
-  std::vector<std::vector<face::FacePicture>> found(pictures.size());
-  context.progress->begin("turning", static_cast<std::int64_t>(pictures.size()), "pictures");
+  std::vector<std::vector<face::FaceImage>> found(images.size());
+  context.progress->begin("turning", static_cast<std::int64_t>(images.size()), "images");
   const auto turn = [&](std::size_t number) {
-    const face::shape::BoxedPicture& picture = pictures[number];
-    for (std::size_t i = 0; i < picture.shapes.size(); ++i) {
-      const Eigen::Matrix2Xd& points = picture.shapes[i];
+    const face::shape::BoxedImage& image = images[number];
+    for (std::size_t i = 0; i < image.shapes.size(); ++i) {
+      const Eigen::Matrix2Xd& points = image.shapes[i];
       if (points.cols() != turner.points() || !points.allFinite()) continue;
-      const cv::Mat whole = read_gray_image(picture.image);
+      const cv::Mat whole = read_gray_image(image.image);
       const cv::Rect2d around = face::landmarks::box_around(box, points);
       const cv::Rect area = cv::Rect(cv::Rect2d(around.x - around.width, around.y - around.width,
                                                 3 * around.width, 3 * around.width)) &
@@ -74,26 +74,26 @@ std::vector<face::FacePicture> turned_faces(const NetworkFlags& flags,
       const std::uint64_t seed = Rng(context.seed).fork(number).fork(i)();
       for (const face::landmarks::TrainingFace& copy :
            face::train::turned_copies(turner, face, flags.turned, seed)) {
-        found[number].push_back({picture.image + ", turned",
+        found[number].push_back({image.image + ", turned",
                                  {face::landmarks::box_around(box, copy.points)},
                                  {},
                                  copy.gray});
       }
     }
   };
-  cv::parallel_for_(cv::Range(0, static_cast<int>(pictures.size())), [&](const cv::Range& range) {
+  cv::parallel_for_(cv::Range(0, static_cast<int>(images.size())), [&](const cv::Range& range) {
     for (int i = range.start; i < range.end && !context.stop.stop_requested(); ++i) {
       try {
         turn(static_cast<std::size_t>(i));
-      } catch (const InputError&) {  // the training names the pictures that cannot be read
+      } catch (const InputError&) {  // the training names the images that cannot be read
       }
       context.progress->advance();
     }
   });
   context.progress->end();
   throw_if_stopped(context.stop);
-  std::vector<face::FacePicture> all;
-  for (std::vector<face::FacePicture>& part : found) {
+  std::vector<face::FaceImage> all;
+  for (std::vector<face::FaceImage>& part : found) {
     std::move(part.begin(), part.end(), std::back_inserter(all));
   }
   return all;
@@ -102,21 +102,19 @@ std::vector<face::FacePicture> turned_faces(const NetworkFlags& flags,
 ExitStatus train_networks(NetworkFlags& flags, Context& context) {
   const Stopwatch watch;
   flags.options.seed = context.seed;
-  std::vector<face::shape::BoxedPicture> boxed =
-      load_boxes(flags.set, flags.hold_out, Part::kOthers);
-  std::vector<face::FacePicture> pictures;
-  if (flags.turned.copies > 0) pictures = turned_faces(flags, boxed, context);
-  const std::size_t turned = pictures.size();
+  std::vector<face::shape::BoxedImage> boxed = load_boxes(flags.set, flags.hold_out, Part::kOthers);
+  std::vector<face::FaceImage> images;
+  if (flags.turned.copies > 0) images = turned_faces(flags, boxed, context);
+  const std::size_t turned = images.size();
   if (flags.turned.copies > 0 && turned == 0) {
     throw UsageError(
         "--turned: no face has the points of the head; --head takes one that `pose train-head` "
         "learnt from such a set");
   }
-  for (const std::string& folder : flags.without) add_pictures_without(folder, boxed);
-  for (face::shape::BoxedPicture& picture : boxed)
-    pictures.push_back(face_picture(std::move(picture)));
+  for (const std::string& folder : flags.without) add_images_without(folder, boxed);
+  for (face::shape::BoxedImage& image : boxed) images.push_back(face_image(std::move(image)));
   const face::FaceTraining trained = face::train_face_networks(
-      pictures, flags.set.input, flags.options, *context.progress, context.stop);
+      images, flags.set.input, flags.options, *context.progress, context.stop);
   warn_of_skipped(trained.skipped);
   const double seconds = rounded(watch.seconds(), 1);
   nlohmann::json about = box_training_provenance(flags, context);
@@ -143,8 +141,8 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
     print_json(line);
   } else if (!context.quiet) {
     print_text(fmt::format(
-        "{}: {} faces, {} pictures without; mistakes learned from: {}, {}, {}; {} s\n"
-        "a face is sure from a score of {:.3f} on: {} false in {} pictures that were held out\n",
+        "{}: {} faces, {} images without; mistakes learned from: {}, {}, {}; {} s\n"
+        "a face is sure from a score of {:.3f} on: {} false in {} images that were held out\n",
         flags.output, trained.faces, trained.without, trained.scan_mistakes, trained.judge_mistakes,
         trained.check_mistakes, seconds, trained.networks.sure, trained.held_out_alarms,
         trained.held_out));
@@ -155,7 +153,7 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
 void add_flags(Command& verb, NetworkFlags& flags) {
   add_box_training_flags(verb, flags);
   verb.add_option("--without", flags.without,
-                  "folders of pictures that show no face: what they learn not to find; every third "
+                  "folders of images that show no face: what they learn not to find; every third "
                   "decides what is sure")
       .required();
   bind_field(verb, flags.options, flags.options.false_alarms);

@@ -122,7 +122,7 @@ ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, 
                               face::people::FaceReader* reader, Context& context) {
   ListedFaces out;
   const auto faces = face::recognition::read_face_list(list);
-  context.progress->begin("faces", static_cast<std::int64_t>(faces.size()), "pictures");
+  context.progress->begin("faces", static_cast<std::int64_t>(faces.size()), "images");
   for (const face::recognition::LabelledFace& entry : faces) {
     throw_if_stopped(context.stop);
     context.progress->advance();
@@ -149,7 +149,7 @@ ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, 
     out.labels.push_back(entry.label);
   }
   context.progress->end();
-  if (out.faces.empty()) throw InputError(list, "no face was found in any of its pictures");
+  if (out.faces.empty()) throw InputError(list, "no face was found in any of its images");
   return out;
 }
 

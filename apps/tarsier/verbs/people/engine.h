@@ -60,7 +60,7 @@ void add_face_flags(Command& verb, PeopleFlags& flags);
 [[nodiscard]] std::optional<face::recognition::Recognizer> model_of_gallery(
     face::people::Gallery& gallery, const PeopleFlags& flags, Context& context,
     face::people::Learn learn = face::people::Learn::kWhenDue);
-// The faces of a list as a recogniser gets them; `raw`: whole pictures. Pictures without a face are
+// The faces of a list as a recogniser gets them; `raw`: whole images. Images without a face are
 // named in `missed`.
 struct ListedFaces {
   std::vector<cv::Mat> faces;

@@ -47,7 +47,7 @@ nlohmann::ordered_json json_of(const Rate& rate) {
           {"low", rounded(rate.interval.low, 4)}, {"high", rounded(rate.interval.high, 4)}};
 }
 
-// Pictures without a face count as wrong, as probes of every draw.
+// Images without a face count as wrong, as probes of every draw.
 Rate of_all(const Rate& found, std::size_t missed) {
   Rate out = found;
   if (missed == 0 || found.draws == 0) return out;
@@ -198,7 +198,7 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   if (deep)
     deep_background = algorithms.size() == 1 ? find_deep_background(flags.people)
                                              : face::load_deep_background(ModelStore::find());
-  // As a gallery is trained: with what ships, unless another or none was asked for. Pictures that
+  // As a gallery is trained: with what ships, unless another or none was asked for. Images that
   // were cut in another way are not like those that it was learnt from: like `people train --raw`,
   // they go without unless one is named.
   const bool named = !flags.people.background.empty();
@@ -216,7 +216,7 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   // The cut faces serve all; the classical preparation is made from them.
   const ListedFaces listed =
       read_listed_faces(flags.list, flags.raw, size, false, reader ? &*reader : nullptr, context);
-  for (const std::string& picture : listed.missed) log_warning("{}: no face", picture);
+  for (const std::string& image : listed.missed) log_warning("{}: no face", image);
   face::recognition::EvaluationOptions options;
   options.training = flags.training;
   options.seeds.clear();
@@ -228,10 +228,10 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   std::vector<EvaluationResult> results;
   if (!context.json) {
     print_text(fmt::format(
-        "{} faces of {} people in {}, {} training pictures each, {} draws; {} not found\n"
+        "{} faces of {} people in {}, {} training images each, {} draws; {} not found\n"
         "background of the {} recogniser: {}\n"
         "(in brackets: counts of all draws; the 95 % interval by the probes of one draw, as draws "
-        "share their pictures)\n",
+        "share their images)\n",
         listed.faces.size(), face::recognition::count_people(listed.labels), printable(flags.list),
         flags.training, flags.seeds, listed.missed.size(), only_deep ? "deep" : "default",
         only_deep    ? printable(deep_path)
@@ -276,9 +276,9 @@ void add_flags(Command& verb, EvalFlags& flags) {
   verb.add_option("LIST", flags.list,
                   "lines `path<TAB>label`, with four more fields the eyes x y x y as seen")
       .required();
-  verb.add_flag("--raw", flags.raw, "pictures are cut faces already");
-  verb.add_option("--size", flags.size, "pictures are resized to, e.g. 42x48");
-  verb.add_option("-k,--training", flags.training, "pictures of each person that train")
+  verb.add_flag("--raw", flags.raw, "images are cut faces already");
+  verb.add_option("--size", flags.size, "images are resized to, e.g. 42x48");
+  verb.add_option("-k,--training", flags.training, "images of each person that train")
       .check(range(1, 10000))
       .show_default();
   verb.add_option("--seeds", flags.seeds, "random draws, with seeds 0, 1, 2 ..")
@@ -296,7 +296,7 @@ void add_flags(Command& verb, EvalFlags& flags) {
   verb.add_option("--cmc", flags.cmc, "plot of ranks to write, .png or .svg");
   verb.add_option("--roc", flags.roc, "plot of accepts to write, .png or .svg");
   verb.add_flag("--fit-same-camera", flags.fit_same_camera,
-                "instead: how much more alike strangers in these pictures are than the background "
+                "instead: how much more alike strangers in these images are than the background "
                 "expects");
   add_face_flags(verb, flags.people);
 }

@@ -105,8 +105,7 @@ std::string forget_text(const std::string& name, const face::people::ForgetRepor
     text += fmt::format(
         "Of {} crops and templates most pieces could not be looked for: nothing is proven of "
         "them{}.\n",
-        report.unproven,
-        report.shared > 0 ? " (the same picture is there under another name)" : "");
+        report.unproven, report.shared > 0 ? " (the same image is there under another name)" : "");
   }
   if (search.links > 0) text += fmt::format("{} links were not followed.\n", search.links);
   for (const std::string& skipped : search.skipped)

@@ -136,7 +136,7 @@ void add_flags(Command& verb, IdentifyFlags& flags) {
   add_run_flags(verb, flags.run);
   add_gallery_flag(verb, flags.people);
   verb.add_option("--model", flags.model, "model of `people train -o` in place of the gallery");
-  verb.add_flag("--raw", flags.raw, "pictures are cut faces already");
+  verb.add_flag("--raw", flags.raw, "images are cut faces already");
   bind_field(verb, flags.naming, flags.naming.false_accepts);
   add_on_event_flags(verb, flags.on_event, "at each new recognition");
   verb.add_option("--keep", flags.keep,
@@ -150,7 +150,7 @@ void add_flags(Command& verb, IdentifyFlags& flags) {
 void add_people_identify(Command& area, Context& context) {
   add_debug_flag(
       add_verb<IdentifyFlags>(area, "identify",
-                              "names the faces in pictures, videos and cameras, or says unknown",
+                              "names the faces in images, videos and cameras, or says unknown",
                               context, add_flags, identify_faces),
       context);
 }

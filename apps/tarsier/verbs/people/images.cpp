@@ -14,9 +14,9 @@ namespace {
 class Kept final : public DebugSink {
  public:
   void image(std::string_view name, const cv::Mat& image) override {
-    pictures.add(std::string(name), image);
+    images.add(std::string(name), image);
   }
-  NamedPictures pictures;
+  NamedImages images;
 };
 
 double score_of(const face::recognition::Recognizer& model, const cv::Mat& input, int person) {
@@ -27,12 +27,12 @@ double score_of(const face::recognition::Recognizer& model, const cv::Mat& input
 
 }  // namespace
 
-NamedPictures face_stages(face::people::FaceReader& reader, const cv::Mat& gray) {
+NamedImages face_stages(face::people::FaceReader& reader, const cv::Mat& gray) {
   Kept kept;
   if (reader.read(gray, &kept).empty()) return {};
-  // The face in its picture, not all of a large one.
-  for (std::size_t i = 0; i < kept.pictures.names.size(); ++i) {
-    if (kept.pictures.names[i] != "found") continue;
+  // The face in its image, not all of a large one.
+  for (std::size_t i = 0; i < kept.images.names.size(); ++i) {
+    if (kept.images.names[i] != "found") continue;
     const auto faces = reader.read(gray);
     const cv::Rect2d& box = faces.front().box;
     const cv::Rect around =
@@ -41,15 +41,15 @@ NamedPictures face_stages(face::people::FaceReader& reader, const cv::Mat& gray)
         cv::Rect(0, 0, gray.cols, gray.rows);
     cv::Mat part;
     const double zoom = std::clamp(300.0 / std::max(1, around.width), 0.1, 4.0);
-    cv::resize(kept.pictures.images[i](around), part, {}, zoom, zoom,
+    cv::resize(kept.images.images[i](around), part, {}, zoom, zoom,
                zoom < 1 ? cv::INTER_AREA : cv::INTER_CUBIC);
-    kept.pictures.images[i] = part;
+    kept.images.images[i] = part;
   }
-  return kept.pictures;
+  return kept.images;
 }
 
-cv::Mat evidence_picture(const face::recognition::Recognizer& model, const cv::Mat& input,
-                         int person) {
+cv::Mat evidence_image(const face::recognition::Recognizer& model, const cv::Mat& input,
+                       int person) {
   constexpr int kAcross = 8;
   constexpr int kDown = 10;
   const double whole = score_of(model, input, person);

@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
-// Pictures that show how recognisers work.
+// Images that show how recognisers work.
 namespace tarsier::cli {
 
-struct NamedPictures {
+struct NamedImages {
   std::vector<std::string> names;
   std::vector<cv::Mat> images;
   void add(const std::string& name, const cv::Mat& image) {
@@ -21,14 +21,14 @@ struct NamedPictures {
   }
 };
 
-// The stages of one picture, from detection to what each kind of recogniser gets. Empty where no
+// The stages of one image, from detection to what each kind of recogniser gets. Empty where no
 // face is found. CV_8UC1.
-[[nodiscard]] NamedPictures face_stages(face::people::FaceReader& reader, const cv::Mat& gray);
+[[nodiscard]] NamedImages face_stages(face::people::FaceReader& reader, const cv::Mat& gray);
 
 // Which parts of the face speak for person `person` (index into labels): each is covered in turn by
 // its own blur, and what the score loses is shown, red for, blue against. `input` as the recogniser
 // gets it. CV_8UC3.
-[[nodiscard]] cv::Mat evidence_picture(const face::recognition::Recognizer& model,
-                                       const cv::Mat& input, int person);
+[[nodiscard]] cv::Mat evidence_image(const face::recognition::Recognizer& model,
+                                     const cv::Mat& input, int person);
 
 }  // namespace tarsier::cli

@@ -30,7 +30,7 @@ struct ShowFlags {
   int components = 15;
 };
 
-bool has_pictures(const Recognizer& model) {
+bool has_images(const Recognizer& model) {
   return model.options.algorithm == Algorithm::kEigen ||
          model.options.algorithm == Algorithm::kFisher;
 }
@@ -80,13 +80,13 @@ void describe(const Recognizer& model, const Context& context) {
 }
 
 // The face, what the model makes of it, whom it resembles and by what.
-void add_face(NamedPictures& pictures, const Recognizer& model, const cv::Mat& input,
+void add_face(NamedImages& images, const Recognizer& model, const cv::Mat& input,
               face::people::Gallery* gallery, const Context& context) {
-  pictures.add("face", input);
-  if (has_pictures(model)) {
+  images.add("face", input);
+  if (has_images(model)) {
     const double error = face::recognition::reconstruction_error(model, input);
-    pictures.add(fmt::format("reconstructed, error {:.2f}", error),
-                 face::recognition::reconstruction(model, input));
+    images.add(fmt::format("reconstructed, error {:.2f}", error),
+               face::recognition::reconstruction(model, input));
   }
   const auto scores = face::recognition::identify(model, input);
   std::vector<face::people::FaceRef> stored;  // in the order of the templates
@@ -104,24 +104,24 @@ void add_face(NamedPictures& pictures, const Recognizer& model, const cv::Mat& i
     }
     if (static_cast<std::size_t>(one.nearest) >= stored.size()) continue;
     if (const auto face = gallery->face(stored[static_cast<std::size_t>(one.nearest)].id))
-      pictures.add(fmt::format("nearest: {}", name),
-                   face::people::recognizer_input(model.options.algorithm, face->crop));
+      images.add(fmt::format("nearest: {}", name),
+                 face::people::recognizer_input(model.options.algorithm, face->crop));
   }
   if (!scores.empty()) {
-    pictures.add(
+    images.add(
         fmt::format("speaks for {}",
                     printable(model.labels[static_cast<std::size_t>(scores.front().person)])),
-        evidence_picture(model, input, scores.front().person));
+        evidence_image(model, input, scores.front().person));
   }
 }
 
 ExitStatus show(const ShowFlags& flags, Context& context) {
   const cv::Size size = parse_size(flags.size, 100, 4000);
-  NamedPictures pictures;
+  NamedImages images;
   if (!flags.stages.empty()) {
     face::people::FaceReader reader = make_face_reader(flags.people);
-    pictures = face_stages(reader, read_gray_image(flags.stages));
-    if (pictures.images.empty()) {
+    images = face_stages(reader, read_gray_image(flags.stages));
+    if (images.images.empty()) {
       log_warning("{}: no face", flags.stages);
       return ExitStatus::kNothingFound;
     }
@@ -141,14 +141,14 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
       }
     }
     describe(*model, context);
-    if (has_pictures(*model)) {
-      pictures.add("mean face", face::recognition::mean_face(*model));
+    if (has_images(*model)) {
+      images.add("mean face", face::recognition::mean_face(*model));
       const int count = std::min(flags.components, static_cast<int>(model->components.rows()));
       for (int i = 0; i < count; ++i)
-        pictures.add(
+        images.add(
             fmt::format("{} {}", i + 1,
                         model->options.algorithm == Algorithm::kEigen ? "eigenface" : "fisherface"),
-            face::recognition::component_picture(*model, i));
+            face::recognition::component_image(*model, i));
     }
     if (!flags.face.empty()) {
       cv::Mat input = read_gray_image(flags.face);
@@ -161,36 +161,36 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
         }
         input = face::people::recognizer_input(model->options.algorithm, faces.front().crop);
       }
-      add_face(pictures, *model, input, gallery.get(), context);
+      add_face(images, *model, input, gallery.get(), context);
     }
-    if (pictures.images.empty() && gallery != nullptr)
+    if (images.images.empty() && gallery != nullptr)
       for (const face::people::Person& person : gallery->people())
         if (const auto face = gallery->latest_face(person.id))
-          pictures.add(printable(person.name), face->crop);
+          images.add(printable(person.name), face->crop);
   }
   if (flags.output.empty()) {
-    if (!flags.stages.empty()) throw UsageError("-o: the picture to write");
+    if (!flags.stages.empty()) throw UsageError("-o: the image to write");
     return ExitStatus::kDone;
   }
-  if (pictures.images.empty()) {
-    log_warning("this model has no pictures of its own; --face PICTURE shows what it sees");
+  if (images.images.empty()) {
+    log_warning("this model has no images of its own; --face IMAGE shows what it sees");
     return ExitStatus::kNothingFound;
   }
-  write_image(flags.output, image::draw::tile(pictures.images, pictures.names, size));
+  write_image(flags.output, image::draw::tile(images.images, images.names, size));
   return ExitStatus::kDone;
 }
 
 void add_flags(Command& verb, ShowFlags& flags) {
   verb.add_option("MODEL", flags.model, "model file; without it the gallery's");
   add_gallery_flag(verb, flags.people);
-  verb.add_option("--face", flags.face, "a picture: what the model makes of its face");
-  verb.add_flag("--raw", flags.raw, "that picture is a cut face already");
-  verb.add_option("--stages", flags.stages, "a picture: how its face is prepared");
+  verb.add_option("--face", flags.face, "an image: what the model makes of its face");
+  verb.add_flag("--raw", flags.raw, "that image is a cut face already");
+  verb.add_option("--stages", flags.stages, "an image: how its face is prepared");
   verb.add_option("--components", flags.components, "eigenfaces or fisherfaces shown")
       .check(range(0, 500))
       .show_default();
-  verb.add_option("-o,--output", flags.output, "picture to write");
-  verb.add_option("--size", flags.size, "of that picture").show_default();
+  verb.add_option("-o,--output", flags.output, "image to write");
+  verb.add_option("--size", flags.size, "of that image").show_default();
   add_face_flags(verb, flags.people);
 }
 

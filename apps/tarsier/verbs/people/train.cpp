@@ -198,13 +198,13 @@ void add_flags(Command& verb, TrainFlags& flags) {
                   "lines `path<TAB>label`, with four more fields the eyes x y x y as seen");
   verb.add_option("--algorithm", flags.algorithm,
                   "default, eigen, fisher, lbph or deep; the gallery remembers it");
-  verb.add_flag("--raw", flags.raw, "the list's pictures are cut faces already");
-  verb.add_option("--size", flags.size, "pictures of the list are resized to, e.g. 42x48");
+  verb.add_flag("--raw", flags.raw, "the list's images are cut faces already");
+  verb.add_option("--size", flags.size, "images of the list are resized to, e.g. 42x48");
   verb.add_option("-o,--output", flags.output, "model file to write");
   verb.add_option("--learn-background", flags.background_list,
-                  "list of many people, a picture each: what faces are like in general");
+                  "list of many people, an image each: what faces are like in general");
   verb.add_option("--terms", flags.terms,
-                  "terms of the pictures of --learn-background, kept in the model");
+                  "terms of the images of --learn-background, kept in the model");
   add_face_flags(verb, flags.people);
 }
 

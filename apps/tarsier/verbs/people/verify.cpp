@@ -101,7 +101,7 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
 
 void add_flags(Command& verb, VerifyFlags& flags) {
   verb.add_option("NAME", flags.name, "as `people list` shows it").required();
-  verb.add_option("INPUT", flags.inputs, "pictures").required();
+  verb.add_option("INPUT", flags.inputs, "images").required();
   add_gallery_flag(verb, flags.people);
   verb.add_option("--far", flags.rate, "share of others who may pass")
       .check(range(1e-9, 0.999))

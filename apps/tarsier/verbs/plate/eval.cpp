@@ -43,10 +43,10 @@ std::vector<ImageReadings> read_results(const std::string& input) {
   return readings;
 }
 
-std::vector<ImageReadings> read_pictures(const std::vector<std::string>& inputs,
-                                         const PictureReader& reader, const Context& context) {
+std::vector<ImageReadings> read_images(const std::vector<std::string>& inputs,
+                                       const ImageReader& reader, const Context& context) {
   const std::unique_ptr<FrameSource> source = open_sources(inputs);
-  if (source->is_live()) throw UsageError("plate eval judges pictures, not live sources");
+  if (source->is_live()) throw UsageError("plate eval judges images, not live sources");
   std::vector<ImageReadings> readings;
   context.progress->begin("reading", source->count(), "images");
   while (!source->ended()) {
@@ -75,25 +75,25 @@ plate::PlateTruth read_truths(const std::vector<std::string>& paths) {
   return all;
 }
 
-std::vector<ImageReadings> gather(const EvalFlags& flags, const PictureReading& reading,
+std::vector<ImageReadings> gather(const EvalFlags& flags, const ImageReading& reading,
                                   const Context& context) {
   std::vector<ImageReadings> readings;
-  std::vector<std::string> pictures;
+  std::vector<std::string> images;
   for (const std::string& input : flags.inputs) {
     if (!is_results(input)) {
-      pictures.push_back(input);
+      images.push_back(input);
       continue;
     }
     for (ImageReadings& image : read_results(input)) readings.push_back(std::move(image));
   }
-  if (pictures.empty()) return readings;
+  if (images.empty()) return readings;
   if (!reading.make) {
     throw UsageError(fmt::format(
         "'{}' is no file of results: the lines of `plate read --json` end in .jsonl, or are - for "
         "standard input",
-        printable(pictures.front())));
+        printable(images.front())));
   }
-  for (ImageReadings& image : read_pictures(pictures, reading.make(), context)) {
+  for (ImageReadings& image : read_images(images, reading.make(), context)) {
     readings.push_back(std::move(image));
   }
   return readings;
@@ -170,7 +170,7 @@ std::string outcomes_csv(const plate::PlateScores& scores) {
   return text;
 }
 
-ExitStatus evaluate(const EvalFlags& flags, const PictureReading& reading, const Context& context) {
+ExitStatus evaluate(const EvalFlags& flags, const ImageReading& reading, const Context& context) {
   const plate::PlateTruth truth = read_truths(flags.truths);
   const std::vector<ImageReadings> readings = gather(flags, reading, context);
   const plate::PlateScores scores = plate::evaluate_plates(readings, truth, flags.options);
@@ -202,13 +202,13 @@ ExitStatus evaluate(const EvalFlags& flags, const PictureReading& reading, const
 
 }  // namespace
 
-void add_plate_eval(Command& plate, Context& context, PictureReading reading) {
+void add_plate_eval(Command& plate, Context& context, ImageReading reading) {
   Command& verb =
       plate.add_subcommand("eval", "how much of what was read is right, against a truth file");
   const auto flags = std::make_shared<EvalFlags>();
   verb.add_option("INPUT", flags->inputs,
                   "results: a .jsonl file of `plate read --json`, - for standard input; or the "
-                  "pictures themselves")
+                  "images themselves")
       .required();
   verb.add_option("--truth", flags->truths,
                   "CSV with the columns image,x,y,w,h,text; may be given several times")

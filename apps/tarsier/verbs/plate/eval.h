@@ -9,16 +9,16 @@
 
 namespace tarsier::cli {
 
-// Reads the plates of one picture; `image` of the result is the frame's name.
-using PictureReader = std::function<plate::ImageReadings(const Frame&)>;
+// Reads the plates of one image; `image` of the result is the frame's name.
+using ImageReader = std::function<plate::ImageReadings(const Frame&)>;
 
-// How `plate eval` reads pictures itself.
-struct PictureReading {
+// How `plate eval` reads images itself.
+struct ImageReading {
   std::function<void(Command& verb)> add_flags;  // of its own (models, countries ..); may be empty
-  std::function<PictureReader()> make;           // when the flags are known; throws as it must
+  std::function<ImageReader()> make;             // when the flags are known; throws as it must
 };
 
 // `plate eval`. With an empty `reading.make` it takes files of results only.
-void add_plate_eval(Command& plate, Context& context, PictureReading reading);
+void add_plate_eval(Command& plate, Context& context, ImageReading reading);
 
 }  // namespace tarsier::cli

@@ -141,7 +141,7 @@ ExitStatus list_plates(const LogFlags& flags, const Context& context) {
   if (csv) csv->finish();
   if (!flags.csv.empty() && flags.csv != "-")
     log_info("{} entries written to {}", found, flags.csv);
-  if (!flags.crops.empty()) log_info("{} pictures written to {}", crops, flags.crops);
+  if (!flags.crops.empty()) log_info("{} images written to {}", crops, flags.crops);
   return found > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
@@ -185,8 +185,7 @@ void add_flags(Command& verb, LogFlags& flags) {
                          .check(at_least(0))
                          .show_default());
   listing.push_back(&verb.add_option("--csv", flags.csv, "write CSV to this file; - for stdout"));
-  listing.push_back(
-      &verb.add_option("--crops", flags.crops, "write the pictures into this folder"));
+  listing.push_back(&verb.add_option("--crops", flags.crops, "write the images into this folder"));
   Flag& keep = verb.add_option("--keep", flags.keep,
                                "delete what was last in sight longer ago: 30d, 12h, 90m ..");
   for (Flag* flag : listing) keep.excludes(*flag);

@@ -9,10 +9,10 @@
 namespace tarsier::cli {
 namespace {
 
-// `plate eval` reads pictures with the same flags as `plate read`.
-PictureReading picture_reading(Context& context) {
+// `plate eval` reads images with the same flags as `plate read`.
+ImageReading image_reading(Context& context) {
   auto flags = std::make_shared<PlateFlags>();
-  PictureReading reading;
+  ImageReading reading;
   reading.add_flags = [flags](Command& verb) { add_plate_flags(verb, *flags); };
   reading.make = [flags, &context] {
     return [reader = load_reader(*flags, context)](const Frame& frame) {
@@ -35,7 +35,7 @@ void add_plate(Command& app, Context& context) {
   add_plate_read(plate, context);
   add_plate_segment(plate, context);
   add_plate_train(plate, context);
-  add_plate_eval(plate, context, picture_reading(context));
+  add_plate_eval(plate, context, image_reading(context));
   add_plate_sweep(plate, context);
   add_plate_synth(plate, context);
   add_plate_log(plate, context);

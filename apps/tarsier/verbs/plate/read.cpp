@@ -91,7 +91,7 @@ plate::SourceTimes times_of(const std::string& name, const ReadFlags& flags) {
         if (written && length.count() > 0) start = plate::recording_start(*written, length, now);
         return {false, start};
       }
-      case SourceKind::kFolder:  // pictures in sequence
+      case SourceKind::kFolder:  // images in sequence
         return {false, start};
       default:
         return {};
@@ -196,7 +196,7 @@ class Reports {
 ExitStatus run_read(ReadFlags& flags, Context& context) {
   if (!flags.region.empty()) flags.tracker.region = plate::parse_region(flags.region);
   flags.tracker.check();
-  // Without a picture wanted, the readings are the output.
+  // Without an image wanted, the readings are the output.
   default_to_headless(flags.run);
   plate::VideoReader reader = plate::VideoReader::load(
       ModelStore::find(), {reader_options(flags.plate, context), flags.tracker});
@@ -240,7 +240,7 @@ void add_flags(Command& verb, ReadFlags& flags) {
   const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };
   video(verb.add_option("--roi", flags.region,
                         "only plates whose centre is in x,y,w,h or a polygon 'x,y x,y x,y'; px, or "
-                        "shares of the picture where no number is above 1"));
+                        "shares of the image where no number is above 1"));
   video(verb.add_flag("--events", flags.events_only, "JSON: only events, no line for each frame"));
   bind_all(verb, flags.tracker, "Videos and cameras");
   video(verb.add_option("--log", flags.log, "SQLite file that every vehicle is written to"));
@@ -255,8 +255,8 @@ void add_flags(Command& verb, ReadFlags& flags) {
 
 void add_plate_read(Command& plate, Context& context) {
   add_debug_flag(
-      add_verb<ReadFlags>(plate, "read", "reads the plates of pictures, videos and cameras",
-                          context, add_flags, run_read),
+      add_verb<ReadFlags>(plate, "read", "reads the plates of images, videos and cameras", context,
+                          add_flags, run_read),
       context);
 }
 

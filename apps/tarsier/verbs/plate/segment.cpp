@@ -51,14 +51,14 @@ struct Writer {
   std::vector<std::string> labels;
   int saved = 0;
 
-  void save(const fs::path& folder, const std::string& name, const cv::Mat& picture,
+  void save(const fs::path& folder, const std::string& name, const cv::Mat& image,
             nlohmann::ordered_json line) {
     make_folder(folder);
     const std::string path = (folder / name).string();
-    write_image(path, picture);
+    write_image(path, image);
     ++saved;
     if (sheet.size() < kMaxOnSheet) {
-      sheet.push_back(picture);
+      sheet.push_back(image);
       labels.push_back(folder.filename().string());
     }
     line["output"] = path;
@@ -102,7 +102,7 @@ ExitStatus run_segment(const SegmentFlags& flags, Context& context) {
   plate::ClassicOptions options;
   options.seed = context.seed;
   Writer writer{flags, context, *model, options, {}, {}, 0};
-  context.progress->begin("segment", source->count(), "pictures");
+  context.progress->begin("segment", source->count(), "images");
   while (!source->ended()) {
     throw_if_stopped(context.stop);
     if (auto frame = source->next(std::chrono::milliseconds(200), context.stop)) {
@@ -115,15 +115,13 @@ ExitStatus run_segment(const SegmentFlags& flags, Context& context) {
   write_image((fs::path(flags.output) / "sheet.png").string(),
               image::draw::tile(writer.sheet, writer.labels, {1600, 1200}));
   if (!context.json)
-    log_info("{}: {} pictures, the first {} on sheet.png", flags.output, writer.saved,
+    log_info("{}: {} images, the first {} on sheet.png", flags.output, writer.saved,
              writer.sheet.size());
   return ExitStatus::kDone;
 }
 
 void add_flags(Command& verb, SegmentFlags& flags) {
-  verb.add_option("INPUT", flags.inputs, "pictures, folders, globs, videos")
-      .required()
-      .type_name("");
+  verb.add_option("INPUT", flags.inputs, "images, folders, globs, videos").required().type_name("");
   verb.add_option("-o,--output", flags.output, "folder").required();
   verb.add_flag("--no-sort", flags.unsorted, "all into unsorted/");
   verb.add_flag("--characters", flags.characters, "the characters of plates, 20x20");

@@ -52,7 +52,7 @@ void make_folder(const fs::path& folder) {
   if (error) throw OutputError(folder.string(), error.message());
 }
 
-// Pictures of a street, truth.csv for `plate eval` and the training, truth.jsonl with corners.
+// Images of a street, truth.csv for `plate eval` and the training, truth.jsonl with corners.
 ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
   synth::StreetOptions options;
   options.size = parse_size(flags.size, 64, 8192);
@@ -66,10 +66,10 @@ ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
   make_folder(folder / "images");
   std::string csv = "image,x,y,w,h,text\n";
   std::string lines;
-  context.progress->begin("synth", flags.count, "pictures");
+  context.progress->begin("synth", flags.count, "images");
   for (int i = 0; i < flags.count; ++i) {
     throw_if_stopped(context.stop);
-    synth::StreetPicture street = synth::render_car(options, static_cast<std::uint64_t>(i));
+    synth::StreetImage street = synth::render_car(options, static_cast<std::uint64_t>(i));
     synth::add_noise(street.image, flags.noise,
                      context.seed * 7919 + static_cast<std::uint64_t>(i));
     const std::string name = fmt::format("car-{:05}.jpg", i);
@@ -143,14 +143,14 @@ ExitStatus run_synth(const SynthFlags& flags, Context& context) {
 void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("-o,--output", flags.output, "folder: images/, truth.csv, truth.jsonl")
       .required();
-  verb.add_option("--count", flags.count, "pictures").check(range(1, 1000000)).show_default();
+  verb.add_option("--count", flags.count, "images").check(range(1, 1000000)).show_default();
   std::vector<std::string> names;
   for (const auto& [name, kind] : kinds()) names.push_back(name);
   verb.add_option("--kind", flags.kinds, "of plates, several allowed")
       .delimiter(',')
       .check(one_of(names))
       .show_default();
-  verb.add_option("--size", flags.size, "of the pictures").show_default();
+  verb.add_option("--size", flags.size, "of the images").show_default();
   verb.add_option("--noise", flags.noise, "standard deviation, grey levels")
       .check(range(0.0, 64.0))
       .show_default();

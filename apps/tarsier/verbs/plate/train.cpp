@@ -43,7 +43,7 @@ plate::ViewMaker view_maker(const std::vector<std::string>& folders) {
     std::vector<plate::Scene> scenes = plate::read_scenes(folder, 1e6);
     std::size_t plates = 0;
     for (const plate::Scene& scene : scenes) plates += scene.plates.size();
-    log_info("{}: {} pictures, {} plates", folder, scenes.size(), plates);
+    log_info("{}: {} images, {} plates", folder, scenes.size(), plates);
     std::move(scenes.begin(), scenes.end(), std::back_inserter(views.scenes));
   }
   views.glyphs = synth::load_glyphs();
@@ -152,7 +152,7 @@ void add_shared(Command& verb, TrainFlags& flags) {
 
 void add_detector_flags(Command& verb, TrainFlags& flags) {
   verb.add_option("INPUT", flags.inputs,
-                  "folders with truth.csv (image,x,y,w,h,text) or of pictures without plates; "
+                  "folders with truth.csv (image,x,y,w,h,text) or of images without plates; "
                   "classic: SVM.xml, or a folder with plate/ and no-plate/")
       .required()
       .type_name("");

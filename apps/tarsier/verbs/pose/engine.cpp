@@ -22,8 +22,7 @@ void add_pose_flags(Command& verb, PoseFlags& flags) {
                   "which landmark each head point is: lines \"head_point landmark\", from 0");
   Flag& camera = verb.add_option("--camera", flags.camera,
                                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
-  verb.add_option("--focal", flags.focal,
-                  "focal length in px [1.3 times the picture's larger side]")
+  verb.add_option("--focal", flags.focal, "focal length in px [1.3 times the image's larger side]")
       .check(above(0))
       .excludes(camera);
   verb.add_option("--refine", flags.refine,

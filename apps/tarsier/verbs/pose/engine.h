@@ -32,15 +32,15 @@ void add_pose_flags(Command& verb, PoseFlags& flags);
 
 [[nodiscard]] face::head::HeadModel read_head(
     const std::string& path);  // empty: the one that ships
-// Pictures of a folder of Pointing'04 (and below it) whose names tell |pan| <= 45 and |tilt| <= 30
+// Images of a folder of Pointing'04 (and below it) whose names tell |pan| <= 45 and |tilt| <= 30
 // degrees, in order. Throws InputError where there are none.
-[[nodiscard]] std::vector<std::pair<std::string, face::head::PointingName>> pointing_pictures(
+[[nodiscard]] std::vector<std::pair<std::string, face::head::PointingName>> pointing_images(
     const std::string& folder);
 // The first face with a pose whose box has its middle inside the annotated head's.
 [[nodiscard]] const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& faces,
-                                                      const std::string& picture, cv::Size size);
-// The picture of a truth's line, from the current folder or from that of the file.
-[[nodiscard]] std::string picture_of_truth(const std::string& truth, const std::string& image);
+                                                      const std::string& image, cv::Size size);
+// The image of a truth's line, from the current folder or from that of the file.
+[[nodiscard]] std::string image_of_truth(const std::string& truth, const std::string& image);
 void print_pointing(const face::head::PointingScore& score, const Context& context,
                     const std::string& title);
 

@@ -33,7 +33,7 @@ struct EvalFlags {
   std::string csv;
 };
 
-// Poses of the faces of one picture, each as `pose track` finds them in stills.
+// Poses of the faces of one image, each as `pose track` finds them in stills.
 struct Finder {
   face::PoseTracker tracker;
   face::PoseState state;
@@ -93,10 +93,10 @@ std::string table_of(const std::vector<face::head::PointingOutcome>& outcomes) {
 }
 
 bool evaluate_pointing(const EvalFlags& flags, Finder& finder, Context& context) {
-  const auto pictures = pointing_pictures(flags.pointing);
+  const auto images = pointing_images(flags.pointing);
   std::vector<face::head::PointingOutcome> outcomes;
-  context.progress->begin("poses", static_cast<std::int64_t>(pictures.size()), "pictures");
-  for (const auto& [path, name] : pictures) {
+  context.progress->begin("poses", static_cast<std::int64_t>(images.size()), "images");
+  for (const auto& [path, name] : images) {
     throw_if_stopped(context.stop);
     context.progress->advance();
     outcomes.push_back(judge(finder, path, name));
@@ -114,12 +114,12 @@ std::vector<face::head::PoseLine> run_on(const EvalFlags& flags, Finder& finder,
                                          const std::vector<face::head::PoseLine>& truth,
                                          Context& context) {
   std::vector<face::head::PoseLine> found;
-  context.progress->begin("poses", static_cast<std::int64_t>(truth.size()), "pictures");
+  context.progress->begin("poses", static_cast<std::int64_t>(truth.size()), "images");
   for (const face::head::PoseLine& line : truth) {
     throw_if_stopped(context.stop);
     context.progress->advance();
     const std::vector<face::PosedFace> faces =
-        finder.faces(line.image, read_image(picture_of_truth(flags.truth, line.image)));
+        finder.faces(line.image, read_image(image_of_truth(flags.truth, line.image)));
     face::head::PoseLine result;
     result.image = line.image;
     if (!faces.empty() && faces.front().pose) {
@@ -223,13 +223,13 @@ void add_flags(Command& verb, EvalFlags& flags) {
   verb.add_option("--compare", flags.compare,
                   "file of 3D landmarks: how far the mean head is from it");
   verb.add_option("-o,--output", flags.output, "file for the poses found, JSON lines");
-  verb.add_option("--csv", flags.csv, "table of --pointing to write, one row a picture");
+  verb.add_option("--csv", flags.csv, "table of --pointing to write, one row an image");
 }
 
 }  // namespace
 
 void add_pose_eval(Command& area, Context& context) {
-  add_verb<EvalFlags>(area, "eval", "measures head poses on pictures of known truth", context,
+  add_verb<EvalFlags>(area, "eval", "measures head poses on images of known truth", context,
                       add_flags, run_eval);
 }
 

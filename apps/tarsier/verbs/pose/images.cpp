@@ -10,13 +10,13 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-// Pictures of known poses, for `pose eval` and `pose train-view`.
+// Images of known poses, for `pose eval` and `pose train-view`.
 namespace tarsier::cli {
 namespace {
 
 namespace fs = std::filesystem;
 
-std::vector<std::string> pictures_below(const std::string& folder) {
+std::vector<std::string> images_below(const std::string& folder) {
   std::error_code error;
   if (!fs::is_directory(folder, error)) throw InputError(folder, "no such folder");
   std::vector<std::string> paths;
@@ -32,7 +32,7 @@ std::vector<std::string> pictures_below(const std::string& folder) {
 
 std::string text_of(const face::head::PointingScore& score) {
   std::string text = fmt::format(
-      "{} pictures with |pan| <= 45 and |tilt| <= 30: pose found in {}; of the {} where the strict "
+      "{} images with |pan| <= 45 and |tilt| <= 30: pose found in {}; of the {} where the strict "
       "detector sees a face, in {:.1f} %\n"
       "yaw   MAE {:.2f} degrees after the offset of {:+.2f}; {:.2f} without\n"
       "pitch MAE {:.2f} degrees after the offset of {:+.2f}; {:.2f} without\n"
@@ -77,23 +77,23 @@ nlohmann::ordered_json json_of(const face::head::PointingScore& score) {
 
 }  // namespace
 
-std::vector<std::pair<std::string, face::head::PointingName>> pointing_pictures(
+std::vector<std::pair<std::string, face::head::PointingName>> pointing_images(
     const std::string& folder) {
-  std::vector<std::pair<std::string, face::head::PointingName>> pictures;
-  for (const std::string& path : pictures_below(folder)) {
+  std::vector<std::pair<std::string, face::head::PointingName>> images;
+  for (const std::string& path : images_below(folder)) {
     const auto name = face::head::parse_pointing_name(path);
     if (name && std::abs(name->pan_deg) <= 45 && std::abs(name->tilt_deg) <= 30) {
-      pictures.emplace_back(path, *name);
+      images.emplace_back(path, *name);
     }
   }
-  if (pictures.empty()) throw InputError(folder, "has no picture named as in Pointing'04");
-  return pictures;
+  if (images.empty()) throw InputError(folder, "has no image named as in Pointing'04");
+  return images;
 }
 
 const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& faces,
-                                        const std::string& picture, cv::Size size) {
+                                        const std::string& image, cv::Size size) {
   const cv::Rect2d head_box =
-      face::head::pointing_box(picture).value_or(cv::Rect2d(0, 0, size.width, size.height));
+      face::head::pointing_box(image).value_or(cv::Rect2d(0, 0, size.width, size.height));
   for (const face::PosedFace& face : faces) {
     const cv::Rect2d& box = face.face.box;
     if (face.pose && head_box.contains((box.tl() + box.br()) / 2)) return &face;
@@ -101,7 +101,7 @@ const face::PosedFace* face_in_head_box(const std::vector<face::PosedFace>& face
   return nullptr;
 }
 
-std::string picture_of_truth(const std::string& truth, const std::string& image) {
+std::string image_of_truth(const std::string& truth, const std::string& image) {
   std::error_code error;
   if (fs::exists(image, error)) return image;
   return (fs::path(truth).parent_path() / image).string();

@@ -29,7 +29,7 @@ struct SolveFlags {
   std::string camera;
   double focal = 0;
   std::string method = "auto";
-  std::string origin;  // empty: corner where a picture or camera is given
+  std::string origin;  // empty: corner where an image or camera is given
   int reference = 0;
   bool no_refine = false;
   std::string image;
@@ -61,7 +61,7 @@ geometry::Camera solve_camera(const SolveFlags& flags, const cv::Mat& image) {
   if (!image.empty()) {
     if (camera.width > 0 && (camera.width != image.cols || camera.height != image.rows)) {
       throw InputError(flags.image,
-                       fmt::format("is {} x {} px, the camera's pictures are {} x {}", image.cols,
+                       fmt::format("is {} x {} px, the camera's images are {} x {}", image.cols,
                                    image.rows, camera.width, camera.height));
     }
     camera.width = image.cols;
@@ -112,7 +112,7 @@ Solution solve(const SolveFlags& flags, const face::head::PositModel& model,
     }
     normalized.col(i) << x->x, x->y;
   }
-  const face::head::PlanarPoses both =
+  const face::head::PlanarPositResult both =
       face::head::posit_planar(model, normalized, options, workspace);
   for (const auto& pose : both.poses) {
     if (!pose) continue;
@@ -163,7 +163,7 @@ std::string text_of(const face::head::PositPose& pose) {
 
 ExitStatus run_solve(const SolveFlags& flags, Context& context) {
   if (!flags.output.empty() && flags.image.empty() && flags.camera.empty()) {
-    throw UsageError("-o needs --image, the picture to draw on, or --camera");
+    throw UsageError("-o needs --image, the image to draw on, or --camera");
   }
   const Eigen::Matrix3Xd object = face::head::read_point_file(flags.object, 3);
   Eigen::Matrix2Xd points = face::head::read_point_file(flags.points, 2);
@@ -236,9 +236,9 @@ void add_flags(Command& verb, SolveFlags& flags) {
       .show_default();
   verb.add_flag("--no-refine", flags.no_refine,
                 "POSIT alone, without Levenberg-Marquardt (planar poses are always refined)");
-  verb.add_option("--image", flags.image, "picture to draw on");
+  verb.add_option("--image", flags.image, "image to draw on");
   verb.add_option("-o,--output", flags.output,
-                  "picture to write: the axes, the points (dots) and their projections (crosses)");
+                  "image to write: the axes, the points (dots) and their projections (crosses)");
   verb.add_option("--axes", flags.axes, "length of the axes, object units [0.6 of its extent]")
       .check(above(0));
 }
@@ -246,7 +246,7 @@ void add_flags(Command& verb, SolveFlags& flags) {
 }  // namespace
 
 void add_pose_solve(Command& area, Context& context) {
-  add_verb<SolveFlags>(area, "solve", "the pose of an object whose points are seen in one picture",
+  add_verb<SolveFlags>(area, "solve", "the pose of an object whose points are seen in one image",
                        context, add_flags, run_solve);
 }
 

@@ -45,7 +45,7 @@ struct SynthFlags {
   synth::FaceSceneOptions scene;
 };
 
-// Somewhere in the picture, the whole face inside.
+// Somewhere in the image, the whole face inside.
 geometry::Rigid3 random_pose(const SynthFlags& flags, const geometry::Camera& camera, Rng& rng) {
   constexpr double kRoom = 110;  // mm around the middle of a head
   const face::head::HeadAngles angles{rng.uniform(-flags.yaw, flags.yaw),
@@ -116,7 +116,7 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
   const int people = flags.people > 0 ? flags.people : flags.video ? 1 : flags.count;
   const Rng seeds(context.seed);
   std::string lines;
-  context.progress->begin("drawing", flags.count, "pictures");
+  context.progress->begin("drawing", flags.count, "images");
   for (int i = 0; i < flags.count; ++i) {
     throw_if_stopped(context.stop);
     Rng rng = seeds.fork(static_cast<std::uint64_t>(i));
@@ -125,13 +125,13 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
                                       ? turning_pose(flags, static_cast<double>(i) / flags.count)
                                       : random_pose(flags, camera, rng);
     // In a video only the noise changes.
-    cv::Mat picture;
+    cv::Mat image;
     const synth::FacePerson person =
         faces.person(context.seed * 1000 + static_cast<std::uint64_t>(who), flags.spread);
     const std::uint64_t ground = flags.video ? context.seed : rng();
-    const synth::FaceTruth truth = faces.draw(picture, person, camera, pose, flags.scene, ground);
+    const synth::FaceTruth truth = faces.draw(image, person, camera, pose, flags.scene, ground);
     const std::string name = fmt::format("images/{:04}.png", i);
-    write_image((folder / name).string(), picture);
+    write_image((folder / name).string(), image);
     const nlohmann::ordered_json line = truth_line(name, truth, camera);
     lines += line.dump() + "\n";
     if (context.json) print_json(line);
@@ -146,16 +146,16 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
   write_file_atomically((folder / "truth.jsonl").string(), lines);
   face::shape::write_landmark_set((folder / "set.json").string(), set, folder.string());
   if (!context.json && !context.quiet)
-    print_text(fmt::format("{}: {} pictures of {} faces that nobody has\n", flags.output,
-                           flags.count, people));
+    print_text(fmt::format("{}: {} images of {} faces that nobody has\n", flags.output, flags.count,
+                           people));
   return ExitStatus::kDone;
 }
 
 void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("-o,--output", flags.output, "folder").required();
-  verb.add_option("--count", flags.count, "pictures").check(range(1, 100000)).show_default();
+  verb.add_option("--count", flags.count, "images").check(range(1, 100000)).show_default();
   verb.add_option("--people", flags.people,
-                  "different ones, in turn; 0: one a picture, in a video one")
+                  "different ones, in turn; 0: one an image, in a video one")
       .check(range(0, 100000))
       .show_default();
   verb.add_flag("--video", flags.video, "one head that turns, frame by frame");

@@ -168,7 +168,7 @@ void add_flags(Command& verb, TrackFlags& flags) {
 void add_pose_track(Command& area, Context& context) {
   add_verb<TrackFlags>(area, "track",
                        "where heads look: yaw, pitch, roll and place, in "
-                       "pictures, videos and cameras",
+                       "images, videos and cameras",
                        context, add_flags, run_track);
 }
 

@@ -151,7 +151,7 @@ void add_flags(Command& verb, TrainHeadFlags& flags) {
 
 void add_pose_train_head(Command& area, Context& context) {
   add_verb<TrainHeadFlags>(area, "train-head",
-                           "learns the head in 3D from the points of faces in pictures", context,
+                           "learns the head in 3D from the points of faces in images", context,
                            add_flags, run_train);
 }
 

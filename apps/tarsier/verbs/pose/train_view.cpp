@@ -33,7 +33,7 @@ struct TrainViewFlags {
 // Files of truth are cut into so many parts, each of which is left out in turn.
 constexpr int kParts = 7;
 
-// A picture: what landmarks make of it, and the truth.
+// An image: what landmarks make of it, and the truth.
 struct Seen {
   std::optional<face::head_view::HeadView> view;
   face::head::HeadPose pose;
@@ -101,7 +101,7 @@ struct Data {
   std::vector<std::pair<int, face::head::PosePair>> exact;
 };
 
-// Adds a picture; returns its index, -1 where no head was found.
+// Adds an image; returns its index, -1 where no head was found.
 int add(Data& data, Seen seen, int group, const Eigen::Vector3d& forward, bool in_camera) {
   if (!seen.view) return -1;
   const Eigen::Vector3d in_view =
@@ -112,9 +112,9 @@ int add(Data& data, Seen seen, int group, const Eigen::Vector3d& forward, bool i
 }
 
 void add_pointing(const TrainViewFlags& flags, Collector& collector, Data& data, Context& context) {
-  const auto pictures = pointing_pictures(flags.pointing);
-  context.progress->begin("Pointing'04", static_cast<std::int64_t>(pictures.size()), "pictures");
-  for (const auto& [path, name] : pictures) {
+  const auto images = pointing_images(flags.pointing);
+  context.progress->begin("Pointing'04", static_cast<std::int64_t>(images.size()), "images");
+  for (const auto& [path, name] : images) {
     throw_if_stopped(context.stop);
     context.progress->advance();
     const Eigen::Vector3d forward =
@@ -132,7 +132,7 @@ void add_pointing(const TrainViewFlags& flags, Collector& collector, Data& data,
 void add_truth(const std::string& file, int number, Collector& collector, Data& data,
                Context& context) {
   const std::vector<face::head::PoseLine> lines = face::head::read_pose_lines(file);
-  context.progress->begin(file, static_cast<std::int64_t>(lines.size()), "pictures");
+  context.progress->begin(file, static_cast<std::int64_t>(lines.size()), "images");
   int count = 0;
   for (const face::head::PoseLine& line : lines) {
     throw_if_stopped(context.stop);
@@ -141,7 +141,7 @@ void add_truth(const std::string& file, int number, Collector& collector, Data& 
     const int group = 1000 + kParts * number + count++ % kParts;
     const Eigen::Vector3d forward = *line.rotation * Eigen::Vector3d(0, 0, -1);
     const int at =
-        add(data, collector.see(picture_of_truth(file, line.image), false), group, forward, true);
+        add(data, collector.see(image_of_truth(file, line.image), false), group, forward, true);
     if (at < 0) continue;
     face::head::PosePair pair;
     pair.image = line.image;
@@ -180,7 +180,7 @@ void print_scores(Data& data, const std::vector<Eigen::Matrix3d>& rotations, con
                                       {"rotation_mean", score.mean_deg}});
   } else {
     print_text(fmt::format(
-        "{}: {} pictures of exact truth: MAE pitch {:.2f} yaw {:.2f} roll {:.2f}, rotation mean "
+        "{}: {} images of exact truth: MAE pitch {:.2f} yaw {:.2f} roll {:.2f}, rotation mean "
         "{:.2f} degrees\n",
         what, score.truths, score.pitch_mae_deg, score.yaw_mae_deg, score.roll_mae_deg,
         score.mean_deg));
@@ -254,7 +254,7 @@ void add_flags(Command& verb, TrainViewFlags& flags) {
   verb.add_option("--mapping", flags.pose.mapping,
                   "which landmark each head point is: lines \"head_point landmark\", from 0");
   verb.add_option("--focal", flags.pose.focal,
-                  "focal length in px [1.3 times the picture's larger side]")
+                  "focal length in px [1.3 times the image's larger side]")
       .check(above(0));
   verb.add_option("--pointing", flags.pointing,
                   "folder of the Pointing'04 head pose set: names carry the angles");
@@ -269,7 +269,7 @@ void add_flags(Command& verb, TrainViewFlags& flags) {
   verb.add_option("--terms", flags.terms, "terms of the data, kept in the model");
   verb.add_flag("--leave-out", flags.leave_out,
                 "prints how good it is on people it has not seen: each is left out in turn "
-                "(of --truth, a seventh of the pictures)");
+                "(of --truth, a seventh of the images)");
   face::head_view::TrainViewOptions& options = flags.options;
   bind_all(verb, options);
 }
@@ -278,7 +278,7 @@ void add_flags(Command& verb, TrainViewFlags& flags) {
 
 void add_pose_train_view(Command& area, Context& context) {
   add_verb<TrainViewFlags>(area, "train-view",
-                           "learns from pictures of known poses how heads "
+                           "learns from images of known poses how heads "
                            "look, to correct poses (--view)",
                            context, add_flags, run_train);
 }

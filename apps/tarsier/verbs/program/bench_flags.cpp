@@ -12,7 +12,7 @@ void add_bench(Command& app, Context& context, const RunBench& run) {
   for (const BenchInfo& info : kBenches) {
     Command& verb = bench.add_subcommand(info.name, info.help);
     verb.add_option("INPUT", options->inputs,
-                    "pictures to measure on (default: the benchmark's own)");
+                    "images to measure on (default: the benchmark's own)");
     verb.add_option("--repeats", options->repeats,
                     "runs per case, after one to warm up; the median counts")
         .check(range(1, 100000))

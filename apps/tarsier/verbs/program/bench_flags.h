@@ -13,7 +13,7 @@
 namespace tarsier::cli {
 
 struct BenchOptions {
-  std::vector<std::string> inputs;  // pictures to measure on; empty: the benchmark's own
+  std::vector<std::string> inputs;  // images to measure on; empty: the benchmark's own
   int repeats = 15;                 // measured runs per case, >= 1; the median counts
   std::vector<std::string> sizes;   // "640x480" ..; empty: the benchmark's own
   std::vector<std::string> only;    // names of cases (modes); empty: all
@@ -34,10 +34,10 @@ inline constexpr auto kBenches = std::to_array<BenchInfo>({
     {"calibrate", "boards of a calibration: found how exactly and how fast, the camera they give"},
     {"markers", "markers found in drawn scenes, beside OpenCV's aruco and the AprilTag library"},
     {"posit", "the pose of a simulated head: error and time of POSIT beside SQPNP"},
-    {"render", "drawing a mesh of ten thousand triangles into a picture"},
+    {"render", "drawing a mesh of ten thousand triangles into an image"},
     {"steady", "how much less the lines of a video flicker with --steady"},
     {"targets",
-     "pictures found in stills and followed through videos, beside ORB and SIFT with "
+     "images found in stills and followed through videos, beside ORB and SIFT with "
      "RANSAC"},
 });
 

@@ -365,7 +365,7 @@ void look_at_data(std::vector<Item>& items) {
                    cascades > 0 ? "" : "for --face auto: sudo apt install opencv-data"});
 
   const int samples = count_files(std::string(kSampleImages), {".jpg", ".png", ".avi"});
-  items.push_back({"data", "sample pictures", samples > 0 ? Finding::kOk : Finding::kNote,
+  items.push_back({"data", "sample images", samples > 0 ? Finding::kOk : Finding::kNote,
                    samples > 0 ? fmt::format("{} in {}", samples, kSampleImages) : "not found",
                    samples > 0 ? "" : "for a nicer demo: sudo apt install opencv-doc"});
 

@@ -145,7 +145,7 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   out(verb.add_option("--export", flags.exports, "undistorted: images and model for dense tools")
           .check(one_of({"undistorted"})));
   out(verb.add_flag("--turntable", flags.options.turntable, "turntable.gif: the cloud, turning"));
-  out(verb.add_flag("--match-pictures", flags.options.match_images,
+  out(verb.add_flag("--match-images", flags.options.match_images,
                     "matches/: each pair, kept green, removed red"));
   out(verb.add_flag("--growing", flags.growing,
                     "growing/: the model so far, each second at most, until it is done"));

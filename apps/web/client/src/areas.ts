@@ -17,7 +17,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'cartoon',
     title: 'Cartoon',
-    text: 'Turns a live picture into a sketch, a painting or a cartoon.',
+    text: 'Turns a live image into a sketch, a painting or a cartoon.',
     verb: 'cartoon run',
     inputs: ['synth:portrait?live=1'],
     flags: {},
@@ -74,7 +74,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'aam',
     title: 'Appearance models',
-    text: 'Fits a whole face, shape and look, to the picture.',
+    text: 'Fits a whole face, shape and look, to the image.',
     verb: 'aam fit',
     inputs: ['synth:portrait?live=1'],
     flags: {},

@@ -61,7 +61,7 @@ export function rangeOfHelp(help: string): { min: number; max: number } | null {
 }
 
 // The words that a help text lists, where it does nothing else and the default is one of them:
-// "sketch paint cartoon evil", or "fast: the same picture; draft: for small machines".
+// "sketch paint cartoon evil", or "fast: the same image; draft: for small machines".
 export function wordsOfHelp(help: string, preset: FieldDefault): string[] {
   const explained = help.split(/;\s*/).map((part) => /^([a-z0-9][a-z0-9-]*): \S/.exec(part)?.[1] ?? '');
   const listed = (help.split(/[.;:]\s/)[0] ?? '')

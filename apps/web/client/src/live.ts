@@ -1,7 +1,7 @@
-// The one long-lived response of a visible tab: pictures, states and jobs.
+// The one long-lived response of a visible tab: images, states and jobs.
 import { signal, type Signal } from '@preact/signals';
 import { call, signedIn, type Hello, type Job, type LiveState } from './api';
-import { WHOLE, widest } from './picture_size';
+import { WHOLE, widest } from './image_size';
 
 export const KIND = { image: 1, state: 2, hello: 3, job: 4, ping: 5, ended: 6 } as const;
 
@@ -77,14 +77,14 @@ export class LiveParser {
   }
 }
 
-export interface LivePicture {
+export interface LiveImage {
   frame: number;
   ageMs: number; // when the server sent it
   jpeg: Uint8Array;
 }
 
-export function pictureOf(payload: Uint8Array): LivePicture {
-  if (payload.length < 8) throw new Error('a live picture without its head');
+export function imageOf(payload: Uint8Array): LiveImage {
+  if (payload.length < 8) throw new Error('a live image without its head');
   const view = new DataView(payload.buffer, payload.byteOffset, payload.byteLength);
   return { frame: view.getUint32(0), ageMs: view.getUint32(4), jpeg: payload.subarray(8) };
 }
@@ -106,7 +106,7 @@ interface Watched extends LiveSession {
   watchers: number;
   painters: Map<Paint, number>; // each with the width that it wants
   decoding: boolean;
-  next: LivePicture | undefined;
+  next: LiveImage | undefined;
   times: number[];
 }
 
@@ -148,7 +148,7 @@ export function liveSession(id: string): LiveSession {
   return sessionOf(id);
 }
 
-// Follows a session until the function returned is called. `width`: px, as wide as pictures are shown.
+// Follows a session until the function returned is called. `width`: px, as wide as images are shown.
 export function watchSession(id: string, paint?: Paint, width = WHOLE): () => void {
   const one = sessionOf(id);
   one.watchers += 1;
@@ -162,8 +162,8 @@ export function watchSession(id: string, paint?: Paint, width = WHOLE): () => vo
   };
 }
 
-// The place of these pictures has another size now.
-export function setPictureWidth(id: string, paint: Paint, width: number): void {
+// The place of these images has another size now.
+export function setImageWidth(id: string, paint: Paint, width: number): void {
   const one = sessions.get(id);
   if (!one || !one.painters.has(paint) || one.painters.get(paint) === width) return;
   one.painters.set(paint, width);
@@ -279,7 +279,7 @@ function take(record: LiveRecord): void {
   const one = sessions.get(record.id);
   if (!one) return;
   if (record.kind === KIND.image) {
-    one.next = pictureOf(record.payload);
+    one.next = imageOf(record.payload);
     void decode(one);
   } else if (record.kind === KIND.state) {
     one.state.value = text<LiveState>(record.payload);
@@ -290,27 +290,27 @@ function take(record: LiveRecord): void {
   }
 }
 
-// One picture is decoded at a time; only the newest waits.
+// One image is decoded at a time; only the newest waits.
 async function decode(one: Watched): Promise<void> {
   if (one.decoding) return;
   one.decoding = true;
   while (one.next) {
-    const picture = one.next;
+    const image = one.next;
     one.next = undefined;
     const came = performance.now();
     try {
-      const bitmap = await createImageBitmap(new Blob([picture.jpeg as BlobPart], { type: 'image/jpeg' }));
+      const bitmap = await createImageBitmap(new Blob([image.jpeg as BlobPart], { type: 'image/jpeg' }));
       for (const paint of one.painters.keys()) paint(bitmap);
       bitmap.close();
       const now = performance.now();
       one.times = one.times.filter((time) => now - time < 2000);
       // A paused session, or one that is drawn again, shows the same frame: no frame rate.
-      if (picture.frame !== one.shown.peek().frame) one.times.push(now);
+      if (image.frame !== one.shown.peek().frame) one.times.push(now);
       const span = now - (one.times[0] ?? now);
       const fps = one.times.length > 1 && span > 0 ? ((one.times.length - 1) * 1000) / span : 0;
-      one.shown.value = { frame: picture.frame, ageMs: picture.ageMs + (now - came), fps };
+      one.shown.value = { frame: image.frame, ageMs: image.ageMs + (now - came), fps };
     } catch {
-      // A picture that cannot be decoded is left out; the next one comes.
+      // An image that cannot be decoded is left out; the next one comes.
     }
   }
   one.decoding = false;

@@ -149,7 +149,7 @@ function Shell() {
     );
   }
   if (!signed) return <SignIn />;
-  if (now.page === 'session' && now.query.get('only') === 'picture') return <Body page="session" />;
+  if (now.page === 'session' && now.query.get('only') === 'image') return <Body page="session" />;
 
   return (
     <>

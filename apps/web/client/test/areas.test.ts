@@ -101,7 +101,7 @@ test('a hundred thousand points are read within two seconds', () => {
   assert.ok(performance.now() - begin < 2000);
 });
 
-test('projection: the middle of the picture, behind the camera, unknown lenses', () => {
+test('projection: the middle of the image, behind the camera, unknown lenses', () => {
   const model = modelOf(cameras, images, points);
   const one = model.cameras.get(1)!;
   const here = model.photographs.get(1)!;
@@ -135,7 +135,7 @@ test('where a camera stood, and which way is up', () => {
   for (let i = 0; i < 3; i++)
     near(r[3 * i]! * c[0] + r[3 * i + 1]! * c[1] + r[3 * i + 2]! * c[2] + b.t[i]!, 0);
   const up = upOf(model.photographs.values());
-  assert.ok(up[1] < 0); // y goes down in pictures
+  assert.ok(up[1] < 0); // y goes down in images
   const turn = upright(up);
   const straight = rotate(turn, up);
   near(straight[0], 0);
@@ -296,7 +296,7 @@ test('calibrate: rows with their deviations, views of the table', () => {
   assert.equal(rows[4]!.name, 'Distortion k1');
   assert.equal(rows.length, 6);
   const view = viewOf({
-    picture: '5',
+    image: '5',
     found: '1',
     used: '0',
     points: '54',
@@ -305,7 +305,7 @@ test('calibrate: rows with their deviations, views of the table', () => {
     reason: 'alike',
   });
   assert.deepEqual(view, {
-    picture: '5',
+    image: '5',
     found: true,
     used: false,
     points: 54,

@@ -88,7 +88,7 @@ test('ranges and words are read from help texts only where they are', () => {
   assert.equal(rangeOfHelp('px'), null);
   assert.deepEqual(wordsOfHelp('a name, #rrggbb or r,g,b', 'green'), []);
   assert.deepEqual(wordsOfHelp('px', null), []);
-  assert.deepEqual(wordsOfHelp('reference: the definition; fast: the same picture', 'fast'), [
+  assert.deepEqual(wordsOfHelp('reference: the definition; fast: the same image', 'fast'), [
     'reference',
     'fast',
   ]);

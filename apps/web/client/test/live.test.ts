@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { backOff, KIND, LiveParser, pictureOf, type LiveRecord } from '../src/live';
+import { backOff, KIND, LiveParser, imageOf, type LiveRecord } from '../src/live';
 
 function record(kind: number, id: string, payload: Uint8Array): Uint8Array {
   const name = new TextEncoder().encode(id);
@@ -78,12 +78,12 @@ test('records that cannot be are refused', () => {
   assert.throws(() => new LiveParser().push(longId), /id/);
 });
 
-test('a picture has its number, its age and its bytes', () => {
-  const picture = pictureOf(new Uint8Array([0, 0, 1, 2, 0, 0, 0, 40, 0xff, 0xd8]));
-  assert.equal(picture.frame, 258);
-  assert.equal(picture.ageMs, 40);
-  assert.deepEqual([...picture.jpeg], [0xff, 0xd8]);
-  assert.throws(() => pictureOf(new Uint8Array(7)));
+test('an image has its number, its age and its bytes', () => {
+  const image = imageOf(new Uint8Array([0, 0, 1, 2, 0, 0, 0, 40, 0xff, 0xd8]));
+  assert.equal(image.frame, 258);
+  assert.equal(image.ageMs, 40);
+  assert.deepEqual([...image.jpeg], [0xff, 0xd8]);
+  assert.throws(() => imageOf(new Uint8Array(7)));
 });
 
 test('tries to connect again wait longer each time, at most 8 s', () => {

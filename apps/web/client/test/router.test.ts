@@ -6,8 +6,8 @@ test('paths become pages', () => {
   assert.equal(parseRoute('/').page, '');
   assert.equal(parseRoute('/live').page, 'live');
   assert.equal(parseRoute('/live/').page, 'live');
-  assert.deepEqual(parseRoute('/session/ab12?only=picture').rest, ['ab12']);
-  assert.equal(parseRoute('/session/ab12?only=picture').query.get('only'), 'picture');
+  assert.deepEqual(parseRoute('/session/ab12?only=image').rest, ['ab12']);
+  assert.equal(parseRoute('/session/ab12?only=image').query.get('only'), 'image');
   assert.deepEqual(parseRoute('/people/J%C3%BCrgen%2F2').rest, ['Jürgen/2']);
   assert.equal(parseRoute('/people#part').page, 'people');
 });

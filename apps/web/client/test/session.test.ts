@@ -2,7 +2,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import type { Action } from '../src/api';
 import { keyOf, meaningOf, parseKeys, problemOfKey, withKey } from '../src/key_map';
-import { WHOLE, widest, widthFor } from '../src/picture_size';
+import { WHOLE, widest, widthFor } from '../src/image_size';
 import { groupsOf } from '../src/pages/shared/slider_groups';
 import { parseStages } from '../src/stages';
 
@@ -49,7 +49,7 @@ test('stored keys that are broken are left out', () => {
   });
 });
 
-test('pictures are asked for as wide as they are shown', () => {
+test('images are asked for as wide as they are shown', () => {
   assert.equal(widthFor(300, 1), 320);
   assert.equal(widthFor(300, 2), 640);
   assert.equal(widthFor(320, 1), 320);

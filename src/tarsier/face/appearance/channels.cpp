@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/appearance/channels.h"
 
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 
 #include <opencv2/imgproc.hpp>
@@ -14,19 +15,25 @@
 namespace tarsier::face::appearance {
 namespace {
 
+constexpr NameTable<Channels, 4> kChannels{"channels",
+                                           {{{Channels::kGrey, "grey"},
+                                             {Channels::kColour, "colour"},
+                                             {Channels::kGradient, "gradient"},
+                                             {Channels::kOriented, "oriented"}}}};
+
 constexpr double kSmoothing = 0.7;    // px of the crop, before derivatives
 constexpr double kPooling = 1.6;      // px, of the oriented channels
 constexpr double kContrast = 4.0;     // px, over which they are normalised
 constexpr float kMinContrast = 3.0F;  // grey levels a px: what is below fades out
 
-// The picture under the crop, in px of the crop or smaller ones. False where they do not meet.
-bool cut(const cv::Mat& picture, const shape::Similarity2d& picture_from_crop, cv::Size size,
+// The image under the crop, in px of the crop or smaller ones. False where they do not meet.
+bool cut(const cv::Mat& image, const shape::Similarity2d& image_from_crop, cv::Size size,
          cv::Mat& reduced, cv::Mat& crop) {
-  const double scale = picture_from_crop.scale();
+  const double scale = image_from_crop.scale();
   double low_x = 1e12, low_y = 1e12, high_x = -1e12, high_y = -1e12;
   for (const double x : {0.0, size.width - 1.0}) {
     for (const double y : {0.0, size.height - 1.0}) {
-      const Eigen::Vector2d at = picture_from_crop(Eigen::Vector2d(x, y));
+      const Eigen::Vector2d at = image_from_crop(Eigen::Vector2d(x, y));
       low_x = std::min(low_x, at.x());
       high_x = std::max(high_x, at.x());
       low_y = std::min(low_y, at.y());
@@ -37,17 +44,17 @@ bool cut(const cv::Mat& picture, const shape::Similarity2d& picture_from_crop, c
   const auto bounded = [](double value, int most) {
     return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(most)));
   };
-  const int left = bounded(std::floor(low_x - around), picture.cols);
-  const int right = bounded(std::ceil(high_x + around) + 1, picture.cols);
-  const int top = bounded(std::floor(low_y - around), picture.rows);
-  const int bottom = bounded(std::ceil(high_y + around) + 1, picture.rows);
+  const int left = bounded(std::floor(low_x - around), image.cols);
+  const int right = bounded(std::ceil(high_x + around) + 1, image.cols);
+  const int top = bounded(std::floor(low_y - around), image.rows);
+  const int bottom = bounded(std::ceil(high_y + around) + 1, image.rows);
   if (left >= right || top >= bottom) return false;
   const cv::Rect area(left, top, right - left, bottom - top);
 
   double sx = 1;
   double sy = 1;
   const cv::Mat* source = &reduced;
-  const cv::Mat part = picture(area);
+  const cv::Mat part = image(area);
   if (scale > 1.2) {
     const cv::Size small(std::max(1, static_cast<int>(std::lround(area.width / scale))),
                          std::max(1, static_cast<int>(std::lround(area.height / scale))));
@@ -58,20 +65,20 @@ bool cut(const cv::Mat& picture, const shape::Similarity2d& picture_from_crop, c
     source = &part;
   }
   // Centres stay where they were under the reduction.
-  const cv::Matx23d map(sx * picture_from_crop.a, -sx * picture_from_crop.b,
-                        sx * (picture_from_crop.tx - area.x + 0.5) - 0.5, sy * picture_from_crop.b,
-                        sy * picture_from_crop.a, sy * (picture_from_crop.ty - area.y + 0.5) - 0.5);
+  const cv::Matx23d map(sx * image_from_crop.a, -sx * image_from_crop.b,
+                        sx * (image_from_crop.tx - area.x + 0.5) - 0.5, sy * image_from_crop.b,
+                        sy * image_from_crop.a, sy * (image_from_crop.ty - area.y + 0.5) - 0.5);
   cv::warpAffine(*source, crop, map, size, cv::INTER_LINEAR | cv::WARP_INVERSE_MAP,
                  cv::BORDER_REPLICATE);
   return true;
 }
 
-void mark_inside(cv::Size picture, const shape::Similarity2d& picture_from_crop, cv::Size size,
+void mark_inside(cv::Size image, const shape::Similarity2d& image_from_crop, cv::Size size,
                  cv::Mat& inside) {
   const auto is_inside = [&](double x, double y) {
-    const Eigen::Vector2d at = picture_from_crop(Eigen::Vector2d(x, y));
-    return at.x() >= -0.5 && at.y() >= -0.5 && at.x() <= picture.width - 0.5 &&
-           at.y() <= picture.height - 0.5;
+    const Eigen::Vector2d at = image_from_crop(Eigen::Vector2d(x, y));
+    return at.x() >= -0.5 && at.y() >= -0.5 && at.x() <= image.width - 0.5 &&
+           at.y() <= image.height - 0.5;
   };
   const double right = size.width - 1.0;
   const double bottom = size.height - 1.0;
@@ -172,45 +179,26 @@ int channel_count(Channels channels) {
   return 0;
 }
 
-std::string_view name_of(Channels channels) {
-  switch (channels) {
-    case Channels::kGrey:
-      return "grey";
-    case Channels::kColour:
-      return "colour";
-    case Channels::kGradient:
-      return "gradient";
-    case Channels::kOriented:
-      return "oriented";
-  }
-  return "";
-}
+std::string_view name_of(Channels channels) { return kChannels.name(channels); }
 
-Channels parse_channels(std::string_view name) {
-  for (const Channels channels :
-       {Channels::kGrey, Channels::kColour, Channels::kGradient, Channels::kOriented}) {
-    if (name == name_of(channels)) return channels;
-  }
-  throw std::invalid_argument("channels '" + std::string(name) +
-                              "': grey, colour, gradient or oriented are possible");
-}
+Channels parse_channels(std::string_view name) { return kChannels.parse(name); }
 
 bool has_offset(Channels channels) {
   return channels == Channels::kGrey || channels == Channels::kColour;
 }
 
-void make_upright(const cv::Mat& picture, const shape::Similarity2d& picture_from_crop,
-                  cv::Size size, Channels channels, Upright& upright) {
-  TARSIER_REQUIRE(!picture.empty() && (picture.type() == CV_8UC1 || picture.type() == CV_8UC3),
-                  "a picture of OpenCV's type {}", picture.type());
+void make_upright(const cv::Mat& image, const shape::Similarity2d& image_from_crop, cv::Size size,
+                  Channels channels, Upright& upright) {
+  TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC1 || image.type() == CV_8UC3),
+                  "an image of OpenCV's type {}", image.type());
   TARSIER_REQUIRE(size.width >= 2 && size.height >= 2 && size.width <= 8000 && size.height <= 8000,
                   "a crop of {} x {}", size.width, size.height);
   auto& [reduced, crop, gray, energy] = upright.buffers;
-  if (!cut(picture, picture_from_crop, size, reduced, crop)) {
-    crop.create(size, picture.type());
+  if (!cut(image, image_from_crop, size, reduced, crop)) {
+    crop.create(size, image.type());
     crop.setTo(0);
   }
-  mark_inside(picture.size(), picture_from_crop, size, upright.inside);
+  mark_inside(image.size(), image_from_crop, size, upright.inside);
   if (channels == Channels::kColour) {
     if (crop.channels() == 1) cv::cvtColor(crop, crop, cv::COLOR_GRAY2BGR);
     crop.convertTo(upright.values, CV_32F);

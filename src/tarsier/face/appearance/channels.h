@@ -10,7 +10,7 @@
 
 namespace tarsier::face::appearance {
 
-// What an appearance model sees of a picture, at each pixel of an upright crop of it.
+// What an appearance model sees of an image, at each pixel of an upright crop of it.
 //  kGrey      brightness
 //  kColour    blue, green, red
 //  kGradient  gradient / sqrt(|gradient|^2 + e^2): its direction, where there is one (Cootes and
@@ -28,13 +28,13 @@ enum class Channels { kGrey, kColour, kGradient, kOriented };
 // A crop in which the object is upright and of the model's size, seen through the channels.
 struct Upright {
   cv::Mat values;  // CV_32FC(channel_count)
-  cv::Mat inside;  // CV_8UC1, 255 where the crop lies in the picture; empty: everywhere
+  cv::Mat inside;  // CV_8UC1, 255 where the crop lies in the image; empty: everywhere
   cv::Mat buffers[4];
 };
 
-// Cuts `size` pixels out of `picture` (CV_8UC1 or CV_8UC3); pixel x of the crop is at
-// picture_from_crop(x), smoothed where that reduces. Outside the picture: the nearest edge pixel.
-void make_upright(const cv::Mat& picture, const shape::Similarity2d& picture_from_crop,
-                  cv::Size size, Channels channels, Upright& upright);
+// Cuts `size` pixels out of `image` (CV_8UC1 or CV_8UC3); pixel x of the crop is at
+// image_from_crop(x), smoothed where that reduces. Outside the image: the nearest edge pixel.
+void make_upright(const cv::Mat& image, const shape::Similarity2d& image_from_crop, cv::Size size,
+                  Channels channels, Upright& upright);
 
 }  // namespace tarsier::face::appearance

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/appearance/edit.h"
 
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/image/draw/shapes.h"
 
@@ -17,6 +18,9 @@ namespace tarsier::face::appearance {
 using Eigen::Matrix2Xd;
 
 namespace {
+
+constexpr NameTable<FaceEdit, 2> kEdits{
+    "edit", {{{FaceEdit::kOpenMouth, "mouth"}, {FaceEdit::kRaiseBrows, "brows"}}}};
 
 constexpr int kPoints = 68;
 constexpr double kMouthShare = 0.22;  // of the face's height that the lower lip falls
@@ -75,13 +79,9 @@ void move_triangle(const cv::Mat& source, const cv::Point2f (&from)[3], const cv
 
 }  // namespace
 
-std::string_view name_of(FaceEdit edit) { return edit == FaceEdit::kOpenMouth ? "mouth" : "brows"; }
+std::string_view name_of(FaceEdit edit) { return kEdits.name(edit); }
 
-FaceEdit parse_edit(std::string_view name) {
-  for (const FaceEdit edit : {FaceEdit::kOpenMouth, FaceEdit::kRaiseBrows})
-    if (name_of(edit) == name) return edit;
-  throw std::invalid_argument("mouth or brows, not " + std::string(name));
-}
+FaceEdit parse_edit(std::string_view name) { return kEdits.parse(name); }
 
 Matrix2Xd edited_points(const AppearanceModel& model, const Matrix2Xd& points, FaceEdit edit,
                         double amount) {
@@ -99,19 +99,19 @@ Matrix2Xd edited_points(const AppearanceModel& model, const Matrix2Xd& points, F
   return points + change;
 }
 
-void draw_edited(const Synthesis& synthesis, const AppearanceModel& model, cv::Mat& picture,
+void draw_edited(const Synthesis& synthesis, const AppearanceModel& model, cv::Mat& image,
                  const Matrix2Xd& from, const Matrix2Xd& to) {
-  image::draw::require_canvas(picture);
+  image::draw::require_canvas(image);
   TARSIER_REQUIRE(from.cols() == model.points() && to.cols() == model.points(),
                   "{} and {} points, the model has {}", from.cols(), to.cols(), model.points());
-  const Explained seen = synthesis.explain(picture, from);
-  cv::Mat made = picture.clone();
+  const Explained seen = synthesis.explain(image, from);
+  cv::Mat made = image.clone();
   synthesis.draw(seen.c, seen.offset, seen.gain, to, made);
-  // No light falls into a mouth that was closed in the picture.
+  // No light falls into a mouth that was closed in the image.
   const double opened = 1 - std::min(1.0, mouth_area(from) / std::max(1.0, mouth_area(to)));
   made.convertTo(made, -1, 1 - (1 - kInside) * opened);
-  cv::Mat changed = picture.clone();
-  cv::Mat mask(picture.size(), CV_8UC1, cv::Scalar(0));
+  cv::Mat changed = image.clone();
+  cv::Mat mask(image.size(), CV_8UC1, cv::Scalar(0));
   for (const shape::Triangle& triangle : model.mesh) {
     if (*std::max_element(triangle.begin(), triangle.end()) >= from.cols()) continue;
     const bool is_hidden = is_between_the_lips(triangle);
@@ -121,7 +121,7 @@ void draw_edited(const Synthesis& synthesis, const AppearanceModel& model, cv::M
       a[k] = point_of(is_hidden ? to : from, triangle[k]);
       b[k] = point_of(to, triangle[k]);
     }
-    move_triangle(is_hidden ? made : picture, a, b, changed, mask);
+    move_triangle(is_hidden ? made : image, a, b, changed, mask);
   }
   // Blended at its edge.
   const double width = to.row(0).maxCoeff() - to.row(0).minCoeff();
@@ -132,11 +132,11 @@ void draw_edited(const Synthesis& synthesis, const AppearanceModel& model, cv::M
             cv::getStructuringElement(cv::MORPH_ELLIPSE, {2 * reach + 1, 2 * reach + 1}), {-1, -1},
             1, cv::BORDER_CONSTANT, cv::Scalar(0));
   cv::GaussianBlur(weight, weight, {}, feather / 2);
-  for (int y = 0; y < picture.rows; ++y) {
-    auto* to_row = picture.ptr<cv::Vec3b>(y);
+  for (int y = 0; y < image.rows; ++y) {
+    auto* to_row = image.ptr<cv::Vec3b>(y);
     const auto* from_row = changed.ptr<cv::Vec3b>(y);
     const auto* share = weight.ptr<std::uint8_t>(y);
-    for (int x = 0; x < picture.cols; ++x) {
+    for (int x = 0; x < image.cols; ++x) {
       if (share[x] == 0) continue;
       for (int k = 0; k < 3; ++k)
         to_row[x][k] = static_cast<std::uint8_t>(

@@ -8,7 +8,7 @@
 
 #include <string_view>
 
-// Changes of a face in a picture: its points are moved along the model's shape modes, the picture
+// Changes of a face in an image: its points are moved along the model's shape modes, the image
 // goes with them, and what was hidden (the inside of a mouth) is the model's.
 namespace tarsier::face::appearance {
 
@@ -23,9 +23,9 @@ enum class FaceEdit { kOpenMouth, kRaiseBrows };
                                              const Eigen::Matrix2Xd& points, FaceEdit edit,
                                              double amount = 1);
 
-// Draws the face at `from` again at `to` (2 x 68, px) in `picture` (CV_8UC3): each triangle of the
-// picture is moved, those between the lips are drawn by the model.
-void draw_edited(const Synthesis& synthesis, const AppearanceModel& model, cv::Mat& picture,
+// Draws the face at `from` again at `to` (2 x 68, px) in `image` (CV_8UC3): each triangle of the
+// image is moved, those between the lips are drawn by the model.
+void draw_edited(const Synthesis& synthesis, const AppearanceModel& model, cv::Mat& image,
                  const Eigen::Matrix2Xd& from, const Eigen::Matrix2Xd& to);
 
 }  // namespace tarsier::face::appearance

@@ -17,7 +17,7 @@ class EditTest : public ::testing::Test {
         read_appearance_model(std::string(TARSIER_SOURCE_MODELS) + "/aam68.json");
     return result;
   }
-  EditTest() : synthesis_(model()) { picture_ = synthesis_.portrait({}, {}, {300, 300}, &points_); }
+  EditTest() : synthesis_(model()) { image_ = synthesis_.portrait({}, {}, {300, 300}, &points_); }
   double mouth_of(const Eigen::Matrix2Xd& points) {  // how far open, px
     return points(1, 66) - points(1, 62);
   }
@@ -26,7 +26,7 @@ class EditTest : public ::testing::Test {
   }
   Synthesis synthesis_;
   Eigen::Matrix2Xd points_;
-  cv::Mat picture_;
+  cv::Mat image_;
 };
 
 TEST_F(EditTest, TheMouthOpensAndTheEyesStay) {
@@ -46,23 +46,22 @@ TEST_F(EditTest, TheBrowsRise) {
 TEST_F(EditTest, NothingChangesWithoutAChange) {
   const Eigen::Matrix2Xd same = edited_points(model(), points_, FaceEdit::kOpenMouth, 0);
   EXPECT_LT((same - points_).cwiseAbs().maxCoeff(), 1e-6);
-  cv::Mat drawn = picture_.clone();
+  cv::Mat drawn = image_.clone();
   draw_edited(synthesis_, model(), drawn, points_, points_);
-  // The picture between the lips is the model's own.
-  EXPECT_LT(cv::norm(drawn, picture_, cv::NORM_L1) / static_cast<double>(picture_.total()), 1.5);
+  // The image between the lips is the model's own.
+  EXPECT_LT(cv::norm(drawn, image_, cv::NORM_L1) / static_cast<double>(image_.total()), 1.5);
 }
 
-TEST_F(EditTest, ThePictureGoesWithThePoints) {
+TEST_F(EditTest, TheImageGoesWithThePoints) {
   const Eigen::Matrix2Xd open = edited_points(model(), points_, FaceEdit::kOpenMouth);
-  cv::Mat drawn = picture_.clone();
+  cv::Mat drawn = image_.clone();
   draw_edited(synthesis_, model(), drawn, points_, open);
   // Where the lower lip now is, its own colour is; far from the face nothing has changed.
-  const cv::Vec3b was =
-      picture_.at<cv::Vec3b>(cvRound(points_(1, 57)) - 4, cvRound(points_(0, 57)));
+  const cv::Vec3b was = image_.at<cv::Vec3b>(cvRound(points_(1, 57)) - 4, cvRound(points_(0, 57)));
   const cv::Vec3b is = drawn.at<cv::Vec3b>(cvRound(open(1, 57)) - 4, cvRound(open(0, 57)));
   EXPECT_LT(cv::norm(was, is), 60);
-  EXPECT_EQ(drawn.at<cv::Vec3b>(3, 3), picture_.at<cv::Vec3b>(3, 3));
-  EXPECT_GT(cv::norm(drawn, picture_, cv::NORM_INF), 20);
+  EXPECT_EQ(drawn.at<cv::Vec3b>(3, 3), image_.at<cv::Vec3b>(3, 3));
+  EXPECT_GT(cv::norm(drawn, image_, cv::NORM_INF), 20);
 }
 
 TEST_F(EditTest, RefusesOtherPoints) {

@@ -87,37 +87,35 @@ const FitLevel& Fitter::level(int index) const {
   return impl_->levels.at(static_cast<std::size_t>(index));
 }
 
-FitResult Fitter::fit(const cv::Mat& picture, const Matrix2Xd& start,
-                      FitWorkspace& workspace) const {
+FitResult Fitter::fit(const cv::Mat& image, const Matrix2Xd& start, FitWorkspace& workspace) const {
   const int last = static_cast<int>(impl_->levels.size()) - 1;
-  return run(picture, start, impl_->options.coarsest < 0 ? last : impl_->options.coarsest,
+  return run(image, start, impl_->options.coarsest < 0 ? last : impl_->options.coarsest,
              impl_->options.finest, false, workspace);
 }
 
-FitResult Fitter::follow(const cv::Mat& picture, const Matrix2Xd& start,
+FitResult Fitter::follow(const cv::Mat& image, const Matrix2Xd& start,
                          FitWorkspace& workspace) const {
   const int finest = impl_->options.finest;
-  return run(picture, start, finest, finest, true, workspace);
+  return run(image, start, finest, finest, true, workspace);
 }
 
-FitResult Fitter::fit_best(const cv::Mat& picture, const std::vector<Matrix2Xd>& starts,
+FitResult Fitter::fit_best(const cv::Mat& image, const std::vector<Matrix2Xd>& starts,
                            FitWorkspace& workspace) const {
   TARSIER_REQUIRE(!starts.empty(), "no starts");
   const int last = static_cast<int>(impl_->levels.size()) - 1;
   const int coarsest = impl_->options.coarsest < 0 ? last : impl_->options.coarsest;
   const int finest = impl_->options.finest;
-  if (starts.size() == 1) return run(picture, starts[0], coarsest, finest, false, workspace);
+  if (starts.size() == 1) return run(image, starts[0], coarsest, finest, false, workspace);
   std::vector<FitResult> results;
   const bool in_two = coarsest > finest;
   for (const Matrix2Xd& start : starts)
-    results.push_back(
-        run(picture, start, coarsest, in_two ? finest + 1 : finest, false, workspace));
+    results.push_back(run(image, start, coarsest, in_two ? finest + 1 : finest, false, workspace));
   const auto better = [](const FitResult& a, const FitResult& b) { return a.error < b.error; };
   std::stable_sort(results.begin(), results.end(), better);
   if (!in_two) return std::move(results.front());
   FitResult best;
   for (std::size_t k = 0; k < std::min<std::size_t>(2, results.size()); ++k) {
-    FitResult result = run(picture, results[k].points, finest, finest, false, workspace);
+    FitResult result = run(image, results[k].points, finest, finest, false, workspace);
     result.iterations += results[k].iterations;
     result.trace.insert(result.trace.begin(), results[k].trace.begin(), results[k].trace.end());
     if (k == 0 || better(result, best)) best = std::move(result);
@@ -125,17 +123,17 @@ FitResult Fitter::fit_best(const cv::Mat& picture, const std::vector<Matrix2Xd>&
   return best;
 }
 
-FitResult Fitter::run(const cv::Mat& picture, const Matrix2Xd& start, int coarsest, int finest,
+FitResult Fitter::run(const cv::Mat& image, const Matrix2Xd& start, int coarsest, int finest,
                       bool with_last, FitWorkspace& w) const {
   const AppearanceModel& model = *impl_->model;
   const FitOptions& options = impl_->options;
   TARSIER_REQUIRE(start.cols() == model.points(), "a start of {} points, the model has {}",
                   start.cols(), model.points());
   TARSIER_REQUIRE(start.allFinite() && start.cwiseAbs().maxCoeff() <= 1e7,
-                  "a start that is not finite, or far outside any picture");
+                  "a start that is not finite, or far outside any image");
   FitResult result;
   result.points = start;
-  // Nothing of an earlier picture, unless it is asked for.
+  // Nothing of an earlier image, unless it is asked for.
   if (!with_last) {
     for (FitTemplate& made : w.templates) made.level = nullptr;
   }
@@ -145,9 +143,9 @@ FitResult Fitter::run(const cv::Mat& picture, const Matrix2Xd& start, int coarse
     const FitLevel& level = impl_->levels[static_cast<std::size_t>(l)];
     const shape::ShapeFit now = shape::fit_shape(model.shape, result.points, {}, options.sigmas);
     TARSIER_REQUIRE(now.image_from_model.scale() > 1e-6, "points that coincide");
-    const shape::Similarity2d picture_from_crop =
+    const shape::Similarity2d image_from_crop =
         now.image_from_model * level.place.crop_from_model.inverse();
-    make_upright(picture, picture_from_crop, level.place.size, level.texture->channels, w.upright);
+    make_upright(image, image_from_crop, level.place.size, level.texture->channels, w.upright);
     const double scale = level.texture->px_per_unit;
     w.p = scale * now.b;
     if (level.parameters - 4 < w.p.size()) w.p.tail(w.p.size() - (level.parameters - 4)).setZero();
@@ -168,7 +166,7 @@ FitResult Fitter::run(const cv::Mat& picture, const Matrix2Xd& start, int coarse
         w.best_points = w.points;
         w.best_p = w.p;
       }
-      if (options.trace) result.trace.push_back({l, state.error, picture_from_crop(w.points)});
+      if (options.trace) result.trace.push_back({l, state.error, image_from_crop(w.points)});
       if (result.status == FitStatus::kConverged || iteration >= options.iterations) break;
       if (iteration > 0 && std::abs(last_error - state.error) < options.error_tolerance) {
         result.status = FitStatus::kConverged;
@@ -217,8 +215,8 @@ FitResult Fitter::run(const cv::Mat& picture, const Matrix2Xd& start, int coarse
       result.error = state.error;
       result.inside = state.inside;
     }
-    result.points = picture_from_crop(w.points);
-    result.shape = {picture_from_crop, w.p / scale};
+    result.points = image_from_crop(w.points);
+    result.shape = {image_from_crop, w.p / scale};
   }
   result.shape.image_from_model =
       shape::fit_similarity(shape::shape_of(model.shape, result.shape.b), result.points);

@@ -84,11 +84,11 @@ struct FitOptions {
 struct FitStep {
   int level = 0;
   double error = 0;
-  Eigen::Matrix2Xd points;  // px of the picture
+  Eigen::Matrix2Xd points;  // px of the image
 };
 
 struct FitResult {
-  Eigen::Matrix2Xd points;  // 2 x n, px of the picture
+  Eigen::Matrix2Xd points;  // 2 x n, px of the image
   shape::ShapeFit shape;    // similarity, b
   Eigen::VectorXd c;        // appearance parameters (eq. 40)
   double offset = 0;        // of the texture
@@ -99,9 +99,9 @@ struct FitResult {
   int iterations = 0;  // all levels together
   FitStatus status = FitStatus::kIterations;  // of the finest level
   // Nothing like the model is there: error above model.lost_error, less than half of it in the
-  // picture, a mesh that folds, no gain, or a shape that left its crop.
+  // image, a mesh that folds, no gain, or a shape that left its crop.
   bool lost = false;
-  double inside = 1;  // share of the frame in the picture
+  double inside = 1;  // share of the frame in the image
   std::vector<FitStep> trace;
 };
 
@@ -157,19 +157,19 @@ class Fitter {
   Fitter(Fitter&&) noexcept;
   Fitter& operator=(Fitter&&) noexcept;
 
-  // `picture`: CV_8UC1 or CV_8UC3; `start`: 2 x n, px of it. Throws std::invalid_argument for
+  // `image`: CV_8UC1 or CV_8UC3; `start`: 2 x n, px of it. Throws std::invalid_argument for
   // points that are not finite, coincide, or of another number.
-  [[nodiscard]] FitResult fit(const cv::Mat& picture, const Eigen::Matrix2Xd& start,
+  [[nodiscard]] FitResult fit(const cv::Mat& image, const Eigen::Matrix2Xd& start,
                               FitWorkspace& workspace) const;
 
   // The same in the next frame of a video: the alternating fit begins with the texture that
   // `workspace` has from the last fit, at the finest level alone.
-  [[nodiscard]] FitResult follow(const cv::Mat& picture, const Eigen::Matrix2Xd& start,
+  [[nodiscard]] FitResult follow(const cv::Mat& image, const Eigen::Matrix2Xd& start,
                                  FitWorkspace& workspace) const;
 
   // From several starts: each is fitted down to the level before the finest, the best two by error
   // to the end; the one with the least error.
-  [[nodiscard]] FitResult fit_best(const cv::Mat& picture,
+  [[nodiscard]] FitResult fit_best(const cv::Mat& image,
                                    const std::vector<Eigen::Matrix2Xd>& starts,
                                    FitWorkspace& workspace) const;
 
@@ -178,7 +178,7 @@ class Fitter {
   [[nodiscard]] const FitLevel& level(int index) const;  // for tests and timing
 
  private:
-  FitResult run(const cv::Mat& picture, const Eigen::Matrix2Xd& start, int coarsest, int finest,
+  FitResult run(const cv::Mat& image, const Eigen::Matrix2Xd& start, int coarsest, int finest,
                 bool with_last, FitWorkspace& workspace) const;
   struct Impl;
   std::unique_ptr<Impl> impl_;

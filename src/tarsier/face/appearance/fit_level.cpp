@@ -58,9 +58,9 @@ void look(const FitLevel& level, FitWorkspace& w, LevelState& state) {
   if (!is_partial) {
     sums = sums_of(w.seen.data(), n);
   } else {
-    const int in_picture = level.sampler.look_up(w.upright.inside, w.maps, w.inside);
-    state.inside = in_picture / static_cast<double>(level.sampler.pixels());
-    used = std::max(1.0, in_picture * static_cast<double>(level.channels));
+    const int in_image = level.sampler.look_up(w.upright.inside, w.maps, w.inside);
+    state.inside = in_image / static_cast<double>(level.sampler.pixels());
+    used = std::max(1.0, in_image * static_cast<double>(level.channels));
     const float* value = w.seen.data();
     for (const std::uint8_t in : w.inside) {
       for (int c = 0; c < level.channels; ++c, ++value) {
@@ -76,7 +76,7 @@ void look(const FitLevel& level, FitWorkspace& w, LevelState& state) {
   const double factor = rms > 1e-9 ? level.unit / rms : 0;
   w.seen.array() = (w.seen.array() - static_cast<float>(state.offset)) * static_cast<float>(factor);
   if (is_partial) {
-    // What is outside the picture looks like the mean: it pulls nowhere.
+    // What is outside the image looks like the mean: it pulls nowhere.
     double along = 0;
     double square = 0;
     const float* mean = texture.mean.data();
@@ -101,7 +101,7 @@ void look(const FitLevel& level, FitWorkspace& w, LevelState& state) {
       factor > 0 && square > 0
           ? std::sqrt(std::max(0.0, square - static_cast<double>(w.along.squaredNorm())) / square)
           : 1;
-  // In units of the picture: seen = factor (picture - offset).
+  // In units of the image: seen = factor (image - offset).
   state.gain = factor > 0 ? static_cast<double>(w.along[0]) / std::sqrt(count) / factor : 0;
 }
 

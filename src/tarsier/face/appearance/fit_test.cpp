@@ -21,13 +21,13 @@ const AppearanceModel& model() {
   return result;
 }
 
-double mean_error(const Eigen::Matrix2Xd& points, const TrainingPicture& truth) {
+double mean_error(const Eigen::Matrix2Xd& points, const TrainingImage& truth) {
   return (points - truth.points).colwise().norm().mean();
 }
 
 // The mean shape where the object is, but off by a tenth of its size.
-Eigen::Matrix2Xd off_start(const TrainingPicture& picture, Rng& rng) {
-  shape::Similarity2d place = shape::fit_similarity(model().shape.mean, picture.points);
+Eigen::Matrix2Xd off_start(const TrainingImage& image, Rng& rng) {
+  shape::Similarity2d place = shape::fit_similarity(model().shape.mean, image.points);
   place.tx += rng.uniform(-4, 4);
   place.ty += rng.uniform(-4, 4);
   return place(model().shape.mean);
@@ -42,9 +42,9 @@ TEST_P(FitMethodTest, FindsShapesItNeverSaw) {
   FitWorkspace workspace;
   Rng rng(5);
   int right = 0;
-  for (const TrainingPicture& unseen : testing::portraits(12, 77)) {
+  for (const TrainingImage& unseen : testing::portraits(12, 77)) {
     const Eigen::Matrix2Xd start = off_start(unseen, rng);
-    const FitResult fit = fitter.fit(unseen.picture, start, workspace);
+    const FitResult fit = fitter.fit(unseen.image, start, workspace);
     if (mean_error(fit.points, unseen) < 1.0 && !fit.lost) ++right;
   }
   EXPECT_GE(right, 11);
@@ -58,21 +58,21 @@ TEST(Fit, IsTheSameEachTime) {
   FitWorkspace first;
   FitWorkspace second;
   Rng rng(5);
-  const TrainingPicture unseen = testing::portraits(1, 78)[0];
+  const TrainingImage unseen = testing::portraits(1, 78)[0];
   const Eigen::Matrix2Xd start = off_start(unseen, rng);
-  const FitResult a = fitter.fit(unseen.picture, start, first);
-  (void)fitter.fit(testing::portraits(1, 3)[0].picture, start, second);
-  const FitResult b = fitter.fit(unseen.picture, start, second);
+  const FitResult a = fitter.fit(unseen.image, start, first);
+  (void)fitter.fit(testing::portraits(1, 3)[0].image, start, second);
+  const FitResult b = fitter.fit(unseen.image, start, second);
   EXPECT_EQ(a.points, b.points);
   EXPECT_EQ(a.error, b.error);
 }
 
-TEST(Fit, APictureOfSomethingElseIsLost) {
+TEST(Fit, AnImageOfSomethingElseIsLost) {
   const Fitter fitter(model(), {});
   FitWorkspace workspace;
   Rng rng(5);
-  const TrainingPicture unseen = testing::portraits(1, 78)[0];
-  cv::Mat noise(unseen.picture.size(), CV_8UC3);
+  const TrainingImage unseen = testing::portraits(1, 78)[0];
+  cv::Mat noise(unseen.image.size(), CV_8UC3);
   for (int y = 0; y < noise.rows; ++y) {
     for (int x = 0; x < noise.cols; ++x) {
       const auto value = static_cast<std::uint8_t>(rng.integer(0, 255));
@@ -83,26 +83,26 @@ TEST(Fit, APictureOfSomethingElseIsLost) {
   EXPECT_TRUE(fit.lost || fit.error > 0.5) << fit.error;
 }
 
-TEST(Fit, AFacePartlyOutsideThePictureStaysFinite) {
+TEST(Fit, AFacePartlyOutsideTheImageStaysFinite) {
   const Fitter fitter(model(), {});
   FitWorkspace workspace;
   Rng rng(5);
-  const TrainingPicture unseen = testing::portraits(1, 78)[0];
+  const TrainingImage unseen = testing::portraits(1, 78)[0];
   const Eigen::Matrix2Xd start = off_start(unseen, rng).colwise() + Eigen::Vector2d(-70, 60);
-  EXPECT_TRUE(fitter.fit(unseen.picture, start, workspace).points.allFinite());
+  EXPECT_TRUE(fitter.fit(unseen.image, start, workspace).points.allFinite());
 }
 
 TEST(Fit, RefusesStartsThatAreNone) {
   const Fitter fitter(model(), {});
   FitWorkspace workspace;
-  const TrainingPicture unseen = testing::portraits(1, 78)[0];
+  const TrainingImage unseen = testing::portraits(1, 78)[0];
   Eigen::Matrix2Xd start = unseen.points;
   start(0, 3) = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THROW((void)fitter.fit(unseen.picture, start, workspace), std::invalid_argument);
-  EXPECT_THROW((void)fitter.fit(unseen.picture, unseen.points.leftCols(5), workspace),
+  EXPECT_THROW((void)fitter.fit(unseen.image, start, workspace), std::invalid_argument);
+  EXPECT_THROW((void)fitter.fit(unseen.image, unseen.points.leftCols(5), workspace),
                std::invalid_argument);
   start.colwise() = Eigen::Vector2d(50, 50);
-  EXPECT_THROW((void)fitter.fit(unseen.picture, start, workspace), std::invalid_argument);
+  EXPECT_THROW((void)fitter.fit(unseen.image, start, workspace), std::invalid_argument);
 }
 
 }  // namespace

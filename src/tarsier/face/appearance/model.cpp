@@ -75,19 +75,18 @@ CropPlace crop_place(const Texture& texture) {
 }
 
 Explained explain(const AppearanceModel& model, const Texture& texture, const MatrixXf& modes,
-                  const cv::Mat& picture, const Matrix2Xd& points) {
+                  const cv::Mat& image, const Matrix2Xd& points) {
   TARSIER_REQUIRE(points.allFinite(), "a point is not finite");
   TARSIER_REQUIRE(modes.rows() == texture.size() && modes.cols() == texture.mode_count(),
                   "modes of another texture");
   const CropPlace place = crop_place(texture);
-  const shape::Similarity2d picture_from_model = shape::fit_similarity(model.shape.mean, points);
-  const shape::Similarity2d picture_from_crop =
-      picture_from_model * place.crop_from_model.inverse();
+  const shape::Similarity2d image_from_model = shape::fit_similarity(model.shape.mean, points);
+  const shape::Similarity2d image_from_crop = image_from_model * place.crop_from_model.inverse();
   Upright upright;
-  make_upright(picture, picture_from_crop, place.size, texture.channels, upright);
+  make_upright(image, image_from_crop, place.size, texture.channels, upright);
   const FrameSampler sampler(texture.warp);
   std::vector<FrameSampler::Affine> maps;
-  sampler.maps(model.extended(picture_from_crop.inverse()(points)), maps);
+  sampler.maps(model.extended(image_from_crop.inverse()(points)), maps);
 
   Explained result;
   result.seen.resize(texture.size());

@@ -4,7 +4,7 @@
 #include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/appearance/channels.h"
-#include "tarsier/face/appearance/training_picture.h"
+#include "tarsier/face/appearance/training_image.h"
 #include "tarsier/face/shape/piecewise_warp.h"
 #include "tarsier/face/shape/shape_model.h"
 
@@ -32,7 +32,7 @@ struct AppearanceOptions {
                       // from their centre: lets the fit see the outline from outside
   double texture_variance = 0.95;  // share that the modes keep
   int texture_modes = 100;         // at most
-  bool mirror = false;             // mirrored pictures train too; needs the symmetry
+  bool mirror = false;             // mirrored images train too; needs the symmetry
   double to_the_right = 0;         // see mirrored(), px
   bool colour = true;              // a colour texture as well, for synthesis
   int colour_width = 100;          // px
@@ -51,7 +51,7 @@ struct AppearanceOptions {
          "share that the texture modes keep"},
         {"texture_modes", texture_modes, range(0, 1000), "--texture-modes",
          "texture modes at most"},
-        {"mirror", mirror, "--mirror", "learn from mirrored pictures too"},
+        {"mirror", mirror, "--mirror", "learn from mirrored images too"},
         {"to_the_right", to_the_right, range(-100, 100), "--to-the-right",
          "how far the set's points lie to the right of where a symmetric annotation has them, px "
          "(1 where pixels are counted from 1, as in faces68)"},
@@ -122,15 +122,15 @@ struct AppearanceModel {
   void check() const;  // throws std::invalid_argument
 };
 
-// Throws std::invalid_argument for fewer than 2 pictures, a mesh that folds in the mean shape;
+// Throws std::invalid_argument for fewer than 2 images, a mesh that folds in the mean shape;
 // Interrupted. Same result for any number of threads.
-[[nodiscard]] AppearanceModel train_appearance_model(const std::vector<TrainingPicture>& pictures,
+[[nodiscard]] AppearanceModel train_appearance_model(const std::vector<TrainingImage>& images,
                                                      const std::vector<int>& mirror,
                                                      const AppearanceOptions& options,
                                                      Progress& progress,
                                                      const std::stop_token& stop);
 
-// A texture taken from a picture, as the model explains it.
+// A texture taken from an image, as the model explains it.
 struct Explained {
   Eigen::VectorXf seen;  // N, as sampled
   double offset = 0;
@@ -138,11 +138,11 @@ struct Explained {
   Eigen::VectorXd c;  // m
   double error = 0;   // RMS of (seen - offset) that the model does not explain / RMS of
                       // (seen - offset): 0 all explained, 1 nothing
-  double inside = 1;  // share of the frame's pixels in the picture
+  double inside = 1;  // share of the frame's pixels in the image
 };
-// `points`: 2 x points(), px of `picture` (CV_8UC1, CV_8UC3). `modes` = texture.modes().
+// `points`: 2 x points(), px of `image` (CV_8UC1, CV_8UC3). `modes` = texture.modes().
 [[nodiscard]] Explained explain(const AppearanceModel& model, const Texture& texture,
-                                const Eigen::MatrixXf& modes, const cv::Mat& picture,
+                                const Eigen::MatrixXf& modes, const cv::Mat& image,
                                 const Eigen::Matrix2Xd& points);
 
 // The shape of the crop in which a texture is sampled: the frame with room around.

@@ -18,7 +18,7 @@ AppearanceModel trained() {
   return train_appearance_model(testing::portraits(30, 1), {}, {}, silent, {});
 }
 
-TEST(AppearanceModel, FindsTheModesOfItsPictures) {
+TEST(AppearanceModel, FindsTheModesOfItsImages) {
   const AppearanceModel model = trained();
   EXPECT_EQ(model.points(), 16);
   EXPECT_GE(model.shape.mode_count(), 2);
@@ -27,15 +27,15 @@ TEST(AppearanceModel, FindsTheModesOfItsPictures) {
   EXPECT_GE(model.levels[0].mode_count(), 1);
 }
 
-TEST(AppearanceModel, ExplainsItsOwnPictures) {
+TEST(AppearanceModel, ExplainsItsOwnImages) {
   const AppearanceModel model = trained();
   const Texture& texture = model.levels[0];
   const Eigen::MatrixXf modes = texture.modes();
-  for (const TrainingPicture& own : testing::portraits(5, 1)) {
-    EXPECT_LT(explain(model, texture, modes, own.picture, own.points).error, 0.35);
+  for (const TrainingImage& own : testing::portraits(5, 1)) {
+    EXPECT_LT(explain(model, texture, modes, own.image, own.points).error, 0.35);
     const Eigen::Matrix2Xd off = own.points.colwise() + Eigen::Vector2d(18, -14);
-    EXPECT_GT(explain(model, texture, modes, own.picture, off).error,
-              explain(model, texture, modes, own.picture, own.points).error);
+    EXPECT_GT(explain(model, texture, modes, own.image, off).error,
+              explain(model, texture, modes, own.image, own.points).error);
   }
 }
 
@@ -66,7 +66,7 @@ TEST(AppearanceModel, SurvivesItsFileAndRefusesBrokenOnes) {
   EXPECT_THROW((void)appearance_model_from_json(bad, "m.json"), ModelError);
 }
 
-TEST(AppearanceModel, OnePictureIsNotEnough) {
+TEST(AppearanceModel, OneImageIsNotEnough) {
   NoProgress silent;
   EXPECT_THROW((void)train_appearance_model(testing::portraits(1, 1), {}, {}, silent, {}),
                std::invalid_argument);

@@ -78,30 +78,29 @@ struct Sampled {
 
 // All textures, sampled as a fit samples them.
 MatrixXf sample_all(const AppearanceModel& model, const Texture& texture,
-                    const std::vector<TrainingPicture>& pictures, const std::vector<int>& mirror,
+                    const std::vector<TrainingImage>& images, const std::vector<int>& mirror,
                     const AppearanceOptions& options, Progress& progress,
                     const std::stop_token& stop) {
   const FrameSampler sampler(texture.warp);
   const CropPlace place = crop_place(texture);
   const Index n = Index{sampler.pixels()} * channel_count(texture.channels);
   const int each = options.mirror ? 2 : 1;
-  MatrixXf textures(n, static_cast<Index>(pictures.size()) * each);
+  MatrixXf textures(n, static_cast<Index>(images.size()) * each);
   progress.begin("textures", textures.cols(), "textures");
-  cv::parallel_for_(cv::Range(0, static_cast<int>(pictures.size())), [&](const cv::Range& range) {
+  cv::parallel_for_(cv::Range(0, static_cast<int>(images.size())), [&](const cv::Range& range) {
     Upright upright;
     std::vector<FrameSampler::Affine> maps;
     for (int i = range.start; i < range.end; ++i) {
       if (stop.stop_requested()) return;
       for (int k = 0; k < each; ++k) {
-        const TrainingPicture& plain = pictures[static_cast<std::size_t>(i)];
-        TrainingPicture turned;
+        const TrainingImage& plain = images[static_cast<std::size_t>(i)];
+        TrainingImage turned;
         if (k == 1) turned = mirrored(plain, mirror, options.to_the_right);
-        const TrainingPicture& picture = k == 1 ? turned : plain;
-        const shape::Similarity2d picture_from_crop =
-            shape::fit_similarity(model.shape.mean, picture.points) *
-            place.crop_from_model.inverse();
-        make_upright(picture.picture, picture_from_crop, place.size, texture.channels, upright);
-        sampler.maps(model.extended(picture_from_crop.inverse()(picture.points)), maps);
+        const TrainingImage& image = k == 1 ? turned : plain;
+        const shape::Similarity2d image_from_crop =
+            shape::fit_similarity(model.shape.mean, image.points) * place.crop_from_model.inverse();
+        make_upright(image.image, image_from_crop, place.size, texture.channels, upright);
+        sampler.maps(model.extended(image_from_crop.inverse()(image.points)), maps);
         sampler.sample(upright.values, maps, textures.col(i * each + k).data());
         progress.advance();
       }
@@ -132,10 +131,10 @@ Sampled normalise(MatrixXf textures, bool with_offset) {
   VectorXf factors = VectorXf::Ones(textures.cols());
   for (int round = 0; round < 5; ++round) {
     const double rms = std::sqrt(static_cast<double>(mean.squaredNorm()) / n);
-    TARSIER_REQUIRE(rms > 1e-6, "the training pictures have no texture in common");
+    TARSIER_REQUIRE(rms > 1e-6, "the training images have no texture in common");
     mean /= static_cast<float>(rms);
     const VectorXf along = textures.transpose() * mean / static_cast<float>(n);
-    // A picture that has little in common with the rest is not blown up.
+    // An image that has little in common with the rest is not blown up.
     factors = along.unaryExpr([](float a) { return 1 / std::max(a, 0.2F); });
     mean = textures * factors / static_cast<float>(textures.cols());
   }
@@ -190,28 +189,28 @@ void train_texture(Texture& texture, Sampled sampled, double variance, int max_m
 
 }  // namespace
 
-AppearanceModel train_appearance_model(const std::vector<TrainingPicture>& pictures,
+AppearanceModel train_appearance_model(const std::vector<TrainingImage>& images,
                                        const std::vector<int>& mirror,
                                        const AppearanceOptions& options, Progress& progress,
                                        const std::stop_token& stop) {
   options.check();
-  TARSIER_REQUIRE(pictures.size() >= 2, "{} pictures; two are needed", pictures.size());
+  TARSIER_REQUIRE(images.size() >= 2, "{} images; two are needed", images.size());
   TARSIER_REQUIRE(
-      !options.mirror || static_cast<Index>(mirror.size()) == pictures.front().points.cols(),
-      "mirrored pictures need the symmetry of the points");
+      !options.mirror || static_cast<Index>(mirror.size()) == images.front().points.cols(),
+      "mirrored images need the symmetry of the points");
   AppearanceModel model;
   std::vector<Matrix2Xd> shapes;
-  for (const TrainingPicture& picture : pictures) {
-    TARSIER_REQUIRE(picture.picture.type() == CV_8UC3, "a training picture of OpenCV's type {}",
-                    picture.picture.type());
-    TARSIER_REQUIRE(
-        picture.points.cols() == pictures.front().points.cols() && picture.points.allFinite(),
-        "a training picture of {} points; or one that is not finite", picture.points.cols());
-    shapes.push_back(picture.points);
+  for (const TrainingImage& image : images) {
+    TARSIER_REQUIRE(image.image.type() == CV_8UC3, "a training image of OpenCV's type {}",
+                    image.image.type());
+    TARSIER_REQUIRE(image.points.cols() == images.front().points.cols() && image.points.allFinite(),
+                    "a training image of {} points; or one that is not finite",
+                    image.points.cols());
+    shapes.push_back(image.points);
     if (options.mirror) {
       shape::LandmarkSample sample;
-      sample.points = picture.points;
-      shapes.push_back(shape::mirrored(sample, mirror, picture.picture.cols).points);
+      sample.points = image.points;
+      shapes.push_back(shape::mirrored(sample, mirror, image.image.cols).points);
     }
   }
   model.shape = shape::train_shape_model(shapes, options.shape);
@@ -227,9 +226,8 @@ AppearanceModel train_appearance_model(const std::vector<TrainingPicture>& pictu
   const double width = all.row(0).maxCoeff() - all.row(0).minCoeff();
   const auto train = [&](Channels channels, double frame_width, double variance, int modes) {
     Texture texture = empty_texture(model, channels, (frame_width - 1) / width);
-    Sampled sampled =
-        normalise(sample_all(model, texture, pictures, mirror, options, progress, stop),
-                  has_offset(channels));
+    Sampled sampled = normalise(sample_all(model, texture, images, mirror, options, progress, stop),
+                                has_offset(channels));
     train_texture(texture, std::move(sampled), variance, modes);
     throw_if_stopped(stop);
     return texture;

@@ -98,7 +98,7 @@ void SearchOptions::check() const {
   TARSIER_REQUIRE(smallest <= largest, "sizes {} to {}", smallest, largest);
 }
 
-std::optional<Matrix2Xd> search_start(const Fitter& fitter, const cv::Mat& picture,
+std::optional<Matrix2Xd> search_start(const Fitter& fitter, const cv::Mat& image,
                                       const SearchOptions& options, FitWorkspace& workspace) {
   options.check();
   const AppearanceModel& model = fitter.model();
@@ -110,19 +110,19 @@ std::optional<Matrix2Xd> search_start(const Fitter& fitter, const cv::Mat& pictu
 
   struct Place {
     double error;
-    Matrix2Xd points;  // px of the picture
+    Matrix2Xd points;  // px of the image
   };
   std::vector<Place> places;
-  const double side = std::min(picture.cols, picture.rows);
+  const double side = std::min(image.cols, image.rows);
   const double step = std::max(1.0, options.place_step * width);
   for (double size = options.smallest; size <= options.largest * 1.0001;
        size *= options.scale_step) {
-    // The whole picture at which the object is as large as in the coarsest frame, in one go.
-    const double scale = size * side / width;  // px of the picture to one of this
-    const cv::Size all(std::max(2, static_cast<int>(picture.cols / scale)),
-                       std::max(2, static_cast<int>(picture.rows / scale)));
-    make_upright(picture, {scale, 0, (scale - 1) / 2, (scale - 1) / 2}, all,
-                 level.texture->channels, workspace.upright);
+    // The whole image at which the object is as large as in the coarsest frame, in one go.
+    const double scale = size * side / width;  // px of the image to one of this
+    const cv::Size all(std::max(2, static_cast<int>(image.cols / scale)),
+                       std::max(2, static_cast<int>(image.rows / scale)));
+    make_upright(image, {scale, 0, (scale - 1) / 2, (scale - 1) / 2}, all, level.texture->channels,
+                 workspace.upright);
     for (double y = -low.y(); y + high.y() < all.height; y += step) {
       for (double x = -low.x(); x + high.x() < all.width; x += step) {
         workspace.points = mean.colwise() + Vector2d(x, y);
@@ -151,7 +151,7 @@ std::optional<Matrix2Xd> search_start(const Fitter& fitter, const cv::Mat& pictu
     if (!is_near) starts.push_back(place.points);
   }
   if (starts.empty()) return std::nullopt;
-  const FitResult best = fitter.fit_best(picture, starts, workspace);
+  const FitResult best = fitter.fit_best(image, starts, workspace);
   if (best.lost) return std::nullopt;
   return best.points;
 }

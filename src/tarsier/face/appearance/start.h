@@ -42,7 +42,7 @@ struct Disturbance {
                                          const Disturbance& disturbance, std::uint64_t seed);
 
 struct SearchOptions {
-  double smallest = 0.15;  // width of the object, share of the picture's smaller side
+  double smallest = 0.15;  // width of the object, share of the image's smaller side
   double largest = 0.9;
   double scale_step = 1.2;
   double place_step = 0.12;  // of the width
@@ -57,11 +57,11 @@ struct SearchOptions {
   }
   void check() const;
 };
-// Exhaustive search of the picture for the mean shape, upright: the coarsest texture's error at all
+// Exhaustive search of the image for the mean shape, upright: the coarsest texture's error at all
 // places and sizes, then fits from the best of them. The start with the least error; nothing where
 // all are lost.
 [[nodiscard]] std::optional<Eigen::Matrix2Xd> search_start(const Fitter& fitter,
-                                                           const cv::Mat& picture,
+                                                           const cv::Mat& image,
                                                            const SearchOptions& options,
                                                            FitWorkspace& workspace);
 

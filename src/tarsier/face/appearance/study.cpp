@@ -32,27 +32,27 @@ bool holds(const cv::Rect2d& box, const Matrix2Xd& points) {
   return box.contains({center.x(), center.y()}) && box.width > 0.5 * width && box.width < 3 * width;
 }
 
-using Pictures = std::vector<TrainingPicture>;
+using Images = std::vector<TrainingImage>;
 
-// Every third person (picture, where there are fewer than three people) is left out.
-std::pair<Pictures, Pictures> split_by_person(const Pictures& pictures) {
+// Every third person (image, where there are fewer than three people) is left out.
+std::pair<Images, Images> split_by_person(const Images& images) {
   std::map<std::string, std::size_t> people;
-  for (const TrainingPicture& picture : pictures) people.try_emplace(picture.person, people.size());
+  for (const TrainingImage& image : images) people.try_emplace(image.person, people.size());
   const bool by_person = people.size() >= 3;
-  std::pair<Pictures, Pictures> parts;
-  for (std::size_t i = 0; i < pictures.size(); ++i) {
-    const std::size_t number = by_person ? people.at(pictures[i].person) : i;
-    (number % 3 == 2 ? parts.second : parts.first).push_back(pictures[i]);
+  std::pair<Images, Images> parts;
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    const std::size_t number = by_person ? people.at(images[i].person) : i;
+    (number % 3 == 2 ? parts.second : parts.first).push_back(images[i]);
   }
   return parts;
 }
 
 // At most so many, evenly.
-void thin_out(Pictures& pictures, std::size_t most) {
-  if (pictures.size() <= most) return;
-  Pictures kept;
-  for (std::size_t i = 0; i < most; ++i) kept.push_back(pictures[i * pictures.size() / most]);
-  pictures = std::move(kept);
+void thin_out(Images& images, std::size_t most) {
+  if (images.size() <= most) return;
+  Images kept;
+  for (std::size_t i = 0; i < most; ++i) kept.push_back(images[i * images.size() / most]);
+  images = std::move(kept);
 }
 
 }  // namespace
@@ -67,12 +67,12 @@ double point_error(const Matrix2Xd& points, const Matrix2Xd& truth,
   return (points - truth).colwise().norm().mean() / distance;
 }
 
-int learn_place(AppearanceModel& model, const std::vector<TrainingPicture>& pictures,
+int learn_place(AppearanceModel& model, const std::vector<TrainingImage>& images,
                 const Detect& detect) {
   std::vector<std::pair<cv::Rect2d, Matrix2Xd>> boxes;
-  for (const TrainingPicture& picture : pictures) {
-    const auto box = detect(picture.picture);
-    if (box && holds(*box, picture.points)) boxes.emplace_back(*box, picture.points);
+  for (const TrainingImage& image : images) {
+    const auto box = detect(image.image);
+    if (box && holds(*box, image.points)) boxes.emplace_back(*box, image.points);
   }
   if (!boxes.empty()) model.place = learn_box_place(boxes);
   return static_cast<int>(boxes.size());
@@ -84,40 +84,39 @@ void StudyOptions::check(int points) const {
   TARSIER_REQUIRE(spread >= 0 && limit > 0, "spread {}, limit {}", spread, limit);
 }
 
-std::vector<StudyItem> study_pictures(const Fitter& fitter,
-                                      const std::vector<TrainingPicture>& pictures,
-                                      const Detect& detect, const StudyOptions& options,
-                                      Progress& progress, const std::stop_token& stop) {
+std::vector<StudyItem> study_images(const Fitter& fitter, const std::vector<TrainingImage>& images,
+                                    const Detect& detect, const StudyOptions& options,
+                                    Progress& progress, const std::stop_token& stop) {
   const AppearanceModel& model = fitter.model();
   options.check(model.points());
-  std::vector<StudyItem> items(pictures.size());
-  std::vector<std::optional<cv::Rect2d>> boxes(pictures.size());
-  for (std::size_t i = 0; i < pictures.size(); ++i) {
+  std::vector<StudyItem> items(images.size());
+  std::vector<std::optional<cv::Rect2d>> boxes(images.size());
+  for (std::size_t i = 0; i < images.size(); ++i) {
     throw_if_stopped(stop);
-    boxes[i] = detect(pictures[i].picture);
+    boxes[i] = detect(images[i].image);
   }
   const Eigen::MatrixXf modes = model.levels.front().modes();
-  progress.begin("fits", static_cast<std::int64_t>(pictures.size()), "pictures");
-  cv::parallel_for_(cv::Range(0, static_cast<int>(pictures.size())), [&](const cv::Range& range) {
+  progress.begin("fits", static_cast<std::int64_t>(images.size()), "images");
+  cv::parallel_for_(cv::Range(0, static_cast<int>(images.size())), [&](const cv::Range& range) {
     FitWorkspace workspace;
     for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
-      const TrainingPicture& picture = pictures[static_cast<std::size_t>(i)];
+      const TrainingImage& image = images[static_cast<std::size_t>(i)];
       StudyItem& item = items[static_cast<std::size_t>(i)];
-      item.name = picture.name;
-      item.truth = picture.points;
+      item.name = image.name;
+      item.truth = image.points;
       item.floor =
-          point_error(shape::shape_of(model.shape, shape::fit_shape(model.shape, picture.points)),
-                      picture.points, options.eyes);
+          point_error(shape::shape_of(model.shape, shape::fit_shape(model.shape, image.points)),
+                      image.points, options.eyes);
       item.truth_fit_error =
-          explain(model, model.levels.front(), modes, picture.picture, picture.points).error;
+          explain(model, model.levels.front(), modes, image.image, image.points).error;
       const auto& box = boxes[static_cast<std::size_t>(i)];
-      item.detected = box && holds(*box, picture.points);
+      item.detected = box && holds(*box, image.points);
       if (item.detected) {
         item.start = start_in_box(model, *box);
-        item.start_error = point_error(item.start, picture.points, options.eyes);
+        item.start_error = point_error(item.start, image.points, options.eyes);
         item.fit = fitter.fit_best(
-            picture.picture, starts_around(item.start, options.starts, options.spread), workspace);
-        item.error = point_error(item.fit.points, picture.points, options.eyes);
+            image.image, starts_around(item.start, options.starts, options.spread), workspace);
+        item.error = point_error(item.fit.points, image.points, options.eyes);
       }
       progress.advance();
     }
@@ -132,7 +131,7 @@ StudySummary summarise(const std::vector<StudyItem>& items, double limit) {
   std::vector<double> errors;
   int within = 0;
   for (const StudyItem& item : items) {
-    ++s.pictures;
+    ++s.images;
     s.floor_mean += item.floor;
     if (!item.detected) continue;
     ++s.detected;
@@ -143,9 +142,9 @@ StudySummary summarise(const std::vector<StudyItem>& items, double limit) {
     s.iterations += item.fit.iterations;
     within += item.error <= limit ? 1 : 0;
   }
-  if (s.pictures > 0) {
-    s.floor_mean /= s.pictures;
-    s.within = static_cast<double>(within) / s.pictures;
+  if (s.images > 0) {
+    s.floor_mean /= s.images;
+    s.within = static_cast<double>(within) / s.images;
   }
   if (s.detected > 0) {
     s.mean /= s.detected;
@@ -196,16 +195,16 @@ std::array<int, 2> widest(const shape::ShapeModel& model) {
   return best;
 }
 
-double learn_lost_error(const std::vector<TrainingPicture>& pictures,
-                        const std::vector<int>& mirror, const AppearanceOptions& options,
-                        std::uint64_t seed, Progress& progress, const std::stop_token& stop) {
+double learn_lost_error(const std::vector<TrainingImage>& images, const std::vector<int>& mirror,
+                        const AppearanceOptions& options, std::uint64_t seed, Progress& progress,
+                        const std::stop_token& stop) {
   constexpr std::size_t kMaxLearnt = 400;
   constexpr std::size_t kMaxFitted = 150;
   constexpr Disturbance kNear{0.1, 8, 0.08};
   constexpr Disturbance kFar{0.4, 60, 0.8};
   constexpr double kGood = 0.06;  // of the widest distance in the shape
-  if (pictures.size() < 6) return 0;
-  auto [learnt, left_out] = split_by_person(pictures);
+  if (images.size() < 6) return 0;
+  auto [learnt, left_out] = split_by_person(images);
   thin_out(learnt, kMaxLearnt);
   thin_out(left_out, kMaxFitted);
   AppearanceOptions plain = options;
@@ -216,21 +215,21 @@ double learn_lost_error(const std::vector<TrainingPicture>& pictures,
   fit.method = Method::kAlternating;
   const Fitter fitter(model, fit);
   std::vector<StudyItem> items(2 * left_out.size());
-  progress.begin("right and wrong fits", static_cast<std::int64_t>(left_out.size()), "pictures");
+  progress.begin("right and wrong fits", static_cast<std::int64_t>(left_out.size()), "images");
   cv::parallel_for_(cv::Range(0, static_cast<int>(left_out.size())), [&](const cv::Range& range) {
     FitWorkspace workspace;
     for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
       const auto index = static_cast<std::size_t>(i);
-      const TrainingPicture& picture = left_out[index];
+      const TrainingImage& image = left_out[index];
       const Matrix2Xd mean =
-          shape::fit_similarity(model.shape.mean, picture.points)(model.shape.mean);
+          shape::fit_similarity(model.shape.mean, image.points)(model.shape.mean);
       for (std::size_t far = 0; far < 2; ++far) {
         StudyItem& item = items[2 * index + far];
         const Matrix2Xd start =
             disturbed(mean, far == 1 ? kFar : kNear, seed * 7919 + 2 * index + far);
         item.detected = true;
-        item.fit = fitter.fit(picture.picture, start, workspace);
-        item.error = point_error(item.fit.points, picture.points, ends);
+        item.fit = fitter.fit(image.image, start, workspace);
+        item.error = point_error(item.fit.points, image.points, ends);
       }
       progress.advance();
     }
@@ -247,21 +246,21 @@ void ConvergenceOptions::check(int points) const {
 }
 
 std::vector<ConvergencePoint> study_convergence(const Fitter& fitter,
-                                                const std::vector<TrainingPicture>& pictures,
+                                                const std::vector<TrainingImage>& images,
                                                 const ConvergenceOptions& options,
                                                 Progress& progress, const std::stop_token& stop) {
   options.check(fitter.model().points());
   const int steps = static_cast<int>(options.steps.size());
   const int each = steps * options.tries;
-  std::vector<double> errors(pictures.size() * static_cast<std::size_t>(each), 0);
-  progress.begin("random starts", static_cast<std::int64_t>(pictures.size()), "pictures");
-  cv::parallel_for_(cv::Range(0, static_cast<int>(pictures.size())), [&](const cv::Range& range) {
+  std::vector<double> errors(images.size() * static_cast<std::size_t>(each), 0);
+  progress.begin("random starts", static_cast<std::int64_t>(images.size()), "images");
+  cv::parallel_for_(cv::Range(0, static_cast<int>(images.size())), [&](const cv::Range& range) {
     FitWorkspace workspace;
     for (int i = range.start; i < range.end; ++i) {
-      const TrainingPicture& picture = pictures[static_cast<std::size_t>(i)];
+      const TrainingImage& image = images[static_cast<std::size_t>(i)];
       // The mean shape where the face is, not the face's own shape.
-      const Matrix2Xd mean = shape::fit_similarity(fitter.model().shape.mean,
-                                                   picture.points)(fitter.model().shape.mean);
+      const Matrix2Xd mean =
+          shape::fit_similarity(fitter.model().shape.mean, image.points)(fitter.model().shape.mean);
       for (int k = 0; k < each && !stop.stop_requested(); ++k) {
         const double share = options.steps[static_cast<std::size_t>(k / options.tries)];
         const Disturbance disturbance{share * options.most.scale, share * options.most.angle_deg,
@@ -269,8 +268,8 @@ std::vector<ConvergencePoint> study_convergence(const Fitter& fitter,
         const auto number = static_cast<std::uint64_t>(i) * static_cast<std::uint64_t>(each) +
                             static_cast<std::uint64_t>(k);
         const Matrix2Xd start = disturbed(mean, disturbance, options.seed * 1000003 + number);
-        errors[number] = point_error(fitter.fit(picture.picture, start, workspace).points,
-                                     picture.points, options.eyes);
+        errors[number] = point_error(fitter.fit(image.image, start, workspace).points, image.points,
+                                     options.eyes);
       }
       progress.advance();
     }
@@ -281,7 +280,7 @@ std::vector<ConvergencePoint> study_convergence(const Fitter& fitter,
   for (int s = 0; s < steps; ++s) {
     ConvergencePoint point;
     point.disturbance = options.steps[static_cast<std::size_t>(s)];
-    for (std::size_t i = 0; i < pictures.size(); ++i) {
+    for (std::size_t i = 0; i < images.size(); ++i) {
       for (int t = 0; t < options.tries; ++t) {
         const double error = errors[i * static_cast<std::size_t>(each) +
                                     static_cast<std::size_t>(s * options.tries + t)];

@@ -19,17 +19,17 @@
 
 namespace tarsier::face::appearance {
 
-// Finds the object in a picture: its box, if it is there. Called from one thread at a time.
-using Detect = std::function<std::optional<cv::Rect2d>(const cv::Mat& picture)>;
+// Finds the object in an image: its box, if it is there. Called from one thread at a time.
+using Detect = std::function<std::optional<cv::Rect2d>(const cv::Mat& image)>;
 
 // Mean distance of the points to the truth by the distance of two points of the truth (`eyes`).
 // Throws std::invalid_argument where that is 0.
 [[nodiscard]] double point_error(const Eigen::Matrix2Xd& points, const Eigen::Matrix2Xd& truth,
                                  const std::array<int, 2>& eyes);
 
-// model.place from a detector over training pictures; how many of them it found. A box counts where
+// model.place from a detector over training images; how many of them it found. A box counts where
 // the points' centre lies in it. Left as it is where none is found.
-int learn_place(AppearanceModel& model, const std::vector<TrainingPicture>& pictures,
+int learn_place(AppearanceModel& model, const std::vector<TrainingImage>& images,
                 const Detect& detect);
 
 struct StudyItem {
@@ -44,11 +44,11 @@ struct StudyItem {
   Eigen::Matrix2Xd truth;
 };
 struct StudySummary {
-  int pictures = 0;
+  int images = 0;
   int detected = 0;
   double mean = 0;  // of the error over detected ones, share of the eye distance
   double median = 0;
-  double within = 0;  // share of all pictures with an error <= limit
+  double within = 0;  // share of all images with an error <= limit
   double start_mean = 0;
   double floor_mean = 0;
   double lost = 0;  // share of the detected that the fit calls lost
@@ -61,12 +61,11 @@ struct StudyOptions {
   double limit = 0.04;
   void check(int points) const;
 };
-// Fits the model to pictures, from the detector's boxes.
-[[nodiscard]] std::vector<StudyItem> study_pictures(const Fitter& fitter,
-                                                    const std::vector<TrainingPicture>& pictures,
-                                                    const Detect& detect,
-                                                    const StudyOptions& options, Progress& progress,
-                                                    const std::stop_token& stop);
+// Fits the model to images, from the detector's boxes.
+[[nodiscard]] std::vector<StudyItem> study_images(const Fitter& fitter,
+                                                  const std::vector<TrainingImage>& images,
+                                                  const Detect& detect, const StudyOptions& options,
+                                                  Progress& progress, const std::stop_token& stop);
 [[nodiscard]] StudySummary summarise(const std::vector<StudyItem>& items, double limit);
 
 // model.lost_error from fits that were right and wrong (right: point error below `good`): the value
@@ -77,11 +76,11 @@ struct StudyOptions {
 // The two points of the mean shape that are farthest apart: a unit where the eyes are not known.
 [[nodiscard]] std::array<int, 2> widest(const shape::ShapeModel& model);
 
-// model.lost_error for a model of these pictures: another one is learnt of two thirds of the people
-// in them (of the pictures, where they show fewer than three), and fitted to the rest: from near
-// the truth, and from far off. 0 where there are fewer than 6 pictures. Same result for any number
+// model.lost_error for a model of these images: another one is learnt of two thirds of the people
+// in them (of the images, where they show fewer than three), and fitted to the rest: from near
+// the truth, and from far off. 0 where there are fewer than 6 images. Same result for any number
 // of threads.
-[[nodiscard]] double learn_lost_error(const std::vector<TrainingPicture>& pictures,
+[[nodiscard]] double learn_lost_error(const std::vector<TrainingImage>& images,
                                       const std::vector<int>& mirror,
                                       const AppearanceOptions& options, std::uint64_t seed,
                                       Progress& progress, const std::stop_token& stop);
@@ -96,7 +95,7 @@ struct ConvergencePoint {
 struct ConvergenceOptions {
   Disturbance most{0.1, 10, 0.1};
   std::vector<double> steps{0, 0.25, 0.5, 0.75, 1, 1.5, 2};
-  int tries = 5;  // a picture and step
+  int tries = 5;  // an image and step
   double limit = 0.05;
   std::array<int, 2> eyes{-1, -1};
   std::uint64_t seed = 1;
@@ -104,7 +103,7 @@ struct ConvergenceOptions {
 };
 // Same result for any number of threads.
 [[nodiscard]] std::vector<ConvergencePoint> study_convergence(
-    const Fitter& fitter, const std::vector<TrainingPicture>& pictures,
+    const Fitter& fitter, const std::vector<TrainingImage>& images,
     const ConvergenceOptions& options, Progress& progress, const std::stop_token& stop);
 struct ConvergenceCurve {
   std::string name;

@@ -26,12 +26,12 @@ const cv::Scalar kGround(58, 52, 48);
 constexpr std::array<double, 5> kColumns{-3, -1.5, 0, 1.5, 3};
 
 cv::Point fixed(const Eigen::Vector2d& point) {
-  // 4 bits of fraction; far outside any picture is as good as its edge.
+  // 4 bits of fraction; far outside any image is as good as its edge.
   const Eigen::Vector2d at = point.cwiseMax(-1e5).cwiseMin(1e5) * 16;
   return {static_cast<int>(std::lround(at.x())), static_cast<int>(std::lround(at.y()))};
 }
 
-// Numbers of a texture as a picture: brightness is drawn as it is.
+// Numbers of a texture as an image: brightness is drawn as it is.
 cv::Mat to_frame(const Texture& texture, const VectorXf& values) {
   cv::Mat frame(texture.warp.size(), CV_8UC3, cv::Scalar(0, 0, 0));
   const int channels = channel_count(texture.channels);
@@ -87,12 +87,12 @@ cv::Mat Synthesis::frame(const VectorXd& c) const {
 }
 
 void Synthesis::draw(const VectorXd& c, double offset, double gain, const Matrix2Xd& points,
-                     cv::Mat& picture) const {
-  texture_->warp.from_frame(frame(c, offset, gain), model_->extended(points), picture);
+                     cv::Mat& image) const {
+  texture_->warp.from_frame(frame(c, offset, gain), model_->extended(points), image);
 }
 
-Explained Synthesis::explain(const cv::Mat& picture, const Matrix2Xd& points) const {
-  return appearance::explain(*model_, *texture_, modes_, picture, points);
+Explained Synthesis::explain(const cv::Mat& image, const Matrix2Xd& points) const {
+  return appearance::explain(*model_, *texture_, modes_, image, points);
 }
 
 cv::Mat Synthesis::portrait(const VectorXd& b, const VectorXd& c, cv::Size size,
@@ -107,10 +107,10 @@ cv::Mat Synthesis::portrait(const VectorXd& b, const VectorXd& c, cv::Size size,
   whole.head(std::min(b.size(), whole.size())) = b.head(std::min(b.size(), whole.size()));
   const Matrix2Xd at = (scale * shape::shape_of(model_->shape, whole)).colwise() +
                        (middle - scale * 0.5 * (low + high));
-  cv::Mat picture(size, CV_8UC3, kGround);
-  draw(c, texture_->usual_offset, texture_->usual_gain, at, picture);
+  cv::Mat image(size, CV_8UC3, kGround);
+  draw(c, texture_->usual_offset, texture_->usual_gain, at, image);
   if (points != nullptr) *points = at;
-  return picture;
+  return image;
 }
 
 RandomFace random_face(const AppearanceModel& model, const Texture& texture, std::uint64_t seed,
@@ -180,9 +180,9 @@ cv::Mat draw_mode_grid(const AppearanceModel& model, int modes, int cell_px, std
   return grid;
 }
 
-void draw_mesh(const AppearanceModel& model, const Matrix2Xd& points, cv::Mat& picture,
+void draw_mesh(const AppearanceModel& model, const Matrix2Xd& points, cv::Mat& image,
                bool with_outer) {
-  image::draw::require_canvas(picture);
+  image::draw::require_canvas(image);
   const Matrix2Xd all = model.extended(points);
   const int shown = with_outer ? static_cast<int>(all.cols()) : model.points();
   const double size = (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).maxCoeff();
@@ -192,21 +192,20 @@ void draw_mesh(const AppearanceModel& model, const Matrix2Xd& points, cv::Mat& p
       const int a = triangle[k];
       const int b = triangle[(k + 1) % 3];
       if (a >= shown || b >= shown) continue;
-      cv::line(picture, fixed(all.col(a)), fixed(all.col(b)), {230, 200, 90}, width, cv::LINE_AA,
-               4);
+      cv::line(image, fixed(all.col(a)), fixed(all.col(b)), {230, 200, 90}, width, cv::LINE_AA, 4);
     }
   }
   // Small faces would be hidden by their points.
   if (size < 80) return;
   const double radius = std::clamp(size / 110, 1.0, 20.0);
   for (Index i = 0; i < points.cols(); ++i)
-    image::draw::point(picture, {points(0, i), points(1, i)}, {80, 220, 255}, radius);
+    image::draw::point(image, {points(0, i), points(1, i)}, {80, 220, 255}, radius);
 }
 
-cv::Mat draw_error(const AppearanceModel& model, const cv::Mat& picture, const Matrix2Xd& points) {
+cv::Mat draw_error(const AppearanceModel& model, const cv::Mat& image, const Matrix2Xd& points) {
   const Texture& texture = model.levels.front();
   const Eigen::MatrixXf modes = texture.modes();
-  const Explained seen = explain(model, texture, modes, picture, points);
+  const Explained seen = explain(model, texture, modes, image, points);
   VectorXf made = texture.mean;
   made.noalias() += modes * seen.c.cast<float>();
   made = static_cast<float>(seen.gain) * made.array() + static_cast<float>(seen.offset);

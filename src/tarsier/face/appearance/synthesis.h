@@ -29,12 +29,12 @@ class Synthesis {
   [[nodiscard]] cv::Mat frame(const Eigen::VectorXd& c, double offset, double gain) const;
   [[nodiscard]] cv::Mat frame(const Eigen::VectorXd& c = {}) const;  // usual offset and gain
 
-  // Draws it over `picture` (CV_8UC3) where the points (2 x n, px) lie.
+  // Draws it over `image` (CV_8UC3) where the points (2 x n, px) lie.
   void draw(const Eigen::VectorXd& c, double offset, double gain, const Eigen::Matrix2Xd& points,
-            cv::Mat& picture) const;
+            cv::Mat& image) const;
 
-  // What the model sees in a picture under the points: the appearance of its colour texture.
-  [[nodiscard]] Explained explain(const cv::Mat& picture, const Eigen::Matrix2Xd& points) const;
+  // What the model sees in an image under the points: the appearance of its colour texture.
+  [[nodiscard]] Explained explain(const cv::Mat& image, const Eigen::Matrix2Xd& points) const;
 
   // A face of shape b and texture c, upright, on a plain ground, as large as fits into `size`.
   [[nodiscard]] cv::Mat portrait(const Eigen::VectorXd& b, const Eigen::VectorXd& c, cv::Size size,
@@ -59,14 +59,14 @@ struct RandomFace {
 [[nodiscard]] cv::Mat draw_mode_grid(const AppearanceModel& model, int modes, int cell_px,
                                      std::uint64_t seed = 1);
 
-// The mesh and points over a picture (CV_8UC3).
-void draw_mesh(const AppearanceModel& model, const Eigen::Matrix2Xd& points, cv::Mat& picture,
+// The mesh and points over an image (CV_8UC3).
+void draw_mesh(const AppearanceModel& model, const Eigen::Matrix2Xd& points, cv::Mat& image,
                bool with_outer = false);
 
 // What the model sees and does not explain at the points: the texture of the finest level, its
 // reconstruction and the difference (grey 128: none), side by side, CV_8UC3; of feature channels
 // the mean of the squares over channels.
-[[nodiscard]] cv::Mat draw_error(const AppearanceModel& model, const cv::Mat& picture,
+[[nodiscard]] cv::Mat draw_error(const AppearanceModel& model, const cv::Mat& image,
                                  const Eigen::Matrix2Xd& points);
 
 }  // namespace tarsier::face::appearance

@@ -30,11 +30,11 @@ bool is_held(const Fitter& fitter, const TrackOptions& options, const FitResult&
 }
 
 FitResult fit_next(const Fitter& fitter, const TrackOptions& options, Track::Object& object,
-                   const cv::Mat& picture) {
+                   const cv::Mat& image) {
   const FitResult& last = object.now.fit;
-  FitResult fit = fitter.follow(picture, last.points, object.workspace);
+  FitResult fit = fitter.follow(image, last.points, object.workspace);
   if (fit.error <= options.worse * last.error && is_held(fitter, options, fit)) return fit;
-  FitResult refit = fitter.fit(picture, last.points, object.workspace);
+  FitResult refit = fitter.fit(image, last.points, object.workspace);
   return refit.error < fit.error ? refit : fit;
 }
 
@@ -55,11 +55,11 @@ Track::Object& place_for(Track& track, const FitResult& fit, double time,
 }  // namespace
 
 std::vector<TrackedObject> find_objects(const Fitter& fitter, const FindStarts& find,
-                                        const cv::Mat& picture, int most, FitWorkspace& workspace) {
+                                        const cv::Mat& image, int most, FitWorkspace& workspace) {
   std::vector<TrackedObject> found;
-  for (const std::vector<Matrix2Xd>& starts : find(picture)) {
+  for (const std::vector<Matrix2Xd>& starts : find(image)) {
     if (static_cast<int>(found.size()) >= most) break;
-    FitResult fit = fitter.fit_best(picture, starts, workspace);
+    FitResult fit = fitter.fit_best(image, starts, workspace);
     if (fit.lost) continue;
     const bool is_known = std::any_of(found.begin(), found.end(), [&](const TrackedObject& other) {
       return is_same_place(other.fit.points, fit.points);
@@ -70,13 +70,13 @@ std::vector<TrackedObject> find_objects(const Fitter& fitter, const FindStarts& 
 }
 
 std::vector<TrackedObject> track_objects(const Fitter& fitter, const TrackOptions& options,
-                                         const FindStarts& find, Track& track,
-                                         const cv::Mat& picture, double time) {
+                                         const FindStarts& find, Track& track, const cv::Mat& image,
+                                         double time) {
   options.check();
   int followed = 0;
   for (Track::Object& object : track.objects) {
     if (object.is_lost) continue;
-    FitResult fit = fit_next(fitter, options, object, picture);
+    FitResult fit = fit_next(fitter, options, object, image);
     if (!is_held(fitter, options, fit)) {
       object.is_lost = true;
       track.until_search = 0;
@@ -98,7 +98,7 @@ std::vector<TrackedObject> track_objects(const Fitter& fitter, const TrackOption
   }
   if (--track.until_search < 0 && followed < options.max_objects) {
     track.until_search = options.search_every - 1;
-    for (const std::vector<Matrix2Xd>& starts : find(picture)) {
+    for (const std::vector<Matrix2Xd>& starts : find(image)) {
       if (followed >= options.max_objects || starts.empty()) break;
       const bool is_known =
           std::any_of(track.objects.begin(), track.objects.end(), [&](const Track::Object& object) {
@@ -106,7 +106,7 @@ std::vector<TrackedObject> track_objects(const Fitter& fitter, const TrackOption
           });
       if (is_known) continue;
       FitWorkspace workspace;
-      FitResult fit = fitter.fit_best(picture, starts, workspace);
+      FitResult fit = fitter.fit_best(image, starts, workspace);
       if (fit.lost) continue;
       Track::Object& object = place_for(track, fit, time, options);
       object.now.fit = std::move(fit);

@@ -13,7 +13,7 @@
 // The same objects, frame after frame.
 namespace tarsier::face::appearance {
 
-// Where objects may be in a picture (CV_8UC3): for each a list of starts (2 x n, px), best first.
+// Where objects may be in an image (CV_8UC3): for each a list of starts (2 x n, px), best first.
 using FindStarts = std::function<std::vector<std::vector<Eigen::Matrix2Xd>>(const cv::Mat&)>;
 
 struct TrackOptions {
@@ -60,11 +60,11 @@ struct Track {
 [[nodiscard]] std::vector<TrackedObject> track_objects(const Fitter& fitter,
                                                        const TrackOptions& options,
                                                        const FindStarts& find, Track& track,
-                                                       const cv::Mat& picture, double time);
+                                                       const cv::Mat& image, double time);
 
-// The objects of a picture by itself: fits from the starts that are not lost, each place once.
+// The objects of an image by itself: fits from the starts that are not lost, each place once.
 [[nodiscard]] std::vector<TrackedObject> find_objects(const Fitter& fitter, const FindStarts& find,
-                                                      const cv::Mat& picture, int most,
+                                                      const cv::Mat& image, int most,
                                                       FitWorkspace& workspace);
 
 }  // namespace tarsier::face::appearance

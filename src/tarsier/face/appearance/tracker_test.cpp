@@ -25,16 +25,16 @@ const AppearanceModel& model() {
 
 // A video: the same thing on a plain ground, moved a little from frame to frame.
 struct Video {
-  TrainingPicture thing = testing::portraits(1, 91)[0];
+  TrainingImage thing = testing::portraits(1, 91)[0];
   Eigen::Vector2d at{0, 0};
 
   [[nodiscard]] cv::Mat frame(bool is_shown = true) const {
-    cv::Mat picture(240, 320, CV_8UC3, cv::Scalar(128, 115, 102));
-    if (!is_shown) return picture;
+    cv::Mat image(240, 320, CV_8UC3, cv::Scalar(128, 115, 102));
+    if (!is_shown) return image;
     const cv::Mat shift = (cv::Mat_<double>(2, 3) << 1, 0, at.x(), 0, 1, at.y());
-    cv::warpAffine(thing.picture, picture, shift, picture.size(), cv::INTER_LINEAR,
+    cv::warpAffine(thing.image, image, shift, image.size(), cv::INTER_LINEAR,
                    cv::BORDER_TRANSPARENT);
-    return picture;
+    return image;
   }
   [[nodiscard]] Eigen::Matrix2Xd points() const { return thing.points.colwise() + at; }
   // Starts where the thing is, a little off.
@@ -101,8 +101,8 @@ TEST(Track, OnePlaceIsOneObject) {
   const Video video;
   int calls = 0;
   const FindStarts one = video.find(&calls);
-  const FindStarts twice = [&](const cv::Mat& picture) {
-    auto starts = one(picture);
+  const FindStarts twice = [&](const cv::Mat& image) {
+    auto starts = one(image);
     starts.push_back(starts[0]);
     return starts;
   };

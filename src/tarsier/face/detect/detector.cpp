@@ -41,9 +41,9 @@ std::string find_cascade(const std::string& name) {
   return "";
 }
 
-double usual_min_face(cv::Size picture) {
-  constexpr double kSmallPicture = 0.5e6;  // px
-  return static_cast<double>(picture.width) * picture.height > kSmallPicture ? 40 : 24;
+double usual_min_face(cv::Size image) {
+  constexpr double kSmallImage = 0.5e6;  // px
+  return static_cast<double>(image.width) * image.height > kSmallImage ? 40 : 24;
 }
 
 void FaceDetectorOptions::check() const {
@@ -129,7 +129,7 @@ std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame, double min_face
 
 struct FaceFollower::Impl {
   FaceDetector detector;
-  FaceDetector near;  // finds one face in a part of the picture
+  FaceDetector near;  // finds one face in a part of the image
   FaceFollowerOptions options;
   std::vector<Face> faces;
   int frame = 0;

@@ -18,13 +18,13 @@ namespace tarsier::face {
 // ("haarcascade_frontalface_alt2.xml") or "".
 [[nodiscard]] std::string find_cascade(const std::string& name);
 
-// Width of the smallest face that is looked for where nothing else is asked, px of the picture: 40,
-// and 24 in pictures of up to half a megapixel, where it costs little.
-[[nodiscard]] double usual_min_face(cv::Size picture);
+// Width of the smallest face that is looked for where nothing else is asked, px of the image: 40,
+// and 24 in images of up to half a megapixel, where it costs little.
+[[nodiscard]] double usual_min_face(cv::Size image);
 
 struct FaceDetectorOptions {
-  double min_face = 0;  // px of the picture, width of the smallest box; 0: the usual
-  // px; wider pictures are searched at this width, whatever min_face says; 0: at the
+  double min_face = 0;  // px of the image, width of the smallest box; 0: the usual
+  // px; wider images are searched at this width, whatever min_face says; 0: at the
   // width that min_face needs.
   int max_width = 0;
   int neighbors = 3;  // rectangles that must agree
@@ -37,7 +37,7 @@ struct FaceDetectorOptions {
   void check() const;
 };
 
-// Finds upright frontal faces with a boosted cascade (Viola and Jones, CVPR 2001), in the picture
+// Finds upright frontal faces with a boosted cascade (Viola and Jones, CVPR 2001), in the image
 // reduced so that min_face is kCascadeWindow px. Not thread-safe.
 inline constexpr int kCascadeWindow = 24;
 class FaceDetector {
@@ -50,10 +50,10 @@ class FaceDetector {
 
   // Faces in `frame` (CV_8UC3 BGR or CV_8UC1), px, largest first.
   [[nodiscard]] std::vector<cv::Rect> detect(const cv::Mat& frame);
-  // Other sizes than those of the options; max_face 0: as large as the picture.
+  // Other sizes than those of the options; max_face 0: as large as the image.
   [[nodiscard]] std::vector<cv::Rect> detect(const cv::Mat& frame, double min_face,
                                              double max_face);
-  // Pixels of all pictures so far, as they were searched: what the searches cost.
+  // Pixels of all images so far, as they were searched: what the searches cost.
   [[nodiscard]] std::int64_t pixels() const;
 
  private:
@@ -62,7 +62,7 @@ class FaceDetector {
 };
 
 struct FaceFollowerOptions {
-  int search_every = 8;   // frames between two searches of the whole picture, >= 1
+  int search_every = 8;   // frames between two searches of the whole image, >= 1
   int forget_after = 15;  // frames without the face after which it is dropped, >= 1
 };
 
@@ -70,7 +70,7 @@ struct FaceFollowerOptions {
 // between, positions smoothed, short misses bridged. Not thread-safe.
 class FaceFollower {
  public:
-  // The whole picture is searched at 320 px: faces of 7.5 % of its width and more.
+  // The whole image is searched at 320 px: faces of 7.5 % of its width and more.
   explicit FaceFollower(FaceDetectorOptions detector = {.max_width = 320},
                         FaceFollowerOptions options = {});
   ~FaceFollower();

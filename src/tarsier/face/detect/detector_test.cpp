@@ -14,7 +14,7 @@
 namespace tarsier::face {
 namespace {
 
-constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+constexpr const char* kImage = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
 
 class FaceTest : public testing::Test {
  protected:
@@ -22,13 +22,13 @@ class FaceTest : public testing::Test {
     if (find_cascade("haarcascade_frontalface_alt2.xml").empty()) {
       GTEST_SKIP() << "opencv-data is not installed";
     }
-    if (!std::filesystem::exists(kPicture)) GTEST_SKIP() << "opencv-doc is not installed";
+    if (!std::filesystem::exists(kImage)) GTEST_SKIP() << "opencv-doc is not installed";
   }
 };
 
 TEST_F(FaceTest, FindsTheFaceOfAImage) {
   FaceDetector detector({.max_width = 320});
-  const std::vector<cv::Rect> faces = detector.detect(read_image(kPicture));
+  const std::vector<cv::Rect> faces = detector.detect(read_image(kImage));
   ASSERT_FALSE(faces.empty());
   EXPECT_TRUE(faces[0].contains(cv::Point(240, 115))) << faces[0];
 }
@@ -54,14 +54,14 @@ TEST_F(FaceTest, FollowsAMovingFaceUnderOneIdentity) {
 
 TEST_F(FaceTest, ForgetsAFaceThatIsGone) {
   FaceFollower follower({}, {.search_every = 2, .forget_after = 3});
-  ASSERT_FALSE(follower.follow(read_image(kPicture)).empty());
+  ASSERT_FALSE(follower.follow(read_image(kImage)).empty());
   const cv::Mat nothing(342, 548, CV_8UC3, cv::Scalar(90, 90, 90));
   for (int i = 0; i < 3; ++i)
     EXPECT_FALSE(follower.follow(nothing).empty()) << "a short miss is bridged";
   EXPECT_TRUE(follower.follow(nothing).empty());
 }
 
-TEST(FaceDetector, TinyPicturesHaveNoFaces) {
+TEST(FaceDetector, TinyImagesHaveNoFaces) {
   if (find_cascade("haarcascade_frontalface_alt2.xml").empty()) {
     GTEST_SKIP() << "opencv-data is not installed";
   }

@@ -14,11 +14,10 @@ namespace tarsier::face {
 namespace {
 
 constexpr int kBorder = 8;  // px of a level repeated around it, so that faces may touch its edge
-constexpr int kContrastReach = 8;       // 2 x 2 blocks on each side: 34 px, about twice a face
-constexpr float kContrastFloor = 8;     // grey values
-constexpr double kScanThreshold = 0.1;  // of the first network: its misses are final
-constexpr std::size_t kMaxFinds =
-    3000;  // of a level: whatever a picture holds, the work has an end
+constexpr int kContrastReach = 8;        // 2 x 2 blocks on each side: 34 px, about twice a face
+constexpr float kContrastFloor = 8;      // grey values
+constexpr double kScanThreshold = 0.1;   // of the first network: its misses are final
+constexpr std::size_t kMaxFinds = 3000;  // of a level: whatever an image holds, the work has an end
 constexpr double kJudgeThreshold = 0.15;  // of the second
 constexpr double kClearlyNot = -3;        // logit of the third
 constexpr double kDeviationFloor = 4;     // grey values, of a window
@@ -44,12 +43,12 @@ void cut_window(const std::vector<cv::Mat>& halves, const cv::Rect2d& box, FaceW
   const double scale = form.box / box.width;
   const int level = half_for(scale, halves.size());
   const cv::Mat& source = halves[static_cast<std::size_t>(level)];
-  const double unit = std::ldexp(1.0, level);  // px of the picture in one of this half
+  const double unit = std::ldexp(1.0, level);  // px of the image in one of this half
   const double step = 1 / (scale * unit);
   // Pixel centres: the window's (u + 0.5) * step + left - 0.5.
   const double x0 = (box.x + box.width / 2) / unit - 0.5 * (form.side - 1) * step - 0.5;
   const double y0 = (box.y + box.height / 2) / unit - 0.5 * (form.side - 1) * step - 0.5;
-  // Beyond its edge the picture repeats it.
+  // Beyond its edge the image repeats it.
   const auto between = [&](double at, int count, int& low, int& high, float& share) {
     const double inside = std::clamp(at, 0.0, count - 1.0);
     low = static_cast<int>(inside);
@@ -327,7 +326,7 @@ int half_for(double scale, std::size_t count) {
 
 void scan_input(const cv::Mat& gray, FaceSearchWorkspace& workspace, std::vector<float>& input) {
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && gray.rows % 2 == 0 && gray.cols % 2 == 0,
-                  "a picture of type {}, {}x{}", gray.type(), gray.cols, gray.rows);
+                  "an image of type {}, {}x{}", gray.type(), gray.cols, gray.rows);
   const int rows = gray.rows / 2;  // of blocks
   const int cols = gray.cols / 2;
   const auto width = static_cast<std::size_t>(cols);
@@ -473,7 +472,7 @@ std::vector<ScoredFace> suppress_overlaps(std::vector<ScoredFace> faces, double 
 std::vector<ScoredFace> scan_faces(const cv::Mat& gray, const FaceNetworks& networks,
                                    const FaceSearchOptions& options,
                                    FaceSearchWorkspace& workspace) {
-  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "a picture of type {}", gray.type());
+  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
   options.check();
   const double largest = std::max(options.min_face, largest_face(gray, options));
   make_halves(gray, kScanFace / largest, workspace.halves);

@@ -62,7 +62,7 @@ struct ScoredFace {
 
 struct FaceSearchOptions {
   double min_face = 40;  // px, width of the smallest box
-  double max_face = 0;   // px, of the largest; 0: as large as the picture
+  double max_face = 0;   // px, of the largest; 0: as large as the image
   double threshold = 0;  // score of a face; 0: the networks' `likely`
   int max_places = 200;  // that the second network looks at, the best of the first
   bool checked = true;   // false: without the third network
@@ -75,7 +75,7 @@ struct FaceSearchOptions {
   void check() const;
 };
 
-// Buffers, reused from picture to picture. One for each thread.
+// Buffers, reused from image to image. One for each thread.
 struct FaceSearchWorkspace {
   linalg::StackWorkspace stack;
   std::vector<cv::Mat> halves;
@@ -119,7 +119,7 @@ void window_input(const cv::Mat& window, std::vector<float>& input);
 [[nodiscard]] std::vector<ScoredFace> scan_faces(const cv::Mat& gray, const FaceNetworks& networks,
                                                  const FaceSearchOptions& options,
                                                  FaceSearchWorkspace& workspace);
-// The picture halved again and again; [0] is `gray`. A level at `scale` is best made from
+// The image halved again and again; [0] is `gray`. A level at `scale` is best made from
 // half_for(scale).
 void make_halves(const cv::Mat& gray, double smallest_scale, std::vector<cv::Mat>& halves);
 [[nodiscard]] int half_for(double scale, std::size_t count);

@@ -88,7 +88,7 @@ TEST(FaceSearch, TheCostDependsOnTheSmallestFaceAndNotOnTheScale) {
   EXPECT_LT(first, 3.2 * 256 * 160);
 }
 
-TEST(FaceSearch, TheWorkHasAnEndWhateverThePictureHolds) {
+TEST(FaceSearch, TheWorkHasAnEndWhateverTheImageHolds) {
   FaceNetworks networks = random_networks(5);
   networks.scan.layers.back().bias[0] = 20;  // everything looks like a face
   networks.judge.layers.back().bias[0] = 20;
@@ -101,7 +101,7 @@ TEST(FaceSearch, TheWorkHasAnEndWhateverThePictureHolds) {
   EXPECT_FALSE(faces.empty());
 }
 
-TEST(FaceSearch, TinyPicturesAreNoTrouble) {
+TEST(FaceSearch, TinyImagesAreNoTrouble) {
   FaceSearchWorkspace workspace;
   const FaceNetworks networks = random_networks(1);
   for (const cv::Size size : {cv::Size(1, 1), cv::Size(3, 200), cv::Size(17, 16)}) {
@@ -184,38 +184,38 @@ TEST(SuppressOverlaps, NoTwoThatStayOverlapAndEachThatGoesOverlapsABetterOne) {
 // --- training ---
 
 // A face of a kind: two dark eyes and a mouth on something bright.
-void draw_mask(cv::Mat& picture, const cv::Rect2d& box) {
+void draw_mask(cv::Mat& image, const cv::Rect2d& box) {
   const auto at = [&](double x, double y) {
     return cv::Point(cvRound(box.x + x * box.width), cvRound(box.y + y * box.width));
   };
   const auto size = [&](double x, double y) {
     return cv::Size(cvRound(x * box.width), cvRound(y * box.width));
   };
-  cv::ellipse(picture, at(0.5, 0.55), size(0.52, 0.68), 0, 0, 360, cv::Scalar(200), -1);
+  cv::ellipse(image, at(0.5, 0.55), size(0.52, 0.68), 0, 0, 360, cv::Scalar(200), -1);
   for (const double x : {0.28, 0.72}) {
-    cv::ellipse(picture, at(x, 0.35), size(0.12, 0.08), 0, 0, 360, cv::Scalar(40), -1);
+    cv::ellipse(image, at(x, 0.35), size(0.12, 0.08), 0, 0, 360, cv::Scalar(40), -1);
   }
-  cv::ellipse(picture, at(0.5, 0.85), size(0.2, 0.06), 0, 0, 360, cv::Scalar(70), -1);
+  cv::ellipse(image, at(0.5, 0.85), size(0.2, 0.06), 0, 0, 360, cv::Scalar(70), -1);
 }
 
 class FaceTrainingTest : public FolderTest {
  protected:
   FaceTrainingTest() {
     for (int i = 0; i < 3; ++i) {
-      cv::Mat picture = noise({80, 80}, static_cast<std::uint64_t>(i) + 20);
+      cv::Mat image = noise({80, 80}, static_cast<std::uint64_t>(i) + 20);
       const cv::Rect2d box(22 + 3 * i, 20 + 2 * i, 30 + i, 30 + i);
-      draw_mask(picture, box);
+      draw_mask(image, box);
       const std::string name = path("face" + std::to_string(i) + ".png");
-      write_image(name, picture);
-      pictures_.push_back({name, {box}, {}});
+      write_image(name, image);
+      images_.push_back({name, {box}, {}});
     }
     for (int i = 0; i < 2; ++i) {
       const std::string name = path("none" + std::to_string(i) + ".png");
       write_image(name, noise({80, 64}, static_cast<std::uint64_t>(i) + 50));
-      pictures_.push_back({name, {}, {}});
+      images_.push_back({name, {}, {}});
     }
   }
-  std::vector<FacePicture> pictures_;
+  std::vector<FaceImage> images_;
   NoProgress silent_;
 };
 
@@ -224,9 +224,9 @@ TEST_F(FaceTrainingTest, IsTheSameForAnyNumberOfThreads) {
       .scan_steps = 4, .judge_steps = 3, .check_steps = 3, .drawings = 0};
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
-  const FaceTraining one = train_face_networks(pictures_, "set", options, silent_, {});
+  const FaceTraining one = train_face_networks(images_, "set", options, silent_, {});
   cv::setNumThreads(3);
-  const FaceTraining three = train_face_networks(pictures_, "set", options, silent_, {});
+  const FaceTraining three = train_face_networks(images_, "set", options, silent_, {});
   cv::setNumThreads(threads);
   EXPECT_EQ(one.faces, 3);
   EXPECT_EQ(one.without, 2);
@@ -236,21 +236,21 @@ TEST_F(FaceTrainingTest, IsTheSameForAnyNumberOfThreads) {
   EXPECT_EQ(one.networks.check.layers[0].weights, three.networks.check.layers[0].weights);
 }
 
-TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByPicturesThatWereHeldOut) {
+TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByImagesThatWereHeldOut) {
   for (int i = 2; i < 8; ++i) {
     const std::string name = path("none" + std::to_string(i) + ".png");
     write_image(name, noise({80, 64}, static_cast<std::uint64_t>(i) + 50));
-    pictures_.push_back({name, {}, {}});
+    images_.push_back({name, {}, {}});
   }
   // Hardly trained networks take anything for a face.
   FaceTrainingOptions options{.scan_steps = 3, .judge_steps = 3, .check_steps = 3, .drawings = 0};
   options.false_alarms = 0;
-  const FaceTraining strict = train_face_networks(pictures_, "set", options, silent_, {});
+  const FaceTraining strict = train_face_networks(images_, "set", options, silent_, {});
   EXPECT_EQ(strict.without, 6);
   EXPECT_EQ(strict.held_out, 2);
   EXPECT_LE(strict.held_out_alarms, strict.held_out_likely);
   options.false_alarms = 10'000;
-  const FaceTraining loose = train_face_networks(pictures_, "set", options, silent_, {});
+  const FaceTraining loose = train_face_networks(images_, "set", options, silent_, {});
   EXPECT_EQ(strict.held_out_alarms, 0);
   EXPECT_NEAR(loose.networks.sure, 0.5, 0.05);
   EXPECT_GT(loose.held_out_alarms, 0);
@@ -268,12 +268,12 @@ TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByPicturesThatWereHeldOut) {
 TEST_F(FaceTrainingTest, TakesPixelsInPlaceOfAFile) {
   const FaceTrainingOptions options{
       .scan_steps = 3, .judge_steps = 3, .check_steps = 3, .drawings = 0};
-  const FaceTraining files = train_face_networks(pictures_, "set", options, silent_, {});
-  for (FacePicture& picture : pictures_) {
-    picture.gray = read_gray_image(picture.image);
-    picture.image = "no such file";
+  const FaceTraining files = train_face_networks(images_, "set", options, silent_, {});
+  for (FaceImage& image : images_) {
+    image.gray = read_gray_image(image.image);
+    image.image = "no such file";
   }
-  const FaceTraining pixels = train_face_networks(pictures_, "set", options, silent_, {});
+  const FaceTraining pixels = train_face_networks(images_, "set", options, silent_, {});
   EXPECT_TRUE(pixels.skipped.empty());
   EXPECT_EQ(pixels.networks.scan.layers[0].weights, files.networks.scan.layers[0].weights);
 }
@@ -306,12 +306,12 @@ TEST(FaceTrainingViews, ThePlaceOfAPointIsWhereItIsDrawn) {
     cv::Mat gray(200, 240, CV_8UC1, cv::Scalar(20));
     const cv::Point2d dot(100.5, 120.5);
     cv::circle(gray, cv::Point(100, 120), 3, cv::Scalar(250), cv::FILLED);
-    training::Picture picture;
-    make_halves(gray, 0.2, picture.halves);
+    training::Image image;
+    make_halves(gray, 0.2, image.halves);
     const double scale = training::log_uniform(rng, 0.4, 2);
     const training::Place where =
         training::place({110, 110}, {32, 32}, scale, training::face_turn(rng));
-    const cv::Mat view = training::view_of(picture, where, 64);
+    const cv::Mat view = training::view_of(image, where, 64);
     cv::Mat weights;
     view.convertTo(weights, CV_32F, 1, -20);
     const cv::Moments moments = cv::moments(weights);
@@ -321,15 +321,15 @@ TEST(FaceTrainingViews, ThePlaceOfAPointIsWhereItIsDrawn) {
   }
 }
 
-TEST(FaceTrainingViews, SomethingElseMayLieBehindAPicture) {
-  training::Picture picture;
-  make_halves(cv::Mat(20, 20, CV_8UC1, cv::Scalar(200)), 0.5, picture.halves);
+TEST(FaceTrainingViews, SomethingElseMayLieBehindAnImage) {
+  training::Image image;
+  make_halves(cv::Mat(20, 20, CV_8UC1, cv::Scalar(200)), 0.5, image.halves);
   const cv::Mat behind(64, 64, CV_8UC1, cv::Scalar(10));
   const training::Place where = training::place({10, 10}, {32, 32}, 1, {});
-  const cv::Mat view = training::view_of(picture, where, 64, &behind);
+  const cv::Mat view = training::view_of(image, where, 64, &behind);
   EXPECT_EQ(view.at<std::uint8_t>(32, 32), 200);
   EXPECT_EQ(view.at<std::uint8_t>(5, 5), 10);
-  EXPECT_EQ(training::view_of(picture, where, 64).at<std::uint8_t>(5, 5), 200);
+  EXPECT_EQ(training::view_of(image, where, 64).at<std::uint8_t>(5, 5), 200);
 }
 
 TEST(FaceTrainingViews, DrawingsComeFromTheSeed) {
@@ -350,10 +350,10 @@ TEST(FaceTrainingViews, DrawingsComeFromTheSeed) {
   }
 }
 
-TEST_F(FaceTrainingTest, NeedsFacesAndPicturesWithout) {
-  std::vector<FacePicture> faces(pictures_.begin(), pictures_.begin() + 3);
+TEST_F(FaceTrainingTest, NeedsFacesAndImagesWithout) {
+  std::vector<FaceImage> faces(images_.begin(), images_.begin() + 3);
   EXPECT_THROW((void)train_face_networks(faces, "set", {}, silent_, {}), InputError);
-  std::vector<FacePicture> without(pictures_.begin() + 3, pictures_.end());
+  std::vector<FaceImage> without(images_.begin() + 3, images_.end());
   EXPECT_THROW((void)train_face_networks(without, "set", {}, silent_, {}), InputError);
 }
 

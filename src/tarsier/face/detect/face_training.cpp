@@ -28,36 +28,36 @@ using training::disturb;
 using training::draw_without_faces;
 using training::face_turn;
 using training::hide_part;
+using training::Image;
 using training::log_uniform;
-using training::Picture;
 using training::Place;
 using training::place;
 using training::Turn;
 using training::view_of;
 
-constexpr double kLargestFace = 72;         // px; pictures with larger faces are reduced
-constexpr double kLargestSide = 900;        // px of pictures without faces
+constexpr double kLargestFace = 72;         // px; images with larger faces are reduced
+constexpr double kLargestSide = 900;        // px of images without faces
 constexpr int kPatch = 64;                  // px, what the first network learns from
 constexpr double kFits[2] = {14.0, 23.5};   // px, widths of faces that the first network answers
 constexpr double kNearly[2] = {9.5, 34.0};  // and those where either answer will do
 
 // A place that was taken for a face.
 struct Mistake {
-  int picture = 0;
+  int image = 0;
   cv::Rect2d box;
 };
 
 constexpr double kHighestSure = 0.98;
 
-// Every so manyth picture without faces is not learned from.
+// Every so manyth image without faces is not learned from.
 constexpr int kHoldOut = 3;
 
 struct Material {
-  std::vector<Picture> faces;            // pictures with faces
-  std::vector<Picture> without;          // and those without
-  std::vector<Picture> held_out;         // of the latter: they decide what is sure
-  std::vector<std::pair<int, int>> all;  // picture and face
-  [[nodiscard]] const Picture& picture(int number) const {
+  std::vector<Image> faces;              // images with faces
+  std::vector<Image> without;            // and those without
+  std::vector<Image> held_out;           // of the latter: they decide what is sure
+  std::vector<std::pair<int, int>> all;  // image and face
+  [[nodiscard]] const Image& image(int number) const {
     const auto count = static_cast<int>(without.size());
     return number < count ? without[static_cast<std::size_t>(number)]
                           : faces[static_cast<std::size_t>(number - count)];
@@ -74,7 +74,7 @@ double shared(const cv::Rect2d& a, const cv::Rect2d& b) {
 // Planes: label, is the box known, dx, dy, log of the growth.
 constexpr std::size_t kScanPlanes = 5;
 
-void label_scan(const Picture& picture, const Place& where, std::vector<float>& target) {
+void label_scan(const Image& image, const Place& where, std::vector<float>& target) {
   constexpr int kSide = kPatch / kScanCell;
   constexpr std::size_t kPlane = kSide * kSide;
   target.assign(kScanPlanes * kPlane, 0.0F);
@@ -89,13 +89,13 @@ void label_scan(const Picture& picture, const Place& where, std::vector<float>& 
   const auto inside = [](const cv::Point2d& p, const cv::Point2d& middle, double reach) {
     return std::abs(p.x - middle.x) < reach && std::abs(p.y - middle.y) < reach;
   };
-  for (const cv::Rect2d& box : picture.ignored) {
+  for (const cv::Rect2d& box : image.ignored) {
     const cv::Point2d middle = where((box.tl() + box.br()) / 2);
     each_cell([&](std::size_t i, const cv::Point2d& p) {
       if (inside(p, middle, 0.7 * where.scale * box.width)) target[i] = linalg::kIgnoredCell;
     });
   }
-  for (const cv::Rect2d& box : picture.faces) {
+  for (const cv::Rect2d& box : image.faces) {
     const cv::Point2d middle = where((box.tl() + box.br()) / 2);
     const double width = where.scale * box.width;
     if (width < kNearly[0] || width > kNearly[1]) continue;
@@ -120,18 +120,18 @@ Turn slight_turn(Rng& rng) {
   return {angle, rng.uniform() < 0.5, 1};
 }
 
-const Picture& any_without(const Material& material, Rng& rng) {
+const Image& any_without(const Material& material, Rng& rng) {
   return material.without[static_cast<std::size_t>(
       rng.integer(0, static_cast<int>(material.without.size()) - 1))];
 }
 
-// Beside the picture its edge goes on, or something else begins.
-cv::Mat view_of_face(const Material& material, const Picture& picture, const Place& where, int side,
+// Beside the image its edge goes on, or something else begins.
+cv::Mat view_of_face(const Material& material, const Image& image, const Place& where, int side,
                      Rng& rng) {
-  if (rng.uniform() < 0.5) return view_of(picture, where, side);
-  const Picture& other = any_without(material, rng);
+  if (rng.uniform() < 0.5) return view_of(image, where, side);
+  const Image& other = any_without(material, rng);
   const cv::Mat behind = view_of(other, anywhere(other, side, 0.08, rng), side);
-  return view_of(picture, where, side, &behind);
+  return view_of(image, where, side, &behind);
 }
 
 void make_scan_example(const Material& material, const std::vector<Mistake>& mistakes, Rng& rng,
@@ -141,8 +141,8 @@ void make_scan_example(const Material& material, const std::vector<Mistake>& mis
   if (kind < 0.55) {
     const auto& [number, face] = material.all[static_cast<std::size_t>(
         rng.integer(0, static_cast<int>(material.all.size()) - 1))];
-    const Picture& picture = material.faces[static_cast<std::size_t>(number)];
-    const cv::Rect2d& box = picture.faces[static_cast<std::size_t>(face)];
+    const Image& image = material.faces[static_cast<std::size_t>(number)];
+    const cv::Rect2d& box = image.faces[static_cast<std::size_t>(face)];
     const double size = rng.uniform();
     const double width = size < 0.85   ? log_uniform(rng, kFits[0], kFits[1])
                          : size < 0.92 ? log_uniform(rng, 6, kNearly[0])
@@ -150,27 +150,27 @@ void make_scan_example(const Material& material, const std::vector<Mistake>& mis
     const double x = rng.uniform(8, kPatch - 8);
     const double y = rng.uniform(8, kPatch - 8);
     const Place where = place((box.tl() + box.br()) / 2, {x, y}, width / box.width, face_turn(rng));
-    view = view_of_face(material, picture, where, kPatch, rng);
+    view = view_of_face(material, image, where, kPatch, rng);
     if (rng.uniform() < 0.2) hide_part(view, {x - width / 2, y - width / 2, width, width}, rng);
-    label_scan(picture, where, example.target);
+    label_scan(image, where, example.target);
   } else {
     Place where;
-    const Picture* picture = nullptr;
+    const Image* image = nullptr;
     if (kind < 0.8 && !mistakes.empty()) {
       const Mistake& mistake =
           mistakes[static_cast<std::size_t>(rng.integer(0, static_cast<int>(mistakes.size()) - 1))];
-      picture = &material.picture(mistake.picture);
+      image = &material.image(mistake.image);
       const double width = log_uniform(rng, 14, 23);
       const double x = rng.uniform(16, kPatch - 16);
       const double y = rng.uniform(16, kPatch - 16);
       where = place((mistake.box.tl() + mistake.box.br()) / 2, {x, y}, width / mistake.box.width,
                     slight_turn(rng));
     } else {
-      picture = &any_without(material, rng);
-      where = anywhere(*picture, kPatch, 0.08, rng);
+      image = &any_without(material, rng);
+      where = anywhere(*image, kPatch, 0.08, rng);
     }
-    view = view_of(*picture, where, kPatch);
-    label_scan(*picture, where, example.target);
+    view = view_of(*image, where, kPatch);
+    label_scan(*image, where, example.target);
   }
   disturb(view, rng);
   example.shape = {4, kPatch / 2, kPatch / 2};
@@ -195,8 +195,8 @@ void make_window_example(const Material& material, const std::vector<Mistake>& m
   if (kind < 0.55) {
     const auto& [number, face] = material.all[static_cast<std::size_t>(
         rng.integer(0, static_cast<int>(material.all.size()) - 1))];
-    const Picture& picture = material.faces[static_cast<std::size_t>(number)];
-    const cv::Rect2d& box = picture.faces[static_cast<std::size_t>(face)];
+    const Image& image = material.faces[static_cast<std::size_t>(number)];
+    const cv::Rect2d& box = image.faces[static_cast<std::size_t>(face)];
     // The box is off by (dx, dy) widths of the face and `growth` too large.
     double dx = rng.uniform(-0.17, 0.17);
     double dy = rng.uniform(-0.17, 0.17);
@@ -220,7 +220,7 @@ void make_window_example(const Material& material, const std::vector<Mistake>& m
     const double width = form.box / growth;
     const cv::Point2d to(middle - dx * width, middle - dy * width);
     const Place where = place((box.tl() + box.br()) / 2, to, width / box.width, turn);
-    view = view_of_face(material, picture, where, form.side, rng);
+    view = view_of_face(material, image, where, form.side, rng);
     if (!is_near) {
       if (rng.uniform() < 0.25) {
         hide_part(view, {to.x - width / 2, to.y - width / 2, width, width}, rng);
@@ -238,10 +238,10 @@ void make_window_example(const Material& material, const std::vector<Mistake>& m
     const Place where = place((mistake.box.tl() + mistake.box.br()) / 2,
                               {middle + dx * form.box, middle + dy * form.box},
                               form.box / mistake.box.width * growth, slight_turn(rng));
-    view = view_of(material.picture(mistake.picture), where, form.side);
+    view = view_of(material.image(mistake.image), where, form.side);
   } else {
-    const Picture& picture = any_without(material, rng);
-    view = view_of(picture, anywhere(picture, form.side, 0.05, rng), form.side);
+    const Image& image = any_without(material, rng);
+    view = view_of(image, anywhere(image, form.side, 0.05, rng), form.side);
   }
   disturb(view, rng);
   example.shape = {4, form.side / 2, form.side / 2};
@@ -262,12 +262,12 @@ double window_loss(const linalg::Example& example, const std::vector<float>& out
 
 // --- both ---
 
-Material load(const std::vector<FacePicture>& pictures, Progress& progress,
-              const std::stop_token& stop, std::vector<std::string>& skipped) {
+Material load(const std::vector<FaceImage>& images, Progress& progress, const std::stop_token& stop,
+              std::vector<std::string>& skipped) {
   Material material;
   int without = 0;
-  progress.begin("reading", static_cast<std::int64_t>(pictures.size()), "pictures");
-  for (const FacePicture& from : pictures) {
+  progress.begin("reading", static_cast<std::int64_t>(images.size()), "images");
+  for (const FaceImage& from : images) {
     throw_if_stopped(stop);
     progress.advance();
     cv::Mat gray = from.gray;
@@ -277,7 +277,7 @@ Material load(const std::vector<FacePicture>& pictures, Progress& progress,
       skipped.emplace_back(error.what());
       continue;
     }
-    TARSIER_REQUIRE(gray.type() == CV_8UC1, "{}: a picture of type {}", from.image, gray.type());
+    TARSIER_REQUIRE(gray.type() == CV_8UC1, "{}: an image of type {}", from.image, gray.type());
     double scale = std::min(1.0, kLargestSide / std::max(gray.cols, gray.rows));
     if (!from.faces.empty()) {
       double smallest = 1e9;
@@ -291,27 +291,27 @@ Material load(const std::vector<FacePicture>& pictures, Progress& progress,
       cv::resize(gray, reduced, size, 0, 0, cv::INTER_AREA);
       gray = reduced;
     }
-    Picture picture;
+    Image image;
     const auto scaled = [&](const cv::Rect2d& box) {
       return cv::Rect2d(box.x * scale, box.y * scale, box.width * scale, box.height * scale);
     };
     for (const cv::Rect2d& box : from.faces) {
       if (box.width * scale >= kScanFace && box.width > 0) {
-        picture.faces.push_back(scaled(box));
+        image.faces.push_back(scaled(box));
       } else {
-        picture.ignored.push_back(scaled(box));
+        image.ignored.push_back(scaled(box));
       }
     }
-    for (const cv::Rect2d& box : from.ignored) picture.ignored.push_back(scaled(box));
-    make_halves(gray, 0.05, picture.halves);
+    for (const cv::Rect2d& box : from.ignored) image.ignored.push_back(scaled(box));
+    make_halves(gray, 0.05, image.halves);
     if (from.faces.empty() && from.ignored.empty()) {
       const bool held_out = ++without % kHoldOut == 0;
-      (held_out ? material.held_out : material.without).push_back(std::move(picture));
-    } else if (!picture.faces.empty()) {
-      for (int f = 0; f < static_cast<int>(picture.faces.size()); ++f) {
+      (held_out ? material.held_out : material.without).push_back(std::move(image));
+    } else if (!image.faces.empty()) {
+      for (int f = 0; f < static_cast<int>(image.faces.size()); ++f) {
         material.all.emplace_back(static_cast<int>(material.faces.size()), f);
       }
-      material.faces.push_back(std::move(picture));
+      material.faces.push_back(std::move(image));
     }
   }
   progress.end();
@@ -320,9 +320,9 @@ Material load(const std::vector<FacePicture>& pictures, Progress& progress,
 
 void add_drawings(int count, Rng rng, Material& material) {
   for (int i = 0; i < count; ++i) {
-    Picture picture;
-    make_halves(draw_without_faces(rng), 0.05, picture.halves);
-    material.without.push_back(std::move(picture));
+    Image image;
+    make_halves(draw_without_faces(rng), 0.05, image.halves);
+    material.without.push_back(std::move(image));
   }
 }
 
@@ -334,26 +334,26 @@ std::vector<Mistake> find_mistakes(const Material& material, const FaceNetworks&
                                    const std::stop_token& stop) {
   const std::size_t count = material.without.size() + material.faces.size();
   std::vector<std::vector<Mistake>> found(count);
-  progress.begin("looking for mistakes", static_cast<std::int64_t>(count), "pictures");
+  progress.begin("looking for mistakes", static_cast<std::int64_t>(count), "images");
   cv::parallel_for_(cv::Range(0, static_cast<int>(count)), [&](const cv::Range& range) {
     FaceSearchWorkspace workspace;
     for (int i = range.start; i < range.end; ++i) {
       progress.advance();
       if (stop.stop_requested()) return;
-      const Picture& picture = material.picture(i);
+      const Image& image = material.image(i);
       FaceSearchOptions options;
       options.min_face = kScanFace;
       options.max_places = stage == Stage::kScan ? 150 : 400;
       options.threshold = threshold;
       options.checked = stage == Stage::kCheck;
       const std::vector<ScoredFace> places =
-          stage == Stage::kScan ? scan_faces(picture.halves[0], networks, options, workspace)
-                                : search_faces(picture.halves[0], networks, options, workspace);
+          stage == Stage::kScan ? scan_faces(image.halves[0], networks, options, workspace)
+                                : search_faces(image.halves[0], networks, options, workspace);
       for (const ScoredFace& place : places) {
         if (place.score < threshold) continue;
         const auto is_near = [&](const cv::Rect2d& box) { return shared(box, place.box) > 0.25; };
-        if (std::any_of(picture.faces.begin(), picture.faces.end(), is_near)) continue;
-        if (std::any_of(picture.ignored.begin(), picture.ignored.end(), is_near)) continue;
+        if (std::any_of(image.faces.begin(), image.faces.end(), is_near)) continue;
+        if (std::any_of(image.ignored.begin(), image.ignored.end(), is_near)) continue;
         found[static_cast<std::size_t>(i)].push_back({i, place.box});
       }
     }
@@ -365,23 +365,22 @@ std::vector<Mistake> find_mistakes(const Material& material, const FaceNetworks&
   return all;
 }
 
-// Faces that nobody drew a box around: what the second network firmly holds for a face in a picture
+// Faces that nobody drew a box around: what the second network firmly holds for a face in an image
 // that shows some. They become ignored.
 void ignore_missing_boxes(Material& material, const FaceNetworks& networks, Progress& progress,
                           const std::stop_token& stop) {
   const auto first = static_cast<int>(material.without.size());
   for (const Mistake& mistake :
        find_mistakes(material, networks, Stage::kJudge, 0.9, progress, stop)) {
-    if (mistake.picture < first) continue;
-    material.faces[static_cast<std::size_t>(mistake.picture - first)].ignored.push_back(
-        mistake.box);
+    if (mistake.image < first) continue;
+    material.faces[static_cast<std::size_t>(mistake.image - first)].ignored.push_back(mistake.box);
   }
 }
 
 // Those in ignored places go.
 void forget_ignored(const Material& material, std::vector<Mistake>& mistakes) {
   std::erase_if(mistakes, [&](const Mistake& mistake) {
-    const std::vector<cv::Rect2d>& ignored = material.picture(mistake.picture).ignored;
+    const std::vector<cv::Rect2d>& ignored = material.image(mistake.image).ignored;
     return std::any_of(ignored.begin(), ignored.end(),
                        [&](const cv::Rect2d& box) { return shared(box, mistake.box) > 0.25; });
   });
@@ -396,19 +395,19 @@ void add_hard(const std::vector<Mistake>& hard, std::vector<Mistake>& mistakes) 
   }
 }
 
-// The scores in the pictures that were held out, searched as the program searches them, of what is
-// likely a face: all of them wrong. Each picture is looked at in several sizes, between two levels
+// The scores in the images that were held out, searched as the program searches them, of what is
+// likely a face: all of them wrong. Each image is looked at in several sizes, between two levels
 // of the pyramid, which shows it to the networks in other pixels.
 constexpr double kViews[] = {1, 0.9, 0.81};
 struct HeldOutScores {
   std::vector<double> all;       // of all views
-  std::vector<double> as_it_is;  // of the pictures as they are
+  std::vector<double> as_it_is;  // of the images as they are
 };
 HeldOutScores score_held_out(const Material& material, const FaceNetworks& networks,
                              Progress& progress, const std::stop_token& stop) {
   const auto count = static_cast<int>(material.held_out.size());
   std::vector<HeldOutScores> found(material.held_out.size());
-  progress.begin("what is sure", count, "pictures");
+  progress.begin("what is sure", count, "images");
   cv::parallel_for_(cv::Range(0, count), [&](const cv::Range& range) {
     FaceSearchWorkspace workspace;
     for (int i = range.start; i < range.end; ++i) {
@@ -469,17 +468,17 @@ double sure_score(const std::vector<double>& scores, double lowest, double allow
   return std::clamp(1 / (1 + std::exp(-logit(lowest) - beyond)), lowest, kHighestSure);
 }
 
-FaceTraining train_face_networks(const std::vector<FacePicture>& pictures, const std::string& name,
+FaceTraining train_face_networks(const std::vector<FaceImage>& images, const std::string& name,
                                  const FaceTrainingOptions& options, Progress& progress,
                                  std::stop_token stop) {
   options.check();
   FaceTraining result;
-  Material material = load(pictures, progress, stop, result.skipped);
+  Material material = load(images, progress, stop, result.skipped);
   if (material.all.empty()) throw InputError(name, "no face is left to learn from");
   if (material.without.empty()) {
-    throw InputError(name, "no picture without faces: without them everything is a face");
+    throw InputError(name, "no image without faces: without them everything is a face");
   }
-  result.pictures = static_cast<int>(material.faces.size());
+  result.images = static_cast<int>(material.faces.size());
   result.faces = static_cast<int>(material.all.size());
   result.without = static_cast<int>(material.without.size());
   result.held_out = static_cast<int>(material.held_out.size());

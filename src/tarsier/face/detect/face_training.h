@@ -16,8 +16,8 @@
 // Training of the three networks that find faces, from boxes.
 namespace tarsier::face {
 
-// A picture and where its faces are.
-struct FacePicture {
+// An image and where its faces are.
+struct FaceImage {
   std::string image;                // path
   std::vector<cv::Rect2d> faces;    // px, squares as FaceNetworks draws them; none: shows no face
   std::vector<cv::Rect2d> ignored;  // px, neither faces nor anything else
@@ -29,11 +29,11 @@ struct FaceTrainingOptions {
   int scan_steps = 7000;
   int judge_steps = 7000;
   int check_steps = 8000;  // in thirds
-  // Pictures without faces that the program draws itself (chessboards, writing, shapes), from the
+  // Images without faces that the program draws itself (chessboards, writing, shapes), from the
   // seed, to learn from.
   int drawings = 60;
-  // How many false alarms there may be in 1000 pictures without faces: a score is sure from where
-  // the scores in every third of those pictures, which is not learned from, let no more expect.
+  // How many false alarms there may be in 1000 images without faces: a score is sure from where
+  // the scores in every third of those images, which is not learned from, let no more expect.
   double false_alarms = 100;
   std::uint64_t seed = 1;
 
@@ -44,18 +44,18 @@ struct FaceTrainingOptions {
         {"judge_steps", judge_steps, range(3, 1'000'000), "--judge-steps", "batches of the second"},
         {"check_steps", check_steps, range(3, 1'000'000), "--check-steps", "batches of the third"},
         {"drawings", drawings, range(0, 10'000), "--drawings",
-         "pictures without faces that the program draws and learns from as well"},
+         "images without faces that the program draws and learns from as well"},
         {"false_alarms", false_alarms, range(0, 10'000), "--false-alarms",
-         "how many there may be in 1000 of the pictures held out"}};
+         "how many there may be in 1000 of the images held out"}};
   }
   void check() const { check_fields(*this); }
 };
 
 struct FaceTraining {
   FaceNetworks networks;
-  int pictures = 0;
+  int images = 0;
   int faces = 0;
-  int without = 0;          // pictures without faces that were learned from, without the drawings
+  int without = 0;          // images without faces that were learned from, without the drawings
   int held_out = 0;         // those that were not
   int held_out_alarms = 0;  // false ones there, sure
   int held_out_likely = 0;  // and likely
@@ -67,10 +67,10 @@ struct FaceTraining {
 };
 
 // Faces are turned, mirrored, lit, blurred and partly hidden at random, and shown at all sizes from
-// 14 px on. Other places of their pictures count as no face where the first half of the training
+// 14 px on. Other places of their images count as no face where the first half of the training
 // does not firmly hold them for one (their boxes may be missing). The same result for any number of
-// threads. Throws InputError(name) where no face or no picture without faces is left, Interrupted.
-[[nodiscard]] FaceTraining train_face_networks(const std::vector<FacePicture>& pictures,
+// threads. Throws InputError(name) where no face or no image without faces is left, Interrupted.
+[[nodiscard]] FaceTraining train_face_networks(const std::vector<FaceImage>& images,
                                                const std::string& name,
                                                const FaceTrainingOptions& options,
                                                Progress& progress, std::stop_token stop);

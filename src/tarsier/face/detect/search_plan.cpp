@@ -22,28 +22,28 @@ std::vector<int> beginnings(int length, int part, int shared) {
 
 }  // namespace
 
-SearchPlan plan_search(cv::Size picture, double min_face, double window, double tile) {
-  TARSIER_REQUIRE(picture.width > 0 && picture.height > 0, "{}x{}", picture.width, picture.height);
+SearchPlan plan_search(cv::Size image, double min_face, double window, double tile) {
+  TARSIER_REQUIRE(image.width > 0 && image.height > 0, "{}x{}", image.width, image.height);
   TARSIER_REQUIRE(min_face > 0 && window > 0 && tile >= 8 * window, "{} px, {}, {}", min_face,
                   window, tile);
   constexpr double kMargin = 1.5;  // of a part's largest face is shared with the next part
   SearchPlan plan;
-  // An octave of sizes after the other, until the picture is small enough for one look.
+  // An octave of sizes after the other, until the image is small enough for one look.
   double smallest = min_face;
-  while (std::max(picture.width, picture.height) * window / smallest > tile) {
+  while (std::max(image.width, image.height) * window / smallest > tile) {
     const double largest = 2 * smallest;
     const int side = static_cast<int>(tile * smallest / window);
     const int shared = static_cast<int>(std::ceil(kMargin * largest));
-    for (const int y : beginnings(picture.height, side, shared)) {
-      for (const int x : beginnings(picture.width, side, shared)) {
+    for (const int y : beginnings(image.height, side, shared)) {
+      for (const int x : beginnings(image.width, side, shared)) {
         const cv::Rect area =
-            cv::Rect(x, y, side, side) & cv::Rect(0, 0, picture.width, picture.height);
+            cv::Rect(x, y, side, side) & cv::Rect(0, 0, image.width, image.height);
         plan.tiles.push_back({area, smallest, largest});
       }
     }
     smallest = largest;
   }
-  plan.whole = {cv::Rect(0, 0, picture.width, picture.height), smallest, 0};
+  plan.whole = {cv::Rect(0, 0, image.width, image.height), smallest, 0};
   return plan;
 }
 

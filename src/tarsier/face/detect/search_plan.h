@@ -5,10 +5,10 @@
 
 #include <vector>
 
-// A search of a large picture in many small ones, so that a video can spread it over its frames.
+// A search of a large image in many small ones, so that a video can spread it over its frames.
 namespace tarsier::face {
 
-// A part of a picture, and the widths of faces to look for there.
+// A part of an image, and the widths of faces to look for there.
 struct SearchTile {
   cv::Rect area;        // px
   double min_face = 0;  // px
@@ -17,7 +17,7 @@ struct SearchTile {
 };
 
 struct SearchPlan {
-  // The whole picture, for the large faces, in one go.
+  // The whole image, for the large faces, in one go.
   SearchTile whole;
   // The parts for the smaller ones, small faces first. A face lies in one of them at least with a
   // margin of a quarter of its width. Empty where `whole` looks for all sizes.
@@ -26,8 +26,8 @@ struct SearchPlan {
 
 // For faces from `min_face` px on, by a detector whose smallest face is `window` px (it reduces or
 // enlarges what it is given accordingly). No part has a longer side than `tile` px there, so that
-// a tile costs about the same whatever the picture's size is; tile >= 8 window.
-[[nodiscard]] SearchPlan plan_search(cv::Size picture, double min_face, double window,
+// a tile costs about the same whatever the image's size is; tile >= 8 window.
+[[nodiscard]] SearchPlan plan_search(cv::Size image, double min_face, double window,
                                      double tile = 320);
 
 }  // namespace tarsier::face

@@ -17,14 +17,14 @@ constexpr double kWindow = 16;
 constexpr double kTile = 192;
 
 // Is a face of this box looked for somewhere, with a quarter of its width around it?
-bool is_covered(const SearchPlan& plan, const cv::Rect2d& box, cv::Size picture) {
+bool is_covered(const SearchPlan& plan, const cv::Rect2d& box, cv::Size image) {
   const auto holds = [&](const SearchTile& tile) {
     if (box.width < tile.min_face) return false;
     if (tile.max_face > 0 && box.width > tile.max_face) return false;
     const double margin = box.width / 4;
     const cv::Rect2d around = cv::Rect2d(box.x - margin, box.y - margin, box.width + 2 * margin,
                                          box.height + 2 * margin) &
-                              cv::Rect2d(0, 0, picture.width, picture.height);
+                              cv::Rect2d(0, 0, image.width, image.height);
     return (around & cv::Rect2d(tile.area)) == around;
   };
   return holds(plan.whole) || std::any_of(plan.tiles.begin(), plan.tiles.end(), holds);
@@ -46,7 +46,7 @@ TEST(SearchPlan, CoversFacesOfEverySizeEverywhere) {
   }
 }
 
-TEST(SearchPlan, ATileCostsTheSameInAnyPicture) {
+TEST(SearchPlan, ATileCostsTheSameInAnyImage) {
   for (const cv::Size size : {cv::Size(640, 480), cv::Size(1920, 1080), cv::Size(7680, 4320)}) {
     for (const double min_face : {24.0, 40.0, 100.0}) {
       const SearchPlan plan = plan_search(size, min_face, kWindow, kTile);
@@ -61,7 +61,7 @@ TEST(SearchPlan, ATileCostsTheSameInAnyPicture) {
   EXPECT_LE(plan_search({1920, 1080}, 40, kWindow, kTile).tiles.size(), 25U);
 }
 
-TEST(SearchPlan, SmallPicturesAreSearchedAtOnce) {
+TEST(SearchPlan, SmallImagesAreSearchedAtOnce) {
   const SearchPlan plan = plan_search({320, 240}, 40, kWindow, kTile);
   EXPECT_TRUE(plan.tiles.empty());
   EXPECT_EQ(plan.whole, (SearchTile{cv::Rect(0, 0, 320, 240), 40, 0}));

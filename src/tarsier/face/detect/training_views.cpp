@@ -36,7 +36,7 @@ void compress(cv::Mat& view, int quality) {
 }  // namespace
 
 cv::Point2d Place::operator()(const cv::Point2d& p) const {
-  const cv::Matx23d& m = view_from_picture;
+  const cv::Matx23d& m = view_from_image;
   return {m(0, 0) * p.x + m(0, 1) * p.y + m(0, 2), m(1, 0) * p.x + m(1, 1) * p.y + m(1, 2)};
 }
 
@@ -48,18 +48,18 @@ Place place(const cv::Point2d& center, const cv::Point2d& to, double scale, cons
   const cv::Matx22d m(wide * c, -high * s, wide * s, high * c);
   Place result;
   result.scale = scale;
-  result.view_from_picture = {m(0, 0), m(0, 1), to.x - (m(0, 0) * center.x + m(0, 1) * center.y),
-                              m(1, 0), m(1, 1), to.y - (m(1, 0) * center.x + m(1, 1) * center.y)};
+  result.view_from_image = {m(0, 0), m(0, 1), to.x - (m(0, 0) * center.x + m(0, 1) * center.y),
+                            m(1, 0), m(1, 1), to.y - (m(1, 0) * center.x + m(1, 1) * center.y)};
   return result;
 }
 
-Place anywhere(const Picture& picture, int side, double smallest_scale, Rng& rng) {
+Place anywhere(const Image& image, int side, double smallest_scale, Rng& rng) {
   const double least = std::min(
-      1.0, std::max(smallest_scale, static_cast<double>(side) /
-                                        std::min(picture.size().width, picture.size().height)));
+      1.0, std::max(smallest_scale,
+                    static_cast<double>(side) / std::min(image.size().width, image.size().height)));
   const double scale = log_uniform(rng, least, std::max(1.0, least));
-  const double x = rng.uniform(0, picture.size().width);
-  const double y = rng.uniform(0, picture.size().height);
+  const double x = rng.uniform(0, image.size().width);
+  const double y = rng.uniform(0, image.size().height);
   return place({x, y}, {side / 2.0, side / 2.0}, scale, face_turn(rng));
 }
 
@@ -71,17 +71,17 @@ Turn face_turn(Rng& rng) {
   return turn;
 }
 
-cv::Mat view_of(const Picture& picture, const Place& where, int side, const cv::Mat* behind) {
-  const int level = half_for(where.scale, picture.halves.size());
+cv::Mat view_of(const Image& image, const Place& where, int side, const cv::Mat* behind) {
+  const int level = half_for(where.scale, image.halves.size());
   const double unit = std::ldexp(1.0, level);
   // From corners to centres of pixels, on both sides.
-  cv::Matx23d m = where.view_from_picture;
+  cv::Matx23d m = where.view_from_image;
   cv::Matx23d warp(m(0, 0) * unit, m(0, 1) * unit, 0, m(1, 0) * unit, m(1, 1) * unit, 0);
   warp(0, 2) = m(0, 2) + 0.5 * (warp(0, 0) + warp(0, 1)) - 0.5;
   warp(1, 2) = m(1, 2) + 0.5 * (warp(1, 0) + warp(1, 1)) - 0.5;
   cv::Mat view;
   if (behind != nullptr) view = behind->clone();
-  cv::warpAffine(picture.halves[static_cast<std::size_t>(level)], view, warp, cv::Size(side, side),
+  cv::warpAffine(image.halves[static_cast<std::size_t>(level)], view, warp, cv::Size(side, side),
                  cv::INTER_LINEAR,
                  behind != nullptr ? cv::BORDER_TRANSPARENT : cv::BORDER_REPLICATE);
   return view;
@@ -98,7 +98,7 @@ void disturb(cv::Mat& view, Rng& rng) {
   if (lens < 0.22) {
     const double sigma = rng.uniform(0.4, 1.1);
     cv::GaussianBlur(view, view, cv::Size(0, 0), sigma);
-  } else if (lens < 0.46) {  // a small face, enlarged; perhaps from a compressed picture
+  } else if (lens < 0.46) {  // a small face, enlarged; perhaps from a compressed image
     const int side = cvRound(view.cols * rng.uniform(0.4, 0.9));
     cv::Mat small;
     cv::resize(view, small, cv::Size(side, side), 0, 0, cv::INTER_AREA);

@@ -8,21 +8,21 @@
 
 #include <vector>
 
-// What the training of the networks that find faces cuts from pictures, and how it disturbs it.
+// What the training of the networks that find faces cuts from images, and how it disturbs it.
 // Internal to this module.
 namespace tarsier::face::training {
 
-struct Picture {
+struct Image {
   std::vector<cv::Mat> halves;  // CV_8UC1; make_halves()
   std::vector<cv::Rect2d> faces;
   std::vector<cv::Rect2d> ignored;
   [[nodiscard]] cv::Size size() const { return halves[0].size(); }
 };
 
-// A similarity, perhaps mirrored and a little stretched: view = A picture. Coordinates run from the
+// A similarity, perhaps mirrored and a little stretched: view = An image. Coordinates run from the
 // corners of pixels.
 struct Place {
-  cv::Matx23d view_from_picture;
+  cv::Matx23d view_from_image;
   double scale = 1;
   [[nodiscard]] cv::Point2d operator()(const cv::Point2d& p) const;
 };
@@ -34,16 +34,16 @@ struct Turn {
   double stretch = 1;
 };
 
-// `center` (px of the picture) comes to lie at `to`.
+// `center` (px of the image) comes to lie at `to`.
 [[nodiscard]] Place place(const cv::Point2d& center, const cv::Point2d& to, double scale,
                           const Turn& turn);
-// A place of `side` px anywhere in the picture, at any scale from `smallest_scale` on.
-[[nodiscard]] Place anywhere(const Picture& picture, int side, double smallest_scale, Rng& rng);
+// A place of `side` px anywhere in the image, at any scale from `smallest_scale` on.
+[[nodiscard]] Place anywhere(const Image& image, int side, double smallest_scale, Rng& rng);
 // Upright to +-36 degrees (deviation 13), mirrored half the time, stretched by 4 %.
 [[nodiscard]] Turn face_turn(Rng& rng);
 
-// What lies outside the picture repeats its edge; or, with `behind` (side x side), shows that.
-[[nodiscard]] cv::Mat view_of(const Picture& picture, const Place& where, int side,
+// What lies outside the image repeats its edge; or, with `behind` (side x side), shows that.
+[[nodiscard]] cv::Mat view_of(const Image& image, const Place& where, int side,
                               const cv::Mat* behind = nullptr);
 
 // Light, lens, sensor and compression as they may be.

@@ -21,7 +21,7 @@ int line_width(const cv::Mat& image) {
   return std::max(2, (std::min(image.cols, image.rows) + 120) / 240);
 }
 
-// The part of a segment before the camera, in px; empty if there is none. Far beyond the picture it
+// The part of a segment before the camera, in px; empty if there is none. Far beyond the image it
 // is cut too: drawing counts in whole numbers.
 std::optional<std::array<cv::Point2d, 2>> visible_part(const geometry::Camera& camera,
                                                        Eigen::Vector3d a, Eigen::Vector3d b) {
@@ -32,7 +32,7 @@ std::optional<std::array<cv::Point2d, 2>> visible_part(const geometry::Camera& c
   const auto p = camera.project(a);
   const auto q = camera.project(b);
   if (!p || !q) return std::nullopt;
-  // Liang-Barsky against a square much larger than any picture.
+  // Liang-Barsky against a square much larger than any image.
   const double limit = 30000;
   double from = 0;
   double to = 1;

@@ -8,8 +8,8 @@
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 
-// Poses on pictures (CV_8UC3 BGR or CV_8UC1, of the camera's size or a crop that begins at its
-// origin). What is behind the camera or outside the picture is cut off. Lengths are in the unit of
+// Poses on images (CV_8UC3 BGR or CV_8UC1, of the camera's size or a crop that begins at its
+// origin). What is behind the camera or outside the image is cut off. Lengths are in the unit of
 // the pose's translation.
 namespace tarsier::face::head {
 

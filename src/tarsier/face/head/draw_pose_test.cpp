@@ -63,7 +63,7 @@ TEST(DrawBox, ShowsHiddenEdgesDarker) {
   // Seen from the front, a little from above and left: the corner (low, high, high) is hidden.
   const geometry::Rigid3 pose{rotation_of_angles({30, -25, 0}), {0, 0, 600}};
   draw_box(image, testing_camera(), pose, {-60, -60, -60}, {60, 60, 60}, {0, 220, 255});
-  if (const char* folder = std::getenv("TARSIER_TEST_PICTURES"))
+  if (const char* folder = std::getenv("TARSIER_TEST_IMAGES"))
     cv::imwrite(std::string(folder) + "/box.png", image);
   int bright = 0;
   int dark = 0;
@@ -95,7 +95,7 @@ TEST(DrawHead, IsWhereTheHeadIs) {
     const cv::Vec3b pixel = image.at<cv::Vec3b>(cvRound(eye->y), cvRound(eye->x));
     EXPECT_GT(pixel[2], 200);
   }
-  if (const char* folder = std::getenv("TARSIER_TEST_PICTURES"))
+  if (const char* folder = std::getenv("TARSIER_TEST_IMAGES"))
     cv::imwrite(std::string(folder) + "/head.png", sheet);
 }
 

@@ -194,10 +194,10 @@ std::optional<PointingName> parse_pointing_name(const std::string& path) {
     rest.remove_prefix(name.size());
     const auto person = number(2, 2, false);
     const auto series = number(1, 1, false);
-    const auto picture = number(2, 2, false);
+    const auto image = number(2, 2, false);
     const auto tilt = number(1, 2, true);
     const auto pan = number(1, 2, true);
-    if (!person || !series || !picture || !tilt || !pan || !rest.empty()) return std::nullopt;
+    if (!person || !series || !image || !tilt || !pan || !rest.empty()) return std::nullopt;
     return PointingName{static_cast<int>(*person), *tilt, *pan};
   }
   return std::nullopt;
@@ -264,8 +264,8 @@ PointingScore score_pointing(const std::vector<PointingOutcome>& outcomes) {
   return score;
 }
 
-std::optional<cv::Rect2d> pointing_box(const std::string& picture) {
-  const std::string path = std::filesystem::path(picture).replace_extension(".txt").string();
+std::optional<cv::Rect2d> pointing_box(const std::string& image) {
+  const std::string path = std::filesystem::path(image).replace_extension(".txt").string();
   std::error_code error;
   if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;
   std::istringstream text(read_file(path, 100'000));

@@ -108,8 +108,8 @@ struct PointingScore {
 };
 [[nodiscard]] PointingScore score_pointing(const std::vector<PointingOutcome>& outcomes);
 
-// The annotated face of a Pointing'04 picture, from the .txt beside it ("Face", then centre x,
+// The annotated face of a Pointing'04 image, from the .txt beside it ("Face", then centre x,
 // centre y, width, height); nothing where there is none.
-[[nodiscard]] std::optional<cv::Rect2d> pointing_box(const std::string& picture);
+[[nodiscard]] std::optional<cv::Rect2d> pointing_box(const std::string& image);
 
 }  // namespace tarsier::face::head

@@ -150,7 +150,7 @@ TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
   EXPECT_NEAR(score.pitch_mae_deg, 9.295 * 4 / 9, 0.01);
 }
 
-TEST_F(PoseLines, TheBoxBesideAPointingPicture) {
+TEST_F(PoseLines, TheBoxBesideAPointingImage) {
   std::ofstream(path("person01246-30+15.txt")) << "person\n\nFace\n192\n237\n126\n94\n";
   const auto box = pointing_box(path("person01246-30+15.jpg"));
   ASSERT_TRUE(box);

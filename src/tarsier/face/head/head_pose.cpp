@@ -41,15 +41,15 @@ VectorXd inverse_variances(const HeadModel& model) {
 
 }  // namespace
 
-geometry::Camera guess_camera(cv::Size picture) {
-  TARSIER_REQUIRE(picture.width > 0 && picture.height > 0, "a picture of {} x {}", picture.width,
-                  picture.height);
+geometry::Camera guess_camera(cv::Size image) {
+  TARSIER_REQUIRE(image.width > 0 && image.height > 0, "an image of {} x {}", image.width,
+                  image.height);
   geometry::Camera camera;
-  camera.width = picture.width;
-  camera.height = picture.height;
-  camera.fx = camera.fy = 1.3 * std::max(picture.width, picture.height);
-  camera.cx = (picture.width - 1) / 2.0;
-  camera.cy = (picture.height - 1) / 2.0;
+  camera.width = image.width;
+  camera.height = image.height;
+  camera.fx = camera.fy = 1.3 * std::max(image.width, image.height);
+  camera.cx = (image.width - 1) / 2.0;
+  camera.cy = (image.height - 1) / 2.0;
   return camera;
 }
 

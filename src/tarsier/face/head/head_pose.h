@@ -23,11 +23,11 @@
 // w_i = robust weight, times that of the outline's far side in turned heads (as in training).
 namespace tarsier::face::head {
 
-// The head's own camera where none is known: no distortion, the middle of the picture, focal length
+// The head's own camera where none is known: no distortion, the middle of the image, focal length
 // 1.3 times its larger side (42 degrees across): between webcams and phones, which have 0.7 .. 1,
 // and portraits, which have 1.4 .. 2.8. A focal length that is wrong by a factor makes the distance
 // wrong by as much, the rotation by a few degrees.
-[[nodiscard]] geometry::Camera guess_camera(cv::Size picture);
+[[nodiscard]] geometry::Camera guess_camera(cv::Size image);
 
 struct HeadPoseOptions {
   double noise_px = 1;          // of a landmark's coordinate, beside the model's
@@ -106,7 +106,7 @@ class HeadPoser {
                                             const Eigen::Matrix3d& camera_from_head,
                                             const HeadIdentity* identity = nullptr) const;
 
-  // Where the head's points are in the picture, 2 x n px; NaN behind the camera.
+  // Where the head's points are in the image, 2 x n px; NaN behind the camera.
   [[nodiscard]] Eigen::Matrix2Xd project(const HeadPose& pose,
                                          const geometry::Camera& camera) const;
 

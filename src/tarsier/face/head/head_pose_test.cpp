@@ -41,7 +41,7 @@ TEST(HeadPose, OfTheMeanHeadIsExact) {
   Rng rng(1);
   for (int k = 0; k < 100; ++k) {
     const geometry::Rigid3 truth = random_pose(rng);
-    const Matrix2Xd points = picture_of(poser.model().mean, truth, camera, 0, rng);
+    const Matrix2Xd points = image_of(poser.model().mean, truth, camera, 0, rng);
     const HeadPoseResult result = poser.pose(points, camera);
     ASSERT_TRUE(result.pose) << result.reason;
     EXPECT_LT(degrees_between(result.pose->camera_from_head, truth), 0.02);
@@ -55,22 +55,22 @@ TEST(HeadPose, TurnsTheWayThatIsDefined) {
   const HeadPoser poser(testing_head(0));
   const geometry::Camera camera = testing_camera();
   Rng rng(2);
-  const auto angles_in_picture = [&](const HeadAngles& angles) {
+  const auto angles_in_image = [&](const HeadAngles& angles) {
     const Matrix2Xd points =
-        picture_of(poser.model().mean, {rotation_of_angles(angles), {0, 0, 700}}, camera, 0, rng);
+        image_of(poser.model().mean, {rotation_of_angles(angles), {0, 0, 700}}, camera, 0, rng);
     return std::pair(poser.pose(points, camera).pose.value().angles, points);
   };
   // The nose (point 22) moves to image left of the eyes' middle: yaw > 0.
-  const auto [left, at_left] = angles_in_picture({25, 0, 0});
+  const auto [left, at_left] = angles_in_image({25, 0, 0});
   EXPECT_LT(at_left(0, 22), (at_left(0, 0) + at_left(0, 1)) / 2 - 5);
   EXPECT_NEAR(left.yaw_deg, 25, 0.1);
-  const auto [up, at_up] = angles_in_picture({0, 20, 0});
-  const auto [straight, at_straight] = angles_in_picture({0, 0, 0});
+  const auto [up, at_up] = angles_in_image({0, 20, 0});
+  const auto [straight, at_straight] = angles_in_image({0, 0, 0});
   EXPECT_LT(at_up(1, 22), at_straight(1, 22));
   EXPECT_NEAR(up.pitch_deg, 20, 0.1);
   EXPECT_NEAR(straight.yaw_deg, 0, 0.1);
   // Clockwise as seen: the eye at image right (point 1) goes down.
-  const auto [rolled, at_rolled] = angles_in_picture({0, 0, 15});
+  const auto [rolled, at_rolled] = angles_in_image({0, 0, 15});
   EXPECT_GT(at_rolled(1, 1), at_rolled(1, 0) + 5);
   EXPECT_NEAR(rolled.roll_deg, 15, 0.1);
 }
@@ -90,7 +90,7 @@ TEST(HeadPose, WithShapeIsBetterThanWithTheMeanHeadAndWithIdentityBetterStill) {
     HeadIdentity identity;
     for (int frame = 0; frame < 30; ++frame) {
       const geometry::Rigid3 truth = random_pose(rng);
-      const Matrix2Xd points = picture_of(shape, truth, camera, 1, rng);
+      const Matrix2Xd points = image_of(shape, truth, camera, 1, rng);
       const auto error = [&](const HeadPoseResult& result) {
         return degrees_between(result.pose.value().camera_from_head, truth);
       };
@@ -118,7 +118,7 @@ TEST(HeadIdentityState, ForgetsSlowlyAndIsNoneBeforeTheFirstFrame) {
   Rng rng(4);
   const auto show = [&](const VectorXd& b, int frames) {
     for (int k = 0; k < frames; ++k)
-      (void)poser.pose(picture_of(shape_of(model, b), random_pose(rng), camera, 0.5, rng), camera,
+      (void)poser.pose(image_of(shape_of(model, b), random_pose(rng), camera, 0.5, rng), camera,
                        identity);
   };
   const VectorXd first = random_b(model, rng);
@@ -146,7 +146,7 @@ TEST(HeadPose, BearsMissingPointsAndOutliers) {
   double worst = 0;
   for (int k = 0; k < 50; ++k) {
     const geometry::Rigid3 truth = random_pose(rng);
-    Matrix2Xd points = picture_of(poser.model().mean, truth, camera, 0, rng);
+    Matrix2Xd points = image_of(poser.model().mean, truth, camera, 0, rng);
     for (int hole = 0; hole < 8; ++hole) points.col(rng.integer(0, 24)).setConstant(kNan);
     points.col(rng.integer(0, 24)) += Eigen::Vector2d(40, -30);
     const HeadPoseResult result = poser.pose(points, camera);
@@ -160,7 +160,7 @@ TEST(HeadPose, RefusesWithAReason) {
   const HeadPoser poser(testing_head(2));
   const geometry::Camera camera = testing_camera();
   Rng rng(6);
-  const Matrix2Xd points = picture_of(poser.model().mean, random_pose(rng), camera, 0, rng);
+  const Matrix2Xd points = image_of(poser.model().mean, random_pose(rng), camera, 0, rng);
   const auto reason_of = [&](const Matrix2Xd& bad) {
     const HeadPoseResult result = poser.pose(bad, camera);
     EXPECT_FALSE(result.pose);
@@ -202,7 +202,7 @@ TEST(HeadPose, DoesNotTrustTheFarOutlineOfATurnedHead) {
   Rng rng(7);
   // yaw > 0: the head turns to image left, whose side is the far one.
   const geometry::Rigid3 truth{rotation_of_angles({35, 0, 0}), {0, 0, 600}};
-  Matrix2Xd points = picture_of(model.mean, truth, camera, 0, rng);
+  Matrix2Xd points = image_of(model.mean, truth, camera, 0, rng);
   for (const int i : {16, 18, 20}) points(0, i) -= 8;
   const double error =
       degrees_between(poser.pose(points, camera).pose.value().camera_from_head, truth);
@@ -253,7 +253,7 @@ TEST(HeadPoseData, GainsFromTheIdentityOfUnknownPeople) {
     HeadIdentity identity;
     for (int frame = 0; frame < 35; ++frame) {
       const geometry::Rigid3 truth = random_pose(rng);
-      const Matrix2Xd pixels = picture_of(shape, truth, camera, 1, rng);
+      const Matrix2Xd pixels = image_of(shape, truth, camera, 1, rng);
       const auto error = [&](const HeadPoseResult& result) {
         geometry::Rigid3 found = result.pose.value().camera_from_head;
         found.rotation = found.rotation * ict_from_model.transpose();

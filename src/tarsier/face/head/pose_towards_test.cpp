@@ -21,7 +21,7 @@ TEST(PoseTowards, FindsTurnAndPlaceOfTheTrueDirection) {
   Rng rng(5);
   for (int i = 0; i < 20; ++i) {
     const geometry::Rigid3 truth = random_pose(rng);
-    const Eigen::Matrix2Xd points = picture_of(model.mean, truth, testing_camera(), 0.2, rng);
+    const Eigen::Matrix2Xd points = image_of(model.mean, truth, testing_camera(), 0.2, rng);
     // The right direction, turned about itself by some degrees.
     const Eigen::Matrix3d turned =
         truth.rotation * rotation_of_angles({0, 0, rng.uniform(-20, 20)});
@@ -38,7 +38,7 @@ TEST(PoseTowards, KeepsTheDirectionThatItIsGiven) {
   Rng rng(6);
   for (int i = 0; i < 20; ++i) {
     const geometry::Rigid3 truth = random_pose(rng);
-    const Eigen::Matrix2Xd points = picture_of(model.mean, truth, testing_camera(), 0.5, rng);
+    const Eigen::Matrix2Xd points = image_of(model.mean, truth, testing_camera(), 0.5, rng);
     const Eigen::Matrix3d other =
         rotation_of_angles({rng.uniform(-10, 10), rng.uniform(-10, 10), 0}) * truth.rotation;
     const HeadPoseResult found = poser.pose_towards(points, testing_camera(), other);
@@ -56,7 +56,7 @@ TEST(PoseTowards, ChangesNothingThatIsKnownOfThePerson) {
   const HeadPoser poser(model);
   Rng rng(7);
   const geometry::Rigid3 truth = random_pose(rng);
-  const Eigen::Matrix2Xd points = picture_of(model.mean, truth, testing_camera(), 0.5, rng);
+  const Eigen::Matrix2Xd points = image_of(model.mean, truth, testing_camera(), 0.5, rng);
   HeadIdentity identity;
   ASSERT_TRUE(poser.pose(points, testing_camera(), identity).pose);
   const Eigen::VectorXd before = identity.vector;
@@ -69,8 +69,7 @@ TEST(PoseTowards, RefusesWhatIsNoRotation) {
   const HeadModel model = testing_head(1);
   const HeadPoser poser(model);
   Rng rng(8);
-  const Eigen::Matrix2Xd points =
-      picture_of(model.mean, random_pose(rng), testing_camera(), 0, rng);
+  const Eigen::Matrix2Xd points = image_of(model.mean, random_pose(rng), testing_camera(), 0, rng);
   EXPECT_THROW((void)poser.pose_towards(points, testing_camera(), Eigen::Matrix3d::Zero()),
                std::invalid_argument);
 }

@@ -80,8 +80,8 @@ namespace {
 // Copies image points into the workspace; why that cannot be, or "".
 const char* load(const PositModel& model, const Eigen::Ref<const Eigen::Matrix2Xd>& image,
                  PositWorkspace& space) {
-  if (image.cols() != model.points()) return "the picture's points are not as many as the object's";
-  if (!image.allFinite()) return "a point in the picture is not finite";
+  if (image.cols() != model.points()) return "the image's points are not as many as the object's";
+  if (!image.allFinite()) return "a point in the image is not finite";
   space.x = image.row(0).transpose();
   space.y = image.row(1).transpose();
   space.w.setOnes(image.cols());
@@ -106,7 +106,7 @@ PositResult posit(const PositModel& model, const Eigen::Ref<const Eigen::Matrix2
                   const geometry::Camera& camera, const PositOptions& options,
                   PositWorkspace& workspace) {
   camera.check();
-  if (!image.allFinite()) return {std::nullopt, "a point in the picture is not finite"};
+  if (!image.allFinite()) return {std::nullopt, "a point in the image is not finite"};
   workspace.normalized.resize(2, image.cols());
   if (camera.is_distorted()) {
     for (Index i = 0; i < image.cols(); ++i) {
@@ -124,8 +124,9 @@ PositResult posit(const PositModel& model, const Eigen::Ref<const Eigen::Matrix2
   return result;
 }
 
-PlanarPoses posit_planar(const PositModel& model, const Eigen::Ref<const Eigen::Matrix2Xd>& image,
-                         const PositOptions& options, PositWorkspace& workspace) {
+PlanarPositResult posit_planar(const PositModel& model,
+                               const Eigen::Ref<const Eigen::Matrix2Xd>& image,
+                               const PositOptions& options, PositWorkspace& workspace) {
   options.check();
   if (*model.planar_defect() != 0) return {{}, model.planar_defect()};
   if (const char* trouble = load(model, image, workspace); *trouble != 0) return {{}, trouble};

@@ -10,7 +10,7 @@
 #include <array>
 #include <optional>
 
-// Pose of a known object from one picture. With x_i = X_i / Z_i in normalised camera coordinates
+// Pose of a known object from one image. With x_i = X_i / Z_i in normalised camera coordinates
 // (camera: x right, y down, z forward) and s = 1 / T_z,
 //   w_i x_i = s (r1 . P_i + T_x),  w_i y_i = s (r2 . P_i + T_y),  w_i = 1 + s r3 . P_i:
 // linear in the pose once w is known. POSIT starts with w = 1 (scaled orthography), solves by the
@@ -105,7 +105,7 @@ struct PositWorkspace {
                                 const Eigen::Ref<const Eigen::Matrix2Xd>& image,
                                 const PositOptions& options, PositWorkspace& workspace);
 
-// image: 2 x n in px; rms in px of the undistorted picture (times the geometric mean of fx and fy).
+// image: 2 x n in px; rms in px of the undistorted image (times the geometric mean of fx and fy).
 [[nodiscard]] PositResult posit(const PositModel& model,
                                 const Eigen::Ref<const Eigen::Matrix2Xd>& image,
                                 const geometry::Camera& camera, const PositOptions& options,
@@ -115,12 +115,13 @@ struct PositWorkspace {
 // solutions, the one of smaller error first; the second is missing where they are one (Oberkampf,
 // DeMenton and Davis, "Iterative pose estimation using coplanar feature points", CVIU 1996). Each
 // is refined with all three coordinates of the points (at least 10 steps).
-struct PlanarPoses {
+struct PlanarPositResult {
   std::array<std::optional<PositPose>, 2> poses;
   const char* reason = "";
 };
-[[nodiscard]] PlanarPoses posit_planar(const PositModel& model,
-                                       const Eigen::Ref<const Eigen::Matrix2Xd>& image,
-                                       const PositOptions& options, PositWorkspace& workspace);
+[[nodiscard]] PlanarPositResult posit_planar(const PositModel& model,
+                                             const Eigen::Ref<const Eigen::Matrix2Xd>& image,
+                                             const PositOptions& options,
+                                             PositWorkspace& workspace);
 
 }  // namespace tarsier::face::head

@@ -20,7 +20,7 @@ using Eigen::Vector3d;
 namespace {
 
 constexpr const char* kBehind = "the points come out behind the camera";
-constexpr const char* kNoScale = "the points of the picture coincide";
+constexpr const char* kNoScale = "the points of the image coincide";
 
 // inverse' * v, and 1 + points * forward, without memory of their own.
 Vector3d times(const Eigen::MatrixX3d& inverse, const Eigen::VectorXd& v) {
@@ -252,8 +252,8 @@ PositResult PositSolver::planar_branch(double sign) {
   return finish(state, std::max(options.refine_steps, 10));
 }
 
-PlanarPoses PositSolver::planar() {
-  PlanarPoses result;
+PlanarPositResult PositSolver::planar() {
+  PlanarPositResult result;
   std::array<PositResult, 3> found = {planar_branch(1), planar_branch(-1), PositResult{}};
   if (!found[0].pose && !found[1].pose) {
     result.reason = found[0].reason;

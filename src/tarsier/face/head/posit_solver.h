@@ -15,7 +15,7 @@ struct PositSolver {
 
   [[nodiscard]] PositResult classic();
   [[nodiscard]] PositResult homogeneous();
-  [[nodiscard]] PlanarPoses planar();
+  [[nodiscard]] PlanarPositResult planar();
 
  private:
   struct State {

@@ -31,7 +31,7 @@ struct PositStudyRow {
 };
 
 // points: 3 x n, mm. Rows: for each noise the four methods in the order above. All methods see the
-// same pictures. Throws std::invalid_argument; Interrupted.
+// same images. Throws std::invalid_argument; Interrupted.
 [[nodiscard]] std::vector<PositStudyRow> run_posit_study(const Eigen::Matrix3Xd& points,
                                                          const PositStudyOptions& options = {},
                                                          std::stop_token stop = {});

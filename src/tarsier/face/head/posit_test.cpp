@@ -24,7 +24,7 @@ using Eigen::VectorXd;
 
 constexpr double kDegrees = 180 / std::numbers::pi;
 
-Matrix2Xd normalized_picture(const Matrix3Xd& shape, const geometry::Rigid3& pose) {
+Matrix2Xd normalized_image(const Matrix3Xd& shape, const geometry::Rigid3& pose) {
   Matrix2Xd image(2, shape.cols());
   for (Eigen::Index i = 0; i < shape.cols(); ++i) {
     const Eigen::Vector3d x = pose * shape.col(i);
@@ -54,7 +54,7 @@ TEST(Posit, IsExactWithoutNoise) {
     const PositModel model(shape, {}, reference);
     for (int k = 0; k < 200; ++k) {
       const geometry::Rigid3 truth = random_pose(rng);
-      const Matrix2Xd image = normalized_picture(shape, truth);
+      const Matrix2Xd image = normalized_image(shape, truth);
       for (const PositOptions& options :
            {options_of(PositMethod::kClassic), options_of(PositMethod::kHomogeneous),
             options_of(PositMethod::kHomogeneous, 3)}) {
@@ -69,7 +69,7 @@ TEST(Posit, IsExactWithoutNoise) {
   }
 }
 
-TEST(Posit, InPixelsOfALensIsThatOfTheUndistortedPicture) {
+TEST(Posit, InPixelsOfALensIsThatOfTheUndistortedImage) {
   Rng rng(2);
   const Matrix3Xd shape = testing_head(0).mean;
   const PositModel model(shape);
@@ -78,7 +78,7 @@ TEST(Posit, InPixelsOfALensIsThatOfTheUndistortedPicture) {
   camera.distortion = {-0.2, 0.05, 0.001, -0.002, 0};
   PositWorkspace workspace;
   const geometry::Rigid3 truth = random_pose(rng);
-  const Matrix2Xd pixels = picture_of(shape, truth, camera, 0, rng);
+  const Matrix2Xd pixels = image_of(shape, truth, camera, 0, rng);
   const PositResult result =
       posit(model, pixels, camera, options_of(PositMethod::kHomogeneous), workspace);
   ASSERT_TRUE(result.pose) << result.reason;
@@ -92,7 +92,7 @@ TEST(Posit, RefinementFindsTheLeastReprojectionError) {
   PositWorkspace workspace;
   for (int k = 0; k < 50; ++k) {
     const geometry::Rigid3 truth = random_pose(rng);
-    Matrix2Xd image = normalized_picture(shape, truth);
+    Matrix2Xd image = normalized_image(shape, truth);
     for (Eigen::Index i = 0; i < image.size(); ++i) image.data()[i] += 0.005 * rng.normal();
     const auto rough = posit(model, image, options_of(PositMethod::kHomogeneous), workspace).pose;
     const auto fine =
@@ -110,7 +110,7 @@ TEST(Posit, RefinementFindsTheLeastReprojectionError) {
           turn[axis - 2] = sign * 5e-4;
           moved.rotation = geometry::rotation_of(turn) * moved.rotation;
         }
-        const double rms = std::sqrt((normalized_picture(shape, moved) - image).squaredNorm() /
+        const double rms = std::sqrt((normalized_image(shape, moved) - image).squaredNorm() /
                                      static_cast<double>(shape.cols()));
         EXPECT_GT(rms, fine->rms);
       }
@@ -125,7 +125,7 @@ TEST(Posit, CountsPointsByTheirWeight) {
   weights[5] = 0;
   const PositModel model(shape, weights);
   const geometry::Rigid3 truth = random_pose(rng);
-  Matrix2Xd image = normalized_picture(shape, truth);
+  Matrix2Xd image = normalized_image(shape, truth);
   image.col(5) << 3, -2;
   PositWorkspace workspace;
   const PositResult result =
@@ -134,7 +134,7 @@ TEST(Posit, CountsPointsByTheirWeight) {
   EXPECT_LT(degrees_between(result.pose->camera_from_object, truth), 1e-5);
 }
 
-// The cube of the demonstration: side 10, four corners, px from the centre of the picture.
+// The cube of the demonstration: side 10, four corners, px from the centre of the image.
 TEST(Posit, SolvesTheCube) {
   Matrix3Xd corners(3, 4);
   corners << 0, 0, 10, 0,  //
@@ -164,11 +164,11 @@ TEST(Posit, SolvesTheCube) {
     EXPECT_GT(pose.rotation(1, 1), 0.5);
     EXPECT_LT(pose.rotation(0, 2), -0.5);
     if (method == PositMethod::kHomogeneous) {
-      cv::Mat picture(camera.height, camera.width, CV_8UC3, cv::Scalar(50, 45, 40));
-      draw_box(picture, camera, pose, {0, 0, 0}, {10, 10, 10});
-      draw_axes(picture, camera, pose, {13, 13, 13});
-      if (const char* folder = std::getenv("TARSIER_TEST_PICTURES"))
-        cv::imwrite(std::string(folder) + "/cube.png", picture);
+      cv::Mat projected(camera.height, camera.width, CV_8UC3, cv::Scalar(50, 45, 40));
+      draw_box(projected, camera, pose, {0, 0, 0}, {10, 10, 10});
+      draw_axes(projected, camera, pose, {13, 13, 13});
+      if (const char* folder = std::getenv("TARSIER_TEST_IMAGES"))
+        cv::imwrite(std::string(folder) + "/cube.png", projected);
       // The box's own corners lie on the points that were given.
       const auto corner = camera.project(pose * Eigen::Vector3d(0, 10, 0));
       ASSERT_TRUE(corner);
@@ -179,11 +179,11 @@ TEST(Posit, SolvesTheCube) {
 
 TEST(Posit, RefusesWhatHasNoPoseWithAReason) {
   const Matrix3Xd shape = testing_head(0).mean;
-  const Matrix2Xd image = normalized_picture(shape, {Eigen::Matrix3d::Identity(), {0, 0, 600}});
+  const Matrix2Xd image = normalized_image(shape, {Eigen::Matrix3d::Identity(), {0, 0, 600}});
   PositWorkspace workspace;
   const PositOptions options;
-  const auto reason_of = [&](const Matrix3Xd& points, const Matrix2Xd& picture) {
-    const PositResult result = posit(PositModel(points), picture, options, workspace);
+  const auto reason_of = [&](const Matrix3Xd& points, const Matrix2Xd& projected) {
+    const PositResult result = posit(PositModel(points), projected, options, workspace);
     EXPECT_FALSE(result.pose);
     return std::string(result.reason);
   };
@@ -246,8 +246,8 @@ TEST(PositPlanar, FindsBothPosesOfAPlane) {
   int both = 0;
   for (int k = 0; k < 200; ++k) {
     const geometry::Rigid3 truth = random_pose(rng);
-    const Matrix2Xd image = normalized_picture(plane, truth);
-    const PlanarPoses found = posit_planar(model, image, {}, workspace);
+    const Matrix2Xd image = normalized_image(plane, truth);
+    const PlanarPositResult found = posit_planar(model, image, {}, workspace);
     ASSERT_TRUE(found.poses[0]) << found.reason;
     EXPECT_LT(degrees_between(found.poses[0]->camera_from_object, truth), 1e-3) << k;
     if (!found.poses[1]) continue;
@@ -268,7 +268,8 @@ TEST(PositPlanar, OfANearlyFlatObjectHasTheTruthAmongThem) {
   PositWorkspace workspace;
   for (int k = 0; k < 100; ++k) {
     const geometry::Rigid3 truth = random_pose(rng);
-    const PlanarPoses found = posit_planar(model, normalized_picture(thin, truth), {}, workspace);
+    const PlanarPositResult found =
+        posit_planar(model, normalized_image(thin, truth), {}, workspace);
     ASSERT_TRUE(found.poses[0]) << found.reason;
     EXPECT_LT(degrees_between(found.poses[0]->camera_from_object, truth), 1e-2) << k;
   }
@@ -278,7 +279,8 @@ TEST(PositPlanar, RefusesALine) {
   Matrix3Xd line(3, 5);
   for (Eigen::Index i = 0; i < 5; ++i) line.col(i) << static_cast<double>(i), 0, 0;
   PositWorkspace workspace;
-  const PlanarPoses found = posit_planar(PositModel(line), Matrix2Xd::Random(2, 5), {}, workspace);
+  const PlanarPositResult found =
+      posit_planar(PositModel(line), Matrix2Xd::Random(2, 5), {}, workspace);
   EXPECT_FALSE(found.poses[0]);
   EXPECT_NE(std::string(found.reason).find("collinear"), std::string::npos);
 }

@@ -91,8 +91,8 @@ inline geometry::Rigid3 random_pose(Rng& rng) {
 }
 
 // 2 x n px, with Gaussian noise.
-inline Eigen::Matrix2Xd picture_of(const Eigen::Matrix3Xd& shape, const geometry::Rigid3& pose,
-                                   const geometry::Camera& camera, double noise_px, Rng& rng) {
+inline Eigen::Matrix2Xd image_of(const Eigen::Matrix3Xd& shape, const geometry::Rigid3& pose,
+                                 const geometry::Camera& camera, double noise_px, Rng& rng) {
   Eigen::Matrix2Xd pixels(2, shape.cols());
   for (Eigen::Index i = 0; i < shape.cols(); ++i) {
     const auto pixel = camera.project(pose * shape.col(i));

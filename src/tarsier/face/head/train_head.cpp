@@ -28,7 +28,7 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-// What is believed of one picture; `moment` is E[(1, b)(1, b)'], b in units of its deviation.
+// What is believed of one image; `moment` is E[(1, b)(1, b)'], b in units of its deviation.
 struct View {
   Matrix2Xd points;  // centred, RMS radius 1
   ScaledOrthography camera;
@@ -211,7 +211,7 @@ void Trainer::update_shape() {
   });
 }
 
-// What the pictures leave open: b has mean 0 and variance 1, the modes do not move, turn or scale
+// What the images leave open: b has mean 0 and variance 1, the modes do not move, turn or scale
 // the head as a whole, the origin is midway between the eyes, the eyes' distance is given.
 void Trainer::settle_gauge() {
   if (m > 0) {

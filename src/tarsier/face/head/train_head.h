@@ -14,7 +14,7 @@
 #include <vector>
 
 // The 3D head from 2D landmarks of many faces in many poses, by non-rigid structure from motion:
-// each face is one picture of one shape, x_i = t + s [R (mean_i + modes_i b)]_xy / d_i with
+// each face is one image of one shape, x_i = t + s [R (mean_i + modes_i b)]_xy / d_i with
 // d_i = 1 + [R (mean_i + modes_i b)]_z / distance.
 //
 // Start: the rigid factorisation of Tomasi and Kanade (IJCV 1992) with the head's symmetry built
@@ -30,9 +30,9 @@ namespace tarsier::face::head {
 struct TrainHeadOptions {
   int modes = 12;
   int iterations = 100;  // of expectation maximisation
-  // Between the outer eye corners, mm: pictures alone have no scale.
+  // Between the outer eye corners, mm: images alone have no scale.
   double outer_eye_mm = 89;
-  // Typical distance from the camera to the head, mm. How strong perspective is (pictures
+  // Typical distance from the camera to the head, mm. How strong perspective is (images
   // of a single face cannot tell).
   double distance_mm = 1500;
   // Points of the outline, of which the far side does not count in turned faces; for 68 points
@@ -47,7 +47,7 @@ struct TrainHeadOptions {
             {"iterations", iterations, range(1, 10000), "--iterations",
              "iterations of expectation maximisation"},
             {"outer_eye_mm", outer_eye_mm, range(10, 1000), "--outer-eye-mm",
-             "between the outer eye corners: pictures alone have no scale"},
+             "between the outer eye corners: images alone have no scale"},
             {"distance_mm", distance_mm, at_least(300), "--distance-mm",
              "from the camera to the heads, typically"},
             {"outline_yaw_deg", outline_yaw_deg, above(0)},

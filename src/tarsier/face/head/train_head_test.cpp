@@ -25,17 +25,17 @@ using Eigen::Matrix2Xd;
 using Eigen::Matrix3Xd;
 using Eigen::VectorXd;
 
-struct Pictures {
+struct Images {
   std::vector<Matrix2Xd> faces;
   std::vector<HeadAngles> angles;
 };
 
 // Images of other people each, 1.5 m away.
-Pictures image(const HeadModel& model, int count, double noise_px, std::uint64_t seed) {
+Images image(const HeadModel& model, int count, double noise_px, std::uint64_t seed) {
   Rng rng(seed);
   geometry::Camera camera = testing_camera();
   camera.fx = camera.fy = 2000;
-  Pictures result;
+  Images result;
   for (int k = 0; k < count; ++k) {
     VectorXd b(model.mode_count());
     for (Eigen::Index i = 0; i < b.size(); ++i) b[i] = model.deviation[i] * rng.normal();
@@ -44,7 +44,7 @@ Pictures image(const HeadModel& model, int count, double noise_px, std::uint64_t
     angles.pitch_deg = rng.normal(0, 8);
     angles.roll_deg = rng.normal(0, 8);
     const geometry::Rigid3 pose{rotation_of_angles(angles), {0, 0, 1500}};
-    result.faces.push_back(picture_of(shape_of(model, b), pose, camera, noise_px, rng));
+    result.faces.push_back(image_of(shape_of(model, b), pose, camera, noise_px, rng));
     result.angles.push_back(angles);
   }
   return result;
@@ -95,8 +95,8 @@ TEST(Factorization, IsExactForARigidSymmetricObjectInScaledOrthography) {
 
 TEST(TrainHead, FindsTheHeadThatWasPhotographed) {
   const HeadModel truth = testing_head(3);
-  const Pictures pictures = image(truth, 400, 0.5, 2);
-  const TrainedHead trained = train_head(pictures.faces, markup_of(truth), quick());
+  const Images images = image(truth, 400, 0.5, 2);
+  const TrainedHead trained = train_head(images.faces, markup_of(truth), quick());
   const HeadModel& model = trained.model;
   EXPECT_LT(aligned_error(model.mean, truth.mean), 1.5);
   EXPECT_EQ(model.trained_on, 400);
@@ -109,9 +109,9 @@ TEST(TrainHead, FindsTheHeadThatWasPhotographed) {
   EXPECT_GT(down[1], 40);
   double yaw = 0;
   double pitch = 0;
-  for (std::size_t f = 0; f < pictures.angles.size(); ++f) {
-    yaw += std::abs(trained.angles[f].yaw_deg - pictures.angles[f].yaw_deg) / 400;
-    pitch += std::abs(trained.angles[f].pitch_deg - pictures.angles[f].pitch_deg) / 400;
+  for (std::size_t f = 0; f < images.angles.size(); ++f) {
+    yaw += std::abs(trained.angles[f].yaw_deg - images.angles[f].yaw_deg) / 400;
+    pitch += std::abs(trained.angles[f].pitch_deg - images.angles[f].pitch_deg) / 400;
   }
   EXPECT_LT(yaw, 2.5);
   EXPECT_LT(pitch, 3.5);
@@ -123,16 +123,16 @@ TEST(TrainHead, FindsTheHeadThatWasPhotographed) {
 
 TEST(TrainHead, IsTheSameForAnyNumberOfThreadsAndLeavesOutIncompleteFaces) {
   const HeadModel truth = testing_head(3);
-  Pictures pictures = image(truth, 60, 0.5, 3);
+  Images images = image(truth, 60, 0.5, 3);
   TrainHeadOptions options = quick();
   options.iterations = 15;
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
-  const TrainedHead one = train_head(pictures.faces, markup_of(truth), options);
+  const TrainedHead one = train_head(images.faces, markup_of(truth), options);
   cv::setNumThreads(4);
-  pictures.faces.insert(pictures.faces.begin() + 7, pictures.faces[0]);
-  pictures.faces[7](1, 3) = std::numeric_limits<double>::quiet_NaN();
-  const TrainedHead four = train_head(pictures.faces, markup_of(truth), options);
+  images.faces.insert(images.faces.begin() + 7, images.faces[0]);
+  images.faces[7](1, 3) = std::numeric_limits<double>::quiet_NaN();
+  const TrainedHead four = train_head(images.faces, markup_of(truth), options);
   cv::setNumThreads(threads);
   EXPECT_EQ(one.model.mean, four.model.mean);
   EXPECT_EQ(one.model.modes, four.model.modes);
@@ -142,25 +142,25 @@ TEST(TrainHead, IsTheSameForAnyNumberOfThreadsAndLeavesOutIncompleteFaces) {
 
 TEST(TrainHead, BearsOutliers) {
   const HeadModel truth = testing_head(2);
-  Pictures pictures = image(truth, 200, 0.5, 4);
+  Images images = image(truth, 200, 0.5, 4);
   Rng rng(5);
-  for (std::size_t f = 0; f < pictures.faces.size(); f += 3)
-    pictures.faces[f].col(rng.integer(2, 24)) += Eigen::Vector2d(rng.normal(0, 25), 30);
+  for (std::size_t f = 0; f < images.faces.size(); f += 3)
+    images.faces[f].col(rng.integer(2, 24)) += Eigen::Vector2d(rng.normal(0, 25), 30);
   TrainHeadOptions options = quick();
   options.modes = 2;
   EXPECT_LT(
-      aligned_error(train_head(pictures.faces, markup_of(truth), options).model.mean, truth.mean),
+      aligned_error(train_head(images.faces, markup_of(truth), options).model.mean, truth.mean),
       2.5);
 }
 
 TEST(TrainHead, RefusesWhatTeachesNothing) {
   const HeadModel truth = testing_head(0);
   const shape::Markup markup = markup_of(truth);
-  const Pictures pictures = image(truth, 12, 0, 6);
-  const std::vector<Matrix2Xd> few(pictures.faces.begin(), pictures.faces.begin() + 9);
+  const Images images = image(truth, 12, 0, 6);
+  const std::vector<Matrix2Xd> few(images.faces.begin(), images.faces.begin() + 9);
   EXPECT_THROW((void)train_head(few, markup), std::invalid_argument);
   // All look the same way: depth cannot be seen.
-  const std::vector<Matrix2Xd> still(20, picture_of(
+  const std::vector<Matrix2Xd> still(20, image_of(
                                              truth.mean, {Eigen::Matrix3d::Identity(), {0, 0, 1e7}},
                                              [] {
                                                geometry::Camera camera = testing_camera();
@@ -169,21 +169,21 @@ TEST(TrainHead, RefusesWhatTeachesNothing) {
                                              }(),
                                              0, *std::make_unique<Rng>(1)));
   EXPECT_THROW((void)train_head(still, markup), std::invalid_argument);
-  std::vector<Matrix2Xd> mixed = pictures.faces;
+  std::vector<Matrix2Xd> mixed = images.faces;
   mixed[3] = mixed[3].leftCols(24).eval();
   EXPECT_THROW((void)train_head(mixed, markup), std::invalid_argument);
   shape::Markup wrong = markup;
   wrong.mirror[0] = 5;
-  EXPECT_THROW((void)train_head(pictures.faces, wrong), std::invalid_argument);
+  EXPECT_THROW((void)train_head(images.faces, wrong), std::invalid_argument);
   wrong = markup;
   wrong.outer_eyes = {0, 3};
-  EXPECT_THROW((void)train_head(pictures.faces, wrong), std::invalid_argument);
+  EXPECT_THROW((void)train_head(images.faces, wrong), std::invalid_argument);
   TrainHeadOptions options;
   options.modes = -1;
-  EXPECT_THROW((void)train_head(pictures.faces, markup, options), std::invalid_argument);
+  EXPECT_THROW((void)train_head(images.faces, markup, options), std::invalid_argument);
   std::stop_source stop;
   stop.request_stop();
-  EXPECT_THROW((void)train_head(pictures.faces, markup, quick(), nullptr, stop.get_token()),
+  EXPECT_THROW((void)train_head(images.faces, markup, quick(), nullptr, stop.get_token()),
                Interrupted);
 }
 

@@ -31,14 +31,14 @@ cv::Mat upright_crop(const cv::Mat& gray, const cv::Point2d& middle, double px_p
   int times = 1;
   while (times < 8 && kSide * times < kSideMm * px_per_mm) times *= 2;
   const int side = kSide * times;
-  const double scale = kSideMm * px_per_mm / side;  // picture px of a crop px
+  const double scale = kSideMm * px_per_mm / side;  // image px of a crop px
   const double c = scale * std::cos(roll_deg * kDegree);
   const double s = scale * std::sin(roll_deg * kDegree);
   const double half = (side - 1) / 2.0;
-  const cv::Matx23d picture_from_crop(c, -s, middle.x - c * half + s * half,  //
-                                      s, c, middle.y - s * half - c * half);
+  const cv::Matx23d image_from_crop(c, -s, middle.x - c * half + s * half,  //
+                                    s, c, middle.y - s * half - c * half);
   cv::Mat large;
-  cv::warpAffine(gray, large, picture_from_crop, {side, side},
+  cv::warpAffine(gray, large, image_from_crop, {side, side},
                  cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
   if (times == 1) return large;
   cv::Mat crop;
@@ -146,7 +146,7 @@ Eigen::VectorXf gradients_of(const cv::Mat& crop) {
 
 std::optional<HeadView> view_of_head(const cv::Mat& gray, const geometry::Camera& camera,
                                      const geometry::Rigid3& camera_from_head) {
-  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "a picture of type {}", gray.type());
+  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
   const Eigen::Vector3d middle = camera_from_head * kMiddle;
   const double distance = middle.norm();
   if (!(middle[2] > 1) || !std::isfinite(distance)) return std::nullopt;

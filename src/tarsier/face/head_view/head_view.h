@@ -16,7 +16,7 @@
 // gradients (Dalal and Triggs, CVPR 2005).
 //
 // The view's frame: origin and units of the camera's, z towards the middle of the head, by the
-// smallest rotation from the camera's z. A head at the picture's rim that looks into the camera is
+// smallest rotation from the camera's z. A head at the image's rim that looks into the camera is
 // turned in the camera's frame, not in the view's.
 namespace tarsier::face::head_view {
 

@@ -38,13 +38,13 @@ TEST(HeadView, RollAndDistanceAreTakenOut) {
   EXPECT_LT((seen(0, 650) - upright).norm(), 0.4F * unlike);
 }
 
-TEST(HeadView, TheMirrorsViewIsThatOfTheMirroredPicture) {
+TEST(HeadView, TheMirrorsViewIsThatOfTheMirroredImage) {
   const geometry::Camera camera = testing_camera();
   const geometry::Rigid3 pose{head::rotation_of_angles({20, 8, 12}), {30, -20, 550}};
-  const cv::Mat picture = painted_head(pose, camera);
-  const HeadView view = mirrored(*view_of_head(picture, camera, pose));
+  const cv::Mat image = painted_head(pose, camera);
+  const HeadView view = mirrored(*view_of_head(image, camera, pose));
   cv::Mat flipped;
-  cv::flip(picture, flipped, 1);
+  cv::flip(image, flipped, 1);
   const geometry::Rigid3 mirror{head::rotation_of_angles({-20, 8, -12}), {-30, -20, 550}};
   const HeadView truth = *view_of_head(flipped, camera, mirror);
   EXPECT_NEAR(view.angles.yaw_deg, truth.angles.yaw_deg, 1e-6);
@@ -79,13 +79,13 @@ TEST(HeadView, GradientsTellTheDirectionOfLines) {
   const Eigen::Index middle = (3 * kCells + 3) * kOrientations;
   EXPECT_GT(upright[middle], 0.15F);
   EXPECT_NEAR(upright.segment(middle + 1, kOrientations - 1).sum(), 0, 1e-6);
-  // A flat picture has none; brightness by a factor matters little.
+  // A flat image has none; brightness by a factor matters little.
   EXPECT_EQ(gradients_of(cv::Mat(kSide, kSide, CV_8UC1, cv::Scalar(99))).norm(), 0);
   const cv::Mat darker = crop / 2;
   EXPECT_LT((gradients_of(darker) - upright).norm(), 0.02F * upright.norm());
 }
 
-TEST(HeadView, HeadsThatCannotBeSeenAndWrongPictures) {
+TEST(HeadView, HeadsThatCannotBeSeenAndWrongImages) {
   const geometry::Camera camera = testing_camera();
   const cv::Mat gray(camera.height, camera.width, CV_8UC1, cv::Scalar(0));
   EXPECT_FALSE(view_of_head(gray, camera, {Eigen::Matrix3d::Identity(), {0, 0, -500}}));

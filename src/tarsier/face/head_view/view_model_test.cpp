@@ -20,7 +20,7 @@ namespace {
 
 // Heads whose rough pitch is half of the true one, and their yaw four fifths.
 struct Slipped {
-  cv::Mat picture;
+  cv::Mat image;
   geometry::Rigid3 rough;
   geometry::Rigid3 truth;
 };
@@ -35,12 +35,12 @@ Slipped slipped(Rng& rng) {
   result.rough = {head::rotation_of_angles(
                       {0.8 * yaw + 3 * rng.normal(), 0.5 * pitch + 3 * rng.normal(), roll}),
                   place};
-  result.picture = painted_head(result.truth, testing_camera());
+  result.image = painted_head(result.truth, testing_camera());
   return result;
 }
 
 ViewSample sample_of(const Slipped& head, int group) {
-  const HeadView view = *view_of_head(head.picture, testing_camera(), head.rough);
+  const HeadView view = *view_of_head(head.image, testing_camera(), head.rough);
   const Eigen::Vector3d forward = head.truth.rotation * Eigen::Vector3d(0, 0, -1);
   return {view, direction_of(view, view.camera_from_view.transpose() * forward), group};
 }

@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
-// A model adapted to one person, camera or markup from a few annotated pictures: each regression
-// moves from the general one R0 as far as the pictures ask for (maximum a posteriori under a
+// A model adapted to one person, camera or markup from a few annotated images: each regression
+// moves from the general one R0 as far as the images ask for (maximum a posteriori under a
 // Gaussian prior around R0),
 //   R = argmin |D - Phi R|^2 + lambda |R - R0|^2,
 // Phi: what the stage sees at starts scattered around the faces (descent: its descriptors and a
@@ -22,13 +22,13 @@
 namespace tarsier::face::landmarks {
 
 struct AdaptOptions {
-  // lambda in units of (starts of a picture) x (mean squared norm of a row of Phi): 1 weighs the
-  // prior like one picture. Nothing: the best of `choices` on pictures left out, where there are 3
+  // lambda in units of (starts of an image) x (mean squared norm of a row of Phi): 1 weighs the
+  // prior like one image. Nothing: the best of `choices` on images left out, where there are 3
   // at least, else `usual`.
   std::optional<double> ridge;
   double usual = 0.3;
   std::vector<double> choices = {0.03, 0.1, 0.3, 1, 3, 10};
-  int starts = 24;  // of each picture; fewer where there are many pictures
+  int starts = 24;  // of each image; fewer where there are many images
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
@@ -40,8 +40,8 @@ struct AdaptOptions {
   void check() const;
 };
 
-// Each stage's features at points that the adapted stages before it have moved - of pictures left
-// out, so that a stage learns from errors as they are on pictures never seen.
+// Each stage's features at points that the adapted stages before it have moved - of images left
+// out, so that a stage learns from errors as they are on images never seen.
 [[nodiscard]] Descent adapt_descent(const Descent& base, const std::vector<TrainingFace>& faces,
                                     const std::vector<Start>& starts, double ridge,
                                     const std::stop_token& stop);
@@ -54,10 +54,10 @@ struct AdaptedModel {
   LandmarkModel model;
   int faces = 0;
   double ridge = 0;
-  bool chosen = false;  // by leaving pictures out
-  bool kept = false;    // the base is as good on pictures left out: nothing was changed
-  // Mean distance of a point from its true place on pictures left out, in sizes of the shape: of
-  // the base, and of models adapted without the picture. 0 where they are not known (< 3 pictures).
+  bool chosen = false;  // by leaving images out
+  bool kept = false;    // the base is as good on images left out: nothing was changed
+  // Mean distance of a point from its true place on images left out, in sizes of the shape: of
+  // the base, and of models adapted without the image. 0 where they are not known (< 3 images).
   double before = 0;
   double after = 0;
   std::vector<std::string> skipped;  // "path: reason"

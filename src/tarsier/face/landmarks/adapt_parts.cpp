@@ -14,7 +14,7 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr int kMaxParts = 5;  // of the pictures, for cross-fitting
+constexpr int kMaxParts = 5;  // of the images, for cross-fitting
 
 // The dual variables A = (K + lambda)^-1 E.
 Eigen::MatrixXd dual(Eigen::MatrixXd kernel, const Eigen::MatrixXd& errors, double lambda) {
@@ -22,7 +22,7 @@ Eigen::MatrixXd dual(Eigen::MatrixXd kernel, const Eigen::MatrixXd& errors, doub
   return linalg::solve_symmetric(kernel, errors);
 }
 
-// As the caller gave it, times the starts of a picture and the mean norm of a row.
+// As the caller gave it, times the starts of an image and the mean norm of a row.
 double lambda_of(double ridge, const Eigen::MatrixXd& kernel, std::size_t faces) {
   const double starts = static_cast<double>(kernel.rows()) / static_cast<double>(faces);
   return ridge * starts * std::max(1e-9, kernel.diagonal().mean());
@@ -127,7 +127,7 @@ void move(Sample& sample, const Eigen::Matrix2Xd& mean, const Eigen::RowVectorXd
   if (moved.allFinite() && shape_size(moved) > 1) sample.points = moved;
 }
 
-// Moves the samples of each part by what was learned from the others. Of a single picture starts
+// Moves the samples of each part by what was learned from the others. Of a single image starts
 // are divided: were its samples moved by the base, each stage would learn the person's whole
 // difference once more.
 void move_samples(std::vector<Sample>& samples, const Eigen::Matrix2Xd& mean,

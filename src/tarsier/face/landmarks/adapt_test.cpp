@@ -84,7 +84,7 @@ class AdaptTest : public ::testing::Test {
 };
 LandmarkModel AdaptTest::base_;
 
-TEST_F(AdaptTest, BothPartsLearnThePersonFromOnePicture) {
+TEST_F(AdaptTest, BothPartsLearnThePersonFromOneImage) {
   const std::vector<TrainingFace> others = person_faces(8, 50);
   LandmarkModel adapted = base_;
   const std::vector<TrainingFace> one = person_faces(1, 7);
@@ -113,7 +113,7 @@ TEST_F(AdaptTest, AStrongPriorKeepsTheBase) {
   }
 }
 
-TEST_F(AdaptTest, ChoosesTheRidgeOnPicturesLeftOutAndTellsTheGain) {
+TEST_F(AdaptTest, ChoosesTheRidgeOnImagesLeftOutAndTellsTheGain) {
   AdaptOptions options;
   options.choices = {0.1, 10};
   options.starts = 8;
@@ -128,8 +128,8 @@ TEST_F(AdaptTest, ChoosesTheRidgeOnPicturesLeftOutAndTellsTheGain) {
             0.75 * error_of(base_, FitMethod::kBoth, others));
 }
 
-TEST_F(AdaptTest, PicturesThatTeachNothingChangeNothing) {
-  // Each picture is annotated with an offset of its own: on pictures left out no ridge helps.
+TEST_F(AdaptTest, ImagesThatTeachNothingChangeNothing) {
+  // Each image is annotated with an offset of its own: on images left out no ridge helps.
   shape::LandmarkSet set = person_set(3);
   Rng rng(5);
   for (shape::LandmarkSample& sample : set.samples) {

@@ -65,7 +65,7 @@ Reduced reduce_around(const cv::Mat& gray, const Eigen::Matrix2Xd& points, doubl
   }
   const cv::Size target(std::max(1, static_cast<int>(std::lround(area.width / factor))),
                         std::max(1, static_cast<int>(std::lround(area.height / factor))));
-  // The same factor along x and y, so that the way back is a similarity: the part of the picture
+  // The same factor along x and y, so that the way back is a similarity: the part of the image
   // that makes whole pixels.
   const double scale = std::max(static_cast<double>(area.width) / target.width,
                                 static_cast<double>(area.height) / target.height);

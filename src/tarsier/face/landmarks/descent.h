@@ -49,7 +49,7 @@ struct DescentReport {
   std::vector<double> errors;  // after each stage: RMS distance of a point from its true place on
                                // faces left out, units
   // Where the set's points lie to the right of the places that a mirror-symmetric model gives them,
-  // px of the pictures, mean over the faces: not 0 where pixels were counted from 1, or by habit of
+  // px of the images, mean over the faces: not 0 where pixels were counted from 1, or by habit of
   // the annotators. Only known where mirrored faces take part, else 0.
   double to_the_right = 0;
 };
@@ -85,13 +85,13 @@ void stage_features(const Descent::Stage& stage, const Eigen::Matrix2Xd& mean, c
                     const Eigen::Matrix2Xd& points, DescentWorkspace& workspace, float* out);
 
 // Sets the stage's scale, mean descriptor and `components` directions of most variance, of all
-// points of the shapes together. pictures[i] shows points[i].
+// points of the shapes together. images[i] shows points[i].
 void compress_descriptors(Descent::Stage& stage, const FeatureScale& scale, int components,
-                          const Eigen::Matrix2Xd& mean, const std::vector<const cv::Mat*>& pictures,
+                          const Eigen::Matrix2Xd& mean, const std::vector<const cv::Mat*>& images,
                           const std::vector<Eigen::Matrix2Xd>& points);
 
-// The picture around a shape of size `size_px`, reduced so that its unit is at most 1.5 times
-// `px_per_unit`; picture_from_reduced: x = scale * x_reduced + offset.
+// The image around a shape of size `size_px`, reduced so that its unit is at most 1.5 times
+// `px_per_unit`; image_from_reduced: x = scale * x_reduced + offset.
 struct Reduced {
   cv::Mat gray;
   double scale = 1;

@@ -61,7 +61,7 @@ TEST_F(DescentTest, FindsThePointsOfObjectsItNeverSaw) {
   EXPECT_LT(after, 0.25 * before);
 }
 
-TEST_F(DescentTest, ALargerPictureGivesTheSamePlaces) {
+TEST_F(DescentTest, ALargerImageGivesTheSamePlaces) {
   const TrainingFace& face = (*faces_)[0];
   cv::Mat large;
   cv::resize(face.gray, large, {}, 4, 4, cv::INTER_CUBIC);
@@ -117,7 +117,7 @@ TEST_F(DescentTest, RefusesBrokenFiles) {
   EXPECT_THROW((void)descent_from_json(bad, "m.json"), ModelError);
 }
 
-TEST_F(DescentTest, AFitAtTheEdgeOfThePictureStaysFinite) {
+TEST_F(DescentTest, AFitAtTheEdgeOfTheImageStaysFinite) {
   const TrainingFace& face = (*faces_)[2];
   DescentWorkspace workspace;
   const Eigen::Matrix2Xd start = (model_->mean * 30).colwise() + Eigen::Vector2d(-20, 150);

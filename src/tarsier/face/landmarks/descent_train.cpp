@@ -64,13 +64,13 @@ double shift_of_mirrored(const std::vector<TrainingFace>& faces,
 }  // namespace
 
 void compress_descriptors(Descent::Stage& stage, const FeatureScale& scale, int components,
-                          const Eigen::Matrix2Xd& mean, const std::vector<const cv::Mat*>& pictures,
+                          const Eigen::Matrix2Xd& mean, const std::vector<const cv::Mat*>& images,
                           const std::vector<Eigen::Matrix2Xd>& points) {
   TARSIER_REQUIRE(components >= 1 && components <= kDescriptor, "{} components", components);
-  TARSIER_REQUIRE(!pictures.empty() && pictures.size() == points.size(), "{} pictures, {} shapes",
-                  pictures.size(), points.size());
+  TARSIER_REQUIRE(!images.empty() && images.size() == points.size(), "{} images, {} shapes",
+                  images.size(), points.size());
   // A few hundred faces are enough for 128 x 128 numbers.
-  const std::size_t step = std::max<std::size_t>(1, pictures.size() / 600);
+  const std::size_t step = std::max<std::size_t>(1, images.size() / 600);
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(kDescriptor);
   Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(kDescriptor, kDescriptor);
   double count = 0;
@@ -80,8 +80,8 @@ void compress_descriptors(Descent::Stage& stage, const FeatureScale& scale, int 
   plain.components = Eigen::MatrixXf::Identity(kDescriptor, kDescriptor);
   DescentWorkspace workspace;
   Eigen::MatrixXf descriptors(kDescriptor, mean.cols());
-  for (std::size_t i = 0; i < pictures.size(); i += step) {
-    stage_features(plain, mean, *pictures[i], points[i], workspace, descriptors.data());
+  for (std::size_t i = 0; i < images.size(); i += step) {
+    stage_features(plain, mean, *images[i], points[i], workspace, descriptors.data());
     const Eigen::MatrixXd exact = descriptors.cast<double>();
     sum += exact.rowwise().sum();
     squares.noalias() += exact * exact.transpose();
@@ -156,13 +156,13 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
     throw_if_stopped(stop);
     Descent::Stage stage;
     {
-      std::vector<const cv::Mat*> pictures;
+      std::vector<const cv::Mat*> images;
       std::vector<Eigen::Matrix2Xd> points;
       for (const Sample& sample : samples) {
-        pictures.push_back(&reduced[static_cast<std::size_t>(sample.face)].gray);
+        images.push_back(&reduced[static_cast<std::size_t>(sample.face)].gray);
         points.push_back(sample.points);
       }
-      compress_descriptors(stage, scale, options.components, model.mean, pictures, points);
+      compress_descriptors(stage, scale, options.components, model.mean, images, points);
     }
 
     Rows features;

@@ -19,9 +19,9 @@ cv::Point2d middle(const cv::Rect2d& box) {
 }  // namespace
 
 void DetectionJudge::add(const LandmarkModel& model, const FaceFinder& finder,
-                         const std::vector<Candidate>& candidates, const shape::BoxedPicture& truth,
+                         const std::vector<Candidate>& candidates, const shape::BoxedImage& truth,
                          double ms) {
-  ++sum_.pictures;
+  ++sum_.images;
   sum_.ms += ms;
   sum_.objects += static_cast<int>(truth.boxes.size());
   std::vector<bool> is_found(truth.boxes.size(), false);
@@ -49,7 +49,7 @@ void DetectionJudge::add(const LandmarkModel& model, const FaceFinder& finder,
 DetectionScore DetectionJudge::score() const {
   DetectionScore score = sum_;
   score.off /= std::max(1, score.found);
-  score.ms /= std::max(1, score.pictures);
+  score.ms /= std::max(1, score.images);
   return score;
 }
 

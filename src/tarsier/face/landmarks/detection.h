@@ -14,12 +14,12 @@ namespace tarsier::face::landmarks {
 // by the place that its start gives the model's mean shape (start_at), in the form of the given
 // boxes.
 struct DetectionScore {
-  int pictures = 0;
+  int images = 0;
   int objects = 0;
   int found = 0;         // intersection over union of at least 0.4
   int false_alarms = 0;  // neither an object nor an ignored box
   double off = 0;        // mean distance of the found from their objects' middles, box widths
-  double ms = 0;         // a picture
+  double ms = 0;         // an image
 };
 
 class DetectionJudge {
@@ -28,7 +28,7 @@ class DetectionJudge {
   explicit DetectionJudge(double sides = 2.8) : sides_(sides) {}
   // Each object is found at most once.
   void add(const LandmarkModel& model, const FaceFinder& finder,
-           const std::vector<Candidate>& candidates, const shape::BoxedPicture& truth, double ms);
+           const std::vector<Candidate>& candidates, const shape::BoxedImage& truth, double ms);
   [[nodiscard]] DetectionScore score() const;
 
  private:

@@ -19,8 +19,6 @@
 
 namespace tarsier::face::landmarks {
 
-namespace {}  // namespace
-
 void BoxModel::check() const {
   TARSIER_REQUIRE(std::isfinite(dx) && std::abs(dx) <= 2, "dx {}", dx);
   TARSIER_REQUIRE(std::isfinite(dy) && std::abs(dy) <= 2, "dy {}", dy);
@@ -85,12 +83,12 @@ namespace {
 
 // How far under its threshold a trained detector is still asked, margins of the training.
 constexpr double kBelow = 0.5;
-// Longest side of a video's tile, in windows of the detector; of a still picture's.
+// Longest side of a video's tile, in windows of the detector; of a still image's.
 constexpr double kTile = 12;
 constexpr double kHogTile = 8;
 constexpr double kHogStill = 16;
 // Beside the networks the cascade looks for large faces: at this width, px, from this share of the
-// picture's smaller side on. Its boxes are those that landmark models start from.
+// image's smaller side on. Its boxes are those that landmark models start from.
 constexpr int kLargeWidth = 320;
 constexpr double kLargeShare = 0.1;
 
@@ -152,11 +150,11 @@ struct FaceFinder::Impl {
 
   void load();
   [[nodiscard]] double window() const;
-  [[nodiscard]] double min_face(cv::Size picture) const;
+  [[nodiscard]] double min_face(cv::Size image) const;
   void search_tile(const cv::Mat& gray, const SearchTile& tile, bool thorough,
                    std::vector<Scored>& found);
   void search_strict(const cv::Mat& gray, const SearchTile& tile, std::vector<Scored>& found);
-  // Beside the networks, in the whole picture: the cascade, and where nobody is surely seen its
+  // Beside the networks, in the whole image: the cascade, and where nobody is surely seen its
   // less strict relatives, all of them or the next one.
   void search_large(const cv::Mat& gray, bool thorough, bool all, std::vector<Scored>& found);
   // Less strict search number 0 .. kSearches - 1.
@@ -186,9 +184,9 @@ double FaceFinder::Impl::window() const {
   return std::sqrt(static_cast<double>(model.width) * model.height);
 }
 
-double FaceFinder::Impl::min_face(cv::Size picture) const {
+double FaceFinder::Impl::min_face(cv::Size image) const {
   if (options.detector.min_face > 0) return options.detector.min_face;
-  return trained ? 40 : usual_min_face(picture);
+  return trained ? 40 : usual_min_face(image);
 }
 
 void FaceFinder::Impl::search_strict(const cv::Mat& gray, const SearchTile& tile,
@@ -309,7 +307,7 @@ FaceFinder& FaceFinder::operator=(FaceFinder&&) noexcept = default;
 
 const std::optional<BoxModel>& FaceFinder::box_model() const { return impl_->box; }
 
-double FaceFinder::min_face(cv::Size picture) const { return impl_->min_face(picture); }
+double FaceFinder::min_face(cv::Size image) const { return impl_->min_face(image); }
 
 std::int64_t FaceFinder::pixels() const {
   std::int64_t sum = impl_->workspace.pixels + impl_->hog_pixels;
@@ -321,9 +319,9 @@ std::int64_t FaceFinder::pixels() const {
   return sum;
 }
 
-SearchPlan FaceFinder::plan(cv::Size picture) const {
+SearchPlan FaceFinder::plan(cv::Size image) const {
   const double window = impl_->window();
-  return plan_search(picture, impl_->min_face(picture), window,
+  return plan_search(image, impl_->min_face(image), window,
                      (impl_->trained ? kHogTile : kTile) * window);
 }
 

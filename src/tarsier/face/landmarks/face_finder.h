@@ -58,9 +58,9 @@ struct FaceFinderOptions {
   bool thorough = true;
 };
 
-// Faces of any size in pictures of any size, by one of three detectors: the networks of
+// Faces of any size in images of any size, by one of three detectors: the networks of
 // face/face_networks.h with OpenCV's frontal cascade beside them for large faces (a tenth of the
-// picture's smaller side and more, searched at 320 px), a detector of one's own (hog_detector.h),
+// image's smaller side and more, searched at 320 px), a detector of one's own (hog_detector.h),
 // or OpenCV's cascades alone. What the strict and the less strict search see is put together: of
 // boxes that overlap a sure one stays, so that one found face never hides another. Not thread-safe.
 class FaceFinder {
@@ -76,15 +76,15 @@ class FaceFinder {
   [[nodiscard]] std::vector<Candidate> find(const cv::Mat& gray);
   // Only the strict search.
   [[nodiscard]] std::vector<Candidate> find_sure(const cv::Mat& gray);
-  // In a part of the picture. Of the cascades' less strict searches one is made, each in its turn.
+  // In a part of the image. Of the cascades' less strict searches one is made, each in its turn.
   [[nodiscard]] std::vector<Candidate> find_in(const cv::Mat& gray, const SearchTile& tile);
-  // How the search of pictures of this size is spread over a video. A tile costs about the
+  // How the search of images of this size is spread over a video. A tile costs about the
   // same whatever the size is.
-  [[nodiscard]] SearchPlan plan(cv::Size picture) const;
-  // What the searches cost so far: pixels of pictures and their pyramids as they were looked at.
+  [[nodiscard]] SearchPlan plan(cv::Size image) const;
+  // What the searches cost so far: pixels of images and their pyramids as they were looked at.
   [[nodiscard]] std::int64_t pixels() const;
-  // Width of the smallest face that is looked for in such a picture, px.
-  [[nodiscard]] double min_face(cv::Size picture) const;
+  // Width of the smallest face that is looked for in such an image, px.
+  [[nodiscard]] double min_face(cv::Size image) const;
   // Where shapes lie in the boxes of a trained detector; nothing: as in those of the cascade.
   [[nodiscard]] const std::optional<BoxModel>& box_model() const;
 

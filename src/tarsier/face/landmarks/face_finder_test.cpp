@@ -34,15 +34,15 @@ cv::Mat wall(cv::Size size) {
   cv::Mat coarse(size.height / 40 + 1, size.width / 40 + 1, CV_8UC1);
   cv::RNG random(4);
   random.fill(coarse, cv::RNG::UNIFORM, 90, 150);
-  cv::Mat picture;
-  cv::resize(coarse, picture, size, 0, 0, cv::INTER_CUBIC);
+  cv::Mat image;
+  cv::resize(coarse, image, size, 0, 0, cv::INTER_CUBIC);
   cv::Mat grain(size, CV_8UC1);
   random.fill(grain, cv::RNG::NORMAL, 20, 3);
-  return picture + grain;
+  return image + grain;
 }
 
 // Draws a head whose face has a box of `width` px around `middle`; returns the box.
-cv::Rect2d draw_face(cv::Mat& picture, cv::Point2d middle, double width, std::uint64_t seed) {
+cv::Rect2d draw_face(cv::Mat& image, cv::Point2d middle, double width, std::uint64_t seed) {
   const synth::Portrait portrait = synth::render_portrait({480, 360}, 0, seed);
   const cv::Point2d* eyes = portrait.truth.eyes;
   // As a detector's box lies around eyes.
@@ -54,8 +54,8 @@ cv::Rect2d draw_face(cv::Mat& picture, cv::Point2d middle, double width, std::ui
   const cv::Size size(cvRound(480 * scale), cvRound(360 * scale));
   cv::resize(gray, gray, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
   const cv::Point at(cvRound(middle.x - center.x * scale), cvRound(middle.y - center.y * scale));
-  const cv::Rect area = cv::Rect(at, size) & cv::Rect(0, 0, picture.cols, picture.rows);
-  gray(area - at).copyTo(picture(area));
+  const cv::Rect area = cv::Rect(at, size) & cv::Rect(0, 0, image.cols, image.rows);
+  gray(area - at).copyTo(image(area));
   return {middle.x - width / 2, middle.y - width / 2, width, width};
 }
 
@@ -71,47 +71,47 @@ int found_of(const std::vector<cv::Rect2d>& truth, const std::vector<Candidate>&
 bool has_cascades() { return !find_cascade("haarcascade_frontalface_alt2.xml").empty(); }
 
 TEST(FaceFinder, FindsAFaceOf40PixelsIn1080p) {
-  cv::Mat picture = wall({1920, 1080});
-  const cv::Rect2d face = draw_face(picture, {1433, 371}, 42, 2);
+  cv::Mat image = wall({1920, 1080});
+  const cv::Rect2d face = draw_face(image, {1433, 371}, 42, 2);
   FaceFinder finder(shipped(), {});
-  EXPECT_EQ(finder.min_face(picture.size()), 40);
-  EXPECT_EQ(found_of({face}, finder.find(picture)), 1);
+  EXPECT_EQ(finder.min_face(image.size()), 40);
+  EXPECT_EQ(found_of({face}, finder.find(image)), 1);
   if (!has_cascades()) GTEST_SKIP() << "opencv-data is not installed";
   FaceFinder cascades;
-  EXPECT_EQ(found_of({face}, cascades.find_sure(picture)), 1);
+  EXPECT_EQ(found_of({face}, cascades.find_sure(image)), 1);
 }
 
 TEST(FaceFinder, FindsFacesOf24PixelsWhereAsked) {
-  cv::Mat picture = wall({1280, 720});
-  const cv::Rect2d face = draw_face(picture, {333, 271}, 26, 2);
+  cv::Mat image = wall({1280, 720});
+  const cv::Rect2d face = draw_face(image, {333, 271}, 26, 2);
   FaceFinderOptions options;
-  EXPECT_EQ(found_of({face}, FaceFinder(shipped(), options).find(picture)), 0);
+  EXPECT_EQ(found_of({face}, FaceFinder(shipped(), options).find(image)), 0);
   options.detector.min_face = 24;
-  EXPECT_EQ(found_of({face}, FaceFinder(shipped(), options).find(picture)), 1);
-  // In a small picture nobody needs to ask.
+  EXPECT_EQ(found_of({face}, FaceFinder(shipped(), options).find(image)), 1);
+  // In a small image nobody needs to ask.
   EXPECT_EQ(FaceFinder(shipped(), {}).min_face({640, 480}), 24);
 }
 
 TEST(FaceFinder, ALargeFaceDoesNotHideTheSmallOnes) {
-  cv::Mat picture = wall({1280, 720});
-  const std::vector<cv::Rect2d> faces = {draw_face(picture, {400, 380}, 280, 2),
-                                         draw_face(picture, {900, 300}, 90, 3),
-                                         draw_face(picture, {1150, 560}, 44, 2)};
-  EXPECT_EQ(found_of(faces, FaceFinder(shipped(), {}).find(picture)), 3);
+  cv::Mat image = wall({1280, 720});
+  const std::vector<cv::Rect2d> faces = {draw_face(image, {400, 380}, 280, 2),
+                                         draw_face(image, {900, 300}, 90, 3),
+                                         draw_face(image, {1150, 560}, 44, 2)};
+  EXPECT_EQ(found_of(faces, FaceFinder(shipped(), {}).find(image)), 3);
   if (!has_cascades()) GTEST_SKIP() << "opencv-data is not installed";
-  EXPECT_EQ(found_of(faces, FaceFinder().find(picture)), 3);
+  EXPECT_EQ(found_of(faces, FaceFinder().find(image)), 3);
 }
 
 TEST(FaceFinder, TheTilesOfAVideoTogetherSeeWhatTheWholeSearchSees) {
-  cv::Mat picture = wall({1280, 720});
-  const std::vector<cv::Rect2d> faces = {draw_face(picture, {400, 380}, 280, 2),
-                                         draw_face(picture, {900, 300}, 90, 3),
-                                         draw_face(picture, {1150, 560}, 44, 2)};
+  cv::Mat image = wall({1280, 720});
+  const std::vector<cv::Rect2d> faces = {draw_face(image, {400, 380}, 280, 2),
+                                         draw_face(image, {900, 300}, 90, 3),
+                                         draw_face(image, {1150, 560}, 44, 2)};
   FaceFinder finder(shipped(), {});
-  const SearchPlan plan = finder.plan(picture.size());
-  std::vector<Candidate> all = finder.find_in(picture, plan.whole);
+  const SearchPlan plan = finder.plan(image.size());
+  std::vector<Candidate> all = finder.find_in(image, plan.whole);
   for (const SearchTile& tile : plan.tiles) {
-    for (const Candidate& candidate : finder.find_in(picture, tile)) all.push_back(candidate);
+    for (const Candidate& candidate : finder.find_in(image, tile)) all.push_back(candidate);
   }
   EXPECT_EQ(found_of(faces, all), 3);
 }
@@ -158,7 +158,7 @@ TEST(FaceTracker, ASmallNewFaceIsFoundInBoundedTimeAtBoundedCost) {
     }
     EXPECT_GT(found_after, 0U) << size << " in " << tiles << " frames";
     EXPECT_LE(found_after, tiles) << size;
-    // One tile and, now and then, the whole picture at its coarsest, and at 320 px for the cascade:
+    // One tile and, now and then, the whole image at its coarsest, and at 320 px for the cascade:
     // the same for any size.
     EXPECT_LT(dearest, 270'000) << size;
   }
@@ -180,15 +180,15 @@ TEST(GroupImages, AreFoundWholeByTheModelsThatShip) {
   FaceFinder finder(shipped(), {});
   FitWorkspace workspace;
   GroupImages sum;
-  for (const shape::BoxedPicture& picture :
-       shape::read_dlib_boxes(folder + "/training_with_face_landmarks.xml").pictures) {
-    const cv::Mat gray = read_gray_image(picture.image);
+  for (const shape::BoxedImage& image :
+       shape::read_dlib_boxes(folder + "/training_with_face_landmarks.xml").images) {
+    const cv::Mat gray = read_gray_image(image.image);
     std::vector<Candidate> faces;
     for (const FoundFace& face : find_faces(model, {}, gray, finder, workspace)) {
       faces.push_back({face.box, true});
     }
-    const int found = found_of(picture.boxes, faces);
-    sum.faces += static_cast<int>(picture.boxes.size());
+    const int found = found_of(image.boxes, faces);
+    sum.faces += static_cast<int>(image.boxes.size());
     sum.found += found;
     sum.wrong += static_cast<int>(faces.size()) - found;
   }

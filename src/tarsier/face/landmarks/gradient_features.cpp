@@ -126,11 +126,11 @@ void gradient_features(const cv::Mat& gray, const Eigen::Matrix<double, 2, 3>& u
       static_cast<int>(std::min(kLargest, std::ceil(most.y() + reach - origin.y()) + 1));
 
   // frame px = px_per_unit * upright x - origin
-  Eigen::Matrix<double, 2, 3> frame_from_picture = upright * scale.px_per_unit;
-  frame_from_picture.col(2) -= origin;
+  Eigen::Matrix<double, 2, 3> frame_from_image = upright * scale.px_per_unit;
+  frame_from_image.col(2) -= origin;
   cv::Mat forward(2, 3, CV_64F);
   for (int r = 0; r < 2; ++r) {
-    for (int c = 0; c < 3; ++c) forward.at<double>(r, c) = frame_from_picture(r, c);
+    for (int c = 0; c < 3; ++c) forward.at<double>(r, c) = frame_from_image(r, c);
   }
   cv::warpAffine(gray, workspace.frame, forward, cv::Size(width, height), cv::INTER_LINEAR,
                  cv::BORDER_REPLICATE);

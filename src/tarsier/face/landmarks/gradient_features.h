@@ -30,7 +30,7 @@ struct FeatureWorkspace {
 };
 
 // Descriptors of the points (2 x n, px of `gray`, CV_8UC1) as one row of n * kDescriptor numbers,
-// seen in the frame to which `upright` takes the picture: x_frame = upright x (2 x 3, units; its
+// seen in the frame to which `upright` takes the image: x_frame = upright x (2 x 3, units; its
 // rotation and scale turn and size the cells).
 //
 // In the frame each pixel has a gradient g and eight half-wave rectified projections

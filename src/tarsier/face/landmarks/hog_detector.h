@@ -20,7 +20,7 @@
 
 // Detectors of faces, or whatever boxes are drawn around, learned from boxes: one linear filter on
 // histograms of oriented gradients, tried at every place and size (Dalal and Triggs, CVPR 2005;
-// features of Felzenszwalb et al., PAMI 2010), trained by a structural SVM over whole pictures
+// features of Felzenszwalb et al., PAMI 2010), trained by a structural SVM over whole images
 // (King, "Max-margin object detection", arXiv:1502.00046; dlib's implementation).
 namespace tarsier::face::landmarks {
 
@@ -49,9 +49,9 @@ struct HogOptions {
   double c = 5;           // weight of the losses against that of a large margin
   double epsilon = 0.02;  // stop when the risk is this near its least value
   int rounds = 500;       // at most, of the optimisation
-  bool mirror = true;     // learn from mirrored pictures too
-  int upsample = 0;       // times that a picture with a small object is doubled
-  int largest = 640;      // px, longer pictures are reduced
+  bool mirror = true;     // learn from mirrored images too
+  int upsample = 0;       // times that an image with a small object is doubled
+  int largest = 640;      // px, longer images are reduced
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
@@ -61,7 +61,7 @@ struct HogOptions {
             {"epsilon", epsilon, range(1e-4, 1), "--epsilon", "accuracy of the optimisation"},
             {"rounds", rounds, range(1, 100000)},
             {"upsample", upsample, range(0, 3), "--upsample",
-             "times that pictures with objects smaller than the window are doubled"},
+             "times that images with objects smaller than the window are doubled"},
             {"largest", largest, range(100, 4000)}};
   }
   void check() const { check_fields(*this); }
@@ -69,20 +69,20 @@ struct HogOptions {
 
 struct HogTraining {
   HogDetector detector;
-  int pictures = 0;  // without mirrored ones
-  int boxes = 0;     // learned from
-  int ignored = 0;   // too small, cut off by the edge, of another form
-  int found = 0;     // of the boxes, by the detector itself
+  int images = 0;   // without mirrored ones
+  int boxes = 0;    // learned from
+  int ignored = 0;  // too small, cut off by the edge, of another form
+  int found = 0;    // of the boxes, by the detector itself
   int rounds = 0;
   std::vector<std::string> skipped;  // "path: reason"
 };
 
-// Each picture is brought to a size where its smallest object is 1 to 1.5 times the window (at
+// Each image is brought to a size where its smallest object is 1 to 1.5 times the window (at
 // random, from the seed): the filter sees all positions between two levels of its pyramid. The
-// window has the median form of the boxes. Memory: about 5 kB for 1000 px of the pictures as
+// window has the median form of the boxes. Memory: about 5 kB for 1000 px of the images as
 // they are used. The same result for any number of threads. Throws InputError(set_path) where no
 // box is left, Interrupted.
-[[nodiscard]] HogTraining train_hog_detector(const std::vector<shape::BoxedPicture>& pictures,
+[[nodiscard]] HogTraining train_hog_detector(const std::vector<shape::BoxedImage>& images,
                                              const std::string& set_path, const HogOptions& options,
                                              Progress& progress, const std::stop_token& stop);
 
@@ -100,7 +100,7 @@ class HogFinder {
   HogFinder& operator=(HogFinder&&) noexcept;
   [[nodiscard]] const HogDetector& detector() const;
   // Objects of at least `least` px (square root of the area) in `gray` (CV_8UC1), best first. The
-  // picture is enlarged at most four times and to 2 MP. `below`: so far under the threshold, too.
+  // image is enlarged at most four times and to 2 MP. `below`: so far under the threshold, too.
   [[nodiscard]] std::vector<ScoredBox> find(const cv::Mat& gray, double least, double below = 0);
 
  private:

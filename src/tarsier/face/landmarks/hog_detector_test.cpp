@@ -57,30 +57,30 @@ class HogDetectorTest : public ::testing::Test {
       cv::Mat gray = ground({220, 180}, rng);
       const int side = rng.integer(50, 70);
       draw_other(gray, {170, 130}, 60);
-      shape::BoxedPicture picture;
-      picture.image = folder_ / (std::to_string(k) + ".png");
+      shape::BoxedImage image;
+      image.image = folder_ / (std::to_string(k) + ".png");
       if (k < 8) {
         const cv::Rect2d box = draw_object(gray, {rng.integer(55, 90), rng.integer(55, 110)}, side);
-        picture.boxes.push_back(box);
+        image.boxes.push_back(box);
         // Two "eyes" and a "mouth": right of the box's middle, so that the relation shows.
         Eigen::Matrix2Xd shape(2, 3);
         shape << 0.4, 0.8, 0.6, 0.3, 0.3, 0.6;
         shape *= side;
         shape.row(0).array() += box.x;
         shape.row(1).array() += box.y;
-        picture.shapes.push_back(shape);
+        image.shapes.push_back(shape);
       }
-      write_image(picture.image, gray);
-      pictures_.push_back(picture);
+      write_image(image.image, gray);
+      images_.push_back(image);
     }
     options_.window = 48;
     options_.c = 10;
     options_.epsilon = 0.1;
   }
-  HogTraining trained() { return train_hog_detector(pictures_, "set", options_, silent_, {}); }
+  HogTraining trained() { return train_hog_detector(images_, "set", options_, silent_, {}); }
 
   TemporaryFolder folder_;
-  std::vector<shape::BoxedPicture> pictures_;
+  std::vector<shape::BoxedImage> images_;
   HogOptions options_;
   NoProgress silent_;
 };
@@ -88,7 +88,7 @@ class HogDetectorTest : public ::testing::Test {
 TEST_F(HogDetectorTest, FindsObjectsWhereTheyAreAndNothingElse) {
   const HogTraining training = trained();
   EXPECT_EQ(training.boxes, 8);
-  EXPECT_EQ(training.pictures, 10);
+  EXPECT_EQ(training.images, 10);
   Rng rng(90);
   cv::Mat gray = ground({400, 300}, rng);
   const cv::Rect2d small = draw_object(gray, {90, 80}, 60);
@@ -116,14 +116,14 @@ TEST_F(HogDetectorTest, KnowsWhereShapesLieInItsBoxes) {
   EXPECT_NEAR(detector.box->size, 0.22, 0.05);
   // The finder hands the relation on: starts lie on the shape though the model's own boxes differ.
   LandmarkModel model;
-  model.shape = shape::train_shape_model({pictures_[0].shapes[0], pictures_[1].shapes[0]});
+  model.shape = shape::train_shape_model({images_[0].shapes[0], images_[1].shapes[0]});
   model.box = {0.5, 0.5, 0.9, 1};
   FaceFinder finder(detector, {});
-  const cv::Mat gray = read_gray_image(pictures_[2].image);
+  const cv::Mat gray = read_gray_image(images_[2].image);
   const std::vector<Candidate> candidates = finder.find_sure(gray);
   ASSERT_EQ(candidates.size(), 1U);
   const Eigen::Matrix2Xd start = start_at(model, finder, candidates[0]);
-  const Eigen::Matrix2Xd& truth = pictures_[2].shapes[0];
+  const Eigen::Matrix2Xd& truth = images_[2].shapes[0];
   EXPECT_LT((start.rowwise().mean() - truth.rowwise().mean()).norm(), 0.35 * shape_size(truth));
 }
 
@@ -182,7 +182,7 @@ TEST_F(HogDetectorTest, AThresholdThatEverythingPassesHasAnEnd) {
 TEST_F(HogDetectorTest, StopsAtOnceAndNamesWhatCannotBeLearned) {
   std::stop_source stop;
   stop.request_stop();
-  EXPECT_THROW((void)train_hog_detector(pictures_, "set", options_, silent_, stop.get_token()),
+  EXPECT_THROW((void)train_hog_detector(images_, "set", options_, silent_, stop.get_token()),
                Interrupted);
   options_.window = 200;  // larger than every object, and no doubling
   try {
@@ -191,7 +191,7 @@ TEST_F(HogDetectorTest, StopsAtOnceAndNamesWhatCannotBeLearned) {
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("--upsample"), std::string::npos) << error.what();
   }
-  for (shape::BoxedPicture& picture : pictures_) picture.image += ".gone";
+  for (shape::BoxedImage& image : images_) image.image += ".gone";
   EXPECT_THROW((void)trained(), InputError);
 }
 

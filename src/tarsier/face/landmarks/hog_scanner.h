@@ -16,7 +16,7 @@ namespace tarsier::face::landmarks::inner {
 using HogPyramid = dlib::pyramid_down<6>;
 using HogScannerBase = dlib::scan_fhog_pyramid<HogPyramid>;
 
-// dlib's scanner, reading pictures of OpenCV. A stopped one loads no more.
+// dlib's scanner, reading images of OpenCV. A stopped one loads no more.
 class HogScanner : public HogScannerBase {
  public:
   void load(const cv::Mat& gray) {

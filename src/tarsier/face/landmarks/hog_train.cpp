@@ -24,23 +24,23 @@ using inner::HogScanner;
 
 constexpr double kLargestStart = 1.5;    // windows, of the smallest object
 constexpr double kSmallest = 0.85;       // of the window: what is smaller cannot be found
-constexpr double kInside = 0.6;          // of a box must lie in its picture
+constexpr double kInside = 0.6;          // of a box must lie in its image
 constexpr double kDouble = 0.5;          // overlap of two boxes that mean the same object
 constexpr double kMatch = 0.5;           // overlap of a box with the best place of the window
-constexpr std::size_t kMaxForBox = 400;  // pictures by which the boxes' relation to shapes is known
+constexpr std::size_t kMaxForBox = 400;  // images by which the boxes' relation to shapes is known
 
-// A picture as the training sees it.
-struct Picture {
+// An image as the training sees it.
+struct Image {
   cv::Mat gray;
   std::vector<cv::Rect2d> boxes;
   std::vector<cv::Rect2d> ignored;
   std::vector<Eigen::Matrix2Xd> shapes;  // of the boxes, or empty
 };
 
-double median_form(const std::vector<shape::BoxedPicture>& pictures) {
+double median_form(const std::vector<shape::BoxedImage>& images) {
   std::vector<double> forms;
-  for (const shape::BoxedPicture& picture : pictures) {
-    for (const cv::Rect2d& box : picture.boxes) {
+  for (const shape::BoxedImage& image : images) {
+    for (const cv::Rect2d& box : image.boxes) {
       if (box.width > 0 && box.height > 0) forms.push_back(box.width / box.height);
     }
   }
@@ -54,33 +54,33 @@ cv::Rect2d scaled(const cv::Rect2d& box, double sx, double sy) {
   return {box.x * sx, box.y * sy, box.width * sx, box.height * sy};
 }
 
-// The size at which a picture is learned from.
-double scale_of(const shape::BoxedPicture& picture, const cv::Mat& gray, const HogOptions& options,
+// The size at which an image is learned from.
+double scale_of(const shape::BoxedImage& image, const cv::Mat& gray, const HogOptions& options,
                 Rng& rng) {
   const double longest = std::max(gray.cols, gray.rows);
   const double most = std::min(std::pow(2.0, options.upsample), options.largest / longest);
   double smallest = 0;
-  for (const cv::Rect2d& box : picture.boxes) {
+  for (const cv::Rect2d& box : image.boxes) {
     const double side = std::sqrt(std::max(0.0, box.area()));
     if (side > 0 && (smallest == 0 || side < smallest)) smallest = side;
   }
-  const double wished = rng.uniform(1.02, kLargestStart);  // always one draw a picture
+  const double wished = rng.uniform(1.02, kLargestStart);  // always one draw an image
   if (smallest == 0) return std::min(1.0, most);
   return std::min(most, options.window * wished / smallest);
 }
 
-Picture prepared(const shape::BoxedPicture& picture, const cv::Mat& gray, double scale,
-                 const HogScanner& scanner, const HogOptions& options, HogTraining& result) {
+Image prepared(const shape::BoxedImage& image, const cv::Mat& gray, double scale,
+               const HogScanner& scanner, const HogOptions& options, HogTraining& result) {
   const cv::Size size(std::max(8, cvRound(gray.cols * scale)),
                       std::max(8, cvRound(gray.rows * scale)));
   const double sx = static_cast<double>(size.width) / gray.cols;
   const double sy = static_cast<double>(size.height) / gray.rows;
-  Picture to;
+  Image to;
   cv::resize(gray, to.gray, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
   const cv::Rect2d whole(0, 0, size.width, size.height);
-  for (const cv::Rect2d& box : picture.ignored) to.ignored.push_back(scaled(box, sx, sy));
-  for (std::size_t k = 0; k < picture.boxes.size(); ++k) {
-    const cv::Rect2d box = scaled(picture.boxes[k], sx, sy);
+  for (const cv::Rect2d& box : image.ignored) to.ignored.push_back(scaled(box, sx, sy));
+  for (std::size_t k = 0; k < image.boxes.size(); ++k) {
+    const cv::Rect2d box = scaled(image.boxes[k], sx, sy);
     const cv::Rect2d best = inner::from_dlib(scanner.get_best_matching_rect(inner::to_dlib(box)));
     const bool is_double = std::any_of(
         to.boxes.begin(), to.boxes.end(),
@@ -95,9 +95,8 @@ Picture prepared(const shape::BoxedPicture& picture, const cv::Mat& gray, double
     to.boxes.push_back(box);
     ++result.boxes;
     Eigen::Matrix2Xd shape(2, 0);
-    if (k < picture.shapes.size() && picture.shapes[k].cols() > 1 &&
-        picture.shapes[k].allFinite()) {
-      shape = picture.shapes[k];
+    if (k < image.shapes.size() && image.shapes[k].cols() > 1 && image.shapes[k].allFinite()) {
+      shape = image.shapes[k];
       shape.row(0) = ((shape.row(0).array() + 0.5) * sx - 0.5).matrix();
       shape.row(1) = ((shape.row(1).array() + 0.5) * sy - 0.5).matrix();
     }
@@ -106,14 +105,14 @@ Picture prepared(const shape::BoxedPicture& picture, const cv::Mat& gray, double
   return to;
 }
 
-Picture mirrored(const Picture& picture) {
-  Picture to;
-  cv::flip(picture.gray, to.gray, 1);
+Image mirrored(const Image& image) {
+  Image to;
+  cv::flip(image.gray, to.gray, 1);
   const auto turned = [&](const cv::Rect2d& box) {
-    return cv::Rect2d(picture.gray.cols - box.x - box.width, box.y, box.width, box.height);
+    return cv::Rect2d(image.gray.cols - box.x - box.width, box.y, box.width, box.height);
   };
-  for (const cv::Rect2d& box : picture.boxes) to.boxes.push_back(turned(box));
-  for (const cv::Rect2d& box : picture.ignored) to.ignored.push_back(turned(box));
+  for (const cv::Rect2d& box : image.boxes) to.boxes.push_back(turned(box));
+  for (const cv::Rect2d& box : image.ignored) to.ignored.push_back(turned(box));
   return to;
 }
 
@@ -121,7 +120,7 @@ using Objects = std::vector<std::vector<dlib::full_object_detection>>;
 using Ignored = std::vector<std::vector<dlib::rectangle>>;
 
 // dlib's problem, but summed in an order that does not depend on the number of threads, and able to
-// stop between two pictures.
+// stop between two images.
 class Problem final
     : public dlib::structural_svm_object_detection_problem<HogScanner, std::vector<cv::Mat>> {
  public:
@@ -180,28 +179,28 @@ void take_weights(const dlib::matrix<double, 0, 1>& weights, HogDetector& detect
   detector.threshold = weights(at);
 }
 
-// What the trained detector sees of its own pictures; and where shapes lie in its boxes.
-void look_back(const std::vector<Picture>& pictures, HogTraining& result, Progress& progress,
+// What the trained detector sees of its own images; and where shapes lie in its boxes.
+void look_back(const std::vector<Image>& images, HogTraining& result, Progress& progress,
                const std::stop_token& stop) {
   HogFinder finder(result.detector);
   std::vector<Eigen::Matrix2Xd> shapes;
   std::vector<cv::Rect2d> boxes;
-  const std::size_t step = std::max<std::size_t>(1, pictures.size() / kMaxForBox);
+  const std::size_t step = std::max<std::size_t>(1, images.size() / kMaxForBox);
   const double window =
       std::sqrt(static_cast<double>(result.detector.width) * result.detector.height);
   int tried = 0;
-  progress.begin("looking back", static_cast<std::int64_t>(pictures.size() / step), "pictures");
-  for (std::size_t i = 0; i < pictures.size(); i += step) {
+  progress.begin("looking back", static_cast<std::int64_t>(images.size() / step), "images");
+  for (std::size_t i = 0; i < images.size(); i += step) {
     throw_if_stopped(stop);
     progress.advance();
-    const std::vector<ScoredBox> found = finder.find(pictures[i].gray, window);
-    for (std::size_t k = 0; k < pictures[i].boxes.size(); ++k) {
+    const std::vector<ScoredBox> found = finder.find(images[i].gray, window);
+    for (std::size_t k = 0; k < images[i].boxes.size(); ++k) {
       ++tried;
       for (const ScoredBox& candidate : found) {
-        if (intersection_over_union(candidate.box, pictures[i].boxes[k]) < 0.4) continue;
+        if (intersection_over_union(candidate.box, images[i].boxes[k]) < 0.4) continue;
         ++result.found;
-        if (k < pictures[i].shapes.size() && pictures[i].shapes[k].cols() > 1) {
-          shapes.push_back(pictures[i].shapes[k]);
+        if (k < images[i].shapes.size() && images[i].shapes[k].cols() > 1) {
+          shapes.push_back(images[i].shapes[k]);
           boxes.push_back(candidate.box);
         }
         break;
@@ -219,36 +218,36 @@ void look_back(const std::vector<Picture>& pictures, HogTraining& result, Progre
 
 }  // namespace
 
-HogTraining train_hog_detector(const std::vector<shape::BoxedPicture>& pictures,
+HogTraining train_hog_detector(const std::vector<shape::BoxedImage>& images,
                                const std::string& set_path, const HogOptions& options,
                                Progress& progress, const std::stop_token& stop) {
   options.check();
   HogTraining result;
   HogDetector& detector = result.detector;
-  const double form = median_form(pictures);
+  const double form = median_form(images);
   detector.width = static_cast<int>(std::lround(options.window * std::sqrt(form)));
   detector.height = static_cast<int>(std::lround(options.window / std::sqrt(form)));
   HogScanner scanner;
   scanner.configure(detector);
   scanner.stop_by(stop);
 
-  std::vector<Picture> prepared_pictures;
+  std::vector<Image> prepared_images;
   const Rng root(options.seed);
-  progress.begin("reading pictures", static_cast<std::int64_t>(pictures.size()), "pictures");
-  for (std::size_t i = 0; i < pictures.size(); ++i) {
+  progress.begin("reading images", static_cast<std::int64_t>(images.size()), "images");
+  for (std::size_t i = 0; i < images.size(); ++i) {
     throw_if_stopped(stop);
     progress.advance();
     try {
-      const cv::Mat gray = read_gray_image(pictures[i].image);
+      const cv::Mat gray = read_gray_image(images[i].image);
       Rng rng = root.fork(i);
-      prepared_pictures.push_back(prepared(
-          pictures[i], gray, scale_of(pictures[i], gray, options, rng), scanner, options, result));
+      prepared_images.push_back(prepared(images[i], gray, scale_of(images[i], gray, options, rng),
+                                         scanner, options, result));
     } catch (const InputError& error) {
       result.skipped.emplace_back(error.what());
     }
   }
   progress.end();
-  result.pictures = static_cast<int>(prepared_pictures.size());
+  result.images = static_cast<int>(prepared_images.size());
   if (result.boxes == 0) {
     throw InputError(
         set_path,
@@ -257,26 +256,26 @@ HogTraining train_hog_detector(const std::vector<shape::BoxedPicture>& pictures,
                           "(see --upsample), or each of another form",
                           result.ignored, options.window)
         : result.skipped.empty() ? std::string("holds no boxes")
-                                 : "no picture can be used; the first: " + result.skipped.front());
+                                 : "no image can be used; the first: " + result.skipped.front());
   }
 
-  std::vector<cv::Mat> images;
+  std::vector<cv::Mat> grays;
   Objects objects;
   Ignored ignored;
-  const auto add = [&](const Picture& picture) {
-    images.push_back(picture.gray);
+  const auto add = [&](const Image& image) {
+    grays.push_back(image.gray);
     objects.emplace_back();
     ignored.emplace_back();
-    for (const cv::Rect2d& box : picture.boxes) objects.back().emplace_back(inner::to_dlib(box));
-    for (const cv::Rect2d& box : picture.ignored) ignored.back().push_back(inner::to_dlib(box));
+    for (const cv::Rect2d& box : image.boxes) objects.back().emplace_back(inner::to_dlib(box));
+    for (const cv::Rect2d& box : image.ignored) ignored.back().push_back(inner::to_dlib(box));
   };
-  for (const Picture& picture : prepared_pictures) {
-    add(picture);
-    if (options.mirror) add(mirrored(picture));
+  for (const Image& image : prepared_images) {
+    add(image);
+    if (options.mirror) add(mirrored(image));
   }
   progress.begin("training", 0, "rounds");
   try {
-    Problem problem(scanner, images, objects, ignored, progress, stop);
+    Problem problem(scanner, grays, objects, ignored, progress, stop);
     throw_if_stopped(stop);
     problem.set_c(options.c);
     problem.set_epsilon(options.epsilon);
@@ -294,7 +293,7 @@ HogTraining train_hog_detector(const std::vector<shape::BoxedPicture>& pictures,
   }
   progress.end();
   detector.check();
-  look_back(prepared_pictures, result, progress, stop);
+  look_back(prepared_images, result, progress, stop);
   return result;
 }
 

@@ -4,6 +4,7 @@
 #include "tarsier/core/boxes.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/image.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/shape/show.h"
 
@@ -15,6 +16,12 @@
 namespace tarsier::face::landmarks {
 
 namespace {
+
+constexpr NameTable<FitMethod, 4> kMethods{"method",
+                                           {{{FitMethod::kBoth, "both"},
+                                             {FitMethod::kTrees, "trees"},
+                                             {FitMethod::kDescent, "sdm"},
+                                             {FitMethod::kPatches, "patch"}}}};
 
 // Where the trees begin besides the start itself: shift in sizes, and scale. The mean of their fits
 // is steadier than each.
@@ -38,7 +45,7 @@ Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& g
   return sum / starts;
 }
 
-// The points on the part of the picture around them, enlarged.
+// The points on the part of the image around them, enlarged.
 void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& model,
                  const cv::Mat& gray, const Eigen::Matrix2Xd& points) {
   if (debug == nullptr) return;
@@ -50,10 +57,9 @@ void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& m
   const Eigen::Vector2d corner =
       (low + high) / 2 - Eigen::Vector2d::Constant(extent * (0.5 + kMargin));
   const double scale = kSide / (extent * (1 + 2 * kMargin));
-  const cv::Matx23d shown_from_picture(scale, 0, -scale * corner.x(), 0, scale,
-                                       -scale * corner.y());
+  const cv::Matx23d shown_from_image(scale, 0, -scale * corner.x(), 0, scale, -scale * corner.y());
   cv::Mat shown;
-  cv::warpAffine(gray, shown, shown_from_picture, cv::Size(cvRound(kSide), cvRound(kSide)));
+  cv::warpAffine(gray, shown, shown_from_image, cv::Size(cvRound(kSide), cvRound(kSide)));
   cv::cvtColor(shown, shown, cv::COLOR_GRAY2BGR);
   shape::draw_landmarks(shown, scale * (points.colwise() - corner), model.shape.connections, {});
   debug->image(name, shown);
@@ -61,27 +67,9 @@ void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& m
 
 }  // namespace
 
-std::string_view name_of(FitMethod method) {
-  switch (method) {
-    case FitMethod::kBoth:
-      return "both";
-    case FitMethod::kTrees:
-      return "trees";
-    case FitMethod::kDescent:
-      return "sdm";
-    case FitMethod::kPatches:
-      return "patch";
-  }
-  return "";
-}
+std::string_view name_of(FitMethod method) { return kMethods.name(method); }
 
-FitMethod parse_fit_method(std::string_view name) {
-  for (const FitMethod method :
-       {FitMethod::kBoth, FitMethod::kTrees, FitMethod::kDescent, FitMethod::kPatches}) {
-    if (name == name_of(method)) return method;
-  }
-  throw UsageError(fmt::format("--method {}: the methods are both, trees, sdm, patch", name));
-}
+FitMethod parse_fit_method(std::string_view name) { return kMethods.parse(name); }
 
 bool LandmarkModel::has(FitMethod method) const {
   switch (method) {

@@ -30,7 +30,7 @@ enum class FitMethod {
   kPatches,  // patch models and shape model
 };
 [[nodiscard]] std::string_view name_of(FitMethod method);  // "both", "trees", "sdm", "patch"
-// Throws UsageError naming the choices.
+// Throws std::invalid_argument naming the choices.
 [[nodiscard]] FitMethod parse_fit_method(std::string_view name);
 
 // All that is needed to find the points of a kind of object; parts that were not trained are
@@ -96,7 +96,7 @@ struct FoundFace {
   Fit fit;
 };
 
-// All faces of a picture (CV_8UC1), surest first where they overlap, else largest first. Faces that
+// All faces of an image (CV_8UC1), surest first where they overlap, else largest first. Faces that
 // only the less strict search saw are kept when their score is at least `min_score`.
 [[nodiscard]] std::vector<FoundFace> find_faces(const LandmarkModel& model,
                                                 const FitOptions& options, const cv::Mat& gray,

@@ -5,7 +5,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/face/landmarks/patch_picture.h"
+#include "tarsier/face/landmarks/patch_image.h"
 #include "tarsier/linalg/decompositions.h"
 
 #include <opencv2/core/utility.hpp>
@@ -28,9 +28,9 @@ using Rows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajo
 
 // A face that windows can be cut from.
 struct Source {
-  detail::Reduced picture;
-  Eigen::Matrix2Xd points;  // px of picture.gray
-  double a = 1;             // from the patches' frame to px of picture.gray: steps along x ..
+  detail::Reduced image;
+  Eigen::Matrix2Xd points;  // px of image.gray
+  double a = 1;             // from the patches' frame to px of image.gray: steps along x ..
   double b = 0;             // .. turn by this
 };
 
@@ -44,20 +44,20 @@ Source source_of(const TrainingFace& face, const Eigen::Matrix2Xd& reference, do
   const cv::Point last(static_cast<int>(std::ceil(high.x())),
                        static_cast<int>(std::ceil(high.y())));
   Source source;
-  detail::reduce(face.gray, cv::Rect(first, last + cv::Point(1, 1)), scale, source.picture);
-  const detail::Reduced& picture = source.picture;
+  detail::reduce(face.gray, cv::Rect(first, last + cv::Point(1, 1)), scale, source.image);
+  const detail::Reduced& image = source.image;
   source.points = face.points;
-  source.points.row(0).array() -= picture.origin.x;
-  source.points.row(1).array() -= picture.origin.y;
-  source.points /= picture.step;
-  source.a = image_from_frame.a / picture.step;
-  source.b = image_from_frame.b / picture.step;
+  source.points.row(0).array() -= image.origin.x;
+  source.points.row(1).array() -= image.origin.y;
+  source.points /= image.step;
+  source.a = image_from_frame.a / image.step;
+  source.b = image_from_frame.b / image.step;
   return source;
 }
 
 // log(1 + gray) of the side x side window of the patches' frame whose middle is exactly the point.
 void cut_window(const Source& source, Eigen::Index point, int side, float* out) {
-  const cv::Mat& gray = source.picture.gray;
+  const cv::Mat& gray = source.image.gray;
   const double last_x = gray.cols - 1;
   const double last_y = gray.rows - 1;
   const int half = side / 2;
@@ -186,7 +186,7 @@ Eigen::VectorXf wished_response(const PatchOptions& options) {
   return wished;
 }
 
-// Mean 0, norm 1; a patch that learned nothing (flat pictures) stays 0 and never answers.
+// Mean 0, norm 1; a patch that learned nothing (flat images) stays 0 and never answers.
 cv::Mat finished(Eigen::VectorXd patch, int side) {
   patch.array() -= patch.mean();
   const double norm = patch.norm();

@@ -105,7 +105,7 @@ struct PatchFitOptions {
 };
 
 struct PatchFit {
-  Eigen::Matrix2Xd points;  // px of the picture
+  Eigen::Matrix2Xd points;  // px of the image
   Eigen::VectorXd peaks;    // n, response at each point, -1..1
   double score = 0;         // mean of the peaks
 };
@@ -117,7 +117,7 @@ struct PatchWorkspace {
   std::vector<cv::Mat> buffers;
 };
 
-// Fits from `start` (px of `gray`): at each level, the picture is brought into the patches' frame
+// Fits from `start` (px of `gray`): at each level, the image is brought into the patches' frame
 // by the shape's similarity, every point goes to the peak of its response (sub-pixel), and the
 // shape model takes the points to the nearest plausible shape (weighted by the peaks, robustly).
 // Made for speed: one warp a level, integer windows, no allocation in the loop.
@@ -134,7 +134,7 @@ struct PatchWorkspace {
 // of the weights, direction as hue and strength as brightness (CV_8UC3).
 [[nodiscard]] cv::Mat draw_patch(const PatchModels& model, int point, int side);
 
-// What a patch sees around a point of a picture, in the frame of the patches.
+// What a patch sees around a point of an image, in the frame of the patches.
 struct PointResponse {
   cv::Mat window;    // CV_8UC1, search x search; the point is in the middle
   cv::Mat response;  // CV_32FC1, search x search, -1..1
@@ -145,10 +145,10 @@ struct PointResponse {
                                                          const cv::Mat& gray,
                                                          const Eigen::Matrix2Xd& points,
                                                          int search);
-// The two pictures beside each other, `side` px each: crosses at the point, a disk at the peak
+// The two images beside each other, `side` px each: crosses at the point, a disk at the peak
 // (CV_8UC3).
 [[nodiscard]] cv::Mat draw_response(const PointResponse& response, int side);
-// The responses of all points around `points` on a picture, as a sheet of n cells.
+// The responses of all points around `points` on an image, as a sheet of n cells.
 [[nodiscard]] cv::Mat draw_responses(const PatchModels& model, const cv::Mat& gray,
                                      const Eigen::Matrix2Xd& points, int search);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
-#include "tarsier/face/landmarks/patch_picture.h"
+#include "tarsier/face/landmarks/patch_image.h"
 #include "tarsier/face/landmarks/patches.h"
 #include "tarsier/linalg/decompositions.h"
 
@@ -68,7 +68,7 @@ void inverse_norms(const cv::Mat& logs, int spare, int side, cv::Mat& scratch, c
   const int rows = logs.rows - side + 1;
   const int cols = width - side + 1;
   out.create(rows, cols, CV_32FC1);
-  // Sums of each column over `side` rows, and of their squares, run down the picture.
+  // Sums of each column over `side` rows, and of their squares, run down the image.
   scratch.create(2, width, CV_64FC1);
   scratch.setTo(0);
   auto* sums = scratch.ptr<double>(0);
@@ -197,7 +197,7 @@ class ShapeSolver {
   Eigen::VectorXd right_;
 };
 
-// The patches' frame with the picture in it.
+// The patches' frame with the image in it.
 struct Frame {
   cv::Size size;
   Eigen::Vector2d centre;
@@ -213,13 +213,13 @@ struct Responses {
   }
 };
 
-void warp(const detail::Reduced& picture, const shape::Similarity2d& image_from_frame,
-          cv::Size size, PatchWorkspace& workspace) {
-  const double step = picture.step;
+void warp(const detail::Reduced& image, const shape::Similarity2d& image_from_frame, cv::Size size,
+          PatchWorkspace& workspace) {
+  const double step = image.step;
   const cv::Matx23d map(image_from_frame.a / step, -image_from_frame.b / step,
-                        (image_from_frame.tx - picture.origin.x) / step, image_from_frame.b / step,
-                        image_from_frame.a / step, (image_from_frame.ty - picture.origin.y) / step);
-  cv::warpAffine(picture.gray, workspace.frame, map, size, cv::INTER_LINEAR | cv::WARP_INVERSE_MAP,
+                        (image_from_frame.tx - image.origin.x) / step, image_from_frame.b / step,
+                        image_from_frame.a / step, (image_from_frame.ty - image.origin.y) / step);
+  cv::warpAffine(image.gray, workspace.frame, map, size, cv::INTER_LINEAR | cv::WARP_INVERSE_MAP,
                  cv::BORDER_REPLICATE);
   workspace.logs.create(size.height, size.width + kOverread, CV_32FC1);
   const float* table = detail::log_table();
@@ -415,7 +415,7 @@ PatchFit fit_patches(const PatchModels& model, const shape::ShapeModel& shape,
                   "{} patches, a shape of {} points, a start of {}", n, shape.points(),
                   start.cols());
   TARSIER_REQUIRE(start.allFinite() && start.cwiseAbs().maxCoeff() < 1e6,
-                  "the start is not finite and near the picture");
+                  "the start is not finite and near the image");
 
   const int widest = *std::max_element(options.search.begin(), options.search.end());
   const double scale = detail::width_of(model.reference) / detail::width_of(shape.mean);
@@ -432,9 +432,9 @@ PatchFit fit_patches(const PatchModels& model, const shape::ShapeModel& shape,
   Pose pose{frame_from_mean, std::move(begin.b)};
   shape::Similarity2d image_from_frame = image_from_model * frame_from_mean.inverse();
 
-  detail::Reduced picture;
+  detail::Reduced image;
   if (workspace.buffers.size() < 4) workspace.buffers.resize(4);
-  picture.gray = workspace.buffers[3];
+  image.gray = workspace.buffers[3];
   {
     // Room for what the levels change in scale, turn and place.
     Eigen::Matrix2Xd corners(2, 4);
@@ -447,8 +447,8 @@ PatchFit fit_patches(const PatchModels& model, const shape::ShapeModel& shape,
     };
     const cv::Point first(whole(seen.row(0).minCoeff()), whole(seen.row(1).minCoeff()));
     const cv::Point last(whole(seen.row(0).maxCoeff()), whole(seen.row(1).maxCoeff()));
-    detail::reduce(gray, cv::Rect(first, last), image_from_frame.scale(), picture);
-    if (picture.step > 1) workspace.buffers[3] = picture.gray;
+    detail::reduce(gray, cv::Rect(first, last), image_from_frame.scale(), image);
+    if (image.step > 1) workspace.buffers[3] = image.gray;
   }
 
   ShapeSolver solver(shape, options.noise, options.sigmas);
@@ -471,7 +471,7 @@ PatchFit fit_patches(const PatchModels& model, const shape::ShapeModel& shape,
       pose.frame_from_model = frame_from_mean;
       points = solver.points(pose);
     }
-    warp(picture, image_from_frame, size, workspace);
+    warp(image, image_from_frame, size, workspace);
     if (debug != nullptr) debug->image("patches/frame", workspace.frame);
     responses.side = options.search[level];
     respond(model, points, workspace, responses);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
-#include "tarsier/face/landmarks/patch_picture.h"
+#include "tarsier/face/landmarks/patch_image.h"
 #include "tarsier/face/landmarks/patches.h"
 #include "tarsier/image/draw/shapes.h"
 #include "tarsier/image/draw/text.h"
@@ -35,17 +35,17 @@ cv::Mat enlarged(const cv::Mat& image, int zoom) {
   return out;
 }
 
-// Grey values of the side x side window of the patches' frame around a point of the picture.
-cv::Mat window_at(const detail::Reduced& picture, const shape::Similarity2d& image_from_frame,
+// Grey values of the side x side window of the patches' frame around a point of the image.
+cv::Mat window_at(const detail::Reduced& image, const shape::Similarity2d& image_from_frame,
                   const Eigen::Vector2d& point, int side) {
-  const double a = image_from_frame.a / picture.step;
-  const double b = image_from_frame.b / picture.step;
+  const double a = image_from_frame.a / image.step;
+  const double b = image_from_frame.b / image.step;
   const double half = side / 2;
-  const double x = (point.x() - picture.origin.x) / picture.step;
-  const double y = (point.y() - picture.origin.y) / picture.step;
+  const double x = (point.x() - image.origin.x) / image.step;
+  const double y = (point.y() - image.origin.y) / image.step;
   const cv::Matx23d map(a, -b, x - a * half + b * half, b, a, y - b * half - a * half);
   cv::Mat window;
-  cv::warpAffine(picture.gray, window, map, cv::Size(side, side),
+  cv::warpAffine(image.gray, window, map, cv::Size(side, side),
                  cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
   return window;
 }
@@ -158,13 +158,12 @@ std::vector<PointResponse> point_responses(const PatchModels& model, const cv::M
                         whole(points.row(1).minCoeff() - reach));
   const cv::Point last(whole(points.row(0).maxCoeff() + reach),
                        whole(points.row(1).maxCoeff() + reach));
-  detail::Reduced picture;
-  detail::reduce(gray, cv::Rect(first, last), image_from_frame.scale(), picture);
+  detail::Reduced image;
+  detail::reduce(gray, cv::Rect(first, last), image_from_frame.scale(), image);
   const int reach_px = model.side() / 2;
   std::vector<PointResponse> responses;
   for (int i = 0; i < n; ++i) {
-    const cv::Mat window =
-        window_at(picture, image_from_frame, points.col(i), search + 2 * reach_px);
+    const cv::Mat window = window_at(image, image_from_frame, points.col(i), search + 2 * reach_px);
     PointResponse response;
     response.window = window(cv::Rect(reach_px, reach_px, search, search));
     response.response = patch_response(model.patches[static_cast<std::size_t>(i)], window);
@@ -212,7 +211,7 @@ cv::Mat draw_responses(const PatchModels& model, const cv::Mat& gray,
                        const Eigen::Matrix2Xd& points, int search) {
   const std::vector<PointResponse> responses = point_responses(model, gray, points, search);
   const int n = model.points();
-  // A cell: the picture under the window, and the response beside it.
+  // A cell: the image under the window, and the response beside it.
   const int side = search * std::max(1, (kShortestCell + search - 1) / search);
   const int gap = 4;
   const int label = 14;

@@ -24,7 +24,7 @@ namespace {
 
 using shape::Similarity2d;
 
-// A picture of which every point is known exactly: a sum of waves, given in the frame of the face.
+// An image of which every point is known exactly: a sum of waves, given in the frame of the face.
 // It is the same turned by half a turn, as the points are: what a filter errs at one point for the
 // ground it is on, it errs the other way at the opposite one, so that only errors of the code are
 // left in the mean.
@@ -218,19 +218,17 @@ TEST_P(PatchBias, PeaksAreAtThePoints) {
     for (int k = 0; k < 20; ++k) {
       // From the patches' frame to the texture: turned and shifted by parts of a pixel.
       const Eigen::Matrix2Xd points = random_place(rng, 1)(face_points());
-      const Similarity2d picture_from_frame =
-          shape::fit_similarity(model.patches.reference, points);
-      const Similarity2d face_from_picture = shape::fit_similarity(points, face_points());
+      const Similarity2d photo_from_frame = shape::fit_similarity(model.patches.reference, points);
+      const Similarity2d face_from_photo = shape::fit_similarity(points, face_points());
       for (int i = 0; i < model.patches.points(); ++i) {
         cv::Mat window(2 * half + 1, 2 * half + 1, CV_32FC1);
         for (int y = -half; y <= half; ++y) {
           for (int x = -half; x <= half; ++x) {
             const Eigen::Vector2d at =
-                points.col(i) +
-                Eigen::Vector2d(picture_from_frame.a * x - picture_from_frame.b * y,
-                                picture_from_frame.b * x + picture_from_frame.a * y);
+                points.col(i) + Eigen::Vector2d(photo_from_frame.a * x - photo_from_frame.b * y,
+                                                photo_from_frame.b * x + photo_from_frame.a * y);
             window.at<float>(y + half, x + half) =
-                static_cast<float>(texture.at(face_from_picture(at)));
+                static_cast<float>(texture.at(face_from_photo(at)));
           }
         }
         const cv::Mat response =
@@ -243,8 +241,8 @@ TEST_P(PatchBias, PeaksAreAtThePoints) {
       }
     }
     sum /= count;
-    EXPECT_NEAR(sum.x(), 0, 0.05) << "pictures of scale " << scale;
-    EXPECT_NEAR(sum.y(), 0, 0.05) << "pictures of scale " << scale;
+    EXPECT_NEAR(sum.x(), 0, 0.05) << "images of scale " << scale;
+    EXPECT_NEAR(sum.y(), 0, 0.05) << "images of scale " << scale;
     EXPECT_LT(worst, 1.2);
   }
 }
@@ -275,11 +273,11 @@ TEST_P(PatchBias, FitsAreAtThePoints) {
         sum += (fit.points - face.points).rowwise().mean() / scale;
         distance += mean_distance(fit.points, face.points) / scale;
       }
-      ASSERT_GE(count, 12) << "pictures of scale " << scale;
+      ASSERT_GE(count, 12) << "images of scale " << scale;
       sum /= count;
-      EXPECT_NEAR(sum.x(), 0, 0.05) << "pictures of scale " << scale;
-      EXPECT_NEAR(sum.y(), 0, 0.05) << "pictures of scale " << scale;
-      EXPECT_LT(distance / count, 0.5) << "pictures of scale " << scale;
+      EXPECT_NEAR(sum.x(), 0, 0.05) << "images of scale " << scale;
+      EXPECT_NEAR(sum.y(), 0, 0.05) << "images of scale " << scale;
+      EXPECT_LT(distance / count, 0.5) << "images of scale " << scale;
     }
   }
 }
@@ -405,7 +403,7 @@ TEST(PatchFit, StaysFiniteWhereThereIsNothing) {
       std::invalid_argument);
 }
 
-// A workspace that has seen other pictures changes nothing.
+// A workspace that has seen other images changes nothing.
 TEST(PatchFit, DoesNotDependOnTheWorkspace) {
   const Trained& model = blobs();
   PatchWorkspace used;
@@ -509,7 +507,7 @@ TEST(PatchFile, RefusesHostilePayloads) {
   expect_refused(nlohmann::json::array(), "m.json");
 }
 
-TEST(PatchPictures, ShowAllPatchesAndFrameOne) {
+TEST(PatchImages, ShowAllPatchesAndFrameOne) {
   const Trained& model = blobs();
   const cv::Mat all = draw_patches(model.patches, model.shape, -1, 3);
   const cv::Mat one = draw_patches(model.patches, model.shape, 4, 3);

@@ -43,14 +43,13 @@ Quality train_quality(const std::vector<TrainingFace>& faces, const std::vector<
     if (shapes.size() < 2) shapes.push_back(shapes.front());
     model.mean = shape::train_shape_model(shapes).mean;
   }
-  std::vector<const cv::Mat*> pictures;
+  std::vector<const cv::Mat*> images;
   std::vector<Eigen::Matrix2Xd> points;
   for (const TrainingFace& face : faces) {
-    pictures.push_back(&face.gray);
+    images.push_back(&face.gray);
     points.push_back(face.points);
   }
-  compress_descriptors(model.stage, options.scale, options.components, model.mean, pictures,
-                       points);
+  compress_descriptors(model.stage, options.scale, options.components, model.mean, images, points);
 
   const int n = static_cast<int>(model.mean.cols());
   const int seen = static_cast<int>(fits.size());

@@ -15,7 +15,7 @@
 
 namespace tarsier::face::landmarks {
 
-// How well points fit a picture, learned: a linear regression from the descriptors at the points to
+// How well points fit an image, learned: a linear regression from the descriptors at the points to
 // what the fit was worth in training, 1 for an error of 2 % of the shape's size or less, 0 from 20
 // % on.
 struct Quality {
@@ -32,7 +32,7 @@ struct QualityOptions {
 // A fit whose error is known.
 struct RatedFit {
   int face = 0;
-  Eigen::Matrix2Xd points;  // px of the face's picture
+  Eigen::Matrix2Xd points;  // px of the face's image
 };
 
 // Throws Interrupted, std::invalid_argument.

@@ -22,7 +22,7 @@ inline Eigen::Matrix2Xd blob_shape(double stretch) {
 }
 
 inline cv::Mat draw_blobs(const Eigen::Matrix2Xd& points, double unit, cv::Size size, Rng& rng) {
-  cv::Mat picture(size, CV_32FC1);
+  cv::Mat image(size, CV_32FC1);
   for (int y = 0; y < size.height; ++y) {
     for (int x = 0; x < size.width; ++x) {
       double value = 60 + 0.1 * y + 4 * rng.normal();
@@ -31,11 +31,11 @@ inline cv::Mat draw_blobs(const Eigen::Matrix2Xd& points, double unit, cv::Size 
         const double d = std::hypot(x - points(0, p), y - points(1, p)) / radius;
         value += (p % 3 == 1 ? 70 : 110) * std::exp(-d * d);
       }
-      picture.at<float>(y, x) = static_cast<float>(value);
+      image.at<float>(y, x) = static_cast<float>(value);
     }
   }
   cv::Mat gray;
-  picture.convertTo(gray, CV_8U);
+  image.convertTo(gray, CV_8U);
   return gray;
 }
 

@@ -18,9 +18,9 @@ double distance(const cv::Rect2d& a, const cv::Rect2d& b) {
          std::max(1.0, b.width);
 }
 
-bool is_in_picture(const cv::Rect2d& box, const cv::Mat& gray) {
-  const cv::Rect2d picture(0, 0, gray.cols, gray.rows);
-  return (box & picture).area() > 0.4 * box.area();
+bool is_in_image(const cv::Rect2d& box, const cv::Mat& gray) {
+  const cv::Rect2d image(0, 0, gray.cols, gray.rows);
+  return (box & image).area() > 0.4 * box.area();
 }
 
 class Step {
@@ -119,7 +119,7 @@ class Step {
 
   bool take(TrackerState::Track& track, const Fit& fit) {
     const cv::Rect2d box = box_around(model_.box, fit.points);
-    if (!is_in_picture(box, gray_)) return false;
+    if (!is_in_image(box, gray_)) return false;
     track.raw = fit.points;
     track.face.points = options_.smoothing
                             ? track.filter.next(options_.filter, fit.points, dt_,

@@ -14,7 +14,7 @@
 namespace tarsier::face::landmarks {
 
 struct TrackerOptions {
-  int search_every = 10;    // frames between two looks at the whole picture for large faces
+  int search_every = 10;    // frames between two looks at the whole image for large faces
   double min_score = 0.35;  // a face whose fit is worth less is lost
   double min_new = 0.5;     // what the fit of a new face must be worth
   double remember_s = 3;    // s in which a lost face that appears near its place keeps its id
@@ -52,7 +52,7 @@ struct TrackerState {
   std::vector<Track> tracks;
   int next_id = 1;
   int until_search = 0;
-  bool searched = false;  // the whole picture, for faces of all sizes
+  bool searched = false;  // the whole image, for faces of all sizes
   SearchPlan plan;        // how that is spread from then on,
   cv::Size planned;       // for frames of this size
   std::size_t next_tile = 0;
@@ -64,7 +64,7 @@ struct TrackerState {
 // sight, in the order of their ids. Each is fitted from where it was; one whose score falls is
 // looked for around its place in each frame. The first frame is searched for faces of all sizes.
 // From then on each frame sees one tile of finder.plan(), in turn, and every `search_every` frames
-// (while a face is lost: in each) the whole picture for large faces: the cost of a frame does not
+// (while a face is lost: in each) the whole image for large faces: the cost of a frame does not
 // depend on its size, and a small face is found within as many frames as there are tiles. `debug`
 // gets the stages of each fit.
 [[nodiscard]] std::vector<TrackedFace> track_faces(

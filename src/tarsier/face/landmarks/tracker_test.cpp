@@ -180,7 +180,7 @@ TEST(FitMethods, AreNamed) {
        {FitMethod::kBoth, FitMethod::kTrees, FitMethod::kDescent, FitMethod::kPatches}) {
     EXPECT_EQ(parse_fit_method(name_of(method)), method);
   }
-  EXPECT_THROW((void)parse_fit_method("forest"), UsageError);
+  EXPECT_THROW((void)parse_fit_method("forest"), std::invalid_argument);
 }
 
 }  // namespace

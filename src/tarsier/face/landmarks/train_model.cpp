@@ -53,7 +53,7 @@ std::vector<cv::Rect2d> detected_boxes(const std::vector<TrainingFace>& faces, P
                                        const std::stop_token& stop) {
   FaceFinderOptions options;
   options.thorough = false;
-  // Training pictures are cut out around their faces.
+  // Training images are cut out around their faces.
   options.detector.max_width = 320;
   FaceFinder finder(options);
   std::vector<cv::Rect2d> boxes(faces.size());

@@ -16,7 +16,7 @@
 namespace tarsier::face::landmarks {
 
 // Shapes near a face's points from which fits may begin besides the mean shape (2 x n px of the
-// face's picture each); the same for the same seed, called from several threads.
+// face's image each); the same for the same seed, called from several threads.
 using StartShapes = std::function<std::vector<Eigen::Matrix2Xd>(const TrainingFace& face, int count,
                                                                 std::uint64_t seed)>;
 
@@ -57,7 +57,7 @@ struct TrainedModel {
   std::vector<std::string> skipped;  // "path: reason"
 };
 
-// All parts from a set of annotated pictures. Throws InputError (nothing usable), Interrupted.
+// All parts from a set of annotated images. Throws InputError (nothing usable), Interrupted.
 [[nodiscard]] TrainedModel train_landmark_model(const shape::LandmarkSet& set,
                                                 const std::string& set_path,
                                                 const TrainModelOptions& options,

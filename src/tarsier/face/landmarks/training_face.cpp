@@ -19,7 +19,7 @@ namespace {
 
 TrainingFace face_of(shape::CutOut cut, const std::string& name, const std::string& person) {
   TrainingFace face;
-  face.gray = std::move(cut.picture);
+  face.gray = std::move(cut.image);
   face.points = std::move(cut.points);
   face.box = cut.box;
   face.scale = cut.scale;
@@ -61,7 +61,7 @@ std::vector<TrainingFace> load_training_faces(const shape::LandmarkSet& set,
                      "does not say; mark it with `landmarks annotate`");
   }
   std::vector<TrainingFace> faces;
-  progress.begin("reading faces", static_cast<std::int64_t>(set.samples.size()), "pictures");
+  progress.begin("reading faces", static_cast<std::int64_t>(set.samples.size()), "images");
   std::string last_path;
   cv::Mat last;
   for (const shape::LandmarkSample& sample : set.samples) {

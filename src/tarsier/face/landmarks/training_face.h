@@ -28,19 +28,19 @@ struct TrainingFace {
   std::string person;
   bool mirrored = false;  // the face before it, mirrored
   bool turned = false;    // made of a face before it, by an ExtraFaces
-  double scale = 1;       // px of the picture to a px of `gray`
+  double scale = 1;       // px of the image to a px of `gray`
 };
 
 struct LoadOptions {
   bool mirror = false;  // each face mirrored too, behind the one it comes from
   // The set's points lie so far to the right of where a mirror-symmetric annotation has them, px of
-  // the pictures (DescentReport::to_the_right); mirrored faces get theirs there too. -100..100.
+  // the images (DescentReport::to_the_right); mirrored faces get theirs there too. -100..100.
   double to_the_right = 0;
   double margin = 0.75;  // around the points' box that stays, share of its larger side, 0..4
   int largest = 400;     // px; the points' box is reduced to this at most, 50..4000
 };
 
-// Reads the pictures of a set. Samples that are not complete and pictures that cannot be read are
+// Reads the images of a set. Samples that are not complete and images that cannot be read are
 // left out and named in `skipped` ("path: reason"). Throws Interrupted; InputError(set_path) where
 // nothing is left.
 [[nodiscard]] std::vector<TrainingFace> load_training_faces(
@@ -58,7 +58,7 @@ using ExtraFaces =
     const std::vector<TrainingFace>& faces, const ExtraFaces& extra, const std::vector<int>& mirror,
     double to_the_right, std::uint64_t seed, Progress& progress, const std::stop_token& stop);
 
-// Where a fit begins: a shape (2 x n, px of its face's picture).
+// Where a fit begins: a shape (2 x n, px of its face's image).
 struct Start {
   int face = 0;  // index of the training face
   Eigen::Matrix2Xd points;

@@ -16,7 +16,7 @@ namespace {
 
 class TrainingFaceTest : public FolderTest {
  protected:
-  // A picture with blobs at the points of its sample.
+  // An image with blobs at the points of its sample.
   shape::LandmarkSample sample(const std::string& name, double unit, cv::Size size) {
     Rng rng(1);
     shape::LandmarkSample result;
@@ -58,7 +58,7 @@ TEST_F(TrainingFaceTest, WhatCannotBeUsedIsNamed) {
   shape::LandmarkSet set;
   set.samples = {sample("good.png", 25, {200, 220}), sample("broken.png", 25, {200, 220}),
                  sample("hidden.png", 25, {200, 220})};
-  std::ofstream(path("broken.png")) << "no picture";
+  std::ofstream(path("broken.png")) << "no image";
   set.samples[2].points(0, 3) = std::numeric_limits<double>::quiet_NaN();
   set.samples[2].points(1, 3) = std::numeric_limits<double>::quiet_NaN();
   EXPECT_EQ(load(set).size(), 1U);

@@ -365,7 +365,7 @@ Trees train_trees(const std::vector<TrainingFace>& faces, const std::vector<Star
   const Eigen::Index points = faces.front().points.cols();
   TARSIER_REQUIRE(points >= 2 && points <= 1000, "{} points, 2..1000 are possible", points);
   for (const TrainingFace& face : faces) {
-    TARSIER_REQUIRE(face.gray.type() == CV_8UC1 && !face.gray.empty(), "{}: no 8 bit gray picture",
+    TARSIER_REQUIRE(face.gray.type() == CV_8UC1 && !face.gray.empty(), "{}: no 8 bit gray image",
                     face.name);
     TARSIER_REQUIRE(face.points.cols() == points, "{}: {} points, others have {}", face.name,
                     face.points.cols(), points);

@@ -76,7 +76,7 @@ struct Trees {
                                 const std::vector<Start>& starts, const TreesOptions& options,
                                 Progress& progress, const std::stop_token& stop);
 
-// The fit from `start` (px of `gray`, CV_8UC1). Pixels outside the picture read as the nearest
+// The fit from `start` (px of `gray`, CV_8UC1). Pixels outside the image read as the nearest
 // edge. Throws std::invalid_argument (another type, another number of points, no size).
 [[nodiscard]] Eigen::Matrix2Xd fit_trees(const Trees& model, const cv::Mat& gray,
                                          const Eigen::Matrix2Xd& start);

@@ -103,7 +103,7 @@ void add(const std::int16_t* leaf, std::size_t size, std::int32_t* sum) {
 }  // namespace inner
 
 Eigen::Matrix2Xd fit_trees(const Trees& model, const cv::Mat& gray, const Eigen::Matrix2Xd& start) {
-  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "the picture is not 8 bit gray");
+  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "the image is not 8 bit gray");
   TARSIER_REQUIRE(start.cols() == model.mean.cols(), "{} points, the model has {}", start.cols(),
                   model.mean.cols());
   TARSIER_REQUIRE(start.allFinite(), "a point of the start is not finite");

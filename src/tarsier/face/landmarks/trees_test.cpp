@@ -60,7 +60,7 @@ struct Problem {
   std::vector<Start> starts;
 };
 
-// Discs somewhere in pictures; each start is the shape of another disc, shifted and scaled.
+// Discs somewhere in images; each start is the shape of another disc, shifted and scaled.
 Problem problem(int count, int starts_each, std::uint64_t seed) {
   Problem result;
   Rng random(seed);
@@ -161,8 +161,8 @@ TEST(Trees, LearnTheirLessonByHeart) {
   EXPECT_LT(after, 1e-3 * before);
 }
 
-TEST(Trees, FollowATurnedAndScaledPicture) {
-  // The same disc at twice the size in a picture turned by 90 degrees, from a start treated alike.
+TEST(Trees, FollowATurnedAndScaledImage) {
+  // The same disc at twice the size in an image turned by 90 degrees, from a start treated alike.
   const TrainingFace face = disc({240, 200}, {110, 95}, 2 * kRadius, std::numbers::pi / 2);
   const TrainingFace start = disc({1, 1}, {118, 88}, 1.9 * kRadius, std::numbers::pi / 2 + 0.1);
   const double before = error(start.points, face.points);
@@ -199,7 +199,7 @@ TEST(Trees, FitAtTheBorderAndOutside) {
   EXPECT_TRUE(fit_trees(learnt(), dot, face.points).allFinite());
 }
 
-TEST(Trees, ReadAPartOfAPictureInPlace) {
+TEST(Trees, ReadAPartOfAnImageInPlace) {
   const TrainingFace face = disc({120, 100}, {60, 50}, kRadius);
   const cv::Rect part(20, 10, 80, 80);
   Eigen::Matrix2Xd start = face.points;

@@ -30,7 +30,7 @@ struct ClassicalOptions {
   void check() const { check_fields(*this); }
 };
 
-// From a picture (CV_8UC1) and the eyes in it. `debug` gets "cut", "equalised", "smoothed",
+// From an image (CV_8UC1) and the eyes in it. `debug` gets "cut", "equalised", "smoothed",
 // "masked".
 [[nodiscard]] cv::Mat classical_face(const cv::Mat& gray, const Eyes& eyes,
                                      const ClassicalOptions& options = {},
@@ -46,7 +46,7 @@ struct ClassicalOptions {
 [[nodiscard]] cv::Mat equalize_halves(const cv::Mat& gray);
 
 // sqrt(sum of squared grey differences) / pixels; of faces of the usual 70 x 70, 0.3 is clearly
-// another picture. Equal sizes, CV_8UC1.
+// another image. Equal sizes, CV_8UC1.
 [[nodiscard]] double face_difference(const cv::Mat& a, const cv::Mat& b);
 
 }  // namespace tarsier::face::people

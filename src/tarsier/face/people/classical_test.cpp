@@ -60,7 +60,7 @@ TEST(CutTest, EyesLieWhereTheyShouldWhateverTheirPlaceSizeAndTurn) {
   }
 }
 
-TEST(CutTest, OutsideThePictureTheEdgeIsRepeated) {
+TEST(CutTest, OutsideTheImageTheEdgeIsRepeated) {
   const Eyes eyes{{2, 5}, {30, 5}};
   const cv::Mat face = cut_face(cv::Mat(100, 40, CV_8UC1, cv::Scalar(77)), eyes);
   EXPECT_EQ(cv::countNonZero(face != 77), 0);
@@ -102,13 +102,13 @@ TEST(ClassicalTest, StagesFollowEachOther) {
   EXPECT_LT(kept.images["cut"].at<unsigned char>(10, 11), 40);  // an eye
 }
 
-TEST(ClassicalTest, FromTheCutFaceItIsTheSameAsFromThePicture) {
+TEST(ClassicalTest, FromTheCutFaceItIsTheSameAsFromTheImage) {
   const Eyes eyes{{150, 100}, {206, 104}};
-  const cv::Mat picture = drawn_face(eyes);
+  const cv::Mat image = drawn_face(eyes);
   Kept direct;
   Kept through;
-  (void)classical_face(picture, eyes, {}, &direct);
-  (void)classical_face(cut_face(picture, eyes), CutOptions(), {}, &through);
+  (void)classical_face(image, eyes, {}, &direct);
+  (void)classical_face(cut_face(image, eyes), CutOptions(), {}, &through);
   EXPECT_LT(face_difference(direct.images["cut"], through.images["cut"]), 0.15);
 }
 

@@ -34,7 +34,7 @@ class Collector {
   // Whether to take it: an empty text if so, else why not ("blurred", "too soon", "too much like
   // the last"). `video`: frames that follow each other; `time` in s.
   std::string offer(const Face& face, double time, bool video);
-  // A picture that gave no face to offer, and why.
+  // An image that gave no face to offer, and why.
   void refuse(const std::string& reason) { ++refused_[reason]; }
   // Forgets the last face: another video or person.
   void restart();

@@ -31,7 +31,7 @@ TEST(CollectorTest, InVideosFacesMustDifferAndTimePass) {
   EXPECT_EQ(collector.offer(face(2), 1.7, true), "");
 }
 
-TEST(CollectorTest, StillPicturesAreEachTaken) {
+TEST(CollectorTest, StillImagesAreEachTaken) {
   Collector collector;
   EXPECT_EQ(collector.offer(face(1), 0, false), "");
   EXPECT_EQ(collector.offer(face(1), 0, false), "");

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/image.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/detect/detector.h"
 
@@ -21,11 +22,12 @@
 namespace tarsier::face::people {
 namespace {
 
-constexpr std::array<std::pair<EyeMethod, std::string_view>, 3> kMethods{{
-    {EyeMethod::kLandmarks, "landmarks"},
-    {EyeMethod::kCascades, "cascades"},
-    {EyeMethod::kSplits, "2splits"},
-}};
+constexpr NameTable<EyeMethod, 3> kMethods{"way to find eyes",
+                                           {{
+                                               {EyeMethod::kLandmarks, "landmarks"},
+                                               {EyeMethod::kCascades, "cascades"},
+                                               {EyeMethod::kSplits, "2splits"},
+                                           }}};
 // Smallest eye, share of the region's width.
 constexpr double kSmallestEye = 0.3;
 
@@ -77,18 +79,9 @@ std::optional<cv::Point2d> find_in(cv::CascadeClassifier& cascade, const cv::Mat
 
 double Eyes::distance() const { return std::hypot(right.x - left.x, right.y - left.y); }
 
-std::string_view name_of(EyeMethod method) {
-  for (const auto& [value, name] : kMethods)
-    if (value == method) return name;
-  return "landmarks";
-}
+std::string_view name_of(EyeMethod method) { return kMethods.name(method); }
 
-EyeMethod parse_eye_method(std::string_view name) {
-  for (const auto& [value, text] : kMethods)
-    if (text == name) return value;
-  throw UsageError(
-      fmt::format("'{}' is no way to find eyes: landmarks, cascades or 2splits", name));
-}
+EyeMethod parse_eye_method(std::string_view name) { return kMethods.parse(name); }
 
 EyeRegion eye_region(EyeMethod method) {
   TARSIER_REQUIRE(method != EyeMethod::kLandmarks, "landmarks have no regions");

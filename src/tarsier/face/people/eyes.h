@@ -14,7 +14,7 @@
 // Where the eyes of a face are, and the face cut out so that they always lie at the same place.
 namespace tarsier::face::people {
 
-// Centres, px of the picture (centres of pixels at integers), left and right as seen.
+// Centres, px of the image (centres of pixels at integers), left and right as seen.
 struct Eyes {
   cv::Point2d left;
   cv::Point2d right;
@@ -27,7 +27,7 @@ enum class EyeMethod {
   kSplits,     // haarcascade_lefteye_2splits and haarcascade_righteye_2splits
 };
 [[nodiscard]] std::string_view name_of(EyeMethod method);  // "landmarks", "cascades", "2splits"
-[[nodiscard]] EyeMethod parse_eye_method(std::string_view name);  // throws UsageError
+[[nodiscard]] EyeMethod parse_eye_method(std::string_view name);  // throws std::invalid_argument
 
 // Where in a face's box each detector looks, shares of its width and height; the right eye's region
 // is the mirror image.
@@ -68,7 +68,7 @@ struct CutOptions {
   void check() const { check_fields(*this); }
 };
 
-// CV_8UC1 of options.size, as bright as it was; what is outside the picture is its edge repeated.
+// CV_8UC1 of options.size, as bright as it was; what is outside the image is its edge repeated.
 // Throws std::invalid_argument for eyes that are less than a pixel apart or not finite.
 [[nodiscard]] cv::Mat cut_face(const cv::Mat& gray, const Eyes& eyes,
                                const CutOptions& options = {});

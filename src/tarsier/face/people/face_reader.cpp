@@ -22,15 +22,15 @@ cv::Rect2d box_of_eyes(const Eyes& eyes) {
 }
 
 void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face) {
-  cv::Mat picture;
-  cv::cvtColor(gray, picture, cv::COLOR_GRAY2BGR);
-  cv::rectangle(picture, face.box, cv::Scalar(60, 220, 60), 2);
+  cv::Mat image;
+  cv::cvtColor(gray, image, cv::COLOR_GRAY2BGR);
+  cv::rectangle(image, face.box, cv::Scalar(60, 220, 60), 2);
   const int radius = std::max(2, cvRound(0.12 * face.eyes.distance()));
   for (const cv::Point2d& eye : {face.eyes.left, face.eyes.right})
-    cv::circle(picture, eye, radius, cv::Scalar(255, 200, 0), 1, cv::LINE_AA);
-  debug.image("found", picture);
+    cv::circle(image, eye, radius, cv::Scalar(255, 200, 0), 1, cv::LINE_AA);
+  debug.image("found", image);
   debug.image("aligned", face.crop);
-  debug.image("light taken out", recognition::light_picture(recognition::tan_triggs(face.crop)));
+  debug.image("light taken out", recognition::light_image(recognition::tan_triggs(face.crop)));
 }
 
 }  // namespace

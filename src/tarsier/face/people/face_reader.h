@@ -18,7 +18,7 @@
 
 namespace tarsier::face::people {
 
-// A face of a picture, ready to be recognised.
+// A face of an image, ready to be recognised.
 struct Face {
   cv::Rect2d box;           // px, as a detector draws it
   Eyes eyes;                // px
@@ -43,7 +43,7 @@ struct FaceReaderOptions {
   void check() const;
 };
 
-// Picture to faces: detection (landmarks/face_finder.h), eyes, cut, quality. Not
+// Image to faces: detection (landmarks/face_finder.h), eyes, cut, quality. Not
 // thread-safe; the landmark model is shared.
 class FaceReader {
  public:
@@ -68,7 +68,7 @@ class FaceReader {
   [[nodiscard]] Face at_eyes(const cv::Mat& gray, const Eyes& eyes) const;
 
   [[nodiscard]] const FaceReaderOptions& options() const { return options_; }
-  [[nodiscard]] int without_eyes() const { return without_eyes_; }  // of the last picture
+  [[nodiscard]] int without_eyes() const { return without_eyes_; }  // of the last image
 
  private:
   struct Impl;

@@ -12,7 +12,7 @@
 namespace tarsier::face::people {
 namespace {
 
-constexpr const char* kPicture = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
+constexpr const char* kImage = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
 
 TEST(EyeMethodTest, NamesAreReadBack) {
   for (const EyeMethod method : {EyeMethod::kLandmarks, EyeMethod::kCascades, EyeMethod::kSplits})
@@ -37,8 +37,8 @@ TEST(FaceReaderTest, NothingIsFoundWhereNothingIs) {
 }
 
 TEST(FaceReaderTest, BothKindsOfCascadesFindTheEyesOfAImage) {
-  if (!std::filesystem::exists(kPicture)) GTEST_SKIP() << "needs the package opencv-doc";
-  cv::Mat gray = read_gray_image(kPicture);
+  if (!std::filesystem::exists(kImage)) GTEST_SKIP() << "needs the package opencv-doc";
+  cv::Mat gray = read_gray_image(kImage);
   cv::resize(gray, gray, {}, 2, 2, cv::INTER_CUBIC);
   for (const EyeMethod method : {EyeMethod::kCascades, EyeMethod::kSplits}) {
     FaceReaderOptions options;

@@ -82,7 +82,7 @@ struct ForgetReport {
   std::int64_t shared = 0;    // and so many were not, as faces of others who stay hold them, too:
   std::vector<std::string> shared_with;  // of these people
   // Of so many removed crops and templates less than half of the pieces could be looked for (the
-  // same picture is enrolled under another name): nothing is proven of them.
+  // same image is enrolled under another name): nothing is proven of them.
   std::int64_t unproven = 0;
   SearchReport search;
   bool log_emptied = true;  // false: another program still reads the write-ahead log

@@ -168,7 +168,7 @@ TEST_F(GalleryTest, AnExportBelowTheFolderIsTold) {
   EXPECT_TRUE(gallery.forget("Ben", {})->search.found.size() == 1);
 }
 
-// One picture under two names: the other one's bytes stay, and nothing is called proven.
+// One image under two names: the other one's bytes stay, and nothing is called proven.
 TEST_F(GalleryTest, AnEmptyProofIsNotCalledAProof) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
@@ -181,7 +181,7 @@ TEST_F(GalleryTest, AnEmptyProofIsNotCalledAProof) {
   EXPECT_EQ(report->unproven, 1);
   EXPECT_THAT(report->shared_with, testing::ElementsAre("Ann"));
   EXPECT_THAT(report->search.found, IsEmpty());
-  // Of a person with pictures of his own as well it is said how many faces are not proven.
+  // Of a person with images of his own as well it is said how many faces are not proven.
   gallery.enroll("Same", "", face(1));
   gallery.enroll("Same", "", face(2));
   const auto partly = gallery.forget("Same", {});

@@ -31,7 +31,7 @@
 namespace tarsier::face::people {
 
 inline constexpr int kLearnedWhole = 500;
-// The classical recognisers compare each picture with each: no larger galleries for them.
+// The classical recognisers compare each image with each: no larger galleries for them.
 inline constexpr int kMaxClassical = 1000;
 
 // What a recogniser of this kind gets of a face that cut_face() made: the default and the deep one

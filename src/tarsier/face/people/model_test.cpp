@@ -30,9 +30,9 @@ recognition::Background background() {
 
 class GalleryModelTest : public FolderTest {
  protected:
-  void enroll(Gallery& gallery, int people, int pictures, int first = 0,
+  void enroll(Gallery& gallery, int people, int images, int first = 0,
               TemplateMaker* maker = nullptr) {
-    const auto faces = synthetic_faces(people, pictures, 0.3, 5, first, {128, 160});
+    const auto faces = synthetic_faces(people, images, 0.3, 5, first, {128, 160});
     for (std::size_t i = 0; i < faces.faces.size(); ++i) {
       StoredFace face;
       face.crop = faces.faces[i];

@@ -15,7 +15,7 @@ namespace tarsier::face::people {
 
 // What a face is worth as a pattern, measured on the cut face (cut_face) and its points.
 struct Quality {
-  double eye_distance = 0;  // px in the picture
+  double eye_distance = 0;  // px in the image
   // Share of the cut's contrast that is in fine detail: RMS of the face less its blur (sigma 1.5 px
   // of 64) over the standard deviation. About 0.3 for images, below 0.1 for blurred ones.
   double sharpness = 0;
@@ -54,7 +54,7 @@ struct QualityGate {
   void check() const;
 };
 
-// `points`: 2 x 68 in the picture, or empty: then turn is judged by how unlike the face and its
+// `points`: 2 x 68 in the image, or empty: then turn is judged by how unlike the face and its
 // mirror image are, and tilt is 0.
 [[nodiscard]] Quality measure_quality(const cv::Mat& crop, const Eyes& eyes,
                                       const Eigen::Matrix2Xd& points);

@@ -29,7 +29,7 @@ namespace {
 using Eigen::Matrix2Xd;
 using Eigen::Vector2d;
 
-constexpr double kBoxesNeeded = 0.6;  // share of the finished pictures in which the face detector
+constexpr double kBoxesNeeded = 0.6;  // share of the finished images in which the face detector
                                       // must find what is annotated
 constexpr double kMaxMissing = 0.25;  // share of the points of a sample that may be filled in
 constexpr int kFitStarts = 6;         // of which the median is taken
@@ -290,7 +290,7 @@ Annotator::Annotator(Annotator&&) noexcept = default;
 Annotator& Annotator::operator=(Annotator&&) noexcept = default;
 
 std::optional<Proposal> Annotator::propose(const ProposalRequest& request) {
-  TARSIER_REQUIRE(request.gray.type() == CV_8UC1 && !request.gray.empty(), "a grey picture");
+  TARSIER_REQUIRE(request.gray.type() == CV_8UC1 && !request.gray.empty(), "a grey image");
   request.so_far.check();
   if (request.so_far.samples.empty() || request.so_far.points() == 0) return std::nullopt;
   TARSIER_REQUIRE(
@@ -316,7 +316,7 @@ std::optional<Proposal> Annotator::propose(const ProposalRequest& request) {
     try {
       result = proposals::moved_along(read_gray_image(near.image), near.points, request.gray);
       if (!result && near.is_complete()) result = impl_->by_boxes(near, request.gray);
-    } catch (const InputError&) {  // the picture has gone
+    } catch (const InputError&) {  // the image has gone
     }
   }
   if (!result || !result->allFinite()) return std::nullopt;

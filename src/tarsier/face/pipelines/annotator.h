@@ -15,10 +15,10 @@
 
 namespace tarsier::face {
 
-// What is known when a picture is opened for annotation.
+// What is known when an image is opened for annotation.
 struct ProposalRequest {
-  cv::Mat gray;               // CV_8UC1, the picture
-  shape::LandmarkSet so_far;  // finished pictures; their paths open from the current folder
+  cv::Mat gray;               // CV_8UC1, the image
+  shape::LandmarkSet so_far;  // finished images; their paths open from the current folder
   int nearest = 0;            // index into so_far.samples: the one that was taken nearest to it
 };
 
@@ -33,9 +33,9 @@ struct Proposal {
 
 struct AnnotatorOptions {
   std::uint64_t seed = 1;
-  int min_faces = 3;       // finished pictures from which a model is trained
+  int min_faces = 3;       // finished images from which a model is trained
   int max_faces = 60;      // newest ones that it is trained on: keeps it quick
-  int starts = 12;         // of a picture in training
+  int starts = 12;         // of an image in training
   bool find_faces = true;  // try the face detector
 
   [[nodiscard]] OptionFields fields() {
@@ -57,12 +57,12 @@ struct AnnotatorOptions {
 //
 // Its model is learned from these images alone, so it takes no ModelStore.
 //
-// With few finished pictures: the points of the nearest one, moved as the picture has moved
-// (optical flow; nothing where the pictures are not alike). From `min_faces` on: supervised
+// With few finished images: the points of the nearest one, moved as the image has moved
+// (optical flow; nothing where the images are not alike). From `min_faces` on: supervised
 // descent (landmarks/descent.h) from the mean shape at the place that the face detector tells,
-// where it finds what is annotated in most pictures, else at the best match of the mean appearance;
-// then every point goes to where it looks most as in the finished pictures that are most alike. The
-// model is trained again when finished pictures have changed. The same requests give the same
+// where it finds what is annotated in most images, else at the best match of the mean appearance;
+// then every point goes to where it looks most as in the finished images that are most alike. The
+// model is trained again when finished images have changed. The same requests give the same
 // proposals. Not thread-safe.
 class Annotator {
  public:

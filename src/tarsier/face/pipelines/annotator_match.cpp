@@ -21,20 +21,20 @@ cv::Mat matrix_of(const shape::Similarity2d& s) {
   return (cv::Mat_<double>(2, 3) << s.a, -s.b, s.tx, s.b, s.a, s.ty);
 }
 
-// A picture seen in the frame of its shape: the mean shape upright, `px` pixels to its size, `half`
+// An image seen in the frame of its shape: the mean shape upright, `px` pixels to its size, `half`
 // pixels around its centre.
 struct InFrame {
   cv::Mat gray;
   Matrix2Xd points;
-  shape::Similarity2d frame_from_picture;
+  shape::Similarity2d frame_from_image;
 };
 
 InFrame in_frame(const cv::Mat& gray, const Matrix2Xd& points, const Matrix2Xd& mean, double px,
                  int half) {
   const shape::Similarity2d place{px, 0, static_cast<double>(half), static_cast<double>(half)};
   InFrame result;
-  result.frame_from_picture = place * shape::fit_similarity(points, mean);
-  const double shrink = result.frame_from_picture.scale();
+  result.frame_from_image = place * shape::fit_similarity(points, mean);
+  const double shrink = result.frame_from_image.scale();
   cv::Mat blurred;  // never `gray` itself: its pixels are not ours
   // Less than every pixel is read: what is finer must go first.
   if (shrink < 0.7) {
@@ -42,11 +42,10 @@ InFrame in_frame(const cv::Mat& gray, const Matrix2Xd& points, const Matrix2Xd& 
     cv::GaussianBlur(gray, blurred, {}, sigma);
   }
   const int side = 2 * half + 1;
-  cv::warpAffine(blurred.empty() ? gray : blurred, result.gray,
-                 matrix_of(result.frame_from_picture), {side, side}, cv::INTER_LINEAR,
-                 cv::BORDER_REPLICATE);
+  cv::warpAffine(blurred.empty() ? gray : blurred, result.gray, matrix_of(result.frame_from_image),
+                 {side, side}, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   result.gray.convertTo(result.gray, CV_32F);
-  result.points = result.frame_from_picture(points);
+  result.points = result.frame_from_image(points);
   return result;
 }
 
@@ -101,7 +100,7 @@ std::optional<Matrix2Xd> moved_along(const cv::Mat& from, const Matrix2Xd& point
     seen.col(index[k]) << static_cast<double>(end[k].x), static_cast<double>(end[k].y);
     ++found;
   }
-  // Pictures of something else: following gives nothing to rely on.
+  // Images of something else: following gives nothing to rely on.
   if (found < std::max<int>(1, static_cast<int>(start.size()) / 2)) return std::nullopt;
   if (found < 3) {
     // One point or two tell a shift.
@@ -153,7 +152,7 @@ std::optional<Matrix2Xd> best_place(const std::vector<landmarks::TrainingFace>& 
       sum += one;
     }
   }
-  std::vector<double> sizes;  // px of the pictures
+  std::vector<double> sizes;  // px of the images
   for (const landmarks::TrainingFace& face : faces)
     sizes.push_back(landmarks::shape_size(face.points) * face.scale);
   Matrix2Xd known(2, 0);
@@ -171,7 +170,7 @@ std::optional<Matrix2Xd> best_place(const std::vector<landmarks::TrainingFace>& 
     const double scale = kPx / size;
     cv::Mat small;
     cv::resize(gray, small, {}, scale, scale, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
-    // The object may stand half outside of the picture.
+    // The object may stand half outside of the image.
     cv::copyMakeBorder(small, small, half, half, half, half, cv::BORDER_REPLICATE);
     small.convertTo(small, CV_32F);
     if (small.rows < sum.rows || small.cols < sum.cols) continue;
@@ -182,7 +181,7 @@ std::optional<Matrix2Xd> best_place(const std::vector<landmarks::TrainingFace>& 
     cv::minMaxLoc(match, nullptr, &value, nullptr, &at);
     if (value <= best) continue;
     best = value;
-    // The template's middle, half + half in the border's frame, back in the picture.
+    // The template's middle, half + half in the border's frame, back in the image.
     const double sx = static_cast<double>(small.cols - 2 * half) / gray.cols;
     const double sy = static_cast<double>(small.rows - 2 * half) / gray.rows;
     const Vector2d center((at.x + 0.5) / sx - 0.5, (at.y + 0.5) / sy - 0.5);
@@ -268,7 +267,7 @@ Matrix2Xd refine(const std::vector<landmarks::TrainingFace>& faces, const cv::Ma
                               sum.at<float>(at.y + 1, at.x));
     moved.col(static_cast<Eigen::Index>(i)) += step;
   }
-  return here.frame_from_picture.inverse()(moved);
+  return here.frame_from_image.inverse()(moved);
 }
 
 }  // namespace tarsier::face::proposals

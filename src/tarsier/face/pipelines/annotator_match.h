@@ -9,10 +9,10 @@
 #include <optional>
 #include <vector>
 
-// What a Annotator does by comparing pictures, without a model.
+// What a Annotator does by comparing images, without a model.
 namespace tarsier::face::proposals {
 
-// The points of one picture (px; NaN: missing) in another: each followed by pyramidal optical flow
+// The points of one image (px; NaN: missing) in another: each followed by pyramidal optical flow
 // (Lucas and Kanade, IJCAI 1981) there and back; those that get lost move as the others do, by a
 // similarity fitted robustly. Missing ones come out where the others say. Nothing where too few are
 // found again.
@@ -20,7 +20,7 @@ namespace tarsier::face::proposals {
                                                           const Eigen::Matrix2Xd& points,
                                                           const cv::Mat& to);
 
-// Where the mean picture of the faces, warped to their mean shape, matches best by normalised
+// Where the mean image of the faces, warped to their mean shape, matches best by normalised
 // correlation: the mean shape there, upright. Looks over the whole of `gray` at sizes around that
 // of `last` (points, px) and of the faces.
 [[nodiscard]] std::optional<Eigen::Matrix2Xd> best_place(

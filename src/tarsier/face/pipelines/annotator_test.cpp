@@ -77,10 +77,10 @@ class AnnotatorTest : public ::testing::Test {
     }
     return set;
   }
-  // Share of points within 3 px, over pictures that were not seen.
-  static double share(Annotator& annotator, const shape::LandmarkSet& set, int pictures) {
+  // Share of points within 3 px, over images that were not seen.
+  static double share(Annotator& annotator, const shape::LandmarkSet& set, int images) {
     int good = 0;
-    for (int k = 0; k < pictures; ++k) {
+    for (int k = 0; k < images; ++k) {
       const Thing one = thing(1000 + static_cast<std::uint64_t>(k));
       const auto proposal =
           annotator.propose({one.gray, set, static_cast<int>(set.samples.size()) - 1});
@@ -88,7 +88,7 @@ class AnnotatorTest : public ::testing::Test {
       for (int i = 0; i < 6; ++i)
         good += (proposal->points.col(i) - one.points.col(i)).norm() <= 3 ? 1 : 0;
     }
-    return good / (6.0 * pictures);
+    return good / (6.0 * images);
   }
   TemporaryFolder folder_;
 };
@@ -120,7 +120,7 @@ TEST_F(AnnotatorTest, TheSameQuestionsGetTheSameAnswers) {
   EXPECT_EQ(first->points, a.propose({one.gray, set, 0})->points) << "again";
 }
 
-TEST_F(AnnotatorTest, OneDonePictureIsFollowedIntoTheNextFrame) {
+TEST_F(AnnotatorTest, OneDoneImageIsFollowedIntoTheNextFrame) {
   const shape::LandmarkSet set = done(1);
   const cv::Mat first = read_gray_image(set.samples[0].image);
   const cv::Mat map = (cv::Mat_<double>(2, 3) << 1.02, -0.02, 3.5, 0.02, 1.02, -6.25);
@@ -142,7 +142,7 @@ TEST_F(AnnotatorTest, OneDonePictureIsFollowedIntoTheNextFrame) {
   EXPECT_EQ(json["learned"], false);
 }
 
-TEST_F(AnnotatorTest, NothingIsSaidOfAnUnlikePicture) {
+TEST_F(AnnotatorTest, NothingIsSaidOfAnUnlikeImage) {
   Annotator annotator;
   EXPECT_FALSE(annotator.propose({thing(1).gray, {}, 0})) << "nothing done yet";
   cv::Mat noise(240, 320, CV_8UC1);
@@ -153,7 +153,7 @@ TEST_F(AnnotatorTest, NothingIsSaidOfAnUnlikePicture) {
   EXPECT_FALSE(annotator.propose({noise, done(1), 0}));
 }
 
-TEST_F(AnnotatorTest, HiddenPointsAndLostPicturesAreLivedWith) {
+TEST_F(AnnotatorTest, HiddenPointsAndLostImagesAreLivedWith) {
   shape::LandmarkSet set = done(8);
   set.samples[2].points.col(1).setConstant(std::nan(""));
   set.samples[3].points.setConstant(std::nan(""));
@@ -167,7 +167,7 @@ TEST_F(AnnotatorTest, HiddenPointsAndLostPicturesAreLivedWith) {
   EXPECT_FALSE(annotator.propose({thing(1).gray, gone, 0}));
 }
 
-TEST_F(AnnotatorTest, PicturesAreNotChanged) {
+TEST_F(AnnotatorTest, ImagesAreNotChanged) {
   const shape::LandmarkSet set = done(5);
   Annotator annotator;
   const Thing one = thing(77);

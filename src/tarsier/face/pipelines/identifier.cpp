@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/pipelines/landmark_tracker.h"
 #include "tarsier/face/recognition/background.h"
@@ -53,10 +54,11 @@ people::FaceReader FaceReaderModel::make_reader() const {
 }
 
 TemplateKind parse_template_kind(std::string_view name) {
-  if (name == "auto") return TemplateKind::kAuto;
-  if (name == "classic") return TemplateKind::kClassic;
-  if (name == "deep") return TemplateKind::kDeep;
-  throw UsageError("--template: '" + std::string(name) + "' is not auto, classic or deep");
+  constexpr NameTable<TemplateKind, 3> kKinds{"template",
+                                              {{{TemplateKind::kAuto, "auto"},
+                                                {TemplateKind::kClassic, "classic"},
+                                                {TemplateKind::kDeep, "deep"}}}};
+  return kKinds.parse(name);
 }
 
 bool has_deep_templates(const ModelStore& models) { return models.has(kDeepNetwork); }

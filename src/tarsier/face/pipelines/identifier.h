@@ -55,7 +55,8 @@ enum class TemplateKind {
   kClassic,  // gradients' directions, or what the classical recognisers use
   kDeep,     // the numbers of a deep network (recognition/deep.h)
 };
-[[nodiscard]] TemplateKind parse_template_kind(std::string_view name);  // throws UsageError
+[[nodiscard]] TemplateKind parse_template_kind(
+    std::string_view name);  // throws std::invalid_argument
 // Whether the network of deep templates is there: face-embedding.json of the store.
 [[nodiscard]] bool has_deep_templates(const ModelStore& models);
 // It, and its background: `which` or people-deep.json of the store. Throws ModelError, which says

@@ -71,22 +71,22 @@ Background learn_background(std::span<const cv::Mat> faces, const BackgroundOpti
   TARSIER_REQUIRE(faces.size() >= 3, "{} faces", faces.size());
   for (const cv::Mat& face : faces) require_gray(face);
   const auto count = static_cast<Eigen::Index>(faces.size());
-  const int pictures = options.variants + 1;
-  Rows rows(count * pictures,
+  const int images = options.variants + 1;
+  Rows rows(count * images,
             options.network ? options.network->outputs() : descriptor_length(options.descriptor));
   progress.begin("describing", count, "faces");
   for (Eigen::Index i = 0; i < count; ++i) {
     throw_if_stopped(stop);
     const cv::Mat& face = faces[static_cast<std::size_t>(i)];
     Rng rng = Rng(options.seed).fork(static_cast<std::uint64_t>(i));
-    rows.row(i * pictures) = described(face, options);
+    rows.row(i * images) = described(face, options);
     const double px = options.moved_px * face.cols / 64;
-    for (int k = 1; k < pictures; ++k) {
+    for (int k = 1; k < images; ++k) {
       const double dx = px * rng.normal();
       const double dy = px * rng.normal();
       const double degrees = 2 * options.moved_px * rng.normal();
       const double scale = 1 + 0.02 * options.moved_px * rng.normal();
-      rows.row(i * pictures + k) = described(
+      rows.row(i * images + k) = described(
           relit_face(moved_face(face, dx, dy, degrees, scale), options.relight, rng()), options);
     }
     progress.advance();
@@ -97,7 +97,7 @@ Background learn_background(std::span<const cv::Mat> faces, const BackgroundOpti
   out.weight = options.weight;
   out.within_weight = options.within_weight;
   Rows people(count, rows.cols());
-  for (Eigen::Index i = 0; i < count; ++i) people.row(i) = rows.row(i * pictures);
+  for (Eigen::Index i = 0; i < count; ++i) people.row(i) = rows.row(i * images);
   const Pca pca = principal_components(people, options.components);
   out.mean = pca.mean;
   out.basis = pca.components;
@@ -105,18 +105,17 @@ Background learn_background(std::span<const cv::Mat> faces, const BackgroundOpti
   const Rows centred = rows.rowwise() - out.mean;
   const Eigen::MatrixXd coefficients = products(centred, out.basis).cast<double>();
   std::vector<int> labels;
-  for (Eigen::Index i = 0; i < centred.rows(); ++i)
-    labels.push_back(static_cast<int>(i / pictures));
+  for (Eigen::Index i = 0; i < centred.rows(); ++i) labels.push_back(static_cast<int>(i / images));
   out.within = within_scatter(coefficients, labels, static_cast<int>(count));
   for (Eigen::Index i = 0; i < count; ++i) {
-    out.outside += centred.row(i * pictures).cast<double>().squaredNorm() -
-                   coefficients.row(i * pictures).squaredNorm();
+    out.outside += centred.row(i * images).cast<double>().squaredNorm() -
+                   coefficients.row(i * images).squaredNorm();
     const Eigen::RowVectorXd middle =
-        centred.middleRows(i * pictures, pictures).cast<double>().colwise().mean();
+        centred.middleRows(i * images, images).cast<double>().colwise().mean();
     const Eigen::RowVectorXd middle_inside =
-        coefficients.middleRows(i * pictures, pictures).colwise().mean();
-    for (int k = 0; k < pictures; ++k) {
-      const Eigen::Index row = i * pictures + k;
+        coefficients.middleRows(i * images, images).colwise().mean();
+    for (int k = 0; k < images; ++k) {
+      const Eigen::Index row = i * images + k;
       out.within_rest += (centred.row(row).cast<double>() - middle).squaredNorm() -
                          (coefficients.row(row) - middle_inside).squaredNorm();
     }

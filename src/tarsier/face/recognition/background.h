@@ -20,8 +20,8 @@ namespace tarsier::face::recognition {
 struct BackgroundOptions {
   DescriptorOptions descriptor;
   int components = 256;  // of the people
-  // A person of whom there is one picture also counts under other light, slightly moved: so many
-  // such pictures, from which the scatter within people is taken.
+  // A person of whom there is one image also counts under other light, slightly moved: so many
+  // such images, from which the scatter within people is taken.
   int variants = 2;
   double relight = 1.2;   // how far the light goes; 1: an e-fold from cheek to cheek
   double moved_px = 1.5;  // of a face 64 px wide, standard deviation
@@ -46,7 +46,7 @@ struct BackgroundOptions {
 // down, with g, a, b and c by chance.
 [[nodiscard]] cv::Mat relit_face(const cv::Mat& gray, double strength, std::uint64_t seed);
 
-// One picture of each person, all cut alike. Throws std::invalid_argument for fewer than three,
+// One image of each person, all cut alike. Throws std::invalid_argument for fewer than three,
 // Interrupted. Stage of `progress`: "describing".
 [[nodiscard]] Background learn_background(std::span<const cv::Mat> faces,
                                           const BackgroundOptions& options, Progress& progress,

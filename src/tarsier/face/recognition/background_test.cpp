@@ -28,7 +28,7 @@ struct Rates {
   double strangers = 0;
 };
 
-// Shares above the threshold for one false accept in a hundred: other pictures of those enrolled,
+// Shares above the threshold for one false accept in a hundred: other images of those enrolled,
 // and 30 others.
 Rates rates(const Recognizer& model, int enrolled) {
   const SyntheticFaces known = synthetic_faces(enrolled, 6, 0.3, 77);
@@ -56,7 +56,7 @@ TEST(BackgroundTest, OnePersonAloneIsToldFromStrangers) {
   }
 }
 
-TEST(BackgroundTest, OnePictureOfOnePersonIsEnough) {
+TEST(BackgroundTest, OneImageOfOnePersonIsEnough) {
   const Background general = background();
   NoProgress progress;
   const SyntheticFaces gallery = synthetic_faces(1, 1, 0.3, 5);

@@ -11,10 +11,10 @@ namespace tarsier::face::recognition {
 
 // Scores from which a calibration is fitted. All are the best score of a probe over a gallery.
 struct ScoreSample {
-  // Of people who are in the gallery, by other pictures: the score of the right person.
+  // Of people who are in the gallery, by other images: the score of the right person.
   std::vector<double> genuine;
-  // Of strangers: the best score of anybody; and who the stranger is, as pictures of one person are
-  // alike: each person counts the same however many pictures there are.
+  // Of strangers: the best score of anybody; and who the stranger is, as images of one person are
+  // alike: each person counts the same however many images there are.
   std::vector<double> stranger;
   std::vector<int> stranger_person;
   double gallery = 1;  // people in the gallery that strangers were compared to, on average

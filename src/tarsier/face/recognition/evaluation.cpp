@@ -192,26 +192,25 @@ int count_people(const std::vector<std::string>& labels) {
 
 Split split_of(const std::vector<std::string>& labels, int training, std::uint64_t seed,
                int enrolled_people) {
-  std::map<std::string, std::vector<int>> pictures;
-  for (std::size_t i = 0; i < labels.size(); ++i)
-    pictures[labels[i]].push_back(static_cast<int>(i));
-  std::vector<bool> enrolled(pictures.size(), true);
+  std::map<std::string, std::vector<int>> images;
+  for (std::size_t i = 0; i < labels.size(); ++i) images[labels[i]].push_back(static_cast<int>(i));
+  std::vector<bool> enrolled(images.size(), true);
   const auto first_stranger = static_cast<std::size_t>(std::max(0, enrolled_people));
-  if (first_stranger > 0 && first_stranger < pictures.size()) {
+  if (first_stranger > 0 && first_stranger < images.size()) {
     std::mt19937 generator(static_cast<std::uint32_t>(seed + 1000));
-    const auto order = permutation(static_cast<int>(pictures.size()), generator);
+    const auto order = permutation(static_cast<int>(images.size()), generator);
     for (std::size_t i = first_stranger; i < order.size(); ++i)
       enrolled[static_cast<std::size_t>(order[i])] = false;
   }
   Split split;
   std::mt19937 generator(static_cast<std::uint32_t>(seed));
   std::size_t person = 0;
-  for (const auto& [label, list] : pictures) {
+  for (const auto& [label, list] : images) {
     const auto order = permutation(static_cast<int>(list.size()), generator);
     for (std::size_t i = 0; i < list.size(); ++i) {
       const bool trains = enrolled[person] && i < static_cast<std::size_t>(training);
-      const int picture = list[static_cast<std::size_t>(order[i])];
-      (trains ? split.training : split.probes).push_back(picture);
+      const int image = list[static_cast<std::size_t>(order[i])];
+      (trains ? split.training : split.probes).push_back(image);
     }
     ++person;
   }
@@ -301,7 +300,7 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
   for (const auto seed : options.seeds) {
     const Split closed = split_of(labels, options.training, seed);
     if (closed.probes.empty())
-      throw std::invalid_argument("nobody has more pictures than those that train (" +
+      throw std::invalid_argument("nobody has more images than those that train (" +
                                   std::to_string(options.training) + ")");
     SeedResult result;
     result.seed = seed;

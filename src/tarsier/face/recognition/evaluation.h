@@ -20,7 +20,7 @@ namespace tarsier::face::recognition {
 struct LabelledFace {
   std::string path;
   std::string label;
-  std::optional<cv::Point2d> left_eye{};  // as seen in the picture, px; both or none
+  std::optional<cv::Point2d> left_eye{};  // as seen in the image, px; both or none
   std::optional<cv::Point2d> right_eye{};
 };
 
@@ -30,7 +30,7 @@ struct LabelledFace {
 [[nodiscard]] std::vector<LabelledFace> read_face_list(const std::string& path);
 
 struct EvaluationOptions {
-  int training = 5;                                 // pictures of each person that train
+  int training = 5;                                 // images of each person that train
   std::vector<std::uint64_t> seeds{0, 1, 2, 3, 4};  // 1..1000 of them, one random choice each
   bool strangers = true;  // once more with some of the people enrolled only
   int enrolled = 0;       // so many of them; 0: half, rounded down
@@ -50,15 +50,15 @@ struct EvaluationOptions {
 };
 
 // A choice: who trains and who is asked for. Of each person (labels in sorted order) `training`
-// random pictures train, all others are probes. The choice is that of numpy:
-//   r = RandomState(seed); for each person: r.permutation(pictures)[:training]
+// random images train, all others are probes. The choice is that of numpy:
+//   r = RandomState(seed); for each person: r.permutation(images)[:training]
 //   RandomState(seed + 1000).permutation(people)[:enrolled] are enrolled where some of them are.
 // The upper half of the 64 bits of `seed` does not count.
 struct Split {
   std::vector<int> training;  // indices into the faces, ascending
   std::vector<int> probes;
 };
-// Only `enrolled` of the people (at random; 0: all) train; all pictures of the others are probes.
+// Only `enrolled` of the people (at random; 0: all) train; all images of the others are probes.
 [[nodiscard]] Split split_of(const std::vector<std::string>& labels, int training,
                              std::uint64_t seed, int enrolled = 0);
 [[nodiscard]] int count_people(const std::vector<std::string>& labels);
@@ -78,9 +78,9 @@ struct Count {
   long trials = 0;
 };
 
-// A rate over several random draws from the same pictures, with its 95 % interval. The draws ask
+// A rate over several random draws from the same images, with its 95 % interval. The draws ask
 // much the same questions again, so the interval is that of one draw's number of trials
-// (wilson_interval_of_rate). It is about other pictures of such people; other people and other
+// (wilson_interval_of_rate). It is about other images of such people; other people and other
 // cameras differ by more.
 struct Rate {
   Count count;  // of all draws
@@ -92,7 +92,7 @@ struct Rate {
 struct SeedResult {
   std::uint64_t seed = 0;
   int people = 0;
-  int training = 0;  // pictures
+  int training = 0;  // images
   int probes = 0;
   double accuracy = 0;  // best label right, everyone enrolled
   // Some of the people enrolled (`strangers`), else negative:
@@ -135,7 +135,7 @@ struct EvaluationResult {
 
 // Faces: CV_8UC1. `background` as train() takes it: a gallery's recogniser is trained with the one
 // that ships, so figures of the product need it. Throws std::invalid_argument where there is nobody
-// with more pictures than `training` or (for strangers) fewer than two people, or nobody left to be
+// with more images than `training` or (for strangers) fewer than two people, or nobody left to be
 // a stranger; Interrupted.
 [[nodiscard]] EvaluationResult evaluate(const std::vector<cv::Mat>& faces,
                                         const std::vector<std::string>& labels,

@@ -34,8 +34,7 @@ image::draw::Plot match_data(const std::vector<EvaluationResult>& results) {
   for (const auto& result : results) {
     const Curve curve = match_curve(result);
     image::draw::Series series;
-    series.name =
-        fmt::format("{}, {} pictures", name_of(result.algorithm), result.options.training);
+    series.name = fmt::format("{}, {} images", name_of(result.algorithm), result.options.training);
     series.x = curve.x;
     series.y = curve.y;
     series.markers = true;
@@ -58,8 +57,7 @@ image::draw::Plot accept_data(const std::vector<EvaluationResult>& results) {
   for (const auto& result : results) {
     const Curve curve = accept_curve(result);
     image::draw::Series series;
-    series.name =
-        fmt::format("{}, {} pictures", name_of(result.algorithm), result.options.training);
+    series.name = fmt::format("{}, {} images", name_of(result.algorithm), result.options.training);
     series.x = curve.x;
     series.y = curve.y;
     plot.series.push_back(std::move(series));

@@ -21,14 +21,14 @@ namespace {
 
 using testing::HasSubstr;
 
-std::vector<std::string> names(int people, int pictures) {
+std::vector<std::string> names(int people, int images) {
   std::vector<std::string> out;
   for (int p = 0; p < people; ++p)
-    for (int i = 0; i < pictures; ++i) out.push_back("p" + std::to_string(p));
+    for (int i = 0; i < images; ++i) out.push_back("p" + std::to_string(p));
   return out;
 }
 
-TEST(Split, TakesSoManyOfEachPersonAndNoPictureTwice) {
+TEST(Split, TakesSoManyOfEachPersonAndNoImageTwice) {
   const auto labels = names(6, 8);
   const auto split = split_of(labels, 3, 4);
   EXPECT_EQ(split.training.size(), 18U);
@@ -196,7 +196,7 @@ TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
   EXPECT_EQ(far.count.hits, strangers.hits);
   EXPECT_EQ(far.count.trials, 3 * 3 * 6);
   EXPECT_EQ(far.draws, 3);
-  // The interval is that of one draw's 12 probes: repeating a draw brings no new pictures.
+  // The interval is that of one draw's 12 probes: repeating a draw brings no new images.
   const Interval expected = wilson_interval_of_rate(tar.value, 12);
   EXPECT_DOUBLE_EQ(tar.interval.low, expected.low);
   EXPECT_DOUBLE_EQ(tar.interval.high, expected.high);

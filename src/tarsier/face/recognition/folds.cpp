@@ -15,7 +15,7 @@ namespace {
 constexpr int kFolds = 8;
 constexpr double kNothing = -std::numeric_limits<double>::infinity();
 
-// The score of each person from scores of single pictures, as identify() has it.
+// The score of each person from scores of single images, as identify() has it.
 std::vector<double> person_scores(const std::vector<double>& scores, const std::vector<int>& people,
                                   const std::vector<bool>& in_gallery,
                                   const std::vector<double>& mean_scale, double mean_weight) {
@@ -47,11 +47,11 @@ Whitening Folds::whitener(const Eigen::MatrixXd& some, const std::vector<bool>& 
   }
   Eigen::MatrixXd scatter = within_scatter(some(kept, Eigen::all), labels, person_count);
   if (known_within.size() > 0) {
-    // The moves of a picture say less than another picture would: a picture counts once.
+    // The moves of an image say less than another image would: an image counts once.
     const auto people_kept =
         static_cast<double>(std::set<int>(labels.begin(), labels.end()).size());
-    const double pictures = static_cast<double>(kept.size()) / moves;
-    const double own = std::max(0.0, pictures - people_kept) + 0.2 * pictures * (moves > 1 ? 1 : 0);
+    const double images = static_cast<double>(kept.size()) / moves;
+    const double own = std::max(0.0, images - people_kept) + 0.2 * images * (moves > 1 ? 1 : 0);
     scatter = (own * scatter + known_weight * known_within) / (own + known_weight);
   }
   return whitening(scatter, ridge);
@@ -124,8 +124,8 @@ int Folds::count() const {
 
 void Folds::score(int fold, ScoreSample& sample) const {
   const std::size_t faces = people.size();
-  const auto pictures = static_cast<Eigen::Index>(faces);
-  std::vector<int> rank(faces);  // of a picture among its person's
+  const auto images = static_cast<Eigen::Index>(faces);
+  std::vector<int> rank(faces);  // of an image among its person's
   std::vector<int> owned(static_cast<std::size_t>(person_count), 0);
   for (std::size_t i = 0; i < faces; ++i) rank[i] = owned[static_cast<std::size_t>(people[i])]++;
   const int folds = count();
@@ -135,7 +135,7 @@ void Folds::score(int fold, ScoreSample& sample) const {
   for (std::size_t i = 0; i < faces; ++i) {
     const auto p = static_cast<std::size_t>(people[i]);
     stranger[i] = person_count > 1 && people[i] % folds == fold;
-    // Of two pictures or more at least one stays in every fold.
+    // Of two images or more at least one stays in every fold.
     left_out[i] = stranger[i] || (owned[p] > 1 && (rank[i] + people[i]) % folds == fold);
     in_gallery[i] = !left_out[i];
   }
@@ -156,7 +156,7 @@ void Folds::score(int fold, ScoreSample& sample) const {
   if (algorithm != Algorithm::kDefault) {
     const Eigen::VectorXf squares = templates.rowwise().squaredNorm();
     for (Eigen::Index i = 0; i < similar.rows(); ++i)
-      for (Eigen::Index j = 0; j < pictures; ++j)
+      for (Eigen::Index j = 0; j < images; ++j)
         similar(i, j) = -std::sqrt(std::max(
             0.0F, squares(probes[static_cast<std::size_t>(i)]) + squares(j) - 2 * similar(i, j)));
   }
@@ -171,8 +171,8 @@ void Folds::score(int fold, ScoreSample& sample) const {
   }
   for (std::size_t k = 0; k < probes.size(); ++k) {
     const auto i = static_cast<std::size_t>(probes[k]);
-    const float* row = similar.data() + static_cast<Eigen::Index>(k) * pictures;
-    const std::vector<double> scores(row, row + pictures);
+    const float* row = similar.data() + static_cast<Eigen::Index>(k) * images;
+    const std::vector<double> scores(row, row + images);
     const auto by_person = person_scores(scores, people, in_gallery, mean_scale, mean_weight);
     if (stranger[i]) {
       sample.stranger.push_back(*std::max_element(by_person.begin(), by_person.end()));

@@ -8,11 +8,11 @@
 #include <stop_token>
 #include <vector>
 
-// Scores that a recogniser would give to pictures and people it was not trained on, from its
+// Scores that a recogniser would give to images and people it was not trained on, from its
 // training faces.
 namespace tarsier::face::recognition {
 
-// Of the recognisers with a subspace: people and pictures are left out in turn, and all that is
+// Of the recognisers with a subspace: people and images are left out in turn, and all that is
 // learned (mean, principal components, whitening or discriminants) is learned without them.
 struct Folds {
   Algorithm algorithm = Algorithm::kDefault;
@@ -40,7 +40,7 @@ struct Folds {
                                    const std::vector<bool>& left_out) const;
   // Templates of all faces, from what is learned without those marked; default: scaled.
   [[nodiscard]] Rows templates(const std::vector<bool>& left_out) const;
-  // How many times people and pictures are left out; adds the scores of the k-th time to `sample`
+  // How many times people and images are left out; adds the scores of the k-th time to `sample`
   // (its `gallery` starts at 0).
   [[nodiscard]] int count() const;
   void score(int fold, ScoreSample& sample) const;
@@ -48,8 +48,8 @@ struct Folds {
   [[nodiscard]] ScoreSample scores(const std::stop_token& stop) const;
 };
 
-// Of LBPH, which learns nothing: each picture against those of everybody else (a stranger), and
-// against the other pictures of the same person (genuine). For the others where there are too many
+// Of LBPH, which learns nothing: each image against those of everybody else (a stranger), and
+// against the other images of the same person (genuine). For the others where there are too many
 // faces for folds; then they look better than they are. Throws Interrupted.
 [[nodiscard]] ScoreSample left_out_scores(const Recognizer& model, const std::stop_token& stop);
 

@@ -2,6 +2,7 @@
 #include "tarsier/face/recognition/normalize.h"
 
 #include "tarsier/core/image.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 
 #include <opencv2/imgproc.hpp>
@@ -15,13 +16,14 @@
 namespace tarsier::face::recognition {
 namespace {
 
-constexpr std::array<std::pair<Light, std::string_view>, 5> kLights{{
-    {Light::kNone, "none"},
-    {Light::kEqualize, "equalize"},
-    {Light::kLog, "log"},
-    {Light::kTanTriggs, "tan-triggs"},
-    {Light::kSelfQuotient, "self-quotient"},
-}};
+constexpr NameTable<Light, 5> kLights{"light normalisation",
+                                      {{
+                                          {Light::kNone, "none"},
+                                          {Light::kEqualize, "equalize"},
+                                          {Light::kLog, "log"},
+                                          {Light::kTanTriggs, "tan-triggs"},
+                                          {Light::kSelfQuotient, "self-quotient"},
+                                      }}};
 
 // sum over pixels of |x|^alpha, to the power 1/alpha of its mean.
 double generalised_mean(const cv::Mat& image, double alpha, double limit) {
@@ -158,19 +160,9 @@ int channel_length(const HogChannel& channel, const DescriptorOptions& options) 
 
 }  // namespace
 
-std::string_view name_of(Light light) {
-  for (const auto& [value, name] : kLights)
-    if (value == light) return name;
-  return "none";
-}
+std::string_view name_of(Light light) { return kLights.name(light); }
 
-Light parse_light(std::string_view name) {
-  for (const auto& [value, text] : kLights)
-    if (text == name) return value;
-  throw std::invalid_argument("'" + std::string(name) +
-                              "' is no light normalisation: none, equalize, log, tan-triggs or "
-                              "self-quotient");
-}
+Light parse_light(std::string_view name) { return kLights.parse(name); }
 
 void TanTriggsOptions::check() const {
   check_fields(*this);
@@ -195,7 +187,7 @@ cv::Mat tan_triggs(const cv::Mat& gray, const TanTriggsOptions& options) {
   cv::GaussianBlur(image, fine, {}, options.inner);
   cv::GaussianBlur(image, coarse, {}, options.outer);
   fine -= coarse;
-  // Rounding alone is left of a flat picture.
+  // Rounding alone is left of a flat image.
   double low = 0;
   double high = 0;
   cv::minMaxLoc(fine, &low, &high);
@@ -245,7 +237,7 @@ cv::Mat normalize_light(const cv::Mat& gray, Light light) {
   return image;
 }
 
-cv::Mat light_picture(const cv::Mat& normalized) {
+cv::Mat light_image(const cv::Mat& normalized) {
   TARSIER_REQUIRE(!normalized.empty() && normalized.type() == CV_32FC1, "type {}",
                   normalized.type());
   std::vector<float> values;
@@ -260,10 +252,10 @@ cv::Mat light_picture(const cv::Mat& normalized) {
   };
   const double low = at(0.02);
   const double high = at(0.98);
-  cv::Mat picture;
+  cv::Mat image;
   const double scale = high > low ? 255 / (high - low) : 0;
-  normalized.convertTo(picture, CV_8U, scale, high > low ? -low * scale : 128);
-  return picture;
+  normalized.convertTo(image, CV_8U, scale, high > low ? -low * scale : 128);
+  return image;
 }
 
 void DescriptorOptions::check() const {

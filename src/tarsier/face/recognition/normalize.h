@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-// What is done to a face before it is compared: light is taken out, then the picture is described
+// What is done to a face before it is compared: light is taken out, then the image is described
 // by what light changes least, the directions of its edges.
 namespace tarsier::face::recognition {
 
@@ -42,14 +42,14 @@ struct TanTriggsOptions {
   void check() const;
 };
 
-// `gray` is CV_8UC1; the result is CV_32FC1 of the same size. Flat pictures give zeros
+// `gray` is CV_8UC1; the result is CV_32FC1 of the same size. Flat images give zeros
 // (kTanTriggs), never NaN. Throws std::invalid_argument for another type.
 [[nodiscard]] cv::Mat tan_triggs(const cv::Mat& gray, const TanTriggsOptions& options = {});
 [[nodiscard]] cv::Mat self_quotient(const cv::Mat& gray, double sigma_px = 3);
 [[nodiscard]] cv::Mat normalize_light(const cv::Mat& gray, Light light);
 
 // To look at: CV_8UC1, the middle 96 % of the values spread over 0..255.
-[[nodiscard]] cv::Mat light_picture(const cv::Mat& normalized);
+[[nodiscard]] cv::Mat light_image(const cv::Mat& normalized);
 
 // Histograms of the directions of gradients (Dalal and Triggs, CVPR 2005) on a regular grid, each
 // pixel shared between neighbouring directions linearly and between cells by a Gaussian of sigma
@@ -80,7 +80,7 @@ struct DescriptorOptions {
 
 [[nodiscard]] int descriptor_length(const DescriptorOptions& options);
 
-// `gray`: CV_8UC1 of any size. Length 1 in all (0 for a flat picture).
+// `gray`: CV_8UC1 of any size. Length 1 in all (0 for a flat image).
 [[nodiscard]] std::vector<float> describe(const cv::Mat& gray, const DescriptorOptions& options);
 
 // The face moved by (dx, dy) px, turned by `degrees` clockwise as seen and scaled about its middle;

@@ -60,13 +60,13 @@ TEST(Light, AFactorIsAShiftOfTheLog) {
   EXPECT_NEAR(log.at<float>(3, 3), std::log(100.0), 1e-5);
 }
 
-TEST(Light, FlatPicturesGiveNoNaN) {
+TEST(Light, FlatImagesGiveNoNaN) {
   for (const auto light :
        {Light::kNone, Light::kEqualize, Light::kLog, Light::kTanTriggs, Light::kSelfQuotient}) {
     for (const int level : {0, 128, 255}) {
       const cv::Mat out = normalize_light(cv::Mat(80, 64, CV_8UC1, cv::Scalar(level)), light);
       EXPECT_TRUE(cv::checkRange(out)) << name_of(light) << level;
-      EXPECT_EQ(light_picture(out).type(), CV_8UC1);
+      EXPECT_EQ(light_image(out).type(), CV_8UC1);
     }
   }
   const auto values = describe(cv::Mat(80, 64, CV_8UC1, cv::Scalar(7)), {});

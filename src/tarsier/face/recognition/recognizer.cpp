@@ -2,6 +2,7 @@
 #include "tarsier/face/recognition/recognizer.h"
 
 #include "tarsier/core/image.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/face/recognition/features.h"
 #include "tarsier/linalg/decompositions.h"
@@ -19,13 +20,14 @@
 namespace tarsier::face::recognition {
 namespace {
 
-constexpr std::array<std::pair<Algorithm, std::string_view>, 5> kAlgorithms{{
-    {Algorithm::kDefault, "default"},
-    {Algorithm::kEigen, "eigen"},
-    {Algorithm::kFisher, "fisher"},
-    {Algorithm::kLbph, "lbph"},
-    {Algorithm::kDeep, "deep"},
-}};
+constexpr NameTable<Algorithm, 5> kAlgorithms{"recogniser",
+                                              {{
+                                                  {Algorithm::kDefault, "default"},
+                                                  {Algorithm::kEigen, "eigen"},
+                                                  {Algorithm::kFisher, "fisher"},
+                                                  {Algorithm::kLbph, "lbph"},
+                                                  {Algorithm::kDeep, "deep"},
+                                              }}};
 
 std::span<const float> row_of(const Rows& rows, Eigen::Index i) {
   return {rows.data() + i * rows.cols(), static_cast<std::size_t>(rows.cols())};
@@ -68,7 +70,7 @@ std::vector<double> scores_of(const Recognizer& model, std::span<const float> pr
   return scores;
 }
 
-cv::Mat to_picture(const Eigen::RowVectorXf& pixels, cv::Size size) {
+cv::Mat to_image(const Eigen::RowVectorXf& pixels, cv::Size size) {
   cv::Mat image(size, CV_8UC1);
   for (int i = 0; i < size.area(); ++i)
     image.at<unsigned char>(i / size.width, i % size.width) =
@@ -79,7 +81,7 @@ cv::Mat to_picture(const Eigen::RowVectorXf& pixels, cv::Size size) {
 void require_pixels(const Recognizer& model) {
   TARSIER_REQUIRE(
       model.options.algorithm == Algorithm::kEigen || model.options.algorithm == Algorithm::kFisher,
-      "only eigen and fisher models have pictures, this is {}", name_of(model.options.algorithm));
+      "only eigen and fisher models have images, this is {}", name_of(model.options.algorithm));
 }
 
 // The least-squares reconstruction, without rounding. Components need not be orthogonal (fisher).
@@ -95,18 +97,9 @@ Eigen::RowVectorXf reconstructed(const Recognizer& model, const std::vector<floa
 
 }  // namespace
 
-std::string_view name_of(Algorithm algorithm) {
-  for (const auto& [value, name] : kAlgorithms)
-    if (value == algorithm) return name;
-  return "default";
-}
+std::string_view name_of(Algorithm algorithm) { return kAlgorithms.name(algorithm); }
 
-Algorithm parse_algorithm(std::string_view name) {
-  for (const auto& [value, text] : kAlgorithms)
-    if (text == name) return value;
-  throw std::invalid_argument("'" + std::string(name) +
-                              "' is no recogniser: default, eigen, fisher, lbph or deep");
-}
+Algorithm parse_algorithm(std::string_view name) { return kAlgorithms.parse(name); }
 
 void RecognizerOptions::check() const {
   check_fields(*this);
@@ -199,7 +192,7 @@ std::vector<float> pooled(const Recognizer& model, std::span<const std::vector<f
   }
   double scale = 1 / static_cast<double>(templates.size());
   if (is_whitened(model.options.algorithm)) {
-    // What differs between the pictures cancels; that must not look like a lack of likeness.
+    // What differs between the images cancels; that must not look like a lack of likeness.
     double square = 0;
     for (const double value : sum) square += value * value;
     scale = square > 0 ? lengths * scale / std::sqrt(square) : 0;
@@ -330,10 +323,10 @@ bool remove_person(Recognizer& model, const std::string& label) {
 
 cv::Mat mean_face(const Recognizer& model) {
   require_pixels(model);
-  return to_picture(model.mean, model.options.size);
+  return to_image(model.mean, model.options.size);
 }
 
-cv::Mat component_picture(const Recognizer& model, int i) {
+cv::Mat component_image(const Recognizer& model, int i) {
   require_pixels(model);
   TARSIER_REQUIRE(i >= 0 && i < model.components.rows(), "component {} of {}", i,
                   model.components.rows());
@@ -341,12 +334,12 @@ cv::Mat component_picture(const Recognizer& model, int i) {
   const float low = row.minCoeff();
   const float high = row.maxCoeff();
   const float scale = high > low ? 255 / (high - low) : 0;
-  return to_picture((row.array() - low) * scale, model.options.size);
+  return to_image((row.array() - low) * scale, model.options.size);
 }
 
 cv::Mat reconstruction(const Recognizer& model, const cv::Mat& face) {
   require_pixels(model);
-  return to_picture(reconstructed(model, features_of(face, model.options)), model.options.size);
+  return to_image(reconstructed(model, features_of(face, model.options)), model.options.size);
 }
 
 double reconstruction_error(const Recognizer& model, const cv::Mat& face) {

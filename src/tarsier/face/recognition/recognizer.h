@@ -27,8 +27,8 @@ namespace tarsier::face::recognition {
 struct DeepNetwork;  // deep.h
 
 enum class Algorithm {
-  kDefault,  // edge directions in normalised light, whitened by how pictures of one person differ
-  kEigen,    // Eigenfaces: nearest training picture in the principal components of the pixels
+  kDefault,  // edge directions in normalised light, whitened by how images of one person differ
+  kEigen,    // Eigenfaces: nearest training image in the principal components of the pixels
   kFisher,   // Fisherfaces: the same in the linear discriminants of the people
   kLbph,     // histograms of local binary patterns, nearest by chi-square
   kDeep,     // what a deep network makes of the face (deep.h), whitened and compared as kDefault
@@ -101,9 +101,9 @@ struct Background {
   Rows basis;                // m x d, orthonormal rows: principal components of the people
   Eigen::VectorXd variance;  // m, of people along each
   double outside = 0;        // mean square of what people have outside the basis
-  Eigen::MatrixXd within;    // m x m, scatter between pictures of one person
+  Eigen::MatrixXd within;    // m x m, scatter between images of one person
   double within_rest = 0;    // mean square of such differences outside the basis
-  double within_weight = 1;  // counts as so many differences between pictures, (0, 1e6]
+  double within_weight = 1;  // counts as so many differences between images, (0, 1e6]
   // Of kDeep: the numbers above are those of the network of this fingerprint; 0: of kDefault.
   std::int64_t of_network = 0;
   std::shared_ptr<const DeepNetwork> network;  // this one; no part of files
@@ -112,8 +112,8 @@ struct Background {
 [[nodiscard]] Background background_of(std::span<const cv::Mat> faces,
                                        const DescriptorOptions& options);
 
-// `labels[i]` is who faces[i] shows. The default recogniser works from one picture of one person;
-// Fisherfaces needs two people and two pictures of one of them, kDeep a
+// `labels[i]` is who faces[i] shows. The default recogniser works from one image of one person;
+// Fisherfaces needs two people and two images of one of them, kDeep a
 // background with its network. Throws std::invalid_argument for
 // what cannot be trained on and Interrupted. `background` (default recogniser; of the same
 // descriptor options) may be null; with one person alone there is then no telling from strangers.
@@ -124,10 +124,10 @@ struct Background {
                                const std::stop_token& stop, const Background* background = nullptr);
 
 // What a face is compared by. default, deep: length at most 1, less for what the subspace holds less of,
-// 0 for a flat picture.
+// 0 for a flat image.
 [[nodiscard]] std::vector<float> template_of(const Recognizer& model, const cv::Mat& face);
 
-// One template for several pictures of one person (frames of a video): their mean;
+// One template for several images of one person (frames of a video): their mean;
 // default, deep: at their mean length. Not empty.
 [[nodiscard]] std::vector<float> pooled(const Recognizer& model,
                                         std::span<const std::vector<float>> templates);
@@ -161,12 +161,12 @@ struct PersonScore {
 // Enrols a face without learning the subspace again. Returns the index of the template.
 int add_face(Recognizer& model, const cv::Mat& face, const std::string& label);
 // Removes the person's templates and name. The subspace and the calibration still depend on the
-// pictures: train again to forget for good. Returns whether there was such a person.
+// images: train again to forget for good. Returns whether there was such a person.
 bool remove_person(Recognizer& model, const std::string& label);
 
 // Looking inside eigen and fisher models.
-[[nodiscard]] cv::Mat mean_face(const Recognizer& model);                 // CV_8UC1
-[[nodiscard]] cv::Mat component_picture(const Recognizer& model, int i);  // CV_8UC1, stretched
+[[nodiscard]] cv::Mat mean_face(const Recognizer& model);               // CV_8UC1
+[[nodiscard]] cv::Mat component_image(const Recognizer& model, int i);  // CV_8UC1, stretched
 // The face that the subspace holds of this one (least squares), CV_8UC1 of the model's size.
 [[nodiscard]] cv::Mat reconstruction(const Recognizer& model, const cv::Mat& face);
 // sqrt(sum of squared grey differences) / pixels, the classical measure: small is alike.

@@ -100,7 +100,7 @@ TEST_P(AnyAlgorithm, SameModelForAnyNumberOfThreads) {
 
 TEST_P(AnyAlgorithm, OfEqualTemplatesTheFirstIsNearest) {
   auto set = synthetic_faces(3, 2, 0.2, 1);
-  set.faces.push_back(set.faces[2]);  // p1's first picture, under another name
+  set.faces.push_back(set.faces[2]);  // p1's first image, under another name
   set.labels.emplace_back("again");
   set.faces.push_back(synthetic_faces(1, 1, 0.2, 5, 7).faces.front());
   set.labels.emplace_back("again");
@@ -136,7 +136,7 @@ TEST(Default, KnowsPeopleInHardLightWhereEigenfacesDoNot) {
   EXPECT_LT(accuracy(trained(training, Algorithm::kEigen), probes), own - 0.15);
 }
 
-TEST(Default, WorksFromOnePictureEach) {
+TEST(Default, WorksFromOneImageEach) {
   const auto model = trained(synthetic_faces(8, 1, 0.4, 1), Algorithm::kDefault);
   EXPECT_GE(accuracy(model, synthetic_faces(8, 4, 0.4, 2)), 0.95);
 }
@@ -175,7 +175,7 @@ TEST(Default, TheThresholdKeepsStrangersOut) {
   EXPECT_GE(known, 38);  // of 40
 }
 
-TEST(Default, PoolingPicturesIsNoWorseThanOne) {
+TEST(Default, PoolingImagesIsNoWorseThanOne) {
   const auto model = trained(synthetic_faces(5, 2, 0.5, 1), Algorithm::kDefault);
   const auto probes = synthetic_faces(1, 4, 0.5, 2);
   std::vector<std::vector<float>> templates;
@@ -210,13 +210,13 @@ TEST(Fisher, NeedsTwoPeople) {
   EXPECT_THAT(message_of([&] { (void)trained(set, Algorithm::kFisher); }),
               testing::StrEq("Fisherfaces needs faces of at least two people, there is one"));
   EXPECT_THAT(message_of([&] { (void)trained(synthetic_faces(3, 1, 0, 1), Algorithm::kFisher); }),
-              testing::HasSubstr("more than one picture"));
+              testing::HasSubstr("more than one image"));
 }
 
 TEST(Eigen, ReconstructsItsTrainingFaces) {
   const auto set = synthetic_faces(3, 3, 0.2, 1);
   const auto model = trained(set, Algorithm::kEigen);
-  EXPECT_EQ(model.components.rows(), 8);  // of nine pictures
+  EXPECT_EQ(model.components.rows(), 8);  // of nine images
   cv::Mat difference;
   cv::absdiff(reconstruction(model, set.faces[4]), set.faces[4], difference);
   double most = 0;
@@ -225,8 +225,8 @@ TEST(Eigen, ReconstructsItsTrainingFaces) {
   EXPECT_GT(reconstruction_error(model, synthetic_faces(1, 1, 0, 3, 9).faces.front()),
             10 * reconstruction_error(model, set.faces[4]));
   EXPECT_EQ(mean_face(model).size(), cv::Size(64, 80));
-  EXPECT_EQ(component_picture(model, 0).size(), cv::Size(64, 80));
-  EXPECT_THROW((void)component_picture(model, 8), std::invalid_argument);
+  EXPECT_EQ(component_image(model, 0).size(), cv::Size(64, 80));
+  EXPECT_THROW((void)component_image(model, 8), std::invalid_argument);
   EXPECT_THROW((void)mean_face(trained(set, Algorithm::kLbph)), std::invalid_argument);
 }
 

@@ -39,7 +39,7 @@ SameCameraFit fit_same_camera(const std::vector<cv::Mat>& faces,
                               const std::stop_token& stop) {
   TARSIER_REQUIRE(faces.size() == labels.size(), "{} faces, {} labels", faces.size(),
                   labels.size());
-  TARSIER_REQUIRE(training >= 1 && draws >= 1 && draws <= 1000, "{} pictures, {} draws", training,
+  TARSIER_REQUIRE(training >= 1 && draws >= 1 && draws <= 1000, "{} images, {} draws", training,
                   draws);
   if (background.basis.rows() == 0)
     throw std::invalid_argument("needs a background that was learnt (people train)");
@@ -76,7 +76,7 @@ SameCameraFit fit_same_camera(const std::vector<cv::Mat>& faces,
             own_rows.row(static_cast<Eigen::Index>(own.size())) = coordinates.row(i);
           own.push_back(faces[static_cast<std::size_t>(i)]);
         }
-      if (static_cast<int>(own.size()) < training) continue;  // somebody with fewer pictures
+      if (static_cast<int>(own.size()) < training) continue;  // somebody with fewer images
       const std::vector<std::string> names(own.size(), name);
       const Recognizer model =
           background.network
@@ -99,7 +99,7 @@ SameCameraFit fit_same_camera(const std::vector<cv::Mat>& faces,
     }
   }
   progress.end();
-  if (galleries.empty()) throw std::invalid_argument("nobody has enough pictures");
+  if (galleries.empty()) throw std::invalid_argument("nobody has enough images");
   out.galleries = static_cast<int>(galleries.size());
   const auto count = static_cast<double>(out.scores);
   double shift = 0;

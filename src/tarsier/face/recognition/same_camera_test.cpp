@@ -19,7 +19,7 @@ Background background() {
   return learn_background(many.faces, options, quiet, {});
 }
 
-// What all pictures of one camera have in common: half of each.
+// What all images of one camera have in common: half of each.
 void blend_with_one(std::vector<cv::Mat>& faces) {
   const cv::Mat common = synthetic_faces(1, 1, 0, 1, 900).faces.front();
   for (cv::Mat& face : faces) cv::addWeighted(face, 0.5, common, 0.5, 0, face);

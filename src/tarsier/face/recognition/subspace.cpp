@@ -106,7 +106,7 @@ Eigen::MatrixXd linear_discriminants(const Eigen::MatrixXd& samples, const std::
     own = own / count - mean;
     between += count * own.transpose() * own;
   }
-  // The tiny ridge only matters where pictures repeat and the scatter within is singular.
+  // The tiny ridge only matters where images repeat and the scatter within is singular.
   Eigen::MatrixXd ridged = within;
   const double trace = within.trace() / static_cast<double>(within.rows());
   ridged.diagonal().array() += std::max(1e-9 * trace, 1e-12);

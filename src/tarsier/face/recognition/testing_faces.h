@@ -12,7 +12,7 @@
 #include <vector>
 
 // Faces that are none: smooth random textures, one for each person, under other light, moved and
-// noisy in each picture.
+// noisy in each image.
 namespace tarsier::face::recognition {
 
 struct SyntheticFaces {
@@ -32,14 +32,14 @@ inline cv::Mat random_texture(Rng& rng, cv::Size size, double sigma) {
 }
 
 // `first`: number of the first person ("p0", "p1" ..); other numbers, other faces. `light` 0: even.
-inline SyntheticFaces synthetic_faces(int people, int pictures, double light, std::uint64_t seed,
+inline SyntheticFaces synthetic_faces(int people, int images, double light, std::uint64_t seed,
                                       int first = 0, cv::Size size = {64, 80}) {
   SyntheticFaces out;
   for (int p = first; p < first + people; ++p) {
     Rng person = Rng(4711).fork(static_cast<std::uint64_t>(p));
     const cv::Mat texture =
         0.5 * random_texture(person, size, 4) + 0.5 * random_texture(person, size, 2);
-    for (int k = 0; k < pictures; ++k) {
+    for (int k = 0; k < images; ++k) {
       Rng rng = Rng(seed).fork(static_cast<std::uint64_t>(1000 * p + k));
       const double ax = light * rng.normal();
       const double ay = light * rng.normal();

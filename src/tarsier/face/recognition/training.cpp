@@ -230,7 +230,7 @@ void train_fisher(Recognizer& model, const Rows& rows) {
     throw std::invalid_argument("Fisherfaces needs faces of at least two people, there is one");
   }
   if (faces <= people)
-    throw std::invalid_argument("Fisherfaces needs more than one picture of somebody");
+    throw std::invalid_argument("Fisherfaces needs more than one image of somebody");
   const Pca pca = principal_components(rows, faces - people);
   TARSIER_REQUIRE(pca.components.rows() > 0, "the faces are flat or all the same");
   const Eigen::MatrixXd coefficients =
@@ -293,7 +293,7 @@ std::vector<std::size_t> learning_sample(const std::vector<int>& people, int max
     of_person[p].push_back(i);
   }
   const std::size_t count = of_person.size();
-  // Few people: more pictures of each. As many people as their pictures fit.
+  // Few people: more images of each. As many people as their images fit.
   const std::size_t of_one = std::max(kOfOne, most / std::max<std::size_t>(1, count));
   std::size_t wanted = 0;
   for (const auto& faces : of_person) wanted += std::min(of_one, faces.size());
@@ -392,8 +392,8 @@ void Training::Impl::learn_classical(const std::stop_token& stop) {
   switch (options.algorithm) {
     case Algorithm::kEigen: {
       Pca pca = principal_components(rows, options.components);
-      if (pca.components.rows() == 0) {  // one picture: the distance to the mean along nothing
-        throw std::invalid_argument("Eigenfaces needs two different pictures");
+      if (pca.components.rows() == 0) {  // one image: the distance to the mean along nothing
+        throw std::invalid_argument("Eigenfaces needs two different images");
       }
       model.mean = pca.mean;
       model.components = std::move(pca.components);

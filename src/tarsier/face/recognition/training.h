@@ -22,7 +22,7 @@ namespace tarsier::face::recognition {
 inline constexpr int kMaxLearnedFaces = 2000;
 
 // Which of the faces are learned from, in rising order: all where there are at most `max`; else of
-// people who are evenly chosen up to four pictures each (or as many as fit), evenly chosen as well.
+// people who are evenly chosen up to four images each (or as many as fit), evenly chosen as well.
 // `people[i]`: who face i shows, 0 ..; every number up to the greatest occurs. max >= 1.
 [[nodiscard]] std::vector<std::size_t> learning_sample(const std::vector<int>& people, int max);
 

@@ -17,7 +17,7 @@ namespace {
 TEST(LearningSample, TakesAllOfFewAndAnEvenChoiceOfMany) {
   EXPECT_THAT(learning_sample({0, 1, 1, 2}, 4), testing::ElementsAre(0, 1, 2, 3));
   std::vector<int> people;
-  for (int i = 0; i < 10'000; ++i) people.push_back(i % 1000);  // ten pictures of each
+  for (int i = 0; i < 10'000; ++i) people.push_back(i % 1000);  // ten images of each
   const auto sample = learning_sample(people, 200);
   EXPECT_LE(sample.size(), 200U);
   EXPECT_GE(sample.size(), 190U);
@@ -28,7 +28,7 @@ TEST(LearningSample, TakesAllOfFewAndAnEvenChoiceOfMany) {
   EXPECT_GE(of_person.size(), 45U);
   for (const auto& [person, count] : of_person) EXPECT_EQ(count, 4) << person;
   EXPECT_GT(of_person.rbegin()->first, 900);
-  // Few people with very many pictures: more of each.
+  // Few people with very many images: more of each.
   std::fill(people.begin(), people.end(), 0);
   people[7] = 1;
   EXPECT_GE(learning_sample(people, 200).size(), 100U);

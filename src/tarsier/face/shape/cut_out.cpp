@@ -28,9 +28,9 @@ CutOut cut_out(const cv::Mat& image, const LandmarkSample& sample, double margin
   const cv::Size size(std::max(1, static_cast<int>(std::lround(area.width * scale))),
                       std::max(1, static_cast<int>(std::lround(area.height * scale))));
   if (size == area.size()) {
-    result.picture = image(area).clone();
+    result.image = image(area).clone();
   } else {
-    cv::resize(image(area), result.picture, size, 0, 0, cv::INTER_AREA);
+    cv::resize(image(area), result.image, size, 0, 0, cv::INTER_AREA);
   }
   const double sx = static_cast<double>(size.width) / area.width;
   const double sy = static_cast<double>(size.height) / area.height;
@@ -50,10 +50,10 @@ CutOut mirrored(const CutOut& cut, const std::vector<int>& mirror, double to_the
   LandmarkSample sample;
   sample.points = cut.points;
   sample.box = cut.box;
-  LandmarkSample turned = mirrored(sample, mirror, cut.picture.cols);
+  LandmarkSample turned = mirrored(sample, mirror, cut.image.cols);
   turned.points.row(0).array() += 2 * to_the_right / cut.scale;
   CutOut result{{}, std::move(turned.points), turned.box, cut.scale};
-  cv::flip(cut.picture, result.picture, 1);
+  cv::flip(cut.image, result.image, 1);
   return result;
 }
 

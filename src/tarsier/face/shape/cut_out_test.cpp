@@ -47,11 +47,11 @@ TEST(CutOut, PointsStayOnTheirPixelsHoweverMuchIsReduced) {
   for (const int largest : {400, 60, 37, 11}) {
     const CutOut cut = cut_out(places(320, 240), sample, 0.5, largest);
     for (int p = 0; p < 3; ++p) {
-      const Eigen::Vector2d there = value_at(cut.picture, cut.points.col(p));
+      const Eigen::Vector2d there = value_at(cut.image, cut.points.col(p));
       EXPECT_LT((there - sample.points.col(p)).norm(), kNear) << largest << ' ' << p;
     }
     ASSERT_TRUE(cut.box);
-    EXPECT_LT((value_at(cut.picture, {cut.box->x, cut.box->y}) - Eigen::Vector2d(95, 85)).norm(),
+    EXPECT_LT((value_at(cut.image, {cut.box->x, cut.box->y}) - Eigen::Vector2d(95, 85)).norm(),
               kNear);
     EXPECT_NEAR(cut.box->width * cut.scale, 90, 1) << largest;
   }
@@ -61,19 +61,19 @@ TEST(CutOut, KeepsTheMarginAndNeverEnlarges) {
   const CutOut whole_size = cut_out(places(320, 240), triangle(), 0.5, 4000);
   EXPECT_EQ(whole_size.scale, 1);
   // The points' box is 81.25 px wide: half of that on each side.
-  EXPECT_EQ((whole_size.picture.at<cv::Vec2f>(0, 0)), cv::Vec2f(59, 49));
-  EXPECT_EQ(whole_size.picture.size(), cv::Size(165, 163));
+  EXPECT_EQ((whole_size.image.at<cv::Vec2f>(0, 0)), cv::Vec2f(59, 49));
+  EXPECT_EQ(whole_size.image.size(), cv::Size(165, 163));
   const CutOut reduced = cut_out(places(320, 240), triangle(), 0.5, 20);
   const Eigen::Vector2d extent =
       reduced.points.rowwise().maxCoeff() - reduced.points.rowwise().minCoeff();
   EXPECT_NEAR(extent.maxCoeff(), 20, 0.2);
 }
 
-TEST(CutOut, PointsOutsideThePictureLeaveTheWholeOfIt) {
+TEST(CutOut, PointsOutsideTheImageLeaveTheWholeOfIt) {
   LandmarkSample sample = triangle();
   sample.points.array() += 1e12;
   const CutOut cut = cut_out(places(32, 24), sample, 0.5, 400);
-  EXPECT_EQ(cut.picture.size(), cv::Size(32, 24));
+  EXPECT_EQ(cut.image.size(), cv::Size(32, 24));
 }
 
 TEST(CutOut, MirroredPointsLieOnWhatTheyMark) {
@@ -82,7 +82,7 @@ TEST(CutOut, MirroredPointsLieOnWhatTheyMark) {
   const CutOut turned = mirrored(cut, {1, 0, 2}, 0);
   for (int p = 0; p < 3; ++p) {
     const int counterpart = p == 2 ? 2 : 1 - p;
-    const Eigen::Vector2d there = value_at(turned.picture, turned.points.col(p));
+    const Eigen::Vector2d there = value_at(turned.image, turned.points.col(p));
     EXPECT_LT((there - sample.points.col(counterpart)).norm(), kNear) << p;
   }
   // Counted from 1, points lie a pixel to the right of what they mark: mirrored ones, too.

@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kMaxShapeBytes = 4'000'000;  // of a file of one shape
 constexpr std::int64_t kMaxListBytes = 20'000'000;
-constexpr double kMaxRelative = 10;  // ASF: pictures are 0..1
+constexpr double kMaxRelative = 10;  // ASF: images are 0..1
 
 std::string lower_ending(const fs::path& path) {
   std::string ending = path.extension().string();
@@ -74,7 +74,7 @@ class ShapeFiles {
     std::vector<std::array<int, 2>> connections;
     if (format == ImportFormat::kAsf) {
       AsfShape shape = read_asf(path.string());
-      sample.image = picture_of(path, shape.image);
+      sample.image = image_of(path, shape.image);
       const cv::Mat image = read_image(sample.image);
       sample.points = shape.relative;
       sample.points.row(0) *= image.cols;
@@ -83,7 +83,7 @@ class ShapeFiles {
       connections = std::move(shape.connections);
     } else {
       sample.points = read_pts(path.string(), options_.pts_offset);
-      sample.image = picture_of(path, "");
+      sample.image = image_of(path, "");
     }
     LandmarkSet& set = imported_.set;
     if (!set.samples.empty() && set.points() != sample.points.cols()) {
@@ -103,20 +103,20 @@ class ShapeFiles {
   }
 
  private:
-  [[nodiscard]] std::string picture_of(const fs::path& path, const std::string& host) const {
+  [[nodiscard]] std::string image_of(const fs::path& path, const std::string& host) const {
     std::vector<fs::path> folders;
     if (!options_.images.empty()) folders.emplace_back(options_.images);
     folders.push_back(path.parent_path());
     for (const fs::path& folder : folders) {
-      std::string picture = picture_beside((folder / path.stem()).string());
-      if (!picture.empty()) return picture;
+      std::string image = image_beside((folder / path.stem()).string());
+      if (!image.empty()) return image;
       // Only a plain name: the annotation has no say about other folders.
       if (!host.empty() && host.find('/') == std::string::npos &&
           host.find('\0') == std::string::npos && is_file(folder / host)) {
         return (folder / host).string();
       }
     }
-    throw InputError(path.string(), "no picture of that name");
+    throw InputError(path.string(), "no image of that name");
   }
 
   const ImportOptions& options_;
@@ -236,7 +236,7 @@ std::optional<std::string_view> cut_cell(std::optional<std::string_view>& rest) 
   return cell;
 }
 
-std::string picture_beside(const std::string& stem) {
+std::string image_beside(const std::string& stem) {
   for (const char* ending : {".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".ppm", ".JPG", ".JPEG",
                              ".PNG", ".BMP", ".PGM", ".PPM"}) {
     if (is_file(stem + ending)) return stem + ending;

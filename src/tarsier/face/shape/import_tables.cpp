@@ -162,7 +162,7 @@ class XmlTags {
 };
 
 struct Box {
-  std::string image;  // "": its picture is missing
+  std::string image;  // "": its image is missing
   cv::Rect2d rect;
   std::map<int, Eigen::Vector2d> parts;
 };
@@ -177,12 +177,12 @@ class DlibReader {
     deliver(imported);
   }
 
-  // All boxes, also those without parts, and the pictures without boxes.
-  BoxedPictures read_boxes() {
-    BoxedPictures result;
-    pictures_ = &result.pictures;
+  // All boxes, also those without parts, and the images without boxes.
+  BoxedImages read_boxes() {
+    BoxedImages result;
+    images_ = &result.images;
     read_tags(result.skipped);
-    pictures_ = nullptr;
+    images_ = nullptr;
     return result;
   }
 
@@ -191,9 +191,9 @@ class DlibReader {
     XmlTags::Tag tag;
     while (tags_.next(tag)) {
       if (tag.name == "image") {
-        image_ = tag.is_end ? "" : picture(tags_.text_of(tag, "file"), skipped);
+        image_ = tag.is_end ? "" : image_path(tags_.text_of(tag, "file"), skipped);
         is_image_ = !tag.is_end && !tag.is_empty;
-        if (pictures_ != nullptr && !image_.empty()) pictures_->push_back({image_, {}, {}, {}});
+        if (images_ != nullptr && !image_.empty()) images_->push_back({image_, {}, {}, {}});
       } else if (tag.name == "box") {
         if (!tag.is_end) start_box(tag);
         if (tag.is_end || tag.is_empty) finish_box();
@@ -204,21 +204,21 @@ class DlibReader {
     if (is_box_) throw InputError(path_, "ends too early (a box is open)");
   }
 
-  std::string picture(const std::string& file, std::vector<std::string>& skipped) const {
+  std::string image_path(const std::string& file, std::vector<std::string>& skipped) const {
     if (file.empty() || file.size() > 4096 || file.find('\0') != std::string::npos)
-      tags_.fail("no path of a picture");
+      tags_.fail("no path of an image");
     const fs::path folder =
         options_.images.empty() ? fs::path(path_).parent_path() : fs::path(options_.images);
     std::string image = (folder / file).string();
     std::error_code error;
     if (fs::is_regular_file(image, error)) return image;
-    skipped.push_back(image + ": no such picture");
+    skipped.push_back(image + ": no such image");
     return "";
   }
 
   void start_box(const XmlTags::Tag& tag) {
     if (is_box_) tags_.fail("a box in a box");
-    if (!is_image_) tags_.fail("a box without a picture");
+    if (!is_image_) tags_.fail("a box without an image");
     is_box_ = true;
     box_ = {};
     box_.image = image_;
@@ -230,7 +230,7 @@ class DlibReader {
   }
 
   void finish_box() {
-    if (pictures_ != nullptr) {
+    if (images_ != nullptr) {
       keep_box();
     } else if (is_box_ && !is_ignored_ && !box_.image.empty() && !box_.parts.empty())
       boxes_.push_back(std::move(box_));
@@ -239,16 +239,16 @@ class DlibReader {
 
   void keep_box() {
     if (!is_box_ || box_.image.empty()) return;
-    BoxedPicture& picture = pictures_->back();
+    BoxedImage& image_path = images_->back();
     if (is_ignored_) {
-      picture.ignored.push_back(box_.rect);
+      image_path.ignored.push_back(box_.rect);
       return;
     }
     const int count = box_.parts.empty() ? 0 : box_.parts.rbegin()->first + 1;
     Eigen::Matrix2Xd shape = Eigen::Matrix2Xd::Constant(2, count, kMissing);
     for (const auto& [point, at] : box_.parts) shape.col(point) = at;
-    picture.boxes.push_back(box_.rect);
-    picture.shapes.push_back(std::move(shape));
+    image_path.boxes.push_back(box_.rect);
+    image_path.shapes.push_back(std::move(shape));
   }
 
   void add_part(const XmlTags::Tag& tag) {
@@ -291,7 +291,7 @@ class DlibReader {
   bool is_ignored_ = false;
   Box box_;
   std::vector<Box> boxes_;
-  std::vector<BoxedPicture>* pictures_ = nullptr;  // where all boxes are wanted
+  std::vector<BoxedImage>* images_ = nullptr;  // where all boxes are wanted
 };
 
 }  // namespace
@@ -301,12 +301,12 @@ void import_dlib(const std::string& path, const ImportOptions& options, Imported
   DlibReader(path, options, text).read(imported);
 }
 
-BoxedPictures read_dlib_boxes(const std::string& path, const ImportOptions& options) {
+BoxedImages read_dlib_boxes(const std::string& path, const ImportOptions& options) {
   const std::string text = read_file(path, kMaxTableBytes);
-  BoxedPictures result = DlibReader(path, options, text).read_boxes();
-  if (result.pictures.empty()) {
-    throw InputError(path, result.skipped.empty() ? "names no pictures"
-                                                  : "none of its pictures is there; the first: " +
+  BoxedImages result = DlibReader(path, options, text).read_boxes();
+  if (result.images.empty()) {
+    throw InputError(path, result.skipped.empty() ? "names no images"
+                                                  : "none of its images is there; the first: " +
                                                         result.skipped.front());
   }
   return result;
@@ -329,7 +329,7 @@ void import_muct(const std::string& path, const ImportOptions& options, Imported
     }
     std::optional<std::string_view> rest = line;
     const std::string_view name = *cut_cell(rest);
-    if (!is_plain_name(name)) lines.fail("no name of a picture");
+    if (!is_plain_name(name)) lines.fail("no name of an image");
     (void)cut_cell(rest);  // tag
     std::vector<double> numbers;
     while (const auto cell = cut_cell(rest)) {
@@ -349,11 +349,11 @@ void import_muct(const std::string& path, const ImportOptions& options, Imported
     if (!set.samples.empty() && set.points() != sample.points.cols())
       lines.fail(fmt::format("{} points, {} before", sample.points.cols(), set.points()));
     for (const fs::path& place : places) {
-      sample.image = picture_beside((place / name).string());
+      sample.image = image_beside((place / name).string());
       if (!sample.image.empty()) break;
     }
     if (sample.image.empty()) {
-      imported.skipped.push_back((folder / name).string() + ": no picture of that name");
+      imported.skipped.push_back((folder / name).string() + ": no image of that name");
       continue;
     }
     sample.person = muct_person(name);

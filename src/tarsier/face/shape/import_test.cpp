@@ -36,7 +36,7 @@ class Import : public FolderTest {
     fs::create_directories(fs::path(path(name)).parent_path());
     write_file_atomically(path(name), text);
   }
-  void picture(const std::string& name, cv::Size size = {8, 6}) const {
+  void add_test_image(const std::string& name, cv::Size size = {8, 6}) const {
     fs::create_directories(fs::path(path(name)).parent_path());
     write_image(path(name), cv::Mat(size, CV_8UC3, cv::Scalar(1, 2, 3)));
   }
@@ -104,23 +104,23 @@ TEST_F(Import, RefusesBadAsf) {
   EXPECT_EQ(refused("1\n" + row + "a.png\n"), "accepted");
 }
 
-TEST_F(Import, FolderTakesWhatHasAPicture) {
+TEST_F(Import, FolderTakesWhatHasAnImage) {
   write("set/b.pts", kPts);
-  picture("set/b.png");
+  add_test_image("set/b.png");
   write("set/a.pts", kPts);
-  picture("set/a.pgm");
+  add_test_image("set/a.pgm");
   write("set/lonely.pts", kPts);
   write("set/broken.pts", "{\n1\n}\n");
-  picture("set/broken.png");
+  add_test_image("set/broken.png");
   write("set/four.pts", "{\n1 2\n3 4\n5 6\n7 8\n}\n");
-  picture("set/four.png");
+  add_test_image("set/four.png");
   const Imported imported = import_landmarks(path("set"));
   ASSERT_EQ(imported.set.samples.size(), 2U);
   EXPECT_EQ(imported.set.samples[0].image, path("set/a.pgm"));
   EXPECT_EQ(imported.set.samples[1].image, path("set/b.png"));
   EXPECT_THAT(imported.skipped,
               ElementsAre(HasSubstr("broken.pts: line 2"), HasSubstr("four.pts: 4 points"),
-                          HasSubstr("lonely.pts: no picture")));
+                          HasSubstr("lonely.pts: no image")));
   fs::remove(path("set/a.pgm"));
   fs::remove(path("set/b.png"));
   fs::remove(path("set/four.png"));
@@ -133,9 +133,9 @@ TEST_F(Import, FolderTakesWhatHasAPicture) {
 
 TEST_F(Import, ListGivesOrderAndPaths) {
   write("set/b.pts", kPts);
-  picture("set/b.png");
+  add_test_image("set/b.png");
   write("set/a b.pts", kPts);
-  picture("set/a b.png");
+  add_test_image("set/a b.png");
   write("set/list.txt",
         "\xEF\xBB\xBF"
         "b.png\r\n\n# left out: x.png\na b.png\nnone.png\n");
@@ -149,9 +149,9 @@ TEST_F(Import, ListGivesOrderAndPaths) {
   EXPECT_THAT(imported.skipped, ElementsAre(HasSubstr("none.png")));
 }
 
-TEST_F(Import, AsfScalesWithThePicture) {
+TEST_F(Import, AsfScalesWithTheImage) {
   write("07-3m.asf", kAsf);
-  picture("07-3m.png", {80, 40});
+  add_test_image("07-3m.png", {80, 40});
   Imported imported = import_landmarks(path("07-3m.asf"));
   ASSERT_EQ(imported.set.samples.size(), 1U);
   EXPECT_EQ(imported.set.samples[0].points(0, 0), 20);
@@ -160,14 +160,14 @@ TEST_F(Import, AsfScalesWithThePicture) {
   EXPECT_EQ(imported.set.connections.size(), 2U);
   // The host named in the file stands in, but only from the same folder.
   fs::remove(path("07-3m.png"));
-  picture("host.png", {8, 8});
+  add_test_image("host.png", {8, 8});
   imported = import_landmarks(path("07-3m.asf"));
   EXPECT_EQ(imported.set.samples[0].image, path("host.png"));
   std::string elsewhere = kAsf;
   elsewhere.replace(elsewhere.find("host.png"), 8, "../x/host.png");
   write("set/a.asf", elsewhere);
-  picture("x/host.png");
-  EXPECT_THAT(refusal([&] { (void)import_landmarks(path("set/a.asf")); }), HasSubstr("no picture"));
+  add_test_image("x/host.png");
+  EXPECT_THAT(refusal([&] { (void)import_landmarks(path("set/a.asf")); }), HasSubstr("no image"));
 }
 
 TEST_F(Import, BoxesAroundLandmarks) {
@@ -187,17 +187,17 @@ TEST_F(Import, BoxesAroundLandmarks) {
   set.samples.back().box = cv::Rect2d(130, 80, 40, 40);
   add("unclear.png", 50, true);
   add("unclear.png", 150, false);
-  const std::vector<BoxedPicture> pictures = boxes_from_landmarks(set, 2);
-  ASSERT_EQ(pictures.size(), 2U) << "where a face may be anywhere nothing can be learned";
-  ASSERT_EQ(pictures[0].boxes.size(), 2U);
+  const std::vector<BoxedImage> images = boxes_from_landmarks(set, 2);
+  ASSERT_EQ(images.size(), 2U) << "where a face may be anywhere nothing can be learned";
+  ASSERT_EQ(images[0].boxes.size(), 2U);
   // Root mean squared distance sqrt(200), two of them, around (50, 100).
-  const cv::Rect2d& box = pictures[0].boxes[0];
+  const cv::Rect2d& box = images[0].boxes[0];
   EXPECT_NEAR(box.width, 2 * std::sqrt(200), 1e-9);
   EXPECT_NEAR(box.x + box.width / 2, 50.5, 1e-9);
   EXPECT_NEAR(box.y + box.height / 2, 100.5, 1e-9);
-  EXPECT_EQ(pictures[0].shapes[1](0, 0), 140);
-  EXPECT_EQ(pictures[1].boxes.size(), 1U);
-  EXPECT_THAT(pictures[1].ignored, ElementsAre(cv::Rect2d(130, 80, 40, 40)));
+  EXPECT_EQ(images[0].shapes[1](0, 0), 140);
+  EXPECT_EQ(images[1].boxes.size(), 1U);
+  EXPECT_THAT(images[1].ignored, ElementsAre(cv::Rect2d(130, 80, 40, 40)));
 }
 
 TEST_F(Import, AFaceWithoutPointsHasNoBox) {
@@ -206,26 +206,26 @@ TEST_F(Import, AFaceWithoutPointsHasNoBox) {
   set.samples[0].image = "unclear.png";
   set.samples[1].image = "boxed.png";
   set.samples[1].box = cv::Rect2d(130, 80, 40, 40);
-  const std::vector<BoxedPicture> pictures = boxes_from_landmarks(set, 2);
-  ASSERT_EQ(pictures.size(), 1U);
-  EXPECT_THAT(pictures[0].boxes, ElementsAre());
-  EXPECT_THAT(pictures[0].ignored, ElementsAre(cv::Rect2d(130, 80, 40, 40)));
+  const std::vector<BoxedImage> images = boxes_from_landmarks(set, 2);
+  ASSERT_EQ(images.size(), 1U);
+  EXPECT_THAT(images[0].boxes, ElementsAre());
+  EXPECT_THAT(images[0].ignored, ElementsAre(cv::Rect2d(130, 80, 40, 40)));
 }
 
 TEST_F(Import, MuctTable) {
   write("muct.csv",
         "name,tag,x00,y00,x01,y01\ni000qa-fn,0000,201,348,0,0\ni001qb-mn,0000,1.5,2,3,4\n"
         "i002qb-mn,0000,1,2,3,4\n");
-  picture("i000qa-fn.jpg");
-  picture("pictures/i001qb-mn.jpg");
+  add_test_image("i000qa-fn.jpg");
+  add_test_image("images/i001qb-mn.jpg");
   ImportOptions options;
-  options.images = path("pictures");
+  options.images = path("images");
   const Imported imported = import_landmarks(path("muct.csv"), options);
   ASSERT_EQ(imported.set.samples.size(), 2U);
   EXPECT_EQ(imported.set.samples[0].person, "i000");
   EXPECT_EQ(imported.set.samples[0].points(1, 0), 348);
   EXPECT_TRUE(imported.set.samples[0].is_missing(1));
-  EXPECT_EQ(imported.set.samples[1].image, path("pictures/i001qb-mn.jpg"));
+  EXPECT_EQ(imported.set.samples[1].image, path("images/i001qb-mn.jpg"));
   EXPECT_THAT(imported.skipped, ElementsAre(HasSubstr("i002qb-mn")));
 
   const auto refused = [&](const std::string& rows) {
@@ -242,7 +242,7 @@ TEST_F(Import, MuctTable) {
 }
 
 TEST_F(Import, DlibXml) {
-  picture("a & b.png");
+  add_test_image("a & b.png");
   const std::string head = "<?xml version='1.0'?>\n<!-- <image> -->\n<dataset><images>\n";
   const std::string image = "<image file='a &amp; b.png'>";
   const std::string box = "<box top='90' left=\"194\" width='37' height='38'>";
@@ -265,22 +265,22 @@ TEST_F(Import, DlibXml) {
   EXPECT_EQ(sample.points(0, 2), -3.5);
   EXPECT_THAT(imported.skipped, ElementsAre(HasSubstr("gone.png")));
 
-  const BoxedPictures boxed = read_dlib_boxes(path("a.xml"));
-  ASSERT_EQ(boxed.pictures.size(), 1U);
-  const BoxedPicture& picture_with_boxes = boxed.pictures[0];
-  EXPECT_THAT(picture_with_boxes.boxes,
+  const BoxedImages boxed = read_dlib_boxes(path("a.xml"));
+  ASSERT_EQ(boxed.images.size(), 1U);
+  const BoxedImage& image_with_boxes = boxed.images[0];
+  EXPECT_THAT(image_with_boxes.boxes,
               ElementsAre(cv::Rect2d(194, 90, 37, 38), cv::Rect2d(194, 90, 37, 38),
                           cv::Rect2d(1, 1, 5, 5)));
-  EXPECT_THAT(picture_with_boxes.ignored, ElementsAre(cv::Rect2d(1, 1, 5, 5)));
-  ASSERT_EQ(picture_with_boxes.shapes.size(), 3U);
-  EXPECT_EQ(picture_with_boxes.shapes[0](0, 2), -3.5);
-  EXPECT_EQ(picture_with_boxes.shapes[2].cols(), 0);
+  EXPECT_THAT(image_with_boxes.ignored, ElementsAre(cv::Rect2d(1, 1, 5, 5)));
+  ASSERT_EQ(image_with_boxes.shapes.size(), 3U);
+  EXPECT_EQ(image_with_boxes.shapes[0](0, 2), -3.5);
+  EXPECT_EQ(image_with_boxes.shapes[2].cols(), 0);
   EXPECT_THAT(boxed.skipped, ElementsAre(HasSubstr("gone.png")));
   EXPECT_THAT(refusal([&] {
                 write("empty.xml", "<dataset></dataset>");
                 (void)read_dlib_boxes(path("empty.xml"));
               }),
-              HasSubstr("names no pictures"));
+              HasSubstr("names no images"));
 
   const auto refused = [&](const std::string& text) {
     write("bad.xml", text);
@@ -292,7 +292,7 @@ TEST_F(Import, DlibXml) {
   EXPECT_THAT(refused(head + "<image file='a"), HasSubstr("early"));
   EXPECT_THAT(refused(head + "<image file=a>"), HasSubstr("quotes"));
   EXPECT_THAT(refused(head + "<image>"), HasSubstr("file"));
-  EXPECT_THAT(refused(box), HasSubstr("without a picture"));
+  EXPECT_THAT(refused(box), HasSubstr("without an image"));
   EXPECT_THAT(refused(image + box), HasSubstr("early"));
   EXPECT_THAT(refused(image + box + box), HasSubstr("box in a box"));
   EXPECT_THAT(refused(image + "<part name='0' x='1' y='1'/>"), HasSubstr("without a box"));

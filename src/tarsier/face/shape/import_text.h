@@ -36,11 +36,11 @@ class TextLines {
 // Cuts up to the next comma off `rest`, trimmed; none at its end.
 std::optional<std::string_view> cut_cell(std::optional<std::string_view>& rest);
 
-// The picture with the name of `stem` (a path without its ending) in the first of its forms that
+// The image with the name of `stem` (a path without its ending) in the first of its forms that
 // exists; "" for none.
-[[nodiscard]] std::string picture_beside(const std::string& stem);
+[[nodiscard]] std::string image_beside(const std::string& stem);
 
-// Samples of a table; pictures that are not there are named in `skipped`.
+// Samples of a table; images that are not there are named in `skipped`.
 void import_muct(const std::string& path, const ImportOptions& options, Imported& imported);
 void import_dlib(const std::string& path, const ImportOptions& options, Imported& imported);
 

@@ -31,9 +31,9 @@ bool is_number(const json& value) {
 
 std::string path_from_json(const json& sample, const std::string& path) {
   std::string image = text_member(sample, "image", path, kMaxPathBytes);
-  if (image.empty()) throw ModelError(path, "a sample without a picture's path");
+  if (image.empty()) throw ModelError(path, "a sample without an image's path");
   if (image.find('\0') != std::string::npos)
-    throw ModelError(path, "a picture's path has a zero byte");
+    throw ModelError(path, "an image's path has a zero byte");
   return image;
 }
 

@@ -11,7 +11,7 @@
 
 namespace tarsier::face::shape {
 
-// One annotated object in one picture.
+// One annotated object in one image.
 struct LandmarkSample {
   std::string image;        // path, relative to the set's file or absolute
   Eigen::Matrix2Xd points;  // px, centres at integers; NaN, NaN: missing (hidden, not yet placed)
@@ -22,10 +22,10 @@ struct LandmarkSample {
   [[nodiscard]] bool is_complete() const;
 };
 
-// Annotated pictures of one kind of object.
+// Annotated images of one kind of object.
 struct LandmarkSet {
   std::vector<LandmarkSample> samples;  // all of the same number of points
-  // mirror[i]: the point that point i is in the mirrored picture (i itself on the axis); a
+  // mirror[i]: the point that point i is in the mirrored image (i itself on the axis); a
   // permutation that is its own inverse. Empty: not known.
   std::vector<int> mirror;
   std::vector<std::array<int, 2>> connections;  // lines to draw
@@ -36,7 +36,7 @@ struct LandmarkSet {
   void check() const;
 };
 
-// The sample as it is in its mirrored picture of that width: x' = width - 1 - x, points renamed by
+// The sample as it is in its mirrored image of that width: x' = width - 1 - x, points renamed by
 // `mirror`, box too. Throws std::invalid_argument where the sizes disagree.
 [[nodiscard]] LandmarkSample mirrored(const LandmarkSample& sample, const std::vector<int>& mirror,
                                       int image_width);
@@ -53,7 +53,7 @@ struct Markup {
 };
 [[nodiscard]] std::optional<Markup> known_markup(int points);
 
-// The path of a sample's picture, from the place of its set's file.
+// The path of a sample's image, from the place of its set's file.
 [[nodiscard]] std::string image_path(const std::string& set_path, const LandmarkSample& sample);
 
 // A file of type "landmark-set" (JSON, which is YAML too). read throws InputError with the path for

@@ -77,13 +77,13 @@ TEST(LandmarkSet, KnowsWhatIsMissing) {
 }
 
 TEST(Mirrored, MovesPointsAndBoxWithThePixels) {
-  // A picture whose pixels tell where they come from.
-  cv::Mat picture(20, 60, CV_8UC1);
-  for (int y = 0; y < picture.rows; ++y)
-    for (int x = 0; x < picture.cols; ++x)
-      picture.at<unsigned char>(y, x) = static_cast<unsigned char>(x);
+  // An image whose pixels tell where they come from.
+  cv::Mat image(20, 60, CV_8UC1);
+  for (int y = 0; y < image.rows; ++y)
+    for (int x = 0; x < image.cols; ++x)
+      image.at<unsigned char>(y, x) = static_cast<unsigned char>(x);
   cv::Mat flipped;
-  cv::flip(picture, flipped, 1);
+  cv::flip(image, flipped, 1);
   LandmarkSample sample = small_set().samples[0];
   sample.points(0, 0) = 10;
   sample.box = cv::Rect2d(4, 3, 20, 10);
@@ -95,7 +95,7 @@ TEST(Mirrored, MovesPointsAndBoxWithThePixels) {
   const cv::Rect mirrored_box = *other.box;
   cv::Mat cut;
   cv::flip(flipped(mirrored_box), cut, 1);
-  EXPECT_EQ(cv::norm(cut, picture(box), cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(cut, image(box), cv::NORM_INF), 0);
 
   const LandmarkSample again = mirrored(other, {1, 0, 2}, 60);
   EXPECT_LT((again.points - sample.points).norm(), 1e-12);
@@ -168,10 +168,10 @@ TEST_F(LandmarkFile, ComesBackExactly) {
   EXPECT_EQ(read.connections, set.connections);
 }
 
-TEST_F(LandmarkFile, PathsLeadToTheSamePictureFromThere) {
+TEST_F(LandmarkFile, PathsLeadToTheSameImageFromThere) {
   LandmarkSet set = small_set();
   std::filesystem::create_directories(path("sets"));
-  // Beside the pictures: relative, also where they were named from elsewhere.
+  // Beside the images: relative, also where they were named from elsewhere.
   set.samples[1].image = path("below/b.png");
   write_landmark_set(path("s.json"), set, folder_ + "/.");
   EXPECT_EQ(read_landmark_set(path("s.json")).samples[1].image, "below/b.png");
@@ -216,16 +216,16 @@ TEST_F(LandmarkFile, RefusesWhatIsNoSet) {
   EXPECT_THROW((void)read_landmark_set(path("none.json")), InputError);
 }
 
-TEST_F(LandmarkFile, SheetShowsPicturesPointsAndReasons) {
-  cv::Mat picture(40, 60, CV_8UC3, cv::Scalar(200, 30, 30));
-  write_image(path("a.png"), picture);
+TEST_F(LandmarkFile, SheetShowsImagesPointsAndReasons) {
+  cv::Mat image(40, 60, CV_8UC3, cv::Scalar(200, 30, 30));
+  write_image(path("a.png"), image);
   LandmarkSet set = small_set();
   set.samples[0].points << 20, 40, 30, 15, 15, 25;
   LandmarkStyle style;
   style.radius_px = 4;
   const cv::Mat sheet = contact_sheet(set, path("s.json"), 100, 2, 10, style);
   ASSERT_EQ(sheet.size(), cv::Size(202, 100));
-  // The corner of the first cell is the picture's ground; the second has none.
+  // The corner of the first cell is the image's ground; the second has none.
   EXPECT_EQ(sheet.at<cv::Vec3b>(30, 10), cv::Vec3b(200, 30, 30));
   EXPECT_NE(sheet.at<cv::Vec3b>(30, 112), cv::Vec3b(200, 30, 30));
   // Point 0 lies 10 px left of the middle of a cut of 30 px.

@@ -111,7 +111,7 @@ inline void interpolate(const T* top, const T* bottom, std::ptrdiff_t right, flo
   }
 }
 
-// A run of pixels along a line of the picture. Returns how many lie inside it.
+// A run of pixels along a line of the image. Returns how many lie inside it.
 template <typename T, int kChannels>
 int sample_run(const cv::Mat& image, double x0, double y0, double dx, double dy, int count,
                float* out, std::size_t stride) {
@@ -208,7 +208,7 @@ bool sample_masked(const cv::Mat& texture, const cv::Mat& mask, double x, double
 void require_points(const Eigen::Matrix2Xd& points, Eigen::Index count) {
   TARSIER_REQUIRE(points.cols() == count, "{} points, the frame has {}", points.cols(), count);
   TARSIER_REQUIRE(points.allFinite() && points.cwiseAbs().maxCoeff() <= kMaxCoordinate,
-                  "a point is not finite, or far outside any picture");
+                  "a point is not finite, or far outside any image");
 }
 
 }  // namespace
@@ -265,7 +265,7 @@ double PiecewiseWarp::sample(const cv::Mat& image, const Eigen::Matrix2Xd& point
   TARSIER_REQUIRE(
       !image.empty() && image.dims == 2 &&
           (image.type() == CV_8UC1 || image.type() == CV_8UC3 || image.depth() == CV_32F),
-      "a picture of OpenCV's type {}", image.type());
+      "an image of OpenCV's type {}", image.type());
   require_points(points, frame_points_.cols());
   std::vector<Affine> maps;
   maps.reserve(mesh_.size());
@@ -276,36 +276,36 @@ double PiecewiseWarp::sample(const cv::Mat& image, const Eigen::Matrix2Xd& point
   const std::size_t stride = pixels_.size();
   out.resize(stride * static_cast<std::size_t>(image.channels()));
   const auto all = [&](auto run) {
-    std::int64_t in_picture = 0;
+    std::int64_t in_image = 0;
     std::size_t at = 0;
     for (const Run& r : runs_) {
       const Affine& map = maps[static_cast<std::size_t>(r.triangle)];
-      in_picture += run(map.xx * r.x + map.xy * r.y + map.x0, map.yx * r.x + map.yy * r.y + map.y0,
-                        map.xx, map.yx, r.count, out.data() + at);
+      in_image += run(map.xx * r.x + map.xy * r.y + map.x0, map.yx * r.x + map.yy * r.y + map.y0,
+                      map.xx, map.yx, r.count, out.data() + at);
       at += static_cast<std::size_t>(r.count);
     }
-    return in_picture;
+    return in_image;
   };
   const auto with = [&](auto function) {
     return all([&](double x, double y, double dx, double dy, int count, float* to) {
       return function(image, x, y, dx, dy, count, to, stride);
     });
   };
-  std::int64_t in_picture = 0;
+  std::int64_t in_image = 0;
   if (image.type() == CV_8UC1)
-    in_picture = with(sample_run<std::uint8_t, 1>);
+    in_image = with(sample_run<std::uint8_t, 1>);
   else if (image.type() == CV_8UC3)
-    in_picture = with(sample_run<std::uint8_t, 3>);
+    in_image = with(sample_run<std::uint8_t, 3>);
   else if (image.type() == CV_32FC1)
-    in_picture = with(sample_run<float, 1>);
+    in_image = with(sample_run<float, 1>);
   else
-    in_picture = with(sample_run<float, 0>);
-  return stride == 0 ? 0.0 : static_cast<double>(in_picture) / static_cast<double>(stride);
+    in_image = with(sample_run<float, 0>);
+  return stride == 0 ? 0.0 : static_cast<double>(in_image) / static_cast<double>(stride);
 }
 
 cv::Mat PiecewiseWarp::to_frame(const cv::Mat& image, const Eigen::Matrix2Xd& points) const {
   TARSIER_REQUIRE(image.type() == CV_8UC1 || image.type() == CV_8UC3,
-                  "a picture of OpenCV's type {}", image.type());
+                  "an image of OpenCV's type {}", image.type());
   std::vector<float> values;
   (void)sample(image, points, values);
   cv::Mat frame = cv::Mat::zeros(size_, image.type());
@@ -325,7 +325,7 @@ void PiecewiseWarp::from_frame(const cv::Mat& texture, const Eigen::Matrix2Xd& p
                   texture.cols, texture.rows, size_.width, size_.height);
   TARSIER_REQUIRE((texture.type() == CV_8UC1 || texture.type() == CV_8UC3) &&
                       image.type() == texture.type() && !image.empty(),
-                  "a texture of OpenCV's type {}, a picture of {}", texture.type(), image.type());
+                  "a texture of OpenCV's type {}, an image of {}", texture.type(), image.type());
   require_points(points, frame_points_.cols());
   const int channels = image.channels();
   for (const Triangle& triangle : mesh_) {

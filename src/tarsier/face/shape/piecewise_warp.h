@@ -33,14 +33,14 @@ class PiecewiseWarp {
   [[nodiscard]] const cv::Mat& mask() const { return mask_; }  // CV_8UC1, 255 in the mesh
   [[nodiscard]] const Eigen::Matrix2Xd& frame_points() const { return frame_points_; }
 
-  // Where pixel k of pixels() lies in the picture when the mesh's points lie at `points`: 2 x n.
+  // Where pixel k of pixels() lies in the image when the mesh's points lie at `points`: 2 x n.
   // Bilinear samples of `image` there, one row of pixels().size() numbers for each channel, in
-  // `out` (channels x pixels, row-major); outside the picture: the nearest edge pixel. `image`:
-  // CV_8UC1, CV_8UC3 or CV_32FC(any). Returns the share of pixels inside the picture.
+  // `out` (channels x pixels, row-major); outside the image: the nearest edge pixel. `image`:
+  // CV_8UC1, CV_8UC3 or CV_32FC(any). Returns the share of pixels inside the image.
   double sample(const cv::Mat& image, const Eigen::Matrix2Xd& points,
                 std::vector<float>& out) const;
 
-  // The picture warped into the frame, of the type of `image` (CV_8UC1, CV_8UC3); 0 outside the
+  // The image warped into the frame, of the type of `image` (CV_8UC1, CV_8UC3); 0 outside the
   // mesh.
   [[nodiscard]] cv::Mat to_frame(const cv::Mat& image, const Eigen::Matrix2Xd& points) const;
 

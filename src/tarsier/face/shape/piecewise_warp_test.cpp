@@ -28,7 +28,7 @@ PiecewiseWarp whole_warp() {
   return {points, delaunay(points), cv::Size(40, 30)};
 }
 
-cv::Mat smooth_picture(cv::Size size, int type) {
+cv::Mat smooth_image(cv::Size size, int type) {
   cv::Mat image(size, type);
   for (int y = 0; y < size.height; ++y) {
     for (int x = 0; x < size.width; ++x) {
@@ -76,7 +76,7 @@ TEST(PiecewiseWarp, TakesPartToItsEdges) {
 TEST(PiecewiseWarp, IdentityChangesNothing) {
   const PiecewiseWarp warp = whole_warp();
   for (const int type : {CV_8UC1, CV_8UC3}) {
-    const cv::Mat image = smooth_picture({40, 30}, type);
+    const cv::Mat image = smooth_image({40, 30}, type);
     EXPECT_EQ(cv::norm(warp.to_frame(image, whole_frame()), image, cv::NORM_INF), 0);
     cv::Mat back = cv::Mat::zeros(image.size(), type);
     warp.from_frame(image, whole_frame(), back);
@@ -107,7 +107,7 @@ TEST(PiecewiseWarp, AffineMapsAreExact) {
 }
 
 TEST(PiecewiseWarp, PointsMeetTheirPoints) {
-  // Not affine: each point of the frame at a pixel shows what lies at its own place in the picture.
+  // Not affine: each point of the frame at a pixel shows what lies at its own place in the image.
   const PiecewiseWarp warp = whole_warp();
   Matrix2Xd points = whole_frame() * 3;
   points.col(4) << 71.25, 30.5;
@@ -124,10 +124,10 @@ TEST(PiecewiseWarp, PointsMeetTheirPoints) {
   EXPECT_NEAR(out[8 * 40 + 30], 90 + 24000, 1e-1);
 }
 
-TEST(PiecewiseWarp, ThereAndBackIsNearlyThePicture) {
+TEST(PiecewiseWarp, ThereAndBackIsNearlyTheImage) {
   Rng rng(1);
   for (const int type : {CV_8UC1, CV_8UC3}) {
-    const cv::Mat image = smooth_picture({160, 120}, type);
+    const cv::Mat image = smooth_image({160, 120}, type);
     Matrix2Xd points = whole_frame() * 2.5;
     points.colwise() += Eigen::Vector2d(20.3, 15.6);
     for (Eigen::Index i = 4; i < 7; ++i)
@@ -157,9 +157,9 @@ TEST(PiecewiseWarp, ThereAndBackIsNearlyThePicture) {
   }
 }
 
-TEST(PiecewiseWarp, OutsideThePictureIsItsEdge) {
+TEST(PiecewiseWarp, OutsideTheImageIsItsEdge) {
   const PiecewiseWarp warp = whole_warp();
-  const cv::Mat image = smooth_picture({40, 30}, CV_8UC1);
+  const cv::Mat image = smooth_image({40, 30}, CV_8UC1);
   Matrix2Xd points = whole_frame();
   points.row(0).array() += 20;
   std::vector<float> out;
@@ -169,7 +169,7 @@ TEST(PiecewiseWarp, OutsideThePictureIsItsEdge) {
     EXPECT_EQ(out[row + 19], static_cast<float>(image.at<std::uint8_t>(y, 39)));
     EXPECT_EQ(out[row + 39], static_cast<float>(image.at<std::uint8_t>(y, 39)));
   }
-  // Far outside, and in pictures of one pixel.
+  // Far outside, and in images of one pixel.
   EXPECT_EQ(warp.sample(image, (points * 1000).array() + 5000, out), 0);
   const cv::Mat one(1, 1, CV_8UC3, cv::Scalar(1, 2, 3));
   (void)warp.sample(one, points, out);

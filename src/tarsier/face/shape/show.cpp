@@ -75,14 +75,14 @@ std::vector<int> sides_of(const Matrix2Xd& points, const std::vector<int>& mirro
   return sides;
 }
 
-// What a cell shows: a square cut out around the points (or the box, or all of the picture).
+// What a cell shows: a square cut out around the points (or the box, or all of the image).
 struct Cut {
   double x = 0;  // of its left upper pixel's centre
   double y = 0;
   double side = 1;
 };
 
-Cut cut_around(const LandmarkSample& sample, cv::Size picture) {
+Cut cut_around(const LandmarkSample& sample, cv::Size image) {
   constexpr double kMargin = 0.25;  // of the larger side, on each side
   double left = 1e9;
   double top = 1e9;
@@ -97,7 +97,7 @@ Cut cut_around(const LandmarkSample& sample, cv::Size picture) {
   }
   double margin = kMargin;
   if (left > right) {
-    const cv::Rect2d box = sample.box.value_or(cv::Rect2d(0, 0, picture.width, picture.height));
+    const cv::Rect2d box = sample.box.value_or(cv::Rect2d(0, 0, image.width, image.height));
     left = box.x;
     top = box.y;
     right = box.x + box.width - 1;
@@ -109,20 +109,20 @@ Cut cut_around(const LandmarkSample& sample, cv::Size picture) {
   return {(left + right - side) / 2, (top + bottom - side) / 2, side};
 }
 
-// `cut` of the picture in cell_px x cell_px; dark outside the picture.
-cv::Mat cell_of(const cv::Mat& picture, const Cut& cut, int cell_px) {
+// `cut` of the image in cell_px x cell_px; dark outside the image.
+cv::Mat cell_of(const cv::Mat& image, const Cut& cut, int cell_px) {
   const double scale = cell_px / cut.side;
   // Reduced first, by areas: the affine warp alone would alias.
-  cv::Mat source = picture;
+  cv::Mat source = image;
   double reduction = 1;
   if (scale < 0.75) {
     reduction = scale;
-    const cv::Size size(std::max(1, static_cast<int>(std::lround(picture.cols * scale))),
-                        std::max(1, static_cast<int>(std::lround(picture.rows * scale))));
-    cv::resize(picture, source, size, 0, 0, cv::INTER_AREA);
+    const cv::Size size(std::max(1, static_cast<int>(std::lround(image.cols * scale))),
+                        std::max(1, static_cast<int>(std::lround(image.rows * scale))));
+    cv::resize(image, source, size, 0, 0, cv::INTER_AREA);
   }
-  const double sx = static_cast<double>(source.cols) / picture.cols;
-  const double sy = static_cast<double>(source.rows) / picture.rows;
+  const double sx = static_cast<double>(source.cols) / image.cols;
+  const double sy = static_cast<double>(source.rows) / image.rows;
   // Cell from source, centres of pixels at integers.
   const cv::Matx23d warp(scale / sx, 0, (0.5 / sx - 0.5 - cut.x) * scale + (scale - 1) / 2, 0,
                          scale / sy, (0.5 / sy - 0.5 - cut.y) * scale + (scale - 1) / 2);
@@ -152,9 +152,9 @@ void draw_sample(cv::Mat& cell, const LandmarkSet& set, const LandmarkSample& sa
   std::string name = std::filesystem::path(sample.image).filename().string();
   if (name.size() > letters) name = name.substr(name.size() - letters);
   try {
-    const cv::Mat picture = read_image(image_path(set_path, sample));
-    const Cut cut = cut_around(sample, picture.size());
-    cell_of(picture, cut, cell_px).copyTo(cell);
+    const cv::Mat image = read_image(image_path(set_path, sample));
+    const Cut cut = cut_around(sample, image.size());
+    cell_of(image, cut, cell_px).copyTo(cell);
     const double scale = cell_px / cut.side;
     Matrix2Xd points(2, sample.points.cols());
     for (Eigen::Index i = 0; i < points.cols(); ++i) {
@@ -270,7 +270,7 @@ cv::Mat drawn_shape(const ShapeView& view, const Eigen::VectorXd& b, cv::Size si
 void require_size(cv::Size size) {
   TARSIER_REQUIRE(
       size.width >= 32 && size.height >= 32 && size.width <= 8000 && size.height <= 8000,
-      "a picture of {} x {}", size.width, size.height);
+      "an image of {} x {}", size.width, size.height);
 }
 
 }  // namespace
@@ -278,7 +278,7 @@ void require_size(cv::Size size) {
 void draw_landmarks(cv::Mat& image, const Matrix2Xd& points,
                     const std::vector<std::array<int, 2>>& connections,
                     const std::vector<int>& mirror, const LandmarkStyle& style) {
-  TARSIER_REQUIRE(image.type() == CV_8UC3 && !image.empty(), "a picture that is not BGR");
+  TARSIER_REQUIRE(image.type() == CV_8UC3 && !image.empty(), "an image that is not BGR");
   TARSIER_REQUIRE(std::isfinite(style.radius_px) && style.radius_px >= 0, "radius {}",
                   style.radius_px);
   const double side = std::min(image.cols, image.rows);

@@ -11,20 +11,20 @@
 namespace tarsier::face::shape {
 
 struct LandmarkStyle {
-  double radius_px = 0;  // 0: fits the picture
+  double radius_px = 0;  // 0: fits the image
   bool numbers = false;  // index beside each point
   bool connections = true;
   bool symmetry = false;  // left and right points (as `mirror` has them) in different colours
 };
 
-// Points, connections and symmetry drawn on a picture (CV_8UC3), anti-aliased, sub-pixel. Missing
+// Points, connections and symmetry drawn on an image (CV_8UC3), anti-aliased, sub-pixel. Missing
 // points and their lines are left out.
 void draw_landmarks(cv::Mat& image, const Eigen::Matrix2Xd& points,
                     const std::vector<std::array<int, 2>>& connections,
                     const std::vector<int>& mirror, const LandmarkStyle& style = {});
 
 // The samples as a sheet of thumbnails with their points, each cut out around its points with a
-// margin; `columns` <= 0: as many as make it 4:3. Pictures that cannot be read get a dark cell with
+// margin; `columns` <= 0: as many as make it 4:3. Images that cannot be read get a dark cell with
 // the reason. Cells are `cell_px` wide and high; at most `most` samples.
 [[nodiscard]] cv::Mat contact_sheet(const LandmarkSet& set, const std::string& set_path,
                                     int cell_px, int columns, int most, const LandmarkStyle& style);

@@ -11,7 +11,7 @@
 // Plain text, '#' begins a comment. All throw InputError(path) that names the line.
 namespace tarsier::face::shape {
 
-// Shapes without pictures: the first line is "N 2k" (N shapes of k points), then N lines
+// Shapes without images: the first line is "N 2k" (N shapes of k points), then N lines
 // "x1 y1 ... xk yk". Each 2 x k.
 [[nodiscard]] std::vector<Eigen::Matrix2Xd> read_text_shapes(const std::string& path);
 // Whether a file begins as such a one does: two whole numbers and nothing else on its first line.

@@ -29,7 +29,7 @@ TEST_F(TextFiles, ReadsShapesInOrder) {
   EXPECT_EQ(shapes[1](1, 2), -6);
 }
 
-TEST_F(TextFiles, TellsShapesFromAListOfPictures) {
+TEST_F(TextFiles, TellsShapesFromAListOfImages) {
   EXPECT_TRUE(is_text_shapes(file("2 6\n0 0 1 0 0 1\n1 2 3 4 5 6\n")));
   EXPECT_FALSE(is_text_shapes(file("a.jpg\nb.jpg\n")));
   EXPECT_FALSE(is_text_shapes(folder_ / "none.txt"));

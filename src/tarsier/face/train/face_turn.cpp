@@ -23,7 +23,7 @@ using Eigen::Matrix3Xd;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Of the picture, in widths of the face: portraits are taken from about a metre.
+// Of the image, in widths of the face: portraits are taken from about a metre.
 constexpr double kFocal = 7;
 // Depth of the ellipse of the contour, share of its half width.
 constexpr double kRoundness = 0.8;
@@ -41,7 +41,7 @@ geometry::Camera camera_of(const Matrix2Xd& points) {
   geometry::Camera camera;
   const Vector2d low = points.rowwise().minCoeff();
   const Vector2d high = points.rowwise().maxCoeff();
-  camera.width = camera.height = 1;  // there is no picture
+  camera.width = camera.height = 1;  // there is no image
   camera.fx = camera.fy = kFocal * std::max(1.0, (high - low).maxCoeff());
   camera.cx = (low.x() + high.x()) / 2;
   camera.cy = (low.y() + high.y()) / 2;
@@ -97,7 +97,7 @@ struct Vertices {
 };
 
 // The ring that stays, and corners far outside.
-Matrix2Xd still_points(const Matrix2Xd& before, const Matrix2Xd& after, cv::Size picture) {
+Matrix2Xd still_points(const Matrix2Xd& before, const Matrix2Xd& after, cv::Size image) {
   const Vector2d center = before.rowwise().mean();
   const double reach = kStill * std::max((before.colwise() - center).colwise().norm().maxCoeff(),
                                          (after.colwise() - center).colwise().norm().maxCoeff());
@@ -106,7 +106,7 @@ Matrix2Xd still_points(const Matrix2Xd& before, const Matrix2Xd& after, cv::Size
     const double angle = 2 * std::numbers::pi * k / kStillPoints;
     points.col(k) = center + reach * Vector2d(std::cos(angle), std::sin(angle));
   }
-  const double far = 4 * reach + picture.width + picture.height;
+  const double far = 4 * reach + image.width + image.height;
   for (int k = 0; k < 4; ++k) {
     points.col(kStillPoints + k) = center + far * Vector2d(k % 2 == 0 ? -1 : 1, k < 2 ? -1 : 1);
   }
@@ -119,7 +119,7 @@ double area_of(const shape::Triangle& t, const Matrix2Xd& points) {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// The picture's triangles as they are seen after the turn: farther ones first, those that show
+// The image's triangles as they are seen after the turn: farther ones first, those that show
 // their back left out. Nothing where more than kMaxHidden of the face goes out of sight. Only the
 // first `movable` vertices are the head's; `depth` is theirs.
 std::optional<std::vector<shape::Triangle>> visible_triangles(const Matrix2Xd& before,
@@ -173,7 +173,7 @@ FaceTurner::FaceTurner(const head::HeadModel& head) : poser_(head) {}
 
 std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& points,
                                        double pitch_deg, double yaw_deg) const {
-  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "no 8 bit gray picture");
+  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "no 8 bit gray image");
   const head::HeadModel& model = poser_.model();
   const Index n = model.points();
   TARSIER_REQUIRE(points.cols() == n && points.allFinite(), "{} points for a head of {}",

@@ -14,17 +14,17 @@
 #include <optional>
 #include <vector>
 
-// Annotated faces turned in 3D: pictures of tilted heads, with their points, from pictures of level
+// Annotated faces turned in 3D: images of tilted heads, with their points, from images of level
 // ones (the idea: Zhu and others, "Face alignment across large poses: a 3D solution", CVPR 2016,
 // section 5, "face profiling"). Landmark models that see few heads that look up or down place the
 // points of such heads as if they were level; what is missing can be made.
 //
 // The pose and shape of the head model are fitted to the annotated points. Each point x_i gets the
 // depth Z_i of its model point m_i and becomes a point of this head, h_i = R^T (Z_i x_i - t), x_i
-// as (x, y, 1) of the normalised picture: seen in the pose R, t it is exactly where it was
+// as (x, y, 1) of the normalised image: seen in the pose R, t it is exactly where it was
 // annotated. In the new pose it is at R' h_i + t. Around the face the mesh goes on over the
 // forehead and ends in a ring that stays where it was, so that the motion fades out in the
-// background. The picture is drawn again triangle by triangle, far ones first, those that would
+// background. The image is drawn again triangle by triangle, far ones first, those that would
 // show their back left out; light and shade stay as they were.
 //
 // Points of the face's contour on the far side of a turned head are no fixed points of the skin:

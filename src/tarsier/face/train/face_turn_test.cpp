@@ -48,12 +48,12 @@ class FaceTurnTest : public ::testing::Test {
   }
   // Smooth, so that what is between the points hardly matters.
   static cv::Mat ground() {
-    cv::Mat picture(kSide, kSide, CV_8UC1);
+    cv::Mat image(kSide, kSide, CV_8UC1);
     for (int y = 0; y < kSide; ++y)
       for (int x = 0; x < kSide; ++x)
-        picture.at<std::uint8_t>(y, x) =
+        image.at<std::uint8_t>(y, x) =
             cv::saturate_cast<std::uint8_t>(90 + 25 * std::sin(x / 31.0) + 25 * std::cos(y / 23.0));
-    return picture;
+    return image;
   }
   static landmarks::TrainingFace face(const head::HeadAngles& angles) {
     landmarks::TrainingFace result;
@@ -69,16 +69,16 @@ class FaceTurnTest : public ::testing::Test {
 std::unique_ptr<head::HeadModel> FaceTurnTest::head_;
 std::unique_ptr<FaceTurner> FaceTurnTest::turner_;
 
-TEST_F(FaceTurnTest, NoTurnGivesTheAnnotationAndThePictureBack) {
+TEST_F(FaceTurnTest, NoTurnGivesTheAnnotationAndTheImageBack) {
   Matrix2Xd points = seen({12, -8, 6});
   // Not as the model has them: what annotators do is kept exactly.
   for (int i = 0; i < points.cols(); ++i) points(i % 2, i) += i % 3 - 1.0;
-  const cv::Mat picture = ground();
-  const auto turned = turner_->turn(picture, points, 0, 0);
+  const cv::Mat image = ground();
+  const auto turned = turner_->turn(image, points, 0, 0);
   ASSERT_TRUE(turned.has_value());
   EXPECT_LT((turned->points - points).cwiseAbs().maxCoeff(), 1e-6);
   cv::Mat off;
-  cv::absdiff(turned->gray, picture, off);
+  cv::absdiff(turned->gray, image, off);
   double most = 0;
   cv::minMaxLoc(off, nullptr, &most);
   EXPECT_LE(most, 1);
@@ -111,15 +111,15 @@ TEST_F(FaceTurnTest, ThePointsAreThoseOfTheTurnedHead) {
   EXPECT_LT((turned->points - expected).colwise().norm().maxCoeff(), 3);  // of 200 px
 }
 
-TEST_F(FaceTurnTest, ThePictureGoesWithThePoints) {
+TEST_F(FaceTurnTest, TheImageGoesWithThePoints) {
   const std::vector<int> marked{8, 19, 30, 36, 45, 48, 54};
   const Matrix2Xd points = seen({0, 0, 0});
-  cv::Mat picture = ground();
+  cv::Mat image = ground();
   for (const int i : marked) {
-    cv::circle(picture, {cvRound(points(0, i) * 16), cvRound(points(1, i) * 16)}, 3 * 16, 255, -1,
+    cv::circle(image, {cvRound(points(0, i) * 16), cvRound(points(1, i) * 16)}, 3 * 16, 255, -1,
                cv::LINE_AA, 4);
   }
-  const auto turned = turner_->turn(picture, points, -18, 14);
+  const auto turned = turner_->turn(image, points, -18, 14);
   ASSERT_TRUE(turned.has_value());
   for (const int i : marked) {
     double sum = 0;
@@ -139,11 +139,11 @@ TEST_F(FaceTurnTest, ThePictureGoesWithThePoints) {
 }
 
 TEST_F(FaceTurnTest, TheBackgroundStays) {
-  const cv::Mat picture = ground();
-  const auto turned = turner_->turn(picture, seen({0, 0, 0}), 25, 15);
+  const cv::Mat image = ground();
+  const auto turned = turner_->turn(image, seen({0, 0, 0}), 25, 15);
   ASSERT_TRUE(turned.has_value());
   for (const cv::Point corner : {cv::Point(0, 0), {kSide - 1, 0}, {0, kSide - 1}})
-    EXPECT_NEAR(turned->gray.at<std::uint8_t>(corner), picture.at<std::uint8_t>(corner), 1);
+    EXPECT_NEAR(turned->gray.at<std::uint8_t>(corner), image.at<std::uint8_t>(corner), 1);
 }
 
 TEST_F(FaceTurnTest, WhatCannotBeTurnedIsRefused) {

@@ -17,7 +17,7 @@
 namespace tarsier::image::draw {
 namespace {
 
-// The smallest box around everything that differs between two pictures.
+// The smallest box around everything that differs between two images.
 cv::Rect changed(const cv::Mat& before, const cv::Mat& after) {
   cv::Mat difference;
   cv::absdiff(before, after, difference);
@@ -65,7 +65,7 @@ TEST(Text, LinesGoBelowEachOther) {
   EXPECT_EQ(text_size("a\nlonger", 20).width, text_size("longer", 20).width);
 }
 
-TEST(Text, CutOffAtTheEdgeAndOnTinyPictures) {
+TEST(Text, CutOffAtTheEdgeAndOnTinyImages) {
   for (const int type : {CV_8UC1, CV_8UC3}) {
     cv::Mat tiny(1, 1, type, cv::Scalar::all(0));
     put_text(tiny, "far too long for this", {-50, -5});
@@ -111,7 +111,7 @@ TEST(StatusBar, KeepsTheLastPartOnTheRightWhereThereIsLittleRoom) {
   EXPECT_GT(cv::norm(narrow, without, cv::NORM_INF), 0);
 }
 
-TEST(HelpOverlay, FitsAPictureWithManyKeys) {
+TEST(HelpOverlay, FitsAnImageWithManyKeys) {
   std::vector<HelpLine> lines(14, {"Esc", "leave the program and write nothing"});
   cv::Mat image = grey_canvas(320, 240);
   const cv::Mat before = image.clone();

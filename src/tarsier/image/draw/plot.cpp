@@ -55,7 +55,7 @@ class MatCanvas final : public Canvas {
       }
       const double dash = 4 * width;
       const double length = std::hypot(b.x - a.x, b.y - a.y);
-      // A segment that leaves the picture by far would be millions of dashes.
+      // A segment that leaves the image by far would be millions of dashes.
       if (length > 1e5) {
         segment(a, b, color, thickness);
         continue;
@@ -109,7 +109,7 @@ class MatCanvas final : public Canvas {
 
  private:
   [[nodiscard]] cv::Point fixed(cv::Point2d at) const {
-    // Far outside is as good as here: the line's direction inside the picture changes by less than
+    // Far outside is as good as here: the line's direction inside the image changes by less than
     // a pixel.
     const auto convert = [](double v) {
       return static_cast<int>(std::lround(std::clamp(v, -1e6, 1e6) * 16));

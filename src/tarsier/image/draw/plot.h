@@ -10,7 +10,7 @@
 
 namespace tarsier::image::draw {
 
-// Plots of measured curves: the same drawing as a picture and as SVG text.
+// Plots of measured curves: the same drawing as an image and as SVG text.
 
 struct Series {
   // In the legend; empty: not there.

@@ -8,8 +8,8 @@
 
 namespace tarsier::image::draw {
 
-// Shapes on pictures: CV_8UC3 (BGR) or CV_8UC1, not empty; others throw std::invalid_argument.
-// Points are in px, centres of pixels at integers; what lies outside the picture is cut off.
+// Shapes on images: CV_8UC3 (BGR) or CV_8UC1, not empty; others throw std::invalid_argument.
+// Points are in px, centres of pixels at integers; what lies outside the image is cut off.
 
 // Throws std::invalid_argument unless `image` can be drawn on.
 void require_canvas(const cv::Mat& image);

@@ -88,8 +88,8 @@ void check_height(double height) {
 
 }  // namespace
 
-double fitting_text_height(cv::Size picture) {
-  return std::clamp(std::min(picture.width, picture.height) / 30.0, kReadableHeight, 60.0);
+double fitting_text_height(cv::Size image) {
+  return std::clamp(std::min(image.width, image.height) / 30.0, kReadableHeight, 60.0);
 }
 
 cv::Size text_size(std::string_view text, double height_px, bool bold) {

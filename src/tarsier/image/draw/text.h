@@ -10,9 +10,9 @@
 
 namespace tarsier::image::draw {
 
-// Text on pictures. Images are CV_8UC3 (BGR) or CV_8UC1 (then the first number of a colour counts),
+// Text on images. Images are CV_8UC3 (BGR) or CV_8UC1 (then the first number of a colour counts),
 // not empty; others throw std::invalid_argument. The font has ASCII only: any other character
-// becomes one '?'. Lines are separated by '\n'. What lies outside the picture is cut off.
+// becomes one '?'. Lines are separated by '\n'. What lies outside the image is cut off.
 
 // Which point of the text's box is placed.
 enum class Anchor {
@@ -27,11 +27,11 @@ enum class Anchor {
   kBottomRight,
 };
 
-// What makes text readable on any picture.
+// What makes text readable on any image.
 enum class Backing { kNone, kOutline, kBox };
 
 struct TextStyle {
-  double height_px = 0;  // of a capital letter, [4, 400]; 0: fitting_text_height() of the picture
+  double height_px = 0;  // of a capital letter, [4, 400]; 0: fitting_text_height() of the image
   cv::Scalar color{255, 255, 255};  // BGR, each 0..255
   Backing backing = Backing::kOutline;
   cv::Scalar backing_color{0, 0, 0};
@@ -39,9 +39,9 @@ struct TextStyle {
   bool bold = false;
 };
 
-// Height of a capital letter, px, that reads well on a picture of this size: a 30th of the shorter
+// Height of a capital letter, px, that reads well on an image of this size: a 30th of the shorter
 // side, at least 8, at most 60.
-[[nodiscard]] double fitting_text_height(cv::Size picture);
+[[nodiscard]] double fitting_text_height(cv::Size image);
 
 // Width and height in px of the box that put_text fills (lines and their spacing, and a small
 // margin around).
@@ -62,7 +62,7 @@ struct HelpLine {
   std::string text;  // "pencil sketch"
 };
 
-// A dark panel in the middle of the picture: the title, then one line for each key. Letters shrink
+// A dark panel in the middle of the image: the title, then one line for each key. Letters shrink
 // until it fits.
 void help_overlay(cv::Mat& image, std::string_view title, std::span<const HelpLine> lines);
 

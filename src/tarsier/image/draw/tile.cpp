@@ -47,7 +47,7 @@ cv::Mat stretched(const cv::Mat& image) {
   return bytes;
 }
 
-// Any picture as CV_8UC3.
+// Any image as CV_8UC3.
 cv::Mat shown(const cv::Mat& image) {
   const int depth = image.depth();
   const int channels = image.channels();
@@ -73,11 +73,11 @@ cv::Mat shown(const cv::Mat& image) {
   return color;
 }
 
-cv::Size fitted(cv::Size picture, cv::Size cell) {
-  const double scale = std::min({static_cast<double>(cell.width) / picture.width,
-                                 static_cast<double>(cell.height) / picture.height, kMaxEnlarged});
-  return {std::clamp(static_cast<int>(std::lround(picture.width * scale)), 1, cell.width),
-          std::clamp(static_cast<int>(std::lround(picture.height * scale)), 1, cell.height)};
+cv::Size fitted(cv::Size image, cv::Size cell) {
+  const double scale = std::min({static_cast<double>(cell.width) / image.width,
+                                 static_cast<double>(cell.height) / image.height, kMaxEnlarged});
+  return {std::clamp(static_cast<int>(std::lround(image.width * scale)), 1, cell.width),
+          std::clamp(static_cast<int>(std::lround(image.height * scale)), 1, cell.height)};
 }
 
 void place(const cv::Mat& image, cv::Mat cell) {
@@ -95,7 +95,7 @@ void place(const cv::Mat& image, cv::Mat cell) {
 
 cv::Mat letterbox(const cv::Mat& image, cv::Size size, const cv::Scalar& background) {
   TARSIER_REQUIRE(size.width >= 1 && size.height >= 1, "size {}x{} px", size.width, size.height);
-  TARSIER_REQUIRE(!image.empty(), "the picture is empty");
+  TARSIER_REQUIRE(!image.empty(), "the image is empty");
   cv::Mat result(size, CV_8UC3, background);
   place(image, result);
   return result;

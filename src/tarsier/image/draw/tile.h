@@ -9,7 +9,7 @@
 
 namespace tarsier::image::draw {
 
-// A grid of labelled thumbnails: all stages of an algorithm in one picture. `images` are CV_8U or
+// A grid of labelled thumbnails: all stages of an algorithm in one image. `images` are CV_8U or
 // CV_16U (shown / 256), of 1, 3 or 4 channels, or CV_32F/CV_64F (stretched from their least to
 // their greatest finite value); empty ones leave their cell dark. Each keeps its aspect and is
 // never enlarged beyond 4 times. `names` is as long as `images`. The number of columns is the one

@@ -1,12 +1,12 @@
 "use strict";
-const picture = document.getElementById("picture");
+const image = document.getElementById("image");
 const state = document.getElementById("state");
-const stream = picture.getAttribute("src");
+const stream = image.getAttribute("src");
 let connected = true;
 async function look() {
   try {
     const health = await (await fetch("healthz" + location.search, {cache: "no-store"})).json();
-    if (!connected) picture.src = stream + (stream.includes("?") ? "&" : "?") + "again=" + Date.now();
+    if (!connected) image.src = stream + (stream.includes("?") ? "&" : "?") + "again=" + Date.now();
     connected = true;
     state.textContent = health.state + " \u00b7 " + health.frames + " frames \u00b7 " + health.viewers + " viewers";
   } catch (error) {
@@ -14,6 +14,6 @@ async function look() {
     state.textContent = "not connected";
   }
 }
-picture.addEventListener("error", () => { connected = false; });
+image.addEventListener("error", () => { connected = false; });
 setInterval(look, 2000);
 look();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/planar/augment/augment.h"
 
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 #include "tarsier/render/builtin.h"
 
@@ -14,10 +15,11 @@ namespace {
 
 using render::Mesh;
 
-constexpr std::array<std::pair<std::string_view, Object>, 4> kObjects{{{"none", Object::kNone},
-                                                                       {"axes", Object::kAxes},
-                                                                       {"cube", Object::kCube},
-                                                                       {"mesh", Object::kMesh}}};
+constexpr NameTable<Object, 4> kObjects{"object",
+                                        {{{Object::kNone, "none"},
+                                          {Object::kAxes, "axes"},
+                                          {Object::kCube, "cube"},
+                                          {Object::kMesh, "mesh"}}}};
 
 // The sheet itself, for what is below it: a little deeper than the shadow that lies on it.
 constexpr double kDeeper = 0.004;  // sides
@@ -79,17 +81,9 @@ Eigen::Vector3d light_of(std::span<const Sheet> sheets, AugmentState& state) {
 
 }  // namespace
 
-std::optional<Object> object_named(std::string_view name) {
-  for (const auto& [known, object] : kObjects)
-    if (known == name) return object;
-  return std::nullopt;
-}
+std::optional<Object> object_named(std::string_view name) { return kObjects.find(name); }
 
-std::string_view name_of(Object object) {
-  for (const auto& [name, known] : kObjects)
-    if (known == object) return name;
-  return "none";
-}
+std::string_view name_of(Object object) { return kObjects.name(object); }
 
 Mesh standing(const Mesh& mesh, Up up) {
   mesh.check();

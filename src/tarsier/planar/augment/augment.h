@@ -15,7 +15,7 @@
 #include <span>
 #include <string_view>
 
-// Objects that stand on printed sheets: drawn over the picture, lit, with their shadow on the sheet,
+// Objects that stand on printed sheets: drawn over the image, lit, with their shadow on the sheet,
 // hidden by the sheet and by each other where they are behind.
 namespace tarsier::planar::augment {
 
@@ -62,7 +62,7 @@ struct AugmentState {
 };
 
 // Draws the object on every sheet over `bgr` (CV_8UC3, of the camera's size). Sheets are in any
-// order; the picture does not depend on it, but for objects that touch.
+// order; the image does not depend on it, but for objects that touch.
 void augment(cv::Mat& bgr, const geometry::Camera& camera, std::span<const Sheet> sheets,
              const AugmentOptions& options, AugmentState& state);
 

@@ -25,7 +25,7 @@ geometry::Camera test_camera() {
 
 cv::Mat paper() { return {240, 320, CV_8UC3, cv::Scalar::all(200)}; }
 
-// Seen from 50 degrees off its normal, the far edge up in the picture.
+// Seen from 50 degrees off its normal, the far edge up in the image.
 Sheet sheet_at(const Eigen::Vector3d& at, int key = 0, double tilt_deg = 50) {
   const double c = std::cos(tilt_deg * CV_PI / 180);
   const double s = std::sin(tilt_deg * CV_PI / 180);
@@ -33,10 +33,10 @@ Sheet sheet_at(const Eigen::Vector3d& at, int key = 0, double tilt_deg = 50) {
   return {key, {Eigen::Matrix3d{{1, 0, 0}, {0, -c, -s}, {0, s, -c}}, at}, 0.05};
 }
 
-cv::Vec3b at(const cv::Mat& picture, const geometry::Camera& camera, const Sheet& sheet,
+cv::Vec3b at(const cv::Mat& image, const geometry::Camera& camera, const Sheet& sheet,
              const Eigen::Vector3d& on_sheet) {
   const auto p = camera.project(sheet.camera_from_sheet * on_sheet).value();
-  return picture.at<cv::Vec3b>(cvRound(p.y), cvRound(p.x));
+  return image.at<cv::Vec3b>(cvRound(p.y), cvRound(p.x));
 }
 
 const cv::Vec3b kPaper(200, 200, 200);
@@ -44,16 +44,16 @@ const cv::Vec3b kPaper(200, 200, 200);
 TEST(Augment, TheCubeStandsOnTheSheet) {
   const geometry::Camera camera = test_camera();
   const Sheet sheet = sheet_at({0, 0, 0.3});
-  cv::Mat picture = paper();
+  cv::Mat image = paper();
   AugmentState state;
   AugmentOptions options;
   options.shadow = false;
-  augment(picture, camera, std::vector{sheet}, options, state);
+  augment(image, camera, std::vector{sheet}, options, state);
   // Its top face and its front, not what is below the sheet or beside the marker.
-  EXPECT_NE(at(picture, camera, sheet, {0, 0, 0.05}), kPaper);
-  EXPECT_NE(at(picture, camera, sheet, {0, -0.025, 0.02}), kPaper);
-  EXPECT_EQ(at(picture, camera, sheet, {0, -0.03, -0.005}), kPaper);
-  EXPECT_EQ(at(picture, camera, sheet, {0.035, 0, 0}), kPaper);
+  EXPECT_NE(at(image, camera, sheet, {0, 0, 0.05}), kPaper);
+  EXPECT_NE(at(image, camera, sheet, {0, -0.025, 0.02}), kPaper);
+  EXPECT_EQ(at(image, camera, sheet, {0, -0.03, -0.005}), kPaper);
+  EXPECT_EQ(at(image, camera, sheet, {0.035, 0, 0}), kPaper);
 }
 
 TEST(Augment, WhatIsBelowTheSheetIsHidden) {
@@ -66,13 +66,13 @@ TEST(Augment, WhatIsBelowTheSheetIsHidden) {
   options.mesh = std::make_shared<const render::Mesh>(ball);
   options.shadow = false;
   AugmentState state;
-  cv::Mat picture = paper();
-  augment(picture, camera, std::vector{sheet}, options, state);
-  EXPECT_NE(at(picture, camera, sheet, {0, 0, 0.018}), kPaper);
+  cv::Mat image = paper();
+  augment(image, camera, std::vector{sheet}, options, state);
+  EXPECT_NE(at(image, camera, sheet, {0, 0, 0.018}), kPaper);
   // The ball's lower half, seen through the sheet, would be here.
   const auto low =
       camera.project(sheet.camera_from_sheet * Eigen::Vector3d(0, -0.004, -0.016)).value();
-  EXPECT_EQ(picture.at<cv::Vec3b>(cvRound(low.y), cvRound(low.x)), kPaper);
+  EXPECT_EQ(image.at<cv::Vec3b>(cvRound(low.y), cvRound(low.x)), kPaper);
 }
 
 TEST(Augment, TheShadowLiesOnTheSheetAwayFromTheLight) {
@@ -81,13 +81,13 @@ TEST(Augment, TheShadowLiesOnTheSheetAwayFromTheLight) {
   AugmentState state;
   state.light_in_anchor = {1, 0, -1};  // flies to the sheet's right
   AugmentOptions options;
-  cv::Mat picture = paper();
-  augment(picture, camera, std::vector{sheet}, options, state);
-  const cv::Vec3b shadow = at(picture, camera, sheet, {0.05, 0, 0});
+  cv::Mat image = paper();
+  augment(image, camera, std::vector{sheet}, options, state);
+  const cv::Vec3b shadow = at(image, camera, sheet, {0.05, 0, 0});
   EXPECT_LT(shadow[0], 150);
   EXPECT_EQ(shadow[0], shadow[2]);  // darker paper, no colour of its own
-  EXPECT_EQ(at(picture, camera, sheet, {-0.045, 0, 0}), kPaper);
-  EXPECT_EQ(at(picture, camera, sheet, {0.09, 0, 0}), kPaper);
+  EXPECT_EQ(at(image, camera, sheet, {-0.045, 0, 0}), kPaper);
+  EXPECT_EQ(at(image, camera, sheet, {0.09, 0, 0}), kPaper);
 }
 
 TEST(Augment, NearerThingsHideFartherOnesInAnyOrder) {
@@ -116,10 +116,10 @@ TEST(Augment, TheLightStaysInTheWorldWhenItsSheetIsLost) {
   b.camera_from_sheet.rotation =
       b.camera_from_sheet.rotation * Eigen::Matrix3d{{0, -1, 0}, {1, 0, 0}, {0, 0, 1}};
   AugmentState state;
-  cv::Mat picture = paper();
-  augment(picture, camera, std::vector{a, b}, {}, state);
+  cv::Mat image = paper();
+  augment(image, camera, std::vector{a, b}, {}, state);
   const Eigen::Vector3d before = state.light_in_camera;
-  augment(picture, camera, std::vector{b}, {}, state);
+  augment(image, camera, std::vector{b}, {}, state);
   EXPECT_EQ(state.anchor, 2);
   EXPECT_LT((state.light_in_camera - before).norm(), 1e-9);
 }

@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-// Printed boards that a camera is calibrated with, and cameras from pictures of them.
+// Printed boards that a camera is calibrated with, and cameras from images of them.
 namespace tarsier::planar::calibration {
 
 enum class BoardKind {

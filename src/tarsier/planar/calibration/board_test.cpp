@@ -77,9 +77,9 @@ TEST(CoverageTest, SaysWhatIsMissing) {
   };
   Coverage coverage = coverage_of({view({0.2, 0.2}, {0, 0, 0})}, spec, {640, 480});
   EXPECT_EQ(coverage.views, 1);
-  EXPECT_THAT(coverage.missing(), Contains("the bottom right of the picture"));
+  EXPECT_THAT(coverage.missing(), Contains("the bottom right of the image"));
   EXPECT_THAT(coverage.missing(), Contains("the board's left edge nearer"));
-  EXPECT_THAT(coverage.missing(), Not(Contains("the top left of the picture")));
+  EXPECT_THAT(coverage.missing(), Not(Contains("the top left of the image")));
   // The same view again brings nothing; another place and a tilt do.
   EXPECT_EQ(coverage.gain(view({0.2, 0.2}, {0, 0, 0}), spec), 0);
   EXPECT_GT(coverage.gain(view({0.8, 0.8}, {0, 0, 0}), spec), 0.2);

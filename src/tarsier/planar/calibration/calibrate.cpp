@@ -24,7 +24,7 @@ using geometry::Rigid3;
 constexpr std::size_t kStartViews = 24;  // that choose the first focal length
 constexpr double kAlike_px = 4;          // views closer than this are one
 constexpr double kMinTurn_deg = 5;       // between the boards of two views
-constexpr double kMaxUncertain = 0.03;   // of focal lengths and the picture's larger side
+constexpr double kMaxUncertain = 0.03;   // of focal lengths and the image's larger side
 constexpr double kCornerError_px = 0.1;  // that the views are judged for
 constexpr double kGoodStart_px = 2;
 constexpr double kPointOutlier = 7;  // medians of all points' errors
@@ -172,8 +172,8 @@ void fit_robustly(Camera& camera, std::vector<FitView>& views, const CalibrateOp
   }
 }
 
-// The middle of a dot's picture is not the picture of its middle. How far it is off, px: the
-// centroid of the pictured rim less the pictured centre.
+// The middle of a dot's image is not the image of its middle. How far it is off, px: the
+// centroid of the shown rim less the shown centre.
 cv::Point2d dot_bias(const Camera& camera, const Rigid3& pose, const cv::Point2d& center,
                      double radius) {
   constexpr int kRim = 24;
@@ -199,7 +199,7 @@ cv::Point2d dot_bias(const Camera& camera, const Rigid3& pose, const cv::Point2d
   return std::abs(area) > 1e-9 ? sum * (1 / area) : cv::Point2d();
 }
 
-// Moves the points of dots from the middles of their pictures to the pictures of their middles.
+// Moves the points of dots from the middles of their images to the images of their middles.
 void correct_dots(const Camera& camera, const BoardSpec& spec, const std::vector<BoardView>& given,
                   std::vector<FitView>& views) {
   for (std::size_t v = 0; v < views.size(); ++v) {
@@ -330,7 +330,7 @@ std::string weakness_of(const Camera& camera, const std::vector<FitView>& views,
   if (std::max(focal, center) <= kMaxUncertain) return {};
   return fmt::format(
       "these views do not fix the camera ({} stays uncertain by {:.0f} %): take more of them, with "
-      "the board tilted by 20 to 45 degrees in different directions and near the picture's corners",
+      "the board tilted by 20 to 45 degrees in different directions and near the image's corners",
       focal > center ? "the focal length" : "the principal point",
       std::min(999.0, 100 * std::max(focal, center)));
 }
@@ -344,7 +344,7 @@ std::vector<std::string> warnings_of(const Camera& camera) {
                                     cv::Point2d(0, bottom), cv::Point2d(right, bottom)}) {
     if (camera.normalized_of(corner)) continue;
     warnings.emplace_back(
-        "the distortion cannot be undone in the picture's corners, where no view reaches: take "
+        "the distortion cannot be undone in the image's corners, where no view reaches: take "
         "views there, or use fewer numbers (--radial 2)");
     break;
   }
@@ -403,7 +403,7 @@ Calibration calibrate(const std::vector<BoardView>& given, const BoardSpec& spec
   const auto too_few = [&](int count, const std::string& what) {
     result.refusal = fmt::format(
         "{} {}: at least {} are needed that differ; 10 to 20 are good, with the board tilted in "
-        "different directions and in all parts of the picture",
+        "different directions and in all parts of the image",
         count, what, options.min_views);
   };
   std::vector<FitView> views = fit_views(given, spec);
@@ -424,7 +424,7 @@ Calibration calibrate(const std::vector<BoardView>& given, const BoardSpec& spec
   if (!start) start = start_camera(views, size, first, stop);
   if (!start) {
     result.refusal =
-        "no camera explains these views: check the board's size (--board) and that the pictures "
+        "no camera explains these views: check the board's size (--board) and that the images "
         "are of one camera";
     return result;
   }

@@ -71,15 +71,15 @@ struct Calibration {
   [[nodiscard]] bool ok() const { return refusal.empty(); }
 };
 
-// The camera that took the views (pictures of `size` px): Zhang's calibration from a plane (PAMI
+// The camera that took the views (images of `size` px): Zhang's calibration from a plane (PAMI
 // 2000) with the lens models of geometry::Camera. Start: the best of several focal lengths, each
 // with poses from IPPE; then Levenberg-Marquardt over everything, first with Huber's loss so that
 // a wrong view cannot pull, then without the views that do not fit. Minimises the squared distance
-// in the picture; the pixels of dots are corrected for the middle of a dot's picture not being the
-// picture of its middle. RMS as OpenCV has it: the root of the mean of dx2 + dy2.
+// in the image; the pixels of dots are corrected for the middle of a dot's image not being the
+// image of its middle. RMS as OpenCV has it: the root of the mean of dx2 + dy2.
 // Refused (see refusal): fewer than min_views views, views that are all alike or show the board
 // from one direction, and whatever else leaves a focal length uncertain by more than 3 % or the
-// principal point by 3 % of the picture for corners that are good to 0.1 px. Throws
+// principal point by 3 % of the image for corners that are good to 0.1 px. Throws
 // std::invalid_argument, Interrupted. The same views give the same camera, whatever the threads.
 [[nodiscard]] Calibration calibrate(const std::vector<BoardView>& views, const BoardSpec& spec,
                                     cv::Size size, const CalibrateOptions& options = {},

@@ -44,7 +44,7 @@ std::vector<BoardView> seen_by(const Camera& camera, const std::vector<geometry:
   return views;
 }
 
-// Largest distance between where two cameras see the same rays, over the picture's middle 90 %.
+// Largest distance between where two cameras see the same rays, over the image's middle 90 %.
 double difference(const Camera& a, const Camera& b) {
   double worst = 0;
   for (int y = 1; y < 20; ++y) {
@@ -154,7 +154,7 @@ TEST(CalibrateTest, IsNoWorseThanOpenCv) {
 TEST(CalibrateTest, ViewsThatDoNotFitAreNamedAndLeftOut) {
   const Camera truth = phone();
   auto views = seen_by(truth, synth::board_poses(truth, kChess, 14, 13), 0.15, 17);
-  // A board that was bent by the wind, and a picture of another camera.
+  // A board that was bent by the wind, and an image of another camera.
   for (cv::Point2f& p : views[3].pixels)
     p.x += 3 * std::sin(0.05F * p.y) + 2 * std::cos(0.04F * p.x);
   const Camera other{640, 480, 900, 900, 319.5, 239.5};

@@ -20,10 +20,10 @@ constexpr double kMinSquare = 10;  // px
 constexpr double kFarthest = 2.2;  // squares, from a marker's middle to a corner it predicts
 constexpr double kAgree = 0.2;     // squares, between predictions of one corner
 
-// One marker: its square, and the map from squares (of the board) to the picture.
+// One marker: its square, and the map from squares (of the board) to the image.
 struct Seen {
   cv::Point2d middle;  // in squares
-  cv::Matx33d picture_from_board;
+  cv::Matx33d image_from_board;
 };
 
 cv::Point2d apply(const cv::Matx33d& map, const cv::Point2d& p) {
@@ -68,12 +68,12 @@ std::optional<Prediction> predict(const std::vector<Seen>& seen, const cv::Point
   for (const Seen& marker : seen) {
     const double far = cv::norm(marker.middle - corner);
     if (far > kFarthest) continue;
-    const cv::Point2d pixel = apply(marker.picture_from_board, corner);
+    const cv::Point2d pixel = apply(marker.image_from_board, corner);
     const double px =
-        std::min(cv::norm(apply(marker.picture_from_board, corner + cv::Point2d(0.5, 0)) -
-                          apply(marker.picture_from_board, corner - cv::Point2d(0.5, 0))),
-                 cv::norm(apply(marker.picture_from_board, corner + cv::Point2d(0, 0.5)) -
-                          apply(marker.picture_from_board, corner - cv::Point2d(0, 0.5))));
+        std::min(cv::norm(apply(marker.image_from_board, corner + cv::Point2d(0.5, 0)) -
+                          apply(marker.image_from_board, corner - cv::Point2d(0.5, 0))),
+                 cv::norm(apply(marker.image_from_board, corner + cv::Point2d(0, 0.5)) -
+                          apply(marker.image_from_board, corner - cv::Point2d(0, 0.5))));
     if (!std::isfinite(pixel.x) || !std::isfinite(pixel.y) || !std::isfinite(px)) continue;
     const double w = 1 / std::pow(far, 4);
     sum += w * pixel;

@@ -16,7 +16,7 @@ struct CollectorOptions {
   double min_sharpness = 0.12;
   // px a frame, mean over the board's points since the last view offered: more is motion. 0: any.
   double still_px = 0;
-  // What is new: the mean distance to every view taken before, as a share of the picture's larger
+  // What is new: the mean distance to every view taken before, as a share of the image's larger
   // side, or the tilt.
   double min_move = 0.05;
   double min_turn_deg = 12;
@@ -53,7 +53,7 @@ class ViewCollector {
     std::size_t index = 0;  // of the view, where it was taken or replaced another one
   };
   // The next view, in the order of time; also those without a board, which break a motion.
-  // `is_still`: a picture of its own, whose motion is not judged.
+  // `is_still`: an image of its own, whose motion is not judged.
   Answer offer(const BoardView& view, double sharpness, bool is_still = false);
   // Takes the view whatever it is (a person asked for it); not without a board.
   Answer force(const BoardView& view, double sharpness);

@@ -113,7 +113,7 @@ std::vector<std::string> Coverage::missing() const {
   for (std::size_t k = 0; k < tilts.size(); ++k)
     if (tilts[k] == 0) result.emplace_back(kTilts[k]);
   for (std::size_t k = 0; k < 9; ++k)
-    if (2 * touched[k] < all[k]) result.push_back(std::string(kPlaces[k]) + " of the picture");
+    if (2 * touched[k] < all[k]) result.push_back(std::string(kPlaces[k]) + " of the image");
   if (result.empty() && views < kEnoughViews)
     result.push_back(std::to_string(kEnoughViews - views) + " more views");
   return result;

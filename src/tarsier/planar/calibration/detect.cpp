@@ -22,17 +22,16 @@ constexpr int kMinSide = 16;       // px
 constexpr double kWindow = 0.4;    // of a square: the saddle's neighbours stay outside
 constexpr int kWidestWindow = 11;  // px, half
 
-cv::Mat gray_of(const cv::Mat& picture) {
-  TARSIER_REQUIRE(picture.type() == CV_8UC1 || picture.type() == CV_8UC3, "type {}",
-                  picture.type());
-  TARSIER_REQUIRE(!picture.empty(), "{}x{} px", picture.cols, picture.rows);
-  if (picture.channels() == 1) return picture;
+cv::Mat gray_of(const cv::Mat& image) {
+  TARSIER_REQUIRE(image.type() == CV_8UC1 || image.type() == CV_8UC3, "type {}", image.type());
+  TARSIER_REQUIRE(!image.empty(), "{}x{} px", image.cols, image.rows);
+  if (image.channels() == 1) return image;
   cv::Mat gray;
-  cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
   return gray;
 }
 
-// The picture with its larger side at most `side` px, and full / reduced.
+// The image with its larger side at most `side` px, and full / reduced.
 struct Reduced {
   cv::Mat gray;
   double scale = 1;
@@ -53,7 +52,7 @@ struct Reduced {
   }
 };
 
-// The picture as if it were evenly lit: brightness less its local mean, in local deviations.
+// The image as if it were evenly lit: brightness less its local mean, in local deviations.
 cv::Mat evenly_lit(const cv::Mat& gray) {
   constexpr double kFlat = 6;     // grey levels; where less than this happens there is nothing
   constexpr double kSpread = 50;  // grey levels of one deviation
@@ -115,7 +114,7 @@ bool is_crossing(const cv::Mat& gray, const cv::Point2f& at, const cv::Point2f& 
          std::abs(quarter[1] - quarter[3]) < 0.4 * contrast;
 }
 
-// Whether the grid goes on beyond one of its sides: the picture shows a larger board.
+// Whether the grid goes on beyond one of its sides: the image shows a larger board.
 bool goes_on(const cv::Mat& gray, const cv::Size& grid, const std::vector<cv::Point2f>& pixels) {
   const auto at = [&](int column, int row) {
     return pixels[static_cast<std::size_t>(row * grid.width + column)];
@@ -208,7 +207,7 @@ BoardView find_chess(const cv::Mat& full, const BoardSpec& spec, const FindOptio
   for (cv::Point2f& p : pixels) p = reduced.full_of(p);
   const double spacing = min_spacing(pixels, spec.grid());
   if (!(spacing >= 4)) return {};
-  // From the reduced to the full picture in steps, each from where the last one was sure.
+  // From the reduced to the full image in steps, each from where the last one was sure.
   if (reduced.scale > 2) {
     const Reduced middle(full, cvRound(options.search_px * std::sqrt(reduced.scale)));
     for (cv::Point2f& p : pixels) {
@@ -224,7 +223,7 @@ BoardView find_chess(const cv::Mat& full, const BoardSpec& spec, const FindOptio
 
 // --- dots ---
 
-// Blobs in the picture, the most dot-like first; at most `most`, since the search for the grid
+// Blobs in the image, the most dot-like first; at most `most`, since the search for the grid
 // among them takes time that grows with the square of their number.
 std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t most) {
   cv::SimpleBlobDetector::Params params;
@@ -259,7 +258,7 @@ std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t most) {
   return points;
 }
 
-// The dot's centre of darkness in the full picture, within a disk that reaches half way to its
+// The dot's centre of darkness in the full image, within a disk that reaches half way to its
 // neighbours.
 cv::Point2f dot_center(const cv::Mat& gray, const cv::Point2f& start, double reach) {
   cv::Point2d center = start;
@@ -332,10 +331,10 @@ BoardView find_dots(const cv::Mat& full, const BoardSpec& spec, const FindOption
 
 }  // namespace
 
-BoardView find_board(const cv::Mat& picture, const BoardSpec& spec, const FindOptions& options) {
+BoardView find_board(const cv::Mat& image, const BoardSpec& spec, const FindOptions& options) {
   spec.check();
   options.check();
-  const cv::Mat gray = gray_of(picture);
+  const cv::Mat gray = gray_of(image);
   if (std::min(gray.cols, gray.rows) < kMinSide) return {};
   switch (spec.kind) {
     case BoardKind::kChess:
@@ -349,10 +348,10 @@ BoardView find_board(const cv::Mat& picture, const BoardSpec& spec, const FindOp
   return find_dots(gray, spec, options);
 }
 
-double sharpness_of(const cv::Mat& picture, const BoardView& view, const BoardSpec& spec) {
+double sharpness_of(const cv::Mat& image, const BoardView& view, const BoardSpec& spec) {
   const bool is_chess = spec.kind == BoardKind::kChess || spec.kind == BoardKind::kCharuco;
   if (!is_chess || view.empty()) return 0;
-  const cv::Mat gray = gray_of(picture);
+  const cv::Mat gray = gray_of(image);
   const int width = spec.grid().width;
   double sum = 0;
   int count = 0;
@@ -390,10 +389,10 @@ double sharpness_of(const cv::Mat& picture, const BoardView& view, const BoardSp
   return count > 0 ? std::min(1.0, sum / count) : 0;
 }
 
-std::vector<std::string> other_chess_sizes(const cv::Mat& picture, const BoardSpec& spec) {
+std::vector<std::string> other_chess_sizes(const cv::Mat& image, const BoardSpec& spec) {
   std::vector<std::string> sizes;
   if (spec.kind != BoardKind::kChess) return sizes;
-  const Reduced reduced(gray_of(picture), 640);
+  const Reduced reduced(gray_of(image), 640);
   if (std::min(reduced.gray.cols, reduced.gray.rows) < kMinSide) return sizes;
   constexpr std::array<std::array<int, 2>, 8> kSteps{
       {{-1, -1}, {-1, 0}, {0, -1}, {1, 0}, {0, 1}, {1, 1}, {-2, 0}, {0, -2}}};

@@ -54,17 +54,16 @@ TEST_P(BoardsTest, AreFoundWhereTheyAre) {
     synth::BoardLook look;
     look.seed = static_cast<std::uint64_t>(++number);
     look.clutter = 20;
-    const cv::Mat picture = renderer.render(pose, look);
+    const cv::Mat image = renderer.render(pose, look);
     if (const char* folder = std::getenv("TARSIER_KEEP"))
-      cv::imwrite(std::string(folder) + "/" + spec.text() + std::to_string(number) + ".png",
-                  picture);
-    const BoardView view = find_board(picture, spec);
+      cv::imwrite(std::string(folder) + "/" + spec.text() + std::to_string(number) + ".png", image);
+    const BoardView view = find_board(image, spec);
     ASSERT_FALSE(view.empty()) << number;
     if (spec.kind != BoardKind::kCharuco)
       ASSERT_EQ(view.points.size(), static_cast<std::size_t>(spec.points()));
     else
       EXPECT_GE(static_cast<int>(view.points.size()), spec.points() * 3 / 4) << number;
-    // Of dots the middle of the picture is not the picture of the middle.
+    // Of dots the middle of the image is not the image of the middle.
     const bool dots = spec.kind == BoardKind::kCircles || spec.kind == BoardKind::kCirclesGrid;
     EXPECT_LT(
         error_of(view, synth::exact_view(camera, pose, spec), spec.kind != BoardKind::kCharuco),
@@ -77,7 +76,7 @@ INSTANTIATE_TEST_SUITE_P(All, BoardsTest,
                          ::testing::Values("chess:9x6", "charuco:7x5:5x5_100", "circles:4x11",
                                            "circles-grid:7x6"));
 
-TEST(FindBoardTest, ALargePictureIsSearchedSmallAndMeasuredLarge) {
+TEST(FindBoardTest, ALargeImageIsSearchedSmallAndMeasuredLarge) {
   const BoardSpec spec = parse_board("chess:9x6", 0.03);
   Camera camera{2560, 1920, 2100, 2100, 1280, 960};
   const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.45, 0.55}, {25, 10, 5}, 0.6);
@@ -88,7 +87,7 @@ TEST(FindBoardTest, ALargePictureIsSearchedSmallAndMeasuredLarge) {
   EXPECT_LT(error_of(view, synth::exact_view(camera, pose, spec), true), 0.06);
 }
 
-TEST(FindBoardTest, PicturesWithoutTheBoardAreNoViews) {
+TEST(FindBoardTest, ImagesWithoutTheBoardAreNoViews) {
   const BoardSpec spec = parse_board("chess:9x6", 0.03);
   const Camera camera = phone();
   cv::Mat noise(480, 640, CV_8UC3);
@@ -117,9 +116,9 @@ TEST(FindBoardTest, ACharucoBoardMayBePartlyHidden) {
   const BoardSpec spec = parse_board("charuco:7x5:6x6_250", 0.03);
   const Camera camera = phone();
   const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.5, 0.5}, {25, 0, 0}, 0.9);
-  cv::Mat picture = synth::render_board(camera, pose, spec);
-  cv::rectangle(picture, {0, 0, 250, 480}, cv::Scalar(90, 90, 90), cv::FILLED);
-  const BoardView view = find_board(picture, spec);
+  cv::Mat image = synth::render_board(camera, pose, spec);
+  cv::rectangle(image, {0, 0, 250, 480}, cv::Scalar(90, 90, 90), cv::FILLED);
+  const BoardView view = find_board(image, spec);
   ASSERT_GE(view.points.size(), 8U);
   EXPECT_LT(view.points.size(), 24U);
   EXPECT_LT(error_of(view, synth::exact_view(camera, pose, spec), false), 0.08);
@@ -151,8 +150,8 @@ TEST(FindBoardTest, SharpnessFallsWithBlur) {
   for (const double blur : {0.5, 1.0, 2.0, 3.0}) {
     synth::BoardLook look;
     look.blur_px = blur;
-    const cv::Mat picture = synth::render_board(camera, pose, spec, look);
-    const double sharp = sharpness_of(picture, synth::exact_view(camera, pose, spec), spec);
+    const cv::Mat image = synth::render_board(camera, pose, spec, look);
+    const double sharp = sharpness_of(image, synth::exact_view(camera, pose, spec), spec);
     EXPECT_LT(sharp, 0.85 * last) << blur;
     EXPECT_NEAR(sharp, std::min(1.0, std::erf(0.5 / (std::sqrt(2.0) * std::hypot(blur, 0.35)))),
                 0.1)
@@ -163,7 +162,7 @@ TEST(FindBoardTest, SharpnessFallsWithBlur) {
 
 class RenderedTest : public ::testing::TestWithParam<const char*> {};
 
-TEST_P(RenderedTest, PicturesGiveTheCamera) {
+TEST_P(RenderedTest, ImagesGiveTheCamera) {
   const BoardSpec spec = parse_board(GetParam(), 0.03);
   const Camera truth = phone();
   const synth::BoardRenderer renderer(truth, spec);
@@ -189,8 +188,8 @@ INSTANTIATE_TEST_SUITE_P(All, RenderedTest,
                          ::testing::Values("chess:9x6", "charuco:7x5:5x5_100", "circles:4x11",
                                            "circles-grid:7x6"));
 
-// Wide lenses: the whole way from pictures to the camera.
-TEST(FindBoardTest, RenderedPicturesGiveFisheyesAndRationalLensesToo) {
+// Wide lenses: the whole way from images to the camera.
+TEST(FindBoardTest, RenderedImagesGiveFisheyesAndRationalLensesToo) {
   const Camera fisheye{
       640, 480, 245, 246, 322, 238, {0.03, -0.01, 2e-3, -5e-4}, 0, geometry::Lens::kFisheye};
   Camera rational = phone();
@@ -227,8 +226,8 @@ TEST(FindBoardTest, RenderedPicturesGiveFisheyesAndRationalLensesToo) {
   }
 }
 
-// The stereo pair that comes with OpenCV: 13 pictures of a 9x6 board for each camera.
-TEST(FindBoardTest, OpenCvsOwnPicturesOfABoard) {
+// The stereo pair that comes with OpenCV: 13 images of a 9x6 board for each camera.
+TEST(FindBoardTest, OpenCvsOwnImagesOfABoard) {
   const std::string folder = "/usr/share/doc/opencv-doc/examples/data/";
   if (!std::filesystem::exists(folder + "left01.jpg"))
     GTEST_SKIP() << "no " << folder << "left01.jpg (package opencv-doc)";
@@ -249,9 +248,9 @@ TEST(FindBoardTest, OpenCvsOwnPicturesOfABoard) {
   }
   // A part of the board is not a smaller board, nor is every other column of it.
   for (const char* name : {"left01.jpg", "right04.jpg"}) {
-    const cv::Mat picture = cv::imread(folder + name);
+    const cv::Mat image = cv::imread(folder + name);
     for (const char* other : {"chess:8x6", "chess:9x5", "chess:10x6", "chess:8x5"})
-      EXPECT_TRUE(find_board(picture, parse_board(other, 0.025)).empty()) << name << " " << other;
+      EXPECT_TRUE(find_board(image, parse_board(other, 0.025)).empty()) << name << " " << other;
   }
 }
 

@@ -15,7 +15,7 @@
 // The inside of calibrate(): least squares over a camera and the poses of its views.
 namespace tarsier::planar::calibration {
 
-// Points of one view: where they are on the board (m) and in the picture (px).
+// Points of one view: where they are on the board (m) and in the image (px).
 struct FitView {
   std::vector<cv::Point2d> board;
   std::vector<cv::Point2d> pixels;

@@ -26,7 +26,7 @@ struct Patch {
   double a, b, c;       // products of the gradients, over half their trace
 };
 
-// The linear part of h at p, px of the frame for one of the picture.
+// The linear part of h at p, px of the frame for one of the image.
 cv::Matx22d jacobian_at(const cv::Matx33d& h, const cv::Point2d& p) {
   const double w = h(2, 0) * p.x + h(2, 1) * p.y + h(2, 2);
   const cv::Point2d q = geometry::mapped(h, p);
@@ -242,7 +242,7 @@ std::vector<Found> sight(const Target& target, const Level& level, const cv::Mat
     const int top = static_cast<int>(std::lround(p.y - (kSide - 1) / 2.0));
     const cv::Point2d offset(left + (kSide - 1) / 2.0 - p.x, top + (kSide - 1) / 2.0 - p.y);
     ++visible;
-    if (!draw_patch(drawn, drawn.from_picture(anchor), back, offset, patch)) continue;
+    if (!draw_patch(drawn, drawn.from_image(anchor), back, offset, patch)) continue;
     const auto s = shift_patch(level, left, top, patch, reach);
     if (!s) continue;
     found.push_back(
@@ -287,7 +287,7 @@ void align_on_level(const Target& target, const Level& level, const AlignOptions
       if (e > 1.2) continue;
       ++report.good;
       sum += e * e;
-      s.seen = level.to_picture(s.seen);
+      s.seen = level.to_image(s.seen);
       next.sightings.push_back(s);
     }
     next.h = grow * h;

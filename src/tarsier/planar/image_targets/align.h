@@ -8,7 +8,7 @@
 
 namespace tarsier::planar::image_targets {
 
-// Moves a guess of where the target is to a small part of a pixel: patches of the picture are drawn
+// Moves a guess of where the target is to a small part of a pixel: patches of the image are drawn
 // as the guess would show them, each is shifted to where it fits best (inverse compositional
 // Lucas-Kanade with gain and offset: Baker and Matthews, IJCV 2004), and the homography is fitted
 // to the shifts, robustly; from coarse to fine levels.
@@ -25,11 +25,11 @@ struct LevelReport {
   int level = 0;       // of the frame's pyramid
   int visible = 0;     // patches inside the frame
   int good = 0;        // of these, shifted to a place that fits and agrees with the others
-  double covered = 0;  // part of the picture that the good ones surround
+  double covered = 0;  // part of the image that the good ones surround
 };
 
 struct Alignment {
-  cv::Matx33d h;                    // px of the frame from px of the picture
+  cv::Matx33d h;                    // px of the frame from px of the image
   std::vector<Sighting> sightings;  // good ones of the finest level
   std::vector<LevelReport> levels;  // coarse to fine
   std::size_t standing = 0;         // the level whose word stands, mostly the finest

@@ -14,7 +14,7 @@ namespace {
 const cv::Scalar kGood(80, 190, 60);
 const cv::Scalar kBad(60, 60, 220);
 
-// The frame with the picture that is looked for on its right, and lines between what is alike:
+// The frame with the image that is looked for on its right, and lines between what is alike:
 // green where it fits the place that was found.
 void show_matches(DebugSink& debug, const Target& target, const FeatureSet& features,
                   const std::vector<Match>& matches, const cv::Mat& frame,

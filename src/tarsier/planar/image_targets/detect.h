@@ -22,7 +22,7 @@ struct DetectOptions {
   double min_side_px = 24;      // of the target in the frame: root of its area
   double good_part = 0.3;       // of the visible patches that must fit
   int good_patches = 10;        // at least
-  double min_covered = 0.1;     // of the picture, by the patches that fit
+  double min_covered = 0.1;     // of the image, by the patches that fit
   double max_deviation = 0.03;  // of the least certain corner, as a part of the target's side
 
   [[nodiscard]] OptionFields fields() {
@@ -39,7 +39,7 @@ struct DetectOptions {
 
 struct FoundTarget {
   std::size_t target = 0;                      // index
-  cv::Matx33d homography;                      // px of the frame from px of the target's picture
+  cv::Matx33d homography;                      // px of the frame from px of the target's image
   std::array<cv::Point2d, 4> corners;          // px, top left of the print first, clockwise
   std::vector<Sighting> sightings;             // that it follows from
   double rms_px = 0;                           // of these
@@ -48,7 +48,7 @@ struct FoundTarget {
                                                // right, y up, z out of the sheet), metres
 };
 
-// Looks for each target once in `frame` (CV_8UC1 or CV_8UC3), all of one picture, on its own. With
+// Looks for each target once in `frame` (CV_8UC1 or CV_8UC3), all of one image, on its own. With
 // a camera also the poses; its size must be the frame's where it is known. `debug` gets the
 // features and, of each target, what matches it beside what fits it.
 [[nodiscard]] std::vector<FoundTarget> detect_targets(const std::vector<Target>& targets,

@@ -59,7 +59,7 @@ nlohmann::ordered_json target_json(const Target& target, std::size_t id,
   out["name"] = target.name;
   auto& list = out["corners"] = nlohmann::ordered_json::array();
   for (const cv::Point2d& c : corners) list.push_back({rounded(c.x, 1e4), rounded(c.y, 1e4)});
-  const cv::Matx33d h = target.from_given_picture(homography);
+  const cv::Matx33d h = target.from_given_image(homography);
   out["homography"] = std::vector<double>(h.val, h.val + 9);
   out["confidence"] = rounded(confidence, 1e3);
   if (pose != nullptr) {
@@ -102,11 +102,11 @@ void evaluate_planar(const std::string& truth_path, const PlanarOptions& options
       train.width = size;
       targets.push_back(train_target(read_image((folder / name).string()), name, train, stop));
     }
-    const cv::Mat picture = read_image((folder / result.image).string());
-    camera.width = picture.cols;
-    camera.height = picture.rows;
+    const cv::Mat image = read_image((folder / result.image).string());
+    camera.width = image.cols;
+    camera.height = image.rows;
     const auto start = std::chrono::steady_clock::now();
-    result.found = detect_targets(targets, picture, options.detect, &camera);
+    result.found = detect_targets(targets, image, options.detect, &camera);
     result.ms =
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     result.markers = nlohmann::ordered_json::array();

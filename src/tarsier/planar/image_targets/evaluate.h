@@ -13,7 +13,7 @@
 namespace tarsier::planar::image_targets {
 
 // A target's part of a JSON line: {"id", "name", "homography" (9 numbers, row by row: px of the
-// frame from px of the picture as it was given, H(2,2) = 1), "corners", "confidence", and with a
+// frame from px of the image as it was given, H(2,2) = 1), "corners", "confidence", and with a
 // pose "rvec", "tvec" (metres), "rms_px"}.
 [[nodiscard]] nlohmann::ordered_json target_json(const Target& target, std::size_t id,
                                                  const cv::Matx33d& homography,
@@ -34,8 +34,8 @@ struct PlanarResult {
 };
 
 // A file of truth lines {"image", "target", "K" (9 numbers), "dist" (5, 8 or none), "size" (m, the
-// print's width), "markers": ..}, paths from its own folder. Each line's target picture is trained
-// (once for each picture and size) and looked for in the line's image, alone. `each` gets the
+// print's width), "markers": ..}, paths from its own folder. Each line's target image is trained
+// (once for each image and size) and looked for in the line's image, alone. `each` gets the
 // results in the lines' order. Throws InputError naming the line for what is no such truth,
 // Interrupted.
 void evaluate_planar(const std::string& truth_path, const PlanarOptions& options,

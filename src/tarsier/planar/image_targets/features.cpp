@@ -237,7 +237,7 @@ FeatureSet find_features(const Pyramid& pyramid, const FeatureOptions& options) 
       const int found = find_directions(level, c, options.second_directions, angles);
       for (int i = 0; i < found; ++i) {
         Feature feature;
-        feature.at = level.to_picture({c.x, c.y});
+        feature.at = level.to_image({c.x, c.y});
         feature.scale = static_cast<float>(std::sqrt(level.step_x * level.step_y));
         feature.angle = angles[i];
         feature.response = c.response;

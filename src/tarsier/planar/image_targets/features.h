@@ -10,7 +10,7 @@
 #include <cstdint>
 #include <vector>
 
-// Points of a picture that are found again after turning, scaling and moderate tilt, with a
+// Points of an image that are found again after turning, scaling and moderate tilt, with a
 // description of their surroundings that is compared fast.
 //
 // Blobs and corners are maxima of the determinant of the Hessian (Beaudet 1978; Lindeberg, IJCV
@@ -20,23 +20,23 @@
 // comparisons of pairs of these numbers are a sketch of bits for fast search.
 namespace tarsier::planar::image_targets {
 
-// One level of a picture, smoothed, with a margin of replicated pixels around it.
+// One level of an image, smoothed, with a margin of replicated pixels around it.
 struct Level {
   static constexpr int kMargin = 20;  // px
   cv::Mat padded;                     // CV_8UC1
   int width = 0;                      // without the margin
   int height = 0;
-  double step_x = 1;  // px of the picture for one of this level
+  double step_x = 1;  // px of the image for one of this level
   double step_y = 1;
 
   [[nodiscard]] const std::uint8_t* row(int y) const {
     return padded.ptr<std::uint8_t>(y + kMargin) + kMargin;
   }
   [[nodiscard]] cv::Mat inner() const { return padded(cv::Rect(kMargin, kMargin, width, height)); }
-  [[nodiscard]] cv::Point2d to_picture(cv::Point2d p) const {
+  [[nodiscard]] cv::Point2d to_image(cv::Point2d p) const {
     return {(p.x + 0.5) * step_x - 0.5, (p.y + 0.5) * step_y - 0.5};
   }
-  [[nodiscard]] cv::Point2d from_picture(cv::Point2d p) const {
+  [[nodiscard]] cv::Point2d from_image(cv::Point2d p) const {
     return {(p.x + 0.5) / step_x - 0.5, (p.y + 0.5) / step_y - 0.5};
   }
 };
@@ -51,8 +51,8 @@ struct Pyramid {
                                    int max_levels = 12);
 
 struct Feature {
-  cv::Point2f at;      // px of the picture, pixel centres at integers
-  float scale = 1;     // px of the picture for one of its level
+  cv::Point2f at;      // px of the image, pixel centres at integers
+  float scale = 1;     // px of the image for one of its level
   float angle = 0;     // radians, from x towards y
   float response = 0;  // of the detector, comparable within a level
   int level = 0;
@@ -79,7 +79,7 @@ struct FeatureSet {
   std::vector<Description> descriptions;  // of each feature
 };
 
-// Spread over the picture: a point's strength counts less for each stronger one in its cell.
+// Spread over the image: a point's strength counts less for each stronger one in its cell.
 [[nodiscard]] FeatureSet find_features(const Pyramid& pyramid, const FeatureOptions& options);
 
 }  // namespace tarsier::planar::image_targets

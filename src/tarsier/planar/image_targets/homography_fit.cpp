@@ -39,7 +39,7 @@ bool solve(Matx88d& m, Vec8d& x, int n) {
   return true;
 }
 
-// Puts the picture's middle at 0 and its corners at distance 1.
+// Puts the image's middle at 0 and its corners at distance 1.
 cv::Matx33d centering(cv::Size size) {
   const double r = 2 / std::hypot(size.width, size.height);
   return {r, 0, -r * (size.width / 2.0 - 0.5), 0, r, -r * (size.height / 2.0 - 0.5), 0, 0, 1};

@@ -8,9 +8,9 @@
 
 namespace tarsier::planar::image_targets {
 
-// Where a point of the picture was seen.
+// Where a point of the image was seen.
 struct Sighting {
-  cv::Point2d at;    // px of the picture
+  cv::Point2d at;    // px of the image
   cv::Point2d seen;  // px of the frame
   // How well it is known, per square px: a matrix (a, b; b, c). At a straight edge nothing is known
   // along the edge.
@@ -23,19 +23,19 @@ struct HomographyFitOptions {
   int iterations = 8;
   double tolerance_px = 3;    // of Tukey's biweight: errors from here on do not count at all
   double sigma_px = 1;        // of a good sighting: against the prior below
-  double perspective = 0.15;  // standard deviation of the change of depth from the picture's
+  double perspective = 0.15;  // standard deviation of the change of depth from the image's
                               // middle to its corner, as a part of the depth
   bool affine = false;        // no perspective at all
 };
 
-// Refines `h` (px of the frame from px of the picture, of `size`), by Gauss-Newton, to the least
+// Refines `h` (px of the frame from px of the image, of `size`), by Gauss-Newton, to the least
 // sum of robust squared errors weighted by what each sighting knows, plus the prior on perspective.
 // False, and `h` as it was, where fewer than 3 sightings count or the equations are singular.
 [[nodiscard]] bool fit_homography(cv::Matx33d& h, cv::Size size,
                                   std::span<const Sighting> sightings,
                                   const HomographyFitOptions& options);
 
-// Standard deviation, px of the frame, of the least certain corner of the picture's edge under `h`,
+// Standard deviation, px of the frame, of the least certain corner of the image's edge under `h`,
 // when each sighting is off by `sigma_px`: what the sightings do not pin down shows here. Infinite
 // where they determine no homography.
 [[nodiscard]] double corner_deviation(const cv::Matx33d& h, cv::Size size,
@@ -45,7 +45,7 @@ struct HomographyFitOptions {
 // Root of the sighting's weighted squared error.
 [[nodiscard]] double error_of(const cv::Matx33d& h, const Sighting& sighting);
 
-// The image of the picture is a convex quadrilateral of the same orientation before the camera,
+// The image of the image is a convex quadrilateral of the same orientation before the camera,
 // with an area of at least `min_area_px`, and no corner far outside of `frame`.
 [[nodiscard]] bool is_plausible(const cv::Matx33d& h, cv::Size size, cv::Size frame,
                                 double min_area_px);

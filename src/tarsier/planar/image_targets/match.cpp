@@ -31,13 +31,13 @@ void keep_nearest(const std::vector<std::uint16_t>& distances, int n, int most,
 }
 
 struct Placed {
-  cv::Point2f at;    // picture
+  cv::Point2f at;    // image
   cv::Point2f seen;  // frame
-  cv::Matx22f map;   // frame from picture, linear part
+  cv::Matx22f map;   // frame from image, linear part
   cv::Matx22f back;  // its inverse
   float scale = 1;   // px of the frame of the feature's grid
   float weight = 1;
-  int picture_cell = 0;
+  int image_cell = 0;
   int feature = 0;
 };
 
@@ -63,7 +63,7 @@ std::vector<Placed> place_matches(const FeatureSet& frame, const Target& target,
     p.back = inverse_of(p.map);
     p.scale = f.scale;
     p.weight = 1.05F - m.ratio;
-    p.picture_cell = static_cast<int>(t.at.y / cell) * 50 + static_cast<int>(t.at.x / cell);
+    p.image_cell = static_cast<int>(t.at.y / cell) * 50 + static_cast<int>(t.at.x / cell);
     p.feature = m.feature;
     placed.push_back(p);
   }
@@ -97,7 +97,7 @@ struct Support {
   int distinct = 0;
 };
 
-// Sums weights, of matches to the same cell of the picture and of the same place in the frame only
+// Sums weights, of matches to the same cell of the image and of the same place in the frame only
 // the first (best).
 template <class Test>
 Support support_of(const std::vector<Placed>& placed, Test&& test) {
@@ -109,7 +109,7 @@ Support support_of(const std::vector<Placed>& placed, Test&& test) {
     const Placed& m = placed[j];
     if (!test(m)) continue;
     support.members.push_back(static_cast<int>(j));
-    const auto cell = static_cast<std::size_t>(m.picture_cell);
+    const auto cell = static_cast<std::size_t>(m.image_cell);
     std::uint64_t& word = cells[(cell / 64) % 40];
     if ((word >> (cell % 64) & 1) != 0) continue;
     word |= std::uint64_t{1} << (cell % 64);

@@ -20,7 +20,7 @@ struct MatchOptions {
   int candidates = 12;       // by sketch, that are compared in full; 2..64
   int max_bits = 66;         // that differ of a candidate's sketch's 256
   float ratio = 0.92F;       // matches from here on are left out
-  float elsewhere = 0.035F;  // of the picture's diagonal: farther away is another place
+  float elsewhere = 0.035F;  // of the image's diagonal: farther away is another place
   std::size_t most = 300;    // the best by ratio
 };
 
@@ -30,7 +30,7 @@ struct MatchOptions {
 
 // A guess of where the target is, with how many matches agree.
 struct Hypothesis {
-  cv::Matx33d h;  // px of the frame from px of the picture
+  cv::Matx33d h;  // px of the frame from px of the image
   double score = 0;
   int support = 0;  // matches at distinct places
 };

@@ -17,8 +17,8 @@
 namespace tarsier::planar::image_targets {
 namespace {
 
-constexpr int kCells = 6;     // of the picture's shorter side
-constexpr int kEnough = 120;  // features that make a good picture
+constexpr int kCells = 6;     // of the image's shorter side
+constexpr int kEnough = 120;  // features that make a good image
 constexpr int kAlike = 3500;  // squared distance of descriptors that noise makes indistinguishable
 constexpr int kStood = 2;     // trials that a feature must stand
 
@@ -28,7 +28,7 @@ cv::Size cells_of(cv::Size size) {
           std::max(1, static_cast<int>(std::lround(size.height / side)))};
 }
 
-// Of each feature: whether another place of the picture looks the same.
+// Of each feature: whether another place of the image looks the same.
 std::vector<bool> find_alike(const Target& target) {
   const auto n = target.features.size();
   std::vector<bool> alike(n);
@@ -121,11 +121,11 @@ Quality rate_target(const Target& target, int trials, std::uint64_t seed,
   if (q.features < 0.5)
     q.reasons.push_back(
         fmt::format("few features: {} places that stand tilt, blur and noise, {} "
-                    "are enough; choose a picture with more detail and contrast",
+                    "are enough; choose an image with more detail and contrast",
                     stood, kEnough));
   if (q.spread < 0.6)
     q.reasons.push_back(
-        fmt::format("bunched: {:.0f} % of the picture has none",
+        fmt::format("bunched: {:.0f} % of the image has none",
                     100 - 100.0 * cv::countNonZero(count) / static_cast<double>(count.total())));
   if (q.distinct < 0.5)
     q.reasons.push_back(fmt::format("repetitive: {:.0f} % of the features look like another place",
@@ -137,42 +137,42 @@ Quality rate_target(const Target& target, int trials, std::uint64_t seed,
 
 cv::Mat draw_quality(const Target& target) {
   const double zoom = std::clamp(900.0 / std::max(target.gray.cols, target.gray.rows), 1.0, 4.0);
-  cv::Mat picture;
-  cv::cvtColor(target.gray, picture, cv::COLOR_GRAY2BGR);
-  cv::resize(picture, picture, cv::Size(), zoom, zoom, cv::INTER_LINEAR);
+  cv::Mat image;
+  cv::cvtColor(target.gray, image, cv::COLOR_GRAY2BGR);
+  cv::resize(image, image, cv::Size(), zoom, zoom, cv::INTER_LINEAR);
   const cv::Mat count = count_cells(target);
   const cv::Scalar red(60, 60, 230);
   const cv::Scalar green(90, 220, 90);
   for (int r = 0; r < count.rows; ++r)
     for (int c = 0; c < count.cols; ++c) {
       if (count.at<int>(r, c) > 0) continue;
-      const int x0 = picture.cols * c / count.cols;
-      const int y0 = picture.rows * r / count.rows;
-      image::draw::fill_rounded(picture,
-                                {x0, y0, picture.cols * (c + 1) / count.cols - x0,
-                                 picture.rows * (r + 1) / count.rows - y0},
-                                0, red, 0.3);
+      const int x0 = image.cols * c / count.cols;
+      const int y0 = image.rows * r / count.rows;
+      image::draw::fill_rounded(
+          image,
+          {x0, y0, image.cols * (c + 1) / count.cols - x0, image.rows * (r + 1) / count.rows - y0},
+          0, red, 0.3);
     }
   const auto at = [&](const cv::Point2f& p) {
     return cv::Point2d((p.x + 0.5) * zoom - 0.5, (p.y + 0.5) * zoom - 0.5);
   };
   const std::size_t level = std::min<std::size_t>(2, target.anchors.size() - 1);
   for (const cv::Point2f& p : target.anchors[level])
-    image::draw::cross(picture, at(p), cv::Scalar(230, 200, 60), 4);
+    image::draw::cross(image, at(p), cv::Scalar(230, 200, 60), 4);
   const std::vector<bool> alike = find_alike(target);
   for (std::size_t i = 0; i < target.features.size(); ++i) {
     const TrainedFeature& f = target.features[i];
     if (f.right < kStood) continue;
-    image::draw::point(picture, at(f.at), alike[i] ? red : green, alike[i] ? 2.5 : 2);
+    image::draw::point(image, at(f.at), alike[i] ? red : green, alike[i] ? 2.5 : 2);
   }
   const Quality& q = target.quality;
   const int panel = 112 + 22 * static_cast<int>(q.reasons.size());
-  cv::Mat out(picture.rows + panel, std::max(picture.cols, 640), CV_8UC3, cv::Scalar(30, 30, 30));
-  picture.copyTo(out(cv::Rect(0, 0, picture.cols, picture.rows)));
+  cv::Mat out(image.rows + panel, std::max(image.cols, 640), CV_8UC3, cv::Scalar(30, 30, 30));
+  image.copyTo(out(cv::Rect(0, 0, image.cols, image.rows)));
   image::draw::TextStyle style;
   style.height_px = 11;
   const auto bar = [&](int row, const char* name, double value) {
-    image::draw::bar(out, {12, picture.rows + 10 + 19 * row, 180, 12}, value,
+    image::draw::bar(out, {12, image.rows + 10 + 19 * row, 180, 12}, value,
                      value < 0.5 ? red : green, fmt::format("{} {:.2f}", name, value));
   };
   bar(0, "rating", q.rating);
@@ -180,7 +180,7 @@ cv::Mat draw_quality(const Target& target) {
   bar(2, "features", q.features);
   bar(3, "spread", q.spread);
   bar(4, "distinct", q.distinct);
-  int y = picture.rows + 108;
+  int y = image.rows + 108;
   for (const std::string& reason : q.reasons) {
     image::draw::put_text(out, reason, {12, y}, style);
     y += 22;

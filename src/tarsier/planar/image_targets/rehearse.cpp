@@ -19,7 +19,7 @@ namespace {
 constexpr int kWidth = 640;
 constexpr int kHeight = 480;
 
-// Where a print of the picture's shape, turned and tilted, would be seen.
+// Where a print of the image's shape, turned and tilted, would be seen.
 cv::Matx33d random_homography(cv::Size size, Rng& rng) {
   const double tilt = std::acos(rng.uniform(0.5, 1));
   const double azimuth = rng.uniform(0, 2 * std::numbers::pi);
@@ -27,7 +27,7 @@ cv::Matx33d random_homography(cv::Size size, Rng& rng) {
   const double root = std::sqrt(size.width * 1.0 * size.height);
   const double side = std::exp(rng.uniform(std::log(90.0), std::log(360.0)));
   const double scale = side / root;
-  const double distance = 2.2 * root;  // in px of the picture: sets the perspective
+  const double distance = 2.2 * root;  // in px of the image: sets the perspective
   const double c = std::cos(azimuth);
   const double s = std::sin(azimuth);
   // R = Rz(azimuth) Rx(tilt) Rz(roll - azimuth); only x and y of the plane are needed.

@@ -10,7 +10,7 @@
 namespace tarsier::planar::image_targets {
 
 // One random view of the target before a plain ground: small, turned, tilted up to 60 degrees, dim,
-// blurred and noisy. 640x480 px, CV_8UC1; `h`: px of it from px of the picture.
+// blurred and noisy. 640x480 px, CV_8UC1; `h`: px of it from px of the image.
 struct TrialView {
   cv::Mat gray;
   cv::Matx33d h;
@@ -21,8 +21,8 @@ struct TrialView {
 struct Rehearsal {
   std::vector<int> right;  // how often a feature of a view was rightly matched to it
   std::vector<int> wrong;  // how often wrongly
-  double repeatable = 0;  // 0..1, of the trials: part of a view's features on the picture that were
-                          // rightly matched, the median
+  double repeatable = 0;   // 0..1, of the trials: part of a view's features on the image that were
+                           // rightly matched, the median
 };
 
 // Matches the features of `trials` views against the target. The same for the same seed. Throws

@@ -11,7 +11,7 @@ namespace tarsier::planar::image_targets {
 namespace {
 
 constexpr int kMinSide = 20;    // px of the coarsest level
-constexpr int kAnchorEdge = 5;  // px of a level that an anchor keeps from the picture's edge
+constexpr int kAnchorEdge = 5;  // px of a level that an anchor keeps from the image's edge
 constexpr std::size_t kMaxAnchors = 120;
 
 // Corners by the smaller eigenvalue of the gradients' products, the strongest of each surroundings
@@ -43,7 +43,7 @@ std::vector<cv::Point2f> find_anchors(const Level& level) {
   std::stable_sort(corners.begin(), corners.end(),
                    [](const Corner& a, const Corner& b) { return a.strength > b.strength; });
   if (corners.size() > 20) {
-    // What is much weaker than the picture's corners drowns in a camera's noise.
+    // What is much weaker than the image's corners drowns in a camera's noise.
     const float least = 0.03F * corners[20].strength;
     std::erase_if(corners, [&](const Corner& c) { return c.strength < least; });
   }
@@ -59,7 +59,7 @@ std::vector<cv::Point2f> find_anchors(const Level& level) {
   std::stable_sort(corners.begin(), corners.end(),
                    [](const Corner& a, const Corner& b) { return a.radius2 > b.radius2; });
   for (const Corner& c : corners) {
-    const cv::Point2d p = level.to_picture({static_cast<double>(c.x), static_cast<double>(c.y)});
+    const cv::Point2d p = level.to_image({static_cast<double>(c.x), static_cast<double>(c.y)});
     anchors.emplace_back(static_cast<float>(p.x), static_cast<float>(p.y));
     if (anchors.size() == kMaxAnchors) break;
   }
@@ -74,16 +74,16 @@ std::array<cv::Point2d, 4> Target::corners() const {
   return {{{-0.5, -0.5}, {w, -0.5}, {w, h}, {-0.5, h}}};
 }
 
-cv::Matx33d Target::from_given_picture(const cv::Matx33d& homography) const {
+cv::Matx33d Target::from_given_image(const cv::Matx33d& homography) const {
   const double x = static_cast<double>(gray.cols) / given.width;
   const double y = static_cast<double>(gray.rows) / given.height;
   const cv::Matx33d h = homography * cv::Matx33d(x, 0, 0.5 * x - 0.5, 0, y, 0.5 * y - 0.5, 0, 0, 1);
   return h * (1 / h(2, 2));
 }
 
-cv::Point2d Target::on_plane(const cv::Point2d& picture) const {
-  return {((picture.x + 0.5) / gray.cols - 0.5) * width,
-          (0.5 - (picture.y + 0.5) / gray.rows) * height};
+cv::Point2d Target::on_plane(const cv::Point2d& image) const {
+  return {((image.x + 0.5) / gray.cols - 0.5) * width,
+          (0.5 - (image.y + 0.5) / gray.rows) * height};
 }
 
 void complete(Target& target) {

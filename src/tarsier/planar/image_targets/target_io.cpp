@@ -17,7 +17,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr const char* kType = "picture-target";
+constexpr const char* kType = "image-target";
 constexpr int kVersion = 1;
 constexpr std::int64_t kMaxFeatures = 20'000;
 constexpr std::int64_t kMaxSide = 2000;  // px
@@ -73,7 +73,7 @@ void read_features(const json& value, const std::string& path, Target& target) {
     f.at = {points.values[2 * i], points.values[2 * i + 1]};
     if (!(f.at.x >= -1 && f.at.y >= -1 && f.at.x <= static_cast<float>(target.gray.cols) &&
           f.at.y <= static_cast<float>(target.gray.rows))) {
-      throw ModelError(path, fmt::format("feature {} lies outside the picture", i));
+      throw ModelError(path, fmt::format("feature {} lies outside the image", i));
     }
     for (std::size_t k = 0; k < 4; ++k) f.frame.val[k] = frames.values[4 * i + k];
     const float area = std::fabs(f.frame(0, 0) * f.frame(1, 1) - f.frame(0, 1) * f.frame(1, 0));
@@ -99,10 +99,10 @@ void write_target(const std::string& path, const Target& target, const json& pro
   TARSIER_REQUIRE(target.features.size() == target.descriptions.size(), "{} features, {} described",
                   target.features.size(), target.descriptions.size());
   const auto n = static_cast<std::int64_t>(target.features.size());
-  PackedArray<std::uint8_t> picture{{target.gray.rows, target.gray.cols}, {}};
+  PackedArray<std::uint8_t> image{{target.gray.rows, target.gray.cols}, {}};
   for (int r = 0; r < target.gray.rows; ++r)
-    picture.values.insert(picture.values.end(), target.gray.ptr(r),
-                          target.gray.ptr(r) + target.gray.cols);
+    image.values.insert(image.values.end(), target.gray.ptr(r),
+                        target.gray.ptr(r) + target.gray.cols);
   PackedArray<float> points{{n, 2}, {}};
   PackedArray<float> frames{{n, 4}, {}};
   PackedArray<std::int32_t> right{{n}, {}};
@@ -125,7 +125,7 @@ void write_target(const std::string& path, const Target& target, const json& pro
                      {"width", target.width},
                      {"height", target.height},
                      {"given", {target.given.width, target.given.height}},
-                     {"picture", pack(picture)},
+                     {"image", pack(image)},
                      {"points", pack(points)},
                      {"frames", pack(frames)},
                      {"right", pack(right)},
@@ -149,24 +149,23 @@ Target read_target(const std::string& path) {
   for (int k = 0; k < 2; ++k) {
     if (!given.is_array() || given.size() != 2 || !given[k].is_number_integer() || given[k] < 8 ||
         given[k] > 200'000) {
-      throw ModelError(path, "'given' is no width and height of a picture");
+      throw ModelError(path, "'given' is no width and height of an image");
     }
   }
   target.given = {given[0].get<int>(), given[1].get<int>()};
-  const auto picture =
-      unpack<std::uint8_t>(member(value, "picture", path), path, "picture", {-1, -1});
-  if (picture.shape[0] < 8 || picture.shape[1] < 8 || picture.shape[0] > kMaxSide ||
-      picture.shape[1] > kMaxSide) {
-    throw ModelError(path, fmt::format("'picture' is {}x{}: sides of 8..{} px", picture.shape[1],
-                                       picture.shape[0], kMaxSide));
+  const auto image = unpack<std::uint8_t>(member(value, "image", path), path, "image", {-1, -1});
+  if (image.shape[0] < 8 || image.shape[1] < 8 || image.shape[0] > kMaxSide ||
+      image.shape[1] > kMaxSide) {
+    throw ModelError(path, fmt::format("'image' is {}x{}: sides of 8..{} px", image.shape[1],
+                                       image.shape[0], kMaxSide));
   }
-  const auto rows = static_cast<int>(picture.shape[0]);
-  const auto cols = static_cast<int>(picture.shape[1]);
+  const auto rows = static_cast<int>(image.shape[0]);
+  const auto cols = static_cast<int>(image.shape[1]);
   target.gray.create(rows, cols, CV_8UC1);
-  std::memcpy(target.gray.data, picture.values.data(), picture.values.size());
+  std::memcpy(target.gray.data, image.values.data(), image.values.size());
   const double aspect = target.height * cols / (target.width * rows);
   if (!(aspect > 0.5 && aspect < 2))
-    throw ModelError(path, "'width' and 'height' do not fit the picture's shape");
+    throw ModelError(path, "'width' and 'height' do not fit the image's shape");
   read_features(value, path, target);
   target.quality = read_quality(member(value, "quality", path), path);
   complete(target);

@@ -8,7 +8,7 @@
 
 namespace tarsier::planar::image_targets {
 
-// An Archive "picture-target" of about 1 MB: the grey picture, its features and its rating.
+// An Archive "image-target" of about 1 MB: the grey image, its features and its rating.
 // `provenance`: an object, from what and how it was trained. Throws OutputError.
 void write_target(const std::string& path, const Target& target,
                   const nlohmann::json& provenance = nlohmann::json::object());

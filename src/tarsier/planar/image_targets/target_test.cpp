@@ -5,7 +5,7 @@
 #include "tarsier/planar/image_targets/quality.h"
 #include "tarsier/planar/image_targets/target_io.h"
 #include "tarsier/planar/image_targets/train.h"
-#include "tarsier/synth/planar_pictures.h"
+#include "tarsier/synth/planar_images.h"
 #include "tarsier/synth/planar_source.h"
 #include "tarsier/synth/planar_worlds.h"
 
@@ -29,7 +29,7 @@ const Target& poster() {
   static const Target target = [] {
     TrainOptions options;
     options.trials = 8;
-    return train_target(synth::poster_print(0, 5).picture, "poster", options);
+    return train_target(synth::poster_print(0, 5).image, "poster", options);
   }();
   return target;
 }
@@ -58,7 +58,7 @@ TEST(Target, IsFoundTurnedTiltedAndNoisyToAFractionOfAPixel) {
     const synth::PlanarStill s = still(synth::PlanarLevel::kMedium, seed);
     if (s.truth.empty()) continue;
     ++shown;
-    const auto seen = detect_targets({poster()}, s.picture, {}, &s.camera);
+    const auto seen = detect_targets({poster()}, s.image, {}, &s.camera);
     if (seen.empty()) continue;
     const double error = corner_rms(seen[0].corners, s.truth[0].corners);
     EXPECT_LT(error, 3) << "seed " << seed;
@@ -86,7 +86,7 @@ TEST(Target, IsFoundBehindAHand) {
     const synth::PlanarStill s = still(synth::PlanarLevel::kEasy, seed, 1);
     if (s.truth.empty() || s.truth[0].visible < 0.55) continue;
     ++shown;
-    const auto seen = detect_targets({poster()}, s.picture);
+    const auto seen = detect_targets({poster()}, s.image);
     if (!seen.empty() && corner_rms(seen[0].corners, s.truth[0].corners) < 3) ++found;
   }
   ASSERT_GE(shown, 4);
@@ -95,24 +95,24 @@ TEST(Target, IsFoundBehindAHand) {
 
 TEST(Target, IsNotSeenWhereItIsNot) {
   for (std::uint64_t seed = 0; seed < 6; ++seed) {
-    EXPECT_TRUE(detect_targets({poster()}, synth::clutter_picture(640, seed)).empty()) << seed;
+    EXPECT_TRUE(detect_targets({poster()}, synth::clutter_image(640, seed)).empty()) << seed;
     // Another poster by the same hand.
-    const cv::Mat other = synth::poster_print(1, 77 + seed).picture;
+    const cv::Mat other = synth::poster_print(1, 77 + seed).image;
     EXPECT_TRUE(detect_targets({poster()}, other).empty()) << seed;
   }
 }
 
 TEST(Target, IsNotSeenInAMirror) {
   cv::Mat mirrored;
-  cv::flip(synth::poster_print(0, 5).picture, mirrored, 1);
+  cv::flip(synth::poster_print(0, 5).image, mirrored, 1);
   EXPECT_TRUE(detect_targets({poster()}, mirrored).empty());
-  EXPECT_FALSE(detect_targets({poster()}, synth::poster_print(0, 5).picture).empty());
+  EXPECT_FALSE(detect_targets({poster()}, synth::poster_print(0, 5).image).empty());
 }
 
 TEST(Target, SeesTheSameTwice) {
   const synth::PlanarStill s = still(synth::PlanarLevel::kMedium, 3);
-  const auto a = detect_targets({poster()}, s.picture);
-  const auto b = detect_targets({poster()}, s.picture);
+  const auto a = detect_targets({poster()}, s.image);
+  const auto b = detect_targets({poster()}, s.image);
   ASSERT_EQ(a.size(), b.size());
   ASSERT_EQ(a.size(), 1U);
   for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(a[0].corners[i], b[0].corners[i]);
@@ -124,7 +124,7 @@ TEST(Target, TinyAndFlatFramesHaveNone) {
   EXPECT_THROW((void)detect_targets({poster()}, cv::Mat()), std::invalid_argument);
 }
 
-TEST(TargetQuality, TellsGoodPicturesFromPoorOnes) {
+TEST(TargetQuality, TellsGoodImagesFromPoorOnes) {
   EXPECT_GT(poster().quality.rating, 0.6);
   EXPECT_TRUE(poster().quality.reasons.empty());
   TrainOptions options;
@@ -134,7 +134,7 @@ TEST(TargetQuality, TellsGoodPicturesFromPoorOnes) {
   EXPECT_THAT(flat.quality.reasons, testing::Contains(testing::HasSubstr("few features")));
   // The same tile over and over: features enough, but none differs from its copies.
   cv::Mat tile;
-  cv::resize(synth::poster_picture({120, 90}, 4), tile, {60, 45}, 0, 0, cv::INTER_AREA);
+  cv::resize(synth::poster_image({120, 90}, 4), tile, {60, 45}, 0, 0, cv::INTER_AREA);
   cv::Mat wall;
   cv::repeat(tile, 7, 7, wall);
   const Target repeated = train_target(wall, "wall", options);
@@ -145,7 +145,7 @@ TEST(TargetQuality, TellsGoodPicturesFromPoorOnes) {
   EXPECT_GT(drawn.rows, wall.rows);
 }
 
-TEST(TargetTraining, RefusesWhatIsNoPicture) {
+TEST(TargetTraining, RefusesWhatIsNoImage) {
   EXPECT_THROW((void)train_target(cv::Mat(), "x"), std::invalid_argument);
   EXPECT_THROW((void)train_target(cv::Mat(20, 200, CV_8UC1), "x"), std::invalid_argument);
   EXPECT_THROW((void)train_target(cv::Mat(40, 400, CV_8UC1), "x"), std::invalid_argument);
@@ -180,8 +180,8 @@ TEST_F(TargetFile, ComesBackAsItWas) {
   EXPECT_EQ(back.height, poster().height);
   EXPECT_EQ(back.quality.rating, poster().quality.rating);
   const synth::PlanarStill s = still(synth::PlanarLevel::kMedium, 2);
-  const auto a = detect_targets({poster()}, s.picture);
-  const auto b = detect_targets({back}, s.picture);
+  const auto a = detect_targets({poster()}, s.image);
+  const auto b = detect_targets({back}, s.image);
   ASSERT_EQ(a.size(), 1U);
   ASSERT_EQ(b.size(), 1U);
   for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(a[0].corners[i], b[0].corners[i]);
@@ -203,13 +203,12 @@ TEST_F(TargetFile, IsRefusedWhenItIsBroken) {
   refused([](nlohmann::json& j) { j["payload"]["given"] = {600}; });
   refused([](nlohmann::json& j) { j["payload"]["given"] = {"a", 3}; });
   refused([](nlohmann::json& j) { j["payload"]["quality"]["rating"] = 7; });
-  refused([](nlohmann::json& j) { j["payload"]["picture"]["shape"] = {2, 2}; });
+  refused([](nlohmann::json& j) { j["payload"]["image"]["shape"] = {2, 2}; });
   refused([](nlohmann::json& j) { j["payload"]["frames"] = j["payload"]["points"]; });
   refused([](nlohmann::json& j) { j["payload"]["right"]["shape"] = {1}; });
-  // Points outside the picture: those of a wider one.
+  // Points outside the image: those of a wider one.
   refused([](nlohmann::json& j) {
-    j["payload"]["picture"] =
-        pack(PackedArray<std::uint8_t>{{8, 12}, std::vector<std::uint8_t>(96)});
+    j["payload"]["image"] = pack(PackedArray<std::uint8_t>{{8, 12}, std::vector<std::uint8_t>(96)});
   });
   write(good.dump().substr(0, 5000));
   EXPECT_THROW((void)read_target(path_), ModelError);

@@ -34,7 +34,7 @@ Corners corners_of(const Target& target, const cv::Matx33d& h) {
   return out;
 }
 
-// The whole picture as few points: grey of the target and where a guess puts them.
+// The whole image as few points: grey of the target and where a guess puts them.
 struct Swarm {
   std::vector<float> value;
   std::vector<cv::Point> at;  // px of the level, with its margin
@@ -52,10 +52,10 @@ Swarm make_swarm(const Target& target, const Level& level, const cv::Matx33d& h)
   for (int r = 0; r < kSide; ++r) {
     for (int c = 0; c < kSide; ++c) {
       const cv::Point2d p((c + 0.5) * width / kSide - 0.5, (r + 0.5) * height / kSide - 0.5);
-      const cv::Point2d q = level.from_picture(geometry::mapped(h, p));
+      const cv::Point2d q = level.from_image(geometry::mapped(h, p));
       const cv::Point at(static_cast<int>(std::lround(q.x)), static_cast<int>(std::lround(q.y)));
       if (at.x < 0 || at.y < 0 || at.x >= level.width || at.y >= level.height) continue;
-      const cv::Point2d t = levels[k].from_picture(p);
+      const cv::Point2d t = levels[k].from_image(p);
       const int x = std::clamp(static_cast<int>(std::lround(t.x)), 0, levels[k].width - 1);
       const int y = std::clamp(static_cast<int>(std::lround(t.y)), 0, levels[k].height - 1);
       swarm.value.push_back(levels[k].row(y)[x]);
@@ -175,7 +175,7 @@ void update_pose(const Target& target, const geometry::Camera& camera, const cv:
   }
   out.pose = poses->best;
   if (one.pose && poses->other && poses->ambiguity_ratio() < 3) {
-    // Two poses explain the picture nearly alike: the one that goes on from the last frame.
+    // Two poses explain the image nearly alike: the one that goes on from the last frame.
     const auto turn = [&](const geometry::PlanarPose& p) {
       return geometry::angle_of(p.camera_from_plane.rotation * one.pose->rotation.transpose());
     };

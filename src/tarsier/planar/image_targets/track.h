@@ -13,7 +13,7 @@
 
 // Targets followed through a video. A target that was seen in the last frame is looked for where
 // its motion takes it: a coarse search of its shift, then the alignment of patches of the trained
-// picture itself, so that nothing drifts. One that is lost, or was never seen, is detected.
+// image itself, so that nothing drifts. One that is lost, or was never seen, is detected.
 namespace tarsier::planar::image_targets {
 
 struct TrackOptions {
@@ -40,7 +40,7 @@ struct TrackOptions {
 
 struct TrackedTarget {
   std::size_t target = 0;                    // index
-  cv::Matx33d homography;                    // px of the frame from px of the target's picture
+  cv::Matx33d homography;                    // px of the frame from px of the target's image
   std::array<cv::Point2d, 4> corners;        // px, top left of the print first, clockwise
   double rms_px = 0;                         // of the patches that fit
   double confidence = 0;                     // 0..1: part of the visible patches that fit

@@ -17,7 +17,7 @@ constexpr double kStep = 1 / 25.0;  // s
 Target trained(int id) {
   TrainOptions options;
   options.trials = 6;
-  return train_target(synth::poster_print(id, 5).picture, "poster", options);
+  return train_target(synth::poster_print(id, 5).image, "poster", options);
 }
 
 const std::vector<Target>& two_posters() {
@@ -55,7 +55,7 @@ TEST(TargetTracking, FollowsAMovingCameraWithoutDrift) {
   for (int i = 0; i < 100; ++i) {
     const double t = i * kStep;
     const auto truth = f.truth_at(t);
-    const auto seen = track(targets, {}, state, f.picture_at(t), &f.camera());
+    const auto seen = track(targets, {}, state, f.image_at(t), &f.camera());
     if (truth.empty() || truth[0].visible < 0.4) continue;
     ++frames;
     if (seen.empty()) continue;
@@ -81,7 +81,7 @@ TEST(TargetTracking, FollowsSeveralAndTellsThemApart) {
   for (int i = 0; i < 15; ++i) {
     const double t = i * kStep;
     const auto truth = f.truth_at(t);
-    const auto seen = track(two_posters(), {}, state, f.picture_at(t));
+    const auto seen = track(two_posters(), {}, state, f.image_at(t));
     if (truth.size() != 2 || truth[0].visible < 0.5 || truth[1].visible < 0.5) continue;
     if (seen.size() != 2) continue;
     ++pairs;
@@ -95,12 +95,12 @@ TEST(TargetTracking, LosesAndFindsAgain) {
   const synth::PlanarVideo f = video(1, 20);
   const std::vector<Target> targets = {two_posters()[0]};
   TrackState state;
-  EXPECT_FALSE(track(targets, {}, state, f.picture_at(0)).empty());
+  EXPECT_FALSE(track(targets, {}, state, f.image_at(0)).empty());
   const cv::Mat dark(480, 640, CV_8UC3, cv::Scalar::all(20));
   EXPECT_TRUE(track(targets, {}, state, dark).empty());
   EXPECT_TRUE(track(targets, {}, state, dark).empty());
   // Elsewhere than it was lost.
-  const auto again = track(targets, {}, state, f.picture_at(1));
+  const auto again = track(targets, {}, state, f.image_at(1));
   ASSERT_EQ(again.size(), 1U);
   EXPECT_TRUE(again[0].detected);
   EXPECT_EQ(again[0].frames, 1);
@@ -111,7 +111,7 @@ TEST(TargetTracking, IsStillAtRest) {
   const synth::PlanarVideo f = video(1, 25);
   const std::vector<Target> targets = {two_posters()[0]};
   // The same moment again and again, each time with other noise, as of a camera on a stand.
-  const cv::Mat clean = f.picture_at(0);
+  const cv::Mat clean = f.image_at(0);
   const auto tremble = [&](double steady_px) {
     TrackOptions options;
     options.steady_px = steady_px;
@@ -126,9 +126,9 @@ TEST(TargetTracking, IsStillAtRest) {
       cv::Mat wide;
       clean.convertTo(wide, CV_16S);
       wide += grain;
-      cv::Mat picture;
-      wide.convertTo(picture, CV_8U);
-      const auto seen = track(targets, options, state, picture);
+      cv::Mat image;
+      wide.convertTo(image, CV_8U);
+      const auto seen = track(targets, options, state, image);
       if (seen.empty()) continue;
       if (i > 5) {
         sum += cv::norm(seen[0].corners[0] - last);
@@ -149,9 +149,9 @@ TEST(TargetTracking, AnotherSizeOfFrameStartsAnew) {
   const synth::PlanarVideo f = video(1, 25);
   const std::vector<Target> targets = {two_posters()[0]};
   TrackState state;
-  const cv::Mat picture = f.picture_at(0);
-  EXPECT_FALSE(track(targets, {}, state, picture).empty());
-  const auto seen = track(targets, {}, state, picture(cv::Rect(0, 0, 630, 480)).clone());
+  const cv::Mat image = f.image_at(0);
+  EXPECT_FALSE(track(targets, {}, state, image).empty());
+  const auto seen = track(targets, {}, state, image(cv::Rect(0, 0, 630, 480)).clone());
   ASSERT_EQ(seen.size(), 1U);
   EXPECT_TRUE(seen[0].detected);
 }

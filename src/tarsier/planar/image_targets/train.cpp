@@ -16,15 +16,15 @@ namespace {
 
 struct View {
   cv::Mat gray;
-  cv::Matx23d from_picture;  // affine, px of the view
+  cv::Matx23d from_image;  // affine, px of the view
 };
 
-// The picture seen from afar, tilted by acos(1 / tilt) about an axis at `azimuth`.
+// The image seen from afar, tilted by acos(1 / tilt) about an axis at `azimuth`.
 View tilted_view(const cv::Mat& gray, double tilt, double azimuth) {
   View view;
   if (tilt == 1) {
     view.gray = gray;
-    view.from_picture = {1, 0, 0, 0, 1, 0};
+    view.from_image = {1, 0, 0, 0, 1, 0};
     return view;
   }
   const double c = std::cos(azimuth);
@@ -43,9 +43,9 @@ View tilted_view(const cv::Mat& gray, double tilt, double azimuth) {
   const int rows = std::max(8, static_cast<int>(std::lround(turned_h / tilt)));
   cv::resize(turned, view.gray, cv::Size(turned_w, rows), 0, 0, cv::INTER_LINEAR);
   const double squeeze = static_cast<double>(rows) / turned_h;
-  view.from_picture = {turn(0, 0),           turn(0, 1),
-                       turn(0, 2),           squeeze * turn(1, 0),
-                       squeeze * turn(1, 1), squeeze * (turn(1, 2) + 0.5) - 0.5};
+  view.from_image = {turn(0, 0),           turn(0, 1),
+                     turn(0, 2),           squeeze * turn(1, 0),
+                     squeeze * turn(1, 1), squeeze * (turn(1, 2) + 0.5) - 0.5};
   return view;
 }
 
@@ -55,13 +55,13 @@ void add_view(Target& target, double tilt, double azimuth, int most) {
   options.most = most;
   options.contrast = 10;
   const FeatureSet set = find_features(make_pyramid(view.gray, true, 20), options);
-  const cv::Matx22d a(view.from_picture(0, 0), view.from_picture(0, 1), view.from_picture(1, 0),
-                      view.from_picture(1, 1));
+  const cv::Matx22d a(view.from_image(0, 0), view.from_image(0, 1), view.from_image(1, 0),
+                      view.from_image(1, 1));
   const cv::Matx22d back = a.inv();
   for (std::size_t i = 0; i < set.features.size(); ++i) {
     const Feature& f = set.features[i];
     const cv::Vec2d p =
-        back * cv::Vec2d(f.at.x - view.from_picture(0, 2), f.at.y - view.from_picture(1, 2));
+        back * cv::Vec2d(f.at.x - view.from_image(0, 2), f.at.y - view.from_image(1, 2));
     const double c = f.scale * std::cos(f.angle);
     const double s = f.scale * std::sin(f.angle);
     const cv::Matx22d frame = back * cv::Matx22d(c, -s, s, c);
@@ -78,9 +78,9 @@ void add_view(Target& target, double tilt, double azimuth, int most) {
   }
 }
 
-cv::Mat working_picture(const cv::Mat& picture, int longer_side) {
-  cv::Mat gray = picture;
-  if (picture.type() == CV_8UC3) cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+cv::Mat working_image(const cv::Mat& image, int longer_side) {
+  cv::Mat gray = image;
+  if (image.type() == CV_8UC3) cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
   const int longer = std::max(gray.cols, gray.rows);
   if (longer > longer_side) {
     const double scale = static_cast<double>(longer_side) / longer;
@@ -96,24 +96,23 @@ cv::Mat working_picture(const cv::Mat& picture, int longer_side) {
 
 }  // namespace
 
-Target train_target(const cv::Mat& picture, const std::string& name, const TrainOptions& options,
+Target train_target(const cv::Mat& image, const std::string& name, const TrainOptions& options,
                     const std::stop_token& stop) {
   options.check();
-  if (picture.type() == CV_8UC3)
-    require_bgr(picture);
+  if (image.type() == CV_8UC3)
+    require_bgr(image);
   else
-    require_gray(picture);
-  TARSIER_REQUIRE(
-      std::min(picture.cols, picture.rows) >= 32 &&
-          std::min(picture.cols, picture.rows) * 8 >= std::max(picture.cols, picture.rows),
-      "{}x{}: sides of at least 32 px, none more than 8 times the other", picture.cols,
-      picture.rows);
+    require_gray(image);
+  TARSIER_REQUIRE(std::min(image.cols, image.rows) >= 32 &&
+                      std::min(image.cols, image.rows) * 8 >= std::max(image.cols, image.rows),
+                  "{}x{}: sides of at least 32 px, none more than 8 times the other", image.cols,
+                  image.rows);
   Target target;
   target.name = name;
   target.width = options.width;
-  target.height = options.width * picture.rows / picture.cols;
-  target.given = picture.size();
-  target.gray = working_picture(picture, options.longer_side);
+  target.height = options.width * image.rows / image.cols;
+  target.given = image.size();
+  target.gray = working_image(image, options.longer_side);
   add_view(target, 1, 0, options.frontal_features);
   if (options.tilted_features >= 10) {
     for (int k = 0; k < 4; ++k)

@@ -12,8 +12,8 @@ namespace tarsier::planar::image_targets {
 
 struct TrainOptions {
   double width = 0.2;          // metres of the print
-  int longer_side = 480;       // px that larger pictures are reduced to
-  int frontal_features = 700;  // of the picture as it is
+  int longer_side = 480;       // px that larger images are reduced to
+  int frontal_features = 700;  // of the image as it is
   int tilted_features = 350;   // of each tilted view
   int max_features = 3000;     // that are kept
   int trials = 24;             // warped, blurred and noisy views that tell which features last
@@ -22,22 +22,22 @@ struct TrainOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"width", width, above(0, 100)},
             {"longer_side", longer_side, range(64, 2000), "--side",
-             "px that the picture's longer side is reduced to"},
+             "px that the image's longer side is reduced to"},
             {"frontal_features", frontal_features, range(50, 5000)},
             {"tilted_features", tilted_features, range(0, 5000)},
             {"max_features", max_features, range(50, 20'000)},
             {"trials", trials, range(0, 500), "--trials",
-             "random views that choose the features and rate the picture"}};
+             "random views that choose the features and rate the image"}};
   }
   void check() const { check_fields(*this); }
 };
 
-// `picture`: CV_8UC3 or CV_8UC1, sides of 32..100000 px, the shorter at least an eighth of the
-// longer. Besides the picture as it is, views of it tilted by 48 and 60 degrees to several sides
+// `image`: CV_8UC3 or CV_8UC1, sides of 32..100000 px, the shorter at least an eighth of the
+// longer. Besides the image as it is, views of it tilted by 48 and 60 degrees to several sides
 // are described (as ASIFT: Morel and Yu, SIAM J. Imaging Sciences 2009), so that a steep view of
-// the print needs no search over tilts. Never fails on a poor picture: its quality says so. Throws
+// the print needs no search over tilts. Never fails on a poor image: its quality says so. Throws
 // Interrupted where `stop` fires.
-[[nodiscard]] Target train_target(const cv::Mat& picture, const std::string& name,
+[[nodiscard]] Target train_target(const cv::Mat& image, const std::string& name,
                                   const TrainOptions& options = {},
                                   const std::stop_token& stop = {});
 

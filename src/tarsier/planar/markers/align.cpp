@@ -116,7 +116,7 @@ Template template_of(const MatrixXd& pattern, const Axis& u, const Axis& v) {
   return t;
 }
 
-// The picture at the template's places, kOutside where there is none; false where fewer than two
+// The image at the template's places, kOutside where there is none; false where fewer than two
 // thirds lie inside.
 constexpr double kOutside = -1;
 constexpr double kStiffness = 1e-2;  // of surroundings, share of the number of samples
@@ -257,12 +257,12 @@ class Fit {
         u_(samples(cell_u_, options), size_, options.margin),
         v_(samples(cell_v_, options), size_, options.margin),
         pattern_(pattern_of(seen, cells)),
-        map_(picture_from_cells(start, cells)),
+        map_(image_from_cells(start, cells)),
         blur_u_(0.8 / cell_u_),
         blur_v_(0.8 / cell_v_),
         rows_(kParameters + 1, u_.at.size() * v_.at.size()) {}
 
-  // Samples the picture and draws the marker where both are now, under light fitted to it.
+  // Samples the image and draws the marker where both are now, under light fitted to it.
   bool begin() {
     if (!look()) return false;
     light_ = fit_light(values_, template_, u_, v_);
@@ -277,7 +277,7 @@ class Fit {
     damped.diagonal().array() += 1e-9;
     const Row step = linalg::solve_symmetric(damped, right_);
     if (!step.allFinite()) return std::nullopt;
-    // The marker warped by W looks like the picture: the picture is looked at from W^-1 on.
+    // The marker warped by W looks like the image: the image is looked at from W^-1 on.
     const double middle = 0.5 * size_;
     Eigen::Matrix3d warp;
     warp << 1 + step[0], step[1], step[2], step[3], 1 + step[4], step[5], step[6], step[7], 1;
@@ -422,7 +422,7 @@ class Fit {
   Axis u_;
   Axis v_;
   MatrixXd pattern_;
-  Eigen::Matrix3d map_;  // picture from cells
+  Eigen::Matrix3d map_;  // image from cells
   double blur_u_;        // cells
   double blur_v_;
   Rows rows_;
@@ -441,7 +441,7 @@ class Fit {
 std::optional<Alignment> align_marker(const cv::Mat& gray, Code seen, int cells, const Quad& start,
                                       const AlignOptions& options) {
   options.check();
-  TARSIER_REQUIRE(gray.type() == CV_8UC1, "a picture that is not grey");
+  TARSIER_REQUIRE(gray.type() == CV_8UC1, "an image that is not grey");
   constexpr double kStill = 0.02;  // px
   Fit fit(gray, seen, cells, start, options);
   if (!fit.begin()) return std::nullopt;

@@ -35,7 +35,7 @@ TEST(Align, FindsCornersToAFewHundredthsOfAPixelAndTheBlur) {
     const Scene scene(blur, 220);
     const auto aligned = scene.align(0.8);
     ASSERT_TRUE(aligned) << blur;
-    // A blur that is the same in the picture is not quite the same in all cells of a tilted marker.
+    // A blur that is the same in the image is not quite the same in all cells of a tilted marker.
     EXPECT_LT(rmse(aligned->corners, scene.truth.corners), 0.035 * (1 + blur)) << blur;
     EXPECT_GT(aligned->correlation, 0.99) << blur;
     // A pixel's own area blurs too: 1 / 12 px^2, and so does reading between pixels.
@@ -96,7 +96,7 @@ TEST(Align, AnotherMarkerDoesNotFit) {
   EXPECT_TRUE(!wrong || wrong->correlation < 0.6);
 }
 
-TEST(Align, NothingOutsideThePicture) {
+TEST(Align, NothingOutsideTheImage) {
   const Scene scene;
   EXPECT_FALSE(align_marker(scene.gray, scene.family.code(17), 6, square(400, 300, 26, 0), {}));
 }

@@ -34,11 +34,11 @@ struct Plane {
   [[nodiscard]] double at(double x, double y) const { return value.dot(Eigen::Vector3d(x, y, 1)); }
 };
 
-// Brightness at a place in cells; nothing outside the picture.
+// Brightness at a place in cells; nothing outside the image.
 class Sampler {
  public:
   Sampler(const cv::Mat& gray, const Quad& quad, int cells)
-      : gray_(gray), map_(picture_from_cells(quad, cells)), middle_((cells + 2) / 2.0) {}
+      : gray_(gray), map_(image_from_cells(quad, cells)), middle_((cells + 2) / 2.0) {}
 
   [[nodiscard]] std::optional<double> at(double u, double v) const {
     const Eigen::Vector3d p = map_ * Eigen::Vector3d(u, v, 1);
@@ -79,7 +79,7 @@ class Sampler {
 
 }  // namespace
 
-Eigen::Matrix3d picture_from_cells(const Quad& quad, int cells) {
+Eigen::Matrix3d image_from_cells(const Quad& quad, int cells) {
   // The unit square's homography in closed form (Heckbert 1989), then scaled to cells.
   const Eigen::Vector2d d1 = quad[1] - quad[2];
   const Eigen::Vector2d d2 = quad[3] - quad[2];
@@ -97,7 +97,7 @@ Eigen::Matrix3d picture_from_cells(const Quad& quad, int cells) {
 }
 
 std::optional<Cells> read_cells(const cv::Mat& gray, const Quad& quad, int n, double min_contrast) {
-  TARSIER_REQUIRE(gray.type() == CV_8UC1, "a picture that is not grey");
+  TARSIER_REQUIRE(gray.type() == CV_8UC1, "an image that is not grey");
   TARSIER_REQUIRE(n >= 3 && n <= 8, "{} cells", n);
   const Sampler sampler(gray, quad, n);
   Plane black;

@@ -14,16 +14,16 @@
 namespace tarsier::planar::markers {
 
 // From cells of the marker (0..n+2 in both directions, the black frame is one cell wide) to the
-// picture: the homography of the four corners. Throws std::invalid_argument for corners that have
+// image: the homography of the four corners. Throws std::invalid_argument for corners that have
 // none.
-[[nodiscard]] Eigen::Matrix3d picture_from_cells(const Quad& quad, int cells);
+[[nodiscard]] Eigen::Matrix3d image_from_cells(const Quad& quad, int cells);
 
 // How bright the cells inside a quad are.
 struct Cells {
   int count = 0;                  // n, in each direction
   std::array<float, 64> light{};  // row by row; -1 black, 1 white, 0 between or unknown
   Code read = 0;                  // 1 where light > 0
-  Code unknown = 0;               // cells outside the picture
+  Code unknown = 0;               // cells outside the image
   double contrast = 0;            // white less black, grey levels
   double frame_errors = 0;        // share of the frame's cells that look bright
   double margin = 0;  // how clearly cells are black or white: mean of |light|, at most 1 each
@@ -38,11 +38,11 @@ struct DecodeOptions {
                         // so many that chance makes markers of anything
   double min_contrast = 8;    // grey levels
   double frame_errors = 0.1;  // share of the frame's cells that may look bright
-  // How well a small marker, or one with wrong cells, must agree with the picture, see
+  // How well a small marker, or one with wrong cells, must agree with the image, see
   // Alignment::correlation.
   double min_correlation = 0.8;
   // Where the cells are too blurred to be read one by one: how well the whole marker must agree
-  // with the picture, see Alignment::correlation; above 1: such markers are left out.
+  // with the image, see Alignment::correlation; above 1: such markers are left out.
   double min_blurred_correlation = 0.9;
 
   [[nodiscard]] OptionFields fields() {
@@ -50,7 +50,7 @@ struct DecodeOptions {
             {"min_contrast", min_contrast, range(1, 255)},
             {"frame_errors", frame_errors, range_below(0, 0.5)},
             {"min_correlation", min_correlation, range(0, 1), "--min-correlation",
-             "how well the picture of a small marker must agree with it"},
+             "how well the image of a small marker must agree with it"},
             {"min_blurred_correlation", min_blurred_correlation, at_least(0)}};
   }
   void check() const { check_fields(*this); }
@@ -59,7 +59,7 @@ struct DecodeOptions {
 // Black and white are not two numbers but two planes over the marker, fitted to its frame and to
 // the paper around it, so that a shadow or a gradient of light across the marker does no harm
 // (Olson, "AprilTag", ICRA 2011). Nothing where the frame is not darker than the paper by
-// `min_contrast`, or too much of the marker lies outside the picture.
+// `min_contrast`, or too much of the marker lies outside the image.
 [[nodiscard]] std::optional<Cells> read_cells(const cv::Mat& gray, const Quad& quad, int cells,
                                               double min_contrast);
 

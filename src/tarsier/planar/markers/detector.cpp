@@ -13,7 +13,7 @@ namespace tarsier::planar::markers {
 namespace {
 
 constexpr double kChance = 0.005;
-constexpr double kBlurredChance = 0.02;  // the picture of the whole marker decides
+constexpr double kBlurredChance = 0.02;  // the image of the whole marker decides
 
 Eigen::Vector2d center_of(const Quad& quad) { return (quad[0] + quad[1] + quad[2] + quad[3]) / 4; }
 
@@ -82,7 +82,7 @@ bool is_simple(Code code, int cells) {
   return 4 * differ < 2 * cells * (cells - 1);  // a quarter of all pairs
 }
 
-// Whether a marker may be taken for one that agrees with the picture so well.
+// Whether a marker may be taken for one that agrees with the image so well.
 bool is_plausible(const Marker& marker, const Dictionary& dictionary, double least) {
   constexpr double kSimple = 0.96;
   if (!is_simple(dictionary.code(marker.id), dictionary.cells()))
@@ -104,7 +104,7 @@ double objection(const Cells& cells, Code code, int rotation) {
 }
 
 // Cells that are too blurred to be read one by one: the markers that agree best with their light
-// are laid onto the picture; the one that fits wins if it fits well.
+// are laid onto the image; the one that fits wins if it fits well.
 std::optional<Marker> read_blurred(const cv::Mat& gray, const Quad& quad, const Cells& cells,
                                    const Dictionary& dictionary, const DetectOptions& options) {
   constexpr int kTried = 3;
@@ -182,18 +182,17 @@ void draw_quad(cv::Mat& image, const Quad& quad, const cv::Scalar& color) {
 void show_stages(DebugSink& debug, const cv::Mat& gray, const std::vector<Quad>& quads,
                  const std::vector<Marker>& markers, int cells) {
   constexpr int kCell = 16;  // px
-  cv::Mat picture;
-  cv::cvtColor(gray, picture, cv::COLOR_GRAY2BGR);
-  for (const Quad& quad : quads) draw_quad(picture, quad, {0, 140, 255});
-  for (const Marker& marker : markers) draw_quad(picture, marker.corners, {60, 220, 60});
-  debug.image("quadrilaterals", picture);
+  cv::Mat image;
+  cv::cvtColor(gray, image, cv::COLOR_GRAY2BGR);
+  for (const Quad& quad : quads) draw_quad(image, quad, {0, 140, 255});
+  for (const Marker& marker : markers) draw_quad(image, marker.corners, {60, 220, 60});
+  debug.image("quadrilaterals", image);
   for (const Marker& marker : markers) {
     // Pixels' centres are at integers: pixel p shows the place (p + 0.5) / kCell of the cells.
     const Eigen::Matrix3d cells_from_pixels{
         {1.0 / kCell, 0, 0.5 / kCell}, {0, 1.0 / kCell, 0.5 / kCell}, {0, 0, 1}};
     cv::Mat map;
-    cv::eigen2cv(Eigen::Matrix3d(picture_from_cells(marker.corners, cells) * cells_from_pixels),
-                 map);
+    cv::eigen2cv(Eigen::Matrix3d(image_from_cells(marker.corners, cells) * cells_from_pixels), map);
     cv::Mat square;
     cv::warpPerspective(gray, square, map, {kCell * (cells + 2), kCell * (cells + 2)},
                         cv::INTER_LINEAR | cv::WARP_INVERSE_MAP);

@@ -17,7 +17,7 @@ struct DetectOptions {
   RefineOptions refine;
   DecodeOptions decode;
   AlignOptions align;
-  // Markers with shorter sides are laid onto the picture as a whole (align_marker), larger ones are
+  // Markers with shorter sides are laid onto the image as a whole (align_marker), larger ones are
   // where their four sides are: long sides are exact by themselves. px
   double align_below_px = 60;
 
@@ -31,7 +31,7 @@ struct Marker {
   int errors = 0;       // cells that are not as the family has them
   double contrast = 0;  // white less black, grey levels
   double margin = 0;    // how clearly cells are black or white, 0..1
-  // Of markers that were laid onto the picture (see Alignment), else 0 and nothing.
+  // Of markers that were laid onto the image (see Alignment), else 0 and nothing.
   double correlation = 0;
   std::vector<double> information;
 };

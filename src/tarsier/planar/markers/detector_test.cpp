@@ -130,7 +130,7 @@ TEST(Detector, IsNotFooledByMirrorsOtherFamiliesBoardsAndNoise) {
   }
 }
 
-TEST(Detector, AtTheEdgeOfThePictureAndInPicturesOfAnySize) {
+TEST(Detector, AtTheEdgeOfTheImageAndInImagesOfAnySize) {
   const Dictionary& family = find_dictionary("36h11");
   cv::Mat gray(200, 200, CV_8UC1, cv::Scalar(220));
   draw_marker(gray, family, {3, square(34, 100, 60, 0)});

@@ -15,7 +15,7 @@ namespace tarsier::planar::markers {
 // first cell is bit n*n - 1.
 using Code = std::uint64_t;
 
-// What the cells of a picture mean.
+// What the cells of an image mean.
 struct Match {
   int id = 0;
   int rotation = 0;  // quarter turns: how often the read cells were turned anticlockwise to match
@@ -63,7 +63,7 @@ class Dictionary {
   std::vector<Turned> turned_;  // every code in its four turns, sorted by code
 };
 
-// The cells turned by a quarter: the picture turned clockwise.
+// The cells turned by a quarter: the image turned clockwise.
 [[nodiscard]] Code turned_clockwise(Code code, int cells);
 
 // The names that find_dictionary() knows: "aruco-original", "4x4_50" .. "7x7_1000", "16h5", "25h9",

@@ -16,7 +16,7 @@
 #include <string_view>
 #include <vector>
 
-// Found markers beside those that are there. Pictures as targets are judged alike.
+// Found markers beside those that are there. Images as targets are judged alike.
 namespace tarsier::planar::markers {
 
 // One marker, as it is or as it was found. Corners: px, its own top left first, clockwise. Pose:
@@ -30,14 +30,14 @@ struct JudgedMarker {
 // As it was found; without a pose where none is given.
 [[nodiscard]] JudgedMarker judged(const Marker& marker, const std::optional<MarkerPose>& pose = {});
 
-// One picture of a truth file.
+// One image of a truth file.
 struct MarkerTruth {
   std::string image;   // as the file has it, relative to the file's folder
-  std::string family;  // empty where the markers are pictures
-  std::string target;  // the picture, relative to the file's folder
+  std::string family;  // empty where the markers are images
+  std::string target;  // the image, relative to the file's folder
   std::string level;
   geometry::Camera camera;  // without a size
-  double size = 0;          // m, of the markers or of the picture's width; 0: unknown
+  double size = 0;          // m, of the markers or of the image's width; 0: unknown
   std::vector<JudgedMarker> markers;
 };
 
@@ -65,7 +65,7 @@ struct MarkerScore {
   double rotation_deg_p95 = std::numeric_limits<double>::quiet_NaN();
   double flips_percent = std::numeric_limits<double>::quiet_NaN();  // rotations off by > 15 degrees
   double distance_percent = std::numeric_limits<double>::quiet_NaN();  // |t - t*| / |t*|, median
-  double ms = std::numeric_limits<double>::quiet_NaN();                // median over pictures
+  double ms = std::numeric_limits<double>::quiet_NaN();                // median over images
   std::map<std::string, std::pair<int, int>> levels;                   // found, there
 
   [[nodiscard]] double recall() const { return truth > 0 ? 1.0 * found / truth : 1; }
@@ -74,7 +74,7 @@ struct MarkerScore {
   }
 };
 
-// Sums over pictures. A found marker counts where the id is that of a true one not yet found and
+// Sums over images. A found marker counts where the id is that of a true one not yet found and
 // the mean distance of its corners, in order, is below max(3 px, `tolerance` * side).
 class MarkerJudge {
  public:

@@ -16,7 +16,7 @@ constexpr int kTile = 4;
 constexpr int kMaxRuns = 7;  // in a row of a component, on average: more is foliage
 
 constexpr int kNoiseMargin = 3;
-constexpr int kMaxNoise = 64;  // grey levels: more is a picture without a flat place
+constexpr int kMaxNoise = 64;  // grey levels: more is an image without a flat place
 
 using Bytes = std::vector<std::uint8_t>;
 
@@ -88,7 +88,7 @@ void spread(const Bytes& from, const Tiles& tiles, Bytes& to, Better better) {
 }
 
 // Below which difference of brightness nothing is distinguished from noise: the spread of tiles where
-// nothing but noise is to be seen, as at least a fifth of most pictures have it, and some more.
+// nothing but noise is to be seen, as at least a fifth of most images have it, and some more.
 int noise_contrast(const Bytes& lows, const Bytes& highs) {
   std::array<std::size_t, 256> counts{};
   for (std::size_t i = 0; i < lows.size(); ++i) ++counts[size(highs[i] - lows[i])];
@@ -279,7 +279,7 @@ bool trace(const OutlineWorkspace::Component& component, int columns, std::size_
 
 void find_dark_outlines(const cv::Mat& gray, const OutlineOptions& options, OutlineWorkspace& w) {
   options.check();
-  TARSIER_REQUIRE(gray.type() == CV_8UC1, "a picture that is not grey");
+  TARSIER_REQUIRE(gray.type() == CV_8UC1, "an image that is not grey");
   w.points.clear();
   w.outlines.clear();
   if (gray.empty()) return;

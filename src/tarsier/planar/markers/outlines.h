@@ -9,12 +9,12 @@
 #include <span>
 #include <vector>
 
-// The outlines of what is dark in a picture.
+// The outlines of what is dark in an image.
 namespace tarsier::planar::markers {
 
 struct OutlineOptions {
   // A place is flat where brightness differs by less over 12 x 12 px: nothing there is dark. Grey
-  // levels. Raised, up to 64, where the flattest fifth of the picture differs by more:
+  // levels. Raised, up to 64, where the flattest fifth of the image differs by more:
   // noise.
   int min_contrast = 20;
   int min_size = 8;  // px; the longer side of a component's bounding box

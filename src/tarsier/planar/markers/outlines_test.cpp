@@ -97,7 +97,7 @@ TEST(Outlines, ThingsEverywhereAreThings) {
   EXPECT_EQ(w.outlines.size(), 25U);
 }
 
-TEST(Outlines, NothingInFlatEmptyOrTinyPictures) {
+TEST(Outlines, NothingInFlatEmptyOrTinyImages) {
   OutlineWorkspace w;
   for (const cv::Size size : {cv::Size(0, 0), cv::Size(1, 1), cv::Size(3, 200), cv::Size(64, 64)}) {
     find_dark_outlines(cv::Mat(size, CV_8UC1, cv::Scalar(90)), {}, w);
@@ -108,7 +108,7 @@ TEST(Outlines, NothingInFlatEmptyOrTinyPictures) {
                std::invalid_argument);
 }
 
-TEST(Outlines, ReachTheEdgesOfThePicture) {
+TEST(Outlines, ReachTheEdgesOfTheImage) {
   cv::Mat gray(40, 129, CV_8UC1, cv::Scalar(30));
   gray(cv::Rect(60, 0, 9, 40)).setTo(200);
   OutlineWorkspace w;

@@ -20,7 +20,7 @@ struct MarkerPose {
   geometry::Rigid3 camera_from_marker;        // in a video: smoothed, if that is asked for
   double rms_px = 0;                          // of the pose as measured, at the corners
   std::optional<geometry::PlanarPose> other;  // the second pose that explains the corners
-  // The smaller of the two errors over the larger, 0..1: near 1 one picture can not tell the poses
+  // The smaller of the two errors over the larger, 0..1: near 1 one image can not tell the poses
   // apart; 0 where there is no other.
   double ambiguity = 0;
 };
@@ -33,12 +33,12 @@ struct PosedMarker {
 // The corners of a marker `size` m wide in its frame, top left first, clockwise.
 [[nodiscard]] std::vector<cv::Point2d> corners_on_marker(double size);
 
-// Of one picture: the pose with the smaller error, corners weighted by how surely they are known
+// Of one image: the pose with the smaller error, corners weighted by how surely they are known
 // where that is stated. Throws std::invalid_argument unless size > 0.
 [[nodiscard]] std::optional<MarkerPose> pose_of_marker(const Marker& marker, double size,
                                                        const geometry::Camera& camera);
 
-// Of one picture, each on its own.
+// Of one image, each on its own.
 [[nodiscard]] std::vector<PosedMarker> pose_markers(std::vector<Marker> markers, double size,
                                                     const geometry::Camera& camera);
 

@@ -133,7 +133,7 @@ TEST(PoseTracks, VideosHaveFewFlipsAndStayPutAtRest) {
   for (int i = 0; i < 150; ++i) {
     const double time = i / 25.0;
     cv::Mat gray;
-    cv::cvtColor(video.picture_at(time), gray, cv::COLOR_BGR2GRAY);
+    cv::cvtColor(video.image_at(time), gray, cv::COLOR_BGR2GRAY);
     const auto posed = track_markers(detect_markers(gray, family, {}, workspace), 0.05,
                                      video.camera(), time, {}, tracks);
     for (const synth::PrintTruth& truth : video.truth_at(time)) {

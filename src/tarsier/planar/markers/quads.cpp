@@ -193,7 +193,7 @@ std::optional<std::pair<double, double>> edge_along(const cv::Mat& gray, const V
     const Vector2d p = at + (i * kStep) * normal;
     return p.x() >= 0 && p.y() >= 0 && p.x() < gray.cols - 1.001 && p.y() < gray.rows - 1.001;
   };
-  // At the picture's edge as far as it goes, if that is far enough to be an edge.
+  // At the image's edge as far as it goes, if that is far enough to be an edge.
   while (outer > 2 && !is_inside(outer)) --outer;
   while (inner < -2 && !is_inside(inner)) ++inner;
   if (!is_inside(outer) || !is_inside(inner)) return std::nullopt;
@@ -223,28 +223,28 @@ std::optional<std::pair<double, double>> edge_along(const cv::Mat& gray, const V
 std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options, QuadWorkspace& w,
                              DebugSink* debug) {
   options.check();
-  TARSIER_REQUIRE(gray.type() == CV_8UC1, "a picture that is not grey");
+  TARSIER_REQUIRE(gray.type() == CV_8UC1, "an image that is not grey");
   std::vector<Quad> quads;
   if (gray.cols < 8 || gray.rows < 8) return quads;
-  cv::Mat picture = gray;
+  cv::Mat image = gray;
   for (int level = 0; level <= options.halvings; ++level) {
     if (level > 0) {
       cv::Mat& smaller = level % 2 == 1 ? w.half : w.other_half;
-      cv::resize(picture, smaller, {picture.cols / 2, picture.rows / 2}, 0, 0, cv::INTER_AREA);
-      picture = smaller;
+      cv::resize(image, smaller, {image.cols / 2, image.rows / 2}, 0, 0, cv::INTER_AREA);
+      image = smaller;
     }
-    if (picture.cols < 8 || picture.rows < 8) break;
+    if (image.cols < 8 || image.rows < 8) break;
     const double scale = 1 << level;
     OutlineOptions outlines;
     // Means of four pixels are half as noisy.
     outlines.min_contrast =
         std::max(2, level == 0 ? options.min_contrast : options.min_contrast * 3 / 5);
     outlines.min_size = std::max(3, static_cast<int>(options.min_side_px / scale));
-    find_dark_outlines(picture, outlines, w.outlines);
+    find_dark_outlines(image, outlines, w.outlines);
     if (debug != nullptr) {
-      const cv::Mat dark(picture.rows + 2, picture.cols + 2, CV_8UC1, w.outlines.dark.data());
+      const cv::Mat dark(image.rows + 2, image.cols + 2, CV_8UC1, w.outlines.dark.data());
       debug->image(level == 0 ? std::string("dark") : fmt::format("dark reduced by {}", 1 << level),
-                   dark(cv::Rect(1, 1, picture.cols, picture.rows)));
+                   dark(cv::Rect(1, 1, image.cols, image.rows)));
     }
     for (std::size_t i = 0; i < w.outlines.outlines.size(); ++i) {
       const auto contour = w.outlines.outline(i);
@@ -254,7 +254,7 @@ std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options, Qu
       if (!corners) continue;
       auto quad = quad_of(contour, *corners, std::max(2.0, options.straight * length / 2));
       if (!quad) continue;
-      // The middle of a pixel of the smaller picture lies between pixels of the larger one.
+      // The middle of a pixel of the smaller image lies between pixels of the larger one.
       for (Vector2d& corner : *quad) corner = corner * scale + Vector2d::Constant((scale - 1) / 2);
       if (!is_convex(*quad) || shortest(*quad) < options.min_side_px) continue;
       if (!is_known(quads, *quad)) quads.push_back(*quad);

@@ -11,7 +11,7 @@
 #include <array>
 #include <vector>
 
-// Dark convex quadrilaterals in a picture: where markers may be.
+// Dark convex quadrilaterals in an image: where markers may be.
 namespace tarsier::planar::markers {
 
 using Quad = std::array<Eigen::Vector2d, 4>;  // px, clockwise as seen (x right, y down)
@@ -20,8 +20,8 @@ struct QuadOptions {
   double min_side_px = 9;  // of the shortest side
   // Grey levels that black and white differ by at least, see OutlineOptions.
   int min_contrast = 20;
-  // How often the picture is halved, each size searched too: a blurred or noisy edge is a clear one
-  // in a smaller picture.
+  // How often the image is halved, each size searched too: a blurred or noisy edge is a clear one
+  // in a smaller image.
   int halvings = 1;
   double straight = 0.035;  // how far a contour may leave the quadrilateral, share of its length
 
@@ -48,7 +48,7 @@ struct QuadWorkspace {
 [[nodiscard]] std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options,
                                            QuadWorkspace& workspace, DebugSink* debug = nullptr);
 
-// The corners after their sides have been fitted to the picture's edges: along normals of each side
+// The corners after their sides have been fitted to the image's edges: along normals of each side
 // the place where brightness changes, found from the gradient's centroid within +-`reach` px, then
 // a line by robust least squares, sides that bend are refused (nothing). `dark_inside`: only edges
 // from dark (inside) to bright (outside) count.

@@ -26,7 +26,7 @@ inline void draw_marker(cv::Mat& gray, const Dictionary& family, const DrawnMark
                         double black = 30, double white = 220) {
   constexpr int kSamples = 8;
   const int n = family.cells();
-  const Eigen::Matrix3d cells_from_picture = picture_from_cells(marker.corners, n).inverse().eval();
+  const Eigen::Matrix3d cells_from_image = image_from_cells(marker.corners, n).inverse().eval();
   const Code code = family.code(marker.id);
   for (int y = 0; y < gray.rows; ++y) {
     for (int x = 0; x < gray.cols; ++x) {
@@ -36,7 +36,7 @@ inline void draw_marker(cv::Mat& gray, const Dictionary& family, const DrawnMark
         const double dx = (i % kSamples + 0.5) / kSamples - 0.5;
         const double dy =
             static_cast<int>(i / kSamples + 0.5) / double{kSamples} + 0.5 / kSamples - 0.5;
-        const Eigen::Vector3d p = cells_from_picture * Eigen::Vector3d(x + dx, y + dy, 1);
+        const Eigen::Vector3d p = cells_from_image * Eigen::Vector3d(x + dx, y + dy, 1);
         const double u = p.x() / p.z();
         const double v = p.y() / p.z();
         if (!(u > -1 && v > -1 && u < n + 3 && v < n + 3)) break;

@@ -54,7 +54,7 @@ nlohmann::ordered_json to_json(const CalibrationResult& result) {
   if (!result.ok()) {
     return {{"board", result.board.text()},
             {"refusal", result.calibration.refusal},
-            {"pictures", result.images.size()},
+            {"images", result.images.size()},
             {"coverage", rounded(coverage.share(), 1e3)},
             {"missing", coverage.missing()}};
   }
@@ -76,7 +76,7 @@ nlohmann::ordered_json to_json(const CalibrationResult& result) {
             {"cx", d.cx},
             {"cy", d.cy},
             {"distortion", list_of({d.distortion.data(), camera.coefficients().size()})}}},
-          {"pictures", result.images.size()},
+          {"images", result.images.size()},
           {"used", result.calibration.used},
           {"coverage", rounded(coverage.share(), 1e3)},
           {"missing", coverage.missing()},

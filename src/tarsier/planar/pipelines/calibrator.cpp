@@ -202,7 +202,7 @@ void Calibrator::search(FrameSource& source, CalibratorState& state, Progress& p
   const auto step =
       options_.every * std::max<std::int64_t>(1, std::lround(options_.look_every_s * fps));
   state.collector.reset();
-  progress.begin("calibrate", source.count(), "pictures");
+  progress.begin("calibrate", source.count(), "images");
   while (!source.ended()) {
     throw_if_stopped(stop);
     const auto frame = source.next(std::chrono::milliseconds(200), stop);

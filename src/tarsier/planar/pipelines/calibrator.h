@@ -105,8 +105,8 @@ struct CalibrationResult {
 };
 
 // {"model", "board", "width", "height", "fx", "fy", "cx", "cy", "distortion", "rms", "deviations",
-// "pictures", "used", "coverage", "missing", "warnings"}: the last line of `tarsier calibrate
-// --json` without the file's name. Without a camera {"board", "refusal", "pictures", "coverage",
+// "images", "used", "coverage", "missing", "warnings"}: the last line of `tarsier calibrate
+// --json` without the file's name. Without a camera {"board", "refusal", "images", "coverage",
 // "missing"}.
 [[nodiscard]] nlohmann::ordered_json to_json(const CalibrationResult& result);
 // {"image"} or {"frame", "time"}, "found", "used", "reason", "points", "dropped", "rms", "tilt",

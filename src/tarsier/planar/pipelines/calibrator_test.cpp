@@ -93,9 +93,9 @@ TEST(Calibrator, FindsTheCameraOfImages) {
   std::string keys;
   for (const auto& item : all.items()) keys += item.key() + " ";
   EXPECT_EQ(keys,
-            "model board width height fx fy cx cy distortion rms deviations pictures used coverage "
+            "model board width height fx fy cx cy distortion rms deviations images used coverage "
             "missing warnings ");
-  EXPECT_EQ(all["pictures"], 9);
+  EXPECT_EQ(all["images"], 9);
 }
 
 TEST(Calibrator, TakesOfAVideoWhatIsNew) {
@@ -169,7 +169,7 @@ TEST(Calibrator, SaysWhyThereIsNoCamera) {
   EXPECT_FALSE(result.ok());
   const auto json = to_json(result);
   EXPECT_THAT(json["refusal"].get<std::string>(), HasSubstr("1 view"));
-  EXPECT_EQ(json["pictures"], 1);
+  EXPECT_EQ(json["images"], 1);
   EXPECT_EQ(to_json(result, result.images[0])["used"], false);
 }
 

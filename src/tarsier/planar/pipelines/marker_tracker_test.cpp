@@ -52,7 +52,7 @@ double away(const TrackedMarker& marker) {
 TEST(MarkerTracker, FindsMarkersAndTheirPoses) {
   const auto tracker = MarkerTracker::load(options_with_camera());
   MarkerState state;
-  const auto result = tracker.process(frame_of(video().picture_at(1), true), state);
+  const auto result = tracker.process(frame_of(video().image_at(1), true), state);
   ASSERT_EQ(result.markers.size(), 4U);
   std::map<int, synth::PrintTruth> truth;
   for (const synth::PrintTruth& print : video().truth_at(1)) truth[print.id] = print;
@@ -72,7 +72,7 @@ TEST(MarkerTracker, FindsMarkersAndTheirPoses) {
 TEST(MarkerTracker, IsTheLineOfTheProgram) {
   const auto tracker = MarkerTracker::load(options_with_camera());
   MarkerState state;
-  auto result = tracker.process(frame_of(video().picture_at(1), true), state);
+  auto result = tracker.process(frame_of(video().image_at(1), true), state);
   result.ms = 12.3456;
   const auto json = to_json(result);
   std::string keys;
@@ -93,11 +93,11 @@ TEST(MarkerTracker, SmoothsVideosUntilAnotherSourceBegins) {
   };
   const auto exactly = [&](double time) {
     alone = {};
-    return pose_of(tracker.process(frame_of(clip.picture_at(time), true), alone));
+    return pose_of(tracker.process(frame_of(clip.image_at(time), true), alone));
   };
   for (int i = 0; i < 5; ++i)
-    (void)tracker.process(frame_of(clip.picture_at(i / 25.0), false, i / 25.0), state);
-  const cv::Mat last = clip.picture_at(0.2);
+    (void)tracker.process(frame_of(clip.image_at(i / 25.0), false, i / 25.0), state);
+  const cv::Mat last = clip.image_at(0.2);
   const auto tracked = pose_of(tracker.process(frame_of(last, false, 0.2), state));
   EXPECT_GT((tracked - exactly(0.2)).norm(), 0);  // between this frame and those before
   const auto other = pose_of(tracker.process(frame_of(last, false, 0.2, "other.mp4"), state));
@@ -105,14 +105,14 @@ TEST(MarkerTracker, SmoothsVideosUntilAnotherSourceBegins) {
   // Frames of a folder that is played as a video are one source.
   for (int i = 0; i < 5; ++i)
     (void)tracker.process(
-        frame_of(clip.picture_at(i / 25.0), false, i / 25.0, "a/" + std::to_string(i) + ".png"),
+        frame_of(clip.image_at(i / 25.0), false, i / 25.0, "a/" + std::to_string(i) + ".png"),
         state);
   EXPECT_EQ(pose_of(tracker.process(frame_of(last, false, 0.2, "a/5.png"), state)), tracked);
 }
 
 TEST(MarkerTracker, SearchesSeveralFamiliesAndNamesThem) {
-  const cv::Mat tags = video().picture_at(1);
-  const cv::Mat codes = video("6x6_250").picture_at(1);
+  const cv::Mat tags = video().image_at(1);
+  const cv::Mat codes = video("6x6_250").image_at(1);
   cv::Mat both;
   cv::hconcat(tags, codes, both);
   MarkerTrackerOptions options;
@@ -138,7 +138,7 @@ TEST(MarkerTracker, WithoutASideThereAreNoPoses) {
   const auto tracker = MarkerTracker::load(options);
   MarkerState state;
   cv::Mat gray;
-  cv::cvtColor(video().picture_at(1), gray, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(video().image_at(1), gray, cv::COLOR_BGR2GRAY);
   const auto result = tracker.process(frame_of(gray, true), state);
   ASSERT_EQ(result.markers.size(), 4U);
   EXPECT_FALSE(result.markers[0].pose);
@@ -147,7 +147,7 @@ TEST(MarkerTracker, WithoutASideThereAreNoPoses) {
 
 TEST(MarkerTracker, OpencvFindsTheSameOnes) {
   MarkerTrackerOptions options = options_with_camera();
-  const Frame frame = frame_of(video().picture_at(1), true);
+  const Frame frame = frame_of(video().image_at(1), true);
   MarkerState state;
   const auto own = MarkerTracker::load(options).process(frame, state);
   options.detector = MarkerDetector::kOpencv;
@@ -163,7 +163,7 @@ TEST(MarkerTracker, OpencvFindsTheSameOnes) {
 TEST(MarkerTracker, ScalesTheCameraGuessesItOrRefusesIt) {
   MarkerTrackerOptions options = options_with_camera();
   options.camera = geometry::guessed_camera({960, 720});
-  const Frame frame = frame_of(video().picture_at(1), true);
+  const Frame frame = frame_of(video().image_at(1), true);
   MarkerState state;
   EXPECT_NEAR(MarkerTracker::load(options).process(frame, state).camera.fx, 480, 1e-9);
   options.camera = geometry::guessed_camera({1280, 720});

@@ -23,7 +23,7 @@ const image_targets::Target& poster() {
   static const image_targets::Target target = [] {
     image_targets::TrainOptions options;
     options.trials = 4;
-    return image_targets::train_target(synth::poster_print(0, 5).picture, "poster", options);
+    return image_targets::train_target(synth::poster_print(0, 5).image, "poster", options);
   }();
   return target;
 }
@@ -45,7 +45,7 @@ TEST(TargetTracker, FindsATargetOfAFileAndItsPose) {
   const auto tracker = TargetTracker::load({path}, options);
   EXPECT_EQ(tracker.targets().size(), 1U);
   TargetState state;
-  auto result = tracker.process(frame_of(video().picture_at(0), true), state);
+  auto result = tracker.process(frame_of(video().image_at(0), true), state);
   ASSERT_EQ(result.seen.size(), 1U);
   EXPECT_EQ(result.target_of(result.seen[0]).name, "poster");
   const auto truth = video().truth_at(0);
@@ -69,7 +69,7 @@ TEST(TargetTracker, TracksAVideoUntilAnotherSourceBegins) {
   TargetState state;
   const auto clip = video();
   const auto frames_of = [&](const std::string& name, double time, bool still = false) {
-    const auto result = tracker.process(frame_of(clip.picture_at(time), still, name), state);
+    const auto result = tracker.process(frame_of(clip.image_at(time), still, name), state);
     return result.seen.empty() ? 0 : static_cast<int>(result.seen[0].frames);
   };
   EXPECT_EQ(frames_of("a.mp4", 0), 1);
@@ -87,7 +87,7 @@ TEST(TargetTracker, TracksAVideoUntilAnotherSourceBegins) {
 TEST(TargetTracker, KnowsNoPoseWithoutACamera) {
   const TargetTracker tracker({poster()});
   TargetState state;
-  const auto result = tracker.process(frame_of(video().picture_at(0), true), state);
+  const auto result = tracker.process(frame_of(video().image_at(0), true), state);
   ASSERT_EQ(result.seen.size(), 1U);
   EXPECT_FALSE(result.seen[0].pose);
   EXPECT_FALSE(result.camera);

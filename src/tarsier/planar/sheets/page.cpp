@@ -87,7 +87,7 @@ class Raster {
  public:
   Raster(const cv::Size2d& size, double dpi)
       : coverage_(cvRound(size.height / 25.4 * dpi), cvRound(size.width / 25.4 * dpi), CV_32FC1),
-        picture_(coverage_.size(), CV_8UC1, cv::Scalar(255)),
+        image_(coverage_.size(), CV_8UC1, cv::Scalar(255)),
         x_(coverage_.cols / size.width),
         y_(coverage_.rows / size.height) {}
 
@@ -120,11 +120,11 @@ class Raster {
     style.height_px = height;
     style.color = cv::Scalar::all(255 * text.gray);
     style.backing = image::draw::Backing::kNone;
-    image::draw::put_text(picture_, text.text,
+    image::draw::put_text(image_, text.text,
                           {cvRound(text.at.x * x_), cvRound(text.at.y * y_ - above)}, style,
                           image::draw::Anchor::kTopLeft);
   }
-  [[nodiscard]] const cv::Mat& picture() const { return picture_; }
+  [[nodiscard]] const cv::Mat& image() const { return image_; }
 
  private:
   cv::Rect add(const cv::Rect2d& box) {
@@ -168,7 +168,7 @@ class Raster {
   void blend(const cv::Rect& area, double gray) {
     for (int y = area.y; y < area.y + area.height; ++y) {
       const auto* part = coverage_.ptr<float>(y);
-      auto* out = picture_.ptr<uchar>(y);
+      auto* out = image_.ptr<uchar>(y);
       for (int x = area.x; x < area.x + area.width; ++x) {
         const double share = std::min(1.0, static_cast<double>(part[x]));
         out[x] = cv::saturate_cast<uchar>((1 - share) * out[x] + share * 255 * gray);
@@ -177,7 +177,7 @@ class Raster {
   }
 
   cv::Mat coverage_;
-  cv::Mat picture_;
+  cv::Mat image_;
   double x_;  // px per mm
   double y_;
 };
@@ -325,15 +325,14 @@ cv::Mat raster_of(const Page& page, double dpi) {
   for (const Fill& fill : page.fills) raster.fill(fill);
   for (const Line& line : page.lines) raster.line(line);
   for (const Text& text : page.texts) raster.text(text);
-  return raster.picture();
+  return raster.image();
 }
 
 std::string png_of(const Page& page, double dpi) {
-  const cv::Mat picture = raster_of(page, dpi);
-  const std::vector<std::uint8_t> bytes = encode_image(".png", picture, "sheet.png");
+  const cv::Mat image = raster_of(page, dpi);
+  const std::vector<std::uint8_t> bytes = encode_image(".png", image, "sheet.png");
   return with_resolution(std::string(bytes.begin(), bytes.end()),
-                         picture.cols / page.size.width * 1e3,
-                         picture.rows / page.size.height * 1e3);
+                         image.cols / page.size.width * 1e3, image.rows / page.size.height * 1e3);
 }
 
 std::vector<std::string> write_pages(const std::string& path, const std::vector<Page>& pages,

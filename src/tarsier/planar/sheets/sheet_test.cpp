@@ -58,9 +58,9 @@ TEST(MarkerSheetTest, MarkersAreTrueToScaleAndReadable) {
     constexpr double kDpi = 254;  // 10 px a mm
     for (const Page& page : pages) {
       EXPECT_EQ(page.size, cv::Size2d(210, 297));
-      const cv::Mat picture = raster_of(page, kDpi);
+      const cv::Mat image = raster_of(page, kDpi);
       cv::Mat blurred;  // as a camera sees it
-      cv::GaussianBlur(picture, blurred, {}, 1.5);
+      cv::GaussianBlur(image, blurred, {}, 1.5);
       for (const markers::Marker& found : markers::detect_with_opencv(blurred, family)) {
         ++seen[found.id];
         for (std::size_t k = 0; k < 4; ++k) {
@@ -71,8 +71,8 @@ TEST(MarkerSheetTest, MarkersAreTrueToScaleAndReadable) {
         EXPECT_LT(found.corners[0].y(), found.corners[2].y());
       }
       // Nothing within the margins.
-      const cv::Rect inner(98, 98, picture.cols - 196, picture.rows - 196);
-      cv::Mat outside = picture.clone();
+      const cv::Rect inner(98, 98, image.cols - 196, image.rows - 196);
+      cv::Mat outside = image.clone();
       outside(inner).setTo(255);
       EXPECT_EQ(cv::countNonZero(outside < 255), 0) << family;
     }
@@ -112,10 +112,10 @@ TEST(BoardSheetTest, BoardsAreTrueToScaleAndFound) {
     const auto spec = parse_board(text, 0.018);
     const Page page = board_page(spec, {});
     constexpr double kDpi = 127;  // 5 px a mm
-    cv::Mat picture = raster_of(page, kDpi);
-    cv::GaussianBlur(picture, picture, {}, 1.0);
-    cv::copyMakeBorder(picture, picture, 40, 40, 40, 40, cv::BORDER_CONSTANT, cv::Scalar(255));
-    const auto view = calibration::find_board(picture, spec);
+    cv::Mat image = raster_of(page, kDpi);
+    cv::GaussianBlur(image, image, {}, 1.0);
+    cv::copyMakeBorder(image, image, 40, 40, 40, 40, cv::BORDER_CONSTANT, cv::Scalar(255));
+    const auto view = calibration::find_board(image, spec);
     ASSERT_EQ(static_cast<int>(view.points.size()), spec.points()) << text;
     double worst = 0;
     for (std::size_t i = 0; i < view.points.size(); ++i) {

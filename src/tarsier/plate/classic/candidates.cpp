@@ -42,7 +42,7 @@ bool flooded_box(const cv::Mat& gray, const Quad& around, const CandidateOptions
                  Quad& box) {
   const cv::Point2f middle = (around[0] + around[2]) * 0.5F;
   const double reach = std::min(length(around[1] - around[0]), length(around[3] - around[0])) / 2;
-  // Only the neighbourhood: the mask of a whole picture for each candidate would be slow.
+  // Only the neighbourhood: the mask of a whole image for each candidate would be slow.
   const int margin = static_cast<int>(length(around[1] - around[0]) * 0.8) + 4;
   const cv::Rect window =
       cv::Rect(cvRound(middle.x) - margin, cvRound(middle.y) - margin, 2 * margin, 2 * margin) &
@@ -93,7 +93,7 @@ Quad upright_corners(const cv::RotatedRect& box) {
 std::vector<Candidate144> find_candidates(const cv::Mat& gray, const CandidateOptions& options,
                                           Rng rng, DebugSink* debug) {
   options.check();
-  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "a picture of type {}", gray.type());
+  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
   std::vector<Candidate144> result;
   if (gray.cols < 20 || gray.rows < 20) return result;
   cv::Mat blurred;

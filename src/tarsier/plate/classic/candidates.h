@@ -22,7 +22,7 @@ struct Candidate144 {
 struct CandidateOptions {
   double aspect = 520.0 / 110;  // width by height
   double aspect_error = 0.4;    // share of it, either way
-  double min_height = 15;       // px of the scaled picture
+  double min_height = 15;       // px of the scaled image
   double max_height = 125;
   int seeds = 10;        // of the flood fill
   int flood_range = 30;  // grey levels
@@ -35,7 +35,7 @@ struct CandidateOptions {
   void check() const;
 };
 
-// Candidates of a grey picture (CV_8UC1) at one scale: vertical edges (5x5 blur, Sobel), Otsu's
+// Candidates of a grey image (CV_8UC1) at one scale: vertical edges (5x5 blur, Sobel), Otsu's
 // threshold, closing 17x3, contours whose rotated box has a plate's form; then the white plate is
 // flooded from random points and its rotated box taken, where that has the form as well.
 [[nodiscard]] std::vector<Candidate144> find_candidates(const cv::Mat& gray,

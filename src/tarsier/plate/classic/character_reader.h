@@ -28,7 +28,7 @@ struct CharacterSet {
                                     // split. Empty: each is its own
 };
 
-// OCR.xml (`TrainingDataF20` and `classes`); or a folder with a folder of pictures for each symbol;
+// OCR.xml (`TrainingDataF20` and `classes`); or a folder with a folder of images for each symbol;
 // or a folder of plates with YOLO labels beside them. Throws InputError.
 [[nodiscard]] CharacterSet read_character_set(const std::string& path);
 
@@ -41,7 +41,7 @@ struct CharacterReaderOptions {
   double cost = 5;  // of the linear machines on gradients
 
   [[nodiscard]] OptionFields fields() {
-    return {{"low", low, range(1, kCharacterSize), "--low", "px of the mlp's small picture"},
+    return {{"low", low, range(1, kCharacterSize), "--low", "px of the mlp's small image"},
             {"cost", cost, above(0)}};
   }
   void check() const;

@@ -69,9 +69,9 @@ CharacterSet from_class_folders(const std::string& folder) {
   for (const fs::path& path : sorted(folder)) {
     const std::string name = path.filename().string();
     if (!fs::is_directory(path) || name.size() != 1 || class_of(name[0]) < 0) continue;
-    for (const fs::path& picture : sorted(path)) {
-      if (!is_image_path(picture.string())) continue;
-      cv::Mat gray = read_gray_image(picture.string());
+    for (const fs::path& image : sorted(path)) {
+      if (!is_image_path(image.string())) continue;
+      cv::Mat gray = read_gray_image(image.string());
       // Either polarity: the border is the ground.
       const double border = (cv::mean(gray.row(0))[0] + cv::mean(gray.row(gray.rows - 1))[0]) / 2;
       if (border > cv::mean(gray)[0]) gray = bright_ink(gray);
@@ -117,7 +117,7 @@ CharacterSet read_character_set(const std::string& path) {
   if (set.characters.empty()) set = from_labelled_plates(path);
   if (set.characters.empty()) {
     throw InputError(path,
-                     "holds neither a folder of pictures for each symbol nor pictures with .txt "
+                     "holds neither a folder of images for each symbol nor images with .txt "
                      "labels beside them");
   }
   return set;

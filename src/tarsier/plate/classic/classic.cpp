@@ -21,7 +21,7 @@ constexpr double kSurePlate =
 
 cv::Mat gray_of(const cv::Mat& image) {
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
-                  "a picture of type {}", image.type());
+                  "an image of type {}", image.type());
   if (image.channels() == 1) return image;
   cv::Mat gray;
   cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
@@ -186,11 +186,11 @@ std::vector<Reading> read_classic(const cv::Mat& image, const ClassicModel& mode
     keep_the_spanish_seven(text, model.reader.symbols);
     if (debug != nullptr && number < 8) {
       ++number;
-      cv::Mat picture;
-      cv::cvtColor(candidate.plain, picture, cv::COLOR_GRAY2BGR);
+      cv::Mat canvas;
+      cv::cvtColor(candidate.plain, canvas, cv::COLOR_GRAY2BGR);
       for (const Segment& segment : text.segments)
-        cv::rectangle(picture, segment.box, cv::Scalar(0, 200, 0), 1);
-      debug->image("plate-" + std::to_string(number), picture);
+        cv::rectangle(canvas, segment.box, cv::Scalar(0, 200, 0), 1);
+      debug->image("plate-" + std::to_string(number), canvas);
     }
     Found item;
     Reading& reading = item.reading;

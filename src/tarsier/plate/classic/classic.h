@@ -20,7 +20,7 @@ namespace tarsier::plate {
 
 struct ClassicOptions {
   std::uint64_t seed = 1;
-  std::vector<double> scales{1.0, 0.5};  // of the picture, at most 8
+  std::vector<double> scales{1.0, 0.5};  // of the image, at most 8
   double min_plate = 0.02;               // the SVM's chance below which a candidate is not read
   CandidateOptions candidates;
   SegmentOptions segments;

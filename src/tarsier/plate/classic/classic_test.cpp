@@ -106,20 +106,20 @@ TEST(Corners, BeginAtTheTopLeftWhateverTheAngle) {
 }
 
 // A bright plate with dark bars on a dark car.
-cv::Mat picture_with_plate(double angle) {
+cv::Mat image_with_plate(double angle) {
   cv::Mat plate(110, 520, CV_8UC1, cv::Scalar(235));
   for (int i = 0; i < 7; ++i) cv::rectangle(plate, {60 + i * 62, 18, 36, 74}, cv::Scalar(20), 12);
-  cv::Mat picture(360, 640, CV_8UC1, cv::Scalar(60));
+  cv::Mat image(360, 640, CV_8UC1, cv::Scalar(60));
   cv::Mat map = cv::getRotationMatrix2D({260, 55}, angle, 0.35);
   map.at<double>(0, 2) += 60;
   map.at<double>(1, 2) += 125;
-  cv::warpAffine(plate, picture, map, picture.size(), cv::INTER_AREA, cv::BORDER_TRANSPARENT);
-  return picture;
+  cv::warpAffine(plate, image, map, image.size(), cv::INTER_AREA, cv::BORDER_TRANSPARENT);
+  return image;
 }
 
 TEST(Candidates, FindAndStraightenAPlate) {
   for (const double angle : {0.0, 8.0, -12.0}) {
-    const auto found = find_candidates(picture_with_plate(angle), {}, Rng(1), nullptr);
+    const auto found = find_candidates(image_with_plate(angle), {}, Rng(1), nullptr);
     ASSERT_FALSE(found.empty()) << angle;
     bool good = false;
     for (const Candidate144& candidate : found) {
@@ -131,7 +131,7 @@ TEST(Candidates, FindAndStraightenAPlate) {
   }
 }
 
-TEST(Candidates, SmallAndEmptyPicturesGiveNone) {
+TEST(Candidates, SmallAndEmptyImagesGiveNone) {
   for (const cv::Size size : {cv::Size{1, 1}, cv::Size{19, 300}, cv::Size{200, 200}})
     EXPECT_TRUE(
         find_candidates(cv::Mat(size, CV_8UC1, cv::Scalar(128)), {}, Rng(1), nullptr).empty());

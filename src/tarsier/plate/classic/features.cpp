@@ -2,6 +2,7 @@
 #include "tarsier/plate/classic/features.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/name_table.h"
 #include "tarsier/core/require.h"
 
 #include <fmt/format.h>
@@ -14,6 +15,12 @@
 
 namespace tarsier::plate {
 namespace {
+
+constexpr NameTable<PlateFeatures, 4> kFeatures{"features",
+                                                {{{PlateFeatures::kPixels, "pixels"},
+                                                  {PlateFeatures::kHog, "hog"},
+                                                  {PlateFeatures::kPca, "pca"},
+                                                  {PlateFeatures::kLbp, "lbp"}}}};
 
 // Class of each 8-bit pattern: 58 with at most two changes around the circle, one for the rest.
 const std::array<std::uint8_t, 256>& uniform_classes() {
@@ -61,7 +68,7 @@ std::vector<float> projection_features(const cv::Mat& character, int low) {
 
 std::vector<float> hog_features(const cv::Mat& gray, int cell, int bins) {
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && gray.cols >= 2 * cell && gray.rows >= 2 * cell,
-                  "a picture of {}x{}, type {}", gray.cols, gray.rows, gray.type());
+                  "an image of {}x{}, type {}", gray.cols, gray.rows, gray.type());
   const int across = gray.cols / cell;
   const int down = gray.rows / cell;
   std::vector<float> cells(static_cast<std::size_t>(across * down * bins), 0.0F);
@@ -126,7 +133,7 @@ std::vector<float> hog_features(const cv::Mat& gray, int cell, int bins) {
 
 std::vector<float> lbp_features(const cv::Mat& gray, int columns, int rows) {
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && gray.cols >= columns + 2 && gray.rows >= rows + 2,
-                  "a picture of {}x{}, type {}", gray.cols, gray.rows, gray.type());
+                  "an image of {}x{}, type {}", gray.cols, gray.rows, gray.type());
   constexpr int kPatterns = 59;
   std::vector<float> histogram(static_cast<std::size_t>(columns * rows * kPatterns), 0.0F);
   std::vector<float> totals(static_cast<std::size_t>(columns * rows), 0.0F);
@@ -149,26 +156,9 @@ std::vector<float> lbp_features(const cv::Mat& gray, int columns, int rows) {
   return histogram;
 }
 
-PlateFeatures parse_plate_features(std::string_view name) {
-  for (const PlateFeatures features :
-       {PlateFeatures::kPixels, PlateFeatures::kHog, PlateFeatures::kPca, PlateFeatures::kLbp})
-    if (name == name_of(features)) return features;
-  throw UsageError(fmt::format("features '{}': there are pixels, hog, pca, lbp", name));
-}
+PlateFeatures parse_plate_features(std::string_view name) { return kFeatures.parse(name); }
 
-std::string_view name_of(PlateFeatures features) {
-  switch (features) {
-    case PlateFeatures::kHog:
-      return "hog";
-    case PlateFeatures::kPca:
-      return "pca";
-    case PlateFeatures::kLbp:
-      return "lbp";
-    case PlateFeatures::kPixels:
-      break;
-  }
-  return "pixels";
-}
+std::string_view name_of(PlateFeatures features) { return kFeatures.name(features); }
 
 std::vector<float> plate_features(const cv::Mat& candidate, PlateFeatures features) {
   TARSIER_REQUIRE(candidate.type() == CV_8UC1 && candidate.size() == kPlateSize,

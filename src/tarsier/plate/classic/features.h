@@ -12,7 +12,7 @@ inline constexpr int kCharacterSize = 20;  // px, square, bright on dark
 inline const cv::Size kPlateSize{144, 33};
 
 // Projection histograms (share of bright pixels in each column, then in each row, by the largest)
-// and the picture at low x low px, row after row: 40 + low^2 numbers. CV_8UC1, 20x20. `low`: 1..20.
+// and the image at low x low px, row after row: 40 + low^2 numbers. CV_8UC1, 20x20. `low`: 1..20.
 [[nodiscard]] std::vector<float> projection_features(const cv::Mat& character, int low);
 
 // Histograms of oriented gradients (Dalal and Triggs, CVPR 2005): cells of cell x cell px, `bins`
@@ -25,7 +25,8 @@ inline const cv::Size kPlateSize{144, 33};
 [[nodiscard]] std::vector<float> lbp_features(const cv::Mat& gray, int columns, int rows);
 
 enum class PlateFeatures { kPixels, kHog, kPca, kLbp };
-[[nodiscard]] PlateFeatures parse_plate_features(std::string_view name);  // throws UsageError
+[[nodiscard]] PlateFeatures parse_plate_features(
+    std::string_view name);  // throws std::invalid_argument
 [[nodiscard]] std::string_view name_of(PlateFeatures features);
 
 // Of a plate candidate, 144x33. kPca: the pixels; the projection is the model's.

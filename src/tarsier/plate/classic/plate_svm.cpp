@@ -194,7 +194,7 @@ PlateSvm read_plate_svm(const std::string& path) {
   PlateSvm svm;
   try {
     svm.features = parse_plate_features(text_member(payload, "features", path));
-  } catch (const UsageError& error) {
+  } catch (const std::invalid_argument& error) {
     throw ModelError(path, error.what());
   }
   const cv::Mat blank(kPlateSize, CV_8UC1, cv::Scalar(0));

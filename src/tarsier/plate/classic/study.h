@@ -23,7 +23,7 @@ struct StudyOptions {
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"lows", lows, range(1, 20), "--features", "px of the small picture"},
+    return {{"lows", lows, range(1, 20), "--features", "px of the small image"},
             {"neurons", neurons, range(1, 1000), "--neurons", "hidden"},
             {"seeds", seeds, range(1, 1000), "--splits,--seeds", "random splits of each"},
             {"train", train, at_least(30), "--train", "characters to learn from; the rest judges"},

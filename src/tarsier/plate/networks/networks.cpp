@@ -98,7 +98,7 @@ cv::Mat local_contrast(const cv::Mat& gray) {
 std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& network,
                               const DetectorOptions& options, linalg::Workspace& workspace) {
   options.check();
-  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "a picture of type {}", gray.type());
+  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
   const double pixels = static_cast<double>(gray.cols) * gray.rows;
   double scale = std::min(1.0, std::sqrt(options.max_pixels / pixels));
   std::vector<Detection> found;

@@ -10,7 +10,7 @@
 #include <vector>
 
 // The three networks of the default pipeline: one finds plates, one finds their corners and their
-// line of text, one reads the line. All take grey pictures.
+// line of text, one reads the line. All take grey images.
 namespace tarsier::plate {
 
 // --- finding ---
@@ -31,16 +31,16 @@ struct Detection {
 
 struct DetectorOptions {
   float threshold = 0.6F;
-  double max_pixels = 0.6e6;  // of the finest level; larger pictures are reduced to it
+  double max_pixels = 0.6e6;  // of the finest level; larger images are reduced to it
   float overlap = 0.3F;       // of boxes of the same plate
-  int most = 120;             // plates of one picture
+  int most = 120;             // plates of one image
   bool parallel = false;      // use OpenCV's threads
 
   [[nodiscard]] OptionFields fields() {
     return {{"threshold", threshold, inside(0, 1), "--find-threshold",
              "of the detector; lower: more, slower"},
             {"max_pixels", max_pixels, range(1e4, 1e8), "--find-pixels",
-             "larger pictures are searched at this many; more: smaller plates, slower"},
+             "larger images are searched at this many; more: smaller plates, slower"},
             {"overlap", overlap, inside(0, 1)},
             {"most", most, range(1, 10000)}};
   }

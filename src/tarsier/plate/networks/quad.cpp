@@ -111,7 +111,7 @@ float box_cover(const Quad& a, const Quad& b) {
 }
 
 cv::Mat sample(const cv::Mat& gray, const Quad& in_image, const Quad& in_canvas, cv::Size canvas) {
-  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "a picture of type {}", gray.type());
+  TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
   cv::Matx33d image_from_canvas = map_between(in_canvas, in_image);
   const Quad frame = transformed(
       image_from_canvas,
@@ -123,7 +123,7 @@ cv::Mat sample(const cv::Mat& gray, const Quad& in_image, const Quad& in_canvas,
   const cv::Rect window = cv::Rect(reach) & cv::Rect(0, 0, gray.cols, gray.rows);
   if (window.empty()) return cv::Mat(canvas, CV_8UC1, cv::Scalar(0));
   cv::Mat source = gray(window);
-  // Pixels of the picture for one of the canvas.
+  // Pixels of the image for one of the canvas.
   const double ratio =
       std::sqrt(std::max(1e-6F, std::abs(area(in_image))) / std::max(1e-6F, area(in_canvas)));
   double scale = 1;

@@ -5,7 +5,7 @@
 
 #include <opencv2/core.hpp>
 
-// Geometry of quadrilaterals in pictures. Pixel centres lie at whole numbers.
+// Geometry of quadrilaterals in images. Pixel centres lie at whole numbers.
 namespace tarsier::plate {
 
 [[nodiscard]] Quad quad_of(const cv::Rect2f& box);
@@ -38,8 +38,8 @@ namespace tarsier::plate {
 // Intersection of the upright boxes over the smaller of them.
 [[nodiscard]] float box_cover(const Quad& a, const Quad& b);
 
-// The picture as seen in a canvas in which `in_image` lies at `in_canvas`; CV_8UC1 in and out.
-// Pictures much larger than the canvas are averaged, not sub-sampled. Outside the picture its edge
+// The image as seen in a canvas in which `in_image` lies at `in_canvas`; CV_8UC1 in and out.
+// Images much larger than the canvas are averaged, not sub-sampled. Outside the image its edge
 // goes on.
 [[nodiscard]] cv::Mat sample(const cv::Mat& gray, const Quad& in_image, const Quad& in_canvas,
                              cv::Size canvas);

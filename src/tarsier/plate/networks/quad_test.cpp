@@ -54,18 +54,18 @@ TEST(Quad, OverlapOfBoxes) {
   EXPECT_FLOAT_EQ(box_overlap(a, quad_of({20, 0, 10, 10})), 0);
 }
 
-// A picture with a checkered plate at kSlanted, magnified `scale` times.
-cv::Mat picture_with_plate(double scale) {
+// An image with a checkered plate at kSlanted, magnified `scale` times.
+cv::Mat image_with_plate(double scale) {
   cv::Mat plate(40, 120, CV_8UC1);
   for (int y = 0; y < 40; ++y)
     for (int x = 0; x < 120; ++x)
       plate.at<std::uint8_t>(y, x) = (x / 20 + y / 20) % 2 == 0 ? 220 : 40;
   Quad quad = kSlanted;
   for (cv::Point2f& p : quad) p *= scale;
-  cv::Mat picture(cvRound(100 * scale), cvRound(160 * scale), CV_8UC1, cv::Scalar(128));
-  cv::warpPerspective(plate, picture, cv::Mat(map_between(quad_of({0, 0, 119, 39}), quad)),
-                      picture.size(), cv::INTER_LINEAR, cv::BORDER_TRANSPARENT);
-  return picture;
+  cv::Mat image(cvRound(100 * scale), cvRound(160 * scale), CV_8UC1, cv::Scalar(128));
+  cv::warpPerspective(plate, image, cv::Mat(map_between(quad_of({0, 0, 119, 39}), quad)),
+                      image.size(), cv::INTER_LINEAR, cv::BORDER_TRANSPARENT);
+  return image;
 }
 
 class Sample : public testing::TestWithParam<double> {};
@@ -75,8 +75,7 @@ TEST_P(Sample, StraightensAPlateOfAnySize) {
   const double scale = GetParam();
   Quad quad = kSlanted;
   for (cv::Point2f& p : quad) p *= scale;
-  const cv::Mat canvas =
-      sample(picture_with_plate(scale), quad, quad_of({0, 0, 119, 39}), {120, 40});
+  const cv::Mat canvas = sample(image_with_plate(scale), quad, quad_of({0, 0, 119, 39}), {120, 40});
   ASSERT_EQ(canvas.size(), cv::Size(120, 40));
   for (int y = 10; y < 40; y += 20) {
     for (int x = 10; x < 120; x += 20) {
@@ -86,11 +85,11 @@ TEST_P(Sample, StraightensAPlateOfAnySize) {
   }
 }
 
-TEST(Sample, QuadsOutsideThePictureGiveACanvasAllTheSame) {
-  const cv::Mat picture = picture_with_plate(1);
+TEST(Sample, QuadsOutsideTheImageGiveACanvasAllTheSame) {
+  const cv::Mat image = image_with_plate(1);
   for (const cv::Rect2f box : {cv::Rect2f{-500, -500, 60, 20}, cv::Rect2f{150, 90, 60, 20},
                                cv::Rect2f{-1e6F, 0, 2e6F, 20}}) {
-    const cv::Mat canvas = sample(picture, quad_of(box), quad_of({0, 0, 59, 19}), {60, 20});
+    const cv::Mat canvas = sample(image, quad_of(box), quad_of({0, 0, 59, 19}), {60, 20});
     EXPECT_EQ(canvas.size(), cv::Size(60, 20));
   }
 }

@@ -21,7 +21,7 @@ constexpr double kWordPenalty = 3;  // nats against a text without a digit: most
 
 cv::Mat gray_of(const cv::Mat& image) {
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
-                  "a picture of type {}", image.type());
+                  "an image of type {}", image.type());
   if (image.channels() == 1) return image;
   cv::Mat gray;
   cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
@@ -125,7 +125,7 @@ Quad character_quad(const Lines& lines, std::pair<int, int> columns) {
   return {};
 }
 
-// A thread's own, kept: the networks' maps are megabytes, and making them again for each picture
+// A thread's own, kept: the networks' maps are megabytes, and making them again for each image
 // costs more than some of the layers. One for each network, as their maps differ in size.
 linalg::Workspace& kept_workspace(std::size_t network) {
   static thread_local std::array<linalg::Workspace, 3> workspaces;
@@ -248,21 +248,21 @@ std::vector<Recognizer::Find> Recognizer::find(const cv::Mat& gray, DebugSink* d
     if (!again && rivals < kMaxRivals) kept.push_back(find);
   }
   if (debug != nullptr) {
-    cv::Mat picture;
-    cv::cvtColor(gray, picture, cv::COLOR_GRAY2BGR);
+    cv::Mat image;
+    cv::cvtColor(gray, image, cv::COLOR_GRAY2BGR);
     const auto outline = [&](const Quad& quad, const cv::Scalar& color) {
       std::array<cv::Point, 4> points;
       for (std::size_t i = 0; i < 4; ++i) points[i] = quad[i];
-      cv::polylines(picture, std::vector<cv::Point>(points.begin(), points.end()), true, color, 1,
+      cv::polylines(image, std::vector<cv::Point>(points.begin(), points.end()), true, color, 1,
                     cv::LINE_AA);
     };
     for (const Detection& detection : detections) outline(detection.corners, {0, 160, 255});
-    debug->image("detected", picture);
+    debug->image("detected", image);
     for (const Find& find : kept) {
       outline(find.alignment.plate, {0, 0, 255});
       outline(find.alignment.text, {0, 255, 0});
     }
-    debug->image("aligned", picture);
+    debug->image("aligned", image);
     int number = 0;
     for (const Find& find : kept) {
       ++number;

@@ -39,7 +39,7 @@ struct Put {
 };
 
 // Plates in their standard look on a grey wall.
-class Pictures : public testing::Test {
+class Images : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     try {
@@ -54,7 +54,7 @@ class Pictures : public testing::Test {
   static cv::Mat wall(cv::Size size) { return cv::Mat(size, CV_8UC3, cv::Scalar(90, 95, 100)); }
 
   // Puts a drawn Spanish plate `width` px wide with its corner at `at`.
-  static Put put(cv::Mat& picture, const std::string& text, cv::Point at, int width,
+  static Put put(cv::Mat& image, const std::string& text, cv::Point at, int width,
                  synth::PlateKind kind = synth::PlateKind::kSpain) {
     synth::PlateFaceOptions options;
     options.kind = kind;
@@ -66,20 +66,20 @@ class Pictures : public testing::Test {
     cv::Mat small;
     cv::resize(face.image, small, {width, width * face.image.rows / face.image.cols}, 0, 0,
                cv::INTER_AREA);
-    const cv::Rect box = cv::Rect(at, small.size()) & cv::Rect(0, 0, picture.cols, picture.rows);
-    small(box - at).copyTo(picture(box));
+    const cv::Rect box = cv::Rect(at, small.size()) & cv::Rect(0, 0, image.cols, image.rows);
+    small(box - at).copyTo(image(box));
     return {face.text, box};
   }
 
   static std::shared_ptr<const synth::GlyphSet> glyphs_;
 };
-std::shared_ptr<const synth::GlyphSet> Pictures::glyphs_;
+std::shared_ptr<const synth::GlyphSet> Images::glyphs_;
 
-TEST_F(Pictures, PlatesFromSmallToLargeAreRead) {
+TEST_F(Images, PlatesFromSmallToLargeAreRead) {
   for (const int width : {80, 130, 220, 400}) {
-    cv::Mat picture = wall({640, 480});
-    const Put plate = put(picture, "4725BKZ", {120, 200}, width);
-    const std::vector<Reading> readings = recognizer().read(picture);
+    cv::Mat image = wall({640, 480});
+    const Put plate = put(image, "4725BKZ", {120, 200}, width);
+    const std::vector<Reading> readings = recognizer().read(image);
     ASSERT_EQ(readings.size(), 1U) << width;
     EXPECT_EQ(readings[0].text, "4725BKZ") << width;
     EXPECT_GT(readings[0].confidence, 0.5) << width;
@@ -88,54 +88,54 @@ TEST_F(Pictures, PlatesFromSmallToLargeAreRead) {
   }
 }
 
-TEST_F(Pictures, GreyAndColourReadAlike) {
-  cv::Mat picture = wall({640, 480});
-  put(picture, "0318GHT", {200, 220}, 180);
+TEST_F(Images, GreyAndColourReadAlike) {
+  cv::Mat image = wall({640, 480});
+  put(image, "0318GHT", {200, 220}, 180);
   cv::Mat gray;
-  cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
   const std::vector<Reading> of_gray = recognizer().read(gray);
-  const std::vector<Reading> of_color = recognizer().read(picture);
+  const std::vector<Reading> of_color = recognizer().read(image);
   ASSERT_EQ(of_gray.size(), 1U);
   EXPECT_EQ(reading_json(of_gray[0]), reading_json(of_color.at(0)));
 }
 
-TEST_F(Pictures, TwoRowsAreReadOneAfterTheOther) {
-  cv::Mat picture = wall({640, 480});
-  put(picture, "5521MNP", {220, 150}, 190, synth::PlateKind::kSpainSquare);
-  const std::vector<Reading> readings = recognizer().read(picture);
+TEST_F(Images, TwoRowsAreReadOneAfterTheOther) {
+  cv::Mat image = wall({640, 480});
+  put(image, "5521MNP", {220, 150}, 190, synth::PlateKind::kSpainSquare);
+  const std::vector<Reading> readings = recognizer().read(image);
   ASSERT_FALSE(readings.empty());
   EXPECT_EQ(readings[0].text, "5521MNP");
   EXPECT_EQ(readings[0].rows, 2);
 }
 
-TEST_F(Pictures, AHundredPlatesAreAllFound) {
-  cv::Mat picture = wall({1600, 1200});
+TEST_F(Images, AHundredPlatesAreAllFound) {
+  cv::Mat image = wall({1600, 1200});
   std::set<std::string> texts;
   for (int i = 0; i < 100; ++i) {
     const std::string text = std::to_string(1000 + i * 83) + "BCD";
-    texts.insert(put(picture, text, {15 + (i % 10) * 158, 30 + (i / 10) * 116}, 130).text);
+    texts.insert(put(image, text, {15 + (i % 10) * 158, 30 + (i / 10) * 116}, 130).text);
   }
   int right = 0;
-  for (const Reading& reading : recognizer().read(picture)) right += texts.erase(reading.text) == 1;
+  for (const Reading& reading : recognizer().read(image)) right += texts.erase(reading.text) == 1;
   EXPECT_GE(right, 90);
 }
 
-TEST_F(Pictures, APlateAtTheBorderDoesNoHarm) {
+TEST_F(Images, APlateAtTheBorderDoesNoHarm) {
   for (const cv::Point at :
        {cv::Point{0, 0}, cv::Point{460, 0}, cv::Point{0, 442}, cv::Point{460, 442}}) {
-    cv::Mat picture = wall({640, 480});
-    put(picture, "4725BKZ", at, 180);
-    for (const Reading& reading : recognizer().read(picture)) {
+    cv::Mat image = wall({640, 480});
+    put(image, "4725BKZ", at, 180);
+    for (const Reading& reading : recognizer().read(image)) {
       EXPECT_EQ(reading.box & cv::Rect(0, 0, 640, 480), reading.box);
       EXPECT_EQ(reading.text, "4725BKZ");
     }
   }
 }
 
-TEST_F(Pictures, ThreadsChangeNothing) {
-  cv::Mat picture = wall({1280, 720});
+TEST_F(Images, ThreadsChangeNothing) {
+  cv::Mat image = wall({1280, 720});
   for (int i = 0; i < 6; ++i)
-    put(picture, std::to_string(1234 + 1111 * i) + "LMN", {60 + (i % 3) * 400, 150 + (i / 3) * 300},
+    put(image, std::to_string(1234 + 1111 * i) + "LMN", {60 + (i % 3) * 400, 150 + (i / 3) * 300},
         170);
   RecognizerOptions options;
   options.parallel = true;
@@ -143,17 +143,17 @@ TEST_F(Pictures, ThreadsChangeNothing) {
                             read_reader_model((kModels / "plate-reader.json").string()),
                             choose_countries(read_countries((kModels / "countries").string()), {}),
                             options);
-  const std::vector<Reading> one = recognizer().read(picture);
-  const std::vector<Reading> many = parallel.read(picture);
+  const std::vector<Reading> one = recognizer().read(image);
+  const std::vector<Reading> many = parallel.read(image);
   ASSERT_EQ(one.size(), many.size());
   for (std::size_t i = 0; i < one.size(); ++i)
     EXPECT_EQ(reading_json(one[i]), reading_json(many[i]));
 }
 
-TEST_F(Pictures, JsonHasTheAgreedForm) {
-  cv::Mat picture = wall({640, 480});
-  put(picture, "4725BKZ", {200, 200}, 200);
-  const nlohmann::ordered_json json = reading_json(recognizer().read(picture).at(0));
+TEST_F(Images, JsonHasTheAgreedForm) {
+  cv::Mat image = wall({640, 480});
+  put(image, "4725BKZ", {200, 200}, 200);
+  const nlohmann::ordered_json json = reading_json(recognizer().read(image).at(0));
   EXPECT_EQ(json["box"].size(), 4U);
   EXPECT_EQ(json["corners"].size(), 4U);
   EXPECT_EQ(json["candidates"][0]["text"], json["text"]);
@@ -163,14 +163,14 @@ TEST_F(Pictures, JsonHasTheAgreedForm) {
   EXPECT_LE(sum, 1.01);
 }
 
-TEST(Recognizer, PicturesWithoutPlatesGiveNone) {
+TEST(Recognizer, ImagesWithoutPlatesGiveNone) {
   for (const cv::Size size : {cv::Size{1, 1}, cv::Size{3, 700}, cv::Size{640, 480}}) {
     EXPECT_TRUE(recognizer().read(cv::Mat(size, CV_8UC3, cv::Scalar(127, 127, 127))).empty())
         << size;
   }
 }
 
-TEST(Recognizer, RefusesOtherPictures) {
+TEST(Recognizer, RefusesOtherImages) {
   EXPECT_THROW((void)recognizer().read(cv::Mat()), std::invalid_argument);
   EXPECT_THROW((void)recognizer().read(cv::Mat(10, 10, CV_32FC1)), std::invalid_argument);
 }

@@ -17,7 +17,7 @@ inline constexpr int kSymbols = kBlank;
 inline constexpr std::size_t kMaxPlaces = 12;
 inline constexpr std::size_t kMaxLayouts = 2048;
 
-// What is known before any picture. Sets of layouts are bits that number them by falling prior: the
+// What is known before any image. Sets of layouts are bits that number them by falling prior: the
 // first of a set is its best.
 struct Decoder::Tables {
   CountryChoice choice;

@@ -106,7 +106,7 @@ const CountryChoice& Decoder::choice() const { return tables_->choice; }
 std::vector<Decoded> Decoder::decode(const cv::Mat& probabilities) const {
   require_probabilities(probabilities);
   const DecodeOptions& options = tables_->options;
-  // The second, wider search is for pictures in which some character that the layouts need is
+  // The second, wider search is for images in which some character that the layouts need is
   // hardly to be seen.
   std::vector<Decoded> texts;
   for (int attempt = 0; attempt < 2 && texts.empty(); ++attempt) {

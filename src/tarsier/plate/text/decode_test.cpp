@@ -164,7 +164,7 @@ TEST(DecodeTest, TheLayoutTellsZeroFromO) {
   EXPECT_EQ(any[0].layout, -1);
 }
 
-TEST(DecodeTest, FreeTextWinsOnlyWhereThePictureIsSureEnough) {
+TEST(DecodeTest, FreeTextWinsOnlyWhereTheImageIsSureEnough) {
   const CountryChoice choice = choice_of(kSpain, true);
   const auto doubtful = sure("1234BCD", {{3, {{'A', 0.6F}, {'4', 0.3F}}}});
   EXPECT_EQ(decode(doubtful, choice, {})[0].text, "1234BCD");

@@ -14,7 +14,7 @@
 namespace tarsier::plate {
 
 // A plate of a truth file (csv: image,x,y,w,h,text). Text is upper case letters and digits; '-'
-// stands for a character that is hidden in the picture.
+// stands for a character that is hidden in the image.
 struct TruthPlate {
   std::optional<cv::Rect2d> box;
   std::string text;  // empty: only the box is known

@@ -39,7 +39,7 @@ struct Candidate {
   std::string country;    // the layout's code ("es", "sk"..), empty where none fits
 };
 
-// One plate of one picture.
+// One plate of one image.
 struct Reading {
   std::string text;       // candidates[0].text; symbols of kAlphabet only
   double confidence = 0;  // 0..1: chance that the whole text is right

@@ -24,7 +24,7 @@ TEST(ReadingTest, EverySymbolHasItsClassAndNothingElseHas) {
   }
 }
 
-TEST(ReadingTest, BoxCoversThePixelsOfATiltedQuadAndStaysInThePicture) {
+TEST(ReadingTest, BoxCoversThePixelsOfATiltedQuadAndStaysInTheImage) {
   const Quad quad{cv::Point2f{10, 5}, {20, 3}, {21, 8}, {11, 10}};
   EXPECT_EQ(bounding_box(quad, {100, 50}), cv::Rect(10, 3, 12, 8));
   EXPECT_EQ(bounding_box(quad, {15, 6}), cv::Rect(10, 3, 5, 3));

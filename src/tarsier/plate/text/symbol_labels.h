@@ -5,13 +5,13 @@
 #include <string_view>
 #include <vector>
 
-// Symbols marked in the picture of a plate as the trainers of YOLO networks want them: beside
+// Symbols marked in the image of a plate as the trainers of YOLO networks want them: beside
 // NAME.png a NAME.txt, a line "CLASS X Y W H" for each symbol.
 namespace tarsier::plate {
 
 struct SymbolLabel {
   int kind = 0;  // class number, 0..kBlank-1 (reading.h)
-  // The middle and the size of its box, in parts of the picture's width and height: x, y within
+  // The middle and the size of its box, in parts of the image's width and height: x, y within
   // +-2, w, h in (0, 2).
   double x = 0;
   double y = 0;

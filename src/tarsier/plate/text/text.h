@@ -11,7 +11,7 @@ namespace tarsier::plate {
 // (Levenshtein, Soviet Physics Doklady 1966).
 [[nodiscard]] int edit_distance(std::string_view a, std::string_view b);
 
-// The same where '-' in `truth` is a character that is hidden in the picture: it matches any one
+// The same where '-' in `truth` is a character that is hidden in the image: it matches any one
 // character or none.
 [[nodiscard]] int edit_distance_to_truth(std::string_view truth, std::string_view text);
 

@@ -59,7 +59,7 @@ struct PlateEvent {
   cv::Mat best_crop;  // CV_8UC3 or as the frames were; the box with a margin, 640 px wide at most
 };
 
-// A picture's reading as an event of its own, at time 0, for logs.
+// An image's reading as an event of its own, at time 0, for logs.
 [[nodiscard]] PlateEvent event_of(const Reading& reading, const cv::Mat& image);
 
 // The box with a margin, cut from the image, 640 px wide at most; empty where they do not meet.

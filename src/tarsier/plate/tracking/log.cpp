@@ -24,7 +24,7 @@ namespace {
 constexpr int kCropQuality = 90;
 constexpr std::size_t kMaxSource = 1000;  // bytes
 
-// 'TPL1'. New columns would stand behind the pictures, and reading them would mean reading through
+// 'TPL1'. New columns would stand behind the images, and reading them would mean reading through
 // these: so what is known of few entries has a table of its own. plate_gram: the pieces of three
 // characters of each folded text and an end mark ('1234BCD' has 123, 234, 34B, 4BC, BC0, C0$); two
 // characters are found as the beginning of a piece. The statements must cut as grams_of() does.

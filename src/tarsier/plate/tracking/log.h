@@ -17,7 +17,7 @@
 
 namespace tarsier::plate {
 
-// A log's entry, without its picture.
+// A log's entry, without its image.
 struct LoggedPlate {
   std::int64_t id = 0;
   Moment first_time;
@@ -69,7 +69,7 @@ class PlateLog {
   explicit PlateLog(const std::string& path, DatabaseAccess access = DatabaseAccess::kCreate,
                     int patience_ms = 5000);
 
-  // A complete entry of its own, with its picture. Passwords in a source are not kept. Returns the
+  // A complete entry of its own, with its image. Passwords in a source are not kept. Returns the
   // entry's id. Throws OutputError.
   std::int64_t append(const PlateEvent& event);
 
@@ -83,7 +83,7 @@ class PlateLog {
   void end_run(std::int64_t run);
 
   // Writes an entry, closed or open as the event's state says; `id` 0, or of an entry that is not
-  // there any more: a new one. Without `crop` the picture stays as it is. Returns its id.
+  // there any more: a new one. Without `crop` the image stays as it is. Returns its id.
   std::int64_t put(const PlateEvent& event, std::int64_t id, std::int64_t run,
                    std::optional<std::span<const std::uint8_t>> crop);
   void remove(std::int64_t id);
@@ -103,12 +103,12 @@ class PlateLog {
   // Calls take() with each entry, newest first, until it returns false. Returns how many.
   std::int64_t query(const LogFilter& filter, const std::function<bool(const LoggedPlate&)>& take);
 
-  // JPEG bytes, empty where there is no picture.
+  // JPEG bytes, empty where there is no image.
   [[nodiscard]] std::vector<std::uint8_t> crop(std::int64_t id);
 
   [[nodiscard]] std::int64_t count();
 
-  // Deletes what was last in sight longer than `age` before `now`, with its pictures, a batch at a
+  // Deletes what was last in sight longer than `age` before `now`, with its images, a batch at a
   // time, and gives the room back to the disk. Returns how many entries that were. An entry that
   // was written while the clock was not synchronized, and never got right times, may be younger
   // than it says: it is old when it is `age` older than the newest of its run, or when an earlier

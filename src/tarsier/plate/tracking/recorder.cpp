@@ -63,7 +63,7 @@ std::string machine_name() {
 // Something to be done to the log.
 struct Task {
   enum class Kind { kEvent, kShift, kTrust } kind = Kind::kEvent;
-  PlateEvent event;  // without its picture
+  PlateEvent event;  // without its image
   std::optional<std::vector<std::uint8_t>> crop;
   std::chrono::milliseconds by{0};
   std::uint64_t ticket = 0;

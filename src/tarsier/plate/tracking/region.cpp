@@ -23,7 +23,7 @@ constexpr std::size_t kMaxCorners = 32;
   throw UsageError(
       fmt::format("'{}' is no region: x,y,w,h or corners x,y x,y x,y .. are expected, in pixels, "
                   "or as shares of "
-                  "the picture where all are 1 at most",
+                  "the image where all are 1 at most",
                   printable(text)));
 }
 
@@ -55,11 +55,11 @@ double area_of(const std::vector<cv::Point2d>& corners) {
 
 }  // namespace
 
-bool Region::contains(cv::Point2d point, cv::Size picture) const {
+bool Region::contains(cv::Point2d point, cv::Size image) const {
   if (corners.empty()) return true;
   if (relative) {
-    point.x /= std::max(picture.width, 1);
-    point.y /= std::max(picture.height, 1);
+    point.x /= std::max(image.width, 1);
+    point.y /= std::max(image.height, 1);
   }
   bool inside = false;
   for (std::size_t k = 0; k < corners.size(); ++k) {
@@ -71,11 +71,11 @@ bool Region::contains(cv::Point2d point, cv::Size picture) const {
   return inside;
 }
 
-std::vector<cv::Point> Region::outline(cv::Size picture) const {
+std::vector<cv::Point> Region::outline(cv::Size image) const {
   std::vector<cv::Point> points;
   for (const cv::Point2d& corner : corners) {
-    points.emplace_back(static_cast<int>(std::lround(corner.x * (relative ? picture.width : 1))),
-                        static_cast<int>(std::lround(corner.y * (relative ? picture.height : 1))));
+    points.emplace_back(static_cast<int>(std::lround(corner.x * (relative ? image.width : 1))),
+                        static_cast<int>(std::lround(corner.y * (relative ? image.height : 1))));
   }
   return points;
 }

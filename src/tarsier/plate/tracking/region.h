@@ -8,15 +8,15 @@
 
 namespace tarsier::plate {
 
-// Part of the picture. Coordinates are shares of its width and height, or pixels.
+// Part of the image. Coordinates are shares of its width and height, or pixels.
 struct Region {
-  std::vector<cv::Point2d> corners;  // a polygon, at least three; empty: the whole picture
+  std::vector<cv::Point2d> corners;  // a polygon, at least three; empty: the whole image
   bool relative = false;
 
   // By the even-odd rule; points on an edge may be either.
-  [[nodiscard]] bool contains(cv::Point2d point, cv::Size picture) const;
+  [[nodiscard]] bool contains(cv::Point2d point, cv::Size image) const;
   // Corners in px, for drawing.
-  [[nodiscard]] std::vector<cv::Point> outline(cv::Size picture) const;
+  [[nodiscard]] std::vector<cv::Point> outline(cv::Size image) const;
 };
 
 // "x,y,w,h", or three to 32 corners "x,y x,y x,y" (or with ';' between). Relative where no number

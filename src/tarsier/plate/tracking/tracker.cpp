@@ -38,7 +38,7 @@ std::vector<const Reading*> counted_readings(const TrackerOptions& options,
                              reading.box.y + 0.5 * (reading.box.height - 1)};
     const bool inside =
         options.region.corners.empty() || !options.region.relative || !frame.image.empty();
-    TARSIER_REQUIRE(inside, "a region in shares of a picture that is not there");
+    TARSIER_REQUIRE(inside, "a region in shares of an image that is not there");
     if (options.region.contains(center, frame.image.size())) readings.push_back(&reading);
   }
   std::stable_sort(readings.begin(), readings.end(), [](const Reading* a, const Reading* b) {

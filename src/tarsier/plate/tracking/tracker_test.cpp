@@ -310,7 +310,7 @@ TEST(TrackerTest, TheBestFrameGivesTheCrop) {
   EXPECT_GE(events[0].best_crop.cols, 100);
 }
 
-TEST(TrackerTest, CropsAtTheBorderStayInThePicture) {
+TEST(TrackerTest, CropsAtTheBorderStayInTheImage) {
   Road road;
   const cv::Mat image(50, 60, CV_8UC3, cv::Scalar::all(9));
   for (int k = 0; k < 3; ++k) road.frame({reading_at("1234BCD", -20, 40, 100)}, image);

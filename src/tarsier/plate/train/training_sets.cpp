@@ -18,14 +18,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::vector<fs::path> pictures_of(const fs::path& folder) {
+std::vector<fs::path> images_of(const fs::path& folder) {
   std::vector<fs::path> paths;
   std::error_code error;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder, error))
     if (is_image_path(entry.path().string())) paths.push_back(entry.path());
   if (error) throw InputError(folder.string(), "cannot be read: " + error.message());
   std::sort(paths.begin(), paths.end());
-  if (paths.empty()) throw InputError(folder.string(), "holds no pictures");
+  if (paths.empty()) throw InputError(folder.string(), "holds no images");
   return paths;
 }
 
@@ -84,23 +84,23 @@ std::vector<Scene> read_scenes(const std::string& folder, double max_pixels) {
   const fs::path images = fs::path(folder) / "images";
   if (fs::exists(truth_path)) {
     const auto truth = read_plate_truth(truth_path.string());
-    for (const fs::path& path : pictures_of(fs::exists(images) ? images : fs::path(folder))) {
+    for (const fs::path& path : images_of(fs::exists(images) ? images : fs::path(folder))) {
       const auto found = truth.find(path.filename().string());
       if (found != truth.end()) scenes.push_back(scene_of(path, found->second, max_pixels));
     }
     return scenes;
   }
-  for (const fs::path& path : pictures_of(folder)) scenes.push_back(scene_of(path, {}, max_pixels));
+  for (const fs::path& path : images_of(folder)) scenes.push_back(scene_of(path, {}, max_pixels));
   return scenes;
 }
 
 std::vector<LabelledCrop> read_labelled_crops(const std::string& folder) {
   std::vector<LabelledCrop> crops;
-  for (const fs::path& path : pictures_of(folder)) {
+  for (const fs::path& path : images_of(folder)) {
     LabelledCrop crop = crop_of(path);
     if (!crop.symbols.empty()) crops.push_back(std::move(crop));
   }
-  if (crops.empty()) throw InputError(folder, "no picture has usable labels beside it");
+  if (crops.empty()) throw InputError(folder, "no image has usable labels beside it");
   return crops;
 }
 

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-// Small pictures of plates with known corners, endless and seeded: what the three networks learn
+// Small images of plates with known corners, endless and seeded: what the three networks learn
 // from. Real images with boxes and drawn plates set into them, seen through a made-up camera.
 namespace tarsier::plate {
 
@@ -33,7 +33,7 @@ struct LabelledCrop {
   int length = 0;               // of the text, hidden ones included
 };
 
-// Images of a folder with truth.csv (image,x,y,w,h,text), or of a folder of plain pictures
+// Images of a folder with truth.csv (image,x,y,w,h,text), or of a folder of plain images
 // (backgrounds without plates). Larger ones than `max_pixels` are reduced. Throws InputError.
 [[nodiscard]] std::vector<Scene> read_scenes(const std::string& folder, double max_pixels);
 
@@ -95,7 +95,7 @@ struct ViewMaker {
   [[nodiscard]] View make_distractor(const ViewOptions& options, Rng& rng, Quad& quad) const;
 };
 
-// What a camera does to a grey picture: blur, motion, shadow, tone, noise, JPEG.
+// What a camera does to a grey image: blur, motion, shadow, tone, noise, JPEG.
 void weather(cv::Mat& gray, double strength, Rng& rng);
 
 }  // namespace tarsier::plate

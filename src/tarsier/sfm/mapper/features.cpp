@@ -17,7 +17,7 @@ namespace {
 constexpr int kGrid = 16;  // cells along the larger side
 constexpr float kRootLength = 512;
 
-// OpenCV doubles the picture for SIFT's first octave by a resampling whose pixel centres lie a
+// OpenCV doubles the image for SIFT's first octave by a resampling whose pixel centres lie a
 // quarter of a pixel off, and does not take that back (measured; `enable_precise_upscale` of later
 // versions is off unless asked for).
 constexpr float kSiftShift = 0.25F;
@@ -85,7 +85,7 @@ cv::Mat root_sift(const cv::Mat& descriptors) {
 Features find_features(const cv::Mat& image, const FeatureOptions& options) {
   options.check();
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
-                  "a picture of type {}", image.type());
+                  "an image of type {}", image.type());
   cv::Mat gray = image;
   if (image.channels() == 3) cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
   const double scale =

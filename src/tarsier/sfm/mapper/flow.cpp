@@ -23,8 +23,8 @@ constexpr int kStored = kSide + 2;      // with a margin for its gradients
 constexpr int kPixels = kSide * kSide;  // of a patch
 constexpr int kParameters = 6;          // of an affine map
 constexpr double kSmoothing = 1;        // px; less would show the pixels' grid when resampled
-constexpr int kMinSide = 48;            // px, of the coarsest picture of a pyramid
-constexpr int kMaxLevels = 5;           // above the picture itself
+constexpr int kMinSide = 48;            // px, of the coarsest image of a pyramid
+constexpr int kMaxLevels = 5;           // above the image itself
 constexpr int kIterations = 20;         // of an alignment; most need three
 constexpr double kConverged = 0.003;    // px
 constexpr double kMaxCorrection = 2;    // px; an alignment that goes farther is another place
@@ -32,7 +32,7 @@ constexpr double kMaxZoom = 2.5;        // of a patch, either way
 constexpr double kMaxChange = 0.35;     // of a patch's shape from frame to frame, as its radius 1
 constexpr double kMinGain = 0.2;        // of its contrast
 constexpr int kBlock = 5;               // px, window of a corner
-constexpr double kQuality = 0.001;      // of a corner, against the best of the picture
+constexpr double kQuality = 0.001;      // of a corner, against the best of the image
 constexpr double kMinCorner = 3e-5;     // gradients of 0.7 a px in all directions: above noise
 constexpr double kMaxSubPixel = 1.5;    // px; a corner that moves farther is another
 constexpr double kSpacing = 0.6;        // of the distance of points on an even grid
@@ -64,7 +64,7 @@ cv::Vec2d half_axes(const cv::Matx22d& affine) {
   return axes;
 }
 
-// Where a patch is in a picture: its pixel x, counted from the centre, at affine * x + shift.
+// Where a patch is in an image: its pixel x, counted from the centre, at affine * x + shift.
 struct Warp {
   cv::Matx22d affine = cv::Matx22d::eye();
   cv::Vec2d shift;
@@ -108,18 +108,18 @@ class Template {
     usable_ = usable_ && square_ > 0;
   }
 
-  // Improves `warp`; the correlation there, or nothing where it left the picture or got lost.
-  [[nodiscard]] std::optional<double> align(const cv::Mat& picture, Warp& warp) const {
+  // Improves `warp`; the correlation there, or nothing where it left the image or got lost.
+  [[nodiscard]] std::optional<double> align(const cv::Mat& image, Warp& warp) const {
     if (!usable_) return std::nullopt;
     float seen[kPixels];
     for (int iteration = 0; iteration < kIterations; ++iteration) {
-      if (!sample(picture, warp, seen)) return std::nullopt;
+      if (!sample(image, warp, seen)) return std::nullopt;
       const double gain = dot(seen, values_) / square_;
       if (gain < kMinGain) return std::nullopt;
       Parameters right;
       for (int k = 0; k < kParameters; ++k) right(k) = dot(slopes_[k], seen) / gain;
       const Parameters step = inverse_ * right;
-      // The step moves the patch; the picture moves the other way.
+      // The step moves the patch; the image moves the other way.
       const cv::Matx22d turn(1 + step(2) / kRadius, step(3) / kRadius, step(4) / kRadius,
                              1 + step(5) / kRadius);
       if (std::abs(cv::determinant(turn)) < 0.1) return std::nullopt;
@@ -129,7 +129,7 @@ class Template {
       for (int k = 0; k < kParameters; ++k) largest = std::max(largest, std::abs(step(k)));
       if (largest < kConverged) break;
     }
-    if (!sample(picture, warp, seen)) return std::nullopt;
+    if (!sample(image, warp, seen)) return std::nullopt;
     double sum = 0;
     for (const float value : seen) sum += static_cast<double>(value);
     const double square = dot(seen, seen) - sum * sum / kPixels;
@@ -148,20 +148,20 @@ class Template {
   }
 
   // Bilinear; false if a pixel lies outside.
-  [[nodiscard]] static bool sample(const cv::Mat& picture, const Warp& warp, float* out) {
+  [[nodiscard]] static bool sample(const cv::Mat& image, const Warp& warp, float* out) {
     for (const int v : {-kRadius, kRadius}) {
       for (const int u : {-kRadius, kRadius}) {
         const cv::Vec2d corner = warp.affine * cv::Vec2d(u, v) + warp.shift;
-        if (!(corner[0] >= 0 && corner[1] >= 0 && corner[0] < picture.cols - 1 &&
-              corner[1] < picture.rows - 1)) {
+        if (!(corner[0] >= 0 && corner[1] >= 0 && corner[0] < image.cols - 1 &&
+              corner[1] < image.rows - 1)) {
           return false;
         }
       }
     }
     const cv::Matx22f affine = warp.affine;
     const cv::Vec2f shift = warp.shift;
-    const auto stride = static_cast<std::ptrdiff_t>(picture.step1());
-    const float* pixels = picture.ptr<float>();
+    const auto stride = static_cast<std::ptrdiff_t>(image.step1());
+    const float* pixels = image.ptr<float>();
     for (int v = -kRadius; v <= kRadius; ++v) {
       for (int u = -kRadius; u <= kRadius; ++u) {
         const auto a = static_cast<float>(u);
@@ -169,8 +169,8 @@ class Template {
         // Rounding could put a corner one pixel out.
         const float x = std::max(0.0F, affine(0, 0) * a + affine(0, 1) * b + shift[0]);
         const float y = std::max(0.0F, affine(1, 0) * a + affine(1, 1) * b + shift[1]);
-        const int left = std::min(static_cast<int>(x), picture.cols - 2);
-        const int top = std::min(static_cast<int>(y), picture.rows - 2);
+        const int left = std::min(static_cast<int>(x), image.cols - 2);
+        const int top = std::min(static_cast<int>(y), image.rows - 2);
         const float right = x - static_cast<float>(left);
         const float down = y - static_cast<float>(top);
         const float* p = pixels + top * stride + left;
@@ -205,11 +205,11 @@ FlowTracker::~FlowTracker() = default;
 
 void FlowTracker::add(const cv::Mat& image) {
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC3 || image.type() == CV_8UC1),
-                  "a picture of type {}", image.type());
+                  "an image of type {}", image.type());
   TARSIER_REQUIRE(
       image.cols >= 64 && image.rows >= 64 && image.cols <= 32'000 && image.rows <= 32'000,
-      "a picture of {} x {}", image.cols, image.rows);
-  TARSIER_REQUIRE(count_ == 0 || image.size() == size_, "a picture of {} x {} after {} x {}",
+      "an image of {} x {}", image.cols, image.rows);
+  TARSIER_REQUIRE(count_ == 0 || image.size() == size_, "an image of {} x {} after {} x {}",
                   image.cols, image.rows, size_.width, size_.height);
   size_ = image.size();
   spacing_ =

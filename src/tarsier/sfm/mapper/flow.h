@@ -41,16 +41,16 @@ struct FlowResult {
 };
 
 // Follows points through the frames of a video or a quick series. Corners (Shi and Tomasi, "Good
-// features to track", CVPR 1994), spread over the picture, are found wherever no point is followed
+// features to track", CVPR 1994), spread over the image, are found wherever no point is followed
 // yet. Each goes from frame to frame by pyramidal Lucas-Kanade (Bouguet, 2000), forward and back.
 // Then it is aligned again with the patch of its first frame, by an affine map with gain and offset
 // (inverse compositional, Baker and Matthews, IJCV 2004), so that errors do not add up. A point is
 // dropped where following it back does not end at its start, where its patch no longer looks the
-// same or leaves the picture, and where it runs into an older one. It also ends after `reach`
+// same or leaves the image, and where it runs into an older one. It also ends after `reach`
 // images, with another beginning there; the ends are spread over the frames, so that no frame
 // cuts the sequence in two.
 //
-// Holds two pictures and a small patch for each point, whatever `reach` is. The same for any number
+// Holds two images and a small patch for each point, whatever `reach` is. The same for any number
 // of threads.
 class FlowTracker {
  public:

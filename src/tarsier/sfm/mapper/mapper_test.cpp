@@ -509,7 +509,7 @@ TEST(Adjust, OfAPartTakesItsPointsGivenOrFound) {
 TEST(Adjust, ALensDoesNotRunOffAndThatIsSaid) {
   const Problem problem = problem_of(synth::make_point_problem(9, 6, 150, 0.1, 0));
   Model model = run(problem).models.at(0);
-  // A picture so wide that the true focal length is just below the least share of it.
+  // An image so wide that the true focal length is just below the least share of it.
   const double truth = model.cameras[0].fx;
   model.cameras[0].width = static_cast<int>(truth / (0.99 * kMinFocalShare));
   const double start = 1.04 * truth;

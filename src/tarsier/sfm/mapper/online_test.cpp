@@ -165,7 +165,7 @@ TEST_F(Online, WithoutAStartSaysWhyAndGoesOn) {
 
 TEST_F(Online, ABadImageIsLeftOutAndAStopEndsTheWork) {
   const auto inputs = shoot(4, synth::Trajectory::kArc);
-  std::ofstream(path("bad.png")) << "no picture";
+  std::ofstream(path("bad.png")) << "no image";
   OnlineMapper mapper(options());
   mapper.add(inputs[0], {});
   EXPECT_THROW(mapper.add({"bad.png", path("bad.png")}, {}), InputError);

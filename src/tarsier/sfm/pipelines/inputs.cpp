@@ -69,7 +69,7 @@ std::vector<Input> find_inputs(const std::vector<std::string>& sources,
   for (const std::string& text : sources) {
     switch (classify_source(text)) {
       case SourceKind::kFolder:
-        add_inputs(pictures_in_folder(text), names, inputs);
+        add_inputs(images_in_folder(text), names, inputs);
         break;
       case SourceKind::kGlob:
         add_inputs(files_of_glob(text), names, inputs);

@@ -58,10 +58,10 @@ TEST_F(Results, ModelsOfAnEarlierRunGo) {
   write_report(4);
   for (const char* name : {"model-1", "model-2", "model-3"}) write_model(name);
   write("model-2/notes.txt", "mine");
-  // What export_undistorted leaves, and a picture of somebody else.
+  // What export_undistorted leaves, and an image of somebody else.
   write_colmap(folder_ + "/model-3/undistorted/sparse", synthetic_model());
   for (const Image& image : synthetic_model().images)
-    if (image.registered) write("model-3/undistorted/images/" + image.name, "picture");
+    if (image.registered) write("model-3/undistorted/images/" + image.name, "image");
   EXPECT_EQ(remove_old_models(folder_, 2, earlier_run(folder_)), 2);
   EXPECT_TRUE(has("model-1/images.txt"));
   EXPECT_TRUE(has("model-2/notes.txt"));

@@ -154,7 +154,7 @@ std::string_view tiff_of_jpeg(std::string_view bytes) {
       ++place;
       continue;
     }
-    if (marker == 0xDA || marker == 0xD9) break;  // the picture, or the end
+    if (marker == 0xDA || marker == 0xD9) break;  // the image, or the end
     if (marker == 0x01 || (marker >= 0xD0 && marker <= 0xD7)) {
       place += 2;
       continue;
@@ -260,7 +260,7 @@ Exif parse_exif(std::string_view jpeg_bytes) {
 }
 
 double focal_px_of(const Exif& exif, cv::Size size) {
-  TARSIER_REQUIRE(size.width > 0 && size.height > 0, "a picture of {}x{} px", size.width,
+  TARSIER_REQUIRE(size.width > 0 && size.height > 0, "an image of {}x{} px", size.width,
                   size.height);
   const double side = std::max(size.width, size.height);
   const double taken = std::max(exif.taken_px.width, exif.taken_px.height);

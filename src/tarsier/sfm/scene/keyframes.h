@@ -13,14 +13,14 @@
 namespace tarsier::sfm {
 
 struct KeyframeOptions {
-  // Of the picture's diagonal: median motion of tracked corners since the last key frame.
+  // Of the image's diagonal: median motion of tracked corners since the last key frame.
   double min_motion = 0.03;
   int window = 8;       // frames; the sharpest of so many around is taken
   int max_count = 300;  // key frames
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_motion", min_motion, range(0.001, 0.5), "--key-motion",
-             "of the picture's diagonal, between key frames"},
+             "of the image's diagonal, between key frames"},
             {"window", window, range(1, 100)},
             {"max_count", max_count, at_least(1), "--max-frames", "key frames"}};
   }
@@ -44,7 +44,7 @@ struct Keyframe {
 // frame is chosen among `window` frames around that moment that moved 0.5 to 2 times as far: the
 // one of the greatest sharpness, less up to 10 % for its distance from the moment, so that key
 // frames of an evenly moved camera are evenly spaced. When the corners are lost for half a window
-// (a cut, a whip of the camera) one is chosen as well. A picture without corners has no motion.
+// (a cut, a whip of the camera) one is chosen as well. An image without corners has no motion.
 //
 // Holds copies of up to `window` frames. Deterministic; one video per object.
 class KeyframePicker {

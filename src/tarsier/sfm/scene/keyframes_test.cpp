@@ -167,7 +167,7 @@ TEST(Keyframes, AreTheSameAgain) {
   EXPECT_EQ(run(), run());
 }
 
-TEST(Keyframes, AreScaledToThePicture) {
+TEST(Keyframes, AreScaledToTheImage) {
   const cv::Mat wall = texture(12);
   const auto keys = pick(24, [&](int k) {
     cv::Mat large;

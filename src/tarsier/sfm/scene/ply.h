@@ -15,7 +15,7 @@ namespace tarsier::sfm {
 void write_points_ply(const std::string& path, const Model& model);
 
 // A pyramid for each registered image, in their order: vertex 0 is the camera's centre, 1 to 4
-// are the corners of its picture (top left, top right, bottom right, bottom left) at depth `size`
+// are the corners of its image (top left, top right, bottom right, bottom left) at depth `size`
 // (world units, > 0) as a lens without distortion would see them; its edges; and six triangles
 // that close it, seen from outside counter-clockwise.
 void write_cameras_ply(const std::string& path, const Model& model, double size);

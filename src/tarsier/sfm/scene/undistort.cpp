@@ -58,15 +58,15 @@ Model undistorted_model(const Model& model) {
 void export_undistorted(const std::string& folder, const Model& model,
                         const std::function<cv::Mat(const std::string& name)>& read_named_image,
                         Progress& progress, const std::stop_token& stop) {
-  const fs::path pictures = fs::path(folder) / "images";
+  const fs::path images_folder = fs::path(folder) / "images";
   std::set<fs::path> files;
   for (const Image& image : model.images) {
     if (!image.registered) continue;
-    const std::string file = (pictures / image.name).string();
+    const std::string file = (images_folder / image.name).string();
     if (!is_image_path(image.name)) {
       throw OutputError(
           printable(file),
-          "unknown ending for a picture: .jpg, .png, .webp, .bmp and .ppm are written");
+          "unknown ending for an image: .jpg, .png, .webp, .bmp and .ppm are written");
     }
     if (!files.insert(fs::path(image.name).lexically_normal()).second)
       throw OutputError(printable(file), "would be written twice");
@@ -80,24 +80,24 @@ void export_undistorted(const std::string& folder, const Model& model,
   }
   const Model straight = undistorted_model(model);
   throw_if_stopped(stop);
-  // Before the pictures: this refuses names that lead out of the folder.
+  // Before the images: this refuses names that lead out of the folder.
   write_colmap((fs::path(folder) / "sparse").string(), straight);
-  make_folder(pictures.string());
+  make_folder(images_folder.string());
   progress.begin("undistort", static_cast<std::int64_t>(files.size()), "images");
   for (const Image& image : model.images) {
     if (!image.registered) continue;
     throw_if_stopped(stop);
     const auto c = static_cast<std::size_t>(image.camera);
     const geometry::Camera& from = model.cameras[c];
-    const cv::Mat picture = read_named_image(image.name);
-    if (picture.cols != from.width || picture.rows != from.height) {
+    const cv::Mat pixels = read_named_image(image.name);
+    if (pixels.cols != from.width || pixels.rows != from.height) {
       throw InputError(printable(image.name),
-                       fmt::format("has {}x{} px, its camera {}x{}", picture.cols, picture.rows,
+                       fmt::format("has {}x{} px, its camera {}x{}", pixels.cols, pixels.rows,
                                    from.width, from.height));
     }
-    const fs::path path = pictures / image.name;
+    const fs::path path = images_folder / image.name;
     make_folder(path.parent_path().string());
-    write_image(path.string(), undistort_image(picture, from, straight.cameras[c]), kJpegQuality);
+    write_image(path.string(), undistort_image(pixels, from, straight.cameras[c]), kJpegQuality);
     progress.advance();
   }
   progress.end();

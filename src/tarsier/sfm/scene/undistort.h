@@ -24,8 +24,8 @@ using geometry::undistorted_camera;
 // Writes what dense reconstruction reads (the layout of COLMAP's image_undistorter):
 // folder/sparse/{cameras,images,points3D}.txt with PINHOLE cameras, and each registered image,
 // undistorted, as folder/images/NAME (JPEG of quality 95, or what else the name's ending says).
-// `read_named_image` gives the picture of a name, in the size of its camera. Names are checked
-// before anything is written, and pictures come last. Throws as undistorted_model() and
+// `read_named_image` gives the image of a name, in the size of its camera. Names are checked
+// before anything is written, and images come last. Throws as undistorted_model() and
 // write_colmap(); OutputError for a name without an ending of write_image(), or two names that are
 // one file; InputError for an image of another size than its camera; Interrupted.
 void export_undistorted(const std::string& folder, const Model& model,

@@ -59,15 +59,15 @@ TEST(UndistortedCamera, IsTheSameWithoutDistortion) {
   const geometry::Camera same = undistorted_camera(camera);
   EXPECT_EQ(same.fx, camera.fx);
   EXPECT_EQ(same.cx, camera.cx);
-  const cv::Mat picture(480, 640, CV_8UC3, cv::Scalar(1, 2, 3));
-  const cv::Mat copy = undistort_image(picture, camera, same);
-  EXPECT_EQ(cv::norm(picture, copy, cv::NORM_INF), 0);
-  EXPECT_NE(copy.data, picture.data);
+  const cv::Mat pixels(480, 640, CV_8UC3, cv::Scalar(1, 2, 3));
+  const cv::Mat copy = undistort_image(pixels, camera, same);
+  EXPECT_EQ(cv::norm(pixels, copy, cv::NORM_INF), 0);
+  EXPECT_NE(copy.data, pixels.data);
 }
 
 TEST(UndistortedCamera, RefusesWhatCannotBeUndone) {
   geometry::Camera camera = barrel();
-  camera.distortion = {-2, 0, 0, 0, 0};  // the radius turns inside the picture
+  camera.distortion = {-2, 0, 0, 0, 0};  // the radius turns inside the image
   EXPECT_THROW((void)undistorted_camera(camera), Error);
   camera.fx = 0;
   EXPECT_THROW((void)undistorted_camera(camera), std::invalid_argument);
@@ -104,17 +104,17 @@ TEST(UndistortedModel, RefusesAFeatureFarOutside) {
 
 // White ground with dark lines that are straight without distortion, as `from` sees it.
 cv::Mat distorted_grid(const geometry::Camera& from, const geometry::Camera& to, int spacing) {
-  cv::Mat picture(from.height, from.width, CV_8UC1);
+  cv::Mat pixels(from.height, from.width, CV_8UC1);
   for (int v = 0; v < from.height; ++v) {
     for (int u = 0; u < from.width; ++u) {
       const cv::Point2d place = to.pixel_of(*from.normalized_of(cv::Point2d(u, v)));
       const double dx = std::abs(std::remainder(place.x, spacing));
       const double dy = std::abs(std::remainder(place.y, spacing));
       const double dark = std::exp(-std::min(dx, dy) * std::min(dx, dy) / (2 * 1.5 * 1.5));
-      picture.at<unsigned char>(v, u) = static_cast<unsigned char>(std::lround(255 - 200 * dark));
+      pixels.at<unsigned char>(v, u) = static_cast<unsigned char>(std::lround(255 - 200 * dark));
     }
   }
-  return picture;
+  return pixels;
 }
 
 TEST(UndistortImage, MakesLinesStraightAndBordersFull) {
@@ -148,9 +148,9 @@ TEST(UndistortImage, MakesLinesStraightAndBordersFull) {
 
 TEST(UndistortImage, RefusesWhatDoesNotFit) {
   const geometry::Camera from = barrel();
-  const cv::Mat picture(480, 640, CV_8UC1, cv::Scalar(7));
-  EXPECT_THROW((void)undistort_image(picture, from, from), std::invalid_argument);
-  EXPECT_THROW((void)undistort_image(picture.t(), from, undistorted_camera(from)),
+  const cv::Mat pixels(480, 640, CV_8UC1, cv::Scalar(7));
+  EXPECT_THROW((void)undistort_image(pixels, from, from), std::invalid_argument);
+  EXPECT_THROW((void)undistort_image(pixels.t(), from, undistorted_camera(from)),
                std::invalid_argument);
   EXPECT_THROW((void)undistort_image({}, from, undistorted_camera(from)), std::invalid_argument);
 }
@@ -189,11 +189,11 @@ TEST_F(ExportTest, WritesWhatDenseToolsRead) {
   EXPECT_NE(cameras.find(" PINHOLE 640 480 "), std::string::npos);
   EXPECT_EQ(cameras.find("OPENCV"), std::string::npos);
   for (const Image& image : back.images) {
-    const cv::Mat picture = read_image(path("dense/images/" + image.name));
+    const cv::Mat pixels = read_image(path("dense/images/" + image.name));
     const geometry::Camera& camera = back.cameras[static_cast<std::size_t>(image.camera)];
-    EXPECT_EQ(picture.size(), cv::Size(camera.width, camera.height));
+    EXPECT_EQ(pixels.size(), cv::Size(camera.width, camera.height));
     EXPECT_LE(
-        cv::norm(picture, cv::Mat(picture.size(), CV_8UC3, cv::Scalar(10, 20, 200)), cv::NORM_INF),
+        cv::norm(pixels, cv::Mat(pixels.size(), CV_8UC3, cv::Scalar(10, 20, 200)), cv::NORM_INF),
         4);
   }
   EXPECT_EQ(contents(path("dense/images/folder/photo 0.PNG")).substr(1, 3), "PNG");

@@ -10,7 +10,7 @@
 #include <array>
 #include <vector>
 
-// Where to stand to see a reconstruction whole: shared by the pictures and the page.
+// Where to stand to see a reconstruction whole: shared by the images and the page.
 namespace tarsier::sfm {
 
 // The frame of a cloud: x right, y up, z towards who looks at it from where the cameras stood.
@@ -31,7 +31,7 @@ struct Framing {
   }
 };
 
-// A camera as drawn: its centre and the four corners of its picture, from the top left clockwise.
+// A camera as drawn: its centre and the four corners of its image, from the top left clockwise.
 struct Pyramid {
   int image = 0;                            // index into Model::images
   std::array<Eigen::Vector3d, 5> vertices;  // world; the centre first
@@ -48,7 +48,7 @@ inline constexpr std::array<std::array<int, 2>, 8> kPyramidEdges{
 // Of all registered images whose numbers are finite.
 [[nodiscard]] std::vector<Pyramid> camera_pyramids(const Model& model, const Framing& framing);
 
-// Distance at which the framed part fills a picture, in the unit of `radius` and `half_height`.
+// Distance at which the framed part fills an image, in the unit of `radius` and `half_height`.
 // `pitch` radians; the tangents are of half the angles of view.
 [[nodiscard]] double fitting_distance(double radius, double half_height, double pitch,
                                       double tan_across, double tan_upright);

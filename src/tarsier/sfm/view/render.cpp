@@ -54,7 +54,7 @@ Viewpoint viewpoint_of(const Framing& framing, const ViewOptions& options) {
   Viewpoint view;
   view.camera.width = options.size.width;
   view.camera.height = options.size.height;
-  // Pictures that are higher than wide keep the angle across instead.
+  // Images that are higher than wide keep the angle across instead.
   view.camera.fx = view.camera.fy =
       0.5 * std::min(options.size.height, options.size.width) / kTanUpright;
   view.camera.cx = 0.5 * (options.size.width - 1);
@@ -113,7 +113,7 @@ cv::Vec3b mix(const cv::Vec3b& a, const cv::Vec3b& b, float share_of_b) {
 
 void draw_dots(const Scene& scene, const Viewpoint& view, const ViewOptions& options,
                cv::Mat& image, cv::Mat1f& depth) {
-  // About a third of the picture shows the cloud.
+  // About a third of the image shows the cloud.
   const double spacing =
       std::sqrt(0.35 * options.size.area() /
                 static_cast<double>(std::max<std::size_t>(1, scene.dots.size())));
@@ -275,7 +275,7 @@ void render_turntable(const Model& model, const ViewOptions& options, int frames
                       const std::function<void(int, const cv::Mat&)>& take) {
   options.check();
   TARSIER_REQUIRE(frames >= 1, "{}", frames);
-  TARSIER_REQUIRE(take != nullptr, "nobody takes the pictures");
+  TARSIER_REQUIRE(take != nullptr, "nobody takes the images");
   const Scene scene = scene_of(model, options);
   cv::Mat image;
   cv::Mat1f depth;

@@ -10,7 +10,7 @@
 
 #include <functional>
 
-// Pictures of a reconstruction, drawn without a display. The same model and options give the same
+// Images of a reconstruction, drawn without a display. The same model and options give the same
 // bytes.
 namespace tarsier::sfm {
 
@@ -46,8 +46,8 @@ struct Viewpoint {
 // gives the plain background.
 [[nodiscard]] cv::Mat render_model(const Model& model, const ViewOptions& options);
 
-// A full turn in `frames` (>= 1) pictures, from options.yaw_deg on. `take` gets the number of the
-// frame, from 0, and a picture that is drawn over after it returns.
+// A full turn in `frames` (>= 1) images, from options.yaw_deg on. `take` gets the number of the
+// frame, from 0, and an image that is drawn over after it returns.
 void render_turntable(const Model& model, const ViewOptions& options, int frames,
                       const std::function<void(int, const cv::Mat&)>& take);
 

@@ -22,7 +22,7 @@ constexpr double kMaxDeviations = 2.5;
 constexpr double kRoom = 0.6;  // of the wide texture around the frame, share of its size
 
 // Smooth blobs of colour.
-void draw_ground(cv::Mat& picture, Rng& rng) {
+void draw_ground(cv::Mat& image, Rng& rng) {
   cv::Mat coarse(6, 8, CV_8UC3);
   const std::array<int, 3> base{rng.integer(60, 190), rng.integer(60, 190), rng.integer(60, 190)};
   for (int y = 0; y < coarse.rows; ++y) {
@@ -34,14 +34,14 @@ void draw_ground(cv::Mat& picture, Rng& rng) {
       }
     }
   }
-  cv::resize(coarse, picture, picture.size(), 0, 0, cv::INTER_CUBIC);
+  cv::resize(coarse, image, image.size(), 0, 0, cv::INTER_CUBIC);
 }
 
-void add_noise(cv::Mat& picture, double sigma, Rng& rng) {
+void add_noise(cv::Mat& image, double sigma, Rng& rng) {
   if (sigma <= 0) return;
-  for (int y = 0; y < picture.rows; ++y) {
-    auto* row = picture.ptr<std::uint8_t>(y);
-    for (int i = 0; i < 3 * picture.cols; ++i)
+  for (int y = 0; y < image.rows; ++y) {
+    auto* row = image.ptr<std::uint8_t>(y);
+    for (int i = 0; i < 3 * image.cols; ++i)
       row[i] = cv::saturate_cast<std::uint8_t>(row[i] + sigma * rng.normal());
   }
 }
@@ -123,18 +123,18 @@ cv::Mat FaceSynth::texture(const FacePerson& person) const {
   return wide;
 }
 
-FaceTruth FaceSynth::draw(cv::Mat& picture, const FacePerson& person,
-                          const geometry::Camera& camera, const geometry::Rigid3& camera_from_head,
-                          const FaceSceneOptions& options, std::uint64_t seed) const {
+FaceTruth FaceSynth::draw(cv::Mat& image, const FacePerson& person, const geometry::Camera& camera,
+                          const geometry::Rigid3& camera_from_head, const FaceSceneOptions& options,
+                          std::uint64_t seed) const {
   options.check();
   camera.check();
   Rng rng(seed);
   if (options.with_ground) {
-    picture.create(camera.height, camera.width, CV_8UC3);
-    draw_ground(picture, rng);
+    image.create(camera.height, camera.width, CV_8UC3);
+    draw_ground(image, rng);
   }
-  TARSIER_REQUIRE(picture.cols == camera.width && picture.rows == camera.height,
-                  "a picture of {}x{} px for a camera of {}x{}", picture.cols, picture.rows,
+  TARSIER_REQUIRE(image.cols == camera.width && image.rows == camera.height,
+                  "an image of {}x{} px for a camera of {}x{}", image.cols, image.rows,
                   camera.width, camera.height);
   render::Scene scene;
   render::Item item;
@@ -145,9 +145,9 @@ FaceTruth FaceSynth::draw(cv::Mat& picture, const FacePerson& person,
   scene.light = {{-std::sin(angle), 0.4, std::cos(angle)}, options.ambient, options.diffuse, 0, 30};
   scene.antialias = true;
   scene.near = 10;
-  render::render(picture, scene, camera);
-  if (options.blur_px > 0) cv::GaussianBlur(picture, picture, {}, options.blur_px);
-  add_noise(picture, options.noise, rng);
+  render::render(image, scene, camera);
+  if (options.blur_px > 0) cv::GaussianBlur(image, image, {}, options.blur_px);
+  add_noise(image, options.noise, rng);
 
   FaceTruth truth;
   truth.camera_from_head = camera_from_head;

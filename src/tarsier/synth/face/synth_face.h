@@ -32,7 +32,7 @@ struct FaceSceneOptions {
   double light_yaw = -30;   // degrees, where it comes from; + image right
   double noise = 2;         // standard deviation, grey levels
   double blur_px = 0.6;     // standard deviation
-  bool with_ground = true;  // a smooth random background; else the picture's own
+  bool with_ground = true;  // a smooth random background; else the image's own
 
   [[nodiscard]] OptionFields fields() {
     return {{"ambient", ambient, range(0, 2)},
@@ -60,9 +60,9 @@ class FaceSynth {
   // A random person: normal with the models' deviations times `spread`.
   [[nodiscard]] FacePerson person(std::uint64_t seed, double spread = 0.7) const;
 
-  // Draws the person into `picture` (CV_8UC3, of the camera's size). `seed` of ground and noise.
-  // Same picture for any number of threads.
-  FaceTruth draw(cv::Mat& picture, const FacePerson& person, const geometry::Camera& camera,
+  // Draws the person into `image` (CV_8UC3, of the camera's size). `seed` of ground and noise.
+  // Same image for any number of threads.
+  FaceTruth draw(cv::Mat& image, const FacePerson& person, const geometry::Camera& camera,
                  const geometry::Rigid3& camera_from_head, const FaceSceneOptions& options,
                  std::uint64_t seed) const;
 

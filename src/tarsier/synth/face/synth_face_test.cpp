@@ -48,8 +48,8 @@ std::unique_ptr<FaceSynth> SynthFaceTest::synth_;
 TEST_F(SynthFaceTest, TheTruthIsTheProjectionOfTheHeadsPoints) {
   FacePerson mean;
   mean.b = Eigen::VectorXd::Zero(synth_->head().mode_count());
-  cv::Mat picture;
-  const FaceTruth truth = synth_->draw(picture, mean, camera(), pose(20, 5), {}, 1);
+  cv::Mat image;
+  const FaceTruth truth = synth_->draw(image, mean, camera(), pose(20, 5), {}, 1);
   const Eigen::Vector3d nose = synth_->head().mean.col(30);
   const Eigen::Vector3d at = pose(20, 5) * Eigen::Vector3d(nose.x(), nose.y(), nose.z());
   EXPECT_NEAR(truth.points(0, 30), 159.5 + 400 * at[0] / at[2], 1e-9);
@@ -65,10 +65,10 @@ TEST_F(SynthFaceTest, EyesAreDarkerThanTheCheeksBelowThem) {
   plain.diffuse = 0;
   plain.ambient = 1;
   for (const double yaw : {-15.0, 0.0, 15.0}) {
-    cv::Mat picture;
-    const FaceTruth truth = synth_->draw(picture, {}, camera(), pose(yaw), plain, 1);
+    cv::Mat image;
+    const FaceTruth truth = synth_->draw(image, {}, camera(), pose(yaw), plain, 1);
     cv::Mat gray;
-    cv::cvtColor(picture, gray, cv::COLOR_BGR2GRAY);
+    cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
     const auto mean_at = [&](const Eigen::Vector2d& p, int radius) {
       const cv::Rect box(cvRound(p.x()) - radius, cvRound(p.y()) - radius, 2 * radius + 1,
                          2 * radius + 1);
@@ -98,15 +98,15 @@ TEST_F(SynthFaceTest, IsTheSameForASeedAndAnyThreads) {
   EXPECT_GT(cv::norm(first, other, cv::NORM_L1) / static_cast<double>(first.total()), 1);
 }
 
-TEST_F(SynthFaceTest, KeepsAGivenPictureAroundTheHead) {
+TEST_F(SynthFaceTest, KeepsAGivenImageAroundTheHead) {
   FaceSceneOptions options;
   options.with_ground = false;
   options.noise = 0;
   options.blur_px = 0;
-  cv::Mat picture(240, 320, CV_8UC3, cv::Scalar(1, 2, 3));
-  synth_->draw(picture, {}, camera(), pose(0), options, 1);
-  EXPECT_EQ(picture.at<cv::Vec3b>(2, 2), cv::Vec3b(1, 2, 3));
-  EXPECT_NE(picture.at<cv::Vec3b>(110, 165), cv::Vec3b(1, 2, 3));
+  cv::Mat image(240, 320, CV_8UC3, cv::Scalar(1, 2, 3));
+  synth_->draw(image, {}, camera(), pose(0), options, 1);
+  EXPECT_EQ(image.at<cv::Vec3b>(2, 2), cv::Vec3b(1, 2, 3));
+  EXPECT_NE(image.at<cv::Vec3b>(110, 165), cv::Vec3b(1, 2, 3));
   cv::Mat wrong(100, 100, CV_8UC3);
   EXPECT_THROW(synth_->draw(wrong, {}, camera(), pose(0), options, 1), std::invalid_argument);
 }

@@ -6,13 +6,13 @@ import { AsyncButton, Button, Notice } from '../ui/controls';
 import { JobCard } from '../ui/job_card';
 import { OWN_CAMERA, startAndOpen } from '../ui/start_dialog';
 import { cameraTrouble } from '../viewer_camera';
-import { AreaPicture, Tarsier } from './area_picture';
+import { AreaImage, Tarsier } from './area_image';
 
 function TrialCard({ trial }: { trial: Trial }) {
   const { verb } = trial;
   return (
     <article class="card area" aria-label={trial.title}>
-      <AreaPicture id={trial.id} />
+      <AreaImage id={trial.id} />
       <div class="area-body">
         <h2>{trial.title}</h2>
         <p>{trial.text}</p>
@@ -101,7 +101,7 @@ export function Home() {
         <div>
           <h1 tabIndex={-1}>What would you like to see?</h1>
           <p class="lead">
-            Pick one. It starts at once, on a scene that the program draws. Pictures stay on the machine that
+            Pick one. It starts at once, on a scene that the program draws. Images stay on the machine that
             runs the studio.
           </p>
         </div>

@@ -18,7 +18,7 @@ import {
 
 export const WALL = 9;
 
-// How old the picture is and how many come, as text; changes once a second.
+// How old the image is and how many come, as text; changes once a second.
 export function LiveFigures({ id }: { id: string }) {
   const live = liveSession(id);
   const [text, setText] = useState('');
@@ -44,8 +44,8 @@ function Tile({ session, sources, onChange }: { session: Session; sources: Sourc
   const inputs = session.inputs.map((input) => sources.find((one) => one.id === input)?.name ?? input);
   return (
     <article class="card tile" aria-label={name}>
-      <a class="tile-picture" href={`/session/${session.id}`} aria-label={`Open ${name}`}>
-        <LiveView id={session.id} title={`Live picture of ${name}`} />
+      <a class="tile-image" href={`/session/${session.id}`} aria-label={`Open ${name}`}>
+        <LiveView id={session.id} title={`Live image of ${name}`} />
       </a>
       <div class="tile-head">
         <h2>
@@ -82,7 +82,7 @@ export function Live() {
   const shown = all.slice(0, WALL);
   return (
     <>
-      <PageHead title="Live" text="All that runs now. Each picture is the newest; a hidden tab gets none.">
+      <PageHead title="Live" text="All that runs now. Each image is the newest; a hidden tab gets none.">
         <Button kind="main" onClick={() => setStart(true)}>
           Start a session
         </Button>

@@ -1,11 +1,11 @@
-// The picture of a live session on a canvas, with its text beside it.
+// The image of a live session on a canvas, with its text beside it.
 import { useEffect, useRef, useState } from 'preact/hooks';
 import { useSignalValue } from '../hooks';
 import { api, type MouseKind, type SessionEvent } from '../api';
 import { imagePoint, sessionKey } from '../keys';
 import { meaningOf, ownKeys } from '../key_map';
-import { liveSession, setPictureWidth, watchSession, type Paint } from '../live';
-import { WHOLE, widthFor } from '../picture_size';
+import { liveSession, setImageWidth, watchSession, type Paint } from '../live';
+import { WHOLE, widthFor } from '../image_size';
 import { toastError } from './toast';
 
 const BUTTONS = ['left', 'middle', 'right'] as const;
@@ -81,22 +81,22 @@ export function LiveStatus({ id, quiet }: { id: string; quiet?: boolean }) {
   }, [id]);
   return (
     <p class="live-status" aria-live={quiet ? 'off' : 'polite'}>
-      {said || 'Waiting for the first picture.'}
+      {said || 'Waiting for the first image.'}
     </p>
   );
 }
 
 export interface LiveViewProps {
   id: string;
-  title: string; // for those who do not see the picture
+  title: string; // for those who do not see the image
   interactive?: boolean; // mouse and keys go to the session
-  drag?: boolean; // a finger on the picture drags points instead of scrolling the page
+  drag?: boolean; // a finger on the image drags points instead of scrolling the page
   moves?: boolean; // mouse moves without a button are sent too
   onCanvas?: (canvas: HTMLCanvasElement | null) => void;
   onMouse?: (kind: MouseKind, x: number, y: number) => void;
   blockedKeys?: ReadonlySet<number>; // keys that stay with the page
   verb?: string; // of the session, for keys that the viewer changed
-  whole?: boolean; // pictures in their full size, however small they are shown
+  whole?: boolean; // images in their full size, however small they are shown
 }
 
 export function LiveView(props: LiveViewProps) {
@@ -125,7 +125,7 @@ export function LiveView(props: LiveViewProps) {
       }
     };
     const stop = watchSession(props.id, paint, need());
-    const observer = new ResizeObserver(() => setPictureWidth(props.id, paint, need()));
+    const observer = new ResizeObserver(() => setImageWidth(props.id, paint, need()));
     if (box.current) observer.observe(box.current);
     return () => {
       observer.disconnect();
@@ -153,7 +153,7 @@ export function LiveView(props: LiveViewProps) {
     props.onMouse?.(kind, x, y);
   };
 
-  // The wheel is the session's only while the picture has the focus: else the page scrolls.
+  // The wheel is the session's only while the image has the focus: else the page scrolls.
   useEffect(() => {
     const one = canvas.current;
     if (!one || !interactive) return;
@@ -211,7 +211,7 @@ export function LiveView(props: LiveViewProps) {
         width={640}
         height={480}
         role={interactive ? 'application' : 'img'}
-        aria-roledescription={interactive ? 'live picture' : undefined}
+        aria-roledescription={interactive ? 'live image' : undefined}
         aria-label={
           interactive
             ? `${props.title}. Keys go to the session while this has the focus; Tab leaves it.`
@@ -222,7 +222,7 @@ export function LiveView(props: LiveViewProps) {
       />
       {!has && !ended && (
         <p class="live-wait" aria-hidden="true">
-          Waiting for the first picture
+          Waiting for the first image
         </p>
       )}
       {ended && <p class="live-wait">{ended.error ? `Ended: ${ended.error}` : 'Ended.'}</p>}

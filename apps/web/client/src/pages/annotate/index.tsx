@@ -1,4 +1,4 @@
-// Marks points on pictures: the program learns from them and proposes the rest.
+// Marks points on images: the program learns from them and proposes the rest.
 import { useEffect, useRef, useState } from 'preact/hooks';
 import { api } from '../../api';
 import { useLoad, useSignalValue } from '../../hooks';
@@ -18,7 +18,7 @@ import { sendEvent } from '../../ui/live_view';
 import { attempt } from '../../ui/toast';
 import { cleanName, copyToSet, setName } from '../shared/files';
 import { finishJob } from '../shared/jobs';
-import { SessionActions, SetPictures, SetSource, useSessionState } from '../shared/parts';
+import { SessionActions, SetImages, SetSource, useSessionState } from '../shared/parts';
 import { useAreaSession } from '../shared/sessions';
 import { annotations, stateAddress } from './files';
 import { moveCursor, pointName, stages, stateOf, tabsTo } from './model';
@@ -77,8 +77,8 @@ export function Annotate() {
       });
       const target = setName('drawn-faces');
       await api.addSet(target);
-      const pictures = job.files.map((one) => one.name).filter((one) => one.startsWith('heads/images/'));
-      await copyToSet(job.id, pictures, target);
+      const images = job.files.map((one) => one.name).filter((one) => one.startsWith('heads/images/'));
+      await copyToSet(job.id, images, target);
       await start([`set:${target}`], `${target}.points.json`);
     });
     setDrawing(false);
@@ -88,7 +88,7 @@ export function Annotate() {
     <>
       <PageHead
         title="Annotate"
-        text="Marks points on pictures. From the second picture on they are proposed, better each time; you drag what is off."
+        text="Marks points on images. From the second image on they are proposed, better each time; you drag what is off."
       />
       {session.id !== undefined ? (
         <Annotating id={session.id} file={file} onEnd={end} onGone={session.forget} />
@@ -112,8 +112,8 @@ export function Annotate() {
             )}
             <SetSource
               kind="faces"
-              label="Drop pictures here"
-              help="Faces, hands, cars: anything with points that all pictures have. A video will do, too."
+              label="Drop images here"
+              help="Faces, hands, cars: anything with points that all images have. A video will do, too."
               accept="image/*,video/*"
               onSet={(one, files) => {
                 setSet({ name: one, files });
@@ -122,7 +122,7 @@ export function Annotate() {
             />
             {set && (
               <>
-                <SetPictures set={set.name} most={8} />
+                <SetImages set={set.name} most={8} />
                 <TextField
                   label="Name of the annotation"
                   value={name}
@@ -214,10 +214,10 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
             ))}
         </ol>
         <p>{stage?.text ?? ''}</p>
-        <div class="annotate-picture" ref={box}>
+        <div class="annotate-image" ref={box}>
           <LiveView
             id={props.id}
-            title="The picture with its points"
+            title="The image with its points"
             interactive
             drag
             whole
@@ -231,7 +231,7 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
           )}
         </div>
         <LiveStatus id={props.id} />
-        {state.pictures > 0 && <Progress label="Pictures agreed" done={state.done} total={state.pictures} />}
+        {state.images > 0 && <Progress label="Images agreed" done={state.done} total={state.images} />}
         <div class="row">
           <Button kind="main" onClick={() => send('go-on')}>
             It is right, go on
@@ -292,7 +292,7 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
                 onChange={(value) => {
                   if (Number(value) >= 0) chooseText(Number(value));
                 }}
-                help="Arrow keys on the picture move it; Shift: further."
+                help="Arrow keys on the image move it; Shift: further."
               />
               <div class="row">
                 <Button small onClick={() => sendEvent(props.id, { key: 9 })}>
@@ -326,16 +326,16 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
             </>
           )}
           <p class="faint">
-            Picture {state.picture + 1} of {state.pictures}
+            Image {state.image + 1} of {state.images}
             {state.agreed ? ', agreed' : ', not agreed yet'}
             {state.learning ? ', learning' : ''}
           </p>
           <div class="row">
             <Button small onClick={() => send('previous')}>
-              Previous picture
+              Previous image
             </Button>
             <Button small onClick={() => send('next')}>
-              Next picture
+              Next image
             </Button>
             <Button small onClick={() => send('propose')}>
               Propose again

@@ -11,7 +11,7 @@ export const stages: readonly { name: string; action: string; title: string; tex
     name: 'points',
     action: 'stage-points',
     title: 'Points',
-    text: 'Click each point on the first picture, in the order in which you want to number them.',
+    text: 'Click each point on the first image, in the order in which you want to number them.',
   },
   {
     name: 'connections',
@@ -26,17 +26,17 @@ export const stages: readonly { name: string; action: string; title: string; tex
     text: 'Click two points that are each other in the mirror, like the corners of the eyes. A point in the middle is its own.',
   },
   {
-    name: 'pictures',
-    action: 'stage-pictures',
-    title: 'All pictures',
-    text: 'Points are proposed. Drag what is off, then "it is right". Proposals get better with each picture.',
+    name: 'images',
+    action: 'stage-images',
+    title: 'All images',
+    text: 'Points are proposed. Drag what is off, then "it is right". Proposals get better with each image.',
   },
 ];
 
 export interface AnnotateState {
   stage: string;
-  picture: number;
-  pictures: number;
+  image: number;
+  images: number;
   done: number;
   points: number;
   shown: number;
@@ -60,8 +60,8 @@ export function stateOf(value: Record<string, unknown>): AnnotateState {
     : null;
   return {
     stage: s('stage'),
-    picture: n('picture'),
-    pictures: n('pictures'),
+    image: n('image'),
+    images: n('images'),
     done: n('done'),
     points: n('points'),
     shown: n('shown'),
@@ -106,7 +106,7 @@ export function tabsTo(selected: number, wanted: number, points: number): number
   return steps > 0 ? steps : steps + points;
 }
 
-// The cursor of the keyboard in the picture: moved by arrows, by one or ten pixels, kept inside.
+// The cursor of the keyboard in the image: moved by arrows, by one or ten pixels, kept inside.
 export function moveCursor(
   at: { x: number; y: number },
   key: string,

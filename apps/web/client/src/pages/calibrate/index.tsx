@@ -21,7 +21,7 @@ import { isOver, jobText, lineWith, useJob } from '../shared/jobs';
 import {
   SessionActions,
   SessionPanel,
-  SetPictures,
+  SetImages,
   SetSource,
   SourceSelect,
   StateList,
@@ -252,7 +252,7 @@ function Live(props: PartProps & { session: ReturnType<typeof useAreaSession> })
             />
           )}
           {views < 10 && (
-            <p class="field-help">Ten to twenty views, tilted to all sides, in all parts of the picture.</p>
+            <p class="field-help">Ten to twenty views, tilted to all sides, in all parts of the image.</p>
           )}
         </div>
       </div>
@@ -329,7 +329,7 @@ function Photos(props: PartProps) {
           accept="image/*,video/*"
           onSet={(name, files) => setSet({ name, files })}
         />
-        {set && <SetPictures set={set.name} most={12} />}
+        {set && <SetImages set={set.name} most={12} />}
         <Select
           label="Lens"
           value={lens}
@@ -379,8 +379,8 @@ function Result(props: { id: string; lines: Json[]; files: string[] }) {
       {line && (
         <>
           <p class="numbers">
-            Error {line.rms.toFixed(3)} px, {line.used} of {line.pictures} pictures used,{' '}
-            {Math.round(100 * line.coverage)} % of the picture covered
+            Error {line.rms.toFixed(3)} px, {line.used} of {line.images} images used,{' '}
+            {Math.round(100 * line.coverage)} % of the image covered
           </p>
           {[...(line.warnings ?? []), ...(line.missing ?? []).map((one) => `Still to be shown: ${one}`)]
             .length > 0 && (
@@ -415,12 +415,12 @@ function Result(props: { id: string; lines: Json[]; files: string[] }) {
       <Table
         caption="Views, largest error first"
         columns={[
-          { name: 'Picture', show: (one: View) => one.picture },
+          { name: 'Image', show: (one: View) => one.image },
           {
             name: 'Error',
             show: (one) => (
               <span class="bar-cell">
-                <meter min={0} max={worst} value={one.rms} aria-label={`Error of ${one.picture}`} />
+                <meter min={0} max={worst} value={one.rms} aria-label={`Error of ${one.image}`} />
                 {one.rms.toFixed(3)} px
               </span>
             ),
@@ -429,28 +429,28 @@ function Result(props: { id: string; lines: Json[]; files: string[] }) {
           { name: 'Points', show: (one) => one.points, number: true },
         ]}
         rows={used}
-        keyOf={(one) => one.picture}
+        keyOf={(one) => one.image}
       />
       {left.length > 0 && (
         <details>
-          <summary>{left.length} pictures were not used</summary>
+          <summary>{left.length} images were not used</summary>
           <Table
-            caption="Pictures that were not used"
+            caption="Images that were not used"
             hideCaption
             columns={[
-              { name: 'Picture', show: (one: View) => one.picture },
+              { name: 'Image', show: (one: View) => one.image },
               { name: 'Reason', show: (one) => one.reason },
             ]}
             rows={left}
-            keyOf={(one) => one.picture}
+            keyOf={(one) => one.image}
           />
         </details>
       )}
       {props.files.includes('drawn/coverage.png') && (
-        <figure class="picture">
+        <figure class="image">
           <img
             src={api.jobFileAddress(props.id, 'drawn/coverage.png')}
-            alt="What the views cover of the picture"
+            alt="What the views cover of the image"
           />
           <figcaption>What the views cover</figcaption>
         </figure>

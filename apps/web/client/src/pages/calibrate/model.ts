@@ -13,7 +13,7 @@ export interface CameraLine {
   distortion: number[];
   rms: number;
   deviations: { fx: number; fy: number; cx: number; cy: number; distortion: number[] };
-  pictures: number;
+  images: number;
   used: number;
   coverage: number;
   missing: string[];
@@ -49,7 +49,7 @@ export function cameraRows(line: CameraLine): { name: string; value: string; dev
 }
 
 export interface View {
-  picture: string;
+  image: string;
   used: boolean;
   found: boolean;
   points: number;
@@ -61,7 +61,7 @@ export interface View {
 // A view of a row of the table that `calibrate --csv` writes.
 export function viewOf(row: Record<string, string>): View {
   return {
-    picture: row.picture ?? '',
+    image: row.image ?? '',
     used: row.used === '1',
     found: row.found === '1',
     points: Number(row.points) || 0,

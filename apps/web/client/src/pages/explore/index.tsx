@@ -23,7 +23,7 @@ export function Explore() {
   const [what, setWhat] = useState('appearance');
   const [model, setModel] = useState('');
   const [on, setOn] = useState('');
-  const pictures = useLoad(async () => {
+  const images = useLoad(async () => {
     const sets = (await api.sets()).filter((one) => one.files > 0).slice(0, 8);
     const all = await Promise.all(
       sets.map(async (set) =>
@@ -66,8 +66,8 @@ export function Explore() {
         ...(files.value ?? []).filter((one) => one.verb !== 'aam train'),
         ...(sets.value ?? []).map((one) => ({ value: `ws:${one.name}`, label: `Annotation ${one.name}` })),
       ];
-  const start = async (picture: string) => {
-    const flags: Flags = picture === '' ? {} : { '--on': picture };
+  const start = async (image: string) => {
+    const flags: Flags = image === '' ? {} : { '--on': image };
     if (isAppearance) await aam.start(model === '' ? [] : [model], flags, 'Explore: appearance');
     else await show.start([model === '' ? ships.points : model], flags, 'Explore: points');
   };
@@ -93,22 +93,22 @@ export function Explore() {
           />
           <Select label="File" value={model} options={models} onChange={setModel} />
           <Select
-            label="On a picture"
+            label="On an image"
             value={on}
             options={[
               { value: '', label: 'on none' },
-              ...(pictures.value ?? []).map((one) => ({ value: one, label: one.replace(/^set:/, '') })),
+              ...(images.value ?? []).map((one) => ({ value: one, label: one.replace(/^set:/, '') })),
             ]}
             onChange={setOn}
-            help="The model is fitted to the face of the picture; sliders then change that face."
+            help="The model is fitted to the face of the image; sliders then change that face."
           />
           <SetSource
             kind="explore"
-            label="Or drop a picture of a face"
+            label="Or drop an image of a face"
             onSet={async (set) => {
               const first = (await api.setFiles(set)).find((file) => file.kind === 'image');
               if (first) setOn(`set:${set}/${first.name}`);
-              pictures.again();
+              images.again();
             }}
           />
           <div class="row">
@@ -117,7 +117,7 @@ export function Explore() {
             </AsyncButton>
             <AsyncButton run={() => start('')}>Try with synthetic data</AsyncButton>
           </div>
-          <p class="field-help">Without a picture the model draws faces that nobody has.</p>
+          <p class="field-help">Without an image the model draws faces that nobody has.</p>
         </section>
       )}
     </>
@@ -139,7 +139,7 @@ function Exploring(props: { id: string; onEnd: () => Promise<void> }) {
             mode: 'Mode',
             patch: 'Patch',
             patches: 'Patches',
-            picture: 'Picture',
+            image: 'Image',
           }}
         />
         {response !== null && <p class="numbers">Response at the best place: {response.toFixed(3)}</p>}

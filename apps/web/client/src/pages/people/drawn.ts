@@ -13,9 +13,9 @@ export interface Drawn {
 }
 
 function drawnOf(id: string, files: readonly string[]): Drawn {
-  const pictures = files.filter((name) => /^heads\/images\/\d+\.png$/.test(name)).sort();
-  const of = (person: number) => pictures.filter((_, i) => i % 2 === person).slice(0, each);
-  return { job: id, shots: [of(0), of(1)], others: pictures.slice(2 * each) };
+  const images = files.filter((name) => /^heads\/images\/\d+\.png$/.test(name)).sort();
+  const of = (person: number) => images.filter((_, i) => i % 2 === person).slice(0, each);
+  return { job: id, shots: [of(0), of(1)], others: images.slice(2 * each) };
 }
 
 // The job that drew them, if it is there; else it is started and waited for.

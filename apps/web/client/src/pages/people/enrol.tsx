@@ -1,4 +1,4 @@
-// Adding a person, step by step: what was agreed, pictures, what became of each.
+// Adding a person, step by step: what was agreed, images, what became of each.
 import { useEffect, useRef, useState } from 'preact/hooks';
 import { api } from '../../api';
 import { AsyncButton, Button, Checkbox, FileDrop, Notice, Progress, Table, TextField } from '../../ui';
@@ -7,9 +7,9 @@ import { setName, uploadAll } from '../shared/files';
 import { drawnNames, drawnPeople } from './drawn';
 import { nameProblem, shotOf, type Person, type Shot } from './model';
 
-type Step = 'who' | 'pictures' | 'done';
+type Step = 'who' | 'images' | 'done';
 
-// What the pictures of a person are: uploaded ones in a set, or files of a job.
+// What the images of a person are: uploaded ones in a set, or files of a job.
 interface Source {
   set: string | null;
   references: { name: string; reference: string }[];
@@ -56,7 +56,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
     if (!source) return;
     const results: Shot[] = [];
     setWorking({ done: 0, total: source.references.length });
-    // One picture at a time, so that each has its own answer.
+    // One image at a time, so that each has its own answer.
     for (const one of source.references) {
       const answer = await attempt(() =>
         api.run('people enroll', [name.trim(), one.reference], {
@@ -97,7 +97,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
           reference: `job:${two.job}/${file}`,
         })),
       });
-      setStep('pictures');
+      setStep('images');
     });
     setDrawing(false);
   };
@@ -115,9 +115,9 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
   return (
     <div class="stack wizard">
       <ol class="steps" aria-label="Steps">
-        {(['who', 'pictures', 'done'] as Step[]).map((one, i) => (
+        {(['who', 'images', 'done'] as Step[]).map((one, i) => (
           <li key={one} aria-current={one === step ? 'step' : undefined}>
-            {i + 1}. {['Who, and what was agreed', 'Pictures', 'Done'][i]}
+            {i + 1}. {['Who, and what was agreed', 'Images', 'Done'][i]}
           </li>
         ))}
       </ol>
@@ -152,8 +152,8 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
           />
           <Checkbox label="This person has agreed" checked={agreed} onChange={setAgreed} />
           <div class="row row-end">
-            <Button kind="main" disabled={!ready} onClick={() => setStep('pictures')}>
-              Next: pictures
+            <Button kind="main" disabled={!ready} onClick={() => setStep('images')}>
+              Next: images
             </Button>
           </div>
           <hr />
@@ -168,13 +168,13 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
           </div>
         </section>
       )}
-      {step === 'pictures' && (
-        <section class="card stack" aria-labelledby="step-pictures">
-          <h2 id="step-pictures" tabIndex={-1} ref={head}>
-            Pictures of {name.trim()}
+      {step === 'images' && (
+        <section class="card stack" aria-labelledby="step-images">
+          <h2 id="step-images" tabIndex={-1} ref={head}>
+            Images of {name.trim()}
           </h2>
           <p>
-            Five to ten pictures: from the front, turned a little to each side, up and down, in the light in
+            Five to ten images: from the front, turned a little to each side, up and down, in the light in
             which the person is to be known.
           </p>
           <FileDrop
@@ -187,10 +187,10 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
           />
           <Camera onShot={(body, n) => void take([{ name: `shot-${n}.jpg`, body }])} />
           {uploading && (
-            <Progress label="Uploading" done={uploading.done} total={uploading.total} unit="pictures" />
+            <Progress label="Uploading" done={uploading.done} total={uploading.total} unit="images" />
           )}
           {source && source.references.length > 0 && (
-            <ul class="thumbs" aria-label="Pictures to enrol">
+            <ul class="thumbs" aria-label="Images to enrol">
               {source.references.map((one, i) => (
                 <li key={one.reference}>
                   <img src={thumb(one.reference)} alt="" width={120} height={90} loading="lazy" />
@@ -208,7 +208,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
             label="Take also faces of poor quality"
             checked={anyQuality}
             onChange={setAnyQuality}
-            help="Small, blurred, turned, dark. Better is one more good picture."
+            help="Small, blurred, turned, dark. Better is one more good image."
           />
           {source?.set && (
             <Checkbox
@@ -217,9 +217,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
               onChange={setTidy}
             />
           )}
-          {working && (
-            <Progress label="Enrolling" done={working.done} total={working.total} unit="pictures" />
-          )}
+          {working && <Progress label="Enrolling" done={working.done} total={working.total} unit="images" />}
           <div class="row row-end">
             <Button disabled={working !== null} onClick={() => setStep('who')}>
               Back
@@ -237,7 +235,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
       {step === 'done' && (
         <section class="card stack" aria-labelledby="step-done">
           <h2 id="step-done" tabIndex={-1} ref={head}>
-            {name.trim()}: {taken} of {shots.length} pictures were taken
+            {name.trim()}: {taken} of {shots.length} images were taken
           </h2>
           {taken === 0 && (
             <Notice kind="problem">No face was good enough. The table says why, and what helps.</Notice>
@@ -246,9 +244,9 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
             <Notice>Five or more make a better template. Add some when you can.</Notice>
           )}
           <Table
-            caption="What became of each picture"
+            caption="What became of each image"
             columns={[
-              { name: 'Picture', show: (one) => one.name },
+              { name: 'Image', show: (one) => one.name },
               { name: 'Taken', show: (one) => (one.taken ? 'yes' : 'no') },
               { name: 'Why not', show: (one) => one.reason },
             ]}
@@ -275,8 +273,8 @@ function thumb(reference: string): string {
     : api.jobFileAddress(found[2]!, found[3]!);
 }
 
-// The viewer's own camera, one picture at a time. Browsers allow it on this machine and over https.
-function Camera(props: { onShot: (picture: Blob, n: number) => void }) {
+// The viewer's own camera, one image at a time. Browsers allow it on this machine and over https.
+function Camera(props: { onShot: (image: Blob, n: number) => void }) {
   const video = useRef<HTMLVideoElement>(null);
   const stream = useRef<MediaStream | undefined>(undefined);
   const [on, setOn] = useState(false);
@@ -332,7 +330,7 @@ function Camera(props: { onShot: (picture: Blob, n: number) => void }) {
         {on && (
           <>
             <Button kind="main" onClick={shoot}>
-              Take a picture
+              Take an image
             </Button>
             <Button onClick={stop}>Camera off</Button>
           </>

@@ -8,7 +8,7 @@ import { drawnPeople } from './drawn';
 import { namedOf, type Named, type Person } from './model';
 
 interface Answer {
-  picture: string; // address
+  image: string; // address
   name: string;
   faces: Named[];
 }
@@ -19,7 +19,7 @@ export function Identify({ people }: { people: Person[] }) {
   const [next, setNext] = useState(0);
   useEffect(
     () => () => {
-      if (answer?.picture.startsWith('blob:')) URL.revokeObjectURL(answer.picture);
+      if (answer?.image.startsWith('blob:')) URL.revokeObjectURL(answer.image);
     },
     [answer],
   );
@@ -37,7 +37,7 @@ export function Identify({ people }: { people: Person[] }) {
         type: file.type || 'image/jpeg',
       });
       const line = (await response.json()) as Json;
-      return { picture: URL.createObjectURL(file), name: file.name, faces: namedOf(line) };
+      return { image: URL.createObjectURL(file), name: file.name, faces: namedOf(line) };
     });
   const drawn = () =>
     ask(async () => {
@@ -49,7 +49,7 @@ export function Identify({ people }: { people: Person[] }) {
       const line = run.lines[0];
       if (line === undefined) throw new Error(run.error || 'The program gave no answer.');
       return {
-        picture: addressOf(reference) ?? '',
+        image: addressOf(reference) ?? '',
         name: file.split('/').pop() ?? file,
         faces: namedOf(line),
       };
@@ -87,7 +87,7 @@ function Faces({ answer }: { answer: Answer }) {
       </h2>
       <div class="boxed">
         <img
-          src={answer.picture}
+          src={answer.image}
           alt={`The photograph ${answer.name}`}
           onLoad={(event) =>
             setSize({ w: event.currentTarget.naturalWidth, h: event.currentTarget.naturalHeight })

@@ -85,7 +85,7 @@ export function proofOf(line: unknown): Proof | null {
 // What to do about a reason for which a face was not taken.
 const advice: readonly [RegExp, string][] = [
   [/no face/, 'no face was found: look into the camera, face upright, nothing before it'],
-  [/several|more than one/, 'more than one face: take a picture of this person alone'],
+  [/several|more than one/, 'more than one face: take an image of this person alone'],
   [/small/, 'the face is too small: go nearer'],
   [/blur|sharp/, 'blurred: hold still, more light'],
   [/turn/, 'turned away: look more towards the camera'],
@@ -104,7 +104,7 @@ export function adviceFor(reason: string): string {
   return found ? found[1] : reason;
 }
 
-// What became of one picture, of the line of `people enroll` for it alone.
+// What became of one image, of the line of `people enroll` for it alone.
 export function shotOf(name: string, line: unknown, error: string): Shot {
   const v = fields(line);
   if (v && count(v.added) > 0) return { name, taken: true, reason: '' };

@@ -43,7 +43,7 @@ const street = { id: 'synth:drive?live=1&seconds=60&cars=6&fps=8', name: 'Synthe
 const dayHours = [1, 4, 7, 9, 14, 20]; // hours before now of a drawn day
 const perPage = 500;
 
-interface Pictures {
+interface Images {
   job: string;
   files: ReadonlyMap<number, string>; // event -> file of the job
 }
@@ -56,12 +56,12 @@ async function search(query: Query): Promise<PlateEvent[]> {
   return events.sort((a, b) => b.last_time.localeCompare(a.last_time));
 }
 
-async function picturesOf(before: Pictures | null, query: Query): Promise<Pictures> {
+async function imagesOf(before: Images | null, query: Query): Promise<Images> {
   const job = await finishJob({
     verb: 'plate log',
     inputs: [log],
     flags: { ...flagsOf(query), '--crops': 'out:crops' },
-    name: 'Pictures of plates',
+    name: 'Images of plates',
   });
   if (before) await api.removeJob(before.job).catch(() => undefined);
   const files = new Map<number, string>();
@@ -82,7 +82,7 @@ export function Plates() {
   const found = useLoad(async () => ({ query, list: await search(query) }), [query]);
   // What was found for another question is not shown.
   const events = { ...found, value: found.value?.query === query ? found.value.list : undefined };
-  const [pictures, setPictures] = useState<Pictures | null>(null);
+  const [images, setImages] = useState<Images | null>(null);
   const fetching = useRef(false);
   const [round, setRound] = useState(0);
   const [open, setOpen] = useState<PlateEvent | null>(null);
@@ -101,13 +101,13 @@ export function Plates() {
     [session.id, query],
   );
 
-  // Pictures are cut out of the log by a job: one at a time, and again only for events without one.
+  // Images are cut out of the log by a job: one at a time, and again only for events without one.
   useEffect(() => {
-    const wanted = (events.value ?? []).some((one) => one.crop && !pictures?.files.has(one.id));
+    const wanted = (events.value ?? []).some((one) => one.crop && !images?.files.has(one.id));
     if (!wanted || fetching.current) return;
     fetching.current = true;
-    picturesOf(pictures, query)
-      .then(setPictures, () => undefined)
+    imagesOf(images, query)
+      .then(setImages, () => undefined)
       .finally(() => {
         // Not oftener than each ten seconds.
         setTimeout(() => {
@@ -291,7 +291,7 @@ export function Plates() {
               columns={[
                 {
                   name: 'Plate',
-                  show: (one) => <Plate event={one} pictures={pictures} corrected={corrected.get(one.id)} />,
+                  show: (one) => <Plate event={one} images={images} corrected={corrected.get(one.id)} />,
                 },
                 { name: 'Seen', show: (one) => <Seen event={one} /> },
                 {
@@ -321,7 +321,7 @@ export function Plates() {
         {open && (
           <EventDetail
             event={open}
-            pictures={pictures}
+            images={images}
             corrected={corrected.get(open.id)}
             onCorrected={() => {
               corrections.again();
@@ -334,18 +334,12 @@ export function Plates() {
   );
 }
 
-function Plate(props: { event: PlateEvent; pictures: Pictures | null; corrected: string | undefined }) {
-  const file = props.pictures?.files.get(props.event.id);
+function Plate(props: { event: PlateEvent; images: Images | null; corrected: string | undefined }) {
+  const file = props.images?.files.get(props.event.id);
   return (
     <span class="plate">
-      {file && props.pictures && (
-        <img
-          src={api.jobFileAddress(props.pictures.job, file)}
-          alt=""
-          width={104}
-          height={26}
-          loading="lazy"
-        />
+      {file && props.images && (
+        <img src={api.jobFileAddress(props.images.job, file)} alt="" width={104} height={26} loading="lazy" />
       )}
       <span class="plate-words">
         <strong class="plate-text">{props.corrected ?? props.event.text}</strong>
@@ -444,18 +438,18 @@ interface Character {
 
 function EventDetail(props: {
   event: PlateEvent;
-  pictures: Pictures | null;
+  images: Images | null;
   corrected: string | undefined;
   onCorrected: () => void;
 }) {
-  const { event, pictures } = props;
-  const file = pictures?.files.get(event.id);
+  const { event, images } = props;
+  const file = images?.files.get(event.id);
   const [text, setText] = useState(props.corrected ?? event.text);
   const clean = cleanText(text);
-  // What is sure of each character: the program reads the kept picture once more.
+  // What is sure of each character: the program reads the kept image once more.
   const read = useLoad(async () => {
-    if (!file || !pictures) return null;
-    const answer = await api.run('plate read', [`job:${pictures.job}/${file}`]);
+    if (!file || !images) return null;
+    const answer = await api.run('plate read', [`job:${images.job}/${file}`]);
     const line = answer.lines[0] as { plates?: { text: string; characters?: Character[] }[] } | undefined;
     return line?.plates?.[0] ?? null;
   }, [event.id, file]);
@@ -482,24 +476,23 @@ function EventDetail(props: {
         `${base}.json`,
         new Blob([JSON.stringify(record, null, 1)], { type: 'application/json' }),
       );
-      if (file && pictures)
-        await api.putSetFile('corrections', `${base}.jpg`, await jobBlob(pictures.job, file));
+      if (file && images) await api.putSetFile('corrections', `${base}.jpg`, await jobBlob(images.job, file));
       toast(`Kept in the set "corrections" as ${clean}.`, 'good');
       props.onCorrected();
     });
   };
   return (
     <div class="stack">
-      {file && pictures && (
+      {file && images && (
         <img
           class="plate-large"
-          src={api.jobFileAddress(pictures.job, file)}
-          alt={`Picture of the plate ${event.text}`}
+          src={api.jobFileAddress(images.job, file)}
+          alt={`Image of the plate ${event.text}`}
         />
       )}
       {read.value?.characters && read.value.characters.length > 0 && (
         <>
-          <h3>How sure of each character, in this picture</h3>
+          <h3>How sure of each character, in this image</h3>
           <ul class="characters">
             {read.value.characters.map((one, i) => (
               <li key={i} class={`character character-${sureness(one.confidence)}`}>
@@ -512,7 +505,7 @@ function EventDetail(props: {
       )}
       {file && read.value === null && !read.loading && (
         <p class="faint">
-          In this one picture no plate is found again; the text comes from all frames together.
+          In this one image no plate is found again; the text comes from all frames together.
         </p>
       )}
       <Table
@@ -554,7 +547,7 @@ function EventDetail(props: {
           value={text}
           onInput={setText}
           problem={clean === null ? 'Letters and digits, 20 at most.' : ''}
-          help="Kept with its picture in the set corrections, to train and to judge with. The log itself stays as it was read."
+          help="Kept with its image in the set corrections, to train and to judge with. The log itself stays as it was read."
         />
         <div class="row row-end">
           <AsyncButton

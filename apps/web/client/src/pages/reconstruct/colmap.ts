@@ -91,7 +91,7 @@ export function parseImages(text: string): Parsed<Map<number, Photograph>> {
     true,
   );
   if (head !== null) {
-    // The last picture has no features, and no line for them.
+    // The last image has no features, and no line for them.
     const photograph = photographOf(head, '');
     if (photograph) value.set(photograph.id, photograph);
     else skipped++;

@@ -7,7 +7,7 @@ import { AsyncButton, Button, JobCard, Notice, PageHead, Select } from '../../ui
 import { attempt } from '../../ui/toast';
 import { FlagFields } from '../../ui/verb_form';
 import { finishJob, isOver, useJob } from '../shared/jobs';
-import { SessionActions, SessionPanel, SetPictures, SetSource } from '../shared/parts';
+import { SessionActions, SessionPanel, SetImages, SetSource } from '../shared/parts';
 import { useAreaSession } from '../shared/sessions';
 import { ModelView } from './model_view';
 
@@ -45,7 +45,7 @@ export function Reconstruct() {
   const [drawing, setDrawing] = useState(false);
   const growing = useAreaSession('sfm reconstruct');
   const [grown, setGrown] = useState<string | null>(null);
-  const [picturesOf, setPicturesOf] = useState(11);
+  const [imagesOf, setImagesOf] = useState(11);
   useEffect(() => {
     verbHelp().then(
       (help) => setVerb(help.verbs.find((one) => one.verb === 'sfm reconstruct')),
@@ -69,14 +69,14 @@ export function Reconstruct() {
       const scene = await finishJob({
         verb: 'sfm synth',
         inputs: [],
-        flags: { '--output': 'out:scene', '--images': picturesOf, '--size': '640x480' },
+        flags: { '--output': 'out:scene', '--images': imagesOf, '--size': '640x480' },
         name: 'Drawn photographs',
       });
-      await start(`job:${scene.id}/scene/images`, `${picturesOf} drawn photographs`);
+      await start(`job:${scene.id}/scene/images`, `${imagesOf} drawn photographs`);
     });
     setDrawing(false);
   };
-  // The model grows picture by picture in a live session; what it leaves is only to be looked at.
+  // The model grows image by image in a live session; what it leaves is only to be looked at.
   const watch = async (input: string) => {
     setGrown(input);
     await growing.start([input], { '--online': true, '--output': 'ws:growing' }, 'A model that grows');
@@ -123,7 +123,7 @@ export function Reconstruct() {
       )}
       {drawing && job === undefined && (
         <Notice>
-          {picturesOf} photographs of a scene are being drawn. Their model is made next, and shown here.
+          {imagesOf} photographs of a scene are being drawn. Their model is made next, and shown here.
         </Notice>
       )}
       {job && done && <ModelView key={job.id} job={job} />}
@@ -143,7 +143,7 @@ export function Reconstruct() {
               </p>
               <details>
                 <summary>Show them</summary>
-                <SetPictures set={set.name} most={60} />
+                <SetImages set={set.name} most={60} />
               </details>
             </>
           )}
@@ -183,12 +183,12 @@ export function Reconstruct() {
           <h3>No photographs at hand?</h3>
           <Select
             label="Drawn photographs"
-            value={String(picturesOf)}
+            value={String(imagesOf)}
             options={[8, 11, 20, 40].map((n) => ({
               value: String(n),
               label: `${n} photographs of a drawn scene`,
             }))}
-            onChange={(value) => setPicturesOf(Number(value))}
+            onChange={(value) => setImagesOf(Number(value))}
           />
           <Button busy={drawing} onClick={() => void synthetic()}>
             Try with synthetic data

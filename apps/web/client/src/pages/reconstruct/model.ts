@@ -39,7 +39,7 @@ export function upOf(photographs: Iterable<Photograph>): [number, number, number
   return sum;
 }
 
-// Lines of the frusta, pairs of points: from each camera to the corners of its picture, and around.
+// Lines of the frusta, pairs of points: from each camera to the corners of its image, and around.
 export function frusta(model: Model, size: number): { lines: Float32Array; names: string[] } {
   const all: number[] = [];
   const names: string[] = [];

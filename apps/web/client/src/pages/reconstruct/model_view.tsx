@@ -38,7 +38,7 @@ interface Report {
 type Mode = 'look' | 'measure';
 
 // Where a photograph of the model can be seen: beside the job's input.
-function pictureAddress(job: Job, name: string): string | null {
+function imageAddress(job: Job, name: string): string | null {
   const inputs = (job as Job & { inputs?: string[] }).inputs ?? [];
   const input = inputs[0] ?? '';
   if (input.startsWith('set:')) {
@@ -208,7 +208,7 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
   const knownLength = Number(known);
   return (
     <div class="cloud">
-      <div class="cloud-picture">
+      <div class="cloud-image">
         <canvas
           ref={canvas}
           role="application"
@@ -442,10 +442,10 @@ function PointView({ job, model, index }: { job: Job; model: Model; index: numbe
 }
 
 function Crop({ job, model, one }: { job: Job; model: Model; one: Observation }) {
-  const address = pictureAddress(job, one.photograph.name);
+  const address = imageAddress(job, one.photograph.name);
   const camera = model.cameras.get(one.photograph.camera);
   const [x, y] = one.seen;
-  if (!address || !camera) return <p class="faint">no picture</p>;
+  if (!address || !camera) return <p class="faint">no image</p>;
   return (
     <svg
       class="crop"

@@ -161,7 +161,7 @@ export class CloudViewer {
       }
       yaw = Math.atan2(x, z);
     }
-    // All of it is seen in a narrow picture, too.
+    // All of it is seen in a narrow image, too.
     const distance = (2.6 * bounds.radius) / Math.min(1, this.camera.aspect);
     this.home = { target: bounds.centre, distance, yaw, pitch: 0.3 };
     this.look(this.home);

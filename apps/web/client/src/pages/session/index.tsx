@@ -134,7 +134,7 @@ function useRecorder(canvas: { current: HTMLCanvasElement | null }, name: string
     const one = canvas.current;
     if (!one || !('captureStream' in one) || typeof MediaRecorder === 'undefined') {
       toast(
-        'This browser cannot record the picture. "Copy as command" with -o FILE.mp4 records on the server.',
+        'This browser cannot record the image. "Copy as command" with -o FILE.mp4 records on the server.',
         'problem',
       );
       return;
@@ -219,10 +219,10 @@ function ChangeFlags(props: {
 export function SessionPage() {
   const now = useSignalValue(route);
   const id = now.rest[0] ?? '';
-  return <SessionOf key={id} id={id} onlyPicture={now.query.get('only') === 'picture'} />;
+  return <SessionOf key={id} id={id} onlyImage={now.query.get('only') === 'image'} />;
 }
 
-function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
+function SessionOf({ id, onlyImage }: { id: string; onlyImage: boolean }) {
   const loaded = useLoad(() => api.sessionOf(id));
   const leaving = useRef(false);
   useEvery(2, () => {
@@ -271,7 +271,7 @@ function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
   const view = (
     <LiveView
       id={id}
-      title={`Live picture of ${name}`}
+      title={`Live image of ${name}`}
       interactive
       drag={session.verb.includes('annotate')}
       verb={session.verb}
@@ -282,9 +282,9 @@ function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
       }}
     />
   );
-  if (onlyPicture) {
+  if (onlyImage) {
     return (
-      <div class="only-picture">
+      <div class="only-image">
         <h1 class="unseen">{name}</h1>
         {view}
         <LiveStatus id={id} />
@@ -307,7 +307,7 @@ function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
 
   return (
     <div class="session">
-      <div class={`session-picture${stages ? ' has-stages' : ''}`}>
+      <div class={`session-image${stages ? ' has-stages' : ''}`}>
         <div class="session-head">
           <h1 tabIndex={-1}>{name}</h1>
           <span class={`chip ${running ? 'chip-running' : 'chip-bad'}`}>{running ? 'live' : 'ended'}</span>
@@ -328,7 +328,7 @@ function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
             </AsyncButton>
           </Notice>
         )}
-        <div class="row tools" role="group" aria-label="Picture">
+        <div class="row tools" role="group" aria-label="Image">
           <AsyncButton small run={snapshot}>
             Snapshot
           </AsyncButton>
@@ -344,7 +344,7 @@ function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
           <Button
             small
             onClick={() =>
-              window.open(`/session/${id}?only=picture`, `tarsier-${id}`, 'popup,width=720,height=600')
+              window.open(`/session/${id}?only=image`, `tarsier-${id}`, 'popup,width=720,height=600')
             }
           >
             Pop out
@@ -391,8 +391,7 @@ function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
               <GroupedSliders id={id} sliders={sliders} />
               <ActionButtons id={id} verb={session.verb} actions={actions} />
               <p class="field-help">
-                Keys work while the picture has the focus: click it, or reach it with Tab. Tab leaves it
-                again.
+                Keys work while the image has the focus: click it, or reach it with Tab. Tab leaves it again.
               </p>
             </>
           )}
@@ -411,7 +410,7 @@ function SessionOf({ id, onlyPicture }: { id: string; onlyPicture: boolean }) {
               <CommandLine text={session.command} />
               <p class="faint">
                 Seen by {session.viewers} {session.viewers === 1 ? 'viewer' : 'viewers'}, {session.frames}{' '}
-                pictures so far.
+                images so far.
               </p>
             </>
           )}

@@ -1,4 +1,4 @@
-// What each stage of the work left, beside the picture.
+// What each stage of the work left, beside the image.
 import { useEffect, useState } from 'preact/hooks';
 import { api, errorText } from '../../api';
 import { parseStages } from '../../stages';

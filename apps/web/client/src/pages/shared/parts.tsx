@@ -60,7 +60,7 @@ export function SourceSelect(props: {
   );
 }
 
-// Pictures as a set: dropped now, or a set that is there.
+// Images as a set: dropped now, or a set that is there.
 export function SetSource(props: {
   kind: string; // begins the name of a new set
   label: string;
@@ -128,20 +128,20 @@ export function SetSource(props: {
 
 export { cleanName };
 
-// Small pictures of a set, each with its name.
-export function SetPictures(props: {
+// Small images of a set, each with its name.
+export function SetImages(props: {
   set: string;
   round?: number;
   most?: number;
   onRemove?: (name: string) => void;
 }) {
   const files = useLoad(() => api.setFiles(props.set), [props.set, props.round]);
-  const pictures = (files.value ?? []).filter((file) => file.kind === 'image');
+  const images = (files.value ?? []).filter((file) => file.kind === 'image');
   const most = props.most ?? 24;
   return (
     <>
-      <ul class="thumbs" aria-label={`Pictures of ${props.set}`}>
-        {pictures.slice(0, most).map((file) => (
+      <ul class="thumbs" aria-label={`Images of ${props.set}`}>
+        {images.slice(0, most).map((file) => (
           <li key={file.name}>
             <img
               src={api.setFileAddress(props.set, file.name, 160)}
@@ -164,13 +164,13 @@ export function SetPictures(props: {
           </li>
         ))}
       </ul>
-      {pictures.length > most && <p class="faint">and {pictures.length - most} more</p>}
+      {images.length > most && <p class="faint">and {images.length - most} more</p>}
       {files.error && <Notice kind="problem">{files.error}</Notice>}
     </>
   );
 }
 
-// The state of a session, at most once a second, so that text beside the picture can be read.
+// The state of a session, at most once a second, so that text beside the image can be read.
 export function useSessionState(id: string | undefined): { [name: string]: Json } {
   const [state, setState] = useState<{ [name: string]: Json }>({});
   useEffect(() => {
@@ -274,7 +274,7 @@ export function StateList(props: { state: { [name: string]: Json }; names: Recor
   );
 }
 
-// The picture of a running session with its status line, what it is as a command, and the way out.
+// The image of a running session with its status line, what it is as a command, and the way out.
 export function SessionPanel(props: {
   id: string;
   title: string;
@@ -300,8 +300,8 @@ export function SessionPanel(props: {
           {ended ? 'Close' : (props.end ?? 'End')}
         </Button>
         <a href={`/session/${encodeURIComponent(props.id)}`}>Open as a session</a>
-        <a href={api.snapshotAddress(props.id)} download="picture.jpg">
-          Keep this picture
+        <a href={api.snapshotAddress(props.id)} download="image.jpg">
+          Keep this image
         </a>
       </div>
       {command !== '' && (

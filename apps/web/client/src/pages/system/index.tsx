@@ -273,7 +273,7 @@ function Audit() {
     <>
       {audit.error && <Notice kind="problem">{audit.error}</Notice>}
       <Table
-        caption="Who signed in, enrolled, forgot, exported; newest first. It holds no pictures and no features of faces."
+        caption="Who signed in, enrolled, forgot, exported; newest first. It holds no images and no features of faces."
         columns={
           names.length > 0
             ? names.map((name) => ({

@@ -90,8 +90,8 @@ export function DataSource(props: { kind: DataKind; value: string; onChange: (va
       {props.kind === 'plates' && (
         <SetSource
           kind="plates"
-          label="Or pictures with a table truth.csv"
-          help="Columns image, x, y, w, h, text. Pictures without a table show what is no plate."
+          label="Or images with a table truth.csv"
+          help="Columns image, x, y, w, h, text. Images without a table show what is no plate."
           accept="image/*,.csv"
           onSet={(set) => props.onChange(`set:${set}`)}
         />
@@ -116,7 +116,7 @@ export function DataSource(props: { kind: DataKind; value: string; onChange: (va
           >
             Try with synthetic data
           </Button>
-          {props.kind === 'points' && <a href="/annotate">Annotate pictures of your own</a>}
+          {props.kind === 'points' && <a href="/annotate">Annotate images of your own</a>}
         </div>
       )}
     </div>

@@ -111,8 +111,8 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
           >
             <DataSource kind={chosen.data} value={data} onChange={setData} />
             <p class="field-help">
-              Judge on pictures that the model has not learnt from: with "hold out" 3 in training and "held
-              out" 3 here, each third picture.
+              Judge on images that the model has not learnt from: with "hold out" 3 in training and "held out"
+              3 here, each third image.
             </p>
           </VerbForm>
         )}
@@ -129,7 +129,7 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
   );
 }
 
-// The object of figures that a job printed: the last line without a picture's name.
+// The object of figures that a job printed: the last line without an image's name.
 function figuresOf(job: Job | undefined): unknown {
   const lines = job?.lines ?? [];
   for (let i = lines.length - 1; i >= 0; i--) {
@@ -248,7 +248,7 @@ function caseText(row: Record<string, string>): string {
   return '';
 }
 
-// The picture of a case with the points that were found.
+// The image of a case with the points that were found.
 function Case(props: { name: string; data: string; points: [number, number][] | undefined }) {
   const [size, setSize] = useState<{ w: number; h: number } | null>(null);
   // Names in the table are paths, or names beside the data.
@@ -258,12 +258,12 @@ function Case(props: { name: string; data: string; points: [number, number][] | 
     (props.data.startsWith('job:') || props.data.startsWith('set:')
       ? addressOf(`${base}/${props.name}`)
       : null);
-  if (!address) return <p class="faint">no picture</p>;
+  if (!address) return <p class="faint">no image</p>;
   return (
     <span class="boxed">
       <img
         src={address}
-        alt={`Picture ${props.name.split('/').pop()}`}
+        alt={`Image ${props.name.split('/').pop()}`}
         onLoad={(event) =>
           setSize({ w: event.currentTarget.naturalWidth, h: event.currentTarget.naturalHeight })
         }

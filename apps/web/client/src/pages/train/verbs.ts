@@ -72,7 +72,7 @@ export const trainVerbs: readonly TrainVerb[] = [
   },
   {
     verb: 'pose train-view',
-    title: 'Correction of head poses, of pictures with known poses',
+    title: 'Correction of head poses, of images with known poses',
     data: 'heads',
     only: ['--leave-out', '--components', '--angle-weight', '--ridge', '--focal'],
     output: 'view.json',
@@ -235,7 +235,7 @@ export function dataOfJob(kind: DataKind, files: readonly string[]): string[] {
 
 // Units and words for the numbers that eval verbs print.
 const words: Record<string, string> = {
-  image: 'Picture',
+  image: 'Image',
   nme: 'Error, %',
   dx: 'Right by, px',
   dy: 'Down by, px',
@@ -258,7 +258,7 @@ const words: Record<string, string> = {
   limit: 'Limit, %',
   iterations: 'Steps of a fit',
   ms: 'ms each',
-  images: 'Pictures',
+  images: 'Images',
   truth: 'Plates of the truth',
   recall: 'Share found',
   prec: 'Share of finds that are plates',
