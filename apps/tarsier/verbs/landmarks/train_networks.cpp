@@ -30,6 +30,12 @@ struct NetworkFlags : BoxTrainingFlags {
   face::FaceTrainingOptions options;
 };
 
+std::vector<cv::Point2d> points_of(const Eigen::Matrix2Xd& shape) {
+  std::vector<cv::Point2d> points;
+  for (Eigen::Index i = 0; i < shape.cols(); ++i) points.emplace_back(shape(0, i), shape(1, i));
+  return points;
+}
+
 // Boxes as the cascade draws them where the points of the face are known, else as they are given.
 face::FaceImage face_image(face::shape::BoxedImage image) {
   face::FaceImage result;
@@ -41,6 +47,7 @@ face::FaceImage face_image(face::shape::BoxedImage image) {
     result.faces.push_back(
         known ? face::landmarks::box_around(face::landmarks::cascade_box(), image.shapes[i])
               : image.boxes[i]);
+    result.points.push_back(known ? points_of(image.shapes[i]) : std::vector<cv::Point2d>());
   }
   return result;
 }
@@ -77,7 +84,8 @@ std::vector<face::FaceImage> turned_faces(const NetworkFlags& flags,
         found[number].push_back({image.image + ", turned",
                                  {face::landmarks::box_around(box, copy.points)},
                                  {},
-                                 copy.gray});
+                                 copy.gray,
+                                 {points_of(copy.points)}});
       }
     }
   };

@@ -24,6 +24,7 @@ namespace tarsier::face {
 namespace {
 
 using training::anywhere;
+using training::disguise;
 using training::disturb;
 using training::draw_without_faces;
 using training::face_turn;
@@ -48,6 +49,8 @@ struct Mistake {
 };
 
 constexpr double kHighestSure = 0.98;
+
+constexpr std::size_t kFacePoints = 68;
 
 // Every so manyth image without faces is not learned from.
 constexpr int kHoldOut = 3;
@@ -125,13 +128,23 @@ const Image& any_without(const Material& material, Rng& rng) {
       rng.integer(0, static_cast<int>(material.without.size()) - 1))];
 }
 
-// Beside the image its edge goes on, or something else begins.
-cv::Mat view_of_face(const Material& material, const Image& image, const Place& where, int side,
-                     Rng& rng) {
-  if (rng.uniform() < 0.5) return view_of(image, where, side);
+constexpr double kDisguised = 0.4;  // share of the faces with points
+
+// Beside the image its edge goes on, or something else begins. Perhaps the face is in disguise.
+cv::Mat view_of_face(const Material& material, const Image& image, std::size_t face,
+                     const Place& where, int side, Rng& rng) {
+  const bool goes_on = rng.uniform() < 0.5;
+  const bool in_disguise = !image.points[face].empty() && rng.uniform() < kDisguised;
+  if (goes_on && !in_disguise) return view_of(image, where, side);
   const Image& other = any_without(material, rng);
   const cv::Mat behind = view_of(other, anywhere(other, side, 0.08, rng), side);
-  return view_of(image, where, side, &behind);
+  cv::Mat view = view_of(image, where, side, goes_on ? nullptr : &behind);
+  if (in_disguise) {
+    std::vector<cv::Point2d> points;
+    for (const cv::Point2d& p : image.points[face]) points.push_back(where(p));
+    disguise(view, points, behind, rng);
+  }
+  return view;
 }
 
 void make_scan_example(const Material& material, const std::vector<Mistake>& mistakes, Rng& rng,
@@ -150,7 +163,7 @@ void make_scan_example(const Material& material, const std::vector<Mistake>& mis
     const double x = rng.uniform(8, kPatch - 8);
     const double y = rng.uniform(8, kPatch - 8);
     const Place where = place((box.tl() + box.br()) / 2, {x, y}, width / box.width, face_turn(rng));
-    view = view_of_face(material, image, where, kPatch, rng);
+    view = view_of_face(material, image, static_cast<std::size_t>(face), where, kPatch, rng);
     if (rng.uniform() < 0.2) hide_part(view, {x - width / 2, y - width / 2, width, width}, rng);
     label_scan(image, where, example.target);
   } else {
@@ -207,7 +220,7 @@ void make_window_example(const Material& material, const std::vector<Mistake>& m
       const double how = rng.uniform();
       if (how < 0.2) {
         const double quarters = rng.integer(1, 3);
-        turn.angle += quarters * CV_PI / 2;
+        turn.angle = 0.5 * turn.angle + quarters * CV_PI / 2;
       } else if (how < 0.7) {
         const double angle = rng.uniform(0, 2 * CV_PI);
         const double far = rng.uniform(0.42, 0.95);
@@ -220,7 +233,7 @@ void make_window_example(const Material& material, const std::vector<Mistake>& m
     const double width = form.box / growth;
     const cv::Point2d to(middle - dx * width, middle - dy * width);
     const Place where = place((box.tl() + box.br()) / 2, to, width / box.width, turn);
-    view = view_of_face(material, image, where, form.side, rng);
+    view = view_of_face(material, image, static_cast<std::size_t>(face), where, form.side, rng);
     if (!is_near) {
       if (rng.uniform() < 0.25) {
         hide_part(view, {to.x - width / 2, to.y - width / 2, width, width}, rng);
@@ -295,9 +308,14 @@ Material load(const std::vector<FaceImage>& images, Progress& progress, const st
     const auto scaled = [&](const cv::Rect2d& box) {
       return cv::Rect2d(box.x * scale, box.y * scale, box.width * scale, box.height * scale);
     };
-    for (const cv::Rect2d& box : from.faces) {
+    for (std::size_t f = 0; f < from.faces.size(); ++f) {
+      const cv::Rect2d& box = from.faces[f];
       if (box.width * scale >= kScanFace && box.width > 0) {
         image.faces.push_back(scaled(box));
+        std::vector<cv::Point2d>& points = image.points.emplace_back();
+        if (f >= from.points.size() || from.points[f].size() != kFacePoints) continue;
+        for (const cv::Point2d& p : from.points[f])
+          points.push_back((p + cv::Point2d(0.5, 0.5)) * scale);
       } else {
         image.ignored.push_back(scaled(box));
       }

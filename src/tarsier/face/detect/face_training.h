@@ -22,6 +22,8 @@ struct FaceImage {
   std::vector<cv::Rect2d> faces;    // px, squares as FaceNetworks draws them; none: shows no face
   std::vector<cv::Rect2d> ignored;  // px, neither faces nor anything else
   cv::Mat gray = cv::Mat();         // CV_8UC1; where it is not empty, in place of the file
+  // Of each face its 68 points (300-W, px) or none: those with points learn in disguise, too.
+  std::vector<std::vector<cv::Point2d>> points = {};
 };
 
 struct FaceTrainingOptions {
@@ -66,8 +68,8 @@ struct FaceTraining {
   std::vector<std::string> skipped;  // "path: reason"
 };
 
-// Faces are turned, mirrored, lit, blurred and partly hidden at random, and shown at all sizes from
-// 14 px on. Other places of their images count as no face where the first half of the training
+// Faces are turned, mirrored, lit, blurred and partly hidden at random, wear drawn sunglasses, caps
+// and beards, and are shown at all sizes from 14 px on. Other places of their images count as no face where the first half of the training
 // does not firmly hold them for one (their boxes may be missing). The same result for any number of
 // threads. Throws InputError(name) where no face or no image without faces is left, Interrupted.
 [[nodiscard]] FaceTraining train_face_networks(const std::vector<FaceImage>& images,

@@ -15,6 +15,8 @@ namespace tarsier::face::training {
 struct Image {
   std::vector<cv::Mat> halves;  // CV_8UC1; make_halves()
   std::vector<cv::Rect2d> faces;
+  std::vector<std::vector<cv::Point2d>>
+      points;  // of each face 68, from the corners of pixels, or none
   std::vector<cv::Rect2d> ignored;
   [[nodiscard]] cv::Size size() const { return halves[0].size(); }
 };
@@ -39,7 +41,8 @@ struct Turn {
                           const Turn& turn);
 // A place of `side` px anywhere in the image, at any scale from `smallest_scale` on.
 [[nodiscard]] Place anywhere(const Image& image, int side, double smallest_scale, Rng& rng);
-// Upright to +-36 degrees (deviation 13), mirrored half the time, stretched by 4 %.
+// Three of four times upright to +-36 degrees (deviation 13), else anything to +-48; mirrored half the
+// time, stretched by 4 %.
 [[nodiscard]] Turn face_turn(Rng& rng);
 
 // What lies outside the image repeats its edge; or, with `behind` (side x side), shows that.
@@ -50,6 +53,11 @@ struct Turn {
 void disturb(cv::Mat& view, Rng& rng);
 // Something before a part of the face.
 void hide_part(cv::Mat& view, const cv::Rect2d& box, Rng& rng);
+// One or two of: sunglasses, a cap with its shadow, a beard, a hand or another object, hair at one
+// side. `points`: the 68 of 300-W in the view, from the corners of pixels. Objects show `texture`
+// (CV_8UC1, of the view's size) or one tone.
+void disguise(cv::Mat& view, const std::vector<cv::Point2d>& points, const cv::Mat& texture,
+              Rng& rng);
 
 // Log-uniform in [low, high).
 [[nodiscard]] double log_uniform(Rng& rng, double low, double high);
