@@ -161,7 +161,7 @@ TEST(AnnotateState, OlderJournalsNameTheImagesPictures) {
   AnnotateState state = four_points();
   state.apply(
       nlohmann::json::parse(
-          R"({"points":2,"stage":"pictures","pictures":[{"path":"/p/old.png","done":true,"touched":true,"points":[[1,2],[3,4]],"hidden":[]}]})"),
+          R"({"points":4,"stage":"pictures","pictures":[{"path":"/p/old.png","done":true,"touched":true,"points":[[1,2],[3,4],[5,6],[7,8]],"hidden":[]}]})"),
       "journal");
   EXPECT_EQ(state.stage(), AnnotateStage::kImages);
   EXPECT_EQ(state.image(state.images() - 1).path, "/p/old.png");

@@ -6,6 +6,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/detect/detector.h"
+#include "tarsier/face/detect/disguise.h"
 #include "tarsier/face/detect/training_views.h"
 #include "tarsier/linalg/losses.h"
 #include "tarsier/linalg/trainer.h"

@@ -53,11 +53,6 @@ struct Turn {
 void disturb(cv::Mat& view, Rng& rng);
 // Something before a part of the face.
 void hide_part(cv::Mat& view, const cv::Rect2d& box, Rng& rng);
-// One or two of: sunglasses, a cap with its shadow, a beard, a hand or another object, hair at one
-// side. `points`: the 68 of 300-W in the view, from the corners of pixels. Objects show `texture`
-// (CV_8UC1, of the view's size) or one tone.
-void disguise(cv::Mat& view, const std::vector<cv::Point2d>& points, const cv::Mat& texture,
-              Rng& rng);
 
 // Log-uniform in [low, high).
 [[nodiscard]] double log_uniform(Rng& rng, double low, double high);

@@ -90,6 +90,9 @@ constexpr double kHogStill = 16;
 // Beside the networks the cascade looks for large faces: at this width, px, from this share of the
 // image's smaller side on. Its boxes are those that landmark models start from.
 constexpr int kLargeWidth = 320;
+// What the cascades' finds are worth, as scores of the networks: of the strict search, of the others.
+constexpr double kCascadeScore = 0.9;
+constexpr double kLooseScore = 0.5;
 constexpr double kLargeShare = 0.1;
 
 FaceDetectorOptions less_strict(FaceDetectorOptions options) {
@@ -118,12 +121,16 @@ std::vector<Candidate> merged(std::vector<Scored> all) {
   std::vector<Candidate> kept;
   for (const Scored& one : all) {
     const cv::Rect2d& box = one.candidate.box;
-    const bool known = std::any_of(kept.begin(), kept.end(), [&](const Candidate& better) {
+    const auto known = std::find_if(kept.begin(), kept.end(), [&](const Candidate& better) {
       const double common = (better.box & box).area();
       return intersection_over_union(better.box, box) > 0.35 ||
              common > 0.75 * std::min(better.box.area(), box.area());
     });
-    if (!known) kept.push_back(one.candidate);
+    if (known == kept.end()) {
+      kept.push_back(one.candidate);
+    } else {  // two detectors found it
+      known->score = std::max(known->score, one.candidate.score);
+    }
   }
   std::stable_sort(kept.begin(), kept.end(), [](const Candidate& a, const Candidate& b) {
     return a.box.area() > b.box.area();
@@ -192,7 +199,7 @@ double FaceFinder::Impl::min_face(cv::Size image) const {
 void FaceFinder::Impl::search_strict(const cv::Mat& gray, const SearchTile& tile,
                                      std::vector<Scored>& found) {
   for (const cv::Rect& seen : strict->detect(gray(tile.area), tile.min_face, tile.max_face)) {
-    found.push_back({{cv::Rect2d(seen + tile.area.tl()), true}, 0});
+    found.push_back({{cv::Rect2d(seen + tile.area.tl()), true, kCascadeScore}, 0});
   }
 }
 
@@ -209,7 +216,7 @@ void FaceFinder::Impl::search_loosely(const cv::Mat& gray, const SearchTile& til
   }
   for (cv::Rect seen : others[number]->detect(part, tile.min_face, tile.max_face)) {
     if (mirrored) seen.x = part.cols - seen.x - seen.width;
-    found.push_back({{cv::Rect2d(seen + tile.area.tl()), false}, 0});
+    found.push_back({{cv::Rect2d(seen + tile.area.tl()), false, kLooseScore}, 0});
   }
 }
 
@@ -222,7 +229,7 @@ void FaceFinder::Impl::search_tile(const cv::Mat& gray, const SearchTile& tile, 
     search.max_face = tile.max_face > 0 ? std::max(search.min_face, tile.max_face) : 0;
     search.threshold = thorough ? networks->likely : networks->sure;
     for (const ScoredFace& face : search_faces(gray(tile.area), *networks, search, workspace)) {
-      found.push_back({{face.box + corner, face.score >= networks->sure}, face.score});
+      found.push_back({{face.box + corner, face.score >= networks->sure, face.score}, face.score});
     }
     return;
   }
@@ -232,7 +239,8 @@ void FaceFinder::Impl::search_tile(const cv::Mat& gray, const SearchTile& tile, 
     for (const ScoredBox& scored :
          trained->find(gray(tile.area), tile.min_face, thorough ? kBelow : 0)) {
       if (tile.max_face > 0 && scored.box.width > 1.3 * tile.max_face) continue;
-      found.push_back({{scored.box + corner, scored.score >= 0}, scored.score});
+      const double score = 1 / (1 + std::exp(-4 * scored.score));  // half at the threshold
+      found.push_back({{scored.box + corner, scored.score >= 0, score}, scored.score});
     }
     return;
   }
@@ -250,7 +258,7 @@ void FaceFinder::Impl::search_large(const cv::Mat& gray, bool thorough, bool all
       std::max(min_face(gray.size()), kLargeShare * std::min(gray.cols, gray.rows));
   constexpr double kBetterThanNetworks = 2;
   for (const cv::Rect& seen : large->detect(gray, smallest, 0)) {
-    found.push_back({{cv::Rect2d(seen), true}, kBetterThanNetworks});
+    found.push_back({{cv::Rect2d(seen), true, kCascadeScore}, kBetterThanNetworks});
   }
   const bool seen =
       std::any_of(found.begin(), found.end(), [](const Scored& one) { return one.candidate.sure; });

@@ -48,6 +48,7 @@ struct HogDetector;
 struct Candidate {
   cv::Rect2d box;    // px, as the frontal cascade, or the trained detector, draws it
   bool sure = true;  // found by the strict search; else only a fit can tell
+  double score = 1;  // of the detector, 0..1
 };
 
 struct FaceFinderOptions {

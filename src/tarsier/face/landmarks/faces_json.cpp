@@ -17,6 +17,7 @@ namespace tarsier::face::landmarks {
 namespace {
 
 double hundredth(double value) { return std::round(value * 100) / 100; }
+double thousandth(double value) { return std::round(value * 1000) / 1000; }
 
 nlohmann::ordered_json points_json(const Eigen::Matrix2Xd& points) {
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
@@ -80,22 +81,11 @@ nlohmann::ordered_json faces_json(const std::vector<TrackedFace>& faces, bool wi
     if (with_ids) item["id"] = face.id;
     item["box"] = box_json(face.box);
     item["points"] = points_json(face.points);
-    item["score"] = std::round(face.score * 1000) / 1000;
+    item["score"] = thousandth(face.score);
+    if (!with_ids) item["detection"] = thousandth(face.detection);
     list.push_back(std::move(item));
   }
   return list;
-}
-
-std::string face_line(const std::string& image, const std::vector<FoundFace>& faces, double ms) {
-  std::vector<TrackedFace> plain;
-  for (const FoundFace& face : faces) {
-    plain.push_back({0, face.fit.points, face.fit.score, face.box});
-  }
-  nlohmann::ordered_json line;
-  line["image"] = image;
-  line["faces"] = faces_json(plain, false);
-  line["ms"] = hundredth(ms);
-  return line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
 std::optional<Eigen::Matrix2Xd> FaceLines::find(const std::string& image, int count) const {

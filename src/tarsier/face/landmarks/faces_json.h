@@ -14,13 +14,10 @@
 
 namespace tarsier::face::landmarks {
 
-// [{"id", "box": [x, y, w, h], "points": [[x, y] ..], "score"}]; the id only of followed faces.
+// [{"id", "box": [x, y, w, h], "points": [[x, y] ..], "score", "detection"}]; the id only of followed
+// faces, the detector's score only of others.
 [[nodiscard]] nlohmann::ordered_json faces_json(const std::vector<TrackedFace>& faces,
                                                 bool with_ids);
-
-// {"image", "faces", "ms"}
-[[nodiscard]] std::string face_line(const std::string& image, const std::vector<FoundFace>& faces,
-                                    double ms);
 
 // Points of other programs' or our own lines: {"image", "points": [[x, y] ..]} or {"image",
 // "faces":

@@ -39,6 +39,7 @@ struct TrackedFace {
   Eigen::Matrix2Xd points;  // px, smoothed where asked
   double score = 1;         // 0..1
   cv::Rect2d box;           // px, as a detector would draw it
+  double detection = 1;     // of stills: score of the detector, 0..1
 };
 
 struct TrackerState {

@@ -91,7 +91,7 @@ TEST_F(RecognizerFile, HostileModelsAreRefused) {
     return refusal(Algorithm::kDefault, change);
   };
   EXPECT_THAT(refuses([](json& p) { p["options"]["algorithm"] = "magic"; }),
-              HasSubstr("no recogniser"));
+              HasSubstr("unknown recogniser 'magic'"));
   EXPECT_THAT(refuses([](json& p) { p["options"]["algorithm"] = "lbph"; }), HasSubstr("templates"));
   EXPECT_THAT(refuses([](json& p) { p["options"]["descriptor"]["width"] = 1'000'000; }),
               HasSubstr("width"));
