@@ -145,6 +145,9 @@ class AreaPages(pages.PageTest):
                        what="faces do not pass each other")
         self.page.click("button", "The whole cloud")
         self.page.wait(f"{inside} === {every}")
+        self.drag_box(inside, every)
+        self.page.click("button", "The whole cloud")
+        self.page.wait(f"{inside} === {every}")
         self.page.evaluate("document.querySelector('[data-face=z-high]').focus()")
         for _ in range(30):
             self.page.press("ArrowLeft")
@@ -161,6 +164,46 @@ class AreaPages(pages.PageTest):
         with open(name, "rb") as file:
             self.assertIn(f"element vertex {left}\n".encode(), file.read(400))
         self.path("reconstruct-cut")
+
+    def drag_box(self, inside, every):
+        """A face of the cut box, dragged by its handle in the image, then moved by keys."""
+        self.page.evaluate("document.querySelector('.cloud canvas').scrollIntoView({block: 'center'})")
+        self.page.focus("application", contains="Cloud of")
+        self.page.press("0")
+        self.page.wait("JSON.parse(document.querySelector('.cloud canvas').dataset.handles)['x-high']", what="handles")
+        self.page.evaluate("new Promise((done) => setTimeout(done, 400))")  # the view comes to rest
+        place = """(() => { const canvas = document.querySelector('.cloud canvas'), box = canvas.getBoundingClientRect();
+          const at = JSON.parse(canvas.dataset.handles); const to = (name) => [box.left + at[name][0], box.top + at[name][1]];
+          return {high: to('x-high'), low: to('x-low')}; })()"""
+        before = self.page.evaluate(place)
+        value = "Number(document.querySelector('[data-face=x-high]').value)"
+        first = self.page.evaluate(value)
+        (x0, y0), (x1, y1) = before["high"], before["low"]
+        self.page.drag((x0, y0), (x0 + 0.3 * (x1 - x0), y0 + 0.3 * (y1 - y0)))
+        self.page.wait(f"{value} < {first}", what="the dragged face")
+        self.page.wait(f"0 < {inside} && {inside} < {every}")
+
+        def is_there():
+            after = self.page.evaluate(place)
+            return (abs(after["high"][0] - (x0 + 0.3 * (x1 - x0))) + abs(after["high"][1] - (y0 + 0.3 * (y1 - y0))) < 6
+                    and abs(after["low"][0] - x1) + abs(after["low"][1] - y1) < 3)
+
+        self.until("the handle is where it was dropped, and the view has not turned", is_there, 10)
+        self.assertEqual(self.page.evaluate("document.querySelector('[data-chosen]').dataset.chosen"), "x-high")
+        self.path("reconstruct-drag")
+        self.page.evaluate("document.querySelector('.cloud canvas').scrollIntoView({block: 'center'})")
+        self.page.focus("application", contains="Cloud of")
+        dragged = self.page.evaluate(value)
+        self.page.press(",")
+        self.page.wait(f"{value} < {dragged}", what="a face moved by a key")
+        top = "Number(document.querySelector('[data-face=y-high]').value)"
+        height = self.page.evaluate(top)
+        for key in ("y", ",", ","):
+            self.page.press(key)
+        self.page.wait(f"{top} < {height}", what="another face moved by keys")
+        self.page.press("Escape")
+        self.page.wait("document.querySelector('[data-chosen]').dataset.chosen === ''")
+        self.assertTrue(self.page.has("application", contains="Cloud of"), "Escape lets go of the face alone")
 
     def test_reconstruct_drawn_and_cancel(self):
         self.go("/reconstruct")

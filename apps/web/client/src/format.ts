@@ -36,6 +36,43 @@ export function timeText(value: string | number | null | undefined): string {
   return `${day} ${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}`;
 }
 
+export const capital = (text: string): string => text.charAt(0).toUpperCase() + text.slice(1);
+
+// What a session calls its action: "Pencil sketch".
+export const actionTitle = (action: { name: string; help: string }): string =>
+  capital(action.help || action.name.replaceAll('-', ' '));
+
+const units: Record<string, string> = {
+  ms: 'ms',
+  us: 'µs',
+  s: 's',
+  px: 'px',
+  bytes: 'bytes',
+  kb: 'kB',
+  mb: 'MB',
+  gb: 'GB',
+  fps: 'frames/s',
+  percent: '%',
+  deg: 'degrees',
+  mm: 'mm',
+};
+
+// The name of a figure with its unit behind it: "corner_rms_px" is "corner rms, px", "corner_px_p95" is
+// "corner p95, px". One of a unit alone is a time, a length or a size.
+export function withUnit(name: string): string {
+  const words = name.replaceAll('_', ' ').split(' ');
+  const last = words.length - 1;
+  const statistic = /^(p\d+|mean|median|min|max|std|sum)$/;
+  const at = statistic.test(words[last] ?? '') && last > 0 ? last - 1 : last;
+  const word = words[at] ?? '';
+  const unit = units[word];
+  if (unit === undefined) return words.join(' ');
+  const rest = words.filter((_, i) => i !== at);
+  const alone = /^(us|ms|s)$/.test(word) ? 'time' : word === 'px' ? 'length' : 'size';
+  if (rest.length === 0 && !/^(us|ms|s|px|bytes|kb|mb|gb)$/.test(word)) return word;
+  return `${rest.length === 0 ? alone : rest.join(' ')}, ${unit}`;
+}
+
 // A value of a state as one cell of a table.
 export function cellText(value: unknown): string {
   if (value === null || value === undefined) return '–';

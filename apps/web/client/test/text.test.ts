@@ -1,9 +1,10 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { bytesText, cellText, durationText, timeOf, timeText } from '../src/format';
+import { actionTitle, bytesText, cellText, durationText, timeOf, timeText, withUnit } from '../src/format';
 import { curlText, endpointsOf } from '../src/pages/api_page';
 import { findingsOf } from '../src/pages/home';
 import { tokenOf } from '../src/pages/sign_in';
+import { numberText } from '../src/ui';
 
 test('sizes, times, cells', () => {
   assert.equal(bytesText(999), '999 B');
@@ -20,6 +21,22 @@ test('sizes, times, cells', () => {
   assert.equal(cellText(0.01234), '0.0123');
   assert.equal(cellText(null), '–');
   assert.equal(cellText('<img onerror=x>'), '<img onerror=x>');
+});
+
+test('figures with their units, actions with their titles', () => {
+  assert.equal(numberText(-0.04, 1), '0.0');
+  assert.equal(numberText(-0.06, 1), '-0.1');
+  assert.equal(numberText(-0.4, 0), '0');
+  assert.equal(withUnit('corner_rms_px'), 'corner rms, px');
+  assert.equal(withUnit('corner_px_p95'), 'corner p95, px');
+  assert.equal(withUnit('file_mb'), 'file, MB');
+  assert.equal(withUnit('bytes'), 'size, bytes');
+  assert.equal(withUnit('us'), 'time, µs');
+  assert.equal(withUnit('fps'), 'fps');
+  assert.equal(withUnit('mean_px'), 'mean, px');
+  assert.equal(withUnit('faces'), 'faces');
+  assert.equal(actionTitle({ name: 'go-on', help: 'it is right, go on' }), 'It is right, go on');
+  assert.equal(actionTitle({ name: 'go-on', help: '' }), 'Go on');
 });
 
 test('the token of a link', () => {

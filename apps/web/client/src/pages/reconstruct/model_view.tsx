@@ -7,7 +7,16 @@ import { Button, Checkbox, Notice, Progress, Select, Slider, Table, TextField } 
 import { save } from '../shared/files';
 import { jobJson } from '../shared/jobs';
 import { observationsOf, type Observation } from './colmap';
-import { countInside, firstBox, isInside, uprightPositions, wholeBox, type Box } from './cut_box';
+import {
+  countInside,
+  firstBox,
+  isInside,
+  moveFace,
+  uprightPositions,
+  wholeBox,
+  type Box,
+  type Face,
+} from './cut_box';
 import { CutPanel } from './cut_panel';
 import { boxText, type Model } from './model';
 import { lengthText } from './orbit';
@@ -166,7 +175,8 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
   const [box, setBox] = useState<Box | null>(null);
   const [only, setOnly] = useState(false);
   const inside = useMemo(() => (box ? countInside(positions, box) : 0), [box, positions]);
-  useEffect(() => viewer.current?.cut(box ?? undefined, only), [box, only]);
+  const [chosen, setChosen] = useState<Face | null>(null);
+  useEffect(() => viewer.current?.cut(box ?? undefined, only, whole), [box, only, whole]);
   const modeNow = useRef(mode);
   modeNow.current = mode;
 
@@ -185,7 +195,11 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
             if (!canvas.current) return;
             canvas.current.dataset['drawn'] = String(drawn);
             canvas.current.dataset['ms'] = ms.toFixed(0);
+            canvas.current.dataset['handles'] = JSON.stringify(one.handlePlaces());
           };
+          one.onFace = ({ axis, face }, value) =>
+            setBox((before) => before && moveFace(before, whole, axis, face, value));
+          one.onChosen = setChosen;
           one.show(model, positions, 3);
           viewer.current = one;
         } catch {
@@ -213,7 +227,7 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
           ref={canvas}
           role="application"
           aria-roledescription="cloud of points"
-          aria-label={`Cloud of ${model.cloud.count} points and ${model.photographs.size} cameras. Arrow keys turn it, plus and minus zoom, Shift with arrows moves it, 0 is the first view.`}
+          aria-label={`Cloud of ${model.cloud.count} points and ${model.photographs.size} cameras. Arrow keys turn it, plus and minus zoom, Shift with arrows moves it, 0 is the first view.${box ? ' x, y and z choose a face of the cut box, point and comma move it.' : ''}`}
           tabIndex={0}
         />
         {noCanvas && <p class="live-wait">{noCanvas}</p>}
@@ -346,6 +360,7 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
             inside={inside}
             count={model.cloud.count}
             only={only}
+            chosen={chosen}
             unit={scale === null ? null : unit}
             scale={scale ?? 1}
             onBox={setBox}
