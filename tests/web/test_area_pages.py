@@ -72,7 +72,7 @@ class AreaPages(pages.PageTest):
     def test_0_each_tab(self):
         for name, tabs in {
             "people": ["Add a person", "Who is this?", "Live"],
-            "calibrate": ["2. Show it to the camera", "Or: from photographs"],
+            "calibrate": ["2. Show it to the camera", "Or: from images"],
             "train": ["Judge"],
         }.items():
             self.go(f"/{name}")
@@ -81,24 +81,24 @@ class AreaPages(pages.PageTest):
                     self.page.click("tab", tab)
                     self.judge(f"empty-{name}-{re.sub('[^a-z]+', '-', tab.lower()).strip('-')}", widths=WIDTHS)
 
-    def test_reconstruct_photographs_to_cloud(self):
+    def test_reconstruct_images_to_cloud(self):
         with tempfile.TemporaryDirectory() as folder:
             scene = os.path.join(folder, "scene")
             subprocess.run(
                 [os.path.join(pages.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "11", "--size", "480x360"],
                 check=True, capture_output=True)
-            photographs = sorted(glob.glob(os.path.join(scene, "images", "*.jpg")))
-            self.assertEqual(len(photographs), 11)
+            paths = sorted(glob.glob(os.path.join(scene, "images", "*.jpg")))
+            self.assertEqual(len(paths), 11)
             self.go("/reconstruct")
-            self.page.upload(self.page.file_input(), photographs)
-            self.page.wait_text("11 photographs in ", 60)
+            self.page.upload(self.page.file_input(), paths)
+            self.page.wait_text("11 images in ", 60)
         self.page.click("button", "Reconstruct")
         self.page.wait_text("reprojection error", LONG)
-        self.assertRegex(self.page.text("main"), r"11 of 11 photographs, \d+ points")
+        self.assertRegex(self.page.text("main"), r"11 of 11 images, \d+ points")
         self.page.wait("Number(document.querySelector('.cloud canvas')?.dataset.drawn) > 1000", 60, "a drawn cloud")
         self.path("reconstruct")
 
-        # By keys: the view turns, and a point is shown in its photographs.
+        # By keys: the view turns, and a point is shown in its images.
         self.page.focus("application", contains="Cloud of")
         before = self.page.evaluate("document.querySelector('.cloud canvas').toDataURL().length")
         for key in ("ArrowLeft", "ArrowUp", "0"):
@@ -207,7 +207,7 @@ class AreaPages(pages.PageTest):
 
     def test_reconstruct_drawn_and_cancel(self):
         self.go("/reconstruct")
-        self.page.choose("Drawn photographs", "11")
+        self.page.choose("Synthetic images", "11")
         self.page.click("button", "Try with synthetic data")
         self.page.click("button", "Cancel", timeout=120)
         job = self.job_of("sfm reconstruct")
@@ -223,7 +223,7 @@ class AreaPages(pages.PageTest):
                  "--trajectory", "line"], check=True, capture_output=True)
             self.go("/reconstruct")
             self.page.upload(self.page.file_input(), sorted(glob.glob(os.path.join(scene, "images", "*.jpg"))))
-            self.page.wait_text("6 photographs in ", 60)
+            self.page.wait_text("6 images in ", 60)
         self.page.click("button", "Watch it grow")
         self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live image")
         self.page.wait("/[1-9][0-9]* points/.test(document.querySelector('.live-status')?.innerText)", 60, "points")
@@ -264,10 +264,10 @@ class AreaPages(pages.PageTest):
 
     def test_people_enrol_recognise_forget(self):
         self.go("/people")
-        self.enrol("Ann (drawn)")
+        self.enrol("Ann (synthetic)")
         self.path("people-enrolled")
         self.page.click("button", "Add another person")
-        self.enrol("Ben (drawn)")
+        self.enrol("Ben (synthetic)")
         self.page.click("button", "Try it: who is this?")
         seen = set()
         for _ in range(6):
@@ -278,13 +278,13 @@ class AreaPages(pages.PageTest):
                 f"document.querySelector('section[aria-label=\"Who is on it\"]').innerText !== {json.dumps(before)} && "
                 "!document.querySelector('.is-busy')", 60, "an answer")
             seen.update(re.findall(r"Ann \(drawn\)|Ben \(drawn\)", self.page.text("section[aria-label='Who is on it'] h2")))
-        self.assertEqual(seen, {"Ann (drawn)", "Ben (drawn)"})
+        self.assertEqual(seen, {"Ann (synthetic)", "Ben (synthetic)"})
         self.path("people-recognised")
 
         self.page.click("tab", "Gallery")
-        self.page.find("button", "Forget Ann (drawn)")
+        self.page.find("button", "Forget Ann (synthetic)")
         self.path("people-gallery")
-        self.page.click("button", "Forget Ann (drawn)")
+        self.page.click("button", "Forget Ann (synthetic)")
         self.page.click("button", "Forget")
         self.page.wait_text("Pieces that were looked for", 60)
         self.assertIn("None of them is left", self.page.text("dialog[open]"))
@@ -501,7 +501,7 @@ class AreaPages(pages.PageTest):
 
     def test_calibrate_from_images(self):
         self.go("/calibrate")
-        self.page.click("tab", "Or: from photographs")
+        self.page.click("tab", "Or: from images")
         self.page.click("button", "Try with synthetic data")
         self.page.wait_text("The camera in numbers", LONG)
         self.assertRegex(self.page.text("main"), r"Error 0\.\d+ px, \d+ of \d+ images used")

@@ -1,4 +1,4 @@
-// One model: its cloud, its photographs with reasons, measures, downloads.
+// One model: its cloud, its images with reasons, measures, downloads.
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import { api, errorText, type Job } from '../../api';
 import { bytesText } from '../../format';
@@ -46,7 +46,7 @@ interface Report {
 
 type Mode = 'look' | 'measure';
 
-// Where a photograph of the model can be seen: beside the job's input.
+// Where an image of the model can be seen: beside the job's input.
 function imageAddress(job: Job, name: string): string | null {
   const inputs = (job as Job & { inputs?: string[] }).inputs ?? [];
   const input = inputs[0] ?? '';
@@ -87,8 +87,8 @@ export function ModelView({ job }: { job: Job }) {
       {report.value?.partial && <Notice>The job was stopped: this is the model so far.</Notice>}
       {main && (
         <p class="numbers">
-          {main.photographs} of {report.value!.photographs.length} photographs, {main.points} points, each in{' '}
-          {main.mean_track.toFixed(1)} photographs, reprojection error {main.reprojection_px.toFixed(2)} px
+          {main.photographs} of {report.value!.photographs.length} images, {main.points} points, each in{' '}
+          {main.mean_track.toFixed(1)} images, reprojection error {main.reprojection_px.toFixed(2)} px
           {report.value!.models.length > 1 ? `; ${report.value!.models.length - 1} further models` : ''}
         </p>
       )}
@@ -99,7 +99,7 @@ export function ModelView({ job }: { job: Job }) {
       {missing.length > 0 && (
         <Notice kind="problem">
           <p>
-            {missing.length} {missing.length === 1 ? 'photograph is' : 'photographs are'} not in the model:
+            {missing.length} {missing.length === 1 ? 'image is' : 'images are'} not in the model:
           </p>
           <ul>
             {missing.map((one) => (
@@ -112,11 +112,11 @@ export function ModelView({ job }: { job: Job }) {
       )}
       {report.value && (
         <details open={missing.length > 0}>
-          <summary>All photographs</summary>
+          <summary>All images</summary>
           <Table
-            caption="Photographs of the model"
+            caption="Images of the model"
             columns={[
-              { name: 'Photograph', show: (one) => one.name },
+              { name: 'Image', show: (one) => one.name },
               { name: 'In the model', show: (one) => (one.registered ? 'yes' : 'no') },
               { name: 'Points', show: (one) => one.points ?? '', number: true },
               { name: 'Reason', show: (one) => one.reason ?? '' },
@@ -279,7 +279,7 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
           label="A click on a point"
           value={mode}
           options={[
-            { value: 'look', label: 'shows it in the photographs' },
+            { value: 'look', label: 'shows it in the images' },
             { value: 'measure', label: 'measures from point to point' },
           ]}
           onChange={(value) => {
@@ -415,15 +415,15 @@ function PointByNumber(props: { count: number; mode: Mode; onPick: (index: numbe
   );
 }
 
-const half = 36; // px of the photograph around the point
+const half = 36; // px of the image around the point
 
 function PointView({ job, model, index }: { job: Job; model: Model; index: number }) {
   const seen = observationsOf(index, model.cloud, model.photographs, model.cameras);
   const [x, y, z] = [0, 1, 2].map((axis) => model.cloud.positions[3 * index + axis]!.toPrecision(4));
   return (
-    <section class="point-view stack" aria-live="polite" aria-label="The point in the photographs">
+    <section class="point-view stack" aria-live="polite" aria-label="The point in the images">
       <h3>
-        Point {index + 1}: seen in {seen.length} photographs, at {x}, {y}, {z}
+        Point {index + 1}: seen in {seen.length} images, at {x}, {y}, {z}
       </h3>
       <p class="field-help">The cross is where it was seen, the circle where the model puts it.</p>
       <ul class="thumbs">
@@ -440,7 +440,7 @@ function PointView({ job, model, index }: { job: Job; model: Model; index: numbe
       <Table
         caption="Observations, largest error first"
         columns={[
-          { name: 'Photograph', show: (one: Observation) => one.photograph.name },
+          { name: 'Image', show: (one: Observation) => one.photograph.name },
           { name: 'Seen at, px', show: (one) => one.seen.map((v) => v.toFixed(1)).join(', '), number: true },
           {
             name: 'Model at, px',
