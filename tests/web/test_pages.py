@@ -318,6 +318,7 @@ class SessionTest(pages.PageTest):
             self.assertIn(name, record)
             self.judge(f"session-stages-{verb.replace(' ', '-')}")
             self.server.call(f"/api/sessions/{id}", method="DELETE")
+        self.server.call("/api/state/gallery", method="DELETE")  # of people live
         # A session without stages has no such button, and says so to programs.
         other = self.start("calibrate", "synth:board?live=1")
         self.assertEqual(self.server.call(f"/api/sessions/{other}/stages")[0], 409)

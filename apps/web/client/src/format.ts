@@ -11,6 +11,11 @@ export function bytesText(bytes: number): string {
   return `${unit === 0 || bytes >= 100 ? Math.round(bytes) : bytes.toFixed(1)} ${units[unit]}`;
 }
 
+export function pixelsText(pixels: number): string {
+  if (!Number.isFinite(pixels) || pixels < 0) return '';
+  return pixels < 1e6 ? `${pixels} px` : `${Number((pixels / 1e6).toPrecision(3))} million px`;
+}
+
 export function durationText(seconds: number): string {
   if (!Number.isFinite(seconds) || seconds < 0) return '';
   if (seconds < 60) return `${seconds < 10 ? seconds.toFixed(1) : Math.round(seconds)} s`;

@@ -1,6 +1,15 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { actionTitle, bytesText, cellText, durationText, timeOf, timeText, withUnit } from '../src/format';
+import {
+  actionTitle,
+  bytesText,
+  cellText,
+  durationText,
+  pixelsText,
+  timeOf,
+  timeText,
+  withUnit,
+} from '../src/format';
 import { curlText, endpointsOf } from '../src/pages/api_page';
 import { findingsOf } from '../src/pages/home';
 import { tokenOf } from '../src/pages/sign_in';
@@ -10,6 +19,8 @@ test('sizes, times, cells', () => {
   assert.equal(bytesText(999), '999 B');
   assert.equal(bytesText(1530546), '1.5 MB');
   assert.equal(bytesText(-1), '');
+  assert.equal(pixelsText(100_000_000), '100 million px');
+  assert.equal(pixelsText(307_200), '307200 px');
   assert.equal(durationText(3.21), '3.2 s');
   assert.equal(durationText(125), '2 min 5 s');
   assert.equal(durationText(7300), '2 h 1 min');

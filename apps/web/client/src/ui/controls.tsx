@@ -439,10 +439,11 @@ export function Table<Row>(props: {
   keyOf: (row: Row, index: number) => string | number;
   empty?: string;
   hideCaption?: boolean;
+  stacks?: boolean; // on a phone a row is a card, as those of more than three columns are
 }) {
   return (
     <div
-      class={`table-box${props.columns.length > 3 ? ' stacks' : ''}${props.columns.length > 6 ? ' is-dense' : ''}`}
+      class={`table-box${(props.stacks ?? props.columns.length > 3) ? ' stacks' : ''}${props.columns.length > 6 ? ' is-dense' : ''}`}
       tabIndex={0}
       role="group"
       aria-label={props.caption}

@@ -161,7 +161,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
           <div class="row">
             {drawnNames.map((one, i) => (
               <Button key={one} busy={drawing} onClick={() => void drawn(i as 0 | 1)}>
-                Try with synthetic data: {one}
+                Try with {one}
               </Button>
             ))}
           </div>
@@ -244,10 +244,11 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
           )}
           <Table
             caption="What became of each image"
+            stacks
             columns={[
               { name: 'Image', show: (one) => one.name },
               { name: 'Taken', show: (one) => (one.taken ? 'yes' : 'no') },
-              { name: 'Why not', show: (one) => one.reason },
+              { name: 'Why not', show: (one) => one.reason || '–' },
             ]}
             rows={shots}
             keyOf={(_, i) => i}
