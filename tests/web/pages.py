@@ -210,18 +210,21 @@ class PageTest(unittest.TestCase):
         self.page.wait("document.querySelector('main[data-ready=yes]')", what=f"page {path}")
 
     def judge(self, name, widths=(360, 800, 1440)):
-        """Screenshots at each width and in the dark; no sideways scrolling; nothing serious for axe on the
+        """Screenshots at each width, light and dark, where somebody wants them; no sideways scrolling; nothing serious for axe on the
         narrowest and the widest, in light and dark."""
         source = axe_source()
-        for width in widths:
+        for width in sorted({*widths, 360, 800, 1440}) if LOOK else widths:
             self.page.resize(width, 800)
             self.page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
             shot(self.page, f"{name}-{width}")
+            if LOOK:
+                self.page.evaluate("document.documentElement.dataset.theme = 'dark'")
+                shot(self.page, f"{name}-{width}-dark")
+                self.page.evaluate("delete document.documentElement.dataset.theme")
             self.assertIsNone(self.page.overflow(), f"{name} at {width} px")
             if source and width == min(widths):
                 self.assertEqual(self.page.axe(source), [], f"{name} at {width} px")
         self.page.evaluate("document.documentElement.dataset.theme = 'dark'")
-        shot(self.page, f"{name}-dark")
         if source:
             # Where the light page was judged at this width, the dark one differs in its colours.
             rules = ["color-contrast"] if len(widths) == 1 else None

@@ -124,7 +124,7 @@ class ApiTest(unittest.TestCase):
         for path in sorted(verbs):
             run("post", path)
         run("post", "/api/run")
-        # Jobs: that of the description is long and needs other photographs, so it is cancelled.
+        # Jobs: that of the description is long and needs other images, so it is cancelled.
         run("post", "/api/jobs")
         newest = self.server.call("/api/jobs")[1]["jobs"][0]["id"]
         self.server.call(f"/api/jobs/{newest}/cancel", {})

@@ -72,7 +72,7 @@ class AreaPages(pages.PageTest):
     def test_0_each_tab(self):
         for name, tabs in {
             "people": ["Add a person", "Who is this?", "Live"],
-            "calibrate": ["2. Show it to the camera", "Or: from photographs"],
+            "calibrate": ["2. Show it to the camera", "Or: from images"],
             "train": ["Judge"],
         }.items():
             self.go(f"/{name}")
@@ -81,24 +81,24 @@ class AreaPages(pages.PageTest):
                     self.page.click("tab", tab)
                     self.judge(f"empty-{name}-{re.sub('[^a-z]+', '-', tab.lower()).strip('-')}", widths=WIDTHS)
 
-    def test_reconstruct_photographs_to_cloud(self):
+    def test_reconstruct_images_to_cloud(self):
         with tempfile.TemporaryDirectory() as folder:
             scene = os.path.join(folder, "scene")
             subprocess.run(
                 [os.path.join(pages.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "11", "--size", "480x360"],
                 check=True, capture_output=True)
-            photographs = sorted(glob.glob(os.path.join(scene, "images", "*.jpg")))
-            self.assertEqual(len(photographs), 11)
+            paths = sorted(glob.glob(os.path.join(scene, "images", "*.jpg")))
+            self.assertEqual(len(paths), 11)
             self.go("/reconstruct")
-            self.page.upload(self.page.file_input(), photographs)
-            self.page.wait_text("11 photographs in ", 60)
+            self.page.upload(self.page.file_input(), paths)
+            self.page.wait_text("11 images in ", 60)
         self.page.click("button", "Reconstruct")
         self.page.wait_text("reprojection error", LONG)
-        self.assertRegex(self.page.text("main"), r"11 of 11 photographs, \d+ points")
+        self.assertRegex(self.page.text("main"), r"11 of 11 images, \d+ points")
         self.page.wait("Number(document.querySelector('.cloud canvas')?.dataset.drawn) > 1000", 60, "a drawn cloud")
         self.path("reconstruct")
 
-        # By keys: the view turns, and a point is shown in its photographs.
+        # By keys: the view turns, and a point is shown in its images.
         self.page.focus("application", contains="Cloud of")
         before = self.page.evaluate("document.querySelector('.cloud canvas').toDataURL().length")
         for key in ("ArrowLeft", "ArrowUp", "0"):
@@ -145,6 +145,9 @@ class AreaPages(pages.PageTest):
                        what="faces do not pass each other")
         self.page.click("button", "The whole cloud")
         self.page.wait(f"{inside} === {every}")
+        self.drag_box(inside, every)
+        self.page.click("button", "The whole cloud")
+        self.page.wait(f"{inside} === {every}")
         self.page.evaluate("document.querySelector('[data-face=z-high]').focus()")
         for _ in range(30):
             self.page.press("ArrowLeft")
@@ -162,9 +165,49 @@ class AreaPages(pages.PageTest):
             self.assertIn(f"element vertex {left}\n".encode(), file.read(400))
         self.path("reconstruct-cut")
 
+    def drag_box(self, inside, every):
+        """A face of the cut box, dragged by its handle in the image, then moved by keys."""
+        self.page.evaluate("document.querySelector('.cloud canvas').scrollIntoView({block: 'center'})")
+        self.page.focus("application", contains="Cloud of")
+        self.page.press("0")
+        self.page.wait("JSON.parse(document.querySelector('.cloud canvas').dataset.handles)['x-high']", what="handles")
+        self.page.evaluate("new Promise((done) => setTimeout(done, 400))")  # the view comes to rest
+        place = """(() => { const canvas = document.querySelector('.cloud canvas'), box = canvas.getBoundingClientRect();
+          const at = JSON.parse(canvas.dataset.handles); const to = (name) => [box.left + at[name][0], box.top + at[name][1]];
+          return {high: to('x-high'), low: to('x-low')}; })()"""
+        before = self.page.evaluate(place)
+        value = "Number(document.querySelector('[data-face=x-high]').value)"
+        first = self.page.evaluate(value)
+        (x0, y0), (x1, y1) = before["high"], before["low"]
+        self.page.drag((x0, y0), (x0 + 0.3 * (x1 - x0), y0 + 0.3 * (y1 - y0)))
+        self.page.wait(f"{value} < {first}", what="the dragged face")
+        self.page.wait(f"0 < {inside} && {inside} < {every}")
+
+        def is_there():
+            after = self.page.evaluate(place)
+            return (abs(after["high"][0] - (x0 + 0.3 * (x1 - x0))) + abs(after["high"][1] - (y0 + 0.3 * (y1 - y0))) < 6
+                    and abs(after["low"][0] - x1) + abs(after["low"][1] - y1) < 3)
+
+        self.until("the handle is where it was dropped, and the view has not turned", is_there, 10)
+        self.assertEqual(self.page.evaluate("document.querySelector('[data-chosen]').dataset.chosen"), "x-high")
+        self.path("reconstruct-drag")
+        self.page.evaluate("document.querySelector('.cloud canvas').scrollIntoView({block: 'center'})")
+        self.page.focus("application", contains="Cloud of")
+        dragged = self.page.evaluate(value)
+        self.page.press(",")
+        self.page.wait(f"{value} < {dragged}", what="a face moved by a key")
+        top = "Number(document.querySelector('[data-face=y-high]').value)"
+        height = self.page.evaluate(top)
+        for key in ("y", ",", ","):
+            self.page.press(key)
+        self.page.wait(f"{top} < {height}", what="another face moved by keys")
+        self.page.press("Escape")
+        self.page.wait("document.querySelector('[data-chosen]').dataset.chosen === ''")
+        self.assertTrue(self.page.has("application", contains="Cloud of"), "Escape lets go of the face alone")
+
     def test_reconstruct_drawn_and_cancel(self):
         self.go("/reconstruct")
-        self.page.choose("Drawn photographs", "11")
+        self.page.choose("Synthetic images", "11")
         self.page.click("button", "Try with synthetic data")
         self.page.click("button", "Cancel", timeout=120)
         job = self.job_of("sfm reconstruct")
@@ -180,7 +223,7 @@ class AreaPages(pages.PageTest):
                  "--trajectory", "line"], check=True, capture_output=True)
             self.go("/reconstruct")
             self.page.upload(self.page.file_input(), sorted(glob.glob(os.path.join(scene, "images", "*.jpg"))))
-            self.page.wait_text("6 photographs in ", 60)
+            self.page.wait_text("6 images in ", 60)
         self.page.click("button", "Watch it grow")
         self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live image")
         self.page.wait("/[1-9][0-9]* points/.test(document.querySelector('.live-status')?.innerText)", 60, "points")
@@ -221,10 +264,10 @@ class AreaPages(pages.PageTest):
 
     def test_people_enrol_recognise_forget(self):
         self.go("/people")
-        self.enrol("Ann (drawn)")
+        self.enrol("Ann (synthetic)")
         self.path("people-enrolled")
         self.page.click("button", "Add another person")
-        self.enrol("Ben (drawn)")
+        self.enrol("Ben (synthetic)")
         self.page.click("button", "Try it: who is this?")
         seen = set()
         for _ in range(6):
@@ -235,13 +278,13 @@ class AreaPages(pages.PageTest):
                 f"document.querySelector('section[aria-label=\"Who is on it\"]').innerText !== {json.dumps(before)} && "
                 "!document.querySelector('.is-busy')", 60, "an answer")
             seen.update(re.findall(r"Ann \(drawn\)|Ben \(drawn\)", self.page.text("section[aria-label='Who is on it'] h2")))
-        self.assertEqual(seen, {"Ann (drawn)", "Ben (drawn)"})
+        self.assertEqual(seen, {"Ann (synthetic)", "Ben (synthetic)"})
         self.path("people-recognised")
 
         self.page.click("tab", "Gallery")
-        self.page.find("button", "Forget Ann (drawn)")
+        self.page.find("button", "Forget Ann (synthetic)")
         self.path("people-gallery")
-        self.page.click("button", "Forget Ann (drawn)")
+        self.page.click("button", "Forget Ann (synthetic)")
         self.page.click("button", "Forget")
         self.page.wait_text("Pieces that were looked for", 60)
         self.assertIn("None of them is left", self.page.text("dialog[open]"))
@@ -458,7 +501,7 @@ class AreaPages(pages.PageTest):
 
     def test_calibrate_from_images(self):
         self.go("/calibrate")
-        self.page.click("tab", "Or: from photographs")
+        self.page.click("tab", "Or: from images")
         self.page.click("button", "Try with synthetic data")
         self.page.wait_text("The camera in numbers", LONG)
         self.assertRegex(self.page.text("main"), r"Error 0\.\d+ px, \d+ of \d+ images used")

@@ -93,7 +93,7 @@ class HomeTest(pages.PageTest):
         self.go("/")
         self.page.click("link", "Try it: Structure from motion, with synthetic data")
         self.page.wait("location.pathname === '/reconstruct' && !location.search.includes('try')")
-        self.page.wait_text("photographs of a scene are being drawn")
+        self.page.wait_text("images of a scene are being drawn")
         for _ in range(600):
             jobs = [one for one in self.server.call("/api/jobs")[1]["jobs"] if one["verb"] == "sfm reconstruct"]
             if jobs:
@@ -306,8 +306,21 @@ class SessionTest(pages.PageTest):
         self.page.wait("!document.querySelector('dialog[open]')")
         self.page.click("button", "Stages")
         self.page.wait("!document.querySelector('.stages')")
+        # Sessions whose first frames take long have them, too.
+        for verb, name in (("pose track", b"second/both"), ("people live", b"light taken out")):
+            id = self.start(verb, SMALL)
+            self.go(f"/session/{id}")
+            self.page.wait(IMAGE)
+            self.page.click("button", "Stages")
+            self.page.wait("document.querySelectorAll('.stage-row img').length >= 4", what=f"the stages of {verb}")
+            status, record = self.server.call(f"/api/sessions/{id}/stages")
+            self.assertEqual(status, 200)
+            self.assertIn(name, record)
+            self.judge(f"session-stages-{verb.replace(' ', '-')}")
+            self.server.call(f"/api/sessions/{id}", method="DELETE")
+        self.server.call("/api/state/gallery", method="DELETE")  # of people live
         # A session without stages has no such button, and says so to programs.
-        other = self.start("pose track", SMALL)
+        other = self.start("calibrate", "synth:board?live=1")
         self.assertEqual(self.server.call(f"/api/sessions/{other}/stages")[0], 409)
         self.assertEqual(self.server.call("/api/sessions/none/stages")[0], 404)
 
@@ -615,7 +628,7 @@ class ApiTest(pages.PageTest):
         texts = self.page.evaluate("[...document.querySelectorAll('.endpoints .command code')].map((one) => one.textContent)")
         settings = self.page.text(".command code")
         self.assertIn(self.server.workspace, settings)
-        # Those that need nothing but a photograph. The others name a session, a job or a set of the reader's.
+        # Those that need nothing but an image. The others name a session, a job or a set of the reader's.
         named = ("$", "{", "-X DELETE", "FROM_THE_LINK", "holiday", "viewer-cameras", "/api/live", "/api/api-token", "/people/", "/api/state/", "/calibrate", "/v1/ar/", "/v1/plate/")
         plain = [one for one in texts
                  if not any(word in one.replace("$TARSIER_", "") for word in named) or "POST" in one and one.endswith("/api/sets")]
@@ -631,7 +644,7 @@ class ApiTest(pages.PageTest):
                 break
             self.page.evaluate("new Promise((done) => setTimeout(done, 50))")
         for text in plain:
-            for name in re.findall(r"@([\w.-]+)", text):  # photographs of a face
+            for name in re.findall(r"@([\w.-]+)", text):  # images of a face
                 with open(os.path.join(folder, name), "wb") as file:
                     file.write(jpeg)
             done = subprocess.run(["bash", "-c", f"{settings}; {text} -m 60 -o answer"], cwd=folder,

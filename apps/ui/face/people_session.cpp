@@ -53,10 +53,12 @@ void PeopleSessionOptions::check() const {
   face::people::check_note(note);
 }
 
-PeopleSession::PeopleSession(face::IdentifierState state, PeopleSessionOptions options)
+PeopleSession::PeopleSession(face::IdentifierState state, PeopleSessionOptions options,
+                             DebugSink* debug)
     : identity_(std::move(state)),
       gallery_(gallery_of(identity_)),
       options_(std::move(options)),
+      debug_sink_(debug),
       enroller_(gallery_, identity_.background()),
       identifier_({options_.false_accepts, options_.max_pooled}),
       collector_(options_.collect) {
@@ -89,7 +91,7 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   }
   follow();
   timer_.start();
-  faces_ = identifier_.find(frame, identity_);
+  faces_ = identifier_.find(frame, identity_, watched(debug_sink_));
   std::stable_sort(faces_.begin(), faces_.end(),
                    [](const face::NamedFace& a, const face::NamedFace& b) {
                      return a.face.box.area() > b.face.box.area();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/core/option_fields.h"
 #include "tarsier/face/people/collector.h"
 #include "tarsier/face/people/gallery.h"
@@ -57,9 +58,11 @@ struct PeopleSessionOptions {
 // [{"label", "known", "confidence"}], "asking", "debug", "flash", "message", "prompt", "paused"}.
 class PeopleSession final : public Session {
  public:
-  // Of a gallery: what Identifier::open() gives with `enroll`. Throws std::invalid_argument for the
-  // state of a recogniser.
-  PeopleSession(face::IdentifierState state, PeopleSessionOptions options);
+  // Of a gallery: what Identifier::open() gives with `enroll`. `debug`, which may be null and must
+  // outlive the session, takes the stages of each frame's largest face. Throws
+  // std::invalid_argument for the state of a recogniser.
+  PeopleSession(face::IdentifierState state, PeopleSessionOptions options,
+                DebugSink* debug = nullptr);
   PeopleSession(const PeopleSession&) = delete;
   PeopleSession& operator=(const PeopleSession&) = delete;
 
@@ -111,6 +114,7 @@ class PeopleSession final : public Session {
   face::IdentifierState identity_;
   face::people::Gallery& gallery_;
   PeopleSessionOptions options_;
+  DebugSink* debug_sink_;
   face::Enroller enroller_;
   face::Identifier identifier_;
   std::optional<face::people::GalleryTraining> training_;  // of a model, on its way

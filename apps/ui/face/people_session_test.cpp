@@ -12,6 +12,7 @@
 
 #include "ui/scripted_host.h"
 #include "ui/testing_plain.h"
+#include "ui/testing_stages.h"
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
@@ -193,6 +194,23 @@ TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
   EXPECT_FALSE(view.state["flash"]);
   const cv::Rect strip = session.strip_box(0);
   EXPECT_GT(view.image.at<cv::Vec3b>(strip.y - 2, strip.x + 5)[2], 200);  // red: being collected
+}
+
+TEST_F(PeopleSessionTest, GivesTheStagesOfAFaceToWhoLooks) {
+  if (landmark_model() == nullptr || !std::filesystem::exists(kImage))
+    GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
+  const cv::Mat image = read_image(kImage);
+  face::people::Gallery gallery(path("p.db"));
+  testing::WatchedStages stages;
+  PeopleSession session(opened(gallery, nullptr, {{}, landmark_model()}), {}, &stages);
+  const cv::Mat plain = session.on_frame(frame(image, 0), live_).image.clone();
+  EXPECT_TRUE(stages.names.empty());
+  stages.watched = true;
+  const View view = session.on_frame(frame(image, 1), live_);
+  EXPECT_THAT(stages.names, ::testing::ElementsAre("found", "aligned", "light taken out", "cut",
+                                                   "equalised", "smoothed", "masked"));
+  EXPECT_TRUE(stages.are_images);
+  EXPECT_EQ(view.image.size(), plain.size());
 }
 
 // What is learned is learned a piece in each frame: none waits for all of it.

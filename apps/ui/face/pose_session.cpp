@@ -34,10 +34,11 @@ void PoseSessionOptions::check() const {
   TARSIER_REQUIRE(edits.empty() || appearance != nullptr, "no appearance model to edit with");
 }
 
-PoseSession::PoseSession(face::PoseTracker tracker, PoseSessionOptions options)
+PoseSession::PoseSession(face::PoseTracker tracker, PoseSessionOptions options, DebugSink* debug)
     : FrameSession("Head pose"),
       tracker_(std::move(tracker)),
-      options_((options.check(), std::move(options))) {
+      options_((options.check(), std::move(options))),
+      debug_(debug) {
   const int points = tracker_.landmarks().model().points();
   if (!options_.edits.empty()) {
     TARSIER_REQUIRE(options_.appearance->points() == points,
@@ -51,7 +52,9 @@ const face::head::HeadModel& PoseSession::head_model() const {
   return tracker_.finder().poser().model();
 }
 
-void PoseSession::process(const Frame& frame) { result_ = tracker_.process(frame, state_); }
+void PoseSession::process(const Frame& frame) {
+  result_ = tracker_.process(frame, state_, watched(debug_));
+}
 
 bool PoseSession::act(const std::string& name) {
   if (name == "redetect") face::redetect(state_);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/core/option_fields.h"
 #include "tarsier/face/appearance/edit.h"
 #include "tarsier/face/pipelines/pose_tracker.h"
@@ -36,8 +37,9 @@ struct PoseSessionOptions {
 // State: {"faces": number, "ids": [..], "yaw": [..], "draw", "paused"}.
 class PoseSession final : public FrameSession {
  public:
+  // `debug`, which may be null and must outlive the session, takes the stages of each frame.
   // Throws std::invalid_argument for bad options, and an appearance model of other points.
-  PoseSession(face::PoseTracker tracker, PoseSessionOptions options);
+  PoseSession(face::PoseTracker tracker, PoseSessionOptions options, DebugSink* debug = nullptr);
 
   // Of the latest frame.
   [[nodiscard]] const face::PoseResult& result() const { return result_; }
@@ -57,6 +59,7 @@ class PoseSession final : public FrameSession {
 
   face::PoseTracker tracker_;
   PoseSessionOptions options_;
+  DebugSink* debug_;
   std::optional<face::appearance::Synthesis> synthesis_;  // where faces are edited
   face::PoseState state_;
   face::PoseResult result_;

@@ -6,9 +6,11 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/render/builtin.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
+#include "ui/testing_stages.h"
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -30,7 +32,7 @@ const face::PoseModels& models() {
   return shared;
 }
 
-class Pose : public testing::Test {
+class Pose : public ::testing::Test {
  protected:
   void SetUp() override {
     if (!std::filesystem::exists(kMessi)) GTEST_SKIP() << "needs the package opencv-doc";
@@ -118,6 +120,27 @@ TEST_F(Pose, AVideoKeepsTheIdAndComesToRest) {
   for (int i = 16; i < 32; ++i) (void)poser.on_frame(frame(i, false), {});
   ASSERT_EQ(poser.faces().size(), 1U);
   EXPECT_NEAR(poser.faces()[0].pose->angles.yaw_deg, last.yaw_deg, 5);
+}
+
+TEST_F(Pose, GivesTheStagesToWhoLooks) {
+  testing::WatchedStages stages;
+  PoseSession watched(face::PoseTracker(models(), {}), {}, &stages);
+  PoseSession plain = session();
+  for (const bool still : {false, true}) {
+    stages.watched = false;
+    stages.names.clear();
+    (void)plain.on_frame(frame(0, still), {});
+    (void)watched.on_frame(frame(0, still), {});
+    EXPECT_TRUE(stages.names.empty());
+    stages.watched = true;
+    const View view = watched.on_frame(frame(1, still), {});
+    EXPECT_THAT(stages.names, ::testing::IsSupersetOf({"start", "both", "first pose",
+                                                       "second/start", "second/both", "pose"}));
+    EXPECT_EQ(stages.names.back(), "pose");
+    EXPECT_TRUE(stages.are_images);
+    EXPECT_EQ(cv::norm(view.output, plain.on_frame(frame(1, still), {}).output, cv::NORM_INF), 0)
+        << "looking changes the drawing";
+  }
 }
 
 TEST_F(Pose, ADrawnObjectIsHiddenBehindTheHead) {

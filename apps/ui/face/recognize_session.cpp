@@ -40,7 +40,10 @@ void draw_named_face(cv::Mat& image, const face::NamedFace& face) {
   style.color = color;
   style.backing = image::draw::Backing::kBox;
   const bool room = box.y > 2.4 * style.height_px;
-  image::draw::put_text(image, text, {box.x, room ? box.y - 2 : box.br().y + 2}, style,
+  const int text_width =
+      image::draw::text_size(text, style.height_px).width + cvRound(style.height_px);
+  const int x = std::clamp(box.x, 0, std::max(0, image.cols - text_width));
+  image::draw::put_text(image, text, {x, room ? box.y - 2 : box.br().y + 2}, style,
                         room ? image::draw::Anchor::kBottomLeft : image::draw::Anchor::kTopLeft);
 }
 

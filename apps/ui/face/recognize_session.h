@@ -15,8 +15,8 @@ namespace tarsier {
 // Keys: space pauses, h help, q or Esc ends. State: {"faces", "known", "paused"}.
 class RecognizeSession final : public FrameSession {
  public:
-  // `debug`, which may be null and must outlive the session, takes the stages of a still's first
-  // face.
+  // `debug`, which may be null and must outlive the session, takes the stages of each frame's
+  // largest face.
   RecognizeSession(face::Identifier identifier, face::IdentifierState state,
                    DebugSink* debug = nullptr);
 

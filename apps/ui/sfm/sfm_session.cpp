@@ -34,14 +34,15 @@ int panel_height(cv::Size frame) {
 
 }  // namespace
 
-SfmSession::SfmSession(sfm::OnlineReconstructor& online, const std::stop_token& stop)
-    : online_(online), stop_(stop) {}
+SfmSession::SfmSession(sfm::OnlineReconstructor& online, const std::stop_token& stop,
+                       DebugSink* debug)
+    : online_(online), stop_(stop), debug_(debug) {}
 
 View SfmSession::on_frame(const Frame& frame, const SourceStatus& source) {
   source_ = trouble_of(source);
   if (controls_.paused()) return view(false);  // a camera goes on while nobody looks
   latest_ = frame;
-  update(online_.process(frame, stop_));
+  update(online_.process(frame, stop_, watched(debug_)));
   draw();
   return view(true);
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/sfm/pipelines/online_reconstructor.h"
 
 #include <opencv2/core.hpp>
@@ -24,8 +25,10 @@ namespace tarsier {
 class SfmSession final : public Session {
  public:
   // `online` must outlive the session. When `stop` fires, growing ends early. on_frame throws what
-  // OnlineReconstructor::process() throws.
-  explicit SfmSession(sfm::OnlineReconstructor& online, const std::stop_token& stop = {});
+  // OnlineReconstructor::process() throws. `debug`, which may be null and must outlive the session,
+  // takes the stages of each frame.
+  explicit SfmSession(sfm::OnlineReconstructor& online, const std::stop_token& stop = {},
+                      DebugSink* debug = nullptr);
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
   View on_idle(const SourceStatus& source) override;
@@ -47,6 +50,7 @@ class SfmSession final : public Session {
 
   sfm::OnlineReconstructor& online_;
   std::stop_token stop_;
+  DebugSink* debug_;
   sfm::OnlineResult result_;  // of the latest call
   Frame latest_;
   cv::Mat cloud_;

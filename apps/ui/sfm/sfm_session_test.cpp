@@ -10,6 +10,7 @@
 
 #include "ui/scripted_host.h"
 #include "ui/testing_plain.h"
+#include "ui/testing_stages.h"
 #include <memory>
 #include <string>
 #include <vector>
@@ -76,9 +77,9 @@ class SfmSessionTest : public FolderTest {
   }
 
   // The one session of now, and what it shows.
-  SfmSession make(const std::stop_token& stop = {}) {
+  SfmSession make(const std::stop_token& stop = {}, DebugSink* debug = nullptr) {
     online_ = std::make_unique<sfm::OnlineReconstructor>(options_);
-    return SfmSession(*online_, stop);
+    return SfmSession(*online_, stop, debug);
   }
 
   static double green_share(const cv::Mat& image) {
@@ -191,6 +192,33 @@ TEST_F(SfmSessionTest, TurnsAndZoomsTheCloudAndNotTheVideo) {
   EXPECT_TRUE(changes(mouse));
   EXPECT_TRUE(changes(key_event('0')));
   EXPECT_EQ(cv::norm(before(right), first(right), cv::NORM_INF), 0) << "not the first view again";
+}
+
+TEST_F(SfmSessionTest, GivesTheStagesToWhoLooks) {
+  SfmSession plain = make();
+  Walk walk({video_->begin(), video_->begin() + 12});
+  ScriptedHost host(plain, walk);
+  host.keep(11);
+  const cv::Mat expected = host.run().back().output.clone();
+
+  testing::WatchedStages stages;
+  SfmSession session = make({}, &stages);
+  SourceStatus live;
+  live.state = SourceState::kLive;
+  View view;
+  for (int i = 0; i < 12; ++i) {
+    stages.watched = i == 11;
+    Frame frame;
+    frame.image = (*video_)[static_cast<std::size_t>(i)];
+    frame.index = i;
+    frame.time = i / 10.0;
+    frame.name = "walk";
+    view = session.on_frame(frame, live);
+    EXPECT_EQ(stages.names.empty(), i < 11) << i;
+  }
+  EXPECT_THAT(stages.names, ::testing::ElementsAre("motion", "features", "matches", "tracks"));
+  EXPECT_TRUE(stages.are_images);
+  EXPECT_EQ(cv::norm(view.output, expected, cv::NORM_INF), 0) << "looking changes the drawing";
 }
 
 TEST_F(SfmSessionTest, PausesAndEnds) {

@@ -29,14 +29,14 @@ struct Drawn {
   const char* name;
 };
 constexpr Drawn kDrawn[] = {
-    {"synth:portrait?live=1", "Drawn portrait"},
-    {"synth:scene?live=1", "Drawn scene"},
-    {"synth:drive?live=1", "Drawn street with cars"},
-    {"synth:car?live=1", "Drawn car with a number plate"},
-    {"synth:markers?live=1", "Drawn markers"},
-    {"synth:planar?live=1", "Drawn posters"},
-    {"synth:board?live=1", "Drawn calibration board"},
-    {"synth:clock?live=1", "Drawn clock"},
+    {"synth:portrait?live=1", "Synthetic portrait"},
+    {"synth:scene?live=1", "Synthetic scene"},
+    {"synth:drive?live=1", "Synthetic street with cars"},
+    {"synth:car?live=1", "Synthetic car with a number plate"},
+    {"synth:markers?live=1", "Synthetic markers"},
+    {"synth:planar?live=1", "Synthetic posters"},
+    {"synth:board?live=1", "Synthetic calibration board"},
+    {"synth:clock?live=1", "Synthetic clock"},
 };
 
 // "ID" or "ID:WIDTH", the px that the viewer shows it in; 0: as it is.

@@ -327,18 +327,22 @@ void LiveSession::wake_viewers() {
 
 void LiveSession::fit_viewers() {
   int widest = kNoImages;
+  int quality = 0;
   for (const Viewer& viewer : viewers_) {
-    const bool is_whole = viewer.max_width == 0;
-    if (is_whole) widest = 0;
-    if (is_whole) break;
-    widest = std::max(widest, viewer.max_width);
+    if (viewer.max_width == kNoImages) continue;
+    const bool is_whole = viewer.max_width == 0 || widest == 0;
+    widest = is_whole ? 0 : std::max(widest, viewer.max_width);
+    quality = std::max(quality, viewer.quality);
   }
   // Nobody watches: it stays as it is, so that a page that is loaded again changes nothing.
-  if (widest == kNoImages || widest == max_width_ || end_) return;
+  if (widest == kNoImages || end_) return;
+  if (widest == max_width_ && quality == quality_) return;
+  if (widest != max_width_) outbox_ += fmt::format("{{\"max_width\":{}}}\n", widest);
+  if (quality != quality_) outbox_ += fmt::format("{{\"quality\":{}}}\n", quality);
   max_width_ = widest;
+  quality_ = quality;
   // One that was asked for before may be on its way.
   fitting_ = image_.number + (is_wanted_ ? 2 : 1);
-  outbox_ += fmt::format("{{\"max_width\":{}}}\n", widest);
 }
 
 nlohmann::json LiveSession::describe() const {
@@ -484,6 +488,21 @@ void LiveSession::remove_viewer(const std::shared_ptr<Waker>& viewer) {
     fit_viewers();
   }
   nudge();
+}
+
+void LiveSession::set_quality(const std::shared_ptr<Waker>& viewer, int quality) {
+  {
+    const std::lock_guard lock(mutex_);
+    for (Viewer& one : viewers_)
+      if (one.waker == viewer) one.quality = quality;
+    fit_viewers();
+  }
+  nudge();
+}
+
+int LiveSession::quality() const {
+  const std::lock_guard lock(mutex_);
+  return quality_;
 }
 
 void LiveSession::offer_frame(std::shared_ptr<const std::string> jpeg) {

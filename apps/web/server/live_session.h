@@ -3,6 +3,7 @@
 
 #include "child_process.h"
 #include "live_protocol.h"
+#include "viewer_pace.h"
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -112,7 +113,12 @@ class LiveSession {
   static constexpr int kNoImages = -1;
   void add_viewer(const std::shared_ptr<Waker>& viewer, int max_width = 0);
   void remove_viewer(const std::shared_ptr<Waker>& viewer);
-  // The number of the first image that surely has the size that viewers want now.
+  // The JPEG quality that the viewer's line carries (ViewerPace); the child sends images as the
+  // viewer wants them that can take most. One that was added has ViewerPace::kBest at first.
+  void set_quality(const std::shared_ptr<Waker>& viewer, int quality);
+  // What the child was asked for.
+  [[nodiscard]] int quality() const;
+  // The number of the first image that surely has the size and the quality that viewers want now.
   [[nodiscard]] std::uint64_t fitting() const;
 
   // The newest frame of the viewer's camera; replaces one that has not been written yet.
@@ -156,9 +162,11 @@ class LiveSession {
   struct Viewer {
     std::shared_ptr<Waker> waker;
     int max_width = 0;
+    int quality = ViewerPace::kBest;
   };
   std::vector<Viewer> viewers_;
-  int max_width_ = 0;          // what the child was asked for
+  int max_width_ = 0;  // what the child was asked for
+  int quality_ = ViewerPace::kBest;
   std::uint64_t fitting_ = 1;  // see fitting()
   Stages stages_;
   bool are_stages_wanted_ = false;

@@ -5,6 +5,10 @@
 #include <gtest/gtest.h>
 
 #include "live.h"
+#include "live_stream.h"
+#include <array>
+#include <sys/socket.h>
+#include <unistd.h>
 
 namespace tarsier::web {
 namespace {
@@ -211,6 +215,61 @@ TEST(LiveSession, ImagesAreAsLargeAsTheLargestViewerShowsThem) {
       "{\"max_width\":320} {\"action\":\"last\"} ";
   for (int i = 0; i < 200 && asked(session) != wanted; ++i) small->wait(milliseconds(20));
   EXPECT_EQ(asked(session), wanted);
+}
+
+TEST(LiveSession, ImagesAreAsGoodAsTheQuickestViewerTakesThem) {
+  LiveSession session(shell("while read line <&3; do echo \"$line\"; done; exec sleep 60"));
+  const auto slow = std::make_shared<Waker>();
+  const auto quick = std::make_shared<Waker>();
+  const auto blind = std::make_shared<Waker>();
+  session.add_viewer(slow);
+  session.add_viewer(blind, LiveSession::kNoImages);
+  session.set_quality(slow, 80);  // as it is
+  session.set_quality(slow, 40);
+  EXPECT_EQ(session.quality(), 40);
+  EXPECT_EQ(session.fitting(), 1U);
+  session.add_viewer(quick);  // the best, until it is known to be slow
+  EXPECT_EQ(session.quality(), 80);
+  session.set_quality(quick, 55);
+  session.set_quality(slow, 30);
+  session.remove_viewer(quick);
+  session.remove_viewer(slow);  // nobody is left: as it is
+  session.set_quality(slow, 80);
+  EXPECT_EQ(session.quality(), 30);
+  EXPECT_TRUE(session.send("{\"action\":\"last\"}\n"));
+  const std::string wanted =
+      "{\"quality\":40} {\"quality\":80} {\"quality\":55} {\"quality\":30} {\"action\":\"last\"} ";
+  for (int i = 0; i < 200 && asked(session) != wanted; ++i) slow->wait(milliseconds(20));
+  EXPECT_EQ(asked(session), wanted);
+}
+
+TEST(LiveStream, ASlowViewerGetsImagesOfALowerQuality) {
+  // Images of 22 bytes that take a second each, by the clock of the test.
+  const auto session = std::make_shared<LiveSession>(
+      shell(std::string("while read line <&3; do case $line in *want*) ") + kImage +
+            " :;; *) echo \"$line\";; esac; done; exec sleep 60"));
+  std::array<int, 2> sockets{-1, -1};
+  ASSERT_EQ(::socketpair(AF_UNIX, SOCK_STREAM, 0, sockets.data()), 0);
+  StreamSlots slots(1);
+  ClockTime time{};
+  {
+    const auto stream = make_live_stream(slots.take(""), std::make_shared<Waker>(), {},
+                                         {{session, 640}}, nullptr, [&] { return time; });
+    std::vector<char> buffer(1 << 16);
+    const auto until = [&](milliseconds spent, const std::function<bool()>& condition) {
+      for (int i = 0; i < 60 && !condition(); ++i) {
+        if (stream->read(buffer, sockets[0]) > 0) time += spent;
+      }
+      EXPECT_TRUE(condition());
+    };
+    until(milliseconds(1000), [&] { return session->quality() == ViewerPace::kLeast; });
+    until(milliseconds(1), [&] { return session->quality() == ViewerPace::kBest; });
+    const auto lines = [&] { return asked(*session); };
+    until(milliseconds(1), [&] { return lines().find("{\"quality\":80}") != std::string::npos; });
+    EXPECT_THAT(lines(), testing::StartsWith("{\"max_width\":640} {\"quality\":30} "));
+  }
+  ::close(sockets[0]);
+  ::close(sockets[1]);
 }
 
 TEST(LiveSession, StagesComeOnRequest) {

@@ -91,6 +91,7 @@ class Outgoing {
     sent_ = 0;
     return text_;
   }
+  [[nodiscard]] std::size_t size() const { return text_.size(); }
   std::ptrdiff_t take(std::span<char> buffer) {
     const std::size_t count = std::min(buffer.size(), text_.size() - sent_);
     std::memcpy(buffer.data(), text_.data() + sent_, count);
@@ -109,8 +110,9 @@ class LiveStream final : public BodyStream {
   LiveStream(std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,
              std::vector<std::string> unknown,
              const std::vector<std::pair<std::shared_ptr<LiveSession>, int>>& sessions,
-             const JobFeed* jobs)
-      : slot_(std::move(slot)),
+             const JobFeed* jobs, std::function<ClockTime()> now)
+      : now_(std::move(now)),
+        slot_(std::move(slot)),
         waker_(std::move(waker)),
         unknown_(std::move(unknown)),
         jobs_(jobs),
@@ -130,10 +132,11 @@ class LiveStream final : public BodyStream {
       prepare(socket);
       is_prepared_ = true;
     }
-    const Clock::time_point now = Clock::now();
+    const Clock::time_point now = now_();
     if (now - begun_ > StreamSlots::kTurn && slot_->takes_turns()) return -1;
     if (!wait_until_taken(socket, kWait)) return now - taken_ > kDeaf ? -1 : 0;
     taken_ = now;
+    measure();
     if (is_gone(socket)) return -1;
     if (compose()) return out_.take(buffer);
     milliseconds patience = kWait;
@@ -159,10 +162,18 @@ class LiveStream final : public BodyStream {
     append_record(out, kind, id, *news.json);
   }
 
+  // The viewer has what was handed out: how long it took says how good the next images may be.
+  void measure() {
+    if (image_quality_ == 0) return;
+    const std::chrono::duration<double> spent = now_() - composed_;
+    pace_.took(out_.size(), spent.count(), std::exchange(image_quality_, 0));
+    for (Watched& watched : watched_) watched.images.session().set_quality(waker_, pace_.quality());
+  }
+
   // All that is new, and one image. False where nothing is.
   bool compose() {
     std::string& out = out_.fresh();
-    const Clock::time_point now = Clock::now();
+    const Clock::time_point now = now_();
     for (const std::string& id : unknown_)
       append_record(out, LiveRecord::kEnded, id,
                     R"({"exit":null,"error":"there is no such session"})");
@@ -184,6 +195,8 @@ class LiveStream final : public BodyStream {
       std::string payload = image_head(image->frame, image->age_now());
       payload += *image->jpeg;
       append_record(out, LiveRecord::kImage, watched.images.session().id(), payload);
+      image_quality_ = watched.images.session().quality();
+      composed_ = now;
       turn_ = (turn_ + i + 1) % watched_.size();
       break;
     }
@@ -196,6 +209,7 @@ class LiveStream final : public BodyStream {
     return !out.empty();
   }
 
+  const std::function<ClockTime()> now_;
   const std::shared_ptr<StreamSlots::Slot> slot_;
   const std::shared_ptr<Waker> waker_;
   std::vector<std::string> unknown_;
@@ -205,8 +219,11 @@ class LiveStream final : public BodyStream {
   std::size_t turn_ = 0;
   Outgoing out_;
   bool is_prepared_ = false;
-  const Clock::time_point begun_ = Clock::now();
-  Clock::time_point taken_ = Clock::now();
+  ViewerPace pace_;
+  int image_quality_ = 0;       // of the image in out_; 0: it has none, or was measured
+  Clock::time_point composed_;  // when out_ was
+  const Clock::time_point begun_ = now_();
+  Clock::time_point taken_ = begun_;
   Clock::time_point pinged_;  // something was sent; long ago at first: the first ping is at once
 };
 
@@ -288,10 +305,10 @@ std::size_t StreamSlots::count() const {
 std::unique_ptr<BodyStream> make_live_stream(
     std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,
     std::vector<std::string> unknown,
-    const std::vector<std::pair<std::shared_ptr<LiveSession>, int>>& sessions,
-    const JobFeed* jobs) {
+    const std::vector<std::pair<std::shared_ptr<LiveSession>, int>>& sessions, const JobFeed* jobs,
+    std::function<ClockTime()> now) {
   return std::make_unique<LiveStream>(std::move(slot), std::move(waker), std::move(unknown),
-                                      sessions, jobs);
+                                      sessions, jobs, std::move(now));
 }
 
 std::unique_ptr<BodyStream> make_mjpeg_stream(std::shared_ptr<StreamSlots::Slot> slot,

@@ -4,7 +4,9 @@
 #include "job_feed.h"
 #include "live_session.h"
 #include "router.h"
+#include <chrono>
 #include <cstddef>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -56,10 +58,14 @@ class StreamSlots {
 // GET /api/live: hello, states and images of `sessions` (each with the width that the viewer shows
 // it in, px; 0: as it is), the end of each, "there is no such
 // session" for `unknown`, and the news of `jobs` (null: none). `waker` is woken by all of them.
+// A viewer that takes its images slowly gets them of a lower JPEG quality (ViewerPace), where no
+// other one can take more. `now`: the clock.
+using ClockTime = std::chrono::steady_clock::time_point;
 [[nodiscard]] std::unique_ptr<BodyStream> make_live_stream(
     std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,
     std::vector<std::string> unknown,
-    const std::vector<std::pair<std::shared_ptr<LiveSession>, int>>& sessions, const JobFeed* jobs);
+    const std::vector<std::pair<std::shared_ptr<LiveSession>, int>>& sessions, const JobFeed* jobs,
+    std::function<ClockTime()> now = std::chrono::steady_clock::now);
 
 // GET /api/sessions/ID/stream.mjpg
 [[nodiscard]] std::unique_ptr<BodyStream> make_mjpeg_stream(std::shared_ptr<StreamSlots::Slot> slot,

@@ -30,11 +30,13 @@ ExitStatus live(LiveFlags& flags, Context& context) {
     }
   }
   flags.session.now = now_ms;
+  DebugFolder debug(context.debug_dir);
   // What is due in a gallery that is there already is learned before the window opens.
   PeopleSession session(load_identifier(options).open(*context.progress, context.stop),
-                        flags.session);
+                        flags.session, debug.sink());
   RunHooks hooks;
   hooks.title = "people";
+  hooks.debug = &debug;
   hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
     line["faces"] = nlohmann::ordered_json::array();
     for (const face::NamedFace& face : session.faces()) {
@@ -69,10 +71,11 @@ void add_flags(Command& verb, LiveFlags& flags) {
 }  // namespace
 
 void add_people_live(Command& area, Context& context) {
-  add_verb<LiveFlags>(area, "live",
-                      "enrols and recognises in a window: click Add Person, "
-                      "then elsewhere to train",
-                      context, add_flags, live);
+  add_debug_flag(add_verb<LiveFlags>(area, "live",
+                                     "enrols and recognises in a window: click Add Person, "
+                                     "then elsewhere to train",
+                                     context, add_flags, live),
+                 context);
 }
 
 }  // namespace tarsier::cli

@@ -109,12 +109,15 @@ ExitStatus run_track(TrackFlags& flags, Context& context) {
                       : flags.smooth == "mean" ? face::PoseSmoothing::kMean
                                                : face::PoseSmoothing::kOneEuro;
   options.landmarks.tracker.smoothing = options.smoothing != face::PoseSmoothing::kNone;
-  PoseSession session(face::PoseTracker(load_pose_models(options), options), std::move(drawing));
+  DebugFolder debug(context.debug_dir);
+  PoseSession session(face::PoseTracker(load_pose_models(options), options), std::move(drawing),
+                      debug.sink());
   std::optional<CsvTable> table;
   if (!flags.csv.empty()) table.emplace(flags.csv, kColumns);
   bool found = false;
   RunHooks hooks;
   hooks.title = "pose";
+  hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     for (const face::PosedFace& face : session.faces()) {
       found = found || face.pose.has_value();
@@ -166,10 +169,11 @@ void add_flags(Command& verb, TrackFlags& flags) {
 }  // namespace
 
 void add_pose_track(Command& area, Context& context) {
-  add_verb<TrackFlags>(area, "track",
-                       "where heads look: yaw, pitch, roll and place, in "
-                       "images, videos and cameras",
-                       context, add_flags, run_track);
+  add_debug_flag(add_verb<TrackFlags>(area, "track",
+                                      "where heads look: yaw, pitch, roll and place, in "
+                                      "images, videos and cameras",
+                                      context, add_flags, run_track),
+                 context);
 }
 
 }  // namespace tarsier::cli

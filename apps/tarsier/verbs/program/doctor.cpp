@@ -162,8 +162,9 @@ void look_at_machine(std::vector<Item>& items) {
        fmt::format("{}, OpenCV uses {} threads", cores, cv::getNumThreads()),
        cores > 1 ? "" : "live work wants two or more: one draws while the other reads the camera"});
 
-  const double total = std::atof(value_in("/proc/meminfo", "MemTotal").c_str()) / 1e6;
-  const double free = std::atof(value_in("/proc/meminfo", "MemAvailable").c_str()) / 1e6;
+  constexpr double kGbOfKib = 1024 / 1e9;
+  const double total = std::atof(value_in("/proc/meminfo", "MemTotal").c_str()) * kGbOfKib;
+  const double free = std::atof(value_in("/proc/meminfo", "MemAvailable").c_str()) * kGbOfKib;
   if (total > 0) {
     items.push_back(
         {"machine", "memory", free < 0.3 ? Finding::kNote : Finding::kOk,

@@ -74,12 +74,14 @@ OnlineRun run_online(const std::vector<std::string>& sources, const std::vector<
   options.every_frame = !images.empty();
   options.images = images;
   sfm::OnlineReconstructor online(options);
-  SfmSession session(online, context.stop);
+  DebugFolder debug(context.debug_dir);
+  SfmSession session(online, context.stop, debug.sink());
 
   Clock::time_point start;
   double milliseconds = 0;
   RunHooks hooks;
   hooks.title = "online";
+  hooks.debug = &debug;
   hooks.before_frame = [&](const Frame&) { start = Clock::now(); };
   hooks.after_frame = [&](const Frame&) {
     milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - start).count();

@@ -36,7 +36,8 @@ export interface FlagHelp {
   positional: number | null;
   type: 'text' | 'switch' | 'integer' | 'number';
   choices: string[];
-  range: { min: number | null; max: number | null; min_excluded: boolean } | null;
+  range: { min: number | null; max: number | null; min_excluded: boolean; max_excluded?: boolean } | null;
+  unit?: string; // of a number: "px", "s"
   default: string | number | boolean | null;
   values: number;
   repeatable: boolean;

@@ -84,7 +84,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'reconstruct',
     title: 'Structure from motion',
-    text: 'Makes a cloud of points and the cameras from photographs.',
+    text: 'Makes a cloud of points and the cameras from images.',
     inputs: [],
     flags: {},
     camera: false,

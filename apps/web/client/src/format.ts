@@ -11,6 +11,11 @@ export function bytesText(bytes: number): string {
   return `${unit === 0 || bytes >= 100 ? Math.round(bytes) : bytes.toFixed(1)} ${units[unit]}`;
 }
 
+export function pixelsText(pixels: number): string {
+  if (!Number.isFinite(pixels) || pixels < 0) return '';
+  return pixels < 1e6 ? `${pixels} px` : `${Number((pixels / 1e6).toPrecision(3))} million px`;
+}
+
 export function durationText(seconds: number): string {
   if (!Number.isFinite(seconds) || seconds < 0) return '';
   if (seconds < 60) return `${seconds < 10 ? seconds.toFixed(1) : Math.round(seconds)} s`;
@@ -34,6 +39,43 @@ export function timeText(value: string | number | null | undefined): string {
   const two = (number: number) => String(number).padStart(2, '0');
   const day = `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())}`;
   return `${day} ${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}`;
+}
+
+export const capital = (text: string): string => text.charAt(0).toUpperCase() + text.slice(1);
+
+// What a session calls its action: "Pencil sketch".
+export const actionTitle = (action: { name: string; help: string }): string =>
+  capital(action.help || action.name.replaceAll('-', ' '));
+
+const units: Record<string, string> = {
+  ms: 'ms',
+  us: 'µs',
+  s: 's',
+  px: 'px',
+  bytes: 'bytes',
+  kb: 'kB',
+  mb: 'MB',
+  gb: 'GB',
+  fps: 'frames/s',
+  percent: '%',
+  deg: 'degrees',
+  mm: 'mm',
+};
+
+// The name of a figure with its unit behind it: "corner_rms_px" is "corner rms, px", "corner_px_p95" is
+// "corner p95, px". One of a unit alone is a time, a length or a size.
+export function withUnit(name: string): string {
+  const words = name.replaceAll('_', ' ').split(' ');
+  const last = words.length - 1;
+  const statistic = /^(p\d+|mean|median|min|max|std|sum)$/;
+  const at = statistic.test(words[last] ?? '') && last > 0 ? last - 1 : last;
+  const word = words[at] ?? '';
+  const unit = units[word];
+  if (unit === undefined) return words.join(' ');
+  const rest = words.filter((_, i) => i !== at);
+  const alone = /^(us|ms|s)$/.test(word) ? 'time' : word === 'px' ? 'length' : 'size';
+  if (rest.length === 0 && !/^(us|ms|s|px|bytes|kb|mb|gb)$/.test(word)) return word;
+  return `${rest.length === 0 ? alone : rest.join(' ')}, ${unit}`;
 }
 
 // A value of a state as one cell of a table.

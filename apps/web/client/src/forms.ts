@@ -12,6 +12,7 @@ export interface Field {
   suggestions: string[]; // words that the help lists
   min: number | null;
   minExcluded: boolean;
+  maxExcluded: boolean;
   max: number | null;
   values: number;
   default: FlagValue | null;
@@ -96,17 +97,18 @@ export function fieldOf(flag: FlagHelp): Field {
   else if (flag.type === 'integer' || flag.type === 'number') control = flag.type;
   return {
     name,
-    label: labelOf(name),
+    label: number && flag.unit ? `${labelOf(name)}, ${flag.unit}` : labelOf(name),
     control,
     choices: flag.choices,
     suggestions: control === 'text' ? wordsOfHelp(flag.help, flag.default) : [],
     min: flag.range?.min ?? hint?.min ?? null,
     minExcluded: flag.range?.min_excluded ?? false,
     max: flag.range?.max ?? hint?.max ?? null,
+    maxExcluded: flag.range?.max_excluded ?? false,
     values: flag.values,
     default: flag.default,
     required: flag.required,
-    help: flag.help,
+    help: number && flag.help === flag.unit ? '' : flag.help, // the label says it
     group: flag.group,
     needs: flag.needs,
     excludes: flag.excludes,
@@ -172,7 +174,9 @@ export function problemOf(field: Field, value: FormValue): string {
     if (field.min !== null && (number < field.min || (field.minExcluded && number === field.min))) {
       return `${field.label} is ${field.minExcluded ? 'more than' : 'at least'} ${field.min}.`;
     }
-    if (field.max !== null && number > field.max) return `${field.label} is at most ${field.max}.`;
+    if (field.max !== null && (number > field.max || (field.maxExcluded && number === field.max))) {
+      return `${field.label} is ${field.maxExcluded ? 'less than' : 'at most'} ${field.max}.`;
+    }
   }
   if (field.control === 'list' && field.values > 1 && split(text).length !== field.values) {
     return `${field.label} takes ${field.values} values.`;

@@ -38,12 +38,16 @@ import {
   worstFirst,
 } from '../src/pages/train/curves';
 import {
+  caseCell,
+  caseColumns,
+  caseWordFor,
   dataOfJob,
   drawRequest,
   judgeRequest,
   judgeVerbs,
   trainRequest,
   trainVerbs,
+  wordFor,
 } from '../src/pages/train/verbs';
 
 const near = (a: number, b: number, within = 1e-6) =>
@@ -348,6 +352,30 @@ test('tables with quotes; the worst cases first', () => {
     worstFirst(rows).map((one) => one.image),
     ['c.jpg', 'd.jpg', 'a,"b".jpg'],
   );
+});
+
+test('what was not found has no error', () => {
+  const cells = (row: Record<string, string>) =>
+    caseColumns(Object.keys(row)).map((name) => caseCell(row, name));
+  const faces = parseCsv(
+    'image,nme,missed,wrong,dx,lost,ms\na/b.png,0.0000,1,0,0.0000,0,12.34\nc.png,3.4567,0,1,-1.251,0,9.00\n',
+  );
+  assert.deepEqual(caseColumns(Object.keys(faces[0]!)), ['image', 'outcome', 'nme', 'dx', 'ms']);
+  assert.deepEqual(faces.map(cells), [
+    ['b.png', 'not found', '–', '–', '12.34'],
+    ['c.png', 'another face', '3.46', '-1.25', '9.00'],
+  ]);
+  const plates = parseCsv(
+    'image,truth,found,text,confidence,edits,exact\na,B1,1,B1,0.9152,0,1\nb,C3,0,,,2,0\nc,D4,1,D5,0.5,1,0\n',
+  );
+  assert.deepEqual(worstFirst(plates).map(cells), [
+    ['b', 'not found', 'C3', '–', '–', '–', '–'],
+    ['c', 'found', 'D4', 'D5', '50 %', '1', 'no'],
+    ['a', 'found', 'B1', 'B1', '92 %', '0', 'yes'],
+  ]);
+  assert.deepEqual(caseColumns(['image', 'ms']), ['image', 'ms']);
+  assert.equal(caseWordFor('exact'), 'Read exactly');
+  assert.equal(wordFor('center_error_px'), 'Center error, px');
 });
 
 test('what is asked of the program to train and to judge', () => {

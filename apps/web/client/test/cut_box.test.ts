@@ -1,11 +1,18 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import {
+  alongAxis,
   countInside,
   edgesOf,
+  faceAt,
+  faces,
   firstBox,
+  handleOf,
   isInside,
+  keyedFace,
   moveFace,
+  nameOfFace,
+  seenAt,
   stepOf,
   wholeBox,
   type Box,
@@ -45,6 +52,45 @@ test('faces stay within the whole box and do not pass each other', () => {
   assert.deepEqual(moveFace(box, whole, 1, 'high', -1).high, [1, 0, 3]);
   assert.equal(moveFace(box, whole, 0, 'low', NaN), box);
   assert.deepEqual(box, { low: [-0.5, 0, 0], high: [1, 2, 3] }, 'the old one is not changed');
+});
+
+// A perspective along -z from the origin, 100 px by 100: (x, y, -1) is seen at (50 + 50 x, 50 - 50 y).
+const matrix = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, -1, 0, 0, 0, 0];
+
+test('a handle is found where it is seen, the nearer one first', () => {
+  assert.deepEqual(faces.map(nameOfFace), ['x-low', 'x-high', 'y-low', 'y-high', 'z-low', 'z-high']);
+  const ahead: Box = { low: [-1, -1, -6], high: [1, 1, -4] };
+  assert.deepEqual(handleOf(ahead, { axis: 0, face: 'high' }), [1, 0, -5]);
+  assert.deepEqual(seenAt([1, 0, -5], matrix, 100, 100), { x: 60, y: 50, away: 5 });
+  assert.equal(seenAt([0, 0, 5], matrix, 100, 100), null, 'behind the eye');
+  assert.deepEqual(faceAt(ahead, matrix, 100, 100, 61, 51, 4), { axis: 0, face: 'high' });
+  assert.deepEqual(
+    faceAt(ahead, matrix, 100, 100, 50, 50, 4),
+    { axis: 2, face: 'high' },
+    'not the one behind',
+  );
+  assert.equal(faceAt(ahead, matrix, 100, 100, 90, 90, 4), null);
+});
+
+test('a drag follows the axis', () => {
+  assert.ok(Math.abs(alongAxis([1, 0, -5], 0, [0, 0, 0], [2, 0, -5])! - 1) < 1e-9);
+  assert.ok(Math.abs(alongAxis([0, 0, -5], 1, [0, 0, 0], [0, -3, -10])! + 1.5) < 1e-9);
+  // Beside the axis: the nearest place on it.
+  assert.ok(Math.abs(alongAxis([1, 0, -5], 0, [0, 0, 0], [2, 1, -5])! - 1 / 1.04 + 0) < 0.2);
+  assert.equal(alongAxis([0, 0, -5], 2, [0, 0, 0], [0, 0, -1]), null, 'along the view nothing is known');
+});
+
+test('keys choose a face and move it', () => {
+  assert.equal(keyedFace('.', null), undefined);
+  assert.equal(keyedFace('Escape', null), undefined, "Escape is the page's");
+  const first = keyedFace('x', null)!.chosen;
+  assert.deepEqual(first, { axis: 0, face: 'high' });
+  assert.deepEqual(keyedFace('X', first)!.chosen, { axis: 0, face: 'low' });
+  assert.deepEqual(keyedFace('z', first)!.chosen, { axis: 2, face: 'high' });
+  assert.deepEqual(keyedFace('<', first), { chosen: first, steps: -10 });
+  assert.equal(keyedFace('.', first)!.steps, 1);
+  assert.deepEqual(keyedFace('Escape', first), { chosen: null, steps: 0 });
+  assert.equal(keyedFace('ArrowLeft', first), undefined);
 });
 
 test('a box has twelve edges', () => {

@@ -1,14 +1,26 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { bytesText, cellText, durationText, timeOf, timeText } from '../src/format';
+import {
+  actionTitle,
+  bytesText,
+  cellText,
+  durationText,
+  pixelsText,
+  timeOf,
+  timeText,
+  withUnit,
+} from '../src/format';
 import { curlText, endpointsOf } from '../src/pages/api_page';
 import { findingsOf } from '../src/pages/home';
 import { tokenOf } from '../src/pages/sign_in';
+import { numberText } from '../src/ui';
 
 test('sizes, times, cells', () => {
   assert.equal(bytesText(999), '999 B');
   assert.equal(bytesText(1530546), '1.5 MB');
   assert.equal(bytesText(-1), '');
+  assert.equal(pixelsText(100_000_000), '100 million px');
+  assert.equal(pixelsText(307_200), '307200 px');
   assert.equal(durationText(3.21), '3.2 s');
   assert.equal(durationText(125), '2 min 5 s');
   assert.equal(durationText(7300), '2 h 1 min');
@@ -20,6 +32,22 @@ test('sizes, times, cells', () => {
   assert.equal(cellText(0.01234), '0.0123');
   assert.equal(cellText(null), '–');
   assert.equal(cellText('<img onerror=x>'), '<img onerror=x>');
+});
+
+test('figures with their units, actions with their titles', () => {
+  assert.equal(numberText(-0.04, 1), '0.0');
+  assert.equal(numberText(-0.06, 1), '-0.1');
+  assert.equal(numberText(-0.4, 0), '0');
+  assert.equal(withUnit('corner_rms_px'), 'corner rms, px');
+  assert.equal(withUnit('corner_px_p95'), 'corner p95, px');
+  assert.equal(withUnit('file_mb'), 'file, MB');
+  assert.equal(withUnit('bytes'), 'size, bytes');
+  assert.equal(withUnit('us'), 'time, µs');
+  assert.equal(withUnit('fps'), 'fps');
+  assert.equal(withUnit('mean_px'), 'mean, px');
+  assert.equal(withUnit('faces'), 'faces');
+  assert.equal(actionTitle({ name: 'go-on', help: 'it is right, go on' }), 'It is right, go on');
+  assert.equal(actionTitle({ name: 'go-on', help: '' }), 'Go on');
 });
 
 test('the token of a link', () => {

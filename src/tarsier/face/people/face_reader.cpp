@@ -21,7 +21,7 @@ cv::Rect2d box_of_eyes(const Eyes& eyes) {
   return {middle.x - width / 2, middle.y - 0.38 * width, width, width};
 }
 
-void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face) {
+void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face, const CutOptions& cut) {
   cv::Mat image;
   cv::cvtColor(gray, image, cv::COLOR_GRAY2BGR);
   cv::rectangle(image, face.box, cv::Scalar(60, 220, 60), 2);
@@ -31,6 +31,7 @@ void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face) {
   debug.image("found", image);
   debug.image("aligned", face.crop);
   debug.image("light taken out", recognition::light_image(recognition::tan_triggs(face.crop)));
+  (void)classical_face(face.crop, cut, {}, &debug);
 }
 
 }  // namespace
@@ -115,15 +116,12 @@ std::vector<Face> FaceReader::read(const cv::Mat& gray, DebugSink* debug) {
   }
   std::stable_sort(faces.begin(), faces.end(),
                    [](const Face& a, const Face& b) { return a.box.area() > b.box.area(); });
-  if (debug != nullptr && !faces.empty()) {
-    show_stages(*debug, gray, faces.front());
-    (void)classical_face(faces.front().crop, options_.cut, {}, debug);
-  }
+  if (debug != nullptr && !faces.empty()) show_stages(*debug, gray, faces.front(), options_.cut);
   return faces;
 }
 
-std::vector<Face> FaceReader::follow(const cv::Mat& gray, double time) {
-  if (options_.eyes != EyeMethod::kLandmarks) return read(gray);
+std::vector<Face> FaceReader::follow(const cv::Mat& gray, double time, DebugSink* debug) {
+  if (options_.eyes != EyeMethod::kLandmarks) return read(gray, debug);
   require_gray(gray);
   without_eyes_ = 0;
   std::vector<Face> faces;
@@ -139,6 +137,12 @@ std::vector<Face> FaceReader::follow(const cv::Mat& gray, double time) {
     face.crop = cut_face(gray, face.eyes, options_.cut);
     face.quality = measure_quality(face.crop, face.eyes, face.points);
     faces.push_back(std::move(face));
+  }
+  if (debug != nullptr && !faces.empty()) {
+    const auto largest =
+        std::max_element(faces.begin(), faces.end(),
+                         [](const Face& a, const Face& b) { return a.box.area() < b.box.area(); });
+    show_stages(*debug, gray, *largest, options_.cut);
   }
   return faces;
 }

@@ -58,7 +58,9 @@ class FaceReader {
   // `debug` gets the stages of the first face.
   [[nodiscard]] std::vector<Face> read(const cv::Mat& gray, DebugSink* debug = nullptr);
   // The next frame of a video at `time` (s): with landmarks faces are followed and keep their id.
-  [[nodiscard]] std::vector<Face> follow(const cv::Mat& gray, double time);
+  // `debug` gets the stages of the largest face.
+  [[nodiscard]] std::vector<Face> follow(const cv::Mat& gray, double time,
+                                         DebugSink* debug = nullptr);
   // Forgets all places: another video.
   void restart();
   // Where the eyes are known.

@@ -346,8 +346,8 @@ std::vector<NamedFace> Identifier::find(const Frame& frame, IdentifierState& sta
     whole.face.box = {0, 0, static_cast<double>(gray.cols), static_cast<double>(gray.rows)};
     faces.push_back(std::move(whole));
   } else {
-    for (people::Face& face :
-         frame.still ? state.reader_.read(gray, debug) : state.reader_.follow(gray, frame.time))
+    for (people::Face& face : frame.still ? state.reader_.read(gray, debug)
+                                          : state.reader_.follow(gray, frame.time, debug))
       faces.push_back({std::move(face), {}});
   }
   return faces;

@@ -219,7 +219,7 @@ class Identifier {
 
   // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. Faces of a still stand for themselves; those of a
   // video are tracked until another source begins. `debug`, which may be null, takes the stages of
-  // a still's first face.
+  // the largest face.
   [[nodiscard]] IdentifierResult process(const Frame& frame, IdentifierState& state,
                                          DebugSink* debug = nullptr) const;
 

@@ -2,8 +2,13 @@
 #include "tarsier/face/pipelines/pose_finder.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/face/head/draw_pose.h"
+
+#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
+#include <string>
+#include <string_view>
 #include <utility>
 
 namespace tarsier::face {
@@ -31,6 +36,48 @@ head::HeadModel chosen_points(const head::HeadModel& model, const head::Landmark
   return is_whole ? model : head::select_points(model, mapping.model_points);
 }
 
+// Stages of the second fit of a face, which has the same as the first.
+class SecondFit final : public DebugSink {
+ public:
+  explicit SecondFit(DebugSink* next) : next_(next) {}
+  [[nodiscard]] DebugSink* sink() { return next_ == nullptr ? nullptr : this; }
+  void image(std::string_view name, const cv::Mat& image) override {
+    next_->image("second/" + std::string(name), image);
+  }
+
+ private:
+  DebugSink* next_;
+};
+
+// The head in its pose, on the part of the image around the face, enlarged.
+void show_pose(DebugSink* debug, std::string_view name, const cv::Mat& gray,
+               const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
+               const head::HeadModel& model, const head::HeadPose& pose) {
+  if (debug == nullptr || !points.allFinite()) return;
+  constexpr double kSide = 480;    // px of what is shown
+  constexpr double kMargin = 0.5;  // of the points' extent, to each side
+  const Eigen::Vector2d low = points.rowwise().minCoeff();
+  const Eigen::Vector2d high = points.rowwise().maxCoeff();
+  const double extent = std::max(4.0, (high - low).maxCoeff()) * (1 + 2 * kMargin);
+  const Eigen::Vector2d corner = (low + high) / 2 - Eigen::Vector2d::Constant(extent / 2);
+  const double scale = kSide / extent;
+  cv::Mat shown;
+  cv::warpAffine(gray, shown,
+                 cv::Matx23d(scale, 0, -scale * corner.x(), 0, scale, -scale * corner.y()),
+                 cv::Size(cvRound(kSide), cvRound(kSide)));
+  cv::cvtColor(shown, shown, cv::COLOR_GRAY2BGR);
+  geometry::Camera part = camera;  // that sees this part at this scale
+  part.width = shown.cols;
+  part.height = shown.rows;
+  part.fx *= scale;
+  part.fy *= scale;
+  part.cx = scale * (camera.cx - corner.x());
+  part.cy = scale * (camera.cy - corner.y());
+  head::draw_head(shown, part, pose.camera_from_head, model, head::shape_of(model, pose.b));
+  head::draw_axes(shown, part, pose.camera_from_head, {60, 60, -100});
+  debug->image(name, shown);
+}
+
 }  // namespace
 
 PoseFinder::PoseFinder(std::shared_ptr<const landmarks::LandmarkModel> landmarks,
@@ -50,7 +97,8 @@ PoseFinder::PoseFinder(std::shared_ptr<const landmarks::LandmarkModel> landmarks
 
 PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
                               const geometry::Camera& camera, head::HeadIdentity* identity,
-                              bool learn, landmarks::FitWorkspace& workspace) const {
+                              bool learn, landmarks::FitWorkspace& workspace,
+                              DebugSink* debug) const {
   const auto pose = [&](const Eigen::Matrix2Xd& points, bool keep) {
     if (identity == nullptr) return poser_.pose(points(Eigen::all, chosen_), camera);
     if (keep) return poser_.pose(points(Eigen::all, chosen_), camera, *identity);
@@ -59,13 +107,16 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
   };
   head::HeadPoseResult found = pose(face.points, learn && !is_whole_);
   if (is_whole_ && found.pose) {
+    show_pose(debug, "first pose", gray, face.points, camera, poser_.model(), *found.pose);
+    SecondFit second(debug);
     const Eigen::Matrix2Xd projected = poser_.project(*found.pose, camera);
     Eigen::Matrix2Xd start(2, face.points.cols());
     for (std::size_t i = 0; i < chosen_.size(); ++i) {
       start.col(chosen_[i]) = projected.col(static_cast<Eigen::Index>(i));
     }
     if (start.allFinite()) {
-      landmarks::Fit again = landmarks::fit_points(*landmarks_, fit_, gray, start, workspace);
+      landmarks::Fit again =
+          landmarks::fit_points(*landmarks_, fit_, gray, start, workspace, second.sink());
       if (again.score >= face.score - kMuchWorse) {
         face.points = std::move(again.points);
         face.score = again.score;
@@ -80,6 +131,7 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
       found.pose = std::move(refined);
     }
   }
+  if (found.pose) show_pose(debug, "pose", gray, face.points, camera, poser_.model(), *found.pose);
   PosedFace result;
   result.face = std::move(face);
   result.pose = std::move(found.pose);
@@ -89,14 +141,14 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
 
 std::vector<PosedFace> PoseFinder::find(const cv::Mat& gray, const geometry::Camera& camera,
                                         landmarks::FaceFinder& finder,
-                                        landmarks::FitWorkspace& workspace,
-                                        double min_score) const {
+                                        landmarks::FitWorkspace& workspace, double min_score,
+                                        DebugSink* debug) const {
   std::vector<PosedFace> faces;
   for (landmarks::FoundFace& found :
-       landmarks::find_faces(*landmarks_, fit_, gray, finder, workspace, kHopeless)) {
+       landmarks::find_faces(*landmarks_, fit_, gray, finder, workspace, kHopeless, debug)) {
     const double first = found.fit.score;
     PosedFace face = pose_of({0, std::move(found.fit.points), first, found.box}, gray, camera,
-                             nullptr, false, workspace);
+                             nullptr, false, workspace, debug);
     if (landmarks_->quality && std::max(first, face.face.score) < min_score) continue;
     face.face.id = static_cast<int>(faces.size()) + 1;
     faces.push_back(std::move(face));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/face/head/head_pose.h"
 #include "tarsier/face/head_view/view_model.h"
 #include "tarsier/face/landmarks/tracker.h"
@@ -42,10 +43,12 @@ class PoseFinder {
 
   // The pose of a face whose points were fitted, fitting them again (gray: CV_8UC1, of the camera's
   // size). face.points and face.score become those of the better fit. `identity` may be null; it
-  // learns from the face if `learn`.
+  // learns from the face if `learn`. `debug`, which may be null, takes the head of the first pose,
+  // the stages of the second fit ("second/start" ..) and the head of the last pose.
   [[nodiscard]] PosedFace pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
                                   const geometry::Camera& camera, head::HeadIdentity* identity,
-                                  bool learn, landmarks::FitWorkspace& workspace) const;
+                                  bool learn, landmarks::FitWorkspace& workspace,
+                                  DebugSink* debug = nullptr) const;
 
   // All faces of a still, numbered from 1, in the order of landmarks::find_faces. Faces that only
   // the less strict search saw are kept when their score after the second fit is at least
@@ -53,7 +56,8 @@ class PoseFinder {
   [[nodiscard]] std::vector<PosedFace> find(const cv::Mat& gray, const geometry::Camera& camera,
                                             landmarks::FaceFinder& finder,
                                             landmarks::FitWorkspace& workspace,
-                                            double min_score = 0.5) const;
+                                            double min_score = 0.5,
+                                            DebugSink* debug = nullptr) const;
 
  private:
   std::shared_ptr<const landmarks::LandmarkModel> landmarks_;

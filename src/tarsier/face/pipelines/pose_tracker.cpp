@@ -125,7 +125,7 @@ geometry::Camera PoseTracker::camera_for(const Frame& frame) const {
   return camera;
 }
 
-PoseResult PoseTracker::process(const Frame& frame, PoseState& state) const {
+PoseResult PoseTracker::process(const Frame& frame, PoseState& state, DebugSink* debug) const {
   LandmarkState& seen = state.landmarks;
   if (!seen.finder) seen.finder.emplace(landmarks_.detector().make_finder());
   const std::string source = source_of(frame);
@@ -141,17 +141,17 @@ PoseResult PoseTracker::process(const Frame& frame, PoseState& state) const {
   const auto start = std::chrono::steady_clock::now();
   const cv::Mat& gray = gray_of(frame.image, seen.gray);
   if (frame.still) {
-    result.faces = finder_.find(gray, result.camera, *seen.finder, seen.workspace);
+    result.faces = finder_.find(gray, result.camera, *seen.finder, seen.workspace, 0.5, debug);
   } else {
     for (landmarks::TrackedFace& face :
          landmarks::track_faces(finder_.landmarks(), finder_.fit(), tracking, *seen.finder,
-                                seen.tracker, gray, frame.time, seen.workspace)) {
+                                seen.tracker, gray, frame.time, seen.workspace, debug)) {
       PoseState::Person& person = state.persons.try_emplace(face.id, options_).first->second;
       person.seen = frame.time;
       // A face that is hardly seen teaches nothing of its shape.
       const bool learn = face.score >= tracking.min_new;
       PosedFace posed = finder_.pose_of(std::move(face), gray, result.camera, &person.identity,
-                                        learn, seen.workspace);
+                                        learn, seen.workspace, debug);
       if (posed.pose) {
         geometry::Rigid3& pose = posed.pose->camera_from_head;
         if (options_.smoothing == PoseSmoothing::kMean) pose = person.mean(pose);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/face/head/head_model.h"
 #include "tarsier/face/head/head_pose.h"
 #include "tarsier/face/head/smoothing.h"
@@ -111,8 +112,10 @@ class PoseTracker {
 
   // `frame.image`: CV_8UC3 (BGR) or CV_8UC1. Heads of a still are found for themselves, numbered
   // from 1; those of a video are tracked until another source begins. Throws InputError where the
-  // camera is that of images of another shape.
-  [[nodiscard]] PoseResult process(const Frame& frame, PoseState& state) const;
+  // camera is that of images of another shape. `debug`, which may be null, takes the stages: those
+  // of LandmarkTracker and PoseFinder.
+  [[nodiscard]] PoseResult process(const Frame& frame, PoseState& state,
+                                   DebugSink* debug = nullptr) const;
 
  private:
   [[nodiscard]] geometry::Camera camera_for(const Frame& frame) const;

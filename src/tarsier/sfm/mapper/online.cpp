@@ -220,6 +220,10 @@ int OnlineMapper::registered() const {
                                         [](const Image& image) { return image.registered; }));
 }
 const Model& OnlineMapper::model() const { return parts_->model; }
+const Features& OnlineMapper::features(int image) const {
+  return parts_->images.at(at(image)).features;
+}
+const std::vector<Pair>& OnlineMapper::pairs() const { return parts_->pairs; }
 const std::string& OnlineMapper::waiting_for() const { return parts_->waiting_for; }
 double OnlineMapper::seconds() const { return parts_->seconds; }
 

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/sfm/mapper/pipeline.h"
+#include "tarsier/sfm/mapper/tracks.h"
 
 #include <memory>
 #include <stop_token>
@@ -51,6 +52,10 @@ class OnlineMapper {
   [[nodiscard]] int count() const;           // images that were added
   [[nodiscard]] int registered() const;      // of these, in the model
   [[nodiscard]] const Model& model() const;  // no images until there is a start
+  // What was found in an image, 0 .. count() - 1.
+  [[nodiscard]] const Features& features(int image) const;
+  // That were compared, in the order in which their second images were added.
+  [[nodiscard]] const std::vector<Pair>& pairs() const;
   // Why there is no model yet; "" where there is one, or nothing to say.
   [[nodiscard]] const std::string& waiting_for() const;
   [[nodiscard]] double seconds() const;  // that the latest growth took, with the adding before it

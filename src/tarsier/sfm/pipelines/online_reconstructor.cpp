@@ -42,6 +42,33 @@ cv::Mat reduced_gray(const cv::Mat& image) {
   return gray;
 }
 
+// --- what is shown of the stages ---
+
+const cv::Scalar kInModel{80, 220, 80};
+const cv::Scalar kOther{0, 170, 255};
+const cv::Scalar kLost{60, 60, 235};
+constexpr std::size_t kShownMatches = 150;
+
+cv::Mat colored(const cv::Mat& gray) {
+  cv::Mat image;
+  cv::cvtColor(gray, image, cv::COLOR_GRAY2BGR);
+  return image;
+}
+
+// Each point with the way from where it was.
+void draw_tracks(cv::Mat& image, const std::vector<cv::Point2f>& from,
+                 const std::vector<cv::Point2f>& to, const std::vector<char>& is_lost) {
+  for (std::size_t k = 0; k < from.size(); ++k) {
+    const bool lost = !is_lost.empty() && is_lost[k] != 0;
+    if (lost) {
+      cv::circle(image, from[k], 3, kLost, 1, cv::LINE_AA);
+      continue;
+    }
+    cv::line(image, from[k], to[k], kOther, 1, cv::LINE_AA);
+    cv::circle(image, to[k], 2, kInModel, cv::FILLED, cv::LINE_AA);
+  }
+}
+
 }  // namespace
 
 void OnlineReconstructorOptions::check() const {
@@ -66,7 +93,8 @@ OnlineReconstructor::OnlineReconstructor(const OnlineReconstructorOptions& optio
   for (const Input& image : options_.images) images_[image.path] = image;
 }
 
-OnlineResult OnlineReconstructor::process(const Frame& frame, const std::stop_token& stop) {
+OnlineResult OnlineReconstructor::process(const Frame& frame, const std::stop_token& stop,
+                                          DebugSink* debug) {
   model_changed_ = false;
   latest_ = frame;
   gray_ = reduced_gray(frame.image);
@@ -76,6 +104,7 @@ OnlineResult OnlineReconstructor::process(const Frame& frame, const std::stop_to
     add(*key_frame, frame, stop);
   }
   track_points();
+  if (debug != nullptr) show_stages(*debug);
   return result();
 }
 
@@ -117,7 +146,8 @@ void OnlineReconstructor::add(const Keyframe& key_frame, const Frame& latest,
     log_warning("{} (left out)", error.what());
     return;
   }
-  recent_.emplace_back(mapper_.count() - 1, reduced_gray(key_frame.image));
+  recent_.push_back(
+      {mapper_.count() - 1, reduced_gray(key_frame.image), reduction(key_frame.image.size())});
   if (recent_.size() > kRecent) recent_.pop_front();
   if (++waiting_ >= options_.grow_every) grow(false, stop);
 }
@@ -142,8 +172,8 @@ void OnlineReconstructor::choose_points() {
   tracked_ = {};
   const Model& model = mapper_.model();
   for (auto entry = recent_.rbegin(); entry != recent_.rend(); ++entry) {
-    if (at(entry->first) >= model.images.size()) continue;
-    const Image& image = model.images[at(entry->first)];
+    if (at(entry->image) >= model.images.size()) continue;
+    const Image& image = model.images[at(entry->image)];
     if (!image.registered) continue;
     const double scale =
         reduction({model.cameras[at(image.camera)].width, model.cameras[at(image.camera)].height});
@@ -152,7 +182,7 @@ void OnlineReconstructor::choose_points() {
       if (image.points[f] >= 0) seen.push_back(image.features[f] * scale);
     const std::size_t step = std::max<std::size_t>(1, seen.size() / kMaxTracked);
     for (std::size_t k = 0; k < seen.size(); k += step) tracked_.from.push_back(seen[k]);
-    tracked_.gray = entry->second;
+    tracked_.gray = entry->gray;
     tracked_.to = tracked_.from;
     tracked_.is_lost.assign(tracked_.from.size(), 0);
     return;
@@ -180,6 +210,71 @@ void OnlineReconstructor::track_points() {
     tracked_.is_lost[k] = is_found ? 0 : 1;
     if (!is_found) tracked_.to[k] = tracked_.from[k];  // where it is looked for next time
   }
+}
+
+void OnlineReconstructor::show_stages(DebugSink& debug) const {
+  if (!picker_.corners().empty()) {
+    cv::Mat shown = colored(gray_);
+    draw_tracks(shown, picker_.corners(), picker_.followed(), {});
+    debug.image("motion", shown);
+  }
+  if (!recent_.empty()) {
+    show_features(debug);
+    show_matches(debug);
+  }
+  if (!tracked_.from.empty()) {
+    cv::Mat shown = colored(gray_);
+    draw_tracks(shown, tracked_.from, tracked_.to, tracked_.is_lost);
+    debug.image("tracks", shown);
+  }
+}
+
+// Those that are points of the model in green.
+void OnlineReconstructor::show_features(DebugSink& debug) const {
+  const auto& [latest, gray, scale] = recent_.back();
+  const Features& features = mapper_.features(latest);
+  const std::vector<Image>& images = mapper_.model().images;
+  const Image* image = at(latest) < images.size() ? &images[at(latest)] : nullptr;
+  cv::Mat shown = colored(gray);
+  for (std::size_t f = 0; f < features.points.size(); ++f) {
+    const bool is_point = image != nullptr && f < image->points.size() && image->points[f] >= 0;
+    const int radius = std::clamp(cvRound(features.sizes[f] * scale / 2), 2, 30);
+    cv::circle(shown, features.points[f] * scale, radius, is_point ? kInModel : kOther, 1,
+               cv::LINE_AA);
+  }
+  debug.image("features", shown);
+}
+
+// The earlier key frame at the left, the latest at the right.
+void OnlineReconstructor::show_matches(DebugSink& debug) const {
+  const Recent& latest = recent_.back();
+  const Pair* best = nullptr;
+  const Recent* earlier = nullptr;
+  for (const Pair& pair : mapper_.pairs()) {
+    if (pair.second != latest.image) continue;
+    const auto entry = std::find_if(recent_.begin(), recent_.end(),
+                                    [&](const Recent& kept) { return kept.image == pair.first; });
+    if (entry == recent_.end() || entry->gray.rows != latest.gray.rows) continue;
+    if (best != nullptr && pair.view.inliers.size() <= best->view.inliers.size()) continue;
+    best = &pair;
+    earlier = &*entry;
+  }
+  if (best == nullptr) return;
+  cv::Mat shown;
+  cv::hconcat(colored(earlier->gray), colored(latest.gray), shown);
+  const Features& first = mapper_.features(best->first);
+  const Features& second = mapper_.features(best->second);
+  const cv::Point2f right(static_cast<float>(earlier->gray.cols), 0);
+  const std::vector<Match>& inliers = best->view.inliers;
+  const std::size_t step = std::max<std::size_t>(1, inliers.size() / kShownMatches);
+  for (std::size_t k = 0; k < inliers.size(); k += step) {
+    const cv::Point2f from = first.points[at(inliers[k].first)] * earlier->scale;
+    const cv::Point2f to = second.points[at(inliers[k].second)] * latest.scale + right;
+    cv::line(shown, from, to, kOther, 1, cv::LINE_AA);
+    cv::circle(shown, from, 2, kInModel, cv::FILLED, cv::LINE_AA);
+    cv::circle(shown, to, 2, kInModel, cv::FILLED, cv::LINE_AA);
+  }
+  debug.image("matches", shown);
 }
 
 OnlineResult OnlineReconstructor::result() {

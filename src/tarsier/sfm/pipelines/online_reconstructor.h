@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/debug_sink.h"
 #include "tarsier/core/option_fields.h"
 #include "tarsier/media/frame.h"
 #include "tarsier/sfm/mapper/online.h"
@@ -13,7 +14,6 @@
 #include <nlohmann/json_fwd.hpp>
 #include <stop_token>
 #include <string>
-#include <utility>
 #include <vector>
 
 namespace tarsier::sfm {
@@ -69,8 +69,12 @@ class OnlineReconstructor {
 
   // `frame.image`: CV_8UC3 (BGR) or CV_8UC1, all of one size. Where `stop` fires, growth ends early
   // and the model is as it was. Throws OutputError (key frames, cache); a key frame that cannot be
-  // read is left out with a warning.
-  [[nodiscard]] OnlineResult process(const Frame& frame, const std::stop_token& stop = {});
+  // read is left out with a warning. `debug`, which may be null, takes the stages: the corners by
+  // whose motion key frames are chosen ("motion"), the features of the latest key frame
+  // ("features"), its matches with the earlier one that has most ("matches"), and the points of the
+  // model that are tracked into the frame ("tracks").
+  [[nodiscard]] OnlineResult process(const Frame& frame, const std::stop_token& stop = {},
+                                     DebugSink* debug = nullptr);
   // Adjusts all of the model, and looks for its points in the latest frame.
   [[nodiscard]] OnlineResult refine(const std::stop_token& stop = {});
   // No more frames: the video's last key frame; the model grows by what is waiting.
@@ -89,11 +93,21 @@ class OnlineReconstructor {
     std::vector<char> is_lost;
   };
 
+  // A key frame from which points can be tracked.
+  struct Recent {
+    int image = 0;     // of the mapper
+    cv::Mat gray;      // reduced
+    double scale = 1;  // from px of the whole image
+  };
+
   void add(const Keyframe& key_frame, const Frame& latest, const std::stop_token& stop);
   [[nodiscard]] Input keep(const Keyframe& key_frame, const Frame& latest) const;
   void grow(bool adjust_all, const std::stop_token& stop);
   void choose_points();
   void track_points();
+  void show_stages(DebugSink& debug) const;
+  void show_features(DebugSink& debug) const;
+  void show_matches(DebugSink& debug) const;
   [[nodiscard]] OnlineResult result();
 
   OnlineReconstructorOptions options_;
@@ -101,8 +115,8 @@ class OnlineReconstructor {
   KeyframePicker picker_;
   std::map<std::string, Input> images_;  // by path
   std::vector<Input> inputs_;
-  int waiting_ = 0;                             // key frames since the last growth
-  std::deque<std::pair<int, cv::Mat>> recent_;  // image of the mapper, reduced grey image
+  int waiting_ = 0;  // key frames since the last growth
+  std::deque<Recent> recent_;
   Tracked tracked_;
   Frame latest_;
   cv::Mat gray_;  // of latest_, reduced

@@ -62,6 +62,9 @@ class KeyframePicker {
   [[nodiscard]] std::optional<Keyframe> finish();
 
   [[nodiscard]] int count() const { return count_; }  // key frames so far
+  // The corners of the last key frame, and where each was last seen: px of images of 960 px at most.
+  [[nodiscard]] const std::vector<cv::Point2f>& corners() const { return corners_; }
+  [[nodiscard]] const std::vector<cv::Point2f>& followed() const { return followed_; }
 
  private:
   struct Candidate {

@@ -215,6 +215,10 @@ export function decimalsOf(step: number): number {
   return 3;
 }
 
+// With so many digits; never "-0.0".
+export const numberText = (value: number, digits: number): string =>
+  value.toFixed(digits).replace(/^-(0(\.0*)?)$/, '$1');
+
 // A number on a track and as text; onChange while it moves, at most 15 times a second.
 export function Slider(props: {
   label: string;
@@ -223,6 +227,7 @@ export function Slider(props: {
   high: number;
   step?: number;
   help?: string;
+  round?: number; // another one: somebody else has moved it
   onChange: (value: number) => void;
 }) {
   const id = useId();
@@ -250,6 +255,9 @@ export function Slider(props: {
     return () => clearTimeout(back);
   }, [own]);
   useEffect(() => () => clearTimeout(timer.current), []);
+  useEffect(() => {
+    setOwn(null);
+  }, [props.round]);
   const shown = own ?? props.value;
   const step = props.step && props.step > 0 ? props.step : (props.high - props.low) / 100 || 1;
   return (
@@ -273,7 +281,7 @@ export function Slider(props: {
           min={props.low}
           max={props.high}
           step={step}
-          value={shown.toFixed(decimalsOf(step))}
+          value={numberText(shown, decimalsOf(step))}
           onChange={(event) => {
             const value = Number(event.currentTarget.value);
             if (Number.isFinite(value)) send(Math.min(props.high, Math.max(props.low, value)));
@@ -431,10 +439,11 @@ export function Table<Row>(props: {
   keyOf: (row: Row, index: number) => string | number;
   empty?: string;
   hideCaption?: boolean;
+  stacks?: boolean; // on a phone a row is a card, as those of more than three columns are
 }) {
   return (
     <div
-      class={props.columns.length > 3 ? 'table-box stacks' : 'table-box'}
+      class={`table-box${(props.stacks ?? props.columns.length > 3) ? ' stacks' : ''}${props.columns.length > 6 ? ' is-dense' : ''}`}
       tabIndex={0}
       role="group"
       aria-label={props.caption}

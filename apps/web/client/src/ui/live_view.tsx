@@ -1,5 +1,6 @@
 // The image of a live session on a canvas, with its text beside it.
 import { useEffect, useRef, useState } from 'preact/hooks';
+import { signal } from '@preact/signals';
 import { useSignalValue } from '../hooks';
 import { api, type MouseKind, type SessionEvent } from '../api';
 import { imagePoint, sessionKey } from '../keys';
@@ -52,11 +53,15 @@ class EventSender {
 
 const senders = new Map<string, EventSender>();
 
+// Counts actions and keys: what a slider shows of its own is old then.
+export const acted = signal(0);
+
 // Sends an action, slider, key or mouse event to a session.
 export function sendEvent(id: string, event: SessionEvent): void {
   let sender = senders.get(id);
   if (!sender) senders.set(id, (sender = new EventSender(id)));
   sender.send(event);
+  if (!('slider' in event) && !('mouse' in event)) acted.value += 1;
 }
 
 // The session's status line, read out at most once a second.

@@ -73,7 +73,7 @@ export function Annotate() {
           '--far': 480,
           '--size': '480x360',
         },
-        name: 'Five drawn faces',
+        name: 'Five synthetic faces',
       });
       const target = setName('drawn-faces');
       await api.addSet(target);

@@ -35,7 +35,7 @@ const synthetic = { id: 'synth:board?live=1', name: 'Synthetic board' };
 const tabs = [
   { id: 'print', label: '1. Print a board' },
   { id: 'live', label: '2. Show it to the camera' },
-  { id: 'photos', label: 'Or: from photographs' },
+  { id: 'photos', label: 'Or: from images' },
 ];
 
 export function Calibrate() {
@@ -320,11 +320,11 @@ function Photos(props: PartProps) {
   return (
     <div class="stack">
       <section class="card stack" aria-labelledby="photos">
-        <h2 id="photos">From photographs of the board</h2>
+        <h2 id="photos">From images of the board</h2>
         {props.children}
         <SetSource
           kind="board"
-          label="Drop photographs of the board"
+          label="Drop images of the board"
           help="Ten to twenty, all from the same camera, with the same focus and zoom. A video will do, too."
           accept="image/*,video/*"
           onSet={(name, files) => setSet({ name, files })}
@@ -352,7 +352,7 @@ function Photos(props: PartProps) {
           </AsyncButton>
           <AsyncButton
             disabled={!props.good}
-            run={() => start('synth:board?frames=250', 'Calibration of a drawn camera')}
+            run={() => start('synth:board?frames=250', 'Calibration of a synthetic camera')}
           >
             Try with synthetic data
           </AsyncButton>

@@ -137,11 +137,14 @@ function Exploring(props: { id: string; onEnd: () => Promise<void> }) {
           state={state}
           names={{
             mode: 'Mode',
-            patch: 'Patch',
-            patches: 'Patches',
             image: 'Image',
           }}
         />
+        {typeof state.patch === 'number' && (
+          <p class="numbers">
+            Patch {state.patch + 1} of {state.patches}
+          </p>
+        )}
         {response !== null && <p class="numbers">Response at the best place: {response.toFixed(3)}</p>}
       </div>
     </div>

@@ -1,15 +1,15 @@
-// Two drawn people whom nobody is, to try things with.
+// Two synthetic people whom nobody is, to try things with.
 import { api } from '../../api';
 import { finishJob } from '../shared/jobs';
 
-export const drawnNames = ['Ann (drawn)', 'Ben (drawn)'] as const;
-const jobName = 'Two drawn people';
-const each = 10; // photographs of each to enrol
+export const drawnNames = ['Ann (synthetic)', 'Ben (synthetic)'] as const;
+const jobName = 'Two synthetic people';
+const each = 10; // images of each to enrol
 
 export interface Drawn {
   job: string;
   shots: [string[], string[]]; // files of the job, of each person
-  others: string[]; // further photographs, to recognise
+  others: string[]; // further images, to recognise
 }
 
 function drawnOf(id: string, files: readonly string[]): Drawn {

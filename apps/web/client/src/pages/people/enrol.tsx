@@ -88,7 +88,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
     await attempt(async () => {
       const two = await drawnPeople();
       setName_(drawnNames[person]);
-      setNote('A drawn head: nobody has this face.');
+      setNote('A synthetic head: nobody has this face.');
       setAgreed(true);
       setSource({
         set: null,
@@ -133,8 +133,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
               forget them at any time.
             </p>
             <p>
-              This is no lock: a photograph held before the camera is the person to it, and it is wrong at a
-              rate.
+              This is no lock: a print held before the camera is the person to it, and it is wrong at a rate.
             </p>
           </Notice>
           <TextField label="Name" value={name} onInput={setName_} problem={problem} required />
@@ -158,11 +157,11 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
           </div>
           <hr />
           <h3>Nobody to ask?</h3>
-          <p class="field-help">Two drawn people, whom nobody is:</p>
+          <p class="field-help">Two synthetic people, whom nobody is:</p>
           <div class="row">
             {drawnNames.map((one, i) => (
               <Button key={one} busy={drawing} onClick={() => void drawn(i as 0 | 1)}>
-                Try with synthetic data: {one}
+                Try with {one}
               </Button>
             ))}
           </div>
@@ -178,7 +177,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
             which the person is to be known.
           </p>
           <FileDrop
-            label="Photographs"
+            label="Images"
             help="JPEG or PNG. On a phone this opens the camera, too."
             accept="image/*"
             multiple
@@ -212,7 +211,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
           />
           {source?.set && (
             <Checkbox
-              label="Remove the photographs from the server afterwards"
+              label="Remove the images from the server afterwards"
               checked={tidy}
               onChange={setTidy}
             />
@@ -245,10 +244,11 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
           )}
           <Table
             caption="What became of each image"
+            stacks
             columns={[
               { name: 'Image', show: (one) => one.name },
               { name: 'Taken', show: (one) => (one.taken ? 'yes' : 'no') },
-              { name: 'Why not', show: (one) => one.reason },
+              { name: 'Why not', show: (one) => one.reason || '–' },
             ]}
             rows={shots}
             keyOf={(_, i) => i}

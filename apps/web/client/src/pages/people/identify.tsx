@@ -1,4 +1,4 @@
-// Who is on a photograph.
+// Who is in an image.
 import { useEffect, useState } from 'preact/hooks';
 import { api, call, type Json } from '../../api';
 import { Button, FileDrop, Notice, Table } from '../../ui';
@@ -58,7 +58,7 @@ export function Identify({ people }: { people: Person[] }) {
     <div class="stack">
       {people.length === 0 && <Notice>Nobody is enrolled yet: every face will be unknown.</Notice>}
       <FileDrop
-        label="A photograph"
+        label="An image"
         help="It is looked at and not kept."
         accept="image/*"
         disabled={busy}
@@ -88,7 +88,7 @@ function Faces({ answer }: { answer: Answer }) {
       <div class="boxed">
         <img
           src={answer.image}
-          alt={`The photograph ${answer.name}`}
+          alt={`The image ${answer.name}`}
           onLoad={(event) =>
             setSize({ w: event.currentTarget.naturalWidth, h: event.currentTarget.naturalHeight })
           }

@@ -261,8 +261,8 @@ function ProofView({ proof }: { proof: Proof }) {
         <p>Not looked into: {[...proof.unread, ...proof.skipped].slice(0, 20).join(', ')}</p>
       )}
       <p class="field-help">
-        Backups and other disks are not part of this. Photographs that you uploaded show the face in another
-        form: their sets stay until you remove them.
+        Backups and other disks are not part of this. Images that you uploaded show the face in another form:
+        their sets stay until you remove them.
       </p>
       <div class="row row-end">
         <Button

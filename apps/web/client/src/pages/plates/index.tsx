@@ -136,7 +136,7 @@ export function Plates() {
           verb: 'plate read',
           inputs: [`synth:drive?seconds=4&cars=${2 + (i % 2)}&fps=4&seed=${i + 1}`],
           flags: { '--log': log, '--events': true, '--start': start },
-          name: 'A drawn street',
+          name: 'A synthetic street',
         }),
       );
       if (!done) break;

@@ -30,7 +30,7 @@ export interface Cloud {
   errors: Float32Array;
   /** Where the track of point i begins in `tracks`; count + 1 entries. */
   trackStart: Uint32Array;
-  /** Pairs: number of the photograph, number of the feature in it. */
+  /** Pairs: number of the image, number of the feature in it. */
   tracks: Uint32Array;
 }
 

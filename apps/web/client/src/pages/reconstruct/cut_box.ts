@@ -1,7 +1,7 @@
 // A box that cuts a part out of a cloud. Its axes are those of the upright view: x to the right, y up, z to the viewer
 // of the first view. Pure.
 import { upOf, type Model } from './model';
-import { rotate, upright } from './orbit';
+import { rotate, upright, type Vector } from './orbit';
 
 export interface Box {
   low: [number, number, number];
@@ -83,6 +83,96 @@ export function moveFace(box: Box, whole: Box, axis: number, face: 'low' | 'high
   if (face === 'low') low[axis] = Math.min(held, high[axis]!);
   else high[axis] = Math.max(held, low[axis]!);
   return { low, high };
+}
+
+// One of the six faces, by the handle in its middle.
+export interface Face {
+  axis: number;
+  face: 'low' | 'high';
+}
+
+export const faces: readonly Face[] = [0, 1, 2].flatMap((axis) => [
+  { axis, face: 'low' as const },
+  { axis, face: 'high' as const },
+]);
+
+// "x-low", as the page and its tests call it.
+export const nameOfFace = ({ axis, face }: Face): string => `${axes[axis]!.name}-${face}`;
+
+// The middle of a face.
+export function handleOf(box: Box, { axis, face }: Face): Vector {
+  const middle = [0, 1, 2].map((i) => (box.low[i]! + box.high[i]!) / 2) as Vector;
+  middle[axis] = box[face][axis]!;
+  return middle;
+}
+
+// Where a point is seen, px from the top left, and its distance along the view; null behind the eye.
+// `matrix` takes a point to clip space, column by column.
+export function seenAt(
+  [x, y, z]: Vector,
+  matrix: readonly number[],
+  width: number,
+  height: number,
+): { x: number; y: number; away: number } | null {
+  const m = matrix;
+  const w = m[3]! * x + m[7]! * y + m[11]! * z + m[15]!;
+  if (!(w > 0)) return null;
+  return {
+    x: ((m[0]! * x + m[4]! * y + m[8]! * z + m[12]!) / w + 1) * 0.5 * width,
+    y: (1 - (m[1]! * x + m[5]! * y + m[9]! * z + m[13]!) / w) * 0.5 * height,
+    away: w,
+  };
+}
+
+// The face whose handle a pointer at (x, y) means: within `reach` px, the nearest to the eye; null: none.
+export function faceAt(
+  box: Box,
+  matrix: readonly number[],
+  width: number,
+  height: number,
+  x: number,
+  y: number,
+  reach: number,
+): Face | null {
+  let best: Face | null = null;
+  let nearest = Infinity;
+  for (const one of faces) {
+    const seen = seenAt(handleOf(box, one), matrix, width, height);
+    if (!seen || Math.hypot(seen.x - x, seen.y - y) > reach || seen.away >= nearest) continue;
+    nearest = seen.away;
+    best = one;
+  }
+  return best;
+}
+
+// How far along an axis through `at` the point is that comes nearest to a ray of sight; null where the two are nearly
+// parallel, as no movement of the pointer means one along the axis then. `ray`: of any length.
+export function alongAxis(at: Vector, axis: number, eye: Vector, ray: Vector): number | null {
+  const length = Math.hypot(...ray);
+  const d = ray.map((v) => v / length) as Vector;
+  const cosine = d[axis]!;
+  const sine2 = 1 - cosine * cosine;
+  if (!(sine2 > 0.01)) return null;
+  const between = at.map((v, i) => v - eye[i]!) as Vector;
+  const onRay = between[0] * d[0] + between[1] * d[1] + between[2] * d[2];
+  return (cosine * onRay - between[axis]!) / sine2;
+}
+
+// What a key means to the box, where there is one: x, y and z choose a face of the axis (the upper one first, then the
+// lower one), "." and "," move it along the axis, with Shift (">" and "<") ten steps at a time, Escape lets go of it.
+export function keyedFace(
+  key: string,
+  chosen: Face | null,
+): { chosen: Face | null; steps: number } | undefined {
+  const axis = ['x', 'y', 'z'].indexOf(key.toLowerCase());
+  if (axis >= 0) {
+    const face = chosen?.axis === axis && chosen.face === 'high' ? 'low' : 'high';
+    return { chosen: { axis, face }, steps: 0 };
+  }
+  if (!chosen) return undefined;
+  const steps = { '.': 1, ',': -1, '>': 10, '<': -10 }[key];
+  if (steps !== undefined) return { chosen, steps };
+  return key === 'Escape' ? { chosen: null, steps: 0 } : undefined;
 }
 
 // The twelve edges as pairs of points.

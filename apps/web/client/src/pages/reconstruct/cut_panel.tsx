@@ -1,6 +1,6 @@
 // The controls of the cut box: two handles and two numbers for each axis.
 import { Button, Checkbox } from '../../ui';
-import { axes, moveFace, stepOf, type Box } from './cut_box';
+import { axes, moveFace, nameOfFace, stepOf, type Box, type Face } from './cut_box';
 
 const faces = [
   { face: 'low', word: 'from' },
@@ -13,6 +13,7 @@ export function CutPanel(props: {
   inside: number;
   count: number;
   only: boolean;
+  chosen: Face | null; // that keys of the image move, and that was dragged last
   unit: string | null; // of the scale, if there is one
   scale: number;
   onBox: (box: Box) => void;
@@ -23,8 +24,23 @@ export function CutPanel(props: {
   const { box, whole, scale } = props;
   const unit = props.unit ?? 'units of the model';
   const digits = (step: number) => Math.max(0, Math.min(6, Math.ceil(-Math.log10(step * scale))));
+  const { chosen } = props;
+  const chosenText = () => {
+    if (!chosen) return '';
+    const length = whole.high[chosen.axis]! - whole.low[chosen.axis]!;
+    const value = box[chosen.face][chosen.axis]! * scale;
+    const word = faces.find((one) => one.face === chosen.face)!.word;
+    return `${axes[chosen.axis]!.name} ${word}: ${value.toFixed(digits(stepOf(length)))} ${unit}`;
+  };
   return (
     <div class="stack cut-box">
+      <p class="field-help">
+        Drag the squares in the image. By keys there: x, y or z chooses a face (again: the other one), point
+        and comma move it, with Shift ten steps, Escape lets go.
+      </p>
+      <p class="numbers" aria-live="polite" data-chosen={chosen ? nameOfFace(chosen) : ''}>
+        {chosenText()}
+      </p>
       {axes.map(({ name, words }, axis) => {
         const low = whole.low[axis]!;
         const high = whole.high[axis]!;

@@ -1,4 +1,4 @@
-// Photographs become cameras and a cloud of points.
+// Images become cameras and a cloud of points.
 import { useEffect, useRef, useState } from 'preact/hooks';
 import { api, verbHelp, type Flags, type Job, type VerbHelp } from '../../api';
 import { useJobs, useSignalValue } from '../../hooks';
@@ -70,9 +70,9 @@ export function Reconstruct() {
         verb: 'sfm synth',
         inputs: [],
         flags: { '--output': 'out:scene', '--images': imagesOf, '--size': '640x480' },
-        name: 'Drawn photographs',
+        name: 'Synthetic images',
       });
-      await start(`job:${scene.id}/scene/images`, `${imagesOf} drawn photographs`);
+      await start(`job:${scene.id}/scene/images`, `${imagesOf} synthetic images`);
     });
     setDrawing(false);
   };
@@ -96,15 +96,15 @@ export function Reconstruct() {
     <>
       <PageHead
         title="Reconstruct"
-        text="Photographs of one thing or place, taken from several sides, become cameras and a cloud of points."
+        text="Images of one object or place, taken from several sides, become cameras and a cloud of points."
       />
       {growing.id !== undefined && (
         <section class="split split-wide" aria-label="A model that grows">
           <SessionPanel id={growing.id} title="The model while it grows" onEnd={growing.end} />
           <div class="stack">
             <p>
-              At the left the photograph with the points of the model that are seen in it, at the right the
-              cloud and its cameras. Photographs should follow each other, like steps of a walk.
+              At the left the image with the points of the model that are seen in it, at the right the cloud
+              and its cameras. Images should follow each other, like steps of a walk.
             </p>
             <SessionActions id={growing.id} label="View" without={['quit', 'help']} />
             {grown !== null && (
@@ -115,7 +115,7 @@ export function Reconstruct() {
                   await start(grown, 'The model that grew');
                 }}
               >
-                Make the model of all photographs
+                Make the model of all images
               </AsyncButton>
             )}
           </div>
@@ -123,7 +123,7 @@ export function Reconstruct() {
       )}
       {drawing && job === undefined && (
         <Notice>
-          {imagesOf} photographs of a scene are being drawn. Their model is made next, and shown here.
+          {imagesOf} images of a scene are being drawn. Their model is made next, and shown here.
         </Notice>
       )}
       {job && done && <ModelView key={job.id} job={job} />}
@@ -132,14 +132,14 @@ export function Reconstruct() {
           <h2 id="new-model">New model</h2>
           <SetSource
             kind="photos"
-            label="Drop photographs here"
-            help="8 to 60 photographs. Move between them, do not only turn; each should share most of its view with the next."
+            label="Drop images here"
+            help="8 to 60 images. Move between them, do not only turn; each should share most of its view with the next."
             onSet={(name, files) => setSet({ name, files })}
           />
           {set && (
             <>
               <p>
-                <strong>{set.files} photographs</strong> in {set.name}
+                <strong>{set.files} images</strong> in {set.name}
               </p>
               <details>
                 <summary>Show them</summary>
@@ -165,7 +165,7 @@ export function Reconstruct() {
               kind="main"
               disabled={set === null || set.files < 2 || !valid}
               run={async () => {
-                if (set) await start(`set:${set.name}`, `${set.files} photographs, ${set.name}`);
+                if (set) await start(`set:${set.name}`, `${set.files} images, ${set.name}`);
               }}
             >
               Reconstruct
@@ -180,13 +180,13 @@ export function Reconstruct() {
             </AsyncButton>
           </div>
           <hr />
-          <h3>No photographs at hand?</h3>
+          <h3>No images at hand?</h3>
           <Select
-            label="Drawn photographs"
+            label="Synthetic images"
             value={String(imagesOf)}
             options={[8, 11, 20, 40].map((n) => ({
               value: String(n),
-              label: `${n} photographs of a drawn scene`,
+              label: `${n} images of a synthetic scene`,
             }))}
             onChange={(value) => setImagesOf(Number(value))}
           />

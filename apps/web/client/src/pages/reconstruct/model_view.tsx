@@ -1,4 +1,4 @@
-// One model: its cloud, its photographs with reasons, measures, downloads.
+// One model: its cloud, its images with reasons, measures, downloads.
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import { api, errorText, type Job } from '../../api';
 import { bytesText } from '../../format';
@@ -7,7 +7,16 @@ import { Button, Checkbox, Notice, Progress, Select, Slider, Table, TextField } 
 import { save } from '../shared/files';
 import { jobJson } from '../shared/jobs';
 import { observationsOf, type Observation } from './colmap';
-import { countInside, firstBox, isInside, uprightPositions, wholeBox, type Box } from './cut_box';
+import {
+  countInside,
+  firstBox,
+  isInside,
+  moveFace,
+  uprightPositions,
+  wholeBox,
+  type Box,
+  type Face,
+} from './cut_box';
 import { CutPanel } from './cut_panel';
 import { boxText, type Model } from './model';
 import { lengthText } from './orbit';
@@ -37,7 +46,7 @@ interface Report {
 
 type Mode = 'look' | 'measure';
 
-// Where a photograph of the model can be seen: beside the job's input.
+// Where an image of the model can be seen: beside the job's input.
 function imageAddress(job: Job, name: string): string | null {
   const inputs = (job as Job & { inputs?: string[] }).inputs ?? [];
   const input = inputs[0] ?? '';
@@ -78,8 +87,8 @@ export function ModelView({ job }: { job: Job }) {
       {report.value?.partial && <Notice>The job was stopped: this is the model so far.</Notice>}
       {main && (
         <p class="numbers">
-          {main.photographs} of {report.value!.photographs.length} photographs, {main.points} points, each in{' '}
-          {main.mean_track.toFixed(1)} photographs, reprojection error {main.reprojection_px.toFixed(2)} px
+          {main.photographs} of {report.value!.photographs.length} images, {main.points} points, each in{' '}
+          {main.mean_track.toFixed(1)} images, reprojection error {main.reprojection_px.toFixed(2)} px
           {report.value!.models.length > 1 ? `; ${report.value!.models.length - 1} further models` : ''}
         </p>
       )}
@@ -90,7 +99,7 @@ export function ModelView({ job }: { job: Job }) {
       {missing.length > 0 && (
         <Notice kind="problem">
           <p>
-            {missing.length} {missing.length === 1 ? 'photograph is' : 'photographs are'} not in the model:
+            {missing.length} {missing.length === 1 ? 'image is' : 'images are'} not in the model:
           </p>
           <ul>
             {missing.map((one) => (
@@ -103,11 +112,11 @@ export function ModelView({ job }: { job: Job }) {
       )}
       {report.value && (
         <details open={missing.length > 0}>
-          <summary>All photographs</summary>
+          <summary>All images</summary>
           <Table
-            caption="Photographs of the model"
+            caption="Images of the model"
             columns={[
-              { name: 'Photograph', show: (one) => one.name },
+              { name: 'Image', show: (one) => one.name },
               { name: 'In the model', show: (one) => (one.registered ? 'yes' : 'no') },
               { name: 'Points', show: (one) => one.points ?? '', number: true },
               { name: 'Reason', show: (one) => one.reason ?? '' },
@@ -166,7 +175,8 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
   const [box, setBox] = useState<Box | null>(null);
   const [only, setOnly] = useState(false);
   const inside = useMemo(() => (box ? countInside(positions, box) : 0), [box, positions]);
-  useEffect(() => viewer.current?.cut(box ?? undefined, only), [box, only]);
+  const [chosen, setChosen] = useState<Face | null>(null);
+  useEffect(() => viewer.current?.cut(box ?? undefined, only, whole), [box, only, whole]);
   const modeNow = useRef(mode);
   modeNow.current = mode;
 
@@ -185,7 +195,11 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
             if (!canvas.current) return;
             canvas.current.dataset['drawn'] = String(drawn);
             canvas.current.dataset['ms'] = ms.toFixed(0);
+            canvas.current.dataset['handles'] = JSON.stringify(one.handlePlaces());
           };
+          one.onFace = ({ axis, face }, value) =>
+            setBox((before) => before && moveFace(before, whole, axis, face, value));
+          one.onChosen = setChosen;
           one.show(model, positions, 3);
           viewer.current = one;
         } catch {
@@ -213,7 +227,7 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
           ref={canvas}
           role="application"
           aria-roledescription="cloud of points"
-          aria-label={`Cloud of ${model.cloud.count} points and ${model.photographs.size} cameras. Arrow keys turn it, plus and minus zoom, Shift with arrows moves it, 0 is the first view.`}
+          aria-label={`Cloud of ${model.cloud.count} points and ${model.photographs.size} cameras. Arrow keys turn it, plus and minus zoom, Shift with arrows moves it, 0 is the first view.${box ? ' x, y and z choose a face of the cut box, point and comma move it.' : ''}`}
           tabIndex={0}
         />
         {noCanvas && <p class="live-wait">{noCanvas}</p>}
@@ -265,7 +279,7 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
           label="A click on a point"
           value={mode}
           options={[
-            { value: 'look', label: 'shows it in the photographs' },
+            { value: 'look', label: 'shows it in the images' },
             { value: 'measure', label: 'measures from point to point' },
           ]}
           onChange={(value) => {
@@ -346,6 +360,7 @@ function Cloud({ job, model }: { job: Job; model: Model }) {
             inside={inside}
             count={model.cloud.count}
             only={only}
+            chosen={chosen}
             unit={scale === null ? null : unit}
             scale={scale ?? 1}
             onBox={setBox}
@@ -400,15 +415,15 @@ function PointByNumber(props: { count: number; mode: Mode; onPick: (index: numbe
   );
 }
 
-const half = 36; // px of the photograph around the point
+const half = 36; // px of the image around the point
 
 function PointView({ job, model, index }: { job: Job; model: Model; index: number }) {
   const seen = observationsOf(index, model.cloud, model.photographs, model.cameras);
   const [x, y, z] = [0, 1, 2].map((axis) => model.cloud.positions[3 * index + axis]!.toPrecision(4));
   return (
-    <section class="point-view stack" aria-live="polite" aria-label="The point in the photographs">
+    <section class="point-view stack" aria-live="polite" aria-label="The point in the images">
       <h3>
-        Point {index + 1}: seen in {seen.length} photographs, at {x}, {y}, {z}
+        Point {index + 1}: seen in {seen.length} images, at {x}, {y}, {z}
       </h3>
       <p class="field-help">The cross is where it was seen, the circle where the model puts it.</p>
       <ul class="thumbs">
@@ -425,7 +440,7 @@ function PointView({ job, model, index }: { job: Job; model: Model; index: numbe
       <Table
         caption="Observations, largest error first"
         columns={[
-          { name: 'Photograph', show: (one: Observation) => one.photograph.name },
+          { name: 'Image', show: (one: Observation) => one.photograph.name },
           { name: 'Seen at, px', show: (one) => one.seen.map((v) => v.toFixed(1)).join(', '), number: true },
           {
             name: 'Model at, px',

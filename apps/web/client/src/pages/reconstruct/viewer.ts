@@ -10,15 +10,32 @@ import {
   Points,
   PointsMaterial,
   Scene,
+  Vector3,
   WebGLRenderer,
 } from 'three';
 import { boundsOf } from './colmap';
-import { edgesOf, isInside, type Box } from './cut_box';
+import {
+  alongAxis,
+  edgesOf,
+  faceAt,
+  faces,
+  handleOf,
+  isInside,
+  keyedFace,
+  nameOfFace,
+  seenAt,
+  stepOf,
+  type Box,
+  type Face,
+} from './cut_box';
 import { frusta, upOf, type Model } from './model';
 import { eyeOf, keyed, moved, nearer, pick, rotate, turned, upright, type Orbit, type Vector } from './orbit';
 
 const fieldOfView = 50;
 const radians = (fieldOfView * Math.PI) / 180;
+const handleSize = 13; // px
+const handleColour = 0x1f7a8c;
+const chosenColour = 0xd6246e;
 const slow = 60; // ms a frame, from which on a moving cloud is drawn with fewer points
 
 export interface Picked {
@@ -35,8 +52,13 @@ export class CloudViewer {
   private positions = new Float32Array(0); // upright
   private order = new Uint32Array(0); // in which points are drawn
   private shown = 0; // of them
-  private box: Box | undefined;
+  private box: Box | undefined; // points outside are not drawn
+  private cutBox: Box | undefined; // that has edges and handles
+  private whole: Box | undefined;
   private frame: LineSegments<BufferGeometry, LineBasicMaterial> | undefined;
+  private handles: Points<BufferGeometry, PointsMaterial> | undefined;
+  private chosen: Face | null = null;
+  private dragged: { pointer: number; face: Face; start: number; from: number } | undefined;
   private rotation: number[] = [1, 0, 0, 0, 1, 0, 0, 0, 1];
   private radius = 1;
   private orbit: Orbit = { target: [0, 0, 0], distance: 3, yaw: 0, pitch: 0 };
@@ -51,6 +73,10 @@ export class CloudViewer {
   private release: (() => void)[] = [];
   onPick: (index: number) => void = () => undefined;
   onFrame: (ms: number, drawn: number) => void = () => undefined;
+  // A face of the cut box is dragged, or moved by keys, to this place on its axis.
+  onFace: (face: Face, value: number) => void = () => undefined;
+  // Which face keys move now.
+  onChosen: (face: Face | null) => void = () => undefined;
 
   // Throws where the browser has no WebGL.
   constructor(private readonly canvas: HTMLCanvasElement) {
@@ -74,7 +100,10 @@ export class CloudViewer {
     on('pointerdown', (event) => this.down(event));
     on('pointermove', (event) => this.move(event));
     on('pointerup', (event) => this.up(event));
-    on('pointercancel', (event) => this.fingers.delete(event.pointerId));
+    on('pointercancel', (event) => {
+      this.fingers.delete(event.pointerId);
+      if (this.dragged?.pointer === event.pointerId) this.dragged = undefined;
+    });
     on('contextmenu', (event) => event.preventDefault());
     on(
       'wheel',
@@ -86,6 +115,11 @@ export class CloudViewer {
     );
     on('keydown', (event) => {
       if (event.ctrlKey || event.altKey || event.metaKey) return;
+      if (this.keyBox(event.key)) {
+        event.preventDefault();
+        event.stopPropagation();
+        return;
+      }
       const next =
         event.key === '0' ? this.home : keyed(this.orbit, event.key, event.shiftKey, this.radius, radians);
       if (!next) return;
@@ -178,24 +212,33 @@ export class CloudViewer {
     this.ask();
   }
 
-  // The edges of a box, and, with `only`, no other points than those in it.
-  cut(box: Box | undefined, only: boolean): void {
-    if (this.frame) {
-      this.scene.remove(this.frame);
-      this.frame.geometry.dispose();
-      this.frame.material.dispose();
-      this.frame = undefined;
+  // The edges of a box with a handle in each face, and, with `only`, no other points than those in it. `whole`: how far
+  // its faces go.
+  cut(box: Box | undefined, only: boolean, whole?: Box): void {
+    for (const one of [this.frame, this.handles]) {
+      if (!one) continue;
+      this.scene.remove(one);
+      one.geometry.dispose();
+      one.material.dispose();
     }
+    this.frame = this.handles = undefined;
+    const before = this.box;
     this.box = only ? box : undefined;
+    this.cutBox = box;
+    this.whole = whole;
     if (box) {
       const geometry = new BufferGeometry();
       geometry.setAttribute('position', new BufferAttribute(edgesOf(box), 3));
-      this.frame = new LineSegments(geometry, new LineBasicMaterial({ color: 0x1f7a8c }));
+      this.frame = new LineSegments(geometry, new LineBasicMaterial({ color: handleColour }));
       this.frame.frustumCulled = false;
       this.scene.add(this.frame);
+      this.showHandles(box);
+    } else {
+      this.dragged = undefined;
+      this.choose(null);
     }
     const index = this.points?.geometry.getIndex();
-    if (index) {
+    if (index && (before !== undefined || this.box !== undefined)) {
       const all = index.array as Uint32Array;
       this.shown = 0;
       for (const i of this.order) {
@@ -204,6 +247,105 @@ export class CloudViewer {
       index.needsUpdate = true;
     }
     this.ask();
+  }
+
+  private showHandles(box: Box): void {
+    const places = new Float32Array(3 * faces.length);
+    const colours = new Float32Array(3 * faces.length);
+    const colour = new Color();
+    faces.forEach((one, i) => {
+      places.set(handleOf(box, one), 3 * i);
+      const isChosen = this.chosen !== null && nameOfFace(this.chosen) === nameOfFace(one);
+      colour.set(isChosen ? chosenColour : handleColour);
+      colours.set([colour.r, colour.g, colour.b], 3 * i);
+    });
+    const geometry = new BufferGeometry();
+    geometry.setAttribute('position', new BufferAttribute(places, 3));
+    geometry.setAttribute('color', new BufferAttribute(colours, 3));
+    this.handles = new Points(
+      geometry,
+      new PointsMaterial({
+        size: handleSize * Math.min(2, devicePixelRatio),
+        sizeAttenuation: false,
+        vertexColors: true,
+        depthTest: false,
+      }),
+    );
+    this.handles.frustumCulled = false;
+    this.handles.renderOrder = 2;
+    this.scene.add(this.handles);
+  }
+
+  private choose(face: Face | null): void {
+    if (this.chosen === face) return;
+    this.chosen = face;
+    this.onChosen(face);
+    if (!this.cutBox || !this.handles) return;
+    this.scene.remove(this.handles);
+    this.handles.geometry.dispose();
+    this.handles.material.dispose();
+    this.showHandles(this.cutBox);
+    this.ask();
+  }
+
+  // Whether the key was the box's.
+  private keyBox(key: string): boolean {
+    if (!this.cutBox) return false;
+    const meant = keyedFace(key, this.chosen);
+    if (!meant) return false;
+    this.choose(meant.chosen);
+    if (meant.chosen && meant.steps !== 0 && this.whole) {
+      const { axis, face } = meant.chosen;
+      const step = stepOf(this.whole.high[axis]! - this.whole.low[axis]!);
+      this.onFace(meant.chosen, this.cutBox[face][axis]! + meant.steps * step);
+    }
+    return true;
+  }
+
+  // From the world to the canvas.
+  private matrix(): readonly number[] {
+    this.camera.updateMatrixWorld();
+    return new Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse)
+      .elements;
+  }
+
+  // Where the handles of the cut box are seen, px of the canvas.
+  handlePlaces(): Record<string, [number, number]> {
+    const places: Record<string, [number, number]> = {};
+    if (!this.cutBox) return places;
+    const matrix = this.matrix();
+    for (const one of faces) {
+      const seen = seenAt(
+        handleOf(this.cutBox, one),
+        matrix,
+        this.canvas.clientWidth,
+        this.canvas.clientHeight,
+      );
+      if (seen) places[nameOfFace(one)] = [Math.round(seen.x), Math.round(seen.y)];
+    }
+    return places;
+  }
+
+  private faceUnder(event: PointerEvent): Face | null {
+    if (!this.cutBox) return null;
+    const box = this.canvas.getBoundingClientRect();
+    const reach = event.pointerType === 'touch' ? 24 : 12;
+    const [x, y] = [event.clientX - box.left, event.clientY - box.top];
+    return faceAt(this.cutBox, this.matrix(), box.width, box.height, x, y, reach);
+  }
+
+  // The place on the axis of a face, from its handle, that a pointer means.
+  private placeOn(face: Face, at: Vector, event: PointerEvent): number | null {
+    const box = this.canvas.getBoundingClientRect();
+    const to = new Vector3(
+      (2 * (event.clientX - box.left)) / Math.max(1, box.width) - 1,
+      1 - (2 * (event.clientY - box.top)) / Math.max(1, box.height),
+      0.5,
+    );
+    this.camera.updateMatrixWorld();
+    const ray = to.unproject(this.camera).sub(this.camera.position);
+    const eye: Vector = [this.camera.position.x, this.camera.position.y, this.camera.position.z];
+    return alongAxis(at, face.axis, eye, [ray.x, ray.y, ray.z]);
   }
 
   // Crosses at these points, and a line between two of them.
@@ -320,13 +462,33 @@ export class CloudViewer {
   private down(event: PointerEvent): void {
     this.canvas.focus();
     this.canvas.setPointerCapture(event.pointerId);
+    const face = event.button === 0 && this.fingers.size === 0 ? this.faceUnder(event) : null;
+    if (face && this.cutBox) {
+      const from = this.placeOn(face, handleOf(this.cutBox, face), event) ?? 0;
+      this.dragged = { pointer: event.pointerId, face, start: this.cutBox[face.face][face.axis]!, from };
+      this.choose(face);
+      return;
+    }
     this.fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     this.travelled = this.fingers.size > 1 ? 100 : 0;
   }
 
+  // The axis is the one of the beginning, so that the handle stays under the pointer.
+  private drag(event: PointerEvent, { face, start, from }: NonNullable<typeof this.dragged>): void {
+    if (!this.cutBox) return;
+    const at = handleOf(this.cutBox, face);
+    at[face.axis] = start;
+    const place = this.placeOn(face, at, event);
+    if (place !== null) this.onFace(face, start + place - from);
+  }
+
   private move(event: PointerEvent): void {
+    if (this.dragged?.pointer === event.pointerId) return this.drag(event, this.dragged);
     const before = this.fingers.get(event.pointerId);
-    if (!before) return;
+    if (!before) {
+      this.canvas.style.cursor = event.buttons === 0 && this.faceUnder(event) ? 'grab' : '';
+      return;
+    }
     const dx = event.clientX - before.x;
     const dy = event.clientY - before.y;
     const height = Math.max(1, this.canvas.clientHeight);
@@ -349,18 +511,17 @@ export class CloudViewer {
   }
 
   private up(event: PointerEvent): void {
+    if (this.dragged?.pointer === event.pointerId) {
+      this.dragged = undefined;
+      return;
+    }
     const was = this.fingers.delete(event.pointerId);
     if (!was || this.travelled > 6 || event.button !== 0) return;
     const box = this.canvas.getBoundingClientRect();
-    this.camera.updateMatrixWorld();
-    const matrix = new Matrix4().multiplyMatrices(
-      this.camera.projectionMatrix,
-      this.camera.matrixWorldInverse,
-    );
     const reach = event.pointerType === 'touch' ? 22 : 9;
     const index = pick(
       this.positions,
-      matrix.elements,
+      this.matrix(),
       box.width,
       box.height,
       event.clientX - box.left,

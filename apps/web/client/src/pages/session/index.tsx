@@ -1,7 +1,7 @@
 import { useEffect, useRef, useState } from 'preact/hooks';
 import { api, verbHelp, type Action, type Flags, type Session } from '../../api';
 import { sessionName } from '../../areas';
-import { cellText } from '../../format';
+import { actionTitle, cellText } from '../../format';
 import { commandText } from '../../forms';
 import { useEvery, useLoad, useSignalValue } from '../../hooks';
 import { keyOf } from '../../key_map';
@@ -43,8 +43,6 @@ function blockedKeys(actions: Action[]): ReadonlySet<number> {
   return blocked;
 }
 
-const capital = (text: string) => text.charAt(0).toUpperCase() + text.slice(1);
-
 const ownActions = (actions: Action[]) => actions.filter((action) => !PAGE_ACTIONS.has(action.name));
 
 export function ActionButtons({ id, verb, actions }: { id: string; verb: string; actions: Action[] }) {
@@ -60,7 +58,7 @@ export function ActionButtons({ id, verb, actions }: { id: string; verb: string;
           data-action={action.name}
           onClick={() => sendEvent(id, { action: action.name })}
         >
-          <span>{capital(action.help || action.name)}</span>
+          <span>{actionTitle(action)}</span>
           {keyText(action) && <kbd aria-label={`key ${keyText(action)}`}>{keyText(action)}</kbd>}
         </Button>
       ))}

@@ -1,7 +1,7 @@
 // Parts that the area pages share.
 import { useEffect, useState } from 'preact/hooks';
 import { api, type Flags, type Json, type SetInfo, type Source } from '../../api';
-import { cellText } from '../../format';
+import { actionTitle, cellText } from '../../format';
 import { useLoad, useSignalValue } from '../../hooks';
 import { keyOf, ownKeys } from '../../key_map';
 import { keyName } from '../../keys';
@@ -232,18 +232,17 @@ export function SessionActions(props: {
     : all.filter((one) => !(props.without ?? []).includes(one.name));
   if (actions.length === 0) return null;
   return (
-    <div class="actions" role="group" aria-label={props.label}>
+    <div class="actions action-grid" role="group" aria-label={props.label}>
       {actions.map((action) => {
         const key = keyName(keyOf(action, own));
         return (
           <Button
             key={action.name}
-            small
-            title={action.help}
+            data-action={action.name}
             aria-keyshortcuts={key === '' ? undefined : key}
             onClick={() => sendEvent(props.id, { action: action.name })}
           >
-            {action.name.replaceAll('-', ' ')}
+            <span>{actionTitle(action)}</span>
             {key !== '' && <kbd aria-hidden="true">{key}</kbd>}
           </Button>
         );

@@ -3,13 +3,12 @@ import { useState } from 'preact/hooks';
 import type { SliderInfo } from '../../api';
 import { useSignalValue } from '../../hooks';
 import { liveSession } from '../../live';
+import { capital } from '../../format';
 import { Button, Slider } from '../../ui';
-import { sendEvent } from '../../ui/live_view';
+import { acted, sendEvent } from '../../ui/live_view';
 import { groupsOf, type SliderGroup } from './slider_groups';
 
 const FIRST = 4; // of a group, where it is longer
-
-const capital = (text: string) => text.charAt(0).toUpperCase() + text.slice(1);
 
 export function GroupedSliders({ id, sliders }: { id: string; sliders: SliderInfo[] }) {
   if (sliders.length === 0) return null;
@@ -66,8 +65,10 @@ const middleOf = (slider: SliderInfo) => (slider.low + slider.high) / 2;
 
 function One({ id, slider }: { id: string; slider: SliderInfo }) {
   const state = useSignalValue(liveSession(id).state);
+  const actions = useSignalValue(acted);
   return (
     <Slider
+      round={actions}
       label={capital(slider.name.replaceAll('-', ' '))}
       value={state?.sliders?.[slider.name] ?? slider.value}
       low={slider.low}

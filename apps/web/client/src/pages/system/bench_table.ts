@@ -1,18 +1,8 @@
 // The lines of a bench as a table. Pure.
 import type { Json } from '../../api';
+import { capital, withUnit } from '../../format';
 
 export type BenchRow = Record<string, string | number | boolean | null>;
-
-const units: Record<string, string> = {
-  ms: 'ms',
-  us: 'µs',
-  s: 's',
-  px: 'px',
-  fps: 'frames/s',
-  percent: '%',
-  deg: 'degrees',
-  mm: 'mm',
-};
 
 // The objects among the lines; what is nested becomes "outer inner", numbers get at most four digits.
 export function benchRows(lines: readonly Json[]): BenchRow[] {
@@ -46,17 +36,9 @@ export function benchColumns(rows: readonly BenchRow[]): { name: string; label: 
         rows.some((row) => row[name] !== undefined && row[name] !== null && row[name] !== ''),
     )
     .map((name) => {
-      const words = name.replaceAll('_', ' ').split(' ');
-      const last = words[words.length - 1] ?? '';
-      const unit = units[last];
-      const what = words.length > 1 ? words.slice(0, -1).join(' ') : 'time';
-      const text =
-        unit === undefined || (words.length === 1 && !/^(us|ms|s)$/.test(last))
-          ? words.join(' ')
-          : `${what}, ${unit}`;
       return {
         name,
-        label: text.charAt(0).toUpperCase() + text.slice(1),
+        label: capital(withUnit(name)),
         number: rows.every(
           (row) => row[name] === undefined || row[name] === null || typeof row[name] === 'number',
         ),

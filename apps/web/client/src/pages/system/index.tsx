@@ -1,6 +1,6 @@
 import { useState } from 'preact/hooks';
 import { api, type Json } from '../../api';
-import { bytesText, cellText, durationText } from '../../format';
+import { bytesText, cellText, durationText, pixelsText } from '../../format';
 import { useEvery, useLoad } from '../../hooks';
 import { AsyncButton, attempt, Button, Confirm, Dialog, Notice, PageHead, Table, Tabs } from '../../ui';
 import { findingsOf } from '../home';
@@ -27,6 +27,8 @@ function nameOf(key: string): string {
   const words = key
     .replace(/_(bytes|s)$/, '')
     .replaceAll('_', ' ')
+    .replace(/^file$/, 'a file, at most')
+    .replace(/^pixels$/, 'an image, at most')
     .replace('simd', 'vector instructions')
     .replace('tls', 'TLS (https)');
   return words.charAt(0).toUpperCase() + words.slice(1);
@@ -38,6 +40,7 @@ function rowsOf(value: unknown, name = ''): Row[] {
   }
   const row = (text: string) => [{ name: nameOf(name), value: text }];
   if (typeof value === 'number' && name.endsWith('bytes')) return row(bytesText(value));
+  if (typeof value === 'number' && name.endsWith('pixels')) return row(pixelsText(value));
   if (typeof value === 'number' && /(^|_)(uptime|seconds)(_s)?$/.test(name)) return row(durationText(value));
   return row(Array.isArray(value) ? value.map(cellText).join(', ') : cellText(value));
 }

@@ -163,11 +163,13 @@ export function worstFirst(rows: readonly Record<string, string>[]): Record<stri
     (name) => rows[0] && name in rows[0],
   );
   const failed = (r: Record<string, string>) =>
-    (Number(r.missed ?? 0) || 0) + (Number(r.wrong ?? 0) || 0) > 0 ||
-    ['missed', 'misread', 'false'].includes(r.outcome ?? '');
+    (Number(r.missed ?? 0) || 0) + (Number(r.wrong ?? 0) || 0) > 0 || r.found === '0';
+  const misread = (r: Record<string, string>) => r.exact === '0';
   const badness = (r: Record<string, string>) => {
     const v = column ? Number(r[column]) : 0;
-    return (failed(r) ? 1e9 : 0) + (Number.isFinite(v) ? (column === 'confidence' ? -v : v) : 0);
+    return (
+      (failed(r) ? 1e9 : misread(r) ? 1e6 : 0) + (Number.isFinite(v) ? (column === 'confidence' ? -v : v) : 0)
+    );
   };
   return [...rows].sort((a, b) => badness(b) - badness(a));
 }

@@ -107,7 +107,7 @@ export function DataSource(props: { kind: DataKind; value: string; onChange: (va
                   verb: draw.verb,
                   inputs: draw.inputs,
                   flags: draw.flags,
-                  name: 'Drawn data',
+                  name: 'Synthetic data',
                 });
                 props.onChange(`job:${job.id}/${draw.result}`);
                 setRound(round + 1);

@@ -10,7 +10,17 @@ import { isOver, jobText, useJob } from '../shared/jobs';
 import { compare, parseCsv, verdictOf, worstFirst, type Comparison } from './curves';
 import { DataSource } from './index';
 import { InstallModel } from './install';
-import { inOrder, judgeRequest, judgeVerbs, placeOf, wordFor } from './verbs';
+import {
+  caseCell,
+  caseColumns,
+  caseWordFor,
+  inOrder,
+  isMissed,
+  judgeRequest,
+  judgeVerbs,
+  placeOf,
+  wordFor,
+} from './verbs';
 
 interface Running {
   verb: number;
@@ -206,7 +216,7 @@ function Worst({ job }: { job: Job }) {
   }, [job.id]);
   if (!has) return null;
   const rows = cases.value ?? [];
-  const names = Object.keys(rows[0] ?? {});
+  const names = caseColumns(Object.keys(rows[0] ?? {}));
   return (
     <>
       <h3>Worst cases first</h3>
@@ -229,9 +239,9 @@ function Worst({ job }: { job: Job }) {
         caption="All cases"
         hideCaption
         columns={names.map((name) => ({
-          name: wordFor(name),
-          show: (row: Record<string, string>) =>
-            name === 'image' ? (row[name]!.split('/').pop() ?? '') : row[name],
+          name: caseWordFor(name),
+          show: (row: Record<string, string>) => caseCell(row, name),
+          number: !['image', 'outcome', 'truth', 'text', 'exact', 'seen'].includes(name),
         }))}
         rows={rows.slice(0, 200)}
         keyOf={(_, i) => i}
@@ -241,7 +251,7 @@ function Worst({ job }: { job: Job }) {
 }
 
 function caseText(row: Record<string, string>): string {
-  if (row.missed === '1') return 'not found';
+  if (isMissed(row)) return row.truth === undefined ? 'not found' : `${row.truth} was not found`;
   if (row.wrong === '1') return 'another face';
   if (row.nme !== undefined) return `${Number(row.nme).toFixed(1)} %`;
   if (row.truth !== undefined) return `${row.truth} read as ${row.text || 'nothing'}`;

@@ -1,5 +1,6 @@
 // The verbs that train and judge, and what they take: pure.
 import type { Flags } from '../../api';
+import { capital, withUnit } from '../../format';
 
 export type DataKind = 'points' | 'plates' | 'heads' | 'gallery';
 
@@ -237,8 +238,8 @@ export function dataOfJob(kind: DataKind, files: readonly string[]): string[] {
 const words: Record<string, string> = {
   image: 'Image',
   nme: 'Error, %',
-  dx: 'Right by, px',
-  dy: 'Down by, px',
+  dx: 'Right by, %',
+  dy: 'Down by, %',
   error: 'Not explained',
   text: 'Read',
   found: 'Found',
@@ -247,13 +248,19 @@ const words: Record<string, string> = {
   faces: 'Faces',
   missed: 'Not found',
   wrong: 'Another face',
+  seen: 'Face seen',
+  tilt: 'True tilt, degrees',
+  pan: 'True pan, degrees',
+  pitch: 'Pitch, degrees',
+  yaw: 'Yaw, degrees',
+  roll: 'Roll, degrees',
   nme_mean: 'Mean error, % of the eye distance',
   nme_median: 'Median error, % of the eye distance',
   nme_p90: 'Error that 90 % stay below, %',
   failures: 'Share of failures',
   auc_8: 'Area under the curve up to 8 %',
-  bias_x: 'Bias to the right, px',
-  bias_y: 'Bias downwards, px',
+  bias_x: 'Bias to the right, %',
+  bias_y: 'Bias downwards, %',
   within: 'Share within the limit',
   limit: 'Limit, %',
   iterations: 'Steps of a fit',
@@ -277,7 +284,41 @@ const words: Record<string, string> = {
   translation_percent: 'Error of the distance, %',
 };
 
-export const wordFor = (name: string): string => words[name] ?? name.replaceAll('_', ' ');
+export const wordFor = (name: string): string => words[name] ?? capital(withUnit(name));
+
+// The same of one case, where the word of a set does not fit it.
+export const caseWordFor = (name: string): string =>
+  name === 'exact' ? 'Read exactly' : name === 'outcome' ? 'Outcome' : wordFor(name);
+
+const outcomes = ['missed', 'wrong', 'lost', 'found'];
+// What is not known of a case where nothing was found; the program writes 0 then.
+const ofWhatIsFound = [
+  ...['text', 'confidence', 'edits', 'exact', 'nme', 'dx', 'dy', 'error', 'iterations'],
+  ...['pitch', 'yaw', 'roll'],
+];
+
+// Whether there is nothing to judge: no face, no plate.
+export const isMissed = (row: Record<string, string>): boolean => row.missed === '1' || row.found === '0';
+
+// The columns of a table of cases: what became of each is one column, behind the image.
+export function caseColumns(names: readonly string[]): string[] {
+  const others = names.filter((name) => !outcomes.includes(name));
+  return others.length === names.length ? others : [others[0] ?? '', 'outcome', ...others.slice(1)];
+}
+
+// A cell of such a table for people.
+export function caseCell(row: Record<string, string>, name: string): string {
+  const value = row[name] ?? '';
+  if (name === 'image') return value.split('/').pop() ?? '';
+  if (name === 'outcome') {
+    if (isMissed(row)) return 'not found';
+    return row.wrong === '1' ? 'another face' : row.lost === '1' ? 'lost' : 'found';
+  }
+  if (isMissed(row) && ofWhatIsFound.includes(name)) return '–';
+  if (name === 'exact' || name === 'seen') return value === '1' ? 'yes' : 'no';
+  if (name === 'confidence' && value !== '') return `${(100 * Number(value)).toFixed(0)} %`;
+  return /^-?\d+\.\d{3,}$/.test(value) ? Number(value).toFixed(2) : value;
+}
 
 // Figures in an order that people expect: what is known above, the others by name.
 export function inOrder<T extends { name: string }>(rows: readonly T[]): T[] {
