@@ -29,6 +29,7 @@ constexpr std::size_t kMaxReference = 1000;  // bytes
 // Numbers, switches, choices, words that the verb never takes for a path.
 constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--as",
+    "--at",
     "--algorithm",
     "--aligner-steps",
     "--angle-weight",
@@ -57,8 +58,10 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--cost",
     "--count",
     "--country",
+    "--days",
     "--depth",
     "--detection",
+    "--direction",
     "--distance",
     "--distance-mm",
     "--downscale",
@@ -101,6 +104,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--held-out",
     "--hidden",
     "--hold-out",
+    "--hours",
     "--ids",
     "--ignore-exif",
     "--infrared",
@@ -253,6 +257,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--timings",
     "--to-the-right",
     "--tolerance",
+    "--tolerate",
     "--top",
     "--train",
     "--training",
@@ -275,7 +280,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
 
 // Names and notes, and what is compared with what was logged.
 constexpr auto kFreeTextFlags = std::to_array<std::string_view>(
-    {"--distance-between", "--name", "--names", "--note", "--source", "--terms", "--text"});
+    {"--distance-between", "--label", "--name", "--names", "--note", "--source", "--terms", "--text"});
 
 constexpr auto kInputFlags =
     std::to_array<std::string_view>({"--appearance",    "--camera-file", "--compare",
@@ -295,7 +300,7 @@ constexpr auto kOutputFlags = std::to_array<std::string_view>(
     {"--cmc", "--convergence", "--crops", "--csv", "--debug-dir", "--grid", "--online-view",
      "--output", "--roc", "--save-dir", "--undistorted"});
 
-constexpr auto kStateFlags = std::to_array<std::string_view>({"--gallery", "--log"});
+constexpr auto kStateFlags = std::to_array<std::string_view>({"--gallery", "--log", "--watch"});
 
 constexpr auto kServerFlags = std::to_array<std::string_view>(
     {"--fullscreen", "--json", "--progress", "--quiet", "--window", "--yes"});
@@ -310,6 +315,7 @@ constexpr auto kRefusedFlags = std::to_array<std::string_view>({
     "--own-dir",           // as --models-dir
     "--on-event",          // runs a program
     "--on-event-timeout",  // of that
+    "--on-watch",          // of that
     "--token",             // of a server that is not started
     "--token-file",        // any file
 });
@@ -372,6 +378,13 @@ constexpr auto kInputExceptions = std::to_array<InputException>({
     {"models verify", "NAME", InputKind::kValue},
     {"ar synth", "what", InputKind::kValue},
     {"plate log", "LOG", InputKind::kState},
+    {"plate watch add", "LIST", InputKind::kState},
+    {"plate watch add", "PLATE", InputKind::kValue},
+    {"plate watch list", "LIST", InputKind::kState},
+    {"plate watch remove", "LIST", InputKind::kState},
+    {"plate watch remove", "PLATE", InputKind::kValue},
+    {"plate watch test", "LIST", InputKind::kState},
+    {"plate watch test", "TEXT", InputKind::kValue},
 });
 constexpr auto kFileInputs = std::to_array<std::string_view>(
     {"INPUT", "SET", "DATA", "MODEL", "FILE", "LIST", "truth", "image"});
@@ -384,7 +397,7 @@ struct DefaultState {
 constexpr auto kDefaultStates = std::to_array<DefaultState>({{"--gallery", "ws:gallery"}});
 
 // Files that several verbs go on with: no output may take their place.
-constexpr auto kSharedState = std::to_array<std::string_view>({"gallery", "plates.db"});
+constexpr auto kSharedState = std::to_array<std::string_view>({"gallery", "plates.db", "watch.csv"});
 
 // What the audit log tells.
 struct Audited {
@@ -402,6 +415,8 @@ constexpr auto kAudited = std::to_array<Audited>({
     {"models install", "", "model install"},
     {"models remove", "", "model remove"},
     {"plate log", "--csv", "export"},
+    {"plate watch add", "", "watch"},
+    {"plate watch remove", "", "watch"},
     {"plate log", "--crops", "export"},
 });
 

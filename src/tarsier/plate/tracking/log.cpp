@@ -277,22 +277,22 @@ nlohmann::ordered_json list_of(const std::string& text, const std::string& what,
 
 }  // namespace
 
-std::string plate_pattern(std::string_view text) {
+std::string plate_pattern(std::string_view text, std::string_view what) {
   std::string pattern;
   for (const char c : text) {
     if (c == ' ' || c == '-') continue;
     const char upper = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
     if (class_of(upper) < 0 && upper != '*' && upper != '?') {
       throw UsageError(
-          fmt::format("--text '{}': letters, digits, '*' (any characters) and '?' (any "
+          fmt::format("{} '{}': letters, digits, '*' (any characters) and '?' (any "
                       "one) are expected",
-                      printable(text)));
+                      what, printable(text)));
     }
     pattern += upper;
   }
   if (pattern.empty() || pattern.size() > 64) {
     throw UsageError(
-        fmt::format("--text '{}': one to 64 characters are expected", printable(text)));
+        fmt::format("{} '{}': one to 64 characters are expected", what, printable(text)));
   }
   return pattern;
 }
@@ -569,6 +569,19 @@ std::int64_t PlateLog::count() {
   return row.step() ? row.integer(0) : 0;
 }
 
+PlateHistory PlateLog::history(const std::string& text, Moment moment) {
+  Statement row(database_,
+                "SELECT count(*), min(first_time), max(last_time) FROM plate WHERE text = ? AND "
+                "last_time < ?");
+  row.bind(1, std::string_view(text)).bind(2, number_of(moment));
+  PlateHistory history;
+  if (!row.step() || row.integer(0) == 0) return history;
+  history.visits = row.integer(0);
+  history.first_time = moment_of(row.integer(1));
+  history.last_time = moment_of(row.integer(2));
+  return history;
+}
+
 std::int64_t PlateLog::forget(Moment now, std::chrono::milliseconds age,
                               const ForgetOptions& options) {
   options.check();
@@ -670,6 +683,17 @@ nlohmann::ordered_json logged_json(const LoggedPlate& plate, const std::string& 
       {"state", name_of(plate.state)}};
   if (!plate.synchronized) object["clock"] = "unsynchronized";
   return object;
+}
+
+nlohmann::ordered_json history_json(const PlateHistory& history, const PlateEvent& event) {
+  const auto seen = [&](Moment moment) {
+    return history.visits == 0 ? nlohmann::ordered_json()
+                               : nlohmann::ordered_json(moment_text(moment));
+  };
+  return {{"seen_before", history.visits},
+          {"first_time", seen(history.first_time)},
+          {"last_time", seen(history.last_time)},
+          {"dwell", static_cast<double>((event.last_seen - event.first_seen).count()) / 1000}};
 }
 
 std::string logged_csv_header() {

@@ -46,12 +46,19 @@ struct LogFilter {
   std::int64_t limit = 0;       // the newest so many; 0: all
 };
 
-// A pattern as people type it ("b-12?4*"), for LogFilter::text. Throws UsageError for what no plate
-// can hold.
-[[nodiscard]] std::string plate_pattern(std::string_view text);
+// A pattern as people type it ("b-12?4*"), for LogFilter::text. Throws UsageError naming `what`
+// for what no plate can hold.
+[[nodiscard]] std::string plate_pattern(std::string_view text, std::string_view what = "--text");
 
 // Whether a text matches a pattern of LogFilter.
 [[nodiscard]] bool matches(std::string_view pattern, std::string_view text, bool near);
+
+// What a log knows of a text before a moment.
+struct PlateHistory {
+  std::int64_t visits = 0;  // entries that had ended by then
+  Moment first_time;        // begin of the first and end of the last of them; where there is one
+  Moment last_time;
+};
 
 struct ForgetOptions {
   int batch = 500;  // entries of one transaction, 1..100000
@@ -108,6 +115,9 @@ class PlateLog {
 
   [[nodiscard]] std::int64_t count();
 
+  // The entries of this very text that ended before `moment`.
+  [[nodiscard]] PlateHistory history(const std::string& text, Moment moment);
+
   // Deletes what was last in sight longer than `age` before `now`, with its images, a batch at a
   // time, and gives the room back to the disk. Returns how many entries that were. An entry that
   // was written while the clock was not synchronized, and never got right times, may be younger
@@ -134,6 +144,11 @@ class PlateLog {
 // "interrupted"; and "clock":"unsynchronized" where that is so. Throws InputError(path) where a
 // hostile file holds no JSON.
 [[nodiscard]] nlohmann::ordered_json logged_json(const LoggedPlate& plate, const std::string& path);
+
+// {"seen_before","first_time","last_time","dwell"}: how often it was there before, from when to when
+// (ISO 8601, null where never), and how long it is there now, s.
+[[nodiscard]] nlohmann::ordered_json history_json(const PlateHistory& history,
+                                                  const PlateEvent& event);
 
 // Header and lines of the CSV form: id, first_time, last_time, source, text, confidence, country,
 // frames, x, y, w, h, state.
