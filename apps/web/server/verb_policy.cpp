@@ -55,6 +55,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--connect-timeout",
     "--content",
     "--contrast",
+    "--correct",
     "--cost",
     "--count",
     "--country",
@@ -267,6 +268,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--tries",
     "--turned",
     "--turntable",
+    "--undo-correction",
     "--until",
     "--upsample",
     "--variance",
@@ -279,26 +281,24 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
 });
 
 // Names and notes, and what is compared with what was logged.
-constexpr auto kFreeTextFlags = std::to_array<std::string_view>(
-    {"--distance-between", "--label", "--name", "--names", "--note", "--source", "--terms", "--text"});
+constexpr auto kFreeTextFlags =
+    std::to_array<std::string_view>({"--distance-between", "--author", "--label", "--name",
+                                     "--names", "--note", "--source", "--terms", "--text"});
 
-constexpr auto kInputFlags =
-    std::to_array<std::string_view>({"--appearance",    "--camera-file", "--compare",
-                                     "--countries-dir", "--detector",    "--head",
-                                     "--image",         "--images",      "--learn-background",
-                                     "--list",          "--mapping",     "--mesh",
-                                     "--model",         "--object",      "--on",
-                                     "--image",         "--pointing",    "--points",
-                                     "--reader",        "--results",     "--scenes",
-                                     "--target",        "--truth",       "--view",
-                                     "--without"});
+constexpr auto kInputFlags = std::to_array<std::string_view>(
+    {"--appearance", "--camera-file", "--compare",  "--countries-dir", "--detector",
+     "--from",       "--head",        "--image",    "--images",        "--learn-background",
+     "--list",       "--mapping",     "--mesh",     "--model",         "--object",
+     "--on",         "--image",       "--pointing", "--points",        "--reader",
+     "--results",    "--scenes",      "--target",   "--truth",         "--view",
+     "--without"});
 
 constexpr auto kWordOrInputFlags = std::to_array<std::string_view>(
     {"--align", "--background", "--camera", "--face-detector", "--pairs"});
 
 constexpr auto kOutputFlags = std::to_array<std::string_view>(
-    {"--cmc", "--convergence", "--crops", "--csv", "--debug-dir", "--grid", "--online-view",
-     "--output", "--roc", "--save-dir", "--undistorted"});
+    {"--cmc", "--convergence", "--crops", "--csv", "--corrections", "--debug-dir", "--grid",
+     "--online-view", "--output", "--roc", "--save-dir", "--undistorted"});
 
 constexpr auto kStateFlags = std::to_array<std::string_view>({"--gallery", "--log", "--watch"});
 
@@ -397,7 +397,8 @@ struct DefaultState {
 constexpr auto kDefaultStates = std::to_array<DefaultState>({{"--gallery", "ws:gallery"}});
 
 // Files that several verbs go on with: no output may take their place.
-constexpr auto kSharedState = std::to_array<std::string_view>({"gallery", "plates.db", "watch.csv"});
+constexpr auto kSharedState =
+    std::to_array<std::string_view>({"gallery", "plates.db", "watch.csv"});
 
 // What the audit log tells.
 struct Audited {
@@ -418,6 +419,9 @@ constexpr auto kAudited = std::to_array<Audited>({
     {"plate watch add", "", "watch"},
     {"plate watch remove", "", "watch"},
     {"plate log", "--crops", "export"},
+    {"plate log", "--corrections", "export"},
+    {"plate log", "--correct", "correct"},
+    {"plate log", "--undo-correction", "correct"},
 });
 
 // ---- Reading a request ----------------------------------------------------------------------
