@@ -136,7 +136,8 @@ VALID = {
 STAGES = {"cartoon run": 5, "plate read": 3, "landmarks fit": 4, "landmarks track": 4, "aam fit": 2, "people identify": 4,
           "sfm reconstruct": 4, "ar markers": 3, "ar target-track": 3}
 # These are only interrupted here: they are long; demo_page and the figures of docs/results.md run them.
-LONG = {"demo": "-o page", "serve": "--workspace studio --port 0 --no-browser", **{f"bench {name}": "--json" for name in
+LONG = {"demo": "-o page", "serve": "--workspace studio --port 0 --no-browser",
+        "hub": "mqtt://127.0.0.1:1 --log hub.db", **{f"bench {name}": "--json" for name in
         "aam cartoon eyes landmarks people plate calibrate markers posit render steady targets".split()}}
 
 # The examples name files that are not there: all say so, with this status, but those that need no file.

@@ -75,6 +75,7 @@ std::string example_of(const std::string& verb) {
       {"models install", "head.json --own-dir models"},
       {"models remove", "head --own-dir models"},
       {"doctor", ""},
+      {"hub", "mqtt://127.0.0.1/tarsier --log events.db"},
       {"demo", "-o page --only cartoon,plate"},
       {"serve", "--workspace studio --allow-source door=rtsp://192.168.1.20/stream"},
       {"bench aam", "--json"},

@@ -306,12 +306,21 @@ constexpr auto kServerFlags = std::to_array<std::string_view>(
     {"--fullscreen", "--json", "--progress", "--quiet", "--window", "--yes"});
 
 constexpr auto kRefusedFlags = std::to_array<std::string_view>({
-    "--actions",           // reads stdin
-    "--ca-file",           // whom sources trust is decided where they are allowed
-    "--config",            // may hold any flag
-    "--insecure",          // as --ca-file
-    "--listen-all",        // opens the network
-    "--models-dir",        // any folder
+    "--actions",       // reads stdin
+    "--ca-file",       // whom sources trust is decided where they are allowed
+    "--config",        // may hold any flag
+    "--insecure",      // as --ca-file
+    "--listen-all",    // opens the network
+    "--models-dir",    // any folder
+    "--mqtt-ca-file",  // of --publish
+    "--mqtt-cert",
+    "--mqtt-key",
+    "--mqtt-password-file",
+    "--mqtt-user",
+    "--homeassistant",
+    "--outbox",
+    "--outbox-events",
+    "--publish",           // speaks to other machines
     "--own-dir",           // as --models-dir
     "--on-event",          // runs a program
     "--on-event-timeout",  // of that
@@ -323,6 +332,7 @@ constexpr auto kRefusedFlags = std::to_array<std::string_view>({
 // Verbs that no page starts, whatever their flags.
 constexpr auto kRefusedVerbs = std::to_array<std::string_view>({
     "serve",          // this server
+    "hub",            // speaks to other machines
     "demo",           // its page is made of files that a browser would run
     "models import",  // writes where all programs of this user look for models
 });

@@ -44,7 +44,7 @@ struct LogFlags {
   std::string keep;
   const Flag* keep_flag = nullptr;
   std::vector<std::string> correct;  // id and text
-  std::int64_t undo = 0;
+  std::optional<int> undo;
   std::string author;
   std::string corrections;
   plate::ReaderOptions reader;  // of --corrections
@@ -225,9 +225,9 @@ ExitStatus correct_plate(const LogFlags& flags, const Context& context) {
 
 ExitStatus undo_correction(const LogFlags& flags, const Context& context) {
   PlateLog log(flags.path, DatabaseAccess::kWrite);
-  const bool is_undone = log.undo_correction(flags.undo);
-  if (!is_undone) log_info("entry {} has no correction", flags.undo);
-  print_corrected(log, flags.undo, context);
+  const bool is_undone = log.undo_correction(*flags.undo);
+  if (!is_undone) log_info("entry {} has no correction", *flags.undo);
+  print_corrected(log, *flags.undo, context);
   return is_undone ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
@@ -288,7 +288,7 @@ ExitStatus export_corrections(const LogFlags& flags, const Context& context) {
 
 ExitStatus run_log(const LogFlags& flags, const Context& context) {
   if (!flags.correct.empty()) return correct_plate(flags, context);
-  if (flags.undo != 0) return undo_correction(flags, context);
+  if (flags.undo) return undo_correction(flags, context);
   if (!flags.corrections.empty()) return export_corrections(flags, context);
   return flags.keep_flag->count() > 0 ? forget_plates(flags, context) : list_plates(flags, context);
 }

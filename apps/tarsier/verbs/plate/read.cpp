@@ -12,6 +12,7 @@
 
 #include "framework/bind.h"
 #include "framework/on_event.h"
+#include "framework/publish.h"
 #include "framework/run_session.h"
 #include "ui/plate/plate_session.h"
 #include "verbs/plate/engine.h"
@@ -43,6 +44,7 @@ struct ReadFlags {
   OnEventFlags on_event;
   std::string watch;
   bool on_watch = false;
+  PublishFlags publish;
   bool events_only = false;
 };
 
@@ -122,7 +124,8 @@ class Reports {
       : flags_(flags),
         context_(context),
         clock_(plate::system_clocks()),
-        on_event_(flags.on_event, context) {
+        on_event_(flags.on_event, context),
+        publisher_(make_publisher(flags.publish)) {
     if (!flags.start.empty()) {
       (void)plate::parse_moment(flags.start, plate::moment_now(), false, "--start");
       if (flags.run.inputs.size() > 1) throw UsageError("--start goes with one input");
@@ -166,9 +169,10 @@ class Reports {
     const bool is_over = is_closed || event.state == plate::PlateState::kWithdrawn;
     if (is_over) watched_.erase(event.id);
     const bool is_wanted = on_event_ && (is_watched || !flags_.on_watch);
-    if (!is_wanted && !is_closed) return;
+    if (!is_wanted && !is_closed && !publisher_) return;
     const nlohmann::ordered_json line = line_of(event, match);
     if (is_wanted) on_event_.post(line);
+    if (publisher_) publisher_->post(json_text(line));
     if (!is_closed) return;
     found_ = true;
     if (context_.json)
@@ -181,7 +185,7 @@ class Reports {
   void still(const Frame& frame, const std::vector<plate::Reading>& readings) {
     const plate::Moment now = plate::moment_now();
     for (const plate::Reading& reading : readings) {
-      if (reading.text.empty() || (!log_ && !on_event_ && !watch_)) {
+      if (reading.text.empty() || (!log_ && !on_event_ && !watch_ && !publisher_)) {
         if (!context_.json) print_reading(frame, reading, std::nullopt);
         continue;
       }
@@ -192,6 +196,7 @@ class Reports {
       const auto match = match_of(event);
       if (!context_.json) print_reading(frame, reading, match);
       if (on_event_ && (match || !flags_.on_watch)) on_event_.post(line_of(event, match));
+      if (publisher_) publisher_->post(json_text(line_of(event, match)));
       if (log_) log_->record(event);
     }
   }
@@ -204,6 +209,8 @@ class Reports {
   void finish(bool interrupted) {
     if (log_) log_->finish(interrupted ? kInterruptedPatience_s : kPatience_s);
     on_event_.finish();
+    if (publisher_)
+      publisher_->finish(interrupted ? kInterruptedPublish_s : flags_.publish.options.finish_s);
   }
 
   [[nodiscard]] bool found() const { return found_; }
@@ -231,11 +238,13 @@ class Reports {
 
   static constexpr double kPatience_s = 70;  // more than a lock is waited for
   static constexpr double kInterruptedPatience_s = 5;
+  static constexpr double kInterruptedPublish_s = 1;
 
   const ReadFlags& flags_;
   Context& context_;
   plate::SourceClock clock_;
   OnEvent on_event_;
+  std::unique_ptr<mqtt::Publisher> publisher_;
   std::optional<plate::PlateRecorder> log_;
   std::optional<plate::PlateLog> past_;  // the same file
   std::optional<plate::WatchFile> watch_;
@@ -312,6 +321,7 @@ void add_flags(Command& verb, ReadFlags& flags) {
       .needs(watch)
       .needs(command)
       .group("Events");
+  add_publish_flags(verb, flags.publish);
 }
 
 }  // namespace

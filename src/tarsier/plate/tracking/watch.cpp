@@ -421,7 +421,7 @@ std::vector<WatchMatch> WatchList::matches(std::string_view text, const LocalTim
 }
 
 std::optional<WatchMatch> WatchList::find(const PlateEvent& event, const LocalTime& when) const {
-  constexpr double kLeastShare = 0.1;
+  constexpr double kMinShare = 0.1;
   const std::vector<Direction> directions = directions_of(event);
   std::optional<WatchMatch> best;
   const auto look = [&](const std::string& text, double farther) {
@@ -435,7 +435,7 @@ std::optional<WatchMatch> WatchList::find(const PlateEvent& event, const LocalTi
   look(event.text, 0);
   for (const Candidate& candidate : event.candidates) {
     if (candidate.text != event.text && !candidate.text.empty() &&
-        candidate.confidence >= kLeastShare * event.confidence)
+        candidate.confidence >= kMinShare * event.confidence)
       look(candidate.text, kCandidateCost);
   }
   return best;
