@@ -19,7 +19,6 @@ constexpr const char* kHelp = R"(tarsier - classical computer vision on an ordin
   tarsier <area> <verb> [inputs] [flags]
 
 See what it does, then use your own images, then your camera:
-
   tarsier demo                                   a page of images: demo-out/index.html
   tarsier cartoon run photo.jpg -o drawn.png     an image becomes a cartoon
   tarsier landmarks track 0 --window             68 points of each face, live

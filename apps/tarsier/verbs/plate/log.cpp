@@ -323,7 +323,7 @@ void add_flags(Command& verb, LogFlags& flags) {
                             .expected(2)
                             .type_name("ID TEXT"));
   Flag& undo = group(verb.add_option("--undo-correction", flags.undo,
-                                     "id of an entry whose last correction is taken back")
+                                     "id of an entry whose last correction is taken back [none]")
                          .check(at_least(1)));
   group(verb.add_option("--author", flags.author, "who corrects [the name of this user]")
             .needs(correct));
