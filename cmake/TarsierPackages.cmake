@@ -31,8 +31,8 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME tarsier)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION contrib/graphics)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_DEPENDS "tarsier-models (>= ${PROJECT_VERSION}), opencv-data")
-set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "ca-certificates, fonts-dejavu-core, fonts-opendin, fonts-urw-base35, fonts-freefont-ttf")
-set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "tarsier-gui (= ${version}), opencv-doc, bash-completion")
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "ca-certificates, libmosquitto1, fonts-dejavu-core, fonts-opendin, fonts-urw-base35, fonts-freefont-ttf")
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "tarsier-gui (= ${version}), mosquitto, opencv-doc, bash-completion")
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "classical computer vision on an ordinary CPU, offline
 Tarsier turns images and live cameras into cartoons, rebuilds scenes in 3D
 from images, reads number plates, tracks the points of faces, fits

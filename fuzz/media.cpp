@@ -9,11 +9,34 @@
 #include "tarsier/media/mjpeg_parser.h"
 #include "tarsier/media/still_source.h"
 #include "tarsier/media/viewer_source.h"
+#include "tarsier/mqtt/address.h"
+#include "tarsier/mqtt/hub.h"
+#include "tarsier/mqtt/outbox.h"
 
 #include "fuzz.h"
 #include <algorithm>
 
 namespace tarsier::fuzz {
+
+TARSIER_FUZZ_TARGET(mqtt_message, kJson) {
+  const std::string text(text_of(input));
+  if (const auto event = mqtt::parse_event_message(text)) {
+    expect(event->seq >= 1 && event->oldest >= 1 && event->oldest <= event->seq,
+           "numbers that no outbox gives");
+    const auto again = mqtt::parse_event_message(mqtt::event_message_text(*event));
+    expect(!again || (again->seq == event->seq && again->event == event->event),
+           "another event when it is sent on");
+  }
+  if (const auto mark = mqtt::parse_mark(text)) expect(mark->seq >= 0, "a mark before the first");
+  (void)mqtt::node_of(text, "tarsier");
+}
+
+TARSIER_FUZZ_TARGET(mqtt_address, kBytes) {
+  const mqtt::Address address = mqtt::parse_address(text_of(input), "tarsier/here", "--publish");
+  const mqtt::Address again = mqtt::parse_address(mqtt::address_text(address), "x", "--publish");
+  expect(again.host == address.host && again.port == address.port && again.topic == address.topic,
+         "another address when it is shown");
+}
 namespace {
 
 // Much less than the program's limits: those are for memory, and an image of 100 MP only takes

@@ -9,6 +9,7 @@
 #include "tarsier/plate/text/evaluation.h"
 #include "tarsier/plate/text/symbol_labels.h"
 #include "tarsier/plate/tracking/log.h"
+#include "tarsier/plate/tracking/watch.h"
 
 #include <opencv2/core.hpp>
 
@@ -91,6 +92,23 @@ TARSIER_FUZZ_TARGET(xml_matrices, kBytes) {
   } catch (const Error&) {
   }
   (void)read_character_set(path);
+}
+
+TARSIER_FUZZ_TARGET(plate_watch, kBytes) {
+  const WatchList list = WatchList::parse(text_of(input), "watch.csv");
+  for (const WatchEntry& entry : list.entries()) {
+    entry.check();
+    (void)watch_entry_json(entry);
+  }
+  for (const char* text : {"1234BCD", "2471KFD", ""}) {
+    for (const WatchMatch& match : list.matches(text, {4, 1439}, nullptr))
+      expect(match.distance <= match.entry->errors, "a match that is too far away");
+  }
+  // What is written says the same, however the file was laid out.
+  const std::string written = list.text();
+  const WatchList again = WatchList::parse(written, "again.csv");
+  expect(again.entries().size() == list.entries().size(), "another number of entries");
+  expect(again.text() == written, "another list when it is written again");
 }
 
 TARSIER_FUZZ_TARGET(plate_log, kBytes) {

@@ -8,14 +8,14 @@ build_packages=(
   libopencv-dev libfmt-dev nlohmann-json3-dev libcli11-dev libmicrohttpd-dev libgnutls28-dev libx11-dev
   libavformat-dev libavcodec-dev libswscale-dev libavutil-dev
   libjpeg-dev libpng-dev zlib1g-dev libfreetype-dev libsqlite3-dev libeigen3-dev
-  libdlib-dev libblas-dev liblapack-dev
+  libdlib-dev libblas-dev liblapack-dev libmosquitto-dev
 )
 # Face cascades, and sample images and videos to show things on.
 data_packages=(opencv-data opencv-doc)
 # The typefaces that drawn number plates are lettered with.
 data_packages+=(fonts-opendin fonts-urw-base35 fonts-freefont-ttf fonts-roadgeek fonts-dejavu-core fonts-dejavu-extra)
 # The test framework, and what plays the part of screens, fingers, cameras and servers in the tests.
-test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg openssl python3)
+test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg openssl python3 mosquitto mosquitto-clients)
 # A peer that `tarsier bench markers` measures itself beside.
 test_packages+=(libapriltag-dev)
 # The browser that the pages of `tarsier serve` are driven in. Ubuntu has it as a snap only: the tests are skipped there.

@@ -4,6 +4,7 @@
 #include "tarsier/media/event_command.h"
 #include "tarsier/media/frame_sink.h"
 #include "tarsier/media/frame_source.h"
+#include "tarsier/mqtt/publisher.h"
 #include "tarsier/plate/classic/candidates.h"
 #include "tarsier/plate/classic/character_reader.h"
 #include "tarsier/plate/classic/classic.h"
@@ -39,6 +40,7 @@ std::vector<OptionsCase> plate_options() {
       options_case<EventCommandOptions>("EventCommandOptions"),
       options_case<SinkOptions>("SinkOptions"),
       options_case<SourceOptions>("SourceOptions"),
+      options_case<mqtt::PublisherOptions>("mqtt::PublisherOptions"),
       options_case<plate::CandidateOptions>("plate::CandidateOptions"),
       options_case<plate::CharacterReaderOptions>("plate::CharacterReaderOptions"),
       options_case<plate::ClassicOptions>("plate::ClassicOptions"),

@@ -110,6 +110,10 @@ VALID = {
     "plate sweep": dict(words="letters --features 5 --neurons 2 --splits 1 --train 60 --iterations 1"),
     "plate synth": dict(words="-o more --count 1 --size 320x180"),
     "plate log": dict(words="plates.db"),
+    "plate watch add": dict(words="watch.csv 2471KFD --label Ann"),
+    "plate watch remove": dict(words="watch.csv 9999ZZZ", status=1, lines=0),
+    "plate watch list": dict(words="watch.csv"),
+    "plate watch test": dict(words="watch.csv 2471KFD"),
     "sfm reconstruct": dict(words="views/images -o model --no-cache"),
     "sfm synth": dict(words="-o scene2 --images 2 --size 160x120"),
     "sfm eval": dict(words="model --truth views/truth.jsonl"),
@@ -132,14 +136,15 @@ VALID = {
 STAGES = {"cartoon run": 5, "plate read": 3, "landmarks fit": 4, "landmarks track": 4, "aam fit": 2, "people identify": 4,
           "people live": 4, "pose track": 6, "sfm reconstruct": 4, "ar markers": 3, "ar target-track": 3}
 # These are only interrupted here: they are long; demo_page and the figures of docs/results.md run them.
-LONG = {"demo": "-o page", "serve": "--workspace studio --port 0 --no-browser", **{f"bench {name}": "--json" for name in
+LONG = {"demo": "-o page", "serve": "--workspace studio --port 0 --no-browser",
+        "hub": "mqtt://127.0.0.1:1 --log hub.db", **{f"bench {name}": "--json" for name in
         "aam cartoon eyes landmarks people plate calibrate markers posit render steady targets".split()}}
 
 # The examples name files that are not there: all say so, with this status, but those that need no file.
 EXAMPLE_STATUS = {
     "aam explore": 0, "pose synth": 0, "plate synth": 0, "sfm synth": 0, "ar marker-sheet": 0, "ar synth": 0, "models list": 0,
     "models info": 0, "people list": 1, "people forget": 1, "people export": 1, "people train": 1, "people show": 1,
-    "models verify": 0, "models remove": 1, "doctor": 0,
+    "models verify": 0, "models remove": 1, "doctor": 0, "plate watch add": 0,
 }
 
 # These work without any file: what they draw is small here, where the example does not say how large.
@@ -279,7 +284,7 @@ def check_missing(verb):
 
 
 # Flags of these names that are not read by the run of VALID.
-NO_FILE = {("landmarks train tracker", "--head"), ("plate train-reader", "--detector"), ("pose track", "--appearance")}
+NO_FILE = {("plate log", "--detector"), ("plate log", "--reader"), ("landmarks train tracker", "--head"), ("plate train-reader", "--detector"), ("pose track", "--appearance")}
 
 
 def check_json_and_quiet(verb):
@@ -381,7 +386,8 @@ INTERRUPTED = {
 }
 # These end by themselves within a moment: nothing in them grows with what they are given, or as fast as files are read.
 SHORT = {"landmarks annotate", "landmarks import", "landmarks show", "landmarks train shape", "aam explore", "pose solve", "people list",
-         "people show", "people forget", "people export", "plate log", "sfm eval", "ar marker-sheet", "models list", "models info",
+         "people show", "people forget", "people export", "plate log",
+         "plate watch add", "plate watch remove", "plate watch list", "plate watch test", "sfm eval", "ar marker-sheet", "models list", "models info",
          "models verify", "models import", "models install", "models remove", "doctor"}
 # What may pass from SIGINT to the end: processor time. Each runs with one thread, so on an idle machine it is the time that a
 # user waits. A slower machine, or one whose cores and memory others use too, may take as much longer as it takes for VERIFY_CPU.
@@ -551,6 +557,8 @@ def make_inputs_here():
     result = run(["plate", "read", "cars/images", "--log", "plates.db", "-o", "none", "--quiet"])
     if result.status not in (0, 1):
         sys.exit(f"cannot make a log of plates: {result}")
+    with open("watch.csv", "w") as file:
+        file.write("plate,label\n2471KFD,Ann\n")
     cube = [(x, y, z) for z in (0, 10) for y in (0, 10) for x in (0, 10)]
     with open("cube.txt", "w") as file:
         file.writelines(f"{x} {y} {z}\n" for x, y, z in cube)

@@ -14,8 +14,8 @@ env_run() { # env_run VARIABLES.. -- ARGUMENTS..
 
 env_run -u DISPLAY -u WAYLAND_DISPLAY -u TARSIER_MODELS -- doctor
 expect_status 0
-expect_out '^program$' '^machine$' '^cameras$' '^display$' '^data$' 'OpenCV +4\.' 'vectors' 'cores' 'memory' \
-  'temp folder' 'picam:' 'sample images' 'Ready: no problems'
+expect_out '^program$' '^machine$' '^cameras$' '^display$' '^data$' '^network$' 'OpenCV +4\.' 'vectors' 'cores' 'memory' \
+  'temp folder' 'picam:' 'sample images' ' MQTT ' ' mosquitto ' 'Ready: no problems'
 expect_no_err
 grep -q $'\033' stdout.txt && fail "colours though stdout is no terminal"
 grep -qE 'DISPLAY' stdout.txt || fail "a machine without display is not told so"

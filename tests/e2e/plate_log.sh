@@ -63,7 +63,7 @@ assert [r["text"] for r in rows] == ["9999ZZZ", "M1204AB", "1254BCF", "1234BCD"]
 assert rows[3]["source"] == "old, gate" and rows[3]["confidence"] == "0.9000" and rows[3]["w"] == "3"
 PY
 run plate log plates.db --csv -
-expect_out '^id,first_time,.*,state$' '^1,.*,"old, gate",1234BCD,'
+expect_out '^id,first_time,.*,state,corrected,author,corrected_time$' '^1,.*,"old, gate",1234BCD,'
 run plate log plates.db --crops images --text '*BC*'
 expect_status 0
 [ "$(ls images)" = "$(printf '1-1234BCD.jpg\n2-1254BCF.jpg')" ] || fail "images: $(ls images)"

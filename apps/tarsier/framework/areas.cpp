@@ -19,7 +19,6 @@ constexpr const char* kHelp = R"(tarsier - classical computer vision on an ordin
   tarsier <area> <verb> [inputs] [flags]
 
 See what it does, then use your own images, then your camera:
-
   tarsier demo                                   a page of images: demo-out/index.html
   tarsier cartoon run photo.jpg -o drawn.png     an image becomes a cartoon
   tarsier landmarks track 0 --window             68 points of each face, live
@@ -38,6 +37,7 @@ Areas:
   ar marker-sheet|..       printed markers: sheets of them, and boards for calibrate
   models list|info|verify  the trained models that came with the program
   doctor                   what this machine has, and what to do about what it lacks
+  hub                      stores the events of many cameras from an MQTT broker
   demo                     runs every area once and makes a page of it
   serve                    the studio: all of it in a browser, on this machine
   bench NAME               how fast it is here
@@ -89,6 +89,7 @@ constexpr Area kAreas[] = {
     {"people", add_people},
     {"models", add_models},
     {"doctor", add_doctor},
+    {"hub", add_hub},
     {"demo", add_companion_demo},
     {"bench", add_companion_bench},
     {"serve", add_companion_serve},

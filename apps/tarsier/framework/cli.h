@@ -71,6 +71,7 @@ void add_calibrate(Command& app, Context& context);
 void add_ar(Command& app, Context& context);
 void add_models(Command& app, Context& context);
 void add_doctor(Command& app, Context& context);
+void add_hub(Command& app, Context& context);
 void add_help(Command& app, Context& context);  // hidden from --help
 
 // One of the programs that have this command line.

@@ -20,8 +20,8 @@ struct OnEventFlags {
   EventCommandOptions options;
 };
 
-// --on-event and --on-event-timeout. `when`: "at each new recognition".
-void add_on_event_flags(Command& verb, OnEventFlags& flags, const std::string& when);
+// --on-event, which is returned, and --on-event-timeout. `when`: "at each new recognition".
+Flag& add_on_event_flags(Command& verb, OnEventFlags& flags, const std::string& when);
 
 // The command of --on-event, if there is one. Posting never waits; see io/event_command.h.
 class OnEvent {

@@ -29,6 +29,7 @@ constexpr std::size_t kMaxReference = 1000;  // bytes
 // Numbers, switches, choices, words that the verb never takes for a path.
 constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--as",
+    "--at",
     "--algorithm",
     "--aligner-steps",
     "--angle-weight",
@@ -54,11 +55,14 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--connect-timeout",
     "--content",
     "--contrast",
+    "--correct",
     "--cost",
     "--count",
     "--country",
+    "--days",
     "--depth",
     "--detection",
+    "--direction",
     "--distance",
     "--distance-mm",
     "--downscale",
@@ -101,6 +105,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--held-out",
     "--hidden",
     "--hold-out",
+    "--hours",
     "--ids",
     "--ignore-exif",
     "--infrared",
@@ -253,6 +258,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--timings",
     "--to-the-right",
     "--tolerance",
+    "--tolerate",
     "--top",
     "--train",
     "--training",
@@ -262,6 +268,7 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
     "--tries",
     "--turned",
     "--turntable",
+    "--undo-correction",
     "--until",
     "--upsample",
     "--variance",
@@ -274,42 +281,50 @@ constexpr auto kValueFlags = std::to_array<std::string_view>({
 });
 
 // Names and notes, and what is compared with what was logged.
-constexpr auto kFreeTextFlags = std::to_array<std::string_view>(
-    {"--distance-between", "--name", "--names", "--note", "--source", "--terms", "--text"});
+constexpr auto kFreeTextFlags =
+    std::to_array<std::string_view>({"--distance-between", "--author", "--label", "--name",
+                                     "--names", "--note", "--source", "--terms", "--text"});
 
-constexpr auto kInputFlags =
-    std::to_array<std::string_view>({"--appearance",    "--camera-file", "--compare",
-                                     "--countries-dir", "--detector",    "--head",
-                                     "--image",         "--images",      "--learn-background",
-                                     "--list",          "--mapping",     "--mesh",
-                                     "--model",         "--object",      "--on",
-                                     "--image",         "--pointing",    "--points",
-                                     "--reader",        "--results",     "--scenes",
-                                     "--target",        "--truth",       "--view",
-                                     "--without"});
+constexpr auto kInputFlags = std::to_array<std::string_view>(
+    {"--appearance", "--camera-file", "--compare",  "--countries-dir", "--detector",
+     "--from",       "--head",        "--image",    "--images",        "--learn-background",
+     "--list",       "--mapping",     "--mesh",     "--model",         "--object",
+     "--on",         "--image",       "--pointing", "--points",        "--reader",
+     "--results",    "--scenes",      "--target",   "--truth",         "--view",
+     "--without"});
 
 constexpr auto kWordOrInputFlags = std::to_array<std::string_view>(
     {"--align", "--background", "--camera", "--face-detector", "--pairs"});
 
 constexpr auto kOutputFlags = std::to_array<std::string_view>(
-    {"--cmc", "--convergence", "--crops", "--csv", "--debug-dir", "--grid", "--online-view",
-     "--output", "--roc", "--save-dir", "--undistorted"});
+    {"--cmc", "--convergence", "--crops", "--csv", "--corrections", "--debug-dir", "--grid",
+     "--online-view", "--output", "--roc", "--save-dir", "--undistorted"});
 
-constexpr auto kStateFlags = std::to_array<std::string_view>({"--gallery", "--log"});
+constexpr auto kStateFlags = std::to_array<std::string_view>({"--gallery", "--log", "--watch"});
 
 constexpr auto kServerFlags = std::to_array<std::string_view>(
     {"--fullscreen", "--json", "--progress", "--quiet", "--window", "--yes"});
 
 constexpr auto kRefusedFlags = std::to_array<std::string_view>({
-    "--actions",           // reads stdin
-    "--ca-file",           // whom sources trust is decided where they are allowed
-    "--config",            // may hold any flag
-    "--insecure",          // as --ca-file
-    "--listen-all",        // opens the network
-    "--models-dir",        // any folder
+    "--actions",       // reads stdin
+    "--ca-file",       // whom sources trust is decided where they are allowed
+    "--config",        // may hold any flag
+    "--insecure",      // as --ca-file
+    "--listen-all",    // opens the network
+    "--models-dir",    // any folder
+    "--mqtt-ca-file",  // of --publish
+    "--mqtt-cert",
+    "--mqtt-key",
+    "--mqtt-password-file",
+    "--mqtt-user",
+    "--homeassistant",
+    "--outbox",
+    "--outbox-events",
+    "--publish",           // speaks to other machines
     "--own-dir",           // as --models-dir
     "--on-event",          // runs a program
     "--on-event-timeout",  // of that
+    "--on-watch",          // of that
     "--token",             // of a server that is not started
     "--token-file",        // any file
 });
@@ -317,6 +332,7 @@ constexpr auto kRefusedFlags = std::to_array<std::string_view>({
 // Verbs that no page starts, whatever their flags.
 constexpr auto kRefusedVerbs = std::to_array<std::string_view>({
     "serve",          // this server
+    "hub",            // speaks to other machines
     "demo",           // its page is made of files that a browser would run
     "models import",  // writes where all programs of this user look for models
 });
@@ -372,6 +388,13 @@ constexpr auto kInputExceptions = std::to_array<InputException>({
     {"models verify", "NAME", InputKind::kValue},
     {"ar synth", "what", InputKind::kValue},
     {"plate log", "LOG", InputKind::kState},
+    {"plate watch add", "LIST", InputKind::kState},
+    {"plate watch add", "PLATE", InputKind::kValue},
+    {"plate watch list", "LIST", InputKind::kState},
+    {"plate watch remove", "LIST", InputKind::kState},
+    {"plate watch remove", "PLATE", InputKind::kValue},
+    {"plate watch test", "LIST", InputKind::kState},
+    {"plate watch test", "TEXT", InputKind::kValue},
 });
 constexpr auto kFileInputs = std::to_array<std::string_view>(
     {"INPUT", "SET", "DATA", "MODEL", "FILE", "LIST", "truth", "image"});
@@ -384,7 +407,8 @@ struct DefaultState {
 constexpr auto kDefaultStates = std::to_array<DefaultState>({{"--gallery", "ws:gallery"}});
 
 // Files that several verbs go on with: no output may take their place.
-constexpr auto kSharedState = std::to_array<std::string_view>({"gallery", "plates.db"});
+constexpr auto kSharedState =
+    std::to_array<std::string_view>({"gallery", "plates.db", "watch.csv"});
 
 // What the audit log tells.
 struct Audited {
@@ -402,7 +426,12 @@ constexpr auto kAudited = std::to_array<Audited>({
     {"models install", "", "model install"},
     {"models remove", "", "model remove"},
     {"plate log", "--csv", "export"},
+    {"plate watch add", "", "watch"},
+    {"plate watch remove", "", "watch"},
     {"plate log", "--crops", "export"},
+    {"plate log", "--corrections", "export"},
+    {"plate log", "--correct", "correct"},
+    {"plate log", "--undo-correction", "correct"},
 });
 
 // ---- Reading a request ----------------------------------------------------------------------

@@ -2,16 +2,23 @@
 #include "tarsier/core/log.h"
 
 #include "tarsier/core/stop.h"
+#include "tarsier/core/words.h"
 #include "tarsier/media/atomic_file.h"
+#include "tarsier/media/image_file.h"
+#include "tarsier/plate/reader/reader.h"
+#include "tarsier/plate/text/symbol_labels.h"
 #include "tarsier/plate/text/text.h"
 #include "tarsier/plate/tracking/log.h"
+#include "tarsier/plate/tracking/watch.h"
 
 #include <fmt/format.h>
 
 #include "verbs/plate/plate.h"
 #include <fcntl.h>
+#include <limits>
 #include <memory>
 #include <optional>
+#include <pwd.h>
 #include <span>
 #include <string>
 #include <unistd.h>
@@ -36,6 +43,11 @@ struct LogFlags {
   std::string crops;
   std::string keep;
   const Flag* keep_flag = nullptr;
+  std::vector<std::string> correct;  // id and text
+  std::optional<int> undo;
+  std::string author;
+  std::string corrections;
+  plate::ReaderOptions reader;  // of --corrections
 };
 
 plate::LogFilter filter_of(const LogFlags& flags) {
@@ -58,15 +70,23 @@ plate::LogFilter filter_of(const LogFlags& flags) {
 
 std::string line_of(const LoggedPlate& plate) {
   const auto seconds = std::chrono::round<std::chrono::seconds>(plate.last_time - plate.first_time);
-  return fmt::format("{}  {:<10} {:>4.0f} %  {:>6} s  {:>5} frames  {}\n",
+  const std::string corrected =
+      plate.correction ? fmt::format("  corrected: {} ({})", printable(plate.correction->text),
+                                     printable(plate.correction->author))
+                       : std::string();
+  return fmt::format("{}  {:<10} {:>4.0f} %  {:>6} s  {:>5} frames  {}{}\n",
                      plate::moment_text(plate.first_time).substr(0, 19), printable(plate.text),
-                     100 * plate.confidence, seconds.count(), plate.frames,
-                     printable(plate.source));
+                     100 * plate.confidence, seconds.count(), plate.frames, printable(plate.source),
+                     corrected);
+}
+
+const std::string& text_of(const LoggedPlate& plate) {
+  return plate.correction ? plate.correction->text : plate.text;
 }
 
 // "12-1234BCD.jpg": nothing of what a hostile file holds can lead out of the folder.
 std::string crop_name(const LoggedPlate& plate) {
-  return fmt::format("{}-{}.jpg", plate.id, plate::plate_symbols(plate.text).substr(0, 20));
+  return fmt::format("{}-{}.jpg", plate.id, plate::plate_symbols(text_of(plate)).substr(0, 20));
 }
 
 // CSV as it comes, some lines at a time: into a file that is whole or not there, or to stdout.
@@ -163,7 +183,113 @@ ExitStatus forget_plates(const LogFlags& flags, const Context& context) {
   return ExitStatus::kDone;
 }
 
+// Who sits here, as the system calls them.
+std::string user_name() {
+  char buffer[1024];
+  ::passwd entry{};
+  ::passwd* found = nullptr;
+  if (::getpwuid_r(::getuid(), &entry, buffer, sizeof buffer, &found) == 0 && found != nullptr)
+    return found->pw_name;
+  return fmt::format("user {}", ::getuid());
+}
+
+// The entry `id` as it is now.
+void print_corrected(PlateLog& log, std::int64_t id, const Context& context) {
+  const std::optional<LoggedPlate> entry = log.entry(id);
+  if (!entry) return;
+  if (context.json) {
+    print_json(plate::logged_json(*entry, log.path()));
+  } else {
+    print_text(line_of(*entry));
+  }
+}
+
+ExitStatus correct_plate(const LogFlags& flags, const Context& context) {
+  const auto id = to_integer(flags.correct.at(0), 1, std::numeric_limits<std::int64_t>::max());
+  if (!id)
+    throw UsageError(fmt::format("--correct '{}': expected the id of an entry and its right text",
+                                 printable(flags.correct[0])));
+  plate::PlateCorrection correction;
+  correction.text = plate::plate_pattern(flags.correct.at(1), "--correct");
+  if (correction.text.find_first_of("*?") != std::string::npos)
+    throw UsageError(fmt::format("--correct '{}': expected letters and digits alone",
+                                 printable(flags.correct[1])));
+  correction.author =
+      flags.author.empty() ? user_name() : plate::checked_label(flags.author, "--author");
+  correction.time = plate::moment_now();
+  PlateLog log(flags.path, DatabaseAccess::kWrite);
+  log.correct(*id, correction);
+  print_corrected(log, *id, context);
+  return ExitStatus::kDone;
+}
+
+ExitStatus undo_correction(const LogFlags& flags, const Context& context) {
+  PlateLog log(flags.path, DatabaseAccess::kWrite);
+  const bool is_undone = log.undo_correction(*flags.undo);
+  if (!is_undone) log_info("entry {} has no correction", *flags.undo);
+  print_corrected(log, *flags.undo, context);
+  return is_undone ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+// Of a log's crop where its plate lies: as the recogniser finds it, or as the crop was cut.
+plate::Quad corners_in(const cv::Mat& crop, const plate::Recognizer& recognizer) {
+  const cv::Rect2f box(static_cast<float>(crop.cols) / 8, static_cast<float>(crop.rows) / 6,
+                       static_cast<float>(crop.cols) * 0.75F, static_cast<float>(crop.rows) / 1.5F);
+  const cv::Point2f middle(box.x + box.width / 2, box.y + box.height / 2);
+  for (const plate::Reading& reading : recognizer.read(crop)) {
+    if (reading.box.contains(middle) && static_cast<float>(reading.box.width) > box.width / 2)
+      return reading.corners;
+  }
+  return plate::quad_of(box);
+}
+
+// What train-reader learns from: the corrected plates cut out straight, with their characters.
+ExitStatus export_corrections(const LogFlags& flags, const Context& context) {
+  const plate::LogFilter filter = filter_of(flags);
+  PlateLog log(flags.path, DatabaseAccess::kRead);
+  const plate::Recognizer recognizer = plate::load_recognizer(ModelStore::find(), flags.reader);
+  make_folder(flags.corrections);
+  std::int64_t written = 0;
+  std::int64_t left_out = 0;
+  log.query(filter, [&](const LoggedPlate& plate) {
+    throw_if_stopped(context.stop);
+    if (!plate.correction) return true;
+    const std::string text = plate::plate_symbols(plate.correction->text).substr(0, 20);
+    std::optional<plate::TextCrop> cut;
+    if (plate.has_crop && !text.empty()) {
+      const cv::Mat crop =
+          decode_image(log.crop(plate.id), fmt::format("{}: entry {}", flags.path, plate.id));
+      cut = recognizer.cut_text(crop, corners_in(crop, recognizer), text);
+    }
+    if (!cut) {
+      ++left_out;
+      return true;
+    }
+    const std::string name = fmt::format("{:06}_log-{}", plate.id, text);
+    const std::string path = flags.corrections + "/" + name;
+    write_image(path + ".jpg", cut->image, 95);
+    write_file_atomically(path + ".txt",
+                          plate::symbol_labels_text(text, cut->boxes, cut->image.size()));
+    if (context.json) {
+      print_json(
+          {{"id", plate.id}, {"image", name + ".jpg"}, {"text", text}, {"read", plate.text}});
+    } else {
+      print_text(fmt::format("{}.jpg\n", path));
+    }
+    ++written;
+    return true;
+  });
+  log_info("{} corrected plates written to {}{}", written, flags.corrections,
+           left_out == 0 ? ""
+                         : fmt::format("; {} have no image, two rows, or a text that does not fit",
+                                       left_out));
+  return written > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
 ExitStatus run_log(const LogFlags& flags, const Context& context) {
+  if (!flags.correct.empty()) return correct_plate(flags, context);
+  if (flags.undo) return undo_correction(flags, context);
+  if (!flags.corrections.empty()) return export_corrections(flags, context);
   return flags.keep_flag->count() > 0 ? forget_plates(flags, context) : list_plates(flags, context);
 }
 
@@ -190,6 +316,36 @@ void add_flags(Command& verb, LogFlags& flags) {
                                "delete what was last in sight longer ago: 30d, 12h, 90m ..");
   for (Flag* flag : listing) keep.excludes(*flag);
   flags.keep_flag = &keep;
+  const auto group = [](Flag& flag) -> Flag& { return flag.group("Corrections"); };
+  Flag& correct = group(verb.add_option("--correct", flags.correct,
+                                        "id of an entry and its right text; what was read stays "
+                                        "beside it")
+                            .expected(2)
+                            .type_name("ID TEXT"));
+  Flag& undo = group(verb.add_option("--undo-correction", flags.undo,
+                                     "id of an entry whose last correction is taken back [none]")
+                         .check(at_least(1)));
+  group(verb.add_option("--author", flags.author, "who corrects [the name of this user]")
+            .needs(correct));
+  Flag& corrections = group(verb.add_option(
+      "--corrections", flags.corrections,
+      "write the corrected plates into this folder, as `plate train-reader` takes them"));
+  group(verb.add_option("--detector", flags.reader.detector_model,
+                        "model that finds their corners; default: what ships"))
+      .needs(corrections);
+  group(verb.add_option("--reader", flags.reader.reader_model,
+                        "model that finds their characters; default: what ships"))
+      .needs(corrections);
+  Flag* const works[] = {&keep, &correct, &undo, &corrections};
+  for (Flag* one : works) {
+    for (Flag* other : works) {
+      if (one < other) one->excludes(*other);
+    }
+  }
+  for (Flag* flag : listing) {
+    correct.excludes(*flag);
+    undo.excludes(*flag);
+  }
 }
 
 }  // namespace

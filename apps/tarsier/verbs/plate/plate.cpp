@@ -39,6 +39,7 @@ void add_plate(Command& app, Context& context) {
   add_plate_sweep(plate, context);
   add_plate_synth(plate, context);
   add_plate_log(plate, context);
+  add_plate_watch(plate, context);
 }
 
 }  // namespace tarsier::cli

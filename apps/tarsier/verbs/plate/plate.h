@@ -13,5 +13,6 @@ void add_plate_eval(Command& plate, Context& context);
 void add_plate_sweep(Command& plate, Context& context);
 void add_plate_synth(Command& plate, Context& context);
 void add_plate_log(Command& plate, Context& context);
+void add_plate_watch(Command& plate, Context& context);  // add, remove, list, test
 
 }  // namespace tarsier::cli

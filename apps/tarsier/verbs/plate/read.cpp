@@ -2,14 +2,17 @@
 #include "tarsier/core/log.h"
 #include "tarsier/media/still_source.h"
 #include "tarsier/plate/reader/video_reader.h"
+#include "tarsier/plate/tracking/log.h"
 #include "tarsier/plate/tracking/recorder.h"
 #include "tarsier/plate/tracking/source_clock.h"
+#include "tarsier/plate/tracking/watch.h"
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
 
 #include "framework/bind.h"
 #include "framework/on_event.h"
+#include "framework/publish.h"
 #include "framework/run_session.h"
 #include "ui/plate/plate_session.h"
 #include "verbs/plate/engine.h"
@@ -21,6 +24,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <sys/stat.h>
@@ -38,21 +42,33 @@ struct ReadFlags {
   std::string log;
   std::string start;
   OnEventFlags on_event;
+  std::string watch;
+  bool on_watch = false;
+  PublishFlags publish;
   bool events_only = false;
 };
 
-void print_reading(const Frame& frame, const plate::Reading& reading) {
-  print_text(fmt::format("{}: {} {:.2f}{}{} [{},{} {}x{}]\n", frame.name,
-                         reading.text.empty() ? "(unreadable)" : reading.text, reading.confidence,
-                         reading.country.empty() ? "" : " ", reading.country, reading.box.x,
-                         reading.box.y, reading.box.width, reading.box.height));
+std::string watched_text(const std::optional<plate::WatchMatch>& match) {
+  if (!match) return {};
+  const std::string& label = match->entry->label;
+  return fmt::format(" watched: {}{}{}", match->entry->plate, label.empty() ? "" : " ",
+                     printable(label));
 }
 
-void print_event(const plate::PlateEvent& event) {
-  print_text(fmt::format("{:.1f}-{:.1f} s: {} {:.2f}{}{} ({} {})\n", event.first_time,
+void print_reading(const Frame& frame, const plate::Reading& reading,
+                   const std::optional<plate::WatchMatch>& match) {
+  print_text(fmt::format("{}: {} {:.2f}{}{} [{},{} {}x{}]{}\n", frame.name,
+                         reading.text.empty() ? "(unreadable)" : reading.text, reading.confidence,
+                         reading.country.empty() ? "" : " ", reading.country, reading.box.x,
+                         reading.box.y, reading.box.width, reading.box.height,
+                         watched_text(match)));
+}
+
+void print_event(const plate::PlateEvent& event, const std::optional<plate::WatchMatch>& match) {
+  print_text(fmt::format("{:.1f}-{:.1f} s: {} {:.2f}{}{} ({} {}){}\n", event.first_time,
                          event.last_time, event.text, event.confidence,
                          event.country.empty() ? "" : " ", event.country, event.frames,
-                         event.frames == 1 ? "frame" : "frames"));
+                         event.frames == 1 ? "frame" : "frames", watched_text(match)));
 }
 
 // When a file was last written; nothing where there is none.
@@ -108,13 +124,16 @@ class Reports {
       : flags_(flags),
         context_(context),
         clock_(plate::system_clocks()),
-        on_event_(flags.on_event, context) {
+        on_event_(flags.on_event, context),
+        publisher_(make_publisher(flags.publish)) {
     if (!flags.start.empty()) {
       (void)plate::parse_moment(flags.start, plate::moment_now(), false, "--start");
       if (flags.run.inputs.size() > 1) throw UsageError("--start goes with one input");
     }
+    if (!flags.watch.empty()) watch_.emplace(flags.watch);
     if (flags.log.empty()) return;
     log_.emplace(flags.log);
+    past_.emplace(flags.log, DatabaseAccess::kRead);
     if (!plate::is_plausible(plate::moment_now())) {
       log_warning("the clock says {}: entries of {} are corrected when it is set",
                   plate::moment_text(plate::moment_now()), flags.log);
@@ -140,28 +159,45 @@ class Reports {
 
   void vehicle(const plate::PlateEvent& event) {
     if (log_) log_->record(event);
-    if (event.state == plate::PlateState::kUpdated) return;
-    if (on_event_) on_event_.post(event_json(event));
-    if (event.state != plate::PlateState::kClosed) return;
+    const auto match = match_of(event);
+    // What is learnt of a vehicle while it is in sight is said where it begins to match.
+    const bool is_new_match = match && !watched_.contains(event.id);
+    if (event.state == plate::PlateState::kUpdated && !is_new_match) return;
+    if (match) watched_.insert(event.id);
+    const bool is_watched = watched_.contains(event.id);
+    const bool is_closed = event.state == plate::PlateState::kClosed;
+    const bool is_over = is_closed || event.state == plate::PlateState::kWithdrawn;
+    if (is_over) watched_.erase(event.id);
+    const bool is_wanted = on_event_ && (is_watched || !flags_.on_watch);
+    if (!is_wanted && !is_closed && !publisher_) return;
+    const nlohmann::ordered_json line = line_of(event, match);
+    if (is_wanted) on_event_.post(line);
+    if (publisher_) publisher_->post(json_text(line));
+    if (!is_closed) return;
     found_ = true;
     if (context_.json)
-      print_json(event_json(event));
+      print_json(line);
     else
-      print_event(event);
+      print_event(event, match);
   }
 
   // A still has no vehicle that comes and goes: what is read in it is an event as it is.
   void still(const Frame& frame, const std::vector<plate::Reading>& readings) {
     const plate::Moment now = plate::moment_now();
     for (const plate::Reading& reading : readings) {
-      if (!context_.json) print_reading(frame, reading);
-      if (reading.text.empty() || (!log_ && !on_event_)) continue;
+      if (reading.text.empty() || (!log_ && !on_event_ && !watch_ && !publisher_)) {
+        if (!context_.json) print_reading(frame, reading, std::nullopt);
+        continue;
+      }
       plate::PlateEvent event = plate::event_of(reading, frame.image);
       event.id = -++stills_;  // none of the vehicles
       event.source = frame.name;
       event.first_seen = event.last_seen = std::min(modified(frame.name).value_or(now), now);
+      const auto match = match_of(event);
+      if (!context_.json) print_reading(frame, reading, match);
+      if (on_event_ && (match || !flags_.on_watch)) on_event_.post(line_of(event, match));
+      if (publisher_) publisher_->post(json_text(line_of(event, match)));
       if (log_) log_->record(event);
-      if (on_event_) on_event_.post(event_json(event));
     }
   }
 
@@ -173,19 +209,46 @@ class Reports {
   void finish(bool interrupted) {
     if (log_) log_->finish(interrupted ? kInterruptedPatience_s : kPatience_s);
     on_event_.finish();
+    if (publisher_)
+      publisher_->finish(interrupted ? kInterruptedPublish_s : flags_.publish.options.finish_s);
   }
 
   [[nodiscard]] bool found() const { return found_; }
 
  private:
+  std::optional<plate::WatchMatch> match_of(const plate::PlateEvent& event) {
+    if (!watch_ || event.state == plate::PlateState::kWithdrawn) return std::nullopt;
+    return watch_->current().find(event, plate::local_time(event.last_seen));
+  }
+
+  // The event, with what the list and the log say of it.
+  nlohmann::ordered_json line_of(const plate::PlateEvent& event,
+                                 const std::optional<plate::WatchMatch>& match) {
+    nlohmann::ordered_json line = event_json(event);
+    if (watch_) line["watch"] = match ? watch_json(*match) : nlohmann::ordered_json();
+    if (past_) {
+      try {
+        line["history"] = history_json(past_->history(event.text, event.first_seen), event);
+      } catch (const DatabaseLockedError&) {
+        line["history"] = nullptr;
+      }
+    }
+    return line;
+  }
+
   static constexpr double kPatience_s = 70;  // more than a lock is waited for
   static constexpr double kInterruptedPatience_s = 5;
+  static constexpr double kInterruptedPublish_s = 1;
 
   const ReadFlags& flags_;
   Context& context_;
   plate::SourceClock clock_;
   OnEvent on_event_;
+  std::unique_ptr<mqtt::Publisher> publisher_;
   std::optional<plate::PlateRecorder> log_;
+  std::optional<plate::PlateLog> past_;  // the same file
+  std::optional<plate::WatchFile> watch_;
+  std::set<std::int64_t> watched_;  // vehicles in sight that the list knows
   PlateSession* session_ = nullptr;
   std::string source_;
   bool was_synchronized_ = true;
@@ -248,7 +311,17 @@ void add_flags(Command& verb, ReadFlags& flags) {
       verb.add_option("--start", flags.start,
                       "when a video file begins: 2024-05-01T12:30 (UTC) [when it was last written, "
                       "less its length]"));
-  add_on_event_flags(verb, flags.on_event, "when a vehicle is opened, closed or withdrawn");
+  Flag& watch = verb.add_option("--watch", flags.watch,
+                                "list of plates that matter (`plate watch`): events say which "
+                                "entry matches; read again when it changes");
+  watch.group("Events");
+  Flag& command =
+      add_on_event_flags(verb, flags.on_event, "when a vehicle is opened, closed or withdrawn");
+  verb.add_flag("--on-watch", flags.on_watch, "--on-event only for vehicles of the --watch list")
+      .needs(watch)
+      .needs(command)
+      .group("Events");
+  add_publish_flags(verb, flags.publish);
 }
 
 }  // namespace

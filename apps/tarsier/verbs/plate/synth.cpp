@@ -2,6 +2,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/plate/text/symbol_labels.h"
 #include "tarsier/synth/glyphs.h"
 #include "tarsier/synth/noise.h"
 #include "tarsier/synth/street.h"
@@ -113,21 +114,18 @@ ExitStatus make_faces(const SynthFlags& flags, Context& context) {
     options.random_style = !flags.plain;
     options.infrared = flags.infrared;
     const synth::PlateFace face = synth::render_plate_face(*glyphs, options, rng);
-    std::string boxes;
-    const auto cols = static_cast<float>(face.image.cols);
-    const auto rows = static_cast<float>(face.image.rows);
+    std::string symbols;
+    std::vector<cv::Rect2f> boxes;
     for (const synth::PlateSymbol& symbol : face.symbols) {
-      boxes +=
-          fmt::format("{} {:.5f} {:.5f} {:.5f} {:.5f}\n", synth::kPlateSymbols.find(symbol.symbol),
-                      (symbol.box.x + symbol.box.width / 2 + 0.5F) / cols,
-                      (symbol.box.y + symbol.box.height / 2 + 0.5F) / rows, symbol.box.width / cols,
-                      symbol.box.height / rows);
+      symbols += symbol.symbol;
+      boxes.push_back(symbol.box);
     }
     std::string plain_kind = kind;
     std::erase(plain_kind, '-');
     const std::string name = fmt::format("{:05}_{}-{}", i, plain_kind, face.text);
     write_image((folder / (name + ".jpg")).string(), face.image, 92);
-    write_file_atomically((folder / (name + ".txt")).string(), boxes);
+    write_file_atomically((folder / (name + ".txt")).string(),
+                          plate::symbol_labels_text(symbols, boxes, face.image.size()));
     if (context.json)
       print_json(nlohmann::ordered_json{{"image", name + ".jpg"}, {"text", face.text}});
     context.progress->advance();

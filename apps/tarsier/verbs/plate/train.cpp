@@ -15,6 +15,7 @@
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -29,6 +30,7 @@ struct TrainFlags {
   std::string output;
   std::string detector;
   std::string countries;
+  std::string from;
   std::string pipeline = "default";
   std::string terms;
   plate::TrainingOptions options;
@@ -101,6 +103,11 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   if (flags.scenes.empty())
     throw UsageError("--scenes: images that the drawn plates are set into are needed");
   const ModelStore models = ModelStore::find();
+  std::optional<plate::ReaderModel> start;
+  if (!flags.from.empty()) {
+    const bool ships = flags.from.find_first_of("/.") == std::string::npos;
+    start = plate::read_reader_model(ships ? models.path(flags.from + ".json") : flags.from);
+  }
   plate::DetectorModel detector_model;
   if (flags.calibration > 0) {
     detector_model =
@@ -121,9 +128,11 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     split.train = std::move(crops);
   }
   plate::ReaderModel model;
-  model.line =
-      plate::train_line_reader(views, split.train, flags.options, *context.progress, context.stop);
+  if (start) model.calibration = start->calibration;
+  model.line = plate::train_line_reader(views, split.train, flags.options, *context.progress,
+                                        context.stop, start ? &start->line : nullptr);
   nlohmann::json learnt_from = provenance(flags, context);
+  if (start) learnt_from["from"] = fs::path(flags.from).filename().string();
   if (!split.test.empty()) {
     const plate::CharacterErrors errors = plate::test_line_reader(model.line, split.test);
     log_info("{} plates held out: {} of {} characters read wrong ({:.2f} %)", split.test.size(),
@@ -171,6 +180,10 @@ void add_reader_flags(Command& verb, TrainFlags& flags) {
       .type_name("");
   verb.add_option("--detector", flags.detector,
                   "model whose corners the confidence is fitted with; default: what ships");
+  verb.add_option(
+      "--from", flags.from,
+      "model to go on from (a file, or plate-reader: what ships), for one typeface more: some "
+      "hundred steps and a few labelled plates are enough");
   bind_field(verb, flags.options, flags.options.line_steps);
   verb.add_option("--calibration", flags.calibration,
                   "drawn plates that the confidence is fitted to; 0: not fitted")

@@ -6,6 +6,7 @@
 #include "tarsier/media/cameras.h"
 #include "tarsier/media/model_store.h"
 #include "tarsier/media/tls.h"
+#include "tarsier/mqtt/connection.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
@@ -403,6 +404,23 @@ void look_at_data(std::vector<Item>& items) {
   }
 }
 
+void look_at_mqtt(std::vector<Item>& items) {
+  std::string reason;
+  const std::string library = mqtt::library_version(reason);
+  const std::size_t colon = reason.find(": ");
+  items.push_back(
+      {"network", "MQTT", library.empty() ? Finding::kNote : Finding::kOk,
+       library.empty() ? reason.substr(0, colon) : "libmosquitto " + library,
+       library.empty() ? "for --publish and `tarsier hub`: " + reason.substr(colon + 2) : ""});
+  std::string broker = find_program_on_path("mosquitto");
+  if (broker.empty() && ::access("/usr/sbin/mosquitto", X_OK) == 0) broker = "/usr/sbin/mosquitto";
+  items.push_back({"network", "mosquitto", broker.empty() ? Finding::kNote : Finding::kOk,
+                   broker.empty() ? "no broker on this machine" : broker,
+                   broker.empty() ? "cameras may publish to another machine's; for one here: sudo "
+                                    "apt install mosquitto"
+                                  : ""});
+}
+
 // --- showing ---
 
 // `text` in lines of at most `width` characters, broken at spaces; all but the first begin with
@@ -507,6 +525,7 @@ ExitStatus examine(const Context& context) {
   look_at_cameras(items, cameras);
   look_at_display(items);
   look_at_data(items);
+  look_at_mqtt(items);
   if (context.json) {
     print_findings(items, cameras);
   } else {

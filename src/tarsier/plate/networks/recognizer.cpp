@@ -2,6 +2,7 @@
 #include "tarsier/plate/networks/recognizer.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/plate/text/ctc.h"
 
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
@@ -366,9 +367,7 @@ std::vector<Reading> Recognizer::read(const cv::Mat& image, DebugSink* debug, Ti
   return without_rivals(std::move(readings));
 }
 
-Reading Recognizer::read_at(const cv::Mat& image, const Quad& corners,
-                            std::array<double, 5>* features) const {
-  const cv::Mat gray = gray_of(image);
+Alignment Recognizer::align_at(const cv::Mat& gray, const Quad& corners) const {
   linalg::Workspace& workspace = kept_workspace(1);
   Alignment alignment;
   Quad now = corners;
@@ -380,6 +379,59 @@ Reading Recognizer::read_at(const cv::Mat& image, const Quad& corners,
     }
     now = alignment.plate;
   }
+  return alignment;
+}
+
+std::optional<TextCrop> Recognizer::cut_text(const cv::Mat& image, const Quad& corners,
+                                             const std::string& text) const {
+  constexpr float kDoubt = 0.2F;  // of a column that shows some character, for each of the text's
+  constexpr float kFill = 0.9F;   // of the room between two middles that the characters take
+  std::vector<int> classes;
+  for (const char symbol : text) classes.push_back(class_of(symbol));
+  TARSIER_REQUIRE(!text.empty() && *std::min_element(classes.begin(), classes.end()) >= 0,
+                  "the text '{}'", text);
+  const Alignment alignment = align_at(gray_of(image), corners);
+  if (alignment.two_rows > 0.5F) return std::nullopt;
+  const cv::Mat seen =
+      read_line(gray_of(image), alignment.text, kLineWidth, reader_.line, kept_workspace(2));
+  cv::Mat doubted = seen.clone();
+  for (int column = 0; column < seen.rows; ++column) {
+    const float character = 1 - seen.at<float>(column, kBlank);
+    for (const int symbol : classes) doubted.at<float>(column, symbol) += kDoubt * character;
+  }
+  doubted = cv::max(doubted, 1e-6F);
+  const auto spans = best_alignment(doubted, classes);
+  if (spans.size() != classes.size()) return std::nullopt;
+
+  TextCrop crop;
+  const auto height = std::clamp(mean_height(alignment.text), 12.0F, 160.0F);
+  const auto width = std::clamp(mean_width(alignment.text), 2 * height, 8 * height);
+  const float margin = height / 2;
+  const Quad line = quad_of(cv::Rect2f(margin, margin, width, height));
+  const cv::Size size(cvRound(width + 2 * margin), cvRound(height + 2 * margin));
+  cv::warpPerspective(image, crop.image, map_between(alignment.text, line), size, cv::INTER_LINEAR,
+                      cv::BORDER_REPLICATE);
+  // The network answers around each character's middle.
+  std::vector<float> middles;
+  for (const auto& [first, last] : spans) {
+    const float middle = 0.5F * (along(first, kLineWidth) + along(last, kLineWidth));
+    middles.push_back(margin + width * std::clamp(middle, 0.0F, 1.0F));
+  }
+  for (std::size_t k = 0; k < middles.size(); ++k) {
+    // The line's ends are those of the outer characters.
+    const float before = k == 0 ? 2 * (middles[0] - margin) : kFill * (middles[k] - middles[k - 1]);
+    const float after = k + 1 == middles.size() ? 2 * (margin + width - middles[k])
+                                                : kFill * (middles[k + 1] - middles[k]);
+    const float wide = std::max(2.0F, std::min(before, after));
+    crop.boxes.emplace_back(middles[k] - wide / 2, margin, wide, height);
+  }
+  return crop;
+}
+
+Reading Recognizer::read_at(const cv::Mat& image, const Quad& corners,
+                            std::array<double, 5>* features) const {
+  const cv::Mat gray = gray_of(image);
+  const Alignment alignment = align_at(gray, corners);
   return read_text(gray, alignment, kept_workspace(2), false, features);
 }
 

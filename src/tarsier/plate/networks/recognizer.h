@@ -11,6 +11,7 @@
 #include <opencv2/core.hpp>
 
 #include <array>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -60,6 +61,13 @@ struct RecognizerOptions {
   void check() const;
 };
 
+// A plate's line of text cut out straight, with a box around each character: what train-reader
+// takes.
+struct TextCrop {
+  cv::Mat image;                  // as the image it is of, the line's height as it was
+  std::vector<cv::Rect2f> boxes;  // px of `image`, in the order of the text
+};
+
 // What calibration is fitted to.
 [[nodiscard]] std::array<double, 5> calibration_features(double posterior, double min_character,
                                                          double plate_score, double height_px);
@@ -80,6 +88,13 @@ class Recognizer {
   [[nodiscard]] Reading read_at(const cv::Mat& image, const Quad& corners,
                                 std::array<double, 5>* features = nullptr) const;
 
+  // Where the characters of `text` (symbols of kAlphabet) lie in the plate at these corners, by the
+  // best alignment of that text with what the network sees, however badly it reads it: the boxes
+  // share the line as the characters' middles say. Nothing for a plate of two rows, or where the
+  // text does not fit.
+  [[nodiscard]] std::optional<TextCrop> cut_text(const cv::Mat& image, const Quad& corners,
+                                                 const std::string& text) const;
+
   [[nodiscard]] const ReaderModel& reader_model() const { return reader_; }
 
  private:
@@ -91,6 +106,8 @@ class Recognizer {
   [[nodiscard]] Reading read_text(const cv::Mat& gray, const Alignment& alignment,
                                   linalg::Workspace& workspace, bool once,
                                   std::array<double, 5>* features = nullptr) const;
+
+  [[nodiscard]] Alignment align_at(const cv::Mat& gray, const Quad& corners) const;
 
   DetectorModel detector_;
   ReaderModel reader_;

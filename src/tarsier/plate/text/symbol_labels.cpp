@@ -2,6 +2,7 @@
 #include "tarsier/plate/text/symbol_labels.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/require.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/plate/text/reading.h"
@@ -32,6 +33,22 @@ std::vector<SymbolLabel> parse_symbol_labels(std::string_view text, const std::s
     labels.push_back({static_cast<int>(*kind), box[0], box[1], box[2], box[3]});
   }
   return labels;
+}
+
+std::string symbol_labels_text(std::string_view text, const std::vector<cv::Rect2f>& boxes,
+                               cv::Size image) {
+  TARSIER_REQUIRE(text.size() == boxes.size(), "{} boxes of {} symbols", boxes.size(), text.size());
+  const auto cols = static_cast<float>(image.width);
+  const auto rows = static_cast<float>(image.height);
+  std::string lines;
+  for (std::size_t k = 0; k < boxes.size(); ++k) {
+    const cv::Rect2f& box = boxes[k];
+    lines +=
+        fmt::format("{} {:.5f} {:.5f} {:.5f} {:.5f}\n", class_of(text[k]),
+                    (box.x + box.width / 2 + 0.5F) / cols, (box.y + box.height / 2 + 0.5F) / rows,
+                    box.width / cols, box.height / rows);
+  }
+  return lines;
 }
 
 std::vector<SymbolLabel> read_symbol_labels(const std::string& path) {

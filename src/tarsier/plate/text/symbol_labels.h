@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <opencv2/core/types.hpp>
+
 #include <string>
 #include <string_view>
 #include <vector>
@@ -23,6 +25,10 @@ struct SymbolLabel {
 // the line.
 [[nodiscard]] std::vector<SymbolLabel> parse_symbol_labels(std::string_view text,
                                                            const std::string& name);
+// The lines of such a file: a box, px, for each symbol of `text` (of kAlphabet). Throws
+// std::invalid_argument for another number of boxes.
+[[nodiscard]] std::string symbol_labels_text(std::string_view text,
+                                             const std::vector<cv::Rect2f>& boxes, cv::Size image);
 // Of a file of at most 1 MB. Throws InputError.
 [[nodiscard]] std::vector<SymbolLabel> read_symbol_labels(const std::string& path);
 

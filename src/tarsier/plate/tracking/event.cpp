@@ -38,6 +38,53 @@ std::string_view name_of(PlateState state) {
   return "withdrawn";
 }
 
+std::string_view name_of(Direction direction) {
+  switch (direction) {
+    case Direction::kApproaching:
+      return "approaching";
+    case Direction::kReceding:
+      return "receding";
+    case Direction::kLeft:
+      return "left";
+    case Direction::kRight:
+      return "right";
+    case Direction::kUp:
+      return "up";
+    case Direction::kDown:
+      break;
+  }
+  return "down";
+}
+
+std::vector<Direction> directions_of(const PlateEvent& event) {
+  constexpr double kGrowth = 1.15;
+  constexpr double kWay = 0.5;  // of the plate's width
+  std::vector<Direction> directions;
+  const std::size_t count = event.readings.size();
+  if (count < 2) return directions;
+  const std::size_t quarter = std::max<std::size_t>(1, count / 4);
+  cv::Point2d centers[2];
+  double widths[2] = {0, 0};
+  for (int end = 0; end < 2; ++end) {
+    const std::size_t from = end == 0 ? 0 : count - quarter;
+    for (std::size_t k = from; k < from + quarter; ++k) {
+      const cv::Rect& box = event.readings[k].box;
+      centers[end] += cv::Point2d(box.x + 0.5 * box.width, box.y + 0.5 * box.height) /
+                      static_cast<double>(quarter);
+      widths[end] += box.width / static_cast<double>(quarter);
+    }
+  }
+  if (widths[0] < 1 || widths[1] < 1) return directions;
+  if (widths[1] >= kGrowth * widths[0]) directions.push_back(Direction::kApproaching);
+  if (widths[0] >= kGrowth * widths[1]) directions.push_back(Direction::kReceding);
+  const cv::Point2d way = (centers[1] - centers[0]) / (0.5 * (widths[0] + widths[1]));
+  if (way.x <= -kWay) directions.push_back(Direction::kLeft);
+  if (way.x >= kWay) directions.push_back(Direction::kRight);
+  if (way.y <= -kWay) directions.push_back(Direction::kUp);
+  if (way.y >= kWay) directions.push_back(Direction::kDown);
+  return directions;
+}
+
 cv::Mat plate_crop(const cv::Mat& image, const cv::Rect& box) {
   if (image.empty()) return {};
   const cv::Point margin{box.width / 6, box.height / 4};
@@ -113,7 +160,10 @@ ordered_json event_json(const PlateEvent& event) {
                   {{"frame", event.best_frame},
                    {"time", time_of(event.best_time)},
                    {"box", box_json(event.best_box)}}},
-                 {"readings", readings_json(event.readings)}});
+                 {"readings", readings_json(event.readings)},
+                 {"direction", ordered_json::array()}});
+  for (const Direction direction : directions_of(event))
+    object["direction"].push_back(name_of(direction));
   return object;
 }
 

@@ -6,6 +6,7 @@
 
 #include <opencv2/core/mat.hpp>
 
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <nlohmann/json.hpp>
@@ -59,6 +60,16 @@ struct PlateEvent {
   cv::Mat best_crop;  // CV_8UC3 or as the frames were; the box with a margin, 640 px wide at most
 };
 
+// How a vehicle moves, as the camera sees it: its plate becomes 15 % larger (it comes nearer) or
+// smaller, or goes by half its width to a side, up or down in the image.
+enum class Direction { kApproaching, kReceding, kLeft, kRight, kUp, kDown };
+inline constexpr std::array kDirections{Direction::kApproaching, Direction::kReceding,
+                                        Direction::kLeft,        Direction::kRight,
+                                        Direction::kUp,          Direction::kDown};
+[[nodiscard]] std::string_view name_of(Direction direction);  // "approaching", "left" ..
+// By the first and the last quarter of its readings; none of a vehicle that stands.
+[[nodiscard]] std::vector<Direction> directions_of(const PlateEvent& event);
+
 // An image's reading as an event of its own, at time 0, for logs.
 [[nodiscard]] PlateEvent event_of(const Reading& reading, const cv::Mat& image);
 
@@ -67,7 +78,7 @@ struct PlateEvent {
 
 // {"event":"plate","state","id","source","first_seen","last_seen","text","confidence","country","candidates":[{"text","confidence"}],
 // "first_time","last_time","frames","best":{"frame","time","box":[x,y,w,h]},"readings":[{"frame",
-// "time","text","confidence","box"}]}; times in seconds, to the millisecond; "first_seen" and
+// "time","text","confidence","box"}],"direction":["approaching" ..]}; times in seconds, to the millisecond; "first_seen" and
 // "last_seen" as ISO 8601, null where not known; "merged_into" where state is "withdrawn", id or
 // null.
 [[nodiscard]] nlohmann::ordered_json event_json(const PlateEvent& event);

@@ -72,8 +72,22 @@ WITH RECURSIVE piece(plate, t, n) AS (
   UNION ALL SELECT plate, t, n + 1 FROM piece WHERE n < length(t) - 2)
 INSERT OR IGNORE INTO plate_gram
   SELECT substr(t, n, 3) AS gram, plate FROM piece ORDER BY gram, plate;
+)sql",
+                          R"sql(
+CREATE TABLE plate_correction(
+  id INTEGER PRIMARY KEY AUTOINCREMENT,  -- of one plate the last counts
+  plate INTEGER NOT NULL,
+  text TEXT NOT NULL,           -- its pieces are in plate_gram as well
+  author TEXT NOT NULL,
+  time INTEGER NOT NULL         -- ms since 1970-01-01, UTC
+) STRICT;
+CREATE INDEX plate_correction_by_plate ON plate_correction(plate, id);
+CREATE INDEX plate_correction_by_text ON plate_correction(text);
 )sql"},
                          1};
+
+// Of the rows `c` of plate_correction those that count.
+constexpr const char* kLast = "c.id = (SELECT max(id) FROM plate_correction WHERE plate = c.plate)";
 
 constexpr std::size_t kGram = 3;
 constexpr std::size_t kMaxText = 64;  // characters that pieces are made of
@@ -216,6 +230,7 @@ LoggedPlate plate_at(const Statement& row) {
                 : open == 1 ? LoggedPlate::State::kOpen
                             : LoggedPlate::State::kInterrupted;
   plate.synchronized = row.integer(16) == 0;
+  if (!row.is_null(17)) plate.correction = {row.text(17), row.text(18), moment_of(row.integer(19))};
   return plate;
 }
 
@@ -277,22 +292,22 @@ nlohmann::ordered_json list_of(const std::string& text, const std::string& what,
 
 }  // namespace
 
-std::string plate_pattern(std::string_view text) {
+std::string plate_pattern(std::string_view text, std::string_view what) {
   std::string pattern;
   for (const char c : text) {
     if (c == ' ' || c == '-') continue;
     const char upper = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
     if (class_of(upper) < 0 && upper != '*' && upper != '?') {
       throw UsageError(
-          fmt::format("--text '{}': letters, digits, '*' (any characters) and '?' (any "
+          fmt::format("{} '{}': letters, digits, '*' (any characters) and '?' (any "
                       "one) are expected",
-                      printable(text)));
+                      what, printable(text)));
     }
     pattern += upper;
   }
   if (pattern.empty() || pattern.size() > 64) {
     throw UsageError(
-        fmt::format("--text '{}': one to 64 characters are expected", printable(text)));
+        fmt::format("{} '{}': one to 64 characters are expected", what, printable(text)));
   }
   return pattern;
 }
@@ -307,7 +322,9 @@ void ForgetOptions::check() const {
 }
 
 PlateLog::PlateLog(const std::string& path, DatabaseAccess access, int patience_ms)
-    : database_(path, kKind, access, patience_ms), indexed_(database_.version() >= 2) {}
+    : database_(path, kKind, access, patience_ms),
+      indexed_(database_.version() >= 2),
+      corrected_(database_.version() >= 3) {}
 
 std::int64_t PlateLog::append(const PlateEvent& event) {
   std::vector<std::uint8_t> crop;
@@ -386,6 +403,9 @@ std::int64_t PlateLog::put(const PlateEvent& event, std::int64_t id, std::int64_
   if (!before || *before != event.text) {
     if (before) remove_grams(id, *before);
     add_grams(id, event.text);
+    if (before) {
+      if (const auto corrected = correction_of(id)) add_grams(id, *corrected);
+    }
   }
   mark(event, id, run);
   return id;
@@ -432,8 +452,67 @@ void PlateLog::remove(std::int64_t id) {
     text = row.text(0);
   }
   remove_grams(id, text);
+  if (const auto corrected = correction_of(id)) {
+    remove_grams(id, *corrected);
+    Statement(database_, "DELETE FROM plate_correction WHERE plate = ?").bind(1, id).step();
+  }
   Statement(database_, "DELETE FROM plate_mark WHERE plate = ?").bind(1, id).step();
   Statement(database_, "DELETE FROM plate WHERE id = ?").bind(1, id).step();
+}
+
+std::string PlateLog::text_of(std::int64_t id) {
+  Statement row(database_, "SELECT text FROM plate WHERE id = ?");
+  if (!row.bind(1, id).step())
+    throw InputError(database_.path(), fmt::format("has no entry {}: `plate log --json` shows the "
+                                                   "ids",
+                                                   id));
+  return row.text(0);
+}
+
+std::optional<std::string> PlateLog::correction_of(std::int64_t id) {
+  Statement row(database_,
+                "SELECT text FROM plate_correction WHERE plate = ? ORDER BY id DESC LIMIT 1");
+  if (!row.bind(1, id).step()) return std::nullopt;
+  return row.text(0);
+}
+
+void PlateLog::correct(std::int64_t id, const PlateCorrection& correction) {
+  const bool is_plate = std::all_of(correction.text.begin(), correction.text.end(),
+                                    [](char c) { return class_of(c) >= 0; });
+  TARSIER_REQUIRE(is_plate && !correction.text.empty() && correction.text.size() <= kMaxText,
+                  "the text '{}'", printable(correction.text));
+  TARSIER_REQUIRE(
+      correction.author.size() <= 200 && correction.author.find('\n') == std::string::npos,
+      "an author of {} bytes", correction.author.size());
+  Transaction together(database_);
+  const std::string text = text_of(id);
+  if (const auto before = correction_of(id)) remove_grams(id, *before);
+  Statement(database_, "INSERT INTO plate_correction(plate, text, author, time) VALUES(?, ?, ?, ?)")
+      .bind(1, id)
+      .bind(2, std::string_view(correction.text))
+      .bind(3, std::string_view(correction.author))
+      .bind(4, number_of(correction.time))
+      .step();
+  add_grams(id, text);
+  add_grams(id, correction.text);
+  together.commit();
+}
+
+bool PlateLog::undo_correction(std::int64_t id) {
+  Transaction together(database_);
+  const std::string text = text_of(id);
+  const auto last = correction_of(id);
+  if (!last) return false;
+  remove_grams(id, *last);
+  Statement(database_,
+            "DELETE FROM plate_correction WHERE id = (SELECT max(id) FROM plate_correction WHERE "
+            "plate = ?)")
+      .bind(1, id)
+      .step();
+  add_grams(id, text);
+  if (const auto before = correction_of(id)) add_grams(id, *before);
+  together.commit();
+  return true;
 }
 
 void PlateLog::shift_unsynchronized(std::int64_t run, std::chrono::milliseconds by) {
@@ -469,11 +548,37 @@ std::vector<PlateLog::Found> PlateLog::find(const LogFilter& filter) {
       if (fitted) found.push_back({rows.integer(2), rows.integer(0)});
     }
   };
+  // The same search through what was read and through what it was corrected to; `column` is that
+  // of the text, `id` that of the plate.
+  const auto search = [&](const std::string& condition, const std::string& order,
+                          const std::function<void(Statement&)>& bind) {
+    const auto with = [&](std::string text, const std::string& column, const std::string& id) {
+      for (const auto& [name, value] : {std::pair{"{text}", column}, std::pair{"{id}", id}}) {
+        for (std::size_t at = text.find(name); at != std::string::npos; at = text.find(name))
+          text.replace(at, std::string_view(name).size(), value);
+      }
+      return text;
+    };
+    {
+      Statement rows(database_, "SELECT id, text, last_time FROM plate" +
+                                    with(condition, "text", "id") + with(order, "text", "id"));
+      bind(rows);
+      look(rows);
+    }
+    if (!corrected_) return;
+    Statement rows(database_,
+                   "SELECT p.id, c.text, p.last_time FROM plate_correction c JOIN plate p ON p.id "
+                   "= c.plate" +
+                       with(condition, "c.text", "c.plate") +
+                       (condition.empty() ? " WHERE " : " AND ") + kLast +
+                       with(order, "c.text", "c.plate"));
+    bind(rows);
+    look(rows);
+  };
   const std::string begin = pattern.substr(0, pattern.find_first_of("*?"));
   if (!filter.near && begin.size() == pattern.size()) {
-    Statement rows(database_, "SELECT id, text, last_time FROM plate WHERE text = ?");
-    rows.bind(1, std::string_view(pattern));
-    look(rows);
+    search(" WHERE {text} = ?1", "",
+           [&](Statement& rows) { rows.bind(1, std::string_view(pattern)); });
     return found;
   }
   const std::vector<std::string> pieces = filter.near ? halves_of(pattern) : pieces_of(pattern);
@@ -491,25 +596,42 @@ std::vector<PlateLog::Found> PlateLog::find(const LogFilter& filter) {
                    : fmt::format("SELECT plate FROM plate_gram WHERE gram >= ?{} AND gram < ?{}",
                                  2 * k + 1, 2 * k + 2);
     }
-    Statement rows(database_, "SELECT id, text, last_time FROM plate WHERE id IN (" + query + ")");
-    for (std::size_t k = 0; k < count; ++k) {
-      if (k > 0 && !filter.near && pieces[k].size() < kGram) break;
-      rows.bind(static_cast<int>(2 * k + 1), std::string_view(pieces[k]));
-      if (pieces[k].size() < kGram)
-        rows.bind(static_cast<int>(2 * k + 2), std::string_view(after(pieces[k])));
-    }
-    look(rows);
+    search(" WHERE {id} IN (" + query + ")", "", [&](Statement& rows) {
+      for (std::size_t k = 0; k < count; ++k) {
+        if (k > 0 && !filter.near && pieces[k].size() < kGram) break;
+        rows.bind(static_cast<int>(2 * k + 1), std::string_view(pieces[k]));
+        if (pieces[k].size() < kGram)
+          rows.bind(static_cast<int>(2 * k + 2), std::string_view(after(pieces[k])));
+      }
+    });
     return found;
   }
   if (!filter.near && !begin.empty()) {
-    Statement rows(database_, "SELECT id, text, last_time FROM plate WHERE text >= ? AND text < ?");
-    rows.bind(1, std::string_view(begin)).bind(2, std::string_view(after(begin)));
-    look(rows);
+    search(" WHERE {text} >= ?1 AND {text} < ?2", "", [&](Statement& rows) {
+      rows.bind(1, std::string_view(begin)).bind(2, std::string_view(after(begin)));
+    });
     return found;
   }
-  Statement rows(database_, "SELECT id, text, last_time FROM plate ORDER BY text");
-  look(rows);
+  search("", " ORDER BY {text}", [](Statement&) {});
   return found;
+}
+
+std::string PlateLog::columns() const {
+  return fmt::format(
+      "SELECT plate.id, first_time, last_time, source, plate.text, confidence, country, frames, x, "
+      "y, w, h, candidates, readings, crop IS NOT NULL, {}, {} FROM plate {} {} ",
+      indexed_ ? "coalesce(open, 0), coalesce(unsynced, 0)" : "0, 0",
+      corrected_ ? "c.text, c.author, c.time" : "NULL, NULL, NULL",
+      indexed_ ? "LEFT JOIN plate_mark ON plate_mark.plate = plate.id" : "",
+      corrected_ ? "LEFT JOIN plate_correction c ON c.id = (SELECT max(id) FROM plate_correction "
+                   "WHERE plate = plate.id)"
+                 : "");
+}
+
+std::optional<LoggedPlate> PlateLog::entry(std::int64_t id) {
+  Statement row(database_, columns() + "WHERE plate.id = ?");
+  if (!row.bind(1, id).step()) return std::nullopt;
+  return plate_at(row);
 }
 
 std::int64_t PlateLog::query(const LogFilter& filter,
@@ -517,11 +639,7 @@ std::int64_t PlateLog::query(const LogFilter& filter,
   constexpr std::int64_t kFarthest = std::numeric_limits<std::int64_t>::max();
   const std::int64_t since = filter.since ? number_of(*filter.since) : -kFarthest;
   const std::int64_t until = filter.until ? number_of(*filter.until) : kFarthest;
-  const std::string columns = fmt::format(
-      "SELECT id, first_time, last_time, source, text, confidence, country, frames, x, y, w, h, "
-      "candidates, readings, crop IS NOT NULL, {} FROM plate {} ",
-      indexed_ ? "coalesce(open, 0), coalesce(unsynced, 0)" : "0, 0",
-      indexed_ ? "LEFT JOIN plate_mark ON plate_mark.plate = plate.id" : "");
+  const std::string selected = columns();
   const std::string wanted = "last_time >= ?1 AND first_time <= ?2 AND (?3 = '' OR source = ?3) ";
   const auto bind = [&](Statement& rows) {
     rows.bind(1, since).bind(2, until).bind(3, std::string_view(filter.source));
@@ -529,7 +647,8 @@ std::int64_t PlateLog::query(const LogFilter& filter,
   std::int64_t taken = 0;
   const auto is_enough = [&] { return filter.limit > 0 && taken >= filter.limit; };
   if (filter.text.empty()) {
-    Statement rows(database_, columns + "WHERE " + wanted + "ORDER BY last_time DESC, id DESC");
+    Statement rows(database_,
+                   selected + "WHERE " + wanted + "ORDER BY last_time DESC, plate.id DESC");
     bind(rows);
     while (!is_enough() && rows.step()) {
       ++taken;
@@ -543,7 +662,11 @@ std::int64_t PlateLog::query(const LogFilter& filter,
   std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) {
     return a.last_time != b.last_time ? a.last_time > b.last_time : a.id > b.id;
   });
-  Statement row(database_, columns + "WHERE id = ?4 AND " + wanted);
+  // Both of its texts may fit.
+  found.erase(std::unique(found.begin(), found.end(),
+                          [](const Found& a, const Found& b) { return a.id == b.id; }),
+              found.end());
+  Statement row(database_, selected + "WHERE plate.id = ?4 AND " + wanted);
   for (const Found& entry : found) {
     if (is_enough()) break;
     bind(row);
@@ -567,6 +690,28 @@ std::vector<std::uint8_t> PlateLog::crop(std::int64_t id) {
 std::int64_t PlateLog::count() {
   Statement row(database_, "SELECT count(*) FROM plate");
   return row.step() ? row.integer(0) : 0;
+}
+
+PlateHistory PlateLog::history(const std::string& text, Moment moment) {
+  const std::string query =
+      corrected_
+          ? fmt::format(
+                "SELECT count(*), min(first_time), max(last_time) FROM plate WHERE "
+                "last_time < ?2 AND id IN (SELECT id FROM plate p WHERE p.text = ?1 AND "
+                "NOT EXISTS (SELECT 1 FROM plate_correction c WHERE c.plate = p.id AND "
+                "c.text <> ?1 AND {0}) UNION SELECT c.plate FROM plate_correction c WHERE "
+                "c.text = ?1 AND {0})",
+                kLast)
+          : "SELECT count(*), min(first_time), max(last_time) FROM plate WHERE text = ?1 AND "
+            "last_time < ?2";
+  Statement row(database_, query);
+  row.bind(1, std::string_view(text)).bind(2, number_of(moment));
+  PlateHistory history;
+  if (!row.step() || row.integer(0) == 0) return history;
+  history.visits = row.integer(0);
+  history.first_time = moment_of(row.integer(1));
+  history.last_time = moment_of(row.integer(2));
+  return history;
 }
 
 std::int64_t PlateLog::forget(Moment now, std::chrono::milliseconds age,
@@ -667,14 +812,31 @@ nlohmann::ordered_json logged_json(const LoggedPlate& plate, const std::string& 
       {"candidates", list_of(plate.candidates, what + "candidates", path)},
       {"readings", list_of(plate.readings, what + "readings", path)},
       {"crop", plate.has_crop},
-      {"state", name_of(plate.state)}};
+      {"state", name_of(plate.state)},
+      {"correction", nullptr}};
+  if (plate.correction) {
+    object["correction"] = {{"text", plate.correction->text},
+                            {"author", plate.correction->author},
+                            {"time", moment_text(plate.correction->time)}};
+  }
   if (!plate.synchronized) object["clock"] = "unsynchronized";
   return object;
 }
 
+nlohmann::ordered_json history_json(const PlateHistory& history, const PlateEvent& event) {
+  const auto seen = [&](Moment moment) {
+    return history.visits == 0 ? nlohmann::ordered_json()
+                               : nlohmann::ordered_json(moment_text(moment));
+  };
+  return {{"seen_before", history.visits},
+          {"first_time", seen(history.first_time)},
+          {"last_time", seen(history.last_time)},
+          {"dwell", static_cast<double>((event.last_seen - event.first_seen).count()) / 1000}};
+}
+
 std::string logged_csv_header() {
   return csv_line({"id", "first_time", "last_time", "source", "text", "confidence", "country",
-                   "frames", "x", "y", "w", "h", "state"});
+                   "frames", "x", "y", "w", "h", "state", "corrected", "author", "corrected_time"});
 }
 
 std::string logged_csv_line(const LoggedPlate& plate) {
@@ -683,7 +845,10 @@ std::string logged_csv_line(const LoggedPlate& plate) {
                    fmt::format("{:.4f}", plate.confidence), plate.country,
                    fmt::format("{}", plate.frames), fmt::format("{}", plate.box.x),
                    fmt::format("{}", plate.box.y), fmt::format("{}", plate.box.width),
-                   fmt::format("{}", plate.box.height), std::string(name_of(plate.state))});
+                   fmt::format("{}", plate.box.height), std::string(name_of(plate.state)),
+                   plate.correction ? plate.correction->text : "",
+                   plate.correction ? plate.correction->author : "",
+                   plate.correction ? moment_text(plate.correction->time) : ""});
 }
 
 }  // namespace tarsier::plate

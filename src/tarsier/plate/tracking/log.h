@@ -17,6 +17,13 @@
 
 namespace tarsier::plate {
 
+// What somebody said of an entry later on; its first reading stays beside it.
+struct PlateCorrection {
+  std::string text;    // symbols of kAlphabet only
+  std::string author;  // who said so
+  Moment time;         // when
+};
+
 // A log's entry, without its image.
 struct LoggedPlate {
   std::int64_t id = 0;
@@ -35,6 +42,7 @@ struct LoggedPlate {
   // kInterrupted: that it has died was seen by the next one; the vehicle may have stayed longer.
   enum class State { kClosed, kOpen, kInterrupted } state = State::kClosed;
   bool synchronized = true;  // false: the clock was not known to be right
+  std::optional<PlateCorrection> correction;
 };
 
 struct LogFilter {
@@ -46,12 +54,19 @@ struct LogFilter {
   std::int64_t limit = 0;       // the newest so many; 0: all
 };
 
-// A pattern as people type it ("b-12?4*"), for LogFilter::text. Throws UsageError for what no plate
-// can hold.
-[[nodiscard]] std::string plate_pattern(std::string_view text);
+// A pattern as people type it ("b-12?4*"), for LogFilter::text. Throws UsageError naming `what`
+// for what no plate can hold.
+[[nodiscard]] std::string plate_pattern(std::string_view text, std::string_view what = "--text");
 
 // Whether a text matches a pattern of LogFilter.
 [[nodiscard]] bool matches(std::string_view pattern, std::string_view text, bool near);
+
+// What a log knows of a text before a moment.
+struct PlateHistory {
+  std::int64_t visits = 0;  // entries that had ended by then
+  Moment first_time;        // begin of the first and end of the last of them; where there is one
+  Moment last_time;
+};
 
 struct ForgetOptions {
   int batch = 500;  // entries of one transaction, 1..100000
@@ -63,7 +78,8 @@ struct ForgetOptions {
 
 // SQLite file of plates that were seen. Each entry is on the disk when the function that wrote it
 // returns. Errors as io/sqlite.h says (DatabaseLockedError among them); after one the log can still
-// be used. Readers take version 1 as well, slowly: it becomes version 2 when it is next written to.
+// be used. Readers take versions 1 (slowly) and 2 as well: they become version 3 when they are next
+// written to.
 class PlateLog {
  public:
   explicit PlateLog(const std::string& path, DatabaseAccess access = DatabaseAccess::kCreate,
@@ -103,10 +119,23 @@ class PlateLog {
   // Calls take() with each entry, newest first, until it returns false. Returns how many.
   std::int64_t query(const LogFilter& filter, const std::function<bool(const LoggedPlate&)>& take);
 
+  // Says what the text of an entry is; searches find it by both texts. Corrections of an entry
+  // follow one another: the last one counts. Throws InputError where there is no such entry,
+  // std::invalid_argument for a text that is not 1..64 symbols of kAlphabet or an author that is
+  // not one line of at most 200 bytes.
+  void correct(std::int64_t id, const PlateCorrection& correction);
+  // Takes the last correction of an entry back; false: there is none. Throws as correct().
+  bool undo_correction(std::int64_t id);
+
+  [[nodiscard]] std::optional<LoggedPlate> entry(std::int64_t id);
+
   // JPEG bytes, empty where there is no image.
   [[nodiscard]] std::vector<std::uint8_t> crop(std::int64_t id);
 
   [[nodiscard]] std::int64_t count();
+
+  // The entries of this very text (as corrected, if they are) that ended before `moment`.
+  [[nodiscard]] PlateHistory history(const std::string& text, Moment moment);
 
   // Deletes what was last in sight longer than `age` before `now`, with its images, a batch at a
   // time, and gives the room back to the disk. Returns how many entries that were. An entry that
@@ -121,22 +150,32 @@ class PlateLog {
     std::int64_t id = 0;
   };
   [[nodiscard]] std::vector<Found> find(const LogFilter& filter);
+  [[nodiscard]] std::string columns() const;  // of plate_at(), and where from
   void add_grams(std::int64_t id, const std::string& text);
   void remove_grams(std::int64_t id, const std::string& text);
   void mark(const PlateEvent& event, std::int64_t id, std::int64_t run);
+  [[nodiscard]] std::string text_of(std::int64_t id);  // as it was read; throws InputError
+  // The text of the last correction, if there is one.
+  [[nodiscard]] std::optional<std::string> correction_of(std::int64_t id);
 
   Database database_;
-  bool indexed_ = false;  // version 2
+  bool indexed_ = false;    // version 2
+  bool corrected_ = false;  // version 3
 };
 
 // {"id","text","confidence","country","source","first_time","last_time","frames","box","candidates",
-// "readings","crop","state"}: times as ISO 8601, crop true or false, state "closed", "open" or
-// "interrupted"; and "clock":"unsynchronized" where that is so. Throws InputError(path) where a
+// "readings","crop","state","correction"}: times as ISO 8601, crop true or false, state "closed",
+// "open" or "interrupted", correction null or {"text","author","time"}; and "clock":"unsynchronized" where that is so. Throws InputError(path) where a
 // hostile file holds no JSON.
 [[nodiscard]] nlohmann::ordered_json logged_json(const LoggedPlate& plate, const std::string& path);
 
+// {"seen_before","first_time","last_time","dwell"}: how often it was there before, from when to when
+// (ISO 8601, null where never), and how long it is there now, s.
+[[nodiscard]] nlohmann::ordered_json history_json(const PlateHistory& history,
+                                                  const PlateEvent& event);
+
 // Header and lines of the CSV form: id, first_time, last_time, source, text, confidence, country,
-// frames, x, y, w, h, state.
+// frames, x, y, w, h, state, corrected, author, corrected_time.
 [[nodiscard]] std::string logged_csv_header();
 [[nodiscard]] std::string logged_csv_line(const LoggedPlate& plate);
 

@@ -112,7 +112,7 @@ const DatabaseKind kFirstVersion{"Tarsier plate log",
                                   "NULL, y INTEGER NOT NULL, w INTEGER NOT NULL, h INTEGER NOT "
                                   "NULL, candidates TEXT NOT NULL, readings TEXT NOT NULL, crop "
                                   "BLOB) STRICT; CREATE INDEX plate_by_time ON plate(last_time);"}};
-const DatabaseKind kThisVersion{"Tarsier plate log", 0x54504C31, {"", ""}};
+const DatabaseKind kThisVersion{"Tarsier plate log", 0x54504C31, {"", "", ""}};
 
 class PlateLogTest : public FolderTest {
  protected:
@@ -160,7 +160,7 @@ TEST_F(PlateLogTest, EntriesComeBackWhole) {
   EXPECT_FALSE(object.contains("clock"));
   EXPECT_EQ(logged_csv_line(plates[0]),
             "2,2024-05-01T12:01:00.000Z,2024-05-01T12:01:05.500Z,gate,5678FGH,0.8760,es,7,10,20,"
-            "30,40,closed\n");
+            "30,40,closed,,,\n");
   const cv::Mat crop = decode_image(log.crop(plates[0].id), "crop");
   EXPECT_EQ(crop.size(), cv::Size(80, 20));
   EXPECT_NEAR(crop.at<cv::Vec3b>(10, 40)[2], 200, 4);
@@ -432,6 +432,120 @@ TEST_F(PlateLogTest, AClockThatIsWrongDeletesNothingFresh) {
   });
   EXPECT_EQ(log.forget(at("2026-05-20"), month), 0);
   EXPECT_EQ(log.forget(at("2026-06-02"), month), 1);
+}
+
+PlateCorrection said(const std::string& text, const std::string& when = "2024-06-01T08:00") {
+  return {text, "Ann", at(when)};
+}
+
+TEST_F(PlateLogTest, CorrectionsStandBesideWhatWasRead) {
+  fill();
+  PlateLog log = open(DatabaseAccess::kWrite);
+  log.correct(2, said("5678FCH"));
+  std::optional<LoggedPlate> entry;
+  LogFilter filter;
+  filter.text = "5678FCH";
+  log.query(filter, [&](const LoggedPlate& plate) {
+    entry = plate;
+    return true;
+  });
+  ASSERT_TRUE(entry);
+  EXPECT_EQ(entry->text, "5678FGH");
+  ASSERT_TRUE(entry->correction);
+  EXPECT_EQ(entry->correction->text, "5678FCH");
+  EXPECT_EQ(logged_json(*entry, "log")["correction"].dump(),
+            R"({"text":"5678FCH","author":"Ann","time":"2024-06-01T08:00:00.000Z"})");
+  EXPECT_THAT(logged_csv_line(*entry), HasSubstr(",closed,5678FCH,Ann,2024-06-01T08:00:00.000Z"));
+}
+
+TEST_F(PlateLogTest, SearchesFindBothTextsOnce) {
+  fill();
+  PlateLog log = open(DatabaseAccess::kWrite);
+  log.correct(2, said("9876XYZ"));
+  for (const char* pattern :
+       {"5678FGH", "56*", "*78F*", "?6*GH", "*", "9876XYZ", "98*", "*76X*", "?8*YZ", "*6?YZ"}) {
+    LogFilter filter;
+    filter.text = pattern;
+    const std::vector<std::string> found = texts(log, filter);
+    EXPECT_EQ(std::count(found.begin(), found.end(), "5678FGH"), 1) << pattern;
+  }
+  LogFilter near;
+  near.near = true;
+  near.text = "987SXYZ";
+  EXPECT_THAT(texts(log, near), ElementsAre("5678FGH"));
+  near.text = "5678FGX";
+  EXPECT_THAT(texts(log, near), ElementsAre("5678FGH"));
+}
+
+TEST_F(PlateLogTest, CorrectionsAreTakenBackOneByOne) {
+  fill();
+  PlateLog log = open(DatabaseAccess::kWrite);
+  log.correct(2, said("9876XYZ"));
+  log.correct(2, said("5678XYZ"));
+  LogFilter filter;
+  filter.text = "*76X*";
+  EXPECT_THAT(texts(log, filter), IsEmpty());
+  EXPECT_TRUE(log.undo_correction(2));
+  EXPECT_THAT(texts(log, filter), ElementsAre("5678FGH"));
+  EXPECT_TRUE(log.undo_correction(2));
+  EXPECT_THAT(texts(log, filter), IsEmpty());
+  EXPECT_FALSE(log.undo_correction(2));
+  filter.text = "*78F*";  // pieces that both texts had are still there
+  EXPECT_THAT(texts(log, filter), ElementsAre("5678FGH"));
+  EXPECT_THROW(log.correct(99, said("1")), InputError);
+  EXPECT_THROW((void)log.undo_correction(99), InputError);
+  EXPECT_THROW(log.correct(2, said("b")), std::invalid_argument);
+  EXPECT_THROW(log.correct(2, said("")), std::invalid_argument);
+}
+
+TEST_F(PlateLogTest, WhatIsForgottenTakesItsCorrectionWithIt) {
+  fill();
+  PlateLog log = open(DatabaseAccess::kWrite);
+  log.correct(1, said("9876XYZ"));
+  log.remove(1);
+  Database raw(path("plates.db"), kThisVersion, DatabaseAccess::kRead);
+  for (const char* query : {"SELECT count(*) FROM plate_correction",
+                            "SELECT count(*) FROM plate_gram WHERE plate = 1"}) {
+    Statement rows(raw, query);
+    ASSERT_TRUE(rows.step());
+    EXPECT_EQ(rows.integer(0), 0) << query;
+  }
+}
+
+TEST_F(PlateLogTest, AnOpenEntryKeepsItsCorrection) {
+  PlateLog log = open();
+  PlateEvent event = event_of("1234BCD", 0, 1);
+  event.first_seen = event.last_seen = at("2024-05-01");
+  event.state = PlateState::kOpened;
+  const std::int64_t id = log.put(event, 0, 1, {});
+  log.correct(id, said("1284BCD"));
+  event.text = "1284BCO";
+  (void)log.put(event, id, 1, {});
+  LogFilter filter;
+  for (const char* pattern : {"*84BCD", "*84BCO"}) {
+    filter.text = pattern;
+    EXPECT_THAT(texts(log, filter), ElementsAre("1284BCO")) << pattern;
+  }
+}
+
+TEST_F(PlateLogTest, HistoryIsThatOfTheRightText) {
+  fill();
+  PlateLog log = open(DatabaseAccess::kWrite);
+  const Moment noon = at("2024-05-01T12:00");
+  add(log, event_of("1234BCD", 3600, 3700), "cam", noon);
+  const Moment later = at("2024-05-02");
+  EXPECT_EQ(log.history("1234BCD", noon).visits, 0);
+  PlateHistory history = log.history("1234BCD", later);
+  EXPECT_EQ(history.visits, 2);
+  EXPECT_EQ(history.first_time, noon);
+  EXPECT_EQ(history.last_time, at("2024-05-01T13:01:40"));
+  log.correct(1, said("5678FGH"));
+  EXPECT_EQ(log.history("1234BCD", later).visits, 1);
+  history = log.history("5678FGH", later);
+  EXPECT_EQ(history.visits, 2);
+  EXPECT_EQ(history.first_time, noon);
+  log.correct(2, said("5678FGH"));  // the same: read rightly
+  EXPECT_EQ(log.history("5678FGH", later).visits, 2);
 }
 
 }  // namespace

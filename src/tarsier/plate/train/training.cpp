@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/train/training.h"
 
+#include "tarsier/core/require.h"
 #include "tarsier/linalg/losses.h"
 #include "tarsier/linalg/trainer.h"
 
@@ -273,9 +274,9 @@ bool real_line(const LabelledCrop& crop, Rng& rng, cv::Mat& canvas, std::vector<
 
 void run_training(linalg::Network& network, int steps, double rate, std::uint64_t seed,
                   std::string_view stage, const linalg::MakeExample& make, const linalg::Loss& loss,
-                  Progress& progress, std::stop_token stop) {
+                  Progress& progress, std::stop_token stop, bool goes_on = false) {
   Rng rng(seed);
-  linalg::initialize(network, rng);
+  if (!goes_on) linalg::initialize(network, rng);
   linalg::TrainOptions options;
   options.steps = steps;
   options.rate = rate;
@@ -439,14 +440,26 @@ linalg::Network train_aligner(const ViewMaker& views, const TrainingOptions& opt
 
 linalg::Network train_line_reader(const ViewMaker& views, const std::vector<LabelledCrop>& crops,
                                   const TrainingOptions& options, Progress& progress,
-                                  std::stop_token stop) {
+                                  std::stop_token stop, const linalg::Network* start) {
+  constexpr double kRate = 2e-3;
+  constexpr double kRateOfStart = 5e-4;
   linalg::Network network = line_network();
+  if (start != nullptr) {
+    const linalg::Shape input{1, kLineHeight, kLineWidth};
+    TARSIER_REQUIRE(start->layers.size() == network.layers.size() &&
+                        start->parameters() == network.parameters() &&
+                        start->output(input) == network.output(input),
+                    "a network of {} layers and {} numbers", start->layers.size(),
+                    start->parameters());
+    network = *start;
+  }
   run_training(
-      network, options.line_steps, 2e-3, options.seed * 3 + 3, "line reader",
+      network, options.line_steps, start != nullptr ? kRateOfStart : kRate, options.seed * 3 + 3,
+      "line reader",
       [&](std::int64_t, Rng& rng, linalg::Example& example) {
         make_line_example(views, crops, rng, example.shape, example.input, example.target);
       },
-      line_loss, progress, stop);
+      line_loss, progress, stop, start != nullptr);
   return network;
 }
 

@@ -39,11 +39,14 @@ struct TrainingOptions {
                                                        const linalg::Network& detector);
 [[nodiscard]] linalg::Network train_aligner(const ViewMaker& views, const TrainingOptions& options,
                                             Progress& progress, std::stop_token stop);
-// `crops` may be empty: then from drawn plates alone.
+// `crops` may be empty: then from drawn plates alone. With `start`, a network of line_network()'s
+// layers, it goes on from there with smaller steps: what it can stays mostly as it is, and a few
+// crops and some hundred steps teach it a typeface. Throws std::invalid_argument for another one.
 [[nodiscard]] linalg::Network train_line_reader(const ViewMaker& views,
                                                 const std::vector<LabelledCrop>& crops,
                                                 const TrainingOptions& options, Progress& progress,
-                                                std::stop_token stop);
+                                                std::stop_token stop,
+                                                const linalg::Network* start = nullptr);
 
 // Fits Recognizer's confidence to how often it reads drawn plates right: logistic regression by
 // Newton's method with a little ridge, on `count` plates.

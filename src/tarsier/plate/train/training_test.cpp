@@ -2,13 +2,19 @@
 #include "tarsier/plate/train/training.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/plate/networks/recognizer.h"
+#include "tarsier/plate/text/country.h"
+#include "tarsier/plate/text/text.h"
+#include "tarsier/synth/glyphs.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
+#include <cstdio>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 
 namespace tarsier::plate {
@@ -140,6 +146,120 @@ TEST_F(Training, ImpossibleOptionsAreRefused) {
   TrainingOptions options;
   options.line_steps = 0;
   EXPECT_THROW(options.check(), std::invalid_argument);
+}
+
+// --- corrections ---
+
+// A typeface that no reader has learnt: leaning strokes with a gap across their middle, as stencils
+// leave it.
+std::shared_ptr<const synth::GlyphSet> stencil(const synth::GlyphSet& known) {
+  synth::GlyphSet::Typeface typeface = known.typefaces().front();
+  typeface.name = "stencil";
+  for (auto& weight : typeface.masks) {
+    for (cv::Mat& mask : weight) {
+      constexpr float kLean = 0.3F;
+      const int wide = mask.cols + cvRound(kLean * static_cast<float>(mask.rows));
+      const cv::Matx23f lean(1, -kLean, kLean * static_cast<float>(mask.rows), 0, 1, 0);
+      cv::Mat leaning;
+      cv::warpAffine(mask, leaning, lean, {wide, mask.rows});
+      const int gap = mask.rows / 5;
+      leaning.rowRange((mask.rows - gap) / 2, (mask.rows + gap) / 2).setTo(0);
+      cv::Mat ink;
+      cv::findNonZero(leaning > 60, ink);
+      mask = ink.empty() ? mask : leaning(cv::boundingRect(ink)).clone();
+    }
+  }
+  typeface.digit_aspect += 0.3;
+  return std::make_shared<const synth::GlyphSet>(std::vector{typeface, typeface});
+}
+
+// The crop that a log would hold of a plate, and where the plate lies in it.
+cv::Mat crop_of_log(const synth::GlyphSet& glyphs, Rng& rng, std::string& text, Quad& corners) {
+  synth::PlateFaceOptions options;
+  options.px_per_mm = 0.35F;
+  options.random_style = false;
+  const synth::PlateFace face = synth::render_plate_face(glyphs, options, rng);
+  text = face.text;
+  const cv::Point margin(face.image.cols / 6, face.image.rows / 4);
+  cv::Mat crop(face.image.rows + 2 * margin.y, face.image.cols + 2 * margin.x, CV_8UC3,
+               cv::Scalar(90, 95, 100));
+  const cv::Rect place(margin, face.image.size());
+  face.image.copyTo(crop(place));
+  cv::GaussianBlur(crop, crop, {}, 0.6);
+  corners = quad_of(cv::Rect2f(place));
+  return crop;
+}
+
+CharacterErrors errors_on(const Recognizer& recognizer, const synth::GlyphSet& glyphs) {
+  CharacterErrors errors;
+  for (std::uint64_t k = 0; k < 40; ++k) {
+    Rng rng = Rng(100).fork(k);
+    std::string text;
+    Quad corners;
+    const cv::Mat crop = crop_of_log(glyphs, rng, text, corners);
+    const std::string read = recognizer.read_at(crop, corners).text;
+    errors.characters += static_cast<int>(text.size());
+    errors.wrong += std::min(edit_distance(text, read), static_cast<int>(text.size()));
+  }
+  return errors;
+}
+
+TEST_F(Training, TenCorrectionsTeachATypeface) {
+  const std::string folder = TARSIER_SOURCE_MODELS;
+  const ReaderModel before = read_reader_model(folder + "/plate-reader.json");
+  const CountryChoice countries = choose_countries(read_countries(folder + "/countries"), {"es"});
+  const auto recognizer_of = [&](const ReaderModel& model) {
+    return Recognizer(read_detector_model(folder + "/plate-detector.json"), model, countries);
+  };
+  const Recognizer first = recognizer_of(before);
+  const auto unknown = stencil(*views_.glyphs);
+  std::vector<LabelledCrop> corrections;
+  for (std::uint64_t k = 0; k < 10; ++k) {
+    Rng rng = Rng(7).fork(k);
+    std::string text;
+    Quad corners;
+    const cv::Mat crop = crop_of_log(*unknown, rng, text, corners);
+    const std::optional<TextCrop> cut = first.cut_text(crop, corners, text);
+    ASSERT_TRUE(cut);
+    LabelledCrop labelled;
+    labelled.image = cut->image;
+    labelled.length = static_cast<int>(text.size());
+    for (std::size_t i = 0; i < text.size(); ++i)
+      labelled.symbols.push_back({text[i], cut->boxes[i], static_cast<int>(i)});
+    corrections.push_back(labelled);
+  }
+  TrainingOptions options;
+  options.line_steps = 60;
+  NoProgress progress;
+  ReaderModel after = before;
+  after.line = train_line_reader(views_, corrections, options, progress, {}, &before.line);
+  const Recognizer second = recognizer_of(after);
+  ReaderModel without = before;  // as long, from synthetic plates alone
+  without.line = train_line_reader(views_, {}, options, progress, {}, &before.line);
+
+  const CharacterErrors old_errors = errors_on(first, *unknown);
+  const CharacterErrors new_errors = errors_on(second, *unknown);
+  const CharacterErrors control = errors_on(recognizer_of(without), *unknown);
+  const CharacterErrors old_known = errors_on(first, *views_.glyphs);
+  const CharacterErrors new_known = errors_on(second, *views_.glyphs);
+  std::printf(
+      "characters wrong of %d: %d, after ten corrections %d, without them %d; of a known typeface "
+      "%d, %d\n",
+      old_errors.characters, old_errors.wrong, new_errors.wrong, control.wrong, old_known.wrong,
+      new_known.wrong);
+  EXPECT_GT(old_errors.wrong, 40);
+  EXPECT_LT(new_errors.wrong, old_errors.wrong / 2);
+  EXPECT_LT(new_errors.wrong, control.wrong / 2);
+  EXPECT_LE(new_known.wrong, old_known.wrong + 6);
+}
+
+TEST_F(Training, GoesOnFromAFittingNetworkAlone) {
+  TrainingOptions options;
+  options.line_steps = 1;
+  NoProgress progress;
+  const linalg::Network other = aligner_network();
+  EXPECT_THROW((void)train_line_reader(views_, {}, options, progress, {}, &other),
+               std::invalid_argument);
 }
 
 }  // namespace

@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/plate/tracking/watch.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/plate/tracking/log.h"
+
+#include <fmt/format.h>
+
+#include "verbs/plate/plate.h"
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <system_error>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+using plate::WatchEntry;
+using plate::WatchList;
+
+struct WatchFlags {
+  std::string list;
+  std::string plate;  // of `add` and `remove`
+  std::vector<std::string> texts;
+  std::string label;
+  double errors = WatchEntry::kDefaultErrors;
+  std::string direction;
+  std::string hours;
+  std::string days;
+  std::string at;
+};
+
+std::string or_any(const std::string& text) { return text.empty() ? "any" : text; }
+
+std::string line_of(const WatchEntry& entry) {
+  return fmt::format("{:<12} {:<20} errors {:<5g} {:<12} {:<14} {}\n", entry.plate,
+                     printable(entry.label), entry.errors,
+                     or_any(entry.direction ? std::string(name_of(*entry.direction)) : ""),
+                     or_any(plate::hours_text(entry.hours)), or_any(plate::days_text(entry.days)));
+}
+
+void print_entry(const WatchEntry& entry, const char* state, const Context& context) {
+  if (context.json) {
+    nlohmann::ordered_json line = plate::watch_entry_json(entry);
+    if (*state != '\0') line["state"] = state;
+    print_json(line);
+    return;
+  }
+  print_text((*state == '\0' ? "" : std::string(state) + ": ") + line_of(entry));
+}
+
+ExitStatus run_add(const WatchFlags& flags, const Context& context) {
+  WatchEntry entry;
+  entry.plate = plate::plate_pattern(flags.plate, "PLATE");
+  entry.label = plate::checked_label(flags.label, "--label");
+  entry.errors = flags.errors;
+  if (!flags.direction.empty())
+    entry.direction = plate::parse_direction(flags.direction, "--direction");
+  entry.hours = plate::parse_hours(flags.hours, "--hours");
+  entry.days = plate::parse_days(flags.days, "--days");
+  std::error_code error;
+  WatchList list;
+  if (std::filesystem::exists(flags.list, error) || error) list = WatchList::read(flags.list);
+  const bool replaced = list.add(entry);
+  list.write(flags.list);
+  print_entry(entry, replaced ? "changed" : "added", context);
+  return ExitStatus::kDone;
+}
+
+ExitStatus run_remove(const WatchFlags& flags, const Context& context) {
+  const std::string pattern = plate::plate_pattern(flags.plate, "PLATE");
+  WatchList list = WatchList::read(flags.list);
+  std::vector<WatchEntry> removed;
+  for (const WatchEntry& entry : list.entries()) {
+    if (entry.plate == pattern) removed.push_back(entry);
+  }
+  if (removed.empty()) {
+    log_info("{}: no entry for {}", flags.list, pattern);
+    return ExitStatus::kNothingFound;
+  }
+  while (list.remove(pattern)) {
+  }
+  list.write(flags.list);
+  for (const WatchEntry& entry : removed) print_entry(entry, "removed", context);
+  return ExitStatus::kDone;
+}
+
+ExitStatus run_list(const WatchFlags& flags, const Context& context) {
+  const WatchList list = WatchList::read(flags.list);
+  for (const WatchEntry& entry : list.entries()) print_entry(entry, "", context);
+  return list.entries().empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+ExitStatus run_test(const WatchFlags& flags, const Context& context) {
+  const WatchList list = WatchList::read(flags.list);
+  const plate::Moment now = plate::moment_now();
+  const plate::LocalTime when =
+      plate::local_time(flags.at.empty() ? now : plate::parse_moment(flags.at, now, false, "--at"));
+  std::vector<plate::Direction> directions;
+  if (!flags.direction.empty())
+    directions.push_back(plate::parse_direction(flags.direction, "--direction"));
+  bool found = false;
+  for (const std::string& given : flags.texts) {
+    const std::string text = plate::plate_pattern(given, "TEXT");
+    if (text.find_first_of("*?") != std::string::npos)
+      throw UsageError(
+          fmt::format("TEXT '{}': a text that a camera reads is expected, without "
+                      "'*' and '?'",
+                      printable(given)));
+    const auto matches = list.matches(text, when, directions.empty() ? nullptr : &directions);
+    found = found || !matches.empty();
+    if (context.json) {
+      nlohmann::ordered_json line{{"text", text}, {"watch", nlohmann::ordered_json::array()}};
+      for (const plate::WatchMatch& match : matches)
+        line["watch"].push_back(plate::watch_json(match));
+      print_json(line);
+      continue;
+    }
+    if (matches.empty()) print_text(fmt::format("{}: none\n", text));
+    for (const plate::WatchMatch& match : matches) {
+      print_text(fmt::format("{}: {} {:.2f} {}\n", text, match.entry->plate, match.distance,
+                             printable(match.entry->label)));
+    }
+  }
+  return found ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+void add_list_input(Command& verb, WatchFlags& flags, const char* help) {
+  verb.add_option("LIST", flags.list, help).required();
+}
+
+void add_add_flags(Command& verb, WatchFlags& flags) {
+  add_list_input(verb, flags, "the list's file; made where there is none");
+  verb.add_option("PLATE", flags.plate, "a text; * stands for any characters, ? for any one")
+      .required();
+  verb.add_option("--label", flags.label, "whose it is, why it matters");
+  verb.add_option("--tolerate", flags.errors,
+                  "reading errors: 1 for any edit, 0.25 or 0.5 for what the reader often confuses")
+      .check(range(0.0, WatchEntry::kMaxErrors))
+      .show_default();
+  std::vector<std::string> names;
+  for (const plate::Direction direction : plate::kDirections)
+    names.emplace_back(name_of(direction));
+  verb.add_option("--direction", flags.direction, "only vehicles that move so")
+      .check(one_of(names));
+  verb.add_option("--hours", flags.hours, "of this machine's clock: 22:00-06:00");
+  verb.add_option("--days", flags.days, "on which the hours begin: mon-fri, 'sat sun'");
+}
+
+void add_remove_flags(Command& verb, WatchFlags& flags) {
+  add_list_input(verb, flags, "the list's file");
+  verb.add_option("PLATE", flags.plate, "as the list has it").required();
+}
+
+void add_list_flags(Command& verb, WatchFlags& flags) {
+  add_list_input(verb, flags, "the list's file");
+}
+
+void add_test_flags(Command& verb, WatchFlags& flags) {
+  add_list_input(verb, flags, "the list's file");
+  verb.add_option("TEXT", flags.texts, "texts as a camera reads them").required();
+  verb.add_option("--at", flags.at, "when it is seen: 2024-05-01T12:30 (UTC) [now]");
+  std::vector<std::string> names;
+  for (const plate::Direction direction : plate::kDirections)
+    names.emplace_back(name_of(direction));
+  verb.add_option("--direction", flags.direction, "how it moves [any]").check(one_of(names));
+}
+
+}  // namespace
+
+void add_plate_watch(Command& plate, Context& context) {
+  Command& watch =
+      plate.add_subcommand("watch", "lists of plates that matter, for `plate read --watch`");
+  watch.require_subcommand(1);
+  add_verb<WatchFlags>(watch, "add", "puts a plate into a list, or changes its entry", context,
+                       add_add_flags, run_add);
+  add_verb<WatchFlags>(watch, "remove", "takes a plate out of a list", context, add_remove_flags,
+                       run_remove);
+  add_verb<WatchFlags>(watch, "list", "shows a list", context, add_list_flags, run_list);
+  add_verb<WatchFlags>(watch, "test", "tells which entries a text matches", context, add_test_flags,
+                       run_test);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/mqtt/hub.h"
+
+#include "tarsier/core/log.h"
+#include "tarsier/core/stop.h"
+
+#include <fmt/format.h>
+
+#include "framework/cli.h"
+#include "framework/publish.h"
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace tarsier::cli {
+namespace {
+
+struct HubFlags {
+  std::string address;
+  std::string log;
+  bool list = false;
+  mqtt::Login login;
+};
+
+void print_event(const std::string& node, const std::string& event, const Context& context) {
+  nlohmann::ordered_json object = nlohmann::ordered_json::parse(event, nullptr, false);
+  if (!object.is_object()) return;
+  if (context.json) {
+    nlohmann::ordered_json line{{"node", node}};
+    line.update(object);
+    print_json(line);
+    return;
+  }
+  const auto text = [&](const char* name) {
+    const auto at = object.find(name);
+    return at != object.end() && at->is_string() ? printable(at->get<std::string>()) : "";
+  };
+  print_text(fmt::format("{}  {:<16} {:<9} {:<10} {}\n", text("last_seen").substr(0, 19), node,
+                         text("state"), text("text"), text("source")));
+}
+
+ExitStatus run_hub(const HubFlags& flags, const Context& context) {
+  mqtt::HubOptions options;
+  if (!flags.list) {
+    if (flags.address.empty()) throw UsageError("ADDRESS is missing: mqtt://HOST, or --list");
+    options.address = mqtt::parse_address(flags.address, "tarsier", "ADDRESS");
+    options.login = flags.login;
+    options.take = [&](const std::string& node, const std::string& event) {
+      if (!context.quiet || context.json) print_event(node, event, context);
+    };
+    mqtt::HubLog log(flags.log);
+    mqtt::run_hub(log, options, context.stop);
+    return ExitStatus::kInterrupted;
+  }
+  mqtt::HubLog log(flags.log, DatabaseAccess::kRead);
+  bool found = false;
+  log.read([&](const std::string& node, const std::string& event) {
+    throw_if_stopped(context.stop);
+    print_event(node, event, context);
+    found = true;
+    return true;
+  });
+  return found ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
+
+void add_flags(Command& verb, HubFlags& flags) {
+  verb.add_option("ADDRESS", flags.address,
+                  "mqtt://HOST[:PORT][/TOPIC], mqtts: by TLS; the events of TOPIC/+ are stored "
+                  "[tarsier]");
+  verb.add_option("--log", flags.log, "SQLite file that each event is stored in once").required();
+  verb.add_flag("--list", flags.list, "show what is stored, and end; asks no broker");
+  for (Flag* flag : add_mqtt_login_flags(verb, flags.login)) flag->group("Login");
+}
+
+}  // namespace
+
+void add_hub(Command& app, Context& context) {
+  add_verb<HubFlags>(app, "hub", "stores the events that many cameras publish (MQTT)", context,
+                     add_flags, run_hub);
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/mqtt/connection.h"
+
+#include <string>
+#include <vector>
+
+namespace tarsier::mqtt {
+
+// Retained messages by which Home Assistant finds a node by itself: a sensor with the text of the
+// last plate, and a binary sensor that is on for ten seconds when a plate of the watch list is
+// seen. `topic` is the node's, "tarsier/gate".
+[[nodiscard]] std::vector<Message> home_assistant_discovery(const std::string& topic,
+                                                            const std::string& version);
+
+}  // namespace tarsier::mqtt
