@@ -253,9 +253,9 @@ class Gallery {
   // or sightings are no longer what they were in `generation`.
   bool place(std::span<const Placed> placed, std::int64_t next, std::int64_t generation);
 
-  // gallery_corrections.cpp. All throw UsageError, which says what to do, for ids, names and groups
-  // that do not exist or cannot be changed so; nothing is changed then. Each returns its id in the
-  // log.
+  // gallery_corrections.cpp. All throw InputError, which says what to do, for ids, names and groups
+  // that do not exist or cannot be changed so, and UsageError for new names (check_name); nothing
+  // is changed then. Each returns its id in the log.
   // A group of unknown faces is this person: the best `most` of its faces are enrolled, its
   // sightings are theirs.
   std::int64_t name_group(std::int64_t group, std::string_view name, std::string_view note,

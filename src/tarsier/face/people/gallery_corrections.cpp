@@ -49,8 +49,8 @@ std::vector<std::int64_t> each_once(std::span<const std::int64_t> ids) {
 
 std::string group_name(std::int64_t group) { return fmt::format("group {}", group); }
 
-[[noreturn]] void no_group(std::int64_t group) {
-  throw UsageError(fmt::format("there is no group {}: `people groups` lists them", group));
+[[noreturn]] void no_group(const std::string& path, std::int64_t group) {
+  throw InputError(path, fmt::format("there is no group {}: `people groups` lists them", group));
 }
 
 }  // namespace
@@ -87,7 +87,8 @@ void Gallery::write_change(std::int64_t correction, std::string_view kind, std::
 Person Gallery::require_person(std::string_view name) {
   auto person = find(name);
   if (!person)
-    throw UsageError(fmt::format("nobody is enrolled as '{}': `people list` lists them", name));
+    throw InputError(path(),
+                     fmt::format("nobody is enrolled as '{}': `people list` lists them", name));
   return *person;
 }
 
@@ -115,7 +116,7 @@ std::int64_t Gallery::name_group(std::int64_t group, std::string_view name, std:
   check_note(note);
   Transaction transaction(database_);
   std::vector<Sighting> members = group_sightings(group);
-  if (members.empty()) no_group(group);
+  if (members.empty()) no_group(path(), group);
   const auto before = find(name);
   const Person person = add_person(name, note, stamp.time);
   Step step;
@@ -174,8 +175,10 @@ std::int64_t Gallery::not_this_face(std::int64_t face, const CorrectionStamp& st
                   "person ON person.id = face.person WHERE face.id = ?");
     row.bind(1, face);
     if (!row.step())
-      throw UsageError(fmt::format(
-          "there is no face {}: `people list --faces NAME` lists those of a person", face));
+      throw InputError(
+          path(),
+          fmt::format("there is no face {}: `people list --faces NAME` lists those of a person",
+                      face));
     step.kind = "not";
     step.source = row.integer(0);
     step.source_name = row.text(1);
@@ -207,15 +210,18 @@ std::int64_t Gallery::not_this_sighting(std::int64_t sighting, const CorrectionS
                   "seen_face.sighting = sighting.id WHERE sighting.id = ?");
     row.bind(1, sighting);
     if (!row.step())
-      throw UsageError(
+      throw InputError(
+          path(),
           fmt::format("there is no sighting {}: `people list --sightings` lists them", sighting));
     if (row.is_null(0))
-      throw UsageError(
-          fmt::format("sighting {} is nobody's: there is no name to take back", sighting));
+      throw InputError(
+          path(), fmt::format("sighting {} is nobody's: there is no name to take back", sighting));
     if (row.is_null(2))
-      throw UsageError(fmt::format(
-          "the face of sighting {} was not kept: `people correct not` needs one that was",
-          sighting));
+      throw InputError(
+          path(),
+          fmt::format(
+              "the face of sighting {} was not kept: `people correct not` needs one that was",
+              sighting));
     step.kind = "not";
     step.source = row.integer(0);
     step.source_name = row.text(1);
@@ -281,7 +287,7 @@ std::int64_t Gallery::move_faces(std::span<const std::int64_t> faces, std::strin
                                  const CorrectionStamp& stamp) {
   check_name(to);
   const std::vector<std::int64_t> ids = each_once(faces);
-  if (ids.empty()) throw UsageError("no face to move");
+  if (ids.empty()) throw InputError(path(), "no face to move");
   Transaction transaction(database_);
   std::optional<Person> from;
   for (const std::int64_t face : ids) {
@@ -289,16 +295,18 @@ std::int64_t Gallery::move_faces(std::span<const std::int64_t> faces, std::strin
                   "SELECT name FROM face JOIN person ON person.id = face.person WHERE face.id = ?");
     row.bind(1, face);
     if (!row.step())
-      throw UsageError(fmt::format(
-          "there is no face {}: `people list --faces NAME` lists those of a person", face));
+      throw InputError(
+          path(),
+          fmt::format("there is no face {}: `people list --faces NAME` lists those of a person",
+                      face));
     const Person person = require_person(row.text(0));
     if (from && from->id != person.id)
-      throw UsageError(
-          fmt::format("faces {} and {} are of two people: one move for each", ids.front(), face));
+      throw InputError(path(), fmt::format("faces {} and {} are of two people: one move for each",
+                                           ids.front(), face));
     from = person;
   }
   if (from->name == to)
-    throw UsageError(fmt::format("face {} is of '{}' already", ids.front(), to));
+    throw InputError(path(), fmt::format("face {} is of '{}' already", ids.front(), to));
   const std::int64_t id = hand_over("move", ids, *from, to, stamp);
   transaction.commit();
   return id;
@@ -308,21 +316,24 @@ std::int64_t Gallery::split_person(std::string_view name, std::span<const std::i
                                    std::string_view to, const CorrectionStamp& stamp) {
   check_name(to);
   const std::vector<std::int64_t> ids = each_once(faces);
-  if (ids.empty()) throw UsageError("no face to split off");
+  if (ids.empty()) throw InputError(path(), "no face to split off");
   Transaction transaction(database_);
   const Person person = require_person(name);
   if (find(to))
-    throw UsageError(
+    throw InputError(
+        path(),
         fmt::format("'{}' is enrolled already: `people correct move` gives faces to them", to));
   for (const std::int64_t face : ids) {
     Statement row(database_, "SELECT 1 FROM face WHERE id = ? AND person = ?");
     row.bind(1, face).bind(2, person.id);
     if (!row.step())
-      throw UsageError(fmt::format(
-          "face {} is not one of '{}': `people list --faces NAME` lists them", face, name));
+      throw InputError(
+          path(), fmt::format("face {} is not one of '{}': `people list --faces NAME` lists them",
+                              face, name));
   }
   if (static_cast<std::int64_t>(ids.size()) == person.faces)
-    throw UsageError(fmt::format("these are all faces of '{}': one at least must stay", name));
+    throw InputError(path(),
+                     fmt::format("these are all faces of '{}': one at least must stay", name));
   const std::int64_t id = hand_over("split", ids, person, to, stamp);
   transaction.commit();
   return id;
@@ -334,7 +345,7 @@ std::int64_t Gallery::merge_people(std::string_view from, std::string_view into,
   const Person gone = require_person(from);
   const Person stays = require_person(into);
   if (gone.id == stays.id)
-    throw UsageError(fmt::format("'{}' and '{}' are one person", from, into));
+    throw InputError(path(), fmt::format("'{}' and '{}' are one person", from, into));
   Step step;
   step.kind = "merge";
   step.source = gone.id;
@@ -367,8 +378,8 @@ std::int64_t Gallery::merge_groups(std::int64_t from, std::int64_t into,
                                    const CorrectionStamp& stamp) {
   Transaction transaction(database_);
   for (const std::int64_t one : {from, into})
-    if (!group(one)) no_group(one);
-  if (from == into) throw UsageError(fmt::format("group {} twice: name two groups", from));
+    if (!group(one)) no_group(path(), one);
+  if (from == into) throw InputError(path(), fmt::format("group {} twice: name two groups", from));
   Step step;
   step.kind = "merge groups";
   step.source = from;
@@ -396,19 +407,20 @@ std::int64_t Gallery::merge_groups(std::int64_t from, std::int64_t into,
 std::int64_t Gallery::split_group(std::int64_t group, std::span<const std::int64_t> sightings,
                                   const CorrectionStamp& stamp) {
   const std::vector<std::int64_t> ids = each_once(sightings);
-  if (ids.empty()) throw UsageError("no sighting to split off");
+  if (ids.empty()) throw InputError(path(), "no sighting to split off");
   Transaction transaction(database_);
   const std::vector<Sighting> members = group_sightings(group);
-  if (members.empty()) no_group(group);
+  if (members.empty()) no_group(path(), group);
   for (const std::int64_t sighting : ids)
     if (std::none_of(members.begin(), members.end(),
                      [&](const Sighting& one) { return one.id == sighting; }))
-      throw UsageError(
+      throw InputError(
+          path(),
           fmt::format("sighting {} is not one of group {}: `people groups --group {}` lists them",
                       sighting, group, group));
   if (ids.size() == members.size())
-    throw UsageError(
-        fmt::format("these are all sightings of group {}: one at least must stay", group));
+    throw InputError(
+        path(), fmt::format("these are all sightings of group {}: one at least must stay", group));
   const std::int64_t made = next_group();
   set_next_group(made + 1);
   Step step;
@@ -476,9 +488,9 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
                            "? ORDER BY id DESC LIMIT 1");
     row.bind(1, std::max<std::int64_t>(0, id));
     if (!row.step())
-      throw UsageError(id > 0
-                           ? fmt::format("there is no correction {}: `people log` lists them", id)
-                           : std::string("there is nothing to undo"));
+      throw InputError(
+          path(), id > 0 ? fmt::format("there is no correction {}: `people log` lists them", id)
+                         : std::string("there is nothing to undo"));
     step.id = row.integer(0);
     step.kind = row.text(1);
     step.source = row.integer(2);
@@ -491,10 +503,11 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
     step.undone = row.integer(9);
   }
   if (step.kind == "undo")
-    throw UsageError(
-        fmt::format("correction {} is an undoing: correct once more instead", step.id));
+    throw InputError(
+        path(), fmt::format("correction {} is an undoing: correct once more instead", step.id));
   if (step.undone > 0)
-    throw UsageError(fmt::format("correction {} was undone already, by {}", step.id, step.undone));
+    throw InputError(path(),
+                     fmt::format("correction {} was undone already, by {}", step.id, step.undone));
   {
     // A later one that changed the same rows, or took away whom this one is about.
     Statement later(
@@ -506,9 +519,13 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
         "(?2, ?3) AND ?4 = 0) OR (kind IN ('merge groups', 'name') AND source IN (?2, ?3) AND ?4 = "
         "1)) ORDER BY id DESC LIMIT 1");
     const bool groups = step.kind.ends_with("groups") || step.kind.ends_with("group");
-    later.bind(1, step.id).bind(2, step.source).bind(3, step.target).bind(4, std::int64_t{groups ? 1 : 0});
+    later.bind(1, step.id)
+        .bind(2, step.source)
+        .bind(3, step.target)
+        .bind(4, std::int64_t{groups ? 1 : 0});
     if (later.step())
-      throw UsageError(fmt::format("correction {} ({}) has changed the same since: undo that first",
+      throw InputError(path(),
+                       fmt::format("correction {} ({}) has changed the same since: undo that first",
                                    later.integer(0), later.text(1)));
   }
   take_back(step);
@@ -552,7 +569,8 @@ void Gallery::take_back(const Step& step) {
   };
   if (step.kind == "merge") {
     if (find(step.source_name))
-      throw UsageError(
+      throw InputError(
+          path(),
           fmt::format("'{}' is enrolled again since: `people correct move` gives those faces "
                       "another name first",
                       step.source_name));

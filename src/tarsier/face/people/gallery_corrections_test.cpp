@@ -26,7 +26,7 @@ template <typename Call>
 std::string message_of(const Call& call) {
   try {
     call();
-  } catch (const UsageError& error) {
+  } catch (const Error& error) {
     return error.what();
   }
   return "";
