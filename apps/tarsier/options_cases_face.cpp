@@ -25,6 +25,7 @@
 #include "tarsier/face/people/eyes.h"
 #include "tarsier/face/people/face_reader.h"
 #include "tarsier/face/people/quality.h"
+#include "tarsier/face/people/sighting_groups.h"
 #include "tarsier/face/pipelines/annotator.h"
 #include "tarsier/face/pipelines/identifier.h"
 #include "tarsier/face/recognition/background.h"
@@ -67,6 +68,7 @@ std::vector<OptionsCase> face_options() {
       options_case<face::people::CollectOptions>("face::people::CollectOptions"),
       options_case<face::people::CutOptions>("face::people::CutOptions"),
       options_case<face::people::FaceReaderOptions>("face::people::FaceReaderOptions"),
+      options_case<face::people::GroupingOptions>("face::people::GroupingOptions"),
       options_case<face::people::QualityGate>("face::people::QualityGate"),
       options_case<face::AnnotatorOptions>("face::AnnotatorOptions"),
       options_case<face::NamingOptions>("face::NamingOptions"),

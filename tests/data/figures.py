@@ -13,6 +13,7 @@ import glob
 import json
 import math
 import os
+import random
 import shutil
 import struct
 import subprocess
@@ -244,6 +245,70 @@ def people_deep():
     at_most("faces-wild: false accepts at a stated 1 %", score["stated_far"], 0.02, touched=False)
 
 
+def strangers(draw):
+    """Path and person of the sightings of twenty people: the first draw is of Yale, GRID and ORL, the others are random."""
+    sightings = []
+    for path in sorted(glob.glob(os.path.join(data("orl"), "*/*.pgm"))):
+        sightings.append((path, "orl " + os.path.basename(os.path.dirname(path))))
+    for path in sorted(glob.glob(os.path.join(data("yale"), "**/subject*.pgm"), recursive=True)):
+        sightings.append((path, "yale " + os.path.basename(path).split("_")[0]))
+    for clip in sorted(glob.glob(os.path.join(data("face-videos"), "grid", "*.mpg"))):
+        name = os.path.basename(clip)[:-4]
+        if not os.path.exists(name):
+            made("cartoon", "run", clip, "--mode", "none", "-o", name + "/")
+        frames = sorted(glob.glob(name + "/*.png"))
+        sightings += [(os.path.abspath(frames[k * len(frames) // 10]), "grid " + name) for k in range(10)]
+    people = sorted({person for _, person in sightings})
+    rng = random.Random(draw)
+    chosen = rng.sample(people, 20)
+    if draw == 0:
+        chosen = [name for name in people if not name.startswith("orl")] + [f"orl s{k}" for k in range(1, 8)]
+    sightings = [one for one in sightings if one[1] in chosen]
+    rng.shuffle(sightings)
+    return sightings
+
+
+def groups_of(kind, draw):
+    """How many groups, how many of one sighting, and which share of the sightings is with the most of its group."""
+    gallery = f"{kind}-{draw}.db"
+    people = dict(strangers(draw))
+    faces = write_list(f"{kind}-{draw}.lst", list(people))
+    tarsier("people", "identify", "@" + faces, "--keep", "3650d", "--gallery", gallery)
+    tarsier("people", "group", gallery, "--template", kind)
+    names = sorted(people.values())
+    members = {}
+    for k, seen in enumerate(sorted(tarsier("people", "list", "--sightings", "--gallery", gallery), key=lambda one: one["id"])):
+        if seen["group"] is None:
+            continue
+        person = people[seen["source"]]
+        if broken and k % 5 == 0:  # every fifth is somebody else's
+            person = names[(names.index(person) + 100) % len(names)]
+        members.setdefault(seen["group"], []).append(person)
+    sizes = [len(of) for of in members.values()]
+    right = sum(max(of.count(person) for person in set(of)) for of in members.values())
+    print(f"{kind}, draw {draw}: {sum(sizes)} sightings of 20 people in {len(sizes)} groups, {sizes.count(1)} of one; "
+          f"purity {right / sum(sizes):.3f}")
+    return len(sizes), right / sum(sizes)
+
+
+def people_groups():
+    """Strangers in groups; deep templates where the network is installed."""
+    package = os.environ.get("TARSIER_FACE_API", "")
+    manifest = os.path.join(package, "model", "face_recognition_model-weights_manifest.json")
+    groups, purity = groups_of("classic", 0)
+    at_most("classic templates: groups of 20 strangers", groups, 48, touched=False)
+    at_least("classic templates: purity", purity, 0.97)
+    if package and os.path.exists(manifest):
+        os.environ["XDG_DATA_HOME"] = os.path.abspath("data-home")
+        made("models", "import", manifest)
+    elif "face-embedding" not in [model["name"] for model in tarsier("models", "list")]:
+        print("deep templates: the face network is not installed: scripts/get-model.sh face-embedding")
+        return
+    groups, purity = groups_of("deep", 0)
+    at_most("deep templates: groups of 20 strangers", groups, 24, touched=False)
+    at_least("deep templates: purity", purity, 0.97)
+
+
 def poses():
     """The models that ship on two of the people whom the correction was learned from (docs/results.md has others left out):
     that what is installed still does what it did."""
@@ -284,6 +349,6 @@ def cartoon():
              sum(a and b for a, b in black) / max(1, sum(a or b for a, b in black)), 0.999)
 
 
-AREAS = {area.__name__: area for area in (plates, landmarks, sfm, markers, targets, people, people_deep, poses, cartoon)}
+AREAS = {area.__name__: area for area in (plates, landmarks, sfm, markers, targets, people, people_deep, people_groups, poses, cartoon)}
 AREAS[sys.argv[1]]()
 finish()

@@ -97,6 +97,15 @@ VALID = {
     "people forget": dict(words="Ann --yes"),
     "people export": dict(words="-o all"),
     "people train": dict(words=""),
+    "people group": dict(words="seen.db"),
+    "people groups": dict(words="--gallery seen.db"),
+    "people name": dict(words="1 Zoe --gallery seen.db"),
+    "people correct not": dict(words="--face 1"),
+    "people correct move": dict(words="Zoe --face 1"),
+    "people correct merge": dict(words="Ann Ben"),
+    "people correct split": dict(words="Ann Zoe --face 1"),
+    "people correct undo": dict(words="--gallery seen.db"),
+    "people log": dict(words="--gallery seen.db"),
     "people identify": dict(words=f"{FACE} -o named.png"),
     "people verify": dict(words=f"Ann {FACE} --far 0.5"),
     "people show": dict(words="-o inside.png"),
@@ -143,7 +152,7 @@ LONG = {"demo": "-o page", "serve": "--workspace studio --port 0 --no-browser",
 # The examples name files that are not there: all say so, with this status, but those that need no file.
 EXAMPLE_STATUS = {
     "aam explore": 0, "pose synth": 0, "plate synth": 0, "sfm synth": 0, "ar marker-sheet": 0, "ar synth": 0, "models list": 0,
-    "models info": 0, "people list": 1, "people forget": 1, "people export": 1, "people train": 1, "people show": 1,
+    "models info": 0, "people list": 1, "people group": 1, "people groups": 1, "people log": 1, "people forget": 1, "people export": 1, "people train": 1, "people show": 1,
     "models verify": 0, "models remove": 1, "doctor": 0, "plate watch add": 0,
 }
 
@@ -330,9 +339,10 @@ def prepare(name):
     """Gives back what a verb's run needs and another's may have taken away: the gallery of Ann and Ben."""
     if name.startswith("people "):
         for path in os.listdir("."):
-            if path.startswith("people.db"):
+            if path.startswith(("people.db", "seen.db")):
                 os.unlink(path)
-        shutil.copy(os.path.join(INPUTS, "people.db"), "people.db")
+        for path in ("people.db", "seen.db"):
+            shutil.copy(os.path.join(INPUTS, path), path)
 
 
 def left_behind():
@@ -385,8 +395,8 @@ INTERRUPTED = {
     "ar target-track": "synth:scene --target first.target.json -o stopped.mp4",
 }
 # These end by themselves within a moment: nothing in them grows with what they are given, or as fast as files are read.
-SHORT = {"landmarks annotate", "landmarks import", "landmarks show", "landmarks train shape", "aam explore", "pose solve", "people list",
-         "people show", "people forget", "people export", "plate log",
+SHORT = {"landmarks annotate", "landmarks import", "landmarks show", "landmarks train shape", "aam explore", "pose solve", "people list", "people group", "people groups", "people name", "people correct not", "people correct move",
+         "people correct merge", "people correct split", "people correct undo", "people log", "people show", "people forget", "people export", "plate log",
          "plate watch add", "plate watch remove", "plate watch list", "plate watch test", "sfm eval", "ar marker-sheet", "models list", "models info",
          "models verify", "models import", "models install", "models remove", "doctor"}
 # What may pass from SIGINT to the end: processor time. Each runs with one thread, so on an idle machine it is the time that a
@@ -566,6 +576,10 @@ def make_inputs_here():
         file.writelines(f"{800 * (x + 0.1 * z - 5) / (60 + z)} {800 * (y - 0.2 * z - 5) / (60 + z)}\n" for x, y, z in cube)
     for person, folder in (("Ann", "head"), ("Ben", "other")):
         made("people", "enroll", person, f"{folder}/images", "--any-quality", "--quiet")
+    made("people", "enroll", "Eve", "head/images", "--any-quality", "--quiet", "--gallery", "seen.db")
+    run(["people", "identify", "other/images", "--keep", "30d", "--far", "0.000001", "--quiet", "--gallery", "seen.db"])
+    made("people", "group", "--quiet", "seen.db")
+    made("people", "correct", "move", "Adam", "--face", "1", "--quiet", "--gallery", "seen.db")
     made("sfm", "reconstruct", "views/images", "-o", "model", "--no-cache", "--quiet")
     make_crowds()
 

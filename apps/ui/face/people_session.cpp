@@ -11,6 +11,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
 
@@ -189,7 +190,9 @@ std::vector<Action> PeopleSession::actions() const {
                           {"confirm", "yes, delete all", 'y'},
                           {"cancel", "no, keep them", 'n'},
                           {"debug", "debug view", 'b'},
-                          {"train", "end collecting and train", 't'}});
+                          {"train", "end collecting and train", 't'},
+                          {"not", "the largest face is not this person", 'x'},
+                          {"undo", "undo the last of these corrections", 'u'}});
 }
 
 void PeopleSession::act(const std::string& name) {
@@ -204,7 +207,47 @@ void PeopleSession::act(const std::string& name) {
   }
   if (name == "debug") debug_ = !debug_;
   if (name == "train") end_collecting();
+  if (name == "not") not_this_person();
+  if (name == "undo") undo();
   controls_.act(name);
+}
+
+// The largest face that is named, or would be, is not that person.
+void PeopleSession::not_this_person() {
+  if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().name.label.empty()) {
+    message_ = "nobody is named: there is nothing to correct";
+    return;
+  }
+  face::NamedFace& face = faces_.front();
+  const face::people::SeenFace seen{face.face.crop, face.face.quality.score(),
+                                    face::people::quality_json(face.face.quality).dump()};
+  try {
+    corrections_.push_back(gallery_.not_this_person(
+        face.name.label, seen, source_name_, {options_.now ? options_.now() : 0, options_.actor}));
+    message_ = fmt::format("Not {}: noted (u takes it back)", printable(face.name.label));
+  } catch (const InputError& error) {  // forgotten meanwhile
+    message_ = error.what();
+  }
+  follow();
+  identity_.forget_frames();
+  face.name = {};
+}
+
+void PeopleSession::undo() {
+  if (corrections_.empty()) {
+    message_ = "nothing was corrected in this window";
+    return;
+  }
+  const std::int64_t id = corrections_.back();
+  corrections_.pop_back();
+  try {
+    (void)gallery_.undo(id, {options_.now ? options_.now() : 0, options_.actor});
+    message_ = fmt::format("Correction {} is undone", id);
+  } catch (const InputError& error) {  // by another program, or its person was forgotten
+    message_ = error.what();
+  }
+  follow();
+  identity_.forget_frames();
 }
 
 void PeopleSession::click(cv::Point at) {

@@ -37,6 +37,7 @@ struct PeopleSessionOptions {
   std::string note;                   // of consent, for those who are added
   int max_pooled = 10;                // frames of a followed face that count together
   std::function<std::int64_t()> now;  // ms since 1970-01-01 UTC; empty: 0
+  std::string actor;                  // who corrects, for the gallery's log
 
   [[nodiscard]] OptionFields fields() {
     return {{"false_accepts", false_accepts, inside(0, 1), "--far",
@@ -53,7 +54,8 @@ struct PeopleSessionOptions {
 // model new faces are known by it at once; what is to be learned of them is learned a little in
 // each frame, meanwhile. Mouse: the buttons at the left; a face of the strip at the right collects
 // more of that person; a click elsewhere ends collecting and trains. Keys: a adds a person, d
-// deletes all (y confirms), b debug view, t trains, space pauses, h help, q or Esc ends. State:
+// deletes all (y confirms), b debug view, t trains, x says that the largest face is not whom it is
+// named, u undoes that, space pauses, h help, q or Esc ends. State:
 // {"mode", "people": [{"name", "faces"}], "collecting": name or null, "recognized":
 // [{"label", "known", "confidence"}], "asking", "debug", "flash", "message", "prompt", "paused"}.
 class PeopleSession final : public Session {
@@ -73,6 +75,7 @@ class PeopleSession final : public Session {
   [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
   [[nodiscard]] PeopleMode mode() const { return mode_; }
+  [[nodiscard]] face::people::Gallery& gallery() const { return gallery_; }
   [[nodiscard]] const std::vector<face::NamedFace>& faces() const { return faces_; }
   [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
   // Where controls are in the view, px: for tests and hosts.
@@ -94,6 +97,8 @@ class PeopleSession final : public Session {
   void collect_for(int person);
   void end_collecting();
   void delete_all();
+  void not_this_person();
+  void undo();
   void train();
   void learn();
   void follow();
@@ -131,6 +136,7 @@ class PeopleSession final : public Session {
   FrameTimer timer_;
   int flash_ = 0;  // frames it still lasts
   bool asking_ = false;
+  std::vector<std::int64_t> corrections_;  // of this window, those that hold
   bool debug_ = false;
   SessionControls controls_{true};
   cv::Mat frame_;

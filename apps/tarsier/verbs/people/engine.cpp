@@ -10,8 +10,11 @@
 
 #include "verbs/landmarks/engine.h"
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <pwd.h>
 #include <string_view>
+#include <unistd.h>
 #include <utility>
 
 namespace tarsier::cli {
@@ -32,6 +35,11 @@ void add_face_flags(Command& verb, PeopleFlags& flags) {
   group(add_min_face_flag(verb, flags.min_face));
   group(verb.add_flag("!--strict", flags.thorough,
                       "only faces that the frontal detector is sure of: faster"));
+  add_template_flags(verb, flags);
+}
+
+void add_template_flags(Command& verb, PeopleFlags& flags) {
+  const auto group = [](Flag& flag) { flag.group("Faces"); };
   group(verb.add_option("--template", flags.templates,
                         "what faces are compared by: classic, deep (scripts/get-model.sh "
                         "face-embedding), auto: what the gallery has, of a new one deep where it "
@@ -157,6 +165,16 @@ std::string time_text(std::int64_t ms) {
   constexpr std::int64_t kEnd = 253'402'300'799'999;  // of the year 9999
   return plate::moment_text(
       plate::Moment(std::chrono::milliseconds(std::clamp<std::int64_t>(ms, 0, kEnd))));
+}
+
+face::people::CorrectionStamp correction_stamp() {
+  const uid_t user = ::getuid();
+  std::array<char, 4096> buffer{};
+  passwd entry{};
+  passwd* found = nullptr;
+  if (::getpwuid_r(user, &entry, buffer.data(), buffer.size(), &found) == 0 && found != nullptr)
+    return {now_ms(), found->pw_name};
+  return {now_ms(), fmt::format("user {}", user)};
 }
 
 std::int64_t now_ms() { return plate::moment_now().time_since_epoch().count(); }

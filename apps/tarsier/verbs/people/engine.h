@@ -31,6 +31,8 @@ struct PeopleFlags {
 
 void add_gallery_flag(Command& verb, PeopleFlags& flags);
 void add_face_flags(Command& verb, PeopleFlags& flags);
+// Those of them that say what faces are compared by.
+void add_template_flags(Command& verb, PeopleFlags& flags);
 
 // Throws UsageError for an unknown way to find eyes.
 [[nodiscard]] face::people::FaceReaderOptions reading_options(const PeopleFlags& flags);
@@ -75,5 +77,7 @@ struct ListedFaces {
 // "2024-05-01T12:30:15.250Z"
 [[nodiscard]] std::string time_text(std::int64_t ms);
 [[nodiscard]] std::int64_t now_ms();
+// Now, by the user who runs this program.
+[[nodiscard]] face::people::CorrectionStamp correction_stamp();
 
 }  // namespace tarsier::cli

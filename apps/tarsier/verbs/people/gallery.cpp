@@ -20,9 +20,34 @@ struct GalleryFlags {
   std::int64_t limit = 0;
   std::string keep;
   std::string name;
+  std::string faces_of;
+  int group = 0;
   bool yes = false;
   std::string output;
 };
+
+ExitStatus list_faces(face::people::Gallery& gallery, const std::string& name,
+                      const Context& context) {
+  const auto person = gallery.find(name);
+  if (!person)
+    throw InputError(
+        gallery.path(),
+        fmt::format("nobody is enrolled as '{}': `people list` lists them", printable(name)));
+  gallery.each_face(person->id, false, [&](face::people::StoredFace&& face) {
+    if (context.json) {
+      print_json({{"face", face.id},
+                  {"name", name},
+                  {"time", time_text(face.time)},
+                  {"quality", rounded(face.quality, 3)},
+                  {"source", face.source}});
+    } else {
+      print_text(fmt::format("{:>6}  {}  quality {:.2f}  {}\n", face.id,
+                             time_text(face.time).substr(0, 19), face.quality,
+                             printable(face.source)));
+    }
+  });
+  return person->faces > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+}
 
 ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
   if (!flags.keep.empty()) {
@@ -43,19 +68,27 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
     const auto sightings = gallery.sightings(flags.limit);
     for (const face::people::Sighting& s : sightings) {
       if (context.json) {
-        print_json({{"time", time_text(s.time)},
-                    {"source", s.source},
-                    {"label", s.name},
-                    {"known", s.known},
-                    {"confidence", s.confidence}});
+        print_json(
+            {{"id", s.id},
+             {"time", time_text(s.time)},
+             {"source", s.source},
+             {"label", s.name.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(s.name)},
+             {"known", s.known},
+             {"confidence", s.confidence},
+             {"face", s.has_face},
+             {"group", s.group > 0 ? nlohmann::ordered_json(s.group) : nlohmann::ordered_json()}});
       } else {
-        print_text(fmt::format("{}  {:<24} {:>3.0f} %  {}\n", time_text(s.time).substr(0, 19),
-                               s.known ? printable(s.name) : "unknown", 100 * s.confidence,
-                               printable(s.source)));
+        print_text(fmt::format("{:>6}  {}  {:<24} {:>3.0f} %  {}\n", s.id,
+                               time_text(s.time).substr(0, 19),
+                               s.known       ? printable(s.name)
+                               : s.group > 0 ? fmt::format("unknown, group {}", s.group)
+                                             : std::string("unknown"),
+                               100 * s.confidence, printable(s.source)));
       }
     }
     return sightings.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
   }
+  if (!flags.faces_of.empty()) return list_faces(gallery, flags.faces_of, context);
   const auto people = gallery.people();
   for (const face::people::Person& person : people) {
     if (context.json) {
@@ -74,11 +107,10 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
 }
 
 // Only a person at a terminal can be asked.
-bool agreed(const face::people::Person& person) {
+bool agreed(const std::string& name, const std::string& what) {
   if (isatty(STDIN_FILENO) == 0)
     throw UsageError("forgetting cannot be undone: say --yes where nobody can be asked");
-  print_text(fmt::format("Forget '{}' with {} faces for good? [y/N] ", printable(person.name),
-                         person.faces));
+  print_text(fmt::format("Forget '{}' with {} for good? [y/N] ", printable(name), what));
   const int answer = std::getchar();
   return answer == 'y' || answer == 'Y';
 }
@@ -113,27 +145,20 @@ std::string forget_text(const std::string& name, const face::people::ForgetRepor
   return text;
 }
 
-ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
-  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
-  const auto person = gallery.find(flags.name);
-  if (!person) {
-    log_warning("{}: nobody is enrolled as '{}'", flags.people.gallery, flags.name);
-    return ExitStatus::kNothingFound;
-  }
-  if (!flags.yes && !agreed(*person)) return ExitStatus::kNothingFound;
-  const auto report = gallery.forget(flags.name, context.stop);
-  if (!report) return ExitStatus::kNothingFound;
-  const face::people::SearchReport& search = report->search;
+ExitStatus tell_forgotten(const face::people::Gallery& gallery, const std::string& name,
+                          const face::people::ForgetReport& report, const GalleryFlags& flags,
+                          const Context& context) {
+  const face::people::SearchReport& search = report.search;
   if (context.json) {
-    print_json({{"name", flags.name},
-                {"faces", report->person.faces},
-                {"sightings", report->sightings},
-                {"unlearned", report->unlearned},
-                {"pieces", report->pieces},
-                {"pieces_searched", report->searched},
-                {"pieces_shared", report->shared},
-                {"shared_with", report->shared_with},
-                {"unproven", report->unproven},
+    print_json({{"name", name},
+                {"faces", report.person.faces},
+                {"sightings", report.sightings},
+                {"unlearned", report.unlearned},
+                {"pieces", report.pieces},
+                {"pieces_searched", report.searched},
+                {"pieces_shared", report.shared},
+                {"shared_with", report.shared_with},
+                {"unproven", report.unproven},
                 {"searched", search.files},
                 {"folders", search.folders},
                 {"bytes", search.bytes},
@@ -141,11 +166,11 @@ ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
                 {"left_in", search.found},
                 {"unread", search.unread},
                 {"skipped", search.skipped},
-                {"proven", report->proven()}});
+                {"proven", report.proven()}});
   } else {
-    print_text(forget_text(flags.name, *report));
+    print_text(forget_text(name, report));
   }
-  if (!report->log_emptied) {
+  if (!report.log_emptied) {
     throw OutputError(gallery.path(),
                       "another program still uses it: its log could not be emptied; end that "
                       "program and open the gallery once more");
@@ -163,6 +188,38 @@ ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
+ExitStatus forget_group(face::people::Gallery& gallery, const GalleryFlags& flags,
+                        const Context& context) {
+  const auto group = gallery.group(flags.group);
+  const std::string name = fmt::format("group {}", flags.group);
+  if (!group) {
+    log_warning("{}: there is no {}", flags.people.gallery, name);
+    return ExitStatus::kNothingFound;
+  }
+  if (!flags.yes && !agreed(name, fmt::format("{} sightings", group->sightings)))
+    return ExitStatus::kNothingFound;
+  const auto report = gallery.forget_group(flags.group, context.stop);
+  if (!report) return ExitStatus::kNothingFound;
+  return tell_forgotten(gallery, name, *report, flags, context);
+}
+
+ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
+  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  if (flags.name.empty() == (flags.group == 0))
+    throw UsageError("say whom: NAME, or --group of unknown faces");
+  if (flags.group > 0) return forget_group(gallery, flags, context);
+  const auto person = gallery.find(flags.name);
+  if (!person) {
+    log_warning("{}: nobody is enrolled as '{}'", flags.people.gallery, flags.name);
+    return ExitStatus::kNothingFound;
+  }
+  if (!flags.yes && !agreed(person->name, fmt::format("{} faces", person->faces)))
+    return ExitStatus::kNothingFound;
+  const auto report = gallery.forget(flags.name, context.stop);
+  if (!report) return ExitStatus::kNothingFound;
+  return tell_forgotten(gallery, flags.name, *report, flags, context);
+}
+
 ExitStatus export_people(const GalleryFlags& flags, Context& context) {
   face::people::Gallery gallery = face::open_gallery(flags.people.gallery);
   const auto report = face::people::export_gallery(gallery, flags.output, time_text, context.stop);
@@ -178,6 +235,9 @@ ExitStatus export_people(const GalleryFlags& flags, Context& context) {
 void add_list_flags(Command& verb, GalleryFlags& flags) {
   add_gallery_flag(verb, flags.people);
   Flag& sightings = verb.add_flag("--sightings", flags.sightings, "who was seen, newest first");
+  verb.add_option("--faces", flags.faces_of,
+                  "the enrolled faces of this person, with their numbers")
+      .excludes(sightings);
   verb.add_option("--limit", flags.limit, "of the sightings the newest so many; 0: all")
       .check(at_least(0))
       .show_default();
@@ -186,7 +246,9 @@ void add_list_flags(Command& verb, GalleryFlags& flags) {
 }
 
 void add_forget_flags(Command& verb, GalleryFlags& flags) {
-  verb.add_option("NAME", flags.name, "as `people list` shows it").required();
+  verb.add_option("NAME", flags.name, "as `people list` shows it");
+  verb.add_option("--group", flags.group, "in place of a name: a group of unknown faces [0..]")
+      .check(at_least(1));
   add_gallery_flag(verb, flags.people);
   verb.add_flag("--yes", flags.yes, "do not ask");
 }

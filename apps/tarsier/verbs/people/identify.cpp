@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
-#include "tarsier/face/people/retention.h"
 #include "tarsier/media/still_source.h"
 #include "tarsier/plate/tracking/time_text.h"
 
@@ -12,6 +11,7 @@
 #include "ui/face/recognize_session.h"
 #include "verbs/people/engine.h"
 #include "verbs/people/people.h"
+#include "verbs/people/sightings.h"
 #include <chrono>
 #include <map>
 #include <optional>
@@ -35,10 +35,9 @@ struct IdentifyFlags {
 // known, or known as somebody else.
 class Events {
  public:
-  Events(const IdentifyFlags& flags, OnEvent& on_event) : flags_(flags), on_event_(on_event) {}
+  explicit Events(OnEvent& on_event) : on_event_(on_event) {}
 
-  void frame(const Frame& frame, const std::vector<face::NamedFace>& faces,
-             face::people::Gallery* gallery) {
+  void frame(const Frame& frame, const std::vector<face::NamedFace>& faces) {
     const std::string source = source_of(frame);
     if (frame.still || source != source_) reported_.clear();
     source_ = source;
@@ -51,9 +50,6 @@ class Events {
         reported.time = frame.time;
         if (std::exchange(reported.what, what) == what) continue;
       }
-      if (gallery != nullptr && !flags_.keep.empty())
-        gallery->add_sighting(now_ms(), frame.name, face.name.label, face.name.known,
-                              face.name.confidence);
       if (!face.name.known || !on_event_) continue;
       nlohmann::ordered_json line = to_json(face);
       if (frame.still) {
@@ -76,7 +72,6 @@ class Events {
     std::string what;
     double time = 0;  // when it was last seen, s
   };
-  const IdentifyFlags& flags_;
   OnEvent& on_event_;
   std::map<int, Reported> reported_;
   std::string source_;
@@ -98,19 +93,19 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   face::IdentifierState state = identifier.open(*context.progress, context.stop);
   if (state.recognizer() == nullptr) log_info("{}: nobody is enrolled", flags.people.gallery);
   face::people::Gallery* const gallery = state.gallery();
-  std::optional<face::people::SightingRetention> retention;
-  if (keep) retention.emplace(*gallery, keep->count());
+  std::optional<SightingWriter> sightings;
+  if (keep) sightings.emplace(*gallery, keep->count());
   DebugFolder debug(context.debug_dir);
   RecognizeSession session(identifier, std::move(state), debug.sink());
   OnEvent on_event(flags.on_event, context);
-  Events events(flags, on_event);
+  Events events(on_event);
   bool known = false;
   RunHooks hooks;
   hooks.title = "people";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
-    events.frame(frame, session.faces(), gallery);
-    if (retention) (void)retention->step(now_ms());
+    events.frame(frame, session.faces());
+    if (sightings) sightings->frame(frame, session.faces(), now_ms());
     for (const face::NamedFace& face : session.faces()) known = known || face.name.known;
     if (!frame.still || context.json || context.quiet) return;
     std::string text = fmt::format("{}:", printable(frame.name));
@@ -128,6 +123,7 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
     line.update(to_json(session.result()));
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
+  if (sightings) sightings->finish();
   on_event.finish();
   return status == ExitStatus::kDone && !known ? ExitStatus::kNothingFound : status;
 }
@@ -140,8 +136,8 @@ void add_flags(Command& verb, IdentifyFlags& flags) {
   bind_field(verb, flags.naming, flags.naming.false_accepts);
   add_on_event_flags(verb, flags.on_event, "at each new recognition");
   verb.add_option("--keep", flags.keep,
-                  "write into the gallery who was seen, and delete what is "
-                  "older: 30d, 12h ..");
+                  "write into the gallery who was seen, known or not, with the faces, and delete "
+                  "what is older: 30d, 12h ..");
   add_face_flags(verb, flags.people);
 }
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/plate/tracking/time_text.h"
+
 #include <fmt/format.h>
 
 #include "framework/bind.h"
@@ -6,8 +8,11 @@
 #include "ui/face/people_session.h"
 #include "verbs/people/engine.h"
 #include "verbs/people/people.h"
+#include "verbs/people/sightings.h"
+#include <chrono>
 #include <cmath>
 #include <memory>
+#include <optional>
 
 namespace tarsier::cli {
 namespace {
@@ -17,6 +22,7 @@ struct LiveFlags {
   PeopleFlags people;
   PeopleSessionOptions session;
   std::string algorithm;
+  std::string keep;
 };
 
 ExitStatus live(LiveFlags& flags, Context& context) {
@@ -29,14 +35,24 @@ ExitStatus live(LiveFlags& flags, Context& context) {
       throw UsageError(fmt::format("--algorithm: {}", error.what()));
     }
   }
+  std::optional<std::chrono::milliseconds> keep;
+  if (!flags.keep.empty()) keep = plate::parse_duration(flags.keep, "--keep");
   flags.session.now = now_ms;
+  flags.session.actor = correction_stamp().actor;
   DebugFolder debug(context.debug_dir);
   // What is due in a gallery that is there already is learned before the window opens.
   PeopleSession session(load_identifier(options).open(*context.progress, context.stop),
                         flags.session, debug.sink());
+  std::optional<SightingWriter> sightings;
+  if (keep) sightings.emplace(session.gallery(), keep->count());
   RunHooks hooks;
   hooks.title = "people";
   hooks.debug = &debug;
+  hooks.after_frame = [&](const Frame& frame) {
+    // While faces are collected or learned nobody is named yet.
+    if (sightings && session.mode() == PeopleMode::kRecognize)
+      sightings->frame(frame, session.faces(), now_ms());
+  };
   hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
     line["faces"] = nlohmann::ordered_json::array();
     for (const face::NamedFace& face : session.faces()) {
@@ -49,7 +65,9 @@ ExitStatus live(LiveFlags& flags, Context& context) {
     line["message"] = view.state["message"];
     line["ms"] = rounded(session.milliseconds(), 2);
   };
-  return run_session(session, flags.run, context, hooks);
+  const ExitStatus status = run_session(session, flags.run, context, hooks);
+  if (sightings) sightings->finish();
+  return status;
 }
 
 void add_flags(Command& verb, LiveFlags& flags) {
@@ -59,6 +77,9 @@ void add_flags(Command& verb, LiveFlags& flags) {
                   "of the people who are added, in turn; then Person 1, Person 2 ..")
       .delimiter(',');
   verb.add_option("--note", flags.session.note, "of consent, for those who are added");
+  verb.add_option("--keep", flags.keep,
+                  "write into the gallery who was seen, known or not, with the faces, and delete "
+                  "what is older: 30d, 12h ..");
   verb.add_option("--algorithm", flags.algorithm, "default, eigen, fisher, lbph or deep");
   bind_field(verb, flags.session, flags.session.max_faces);
   bind_field(verb, flags.session, flags.session.false_accepts);

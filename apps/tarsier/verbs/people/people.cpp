@@ -5,10 +5,12 @@ namespace tarsier::cli {
 
 void add_people(Command& app, Context& context) {
   Command& area =
-      app.add_subcommand("people", "who is it? enroll, identify, verify, forget, judge");
+      app.add_subcommand("people", "who is it? enroll, identify, group, correct, forget, judge");
   area.require_subcommand(1);
   add_people_enroll(area, context);
   add_people_gallery(area, context);
+  add_people_groups(area, context);
+  add_people_correct(area, context);
   add_people_train(area, context);
   add_people_identify(area, context);
   add_people_verify(area, context);

@@ -5,6 +5,7 @@
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/face/people/gallery_rows.h"
 #include "tarsier/face/people/name.h"
 #include "tarsier/media/frame_source.h"
 #include "tarsier/media/image_file.h"
@@ -22,9 +23,6 @@
 
 namespace tarsier::face::people {
 namespace {
-
-constexpr std::size_t kMaxSource = 1000;       // bytes
-constexpr std::size_t kMaxTemplate = 200'000;  // numbers
 
 // 'TPG1'
 const DatabaseKind kKind{"Tarsier people gallery",
@@ -86,23 +84,73 @@ INSERT INTO template SELECT face.id, learned.id, face.template FROM face, learne
 INSERT INTO learned_face SELECT face FROM template;
 DROP TABLE model;
 ALTER TABLE face DROP COLUMN template;
+)sql",
+                          // 3: sightings with
+                          // faces, their groups, and
+                          // corrections
+                          R"sql(
+CREATE TABLE seen(
+  id INTEGER PRIMARY KEY AUTOINCREMENT,
+  time INTEGER NOT NULL,
+  source TEXT NOT NULL,
+  person INTEGER REFERENCES person(id) ON DELETE CASCADE,  -- NULL: like nobody
+  known INTEGER NOT NULL,
+  confidence REAL NOT NULL
+) STRICT;
+INSERT INTO seen SELECT id, time, source, person, known, confidence FROM sighting;
+DROP TABLE sighting;
+ALTER TABLE seen RENAME TO sighting;
+CREATE INDEX sighting_by_time ON sighting(time);
+CREATE INDEX sighting_by_person ON sighting(person);
+CREATE TABLE sighting_group(id INTEGER PRIMARY KEY) STRICT;
+CREATE TABLE seen_face(
+  sighting INTEGER PRIMARY KEY REFERENCES sighting(id) ON DELETE CASCADE,
+  crop BLOB NOT NULL,           -- PNG
+  quality REAL NOT NULL,
+  measures TEXT NOT NULL,       -- JSON
+  space INTEGER,                -- of the numbers, as template.space < 0; NULL: not made yet
+  numbers BLOB,                 -- float32, little-endian
+  grouped INTEGER REFERENCES sighting_group(id)  -- NULL: in no group
+) STRICT;
+CREATE INDEX seen_face_by_group ON seen_face(grouped);
+CREATE TABLE group_apart(       -- of different people; both ways
+  a INTEGER NOT NULL REFERENCES sighting_group(id) ON DELETE CASCADE,
+  b INTEGER NOT NULL REFERENCES sighting_group(id) ON DELETE CASCADE,
+  PRIMARY KEY(a, b)
+) STRICT, WITHOUT ROWID;
+CREATE TABLE negative(          -- faces that are not of the person
+  id INTEGER PRIMARY KEY AUTOINCREMENT,
+  person INTEGER NOT NULL REFERENCES person(id) ON DELETE CASCADE,
+  crop BLOB NOT NULL,           -- PNG
+  quality REAL NOT NULL,
+  measures TEXT NOT NULL,
+  source TEXT NOT NULL,
+  time INTEGER NOT NULL
+) STRICT;
+CREATE INDEX negative_by_person ON negative(person);
+CREATE TABLE correction(
+  id INTEGER PRIMARY KEY AUTOINCREMENT,
+  time INTEGER NOT NULL,
+  actor TEXT NOT NULL,
+  kind TEXT NOT NULL,
+  source INTEGER NOT NULL,      -- person or group that it takes from; 0: none
+  target INTEGER NOT NULL,      -- that it gives to; 0: none
+  source_name TEXT NOT NULL,
+  target_name TEXT NOT NULL,
+  made INTEGER NOT NULL,        -- the target did not exist before
+  note TEXT NOT NULL,           -- of the source, where that is gone
+  since INTEGER NOT NULL,       -- its time
+  undone INTEGER NOT NULL,      -- by this correction; 0: it holds
+  undoes INTEGER NOT NULL       -- this correction; 0: none
+) STRICT;
+CREATE TABLE correction_row(    -- what it changed
+  correction INTEGER NOT NULL REFERENCES correction(id) ON DELETE CASCADE,
+  kind TEXT NOT NULL,           -- face, negative, sighting, apart
+  row INTEGER NOT NULL,
+  before INTEGER NOT NULL,      -- what undoing needs to know
+  PRIMARY KEY(correction, kind, row)
+) STRICT, WITHOUT ROWID;
 )sql"}};
-
-std::span<const std::uint8_t> bytes_of(const std::vector<float>& numbers) {
-  return {reinterpret_cast<const std::uint8_t*>(numbers.data()), numbers.size() * sizeof(float)};
-}
-
-std::vector<float> numbers_of(const std::vector<std::uint8_t>& bytes, const std::string& path,
-                              std::int64_t id) {
-  if (bytes.size() % sizeof(float) != 0 || bytes.size() > kMaxTemplate * sizeof(float))
-    throw InputError(path, fmt::format("face {}: its template is damaged", id));
-  std::vector<float> numbers(bytes.size() / sizeof(float));
-  if (!bytes.empty()) std::memcpy(numbers.data(), bytes.data(), bytes.size());
-  for (const float number : numbers)
-    if (!std::isfinite(number))
-      throw InputError(path, fmt::format("face {}: its template is damaged", id));
-  return numbers;
-}
 
 Person person_at(const Statement& row, const std::string& path) {
   Person person{row.integer(0), row.text(1), row.text(2), row.integer(3), row.integer(4)};
@@ -112,15 +160,6 @@ Person person_at(const Statement& row, const std::string& path) {
     throw InputError(path, error.what());
   }
   return person;
-}
-
-cv::Mat crop_of(const std::vector<std::uint8_t>& png, const std::string& path, std::int64_t id) {
-  ImageLimits limits;
-  limits.max_pixels = 4'000'000;
-  const cv::Mat color = decode_image(png, fmt::format("{}: face {}", path, id), limits);
-  cv::Mat gray;
-  cv::cvtColor(color, gray, cv::COLOR_BGR2GRAY);
-  return gray;
 }
 
 std::string folder_of(const std::string& path) {
@@ -303,15 +342,25 @@ std::optional<StoredFace> Gallery::latest_face(std::int64_t person) {
   return face_at(row, true);
 }
 
+namespace {
+
+// All that is kept of faces: enrolled, seen, and those that are not of a person. The owner of what
+// was seen of nobody is 0.
+constexpr const char* kSecrets =
+    "(SELECT person AS owner, 0 AS grouped, crop, numbers FROM face LEFT JOIN template ON "
+    "template.face = face.id UNION ALL SELECT coalesce(person, 0), coalesce(grouped, 0), crop, "
+    "numbers FROM seen_face JOIN sighting ON sighting.id = seen_face.sighting UNION ALL SELECT "
+    "person, 0, crop, NULL FROM negative)";
+
+}  // namespace
+
 // What is read of a face's secrets: all of its crop that is not every PNG's, its template.
 void Gallery::each_secret(
-    const char* condition, std::int64_t person,
+    const std::string& condition, std::int64_t value,
     const std::function<void(std::int64_t, std::span<const std::uint8_t>)>& take) {
   Statement rows(database_,
-                 fmt::format("SELECT person, crop, numbers FROM face LEFT JOIN template ON "
-                             "template.face = face.id WHERE person {} ?",
-                             condition));
-  rows.bind(1, person);
+                 fmt::format("SELECT owner, crop, numbers FROM {} WHERE {}", kSecrets, condition));
+  rows.bind(1, value);
   while (rows.step()) {
     const std::vector<std::uint8_t> crop = rows.bytes(1);
     const std::vector<std::uint8_t> numbers = rows.bytes(2);
@@ -324,62 +373,106 @@ std::optional<ForgetReport> Gallery::forget(std::string_view name, const std::st
                                             const SearchLimits& limits) {
   const std::optional<Person> person = find(name);
   if (!person) return std::nullopt;
-  return forget_those(person, stop, limits);
+  return forget_those(Forgotten::kPerson, person->id, stop, limits);
+}
+
+std::optional<ForgetReport> Gallery::forget_group(std::int64_t group, const std::stop_token& stop,
+                                                  const SearchLimits& limits) {
+  {
+    Statement row(database_, "SELECT 1 FROM sighting_group WHERE id = ?");
+    row.bind(1, group);
+    if (!row.step()) return std::nullopt;
+  }
+  return forget_those(Forgotten::kGroup, group, stop, limits);
 }
 
 std::optional<ForgetReport> Gallery::forget_all(const std::stop_token& stop,
                                                 const SearchLimits& limits) {
-  return forget_those(std::nullopt, stop, limits);
+  return forget_those(Forgotten::kAll, 0, stop, limits);
 }
 
-// One person, or everybody.
-std::optional<ForgetReport> Gallery::forget_those(std::optional<Person> person,
+std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t id,
                                                   const std::stop_token& stop,
                                                   const SearchLimits& limits) {
   ForgetReport report;
-  const std::int64_t id = person ? person->id : 0;
-  const char* own = person ? "=" : ">";  // ids are greater than 0
+  const bool group = what == Forgotten::kGroup;
+  const std::string own = what == Forgotten::kPerson ? "= ?" : ">= ?";  // ids are greater than 0
+  const std::string secrets = group ? "grouped = ?" : "owner " + own;
+  const std::string seen = group ? "id IN (SELECT sighting FROM seen_face WHERE grouped = ?)"
+                                 : "coalesce(person, 0) " + own;
   const auto count = [&](const std::string& query) {
     Statement row(database_, query);
     row.bind(1, id);
     return row.step() ? row.integer(0) : 0;
   };
-  report.people = person ? 1 : count("SELECT count(*) FROM person WHERE id > ?");
-  if (report.people == 0) return std::nullopt;
-  if (person) report.person = *person;
-  report.person.faces = count(fmt::format("SELECT count(*) FROM face WHERE person {} ?", own));
-  Pieces pieces(
-      count(fmt::format("SELECT coalesce(sum(length(crop) + coalesce(length(numbers), "
-                        "0)), 0) FROM face LEFT JOIN template ON template.face = face.id "
-                        "WHERE person {} ?",
-                        own)));
-  each_secret(own, id,
+  if (!group) {
+    report.people = count("SELECT count(*) FROM person WHERE id " + own);
+    if (report.people == 0 &&
+        (what == Forgotten::kPerson || count("SELECT count(*) FROM sighting WHERE id >= ?") == 0))
+      return std::nullopt;
+    if (what == Forgotten::kPerson) {
+      Statement row(database_,
+                    "SELECT id, name, note, time, (SELECT count(*) FROM face WHERE person = "
+                    "person.id) FROM person WHERE id = ?");
+      row.bind(1, id);
+      if (row.step()) report.person = person_at(row, path());
+    }
+    report.person.faces = count("SELECT count(*) FROM face WHERE person " + own);
+  }
+  Pieces pieces(count(fmt::format(
+      "SELECT coalesce(sum(length(crop) + coalesce(length(numbers), 0)), 0) FROM {} WHERE {}",
+      kSecrets, secrets)));
+  each_secret(secrets, id,
               [&](std::int64_t, std::span<const std::uint8_t> bytes) { pieces.add(bytes); });
   {
     Transaction transaction(database_);
-    report.sightings = count(fmt::format("SELECT count(*) FROM sighting WHERE person {} ?", own));
-    report.unlearned =
-        model_id() != 0 && count(fmt::format("SELECT count(*) FROM learned_face WHERE face IN "
-                                             "(SELECT id FROM face WHERE person {} ?)",
-                                             own)) > 0;
-    if (report.unlearned) drop_model();
-    for (const char* statement :
-         {"DELETE FROM sighting WHERE person {} ?",
-          "DELETE FROM template WHERE face IN (SELECT id FROM face WHERE person {} ?)",
-          "DELETE FROM face WHERE person {} ?", "DELETE FROM person WHERE id {} ?"}) {
-      Statement remove(database_, fmt::format(fmt::runtime(statement), own));
-      remove.bind(1, id);
-      (void)remove.step();
+    report.sightings = count("SELECT count(*) FROM sighting WHERE " + seen);
+    const auto remove = [&](const std::string& statement) {
+      Statement removal(database_, statement);
+      removal.bind(1, id);
+      (void)removal.step();
+    };
+    if (!group) {
+      report.unlearned =
+          model_id() != 0 && count(
+                                 "SELECT count(*) FROM learned_face WHERE face IN (SELECT id FROM "
+                                 "face WHERE person " +
+                                 own + ")") > 0;
+      if (report.unlearned) drop_model();
     }
+    remove("DELETE FROM sighting WHERE " + seen);  // and their faces
+    if (!group) {
+      for (const char* statement :
+           {"DELETE FROM template WHERE face IN (SELECT id FROM face WHERE person {}) ",
+            "DELETE FROM negative WHERE person ", "DELETE FROM face WHERE person ",
+            "DELETE FROM person WHERE id "}) {
+        const std::string text(statement);
+        const auto at = text.find("{}");
+        remove(at == std::string::npos ? text + own
+                                       : text.substr(0, at) + own + text.substr(at + 2));
+      }
+    }
+    // What was corrected of them names them, and could bring them back.
+    if (what == Forgotten::kAll) {
+      database_.run("DELETE FROM correction");
+    } else {
+      remove(group ? "DELETE FROM correction WHERE (kind IN ('merge groups', 'split group') AND ?1 "
+                     "IN (source, target)) OR (kind = 'name' AND source = ?1)"
+                   : "DELETE FROM correction WHERE kind NOT IN ('merge groups', 'split group') AND "
+                     "(target = ?1 OR (source = ?1 AND kind <> 'name'))");
+      database_.run(
+          "DELETE FROM correction WHERE undoes > 0 AND undoes NOT IN (SELECT id FROM correction)");
+    }
+    drop_empty_groups();
     changed();
     transaction.commit();
   }
   report.log_emptied = give_back_room();
   report.search = search_below(pieces, folder_of(path()), stop, limits);
-  if (!report.search.found.empty() && person) {
+  if (!report.search.found.empty() && what != Forgotten::kAll) {
     // Pieces that faces of others hold as well are no trace; only now are those looked at.
     std::vector<std::int64_t> others;
-    each_secret("<>", id, [&](std::int64_t other, std::span<const std::uint8_t> bytes) {
+    each_secret("owner >= ?", 0, [&](std::int64_t other, std::span<const std::uint8_t> bytes) {
       throw_if_stopped(stop);
       if (pieces.keep(bytes) > 0 && (others.empty() || others.back() != other))
         others.push_back(other);
@@ -389,7 +482,7 @@ std::optional<ForgetReport> Gallery::forget_those(std::optional<Person> person,
     for (const std::int64_t other : others) {
       Statement row(database_, "SELECT name FROM person WHERE id = ?");
       row.bind(1, other);
-      if (row.step()) report.shared_with.push_back(row.text(0));
+      report.shared_with.push_back(row.step() ? row.text(0) : "unknown");
     }
   }
   const auto again = [&] {
@@ -556,55 +649,6 @@ void Gallery::set_algorithm(std::string_view name) {
   drop_model();
   changed();
   transaction.commit();
-}
-
-void Gallery::add_sighting(std::int64_t time, std::string_view source, std::string_view name,
-                           bool known, double confidence) {
-  const std::string shown = masked(source);
-  Statement insert(database_,
-                   "INSERT INTO sighting(time, source, person, known, confidence) "
-                   "SELECT ?, ?, id, ?, ? FROM person WHERE name = ?");
-  insert.bind(1, time)
-      .bind(2, std::string_view(shown).substr(0, kMaxSource))
-      .bind(3, std::int64_t{known ? 1 : 0})
-      .bind(4, std::isfinite(confidence) ? confidence : 0.0)
-      .bind(5, name);
-  (void)insert.step();
-}
-
-std::vector<Sighting> Gallery::sightings(std::int64_t limit) {
-  Statement rows(database_,
-                 "SELECT sighting.id, sighting.time, source, name, known, confidence FROM sighting "
-                 "JOIN person ON person.id = sighting.person ORDER BY sighting.id DESC LIMIT ?");
-  rows.bind(1, limit > 0 ? limit : std::int64_t{-1});
-  std::vector<Sighting> out;
-  while (rows.step())
-    out.push_back({rows.integer(0), rows.integer(1), rows.text(2), rows.text(3),
-                   rows.integer(4) != 0, rows.real(5)});
-  return out;
-}
-
-std::int64_t Gallery::sighting_count() {
-  Statement row(database_, "SELECT count(*) FROM sighting");
-  return row.step() ? row.integer(0) : 0;
-}
-
-std::int64_t Gallery::forget_sightings_before(std::int64_t time, std::int64_t most) {
-  constexpr std::int64_t kBatch = 500;
-  std::int64_t removed = 0;
-  while (removed < most) {
-    const std::int64_t batch = std::min(kBatch, most - removed);
-    Statement remove(database_,
-                     "DELETE FROM sighting WHERE id IN (SELECT id FROM sighting WHERE time < ? "
-                     "ORDER BY time LIMIT ?)");
-    remove.bind(1, time).bind(2, batch);
-    (void)remove.step();
-    const std::int64_t rows = database_.changed_rows();
-    removed += rows;
-    if (rows < batch) break;
-  }
-  if (removed > 0) database_.run("PRAGMA incremental_vacuum; PRAGMA wal_checkpoint(TRUNCATE)");
-  return removed;
 }
 
 }  // namespace tarsier::face::people

@@ -18,7 +18,8 @@
 #include <utility>
 #include <vector>
 
-// Who is enrolled: an SQLite file of people, their faces and what was learned from them.
+// Who is enrolled: an SQLite file of people, their faces and what was learned from them; who was
+// seen, in what groups; what was corrected.
 namespace tarsier::face::people {
 
 struct Person {
@@ -63,13 +64,57 @@ struct StoredModel {
   std::string body;
 };
 
+// A face as it was seen.
+struct SeenFace {
+  cv::Mat crop;          // CV_8UC1, as cut_face() makes it
+  double quality = 0;    // 0..1
+  std::string measures;  // JSON object of the quality's measures
+};
+
 struct Sighting {
   std::int64_t id = 0;
   std::int64_t time = 0;  // ms since 1970-01-01 UTC
   std::string source;
-  std::string name;  // of the nearest person
+  std::string name;  // of the nearest person; empty: like nobody
   bool known = false;
-  double confidence = 0;  // 0..1
+  double confidence = 0;   // 0..1
+  bool has_face = false;   // its crop is kept
+  double quality = 0;      // of it, 0..1
+  std::int64_t group = 0;  // of an unknown face; 0: none
+};
+
+// Sightings of unknown faces that show one person.
+struct SightingGroup {
+  std::int64_t id = 0;
+  std::int64_t sightings = 0;
+  std::int64_t first_time = 0;  // ms since 1970-01-01 UTC
+  std::int64_t last_time = 0;
+};
+
+// A face that is not of a person.
+struct Negative {
+  std::int64_t id = 0;
+  std::int64_t person = 0;
+};
+
+// What somebody corrected. Each is one transaction, and is undone by another.
+struct Correction {
+  std::int64_t id = 0;
+  std::int64_t time = 0;  // ms since 1970-01-01 UTC
+  std::string actor;      // who
+  // "name", "not", "move", "merge", "split", "merge groups", "split group", "undo"
+  std::string kind;
+  std::string from;  // person, or "group 3"; empty: none
+  std::string to;
+  std::int64_t count = 0;   // faces, sightings or negatives that it changed
+  std::int64_t undone = 0;  // by this correction; 0: it holds
+  std::int64_t undoes = 0;  // this correction; 0: it is no undo
+};
+
+// Who corrects, and when: for the log.
+struct CorrectionStamp {
+  std::int64_t time = 0;  // ms since 1970-01-01 UTC
+  std::string actor;
 };
 
 struct ForgetReport {
@@ -138,6 +183,11 @@ class Gallery {
   [[nodiscard]] std::optional<ForgetReport> forget_all(const std::stop_token& stop,
                                                        const SearchLimits& limits = {});
 
+  // A group of unknown faces, in the same way.
+  [[nodiscard]] std::optional<ForgetReport> forget_group(std::int64_t group,
+                                                         const std::stop_token& stop,
+                                                         const SearchLimits& limits = {});
+
   // Changes with every enrolment and removal and with what is learned, whichever program does it:
   // one look-up.
   [[nodiscard]] std::int64_t generation();
@@ -165,11 +215,80 @@ class Gallery {
   [[nodiscard]] std::string algorithm();
   void set_algorithm(std::string_view name);
 
-  void add_sighting(std::int64_t time, std::string_view source, std::string_view name, bool known,
-                    double confidence);
+  // Returns its id. `name` empty: like nobody. 0, and nothing is stored, where nobody has that name
+  // (any more). `face` may be null: it is not kept.
+  std::int64_t add_sighting(std::int64_t time, std::string_view source, std::string_view name,
+                            bool known, double confidence, const SeenFace* face = nullptr);
+  // A better image of the same face; false where it is gone, or in a group already.
+  bool improve_sighting(std::int64_t id, const SeenFace& face);
   // Newest first, at most `limit` (0: all).
   [[nodiscard]] std::vector<Sighting> sightings(std::int64_t limit = 0);
   [[nodiscard]] std::int64_t sighting_count();
+  [[nodiscard]] std::optional<SeenFace> sighting_face(std::int64_t id);
+  // gallery_groups.cpp
+  [[nodiscard]] std::vector<SightingGroup> groups();
+  [[nodiscard]] std::optional<SightingGroup> group(std::int64_t id);
+  [[nodiscard]] std::vector<Sighting> group_sightings(std::int64_t group);  // in their order
+  // Unknown faces that are in no group yet, in their order.
+  [[nodiscard]] std::vector<std::int64_t> ungrouped();
+  [[nodiscard]] std::int64_t ungrouped_count();
+  // Numbers of unknown faces in a space (< 0, as templates have it), or empty where they are not
+  // made yet.
+  [[nodiscard]] std::vector<float> sighting_numbers(std::int64_t sighting, std::int64_t space);
+  void store_sighting_numbers(std::int64_t space,
+                              std::span<const std::pair<std::int64_t, std::vector<float>>> numbers);
+  // Each sighting of a group, in their order.
+  void each_grouped(
+      const std::function<void(std::int64_t sighting, std::int64_t group, double quality)>& take);
+  // Groups of different people, each pair once.
+  [[nodiscard]] std::vector<std::pair<std::int64_t, std::int64_t>> groups_apart();
+  [[nodiscard]] std::int64_t next_group();
+  // What placing a sighting did, see SightingGroups.
+  struct Placed {
+    std::int64_t sighting = 0;
+    std::int64_t group = 0;
+    std::vector<std::pair<std::int64_t, std::int64_t>> merged;
+  };
+  // In one transaction, with the id of the next group. False, and nothing is stored, where groups
+  // or sightings are no longer what they were in `generation`.
+  bool place(std::span<const Placed> placed, std::int64_t next, std::int64_t generation);
+
+  // gallery_corrections.cpp. All throw InputError, which says what to do, for ids, names and groups
+  // that do not exist or cannot be changed so, and UsageError for new names (check_name); nothing
+  // is changed then. Each returns its id in the log.
+  // A group of unknown faces is this person: the best `most` of its faces are enrolled, its
+  // sightings are theirs.
+  std::int64_t name_group(std::int64_t group, std::string_view name, std::string_view note,
+                          std::int64_t most, const CorrectionStamp& stamp);
+  // An enrolled face, or a sighting, is not of the person whose it is: from now on it speaks
+  // against them.
+  std::int64_t not_this_face(std::int64_t face, const CorrectionStamp& stamp);
+  std::int64_t not_this_sighting(std::int64_t sighting, const CorrectionStamp& stamp);
+  // A face that is seen now, and was never stored, is not of this person.
+  std::int64_t not_this_person(std::string_view name, const SeenFace& face, std::string_view source,
+                               const CorrectionStamp& stamp);
+  // Faces of one person are of another, who is added where new.
+  std::int64_t move_faces(std::span<const std::int64_t> faces, std::string_view to,
+                          const CorrectionStamp& stamp);
+  // Some faces of a person are of a new one.
+  std::int64_t split_person(std::string_view name, std::span<const std::int64_t> faces,
+                            std::string_view to, const CorrectionStamp& stamp);
+  // Two names of one person: the first is gone.
+  std::int64_t merge_people(std::string_view from, std::string_view into,
+                            const CorrectionStamp& stamp);
+  std::int64_t merge_groups(std::int64_t from, std::int64_t into, const CorrectionStamp& stamp);
+  // Sightings of a group are of somebody else: a group of their own, which stays apart.
+  std::int64_t split_group(std::int64_t group, std::span<const std::int64_t> sightings,
+                           const CorrectionStamp& stamp);
+  // Undoes a correction, or the last one that holds (id 0). What retention or `forget` has removed
+  // since stays removed.
+  std::int64_t undo(std::int64_t id, const CorrectionStamp& stamp);
+  // Newest first, at most `limit` (0: all).
+  [[nodiscard]] std::vector<Correction> corrections(std::int64_t limit = 0);
+  [[nodiscard]] std::optional<Correction> correction(std::int64_t id);
+  [[nodiscard]] std::vector<Negative> negatives();
+  [[nodiscard]] cv::Mat negative_crop(std::int64_t id);  // empty where it is gone
+
   // Those before `time` (ms); returns how many. A few hundred in each transaction, so that others
   // who write into the gallery do not wait; `most`: no more than so many in all.
   std::int64_t forget_sightings_before(
@@ -181,11 +300,27 @@ class Gallery {
   void changed();
   void drop_model();
   [[nodiscard]] StoredFace face_at(const Statement& row, bool crops);
-  std::optional<ForgetReport> forget_those(std::optional<Person> person,
+  enum class Forgotten { kPerson, kGroup, kAll };
+  std::optional<ForgetReport> forget_those(Forgotten what, std::int64_t id,
                                            const std::stop_token& stop, const SearchLimits& limits);
+  // `condition` has one parameter.
   void each_secret(
-      const char* condition, std::int64_t person,
-      const std::function<void(std::int64_t person, std::span<const std::uint8_t>)>& take);
+      const std::string& condition, std::int64_t value,
+      const std::function<void(std::int64_t owner, std::span<const std::uint8_t>)>& take);
+  void drop_empty_groups();
+  void set_next_group(std::int64_t id);
+  void join_groups(std::int64_t from, std::int64_t into);
+  [[nodiscard]] Person require_person(std::string_view name);
+  struct Step;
+  std::int64_t write_correction(const Step& step, const CorrectionStamp& stamp);
+  void write_change(std::int64_t correction, std::string_view kind, std::int64_t row,
+                    std::int64_t before);
+  std::int64_t add_negative(std::int64_t person, const std::vector<std::uint8_t>& png,
+                            double quality, std::string_view measures, std::string_view source,
+                            std::int64_t time);
+  std::int64_t hand_over(std::string_view kind, std::span<const std::int64_t> faces,
+                         const Person& from, std::string_view to, const CorrectionStamp& stamp);
+  void take_back(const Step& step);
   [[nodiscard]] bool give_back_room();
   Database database_;
 };

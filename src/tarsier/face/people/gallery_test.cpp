@@ -231,7 +231,7 @@ TEST_F(GalleryTest, AKilledProgramLeavesAWholeGallery) {
     close(ends[0]);
     Gallery gallery(path("p.db"));
     {
-      const DatabaseKind kind{"", 0x54504731, {"", ""}};
+      const DatabaseKind kind{"", 0x54504731, {"", "", ""}};
       Database database(path("p.db"), kind, DatabaseAccess::kRead);
       Statement check(database, "PRAGMA integrity_check");
       ASSERT_TRUE(check.step());
@@ -310,7 +310,7 @@ TEST_F(GalleryTest, AModelOfAFaceThatIsGoneIsNotStored) {
 // asked, as times would depend on the machine.
 TEST_F(GalleryTest, QueriesUseTheirIndices) {
   { const Gallery gallery(path("p.db")); }
-  const DatabaseKind kind{"", 0x54504731, {"", ""}};
+  const DatabaseKind kind{"", 0x54504731, {"", "", ""}};
   Database database(path("p.db"), kind, DatabaseAccess::kRead);
   for (const char* query :
        {"SELECT id FROM face LEFT JOIN template ON template.face = face.id WHERE person = 1 "
@@ -347,6 +347,7 @@ CREATE INDEX sighting_by_time ON sighting(time);
 CREATE INDEX sighting_by_person ON sighting(person);
 INSERT INTO person(name, note, time) VALUES('Ann', 'agreed', 5);
 INSERT INTO setting VALUES('generation', '7');
+INSERT INTO sighting(id, time, source, person, known, confidence) VALUES(9, 5, 'cam', 1, 1, 0.5);
 INSERT INTO model VALUES(1, 7, x'78');
 )sql"}};
     Database old(path("p.db"), first, DatabaseAccess::kCreate);
@@ -373,6 +374,11 @@ INSERT INTO model VALUES(1, 7, x'78');
   EXPECT_EQ(gallery.model()->body, "x");
   EXPECT_EQ(gallery.model()->generation, gallery.generation());
   EXPECT_EQ(faces[0].space, gallery.model()->id);
+  ASSERT_THAT(gallery.sightings(), SizeIs(1));
+  EXPECT_EQ(gallery.sightings()[0].name, "Ann");
+  EXPECT_FALSE(gallery.sightings()[0].has_face);
+  // Numbers go on, and from now on nobody need be enrolled.
+  EXPECT_EQ(gallery.add_sighting(6, "cam", "", false, 0), 10);
   EXPECT_TRUE(gallery.forget("Ann", {})->unlearned);
   EXPECT_FALSE(gallery.model());
 }
@@ -456,7 +462,7 @@ TEST_F(GalleryTest, FilesThatAreNoneOrCannotBeUsedSaySo) {
   EXPECT_THAT(message_of([&] { Gallery(path("newer.db")); }), HasSubstr("version 4"));
   {
     Gallery holder(path("p.db"));
-    const DatabaseKind kind{"", 0x54504731, {"", ""}};
+    const DatabaseKind kind{"", 0x54504731, {"", "", ""}};
     Database locker(path("p.db"), kind, DatabaseAccess::kWrite, 0);
     const Transaction transaction(locker);
     Gallery waiting(path("p.db"), DatabaseAccess::kWrite, 50);

@@ -102,6 +102,36 @@ void put_people(GalleryModel& model, const std::vector<FaceRef>& refs,
   }
 }
 
+// The faces that are not of a person, as the recogniser compares them. Their templates depend on
+// what was learned: they are made here, once for each model. There are few: each was corrected by
+// hand.
+void put_negatives(GalleryModel& model, Gallery& gallery) {
+  Recognizer& recognizer = model.recognizer;
+  std::map<std::int64_t, std::vector<float>> templates;
+  std::vector<std::vector<float>*> rows;
+  recognizer.negative_people.clear();
+  for (const Negative& negative : gallery.negatives()) {
+    const auto person = std::find(model.people.begin(), model.people.end(), negative.person);
+    if (person == model.people.end()) continue;  // without faces
+    std::vector<float> numbers;
+    if (const auto made = model.negatives.find(negative.id); made != model.negatives.end()) {
+      numbers = std::move(made->second);
+    } else {
+      const cv::Mat crop = gallery.negative_crop(negative.id);
+      if (crop.empty()) continue;  // gone meanwhile
+      numbers = recognition::template_of(recognizer,
+                                         recognizer_input(recognizer.options.algorithm, crop));
+    }
+    rows.push_back(&templates.emplace(negative.id, std::move(numbers)).first->second);
+    recognizer.negative_people.push_back(static_cast<int>(person - model.people.begin()));
+  }
+  recognizer.negatives.resize(static_cast<Eigen::Index>(rows.size()), recognizer.template_length());
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    recognizer.negatives.row(static_cast<Eigen::Index>(i)) = Eigen::Map<const Eigen::RowVectorXf>(
+        rows[i]->data(), static_cast<Eigen::Index>(rows[i]->size()));
+  model.negatives = std::move(templates);
+}
+
 // The stored templates of a space, a row for each of the faces, which rise. Nothing where one is
 // missing or of another length.
 std::optional<Rows> stored_rows(Gallery& gallery, std::int64_t space,
@@ -157,6 +187,7 @@ std::optional<GalleryModel> stored_model(Gallery& gallery, const Background* bac
     model.recognizer.templates = std::move(*rows);
   }
   put_people(model, refs, names_of(gallery), gallery.path());
+  put_negatives(model, gallery);
   try {
     model.recognizer.check();
   } catch (const std::invalid_argument&) {
@@ -171,6 +202,8 @@ std::string body_of(const Recognizer& model) {
   Recognizer subspace = model;
   subspace.labels.clear();
   subspace.people.clear();
+  subspace.negatives.resize(0, model.template_length());
+  subspace.negative_people.clear();
   subspace.templates.resize(0, model.template_length());
   return recognition::recognizer_text(subspace);
 }
@@ -619,7 +652,13 @@ void GalleryFollower::follow_faces() {
     model_.reset();
     return;
   }
-  if (added.empty() && kept.size() == model_->faces.size()) return;
+  if (added.empty() && kept.size() == model_->faces.size()) {
+    // The same faces, but perhaps of other people, or under other names.
+    put_people(*model_, all, names_of(gallery_), gallery_.path());
+    put_negatives(*model_, gallery_);
+    recognizer.refresh();
+    return;
+  }
   Rows templates(static_cast<Eigen::Index>(kept.size()), recognizer.template_length());
   for (std::size_t i = 0; i < kept.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(i);
@@ -633,6 +672,7 @@ void GalleryFollower::follow_faces() {
   }
   recognizer.templates = std::move(templates);
   put_people(*model_, all, names_of(gallery_), gallery_.path());
+  put_negatives(*model_, gallery_);
   recognizer.refresh();
 }
 

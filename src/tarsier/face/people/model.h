@@ -10,6 +10,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <stop_token>
@@ -46,6 +47,8 @@ struct GalleryModel {
   std::int64_t id = 0;               // of the stored model; 0: it is not stored
   std::int64_t space = 0;            // of the stored templates, see StoredModel; 0: not stored
   std::int64_t generation = 0;       // of the gallery that it is the model of
+  // Templates of the gallery's negatives, by their id: made once.
+  std::map<std::int64_t, std::vector<float>> negatives;
 };
 
 // Which model a gallery needs.
@@ -124,7 +127,7 @@ class GalleryFollower {
     kModel,  // templates are of another space: those of before do not go with them
   };
   // One look-up where nothing changed. Templates of people who were forgotten are gone afterwards,
-  // templates of new faces are there as far as they are stored.
+  // templates of new faces are there as far as they are stored; corrections hold.
   Change update();
   // Another model, learned meanwhile; then update().
   void replace(std::optional<GalleryModel> model);

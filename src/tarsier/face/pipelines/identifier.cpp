@@ -249,7 +249,8 @@ const recognition::Background* IdentifierState::background() const {
 bool IdentifierState::follow() {
   if (follower_ == nullptr) return false;
   const people::GalleryFollower::Change change = follower_->update();
-  if (change == people::GalleryFollower::Change::kModel) pool_.clear();
+  // Templates of another space do not go together; and what was corrected holds from this frame on.
+  if (change != people::GalleryFollower::Change::kNone) pool_.clear();
   return change != people::GalleryFollower::Change::kNone;
 }
 
@@ -292,9 +293,9 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
   TARSIER_REQUIRE(reader_.has_value(), "an identifier of names alone opens nothing");
   if (model_ != nullptr) return {reader_->make_reader(), model_};
   auto opened = std::make_unique<IdentifierState::OpenGallery>(
-      options_.enroll          ? people::Gallery(options_.gallery, DatabaseAccess::kCreate)
-      : options_.write_gallery ? people::Gallery(options_.gallery, DatabaseAccess::kWrite)
-                               : open_gallery(options_.gallery));
+      options_.enroll || options_.write_gallery
+          ? people::Gallery(options_.gallery, DatabaseAccess::kCreate)
+          : open_gallery(options_.gallery));
   if (options_.algorithm)
     opened->gallery.set_algorithm(recognition::name_of(*options_.algorithm));
   else

@@ -131,7 +131,7 @@ void name_faces(const recognition::Recognizer* model, bool cropped, const Naming
 
 struct IdentifierOptions {
   std::string gallery = "people.db";  // file of the people who are enrolled
-  bool write_gallery = false;         // it must be writable
+  bool write_gallery = false;         // it must be writable, and is made where it is missing
   // People are added: a gallery that is missing is made, the background is loaded in any case, and
   // that nothing can be learned yet is a warning.
   bool enroll = false;
@@ -176,6 +176,8 @@ class IdentifierState {
   [[nodiscard]] const people::FaceReader& reader() const { return reader_; }
   // Looks whether another program changed the gallery. Frames do it by themselves.
   bool follow();
+  // Names from now on come from the frames that follow alone: after a correction.
+  void forget_frames() { pool_.clear(); }
   // Another model of the gallery, learned meanwhile; nothing where nobody is enrolled any more.
   // Throws std::invalid_argument for a state without a gallery.
   void replace(std::optional<people::GalleryModel> model);

@@ -164,6 +164,14 @@ void Recognizer::check() const {
   }
   TARSIER_REQUIRE(std::find(seen.begin(), seen.end(), false) == seen.end(),
                   "a person without a template");
+  TARSIER_REQUIRE(negatives.rows() == static_cast<Eigen::Index>(negative_people.size()) &&
+                      (negatives.rows() == 0 || negatives.cols() == template_length()) &&
+                      negatives.allFinite(),
+                  "{} negatives of {} numbers, {} people", negatives.rows(), negatives.cols(),
+                  negative_people.size());
+  for (const int person : negative_people)
+    TARSIER_REQUIRE(person >= 0 && static_cast<std::size_t>(person) < labels.size(),
+                    "negative of person {}", person);
   auto sorted = labels;
   std::sort(sorted.begin(), sorted.end());
   TARSIER_REQUIRE(std::adjacent_find(sorted.begin(), sorted.end()) == sorted.end(),
@@ -239,6 +247,30 @@ std::vector<PersonScore> identify(const Recognizer& model, const cv::Mat& face) 
 
 namespace {
 
+// Scores of one face by two ways of summing differ by less.
+constexpr double kSameScore = 1e-5;
+
+// Whom a negative is at least as much like as the best template of theirs. Templates may be shorter
+// than 1 (of what the subspace does not hold): here the angles count alone, so that a face is like
+// nothing more than itself.
+std::vector<bool> ruled_out_by(const Recognizer& model, std::span<const float> probe,
+                               const std::vector<PersonScore>& best) {
+  std::vector<bool> out(best.size(), false);
+  const bool angles = is_whitened(model.options.algorithm);
+  const auto scale = [&](const auto& row) {
+    return angles ? 1 / std::max(1e-9, static_cast<double>(row.norm())) : 1.0;
+  };
+  for (std::size_t i = 0; i < model.negative_people.size(); ++i) {
+    const auto p = static_cast<std::size_t>(model.negative_people[i]);
+    if (out[p] || best[p].nearest < 0) continue;
+    const auto row = model.negatives.row(static_cast<Eigen::Index>(i));
+    const double score =
+        compare(model, probe, {row.data(), static_cast<std::size_t>(row.size())}) * scale(row);
+    out[p] = score >= best[p].score * scale(model.templates.row(best[p].nearest)) - kSameScore;
+  }
+  return out;
+}
+
 // Of everyone with a template, in the order of their index.
 std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const float> probe) {
   const auto scores = scores_of(model, probe);
@@ -252,6 +284,7 @@ std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const 
       entry.nearest = static_cast<int>(i);
     }
   }
+  const std::vector<bool> ruled_out = ruled_out_by(model, probe, out);
   if (is_whitened(model.options.algorithm) && model.options.mean_weight > 0) {
     // The cosine to a person's mean is the sum of the cosines over the length of the sum.
     TARSIER_REQUIRE(model.mean_scale.size() == out.size(), "the model was changed: refresh() it");
@@ -264,7 +297,9 @@ std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const 
           (1 - model.options.mean_weight) * out[p].score + model.options.mean_weight * to_mean;
     }
   }
-  std::erase_if(out, [](const PersonScore& entry) { return entry.nearest < 0; });
+  std::erase_if(out, [&](const PersonScore& entry) {
+    return entry.nearest < 0 || ruled_out[static_cast<std::size_t>(entry.person)];
+  });
   return out;
 }
 
@@ -317,6 +352,17 @@ bool remove_person(Recognizer& model, const std::string& label) {
   model.templates = kept.topRows(static_cast<Eigen::Index>(people.size()));
   model.people = std::move(people);
   model.labels.erase(found);
+  std::vector<int> negative_people;
+  Rows negatives(model.negatives.rows(), model.negatives.cols());
+  for (std::size_t i = 0; i < model.negative_people.size(); ++i) {
+    const int of = model.negative_people[i];
+    if (of == person) continue;
+    negatives.row(static_cast<Eigen::Index>(negative_people.size())) =
+        model.negatives.row(static_cast<Eigen::Index>(i));
+    negative_people.push_back(of > person ? of - 1 : of);
+  }
+  model.negatives = negatives.topRows(static_cast<Eigen::Index>(negative_people.size())).eval();
+  model.negative_people = std::move(negative_people);
   model.refresh();
   return true;
 }

@@ -79,6 +79,11 @@ struct Recognizer {
   double rest = 1;          // default: the same of what lies outside the components, > 0
   Rows templates;           // one a row
   std::vector<int> people;  // of each template, index into labels
+  // Templates of faces that are not of a person, one a row, and who that is not (index into
+  // labels): a face that is at least as much like one of them as like the person's best template
+  // is not of this person. No part of files.
+  Rows negatives;
+  std::vector<int> negative_people;
   std::optional<Calibration> calibration;  // none: too little was known (one person; Fisher, two)
   // kDeep: makes the numbers of a face. It is no part of files: whoever reads one puts it here.
   // Functions that take a face throw std::invalid_argument without it.
@@ -150,7 +155,8 @@ struct PersonScore {
   double score = 0;  // of the best template; default: mixed with that of the mean template
   int nearest = 0;   // index into templates, of this person
 };
-// Everyone with a template, best first, of equals the one with the lower index.
+// Everyone with a template whom no negative rules out, best first, of equals the one with the lower
+// index.
 [[nodiscard]] std::vector<PersonScore> identify(const Recognizer& model, const cv::Mat& face);
 [[nodiscard]] std::vector<PersonScore> identify_template(const Recognizer& model,
                                                          std::span<const float> probe);

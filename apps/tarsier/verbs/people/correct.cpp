@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/log.h"
+
+#include <fmt/format.h>
+
+#include "verbs/people/engine.h"
+#include "verbs/people/people.h"
+#include <charconv>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace tarsier::cli {
+namespace {
+
+using face::people::Correction;
+using face::people::Gallery;
+
+struct CorrectFlags {
+  PeopleFlags people;
+  std::string from;
+  std::string to;
+  std::vector<int> faces;
+  std::vector<int> sightings;
+  int face = 0;
+  int sighting = 0;
+  int group = 0;
+  int id = 0;
+  bool groups = false;
+};
+
+std::vector<std::int64_t> wide(const std::vector<int>& ids) { return {ids.begin(), ids.end()}; }
+
+std::int64_t group_of(const std::string& text) {
+  std::int64_t id = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), id);
+  if (error != std::errc() || end != text.data() + text.size() || id < 1)
+    throw UsageError(fmt::format("'{}' is no number of a group: `people groups` lists them", text));
+  return id;
+}
+
+nlohmann::ordered_json json_of(const Correction& entry) {
+  nlohmann::ordered_json line = {{"correction", entry.id},
+                                 {"time", time_text(entry.time)},
+                                 {"who", entry.actor},
+                                 {"what", entry.kind}};
+  line["from"] = entry.from.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(entry.from);
+  line["to"] = entry.to.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(entry.to);
+  line["count"] = entry.count;
+  line["undone"] =
+      entry.undone > 0 ? nlohmann::ordered_json(entry.undone) : nlohmann::ordered_json();
+  line["undoes"] =
+      entry.undoes > 0 ? nlohmann::ordered_json(entry.undoes) : nlohmann::ordered_json();
+  return line;
+}
+
+std::string text_of(const Correction& entry) {
+  const std::string from = printable(entry.from);
+  const std::string to = printable(entry.to);
+  std::string what;
+  if (entry.kind == "name") what = fmt::format("{} is {}", from, to);
+  if (entry.kind == "not") what = fmt::format("not {}", from);
+  if (entry.kind == "move") what = fmt::format("moved from {} to {}", from, to);
+  if (entry.kind == "split") what = fmt::format("split off {}: {}", from, to);
+  if (entry.kind == "merge") what = fmt::format("{} is {}: merged", from, to);
+  if (entry.kind == "merge groups") what = fmt::format("{} merged into {}", from, to);
+  if (entry.kind == "split group") what = fmt::format("split off {}: {}", from, to);
+  if (entry.kind == "undo") what = fmt::format("undid {}", entry.undoes);
+  if (entry.count > 0) what += fmt::format(" ({})", entry.count);
+  if (entry.undone > 0) what += fmt::format(", undone by {}", entry.undone);
+  return what;
+}
+
+ExitStatus tell(Gallery& gallery, std::int64_t id, const Context& context) {
+  const auto entry = gallery.correction(id);
+  if (!entry) return ExitStatus::kDone;
+  if (context.json) {
+    print_json(json_of(*entry));
+  } else if (entry->kind == "undo") {
+    print_text(fmt::format("Correction {}: {}\n", id, text_of(*entry)));
+  } else {
+    print_text(fmt::format("Correction {}: {}. `people correct undo {}` takes it back\n", id,
+                           text_of(*entry), id));
+  }
+  return ExitStatus::kDone;
+}
+
+Gallery open(const CorrectFlags& flags) {
+  return Gallery(flags.people.gallery, DatabaseAccess::kWrite);
+}
+
+ExitStatus correct_not(const CorrectFlags& flags, const Context& context) {
+  if ((flags.face == 0) == (flags.sighting == 0))
+    throw UsageError("say which: --face ID or --sighting ID");
+  Gallery gallery = open(flags);
+  return tell(gallery,
+              flags.face > 0 ? gallery.not_this_face(flags.face, correction_stamp())
+                             : gallery.not_this_sighting(flags.sighting, correction_stamp()),
+              context);
+}
+
+ExitStatus correct_move(const CorrectFlags& flags, const Context& context) {
+  Gallery gallery = open(flags);
+  return tell(gallery, gallery.move_faces(wide(flags.faces), flags.to, correction_stamp()),
+              context);
+}
+
+ExitStatus correct_merge(const CorrectFlags& flags, const Context& context) {
+  Gallery gallery = open(flags);
+  return tell(gallery,
+              flags.groups ? gallery.merge_groups(group_of(flags.from), group_of(flags.to),
+                                                  correction_stamp())
+                           : gallery.merge_people(flags.from, flags.to, correction_stamp()),
+              context);
+}
+
+ExitStatus correct_split(const CorrectFlags& flags, const Context& context) {
+  if (flags.group > 0) {
+    if (!flags.from.empty() || !flags.faces.empty())
+      throw UsageError("--group goes with --sighting alone");
+    if (flags.sightings.empty()) throw UsageError("say which: --sighting ID");
+    Gallery gallery = open(flags);
+    return tell(gallery,
+                gallery.split_group(flags.group, wide(flags.sightings), correction_stamp()),
+                context);
+  }
+  if (flags.from.empty() || flags.to.empty())
+    throw UsageError("say whom: FROM TO --face ID, or --group ID --sighting ID");
+  if (!flags.sightings.empty()) throw UsageError("--sighting goes with --group");
+  if (flags.faces.empty()) throw UsageError("say which: --face ID");
+  Gallery gallery = open(flags);
+  return tell(gallery,
+              gallery.split_person(flags.from, wide(flags.faces), flags.to, correction_stamp()),
+              context);
+}
+
+ExitStatus correct_undo(const CorrectFlags& flags, const Context& context) {
+  Gallery gallery = open(flags);
+  return tell(gallery, gallery.undo(flags.id, correction_stamp()), context);
+}
+
+struct LogFlags {
+  PeopleFlags people;
+  std::int64_t limit = 0;
+};
+
+ExitStatus show_log(const LogFlags& flags, const Context& context) {
+  Gallery gallery = face::open_gallery(flags.people.gallery);
+  const auto entries = gallery.corrections(flags.limit);
+  for (const Correction& entry : entries) {
+    if (context.json) {
+      print_json(json_of(entry));
+    } else {
+      print_text(fmt::format("{:>6}  {}  {:<12} {}\n", entry.id,
+                             time_text(entry.time).substr(0, 19), printable(entry.actor),
+                             text_of(entry)));
+    }
+  }
+  if (entries.empty()) log_info("{}: nothing was corrected", flags.people.gallery);
+  return entries.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
+}
+
+void add_faces_flag(Command& verb, CorrectFlags& flags, bool required) {
+  Flag& flag = verb.add_option("--face", flags.faces,
+                               "number of a face, as `people list --faces NAME` shows it; may come "
+                               "several times");
+  flag.check(at_least(1)).one_value_each();
+  if (required) flag.required();
+}
+
+void add_not_flags(Command& verb, CorrectFlags& flags) {
+  verb.add_option("--face", flags.face,
+                  "enrolled: its number, as `people list --faces NAME` has it [0..]")
+      .check(at_least(1));
+  verb.add_option("--sighting", flags.sighting,
+                  "seen: its number, as `people list --sightings` has it [0..]")
+      .check(at_least(1));
+  add_gallery_flag(verb, flags.people);
+}
+
+void add_move_flags(Command& verb, CorrectFlags& flags) {
+  verb.add_option("TO", flags.to, "whose they are; added where new").required();
+  add_faces_flag(verb, flags, true);
+  add_gallery_flag(verb, flags.people);
+}
+
+void add_merge_flags(Command& verb, CorrectFlags& flags) {
+  verb.add_option("FROM", flags.from, "name that goes; with --groups its number").required();
+  verb.add_option("INTO", flags.to, "name that stays; with --groups its number").required();
+  verb.add_flag("--groups", flags.groups, "two groups of unknown faces");
+  add_gallery_flag(verb, flags.people);
+}
+
+void add_split_flags(Command& verb, CorrectFlags& flags) {
+  verb.add_option("FROM", flags.from, "a person");
+  verb.add_option("TO", flags.to, "name of a new one");
+  add_faces_flag(verb, flags, false);
+  verb.add_option("--group", flags.group, "of a group of unknown faces in place of a person [0..]")
+      .check(at_least(1));
+  verb.add_option("--sighting", flags.sightings,
+                  "number of a sighting of that group; may come several times")
+      .check(at_least(1))
+      .one_value_each();
+  add_gallery_flag(verb, flags.people);
+}
+
+void add_undo_flags(Command& verb, CorrectFlags& flags) {
+  verb.add_option("ID", flags.id, "number of the correction [the last that holds]")
+      .check(at_least(1));
+  add_gallery_flag(verb, flags.people);
+}
+
+void add_log_flags(Command& verb, LogFlags& flags) {
+  add_gallery_flag(verb, flags.people);
+  verb.add_option("--limit", flags.limit, "the newest so many; 0: all")
+      .check(at_least(0))
+      .show_default();
+}
+
+}  // namespace
+
+void add_people_correct(Command& area, Context& context) {
+  Command& correct =
+      area.add_subcommand("correct", "puts right who is who; each is undone by `correct undo`");
+  correct.require_subcommand(1);
+  add_verb<CorrectFlags>(correct, "not",
+                         "this face is not this person: it speaks against them from now on",
+                         context, add_not_flags, correct_not);
+  add_verb<CorrectFlags>(correct, "move", "faces are of another person", context, add_move_flags,
+                         correct_move);
+  add_verb<CorrectFlags>(correct, "merge", "two people, or two groups, are one", context,
+                         add_merge_flags, correct_merge);
+  add_verb<CorrectFlags>(correct, "split", "faces of a person, or of a group, are of a new one",
+                         context, add_split_flags, correct_split);
+  add_verb<CorrectFlags>(correct, "undo", "takes a correction back", context, add_undo_flags,
+                         correct_undo);
+  add_verb<LogFlags>(area, "log", "lists what was corrected: when, by whom, what", context,
+                     add_log_flags, show_log);
+}
+
+}  // namespace tarsier::cli

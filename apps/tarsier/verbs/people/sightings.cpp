@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: MIT
+#include "verbs/people/sightings.h"
+
+#include "tarsier/media/still_source.h"
+
+#include <nlohmann/json.hpp>
+
+namespace tarsier::cli {
+namespace {
+
+constexpr double kSettled = 2;    // s until an unknown face is one
+constexpr double kLost = 60;      // s: a face does not come back under its number
+constexpr double kBetter = 1.15;  // a stored face is replaced by one of so many times its quality
+
+face::people::SeenFace seen(const face::people::Face& face) {
+  return {face.crop.clone(), face.quality.score(), face::people::quality_json(face.quality).dump()};
+}
+
+}  // namespace
+
+SightingWriter::SightingWriter(face::people::Gallery& gallery, std::int64_t keep_ms)
+    : gallery_(gallery), retention_(gallery, keep_ms) {}
+
+void SightingWriter::write(Track& track, std::int64_t time, const std::string& label, bool known) {
+  const bool good = !track.best.crop.empty();
+  track.sighting = gallery_.add_sighting(time, track.name, label, known, track.confidence,
+                                         good ? &track.best : nullptr);
+  track.stored = good ? track.best.quality : 0;
+  if (!good) track.sighting = 0;
+}
+
+void SightingWriter::end(Track& track) {
+  if (track.known_as.empty() && !track.written_unknown)
+    write(track, track.since, track.nearest, false);
+}
+
+void SightingWriter::look(Track& track, const face::NamedFace& face, const Frame& frame,
+                          std::int64_t now) {
+  track.last_time = frame.time;
+  track.name = frame.name;
+  track.confidence = face.name.confidence;
+  const bool good = face::people::problems(face.face.quality, gate_).empty();
+  const bool changed = face.name.known && face.name.label != track.known_as;
+  if (changed && !track.known_as.empty()) track.best = {};  // who knows whose those were
+  if (good && (track.best.crop.empty() || face.face.quality.score() > track.best.quality))
+    track.best = seen(face.face);
+  if (changed) {
+    write(track, now, face.name.label, true);
+    track.known_as = face.name.label;
+    return;
+  }
+  if (!face.name.known) track.nearest = face.name.label;
+  if (track.known_as.empty() && !track.written_unknown &&
+      frame.time - track.first_time >= kSettled) {
+    write(track, track.since, track.nearest, false);
+    track.written_unknown = true;
+    return;
+  }
+  if (track.sighting > 0 && track.best.quality >= kBetter * track.stored) {
+    if (!gallery_.improve_sighting(track.sighting, track.best)) track.sighting = 0;
+    track.stored = track.best.quality;
+  }
+}
+
+void SightingWriter::frame(const Frame& frame, const std::vector<face::NamedFace>& faces,
+                           std::int64_t now) {
+  const std::string source = source_of(frame);
+  if (frame.still || source != source_) finish();
+  source_ = source;
+  for (const face::NamedFace& face : faces) {
+    if (!frame.still && face.face.id > 0) {
+      const auto [track, fresh] = tracks_.try_emplace(face.face.id);
+      if (fresh) {
+        track->second.first_time = frame.time;
+        track->second.since = now;
+      }
+      look(track->second, face, frame, now);
+      continue;
+    }
+    Track one;
+    one.name = frame.name;
+    one.confidence = face.name.confidence;
+    if (face::people::problems(face.face.quality, gate_).empty()) one.best = seen(face.face);
+    write(one, now, face.name.label, face.name.known);
+  }
+  for (auto track = tracks_.begin(); track != tracks_.end();) {
+    if (frame.time - track->second.last_time <= kLost) {
+      ++track;
+      continue;
+    }
+    end(track->second);
+    track = tracks_.erase(track);
+  }
+  (void)retention_.step(now);
+}
+
+void SightingWriter::finish() {
+  for (auto& [id, track] : tracks_) end(track);
+  tracks_.clear();
+}
+
+}  // namespace tarsier::cli

@@ -1,0 +1,314 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
+#include "tarsier/face/people/gallery.h"
+#include "tarsier/face/people/model.h"
+#include "tarsier/face/recognition/testing_faces.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <csignal>
+#include <sys/wait.h>
+#include <unistd.h>
+
+namespace tarsier::face::people {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+
+const CorrectionStamp kNow{1234, "tester"};
+
+template <typename Call>
+std::string message_of(const Call& call) {
+  try {
+    call();
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+class CorrectionsTest : public FolderTest {
+ protected:
+  cv::Mat image(int person, int seed) {
+    return recognition::synthetic_faces(1, 1, 0.2, static_cast<std::uint64_t>(seed), person,
+                                        {128, 160})
+        .faces[0];
+  }
+  std::int64_t enroll(Gallery& gallery, const std::string& name, int person, int seed) {
+    StoredFace face;
+    face.crop = image(person, seed);
+    face.measures = "{}";
+    face.source = "x.png";
+    face.time = seed;
+    return gallery.enroll(name, "agreed", face);
+  }
+  std::int64_t see(Gallery& gallery, const std::string& name, bool known, int person, int seed) {
+    const SeenFace face{image(person, seed), 0.5, "{}"};
+    return gallery.add_sighting(seed, "camera", name, known, 0.9, &face);
+  }
+  // Groups as if they had been found: sightings of unknown faces.
+  void place(Gallery& gallery, std::int64_t sighting, std::int64_t group) {
+    const std::vector<Gallery::Placed> placed{{sighting, group, {}}};
+    ASSERT_TRUE(gallery.place(placed, gallery.next_group() + 1, gallery.generation()));
+  }
+  static std::vector<std::string> who(Gallery& gallery) {
+    std::vector<std::string> out;
+    for (const Person& person : gallery.people())
+      out.push_back(person.name + ":" + std::to_string(person.faces));
+    return out;
+  }
+  NoProgress progress_;
+};
+
+TEST_F(CorrectionsTest, MovesMergesSplitsAndUndoes) {
+  Gallery gallery(path("p.db"));
+  const std::int64_t a1 = enroll(gallery, "Ann", 1, 1);
+  const std::int64_t a2 = enroll(gallery, "Ann", 1, 2);
+  (void)enroll(gallery, "Ben", 2, 3);
+  (void)see(gallery, "Ann", true, 1, 9);
+  std::int64_t generation = gallery.generation();
+  const std::int64_t moved = gallery.move_faces(std::vector<std::int64_t>{a2}, "Ben", kNow);
+  EXPECT_GT(gallery.generation(), generation);
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:1", "Ben:2"));
+  const std::int64_t merged = gallery.merge_people("Ann", "Ben", kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ben:3"));
+  EXPECT_EQ(gallery.sightings()[0].name, "Ben");
+  // The earlier one cannot be undone before the later one.
+  EXPECT_THAT(message_of([&] { (void)gallery.undo(moved, kNow); }), HasSubstr("undo that first"));
+  EXPECT_THAT(who(gallery), ElementsAre("Ben:3"));
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:1", "Ben:2"));
+  EXPECT_EQ(gallery.find("Ann")->note, "agreed");
+  EXPECT_EQ(gallery.sightings()[0].name, "Ann");
+  EXPECT_THAT(message_of([&] { (void)gallery.undo(merged, kNow); }), HasSubstr("undone already"));
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:2", "Ben:1"));
+  EXPECT_THAT(message_of([&] { (void)gallery.undo(0, kNow); }), HasSubstr("nothing to undo"));
+
+  const std::int64_t split = gallery.split_person("Ann", std::vector{a1, a1}, "Zoe", kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:1", "Ben:1", "Zoe:1"));
+  const auto entry = gallery.correction(split);
+  ASSERT_TRUE(entry);
+  EXPECT_EQ(entry->kind, "split");
+  EXPECT_EQ(entry->from, "Ann");
+  EXPECT_EQ(entry->to, "Zoe");
+  EXPECT_EQ(entry->count, 1);
+  EXPECT_EQ(entry->actor, "tester");
+  (void)gallery.undo(split, kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:2", "Ben:1"));
+  EXPECT_EQ(gallery.correction(split)->undone, gallery.corrections(1)[0].id);
+}
+
+TEST_F(CorrectionsTest, RefusesWhatIsNotThere) {
+  Gallery gallery(path("p.db"));
+  const std::int64_t face = enroll(gallery, "Ann", 1, 1);
+  const std::int64_t other = enroll(gallery, "Ben", 2, 1);
+  const std::int64_t bare = gallery.add_sighting(5, "camera", "Ann", true, 0.9);
+  const std::int64_t nobody = see(gallery, "", false, 3, 1);
+  const std::vector<std::int64_t> one{face};
+  const std::int64_t generation = gallery.generation();
+  EXPECT_THAT(message_of([&] { (void)gallery.not_this_face(99, kNow); }), HasSubstr("no face 99"));
+  EXPECT_THAT(message_of([&] { (void)gallery.not_this_sighting(99, kNow); }),
+              HasSubstr("no sighting 99"));
+  EXPECT_THAT(message_of([&] { (void)gallery.not_this_sighting(bare, kNow); }),
+              HasSubstr("was not kept"));
+  EXPECT_THAT(message_of([&] { (void)gallery.not_this_sighting(nobody, kNow); }),
+              HasSubstr("nobody's"));
+  EXPECT_THAT(message_of([&] { (void)gallery.move_faces(one, "Ann", kNow); }),
+              HasSubstr("already"));
+  EXPECT_THAT(message_of([&] { (void)gallery.move_faces({}, "Ben", kNow); }), HasSubstr("no face"));
+  EXPECT_THAT(message_of([&] {
+                (void)gallery.move_faces(std::vector{face, other}, "Zoe", kNow);
+              }),
+              HasSubstr("two people"));
+  EXPECT_THAT(message_of([&] { (void)gallery.move_faces(one, "a\nb", kNow); }),
+              HasSubstr("control character"));
+  EXPECT_THAT(message_of([&] { (void)gallery.split_person("Ann", one, "Zoe", kNow); }),
+              HasSubstr("at least must stay"));
+  EXPECT_THAT(
+      message_of([&] { (void)gallery.split_person("Ann", std::vector{other}, "Zoe", kNow); }),
+      HasSubstr("not one of 'Ann'"));
+  EXPECT_THAT(message_of([&] { (void)gallery.split_person("Ann", one, "Ben", kNow); }),
+              HasSubstr("enrolled already"));
+  EXPECT_THAT(message_of([&] { (void)gallery.merge_people("Ann", "Nobody", kNow); }),
+              HasSubstr("nobody is enrolled as 'Nobody'"));
+  EXPECT_THAT(message_of([&] { (void)gallery.merge_people("Ann", "Ann", kNow); }),
+              HasSubstr("one person"));
+  EXPECT_THAT(message_of([&] { (void)gallery.merge_groups(1, 2, kNow); }), HasSubstr("no group 1"));
+  EXPECT_THAT(message_of([&] { (void)gallery.name_group(1, "Zoe", "", 20, kNow); }),
+              HasSubstr("no group 1"));
+  EXPECT_THAT(message_of([&] { (void)gallery.undo(7, kNow); }), HasSubstr("no correction 7"));
+  EXPECT_EQ(gallery.generation(), generation);
+  EXPECT_THAT(gallery.corrections(), IsEmpty());
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:1", "Ben:1"));
+}
+
+// A face that is not of a person is not named so again, whatever was learned, and also where a
+// model is in use; undone, it is as before.
+TEST_F(CorrectionsTest, ANegativeHoldsAtOnce) {
+  Gallery gallery(path("p.db"));
+  for (int seed = 1; seed < 4; ++seed) {
+    (void)enroll(gallery, "Ann", 1, seed);
+    (void)enroll(gallery, "Ben", 2, seed);
+  }
+  auto model = load_gallery_model(gallery, nullptr, true, Learn::kWhenDue, progress_, {});
+  ASSERT_TRUE(model);
+  GalleryFollower follower(gallery, nullptr, std::move(model));
+  const cv::Mat wrong = image(1, 50);
+  const auto named = [&](const cv::Mat& face) {
+    (void)follower.update();
+    return recognize(*follower.recognizer(), recognition::template_of(*follower.recognizer(), face),
+                     0.1)
+        .label;
+  };
+  EXPECT_EQ(named(wrong), "Ann");
+  const std::int64_t sighting = see(gallery, "Ann", true, 1, 50);
+  Gallery by_another_program(path("p.db"));
+  (void)by_another_program.not_this_sighting(sighting, kNow);
+  EXPECT_EQ(named(wrong), "Ben");
+  EXPECT_EQ(named(image(1, 2)), "Ann");
+  EXPECT_FALSE(gallery.sightings()[0].known);
+  EXPECT_EQ(gallery.sightings()[0].name, "");
+  EXPECT_THAT(gallery.ungrouped(), ElementsAre(sighting));
+  // Learned once more it still holds.
+  const auto again = load_gallery_model(gallery, nullptr, true, Learn::kNow, progress_, {});
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->recognizer.negatives.rows(), 1);
+  EXPECT_EQ(named(wrong), "Ben");
+  (void)by_another_program.undo(0, kNow);
+  EXPECT_EQ(named(wrong), "Ann");
+  EXPECT_TRUE(gallery.sightings()[0].known);
+  EXPECT_THAT(gallery.negatives(), IsEmpty());
+}
+
+TEST_F(CorrectionsTest, AnEnrolledFaceThatIsNotThePersonSpeaksAgainstThem) {
+  Gallery gallery(path("p.db"));
+  for (int seed = 1; seed < 4; ++seed) (void)enroll(gallery, "Ann", 1, seed);
+  const std::int64_t wrong = enroll(gallery, "Ann", 2, 1);
+  auto model = load_gallery_model(gallery, nullptr, true, Learn::kWhenDue, progress_, {});
+  GalleryFollower follower(gallery, nullptr, std::move(model));
+  (void)gallery.not_this_face(wrong, kNow);
+  EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
+  const auto label = [&](int person, int seed) {
+    return recognize(*follower.recognizer(),
+                     recognition::template_of(*follower.recognizer(), image(person, seed)), 0.1)
+        .label;
+  };
+  EXPECT_EQ(label(2, 1), "");
+  EXPECT_EQ(label(1, 2), "Ann");
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:3"));
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:4"));
+  EXPECT_EQ(gallery.face(wrong)->source, "x.png");
+  // A face that is moved is the other's at once, without learning.
+  (void)follower.update();
+  (void)gallery.move_faces(std::vector<std::int64_t>{wrong}, "Ben", kNow);
+  auto learned = load_gallery_model(gallery, nullptr, true, Learn::kWhenDue, progress_, {});
+  follower.replace(std::move(learned));
+  EXPECT_EQ(label(2, 1), "Ben");
+  (void)gallery.move_faces(std::vector<std::int64_t>{wrong}, "Cid", kNow);
+  (void)follower.update();
+  EXPECT_EQ(label(2, 1), "Cid");
+}
+
+TEST_F(CorrectionsTest, NamesAGroupAndTakesItBack) {
+  Gallery gallery(path("p.db"));
+  for (int seed = 1; seed < 4; ++seed) place(gallery, see(gallery, "", false, 1, seed), 1);
+  place(gallery, see(gallery, "", false, 2, 1), 2);
+  const std::int64_t id = gallery.name_group(1, "Ann <b>&\"'", "asked", 2, kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ann <b>&\"':2"));
+  EXPECT_THAT(gallery.groups(), SizeIs(1));
+  EXPECT_EQ(gallery.sightings()[1].name, "Ann <b>&\"'");
+  EXPECT_TRUE(gallery.sightings()[1].known);
+  EXPECT_EQ(gallery.next_group(), 5);
+  EXPECT_EQ(gallery.correction(id)->from, "group 1");
+  (void)gallery.undo(id, kNow);
+  EXPECT_THAT(gallery.people(), IsEmpty());
+  ASSERT_THAT(gallery.groups(), SizeIs(2));
+  EXPECT_EQ(gallery.groups()[0].sightings, 3);
+  EXPECT_FALSE(gallery.sightings()[1].known);
+  // Who is enrolled since by other faces stays.
+  (void)gallery.name_group(1, "Ann", "", 20, kNow);
+  (void)enroll(gallery, "Ann", 1, 77);
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:1"));
+}
+
+TEST_F(CorrectionsTest, MergesAndSplitsGroups) {
+  Gallery gallery(path("p.db"));
+  std::vector<std::int64_t> seen;
+  for (int seed = 1; seed < 5; ++seed) seen.push_back(see(gallery, "", false, 1, seed));
+  place(gallery, seen[0], 1);
+  place(gallery, seen[1], 1);
+  place(gallery, seen[2], 2);
+  place(gallery, seen[3], 3);
+  (void)gallery.split_group(1, std::vector{seen[1]}, kNow);
+  const std::int64_t made = gallery.groups().back().id;
+  EXPECT_THAT(gallery.groups_apart(), ElementsAre(std::pair(std::int64_t{1}, made)));
+  // What was apart from the one is apart from the other.
+  (void)gallery.merge_groups(1, 2, kNow);
+  EXPECT_THAT(gallery.groups_apart(), ElementsAre(std::pair(std::int64_t{2}, made)));
+  EXPECT_THAT(message_of([&] { (void)gallery.split_group(2, std::vector{seen[1]}, kNow); }),
+              HasSubstr("not one of group 2"));
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(gallery.groups_apart(), ElementsAre(std::pair(std::int64_t{1}, made)));
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(gallery.groups_apart(), IsEmpty());
+  EXPECT_THAT(gallery.groups(), SizeIs(3));
+  EXPECT_EQ(gallery.group(1)->sightings, 2);
+}
+
+// Nothing of a person stays who is forgotten: what speaks against them, what was seen, the log.
+TEST_F(CorrectionsTest, ForgettingTakesTheLogAlong) {
+  Gallery gallery(path("p.db"));
+  (void)enroll(gallery, "Ann", 1, 1);
+  (void)enroll(gallery, "Ben", 2, 1);
+  const std::int64_t wrong = enroll(gallery, "Ann", 3, 1);
+  (void)see(gallery, "Ann", true, 1, 8);
+  (void)gallery.not_this_face(wrong, kNow);
+  (void)gallery.move_faces(std::vector<std::int64_t>{1}, "Cid", kNow);
+  (void)gallery.undo(0, kNow);
+  const auto report = gallery.forget("Ann", {});
+  ASSERT_TRUE(report);
+  EXPECT_TRUE(report->proven());
+  EXPECT_EQ(report->sightings, 1);
+  EXPECT_THAT(gallery.corrections(), IsEmpty());
+  EXPECT_THAT(gallery.negatives(), IsEmpty());
+  EXPECT_THAT(who(gallery), ElementsAre("Ben:1"));
+  place(gallery, see(gallery, "", false, 5, 1), 1);
+  ASSERT_TRUE(gallery.forget_all({}));
+  EXPECT_THAT(gallery.groups(), IsEmpty());
+  EXPECT_EQ(gallery.sighting_count(), 0);
+}
+
+// What a correction says was done is done after a kill.
+TEST_F(CorrectionsTest, SurvivesAKill) {
+  std::int64_t face = 0;
+  {
+    Gallery gallery(path("p.db"));
+    face = enroll(gallery, "Ann", 1, 1);
+    (void)enroll(gallery, "Ann", 1, 2);
+  }
+  const pid_t child = fork();
+  if (child == 0) {
+    Gallery gallery(path("p.db"));
+    (void)gallery.split_person("Ann", std::vector{face}, "Zoe", kNow);
+    (void)::kill(::getpid(), SIGKILL);
+    ::_exit(1);
+  }
+  int status = 0;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  ASSERT_TRUE(WIFSIGNALED(status));
+  Gallery gallery(path("p.db"));
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:1", "Zoe:1"));
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:2"));
+}
+
+}  // namespace
+}  // namespace tarsier::face::people

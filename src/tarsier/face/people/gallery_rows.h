@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "tarsier/core/errors.h"
+#include "tarsier/face/people/gallery.h"
+#include "tarsier/media/image_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <string>
+#include <vector>
+
+// How a gallery's rows hold faces: for its own sources.
+namespace tarsier::face::people {
+
+inline constexpr std::size_t kMaxSource = 1000;       // bytes
+inline constexpr std::size_t kMaxTemplate = 200'000;  // numbers
+
+[[nodiscard]] inline std::span<const std::uint8_t> bytes_of(std::span<const float> numbers) {
+  return {reinterpret_cast<const std::uint8_t*>(numbers.data()), numbers.size() * sizeof(float)};
+}
+
+[[nodiscard]] inline std::vector<float> numbers_of(const std::vector<std::uint8_t>& bytes,
+                                                   const std::string& path, std::int64_t id) {
+  if (bytes.size() % sizeof(float) != 0 || bytes.size() > kMaxTemplate * sizeof(float))
+    throw InputError(path, fmt::format("face {}: its template is damaged", id));
+  std::vector<float> numbers(bytes.size() / sizeof(float));
+  if (!bytes.empty()) std::memcpy(numbers.data(), bytes.data(), bytes.size());
+  for (const float number : numbers)
+    if (!std::isfinite(number))
+      throw InputError(path, fmt::format("face {}: its template is damaged", id));
+  return numbers;
+}
+
+[[nodiscard]] inline cv::Mat crop_of(const std::vector<std::uint8_t>& png, const std::string& path,
+                                     std::int64_t id) {
+  ImageLimits limits;
+  limits.max_pixels = 4'000'000;
+  const cv::Mat color = decode_image(png, fmt::format("{}: face {}", path, id), limits);
+  cv::Mat gray;
+  cv::cvtColor(color, gray, cv::COLOR_BGR2GRAY);
+  return gray;
+}
+
+}  // namespace tarsier::face::people

@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/people/grouping.h"
+
+#include "tarsier/core/stop.h"
+#include "tarsier/face/recognition/background_space.h"
+#include "tarsier/face/recognition/pair_scores.h"
+
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <optional>
+#include <set>
+#include <span>
+#include <utility>
+#include <vector>
+
+namespace tarsier::face::people {
+namespace {
+
+using NamedNumbers = std::pair<std::int64_t, std::vector<float>>;
+
+constexpr std::size_t kBatch = 64;  // sightings in one transaction
+
+// Templates of sightings, from stored coordinates or from their crops; those that are gone
+// meanwhile are left out.
+class Templates {
+ public:
+  Templates(Gallery& gallery, const recognition::Background& background,
+            const recognition::Recognizer& model)
+      : gallery_(gallery),
+        background_(background),
+        model_(model),
+        space_(-recognition::fingerprint(background)),
+        count_(static_cast<std::size_t>(recognition::coordinate_count(background))) {}
+
+  std::vector<NamedNumbers> operator()(std::span<const std::int64_t> sightings) {
+    std::vector<NamedNumbers> out;
+    std::vector<NamedNumbers> made;
+    std::vector<cv::Mat> crops;
+    for (const std::int64_t id : sightings) {
+      std::vector<float> numbers = gallery_.sighting_numbers(id, space_);
+      if (numbers.size() == count_) {
+        out.emplace_back(id, std::move(numbers));
+        continue;
+      }
+      auto face = gallery_.sighting_face(id);
+      if (!face) continue;
+      made.emplace_back(id, std::vector<float>());
+      crops.push_back(face->crop);
+    }
+    cv::parallel_for_({0, static_cast<int>(made.size())}, [&](const cv::Range& range) {
+      for (int i = range.start; i < range.end; ++i)
+        made[static_cast<std::size_t>(i)].second =
+            recognition::coordinates_of(background_, crops[static_cast<std::size_t>(i)]);
+    });
+    if (!made.empty()) gallery_.store_sighting_numbers(space_, made);
+    std::move(made.begin(), made.end(), std::back_inserter(out));
+    std::sort(out.begin(), out.end(),
+              [](const NamedNumbers& a, const NamedNumbers& b) { return a.first < b.first; });
+    for (NamedNumbers& one : out) {
+      const recognition::Rows row = recognition::templates_of_coordinates(
+          model_, background_,
+          Eigen::Map<const recognition::Rows>(one.second.data(), 1,
+                                              static_cast<Eigen::Index>(one.second.size())));
+      one.second.assign(row.data(), row.data() + row.size());
+    }
+    return out;
+  }
+
+ private:
+  Gallery& gallery_;
+  const recognition::Background& background_;
+  const recognition::Recognizer& model_;
+  std::int64_t space_;
+  std::size_t count_;
+};
+
+// The groups as the gallery has them.
+SightingGroups stored_groups(Gallery& gallery, const recognition::PairScores& pairs,
+                             const GroupingOptions& options, Templates& templates,
+                             const std::stop_token& stop) {
+  SightingGroups groups(pairs, options);
+  struct Member {
+    std::int64_t sighting;
+    std::int64_t group;
+    double quality;
+  };
+  std::vector<Member> members;
+  gallery.each_grouped([&](std::int64_t sighting, std::int64_t group, double quality) {
+    members.push_back({sighting, group, quality});
+  });
+  for (std::size_t at = 0; at < members.size(); at += kBatch) {
+    throw_if_stopped(stop);
+    std::vector<std::int64_t> ids;
+    const std::size_t last = std::min(members.size(), at + kBatch);
+    for (std::size_t i = at; i < last; ++i) ids.push_back(members[i].sighting);
+    std::size_t i = at;
+    for (const NamedNumbers& one : templates(ids)) {
+      while (members[i].sighting != one.first) ++i;
+      groups.restore(members[i].group, one.second, members[i].quality);
+    }
+  }
+  for (const auto& [a, b] : gallery.groups_apart()) groups.keep_apart(a, b);
+  groups.set_next(gallery.next_group());
+  return groups;
+}
+
+}  // namespace
+
+GroupingReport group_sightings(Gallery& gallery, const recognition::Background& background,
+                               const GroupingOptions& options, Progress& progress,
+                               const std::stop_token& stop) {
+  options.check();
+  const recognition::PairScores pairs = recognition::pair_scores(background);
+  Templates templates(gallery, background, pairs.model);
+  GroupingReport report;
+  std::set<std::int64_t> made;
+  std::int64_t generation = gallery.generation();
+  std::vector<std::int64_t> waiting = gallery.ungrouped();
+  SightingGroups groups = stored_groups(gallery, pairs, options, templates, stop);
+  progress.begin("grouping", static_cast<std::int64_t>(waiting.size()), "faces");
+  std::size_t at = 0;
+  while (at < waiting.size()) {
+    throw_if_stopped(stop);
+    const std::size_t last = std::min(waiting.size(), at + kBatch);
+    const std::vector<NamedNumbers> faces = templates(std::span(waiting).subspan(at, last - at));
+    std::vector<Gallery::Placed> placed;
+    std::set<std::int64_t> now = made;
+    for (const NamedNumbers& face : faces) {
+      const auto seen = gallery.sighting_face(face.first);
+      if (!seen) continue;
+      Placement placement = groups.add(face.second, seen->quality);
+      if (placement.is_new) now.insert(placement.group);
+      for (const auto& [from, into] : placement.merged) now.erase(from);
+      placed.push_back({face.first, placement.group, std::move(placement.merged)});
+    }
+    if (!gallery.place(placed, groups.next(), generation)) {
+      // Somebody else corrected, removed or grouped some meanwhile: from what is there now.
+      generation = gallery.generation();
+      waiting = gallery.ungrouped();
+      groups = stored_groups(gallery, pairs, options, templates, stop);
+      at = 0;
+      continue;
+    }
+    made = std::move(now);
+    for (const Gallery::Placed& one : placed)
+      report.merged += static_cast<std::int64_t>(one.merged.size());
+    report.placed += static_cast<std::int64_t>(placed.size());
+    progress.advance(static_cast<std::int64_t>(last - at));
+    at = last;
+  }
+  progress.end();
+  report.made = static_cast<std::int64_t>(made.size());
+  report.groups = static_cast<std::int64_t>(gallery.groups().size());
+  report.threshold = groups.threshold();
+  return report;
+}
+
+}  // namespace tarsier::face::people

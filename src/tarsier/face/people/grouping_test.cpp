@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: MIT
+#include "tarsier/face/people/grouping.h"
+
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/testing_faces.h"
+#include "tarsier/media/testing_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/core/utility.hpp>
+
+#include <map>
+
+namespace tarsier::face::people {
+namespace {
+
+using ::testing::SizeIs;
+
+// Its people are those who are seen: random textures of others have little in common with them.
+const recognition::Background& background() {
+  static const recognition::Background learned = [] {
+    const auto many = recognition::synthetic_faces(40, 2, 0.2, 3, 0, {128, 160});
+    recognition::BackgroundOptions options;
+    options.components = 60;
+    NoProgress progress;
+    return recognition::learn_background(many.faces, options, progress, {});
+  }();
+  return learned;
+}
+
+class GroupingTest : public FolderTest {
+ protected:
+  // One image of each of the people after the other, as nobody's.
+  static void see(Gallery& gallery, int people, int first_image, int images) {
+    const auto set =
+        recognition::synthetic_faces(people, images + first_image, 0.2, 5, 0, {128, 160});
+    for (int k = first_image; k < first_image + images; ++k) {
+      for (int p = 0; p < people; ++p) {
+        const SeenFace face{set.faces[static_cast<std::size_t>(p * (images + first_image) + k)],
+                            0.9, "{}"};
+        ASSERT_GT(gallery.add_sighting(1000 * k + p, "camera", "", false, 0, &face), 0);
+      }
+    }
+  }
+  GroupingReport group(Gallery& gallery) {
+    return group_sightings(gallery, background(), {}, progress_, {});
+  }
+  static std::map<std::int64_t, std::int64_t> placed(Gallery& gallery) {
+    std::map<std::int64_t, std::int64_t> out;
+    for (const Sighting& sighting : gallery.sightings()) out[sighting.id] = sighting.group;
+    return out;
+  }
+  NoProgress progress_;
+};
+
+TEST_F(GroupingTest, TheSameGroupsInWhateverBatchesAndThreads) {
+  Gallery one(path("one.db"));
+  see(one, 6, 0, 4);
+  const GroupingReport report = group(one);
+  EXPECT_EQ(report.placed, 24);
+  EXPECT_EQ(report.groups, 6);
+  EXPECT_EQ(report.made, 6);
+  for (const SightingGroup& of : one.groups()) EXPECT_EQ(of.sightings, 4);
+  EXPECT_EQ(group(one).placed, 0);
+
+  const int threads = cv::getNumThreads();
+  cv::setNumThreads(1);
+  Gallery many(path("many.db"));
+  for (int k = 0; k < 4; ++k) {
+    see(many, 6, k, 1);
+    EXPECT_EQ(group(many).placed, 6);
+  }
+  cv::setNumThreads(threads);
+  // Images of both galleries differ (their random numbers are of their number in the set), so only
+  // who is with whom is compared.
+  EXPECT_EQ(placed(one), placed(many));
+}
+
+TEST_F(GroupingTest, GroupsStayWhileOthersComeAndGo) {
+  Gallery gallery(path("p.db"));
+  see(gallery, 3, 0, 3);
+  (void)group(gallery);
+  ASSERT_THAT(gallery.groups(), SizeIs(3));
+  // The oldest sightings of all go, and all of the second person.
+  EXPECT_EQ(gallery.forget_sightings_before(1000), 3);
+  const auto report = gallery.forget_group(2, {});
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->sightings, 2);
+  EXPECT_TRUE(report->proven()) << report->unproven;
+  EXPECT_FALSE(gallery.forget_group(2, {}));
+  see(gallery, 3, 3, 1);
+  (void)group(gallery);
+  std::map<std::int64_t, std::int64_t> sizes;
+  for (const SightingGroup& of : gallery.groups()) sizes[of.id] = of.sightings;
+  // Whoever was forgotten is a new group, and its number was never used.
+  EXPECT_EQ(sizes, (std::map<std::int64_t, std::int64_t>{{1, 3}, {3, 3}, {4, 1}}));
+}
+
+TEST_F(GroupingTest, ACorrectionMeanwhileIsRespected) {
+  Gallery gallery(path("p.db"));
+  see(gallery, 2, 0, 3);
+  (void)group(gallery);
+  const std::int64_t generation = gallery.generation();
+  // The third sighting of the first person is somebody else's.
+  (void)gallery.split_group(1, std::vector<std::int64_t>{5}, {1, "me"});
+  EXPECT_FALSE(gallery.place({}, 9, generation));
+  see(gallery, 2, 3, 1);
+  (void)group(gallery);
+  // Both groups of that person stay apart.
+  EXPECT_THAT(gallery.groups(), SizeIs(3));
+  (void)gallery.undo(0, {2, "me"});
+  EXPECT_THAT(gallery.groups(), SizeIs(2));
+}
+
+}  // namespace
+}  // namespace tarsier::face::people
