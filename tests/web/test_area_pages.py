@@ -277,7 +277,7 @@ class AreaPages(pages.PageTest):
                 "document.querySelector('section[aria-label=\"Who is on it\"]')?.innerText && "
                 f"document.querySelector('section[aria-label=\"Who is on it\"]').innerText !== {json.dumps(before)} && "
                 "!document.querySelector('.is-busy')", 60, "an answer")
-            seen.update(re.findall(r"Ann \(drawn\)|Ben \(drawn\)", self.page.text("section[aria-label='Who is on it'] h2")))
+            seen.update(re.findall(r"Ann \(synthetic\)|Ben \(synthetic\)", self.page.text("section[aria-label='Who is on it'] h2")))
         self.assertEqual(seen, {"Ann (synthetic)", "Ben (synthetic)"})
         self.path("people-recognised")
 
