@@ -219,13 +219,20 @@ class AreaPages(pages.PageTest):
         with tempfile.TemporaryDirectory() as folder:
             scene = os.path.join(folder, "scene")
             subprocess.run(
-                [os.path.join(pages.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "6", "--size", "480x360",
+                [os.path.join(pages.BIN, "tarsier"), "sfm", "synth", "-o", scene, "--images", "8", "--size", "480x360",
                  "--trajectory", "line"], check=True, capture_output=True)
             self.go("/reconstruct")
             self.page.upload(self.page.file_input(), sorted(glob.glob(os.path.join(scene, "images", "*.jpg"))))
-            self.page.wait_text("6 images in ", 60)
+            self.page.wait_text("8 images in ", 60)
         self.page.click("button", "Watch it grow")
         self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live image")
+        growing = self.state("sfm reconstruct")["id"]
+
+        def stages():
+            status, record = self.server.call(f"/api/sessions/{growing}/stages")
+            return status == 200 and b'"name":"features"' in record
+
+        self.until("the stages of a frame", stages, 20)
         self.page.wait("/[1-9][0-9]* points/.test(document.querySelector('.live-status')?.innerText)", 60, "points")
         self.path("reconstruct-growing")
         self.page.click("button", "End" if self.page.has("button", "End") else "Close")
@@ -277,7 +284,7 @@ class AreaPages(pages.PageTest):
                 "document.querySelector('section[aria-label=\"Who is on it\"]')?.innerText && "
                 f"document.querySelector('section[aria-label=\"Who is on it\"]').innerText !== {json.dumps(before)} && "
                 "!document.querySelector('.is-busy')", 60, "an answer")
-            seen.update(re.findall(r"Ann \(drawn\)|Ben \(drawn\)", self.page.text("section[aria-label='Who is on it'] h2")))
+            seen.update(re.findall(r"Ann \(synthetic\)|Ben \(synthetic\)", self.page.text("section[aria-label='Who is on it'] h2")))
         self.assertEqual(seen, {"Ann (synthetic)", "Ben (synthetic)"})
         self.path("people-recognised")
 

@@ -126,9 +126,9 @@ std::vector<Action> ExploreSession::actions() const {
   }
   list.push_back({"mesh", "the mesh", 'm'});
   list.push_back({"next", "the next mode", 'n'});
-  list.push_back({"previous", "the mode before", 'p'});
-  list.push_back({"more", "a quarter of a deviation more of it", '+'});
-  list.push_back({"less", "less", '-'});
+  list.push_back({"previous", "the previous mode", 'p'});
+  list.push_back({"more", "more of the mode (1/4 deviation)", '+'});
+  list.push_back({"less", "less of the mode", '-'});
   return controls_.after(std::move(list));
 }
 

@@ -10,7 +10,7 @@
 
 // What a page may start. A request names a verb, its inputs and its flags; what comes out is the
 // words of a command line, which no shell ever sees. Nothing is passed on that is not in the tables
-// of verb_policy.cpp: a verb, flag or input that nobody has classified is refused.
+// of verb_tables.h: a verb, flag or input that nobody has classified is refused.
 namespace tarsier::web {
 
 // What the value of a flag means to a page.

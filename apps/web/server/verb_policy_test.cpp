@@ -68,8 +68,8 @@ TEST(VerbPolicy, KnowsEachFlagOfEachVerb) {
     if (is_refused_verb(name)) continue;
     for (const Json& flag : verb["flags"]) {
       EXPECT_NE(flag_kind(name, flag["names"][0].get<std::string>()), FlagKind::kUnknown)
-          << name << ' ' << flag["names"][0]
-          << ": say in the tables of verb_policy.cpp what its value is (" << flag["help"] << ")";
+          << name << ' ' << flag["names"][0] << ": say in verb_tables.h what its value is ("
+          << flag["help"] << ")";
     }
     for (const Json& input : verb["inputs"]) {
       EXPECT_NE(input_kind(name, input["names"][0].get<std::string>()), InputKind::kUnknown)

@@ -300,7 +300,7 @@ export function Slider(props: {
 export function Progress(props: { label: string; done: number; total: number; unit?: string }) {
   const known = props.total > 0;
   const text = known
-    ? `${Math.floor((100 * props.done) / props.total)} % (${props.done} of ${props.total}${props.unit ? ` ${props.unit}` : ''})`
+    ? `${Math.floor((100 * props.done) / props.total)} %${props.total === 100 && !props.unit ? '' : ` (${props.done} of ${props.total}${props.unit ? ` ${props.unit}` : ''})`}`
     : 'working';
   return (
     <div class="progress">

@@ -1,0 +1,443 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "verb_policy.h"
+#include <array>
+#include <string_view>
+
+// What the flags and inputs of the program's verbs mean to a page: the tables of verb_policy.cpp.
+// A flag is looked for among the exceptions of its verb, then by its name. What is in neither is
+// refused. A new flag fails verb_policy_test until it stands here.
+namespace tarsier::web {
+
+// Numbers, switches, choices, words that the verb never takes for a path.
+inline constexpr auto kValueFlags = std::to_array<std::string_view>({
+    "--as",
+    "--at",
+    "--algorithm",
+    "--aligner-steps",
+    "--angle-weight",
+    "--any-quality",
+    "--any-weights",
+    "--axes",
+    "--backend",
+    "--blur",
+    "--board",
+    "--by-person",
+    "--c",
+    "--calibration",
+    "--cell",
+    "--channels",
+    "--characters",
+    "--check-steps",
+    "--checkpoint",
+    "--classic-reader",
+    "--colour-modes",
+    "--colour-width",
+    "--columns",
+    "--components",
+    "--connect-timeout",
+    "--content",
+    "--contrast",
+    "--correct",
+    "--cost",
+    "--count",
+    "--country",
+    "--days",
+    "--depth",
+    "--detection",
+    "--direction",
+    "--distance",
+    "--distance-mm",
+    "--downscale",
+    "--dpi",
+    "--draw",
+    "--drawings",
+    "--edit",
+    "--edit-amount",
+    "--enrolled",
+    "--epipolar-px",
+    "--epsilon",
+    "--errors",
+    "--events",
+    "--every",
+    "--evidence",
+    "--evil-axes",
+    "--evil-median",
+    "--evil-threshold",
+    "--export",
+    "--eyes",
+    "--face",
+    "--faces",
+    "--false-alarms",
+    "--false-merges",
+    "--family",
+    "--far",
+    "--features",
+    "--find-pixels",
+    "--find-threshold",
+    "--fit-same-camera",
+    "--focal",
+    "--fold",
+    "--format",
+    "--fps",
+    "--frames",
+    "--free-penalty",
+    "--gamma",
+    "--give-up",
+    "--group",
+    "--groups",
+    "--growing",
+    "--height",
+    "--held-out",
+    "--hidden",
+    "--hold-out",
+    "--hours",
+    "--ids",
+    "--ignore-exif",
+    "--infrared",
+    "--iou",
+    "--iterations",
+    "--jpeg-quality",
+    "--judge-steps",
+    "--keep",
+    "--key-motion",
+    "--kind",
+    "--largest",
+    "--leave-out",
+    "--least",
+    "--lens",
+    "--level",
+    "--levels",
+    "--limit",
+    "--log-level",
+    "--lost-after",
+    "--low",
+    "--margin",
+    "--match-images",
+    "--matches",
+    "--max-faces",
+    "--max-features",
+    "--max-frames",
+    "--max-markers",
+    "--max-samples",
+    "--max-side",
+    "--mesh-up",
+    "--method",
+    "--min-angle",
+    "--min-confidence",
+    "--min-correlation",
+    "--min-difference",
+    "--min-face",
+    "--min-markers",
+    "--min-readings",
+    "--min-score",
+    "--min-seconds",
+    "--min-side",
+    "--min-views",
+    "--mirror",
+    "--mirrored",
+    "--mode",
+    "--modes",
+    "--near",
+    "--nearest",
+    "--neurons",
+    "--night",
+    "--no-cache",
+    "--no-colour",
+    "--no-detector",
+    "--no-identity",
+    "--no-refine",
+    "--no-shadow",
+    "--no-sort",
+    "--no-tangential",
+    "--noise",
+    "--numbers",
+    "--offset",
+    "--online",
+    "--online-every",
+    "--only",
+    "--origin",
+    "--outer-eye-mm",
+    "--outlier",
+    "--outline",
+    "--overlap",
+    "--page",
+    "--paint-diameter",
+    "--paint-rounds",
+    "--paint-sigma-color",
+    "--paint-sigma-space",
+    "--parameters",
+    "--parked-return-within",
+    "--patch",
+    "--patch-method",
+    "--people",
+    "--pepper",
+    "--per-image-camera",
+    "--pipeline",
+    "--pitch",
+    "--plain",
+    "--plate-threshold",
+    "--posters",
+    "--proposals",
+    "--pure-rotation",
+    "--quality",
+    "--radial",
+    "--random",
+    "--ratio",
+    "--raw",
+    "--reference",
+    "--refine",
+    "--refresh",
+    "--repeats",
+    "--reprojection-px",
+    "--return-within",
+    "--ridge",
+    "--robust",
+    "--roi",
+    "--roll",
+    "--scale",
+    "--scan-steps",
+    "--scatter",
+    "--search",
+    "--search-every",
+    "--search-px",
+    "--seed",
+    "--seeds",
+    "--segment",
+    "--sequence",
+    "--set",
+    "--shape-prior",
+    "--side",
+    "--sighting",
+    "--sightings",
+    "--sigmas",
+    "--since",
+    "--size",
+    "--sketch-laplacian",
+    "--sketch-median",
+    "--sketch-threshold",
+    "--skin-color",
+    "--skin-distance",
+    "--skin-edge-threshold",
+    "--skin-lower",
+    "--skin-style",
+    "--skin-upper",
+    "--smooth",
+    "--splits",
+    "--spread",
+    "--square",
+    "--square-pixels",
+    "--stages",
+    "--stall",
+    "--start",
+    "--starts",
+    "--steady",
+    "--steady-hysteresis",
+    "--steady-memory",
+    "--steady-motion",
+    "--steps",
+    "--strict",
+    "--template",
+    "--texture-modes",
+    "--texture-variance",
+    "--threads",
+    "--tilt",
+    "--tilt-share",
+    "--timings",
+    "--to-the-right",
+    "--tolerance",
+    "--tolerate",
+    "--top",
+    "--train",
+    "--training",
+    "--trajectory",
+    "--trees",
+    "--trials",
+    "--tries",
+    "--turned",
+    "--turntable",
+    "--undo-correction",
+    "--until",
+    "--upsample",
+    "--variance",
+    "--video",
+    "--views",
+    "--wait",
+    "--width",
+    "--words",
+    "--yaw",
+});
+
+// Names and notes, and what is compared with what was logged.
+inline constexpr auto kFreeTextFlags =
+    std::to_array<std::string_view>({"--distance-between", "--author", "--label", "--name",
+                                     "--names", "--note", "--source", "--terms", "--text"});
+
+inline constexpr auto kInputFlags = std::to_array<std::string_view>(
+    {"--appearance", "--camera-file", "--compare", "--countries-dir", "--detector",
+     "--from",       "--head",        "--image",   "--images",        "--learn-background",
+     "--list",       "--mapping",     "--mesh",    "--model",         "--object",
+     "--on",         "--pointing",    "--points",  "--reader",        "--results",
+     "--scenes",     "--target",      "--truth",   "--view",          "--without"});
+
+inline constexpr auto kWordOrInputFlags = std::to_array<std::string_view>(
+    {"--align", "--background", "--camera", "--face-detector", "--pairs"});
+
+inline constexpr auto kOutputFlags = std::to_array<std::string_view>(
+    {"--cmc", "--convergence", "--crops", "--csv", "--corrections", "--debug-dir", "--grid",
+     "--online-view", "--output", "--roc", "--save-dir", "--undistorted"});
+
+inline constexpr auto kStateFlags =
+    std::to_array<std::string_view>({"--gallery", "--log", "--watch"});
+
+inline constexpr auto kServerFlags = std::to_array<std::string_view>(
+    {"--fullscreen", "--json", "--progress", "--quiet", "--window", "--yes"});
+
+inline constexpr auto kRefusedFlags = std::to_array<std::string_view>({
+    "--actions",       // reads stdin
+    "--ca-file",       // whom sources trust is decided where they are allowed
+    "--config",        // may hold any flag
+    "--insecure",      // as --ca-file
+    "--listen-all",    // opens the network
+    "--models-dir",    // any folder
+    "--mqtt-ca-file",  // of --publish
+    "--mqtt-cert",
+    "--mqtt-key",
+    "--mqtt-password-file",
+    "--mqtt-user",
+    "--homeassistant",
+    "--outbox",
+    "--outbox-events",
+    "--publish",           // speaks to other machines
+    "--own-dir",           // as --models-dir
+    "--on-event",          // runs a program
+    "--on-event-timeout",  // of that
+    "--on-watch",          // of that
+    "--token",             // of a server that is not started
+    "--token-file",        // any file
+});
+
+// Verbs that no page starts, whatever their flags.
+inline constexpr auto kRefusedVerbs = std::to_array<std::string_view>({
+    "serve",          // this server
+    "hub",            // speaks to other machines
+    "demo",           // its page is made of files that a browser would run
+    "models import",  // writes where all programs of this user look for models
+});
+
+// What the same name means elsewhere.
+struct FlagException {
+  std::string_view verb;
+  std::string_view flag;
+  FlagKind kind;
+};
+inline constexpr auto kFlagExceptions = std::to_array<FlagException>({
+    {"calibrate", "--draw", FlagKind::kOutput},
+    {"people groups", "--draw", FlagKind::kOutput},
+    {"people list", "--faces", FlagKind::kFreeText},
+    {"ar target-train", "--draw", FlagKind::kOutput},
+    {"pose track", "--draw", FlagKind::kWordOrInput},  // glasses, or an .obj file
+    {"aam explore", "--mesh", FlagKind::kValue},
+    {"people show", "--face", FlagKind::kInput},
+    {"people show", "--stages", FlagKind::kInput},
+    {"sfm synth", "--images", FlagKind::kValue},
+    {"plate train-reader", "--reader", FlagKind::kValue},
+    {"plate sweep", "--reader", FlagKind::kValue},
+    {"landmarks train tracker", "--without", FlagKind::kValue},
+    {"landmarks train face-detector", "--window", FlagKind::kValue},
+});
+
+inline constexpr auto kSourceInputs = std::to_array<std::string_view>({
+    "aam fit",
+    "ar markers",
+    "ar target-track",
+    "calibrate",
+    "cartoon run",
+    "landmarks annotate",
+    "landmarks fit",
+    "landmarks track",
+    "people enroll",
+    "people identify",
+    "people live",
+    "plate read",
+    "pose track",
+    "sfm reconstruct",
+});
+
+struct InputException {
+  std::string_view verb;  // or an area
+  std::string_view input;
+  InputKind kind;
+};
+inline constexpr auto kInputExceptions = std::to_array<InputException>({
+    {"people enroll", "NAME", InputKind::kFreeText},
+    {"people forget", "NAME", InputKind::kFreeText},
+    {"people verify", "NAME", InputKind::kFreeText},
+    {"people name", "NAME", InputKind::kFreeText},
+    {"people name", "GROUP", InputKind::kValue},
+    {"people group", "GALLERY", InputKind::kState},
+    {"people correct move", "TO", InputKind::kFreeText},
+    {"people correct merge", "FROM", InputKind::kFreeText},
+    {"people correct merge", "INTO", InputKind::kFreeText},
+    {"people correct split", "FROM", InputKind::kFreeText},
+    {"people correct split", "TO", InputKind::kFreeText},
+    {"people correct undo", "ID", InputKind::kValue},
+    {"models info", "NAME", InputKind::kValue},
+    {"models remove", "NAME", InputKind::kValue},
+    {"models verify", "NAME", InputKind::kValue},
+    {"ar synth", "what", InputKind::kValue},
+    {"plate log", "LOG", InputKind::kState},
+    {"plate watch add", "LIST", InputKind::kState},
+    {"plate watch add", "PLATE", InputKind::kValue},
+    {"plate watch list", "LIST", InputKind::kState},
+    {"plate watch remove", "LIST", InputKind::kState},
+    {"plate watch remove", "PLATE", InputKind::kValue},
+    {"plate watch test", "LIST", InputKind::kState},
+    {"plate watch test", "TEXT", InputKind::kValue},
+});
+inline constexpr auto kFileInputs = std::to_array<std::string_view>(
+    {"INPUT", "SET", "DATA", "MODEL", "FILE", "LIST", "truth", "image"});
+
+// Added where a page leaves them out: their own default lies outside the workspace.
+struct DefaultState {
+  std::string_view flag;
+  std::string_view reference;
+};
+inline constexpr auto kDefaultStates = std::to_array<DefaultState>({{"--gallery", "ws:gallery"}});
+
+// Files that several verbs go on with: no output may take their place.
+inline constexpr auto kSharedState =
+    std::to_array<std::string_view>({"gallery", "plates.db", "watch.csv"});
+
+// What the audit log tells.
+struct Audited {
+  std::string_view verb;
+  std::string_view flag;  // only with this one, if any
+  std::string_view event;
+};
+inline constexpr auto kAudited = std::to_array<Audited>({
+    {"people enroll", "", "enrol"},
+    {"people live", "", "enrol"},
+    {"people forget", "", "forget"},
+    {"people export", "", "export"},
+    {"people name", "", "enrol"},
+    {"people correct not", "", "correct"},
+    {"people correct move", "", "correct"},
+    {"people correct merge", "", "correct"},
+    {"people correct split", "", "correct"},
+    {"people correct undo", "", "correct"},
+    {"people list", "--keep", "delete"},
+    {"plate log", "--keep", "delete"},
+    {"models install", "", "model install"},
+    {"models remove", "", "model remove"},
+    {"plate log", "--csv", "export"},
+    {"plate watch add", "", "watch"},
+    {"plate watch remove", "", "watch"},
+    {"plate log", "--crops", "export"},
+    {"plate log", "--corrections", "export"},
+    {"plate log", "--correct", "correct"},
+    {"plate log", "--undo-correction", "correct"},
+});
+
+}  // namespace tarsier::web
