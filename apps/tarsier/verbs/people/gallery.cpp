@@ -78,12 +78,15 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
              {"face", s.has_face},
              {"group", s.group > 0 ? nlohmann::ordered_json(s.group) : nlohmann::ordered_json()}});
       } else {
-        print_text(fmt::format("{:>6}  {}  {:<24} {:>3.0f} %  {}\n", s.id,
-                               time_text(s.time).substr(0, 19),
-                               s.known       ? printable(s.name)
-                               : s.group > 0 ? fmt::format("unknown, group {}", s.group)
-                                             : std::string("unknown"),
-                               100 * s.confidence, printable(s.source)));
+        print_text(
+            fmt::format("{:>6}  {}  {:<24} {:>5}  {}\n", s.id, time_text(s.time).substr(0, 19),
+                        s.known       ? printable(s.name)
+                        : s.group > 0 ? fmt::format("unknown, group {}", s.group)
+                                      : std::string("unknown"),
+                        // A group that was named by hand.
+                        s.known && s.confidence < 0.5 ? std::string("named")
+                                                      : fmt::format("{:.0f} %", 100 * s.confidence),
+                        printable(s.source)));
       }
     }
     return sightings.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
