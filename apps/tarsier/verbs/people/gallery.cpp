@@ -250,7 +250,7 @@ void add_list_flags(Command& verb, GalleryFlags& flags) {
 
 void add_forget_flags(Command& verb, GalleryFlags& flags) {
   verb.add_option("NAME", flags.name, "as `people list` shows it");
-  verb.add_option("--group", flags.group, "in place of a name: a group of unknown faces [0..]")
+  verb.add_option("--group", flags.group, "in place of a name: a group of unknown faces [none]")
       .check(at_least(1));
   add_gallery_flag(verb, flags.people);
   verb.add_flag("--yes", flags.yes, "do not ask");
