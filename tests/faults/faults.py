@@ -56,7 +56,9 @@ READS_OUTPUT = {"landmarks annotate", "sfm reconstruct", "people export"}
 # old one is gone with the first line, and a disturbed one is a beginning of the whole one.
 STREAMED = {"points.csv", "poses.csv", "markers.csv"}
 # The second run finds nothing left to do.
-STATUS_AGAIN = {"people forget": {0, 1}, "plate log": {0, 1}, "people train": {0, 1}, "people enroll": {0, 1, 3}, "people export": {0, 6}}
+STATUS_AGAIN = {"people forget": {0, 1}, "plate log": {0, 1}, "people train": {0, 1}, "people enroll": {0, 1, 3}, "people export": {0, 6},
+                "people name": {0, 3}, "people correct not": {0, 3}, "people correct move": {0, 3}, "people correct merge": {0, 3},
+                "people correct split": {0, 3}, "people correct undo": {0, 3}}
 # The runs of the short version: cheap ones of each kind of output.
 SHORT = ["cartoon run", "landmarks annotate", "landmarks import", "landmarks train shape", "people enroll", "people forget",
          "people export", "plate log", "ar marker-sheet", "pose solve"]

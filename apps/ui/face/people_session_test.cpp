@@ -213,6 +213,48 @@ TEST_F(PeopleSessionTest, GivesTheStagesOfAFaceToWhoLooks) {
   EXPECT_EQ(view.image.size(), plain.size());
 }
 
+// "Not this person" holds from the next frame on, and is taken back by a key.
+TEST_F(PeopleSessionTest, ANameIsCorrectedByAKey) {
+  if (landmark_model() == nullptr || !std::filesystem::exists(kImage))
+    GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
+  const cv::Mat image = read_image(kImage);
+  face::people::Gallery gallery(path("p.db"));
+  PeopleSessionOptions options;
+  options.names = {"Leo <b>"};
+  options.actor = "tester";
+  options.collect.check_quality = false;
+  PeopleSession session(opened(gallery, nullptr, {{}, landmark_model()}), options);
+  View view = session.on_event(key_event('x'));
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("nobody is named"));
+  view = session.on_event(key_event('u'));
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("nothing was corrected"));
+  (void)session.on_frame(frame(image, 0), live_);
+  (void)session.on_event(key_event('a'));
+  (void)session.on_frame(frame(image, 1), live_);
+  (void)session.on_event(key_event('t'));
+  int at = 2;
+  const auto label = [&] {
+    view = session.on_frame(frame(image, at++), live_);
+    const auto& seen = view.state["recognized"].at(0)["label"];
+    return seen.is_null() ? std::string() : seen.get<std::string>();
+  };
+  for (int i = 0; i < 60 && label() != "Leo <b>"; ++i) {
+  }
+  ASSERT_EQ(label(), "Leo <b>");
+  view = session.on_event(key_event('x'));
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("Not Leo <b>"));
+  EXPECT_EQ(label(), "");
+  ASSERT_EQ(gallery.corrections().size(), 1U);
+  EXPECT_EQ(gallery.corrections()[0].actor, "tester");
+  (void)session.on_event(key_event('u'));
+  EXPECT_EQ(label(), "Leo <b>");
+  // Undone by another program, or forgotten: said.
+  (void)session.on_event(key_event('x'));
+  (void)gallery.undo(0, {});
+  view = session.on_event(key_event('u'));
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("undone already"));
+}
+
 // What is learned is learned a piece in each frame: none waits for all of it.
 TEST_F(PeopleSessionTest, LearningIsSpreadOverFrames) {
   const auto set = face::recognition::synthetic_faces(20, 2, 0.3, 5, 0, {128, 160});

@@ -163,17 +163,17 @@ ExitStatus show_log(const LogFlags& flags, const Context& context) {
 void add_faces_flag(Command& verb, CorrectFlags& flags, bool required) {
   Flag& flag = verb.add_option("--face", flags.faces,
                                "number of a face, as `people list --faces NAME` shows it; may come "
-                               "several times");
+                               "several times [none]");
   flag.check(at_least(1)).one_value_each();
   if (required) flag.required();
 }
 
 void add_not_flags(Command& verb, CorrectFlags& flags) {
   verb.add_option("--face", flags.face,
-                  "enrolled: its number, as `people list --faces NAME` has it [0..]")
+                  "enrolled: its number, as `people list --faces NAME` has it [none]")
       .check(at_least(1));
   verb.add_option("--sighting", flags.sighting,
-                  "seen: its number, as `people list --sightings` has it [0..]")
+                  "seen: its number, as `people list --sightings` has it [none]")
       .check(at_least(1));
   add_gallery_flag(verb, flags.people);
 }
@@ -195,10 +195,10 @@ void add_split_flags(Command& verb, CorrectFlags& flags) {
   verb.add_option("FROM", flags.from, "a person");
   verb.add_option("TO", flags.to, "name of a new one");
   add_faces_flag(verb, flags, false);
-  verb.add_option("--group", flags.group, "of a group of unknown faces in place of a person [0..]")
+  verb.add_option("--group", flags.group, "of a group of unknown faces in place of a person [none]")
       .check(at_least(1));
   verb.add_option("--sighting", flags.sightings,
-                  "number of a sighting of that group; may come several times")
+                  "number of a sighting of that group; may come several times [none]")
       .check(at_least(1))
       .one_value_each();
   add_gallery_flag(verb, flags.people);

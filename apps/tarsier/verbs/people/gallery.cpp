@@ -78,12 +78,15 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
              {"face", s.has_face},
              {"group", s.group > 0 ? nlohmann::ordered_json(s.group) : nlohmann::ordered_json()}});
       } else {
-        print_text(fmt::format("{:>6}  {}  {:<24} {:>3.0f} %  {}\n", s.id,
-                               time_text(s.time).substr(0, 19),
-                               s.known       ? printable(s.name)
-                               : s.group > 0 ? fmt::format("unknown, group {}", s.group)
-                                             : std::string("unknown"),
-                               100 * s.confidence, printable(s.source)));
+        print_text(
+            fmt::format("{:>6}  {}  {:<24} {:>5}  {}\n", s.id, time_text(s.time).substr(0, 19),
+                        s.known       ? printable(s.name)
+                        : s.group > 0 ? fmt::format("unknown, group {}", s.group)
+                                      : std::string("unknown"),
+                        // A group that was named by hand.
+                        s.known && s.confidence < 0.5 ? std::string("named")
+                                                      : fmt::format("{:.0f} %", 100 * s.confidence),
+                        printable(s.source)));
       }
     }
     return sightings.empty() ? ExitStatus::kNothingFound : ExitStatus::kDone;
@@ -247,7 +250,7 @@ void add_list_flags(Command& verb, GalleryFlags& flags) {
 
 void add_forget_flags(Command& verb, GalleryFlags& flags) {
   verb.add_option("NAME", flags.name, "as `people list` shows it");
-  verb.add_option("--group", flags.group, "in place of a name: a group of unknown faces [0..]")
+  verb.add_option("--group", flags.group, "in place of a name: a group of unknown faces [none]")
       .check(at_least(1));
   add_gallery_flag(verb, flags.people);
   verb.add_flag("--yes", flags.yes, "do not ask");

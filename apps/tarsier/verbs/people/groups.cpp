@@ -146,6 +146,8 @@ struct NameFlags {
 };
 
 ExitStatus name_group(const NameFlags& flags, Context& context) {
+  // A wrong path is reported before anything is written.
+  if (!flags.people.background.empty()) static_cast<void>(find_background(flags.people));
   face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   const std::int64_t id =
       gallery.name_group(flags.group, flags.name, flags.note, flags.most, correction_stamp());

@@ -9,7 +9,11 @@
 
 #include <fmt/format.h>
 
+#include <cstddef>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
 
 namespace tarsier::face::people {
 namespace {
@@ -54,11 +58,38 @@ ExportReport export_gallery(Gallery& gallery, const std::string& target,
     all.push_back({{"name", person.name},
                    {"note", person.note},
                    {"time", time_text(person.time)},
-                   {"faces", std::move(faces)}});
+                   {"faces", std::move(faces)},
+                   {"sightings", nlohmann::ordered_json::array()}});
     ++report.people;
   }
+  // Who was seen, with the faces that were kept; the unknown by their groups.
+  nlohmann::ordered_json unknown = nlohmann::ordered_json::array();
+  std::map<std::string, std::size_t> index;
+  for (std::size_t i = 0; i < all.size(); ++i) index[all[i]["name"].get<std::string>()] = i;
+  bool has_folder = false;
+  for (const Sighting& sighting : gallery.sightings()) {
+    throw_if_stopped(stop);
+    nlohmann::ordered_json entry = {{"time", time_text(sighting.time)},
+                                    {"source", sighting.source},
+                                    {"known", sighting.known},
+                                    {"confidence", sighting.confidence}};
+    if (const auto face = sighting.has_face ? gallery.sighting_face(sighting.id) : std::nullopt) {
+      if (!std::exchange(has_folder, true)) make_folder(folder + "/seen");
+      const std::string file = fmt::format("seen/sighting-{}.png", sighting.id);
+      write_image(folder + "/" + file, face->crop);
+      entry["file"] = file;
+    }
+    if (const auto person = index.find(sighting.name); person != index.end()) {
+      all[person->second]["sightings"].push_back(std::move(entry));
+    } else {
+      entry["group"] =
+          sighting.group > 0 ? nlohmann::ordered_json(sighting.group) : nlohmann::ordered_json();
+      unknown.push_back(std::move(entry));
+    }
+  }
   write_file_atomically(folder + "/faces.lst", std::string_view(list));
-  const nlohmann::ordered_json object = {{"people", std::move(all)}};
+  const nlohmann::ordered_json object = {{"people", std::move(all)},
+                                         {"unknown", std::move(unknown)}};
   write_file_atomically(
       folder + "/people.json",
       std::string_view(object.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) +

@@ -17,7 +17,8 @@ struct ExportReport {
 
 // Writes everything that a gallery holds of its people into a folder: person-1/face-1.png .. (named
 // by numbers: names may hold anything), faces.lst (`path<TAB>name`, for `people train --list
-// faces.lst --raw`) and people.json (names, notes, times, sources, quality). `time_text` writes
+// faces.lst --raw`), seen/sighting-1.png .. and people.json (names, notes, times, sources, quality;
+// who was seen, the unknown by their groups). `time_text` writes
 // moments. Throws OutputError where the folder exists and is not empty, Interrupted.
 ExportReport export_gallery(Gallery& gallery, const std::string& folder,
                             const std::function<std::string(std::int64_t)>& time_text,

@@ -10,11 +10,11 @@
 namespace tarsier::face::people {
 namespace {
 
-// A template's number is at most 1, a weight at most kMostWeight: sums of a hundred million
+// A template's number is at most 1, a weight at most kMaxWeight: sums of a hundred million
 // sightings fit into 63 bits.
 constexpr double kFixed = 1 << 20;
-constexpr double kMostWeight = 100;
-constexpr double kLeastQuality = 0.1;
+constexpr double kMaxWeight = 100;
+constexpr double kMinQuality = 0.1;
 
 double dot(const std::vector<double>& a, const std::vector<double>& b) {
   double sum = 0;
@@ -43,7 +43,7 @@ void SightingGroups::put(Group& group, std::span<const float> features, double q
   TARSIER_REQUIRE(features.size() == length_, "a template of {} numbers, not {}", features.size(),
                   length_);
   TARSIER_REQUIRE(std::isfinite(quality), "quality {}", quality);
-  const auto weight = std::llround(kMostWeight * std::clamp(quality, kLeastQuality, 1.0));
+  const auto weight = std::llround(kMaxWeight * std::clamp(quality, kMinQuality, 1.0));
   double square = 0;
   for (const float value : features) {
     TARSIER_REQUIRE(std::isfinite(value) && std::abs(value) <= 2, "a template with {}", value);
